@@ -1,0 +1,191 @@
+// globule._core: addresses in, addresses out.  Python has checked every array before it comes here.
+#include <nanobind/nanobind.h>
+#include <nanobind/ndarray.h>
+#include <nanobind/stl/shared_ptr.h>
+#include <nanobind/stl/string.h>
+#include <nanobind/stl/tuple.h>
+#include <nanobind/stl/vector.h>
+
+#include "dispatch.hpp"
+#include "oracle.hpp"
+
+namespace nb = nanobind;
+using namespace globule;
+
+namespace {
+
+using Address = std::uintptr_t;
+template <class T>
+T* at(Address a) { return reinterpret_cast<T*>(a); }
+
+/// (address, is it device memory); address 0 stands for an absent array.
+using Array = std::tuple<Address, bool>;
+FloatArray floats(const Array& a) { return {at<const float>(std::get<0>(a)), std::get<1>(a)}; }
+float3 vec(const std::vector<float>& v) { return {v.at(0), v.at(1), v.at(2)}; }
+
+/// Ctrl-C during long work: true once Python has a pending signal's exception.
+bool poll_signals() {
+    nb::gil_scoped_acquire gil;
+    return PyErr_CheckSignals() != 0;
+}
+
+struct PyScene {
+    std::shared_ptr<Scene> scene;  // frames may outlive the Python object
+};
+
+/// Runs without the GIL; a cancelled call leaves Python's own exception set.
+template <class Fn>
+auto work(const Fn& fn) {
+    try {
+        nb::gil_scoped_release release;
+        return fn();
+    } catch (const Cancelled&) {
+        throw nb::python_error();
+    }
+}
+
+CameraRays camera(const std::vector<float>& v, int width, int height, bool orthographic) {
+    auto part = [&](int i) { return float3{v.at(3 * i), v.at(3 * i + 1), v.at(3 * i + 2)}; };
+    return {part(0), part(1), part(2), part(3), width, height, orthographic};
+}
+
+Shading shading(const nb::dict& d) {
+    Shading s{};
+    s.ambient = vec(nb::cast<std::vector<float>>(d["ambient"]));
+    s.background = vec(nb::cast<std::vector<float>>(d["background"]));
+    s.specular = nb::cast<float>(d["specular"]);
+    s.shininess = nb::cast<float>(d["shininess"]);
+    s.exposure = nb::cast<float>(d["exposure"]);
+    for (nb::handle h : nb::cast<nb::list>(d["lights"])) {
+        const auto [kind, place, radiance] = nb::cast<std::tuple<int, std::vector<float>, std::vector<float>>>(h);
+        s.lights[s.n_lights++] = {LightKind(kind), vec(place), vec(radiance)};
+    }
+    return s;
+}
+
+/// Address, shape, bytes an item and type code of any DLPack array, and the object that keeps it alive.
+nb::tuple dlpack_view(nb::ndarray<nb::ro> a) {
+    nb::list shape, strides;
+    for (std::size_t i = 0; i < a.ndim(); ++i) {
+        shape.append(a.shape(i));
+        strides.append(a.stride(i));
+    }
+    return nb::make_tuple(Address(a.data()), nb::tuple(shape), nb::tuple(strides), int(a.dtype().code),
+                          int(a.dtype().bits), a.device_type(), a.device_id(), nb::cast(a));
+}
+
+}  // namespace
+
+NB_MODULE(_core, m) {
+    m.def("cpu_backends", &cpu_backends);
+    m.def("dlpack_view", &dlpack_view);
+    m.def("describe", [](const std::string& backend, int index) {
+        bool ok = false;
+        const std::string text = open_backend(backend).describe(index, ok);
+        return nb::make_tuple(ok, text);
+    });
+    m.def("oracle_field", [](std::size_t n, Address positions, Address support, Address weight, int kernel,
+                             std::size_t m, Address points, Address value, Address gradient) {
+        work([&] { oracle::field({n, at<float>(positions), at<double>(support), at<double>(weight), {KernelName(kernel)}},
+                                 m, at<double>(points), at<double>(value), at<double>(gradient)); });
+    });
+    m.def("oracle_first_hit", [](std::size_t n, Address positions, Address support, Address weight, int kernel,
+                                 double tau, std::size_t m, Address origins, Address directions, Address t) {
+        work([&] { oracle::first_hit({n, at<float>(positions), at<double>(support), at<double>(weight), {KernelName(kernel)}},
+                                     tau, m, at<float>(origins), at<float>(directions), at<double>(t)); });
+    });
+    m.def("morton", [](int bits, const std::string& what, std::vector<std::uint64_t> args) -> nb::object {
+        auto run = [&]<class Key>(Key) -> nb::object {
+            using namespace morton;
+            if (what == "encode") return nb::int_(encode(Key(args[0]), Key(args[1]), Key(args[2])));
+            if (what == "decode") {
+                const auto c = decode(Key(args[0]));
+                return nb::make_tuple(c.x, c.y, c.z);
+            }
+            if (what == "ancestor") return nb::int_(ancestor(Key(args[0]), int(args[1])));
+            if (what == "parent") return nb::int_(parent(Key(args[0]), int(args[1])));
+            if (what == "child") return nb::int_(child(Key(args[0]), int(args[1]), int(args[2])));
+            if (what == "neighbor") {
+                Key out;
+                if (!neighbor(Key(args[0]), int(args[1]), int(args[2]) - 1, int(args[3]) - 1, int(args[4]) - 1, out))
+                    return nb::none();
+                return nb::int_(out);
+            }
+            if (what == "dense_index") return nb::int_(dense_index(Key(args[0]), int(args[1])));
+            if (what == "dense_key") return nb::int_(dense_key<Key>(args[0]));
+            throw nb::value_error("unknown Morton operation");
+        };
+        return bits == 64 ? run(std::uint64_t()) : run(std::uint32_t());
+    });
+
+    nb::class_<Frame>(m, "Frame")
+        .def("depth", [](Frame& f, Address out) { work([&] { f.depth(at<float>(out)); }); })
+        .def("normal", [](Frame& f, Address out) { work([&] { f.normal(at<float>(out)); }); })
+        .def("albedo", [](Frame& f, Address out) { work([&] { f.albedo(at<float>(out)); }); })
+        .def("color", [](Frame& f, Address out) { work([&] { f.color(at<float>(out)); }); })
+        .def("position", [](Frame& f, Address out) { work([&] { f.position(at<float>(out)); }); })
+        .def("picture", [](Frame& f, Address out) { work([&] { f.picture(at<std::uint8_t>(out)); }); })
+        .def("trace_seconds", [](Frame& f) { return work([&] { return f.trace_seconds(); }); });
+
+    nb::class_<PyScene>(m, "Scene")
+        .def("__init__", [](PyScene* self, const std::string& backend, int index, int threads) {
+            new (self) PyScene{open_backend(backend).make_scene(index, threads, poll_signals)};
+        })
+        .def("build", [](PyScene& s, std::size_t n, Array positions, Array support, float one_support, Array weight,
+                         float one_weight, Array color, std::vector<float> one_color, int key_bits, int depth,
+                         bool dense, std::vector<float> space) {
+            SceneArrays arrays{n, floats(positions), floats(support), floats(weight), floats(color),
+                               one_support, one_weight, vec(one_color)};
+            TreeRequest request{key_bits, depth, dense, !space.empty(), {}, {}};
+            if (!space.empty()) {
+                request.lo = {space.at(0), space.at(1), space.at(2)};
+                request.hi = {space.at(3), space.at(4), space.at(5)};
+            }
+            work([&] { s.scene->build(arrays, request); });
+        })
+        .def("facts", [](PyScene& s, bool with_hashes) {
+            const TreeFacts f = work([&] { return s.scene->facts(with_hashes); });
+            nb::dict d;
+            d["n_nodes"] = f.n_nodes;
+            d["n_leaves"] = f.n_leaves;
+            d["n_inside"] = f.header.n_inside;
+            d["depth"] = f.header.depth;
+            d["deepest"] = f.header.deepest;
+            d["bytes"] = f.bytes;
+            d["key_hash"] = f.key_hash;
+            d["node_hash"] = f.node_hash;
+            d["build_seconds"] = f.build_seconds;
+            d["lo"] = nb::make_tuple(f.header.space.lo.x, f.header.space.lo.y, f.header.space.lo.z);
+            d["extent"] = f.header.space.extent;
+            return d;
+        })
+        .def("spacing", [](PyScene& s) { return work([&] { return s.scene->spacing(); }); })
+        .def("sorted", [](PyScene& s, Address keys, Address index) {
+            work([&] { s.scene->sorted(at<std::uint64_t>(keys), at<std::uint32_t>(index)); });
+        })
+        .def("render", [](PyScene& s, int kernel, float threshold, std::vector<float> view, int width, int height,
+                          bool orthographic, nb::dict look) {
+            const CameraRays rays = camera(view, width, height, orthographic);
+            const Shading light = shading(look);
+            return work([&] { return s.scene->render({KernelName(kernel), threshold}, rays, light); });
+        })
+        .def("intersect", [](PyScene& s, int kernel, float threshold, std::size_t n, Array origins, Array directions,
+                             Address t, Address normal, Address albedo) {
+            work([&] { s.scene->intersect({KernelName(kernel), threshold}, n, floats(origins), floats(directions),
+                                          at<float>(t), at<float>(normal), at<float>(albedo)); });
+        })
+        .def("evaluate", [](PyScene& s, int kernel, std::size_t n, Array points, Address value, Address gradient) {
+            work([&] { s.scene->evaluate({KernelName(kernel), 0.0f}, n, floats(points), at<float>(value), at<float>(gradient)); });
+        })
+        .def("blend", [](PyScene& s, int kernel, std::size_t n, Array points, Array values, int channels, Address out) {
+            work([&] { s.scene->blend({KernelName(kernel), 0.0f}, n, floats(points), floats(values), channels, at<float>(out)); });
+        })
+        .def("neighbors", [](PyScene& s, std::size_t n, Array points, float radius) {
+            auto* found = new Neighbors(work([&] { return s.scene->neighbors(n, floats(points), radius); }));
+            nb::capsule owner(found, [](void* p) noexcept { delete static_cast<Neighbors*>(p); });
+            return nb::make_tuple(
+                nb::ndarray<nb::numpy, std::uint64_t>(found->offsets.data(), {found->offsets.size()}, owner),
+                nb::ndarray<nb::numpy, std::uint32_t>(found->indices.data(), {found->indices.size()}, owner));
+        })
+        .def("synchronize", [](PyScene& s) { work([&] { s.scene->synchronize(); }); });
+}

@@ -1,0 +1,30 @@
+// The few operations that kernels use on one lane; base/wide.hpp gives the same names for a packet.
+#pragma once
+#include <cmath>
+#include <limits>
+
+#include "globule/base/fn.hpp"
+
+namespace globule {
+
+template <class T>
+GB_FN T least(T a, T b) { return a < b ? a : b; }
+template <class T>
+GB_FN T most(T a, T b) { return a > b ? a : b; }
+GB_FN float select(bool m, float a, float b) { return m ? a : b; }
+GB_FN double select(bool m, double a, double b) { return m ? a : b; }
+GB_FN bool any(bool m) { return m; }
+GB_FN float root(float a) { return sqrtf(a); }
+GB_FN double root(double a) { return sqrt(a); }
+GB_FN float magnitude(float a) { return fabsf(a); }
+GB_FN double magnitude(double a) { return fabs(a); }
+
+GB_FN double exp_negative(double x) { return exp(x); }
+GB_FN float exp_negative(float x) { return expf(x); }
+
+GB_FN constexpr float infinity() { return std::numeric_limits<float>::infinity(); }
+
+template <class T>
+GB_FN T ceil_div(T a, T b) { return (a + b - 1) / b; }
+
+}  // namespace globule

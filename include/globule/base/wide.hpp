@@ -1,0 +1,75 @@
+// A packet of lanes for the CPU: the same kernel that a GPU thread runs on one float runs here on
+// W of them, as one SIMD register (GCC/Clang vector extensions; W is the register's width).
+#pragma once
+#include <cmath>
+#include <cstring>
+
+#include "globule/base/fn.hpp"
+
+#if defined(__AVX512F__)
+#define GB_WIDTH 16
+#elif defined(__AVX2__)
+#define GB_WIDTH 8
+#else
+#define GB_WIDTH 4
+#endif
+
+namespace globule {
+
+inline constexpr int kWidth = GB_WIDTH;
+typedef float VecF __attribute__((vector_size(4 * GB_WIDTH)));
+typedef std::int32_t VecI __attribute__((vector_size(4 * GB_WIDTH)));
+
+/// Lane mask: every lane 0 or -1.
+struct WideB {
+    VecI v;
+};
+struct WideF {
+    VecF v;
+    WideF() = default;
+    GB_FN WideF(float s) : v(VecF{} + s) {}
+    GB_FN WideF(VecF x) : v(x) {}
+};
+
+GB_FN WideF operator+(WideF a, WideF b) { return a.v + b.v; }
+GB_FN WideF operator-(WideF a, WideF b) { return a.v - b.v; }
+GB_FN WideF operator*(WideF a, WideF b) { return a.v * b.v; }
+GB_FN WideF operator/(WideF a, WideF b) { return a.v / b.v; }
+GB_FN WideF operator-(WideF a) { return -a.v; }
+GB_FN WideF& operator+=(WideF& a, WideF b) { a.v += b.v; return a; }
+GB_FN WideF& operator-=(WideF& a, WideF b) { a.v -= b.v; return a; }
+GB_FN WideF& operator*=(WideF& a, WideF b) { a.v *= b.v; return a; }
+GB_FN WideB operator<(WideF a, WideF b) { return {a.v < b.v}; }
+GB_FN WideB operator>(WideF a, WideF b) { return {a.v > b.v}; }
+GB_FN WideB operator<=(WideF a, WideF b) { return {a.v <= b.v}; }
+GB_FN WideB operator>=(WideF a, WideF b) { return {a.v >= b.v}; }
+GB_FN WideB operator&(WideB a, WideB b) { return {a.v & b.v}; }
+GB_FN WideB operator|(WideB a, WideB b) { return {a.v | b.v}; }
+GB_FN WideB operator!(WideB a) { return {~a.v}; }
+
+GB_FN bool any(WideB m) {
+    typedef std::int64_t Pairs __attribute__((vector_size(4 * GB_WIDTH)));
+    const Pairs p = (Pairs)m.v;
+    std::int64_t all = 0;
+    for (int i = 0; i < GB_WIDTH / 2; ++i) all |= p[i];
+    return all != 0;
+}
+GB_FN WideF select(WideB m, WideF a, WideF b) { return m.v ? a.v : b.v; }
+GB_FN WideF least(WideF a, WideF b) { return a.v < b.v ? a.v : b.v; }
+GB_FN WideF most(WideF a, WideF b) { return a.v > b.v ? a.v : b.v; }
+GB_FN WideF magnitude(WideF a) {
+    const VecI bits = (VecI)a.v & 0x7fffffff;
+    return (VecF)bits;
+}
+GB_FN WideF root(WideF a) {
+    WideF r;
+    for (int i = 0; i < kWidth; ++i) r.v[i] = __builtin_sqrtf(a.v[i]);
+    return r;
+}
+GB_FN WideF exp_negative(WideF a) {
+    WideF r;
+    for (int i = 0; i < kWidth; ++i) r.v[i] = expf(a.v[i]);
+    return r;
+}
+
+}  // namespace globule

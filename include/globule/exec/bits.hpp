@@ -1,0 +1,40 @@
+// Bit and atomic operations that the two compilers spell differently.
+#pragma once
+#include "globule/base/fn.hpp"
+
+namespace globule {
+
+GB_FN int leading_zeros(std::uint32_t v) {
+#if defined(__CUDA_ARCH__)
+    return __clz(int(v));
+#else
+    return v ? __builtin_clz(v) : 32;
+#endif
+}
+GB_FN int leading_zeros(std::uint64_t v) {
+    const std::uint32_t high = std::uint32_t(v >> 32);
+    return high ? leading_zeros(high) : 32 + leading_zeros(std::uint32_t(v));
+}
+
+/// Adds one and returns the value before; everything written before is visible to whoever sees the sum.
+GB_FN std::uint32_t atomic_increment(std::uint32_t* counter) {
+#if defined(__CUDA_ARCH__)
+    __threadfence();
+    const std::uint32_t before = atomicAdd(counter, 1u);
+    __threadfence();
+    return before;
+#else
+    return __atomic_fetch_add(counter, 1u, __ATOMIC_ACQ_REL);
+#endif
+}
+
+/// Reads a float that another thread of the same launch may just have written.
+GB_FN float read_fresh(const float* p) {
+#if defined(__CUDA_ARCH__)
+    return __ldcg(p);
+#else
+    return *p;
+#endif
+}
+
+}  // namespace globule

@@ -1,0 +1,39 @@
+// Memory that a backend owns; grows, never shrinks, so that a steady state allocates nothing.
+#pragma once
+#include <cstddef>
+#include <utility>
+
+#include "globule/base/fn.hpp"
+
+namespace globule {
+
+template <class T, class Exec>
+class Buffer {
+public:
+    explicit Buffer(Exec& exec) : exec_(&exec) {}
+    Buffer(const Buffer&) = delete;
+    Buffer& operator=(const Buffer&) = delete;
+    ~Buffer() { exec_->release(data_); }
+
+    /// At least n items; contents are lost when it grows.
+    T* reserve(std::size_t n) {
+        if (n > capacity_) {
+            exec_->release(data_);
+            data_ = nullptr;
+            capacity_ = 0;
+            data_ = static_cast<T*>(exec_->allocate(n * sizeof(T)));
+            capacity_ = n;
+        }
+        return data_;
+    }
+    T* data() const { return data_; }
+    std::size_t bytes() const { return capacity_ * sizeof(T); }
+    std::size_t capacity() const { return capacity_; }
+
+private:
+    Exec* exec_;
+    T* data_ = nullptr;
+    std::size_t capacity_ = 0;
+};
+
+}  // namespace globule

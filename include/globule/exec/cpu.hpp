@@ -1,0 +1,169 @@
+// The CPU backend's means: OpenMP loops, a stable radix sort, a scan.  Nothing here depends on the
+// number of threads but the time it takes.
+#pragma once
+#include <omp.h>
+
+#include <algorithm>
+#include <atomic>
+#include <chrono>
+#include <cstdlib>
+#include <cstring>
+#include <memory>
+#include <new>
+#include <vector>
+
+#include "globule/base/scalar.hpp"
+#include "globule/exec/cpu_group.hpp"
+
+namespace globule {
+
+/// Called now and then during long work; true asks to stop.
+using Poll = bool (*)();
+
+class Cpu {
+public:
+    using Group = CpuGroup;
+    static constexpr bool on_device = false;
+
+    Cpu(int threads, Poll poll) : threads_(threads > 0 ? threads : omp_get_max_threads()), poll_(poll) {}
+    bool cancelled() const { return cancelled_; }
+    void reset_cancelled() { cancelled_ = false; }
+
+    void* allocate(std::size_t bytes) {
+        void* p = std::aligned_alloc(64, ceil_div<std::size_t>(bytes, 64) * 64);
+        if (!p) throw std::bad_alloc();
+        return p;
+    }
+    void release(void* p) { std::free(p); }
+    void upload(void* to, const void* from, std::size_t bytes) { std::memcpy(to, from, bytes); }
+    void download(void* to, const void* from, std::size_t bytes) { std::memcpy(to, from, bytes); }
+    void clear(void* p, std::size_t bytes) { std::memset(p, 0, bytes); }
+    void synchronize() {}
+    /// Time marks, so that a stage's duration can be asked for afterwards.
+    void mark(int i) { marks_[i] = now(); }
+    double elapsed(int from, int to) const { return marks_[to] - marks_[from]; }
+    static double now() {
+        return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
+    }
+
+    template <class Kernel>
+    void for_each(std::size_t n, const Kernel& kernel) {
+#pragma omp parallel for schedule(static) num_threads(threads_) if (n > 2048)
+        for (std::size_t i = 0; i < n; ++i) kernel(i);
+    }
+
+    /// One group of lanes a tile; tiles are dealt out as threads become free.
+    template <class Kernel>
+    void for_each_tile(std::size_t n, const Kernel& kernel) {
+        using Scratch = typename Kernel::template Scratch<Group>;
+#pragma omp parallel num_threads(threads_)
+        {
+            auto scratch = std::make_unique<Scratch>();
+            Group group;
+            double next_poll = now() + 0.05;
+#pragma omp for schedule(dynamic, 4)
+            for (std::size_t i = 0; i < n; ++i) {
+                if (cancelled_.load(std::memory_order_relaxed)) continue;
+                kernel(group, *scratch, i);
+                if (poll_ && omp_get_thread_num() == 0 && now() > next_poll) {
+                    if (poll_()) cancelled_ = true;
+                    next_poll = now() + 0.05;
+                }
+            }
+        }
+    }
+
+    /// out[0] = combine over map(0) ... map(n - 1); combine must not depend on the order.
+    template <class T, class Map, class Combine>
+    void reduce(std::size_t n, const Map& map, const Combine& combine, const T& identity, T* out) {
+        std::vector<T> partial(threads_, identity);
+#pragma omp parallel num_threads(threads_)
+        {
+            T mine = identity;
+#pragma omp for schedule(static)
+            for (std::size_t i = 0; i < n; ++i) mine = combine(mine, map(i));
+            partial[omp_get_thread_num()] = mine;
+        }
+        T all = identity;
+        for (const T& p : partial) all = combine(all, p);
+        *out = all;
+    }
+
+    template <class T>
+    void exclusive_scan(std::size_t n, T* values) {
+        std::vector<T> sums(threads_ + 1, T(0));
+        const std::size_t part = ceil_div<std::size_t>(n, threads_);
+#pragma omp parallel for num_threads(threads_) schedule(static, 1)
+        for (int t = 0; t < threads_; ++t) {
+            T sum = 0;
+            for (std::size_t i = t * part; i < std::min(n, (t + 1) * part); ++i) sum += values[i];
+            sums[t + 1] = sum;
+        }
+        for (int t = 0; t < threads_; ++t) sums[t + 1] += sums[t];
+#pragma omp parallel for num_threads(threads_) schedule(static, 1)
+        for (int t = 0; t < threads_; ++t) {
+            T sum = sums[t];
+            for (std::size_t i = t * part; i < std::min(n, (t + 1) * part); ++i) {
+                const T v = values[i];
+                values[i] = sum;
+                sum += v;
+            }
+        }
+    }
+
+    /// Stable least-significant-digit radix sort by the low `bits`; the result ends in keys, values.
+    template <class Key>
+    void sort_pairs(std::size_t n, Key* keys, Key* keys_spare, std::uint32_t* values,
+                    std::uint32_t* values_spare, int bits) {
+        constexpr int digit_bits = 8, digits = 1 << digit_bits;
+        const std::size_t part = ceil_div<std::size_t>(n, threads_);
+        std::vector<std::size_t> offsets(std::size_t(threads_) * digits);
+        Key *from = keys, *to = keys_spare;
+        std::uint32_t *vfrom = values, *vto = values_spare;
+        for (int shift = 0; shift < bits; shift += digit_bits) {
+            std::fill(offsets.begin(), offsets.end(), 0);
+#pragma omp parallel for num_threads(threads_) schedule(static, 1)
+            for (int t = 0; t < threads_; ++t) {
+                std::size_t count[digits] = {};
+                for (std::size_t i = t * part; i < std::min(n, (t + 1) * part); ++i)
+                    ++count[(from[i] >> shift) & (digits - 1)];
+                std::copy(count, count + digits, &offsets[std::size_t(t) * digits]);
+            }
+            std::size_t sum = 0, largest = 0;
+            for (int d = 0; d < digits; ++d) {
+                const std::size_t before = sum;
+                for (int t = 0; t < threads_; ++t) {
+                    std::size_t& o = offsets[std::size_t(t) * digits + d];
+                    const std::size_t c = o;
+                    o = sum;
+                    sum += c;
+                }
+                largest = std::max(largest, sum - before);
+            }
+            if (largest == n) continue;  // all share this digit
+#pragma omp parallel for num_threads(threads_) schedule(static, 1)
+            for (int t = 0; t < threads_; ++t) {
+                std::size_t* o = &offsets[std::size_t(t) * digits];
+                for (std::size_t i = t * part; i < std::min(n, (t + 1) * part); ++i) {
+                    const std::size_t at = o[(from[i] >> shift) & (digits - 1)]++;
+                    to[at] = from[i];
+                    vto[at] = vfrom[i];
+                }
+            }
+            std::swap(from, to);
+            std::swap(vfrom, vto);
+        }
+        if (from != keys) {
+            std::memcpy(keys, from, n * sizeof(Key));
+            std::memcpy(values, vfrom, n * sizeof(std::uint32_t));
+        }
+    }
+
+private:
+    int threads_;
+    Poll poll_;
+    double marks_[4] = {};
+    std::atomic<bool> cancelled_{false};
+};
+
+}  // namespace globule

@@ -1,0 +1,144 @@
+// The GPU backend's means: one stream, CUB for sort, scan and reduce, a warp for a tile's group.
+#pragma once
+#include <cub/device/device_radix_sort.cuh>
+#include <cub/device/device_reduce.cuh>
+#include <cub/device/device_scan.cuh>
+#include <cuda/iterator>
+#include <cuda_runtime.h>
+
+#include <new>
+#include <stdexcept>
+#include <string>
+
+#include "globule/base/scalar.hpp"
+#include "globule/exec/buffer.hpp"
+#include "globule/exec/cuda_group.hpp"
+
+namespace globule {
+
+inline void check(cudaError_t status) {
+    if (status == cudaSuccess) return;
+    if (status == cudaErrorMemoryAllocation) {
+        cudaGetLastError();
+        throw std::bad_alloc();
+    }
+    throw std::runtime_error(std::string("CUDA: ") + cudaGetErrorString(status));
+}
+
+template <class Kernel>
+__global__ void run_each(std::size_t n, Kernel kernel) {
+    const std::size_t i = std::size_t(blockIdx.x) * blockDim.x + threadIdx.x;
+    if (i < n) kernel(i);
+}
+
+inline constexpr int kWarpsPerBlock = 4;
+
+template <class Kernel>
+__global__ void __launch_bounds__(32 * kWarpsPerBlock) run_tiles(std::size_t n, Kernel kernel) {
+    using Scratch = typename Kernel::template Scratch<CudaGroup>;
+    __shared__ Scratch scratch[kWarpsPerBlock];
+    const int warp = threadIdx.x / 32;
+    const std::size_t tile = std::size_t(blockIdx.x) * kWarpsPerBlock + warp;
+    CudaGroup group;
+    if (tile < n) kernel(group, scratch[warp], tile);
+}
+
+class Cuda {
+public:
+    using Group = CudaGroup;
+    static constexpr bool on_device = true;
+
+    explicit Cuda(int device) : device_(device), temporary_(*this) {
+        check(cudaSetDevice(device_));
+        check(cudaStreamCreate(&stream_));  // ordered with the default stream of other libraries
+        for (cudaEvent_t& e : marks_) check(cudaEventCreate(&e));
+    }
+    ~Cuda() {
+        for (cudaEvent_t& e : marks_) cudaEventDestroy(e);
+        cudaStreamDestroy(stream_);
+    }
+    bool cancelled() const { return false; }
+    void reset_cancelled() {}
+
+    void* allocate(std::size_t bytes) {
+        check(cudaSetDevice(device_));
+        void* p = nullptr;
+        check(cudaMalloc(&p, bytes));
+        return p;
+    }
+    void release(void* p) { cudaFree(p); }
+    void upload(void* to, const void* from, std::size_t bytes) {
+        check(cudaMemcpyAsync(to, from, bytes, cudaMemcpyHostToDevice, stream_));
+    }
+    void download(void* to, const void* from, std::size_t bytes) {
+        check(cudaMemcpyAsync(to, from, bytes, cudaMemcpyDeviceToHost, stream_));
+        synchronize();
+    }
+    void clear(void* p, std::size_t bytes) { check(cudaMemsetAsync(p, 0, bytes, stream_)); }
+    void synchronize() { check(cudaStreamSynchronize(stream_)); }
+
+    void mark(int i) { check(cudaEventRecord(marks_[i], stream_)); }
+    double elapsed(int from, int to) {
+        float ms = 0;
+        check(cudaEventSynchronize(marks_[to]));
+        check(cudaEventElapsedTime(&ms, marks_[from], marks_[to]));
+        return ms * 1e-3;
+    }
+
+    template <class Kernel>
+    void for_each(std::size_t n, const Kernel& kernel) {
+        if (n == 0) return;
+        const unsigned threads = n < 4096 ? 32 : 256;
+        run_each<<<unsigned(ceil_div<std::size_t>(n, threads)), threads, 0, stream_>>>(n, kernel);
+        check(cudaGetLastError());
+    }
+    template <class Kernel>
+    void for_each_tile(std::size_t n, const Kernel& kernel) {
+        if (n == 0) return;
+        run_tiles<<<unsigned(ceil_div<std::size_t>(n, kWarpsPerBlock)), 32 * kWarpsPerBlock, 0, stream_>>>(n, kernel);
+        check(cudaGetLastError());
+    }
+
+    template <class T, class Map, class Combine>
+    void reduce(std::size_t n, const Map& map, const Combine& combine, const T& identity, T* out) {
+        with_temporary([&](void* room, std::size_t& bytes) {
+            return cub::DeviceReduce::TransformReduce(room, bytes, cuda::counting_iterator<std::size_t>(0), out, n,
+                                                      combine, map, identity, stream_);
+        });
+    }
+    template <class T>
+    void exclusive_scan(std::size_t n, T* values) {
+        with_temporary([&](void* room, std::size_t& bytes) {
+            return cub::DeviceScan::ExclusiveSum(room, bytes, values, values, n, stream_);
+        });
+    }
+    template <class Key>
+    void sort_pairs(std::size_t n, Key* keys, Key* keys_spare, std::uint32_t* values, std::uint32_t* values_spare,
+                    int bits) {
+        if (n == 0) return;
+        cub::DoubleBuffer<Key> k(keys, keys_spare);
+        cub::DoubleBuffer<std::uint32_t> v(values, values_spare);
+        with_temporary([&](void* room, std::size_t& bytes) {
+            return cub::DeviceRadixSort::SortPairs(room, bytes, k, v, n, 0, bits, stream_);
+        });
+        if (k.Current() != keys) check(cudaMemcpyAsync(keys, k.Current(), n * sizeof(Key), cudaMemcpyDeviceToDevice, stream_));
+        if (v.Current() != values)
+            check(cudaMemcpyAsync(values, v.Current(), n * sizeof(std::uint32_t), cudaMemcpyDeviceToDevice, stream_));
+    }
+
+private:
+    template <class Call>
+    void with_temporary(const Call& call) {
+        std::size_t bytes = 0;
+        check(call(nullptr, bytes));
+        void* room = temporary_.reserve(bytes ? bytes : 1);
+        check(call(room, bytes));
+    }
+
+    int device_;
+    cudaStream_t stream_ = nullptr;
+    cudaEvent_t marks_[4] = {};
+    Buffer<char, Cuda> temporary_;
+};
+
+}  // namespace globule

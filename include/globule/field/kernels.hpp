@@ -1,0 +1,109 @@
+// The basis functions b(r), written in x = (r/a)^2 with 0 <= x <= 1 (thesis §2.4, (3.6), corrected).
+// All are C1 and vanish with their slope at x = 1, so x may simply be clamped there.
+//
+// Along a ray, r^2 = h^2 + u^2 (h: distance of the ray, u: signed distance from the closest point).
+// With A = 1 - (h/a)^2 and e = the largest (u/a)^2 <= A on a window of the ray, `rise` bounds
+// a^2 d2b/du2 from above on that window and `fall` bounds -a^2 d2b/du2; march.hpp steps by them.
+#pragma once
+#include "globule/base/scalar.hpp"
+
+namespace globule {
+
+enum class KernelName : int { murakami, nishimura, wyvill, blinn, cubic_spline, wendland_c2 };
+
+/// (1 - x)^2                                              Murakami & Ichihara 1987, (3.6c)
+struct Murakami {
+    template <class F>
+    GB_FN void operator()(F x, F& b, F& slope) const {
+        const F w = F(1) - x;
+        b = w * w;
+        slope = F(-2) * w;
+    }
+    template <class F>
+    GB_FN F rise(F e, F A) const { return F(12) * e - F(4) * A; }
+    template <class F>
+    GB_FN F fall(F A) const { return F(4) * A; }
+    GB_FN float max_fall() const { return 4.0f; }
+};
+
+/// Any of the six, by name.
+struct AnyKernel {
+    KernelName name;
+
+    /// b and db/dx.
+    template <class F>
+    GB_FN void operator()(F x, F& b, F& slope) const {
+        switch (name) {
+        case KernelName::murakami: return Murakami{}(x, b, slope);
+        case KernelName::nishimura: {  // 1 - 3 q^2 for q <= 1/3, 3/2 (1 - q)^2 beyond; q = r/a
+            const F q = root(most(x, F(1e-12)));
+            const F w = F(1) - q;
+            const auto inner = x <= F(1.0 / 9.0);
+            b = select(inner, F(1) - F(3) * x, F(1.5) * w * w);
+            slope = select(inner, F(-3), F(-1.5) * w / q);
+            return;
+        }
+        case KernelName::wyvill:  // 1 - 22/9 x + 17/9 x^2 - 4/9 x^3   Wyvill et al. 1986
+            b = F(1) + x * (F(-22.0 / 9.0) + x * (F(17.0 / 9.0) - F(4.0 / 9.0) * x));
+            slope = F(-22.0 / 9.0) + x * (F(34.0 / 9.0) - F(12.0 / 9.0) * x);
+            return;
+        case KernelName::blinn: {  // exp(-k x), less its tangent at the cut: no jump, no kink
+            const F g = exp_negative(F(-blinn_k) * x);
+            b = g - F(blinn_cut) * (F(1.0 + blinn_k) - F(blinn_k) * x);
+            slope = F(-blinn_k) * (g - F(blinn_cut));
+            return;
+        }
+        case KernelName::cubic_spline: {  // M4: 1 - 6 q^2 + 6 q^3 for q <= 1/2, 2 (1 - q)^3 beyond
+            const F q = root(most(x, F(1e-12)));
+            const F w = F(1) - q;
+            const auto inner = x <= F(0.25);
+            b = select(inner, F(1) - F(6) * x * w, F(2) * w * w * w);
+            slope = select(inner, F(-6) + F(9) * q, F(-3) * w * w / q);
+            return;
+        }
+        default: {  // wendland_c2: (1 - q)^4 (1 + 4 q)   Wendland 1995
+            const F q = root(x);
+            const F w = F(1) - q;
+            const F w3 = w * w * w;
+            b = w3 * w * (F(1) + F(4) * q);
+            slope = F(-10) * w3;
+            return;
+        }
+        }
+    }
+    template <class F>
+    GB_FN F rise(F e, F A) const {
+        switch (name) {
+        case KernelName::murakami: return F(12) * e - F(4) * A;
+        case KernelName::nishimura: return F(3);
+        case KernelName::wyvill: return F(4.75);
+        case KernelName::blinn: return F(max_rise_blinn);
+        case KernelName::cubic_spline: return F(6);
+        case KernelName::wendland_c2: return F(5);
+        }
+        return F(0);
+    }
+    template <class F>
+    GB_FN F fall(F A) const {
+        return name == KernelName::murakami ? F(4) * A : F(max_fall());
+    }
+    GB_FN float max_fall() const {
+        switch (name) {
+        case KernelName::murakami: return 4.0f;
+        case KernelName::nishimura: return 6.0f;
+        case KernelName::wyvill: return 4.9f;
+        case KernelName::blinn: return float(2 * blinn_k);
+        case KernelName::cubic_spline: return 12.0f;
+        case KernelName::wendland_c2: return 20.0f;
+        }
+        return 0.0f;
+    }
+
+    // Blinn's Gaussian has infinite support: it is cut where it has fallen to epsilon = 1e-5.
+    static constexpr double blinn_k = 11.512925464970229;  // -ln(epsilon)
+    static constexpr double blinn_cut = 1e-5;
+    // max of (4 k^2 u^2 - 2 k) exp(-k x): at u^2 = x = 1.5 / k, 4 k exp(-1.5)
+    static constexpr double max_rise_blinn = 4 * blinn_k * 0.2231302;
+};
+
+}  // namespace globule

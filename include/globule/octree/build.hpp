@@ -1,0 +1,419 @@
+// positions -> bounds -> keys -> sort -> nodes, all on the device, nothing read back.
+//
+// Sparse nodes from sorted keys alone.  A cell of level k starts at particle i when key i and key
+// i - 1 share fewer than k triplets; it is split when key i and key i + kLeafSize share at least k.
+// So each chunk of particles can list the nodes that start in it.  One exclusive scan over the
+// counts, level by level and chunk by chunk, gives every node its place in level order; children of
+// one parent come out side by side.  A last pass lets every leaf carry its box towards the root:
+// whoever arrives last at a parent goes on.
+#pragma once
+#include "globule/exec/buffer.hpp"
+#include "globule/octree/dense.hpp"
+#include "globule/octree/sparse.hpp"
+
+namespace globule {
+
+/// The caller's particles, in the caller's order, in the backend's memory.
+struct ParticleInput {
+    std::size_t n = 0;
+    const float* positions = nullptr;  ///< (n, 3)
+    Attribute support;
+    Attribute weight;
+};
+
+struct TreeParams {
+    int key_bits = 32;
+    int depth = 10;           ///< deepest level, at most 10 or 21 (dense: 8)
+    bool dense = false;
+    bool fixed_space = false; ///< otherwise the bounding cube of the particles
+    float3 lo{0, 0, 0}, hi{0, 0, 0};
+};
+
+namespace build {
+
+GB_FN float3 read3(const float* p, std::size_t i) { return {p[3 * i], p[3 * i + 1], p[3 * i + 2]}; }
+
+struct Bounds {
+    float3 lo, hi;
+    float least_support, most_support;
+};
+GB_FN Bounds nothing() {
+    const float inf = infinity();
+    return {{inf, inf, inf}, {-inf, -inf, -inf}, inf, 0.0f};
+}
+struct PointBounds {
+    const float* positions;
+    Attribute support;
+    GB_FN Bounds operator()(std::size_t i) const {
+        const float3 p = read3(positions, i);
+        const float m = morton::kFarthest, a = support[i];
+        if (!morton::is_inside(p, {-m, -m, -m}, {m, m, m})) return nothing();
+        return {p, p, a > 0.0f ? a : infinity(), a > 0.0f ? a : 0.0f};
+    }
+};
+struct Unite {
+    GB_FN Bounds operator()(const Bounds& a, const Bounds& b) const {
+        return {{least(a.lo.x, b.lo.x), least(a.lo.y, b.lo.y), least(a.lo.z, b.lo.z)},
+                {most(a.hi.x, b.hi.x), most(a.hi.y, b.hi.y), most(a.hi.z, b.hi.z)},
+                least(a.least_support, b.least_support), most(a.most_support, b.most_support)};
+    }
+};
+/// The octree's space: the caller's, or the particles' own.
+struct SpaceOf {
+    TreeParams params;
+    const Bounds* bounds;
+    GB_FN float3 lo() const { return params.fixed_space ? params.lo : bounds->lo; }
+    GB_FN float3 hi() const { return params.fixed_space ? params.hi : bounds->hi; }
+    GB_FN morton::Space operator()() const {
+        const float3 l = lo(), h = hi();
+        const float extent = most(most(h.x - l.x, h.y - l.y), h.z - l.z);
+        return {l, extent > 0.0f ? extent : 0.0f};
+    }
+    GB_FN float typical_support() const {
+        return bounds->most_support > 0.0f ? root(bounds->least_support) * root(bounds->most_support) : 1.0f;
+    }
+};
+
+template <class Key>
+struct MakeKeys {
+    const float* positions;
+    SpaceOf space;
+    Key* keys;
+    std::uint32_t* index;
+    GB_FN void operator()(std::size_t i) const {
+        const float3 p = read3(positions, i);
+        keys[i] = morton::is_inside(p, space.lo(), space.hi()) ? morton::key_of<Key>(p, space()) : Key(0);
+        index[i] = std::uint32_t(i);
+    }
+};
+
+struct Gather {
+    ParticleInput in;
+    const std::uint32_t* index;
+    float *x, *y, *z, *support, *weight;
+    GB_FN void operator()(std::size_t i) const {
+        const std::uint32_t from = index[i];
+        const float3 p = read3(in.positions, from);
+        x[i] = p.x;
+        y[i] = p.y;
+        z[i] = p.z;
+        if (support) support[i] = in.support[from];
+        if (weight) weight[i] = in.weight[from];
+    }
+};
+
+/// Walks one chunk of sorted keys and calls start(i, from, to) wherever nodes of levels
+/// from ... to start; the last of them is a leaf.
+template <class Key>
+struct Starts {
+    const Key* keys;
+    std::size_t n;
+    int depth;
+
+    GB_FN int shared(std::size_t i, std::size_t j) const {
+        return j < n ? morton::common_levels(keys[i], keys[j], depth) : -1;
+    }
+    /// Level of the leaf that holds particle i.
+    GB_FN int leaf_level(std::size_t i) const {
+        int level = -1;
+        for (std::size_t j = i < std::size_t(kLeafSize) ? 0 : i - kLeafSize; j <= i; ++j)
+            level = most(level, shared(j, j + kLeafSize));
+        return least(level + 1, depth);
+    }
+    template <class Start>
+    GB_FN void walk(std::size_t chunk, const Start& start) const {
+        const std::size_t begin = chunk * kChunk;
+        const std::size_t end = least(n, begin + kChunk);
+        int leaf = begin ? leaf_level(begin - 1) : 0;
+        for (std::size_t i = begin; i < end; ++i) {
+            if (!(keys[i] & morton::Traits<Key>::inside)) continue;
+            const int with_previous = i ? morton::common_levels(keys[i - 1], keys[i], depth) : -1;
+            if (with_previous >= leaf) continue;  // same leaf as the particle before
+            const int from = with_previous + 1;
+            leaf = most(from, least(depth, shared(i, i + kLeafSize) + 1));
+            start(i, from, leaf);
+        }
+    }
+};
+
+template <class Key>
+struct CountNodes {
+    Starts<Key> starts;
+    std::size_t n_chunks;
+    std::uint32_t* counts;  ///< [level][chunk], one row of zeros at the end
+    GB_FN void operator()(std::size_t chunk) const {
+        std::uint32_t here[kMaxLevels + 2] = {};
+        starts.walk(chunk, [&](std::size_t, int from, int to) {
+            for (int k = from; k <= to; ++k) ++here[k];
+        });
+        for (int k = 0; k < starts.depth + 2; ++k) counts[k * n_chunks + chunk] = here[k];
+    }
+};
+
+template <class Key>
+struct WriteHeader {
+    SpaceOf space;
+    const Key* keys;
+    std::size_t n, n_chunks;
+    const std::uint32_t* offsets;
+    int depth;
+    std::size_t capacity;
+    TreeHeader* header;
+    GB_FN void operator()(std::size_t) const {
+        TreeHeader h{};
+        h.space = space();
+        h.typical_support = space.typical_support();
+        h.n_wanted = offsets[(depth + 1) * n_chunks];
+        // Never more nodes than there is room for: the tree is cut at the level that still fits,
+        // its leaves then hold more particles.  The owner grows the room before the next build.
+        h.depth = depth;
+        while (h.depth > 0 && offsets[(h.depth + 1) * n_chunks] > capacity) --h.depth;
+        h.n_nodes = offsets[(h.depth + 1) * n_chunks];
+        for (int k = 0; k <= h.depth + 1; ++k) h.level_begin[k] = offsets[k * n_chunks];
+        for (int k = 0; k <= h.depth; ++k)
+            if (h.level_begin[k + 1] > h.level_begin[k]) h.deepest = k;
+        std::size_t lo = 0, hi = n;  // outside particles sort to the front
+        while (lo < hi) {
+            const std::size_t mid = (lo + hi) / 2;
+            if (keys[mid] & morton::Traits<Key>::inside) hi = mid; else lo = mid + 1;
+        }
+        h.n_inside = std::uint32_t(n - lo);
+        *header = h;
+    }
+};
+
+template <class Key>
+struct EmitNodes {
+    Starts<Key> starts;
+    std::size_t n_chunks;
+    const std::uint32_t* offsets;
+    TreeHeader* header;
+    SortedParticles particles;
+    Node* nodes;
+    std::uint32_t *first_child, *parent, *arrived;
+
+    GB_FN void operator()(std::size_t chunk) const {
+        const int depth = header->depth;
+        std::uint32_t next[kMaxLevels + 3];
+        for (int k = 0; k <= depth + 1; ++k) next[k] = offsets[k * n_chunks + chunk];
+        starts.walk(chunk, [&](std::size_t i, int from, int to) {
+            for (int k = from; k <= least(to, depth); ++k) {
+                const std::uint32_t at = next[k]++;
+                first_child[at] = next[k + 1];
+                parent[at] = k ? next[k - 1] - 1 : at;
+                arrived[at] = 0;
+                if (k == least(to, depth)) nodes[at] = leaf(i, k); else nodes[at].meta = 0;
+            }
+        });
+    }
+    GB_FN Node leaf(std::size_t i, int level) const {
+        // End of the run by doubling, then halving.
+        std::size_t step = 1;
+        while (i + step < starts.n && starts.shared(i, i + step) >= level) step *= 2;
+        std::size_t lo = i + step / 2, hi = least(i + step, starts.n);
+        while (lo + 1 < hi) {
+            const std::size_t mid = (lo + hi) / 2;
+            if (starts.shared(i, mid) >= level) lo = mid; else hi = mid;
+        }
+        Node out{{infinity(), infinity(), infinity()}, std::uint32_t(i),
+                 {-infinity(), -infinity(), -infinity()}, Node::leaf_bit | std::uint32_t(hi - i)};
+        for (std::size_t j = i; j < hi; ++j) {
+            const float3 p = particles.position(j);
+            const float a = particles.support[j];
+            out.lo = {least(out.lo.x, p.x - a), least(out.lo.y, p.y - a), least(out.lo.z, p.z - a)};
+            out.hi = {most(out.hi.x, p.x + a), most(out.hi.y, p.y + a), most(out.hi.z, p.z + a)};
+        }
+        return out;
+    }
+};
+
+/// Boxes of inner nodes, from the leaves up.
+struct CarryBoxes {
+    TreeHeader* header;
+    Node* nodes;
+    const std::uint32_t *first_child, *parent;
+    std::uint32_t* arrived;
+
+    GB_FN std::uint32_t child_end(std::uint32_t at) const {
+        return at + 1 < header->n_nodes ? first_child[at + 1] : header->n_nodes;
+    }
+    GB_FN void operator()(std::size_t i) const {
+        if (i >= header->n_nodes || !Node::is_leaf(nodes[i].meta)) return;
+        for (std::uint32_t at = std::uint32_t(i); at != 0;) {
+            at = parent[at];
+            const std::uint32_t begin = first_child[at], n_children = child_end(at) - begin;
+            if (atomic_increment(&arrived[at]) + 1 < n_children) return;
+            Node out{{infinity(), infinity(), infinity()}, begin,
+                     {-infinity(), -infinity(), -infinity()}, n_children};
+            for (std::uint32_t c = begin; c < begin + n_children; ++c) {
+                const Node& child = nodes[c];
+                out.lo = {least(out.lo.x, read_fresh(&child.lo.x)),
+                          least(out.lo.y, read_fresh(&child.lo.y)),
+                          least(out.lo.z, read_fresh(&child.lo.z))};
+                out.hi = {most(out.hi.x, read_fresh(&child.hi.x)),
+                          most(out.hi.y, read_fresh(&child.hi.y)),
+                          most(out.hi.z, read_fresh(&child.hi.z))};
+            }
+            nodes[at] = out;
+        }
+    }
+};
+
+/// Dense: a cell's run starts at the particle whose key differs from the one before, and ends
+/// likewise, so every node is written by exactly one particle.
+struct FillDense {
+    const std::uint32_t* keys;
+    std::size_t n;
+    int depth;
+    SortedParticles particles;
+    DenseNode* nodes;
+    GB_FN void operator()(std::size_t i) const {
+        using Key = std::uint32_t;
+        if (!(keys[i] & morton::Traits<Key>::inside)) return;
+        const int before = i ? morton::common_levels(keys[i - 1], keys[i], depth) : -1;
+        const int after = i + 1 < n ? morton::common_levels(keys[i], keys[i + 1], depth) : -1;
+        for (int k = before + 1; k <= depth; ++k) nodes[morton::dense_index(keys[i], k)].first = std::uint32_t(i);
+        for (int k = after + 1; k <= depth; ++k) nodes[morton::dense_index(keys[i], k)].last = std::uint32_t(i + 1);
+    }
+};
+/// Masks and reaches of one level, from the level below.
+struct CarryDense {
+    int level, depth;
+    SortedParticles particles;
+    DenseNode* nodes;
+    GB_FN void operator()(std::size_t v) const {
+        const std::size_t at = morton::dense_offset(level) + v;
+        DenseNode& out = nodes[at];
+        if (out.last <= out.first) return;
+        if (level == depth) {
+            for (std::size_t j = out.first; j < out.last; ++j) out.reach = most(out.reach, particles.support[j]);
+            return;
+        }
+        for (int c = 0; c < 8; ++c) {
+            const DenseNode& child = nodes[8 * at + 1 + c];
+            if (child.last <= child.first) continue;
+            out.child_mask |= 1u << c;
+            out.reach = most(out.reach, child.reach);
+        }
+    }
+};
+
+}  // namespace build
+
+/// Owns the sorted particles and the tree of one scene on one backend.
+template <class Exec>
+class Octree {
+public:
+    explicit Octree(Exec& exec)
+        : exec_(exec), bounds_(exec), keys_(exec), positions_(exec), index_(exec), support_(exec),
+          weight_(exec), counts_(exec), scratch_(exec), nodes_(exec), dense_(exec), header_(exec) {}
+
+    void build(const ParticleInput& in, const TreeParams& params) {
+        n_ = in.n;
+        params_ = params;
+        if (params.key_bits == 64) build_keys<std::uint64_t>(in);
+        else build_keys<std::uint32_t>(in);
+    }
+
+    SparseTree sparse() const { return {header_.data(), nodes_.data()}; }
+    DenseTree dense() const { return {header_.data(), dense_.data()}; }
+    const SortedParticles& particles() const { return sorted_; }
+    const TreeParams& params() const { return params_; }
+    std::size_t size() const { return n_; }
+    /// Waits for the device.
+    TreeHeader header() const {
+        TreeHeader h;
+        exec_.download(&h, header_.data(), sizeof h);
+        if (h.n_wanted > h.n_nodes) seen_ = 0;  // more room at the next build
+        return h;
+    }
+    std::size_t n_dense_nodes() const { return params_.dense ? morton::dense_offset(params_.depth + 1) : 0; }
+    const void* keys() const { return keys_.data(); }
+    const Node* nodes() const { return nodes_.data(); }
+    const DenseNode* dense_nodes() const { return dense_.data(); }
+    std::size_t bytes() const {
+        return bounds_.bytes() + keys_.bytes() + positions_.bytes() + index_.bytes() + support_.bytes() +
+               weight_.bytes() + counts_.bytes() + scratch_.bytes() + nodes_.bytes() + dense_.bytes();
+    }
+
+private:
+    template <class Key>
+    void build_keys(const ParticleInput& in) {
+        using namespace build;
+        const std::size_t n = in.n, padded = ceil_div<std::size_t>(n, 64) * 64 + 64;
+        Bounds* bounds = bounds_.reserve(1);
+        Key* keys = reinterpret_cast<Key*>(keys_.reserve(padded * sizeof(Key)));
+        float* x = positions_.reserve(3 * padded);
+        std::uint32_t* index = index_.reserve(padded);
+
+        exec_.reduce(n, PointBounds{in.positions, in.support}, Unite{}, nothing(), bounds);
+        const SpaceOf space{params_, bounds};
+        exec_.for_each(n, MakeKeys<Key>{in.positions, space, keys, index});
+        // The sorted positions are written after the sort, so their room serves as its spare.
+        exec_.sort_pairs(n, keys, reinterpret_cast<Key*>(x), index,
+                         reinterpret_cast<std::uint32_t*>(x + 2 * padded),
+                         3 * morton::Traits<Key>::levels + 1);
+        float* support = in.support.data ? support_.reserve(padded) : nullptr;
+        float* weight = in.weight.data ? weight_.reserve(padded) : nullptr;
+        exec_.for_each(n, Gather{in, index, x, x + padded, x + 2 * padded, support, weight});
+        sorted_ = {x, x + padded, x + 2 * padded, index, {support, in.support.uniform}, {weight, in.weight.uniform}};
+        build_nodes(keys, n, space);
+    }
+
+    template <class Key>
+    void build_nodes(const Key* keys, std::size_t n, const build::SpaceOf& space) {
+        using namespace build;
+        const std::size_t n_chunks = most<std::size_t>(1, ceil_div<std::size_t>(n, kChunk));
+        const int depth = params_.depth;
+        const Starts<Key> starts{keys, n, depth};
+        std::uint32_t* counts = counts_.reserve((depth + 2) * n_chunks);
+        exec_.for_each(n_chunks, CountNodes<Key>{starts, n_chunks, counts});
+        exec_.exclusive_scan((depth + 2) * n_chunks, counts);
+        TreeHeader* header = header_.reserve(1);
+        if (!params_.dense) make_room(counts, n_chunks, n);
+        const std::size_t capacity = params_.dense ? ~std::size_t(0) : nodes_.capacity();
+        exec_.for_each(1, WriteHeader<Key>{space, keys, n, n_chunks, counts, depth, capacity, header});
+        if (params_.dense) return build_dense(reinterpret_cast<const std::uint32_t*>(keys), n);
+        std::uint32_t* scratch = scratch_.reserve(3 * capacity);
+        exec_.for_each(n_chunks, EmitNodes<Key>{starts, n_chunks, counts, header, sorted_, nodes_.data(),
+                                                scratch, scratch + capacity, scratch + 2 * capacity});
+        exec_.for_each(capacity, CarryBoxes{header, nodes_.data(), scratch, scratch + capacity, scratch + 2 * capacity});
+    }
+
+    /// Room for the nodes.  Asked of the device only when the number of particles has outgrown what
+    /// was seen before, or after a build that had to stop short; otherwise there is slack.
+    void make_room(const std::uint32_t* counts, std::size_t n_chunks, std::size_t n) {
+        if (n > seen_) {
+            std::uint32_t wanted;
+            exec_.download(&wanted, counts + (params_.depth + 1) * n_chunks, sizeof wanted);
+            nodes_.reserve(wanted + wanted / 4 + 64);
+            seen_ = n + n / 4;
+        }
+    }
+
+    void build_dense(const std::uint32_t* keys, std::size_t n) {
+        using namespace build;
+        DenseNode* nodes = dense_.reserve(n_dense_nodes());
+        exec_.clear(nodes, n_dense_nodes() * sizeof(DenseNode));
+        exec_.for_each(n, FillDense{keys, n, params_.depth, sorted_, nodes});
+        for (int level = params_.depth; level >= 0; --level)
+            exec_.for_each(std::size_t(1) << 3 * level, CarryDense{level, params_.depth, sorted_, nodes});
+    }
+
+    Exec& exec_;
+    Buffer<build::Bounds, Exec> bounds_;
+    Buffer<char, Exec> keys_;
+    Buffer<float, Exec> positions_;
+    Buffer<std::uint32_t, Exec> index_;
+    Buffer<float, Exec> support_, weight_;
+    Buffer<std::uint32_t, Exec> counts_, scratch_;
+    Buffer<Node, Exec> nodes_;
+    Buffer<DenseNode, Exec> dense_;
+    Buffer<TreeHeader, Exec> header_;
+    SortedParticles sorted_{};
+    TreeParams params_;
+    std::size_t n_ = 0;
+    mutable std::size_t seen_ = 0;
+};
+
+}  // namespace globule

@@ -1,0 +1,166 @@
+// Questions at a point: who reaches it, who is near it.  One traversal, one thread a point; the
+// float64 last word of the tracer and the public field, gradient and neighbour calls use it.
+#pragma once
+#include "globule/field/kernels.hpp"
+#include "globule/octree/dense.hpp"
+#include "globule/octree/sparse.hpp"
+
+namespace globule {
+
+/// Depth-first over all nodes whose box meets the box [lo, hi]; visit(slot) for each of their
+/// particles, in Morton order.
+template <class Tree, class Visit>
+GB_FN void for_each_touching(const Tree& tree, const float3& lo, const float3& hi, const Visit& visit) {
+    if (tree.empty()) return;
+    struct Run {
+        std::uint32_t next, end;
+    } stack[kMaxLevels + 2];
+    int top = 0;
+    stack[0] = {0, 1};
+    while (top >= 0) {
+        if (stack[top].next == stack[top].end) {
+            --top;
+            continue;
+        }
+        const Node node = tree.node(stack[top].next++);
+        if (node.lo.x > hi.x || node.lo.y > hi.y || node.lo.z > hi.z || node.hi.x < lo.x ||
+            node.hi.y < lo.y || node.hi.z < lo.z)
+            continue;
+        const std::uint32_t count = Node::count(node.meta);
+        if (Node::is_leaf(node.meta)) {
+            for (std::uint32_t j = node.first; j < node.first + count; ++j) visit(j);
+        } else if (count) {
+            stack[++top] = {node.first, node.first + count};
+        }
+    }
+}
+
+/// Field and gradient at points, float64 sums: f = sum c b(r), grad f.
+template <class Tree>
+struct EvaluateField {
+    Tree tree;
+    SortedParticles particles;
+    AnyKernel kernel;
+    const float* points;  ///< (m, 3)
+    float* field;         ///< (m,) or null
+    float* gradient;      ///< (m, 3) or null
+    GB_FN void operator()(std::size_t i) const {
+        const float3 p{points[3 * i], points[3 * i + 1], points[3 * i + 2]};
+        double f = 0, gx = 0, gy = 0, gz = 0;
+        for_each_touching(tree, p, p, [&](std::uint32_t j) {
+            const double a = particles.support[j];
+            const double dx = double(p.x) - particles.x[j], dy = double(p.y) - particles.y[j],
+                         dz = double(p.z) - particles.z[j];
+            const double x = (dx * dx + dy * dy + dz * dz) / (a * a);
+            if (!(x < 1.0)) return;
+            double b, slope;
+            kernel(x, b, slope);
+            f += particles.weight[j] * b;
+            const double s = particles.weight[j] * slope * 2.0 / (a * a);
+            gx += s * dx;
+            gy += s * dy;
+            gz += s * dz;
+        });
+        if (field) field[i] = float(f);
+        if (gradient) {
+            gradient[3 * i] = float(gx);
+            gradient[3 * i + 1] = float(gy);
+            gradient[3 * i + 2] = float(gz);
+        }
+    }
+};
+
+/// Influence-weighted mean of `channels` values a particle: sum w v / sum w, w = max(c b, 0)
+/// (§6.0.2).  NaN where nothing reaches.
+template <class Tree>
+struct Blend {
+    Tree tree;
+    SortedParticles particles;
+    AnyKernel kernel;
+    const float* points;
+    const float* values;  ///< (n, channels), caller's order
+    int channels;
+    float* out;           ///< (m, channels)
+    GB_FN void operator()(std::size_t i) const {
+        const float3 p{points[3 * i], points[3 * i + 1], points[3 * i + 2]};
+        float* mine = out + i * channels;
+        for (int c = 0; c < channels; ++c) mine[c] = 0.0f;
+        float total = 0.0f;
+        for_each_touching(tree, p, p, [&](std::uint32_t j) {
+            const float a = particles.support[j];
+            const float3 v = p - particles.position(j);
+            const float x = dot(v, v) / (a * a);
+            if (!(x < 1.0f)) return;
+            float b, slope;
+            kernel(x, b, slope);
+            const float w = most(particles.weight[j] * b, 0.0f);
+            total += w;
+            for (int c = 0; c < channels; ++c) mine[c] += w * values[std::size_t(particles.index[j]) * channels + c];
+        });
+        for (int c = 0; c < channels; ++c) mine[c] = total > 0.0f ? mine[c] / total : NAN;
+    }
+};
+
+/// Particles within `radius` of each point, as compressed rows.  Run twice: counts, then indices.
+template <class Tree>
+struct FindNeighbors {
+    Tree tree;
+    SortedParticles particles;
+    const float* points;
+    float radius;
+    std::uint64_t* offsets;    ///< (m + 1,)
+    std::uint32_t* indices;    ///< null in the counting run
+    GB_FN void operator()(std::size_t i) const {
+        const float3 p{points[3 * i], points[3 * i + 1], points[3 * i + 2]};
+        const float3 r{radius, radius, radius};
+        std::uint64_t n = 0;
+        for_each_touching(tree, p - r, p + r, [&](std::uint32_t j) {
+            const double dx = double(p.x) - particles.x[j], dy = double(p.y) - particles.y[j],
+                         dz = double(p.z) - particles.z[j];
+            if (dx * dx + dy * dy + dz * dz > double(radius) * radius) return;
+            if (indices) indices[offsets[i] + n] = particles.index[j];
+            ++n;
+        });
+        if (!indices) offsets[i] = n;
+    }
+};
+
+/// Spacing around sampled particles, from the distance r to the 12th neighbour: a volume of
+/// 4/3 pi r^3 holds 12.5 particles.  0 where there are too few particles or too many coincide.
+template <class Tree>
+struct LocalSpacing {
+    Tree tree;
+    SortedParticles particles;
+    std::size_t begin, n, stride;  ///< particles [begin, n) are inside
+    float* out;
+    static constexpr int k = 12;
+    GB_FN void operator()(std::size_t s) const {
+        const std::size_t at = begin + s * stride;
+        out[s] = 0.0f;
+        if (n - begin <= std::size_t(k)) return;
+        const float3 p = particles.position(at);
+        float nearest[k];
+        for (int i = 0; i < k; ++i) nearest[i] = infinity();
+        auto insert = [&](std::size_t j) {
+            const float3 v = particles.position(j) - p;
+            float d = dot(v, v);
+            for (int i = 0; i < k; ++i)
+                if (d < nearest[i]) {
+                    const float t = nearest[i];
+                    nearest[i] = d;
+                    d = t;
+                }
+        };
+        // Neighbours along the curve bound the radius, so that the walk of the tree stays short.
+        const std::size_t from = at - begin > std::size_t(k) ? at - k : begin;
+        for (std::size_t j = from; j < least(n, at + k + 1); ++j)
+            if (j != at) insert(j);
+        const float r = root(nearest[k - 1]);
+        for (int i = 0; i < k; ++i) nearest[i] = infinity();
+        for_each_touching(tree, {p.x - r, p.y - r, p.z - r}, {p.x + r, p.y + r, p.z + r},
+                          [&](std::uint32_t j) { if (j != at) insert(j); });
+        out[s] = root(nearest[k - 1]) * 0.6946f;  // (4/3 pi / 12.5)^(1/3)
+    }
+};
+
+}  // namespace globule

@@ -1,0 +1,14 @@
+// The sparse linear octree: only occupied cells, in level order, siblings side by side.
+#pragma once
+#include "globule/octree/types.hpp"
+
+namespace globule {
+
+struct SparseTree {
+    const TreeHeader* header;
+    const Node* nodes;
+    GB_FN bool empty() const { return header->n_nodes == 0; }
+    GB_FN Node node(std::uint32_t i) const { return nodes[i]; }
+};
+
+}  // namespace globule

@@ -1,0 +1,48 @@
+// What the octree is made of.  Particles sorted by Morton key; nodes point at runs of them.
+#pragma once
+#include "globule/base/vec.hpp"
+#include "globule/base/view.hpp"
+#include "globule/morton/quantize.hpp"
+
+namespace globule {
+
+/// Particles in key order, structure of arrays, world units.
+struct SortedParticles {
+    const float* x;
+    const float* y;
+    const float* z;
+    const std::uint32_t* index;  ///< place in the caller's arrays
+    Attribute support;           ///< per sorted slot, or one for all
+    Attribute weight;
+    GB_FN float3 position(std::size_t slot) const { return {x[slot], y[slot], z[slot]}; }
+};
+
+/// 32 bytes.  The box holds the supports of all particles below, not only their centres: what a
+/// node's box does not touch, its particles cannot influence ("ghost neighbours" of §5.3 come along).
+struct Node {
+    float3 lo;
+    std::uint32_t first;  ///< inner: first child (children are consecutive); leaf: first particle
+    float3 hi;
+    std::uint32_t meta;   ///< inner: number of children; leaf: leaf_bit | number of particles
+    static constexpr std::uint32_t leaf_bit = 1u << 31;
+    GB_FN static bool is_leaf(std::uint32_t meta) { return meta & leaf_bit; }
+    GB_FN static std::uint32_t count(std::uint32_t meta) { return meta & ~leaf_bit; }
+};
+
+inline constexpr int kMaxLevels = 21;
+inline constexpr int kLeafSize = 16;   ///< a cell with more particles is split
+inline constexpr int kChunk = 32;      ///< consecutive particles that one thread turns into nodes
+
+/// What a build finds out; lives beside the tree, on the device.
+struct TreeHeader {
+    morton::Space space;
+    float typical_support;      ///< geometric mean of the smallest and the largest
+    std::uint32_t n_nodes;      ///< 0 where no particle is inside
+    std::uint32_t n_inside;
+    std::int32_t depth;         ///< deepest level that may be used
+    std::uint32_t n_wanted;     ///< nodes that the full depth would have taken
+    std::int32_t deepest;       ///< deepest level with a node
+    std::uint32_t level_begin[kMaxLevels + 3];
+};
+
+}  // namespace globule

@@ -1,0 +1,343 @@
+// One tile of rays: bundle -> gather -> march -> what the hit looks like.
+#pragma once
+#include "globule/trace/camera.hpp"
+#include "globule/trace/march.hpp"
+
+namespace globule {
+
+/// Per ray, caller's memory; t is infinite where nothing is hit.
+struct Hits {
+    float* t;        ///< distance along the ray
+    float* normal;   ///< (n, 3) -grad f / |grad f|
+    float* albedo;   ///< (n, 3) blended colour
+};
+
+template <class Tree, class Kernel, bool PerParticle>
+struct TraceTiles {
+    template <class Group>
+    using Scratch = TileScratch<Group, PerParticle>;
+
+    Tree tree;
+    SortedParticles particles;
+    Kernel kernel;
+    AnyKernel name;        ///< the same kernel, for the float64 paths
+    float tau;             ///< over the common weight unless PerParticle
+    float world_tau;
+    const float* color;    ///< (n, 3), caller's order, or null
+    float3 one_color;
+    RaySource rays;
+    Hits out;
+
+    static constexpr int kTileWidth = 8;
+
+    template <class Group>
+    static constexpr int tile_height() { return Group::width * Group::vectors / kTileWidth; }
+
+    template <class Group>
+    std::size_t n_tiles() const {
+        if (rays.origins) return ceil_div<std::size_t>(rays.n, Group::width * Group::vectors);
+        return std::size_t(ceil_div(rays.camera.width, kTileWidth)) *
+               ceil_div(rays.camera.height, tile_height<Group>());
+    }
+
+    /// The rays of one tile and how far each has come.
+    template <class Group>
+    struct Lanes {
+        using F = typename Group::F;
+        using B = typename Group::B;
+        static constexpr int V = Group::vectors;
+        Vec3<F> o[V], d[V];
+        F t[V];          ///< no root before
+        F sign[V];
+        B pending[V];
+        B fresh[V];      ///< not known yet whether it begins inside
+    };
+
+    template <class Group>
+    GB_FN std::size_t ray_index(std::size_t tile, int l) const {
+        if (rays.origins) return tile * (Group::width * Group::vectors) + l;
+        const int across = ceil_div(rays.camera.width, kTileWidth);
+        const int x = int(tile % across) * kTileWidth + l % kTileWidth;
+        const int y = int(tile / across) * tile_height<Group>() + l / kTileWidth;
+        return x < rays.camera.width && y < rays.camera.height
+                   ? std::size_t(y) * rays.camera.width + x : rays.n;
+    }
+
+    template <class Group>
+    GB_FN void start(Group& g, Lanes<Group>& lanes, std::size_t tile, const Node& box) const {
+        const float typical = tree.header->typical_support;
+        using F = typename Group::F;
+        using B = typename Group::B;
+        const B all = g.first_lanes(Group::width);
+        for (int v = 0; v < Group::vectors; ++v) {
+            F column(0.0f), row(0.0f), ox(0.0f), oy(0.0f), oz(0.0f), dx(0.0f), dy(0.0f), dz(1.0f);
+            B valid = g.none();
+            g.per_lane(all, [&](int lane) {
+                const std::size_t i = ray_index<Group>(tile, v * Group::width + lane);
+                Group::put(valid, lane, i < rays.n);
+                if (i >= rays.n) return;
+                out.t[i] = infinity();
+                for (int k = 0; k < 3; ++k) out.normal[3 * i + k] = out.albedo[3 * i + k] = 0.0f;
+                if (rays.origins) {
+                    Group::put(ox, lane, rays.origins[3 * i]);
+                    Group::put(oy, lane, rays.origins[3 * i + 1]);
+                    Group::put(oz, lane, rays.origins[3 * i + 2]);
+                    Group::put(dx, lane, rays.directions[3 * i]);
+                    Group::put(dy, lane, rays.directions[3 * i + 1]);
+                    Group::put(dz, lane, rays.directions[3 * i + 2]);
+                } else {
+                    Group::put(column, lane, float(i % rays.camera.width));
+                    Group::put(row, lane, float(i / rays.camera.width));
+                }
+            });
+            lanes.o[v] = {ox, oy, oz};
+            lanes.d[v] = {dx, dy, dz};
+            if (!rays.origins) rays.camera(column, row, lanes.o[v], lanes.d[v]);
+            // Slab test against the root; per axis, a direction of zero never divides.
+            F enter(0.0f), leave(infinity());
+            auto axis = [&](const F& o, const F& d, float lo, float hi) {
+                const F safe = select(magnitude(d) > F(1e-18f), d, F(1e-18f));
+                const F a = (F(lo) - o) / safe, b = (F(hi) - o) / safe;
+                enter = most(enter, least(a, b));
+                leave = least(leave, most(a, b));
+            };
+            axis(lanes.o[v].x, lanes.d[v].x, box.lo.x, box.hi.x);
+            axis(lanes.o[v].y, lanes.d[v].y, box.lo.y, box.hi.y);
+            axis(lanes.o[v].z, lanes.d[v].z, box.lo.z, box.hi.z);
+            lanes.pending[v] = valid & (enter <= leave * F(1.00001f));
+            lanes.t[v] = most(enter * F(0.99999f) - F(1e-3f * typical), F(0.0f));
+            lanes.fresh[v] = !(lanes.t[v] > F(0.0f));
+            lanes.sign[v] = F(1.0f);
+        }
+    }
+
+    template <class Group>
+    GB_FN void operator()(Group& g, Scratch<Group>& scratch, std::size_t tile) const {
+        using F = typename Group::F;
+        using B = typename Group::B;
+        constexpr int V = Group::vectors;
+        Lanes<Group> lanes;
+        const Node box = tree.empty() ? Node{{1, 1, 1}, 0, {0, 0, 0}, 0} : tree.node(0);
+        start(g, lanes, tile, box);
+        const float typical = tree.header->typical_support;  // lengths are scaled by it
+        const float scale = 1.0f / typical;
+        // Rounding in the world's coordinates, as a length.
+        const float blur = 1e-6f * (magnitude(box.lo.x) + magnitude(box.lo.y) + magnitude(box.lo.z) +
+                                    magnitude(box.hi.x) + magnitude(box.hi.y) + magnitude(box.hi.z));
+
+        for (;;) {
+            // The bundle: rays that stay close to a leader from the tile's middle.
+            int leader = -1;
+            for (int pass = 0; pass < 2 && leader < 0; ++pass)
+                for (int k = 0; k < V && leader < 0; ++k) {
+                    const int v = (k + V / 2) % V;
+                    const B upper = g.ramp() >= F(pass || V > 1 ? 0.0f : 0.625f * Group::width);
+                    g.each(lanes.pending[v] & upper, [&](int lane) {
+                        if (leader < 0) leader = v * Group::width + lane;
+                    });
+                }
+            if (leader < 0) break;
+            const float3 lo = pick3(g, lanes.o, leader), ld = pick3(g, lanes.d, leader);
+            const float far = length(float3{most(magnitude(box.lo.x - lo.x), magnitude(box.hi.x - lo.x)),
+                                            most(magnitude(box.lo.y - lo.y), magnitude(box.hi.y - lo.y)),
+                                            most(magnitude(box.lo.z - lo.z), magnitude(box.hi.z - lo.z))});
+            float spread = 8.0f * typical;
+            B group[V];
+            Bundle bundle;
+            float z = 0.0f;
+            auto select_group = [&] {
+                float r0 = 0.0f, r1 = 0.0f;
+                z = infinity();
+                for (int v = 0; v < V; ++v) {
+                    const F away = length(lanes.o[v] - Vec3<F>{F(lo.x), F(lo.y), F(lo.z)});
+                    const F apart = length(lanes.d[v] - Vec3<F>{F(ld.x), F(ld.y), F(ld.z)});
+                    B leads = g.none();
+                    if (leader / Group::width == v) {
+                        const F n = g.ramp();
+                        const float l = float(leader % Group::width);
+                        leads = (n >= F(l)) & (n <= F(l));
+                    }
+                    group[v] = lanes.pending[v] &
+                               (leads | ((away + apart * F(far) <= F(spread)) & (apart < F(0.045f))));
+                    r0 = most(r0, g.largest(select(group[v], away, F(0.0f))));
+                    r1 = most(r1, g.largest(select(group[v], apart, F(0.0f))));
+                    z = least(z, g.smallest(select(group[v], lanes.t[v], F(infinity()))));
+                }
+                bundle = {lo, ld, r0 + blur, r1};
+            };
+            select_group();
+
+            float dz = typical;
+            for (;;) {
+                const float3 at{lo.x + z * ld.x, lo.y + z * ld.y, lo.z + z * ld.z};
+                const Gathered found = gather<PerParticle>(g, scratch, tree, particles, bundle, z, dz, at, scale);
+                const float least_dz = most(typical * (1.0f / 64.0f), z * 1e-6f);
+                if (found.n < 0 && bundle.r0 - blur + bundle.r1 * far > 0.0f) {
+                    spread *= spread > 0.05f * typical ? 0.5f : 0.0f;  // too many: fewer rays,
+                    select_group();
+                    continue;
+                }
+                if (found.n < 0 && dz > least_dz) {                    // then a thinner slab,
+                    dz *= 0.5f;
+                    continue;
+                }
+                if (found.n == 0) {
+                    for (int v = 0; v < V; ++v) {
+                        lanes.t[v] = select(group[v], most(lanes.t[v], F(found.next)), lanes.t[v]);
+                        lanes.fresh[v] = lanes.fresh[v] & !group[v];
+                    }
+                    if (!(found.next < infinity())) break;
+                    z = found.next;
+                    dz = typical;
+                    continue;
+                }
+                bool more = false;
+                for (int v = 0; v < V; ++v) {
+                    if (!g.any(group[v])) continue;
+                    B hit = g.none();
+                    if (found.n > 0) walk_list(g, scratch, lanes, v, group[v], found, at, z, dz, tile, hit);
+                    else walk_tree(g, lanes, v, group[v], z, dz, tile, hit);  // or the tree itself
+                    lanes.pending[v] = lanes.pending[v] & !hit;
+                    group[v] = group[v] & !hit;
+                    lanes.t[v] = select(group[v], most(lanes.t[v], F(z + dz)), lanes.t[v]);
+                    more = g.any(group[v]) || more;
+                }
+                if (!more) break;
+                z += dz;
+                if (4 * found.n < Group::list_capacity) dz = least(typical, 2.0f * dz);
+            }
+            for (int v = 0; v < V; ++v) lanes.pending[v] = lanes.pending[v] & !group[v];
+        }
+    }
+
+private:
+    template <class Group>
+    GB_FN static float3 pick3(Group& g, const Vec3<typename Group::F>* p, int l) {
+        const int v = l / Group::width, lane = l % Group::width;
+        return {g.pick(p[v].x, lane), g.pick(p[v].y, lane), g.pick(p[v].z, lane)};
+    }
+
+    GB_FN static Limits<double> exact_limits(double tau, double window, double sign) {
+        return {tau, window, 1e-13 * (1.0 + tau), 1e-12 * window, sign};
+    }
+
+    /// Exact finish of one ray on [t, end] (world distances).
+    template <class Source>
+    GB_FN bool finish(const Source& source, const Vec3<double>& o, const Vec3<double>& d, double window,
+                      double sign, double& t, double end) const {
+        bool hit = false, tangent = false;
+        march(source, o, d, exact_limits(world_tau, window, sign), end, true, t, hit, tangent);
+        return hit || tangent;
+    }
+
+    template <class Group>
+    GB_FN void walk_list(Group& g, Scratch<Group>& scratch, Lanes<Group>& lanes, int v,
+                         const typename Group::B& active, const Gathered& found, const float3& at, float z,
+                         float dz, std::size_t tile, typename Group::B& hit) const {
+        using F = typename Group::F;
+        using B = typename Group::B;
+        const ListSource<PerParticle, Group, Kernel> source{scratch, found.n, kernel};
+        const float typical = tree.header->typical_support, scale = 1.0f / typical;
+        const Vec3<F>& d = lanes.d[v];
+        Vec3<F> p0{F(0.0f), F(0.0f), F(0.0f)};
+        g.per_lane(active, [&](int lane) {  // in float64: the one place where large numbers meet
+            Group::put(p0.x, lane, float((double(Group::get(lanes.o[v].x, lane)) + double(z) * Group::get(d.x, lane) - at.x) * scale));
+            Group::put(p0.y, lane, float((double(Group::get(lanes.o[v].y, lane)) + double(z) * Group::get(d.y, lane) - at.y) * scale));
+            Group::put(p0.z, lane, float((double(Group::get(lanes.o[v].z, lane)) + double(z) * Group::get(d.z, lane) - at.z) * scale));
+        });
+        const float sharp = most(1.0f, found.sharpest);
+        Limits<F> lim{F(tau), F(0.35f / least(sharp, 10.0f)), F(1e-5f * (1.0f + tau) * sharp), F(1e-5f / sharp), F(1.0f)};
+        F t = most((lanes.t[v] - F(z)) * F(scale), F(0.0f));
+        if (g.any(lanes.fresh[v] & active)) {
+            const Along<F> s = source(p0 + d * t, d, lim);
+            lanes.sign[v] = select(lanes.fresh[v] & active & (s.f > F(tau)), F(-1.0f), lanes.sign[v]);
+            lanes.fresh[v] = lanes.fresh[v] & !active;
+        }
+        lim.sign = lanes.sign[v];
+        B doubtful = g.none();
+        march(source, p0, d, lim, F(dz * scale), active, t, hit, doubtful);
+        g.per_lane(doubtful, [&](int lane) {
+            const ExactListSource<PerParticle, Group> exact{scratch, found.n, particles, name};
+            double s = double(z) + double(Group::get(t, lane)) * typical;
+            if (!finish(exact, ray_point(lanes.o[v], lane, g), ray_point(d, lane, g), 0.35 * typical / sharp,
+                        Group::get(lanes.sign[v], lane), s, double(z) + dz))
+                return;
+            Group::put(hit, lane, true);
+            Group::put(t, lane, float((s - z) * scale));
+        });
+        if (!g.any(hit)) return;
+
+        // What the hit looks like: gradient and blended colour, from the same list.
+        const Vec3<F> p = p0 + d * t;
+        Vec3<F> grad{F(0.0f), F(0.0f), F(0.0f)}, rgb = grad;
+        F total(0.0f);
+        for (int j = 0; j < found.n; ++j) {
+            const Candidate q = scratch.list[j];
+            const Vec3<F> r{p.x - F(q.x), p.y - F(q.y), p.z - F(q.z)};
+            const float i2 = PerParticle ? scratch.shape[j].inverse_a2 : 1.0f;
+            const float c = PerParticle ? scratch.shape[j].weight : 1.0f;
+            F b, slope;
+            kernel(least(dot(r, r) * F(i2), F(1.0f)), b, slope);
+            grad = grad + r * (slope * F(c * i2));
+            if (color) {
+                const float* own = color + std::size_t(3) * particles.index[q.slot];
+                const F w = most(b * F(c), F(0.0f));
+                total += w;
+                rgb = rgb + Vec3<F>{w * F(own[0]), w * F(own[1]), w * F(own[2])};
+            }
+        }
+        const Vec3<F> n = normalize(grad);
+        g.per_lane(hit, [&](int lane) {
+            const std::size_t i = ray_index<Group>(tile, v * Group::width + lane);
+            out.t[i] = float(double(z) + double(Group::get(t, lane)) * typical);
+            write3(out.normal, i, {-Group::get(n.x, lane), -Group::get(n.y, lane), -Group::get(n.z, lane)});
+            const float w = color ? 1.0f / most(Group::get(total, lane), 1e-30f) : 0.0f;
+            write3(out.albedo, i, color ? float3{Group::get(rgb.x, lane) * w, Group::get(rgb.y, lane) * w,
+                                                 Group::get(rgb.z, lane) * w}
+                                        : one_color);
+        });
+    }
+
+    /// One ray after the other through the tree itself, all in float64.
+    template <class Group>
+    GB_FN void walk_tree(Group& g, Lanes<Group>& lanes, int v, const typename Group::B& active, float z, float dz,
+                         std::size_t tile, typename Group::B& hit) const {
+        using B = typename Group::B;
+        const TreeSource<Tree> source{tree, particles, name};
+        B fresh = lanes.fresh[v];
+        g.per_lane(active, [&](int lane) {
+            const Vec3<double> o = ray_point(lanes.o[v], lane, g), d = ray_point(lanes.d[v], lane, g);
+            double t = most(z, Group::get(lanes.t[v], lane));
+            if (Group::get(fresh, lane)) {
+                const bool inside = source(o + d * t, d, exact_limits(world_tau, 0, 1)).f > world_tau;
+                Group::put(lanes.sign[v], lane, inside ? -1.0f : 1.0f);
+                Group::put(lanes.fresh[v], lane, false);
+            }
+            if (!finish(source, o, d, 0.35 * tree.header->typical_support, Group::get(lanes.sign[v], lane), t, double(z) + dz)) return;
+            Group::put(hit, lane, true);
+            const std::size_t i = ray_index<Group>(tile, v * Group::width + lane);
+            out.t[i] = float(t);
+            look(i, {float(o.x + t * d.x), float(o.y + t * d.y), float(o.z + t * d.z)});
+        });
+    }
+    GB_FN void look(std::size_t i, const float3& p) const {
+        float gradient[3], rgb[3] = {one_color.x, one_color.y, one_color.z};
+        EvaluateField<Tree>{tree, particles, name, &p.x, nullptr, gradient}(0);
+        if (color) Blend<Tree>{tree, particles, name, &p.x, color, 3, rgb}(0);
+        const float3 n = normalize(float3{gradient[0], gradient[1], gradient[2]});
+        write3(out.normal, i, {-n.x, -n.y, -n.z});
+        write3(out.albedo, i, {rgb[0], rgb[1], rgb[2]});
+    }
+
+    GB_FN static void write3(float* to, std::size_t i, const float3& v) {
+        to[3 * i] = v.x;
+        to[3 * i + 1] = v.y;
+        to[3 * i + 2] = v.z;
+    }
+    template <class F, class Group>
+    GB_FN static Vec3<double> ray_point(const Vec3<F>& p, int lane, Group&) {
+        return {Group::get(p.x, lane), Group::get(p.y, lane), Group::get(p.z, lane)};
+    }
+};
+
+}  // namespace globule

@@ -1,0 +1,122 @@
+"""The camera: where rays come from."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A pinhole camera, or an orthographic one.
+
+    World frames are right-handed; image rows go from top to bottom, and the centre of pixel (0, 0)
+    is half a pixel inside the top left corner.
+
+    Args:
+        eye: (3,) world.
+        look_at: (3,) world, seen in the middle of the image.
+        up: (3,) direction that is upwards in the image.
+        fov: vertical field of view, degrees.
+        height: world units from the bottom to the top of the image; makes the camera
+            orthographic, and `fov` is then not used.
+    """
+
+    eye: Any
+    look_at: Any
+    up: Any = (0.0, 1.0, 0.0)
+    fov: float = 40.0
+    height: float | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("eye", "look_at", "up"):
+            value = np.asarray(getattr(self, name), dtype=np.float64)
+            if value.shape != (3,) or not np.isfinite(value).all():
+                raise ValueError(f"{name}: expected three finite numbers, got {getattr(self, name)!r}")
+            object.__setattr__(self, name, tuple(float(v) for v in value))
+        if not 0 < self.fov < 180:
+            raise ValueError(f"fov: expected degrees between 0 and 180, got {self.fov!r}")
+        if self.height is not None and not (self.height > 0 and math.isfinite(self.height)):
+            raise ValueError(f"height: expected a positive number, got {self.height!r}")
+        if np.linalg.norm(np.subtract(self.look_at, self.eye)) == 0:
+            raise ValueError(f"look_at: expected a point other than eye, got {self.look_at!r}")
+
+    @classmethod
+    def fit(
+        cls,
+        particles: Any,
+        direction: Any = (0.6, 0.45, 1.0),
+        up: Any = (0.0, 1.0, 0.0),
+        fov: float = 40.0,
+        size: tuple[int, int] = (1024, 782),
+        margin: float = 0.0,
+        orthographic: bool = False,
+    ) -> Camera:
+        """A camera that sees all particles, from `direction` as seen from their middle.
+
+        Args:
+            particles: `Particles`, `Scene`, or (N, 3) positions.
+            size: (width, height) of the image, for its aspect.
+            margin: world units added around the particles, e.g. their support.
+        """
+        lo, hi = _bounds(particles)
+        middle, corners = (lo + hi) / 2, np.array(np.meshgrid(*zip(lo - margin, hi + margin, strict=True)))
+        offsets = corners.reshape(3, -1).T - middle
+        back = np.asarray(direction, dtype=np.float64)
+        back = back / np.linalg.norm(back)
+        right, true_up = _axes(-back, np.asarray(up, dtype=np.float64))
+        x, y, z = offsets @ right, offsets @ true_up, offsets @ back
+        aspect = size[0] / size[1]
+        reach = max(float(np.abs(offsets).max()), 1e-12)
+        if orthographic:
+            height = 2.1 * max(float(np.abs(y).max()), float(np.abs(x).max()) / aspect, 1e-3 * reach)
+            return cls(tuple(middle + back * 3 * reach), tuple(middle), up, fov, height)
+        slope = math.tan(math.radians(fov) / 2) / 1.05
+        distance = float(np.max(np.maximum(np.abs(y) / slope, np.abs(x) / (slope * aspect)) + z))
+        return cls(tuple(middle + back * max(distance, 1.05 * reach)), tuple(middle), up, fov)
+
+    def frame(self, size: tuple[int, int]) -> np.ndarray:
+        """Rows eye, forward, right, up, float64 (4, 3); right and up span half the image at
+        distance 1 (orthographic: half the image)."""
+        eye = np.asarray(self.eye)
+        forward = np.asarray(self.look_at) - eye
+        forward = forward / np.linalg.norm(forward)
+        right, up = _axes(forward, np.asarray(self.up))
+        half = math.tan(math.radians(self.fov) / 2) if self.height is None else self.height / 2
+        return np.stack([eye, forward, right * half * size[0] / size[1], up * half])
+
+    def rays(self, size: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
+        """Origins and unit directions of all pixels' rays, (H, W, 3) float32."""
+        eye, forward, right, up = self.frame(size)
+        x = (np.arange(size[0]) + 0.5) * 2 / size[0] - 1
+        y = 1 - (np.arange(size[1]) + 0.5) * 2 / size[1]
+        across = x[None, :, None] * right + y[:, None, None] * up
+        if self.height is not None:
+            directions = np.broadcast_to(forward, across.shape)
+            return (eye + across).astype(np.float32), directions.astype(np.float32)
+        directions = forward + across
+        directions = directions / np.linalg.norm(directions, axis=-1, keepdims=True)
+        return np.broadcast_to(eye, across.shape).astype(np.float32), directions.astype(np.float32)
+
+
+def _axes(forward: np.ndarray, up: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Unit right and up vectors of an image seen along `forward`; an `up` along it is replaced."""
+    right = np.cross(forward, up)
+    if np.linalg.norm(right) <= 1e-9 * max(np.linalg.norm(up), 1e-300):
+        right = np.cross(forward, np.eye(3)[int(np.argmin(np.abs(forward)))])
+    right = right / np.linalg.norm(right)
+    return right, np.cross(right, forward)
+
+
+def _bounds(particles: Any) -> tuple[np.ndarray, np.ndarray]:
+    from .particles import Particles
+
+    owner = getattr(particles, "particles", particles)
+    owner = owner if isinstance(owner, Particles) else Particles(owner)
+    lo, hi = (np.asarray(v, dtype=np.float64) for v in owner.bounds())
+    if not (np.isfinite(lo).all() and np.isfinite(hi).all()):
+        return np.zeros(3), np.zeros(3)
+    return lo, hi

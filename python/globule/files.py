@@ -1,0 +1,40 @@
+"""Output files that appear whole or not at all."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import IO, Any
+
+
+@contextmanager
+def atomic_write(path: str | os.PathLike, mode: str = "wb") -> Iterator[IO[Any]]:
+    """Open `path` for writing so that readers see the old file or the complete new one.
+
+    Writes go to a temporary file in the same folder, which replaces `path` when the block ends.
+    If the block raises (KeyboardInterrupt included), the temporary file is removed and `path` is
+    untouched. Mode is "wb" or "w" (UTF-8, newlines as given).
+    """
+    text = {} if "b" in mode else {"encoding": "utf-8", "newline": "\n"}
+    target = os.path.realpath(path)  # a link keeps pointing at the file it names
+    if os.path.exists(target) and not os.path.isfile(target):
+        # A device or pipe (/dev/stdout) must not be replaced; a folder fails here by itself.
+        with open(target, mode, **text) as file:
+            yield file
+        return
+    folder, name = os.path.split(target)
+    temporary = os.path.join(folder, f".{name[:100]}.{os.urandom(6).hex()}.tmp")
+    try:
+        # "x" rather than tempfile: the file gets the user's usual permissions.
+        file = open(temporary, mode.replace("w", "x"), **text)  # noqa: SIM115
+    except OSError as error:
+        error.filename = os.fspath(path)  # the user never chose the temporary name
+        raise
+    try:
+        with file:
+            yield file
+        os.replace(temporary, target)
+    except BaseException:
+        os.unlink(temporary)
+        raise

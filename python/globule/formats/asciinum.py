@@ -1,0 +1,104 @@
+"""Numbers in text, parsed and written in bulk."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+
+from .errors import FormatError, bad, shown
+
+_CHUNK = 1 << 22
+
+
+def parse_numbers(text: bytes, dtype: np.dtype) -> np.ndarray:
+    """All blank-separated numbers of `text`. Raises ValueError if one of them is not a number."""
+    text = text.strip()
+    if not text:
+        return np.empty(0, dtype)
+    wide = dtype if dtype.kind == "f" or dtype.itemsize == 8 else np.dtype(np.int64)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")  # NumPy before 2.3 only warns of what is not a number
+        try:
+            values = np.fromstring(text, dtype=wide, sep=" ")
+        except DeprecationWarning as error:
+            raise ValueError(str(error)) from None
+    return values.astype(dtype, copy=False)
+
+
+def end_of_tokens(data: bytes, start: int, n: int) -> int:
+    """The position behind the n-th blank-separated token from `start`; -1 if there are fewer."""
+    if n == 0:
+        return start
+    for begin in range(start, len(data), _CHUNK):
+        # One byte more than the chunk: a token ends where a blank or the file's end follows it.
+        piece = np.frombuffer(data, np.uint8, min(_CHUNK + 1, len(data) - begin), begin)
+        solid = np.append(piece > 32, False) if begin + len(piece) == len(data) else piece > 32
+        ends = np.flatnonzero(solid[:-1] & ~solid[1:])
+        if len(ends) >= n:
+            return begin + int(ends[n - 1]) + 1
+        n -= len(ends)
+    return -1
+
+
+def parse_rows(
+    path: Any, lines: Sequence[str], first_line: int, n_columns: int, **options: Any
+) -> np.ndarray:
+    """Rows of numbers (n, n_columns) float64. `first_line` is the number of lines[0] in the file.
+
+    `options` are those of numpy.loadtxt. Raises FormatError with the line and column at fault.
+    """
+    if not any(line.strip() for line in lines):
+        return np.empty((0, n_columns))
+    separator = options.get("delimiter")
+    options.setdefault("comments", None)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # "no data" shows in the number of rows
+            rows = np.loadtxt(lines, dtype=np.float64, ndmin=2, **options)
+        if rows.shape[1] == n_columns or rows.size == 0:
+            return rows.reshape(-1, n_columns)
+        problem = f"expected {n_columns} numbers a line, got {rows.shape[1]}"
+    except ValueError as error:
+        problem = str(error).splitlines()[0]
+    n_words = None if "usecols" in options else n_columns
+    raise _find_fault(path, lines, first_line, n_words, separator) or bad(path, "", problem)
+
+
+def _find_fault(
+    path: Any, lines: Sequence[str], first_line: int, n_columns: int | None, separator: str | None
+) -> FormatError | None:
+    """The first line that does not hold numbers; only walked when the fast way failed."""
+    for number, line in enumerate(lines, first_line):
+        words = line.split(separator) if line.strip() else []
+        if words and words[0].startswith("#") and separator is None:
+            continue
+        if words and n_columns is not None and len(words) != n_columns:
+            return bad(path, f"line {number}", f"expected {n_columns} numbers, got {len(words)}")
+        for column, word in enumerate(words, 1):
+            try:
+                float(word)
+            except ValueError:
+                where = f"line {number}, column {column}"
+                return bad(path, where, f"expected a number, got {shown(word)}")
+    return None
+
+
+def format_rows(columns: Sequence[np.ndarray], separator: str) -> Iterator[bytes]:
+    """Lines of text with one number of each column, in the shortest digits that read back."""
+    step = 100_000  # rows at a time bound the memory
+    for begin in range(0, len(columns[0]), step):
+        words = []
+        for column in columns:
+            part = column[begin : begin + step]
+            words.append((part.astype("i1") if part.dtype == bool else part).astype("U").tolist())
+        lines = map(separator.join, zip(*words, strict=True))
+        yield ("\n".join(lines) + "\n").encode()
+
+
+def text_lines(data: bytes) -> list[str]:
+    """A text file's lines, whatever the line ends."""
+    data = data.removeprefix(b"\xef\xbb\xbf").replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+    return data.decode("utf-8", errors="replace").split("\n")

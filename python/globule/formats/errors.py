@@ -1,0 +1,21 @@
+"""The error of every reader."""
+
+from __future__ import annotations
+
+from typing import Any
+
+
+class FormatError(ValueError):
+    """A file cannot be read: one line naming the file, the place, what was expected and got."""
+
+
+def bad(path: Any, where: str, problem: str) -> FormatError:
+    """A FormatError `path: where: problem`; `where` may be empty."""
+    return FormatError(": ".join(part for part in (str(path), where, problem) if part))
+
+
+def shown(text: str | bytes) -> str:
+    """A piece of a file, safe and short enough for an error message."""
+    if isinstance(text, bytes):
+        text = text.decode("latin-1")
+    return repr(text if len(text) <= 40 else text[:37] + "...")

@@ -1,0 +1,189 @@
+"""Which array of a file is which field of Particles, and back.
+
+Reading: an array named like a field (support, weight, color, reflection, refraction, rigidity)
+is that field. Where there is none of that name,
+
+    rgb, Cd, colors, rgba                       are taken as color (integers are divided by 255),
+    smoothing_length, h                         give support = 2 h, SPH's usual kernel radius,
+    radius, pscale                              give support = 4 radius: a particle's radius is
+                                                half the spacing, the support two spacings.
+
+The array that a support came from stays an attribute; a fourth colour component becomes the
+attribute `alpha`. All else is an attribute under its own name. An array that is named like a
+field but does not have its shape or range becomes the attribute `<name>_attribute`.
+
+Formats made of columns (.ply, .xyz, .csv) hold an attribute with k components as the columns
+`name:0` ... `name:k-1` and know vx vy vz (velocity), nx ny nz (normal), red green blue (color).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from ..particles import FIELDS, SCALAR_FIELDS, Particles, to_host
+from .errors import bad
+
+_POSITION_NAMES = ("positions", "position", "pos", "points", "p", "coordinates", "x")
+_COLOR_NAMES = ("color", "rgb", "cd", "colors", "rgba")
+_SUPPORT_NAMES = {"smoothing_length": 2, "h": 2, "radius": 4, "pscale": 4}
+_VECTORS = {
+    ("x", "y", "z"): "positions",
+    ("vx", "vy", "vz"): "velocity",
+    ("nx", "ny", "nz"): "normal",
+    ("red", "green", "blue"): "color",
+    ("r", "g", "b"): "color",
+}
+_COMPONENTS = {
+    "velocity": ("vx", "vy", "vz"),
+    "normal": ("nx", "ny", "nz"),
+    "color": ("red", "green", "blue"),
+}
+
+
+def particles_from(path: Any, positions: Any, arrays: Mapping[str, np.ndarray]) -> Particles:
+    """Particles from a file's positions (N, 3) and its other arrays (N,), (N, k), () or (3,)."""
+    positions = np.asarray(positions)
+    n = len(positions)
+    fields: dict[str, Any] = {}
+    attributes: dict[str, np.ndarray] = {}
+    for name, array in arrays.items():
+        if name == "color":
+            value = _as_color(array, n)
+        elif name in SCALAR_FIELDS:
+            value = _as_scalar(array, n)
+        else:
+            value = None
+        if value is not None:
+            fields[name] = value
+        else:
+            attributes[f"{name}_attribute" if name in FIELDS else name] = array
+    if "color" not in fields:
+        _take_color(fields, attributes, n)
+    if "support" not in fields:
+        _derive_support(fields, attributes, n)
+    attributes = {
+        name: array
+        for name, array in attributes.items()
+        if name and array.dtype.kind in "biuf" and array.ndim in (1, 2) and len(array) == n
+    }
+    try:
+        return Particles(positions, attributes=attributes, **fields)
+    except (TypeError, ValueError) as error:
+        raise bad(path, "", str(error)) from None
+
+
+def per_particle(particles: Particles) -> dict[str, np.ndarray]:
+    """All fields but the positions, and the attributes, as host arrays (N,) or (N, k)."""
+    n = len(particles)
+    arrays = {}
+    for name in (*SCALAR_FIELDS, "color"):
+        value = getattr(particles, name)
+        if value is not None:
+            value = np.asarray(to_host(value), dtype=np.float32)
+            shape = (n, 3) if name == "color" else (n,)
+            arrays[name] = np.ascontiguousarray(np.broadcast_to(value, shape))
+    arrays.update({name: to_host(array) for name, array in particles.attributes.items()})
+    return arrays
+
+
+def find_positions(arrays: dict[str, np.ndarray]) -> np.ndarray | None:
+    """Take the array of positions (N, 3) out of `arrays`; None if there is none."""
+    by_lower_name = {name.lower(): name for name in reversed(list(arrays))}
+    for lower_name in _POSITION_NAMES:
+        name = by_lower_name.get(lower_name)
+        if name is not None and arrays[name].ndim == 2 and arrays[name].shape[1] == 3:
+            return arrays.pop(name)
+    return None
+
+
+def join_columns(columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Columns (N,) gathered to arrays: x y z -> positions, v:0 v:1 -> v (N, 2), and so on."""
+    columns = dict(columns)
+    arrays: dict[str, np.ndarray] = {}
+    by_lower_name = {name.lower(): name for name in reversed(list(columns))}
+    for components, vector in _VECTORS.items():
+        names = [by_lower_name.get(component) for component in components]
+        if None in names or vector in columns or vector in arrays:
+            continue
+        arrays[vector] = np.stack([columns.pop(name) for name in names], axis=1)
+    for name in list(columns):
+        stem, colon, index = name.rpartition(":")
+        if name not in columns:
+            continue  # went into an earlier vector
+        if not (colon and stem and index == "0") or stem in columns or stem in arrays:
+            arrays[name] = columns[name]
+            continue
+        parts = []
+        while f"{stem}:{len(parts)}" in columns:
+            parts.append(columns.pop(f"{stem}:{len(parts)}"))
+        arrays[stem] = np.stack(parts, axis=1)
+    return arrays
+
+
+def split_columns(particles: Particles) -> dict[str, np.ndarray]:
+    """The reverse of join_columns, for all that `particles` hold; x y z come first.
+
+    Raises ValueError if an attribute's column name is taken.
+    """
+    positions = to_host(particles.positions)
+    columns = {"x": positions[:, 0], "y": positions[:, 1], "z": positions[:, 2]}
+    for name, array in per_particle(particles).items():
+        if array.ndim == 1:
+            names, parts = [name], [array]
+        else:
+            parts = list(array.T)
+            names = [f"{name}:{i}" for i in range(len(parts))]
+            if name in _COMPONENTS and len(parts) == 3:
+                names = list(_COMPONENTS[name])
+        for column_name, part in zip(names, parts, strict=True):
+            if column_name in columns:
+                raise ValueError(
+                    f"attributes[{name!r}]: expected a name of its own, got column {column_name!r}"
+                )
+            columns[column_name] = part
+    return columns
+
+
+def _as_scalar(array: np.ndarray, n: int) -> np.ndarray | None:
+    if array.dtype.kind not in "biuf":
+        return None
+    if array.shape == (n, 1):
+        return array.reshape(n)
+    return array if array.shape in ((), (n,)) else None
+
+
+def _as_color(array: np.ndarray, n: int) -> np.ndarray | None:
+    """float32 colours in [0, 1], (3,) or (N, 3), or None if the array holds no colours."""
+    if array.shape not in ((3,), (n, 3)) or array.dtype.kind not in "uif":
+        return None
+    if array.dtype.kind == "f":
+        good = bool(((array >= 0) & (array <= 1)).all())
+        return array.astype(np.float32) if good else None
+    most = 65535 if array.dtype == np.uint16 else 255
+    if array.size and (array.min() < 0 or array.max() > most):
+        return None
+    return array.astype(np.float32) / np.float32(most)
+
+
+def _take_color(fields: dict[str, Any], attributes: dict[str, np.ndarray], n: int) -> None:
+    for name in [name for name in attributes if name.lower() in _COLOR_NAMES]:
+        array = attributes[name]
+        color = _as_color(array[..., :3] if array.ndim == 2 else array, n)
+        if color is None or array.shape[-1] > 4:
+            continue
+        fields["color"] = color
+        del attributes[name]
+        if array.shape == (n, 4):
+            attributes.setdefault("alpha", array[:, 3])
+        return
+
+
+def _derive_support(fields: dict[str, Any], attributes: dict[str, np.ndarray], n: int) -> None:
+    for name, factor in _SUPPORT_NAMES.items():
+        value = _as_scalar(attributes[name], n) if name in attributes else None
+        if value is not None and bool((np.isfinite(value) & (value >= 0)).all()):
+            fields["support"] = factor * value.astype(np.float32)
+            return

@@ -1,0 +1,138 @@
+"""NumPy files: .npz with arrays named like the fields of Particles, .npy with positions only.
+
+Pickled objects are never loaded.
+"""
+
+from __future__ import annotations
+
+import os
+from typing import IO, Any
+
+import numpy as np
+
+from ..files import atomic_write
+from ..particles import SCALAR_FIELDS, Particles, to_host
+from .errors import bad, shown
+from .fields import find_positions, particles_from
+
+_MOST_DEFLATE_CAN_EXPAND = 1032  # times
+
+
+def read(path: str | os.PathLike) -> Particles:
+    """Read .npz: positions (N, 3), fields per particle or as scalars, attributes (N, ...).
+
+    Arrays of the file that do not belong to N particles are left out. Of .npy, (N, 3) or wider,
+    the first three columns are the positions and the others attributes `column4` and so on.
+    """
+    with open(path, "rb") as file:
+        size = os.fstat(file.fileno()).st_size
+        if not _is_npz(path):
+            return _from_columns(path, _array(path, "array", file, size))
+        arrays = _archive(path, file)
+    positions = find_positions(arrays)
+    if positions is None:
+        found = shown(", ".join(arrays))
+        raise bad(path, "archive", f"expected an array positions (N, 3), got {found}")
+    n = len(positions)
+    for name, array in arrays.items():
+        if array.ndim > 2 and len(array) == n and array.size:
+            arrays[name] = array.reshape(n, -1)
+    return particles_from(path, positions, arrays)
+
+
+def write(path: str | os.PathLike, particles: Particles) -> None:
+    """Write .npz with everything, or .npy with the positions alone."""
+    import zipfile
+
+    positions = to_host(particles.positions)
+    with atomic_write(path) as file:
+        if not _is_npz(path):
+            np.lib.format.write_array(file, positions, allow_pickle=False)
+            return
+        arrays = {"positions": positions}
+        for name in (*SCALAR_FIELDS, "color"):
+            value = getattr(particles, name)
+            if value is not None:
+                arrays[name] = np.asarray(value) if isinstance(value, float) else to_host(value)
+        arrays.update({name: to_host(array) for name, array in particles.attributes.items()})
+        # Not numpy.savez: it cannot hold an array named "file".
+        with zipfile.ZipFile(file, "w", zipfile.ZIP_STORED) as archive:
+            for name, array in arrays.items():
+                with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
+                    np.lib.format.write_array(member, array, allow_pickle=False)
+
+
+def _is_npz(path: str | os.PathLike) -> bool:
+    return os.fspath(path).lower().endswith(".npz")
+
+
+def _archive(path: Any, file: IO[bytes]) -> dict[str, np.ndarray]:
+    """The numeric arrays of an .npz."""
+    import zipfile
+    import zlib
+
+    arrays = {}
+    name = "archive"
+    try:
+        with zipfile.ZipFile(file) as archive:
+            for info in archive.infolist():
+                if not info.filename.endswith(".npy"):
+                    continue
+                name = info.filename.removesuffix(".npy")
+                if info.file_size > _MOST_DEFLATE_CAN_EXPAND * info.compress_size + 1024:
+                    problem = f"expected at most {info.compress_size} bytes packed 1032 times"
+                    raise bad(path, name, f"{problem}, got {info.file_size}")
+                with archive.open(info) as member:
+                    arrays[name] = _array(path, name, member, info.file_size)
+                    member.read()  # to the end, where the checksum is
+    except (
+        zipfile.BadZipFile,
+        zlib.error,
+        EOFError,
+        NotImplementedError,  # an unknown compression method
+        RuntimeError,  # encrypted
+        OSError,  # seeks to nonsense offsets
+        OverflowError,
+        UnicodeError,
+    ) as error:
+        raise bad(path, name, f"expected an .npz archive, got {error}") from None
+    return arrays
+
+
+def _array(path: Any, name: str, file: IO[bytes], file_size: int) -> np.ndarray:
+    """One .npy stream of `file_size` bytes, checked before memory is taken."""
+    try:
+        version = np.lib.format.read_magic(file)
+        if version == (1, 0):
+            shape, fortran, dtype = np.lib.format.read_array_header_1_0(file)
+        elif version == (2, 0):
+            shape, fortran, dtype = np.lib.format.read_array_header_2_0(file)
+        else:
+            raise ValueError(f"version {version}")
+        header_size = file.tell()
+    except Exception as error:  # the header is parsed as Python text, which fails in many ways
+        text = " ".join(str(error).split())
+        raise bad(path, name, f"expected an .npy header, got {text[:100]}") from None
+    if dtype.hasobject or dtype.fields is not None:
+        raise bad(path, name, f"expected plain numbers, got dtype {shown(str(dtype))}")
+    count = 1
+    for length in shape:
+        count *= int(length)
+    size = count * dtype.itemsize
+    if min(shape, default=0) < 0 or size > file_size - header_size:
+        problem = f"expected {dtype} {shape} in {file_size - header_size} bytes"
+        raise bad(path, name, f"{problem}, got a header that announces {size}")
+    raw = file.read(size)
+    if len(raw) < size:
+        raise bad(path, name, f"expected {size} bytes, got {len(raw)}")
+    array = np.frombuffer(raw, dtype, count) if size else np.empty(count, dtype)
+    array = array.reshape(shape, order="F" if fortran else "C")
+    return np.array(array, dtype.newbyteorder("="), order="C")
+
+
+def _from_columns(path: Any, array: np.ndarray) -> Particles:
+    if array.ndim != 2 or array.shape[1] < 3 or array.dtype.kind not in "biuf":
+        got = f"{array.dtype} {array.shape}"
+        raise bad(path, "array", f"expected numbers of shape (N, 3) or wider, got {got}")
+    columns = {f"column{i + 1}": array[:, i] for i in range(3, array.shape[1])}
+    return particles_from(path, array[:, :3], columns)

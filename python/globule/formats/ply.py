@@ -1,0 +1,257 @@
+"""Stanford PLY files (.ply): the properties of the element `vertex`, ASCII and binary.
+
+Other elements are passed over, and so are list properties.
+"""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..files import atomic_write
+from ..particles import Particles
+from .asciinum import end_of_tokens, parse_numbers
+from .errors import FormatError, bad, shown
+from .fields import find_positions, join_columns, particles_from, split_columns
+
+_TYPES = {
+    "char": "i1",
+    "uchar": "u1",
+    "short": "i2",
+    "ushort": "u2",
+    "int": "i4",
+    "uint": "u4",
+    "float": "f4",
+    "double": "f8",
+    "int8": "i1",
+    "uint8": "u1",
+    "int16": "i2",
+    "uint16": "u2",
+    "int32": "i4",
+    "uint32": "u4",
+    "float32": "f4",
+    "float64": "f8",
+}
+_WRITTEN = {
+    "b1": "uchar",
+    "i1": "char",
+    "u1": "uchar",
+    "i2": "short",
+    "u2": "ushort",
+    "i4": "int",
+    "u4": "uint",
+    "f4": "float",
+    "f8": "double",
+}
+_ORDERS = {b"ascii": "", b"binary_little_endian": "<", b"binary_big_endian": ">"}
+_LONGEST_HEADER = 1 << 20
+
+
+@dataclass
+class _Element:
+    name: str
+    count: int
+    properties: list[tuple[str, str, str]] = field(default_factory=list)  # name, type, length type
+
+    @property
+    def has_lists(self) -> bool:
+        return any(length for _, _, length in self.properties)
+
+
+def read(path: str | os.PathLike) -> Particles:
+    """Read the vertices with all their scalar properties."""
+    data = Path(path).read_bytes()
+    elements, order, position = _header(path, data)
+    for element in elements:
+        if element.name == "vertex":
+            break
+        _, position = _columns(path, data, position, element, order)
+    else:
+        raise bad(path, "header", "expected an element vertex, got none")
+    columns, position = _columns(path, data, position, element, order)
+    if element is elements[-1] and data[position:].strip() != b"":
+        raise bad(path, f"byte {position}", "expected the end of the file, got more data")
+    arrays = join_columns(columns)
+    positions = find_positions(arrays)
+    if positions is None:
+        raise bad(path, "header", "expected the properties x, y and z of vertex")
+    return particles_from(path, positions, arrays)
+
+
+def write(path: str | os.PathLike, particles: Particles) -> None:
+    """Write binary little-endian vertices.
+
+    Colours are written as uchar where that loses nothing, else as float. PLY has no 64-bit
+    integers: they become 32-bit ones, ValueError is raised for values that do not fit.
+    """
+    columns = {name: _storable(name, array) for name, array in split_columns(particles).items()}
+    colors = [name for name in ("red", "green", "blue") if name in columns]
+    as_bytes = [np.rint(np.nan_to_num(columns[name]) * 255).astype(np.uint8) for name in colors]
+    if all(
+        (whole.astype(np.float32) / np.float32(255) == columns[name]).all()
+        for name, whole in zip(colors, as_bytes, strict=True)
+    ):
+        columns.update(zip(colors, as_bytes, strict=True))
+    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(particles)}"]
+    for name, array in columns.items():
+        if name.split() != [name]:
+            raise ValueError(f"attributes[{name!r}]: expected a name without blanks for .ply")
+        header.append(f"property {_WRITTEN[array.dtype.str[1:]]} {name}")
+    names = [f"f{i}" for i in range(len(columns))]
+    formats = [array.dtype.newbyteorder("<") for array in columns.values()]
+    rows = np.empty(len(particles), np.dtype(list(zip(names, formats, strict=True))))
+    for name, array in zip(names, columns.values(), strict=True):
+        rows[name] = array
+    with atomic_write(path) as file:
+        file.write("\n".join([*header, "end_header\n"]).encode())
+        file.write(rows.tobytes())
+
+
+def _storable(name: str, array: np.ndarray) -> np.ndarray:
+    """The array in a type that PLY has."""
+    if array.dtype.kind == "f" and array.itemsize not in (4, 8):
+        return array.astype(np.float32 if array.itemsize == 2 else np.float64)
+    if array.dtype.kind not in "iu" or array.itemsize < 8:
+        return array
+    low, high = (int(array.min()), int(array.max())) if array.size else (0, 0)
+    for dtype in (np.int32, np.uint32):
+        if np.iinfo(dtype).min <= low and high <= np.iinfo(dtype).max:
+            return array.astype(dtype)
+    got = f"{low} to {high}"
+    raise ValueError(f"attributes[{name!r}]: expected 32-bit integers for .ply, got {got}")
+
+
+def _header(path: Any, data: bytes) -> tuple[list[_Element], str, int]:
+    """Elements, byte order ("" for ASCII), and where the data begin."""
+    if data[:3] != b"ply" or data[3:4] not in (b"\n", b"\r"):
+        raise bad(path, "line 1", f"expected 'ply', got {shown(data[:20])}")
+    elements: list[_Element] = []
+    order: str | None = None
+    newline = b"\r\n" if data[3:5] == b"\r\n" else data[3:4]
+    position, number = 3 + len(newline), 1
+    while True:
+        number += 1
+        where = f"line {number}"
+        end = data.find(newline, position, _LONGEST_HEADER)
+        if end < 0:
+            raise bad(path, where, "expected end_header, got the end of the header")
+        words = data[position:end].split()
+        position = end + len(newline)
+        match words:
+            case [] | [b"comment" | b"obj_info", *_]:
+                pass
+            case [b"end_header"]:
+                break
+            case [b"format", kind, _] if kind in _ORDERS:
+                order = _ORDERS[kind]
+            case [b"element", name, count] if count.isdigit() and len(count) <= 18:
+                elements.append(_Element(name.decode("latin-1"), int(count)))
+            case [b"property", b"list", length, kind, name] if elements:
+                types = (_type(path, where, kind), _type(path, where, length))
+                elements[-1].properties.append((_name(name), *types))
+            case [b"property", kind, name] if elements:
+                elements[-1].properties.append((_name(name), _type(path, where, kind), ""))
+            case _:
+                got = shown(b" ".join(words))
+                raise bad(path, where, f"expected a line of a PLY header, got {got}")
+    if order is None:
+        raise bad(path, "header", "expected a format line, got none")
+    return elements, order, position
+
+
+def _name(word: bytes) -> str:
+    return word.decode("utf-8", errors="replace")
+
+
+def _type(path: Any, where: str, word: bytes) -> str:
+    code = _TYPES.get(word.decode("latin-1"))
+    if code is None:
+        raise bad(path, where, f"expected a PLY type, got {shown(word)}")
+    return code
+
+
+def _columns(
+    path: Any, data: bytes, position: int, element: _Element, order: str
+) -> tuple[dict[str, np.ndarray], int]:
+    """The element's scalar properties and the position behind it."""
+    n, properties = element.count, element.properties
+    names = [name for name, _, _ in properties]
+    if len(set(names)) < len(names) or (n and not names):
+        raise bad(path, f"element {element.name}", "expected properties of different names")
+
+    def short(got: int) -> FormatError:
+        return bad(path, f"element {element.name}", f"expected {n} rows of data, got {got}")
+
+    if not order and not element.has_lists:
+        total = n * len(properties)
+        end = end_of_tokens(data, position, total) if 2 * total <= len(data) - position + 1 else -1
+        if end < 0:
+            raise short(len(data[position:].split()) // len(properties))
+        try:
+            numbers = parse_numbers(data[position:end], np.dtype(np.float64))
+            rows = numbers.reshape(n, len(names))
+        except ValueError:
+            problem = "expected numbers, got other text"
+            raise bad(path, f"element {element.name}", problem) from None
+        dtypes = [np.dtype(kind) for _, kind, _ in properties]
+        columns = [_cast(rows[:, i], dtype) for i, dtype in enumerate(dtypes)]
+        return dict(zip(names, columns, strict=True)), end
+    if order and not element.has_lists:
+        row = np.dtype([(f"f{i}", order + kind) for i, (_, kind, _) in enumerate(properties)])
+        if n * row.itemsize > len(data) - position:
+            raise short((len(data) - position) // row.itemsize)
+        rows = np.frombuffer(data, row, n, position)
+        columns = [rows[f"f{i}"].astype(kind) for i, (_, kind, _) in enumerate(properties)]
+        return dict(zip(names, columns, strict=True)), position + n * row.itemsize
+    return _columns_with_lists(path, data, position, element, order)
+
+
+def _cast(values: np.ndarray, dtype: np.dtype) -> np.ndarray:
+    with np.errstate(all="ignore"):
+        return values.astype(dtype)
+
+
+def _columns_with_lists(
+    path: Any, data: bytes, position: int, element: _Element, order: str
+) -> tuple[dict[str, np.ndarray], int]:
+    """Row by row, since lists make rows of different lengths; rare before or in vertices."""
+    scalars = {name: kind for name, kind, length in element.properties if not length}
+    kept: dict[str, list[float]] = {name: [] for name in scalars}
+    for row in range(element.count):
+        try:
+            if not order:
+                end = data.find(b"\n", position)
+                words = data[position : end if end >= 0 else len(data)].split()
+                position = end + 1 if end >= 0 else len(data)
+                at = 0
+            for name, kind, length in element.properties:
+                if not order:
+                    at += 1 + (int(words[at]) if length else 0)
+                    if not length:
+                        kept[name].append(float(words[at - 1]))
+                    continue
+                size = 1
+                if length:
+                    (size,) = np.frombuffer(data, order + length, 1, position).tolist()
+                    position += np.dtype(length).itemsize
+                if not 0 <= size <= len(data):
+                    raise ValueError
+                values = np.frombuffer(data, order + kind, int(size), position)
+                position += values.nbytes
+                if not length:
+                    kept[name].append(values[0].item())
+            if not order and at != len(words):
+                raise ValueError
+        except (ValueError, IndexError):
+            where = f"element {element.name}, row {row}"
+            problem = "expected the properties that the header lists, got other data"
+            raise bad(path, where, problem) from None
+    columns = {
+        name: _cast(np.array(values, np.float64), np.dtype(scalars[name]))
+        for name, values in kept.items()
+    }
+    return columns, position

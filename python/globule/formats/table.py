@@ -1,0 +1,162 @@
+"""Tables of numbers: .xyz (blank-separated) and .csv (comma-separated).
+
+.xyz  columns x y z [more]; a comment `# x y z name...` as the first line names them. A count and
+      a title before the rows, and an element symbol before each row (XMol), are passed over.
+.csv  the first line may name the columns; columns that are not numbers are left out.
+
+Columns without a name become attributes `column4`, `column5` and so on.
+"""
+
+from __future__ import annotations
+
+import csv
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..files import atomic_write
+from ..particles import Particles
+from .asciinum import format_rows, parse_rows, text_lines
+from .errors import bad, shown
+from .fields import find_positions, join_columns, particles_from, split_columns
+
+
+def read(path: str | os.PathLike) -> Particles:
+    """Read a table. Columns of whole numbers without a point become int64, others float64."""
+    lines = text_lines(Path(path).read_bytes())
+    return _read_csv(path, lines) if _is_csv(path) else _read_xyz(path, lines)
+
+
+def write(path: str | os.PathLike, particles: Particles) -> None:
+    """Write a table with one named column per number."""
+    columns = split_columns(particles)
+    separator = "," if _is_csv(path) else " "
+    for name in columns:
+        if not _is_csv(path) and (name.split() != [name] or name.startswith("#")):
+            raise ValueError(f"attributes[{name!r}]: expected a name without blanks for {path}")
+    with atomic_write(path) as file:
+        if _is_csv(path):
+            file.write(",".join(map(_quoted, columns)).encode() + b"\n")
+        else:
+            file.write(f"# {' '.join(columns)}\n".encode())
+        file.writelines(format_rows(list(columns.values()), separator))
+
+
+def _is_csv(path: str | os.PathLike) -> bool:
+    return os.fspath(path).lower().endswith(".csv")
+
+
+def _quoted(name: str) -> str:
+    if any(mark in name for mark in '",\r\n') or name != name.strip():
+        return '"' + " ".join(name.splitlines()).replace('"', '""') + '"'
+    return name
+
+
+def _read_csv(path: Any, lines: list[str]) -> Particles:
+    start = next((i for i, line in enumerate(lines) if line.strip()), None)
+    if start is None:
+        raise bad(path, "line 1", "expected column names or numbers, got an empty file")
+    names = _csv_words(path, lines, start)
+    if all(map(_is_number, names)):
+        names = _default_names(len(names))
+    else:
+        start += 1
+    first = next((i for i in range(start, len(lines)) if lines[i].strip()), None)
+    words = ["0"] * len(names) if first is None else _csv_words(path, lines, first)
+    if len(words) != len(names):
+        raise bad(path, f"line {start + 1}", f"expected {len(names)} columns, got {len(words)}")
+    return _assemble(path, names, words, lines[start:], start + 1, ",")
+
+
+def _csv_words(path: Any, lines: list[str], i: int) -> list[str]:
+    try:
+        return [word.strip() for word in next(csv.reader([lines[i]]))]
+    except csv.Error as error:
+        raise bad(path, f"line {i + 1}", f"expected comma-separated values, got {error}") from None
+
+
+def _read_xyz(path: Any, lines: list[str]) -> Particles:
+    start, count, names = 0, None, None
+    head = lines[0].split()
+    if len(head) == 1 and head[0].isascii() and head[0].isdigit() and len(head[0]) < 16:
+        count, start = int(head[0]), 2  # XMol: a count, a title
+    elif head and head[0].startswith("#"):
+        names = lines[0].replace("#", " ", 1).split()
+    first = next(
+        (line for line in lines[start:] if line.strip() and not line.strip().startswith("#")), ""
+    )
+    words = first.partition("#")[0].split()
+    if not words and names and [name.lower() for name in names[:3]] == ["x", "y", "z"]:
+        words = ["0"] * len(names)  # our own file of no particles
+    if not words and count != 0:
+        raise bad(path, f"line {len(lines)}", "expected rows x y z, got none")
+    if names is None or len(names) != len(words):
+        skip = 1 if words and not _is_number(words[0]) else 0
+        names = ["element"] * skip + _default_names(len(words) - skip)
+    if count == 0:
+        names = words = _default_names(3)
+    rows = lines[start:]
+    if count is not None and any("#" in line for line in rows):
+        rows = [line.partition("#")[0] for line in rows]
+    particles = _assemble(path, names, words, rows, start + 1, None)
+    if count is not None and len(particles) != count:
+        problem = f"expected {count} particles (line 1), got {len(particles)}"
+        raise bad(path, f"line {len(lines)}", problem)
+    return particles
+
+
+def _assemble(
+    path: Any,
+    names: list[str],
+    words: list[str],
+    lines: list[str],
+    first_line: int,
+    separator: str | None,
+) -> Particles:
+    """Particles from rows; `words` is the first row, which tells the numbers from the words."""
+    numeric = [
+        i
+        for i, word in enumerate(words)
+        if _is_number(word) or names[i].lower() in ("x", "y", "z")  # there, a word is a mistake
+    ]
+    options: dict[str, Any] = {"delimiter": separator}
+    if separator is None:
+        options["comments"] = "#"
+    else:
+        options["quotechar"] = '"'
+    if len(numeric) < len(words):
+        options["usecols"] = numeric
+    rows = parse_rows(path, lines, first_line, len(numeric), **options)
+    columns: dict[str, np.ndarray] = {}
+    for column, i in enumerate(numeric):
+        name = names[i] or f"column{i + 1}"
+        if name in columns:
+            raise bad(path, "line 1", f"expected different column names, got {shown(name)} twice")
+        columns[name] = _whole_numbers(rows[:, column], words[i])
+    arrays = join_columns(columns)
+    points = find_positions(arrays)
+    if points is None:
+        found = shown(" ".join(names))
+        raise bad(path, f"line {first_line}", f"expected columns x, y and z, got {found}")
+    return particles_from(path, points, arrays)
+
+
+def _whole_numbers(column: np.ndarray, first_word: str) -> np.ndarray:
+    if not first_word.lstrip("+-").isdigit():
+        return column
+    exact = (np.abs(column) < 2.0**53) & (column == np.rint(column))
+    return column.astype(np.int64) if exact.all() else column
+
+
+def _default_names(n: int) -> list[str]:
+    return ["x", "y", "z", *(f"column{i}" for i in range(4, n + 1))][:n]
+
+
+def _is_number(word: str) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True

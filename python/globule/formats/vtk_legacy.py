@@ -1,0 +1,307 @@
+"""Legacy VTK files (.vtk), versions up to 5.1: POLYDATA and UNSTRUCTURED_GRID.
+
+Points and point data are read, cells and cell data passed over. Follows "VTK File Formats"
+(Kitware), "Simple Legacy Formats", and vtkDataReader where the text leaves a choice.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from pathlib import Path
+from typing import Any, NoReturn
+
+import numpy as np
+
+from ..files import atomic_write
+from ..particles import Particles, to_host
+from .asciinum import end_of_tokens, parse_numbers
+from .errors import bad, shown
+from .fields import particles_from, per_particle
+
+# vtkIdType is written as 32 bits and long as 64 in binary files.
+_TYPES = {
+    "bit": "u1",
+    "char": "i1",
+    "signed_char": "i1",
+    "unsigned_char": "u1",
+    "short": "i2",
+    "unsigned_short": "u2",
+    "int": "i4",
+    "unsigned_int": "u4",
+    "vtkidtype": "i4",
+    "long": "i8",
+    "unsigned_long": "u8",
+    "vtktypeint64": "i8",
+    "vtktypeuint64": "u8",
+    "float": "f4",
+    "double": "f8",
+}
+_WRITTEN = {
+    "b1": "unsigned_char",
+    "i1": "char",
+    "u1": "unsigned_char",
+    "i2": "short",
+    "u2": "unsigned_short",
+    "i4": "int",
+    "u4": "unsigned_int",
+    "i8": "vtktypeint64",
+    "u8": "vtktypeuint64",
+    "f4": "float",
+    "f8": "double",
+}
+_CELLS = ("CELLS", "VERTICES", "LINES", "POLYGONS", "TRIANGLE_STRIPS")
+_COMPONENTS = {"VECTORS": 3, "NORMALS": 3, "TENSORS": 9, "TENSORS6": 6}
+_ONE_COMPONENT = ("GLOBAL_IDS", "PEDIGREE_IDS", "EDGE_FLAGS")
+
+
+def read(path: str | os.PathLike) -> Particles:
+    """Read the points and point data of a legacy VTK file."""
+    return _Reader(path, Path(path).read_bytes()).read()
+
+
+def write(path: str | os.PathLike, particles: Particles) -> None:
+    """Write binary POLYDATA with a vertex at each point, so that viewers show the points.
+
+    The version is 3.0, which every reader knows. float16 is written as float, wider than double
+    as double.
+    """
+    n = len(particles)
+    with atomic_write(path) as file:
+        file.write(b"# vtk DataFile Version 3.0\nparticles\nBINARY\nDATASET POLYDATA\n")
+        file.write(b"POINTS %d float\n" % n)
+        file.write(to_host(particles.positions).astype(">f4").data)
+        if n:
+            vertices = np.stack([np.ones(n, ">i4"), np.arange(n, dtype=">i4")], axis=1)
+            file.write(b"\nVERTICES %d %d\n" % (n, 2 * n))
+            file.write(vertices.data)
+        arrays = per_particle(particles)
+        file.write(b"\nPOINT_DATA %d\nFIELD FieldData %d\n" % (n, len(arrays)))
+        for name, array in arrays.items():
+            if array.dtype.kind == "f" and array.itemsize not in (4, 8):
+                array = array.astype(np.float32 if array.itemsize == 2 else np.float64)
+            k = 1 if array.ndim == 1 else array.shape[1]
+            kind = _WRITTEN[array.dtype.str[1:]]
+            file.write(f"{_encoded(name)} {k} {n} {kind}\n".encode())
+            file.write(np.ascontiguousarray(array, array.dtype.newbyteorder(">")).tobytes() + b"\n")
+
+
+def _encoded(name: str) -> str:
+    """A name as one word, the way VTK does it: %20 for a blank."""
+    return "".join(
+        chr(byte) if 33 <= byte < 127 and byte not in b'"%' else f"%{byte:02X}"
+        for byte in name.encode()
+    )
+
+
+def _decoded(word: bytes) -> str:
+    plain = re.sub(rb"%([0-9A-Fa-f]{2})", lambda m: bytes([int(m[1], 16)]), word)
+    return plain.decode("utf-8", errors="replace")
+
+
+class _Reader:
+    def __init__(self, path: Any, data: bytes) -> None:
+        self.path = path
+        self.data = data
+        self.position = 0
+        self.line_start = 0
+        self.binary = False
+        self.version = 0
+        self.points: np.ndarray | None = None
+        self.arrays: dict[str, np.ndarray] = {}
+
+    def read(self) -> Particles:
+        self.header()
+        section, n_section = "", 0
+        while (words := self.words()) is not None:
+            keyword = words[0].upper().decode("latin-1")
+            if keyword == "POINTS":
+                n = self.count(words, 1)
+                self.points = self.numbers(3 * n, self.type_of(words, 2)).reshape(n, 3)
+            elif keyword in _CELLS:
+                self.skip_cells(words)
+            elif keyword == "CELL_TYPES":
+                self.skip(self.count(words, 1), "int")
+            elif keyword in ("POINT_DATA", "CELL_DATA"):
+                section, n_section = keyword, self.count(words, 1)
+                if section == "POINT_DATA" and n_section != self.n_points():
+                    self.fail(f"expected POINT_DATA {self.n_points()}, got {n_section}")
+            elif keyword == "METADATA":
+                self.skip_metadata()
+            elif keyword == "FIELD":
+                self.field(words, section, n_section)
+            elif section:
+                self.attribute(keyword, words, section, n_section)
+            else:
+                self.fail(f"expected a section of the data set, got {shown(words[0])}")
+        if self.points is None:
+            self.fail("expected POINTS, got the end of the file")
+        return particles_from(self.path, self.points, self.arrays)
+
+    def n_points(self) -> int:
+        return 0 if self.points is None else len(self.points)
+
+    def fail(self, problem: str) -> NoReturn:
+        """Raise for the line read last; binary files have no useful line numbers."""
+        if self.binary:
+            where = f"byte {self.line_start}"
+        else:
+            where = f"line {self.data.count(10, 0, self.line_start) + 1}"
+        raise bad(self.path, where, problem)
+
+    def header(self) -> None:
+        match = re.match(rb"# vtk DataFile Version (\d+)\.\d+[^\n]*\n", self.data[:256])
+        if match is None:
+            self.fail(f"expected '# vtk DataFile Version', got {shown(self.data[:40])}")
+        self.version = int(match[1])
+        if self.version > 5:
+            self.fail(f"expected a version up to 5.1, got {shown(match[0].strip())}")
+        title_end = self.data.find(b"\n", match.end())
+        self.position = len(self.data) if title_end < 0 else title_end + 1
+        words = self.words() or [b"the end of the file"]
+        if words[0].upper() not in (b"ASCII", b"BINARY"):
+            self.fail(f"expected ASCII or BINARY, got {shown(words[0])}")
+        binary = words[0].upper() == b"BINARY"
+        words = self.words() or []
+        kinds = ([b"DATASET", b"POLYDATA"], [b"DATASET", b"UNSTRUCTURED_GRID"])
+        if [word.upper() for word in words] not in kinds:
+            got = shown(b" ".join(words))
+            self.fail(f"expected DATASET POLYDATA or UNSTRUCTURED_GRID, got {got}")
+        self.binary = binary
+
+    def words(self) -> list[bytes] | None:
+        """The next line that is not blank, split; None at the end of the file."""
+        while self.position < len(self.data):
+            self.line_start = self.position
+            end = self.data.find(b"\n", self.position, self.position + 4096)
+            if end < 0:
+                end = min(len(self.data), self.position + 4096)
+            words = self.data[self.position : end].split()
+            self.position = end + 1
+            if words:
+                return words
+        self.line_start = len(self.data)
+        return None
+
+    def peek(self, keyword: bytes) -> bool:
+        pattern = re.compile(rb"\s*" + keyword + rb"\b", re.IGNORECASE)
+        return pattern.match(self.data, self.position) is not None
+
+    def count(self, words: list[bytes], i: int) -> int:
+        word = words[i] if i < len(words) else b"the end of the line"
+        if not word.isdigit() or len(word) > 18:
+            self.fail(f"expected a count after {shown(words[0])}, got {shown(word)}")
+        return int(word)
+
+    def components(self, words: list[bytes], i: int) -> int:
+        k = self.count(words, i)
+        if k == 0:
+            self.fail("expected at least one component, got 0")
+        return k
+
+    def type_of(self, words: list[bytes], i: int) -> str:
+        word = words[i] if i < len(words) else b"the end of the line"
+        kind = word.decode("latin-1").lower()
+        if kind not in _TYPES:
+            self.fail(f"expected a numeric type after {shown(words[0])}, got {shown(word)}")
+        return kind
+
+    def name_of(self, words: list[bytes], i: int) -> str:
+        if i >= len(words):
+            self.fail(f"expected a name after {shown(words[0])}, got the end of the line")
+        return _decoded(words[i])
+
+    def numbers(self, n: int, kind: str) -> np.ndarray:
+        """The next n numbers, in native byte order and memory of their own."""
+        dtype = np.dtype(_TYPES[kind])
+        start = self.position
+        self.skip(n, kind)
+        raw = self.data[start : self.position]
+        if self.binary and kind == "bit":
+            return np.unpackbits(np.frombuffer(raw, np.uint8), count=n)
+        if self.binary:
+            return np.frombuffer(raw, dtype.newbyteorder(">")).astype(dtype)
+        try:
+            values = parse_numbers(raw, dtype)
+        except ValueError:
+            values = np.empty(0)
+        if len(values) != n:
+            self.fail(f"expected {n} numbers of type {kind} after this line, got other text")
+        return values
+
+    def skip(self, n: int, kind: str) -> None:
+        """Pass over n numbers, checking the size before anything is allocated for them."""
+        left = max(0, len(self.data) - self.position)
+        if not self.binary:
+            end = end_of_tokens(self.data, self.position, n) if 2 * n - 1 <= left else -1
+            if end < 0:
+                self.fail(f"expected {n} numbers after this line, got the end of the file")
+            self.position = end
+            return
+        size = (n + 7) // 8 if kind == "bit" else n * np.dtype(_TYPES[kind]).itemsize
+        if size > left:
+            self.fail(f"expected {size} bytes of data after this line, got {left}")
+        self.position += size
+
+    def skip_cells(self, words: list[bytes]) -> None:
+        n, size = self.count(words, 1), self.count(words, 2)
+        if self.version < 5:
+            self.skip(size, "int")
+            return
+        # From 5.0 on: n offsets (one more than there are cells), then the connectivity.
+        for keyword, length in ((b"OFFSETS", n), (b"CONNECTIVITY", size)):
+            line = self.words() or [b"the end of the file"]
+            if line[0].upper() != keyword:
+                self.fail(f"expected {keyword.decode()}, got {shown(line[0])}")
+            self.skip(length, self.type_of(line, 1))
+
+    def skip_metadata(self) -> None:
+        """A block of text lines up to a blank one."""
+        end = re.compile(rb"\n[ \t\r]*(\n|$)").search(self.data, self.position - 1)
+        self.position = len(self.data) if end is None else end.end()
+
+    def field(self, words: list[bytes], section: str, n_section: int) -> None:
+        for _ in range(self.count(words, 2)):
+            line = self.words()
+            if line is not None and line[0].upper() == b"METADATA":
+                self.skip_metadata()
+                line = self.words()
+            if line is None:
+                self.fail(f"expected {shown(words[2])} arrays in FIELD, got the end of the file")
+            k, n = self.count(line, 1), self.count(line, 2)
+            values = self.numbers(k * n, self.type_of(line, 3))
+            if section and n != n_section:
+                self.fail(f"expected {n_section} tuples in {section}, got {n}")
+            if k:  # VTK writes arrays without components for empty pieces
+                self.keep(section, _decoded(line[0]), values, k)
+
+    def attribute(self, keyword: str, words: list[bytes], section: str, n: int) -> None:
+        if keyword == "LOOKUP_TABLE":
+            entries = 4 * self.count(words, 2)
+            self.skip(entries, "unsigned_char" if self.binary else "float")
+            return
+        name = self.name_of(words, 1)
+        if keyword == "COLOR_SCALARS":
+            k = self.components(words, 2)
+            values = self.numbers(k * n, "unsigned_char" if self.binary else "float")
+            # Whatever its name, this section says that the numbers are colours.
+            name = name if k not in (3, 4) or "rgba" in self.arrays else "rgba"
+        elif keyword == "SCALARS":
+            kind = self.type_of(words, 2)
+            k = self.components(words, 3) if len(words) > 3 else 1
+            if self.peek(b"LOOKUP_TABLE"):
+                self.words()
+            values = self.numbers(k * n, kind)
+        elif keyword == "TEXTURE_COORDINATES":
+            k = self.components(words, 2)
+            values = self.numbers(k * n, self.type_of(words, 3))
+        elif keyword in _COMPONENTS or keyword in _ONE_COMPONENT:
+            k = _COMPONENTS.get(keyword, 1)
+            values = self.numbers(k * n, self.type_of(words, 2))
+        else:
+            self.fail(f"expected an attribute of {section}, got {shown(words[0])}")
+        self.keep(section, name, values, k)
+
+    def keep(self, section: str, name: str, values: np.ndarray, k: int) -> None:
+        if section == "POINT_DATA":
+            self.arrays[name] = values if k == 1 else values.reshape(-1, k)

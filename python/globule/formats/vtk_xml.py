@@ -1,0 +1,348 @@
+"""VTK XML files: .vtp (PolyData) and .vtu (UnstructuredGrid).
+
+Points and point data of all pieces are read; cells are passed over. Data arrays may be ascii,
+binary (base64), or appended (raw or base64), plain or compressed with zlib. Follows "VTK File
+Formats" (Kitware), "XML File Formats".
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..files import atomic_write
+from ..particles import Particles, to_host
+from .asciinum import parse_numbers
+from .errors import FormatError, bad, shown
+from .fields import particles_from, per_particle
+
+if TYPE_CHECKING:
+    from xml.etree.ElementTree import Element
+
+_TYPES = {
+    "Int8": "i1",
+    "UInt8": "u1",
+    "Int16": "i2",
+    "UInt16": "u2",
+    "Int32": "i4",
+    "UInt32": "u4",
+    "Int64": "i8",
+    "UInt64": "u8",
+    "Float32": "f4",
+    "Float64": "f8",
+}
+_WRITTEN = {code: name for name, code in _TYPES.items()} | {"b1": "UInt8"}
+_MOST_ZLIB_CAN_EXPAND = 1032  # times, from the format of deflate
+
+
+def read(path: str | os.PathLike) -> Particles:
+    """Read the points and point data of a .vtp or .vtu file."""
+    return _Reader(path, Path(path).read_bytes()).read()
+
+
+def write(path: str | os.PathLike, particles: Particles) -> None:
+    """Write one piece with a vertex at each point, as appended raw little-endian data."""
+    from xml.sax.saxutils import quoteattr
+
+    n = len(particles)
+    index = np.int32 if n < 2**31 else np.int64
+    connectivity = np.arange(n, dtype=index)
+    offsets = connectivity + index(1)
+    poly = os.fspath(path).lower().endswith(".vtp")
+    kind, cells = ("PolyData", "Verts") if poly else ("UnstructuredGrid", "Cells")
+    blocks: list[np.ndarray] = []
+    offset = 0
+
+    def array(name: str, values: np.ndarray) -> str:
+        nonlocal offset
+        if values.dtype.kind == "f" and values.itemsize not in (4, 8):
+            values = values.astype(np.float32 if values.itemsize == 2 else np.float64)
+        values = np.ascontiguousarray(values, values.dtype.newbyteorder("<"))
+        k = 1 if values.ndim == 1 else values.shape[1]
+        blocks.append(values)
+        element = (
+            f'<DataArray type="{_WRITTEN[values.dtype.str[1:]]}" Name={quoteattr(name)} '
+            f'NumberOfComponents="{k}" format="appended" offset="{offset}"/>\n'
+        )
+        offset += 8 + values.nbytes
+        return element
+
+    head = (
+        '<?xml version="1.0" encoding="utf-8"?>\n'
+        f'<VTKFile type="{kind}" version="1.0" byte_order="LittleEndian" header_type="UInt64">\n'
+        f'<{kind}>\n<Piece NumberOfPoints="{n}" Number{"OfVerts" if poly else "OfCells"}="{n}">\n'
+        f"<Points>\n{array('Points', to_host(particles.positions))}</Points>\n<PointData>\n"
+        + "".join(array(name, values) for name, values in per_particle(particles).items())
+        + f"</PointData>\n<{cells}>\n"
+        + array("connectivity", connectivity)
+        + array("offsets", offsets)
+        + ("" if poly else array("types", np.ones(n, np.uint8)))
+        + f'</{cells}>\n</Piece>\n</{kind}>\n<AppendedData encoding="raw">\n_'
+    )
+    with atomic_write(path) as file:
+        file.write(head.encode())
+        for values in blocks:
+            file.write(values.nbytes.to_bytes(8, "little"))
+            file.write(values.tobytes())
+        file.write(b"\n</AppendedData>\n</VTKFile>\n")
+
+
+def parse_xml(path: Any, text: bytes) -> Element:
+    """An XML tree. Refuses document type definitions, hence entities, and deep nesting."""
+    from xml.etree.ElementTree import TreeBuilder
+    from xml.parsers import expat
+
+    builder = TreeBuilder()
+    parser = expat.ParserCreate()
+    parser.buffer_text = True
+    depth = 0
+
+    def refuse(*_: Any) -> None:
+        raise bad(path, f"line {parser.CurrentLineNumber}", "expected no DOCTYPE, got one")
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        nonlocal depth
+        depth += 1
+        if depth > 32:
+            where = f"line {parser.CurrentLineNumber}"
+            raise bad(path, where, "expected at most 32 nested elements, got more")
+        builder.start(tag, attributes)
+
+    def end(tag: str) -> None:
+        nonlocal depth
+        depth -= 1
+        builder.end(tag)
+
+    parser.StartDoctypeDeclHandler = refuse
+    parser.StartElementHandler = start
+    parser.EndElementHandler = end
+    parser.CharacterDataHandler = builder.data
+    try:
+        parser.Parse(text, True)
+    except expat.ExpatError as error:
+        where = f"line {error.lineno}, column {error.offset + 1}"
+        raise bad(path, where, f"expected XML, got {expat.ErrorString(error.code)}") from None
+    except (LookupError, ValueError) as error:  # an encoding that Python does not know
+        if isinstance(error, FormatError):
+            raise
+        raise bad(path, "line 1", f"expected XML, got {error}") from None
+    return builder.close()
+
+
+class _Reader:
+    def __init__(self, path: Any, data: bytes) -> None:
+        self.path = path
+        self.appended = memoryview(b"")
+        self.appended_is_base64 = False
+        self.root = parse_xml(path, self.cut_appended(data))
+        root = self.root
+        if root.tag != "VTKFile":
+            raise self.bad("VTKFile", f"expected <VTKFile>, got <{root.tag[:40]}>")
+        self.order = self.choice("byte_order", {"LittleEndian": "<", "BigEndian": ">"})
+        header = self.choice("header_type", {"UInt32": "u4", "UInt64": "u8"})
+        self.header_dtype = np.dtype(header).newbyteorder(self.order)
+        compressors = {"": False, "vtkZLibDataCompressor": True}
+        self.compressed = self.choice("compressor", compressors)
+
+    def choice(self, attribute: str, choices: dict[str, Any]) -> Any:
+        """The value that an attribute of <VTKFile> stands for; the first if it is absent."""
+        value = self.root.get(attribute, next(iter(choices)))
+        if value not in choices:
+            expected = " or ".join(filter(None, choices))
+            raise self.bad("VTKFile", f"expected {attribute} {expected}, got {shown(value)}")
+        return choices[value]
+
+    def bad(self, element: str, problem: str) -> FormatError:
+        return bad(self.path, f"<{element}>", problem)
+
+    def cut_appended(self, data: bytes) -> bytes:
+        """Set the appended data aside: raw bytes are no XML. Returns the rest."""
+        tag = re.search(rb"<AppendedData\b([^>]*)>\s*", data)
+        if tag is None:
+            return data
+        end = data.rfind(b"</AppendedData")
+        if data[tag.end() : tag.end() + 1] != b"_" or end < tag.end():
+            raise self.bad("AppendedData", "expected _data</AppendedData>, got no such thing")
+        self.appended = memoryview(data)[tag.end() + 1 : end]
+        self.appended_is_base64 = b"raw" not in tag[1]
+        return data[: tag.end()] + data[end:]
+
+    def read(self) -> Particles:
+        kind = self.root.get("type", "")
+        grid = self.root.find(kind) if kind in ("PolyData", "UnstructuredGrid") else None
+        if grid is None:
+            problem = f"expected PolyData or UnstructuredGrid, got {shown(kind)}"
+            raise self.bad("VTKFile", problem)
+        pieces = [self.piece(element) for element in grid.findall("Piece")]
+        filled = [piece for piece in pieces if len(piece["", 3])] or pieces[:1]
+        if not filled:
+            raise self.bad(kind, "expected a <Piece>, got none")
+        arrays = {}
+        for key in filled[0]:
+            if all(key in piece for piece in filled):
+                arrays[key] = np.concatenate([piece[key] for piece in filled])
+        positions = arrays.pop(("", 3))
+        return particles_from(self.path, positions, {name: a for (name, _), a in arrays.items()})
+
+    def piece(self, element: Element) -> dict[tuple[str, int], np.ndarray]:
+        """Arrays by name and number of components; the points have the name ""."""
+        n = self.count(element, "NumberOfPoints")
+        arrays: dict[tuple[str, int], np.ndarray] = {}
+        points = element.find("Points/DataArray")
+        if points is None and n:
+            raise self.bad("Piece", "expected <Points> with a <DataArray>, got none")
+        arrays["", 3] = np.empty((0, 3), np.float32)
+        if n:
+            arrays["", 3] = self.array(points, n)
+            if arrays["", 3].shape != (n, 3):
+                raise self.bad("Points", "expected 3 components")
+        for data_array in element.iterfind("PointData/DataArray"):
+            name = data_array.get("Name", "")
+            if data_array.get("type") in _TYPES and name:
+                values = self.array(data_array, n)
+                arrays[name, 1 if values.ndim == 1 else values.shape[1]] = values
+        return arrays
+
+    def count(self, element: Element, attribute: str, default: str = "") -> int:
+        text = element.get(attribute, default).strip()
+        if not (text.isascii() and text.isdigit() and len(text) <= 18):
+            raise self.bad(element.tag, f"expected {attribute} as a count, got {shown(text)}")
+        return int(text)
+
+    def array(self, element: Element, n: int) -> np.ndarray:
+        """A data array, (n,) or (n, k), in native byte order and memory of its own."""
+        name = f"DataArray {element.get('Name', '')}"
+        k = self.count(element, "NumberOfComponents", "1")
+        if k == 0 or element.get("type") not in _TYPES:
+            problem = f"expected numbers, got {k} of type {shown(element.get('type', ''))}"
+            raise self.bad(name, problem)
+        dtype = np.dtype(_TYPES[element.get("type")])
+        encoding = element.get("format", "ascii")
+        if n == 0:
+            values = np.empty(0, dtype)
+        elif encoding == "ascii":
+            values = self.ascii(element, name, n * k, dtype)
+        elif encoding in ("binary", "appended"):
+            is_base64, start = True, 0
+            if encoding == "binary":
+                source = memoryview("".join(_text(element).split()).encode())
+            else:
+                source, is_base64 = self.appended, self.appended_is_base64
+                start = self.count(element, "offset")
+            stream = _Stream(source, start, is_base64, lambda problem: self.bad(name, problem))
+            raw = self.payload(stream, n * k * dtype.itemsize)
+            values = np.frombuffer(raw, dtype.newbyteorder(self.order)).astype(dtype)
+        else:
+            raise self.bad(name, f"expected format ascii, binary or appended, got {encoding!r}")
+        return values if k == 1 else values.reshape(n, k)
+
+    def ascii(self, element: Element, name: str, n: int, dtype: np.dtype) -> np.ndarray:
+        try:
+            values = parse_numbers(_text(element).encode(), dtype)
+        except ValueError:
+            raise self.bad(name, f"expected {n} numbers, got other text") from None
+        if len(values) != n:
+            raise self.bad(name, f"expected {n} numbers, got {len(values)}")
+        return values
+
+    def payload(self, stream: _Stream, expected: int) -> bytes:
+        """The `expected` bytes of an array, behind a header with sizes."""
+        width = self.header_dtype.itemsize
+        if not self.compressed:
+            (n_bytes,) = np.frombuffer(stream.header(width), self.header_dtype).tolist()
+            if n_bytes != expected:
+                raise stream.bad(f"expected {expected} bytes, got {n_bytes}")
+            return stream.rest(n_bytes)
+        start = np.frombuffer(stream.header(3 * width), self.header_dtype).tolist()
+        n_blocks, block_size, last_size = start
+        if (3 + n_blocks) * width > len(stream.source):
+            raise stream.bad(f"expected compressed blocks, got {n_blocks} of them")
+        header = stream.header((3 + n_blocks) * width)
+        stream.end_header()
+        packed_sizes = np.frombuffer(header, self.header_dtype).tolist()[3:]
+        sizes = [block_size] * n_blocks
+        if last_size and n_blocks:
+            sizes[-1] = last_size
+        if sum(sizes) != expected:
+            raise stream.bad(f"expected {expected} bytes, got blocks of {sum(sizes)}")
+        if expected > _MOST_ZLIB_CAN_EXPAND * sum(packed_sizes):
+            raise stream.bad(f"expected {expected} bytes, got {sum(packed_sizes)} compressed ones")
+        return _inflate(stream.rest(sum(packed_sizes)), packed_sizes, sizes, stream)
+
+
+def _text(element: Element) -> str:
+    """The text of an element without that of its children (VTK's information keys)."""
+    return (element.text or "") + "".join(child.tail or "" for child in element)
+
+
+def _inflate(raw: bytes, packed_sizes: list[int], sizes: list[int], stream: _Stream) -> bytes:
+    import zlib
+
+    blocks, position = [], 0
+    for packed_size, size in zip(packed_sizes, sizes, strict=True):
+        inflater = zlib.decompressobj()
+        try:
+            block = inflater.decompress(raw[position : position + packed_size], size + 1)
+        except zlib.error as error:
+            raise stream.bad(f"expected zlib data, got {error}") from None
+        if len(block) != size or not inflater.eof:
+            raise stream.bad(f"expected a block of {size} bytes, got another size")
+        blocks.append(block)
+        position += packed_size
+    return b"".join(blocks)
+
+
+class _Stream:
+    """Header and data of one array, raw or as base64.
+
+    In base64 the header of compressed data is padded and encoded on its own. That of plain data
+    is encoded together with them, though some writers pad it too; a '=' in it tells.
+    """
+
+    def __init__(self, source: memoryview, start: int, is_base64: bool, bad_array: Any) -> None:
+        self.source = source
+        self.start = start
+        self.is_base64 = is_base64
+        self.bad = bad_array
+        self.header_size = 0
+
+    def header(self, size: int) -> bytes:
+        """The first `size` bytes; a longer header may be asked for next."""
+        self.header_size = size
+        raw = self.take(self.start, size)
+        last = self.start + 4 * -(-size // 3)
+        if self.is_base64 and size % 3 and self.source[last - 1] == ord("="):
+            self.end_header()
+        return raw
+
+    def end_header(self) -> None:
+        """The data begin anew behind the header."""
+        if self.header_size:
+            size = self.header_size
+            self.start += 4 * -(-size // 3) if self.is_base64 else size
+            self.header_size = 0
+
+    def rest(self, size: int) -> bytes:
+        return self.take(self.start, self.header_size + size)[self.header_size :]
+
+    def take(self, start: int, size: int) -> bytes:
+        import binascii
+
+        length = 4 * -(-size // 3) if self.is_base64 else size
+        if start + length > len(self.source):
+            left = max(0, len(self.source) - start)
+            raise self.bad(f"expected {length} bytes at offset {start}, got {left}")
+        piece = self.source[start : start + length]
+        if not self.is_base64:
+            return bytes(piece)
+        try:
+            raw = binascii.a2b_base64(piece)
+        except binascii.Error as error:
+            raise self.bad(f"expected base64 at offset {start}, got {error}") from None
+        if len(raw) < size:
+            raise self.bad(f"expected {size} bytes at offset {start}, got {len(raw)}")
+        return raw[:size]

@@ -1,0 +1,229 @@
+"""A scene: particles, their octree on one device, and the field that they make."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from . import _core
+from .arrays import ABSENT, View, address, is_device_array, view
+from .device import choose
+from .octree import Octree
+from .particles import Particles
+
+KERNELS = ("murakami", "nishimura", "wyvill", "blinn", "cubic_spline", "wendland_c2")
+
+# Default support in spacings and default threshold, by kernel. One particle alone is a ball, a
+# flat face of a lattice is flat to a few hundredths of the spacing (docs/conventions.md).
+DEFAULTS = {
+    "murakami": (2.0, 0.6),
+    "nishimura": (2.5, 0.6),
+    "wyvill": (2.0, 0.6),
+    "blinn": (3.5, 0.6),
+    "cubic_spline": (2.75, 0.6),
+    "wendland_c2": (2.75, 0.6),
+}
+DEFAULT_COLOR = (0.28, 0.52, 0.80)
+MAX_PARTICLES = 2**31 - 64
+
+
+class Scene:
+    """Particles sorted into an octree, ready to be traced.
+
+    Args:
+        particles: `Particles`, or (N, 3) positions, world units.
+        kernel: one of `KERNELS`.
+        threshold: iso-value, compared with the raw sum of weight * b(r); default by kernel.
+        support: support radius for all particles, world units, instead of `particles.support`.
+            Without either it is the kernel's default number of spacings, the spacing being
+            measured on the particles.
+        key_bits: 32 (10 levels) or 64 (21 levels).
+        depth: deepest level of the octree; default: all the key has (dense: 6).
+        octree: "sparse" (occupied cells only) or "dense" (the array L, at most 8 levels).
+        device: "auto", "cpu", "cuda" or "cuda:N".
+        threads: CPU threads; 0 takes all.
+        bounds: ((x, y, z), (x, y, z)) the octree's space; default: the particles' own box, found
+            anew at each update. Particles outside are marked and counted, and have no influence.
+
+    Raises:
+        TypeError, ValueError: naming the argument, what was expected and what came.
+        RuntimeError: the device cannot be used.
+    """
+
+    def __init__(
+        self,
+        particles: Particles | Any,
+        kernel: str = "murakami",
+        threshold: float | None = None,
+        support: float | None = None,
+        key_bits: int = 32,
+        depth: int | None = None,
+        octree: str = "sparse",
+        device: str = "auto",
+        threads: int = 0,
+        bounds: Any = None,
+    ):
+        if kernel not in KERNELS:
+            raise ValueError(f"kernel: expected one of {', '.join(KERNELS)}, got {kernel!r}")
+        if octree not in ("sparse", "dense"):
+            raise ValueError(f"octree: expected sparse or dense, got {octree!r}")
+        if key_bits not in (32, 64):
+            raise ValueError(f"key_bits: expected 32 or 64, got {key_bits!r}")
+        if octree == "dense" and key_bits != 32:
+            raise ValueError("key_bits: the dense octree uses 32-bit keys, got 64")
+        deepest = 8 if octree == "dense" else 10 if key_bits == 32 else 21
+        if depth is None:
+            depth = 6 if octree == "dense" else deepest
+        if not isinstance(depth, (int, np.integer)) or not 0 <= depth <= deepest:
+            raise ValueError(f"depth: expected 0 to {deepest} ({octree}, {key_bits}-bit keys), got {depth!r}")
+        self.kernel = kernel
+        self.threshold = DEFAULTS[kernel][1] if threshold is None else _positive("threshold", threshold)
+        self.device = choose(device)
+        self._kernel = KERNELS.index(kernel)
+        self._tree = (key_bits, int(depth), octree == "dense", _space(bounds))
+        self._scene = _core.Scene(self.device.backend, self.device.index, _count("threads", threads))
+        self._support = None if support is None else _positive("support", support)
+        self.particles = particles if isinstance(particles, Particles) else Particles(particles)
+        self._build(measure=True)
+
+    def update(self, particles: Particles | None = None, **fields: Any) -> None:
+        """The next frame: new particles, or new arrays for some of their fields.
+
+        `scene.update(positions=p)` keeps everything else; arrays may be of another length and on
+        any device. The octree is rebuilt; the support found at the start stays.
+        """
+        if particles is None:
+            old = self.particles
+            names = ("positions", "support", "weight", "color", "reflection", "refraction", "rigidity")
+            unknown = set(fields) - set(names)
+            if unknown:
+                raise TypeError(f"update: unknown field {sorted(unknown)[0]!r}, expected {', '.join(names)}")
+            given = {name: fields.get(name, getattr(old, name)) for name in names}
+            particles = Particles(**given)
+        elif fields:
+            raise TypeError("update: expected particles or fields, got both")
+        self.particles = particles
+        self._build(measure=False)
+
+    def _build(self, measure: bool) -> None:
+        p = self.particles
+        positions = view("positions", p.positions, 3)
+        n = positions.shape[0]
+        if n > MAX_PARTICLES:
+            raise ValueError(f"positions: expected at most {MAX_PARTICLES:,} particles, got {n:,}")
+        support, one_support = (ABSENT, self._support) if self._support else _field("support", p.support, None, n)
+        weight, one_weight = _field("weight", p.weight, None, n)
+        color, one_color = _field("color", p.color, 3, n)
+        if one_weight is None:
+            one_weight = 1.0
+        arrays = [positions, weight, color]
+
+        def build(one: float) -> None:
+            self._scene.build(
+                n, positions.pair, support.pair, one, weight.pair, float(one_weight), color.pair,
+                list(DEFAULT_COLOR if one_color is None else one_color), *self._tree[:3], self._tree[3],
+            )
+
+        if support is ABSENT and one_support is None:
+            build(0.0)
+            spacing = self._scene.spacing() or _guess_spacing(p, n)
+            one_support = self._support = DEFAULTS[self.kernel][0] * spacing
+        elif support is ABSENT:
+            one_support = _positive("support", one_support)
+        build(1.0 if one_support is None else float(one_support))
+        self.support = one_support if support is ABSENT else p.support
+        self._arrays = arrays + [support]  # the core reads them again when it gathers colours
+
+    @property
+    def octree(self) -> Octree:
+        """The octree as built last: depth, nodes, leaves, bytes, hashes, build time."""
+        return Octree(self._scene)
+
+    def neighbors(self, points: Any, radius: float) -> tuple[np.ndarray, np.ndarray]:
+        """Particles within `radius` of each point, as compressed rows.
+
+        Args:
+            points: (M, 3) world.
+            radius: world units, inclusive.
+
+        Returns:
+            offsets (M + 1,) uint64 and indices uint32 into the particles; row i is
+            indices[offsets[i]:offsets[i + 1]], in Morton order, the same on every backend.
+        """
+        p = view("points", points, 3)
+        return self._scene.neighbors(p.shape[0], p.pair, _positive("radius", radius))
+
+    def blend(self, points: Any, values: Any) -> np.ndarray:
+        """Attribute values at points: sum w v / sum w with w = weight * b(r), §6.0.2.
+
+        Args:
+            points: (M, 3) world.
+            values: (N,) or (N, K), one row a particle.
+
+        Returns:
+            (M,) or (M, K) float32; NaN where no particle reaches.
+        """
+        p = view("points", points, 3)
+        flat = len(values.shape) == 1
+        v = view("values", values, None) if flat else view("values", values, values.shape[1])
+        if v.shape[0] != len(self.particles):
+            raise ValueError(f"values: expected {len(self.particles)} rows, got {v.shape[0]}")
+        channels = 1 if flat else v.shape[1]
+        out = np.empty((p.shape[0], channels), np.float32)
+        self._scene.blend(self._kernel, p.shape[0], p.pair, v.pair, channels, address(out))
+        return out[:, 0] if flat else out
+
+    def __len__(self) -> int:
+        return len(self.particles)
+
+    def __repr__(self) -> str:
+        return f"Scene({len(self)} particles, {self.kernel}, threshold {self.threshold:g}, {self.device.name})"
+
+
+def _field(name: str, value: Any, columns: int | None, n: int) -> tuple[View, Any]:
+    """A particle field as (array, None) or (ABSENT, one value for all)."""
+    if value is None:
+        return ABSENT, None
+    shape = getattr(value, "shape", ())
+    if shape == () or (columns is not None and shape == (columns,)):
+        return ABSENT, value
+    v = view(name, value, columns)
+    if v.shape[0] != n:
+        raise ValueError(f"{name}: expected {n} particles, got {v.shape[0]}")
+    return v, None
+
+
+def _positive(name: str, value: Any) -> float:
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        raise TypeError(f"{name}: expected a number, got {value!r}") from None
+    if not (number > 0 and np.isfinite(number)):
+        raise ValueError(f"{name}: expected a positive number, got {value!r}")
+    return number
+
+
+def _count(name: str, value: Any) -> int:
+    if not isinstance(value, (int, np.integer)) or not 0 <= value <= 4096:
+        raise ValueError(f"{name}: expected 0 to 4096, got {value!r}")
+    return int(value)
+
+
+def _space(bounds: Any) -> list[float]:
+    if bounds is None:
+        return []
+    box = np.asarray(bounds, dtype=np.float32)
+    if box.shape != (2, 3) or not np.isfinite(box).all() or (box[0] > box[1]).any():
+        raise ValueError(f"bounds: expected two finite corners ((x, y, z), (x, y, z)), got {bounds!r}")
+    return [float(x) for x in box.ravel()]
+
+
+def _guess_spacing(particles: Particles, n: int) -> float:
+    """Where neighbours tell nothing (a dozen particles or fewer, or all at one place): the box's
+    edge shared out among the particles, or 1."""
+    if n == 0 or is_device_array(particles.positions):
+        return 1.0
+    lo, hi = particles.bounds()
+    extent = float(np.max(hi - lo)) if np.isfinite(lo).all() else 0.0
+    return extent / n ** (1 / 3) if extent > 0 else 1.0

@@ -1,0 +1,24 @@
+// The reference: float64, brute force, slow and obvious.  Every fast path is tested against it.
+#pragma once
+#include "globule/base/vec.hpp"
+#include "globule/field/kernels.hpp"
+
+namespace globule::oracle {
+
+/// The particles as float64 views; support and weight per particle.
+struct Particles {
+    std::size_t n;
+    const float* positions;
+    const double* support;
+    const double* weight;
+    AnyKernel kernel;
+};
+
+/// f and grad f at m points.
+void field(const Particles& p, std::size_t m, const double* points, double* value, double* gradient);
+
+/// Smallest t >= 0 with f(o + t d) = tau (directions need not have unit length; t counts them);
+/// infinity where there is none.
+void first_hit(const Particles& p, double tau, std::size_t m, const float* origins, const float* directions, double* t);
+
+}  // namespace globule::oracle
