@@ -1,10 +1,13 @@
-// GB_FN marks a function that runs on host and device; the only decoration a kernel needs.
+// GB_FN marks a function that runs on host and device; GB_COLD the same for what is rarely
+// called and must not cost the caller registers.
 #pragma once
 #include <cstddef>
 #include <cstdint>
 
 #if defined(__CUDACC__)
 #define GB_FN __host__ __device__ __forceinline__
+#define GB_COLD __host__ __device__ __noinline__
 #else
+#define GB_COLD __attribute__((noinline))
 #define GB_FN inline __attribute__((always_inline))
 #endif

@@ -3,8 +3,8 @@
 #include <cub/device/device_radix_sort.cuh>
 #include <cub/device/device_reduce.cuh>
 #include <cub/device/device_scan.cuh>
-#include <cuda/iterator>
 #include <cuda_runtime.h>
+#include <thrust/iterator/counting_iterator.h>
 
 #include <new>
 #include <stdexcept>
@@ -102,7 +102,7 @@ public:
     template <class T, class Map, class Combine>
     void reduce(std::size_t n, const Map& map, const Combine& combine, const T& identity, T* out) {
         with_temporary([&](void* room, std::size_t& bytes) {
-            return cub::DeviceReduce::TransformReduce(room, bytes, cuda::counting_iterator<std::size_t>(0), out, n,
+            return cub::DeviceReduce::TransformReduce(room, bytes, thrust::counting_iterator<std::size_t>(0), out, n,
                                                       combine, map, identity, stream_);
         });
     }

@@ -97,7 +97,7 @@ template <bool PerParticle, class Group>
 struct ExactListSource {
     const TileScratch<Group, PerParticle>& scratch;
     int n;
-    const SortedParticles& particles;
+    SortedParticles particles;
     AnyKernel kernel;
     GB_FN Along<double> operator()(const Vec3<double>& p, const Vec3<double>& d, const Limits<double>& lim) const {
         Along<double> sum{0, 0, 0, 0};
@@ -109,8 +109,8 @@ struct ExactListSource {
 /// Straight from the tree, where even the thinnest slab holds more than a list can.
 template <class Tree>
 struct TreeSource {
-    const Tree& tree;
-    const SortedParticles& particles;
+    Tree tree;
+    SortedParticles particles;
     AnyKernel kernel;
     GB_FN Along<double> operator()(const Vec3<double>& p, const Vec3<double>& d, const Limits<double>& lim) const {
         Along<double> sum{0, 0, 0, 0};

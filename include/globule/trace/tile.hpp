@@ -221,13 +221,16 @@ private:
         return {tau, window, 1e-13 * (1.0 + tau), 1e-12 * window, sign};
     }
 
-    /// Exact finish of one ray on [t, end] (world distances).
+    /// Exact finish of one ray on [t, end], world distances: the hit, or infinity.
     template <class Source>
-    GB_FN bool finish(const Source& source, const Vec3<double>& o, const Vec3<double>& d, double window,
-                      double sign, double& t, double end) const {
+    GB_COLD double finish(const Source source, const Vec3<double> o, const Vec3<double> d, double window,
+                          double sign, double t, double end) const {
         bool hit = false, tangent = false;
         march(source, o, d, exact_limits(world_tau, window, sign), end, true, t, hit, tangent);
-        return hit || tangent;
+        return hit || tangent ? t : double(infinity());
+    }
+    GB_COLD bool begins_inside(const Vec3<double> p, const Vec3<double> d) const {
+        return TreeSource<Tree>{tree, particles, name}(p, d, exact_limits(world_tau, 0, 1)).f > world_tau;
     }
 
     template <class Group>
@@ -258,10 +261,10 @@ private:
         march(source, p0, d, lim, F(dz * scale), active, t, hit, doubtful);
         g.per_lane(doubtful, [&](int lane) {
             const ExactListSource<PerParticle, Group> exact{scratch, found.n, particles, name};
-            double s = double(z) + double(Group::get(t, lane)) * typical;
-            if (!finish(exact, ray_point(lanes.o[v], lane, g), ray_point(d, lane, g), 0.35 * typical / sharp,
-                        Group::get(lanes.sign[v], lane), s, double(z) + dz))
-                return;
+            const double from = double(z) + double(Group::get(t, lane)) * typical;
+            const double s = finish(exact, ray_point(lanes.o[v], lane, g), ray_point(d, lane, g), 0.35 * typical / sharp,
+                                    Group::get(lanes.sign[v], lane), from, double(z) + dz);
+            if (!(s < infinity())) return;
             Group::put(hit, lane, true);
             Group::put(t, lane, float((s - z) * scale));
         });
@@ -307,20 +310,20 @@ private:
         B fresh = lanes.fresh[v];
         g.per_lane(active, [&](int lane) {
             const Vec3<double> o = ray_point(lanes.o[v], lane, g), d = ray_point(lanes.d[v], lane, g);
-            double t = most(z, Group::get(lanes.t[v], lane));
+            const double from = most(z, Group::get(lanes.t[v], lane));
             if (Group::get(fresh, lane)) {
-                const bool inside = source(o + d * t, d, exact_limits(world_tau, 0, 1)).f > world_tau;
-                Group::put(lanes.sign[v], lane, inside ? -1.0f : 1.0f);
+                Group::put(lanes.sign[v], lane, begins_inside(o + d * from, d) ? -1.0f : 1.0f);
                 Group::put(lanes.fresh[v], lane, false);
             }
-            if (!finish(source, o, d, 0.35 * tree.header->typical_support, Group::get(lanes.sign[v], lane), t, double(z) + dz)) return;
+            const double t = finish(source, o, d, 0.35 * tree.header->typical_support, Group::get(lanes.sign[v], lane), from, double(z) + dz);
+            if (!(t < infinity())) return;
             Group::put(hit, lane, true);
             const std::size_t i = ray_index<Group>(tile, v * Group::width + lane);
             out.t[i] = float(t);
             look(i, {float(o.x + t * d.x), float(o.y + t * d.y), float(o.z + t * d.z)});
         });
     }
-    GB_FN void look(std::size_t i, const float3& p) const {
+    GB_COLD void look(std::size_t i, const float3 p) const {
         float gradient[3], rgb[3] = {one_color.x, one_color.y, one_color.z};
         EvaluateField<Tree>{tree, particles, name, &p.x, nullptr, gradient}(0);
         if (color) Blend<Tree>{tree, particles, name, &p.x, color, 3, rgb}(0);

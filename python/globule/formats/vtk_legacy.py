@@ -72,7 +72,8 @@ def write(path: str | os.PathLike, particles: Particles) -> None:
         file.write(b"POINTS %d float\n" % n)
         file.write(to_host(particles.positions).astype(">f4").data)
         if n:
-            vertices = np.stack([np.ones(n, ">i4"), np.arange(n, dtype=">i4")], axis=1)
+            vertices = np.ones((n, 2), ">i4")  # each vertex: a list of one point
+            vertices[:, 1] = np.arange(n)
             file.write(b"\nVERTICES %d %d\n" % (n, 2 * n))
             file.write(vertices.data)
         arrays = per_particle(particles)

@@ -1,0 +1,106 @@
+"""Speed of build and trace: `python bench/speed.py [--device cuda] [--scenes splash,pool-302751]`.
+
+Every frame rebuilds the octree from positions that moved, then traces one ray a pixel. Prints a
+table and writes CSV; times are medians over frames of one run, fps is a whole loop over wall time.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import os
+import platform
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parent))
+import globule as gb
+from scenes import pool
+
+SPLASH = Path(__file__).parents[1] / ".carry" / "splash_117649.npz"
+SPLASH_SHARED = Path(__file__).parents[2] / "shared" / "data" / "particles" / "splash_117649.npz"
+SIZES = {  # particles: picture
+    "splash": (1024, 782),
+    "pool-302751": (1024, 782),
+    "pool-770000": (1920, 1920),
+    "pool-10000000": (1920, 1080),
+    "pool-100000000": (1920, 1080),
+}
+
+
+def load(name: str) -> tuple[np.ndarray, float]:
+    if name == "splash":
+        path = SPLASH if SPLASH.exists() else SPLASH_SHARED
+        return gb.read(path).positions, 0.02
+    return pool(int(name.split("-")[1]))
+
+
+def measure(name: str, device: str, frames: int, threads: int) -> dict:
+    positions, spacing = load(name)
+    n = len(positions)
+    size = SIZES[name]
+    camera = gb.Camera.fit(positions, size=size)
+    sets = [positions]
+    on_gpu = device.startswith("cuda")
+    if on_gpu:
+        import cupy
+
+        sets = [cupy.asarray(positions)]
+        if n <= 20_000_000:
+            sets.append(sets[0] + cupy.float32(0.1 * spacing))
+    scene = gb.Scene(gb.Particles(sets[0], support=2 * spacing), threshold=0.6, device=device, threads=threads)
+    builds, traces = [], []
+    for i in range(frames):
+        scene.update(positions=sets[i % len(sets)])
+        builds.append(scene.octree.build_seconds)
+        traces.append(gb.render(scene, camera, size).trace_seconds)
+    start = time.perf_counter()
+    for i in range(frames):
+        scene.update(positions=sets[i % len(sets)])
+        frame = gb.render(scene, camera, size)
+    scene._scene.synchronize()
+    loop = (time.perf_counter() - start) / frames
+    start = time.perf_counter()
+    for i in range(frames):
+        scene.update(positions=sets[i % len(sets)])
+        picture = gb.render(scene, camera, size).picture
+    shown = (time.perf_counter() - start) / frames
+    octree = scene.octree
+    del picture
+    return {
+        "scene": name, "particles": n, "rays": size[0] * size[1], "device": scene.device.description,
+        "build_ms": 1e3 * float(np.median(builds)), "trace_ms": 1e3 * float(np.median(traces)),
+        "fps": 1 / loop, "fps_to_host": 1 / shown, "bytes_per_particle": octree.bytes / n,
+        "nodes": octree.n_nodes, "hit": float(frame.mask.mean()),
+        "hash": octree.key_hash if n <= 20_000_000 else "-",
+    }
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--device", default="auto")
+    parser.add_argument("--threads", type=int, default=0)
+    parser.add_argument("--frames", type=int, default=0, help="0: as many as fit a few seconds")
+    parser.add_argument("--scenes", default="splash,pool-302751")
+    parser.add_argument("-o", "--output", help="CSV file")
+    options = parser.parse_args()
+    device = gb.Scene(np.zeros((1, 3)), device=options.device).device.name
+    rows = []
+    for name in options.scenes.split(","):
+        frames = options.frames or (200 if device != "cpu" else 5)
+        rows.append(measure(name, device, frames if not name.endswith("00000000") else 5, options.threads))
+        row = rows[-1]
+        print("  ".join(f"{k} {v:.4g}" if isinstance(v, float) else f"{k} {v}" for k, v in row.items()), flush=True)
+    print(f"machine: {platform.machine()}, {os.cpu_count()} cores, {rows[0]['device']}, Python {platform.python_version()}")
+    if options.output:
+        with open(options.output, "w", newline="") as file:
+            writer = csv.DictWriter(file, rows[0].keys())
+            writer.writeheader()
+            writer.writerows(rows)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,392 @@
+"""Malformed files: only FormatError or valid particles may come out, at once."""
+
+from __future__ import annotations
+
+import base64
+import gzip
+import io
+import struct
+import time
+import zipfile
+import zlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from globule import formats
+from globule.formats import FormatError
+from globule.particles import Particles
+
+N = 25
+
+
+def sample() -> Particles:
+    rng = np.random.default_rng(3)
+    return Particles(
+        rng.random((N, 3)),
+        support=rng.random(N),
+        color=rng.random((N, 3)),
+        attributes={"velocity": rng.random((N, 3)).astype("f4"), "id": np.arange(N)},
+    )
+
+
+def ascii_vtk() -> bytes:
+    numbers = "\n".join(" ".join(map(str, row)) for row in np.arange(3 * N).reshape(N, 3) / 8)
+    ids = " ".join(map(str, range(N)))
+    offsets = " ".join(map(str, range(N + 1)))
+    return (
+        f"# vtk DataFile Version 5.1\nt\nASCII\nDATASET POLYDATA\nPOINTS {N} float\n{numbers}\n"
+        f"METADATA\nINFORMATION 0\n\nVERTICES {N + 1} {N}\nOFFSETS vtktypeint64\n{offsets}\n"
+        f"CONNECTIVITY vtktypeint64\n{ids}\nPOINT_DATA {N}\nSCALARS s double 1\n"
+        f"LOOKUP_TABLE default\n{ids}\nFIELD FieldData 1\nid 1 {N} long\n{ids}\n"
+    ).encode()
+
+
+def xml(mode: str) -> bytes:
+    """A .vtu with the points ascii, binary or appended, compressed where that is possible."""
+    points = np.random.default_rng(5).random((N, 3)).astype("<f4").tobytes()
+    packed = zlib.compress(points)
+    sizes = struct.pack("<4I", 1, len(points), 0, len(packed))
+    text = base64.b64encode(sizes) + base64.b64encode(packed)
+    inline, appended = b"", b""
+    if mode == "ascii":
+        inline = " ".join(map(str, np.frombuffer(points, "<f4"))).encode()
+    elif mode == "binary":
+        inline = text
+    else:
+        data = text if mode == "base64" else sizes + packed
+        appended = b'<AppendedData encoding="%s">_%s</AppendedData>' % (mode.encode(), data)
+        mode = "appended"
+    return (
+        b'<VTKFile type="UnstructuredGrid" byte_order="LittleEndian" '
+        b'compressor="vtkZLibDataCompressor"><UnstructuredGrid><Piece NumberOfPoints="%d">'
+        b'<Points><DataArray type="Float32" Name="Points" NumberOfComponents="3" format="%s" '
+        b'offset="0">%s</DataArray></Points></Piece></UnstructuredGrid>%s</VTKFile>'
+    ) % (N, mode.encode(), inline, appended)
+
+
+def ascii_ply() -> bytes:
+    rows = "\n".join(f"{i} {i / 8} {-i} {i}" for i in range(N))
+    return (
+        f"ply\nformat ascii 1.0\nelement face 1\nproperty list uchar int vertex_indices\n"
+        f"element vertex {N}\nproperty float x\nproperty float y\nproperty double z\n"
+        f"property ushort id\nend_header\n3 0 1 2\n{rows}\n"
+    ).encode()
+
+
+def list_ply() -> bytes:
+    header = (
+        f"ply\nformat binary_little_endian 1.0\nelement vertex {N}\nproperty float x\n"
+        "property float y\nproperty float z\nproperty list uchar int l\nend_header\n"
+    )
+    return header.encode() + b"".join(struct.pack("<3fB2i", i, i, i, 2, 5, 6) for i in range(N))
+
+
+def packed_npz() -> bytes:
+    file = io.BytesIO()
+    np.savez_compressed(file, positions=np.zeros((N, 3)), id=np.arange(N), support=0.5)
+    return file.getvalue()
+
+
+FOREIGN = {
+    "ascii.vtk": ascii_vtk,
+    "ascii.vtu": lambda: xml("ascii"),
+    "binary.vtu": lambda: xml("binary"),
+    "base64.vtu": lambda: xml("base64"),
+    "raw.vtu": lambda: xml("raw"),
+    "ascii.ply": ascii_ply,
+    "lists.ply": list_ply,
+    "packed.npz": packed_npz,
+    "packed.bgeo": lambda: gzip.compress(bgeo(N, bytes(16 * N)), mtime=0),
+    "mol.xyz": lambda: b"%d\ntitle\n" % N + b"".join(b"H 1 2 %d\n" % i for i in range(N)),
+}
+
+
+def bgeo(n_points: int, content: bytes, n_attributes: int = 0) -> bytes:
+    head = struct.pack(">4sc9i", b"Bgeo", b"V", 5, n_points, 0, 0, 0, n_attributes, 0, 0, 0)
+    return head + content
+
+
+@pytest.fixture(params=[*(f"own{e}" for e in formats.EXTENSIONS), *FOREIGN])
+def good_file(request, tmp_path) -> Path:
+    path = tmp_path / request.param
+    if request.param in FOREIGN:
+        path.write_bytes(FOREIGN[request.param]())
+    else:
+        formats.write(path, sample())
+    assert len(formats.read(path)) == N
+    return path
+
+
+def reads_or_refuses(path: Path) -> str:
+    """The error, or "" if valid particles came out."""
+    try:
+        particles = formats.read(path)
+    except FormatError as error:
+        text = str(error)
+        assert path.name in text and "\n" not in text and len(text) < 500
+        assert "expected" in text
+        return text
+    assert particles.positions.dtype == np.float32 and particles.positions.shape[1:] == (3,)
+    for array in particles.attributes.values():
+        assert len(array) == len(particles) and array.dtype.kind in "biuf"
+    return ""
+
+
+def test_truncated(good_file):
+    content = good_file.read_bytes()
+    survivors = []
+    for size in sorted({*np.linspace(0, len(content) - 1, 60).astype(int), 1, 2, 3}):
+        good_file.write_bytes(content[:size])
+        if not reads_or_refuses(good_file):
+            survivors.append(int(size))
+    if good_file.suffix in (".bgeo", ".gz", ".npz", ".npy", ".ply", ".txt", ".vtp", ".vtu"):
+        # The last byte may be a line end or the end mark behind the data.
+        assert all(size >= len(content) - 2 for size in survivors)
+
+
+def test_random_bytes_changed(good_file):
+    rng = np.random.default_rng(11)
+    content = np.frombuffer(good_file.read_bytes(), np.uint8)
+    for trial in range(120):
+        changed = content.copy()
+        # Headers are where a wrong byte does most.
+        reach = len(content) if trial % 2 else min(len(content), 300)
+        at = rng.integers(0, reach, 1 + trial % 3)
+        changed[at] = rng.integers(0, 256, len(at))
+        good_file.write_bytes(changed.tobytes())
+        reads_or_refuses(good_file)
+
+
+def test_bytes_inserted_and_removed(good_file):
+    rng = np.random.default_rng(13)
+    content = good_file.read_bytes()
+    for trial in range(40):
+        at = int(rng.integers(0, len(content) if trial % 2 else min(len(content), 300)))
+        extra = rng.integers(32, 127, 3, np.uint8).tobytes() if trial % 4 < 2 else b""
+        good_file.write_bytes(content[:at] + extra + content[at + 2 * (trial % 3) :])
+        reads_or_refuses(good_file)
+
+
+@pytest.mark.parametrize("extension", formats.EXTENSIONS)
+def test_wrong_content(extension, tmp_path):
+    path = tmp_path / f"p{extension}"
+    for content in (
+        b"",
+        b"\n",
+        b"\0" * 300,
+        b"\x89PNG\r\n\x1a\n" + bytes(range(256)),
+        b"<html><body>404 not found</body></html>",
+        b"PK\x05\x06" + b"\0" * 10,
+        gzip.compress(b"nothing"),
+        "∞ 1 2\n".encode(),
+    ):
+        path.write_bytes(content)
+        assert reads_or_refuses(path), content
+
+
+HUGE = 999_999_999_999
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("a.txt", f"{HUGE}\n1 2 3 0 0 0 0 0 0\n"),
+        ("a.xyz", f"{HUGE}\n\n1 2 3\n"),
+        ("a.xyz", "9" * 5000 + "\n\n1 2 3\n"),
+        *[
+            ("a.vtk", f"# vtk DataFile Version 3.0\n\n{mode}\nDATASET POLYDATA\n{text}")
+            for mode in ("ASCII", "BINARY")
+            for text in (
+                f"POINTS {HUGE} float\n1 2 3\n",
+                f"POINTS {'9' * 5000} float\n1 2 3\n",
+                f"POINTS 0 float\nVERTICES 1 {HUGE}\n",
+                f"POINTS 0 float\nPOINT_DATA 0\nFIELD F {HUGE}\na 1 0 int\n",
+                f"POINTS 0 float\nFIELD F 1\na {HUGE} {HUGE} int\n1",
+                f"POINTS 0 float\nCELL_DATA {HUGE}\nSCALARS s int {HUGE}\n1",
+                f"POINTS 0 float\nCELL_DATA 0\nLOOKUP_TABLE t {HUGE}\n1",
+            )
+        ],
+        ("a.ply", f"ply\nformat ascii 1.0\nelement vertex {HUGE}\nproperty int x\nend_header\n1\n"),
+        (
+            "a.ply",
+            "ply\nformat binary_little_endian 1.0\n"
+            f"element vertex {HUGE}\nproperty int x\nend_header\n1\n",
+        ),
+        (
+            "a.ply",
+            "ply\nformat binary_little_endian 1.0\n"
+            f"element e {HUGE}\nelement vertex 1\nproperty char x\nend_header\n1\n",
+        ),
+        (
+            "a.ply",
+            "ply\nformat binary_little_endian 1.0\n"
+            f"element e {HUGE}\nproperty list uint double x\nend_header\n\xff\xff\xff\x7f",
+        ),
+        ("a.bgeo", bgeo(0x7FFFFFFF, b"1234")),
+        ("a.bgeo", gzip.compress(bgeo(0x7FFFFFFF, b"1234"))),
+        ("a.bgeo", bgeo(1, b"\0\0\xff\xff\0\0\0\0", 0x7FFFFFFF)),
+        ("a.bgeo", bgeo(-1, b"")),
+        ("a.bgeo", bgeo(1, struct.pack(">HHiI", 0, 1, 4, 0x7FFFFFFF), 1)),
+    ],
+)
+def test_huge_counts(name, content, tmp_path):
+    path = tmp_path / name
+    path.write_bytes(content if isinstance(content, bytes) else content.encode("latin-1"))
+    start = time.perf_counter()
+    assert reads_or_refuses(path)
+    assert time.perf_counter() - start < 5  # a hang, not a speed
+
+
+@pytest.mark.parametrize("mode", ["ascii", "binary", "base64", "raw"])
+def test_huge_counts_in_xml(mode, tmp_path):
+    path = tmp_path / "a.vtu"
+    content = xml(mode)
+    n, huge = b'NumberOfPoints="%d"' % N, b'NumberOfPoints="%d"' % HUGE
+    path.write_bytes(content.replace(n, huge))
+    assert reads_or_refuses(path)
+    components = b'NumberOfComponents="%d"' % HUGE
+    path.write_bytes(content.replace(b'NumberOfComponents="3"', components))
+    assert reads_or_refuses(path)
+    path.write_bytes(content.replace(b'offset="0"', b'offset="%d"' % HUGE))
+    assert bool(reads_or_refuses(path)) == (mode in ("base64", "raw"))
+
+
+@pytest.mark.parametrize(
+    "sizes", [(2**32 - 1, 1, 0, 9), (1, 2**31, 0, 9), (1, 300, 2**31, 9), (1, 300, 0, 2**31)]
+)
+def test_xml_blocks_lie(sizes, tmp_path):
+    packed = zlib.compress(bytes(12 * N))
+    text = base64.b64encode(struct.pack("<4I", *sizes)) + base64.b64encode(packed)
+    good = xml("binary")
+    begin, end = good.index(b'offset="0">') + 11, good.index(b"</DataArray>")
+    (tmp_path / "a.vtu").write_bytes(good[:begin] + text + good[end:])
+    assert reads_or_refuses(tmp_path / "a.vtu")
+
+
+def test_zlib_bomb_in_xml(tmp_path):
+    """A block that unpacks to a thousand times what it announces."""
+    bomb = zlib.compress(bytes(12 * N * 1000))
+    sizes = struct.pack("<4I", 1, 12 * N, 0, len(bomb))
+    text = base64.b64encode(sizes) + base64.b64encode(bomb)
+    good = xml("binary")
+    begin, end = good.index(b'offset="0">') + 11, good.index(b"</DataArray>")
+    (tmp_path / "a.vtu").write_bytes(good[:begin] + text + good[end:])
+    assert "another size" in reads_or_refuses(tmp_path / "a.vtu")
+
+
+def test_xml_entities_and_depth(tmp_path):
+    lol = '<!ENTITY a "lol">' + "".join(
+        f'<!ENTITY {chr(98 + i)} "{f"&{chr(97 + i)};" * 10}">' for i in range(9)
+    )
+    path = tmp_path / "a.vtp"
+    path.write_text(f"<!DOCTYPE x [{lol}]><VTKFile>&j;</VTKFile>")
+    assert "DOCTYPE" in reads_or_refuses(path)
+    path.write_text('<!DOCTYPE x SYSTEM "file:///etc/passwd"><VTKFile/>')
+    assert "DOCTYPE" in reads_or_refuses(path)
+    path.write_text("<a>" * 100_000)
+    assert "nested" in reads_or_refuses(path)
+    path.write_text('<?xml version="1.0" encoding="no-such-thing"?><VTKFile/>')
+    assert "expected XML" in reads_or_refuses(path)
+
+
+def npy(shape: str, descr: str = "'<f8'", data: bytes = b"12345678") -> bytes:
+    header = f"{{'descr': {descr}, 'fortran_order': False, 'shape': {shape}, }}\n".encode()
+    return b"\x93NUMPY\x01\x00" + struct.pack("<H", len(header)) + header + data
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        npy(f"({HUGE}, 3)"),
+        npy("(-1, 3)"),
+        npy(f"(0, {HUGE})"),
+        npy(f"({2**63}, {2**63}, 0)"),
+        npy("(1, 3)", "'|O'"),
+        npy("(1, 3)", "[('a', '<f8')]"),
+        npy("(1, 3)", "'<U1'", b"123456789012"),
+        npy("__import__('os').getcwd()"),
+        npy("(True, 3)", data=bytes(24)),
+        npy("(" * 200 + ")" * 200),
+        npy("(1, 3)").replace(b"\x01\x00", b"\x09\x00", 1),
+    ],
+)
+def test_npy_headers(content, tmp_path):
+    for name in ("a.npy", "a.npz"):
+        path = tmp_path / name
+        if name == "a.npy":
+            path.write_bytes(content)
+        else:
+            with zipfile.ZipFile(path, "w") as archive:
+                archive.writestr("positions.npy", content)
+        assert reads_or_refuses(path) or b"True" in content
+
+
+def test_pickles_are_never_loaded(tmp_path):
+    objects = np.array([[object()] * 3])
+    np.save(tmp_path / "a.npy", objects, allow_pickle=True)
+    np.savez(tmp_path / "a.npz", positions=objects, allow_pickle=True)
+    for name in ("a.npy", "a.npz"):
+        assert "plain numbers" in reads_or_refuses(tmp_path / name)
+
+
+def test_zip_that_announces_too_much(tmp_path):
+    path = tmp_path / "a.npz"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("positions.npy", npy("(100, 3)", data=bytes(2400)))
+    # The central directory's uncompressed size, made 2 GB, with a shape to match it.
+    content = bytearray(path.read_bytes())
+    at = content.rindex(b"PK\x01\x02")
+    content[at + 24 : at + 28] = struct.pack("<I", 2**31)
+    path.write_bytes(content)
+    assert "packed" in reads_or_refuses(path)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("", "line 1: expected the number of particles"),
+        ("two\n", "line 1: expected the number of particles, got 'two'"),
+        ("-1\n", "line 1: expected the number"),
+        ("2\n1 2 3 0 0 0 0 0 0\n", "line 3: expected 2 particles (line 1), got 1"),
+        ("0\n1 2 3 0 0 0 0 0 0\n", "line 3: expected 0 particles (line 1), got 1"),
+        ("1\n1 2 3 0 0 0 0 0\n", "line 2: expected 9 numbers, got 8"),
+        ("2\n1 2 3 0 0 0 0 0 0\n\n1 2 3 0\n", "line 4: expected 9 numbers, got 4"),
+        ("1\n1 2 3 0 0 0 0 0 0 0\n", "line 2: expected 9 numbers, got 10"),
+        ("1\n1 2 3 0 0 green 0 0 0\n", "line 2, column 6: expected a number, got 'green'"),
+        ("1\n1 nan 3 0 0 0 0 0 0\n", "line 2, column 2: expected a finite number for y, got nan"),
+        ("1\n1 2 1e99 0 0 0 0 0 0\n", "line 2, column 3: expected a finite number for z"),
+        (
+            "2\n1 2 3 0 0 0 0 0 0\n\n1 2 3 0 1.5 0 0 0 0\n",
+            "line 4, column 5: expected a number in [0, 1] for g, got 1.5",
+        ),
+        ("1\n1 2 3 0 0 0 0 0 -1\n", "line 2, column 9: expected a number in [0, 1] for rigidity"),
+        ("1\n1 2 3 0 0 0 nan 0 0\n", "line 2, column 7: expected a number in [0, 1]"),
+        ("1\n# 2 3 0 0 0 0 0 0\n", "line 2, column 1: expected a number, got '#'"),
+    ],
+)
+def test_nine_columns_name_the_place(content, message, tmp_path):
+    path = tmp_path / "p.txt"
+    path.write_text(content)
+    assert f"{path}: {message}" in reads_or_refuses(path)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("a.csv", "x,y,z\n1,2,3\n4,five,6\n", "line 3, column 2: expected a number, got 'five'"),
+        ("a.csv", "x,y,z\n1,2,3\n4,5\n", "line 3: expected 3 numbers, got 2"),
+        ("a.csv", "x,y\n1,2\n", "expected columns x, y and z"),
+        ("a.csv", "x,y,z,x\n1,2,3,4\n", "got 'x' twice"),
+        ("a.xyz", "1 2 3\n1 2\n", "line 2: expected 3 numbers, got 2"),
+        ("a.xyz", "3\n\nH 1 2 3\n", "expected 3 particles (line 1), got 1"),
+        ("a.vtk", "# vtk DataFile Version 3.0\n\nASCII\nDATASET STRUCTURED_POINTS\n", "line 4: "),
+        ("a.vtk", ascii_vtk().decode().replace("DATA 25", "DATA 26"), "expected POINT_DATA 25"),
+        ("a.vtk", ascii_vtk().decode().replace(" 24\n", " x\n"), "expected 25 numbers of type"),
+        ("a.vtu", "<VTKFile>\n<a></VTKFile>", "line 2, column 6: expected XML, got mismatched tag"),
+    ],
+)
+def test_errors_name_the_place(name, content, message, tmp_path):
+    path = tmp_path / name
+    path.write_text(content)
+    assert message in reads_or_refuses(path)
