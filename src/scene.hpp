@@ -16,15 +16,10 @@ inline std::uint64_t hash_bytes(const void* data, std::size_t n, std::uint64_t h
     return h;
 }
 
+template <class Tree>
 struct CountLeaf {
-    const Node* nodes;
-    GB_FN std::uint32_t operator()(std::size_t i) const { return Node::is_leaf(nodes[i].meta); }
-};
-struct CountDenseNode {
-    DenseTree tree;
-    GB_FN std::uint32_t operator()(std::size_t i) const {
-        return Node::is_leaf(tree.node(std::uint32_t(i)).meta);
-    }
+    Tree tree;
+    GB_FN std::uint32_t operator()(std::size_t i) const { return Node::is_leaf(tree.node(std::uint32_t(i)).meta); }
 };
 struct Add {
     GB_FN std::uint32_t operator()(std::uint32_t a, std::uint32_t b) const { return a + b; }
@@ -59,10 +54,7 @@ public:
         f.header = tree_.header();
         f.n_nodes = tree_.params().dense ? tree_.n_dense_nodes() : f.header.n_nodes;
         std::uint32_t* count = count_.reserve(1);
-        if (tree_.params().dense)
-            exec_->reduce(f.n_nodes, CountDenseNode{tree_.dense()}, Add{}, 0u, count);
-        else
-            exec_->reduce(f.n_nodes, CountLeaf{tree_.nodes()}, Add{}, 0u, count);
+        with_tree([&](auto tree) { exec_->reduce(f.n_nodes, CountLeaf<decltype(tree)>{tree}, Add{}, 0u, count); });
         std::uint32_t leaves;
         exec_->download(&leaves, count, sizeof leaves);
         f.n_leaves = leaves;
@@ -72,8 +64,14 @@ public:
             const std::size_t key_bytes = tree_.size() * tree_.params().key_bits / 8;
             f.key_hash = hash_device(tree_.keys(), key_bytes);
             f.key_hash = hash_device(tree_.particles().index, tree_.size() * 4, f.key_hash);
-            f.node_hash = tree_.params().dense ? hash_device(tree_.dense_nodes(), f.n_nodes * sizeof(DenseNode))
-                                               : hash_device(tree_.nodes(), f.n_nodes * sizeof(Node));
+            if (tree_.params().dense) {
+                f.node_hash = hash_device(tree_.dense_nodes(), f.n_nodes * sizeof(DenseNode));
+            } else {
+                const NodeArrays nodes = tree_.node_arrays();
+                f.node_hash = hash_device(nodes.first, f.n_nodes * 4);
+                f.node_hash = hash_device(nodes.meta, f.n_nodes * 4, f.node_hash);
+                for (float* side : nodes.box) f.node_hash = hash_device(side, f.n_nodes * 4, f.node_hash);
+            }
         }
         return f;
     }

@@ -188,48 +188,48 @@ def test_wrong_content(extension, tmp_path):
 HUGE = 999_999_999_999
 
 
-@pytest.mark.parametrize(
-    ("name", "content"),
-    [
-        ("a.txt", f"{HUGE}\n1 2 3 0 0 0 0 0 0\n"),
-        ("a.xyz", f"{HUGE}\n\n1 2 3\n"),
-        ("a.xyz", "9" * 5000 + "\n\n1 2 3\n"),
-        *[
-            ("a.vtk", f"# vtk DataFile Version 3.0\n\n{mode}\nDATASET POLYDATA\n{text}")
-            for mode in ("ASCII", "BINARY")
-            for text in (
-                f"POINTS {HUGE} float\n1 2 3\n",
-                f"POINTS {'9' * 5000} float\n1 2 3\n",
-                f"POINTS 0 float\nVERTICES 1 {HUGE}\n",
-                f"POINTS 0 float\nPOINT_DATA 0\nFIELD F {HUGE}\na 1 0 int\n",
-                f"POINTS 0 float\nFIELD F 1\na {HUGE} {HUGE} int\n1",
-                f"POINTS 0 float\nCELL_DATA {HUGE}\nSCALARS s int {HUGE}\n1",
-                f"POINTS 0 float\nCELL_DATA 0\nLOOKUP_TABLE t {HUGE}\n1",
-            )
-        ],
-        ("a.ply", f"ply\nformat ascii 1.0\nelement vertex {HUGE}\nproperty int x\nend_header\n1\n"),
-        (
-            "a.ply",
-            "ply\nformat binary_little_endian 1.0\n"
-            f"element vertex {HUGE}\nproperty int x\nend_header\n1\n",
-        ),
-        (
-            "a.ply",
-            "ply\nformat binary_little_endian 1.0\n"
-            f"element e {HUGE}\nelement vertex 1\nproperty char x\nend_header\n1\n",
-        ),
-        (
-            "a.ply",
-            "ply\nformat binary_little_endian 1.0\n"
-            f"element e {HUGE}\nproperty list uint double x\nend_header\n\xff\xff\xff\x7f",
-        ),
-        ("a.bgeo", bgeo(0x7FFFFFFF, b"1234")),
-        ("a.bgeo", gzip.compress(bgeo(0x7FFFFFFF, b"1234"))),
-        ("a.bgeo", bgeo(1, b"\0\0\xff\xff\0\0\0\0", 0x7FFFFFFF)),
-        ("a.bgeo", bgeo(-1, b"")),
-        ("a.bgeo", bgeo(1, struct.pack(">HHiI", 0, 1, 4, 0x7FFFFFFF), 1)),
+HUGE_COUNTS = [
+    ("a.txt", f"{HUGE}\n1 2 3 0 0 0 0 0 0\n"),
+    ("a.xyz", f"{HUGE}\n\n1 2 3\n"),
+    ("a.xyz", "9" * 5000 + "\n\n1 2 3\n"),
+    *[
+        ("a.vtk", f"# vtk DataFile Version 3.0\n\n{mode}\nDATASET POLYDATA\n{text}")
+        for mode in ("ASCII", "BINARY")
+        for text in (
+            f"POINTS {HUGE} float\n1 2 3\n",
+            f"POINTS {'9' * 5000} float\n1 2 3\n",
+            f"POINTS 0 float\nVERTICES 1 {HUGE}\n",
+            f"POINTS 0 float\nPOINT_DATA 0\nFIELD F {HUGE}\na 1 0 int\n",
+            f"POINTS 0 float\nFIELD F 1\na {HUGE} {HUGE} int\n1",
+            f"POINTS 0 float\nCELL_DATA {HUGE}\nSCALARS s int {HUGE}\n1",
+            f"POINTS 0 float\nCELL_DATA 0\nLOOKUP_TABLE t {HUGE}\n1",
+        )
     ],
-)
+    ("a.ply", f"ply\nformat ascii 1.0\nelement vertex {HUGE}\nproperty int x\nend_header\n1\n"),
+    (
+        "a.ply",
+        "ply\nformat binary_little_endian 1.0\n"
+        f"element vertex {HUGE}\nproperty int x\nend_header\n1\n",
+    ),
+    (
+        "a.ply",
+        "ply\nformat binary_little_endian 1.0\n"
+        f"element e {HUGE}\nelement vertex 1\nproperty char x\nend_header\n1\n",
+    ),
+    (
+        "a.ply",
+        "ply\nformat binary_little_endian 1.0\n"
+        f"element e {HUGE}\nproperty list uint double x\nend_header\n\xff\xff\xff\x7f",
+    ),
+    ("a.bgeo", bgeo(0x7FFFFFFF, b"1234")),
+    ("a.bgeo", gzip.compress(bgeo(0x7FFFFFFF, b"1234"))),
+    ("a.bgeo", bgeo(1, b"\0\0\xff\xff\0\0\0\0", 0x7FFFFFFF)),
+    ("a.bgeo", bgeo(-1, b"")),
+    ("a.bgeo", bgeo(1, struct.pack(">HHiI", 0, 1, 4, 0x7FFFFFFF), 1)),
+]
+
+
+@pytest.mark.parametrize(("name", "content"), HUGE_COUNTS, ids=range(len(HUGE_COUNTS)))
 def test_huge_counts(name, content, tmp_path):
     path = tmp_path / name
     path.write_bytes(content if isinstance(content, bytes) else content.encode("latin-1"))
@@ -295,22 +295,22 @@ def npy(shape: str, descr: str = "'<f8'", data: bytes = b"12345678") -> bytes:
     return b"\x93NUMPY\x01\x00" + struct.pack("<H", len(header)) + header + data
 
 
-@pytest.mark.parametrize(
-    "content",
-    [
-        npy(f"({HUGE}, 3)"),
-        npy("(-1, 3)"),
-        npy(f"(0, {HUGE})"),
-        npy(f"({2**63}, {2**63}, 0)"),
-        npy("(1, 3)", "'|O'"),
-        npy("(1, 3)", "[('a', '<f8')]"),
-        npy("(1, 3)", "'<U1'", b"123456789012"),
-        npy("__import__('os').getcwd()"),
-        npy("(True, 3)", data=bytes(24)),
-        npy("(" * 200 + ")" * 200),
-        npy("(1, 3)").replace(b"\x01\x00", b"\x09\x00", 1),
-    ],
-)
+NPY_HEADERS = [
+    npy(f"({HUGE}, 3)"),
+    npy("(-1, 3)"),
+    npy(f"(0, {HUGE})"),
+    npy(f"({2**63}, {2**63}, 0)"),
+    npy("(1, 3)", "'|O'"),
+    npy("(1, 3)", "[('a', '<f8')]"),
+    npy("(1, 3)", "'<U1'", b"123456789012"),
+    npy("__import__('os').getcwd()"),
+    npy("(True, 3)", data=bytes(24)),
+    npy("(" * 200 + ")" * 200),
+    npy("(1, 3)").replace(b"\x01\x00", b"\x09\x00", 1),
+]
+
+
+@pytest.mark.parametrize("content", NPY_HEADERS, ids=range(len(NPY_HEADERS)))
 def test_npy_headers(content, tmp_path):
     for name in ("a.npy", "a.npz"):
         path = tmp_path / name
@@ -379,6 +379,7 @@ def test_nine_columns_name_the_place(content, message, tmp_path):
         ("a.csv", "x,y\n1,2\n", "expected columns x, y and z"),
         ("a.csv", "x,y,z,x\n1,2,3,4\n", "got 'x' twice"),
         ("a.xyz", "1 2 3\n1 2\n", "line 2: expected 3 numbers, got 2"),
+        ("a.xyz", "2\n\nH 1 2 3\nH 1 b 3\n", "line 4, column 3: expected a number, got 'b'"),
         ("a.xyz", "3\n\nH 1 2 3\n", "expected 3 particles (line 1), got 1"),
         ("a.vtk", "# vtk DataFile Version 3.0\n\nASCII\nDATASET STRUCTURED_POINTS\n", "line 4: "),
         ("a.vtk", ascii_vtk().decode().replace("DATA 25", "DATA 26"), "expected POINT_DATA 25"),

@@ -166,7 +166,7 @@ def run(
     picture = scene.with_suffix(".ppm")
     command = [
         program, f"+I{scene}", f"+O{picture}", f"+W{width}", f"+H{height}", f"+WT{threads}", "+FP16",
-        "File_Gamma=1", "Dither=off", "-A", "-D", "-P", "-GA", "+GS", "-GR", "All_Console=off", "Statistic_Console=on",
+        "File_Gamma=1", "Dither=off", "-A", "-D", "-P", "-V",
     ]  # fmt: skip
     with tempfile.TemporaryFile() as log:
         start = time.perf_counter()

@@ -4,6 +4,10 @@
 #include <cmath>
 #include <cstring>
 
+#if defined(__SSE2__)
+#include <immintrin.h>
+#endif
+
 #include "globule/base/fn.hpp"
 
 #if defined(__AVX512F__)
@@ -47,13 +51,21 @@ GB_FN WideB operator&(WideB a, WideB b) { return {a.v & b.v}; }
 GB_FN WideB operator|(WideB a, WideB b) { return {a.v | b.v}; }
 GB_FN WideB operator!(WideB a) { return {~a.v}; }
 
-GB_FN bool any(WideB m) {
-    typedef std::int64_t Pairs __attribute__((vector_size(4 * GB_WIDTH)));
-    const Pairs p = (Pairs)m.v;
-    std::int64_t all = 0;
-    for (int i = 0; i < GB_WIDTH / 2; ++i) all |= p[i];
-    return all != 0;
+/// One bit a lane.
+GB_FN unsigned bits(WideB m) {
+#if defined(__AVX512F__)
+    return _mm512_test_epi32_mask((__m512i)m.v, (__m512i)m.v);
+#elif defined(__AVX2__)
+    return unsigned(_mm256_movemask_ps((__m256)m.v));
+#elif defined(__SSE2__)
+    return unsigned(_mm_movemask_ps((__m128)m.v));
+#else
+    unsigned set = 0;
+    for (int i = 0; i < GB_WIDTH; ++i) set |= unsigned(m.v[i] & 1) << i;
+    return set;
+#endif
 }
+GB_FN bool any(WideB m) { return bits(m) != 0; }
 GB_FN WideF select(WideB m, WideF a, WideF b) { return m.v ? a.v : b.v; }
 GB_FN WideF least(WideF a, WideF b) { return a.v < b.v ? a.v : b.v; }
 GB_FN WideF most(WideF a, WideF b) { return a.v > b.v ? a.v : b.v; }

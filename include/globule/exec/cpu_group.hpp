@@ -17,13 +17,16 @@ struct CpuGroup {
         std::uint32_t v[kWidth];
     };
 
-    /// 0, 1, 2 ... across the lanes.
-    F ramp() const {
-        F r;
-        for (int i = 0; i < width; ++i) r.v[i] = float(i);
-        return r;
+    B first_lanes(int n) const {
+        B m;
+        for (int i = 0; i < width; ++i) m.v[i] = i < n ? -1 : 0;
+        return m;
     }
-    B first_lanes(int n) const { return ramp() < F(float(n)); }
+    B only(int lane) const {
+        B m = none();
+        m.v[lane] = -1;
+        return m;
+    }
     B none() const { return {VecI{}}; }
 
     static float get(const F& v, int lane) { return v.v[lane]; }
@@ -37,10 +40,10 @@ struct CpuGroup {
     static std::uint32_t pick(const U& v, int lane) { return v.v[lane]; }
 
     bool any(const B& m) const { return globule::any(m); }
-    int count(const B& m) const {
-        int n = 0;
-        for (int i = 0; i < width; ++i) n -= m.v[i];
-        return n;
+    /// The first set lane at or after `from`, else the first; -1: none.
+    int first_from(const B& m, int from) const {
+        const unsigned set = bits(m), later = set & ~0u << from;
+        return later ? __builtin_ctz(later) : set ? __builtin_ctz(set) : -1;
     }
     float smallest(const F& v) const {
         float r = v.v[0];
@@ -56,11 +59,57 @@ struct CpuGroup {
         return r;
     }
 
+    /// Runs of up to 8 siblings side by side in the lanes.
+    static constexpr int run_width = width < 8 ? width : 8;
+    static constexpr int n_runs = width / run_width;
+    struct Runs {
+        std::uint32_t first[n_runs];
+    };
+    template <class Entry>
+    struct Entries {
+        Entry run[n_runs];
+        int n;
+    };
+    template <class Entry>
+    Entries<Entry> take(const Entry* stack, int n) const {
+        Entries<Entry> e{};
+        for (int r = 0; r < n; ++r) e.run[r] = stack[r];
+        e.n = n;
+        return e;
+    }
+    /// Lays the taken runs out; part p of a run that is wider than the group begins at p run_width.
+    /// Returns the lanes that hold a node.
+    template <class Entry>
+    B lay_out(const Entries<Entry>& e, int part, Runs& runs) const {
+        B lanes;
+        for (int r = 0; r < n_runs; ++r) {
+            const int count = r < e.n ? int(e.run[r].count()) - part * run_width : 0;
+            runs.first[r] = e.run[r].first() + part * run_width;
+            for (int i = 0; i < run_width; ++i) lanes.v[r * run_width + i] = i < count ? -1 : 0;
+        }
+        return lanes;
+    }
+    F load(const float* p, const Runs& runs) const {
+        float v[width];
+        for (int r = 0; r < n_runs; ++r) std::memcpy(v + r * run_width, p + runs.first[r], 4 * run_width);
+        return load_run(v);
+    }
+    U load(const std::uint32_t* p, const Runs& runs) const {
+        U u;
+        for (int r = 0; r < n_runs; ++r) std::memcpy(u.v + r * run_width, p + runs.first[r], 4 * run_width);
+        return u;
+    }
+    static std::uint32_t index(const Runs& runs, int lane) { return runs.first[lane / run_width] + lane % run_width; }
+    B is_leaf(const U& meta) const {
+        B m;
+        std::memcpy(&m.v, meta.v, sizeof m.v);
+        return {m.v >> 31};
+    }
+
     /// fn(lane) for each set lane, one after the other, all lanes taking part.
     template <class Fn>
     void each(const B& m, const Fn& fn) const {
-        for (int i = 0; i < width; ++i)
-            if (m.v[i]) fn(i);
+        for (unsigned set = bits(m); set; set &= set - 1) fn(__builtin_ctz(set));
     }
     /// fn(lane) for each set lane, every lane for itself.
     template <class Fn>
@@ -69,8 +118,7 @@ struct CpuGroup {
     /// write(lane, place) for each set lane, places counting up from n; returns the new n.
     template <class Write>
     int append(const B& m, int n, const Write& write) const {
-        for (int i = 0; i < width; ++i)
-            if (m.v[i]) write(i, n++);
+        for (unsigned set = bits(m); set; set &= set - 1) write(__builtin_ctz(set), n++);
         return n;
     }
     void sync() const {}

@@ -6,17 +6,17 @@ namespace globule {
 
 struct CudaGroup {
     static constexpr int width = 32;
-    static constexpr int vectors = 1;
-    static constexpr int list_capacity = 224;
-    static constexpr int stack_capacity = 288;
+    static constexpr int vectors = 2;
+    static constexpr int list_capacity = 256;
+    static constexpr int stack_capacity = 224;
     using F = float;
     using B = bool;
     using U = std::uint32_t;
     static constexpr unsigned all = 0xffffffffu;
 
     __device__ int lane() const { return threadIdx.x & 31; }
-    __device__ F ramp() const { return float(lane()); }
     __device__ B first_lanes(int n) const { return lane() < n; }
+    __device__ B only(int which) const { return lane() == which; }
     __device__ B none() const { return false; }
 
     template <class T>
@@ -27,13 +27,42 @@ struct CudaGroup {
     __device__ static T pick(const T& v, int lane) { return __shfl_sync(all, v, lane); }
 
     __device__ bool any(B m) const { return __any_sync(all, m); }
-    __device__ int count(B m) const { return __popc(__ballot_sync(all, m)); }
+    __device__ int first_from(B m, int from) const {
+        const unsigned set = __ballot_sync(all, m), later = set & ~0u << from;
+        return later ? __ffs(later) - 1 : __ffs(set) - 1;
+    }
     __device__ float smallest(float v) const {
         for (int s = 16; s; s >>= 1) v = fminf(v, __shfl_xor_sync(all, v, s));
         return v;
     }
     __device__ float largest(float v) const { return -smallest(-v); }
     __device__ F load_run(const float* p) const { return p[lane()]; }
+
+    static constexpr int run_width = 8;
+    static constexpr int n_runs = 4;
+    using Runs = std::uint32_t;
+    /// Each lane holds the run that it will look at.
+    template <class Entry>
+    struct Entries {
+        Entry mine;
+        bool valid;
+    };
+    template <class Entry>
+    __device__ Entries<Entry> take(const Entry* stack, int n) const {
+        const int r = lane() / run_width;
+        return {r < n ? stack[r] : Entry{}, r < n};
+    }
+    template <class Entry>
+    __device__ B lay_out(const Entries<Entry>& e, int, Runs& runs) const {
+        const int c = lane() % run_width;
+        const bool present = e.valid && c < int(e.mine.count());
+        runs = present ? e.mine.first() + c : 0;
+        return present;
+    }
+    template <class T>
+    __device__ T load(const T* p, const Runs& runs) const { return __ldg(p + runs); }
+    __device__ static std::uint32_t index(const Runs& runs, int) { return runs; }
+    __device__ B is_leaf(const U& meta) const { return meta >> 31; }
 
     template <class Fn>
     __device__ void each(B m, const Fn& fn) const {

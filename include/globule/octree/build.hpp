@@ -187,9 +187,8 @@ struct EmitNodes {
     Starts<Key> starts;
     std::size_t n_chunks;
     const std::uint32_t* offsets;
-    TreeHeader* header;
-    SortedParticles particles;
-    Node* nodes;
+    const TreeHeader* header;
+    NodeArrays nodes;
     std::uint32_t *first_child, *parent, *arrived;
 
     GB_FN void operator()(std::size_t chunk) const {
@@ -197,65 +196,69 @@ struct EmitNodes {
         std::uint32_t next[kMaxLevels + 3];
         for (int k = 0; k <= depth + 1; ++k) next[k] = offsets[k * n_chunks + chunk];
         starts.walk(chunk, [&](std::size_t i, int from, int to) {
-            for (int k = from; k <= least(to, depth); ++k) {
+            to = least(to, depth);
+            for (int k = from; k <= to; ++k) {
                 const std::uint32_t at = next[k]++;
                 first_child[at] = next[k + 1];
                 parent[at] = k ? next[k - 1] - 1 : at;
                 arrived[at] = 0;
-                if (k == least(to, depth)) nodes[at] = leaf(i, k); else nodes[at].meta = 0;
+                nodes.first[at] = std::uint32_t(i);
+                nodes.meta[at] = k == to ? Node::leaf_bit | std::uint32_t(k) : 0;  // level, for now
             }
         });
     }
-    GB_FN Node leaf(std::size_t i, int level) const {
-        // End of the run by doubling, then halving.
-        std::size_t step = 1;
-        while (i + step < starts.n && starts.shared(i, i + step) >= level) step *= 2;
-        std::size_t lo = i + step / 2, hi = least(i + step, starts.n);
-        while (lo + 1 < hi) {
-            const std::size_t mid = (lo + hi) / 2;
-            if (starts.shared(i, mid) >= level) lo = mid; else hi = mid;
-        }
-        Node out{{infinity(), infinity(), infinity()}, std::uint32_t(i),
-                 {-infinity(), -infinity(), -infinity()}, Node::leaf_bit | std::uint32_t(hi - i)};
-        for (std::size_t j = i; j < hi; ++j) {
-            const float3 p = particles.position(j);
-            const float a = particles.support[j];
-            out.lo = {least(out.lo.x, p.x - a), least(out.lo.y, p.y - a), least(out.lo.z, p.z - a)};
-            out.hi = {most(out.hi.x, p.x + a), most(out.hi.y, p.y + a), most(out.hi.z, p.z + a)};
-        }
-        return out;
-    }
 };
 
-/// Boxes of inner nodes, from the leaves up.
+/// Boxes: every leaf makes its own from its particles, then of each inner node the child that
+/// arrives last makes the parent's.
+template <class Key>
 struct CarryBoxes {
-    TreeHeader* header;
-    Node* nodes;
+    Starts<Key> starts;
+    const TreeHeader* header;
+    SortedParticles particles;
+    NodeArrays nodes;
     const std::uint32_t *first_child, *parent;
     std::uint32_t* arrived;
 
-    GB_FN std::uint32_t child_end(std::uint32_t at) const {
-        return at + 1 < header->n_nodes ? first_child[at + 1] : header->n_nodes;
-    }
     GB_FN void operator()(std::size_t i) const {
-        if (i >= header->n_nodes || !Node::is_leaf(nodes[i].meta)) return;
+        if (i >= header->n_nodes || !Node::is_leaf(nodes.meta[i])) return;
+        make_leaf(i);
         for (std::uint32_t at = std::uint32_t(i); at != 0;) {
             at = parent[at];
             const std::uint32_t begin = first_child[at], n_children = child_end(at) - begin;
             if (atomic_increment(&arrived[at]) + 1 < n_children) return;
-            Node out{{infinity(), infinity(), infinity()}, begin,
-                     {-infinity(), -infinity(), -infinity()}, n_children};
-            for (std::uint32_t c = begin; c < begin + n_children; ++c) {
-                const Node& child = nodes[c];
-                out.lo = {least(out.lo.x, read_fresh(&child.lo.x)),
-                          least(out.lo.y, read_fresh(&child.lo.y)),
-                          least(out.lo.z, read_fresh(&child.lo.z))};
-                out.hi = {most(out.hi.x, read_fresh(&child.hi.x)),
-                          most(out.hi.y, read_fresh(&child.hi.y)),
-                          most(out.hi.z, read_fresh(&child.hi.z))};
-            }
-            nodes[at] = out;
+            Node out = Node::nothing();
+            out.first = begin;
+            out.meta = n_children;
+            for (std::uint32_t c = begin; c < begin + n_children; ++c)
+                out.unite({read_fresh(&nodes.box[0][c]), read_fresh(&nodes.box[1][c]), read_fresh(&nodes.box[2][c])},
+                          {read_fresh(&nodes.box[3][c]), read_fresh(&nodes.box[4][c]), read_fresh(&nodes.box[5][c])});
+            nodes.set(at, out);
         }
+    }
+    GB_FN std::uint32_t child_end(std::uint32_t at) const {
+        return at + 1 < header->n_nodes ? first_child[at + 1] : header->n_nodes;
+    }
+    GB_FN void make_leaf(std::size_t at) const {
+        const std::size_t begin = nodes.first[at];
+        const int level = int(Node::count(nodes.meta[at]));
+        // End of the run by doubling, then halving.
+        std::size_t step = 1;
+        while (begin + step < starts.n && starts.shared(begin, begin + step) >= level) step *= 2;
+        std::size_t lo = begin + step / 2, hi = least(begin + step, starts.n);
+        while (lo + 1 < hi) {
+            const std::size_t mid = (lo + hi) / 2;
+            if (starts.shared(begin, mid) >= level) lo = mid; else hi = mid;
+        }
+        Node out = Node::nothing();
+        out.first = std::uint32_t(begin);
+        out.meta = Node::leaf_bit | std::uint32_t(hi - begin);
+        for (std::size_t j = begin; j < hi; ++j) {
+            const float3 p = particles.position(j);
+            const float a = particles.support[j];
+            out.unite({p.x - a, p.y - a, p.z - a}, {p.x + a, p.y + a, p.z + a});
+        }
+        nodes.set(at, out);
     }
 };
 
@@ -315,7 +318,7 @@ public:
         else build_keys<std::uint32_t>(in);
     }
 
-    SparseTree sparse() const { return {header_.data(), nodes_.data()}; }
+    SparseTree sparse() const { return {header_.data(), node_arrays()}; }
     DenseTree dense() const { return {header_.data(), dense_.data()}; }
     const SortedParticles& particles() const { return sorted_; }
     const TreeParams& params() const { return params_; }
@@ -329,7 +332,12 @@ public:
     }
     std::size_t n_dense_nodes() const { return params_.dense ? morton::dense_offset(params_.depth + 1) : 0; }
     const void* keys() const { return keys_.data(); }
-    const Node* nodes() const { return nodes_.data(); }
+    NodeArrays node_arrays() const {
+        float* p = nodes_.data();
+        const std::size_t c = capacity_;
+        return {{p, p + c, p + 2 * c, p + 3 * c, p + 4 * c, p + 5 * c},
+                reinterpret_cast<std::uint32_t*>(p + 6 * c), reinterpret_cast<std::uint32_t*>(p + 7 * c)};
+    }
     const DenseNode* dense_nodes() const { return dense_.data(); }
     std::size_t bytes() const {
         return bounds_.bytes() + keys_.bytes() + positions_.bytes() + index_.bytes() + support_.bytes() +
@@ -371,13 +379,14 @@ private:
         exec_.exclusive_scan((depth + 2) * n_chunks, counts);
         TreeHeader* header = header_.reserve(1);
         if (!params_.dense) make_room(counts, n_chunks, n);
-        const std::size_t capacity = params_.dense ? ~std::size_t(0) : nodes_.capacity();
+        const std::size_t capacity = params_.dense ? ~std::size_t(0) : capacity_;
         exec_.for_each(1, WriteHeader<Key>{space, keys, n, n_chunks, counts, depth, capacity, header});
         if (params_.dense) return build_dense(reinterpret_cast<const std::uint32_t*>(keys), n);
         std::uint32_t* scratch = scratch_.reserve(3 * capacity);
-        exec_.for_each(n_chunks, EmitNodes<Key>{starts, n_chunks, counts, header, sorted_, nodes_.data(),
-                                                scratch, scratch + capacity, scratch + 2 * capacity});
-        exec_.for_each(capacity, CarryBoxes{header, nodes_.data(), scratch, scratch + capacity, scratch + 2 * capacity});
+        exec_.for_each(n_chunks, EmitNodes<Key>{starts, n_chunks, counts, header, node_arrays(), scratch,
+                                                scratch + capacity, scratch + 2 * capacity});
+        exec_.for_each(capacity, CarryBoxes<Key>{starts, header, sorted_, node_arrays(), scratch, scratch + capacity,
+                                                 scratch + 2 * capacity});
     }
 
     /// Room for the nodes.  Asked of the device only when the number of particles has outgrown what
@@ -386,7 +395,8 @@ private:
         if (n > seen_) {
             std::uint32_t wanted;
             exec_.download(&wanted, counts + (params_.depth + 1) * n_chunks, sizeof wanted);
-            nodes_.reserve(wanted + wanted / 4 + 64);
+            capacity_ = most(capacity_, ceil_div<std::size_t>(wanted + wanted / 4, 64) * 64 + 64);
+            nodes_.reserve(8 * capacity_ + 64);  // siblings are loaded as vectors, past the last too
             seen_ = n + n / 4;
         }
     }
@@ -407,12 +417,12 @@ private:
     Buffer<std::uint32_t, Exec> index_;
     Buffer<float, Exec> support_, weight_;
     Buffer<std::uint32_t, Exec> counts_, scratch_;
-    Buffer<Node, Exec> nodes_;
+    Buffer<float, Exec> nodes_;
     Buffer<DenseNode, Exec> dense_;
     Buffer<TreeHeader, Exec> header_;
     SortedParticles sorted_{};
     TreeParams params_;
-    std::size_t n_ = 0;
+    std::size_t n_ = 0, capacity_ = 0;
     mutable std::size_t seen_ = 0;
 };
 

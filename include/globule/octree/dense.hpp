@@ -34,9 +34,9 @@ struct DenseTree {
                   space.lo.z + float(cell.z) * edge};
         out.hi = {out.lo.x + edge + reach, out.lo.y + edge + reach, out.lo.z + edge + reach};
         out.lo = {out.lo.x - reach, out.lo.y - reach, out.lo.z - reach};
-        if (n.last <= n.first) {           // empty: an inner node without children
+        if (n.last <= n.first) {
             out.first = 0;
-            out.meta = 0;
+            out.meta = Node::leaf_bit;
         } else if (level == header->depth || n.last - n.first <= std::uint32_t(kLeafSize)) {
             out.first = n.first;
             out.meta = Node::leaf_bit | (n.last - n.first);

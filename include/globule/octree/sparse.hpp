@@ -6,7 +6,7 @@ namespace globule {
 
 struct SparseTree {
     const TreeHeader* header;
-    const Node* nodes;
+    NodeArrays nodes;
     GB_FN bool empty() const { return header->n_nodes == 0; }
     GB_FN Node node(std::uint32_t i) const { return nodes[i]; }
 };

@@ -17,21 +17,47 @@ struct SortedParticles {
     GB_FN float3 position(std::size_t slot) const { return {x[slot], y[slot], z[slot]}; }
 };
 
-/// 32 bytes.  The box holds the supports of all particles below, not only their centres: what a
-/// node's box does not touch, its particles cannot influence ("ghost neighbours" of §5.3 come along).
+/// A node's box holds the supports of all particles below, not only their centres: what the box does
+/// not touch, its particles cannot influence ("ghost neighbours" of §5.3 come along).
 struct Node {
-    float3 lo;
+    float3 lo, hi;
     std::uint32_t first;  ///< inner: first child (children are consecutive); leaf: first particle
-    float3 hi;
     std::uint32_t meta;   ///< inner: number of children; leaf: leaf_bit | number of particles
     static constexpr std::uint32_t leaf_bit = 1u << 31;
     GB_FN static bool is_leaf(std::uint32_t meta) { return meta & leaf_bit; }
     GB_FN static std::uint32_t count(std::uint32_t meta) { return meta & ~leaf_bit; }
+    GB_FN static Node nothing() {
+        const float inf = infinity();
+        return {{inf, inf, inf}, {-inf, -inf, -inf}, 0, 0};
+    }
+    GB_FN void unite(const float3& l, const float3& h) {
+        lo = {least(lo.x, l.x), least(lo.y, l.y), least(lo.z, l.z)};
+        hi = {most(hi.x, h.x), most(hi.y, h.y), most(hi.z, h.z)};
+    }
+};
+
+/// Nodes in memory: 32 bytes each as eight arrays, so that siblings load as vectors.
+struct NodeArrays {
+    float* box[6];  ///< lo x y z, hi x y z
+    std::uint32_t *first, *meta;
+    GB_FN Node operator[](std::size_t i) const {
+        return {{box[0][i], box[1][i], box[2][i]}, {box[3][i], box[4][i], box[5][i]}, first[i], meta[i]};
+    }
+    GB_FN void set(std::size_t i, const Node& n) const {
+        box[0][i] = n.lo.x;
+        box[1][i] = n.lo.y;
+        box[2][i] = n.lo.z;
+        box[3][i] = n.hi.x;
+        box[4][i] = n.hi.y;
+        box[5][i] = n.hi.z;
+        first[i] = n.first;
+        meta[i] = n.meta;
+    }
 };
 
 inline constexpr int kMaxLevels = 21;
-inline constexpr int kLeafSize = 16;   ///< a cell with more particles is split
-inline constexpr int kChunk = 32;      ///< consecutive particles that one thread turns into nodes
+inline constexpr int kLeafSize = 32;   ///< a cell with more particles is split
+inline constexpr int kChunk = 16;      ///< consecutive particles that one thread turns into nodes
 
 /// What a build finds out; lives beside the tree, on the device.
 struct TreeHeader {

@@ -2,7 +2,8 @@
 // z1, found by the whole group together, a batch of nodes at a time, and kept relative to the axis
 // point at z0 in units of the support, where float32 is precise whatever the scene's coordinates.
 #pragma once
-#include "globule/octree/types.hpp"
+#include "globule/octree/dense.hpp"
+#include "globule/octree/sparse.hpp"
 #include "globule/trace/bundle.hpp"
 
 namespace globule {
@@ -17,123 +18,201 @@ struct CandidateShape {
     float weight;
 };
 
+/// Siblings waiting to be looked at: first node and their number, 1 to 8, in 32 bits.
+struct Siblings {
+    std::uint32_t packed = 0;
+    static constexpr std::uint32_t max_first = (1u << 29) - 8;
+    GB_FN static Siblings of(std::uint32_t first, std::uint32_t n) { return {first | (n - 1) << 29}; }
+    GB_FN std::uint32_t first() const { return packed & ((1u << 29) - 1); }
+    GB_FN std::uint32_t count() const { return (packed >> 29) + 1; }
+};
+
 template <class Group, bool PerParticle>
 struct TileScratch {
     Candidate list[Group::list_capacity];
     CandidateShape shape[PerParticle ? Group::list_capacity : 1];
-    std::uint32_t stack[Group::stack_capacity];
+    Siblings stack[Group::stack_capacity];
 };
+
+/// A group's worth of nodes.
+template <class Group>
+struct Boxes {
+    typename Group::F lo[3], hi[3];
+    typename Group::U first, meta;
+};
+template <class Group>
+GB_FN void load_boxes(Group& g, const SparseTree& tree, const typename Group::Runs& runs, const typename Group::B&,
+                      Boxes<Group>& out) {
+    for (int k = 0; k < 3; ++k) {
+        out.lo[k] = g.load(tree.nodes.box[k], runs);
+        out.hi[k] = g.load(tree.nodes.box[k + 3], runs);
+    }
+    out.first = g.load(tree.nodes.first, runs);
+    out.meta = g.load(tree.nodes.meta, runs);
+}
+template <class Group>
+GB_FN void load_boxes(Group& g, const DenseTree& tree, const typename Group::Runs& runs, const typename Group::B& lanes,
+                      Boxes<Group>& out) {
+    using F = typename Group::F;
+    for (int k = 0; k < 3; ++k) out.lo[k] = out.hi[k] = F(0.0f);
+    g.per_lane(lanes, [&](int lane) {
+        const Node node = tree.node(Group::index(runs, lane));
+        Group::put(out.lo[0], lane, node.lo.x);
+        Group::put(out.lo[1], lane, node.lo.y);
+        Group::put(out.lo[2], lane, node.lo.z);
+        Group::put(out.hi[0], lane, node.hi.x);
+        Group::put(out.hi[1], lane, node.hi.y);
+        Group::put(out.hi[2], lane, node.hi.z);
+        Group::put(out.first, lane, node.first);
+        Group::put(out.meta, lane, node.meta);
+    });
+}
 
 struct Gathered {
     int n = 0;          ///< candidates; -1: more than the list holds
-    float next = 0;     ///< nearest distance past z1 where something begins
+    float next = 0;     ///< nearest distance past z0 + dz where something begins
     float sharpest = 1; ///< largest 1 / support in the list, scaled
 };
 
+/// Walks the tree along the bundle from distance z0 on; `at` is the axis point there.
 template <bool PerParticle, class Group, class Tree>
-GB_FN Gathered gather(Group& g, TileScratch<Group, PerParticle>& scratch, const Tree& tree,
-                      const SortedParticles& particles, const Bundle& bundle, float z0, float dz,
-                      const float3& at, float scale) {
+struct Walk {
     using F = typename Group::F;
     using B = typename Group::B;
-    using U = typename Group::U;
-    const float tiny = 1e-18f;
-    const float3 d = bundle.d;
-    const float3 inv{1.0f / (magnitude(d.x) > tiny ? d.x : tiny), 1.0f / (magnitude(d.y) > tiny ? d.y : tiny),
-                     1.0f / (magnitude(d.z) > tiny ? d.z : tiny)};
-    F next = F(infinity()), sharpest = F(0.0f);
-    int n = 0, top = 1;
-    scratch.stack[0] = 0;
-    g.sync();
-    while (top > 0) {
-        // A batch may push 8 for each of its nodes; what stays below still needs room to go down
-        // one node at a time, 7 a level.
-        const int room = (Group::stack_capacity - 7 * (kMaxLevels + 1) - top) / 8;
-        const int take = least(least(top, int(Group::width)), most(1, room));
-        const B lanes = g.first_lanes(take);
-        top -= take;
-        U first{}, meta{};
-        F lox(0.0f), loy(0.0f), loz(0.0f), hix(0.0f), hiy(0.0f), hiz(0.0f);
-        g.per_lane(lanes, [&](int lane) {
-            const Node node = tree.node(scratch.stack[top + lane]);
-            Group::put(lox, lane, node.lo.x);
-            Group::put(loy, lane, node.lo.y);
-            Group::put(loz, lane, node.lo.z);
-            Group::put(hix, lane, node.hi.x);
-            Group::put(hiy, lane, node.hi.y);
-            Group::put(hiz, lane, node.hi.z);
-            Group::put(first, lane, node.first);
-            Group::put(meta, lane, node.meta);
-        });
-        g.sync();
-        // Slab test (Kay & Kajiya 1986) of the axis against the box grown by the bundle's radius.
-        const F half(0.5f);
-        const F hx = (hix - lox) * half, hy = (hiy - loy) * half, hz = (hiz - loz) * half;
-        const F cx = lox + hx - F(at.x), cy = loy + hy - F(at.y), cz = loz + hz - F(at.z);
-        const F ahead = cx * F(d.x) + cy * F(d.y) + cz * F(d.z);
-        const F r = radius_at(bundle, F(z0) + ahead + hx + hy + hz);
-        const F ax = (cx - hx - r) * F(inv.x), bx = (cx + hx + r) * F(inv.x);
-        const F ay = (cy - hy - r) * F(inv.y), by = (cy + hy + r) * F(inv.y);
-        const F az = (cz - hz - r) * F(inv.z), bz = (cz + hz + r) * F(inv.z);
-        const F enter = most(most(least(ax, bx), least(ay, by)), least(az, bz));
-        const F leave = least(least(most(ax, bx), most(ay, by)), most(az, bz));
-        const B met = lanes & (enter <= leave) & (leave >= F(0.0f));
-        const B later = met & (enter > F(dz));
-        next = select(later, least(next, enter), next);
-        const B open = met & (enter <= F(dz));
+    Group& g;
+    TileScratch<Group, PerParticle>& scratch;
+    const Tree& tree;
+    const SortedParticles& particles;
+    const Bundle& bundle;
+    float z0;
+    float3 at, inv;
 
-        B is_leaf = g.none();
-        g.per_lane(open, [&](int lane) {
-            Group::put(is_leaf, lane, Node::is_leaf(Group::get(meta, lane)));
-        });
-        const B inner = open & !is_leaf;
-        for (std::uint32_t c = 0; c < 8; ++c) {
-            B has = g.none();
-            g.per_lane(inner, [&](int lane) { Group::put(has, lane, c < Group::get(meta, lane)); });
-            if (!g.any(has)) break;
-            top = g.append(has, top, [&](int lane, int place) {
-                scratch.stack[place] = Group::get(first, lane) + c;
-            });
-        }
-        bool full = false;
-        g.each(open & is_leaf, [&](int lane) {
-            const std::uint32_t begin = Group::pick(first, lane);
-            const std::uint32_t end = begin + Node::count(Group::pick(meta, lane));
-            for (std::uint32_t j = begin; j < end && !full; j += Group::width) {
-                if (n + Group::width > Group::list_capacity) {
-                    full = true;
-                    break;
-                }
-                const B present = g.first_lanes(int(least<std::uint32_t>(end - j, Group::width)));
-                const F x = g.load_run(particles.x + j) - F(at.x);
-                const F y = g.load_run(particles.y + j) - F(at.y);
-                const F z = g.load_run(particles.z + j) - F(at.z);
-                const F a = PerParticle && particles.support.data ? g.load_run(particles.support.data + j)
-                                                                  : F(particles.support.uniform);
-                // The chord that the grown sphere cuts from the axis.
-                const F s = x * F(d.x) + y * F(d.y) + z * F(d.z);
-                const F grown = a + radius_at(bundle, F(z0) + s + a);
-                const F chord2 = grown * grown - (x * x + y * y + z * z - s * s);
-                const F chord = root(most(chord2, F(0.0f)));
-                const B hit = present & (chord2 >= F(0.0f)) & (s + chord >= F(0.0f)) & (a > F(0.0f));
-                const B far = hit & (s - chord > F(dz));
-                next = select(far, least(next, s - chord), next);
-                if constexpr (PerParticle)
-                    sharpest = most(sharpest, select(hit & !far, F(1.0f) / (a * F(scale)), F(0.0f)));
-                n = g.append(hit & !far, n, [&](int k, int place) {
-                    scratch.list[place] = {Group::get(x, k) * scale, Group::get(y, k) * scale,
-                                           Group::get(z, k) * scale, j + std::uint32_t(k)};
-                    if constexpr (PerParticle) {
-                        const float support = Group::get(a, k) * scale;
-                        scratch.shape[place] = {1.0f / (support * support), particles.weight[j + k]};
-                    }
-                });
-            }
-        });
-        g.sync();
-        if (full) return {-1};
+    GB_FN Walk(Group& group, TileScratch<Group, PerParticle>& s, const Tree& t, const SortedParticles& p, const Bundle& b,
+               float z, const float3& point)
+        : g(group), scratch(s), tree(t), particles(p), bundle(b), z0(z), at(point) {
+        const float tiny = 1e-18f;
+        inv = {1.0f / (magnitude(b.d.x) > tiny ? b.d.x : tiny), 1.0f / (magnitude(b.d.y) > tiny ? b.d.y : tiny),
+               1.0f / (magnitude(b.d.z) > tiny ? b.d.z : tiny)};
     }
-    return {n, z0 + g.smallest(next), PerParticle ? g.largest(sharpest) : 1.0f};
+
+    /// Depth first from the root.  open(enter, met) says which met nodes to open; leaf(lanes, boxes)
+    /// takes the leaves among them and says whether to go on.
+    template <class Open, class Leaf>
+    GB_FN void operator()(const Open& open, const Leaf& leaf) {
+        // A batch may push a group's worth of entries; what stays below still needs room to go down
+        // one entry at a time, 7 a level.
+        constexpr int reserve = 8 * (kMaxLevels + 1);
+        int top = 1;
+        scratch.stack[0] = Siblings::of(0, 1);
+        g.sync();
+        while (top > 0) {
+            const int room = (Group::stack_capacity - reserve - top) / 8;
+            const int take = least(least(top, int(Group::n_runs)), most(1, room));
+            top -= take;
+            const auto entries = g.take(scratch.stack + top, take);
+            g.sync();
+            for (int part = 0; part * Group::run_width < 8; ++part) {
+                typename Group::Runs runs;
+                const B lanes = g.lay_out(entries, part, runs);
+                Boxes<Group> boxes;
+                load_boxes(g, tree, runs, lanes, boxes);
+                // Slab test (Kay & Kajiya 1986) of the axis against the box grown by the bundle's radius.
+                const F half(0.5f);
+                const F hx = (boxes.hi[0] - boxes.lo[0]) * half, cx = boxes.lo[0] + hx - F(at.x);
+                const F hy = (boxes.hi[1] - boxes.lo[1]) * half, cy = boxes.lo[1] + hy - F(at.y);
+                const F hz = (boxes.hi[2] - boxes.lo[2]) * half, cz = boxes.lo[2] + hz - F(at.z);
+                const F ahead = cx * F(bundle.d.x) + cy * F(bundle.d.y) + cz * F(bundle.d.z);
+                const F r = radius_at(bundle, F(z0) + ahead + hx + hy + hz);
+                const F mx = cx * F(inv.x), ex = (hx + r) * F(magnitude(inv.x));
+                const F my = cy * F(inv.y), ey = (hy + r) * F(magnitude(inv.y));
+                const F mz = cz * F(inv.z), ez = (hz + r) * F(magnitude(inv.z));
+                const F enter = most(most(mx - ex, my - ey), mz - ez);
+                const F leave = least(least(mx + ex, my + ey), mz + ez);
+                const B go = open(enter, lanes & (enter <= leave) & (leave >= F(0.0f)));
+                const B is_leaf = g.is_leaf(boxes.meta);
+                top = g.append(go & !is_leaf, top, [&](int lane, int place) {
+                    scratch.stack[place] = Siblings::of(Group::get(boxes.first, lane), Group::get(boxes.meta, lane));
+                });
+                g.sync();
+                if (!leaf(go & is_leaf, enter, boxes)) return;
+            }
+        }
+    }
+};
+
+/// Where the nearest leaf's box begins, at or after z0.
+template <bool PerParticle, class Group, class Tree>
+GB_FN float seek(Walk<PerParticle, Group, Tree>& walk) {
+    using F = typename Group::F;
+    using B = typename Group::B;
+    F nearest = F(infinity());
+    float best = infinity();
+    walk([&](const F& enter, const B& met) { return met & (enter < F(best)); },
+         [&](const B& leaves, const F& enter, const Boxes<Group>&) {
+             nearest = select(leaves, least(nearest, enter), nearest);
+             best = walk.g.smallest(nearest);
+             return best > 0.0f;
+         });
+    return walk.z0 + most(best, 0.0f);
+}
+
+/// All candidates between z0 and z0 + dz into the list.
+template <bool PerParticle, class Group, class Tree>
+GB_FN Gathered gather(Walk<PerParticle, Group, Tree>& walk, float dz, float scale) {
+    using F = typename Group::F;
+    using B = typename Group::B;
+    Group& g = walk.g;
+    const float3 at = walk.at, d = walk.bundle.d;
+    const SortedParticles& particles = walk.particles;
+    F next = F(infinity()), sharpest = F(0.0f);
+    int n = 0;
+    bool full = false;
+    walk(
+        [&](const F& enter, const B& met) {
+            const B near = enter <= F(dz);
+            next = select(met & !near, least(next, enter), next);
+            return met & near;
+        },
+        [&](const B& leaves, const F&, const Boxes<Group>& boxes) {
+            g.each(leaves, [&](int lane) {
+                const std::uint32_t begin = Group::pick(boxes.first, lane);
+                const std::uint32_t end = begin + Node::count(Group::pick(boxes.meta, lane));
+                for (std::uint32_t j = begin; j < end && !full; j += Group::width) {
+                    if (n + Group::width > Group::list_capacity) {
+                        full = true;
+                        break;
+                    }
+                    const B present = g.first_lanes(int(least<std::uint32_t>(end - j, Group::width)));
+                    const F x = g.load_run(particles.x + j) - F(at.x);
+                    const F y = g.load_run(particles.y + j) - F(at.y);
+                    const F z = g.load_run(particles.z + j) - F(at.z);
+                    const F a = PerParticle && particles.support.data ? g.load_run(particles.support.data + j)
+                                                                      : F(particles.support.uniform);
+                    // The chord that the grown sphere cuts from the axis.
+                    const F s = x * F(d.x) + y * F(d.y) + z * F(d.z);
+                    const F grown = a + radius_at(walk.bundle, F(walk.z0) + s + a);
+                    const F chord2 = grown * grown - (x * x + y * y + z * z - s * s);
+                    const F chord = root(most(chord2, F(0.0f)));
+                    const B hit = present & (chord2 >= F(0.0f)) & (s + chord >= F(0.0f)) & (a > F(0.0f));
+                    const B far = s - chord > F(dz);
+                    next = select(hit & far, least(next, s - chord), next);
+                    const B take = hit & !far;
+                    if constexpr (PerParticle) sharpest = most(sharpest, select(take, F(1.0f) / (a * F(scale)), F(0.0f)));
+                    n = g.append(take, n, [&](int k, int place) {
+                        walk.scratch.list[place] = {Group::get(x, k) * scale, Group::get(y, k) * scale,
+                                                    Group::get(z, k) * scale, j + std::uint32_t(k)};
+                        if constexpr (PerParticle) {
+                            const float support = Group::get(a, k) * scale;
+                            walk.scratch.shape[place] = {1.0f / (support * support), particles.weight[j + k]};
+                        }
+                    });
+                }
+            });
+            return !full;
+        });
+    g.sync();
+    if (full) return {-1};
+    return {n, walk.z0 + g.smallest(next), PerParticle ? g.largest(sharpest) : 1.0f};
 }
 
 }  // namespace globule

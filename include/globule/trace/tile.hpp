@@ -117,7 +117,7 @@ struct TraceTiles {
         using B = typename Group::B;
         constexpr int V = Group::vectors;
         Lanes<Group> lanes;
-        const Node box = tree.empty() ? Node{{1, 1, 1}, 0, {0, 0, 0}, 0} : tree.node(0);
+        const Node box = tree.empty() ? Node{{1, 1, 1}, {0, 0, 0}, 0, 0} : tree.node(0);
         start(g, lanes, tile, box);
         const float typical = tree.header->typical_support;  // lengths are scaled by it
         const float scale = 1.0f / typical;
@@ -128,16 +128,16 @@ struct TraceTiles {
         for (;;) {
             // The bundle: rays that stay close to a leader from the tile's middle.
             int leader = -1;
-            for (int pass = 0; pass < 2 && leader < 0; ++pass)
-                for (int k = 0; k < V && leader < 0; ++k) {
-                    const int v = (k + V / 2) % V;
-                    const B upper = g.ramp() >= F(pass || V > 1 ? 0.0f : 0.625f * Group::width);
-                    g.each(lanes.pending[v] & upper, [&](int lane) {
-                        if (leader < 0) leader = v * Group::width + lane;
-                    });
-                }
+            float3 lo{0, 0, 0}, ld{0, 0, 1};
+            for (int k = 0; k < V; ++k) {
+                const int v = (k + V / 2) % V;
+                const int lane = leader < 0 ? g.first_from(lanes.pending[v], V == 1 ? Group::width / 2 + 4 : 4) : -1;
+                if (lane < 0) continue;
+                leader = v * Group::width + lane;
+                lo = {g.pick(lanes.o[v].x, lane), g.pick(lanes.o[v].y, lane), g.pick(lanes.o[v].z, lane)};
+                ld = {g.pick(lanes.d[v].x, lane), g.pick(lanes.d[v].y, lane), g.pick(lanes.d[v].z, lane)};
+            }
             if (leader < 0) break;
-            const float3 lo = pick3(g, lanes.o, leader), ld = pick3(g, lanes.d, leader);
             const float far = length(float3{most(magnitude(box.lo.x - lo.x), magnitude(box.hi.x - lo.x)),
                                             most(magnitude(box.lo.y - lo.y), magnitude(box.hi.y - lo.y)),
                                             most(magnitude(box.lo.z - lo.z), magnitude(box.hi.z - lo.z))});
@@ -151,12 +151,7 @@ struct TraceTiles {
                 for (int v = 0; v < V; ++v) {
                     const F away = length(lanes.o[v] - Vec3<F>{F(lo.x), F(lo.y), F(lo.z)});
                     const F apart = length(lanes.d[v] - Vec3<F>{F(ld.x), F(ld.y), F(ld.z)});
-                    B leads = g.none();
-                    if (leader / Group::width == v) {
-                        const F n = g.ramp();
-                        const float l = float(leader % Group::width);
-                        leads = (n >= F(l)) & (n <= F(l));
-                    }
+                    const B leads = leader / Group::width == v ? g.only(leader % Group::width) : g.none();
                     group[v] = lanes.pending[v] &
                                (leads | ((away + apart * F(far) <= F(spread)) & (apart < F(0.045f))));
                     r0 = most(r0, g.largest(select(group[v], away, F(0.0f))));
@@ -167,10 +162,16 @@ struct TraceTiles {
             };
             select_group();
 
+            const auto axis_point = [&] { return float3{lo.x + z * ld.x, lo.y + z * ld.y, lo.z + z * ld.z}; };
+            {
+                Walk<PerParticle, Group, Tree> walk(g, scratch, tree, particles, bundle, z, axis_point());
+                advance(lanes, group, z = seek(walk));
+            }
             float dz = typical;
-            for (;;) {
-                const float3 at{lo.x + z * ld.x, lo.y + z * ld.y, lo.z + z * ld.z};
-                const Gathered found = gather<PerParticle>(g, scratch, tree, particles, bundle, z, dz, at, scale);
+            while (z < infinity()) {
+                const float3 at = axis_point();
+                Walk<PerParticle, Group, Tree> walk(g, scratch, tree, particles, bundle, z, at);
+                const Gathered found = gather(walk, dz, scale);
                 const float least_dz = most(typical * (1.0f / 64.0f), z * 1e-6f);
                 if (found.n < 0 && bundle.r0 - blur + bundle.r1 * far > 0.0f) {
                     spread *= spread > 0.05f * typical ? 0.5f : 0.0f;  // too many: fewer rays,
@@ -182,12 +183,7 @@ struct TraceTiles {
                     continue;
                 }
                 if (found.n == 0) {
-                    for (int v = 0; v < V; ++v) {
-                        lanes.t[v] = select(group[v], most(lanes.t[v], F(found.next)), lanes.t[v]);
-                        lanes.fresh[v] = lanes.fresh[v] & !group[v];
-                    }
-                    if (!(found.next < infinity())) break;
-                    z = found.next;
+                    advance(lanes, group, z = found.next);
                     dz = typical;
                     continue;
                 }
@@ -211,10 +207,15 @@ struct TraceTiles {
     }
 
 private:
+    /// Nothing reaches these lanes before z: they are outside there, and no root lies before.
     template <class Group>
-    GB_FN static float3 pick3(Group& g, const Vec3<typename Group::F>* p, int l) {
-        const int v = l / Group::width, lane = l % Group::width;
-        return {g.pick(p[v].x, lane), g.pick(p[v].y, lane), g.pick(p[v].z, lane)};
+    GB_FN static void advance(Lanes<Group>& lanes, const typename Group::B* group, float z) {
+        using F = typename Group::F;
+        for (int v = 0; v < Group::vectors; ++v) {
+            const auto moved = group[v] & (F(z) > lanes.t[v]);
+            lanes.t[v] = select(moved, F(z), lanes.t[v]);
+            lanes.fresh[v] = lanes.fresh[v] & !moved;
+        }
     }
 
     GB_FN static Limits<double> exact_limits(double tau, double window, double sign) {

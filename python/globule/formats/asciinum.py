@@ -52,7 +52,6 @@ def parse_rows(
     """
     if not any(line.strip() for line in lines):
         return np.empty((0, n_columns))
-    separator = options.get("delimiter")
     options.setdefault("comments", None)
     try:
         with warnings.catch_warnings():
@@ -63,26 +62,33 @@ def parse_rows(
         problem = f"expected {n_columns} numbers a line, got {rows.shape[1]}"
     except ValueError as error:
         problem = str(error).splitlines()[0]
-    n_words = None if "usecols" in options else n_columns
-    raise _find_fault(path, lines, first_line, n_words, separator) or bad(path, "", problem)
+    fault = _find_fault(path, lines, first_line, n_columns, options)
+    raise fault or bad(path, f"line {first_line}", f"expected rows of numbers, got {problem}")
 
 
 def _find_fault(
-    path: Any, lines: Sequence[str], first_line: int, n_columns: int | None, separator: str | None
+    path: Any,
+    lines: Sequence[str],
+    first_line: int,
+    n_columns: int,
+    options: dict[str, Any],
 ) -> FormatError | None:
     """The first line that does not hold numbers; only walked when the fast way failed."""
     for number, line in enumerate(lines, first_line):
-        words = line.split(separator) if line.strip() else []
-        if words and words[0].startswith("#") and separator is None:
+        if options["comments"]:
+            line = line.partition(options["comments"])[0]
+        words = line.split(options.get("delimiter")) if line.strip() else []
+        if not words:
             continue
-        if words and n_columns is not None and len(words) != n_columns:
+        used = options.get("usecols", range(n_columns))
+        if len(words) <= max(used) or ("usecols" not in options and len(words) > n_columns):
             return bad(path, f"line {number}", f"expected {n_columns} numbers, got {len(words)}")
-        for column, word in enumerate(words, 1):
+        for column in used:
             try:
-                float(word)
+                float(words[column])
             except ValueError:
-                where = f"line {number}, column {column}"
-                return bad(path, where, f"expected a number, got {shown(word)}")
+                where = f"line {number}, column {column + 1}"
+                return bad(path, where, f"expected a number, got {shown(words[column])}")
     return None
 
 

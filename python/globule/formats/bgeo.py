@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 import struct
-from typing import IO, Any
+from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -16,6 +16,9 @@ from ..files import atomic_write
 from ..particles import Particles, to_host
 from .errors import FormatError, bad, shown
 from .fields import particles_from, per_particle
+
+if TYPE_CHECKING:
+    from gzip import GzipFile
 
 _FLOAT, _INT, _INDEXED_STRING, _VECTOR = 0, 1, 4, 5
 _MOST_GZIP_CAN_EXPAND = 1032  # times, from the format of deflate
@@ -91,7 +94,7 @@ def _float32_or_int32(name: str, array: np.ndarray) -> np.ndarray:
 class _Stream:
     """Bytes from a file that may be compressed, never more than it can hold."""
 
-    def __init__(self, path: Any, file: IO[bytes], limit: int) -> None:
+    def __init__(self, path: Any, file: IO[bytes] | GzipFile, limit: int) -> None:
         self.path = path
         self.file = file
         self.limit = limit

@@ -11,7 +11,9 @@ class FormatError(ValueError):
 
 def bad(path: Any, where: str, problem: str) -> FormatError:
     """A FormatError `path: where: problem`; `where` may be empty."""
-    return FormatError(": ".join(part for part in (str(path), where, problem) if part))
+    # Either may quote the file: one line, of bounded length, whatever is in it.
+    parts = [str(path), *(" ".join(part.split())[:200] for part in (where, problem))]
+    return FormatError(": ".join(part for part in parts if part))
 
 
 def shown(text: str | bytes) -> str:

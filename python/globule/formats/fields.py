@@ -105,8 +105,8 @@ def join_columns(columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     arrays: dict[str, np.ndarray] = {}
     by_lower_name = {name.lower(): name for name in reversed(list(columns))}
     for components, vector in _VECTORS.items():
-        names = [by_lower_name.get(component) for component in components]
-        if None in names or vector in columns or vector in arrays:
+        names = [by_lower_name[part] for part in components if part in by_lower_name]
+        if len(names) < 3 or vector in columns or vector in arrays:
             continue
         arrays[vector] = np.stack([columns.pop(name) for name in names], axis=1)
     for name in list(columns):
@@ -116,7 +116,7 @@ def join_columns(columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
         if not (colon and stem and index == "0") or stem in columns or stem in arrays:
             arrays[name] = columns[name]
             continue
-        parts = []
+        parts: list[np.ndarray] = []
         while f"{stem}:{len(parts)}" in columns:
             parts.append(columns.pop(f"{stem}:{len(parts)}"))
         arrays[stem] = np.stack(parts, axis=1)

@@ -5,6 +5,7 @@ Pickled objects are never loaded.
 
 from __future__ import annotations
 
+import math
 import os
 from typing import IO, Any
 
@@ -111,15 +112,15 @@ def _array(path: Any, name: str, file: IO[bytes], file_size: int) -> np.ndarray:
             raise ValueError(f"version {version}")
         header_size = file.tell()
     except Exception as error:  # the header is parsed as Python text, which fails in many ways
-        text = " ".join(str(error).split())
-        raise bad(path, name, f"expected an .npy header, got {text[:100]}") from None
+        raise bad(path, name, f"expected an .npy header, got {error}") from None
     if dtype.hasobject or dtype.fields is not None:
         raise bad(path, name, f"expected plain numbers, got dtype {shown(str(dtype))}")
-    count = 1
-    for length in shape:
-        count *= int(length)
+    shape = tuple(map(int, shape))  # True is an int to NumPy's parser
+    count = math.prod(shape)
     size = count * dtype.itemsize
-    if min(shape, default=0) < 0 or size > file_size - header_size:
+    # An empty array may announce any length beside its zero; no honest one exceeds the file.
+    lengths_fit = min(shape, default=0) >= 0 and max(shape, default=0) <= file_size
+    if not lengths_fit or size > file_size - header_size:
         problem = f"expected {dtype} {shape} in {file_size - header_size} bytes"
         raise bad(path, name, f"{problem}, got a header that announces {size}")
     raw = file.read(size)

@@ -121,6 +121,10 @@ def _assemble(
         for i, word in enumerate(words)
         if _is_number(word) or names[i].lower() in ("x", "y", "z")  # there, a word is a mistake
     ]
+    found = shown(" ".join(names))
+    no_positions = bad(path, f"line {first_line}", f"expected columns x, y and z, got {found}")
+    if len(numeric) < 3:
+        raise no_positions
     options: dict[str, Any] = {"delimiter": separator}
     if separator is None:
         options["comments"] = "#"
@@ -138,8 +142,7 @@ def _assemble(
     arrays = join_columns(columns)
     points = find_positions(arrays)
     if points is None:
-        found = shown(" ".join(names))
-        raise bad(path, f"line {first_line}", f"expected columns x, y and z, got {found}")
+        raise no_positions
     return particles_from(path, points, arrays)
 
 

@@ -49,9 +49,9 @@ def write(path: str | os.PathLike, particles: Particles) -> None:
     from xml.sax.saxutils import quoteattr
 
     n = len(particles)
-    index = np.int32 if n < 2**31 else np.int64
+    index = np.int32 if n < 2**31 - 1 else np.int64
     connectivity = np.arange(n, dtype=index)
-    offsets = connectivity + index(1)
+    offsets = np.arange(1, n + 1, dtype=index)
     poly = os.fspath(path).lower().endswith(".vtp")
     kind, cells = ("PolyData", "Verts") if poly else ("UnstructuredGrid", "Cells")
     blocks: list[np.ndarray] = []
@@ -193,13 +193,14 @@ class _Reader:
         n = self.count(element, "NumberOfPoints")
         arrays: dict[tuple[str, int], np.ndarray] = {}
         points = element.find("Points/DataArray")
-        if points is None and n:
-            raise self.bad("Piece", "expected <Points> with a <DataArray>, got none")
-        arrays["", 3] = np.empty((0, 3), np.float32)
-        if n:
+        if points is not None and n:
             arrays["", 3] = self.array(points, n)
             if arrays["", 3].shape != (n, 3):
-                raise self.bad("Points", "expected 3 components")
+                raise self.bad("Points", f"expected 3 components, got {arrays['', 3].shape[1:]}")
+        elif n:
+            raise self.bad("Piece", "expected <Points> with a <DataArray>, got none")
+        else:
+            arrays["", 3] = np.empty((0, 3), np.float32)
         for data_array in element.iterfind("PointData/DataArray"):
             name = data_array.get("Name", "")
             if data_array.get("type") in _TYPES and name:
@@ -217,10 +218,10 @@ class _Reader:
         """A data array, (n,) or (n, k), in native byte order and memory of its own."""
         name = f"DataArray {element.get('Name', '')}"
         k = self.count(element, "NumberOfComponents", "1")
-        if k == 0 or element.get("type") not in _TYPES:
-            problem = f"expected numbers, got {k} of type {shown(element.get('type', ''))}"
-            raise self.bad(name, problem)
-        dtype = np.dtype(_TYPES[element.get("type")])
+        kind = element.get("type", "")
+        if k == 0 or kind not in _TYPES:
+            raise self.bad(name, f"expected numbers, got {k} components of type {shown(kind)}")
+        dtype = np.dtype(_TYPES[kind])
         encoding = element.get("format", "ascii")
         if n == 0:
             values = np.empty(0, dtype)
