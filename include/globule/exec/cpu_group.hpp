@@ -50,6 +50,11 @@ struct CpuGroup {
         for (int i = 1; i < width; ++i) r = v.v[i] < r ? v.v[i] : r;
         return r;
     }
+    float sum(const F& v) const {
+        float r = 0.0f;
+        for (int i = 0; i < width; ++i) r += v.v[i];
+        return r;
+    }
     float largest(const F& v) const { return -smallest(-v); }
 
     /// Consecutive floats; memory past the run is readable (buffers are padded).
@@ -58,6 +63,22 @@ struct CpuGroup {
         std::memcpy(&r.v, p, sizeof r.v);
         return r;
     }
+
+    /// Three floats and a number for each of n items, read one at a time or a group's worth.
+    template <int n>
+    struct List {
+        float x[n], y[n], z[n];
+        std::uint32_t id[n];
+        Vec3<float> point(int i) const { return {x[i], y[i], z[i]}; }
+        std::uint32_t number(int i) const { return id[i]; }
+        void set(int i, const Vec3<float>& p, std::uint32_t k) {
+            x[i] = p.x;
+            y[i] = p.y;
+            z[i] = p.z;
+            id[i] = k;
+        }
+        Vec3<F> points(const CpuGroup& g, int i) const { return {g.load_run(x + i), g.load_run(y + i), g.load_run(z + i)}; }
+    };
 
     /// Runs of up to 8 siblings side by side in the lanes.
     static constexpr int run_width = width < 8 ? width : 8;
@@ -114,6 +135,12 @@ struct CpuGroup {
     /// fn(lane) for each set lane, every lane for itself.
     template <class Fn>
     void per_lane(const B& m, const Fn& fn) const { each(m, fn); }
+
+    /// fn(lane) for all lanes.
+    template <class Fn>
+    static void for_lanes(const Fn& fn) {
+        for (int i = 0; i < width; ++i) fn(i);
+    }
 
     /// write(lane, place) for each set lane, places counting up from n; returns the new n.
     template <class Write>

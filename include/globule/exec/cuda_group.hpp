@@ -2,11 +2,16 @@
 #pragma once
 #include "globule/base/vec.hpp"
 
+#ifndef GB_V
+#define GB_V 2
+#define GB_WPB 4
+#define GB_MINB 4
+#endif
 namespace globule {
 
 struct CudaGroup {
     static constexpr int width = 32;
-    static constexpr int vectors = 2;
+    static constexpr int vectors = GB_V;
     static constexpr int list_capacity = 256;
     static constexpr int stack_capacity = 224;
     using F = float;
@@ -35,8 +40,24 @@ struct CudaGroup {
         for (int s = 16; s; s >>= 1) v = fminf(v, __shfl_xor_sync(all, v, s));
         return v;
     }
+    __device__ float sum(float v) const {
+        for (int s = 16; s; s >>= 1) v += __shfl_xor_sync(all, v, s);
+        return v;
+    }
     __device__ float largest(float v) const { return -smallest(-v); }
     __device__ F load_run(const float* p) const { return p[lane()]; }
+
+    template <int n>
+    struct List {
+        float4 item[n];
+        __device__ Vec3<float> point(int i) const { return {item[i].x, item[i].y, item[i].z}; }
+        __device__ std::uint32_t number(int i) const { return __float_as_uint(item[i].w); }
+        __device__ void set(int i, const Vec3<float>& p, std::uint32_t k) { item[i] = {p.x, p.y, p.z, __uint_as_float(k)}; }
+        __device__ Vec3<float> points(const CudaGroup& g, int i) const {
+            const float4 v = item[i + g.lane()];
+            return {v.x, v.y, v.z};
+        }
+    };
 
     static constexpr int run_width = 8;
     static constexpr int n_runs = 4;
@@ -73,6 +94,8 @@ struct CudaGroup {
         if (m) fn(lane());
         __syncwarp();
     }
+    template <class Fn>
+    __device__ static void for_lanes(const Fn& fn) { fn(0); }
     template <class Write>
     __device__ int append(B m, int n, const Write& write) const {
         const unsigned set = __ballot_sync(all, m);

@@ -2,8 +2,8 @@
 // All are C1 and vanish with their slope at x = 1, so x may simply be clamped there.
 //
 // Along a ray, r^2 = h^2 + u^2 (h: distance of the ray, u: signed distance from the closest point).
-// With A = 1 - (h/a)^2 and e = the largest (u/a)^2 <= A on a window of the ray, `rise` bounds
-// a^2 d2b/du2 from above on that window and `fall` bounds -a^2 d2b/du2; march.hpp steps by them.
+// With A = 1 - (h/a)^2, `rise` bounds a^2 d2b/du2 from above on a window of the ray where
+// (u/a)^2 <= u2; `max_fall` bounds -a^2 d2b/du2 everywhere.  march.hpp steps by them.
 #pragma once
 #include "globule/base/scalar.hpp"
 
@@ -19,10 +19,9 @@ struct Murakami {
         b = w * w;
         slope = F(-2) * w;
     }
+    /// 12 u^2 - 4 A, up to the support's edge at u^2 = A.
     template <class F>
-    GB_FN F rise(F e, F A) const { return F(12) * e - F(4) * A; }
-    template <class F>
-    GB_FN F fall(F A) const { return F(4) * A; }
+    GB_FN F rise(F u2, F A) const { return F(12) * least(u2, A) - F(4) * A; }
     GB_FN float max_fall() const { return 4.0f; }
 };
 
@@ -72,9 +71,9 @@ struct AnyKernel {
         }
     }
     template <class F>
-    GB_FN F rise(F e, F A) const {
+    GB_FN F rise(F u2, F A) const {
         switch (name) {
-        case KernelName::murakami: return F(12) * e - F(4) * A;
+        case KernelName::murakami: return Murakami{}.rise(u2, A);
         case KernelName::nishimura: return F(3);
         case KernelName::wyvill: return F(4.75);
         case KernelName::blinn: return F(max_rise_blinn);
@@ -82,10 +81,6 @@ struct AnyKernel {
         case KernelName::wendland_c2: return F(5);
         }
         return F(0);
-    }
-    template <class F>
-    GB_FN F fall(F A) const {
-        return name == KernelName::murakami ? F(4) * A : F(max_fall());
     }
     GB_FN float max_fall() const {
         switch (name) {

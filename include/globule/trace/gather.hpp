@@ -8,10 +8,6 @@
 
 namespace globule {
 
-struct Candidate {
-    float x, y, z;       ///< relative to the axis point, scaled
-    std::uint32_t slot;  ///< in the sorted particles
-};
 /// Only where supports or weights differ.
 struct CandidateShape {
     float inverse_a2;  ///< 1 / support^2, scaled
@@ -29,7 +25,8 @@ struct Siblings {
 
 template <class Group, bool PerParticle>
 struct TileScratch {
-    Candidate list[Group::list_capacity];
+    /// Particles relative to the axis point, scaled, with their slots in the sorted arrays.
+    typename Group::template List<Group::list_capacity + Group::width> list;
     CandidateShape shape[PerParticle ? Group::list_capacity : 1];
     Siblings stack[Group::stack_capacity];
 };
@@ -199,8 +196,8 @@ GB_FN Gathered gather(Walk<PerParticle, Group, Tree>& walk, float dz, float scal
                     const B take = hit & !far;
                     if constexpr (PerParticle) sharpest = most(sharpest, select(take, F(1.0f) / (a * F(scale)), F(0.0f)));
                     n = g.append(take, n, [&](int k, int place) {
-                        walk.scratch.list[place] = {Group::get(x, k) * scale, Group::get(y, k) * scale,
-                                                    Group::get(z, k) * scale, j + std::uint32_t(k)};
+                        walk.scratch.list.set(place, {Group::get(x, k) * scale, Group::get(y, k) * scale,
+                                                      Group::get(z, k) * scale}, j + std::uint32_t(k));
                         if constexpr (PerParticle) {
                             const float support = Group::get(a, k) * scale;
                             walk.scratch.shape[place] = {1.0f / (support * support), particles.weight[j + k]};

@@ -18,7 +18,9 @@ namespace globule {
 /// What one evaluation on the ray gives.
 template <class F>
 struct Along {
-    F f, slope, curvature, downward;  ///< f, f', bound on sign f'', bound on -sign f''
+    F f, slope;
+    F rise;  ///< bound on sign f'' over the window that begins here; only where it was asked for
+    F fall;  ///< bound on -sign f'', likewise
 };
 
 template <class F>
@@ -27,69 +29,75 @@ struct Limits {
     F sign;  ///< +1 outside, -1 inside
 };
 
-/// Adds one candidate: v = point - centre, c its weight, i2 = 1/a^2.
-template <bool PerParticle, class Kernel, class F>
-GB_FN void add_along(Along<F>& sum, const Kernel& kernel, const Vec3<F>& v, const Vec3<F>& d, F i2, F c,
-                     const Limits<F>& lim) {
-    const F u = dot(v, d);
-    const F x0 = dot(v, v) * i2;
-    const F x = least(x0, F(1));
-    F b, slope;
-    kernel(x, b, slope);
-    const F u2 = u * u * i2;
-    const F A = F(1) - x0 + u2;
-    const F u1 = u + lim.window;
-    const F u12 = u1 * u1 * i2;
-    const F e = least(most(u2, u12), A);
-    const auto apart = (A <= F(0)) | ((u > F(0)) & (x0 >= F(1))) | ((u1 < F(0)) & (u12 >= A));
+/// Adds one particle: v = point - centre, i2 = 1/a^2, c its weight (both 1 unless PerParticle).
+template <bool PerParticle, bool Bounds, class F, class Kernel>
+GB_FN void add(Along<F>& sum, const Kernel& kernel, const Vec3<F>& v, const Vec3<F>& d, F i2, F c, const Limits<F>& lim) {
+    const F u = dot(v, d), r2 = dot(v, v);
+    const F x = PerParticle ? r2 * i2 : r2;
+    F b, db;
+    kernel(least(x, F(1)), b, db);
     if constexpr (PerParticle) {
-        const F cs = c * lim.sign, ci = magnitude(c) * i2;
-        const F rise = kernel.rise(e, A), fall = kernel.fall(A);
         sum.f += c * b;
-        sum.slope += F(2) * c * i2 * slope * u;
-        sum.curvature += select(apart, F(0), ci * select(cs > F(0), rise, fall));
-        sum.downward += ci * F(most(8.0f, kernel.max_fall()));
+        sum.slope += c * i2 * db * u;
     } else {
         sum.f += b;
-        sum.slope += slope * u;
-        sum.curvature += select(apart, F(0), kernel.rise(e, A));
+        sum.slope += db * u;
+    }
+    if constexpr (Bounds) {
+        const F scale2 = PerParticle ? i2 : F(1);
+        const F u1 = u + lim.window;
+        const F u2 = u * u * scale2, u12 = u1 * u1 * scale2;
+        const F A = F(1) - x + u2;
+        // The window lies behind the support, or before it, or the ray passes it by.
+        const auto apart = (A <= F(0)) | ((u > F(0)) & (x >= F(1))) | ((u1 < F(0)) & (u12 >= A));
+        const F rise = kernel.rise(most(u2, u12), A);
+        if constexpr (PerParticle) {
+            const F weight = magnitude(c) * i2;
+            sum.rise += select(apart, F(0), weight * select(c * lim.sign > F(0), rise, F(kernel.max_fall())));
+            sum.fall += select(apart, F(0), weight * F(most(8.0f, kernel.max_fall())));
+        } else {
+            sum.rise += select(apart, F(0), rise);
+        }
     }
 }
 
-/// Candidates from the tile's list; all have a = 1 and c = 1 unless PerParticle.
+/// Candidates from the tile's list.
 template <bool PerParticle, class Group, class Kernel>
 struct ListSource {
+    using F = typename Group::F;
     const TileScratch<Group, PerParticle>& scratch;
     int n;
     Kernel kernel;
+    Vec3<F> p0, d;
 
-    template <class F>
-    GB_FN Along<F> operator()(const Vec3<F>& p, const Vec3<F>& d, const Limits<F>& lim) const {
+    template <bool Bounds>
+    GB_FN Along<F> at(F t, const Limits<F>& lim) const {
+        const Vec3<F> p = p0 + d * t;
         Along<F> sum{F(0), F(0), F(0), F(0)};
         for (int j = 0; j < n; ++j) {
-            const Candidate q = scratch.list[j];
+            const float3 q = scratch.list.point(j);
             const Vec3<F> v{p.x - F(q.x), p.y - F(q.y), p.z - F(q.z)};
             if constexpr (PerParticle)
-                add_along<true>(sum, kernel, v, d, F(scratch.shape[j].inverse_a2), F(scratch.shape[j].weight), lim);
+                add<true, Bounds>(sum, kernel, v, d, F(scratch.shape[j].inverse_a2), F(scratch.shape[j].weight), lim);
             else
-                add_along<false>(sum, kernel, v, d, F(1), F(1), lim);
+                add<false, Bounds>(sum, kernel, v, d, F(1), F(1), lim);
         }
-        if constexpr (!PerParticle) {
-            sum.slope = F(2) * sum.slope;
-            sum.downward = F(kernel.max_fall() * float(n));
-            sum.curvature = select(lim.sign > F(0), sum.curvature, sum.downward);
+        sum.slope = F(2) * sum.slope;
+        if constexpr (!PerParticle && Bounds) {
+            sum.fall = F(kernel.max_fall() * float(n));
+            sum.rise = select(lim.sign > F(0), sum.rise, sum.fall);
         }
         return sum;
     }
 };
 
 /// One particle in float64 and world units.
-GB_FN void add_exact(Along<double>& sum, const SortedParticles& particles, const AnyKernel& kernel,
-                     std::uint32_t slot, const Vec3<double>& p, const Vec3<double>& d,
-                     const Limits<double>& lim) {
+template <bool Bounds>
+GB_FN void add_exact(Along<double>& sum, const SortedParticles& particles, const AnyKernel& kernel, std::uint32_t slot,
+                     const Vec3<double>& p, const Vec3<double>& d, const Limits<double>& lim) {
     const double a = particles.support[slot];
     const Vec3<double> v{p.x - particles.x[slot], p.y - particles.y[slot], p.z - particles.z[slot]};
-    if (a > 0) add_along<true>(sum, kernel, v, d, 1.0 / (a * a), double(particles.weight[slot]), lim);
+    if (a > 0) add<true, Bounds>(sum, kernel, v, d, 1.0 / (a * a), double(particles.weight[slot]), lim);
 }
 
 /// The list's particles again, for rays that float32 cannot decide.
@@ -99,9 +107,13 @@ struct ExactListSource {
     int n;
     SortedParticles particles;
     AnyKernel kernel;
-    GB_FN Along<double> operator()(const Vec3<double>& p, const Vec3<double>& d, const Limits<double>& lim) const {
+    Vec3<double> o, d;
+    template <bool Bounds>
+    GB_FN Along<double> at(double t, const Limits<double>& lim) const {
         Along<double> sum{0, 0, 0, 0};
-        for (int j = 0; j < n; ++j) add_exact(sum, particles, kernel, scratch.list[j].slot, p, d, lim);
+        for (int j = 0; j < n; ++j)
+            add_exact<Bounds>(sum, particles, kernel, scratch.list.number(j), o + d * t, d, lim);
+        sum.slope *= 2;
         return sum;
     }
 };
@@ -112,39 +124,53 @@ struct TreeSource {
     Tree tree;
     SortedParticles particles;
     AnyKernel kernel;
-    GB_FN Along<double> operator()(const Vec3<double>& p, const Vec3<double>& d, const Limits<double>& lim) const {
+    Vec3<double> o, d;
+    template <bool Bounds>
+    GB_FN Along<double> at(double t, const Limits<double>& lim) const {
         Along<double> sum{0, 0, 0, 0};
-        const Vec3<double> q = p + d * lim.window;
+        const Vec3<double> p = o + d * t, q = p + d * (Bounds ? lim.window : 0.0);
         const float3 lo{float(least(p.x, q.x)), float(least(p.y, q.y)), float(least(p.z, q.z))};
         const float3 hi{float(most(p.x, q.x)), float(most(p.y, q.y)), float(most(p.z, q.z))};
         for_each_touching(tree, lo, hi,
-                          [&](std::uint32_t slot) { add_exact(sum, particles, kernel, slot, p, d, lim); });
+                          [&](std::uint32_t slot) { add_exact<Bounds>(sum, particles, kernel, slot, p, d, lim); });
+        sum.slope *= 2;
         return sum;
     }
 };
 
-/// Walks lanes from t to `end`.  `hit`: crossed at t.  `doubtful`: float32 cannot tell from t on.
+/// Walks lanes from t to `end`.  `hit`: crossed at t.  `doubtful`: this precision cannot tell from t on.
+/// The bounds cost more than f and f' together and hold for a whole window, so they are asked for
+/// only when some lane has used its window up.
 template <class F, class B, class Source>
-GB_FN void march(const Source& source, const Vec3<F>& p0, const Vec3<F>& d, const Limits<F>& lim, F end,
-                 B active, F& t, B& hit, B& doubtful) {
+GB_FN void march(const Source& source, const Limits<F>& lim, F end, B active, F& t, B& hit, B& doubtful) {
+    F rise = F(0), fall = F(0), window_end = t;
     for (int step = 0; any(active); ++step) {
-        const Along<F> s = source(p0 + d * t, d, lim);
+        Along<F> s;
+        if (any(active & (t >= window_end))) {
+            s = source.template at<true>(t, lim);
+            rise = s.rise * F(1.0001f);
+            fall = s.fall;
+            window_end = t + lim.window;
+        } else {
+            s = source.template at<false>(t, lim);
+        }
         const F gap = lim.sign * (lim.tau - s.f);
         const F slope = lim.sign * s.slope;
         const F safe = most(gap - lim.error, F(0));
-        const F M = s.curvature * F(1.0001f);
-        const F under = slope * slope + F(2) * M * safe;
+        const F under = slope * slope + F(2) * rise * safe;
         const F bottom = slope + root(most(under, F(0)));
         const auto reaches = (under >= F(0)) & (bottom > F(0));
-        const F move = select(reaches, F(2) * safe / select(reaches, bottom, F(1)), lim.window);
+        const F rest = window_end - t;
+        const F move = select(reaches, F(2) * safe / select(reaches, bottom, F(1)), rest);
         const B close = active & ((gap <= F(2) * lim.error) | (move <= lim.least_step));
-        // From here f rises by at least slope^2 / (2 downward): more than float32's error?
-        const B certain = close & (slope > F(0)) & (slope * slope > F(8) * lim.error * s.downward);
-        t = select(active, t + select(certain, least(most(gap, F(0)) / select(certain, slope, F(1)), lim.window),
-                                      select(close, F(0), least(move, lim.window))), t);
+        // From here f rises by at least slope^2 / (2 fall): more than this precision's error?
+        const B certain = close & (slope > F(0)) & (slope * slope > F(8) * lim.error * fall);
+        const F newton = t + least(most(gap, F(0)) / select(certain, slope, F(1)), rest);
+        const F onward = select(move < rest, t + move, window_end);
+        t = select(active, select(certain, newton, select(close, t, onward)), t);
         hit = hit | certain;
         doubtful = doubtful | (close & !certain);
-        if (step == 500) doubtful = doubtful | active;
+        if (step == 1000) doubtful = doubtful | active;
         active = active & !close & !doubtful & (t < end);
     }
 }

@@ -29,6 +29,7 @@ struct TraceTiles {
     Hits out;
 
     static constexpr int kTileWidth = 8;
+    static constexpr float kWindow = 0.35f;  ///< over which march() bounds f'', in supports
 
     template <class Group>
     static constexpr int tile_height() { return Group::width * Group::vectors / kTileWidth; }
@@ -188,7 +189,7 @@ struct TraceTiles {
                     continue;
                 }
                 bool more = false;
-                for (int v = 0; v < V; ++v) {
+                GB_ROLLED for (int v = 0; v < V; ++v) {
                     if (!g.any(group[v])) continue;
                     B hit = g.none();
                     if (found.n > 0) walk_list(g, scratch, lanes, v, group[v], found, at, z, dz, tile, hit);
@@ -218,20 +219,19 @@ private:
         }
     }
 
-    GB_FN static Limits<double> exact_limits(double tau, double window, double sign) {
-        return {tau, window, 1e-13 * (1.0 + tau), 1e-12 * window, sign};
+    GB_FN Limits<double> exact_limits(double sign, double window) const {
+        return {world_tau, window, 1e-13 * (1.0 + world_tau), 1e-12 * window, sign};
     }
 
     /// Exact finish of one ray on [t, end], world distances: the hit, or infinity.
     template <class Source>
-    GB_COLD double finish(const Source source, const Vec3<double> o, const Vec3<double> d, double window,
-                          double sign, double t, double end) const {
+    GB_COLD double finish(const Source source, double sign, double window, double t, double end) const {
         bool hit = false, tangent = false;
-        march(source, o, d, exact_limits(world_tau, window, sign), end, true, t, hit, tangent);
+        march(source, exact_limits(sign, window), end, true, t, hit, tangent);
         return hit || tangent ? t : double(infinity());
     }
-    GB_COLD bool begins_inside(const Vec3<double> p, const Vec3<double> d) const {
-        return TreeSource<Tree>{tree, particles, name}(p, d, exact_limits(world_tau, 0, 1)).f > world_tau;
+    GB_COLD bool begins_inside(const TreeSource<Tree> source, double t) const {
+        return source.template at<false>(t, exact_limits(1, 0)).f > world_tau;
     }
 
     template <class Group>
@@ -240,7 +240,6 @@ private:
                          float dz, std::size_t tile, typename Group::B& hit) const {
         using F = typename Group::F;
         using B = typename Group::B;
-        const ListSource<PerParticle, Group, Kernel> source{scratch, found.n, kernel};
         const float typical = tree.header->typical_support, scale = 1.0f / typical;
         const Vec3<F>& d = lanes.d[v];
         Vec3<F> p0{F(0.0f), F(0.0f), F(0.0f)};
@@ -250,21 +249,22 @@ private:
             Group::put(p0.z, lane, float((double(Group::get(lanes.o[v].z, lane)) + double(z) * Group::get(d.z, lane) - at.z) * scale));
         });
         const float sharp = most(1.0f, found.sharpest);
-        Limits<F> lim{F(tau), F(0.35f / least(sharp, 10.0f)), F(1e-5f * (1.0f + tau) * sharp), F(1e-5f / sharp), F(1.0f)};
+        const ListSource<PerParticle, Group, Kernel> source{scratch, found.n, kernel, p0, d};
+        Limits<F> lim{F(tau), F(kWindow / least(sharp, 10.0f)), F(1e-5f * (1.0f + tau) * sharp), F(1e-5f / sharp), F(1.0f)};
         F t = most((lanes.t[v] - F(z)) * F(scale), F(0.0f));
         if (g.any(lanes.fresh[v] & active)) {
-            const Along<F> s = source(p0 + d * t, d, lim);
+            const Along<F> s = source.template at<false>(t, lim);
             lanes.sign[v] = select(lanes.fresh[v] & active & (s.f > F(tau)), F(-1.0f), lanes.sign[v]);
             lanes.fresh[v] = lanes.fresh[v] & !active;
         }
         lim.sign = lanes.sign[v];
         B doubtful = g.none();
-        march(source, p0, d, lim, F(dz * scale), active, t, hit, doubtful);
+        march(source, lim, F(dz * scale), active, t, hit, doubtful);
         g.per_lane(doubtful, [&](int lane) {
-            const ExactListSource<PerParticle, Group> exact{scratch, found.n, particles, name};
+            const ExactListSource<PerParticle, Group> exact{scratch, found.n, particles, name,
+                                                            ray_point(lanes.o[v], lane, g), ray_point(d, lane, g)};
             const double from = double(z) + double(Group::get(t, lane)) * typical;
-            const double s = finish(exact, ray_point(lanes.o[v], lane, g), ray_point(d, lane, g), 0.35 * typical / sharp,
-                                    Group::get(lanes.sign[v], lane), from, double(z) + dz);
+            const double s = finish(exact, Group::get(lanes.sign[v], lane), kWindow * typical / sharp, from, double(z) + dz);
             if (!(s < infinity())) return;
             Group::put(hit, lane, true);
             Group::put(t, lane, float((s - z) * scale));
@@ -276,7 +276,7 @@ private:
         Vec3<F> grad{F(0.0f), F(0.0f), F(0.0f)}, rgb = grad;
         F total(0.0f);
         for (int j = 0; j < found.n; ++j) {
-            const Candidate q = scratch.list[j];
+            const float3 q = scratch.list.point(j);
             const Vec3<F> r{p.x - F(q.x), p.y - F(q.y), p.z - F(q.z)};
             const float i2 = PerParticle ? scratch.shape[j].inverse_a2 : 1.0f;
             const float c = PerParticle ? scratch.shape[j].weight : 1.0f;
@@ -284,7 +284,7 @@ private:
             kernel(least(dot(r, r) * F(i2), F(1.0f)), b, slope);
             grad = grad + r * (slope * F(c * i2));
             if (color) {
-                const float* own = color + std::size_t(3) * particles.index[q.slot];
+                const float* own = color + std::size_t(3) * particles.index[scratch.list.number(j)];
                 const F w = most(b * F(c), F(0.0f));
                 total += w;
                 rgb = rgb + Vec3<F>{w * F(own[0]), w * F(own[1]), w * F(own[2])};
@@ -307,16 +307,17 @@ private:
     GB_FN void walk_tree(Group& g, Lanes<Group>& lanes, int v, const typename Group::B& active, float z, float dz,
                          std::size_t tile, typename Group::B& hit) const {
         using B = typename Group::B;
-        const TreeSource<Tree> source{tree, particles, name};
+        const float window = kWindow * tree.header->typical_support;
         B fresh = lanes.fresh[v];
         g.per_lane(active, [&](int lane) {
             const Vec3<double> o = ray_point(lanes.o[v], lane, g), d = ray_point(lanes.d[v], lane, g);
             const double from = most(z, Group::get(lanes.t[v], lane));
+            const TreeSource<Tree> source{tree, particles, name, o, d};
             if (Group::get(fresh, lane)) {
-                Group::put(lanes.sign[v], lane, begins_inside(o + d * from, d) ? -1.0f : 1.0f);
+                Group::put(lanes.sign[v], lane, begins_inside(source, from) ? -1.0f : 1.0f);
                 Group::put(lanes.fresh[v], lane, false);
             }
-            const double t = finish(source, o, d, 0.35 * tree.header->typical_support, Group::get(lanes.sign[v], lane), from, double(z) + dz);
+            const double t = finish(source, Group::get(lanes.sign[v], lane), window, from, double(z) + dz);
             if (!(t < infinity())) return;
             Group::put(hit, lane, true);
             const std::size_t i = ray_index<Group>(tile, v * Group::width + lane);
