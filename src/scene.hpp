@@ -6,7 +6,7 @@
 #include "backend.hpp"
 #include "globule/octree/build.hpp"
 #include "globule/octree/query.hpp"
-#include "globule/trace/tile.hpp"
+#include "globule/trace/resolve.hpp"
 
 namespace globule {
 
@@ -232,8 +232,9 @@ private:
     void run(const Tree& tree, const Kernel& kernel, const FieldRequest& field, const RaySource& rays, const Hits& hits) {
         const SortedParticles& p = tree_.particles();
         const float tau = PerParticle ? field.threshold : field.threshold / p.weight.uniform;
-        const TraceTiles<Tree, Kernel, PerParticle> tiles{tree, p, kernel, {field.kernel}, tau, field.threshold, color_data_, one_color_, rays, hits};
+        const TraceTiles<Tree, Kernel, PerParticle> tiles{tree, p, kernel, tau, color_data_, one_color_, rays, hits};
         exec_->for_each_tile(tiles.template n_tiles<typename Exec::Group>(), tiles);
+        exec_->for_each(rays.n, ResolveRays<Tree>{tree, p, {field.kernel}, field.threshold, color_data_, one_color_, rays, hits});
     }
 
     std::uint64_t hash_device(const void* data, std::size_t bytes, std::uint64_t h = 1469598103934665603ull) {

@@ -13,10 +13,10 @@ from __future__ import annotations
 import numpy as np
 
 DEPTH = 0.13  # of the water at rest; its surface is y = 0
-CROWN_RADIUS = 0.46
-CROWN_HEIGHT = 0.30
+CROWN_RADIUS = 0.44
+CROWN_HEIGHT = 0.33
 N_JETS = 17
-JITTER = 0.07  # of the spacing
+JITTER = 0.05  # of the spacing
 TAU = 2 * np.pi
 
 #: Colours from the pool's floor to the highest drop: height, r, g, b (linear).
@@ -25,9 +25,10 @@ RAMP = np.array(
         [-0.13, 0.010, 0.050, 0.150],
         [-0.03, 0.015, 0.110, 0.290],
         [0.04, 0.030, 0.220, 0.480],
-        [0.22, 0.120, 0.430, 0.690],
-        [0.45, 0.400, 0.700, 0.860],
-        [0.80, 0.720, 0.890, 0.960],
+        [0.20, 0.060, 0.380, 0.720],
+        [0.40, 0.240, 0.640, 0.900],
+        [0.62, 0.560, 0.860, 0.980],
+        [0.90, 0.780, 0.940, 1.000],
     ]
 )
 
@@ -40,7 +41,7 @@ def splash(n_target: int = 60_000) -> tuple[np.ndarray, np.ndarray, float]:
     """
     if n_target < 1:
         raise ValueError(f"n_target: expected at least 1, got {n_target}")
-    spacing = 0.0213 * (60_000 / n_target) ** (1 / 3)
+    spacing = 0.0198 * (60_000 / n_target) ** (1 / 3)
     rng = np.random.default_rng(2024)
     jets = _Jets(rng)
     pieces = [_pool(spacing), _column(spacing), _wall(spacing, jets), _rim(spacing, jets), *_spray(spacing, jets, rng)]
@@ -79,7 +80,7 @@ def _surface(r: np.ndarray, angle: np.ndarray) -> np.ndarray:
 
 def _wall_point(level: np.ndarray, angle: np.ndarray, jets: _Jets) -> tuple[np.ndarray, np.ndarray]:
     """Radius and height of the crown's middle sheet: level 0 at its foot, 1 at the rim."""
-    r = CROWN_RADIUS + 0.02 * level + 0.10 * level**2 + 0.006 * np.sin(4 * angle + 1) * level
+    r = CROWN_RADIUS + 0.02 * level + 0.13 * level**2 + 0.006 * np.sin(4 * angle + 1) * level
     return r, 0.045 + (jets.crown_height(angle) - 0.045) * level
 
 
@@ -97,15 +98,16 @@ def _column(s: float) -> np.ndarray:
     """The jet in the middle: a wide foot, a neck, a bulb; and a drop that has just left it."""
     foot = float(_surface(np.zeros(1), np.zeros(1))[0])
     layers = []
-    for y in np.arange(foot + s / 2, 0.62, s):
-        radius = 0.052 + 0.17 * np.exp(-(y - foot) / 0.055) + 0.010 * np.cos(y * 24)
-        if y > 0.52:  # round the end off into a bulb
-            radius = 0.075 * np.sqrt(max(0.0, 1 - ((y - 0.545) / 0.075) ** 2)) if y > 0.545 else 0.058 + 0.017 * (y - 0.52) / 0.025
+    top, bulb = 0.63, 0.062
+    for y in np.arange(foot + s / 2, top, s):
+        radius = 0.030 + 0.16 * np.exp(-(y - foot) / 0.06) + 0.006 * np.cos(y * 22)
+        if y > top - 2 * bulb:  # the end is a ball, which the neck runs into
+            radius = max(radius * (y < top - bulb), np.sqrt(max(0.0, bulb**2 - (y - top + bulb) ** 2)))
         r, angle = _disc(radius, s, phase=7 * y)
         keep = y > _surface(r, angle) + 0.4 * s
         lean = np.array([0.03, 0.0, -0.02]) * y**2
         layers.append(_from_polar(r[keep], np.full(int(keep.sum()), y), angle[keep]) + lean)
-    return np.concatenate([*layers, _ball((0.022, 0.80, -0.012), 0.085, s), _ball((0.027, 0.955, -0.016), 0.036, s)])
+    return np.concatenate([*layers, _ball((0.020, 0.80, -0.014), 0.078, s), _ball((0.030, 0.985, -0.020), 0.030, s)])
 
 
 def _wall(s: float, jets: _Jets) -> np.ndarray:
@@ -118,17 +120,17 @@ def _wall(s: float, jets: _Jets) -> np.ndarray:
         n_layers = max(2, round(thickness / s))
         for layer in range(n_layers):
             offset = ((layer + 0.5) / n_layers - 0.5) * max(thickness, 1.6 * s)
-            n = max(6, round(TAU * (CROWN_RADIUS + 0.12 * level**2 + offset) / s))
+            n = max(6, round(TAU * (CROWN_RADIUS + 0.15 * level**2 + offset) / s))
             angle = (np.arange(n) + 0.5 * ((row + layer) % 2)) / n * TAU
             r, y = _wall_point(np.full(n, level), angle, jets)
-            slope = (0.02 + 0.2 * level) / CROWN_HEIGHT  # offsets go along the sheet's normal
+            slope = (0.02 + 0.26 * level) / CROWN_HEIGHT  # offsets go along the sheet's normal
             out.append(_from_polar(r + offset, y - slope * offset, angle))
     return np.concatenate(out)
 
 
 def _rim(s: float, jets: _Jets) -> np.ndarray:
     """The roll along the crown's edge."""
-    n = round(TAU * (CROWN_RADIUS + 0.12) / s)
+    n = round(TAU * (CROWN_RADIUS + 0.15) / s)
     angle = np.arange(n) / n * TAU
     r, y = _wall_point(np.ones(n), angle, jets)
     across, around = _disc(0.026, s)
@@ -144,7 +146,7 @@ def _spray(s: float, jets: _Jets, rng: np.random.Generator) -> list[np.ndarray]:
         r, y = _wall_point(np.ones(1), np.array([angle]), jets)
         start = _from_polar(r, y, np.array([angle]))[0]
         swing = angle + rng.uniform(-0.25, 0.25)
-        speed = np.array([0.55 * np.cos(swing), 0.85, 0.55 * np.sin(swing)]) * (0.24 * reach)
+        speed = np.array([0.55 * np.cos(swing), 0.85, 0.55 * np.sin(swing)]) * (0.27 * reach)
 
         def path(t: float, start=start, speed=speed) -> np.ndarray:
             return start + speed * t - np.array([0.0, 0.045, 0.0]) * t * t
@@ -156,18 +158,18 @@ def _spray(s: float, jets: _Jets, rng: np.random.Generator) -> list[np.ndarray]:
             forward /= np.linalg.norm(forward)
             side = np.cross(forward, [0.0, 0.0, 1.0] if abs(forward[2]) < 0.8 else [1.0, 0.0, 0.0])
             side /= np.linalg.norm(side)
-            a, b = _disc(0.034 * (1 - t) ** 0.8 + 0.008, s, phase=float(i))
+            a, b = _disc(0.026 * (1 - t) ** 0.7, s, phase=float(i))
             across = np.outer(a * np.cos(b), side) + np.outer(a * np.sin(b), np.cross(forward, side))
             out.append(path(t) + across)
-        out.append(_ball(path(1.0), 0.026 + 0.012 * reach, s))
+        out.append(_ball(path(1.0), 0.018 + 0.014 * reach, s))
         t = 1.0
-        for size in (0.030, 0.022, 0.014)[: 1 + int(3 * reach * rng.random() + 0.6)]:
-            t += rng.uniform(0.30, 0.48)
+        for size in (0.026, 0.018, 0.010)[: 1 + int(3 * reach * rng.random() + 0.6)]:
+            t += rng.uniform(0.42, 0.62)
             out.append(_ball(path(t) + rng.uniform(-0.012, 0.012, 3), size * rng.uniform(0.75, 1.1), s))
     for _ in range(26):  # the finest drops, thrown out farther
-        angle, r = rng.uniform(0, TAU), rng.uniform(0.62, 0.95)
-        y = rng.uniform(0.12, 0.62) * (1.25 - 0.6 * r)
-        out.append(_ball(_from_polar(np.array([r]), np.array([y]), np.array([angle]))[0], rng.uniform(0.004, 0.02), s))
+        angle, r = rng.uniform(0, TAU), 0.55 + 0.40 * rng.random() ** 1.6
+        y = 0.30 + rng.uniform(-0.16, 0.46) * (1.3 - r)
+        out.append(_ball(_from_polar(np.array([r]), np.array([y]), np.array([angle]))[0], rng.uniform(0.004, 0.018), s))
     return out
 
 

@@ -12,7 +12,7 @@ namespace globule {
 struct CudaGroup {
     static constexpr int width = 32;
     static constexpr int vectors = GB_V;
-    static constexpr int list_capacity = 256;
+    static constexpr int list_capacity = 416;
     static constexpr int stack_capacity = 224;
     using F = float;
     using B = bool;

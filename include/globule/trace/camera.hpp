@@ -31,6 +31,15 @@ struct RaySource {
     const float* origins = nullptr;
     const float* directions = nullptr;
     std::size_t n = 0;  ///< rays, or pixels
+
+    GB_FN void get(std::size_t i, float3& o, float3& d) const {
+        if (origins) {
+            o = {origins[3 * i], origins[3 * i + 1], origins[3 * i + 2]};
+            d = {directions[3 * i], directions[3 * i + 1], directions[3 * i + 2]};
+        } else {
+            camera(float(i % camera.width), float(i / camera.width), o, d);
+        }
+    }
 };
 
 }  // namespace globule

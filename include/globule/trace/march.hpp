@@ -91,38 +91,11 @@ struct ListSource {
     }
 };
 
-/// One particle in float64 and world units.
-template <bool Bounds>
-GB_FN void add_exact(Along<double>& sum, const SortedParticles& particles, const AnyKernel& kernel, std::uint32_t slot,
-                     const Vec3<double>& p, const Vec3<double>& d, const Limits<double>& lim) {
-    const double a = particles.support[slot];
-    const Vec3<double> v{p.x - particles.x[slot], p.y - particles.y[slot], p.z - particles.z[slot]};
-    if (a > 0) add<true, Bounds>(sum, kernel, v, d, 1.0 / (a * a), double(particles.weight[slot]), lim);
-}
-
-/// The list's particles again, for rays that float32 cannot decide.
-template <bool PerParticle, class Group>
-struct ExactListSource {
-    const TileScratch<Group, PerParticle>& scratch;
-    int n;
-    SortedParticles particles;
-    AnyKernel kernel;
-    Vec3<double> o, d;
-    template <bool Bounds>
-    GB_FN Along<double> at(double t, const Limits<double>& lim) const {
-        Along<double> sum{0, 0, 0, 0};
-        for (int j = 0; j < n; ++j)
-            add_exact<Bounds>(sum, particles, kernel, scratch.list.number(j), o + d * t, d, lim);
-        sum.slope *= 2;
-        return sum;
-    }
-};
-
-/// Straight from the tree, where even the thinnest slab holds more than a list can.
+/// Straight from the tree, one ray, float64, world units: for what float32 or a list cannot decide.
 template <class Tree>
 struct TreeSource {
-    Tree tree;
-    SortedParticles particles;
+    const Tree& tree;
+    const SortedParticles& particles;
     AnyKernel kernel;
     Vec3<double> o, d;
     template <bool Bounds>
@@ -131,8 +104,11 @@ struct TreeSource {
         const Vec3<double> p = o + d * t, q = p + d * (Bounds ? lim.window : 0.0);
         const float3 lo{float(least(p.x, q.x)), float(least(p.y, q.y)), float(least(p.z, q.z))};
         const float3 hi{float(most(p.x, q.x)), float(most(p.y, q.y)), float(most(p.z, q.z))};
-        for_each_touching(tree, lo, hi,
-                          [&](std::uint32_t slot) { add_exact<Bounds>(sum, particles, kernel, slot, p, d, lim); });
+        for_each_touching(tree, lo, hi, [&](std::uint32_t slot) {
+            const double a = particles.support[slot];
+            const Vec3<double> v{p.x - particles.x[slot], p.y - particles.y[slot], p.z - particles.z[slot]};
+            if (a > 0) add<true, Bounds>(sum, kernel, v, d, 1.0 / (a * a), double(particles.weight[slot]), lim);
+        });
         sum.slope *= 2;
         return sum;
     }

@@ -43,7 +43,7 @@ struct Shade {
 
     GB_FN float3 surface(std::size_t i) const {
         float3 o, d;
-        rays.camera(float(i % rays.camera.width), float(i / rays.camera.width), o, d);
+        rays.get(i, o, d);
         const float3 p = o + d * hits.t[i];
         const float3 a{hits.albedo[3 * i], hits.albedo[3 * i + 1], hits.albedo[3 * i + 2]};
         float3 n{hits.normal[3 * i], hits.normal[3 * i + 1], hits.normal[3 * i + 2]};
@@ -79,7 +79,7 @@ struct HitPositions {
     float* position;
     GB_FN void operator()(std::size_t i) const {
         float3 o, d;
-        rays.camera(float(i % rays.camera.width), float(i / rays.camera.width), o, d);
+        rays.get(i, o, d);
         const bool hit = t[i] < infinity();
         position[3 * i] = hit ? o.x + t[i] * d.x : NAN;
         position[3 * i + 1] = hit ? o.y + t[i] * d.y : NAN;

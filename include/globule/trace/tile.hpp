@@ -1,4 +1,5 @@
-// One tile of rays: bundle -> gather -> march -> what the hit looks like.
+// One tile of rays: bundle -> gather -> march -> what the hit looks like.  All in float32; a ray that
+// float32 cannot decide is left to trace/resolve.hpp.
 #pragma once
 #include "globule/trace/camera.hpp"
 #include "globule/trace/march.hpp"
@@ -7,10 +8,19 @@ namespace globule {
 
 /// Per ray, caller's memory; t is infinite where nothing is hit.
 struct Hits {
-    float* t;        ///< distance along the ray
+    float* t;        ///< distance along the ray; undecided(t): no root before t, the rest is open
     float* normal;   ///< (n, 3) -grad f / |grad f|
     float* albedo;   ///< (n, 3) blended colour
 };
+
+/// Marks a ray that only float64 can decide, from t on; its own inverse.
+GB_FN float undecided(float t) { return -1.0f - t; }
+
+GB_FN void write3(float* to, std::size_t i, const float3& v) {
+    to[3 * i] = v.x;
+    to[3 * i + 1] = v.y;
+    to[3 * i + 2] = v.z;
+}
 
 template <class Tree, class Kernel, bool PerParticle>
 struct TraceTiles {
@@ -20,9 +30,7 @@ struct TraceTiles {
     Tree tree;
     SortedParticles particles;
     Kernel kernel;
-    AnyKernel name;        ///< the same kernel, for the float64 paths
     float tau;             ///< over the common weight unless PerParticle
-    float world_tau;
     const float* color;    ///< (n, 3), caller's order, or null
     float3 one_color;
     RaySource rays;
@@ -191,11 +199,10 @@ struct TraceTiles {
                 bool more = false;
                 GB_ROLLED for (int v = 0; v < V; ++v) {
                     if (!g.any(group[v])) continue;
-                    B hit = g.none();
-                    if (found.n > 0) walk_list(g, scratch, lanes, v, group[v], found, at, z, dz, tile, hit);
-                    else walk_tree(g, lanes, v, group[v], z, dz, tile, hit);  // or the tree itself
-                    lanes.pending[v] = lanes.pending[v] & !hit;
-                    group[v] = group[v] & !hit;
+                    const B done = found.n > 0 ? march_lanes(g, scratch, lanes, v, group[v], found, at, z, dz, tile)
+                                               : leave(g, lanes, v, group[v], lanes.t[v], tile);
+                    lanes.pending[v] = lanes.pending[v] & !done;
+                    group[v] = group[v] & !done;
                     lanes.t[v] = select(group[v], most(lanes.t[v], F(z + dz)), lanes.t[v]);
                     more = g.any(group[v]) || more;
                 }
@@ -219,31 +226,27 @@ private:
         }
     }
 
-    GB_FN Limits<double> exact_limits(double sign, double window) const {
-        return {world_tau, window, 1e-13 * (1.0 + world_tau), 1e-12 * window, sign};
-    }
-
-    /// Exact finish of one ray on [t, end], world distances: the hit, or infinity.
-    template <class Source>
-    GB_COLD double finish(const Source source, double sign, double window, double t, double end) const {
-        bool hit = false, tangent = false;
-        march(source, exact_limits(sign, window), end, true, t, hit, tangent);
-        return hit || tangent ? t : double(infinity());
-    }
-    GB_COLD bool begins_inside(const TreeSource<Tree> source, double t) const {
-        return source.template at<false>(t, exact_limits(1, 0)).f > world_tau;
-    }
-
+    /// Leaves rays to resolve.hpp from t on.
     template <class Group>
-    GB_FN void walk_list(Group& g, Scratch<Group>& scratch, Lanes<Group>& lanes, int v,
-                         const typename Group::B& active, const Gathered& found, const float3& at, float z,
-                         float dz, std::size_t tile, typename Group::B& hit) const {
+    GB_FN typename Group::B leave(Group& g, Lanes<Group>&, int v, const typename Group::B& which,
+                                  const typename Group::F& t, std::size_t tile) const {
+        g.per_lane(which, [&](int lane) {
+            out.t[ray_index<Group>(tile, v * Group::width + lane)] = undecided(Group::get(t, lane));
+        });
+        return which;
+    }
+
+    /// Marches the active lanes of one vector through the list's slab; returns those that are done.
+    template <class Group>
+    GB_FN typename Group::B march_lanes(Group& g, Scratch<Group>& scratch, Lanes<Group>& lanes, int v,
+                                 const typename Group::B& active, const Gathered& found, const float3& at, float z,
+                                 float dz, std::size_t tile) const {
         using F = typename Group::F;
         using B = typename Group::B;
         const float typical = tree.header->typical_support, scale = 1.0f / typical;
-        const Vec3<F>& d = lanes.d[v];
+        const Vec3<F> d = lanes.d[v];
         Vec3<F> p0{F(0.0f), F(0.0f), F(0.0f)};
-        g.per_lane(active, [&](int lane) {  // in float64: the one place where large numbers meet
+        Group::for_lanes([&](int lane) {  // in float64: the one place where large numbers meet
             Group::put(p0.x, lane, float((double(Group::get(lanes.o[v].x, lane)) + double(z) * Group::get(d.x, lane) - at.x) * scale));
             Group::put(p0.y, lane, float((double(Group::get(lanes.o[v].y, lane)) + double(z) * Group::get(d.y, lane) - at.y) * scale));
             Group::put(p0.z, lane, float((double(Group::get(lanes.o[v].z, lane)) + double(z) * Group::get(d.z, lane) - at.z) * scale));
@@ -258,24 +261,21 @@ private:
             lanes.fresh[v] = lanes.fresh[v] & !active;
         }
         lim.sign = lanes.sign[v];
-        B doubtful = g.none();
+        B hit = g.none(), doubtful = g.none();
         march(source, lim, F(dz * scale), active, t, hit, doubtful);
-        g.per_lane(doubtful, [&](int lane) {
-            const ExactListSource<PerParticle, Group> exact{scratch, found.n, particles, name,
-                                                            ray_point(lanes.o[v], lane, g), ray_point(d, lane, g)};
-            const double from = double(z) + double(Group::get(t, lane)) * typical;
-            const double s = finish(exact, Group::get(lanes.sign[v], lane), kWindow * typical / sharp, from, double(z) + dz);
-            if (!(s < infinity())) return;
-            Group::put(hit, lane, true);
-            Group::put(t, lane, float((s - z) * scale));
-        });
-        if (!g.any(hit)) return;
+        leave(g, lanes, v, doubtful, F(z) + t * F(typical), tile);
+        if (g.any(hit)) look(g, scratch, found.n, p0 + d * t, F(z) + t * F(typical), hit, v, tile);
+        return hit | doubtful;
+    }
 
-        // What the hit looks like: gradient and blended colour, from the same list.
-        const Vec3<F> p = p0 + d * t;
+    /// What the hits look like: gradient and blended colour, from the same list.
+    template <class Group>
+    GB_FN void look(Group& g, Scratch<Group>& scratch, int n, const Vec3<typename Group::F>& p,
+                    const typename Group::F& t, const typename Group::B& hit, int v, std::size_t tile) const {
+        using F = typename Group::F;
         Vec3<F> grad{F(0.0f), F(0.0f), F(0.0f)}, rgb = grad;
         F total(0.0f);
-        for (int j = 0; j < found.n; ++j) {
+        for (int j = 0; j < n; ++j) {
             const float3 q = scratch.list.point(j);
             const Vec3<F> r{p.x - F(q.x), p.y - F(q.y), p.z - F(q.z)};
             const float i2 = PerParticle ? scratch.shape[j].inverse_a2 : 1.0f;
@@ -290,58 +290,16 @@ private:
                 rgb = rgb + Vec3<F>{w * F(own[0]), w * F(own[1]), w * F(own[2])};
             }
         }
-        const Vec3<F> n = normalize(grad);
+        const Vec3<F> normal = normalize(grad);
         g.per_lane(hit, [&](int lane) {
             const std::size_t i = ray_index<Group>(tile, v * Group::width + lane);
-            out.t[i] = float(double(z) + double(Group::get(t, lane)) * typical);
-            write3(out.normal, i, {-Group::get(n.x, lane), -Group::get(n.y, lane), -Group::get(n.z, lane)});
+            out.t[i] = Group::get(t, lane);
+            write3(out.normal, i, {-Group::get(normal.x, lane), -Group::get(normal.y, lane), -Group::get(normal.z, lane)});
             const float w = color ? 1.0f / most(Group::get(total, lane), 1e-30f) : 0.0f;
             write3(out.albedo, i, color ? float3{Group::get(rgb.x, lane) * w, Group::get(rgb.y, lane) * w,
                                                  Group::get(rgb.z, lane) * w}
                                         : one_color);
         });
-    }
-
-    /// One ray after the other through the tree itself, all in float64.
-    template <class Group>
-    GB_FN void walk_tree(Group& g, Lanes<Group>& lanes, int v, const typename Group::B& active, float z, float dz,
-                         std::size_t tile, typename Group::B& hit) const {
-        using B = typename Group::B;
-        const float window = kWindow * tree.header->typical_support;
-        B fresh = lanes.fresh[v];
-        g.per_lane(active, [&](int lane) {
-            const Vec3<double> o = ray_point(lanes.o[v], lane, g), d = ray_point(lanes.d[v], lane, g);
-            const double from = most(z, Group::get(lanes.t[v], lane));
-            const TreeSource<Tree> source{tree, particles, name, o, d};
-            if (Group::get(fresh, lane)) {
-                Group::put(lanes.sign[v], lane, begins_inside(source, from) ? -1.0f : 1.0f);
-                Group::put(lanes.fresh[v], lane, false);
-            }
-            const double t = finish(source, Group::get(lanes.sign[v], lane), window, from, double(z) + dz);
-            if (!(t < infinity())) return;
-            Group::put(hit, lane, true);
-            const std::size_t i = ray_index<Group>(tile, v * Group::width + lane);
-            out.t[i] = float(t);
-            look(i, {float(o.x + t * d.x), float(o.y + t * d.y), float(o.z + t * d.z)});
-        });
-    }
-    GB_COLD void look(std::size_t i, const float3 p) const {
-        float gradient[3], rgb[3] = {one_color.x, one_color.y, one_color.z};
-        EvaluateField<Tree>{tree, particles, name, &p.x, nullptr, gradient}(0);
-        if (color) Blend<Tree>{tree, particles, name, &p.x, color, 3, rgb}(0);
-        const float3 n = normalize(float3{gradient[0], gradient[1], gradient[2]});
-        write3(out.normal, i, {-n.x, -n.y, -n.z});
-        write3(out.albedo, i, {rgb[0], rgb[1], rgb[2]});
-    }
-
-    GB_FN static void write3(float* to, std::size_t i, const float3& v) {
-        to[3 * i] = v.x;
-        to[3 * i + 1] = v.y;
-        to[3 * i + 2] = v.z;
-    }
-    template <class F, class Group>
-    GB_FN static Vec3<double> ray_point(const Vec3<F>& p, int lane, Group&) {
-        return {Group::get(p.x, lane), Group::get(p.y, lane), Group::get(p.z, lane)};
     }
 };
 
