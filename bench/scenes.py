@@ -14,12 +14,13 @@ DROPLET_SHARE = 0.004
 def pool(n: int = 302_751, seed: int = 1, spacing: float = 0.02) -> tuple[np.ndarray, float]:
     """A square pool with gentle waves and some droplets above, exactly `n` particles.
 
-    The water is a slightly jittered lattice about three times as wide as it is deep, its columns stretched by a
-    few per cent so that each ends at the wave's height. What the whole columns leave over becomes droplets, small balls of the same lattice.
-    Written slab by slab, so that the peak of memory is little more than the result's 12 bytes a particle.
+    The water is a slightly jittered lattice about three times as wide as it is deep, its columns
+    stretched by a few per cent so that each ends at the wave's height. What the whole columns leave
+    over becomes droplets, small balls of the same lattice. Written slab by slab, so that the peak
+    of memory is little more than the result's 12 bytes a particle.
 
-    Returns `positions` (n, 3) float32, m, and the lattice `spacing`, m. Support of two spacings and a threshold
-    of 0.6 give a closed surface.
+    Returns `positions` (n, 3) float32, m, and the lattice `spacing`, m. Support of two spacings and
+    a threshold of 0.6 give a closed surface.
     """
     if n < 1:
         raise ValueError(f"n: expected at least 1, got {n}")
@@ -27,7 +28,9 @@ def pool(n: int = 302_751, seed: int = 1, spacing: float = 0.02) -> tuple[np.nda
     counts, heights = _columns(int(n * (1 - DROPLET_SHARE)))
     positions = np.empty((n, 3), np.float32)
     filled = 0
-    for i, (row, height) in enumerate(zip(counts, heights, strict=True)):  # one slab of the lattice per x
+    for i, (row, height) in enumerate(
+        zip(counts, heights, strict=True)
+    ):  # one slab of the lattice per x
         m = int(row.sum())
         slab = positions[filled : filled + m]
         slab[:, 0] = i
@@ -42,12 +45,14 @@ def pool(n: int = 302_751, seed: int = 1, spacing: float = 0.02) -> tuple[np.nda
 
 
 def _columns(n: int) -> tuple[np.ndarray, np.ndarray]:
-    """Particles in each column of the lattice, (X, Z) int64 with a sum of at most `n` and close to it, and the
-    columns' heights in spacings, (X, Z) float64."""
+    """Particles in each column of the lattice, (X, Z) int64 with a sum of at most `n` and close to
+    it, and the columns' heights in spacings, (X, Z) float64."""
     width = max(1, round((3 * n) ** (1 / 3)))
     u = np.arange(width) / width * (2 * np.pi)
     x, z = u[:, None], u[None, :]
-    wave = (np.sin(2 * x + z) + 0.7 * np.sin(3 * z - x + 1.0) + 0.35 * np.sin(7 * x + 4 * z + 2.0)) * (0.01 * width)
+    wave = (
+        np.sin(2 * x + z) + 0.7 * np.sin(3 * z - x + 1.0) + 0.35 * np.sin(7 * x + 4 * z + 2.0)
+    ) * (0.01 * width)
     heights = np.maximum(n / width**2 + wave - wave.mean(), 0.0)
     counts = np.floor(heights).astype(np.int64)
     # Rounding down loses about half a particle a column: give it back where the loss was largest.
@@ -70,7 +75,8 @@ def _droplets(out: np.ndarray, counts: np.ndarray, rng: np.random.Generator) -> 
     while filled < len(out):
         m = min(int(rng.choice(sizes)), len(out) - filled)
         centre = np.array(
-            [rng.uniform(0, width), top + 4 + rng.exponential(0.12 * width), rng.uniform(0, width)], np.float32
+            [rng.uniform(0, width), top + 4 + rng.exponential(0.12 * width), rng.uniform(0, width)],
+            np.float32,
         )
         out[filled : filled + m] = ball[:m] + centre + rng.uniform(-0.05, 0.05, (m, 3))
         filled += m

@@ -234,7 +234,8 @@ private:
         const float tau = PerParticle ? field.threshold : field.threshold / p.weight.uniform;
         const TraceTiles<Tree, Kernel, PerParticle> tiles{tree, p, kernel, tau, color_data_, one_color_, rays, hits};
         exec_->for_each_tile(tiles.template n_tiles<typename Exec::Group>(), tiles);
-        exec_->for_each(rays.n, ResolveRays<Tree>{tree, p, {field.kernel}, field.threshold, color_data_, one_color_, rays, hits});
+        const ResolveRays<Tree, PerParticle> rest{tree, p, {field.kernel}, field.threshold, color_data_, one_color_, rays, hits};
+        exec_->for_each_tile(rest.template n_tiles<typename Exec::Group>(), rest);
     }
 
     std::uint64_t hash_device(const void* data, std::size_t bytes, std::uint64_t h = 1469598103934665603ull) {

@@ -1,19 +1,24 @@
 #!/usr/bin/env python3
-"""POV-Ray's blob as an independent judge: the same particles, camera and threshold, its picture and its time.
+"""POV-Ray's blob as an independent judge: the same particles, camera and threshold, its picture and
+its time.
 
     python bench/peers/povray.py particles.npz --support 0.04 --threshold 0.6 -o out/
     python bench/peers/povray.py particles.npz --depth-npy ours.npy --compare
 
-POV-Ray 3.7's `blob` sums strength * (1 - (r/R)^2)^2 over its spheres and finds the exact first root of that sum
-minus a threshold: our murakami kernel, weight for strength, support for R. What this file takes care of:
+POV-Ray 3.7's `blob` sums strength * (1 - (r/R)^2)^2 over its spheres and finds the exact first root
+of that sum minus a threshold: our murakami kernel, weight for strength, support for R. What this
+file takes care of:
 
-- Camera. The scene states `right`, `up` and `direction` outright, as unit vectors of our right-handed world times
-  the picture's extent, so POV-Ray's left-handed habits never enter and the picture is not mirrored.
-- Pixels. The ray of column i, row j crosses the picture at ((i + 1/2)/W, (j + 1/2)/H) from the top left corner:
-  POV-Ray's own rule without antialiasing, checked with a sphere's silhouette in `--self-test`.
-- Depth. A pigment function gives each hit the distance from the eye, mapped to (0, 1) between `near` and `far`.
-  Red holds it in 16 bits, green holds the fraction of 256 times it, so depth comes back in about 24 bits; blue is
-  1 where something was hit. The file is a linear 16-bit PPM, which needs no decoder.
+- Camera. The scene states `right`, `up` and `direction` outright, as unit vectors of our
+  right-handed world times the picture's extent, so POV-Ray's left-handed habits never enter and the
+  picture is not mirrored.
+- Pixels. The ray of column i, row j crosses the picture at ((i + 1/2)/W, (j + 1/2)/H) from the top
+  left corner: POV-Ray's own rule without antialiasing, checked with a sphere's silhouette in
+  `--self-test`.
+- Depth. A pigment function gives each hit the distance from the eye, mapped to (0, 1) between
+  `near` and `far`. Red holds it in 16 bits, green holds the fraction of 256 times it, so depth
+  comes back in about 24 bits; blue is 1 where something was hit. The file is a linear 16-bit PPM,
+  which needs no decoder.
 
 Needs NumPy; Pillow only to save PNG. Lengths are the particles' own.
 """
@@ -43,7 +48,9 @@ def find_povray() -> str | None:
     return shutil.which("povray")
 
 
-def fit_camera(positions: np.ndarray, fov: float = 40.0, direction=(0.6, 0.45, 1.0)) -> dict[str, Any]:
+def fit_camera(
+    positions: np.ndarray, fov: float = 40.0, direction=(0.6, 0.45, 1.0)
+) -> dict[str, Any]:
     """Camera whose vertical field of view just holds the bounding sphere of the positions' box."""
     lo, hi = positions.min(0).astype(float), positions.max(0).astype(float)
     centre, radius = (lo + hi) / 2, float(np.linalg.norm(hi - lo)) / 2
@@ -64,7 +71,8 @@ def frame_vectors(camera: dict[str, Any]) -> tuple[np.ndarray, np.ndarray, np.nd
 
 
 def pixel_rays(camera: dict[str, Any], size: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
-    """Eye (3,) and unit directions (H, W, 3) of the rays through the pixel centres, row 0 on top."""
+    """Eye (3,) and unit directions (H, W, 3) of the rays through the pixel centres, row 0 on
+    top."""
     width, height = size
     eye, right, up, forward = frame_vectors(camera)
     t = math.tan(math.radians(camera.get("fov", 40.0)) / 2)
@@ -74,7 +82,9 @@ def pixel_rays(camera: dict[str, Any], size: tuple[int, int]) -> tuple[np.ndarra
     return eye, d / np.linalg.norm(d, axis=-1, keepdims=True)
 
 
-def depth_range(positions: np.ndarray, support: np.ndarray | float, camera: dict[str, Any]) -> tuple[float, float]:
+def depth_range(
+    positions: np.ndarray, support: np.ndarray | float, camera: dict[str, Any]
+) -> tuple[float, float]:
     """`near` and `far` distances from the eye that hold every support, with a margin of 1 %."""
     distance = np.linalg.norm(positions.astype(float) - np.asarray(camera["eye"], float), axis=1)
     near, far = float((distance - support).min()), float((distance + support).max())
@@ -93,10 +103,12 @@ def write_scene(
     size: tuple[int, int] = (1024, 782),
     color: np.ndarray | None = None,
 ) -> tuple[float, float]:
-    """Write a scene of one blob and return the `near` and `far` that its depth picture is mapped between.
+    """Write a scene of one blob and return the `near` and `far` that its depth picture is mapped
+    between.
 
-    positions (N, 3); support and weight scalar or (N,); color (N, 3) in [0, 1], blended by POV-Ray as we do, only
-    in mode "shaded"; camera: eye, look_at, up, fov (vertical, degrees); size (W, H) fixes the aspect ratio.
+    positions (N, 3); support and weight scalar or (N,); color (N, 3) in [0, 1], blended by POV-Ray
+    as we do, only in mode "shaded"; camera: eye, look_at, up, fov (vertical, degrees); size (W, H)
+    fixes the aspect ratio.
     """
     if mode not in MODES:
         raise ValueError(f"mode: expected one of {MODES}, got {mode!r}")
@@ -115,7 +127,9 @@ def write_scene(
         f" right {_vec(right * (2 * t * width / height))} up {_vec(up * (2 * t))} }}",
     ]
     if mode == "depth":
-        offset = "+".join(f"({axis}-({_num(e)}))*({axis}-({_num(e)}))" for axis, e in zip("xyz", eye, strict=True))
+        offset = "+".join(
+            f"({axis}-({_num(e)}))*({axis}-({_num(e)}))" for axis, e in zip("xyz", eye, strict=True)
+        )
         lines += [
             "background { rgb 0 }",
             f"#declare D = function(x,y,z) {{ (sqrt({offset})-{_num(near)})/{_num(far - near)} }}",
@@ -128,24 +142,24 @@ def write_scene(
         sun = right * -0.45 + up * 0.75 - forward * 0.5
         lines += [
             "background { rgb <0.93,0.95,0.97> }",
-            f"light_source {{ {_vec(eye + sun * 1e4)} rgb 0.85 parallel point_at {_vec(eye)} shadowless }}",
+            f"light_source {{ {_vec(eye + sun * 1e4)} rgb 0.85",
+            f" parallel point_at {_vec(eye)} shadowless }}",
             "#declare Look = texture { pigment { rgb <0.35,0.6,0.85> }",
             " finish { ambient 0.25 diffuse 0.75 specular 0.3 roughness 0.02 } }",
         ]
     with open(path, "w", encoding="ascii") as file:
         file.write("\n".join(lines) + f"\nblob {{ threshold {_num(threshold)}\n")
+        plain = "sphere{{<{:.9g},{:.9g},{:.9g}>,{:.9g},{:.9g}}}\n"
+        painted = plain[:-3] + " pigment{{rgb<{:.3f},{:.3f},{:.3f}>}}}}\n"
         paint = mode == "shaded" and color is not None
         for k in range(0, n, 65536):  # in blocks: a scene of millions stays out of memory
             s = slice(k, k + 65536)
             rows = np.column_stack([positions[s], support[s], weight[s]]).tolist()
             if paint:
                 tints = np.asarray(color[s], float).tolist()
-                file.writelines(
-                    "sphere{<%.9g,%.9g,%.9g>,%.9g,%.9g pigment{rgb<%.3f,%.3f,%.3f>}}\n" % (*r, *c)
-                    for r, c in zip(rows, tints, strict=True)
-                )
+                file.writelines(painted.format(*r, *c) for r, c in zip(rows, tints, strict=True))
             else:
-                file.writelines("sphere{<%.9g,%.9g,%.9g>,%.9g,%.9g}\n" % tuple(r) for r in rows)
+                file.writelines(plain.format(*r) for r in rows)
         file.write("texture { Look } }\n")
     return near, far
 
@@ -153,10 +167,11 @@ def write_scene(
 def run(
     scene: str | Path, size: tuple[int, int] = (1024, 782), threads: int = 1
 ) -> tuple[np.ndarray, float, float]:
-    """Render `scene`: the picture (H, W, 3) uint16, linear, CPU seconds (user + system) and wall seconds.
+    """Render `scene`: the picture (H, W, 3) uint16, linear, CPU seconds (user + system) and wall
+    seconds.
 
-    CPU seconds are the child process's own, parsing included; `run.log` keeps POV-Ray's last messages, from which
-    `render_seconds` reads the tracing alone.
+    CPU seconds are the child process's own, parsing included; `run.log` keeps POV-Ray's last
+    messages, from which `render_seconds` reads the tracing alone.
     """
     program = find_povray()
     if program is None:
@@ -165,12 +180,14 @@ def run(
     scene = Path(scene).resolve()
     picture = scene.with_suffix(".ppm")
     command = [
-        program, f"+I{scene}", f"+O{picture}", f"+W{width}", f"+H{height}", f"+WT{threads}", "+FP16",
-        "File_Gamma=1", "Dither=off", "-A", "-D", "-P", "-V",
+        program, f"+I{scene}", f"+O{picture}", f"+W{width}", f"+H{height}", f"+WT{threads}",
+        "+FP16", "File_Gamma=1", "Dither=off", "-A", "-D", "-P", "-V",
     ]  # fmt: skip
     with tempfile.TemporaryFile() as log:
         start = time.perf_counter()
-        child = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=log, stderr=log, cwd=scene.parent)
+        child = subprocess.Popen(
+            command, stdin=subprocess.DEVNULL, stdout=log, stderr=log, cwd=scene.parent
+        )
         _, status, usage = os.wait4(child.pid, 0)
         wall = time.perf_counter() - start
         child.returncode = os.waitstatus_to_exitcode(status)
@@ -183,7 +200,10 @@ def run(
 
 def render_seconds() -> float | None:
     """CPU seconds of tracing alone in the last `run`, without parsing, as POV-Ray reports them."""
-    found = re.search(r"Trace Time:.*?\n.*?using \d+ thread\(s\) with ([\d.]+) CPU-seconds", getattr(run, "log", ""))
+    found = re.search(
+        r"Trace Time:.*?\n.*?using \d+ thread\(s\) with ([\d.]+) CPU-seconds",
+        getattr(run, "log", ""),
+    )
     return float(found.group(1)) if found else None
 
 
@@ -194,13 +214,20 @@ def read_ppm16(path: str | Path) -> np.ndarray:
     if head is None or head.group(3) != b"65535":
         raise ValueError(f"{path}: expected a binary PPM with maximum 65535, got {data[:20]!r}")
     width, height = int(head.group(1)), int(head.group(2))
-    return np.frombuffer(data, ">u2", offset=head.end(), count=width * height * 3).reshape(height, width, 3).astype("u2")
+    return (
+        np.frombuffer(data, ">u2", offset=head.end(), count=width * height * 3)
+        .reshape(height, width, 3)
+        .astype("u2")
+    )
 
 
 def hit_mask_and_depth(image: np.ndarray, near: float, far: float) -> tuple[np.ndarray, np.ndarray]:
-    """Mask (H, W) bool and distance along the ray (H, W) float64, inf where missed, of a depth picture."""
+    """Mask (H, W) bool and distance along the ray (H, W) float64, inf where missed, of a depth
+    picture."""
     mask = image[..., 2] > 32767
-    coarse = image[..., 0] / 65535 * 256  # known to 1/512, so it settles which of 256 steps green divides
+    coarse = (
+        image[..., 0] / 65535 * 256
+    )  # known to 1/512, so it settles which of 256 steps green divides
     fine = image[..., 1] / 65535
     value = (np.round(coarse - fine) + fine) / 256
     return mask, np.where(mask, near + value * (far - near), np.inf)
@@ -231,22 +258,36 @@ def save_png(path: str | Path, image: np.ndarray) -> None:
 
 
 def self_test(out: Path) -> None:
-    """Answers known by analysis: pixel centres, silhouette, depth and orientation. Raises AssertionError."""
+    """Answers known by analysis: pixel centres, silhouette, depth and orientation. Raises
+    AssertionError."""
     size, radius, strength, tau = (160, 120), 1.0, 1.0, 0.36
-    d_m = radius * math.sqrt(1 - math.sqrt(tau / strength))  # where one metaball's field is the threshold
+    d_m = radius * math.sqrt(
+        1 - math.sqrt(tau / strength)
+    )  # where one metaball's field is the threshold
     for fov in (30.0, 17.3):
-        camera = {"eye": (0.3, -0.2, 4.0), "look_at": (0.11, 0.07, 0.0), "up": (0, 1, 0), "fov": fov}
-        range_ = write_scene(out / "self.pov", np.zeros((1, 3)), radius, strength, tau, camera, "depth", size)
+        camera = {
+            "eye": (0.3, -0.2, 4.0),
+            "look_at": (0.11, 0.07, 0.0),
+            "up": (0, 1, 0),
+            "fov": fov,
+        }
+        range_ = write_scene(
+            out / "self.pov", np.zeros((1, 3)), radius, strength, tau, camera, "depth", size
+        )
         mask, depth = hit_mask_and_depth(run(out / "self.pov", size)[0], *range_)
         eye, ray = pixel_rays(camera, size)
         middle = -(ray @ eye)
         square = d_m**2 - (eye @ eye - middle**2)
-        assert np.array_equal(mask, square > 0), f"silhouette: {(mask != (square > 0)).sum()} pixels differ"
+        assert np.array_equal(mask, square > 0), (
+            f"silhouette: {(mask != (square > 0)).sum()} pixels differ"
+        )
         truth = middle - np.sqrt(np.maximum(square, 0))
         error = float(np.abs(depth - truth)[mask].max())
         # Half a pixel would shift depth by two orders more than the 24-bit mapping's own step.
         assert error < 2e-5, f"depth: {error}"
-        print(f"self-test, fov {fov}: {mask.sum()} pixels hit, none wrong, depth within {error:.1e}")
+        print(
+            f"self-test, fov {fov}: {mask.sum()} pixels hit, none wrong, depth within {error:.1e}"
+        )
     centres = np.array([[0.0, 0, 0], [1.2, 0, 0], [0, 0.8, 0]])
     camera = {"eye": (0, 0, 6.0), "look_at": (0, 0, 0), "up": (0, 1, 0), "fov": 40.0}
     range_ = write_scene(out / "self.pov", centres, 0.5, 1.0, tau, camera, "depth", size)
@@ -270,8 +311,12 @@ def _triple(text: str) -> tuple[float, float, float]:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(description="Render particles with POV-Ray's blob and compare.")
-    parser.add_argument("particles", nargs="?", help=".npz with positions, and support and weight if it has them")
+    parser = argparse.ArgumentParser(
+        description="Render particles with POV-Ray's blob and compare."
+    )
+    parser.add_argument(
+        "particles", nargs="?", help=".npz with positions, and support and weight if it has them"
+    )
     parser.add_argument("--size", default="1024x782")
     parser.add_argument("--support", type=float)
     parser.add_argument("--threshold", type=float, default=0.6)
@@ -282,7 +327,9 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--mode", choices=(*MODES, "both"), default="both")
     parser.add_argument("-o", "--out", type=Path)
     parser.add_argument("--depth-npy", type=Path, help="our depth, (H, W), inf where missed")
-    parser.add_argument("--compare", action="store_true", help="compare --depth-npy with POV-Ray's depth")
+    parser.add_argument(
+        "--compare", action="store_true", help="compare --depth-npy with POV-Ray's depth"
+    )
     parser.add_argument("--self-test", action="store_true", help="check against analysis and leave")
     options = parser.parse_args(arguments)
     if find_povray() is None:
@@ -300,7 +347,13 @@ def main(arguments: list[str] | None = None) -> int:
     width, height = (int(v) for v in options.size.split("x"))
     data = np.load(options.particles)
     positions = data["positions"]
-    support = options.support if options.support is not None else data["support"] if "support" in data else None
+    support = (
+        options.support
+        if options.support is not None
+        else data["support"]
+        if "support" in data
+        else None
+    )
     if support is None:
         parser.error("--support is needed: the file has none")
     weight = data["weight"] if "weight" in data else 1.0
@@ -310,17 +363,33 @@ def main(arguments: list[str] | None = None) -> int:
         camera["eye"] = options.eye
     if options.look_at is not None:
         camera["look_at"] = options.look_at
-    report: dict[str, Any] = {"particles": len(positions), "rays": width * height, "threads": options.threads}
+    report: dict[str, Any] = {
+        "particles": len(positions),
+        "rays": width * height,
+        "threads": options.threads,
+    }
     modes = MODES if options.mode == "both" else (options.mode,)
     if options.compare and "depth" not in modes:
         modes = (*modes, "depth")
     for mode in modes:
         scene = out / f"{mode}.pov"
         range_ = write_scene(
-            scene, positions, support, weight, options.threshold, camera, mode, (width, height), color
+            scene,
+            positions,
+            support,
+            weight,
+            options.threshold,
+            camera,
+            mode,
+            (width, height),
+            color,
         )
         image, cpu, wall = run(scene, (width, height), options.threads)
-        report[mode] = {"cpu_s": round(cpu, 3), "wall_s": round(wall, 3), "trace_cpu_s": render_seconds()}
+        report[mode] = {
+            "cpu_s": round(cpu, 3),
+            "wall_s": round(wall, 3),
+            "trace_cpu_s": render_seconds(),
+        }
         if mode == "depth":
             mask, depth = hit_mask_and_depth(image, *range_)
             report["hit"] = int(mask.sum())

@@ -1,9 +1,10 @@
-"""The demo's data set: a splash made by formulas, so that a first picture needs no file and no download.
+"""The demo's data set: a splash made by formulas, so that a first picture needs no file and no
+download.
 
-A drop has fallen into a round pool: ripples run outwards, a crown of water stands up and breaks into jets and
-droplets at its rim, and a column rises in the middle with a drop above it. Each piece is laid out in rings or
-layers that follow its own surface, with a spacing close to one value throughout; that, and not a cubic lattice
-cut to shape, keeps the summed metaballs smooth.
+A drop has fallen into a round pool: ripples run outwards, a crown of water stands up and breaks
+into jets and droplets at its rim, and a column rises in the middle with a drop above it. Each piece
+is laid out in rings or layers that follow its own surface, with a spacing close to one value
+throughout; that, and not a cubic lattice cut to shape, keeps the summed metaballs smooth.
 
 y is up, lengths are in units of the pool's radius. The same arguments give the same bytes.
 """
@@ -34,25 +35,35 @@ RAMP = np.array(
 
 
 def splash(n_target: int = 60_000) -> tuple[np.ndarray, np.ndarray, float]:
-    """A splash of about `n_target` particles; from some thousands upwards the pieces keep their shapes.
+    """A splash of about `n_target` particles; from some thousands upwards the pieces keep their
+    shapes.
 
-    Returns `positions` (N, 3) float32, `color` (N, 3) float32 in [0, 1], linear, and the particles' `spacing`.
-    Show it with support = 2 * spacing, kernel murakami and a threshold of 0.6.
+    Returns `positions` (N, 3) float32, `color` (N, 3) float32 in [0, 1], linear, and the particles'
+    `spacing`. Show it with support = 2 * spacing, kernel murakami and a threshold of 0.6.
     """
     if n_target < 1:
         raise ValueError(f"n_target: expected at least 1, got {n_target}")
     spacing = 0.0198 * (60_000 / n_target) ** (1 / 3)
     rng = np.random.default_rng(2024)
     jets = _Jets(rng)
-    pieces = [_pool(spacing), _column(spacing), _wall(spacing, jets), _rim(spacing, jets), *_spray(spacing, jets, rng)]
+    pieces = [
+        _pool(spacing),
+        _column(spacing),
+        _wall(spacing, jets),
+        _rim(spacing, jets),
+        *_spray(spacing, jets, rng),
+    ]
     positions = np.concatenate(pieces)
     positions += rng.uniform(-JITTER * spacing, JITTER * spacing, positions.shape)
-    color = np.stack([np.interp(positions[:, 1], RAMP[:, 0], RAMP[:, c]) for c in (1, 2, 3)], axis=1)
+    color = np.stack(
+        [np.interp(positions[:, 1], RAMP[:, 0], RAMP[:, c]) for c in (1, 2, 3)], axis=1
+    )
     return positions.astype(np.float32), color.astype(np.float32), float(spacing)
 
 
 class _Jets:
-    """Where the crown's rim breaks up: N_JETS angles, uneven on purpose, and how far each one shoots."""
+    """Where the crown's rim breaks up: N_JETS angles, uneven on purpose, and how far each one
+    shoots."""
 
     def __init__(self, rng: np.random.Generator) -> None:
         self.angle = (np.arange(N_JETS) + rng.uniform(-0.26, 0.26, N_JETS)) / N_JETS * TAU
@@ -68,11 +79,16 @@ class _Jets:
 
 
 def _surface(r: np.ndarray, angle: np.ndarray) -> np.ndarray:
-    """Height of the pool's surface: a hollow inside the crown, its raised foot, and ripples that die away."""
+    """Height of the pool's surface: a hollow inside the crown, its raised foot, and ripples that
+    die away."""
     out = r - CROWN_RADIUS
     hollow = -0.055 / (1 + np.exp(out / 0.03))
     foot = 0.06 * np.exp(-((out / 0.06) ** 2))
-    ripple = 0.020 * np.cos(out * 36 - 2.4 + 0.25 * np.sin(2 * angle)) * np.exp(-(((out - 0.24) / 0.2) ** 2))
+    ripple = (
+        0.020
+        * np.cos(out * 36 - 2.4 + 0.25 * np.sin(2 * angle))
+        * np.exp(-(((out - 0.24) / 0.2) ** 2))
+    )
     inner = 0.010 * np.cos(r * 60) * np.exp(-((r / 0.25) ** 2))
     swell = 0.006 * np.sin(5 * r * np.cos(angle - 0.7) + 1) * np.clip(out * 4, 0, 1)
     return hollow + foot + ripple + inner + swell
@@ -102,12 +118,16 @@ def _column(s: float) -> np.ndarray:
     for y in np.arange(foot + s / 2, top, s):
         radius = 0.030 + 0.16 * np.exp(-(y - foot) / 0.06) + 0.006 * np.cos(y * 22)
         if y > top - 2 * bulb:  # the end is a ball, which the neck runs into
-            radius = max(radius * (y < top - bulb), np.sqrt(max(0.0, bulb**2 - (y - top + bulb) ** 2)))
+            radius = max(
+                radius * (y < top - bulb), np.sqrt(max(0.0, bulb**2 - (y - top + bulb) ** 2))
+            )
         r, angle = _disc(radius, s, phase=7 * y)
         keep = y > _surface(r, angle) + 0.4 * s
         lean = np.array([0.03, 0.0, -0.02]) * y**2
         layers.append(_from_polar(r[keep], np.full(int(keep.sum()), y), angle[keep]) + lean)
-    return np.concatenate([*layers, _ball((0.020, 0.80, -0.014), 0.078, s), _ball((0.030, 0.985, -0.020), 0.030, s)])
+    return np.concatenate(
+        [*layers, _ball((0.020, 0.80, -0.014), 0.078, s), _ball((0.030, 0.985, -0.020), 0.030, s)]
+    )
 
 
 def _wall(s: float, jets: _Jets) -> np.ndarray:
@@ -135,12 +155,16 @@ def _rim(s: float, jets: _Jets) -> np.ndarray:
     r, y = _wall_point(np.ones(n), angle, jets)
     across, around = _disc(0.026, s)
     return np.concatenate(
-        [_from_polar(r + a * np.cos(b), y + a * np.sin(b), angle) for a, b in zip(across, around, strict=True)]
+        [
+            _from_polar(r + a * np.cos(b), y + a * np.sin(b), angle)
+            for a, b in zip(across, around, strict=True)
+        ]
     )
 
 
 def _spray(s: float, jets: _Jets, rng: np.random.Generator) -> list[np.ndarray]:
-    """Jets that leave the rim on bent paths, thin out and end in a bulb; droplets go on along the same paths."""
+    """Jets that leave the rim on bent paths, thin out and end in a bulb; droplets go on along the
+    same paths."""
     out = []
     for angle, reach in zip(jets.angle, jets.reach, strict=True):
         r, y = _wall_point(np.ones(1), np.array([angle]), jets)
@@ -159,22 +183,33 @@ def _spray(s: float, jets: _Jets, rng: np.random.Generator) -> list[np.ndarray]:
             side = np.cross(forward, [0.0, 0.0, 1.0] if abs(forward[2]) < 0.8 else [1.0, 0.0, 0.0])
             side /= np.linalg.norm(side)
             a, b = _disc(0.026 * (1 - t) ** 0.7, s, phase=float(i))
-            across = np.outer(a * np.cos(b), side) + np.outer(a * np.sin(b), np.cross(forward, side))
+            across = np.outer(a * np.cos(b), side) + np.outer(
+                a * np.sin(b), np.cross(forward, side)
+            )
             out.append(path(t) + across)
         out.append(_ball(path(1.0), 0.018 + 0.014 * reach, s))
         t = 1.0
         for size in (0.026, 0.018, 0.010)[: 1 + int(3 * reach * rng.random() + 0.6)]:
             t += rng.uniform(0.42, 0.62)
-            out.append(_ball(path(t) + rng.uniform(-0.012, 0.012, 3), size * rng.uniform(0.75, 1.1), s))
+            out.append(
+                _ball(path(t) + rng.uniform(-0.012, 0.012, 3), size * rng.uniform(0.75, 1.1), s)
+            )
     for _ in range(26):  # the finest drops, thrown out farther
         angle, r = rng.uniform(0, TAU), 0.55 + 0.40 * rng.random() ** 1.6
         y = 0.30 + rng.uniform(-0.16, 0.46) * (1.3 - r)
-        out.append(_ball(_from_polar(np.array([r]), np.array([y]), np.array([angle]))[0], rng.uniform(0.004, 0.018), s))
+        out.append(
+            _ball(
+                _from_polar(np.array([r]), np.array([y]), np.array([angle]))[0],
+                rng.uniform(0.004, 0.018),
+                s,
+            )
+        )
     return out
 
 
 def _disc(radius: float, s: float, phase: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
-    """Polar coordinates of a disc filled with rings, the outermost half a spacing inside its edge."""
+    """Polar coordinates of a disc filled with rings, the outermost half a spacing inside its
+    edge."""
     n_rings = max(0, round(radius / s - 0.5))
     step = (radius - s / 2) / n_rings if n_rings else 0.0
     counts = np.array([1] + [max(1, round(TAU * k * step / s)) for k in range(1, n_rings + 1)])
@@ -185,7 +220,8 @@ def _disc(radius: float, s: float, phase: float = 0.0) -> tuple[np.ndarray, np.n
 
 
 def _ball(centre, radius: float, s: float) -> np.ndarray:
-    """A ball of nested spheres, each an even spiral; a single particle where the radius is about one spacing."""
+    """A ball of nested spheres, each an even spiral; a single particle where the radius is about
+    one spacing."""
     n_shells = max(0, round(radius / s - 0.5))
     step = (radius - s / 2) / n_shells if n_shells else 0.0
     shells = [np.zeros((1, 3))]

@@ -148,6 +148,13 @@ struct CpuGroup {
         for (unsigned set = bits(m); set; set &= set - 1) write(__builtin_ctz(set), n++);
         return n;
     }
+    /// fn(j) for j < n, shared out among the lanes, and the sum of what the lanes hold.
+    template <class Fn>
+    void share(int n, const Fn& fn) const {
+        for (int j = 0; j < n; ++j) fn(j);
+    }
+    double total(double mine) const { return mine; }
+    bool is_first() const { return true; }
     void sync() const {}
 };
 

@@ -102,6 +102,16 @@ struct CudaGroup {
         if (m) write(lane(), n + __popc(set & ((1u << lane()) - 1)));
         return n + __popc(set);
     }
+    template <class Fn>
+    __device__ void share(int n, const Fn& fn) const {
+        for (int j = lane(); j < n; j += width) fn(j);
+        __syncwarp();
+    }
+    __device__ double total(double mine) const {
+        for (int s = 16; s; s >>= 1) mine += __shfl_xor_sync(all, mine, s);
+        return mine;
+    }
+    __device__ bool is_first() const { return lane() == 0; }
     __device__ void sync() const { __syncwarp(); }
 };
 

@@ -57,6 +57,7 @@ GB_FN void add(Along<F>& sum, const Kernel& kernel, const Vec3<F>& v, const Vec3
             sum.fall += select(apart, F(0), weight * F(most(8.0f, kernel.max_fall())));
         } else {
             sum.rise += select(apart, F(0), rise);
+            sum.fall += select(apart, F(0), A);
         }
     }
 }
@@ -84,14 +85,24 @@ struct ListSource {
         }
         sum.slope = F(2) * sum.slope;
         if constexpr (!PerParticle && Bounds) {
-            sum.fall = F(kernel.max_fall() * float(n));
+            // 8: b falls at most so much per unit A, and no faster where the window leaves it.
+            sum.fall = F(most(8.0f, kernel.max_fall())) * sum.fall;
             sum.rise = select(lim.sign > F(0), sum.rise, sum.fall);
         }
         return sum;
     }
 };
 
-/// Straight from the tree, one ray, float64, world units: for what float32 or a list cannot decide.
+/// One particle in float64 and world units.
+template <bool Bounds>
+GB_FN void add_exact(Along<double>& sum, const SortedParticles& particles, const AnyKernel& kernel, std::uint32_t slot,
+                     const Vec3<double>& p, const Vec3<double>& d, const Limits<double>& lim) {
+    const double a = particles.support[slot];
+    const Vec3<double> v{p.x - particles.x[slot], p.y - particles.y[slot], p.z - particles.z[slot]};
+    if (a > 0) add<true, Bounds>(sum, kernel, v, d, 1.0 / (a * a), double(particles.weight[slot]), lim);
+}
+
+/// Straight from the tree, for one ray: where even the thinnest slab holds more than a list can.
 template <class Tree>
 struct TreeSource {
     const Tree& tree;
@@ -104,11 +115,8 @@ struct TreeSource {
         const Vec3<double> p = o + d * t, q = p + d * (Bounds ? lim.window : 0.0);
         const float3 lo{float(least(p.x, q.x)), float(least(p.y, q.y)), float(least(p.z, q.z))};
         const float3 hi{float(most(p.x, q.x)), float(most(p.y, q.y)), float(most(p.z, q.z))};
-        for_each_touching(tree, lo, hi, [&](std::uint32_t slot) {
-            const double a = particles.support[slot];
-            const Vec3<double> v{p.x - particles.x[slot], p.y - particles.y[slot], p.z - particles.z[slot]};
-            if (a > 0) add<true, Bounds>(sum, kernel, v, d, 1.0 / (a * a), double(particles.weight[slot]), lim);
-        });
+        for_each_touching(tree, lo, hi,
+                          [&](std::uint32_t slot) { add_exact<Bounds>(sum, particles, kernel, slot, p, d, lim); });
         sum.slope *= 2;
         return sum;
     }
@@ -139,8 +147,10 @@ GB_FN void march(const Source& source, const Limits<F>& lim, F end, B active, F&
         const F rest = window_end - t;
         const F move = select(reaches, F(2) * safe / select(reaches, bottom, F(1)), rest);
         const B close = active & ((gap <= F(2) * lim.error) | (move <= lim.least_step));
-        // From here f rises by at least slope^2 / (2 fall): more than this precision's error?
-        const B certain = close & (slope > F(0)) & (slope * slope > F(8) * lim.error * fall);
+        // From here f rises by at least slope^2 / (2 fall), or slope rest / 2 up to the window's end:
+        // more than this precision's error?
+        const B certain = close & (slope > F(0)) & (slope * slope > F(8) * lim.error * fall) &
+                          (slope * rest > F(8) * lim.error);
         const F newton = t + least(most(gap, F(0)) / select(certain, slope, F(1)), rest);
         const F onward = select(move < rest, t + move, window_end);
         t = select(active, select(certain, newton, select(close, t, onward)), t);

@@ -22,6 +22,16 @@ GB_FN void write3(float* to, std::size_t i, const float3& v) {
     to[3 * i + 2] = v.z;
 }
 
+/// Rounding in the world's coordinates, as a length.
+template <class Tree>
+GB_FN float rounding(const Tree& tree) {
+    const Node box = tree.node(0);
+    return 1e-6f * (magnitude(box.lo.x) + magnitude(box.lo.y) + magnitude(box.lo.z) + magnitude(box.hi.x) +
+                    magnitude(box.hi.y) + magnitude(box.hi.z));
+}
+/// A slab is never cut thinner than this.
+GB_FN float least_slab(float typical, float z) { return most(typical * (1.0f / 64.0f), z * 1e-6f); }
+
 template <class Tree, class Kernel, bool PerParticle>
 struct TraceTiles {
     template <class Group>
@@ -130,9 +140,7 @@ struct TraceTiles {
         start(g, lanes, tile, box);
         const float typical = tree.header->typical_support;  // lengths are scaled by it
         const float scale = 1.0f / typical;
-        // Rounding in the world's coordinates, as a length.
-        const float blur = 1e-6f * (magnitude(box.lo.x) + magnitude(box.lo.y) + magnitude(box.lo.z) +
-                                    magnitude(box.hi.x) + magnitude(box.hi.y) + magnitude(box.hi.z));
+        const float blur = rounding(tree);
 
         for (;;) {
             // The bundle: rays that stay close to a leader from the tile's middle.
@@ -181,13 +189,12 @@ struct TraceTiles {
                 const float3 at = axis_point();
                 Walk<PerParticle, Group, Tree> walk(g, scratch, tree, particles, bundle, z, at);
                 const Gathered found = gather(walk, dz, scale);
-                const float least_dz = most(typical * (1.0f / 64.0f), z * 1e-6f);
                 if (found.n < 0 && bundle.r0 - blur + bundle.r1 * far > 0.0f) {
                     spread *= spread > 0.05f * typical ? 0.5f : 0.0f;  // too many: fewer rays,
                     select_group();
                     continue;
                 }
-                if (found.n < 0 && dz > least_dz) {                    // then a thinner slab,
+                if (found.n < 0 && dz > least_slab(typical, z)) {                    // then a thinner slab,
                     dz *= 0.5f;
                     continue;
                 }
@@ -253,7 +260,7 @@ private:
         });
         const float sharp = most(1.0f, found.sharpest);
         const ListSource<PerParticle, Group, Kernel> source{scratch, found.n, kernel, p0, d};
-        Limits<F> lim{F(tau), F(kWindow / least(sharp, 10.0f)), F(1e-5f * (1.0f + tau) * sharp), F(1e-5f / sharp), F(1.0f)};
+        Limits<F> lim{F(tau), F(kWindow / least(sharp, 10.0f)), F(5e-6f * (1.0f + tau) * sharp), F(1e-5f / sharp), F(1.0f)};
         F t = most((lanes.t[v] - F(z)) * F(scale), F(0.0f));
         if (g.any(lanes.fresh[v] & active)) {
             const Along<F> s = source.template at<false>(t, lim);
