@@ -148,7 +148,7 @@ NB_MODULE(_core, m) {
             nb::dict d;
             d["n_nodes"] = f.n_nodes;
             d["n_leaves"] = f.n_leaves;
-            d["n_inside"] = f.header.n_inside;
+            d["n_inside"] = f.n_inside;
             d["depth"] = f.header.depth;
             d["deepest"] = f.header.deepest;
             d["bytes"] = f.bytes;

@@ -36,7 +36,7 @@ struct TreeRequest {
 
 struct TreeFacts {
     TreeHeader header;
-    std::uint64_t n_nodes, n_leaves, bytes;
+    std::uint64_t n_inside, n_nodes, n_leaves, bytes;
     std::uint64_t key_hash, node_hash;    // filled only when asked
     double build_seconds;
 };

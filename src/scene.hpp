@@ -52,6 +52,7 @@ public:
     TreeFacts facts(bool with_hashes) override {
         TreeFacts f{};
         f.header = tree_.header();
+        f.n_inside = tree_.size() - f.header.n_outside;
         f.n_nodes = tree_.params().dense ? tree_.n_dense_nodes() : f.header.n_nodes;
         std::uint32_t* count = count_.reserve(1);
         with_tree([&](auto tree) { exec_->reduce(f.n_nodes, CountLeaf<decltype(tree)>{tree}, Add{}, 0u, count); });
@@ -78,10 +79,10 @@ public:
 
     float spacing() override {
         const TreeHeader h = tree_.header();
-        if (h.n_inside == 0) return 0.0f;
-        const std::size_t begin = tree_.size() - h.n_inside;
-        const std::size_t stride = most<std::size_t>(1, h.n_inside / 1024);
-        const std::size_t samples = ceil_div<std::size_t>(h.n_inside, stride);
+        const std::size_t begin = h.n_outside, n_inside = tree_.size() - begin;
+        if (n_inside == 0) return 0.0f;
+        const std::size_t stride = most<std::size_t>(1, n_inside / 1024);
+        const std::size_t samples = ceil_div<std::size_t>(n_inside, stride);
         float* out = results_.reserve(samples);
         with_tree([&](auto tree) {
             exec_->for_each(samples, LocalSpacing<decltype(tree)>{tree, tree_.particles(), begin, tree_.size(), stride, out});

@@ -31,10 +31,11 @@ __global__ void run_each(std::size_t n, Kernel kernel) {
     if (i < n) kernel(i);
 }
 
-inline constexpr int kWarpsPerBlock = GB_WPB;
+inline constexpr int kWarpsPerBlock = 4;
 
 template <class Kernel>
-__global__ void __launch_bounds__(32 * kWarpsPerBlock, GB_MINB) run_tiles(std::size_t n, Kernel kernel) {
+__global__ void __launch_bounds__(32 * kWarpsPerBlock, 5)  // at most 96 registers
+    run_tiles(std::size_t n, Kernel kernel) {
     using Scratch = typename Kernel::template Scratch<CudaGroup>;
     __shared__ Scratch scratch[kWarpsPerBlock];
     const int warp = threadIdx.x / 32;

@@ -2,16 +2,11 @@
 #pragma once
 #include "globule/base/vec.hpp"
 
-#ifndef GB_V
-#define GB_V 2
-#define GB_WPB 4
-#define GB_MINB 4
-#endif
 namespace globule {
 
 struct CudaGroup {
     static constexpr int width = 32;
-    static constexpr int vectors = GB_V;
+    static constexpr int vectors = 1;
     static constexpr int list_capacity = 416;
     static constexpr int stack_capacity = 224;
     using F = float;

@@ -80,18 +80,26 @@ struct MakeKeys {
     SpaceOf space;
     Key* keys;
     std::uint32_t* index;
+    std::uint32_t* n_outside;
+    std::size_t n;
     GB_FN void operator()(std::size_t i) const {
+        if (i == 0) *n_outside = std::uint32_t(n);
         const float3 p = read3(positions, i);
         keys[i] = morton::is_inside(p, space.lo(), space.hi()) ? morton::key_of<Key>(p, space()) : Key(0);
         index[i] = std::uint32_t(i);
     }
 };
 
+template <class Key>
 struct Gather {
     ParticleInput in;
+    const Key* keys;
+    std::uint32_t* n_outside;
     const std::uint32_t* index;
     float *x, *y, *z, *support, *weight;
     GB_FN void operator()(std::size_t i) const {
+        constexpr Key inside = morton::Traits<Key>::inside;
+        if ((keys[i] & inside) && (i == 0 || !(keys[i - 1] & inside))) *n_outside = std::uint32_t(i);  // they sort to the front
         const std::uint32_t from = index[i];
         const float3 p = read3(in.positions, from);
         x[i] = p.x;
@@ -150,11 +158,9 @@ struct CountNodes {
     }
 };
 
-template <class Key>
 struct WriteHeader {
     SpaceOf space;
-    const Key* keys;
-    std::size_t n, n_chunks;
+    std::size_t n_chunks;
     const std::uint32_t* offsets;
     int depth;
     std::size_t capacity;
@@ -172,12 +178,7 @@ struct WriteHeader {
         for (int k = 0; k <= h.depth + 1; ++k) h.level_begin[k] = offsets[k * n_chunks];
         for (int k = 0; k <= h.depth; ++k)
             if (h.level_begin[k + 1] > h.level_begin[k]) h.deepest = k;
-        std::size_t lo = 0, hi = n;  // outside particles sort to the front
-        while (lo < hi) {
-            const std::size_t mid = (lo + hi) / 2;
-            if (keys[mid] & morton::Traits<Key>::inside) hi = mid; else lo = mid + 1;
-        }
-        h.n_inside = std::uint32_t(n - lo);
+        h.n_outside = header->n_outside;
         *header = h;
     }
 };
@@ -230,9 +231,11 @@ struct CarryBoxes {
             Node out = Node::nothing();
             out.first = begin;
             out.meta = n_children;
-            for (std::uint32_t c = begin; c < begin + n_children; ++c)
+            for (std::uint32_t k = 0; k < 8; ++k) {  // the last one again where there are fewer: all loads at once
+                const std::uint32_t c = begin + least(k, n_children - 1);
                 out.unite({read_fresh(&nodes.box[0][c]), read_fresh(&nodes.box[1][c]), read_fresh(&nodes.box[2][c])},
                           {read_fresh(&nodes.box[3][c]), read_fresh(&nodes.box[4][c]), read_fresh(&nodes.box[5][c])});
+            }
             nodes.set(at, out);
         }
     }
@@ -242,22 +245,24 @@ struct CarryBoxes {
     GB_FN void make_leaf(std::size_t at) const {
         const std::size_t begin = nodes.first[at];
         const int level = int(Node::count(nodes.meta[at]));
-        // End of the run by doubling, then halving.
-        std::size_t step = 1;
-        while (begin + step < starts.n && starts.shared(begin, begin + step) >= level) step *= 2;
-        std::size_t lo = begin + step / 2, hi = least(begin + step, starts.n);
-        while (lo + 1 < hi) {
-            const std::size_t mid = (lo + hi) / 2;
-            if (starts.shared(begin, mid) >= level) lo = mid; else hi = mid;
-        }
         Node out = Node::nothing();
-        out.first = std::uint32_t(begin);
-        out.meta = Node::leaf_bit | std::uint32_t(hi - begin);
-        for (std::size_t j = begin; j < hi; ++j) {
-            const float3 p = particles.position(j);
-            const float a = particles.support[j];
-            out.unite({p.x - a, p.y - a, p.z - a}, {p.x + a, p.y + a, p.z + a});
+        std::size_t end = begin;
+        bool more = true;
+        while (more) {  // eight at a time: all loads at once
+            std::uint32_t n_here = 0;
+            for (std::size_t k = 0; k < 8; ++k) {
+                const std::size_t j = least(end + k, starts.n - 1);
+                const bool ours = end + k < starts.n && starts.shared(begin, j) >= level;
+                const float3 p = particles.position(ours ? j : begin);
+                const float a = particles.support[ours ? j : begin];
+                out.unite({p.x - a, p.y - a, p.z - a}, {p.x + a, p.y + a, p.z + a});
+                n_here += ours;
+            }
+            end += n_here;
+            more = n_here == 8;
         }
+        out.first = std::uint32_t(begin);
+        out.meta = Node::leaf_bit | std::uint32_t(end - begin);
         nodes.set(at, out);
     }
 };
@@ -350,20 +355,22 @@ private:
         using namespace build;
         const std::size_t n = in.n, padded = ceil_div<std::size_t>(n, 64) * 64 + 64;
         Bounds* bounds = bounds_.reserve(1);
+        TreeHeader* header = header_.reserve(1);
+        if (n == 0) exec_.clear(header, sizeof *header);
         Key* keys = reinterpret_cast<Key*>(keys_.reserve(padded * sizeof(Key)));
         float* x = positions_.reserve(3 * padded);
         std::uint32_t* index = index_.reserve(padded);
 
         exec_.reduce(n, PointBounds{in.positions, in.support}, Unite{}, nothing(), bounds);
         const SpaceOf space{params_, bounds};
-        exec_.for_each(n, MakeKeys<Key>{in.positions, space, keys, index});
+        exec_.for_each(n, MakeKeys<Key>{in.positions, space, keys, index, &header->n_outside, n});
         // The sorted positions are written after the sort, so their room serves as its spare.
         exec_.sort_pairs(n, keys, reinterpret_cast<Key*>(x), index,
                          reinterpret_cast<std::uint32_t*>(x + 2 * padded),
                          3 * morton::Traits<Key>::levels + 1);
         float* support = in.support.data ? support_.reserve(padded) : nullptr;
         float* weight = in.weight.data ? weight_.reserve(padded) : nullptr;
-        exec_.for_each(n, Gather{in, index, x, x + padded, x + 2 * padded, support, weight});
+        exec_.for_each(n, Gather<Key>{in, keys, &header->n_outside, index, x, x + padded, x + 2 * padded, support, weight});
         sorted_ = {x, x + padded, x + 2 * padded, index, {support, in.support.uniform}, {weight, in.weight.uniform}};
         build_nodes(keys, n, space);
     }
@@ -377,10 +384,10 @@ private:
         std::uint32_t* counts = counts_.reserve((depth + 2) * n_chunks);
         exec_.for_each(n_chunks, CountNodes<Key>{starts, n_chunks, counts});
         exec_.exclusive_scan((depth + 2) * n_chunks, counts);
-        TreeHeader* header = header_.reserve(1);
+        TreeHeader* header = header_.data();
         if (!params_.dense) make_room(counts, n_chunks, n);
         const std::size_t capacity = params_.dense ? ~std::size_t(0) : capacity_;
-        exec_.for_each(1, WriteHeader<Key>{space, keys, n, n_chunks, counts, depth, capacity, header});
+        exec_.for_each(1, WriteHeader{space, n_chunks, counts, depth, capacity, header});
         if (params_.dense) return build_dense(reinterpret_cast<const std::uint32_t*>(keys), n);
         std::uint32_t* scratch = scratch_.reserve(3 * capacity);
         exec_.for_each(n_chunks, EmitNodes<Key>{starts, n_chunks, counts, header, node_arrays(), scratch,

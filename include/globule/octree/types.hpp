@@ -64,7 +64,7 @@ struct TreeHeader {
     morton::Space space;
     float typical_support;      ///< geometric mean of the smallest and the largest
     std::uint32_t n_nodes;      ///< 0 where no particle is inside
-    std::uint32_t n_inside;
+    std::uint32_t n_outside;    ///< particles marked as outside; they come first
     std::int32_t depth;         ///< deepest level that may be used
     std::uint32_t n_wanted;     ///< nodes that the full depth would have taken
     std::int32_t deepest;       ///< deepest level with a node

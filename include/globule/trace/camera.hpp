@@ -37,7 +37,8 @@ struct RaySource {
             o = {origins[3 * i], origins[3 * i + 1], origins[3 * i + 2]};
             d = {directions[3 * i], directions[3 * i + 1], directions[3 * i + 2]};
         } else {
-            camera(float(i % camera.width), float(i / camera.width), o, d);
+            const std::uint32_t pixel = std::uint32_t(i), width = std::uint32_t(camera.width);
+            camera(float(pixel % width), float(pixel / width), o, d);
         }
     }
 };

@@ -44,13 +44,14 @@ GB_FN void add(Along<F>& sum, const Kernel& kernel, const Vec3<F>& v, const Vec3
         sum.slope += db * u;
     }
     if constexpr (Bounds) {
+        // The window spans u to u1; `near` and `far` are its points nearest to and farthest from the
+        // closest approach.  It misses the support where even `near` lies outside.
         const F scale2 = PerParticle ? i2 : F(1);
         const F u1 = u + lim.window;
-        const F u2 = u * u * scale2, u12 = u1 * u1 * scale2;
-        const F A = F(1) - x + u2;
-        // The window lies behind the support, or before it, or the ray passes it by.
-        const auto apart = (A <= F(0)) | ((u > F(0)) & (x >= F(1))) | ((u1 < F(0)) & (u12 >= A));
-        const F rise = kernel.rise(most(u2, u12), A);
+        const F near = most(most(u, -u1), F(0)), far = most(magnitude(u), magnitude(u1));
+        const F A = F(1) - x + u * u * scale2;
+        const auto apart = near * near * scale2 >= A;
+        const F rise = kernel.rise(far * far * scale2, A);
         if constexpr (PerParticle) {
             const F weight = magnitude(c) * i2;
             sum.rise += select(apart, F(0), weight * select(c * lim.sign > F(0), rise, F(kernel.max_fall())));

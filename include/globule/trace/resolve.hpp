@@ -56,29 +56,55 @@ struct ResolveRays {
     GB_FN void resolve(Group& g, Scratch<Group>& scratch, std::size_t i) const {
         float3 o, d;
         rays.get(i, o, d);
-        const double t = solve(g, scratch, o, d, undecided(out.t[i]));
+        int n = 0;
+        const double t = solve(g, scratch, o, d, undecided(out.t[i]), n);
         g.sync();
+        const Vec3<double> p{o.x + t * d.x, o.y + t * d.y, o.z + t * d.z};
+        const bool hit = t < infinity();
+        double s[7] = {};  // gradient, colour, influence
+        if (hit && n > 0)
+            g.share(n, [&](int j) { influence(s, scratch.list.number(j), p); });
+        else if (hit && g.is_first())
+            for_each_touching(tree, point(p), point(p), [&](std::uint32_t slot) { influence(s, slot, p); });
+        for (double& v : s) v = g.total(v);
         if (!g.is_first()) return;  // one lane writes
         out.t[i] = float(t);
-        if (!(t < infinity())) return;
-        const float3 p{float(o.x + t * d.x), float(o.y + t * d.y), float(o.z + t * d.z)};
-        float gradient[3], rgb[3] = {one_color.x, one_color.y, one_color.z};
-        EvaluateField<Tree>{tree, particles, kernel, &p.x, nullptr, gradient}(0);
-        if (color) Blend<Tree>{tree, particles, kernel, &p.x, color, 3, rgb}(0);
-        const float3 n = normalize(float3{gradient[0], gradient[1], gradient[2]});
-        write3(out.normal, i, {-n.x, -n.y, -n.z});
-        write3(out.albedo, i, {rgb[0], rgb[1], rgb[2]});
+        if (!hit) return;
+        const Vec3<double> normal = normalize(Vec3<double>{s[0], s[1], s[2]});
+        write3(out.normal, i, point(normal * -1.0));
+        write3(out.albedo, i, color ? point(Vec3<double>{s[3], s[4], s[5]} * (1.0 / most(s[6], 1e-30))) : one_color);
     }
 
-    /// First root at or after `from`, or infinity.
+    GB_FN static float3 point(const Vec3<double>& p) { return {float(p.x), float(p.y), float(p.z)}; }
+
+    /// Adds one particle's share of the gradient and the blended colour at p.
+    GB_FN void influence(double* s, std::uint32_t slot, const Vec3<double>& p) const {
+        const double a = particles.support[slot];
+        const Vec3<double> v{p.x - particles.x[slot], p.y - particles.y[slot], p.z - particles.z[slot]};
+        const double x = dot(v, v) / (a * a);
+        if (!(x < 1.0)) return;
+        double b, slope;
+        kernel(x, b, slope);
+        const double c = particles.weight[slot], pull = c * slope / (a * a), w = most(c * b, 0.0);
+        s[0] += pull * v.x;
+        s[1] += pull * v.y;
+        s[2] += pull * v.z;
+        s[6] += w;
+        if (!color) return;
+        const float* own = color + std::size_t(3) * particles.index[slot];
+        for (int k = 0; k < 3; ++k) s[3 + k] += w * own[k];
+    }
+
+    /// First root at or after `from`, or infinity; n: candidates in the list that found it, 0 if none did.
     template <class Group>
-    GB_FN double solve(Group& g, Scratch<Group>& scratch, const float3& o, const float3& d, double from) const {
+    GB_FN double solve(Group& g, Scratch<Group>& scratch, const float3& o, const float3& d, double from, int& n) const {
         const float typical = tree.header->typical_support, scale = 1.0f / typical;
         const Vec3<double> o2{o.x, o.y, o.z}, d2{d.x, d.y, d.z};
         const TreeSource<Tree> straight{tree, particles, kernel, o2, d2};
         const double window = 0.35 * typical;
         Limits<double> lim{tau, window, 1e-13 * (1.0 + tau), 1e-12 * window, 1.0};
-        lim.sign = straight.template at<false>(0.0, lim).f > tau ? -1.0 : 1.0;
+        const Node box = tree.node(0);
+        if (morton::is_inside(o, box.lo, box.hi) && straight.template at<false>(0.0, lim).f > tau) lim.sign = -1.0;
         const Bundle ray{o, d, rounding(tree), 0.0f};
         float z = float(from), dz = typical;
         while (z < infinity()) {
@@ -101,6 +127,7 @@ struct ResolveRays {
                       double(z + dz), true, t, hit, tangent);
             else
                 march(straight, lim, double(z + dz), true, t, hit, tangent);
+            n = most(found.n, 0);
             if (hit || tangent) return t;
             z += dz;
         }

@@ -75,9 +75,9 @@ struct TraceTiles {
     template <class Group>
     GB_FN std::size_t ray_index(std::size_t tile, int l) const {
         if (rays.origins) return tile * (Group::width * Group::vectors) + l;
-        const int across = ceil_div(rays.camera.width, kTileWidth);
-        const int x = int(tile % across) * kTileWidth + l % kTileWidth;
-        const int y = int(tile / across) * tile_height<Group>() + l / kTileWidth;
+        const std::uint32_t across = ceil_div(rays.camera.width, kTileWidth), at = std::uint32_t(tile);
+        const int x = int(at % across) * kTileWidth + l % kTileWidth;
+        const int y = int(at / across) * tile_height<Group>() + l / kTileWidth;
         return x < rays.camera.width && y < rays.camera.height
                    ? std::size_t(y) * rays.camera.width + x : rays.n;
     }
@@ -105,8 +105,9 @@ struct TraceTiles {
                     Group::put(dy, lane, rays.directions[3 * i + 1]);
                     Group::put(dz, lane, rays.directions[3 * i + 2]);
                 } else {
-                    Group::put(column, lane, float(i % rays.camera.width));
-                    Group::put(row, lane, float(i / rays.camera.width));
+                    const std::uint32_t pixel = std::uint32_t(i), width = std::uint32_t(rays.camera.width);
+                    Group::put(column, lane, float(pixel % width));
+                    Group::put(row, lane, float(pixel / width));
                 }
             });
             lanes.o[v] = {ox, oy, oz};

@@ -1,0 +1,56 @@
+"""Convert particles from one file format to another; the names' extensions say which."""
+
+from __future__ import annotations
+
+import argparse
+
+import numpy as np
+
+from ..formats import EXTENSIONS, write
+from ..particles import SCALAR_FIELDS, Particles
+from .shared import check_input, check_output, count, mistakes, read_particles, say
+
+SUMMARY = "from one particle format to another"
+EXAMPLES = "  globule convert splash.npz splash.vtk"
+
+# Formats that keep some of the fields only; all others keep everything.
+_KEPT = {
+    ".txt": ("color", "reflection", "refraction", "rigidity"),
+    ".dat": ("color", "reflection", "refraction", "rigidity"),
+    ".npy": (),
+}
+_FLOAT32_ONLY = (".bgeo", ".bgeo.gz")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    formats = " ".join(EXTENSIONS)
+    parser.add_argument("input", metavar="IN", help=f"file to read: {formats}")
+    parser.add_argument("output", metavar="OUT", help=f"file to write: {formats}")
+
+
+def run(options: argparse.Namespace) -> None:
+    check_input(options.input)
+    check_output("OUT", options.output, EXTENSIONS)
+    particles = read_particles(options.input)
+    with mistakes():
+        write(options.output, particles)
+    for loss in losses(particles, options.output):
+        say(f"note: {loss}")
+    print(f"{options.output}: {count(len(particles))}")
+
+
+def losses(particles: Particles, output: str) -> list[str]:
+    """What a file of the output's format does not keep, one line per field."""
+    extension = next(e for e in EXTENSIONS if output.lower().endswith(e))
+    lost = []
+    if extension in _KEPT:
+        given = [n for n in (*SCALAR_FIELDS, "color") if getattr(particles, n) is not None]
+        for name in [*given, *particles.attributes]:
+            if name not in _KEPT[extension]:
+                lost.append(f"{name} is dropped: {extension} has no place for it")
+    elif extension in _FLOAT32_ONLY:
+        for name, array in particles.attributes.items():
+            dtype = np.dtype(array.dtype)
+            if dtype.kind == "f" and dtype.itemsize > 4:
+                lost.append(f"{name} is rounded from {dtype} to float32, the most of {extension}")
+    return lost

@@ -1,0 +1,87 @@
+"""Render the embedded data set, a splash made by formulas: no file and no download needed.
+
+Writes splash.png, and the particles as splash.npz, to FOLDER."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shlex
+import shutil
+import sys
+import time
+
+from .shared import Progress, UserError, add_device, check_device, count, mistakes
+
+SUMMARY = "the main job on an embedded data set"
+EXAMPLES = "  globule demo"
+
+SIZE = (1024, 782)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "-o", "--output", default="demo", metavar="FOLDER",
+        help="folder to write to, made if it is not there (default: demo)",
+    )
+    add_device(parser)
+
+
+def run(options: argparse.Namespace) -> None:
+    from ..demo_data import splash
+    from ..formats import write
+    from ..particles import Particles
+    from ..render import render
+    from ..scene import Scene
+
+    check_device(options)
+    _make_folder(options.output)
+    image = os.path.join(options.output, "splash.png")
+    data = os.path.join(options.output, "splash.npz")
+    start = time.perf_counter()
+    with Progress(4) as progress:
+        progress.step("making particles")
+        positions, color, spacing = splash()
+        particles = Particles(positions, color=color, support=2 * spacing)
+        progress.step("building the octree")
+        with mistakes():
+            scene = Scene(particles, device=options.device, threads=options.threads)
+        progress.step("tracing")
+        frame = render(scene, size=SIZE)
+        trace_seconds = frame.trace_seconds
+        progress.step("writing")
+        write(data, particles)
+        frame.save(image)
+    total = time.perf_counter() - start
+    print(f"{image}: {SIZE[0]}x{SIZE[1]} pixels, {count(len(particles))} ({data})")
+    print(
+        f"octree {1e3 * scene.octree.build_seconds:.1f} ms, rays {1e3 * trace_seconds:.1f} ms, "
+        f"{total:.2f} s in all on {scene.device.description}"
+    )
+    program = _program()
+    near = os.path.join(options.output, "near.png")
+    print("next, for instance:")
+    print(f"  {program} render {shlex.quote(data)} -o {shlex.quote(near)} "
+          "--eye 0.6,0.6,1 --look-at 0,0.15,0")
+    print(f"  {program} info {shlex.quote(data)}")
+    print(f"  {program} render --help")
+
+
+def _make_folder(folder: str) -> None:
+    try:
+        os.makedirs(folder, exist_ok=True)
+    except OSError as error:
+        raise UserError(f"-o: expected a folder, got {folder}: {error.strerror}") from error
+    if not os.access(folder, os.W_OK):
+        raise UserError(f"-o: expected a folder that may be written, got {folder}")
+
+
+def _program() -> str:
+    """How this program is called from here."""
+    name = sys.argv[0]
+    if os.path.basename(name) != "globule":
+        return f"{shlex.quote(sys.executable)} -m globule"
+    found = shutil.which("globule")
+    if found and os.path.exists(name) and os.path.samefile(found, name):
+        return "globule"
+    return shlex.quote(os.path.relpath(name))

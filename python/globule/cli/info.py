@@ -1,0 +1,116 @@
+"""Say what is in a particle file: how many, where, how far apart, and every field's range."""
+
+from __future__ import annotations
+
+import argparse
+import os
+from typing import Any
+
+import numpy as np
+
+from ..formats import EXTENSIONS
+from ..particles import SCALAR_FIELDS, Particles
+from .shared import check_input, count, mistakes, print_json, read_particles
+
+SUMMARY = "what is in a particle file"
+EXAMPLES = "  globule info splash.npz\n  globule info splash.npz --json"
+
+_FORMATS = {
+    ".txt": "nine-column text",
+    ".dat": "nine-column text",
+    ".vtk": "legacy VTK",
+    ".vtp": "VTK XML PolyData",
+    ".vtu": "VTK XML UnstructuredGrid",
+    ".bgeo": "Houdini classic geometry",
+    ".bgeo.gz": "Houdini classic geometry, gzipped",
+    ".ply": "Stanford PLY",
+    ".xyz": "table, blank-separated",
+    ".csv": "table, comma-separated",
+    ".npz": "NumPy archive",
+    ".npy": "NumPy array",
+}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("file", metavar="FILE", help=f"particles: {' '.join(EXTENSIONS)}")
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+
+
+def run(options: argparse.Namespace) -> None:
+    check_input(options.file)
+    facts = describe(options.file, read_particles(options.file))
+    if options.json:
+        print_json(facts)
+    else:
+        print("\n".join(_lines(facts)))
+
+
+def describe(path: str, particles: Particles) -> dict[str, Any]:
+    """All that is known of a file's particles, as JSON has it."""
+    from ..scene import Scene
+
+    finite = np.isfinite(particles.positions).all(axis=1)
+    facts: dict[str, Any] = {
+        "file": path,
+        "format": next(t for e, t in _FORMATS.items() if path.lower().endswith(e)),
+        "bytes": os.path.getsize(path),
+        "particles": len(particles),
+        "not_finite": int((~finite).sum()),
+        "bounds": None,
+        "spacing": None,
+        "default_support": None,
+    }
+    if finite.any():
+        lo, hi = particles.bounds()
+        with mistakes():
+            scene = Scene(particles.positions, device="cpu")
+        facts["bounds"] = {"lo": lo, "hi": hi}
+        facts["spacing"] = scene._scene.spacing() or None
+        facts["default_support"] = scene.support
+    facts["fields"] = {"positions": _range(particles.positions)}
+    for name in (*SCALAR_FIELDS, "color"):
+        value = getattr(particles, name)
+        if value is not None:
+            facts["fields"][name] = _range(np.asarray(value, np.float32))
+    facts["attributes"] = {name: _range(array) for name, array in particles.attributes.items()}
+    return facts
+
+
+def _range(array: np.ndarray) -> dict[str, Any]:
+    floats = array.dtype.kind == "f"
+    known = array[np.isfinite(array)] if floats else array
+    as_number = float if floats else int
+    return {
+        "dtype": str(array.dtype),
+        "shape": list(array.shape),
+        "min": as_number(known.min()) if known.size else None,
+        "max": as_number(known.max()) if known.size else None,
+        "nan": int(np.isnan(array).sum()) if floats else 0,
+        "inf": int(np.isinf(array).sum()) if floats else 0,
+    }
+
+
+def _lines(facts: dict[str, Any]) -> list[str]:
+    lines = [
+        f"{facts['file']}: {facts['format']}, {count(facts['bytes'], 'byte')}",
+        f"  particles  {facts['particles']:,}",
+    ]
+    if facts["not_finite"]:
+        lines[-1] += f", {facts['not_finite']:,} without a finite position"
+    if facts["bounds"]:
+        lo, hi = (" ".join(f"{v:.6g}" for v in facts["bounds"][end]) for end in ("lo", "hi"))
+        lines.append(f"  bounds     {lo}  to  {hi}")
+        spacing = facts["spacing"]
+        text = f"{spacing:.4g}" if spacing else "unknown (too few particles, or all at one place)"
+        lines.append(f"  spacing    {text}")
+    for kind in ("fields", "attributes"):
+        for name, about in facts[kind].items():
+            shape = "x".join(map(str, about["shape"])) or "one for all"
+            text = f"  {kind[:-1]:<9}  {name}: {about['dtype']} {shape}"
+            if about["min"] is not None:
+                text += f", {about['min']:.6g} to {about['max']:.6g}"
+            for bad in ("nan", "inf"):
+                if about[bad]:
+                    text += f", {about[bad]:,} {bad}"
+            lines.append(text)
+    return lines

@@ -1,0 +1,113 @@
+"""Options of `render` that say how things look: lights, colours, colour maps."""
+
+from __future__ import annotations
+
+import argparse
+import re
+
+import numpy as np
+
+from ..colormaps import colorize, hex_color, to_linear
+from ..particles import SCALAR_FIELDS, Particles
+from ..render import MAX_LIGHTS, DirectionalLight, Headlight, PointLight, RenderSettings
+from .shared import UserError, count, number, vector
+
+Color = tuple[float, float, float]
+
+
+def color(text: str) -> Color:
+    """Linear RGB of R,G,B or V (linear) or #rrggbb (sRGB)."""
+    if re.fullmatch(r"#[0-9a-fA-F]{6}", text):
+        red, green, blue = (float(v) for v in to_linear(hex_color(text[1:])))
+        return red, green, blue
+    words = text.split(",")
+    if len(words) not in (1, 3):
+        raise argparse.ArgumentTypeError(f"expected R,G,B or V or #rrggbb, got {text!r}")
+    values = [number(word) for word in words]
+    if min(values) < 0:
+        raise argparse.ArgumentTypeError(f"expected numbers >= 0, got {text!r}")
+    red, green, blue = values if len(values) == 3 else values * 3
+    return red, green, blue
+
+
+def interval(text: str) -> tuple[float, float]:
+    """LO,HI."""
+    words = text.split(",")
+    if len(words) != 2:
+        raise argparse.ArgumentTypeError(f"expected LO,HI, got {text!r}")
+    return number(words[0]), number(words[1])
+
+
+def light(text: str) -> tuple[str, Color | None]:
+    """head, dir:X,Y,Z or point:X,Y,Z."""
+    kind, colon, place = text.partition(":")
+    if kind == "head" and not colon:
+        return kind, None
+    if kind not in ("dir", "point") or not place:
+        expected = "head, dir:X,Y,Z or point:X,Y,Z"
+        raise argparse.ArgumentTypeError(f"expected {expected}, got {text!r}")
+    if kind == "dir" and not any(vector(place)):
+        raise argparse.ArgumentTypeError(f"expected a direction, got {text!r}")
+    return kind, vector(place)
+
+
+def settings(options: argparse.Namespace) -> RenderSettings:
+    """The settings that the options ask for."""
+    given = {}
+    if options.light:
+        n = len(options.light)
+        if n > MAX_LIGHTS:
+            raise UserError(f"--light: expected at most {MAX_LIGHTS}, got {n}")
+        share = (1 / n,) * 3
+        kinds = {
+            "head": lambda place: Headlight(share),
+            "dir": lambda place: DirectionalLight(place, share),
+            "point": lambda place: PointLight(place, share),
+        }
+        given["lights"] = tuple(kinds[kind](place) for kind, place in options.light)
+    if options.ambient is not None:
+        given["ambient"] = options.ambient
+    if options.background is not None:
+        given["background"] = options.background
+    return RenderSettings(**given)
+
+
+def color_by(
+    options: argparse.Namespace, path: str, particles: Particles, messages: list[str]
+) -> np.ndarray:
+    """Linear colours (N, 3) of the values that --color-by names; adds to the warnings."""
+    values = _values(path, particles, options.color_by)
+    known = values[np.isfinite(values)]
+    n_unknown = len(values) - len(known)
+    if n_unknown:
+        shown = f"{n_unknown:,} of {count(len(values))} without a finite {options.color_by}"
+        messages.append(f"{shown}: gray, or at an end of the map where infinite")
+    lo, hi = options.range or ((known.min(), known.max()) if known.size else (0.0, 1.0))
+    return colorize(values, options.colormap, float(lo), float(hi))
+
+
+def _values(path: str, particles: Particles, name: str) -> np.ndarray:
+    """The values (N,) float64 that `name` stands for."""
+    arrays = {axis: particles.positions[:, i] for i, axis in enumerate("xyz")}
+    for field in SCALAR_FIELDS:
+        if getattr(particles, field) is not None:
+            arrays[field] = np.broadcast_to(getattr(particles, field), len(particles))
+    arrays.update(particles.attributes)
+    if name in arrays:
+        array = np.asarray(arrays[name], np.float64)
+        return array if array.ndim == 1 else _lengths(array)
+    stem, _, index = name.rpartition(":")
+    if stem in arrays and arrays[stem].ndim == 2 and re.fullmatch(r"\d{1,4}", index):
+        k = arrays[stem].shape[1]
+        if int(index) >= k:
+            raise UserError(f"--color-by: expected {stem}:0 to {stem}:{k - 1}, got {name}")
+        return arrays[stem][:, int(index)].astype(np.float64)
+    raise UserError(f"--color-by: expected one of {', '.join(arrays)} of {path}, got {name}")
+
+
+def _lengths(array: np.ndarray) -> np.ndarray:
+    """Rows' lengths, without overflow; NaN stays NaN."""
+    largest = np.abs(array).max(axis=1, initial=0.0)
+    scale = np.where(np.isfinite(largest) & (largest > 0), largest, 1.0)
+    with np.errstate(invalid="ignore"):
+        return scale * np.sqrt(np.square(array / scale[:, None]).sum(axis=1))

@@ -1,0 +1,318 @@
+"""Render particles to a picture, as the smooth surface where the summed field is the threshold.
+
+Without any option the picture shows all particles; support and threshold follow from their spacing.
+Of several files each gets a picture of its own: IMAGE is then a folder, or a name with {} for the
+file's name or %d (%04d) for its number, from 0. Pictures that are finished stay when a later file
+turns out to be broken."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import re
+import time
+from typing import Any
+
+import numpy as np
+
+from ..camera import Camera
+from ..colormaps import NAMES as COLORMAPS
+from ..render import MAX_PIXELS, Frame, RenderSettings, fit_camera, render
+from ..scene import KERNELS, Scene
+from . import look
+from .shared import (
+    Progress,
+    UserError,
+    add_device,
+    check_device,
+    check_input,
+    check_output,
+    count,
+    mistakes,
+    positive,
+    print_json,
+    read_particles,
+    vector,
+    warn,
+)
+
+SUMMARY = "particles to pictures"
+EXAMPLES = """\
+  globule render splash.npz -o splash.png
+  globule render splash.npz -o above.png --eye 0,4,0.1 --look-at 0,0,0 --color-by y --json
+  globule render frame_0.ply frame_1.ply -o picture_%04d.png"""
+
+SAMPLES = 20_000  # particles at which the highest field is looked for
+DEFAULT_VIEW = Camera((1.2, 0.9, 2.0), (0, 0, 0))  # where there is nothing to fit
+
+
+def size(text: str) -> tuple[int, int]:
+    """WIDTHxHEIGHT."""
+    match = re.fullmatch(r"(\d{1,9})x(\d{1,9})", text)
+    width, height = (int(match[1]), int(match[2])) if match else (0, 0)
+    if width < 1 or height < 1 or width * height > MAX_PIXELS:
+        expected = f"WIDTHxHEIGHT of 1 to {MAX_PIXELS:,} pixels"
+        raise argparse.ArgumentTypeError(f"expected {expected}, got {text!r}")
+    return width, height
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add = parser.add_argument
+    add("particles", nargs="+", metavar="PARTICLES", help="particle files of any known format")
+    add("-o", "--output", required=True, metavar="IMAGE", help="picture to write, .png")
+    add("--size", type=size, default=(1024, 782), metavar="WxH", help="pixels (default: 1024x782)")
+    add("--aov", metavar="FILE.npz", help="also write color, depth, position, normal, albedo, mask")
+    add("--json", action="store_true", help="print one JSON object: times, counts, hashes")
+    camera = parser.add_argument_group("camera")
+    camera.add_argument("--fit", action="store_true", help="see all particles (default)")
+    camera.add_argument("--eye", type=vector, metavar="X,Y,Z", help="where the camera is")
+    camera.add_argument("--look-at", type=vector, metavar="X,Y,Z", help="middle of the picture")
+    camera.add_argument("--up", type=vector, default=(0, 1, 0), metavar="X,Y,Z",
+                        help="upwards in the picture (default: 0,1,0)")
+    camera.add_argument("--fov", type=positive, default=40.0, metavar="DEG",
+                        help="vertical field of view (default: 40)")
+    camera.add_argument("--ortho", type=positive, metavar="HEIGHT",
+                        help="orthographic, HEIGHT world units from bottom to top")
+    surface = parser.add_argument_group("surface")
+    surface.add_argument("--kernel", choices=KERNELS, default="murakami", metavar="NAME",
+                         help=f"{', '.join(KERNELS)} (default: murakami)")
+    surface.add_argument("--support", type=positive, metavar="A",
+                         help="radius of every particle's kernel, instead of the file's")
+    surface.add_argument("--threshold", type=positive, metavar="T",
+                         help="iso-value of the summed field (default: by kernel)")
+    tree = parser.add_argument_group("octree")
+    tree.add_argument("--octree", choices=("sparse", "dense"), default="sparse")
+    tree.add_argument("--depth", type=int, metavar="N", help="deepest level")
+    tree.add_argument("--key-bits", type=int, choices=(32, 64), default=32)
+    colors = parser.add_argument_group("looks; colours and radiances are linear, 1 is white")
+    colors.add_argument("--color-by", metavar="NAME",
+                        help="colour by a field or attribute; a vector's length, or NAME:0 …")
+    colors.add_argument("--colormap", choices=COLORMAPS, default="viridis", metavar="MAP",
+                        help=f"{', '.join(COLORMAPS)} (default: viridis)")
+    colors.add_argument("--range", type=look.interval, metavar="LO,HI",
+                        help="values of the map's ends (default: the lowest and highest)")
+    colors.add_argument("--light", type=look.light, action="append", metavar="LIGHT",
+                        help="head, dir:X,Y,Z (towards the light) or point:X,Y,Z, up to 8 times; "
+                        "they share a radiance of 1 (default: a headlight and a sun)")
+    colors.add_argument("--ambient", type=look.color, metavar="COLOR",
+                        help="R,G,B or V, or #rrggbb in sRGB")
+    colors.add_argument("--background", type=look.color, metavar="COLOR", help="as --ambient")
+    where = parser.add_argument_group("machine")
+    add_device(where)
+
+
+def run(options: argparse.Namespace) -> None:
+    if options.fit and (options.eye or options.look_at):
+        raise UserError("--fit: expected no --eye and --look-at beside it")
+    if options.look_at and not options.eye:
+        raise UserError("--look-at: expected --eye beside it, got none")
+    with mistakes():
+        # All but the particles is known already: what is wrong with it shows before any work.
+        settings = look.settings(options)
+        camera(options, None)
+    images, arrays = outputs(options)
+    check_device(options)
+    reports = []
+    with Progress(4 * len(images)) as progress:
+        for path, image, aov in zip(options.particles, images, arrays, strict=True):
+            reports.append(_picture(options, settings, progress, path, image, aov))
+    if options.json:
+        print_json(reports[0] if len(reports) == 1 else _together(reports))
+        return
+    for report in reports:
+        times, counts = report["times"], report["counts"]
+        print(
+            f"{report['images'][0]}: {count(counts['particles'])}, "
+            f"built in {1e3 * times['build']:.1f} ms, traced in {1e3 * times['trace']:.1f} ms, "
+            f"{times['total']:.2f} s in all on {report['device']}"
+        )
+
+
+def outputs(options: argparse.Namespace) -> tuple[list[str], list[str | None]]:
+    """The files to write, one image and perhaps one .npz per input, all checked to be writable."""
+    for path in options.particles:
+        check_input(path)
+    images = _names("-o", options.output, options.particles, ".png")
+    arrays: list[str | None] = [None] * len(images)
+    if options.aov:
+        arrays = list(_names("--aov", options.aov, options.particles, ".npz"))
+    inputs = {os.path.realpath(path) for path in options.particles}
+    for path in arrays:
+        if path and os.path.realpath(path) in inputs:
+            raise UserError(f"--aov: expected another file than the particles, got {path}")
+    return images, arrays
+
+
+def _names(option: str, pattern: str, inputs: list[str], extension: str) -> list[str]:
+    folder = os.path.isdir(pattern) or pattern.endswith("/")
+    full = os.path.join(pattern, "{}" + extension) if folder else pattern
+    number = re.search(r"%(0?\d?)d", os.path.basename(full))
+    if len(inputs) > 1 and not number and "{}" not in os.path.basename(full):
+        message = f"a folder or a name with {{}} or %d for {len(inputs)} files"
+        raise UserError(f"{option}: expected {message}, got {pattern}")
+    names = []
+    for i, path in enumerate(inputs):
+        head, name = os.path.split(full)
+        if len(inputs) > 1 or folder:
+            stem = os.path.basename(path)
+            stem = stem[: stem.lower().rindex("." if not stem.lower().endswith(".gz") else ".bgeo")]
+            if number:
+                name = name.replace(number[0], number[0] % i)
+            name = name.replace("{}", stem)
+        names.append(os.path.join(head, name))
+        check_output(option, names[-1], [extension])
+        if names[-1] in names[:-1]:
+            raise UserError(f"{option}: expected one file per picture, got {names[-1]} twice")
+    return names
+
+
+def camera(options: argparse.Namespace, scene: Scene | None) -> Camera:
+    """The camera that the options ask for; without a scene as far as that is known."""
+    nothing = scene is None or scene.octree.n_inside == 0
+    if not options.eye:
+        base = DEFAULT_VIEW
+        if not nothing:
+            base = fit_camera(scene, options.size, direction=_direction(options.up), up=options.up,
+                              fov=options.fov, orthographic=options.ortho is not None)
+        return Camera(base.eye, base.look_at, options.up, options.fov, options.ortho)
+    middle = options.look_at
+    if not middle:
+        middle = np.zeros(3) if nothing else np.mean(scene.particles.bounds(), axis=0)
+        if scene is None or np.array_equal(middle, options.eye):
+            middle = np.add(options.eye, (0, 0, -1))
+    return Camera(options.eye, middle, options.up, options.fov, options.ortho)
+
+
+def _direction(up: tuple[float, float, float]) -> np.ndarray:
+    """Towards the eye: in front, a little to the right and above, whatever axis is upwards."""
+    above = np.array(up) / (np.linalg.norm(up) or 1.0)
+    right = np.eye(3)[1 if abs(above[0]) > 0.7 else 0]
+    front = np.cross(right, above)
+    right = np.cross(above, front)
+    return 0.6 * right + 0.45 * above + 1.0 * front
+
+
+def _picture(
+    options: argparse.Namespace, settings: RenderSettings, progress: Progress,
+    path: str, image: str, aov: str | None,
+) -> dict[str, Any]:
+    """One file's picture, and what there is to report of it."""
+    start = time.perf_counter()
+    progress.step(f"reading {path}")
+    particles = read_particles(path)
+    read_seconds = time.perf_counter() - start
+    messages = []
+    finite = np.isfinite(particles.positions).all(axis=1)
+    n, n_lost = len(particles), int((~finite).sum())
+    if n == 0:
+        messages.append(f"{path} holds no particles: the picture is all background")
+    if n_lost:
+        left_out = "have" if n_lost > 1 else "has"
+        messages.append(f"{n_lost:,} of {count(n)} {left_out} no finite position, left out")
+        particles = particles[finite]
+    with mistakes():
+        if options.color_by:
+            particles.color = look.color_by(options, path, particles, messages)
+        progress.step(f"building {path}")
+        scene = Scene(
+            particles, options.kernel, options.threshold, options.support, options.key_bits,
+            options.depth, options.octree, options.device, options.threads,
+        )
+        view = camera(options, scene)
+    progress.step(f"tracing {path}")
+    frame = render(scene, view, options.size, settings)
+    hits = int(frame.mask.sum())
+    tree = scene.octree
+    n_outside = len(particles) - tree.n_inside
+    if n_outside:
+        messages.append(f"{n_outside:,} of {count(n)} outside the octree, left out")
+    if tree.n_inside and not hits:
+        messages.append(why_empty(scene))
+    trace_seconds = frame.trace_seconds
+    progress.step(f"writing {image}")
+    written = time.perf_counter()
+    _save(frame, image, aov)
+    end = time.perf_counter()
+    if messages:
+        progress.clear()
+    for message in messages:
+        warn(message)
+    report = {
+        "input": path,
+        "images": [image],
+        "aov": aov,
+        "device": scene.device.description,
+        "size": options.size,
+        "kernel": scene.kernel,
+        "threshold": scene.threshold,
+        "support": _one_number(scene.support),
+        "spacing": scene._scene.spacing() or None,
+        "times": {
+            "read": read_seconds,
+            "build": tree.build_seconds,
+            "trace": trace_seconds,
+            "write": end - written,
+            "total": end - start,
+        },
+        "memory": {"octree": tree.bytes},
+        "counts": {
+            "particles": n,
+            "inside": tree.n_inside,
+            "outside": n - tree.n_inside,
+            "nodes": tree.n_nodes,
+            "leaves": tree.n_leaves,
+            "hits": hits,
+        },
+        "warnings": messages,
+    }
+    if options.json:
+        report["hashes"] = {"key_hash": tree.key_hash, "node_hash": tree.node_hash}
+    return report
+
+
+def _save(frame: Frame, image: str, aov: str | None) -> None:
+    if aov:
+        frame.save(aov)
+    frame.save(image)
+
+
+def _one_number(support: Any) -> Any:
+    """A support for all, or the smallest and largest of many."""
+    if np.isscalar(support):
+        return float(support)
+    return [float(support.min()), float(support.max())] if len(support) else None
+
+
+def _together(reports: list[dict[str, Any]]) -> dict[str, Any]:
+    """Several pictures' reports as one object: what they share, sums, and each one."""
+    times = {key: sum(report["times"][key] for report in reports) for key in reports[0]["times"]}
+    counts = {key: sum(report["counts"][key] for report in reports) for key in reports[0]["counts"]}
+    return {
+        "images": [report["images"][0] for report in reports],
+        "device": reports[0]["device"],
+        "size": reports[0]["size"],
+        "kernel": reports[0]["kernel"],
+        "threshold": reports[0]["threshold"],
+        "times": times,
+        "memory": {"octree": max(report["memory"]["octree"] for report in reports)},
+        "counts": counts,
+        "frames": reports,
+    }
+
+
+def why_empty(scene: Scene) -> str:
+    """Why a picture of particles has no surface in it, and what to do."""
+    from ..octree import field
+
+    positions = scene.particles.positions
+    values = field(scene, positions[:: 1 + len(positions) // SAMPLES])
+    highest = float(values.max())
+    if highest > scene.threshold:
+        return "no pixel hits the surface: the camera looks past it, try --fit"
+    problem = (
+        f"no pixel hits the surface: threshold {scene.threshold:g} is above the highest field "
+        f"at the particles, {highest:.3g}"
+    )
+    if highest <= 0:
+        return f"{problem}; the weights leave no field above 0"
+    return f"{problem}; try --threshold {0.5 * float(np.median(values[values > 0])):.2g}"

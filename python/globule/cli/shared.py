@@ -1,0 +1,202 @@
+"""What the commands share: errors, messages, arguments, input and output files."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import os
+import re
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+
+from ..formats import FormatError, read
+from ..particles import Particles
+
+
+class UserError(Exception):
+    """The user's mistake: one line that names the thing, what was expected and what came."""
+
+
+@contextmanager
+def mistakes() -> Iterator[None]:
+    """What the library refuses in this block is the user's mistake."""
+    try:
+        yield
+    except (TypeError, ValueError) as error:
+        raise UserError(str(error)) from error
+
+
+def say(message: str) -> None:
+    """One line on stderr."""
+    if sys.stderr:
+        print("globule:", " ".join(message.split("\n")), file=sys.stderr)
+
+
+def warn(message: str) -> None:
+    say(f"warning: {message}")
+
+
+# Arguments
+
+
+def join_negative(argv: Sequence[str]) -> list[str]:
+    """`--eye -1,2,3` as `--eye=-1,2,3`: argparse would take `-1,2,3` for an option."""
+    joined: list[str] = []
+    for word in argv:
+        option = bool(joined) and re.fullmatch(r"--[a-z][a-z-]*", joined[-1])
+        if option and re.match(r"-\.?[0-9]", word):
+            joined[-1] += f"={word}"
+        else:
+            joined.append(word)
+    return joined
+
+
+def number(text: str) -> float:
+    """A finite number."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise argparse.ArgumentTypeError(f"expected a number, got {text!r}")
+    return value
+
+
+def positive(text: str) -> float:
+    """A finite number above zero."""
+    value = number(text)
+    if value <= 0:
+        raise argparse.ArgumentTypeError(f"expected a number above 0, got {text!r}")
+    return value
+
+
+def vector(text: str) -> tuple[float, float, float]:
+    """X,Y,Z."""
+    words = text.split(",")
+    if len(words) != 3:
+        raise argparse.ArgumentTypeError(f"expected X,Y,Z, got {text!r}")
+    return number(words[0]), number(words[1]), number(words[2])
+
+
+def add_device(parser: argparse.ArgumentParser) -> None:
+    """The options that say where to compute."""
+    parser.add_argument(
+        "--device", default="auto", metavar="DEVICE",
+        help="auto, cpu, cuda or cuda:N (default: auto, a GPU where there is one)",
+    )
+    parser.add_argument(
+        "--threads", type=int, default=0, metavar="N", help="CPU threads (default: all)"
+    )
+
+
+def check_device(options: argparse.Namespace) -> None:
+    """Refuse a device that cannot be used, before any work."""
+    from ..device import choose
+
+    if not 0 <= options.threads <= 4096:
+        raise UserError(f"--threads: expected 0 to 4096, got {options.threads}")
+    try:
+        choose(options.device)
+    except ValueError as error:
+        raise UserError(f"--{error}") from error
+    except RuntimeError as error:
+        if options.device == "auto":
+            raise
+        message = f"--device: expected one that works here, got {options.device}: {error}"
+        raise UserError(message) from error
+
+
+# Files
+
+
+def check_input(path: str) -> None:
+    """Refuse what is no readable file of a known format, before any work."""
+    from ..formats import _format_of
+
+    with mistakes():
+        _format_of(path)
+    try:
+        with open(path, "rb"):
+            pass
+    except OSError as error:
+        raise UserError(f"{path}: expected a file to read, got: {error.strerror}") from error
+
+
+def read_particles(path: str) -> Particles:
+    """The particles of a file; what is wrong with it is the user's mistake."""
+    try:
+        return read(path)
+    except FormatError as error:
+        raise UserError(str(error)) from error
+    except OSError as error:
+        raise UserError(f"{path}: cannot be read: {error.strerror or error}") from error
+
+
+def check_output(option: str, path: str, extensions: Sequence[str]) -> None:
+    """Refuse a file that could not be written, before any work."""
+    if os.path.isdir(path):
+        raise UserError(f"{option}: expected a file name, got the folder {path}")
+    if not path.lower().endswith(tuple(extensions)):
+        raise UserError(f"{option}: expected a name ending in {' '.join(extensions)}, got {path}")
+    folder = os.path.dirname(path) or "."
+    if not os.path.isdir(folder):
+        raise UserError(f"{option}: expected an existing folder, got {folder}")
+    if not os.access(path if os.path.exists(path) else folder, os.W_OK):
+        raise UserError(f"{option}: expected a place that may be written, got {path}")
+
+
+def count(n: int, noun: str = "particle") -> str:
+    """"1 particle", "1,000 particles"."""
+    return f"{n:,} {noun}{'' if n == 1 else 's'}"
+
+
+def print_json(value: Any) -> None:
+    """One JSON object on stdout; numbers that JSON cannot hold become null."""
+    print(json.dumps(_plain(value), indent=2, allow_nan=False))
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple, np.ndarray)):
+        return [_plain(item) for item in value]
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
+
+
+class Progress:
+    """A bar on stderr while it is a terminal; silent in a pipe. A context manager: the bar goes
+    when the block ends, so that messages stand alone."""
+
+    def __init__(self, n_steps: int):
+        self.n_steps, self.done = n_steps, 0
+        self.shown = bool(sys.stderr) and sys.stderr.isatty()
+
+    def step(self, what: str) -> None:
+        """The next step starts."""
+        if self.shown:
+            filled = 24 * self.done // max(1, self.n_steps)
+            bar = "█" * filled + "░" * (24 - filled)
+            width = os.get_terminal_size(sys.stderr.fileno()).columns
+            line = f"{bar} {self.done}/{self.n_steps} {what}"[: max(10, width - 1)]
+            print(f"\r\033[K{line}", end="", file=sys.stderr, flush=True)
+        self.done += 1
+
+    def clear(self) -> None:
+        """Take the bar away, for a message in its place."""
+        if self.shown:
+            print("\r\033[K", end="", file=sys.stderr, flush=True)
+
+    def __enter__(self) -> Progress:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.clear()
