@@ -40,6 +40,7 @@ struct CpuGroup {
     static std::uint32_t pick(const U& v, int lane) { return v.v[lane]; }
 
     bool any(const B& m) const { return globule::any(m); }
+    int count(const B& m) const { return __builtin_popcount(bits(m)); }
     /// The first set lane at or after `from`, else the first; -1: none.
     int first_from(const B& m, int from) const {
         const unsigned set = bits(m), later = set & ~0u << from;

@@ -27,6 +27,7 @@ struct CudaGroup {
     __device__ static T pick(const T& v, int lane) { return __shfl_sync(all, v, lane); }
 
     __device__ bool any(B m) const { return __any_sync(all, m); }
+    __device__ int count(B m) const { return __popc(__ballot_sync(all, m)); }
     __device__ int first_from(B m, int from) const {
         const unsigned set = __ballot_sync(all, m), later = set & ~0u << from;
         return later ? __ffs(later) - 1 : __ffs(set) - 1;

@@ -210,10 +210,14 @@ struct EmitNodes {
     }
 };
 
-/// Boxes: every leaf makes its own from its particles, then of each inner node the child that
-/// arrives last makes the parent's.
+/// Boxes: a group of lanes makes each leaf's from its particles, then of each inner node the child
+/// that arrives last makes the parent's.
 template <class Key>
 struct CarryBoxes {
+    struct Nothing {};
+    template <class Group>
+    using Scratch = Nothing;
+
     Starts<Key> starts;
     const TreeHeader* header;
     SortedParticles particles;
@@ -221,9 +225,13 @@ struct CarryBoxes {
     const std::uint32_t *first_child, *parent;
     std::uint32_t* arrived;
 
-    GB_FN void operator()(std::size_t i) const {
+    template <class Group>
+    GB_FN void operator()(Group& g, Nothing&, std::size_t i) const {
         if (i >= header->n_nodes || !Node::is_leaf(nodes.meta[i])) return;
-        make_leaf(i);
+        const Node leaf = make_leaf(g, nodes.first[i], int(Node::count(nodes.meta[i])));
+        g.sync();
+        if (!g.is_first()) return;
+        nodes.set(i, leaf);
         for (std::uint32_t at = std::uint32_t(i); at != 0;) {
             at = parent[at];
             const std::uint32_t begin = first_child[at], n_children = child_end(at) - begin;
@@ -242,28 +250,31 @@ struct CarryBoxes {
     GB_FN std::uint32_t child_end(std::uint32_t at) const {
         return at + 1 < header->n_nodes ? first_child[at + 1] : header->n_nodes;
     }
-    GB_FN void make_leaf(std::size_t at) const {
-        const std::size_t begin = nodes.first[at];
-        const int level = int(Node::count(nodes.meta[at]));
-        Node out = Node::nothing();
+    /// All particles from `begin` on that share its cell of that level.
+    template <class Group>
+    GB_FN Node make_leaf(Group& g, std::uint32_t begin, int level) const {
+        using F = typename Group::F;
+        const F inf = F(infinity());
+        F lo[3] = {inf, inf, inf}, hi[3] = {-inf, -inf, -inf};
         std::size_t end = begin;
-        bool more = true;
-        while (more) {  // eight at a time: all loads at once
-            std::uint32_t n_here = 0;
-            for (std::size_t k = 0; k < 8; ++k) {
-                const std::size_t j = least(end + k, starts.n - 1);
-                const bool ours = end + k < starts.n && starts.shared(begin, j) >= level;
-                const float3 p = particles.position(ours ? j : begin);
-                const float a = particles.support[ours ? j : begin];
-                out.unite({p.x - a, p.y - a, p.z - a}, {p.x + a, p.y + a, p.z + a});
-                n_here += ours;
+        int n_here = Group::width;
+        while (n_here == Group::width) {
+            typename Group::B ours = g.none();
+            g.per_lane(g.first_lanes(Group::width), [&](int lane) {
+                Group::put(ours, lane, starts.shared(begin, end + lane) >= level);
+            });
+            const F a = particles.support.data ? g.load_run(particles.support.data + end) : F(particles.support.uniform);
+            const F p[3] = {g.load_run(particles.x + end), g.load_run(particles.y + end), g.load_run(particles.z + end)};
+            for (int k = 0; k < 3; ++k) {
+                lo[k] = least(lo[k], select(ours, p[k] - a, inf));
+                hi[k] = most(hi[k], select(ours, p[k] + a, -inf));
             }
+            n_here = g.count(ours);
             end += n_here;
-            more = n_here == 8;
         }
-        out.first = std::uint32_t(begin);
-        out.meta = Node::leaf_bit | std::uint32_t(end - begin);
-        nodes.set(at, out);
+        return {{g.smallest(lo[0]), g.smallest(lo[1]), g.smallest(lo[2])},
+                {g.largest(hi[0]), g.largest(hi[1]), g.largest(hi[2])},
+                begin, Node::leaf_bit | std::uint32_t(end - begin)};
     }
 };
 
@@ -392,7 +403,7 @@ private:
         std::uint32_t* scratch = scratch_.reserve(3 * capacity);
         exec_.for_each(n_chunks, EmitNodes<Key>{starts, n_chunks, counts, header, node_arrays(), scratch,
                                                 scratch + capacity, scratch + 2 * capacity});
-        exec_.for_each(capacity, CarryBoxes<Key>{starts, header, sorted_, node_arrays(), scratch, scratch + capacity,
+        exec_.for_each_tile(capacity, CarryBoxes<Key>{starts, header, sorted_, node_arrays(), scratch, scratch + capacity,
                                                  scratch + 2 * capacity});
     }
 

@@ -1,0 +1,72 @@
+# make demo    set everything up, then render the embedded data set to demo/splash.png
+# make test    set everything up, then run the tests on the installed package
+# make bench   speed of build and trace; against POV-Ray too where that is installed
+# make check   lint
+# make docs    check the documentation's links
+# make clean   remove what these made
+#
+# GLOBULE_CUDA=AUTO|ON|OFF says whether the CUDA backend is built; PYTHON and CXX are honoured.
+# All paths are relative, so that the folder's own path may hold blanks.
+
+PYTHON ?= python3
+GLOBULE_CUDA ?= AUTO
+export GLOBULE_CUDA
+
+VENV := .venv
+PY := $(VENV)/bin/python
+PIP := $(PY) -m pip --disable-pip-version-check
+LOG := $(VENV)/build.log
+BUILT := $(VENV)/built-$(GLOBULE_CUDA)
+SOURCES := $(shell find CMakeLists.txt pyproject.toml README.md LICENSE cmake include src bindings \
+	python -type f ! -name '*.so' ! -name '*.pyc')
+
+.PHONY: demo test bench check docs clean
+
+demo: $(BUILT)
+	@$(VENV)/bin/globule demo
+
+test: $(VENV)/has-test
+	@$(PY) -m pytest -q tests
+
+bench: $(BUILT)
+	@$(PY) bench/speed.py
+	@if command -v povray > /dev/null; then $(PY) bench/peers/povray.py $(BENCH_POVRAY); \
+	else echo "povray is not installed, so not compared: sudo apt-get install povray"; fi
+
+check: $(VENV)/has-dev
+	@$(PY) -m ruff check python tests bench examples
+
+docs:
+	@$(PYTHON) docs/check_links.py
+
+clean:
+	rm -rf $(VENV) build demo
+
+# One line for each thing that is missing, in the order in which it is needed.
+$(PY):
+	@command -v "$(PYTHON)" > /dev/null || \
+	  { echo "Python is missing: sudo apt-get install python3 python3-venv python3-dev"; exit 1; }
+	@"$(PYTHON)" -c 'import sys; sys.exit(sys.version_info < (3, 10))' || \
+	  { echo "Python 3.10 or later is needed, $$("$(PYTHON)" -V) found: make PYTHON=python3.12"; exit 1; }
+	@"$(PYTHON)" -c 'import ensurepip, venv' 2> /dev/null || \
+	  { echo "Python cannot make virtual environments: sudo apt-get install python3-venv"; exit 1; }
+	@"$(PYTHON)" -m venv $(VENV)
+
+# A change of the sources builds again; without one nothing is run.
+$(BUILT): $(SOURCES) | $(PY)
+	@command -v "$${CXX:-g++}" > /dev/null || \
+	  { echo "$${CXX:-g++} is missing: sudo apt-get install g++"; exit 1; }
+	@echo '#include <span>' | "$${CXX:-g++}" -std=c++20 -fopenmp -fsyntax-only -x c++ - 2> /dev/null || \
+	  { echo "$${CXX:-g++} cannot compile C++20 with OpenMP: sudo apt-get install g++"; exit 1; }
+	@$(PY) -c 'import os, sysconfig, sys; sys.exit(not os.path.exists(sysconfig.get_path("include") + "/Python.h"))' || \
+	  { echo "Python.h is missing: sudo apt-get install python3-dev"; exit 1; }
+	@echo "building globule, a minute or two the first time (log: $(LOG))"
+	@rm -f $(VENV)/built-*
+	@$(PIP) install -v . > $(LOG) 2>&1 || { tail -n 40 $(LOG); echo "the build failed: $(LOG) has it all"; exit 1; }
+	@grep -o 'globule: C.*' $(LOG) | head -n 1
+	@touch $@
+
+# globule is there already, so that pip only adds what its extra "test" (or "dev") names.
+$(VENV)/has-test $(VENV)/has-dev: $(VENV)/has-%: $(BUILT)
+	@$(PIP) install -q "globule[$*]"
+	@touch $@

@@ -1,0 +1,61 @@
+"""Every test that takes `backend` runs on each CPU level, with one and with all threads, and CUDA."""
+
+from __future__ import annotations
+
+import contextlib
+import faulthandler
+import os
+
+import globule as gb
+import pytest
+from globule import device
+
+LEVELS = device.cpu_levels()
+BACKENDS = [f"{LEVELS[-1]}-1thread", *(f"{level}-threads" for level in LEVELS), "cuda"]
+
+
+@contextlib.contextmanager
+def simd(level: str):
+    """Scenes made inside use this SIMD level."""
+    before = os.environ.get("GLOBULE_SIMD")
+    os.environ["GLOBULE_SIMD"] = level
+    try:
+        yield
+    finally:
+        del os.environ["GLOBULE_SIMD"]
+        if before is not None:
+            os.environ["GLOBULE_SIMD"] = before
+
+
+@pytest.fixture(params=BACKENDS)
+def backend(request):
+    """Keyword arguments for gb.Scene."""
+    if request.param == "cuda":
+        try:
+            device.choose("cuda")
+        except RuntimeError as error:
+            pytest.skip(f"cuda: {error}")
+        yield {"device": "cuda"}
+        return
+    level, threads = request.param.split("-")
+    with simd(level):
+        yield {"device": "cpu", "threads": 1 if threads == "1thread" else 0}
+
+
+@pytest.fixture(scope="session")
+def reference():
+    """Makes a scene on one thread of the plainest CPU level: what all others must agree with."""
+
+    def make(*args, **kwargs):
+        with simd(LEVELS[0]):
+            return gb.Scene(*args, **{**kwargs, "device": "cpu", "threads": 1})
+
+    return make
+
+
+@pytest.fixture(autouse=True)
+def hang_guard():
+    """A test that hangs in compiled code ends the run with a traceback instead of never."""
+    faulthandler.dump_traceback_later(120, exit=True)
+    yield
+    faulthandler.cancel_dump_traceback_later()
