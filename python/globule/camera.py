@@ -62,21 +62,29 @@ class Camera:
             size: (width, height) of the image, for its aspect.
             margin: world units added around the particles, e.g. their support.
         """
-        lo, hi = _bounds(particles)
-        middle, corners = (lo + hi) / 2, np.array(np.meshgrid(*zip(lo - margin, hi + margin, strict=True)))
-        offsets = corners.reshape(3, -1).T - middle
+        points, middle = _outline(particles)
         back = np.asarray(direction, dtype=np.float64)
         back = back / np.linalg.norm(back)
         right, true_up = _axes(-back, np.asarray(up, dtype=np.float64))
-        x, y, z = offsets @ right, offsets @ true_up, offsets @ back
+        x, y, z = (points @ axis for axis in (right, true_up, back))
         aspect = size[0] / size[1]
-        reach = max(float(np.abs(offsets).max()), 1e-12)
+        grown = 1.15 * margin + 1e-12 + 1e-6 * float(np.abs(middle).max())
+
+        def span(v: np.ndarray, slope: float) -> tuple[float, float]:
+            """Where to stand across the view, and how far back, to see all v within +-slope."""
+            plus, minus = float(np.max(v + slope * z)), float(np.max(slope * z - v))
+            return (plus - minus) / 2, (plus + minus + 2 * grown) / (2 * slope)
+
+        depth = float(np.max(z)) + 2 * grown
         if orthographic:
-            height = 2.1 * max(float(np.abs(y).max()), float(np.abs(x).max()) / aspect, 1e-3 * reach)
-            return cls(tuple(middle + back * 3 * reach), tuple(middle), up, fov, height)
+            (cx, width), (cy, height) = ((float(v.max() + v.min()) / 2, float(np.ptp(v))) for v in (x, y))
+            target = middle + right * cx + true_up * cy
+            size_y = 1.05 * max(height + 2 * grown, (width + 2 * grown) / aspect)
+            return cls(tuple(target + back * (depth + size_y)), tuple(target), up, fov, size_y)
         slope = math.tan(math.radians(fov) / 2) / 1.05
-        distance = float(np.max(np.maximum(np.abs(y) / slope, np.abs(x) / (slope * aspect)) + z))
-        return cls(tuple(middle + back * max(distance, 1.05 * reach)), tuple(middle), up, fov)
+        (cx, far_x), (cy, far_y) = span(x, slope * aspect), span(y, slope)
+        target = middle + right * cx + true_up * cy
+        return cls(tuple(target + back * max(far_x, far_y, depth)), tuple(target), up, fov)
 
     def frame(self, size: tuple[int, int]) -> np.ndarray:
         """Rows eye, forward, right, up, float64 (4, 3); right and up span half the image at
@@ -111,12 +119,21 @@ def _axes(forward: np.ndarray, up: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return right, np.cross(right, forward)
 
 
-def _bounds(particles: Any) -> tuple[np.ndarray, np.ndarray]:
+def _outline(particles: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Points that stand for all particles, relative to the middle of their box, and that middle:
+    the positions, or the box's corners where they are many or on a GPU."""
+    from .arrays import is_device_array
     from .particles import Particles
 
     owner = getattr(particles, "particles", particles)
     owner = owner if isinstance(owner, Particles) else Particles(owner)
-    lo, hi = (np.asarray(v, dtype=np.float64) for v in owner.bounds())
-    if not (np.isfinite(lo).all() and np.isfinite(hi).all()):
-        return np.zeros(3), np.zeros(3)
-    return lo, hi
+    try:
+        lo, hi = (v.astype(np.float64) for v in owner.bounds())
+    except ValueError:  # no finite position
+        return np.zeros((1, 3)), np.zeros(3)
+    middle = (lo + hi) / 2
+    if is_device_array(owner.positions) or len(owner) > 1_000_000:
+        corners = np.array(np.meshgrid(*zip(lo, hi, strict=True))).reshape(3, -1).T
+        return corners - middle, middle
+    positions = owner.positions[np.isfinite(owner.positions).all(1)]
+    return positions - middle, middle
