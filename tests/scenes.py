@@ -142,8 +142,8 @@ def one(**options) -> Case:
 def mixed() -> Case:
     """Radii over two decades."""
     rng = np.random.default_rng(3)
-    case = Case(cloud(400, 3), support=10 ** rng.uniform(-2, 0, 400), threshold=0.7)
-    return with_camera(case, gb.Camera((0.8, 0.6, 2.6), (0, 0, 0)), 40, 150, 12)
+    case = Case(cloud(600, 3), support=0.7 * 10 ** rng.uniform(-2, 0, 600))
+    return with_camera(case, gb.Camera((1.2, 0.9, 3.9), (0, 0, 0)), 40, 150, 14)
 
 
 def carved() -> Case:
@@ -174,8 +174,8 @@ def sheet_edge() -> Case:
 
 
 def hundred() -> Case:
-    case = Case(cloud(100, 6), support=0.45, threshold=0.5)
-    return with_camera(case, gb.Camera((0.2, 0.1, 1.6), (0, 0, 0), fov=60), 40, 150, 12)
+    case = Case(cloud(100, 6), support=0.35)
+    return with_camera(case, gb.Camera((0.2, 0.1, 1.6), (0, 0, 0), fov=80), 40, 150, 14)
 
 
 def orthographic() -> Case:

@@ -210,10 +210,9 @@ struct EmitNodes {
     }
 };
 
-/// Boxes: a group of lanes makes each leaf's from its particles, then of each inner node the child
-/// that arrives last makes the parent's.
+/// Boxes of the leaves, a group of lanes to each.
 template <class Key>
-struct CarryBoxes {
+struct BoxLeaves {
     struct Nothing {};
     template <class Group>
     using Scratch = Nothing;
@@ -222,33 +221,13 @@ struct CarryBoxes {
     const TreeHeader* header;
     SortedParticles particles;
     NodeArrays nodes;
-    const std::uint32_t *first_child, *parent;
-    std::uint32_t* arrived;
 
     template <class Group>
     GB_FN void operator()(Group& g, Nothing&, std::size_t i) const {
         if (i >= header->n_nodes || !Node::is_leaf(nodes.meta[i])) return;
         const Node leaf = make_leaf(g, nodes.first[i], int(Node::count(nodes.meta[i])));
         g.sync();
-        if (!g.is_first()) return;
-        nodes.set(i, leaf);
-        for (std::uint32_t at = std::uint32_t(i); at != 0;) {
-            at = parent[at];
-            const std::uint32_t begin = first_child[at], n_children = child_end(at) - begin;
-            if (atomic_increment(&arrived[at]) + 1 < n_children) return;
-            Node out = Node::nothing();
-            out.first = begin;
-            out.meta = n_children;
-            for (std::uint32_t k = 0; k < 8; ++k) {  // the last one again where there are fewer: all loads at once
-                const std::uint32_t c = begin + least(k, n_children - 1);
-                out.unite({read_fresh(&nodes.box[0][c]), read_fresh(&nodes.box[1][c]), read_fresh(&nodes.box[2][c])},
-                          {read_fresh(&nodes.box[3][c]), read_fresh(&nodes.box[4][c]), read_fresh(&nodes.box[5][c])});
-            }
-            nodes.set(at, out);
-        }
-    }
-    GB_FN std::uint32_t child_end(std::uint32_t at) const {
-        return at + 1 < header->n_nodes ? first_child[at + 1] : header->n_nodes;
+        if (g.is_first()) nodes.set(i, leaf);
     }
     /// All particles from `begin` on that share its cell of that level.
     template <class Group>
@@ -275,6 +254,35 @@ struct CarryBoxes {
         return {{g.smallest(lo[0]), g.smallest(lo[1]), g.smallest(lo[2])},
                 {g.largest(hi[0]), g.largest(hi[1]), g.largest(hi[2])},
                 begin, Node::leaf_bit | std::uint32_t(end - begin)};
+    }
+};
+
+/// Boxes of inner nodes: the child that arrives last makes its parent's.
+struct CarryBoxes {
+    const TreeHeader* header;
+    NodeArrays nodes;
+    const std::uint32_t *first_child, *parent;
+    std::uint32_t* arrived;
+
+    GB_FN void operator()(std::size_t i) const {
+        if (i >= header->n_nodes || !Node::is_leaf(nodes.meta[i])) return;
+        for (std::uint32_t at = std::uint32_t(i); at != 0;) {
+            at = parent[at];
+            const std::uint32_t begin = first_child[at], n_children = child_end(at) - begin;
+            if (atomic_increment(&arrived[at]) + 1 < n_children) return;
+            Node out = Node::nothing();
+            out.first = begin;
+            out.meta = n_children;
+            for (std::uint32_t k = 0; k < 8; ++k) {  // the last one again where there are fewer: all loads at once
+                const std::uint32_t c = begin + least(k, n_children - 1);
+                out.unite({read_fresh(&nodes.box[0][c]), read_fresh(&nodes.box[1][c]), read_fresh(&nodes.box[2][c])},
+                          {read_fresh(&nodes.box[3][c]), read_fresh(&nodes.box[4][c]), read_fresh(&nodes.box[5][c])});
+            }
+            nodes.set(at, out);
+        }
+    }
+    GB_FN std::uint32_t child_end(std::uint32_t at) const {
+        return at + 1 < header->n_nodes ? first_child[at + 1] : header->n_nodes;
     }
 };
 
@@ -403,8 +411,8 @@ private:
         std::uint32_t* scratch = scratch_.reserve(3 * capacity);
         exec_.for_each(n_chunks, EmitNodes<Key>{starts, n_chunks, counts, header, node_arrays(), scratch,
                                                 scratch + capacity, scratch + 2 * capacity});
-        exec_.for_each_tile(capacity, CarryBoxes<Key>{starts, header, sorted_, node_arrays(), scratch, scratch + capacity,
-                                                 scratch + 2 * capacity});
+        exec_.for_each_tile(capacity, BoxLeaves<Key>{starts, header, sorted_, node_arrays()});
+        exec_.for_each(capacity, CarryBoxes{header, node_arrays(), scratch, scratch + capacity, scratch + 2 * capacity});
     }
 
     /// Room for the nodes.  Asked of the device only when the number of particles has outgrown what

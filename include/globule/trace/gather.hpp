@@ -68,6 +68,7 @@ GB_FN void load_boxes(Group& g, const DenseTree& tree, const typename Group::Run
 struct Gathered {
     int n = 0;          ///< candidates; -1: more than the list holds
     float next = 0;     ///< nearest distance past z0 + dz where something begins
+    float nearest = 0;  ///< distance where the list's first support begins
     float sharpest = 1; ///< largest 1 / support in the list, scaled
 };
 
@@ -161,7 +162,7 @@ GB_FN Gathered gather(Walk<PerParticle, Group, Tree>& walk, float dz, float scal
     Group& g = walk.g;
     const float3 at = walk.at, d = walk.bundle.d;
     const SortedParticles& particles = walk.particles;
-    F next = F(infinity()), sharpest = F(0.0f);
+    F next = F(infinity()), nearest = next, sharpest = F(0.0f);
     int n = 0;
     bool full = false;
     walk(
@@ -194,6 +195,7 @@ GB_FN Gathered gather(Walk<PerParticle, Group, Tree>& walk, float dz, float scal
                     const B far = s - chord > F(dz);
                     next = select(hit & far, least(next, s - chord), next);
                     const B take = hit & !far;
+                    nearest = select(take, least(nearest, s - chord), nearest);
                     if constexpr (PerParticle) sharpest = most(sharpest, select(take, F(1.0f) / (a * F(scale)), F(0.0f)));
                     n = g.append(take, n, [&](int k, int place) {
                         walk.scratch.list.set(place, {Group::get(x, k) * scale, Group::get(y, k) * scale,
@@ -209,7 +211,7 @@ GB_FN Gathered gather(Walk<PerParticle, Group, Tree>& walk, float dz, float scal
         });
     g.sync();
     if (full) return {-1};
-    return {n, walk.z0 + g.smallest(next), PerParticle ? g.largest(sharpest) : 1.0f};
+    return {n, walk.z0 + g.smallest(next), walk.z0 + g.smallest(nearest), PerParticle ? g.largest(sharpest) : 1.0f};
 }
 
 }  // namespace globule

@@ -4,6 +4,14 @@
 #include "globule/trace/camera.hpp"
 #include "globule/trace/march.hpp"
 
+#ifndef GB_WIN
+#define GB_WIN 0.35f
+#define GB_DZ 1.0f
+#endif
+#ifndef GB_WPB
+#define GB_WPB 4
+#define GB_MINB 5
+#endif
 namespace globule {
 
 /// Per ray, caller's memory; t is infinite where nothing is hit.
@@ -47,7 +55,7 @@ struct TraceTiles {
     Hits out;
 
     static constexpr int kTileWidth = 8;
-    static constexpr float kWindow = 0.35f;  ///< over which march() bounds f'', in supports
+    static constexpr float kWindow = GB_WIN;  ///< over which march() bounds f'', in supports
 
     template <class Group>
     static constexpr int tile_height() { return Group::width * Group::vectors / kTileWidth; }
@@ -185,7 +193,7 @@ struct TraceTiles {
                 Walk<PerParticle, Group, Tree> walk(g, scratch, tree, particles, bundle, z, axis_point());
                 advance(lanes, group, z = seek(walk));
             }
-            float dz = typical;
+            float dz = GB_DZ * typical;
             while (z < infinity()) {
                 const float3 at = axis_point();
                 Walk<PerParticle, Group, Tree> walk(g, scratch, tree, particles, bundle, z, at);
@@ -201,9 +209,10 @@ struct TraceTiles {
                 }
                 if (found.n == 0) {
                     advance(lanes, group, z = found.next);
-                    dz = typical;
+                    dz = GB_DZ * typical;
                     continue;
                 }
+                if (found.n > 0) advance(lanes, group, found.nearest);
                 bool more = false;
                 GB_ROLLED for (int v = 0; v < V; ++v) {
                     if (!g.any(group[v])) continue;
@@ -216,7 +225,7 @@ struct TraceTiles {
                 }
                 if (!more) break;
                 z += dz;
-                if (4 * found.n < Group::list_capacity) dz = least(typical, 2.0f * dz);
+                if (4 * found.n < Group::list_capacity) dz = least(GB_DZ * typical, 2.0f * dz);
             }
             for (int v = 0; v < V; ++v) lanes.pending[v] = lanes.pending[v] & !group[v];
         }

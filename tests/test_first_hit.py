@@ -1,0 +1,156 @@
+"""The exact first intersection: hit or miss as the float64 oracle says, for every ray."""
+
+import globule as gb
+import numpy as np
+import pytest
+from scenes import CASES, KERNELS, Case, case, cloud, lattice, unit
+
+
+def check(c: Case, scene: gb.Scene) -> None:
+    depth, normal, color = gb.intersect(scene, c.origins, c.directions)
+    hit = np.isfinite(c.depth)
+    wrong = np.nonzero(np.isfinite(depth) != hit)[0]
+    assert len(wrong) == 0, [
+        (c.origins[i].tolist(), c.directions[i].tolist(), c.depth[i], depth[i]) for i in wrong[:5]
+    ]
+    points = c.origins[hit] + c.depth[hit, None] * c.directions[hit].astype(np.float64)
+    # 2e-7 of the depth: that it is a float32, counted from the eye.
+    allowed = 1e-4 * c.smallest(points) + 2e-7 * c.depth[hit]
+    error = np.abs(depth[hit] - c.depth[hit])
+    far = np.nonzero(error > allowed)[0][:5]
+    assert len(far) == 0, [
+        (c.origins[hit][i].tolist(), c.directions[hit][i].tolist(), c.depth[hit][i], error[i])
+        for i in far
+    ]
+    np.testing.assert_array_equal(normal[~hit], 0)
+    np.testing.assert_array_equal(color[~hit], 0)
+    check_normals(c, points, normal[hit])
+
+
+def check_normals(c: Case, points: np.ndarray, normal: np.ndarray) -> None:
+    gradient = c.field(points)[1]
+    steep = np.linalg.norm(gradient, axis=1)
+    clear = steep > 0.2 * np.abs(c.weight).max() / np.median(c.support)
+    np.testing.assert_allclose(np.linalg.norm(normal, axis=1)[clear], 1, atol=1e-5)
+    cosine = -(normal * gradient).sum(1)[clear] / steep[clear]
+    assert (cosine > 0.999).all()
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_first_hit(backend, name):
+    c = case(name)
+    check(c, c.scene(**backend))
+
+
+def test_there_are_enough_rays():
+    names = [n for n in CASES if n != "splash"]
+    assert sum(len(case(n).depth) for n in names) >= 20_000
+    for n in names:
+        assert np.isfinite(case(n).depth).any()
+    assert sum(np.isinf(case(n).depth).sum() for n in names) >= 5_000
+
+
+@pytest.mark.parametrize("name", ["one", "mixed", "carved", "sheet", "sheet_edge", "inside"])
+@pytest.mark.parametrize(
+    "options", [{"octree": "dense", "depth": 5}, {"key_bits": 64}, {"depth": 2}], ids=str
+)
+def test_first_hit_in_other_octrees(backend, name, options):
+    c = case(name)
+    check(c, c.scene(**options, **backend))
+
+
+@pytest.mark.parametrize("offset", [100, 10_000, 1_000_000])
+def test_first_hit_far_from_the_origin(backend, offset):
+    """Positions are rounded to float32 where they are; from there on nothing more is lost."""
+    p = cloud(300, 60) + np.float32(offset)
+    c = Case(p, support=0.5)
+    rng = np.random.default_rng(61)
+    target = p[rng.integers(0, 300, 800)]
+    d = unit(rng.normal(size=(800, 3)))
+    c.origins, c.directions = target - 4 * d, d
+    c.depth = c.first_hit(c.origins, c.directions)
+    check(c, c.scene(**backend))
+
+
+def test_rays_in_any_order_are_the_same_rays(backend):
+    """A ray's answer does not depend on those that are traced beside it."""
+    c = case("hundred")
+    scene = c.scene(**backend)
+    mixed = np.random.default_rng(62).permutation(len(c.depth))
+    straight = gb.intersect(scene, c.origins, c.directions)
+    shuffled = gb.intersect(scene, c.origins[mixed], c.directions[mixed])
+    np.testing.assert_array_equal(np.isfinite(straight[0][mixed]), np.isfinite(shuffled[0]))
+    hit = np.isfinite(shuffled[0])
+    np.testing.assert_allclose(straight[0][mixed][hit], shuffled[0][hit], atol=4e-5)
+    for i in range(0, len(mixed), 101):
+        alone = gb.intersect(scene, c.origins[i : i + 1], c.directions[i : i + 1])[0]
+        assert np.isfinite(alone[0]) == np.isfinite(straight[0][i])
+
+
+@pytest.mark.parametrize("axis", range(3))
+@pytest.mark.parametrize("sign", [-1, 1])
+def test_rays_along_the_axes(backend, axis, sign):
+    """Directions with exact zeros, through particles and between them."""
+    c = Case(lattice(6, 6, 6), support=1.2, threshold=0.7)
+    across = np.stack(np.meshgrid(np.linspace(-3.2, 3.2, 33), np.linspace(-3.2, 3.2, 33)), -1)
+    c.origins = np.insert(across.reshape(-1, 2), axis, -7 * sign, axis=1).astype(np.float32)
+    c.directions = np.tile((sign * np.eye(3)[axis]).astype(np.float32), (len(c.origins), 1))
+    c.depth = c.first_hit(c.origins, c.directions)
+    assert 0 < np.isfinite(c.depth).sum() < len(c.depth)
+    check(c, c.scene(**backend))
+
+
+def test_depth_counts_the_direction(backend):
+    """Depth is along the ray: a thing behind the eye is not seen."""
+    scene = gb.Scene(np.zeros((1, 3)), support=1.0, threshold=0.25, **backend)
+    radius = np.sqrt(0.5)
+    o = np.array([[5, 0, 0], [5, 0, 0], [0, 0, 0], [-5, 0, 0]], np.float32)
+    d = np.array([[-1, 0, 0], [1, 0, 0], [0, 0, 1], [1, 0, 0]], np.float32)
+    depth, normal, _ = gb.intersect(scene, o, d)
+    np.testing.assert_allclose(depth, [5 - radius, np.inf, radius, 5 - radius], rtol=1e-5)
+    np.testing.assert_allclose(normal[[0, 2, 3]], [[1, 0, 0], [0, 0, 1], [-1, 0, 0]], atol=1e-5)
+
+
+def test_no_rays(backend):
+    scene = gb.Scene(cloud(10), **backend)
+    depth, normal, color = gb.intersect(scene, np.zeros((0, 3)), np.zeros((0, 3)))
+    assert depth.shape == (0,) and normal.shape == color.shape == (0, 3)
+
+
+# The oracle itself.
+
+
+def test_the_oracle_on_one_ball():
+    """Murakami: (1 - (r/a)^2)^2 = tau is a sphere of radius a sqrt(1 - sqrt(tau))."""
+    a, tau, centre = 0.8, float(np.float32(0.6)), np.array([0.1, -0.2, 0.3], np.float32)
+    radius = float(np.float32(a)) * np.sqrt(1 - np.sqrt(tau))
+    c = case("one")
+    v = c.origins.astype(np.float64) - centre
+    d = c.directions.astype(np.float64)
+    dd, vd = (d * d).sum(1), (v * d).sum(1)
+    disc = vd**2 - dd * ((v * v).sum(1) - radius**2)
+    near = np.where(disc >= 0, (-vd - np.sqrt(np.maximum(disc, 0))) / dd, np.inf)
+    np.testing.assert_array_equal(np.isfinite(c.depth), disc >= 0)
+    np.testing.assert_allclose(c.depth, near, atol=2e-7)
+
+
+@pytest.mark.parametrize("kernel", KERNELS)
+def test_the_oracle_by_dense_sampling(kernel):
+    """The first of 40,000 samples past the threshold is right after the oracle's depth."""
+    p = np.array([[-0.4, 0, 0], [0.5, 0.1, 0], [0.1, 0.3, 0.2]], np.float32)
+    c = Case(p, [1, 0.9, 0.5], [1, 0.8, -0.7], kernel, threshold=0.3)
+    rng = np.random.default_rng(63)
+    o = np.float32(rng.normal(size=(150, 3)))
+    o *= 3 / np.linalg.norm(o, axis=1, keepdims=True)
+    d = unit(rng.uniform(-0.7, 0.7, (150, 3)) - o)
+    o[:20] = rng.uniform(-0.5, 0.5, (20, 3))  # some inside
+    found = c.first_hit(o, d)
+    t = np.linspace(0, 5, 40_001)
+    for i in range(len(o)):
+        f = c.field(o[i].astype(np.float64) + t[:, None] * d[i].astype(np.float64))[0]
+        other_side = np.nonzero((f > 0.3) != (f[0] > 0.3))[0]
+        if len(other_side):
+            after = t[other_side[0]] - found[i]
+            assert 0 <= after <= t[1] or found[i] < t[other_side[0]] and f.max() - 0.3 < 1e-6
+        else:  # at most grazed between two samples
+            assert np.isinf(found[i]) or abs(np.interp(found[i], t, f) - 0.3) < 1e-6

@@ -1,0 +1,125 @@
+"""Keys against the vectors of spec/1 (corrected) and against plain coordinate arithmetic."""
+
+import itertools
+import random
+
+import pytest
+from globule.octree import morton
+
+LEVELS = {32: 10, 64: 21}
+INSIDE = {32: 1 << 30, 64: 1 << 63}
+WIDTHS = (32, 64)
+
+
+def interleave(x: int, y: int, z: int) -> int:
+    """One bit at a time: obviously right."""
+    code = 0
+    for i in range(21):
+        code |= (x >> i & 1) << 3 * i | (y >> i & 1) << 3 * i + 1 | (z >> i & 1) << 3 * i + 2
+    return code
+
+
+def cell(key: int, level: int, bits: int) -> tuple[int, int, int]:
+    """Coordinates of a level's cell, in cells."""
+    x, y, z = morton.decode(key & (INSIDE[bits] - 1), bits)
+    shift = LEVELS[bits] - level
+    return x >> shift, y >> shift, z >> shift
+
+
+def key_at(x: int, y: int, z: int, level: int, bits: int) -> int:
+    shift = LEVELS[bits] - level
+    return INSIDE[bits] | interleave(x << shift, y << shift, z << shift)
+
+
+@pytest.mark.parametrize("bits", WIDTHS)
+def test_vectors_of_the_thesis(bits):
+    assert morton.encode(10, 3, 15, bits) == 0xB3E == 0b101100111110  # Fig. 3.4
+    assert morton.encode(1, 0, 0, bits) == 1  # x is the least significant
+    assert morton.encode(0, 1, 0, bits) == 2
+    assert morton.encode(0, 0, 1, bits) == 4
+
+
+def test_cell_key_from_corner_and_from_centre():
+    corner = morton.encode(256, 0, 0)
+    assert corner == 0b000_001 << 24  # triplets 000 001, then zeros
+    centre = morton.encode(384, 128, 128)
+    level2 = ~((1 << 24) - 1)
+    assert centre & level2 == corner
+    assert INSIDE[32] | corner == 0b01_000_001 << 24
+
+
+def test_dense_index_vectors():
+    key = INSIDE[32] | 0b001_011 << 24
+    assert morton.dense_index(key, 2) == 20  # 9 + 11
+    assert morton.dense_key(20) == key
+    assert morton.dense_key(180) == INSIDE[32] | 107 << 21  # level 3, v = 107 = 001 101 011
+    assert morton.dense_index(morton.dense_key(180), 3) == 180
+
+
+@pytest.mark.parametrize("bits", WIDTHS)
+def test_dense_index_at_the_ends_of_levels(bits):
+    first = 0
+    for level in range(9):
+        last = first + 8**level - 1
+        one_level = 3 * (LEVELS[bits] - level)
+        for index in (first, (first + last) // 2, last, 8, *range(64, 73)):
+            if not first <= index <= last:
+                continue
+            key = morton.dense_key(index, bits)
+            assert key == INSIDE[bits] | (index - first) << one_level
+            assert morton.dense_index(key, level, bits) == index
+        first = last + 1
+    assert first == 19_173_961  # T(8)
+
+
+@pytest.mark.parametrize("bits", WIDTHS)
+def test_encode_and_decode_are_inverse(bits):
+    rng = random.Random(1)
+    top = 2 ** LEVELS[bits] - 1
+    some = [tuple(rng.randint(0, top) for _ in range(3)) for _ in range(3000)]
+    for x, y, z in [(0, 0, 0), (top, top, top), (top, 0, 0), (0, top, 0), (0, 0, top), *some]:
+        code = morton.encode(x, y, z, bits)
+        assert code == interleave(x, y, z)
+        assert morton.decode(code, bits) == (x, y, z)
+
+
+@pytest.mark.parametrize("bits", WIDTHS)
+def test_parent_and_children(bits):
+    rng = random.Random(2)
+    for _ in range(500):
+        level = rng.randint(0, LEVELS[bits] - 1)
+        x, y, z = (rng.randrange(2**level) for _ in range(3))
+        key = key_at(x, y, z, level, bits)
+        for octant in range(8):
+            child = morton.child(key, level, octant, bits)
+            assert cell(child, level + 1, bits) == (
+                2 * x + (octant & 1), 2 * y + (octant >> 1 & 1), 2 * z + (octant >> 2)
+            )
+            assert morton.parent(child, level + 1, bits) == key
+
+
+def check_neighbors(x, y, z, level, bits):
+    key = key_at(x, y, z, level, bits)
+    for step in itertools.product((-1, 0, 1), repeat=3):
+        moved = (x + step[0], y + step[1], z + step[2])
+        inside = all(0 <= c < 2**level for c in moved)
+        expected = key_at(*moved, level, bits) if inside else None
+        assert morton.neighbor(key, level, *step, bits) == expected, (x, y, z, level, step)
+
+
+@pytest.mark.parametrize("bits", WIDTHS)
+@pytest.mark.parametrize("level", range(4))
+def test_neighbors_of_every_shallow_cell(bits, level):
+    for x, y, z in itertools.product(range(2**level), repeat=3):
+        check_neighbors(x, y, z, level, bits)
+
+
+@pytest.mark.parametrize("bits", WIDTHS)
+def test_neighbors_of_deep_cells(bits):
+    rng = random.Random(3)
+    for _ in range(300):
+        level = rng.randint(4, LEVELS[bits])
+        top = 2**level - 1
+        # Borders and carries through all triplets are likelier than by chance.
+        x, y, z = (rng.choice((0, top, top // 2, top // 2 + 1, rng.randint(0, top))) for _ in "xyz")
+        check_neighbors(x, y, z, level, bits)

@@ -1,0 +1,254 @@
+"""The octree against a NumPy one built from the definition, and the same bits everywhere."""
+
+import functools
+
+import globule as gb
+import numpy as np
+import pytest
+from globule import oracle
+from scenes import Case, cloud, lattice
+
+LEVELS = {32: 10, 64: 21}
+LEAF = 32  # a cell with more particles is split
+COMBINATIONS = (
+    {"key_bits": 32}, {"key_bits": 64}, {"key_bits": 32, "depth": 4}, {"key_bits": 64, "depth": 13},
+    {"octree": "dense"}, {"octree": "dense", "depth": 3}, {"depth": 0},
+)
+ids = [" ".join(f"{k}={v}" for k, v in c.items()) for c in COMBINATIONS]
+
+
+@functools.cache
+def points(name: str) -> np.ndarray:
+    rng = np.random.default_rng(20)
+    if name == "cloud":
+        return cloud(6000, 20)
+    if name == "clusters":
+        scale = 10 ** rng.uniform(-5, 0, (4000, 1))
+        return (rng.normal(size=(4000, 3)) * scale + rng.integers(0, 3, (4000, 1))).astype(np.float32)
+    if name == "flat":
+        return lattice(50, 60, 1)
+    if name == "twins":  # equal keys: their order is the caller's
+        return np.repeat(cloud(150, 21), 40, 0)[rng.permutation(6000)]
+    spoilt = cloud(3000, 22)
+    spoilt[rng.choice(3000, 90, False)] = rng.choice(
+        np.array([np.nan, np.inf, -np.inf, 1e30, -1e30], np.float32), (90, 3)
+    )
+    spoilt[7] = [0.1, np.nan, 0.2]
+    return spoilt
+
+
+NAMES = ("cloud", "clusters", "flat", "twins", "spoilt")
+
+
+def numpy_keys(p: np.ndarray, bits: int, bounds=None) -> np.ndarray:
+    """(u - lo) * (cells / extent) in float32, truncated and clamped; 0 outside."""
+    if bounds is None:
+        inside = (np.abs(p) <= np.float32(1e18)).all(1)
+        lo, hi = p[inside].min(0), p[inside].max(0)
+    else:
+        lo, hi = np.asarray(bounds, np.float32)
+        inside = ((p >= lo) & (p <= hi)).all(1)
+    cells = np.float32(2 ** LEVELS[bits])
+    extent = (hi - lo).max()
+    scale = cells / extent if extent > 0 else np.float32(0)
+    q = (p[inside] - lo) * scale
+    assert q.dtype == np.float32
+    q = np.where(q >= cells, cells - 1, q).astype(np.uint64)
+    key = np.zeros(len(q), np.uint64)
+    for bit in range(LEVELS[bits]):
+        for axis in range(3):
+            key |= (q[:, axis] >> np.uint64(bit) & np.uint64(1)) << np.uint64(3 * bit + axis)
+    keys = np.zeros(len(p), np.uint64)
+    keys[inside] = key | np.uint64(1 << (30 if bits == 32 else 63))
+    return keys
+
+
+def numpy_nodes(keys: np.ndarray, bits: int, depth: int) -> tuple[int, int, int]:
+    """Nodes, leaves and deepest level, cell by cell from the root."""
+    cells, nodes, leaves = [np.sort(keys[keys != 0])], 0, 0
+    for level in range(depth + 1):
+        split = [c for c in cells if len(c) > LEAF and level < depth]
+        nodes += len(cells)
+        leaves += len(cells) - len(split)
+        if not split:
+            return nodes, leaves, level
+        cells = []
+        for c in split:
+            prefix = c >> np.uint64(3 * (LEVELS[bits] - level - 1))
+            cells += np.split(c, np.nonzero(np.diff(prefix))[0] + 1)
+    raise AssertionError
+
+
+@pytest.mark.parametrize("bits", LEVELS)
+@pytest.mark.parametrize("name", NAMES)
+def test_sorted_keys(backend, name, bits):
+    p = points(name)
+    scene = gb.Scene(p, support=0.1, key_bits=bits, **backend)
+    expected = numpy_keys(p, bits)
+    order = np.argsort(expected, kind="stable")
+    keys, index = scene.octree.sorted_keys(len(p))
+    np.testing.assert_array_equal(keys, expected[order])
+    np.testing.assert_array_equal(index, order)
+    assert scene.octree.n_inside == np.count_nonzero(expected)
+
+
+@pytest.mark.parametrize("bits", LEVELS)
+def test_fixed_space(backend, bits):
+    p = points("spoilt")
+    bounds = ((-0.5, -0.6, -0.7), (0.9, 0.8, 0.3))
+    scene = gb.Scene(p, support=0.1, key_bits=bits, bounds=bounds, **backend)
+    expected = numpy_keys(p, bits, bounds)
+    order = np.argsort(expected, kind="stable")
+    keys, index = scene.octree.sorted_keys(len(p))
+    np.testing.assert_array_equal(keys, expected[order])
+    np.testing.assert_array_equal(index, order)
+    inside = expected != 0
+    assert scene.octree.n_inside == inside.sum()
+    np.testing.assert_array_equal(scene.octree.lo, np.float32(bounds[0]))
+    case = Case(p[inside], support=0.1)
+    at = cloud(500, 23)
+    np.testing.assert_allclose(gb.field(scene, at), case.field(at)[0], atol=1e-6)
+    scene.update(positions=p * np.float32(0.5))  # some re-enter
+    assert scene.octree.n_inside == np.count_nonzero(numpy_keys(p * np.float32(0.5), bits, bounds))
+
+
+@pytest.mark.parametrize("bits,depth", [(32, 10), (64, 21), (32, 4), (32, 0), (64, 13)])
+@pytest.mark.parametrize("name", NAMES)
+def test_sparse_nodes(backend, name, bits, depth):
+    p = points(name)
+    octree = gb.Scene(p, support=0.1, key_bits=bits, depth=depth, **backend).octree
+    expected = numpy_nodes(numpy_keys(p, bits), bits, depth)
+    assert (octree.n_nodes, octree.n_leaves, octree.depth) == expected
+
+
+def test_dense_nodes(backend):
+    for depth, total in ((0, 1), (3, 585), (6, 299_593)):
+        octree = gb.Scene(points("cloud"), support=0.1, octree="dense", depth=depth, **backend).octree
+        assert octree.n_nodes == total
+        assert octree.n_inside == 6000
+
+
+@pytest.mark.parametrize("options", COMBINATIONS, ids=ids)
+@pytest.mark.parametrize("name", NAMES)
+def test_same_bits_everywhere(backend, reference, name, options):
+    p = points(name)
+    support = np.random.default_rng(24).uniform(0.05, 0.2, len(p))
+    particles = gb.Particles(p, support=support)
+    octree = gb.Scene(particles, **options, **backend).octree
+    expected = reference(particles, **options).octree
+    assert octree.key_hash == expected.key_hash
+    assert octree.node_hash == expected.node_hash
+
+
+@pytest.mark.parametrize("threads", [2, 3, 5])
+def test_same_bits_for_any_number_of_threads(reference, threads):
+    p = cloud(50_000, 25)
+    for bits in LEVELS:
+        octree = gb.Scene(p, support=0.05, key_bits=bits, device="cpu", threads=threads).octree
+        expected = reference(p, support=0.05, key_bits=bits).octree
+        assert octree.key_hash == expected.key_hash
+        assert octree.node_hash == expected.node_hash
+
+
+@pytest.mark.parametrize("options", COMBINATIONS, ids=ids)
+def test_the_octree_does_not_change_the_surface(backend, options):
+    rng = np.random.default_rng(26)
+    particles = gb.Particles(cloud(2000, 26), support=rng.uniform(0.02, 0.3, 2000))
+    scene = gb.Scene(particles, **options, **backend)
+    plain = gb.Scene(particles, **backend)
+    at = cloud(2000, 27, 1.2)
+    np.testing.assert_allclose(gb.field(scene, at), gb.field(plain, at), rtol=1e-6, atol=1e-6)
+    target, eye = cloud(2000, 28), cloud(2000, 29, 4)
+    direction = target - eye
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    depth, normal, _ = gb.intersect(scene, eye, direction)
+    other, other_normal, _ = gb.intersect(plain, eye, direction)
+    np.testing.assert_array_equal(np.isfinite(depth), np.isfinite(other))
+    hit = np.isfinite(depth)
+    assert 100 < hit.sum() < 2000
+    np.testing.assert_allclose(depth[hit], other[hit], atol=2e-5)
+
+
+def rows(found) -> list[np.ndarray]:
+    offsets, indices = found
+    assert offsets.dtype == np.uint64 and indices.dtype == np.uint32
+    assert offsets[0] == 0 and offsets[-1] == len(indices)
+    return np.split(indices, offsets[1:-1].astype(np.int64))
+
+
+@pytest.mark.parametrize("options", COMBINATIONS, ids=ids)
+@pytest.mark.parametrize("name", NAMES)
+def test_neighbors(backend, name, options):
+    p = points(name)
+    scene = gb.Scene(p, support=0.1, **options, **backend)
+    for at, radius in ((cloud(120, 30, 1.2), 0.15), (p[100:160], 0.01), (cloud(5, 31), 50.0)):
+        at = at[np.isfinite(at).all(1)]
+        rank = np.empty(len(p), np.int64)
+        rank[scene.octree.sorted_keys(len(p))[1]] = np.arange(len(p))
+        for mine, truth in zip(
+            rows(scene.neighbors(at, radius)), oracle.neighbors(p, at, radius), strict=True
+        ):
+            np.testing.assert_array_equal(np.sort(mine), truth)
+            assert (np.diff(rank[mine]) > 0).all()  # in Morton order
+
+
+def test_neighbors_exactly_at_the_radius(backend):
+    scene = gb.Scene(lattice(5, 5, 5), **backend)
+    found = rows(scene.neighbors(np.zeros((1, 3)), 1.0))[0]
+    assert len(found) == 7
+    offsets, indices = scene.neighbors(np.zeros((0, 3)), 1.0)
+    assert len(offsets) == 1 and len(indices) == 0
+
+
+@pytest.mark.parametrize("octree", ["sparse", "dense"])
+def test_update(backend, octree):
+    scene = gb.Scene(cloud(1000, 32), support=0.2, octree=octree, **backend)
+    at = cloud(200, 33)
+    for n, seed in ((1000, 34), (5000, 35), (3, 36), (0, 37), (1500, 38), (1, 39), (40_000, 40)):
+        p = cloud(n, seed, 1 + seed % 3)
+        scene.update(positions=p)
+        assert len(scene) == n and scene.octree.n_inside == n
+        fresh = gb.Scene(p, support=0.2, octree=octree, **backend)
+        assert scene.octree.key_hash == fresh.octree.key_hash
+        assert scene.octree.node_hash == fresh.octree.node_hash
+        if n <= 5000:
+            truth = oracle.neighbors(p, at, 0.2)
+            for mine, expected in zip(rows(scene.neighbors(at, 0.2)), truth, strict=True):
+                np.testing.assert_array_equal(np.sort(mine), expected)
+        np.testing.assert_array_equal(gb.field(scene, at), gb.field(fresh, at))
+
+
+def test_update_of_single_fields(backend):
+    p = cloud(500, 41)
+    scene = gb.Scene(gb.Particles(p, support=0.3), **backend)
+    at = cloud(300, 42)
+    weight = np.linspace(-1, 2, 500).astype(np.float32)
+    scene.update(weight=weight)
+    np.testing.assert_allclose(gb.field(scene, at), Case(p, 0.3, weight).field(at)[0], atol=1e-5)
+    support = np.linspace(0.1, 0.5, 500).astype(np.float32)
+    scene.update(support=support)
+    np.testing.assert_allclose(gb.field(scene, at), Case(p, support, weight).field(at)[0], atol=1e-5)
+    scene.update(gb.Particles(p[:100], support=0.2))
+    np.testing.assert_allclose(gb.field(scene, at), Case(p[:100], 0.2).field(at)[0], atol=1e-5)
+
+
+@pytest.mark.parametrize("options", [{}, {"key_bits": 64}, {"octree": "dense", "depth": 5}], ids=str)
+def test_steady_state_needs_no_more_memory(backend, options):
+    scene = gb.Scene(cloud(20_000, 43), support=0.1, **options, **backend)
+    sizes = []
+    for i in range(20):
+        scene.update(positions=cloud(20_000, 44 + i))
+        sizes.append(scene.octree.bytes)
+    assert len(set(sizes[2:])) == 1, sizes
+
+
+def test_nodes_are_never_lost_when_the_tree_grows(backend):
+    """A flat set becomes clusters: many more nodes from the same number of particles."""
+    scene = gb.Scene(np.zeros((4000, 3)), support=0.1, **backend)
+    p = points("clusters")
+    at = p[::20] + np.float32(0.01)
+    for _ in range(3):
+        scene.update(positions=p)
+        np.testing.assert_allclose(gb.field(scene, at), Case(p, 0.1).field(at)[0], rtol=1e-5)
+        octree = scene.octree
+    assert (octree.n_nodes, octree.n_leaves, octree.depth) == numpy_nodes(numpy_keys(p, 32), 32, 10)
