@@ -19,6 +19,8 @@ GB_FN double root(double a) { return sqrt(a); }
 GB_FN float magnitude(float a) { return fabsf(a); }
 GB_FN double magnitude(double a) { return fabs(a); }
 
+/// x^p; 0 for x <= 0.  Cheaper than powf where the last bits do not matter.
+GB_FN float power(float x, float p) { return x > 0.0f ? exp2f(p * log2f(x)) : 0.0f; }
 GB_FN double exp_negative(double x) { return exp(x); }
 GB_FN float exp_negative(float x) { return expf(x); }
 

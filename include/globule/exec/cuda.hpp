@@ -14,10 +14,6 @@
 #include "globule/exec/buffer.hpp"
 #include "globule/exec/cuda_group.hpp"
 
-#ifndef GB_WPB
-#define GB_WPB 4
-#define GB_MINB 5
-#endif
 namespace globule {
 
 inline void check(cudaError_t status) {
@@ -35,10 +31,10 @@ __global__ void run_each(std::size_t n, Kernel kernel) {
     if (i < n) kernel(i);
 }
 
-inline constexpr int kWarpsPerBlock = GB_WPB;
+inline constexpr int kWarpsPerBlock = 4;
 
 template <class Kernel>
-__global__ void __launch_bounds__(32 * kWarpsPerBlock, GB_MINB)  // at most 96 registers
+__global__ void __launch_bounds__(32 * kWarpsPerBlock, 4)  // at most 128 registers
     run_tiles(std::size_t n, Kernel kernel) {
     using Scratch = typename Kernel::template Scratch<CudaGroup>;
     __shared__ Scratch scratch[kWarpsPerBlock];

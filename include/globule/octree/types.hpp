@@ -57,7 +57,7 @@ struct NodeArrays {
 
 inline constexpr int kMaxLevels = 21;
 inline constexpr int kLeafSize = 32;   ///< a cell with more particles is split
-inline constexpr int kChunk = 16;      ///< consecutive particles that one thread turns into nodes
+inline constexpr int kChunk = 8;       ///< consecutive particles that one thread turns into nodes
 
 /// What a build finds out; lives beside the tree, on the device.
 struct TreeHeader {

@@ -147,18 +147,21 @@ GB_FN void march(const Source& source, const Limits<F>& lim, F end, B active, F&
         const auto reaches = (under >= F(0)) & (bottom > F(0));
         const F rest = window_end - t;
         const F move = select(reaches, F(2) * safe / select(reaches, bottom, F(1)), rest);
-        const B close = active & ((gap <= F(2) * lim.error) | (move <= lim.least_step));
-        // From here f rises by at least slope^2 / (2 fall), or slope rest / 2 up to the window's end:
-        // more than this precision's error?
-        const B certain = close & (slope > F(0)) & (slope * slope > F(8) * lim.error * fall) &
-                          (slope * rest > F(8) * lim.error);
+        // A Newton step ends this where its error, curvature move^2 / (2 slope), is small enough and f is
+        // certain to rise by the gap and this precision's error: by slope^2 / (2 fall), or slope rest / 2
+        // up to the window's end.
+        const B at_surface = active & ((gap <= F(2) * lim.error) | (move <= lim.least_step));
+        const B quick = active & (move * move * most(rise, fall) <= F(2) * lim.least_step * slope);
+        const F lift = F(2) * (most(gap, F(0)) + F(4) * lim.error);
+        const B certain = (at_surface | quick) & (slope > F(0)) & (slope * slope > fall * lift) & (slope * rest > lift);
+        const B unsure = at_surface & !certain;
         const F newton = t + least(most(gap, F(0)) / select(certain, slope, F(1)), rest);
         const F onward = select(move < rest, t + move, window_end);
-        t = select(active, select(certain, newton, select(close, t, onward)), t);
+        t = select(active, select(certain, newton, select(unsure, t, onward)), t);
         hit = hit | certain;
-        doubtful = doubtful | (close & !certain);
-        if (step == 1000) doubtful = doubtful | active;
-        active = active & !close & !doubtful & (t < end);
+        doubtful = doubtful | unsure;
+        if (step == 1000) doubtful = doubtful | (active & !certain);
+        active = active & !certain & !doubtful & (t < end);
     }
 }
 

@@ -1,6 +1,7 @@
 // The last word on rays that float32 could not decide: those that graze the surface within 1e-5 of
 // the threshold, and those in places where more supports overlap than a list holds.  A whole group
-// works on one such ray at a time, its lanes sharing out the candidates, all sums in float64.
+// works on one such ray at a time, its lanes sharing out the candidates, all sums in float64.  Passing
+// over all rays, it also clears the images where nothing was hit.
 #pragma once
 #include "globule/trace/tile.hpp"
 
@@ -47,7 +48,11 @@ struct ResolveRays {
         typename Group::B open = g.none();
         g.per_lane(g.first_lanes(Group::width), [&](int lane) {
             const std::size_t i = tile * Group::width + lane;
-            Group::put(open, lane, i < rays.n && out.t[i] < 0.0f);
+            if (i >= rays.n) return;
+            Group::put(open, lane, out.t[i] < 0.0f);
+            if (out.t[i] < infinity()) return;
+            write3(out.normal, i, {0, 0, 0});
+            write3(out.albedo, i, {0, 0, 0});
         });
         g.each(open, [&](int lane) { resolve(g, scratch, tile * Group::width + lane); });
     }
@@ -69,7 +74,11 @@ struct ResolveRays {
         for (double& v : s) v = g.total(v);
         if (!g.is_first()) return;  // one lane writes
         out.t[i] = float(t);
-        if (!hit) return;
+        if (!hit) {
+            write3(out.normal, i, {0, 0, 0});
+            write3(out.albedo, i, {0, 0, 0});
+            return;
+        }
         const Vec3<double> normal = normalize(Vec3<double>{s[0], s[1], s[2]});
         write3(out.normal, i, point(normal * -1.0));
         write3(out.albedo, i, color ? point(Vec3<double>{s[3], s[4], s[5]} * (1.0 / most(s[6], 1e-30))) : one_color);

@@ -57,7 +57,7 @@ struct Shade {
             const float cosine = dot(n, l);
             if (cosine <= 0.0f) continue;
             const float3 half = normalize(l - d);
-            const float shine = s.specular * powf(most(dot(n, half), 0.0f), s.shininess);
+            const float shine = s.specular * power(dot(n, half), s.shininess);
             c = c + float3{light.radiance.x * (a.x * cosine + shine), light.radiance.y * (a.y * cosine + shine),
                            light.radiance.z * (a.z * cosine + shine)};
         }
@@ -67,7 +67,7 @@ struct Shade {
     /// Tone curve and sRGB transfer: linear up to 0.8, then a shoulder that never clips hard.
     GB_FN static std::uint8_t display(float v) {
         if (v > 0.8f) v = 0.8f + 0.2f * (1.0f - 1.0f / (1.0f + (v - 0.8f) * 5.0f));
-        v = v <= 0.0031308f ? 12.92f * most(v, 0.0f) : 1.055f * powf(v, 1.0f / 2.4f) - 0.055f;
+        v = v <= 0.0031308f ? 12.92f * most(v, 0.0f) : 1.055f * power(v, 1.0f / 2.4f) - 0.055f;
         return std::uint8_t(least(v, 1.0f) * 255.0f + 0.5f);
     }
 };

@@ -4,14 +4,6 @@
 #include "globule/trace/camera.hpp"
 #include "globule/trace/march.hpp"
 
-#ifndef GB_WIN
-#define GB_WIN 0.35f
-#define GB_DZ 1.0f
-#endif
-#ifndef GB_WPB
-#define GB_WPB 4
-#define GB_MINB 5
-#endif
 namespace globule {
 
 /// Per ray, caller's memory; t is infinite where nothing is hit.
@@ -55,7 +47,8 @@ struct TraceTiles {
     Hits out;
 
     static constexpr int kTileWidth = 8;
-    static constexpr float kWindow = GB_WIN;  ///< over which march() bounds f'', in supports
+    static constexpr float kWindow = 0.5f;  ///< over which march() bounds f'', in typical supports
+    static constexpr float kSlab = 1.5f;    ///< depth of a slab, likewise; whole windows
 
     template <class Group>
     static constexpr int tile_height() { return Group::width * Group::vectors / kTileWidth; }
@@ -104,7 +97,6 @@ struct TraceTiles {
                 Group::put(valid, lane, i < rays.n);
                 if (i >= rays.n) return;
                 out.t[i] = infinity();
-                for (int k = 0; k < 3; ++k) out.normal[3 * i + k] = out.albedo[3 * i + k] = 0.0f;
                 if (rays.origins) {
                     Group::put(ox, lane, rays.origins[3 * i]);
                     Group::put(oy, lane, rays.origins[3 * i + 1]);
@@ -193,7 +185,7 @@ struct TraceTiles {
                 Walk<PerParticle, Group, Tree> walk(g, scratch, tree, particles, bundle, z, axis_point());
                 advance(lanes, group, z = seek(walk));
             }
-            float dz = GB_DZ * typical;
+            float dz = kSlab * typical;
             while (z < infinity()) {
                 const float3 at = axis_point();
                 Walk<PerParticle, Group, Tree> walk(g, scratch, tree, particles, bundle, z, at);
@@ -209,7 +201,7 @@ struct TraceTiles {
                 }
                 if (found.n == 0) {
                     advance(lanes, group, z = found.next);
-                    dz = GB_DZ * typical;
+                    dz = kSlab * typical;
                     continue;
                 }
                 if (found.n > 0) advance(lanes, group, found.nearest);
@@ -225,7 +217,7 @@ struct TraceTiles {
                 }
                 if (!more) break;
                 z += dz;
-                if (4 * found.n < Group::list_capacity) dz = least(GB_DZ * typical, 2.0f * dz);
+                if (4 * found.n < Group::list_capacity) dz = least(kSlab * typical, 2.0f * dz);
             }
             for (int v = 0; v < V; ++v) lanes.pending[v] = lanes.pending[v] & !group[v];
         }
@@ -270,7 +262,7 @@ private:
         });
         const float sharp = most(1.0f, found.sharpest);
         const ListSource<PerParticle, Group, Kernel> source{scratch, found.n, kernel, p0, d};
-        Limits<F> lim{F(tau), F(kWindow / least(sharp, 10.0f)), F(5e-6f * (1.0f + tau) * sharp), F(1e-5f / sharp), F(1.0f)};
+        Limits<F> lim{F(tau), F(kWindow / least(sharp, 10.0f)), F(5e-6f * (1.0f + tau) * sharp), F(2e-5f / sharp), F(1.0f)};
         F t = most((lanes.t[v] - F(z)) * F(scale), F(0.0f));
         if (g.any(lanes.fresh[v] & active)) {
             const Along<F> s = source.template at<false>(t, lim);

@@ -1,0 +1,445 @@
+"""What nobody should pass, and what will be passed: a clear result or a clear error, no hang."""
+
+import subprocess
+import sys
+
+import globule as gb
+import numpy as np
+import pytest
+from scenes import KERNELS, Case, cloud, lattice, unit
+
+AHEAD = np.array([[0, 0, -1]], np.float32)
+SIZE = (48, 36)
+
+
+def look(scene: gb.Scene, camera: gb.Camera | None = None) -> gb.Frame:
+    """Everything that can be asked of a scene."""
+    frame = gb.render(scene, camera, SIZE)
+    for image in ("picture", "color", "depth", "position", "normal", "albedo", "mask"):
+        assert getattr(frame, image).shape[:2] == SIZE[::-1]
+    assert np.isfinite(frame.color).all() and np.isfinite(frame.normal).all()
+    assert not (frame.depth < 0).any() and not np.isnan(frame.depth).any()
+    points = cloud(20)
+    assert np.isfinite(gb.field(scene, points)).all()
+    assert np.isfinite(gb.gradient(scene, points)).all()
+    offsets, indices = scene.neighbors(points, 0.5)
+    assert offsets[-1] == len(indices) and (indices < max(len(scene), 1)).all()
+    assert len(scene.octree.key_hash) == len(scene.octree.node_hash) == 16
+    assert scene.octree.n_inside <= len(scene)
+    assert repr(scene) and repr(scene.octree)
+    return frame
+
+
+def hits(scene: gb.Scene, origins, directions) -> np.ndarray:
+    """Rays as given, each direction of unit length."""
+    return gb.intersect(scene, np.asarray(origins, np.float32), unit(directions))[0]
+
+
+def check_against_oracle(c: Case, scene: gb.Scene, n: int = 200, seed: int = 80) -> None:
+    rng = np.random.default_rng(seed)
+    finite = np.isfinite(c.positions).all(1) & (np.abs(c.positions) < 1e18).all(1)
+    reach = float(np.max(c.support)) if np.isfinite(np.max(c.support)) else 1.0
+    target = c.positions[finite][rng.integers(0, finite.sum(), n)]
+    target = target + rng.normal(size=(n, 3)).astype(np.float32) * np.float32(reach / 2)
+    d = unit(rng.normal(size=(n, 3)))
+    o = (target - np.float32(4 * reach) * d).astype(np.float32)
+    o[: n // 4] = target[: n // 4]
+    support = np.broadcast_to(c.support, len(finite))[finite]
+    weight = np.broadcast_to(c.weight, len(finite))[finite]
+    clean = Case(c.positions[finite], support, weight, c.kernel, c.threshold)
+    truth, depth = clean.first_hit(o, d), gb.intersect(scene, o, d)[0]
+    np.testing.assert_array_equal(np.isfinite(depth), np.isfinite(truth))
+    hit = np.isfinite(truth)
+    np.testing.assert_allclose(depth[hit], truth[hit], rtol=1e-6, atol=1e-4 * reach)
+
+
+OPTIONS = ({}, {"key_bits": 64}, {"octree": "dense", "depth": 4}, {"depth": 0})
+
+
+@pytest.mark.parametrize("options", OPTIONS, ids=str)
+def test_no_particles(backend, options):
+    scene = gb.Scene(np.zeros((0, 3)), **options, **backend)
+    frame = look(scene)
+    assert not frame.mask.any() and scene.octree.n_inside == 0
+    assert np.isinf(hits(scene, [[0, 0, 5]], AHEAD)).all()
+    assert (gb.field(scene, cloud(5)) == 0).all()
+    assert frame.attribute(np.zeros(0, np.float32)).shape == SIZE[::-1]
+    assert np.isnan(scene.blend(cloud(3), np.zeros((0, 2), np.float32))).all()
+    assert len(scene.neighbors(cloud(3), 1.0)[1]) == 0
+    scene.update(positions=cloud(100))
+    assert scene.octree.n_inside == 100 and look(scene).mask.any()
+
+
+@pytest.mark.parametrize("kernel", KERNELS)
+@pytest.mark.parametrize("options", OPTIONS, ids=str)
+def test_one_particle_and_nothing_else_said(backend, kernel, options):
+    scene = gb.Scene(np.array([[3, 4, 5]]), kernel=kernel, **options, **backend)
+    assert scene.support > 0
+    frame = look(scene)
+    assert 0.05 < frame.mask.mean() < 0.95
+    assert np.isfinite(hits(scene, [[3, 4, 5 + 2 * scene.support]], AHEAD)).all()
+
+
+@pytest.mark.parametrize("n", [2, 10, 33, 5000])
+@pytest.mark.parametrize("options", OPTIONS, ids=str)
+def test_all_at_one_place(backend, n, options):
+    p = np.full((n, 3), 0.25, np.float32)
+    scene = gb.Scene(p, **options, **backend)
+    assert look(scene).mask.any()
+    scene = gb.Scene(p, support=1.0, threshold=0.6, **options, **backend)
+    radius = np.sqrt(1 - np.sqrt(0.6 / n))
+    depth = hits(scene, [[0.25, 0.25, 5], [0.25, 0.25, 0.25]], [[0, 0, -1], [0, 1, 0]])
+    np.testing.assert_allclose(depth, [4.75 - radius, radius], atol=1e-4)
+    assert np.isinf(hits(scene, [[0.25 + 1.001 * radius, 0.25, 5]], AHEAD)).all()
+
+
+@pytest.mark.parametrize("alike", [True, False])
+@pytest.mark.parametrize("octree", ["sparse", "dense"])
+def test_a_hundred_thousand_at_one_place(backend, alike, octree):
+    n = 100_000
+    support = 1.0 if alike else np.linspace(0.999, 1, n)
+    p = gb.Particles(np.full((n, 3), 0.5), support=support)
+    low = gb.Scene(p, threshold=0.6, octree=octree, **backend)
+    high = gb.Scene(p, threshold=2.0 * n, octree=octree, **backend)
+    half = gb.Scene(p, threshold=0.25 * n, octree=octree, **backend)
+    o, d = [[0.5, 0.5, 4], [0.5, 0.5, 0.5], [0.5, 1.6, 4]], [[0, 0, -1], [1, 0, 0], [0, 0, -1]]
+    tolerance = 1e-4 if alike else 2e-3
+    radius = np.sqrt(1 - np.sqrt(0.6 / n))
+    np.testing.assert_allclose(hits(low, o, d), [3.5 - radius, radius, np.inf], atol=tolerance)
+    radius = np.sqrt(0.5)
+    np.testing.assert_allclose(hits(half, o, d), [3.5 - radius, radius, np.inf], atol=tolerance)
+    assert np.isinf(hits(high, o, d)).all()
+    assert gb.field(low, [[0.5, 0.5, 0.5]])[0] == pytest.approx(n, rel=1e-5)
+    for scene, seen in ((low, True), (half, True), (high, False)):
+        frame = gb.render(scene, gb.Camera((0.5, 0.5, 4), (0.5, 0.5, 0.5)), (8, 6))
+        assert frame.mask.any() == seen
+
+
+@pytest.mark.parametrize("options", OPTIONS, ids=str)
+def test_what_is_not_finite_has_no_influence(backend, options):
+    rng = np.random.default_rng(81)
+    good = cloud(400, 81)
+    bad = np.array([
+        [np.nan, 0, 0], [0, np.nan, 0], [0, 0, np.nan], [np.inf, 0, 0], [0, -np.inf, 0],
+        [np.nan] * 3, [np.inf] * 3, [1e30, 0, 0], [0, 0, -1e30], [3e38] * 3, [1e19, 0, 0],
+    ], np.float32)
+    p = np.concatenate([good, bad, bad])[rng.permutation(422)]
+    scene = gb.Scene(p, support=0.4, **options, **backend)
+    clean = gb.Scene(good, support=0.4, **options, **backend)
+    assert scene.octree.n_inside == 400 and scene.octree.extent < 3
+    at = cloud(100, 82)
+    np.testing.assert_allclose(gb.field(scene, at), gb.field(clean, at), rtol=1e-6, atol=1e-7)
+    assert look(scene).mask.any()
+    assert scene.neighbors(at, 0.3)[0][-1] == clean.neighbors(at, 0.3)[0][-1]
+    c = Case(p, support=0.4)
+    check_against_oracle(c, scene)
+    by_default = gb.Scene(p, **options, **backend)  # the spacing of the good ones
+    assert by_default.support == pytest.approx(gb.Scene(good, **options, **backend).support, rel=0.1)
+    scene.update(positions=bad)
+    assert scene.octree.n_inside == 0
+    assert not look(scene, gb.Camera((0, 0, 5), (0, 0, 0))).mask.any()
+
+
+def test_nothing_finite_at_all(backend):
+    scene = gb.Scene(np.full((50, 3), np.nan), **backend)
+    assert scene.octree.n_inside == 0 and not look(scene).mask.any()
+
+
+@pytest.mark.parametrize("options", OPTIONS, ids=str)
+@pytest.mark.parametrize("offset", [1e3, 1e6, -1e6])
+def test_far_from_the_origin(backend, offset, options):
+    c = Case(cloud(500, 83) + np.float32(offset), support=0.5)
+    check_against_oracle(c, c.scene(**options, **backend))
+
+
+@pytest.mark.parametrize("size", [1e-18, 1e-9, 1e-4, 1e4, 1e9, 1e15])
+def test_any_unit_of_length(backend, size):
+    """The same scene in light years or femtometres."""
+    small = Case(cloud(300, 84), support=0.5)
+    d = unit(np.random.default_rng(85).normal(size=(300, 3)))
+    o = (small.positions - 3 * d).astype(np.float32)
+    scene = gb.Scene(small.positions * np.float32(size), support=0.5 * size, **backend)
+    depth = gb.intersect(scene, o * np.float32(size), d)[0].astype(np.float64) / size
+    truth = small.first_hit(o, d)
+    np.testing.assert_array_equal(np.isfinite(depth), np.isfinite(truth))
+    hit = np.isfinite(truth)
+    np.testing.assert_allclose(depth[hit], truth[hit], atol=2e-4)
+    assert gb.render(scene, size=SIZE).mask.any()
+
+
+@pytest.mark.parametrize("octree", ["sparse", "dense"])
+def test_zero_support(backend, octree):
+    p = cloud(300, 86)
+    support = np.where(np.arange(300) % 3, 0.4, 0.0)
+    c = Case(p, support)
+    scene = c.scene(octree=octree, **backend)
+    look(scene)
+    check_against_oracle(c, scene)
+    on_top = p[::3][:50]  # where a support of zero would divide by zero
+    kept = Case(p[support > 0], 0.4)
+    np.testing.assert_allclose(gb.field(scene, on_top), kept.field(on_top)[0], atol=1e-6)
+    assert np.isfinite(scene.blend(on_top, np.ones(300, np.float32))).any()
+    nothing = gb.Scene(gb.Particles(p, support=np.zeros(300)), octree=octree, **backend)
+    assert not look(nothing, gb.Camera((0, 0, 5), (0, 0, 0))).mask.any()
+
+
+@pytest.mark.parametrize("support", [1e3, 1e10, 1e18, 1e30, 3e38])
+def test_huge_support(backend, support):
+    """All particles reach everywhere: inside, far from any surface. No crash, no NaN."""
+    scene = gb.Scene(cloud(200, 87), support=support, **backend)
+    look(scene, gb.Camera((0, 0, 5), (0, 0, 0)))
+    if support <= 1e10:
+        assert gb.field(scene, [[0.5, 0, 0]])[0] == pytest.approx(200, rel=1e-4)
+        radius = support * np.sqrt(1 - np.sqrt(scene.threshold / 200))
+        assert hits(scene, [[0, 0, 0]], AHEAD)[0] == pytest.approx(radius, rel=2e-3)
+    mixed = np.where(np.arange(200) % 50, 0.2, support)
+    look(gb.Scene(gb.Particles(cloud(200, 87), support=mixed), **backend))
+
+
+@pytest.mark.parametrize("support", [1e-6, 1e-20, 1e-38])
+def test_tiny_support(backend, support):
+    p = cloud(200, 88)
+    scene = gb.Scene(p, support=support, **backend)
+    look(scene, gb.Camera((0, 0, 5), (0, 0, 0)))
+    assert (gb.field(scene, cloud(50, 89)) == 0).all()
+    assert gb.field(scene, p[:1])[0] == pytest.approx(1, abs=1e-5)
+
+
+@pytest.mark.parametrize("threshold", [1e-30, 1e-6, 1e-3])
+@pytest.mark.parametrize("kernel", KERNELS)
+def test_tiny_threshold(backend, kernel, threshold):
+    """The surface comes close to the supports' own edge, where b is flat."""
+    scene = gb.Scene(cloud(100, 90), support=0.3, threshold=threshold, kernel=kernel, **backend)
+    assert look(scene).mask.any()
+    one = gb.Scene(np.zeros((1, 3)), support=1.0, threshold=threshold, kernel=kernel, **backend)
+    depth = hits(one, [[0, 0, 5], [0, 1.001, 5]], [[0, 0, -1]] * 2)
+    assert 4 - 1e-4 <= depth[0] < 4.6 and np.isinf(depth[1])
+
+
+@pytest.mark.parametrize("octree", ["sparse", "dense"])
+@pytest.mark.parametrize("threshold", [1e3, 1e30])
+def test_threshold_that_nothing_reaches(backend, threshold, octree):
+    scene = gb.Scene(cloud(500, 91), support=0.5, threshold=threshold, octree=octree, **backend)
+    assert not look(scene).mask.any()
+    one = gb.Scene(np.zeros((1, 3)), support=1.0, threshold=1.001, octree=octree, **backend)
+    assert np.isinf(hits(one, [[0, 0, 5], [0, 0, 0]], [[0, 0, -1]] * 2)).all()
+
+
+@pytest.mark.parametrize("alike", [True, False])
+@pytest.mark.parametrize("octree", ["sparse", "dense"])
+def test_supports_of_many_spacings(backend, alike, octree):
+    """A ray meets thousands of supports at once: more than any list holds."""
+    p = lattice(24, 24, 24, 0.2, 92)
+    support = 7.0 if alike else np.linspace(6.5, 7.5, len(p))
+    c = Case(p, support, threshold=300.0)
+    check_against_oracle(c, c.scene(octree=octree, **backend), n=60)
+    look(c.scene(octree=octree, **backend))
+
+
+@pytest.mark.parametrize("weight", [-1.0, 0.0])
+def test_no_weight_above_zero(backend, weight):
+    p = cloud(100, 93)
+    for given in (weight, np.full(100, weight)):
+        scene = gb.Scene(gb.Particles(p, support=0.5, weight=given), **backend)
+        assert not look(scene).mask.any()
+        assert np.isnan(scene.blend(p, np.ones(100, np.float32))).all()
+
+
+def test_weights_of_any_size(backend):
+    rng = np.random.default_rng(94)
+    for weight in (1e-20, 1e20):
+        p = cloud(200, 94)
+        tau = 0.6 * weight
+        for given in (weight, weight * rng.uniform(0.9, 1.1, 200).astype(np.float32)):
+            c = Case(p, 0.5, np.float32(given), threshold=tau)
+            plain = Case(p, 0.5, np.float32(np.asarray(given) / weight))
+            d = unit(rng.normal(size=(200, 3)))
+            o = (p - 3 * d).astype(np.float32)
+            depth = gb.intersect(c.scene(**backend), o, d)[0]
+            truth = plain.first_hit(o, d)
+            np.testing.assert_array_equal(np.isfinite(depth), np.isfinite(truth))
+            hit = np.isfinite(truth)
+            np.testing.assert_allclose(depth[hit], truth[hit], atol=1e-4)
+
+
+def test_camera_inside(backend):
+    scene = gb.Scene(lattice(8, 8, 8), **backend)
+    frame = look(scene, gb.Camera((0, 0, 0), (1, 2, 3)))
+    assert frame.mask.all()  # the way out, seen from within
+    assert ((frame.depth > 3) & (frame.depth < 9)).all()
+    look(scene, gb.Camera((0, 0, 3.5), (0, 0, 0)))
+    look(scene, gb.Camera((1e6, 1e6, 1e6), (0, 0, 0), fov=1e-4))
+    look(scene, gb.Camera((0, 0, 9), (0, 0, 0), up=(0, 0, 1)))  # up along the view
+    look(scene, gb.Camera((0, 0, 9), (0, 0, 0), fov=179))
+
+
+def test_rays_that_are_none(backend):
+    for octree in ("sparse", "dense"):
+        scene = gb.Scene(cloud(200, 95), support=0.4, octree=octree, **backend)
+        good_o, good_d = np.array([0, 0, 5], np.float32), np.array([0, 0, -1], np.float32)
+        expected = gb.intersect(scene, good_o[None], good_d[None])[0][0]
+        bad = [np.nan, np.inf, -np.inf]
+        o = [[b, 0, 5] for b in bad] + [[0, 0, 5]] * 5 + [[1e30, 0, 0], [0, 0, 1e18]]
+        d = [[0, 0, -1]] * 3 + [[b, 0, -1] for b in bad] + [[0, 0, 0], [0, 0, -1]]
+        d += [[-1, 0, 0], [0, 0, -1]]
+        depth = gb.intersect(scene, np.array(o, np.float32), np.array(d, np.float32))[0]
+        assert not (depth[[0, 1, 2, 3, 4, 5, 6]] < 0).any()
+        assert np.isinf(depth[:7]).all()
+        assert depth[7] == pytest.approx(expected, abs=1e-4)  # good rays beside them stay good
+
+
+def test_points_that_are_none(backend):
+    scene = gb.Scene(cloud(200, 96), support=0.4, **backend)
+    bad = np.array([[np.nan] * 3, [np.inf, 0, 0], [1e30, 0, 0], [-3e38] * 3], np.float32)
+    assert (gb.field(scene, bad) == 0).all()
+    assert (gb.gradient(scene, bad) == 0).all()
+    assert np.isnan(scene.blend(bad, np.ones(200, np.float32))).all()
+    assert scene.neighbors(bad, 1.0)[0][-1] == 0
+    assert scene.neighbors([[0, 0, 0]], 1e30)[0][-1] == 200
+    assert scene.neighbors([[0, 0, 0]], 1e-30)[0][-1] == 0
+
+
+@pytest.mark.parametrize("threads", [0, 1, 3, 64])
+def test_threads(threads):
+    scene = gb.Scene(cloud(3000, 97), device="cpu", threads=threads)
+    assert look(scene).mask.any()
+
+
+@pytest.mark.parametrize("options", OPTIONS, ids=str)
+def test_lines_planes_and_pairs(backend, options):
+    for p in (lattice(200, 1, 1), lattice(1, 40, 40), cloud(2), cloud(3), lattice(2, 1, 1)):
+        scene = gb.Scene(p, **options, **backend)
+        assert look(scene).mask.any()
+        c = Case(p, scene.support)
+        check_against_oracle(c, scene)
+
+
+SCENE_MISTAKES = [
+    (TypeError, "positions", {"particles": "splash"}),
+    (TypeError, "positions", {"particles": [["a", "b", "c"]]}),
+    (ValueError, "positions", {"particles": np.zeros((4, 2))}),
+    (ValueError, "positions", {"particles": np.zeros(3)}),
+    (ValueError, "positions", {"particles": np.zeros((2, 2, 3))}),
+    (TypeError, "positions", {"particles": [[0, 0, 0], [1, 1]]}),
+    (TypeError, "positions", {"particles": None}),
+    (TypeError, "positions", {"particles": np.zeros((3, 3), complex)}),
+    (ValueError, "kernel", {"kernel": "gauss"}),
+    (ValueError, "threshold", {"threshold": 0}),
+    (ValueError, "threshold", {"threshold": -1}),
+    (ValueError, "threshold", {"threshold": np.nan}),
+    (TypeError, "threshold", {"threshold": "high"}),
+    (ValueError, "support", {"support": 0}),
+    (ValueError, "support", {"support": -2.0}),
+    (ValueError, "support", {"support": np.inf}),
+    (TypeError, "support", {"support": [1, 2, 3]}),
+    (ValueError, "key_bits", {"key_bits": 48}),
+    (ValueError, "key_bits", {"key_bits": 64, "octree": "dense"}),
+    (ValueError, "depth", {"depth": 11}),
+    (ValueError, "depth", {"depth": 22, "key_bits": 64}),
+    (ValueError, "depth", {"depth": 9, "octree": "dense"}),
+    (ValueError, "depth", {"depth": -1}),
+    (ValueError, "depth", {"depth": 4.5}),
+    (ValueError, "octree", {"octree": "kd"}),
+    (ValueError, "device", {"device": "gpu"}),
+    (ValueError, "device", {"device": "cuda:x"}),
+    (ValueError, "threads", {"threads": -1}),
+    (ValueError, "threads", {"threads": 1.5}),
+    (ValueError, "bounds", {"bounds": (0, 1)}),
+    (ValueError, "bounds", {"bounds": ((1, 1, 1), (0, 0, 0))}),
+    (ValueError, "bounds", {"bounds": ((0, 0, 0), (1, 1, np.nan))}),
+]
+
+
+@pytest.mark.parametrize("error,name,options", SCENE_MISTAKES, ids=str)
+def test_mistakes_in_a_scene(error, name, options):
+    options = {"particles": cloud(5), "device": "cpu", **options}
+    with pytest.raises(error, match=f"^{name}: expected|^{name}.*(got|uses)"):
+        gb.Scene(options.pop("particles"), **options)
+
+
+@pytest.mark.parametrize("error,name,fields", [
+    (ValueError, "support", {"support": np.ones(4)}),
+    (ValueError, "support", {"support": -1}),
+    (ValueError, "support", {"support": np.full(5, np.nan)}),
+    (ValueError, "weight", {"weight": np.ones((5, 1))}),
+    (ValueError, "weight", {"weight": [1, 2, 3, 4, np.inf]}),
+    (TypeError, "weight", {"weight": "heavy"}),
+    (ValueError, "color", {"color": np.ones((5, 4))}),
+    (ValueError, "color", {"color": (2, 0, 0)}),
+    (ValueError, "attributes", {"attributes": {"a": np.ones(4)}}),
+])
+def test_mistakes_in_particles(error, name, fields):
+    with pytest.raises(error, match=f"^{name}.*: expected"):
+        gb.Particles(cloud(5), **fields)
+
+
+def test_mistakes_in_questions(backend):
+    scene = gb.Scene(cloud(5), **backend)
+    for error, name, call in [
+        (ValueError, "points", lambda: gb.field(scene, np.zeros((4, 2)))),
+        (ValueError, "points", lambda: gb.gradient(scene, np.zeros(3))),
+        (ValueError, "points", lambda: scene.neighbors(np.zeros((1, 4)), 1)),
+        (ValueError, "radius", lambda: scene.neighbors(np.zeros((1, 3)), -1)),
+        (TypeError, "radius", lambda: scene.neighbors(np.zeros((1, 3)), None)),
+        (ValueError, "values", lambda: scene.blend(np.zeros((1, 3)), np.zeros(4))),
+        (ValueError, "origins", lambda: gb.intersect(scene, np.zeros((2, 2)), np.zeros((2, 2)))),
+        (ValueError, "directions", lambda: gb.intersect(scene, np.zeros((2, 3)), np.zeros((3, 3)))),
+        (TypeError, "points", lambda: gb.field(scene, "here")),
+        (TypeError, "points", lambda: gb.field(scene, [["a", 0, 0]])),
+        (TypeError, "update", lambda: scene.update(position=cloud(3))),
+        (TypeError, "update", lambda: scene.update(gb.Particles(cloud(3)), weight=1.0)),
+        (ValueError, "weight", lambda: scene.update(weight=np.ones(3))),
+        (ValueError, "size", lambda: gb.render(scene, size=(0, 10))),
+        (ValueError, "size", lambda: gb.render(scene, size=(100_000, 100_000))),
+        (TypeError, "size", lambda: gb.render(scene, size=10)),
+        (ValueError, "eye", lambda: gb.Camera((0, 0), (0, 0, 1))),
+        (ValueError, "eye", lambda: gb.Camera((0, np.nan, 0), (0, 0, 1))),
+        (ValueError, "look_at", lambda: gb.Camera((0, 0, 1), (0, 0, 1))),
+        (ValueError, "fov", lambda: gb.Camera((0, 0, 1), (0, 0, 0), fov=180)),
+        (ValueError, "height", lambda: gb.Camera((0, 0, 1), (0, 0, 0), height=0)),
+        (ValueError, "lights", lambda: gb.render(
+            scene, size=SIZE, settings=gb.RenderSettings(lights=[gb.Headlight()] * 9))),
+        (TypeError, "lights", lambda: gb.render(
+            scene, size=SIZE, settings=gb.RenderSettings(lights=["sun"]))),
+        (ValueError, "background", lambda: gb.render(
+            scene, size=SIZE, settings=gb.RenderSettings(background=(1, 2)))),
+    ]:
+        with pytest.raises(error, match=f"^{name}: expected|^{name}: unknown"):
+            call()
+    look(scene)  # and the scene still works
+
+
+def test_a_failed_update_keeps_the_scene(backend):
+    scene = gb.Scene(cloud(50, 98), support=0.5, **backend)
+    before = gb.render(scene, size=SIZE).picture
+    with pytest.raises(ValueError):
+        scene.update(positions=np.zeros((3, 2)))
+    with pytest.raises(ValueError):
+        scene.update(weight=np.ones(51))
+    np.testing.assert_array_equal(gb.render(scene, size=SIZE).picture, before)
+    assert len(scene) == 50
+
+
+def test_simd_level_by_hand(monkeypatch):
+    monkeypatch.setenv("GLOBULE_SIMD", "v9")
+    with pytest.raises(ValueError, match="^GLOBULE_SIMD: expected"):
+        gb.Scene(cloud(5), device="cpu")
+
+
+def test_interrupted():
+    """Ctrl-C during a long picture ends it with KeyboardInterrupt."""
+    code = """
+import globule as gb, numpy as np, signal, threading, os
+p = np.random.default_rng(0).uniform(-1, 1, (20000, 3))
+scene = gb.Scene(p, support=0.5, threshold=1500.0, device="cpu")
+threading.Timer(0.5, os.kill, (os.getpid(), signal.SIGINT)).start()
+try:
+    gb.render(scene, size=(3000, 3000))
+    print("finished")
+except KeyboardInterrupt:
+    print("interrupted", gb.render(gb.Scene(p[:50], device="cpu"), size=(20, 20)).mask.any())
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True
+    )
+    assert done.stdout.split() == ["interrupted", "True"]
