@@ -5,8 +5,6 @@
 
 #if defined(__CUDACC__)
 #define GB_FN __host__ __device__ __forceinline__
-#define GB_ROLLED _Pragma("unroll 1")  // keep a loop a loop: registers matter more
 #else
-#define GB_ROLLED
 #define GB_FN inline __attribute__((always_inline))
 #endif

@@ -206,7 +206,7 @@ struct TraceTiles {
                 }
                 if (found.n > 0) advance(lanes, group, found.nearest);
                 bool more = false;
-                GB_ROLLED for (int v = 0; v < V; ++v) {
+                for (int v = 0; v < V; ++v) {
                     if (!g.any(group[v])) continue;
                     const B done = found.n > 0 ? march_lanes(g, scratch, lanes, v, group[v], found, at, z, dz, tile)
                                                : leave(g, lanes, v, group[v], lanes.t[v], tile);
