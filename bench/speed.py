@@ -51,7 +51,9 @@ def measure(name: str, device: str, frames: int, threads: int) -> dict:
         sets = [cupy.asarray(positions)]
         if n <= 20_000_000:
             sets.append(sets[0] + cupy.float32(0.1 * spacing))
-    scene = gb.Scene(gb.Particles(sets[0], support=2 * spacing), threshold=0.6, device=device, threads=threads)
+    scene = gb.Scene(
+        gb.Particles(sets[0], support=2 * spacing), threshold=0.6, device=device, threads=threads
+    )
     builds, traces = [], []
     for i in range(frames):
         scene.update(positions=sets[i % len(sets)])
@@ -71,10 +73,17 @@ def measure(name: str, device: str, frames: int, threads: int) -> dict:
     octree = scene.octree
     del picture
     return {
-        "scene": name, "particles": n, "rays": size[0] * size[1], "device": scene.device.description,
-        "build_ms": 1e3 * float(np.median(builds)), "trace_ms": 1e3 * float(np.median(traces)),
-        "fps": 1 / loop, "fps_to_host": 1 / shown, "bytes_per_particle": octree.bytes / n,
-        "nodes": octree.n_nodes, "hit": float(frame.mask.mean()),
+        "scene": name,
+        "particles": n,
+        "rays": size[0] * size[1],
+        "device": scene.device.description,
+        "build_ms": 1e3 * float(np.median(builds)),
+        "trace_ms": 1e3 * float(np.median(traces)),
+        "fps": 1 / loop,
+        "fps_to_host": 1 / shown,
+        "bytes_per_particle": octree.bytes / n,
+        "nodes": octree.n_nodes,
+        "hit": float(frame.mask.mean()),
         "hash": octree.key_hash if n <= 20_000_000 else "-",
     }
 
@@ -90,11 +99,23 @@ def main() -> None:
     device = gb.Scene(np.zeros((1, 3)), device=options.device).device.name
     rows = []
     for name in options.scenes.split(","):
+        if name == "splash" and not (SPLASH.exists() or SPLASH_SHARED.exists()):
+            print(f"splash: {SPLASH_SHARED.name} is not there, skipped")
+            continue
         frames = options.frames or (200 if device != "cpu" else 5)
-        rows.append(measure(name, device, frames if not name.endswith("00000000") else 5, options.threads))
+        rows.append(
+            measure(name, device, frames if not name.endswith("00000000") else 5, options.threads)
+        )
         row = rows[-1]
-        print("  ".join(f"{k} {v:.4g}" if isinstance(v, float) else f"{k} {v}" for k, v in row.items()), flush=True)
-    print(f"machine: {platform.machine()}, {os.cpu_count()} cores, {rows[0]['device']}, Python {platform.python_version()}")
+        print(
+            "  ".join(
+                f"{k} {v:.4g}" if isinstance(v, float) else f"{k} {v}" for k, v in row.items()
+            ),
+            flush=True,
+        )
+    print(
+        f"machine: {platform.machine()}, {os.cpu_count()} cores, {rows[0]['device']}, Python {platform.python_version()}"
+    )
     if options.output:
         with open(options.output, "w", newline="") as file:
             writer = csv.DictWriter(file, rows[0].keys())

@@ -1,4 +1,4 @@
-"""Every test that takes `backend` runs on each CPU level, with one and with all threads, and CUDA."""
+"""Every test that takes `backend` runs on each CPU level, with one and all threads, and CUDA."""
 
 from __future__ import annotations
 
@@ -6,9 +6,12 @@ import contextlib
 import faulthandler
 import os
 
-import globule as gb
-import pytest
-from globule import device
+# Threads that wait should not spin: beside another busy process that costs ten times the time.
+os.environ.setdefault("OMP_WAIT_POLICY", "passive")
+
+import globule as gb  # noqa: E402
+import pytest  # noqa: E402
+from globule import device  # noqa: E402
 
 LEVELS = device.cpu_levels()
 BACKENDS = [f"{LEVELS[-1]}-1thread", *(f"{level}-threads" for level in LEVELS), "cuda"]
@@ -56,6 +59,6 @@ def reference():
 @pytest.fixture(autouse=True)
 def hang_guard():
     """A test that hangs in compiled code ends the run with a traceback instead of never."""
-    faulthandler.dump_traceback_later(120, exit=True)
+    faulthandler.dump_traceback_later(60, exit=True)
     yield
     faulthandler.cancel_dump_traceback_later()

@@ -24,7 +24,8 @@ def points(name: str) -> np.ndarray:
         return cloud(6000, 20)
     if name == "clusters":
         scale = 10 ** rng.uniform(-5, 0, (4000, 1))
-        return (rng.normal(size=(4000, 3)) * scale + rng.integers(0, 3, (4000, 1))).astype(np.float32)
+        middle = rng.integers(0, 3, (4000, 1))
+        return (rng.normal(size=(4000, 3)) * scale + middle).astype(np.float32)
     if name == "flat":
         return lattice(50, 60, 1)
     if name == "twins":  # equal keys: their order is the caller's
@@ -123,7 +124,8 @@ def test_sparse_nodes(backend, name, bits, depth):
 
 def test_dense_nodes(backend):
     for depth, total in ((0, 1), (3, 585), (6, 299_593)):
-        octree = gb.Scene(points("cloud"), support=0.1, octree="dense", depth=depth, **backend).octree
+        scene = gb.Scene(points("cloud"), support=0.1, octree="dense", depth=depth, **backend)
+        octree = scene.octree
         assert octree.n_nodes == total
         assert octree.n_inside == 6000
 
@@ -227,12 +229,15 @@ def test_update_of_single_fields(backend):
     np.testing.assert_allclose(gb.field(scene, at), Case(p, 0.3, weight).field(at)[0], atol=1e-5)
     support = np.linspace(0.1, 0.5, 500).astype(np.float32)
     scene.update(support=support)
-    np.testing.assert_allclose(gb.field(scene, at), Case(p, support, weight).field(at)[0], atol=1e-5)
+    truth = Case(p, support, weight).field(at)[0]
+    np.testing.assert_allclose(gb.field(scene, at), truth, atol=1e-5)
     scene.update(gb.Particles(p[:100], support=0.2))
     np.testing.assert_allclose(gb.field(scene, at), Case(p[:100], 0.2).field(at)[0], atol=1e-5)
 
 
-@pytest.mark.parametrize("options", [{}, {"key_bits": 64}, {"octree": "dense", "depth": 5}], ids=str)
+@pytest.mark.parametrize(
+    "options", [{}, {"key_bits": 64}, {"octree": "dense", "depth": 5}], ids=str
+)
 def test_steady_state_needs_no_more_memory(backend, options):
     scene = gb.Scene(cloud(20_000, 43), support=0.1, **options, **backend)
     sizes = []

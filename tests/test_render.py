@@ -84,7 +84,9 @@ def test_image_orientation(backend, height):
     scene = gb.Scene(gb.Particles(p, support=0.6, color=colors), **backend)
     frame = gb.render(scene, gb.Camera((0, 0, 8), (0, 0, 0), height=height), (80, 60))
     y, x = np.nonzero(frame.mask)
-    for color, right, low in (((1, 0, 0), True, None), ((0, 1, 0), None, False), ((0, 0, 1), False, True)):
+    for color, right, low in (
+        ((1, 0, 0), True, None), ((0, 1, 0), None, False), ((0, 0, 1), False, True)
+    ):
         ys, xs = np.nonzero((np.abs(frame.albedo - color) < 1e-5).all(-1))
         assert len(xs) > 5
         assert right is None or (xs.mean() > 45 if right else xs.mean() < 35)
@@ -116,11 +118,12 @@ def test_render_traces_the_rays_of_the_camera(backend, name):
 
 
 def test_headlight(backend):
-    frame = gb.render(ball(**backend), gb.Camera((0.2, -0.1, 4), BALL[0], fov=30), (101, 101), ONLY_HEAD)
+    camera = gb.Camera((0.2, -0.1, 4), BALL[0], fov=30)
+    frame = gb.render(ball(**backend), camera, (101, 101), ONLY_HEAD)
     light = frame.color[..., 0]
     assert np.unravel_index(np.where(frame.mask, light, 0).argmax(), light.shape) == (50, 50)
     assert light[50, 50] == pytest.approx(1, abs=1e-3)
-    _, d = gb.Camera((0.2, -0.1, 4), BALL[0], fov=30).rays((101, 101))
+    _, d = camera.rays((101, 101))
     cosine = -(frame.normal * d).sum(-1)
     for channel, albedo in enumerate((1, 0.5, 0.25)):
         expected = albedo * cosine[frame.mask]
@@ -131,7 +134,8 @@ def test_directional_and_point_light(backend):
     camera, size = CAMERAS["perspective"], (80, 60)
     toward = np.array([1.0, 2.0, 0.5])
     place = np.array([1.5, 0.3, 1.0])
-    for light in (gb.DirectionalLight(toward, (0.8, 0.6, 0.4)), gb.PointLight(place, (0.8, 0.6, 0.4))):
+    radiance = (0.8, 0.6, 0.4)
+    for light in (gb.DirectionalLight(toward, radiance), gb.PointLight(place, radiance)):
         look = gb.RenderSettings(lights=[light], ambient=(0.1, 0.2, 0.3), specular=0)
         frame = gb.render(ball(**backend), camera, size, look)
         m = frame.mask
@@ -244,7 +248,8 @@ def test_two_runs_give_the_same_bits(backend, alike):
 def test_threads_do_not_change_a_bit(threads, alike):
     particles = gb.Particles(cloud(3000, 73), support=0.15) if alike else busy()
     one, many = (
-        gb.render(gb.Scene(particles, device="cpu", threads=n), size=(160, 120)) for n in (1, threads)
+        gb.render(gb.Scene(particles, device="cpu", threads=n), size=(160, 120))
+        for n in (1, threads)
     )
     for image in IMAGES:
         np.testing.assert_array_equal(getattr(one, image), getattr(many, image))
@@ -276,7 +281,8 @@ def test_a_frame_outlives_the_next_one(backend):
 @pytest.mark.parametrize("orthographic", [False, True])
 @pytest.mark.parametrize("size", [(160, 120), (60, 150)], ids=str)
 def test_fit_shows_everything(backend, orthographic, size):
-    scene = gb.Scene(cloud(2000, 75) * np.array([3, 1, 0.5], np.float32) + 7, support=0.3, **backend)
+    p = cloud(2000, 75) * np.array([3, 1, 0.5], np.float32) + 7
+    scene = gb.Scene(p, support=0.3, **backend)
     for direction in ((0.6, 0.45, 1), (0, 1, 0), (-1, 0, 0)):
         camera = gb.Camera.fit(
             scene, direction=direction, size=size, margin=0.3, orthographic=orthographic

@@ -1,12 +1,13 @@
 """What nobody should pass, and what will be passed: a clear result or a clear error, no hang."""
 
+import functools
 import subprocess
 import sys
 
 import globule as gb
 import numpy as np
 import pytest
-from scenes import KERNELS, Case, cloud, lattice, unit
+from scenes import KERNELS, Case, cloud, lattice, unit, with_rays
 
 AHEAD = np.array([[0, 0, -1]], np.float32)
 SIZE = (48, 36)
@@ -76,7 +77,7 @@ def test_one_particle_and_nothing_else_said(backend, kernel, options):
     scene = gb.Scene(np.array([[3, 4, 5]]), kernel=kernel, **options, **backend)
     assert scene.support > 0
     frame = look(scene)
-    assert 0.05 < frame.mask.mean() < 0.95
+    assert 0.02 < frame.mask.mean() < 0.95
     assert np.isfinite(hits(scene, [[3, 4, 5 + 2 * scene.support]], AHEAD)).all()
 
 
@@ -111,7 +112,7 @@ def test_a_hundred_thousand_at_one_place(backend, alike, octree):
     assert np.isinf(hits(high, o, d)).all()
     assert gb.field(low, [[0.5, 0.5, 0.5]])[0] == pytest.approx(n, rel=1e-5)
     for scene, seen in ((low, True), (half, True), (high, False)):
-        frame = gb.render(scene, gb.Camera((0.5, 0.5, 4), (0.5, 0.5, 0.5)), (8, 6))
+        frame = gb.render(scene, gb.Camera((0.5, 0.5, 4), (0.5, 0.5, 0.5)), (4, 3))
         assert frame.mask.any() == seen
 
 
@@ -129,15 +130,21 @@ def test_what_is_not_finite_has_no_influence(backend, options):
     assert scene.octree.n_inside == 400 and scene.octree.extent < 3
     at = cloud(100, 82)
     np.testing.assert_allclose(gb.field(scene, at), gb.field(clean, at), rtol=1e-6, atol=1e-7)
-    assert look(scene).mask.any()
+    assert look(scene, gb.Camera((0, 0, 5), (0, 0, 0))).mask.any()
     assert scene.neighbors(at, 0.3)[0][-1] == clean.neighbors(at, 0.3)[0][-1]
     c = Case(p, support=0.4)
     check_against_oracle(c, scene)
     by_default = gb.Scene(p, **options, **backend)  # the spacing of the good ones
-    assert by_default.support == pytest.approx(gb.Scene(good, **options, **backend).support, rel=0.1)
+    from_good = gb.Scene(good, **options, **backend)
+    assert by_default.support == pytest.approx(from_good.support, rel=0.1)
     scene.update(positions=bad)
     assert scene.octree.n_inside == 0
     assert not look(scene, gb.Camera((0, 0, 5), (0, 0, 0))).mask.any()
+
+
+def test_the_fitted_camera_looks_at_what_is_inside(backend):
+    p = np.concatenate([cloud(100, 81), [[1e30, 0, 0], [np.inf, 0, 0]]]).astype(np.float32)
+    assert gb.render(gb.Scene(p, support=0.5, **backend), size=SIZE).mask.any()
 
 
 def test_nothing_finite_at_all(backend):
@@ -152,7 +159,7 @@ def test_far_from_the_origin(backend, offset, options):
     check_against_oracle(c, c.scene(**options, **backend))
 
 
-@pytest.mark.parametrize("size", [1e-18, 1e-9, 1e-4, 1e4, 1e9, 1e15])
+@pytest.mark.parametrize("size", [1e-15, 1e-9, 1e-4, 1e4, 1e9, 1e15])
 def test_any_unit_of_length(backend, size):
     """The same scene in light years or femtometres."""
     small = Case(cloud(300, 84), support=0.5)
@@ -183,23 +190,40 @@ def test_zero_support(backend, octree):
     assert not look(nothing, gb.Camera((0, 0, 5), (0, 0, 0))).mask.any()
 
 
+def scene_or_refusal(particles, backend, **options) -> gb.Scene:
+    """Supports past what float32 can square may be refused, by name."""
+    try:
+        return gb.Scene(particles, **options, **backend)
+    except ValueError as error:
+        assert str(error).startswith("support: expected")
+        pytest.skip(f"refused: {error}")
+
+
 @pytest.mark.parametrize("support", [1e3, 1e10, 1e18, 1e30, 3e38])
 def test_huge_support(backend, support):
-    """All particles reach everywhere: inside, far from any surface. No crash, no NaN."""
-    scene = gb.Scene(cloud(200, 87), support=support, **backend)
+    """All particles reach everywhere: inside, far from any surface."""
+    scene = scene_or_refusal(cloud(200, 87), backend, support=support)
     look(scene, gb.Camera((0, 0, 5), (0, 0, 0)))
     if support <= 1e10:
         assert gb.field(scene, [[0.5, 0, 0]])[0] == pytest.approx(200, rel=1e-4)
         radius = support * np.sqrt(1 - np.sqrt(scene.threshold / 200))
         assert hits(scene, [[0, 0, 0]], AHEAD)[0] == pytest.approx(radius, rel=2e-3)
+
+
+@pytest.mark.parametrize("support", [1e3, 1e6, 1e10, 1e18, 1e30])
+def test_huge_supports_among_small_ones(backend, support):
     mixed = np.where(np.arange(200) % 50, 0.2, support)
-    look(gb.Scene(gb.Particles(cloud(200, 87), support=mixed), **backend))
+    scene = scene_or_refusal(gb.Particles(cloud(200, 87), support=mixed), backend)
+    look(scene)
+    # Four reach everywhere: the way out is where (1 - x)^2 = tau / 4.
+    radius = support * np.sqrt(1 - np.sqrt(scene.threshold / 4))
+    assert hits(scene, [[0, 0, 5]], AHEAD)[0] == pytest.approx(radius + 5, rel=2e-3)
 
 
-@pytest.mark.parametrize("support", [1e-6, 1e-20, 1e-38])
+@pytest.mark.parametrize("support", [1e-6, 1e-10, 1e-20, 1e-38])
 def test_tiny_support(backend, support):
     p = cloud(200, 88)
-    scene = gb.Scene(p, support=support, **backend)
+    scene = scene_or_refusal(p, backend, support=support)
     look(scene, gb.Camera((0, 0, 5), (0, 0, 0)))
     assert (gb.field(scene, cloud(50, 89)) == 0).all()
     assert gb.field(scene, p[:1])[0] == pytest.approx(1, abs=1e-5)
@@ -225,15 +249,27 @@ def test_threshold_that_nothing_reaches(backend, threshold, octree):
     assert np.isinf(hits(one, [[0, 0, 5], [0, 0, 0]], [[0, 0, -1]] * 2)).all()
 
 
+@functools.cache
+def crowd(alike: bool) -> Case:
+    p = lattice(24, 24, 24, 0.2, 92)
+    c = Case(p, 7.0 if alike else np.linspace(6.5, 7.5, len(p)), threshold=300.0)
+    origins = 40 * unit(cloud(60, 94))
+    origins[:10] = cloud(10, 93, 13)  # some begin inside
+    return with_rays(c, origins, cloud(60, 95, 17) - origins)
+
+
 @pytest.mark.parametrize("alike", [True, False])
 @pytest.mark.parametrize("octree", ["sparse", "dense"])
 def test_supports_of_many_spacings(backend, alike, octree):
     """A ray meets thousands of supports at once: more than any list holds."""
-    p = lattice(24, 24, 24, 0.2, 92)
-    support = 7.0 if alike else np.linspace(6.5, 7.5, len(p))
-    c = Case(p, support, threshold=300.0)
-    check_against_oracle(c, c.scene(octree=octree, **backend), n=60)
-    look(c.scene(octree=octree, **backend))
+    c = crowd(alike)
+    scene = c.scene(octree=octree, **backend)
+    depth = gb.intersect(scene, c.origins, c.directions)[0]
+    np.testing.assert_array_equal(np.isfinite(depth), np.isfinite(c.depth))
+    hit = np.isfinite(c.depth)
+    assert 10 < hit.sum() < len(hit)
+    np.testing.assert_allclose(depth[hit], c.depth[hit], atol=7e-4)
+    look(scene)
 
 
 @pytest.mark.parametrize("weight", [-1.0, 0.0])
@@ -245,21 +281,19 @@ def test_no_weight_above_zero(backend, weight):
         assert np.isnan(scene.blend(p, np.ones(100, np.float32))).all()
 
 
-def test_weights_of_any_size(backend):
-    rng = np.random.default_rng(94)
-    for weight in (1e-20, 1e20):
-        p = cloud(200, 94)
-        tau = 0.6 * weight
-        for given in (weight, weight * rng.uniform(0.9, 1.1, 200).astype(np.float32)):
-            c = Case(p, 0.5, np.float32(given), threshold=tau)
-            plain = Case(p, 0.5, np.float32(np.asarray(given) / weight))
-            d = unit(rng.normal(size=(200, 3)))
-            o = (p - 3 * d).astype(np.float32)
-            depth = gb.intersect(c.scene(**backend), o, d)[0]
-            truth = plain.first_hit(o, d)
-            np.testing.assert_array_equal(np.isfinite(depth), np.isfinite(truth))
-            hit = np.isfinite(truth)
-            np.testing.assert_allclose(depth[hit], truth[hit], atol=1e-4)
+@pytest.mark.parametrize("weight", [1e-20, 1e-12, 1e-6, 1e6, 1e20])
+def test_weights_of_any_size(backend, weight):
+    """Only the weight relative to the threshold matters."""
+    p = cloud(200, 94)
+    d = unit(np.random.default_rng(94).normal(size=(200, 3)))
+    o = (p - 3 * d).astype(np.float32)
+    truth = Case(p, 0.5).first_hit(o, d)
+    for given in (weight, np.full(200, weight)):
+        c = Case(p, 0.5, given, threshold=0.6 * weight)
+        depth = gb.intersect(c.scene(**backend), o, d)[0]
+        np.testing.assert_array_equal(np.isfinite(depth), np.isfinite(truth))
+        hit = np.isfinite(truth)
+        np.testing.assert_allclose(depth[hit], truth[hit], atol=1e-4)
 
 
 def test_camera_inside(backend):
@@ -294,7 +328,7 @@ def test_points_that_are_none(backend):
     assert (gb.field(scene, bad) == 0).all()
     assert (gb.gradient(scene, bad) == 0).all()
     assert np.isnan(scene.blend(bad, np.ones(200, np.float32))).all()
-    assert scene.neighbors(bad, 1.0)[0][-1] == 0
+    assert scene.neighbors(bad, 1.0)[0][-1] == 0, "a place that is none is near to nothing"
     assert scene.neighbors([[0, 0, 0]], 1e30)[0][-1] == 200
     assert scene.neighbors([[0, 0, 0]], 1e-30)[0][-1] == 0
 

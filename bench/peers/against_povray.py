@@ -26,7 +26,9 @@ from speed import load
 def measure(name: str, size: tuple[int, int]) -> dict:
     positions, spacing = load(name)
     camera = gb.Camera.fit(positions, size=size)
-    scene = gb.Scene(gb.Particles(positions, support=2 * spacing), threshold=0.6, device="cpu", threads=1)
+    scene = gb.Scene(
+        gb.Particles(positions, support=2 * spacing), threshold=0.6, device="cpu", threads=1
+    )
     gb.render(scene, camera, size)
     times = []
     for _ in range(5):
@@ -60,7 +62,11 @@ def main() -> None:
     width, _, height = options.size.partition("x")
     rows = [measure(name, (int(width), int(height))) for name in options.scenes.split(",")]
     for row in rows:
-        print("  ".join(f"{k} {v:.4g}" if isinstance(v, float) else f"{k} {v}" for k, v in row.items()))
+        print(
+            "  ".join(
+                f"{k} {v:.4g}" if isinstance(v, float) else f"{k} {v}" for k, v in row.items()
+            )
+        )
     if options.output:
         with open(options.output, "w", newline="") as file:
             writer = csv.DictWriter(file, rows[0].keys())

@@ -9,6 +9,19 @@ from .scene import Scene
 
 __version__ = "0.1.0"
 __all__ = [
-    "Camera", "DirectionalLight", "FormatError", "Frame", "Headlight", "Particles", "PointLight",
-    "RenderSettings", "Scene", "field", "gradient", "intersect", "read", "render", "write",
+    "Camera",
+    "DirectionalLight",
+    "FormatError",
+    "Frame",
+    "Headlight",
+    "Particles",
+    "PointLight",
+    "RenderSettings",
+    "Scene",
+    "field",
+    "gradient",
+    "intersect",
+    "read",
+    "render",
+    "write",
 ]

@@ -35,7 +35,9 @@ class Camera:
         for name in ("eye", "look_at", "up"):
             value = np.asarray(getattr(self, name), dtype=np.float64)
             if value.shape != (3,) or not np.isfinite(value).all():
-                raise ValueError(f"{name}: expected three finite numbers, got {getattr(self, name)!r}")
+                raise ValueError(
+                    f"{name}: expected three finite numbers, got {getattr(self, name)!r}"
+                )
             object.__setattr__(self, name, tuple(float(v) for v in value))
         if not 0 < self.fov < 180:
             raise ValueError(f"fov: expected degrees between 0 and 180, got {self.fov!r}")
@@ -68,7 +70,9 @@ class Camera:
         right, true_up = _axes(-back, np.asarray(up, dtype=np.float64))
         x, y, z = (points @ axis for axis in (right, true_up, back))
         aspect = size[0] / size[1]
-        grown = 1.15 * margin + 1e-12 + 1e-6 * float(np.abs(middle).max())
+        grown = 1.15 * margin + 1e-6 * float(np.abs(middle).max())
+        if not (grown > 0 or np.ptp(points) > 0):  # one point at the origin
+            grown = 0.5
 
         def span(v: np.ndarray, slope: float) -> tuple[float, float]:
             """Where to stand across the view, and how far back, to see all v within +-slope."""
@@ -77,7 +81,9 @@ class Camera:
 
         depth = float(np.max(z)) + 2 * grown
         if orthographic:
-            (cx, width), (cy, height) = ((float(v.max() + v.min()) / 2, float(np.ptp(v))) for v in (x, y))
+            (cx, width), (cy, height) = (
+                (float(v.max() + v.min()) / 2, float(np.ptp(v))) for v in (x, y)
+            )
             target = middle + right * cx + true_up * cy
             size_y = 1.05 * max(height + 2 * grown, (width + 2 * grown) / aspect)
             return cls(tuple(target + back * (depth + size_y)), tuple(target), up, fov, size_y)
@@ -135,5 +141,4 @@ def _outline(particles: Any) -> tuple[np.ndarray, np.ndarray]:
     if is_device_array(owner.positions) or len(owner) > 1_000_000:
         corners = np.array(np.meshgrid(*zip(lo, hi, strict=True))).reshape(3, -1).T
         return corners - middle, middle
-    positions = owner.positions[np.isfinite(owner.positions).all(1)]
-    return positions - middle, middle
+    return owner.finite_positions() - middle, middle

@@ -79,7 +79,9 @@ def gradient(scene: Scene, points: Any) -> np.ndarray:
     return out
 
 
-def intersect(scene: Scene, origins: Any, directions: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def intersect(
+    scene: Scene, origins: Any, directions: Any
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """First intersection of arbitrary rays with the surface.
 
     Args:
@@ -96,7 +98,14 @@ def intersect(scene: Scene, origins: Any, directions: Any) -> tuple[np.ndarray, 
     depth = np.empty(n, np.float32)
     normal, color = np.empty((n, 3), np.float32), np.empty((n, 3), np.float32)
     scene._scene.intersect(
-        scene._kernel, scene.threshold, n, o.pair, d.pair, address(depth), address(normal), address(color)
+        scene._kernel,
+        scene.threshold,
+        n,
+        o.pair,
+        d.pair,
+        address(depth),
+        address(normal),
+        address(color),
     )
     return depth, normal, color
 

@@ -20,20 +20,35 @@ def _particles(positions: Any, support: Any, weight: Any) -> tuple:
     return p, a, w
 
 
-def field(positions: Any, support: Any, weight: Any, kernel: str, points: Any) -> tuple[np.ndarray, np.ndarray]:
+def field(
+    positions: Any, support: Any, weight: Any, kernel: str, points: Any
+) -> tuple[np.ndarray, np.ndarray]:
     """Field (M,) and gradient (M, 3), float64."""
     p, a, w = _particles(positions, support, weight)
     x = np.ascontiguousarray(points, np.float64)
     value, gradient = np.empty(len(x)), np.empty((len(x), 3))
     _core.oracle_field(
-        len(p), address(p), address(a), address(w), KERNELS.index(kernel),
-        len(x), address(x), address(value), address(gradient),
+        len(p),
+        address(p),
+        address(a),
+        address(w),
+        KERNELS.index(kernel),
+        len(x),
+        address(x),
+        address(value),
+        address(gradient),
     )
     return value, gradient
 
 
 def first_hit(
-    positions: Any, support: Any, weight: Any, kernel: str, threshold: float, origins: Any, directions: Any
+    positions: Any,
+    support: Any,
+    weight: Any,
+    kernel: str,
+    threshold: float,
+    origins: Any,
+    directions: Any,
 ) -> np.ndarray:
     """Smallest t >= 0 at which the field along o + t d is the threshold, float64; inf: none."""
     p, a, w = _particles(positions, support, weight)
@@ -41,8 +56,16 @@ def first_hit(
     d = np.ascontiguousarray(directions, np.float32).reshape(-1, 3)
     t = np.empty(len(o))
     _core.oracle_first_hit(
-        len(p), address(p), address(a), address(w), KERNELS.index(kernel), float(np.float32(threshold)),
-        len(o), address(o), address(d), address(t),
+        len(p),
+        address(p),
+        address(a),
+        address(w),
+        KERNELS.index(kernel),
+        float(np.float32(threshold)),
+        len(o),
+        address(o),
+        address(d),
+        address(t),
     )
     return t
 

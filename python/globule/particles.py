@@ -12,6 +12,9 @@ SCALAR_FIELDS = ("support", "weight", "reflection", "refraction", "rigidity")
 FIELDS = ("positions", *SCALAR_FIELDS, "color")
 
 
+FARTHEST = np.float32(1e18)  # past it a coordinate's square overflows float32
+
+
 @dataclass(eq=False, repr=False)
 class Particles:
     """A set of N particles.
@@ -83,13 +86,18 @@ class Particles:
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         """(lowest, highest) corner of the finite positions: two (3,) float32, world.
 
-        Raises ValueError if there is no finite position.
+        Coordinates past 1e18 count as infinite, as in the octree. Raises ValueError if there is no
+        finite position.
         """
-        positions = to_host(self.positions)
-        finite = positions[np.isfinite(positions).all(axis=1)]
+        finite = self.finite_positions()
         if len(finite) == 0:
             raise ValueError(f"bounds: expected a finite position, got none in {len(self)}")
         return finite.min(axis=0), finite.max(axis=0)
+
+    def finite_positions(self) -> np.ndarray:
+        """The positions that the octree takes: (M, 3) float32, M <= N, in NumPy."""
+        positions = to_host(self.positions)
+        return positions[(np.abs(positions) <= FARTHEST).all(axis=1)]
 
 
 def on_gpu(array: Any) -> bool:

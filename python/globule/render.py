@@ -11,9 +11,15 @@ import numpy as np
 from .arrays import address
 from .camera import Camera
 from .files import atomic_write
+from .particles import to_host
 from .scene import Scene
 
 MAX_PIXELS = 2**28
+# How far from a particle, in supports, the surface may lie: where b = 0.6 / 8, so that it takes
+# eight particles at one place to reach the default threshold.
+REACH = {
+    "murakami": 0.85, "nishimura": 0.78, "wyvill": 0.82, "blinn": 0.47, "cubic_spline": 0.67, "wendland_c2": 0.62,
+}  # fmt: skip
 MAX_LIGHTS = 8
 
 
@@ -58,7 +64,9 @@ class RenderSettings:
         for light in self.lights:
             kind = {Headlight: 0, DirectionalLight: 1, PointLight: 2}.get(type(light))
             if kind is None:
-                raise TypeError(f"lights: expected Headlight, DirectionalLight or PointLight, got {light!r}")
+                raise TypeError(
+                    f"lights: expected Headlight, DirectionalLight or PointLight, got {light!r}"
+                )
             place = (0, 0, 1) if kind == 0 else light.direction if kind == 1 else light.position
             lights.append((kind, _three("light", place), _three("radiance", light.radiance)))
         return {
@@ -141,7 +149,10 @@ class Frame:
             with atomic_write(path) as file:
                 Image.fromarray(self.picture).save(file, format="PNG", compress_level=4)
         elif name.endswith(".npz"):
-            images = {k: getattr(self, k) for k in ("color", "depth", "position", "normal", "albedo", "mask")}
+            images = {
+                k: getattr(self, k)
+                for k in ("color", "depth", "position", "normal", "albedo", "mask")
+            }
             with atomic_write(path) as file:
                 np.savez_compressed(file, **images)
         else:
@@ -178,10 +189,13 @@ def render(
 
 
 def fit_camera(scene: Scene, size: tuple[int, int], **options: Any) -> Camera:
-    """`Camera.fit` with room for the particles' supports."""
+    """`Camera.fit` with room for the surface around the particles."""
     support = scene.support
-    margin = 0.5 * float(support if np.isscalar(support) else np.max(np.asarray(support), initial=0.0))
-    return Camera.fit(scene.particles, size=size, margin=margin if np.isfinite(margin) else 0.0, **options)
+    largest = support if np.isscalar(support) else np.max(to_host(support), initial=0.0)
+    margin = REACH[scene.kernel] * float(largest)
+    return Camera.fit(
+        scene.particles, size=size, margin=margin if np.isfinite(margin) else 0.0, **options
+    )
 
 
 def _three(name: str, value: Any) -> list[float]:

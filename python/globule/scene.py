@@ -26,6 +26,8 @@ DEFAULTS = {
 }
 DEFAULT_COLOR = (0.28, 0.52, 0.80)
 MAX_PARTICLES = 2**31 - 64
+MAX_SUPPORT = 1e18  # past it squares overflow float32
+MAX_RATIO = 1e6  # between the largest and the smallest support
 
 
 class Scene:
@@ -76,13 +78,19 @@ class Scene:
         if depth is None:
             depth = 6 if octree == "dense" else deepest
         if not isinstance(depth, (int, np.integer)) or not 0 <= depth <= deepest:
-            raise ValueError(f"depth: expected 0 to {deepest} ({octree}, {key_bits}-bit keys), got {depth!r}")
+            raise ValueError(
+                f"depth: expected 0 to {deepest} ({octree}, {key_bits}-bit keys), got {depth!r}"
+            )
         self.kernel = kernel
-        self.threshold = DEFAULTS[kernel][1] if threshold is None else _positive("threshold", threshold)
+        self.threshold = (
+            DEFAULTS[kernel][1] if threshold is None else _positive("threshold", threshold)
+        )
         self.device = choose(device)
         self._kernel = KERNELS.index(kernel)
         self._tree = (key_bits, int(depth), octree == "dense", _space(bounds))
-        self._scene = _core.Scene(self.device.backend, self.device.index, _count("threads", threads))
+        self._scene = _core.Scene(
+            self.device.backend, self.device.index, _count("threads", threads)
+        )
         self._support = None if support is None else _positive("support", support)
         self.particles = particles if isinstance(particles, Particles) else Particles(particles)
         self._build(measure=True)
@@ -95,10 +103,20 @@ class Scene:
         """
         if particles is None:
             old = self.particles
-            names = ("positions", "support", "weight", "color", "reflection", "refraction", "rigidity")
+            names = (
+                "positions",
+                "support",
+                "weight",
+                "color",
+                "reflection",
+                "refraction",
+                "rigidity",
+            )
             unknown = set(fields) - set(names)
             if unknown:
-                raise TypeError(f"update: unknown field {sorted(unknown)[0]!r}, expected {', '.join(names)}")
+                raise TypeError(
+                    f"update: unknown field {sorted(unknown)[0]!r}, expected {', '.join(names)}"
+                )
             given = {name: fields.get(name, getattr(old, name)) for name in names}
             particles = Particles(**given)
         elif fields:
@@ -112,7 +130,9 @@ class Scene:
         n = positions.shape[0]
         if n > MAX_PARTICLES:
             raise ValueError(f"positions: expected at most {MAX_PARTICLES:,} particles, got {n:,}")
-        support, one_support = (ABSENT, self._support) if self._support else _field("support", p.support, None, n)
+        support, one_support = (
+            (ABSENT, self._support) if self._support else _field("support", p.support, None, n)
+        )
         weight, one_weight = _field("weight", p.weight, None, n)
         color, one_color = _field("color", p.color, 3, n)
         if one_weight is None:
@@ -121,19 +141,37 @@ class Scene:
 
         def build(one: float) -> None:
             self._scene.build(
-                n, positions.pair, support.pair, one, weight.pair, float(one_weight), color.pair,
-                list(DEFAULT_COLOR if one_color is None else one_color), *self._tree[:3], self._tree[3],
+                n,
+                positions.pair,
+                support.pair,
+                one,
+                weight.pair,
+                float(one_weight),
+                color.pair,
+                list(DEFAULT_COLOR if one_color is None else one_color),
+                *self._tree[:3],
+                self._tree[3],
             )
 
         if support is ABSENT and one_support is None:
             build(0.0)
-            spacing = self._scene.spacing() or _guess_spacing(p, n)
+            spacing = self.spacing or _guess_spacing(p, n)
             one_support = self._support = DEFAULTS[self.kernel][0] * spacing
         elif support is ABSENT:
             one_support = _positive("support", one_support)
+        if one_support is not None and one_support > MAX_SUPPORT:
+            raise ValueError(f"support: expected at most {MAX_SUPPORT:g}, got {one_support:g}")
+        if support is not ABSENT and not support.on_device:
+            _check_supports(p.support)
         build(1.0 if one_support is None else float(one_support))
         self.support = one_support if support is ABSENT else p.support
         self._arrays = arrays + [support]  # the core reads them again when it gathers colours
+
+    @property
+    def spacing(self) -> float:
+        """Median spacing of the particles, world units, measured around up to 1024 of them; 0 where
+        there are too few."""
+        return self._scene.spacing()
 
     @property
     def octree(self) -> Octree:
@@ -204,6 +242,18 @@ def _positive(name: str, value: Any) -> float:
     return number
 
 
+def _check_supports(support: np.ndarray) -> None:
+    """Rays are walked in steps of the supports nearby, so those must be of comparable size."""
+    largest = float(np.max(support, initial=0.0))
+    smallest = float(np.min(support, initial=np.inf, where=support > 0))
+    if largest > MAX_SUPPORT:
+        raise ValueError(f"support: expected at most {MAX_SUPPORT:g}, got {largest:g}")
+    if largest > MAX_RATIO * smallest:
+        raise ValueError(
+            f"support: expected all within a factor of {MAX_RATIO:g}, got {smallest:g} to {largest:g}"
+        )
+
+
 def _count(name: str, value: Any) -> int:
     if not isinstance(value, (int, np.integer)) or not 0 <= value <= 4096:
         raise ValueError(f"{name}: expected 0 to 4096, got {value!r}")
@@ -215,15 +265,17 @@ def _space(bounds: Any) -> list[float]:
         return []
     box = np.asarray(bounds, dtype=np.float32)
     if box.shape != (2, 3) or not np.isfinite(box).all() or (box[0] > box[1]).any():
-        raise ValueError(f"bounds: expected two finite corners ((x, y, z), (x, y, z)), got {bounds!r}")
+        raise ValueError(
+            f"bounds: expected two finite corners ((x, y, z), (x, y, z)), got {bounds!r}"
+        )
     return [float(x) for x in box.ravel()]
 
 
 def _guess_spacing(particles: Particles, n: int) -> float:
     """Where neighbours tell nothing (a dozen particles or fewer, or all at one place): the box's
     edge shared out among the particles, or 1."""
-    if n == 0 or is_device_array(particles.positions):
+    if is_device_array(particles.positions) or len(particles.finite_positions()) == 0:
         return 1.0
     lo, hi = particles.bounds()
-    extent = float(np.max(hi - lo)) if np.isfinite(lo).all() else 0.0
+    extent = float(np.max(hi - lo))
     return extent / n ** (1 / 3) if extent > 0 else 1.0

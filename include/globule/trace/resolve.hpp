@@ -110,17 +110,17 @@ struct ResolveRays {
         const float typical = tree.header->typical_support, scale = 1.0f / typical;
         const Vec3<double> o2{o.x, o.y, o.z}, d2{d.x, d.y, d.z};
         const TreeSource<Tree> straight{tree, particles, kernel, o2, d2};
-        const double window = 0.35 * typical;
-        Limits<double> lim{tau, window, 1e-13 * (1.0 + tau), 1e-12 * window, 1.0};
+        Limits<double> lim{tau, kWindow * typical, 1e-13 * (1.0 + tau), 1e-12 * typical, 1.0};
         const Node box = tree.node(0);
         if (morton::is_inside(o, box.lo, box.hi) && straight.template at<false>(0.0, lim).f > tau) lim.sign = -1.0;
-        const Bundle ray{o, d, rounding(tree), 0.0f};
+        const Bundle ray = bundle_of(o, d, 0.0f, 0.0f);
         float z = float(from), dz = typical;
         while (z < infinity()) {
+            dz = most(dz, least_advance(z));
             const float3 at{o.x + z * d.x, o.y + z * d.y, o.z + z * d.z};
             Walk<PerParticle, Group, Tree> walk(g, scratch, tree, particles, ray, z, at);
             const Gathered found = gather(walk, dz, scale);
-            if (found.n < 0 && dz > least_slab(typical, z)) {
+            if (found.n < 0 && dz > most(typical * (1.0f / 64.0f), 2.0f * least_advance(z))) {
                 dz *= 0.5f;
                 continue;
             }
@@ -129,18 +129,33 @@ struct ResolveRays {
                 dz = typical;
                 continue;
             }
+            const float smallest = found.n > 0 ? typical / found.sharpest : typical;
+            if (dz > most(kMaxWindows * smallest, least_advance(z))) {
+                dz = 0.5f * kMaxWindows * smallest;
+                continue;
+            }
+            lim.window = kWindow * smallest;
+            lim.least_step = 1e-12 * smallest;
             double t = most(from, double(z));
-            bool hit = false, tangent = false;
+            bool hit;
             if (found.n > 0)
-                march(SharedListSource<PerParticle, Group>{g, scratch, found.n, particles, kernel, o2, d2}, lim,
-                      double(z + dz), true, t, hit, tangent);
+                hit = search(SharedListSource<PerParticle, Group>{g, scratch, found.n, particles, kernel, o2, d2}, lim, t, z + dz);
             else
-                march(straight, lim, double(z + dz), true, t, hit, tangent);
+                hit = search(straight, lim, t, z + dz);
             n = most(found.n, 0);
-            if (hit || tangent) return t;
+            if (hit) return t;
             z += dz;
+            dz = least(most(typical, smallest), 2.0f * dz);
         }
         return infinity();
+    }
+
+    /// A root between t and end; a place where f comes within rounding of the threshold counts as one.
+    template <class Source>
+    GB_FN bool search(const Source& source, const Limits<double>& lim, double& t, double end) const {
+        bool hit = false, unsure = false;
+        march(source, lim, end, true, t, hit, unsure);
+        return hit || (unsure && magnitude(source.template at<false>(t, lim).f - lim.tau) < 1e-9 * (1.0 + lim.tau));
     }
 };
 

@@ -32,12 +32,12 @@ struct Shade {
     std::uint8_t* picture;  ///< (n, 3) sRGB
 
     GB_FN void operator()(std::size_t i) const {
-        float3 c = s.background;
-        if (hits.t[i] < infinity()) c = surface(i);
+        const bool hit = hits.t[i] < infinity();
+        const float3 c = hit ? surface(i) : s.background;
         const float v[3] = {c.x, c.y, c.z};
         for (int k = 0; k < 3; ++k) {
             color[3 * i + k] = v[k];
-            picture[3 * i + k] = display(v[k] * s.exposure);
+            picture[3 * i + k] = display(hit ? shoulder(v[k] * s.exposure) : v[k]);  // background as it is given
         }
     }
 
@@ -64,9 +64,12 @@ struct Shade {
         return c;
     }
 
-    /// Tone curve and sRGB transfer: linear up to 0.8, then a shoulder that never clips hard.
+    /// Tone curve: linear up to 0.8, then a shoulder that never clips hard.
+    GB_FN static float shoulder(float v) {
+        return v > 0.8f ? 0.8f + 0.2f * (1.0f - 1.0f / (1.0f + (v - 0.8f) * 5.0f)) : v;
+    }
+    /// sRGB transfer.
     GB_FN static std::uint8_t display(float v) {
-        if (v > 0.8f) v = 0.8f + 0.2f * (1.0f - 1.0f / (1.0f + (v - 0.8f) * 5.0f));
         v = v <= 0.0031308f ? 12.92f * most(v, 0.0f) : 1.055f * power(v, 1.0f / 2.4f) - 0.055f;
         return std::uint8_t(least(v, 1.0f) * 255.0f + 0.5f);
     }

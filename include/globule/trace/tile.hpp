@@ -22,15 +22,16 @@ GB_FN void write3(float* to, std::size_t i, const float3& v) {
     to[3 * i + 2] = v.z;
 }
 
-/// Rounding in the world's coordinates, as a length.
-template <class Tree>
-GB_FN float rounding(const Tree& tree) {
-    const Node box = tree.node(0);
-    return 1e-6f * (magnitude(box.lo.x) + magnitude(box.lo.y) + magnitude(box.lo.z) + magnitude(box.hi.x) +
-                    magnitude(box.hi.y) + magnitude(box.hi.z));
+inline constexpr float kWindow = 0.5f;      ///< over which march() bounds f'', in the list's smallest support
+inline constexpr float kSlab = 1.5f;        ///< depth of a slab to begin with, in typical supports
+inline constexpr float kMaxWindows = 32.0f; ///< a slab is at most so many of the list's smallest supports deep
+
+/// A bundle around (o, d), a little wider than r0 + r1 t: by what rounding may move a point at t.
+GB_FN Bundle bundle_of(const float3& o, const float3& d, float r0, float r1) {
+    return {o, d, r0 + 1e-6f * (magnitude(o.x) + magnitude(o.y) + magnitude(o.z)), r1 + 2e-6f};
 }
-/// A slab is never cut thinner than this.
-GB_FN float least_slab(float typical, float z) { return most(typical * (1.0f / 64.0f), z * 1e-6f); }
+/// Slabs at distance z are at least so deep, or float32 would not move on.
+GB_FN float least_advance(float z) { return 4e-7f * z; }
 
 template <class Tree, class Kernel, bool PerParticle>
 struct TraceTiles {
@@ -47,8 +48,6 @@ struct TraceTiles {
     Hits out;
 
     static constexpr int kTileWidth = 8;
-    static constexpr float kWindow = 0.5f;  ///< over which march() bounds f'', in typical supports
-    static constexpr float kSlab = 1.5f;    ///< depth of a slab, likewise; whole windows
 
     template <class Group>
     static constexpr int tile_height() { return Group::width * Group::vectors / kTileWidth; }
@@ -124,7 +123,7 @@ struct TraceTiles {
             axis(lanes.o[v].x, lanes.d[v].x, box.lo.x, box.hi.x);
             axis(lanes.o[v].y, lanes.d[v].y, box.lo.y, box.hi.y);
             axis(lanes.o[v].z, lanes.d[v].z, box.lo.z, box.hi.z);
-            lanes.pending[v] = valid & (enter <= leave * F(1.00001f));
+            lanes.pending[v] = tree.empty() ? g.none() : valid & (enter <= leave * F(1.00001f));
             lanes.t[v] = most(enter * F(0.99999f) - F(1e-3f * typical), F(0.0f));
             lanes.fresh[v] = !(lanes.t[v] > F(0.0f));
             lanes.sign[v] = F(1.0f);
@@ -137,12 +136,10 @@ struct TraceTiles {
         using B = typename Group::B;
         constexpr int V = Group::vectors;
         Lanes<Group> lanes;
-        const Node box = tree.empty() ? Node{{1, 1, 1}, {0, 0, 0}, 0, 0} : tree.node(0);
+        const Node box = tree.empty() ? Node{} : tree.node(0);
         start(g, lanes, tile, box);
         const float typical = tree.header->typical_support;  // lengths are scaled by it
         const float scale = 1.0f / typical;
-        const float blur = rounding(tree);
-
         for (;;) {
             // The bundle: rays that stay close to a leader from the tile's middle.
             int leader = -1;
@@ -162,6 +159,7 @@ struct TraceTiles {
             float spread = 8.0f * typical;
             B group[V];
             Bundle bundle;
+            float loose = 0.0f;  // 0: one ray, or several that coincide
             float z = 0.0f;
             auto select_group = [&] {
                 float r0 = 0.0f, r1 = 0.0f;
@@ -176,7 +174,8 @@ struct TraceTiles {
                     r1 = most(r1, g.largest(select(group[v], apart, F(0.0f))));
                     z = least(z, g.smallest(select(group[v], lanes.t[v], F(infinity()))));
                 }
-                bundle = {lo, ld, r0 + blur, r1};
+                bundle = bundle_of(lo, ld, r0, r1);
+                loose = r0 + r1 * far;
             };
             select_group();
 
@@ -187,21 +186,27 @@ struct TraceTiles {
             }
             float dz = kSlab * typical;
             while (z < infinity()) {
+                dz = most(dz, least_advance(z));
                 const float3 at = axis_point();
                 Walk<PerParticle, Group, Tree> walk(g, scratch, tree, particles, bundle, z, at);
                 const Gathered found = gather(walk, dz, scale);
-                if (found.n < 0 && bundle.r0 - blur + bundle.r1 * far > 0.0f) {
+                if (found.n < 0 && loose > 0.0f) {
                     spread *= spread > 0.05f * typical ? 0.5f : 0.0f;  // too many: fewer rays,
                     select_group();
                     continue;
                 }
-                if (found.n < 0 && dz > least_slab(typical, z)) {                    // then a thinner slab,
+                if (found.n < 0 && dz > most(typical * (1.0f / 64.0f), 2.0f * least_advance(z))) {  // then a thinner slab,
                     dz *= 0.5f;
                     continue;
                 }
                 if (found.n == 0) {
                     advance(lanes, group, z = found.next);
                     dz = kSlab * typical;
+                    continue;
+                }
+                const float smallest = typical / found.sharpest;  // support in the list
+                if (found.n > 0 && dz > most(kMaxWindows * smallest, least_advance(z))) {
+                    dz = 0.5f * kMaxWindows * smallest;
                     continue;
                 }
                 if (found.n > 0) advance(lanes, group, found.nearest);
@@ -217,7 +222,7 @@ struct TraceTiles {
                 }
                 if (!more) break;
                 z += dz;
-                if (4 * found.n < Group::list_capacity) dz = least(kSlab * typical, 2.0f * dz);
+                if (4 * found.n < Group::list_capacity) dz = least(kSlab * most(typical, smallest), 2.0f * dz);
             }
             for (int v = 0; v < V; ++v) lanes.pending[v] = lanes.pending[v] & !group[v];
         }
@@ -260,9 +265,9 @@ private:
             Group::put(p0.y, lane, float((double(Group::get(lanes.o[v].y, lane)) + double(z) * Group::get(d.y, lane) - at.y) * scale));
             Group::put(p0.z, lane, float((double(Group::get(lanes.o[v].z, lane)) + double(z) * Group::get(d.z, lane) - at.z) * scale));
         });
-        const float sharp = most(1.0f, found.sharpest);
+        const float sharp = most(1.0f, found.sharpest);  // where float32's error is largest
         const ListSource<PerParticle, Group, Kernel> source{scratch, found.n, kernel, p0, d};
-        Limits<F> lim{F(tau), F(kWindow / least(sharp, 10.0f)), F(5e-6f * (1.0f + tau) * sharp), F(2e-5f / sharp), F(1.0f)};
+        Limits<F> lim{F(tau), F(kWindow / found.sharpest), F(5e-6f * (1.0f + tau) * sharp), F(2e-5f / found.sharpest), F(1.0f)};
         F t = most((lanes.t[v] - F(z)) * F(scale), F(0.0f));
         if (g.any(lanes.fresh[v] & active)) {
             const Along<F> s = source.template at<false>(t, lim);

@@ -65,7 +65,7 @@ def describe(path: str, particles: Particles) -> dict[str, Any]:
         with mistakes():
             scene = Scene(particles.positions, device="cpu")
         facts["bounds"] = {"lo": lo, "hi": hi}
-        facts["spacing"] = scene._scene.spacing() or None
+        facts["spacing"] = scene.spacing or None
         facts["default_support"] = scene.support
     facts["fields"] = {"positions": _range(particles.positions)}
     for name in (*SCALAR_FIELDS, "color"):

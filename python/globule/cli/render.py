@@ -246,7 +246,7 @@ def _picture(
         "kernel": scene.kernel,
         "threshold": scene.threshold,
         "support": _one_number(scene.support),
-        "spacing": scene._scene.spacing() or None,
+        "spacing": scene.spacing or None,
         "times": {
             "read": read_seconds,
             "build": tree.build_seconds,
