@@ -56,9 +56,16 @@ def reference():
     return make
 
 
+@pytest.fixture(scope="session")
+def real_stderr(pytestconfig):
+    """Where pytest's capture does not reach."""
+    with pytestconfig.pluginmanager.getplugin("capturemanager").global_and_fixture_disabled():
+        return os.dup(2)
+
+
 @pytest.fixture(autouse=True)
-def hang_guard():
+def hang_guard(real_stderr):
     """A test that hangs in compiled code ends the run with a traceback instead of never."""
-    faulthandler.dump_traceback_later(60, exit=True)
+    faulthandler.dump_traceback_later(60, exit=True, file=real_stderr)
     yield
     faulthandler.cancel_dump_traceback_later()

@@ -45,7 +45,10 @@ def view(name: str, value: Any, columns: int | None) -> View:
     """
     if is_device_array(value):
         return _device_view(name, value, columns)
-    array = np.ascontiguousarray(np.asarray(value), dtype=np.float32)
+    try:
+        array = np.ascontiguousarray(value, dtype=np.float32)
+    except (TypeError, ValueError):
+        raise TypeError(f"{name}: expected numbers, got {type(value).__name__}") from None
     _check_shape(name, array.shape, columns)
     return View(array.__array_interface__["data"][0], False, array.shape, array)
 

@@ -35,27 +35,28 @@ GB_FN float3 read3(const float* p, std::size_t i) { return {p[3 * i], p[3 * i + 
 
 struct Bounds {
     float3 lo, hi;
-    float least_support, most_support;
+    float least_support, most_support, most_weight;
 };
 GB_FN Bounds nothing() {
     const float inf = infinity();
-    return {{inf, inf, inf}, {-inf, -inf, -inf}, inf, 0.0f};
+    return {{inf, inf, inf}, {-inf, -inf, -inf}, inf, 0.0f, 0.0f};
 }
 struct PointBounds {
     const float* positions;
-    Attribute support;
+    Attribute support, weight;
     GB_FN Bounds operator()(std::size_t i) const {
         const float3 p = read3(positions, i);
         const float m = morton::kFarthest, a = support[i];
         if (!morton::is_inside(p, {-m, -m, -m}, {m, m, m})) return nothing();
-        return {p, p, a > 0.0f ? a : infinity(), a > 0.0f ? a : 0.0f};
+        return {p, p, a > 0.0f ? a : infinity(), a > 0.0f ? a : 0.0f, magnitude(weight[i])};
     }
 };
 struct Unite {
     GB_FN Bounds operator()(const Bounds& a, const Bounds& b) const {
         return {{least(a.lo.x, b.lo.x), least(a.lo.y, b.lo.y), least(a.lo.z, b.lo.z)},
                 {most(a.hi.x, b.hi.x), most(a.hi.y, b.hi.y), most(a.hi.z, b.hi.z)},
-                least(a.least_support, b.least_support), most(a.most_support, b.most_support)};
+                least(a.least_support, b.least_support), most(a.most_support, b.most_support),
+                most(a.most_weight, b.most_weight)};
     }
 };
 /// The octree's space: the caller's, or the particles' own.
@@ -169,6 +170,7 @@ struct WriteHeader {
         TreeHeader h{};
         h.space = space();
         h.typical_support = space.typical_support();
+        h.most_weight = space.bounds->most_weight;
         h.n_wanted = offsets[(depth + 1) * n_chunks];
         // Never more nodes than there is room for: the tree is cut at the level that still fits,
         // its leaves then hold more particles.  The owner grows the room before the next build.
@@ -380,7 +382,7 @@ private:
         float* x = positions_.reserve(3 * padded);
         std::uint32_t* index = index_.reserve(padded);
 
-        exec_.reduce(n, PointBounds{in.positions, in.support}, Unite{}, nothing(), bounds);
+        exec_.reduce(n, PointBounds{in.positions, in.support, in.weight}, Unite{}, nothing(), bounds);
         const SpaceOf space{params_, bounds};
         exec_.for_each(n, MakeKeys<Key>{in.positions, space, keys, index, &header->n_outside, n});
         // The sorted positions are written after the sort, so their room serves as its spare.

@@ -117,7 +117,7 @@ struct FindNeighbors {
         for_each_touching(tree, p - r, p + r, [&](std::uint32_t j) {
             const double dx = double(p.x) - particles.x[j], dy = double(p.y) - particles.y[j],
                          dz = double(p.z) - particles.z[j];
-            if (dx * dx + dy * dy + dz * dz > double(radius) * radius) return;
+            if (!(dx * dx + dy * dy + dz * dz <= double(radius) * radius)) return;
             if (indices) indices[offsets[i] + n] = particles.index[j];
             ++n;
         });

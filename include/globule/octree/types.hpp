@@ -63,6 +63,7 @@ inline constexpr int kChunk = 8;       ///< consecutive particles that one threa
 struct TreeHeader {
     morton::Space space;
     float typical_support;      ///< geometric mean of the smallest and the largest
+    float most_weight;          ///< largest magnitude
     std::uint32_t n_nodes;      ///< 0 where no particle is inside
     std::uint32_t n_outside;    ///< particles marked as outside; they come first
     std::int32_t depth;         ///< deepest level that may be used

@@ -110,7 +110,8 @@ struct ResolveRays {
         const float typical = tree.header->typical_support, scale = 1.0f / typical;
         const Vec3<double> o2{o.x, o.y, o.z}, d2{d.x, d.y, d.z};
         const TreeSource<Tree> straight{tree, particles, kernel, o2, d2};
-        Limits<double> lim{tau, kWindow * typical, 1e-13 * (1.0 + tau), 1e-12 * typical, 1.0};
+        const double size = double(tau) + tree.header->most_weight;
+        Limits<double> lim{tau, kWindow * typical, 1e-13 * size, 1e-12 * typical, 1.0};
         const Node box = tree.node(0);
         if (morton::is_inside(o, box.lo, box.hi) && straight.template at<false>(0.0, lim).f > tau) lim.sign = -1.0;
         const Bundle ray = bundle_of(o, d, 0.0f, 0.0f);
@@ -155,7 +156,7 @@ struct ResolveRays {
     GB_FN bool search(const Source& source, const Limits<double>& lim, double& t, double end) const {
         bool hit = false, unsure = false;
         march(source, lim, end, true, t, hit, unsure);
-        return hit || (unsure && magnitude(source.template at<false>(t, lim).f - lim.tau) < 1e-9 * (1.0 + lim.tau));
+        return hit || (unsure && magnitude(source.template at<false>(t, lim).f - lim.tau) < 1e4 * lim.error);
     }
 };
 

@@ -265,9 +265,10 @@ private:
             Group::put(p0.y, lane, float((double(Group::get(lanes.o[v].y, lane)) + double(z) * Group::get(d.y, lane) - at.y) * scale));
             Group::put(p0.z, lane, float((double(Group::get(lanes.o[v].z, lane)) + double(z) * Group::get(d.z, lane) - at.z) * scale));
         });
+        const float heaviest = PerParticle ? tree.header->most_weight : 1.0f;
         const float sharp = most(1.0f, found.sharpest);  // where float32's error is largest
         const ListSource<PerParticle, Group, Kernel> source{scratch, found.n, kernel, p0, d};
-        Limits<F> lim{F(tau), F(kWindow / found.sharpest), F(5e-6f * (1.0f + tau) * sharp), F(2e-5f / found.sharpest), F(1.0f)};
+        Limits<F> lim{F(tau), F(kWindow / found.sharpest), F(5e-6f * (heaviest + tau) * sharp), F(2e-5f / found.sharpest), F(1.0f)};
         F t = most((lanes.t[v] - F(z)) * F(scale), F(0.0f));
         if (g.any(lanes.fresh[v] & active)) {
             const Along<F> s = source.template at<false>(t, lim);
