@@ -34,7 +34,7 @@ void range(const std::vector<Sphere>& spheres, const AnyKernel& kernel, const Ve
 
 /// First point of [t0, t1] where sign (tau - f) is no longer positive, by exclusion and bisection.
 double search(const std::vector<Sphere>& all, const AnyKernel& kernel, double tau, double sign, const Vec3<double>& o,
-              const Vec3<double>& d, double dd, double t0, double t1, double least_width) {
+              const Vec3<double>& d, double dd, double t0, double t1, double least_width, double slack) {
     std::vector<Sphere> here;
     const double pad = least_width;
     for (const Sphere& s : all) {
@@ -48,13 +48,12 @@ double search(const std::vector<Sphere>& all, const AnyKernel& kernel, double ta
     if (t1 - t0 <= least_width) {
         double at, same;
         range(here, kernel, o, d, dd, t0, t0, at, same);
-        // Within a least_width of a root f is this close to tau; a tangency that comes closer than
-        // 1e-9 counts as one.
-        return sign * (tau - at) < 1e-9 ? t0 : infinity();
+        // Within a least_width of a root f is as close to tau as rounding lets it be.
+        return sign * (tau - at) < slack ? t0 : infinity();
     }
     const double mid = 0.5 * (t0 + t1);
-    const double first = search(here, kernel, tau, sign, o, d, dd, t0, mid, least_width);
-    return first < infinity() ? first : search(here, kernel, tau, sign, o, d, dd, mid, t1, least_width);
+    const double first = search(here, kernel, tau, sign, o, d, dd, t0, mid, least_width, slack);
+    return first < infinity() ? first : search(here, kernel, tau, sign, o, d, dd, mid, t1, least_width, slack);
 }
 
 }  // namespace
@@ -92,7 +91,7 @@ void first_hit(const Particles& p, double tau, std::size_t m, const float* origi
         const double dd = dot(d, d);
         std::vector<Sphere> met;
         std::vector<double> events{0.0};
-        double smallest = infinity(), f0 = 0;
+        double smallest = infinity(), f0 = 0, heaviness = 0;
         for (std::size_t j = 0; j < p.n; ++j) {
             const double a2 = p.support[j] * p.support[j];
             const Vec3<double> q{p.positions[3 * j], p.positions[3 * j + 1], p.positions[3 * j + 2]};
@@ -104,6 +103,7 @@ void first_hit(const Particles& p, double tau, std::size_t m, const float* origi
             const double half = std::sqrt((a2 - h2) / dd);
             if (s + half <= 0) continue;
             met.push_back({q, a2, p.weight[j]});
+            heaviness += std::abs(p.weight[j]);
             events.push_back(std::max(0.0, s - half));
             events.push_back(s + half);
             smallest = std::min(smallest, p.support[j]);
@@ -117,7 +117,8 @@ void first_hit(const Particles& p, double tau, std::size_t m, const float* origi
         const double sign = f0 > tau ? -1 : 1, width = 1e-9 * smallest / std::sqrt(dd);
         for (std::size_t k = 0; k + 1 < events.size() && !(t[i] < infinity()); ++k)
             if (events[k + 1] > events[k])
-                t[i] = search(met, p.kernel, tau, sign, o, d, dd, events[k], events[k + 1], width);
+                t[i] = search(met, p.kernel, tau, sign, o, d, dd, events[k], events[k + 1], width,
+                              1e-13 * (tau + heaviness));
     }
 }
 

@@ -1,11 +1,23 @@
 """Mesh-free visualization: particles in, smooth exact surfaces out."""
 
-from .camera import Camera
-from .formats import FormatError, read, write
-from .octree import field, gradient, intersect
-from .particles import Particles
-from .render import DirectionalLight, Frame, Headlight, PointLight, RenderSettings, render
-from .scene import Scene
+import os
+
+# OpenMP threads that spin while they wait slow down whatever runs beside them; the runtime reads
+# this once, when the core is loaded.
+_set = "OMP_WAIT_POLICY" not in os.environ
+if _set:
+    os.environ["OMP_WAIT_POLICY"] = "passive"
+from . import _core  # noqa: E402, F401
+
+if _set:
+    del os.environ["OMP_WAIT_POLICY"]
+
+from .camera import Camera  # noqa: E402
+from .formats import FormatError, read, write  # noqa: E402
+from .octree import field, gradient, intersect  # noqa: E402
+from .particles import Particles  # noqa: E402
+from .render import DirectionalLight, Frame, Headlight, PointLight, RenderSettings, render  # noqa: E402
+from .scene import Scene  # noqa: E402
 
 __version__ = "0.1.0"
 __all__ = [

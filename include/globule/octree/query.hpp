@@ -7,10 +7,10 @@
 
 namespace globule {
 
-/// Depth-first over all nodes whose box meets the box [lo, hi]; visit(slot) for each of their
-/// particles, in Morton order.
-template <class Tree, class Visit>
-GB_FN void for_each_touching(const Tree& tree, const float3& lo, const float3& hi, const Visit& visit) {
+/// Depth-first over all leaves whose box meets the box [lo, hi], in Morton order: leaf(first slot,
+/// number of particles).
+template <class Tree, class Leaf>
+GB_FN void for_each_leaf(const Tree& tree, const float3& lo, const float3& hi, const Leaf& leaf) {
     if (tree.empty()) return;
     struct Run {
         std::uint32_t next, end;
@@ -28,11 +28,19 @@ GB_FN void for_each_touching(const Tree& tree, const float3& lo, const float3& h
             continue;
         const std::uint32_t count = Node::count(node.meta);
         if (Node::is_leaf(node.meta)) {
-            for (std::uint32_t j = node.first; j < node.first + count; ++j) visit(j);
+            leaf(node.first, count);
         } else if (count) {
             stack[++top] = {node.first, node.first + count};
         }
     }
+}
+
+/// visit(slot) for each particle of those leaves.
+template <class Tree, class Visit>
+GB_FN void for_each_touching(const Tree& tree, const float3& lo, const float3& hi, const Visit& visit) {
+    for_each_leaf(tree, lo, hi, [&](std::uint32_t first, std::uint32_t count) {
+        for (std::uint32_t j = first; j < first + count; ++j) visit(j);
+    });
 }
 
 /// Field and gradient at points, float64 sums: f = sum c b(r), grad f.

@@ -103,26 +103,6 @@ GB_FN void add_exact(Along<double>& sum, const SortedParticles& particles, const
     if (a > 0) add<true, Bounds>(sum, kernel, v, d, 1.0 / (a * a), double(particles.weight[slot]), lim);
 }
 
-/// Straight from the tree, for one ray: where even the thinnest slab holds more than a list can.
-template <class Tree>
-struct TreeSource {
-    const Tree& tree;
-    const SortedParticles& particles;
-    AnyKernel kernel;
-    Vec3<double> o, d;
-    template <bool Bounds>
-    GB_FN Along<double> at(double t, const Limits<double>& lim) const {
-        Along<double> sum{0, 0, 0, 0};
-        const Vec3<double> p = o + d * t, q = p + d * (Bounds ? lim.window : 0.0);
-        const float3 lo{float(least(p.x, q.x)), float(least(p.y, q.y)), float(least(p.z, q.z))};
-        const float3 hi{float(most(p.x, q.x)), float(most(p.y, q.y)), float(most(p.z, q.z))};
-        for_each_touching(tree, lo, hi,
-                          [&](std::uint32_t slot) { add_exact<Bounds>(sum, particles, kernel, slot, p, d, lim); });
-        sum.slope *= 2;
-        return sum;
-    }
-};
-
 /// Walks lanes from t to `end`.  `hit`: crossed at t.  `doubtful`: this precision cannot tell from t on.
 /// The bounds cost more than f and f' together and hold for a whole window, so they are asked for
 /// only when some lane has used its window up.

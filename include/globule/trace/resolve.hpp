@@ -26,6 +26,28 @@ struct SharedListSource {
     }
 };
 
+/// Straight from the tree: where even the thinnest slab holds more than a list can.
+template <class Tree, class Group>
+struct TreeSource {
+    Group& g;
+    const Tree& tree;
+    const SortedParticles& particles;
+    AnyKernel kernel;
+    Vec3<double> o, d;
+    template <bool Bounds>
+    GB_FN Along<double> at(double t, const Limits<double>& lim) const {
+        Along<double> sum{0, 0, 0, 0};
+        const Vec3<double> p = o + d * t, q = p + d * (Bounds ? lim.window : 0.0);
+        const float3 lo{float(least(p.x, q.x)), float(least(p.y, q.y)), float(least(p.z, q.z))};
+        const float3 hi{float(most(p.x, q.x)), float(most(p.y, q.y)), float(most(p.z, q.z))};
+        for_each_leaf(tree, lo, hi, [&](std::uint32_t first, std::uint32_t count) {
+            g.share(count, [&](int j) { add_exact<Bounds>(sum, particles, kernel, first + j, p, d, lim); });
+        });
+        sum = {g.total(sum.f), 2 * g.total(sum.slope), Bounds ? g.total(sum.rise) : 0, Bounds ? g.total(sum.fall) : 0};
+        return sum;
+    }
+};
+
 template <class Tree, bool PerParticle>
 struct ResolveRays {
     template <class Group>
@@ -69,8 +91,10 @@ struct ResolveRays {
         double s[7] = {};  // gradient, colour, influence
         if (hit && n > 0)
             g.share(n, [&](int j) { influence(s, scratch.list.number(j), p); });
-        else if (hit && g.is_first())
-            for_each_touching(tree, point(p), point(p), [&](std::uint32_t slot) { influence(s, slot, p); });
+        else if (hit)
+            for_each_leaf(tree, point(p), point(p), [&](std::uint32_t first, std::uint32_t count) {
+                g.share(count, [&](int j) { influence(s, first + j, p); });
+            });
         for (double& v : s) v = g.total(v);
         if (!g.is_first()) return;  // one lane writes
         out.t[i] = float(t);
@@ -109,7 +133,7 @@ struct ResolveRays {
     GB_FN double solve(Group& g, Scratch<Group>& scratch, const float3& o, const float3& d, double from, int& n) const {
         const float typical = tree.header->typical_support, scale = 1.0f / typical;
         const Vec3<double> o2{o.x, o.y, o.z}, d2{d.x, d.y, d.z};
-        const TreeSource<Tree> straight{tree, particles, kernel, o2, d2};
+        const TreeSource<Tree, Group> straight{g, tree, particles, kernel, o2, d2};
         const double size = double(tau) + tree.header->most_weight;
         Limits<double> lim{tau, kWindow * typical, 1e-13 * size, 1e-12 * typical, 1.0};
         const Node box = tree.node(0);
