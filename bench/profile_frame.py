@@ -1,4 +1,4 @@
-"""A few frames of one scene, for a profiler: `ncu ... python bench/profile_frame.py pool-302751`."""
+"""A few frames of one scene for a profiler: `ncu python bench/profile_frame.py pool-302751`."""
 
 import sys
 

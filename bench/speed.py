@@ -114,7 +114,8 @@ def main() -> None:
             flush=True,
         )
     print(
-        f"machine: {platform.machine()}, {os.cpu_count()} cores, {rows[0]['device']}, Python {platform.python_version()}"
+        f"machine: {platform.machine()}, {os.cpu_count()} cores, {rows[0]['device']}, "
+        f"Python {platform.python_version()}"
     )
     if options.output:
         with open(options.output, "w", newline="") as file:

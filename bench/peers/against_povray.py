@@ -18,9 +18,9 @@ from pathlib import Path
 import numpy as np
 
 sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parents[1])]
-import globule as gb
-import povray
-from speed import load
+import globule as gb  # noqa: E402
+import povray  # noqa: E402
+from speed import load  # noqa: E402
 
 
 def measure(name: str, size: tuple[int, int]) -> dict:

@@ -1,4 +1,4 @@
-"""The float64 reference by brute force: slow, obvious, and what everything else is tested against."""
+"""The float64 reference by brute force: slow, obvious; everything else is tested against it."""
 
 from __future__ import annotations
 

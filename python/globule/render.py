@@ -18,8 +18,13 @@ MAX_PIXELS = 2**28
 # How far from a particle, in supports, the surface may lie: where b = 0.6 / 8, so that it takes
 # eight particles at one place to reach the default threshold.
 REACH = {
-    "murakami": 0.85, "nishimura": 0.78, "wyvill": 0.82, "blinn": 0.47, "cubic_spline": 0.67, "wendland_c2": 0.62,
-}  # fmt: skip
+    "murakami": 0.85,
+    "nishimura": 0.78,
+    "wyvill": 0.82,
+    "blinn": 0.47,
+    "cubic_spline": 0.67,
+    "wendland_c2": 0.62,
+}
 MAX_LIGHTS = 8
 
 
@@ -132,7 +137,7 @@ class Frame:
         return self._frame.trace_seconds()
 
     def attribute(self, values: Any) -> np.ndarray:
-        """Per-particle values (N,) or (N, K) blended at every hit: (H, W[, K]), NaN where missed."""
+        """Per-particle values (N,) or (N, K) blended at every hit: (H, W[, K]), else NaN."""
         points = self.position.reshape(-1, 3)
         hit = np.isfinite(points[:, 0])
         blended = self._scene.blend(points[hit], values)
@@ -165,7 +170,7 @@ def render(
     size: tuple[int, int] = (1024, 782),
     settings: RenderSettings | None = None,
 ) -> Frame:
-    """Trace one ray through each pixel's centre to the first point where the field is the threshold.
+    """Trace a ray through each pixel's centre to the first point where the field is the threshold.
 
     Args:
         scene: what to see.

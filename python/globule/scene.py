@@ -216,7 +216,10 @@ class Scene:
         return len(self.particles)
 
     def __repr__(self) -> str:
-        return f"Scene({len(self)} particles, {self.kernel}, threshold {self.threshold:g}, {self.device.name})"
+        return (
+            f"Scene({len(self)} particles, {self.kernel}, threshold {self.threshold:g}, "
+            f"{self.device.name})"
+        )
 
 
 def _field(name: str, value: Any, columns: int | None, n: int) -> tuple[View, Any]:
@@ -250,7 +253,8 @@ def _check_supports(support: np.ndarray) -> None:
         raise ValueError(f"support: expected at most {MAX_SUPPORT:g}, got {largest:g}")
     if largest > MAX_RATIO * smallest:
         raise ValueError(
-            f"support: expected all within a factor of {MAX_RATIO:g}, got {smallest:g} to {largest:g}"
+            f"support: expected all within a factor of {MAX_RATIO:g}, "
+            f"got {smallest:g} to {largest:g}"
         )
 
 
