@@ -1,6 +1,6 @@
-// Bit and atomic operations that the two compilers spell differently.
+// Operations that the two compilers spell differently.
 #pragma once
-#include "globule/base/fn.hpp"
+#include "globule/base/scalar.hpp"
 
 namespace globule {
 
@@ -15,6 +15,28 @@ GB_FN int leading_zeros(std::uint64_t v) {
     const std::uint32_t high = std::uint32_t(v >> 32);
     return high ? leading_zeros(high) : 32 + leading_zeros(std::uint32_t(v));
 }
+
+/// Square root and quotient to within two units in the last place, where bounds allow for that.
+GB_FN float quick_root(float a) {
+#if defined(__CUDA_ARCH__)
+    float r;
+    asm("sqrt.approx.f32 %0, %1;" : "=f"(r) : "f"(a));
+    return r;
+#else
+    return root(a);
+#endif
+}
+GB_FN float quick_quotient(float a, float b) {
+#if defined(__CUDA_ARCH__)
+    return __fdividef(a, b);
+#else
+    return a / b;
+#endif
+}
+template <class F>
+GB_FN F quick_root(F a) { return root(a); }
+template <class F>
+GB_FN F quick_quotient(F a, F b) { return a / b; }
 
 /// Adds one and returns the value before; everything written before is visible to whoever sees the sum.
 GB_FN std::uint32_t atomic_increment(std::uint32_t* counter) {

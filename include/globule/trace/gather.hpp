@@ -190,7 +190,7 @@ GB_FN Gathered gather(Walk<PerParticle, Group, Tree>& walk, float dz, float scal
                     const F s = x * F(d.x) + y * F(d.y) + z * F(d.z);
                     const F grown = a + radius_at(walk.bundle, F(walk.z0) + s + a);
                     const F chord2 = grown * grown - (x * x + y * y + z * z - s * s);
-                    const F chord = root(most(chord2, F(0.0f)));
+                    const F chord = quick_root(most(chord2, F(0.0f)));
                     const B hit = present & (chord2 >= F(0.0f)) & (s + chord >= F(0.0f)) & (a > F(0.0f));
                     const B far = s - chord > F(dz);
                     next = select(hit & far, least(next, s - chord), next);

@@ -123,10 +123,10 @@ GB_FN void march(const Source& source, const Limits<F>& lim, F end, B active, F&
         const F slope = lim.sign * s.slope;
         const F safe = most(gap - lim.error, F(0));
         const F under = slope * slope + F(2) * rise * safe;
-        const F bottom = slope + root(most(under, F(0)));
+        const F bottom = slope + quick_root(most(under, F(0)));
         const auto reaches = (under >= F(0)) & (bottom > F(0));
         const F rest = window_end - t;
-        const F move = select(reaches, F(2) * safe / select(reaches, bottom, F(1)), rest);
+        const F move = select(reaches, quick_quotient(F(2) * safe, select(reaches, bottom, F(1))), rest);
         // A Newton step ends this where its error, curvature move^2 / (2 slope), is small enough and f is
         // certain to rise by the gap and this precision's error: by slope^2 / (2 fall), or slope rest / 2
         // up to the window's end.
@@ -135,7 +135,7 @@ GB_FN void march(const Source& source, const Limits<F>& lim, F end, B active, F&
         const F lift = F(2) * (most(gap, F(0)) + F(4) * lim.error);
         const B certain = (at_surface | quick) & (slope > F(0)) & (slope * slope > fall * lift) & (slope * rest > lift);
         const B unsure = at_surface & !certain;
-        const F newton = t + least(most(gap, F(0)) / select(certain, slope, F(1)), rest);
+        const F newton = t + least(quick_quotient(most(gap, F(0)), select(certain, slope, F(1))), rest);
         const F onward = select(move < rest, t + move, window_end);
         t = select(active, select(certain, newton, select(unsure, t, onward)), t);
         hit = hit | certain;
