@@ -88,6 +88,13 @@ def measure(name: str, device: str, frames: int, threads: int) -> dict:
     }
 
 
+def write_csv(path: str, rows: list[dict]) -> None:
+    with open(path, "w", newline="") as file:
+        writer = csv.DictWriter(file, rows[0].keys())
+        writer.writeheader()
+        writer.writerows(rows)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--device", default="auto")
@@ -118,10 +125,7 @@ def main() -> None:
         f"Python {platform.python_version()}"
     )
     if options.output:
-        with open(options.output, "w", newline="") as file:
-            writer = csv.DictWriter(file, rows[0].keys())
-            writer.writeheader()
-            writer.writerows(rows)
+        write_csv(options.output, rows)
 
 
 if __name__ == "__main__":

@@ -9,7 +9,6 @@ Skips with a line where POV-Ray is not installed.
 from __future__ import annotations
 
 import argparse
-import csv
 import sys
 import tempfile
 import time
@@ -20,7 +19,7 @@ import numpy as np
 sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parents[1])]
 import globule as gb  # noqa: E402
 import povray  # noqa: E402
-from speed import load  # noqa: E402
+from speed import load, write_csv  # noqa: E402
 
 
 def measure(name: str, size: tuple[int, int]) -> dict:
@@ -68,10 +67,7 @@ def main() -> None:
             )
         )
     if options.output:
-        with open(options.output, "w", newline="") as file:
-            writer = csv.DictWriter(file, rows[0].keys())
-            writer.writeheader()
-            writer.writerows(rows)
+        write_csv(options.output, rows)
 
 
 if __name__ == "__main__":
