@@ -8,8 +8,8 @@
 
 #include "dispatch.hpp"
 #include "oracle.hpp"
+#include "picture.hpp"
 
-namespace nb = nanobind;
 using namespace globule;
 
 namespace {
@@ -21,7 +21,6 @@ T* at(Address a) { return reinterpret_cast<T*>(a); }
 /// (address, is it device memory); address 0 stands for an absent array.
 using Array = std::tuple<Address, bool>;
 FloatArray floats(const Array& a) { return {at<const float>(std::get<0>(a)), std::get<1>(a)}; }
-float3 vec(const std::vector<float>& v) { return {v.at(0), v.at(1), v.at(2)}; }
 
 /// Ctrl-C during long work: true once Python has a pending signal's exception.
 bool poll_signals() {
@@ -47,20 +46,6 @@ auto work(const Fn& fn) {
 CameraRays camera(const std::vector<float>& v, int width, int height, bool orthographic) {
     auto part = [&](int i) { return float3{v.at(3 * i), v.at(3 * i + 1), v.at(3 * i + 2)}; };
     return {part(0), part(1), part(2), part(3), width, height, orthographic};
-}
-
-Shading shading(const nb::dict& d) {
-    Shading s{};
-    s.ambient = vec(nb::cast<std::vector<float>>(d["ambient"]));
-    s.background = vec(nb::cast<std::vector<float>>(d["background"]));
-    s.specular = nb::cast<float>(d["specular"]);
-    s.shininess = nb::cast<float>(d["shininess"]);
-    s.exposure = nb::cast<float>(d["exposure"]);
-    for (nb::handle h : nb::cast<nb::list>(d["lights"])) {
-        const auto [kind, place, radiance] = nb::cast<std::tuple<int, std::vector<float>, std::vector<float>>>(h);
-        s.lights[s.n_lights++] = {LightKind(kind), vec(place), vec(radiance)};
-    }
-    return s;
 }
 
 /// Address, shape, bytes an item and type code of any DLPack array, and the object that keeps it alive.
@@ -125,6 +110,7 @@ NB_MODULE(_core, m) {
         .def("color", [](Frame& f, Address out) { work([&] { f.color(at<float>(out)); }); })
         .def("position", [](Frame& f, Address out) { work([&] { f.position(at<float>(out)); }); })
         .def("picture", [](Frame& f, Address out) { work([&] { f.picture(at<std::uint8_t>(out)); }); })
+        .def("passes", [](Frame& f) { return f.passes(); })
         .def("trace_seconds", [](Frame& f) { return work([&] { return f.trace_seconds(); }); });
 
     nb::class_<PyScene>(m, "Scene")
@@ -132,10 +118,10 @@ NB_MODULE(_core, m) {
             new (self) PyScene{open_backend(backend).make_scene(index, threads, poll_signals)};
         })
         .def("build", [](PyScene& s, std::size_t n, Array positions, Array support, float one_support, Array weight,
-                         float one_weight, Array color, std::vector<float> one_color, int key_bits, int depth,
-                         bool dense, std::vector<float> space) {
-            SceneArrays arrays{n, floats(positions), floats(support), floats(weight), floats(color),
-                               one_support, one_weight, vec(one_color)};
+                         float one_weight, Array color, std::vector<float> one_color, Array reflection, float one_reflection,
+                         Array refraction, float one_refraction, int key_bits, int depth, bool dense, std::vector<float> space) {
+            SceneArrays arrays{n, floats(positions), floats(support), floats(weight), floats(color), floats(reflection),
+                               floats(refraction), one_support, one_weight, vec(one_color), one_reflection, one_refraction};
             TreeRequest request{key_bits, depth, dense, !space.empty(), {}, {}};
             if (!space.empty()) {
                 request.lo = {space.at(0), space.at(1), space.at(2)};
@@ -163,12 +149,26 @@ NB_MODULE(_core, m) {
         .def("sorted", [](PyScene& s, Address keys, Address index) {
             work([&] { s.scene->sorted(at<std::uint64_t>(keys), at<std::uint32_t>(index)); });
         })
-        .def("render", [](PyScene& s, int kernel, float threshold, std::vector<float> view, int width, int height,
-                          bool orthographic, nb::dict look) {
-            const CameraRays rays = camera(view, width, height, orthographic);
-            const Shading light = shading(look);
-            return work([&] { return s.scene->render({KernelName(kernel), threshold}, rays, light); });
-        })
+        .def("render", [](PyScene& s, nb::list layers, std::vector<float> view, int width, int height, bool orthographic,
+                          nb::dict look, int passes, nb::object before) {
+            PictureRequest request;
+            request.camera = camera(view, width, height, orthographic);
+            request.lighting = lighting(look);
+            request.lighting.sky = sky(nb::cast<nb::dict>(look["sky"]), request.sky_image, request.sky_id);
+            request.passes = passes;
+            for (nb::handle h : layers) {
+                const auto [scene, kernel, threshold, of_layer, clips] =
+                    nb::cast<std::tuple<PyScene*, int, float, nb::dict, nb::list>>(h);
+                LayerRequest layer{scene->scene.get(), {KernelName(kernel), threshold}, {}};
+                for (nb::handle c : clips) layer.clips.push_back(clip(nb::cast<nb::dict>(c)));
+                request.lighting.materials[request.layers.size()] = material(of_layer);
+                request.layers.push_back(std::move(layer));
+            }
+            std::shared_ptr<Frame> frame;
+            if (!before.is_none()) frame = nb::cast<std::shared_ptr<Frame>>(before);
+            return work([&] { return s.scene->render(request, frame); });
+        }, nb::arg("layers"), nb::arg("view"), nb::arg("width"), nb::arg("height"), nb::arg("orthographic"), nb::arg("look"),
+           nb::arg("passes"), nb::arg("before").none())
         .def("intersect", [](PyScene& s, int kernel, float threshold, std::size_t n, Array origins, Array directions,
                              Address t, Address normal, Address albedo) {
             work([&] { s.scene->intersect({KernelName(kernel), threshold}, n, floats(origins), floats(directions),

@@ -10,7 +10,8 @@
 #include "globule/field/kernels.hpp"
 #include "globule/octree/types.hpp"
 #include "globule/trace/camera.hpp"
-#include "globule/trace/shade.hpp"
+#include "globule/trace/clip.hpp"
+#include "globule/trace/wave.hpp"
 
 namespace globule {
 
@@ -24,8 +25,10 @@ struct SceneArrays {
     std::size_t n = 0;
     FloatArray positions;                 // (n, 3)
     FloatArray support, weight, color;    // (n,), (n,), (n, 3); null: the one value below
+    FloatArray reflection, refraction;    // (n,)
     float one_support = 0.0f, one_weight = 1.0f;
     float3 one_color{0, 0, 0};
+    float one_reflection = 0.0f, one_refraction = 0.0f;
 };
 
 struct TreeRequest {
@@ -56,6 +59,25 @@ struct Frame {
     virtual void position(float* out) = 0;
     virtual void picture(std::uint8_t* out) = 0;     // (h, w, 3)
     virtual double trace_seconds() = 0;
+    virtual int passes() = 0;
+};
+
+struct Scene;
+
+/// One scene of a picture.
+struct LayerRequest {
+    Scene* scene;
+    FieldRequest field;
+    std::vector<Clip> clips;
+};
+
+struct PictureRequest {
+    std::vector<LayerRequest> layers;   // all of one backend and device
+    CameraRays camera;
+    Lighting lighting;                  // its sky's image and the layers' materials included
+    const float* sky_image = nullptr;   // (height, width, 3) in host memory
+    std::uint64_t sky_id = 0;           // another number for another image
+    int passes = 1;
 };
 
 struct Neighbors {
@@ -69,7 +91,8 @@ struct Scene {
     virtual TreeFacts facts(bool with_hashes) = 0;
     virtual float spacing() = 0;  // of the particles built last; 0 where there are too few
     virtual void sorted(std::uint64_t* keys, std::uint32_t* index) = 0;
-    virtual std::shared_ptr<Frame> render(const FieldRequest& field, const CameraRays& camera, const Shading& shading) = 0;
+    /// The picture; passes are added to those of `before`, a frame of the same size, if given.
+    virtual std::shared_ptr<Frame> render(const PictureRequest& request, std::shared_ptr<Frame> before) = 0;
     virtual void intersect(const FieldRequest& field, std::size_t n, FloatArray origins, FloatArray directions,
                            float* t, float* normal, float* albedo) = 0;
     virtual void evaluate(const FieldRequest& field, std::size_t n, FloatArray points, float* value, float* gradient) = 0;

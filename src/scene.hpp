@@ -1,12 +1,16 @@
 // The one implementation of Scene, over any Exec.
 #pragma once
 #include <algorithm>
+#include <deque>
 #include <cmath>
 
 #include "backend.hpp"
 #include "globule/octree/build.hpp"
 #include "globule/octree/query.hpp"
+#include "globule/trace/build_cells.hpp"
 #include "globule/trace/resolve.hpp"
+#include "globule/trace/shade.hpp"
+#include "render.hpp"
 
 namespace globule {
 
@@ -33,7 +37,8 @@ public:
         : exec_(std::make_shared<Exec>(std::forward<Args>(args)...)), tree_(*exec_), positions_(*exec_),
           support_(*exec_), weight_(*exec_), color_(*exec_), points_(*exec_), more_points_(*exec_),
           values_(*exec_), results_(*exec_), offsets_(*exec_), indices_(*exec_), count_(*exec_),
-          hits_(*exec_) {}
+          hits_(*exec_), reflection_(*exec_), refraction_(*exec_), sky_(*exec_), spare_(*exec_), grid_(*exec_), bricks_(*exec_),
+          lists_(*exec_), blocks_(*exec_), waves_(*exec_) {}
 
     void build(const SceneArrays& in, const TreeRequest& request) override {
         ParticleInput input;
@@ -41,8 +46,11 @@ public:
         input.positions = bring(positions_, in.positions, 3 * in.n);
         input.support = {bring(support_, in.support, in.n), in.one_support};
         input.weight = {bring(weight_, in.weight, in.n), in.one_weight};
-        color_data_ = bring(color_, in.color, 3 * in.n);
-        one_color_ = in.one_color;
+        attributes_.color = bring(color_, in.color, 3 * in.n);
+        attributes_.one_color = in.one_color;
+        attributes_.reflection = {bring(reflection_, in.reflection, in.n), in.one_reflection};
+        attributes_.refraction = {bring(refraction_, in.refraction, in.n), in.one_refraction};
+        cells_stale_ = true;
         TreeParams params{request.key_bits, request.depth, request.dense, request.fixed_space, request.lo, request.hi};
         exec_->mark(0);
         tree_.build(input, params);
@@ -107,13 +115,19 @@ public:
         exec_->download(index, tree_.particles().index, n * 4);
     }
 
-    std::shared_ptr<Frame> render(const FieldRequest& field, const CameraRays& camera, const Shading& shading) override {
+    std::shared_ptr<Frame> render(const PictureRequest& request, std::shared_ptr<Frame> before) override {
+        const CameraRays& camera = request.camera;
         const std::size_t n = std::size_t(camera.width) * camera.height;
-        std::shared_ptr<FrameOf> frame = take_frame(n);
+        std::shared_ptr<FrameOf> frame = before ? std::static_pointer_cast<FrameOf>(before) : take_frame(n);
         frame->rays = {camera, nullptr, nullptr, n};
         frame->exec->mark(2);
-        trace(field, frame->rays, frame->hits());
-        frame->exec->for_each(n, Shade{frame->rays, frame->hits(), shading, frame->color_data(), frame->picture_data()});
+        if (!before && request.passes == 1 && is_plain(request)) {
+            frame->n_passes = 1;
+            trace(request.layers[0].field, frame->rays, frame->hits());
+            exec_->for_each(n, Shade{frame->rays, frame->hits(), request.lighting, frame->color_data(), frame->picture_data()});
+        } else {
+            render_waves(request, *frame);
+        }
         frame->exec->mark(3);
         check_cancelled();
         return frame;
@@ -179,7 +193,9 @@ private:
         std::shared_ptr<Exec> exec;
         Buffer<float, Exec> block;
         RaySource rays;
-        explicit FrameOf(std::shared_ptr<Exec> e) : exec(std::move(e)), block(*exec) {}
+        Buffer<float, Exec> sums;  ///< over passes: light, and as displayed
+        int n_passes = 0;
+        explicit FrameOf(std::shared_ptr<Exec> e) : exec(std::move(e)), block(*exec), sums(*exec) {}
 
         Hits hits() const { return {block.data(), block.data() + rays.n, block.data() + 4 * rays.n}; }
         float* color_data() const { return block.data() + 7 * rays.n; }
@@ -195,6 +211,7 @@ private:
             exec->for_each(rays.n, HitPositions{rays, hits().t, p});
             exec->download(out, p, 3 * rays.n * sizeof(float));
         }
+        int passes() override { return n_passes; }
         double trace_seconds() override { return exec->elapsed(2, 3); }
     };
 
@@ -204,7 +221,148 @@ private:
             if (f.use_count() == 1) frame = f;
         if (!frame) pool_.push_back(frame = std::make_shared<FrameOf>(exec_));
         frame->block.reserve(11 * n);
+        frame->n_passes = 0;
         return frame;
+    }
+
+    /// Whether light makes no more than one turn.
+    bool is_plain(const PictureRequest& request) const {
+        const Lighting& l = request.lighting;
+        const Material& m = l.materials[0];
+        const bool mirrors = m.reflection > 0.0f || (m.reflection < 0.0f && (attributes_.reflection.data || attributes_.reflection.uniform > 0.0f));
+        const bool transmits = m.transmission > 0.0f || (m.transmission < 0.0f && (attributes_.refraction.data || attributes_.refraction.uniform > 0.0f));
+        return request.layers.size() == 1 && request.layers[0].clips.empty() && !mirrors && !transmits && m.index == 0.0f &&
+               l.n_visibilities() == 0 && !l.sky_light && !l.show_sky && !l.ground.present;
+    }
+
+    void render_waves(const PictureRequest& request, FrameOf& frame) {
+        const CameraRays& camera = request.camera;
+        Lighting lighting = request.lighting;
+        const int n_layers = int(request.layers.size());
+        std::vector<SceneOf*> scenes;
+        std::vector<Clips> clips;
+        lighting.scale = infinity();
+        while (int(clips_.size()) < n_layers) clips_.emplace_back(*exec_);
+        for (int k = 0; k < n_layers; ++k) {
+            const LayerRequest& layer = request.layers[k];
+            SceneOf& scene = *static_cast<SceneOf*>(layer.scene);
+            scenes.push_back(&scene);
+            scene.prepare(layer.field);
+            if (&scene != this) scene.synchronize();
+            Clip* room = clips_[k].reserve(layer.clips.size() + 1);
+            if (!layer.clips.empty()) exec_->upload(room, layer.clips.data(), layer.clips.size() * sizeof(Clip));
+            clips.push_back({room, int(layer.clips.size())});
+            lighting.scale = least(lighting.scale, kStart * scene.typical_);
+        }
+        if (request.sky_image) {
+            const std::size_t floats = std::size_t(lighting.sky.width) * lighting.sky.height * 3;
+            float* image = sky_.reserve(floats);
+            if (request.sky_id != sky_id_) exec_->upload(image, request.sky_image, floats * sizeof(float));
+            sky_id_ = request.sky_id;
+            lighting.sky.image = image;
+        }
+        const std::size_t n = frame.rays.n;
+        float* sums = frame.sums.reserve(6 * n);
+        // A band of rows at a time, so that the waves' memory does not grow with the picture.
+        const std::uint32_t band = std::uint32_t(most<std::size_t>(8, Exec::wave_size / camera.width / 8 * 8));
+        const auto march = [&](const WaveRays& rays, int k, LayerHits& found) {
+            scenes[k]->march(*exec_, request.layers[k].field, clips[k], rays, k, found);
+        };
+        const auto keep = [&](const WaveRays& rays, int k, const LayerHits& found, const WaveHits& hits) {
+            scenes[k]->with_tracer(request.layers[k].field, [&](const auto& tracer) {
+                using Tracer = std::decay_t<decltype(tracer)>;
+                exec_->for_each_uneven(rays.source.n_items(), Keep<Tracer>{tracer, clips[k], scenes[k]->attributes_, rays, k, found, hits});
+            });
+        };
+        const auto occlude = [&](const WaveRays& rays, const WaveHits& hits, int k, float* visibility) {
+            scenes[k]->with_tracer(request.layers[k].field, [&](const auto& tracer) {
+                using Tracer = std::decay_t<decltype(tracer)>;
+                exec_->for_each_uneven(rays.source.n_items() * lighting.n_visibilities(),
+                                       Occlude<Tracer>{{tracer, clips[k]}, scenes[k]->attributes_, lighting, rays, hits, k, visibility});
+            });
+        };
+        for (int p = 0; p < request.passes && !exec_->cancelled(); ++p) {
+            const int pass = frame.n_passes++;
+            float* spare = pass ? spare_.reserve(7 * n) : nullptr;  // later passes must not change depth and normals
+            const Hits first = pass ? Hits{spare, spare + n, spare + 4 * n} : frame.hits();
+            for (std::uint32_t row = 0; row < std::uint32_t(camera.height); row += band) {
+                const std::uint32_t rows = least(band, std::uint32_t(camera.height) - row);
+                const std::size_t at = std::size_t(row) * camera.width;
+                const WaveHits hits = waves_.run(lighting, camera, row, rows, std::uint32_t(pass), n_layers, first.t + at,
+                                                 first.normal + 3 * at, first.albedo + 3 * at, march, keep, occlude);
+                exec_->for_each(std::size_t(rows) * camera.width,
+                                Finish{waves_.sum(), hits.layer, at, lighting.exposure, frame.n_passes, sums, sums + 3 * n,
+                                       frame.color_data(), frame.picture_data()});
+            }
+        }
+    }
+
+    /// Distances to one layer's first crossing, on the picture's own stream.
+    void march(Exec& exec, const FieldRequest& field, const Clips& clips, const WaveRays& rays, int layer, LayerHits& found) {
+        if constexpr (Exec::tiles_for_camera) {
+            if (rays.primary() && clips.n == 0) {
+                found.sign = nullptr;
+                found.cap = nullptr;
+                trace_with(exec, field, rays.source, {found.t, nullptr, nullptr});
+                return;
+            }
+        }
+        with_tracer(field, [&](const auto& tracer) {
+            using Tracer = std::decay_t<decltype(tracer)>;
+            exec.for_each_uneven(rays.source.n_items(), March<Tracer>{{tracer, clips}, rays, layer, found});
+            using Tree = std::decay_t<decltype(tracer.tree)>;
+            const ResolveRays<Tree, Tracer::PerParticle> rest{tracer.tree, tree_.particles(), {field.kernel}, field.threshold, nullptr, {},
+                                                             rays.source, {found.t, nullptr, nullptr}, clips, found.sign, found.cap};
+            exec.for_each_tile(rest.template n_tiles<typename Exec::Group>(), rest);
+        });
+    }
+
+    /// The cells of this field, built if they are not there yet.
+    void prepare(const FieldRequest& field) {
+        if (cells_for_.kernel == field.kernel && cells_for_.threshold == field.threshold && !cells_stale_) return;
+        with_tracer(field, [&](const auto& tracer) {
+            using Tracer = std::decay_t<decltype(tracer)>;
+            using Tree = std::decay_t<decltype(tracer.tree)>;
+            using Lanes = typename Exec::Lanes;
+            constexpr std::size_t block = Lanes::width * block_stride(Tracer::PerParticle);
+            CellGrid* grid = grid_.reserve(1);
+            std::uint32_t* bricks = bricks_.reserve(kMaxBricks);
+            for (bool enough = false; !enough;) {
+                exec_->for_each(1, PlanCells<Tree>{tracer.tree, grid});
+                exec_->for_each_tile_of(&grid->n_bricks,
+                                        BuildCells<Lanes, Tree, std::decay_t<decltype(tracer.kernel)>, Tracer::PerParticle>{
+                                            tracer.tree, tree_.particles(), tracer.kernel, tracer.tau, grid, bricks, lists_.data(),
+                                            blocks_.data(), std::uint32_t(lists_.capacity() / kBrickCells), std::uint32_t(blocks_.capacity() / block)});
+                CellGrid g;
+                exec_->download(&g, grid, sizeof g);
+                enough = std::size_t(g.n_lists) * kBrickCells <= lists_.capacity() && std::size_t(g.n_blocks) * block <= blocks_.capacity();
+                typical_ = g.edge / kCellEdge;
+                if (enough) break;
+                lists_.reserve(std::size_t(g.n_lists + g.n_lists / 4 + 16) * kBrickCells);
+                blocks_.reserve(std::size_t(g.n_blocks + g.n_blocks / 4 + 64) * block);
+            }
+        });
+        cells_for_ = field;
+        cells_stale_ = false;
+    }
+
+    /// fn(tracer) with the tracer that fits the tree, the kernel and the particles.
+    template <class Fn>
+    void with_tracer(const FieldRequest& field, const Fn& fn) {
+        with_kinds(field, [&]<class Tree, class Kernel, bool PerParticle>(const Tree& tree, const Kernel& kernel, std::bool_constant<PerParticle>) {
+            const SortedParticles& p = tree_.particles();
+            const float tau = PerParticle ? field.threshold : field.threshold / p.weight.uniform;
+            fn(CellTracer<typename Exec::Lanes, Tree, Kernel, PerParticle>{
+                tree, p, kernel, tau, {grid_.data(), bricks_.data(), lists_.data(), blocks_.data()}});
+        });
+    }
+    template <class Fn>
+    void with_kinds(const FieldRequest& field, const Fn& fn) {
+        const SortedParticles& p = tree_.particles();
+        const bool alike = !p.support.data && !p.weight.data && p.weight.uniform > 0.0f;
+        if (tree_.params().dense) fn(tree_.dense(), AnyKernel{field.kernel}, std::true_type{});
+        else if (alike && field.kernel == KernelName::murakami) fn(tree_.sparse(), Murakami{}, std::false_type{});
+        else fn(tree_.sparse(), AnyKernel{field.kernel}, std::true_type{});
     }
 
     /// The array in this backend's memory: itself, or a copy in `room`.
@@ -222,21 +380,16 @@ private:
         else fn(tree_.sparse());
     }
 
-    void trace(const FieldRequest& field, const RaySource& rays, const Hits& hits) {
-        const SortedParticles& p = tree_.particles();
-        const bool alike = !p.support.data && !p.weight.data && p.weight.uniform > 0.0f;
-        if (tree_.params().dense) run<DenseTree, AnyKernel, true>(tree_.dense(), {field.kernel}, field, rays, hits);
-        else if (alike && field.kernel == KernelName::murakami) run<SparseTree, Murakami, false>(tree_.sparse(), {}, field, rays, hits);
-        else run<SparseTree, AnyKernel, true>(tree_.sparse(), {field.kernel}, field, rays, hits);
-    }
-    template <class Tree, class Kernel, bool PerParticle>
-    void run(const Tree& tree, const Kernel& kernel, const FieldRequest& field, const RaySource& rays, const Hits& hits) {
-        const SortedParticles& p = tree_.particles();
-        const float tau = PerParticle ? field.threshold : field.threshold / p.weight.uniform;
-        const TraceTiles<Tree, Kernel, PerParticle> tiles{tree, p, kernel, tau, color_data_, one_color_, rays, hits};
-        exec_->for_each_tile(tiles.template n_tiles<typename Exec::Group>(), tiles);
-        const ResolveRays<Tree, PerParticle> rest{tree, p, {field.kernel}, field.threshold, color_data_, one_color_, rays, hits};
-        exec_->for_each_tile(rest.template n_tiles<typename Exec::Group>(), rest);
+    void trace(const FieldRequest& field, const RaySource& rays, const Hits& hits) { trace_with(*exec_, field, rays, hits); }
+    void trace_with(Exec& exec, const FieldRequest& field, const RaySource& rays, const Hits& hits) {
+        with_kinds(field, [&]<class Tree, class Kernel, bool PerParticle>(const Tree& tree, const Kernel& kernel, std::bool_constant<PerParticle>) {
+            const SortedParticles& p = tree_.particles();
+            const float tau = PerParticle ? field.threshold : field.threshold / p.weight.uniform;
+            const TraceTiles<Tree, Kernel, PerParticle> tiles{tree, p, kernel, tau, attributes_.color, attributes_.one_color, rays, hits};
+            exec.for_each_tile(tiles.template n_tiles<typename Exec::Group>(), tiles);
+            const ResolveRays<Tree, PerParticle> rest{tree, p, {field.kernel}, field.threshold, attributes_.color, attributes_.one_color, rays, hits};
+            exec.for_each_tile(rest.template n_tiles<typename Exec::Group>(), rest);
+        });
     }
 
     std::uint64_t hash_device(const void* data, std::size_t bytes, std::uint64_t h = 1469598103934665603ull) {
@@ -257,8 +410,19 @@ private:
     Buffer<std::uint64_t, Exec> offsets_;
     Buffer<std::uint32_t, Exec> indices_, count_;
     Buffer<float, Exec> hits_;
-    const float* color_data_ = nullptr;
-    float3 one_color_{0, 0, 0};
+    Attributes attributes_{};
+    Buffer<float, Exec> reflection_, refraction_, sky_, spare_;
+    std::uint64_t sky_id_ = 0;
+    // Cells for secondary rays, made when first needed.
+    Buffer<CellGrid, Exec> grid_;
+    Buffer<std::uint32_t, Exec> bricks_;
+    Buffer<CellList, Exec> lists_;
+    Buffer<float, Exec> blocks_;
+    FieldRequest cells_for_{};
+    bool cells_stale_ = true;
+    float typical_ = 1.0f;
+    Waves<Exec> waves_;
+    std::deque<Buffer<Clip, Exec>> clips_;
     std::vector<std::shared_ptr<FrameOf>> pool_;
 };
 

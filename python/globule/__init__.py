@@ -13,23 +13,42 @@ if _set:
     del os.environ["OMP_WAIT_POLICY"]
 
 from .camera import Camera  # noqa: E402
+from .clips import ClipBox, ClipPlane, ClipSphere  # noqa: E402
 from .formats import FormatError, read, write  # noqa: E402
+from .lights import (  # noqa: E402
+    DirectionalLight,
+    Environment,
+    Ground,
+    Headlight,
+    PointLight,
+    Sky,
+)
+from .materials import Material  # noqa: E402
 from .octree import field, gradient, intersect  # noqa: E402
 from .particles import Particles  # noqa: E402
-from .render import DirectionalLight, Frame, Headlight, PointLight, RenderSettings, render  # noqa: E402
+from .render import Frame, Layer, Picked, RenderSettings, render  # noqa: E402
 from .scene import Scene  # noqa: E402
 
 __version__ = "0.1.0"
 __all__ = [
     "Camera",
+    "ClipBox",
+    "ClipPlane",
+    "ClipSphere",
     "DirectionalLight",
+    "Environment",
     "FormatError",
     "Frame",
+    "Ground",
     "Headlight",
+    "Layer",
+    "Material",
     "Particles",
+    "Picked",
     "PointLight",
     "RenderSettings",
     "Scene",
+    "Sky",
     "field",
     "gradient",
     "intersect",

@@ -10,11 +10,26 @@ import numpy as np
 
 from .arrays import address
 from .camera import Camera
+from .checks import number, three, whole
+from .clips import ClipBox, ClipPlane, ClipSphere
 from .files import atomic_write
+from .lights import (
+    MAX_LIGHTS,
+    DirectionalLight,
+    Environment,
+    Ground,
+    Headlight,
+    PointLight,
+    Sky,
+    uniform_sky,
+)
+from .materials import Material
 from .particles import to_host
 from .scene import Scene
 
 MAX_PIXELS = 2**28
+MAX_LAYERS = 4
+MAX_SAMPLES = 65536
 # How far from a particle, in supports, the surface may lie: where b = 0.6 / 8, so that it takes
 # eight particles at one place to reach the default threshold.
 REACH = {
@@ -25,63 +40,105 @@ REACH = {
     "cubic_spline": 0.67,
     "wendland_c2": 0.62,
 }
-MAX_LIGHTS = 8
-
-
-@dataclass(frozen=True)
-class Headlight:
-    """Light from the eye."""
-
-    radiance: Any = (0.35, 0.35, 0.35)
-
-
-@dataclass(frozen=True)
-class DirectionalLight:
-    """Light from far away. direction: (3,) world, towards the light."""
-
-    direction: Any = (-0.4, 1.0, 0.6)
-    radiance: Any = (0.75, 0.73, 0.70)
-
-
-@dataclass(frozen=True)
-class PointLight:
-    """Light from a point, without fall-off. position: (3,) world."""
-
-    position: Any
-    radiance: Any = (0.75, 0.75, 0.75)
 
 
 @dataclass(frozen=True)
 class RenderSettings:
-    """How hits are turned into light. Colours and radiances are linear, [0, 1] for white."""
+    """How hits are turned into light. Colours and radiances are linear, [0, 1] for white.
+
+    lights: up to 8
+    ambient: light from everywhere: a colour, or "sky" for the sky's own
+    background: behind the scene, where `sky` is None
+    material: of every scene that has none of its own
+    specular, shininess: highlight of the lights, where the material says nothing
+    exposure: factor of the picture's light
+    shadows: whether directional and point lights throw them
+    ambient_rays: rays per sample that look how open a place is (ambient occlusion); 0: none
+    ambient_distance: how far they look, world; None: a tenth of the scene
+    sky: `Sky` or `Environment`; also seen behind the scene. None: the background all around
+    ground: a plane under the scene
+    depth: mirrored and transmitted generations that are followed, at most
+    cutoff: a ray that carries less than this share of a pixel's light ends in the sky
+    samples: rays per pixel; the first goes through its centre, the others anywhere in it
+    """
 
     lights: Sequence[Headlight | DirectionalLight | PointLight] = (Headlight(), DirectionalLight())
     ambient: Any = (0.16, 0.18, 0.21)
     background: Any = (0.93, 0.94, 0.96)
+    material: Material = Material()
     specular: float = 0.22
     shininess: float = 60.0
     exposure: float = 1.0
+    shadows: bool = False
+    ambient_rays: int = 0
+    ambient_distance: float | None = None
+    sky: Sky | Environment | None = None
+    ground: Ground | None = None
+    depth: int = 4
+    cutoff: float = 1 / 128
+    samples: int = 1
 
-    def _pack(self) -> dict:
+    def _pack(self, scene: Scene) -> dict:
         if len(self.lights) > MAX_LIGHTS:
             raise ValueError(f"lights: expected at most {MAX_LIGHTS}, got {len(self.lights)}")
-        lights = []
         for light in self.lights:
-            kind = {Headlight: 0, DirectionalLight: 1, PointLight: 2}.get(type(light))
-            if kind is None:
+            if not isinstance(light, (Headlight, DirectionalLight, PointLight)):
                 raise TypeError(
                     f"lights: expected Headlight, DirectionalLight or PointLight, got {light!r}"
                 )
-            place = (0, 0, 1) if kind == 0 else light.direction if kind == 1 else light.position
-            lights.append((kind, _three("light", place), _three("radiance", light.radiance)))
+        if not isinstance(self.sky, (Sky, Environment, type(None))):
+            raise TypeError(f"sky: expected Sky or Environment, got {self.sky!r}")
+        if not isinstance(self.ground, (Ground, type(None))):
+            raise TypeError(f"ground: expected Ground, got {self.ground!r}")
+        sky_light = isinstance(self.ambient, str)
+        if sky_light and self.ambient != "sky":
+            raise ValueError(f'ambient: expected a colour or "sky", got {self.ambient!r}')
+        rays = whole("ambient_rays", self.ambient_rays, 0, 256)
+        if self.ambient_distance is not None:
+            distance = number("ambient_distance", self.ambient_distance, 0.0)
+        else:
+            distance = 0.1 * scene.octree.extent if rays else 0.0
+        background = three("background", self.background, 0.0)
         return {
-            "lights": lights,
-            "ambient": _three("ambient", self.ambient),
-            "background": _three("background", self.background),
-            "specular": float(self.specular),
-            "shininess": float(self.shininess),
-            "exposure": float(self.exposure),
+            "lights": [light._pack() for light in self.lights],
+            "ambient": [0.0, 0.0, 0.0] if sky_light else three("ambient", self.ambient, 0.0),
+            "sky_light": sky_light,
+            "background": background,
+            "exposure": number("exposure", self.exposure, 0.0),
+            "shadows": bool(self.shadows),
+            "ambient_rays": rays,
+            "ambient_distance": distance,
+            "sky": (self.sky or uniform_sky(background))._pack(),
+            "show_sky": self.sky is not None,
+            "ground": self.ground._pack() if self.ground else None,
+            "depth": whole("depth", self.depth, 0, 32),
+            "cutoff": number("cutoff", self.cutoff, 0.0, 1.0),
         }
+
+
+@dataclass(frozen=True)
+class Layer:
+    """One scene of a picture that shows several, with its own material and cuts.
+
+    A ray may be inside several at once: vessels in translucent tissue, each its own scene.
+    """
+
+    scene: Scene
+    material: Material | None = None
+    clips: Sequence[ClipPlane | ClipBox | ClipSphere] = ()
+
+
+@dataclass(frozen=True)
+class Picked:
+    """What a pixel shows: `position` and `normal` (3,) world, `depth` along the ray, the scene's
+    `layer`, the nearest `particle` and its attributes."""
+
+    position: np.ndarray
+    normal: np.ndarray
+    depth: float
+    layer: int
+    particle: int
+    attributes: dict[str, Any]
 
 
 @dataclass
@@ -95,7 +152,50 @@ class Frame:
 
     size: tuple[int, int]
     _frame: Any = field(repr=False)
-    _scene: Scene = field(repr=False)
+    _layers: tuple[Layer, ...] = field(repr=False)
+    _more: Any = field(repr=False)
+
+    @property
+    def _scene(self) -> Scene:
+        return self._layers[0].scene
+
+    @property
+    def samples(self) -> int:
+        """Rays per pixel so far."""
+        return self._frame.passes()
+
+    def refine(self, samples: int = 1) -> Frame:
+        """Adds samples to each pixel of this picture, in place: edges, soft shadows and rough
+        mirrors get smooth. Depth, normals and positions stay those of the pixels' centres."""
+        if self.samples + whole("samples", samples, 1, MAX_SAMPLES) > MAX_SAMPLES:
+            raise ValueError(f"samples: expected at most {MAX_SAMPLES} in all, got {samples} more")
+        self._frame = self._more(samples, self._frame)
+        return self
+
+    def pick(self, column: int, row: int) -> Picked | None:
+        """What is seen at a pixel; None where nothing is."""
+        column = whole("column", column, 0, self.size[0] - 1)
+        row = whole("row", row, 0, self.size[1] - 1)
+        position, normal = self.position[row, column], self.normal[row, column]
+        if not np.isfinite(position).all():
+            return None
+        best: tuple[float, int, int] = (np.inf, -1, -1)
+        for k, layer in enumerate(self._layers):
+            scene = layer.scene
+            reach = float(np.max(to_host(scene.support), initial=0.0))
+            _, near = scene.neighbors(position[None], reach)
+            if len(near):
+                away = np.linalg.norm(to_host(scene.particles.positions)[near] - position, axis=1)
+                support = np.broadcast_to(to_host(scene.support), len(scene))[near]
+                first = int(np.argmin(away / np.maximum(support, 1e-30)))
+                best = min(best, (float(away[first] / support[first]), k, int(near[first])))
+        _, layer_number, particle = best
+        if particle < 0:  # the ground
+            return None
+        particles = self._layers[layer_number].scene.particles
+        attributes = {n: to_host(a)[particle] for n, a in particles.attributes.items()}
+        depth = float(self.depth[row, column])
+        return Picked(position, normal, depth, layer_number, particle, attributes)
 
     def _take(self, name: str, channels: int, dtype: Any = np.float32) -> np.ndarray:
         shape = (self.size[1], self.size[0]) + ((channels,) if channels > 1 else ())
@@ -165,17 +265,19 @@ class Frame:
 
 
 def render(
-    scene: Scene,
+    scene: Scene | Sequence[Layer | Scene],
     camera: Camera | None = None,
     size: tuple[int, int] = (1024, 782),
     settings: RenderSettings | None = None,
+    clips: Sequence[ClipPlane | ClipBox | ClipSphere] = (),
 ) -> Frame:
-    """Trace a ray through each pixel's centre to the first point where the field is the threshold.
+    """Trace rays through each pixel to the first point where the field is the threshold, and on.
 
     Args:
-        scene: what to see.
-        camera: default: `Camera.fit(scene)`.
+        scene: what to see; or up to 4 layers, scenes of one device in one picture.
+        camera: default: `Camera.fit` of the first scene.
         size: (width, height) pixels.
+        clips: cuts through every scene.
     """
     try:
         width, height = (int(v) for v in size)
@@ -183,14 +285,56 @@ def render(
         raise TypeError(f"size: expected (width, height), got {size!r}") from None
     if width < 1 or height < 1 or width * height > MAX_PIXELS:
         raise ValueError(f"size: expected 1 to {MAX_PIXELS:,} pixels, got {width}x{height}")
+    settings = settings or RenderSettings()
+    layers = _layers(scene, clips)
+    first = layers[0].scene
     if camera is None:
-        camera = fit_camera(scene, (width, height))
+        camera = fit_camera(first, (width, height))
     view = [float(v) for v in camera.frame((width, height)).ravel()]
-    look = (settings or RenderSettings())._pack()
-    frame = scene._scene.render(
-        scene._kernel, scene.threshold, view, width, height, camera.height is not None, look
-    )
-    return Frame((width, height), frame, scene)
+    look = settings._pack(first)
+    packed = [
+        (
+            layer.scene._scene,
+            layer.scene._kernel,
+            layer.scene.threshold,
+            (layer.material or settings.material)._pack(settings.specular, settings.shininess),
+            [clip._pack() for clip in layer.clips],
+        )
+        for layer in layers
+    ]
+    builds = [layer.scene.builds for layer in layers]
+
+    def trace(passes: int, before: Any) -> Any:
+        if builds != [layer.scene.builds for layer in layers]:
+            raise ValueError("refine: expected the scene as it was rendered, got another frame's")
+        return first._scene.render(
+            packed, view, width, height, camera.height is not None, look, passes, before
+        )
+
+    # What the packed settings point to must live as long as the frame can be refined.
+    trace.keep = settings  # type: ignore[attr-defined]
+    frame = trace(whole("samples", settings.samples, 1, MAX_SAMPLES), None)
+    return Frame((width, height), frame, layers, trace)
+
+
+def _layers(scene: Any, clips: Any) -> tuple[Layer, ...]:
+    """Layers of a picture, each with its own clips and those of all."""
+    given = (scene,) if isinstance(scene, (Scene, Layer)) else tuple(scene)
+    layers = [item if isinstance(item, Layer) else Layer(item) for item in given]
+    if not 1 <= len(layers) <= MAX_LAYERS:
+        raise ValueError(f"scene: expected 1 to {MAX_LAYERS} layers, got {len(layers)}")
+    for layer in layers:
+        if not isinstance(layer.scene, Scene):
+            raise TypeError(f"scene: expected Scene or Layer, got {layer.scene!r}")
+        if layer.scene.device != layers[0].scene.device:
+            raise ValueError(
+                f"scene: expected all layers on {layers[0].scene.device.name}, "
+                f"got {layer.scene.device.name}"
+            )
+        for clip in (*layer.clips, *clips):
+            if not isinstance(clip, (ClipPlane, ClipBox, ClipSphere)):
+                raise TypeError(f"clips: expected ClipPlane, ClipBox or ClipSphere, got {clip!r}")
+    return tuple(Layer(item.scene, item.material, (*item.clips, *clips)) for item in layers)
 
 
 def fit_camera(scene: Scene, size: tuple[int, int], **options: Any) -> Camera:
@@ -201,12 +345,3 @@ def fit_camera(scene: Scene, size: tuple[int, int], **options: Any) -> Camera:
     return Camera.fit(
         scene.particles, size=size, margin=margin if np.isfinite(margin) else 0.0, **options
     )
-
-
-def _three(name: str, value: Any) -> list[float]:
-    array = np.asarray(value, dtype=np.float32)
-    if array.shape == ():
-        array = np.repeat(array, 3)
-    if array.shape != (3,) or not np.isfinite(array).all():
-        raise ValueError(f"{name}: expected three finite numbers, got {value!r}")
-    return [float(v) for v in array]

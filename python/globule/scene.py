@@ -86,6 +86,7 @@ class Scene:
             DEFAULTS[kernel][1] if threshold is None else _positive("threshold", threshold)
         )
         self.device = choose(device)
+        self.builds = 0  # how often the octree has been built
         self._kernel = KERNELS.index(kernel)
         self._tree = (key_bits, int(depth), octree == "dense", _space(bounds))
         self._scene = _core.Scene(
@@ -135,9 +136,11 @@ class Scene:
         )
         weight, one_weight = _field("weight", p.weight, None, n)
         color, one_color = _field("color", p.color, 3, n)
+        reflection, one_reflection = _field("reflection", p.reflection, None, n)
+        refraction, one_refraction = _field("refraction", p.refraction, None, n)
         if one_weight is None:
             one_weight = 1.0
-        arrays = [positions, weight, color]
+        arrays = [positions, weight, color, reflection, refraction]
 
         def build(one: float) -> None:
             self._scene.build(
@@ -149,6 +152,10 @@ class Scene:
                 float(one_weight),
                 color.pair,
                 list(DEFAULT_COLOR if one_color is None else one_color),
+                reflection.pair,
+                float(one_reflection or 0.0),
+                refraction.pair,
+                float(one_refraction or 0.0),
                 *self._tree[:3],
                 self._tree[3],
             )
@@ -165,6 +172,7 @@ class Scene:
             _check_supports(p.support)
         build(1.0 if one_support is None else float(one_support))
         self.support = one_support if support is ABSENT else p.support
+        self.builds += 1
         self._arrays = arrays + [support]  # the core reads them again when it gathers colours
 
     @property

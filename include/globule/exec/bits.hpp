@@ -50,6 +50,23 @@ GB_FN std::uint32_t atomic_increment(std::uint32_t* counter) {
 #endif
 }
 
+/// Adds n and returns the value before.
+GB_FN std::uint32_t atomic_take(std::uint32_t* counter, std::uint32_t n) {
+#if defined(__CUDA_ARCH__)
+    return atomicAdd(counter, n);
+#else
+    return __atomic_fetch_add(counter, n, __ATOMIC_RELAXED);
+#endif
+}
+
+GB_FN void atomic_add(std::uint64_t* to, std::uint64_t n) {
+#if defined(__CUDA_ARCH__)
+    atomicAdd(reinterpret_cast<unsigned long long*>(to), (unsigned long long)n);
+#else
+    __atomic_fetch_add(to, n, __ATOMIC_RELAXED);
+#endif
+}
+
 /// Reads a float that another thread of the same launch may just have written.
 GB_FN float read_fresh(const float* p) {
 #if defined(__CUDA_ARCH__)

@@ -23,7 +23,10 @@ using Poll = bool (*)();
 class Cpu {
 public:
     using Group = CpuGroup;
+    using Lanes = CpuLanes;
     static constexpr bool on_device = false;
+    static constexpr bool tiles_for_camera = true;          ///< SIMD over rays beats SIMD over particles there
+    static constexpr std::size_t wave_size = 1 << 17;       ///< pixels at a time
 
     Cpu(int threads, Poll poll) : threads_(threads > 0 ? threads : omp_get_max_threads()), poll_(poll) {}
     bool cancelled() const { return cancelled_; }
@@ -52,6 +55,26 @@ public:
         for (std::size_t i = 0; i < n; ++i) kernel(i);
     }
 
+    /// As for_each, for items of very different length.
+    template <class Kernel>
+    void for_each_uneven(std::size_t n, const Kernel& kernel) {
+        constexpr std::size_t chunk = 256;
+#pragma omp parallel num_threads(threads_) if (n > chunk)
+        {
+            double next_poll = now() + 0.05;
+#pragma omp for schedule(dynamic)
+            for (std::size_t c = 0; c < ceil_div(n, chunk); ++c) {
+                if (cancelled_.load(std::memory_order_relaxed)) continue;
+                for (std::size_t i = c * chunk; i < std::min(n, (c + 1) * chunk); ++i) kernel(i);
+                poll_now(next_poll);
+            }
+        }
+    }
+
+    /// One group of lanes a tile, as many tiles as *n says.
+    template <class Kernel>
+    void for_each_tile_of(const std::uint32_t* n, const Kernel& kernel) { for_each_tile(*n, kernel); }
+
     /// One group of lanes a tile; tiles are dealt out as threads become free.
     template <class Kernel>
     void for_each_tile(std::size_t n, const Kernel& kernel) {
@@ -65,10 +88,7 @@ public:
             for (std::size_t i = 0; i < n; ++i) {
                 if (cancelled_.load(std::memory_order_relaxed)) continue;
                 kernel(group, *scratch, i);
-                if (poll_ && omp_get_thread_num() == 0 && now() > next_poll) {
-                    if (poll_()) cancelled_ = true;
-                    next_poll = now() + 0.05;
-                }
+                poll_now(next_poll);
             }
         }
     }
@@ -160,6 +180,12 @@ public:
     }
 
 private:
+    void poll_now(double& next_poll) {
+        if (!poll_ || omp_get_thread_num() != 0 || now() <= next_poll) return;
+        if (poll_()) cancelled_ = true;
+        next_poll = now() + 0.05;
+    }
+
     int threads_;
     Poll poll_;
     double marks_[4] = {};

@@ -143,6 +143,18 @@ struct CpuGroup {
         for (int i = 0; i < width; ++i) fn(i);
     }
 
+    static int lane_number(int lane) { return lane; }
+    /// fn(lane) in every lane.
+    template <class Fn>
+    F map(const Fn& fn) const {
+        F r;
+        for (int i = 0; i < width; ++i) r.v[i] = fn(i);
+        return r;
+    }
+    /// fn() called once, its result known to all lanes.
+    template <class Fn>
+    auto from_first(const Fn& fn) const { return fn(); }
+
     /// write(lane, place) for each set lane, places counting up from n; returns the new n.
     template <class Write>
     int append(const B& m, int n, const Write& write) const {
@@ -157,6 +169,52 @@ struct CpuGroup {
     double total(double mine) const { return mine; }
     bool is_first() const { return true; }
     void sync() const {}
+};
+
+/// How one ray's thread goes through a block of particles: a SIMD register's worth at a time.
+struct CpuLanes {
+    static constexpr int width = kWidth;
+    using F = WideF;
+    static F load(const float* p) {
+        F r;
+        std::memcpy(&r.v, p, sizeof r.v);
+        return r;
+    }
+    static void load(const float* block, F& x, F& y, F& z) {
+        x = load(block);
+        y = load(block + width);
+        z = load(block + 2 * width);
+    }
+    static std::uint32_t slot(const float* block, int lane) {
+        std::uint32_t id;
+        std::memcpy(&id, block + 3 * width + lane, 4);
+        return id;
+    }
+    static void store(float* block, float x, float y, float z, std::uint32_t slot) {
+        block[0] = x;
+        block[width] = y;
+        block[2 * width] = z;
+        std::memcpy(block + 3 * width, &slot, 4);
+    }
+    static float sum(const F& v) {
+        typedef float Four __attribute__((vector_size(16)));
+        Four part[width / 4], all;
+        std::memcpy(part, &v.v, sizeof part);
+        all = part[0];
+        for (int i = 1; i < width / 4; ++i) all += part[i];
+        return (all[0] + all[2]) + (all[1] + all[3]);
+    }
+    static float largest(const F& v) {
+        float r = v.v[0];
+        for (int i = 1; i < width; ++i) r = v.v[i] > r ? v.v[i] : r;
+        return r;
+    }
+    /// fn(lane) for the lanes where v > 0.
+    template <class Fn>
+    static void where_positive(const F& v, const Fn& fn) {
+        for (unsigned set = bits(v > F(0.0f)); set; set &= set - 1) fn(__builtin_ctz(set));
+    }
+    static float get(const F& v, int lane) { return v.v[lane]; }
 };
 
 }  // namespace globule

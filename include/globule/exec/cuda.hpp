@@ -44,13 +44,36 @@ __global__ void __launch_bounds__(32 * kWarpsPerBlock, 4)  // at most 128 regist
     if (tile < n) kernel(group, scratch[warp], tile);
 }
 
+template <class Kernel>
+__global__ void __launch_bounds__(128) run_uneven(std::size_t n, Kernel kernel) {
+    const std::size_t i = std::size_t(blockIdx.x) * blockDim.x + threadIdx.x;
+    if (i < n) kernel(i);
+}
+
+/// As run_tiles, the number of tiles known on the device only: warps take every n-th.
+template <class Kernel>
+__global__ void __launch_bounds__(32 * kWarpsPerBlock, 4) run_tiles_of(const std::uint32_t* n, Kernel kernel) {
+    using Scratch = typename Kernel::template Scratch<CudaGroup>;
+    __shared__ Scratch scratch[kWarpsPerBlock];
+    const int warp = threadIdx.x / 32;
+    CudaGroup group;
+    for (std::uint32_t tile = blockIdx.x * kWarpsPerBlock + warp; tile < *n; tile += gridDim.x * kWarpsPerBlock) {
+        kernel(group, scratch[warp], tile);
+        __syncwarp();
+    }
+}
+
 class Cuda {
 public:
     using Group = CudaGroup;
+    using Lanes = CudaLanes;
     static constexpr bool on_device = true;
+    static constexpr bool tiles_for_camera = false;
+    static constexpr std::size_t wave_size = 1 << 22;       ///< pixels at a time
 
     explicit Cuda(int device) : device_(device), temporary_(*this) {
         check(cudaSetDevice(device_));
+        check(cudaDeviceGetAttribute(&n_processors_, cudaDevAttrMultiProcessorCount, device_));
         check(cudaStreamCreate(&stream_));  // ordered with the default stream of other libraries
         for (cudaEvent_t& e : marks_) check(cudaEventCreate(&e));
     }
@@ -100,6 +123,18 @@ public:
         check(cudaGetLastError());
     }
 
+    template <class Kernel>
+    void for_each_uneven(std::size_t n, const Kernel& kernel) {
+        if (n == 0) return;
+        run_uneven<<<unsigned(ceil_div<std::size_t>(n, 128)), 128, 0, stream_>>>(n, kernel);
+        check(cudaGetLastError());
+    }
+    template <class Kernel>
+    void for_each_tile_of(const std::uint32_t* n, const Kernel& kernel) {
+        run_tiles_of<<<16 * n_processors_, 32 * kWarpsPerBlock, 0, stream_>>>(n, kernel);
+        check(cudaGetLastError());
+    }
+
     template <class T, class Map, class Combine>
     void reduce(std::size_t n, const Map& map, const Combine& combine, const T& identity, T* out) {
         with_temporary([&](void* room, std::size_t& bytes) {
@@ -137,6 +172,7 @@ private:
     }
 
     int device_;
+    int n_processors_ = 1;
     cudaStream_t stream_ = nullptr;
     cudaEvent_t marks_[4] = {};
     Buffer<char, Cuda> temporary_;

@@ -92,6 +92,15 @@ struct CudaGroup {
     }
     template <class Fn>
     __device__ static void for_lanes(const Fn& fn) { fn(0); }
+    __device__ int lane_number(int) const { return lane(); }
+    template <class Fn>
+    __device__ F map(const Fn& fn) const { return fn(lane()); }
+    template <class Fn>
+    __device__ std::uint32_t from_first(const Fn& fn) const {
+        std::uint32_t v = 0;
+        if (lane() == 0) v = fn();
+        return __shfl_sync(all, v, 0);
+    }
     template <class Write>
     __device__ int append(B m, int n, const Write& write) const {
         const unsigned set = __ballot_sync(all, m);
@@ -109,6 +118,30 @@ struct CudaGroup {
     }
     __device__ bool is_first() const { return lane() == 0; }
     __device__ void sync() const { __syncwarp(); }
+};
+
+/// How one ray's thread goes through a block of particles: one at a time.
+struct CudaLanes {
+    static constexpr int width = 1;
+    using F = float;
+    GB_FN static F load(const float* p) { return *p; }
+    GB_FN static void load(const float* block, F& x, F& y, F& z) {
+        const float4 v = *reinterpret_cast<const float4*>(block);
+        x = v.x;
+        y = v.y;
+        z = v.z;
+    }
+    GB_FN static std::uint32_t slot(const float* block, int) { return reinterpret_cast<const std::uint32_t*>(block)[3]; }
+    __device__ static void store(float* block, float x, float y, float z, std::uint32_t slot) {
+        *reinterpret_cast<float4*>(block) = {x, y, z, __uint_as_float(slot)};
+    }
+    GB_FN static float sum(float v) { return v; }
+    GB_FN static float largest(float v) { return v; }
+    template <class Fn>
+    GB_FN static void where_positive(float v, const Fn& fn) {
+        if (v > 0.0f) fn(0);
+    }
+    GB_FN static float get(float v, int) { return v; }
 };
 
 }  // namespace globule

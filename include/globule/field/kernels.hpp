@@ -23,6 +23,13 @@ struct Murakami {
     template <class F>
     GB_FN F rise(F u2, F A) const { return F(12) * least(u2, A) - F(4) * A; }
     GB_FN float max_fall() const { return 4.0f; }
+    /// Smallest and largest b where near <= x <= far.
+    template <class F>
+    GB_FN void range(F near, F far, F& lo, F& hi) const {
+        F slope;
+        (*this)(near, hi, slope);
+        (*this)(far, lo, slope);
+    }
 };
 
 /// Any of the six, by name.
@@ -92,6 +99,13 @@ struct AnyKernel {
         case KernelName::wendland_c2: return 20.0f;
         }
         return 0.0f;
+    }
+
+    template <class F>
+    GB_FN void range(F near, F far, F& lo, F& hi) const {
+        F slope;
+        (*this)(near, hi, slope);
+        (*this)(far, lo, slope);
     }
 
     // Blinn's Gaussian has infinite support: it is cut where it has fallen to epsilon = 1e-5.

@@ -1,6 +1,6 @@
 // Where rays come from: a camera's pixel centres, or arrays.
 #pragma once
-#include "globule/base/vec.hpp"
+#include "globule/trace/random.hpp"
 
 namespace globule {
 
@@ -31,14 +31,41 @@ struct RaySource {
     const float* origins = nullptr;
     const float* directions = nullptr;
     std::size_t n = 0;  ///< rays, or pixels
+    std::uint32_t first_row = 0;  ///< of the camera's picture; ray 0 is its first pixel
+    std::uint32_t pass = 0;       ///< 0: through the pixels' centres; else anywhere in the pixel
+
+    /// Work items: the pixels in tiles of 8×4, so that neighbours in memory see the same places.
+    std::size_t n_items() const {
+        return origins ? n : std::size_t(ceil_div(camera.width, 8)) * ceil_div(rows(), 4) * 32;
+    }
+    /// The ray of work item k; n or more: none.
+    GB_FN std::size_t swizzled(std::size_t k) const {
+        if (origins) return k;
+        const std::uint32_t tile = std::uint32_t(k / 32), lane = std::uint32_t(k % 32), across = ceil_div(camera.width, 8);
+        const std::uint32_t x = tile % across * 8 + lane % 8, y = tile / across * 4 + lane / 8;
+        return x < std::uint32_t(camera.width) ? least(std::size_t(y) * camera.width + x, n) : n;
+    }
+
+    GB_FN int rows() const { return int(n / std::size_t(camera.width)); }
+    /// Where ray i passes through the picture.
+    GB_FN void on_picture(std::size_t i, float& column, float& row) const {
+        const std::uint32_t width = std::uint32_t(camera.width), pixel = std::uint32_t(i) + first_row * width;
+        column = float(pixel % width);
+        row = float(pixel / width);
+        if (!pass) return;
+        const Pair at = sample(pixel, 0, pass);
+        column += at.u - 0.5f;
+        row += at.v - 0.5f;
+    }
 
     GB_FN void get(std::size_t i, float3& o, float3& d) const {
         if (origins) {
             o = {origins[3 * i], origins[3 * i + 1], origins[3 * i + 2]};
             d = {directions[3 * i], directions[3 * i + 1], directions[3 * i + 2]};
         } else {
-            const std::uint32_t pixel = std::uint32_t(i), width = std::uint32_t(camera.width);
-            camera(float(pixel % width), float(pixel / width), o, d);
+            float column, row;
+            on_picture(i, column, row);
+            camera(column, row, o, d);
         }
     }
 };

@@ -72,6 +72,39 @@ struct Gathered {
     float sharpest = 1; ///< largest 1 / support in the list, scaled
 };
 
+/// Depth first from the root, a group's worth of nodes at a time.  go(lanes, boxes) says which of the
+/// nodes to open; leaf(lanes, boxes) takes the leaves among them and says whether to go on.
+template <class Group, class Tree, class Go, class Leaf>
+GB_FN void walk_tree(Group& g, Siblings* stack, const Tree& tree, const Go& go, const Leaf& leaf) {
+    using B = typename Group::B;
+    // A batch may push a group's worth of entries; what stays below still needs room to go down
+    // one entry at a time, 7 a level.
+    constexpr int reserve = 8 * (kMaxLevels + 1);
+    int top = 1;
+    stack[0] = Siblings::of(0, 1);
+    g.sync();
+    while (top > 0) {
+        const int room = (Group::stack_capacity - reserve - top) / 8;
+        const int take = least(least(top, int(Group::n_runs)), most(1, room));
+        top -= take;
+        const auto entries = g.take(stack + top, take);
+        g.sync();
+        for (int part = 0; part * Group::run_width < 8; ++part) {
+            typename Group::Runs runs;
+            const B lanes = g.lay_out(entries, part, runs);
+            Boxes<Group> boxes;
+            load_boxes(g, tree, runs, lanes, boxes);
+            const B open = go(lanes, boxes);
+            const B is_leaf = g.is_leaf(boxes.meta);
+            top = g.append(open & !is_leaf, top, [&](int lane, int place) {
+                stack[place] = Siblings::of(Group::get(boxes.first, lane), Group::get(boxes.meta, lane));
+            });
+            g.sync();
+            if (!leaf(open & is_leaf, boxes)) return;
+        }
+    }
+}
+
 /// Walks the tree along the bundle from distance z0 on; `at` is the axis point there.
 template <bool PerParticle, class Group, class Tree>
 struct Walk {
@@ -93,27 +126,13 @@ struct Walk {
                1.0f / (magnitude(b.d.z) > tiny ? b.d.z : tiny)};
     }
 
-    /// Depth first from the root.  open(enter, met) says which met nodes to open; leaf(lanes, boxes)
-    /// takes the leaves among them and says whether to go on.
+    /// open(enter, met) says which met nodes to open; leaf(lanes, enter, boxes) as in walk_tree.
     template <class Open, class Leaf>
     GB_FN void operator()(const Open& open, const Leaf& leaf) {
-        // A batch may push a group's worth of entries; what stays below still needs room to go down
-        // one entry at a time, 7 a level.
-        constexpr int reserve = 8 * (kMaxLevels + 1);
-        int top = 1;
-        scratch.stack[0] = Siblings::of(0, 1);
-        g.sync();
-        while (top > 0) {
-            const int room = (Group::stack_capacity - reserve - top) / 8;
-            const int take = least(least(top, int(Group::n_runs)), most(1, room));
-            top -= take;
-            const auto entries = g.take(scratch.stack + top, take);
-            g.sync();
-            for (int part = 0; part * Group::run_width < 8; ++part) {
-                typename Group::Runs runs;
-                const B lanes = g.lay_out(entries, part, runs);
-                Boxes<Group> boxes;
-                load_boxes(g, tree, runs, lanes, boxes);
+        F enter(0.0f);
+        walk_tree(
+            g, scratch.stack, tree,
+            [&](const B& lanes, const Boxes<Group>& boxes) {
                 // Slab test (Kay & Kajiya 1986) of the axis against the box grown by the bundle's radius.
                 const F half(0.5f);
                 const F hx = (boxes.hi[0] - boxes.lo[0]) * half, cx = boxes.lo[0] + hx - F(at.x);
@@ -124,17 +143,11 @@ struct Walk {
                 const F mx = cx * F(inv.x), ex = (hx + r) * F(magnitude(inv.x));
                 const F my = cy * F(inv.y), ey = (hy + r) * F(magnitude(inv.y));
                 const F mz = cz * F(inv.z), ez = (hz + r) * F(magnitude(inv.z));
-                const F enter = most(most(mx - ex, my - ey), mz - ez);
+                enter = most(most(mx - ex, my - ey), mz - ez);
                 const F leave = least(least(mx + ex, my + ey), mz + ez);
-                const B go = open(enter, lanes & (enter <= leave) & (leave >= F(0.0f)));
-                const B is_leaf = g.is_leaf(boxes.meta);
-                top = g.append(go & !is_leaf, top, [&](int lane, int place) {
-                    scratch.stack[place] = Siblings::of(Group::get(boxes.first, lane), Group::get(boxes.meta, lane));
-                });
-                g.sync();
-                if (!leaf(go & is_leaf, enter, boxes)) return;
-            }
-        }
+                return open(enter, lanes & (enter <= leave) & (leave >= F(0.0f)));
+            },
+            [&](const B& leaves, const Boxes<Group>& boxes) { return leaf(leaves, enter, boxes); });
     }
 };
 

@@ -12,6 +12,7 @@
 #pragma once
 #include "globule/octree/query.hpp"
 #include "globule/trace/gather.hpp"
+#include "globule/trace/hits.hpp"
 
 namespace globule {
 

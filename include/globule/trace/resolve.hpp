@@ -3,6 +3,7 @@
 // works on one such ray at a time, its lanes sharing out the candidates, all sums in float64.  Passing
 // over all rays, it also clears the images where nothing was hit.
 #pragma once
+#include "globule/trace/clip.hpp"
 #include "globule/trace/tile.hpp"
 
 namespace globule {
@@ -60,7 +61,10 @@ struct ResolveRays {
     const float* color;
     float3 one_color;
     RaySource rays;
-    Hits out;
+    Hits out;                          ///< normal null: distances alone
+    Clips clips{};
+    const std::int8_t* sign = nullptr; ///< +1 or -1: the side where each ray is at its undecided t; null: to be found
+    std::int32_t* cap = nullptr;       ///< with clips: where a cut face is met, its clip
 
     template <class Group>
     std::size_t n_tiles() const { return ceil_div<std::size_t>(rays.n, Group::width); }
@@ -72,7 +76,7 @@ struct ResolveRays {
             const std::size_t i = tile * Group::width + lane;
             if (i >= rays.n) return;
             Group::put(open, lane, out.t[i] < 0.0f);
-            if (out.t[i] < infinity()) return;
+            if (out.t[i] < infinity() || !out.normal) return;
             write3(out.normal, i, {0, 0, 0});
             write3(out.albedo, i, {0, 0, 0});
         });
@@ -84,8 +88,12 @@ struct ResolveRays {
         float3 o, d;
         rays.get(i, o, d);
         int n = 0;
-        const double t = solve(g, scratch, o, d, undecided(out.t[i]), n);
+        const double t = solve_kept(g, scratch, o, d, i, n);
         g.sync();
+        if (!out.normal) {
+            if (g.is_first()) out.t[i] = float(t);
+            return;
+        }
         const Vec3<double> p{o.x + t * d.x, o.y + t * d.y, o.z + t * d.z};
         const bool hit = t < infinity();
         double s[7] = {};  // gradient, colour, influence
@@ -128,19 +136,51 @@ struct ResolveRays {
         for (int k = 0; k < 3; ++k) s[3 + k] += w * own[k];
     }
 
-    /// First root at or after `from`, or infinity; n: candidates in the list that found it, 0 if none did.
+    /// First root or cut face of ray i, from where it is undecided, through what the clips keep.
     template <class Group>
-    GB_FN double solve(Group& g, Scratch<Group>& scratch, const float3& o, const float3& d, double from, int& n) const {
+    GB_FN double solve_kept(Group& g, Scratch<Group>& scratch, const float3& o, const float3& d, std::size_t i, int& n) const {
+        double side = sign ? double(sign[i]) : 0.0;
+        float from = undecided(out.t[i]), begin, end;
+        int at_begin, at_end;
+        if (clips.n == 0) return solve(g, scratch, o, d, from, infinity(), side, n);
+        g.sync();  // all have read t
+        const TreeSource<Tree, Group> straight{g, tree, particles, kernel, {o.x, o.y, o.z}, {d.x, d.y, d.z}};
+        for (bool first = true; clips.next(o, d, from, begin, end, at_begin, at_end); first = false) {
+            if (!first && begin > from) {
+                if (straight.template at<false>(begin, {}).f > tau) {
+                    if (g.is_first()) cap[i] = at_begin;
+                    return begin;
+                }
+                side = 1.0;
+            }
+            const double t = solve(g, scratch, o, d, begin, end, side, n);
+            if (t < end) return t;
+            n = 0;
+            if (side < 0.0 && end < infinity()) {
+                if (g.is_first()) cap[i] = at_end;
+                return end;
+            }
+            from = end;
+            if (!(from < infinity())) break;
+        }
+        return infinity();
+    }
+
+    /// First root in [from, to), or infinity; side: +1 outside there, -1 inside, 0 to be found; n: candidates in the list that found it, 0 if none did.
+    template <class Group>
+    GB_FN double solve(Group& g, Scratch<Group>& scratch, const float3& o, const float3& d, double from, double to,
+                       double side, int& n) const {
         const float typical = tree.header->typical_support, scale = 1.0f / typical;
         const Vec3<double> o2{o.x, o.y, o.z}, d2{d.x, d.y, d.z};
         const TreeSource<Tree, Group> straight{g, tree, particles, kernel, o2, d2};
         const double size = double(tau) + tree.header->most_weight;
         Limits<double> lim{tau, kWindow * typical, 1e-13 * size, 1e-12 * typical, 1.0};
         const Node box = tree.node(0);
-        if (morton::is_inside(o, box.lo, box.hi) && straight.template at<false>(0.0, lim).f > tau) lim.sign = -1.0;
+        if (side != 0.0) lim.sign = side;
+        else if (morton::is_inside(o, box.lo, box.hi) && straight.template at<false>(0.0, lim).f > tau) lim.sign = -1.0;
         const Bundle ray = bundle_of(o, d, 0.0f, 0.0f);
         float z = float(from), dz = typical;
-        while (z < infinity()) {
+        while (z < to) {
             dz = most(dz, least_advance(z));
             const float3 at{o.x + z * d.x, o.y + z * d.y, o.z + z * d.z};
             Walk<PerParticle, Group, Tree> walk(g, scratch, tree, particles, ray, z, at);
@@ -168,7 +208,7 @@ struct ResolveRays {
             else
                 hit = search(straight, lim, t, z + dz);
             n = most(found.n, 0);
-            if (hit) return t;
+            if (hit) return t < to ? t : infinity();
             z += dz;
             dz = least(most(typical, smallest), 2.0f * dz);
         }

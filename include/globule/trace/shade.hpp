@@ -1,33 +1,14 @@
-// Hits to light: Lambert and Blinn-Phong under a headlight, directional and point lights.  Linear
-// float32 radiance, and the 8-bit sRGB picture of it.
+// The picture where light makes no more turns: Lambert and Blinn-Phong, no shadows.  One kernel over
+// the hits; trace/wave.hpp does everything else.
 #pragma once
-#include "globule/trace/tile.hpp"
+#include "globule/trace/wave.hpp"
 
 namespace globule {
-
-inline constexpr int kMaxLights = 8;
-enum class LightKind : int { head, directional, point };
-
-struct Light {
-    LightKind kind;
-    float3 place;      ///< directional: direction towards the light; point: position
-    float3 radiance;
-};
-
-struct Shading {
-    Light lights[kMaxLights];
-    int n_lights;
-    float3 ambient;
-    float3 background;
-    float specular;    ///< strength of the highlight
-    float shininess;
-    float exposure;
-};
 
 struct Shade {
     RaySource rays;
     Hits hits;
-    Shading s;
+    Lighting s;
     float* color;           ///< (n, 3) linear
     std::uint8_t* picture;  ///< (n, 3) sRGB
 
@@ -45,33 +26,19 @@ struct Shade {
         float3 o, d;
         rays.get(i, o, d);
         const float3 p = o + d * hits.t[i];
-        const float3 a{hits.albedo[3 * i], hits.albedo[3 * i + 1], hits.albedo[3 * i + 2]};
+        const Material& m = s.materials[0];
+        const float3 a = m.color.x >= 0.0f ? m.color : float3{hits.albedo[3 * i], hits.albedo[3 * i + 1], hits.albedo[3 * i + 2]};
         float3 n{hits.normal[3 * i], hits.normal[3 * i + 1], hits.normal[3 * i + 2]};
         if (dot(n, d) > 0.0f) n = n * -1.0f;  // seen from inside
-        float3 c{s.ambient.x * a.x, s.ambient.y * a.y, s.ambient.z * a.z};
+        float3 c = s.ambient * a;
         for (int k = 0; k < s.n_lights; ++k) {
             const Light& light = s.lights[k];
             const float3 l = light.kind == LightKind::head          ? d * -1.0f
                              : light.kind == LightKind::directional ? normalize(light.place)
                                                                     : normalize(light.place - p);
-            const float cosine = dot(n, l);
-            if (cosine <= 0.0f) continue;
-            const float3 half = normalize(l - d);
-            const float shine = s.specular * power(dot(n, half), s.shininess);
-            c = c + float3{light.radiance.x * (a.x * cosine + shine), light.radiance.y * (a.y * cosine + shine),
-                           light.radiance.z * (a.z * cosine + shine)};
+            c = c + reflected_light(a, m.specular, m.shininess, n, d, l, light.radiance);
         }
         return c;
-    }
-
-    /// Tone curve: linear up to 0.8, then a shoulder that never clips hard.
-    GB_FN static float shoulder(float v) {
-        return v > 0.8f ? 0.8f + 0.2f * (1.0f - 1.0f / (1.0f + (v - 0.8f) * 5.0f)) : v;
-    }
-    /// sRGB transfer.
-    GB_FN static std::uint8_t display(float v) {
-        v = v <= 0.0031308f ? 12.92f * most(v, 0.0f) : 1.055f * power(v, 1.0f / 2.4f) - 0.055f;
-        return std::uint8_t(least(v, 1.0f) * 255.0f + 0.5f);
     }
 };
 

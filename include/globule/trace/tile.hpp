@@ -6,23 +6,6 @@
 
 namespace globule {
 
-/// Per ray, caller's memory; t is infinite where nothing is hit.
-struct Hits {
-    float* t;        ///< distance along the ray; undecided(t): no root before t, the rest is open
-    float* normal;   ///< (n, 3) -grad f / |grad f|
-    float* albedo;   ///< (n, 3) blended colour
-};
-
-/// Marks a ray that only float64 can decide, from t on; its own inverse.
-GB_FN float undecided(float t) { return -1.0f - t; }
-
-GB_FN void write3(float* to, std::size_t i, const float3& v) {
-    to[3 * i] = v.x;
-    to[3 * i + 1] = v.y;
-    to[3 * i + 2] = v.z;
-}
-
-inline constexpr float kWindow = 0.5f;      ///< over which march() bounds f'', in the list's smallest support
 inline constexpr float kSlab = 1.5f;        ///< depth of a slab to begin with, in typical supports
 inline constexpr float kMaxWindows = 32.0f; ///< a slab is at most so many of the list's smallest supports deep
 
@@ -56,7 +39,7 @@ struct TraceTiles {
     std::size_t n_tiles() const {
         if (rays.origins) return ceil_div<std::size_t>(rays.n, Group::width * Group::vectors);
         return std::size_t(ceil_div(rays.camera.width, kTileWidth)) *
-               ceil_div(rays.camera.height, tile_height<Group>());
+               ceil_div(rays.rows(), tile_height<Group>());
     }
 
     /// The rays of one tile and how far each has come.
@@ -78,7 +61,7 @@ struct TraceTiles {
         const std::uint32_t across = ceil_div(rays.camera.width, kTileWidth), at = std::uint32_t(tile);
         const int x = int(at % across) * kTileWidth + l % kTileWidth;
         const int y = int(at / across) * tile_height<Group>() + l / kTileWidth;
-        return x < rays.camera.width && y < rays.camera.height
+        return x < rays.camera.width && y < rays.rows()
                    ? std::size_t(y) * rays.camera.width + x : rays.n;
     }
 
@@ -104,9 +87,10 @@ struct TraceTiles {
                     Group::put(dy, lane, rays.directions[3 * i + 1]);
                     Group::put(dz, lane, rays.directions[3 * i + 2]);
                 } else {
-                    const std::uint32_t pixel = std::uint32_t(i), width = std::uint32_t(rays.camera.width);
-                    Group::put(column, lane, float(pixel % width));
-                    Group::put(row, lane, float(pixel / width));
+                    float x, y;
+                    rays.on_picture(i, x, y);
+                    Group::put(column, lane, x);
+                    Group::put(row, lane, y);
                 }
             });
             lanes.o[v] = {ox, oy, oz};
@@ -288,6 +272,10 @@ private:
     GB_FN void look(Group& g, Scratch<Group>& scratch, int n, const Vec3<typename Group::F>& p,
                     const typename Group::F& t, const typename Group::B& hit, int v, std::size_t tile) const {
         using F = typename Group::F;
+        if (!out.normal) {
+            g.per_lane(hit, [&](int lane) { out.t[ray_index<Group>(tile, v * Group::width + lane)] = Group::get(t, lane); });
+            return;
+        }
         Vec3<F> grad{F(0.0f), F(0.0f), F(0.0f)}, rgb = grad;
         F total(0.0f);
         for (int j = 0; j < n; ++j) {

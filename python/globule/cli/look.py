@@ -8,8 +8,9 @@ import re
 import numpy as np
 
 from ..colormaps import colorize, hex_color, to_linear
+from ..lights import MAX_LIGHTS, DirectionalLight, Headlight, PointLight
 from ..particles import SCALAR_FIELDS, Particles
-from ..render import MAX_LIGHTS, DirectionalLight, Headlight, PointLight, RenderSettings
+from ..render import RenderSettings
 from .shared import UserError, count, number, vector
 
 Color = tuple[float, float, float]

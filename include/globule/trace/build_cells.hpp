@@ -1,0 +1,254 @@
+// The cells of trace/cells.hpp, from the octree: a group a brick gathers the particles that reach it
+// and bounds the field in each cell from their nearest and farthest points.
+#pragma once
+#include "globule/exec/bits.hpp"
+#include "globule/exec/buffer.hpp"
+#include "globule/field/kernels.hpp"
+#include "globule/trace/cells.hpp"
+#include "globule/trace/gather.hpp"
+
+namespace globule {
+
+inline constexpr float kCellEdge = 0.4f;  ///< in typical supports: fewest particles a ray (docs/design/cells.md)
+
+/// Grid over the octree's root box, which holds all supports.
+template <class Tree>
+struct PlanCells {
+    Tree tree;
+    CellGrid* grid;
+    GB_FN void operator()(std::size_t) const {
+        CellGrid g{};
+        if (!tree.empty()) {
+            const Node box = tree.node(0);
+            const float3 size = box.hi - box.lo;
+            g.edge = kCellEdge * tree.header->typical_support;
+            // Past this a cell would not move a ray on in float32.
+            g.edge = most(g.edge, 2e-6f * (length(box.lo) + length(box.hi)));
+            for (;; g.edge *= 1.25f) {
+                const float per = 1.0f / (g.edge * kBrick);
+                const float bricks = ceilf(size.x * per + 0.01f) * ceilf(size.y * per + 0.01f) * ceilf(size.z * per + 0.01f);
+                if (!(bricks <= float(kMaxBricks))) continue;
+                g.nx = int(ceilf(size.x * per + 0.01f));
+                g.ny = int(ceilf(size.y * per + 0.01f));
+                g.nz = int(ceilf(size.z * per + 0.01f));
+                break;
+            }
+            g.lo = box.lo;
+            g.n_bricks = std::uint32_t(g.nx) * g.ny * g.nz;
+        }
+        *grid = g;
+    }
+};
+
+template <class Lanes, class Tree, class Kernel, bool PerParticle>
+struct BuildCells {
+    template <class Group>
+    struct Scratch : TileScratch<Group, PerParticle> {
+        CellList cell[kBrickCells];  ///< n: particles that reach; first: state until lists have places
+    };
+    static constexpr int kStride = block_stride(PerParticle);
+
+    Tree tree;
+    SortedParticles particles;
+    Kernel kernel;
+    float tau;               ///< over the common weight unless PerParticle
+    CellGrid* grid;
+    std::uint32_t* bricks;
+    CellList* lists;
+    float* blocks;
+    std::uint32_t max_lists, max_blocks;
+
+    template <class Group>
+    GB_FN void operator()(Group& g, Scratch<Group>& scratch, std::size_t brick) const {
+        if (brick >= grid->n_bricks) return;
+        const int bx = int(brick % grid->nx), by = int(brick / grid->nx % grid->ny), bz = int(brick / grid->nx / grid->ny);
+        const float span = kBrick * grid->edge;
+        const float3 lo{grid->lo.x + bx * span, grid->lo.y + by * span, grid->lo.z + bz * span};
+        std::uint32_t place = kUnlisted;
+        // Where more particles reach the brick than the scratch holds, by parts of it.
+        int size = kBrick;
+        for (int part = 0; part < cube(kBrick / size); ++part) {
+            const int per = kBrick / size;
+            const int px = part % per * size, py = part / per % per * size, pz = part / (per * per) * size;
+            const float3 corner{lo.x + px * grid->edge, lo.y + py * grid->edge, lo.z + pz * grid->edge};
+            const int n = collect(g, scratch, corner, size * grid->edge);
+            if (n < 0 && size > 1) {
+                size /= 2;
+                part = -1;
+                continue;
+            }
+            const std::uint32_t alike = n < 0 ? kUnlisted : classify(g, scratch, size, n);
+            if (size == kBrick && alike <= kFull) {
+                place = alike;
+                break;
+            }
+            if (place == kUnlisted) place = kListed + take(g, &grid->n_lists, 1);
+            if (place - kListed >= max_lists) {
+                place = kUnlisted;
+                break;
+            }
+            CellList* mine = lists + std::size_t(place - kListed) * kBrickCells;
+            for (int c = 0; c < cube(size); ++c) {
+                const int x = c % size, y = c / size % size, z = c / (size * size);
+                const int at = ((pz + z) * kBrick + py + y) * kBrick + px + x;
+                const CellList found = n < 0 ? CellList{kUnlisted, 0} : scratch.cell[c];
+                const CellList written = found.first == kListed ? list(g, scratch, size, c, n, found.n) : CellList{found.first, 0};
+                if (g.is_first()) mine[at] = written;
+            }
+        }
+        if (g.is_first()) bricks[brick] = place;
+    }
+
+private:
+    GB_FN static constexpr int cube(int v) { return v * v * v; }
+
+    /// One lane takes n from the counter; all lanes know where it begins.
+    template <class Group>
+    GB_FN static std::uint32_t take(Group& g, std::uint32_t* counter, std::uint32_t n) {
+        return g.from_first([&] { return atomic_take(counter, n); });
+    }
+
+    /// Particles whose support meets the cube at `corner`, relative to its middle, scaled; -1: too many.
+    template <class Group>
+    GB_FN int collect(Group& g, Scratch<Group>& scratch, const float3& corner, float edge) const {
+        using F = typename Group::F;
+        using B = typename Group::B;
+        const float scale = 1.0f / tree.header->typical_support;
+        const F half(0.5f * edge);
+        const float3 at{corner.x + 0.5f * edge, corner.y + 0.5f * edge, corner.z + 0.5f * edge};
+        const float slack = 1e-4f * edge;
+        const float3 lo = corner - float3{slack, slack, slack}, hi = corner + float3{edge + slack, edge + slack, edge + slack};
+        int n = 0;
+        bool full = false;
+        walk_tree(
+            g, scratch.stack, tree,
+            [&](const B& lanes, const Boxes<Group>& b) {
+                return lanes & (b.lo[0] <= F(hi.x)) & (b.hi[0] >= F(lo.x)) & (b.lo[1] <= F(hi.y)) & (b.hi[1] >= F(lo.y)) &
+                       (b.lo[2] <= F(hi.z)) & (b.hi[2] >= F(lo.z));
+            },
+            [&](const B& leaves, const Boxes<Group>& boxes) {
+                g.each(leaves, [&](int lane) {
+                    const std::uint32_t begin = Group::pick(boxes.first, lane);
+                    const std::uint32_t end = begin + Node::count(Group::pick(boxes.meta, lane));
+                    for (std::uint32_t j = begin; j < end && !full; j += Group::width) {
+                        if (n + Group::width > Group::list_capacity) {
+                            full = true;
+                            break;
+                        }
+                        const B present = g.first_lanes(int(least<std::uint32_t>(end - j, Group::width)));
+                        const F x = g.load_run(particles.x + j) - F(at.x);
+                        const F y = g.load_run(particles.y + j) - F(at.y);
+                        const F z = g.load_run(particles.z + j) - F(at.z);
+                        const F a = PerParticle && particles.support.data ? g.load_run(particles.support.data + j)
+                                                                          : F(particles.support.uniform);
+                        const F reach = a + F(slack);
+                        const F nx = most(magnitude(x) - half, F(0.0f)), ny = most(magnitude(y) - half, F(0.0f)),
+                                nz = most(magnitude(z) - half, F(0.0f));
+                        const B near = present & (a > F(0.0f)) & (nx * nx + ny * ny + nz * nz < reach * reach);
+                        n = g.append(near, n, [&](int k, int place) {
+                            scratch.list.set(place, {Group::get(x, k) * scale, Group::get(y, k) * scale,
+                                                     Group::get(z, k) * scale}, j + std::uint32_t(k));
+                            if constexpr (PerParticle) {
+                                const float support = Group::get(a, k) * scale;
+                                scratch.shape[place] = {1.0f / (support * support), particles.weight[j + k]};
+                            }
+                        });
+                    }
+                });
+                return !full;
+            });
+        g.sync();
+        return full ? -1 : n;
+    }
+
+    /// Bounds the field in each of size^3 cells.  Returns kEmpty or kFull where all are, else kListed.
+    template <class Group>
+    GB_FN std::uint32_t classify(Group& g, Scratch<Group>& scratch, int size, int n) const {
+        using F = typename Group::F;
+        using B = typename Group::B;
+        const float edge = grid->edge / tree.header->typical_support, half = 0.5f * edge;
+        const float margin = 1e-4f * (tau + 1.0f);
+        bool all_empty = true, all_full = true;
+        for (int first = 0; first < cube(size); first += Group::width) {
+            F cx(0.0f), cy(0.0f), cz(0.0f);
+            const B cells = g.first_lanes(least(cube(size) - first, int(Group::width)));
+            g.for_lanes([&](int lane) {
+                const int c = first + g.lane_number(lane);
+                Group::put(cx, lane, (float(c % size) + 0.5f - 0.5f * size) * edge);
+                Group::put(cy, lane, (float(c / size % size) + 0.5f - 0.5f * size) * edge);
+                Group::put(cz, lane, (float(c / (size * size)) + 0.5f - 0.5f * size) * edge);
+            });
+            F low(0.0f), high(0.0f), count(0.0f);
+            for (int j = 0; j < n; ++j) {
+                const float3 q = scratch.list.point(j);
+                const F dx = magnitude(F(q.x) - cx), dy = magnitude(F(q.y) - cy), dz = magnitude(F(q.z) - cz);
+                const F nx = most(dx - F(half), F(0.0f)), ny = most(dy - F(half), F(0.0f)), nz = most(dz - F(half), F(0.0f));
+                const F fx = dx + F(half), fy = dy + F(half), fz = dz + F(half);
+                const float i2 = PerParticle ? scratch.shape[j].inverse_a2 : 1.0f;
+                const float c = PerParticle ? scratch.shape[j].weight : 1.0f;
+                const F near = (nx * nx + ny * ny + nz * nz) * F(i2), far = (fx * fx + fy * fy + fz * fz) * F(i2);
+                F most_b, least_b;
+                kernel.range(least(near, F(1.0f)), least(far, F(1.0f)), least_b, most_b);
+                low += F(c) * (c > 0.0f ? least_b : most_b);
+                high += F(c) * (c > 0.0f ? most_b : least_b);
+                count += select(near < F(1.0002f), F(1.0f), F(0.0f));
+            }
+            const B empty = cells & (high < F(tau - margin)), full = cells & (low > F(tau + margin));
+            g.per_lane(cells, [&](int lane) {
+                const std::uint32_t state = Group::get(empty, lane) ? kEmpty : Group::get(full, lane) ? kFull : kListed;
+                scratch.cell[first + g.lane_number(lane)] = {state, std::uint32_t(Group::get(count, lane))};
+            });
+            all_empty = all_empty && !g.any(cells & !empty);
+            all_full = all_full && !g.any(cells & !full);
+        }
+        g.sync();
+        return all_empty ? kEmpty : all_full ? kFull : kListed;
+    }
+
+    /// Writes cell c's particles to blocks of their own.
+    template <class Group>
+    GB_FN CellList list(Group& g, Scratch<Group>& scratch, int size, int c, int n, std::uint32_t wanted) const {
+        using F = typename Group::F;
+        using B = typename Group::B;
+        constexpr int W = Lanes::width;
+        const std::uint32_t n_blocks = ceil_div<std::uint32_t>(wanted, W);
+        const std::uint32_t first = take(g, &grid->n_blocks, n_blocks);
+        if (first + n_blocks > max_blocks || wanted == 0) return {kUnlisted, 0};
+        float* to = blocks + std::size_t(first) * (W * kStride);
+        const float edge = grid->edge / tree.header->typical_support, half = 0.5f * edge;
+        const float3 at{(float(c % size) + 0.5f - 0.5f * size) * edge, (float(c / size % size) + 0.5f - 0.5f * size) * edge,
+                        (float(c / (size * size)) + 0.5f - 0.5f * size) * edge};
+        int filled = 0;
+        for (int j = 0; j < n; j += Group::width) {
+            const Vec3<F> q = scratch.list.points(g, j);
+            const F x = q.x - F(at.x), y = q.y - F(at.y), z = q.z - F(at.z);
+            const F nx = most(magnitude(x) - F(half), F(0.0f)), ny = most(magnitude(y) - F(half), F(0.0f)),
+                    nz = most(magnitude(z) - F(half), F(0.0f));
+            const F i2 = PerParticle ? g.map([&](int k) { return j + k < n ? scratch.shape[j + k].inverse_a2 : 0.0f; }) : F(1.0f);
+            const B near = g.first_lanes(least(n - j, int(Group::width))) & ((nx * nx + ny * ny + nz * nz) * i2 < F(1.0002f));
+            filled = g.append(near, filled, [&](int k, int place) {
+                if (place >= int(n_blocks) * W) return;  // rounding: it only just does not reach
+                float* block = to + std::size_t(place / W) * (W * kStride) + place % W;
+                const int from = j + g.lane_number(k);
+                Lanes::store(block, Group::get(x, k), Group::get(y, k), Group::get(z, k), scratch.list.number(from));
+                if constexpr (PerParticle) {
+                    block[4 * W] = scratch.shape[from].inverse_a2;
+                    block[5 * W] = scratch.shape[from].weight;
+                }
+            });
+        }
+        filled = least(filled, int(n_blocks) * W);
+        // The last block is filled up with particles that reach nothing.
+        for (int place = filled; place % W; ++place) {
+            float* block = to + std::size_t(place / W) * (W * kStride) + place % W;
+            Lanes::store(block, 64.0f, 64.0f, 64.0f, 0);
+            if constexpr (PerParticle) {
+                block[4 * W] = 1.0f;
+                block[5 * W] = 0.0f;
+            }
+        }
+        return {first, std::uint32_t(filled)};
+    }
+};
+
+}  // namespace globule

@@ -1,0 +1,125 @@
+// Cells of half a support, four a side to a brick.  Each knows whether the medium fills it, leaves it
+// empty, or has its surface there; only those with a surface list the particles that reach them.
+// Rays walk the cells, and only where there is a list do they look for the surface.
+#pragma once
+#include "globule/base/vec.hpp"
+
+namespace globule {
+
+inline constexpr int kBrick = 4;                       ///< cells a side
+inline constexpr int kBrickCells = kBrick * kBrick * kBrick;
+inline constexpr std::uint32_t kMaxBricks = 1u << 21;  ///< where space is larger, cells are larger
+
+struct CellGrid {
+    float3 lo;
+    float edge;               ///< of a cell
+    int nx, ny, nz;           ///< bricks
+    std::uint32_t n_bricks;
+    std::uint32_t n_lists;    ///< bricks with lists wanted so far
+    std::uint32_t n_blocks;   ///< blocks of particles wanted so far
+};
+
+/// What a cell, or a whole brick, holds.
+inline constexpr std::uint32_t kEmpty = 0, kFull = 1;
+inline constexpr std::uint32_t kUnlisted = 2;          ///< a surface, but no room for its particles
+inline constexpr std::uint32_t kListed = 3;            ///< brick: kListed + number of its lists
+
+/// Floats a particle in a block; a power of two, so that a GPU loads four at once.
+GB_FN constexpr int block_stride(bool per_particle) { return per_particle ? 8 : 4; }
+
+/// A cell's particles: n of them in blocks from `first` on; n = 0: first is kEmpty, kFull or kUnlisted.
+struct CellList {
+    std::uint32_t first, n;
+};
+
+/// The cells in memory.  A block holds Lanes::width particles: x y z relative to the cell's centre in
+/// typical supports, the particle's slot, and where particles differ 1 / support^2 and weight.
+struct Cells {
+    const CellGrid* grid;
+    const std::uint32_t* bricks;  ///< (n_bricks,)
+    const CellList* lists;        ///< (bricks with lists, 64)
+    const float* blocks;
+};
+
+/// A ray's way through the cells, brick by brick where those are alike throughout.
+struct CellWalk {
+    const CellGrid& grid;
+    float3 o, d, inv;
+    float3 at;       ///< from the grid's corner to o
+    int x, y, z;     ///< cell; outside: x < 0
+    float t;         ///< where the ray enters it
+
+    GB_FN CellWalk(const CellGrid& g, const float3& origin, const float3& direction, float from)
+        : grid(g), o(origin), d(direction), at(origin - g.lo), t(from) {
+        inv = {inverse(d.x), inverse(d.y), inverse(d.z)};
+        const float brick = kBrick * grid.edge;
+        float leave = infinity();
+        slab(at.x, d.x, inv.x, brick * grid.nx, leave);
+        slab(at.y, d.y, inv.y, brick * grid.ny, leave);
+        slab(at.z, d.z, inv.z, brick * grid.nz, leave);
+        const float per = 1.0f / grid.edge;
+        x = place(at.x + t * d.x, per, 0, kBrick * grid.nx - 1);
+        y = place(at.y + t * d.y, per, 0, kBrick * grid.ny - 1);
+        z = place(at.z + t * d.z, per, 0, kBrick * grid.nz - 1);
+        if (!(t <= leave) || grid.n_bricks == 0) x = -1;
+    }
+    GB_FN bool inside() const { return x >= 0; }
+    GB_FN std::uint32_t brick() const {
+        return (std::uint32_t(z / kBrick) * grid.ny + std::uint32_t(y / kBrick)) * grid.nx + std::uint32_t(x / kBrick);
+    }
+    GB_FN int cell_in_brick() const { return ((z % kBrick) * kBrick + y % kBrick) * kBrick + x % kBrick; }
+    GB_FN float3 centre() const {
+        return {grid.lo.x + (float(x) + 0.5f) * grid.edge, grid.lo.y + (float(y) + 0.5f) * grid.edge,
+                grid.lo.z + (float(z) + 0.5f) * grid.edge};
+    }
+    /// Where the ray leaves the cell, or the brick (size kBrick) that holds it.
+    GB_FN float leave(int size) const {
+        return most(t, least(least(side(x, size, at.x, d.x, inv.x), side(y, size, at.y, d.y, inv.y)),
+                             side(z, size, at.z, d.z, inv.z)));
+    }
+    GB_FN void step(int size) {
+        const float tx = side(x, size, at.x, d.x, inv.x), ty = side(y, size, at.y, d.y, inv.y),
+                    tz = side(z, size, at.z, d.z, inv.z);
+        const float next = least(least(tx, ty), tz);
+        t = most(t, next);
+        const int bx = x & -size, by = y & -size, bz = z & -size;
+        if (size > 1) {
+            const float per = 1.0f / grid.edge;
+            x = place(at.x + t * d.x, per, bx, bx + size - 1);
+            y = place(at.y + t * d.y, per, by, by + size - 1);
+            z = place(at.z + t * d.z, per, bz, bz + size - 1);
+        }
+        bool in = next < infinity();
+        if (tx == next) in = pass(x, bx, size, d.x, grid.nx) && in;
+        else if (ty == next) in = pass(y, by, size, d.y, grid.ny) && in;
+        else in = pass(z, bz, size, d.z, grid.nz) && in;
+        if (!in) x = -1;
+    }
+
+private:
+    static constexpr float kTiny = 1e-18f;
+    GB_FN static float inverse(float v) { return 1.0f / (magnitude(v) > kTiny ? v : kTiny); }
+    GB_FN static int place(float v, float per, int lo, int hi) {
+        return int(most(float(lo), least(v * per, float(hi))));
+    }
+    GB_FN void slab(float a, float v, float i, float size, float& leave) {
+        if (magnitude(v) <= kTiny) {
+            if (a < 0.0f || a > size) leave = -1.0f;
+            return;
+        }
+        const float p = -a * i, q = (size - a) * i;
+        t = most(t, least(p, q));
+        leave = least(leave, most(p, q));
+    }
+    GB_FN float side(int i, int size, float a, float v, float iv) const {
+        if (magnitude(v) <= kTiny) return infinity();
+        const int plane = (i & -size) + (v > 0.0f ? size : 0);
+        return (float(plane) * grid.edge - a) * iv;
+    }
+    GB_FN static bool pass(int& i, int base, int size, float v, int n) {
+        i = v > 0.0f ? base + size : base - 1;
+        return i >= 0 && i < kBrick * n;
+    }
+};
+
+}  // namespace globule

@@ -1,0 +1,62 @@
+"""Cuts through the medium. What they take away is gone for every ray; where they pass through the
+medium the cut face shows the blended colours inside."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from .checks import number, three
+
+
+@dataclass(frozen=True)
+class ClipPlane:
+    """Takes away what lies on the normal's side: points x with normal · x > offset."""
+
+    normal: Any
+    offset: float = 0.0
+
+    def _pack(self) -> dict:
+        normal = np.asarray(three("normal", self.normal), np.float64)
+        length = float(np.linalg.norm(normal))
+        if length == 0:
+            raise ValueError(f"normal: expected a direction, got {self.normal!r}")
+        offset = number("offset", self.offset) / length
+        return {"kind": 0, "keep": False, "a": (normal / length).tolist(), "b": [offset, 0.0, 0.0]}
+
+
+@dataclass(frozen=True)
+class ClipBox:
+    """Takes away what lies inside the box [lo, hi], or with keep=True what lies outside: a crop."""
+
+    lo: Any
+    hi: Any
+    keep: bool = False
+
+    def _pack(self) -> dict:
+        lo, hi = three("lo", self.lo), three("hi", self.hi)
+        if not all(a < b for a, b in zip(lo, hi, strict=True)):
+            raise ValueError(f"hi: expected above lo in each axis, got {self.hi!r}")
+        return {"kind": 1, "keep": bool(self.keep), "a": lo, "b": hi}
+
+
+@dataclass(frozen=True)
+class ClipSphere:
+    """Takes away what lies inside the ball, or with keep=True what lies outside."""
+
+    center: Any
+    radius: float
+    keep: bool = False
+
+    def _pack(self) -> dict:
+        radius = number("radius", self.radius, 0.0)
+        if radius == 0:
+            raise ValueError("radius: expected a positive number, got 0")
+        return {
+            "kind": 2,
+            "keep": bool(self.keep),
+            "a": three("center", self.center),
+            "b": [radius, 0.0, 0.0],
+        }

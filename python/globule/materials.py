@@ -1,0 +1,62 @@
+"""How a surface splits the light that meets it.
+
+Particles carry factors in [0, 1], blended at each hit like their colours. The *reflection* factor is
+the mirror's weight seen straight on, and grows to 1 at grazing angles by Schlick's rule. Of the
+rest, the *refraction* factor is the share that goes through, with an index of refraction of
+1 + refraction / 3 (1: water, 4/3); what is left is scattered, as by chalk. A `Material` may fix each
+of these for a whole scene instead.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from .checks import number, three
+
+
+@dataclass(frozen=True)
+class Material:
+    """What None leaves to the particles.
+
+    reflection: mirror's weight at normal incidence, [0, 1]
+    transmission: share of the rest that goes through, [0, 1]
+    index: of refraction, 1 to 4; mirrors by Fresnel's equations too
+    color: (3,) linear, instead of the particles'
+    absorption: (3,) per world unit, Beer's law inside the medium; None: the surface's colour
+        filters what enters
+    roughness: of mirrored and transmitted directions (GGX), [0, 1]; smooth over several samples
+    specular, shininess: highlight of the lights (Blinn-Phong); None: the settings'
+    """
+
+    reflection: float | None = None
+    transmission: float | None = None
+    index: float | None = None
+    color: Any = None
+    absorption: Any = None
+    roughness: float = 0.0
+    specular: float | None = None
+    shininess: float | None = None
+
+    def _pack(self, specular: float, shininess: float) -> dict:
+        def share(name: str) -> float:
+            value = getattr(self, name)
+            return -1.0 if value is None else number(name, value, 0.0, 1.0)
+
+        own = [-1.0, -1.0, -1.0]
+        return {
+            "reflection": share("reflection"),
+            "transmission": share("transmission"),
+            "index": 0.0 if self.index is None else number("index", self.index, 1.0, 4.0),
+            "roughness": number("roughness", self.roughness, 0.0, 1.0),
+            "color": own if self.color is None else three("color", self.color, 0.0),
+            "absorption": own
+            if self.absorption is None
+            else three("absorption", self.absorption, 0.0),
+            "specular": number(
+                "specular", specular if self.specular is None else self.specular, 0.0
+            ),
+            "shininess": number(
+                "shininess", shininess if self.shininess is None else self.shininess, 0.0
+            ),
+        }
