@@ -30,7 +30,7 @@ public:
         const std::uint32_t first_pixel = first_row * std::uint32_t(camera.width);
         WaveHits primary{};
         for (int generation = 0;; ++generation) {
-            const std::size_t n = rays.source.n;
+            const std::size_t n = rays.source.n, items = rays.source.n_items();
             WaveHits hits;
             if (generation == 0) {
                 // The first wave's hits are kept: they are the picture's depth, normals and colours.
@@ -51,19 +51,20 @@ public:
             const int n_visibilities = lighting.n_visibilities();
             float* visibility = n_visibilities ? visibility_.reserve(n_visibilities * n) : nullptr;
             for (int layer = 0; n_visibilities && layer < n_layers; ++layer) occlude(rays, hits, layer, visibility);
-            std::uint32_t* place = n_children_.reserve(n + 1);
-            exec_.clear(place + n, sizeof *place);
-            exec_.for_each(n, Lit{lighting, rays, hits, visibility, generation, sum, first_pixel, place});
+            std::uint32_t* place = n_children_.reserve(2 * items + 1);
+            exec_.clear(place + 2 * items, sizeof *place);
+            exec_.for_each(items, Lit{lighting, rays, hits, visibility, generation, sum, first_pixel, place});
             if (generation >= lighting.depth || exec_.cancelled()) break;
-            exec_.exclusive_scan(n + 1, place);
+            exec_.exclusive_scan(2 * items + 1, place);
             std::uint32_t total;
-            exec_.download(&total, place + n, sizeof total);
+            exec_.download(&total, place + 2 * items, sizeof total);
+            if (getenv("GB_TIME")) fprintf(stderr, "wave %d: %zu -> %u\n", generation, n, total);
             if (total == 0) break;
             const std::size_t m = total;
             float* block = other->floats.reserve(9 * m);
             std::uint32_t* ids = other->ids.reserve(2 * m);
             const WaveRays next{{camera, block, block + 3 * m, m, first_row, pass}, block + 6 * m, ids + m, ids};
-            exec_.for_each(n, Spawn{lighting, rays, hits, generation, place, next, block, block + 3 * m});
+            exec_.for_each(items, Spawn{lighting, rays, hits, generation, place, next, block, block + 3 * m});
             rays = next;
             std::swap(side, other);
         }

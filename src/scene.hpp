@@ -264,7 +264,7 @@ private:
         const std::size_t n = frame.rays.n;
         float* sums = frame.sums.reserve(6 * n);
         // A band of rows at a time, so that the waves' memory does not grow with the picture.
-        const std::uint32_t band = std::uint32_t(most<std::size_t>(8, Exec::wave_size / camera.width / 8 * 8));
+        const std::uint32_t band = std::uint32_t(most<std::size_t>(64, Exec::wave_size / camera.width / 64 * 64));
         const auto march = [&](const WaveRays& rays, int k, LayerHits& found) {
             scenes[k]->march(*exec_, request.layers[k].field, clips[k], rays, k, found);
         };

@@ -23,6 +23,9 @@ struct Murakami {
     template <class F>
     GB_FN F rise(F u2, F A) const { return F(12) * least(u2, A) - F(4) * A; }
     GB_FN float max_fall() const { return 4.0f; }
+    /// As rise, of -a^2 d2b/du2, from the window's nearest point on.
+    template <class F>
+    GB_FN F dive(F u2, F A) const { return most(F(4) * A - F(12) * u2, F(0)); }
     /// Smallest and largest b where near <= x <= far.
     template <class F>
     GB_FN void range(F near, F far, F& lo, F& hi) const {
@@ -101,6 +104,8 @@ struct AnyKernel {
         return 0.0f;
     }
 
+    template <class F>
+    GB_FN F dive(F u2, F A) const { return name == KernelName::murakami ? Murakami{}.dive(u2, A) : F(max_fall()); }
     template <class F>
     GB_FN void range(F near, F far, F& lo, F& hi) const {
         F slope;

@@ -34,18 +34,25 @@ struct RaySource {
     std::uint32_t first_row = 0;  ///< of the camera's picture; ray 0 is its first pixel
     std::uint32_t pass = 0;       ///< 0: through the pixels' centres; else anywhere in the pixel
 
-    /// Work items: the pixels in tiles of 8×4, so that neighbours in memory see the same places.
+    /// Work items: the pixels in Morton order within squares of 64, so that neighbours in memory, and
+    /// the rays that they send on, see the same places.
     std::size_t n_items() const {
-        return origins ? n : std::size_t(ceil_div(camera.width, 8)) * ceil_div(rows(), 4) * 32;
+        return origins ? n : std::size_t(ceil_div(camera.width, 64)) * ceil_div(rows(), 64) * 4096;
     }
-    /// The ray of work item k; n or more: none.
+    /// The ray of work item k; n: none.
     GB_FN std::size_t swizzled(std::size_t k) const {
         if (origins) return k;
-        const std::uint32_t tile = std::uint32_t(k / 32), lane = std::uint32_t(k % 32), across = ceil_div(camera.width, 8);
-        const std::uint32_t x = tile % across * 8 + lane % 8, y = tile / across * 4 + lane / 8;
+        const std::uint32_t square = std::uint32_t(k / 4096), in = std::uint32_t(k % 4096), across = ceil_div(camera.width, 64);
+        const std::uint32_t x = square % across * 64 + every_other(in), y = square / across * 64 + every_other(in >> 1);
         return x < std::uint32_t(camera.width) ? least(std::size_t(y) * camera.width + x, n) : n;
     }
-
+    /// Bits 0, 2, 4 … of 12, side by side.
+    GB_FN static std::uint32_t every_other(std::uint32_t v) {
+        v &= 0x555;
+        v = (v | v >> 1) & 0x333;
+        v = (v | v >> 2) & 0x70f;
+        return (v | v >> 4) & 0x3f;
+    }
     GB_FN int rows() const { return int(n / std::size_t(camera.width)); }
     /// Where ray i passes through the picture.
     GB_FN void on_picture(std::size_t i, float& column, float& row) const {

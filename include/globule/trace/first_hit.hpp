@@ -35,10 +35,7 @@ struct BlockSource {
         if constexpr (Bounds) {
             total.rise = Lanes::sum(sum.rise);
             total.fall = Lanes::sum(sum.fall);
-            if constexpr (!PerParticle) {  // as in ListSource
-                total.fall *= most(8.0f, kernel.max_fall());
-                if (lim.sign < 0.0f) total.rise = total.fall;
-            }
+            if constexpr (!PerParticle) total.fall *= most(8.0f, kernel.max_fall());  // as in ListSource
         }
         return total;
     }
@@ -124,17 +121,19 @@ struct CellTracer {
         CellWalk walk(*cells.grid, o, d, from);
         if (sign == 0.0f && !(walk.inside() && walk.t <= from)) sign = 1.0f;
         const float typical = tree.header->typical_support;
-        while (walk.inside() && walk.t < to) {
-            bool whole_brick;
-            const CellList list = list_of(walk, whole_brick);
-            const int size = whole_brick ? kBrick : 1;
-            if (list.n == 0) {
+        for (;;) {
+            // All rays of a warp come to their next list before any of them looks into it.
+            CellList list;
+            for (;;) {
+                if (!walk.inside() || !(walk.t < to)) return infinity();
+                bool whole_brick;
+                list = list_of(walk, whole_brick);
+                if (list.n) break;
                 if (list.first == kUnlisted) return undecided(walk.t);
                 const float here = list.first == kFull ? -1.0f : 1.0f;
                 if (sign == 0.0f) sign = here;
                 if (sign != here) return walk.t;  // rounding at the cell's side
-                walk.step(size);
-                continue;
+                walk.step(whole_brick ? kBrick : 1);
             }
             const float end = least(walk.leave(1), to);
             const Source src = source(walk, list, walk.t, o, d);

@@ -52,13 +52,13 @@ GB_FN void add(Along<F>& sum, const Kernel& kernel, const Vec3<F>& v, const Vec3
         const F near = most(most(u, -u1), F(0)), far = most(magnitude(u), magnitude(u1));
         const F A = F(1) - x + u * u * scale2;
         const auto apart = near * near * scale2 >= A;
-        const F rise = kernel.rise(far * far * scale2, A);
+        const F rise = kernel.rise(far * far * scale2, A), dive = kernel.dive(near * near * scale2, A);
         if constexpr (PerParticle) {
             const F weight = magnitude(c) * i2;
-            sum.rise += select(apart, F(0), weight * select(c * lim.sign > F(0), rise, F(kernel.max_fall())));
+            sum.rise += select(apart, F(0), weight * select(c * lim.sign > F(0), rise, dive));
             sum.fall += select(apart, F(0), weight * F(most(8.0f, kernel.max_fall())));
         } else {
-            sum.rise += select(apart, F(0), rise);
+            sum.rise += select(apart, F(0), select(lim.sign > F(0), rise, dive));
             sum.fall += select(apart, F(0), A);
         }
     }
@@ -89,7 +89,6 @@ struct ListSource {
         if constexpr (!PerParticle && Bounds) {
             // 8: b falls at most so much per unit A, and no faster where the window leaves it.
             sum.fall = F(most(8.0f, kernel.max_fall())) * sum.fall;
-            sum.rise = select(lim.sign > F(0), sum.rise, sum.fall);
         }
         return sum;
     }

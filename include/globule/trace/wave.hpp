@@ -288,6 +288,7 @@ struct Occlude {
         if (layer == 0) *out = 1.0f;
         if (hits.layer[i] == kMissed || *out == 0.0f) return;
         const Point h = point_of(lighting, rays, hits, i);
+        if (which < lighting.ambient_rays && h.split.matte * largest(rays.throughput_of(i)) < 0.25f * lighting.cutoff) return;
         const std::uint32_t pixel = rays.pixel_of(i), stream = 16 + std::uint32_t(which);
         float3 l;
         float distance;
@@ -300,13 +301,15 @@ struct Occlude {
             for (;; ++light)
                 if (lighting.casts(light) && which-- == 0) break;
             lighting.towards(light, h.p, sample(pixel, stream, rays.source.pass), l, distance);
+            // From behind, or too little to matter even in full view.
+            const float3 full = rays.throughput_of(i) * reflected_light(h.albedo * h.split.matte, specular(h, i), h.material->shininess,
+                                                                        h.normal, h.d, l, lighting.lights[light].radiance);
+            if (largest(full) < 0.25f * lighting.cutoff) return;
         }
-        if (dot(l, h.normal) <= 0.0f) {
-            *out = 0.0f;  // from behind
-            return;
-        }
+        if (dot(l, h.normal) <= 0.0f) return;
         *out *= through(h.p, l, distance, rays.inside[i] >> layer & 1 ? -1.0f : 1.0f);
     }
+    GB_FN float specular(const Point& h, std::size_t i) const { return hits.layer[i] == kGround ? 0.0f : h.material->specular; }
     GB_FN float through(const float3& o, const float3& l, float distance, float sign) const {
         const Material& m = lighting.materials[layer];
         const float typical = cut.tracer.tree.header->typical_support;
@@ -351,14 +354,16 @@ struct Lit {
     int generation;
     std::uint64_t* sum;
     std::uint32_t first_pixel;   ///< that `sum` begins with
-    std::uint32_t* n_children;   ///< (n,)
+    std::uint32_t* n_children;   ///< (2 items,) mirrored, then transmitted: rays of a kind stay together
 
-    GB_FN void operator()(std::size_t i) const {
+    GB_FN void operator()(std::size_t item) const {
+        const std::size_t i = rays.source.swizzled(item), items = rays.source.n_items();
+        n_children[item] = n_children[items + item] = 0;
+        if (i >= rays.source.n) return;
         float3 o, d;
         rays.source.get(i, o, d);
         float3 weight = rays.throughput_of(i);
         const std::uint32_t pixel = rays.pixel_of(i) - first_pixel;
-        n_children[i] = 0;
         if (hits.layer[i] == kMissed) {
             accumulate(sum, pixel, weight * (rays.primary() && !lighting.show_sky ? lighting.background : lighting.sky(d)));
             return;
@@ -366,8 +371,9 @@ struct Lit {
         const Point h = point_of(lighting, rays, hits, i);
         weight = weight * attenuation(lighting, rays, hits, i);
         accumulate(sum, pixel, weight * matte(h, i));
-        if (h.split.mirror > 0.0f) go_on(weight * h.split.mirror, mirrored(h.d, h.normal), pixel, i);
-        if (largest(h.split.through) > 0.0f) go_on(weight * h.split.through, refracted(h.d, h.normal, h.split.eta), pixel, i);
+        if (h.split.mirror > 0.0f) go_on(weight * h.split.mirror, mirrored(h.d, h.normal), pixel, item);
+        if (largest(h.split.through) > 0.0f)
+            go_on(weight * h.split.through, refracted(h.d, h.normal, h.split.eta), pixel, items + item);
     }
 
     /// What Beer's law leaves of the light on the way to the hit.
@@ -412,13 +418,13 @@ private:
         return c;
     }
     /// Counts a child, or where it is not worth following ends it in the sky.
-    GB_FN void go_on(const float3& weight, const float3& d, std::uint32_t pixel, std::size_t i) const {
-        if (generation < lighting.depth && largest(weight) >= lighting.cutoff) ++n_children[i];
+    GB_FN void go_on(const float3& weight, const float3& d, std::uint32_t pixel, std::size_t child) const {
+        if (generation < lighting.depth && largest(weight) >= lighting.cutoff) n_children[child] = 1;
         else accumulate(sum, pixel, weight * lighting.sky(d));
     }
 };
 
-/// Writes the next wave; `place` is where each ray's children begin.
+/// Writes the next wave; `place` (2 items + 1,): where each ray's children go.
 struct Spawn {
     Lighting lighting;
     WaveRays rays;
@@ -427,16 +433,16 @@ struct Spawn {
     const std::uint32_t* place;
     WaveRays out;
     float *origin, *direction;   ///< of `out`
-    GB_FN void operator()(std::size_t i) const {
-        std::uint32_t at = place[i];
-        if (place[i + 1] == at) return;
+    GB_FN void operator()(std::size_t item) const {
+        const std::size_t i = rays.source.swizzled(item), through = rays.source.n_items() + item;
+        if (place[item + 1] == place[item] && place[through + 1] == place[through]) return;
         const Point h = point_of(lighting, rays, hits, i);
         const float3 weight = rays.throughput_of(i) * Lit::attenuation(lighting, rays, hits, i);
         if (h.split.mirror > 0.0f)
-            send(at, weight * h.split.mirror, mirrored(h.d, facet(h, i, 0)), h, i, rays.inside[i]);
+            send(item, weight * h.split.mirror, mirrored(h.d, facet(h, i, 0)), h, i, rays.inside[i]);
         if (largest(h.split.through) > 0.0f) {
             const std::uint32_t bit = 1u << hits.layer[i];
-            send(at, weight * h.split.through, refracted(h.d, facet(h, i, 1), h.split.eta), h, i,
+            send(through, weight * h.split.through, refracted(h.d, facet(h, i, 1), h.split.eta), h, i,
                  h.entering ? rays.inside[i] | bit : rays.inside[i] & ~bit);
         }
     }
@@ -454,14 +460,14 @@ private:
         const bool usable = dot(n, h.d) < 0.0f && dot(mirrored(h.d, n), h.normal) > 0.0f;
         return usable ? n : h.normal;
     }
-    GB_FN void send(std::uint32_t& at, const float3& weight, const float3& d, const Point& h, std::size_t i, std::uint32_t inside) const {
-        if (!(generation < lighting.depth && largest(weight) >= lighting.cutoff)) return;
+    GB_FN void send(std::size_t child, const float3& weight, const float3& d, const Point& h, std::size_t i, std::uint32_t inside) const {
+        const std::uint32_t at = place[child];
+        if (place[child + 1] == at) return;
         write3(origin, at, h.p);
         write3(direction, at, d);
         write3(out.throughput, at, weight);
         out.pixel[at] = rays.pixel_of(i);
         out.inside[at] = inside;
-        ++at;
     }
 };
 
