@@ -13,7 +13,13 @@ if _set:
     del os.environ["OMP_WAIT_POLICY"]
 
 from .camera import Camera  # noqa: E402
-from .formats import FormatError, read, write  # noqa: E402
+from .formats import (  # noqa: E402
+    FormatError,
+    mesh_particles,
+    read,
+    tomography_particles,
+    write,
+)
 from .octree import field, gradient, intersect  # noqa: E402
 from .particles import Particles  # noqa: E402
 from .render import DirectionalLight, Frame, Headlight, PointLight, RenderSettings, render  # noqa: E402
@@ -33,7 +39,9 @@ __all__ = [
     "field",
     "gradient",
     "intersect",
+    "mesh_particles",
     "read",
     "render",
+    "tomography_particles",
     "write",
 ]

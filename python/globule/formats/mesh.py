@@ -16,6 +16,7 @@ from ..surface import sampled_particles, vertex_particles
 from .errors import FormatError, bad
 
 EXTENSIONS = (".obj", ".stl", ".glb", ".ply")
+OPTIONS = ("spacing",)
 
 
 def read(path: str | os.PathLike, spacing: float | None = None) -> Particles:

@@ -18,6 +18,7 @@ from ..particles import Particles
 from ..surface import vertex_particles
 from .errors import bad, shown
 from .fields import find_positions, join_columns, particles_from, split_columns
+from .mesh import mesh_particles
 from .ply_data import Element, read_columns, read_faces
 
 _TYPES = {
@@ -51,14 +52,17 @@ _WRITTEN = {
 }
 _ORDERS = {b"ascii": "", b"binary_little_endian": "<", b"binary_big_endian": ">"}
 _LONGEST_HEADER = 1 << 20
+OPTIONS = ("spacing",)
 
 
-def read(path: str | os.PathLike) -> Particles:
-    """Read the vertices with all their scalar properties.
+def read(path: str | os.PathLike, spacing: float | None = None) -> Particles:
+    """Read the vertices with all their scalar properties; with a spacing, see mesh_particles.
 
     Where there are faces, vertices at one place become one, those of no face are dropped, the
     support is the longest edge if the file gives none, and 8-bit colours are taken as sRGB.
     """
+    if spacing is not None:
+        return mesh_particles(path, spacing)
     data = Path(path).read_bytes()
     elements, order, position = _header(path, data)
     faces_of = next((e for e in elements if e.name == "face" and e.count and e.has_lists), None)
