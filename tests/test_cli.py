@@ -43,6 +43,13 @@ def particles(folder):
     return "cube.npz"
 
 
+def volume(path) -> None:
+    """A bright ball in a dark volume."""
+    sitk = pytest.importorskip("SimpleITK")
+    z, y, x = np.mgrid[-1:1:16j, -1:1:16j, -1:1:16j]
+    sitk.WriteImage(sitk.GetImageFromArray(200 * np.exp(-(x * x + y * y + z * z) * 2)), str(path))
+
+
 def run(*words: str, **options) -> subprocess.CompletedProcess:
     return subprocess.run(
         [*COMMAND, *words], capture_output=True, text=True, timeout=100, **options
@@ -492,6 +499,7 @@ def test_demo_mistakes(folder, capsys):
 def test_examples_in_the_help_work(module, folder, capsys):
     for name in ("splash.npz", "frame_0.ply", "frame_1.ply"):
         gb.write(name, cube())
+    volume(folder / "head.nii.gz")
     name = module.__name__.rpartition(".")[2]
     assert main([name, "--help"]) == 0
     shown = capsys.readouterr().out

@@ -24,6 +24,7 @@ from .shared import (
     Progress,
     UserError,
     add_device,
+    add_reading,
     check_device,
     check_input,
     check_output,
@@ -32,6 +33,8 @@ from .shared import (
     positive,
     print_json,
     read_particles,
+    reading,
+    stem,
     vector,
     warn,
 )
@@ -40,6 +43,7 @@ SUMMARY = "particles to pictures"
 EXAMPLES = """\
   globule render splash.npz -o splash.png
   globule render splash.npz -o above.png --eye 0,4,0.1 --look-at 0,0,0 --color-by y --json
+  globule render head.nii.gz -o head.png --level 90 --resample 2 --up 0,0,1
   globule render frame_0.ply frame_1.ply -o picture_%04d.png"""
 
 SAMPLES = 20_000  # particles at which the highest field is looked for
@@ -58,7 +62,8 @@ def size(text: str) -> tuple[int, int]:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
-    add("particles", nargs="+", metavar="PARTICLES", help="particle files of any known format")
+    add("particles", nargs="+", metavar="PARTICLES", 
+        help="files of particles, meshes or volumes, or folders with a DICOM series")
     add("-o", "--output", required=True, metavar="IMAGE", help="picture to write, .png")
     add("--size", type=size, default=(1024, 782), metavar="WxH", help="pixels (default: 1024x782)")
     add("--aov", metavar="FILE.npz", help="also write color, depth, position, normal, albedo, mask")
@@ -97,6 +102,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     colors.add_argument("--ambient", type=look.color, metavar="COLOR",
                         help="R,G,B or V, or #rrggbb in sRGB")
     colors.add_argument("--background", type=look.color, metavar="COLOR", help="as --ambient")
+    add_reading(parser)
     where = parser.add_argument_group("machine")
     add_device(where)
 
@@ -131,7 +137,7 @@ def run(options: argparse.Namespace) -> None:
 def outputs(options: argparse.Namespace) -> tuple[list[str], list[str | None]]:
     """The files to write, one image and perhaps one .npz per input, all checked to be writable."""
     for path in options.particles:
-        check_input(path)
+        check_input(path, list(reading(options)))
     images = _names("-o", options.output, options.particles, ".png")
     arrays: list[str | None] = [None] * len(images)
     if options.aov:
@@ -154,11 +160,9 @@ def _names(option: str, pattern: str, inputs: list[str], extension: str) -> list
     for i, path in enumerate(inputs):
         head, name = os.path.split(full)
         if len(inputs) > 1 or folder:
-            stem = os.path.basename(path)
-            stem = stem[: stem.lower().rindex("." if not stem.lower().endswith(".gz") else ".bgeo")]
             if number:
                 name = name.replace(number[0], number[0] % i)
-            name = name.replace("{}", stem)
+            name = name.replace("{}", stem(path))
         names.append(os.path.join(head, name))
         check_output(option, names[-1], [extension])
         if names[-1] in names[:-1]:
@@ -199,7 +203,7 @@ def _picture(
     """One file's picture, and what there is to report of it."""
     start = time.perf_counter()
     progress.step(f"reading {path}")
-    particles = read_particles(path)
+    particles = read_particles(path, **reading(options))
     read_seconds = time.perf_counter() - start
     messages = []
     finite = np.isfinite(particles.positions).all(axis=1)

@@ -55,8 +55,8 @@ def tomography_particles(
 
     Returns:
         Particles in mm, LPS. Colours are from dark gray at the 2nd percentile of the
-        intensities shown to white at the 98th, with the attribute `intensity`; or one of the palette's for each
-        label, with the attribute `label`.
+        intensities shown to white at the 98th, with the attribute `intensity`; or one of the
+        palette's for each label, with the attribute `label`.
 
     Raises FormatError for a file that holds no volume; ValueError for a wrong argument, more than
     50 million voxels to show (with a spacing that would do), or where SimpleITK is missing.
