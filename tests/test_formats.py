@@ -563,9 +563,9 @@ def test_ply_colors_are_bytes_where_exact(tmp_path):
 
 def test_unknown_extension(tmp_path):
     with pytest.raises(FormatError, match=r"\.vtk .*\.csv"):
-        formats.read(tmp_path / "p.obj")
+        formats.read(tmp_path / "p.xls")
     with pytest.raises(FormatError, match="extensions"):
-        formats.write(tmp_path / "p.obj", sample())
+        formats.write(tmp_path / "p.xls", sample())
 
 
 @pytest.mark.parametrize("extension", formats.EXTENSIONS)
