@@ -13,6 +13,7 @@ if _set:
     del os.environ["OMP_WAIT_POLICY"]
 
 from .camera import Camera  # noqa: E402
+from .environment import read_environment  # noqa: E402
 from .formats import (  # noqa: E402
     FormatError,
     mesh_particles,
@@ -20,10 +21,12 @@ from .formats import (  # noqa: E402
     tomography_particles,
     write,
 )
+from .legend import add_legend  # noqa: E402
 from .octree import field, gradient, intersect  # noqa: E402
 from .particles import Particles  # noqa: E402
 from .render import DirectionalLight, Frame, Headlight, PointLight, RenderSettings, render  # noqa: E402
 from .scene import Scene  # noqa: E402
+from .smoothing import anisotropy, without_strays  # noqa: E402
 
 __version__ = "0.1.0"
 __all__ = [
@@ -36,12 +39,16 @@ __all__ = [
     "PointLight",
     "RenderSettings",
     "Scene",
+    "add_legend",
+    "anisotropy",
     "field",
     "gradient",
     "intersect",
     "mesh_particles",
     "read",
+    "read_environment",
     "render",
     "tomography_particles",
+    "without_strays",
     "write",
 ]

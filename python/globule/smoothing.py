@@ -29,7 +29,7 @@ class Anisotropy(NamedTuple):
 
 
 def without_strays(
-    particles: Particles, scene_or_radius: Scene | float, min_neighbors: int = 6
+    particles: Particles, scene_or_radius: Scene | float, min_neighbors: int = 3
 ) -> Particles:
     """The particles that have at least `min_neighbors` others within a radius.
 

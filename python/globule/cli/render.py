@@ -17,7 +17,8 @@ import numpy as np
 
 from ..camera import Camera
 from ..colormaps import NAMES as COLORMAPS
-from ..render import MAX_PIXELS, Frame, RenderSettings, fit_camera, render
+from ..legend import LEAST_SIDE, add_legend
+from ..render import MAX_PIXELS, Frame, RenderSettings, fit_camera, render, save_png
 from ..scene import KERNELS, Scene
 from . import look
 from .shared import (
@@ -96,6 +97,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help=f"{', '.join(COLORMAPS)} (default: viridis)")
     colors.add_argument("--range", type=look.interval, metavar="LO,HI",
                         help="values of the map's ends (default: the lowest and highest)")
+    colors.add_argument("--legend", action="store_true",
+                        help="draw the colour map with its range into the picture")
     colors.add_argument("--light", type=look.light, action="append", metavar="LIGHT",
                         help="head, dir:X,Y,Z (towards the light) or point:X,Y,Z, up to 8 times; "
                         "they share a radiance of 1 (default: a headlight and a sun)")
@@ -112,6 +115,10 @@ def run(options: argparse.Namespace) -> None:
         raise UserError("--fit: expected no --eye and --look-at beside it")
     if options.look_at and not options.eye:
         raise UserError("--look-at: expected --eye beside it, got none")
+    if options.legend and not options.color_by:
+        raise UserError("--legend: expected --color-by beside it, got none")
+    if options.legend and min(options.size) < LEAST_SIDE:
+        raise UserError(f"--legend: expected a --size of at least {LEAST_SIDE} pixels a side")
     with mistakes():
         # All but the particles is known already: what is wrong with it shows before any work.
         settings = look.settings(options)
@@ -216,7 +223,7 @@ def _picture(
         particles = particles[finite]
     with mistakes():
         if options.color_by:
-            particles.color = look.color_by(options, path, particles, messages)
+            particles.color, ends = look.color_by(options, path, particles, messages)
         progress.step(f"building {path}")
         scene = Scene(
             particles, options.kernel, options.threshold, options.support, options.key_bits,
@@ -235,7 +242,9 @@ def _picture(
     trace_seconds = frame.trace_seconds
     progress.step(f"writing {image}")
     written = time.perf_counter()
-    _save(frame, image, aov)
+    with mistakes():
+        legend = (options.colormap, *ends, options.color_by) if options.legend else None
+        _save(frame, image, aov, legend)
     end = time.perf_counter()
     if messages:
         progress.clear()
@@ -274,10 +283,12 @@ def _picture(
     return report
 
 
-def _save(frame: Frame, image: str, aov: str | None) -> None:
+def _save(frame: Frame, image: str, aov: str | None, legend: tuple | None) -> None:
+    """Write what was asked for; the legend (map, lowest, highest, name) is in the picture only."""
+    picture = add_legend(frame.picture, *legend) if legend else frame.picture
     if aov:
         frame.save(aov)
-    frame.save(image)
+    save_png(image, picture)
 
 
 def _one_number(support: Any) -> Any:
