@@ -77,15 +77,19 @@ def edge_spacing(positions: np.ndarray, faces: np.ndarray) -> np.ndarray:
 
 
 def merge_coincident(positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Points at exactly one place as one: (first, which), so that positions[first] are distinct and
-    positions[first][which] are the positions (N, 3) again. A NaN is a place of its own."""
+    """Points at exactly one place as one: (first, which), so that positions[first] are distinct, in
+    their old order, and positions[first][which] are the positions (N, 3) again. A NaN is a place
+    of its own."""
     order = np.lexsort(positions.T)
     in_order = positions[order]
     new = np.ones(len(positions), bool)
     new[1:] = (in_order[1:] != in_order[:-1]).any(axis=1)
+    first = order[new]  # the sort is stable: each group's lowest index
+    rank = np.empty(len(first), np.int64)
+    rank[np.argsort(first)] = np.arange(len(first))
     which = np.empty(len(positions), np.int64)
-    which[order] = np.cumsum(new) - 1
-    return order[new], which
+    which[order] = rank[np.cumsum(new) - 1]
+    return np.sort(first), which
 
 
 def within_limits(spacing: np.ndarray) -> np.ndarray:

@@ -6,6 +6,8 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -54,15 +56,13 @@ def mesh_particles(mesh: Any, spacing: float | None = None) -> Particles:
     scene = trimesh.Scene(mesh) if isinstance(mesh, trimesh.Trimesh) else mesh
     if not isinstance(scene, trimesh.Scene):
         raise TypeError(f"mesh: expected a path, Trimesh or Scene, got {type(mesh).__name__}")
-    try:
+    with _errors_of(name):
         parts = scene.dump()  # each part where the scene has it
         meshes = [part for part in parts if isinstance(part, trimesh.Trimesh) and len(part.faces)]
         if not meshes:
             return _points(name, parts)
         corners = np.concatenate([part.vertices[part.faces] for part in meshes])
-        colors = _Colors(meshes, linear)
-    except (IndexError, KeyError, OSError) as error:  # faces, textures that are not there
-        raise bad(name, "", f"expected a triangle mesh, got {error!r}") from None
+        colors = _Colors(name, meshes, linear)
     if spacing is not None:
         return sampled_particles(corners, float(spacing), colors)
     color = colors(np.repeat(np.arange(len(corners)), 3), np.tile(np.eye(3), (len(corners), 1)))
@@ -73,8 +73,8 @@ def mesh_particles(mesh: Any, spacing: float | None = None) -> Particles:
 class _Colors:
     """Linear colours of points on the triangles of several meshes."""
 
-    def __init__(self, meshes: list[Any], linear: bool):
-        self.meshes, self.linear = meshes, linear
+    def __init__(self, name: str, meshes: list[Any], linear: bool):
+        self.name, self.meshes, self.linear = name, meshes, linear
         self.first = np.cumsum([0, *(len(mesh.faces) for mesh in meshes)])
         self.given = any(mesh.visual.defined for mesh in meshes)
 
@@ -86,7 +86,8 @@ class _Colors:
         owner = np.searchsorted(self.first, triangle, "right") - 1
         for i, mesh in enumerate(self.meshes):
             mine = owner == i
-            color[mine] = self._of(mesh, triangle[mine] - self.first[i], barycentric[mine])
+            with _errors_of(self.name):
+                color[mine] = self._of(mesh, triangle[mine] - self.first[i], barycentric[mine])
         return color
 
     def _of(self, mesh: Any, face: np.ndarray, barycentric: np.ndarray) -> np.ndarray:
@@ -113,11 +114,20 @@ def _points(name: str, parts: list[Any]) -> Particles:
 def _load(trimesh: Any, path: str) -> Any:
     with open(path, "rb"):  # what is no readable file is an OSError like everywhere
         pass
-    try:
+    with _errors_of(path):
         return trimesh.load_scene(path, process=False)
-    except Exception as error:  # trimesh's loaders fail in many ways on what they do not expect
+
+
+@contextmanager
+def _errors_of(name: str) -> Iterator[None]:
+    """trimesh fails in many ways on what it does not expect: all of them as FormatError."""
+    try:
+        yield
+    except FormatError:
+        raise
+    except Exception as error:
         reason = str(error) or type(error).__name__
-        raise bad(path, "", f"expected a triangle mesh, got {reason}") from None
+        raise bad(name, "", f"expected a triangle mesh, got {reason}") from None
 
 
 def _trimesh() -> Any:

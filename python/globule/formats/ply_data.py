@@ -85,6 +85,8 @@ def _columns_with_lists(
     for row in range(element.count):
         try:
             if not order:
+                while data[position : position + 1].isspace():  # the end of the line before
+                    position += 1
                 end = data.find(b"\n", position)
                 words = data[position : end if end >= 0 else len(data)].split()
                 position = end + 1 if end >= 0 else len(data)

@@ -18,11 +18,11 @@ import numpy as np
 from ..colormaps import categorical, colorize
 from ..particles import Particles
 from .errors import bad
+from .volume_length import check_length
 
 OPTIONS = ("level", "labels", "spacing")
 MOST_VOXELS = 2**31  # of a volume
 MOST_METABALLS = 50_000_000
-_MOST_GZIP_CAN_EXPAND = 1032  # times, from the format of deflate
 _DARKEST, _BRIGHTEST = 2, 98  # percentiles of the intensities at the gray ramp's ends
 _SAMPLE = 2_000_000  # voxels that stand for all where percentiles and the level are looked for
 
@@ -69,7 +69,8 @@ def tomography_particles(
         image = _load(sitk, os.fspath(image))
     elif not isinstance(image, sitk.Image):
         raise TypeError(f"image: expected a path or SimpleITK.Image, got {type(image).__name__}")
-    _check("image", image, image.GetNumberOfComponentsPerPixel())
+    n_components = image.GetNumberOfComponentsPerPixel()
+    _check("image", image, image.GetSize(), n_components, sitk)
     if spacing is not None:
         image = _resampled(sitk, image, float(spacing), smooth=wanted is None)
 
@@ -107,9 +108,9 @@ def describe(path: str | os.PathLike) -> dict[str, Any]:
     with _itk_errors(sitk, path):
         image = _series(sitk, path) if os.path.isdir(path) else _header(sitk, path)
     return {
-        "size": list(image.GetSize()),
-        "spacing": list(image.GetSpacing()),
-        "origin": list(image.GetOrigin()),
+        "size": list(image.GetSize()[:3]),
+        "spacing": list(image.GetSpacing()[:3]),
+        "origin": list(image.GetOrigin()[:3]),
         "pixel": sitk.GetPixelIDValueAsString(image.GetPixelID()),
     }
 
@@ -190,21 +191,20 @@ def _load(sitk: Any, path: str) -> Any:
 
 def _header(sitk: Any, path: str) -> Any:
     """A reader that has read the file's header, whose size has been checked."""
-    with open(path, "rb") as file:  # what is no readable file is an OSError like everywhere
-        held = os.fstat(file.fileno()).st_size
+    with open(path, "rb"):  # what is no readable file is an OSError like everywhere
+        pass
     reader = sitk.ImageFileReader()
     reader.SetFileName(path)
     reader.ReadImageInformation()
-    _check(path, reader, reader.GetNumberOfComponents())
+    size = reader.GetSize()
+    if len(size) == 4 and size[3] == 1:  # a series of one moment, as NIfTI files often have it
+        size = size[:3]
+        reader.SetExtractSize((*size, 0))
+    _check(path, reader, size, reader.GetNumberOfComponents(), sitk)
     if any(key.startswith("Seq_Frame") for key in reader.GetMetaDataKeys()):
         raise bad(path, "header", "expected a volume, got a tracked sweep")
-    if path.lower().endswith((".mhd", ".nhdr")):  # the voxels are in another file, mostly beside it
-        held += sum(entry.stat().st_size for entry in os.scandir(os.path.dirname(path) or "."))
-    bytes_per_voxel = sitk.Image(1, 1, reader.GetPixelID()).GetSizeOfPixelComponent()
-    needed = math.prod(reader.GetSize()) * bytes_per_voxel
-    if needed > _MOST_GZIP_CAN_EXPAND * held + 1024:
-        got = f"a header that announces {needed:,} bytes in {held:,}"
-        raise bad(path, "header", f"expected the size of the data, got {got}")
+    one = sitk.Image(1, 1, reader.GetPixelID())
+    check_length(path, reader, one.GetSizeOfPixelComponent())
     return reader
 
 
@@ -224,16 +224,16 @@ def _series(sitk: Any, folder: str) -> Any:
     return reader.Execute()
 
 
-def _check(path: str, image: Any, n_components: int) -> None:
+def _check(path: str, image: Any, size: tuple[int, ...], n_components: int, sitk: Any) -> None:
     """Refuse what has not three axes, one real number per voxel, and a size that can be held."""
-    size = image.GetSize()
     if len(size) != 3:
         raise bad(path, "header", f"expected a volume of 3 axes, got {len(size)}")
     if math.prod(size) > MOST_VOXELS:
         got = "x".join(map(str, size))
         raise bad(path, "header", f"expected at most {MOST_VOXELS:,} voxels, got {got}")
-    if n_components != 1:
-        raise bad(path, "header", f"expected one number per voxel, got {n_components}")
+    kind = sitk.GetPixelIDValueAsString(image.GetPixelIDValue())
+    if n_components != 1 or "complex" in kind:
+        raise bad(path, "header", f"expected one number per voxel, got {n_components} ({kind})")
     frame = (*image.GetSpacing(), *image.GetOrigin(), *image.GetDirection())
     if not np.isfinite(frame).all():
         raise bad(path, "header", "expected a finite spacing, origin and direction")
@@ -247,8 +247,10 @@ def _itk_errors(sitk: Any, path: str) -> Iterator[None]:
     try:
         yield
     except RuntimeError as error:
-        lines = [line for line in str(error).splitlines() if line.strip()]
-        reason = lines[-1].strip() if lines else "an unknown error"
+        lines = [line.strip() for line in str(error).splitlines()]
+        # ITK's "Reason" is the system's last error, which may have nothing to do with it.
+        lines = [line for line in lines if line and not line.startswith("Reason:")]
+        reason = lines[-1] if lines else "an unknown error"
         raise bad(path, "", f"expected a volume, got {reason}") from None
     finally:
         sitk.ProcessObject.SetGlobalWarningDisplay(shown)
