@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from .files import atomic_write
-from .formats.errors import bad
+from .formats.errors import FormatError, bad
 
 
 def write_exr(path: str | os.PathLike, channels: Mapping[str, Any]) -> None:
@@ -76,7 +76,9 @@ def read_exr(path: str | os.PathLike, most_pixels: int) -> np.ndarray:
                       f"got {width}x{height}")
         with openexr.File(path, separate_channels=True) as file:
             planes = {name: channel.pixels for name, channel in file.channels().items()}
-    except RuntimeError as error:
+    except (RuntimeError, ValueError, KeyError, TypeError) as error:
+        if isinstance(error, FormatError):
+            raise
         raise bad(path, "", f"expected an OpenEXR picture, got {error}") from None
     names = ("R", "G", "B") if "R" in planes else ("Y", "Y", "Y")
     picked = [planes[name] for name in names if name in planes]

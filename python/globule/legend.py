@@ -87,7 +87,7 @@ def add_legend(picture: Any, colormap: str, lo: float, hi: float, label: str = "
 def tick_labels(lo: float, hi: float, most: int) -> list[tuple[float, str]]:
     """Both ends and round values between them: (share of the way from lo to hi, text).
 
-    At most `most` of them, at least the two ends; one where lo equals hi.
+    About `most` of them, at least the two ends; one where lo equals hi.
     """
     if lo == hi:
         return [(0.5, f"{lo:.6g}")]
