@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import builtins
+import json
 
 import globule as gb
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 from globule import spacing, surface
 from globule.colormaps import to_linear
 from globule.formats import FormatError
+from globule.formats import mesh as mesh_format
 
 TETRAHEDRON = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], np.float32)
 FACES = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
@@ -258,6 +260,40 @@ def test_broken_files(trimesh, extension, tmp_path):
             gb.read(path)
         except FormatError as error:
             assert "\n" not in str(error) and path.name in str(error)
+
+
+def test_glb_sizes_are_checked_before_memory_is_taken(trimesh, tmp_path):
+    count = 10**9
+    tree = {
+        "asset": {"version": "2.0"},
+        "buffers": [{"byteLength": 4}],
+        "accessors": [{"count": count, "type": "VEC3", "componentType": 5126}],
+    }
+    text = json.dumps(tree).encode()
+    text += b" " * (-len(text) % 4)
+    head = b"glTF" + np.uint32([2, 32 + len(text), len(text)]).tobytes() + b"JSON"
+    (tmp_path / "a.glb").write_bytes(head + text + np.uint32([4]).tobytes() + b"BIN\0" + bytes(4))
+    with pytest.raises(FormatError, match="expected at most .* elements, got 1000000000"):
+        gb.read(tmp_path / "a.glb")
+
+
+def test_scenes_of_too_many_triangles(trimesh, monkeypatch):
+    monkeypatch.setattr(mesh_format, "MOST_SAMPLES", 100)
+    scene = trimesh.Scene([trimesh.creation.icosphere(1)])
+    assert len(gb.mesh_particles(scene)) == 42
+    scene.graph.update("again", geometry=next(iter(scene.geometry)))
+    with pytest.raises(FormatError, match="at most 100 triangles, got 160"):
+        gb.mesh_particles(scene)
+
+
+def test_materials_without_pictures(trimesh, tmp_path):
+    (tmp_path / "a.mtl").write_text("newmtl red\nKd 1 0 0\nmap_Kd nowhere.png\n")
+    (tmp_path / "a.obj").write_text(
+        "mtllib a.mtl\nusemtl red\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\n"
+        "f 1/1 2/2 3/3\n"
+    )
+    for options in ({}, {"spacing": 0.2}):
+        assert (gb.read(tmp_path / "a.obj", **options).color == [1, 0, 0]).all()
 
 
 def test_nan_vertices(trimesh):

@@ -14,7 +14,7 @@ from .particles import Particles
 from .spacing import edge_spacing, merge_coincident
 
 MOST_SAMPLES = 50_000_000
-# Supports in longest edges at a vertex. The field is then 1.6 at the middle of an equilateral
+# Supports in longest edges at a vertex. The field is then 1.3 at the middle of an equilateral
 # triangle and 1.1 at the middle of an edge, where the default threshold is 0.6: no holes, and less
 # swelling than with the two spacings of particles that fill a volume.
 SUPPORT_OF_EDGE = 1.0

@@ -5,16 +5,17 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 
 from ..colormaps import to_linear
 from ..particles import Particles
-from ..surface import sampled_particles, vertex_particles
+from ..surface import MOST_SAMPLES, sampled_particles, vertex_particles
 from .errors import FormatError, bad
 
 EXTENSIONS = (".obj", ".stl", ".glb", ".ply")
@@ -57,6 +58,7 @@ def mesh_particles(mesh: Any, spacing: float | None = None) -> Particles:
     if not isinstance(scene, trimesh.Scene):
         raise TypeError(f"mesh: expected a path, Trimesh or Scene, got {type(mesh).__name__}")
     with _errors_of(name):
+        _check_instances(name, scene)
         parts = scene.dump()  # each part where the scene has it
         meshes = [part for part in parts if isinstance(part, trimesh.Trimesh) and len(part.faces)]
         if not meshes:
@@ -92,15 +94,26 @@ class _Colors:
 
     def _of(self, mesh: Any, face: np.ndarray, barycentric: np.ndarray) -> np.ndarray:
         visual = mesh.visual
-        if visual.kind == "texture" and visual.uv is not None and len(visual.uv):
-            uv = np.einsum("mk,mkc->mc", barycentric, np.asarray(visual.uv)[mesh.faces[face]])
-            return to_linear(visual.material.to_color(uv)[:, :3] / 255)
         if visual.kind == "texture":
-            return to_linear(np.broadcast_to(visual.material.main_color[:3], (len(face), 3)) / 255)
+            found = None
+            if visual.uv is not None and len(visual.uv):
+                uv = np.einsum("mk,mkc->mc", barycentric, np.asarray(visual.uv)[mesh.faces[face]])
+                found = visual.material.to_color(uv)
+            if found is None:  # a material without a picture
+                found = visual.material.main_color
+            return to_linear(np.broadcast_to(found[..., :3], (len(face), 3)) / 255)
         if visual.kind == "face":
             return to_linear(visual.face_colors[face, :3] / 255)
         corner = visual.vertex_colors[mesh.faces[face], :3] / 255
         return np.einsum("mk,mkc->mc", barycentric, corner if self.linear else to_linear(corner))
+
+
+def _check_instances(name: str, scene: Any) -> None:
+    """Refuse a scene that shows its meshes so often that memory would run out."""
+    shown = (scene.graph[node][1] for node in scene.graph.nodes_geometry)
+    n_faces = sum(len(getattr(scene.geometry[geometry], "faces", ())) for geometry in shown)
+    if n_faces > MOST_SAMPLES:
+        raise bad(name, "", f"expected at most {MOST_SAMPLES:,} triangles, got {n_faces:,}")
 
 
 def _points(name: str, parts: list[Any]) -> Particles:
@@ -112,10 +125,25 @@ def _points(name: str, parts: list[Any]) -> Particles:
 
 
 def _load(trimesh: Any, path: str) -> Any:
-    with open(path, "rb"):  # what is no readable file is an OSError like everywhere
-        pass
+    with open(path, "rb") as file:  # what is no readable file is an OSError like everywhere
+        if path.lower().endswith(".glb"):
+            _check_glb(path, file)
     with _errors_of(path):
         return trimesh.load_scene(path, process=False)
+
+
+def _check_glb(path: str, file: IO[bytes]) -> None:
+    """Refuse an accessor without data that is longer than the file: trimesh makes zeros of it."""
+    size = os.fstat(file.fileno()).st_size
+    head = file.read(20)
+    if len(head) < 20:
+        raise bad(path, "header", "expected a binary glTF file, got a shorter one")
+    text = file.read(min(size, int.from_bytes(head[12:16], "little")))
+    with _errors_of(path):
+        for accessor in json.loads(text).get("accessors", []):
+            if "bufferView" not in accessor and int(accessor["count"]) > size:
+                got = f"{accessor['count']} without data"
+                raise bad(path, "accessors", f"expected at most {size} elements, got {got}")
 
 
 @contextmanager
