@@ -9,6 +9,7 @@ import stat
 import subprocess
 import sys
 import time
+from importlib.util import find_spec
 
 import globule as gb
 import numpy as np
@@ -45,7 +46,8 @@ def particles(folder):
 
 def volume(path) -> None:
     """A bright ball in a dark volume."""
-    sitk = pytest.importorskip("SimpleITK")
+    import SimpleITK as sitk
+
     z, y, x = np.mgrid[-1:1:16j, -1:1:16j, -1:1:16j]
     sitk.WriteImage(sitk.GetImageFromArray(200 * np.exp(-(x * x + y * y + z * z) * 2)), str(path))
 
@@ -499,7 +501,8 @@ def test_demo_mistakes(folder, capsys):
 def test_examples_in_the_help_work(module, folder, capsys):
     for name in ("splash.npz", "frame_0.ply", "frame_1.ply"):
         gb.write(name, cube())
-    volume(folder / "head.nii.gz")
+    if has_itk := find_spec("SimpleITK") is not None:
+        volume(folder / "head.nii.gz")
     name = module.__name__.rpartition(".")[2]
     assert main([name, "--help"]) == 0
     shown = capsys.readouterr().out
@@ -508,7 +511,8 @@ def test_examples_in_the_help_work(module, folder, capsys):
     for words in examples:
         assert " ".join(words) in shown
         assert words[:2] == ["globule", name]
-        assert main(words[1:]) == 0
+        if has_itk or "head.nii.gz" not in words:
+            assert main(words[1:]) == 0
 
 
 def test_help_and_version(capsys):

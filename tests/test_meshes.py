@@ -216,6 +216,14 @@ def test_scene_of_several_meshes(trimesh):
     assert np.allclose(particles.color[particles.positions[:, 0] < 1], [1, 0, 0])
 
 
+def test_points_without_triangles(trimesh, tmp_path):
+    points = np.concatenate([np.random.default_rng(5).random((50, 3)), [[9, 9, 9]]])
+    (tmp_path / "a.obj").write_text("".join(f"v {x} {y} {z}\n" for x, y, z in points))
+    particles = gb.read(tmp_path / "a.obj")
+    assert np.allclose(particles.support, 2 * gb.local_spacing(points.astype("f4")), rtol=1e-5)
+    assert particles.support[-1] > 10 * np.median(particles.support)
+
+
 # files that are none
 
 

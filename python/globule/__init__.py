@@ -27,6 +27,7 @@ from .particles import Particles  # noqa: E402
 from .render import DirectionalLight, Frame, Headlight, PointLight, RenderSettings, render  # noqa: E402
 from .scene import Scene  # noqa: E402
 from .smoothing import anisotropy, without_strays  # noqa: E402
+from .spacing import local_spacing  # noqa: E402
 
 __version__ = "0.1.0"
 __all__ = [
@@ -44,6 +45,7 @@ __all__ = [
     "field",
     "gradient",
     "intersect",
+    "local_spacing",
     "mesh_particles",
     "read",
     "read_environment",

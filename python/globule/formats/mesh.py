@@ -15,6 +15,7 @@ import numpy as np
 
 from ..colormaps import to_linear
 from ..particles import Particles
+from ..spacing import local_spacing
 from ..surface import MOST_SAMPLES, sampled_particles, vertex_particles
 from .errors import FormatError, bad
 
@@ -31,7 +32,7 @@ def mesh_particles(mesh: Any, spacing: float | None = None) -> Particles:
     """A triangle mesh as metaballs.
 
     Without `spacing` there is one at each vertex, vertices at one place being one, and its support
-    is its longest edge. With it, points `spacing` apart all over the triangles take the vertices'
+    is its longest edge (of points without triangles, two local spacings). With it, points `spacing` apart all over the triangles take the vertices'
     place, so that the surface is thin and even however large the triangles are.
 
     Colours come from the vertices, the faces or the texture. They are taken as sRGB, but for
@@ -117,11 +118,12 @@ def _check_instances(name: str, scene: Any) -> None:
 
 
 def _points(name: str, parts: list[Any]) -> Particles:
-    """What a file without triangles has: particles, spaced as they are."""
+    """What a file without triangles has: points, as near or far from each other as they are."""
     found = [np.asarray(part.vertices) for part in parts if len(part.vertices)]
     if not found:
         raise bad(name, "", "expected a mesh with vertices, got none")
-    return Particles(np.concatenate(found))
+    positions = np.concatenate(found).astype(np.float32)
+    return Particles(positions, support=2 * local_spacing(positions))
 
 
 def _load(trimesh: Any, path: str) -> Any:
