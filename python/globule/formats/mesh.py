@@ -32,8 +32,9 @@ def mesh_particles(mesh: Any, spacing: float | None = None) -> Particles:
     """A triangle mesh as metaballs.
 
     Without `spacing` there is one at each vertex, vertices at one place being one, and its support
-    is its longest edge (of points without triangles, two local spacings). With it, points `spacing` apart all over the triangles take the vertices'
-    place, so that the surface is thin and even however large the triangles are.
+    is its longest edge (of points without triangles, two local spacings). With it, points `spacing`
+    apart all over the triangles take the vertices' place, so that the surface is thin and even
+    however large the triangles are.
 
     Colours come from the vertices, the faces or the texture. They are taken as sRGB, but for
     a .glb's vertex colours, which are linear by glTF's definition, and become linear.
