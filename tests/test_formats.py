@@ -298,7 +298,9 @@ end_header
 def test_ply_ascii(tmp_path):
     p = read_text(tmp_path, "p.ply", PLY)
     assert np.array_equal(p.positions, [[1, 2, 3], [4, 5, 6]])
-    assert np.array_equal(p.color, np.float32([[1, 0, 0.2], [0, 1, 0]]))
+    # A face makes it a mesh: bytes of colour are sRGB, supports are the longest edges.
+    assert np.allclose(p.color, [[1, 0, 0.0331], [0, 1, 0]], atol=1e-4)
+    assert np.allclose(p.support, 27**0.5)
     assert np.array_equal(p.attributes["id"], [7, 8])
 
 
@@ -561,9 +563,9 @@ def test_ply_colors_are_bytes_where_exact(tmp_path):
 
 def test_unknown_extension(tmp_path):
     with pytest.raises(FormatError, match=r"\.vtk .*\.csv"):
-        formats.read(tmp_path / "p.obj")
+        formats.read(tmp_path / "p.xls")
     with pytest.raises(FormatError, match="extensions"):
-        formats.write(tmp_path / "p.obj", sample())
+        formats.write(tmp_path / "p.xls", sample())
 
 
 @pytest.mark.parametrize("extension", formats.EXTENSIONS)

@@ -70,7 +70,7 @@ def ascii_ply() -> bytes:
     return (
         f"ply\nformat ascii 1.0\nelement face 1\nproperty list uchar int vertex_indices\n"
         f"element vertex {N}\nproperty float x\nproperty float y\nproperty double z\n"
-        f"property ushort id\nend_header\n3 0 1 2\n{rows}\n"
+        f"property ushort id\nend_header\n{N} {' '.join(map(str, range(N)))}\n{rows}\n"
     ).encode()
 
 

@@ -14,7 +14,15 @@ if _set:
 
 from .camera import Camera  # noqa: E402
 from .clips import ClipBox, ClipPlane, ClipSphere  # noqa: E402
-from .formats import FormatError, read, write  # noqa: E402
+from .environment import read_environment  # noqa: E402
+from .formats import (  # noqa: E402
+    FormatError,
+    mesh_particles,
+    read,
+    tomography_particles,
+    write,
+)
+from .legend import add_legend  # noqa: E402
 from .lights import (  # noqa: E402
     DirectionalLight,
     Environment,
@@ -28,6 +36,8 @@ from .octree import field, gradient, intersect  # noqa: E402
 from .particles import Particles  # noqa: E402
 from .render import Frame, Layer, Picked, RenderSettings, render  # noqa: E402
 from .scene import Scene  # noqa: E402
+from .smoothing import anisotropy, without_strays  # noqa: E402
+from .spacing import local_spacing  # noqa: E402
 
 __version__ = "0.1.0"
 __all__ = [
@@ -49,10 +59,17 @@ __all__ = [
     "RenderSettings",
     "Scene",
     "Sky",
+    "add_legend",
+    "anisotropy",
     "field",
     "gradient",
     "intersect",
+    "local_spacing",
+    "mesh_particles",
     "read",
+    "read_environment",
     "render",
+    "tomography_particles",
+    "without_strays",
     "write",
 ]

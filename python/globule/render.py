@@ -246,13 +246,10 @@ class Frame:
         return out.reshape((self.size[1], self.size[0]) + blended.shape[1:])
 
     def save(self, path: Any) -> None:
-        """Write the picture (.png) or every image (.npz); whole or not at all."""
+        """Write the picture (.png) or every image (.npz, .exr); whole or not at all."""
         name = str(path).lower()
         if name.endswith(".png"):
-            from PIL import Image
-
-            with atomic_write(path) as file:
-                Image.fromarray(self.picture).save(file, format="PNG", compress_level=4)
+            save_png(path, self.picture)
         elif name.endswith(".npz"):
             images = {
                 k: getattr(self, k)
@@ -260,8 +257,20 @@ class Frame:
             }
             with atomic_write(path) as file:
                 np.savez_compressed(file, **images)
+        elif name.endswith(".exr"):
+            from .exr import frame_channels, write_exr
+
+            write_exr(path, frame_channels(self))
         else:
-            raise ValueError(f"{path}: expected a name ending in .png or .npz")
+            raise ValueError(f"{path}: expected a name ending in .png, .npz or .exr")
+
+
+def save_png(path: Any, picture: np.ndarray) -> None:
+    """Write a picture (H, W, 3) uint8 sRGB; whole or not at all."""
+    from PIL import Image
+
+    with atomic_write(path) as file:
+        Image.fromarray(picture).save(file, format="PNG", compress_level=4)
 
 
 def render(

@@ -1,4 +1,6 @@
-"""Convert particles from one file format to another; the names' extensions say which."""
+"""Convert particles from one file format to another; the names' extensions say which.
+
+Meshes and volumes are read only: they become particles."""
 
 from __future__ import annotations
 
@@ -6,12 +8,23 @@ import argparse
 
 import numpy as np
 
-from ..formats import EXTENSIONS, write
+from ..formats import EXTENSIONS, READABLE, write
 from ..particles import SCALAR_FIELDS, Particles
-from .shared import check_input, check_output, count, mistakes, read_particles, say
+from .shared import (
+    add_reading,
+    check_input,
+    check_output,
+    count,
+    mistakes,
+    read_particles,
+    reading,
+    say,
+)
 
 SUMMARY = "from one particle format to another"
-EXAMPLES = "  globule convert splash.npz splash.vtk"
+EXAMPLES = """\
+  globule convert splash.npz splash.vtk
+  globule convert head.nii.gz head.npz --level 90"""
 
 # Formats that keep some of the fields only; all others keep everything.
 _KEPT = {
@@ -23,15 +36,16 @@ _FLOAT32_ONLY = (".bgeo", ".bgeo.gz")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    formats = " ".join(EXTENSIONS)
-    parser.add_argument("input", metavar="IN", help=f"file to read: {formats}")
-    parser.add_argument("output", metavar="OUT", help=f"file to write: {formats}")
+    parser.add_argument("input", metavar="IN", help=f"file to read: {' '.join(READABLE)}")
+    parser.add_argument("output", metavar="OUT", help=f"file to write: {' '.join(EXTENSIONS)}")
+    add_reading(parser)
 
 
 def run(options: argparse.Namespace) -> None:
-    check_input(options.input)
+    given = reading(options)
+    check_input(options.input, list(given))
     check_output("OUT", options.output, EXTENSIONS)
-    particles = read_particles(options.input)
+    particles = read_particles(options.input, **given)
     with mistakes():
         write(options.output, particles)
     for loss in losses(particles, options.output):

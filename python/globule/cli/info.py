@@ -1,4 +1,6 @@
-"""Say what is in a particle file: how many, where, how far apart, and every field's range."""
+"""Say what is in a particle file: how many, where, how far apart, and every field's range.
+
+A mesh or volume is described as the particles that it is shown as."""
 
 from __future__ import annotations
 
@@ -8,12 +10,23 @@ from typing import Any
 
 import numpy as np
 
-from ..formats import EXTENSIONS
+from ..formats import READABLE, _format_of, tomography
 from ..particles import SCALAR_FIELDS, Particles
-from .shared import check_input, count, mistakes, print_json, read_particles
+from .shared import (
+    add_reading,
+    check_input,
+    count,
+    mistakes,
+    print_json,
+    read_particles,
+    reading,
+)
 
 SUMMARY = "what is in a particle file"
-EXAMPLES = "  globule info splash.npz\n  globule info splash.npz --json"
+EXAMPLES = """\
+  globule info splash.npz
+  globule info splash.npz --json
+  globule info head.nii.gz --level 90"""
 
 _FORMATS = {
     ".txt": "nine-column text",
@@ -28,17 +41,28 @@ _FORMATS = {
     ".csv": "table, comma-separated",
     ".npz": "NumPy archive",
     ".npy": "NumPy array",
+    ".obj": "Wavefront mesh",
+    ".stl": "STL mesh",
+    ".glb": "glTF mesh, binary",
+    ".nii": "NIfTI volume",
+    ".nii.gz": "NIfTI volume, gzipped",
+    ".nrrd": "NRRD volume",
+    ".nhdr": "NRRD volume, header alone",
+    ".mha": "MetaImage volume",
+    ".mhd": "MetaImage volume, header alone",
 }
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("file", metavar="FILE", help=f"particles: {' '.join(EXTENSIONS)}")
+    parser.add_argument("file", metavar="FILE", help=f"one of {' '.join(READABLE)}")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
+    add_reading(parser)
 
 
 def run(options: argparse.Namespace) -> None:
-    check_input(options.file)
-    facts = describe(options.file, read_particles(options.file))
+    given = reading(options)
+    check_input(options.file, list(given))
+    facts = describe(options.file, read_particles(options.file, **given))
     if options.json:
         print_json(facts)
     else:
@@ -52,14 +76,16 @@ def describe(path: str, particles: Particles) -> dict[str, Any]:
     finite = np.isfinite(particles.positions).all(axis=1)
     facts: dict[str, Any] = {
         "file": path,
-        "format": next(t for e, t in _FORMATS.items() if path.lower().endswith(e)),
-        "bytes": os.path.getsize(path),
+        "format": _format_name(path),
+        "bytes": _size(path),
         "particles": len(particles),
         "not_finite": int((~finite).sum()),
         "bounds": None,
         "spacing": None,
         "default_support": None,
     }
+    if _format_of(path) is tomography:
+        facts["volume"] = tomography.describe(path)
     if finite.any():
         lo, hi = particles.bounds()
         with mistakes():
@@ -74,6 +100,17 @@ def describe(path: str, particles: Particles) -> dict[str, Any]:
             facts["fields"][name] = _range(np.asarray(value, np.float32))
     facts["attributes"] = {name: _range(array) for name, array in particles.attributes.items()}
     return facts
+
+
+def _format_name(path: str) -> str:
+    folder = "folder with a DICOM series"
+    return next((t for e, t in _FORMATS.items() if path.lower().endswith(e)), folder)
+
+
+def _size(path: str) -> int:
+    if os.path.isdir(path):
+        return sum(entry.stat().st_size for entry in os.scandir(path))
+    return os.path.getsize(path)
 
 
 def _range(array: np.ndarray) -> dict[str, Any]:
@@ -95,6 +132,11 @@ def _lines(facts: dict[str, Any]) -> list[str]:
         f"{facts['file']}: {facts['format']}, {count(facts['bytes'], 'byte')}",
         f"  particles  {facts['particles']:,}",
     ]
+    if "volume" in facts:
+        volume = facts["volume"]
+        size = "x".join(map(str, volume["size"]))
+        edges = " ".join(f"{edge:.6g}" for edge in volume["spacing"])
+        lines.insert(1, f"  volume     {size} voxels of {edges} mm, {volume['pixel']}")
     if facts["not_finite"]:
         lines[-1] += f", {facts['not_finite']:,} without a finite position"
     if facts["bounds"]:

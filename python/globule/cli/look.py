@@ -75,8 +75,9 @@ def settings(options: argparse.Namespace) -> RenderSettings:
 
 def color_by(
     options: argparse.Namespace, path: str, particles: Particles, messages: list[str]
-) -> np.ndarray:
-    """Linear colours (N, 3) of the values that --color-by names; adds to the warnings."""
+) -> tuple[np.ndarray, tuple[float, float]]:
+    """Linear colours (N, 3) of the values that --color-by names, and the values of the map's ends;
+    adds to the warnings."""
     values = _values(path, particles, options.color_by)
     known = values[np.isfinite(values)]
     n_unknown = len(values) - len(known)
@@ -84,7 +85,8 @@ def color_by(
         shown = f"{n_unknown:,} of {count(len(values))} without a finite {options.color_by}"
         messages.append(f"{shown}: gray, or at an end of the map where infinite")
     lo, hi = options.range or ((known.min(), known.max()) if known.size else (0.0, 1.0))
-    return colorize(values, options.colormap, float(lo), float(hi))
+    ends = float(lo), float(hi)
+    return colorize(values, options.colormap, *ends), ends
 
 
 def _values(path: str, particles: Particles, name: str) -> np.ndarray:

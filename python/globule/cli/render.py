@@ -17,13 +17,15 @@ import numpy as np
 
 from ..camera import Camera
 from ..colormaps import NAMES as COLORMAPS
-from ..render import MAX_PIXELS, Frame, RenderSettings, fit_camera, render
+from ..legend import LEAST_SIDE, add_legend
+from ..render import MAX_PIXELS, Frame, RenderSettings, fit_camera, render, save_png
 from ..scene import KERNELS, Scene
 from . import look
 from .shared import (
     Progress,
     UserError,
     add_device,
+    add_reading,
     check_device,
     check_input,
     check_output,
@@ -32,6 +34,8 @@ from .shared import (
     positive,
     print_json,
     read_particles,
+    reading,
+    stem,
     vector,
     warn,
 )
@@ -40,6 +44,7 @@ SUMMARY = "particles to pictures"
 EXAMPLES = """\
   globule render splash.npz -o splash.png
   globule render splash.npz -o above.png --eye 0,4,0.1 --look-at 0,0,0 --color-by y --json
+  globule render head.nii.gz -o head.png --level 90 --resample 2 --up 0,0,1
   globule render frame_0.ply frame_1.ply -o picture_%04d.png"""
 
 SAMPLES = 20_000  # particles at which the highest field is looked for
@@ -58,7 +63,8 @@ def size(text: str) -> tuple[int, int]:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
-    add("particles", nargs="+", metavar="PARTICLES", help="particle files of any known format")
+    add("particles", nargs="+", metavar="PARTICLES", 
+        help="files of particles, meshes or volumes, or folders with a DICOM series")
     add("-o", "--output", required=True, metavar="IMAGE", help="picture to write, .png")
     add("--size", type=size, default=(1024, 782), metavar="WxH", help="pixels (default: 1024x782)")
     add("--aov", metavar="FILE.npz", help="also write color, depth, position, normal, albedo, mask")
@@ -91,12 +97,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help=f"{', '.join(COLORMAPS)} (default: viridis)")
     colors.add_argument("--range", type=look.interval, metavar="LO,HI",
                         help="values of the map's ends (default: the lowest and highest)")
+    colors.add_argument("--legend", action="store_true",
+                        help="draw the colour map with its range into the picture")
     colors.add_argument("--light", type=look.light, action="append", metavar="LIGHT",
                         help="head, dir:X,Y,Z (towards the light) or point:X,Y,Z, up to 8 times; "
                         "they share a radiance of 1 (default: a headlight and a sun)")
     colors.add_argument("--ambient", type=look.color, metavar="COLOR",
                         help="R,G,B or V, or #rrggbb in sRGB")
     colors.add_argument("--background", type=look.color, metavar="COLOR", help="as --ambient")
+    add_reading(parser)
     where = parser.add_argument_group("machine")
     add_device(where)
 
@@ -106,6 +115,10 @@ def run(options: argparse.Namespace) -> None:
         raise UserError("--fit: expected no --eye and --look-at beside it")
     if options.look_at and not options.eye:
         raise UserError("--look-at: expected --eye beside it, got none")
+    if options.legend and not options.color_by:
+        raise UserError("--legend: expected --color-by beside it, got none")
+    if options.legend and min(options.size) < LEAST_SIDE:
+        raise UserError(f"--legend: expected a --size of at least {LEAST_SIDE} pixels a side")
     with mistakes():
         # All but the particles is known already: what is wrong with it shows before any work.
         settings = look.settings(options)
@@ -131,7 +144,7 @@ def run(options: argparse.Namespace) -> None:
 def outputs(options: argparse.Namespace) -> tuple[list[str], list[str | None]]:
     """The files to write, one image and perhaps one .npz per input, all checked to be writable."""
     for path in options.particles:
-        check_input(path)
+        check_input(path, list(reading(options)))
     images = _names("-o", options.output, options.particles, ".png")
     arrays: list[str | None] = [None] * len(images)
     if options.aov:
@@ -154,11 +167,9 @@ def _names(option: str, pattern: str, inputs: list[str], extension: str) -> list
     for i, path in enumerate(inputs):
         head, name = os.path.split(full)
         if len(inputs) > 1 or folder:
-            stem = os.path.basename(path)
-            stem = stem[: stem.lower().rindex("." if not stem.lower().endswith(".gz") else ".bgeo")]
             if number:
                 name = name.replace(number[0], number[0] % i)
-            name = name.replace("{}", stem)
+            name = name.replace("{}", stem(path))
         names.append(os.path.join(head, name))
         check_output(option, names[-1], [extension])
         if names[-1] in names[:-1]:
@@ -199,7 +210,7 @@ def _picture(
     """One file's picture, and what there is to report of it."""
     start = time.perf_counter()
     progress.step(f"reading {path}")
-    particles = read_particles(path)
+    particles = read_particles(path, **reading(options))
     read_seconds = time.perf_counter() - start
     messages = []
     finite = np.isfinite(particles.positions).all(axis=1)
@@ -212,7 +223,7 @@ def _picture(
         particles = particles[finite]
     with mistakes():
         if options.color_by:
-            particles.color = look.color_by(options, path, particles, messages)
+            particles.color, ends = look.color_by(options, path, particles, messages)
         progress.step(f"building {path}")
         scene = Scene(
             particles, options.kernel, options.threshold, options.support, options.key_bits,
@@ -231,7 +242,9 @@ def _picture(
     trace_seconds = frame.trace_seconds
     progress.step(f"writing {image}")
     written = time.perf_counter()
-    _save(frame, image, aov)
+    with mistakes():
+        legend = (options.colormap, *ends, options.color_by) if options.legend else None
+        _save(frame, image, aov, legend)
     end = time.perf_counter()
     if messages:
         progress.clear()
@@ -270,10 +283,12 @@ def _picture(
     return report
 
 
-def _save(frame: Frame, image: str, aov: str | None) -> None:
+def _save(frame: Frame, image: str, aov: str | None, legend: tuple | None) -> None:
+    """Write what was asked for; the legend (map, lowest, highest, name) is in the picture only."""
+    picture = add_legend(frame.picture, *legend) if legend else frame.picture
     if aov:
         frame.save(aov)
-    frame.save(image)
+    save_png(image, picture)
 
 
 def _one_number(support: Any) -> Any:

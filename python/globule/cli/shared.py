@@ -111,30 +111,70 @@ def check_device(options: argparse.Namespace) -> None:
         raise UserError(message) from error
 
 
+def add_reading(parser: argparse.ArgumentParser) -> None:
+    """The options that say what to take from volumes and meshes."""
+    group = parser.add_argument_group("volumes and meshes")
+    group.add_argument("--level", type=number, metavar="L",
+                       help="a volume's voxels of at least this intensity (default: Otsu's level)")
+    group.add_argument("--label", type=int, action="append", metavar="N",
+                       help="a volume's voxels of this value; may be given several times")
+    group.add_argument("--resample", type=positive, metavar="LENGTH",
+                       help="resample a volume to voxels of this edge, or sample a mesh's "
+                       "triangles at points this far apart")
+
+
+def reading(options: argparse.Namespace) -> dict[str, Any]:
+    """What `formats.read` needs of the options of add_reading."""
+    if options.level is not None and options.label:
+        raise UserError("--level: expected none beside --label, got both")
+    given = {"level": options.level, "labels": options.label, "spacing": options.resample}
+    return {name: value for name, value in given.items() if value is not None}
+
+
 # Files
 
 
-def check_input(path: str) -> None:
-    """Refuse what is no readable file of a known format, before any work."""
+def check_input(path: str, given: Sequence[str] = ()) -> None:
+    """Refuse what is no readable file of a known format, or of one without the options given,
+    before any work."""
     from ..formats import _format_of
 
     with mistakes():
-        _format_of(path)
+        module = _format_of(path)
+    for name in given:
+        if name not in getattr(module, "OPTIONS", ()):
+            option = {"labels": "--label", "spacing": "--resample"}.get(name, f"--{name}")
+            kind = "volume or mesh" if name == "spacing" else "volume"
+            raise UserError(f"{option}: expected a {kind} to read, got {path}")
     try:
-        with open(path, "rb"):
-            pass
+        if os.path.isdir(path) and module.__name__.endswith("tomography"):
+            os.listdir(path)
+        else:
+            with open(path, "rb"):
+                pass
     except OSError as error:
         raise UserError(f"{path}: expected a file to read, got: {error.strerror}") from error
 
 
-def read_particles(path: str) -> Particles:
+def read_particles(path: str, **given: Any) -> Particles:
     """The particles of a file; what is wrong with it is the user's mistake."""
     try:
-        return read(path)
+        return read(path, **given)
     except FormatError as error:
         raise UserError(str(error)) from error
+    except ValueError as error:
+        raise UserError(f"{path}: {error}") from error
     except OSError as error:
         raise UserError(f"{path}: cannot be read: {error.strerror or error}") from error
+
+
+def stem(path: str) -> str:
+    """A file's name without folder and extension."""
+    from ..formats import READABLE
+
+    name = os.path.basename(os.path.normpath(path))
+    endings = [extension for extension in READABLE if name.lower().endswith(extension)]
+    return name[: -len(max(endings, key=len))] if endings else name
 
 
 def check_output(option: str, path: str, extensions: Sequence[str]) -> None:

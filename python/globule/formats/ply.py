@@ -1,22 +1,25 @@
 """Stanford PLY files (.ply): the properties of the element `vertex`, ASCII and binary.
 
-Other elements are passed over, and so are list properties.
+Of a file with faces, a mesh, the vertices get supports from their edges. Other elements are passed
+over, and so are list properties.
 """
 
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from ..colormaps import to_linear
 from ..files import atomic_write
 from ..particles import Particles
-from .asciinum import end_of_tokens, parse_numbers
-from .errors import FormatError, bad, shown
+from ..surface import vertex_particles
+from .errors import bad, shown
 from .fields import find_positions, join_columns, particles_from, split_columns
+from .mesh import mesh_particles
+from .ply_data import Element, read_columns, read_faces
 
 _TYPES = {
     "char": "i1",
@@ -49,37 +52,47 @@ _WRITTEN = {
 }
 _ORDERS = {b"ascii": "", b"binary_little_endian": "<", b"binary_big_endian": ">"}
 _LONGEST_HEADER = 1 << 20
+OPTIONS = ("spacing",)
 
 
-@dataclass
-class _Element:
-    name: str
-    count: int
-    properties: list[tuple[str, str, str]] = field(default_factory=list)  # name, type, length type
+def read(path: str | os.PathLike, spacing: float | None = None) -> Particles:
+    """Read the vertices with all their scalar properties; with a spacing, see mesh_particles.
 
-    @property
-    def has_lists(self) -> bool:
-        return any(length for _, _, length in self.properties)
-
-
-def read(path: str | os.PathLike) -> Particles:
-    """Read the vertices with all their scalar properties."""
+    Where there are faces, vertices at one place become one, those of no face are dropped, the
+    support is the longest edge if the file gives none, and 8-bit colours are taken as sRGB.
+    """
+    if spacing is not None:
+        return mesh_particles(path, spacing)
     data = Path(path).read_bytes()
     elements, order, position = _header(path, data)
+    faces_of = next((e for e in elements if e.name == "face" and e.count and e.has_lists), None)
+    columns, faces = None, None
     for element in elements:
-        if element.name == "vertex":
+        if element is faces_of:
+            faces, position = read_faces(path, data, position, element, order)
+        else:
+            found, position = read_columns(path, data, position, element, order)
+            columns = found if element.name == "vertex" else columns
+        if columns is not None and (faces_of is None or faces is not None):
             break
-        _, position = _columns(path, data, position, element, order)
-    else:
+    if columns is None:
         raise bad(path, "header", "expected an element vertex, got none")
-    columns, position = _columns(path, data, position, element, order)
     if element is elements[-1] and data[position:].strip() != b"":
         raise bad(path, f"byte {position}", "expected the end of the file, got more data")
     arrays = join_columns(columns)
     positions = find_positions(arrays)
     if positions is None:
         raise bad(path, "header", "expected the properties x, y and z of vertex")
-    return particles_from(path, positions, arrays)
+    bytes_of_color = "color" in arrays and arrays["color"].dtype == np.uint8
+    particles = particles_from(path, positions, arrays)
+    if faces is None or not len(faces):
+        return particles
+    if not 0 <= faces.min() <= faces.max() < len(particles):
+        got = f"{faces.min()} to {faces.max()}"
+        raise bad(path, "element face", f"expected indices below {len(particles)}, got {got}")
+    if bytes_of_color and particles.color is not None:
+        particles.color = to_linear(particles.color).astype(np.float32)
+    return vertex_particles(particles, faces)
 
 
 def write(path: str | os.PathLike, particles: Particles) -> None:
@@ -125,11 +138,11 @@ def _storable(name: str, array: np.ndarray) -> np.ndarray:
     raise ValueError(f"attributes[{name!r}]: expected 32-bit integers for .ply, got {got}")
 
 
-def _header(path: Any, data: bytes) -> tuple[list[_Element], str, int]:
+def _header(path: Any, data: bytes) -> tuple[list[Element], str, int]:
     """Elements, byte order ("" for ASCII), and where the data begin."""
     if data[:3] != b"ply" or data[3:4] not in (b"\n", b"\r"):
         raise bad(path, "line 1", f"expected 'ply', got {shown(data[:20])}")
-    elements: list[_Element] = []
+    elements: list[Element] = []
     order: str | None = None
     newline = b"\r\n" if data[3:5] == b"\r\n" else data[3:4]
     position, number = 3 + len(newline), 1
@@ -149,7 +162,7 @@ def _header(path: Any, data: bytes) -> tuple[list[_Element], str, int]:
             case [b"format", kind, _] if kind in _ORDERS:
                 order = _ORDERS[kind]
             case [b"element", name, count] if count.isdigit() and len(count) <= 18:
-                elements.append(_Element(name.decode("latin-1"), int(count)))
+                elements.append(Element(name.decode("latin-1"), int(count)))
             case [b"property", b"list", length, kind, name] if elements:
                 types = (_type(path, where, kind), _type(path, where, length))
                 elements[-1].properties.append((_name(name), *types))
@@ -172,86 +185,3 @@ def _type(path: Any, where: str, word: bytes) -> str:
     if code is None:
         raise bad(path, where, f"expected a PLY type, got {shown(word)}")
     return code
-
-
-def _columns(
-    path: Any, data: bytes, position: int, element: _Element, order: str
-) -> tuple[dict[str, np.ndarray], int]:
-    """The element's scalar properties and the position behind it."""
-    n, properties = element.count, element.properties
-    names = [name for name, _, _ in properties]
-    if len(set(names)) < len(names) or (n and not names):
-        raise bad(path, f"element {element.name}", "expected properties of different names")
-
-    def short(got: int) -> FormatError:
-        return bad(path, f"element {element.name}", f"expected {n} rows of data, got {got}")
-
-    if not order and not element.has_lists:
-        total = n * len(properties)
-        end = end_of_tokens(data, position, total) if 2 * total <= len(data) - position + 1 else -1
-        if end < 0:
-            raise short(len(data[position:].split()) // len(properties))
-        try:
-            numbers = parse_numbers(data[position:end], np.dtype(np.float64))
-            rows = numbers.reshape(n, len(names))
-        except ValueError:
-            problem = "expected numbers, got other text"
-            raise bad(path, f"element {element.name}", problem) from None
-        dtypes = [np.dtype(kind) for _, kind, _ in properties]
-        columns = [_cast(rows[:, i], dtype) for i, dtype in enumerate(dtypes)]
-        return dict(zip(names, columns, strict=True)), end
-    if order and not element.has_lists:
-        row = np.dtype([(f"f{i}", order + kind) for i, (_, kind, _) in enumerate(properties)])
-        if n * row.itemsize > len(data) - position:
-            raise short((len(data) - position) // row.itemsize)
-        rows = np.frombuffer(data, row, n, position)
-        columns = [rows[f"f{i}"].astype(kind) for i, (_, kind, _) in enumerate(properties)]
-        return dict(zip(names, columns, strict=True)), position + n * row.itemsize
-    return _columns_with_lists(path, data, position, element, order)
-
-
-def _cast(values: np.ndarray, dtype: np.dtype) -> np.ndarray:
-    with np.errstate(all="ignore"):
-        return values.astype(dtype)
-
-
-def _columns_with_lists(
-    path: Any, data: bytes, position: int, element: _Element, order: str
-) -> tuple[dict[str, np.ndarray], int]:
-    """Row by row, since lists make rows of different lengths; rare before or in vertices."""
-    scalars = {name: kind for name, kind, length in element.properties if not length}
-    kept: dict[str, list[float]] = {name: [] for name in scalars}
-    for row in range(element.count):
-        try:
-            if not order:
-                end = data.find(b"\n", position)
-                words = data[position : end if end >= 0 else len(data)].split()
-                position = end + 1 if end >= 0 else len(data)
-                at = 0
-            for name, kind, length in element.properties:
-                if not order:
-                    at += 1 + (int(words[at]) if length else 0)
-                    if not length:
-                        kept[name].append(float(words[at - 1]))
-                    continue
-                size = 1
-                if length:
-                    (size,) = np.frombuffer(data, order + length, 1, position).tolist()
-                    position += np.dtype(length).itemsize
-                if not 0 <= size <= len(data):
-                    raise ValueError
-                values = np.frombuffer(data, order + kind, int(size), position)
-                position += values.nbytes
-                if not length:
-                    kept[name].append(values[0].item())
-            if not order and at != len(words):
-                raise ValueError
-        except (ValueError, IndexError):
-            where = f"element {element.name}, row {row}"
-            problem = "expected the properties that the header lists, got other data"
-            raise bad(path, where, problem) from None
-    columns = {
-        name: _cast(np.array(values, np.float64), np.dtype(scalars[name]))
-        for name, values in kept.items()
-    }
-    return columns, position

@@ -1,0 +1,171 @@
+"""Triangle meshes (.obj, .stl, .glb) through trimesh: vertices, with colours, as metaballs.
+
+.ply files are read by `globule.formats.ply`, which needs no other package.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import IO, Any
+
+import numpy as np
+
+from ..colormaps import to_linear
+from ..particles import Particles
+from ..spacing import local_spacing
+from ..surface import MOST_SAMPLES, sampled_particles, vertex_particles
+from .errors import FormatError, bad
+
+EXTENSIONS = (".obj", ".stl", ".glb", ".ply")
+OPTIONS = ("spacing",)
+
+
+def read(path: str | os.PathLike, spacing: float | None = None) -> Particles:
+    """Read a mesh's vertices as metaballs; see mesh_particles."""
+    return mesh_particles(path, spacing)
+
+
+def mesh_particles(mesh: Any, spacing: float | None = None) -> Particles:
+    """A triangle mesh as metaballs.
+
+    Without `spacing` there is one at each vertex, vertices at one place being one, and its support
+    is its longest edge (of points without triangles, two local spacings). With it, points `spacing`
+    apart all over the triangles take the vertices' place, so that the surface is thin and even
+    however large the triangles are.
+
+    Colours come from the vertices, the faces or the texture. They are taken as sRGB, but for
+    a .glb's vertex colours, which are linear by glTF's definition, and become linear.
+
+    Args:
+        mesh: path of an .obj, .stl, .glb or .ply file, or a trimesh.Trimesh or trimesh.Scene.
+        spacing: world units, > 0.
+
+    Raises FormatError for a file that holds no mesh; ValueError for another extension, a spacing
+    that would make more than 50 million points, or where trimesh is missing.
+    """
+    if spacing is not None and not (spacing > 0 and np.isfinite(spacing)):
+        raise ValueError(f"spacing: expected a positive number, got {spacing!r}")
+    trimesh = _trimesh()
+    name, linear = "mesh", False
+    if isinstance(mesh, (str, os.PathLike)):
+        name = os.fspath(mesh)
+        if not name.lower().endswith(EXTENSIONS):
+            raise FormatError(f"{name}: expected one of the extensions {' '.join(EXTENSIONS)}")
+        linear = name.lower().endswith(".glb")
+        mesh = _load(trimesh, name)
+    scene = trimesh.Scene(mesh) if isinstance(mesh, trimesh.Trimesh) else mesh
+    if not isinstance(scene, trimesh.Scene):
+        raise TypeError(f"mesh: expected a path, Trimesh or Scene, got {type(mesh).__name__}")
+    with _errors_of(name):
+        _check_instances(name, scene)
+        parts = scene.dump()  # each part where the scene has it
+        meshes = [part for part in parts if isinstance(part, trimesh.Trimesh) and len(part.faces)]
+        if not meshes:
+            return _points(name, parts)
+        corners = np.concatenate([part.vertices[part.faces] for part in meshes])
+        colors = _Colors(name, meshes, linear)
+    if spacing is not None:
+        return sampled_particles(corners, float(spacing), colors)
+    color = colors(np.repeat(np.arange(len(corners)), 3), np.tile(np.eye(3), (len(corners), 1)))
+    vertices = Particles(corners.reshape(-1, 3), color=color)
+    return vertex_particles(vertices, np.arange(len(vertices)).reshape(-1, 3))
+
+
+class _Colors:
+    """Linear colours of points on the triangles of several meshes."""
+
+    def __init__(self, name: str, meshes: list[Any], linear: bool):
+        self.name, self.meshes, self.linear = name, meshes, linear
+        self.first = np.cumsum([0, *(len(mesh.faces) for mesh in meshes)])
+        self.given = any(mesh.visual.defined for mesh in meshes)
+
+    def __call__(self, triangle: np.ndarray, barycentric: np.ndarray) -> np.ndarray | None:
+        """Colours (M, 3) of points given as triangle (M,) and barycentric (M, 3)."""
+        if not self.given:
+            return None
+        color = np.empty((len(triangle), 3), np.float32)
+        owner = np.searchsorted(self.first, triangle, "right") - 1
+        for i, mesh in enumerate(self.meshes):
+            mine = owner == i
+            with _errors_of(self.name):
+                color[mine] = self._of(mesh, triangle[mine] - self.first[i], barycentric[mine])
+        return color
+
+    def _of(self, mesh: Any, face: np.ndarray, barycentric: np.ndarray) -> np.ndarray:
+        visual = mesh.visual
+        if visual.kind == "texture":
+            found = None
+            if visual.uv is not None and len(visual.uv):
+                uv = np.einsum("mk,mkc->mc", barycentric, np.asarray(visual.uv)[mesh.faces[face]])
+                found = visual.material.to_color(uv)
+            if found is None:  # a material without a picture
+                found = visual.material.main_color
+            return to_linear(np.broadcast_to(found[..., :3], (len(face), 3)) / 255)
+        if visual.kind == "face":
+            return to_linear(visual.face_colors[face, :3] / 255)
+        corner = visual.vertex_colors[mesh.faces[face], :3] / 255
+        return np.einsum("mk,mkc->mc", barycentric, corner if self.linear else to_linear(corner))
+
+
+def _check_instances(name: str, scene: Any) -> None:
+    """Refuse a scene that shows its meshes so often that memory would run out."""
+    shown = (scene.graph[node][1] for node in scene.graph.nodes_geometry)
+    n_faces = sum(len(getattr(scene.geometry[geometry], "faces", ())) for geometry in shown)
+    if n_faces > MOST_SAMPLES:
+        raise bad(name, "", f"expected at most {MOST_SAMPLES:,} triangles, got {n_faces:,}")
+
+
+def _points(name: str, parts: list[Any]) -> Particles:
+    """What a file without triangles has: points, as near or far from each other as they are."""
+    found = [np.asarray(part.vertices) for part in parts if len(part.vertices)]
+    if not found:
+        raise bad(name, "", "expected a mesh with vertices, got none")
+    positions = np.concatenate(found).astype(np.float32)
+    return Particles(positions, support=2 * local_spacing(positions))
+
+
+def _load(trimesh: Any, path: str) -> Any:
+    with open(path, "rb") as file:  # what is no readable file is an OSError like everywhere
+        if path.lower().endswith(".glb"):
+            _check_glb(path, file)
+    with _errors_of(path):
+        return trimesh.load_scene(path, process=False)
+
+
+def _check_glb(path: str, file: IO[bytes]) -> None:
+    """Refuse an accessor without data that is longer than the file: trimesh makes zeros of it."""
+    size = os.fstat(file.fileno()).st_size
+    head = file.read(20)
+    if len(head) < 20:
+        raise bad(path, "header", "expected a binary glTF file, got a shorter one")
+    text = file.read(min(size, int.from_bytes(head[12:16], "little")))
+    with _errors_of(path):
+        for accessor in json.loads(text).get("accessors", []):
+            if "bufferView" not in accessor and int(accessor["count"]) > size:
+                got = f"{accessor['count']} without data"
+                raise bad(path, "accessors", f"expected at most {size} elements, got {got}")
+
+
+@contextmanager
+def _errors_of(name: str) -> Iterator[None]:
+    """trimesh fails in many ways on what it does not expect: all of them as FormatError."""
+    try:
+        yield
+    except FormatError:
+        raise
+    except Exception as error:
+        reason = str(error) or type(error).__name__
+        raise bad(name, "", f"expected a triangle mesh, got {reason}") from None
+
+
+def _trimesh() -> Any:
+    try:
+        import trimesh
+    except ImportError:
+        raise ValueError(
+            "meshes: expected the package trimesh, got none: pip install 'globule[formats]'"
+        ) from None
+    return trimesh

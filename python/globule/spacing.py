@@ -1,0 +1,125 @@
+"""How far apart particles are, one number a particle: by near neighbours, or along a mesh's edges.
+
+The spacing that `Scene` measures is one median for all. Where the density varies, as on a mesh's
+vertices, each particle needs its own, so that the surface closes where the particles are far apart
+and keeps its detail where they are near.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from .particles import FARTHEST, Particles
+from .scene import Scene
+
+BLOCK = 4096  # points whose neighbours are looked at together: bounds the memory
+# Spacings are kept within these multiples of their median, so that the supports made of them stay
+# within the factor of 1e6 that a scene allows, whatever lies apart or on top of each other.
+LEAST, MOST = 2e-3, 500.0
+
+
+def local_spacing(positions: Any, k: int = 6) -> np.ndarray:
+    """Mean distance of each particle to its k nearest others, those at its own place aside.
+
+    Args:
+        positions: (N, 3) float32, world. Particles without a finite position get the median.
+        k: neighbours, at least 1; fewer where there are no more particles.
+
+    Returns:
+        (N,) float32, world units, > 0, within 0.002 to 500 times the median.
+    """
+    positions = Particles(positions).positions
+    result = np.full(len(positions), np.nan)
+    inside = (np.abs(positions) <= FARTHEST).all(axis=1)
+    first, which = merge_coincident(positions[inside])
+    distinct = positions[inside][first]
+    n, k = len(distinct), min(k, len(distinct) - 1)
+    if k < 1:
+        return np.ones(len(positions), np.float32)
+    scene = Scene(distinct, device="cpu", key_bits=64)
+    _, order = scene.octree.sorted_keys(n)
+    points = distinct[order]
+
+    nearest = np.empty(n)
+    exponent = np.frexp(_bound(points, k))[1]  # bound < 2^exponent: few radii serve all points
+    for e in np.unique(exponent):
+        rows = np.flatnonzero(exponent == e)
+        for begin in range(0, len(rows), BLOCK):
+            block = rows[begin : begin + BLOCK]
+            nearest[order[block]] = _mean_of_nearest(scene, points[block], float(2.0**e), k)
+    result[inside] = nearest[which]
+    return within_limits(result)
+
+
+def edge_spacing(positions: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """Length of the longest edge at each vertex of a triangle mesh.
+
+    No point of a triangle is farther from its nearest corner than 0.58 times its longest edge:
+    supports of at least that edge leave no hole (docs/formats.md).
+
+    Args:
+        positions: (N, 3) world.
+        faces: (F, 3) integers into the positions.
+
+    Returns:
+        (N,) float32, world units, > 0; the median where a vertex has no edge of finite length.
+    """
+    longest = np.zeros(len(positions))
+    for a, b in ((0, 1), (1, 2), (2, 0)):
+        start, end = faces[:, a], faces[:, b]
+        length = np.linalg.norm(positions[start].astype(np.float64) - positions[end], axis=1)
+        length[~np.isfinite(length)] = 0.0
+        np.maximum.at(longest, start, length)
+        np.maximum.at(longest, end, length)
+    return within_limits(longest)
+
+
+def merge_coincident(positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Points at exactly one place as one: (first, which), so that positions[first] are distinct, in
+    their old order, and positions[first][which] are the positions (N, 3) again. A NaN is a place
+    of its own."""
+    order = np.lexsort(positions.T)
+    in_order = positions[order]
+    new = np.ones(len(positions), bool)
+    new[1:] = (in_order[1:] != in_order[:-1]).any(axis=1)
+    first = order[new]  # the sort is stable: each group's lowest index
+    rank = np.empty(len(first), np.int64)
+    rank[np.argsort(first)] = np.arange(len(first))
+    which = np.empty(len(positions), np.int64)
+    which[order] = rank[np.cumsum(new) - 1]
+    return np.sort(first), which
+
+
+def within_limits(spacing: np.ndarray) -> np.ndarray:
+    """Spacings (N,) within LEAST to MOST times the median of those > 0, which stands for NaN."""
+    known = spacing[spacing > 0]  # NaN is not
+    middle = float(np.median(known)) if known.size else 1.0
+    filled = np.where(np.isnan(spacing), middle, spacing)
+    return np.clip(filled, LEAST * middle, MOST * middle).astype(np.float32)
+
+
+def _bound(points: np.ndarray, k: int) -> np.ndarray:
+    """An upper bound of the distance to the k-th neighbour: the k-th of those that are next in
+    Morton order, in which the points (N, 3) come."""
+    n = len(points)
+    distance = np.full((2 * k, n), np.inf)
+    points = points.astype(np.float64)  # squares of float32 may overflow
+    for step in range(1, k + 1):
+        apart = np.linalg.norm(points[step:] - points[:-step], axis=1)
+        distance[step - 1, : n - step] = apart
+        distance[k + step - 1, step:] = apart
+    return np.partition(distance, k - 1, axis=0)[k - 1]
+
+
+def _mean_of_nearest(scene: Scene, points: np.ndarray, radius: float, k: int) -> np.ndarray:
+    """Mean distance (M,) to the k nearest others, all of which lie within the radius."""
+    offsets, index = scene.neighbors(points, radius)
+    offsets = offsets.astype(np.int64)
+    row = np.repeat(np.arange(len(points)), np.diff(offsets))
+    positions = scene.particles.positions
+    distance = np.linalg.norm(positions[index].astype(np.float64) - points[row], axis=1)
+    by_row = distance[np.lexsort((distance, row))]
+    # A row's first entry is the point itself, at 0.
+    return by_row[offsets[:-1, None] + np.arange(1, k + 1)].mean(axis=1)

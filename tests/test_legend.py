@@ -1,0 +1,109 @@
+"""The colour bar in a picture, and the colour maps behind it."""
+
+from __future__ import annotations
+
+import os
+
+import globule as gb
+import numpy as np
+import pytest
+from globule.cli import main
+from globule.colormaps import NAMES, colorize, map_colors, to_linear
+from globule.legend import add_legend, tick_labels
+from PIL import Image
+
+
+def gray(width: int, height: int, value: int = 240) -> np.ndarray:
+    return np.full((height, width, 3), value, np.uint8)
+
+
+@pytest.mark.parametrize("size", [(64, 64), (100, 80), (640, 480), (1920, 1080), (300, 2000)])
+@pytest.mark.parametrize("value", [0, 128, 255])
+def test_the_bar_has_the_maps_colors(size, value):
+    before = gray(*size, value)
+    after = add_legend(before, "viridis", -1.5, 22.25, "speed")
+    assert after.shape == before.shape and after.dtype == np.uint8
+    assert (before == value).all()
+    changed = (after != before).any(axis=2)
+    rows, columns = np.nonzero(changed)
+    assert rows.min() > size[1] * 0.3 or size[1] < 200 or size[0] < size[1]
+    assert columns.max() < size[0] and columns.min() > 0.2 * size[0]
+    ends = map_colors("viridis", 2)
+    for color in ends:
+        assert (after == color).all(axis=2).sum() >= 3
+    last, first = (np.argwhere((after == color).all(axis=2))[:, 0].mean() for color in ends)
+    assert first < last  # the highest value is on top
+
+
+def test_text_stands_out():
+    for value in (0, 255):
+        after = add_legend(gray(400, 300, value), "magma", 0, 1, "pressure")
+        label = after[: int(300 * 0.55)]
+        assert (np.abs(label.astype(int) - value).max(axis=2) > 150).sum() > 30
+
+
+@pytest.mark.parametrize(
+    ("lo", "hi", "texts"),
+    [
+        (0, 1, ["0", "0.2", "0.4", "0.6", "0.8", "1"]),
+        (-1.234567, 8.9, ["-1.23", "0", "2", "4", "6", "8.9"]),
+        (1, 0, ["1", "0.8", "0.6", "0.4", "0.2", "0"]),
+        (5, 5, ["5"]),
+        (101325.2, 101327.9, "101325.2 101325.5 101326 101326.5 101327 101327.5 101327.9".split()),
+    ],
+)
+def test_ticks(lo, hi, texts):
+    assert [text for _, text in tick_labels(lo, hi, 6)] == texts
+
+
+@pytest.mark.parametrize("ends", [(1e300, -1e300), (-1.7e308, 1.7e308), (0, 3e-320), (5, 5 + 1e-9)])
+def test_ticks_of_extreme_ranges(ends):
+    ticks = tick_labels(*ends, 6)
+    shares = [share for share, _ in ticks]
+    assert shares[0] == 0 and shares[-1] == 1 and sorted(shares) == shares and len(ticks) <= 8
+
+
+@pytest.mark.parametrize(
+    ("arguments", "what"),
+    [
+        ((gray(63, 100), "viridis", 0, 1), "picture: expected at least 64 pixels a side"),
+        ((gray(100, 100)[..., :1], "viridis", 0, 1), "picture: expected"),
+        ((gray(100, 100) / 255, "viridis", 0, 1), "picture: expected .*uint8"),
+        ((gray(100, 100), "jet", 0, 1), "colormap: expected one of"),
+        ((gray(100, 100), "viridis", np.nan, 1), "range: expected two finite"),
+    ],
+)
+def test_wrong_arguments(arguments, what):
+    with pytest.raises(ValueError, match=what):
+        add_legend(*arguments)
+
+
+def test_long_labels_are_shortened():
+    after = add_legend(gray(200, 150), "gray", 0, 1, "many words\n" * 100)
+    assert after.shape == (150, 200, 3) and (after[:, :3] == 240).all()
+
+
+@pytest.mark.parametrize("name", [n for n in NAMES if n != "gray"])
+def test_maps_are_near_their_tables(name):
+    matplotlib = pytest.importorskip("matplotlib", reason="matplotlib is not installed")
+    table = matplotlib.colormaps[name](np.arange(256))[:, :3]
+    assert np.abs(map_colors(name, 256) / 255 - table).max() * 255 <= 6.5
+    assert np.allclose(
+        colorize(np.arange(256), name, 0, 255), to_linear(map_colors(name, 256) / 255), atol=5e-3
+    )
+
+
+def test_command(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    points = np.stack(np.mgrid[0:5, 0:5, 0:5], axis=-1).reshape(-1, 3)
+    gb.write("a.npz", gb.Particles(points, attributes={"speed": np.arange(125.0)}))
+    words = ["render", "a.npz", "--size", "160x120", "--device", "cpu"]
+    color = ["--color-by", "speed", "--colormap", "turbo"]
+    assert main([*words, *color, "-o", "plain.png"]) == 0
+    assert main([*words, *color, "--legend", "-o", "legend.png"]) == 0
+    plain, legend = (np.asarray(Image.open(f"{name}.png")) for name in ("plain", "legend"))
+    assert np.array_equal(legend, add_legend(plain, "turbo", 0, 124, "speed"))
+    small = [*color, "--legend", "--size", "60x60"]
+    for wrong, what in ((["--legend"], "--color-by"), (small, "64 pixels")):
+        assert main([*words, *wrong, "-o", "no.png"]) == 2
+        assert what in capsys.readouterr().err and not os.path.exists("no.png")

@@ -1,0 +1,333 @@
+"""Meshes as metaballs: spacings, closed surfaces, colours, and files that are none."""
+
+from __future__ import annotations
+
+import builtins
+import json
+
+import globule as gb
+import numpy as np
+import pytest
+from globule import spacing, surface
+from globule.colormaps import to_linear
+from globule.formats import FormatError
+from globule.formats import mesh as mesh_format
+
+TETRAHEDRON = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], np.float32)
+FACES = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
+
+
+@pytest.fixture
+def trimesh():
+    return pytest.importorskip("trimesh", reason="trimesh is not installed")
+
+
+def brute_spacing(points: np.ndarray, k: int) -> np.ndarray:
+    apart = np.linalg.norm(points[:, None].astype(float) - points[None], axis=2)
+    return np.sort(apart, axis=1)[:, 1 : k + 1].mean(axis=1)
+
+
+# spacing
+
+
+@pytest.mark.parametrize("k", [1, 6, 20])
+def test_local_spacing_is_the_mean_of_the_nearest(k):
+    rng = np.random.default_rng(1)
+    even, clustered = rng.random((400, 3)), rng.normal(size=(400, 3)) ** 3
+    for points in (even.astype("f4"), clustered.astype("f4")):
+        expected = brute_spacing(points, k)
+        middle = np.median(expected)
+        expected = np.clip(expected, spacing.LEAST * middle, spacing.MOST * middle)
+        assert np.allclose(spacing.local_spacing(points, k), expected, rtol=1e-5)
+
+
+def test_local_spacing_of_troubled_particles():
+    points = np.random.default_rng(2).random((50, 3)).astype("f4")
+    twice = np.concatenate([points, points])
+    assert np.allclose(spacing.local_spacing(twice)[:50], spacing.local_spacing(points))
+    points[7] = np.nan
+    found = spacing.local_spacing(points)
+    assert found[7] == np.median(np.delete(found, 7)) and np.isfinite(found).all()
+    assert (spacing.local_spacing(np.zeros((5, 3))) == 1).all()
+    assert spacing.local_spacing(np.zeros((0, 3))).shape == (0,)
+    far = np.concatenate([points[:7], [[1e15, 0, 0]], points[8:] * 1e-9])
+    found = spacing.local_spacing(far)
+    assert found.max() <= 1e6 * found.min()
+    gb.Scene(gb.Particles(far, support=found), device="cpu")  # refuses a larger factor
+
+
+def test_edge_spacing():
+    found = spacing.edge_spacing(TETRAHEDRON, FACES)
+    assert np.allclose(found, [1, 2**0.5, 2**0.5, 2**0.5])
+
+
+# surfaces without holes
+
+
+def silhouette(particles, size=(160, 120)):
+    scene = gb.Scene(particles, device="cpu")
+    camera = gb.Camera((0, -6, 2), (0, 0, 0), (0, 0, 1), 30)
+    return gb.render(scene, camera, size), camera
+
+
+def covered(mesh, particles) -> float:
+    """The share of the rays through the mesh that hit the particles' surface."""
+    frame, camera = silhouette(particles)
+    corners = mesh.vertices[mesh.faces].astype("f4")
+    dense, weights, _ = surface.sample_triangles(corners, 0.02)
+    points = np.einsum("mk,mkc->mc", weights, corners[dense])
+    eye, right, up, forward = eye_and_axes(camera)
+    local = (points - eye) @ np.stack([right, up, forward]).T
+    tangent = np.tan(np.radians(15))
+    x = (local[:, 0] / local[:, 2] / tangent / (160 / 120) + 1) / 2 * 160
+    y = (1 - local[:, 1] / local[:, 2] / tangent) / 2 * 120
+    return frame.mask[y.astype(int), x.astype(int)].mean()
+
+
+def eye_and_axes(camera):
+    eye = np.array(camera.eye, float)
+    forward = np.array(camera.look_at) - eye
+    forward /= np.linalg.norm(forward)
+    right = np.cross(forward, camera.up)
+    right /= np.linalg.norm(right)
+    return eye, right, np.cross(right, forward), forward
+
+
+@pytest.mark.parametrize("lengths", [None, 0.1])
+def test_surfaces_are_closed(trimesh, lengths):
+    torus = trimesh.creation.torus(1, 0.35, major_sections=30, minor_sections=12)
+    box = trimesh.creation.box((1.2, 0.8, 1.0))
+    for mesh in (torus, box):
+        assert covered(mesh, gb.mesh_particles(mesh, lengths)) == 1
+
+
+def test_samples_are_even(trimesh):
+    """A flat square of very different triangles has the same field all over."""
+    grid = np.array([[0, 0, 0], [2, 0, 0], [2, 2, 0], [0, 2, 0], [0.9, 0.2, 0]], float)
+    faces = [[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]]
+    particles = gb.mesh_particles(trimesh.Trimesh(grid, faces, process=False), 0.05)
+    assert particles.support == pytest.approx(0.1) and particles.weight.max() <= 1 + 1e-6
+    assert particles.weight.sum() == pytest.approx(4 / (3**0.5 / 2 * 0.05**2), rel=1e-4)
+    points = np.random.default_rng(3).uniform(0.3, 1.7, (500, 3)).astype("f4")
+    points[:, 2] = 0.05
+    values = gb.field(gb.Scene(particles, device="cpu"), points)
+    assert values.std() < 0.08 * values.mean() and values.min() > 0.6
+    assert (particles.positions[:, 2] == 0).all()
+
+
+def test_too_many_samples_name_what_would_do(trimesh):
+    with pytest.raises(ValueError, match=r"50,000,000 points, got 0.0001 .* try 0.000") as caught:
+        gb.mesh_particles(trimesh.creation.box(), 1e-4)
+    enough = float(str(caught.value).split()[-1])
+    assert 1e-4 < enough < 1e-3
+
+
+@pytest.mark.parametrize("value", [0, -1, np.nan, np.inf])
+def test_wrong_spacing(value):
+    with pytest.raises(ValueError, match="spacing: expected a positive number"):
+        gb.mesh_particles("a.obj", value)
+
+
+# files
+
+
+@pytest.mark.parametrize("extension", [".ply", ".obj", ".stl", ".glb"])
+def test_files(trimesh, extension, tmp_path):
+    mesh = trimesh.creation.icosphere(2)
+    colors = np.full((len(mesh.vertices), 4), 255, np.uint8)
+    colors[:, 0] = np.arange(len(colors)) + 40
+    mesh.visual.vertex_colors = colors
+    path = tmp_path / f"a{extension}"
+    mesh.export(path)
+    for particles in (gb.read(path), gb.mesh_particles(path)):
+        assert len(particles) == len(mesh.vertices)
+        order = [np.abs(mesh.vertices - p).sum(axis=1).argmin() for p in particles.positions]
+        assert np.allclose(particles.positions, mesh.vertices[order], atol=1e-6)
+        expected = spacing.edge_spacing(mesh.vertices, mesh.faces)
+        assert np.allclose(particles.support, expected[order], rtol=1e-5)
+        if extension == ".stl":
+            assert particles.color is None
+            continue
+        shown = colors[order, :3] / 255  # glTF's vertex colours are linear by definition
+        expected = shown if extension == ".glb" else to_linear(shown)
+        assert np.allclose(particles.color, expected, atol=2e-3)
+    assert len(gb.read(path, spacing=0.1)) > 2 * len(mesh.vertices)
+
+
+def test_ply_ascii_polygons_and_lone_vertices(tmp_path):
+    (tmp_path / "a.ply").write_text(
+        "ply\nformat ascii 1.0\nelement vertex 6\nproperty float x\nproperty float y\n"
+        "property float z\nproperty float quality\nelement face 2\n"
+        "property list uchar int vertex_index\nend_header\n"
+        "0 0 0 1\n2 0 0 2\n2 1 0 3\n0 1 0 4\n9 9 9 5\n0 0 1 6\n4 0 1 2 3\n3 0 1 5\n"
+    )
+    particles = gb.read(tmp_path / "a.ply")
+    assert len(particles) == 5 and 5 not in particles.attributes["quality"]
+    assert np.allclose(particles.support, [5**0.5, 5**0.5, 5**0.5, 2, 5**0.5])
+
+
+def test_ply_without_faces_stays_particles(tmp_path):
+    gb.write(tmp_path / "a.ply", gb.Particles(TETRAHEDRON, color=(1, 0.5, 0)))
+    particles = gb.read(tmp_path / "a.ply")
+    assert particles.support is None and np.allclose(particles.color[0], [1, 0.5, 0])
+
+
+def test_support_of_the_file_wins(tmp_path):
+    (tmp_path / "a.ply").write_text(
+        "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n"
+        "property float z\nproperty float support\nelement face 1\n"
+        "property list uchar int vertex_index\nend_header\n0 0 0 7\n1 0 0 7\n0 1 0 7\n3 0 1 2\n"
+    )
+    assert (gb.read(tmp_path / "a.ply").support == 7).all()
+
+
+def test_coincident_vertices_are_one(trimesh):
+    corners = TETRAHEDRON[FACES].reshape(-1, 3)
+    mesh = trimesh.Trimesh(corners, np.arange(12).reshape(4, 3), process=False)
+    mesh.visual.face_colors = [[255, 0, 0, 255], [0, 255, 0, 255], [0, 0, 255, 255], [0, 0, 0, 255]]
+    particles = gb.mesh_particles(mesh)
+    assert len(particles) == 4
+    at_origin = np.abs(particles.positions).sum(axis=1).argmin()
+    assert np.allclose(particles.color[at_origin], 1 / 3, atol=1e-6)
+
+
+def test_texture_is_sampled(trimesh):
+    from PIL import Image
+
+    texture = Image.new("RGB", (64, 64), (255, 0, 0))
+    texture.paste((0, 0, 255), (32, 0, 64, 64))
+    vertices = [[0, 0, 0], [2, 0, 0], [2, 2, 0], [0, 2, 0]]
+    visual = trimesh.visual.TextureVisuals(uv=[[0, 0], [1, 0], [1, 1], [0, 1]], image=texture)
+    mesh = trimesh.Trimesh(vertices, [[0, 1, 2], [0, 2, 3]], visual=visual, process=False)
+    particles = gb.mesh_particles(mesh, 0.05)
+    x = particles.positions[:, 0]
+    assert np.allclose(particles.color[x < 0.9], [1, 0, 0], atol=1e-3)
+    assert np.allclose(particles.color[x > 1.1], [0, 0, 1], atol=1e-3)
+
+
+def test_scene_of_several_meshes(trimesh):
+    left, right = trimesh.creation.box(), trimesh.creation.box()
+    left.visual.face_colors = [255, 0, 0, 255]
+    scene = trimesh.Scene()
+    scene.add_geometry(left)
+    scene.add_geometry(right, transform=trimesh.transformations.translation_matrix([5, 0, 0]))
+    particles = gb.mesh_particles(scene)
+    assert len(particles) == 16 and particles.positions[:, 0].max() == pytest.approx(5.5)
+    assert np.allclose(particles.color[particles.positions[:, 0] < 1], [1, 0, 0])
+
+
+def test_points_without_triangles(trimesh, tmp_path):
+    points = np.concatenate([np.random.default_rng(5).random((50, 3)), [[9, 9, 9]]])
+    (tmp_path / "a.obj").write_text("".join(f"v {x} {y} {z}\n" for x, y, z in points))
+    particles = gb.read(tmp_path / "a.obj")
+    assert np.allclose(particles.support, 2 * gb.local_spacing(points.astype("f4")), rtol=1e-5)
+    assert particles.support[-1] > 10 * np.median(particles.support)
+
+
+# files that are none
+
+
+def binary_ply(face: bytes, n_faces: int = 1) -> bytes:
+    header = (
+        "ply\nformat binary_little_endian 1.0\nelement vertex 4\nproperty float x\n"
+        f"property float y\nproperty float z\nelement face {n_faces}\n"
+        "property list uchar int vertex_indices\nend_header\n"
+    )
+    return header.encode() + TETRAHEDRON.tobytes() + face
+
+
+@pytest.mark.parametrize(
+    ("face", "n_faces", "what"),
+    [
+        (b"\x03" + np.int32([0, 1, 4]).tobytes(), 1, "expected indices below 4, got 0 to 4"),
+        (b"\x03" + np.int32([0, -1, 2]).tobytes(), 1, "expected indices below 4"),
+        (b"\x03" + np.int32([0, 1]).tobytes(), 1, "row 0"),
+        (b"\x03" + np.int32([0, 1, 2]).tobytes(), 10**12, "row 1"),
+        (b"", 5, "row 0"),
+    ],
+)
+def test_bad_faces(face, n_faces, what, tmp_path):
+    (tmp_path / "a.ply").write_bytes(binary_ply(face, n_faces))
+    with pytest.raises(FormatError, match=what) as caught:
+        gb.read(tmp_path / "a.ply")
+    assert "\n" not in str(caught.value) and "a.ply" in str(caught.value)
+
+
+@pytest.mark.parametrize("extension", [".obj", ".stl", ".glb"])
+def test_broken_files(trimesh, extension, tmp_path):
+    path = tmp_path / f"a{extension}"
+    trimesh.creation.icosphere(1).export(path)
+    whole = path.read_bytes()
+    rng = np.random.default_rng(4)
+    for i in range(40):
+        data = bytearray(whole[: len(whole) * i // 40] if i % 2 else whole)
+        for place in rng.integers(0, max(1, len(data)), 5 if data and i % 4 < 2 else 0):
+            data[place] = rng.integers(256)
+        path.write_bytes(data)
+        try:
+            gb.read(path)
+        except FormatError as error:
+            assert "\n" not in str(error) and path.name in str(error)
+
+
+def test_glb_sizes_are_checked_before_memory_is_taken(trimesh, tmp_path):
+    count = 10**9
+    tree = {
+        "asset": {"version": "2.0"},
+        "buffers": [{"byteLength": 4}],
+        "accessors": [{"count": count, "type": "VEC3", "componentType": 5126}],
+    }
+    text = json.dumps(tree).encode()
+    text += b" " * (-len(text) % 4)
+    head = b"glTF" + np.uint32([2, 32 + len(text), len(text)]).tobytes() + b"JSON"
+    (tmp_path / "a.glb").write_bytes(head + text + np.uint32([4]).tobytes() + b"BIN\0" + bytes(4))
+    with pytest.raises(FormatError, match="expected at most .* elements, got 1000000000"):
+        gb.read(tmp_path / "a.glb")
+
+
+def test_scenes_of_too_many_triangles(trimesh, monkeypatch):
+    monkeypatch.setattr(mesh_format, "MOST_SAMPLES", 100)
+    scene = trimesh.Scene([trimesh.creation.icosphere(1)])
+    assert len(gb.mesh_particles(scene)) == 42
+    scene.graph.update("again", geometry=next(iter(scene.geometry)))
+    with pytest.raises(FormatError, match="at most 100 triangles, got 160"):
+        gb.mesh_particles(scene)
+
+
+def test_materials_without_pictures(trimesh, tmp_path):
+    (tmp_path / "a.mtl").write_text("newmtl red\nKd 1 0 0\nmap_Kd nowhere.png\n")
+    (tmp_path / "a.obj").write_text(
+        "mtllib a.mtl\nusemtl red\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\n"
+        "f 1/1 2/2 3/3\n"
+    )
+    for options in ({}, {"spacing": 0.2}):
+        assert (gb.read(tmp_path / "a.obj", **options).color == [1, 0, 0]).all()
+
+
+def test_nan_vertices(trimesh):
+    mesh = trimesh.creation.icosphere(1)
+    vertices = mesh.vertices.copy()
+    vertices[3] = np.nan
+    mesh = trimesh.Trimesh(vertices, mesh.faces, process=False, validate=False)
+    assert np.isfinite(gb.mesh_particles(mesh).support).all()
+    assert np.isfinite(gb.mesh_particles(mesh, 0.1).positions).all()
+
+
+def test_without_trimesh(monkeypatch, tmp_path):
+    (tmp_path / "a.obj").write_text("v 0 0 0\n")
+    real = builtins.__import__
+
+    def without(name, *args, **kwargs):
+        if name == "trimesh":
+            raise ImportError(name)
+        return real(name, *args, **kwargs)
+
+    monkeypatch.setattr(builtins, "__import__", without)
+    with pytest.raises(ValueError, match=r"trimesh, got none: pip install 'globule\[formats\]'"):
+        gb.read(tmp_path / "a.obj")
+
+
+def test_options_of_other_formats(tmp_path):
+    gb.write(tmp_path / "a.npz", gb.Particles(TETRAHEDRON))
+    with pytest.raises(ValueError, match="spacing: expected none for .*a.npz"):
+        gb.read(tmp_path / "a.npz", spacing=1.0)
