@@ -13,15 +13,18 @@ if _set:
     del os.environ["OMP_WAIT_POLICY"]
 
 from .camera import Camera  # noqa: E402
+from .camera_path import CameraPath, orbit  # noqa: E402
 from .formats import FormatError, read, write  # noqa: E402
 from .octree import field, gradient, intersect  # noqa: E402
 from .particles import Particles  # noqa: E402
 from .render import DirectionalLight, Frame, Headlight, PointLight, RenderSettings, render  # noqa: E402
 from .scene import Scene  # noqa: E402
+from .sequence import read_ahead, render_sequence, value_range  # noqa: E402
 
 __version__ = "0.1.0"
 __all__ = [
     "Camera",
+    "CameraPath",
     "DirectionalLight",
     "FormatError",
     "Frame",
@@ -33,7 +36,11 @@ __all__ = [
     "field",
     "gradient",
     "intersect",
+    "orbit",
     "read",
+    "read_ahead",
     "render",
+    "render_sequence",
+    "value_range",
     "write",
 ]
