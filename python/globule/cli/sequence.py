@@ -31,7 +31,7 @@ from .shared import (
 )
 
 NOTES = """\
-Several files, or a quoted pattern ('frame_*.vtk', frame_%%04d.vtk; numbers count by value), are one
+Several files, or a quoted pattern ('frame_*.vtk', frame_%04d.vtk; numbers count by value), are one
 sequence: support, camera and colours are the same in all pictures. Without --eye the camera sees
 the particles of all files, and --color-by spans the values of all files; for both, every file is
 read once more beforehand, which --eye and --range save. A movie needs PyAV:
