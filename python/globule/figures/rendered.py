@@ -107,8 +107,8 @@ def border(path: Any, device: str = "auto", dpi: float = 110) -> None:
     clipped nor doubled, also in the corners."""
     scene, box = at_the_border(device)
     camera = fit_camera(scene, (9, 7), direction=(0.62, 0.42, 1.0), fov=32)
-    with Figure(path, 5, 3.9, dpi) as figure:
-        frame = render(scene, camera, _pixels(5, 3.9, dpi), ON_WHITE)
+    with Figure(path, 4.5, 3.5, dpi) as figure:
+        frame = render(scene, camera, _pixels(4.5, 3.5, dpi), ON_WHITE)
         ax = _full(figure)
         show_frame(ax, frame.picture)
         draw_boxes(ax, camera, frame, box_edges(*box), ORANGE, 1.8, 0.45)
