@@ -27,7 +27,7 @@ def test_figure(name, tmp_path):
     FIGURES[name](path, "cpu", 40)
     picture = np.asarray(Image.open(path).convert("RGB"), np.float32)
     height, width = picture.shape[:2]
-    assert 190 <= width <= 400 and 110 <= height <= 300
+    assert 170 <= width <= 400 and 110 <= height <= 300
     assert picture.std() > 4 and (picture.min(axis=(0, 1)) < 120).all()
     ink = (picture < 200).any(axis=2)
     assert ink.mean() > 0.01

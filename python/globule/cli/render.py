@@ -124,7 +124,7 @@ def run(options: argparse.Namespace) -> None:
         series.report(images, reports, time.perf_counter() - start)
         return
     if options.json:
-        print_json(reports[0] if len(reports) == 1 else _together(reports))
+        print_json(reports[0] if len(images) == 1 else _together(reports))
         return
     for report in reports:
         times, counts = report["times"], report["counts"]
