@@ -194,6 +194,8 @@ class Series:
         options, n = self.options, len(images)
         n_kept = n - len(reports)
         made = [options.output] if self.movie else images
+        if self.movie:  # its pictures are gone
+            reports = [report | {"images": []} for report in reports]
         if options.json:
             device = reports[0]["device"] if reports else None
             counts = {"pictures": n, "kept": n_kept}

@@ -67,7 +67,7 @@ def exterior_spheres(path: Any, device: str = "auto", dpi: float = 110) -> None:
         ax.text(*(alone + [0.12, 0.3]), "d", color=ORANGE, fontsize=13)
         for y, slope, shift, color, text in (
             (1.84, 0.0, 0.08, GREEN, "meets one sphere: searched there, nothing found"),
-            (-1.05, 0.11, -0.25, RED, "meets spheres: searched, hit"),
+            (-1.05, 0.11, -0.25, RED, "meets spheres: hit"),
             (-1.62, 0.0, 0.08, INK, "meets no sphere: not searched at all"),
         ):
             origin, direction = np.float32([-3.8, y, 0]), np.float32([1, slope, 0])
