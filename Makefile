@@ -38,7 +38,7 @@ bench: $(BUILT)
 	else echo "povray is not installed, so not compared: sudo apt-get install povray"; fi
 
 check: $(VENV)/has-dev
-	@$(PY) -m ruff check python tests bench
+	@$(PY) -m ruff check python tests bench examples
 
 docs:
 	@$(PYTHON) docs/check_links.py

@@ -13,6 +13,7 @@ if _set:
     del os.environ["OMP_WAIT_POLICY"]
 
 from .camera import Camera  # noqa: E402
+from .camera_path import CameraPath, orbit  # noqa: E402
 from .clips import ClipBox, ClipPlane, ClipSphere  # noqa: E402
 from .environment import read_environment  # noqa: E402
 from .formats import (  # noqa: E402
@@ -36,12 +37,14 @@ from .octree import field, gradient, intersect  # noqa: E402
 from .particles import Particles  # noqa: E402
 from .render import Frame, Layer, Picked, RenderSettings, render  # noqa: E402
 from .scene import Scene  # noqa: E402
+from .sequence import read_ahead, render_sequence, value_range  # noqa: E402
 from .smoothing import anisotropy, without_strays  # noqa: E402
 from .spacing import local_spacing  # noqa: E402
 
 __version__ = "0.1.0"
 __all__ = [
     "Camera",
+    "CameraPath",
     "ClipBox",
     "ClipPlane",
     "ClipSphere",
@@ -66,10 +69,14 @@ __all__ = [
     "intersect",
     "local_spacing",
     "mesh_particles",
+    "orbit",
     "read",
+    "read_ahead",
     "read_environment",
     "render",
+    "render_sequence",
     "tomography_particles",
+    "value_range",
     "without_strays",
     "write",
 ]

@@ -1,10 +1,10 @@
 """How a surface splits the light that meets it.
 
-Particles carry factors in [0, 1], blended at each hit like their colours. The *reflection* factor is
-the mirror's weight seen straight on, and grows to 1 at grazing angles by Schlick's rule. Of the
+Particles carry factors in [0, 1], blended at each hit like their colours. The *reflection* factor
+is the mirror's weight seen straight on, and grows to 1 at grazing angles by Schlick's rule. Of the
 rest, the *refraction* factor is the share that goes through, with an index of refraction of
-1 + refraction / 3 (1: water, 4/3); what is left is scattered, as by chalk. A `Material` may fix each
-of these for a whole scene instead.
+1 + refraction / 3 (1: water, 4/3); what is left is scattered, as by chalk. A `Material` may fix
+each of these for a whole scene instead.
 """
 
 from __future__ import annotations

@@ -346,11 +346,10 @@ def _layers(scene: Any, clips: Any) -> tuple[Layer, ...]:
     return tuple(Layer(item.scene, item.material, (*item.clips, *clips)) for item in layers)
 
 
-def fit_camera(scene: Scene, size: tuple[int, int], **options: Any) -> Camera:
-    """`Camera.fit` with room for the surface around the particles."""
+def fit_camera(scene: Scene, size: tuple[int, int], around: Any = None, **options: Any) -> Camera:
+    """`Camera.fit` with room for the surface around the particles, or around the points (M, 3)."""
     support = scene.support
     largest = support if np.isscalar(support) else np.max(to_host(support), initial=0.0)
     margin = REACH[scene.kernel] * float(largest)
-    return Camera.fit(
-        scene.particles, size=size, margin=margin if np.isfinite(margin) else 0.0, **options
-    )
+    seen = scene.particles if around is None else around
+    return Camera.fit(seen, size=size, margin=margin if np.isfinite(margin) else 0.0, **options)

@@ -2,8 +2,8 @@
 
 Without any option the picture shows all particles; support and threshold follow from their spacing.
 Of several files each gets a picture of its own: IMAGE is then a folder, or a name with {} for the
-file's name or %d (%04d) for its number, from 0. Pictures that are finished stay when a later file
-turns out to be broken."""
+file's name or %d (%04d) for its number, from 0; or one movie.mp4 shows them all. Pictures that are
+finished stay when a later file turns out to be broken."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from ..colormaps import NAMES as COLORMAPS
 from ..legend import LEAST_SIDE, add_legend
 from ..render import MAX_PIXELS, Frame, RenderSettings, fit_camera, render, save_png
 from ..scene import KERNELS, Scene
-from . import look
+from . import look, sequence
 from .shared import (
     Progress,
     UserError,
@@ -33,11 +33,8 @@ from .shared import (
     mistakes,
     positive,
     print_json,
-    read_particles,
     reading,
-    stem,
     vector,
-    warn,
 )
 
 SUMMARY = "particles to pictures"
@@ -63,9 +60,9 @@ def size(text: str) -> tuple[int, int]:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
-    add("particles", nargs="+", metavar="PARTICLES", 
+    add("particles", nargs="+", metavar="PARTICLES",
         help="files of particles, meshes or volumes, or folders with a DICOM series")
-    add("-o", "--output", required=True, metavar="IMAGE", help="picture to write, .png")
+    add("-o", "--output", required=True, metavar="IMAGE", help="picture (.png) or movie (.mp4)")
     add("--size", type=size, default=(1024, 782), metavar="WxH", help="pixels (default: 1024x782)")
     add("--aov", metavar="FILE.npz", help="also write color, depth, position, normal, albedo, mask")
     add("--json", action="store_true", help="print one JSON object: times, counts, hashes")
@@ -106,11 +103,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help="R,G,B or V, or #rrggbb in sRGB")
     colors.add_argument("--background", type=look.color, metavar="COLOR", help="as --ambient")
     add_reading(parser)
+    sequence.add_arguments(parser)
     where = parser.add_argument_group("machine")
     add_device(where)
 
 
 def run(options: argparse.Namespace) -> None:
+    start = time.perf_counter()
     if options.fit and (options.eye or options.look_at):
         raise UserError("--fit: expected no --eye and --look-at beside it")
     if options.look_at and not options.eye:
@@ -119,18 +118,25 @@ def run(options: argparse.Namespace) -> None:
         raise UserError("--legend: expected --color-by beside it, got none")
     if options.legend and min(options.size) < LEAST_SIDE:
         raise UserError(f"--legend: expected a --size of at least {LEAST_SIDE} pixels a side")
+    series = sequence.Series(options)
     with mistakes():
         # All but the particles is known already: what is wrong with it shows before any work.
         settings = look.settings(options)
         camera(options, None)
-    images, arrays = outputs(options)
+    images, arrays = outputs(options, series.images())
     check_device(options)
     reports = []
-    with Progress(4 * len(images)) as progress:
-        for path, image, aov in zip(options.particles, images, arrays, strict=True):
-            reports.append(_picture(options, settings, progress, path, image, aov))
+    with series, Progress(4 * len(images)) as progress:
+        series.survey(progress)
+        for i, path, image, aov in series.pictures(images, arrays):
+            report = _picture(options, settings, progress, series, i, path, image, aov)
+            reports += [report] if report else []
+        series.finish(progress)
+    if series.movie or not reports:
+        series.report(images, reports, time.perf_counter() - start)
+        return
     if options.json:
-        print_json(reports[0] if len(reports) == 1 else _together(reports))
+        print_json(reports[0] if len(images) == 1 else _together(reports))
         return
     for report in reports:
         times, counts = report["times"], report["counts"]
@@ -141,11 +147,14 @@ def run(options: argparse.Namespace) -> None:
         )
 
 
-def outputs(options: argparse.Namespace) -> tuple[list[str], list[str | None]]:
-    """The files to write, one image and perhaps one .npz per input, all checked to be writable."""
+def outputs(
+    options: argparse.Namespace, images: list[str] | None
+) -> tuple[list[str], list[str | None]]:
+    """The files to write, one image and perhaps one .npz per input, all checked to be writable;
+    the images are given where they are a movie's."""
     for path in options.particles:
         check_input(path, list(reading(options)))
-    images = _names("-o", options.output, options.particles, ".png")
+    images = images or _names("-o", options.output, options.particles, ".png")
     arrays: list[str | None] = [None] * len(images)
     if options.aov:
         arrays = list(_names("--aov", options.aov, options.particles, ".npz"))
@@ -158,7 +167,8 @@ def outputs(options: argparse.Namespace) -> tuple[list[str], list[str | None]]:
 
 def _names(option: str, pattern: str, inputs: list[str], extension: str) -> list[str]:
     folder = os.path.isdir(pattern) or pattern.endswith("/")
-    full = os.path.join(pattern, "{}" + extension) if folder else pattern
+    stem = "{}" if len(set(inputs)) == len(inputs) else "{}_%04d"
+    full = os.path.join(pattern, stem + extension) if folder else pattern
     number = re.search(r"%(0?\d?)d", os.path.basename(full))
     if len(inputs) > 1 and not number and "{}" not in os.path.basename(full):
         message = f"a folder or a name with {{}} or %d for {len(inputs)} files"
@@ -177,18 +187,21 @@ def _names(option: str, pattern: str, inputs: list[str], extension: str) -> list
     return names
 
 
-def camera(options: argparse.Namespace, scene: Scene | None) -> Camera:
-    """The camera that the options ask for; without a scene as far as that is known."""
+def camera(options: argparse.Namespace, scene: Scene | None, around: Any = None) -> Camera:
+    """The camera that the options ask for; without a scene as far as that is known. It is to see
+    the points `around` (M, 3), by default the scene's particles."""
     nothing = scene is None or scene.octree.n_inside == 0
     if not options.eye:
         base = DEFAULT_VIEW
         if not nothing:
-            base = fit_camera(scene, options.size, direction=_direction(options.up), up=options.up,
-                              fov=options.fov, orthographic=options.ortho is not None)
+            base = fit_camera(scene, options.size, around, direction=_direction(options.up),
+                              up=options.up, fov=options.fov,
+                              orthographic=options.ortho is not None)
         return Camera(base.eye, base.look_at, options.up, options.fov, options.ortho)
     middle = options.look_at
     if not middle:
-        middle = np.zeros(3) if nothing else np.mean(scene.particles.bounds(), axis=0)
+        seen = scene.particles.bounds() if around is None and not nothing else around
+        middle = np.zeros(3) if nothing else np.mean(seen, axis=0)
         if scene is None or np.array_equal(middle, options.eye):
             middle = np.add(options.eye, (0, 0, -1))
     return Camera(options.eye, middle, options.up, options.fov, options.ortho)
@@ -205,12 +218,12 @@ def _direction(up: tuple[float, float, float]) -> np.ndarray:
 
 def _picture(
     options: argparse.Namespace, settings: RenderSettings, progress: Progress,
-    path: str, image: str, aov: str | None,
-) -> dict[str, Any]:
-    """One file's picture, and what there is to report of it."""
+    series: sequence.Series, i: int, path: str, image: str, aov: str | None,
+) -> dict[str, Any] | None:
+    """One file's picture, and what there is to report of it; None where it is there already."""
     start = time.perf_counter()
     progress.step(f"reading {path}")
-    particles = read_particles(path, **reading(options))
+    particles = series.read()
     read_seconds = time.perf_counter() - start
     messages = []
     finite = np.isfinite(particles.positions).all(axis=1)
@@ -225,11 +238,13 @@ def _picture(
         if options.color_by:
             particles.color, ends = look.color_by(options, path, particles, messages)
         progress.step(f"building {path}")
-        scene = Scene(
+        scene = series.scene(particles, lambda particles: Scene(
             particles, options.kernel, options.threshold, options.support, options.key_bits,
             options.depth, options.octree, options.device, options.threads,
-        )
-        view = camera(options, scene)
+        ))
+        view = series.camera(i, scene, lambda scene, box: camera(options, scene, box))
+    if series.finished(image, aov):
+        return None
     progress.step(f"tracing {path}")
     frame = render(scene, view, options.size, settings)
     hits = int(frame.mask.sum())
@@ -244,12 +259,10 @@ def _picture(
     written = time.perf_counter()
     with mistakes():
         legend = (options.colormap, *ends, options.color_by) if options.legend else None
+        series.prepare()
         _save(frame, image, aov, legend)
     end = time.perf_counter()
-    if messages:
-        progress.clear()
-    for message in messages:
-        warn(message)
+    series.warn(messages, progress)
     report = {
         "input": path,
         "images": [image],

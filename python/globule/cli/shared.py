@@ -222,13 +222,17 @@ class Progress:
 
     def step(self, what: str) -> None:
         """The next step starts."""
+        self.show(what)
+        self.done += 1
+
+    def show(self, what: str) -> None:
+        """What is going on, within a step."""
         if self.shown:
             filled = 24 * self.done // max(1, self.n_steps)
             bar = "█" * filled + "░" * (24 - filled)
             width = os.get_terminal_size(sys.stderr.fileno()).columns or 80  # 0: not known
             line = f"{bar} {self.done}/{self.n_steps} {what}"[: max(10, width - 1)]
             print(f"\r\033[K{line}", end="", file=sys.stderr, flush=True)
-        self.done += 1
 
     def clear(self) -> None:
         """Take the bar away, for a message in its place."""

@@ -1,0 +1,225 @@
+"""Cameras that move: key frames with smooth interpolation, and the turntable."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from .camera import Camera
+
+FIELDS = ("frame", "time", "eye", "look_at", "up", "fov")
+
+
+class CameraPath:
+    """A camera for every frame, through key frames.
+
+    A smooth path is a centripetal Catmull-Rom curve (Yuksel et al. 2011: no cusps and no loops
+    between keys), run along at a speed without jumps that never turns back. Two keys with the same
+    eye hold it still. A linear path has corners at its keys. Before the first key and after the
+    last the camera stands still.
+
+    Args:
+        keys: mappings with `frame` (a number, from 0) or `time` (seconds), rising; `eye` and
+            `look_at`, (3,) world; `up`, (3,), default (0, 1, 0); `fov`, vertical degrees, default
+            40. What a later key leaves out stays as it was.
+        fps: frames per second, for keys with `time`.
+        interpolation: "smooth" or "linear".
+
+    Raises:
+        ValueError: naming the key (the first is key 1), its field, what was expected and what came.
+    """
+
+    def __init__(
+        self, keys: Sequence[dict[str, Any]], fps: float = 30.0, interpolation: str = "smooth"
+    ):
+        if interpolation not in ("smooth", "linear"):
+            raise ValueError(f"interpolation: expected smooth or linear, got {interpolation!r}")
+        frames, cameras = _checked(keys, fps)
+        self.frames = np.array(frames)
+        smooth = interpolation == "smooth"
+        self._tracks = {
+            name: _Track(self.frames, np.array([getattr(c, name) for c in cameras]), smooth)
+            for name in ("eye", "look_at", "up", "fov")
+        }
+
+    @classmethod
+    def load(cls, path: str | os.PathLike, fps: float = 30.0) -> CameraPath:
+        """A path from a TOML or JSON file: a list `key` of key frames, and `interpolation`.
+
+        Raises OSError, and ValueError naming the file and the key.
+        """
+        try:
+            facts = _parsed(path)
+            unknown = set(facts) - {"key", "interpolation"}
+            if unknown:
+                name = sorted(unknown)[0]
+                raise ValueError(f"{name}: expected key and interpolation, got another name")
+            return cls(facts.get("key", []), fps, facts.get("interpolation", "smooth"))
+        except ValueError as error:
+            raise ValueError(f"{os.fspath(path)}: {error}") from error
+
+    @property
+    def n_frames(self) -> int:
+        """Frames up to and with the last key."""
+        return int(math.floor(self.frames[-1] + 1e-6)) + 1
+
+    def __call__(self, frame: float) -> Camera:
+        """The camera of a frame, counted from 0."""
+        at = {name: track(frame) for name, track in self._tracks.items()}
+        return Camera(at["eye"], at["look_at"], at["up"], float(at["fov"]))
+
+
+def orbit(camera: Camera, turns: float = 1.0, n: int = 120) -> list[Camera]:
+    """The turntable: `n` cameras on a circle around `look_at`, about the `up` axis.
+
+    The first is `camera` itself; one step more would complete the turns, so that a whole number
+    of them loops without a stutter. Positive turns run anticlockwise as seen from above.
+    """
+    if n < 1:
+        raise ValueError(f"n: expected at least 1 camera, got {n!r}")
+    axis = np.asarray(camera.up) / np.linalg.norm(camera.up)
+    middle, arm = np.asarray(camera.look_at), np.subtract(camera.eye, camera.look_at)
+    along = (arm @ axis) * axis
+    across = arm - along
+    side = np.cross(axis, across)
+    angles = 2 * np.pi * turns * np.arange(n) / n
+    eyes = middle + along + np.outer(np.cos(angles), across) + np.outer(np.sin(angles), side)
+    return [Camera(eye, camera.look_at, camera.up, camera.fov, camera.height) for eye in eyes]
+
+
+class _Track:
+    """One quantity over the frames: values (K,) or (K, 3) at rising frames (K,)."""
+
+    def __init__(self, frames: np.ndarray, values: np.ndarray, smooth: bool):
+        points = values.reshape(len(frames), -1)
+        self.shape = values.shape[1:]
+        self.frames = frames
+        # Arc parameter: the root of the distance makes the curve centripetal.
+        gaps = np.linalg.norm(np.diff(points, axis=0), axis=1) ** (0.5 if smooth else 1.0)
+        self.arc = np.concatenate([[0.0], np.cumsum(gaps)])
+        moved = np.concatenate([[True], gaps > 0])  # a key at the same place adds no knot
+        self.knots, self.points = self.arc[moved], points[moved]
+        if smooth:
+            self.arc_slopes = _monotone_slopes(frames, self.arc)
+            self.slopes = _catmull_rom_slopes(self.knots, self.points)
+        else:
+            self.arc_slopes = self.slopes = None
+
+    def __call__(self, frame: float) -> np.ndarray:
+        frame = min(max(frame, self.frames[0]), self.frames[-1])
+        s = _curve(self.frames, self.arc[:, None], self.arc_slopes, frame)[0]
+        return _curve(self.knots, self.points, self.slopes, s).reshape(self.shape)
+
+
+def _curve(x: np.ndarray, y: np.ndarray, slopes: np.ndarray | None, at: float) -> np.ndarray:
+    """Cubic Hermite interpolation of y (K, C) at rising x (K,); straight lines without slopes."""
+    if len(x) == 1:
+        return y[0]
+    i = int(np.clip(np.searchsorted(x, at, side="right") - 1, 0, len(x) - 2))
+    width = x[i + 1] - x[i]
+    u = (at - x[i]) / width
+    if slopes is None:
+        return y[i] + u * (y[i + 1] - y[i])
+    rise = u * u * (3 - 2 * u)
+    start, end = u * (1 - u) ** 2 * width, u * u * (u - 1) * width
+    return y[i] + rise * (y[i + 1] - y[i]) + start * slopes[i] + end * slopes[i + 1]
+
+
+def _catmull_rom_slopes(x: np.ndarray, y: np.ndarray) -> np.ndarray | None:
+    """Slopes (K, C) of the parabola through each point and its neighbours; at the ends of the
+    chord."""
+    if len(x) < 3:
+        return None
+    h, chord = np.diff(x)[:, None], np.diff(y, axis=0) / np.diff(x)[:, None]
+    inner = (h[1:] * chord[:-1] + h[:-1] * chord[1:]) / (h[1:] + h[:-1])
+    return np.concatenate([chord[:1], inner, chord[-1:]])
+
+
+def _monotone_slopes(x: np.ndarray, y: np.ndarray) -> np.ndarray | None:
+    """Slopes (K, 1) with which a cubic curve through rising y never falls (Fritsch and Butland
+    1984): weighted harmonic means, 0 beside a level stretch."""
+    if len(x) < 3:
+        return None
+    h, chord = np.diff(x), np.diff(y) / np.diff(x)
+    a, b = chord[:-1], chord[1:]
+    w = (h[:-1] + 2 * h[1:]) / (3 * (h[:-1] + h[1:]))
+    mean = w * b + (1 - w) * a
+    inner = np.where(mean > 0, a * b / np.where(mean > 0, mean, 1), 0.0)
+    return np.concatenate([chord[:1], inner, chord[-1:]])[:, None]
+
+
+def _checked(keys: Any, fps: float) -> tuple[list[float], list[Camera]]:
+    """Frame numbers and cameras of all keys, with what a key leaves out taken from the last."""
+    if not isinstance(keys, (list, tuple)) or not keys:
+        raise ValueError(f"key: expected a list of key frames, got {keys!r}")
+    frames: list[float] = []
+    cameras: list[Camera] = []
+    state = {"up": (0.0, 1.0, 0.0), "fov": 40.0}
+    unit = None
+    for number, key in enumerate(keys, 1):
+        try:
+            if not isinstance(key, dict):
+                raise ValueError(f"expected names with values, got {key!r}")
+            unknown = set(key) - set(FIELDS)
+            if unknown:
+                raise ValueError(f"{sorted(unknown)[0]}: expected one of {', '.join(FIELDS)}")
+            given = [name for name in ("frame", "time") if name in key]
+            if len(given) != 1 or unit not in (None, given[0]):
+                wanted = unit or "frame or time"
+                raise ValueError(f"expected {wanted}, got {' and '.join(given) or 'none'}")
+            unit = given[0]
+            frame = _number(unit, key[unit]) * (fps if unit == "time" else 1)
+            if frame < 0 or frames and frame <= frames[-1]:
+                least = "at least 0" if not frames else "more than in the key before"
+                raise ValueError(f"{unit}: expected {least}, got {key[unit]!r}")
+            state.update({name: value for name, value in key.items() if name != unit})
+            missing = {"eye", "look_at"} - set(state)
+            if missing:
+                raise ValueError(f"{sorted(missing)[0]}: expected in the first key, got none")
+            cameras.append(Camera(
+                _vector("eye", state["eye"]), _vector("look_at", state["look_at"]),
+                _vector("up", state["up"]), _number("fov", state["fov"]),
+            ))
+            frames.append(frame)
+        except ValueError as error:
+            raise ValueError(f"key {number}: {error}") from None
+    return frames, cameras
+
+
+def _number(name: str, value: Any) -> float:
+    real = isinstance(value, (int, float, np.number)) and not isinstance(value, bool)
+    if not (real and math.isfinite(value)):
+        raise ValueError(f"{name}: expected a finite number, got {value!r}")
+    return float(value)
+
+
+def _vector(name: str, value: Any) -> tuple[float, ...]:
+    if isinstance(value, str) or not hasattr(value, "__len__") or len(value) != 3:
+        raise ValueError(f"{name}: expected three finite numbers, got {value!r}")
+    return tuple(_number(name, v) for v in value)
+
+
+def _parsed(path: str | os.PathLike) -> dict[str, Any]:
+    """The file's contents; a JSON file may be the list of keys alone."""
+    name = os.fspath(path).lower()
+    with open(path, "rb") as file:
+        data = file.read()
+    if name.endswith(".toml"):
+        try:
+            import tomllib
+        except ImportError:  # Python 3.10
+            import tomli as tomllib
+        facts = tomllib.loads(data.decode("utf-8"))
+    elif name.endswith(".json"):
+        facts = json.loads(data)
+        facts = {"key": facts} if isinstance(facts, list) else facts
+    else:
+        raise ValueError("expected a name ending in .toml or .json")
+    if not isinstance(facts, dict):
+        raise ValueError(f"expected names with values, got {type(facts).__name__}")
+    return facts

@@ -1,0 +1,240 @@
+"""Options and work of `render` that several pictures of one run share."""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import zipfile
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+
+from ..camera import Camera
+from ..camera_path import CameraPath
+from ..particles import Particles
+from ..scene import Scene
+from ..sequence import KeptScene, MovieFrames, find_files, is_whole, read_ahead
+from ..video import need_av
+from . import look
+from .shared import (
+    Progress,
+    UserError,
+    check_output,
+    count,
+    mistakes,
+    positive,
+    print_json,
+    read_particles,
+    reading,
+    say,
+    warn,
+)
+
+NOTES = """\
+Several files, or a quoted pattern ('frame_*.vtk', frame_%04d.vtk; numbers count by value), are one
+sequence: support, camera and colours are the same in all pictures. Without --eye the camera sees
+the particles of all files, and --color-by spans the values of all files; for both, every file is
+read once more beforehand, which --eye and --range save. A movie needs PyAV:
+pip install "globule[video]" (its wheel brings FFmpeg with x264, under the GPL).
+Key frames of the camera, in TOML:
+  [[key]]
+  time = 0                # seconds; or frame = 0
+  eye = [3, 1, 0]
+  look_at = [0, 0, 0]
+  [[key]]                 # look_at, up and fov stay unless given again
+  time = 2.5
+  eye = [0, 1, 3]"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    group = parser.add_argument_group("sequence", NOTES)
+    group.add_argument("--camera-path", metavar="FILE",
+                       help="key frames, .toml or .json; one particle file is shown in as many "
+                       "pictures as the path has")
+    group.add_argument("--fps", type=positive, default=30.0, metavar="N",
+                       help="frames per second of a movie and of key frames (default: 30)")
+    group.add_argument("--resume", action="store_true",
+                       help="go on after an interruption: finished pictures are not made again")
+
+
+class Series:
+    """The pictures of one run: files read ahead, and one scene, camera and colour range for all.
+
+    `options.particles` becomes the list of files, one a picture.
+    """
+
+    def __init__(self, options: argparse.Namespace):
+        self.options = options
+        self.path: CameraPath | None = None
+        self.movie: MovieFrames | None = None
+        self._kept = KeptScene()
+        self._camera: Camera | None = None
+        self._box: np.ndarray | None = None
+        self._shown: set[str] = set()
+        self._ahead: Iterator[Particles] = iter(())
+        with mistakes():
+            files = find_files(options.particles)
+            if options.camera_path:
+                self.path = _camera_path(options)
+                if len(files) == 1:
+                    files = files * self.path.n_frames
+        options.particles = files
+        if options.output.lower().endswith(".mp4"):
+            check_output("-o", options.output, [".mp4"])
+            try:
+                need_av()
+            except ImportError as error:
+                raise UserError(f"-o: {error}") from error
+            self.movie = MovieFrames(options.output, options.resume)
+
+    def images(self) -> list[str] | None:
+        """The pictures of a movie, kept beside it until it is whole; None without a movie."""
+        return [self.movie.path(i) for i in range(len(self))] if self.movie else None
+
+    def __len__(self) -> int:
+        return len(self.options.particles)
+
+    def survey(self, progress: Progress) -> None:
+        """One look at all files for what must not change between the pictures.
+
+        A file that cannot be read is passed over: what is wrong with it shows at its turn, when the
+        pictures before it are done.
+        """
+        options = self.options
+        fit = not options.eye and not self.path
+        span = bool(options.color_by) and not options.range
+        files = list(dict.fromkeys(options.particles))
+        if len(files) == 1 or not (fit or span):
+            return
+        lows, highs, values = [], [], [np.inf, -np.inf]
+        found = read_ahead(_try_to_read(path, options) for path in files)
+        for path, particles in zip(files, found, strict=True):
+            progress.show(f"looking at {path}")
+            if particles is None:
+                continue
+            if len(particles.finite_positions()):
+                lo, hi = particles.bounds()
+                lows.append(lo)
+                highs.append(hi)
+            if span:
+                try:
+                    known = look._values(path, particles, options.color_by)
+                except UserError:
+                    continue
+                known = known[np.isfinite(known) & _finite(particles)]
+                values = [known.min(initial=values[0]), known.max(initial=values[1])]
+        if fit and lows:
+            box = np.min(lows, axis=0), np.max(highs, axis=0)
+            self._box = np.array(np.meshgrid(*zip(*box, strict=True))).reshape(3, -1).T
+        if span and values[0] <= values[1]:
+            options.range = (float(values[0]), float(values[1]))
+
+    def pictures(
+        self, images: list[str], arrays: list[str | None]
+    ) -> Iterator[tuple[int, str, str, str | None]]:
+        """Number, file and outputs of all pictures to make; `read` then has the particles.
+
+        The first file is always among them: support and camera come from it.
+        """
+        files = self.options.particles
+        todo = [i for i in range(len(files)) if not self.finished(images[i], arrays[i])]
+        if not todo:
+            return
+        todo = sorted({0, *todo})
+        if len(set(files)) == 1:
+            self._ahead = itertools.repeat(read_particles(files[0], **reading(self.options)))
+        else:
+            self._ahead = read_ahead(
+                read_particles(files[i], **reading(self.options)) for i in todo
+            )
+        for i in todo:
+            yield i, files[i], images[i], arrays[i]
+
+    def read(self) -> Particles:
+        """The particles of the picture at hand."""
+        return next(self._ahead)
+
+    def finished(self, image: str, aov: str | None) -> bool:
+        """Whether an earlier run has left this picture whole, and going on was asked for."""
+        if not self.options.resume or not is_whole(image, self.options.size):
+            return False
+        return aov is None or zipfile.is_zipfile(aov)
+
+    def scene(self, particles: Particles, make: Callable[[Particles], Scene]) -> Scene:
+        """The one scene, with this picture's particles."""
+        return self._kept.show(particles, make)
+
+    def camera(self, i: int, scene: Scene, find: Callable[[Scene, Any], Camera]) -> Camera:
+        """The camera of picture i: the path's, or the first that `find` found."""
+        if self.path:
+            return self.path(i)
+        if self._camera is None or self._kept.first:
+            self._camera = find(scene, self._box)
+        return self._camera
+
+    def warn(self, messages: list[str], progress: Progress) -> None:
+        """Show what has not been said of an earlier picture."""
+        new = [message for message in messages if message not in self._shown]
+        self._shown.update(new)
+        if new:
+            progress.clear()
+        for message in new:
+            warn(message)
+
+    def finish(self, progress: Progress) -> None:
+        """Make the movie of its pictures."""
+        if self.movie:
+            progress.show(f"writing {self.options.output}")
+            self.movie.encode(len(self), self.options.fps)
+
+    def prepare(self) -> None:
+        """Before the first picture is written: so a mistake in the first file leaves nothing."""
+        if self.movie:
+            self.movie.open()
+
+    def report(self, images: list[str], reports: list[dict[str, Any]], seconds: float) -> None:
+        """Say what came of a movie, or of pictures that were all there."""
+        options, n = self.options, len(images)
+        n_kept = n - len(reports)
+        made = [options.output] if self.movie else images
+        if self.movie:  # its pictures are gone
+            reports = [report | {"images": []} for report in reports]
+        if options.json:
+            device = reports[0]["device"] if reports else None
+            counts = {"pictures": n, "kept": n_kept}
+            facts = {"images": made, "device": device, "size": options.size, "counts": counts,
+                     "times": {"total": seconds}, "frames": reports}
+            print_json(facts | {"fps": options.fps} if self.movie else facts)
+            return
+        kept = f", {n_kept} of them there already" if n_kept else ""
+        what = f"{options.output}: {n} frames" if self.movie else f"{count(n, 'picture')}"
+        print(f"{what}{kept}, {seconds:.2f} s in all")
+
+    def __enter__(self) -> Series:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        n = len(self.movie.finished()) if kind and self.movie else 0
+        if n:
+            say(f"note: {n} finished pictures are in {self.movie.folder}; --resume goes on")
+
+
+def _camera_path(options: argparse.Namespace) -> CameraPath:
+    if options.eye or options.look_at or options.fit or options.ortho:
+        raise UserError("--camera-path: expected no --fit, --eye, --look-at and --ortho beside it")
+    try:
+        return CameraPath.load(options.camera_path, options.fps)
+    except OSError as error:
+        raise UserError(f"--camera-path: {options.camera_path}: {error.strerror}") from error
+
+
+def _try_to_read(path: str, options: argparse.Namespace) -> Particles | None:
+    try:
+        return read_particles(path, **reading(options))
+    except UserError:
+        return None
+
+
+def _finite(particles: Particles) -> np.ndarray:
+    return np.isfinite(particles.positions).all(axis=1)

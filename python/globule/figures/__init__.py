@@ -1,0 +1,37 @@
+"""The figures of the thesis, drawn anew from what this code computes.
+
+`FIGURES` maps a figure's number to a function (path, device, dpi) that writes it as a PNG; the
+first line of the function's docstring says what to see. All need matplotlib (the extra `figures`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from . import fusing, kernels, leaves, levels, rays, rendered, steps, z_order
+
+FIGURES: dict[str, Callable[..., None]] = {
+    "2.1": z_order.in_the_plane,
+    "2.2": leaves.in_the_plane,
+    "2.3": leaves.in_space,
+    "2.4": kernels.one_metaball,
+    "2.5": fusing.two_metaballs,
+    "3.4": z_order.interleaving,
+    "3.5": levels.keys_and_neighbours,
+    "3.6": levels.quantised_positions,
+    "3.7": z_order.in_space,
+    "3.8": levels.dense_array,
+    "3.9": kernels.all_kernels,
+    "5.3": rays.exterior_spheres,
+    "5.4": rays.ordered_events,
+    "5.5": steps.several_thresholds,
+    "5.7": steps.skipped_neighbours,
+    "6.1": rendered.close_up,
+    "6.2": rendered.scattered,
+    "6.5": rendered.border,
+}
+
+
+def caption(name: str) -> str:
+    """What a figure shows, in one sentence."""
+    return (FIGURES[name].__doc__ or "").partition("\n\n")[0].replace("\n    ", " ")

@@ -1,0 +1,185 @@
+"""The thesis's figures: each is drawn, and what it shows is so."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from pathlib import Path
+
+import globule as gb
+import numpy as np
+import pytest
+from globule.cli import main
+from globule.figures import FIGURES, caption
+from globule.scene import KERNELS
+from PIL import Image
+
+needs_matplotlib = pytest.mark.skipif(
+    importlib.util.find_spec("matplotlib") is None,
+    reason="matplotlib is not installed (the extra `figures`)",
+)
+
+
+@needs_matplotlib
+@pytest.mark.parametrize("name", FIGURES)
+def test_figure(name, tmp_path):
+    path = tmp_path / "figure.png"
+    FIGURES[name](path, "cpu", 40)
+    picture = np.asarray(Image.open(path).convert("RGB"), np.float32)
+    height, width = picture.shape[:2]
+    assert 170 <= width <= 400 and 110 <= height <= 300
+    assert picture.std() > 4 and (picture.min(axis=(0, 1)) < 120).all()
+    ink = (picture < 200).any(axis=2)
+    assert ink.mean() > 0.01
+    words = caption(name)
+    assert words.endswith(".") and "\n" not in words and "  " not in words
+
+
+@needs_matplotlib
+def test_the_command(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(["figures", "3.4", "2.4", "-o", "a/b", "--dpi", "30", "--device", "cpu"]) == 0
+    assert capsys.readouterr().out.startswith("a/b: 2 figures")
+    assert sorted(p.name for p in (tmp_path / "a/b").iterdir()) == ["2.4.png", "3.4.png"]
+    assert main(["figures", "--list"]) == 0
+    assert capsys.readouterr().out.count("\n") == len(FIGURES)
+
+
+def test_mistakes(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "file").write_text("")
+    assert main(["figures", "9.9"]) == 2
+    err = capsys.readouterr().err
+    assert "9.9" in err and "2.1" in err and err.count("\n") == 1
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    assert main(["figures", "2.1"]) == 2
+    assert "globule[figures]" in capsys.readouterr().err
+    assert [p.name for p in tmp_path.iterdir()] == ["file"]
+
+
+def test_the_gallery_is_complete():
+    docs = Path(__file__).resolve().parents[1] / "docs"
+    page = (docs / "figures.md").read_text(encoding="utf-8")
+    for name in FIGURES:
+        assert caption(name) in page.replace("\n", " ")
+        assert f"(images/figures/{name}.png)" in page
+        assert (docs / "images/figures" / f"{name}.png").stat().st_size < 150_000
+
+
+# What the figures state.
+
+
+@pytest.mark.parametrize("level, n_axes", [(1, 2), (3, 2), (1, 3), (2, 3)])
+def test_the_curve_visits_every_cell_once(level, n_axes):
+    from globule.figures.z_order import z_order
+
+    cells = z_order(level, n_axes)
+    n = 2**level
+    assert len(cells) == n**n_axes and len({tuple(c) for c in cells}) == len(cells)
+    assert cells.min() == 0 and cells.max() == n - 1
+    # Each block of 2^n_axes steps stays within one cell of the level above.
+    blocks = (cells // 2).reshape(-1, 2**n_axes, n_axes)
+    assert (blocks == blocks[:, :1]).all()
+
+
+def test_the_drawn_leaves_are_the_octree_s():
+    from globule.figures.leaves import leaf_cells, occupied_cells, scene_and_codes
+
+    scene, codes, positions = scene_and_codes("cpu")
+    cells = leaf_cells(codes)
+    assert len(cells) == scene.octree.n_leaves
+    assert cells[:, 0].max() == scene.octree.depth
+    grid = np.unique(((positions - scene.octree.lo) / scene.octree.extent * 16).astype(int), axis=0)
+    assert {tuple(c) for c in occupied_cells(codes, 4)} == {tuple(np.minimum(c, 15)) for c in grid}
+
+
+@pytest.mark.parametrize("kernel", KERNELS)
+def test_profiles(kernel):
+    from globule.figures.kernels import profile, radius
+
+    r = np.linspace(0, 1, 200)
+    value, slope = profile(kernel, r, "cpu")
+    assert value[0] == pytest.approx(1, abs=3e-4) and value[-1] == pytest.approx(0, abs=1e-6)
+    assert (np.diff(value) <= 1e-6).all() and abs(slope[-1]) < 1e-4
+    assert np.gradient(value, r)[2:-2] == pytest.approx(slope[2:-2], abs=0.02)
+    assert profile(kernel, np.array([radius(kernel, 0.6, "cpu")]), "cpu")[0] == pytest.approx(
+        0.6, abs=1e-4
+    )
+
+
+def test_two_metaballs_fuse_where_the_figure_says():
+    from globule.figures.fusing import DISTANCES, THRESHOLD, two
+
+    middle = [
+        float(gb.field(two(d, "cpu"), np.zeros((1, 3), np.float32))[0]) for d in DISTANCES
+    ]
+    assert middle[0] < THRESHOLD and middle[1] < THRESHOLD < middle[2]
+    assert middle == sorted(middle)
+
+
+def test_octree_coordinates_are_cut_off():
+    from globule.figures.levels import octree_coordinate
+
+    assert [octree_coordinate(u, extent, "cpu") for u, extent in ((200, 400), (520, 600), (50, 300),
+            (300, 300))] == [512, 887, 170, 1023]
+
+
+def test_no_hit_outside_of_the_supports():
+    from globule.figures.rays import ON_A_RAY, flat_scene, sphere_events
+
+    scene = flat_scene("cpu", ON_A_RAY)
+    origin, direction = np.array([-3.2, 0, 0]), np.array([1.0, 0, 0])
+    events = sphere_events(origin, direction, ON_A_RAY)
+    entered = [i for _, i, enters in events if enters]
+    assert entered == [0, 1, 2, 3] and len(events) == 8
+    rays = np.float32([origin, [-3.2, -2.5, 0]]), np.float32([direction, direction])
+    depth = gb.intersect(scene, *rays)[0]
+    assert events[2][0] < depth[0] < events[-1][0] and np.isinf(depth[1])
+
+
+def test_samples_crowd_near_the_surface():
+    from globule.figures.rays import THRESHOLD, flat_scene
+    from globule.figures.steps import march
+
+    scene = flat_scene("cpu")
+    origin, direction = np.array([-3.6, -0.75, 0.0]), np.array([0.9656, 0.2600, 0.0])
+    direction /= np.linalg.norm(direction)
+    t = march(scene, origin, direction, 5.0)
+    hit = float(gb.intersect(scene, np.float32([origin]), np.float32([direction]))[0][0])
+    last = gb.field(scene, np.float32([origin + t[-1] * direction]))[0]
+    assert t[-1] == pytest.approx(hit, abs=0.003) and last == pytest.approx(THRESHOLD, abs=0.01)
+    assert (np.abs(t - hit) < 0.05).sum() > 5 > (t < hit - 0.5).sum() >= 3
+
+
+def test_one_metaball_apart_stays_a_sphere():
+    from globule.figures.rendered import nine_leaves
+
+    scene, cells = nine_leaves("cpu")
+    positions = scene.particles.positions
+    inside = [((positions >= c) & (positions < c + 1)).all(axis=1).sum() for c in cells]
+    assert sum(inside) == 100 and min(inside) > 0 and inside[-1] == 1
+    offsets, _ = scene.neighbors(positions[-1:], 1.0)
+    assert offsets[-1] == 1  # nobody near
+
+
+def test_clusters_and_voids():
+    from globule.figures.rendered import clusters
+
+    positions = clusters()
+    assert positions.shape == (100_000, 3)
+    inner = positions[(np.abs(positions[:, :2] - 0.5) < 0.4).all(axis=1)]
+    counts, _ = np.histogramdd(inner[:, :2], bins=30)
+    assert counts.std() / counts.mean() > 3 * counts.mean() ** -0.5  # far from a random scatter
+
+
+def test_nothing_is_clipped_or_doubled_at_the_border():
+    from globule.figures.rendered import at_the_border
+
+    tight, box = at_the_border("cpu")
+    wide, _ = at_the_border("cpu", bounds=box + [[-1], [1]])
+    camera = gb.Camera((2.2, 1.7, 3.0), (0.5, 0.5, 0.5))
+    a, b = (gb.render(scene, camera, (160, 120)) for scene in (tight, wide))
+    assert (a.mask == b.mask).all() and a.mask.mean() > 0.05
+    assert np.abs(a.depth[a.mask] - b.depth[a.mask]).max() < 1e-4
+    beyond = a.position[a.mask]
+    assert ((beyond < -0.01) | (beyond > 1.01)).any()

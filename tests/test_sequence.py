@@ -1,0 +1,350 @@
+"""Sequences: what stays the same from picture to picture, what is kept, and how they end."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+
+import globule as gb
+import numpy as np
+import pytest
+from globule.cli import main
+from globule.sequence import find_files, is_whole, natural, read_ahead
+from PIL import Image
+
+try:
+    import av
+except ImportError:
+    av = None
+
+needs_av = pytest.mark.skipif(av is None, reason="PyAV is not installed (the extra `video`)")
+SMALL = ["--size", "40x30", "--device", "cpu"]
+N = 4
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path, monkeypatch):
+    """Every test in an empty folder of its own."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("GLOBULE_TRACEBACK", raising=False)
+    return tmp_path
+
+
+def frame(i: int) -> gb.Particles:
+    """A block that grows and moves; `speed` spans [i, i + 1]."""
+    axis = np.arange(5, dtype=np.float32) / 5
+    grid = np.stack(np.meshgrid(axis, axis, axis), axis=-1).reshape(-1, 3)
+    speed = i + np.linspace(0, 1, len(grid))
+    return gb.Particles(grid * (1 + 0.1 * i) + [0.3 * i, 0, 0], attributes={"speed": speed})
+
+
+@pytest.fixture
+def files(folder):
+    for i in range(N):
+        gb.write(f"f_{i}.npz", frame(i))
+    return [f"f_{i}.npz" for i in range(N)]
+
+
+def pictures(pattern: str = "p_%d.png") -> list[np.ndarray]:
+    return [np.asarray(Image.open(pattern % i)) for i in range(N)]
+
+
+def refused(capsys, *words: str) -> str:
+    """The one line that a mistake is answered with."""
+    assert main(list(words)) == 2
+    out, err = capsys.readouterr()
+    assert out == "" and err.startswith("globule: error: ") and err.count("\n") == 1, err
+    return err
+
+
+# which files
+
+
+def test_natural_order():
+    names = ["a10.vtk", "a9.vtk", "a1.vtk", "b.vtk", "a0b.vtk"]
+    assert sorted(names, key=natural) == ["a0b.vtk", "a1.vtk", "a9.vtk", "a10.vtk", "b.vtk"]
+
+
+def test_patterns(folder):
+    (folder / "sub").mkdir()
+    for name in ("f_1.ply", "f_2.ply", "f_10.ply", "f_010.ply", "f_x.ply", "sub/g1.ply"):
+        (folder / name).write_text("")
+    assert find_files(["f_?.ply"]) == ["f_1.ply", "f_2.ply", "f_x.ply"]
+    assert find_files(["f_[0-9]*.ply"])[:2] == ["f_1.ply", "f_2.ply"]
+    assert find_files(["f_%d.ply"])[-2:] == ["f_010.ply", "f_10.ply"]
+    assert find_files(["f_%03d.ply"]) == ["f_010.ply"]
+    assert find_files(["sub/g%d.ply"]) == ["sub/g1.ply"]
+    # As the shell sorts them, and as somebody has put them.
+    assert find_files(["f_1.ply", "f_10.ply", "f_2.ply"]) == ["f_1.ply", "f_2.ply", "f_10.ply"]
+    assert find_files(["f_2.ply", "f_10.ply", "f_1.ply"]) == ["f_2.ply", "f_10.ply", "f_1.ply"]
+    (folder / "odd[1].ply").write_text("")
+    assert find_files(["odd[1].ply"]) == ["odd[1].ply"]
+    with pytest.raises(ValueError, match="no_%d.ply: expected a pattern"):
+        find_files(["no_%d.ply"])
+
+
+def test_reading_ahead_overlaps_and_is_bounded():
+    fetched = []
+
+    def source():
+        for i in range(9):
+            fetched.append((i, threading.current_thread().name))
+            yield i
+
+    ahead = read_ahead(source())
+    assert next(ahead) == 0
+    time.sleep(0.3)
+    assert len(fetched) == 3  # one in hand, one waiting, one that finds no place
+    assert all(name != threading.current_thread().name for _, name in fetched)
+    assert list(ahead) == list(range(1, 9))
+
+
+def test_an_error_comes_at_its_place():
+    def source():
+        yield 1
+        raise OSError("gone")
+
+    ahead = read_ahead(source())
+    assert next(ahead) == 1
+    with pytest.raises(OSError, match="gone"):
+        next(ahead)
+
+
+# the command
+
+
+def test_a_pattern_makes_pictures(files, capsys):
+    assert main(["render", "f_%d.npz", "-o", "p_%d.png", "--json", *SMALL]) == 0
+    facts = json.loads(capsys.readouterr().out)
+    assert facts["images"] == [f"p_{i}.png" for i in range(N)]
+    supports = {report["support"] for report in facts["frames"]}
+    assert len(supports) == 1  # measured on the first, although the block grows
+    masks = [(p != p[0, 0]).any(axis=2) for p in pictures()]
+    for mask in masks:  # the camera sees all of them
+        assert mask.any() and not (mask[0].any() or mask[:, 0].any() or mask[:, -1].any())
+    middles = [np.argwhere(mask).mean(axis=0)[1] for mask in masks]
+    assert (np.diff(middles) > 1).all()  # and the block moves through a view that stands still
+
+
+def test_the_colour_range_is_constant(files):
+    command = ["--color-by", "speed", "--eye", "1,0.5,6", "--look-at", "1,0.5,0", *SMALL]
+    assert main(["render", *files, "-o", "a_%d.png", *command]) == 0
+    assert main(["render", *files, "-o", "b_%d.png", *command, "--range", "0,4"]) == 0
+    for a, b in zip(pictures("a_%d.png"), pictures("b_%d.png"), strict=True):
+        assert (a == b).all()
+    assert main(["render", files[0], "-o", "one.png", *command]) == 0
+    assert (np.asarray(Image.open("one.png")) != pictures("a_%d.png")[0]).any()
+
+
+def test_empty_first_files_do_not_decide(files):
+    gb.write("f_0.npz", gb.Particles(np.zeros((0, 3))))
+    assert main(["render", *files, "-o", "p_%d.png", *SMALL]) == 0
+    n_seen = [int((p != p[0, 0]).any(axis=2).sum()) for p in pictures()]
+    assert n_seen[0] == 0 and min(n_seen[1:]) > 50
+
+
+def test_a_path_around_one_file(files):
+    keys = [
+        {"time": 0, "eye": [0.5, 0.5, 4], "look_at": [0.5, 0.5, 0.5]},
+        {"time": 1, "eye": [4, 0.5, 0.5]},
+    ]
+    with open("path.json", "w") as file:
+        json.dump(keys, file)
+    command = ["render", files[0], "--camera-path", "path.json", "--fps", "2", *SMALL]
+    os.mkdir("turn")
+    assert main([*command, "-o", "turn"]) == 0
+    assert sorted(os.listdir("turn")) == [f"f_0_{i:04d}.png" for i in range(3)]
+    scene = gb.Scene(gb.read(files[0]), device="cpu")
+    view = gb.CameraPath(keys, fps=2)(1)
+    expected = gb.render(scene, view, (40, 30)).picture
+    assert (np.asarray(Image.open("turn/f_0_0001.png")) == expected).all()
+
+
+def test_wrong_paths_take_one_line(files, capsys, folder):
+    (folder / "path.toml").write_text("[[key]]\nframe = 0\neye = [1, 2]\nlook_at = [0, 0, 0]\n")
+    command = ["render", *files, "-o", "p_%d.png", *SMALL, "--camera-path"]
+    err = refused(capsys, *command, "path.toml")
+    assert "path.toml" in err and "key 1" in err and "eye" in err
+    assert "no.toml" in refused(capsys, *command, "no.toml")
+    assert "--eye" in refused(capsys, *command, "path.toml", "--eye", "1,2,3")
+    assert not list(folder.glob("p_*.png"))
+
+
+def test_mistakes(files, capsys):
+    assert "none_*.ply" in refused(capsys, "render", "none_*.ply", "-o", "p_%d.png")
+    assert "--fps" in refused(capsys, "render", *files, "-o", "p_%d.png", "--fps", "0")
+    assert "nowhere" in refused(capsys, "render", *files, "-o", "nowhere/a.mp4")
+
+
+@pytest.mark.parametrize("aim", [[], ["--eye", "1,0.5,6", "--look-at", "1,0.5,0"]])
+def test_pictures_before_a_broken_file_stay(files, capsys, folder, aim):
+    (folder / "f_2.npz").write_bytes(b"nonsense")
+    err = refused(capsys, "render", *files, "-o", "p_%d.png", *aim, *SMALL)
+    assert "f_2.npz" in err
+    assert sorted(p.name for p in folder.glob("p_*.png")) == ["p_0.png", "p_1.png"]
+
+
+# going on
+
+
+def test_resume(files, folder, capsys):
+    command = ["render", *files, "-o", "p_%d.png", *SMALL]
+    assert main(command) == 0
+    whole = pictures()
+    (folder / "p_1.png").write_bytes((folder / "p_1.png").read_bytes()[:-300])  # half
+    (folder / "p_3.png").unlink()
+    before = {i: (folder / f"p_{i}.png").stat().st_mtime_ns for i in (0, 1, 2)}
+    capsys.readouterr()
+    assert main([*command, "--resume"]) == 0
+    assert capsys.readouterr().out.count("\n") == 2
+    after = {i: (folder / f"p_{i}.png").stat().st_mtime_ns for i in (0, 1, 2)}
+    assert after[0] == before[0] and after[2] == before[2] and after[1] != before[1]
+    for a, b in zip(whole, pictures(), strict=True):
+        assert (a == b).all()
+    assert main([*command, "--resume"]) == 0  # all there
+    assert "4 pictures, 4 of them there already" in capsys.readouterr().out
+    assert not is_whole("p_0.png", (41, 30))
+
+
+def test_resume_needs_the_arrays_too(files, folder):
+    command = ["render", *files, "-o", "p_%d.png", "--aov", "p_%d.npz", *SMALL]
+    assert main(command) == 0
+    (folder / "p_2.npz").write_bytes(b"half")
+    assert main([*command, "--resume"]) == 0
+    with np.load("p_2.npz") as arrays:
+        assert arrays["mask"].any()
+
+
+@needs_av
+def test_a_movie(files, folder, capsys):
+    assert main(["render", "f_*.npz", "-o", "m.mp4", "--fps", "12", "--size", "41x30"]) == 0
+    out, err = capsys.readouterr()
+    assert out.startswith("m.mp4: 4 frames") and err == ""
+    assert not (folder / "m.mp4.frames").exists()
+    with av.open("m.mp4") as movie:
+        shown = list(movie.decode(video=0))
+        assert movie.streams.video[0].average_rate == 12
+    assert [(f.width, f.height) for f in shown] == [(42, 30)] * N
+    assert main(["render", "f_*.npz", "-o", "m.mp4", "--json", *SMALL]) == 0
+    facts = json.loads(capsys.readouterr().out)
+    assert facts["images"] == ["m.mp4"] and facts["counts"] == {"pictures": 4, "kept": 0}
+
+
+@needs_av
+def test_a_movie_goes_on_where_it_stopped(files, folder, capsys):
+    good = (folder / "f_2.npz").read_bytes()
+    (folder / "f_2.npz").write_bytes(b"nonsense")
+    command = ["render", *files, "-o", "m.mp4", *SMALL]
+    command += ["--eye", "1,0.5,6", "--look-at", "1,0.5,0"]
+    assert main(command) == 2
+    err = capsys.readouterr().err
+    assert "f_2.npz" in err and "2 finished pictures are in m.mp4.frames" in err
+    assert not (folder / "m.mp4").exists()
+    (folder / "f_2.npz").write_bytes(good)
+    assert main([*command, "--resume"]) == 0
+    assert "4 frames, 2 of them there already" in capsys.readouterr().out
+    assert (folder / "m.mp4").exists() and not (folder / "m.mp4.frames").exists()
+
+
+def test_a_movie_without_pyav(files, folder, monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "av", None)
+    assert "globule[video]" in refused(capsys, "render", *files, "-o", "m.mp4", *SMALL)
+    assert not list(folder.glob("m.mp4*"))
+
+
+@needs_av
+def test_interrupted_in_the_middle(files, folder):
+    """Ctrl-C: whole pictures only, one word about it, and the run can go on."""
+    command = [sys.executable, "-m", "globule", "render", *files * 200, "-o", "m.mp4", *SMALL]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    frames = folder / "m.mp4.frames"
+    end = time.monotonic() + 30
+    while not (frames / "000005.png").exists() and time.monotonic() < end:
+        time.sleep(0.01)
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=60)
+    assert process.returncode == 130 and out == ""
+    assert err.endswith("globule: interrupted\n") and "--resume goes on" in err
+    kept = sorted(frames.iterdir())
+    assert 6 <= len(kept) < 800
+    assert all(is_whole(str(path), (40, 30)) for path in kept)
+    assert not (folder / "m.mp4").exists()
+
+
+def test_a_terminal_gets_a_progress_bar(files):
+    pty = pytest.importorskip("pty")
+    ours, theirs = pty.openpty()
+    command = [sys.executable, "-m", "globule", "render", *files, "-o", "p_%d.png", *SMALL]
+    done = subprocess.run(command, stdout=subprocess.PIPE, stderr=theirs, timeout=60)
+    os.close(theirs)
+    shown = os.read(ours, 100_000).decode()
+    os.close(ours)
+    assert done.returncode == 0
+    assert "/16 " in shown and shown.endswith("\r\033[K")
+
+
+# the library
+
+
+def test_library_and_command_agree(files):
+    eye, middle = (1, 0.5, 6), (1, 0.5, 0)
+    words = ["--eye", "1,0.5,6", "--look-at", "1,0.5,0", *SMALL]
+    assert main(["render", *files, "-o", "a_%d.png", *words]) == 0
+    names = gb.render_sequence(
+        "f_*.npz", "b_%d.png", gb.Camera(eye, middle), (40, 30), device="cpu"
+    )
+    assert names == [f"b_{i}.png" for i in range(N)]
+    for a, b in zip(pictures("a_%d.png"), pictures("b_%d.png"), strict=True):
+        assert (a == b).all()
+
+
+class Falling:
+    """A simulation that overwrites its own array."""
+
+    def __init__(self):
+        self.positions = frame(0).positions.copy()
+        self.n_steps = 0
+
+    @property
+    def particles(self):
+        return gb.Particles(self.positions)
+
+    def step(self):
+        self.positions[:, 1] -= 0.1
+        self.n_steps += 1
+
+
+def test_sources(files):
+    options = {"camera": gb.Camera((0.5, 0.5, 4), (0.5, 0.5, 0)), "size": (40, 30)}
+    gb.render_sequence(files, "p_%d.png", **options, device="cpu")
+    whole = pictures()
+    gb.render_sequence((frame(i) for i in range(N)), "p_%d.png", **options, device="cpu")
+    assert all((a == b).all() for a, b in zip(whole, pictures(), strict=True))
+    falling = Falling()
+    gb.render_sequence(falling, "p_%d.png", **options, n_frames=N, device="cpu")
+    assert falling.n_steps == N - 1
+    rows = [np.argwhere((p != p[0, 0]).any(axis=2)).mean(axis=0)[0] for p in pictures()]
+    assert (np.diff(rows) > 0.5).all()
+    with pytest.raises(ValueError, match="n_frames"):
+        gb.render_sequence(falling, "p_%d.png", **options)
+    with pytest.raises(ValueError, match="output"):
+        gb.render_sequence(files, "p.png", **options)
+
+
+def test_a_turntable_of_one_set(folder):
+    cameras = gb.orbit(gb.Camera((0.5, 0.5, 4), (0.5, 0.5, 0.5)), 1, N)
+    names = gb.render_sequence(frame(0), "p_%d.png", cameras, (40, 30), device="cpu")
+    assert len(names) == N
+    assert gb.render_sequence(frame(0), "p_%d.png", cameras, (40, 30), resume=True) == names
+
+
+def test_value_range(files):
+    assert gb.value_range(files, "speed") == (0, N)
+    assert gb.value_range([frame(1)], "speed") == (1, 2)
+    with pytest.raises(ValueError, match="speed"):
+        gb.value_range(files, "sped")

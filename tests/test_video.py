@@ -1,0 +1,78 @@
+"""Movies: right number, right size, right colours, and whole or not at all."""
+
+from __future__ import annotations
+
+import os
+import sys
+
+import numpy as np
+import pytest
+from globule.video import need_av, write_movie
+
+try:
+    import av
+except ImportError:
+    av = None
+
+needs_av = pytest.mark.skipif(av is None, reason="PyAV is not installed (the extra `video`)")
+
+
+def decoded(path) -> list[np.ndarray]:
+    with av.open(str(path)) as movie:
+        frames = movie.decode(video=0)
+        return [f.reformat(format="rgb24", src_colorspace="ITU709").to_ndarray() for f in frames]
+
+
+def pictures(n: int, width: int, height: int) -> list[np.ndarray]:
+    ramp = np.linspace(0, 200, n).astype(np.uint8)
+    return [np.full((height, width, 3), (v, 60, 220 - v), np.uint8) for v in ramp]
+
+
+@needs_av
+@pytest.mark.parametrize("size", [(64, 48), (41, 31), (2, 2), (1, 1)])
+def test_a_movie_holds_its_pictures(tmp_path, size):
+    made = pictures(7, *size)
+    assert write_movie(tmp_path / "a.mp4", iter(made), 25) == 7
+    shown = decoded(tmp_path / "a.mp4")
+    width, height = (v + v % 2 for v in size)
+    assert len(shown) == 7 and all(p.shape == (height, width, 3) for p in shown)
+    for before, after in zip(made, shown, strict=True):
+        assert np.abs(after.mean((0, 1)) - before.mean((0, 1))).max() < 4
+    assert os.listdir(tmp_path) == ["a.mp4"]
+
+
+@needs_av
+@pytest.mark.parametrize("fps", [24, 29.97, 60])
+def test_what_players_need(tmp_path, fps):
+    write_movie(tmp_path / "a.mp4", pictures(4, 32, 32), fps)
+    with av.open(str(tmp_path / "a.mp4")) as movie:
+        stream = movie.streams.video[0]
+        assert float(stream.average_rate) == pytest.approx(fps, rel=1e-3)
+        assert stream.codec_context.pix_fmt == "yuv420p"
+        assert stream.codec_context.codec.name in ("h264", "libdav1d", "libx264")
+        assert stream.codec_context.colorspace == 1
+
+
+@needs_av
+def test_no_half_movies(tmp_path):
+    def broken():
+        yield from pictures(2, 32, 32)
+        raise OSError("gone")
+
+    (tmp_path / "old.mp4").write_bytes(b"old")
+    with pytest.raises(OSError, match="gone"):
+        write_movie(tmp_path / "old.mp4", broken())
+    with pytest.raises(ValueError, match="at least one"):
+        write_movie(tmp_path / "new.mp4", [])
+    with pytest.raises(ValueError, match="expected 32x32, got 34x32"):
+        write_movie(tmp_path / "new.mp4", [*pictures(1, 32, 32), *pictures(1, 34, 32)])
+    with pytest.raises(ValueError, match="fps"):
+        write_movie(tmp_path / "new.mp4", pictures(1, 32, 32), 0)
+    assert os.listdir(tmp_path) == ["old.mp4"]
+    assert (tmp_path / "old.mp4").read_bytes() == b"old"
+
+
+def test_without_pyav(monkeypatch):
+    monkeypatch.setitem(sys.modules, "av", None)
+    with pytest.raises(ImportError, match=r"globule\[video\]"):
+        need_av()
