@@ -34,6 +34,7 @@ from .shared import (
     positive,
     print_json,
     reading,
+    stem,
     vector,
 )
 
@@ -167,8 +168,8 @@ def outputs(
 
 def _names(option: str, pattern: str, inputs: list[str], extension: str) -> list[str]:
     folder = os.path.isdir(pattern) or pattern.endswith("/")
-    stem = "{}" if len(set(inputs)) == len(inputs) else "{}_%04d"
-    full = os.path.join(pattern, stem + extension) if folder else pattern
+    name = "{}" if len(set(inputs)) == len(inputs) else "{}_%04d"
+    full = os.path.join(pattern, name + extension) if folder else pattern
     number = re.search(r"%(0?\d?)d", os.path.basename(full))
     if len(inputs) > 1 and not number and "{}" not in os.path.basename(full):
         message = f"a folder or a name with {{}} or %d for {len(inputs)} files"
