@@ -4,6 +4,7 @@
 #pragma once
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -11,6 +12,7 @@
 #include "globule/octree/types.hpp"
 #include "globule/trace/camera.hpp"
 #include "globule/trace/shade.hpp"
+#include "globule/trace/thesis/request.hpp"
 
 namespace globule {
 
@@ -76,6 +78,8 @@ struct Scene {
     virtual void blend(const FieldRequest& field, std::size_t n, FloatArray points, FloatArray values, int channels, float* out) = 0;
     virtual Neighbors neighbors(std::size_t n, FloatArray points, float radius) = 0;
     virtual void synchronize() = 0;
+    /// How the rays that follow are traced: the thesis's way (dense octree only), or ours.
+    virtual void trace_like(const std::optional<ThesisRequest>& thesis) = 0;
 };
 
 /// Polled during long work; true asks to stop (then the call throws Cancelled).

@@ -18,6 +18,7 @@ from .octree import field, gradient, intersect  # noqa: E402
 from .particles import Particles  # noqa: E402
 from .render import DirectionalLight, Frame, Headlight, PointLight, RenderSettings, render  # noqa: E402
 from .scene import Scene  # noqa: E402
+from .thesis import Thesis  # noqa: E402
 
 __version__ = "0.1.0"
 __all__ = [
@@ -30,6 +31,7 @@ __all__ = [
     "PointLight",
     "RenderSettings",
     "Scene",
+    "Thesis",
     "field",
     "gradient",
     "intersect",

@@ -13,6 +13,7 @@ from .camera import Camera
 from .files import atomic_write
 from .particles import to_host
 from .scene import Scene
+from .thesis import Thesis, choose_tracing
 
 MAX_PIXELS = 2**28
 # How far from a particle, in supports, the surface may lie: where b = 0.6 / 8, so that it takes
@@ -169,6 +170,7 @@ def render(
     camera: Camera | None = None,
     size: tuple[int, int] = (1024, 782),
     settings: RenderSettings | None = None,
+    thesis: Thesis | None = None,
 ) -> Frame:
     """Trace a ray through each pixel's centre to the first point where the field is the threshold.
 
@@ -176,6 +178,7 @@ def render(
         scene: what to see.
         camera: default: `Camera.fit(scene)`.
         size: (width, height) pixels.
+        thesis: trace the source thesis's way, with these choices; default: exactly.
     """
     try:
         width, height = (int(v) for v in size)
@@ -187,6 +190,7 @@ def render(
         camera = fit_camera(scene, (width, height))
     view = [float(v) for v in camera.frame((width, height)).ravel()]
     look = (settings or RenderSettings())._pack()
+    choose_tracing(scene, thesis)
     frame = scene._scene.render(
         scene._kernel, scene.threshold, view, width, height, camera.height is not None, look
     )

@@ -1,0 +1,101 @@
+// The thesis's tracing of one ray (§5.2-5.4): leaves in order, their candidates, the search between the
+// exterior spheres' events, what the hit looks like.  One thread a ray, float32 throughout.
+#pragma once
+#include "globule/trace/thesis/bezier.hpp"
+#include "globule/trace/thesis/march_thresholds.hpp"
+#include "globule/trace/thesis/normals.hpp"
+#include "globule/trace/tile.hpp"
+
+namespace globule::thesis {
+
+/// f along the ray, from the candidates.
+template <class Kernel>
+struct FieldOnRay {
+    const Candidates& candidates;
+    const Kernel& kernel;
+    GB_FN float operator()(float t) const {
+        const SortedParticles& particles = candidates.particles();
+        const float3 p = candidates.ray().at(t);
+        float f = 0.0f;
+        candidates.each([&](const Candidate& s) {
+            if (t < s.enter || t > s.leave) return;
+            const float a = particles.support[s.slot];
+            const float3 v = p - particles.position(s.slot);
+            float b, slope;
+            kernel(least(dot(v, v) / (a * a), 1.0f), b, slope);
+            f += particles.weight[s.slot] * b;
+        });
+        return f;
+    }
+};
+
+/// Search: March, its step in typical supports, or Bezier<degree>.
+template <class Kernel, class Search>
+struct TraceRays {
+    DenseTree tree;
+    const std::uint8_t* near;  ///< from MarkNear, or null without ghosts
+    SortedParticles particles;
+    Kernel kernel;
+    Search search;
+    ThesisRequest choice;
+    float tau;
+    float lone;                ///< lone_surface(), or NaN where weights differ
+    const float* color;        ///< (n, 3), caller's order, or null
+    float3 one_color;
+    RaySource rays;
+    Hits out;
+
+    static constexpr bool marches = requires(Search s) { s.step; };
+
+    GB_FN void operator()(std::size_t i) const {
+        out.t[i] = infinity();
+        Look seen{{0, 0, 0}, {0, 0, 0}};
+        if (!tree.empty()) trace(i, seen);
+        write3(out.normal, i, seen.normal);
+        write3(out.albedo, i, seen.albedo);
+    }
+
+private:
+    GB_FN void trace(std::size_t i, Look& seen) const {
+        float3 o, d;
+        rays.get(i, o, d);
+        const Ray ray(o, d);
+        const float reach = choice.ghosts ? tree.nodes[0].reach : 0.0f;
+        const Grid grid{tree.header->space, tree.header->depth, reach};
+        Stack stack(grid, ray, {tree.nodes, near});
+        Candidates candidates(tree, particles, grid, ray,
+                              {choice.ghosts, choice.face_rule, choice.exterior || !marches});
+        float sign = 1.0f;  // -1 where the ray begins inside the medium
+        for (Visit leaf; stack.next(leaf);) {
+            candidates.gather(leaf);
+            if (leaf.enter <= 0.0f && FieldOnRay<Kernel>{candidates, kernel}(0.0f) > tau) sign = -1.0f;
+            float t;
+            if (!find(candidates, leaf, sign, t)) continue;
+            out.t[i] = t;
+            seen = look(candidates, kernel, color, one_color, choice.averaged_normals, t);
+            return;
+        }
+    }
+
+    GB_FN bool find(const Candidates& candidates, const Visit& leaf, float sign, float& t) const {
+        float from = leaf.enter, end = leaf.leave;
+        if (choice.exterior && candidates.complete() && sign > 0.0f) {
+            int n = 0;
+            float last = from;
+            for (; n < candidates.size() && candidates[n].enter < end; ++n) last = most(last, candidates[n].leave);
+            if (n == 0) return false;
+            if (n == 1 && lone == lone)
+                return meet_lone(candidates[0], particles.support[candidates[0].slot], lone, from, end, t);
+            from = most(from, candidates[0].enter);
+            end = least(end, last);
+        }
+        if constexpr (marches) {
+            const March march{search.step * tree.header->typical_support, search.n_thresholds, search.refine};
+            return march(FieldOnRay<Kernel>{candidates, kernel}, tau, sign, from, end, t);
+        } else {
+            return search(candidates, tau, sign, from, end, t);
+        }
+    }
+};
+
+}  // namespace globule::thesis
