@@ -59,19 +59,24 @@ private:
     GB_FN void trace(std::size_t i, Look& seen) const {
         float3 o, d;
         rays.get(i, o, d);
-        const Ray ray(o, d);
         const float reach = choice.ghosts ? tree.nodes[0].reach : 0.0f;
         const Grid grid{tree.header->space, tree.header->depth, reach};
+        Visit root{0, 0, 0.0f, 0.0f, 0};
+        if (!slab_test(grid, Ray(o, d), root)) return;
+        // Counted from the root's box, not from the eye: far eyes cost no precision.
+        const float start = root.enter;
+        o = {float(o.x + double(start) * d.x), float(o.y + double(start) * d.y), float(o.z + double(start) * d.z)};
+        const Ray ray(o, d);
         Stack stack(grid, ray, {tree.nodes, near});
         Candidates candidates(tree, particles, grid, ray,
                               {choice.ghosts, choice.face_rule, choice.exterior || !marches});
         float sign = 1.0f;  // -1 where the ray begins inside the medium
         for (Visit leaf; stack.next(leaf);) {
             candidates.gather(leaf);
-            if (leaf.enter <= 0.0f && FieldOnRay<Kernel>{candidates, kernel}(0.0f) > tau) sign = -1.0f;
+            if (start <= 0.0f && leaf.enter <= 0.0f && FieldOnRay<Kernel>{candidates, kernel}(0.0f) > tau) sign = -1.0f;
             float t;
             if (!find(candidates, leaf, sign, t)) continue;
-            out.t[i] = t;
+            out.t[i] = start + t;
             seen = look(candidates, kernel, color, one_color, choice.averaged_normals, t);
             return;
         }
