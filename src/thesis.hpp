@@ -45,8 +45,9 @@ private:
         }
         const float lone = particles.weight.data ? std::numeric_limits<float>::quiet_NaN()
                                                  : thesis::lone_surface(kernel, particles.weight.uniform, field.threshold);
-        exec.for_each(rays.n, thesis::TraceRays<Kernel, Search>{tree, flags, particles, kernel, search, choice,
-                                                                field.threshold, lone, color, one_color, rays, hits});
+        const thesis::TraceRays<Kernel, Search> trace{tree, flags, particles, kernel, search, choice,
+                                                      field.threshold, lone, color, one_color, rays, hits};
+        exec.for_each_tile(trace.template n_tiles<typename Exec::Group>(), trace);
     }
 };
 

@@ -28,8 +28,8 @@ class Thesis:
         step: of the march, in supports, where no threshold is passed. What is thinner may be
             missed.
         thresholds: how many of them below the scene's own, evenly; each one passed halves the step.
-        ghosts: neighbours' particles are seen, and leaves beside occupied ones are visited. Without:
-            the artefacts of Fig. 5.6.
+        ghosts: neighbours' particles are seen, and leaves beside occupied ones are visited.
+            Without: the artefacts of Fig. 5.6.
         face_rule: the nine neighbours across the face of entry are not fetched again (Fig. 5.7);
             the picture is the same.
         exterior: the spheres of radius a bound the search, and one met alone needs none (Figs 5.3,

@@ -19,7 +19,8 @@ from ..camera import Camera
 from ..colormaps import NAMES as COLORMAPS
 from ..render import MAX_PIXELS, Frame, RenderSettings, fit_camera, render
 from ..scene import KERNELS, Scene
-from . import look
+from ..thesis import Thesis
+from . import look, tracing
 from .shared import (
     Progress,
     UserError,
@@ -81,7 +82,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     surface.add_argument("--threshold", type=positive, metavar="T",
                          help="iso-value of the summed field (default: by kernel)")
     tree = parser.add_argument_group("octree")
-    tree.add_argument("--octree", choices=("sparse", "dense"), default="sparse")
+    tree.add_argument("--octree", choices=("sparse", "dense"))
+    tracing.add_arguments(parser)
     tree.add_argument("--depth", type=int, metavar="N", help="deepest level")
     tree.add_argument("--key-bits", type=int, choices=(32, 64), default=32)
     colors = parser.add_argument_group("looks; colours and radiances are linear, 1 is white")
@@ -109,13 +111,14 @@ def run(options: argparse.Namespace) -> None:
     with mistakes():
         # All but the particles is known already: what is wrong with it shows before any work.
         settings = look.settings(options)
+        thesis = tracing.settle(options)
         camera(options, None)
     images, arrays = outputs(options)
     check_device(options)
     reports = []
     with Progress(4 * len(images)) as progress:
         for path, image, aov in zip(options.particles, images, arrays, strict=True):
-            reports.append(_picture(options, settings, progress, path, image, aov))
+            reports.append(_picture(options, settings, thesis, progress, path, image, aov))
     if options.json:
         print_json(reports[0] if len(reports) == 1 else _together(reports))
         return
@@ -193,8 +196,8 @@ def _direction(up: tuple[float, float, float]) -> np.ndarray:
 
 
 def _picture(
-    options: argparse.Namespace, settings: RenderSettings, progress: Progress,
-    path: str, image: str, aov: str | None,
+    options: argparse.Namespace, settings: RenderSettings, thesis: Thesis | None,
+    progress: Progress, path: str, image: str, aov: str | None,
 ) -> dict[str, Any]:
     """One file's picture, and what there is to report of it."""
     start = time.perf_counter()
@@ -214,13 +217,16 @@ def _picture(
         if options.color_by:
             particles.color = look.color_by(options, path, particles, messages)
         progress.step(f"building {path}")
+        support, depth = tracing.support_and_depth(options, particles)
         scene = Scene(
-            particles, options.kernel, options.threshold, options.support, options.key_bits,
-            options.depth, options.octree, options.device, options.threads,
+            particles, options.kernel, options.threshold, support, options.key_bits, depth,
+            options.octree, options.device, options.threads,
         )
         view = camera(options, scene)
     progress.step(f"tracing {path}")
-    frame = render(scene, view, options.size, settings)
+    frame = render(scene, view, options.size, settings, thesis)
+    cut = tracing.why_cut(scene) if thesis else None
+    messages += [cut] if cut else []
     hits = int(frame.mask.sum())
     tree = scene.octree
     n_outside = len(particles) - tree.n_inside
@@ -243,6 +249,7 @@ def _picture(
         "aov": aov,
         "device": scene.device.description,
         "size": options.size,
+        "root": options.root,
         "kernel": scene.kernel,
         "threshold": scene.threshold,
         "support": _one_number(scene.support),

@@ -81,6 +81,16 @@ private:
     struct Run {
         std::uint32_t first, last;
     };
+    struct Box {
+        float3 lo, hi;
+        GB_FN Box(const Grid& grid, const Visit& leaf) {
+            const auto c = morton::decode(leaf.cell);
+            const float3 from = grid.space.lo;
+            lo = {grid.plane(from.x, leaf.level, c.x), grid.plane(from.y, leaf.level, c.y), grid.plane(from.z, leaf.level, c.z)};
+            hi = {grid.plane(from.x, leaf.level, c.x + 1), grid.plane(from.y, leaf.level, c.y + 1),
+                  grid.plane(from.z, leaf.level, c.z + 1)};
+        }
+    };
     static constexpr int kListed = 64;
     static constexpr std::uint32_t kNowhere = ~0u;
 
@@ -122,6 +132,7 @@ private:
     GB_FN void collect(const Visit& leaf, bool known) {
         const int depth = leaf.level;
         const Key key = morton::Traits<Key>::inside | leaf.cell << morton::shift_of<Key>(depth);
+        const Box box(grid_, leaf);
         n_runs_ = 0;
         for (int k = rules_.ghosts ? 0 : 13; k < (rules_.ghosts ? 27 : 14); ++k) {  // 13: the leaf itself
             const int step[3] = {k % 3 - 1, k / 3 % 3 - 1, k / 9 - 1};
@@ -133,20 +144,16 @@ private:
             runs_[n_runs_++] = {node.first, node.last};
             for (std::uint32_t slot = node.first; complete_ && slot < node.last; ++slot) {
                 Candidate c;
-                if ((k == 13 || reaches(slot, leaf)) && meet(slot, c) && c.leave > leaf.enter) insert(c);
+                if ((k == 13 || reaches(slot, box)) && meet(slot, c) && c.leave > leaf.enter) insert(c);
             }
         }
     }
     /// Is the particle's distance to the cell at most its support?
-    GB_FN bool reaches(std::uint32_t slot, const Visit& leaf) const {
-        const auto cell = morton::decode(leaf.cell);
-        const float3 q = particles_.position(slot);
-        const float x = outside(q.x, grid_.space.lo.x, cell.x), y = outside(q.y, grid_.space.lo.y, cell.y),
-                    z = outside(q.z, grid_.space.lo.z, cell.z), a = particles_.support[slot];
-        return x * x + y * y + z * z <= a * a;
-    }
-    GB_FN float outside(float q, float lo, std::uint32_t i) const {
-        return most(most(grid_.plane(lo, grid_.depth, i) - q, q - grid_.plane(lo, grid_.depth, i + 1)), 0.0f);
+    GB_FN bool reaches(std::uint32_t slot, const Box& box) const {
+        const float3 q = particles_.position(slot), lo = box.lo - q, hi = q - box.hi;
+        const float3 apart{most(most(lo.x, hi.x), 0.0f), most(most(lo.y, hi.y), 0.0f), most(most(lo.z, hi.z), 0.0f)};
+        const float a = particles_.support[slot];
+        return dot(apart, apart) <= a * a;
     }
     /// Keeps the order of entry, equal ones by slot: sums do not depend on where candidates came from.
     GB_FN void insert(const Candidate& c) {
