@@ -41,7 +41,7 @@ private:
         if (choice.ghosts) {
             flags = near.reserve(octree.n_dense_nodes());
             exec.clear(flags, octree.n_dense_nodes());
-            exec.for_each(octree.size(), thesis::MarkNear{tree, static_cast<const thesis::Key*>(octree.keys()), flags});
+            exec.for_each(octree.size(), thesis::MarkNear{tree, particles, static_cast<const thesis::Key*>(octree.keys()), flags});
         }
         const float lone = particles.weight.data ? std::numeric_limits<float>::quiet_NaN()
                                                  : thesis::lone_surface(kernel, particles.weight.uniform, field.threshold);

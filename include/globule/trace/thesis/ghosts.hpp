@@ -2,8 +2,8 @@
 // arithmetic, whose support reaches into it.  Right while no support is larger than a leaf's edge.
 //
 // A surface may also lie in a leaf without particles, next to one that has some (Fig. 5.6a), so the
-// traversal must open those too: before the rays start, every occupied leaf raises a flag in itself,
-// in its 26 neighbours and in all their ancestors.
+// traversal must open those too: before the rays start, every particle raises a flag in its leaf, in
+// those of the 26 neighbours that its support reaches, and in all their ancestors.
 #pragma once
 #include "globule/exec/bits.hpp"
 #include "globule/trace/thesis/exterior.hpp"
@@ -12,20 +12,63 @@ namespace globule::thesis {
 
 using Key = std::uint32_t;
 
-/// One thread a particle; the first of a leaf speaks for it.
+/// A leaf's box.
+struct CellBox {
+    float3 lo, hi;
+    GB_FN CellBox(const Grid& grid, Key key) {
+        const auto c = morton::decode(Key((key & (morton::Traits<Key>::inside - 1)) >> morton::shift_of<Key>(grid.depth)));
+        const float3 from = grid.space.lo;
+        lo = {grid.plane(from.x, grid.depth, c.x), grid.plane(from.y, grid.depth, c.y), grid.plane(from.z, grid.depth, c.z)};
+        hi = {grid.plane(from.x, grid.depth, c.x + 1), grid.plane(from.y, grid.depth, c.y + 1),
+              grid.plane(from.z, grid.depth, c.z + 1)};
+    }
+    /// Is the particle's distance to the cell at most its support?
+    GB_FN bool within(const SortedParticles& particles, std::uint32_t slot) const {
+        const float3 q = particles.position(slot), below = lo - q, above = q - hi;
+        const float3 apart{most(most(below.x, above.x), 0.0f), most(most(below.y, above.y), 0.0f),
+                           most(most(below.z, above.z), 0.0f)};
+        const float a = particles.support[slot];
+        return dot(apart, apart) <= a * a;
+    }
+};
+
+/// The 27 keys around a leaf, itself included, from six face steps.
+class Neighborhood {
+public:
+    GB_FN Neighborhood(Key key, int level) {
+        for (int axis = 0; axis < 3; ++axis)
+            for (int step = -1; step <= 1; ++step) {
+                Key moved = key;
+                if (step && !morton::face_neighbor(key, level, axis, step, moved)) moved = 0;
+                part_[axis][step + 1] = moved & (morton::Traits<Key>::inside | morton::spread(~Key(0)) << axis);
+            }
+    }
+    /// False where that neighbour lies outside the octree.
+    GB_FN bool get(int dx, int dy, int dz, Key& out) const {
+        const Key x = part_[0][dx + 1], y = part_[1][dy + 1], z = part_[2][dz + 1];
+        out = x | y | z;
+        return x & y & z & morton::Traits<Key>::inside;
+    }
+
+private:
+    Key part_[3][3];  ///< an axis' bits and the descriptor; without that: outside
+};
+
+/// One thread a particle.
 struct MarkNear {
     DenseTree tree;
+    SortedParticles particles;
     const Key* keys;
     std::uint8_t* near;
     GB_FN void operator()(std::size_t i) const {
-        const int depth = tree.header->depth;
         if (!(keys[i] & morton::Traits<Key>::inside)) return;
-        if (tree.nodes[morton::dense_index(keys[i], depth)].first != i) return;
-        const Key key = morton::ancestor(keys[i], depth);
+        const Grid grid{tree.header->space, tree.header->depth, tree.nodes[0].reach};
+        const Neighborhood around(morton::ancestor(keys[i], grid.depth), grid.depth);
         for (int k = 0; k < 27; ++k) {
             Key there;
-            if (!morton::neighbor(key, depth, k % 3 - 1, k / 3 % 3 - 1, k / 9 - 1, there)) continue;
-            std::uint64_t at = morton::dense_index(there, depth);
+            if (!around.get(k % 3 - 1, k / 3 % 3 - 1, k / 9 - 1, there)) continue;
+            if (k != 13 && !CellBox(grid, there).within(particles, std::uint32_t(i))) continue;
+            std::uint64_t at = morton::dense_index(there, grid.depth);
             while (!flag_is_up(near + at)) {  // whoever raised it sees to its ancestors
                 raise_flag(near + at);
                 if (at) at = (at - 1) / 8;
@@ -81,16 +124,6 @@ private:
     struct Run {
         std::uint32_t first, last;
     };
-    struct Box {
-        float3 lo, hi;
-        GB_FN Box(const Grid& grid, const Visit& leaf) {
-            const auto c = morton::decode(leaf.cell);
-            const float3 from = grid.space.lo;
-            lo = {grid.plane(from.x, leaf.level, c.x), grid.plane(from.y, leaf.level, c.y), grid.plane(from.z, leaf.level, c.z)};
-            hi = {grid.plane(from.x, leaf.level, c.x + 1), grid.plane(from.y, leaf.level, c.y + 1),
-                  grid.plane(from.z, leaf.level, c.z + 1)};
-        }
-    };
     static constexpr int kListed = 64;
     static constexpr std::uint32_t kNowhere = ~0u;
 
@@ -132,28 +165,22 @@ private:
     GB_FN void collect(const Visit& leaf, bool known) {
         const int depth = leaf.level;
         const Key key = morton::Traits<Key>::inside | leaf.cell << morton::shift_of<Key>(depth);
-        const Box box(grid_, leaf);
+        const CellBox box(grid_, key);
+        const Neighborhood around(key, depth);
         n_runs_ = 0;
         for (int k = rules_.ghosts ? 0 : 13; k < (rules_.ghosts ? 27 : 14); ++k) {  // 13: the leaf itself
             const int step[3] = {k % 3 - 1, k / 3 % 3 - 1, k / 9 - 1};
             if (known && step[leaf.axis] == -direction(leaf.axis)) continue;
             Key there;
-            if (!morton::neighbor(key, depth, step[0], step[1], step[2], there)) continue;
+            if (!around.get(step[0], step[1], step[2], there)) continue;
             const DenseNode node = tree_.nodes[morton::dense_index(there, depth)];
             if (node.last <= node.first) continue;
             runs_[n_runs_++] = {node.first, node.last};
             for (std::uint32_t slot = node.first; complete_ && slot < node.last; ++slot) {
                 Candidate c;
-                if ((k == 13 || reaches(slot, box)) && meet(slot, c) && c.leave > leaf.enter) insert(c);
+                if ((k == 13 || box.within(particles_, slot)) && meet(slot, c) && c.leave > leaf.enter) insert(c);
             }
         }
-    }
-    /// Is the particle's distance to the cell at most its support?
-    GB_FN bool reaches(std::uint32_t slot, const Box& box) const {
-        const float3 q = particles_.position(slot), lo = box.lo - q, hi = q - box.hi;
-        const float3 apart{most(most(lo.x, hi.x), 0.0f), most(most(lo.y, hi.y), 0.0f), most(most(lo.z, hi.z), 0.0f)};
-        const float a = particles_.support[slot];
-        return dot(apart, apart) <= a * a;
     }
     /// Keeps the order of entry, equal ones by slot: sums do not depend on where candidates came from.
     GB_FN void insert(const Candidate& c) {
