@@ -1,10 +1,13 @@
 """The thesis's own tracing: right within its stated limits, and wrong where the thesis shows it."""
 
 import functools
+import json
 
 import globule as gb
 import numpy as np
 import pytest
+from globule.bench import thesis as tables
+from globule.cli import main
 from globule.thesis import Thesis, default_support
 from scenes import Case, case, cloud, lattice, unit
 
@@ -203,11 +206,11 @@ def test_averaged_normals(backend):
 
 def test_crowded_leaves_lose_nothing(backend):
     """More candidates than a list holds."""
-    p = np.random.default_rng(73).normal(size=(3000, 3)).astype(np.float32) * np.float32(0.2)
-    c = Case(p, support=0.5, threshold=60.0)
+    p = np.random.default_rng(73).normal(size=(700, 3)).astype(np.float32) * np.float32(0.2)
+    c = Case(p, support=0.5, threshold=14.0)
     rng = np.random.default_rng(74)
-    d = unit(rng.normal(size=(200, 3)))
-    o = (rng.uniform(-0.6, 0.6, (200, 3)) - 4 * d).astype(np.float32)
+    d = unit(rng.normal(size=(100, 3)))
+    o = (rng.uniform(-0.6, 0.6, (100, 3)) - 4 * d).astype(np.float32)
     expected = c.first_hit(o, d)
     scene = dense(c, **backend)
     for thesis in (Thesis("bezier"), Thesis(step=0.05)):
@@ -264,3 +267,63 @@ def test_refused_scenes():
         gb.render(gb.Scene(cloud(9), "nishimura", octree="dense"), thesis=Thesis("bezier"))
     with pytest.raises(TypeError, match="thesis: expected a Thesis, got 'march'"):
         gb.render(gb.Scene(cloud(9), octree="dense"), thesis="march")
+
+
+# The command line and the benchmark.
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    gb.write("ball.npz", gb.Particles(cloud(500, 75), support=0.2))
+    gb.write("plain.npz", gb.Particles(cloud(500, 75)))
+
+
+def picture(capsys, *words):
+    small = ["--size", "60x40", "--device", "cpu", "--json", "--aov", "a.npz"]
+    assert main(["render", *words, "-o", "a.png", *small]) == 0
+    out, err = capsys.readouterr()
+    return json.loads(out), np.load("a.npz")["mask"], err
+
+
+def test_roots_on_the_command_line(folder, capsys):
+    exact = picture(capsys, "ball.npz")[1]
+    for root in ("march", "bezier"):
+        report, mask, err = picture(capsys, "ball.npz", "--root", root)
+        assert report["root"] == root and not err
+        assert (mask != exact).mean() < 0.01
+    coarse = picture(capsys, "ball.npz", "--root", "march", "--step", "1")[1]
+    assert coarse.sum() < exact.sum()
+    assert "try --depth 3" in picture(capsys, "ball.npz", "--root", "march", "--depth", "6")[2]
+
+
+def test_the_preset(folder, capsys):
+    """Half a leaf's edge where the file has no support; the file's own otherwise."""
+    extent = float(np.ptp(cloud(500, 75), axis=0).max())
+    report, _, err = picture(capsys, "plain.npz", "--preset", "thesis", "--depth", "3")
+    assert report["support"] == pytest.approx(extent / 16) and report["root"] == "march" and not err
+    report = picture(capsys, "ball.npz", "--preset", "thesis", "--root", "bezier")[0]
+    assert report["support"] == pytest.approx(0.2) and report["root"] == "bezier"
+
+
+@pytest.mark.parametrize("words, message", [
+    (["--step", "1"], "--step: expected --root march beside it, got exact"),
+    (["--root", "bezier", "--step", "1"], "--step: expected --root march"),
+    (["--root", "march", "--step", "1e9"], "step: expected 0.0001 to 10000 supports"),
+    (["--root", "march", "--octree", "sparse"], "--octree: expected dense with --root march"),
+    (["--root", "bezier", "--kernel", "nishimura"], "--kernel: expected murakami or wyvill"),
+    (["--preset", "thesis", "--depth", "9"], "depth: expected 0 to 8"),
+    (["--root", "newton"], "newton"),
+])  # fmt: skip
+def test_refused_options(folder, capsys, words, message):
+    assert main(["render", "plain.npz", "-o", "a.png", *words]) == 2
+    err = capsys.readouterr().err
+    assert err.startswith("globule: error: ") and message in err and err.count("\n") == 1
+
+
+def test_the_tables(tmp_path, capsys):
+    path = tmp_path / "tables.csv"
+    rows = tables.run(device="cpu", frames=1, particles=(100,), depths=(2,), output=str(path))
+    assert rows[0]["dense nodes"] == 73 and rows[0]["hit differs"] < 1e-3 and rows[0]["hit"] > 0.01
+    assert len(path.read_text().splitlines()) == 2
+    assert "Table 6.2" in capsys.readouterr().out
