@@ -189,9 +189,12 @@ NB_MODULE(_core, m) {
         })
         .def("synchronize", [](PyScene& s) { work([&] { s.scene->synchronize(); }); })
         .def("trace_like_thesis", [](PyScene& s, int root, float step, int n_thresholds, bool ghosts, bool face_rule,
-                                     bool exterior, bool refine, bool averaged_normals) {
+                                     bool exterior, bool refine, bool averaged_normals, bool count) {
             s.scene->trace_like(ThesisRequest{ThesisRoot(root), step, n_thresholds, ghosts, face_rule, exterior, refine,
-                                              averaged_normals});
+                                              averaged_normals, count});
+        })
+        .def("thesis_work", [](PyScene& s, std::size_t n, Address out) {
+            work([&] { s.scene->thesis_work(n, at<ThesisWork>(out)); });
         })
         .def("trace_exactly", [](PyScene& s) { s.scene->trace_like({}); });
 }

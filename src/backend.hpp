@@ -80,6 +80,8 @@ struct Scene {
     virtual void synchronize() = 0;
     /// How the rays that follow are traced: the thesis's way (dense octree only), or ours.
     virtual void trace_like(const std::optional<ThesisRequest>& thesis) = 0;
+    /// Of the n rays traced last, by a request that counts.
+    virtual void thesis_work(std::size_t n, ThesisWork* out) = 0;
 };
 
 /// Polled during long work; true asks to stop (then the call throws Cancelled).

@@ -34,7 +34,7 @@ public:
         : exec_(std::make_shared<Exec>(std::forward<Args>(args)...)), tree_(*exec_), positions_(*exec_),
           support_(*exec_), weight_(*exec_), color_(*exec_), points_(*exec_), more_points_(*exec_),
           values_(*exec_), results_(*exec_), offsets_(*exec_), indices_(*exec_), count_(*exec_),
-          hits_(*exec_), near_(*exec_) {}
+          hits_(*exec_), near_(*exec_), work_(*exec_) {}
 
     void build(const SceneArrays& in, const TreeRequest& request) override {
         ParticleInput input;
@@ -176,6 +176,8 @@ public:
 
     void trace_like(const std::optional<ThesisRequest>& thesis) override { thesis_ = thesis; }
 
+    void thesis_work(std::size_t n, ThesisWork* out) override { exec_->download(out, work_.data(), n * sizeof(ThesisWork)); }
+
 private:
     /// A frame's images live in one block that goes back to the scene's pool when the frame dies.
     struct FrameOf final : Frame {
@@ -226,7 +228,7 @@ private:
     }
 
     void trace(const FieldRequest& field, const RaySource& rays, const Hits& hits) {
-        if (thesis_) return ThesisTracer<Exec>{*exec_, tree_, near_, *thesis_, field, color_data_, one_color_}(rays, hits);
+        if (thesis_) return ThesisTracer<Exec>{*exec_, tree_, near_, work_, *thesis_, field, color_data_, one_color_}(rays, hits);
         const SortedParticles& p = tree_.particles();
         const bool alike = !p.support.data && !p.weight.data && p.weight.uniform > 0.0f;
         if (tree_.params().dense) run<DenseTree, AnyKernel, true>(tree_.dense(), {field.kernel}, field, rays, hits);
@@ -266,6 +268,7 @@ private:
     std::vector<std::shared_ptr<FrameOf>> pool_;
     std::optional<ThesisRequest> thesis_;
     Buffer<std::uint8_t, Exec> near_;
+    Buffer<ThesisWork, Exec> work_;
 };
 
 }  // namespace globule

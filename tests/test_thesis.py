@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from globule.bench import thesis as tables
 from globule.cli import main
-from globule.thesis import Thesis, default_support
+from globule.thesis import Thesis, default_support, work
 from scenes import Case, case, cloud, lattice, unit
 
 BEZIER = ["one", "sheet", "sheet_edge", "hundred", "orthographic", "inside", "carved", "mixed",
@@ -202,6 +202,20 @@ def test_averaged_normals(backend):
     ball = dense(Case(np.zeros((1, 3), np.float32), support=3.0), **backend)
     o = o[np.linalg.norm(o[:, :2], axis=1) < 1.2]
     np.testing.assert_allclose(normals(ball, o, True), normals(ball, o, False), atol=1e-5)
+
+
+def test_work(backend):
+    """Exterior spheres save evaluations, empty space costs nothing, and a lone ball no search."""
+    c = case("hundred")
+    scene = dense(c, **backend)
+    leaves, sums = work(scene, c.origins, c.directions, Thesis())
+    more = work(scene, c.origins, c.directions, Thesis(exterior=False))[1]
+    assert leaves.max() > 2 and 0 < sums.sum() < 0.9 * more.sum()
+    assert (sums[leaves == 0] == 0).all()
+    assert work(scene, c.origins, c.directions, Thesis(step=0.05))[1].sum() > 2 * sums.sum()
+    ball = dense(case("one"), **backend)
+    sums = work(ball, case("one").origins, case("one").directions, Thesis())[1]
+    assert sums.max() <= 1  # whether the ray begins inside, where it begins near the ball
 
 
 def test_crowded_leaves_lose_nothing(backend):

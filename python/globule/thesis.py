@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .arrays import address, view
+
 if TYPE_CHECKING:
     from .scene import Scene
 
@@ -61,7 +63,7 @@ class Thesis:
             )
 
 
-def choose_tracing(scene: Scene, thesis: Thesis | None) -> None:
+def choose_tracing(scene: Scene, thesis: Thesis | None, count: bool = False) -> None:
     """Rays that `scene` traces from now on go the thesis's way, or ours."""
     if thesis is None:
         scene._scene.trace_exactly()
@@ -84,7 +86,35 @@ def choose_tracing(scene: Scene, thesis: Thesis | None) -> None:
         bool(thesis.exterior),
         bool(thesis.refine),
         bool(thesis.averaged_normals),
+        count,
     )
+
+
+def work(
+    scene: Scene, origins: Any, directions: Any, thesis: Thesis
+) -> tuple[np.ndarray, np.ndarray]:
+    """What rays cost up to their first hit.
+
+    Args:
+        origins, directions: (M, 3) world, as for `intersect`.
+
+    Returns:
+        leaves (M,) uint32 visited; sums (M,) uint32 over the candidates: evaluations of the field
+        when marching, polynomials when clipping.
+    """
+    o, d = view("origins", origins, 3), view("directions", directions, 3)
+    if o.shape != d.shape:
+        raise ValueError(f"directions: expected {o.shape[0]} rows, got {d.shape[0]}")
+    n = o.shape[0]
+    choose_tracing(scene, thesis, count=True)
+    t, counts = np.empty(n, np.float32), np.empty((n, 2), np.uint32)
+    normal, color = np.empty((n, 3), np.float32), np.empty((n, 3), np.float32)
+    scene._scene.intersect(
+        scene._kernel, scene.threshold, n, o.pair, d.pair, address(t), address(normal),
+        address(color),
+    )  # fmt: skip
+    scene._scene.thesis_work(n, address(counts))
+    return counts[:, 0], counts[:, 1]
 
 
 def default_support(positions: Any, depth: int) -> float:

@@ -74,13 +74,14 @@ struct Bernstein {
 template <int degree>
 struct Bezier {
     /// First point of [from, end] where sign (tau - f) is no longer positive.
-    GB_FN bool operator()(const Candidates& candidates, float tau, float sign, float from, float end, float& t) const {
+    GB_FN bool operator()(Candidates& candidates, float tau, float sign, float from, float end, float& t) const {
         for (t = from; t < end;) {
             float next = end;
             candidates.each([&](const Candidate& s) {
                 const float event = s.enter > t ? s.enter : s.leave;
                 if (event > t) next = least(next, event);
             });
+            candidates.count_sum();
             Bernstein<degree> g;
             for (float& c : g.c) c = -sign * tau;
             const SortedParticles& particles = candidates.particles();

@@ -7,6 +7,7 @@
 #pragma once
 #include "globule/exec/bits.hpp"
 #include "globule/trace/thesis/exterior.hpp"
+#include "globule/trace/thesis/request.hpp"
 
 namespace globule::thesis {
 
@@ -91,6 +92,7 @@ public:
         : tree_(tree), particles_(particles), grid_(grid), ray_(ray), rules_(rules) {}
 
     GB_FN void gather(const Visit& leaf) {
+        ++work_.leaves;
         const bool known = rules_.face_rule && complete_ && crossed_face(leaf);
         if (known) keep_layer(leaf);
         else n_ = 0;
@@ -119,6 +121,8 @@ public:
     GB_FN bool complete() const { return complete_; }
     GB_FN const SortedParticles& particles() const { return particles_; }
     GB_FN const Ray& ray() const { return ray_; }
+    GB_FN const ThesisWork& work() const { return work_; }
+    GB_FN void count_sum() { ++work_.sums; }
 
 private:
     struct Run {
@@ -204,6 +208,7 @@ private:
     int n_runs_ = 0, n_ = 0;
     bool complete_ = true;
     std::uint32_t cell_ = kNowhere;  ///< the leaf before
+    ThesisWork work_;
 };
 
 }  // namespace globule::thesis

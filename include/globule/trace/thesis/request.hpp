@@ -1,9 +1,16 @@
 // What can be chosen about the thesis's own tracing.
 #pragma once
+#include <cstdint>
 
 namespace globule {
 
 enum class ThesisRoot : int { march, bezier };
+
+/// What one ray cost.
+struct ThesisWork {
+    std::uint32_t leaves = 0;
+    std::uint32_t sums = 0;  ///< of the candidates: evaluations of f, or polynomials
+};
 
 struct ThesisRequest {
     ThesisRoot root = ThesisRoot::march;
@@ -14,6 +21,7 @@ struct ThesisRequest {
     bool exterior = true;           ///< spheres of radius a bound the search (Figs 5.3, 5.4)
     bool refine = true;             ///< of the march: the sign change is refined; terraces without (Fig. 5.1)
     bool averaged_normals = false;  ///< Fig. 5.8a
+    bool count = false;             ///< keep each ray's ThesisWork
 };
 
 }  // namespace globule

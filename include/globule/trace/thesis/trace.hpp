@@ -11,12 +11,13 @@ namespace globule::thesis {
 /// f along the ray, from the candidates.
 template <class Kernel>
 struct FieldOnRay {
-    const Candidates& candidates;
+    Candidates& candidates;
     const Kernel& kernel;
     GB_FN float operator()(float t) const {
         const SortedParticles& particles = candidates.particles();
         const float3 p = candidates.ray().at(t);
         float f = 0.0f;
+        candidates.count_sum();
         candidates.each([&](const Candidate& s) {
             if (t < s.enter || t > s.leave) return;
             const float a = particles.support[s.slot];
@@ -44,6 +45,7 @@ struct TraceRays {
     float3 one_color;
     RaySource rays;
     Hits out;
+    ThesisWork* work;          ///< (n,), or null
 
     static constexpr bool marches = requires(Search s) { s.step; };
 
@@ -81,6 +83,7 @@ private:
 
     GB_FN void trace_ray(std::size_t i) const {
         out.t[i] = infinity();
+        if (work) work[i] = {};
         Look seen{{0, 0, 0}, {0, 0, 0}};
         if (!tree.empty()) trace(i, seen);
         write3(out.normal, i, seen.normal);
@@ -106,14 +109,16 @@ private:
             candidates.gather(leaf);
             if (start <= 0.0f && leaf.enter <= 0.0f && FieldOnRay<Kernel>{candidates, kernel}(0.0f) > tau) sign = -1.0f;
             float t;
-            if (!find(candidates, leaf, sign, t)) continue;
+            const bool found = find(candidates, leaf, sign, t);
+            if (work) work[i] = candidates.work();
+            if (!found) continue;
             out.t[i] = start + t;
             seen = look(candidates, kernel, color, one_color, choice.averaged_normals, t);
             return;
         }
     }
 
-    GB_FN bool find(const Candidates& candidates, const Visit& leaf, float sign, float& t) const {
+    GB_FN bool find(Candidates& candidates, const Visit& leaf, float sign, float& t) const {
         float from = leaf.enter, end = leaf.leave;
         if (choice.exterior && candidates.complete() && sign > 0.0f) {
             int n = 0;
