@@ -42,10 +42,12 @@ private:
         if (choice.ghosts) {
             flags = near.reserve(octree.n_dense_nodes());
             exec.clear(flags, octree.n_dense_nodes());
-            exec.for_each(octree.size(), thesis::MarkNear{tree, particles, static_cast<const thesis::Key*>(octree.keys()), flags});
+            const auto* keys = static_cast<const thesis::Key*>(octree.keys());
+            exec.for_each(octree.size(), thesis::MarkNear{tree, particles, keys, flags});
         }
-        const float lone = particles.weight.data ? std::numeric_limits<float>::quiet_NaN()
-                                                 : thesis::lone_surface(kernel, particles.weight.uniform, field.threshold);
+        const float lone = particles.weight.data
+                               ? std::numeric_limits<float>::quiet_NaN()
+                               : thesis::lone_surface(kernel, particles.weight.uniform, field.threshold);
         const thesis::TraceRays<Kernel, Search> trace{tree, flags, particles, kernel, search, choice,
                                                       field.threshold, lone, color, one_color, rays, hits,
                                                       choice.count ? work.reserve(rays.n) : nullptr};

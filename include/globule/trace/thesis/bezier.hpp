@@ -3,7 +3,7 @@
 // w^2 (5 + 4 w)/9.  In Bernstein form its control points enclose it: where they stay below tau there is
 // no root, else the first one lies between the crossings of their convex hull with tau.
 #pragma once
-#include "globule/trace/thesis/ghosts.hpp"
+#include "globule/trace/thesis/candidates.hpp"
 
 namespace globule::thesis {
 
@@ -88,9 +88,9 @@ struct Bezier {
             candidates.each([&](const Candidate& s) {
                 if (s.enter > t || s.leave < next) return;
                 const float a = particles.support[s.slot], scale = 1.0f / (a * a);
-                const float w[3] = {(t - s.enter) * (s.leave - t) * scale,
-                                    0.5f * ((t - s.enter) * (s.leave - next) + (next - s.enter) * (s.leave - t)) * scale,
-                                    (next - s.enter) * (s.leave - next) * scale};
+                const float since0 = t - s.enter, since1 = next - s.enter, till0 = s.leave - t, till1 = s.leave - next;
+                const float w[3] = {since0 * till0 * scale, 0.5f * (since0 * till1 + since1 * till0) * scale,
+                                    since1 * till1 * scale};
                 g.add(sign * particles.weight[s.slot], w);
             });
             const float u = g.first_root();

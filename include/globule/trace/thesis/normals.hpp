@@ -1,7 +1,7 @@
 // What a hit looks like: gradient normal (5.2, corrected) or the averaged centres' (Fig. 5.8a), and the
 // blended colour (§6.0.2).
 #pragma once
-#include "globule/trace/thesis/ghosts.hpp"
+#include "globule/trace/thesis/candidates.hpp"
 
 namespace globule::thesis {
 
