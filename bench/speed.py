@@ -7,9 +7,6 @@ table and writes CSV; times are medians over frames of one run, fps is a whole l
 from __future__ import annotations
 
 import argparse
-import csv
-import os
-import platform
 import sys
 import time
 from pathlib import Path
@@ -18,7 +15,8 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parent))
 import globule as gb
-from scenes import pool
+from globule.bench.report import machine, write_csv
+from globule.bench.scenes import pool
 
 SPLASH = Path(__file__).parents[1] / ".carry" / "splash_117649.npz"
 SPLASH_SHARED = Path(__file__).parents[2] / "shared" / "data" / "particles" / "splash_117649.npz"
@@ -88,13 +86,6 @@ def measure(name: str, device: str, frames: int, threads: int) -> dict:
     }
 
 
-def write_csv(path: str, rows: list[dict]) -> None:
-    with open(path, "w", newline="") as file:
-        writer = csv.DictWriter(file, rows[0].keys())
-        writer.writeheader()
-        writer.writerows(rows)
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--device", default="auto")
@@ -120,10 +111,7 @@ def main() -> None:
             ),
             flush=True,
         )
-    print(
-        f"machine: {platform.machine()}, {os.cpu_count()} cores, {rows[0]['device']}, "
-        f"Python {platform.python_version()}"
-    )
+    print(f"machine: {machine(rows[0]['device'])}")
     if options.output:
         write_csv(options.output, rows)
 

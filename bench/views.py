@@ -8,7 +8,7 @@ import time
 
 import globule as gb
 import numpy as np
-from scenes import pool
+from globule.bench.scenes import pool
 from speed import SIZES
 
 

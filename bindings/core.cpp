@@ -187,5 +187,14 @@ NB_MODULE(_core, m) {
                 nb::ndarray<nb::numpy, std::uint64_t>(found->offsets.data(), {found->offsets.size()}, owner),
                 nb::ndarray<nb::numpy, std::uint32_t>(found->indices.data(), {found->indices.size()}, owner));
         })
-        .def("synchronize", [](PyScene& s) { work([&] { s.scene->synchronize(); }); });
+        .def("synchronize", [](PyScene& s) { work([&] { s.scene->synchronize(); }); })
+        .def("trace_like_thesis", [](PyScene& s, int root, float step, int n_thresholds, bool ghosts, bool face_rule,
+                                     bool exterior, bool refine, bool averaged_normals, bool count) {
+            s.scene->trace_like(ThesisRequest{ThesisRoot(root), step, n_thresholds, ghosts, face_rule, exterior, refine,
+                                              averaged_normals, count});
+        })
+        .def("thesis_work", [](PyScene& s, std::size_t n, Address out) {
+            work([&] { s.scene->thesis_work(n, at<ThesisWork>(out)); });
+        })
+        .def("trace_exactly", [](PyScene& s) { s.scene->trace_like({}); });
 }

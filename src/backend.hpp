@@ -4,6 +4,7 @@
 #pragma once
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -11,6 +12,7 @@
 #include "globule/octree/types.hpp"
 #include "globule/trace/camera.hpp"
 #include "globule/trace/clip.hpp"
+#include "globule/trace/thesis/request.hpp"
 #include "globule/trace/wave.hpp"
 
 namespace globule {
@@ -99,6 +101,10 @@ struct Scene {
     virtual void blend(const FieldRequest& field, std::size_t n, FloatArray points, FloatArray values, int channels, float* out) = 0;
     virtual Neighbors neighbors(std::size_t n, FloatArray points, float radius) = 0;
     virtual void synchronize() = 0;
+    /// How the rays that follow are traced: the thesis's way (dense octree only), or ours.
+    virtual void trace_like(const std::optional<ThesisRequest>& thesis) = 0;
+    /// Of the n rays traced last, by a request that counts.
+    virtual void thesis_work(std::size_t n, ThesisWork* out) = 0;
 };
 
 /// Polled during long work; true asks to stop (then the call throws Cancelled).

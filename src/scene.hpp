@@ -11,6 +11,7 @@
 #include "globule/trace/resolve.hpp"
 #include "globule/trace/shade.hpp"
 #include "render.hpp"
+#include "thesis.hpp"
 
 namespace globule {
 
@@ -38,7 +39,7 @@ public:
           support_(*exec_), weight_(*exec_), color_(*exec_), points_(*exec_), more_points_(*exec_),
           values_(*exec_), results_(*exec_), offsets_(*exec_), indices_(*exec_), count_(*exec_),
           hits_(*exec_), reflection_(*exec_), refraction_(*exec_), sky_(*exec_), spare_(*exec_), grid_(*exec_), bricks_(*exec_),
-          lists_(*exec_), blocks_(*exec_), waves_(*exec_) {}
+          lists_(*exec_), blocks_(*exec_), waves_(*exec_), near_(*exec_), work_(*exec_) {}
 
     void build(const SceneArrays& in, const TreeRequest& request) override {
         ParticleInput input;
@@ -187,6 +188,10 @@ public:
 
     void synchronize() override { exec_->synchronize(); }
 
+    void trace_like(const std::optional<ThesisRequest>& thesis) override { thesis_ = thesis; }
+
+    void thesis_work(std::size_t n, ThesisWork* out) override { exec_->download(out, work_.data(), n * sizeof(ThesisWork)); }
+
 private:
     /// A frame's images live in one block that goes back to the scene's pool when the frame dies.
     struct FrameOf final : Frame {
@@ -299,13 +304,10 @@ private:
 
     /// Distances to one layer's first crossing, on the picture's own stream.
     void march(Exec& exec, const FieldRequest& field, const Clips& clips, const WaveRays& rays, int layer, LayerHits& found) {
-        if constexpr (Exec::tiles_for_camera) {
-            if (rays.primary() && clips.n == 0) {
-                found.sign = nullptr;
-                found.cap = nullptr;
-                trace_with(exec, field, rays.source, {found.t, nullptr, nullptr});
-                return;
-            }
+        if (rays.primary() && clips.n == 0 && (Exec::tiles_for_camera || thesis_)) {
+            found.sign = nullptr;
+            found.cap = nullptr;
+            return trace_with(exec, field, rays.source, {found.t, nullptr, nullptr});
         }
         with_tracer(field, [&](const auto& tracer) {
             using Tracer = std::decay_t<decltype(tracer)>;
@@ -382,6 +384,8 @@ private:
 
     void trace(const FieldRequest& field, const RaySource& rays, const Hits& hits) { trace_with(*exec_, field, rays, hits); }
     void trace_with(Exec& exec, const FieldRequest& field, const RaySource& rays, const Hits& hits) {
+        if (thesis_)
+            return ThesisTracer<Exec>{exec, tree_, near_, work_, *thesis_, field, attributes_.color, attributes_.one_color}(rays, hits);
         with_kinds(field, [&]<class Tree, class Kernel, bool PerParticle>(const Tree& tree, const Kernel& kernel, std::bool_constant<PerParticle>) {
             const SortedParticles& p = tree_.particles();
             const float tau = PerParticle ? field.threshold : field.threshold / p.weight.uniform;
@@ -424,6 +428,9 @@ private:
     Waves<Exec> waves_;
     std::deque<Buffer<Clip, Exec>> clips_;
     std::vector<std::shared_ptr<FrameOf>> pool_;
+    std::optional<ThesisRequest> thesis_;
+    Buffer<std::uint8_t, Exec> near_;
+    Buffer<ThesisWork, Exec> work_;
 };
 
 }  // namespace globule

@@ -40,6 +40,7 @@ from .scene import Scene  # noqa: E402
 from .sequence import read_ahead, render_sequence, value_range  # noqa: E402
 from .smoothing import anisotropy, without_strays  # noqa: E402
 from .spacing import local_spacing  # noqa: E402
+from .thesis import Thesis  # noqa: E402
 
 __version__ = "0.1.0"
 __all__ = [
@@ -62,6 +63,7 @@ __all__ = [
     "RenderSettings",
     "Scene",
     "Sky",
+    "Thesis",
     "add_legend",
     "anisotropy",
     "field",

@@ -9,6 +9,7 @@ import numpy as np
 
 from . import _core
 from .arrays import address, view
+from .thesis import Thesis, choose_tracing
 
 if TYPE_CHECKING:
     from .scene import Scene
@@ -80,13 +81,14 @@ def gradient(scene: Scene, points: Any) -> np.ndarray:
 
 
 def intersect(
-    scene: Scene, origins: Any, directions: Any
+    scene: Scene, origins: Any, directions: Any, thesis: Thesis | None = None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """First intersection of arbitrary rays with the surface.
 
     Args:
         origins: (M, 3) world.
         directions: (M, 3) unit vectors.
+        thesis: trace the source thesis's way, with these choices; default: exactly.
 
     Returns:
         depth (M,) along the ray, infinite where missed; normal (M, 3); colour (M, 3), blended.
@@ -97,6 +99,7 @@ def intersect(
     n = o.shape[0]
     depth = np.empty(n, np.float32)
     normal, color = np.empty((n, 3), np.float32), np.empty((n, 3), np.float32)
+    choose_tracing(scene, thesis)
     scene._scene.intersect(
         scene._kernel,
         scene.threshold,

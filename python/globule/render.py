@@ -26,6 +26,7 @@ from .lights import (
 from .materials import Material
 from .particles import to_host
 from .scene import Scene
+from .thesis import Thesis, choose_tracing
 
 MAX_PIXELS = 2**28
 MAX_LAYERS = 4
@@ -279,6 +280,7 @@ def render(
     size: tuple[int, int] = (1024, 782),
     settings: RenderSettings | None = None,
     clips: Sequence[ClipPlane | ClipBox | ClipSphere] = (),
+    thesis: Thesis | None = None,
 ) -> Frame:
     """Trace rays through each pixel to the first point where the field is the threshold, and on.
 
@@ -287,6 +289,8 @@ def render(
         camera: default: `Camera.fit` of the first scene.
         size: (width, height) pixels.
         clips: cuts through every scene.
+        thesis: trace the camera's rays the source thesis's way, with these choices; default:
+            exactly.
     """
     try:
         width, height = (int(v) for v in size)
@@ -316,6 +320,8 @@ def render(
     def trace(passes: int, before: Any) -> Any:
         if builds != [layer.scene.builds for layer in layers]:
             raise ValueError("refine: expected the scene as it was rendered, got another frame's")
+        for layer in layers:
+            choose_tracing(layer.scene, thesis)
         return first._scene.render(
             packed, view, width, height, camera.height is not None, look, passes, before
         )

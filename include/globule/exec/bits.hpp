@@ -67,6 +67,22 @@ GB_FN void atomic_add(std::uint64_t* to, std::uint64_t n) {
 #endif
 }
 
+/// Flags that several threads of one launch may raise and look at.
+GB_FN void raise_flag(std::uint8_t* flag) {
+#if defined(__CUDA_ARCH__)
+    *static_cast<volatile std::uint8_t*>(flag) = 1;
+#else
+    __atomic_store_n(flag, std::uint8_t(1), __ATOMIC_RELAXED);
+#endif
+}
+GB_FN bool flag_is_up(const std::uint8_t* flag) {
+#if defined(__CUDA_ARCH__)
+    return *static_cast<const volatile std::uint8_t*>(flag);
+#else
+    return __atomic_load_n(flag, __ATOMIC_RELAXED);
+#endif
+}
+
 /// Reads a float that another thread of the same launch may just have written.
 GB_FN float read_fresh(const float* p) {
 #if defined(__CUDA_ARCH__)

@@ -20,7 +20,8 @@ from ..colormaps import NAMES as COLORMAPS
 from ..legend import LEAST_SIDE, add_legend
 from ..render import MAX_PIXELS, Frame, RenderSettings, fit_camera, render, save_png
 from ..scene import KERNELS, Scene
-from . import look, sequence
+from ..thesis import Thesis
+from . import look, sequence, tracing
 from .shared import (
     Progress,
     UserError,
@@ -85,7 +86,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     surface.add_argument("--threshold", type=positive, metavar="T",
                          help="iso-value of the summed field (default: by kernel)")
     tree = parser.add_argument_group("octree")
-    tree.add_argument("--octree", choices=("sparse", "dense"), default="sparse")
+    tree.add_argument("--octree", choices=("sparse", "dense"))
+    tracing.add_arguments(parser)
     tree.add_argument("--depth", type=int, metavar="N", help="deepest level")
     tree.add_argument("--key-bits", type=int, choices=(32, 64), default=32)
     colors = parser.add_argument_group("looks; colours and radiances are linear, 1 is white")
@@ -123,6 +125,7 @@ def run(options: argparse.Namespace) -> None:
     with mistakes():
         # All but the particles is known already: what is wrong with it shows before any work.
         settings = look.settings(options)
+        thesis = tracing.settle(options)
         camera(options, None)
     images, arrays = outputs(options, series.images())
     check_device(options)
@@ -130,7 +133,7 @@ def run(options: argparse.Namespace) -> None:
     with series, Progress(4 * len(images)) as progress:
         series.survey(progress)
         for i, path, image, aov in series.pictures(images, arrays):
-            report = _picture(options, settings, progress, series, i, path, image, aov)
+            report = _picture(options, settings, thesis, progress, series, i, path, image, aov)
             reports += [report] if report else []
         series.finish(progress)
     if series.movie or not reports:
@@ -218,8 +221,8 @@ def _direction(up: tuple[float, float, float]) -> np.ndarray:
 
 
 def _picture(
-    options: argparse.Namespace, settings: RenderSettings, progress: Progress,
-    series: sequence.Series, i: int, path: str, image: str, aov: str | None,
+    options: argparse.Namespace, settings: RenderSettings, thesis: Thesis | None,
+    progress: Progress, series: sequence.Series, i: int, path: str, image: str, aov: str | None,
 ) -> dict[str, Any] | None:
     """One file's picture, and what there is to report of it; None where it is there already."""
     start = time.perf_counter()
@@ -239,15 +242,18 @@ def _picture(
         if options.color_by:
             particles.color, ends = look.color_by(options, path, particles, messages)
         progress.step(f"building {path}")
+        support, depth = tracing.support_and_depth(options, particles)
         scene = series.scene(particles, lambda particles: Scene(
-            particles, options.kernel, options.threshold, options.support, options.key_bits,
-            options.depth, options.octree, options.device, options.threads,
+            particles, options.kernel, options.threshold, support, options.key_bits, depth,
+            options.octree, options.device, options.threads,
         ))
         view = series.camera(i, scene, lambda scene, box: camera(options, scene, box))
     if series.finished(image, aov):
         return None
     progress.step(f"tracing {path}")
-    frame = render(scene, view, options.size, settings)
+    frame = render(scene, view, options.size, settings, thesis=thesis)
+    cut = tracing.why_cut(scene) if thesis else None
+    messages += [cut] if cut else []
     hits = int(frame.mask.sum())
     tree = scene.octree
     n_outside = len(particles) - tree.n_inside
@@ -270,6 +276,7 @@ def _picture(
         "aov": aov,
         "device": scene.device.description,
         "size": options.size,
+        "root": options.root,
         "kernel": scene.kernel,
         "threshold": scene.threshold,
         "support": _one_number(scene.support),

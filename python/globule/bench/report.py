@@ -1,0 +1,42 @@
+"""How benchmarks say what they found: a table on the terminal, a CSV file, the machine."""
+
+from __future__ import annotations
+
+import csv
+import os
+import platform
+from typing import Any
+
+Row = dict[str, Any]
+
+
+def write_csv(path: str, rows: list[Row]) -> None:
+    with open(path, "w", newline="") as file:
+        writer = csv.DictWriter(file, rows[0].keys())
+        writer.writeheader()
+        writer.writerows(rows)
+
+
+def print_table(title: str, rows: list[Row]) -> None:
+    """Columns as wide as they need to be; None as a dash, floats with three digits."""
+    lines = [list(rows[0]), *([_text(v) for v in row.values()] for row in rows)]
+    widths = [max(len(line[i]) for line in lines) for i in range(len(lines[0]))]
+    print(f"\n{title}")
+    for line in lines:
+        print("  ".join(word.rjust(width) for word, width in zip(line, widths, strict=True)))
+
+
+def _text(value: Any) -> str:
+    if value is None:
+        return "-"
+    if isinstance(value, float):
+        return f"{value:,.0f}" if abs(value) >= 1000 else f"{value:.3g}"
+    return f"{value:,}" if isinstance(value, int) else str(value)
+
+
+def machine(device: str) -> str:
+    """`device` is a scene's `device.description`."""
+    return (
+        f"{platform.machine()}, {os.cpu_count()} cores, {device}, "
+        f"Python {platform.python_version()}"
+    )

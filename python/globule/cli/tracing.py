@@ -1,0 +1,86 @@
+"""Options of `render` that say how rays are traced, and presets of options."""
+
+from __future__ import annotations
+
+import argparse
+
+import numpy as np
+
+from ..particles import Particles
+from ..scene import Scene
+from ..thesis import POLYNOMIAL_KERNELS, ROOTS, Thesis, default_support
+from .shared import UserError, mistakes, positive
+
+# Options that a preset sets where the user has not.
+PRESETS = {"thesis": {"root": "march", "octree": "dense"}}
+PRESET_DEPTH = 7  # where no support asks for another
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    group = parser.add_argument_group("tracing")
+    group.add_argument("--root", choices=("exact", *ROOTS), metavar="NAME",
+                       help="exact, or as in the source thesis, on the dense octree: march "
+                       "(points with thresholds), bezier (clipping) (default: exact)")
+    group.add_argument("--step", type=positive, metavar="S",
+                       help="of --root march, in supports (default: 0.25)")
+    group.add_argument("--preset", choices=tuple(PRESETS), metavar="NAME",
+                       help="thesis: its tracing on a dense octree, and supports of half a leaf "
+                       "where the file has none; options beside it win")
+
+
+def settle(options: argparse.Namespace) -> Thesis | None:
+    """Fill in what preset and root leave open, and refuse what does not fit together."""
+    for name, value in PRESETS.get(options.preset, {}).items():
+        if getattr(options, name) is None:
+            setattr(options, name, value)
+    options.root = options.root or "exact"
+    if options.step is not None and options.root != "march":
+        raise UserError(f"--step: expected --root march beside it, got {options.root}")
+    if options.root == "exact":
+        options.octree = options.octree or "sparse"
+        return None
+    options.octree = options.octree or "dense"
+    if options.octree != "dense":
+        raise UserError(f"--octree: expected dense with --root {options.root}, got sparse")
+    if options.root == "bezier" and options.kernel not in POLYNOMIAL_KERNELS:
+        known = " or ".join(POLYNOMIAL_KERNELS)
+        raise UserError(f"--kernel: expected {known} with --root bezier, got {options.kernel}")
+    with mistakes():
+        given = {} if options.step is None else {"step": options.step}
+        return Thesis(root=options.root, **given)
+
+
+def support_and_depth(
+    options: argparse.Namespace, particles: Particles
+) -> tuple[float | None, int | None]:
+    """What goes together: the deepest octree with leaves no smaller than the supports, or, by the
+    preset for particles without supports, half a leaf's edge (§3.6). What is given wins."""
+    given = options.support or particles.support
+    extent = float(np.ptp(particles.bounds(), axis=0).max()) if len(particles) else 0.0
+    if options.root == "exact" or not extent:
+        return options.support, options.depth
+    if given is not None:
+        fitting = _fitting(extent, float(np.max(given)))
+        return options.support, fitting if options.depth is None else options.depth
+    if options.preset != "thesis":
+        return None, options.depth
+    depth = PRESET_DEPTH if options.depth is None else options.depth
+    with mistakes():
+        return default_support(particles, depth), depth
+
+
+def why_cut(scene: Scene) -> str | None:
+    """What is wrong with supports larger than a leaf: its neighbours are all that it sees."""
+    extent = scene.octree.extent
+    edge, largest = extent / 2 ** scene._tree[1], float(np.max(scene.support, initial=0.0))
+    if largest <= edge or not extent:
+        return None
+    return (
+        f"supports of up to {largest:.3g} are larger than a leaf's edge, {edge:.3g}, so parts of "
+        f"the surface may be missing; try --depth {_fitting(extent, largest)}"
+    )
+
+
+def _fitting(extent: float, largest: float) -> int:
+    """Deepest level with cells no smaller than the largest support, 0 to 8."""
+    return int(np.clip(np.floor(np.log2(extent / largest)), 0, 8))

@@ -1,0 +1,343 @@
+"""The thesis's own tracing: right within its stated limits, and wrong where the thesis shows it."""
+
+import functools
+import json
+
+import globule as gb
+import numpy as np
+import pytest
+from globule.bench import thesis as tables
+from globule.cli import main
+from globule.thesis import Thesis, default_support, work
+from scenes import Case, case, cloud, lattice, unit
+
+BEZIER = ["one", "sheet", "sheet_edge", "hundred", "orthographic", "inside", "carved", "mixed",
+          "one wyvill", "cloud wyvill", "weights murakami", "weights wyvill"]  # fmt: skip
+MARCH = ["sheet", "hundred", "orthographic", "inside", "carved", "cloud nishimura",
+         "cloud blinn", "cloud wendland_c2", "weights cubic_spline"]  # fmt: skip
+
+
+def depth_for(c: Case) -> int:
+    """Deepest octree whose leaves are no smaller than the largest support."""
+    extent = float(np.ptp(c.positions, axis=0).max())
+    return int(np.clip(np.floor(np.log2(extent / np.max(c.support))), 0, 6)) if extent else 0
+
+
+def dense(c: Case, **options) -> gb.Scene:
+    return c.scene(**{"octree": "dense", "depth": depth_for(c), **options})
+
+
+@functools.cache
+def clear(name: str) -> np.ndarray:
+    """Rays that do not graze: the oracle's answer stays the same, its depth within a twentieth of
+    the support, when the threshold goes up or down by 1e-4 of it."""
+    c = case(name)
+    original, depth = c.threshold, []
+    for share in (1 - 1e-4, 1, 1 + 1e-4):
+        c.threshold = original * share
+        depth.append(np.minimum(c.first_hit(c.origins, c.directions), 1e9))
+    c.threshold = original
+    return np.ptp(depth, axis=0) < 0.05 * np.min(c.support)
+
+
+def check(name: str, scene: gb.Scene, thesis: Thesis) -> None:
+    """Hit or miss as the oracle has it and depths within 1e-3 supports, grazing rays aside."""
+    c, sure = case(name), clear(name)
+    depth, normal, _ = gb.intersect(scene, c.origins, c.directions, thesis)
+    hit = np.isfinite(c.depth)
+    wrong = np.nonzero(sure & (np.isfinite(depth) != hit))[0]
+    assert len(wrong) == 0, (len(wrong), wrong[:5], c.depth[wrong[:5]], depth[wrong[:5]])
+    both = sure & hit
+    assert both.sum() > 0.5 * hit.sum()
+    points = c.origins[both] + c.depth[both, None] * c.directions[both].astype(np.float64)
+    error = np.abs(depth[both] - c.depth[both]) / c.smallest(points)
+    assert error.max() < 1e-3, (error.max(), (error >= 1e-3).sum())
+    np.testing.assert_array_equal(normal[~np.isfinite(depth)], 0)
+    gradient = c.field(points)[1]
+    steep = np.linalg.norm(gradient, axis=1)
+    cosine = -(normal[both] * gradient).sum(1) / steep
+    assert (cosine > 0.999)[steep > 0.2 * np.abs(c.weight).max() / np.median(c.support)].all()
+
+
+@pytest.mark.parametrize("name", BEZIER)
+def test_bezier_clipping_is_exact(backend, name):
+    """But for rays that graze: all is float32."""
+    check(name, dense(case(name), **backend), Thesis("bezier"))
+
+
+@pytest.mark.parametrize("name", MARCH)
+def test_marching_with_small_steps(backend, name):
+    """Steps of 1/50 support, 1/800 near the surface: only chords shorter than that may be missed,
+    on which the field rises by less than 1e-4 over the threshold."""
+    check(name, dense(case(name), **backend), Thesis(step=0.02))
+
+
+@pytest.mark.parametrize("root", ["march", "bezier"])
+def test_without_exterior_spheres(backend, root):
+    check("hundred", dense(case("hundred"), **backend), Thesis(root, 0.02, exterior=False))
+
+
+def test_large_steps_miss_what_is_thin(backend):
+    """Rays near the rim of two fused balls: the surface's chords are shorter than the step."""
+    p = np.array([[0, 0, 0], [0, 0, -0.7]], np.float32)
+    c = Case(p, support=1.0, threshold=0.3)
+    x = np.linspace(0.5, 0.75, 400)
+    o = np.stack([x, np.zeros(400), np.full(400, 4.0)], 1).astype(np.float32)
+    d = np.tile(np.array([0, 0, -1], np.float32), (400, 1))
+    expected = np.isfinite(c.first_hit(o, d))
+    scene = dense(c, **backend)
+
+    def hits(thesis):
+        return np.isfinite(gb.intersect(scene, o, d, thesis)[0])
+
+    coarse = hits(Thesis(step=2.0))
+    assert (coarse <= expected).all()
+    assert coarse.sum() < 0.2 * expected.sum()
+    assert (hits(Thesis(step=0.01)) != expected).sum() <= 1
+
+
+def test_terraces(backend):
+    """Fig. 5.1: without refinement the depth lags by up to a step; with it there is no error."""
+    c = Case(np.array([[-0.4, 0, 0], [0.4, 0, 0]], np.float32), support=1.0, threshold=0.3)
+    x = np.linspace(-0.9, 0.9, 300)
+    o = np.stack([x, np.zeros(300), np.full(300, 4.0)], 1).astype(np.float32)
+    d = np.tile(np.array([0, 0, -1], np.float32), (300, 1))
+    expected = c.first_hit(o, d)
+    scene = dense(c, **backend)
+
+    def late(**choice):
+        return gb.intersect(scene, o, d, Thesis(exterior=False, **choice))[0] - expected
+
+    terraces = late(step=0.2, thresholds=0, refine=False)
+    assert -1e-4 < terraces.min() and 0.15 < terraces.max() <= 0.2 + 1e-4
+    assert np.abs(late(step=0.2, thresholds=0)).max() < 1e-4
+    fine = late(step=0.2, thresholds=5, refine=False)
+    assert np.abs(fine).max() < 0.1 * terraces.max()
+
+
+def apart() -> gb.Camera:
+    return gb.Camera((0.5, 0.6, 3.2), (0, 0, 0), fov=50)
+
+
+SPACE = ((-1, -1, -1), (1, 1, 1))
+
+
+def both_ways(positions, backend, **options):
+    """Pictures without and with ghosts, and the exact one: two metaballs, leaves of edge 0.5."""
+    scene = gb.Scene(gb.Particles(np.asarray(positions, np.float32), support=0.5), threshold=0.4,
+                     octree="dense", depth=2, bounds=SPACE, **backend)  # fmt: skip
+    return [
+        gb.render(scene, apart(), (120, 120), thesis=t)
+        for t in (Thesis("bezier", ghosts=False), Thesis("bezier"), None)
+    ]
+
+
+def test_surfaces_reach_into_empty_leaves(backend):
+    """Fig. 5.6a: a ball near its leaf's wall is cut off there without ghosts."""
+    without, ghosts, exact = both_ways([[0.02, 0.25, 0.25]], backend)
+    assert without.mask.sum() < 0.8 * exact.mask.sum()
+    np.testing.assert_array_equal(ghosts.mask, exact.mask)
+    np.testing.assert_allclose(ghosts.depth, exact.depth, atol=1e-3)
+
+
+def test_metaballs_in_different_leaves_fuse(backend):
+    """Fig. 5.6b: without ghosts each leaf shows its own ball, with a groove between."""
+    without, ghosts, exact = both_ways([[-0.18, 0.25, 0.25], [0.18, 0.25, 0.25]], backend)
+    bridge = exact.mask & (np.abs(exact.position[..., 0]) < 0.02)
+    assert bridge.sum() > 20
+    assert not without.mask[bridge].all()
+    np.testing.assert_array_equal(ghosts.mask, exact.mask)
+    np.testing.assert_allclose(ghosts.depth, exact.depth, atol=1e-3)
+
+
+@pytest.mark.parametrize("depth", [0, 1, 2, 3])
+def test_ghosts_are_enough_up_to_a_leaf(backend, depth):
+    """Support equal to the leaf's edge at any depth; surfaces outside the cube too (Fig. 6.5)."""
+    p = cloud(200, 70)
+    extent = float(np.ptp(p, axis=0).max())
+    c = Case(p, support=np.float32(0.999 * extent / 2**depth), threshold=0.8 if depth > 1 else 20.0)
+    rng = np.random.default_rng(71)
+    target = rng.uniform(-1.1, 1.1, (600, 3)) * (1 if depth else 3)
+    d = unit(rng.normal(size=(600, 3)))
+    o = (target - 5 * d).astype(np.float32)
+    expected = c.first_hit(o, d)
+    scene = c.scene(octree="dense", depth=depth, **backend)
+    found = gb.intersect(scene, o, d, Thesis("bezier"))[0]
+    assert (np.isfinite(found) != np.isfinite(expected)).sum() <= 1
+    both = np.isfinite(found) & np.isfinite(expected)
+    assert 50 < both.sum() < 600
+    assert (np.abs(found[both] - expected[both]) > 1e-3 * c.support).sum() <= 1
+
+
+@pytest.mark.parametrize("root", ["march", "bezier"])
+def test_the_face_rule_changes_nothing(backend, root):
+    for name in ("carved", "hundred"):
+        scene = dense(case(name), **backend)
+        camera = gb.Camera((7, 9, 12) if name == "carved" else (2, 1, 3), (0, 0, 0))
+        on, off = (
+            gb.render(scene, camera, (96, 96), thesis=Thesis(root, face_rule=rule))
+            for rule in (True, False)
+        )
+        assert on.mask.any()
+        np.testing.assert_array_equal(on.depth, off.depth)
+        np.testing.assert_array_equal(on.picture, off.picture)
+
+
+def test_averaged_normals(backend):
+    """Fig. 5.8: on a flat face they follow each ball; one ball alone has the same normals."""
+    up = np.array([[0, 0, -1]], np.float32)
+    rng = np.random.default_rng(72)
+    o = np.concatenate([rng.uniform(-2, 2, (300, 2)), np.full((300, 1), 8)], 1).astype(np.float32)
+    c = Case(lattice(8, 8, 8), support=2.0)
+    scene = dense(c, **backend)
+
+    def normals(scene, origins, averaged):
+        d = np.repeat(up, len(origins), 0)
+        return gb.intersect(scene, origins, d, Thesis("bezier", averaged_normals=averaged))[1]
+
+    gradient, averaged = normals(scene, o, False), normals(scene, o, True)
+    np.testing.assert_allclose(np.linalg.norm(averaged, axis=1), 1, atol=1e-5)
+    assert gradient[:, 2].min() > 0.99
+    assert averaged[:, 2].min() < 0.98
+    ball = dense(Case(np.zeros((1, 3), np.float32), support=3.0), **backend)
+    o = o[np.linalg.norm(o[:, :2], axis=1) < 1.2]
+    np.testing.assert_allclose(normals(ball, o, True), normals(ball, o, False), atol=1e-5)
+
+
+def test_work(backend):
+    """Exterior spheres save evaluations, empty space costs nothing, and a lone ball no search."""
+    c = case("hundred")
+    scene = dense(c, **backend)
+    leaves, sums = work(scene, c.origins, c.directions, Thesis())
+    more = work(scene, c.origins, c.directions, Thesis(exterior=False))[1]
+    assert leaves.max() > 2 and 0 < sums.sum() < 0.9 * more.sum()
+    assert (sums[leaves == 0] == 0).all()
+    assert work(scene, c.origins, c.directions, Thesis(step=0.05))[1].sum() > 2 * sums.sum()
+    ball = dense(case("one"), **backend)
+    sums = work(ball, case("one").origins, case("one").directions, Thesis())[1]
+    assert sums.max() <= 1  # whether the ray begins inside, where it begins near the ball
+
+
+def test_crowded_leaves_lose_nothing(backend):
+    """More candidates than a list holds."""
+    p = np.random.default_rng(73).normal(size=(700, 3)).astype(np.float32) * np.float32(0.2)
+    c = Case(p, support=0.5, threshold=14.0)
+    rng = np.random.default_rng(74)
+    d = unit(rng.normal(size=(100, 3)))
+    o = (rng.uniform(-0.6, 0.6, (100, 3)) - 4 * d).astype(np.float32)
+    expected = c.first_hit(o, d)
+    scene = dense(c, **backend)
+    for thesis in (Thesis("bezier"), Thesis(step=0.05)):
+        found = gb.intersect(scene, o, d, thesis)[0]
+        np.testing.assert_array_equal(np.isfinite(found), np.isfinite(expected))
+        np.testing.assert_allclose(found, expected, atol=1e-3 * 0.5)
+
+
+@pytest.mark.parametrize("positions", [np.zeros((0, 3)), np.full((2, 3), np.nan)])
+def test_nothing_to_see(backend, positions):
+    particles = gb.Particles(positions.astype(np.float32), support=1.0)
+    scene = gb.Scene(particles, octree="dense", **backend)
+    frame = gb.render(scene, gb.Camera((0, 0, 3), (0, 0, 0)), (16, 16), thesis=Thesis())
+    assert not frame.mask.any()
+
+
+def test_rendering_exactly_again(backend):
+    """The choice holds for one call."""
+    c = case("hundred")
+    scene = dense(c, **backend)
+    exact = gb.intersect(scene, c.origins, c.directions)[0]
+    gb.intersect(scene, c.origins, c.directions, Thesis(ghosts=False))
+    np.testing.assert_array_equal(gb.intersect(scene, c.origins, c.directions)[0], exact)
+
+
+def test_default_support():
+    p = np.array([[0, 0, 0], [8, 4, 2]], np.float32)
+    assert default_support(p, 3) == 0.5
+    assert default_support(gb.Particles(p), 0) == 4
+    with pytest.raises(ValueError, match="depth: expected 0 to 8, got 9"):
+        default_support(p, 9)
+    with pytest.raises(ValueError, match="positions: expected some extent, got 0"):
+        default_support(p[:1], 3)
+
+
+@pytest.mark.parametrize("choice, message", [
+    ({"root": "newton"}, "root: expected march or bezier, got 'newton'"),
+    ({"step": 0}, "step: expected 0.0001 to 10000 supports, got 0"),
+    ({"step": float("nan")}, "step: expected"),
+    ({"step": "small"}, "step: expected"),
+    ({"thresholds": -1}, "thresholds: expected a number from 0 to 16, got -1"),
+    ({"thresholds": 2.5}, "thresholds: expected"),
+])  # fmt: skip
+def test_refused_choices(choice, message):
+    with pytest.raises(ValueError, match=message):
+        Thesis(**choice)
+
+
+def test_refused_scenes():
+    o = np.zeros((1, 3), np.float32)
+    with pytest.raises(ValueError, match='octree: expected a scene with octree="dense"'):
+        gb.intersect(gb.Scene(cloud(9)), o, o + 1, Thesis())
+    with pytest.raises(ValueError, match="kernel: expected murakami or wyvill .* got 'nishimura'"):
+        gb.render(gb.Scene(cloud(9), "nishimura", octree="dense"), thesis=Thesis("bezier"))
+    with pytest.raises(TypeError, match="thesis: expected a Thesis, got 'march'"):
+        gb.render(gb.Scene(cloud(9), octree="dense"), thesis="march")
+
+
+# The command line and the benchmark.
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    gb.write("ball.npz", gb.Particles(cloud(500, 75), support=0.2))
+    gb.write("plain.npz", gb.Particles(cloud(500, 75)))
+
+
+def picture(capsys, *words):
+    small = ["--size", "60x40", "--device", "cpu", "--json", "--aov", "a.npz"]
+    assert main(["render", *words, "-o", "a.png", *small]) == 0
+    out, err = capsys.readouterr()
+    return json.loads(out), np.load("a.npz")["mask"], err
+
+
+def test_roots_on_the_command_line(folder, capsys):
+    exact = picture(capsys, "ball.npz")[1]
+    for root in ("march", "bezier"):
+        report, mask, err = picture(capsys, "ball.npz", "--root", root)
+        assert report["root"] == root and not err
+        assert (mask != exact).mean() < 0.01
+    coarse = picture(capsys, "ball.npz", "--root", "march", "--step", "1")[1]
+    assert coarse.sum() < exact.sum()
+    assert "try --depth 3" in picture(capsys, "ball.npz", "--root", "march", "--depth", "6")[2]
+
+
+def test_the_preset(folder, capsys):
+    """Half a leaf's edge where the file has no support; the file's own otherwise."""
+    extent = float(np.ptp(cloud(500, 75), axis=0).max())
+    report, _, err = picture(capsys, "plain.npz", "--preset", "thesis", "--depth", "3")
+    assert report["support"] == pytest.approx(extent / 16) and report["root"] == "march" and not err
+    report = picture(capsys, "ball.npz", "--preset", "thesis", "--root", "bezier")[0]
+    assert report["support"] == pytest.approx(0.2) and report["root"] == "bezier"
+
+
+@pytest.mark.parametrize("words, message", [
+    (["--step", "1"], "--step: expected --root march beside it, got exact"),
+    (["--root", "bezier", "--step", "1"], "--step: expected --root march"),
+    (["--root", "march", "--step", "1e9"], "step: expected 0.0001 to 10000 supports"),
+    (["--root", "march", "--octree", "sparse"], "--octree: expected dense with --root march"),
+    (["--root", "bezier", "--kernel", "nishimura"], "--kernel: expected murakami or wyvill"),
+    (["--preset", "thesis", "--depth", "9"], "depth: expected 0 to 8"),
+    (["--root", "newton"], "newton"),
+])  # fmt: skip
+def test_refused_options(folder, capsys, words, message):
+    assert main(["render", "plain.npz", "-o", "a.png", *words]) == 2
+    err = capsys.readouterr().err
+    assert err.startswith("globule: error: ") and message in err and err.count("\n") == 1
+
+
+def test_the_tables(tmp_path, capsys):
+    path = tmp_path / "tables.csv"
+    rows = tables.run(device="cpu", frames=1, particles=(100,), depths=(2,), output=str(path))
+    assert rows[0]["dense nodes"] == 73 and rows[0]["hit differs"] < 1e-3 and rows[0]["hit"] > 0.01
+    assert len(path.read_text().splitlines()) == 2
+    assert "Table 6.2" in capsys.readouterr().out
