@@ -13,8 +13,9 @@ import zlib
 
 import globule as gb
 import numpy as np
-from scenes import pool
-from speed import load, write_csv
+from globule.bench.report import write_csv
+from globule.bench.scenes import pool
+from speed import load
 
 WATER = gb.Material(transmission=1.0, index=1.33, absorption=(0.4, 0.1, 0.05))
 SETTINGS = {

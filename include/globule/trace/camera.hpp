@@ -36,7 +36,7 @@ struct RaySource {
 
     /// Work items: the pixels in Morton order within squares of 64, so that neighbours in memory, and
     /// the rays that they send on, see the same places.
-    std::size_t n_items() const {
+    GB_FN std::size_t n_items() const {
         return origins ? n : std::size_t(ceil_div(camera.width, 64)) * ceil_div(rows(), 64) * 4096;
     }
     /// The ray of work item k; n: none.
