@@ -58,7 +58,6 @@ public:
             exec_.exclusive_scan(2 * items + 1, place);
             std::uint32_t total;
             exec_.download(&total, place + 2 * items, sizeof total);
-            if (getenv("GB_TIME")) fprintf(stderr, "wave %d: %zu -> %u\n", generation, n, total);
             if (total == 0) break;
             const std::size_t m = total;
             float* block = other->floats.reserve(9 * m);

@@ -76,7 +76,7 @@ class RenderSettings:
     sky: Sky | Environment | None = None
     ground: Ground | None = None
     depth: int = 4
-    cutoff: float = 1 / 128
+    cutoff: float = 1 / 32
     samples: int = 1
 
     def _pack(self, scene: Scene) -> dict:

@@ -55,7 +55,8 @@ public:
         for (std::size_t i = 0; i < n; ++i) kernel(i);
     }
 
-    /// As for_each, for items of very different length.
+    /// As for_each, for items of very different length, some of which may not be (second argument):
+    /// on a GPU the lanes of a warp then stay together.
     template <class Kernel>
     void for_each_uneven(std::size_t n, const Kernel& kernel) {
         constexpr std::size_t chunk = 256;
@@ -65,7 +66,7 @@ public:
 #pragma omp for schedule(dynamic)
             for (std::size_t c = 0; c < ceil_div(n, chunk); ++c) {
                 if (cancelled_.load(std::memory_order_relaxed)) continue;
-                for (std::size_t i = c * chunk; i < std::min(n, (c + 1) * chunk); ++i) kernel(i);
+                for (std::size_t i = c * chunk; i < std::min(n, (c + 1) * chunk); ++i) kernel(i, true);
                 poll_now(next_poll);
             }
         }

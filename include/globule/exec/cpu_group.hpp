@@ -215,6 +215,13 @@ struct CpuLanes {
         for (unsigned set = bits(v > F(0.0f)); set; set &= set - 1) fn(__builtin_ctz(set));
     }
     static float get(const F& v, int lane) { return v.v[lane]; }
+
+    /// A ray is alone here.
+    static bool any(bool mine) { return mine; }
+    template <class Source, class Limits>
+    static auto evaluate(const Source& source, float t, const Limits& lim, bool, bool bounds) {
+        return bounds ? source.template at<true>(t, lim) : source.template at<false>(t, lim);
+    }
 };
 
 }  // namespace globule

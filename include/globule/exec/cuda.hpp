@@ -47,7 +47,7 @@ __global__ void __launch_bounds__(32 * kWarpsPerBlock, 4)  // at most 128 regist
 template <class Kernel>
 __global__ void __launch_bounds__(128) run_uneven(std::size_t n, Kernel kernel) {
     const std::size_t i = std::size_t(blockIdx.x) * blockDim.x + threadIdx.x;
-    if (i < n) kernel(i);
+    kernel(i, i < n);
 }
 
 /// As run_tiles, the number of tiles known on the device only: warps take every n-th.

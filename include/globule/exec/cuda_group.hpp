@@ -142,6 +142,64 @@ struct CudaLanes {
         if (v > 0.0f) fn(0);
     }
     GB_FN static float get(float v, int) { return v; }
+
+    static constexpr unsigned all = 0xffffffffu;
+    static constexpr int kTeam = 8;  ///< lanes that share one ray's particles
+    __device__ static bool any(bool mine) { return __any_sync(all, mine); }
+
+    /// Field of each active lane's source at its own t: teams of lanes take one ray at a time, so that a
+    /// warp of few active rays, or with lists of very different length, still works with all its lanes.
+    template <class Source, class Limits>
+    __device__ static auto evaluate(const Source& source, float t, const Limits& lim, bool active, bool bounds) {
+        return __any_sync(all, active && bounds) ? by_teams<true>(source, t, lim, active) : by_teams<false>(source, t, lim, active);
+    }
+
+private:
+    template <bool Bounds, class Source, class Limits>
+    __device__ static auto by_teams(const Source& source, float t, const Limits& lim, bool active) {
+        const int lane = threadIdx.x & 31, team = lane / kTeam;
+        constexpr int n_teams = 32 / kTeam;
+        unsigned rest = __ballot_sync(all, active);
+        const int rank = __popc(rest & ((1u << lane) - 1));
+        decltype(source.template at<Bounds>(t, lim)) result{0.0f, 0.0f, 0.0f, 0.0f};
+        for (int round = 0; rest; ++round) {
+            int from = 0, n = 0;  // this team's ray; none: a list of no length
+            for (int k = 0; k < n_teams; ++k) {
+                const int set = __ffs(rest) - 1;
+                if (k == team) {
+                    from = set < 0 ? 0 : set;
+                    n = set >= 0;
+                }
+                rest &= rest - 1;
+            }
+            Source of = source;
+            of.blocks = reinterpret_cast<const float*>(__shfl_sync(all, reinterpret_cast<unsigned long long>(source.blocks), from));
+            of.n_blocks = n * __shfl_sync(all, source.n_blocks, from);
+            of.p0 = {__shfl_sync(all, source.p0.x, from), __shfl_sync(all, source.p0.y, from), __shfl_sync(all, source.p0.z, from)};
+            of.d = {__shfl_sync(all, source.d.x, from), __shfl_sync(all, source.d.y, from), __shfl_sync(all, source.d.z, from)};
+            Limits of_lim = lim;
+            of_lim.window = __shfl_sync(all, lim.window, from);
+            of_lim.sign = __shfl_sync(all, lim.sign, from);
+            const float of_t = __shfl_sync(all, t, from);
+            auto sum = result;
+            sum = {0.0f, 0.0f, 0.0f, 0.0f};
+            of.template add_blocks<Bounds>(sum, lane % kTeam, kTeam, of_t, of_lim);
+            __syncwarp();
+            for (int s = kTeam / 2; s; s >>= 1) {
+                sum.f += __shfl_xor_sync(all, sum.f, s);
+                sum.slope += __shfl_xor_sync(all, sum.slope, s);
+                if (Bounds) {
+                    sum.rise += __shfl_xor_sync(all, sum.rise, s);
+                    sum.fall += __shfl_xor_sync(all, sum.fall, s);
+                }
+            }
+            const int back = rank % n_teams * kTeam;
+            sum = {__shfl_sync(all, sum.f, back), __shfl_sync(all, sum.slope, back), Bounds ? __shfl_sync(all, sum.rise, back) : 0.0f,
+                   Bounds ? __shfl_sync(all, sum.fall, back) : 0.0f};
+            if (rank / n_teams == round) result = source.template finished<Bounds>(sum);
+        }
+        return result;
+    }
 };
 
 }  // namespace globule

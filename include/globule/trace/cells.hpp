@@ -43,56 +43,71 @@ struct Cells {
 
 /// A ray's way through the cells, brick by brick where those are alike throughout.
 struct CellWalk {
-    const CellGrid& grid;
-    float3 o, d, inv;
-    float3 at;       ///< from the grid's corner to o
-    int x, y, z;     ///< cell; outside: x < 0
-    float t;         ///< where the ray enters it
+    const CellGrid* grid;
+    float3 d, inv;
+    float3 at;         ///< from the grid's corner to the ray's origin
+    int x, y, z;       ///< cell; outside: x < 0
+    float t;           ///< where the ray enters it
+    float tx, ty, tz;  ///< where it meets the cell's far sides
 
+    CellWalk() = default;
     GB_FN CellWalk(const CellGrid& g, const float3& origin, const float3& direction, float from)
-        : grid(g), o(origin), d(direction), at(origin - g.lo), t(from) {
+        : grid(&g), d(direction), at(origin - g.lo), t(from) {
         inv = {inverse(d.x), inverse(d.y), inverse(d.z)};
-        const float brick = kBrick * grid.edge;
+        const float brick = kBrick * grid->edge;
         float leave = infinity();
-        slab(at.x, d.x, inv.x, brick * grid.nx, leave);
-        slab(at.y, d.y, inv.y, brick * grid.ny, leave);
-        slab(at.z, d.z, inv.z, brick * grid.nz, leave);
-        const float per = 1.0f / grid.edge;
-        x = place(at.x + t * d.x, per, 0, kBrick * grid.nx - 1);
-        y = place(at.y + t * d.y, per, 0, kBrick * grid.ny - 1);
-        z = place(at.z + t * d.z, per, 0, kBrick * grid.nz - 1);
-        if (!(t <= leave) || grid.n_bricks == 0) x = -1;
+        slab(at.x, d.x, inv.x, brick * grid->nx, leave);
+        slab(at.y, d.y, inv.y, brick * grid->ny, leave);
+        slab(at.z, d.z, inv.z, brick * grid->nz, leave);
+        const float per = 1.0f / grid->edge;
+        x = place(at.x + t * d.x, per, 0, kBrick * grid->nx - 1);
+        y = place(at.y + t * d.y, per, 0, kBrick * grid->ny - 1);
+        z = place(at.z + t * d.z, per, 0, kBrick * grid->nz - 1);
+        sides();
+        if (!(t <= leave) || grid->n_bricks == 0) x = -1;
     }
     GB_FN bool inside() const { return x >= 0; }
     GB_FN std::uint32_t brick() const {
-        return (std::uint32_t(z / kBrick) * grid.ny + std::uint32_t(y / kBrick)) * grid.nx + std::uint32_t(x / kBrick);
+        return (std::uint32_t(z / kBrick) * grid->ny + std::uint32_t(y / kBrick)) * grid->nx + std::uint32_t(x / kBrick);
     }
     GB_FN int cell_in_brick() const { return ((z % kBrick) * kBrick + y % kBrick) * kBrick + x % kBrick; }
     GB_FN float3 centre() const {
-        return {grid.lo.x + (float(x) + 0.5f) * grid.edge, grid.lo.y + (float(y) + 0.5f) * grid.edge,
-                grid.lo.z + (float(z) + 0.5f) * grid.edge};
+        return {grid->lo.x + (float(x) + 0.5f) * grid->edge, grid->lo.y + (float(y) + 0.5f) * grid->edge,
+                grid->lo.z + (float(z) + 0.5f) * grid->edge};
     }
-    /// Where the ray leaves the cell, or the brick (size kBrick) that holds it.
-    GB_FN float leave(int size) const {
-        return most(t, least(least(side(x, size, at.x, d.x, inv.x), side(y, size, at.y, d.y, inv.y)),
-                             side(z, size, at.z, d.z, inv.z)));
-    }
+    /// Where the ray leaves the cell.
+    GB_FN float leave() const { return most(t, least(least(tx, ty), tz)); }
+    /// To the next cell (size 1) or past the brick (size kBrick) that holds this one.
     GB_FN void step(int size) {
-        const float tx = side(x, size, at.x, d.x, inv.x), ty = side(y, size, at.y, d.y, inv.y),
-                    tz = side(z, size, at.z, d.z, inv.z);
-        const float next = least(least(tx, ty), tz);
-        t = most(t, next);
-        const int bx = x & -size, by = y & -size, bz = z & -size;
-        if (size > 1) {
-            const float per = 1.0f / grid.edge;
-            x = place(at.x + t * d.x, per, bx, bx + size - 1);
-            y = place(at.y + t * d.y, per, by, by + size - 1);
-            z = place(at.z + t * d.z, per, bz, bz + size - 1);
+        if (size == 1) {
+            const float next = least(least(tx, ty), tz);
+            bool in = next < infinity();
+            if (tx == next) {
+                in = pass(x, x, 1, d.x, grid->nx) && in;
+                tx = side(x, 1, at.x, d.x, inv.x);
+            } else if (ty == next) {
+                in = pass(y, y, 1, d.y, grid->ny) && in;
+                ty = side(y, 1, at.y, d.y, inv.y);
+            } else {
+                in = pass(z, z, 1, d.z, grid->nz) && in;
+                tz = side(z, 1, at.z, d.z, inv.z);
+            }
+            t = most(t, next);
+            if (!in) x = -1;
+            return;
         }
+        const float bx = side(x, size, at.x, d.x, inv.x), by = side(y, size, at.y, d.y, inv.y), bz = side(z, size, at.z, d.z, inv.z);
+        const float next = least(least(bx, by), bz), per = 1.0f / grid->edge;
+        t = most(t, next);
+        const int cx = x & -size, cy = y & -size, cz = z & -size;
+        x = place(at.x + t * d.x, per, cx, cx + size - 1);
+        y = place(at.y + t * d.y, per, cy, cy + size - 1);
+        z = place(at.z + t * d.z, per, cz, cz + size - 1);
         bool in = next < infinity();
-        if (tx == next) in = pass(x, bx, size, d.x, grid.nx) && in;
-        else if (ty == next) in = pass(y, by, size, d.y, grid.ny) && in;
-        else in = pass(z, bz, size, d.z, grid.nz) && in;
+        if (bx == next) in = pass(x, cx, size, d.x, grid->nx) && in;
+        else if (by == next) in = pass(y, cy, size, d.y, grid->ny) && in;
+        else in = pass(z, cz, size, d.z, grid->nz) && in;
+        sides();
         if (!in) x = -1;
     }
 
@@ -101,6 +116,11 @@ private:
     GB_FN static float inverse(float v) { return 1.0f / (magnitude(v) > kTiny ? v : kTiny); }
     GB_FN static int place(float v, float per, int lo, int hi) {
         return int(most(float(lo), least(v * per, float(hi))));
+    }
+    GB_FN void sides() {
+        tx = side(x, 1, at.x, d.x, inv.x);
+        ty = side(y, 1, at.y, d.y, inv.y);
+        tz = side(z, 1, at.z, d.z, inv.z);
     }
     GB_FN void slab(float a, float v, float i, float size, float& leave) {
         if (magnitude(v) <= kTiny) {
@@ -114,7 +134,7 @@ private:
     GB_FN float side(int i, int size, float a, float v, float iv) const {
         if (magnitude(v) <= kTiny) return infinity();
         const int plane = (i & -size) + (v > 0.0f ? size : 0);
-        return (float(plane) * grid.edge - a) * iv;
+        return (float(plane) * grid->edge - a) * iv;
     }
     GB_FN static bool pass(int& i, int base, int size, float v, int n) {
         i = v > 0.0f ? base + size : base - 1;

@@ -16,12 +16,20 @@ struct BlockSource {
     Kernel kernel;
     float3 p0, d;
 
+    /// f and slope at t, and with Bounds the bounds of f'' over the window from there.
     template <bool Bounds>
     GB_FN Along<float> at(float t, const Limits<float>& lim) const {
+        Along<F> sum{F(0.0f), F(0.0f), F(0.0f), F(0.0f)};
+        add_blocks<Bounds>(sum, 0, 1, t, lim);
+        return finished<Bounds>({Lanes::sum(sum.f), Lanes::sum(sum.slope), Bounds ? Lanes::sum(sum.rise) : 0.0f,
+                                 Bounds ? Lanes::sum(sum.fall) : 0.0f});
+    }
+    /// Adds every `stride`th block from `first` on.
+    template <bool Bounds>
+    GB_FN void add_blocks(Along<F>& sum, int first, int stride, float t, const Limits<float>& lim) const {
         const Vec3<F> p{F(p0.x + t * d.x), F(p0.y + t * d.y), F(p0.z + t * d.z)}, along{F(d.x), F(d.y), F(d.z)};
         const Limits<F> wide{F(lim.tau), F(lim.window), F(lim.error), F(lim.least_step), F(lim.sign)};
-        Along<F> sum{F(0.0f), F(0.0f), F(0.0f), F(0.0f)};
-        for (int j = 0; j < n_blocks; ++j) {
+        for (int j = first; j < n_blocks; j += stride) {
             const float* block = blocks + j * kFloats;
             Vec3<F> q;
             Lanes::load(block, q.x, q.y, q.z);
@@ -31,12 +39,11 @@ struct BlockSource {
             else
                 add<false, Bounds>(sum, kernel, p - q, along, F(1.0f), F(1.0f), wide);
         }
-        Along<float> total{Lanes::sum(sum.f), 2.0f * Lanes::sum(sum.slope), 0.0f, 0.0f};
-        if constexpr (Bounds) {
-            total.rise = Lanes::sum(sum.rise);
-            total.fall = Lanes::sum(sum.fall);
-            if constexpr (!PerParticle) total.fall *= most(8.0f, kernel.max_fall());  // as in ListSource
-        }
+    }
+    template <bool Bounds>
+    GB_FN Along<float> finished(Along<float> total) const {
+        total.slope *= 2.0f;
+        if constexpr (!PerParticle && Bounds) total.fall *= most(8.0f, kernel.max_fall());  // as in ListSource
         return total;
     }
     /// Largest 1 / support.
@@ -49,43 +56,31 @@ struct BlockSource {
     }
 };
 
-enum class Crossed { no, yes, doubtful };
+/// How far a ray has come.
+enum class Way { on, crossed, doubtful };
 
-/// As march() of trace/march.hpp for one ray, which may begin on the surface itself: while it moves
+/// One turn of march() in trace/march.hpp, for a ray that may begin on the surface itself: while it moves
 /// away from the threshold it has not met it, however near it is.
-template <class Source>
-GB_FN Crossed march_cell(const Source& source, const Limits<float>& lim, float end, float& t) {
-    float rise = 0.0f, fall = 0.0f, window_end = t;
-    for (int step = 0; t < end; ++step) {
-        Along<float> s;
-        if (t >= window_end) {
-            s = source.template at<true>(t, lim);
-            rise = s.rise * 1.0001f;
-            fall = s.fall;
-            window_end = t + lim.window;
-        } else {
-            s = source.template at<false>(t, lim);
-        }
-        const float gap = lim.sign * (lim.tau - s.f), slope = lim.sign * s.slope;
-        const float safe = most(gap - lim.error, 0.0f), rest = window_end - t;
-        const float under = slope * slope + 2.0f * rise * safe;
-        if (slope <= 0.0f) {  // away: the bound's second root
-            const float move = rise > 0.0f ? most(quick_quotient(quick_root(under) - slope, rise), lim.least_step) : rest;
-            t = move < rest ? t + move : window_end;
-            continue;
-        }
-        const float move = under >= 0.0f ? quick_quotient(2.0f * safe, slope + quick_root(under)) : rest;
-        const bool at_surface = gap <= 2.0f * lim.error || move <= lim.least_step;
-        const bool quick = move * move * most(rise, fall) <= 2.0f * lim.least_step * slope;
-        const float lift = 2.0f * (most(gap, 0.0f) + 4.0f * lim.error);
-        if ((at_surface || quick) && slope * slope > fall * lift && slope * rest > lift) {
-            t += least(quick_quotient(most(gap, 0.0f), slope), rest);
-            return Crossed::yes;
-        }
-        if (at_surface || step == 1000) return Crossed::doubtful;
-        t = move < rest ? t + move : window_end;
+GB_FN Way step_along(const Along<float>& s, const Limits<float>& lim, float rise, float fall, float rest, float& t) {
+    const float gap = lim.sign * (lim.tau - s.f), slope = lim.sign * s.slope;
+    const float safe = most(gap - lim.error, 0.0f);
+    const float under = slope * slope + 2.0f * rise * safe;
+    if (slope <= 0.0f) {  // away: the bound's second root
+        const float move = rise > 0.0f ? most(quick_quotient(quick_root(under) - slope, rise), lim.least_step) : rest;
+        t += least(move, rest);
+        return Way::on;
     }
-    return Crossed::no;
+    const float move = under >= 0.0f ? quick_quotient(2.0f * safe, slope + quick_root(under)) : rest;
+    const bool at_surface = gap <= 2.0f * lim.error || move <= lim.least_step;
+    const bool quick = move * move * most(rise, fall) <= 2.0f * lim.least_step * slope;
+    const float lift = 2.0f * (most(gap, 0.0f) + 4.0f * lim.error);
+    if ((at_surface || quick) && slope * slope > fall * lift && slope * rest > lift) {
+        t += least(quick_quotient(most(gap, 0.0f), slope), rest);
+        return Way::crossed;
+    }
+    if (at_surface) return Way::doubtful;
+    t += least(move, rest);
+    return Way::on;
 }
 
 template <class Lanes_, class Tree, class Kernel_, bool PerParticle_>
@@ -106,8 +101,9 @@ struct CellTracer {
         whole_brick = brick < kListed;
         return whole_brick ? CellList{brick, 0} : cells.lists[std::size_t(brick - kListed) * kBrickCells + walk.cell_in_brick()];
     }
+    /// A cell's particles along the ray from t on.
     GB_FN Source source(const CellWalk& walk, const CellList& list, float t, const float3& o, const float3& d) const {
-        const float scale = 1.0f / tree.header->typical_support;
+        const double scale = 1.0f / tree.header->typical_support;
         const float3 c = walk.centre();
         // The only place where distance from the eye would cost precision.
         return {cells.blocks + std::size_t(list.first) * Source::kFloats, int(ceil_div<std::uint32_t>(list.n, Lanes::width)), kernel,
@@ -117,37 +113,72 @@ struct CellTracer {
 
     /// First crossing in [from, to]; infinity where there is none; undecided(t) where float32 cannot
     /// tell from t on.  sign: +1 the ray begins outside, -1 inside, 0 not known; afterwards as at the end.
-    GB_FN float operator()(const float3& o, const float3& d, float from, float to, float& sign) const {
-        CellWalk walk(*cells.grid, o, d, from);
-        if (sign == 0.0f && !(walk.inside() && walk.t <= from)) sign = 1.0f;
+    /// The rays of a warp go together, those not `active` too: they lend their hands.
+    GB_FN float operator()(const float3& o, const float3& d, float from, float to, float& sign, bool active) const {
         const float typical = tree.header->typical_support;
-        for (;;) {
-            // All rays of a warp come to their next list before any of them looks into it.
-            CellList list;
-            for (;;) {
-                if (!walk.inside() || !(walk.t < to)) return infinity();
-                bool whole_brick;
-                list = list_of(walk, whole_brick);
-                if (list.n) break;
-                if (list.first == kUnlisted) return undecided(walk.t);
-                const float here = list.first == kFull ? -1.0f : 1.0f;
-                if (sign == 0.0f) sign = here;
-                if (sign != here) return walk.t;  // rounding at the cell's side
-                walk.step(whole_brick ? kBrick : 1);
+        CellWalk walk{};
+        if (active) walk = CellWalk(*cells.grid, o, d, from);
+        if (active && sign == 0.0f && !(walk.inside() && walk.t <= from)) sign = 1.0f;
+        float found = infinity();
+        while (Lanes::any(active)) {
+            Source src{};
+            float t = 0.0f, end = -1.0f, sharp = 1.0f;
+            Limits<float> lim{};
+            if (active) {
+                CellList list;
+                active = next_list(walk, to, sign, list, found);
+                if (active) {
+                    src = source(walk, list, walk.t, o, d);
+                    sharp = src.sharpest();
+                    end = (least(walk.leave(), to) - walk.t) / typical;
+                    const float heaviest = PerParticle ? tree.header->most_weight : 1.0f;
+                    lim = {tau, least(kWindow / sharp, most(end, 1e-6f)), 5e-6f * (heaviest + tau) * sharp, 2e-5f / sharp, sign};
+                    if (sign == 0.0f) sign = lim.sign = src.template at<false>(0.0f, lim).f > tau ? -1.0f : 1.0f;
+                }
             }
-            const float end = least(walk.leave(1), to);
-            const Source src = source(walk, list, walk.t, o, d);
-            const float sharp = src.sharpest(), length = (end - walk.t) / typical;
-            const float heaviest = PerParticle ? tree.header->most_weight : 1.0f;
-            Limits<float> lim{tau, least(kWindow / sharp, most(length, 1e-6f)), 5e-6f * (heaviest + tau) * sharp, 2e-5f / sharp, sign};
-            if (sign == 0.0f) sign = lim.sign = src.template at<false>(0.0f, lim).f > tau ? -1.0f : 1.0f;
-            float t = 0.0f;
-            const Crossed crossed = march_cell(src, lim, length, t);
-            if (crossed == Crossed::yes) return walk.t + t * typical;
-            if (crossed == Crossed::doubtful) return undecided(walk.t + t * typical);
-            walk.step(1);
+            float rise = 0.0f, fall = 0.0f, window_end = 0.0f;
+            for (int step = 0; Lanes::any(t < end); ++step) {
+                const bool here = t < end, fresh = t >= window_end;
+                const Along<float> s = Lanes::evaluate(src, t, lim, here, fresh);
+                if (!here) continue;
+                if (fresh) {
+                    rise = s.rise * 1.0001f;
+                    fall = s.fall;
+                    window_end = t + lim.window;
+                }
+                Way way = step_along(s, lim, rise, fall, window_end - t, t);
+                if (step == 1000 && way == Way::on) way = Way::doubtful;
+                if (way == Way::on) continue;
+                found = walk.t + t * typical;
+                if (way == Way::doubtful) found = undecided(found);
+                active = false;
+                end = -1.0f;
+            }
+            if (active) walk.step(1);
         }
-        return infinity();
+        return found;
+    }
+
+private:
+    /// Moves on to a cell with a list; false: the ray ends before, at `found`.
+    GB_FN bool next_list(CellWalk& walk, float to, float& sign, CellList& list, float& found) const {
+        while (walk.inside() && walk.t < to) {
+            bool whole_brick;
+            list = list_of(walk, whole_brick);
+            if (list.n) return true;
+            if (list.first == kUnlisted) {
+                found = undecided(walk.t);
+                return false;
+            }
+            const float here = list.first == kFull ? -1.0f : 1.0f;
+            if (sign == 0.0f) sign = here;
+            if (sign != here) {  // rounding at the cell's side
+                found = walk.t;
+                return false;
+            }
+            walk.step(whole_brick ? kBrick : 1);
+        }
+        return false;
     }
 };
 

@@ -76,30 +76,39 @@ struct Cut {
     }
 
     /// As CellTracer; cap: the clip where a cut face is met, else -1.
-    GB_FN float operator()(const float3& o, const float3& d, float from, float to, float& sign, std::int32_t& cap) const {
+    GB_FN float operator()(const float3& o, const float3& d, float from, float to, float& sign, std::int32_t& cap, bool active) const {
+        using Lanes = typename Tracer::Lanes;
         cap = -1;
         if (tracer.tree.empty()) return infinity();
-        if (clips.n == 0) return tracer(o, d, from, to, sign);
-        float at = from, begin, end;
-        int at_begin, at_end;
-        while (clips.next(o, d, at, begin, end, at_begin, at_end) && begin < to) {
-            if (begin > at) {
+        if (clips.n == 0) return tracer(o, d, from, to, sign, active);
+        float at = from, found = infinity();
+        while (Lanes::any(active)) {
+            float begin = 0.0f, end = 0.0f;
+            int at_begin = -1, at_end = -1;
+            if (active) active = clips.next(o, d, at, begin, end, at_begin, at_end) && begin < to;
+            if (active && begin > at) {
                 if (holds(o, d, begin)) {
                     cap = at_begin;
-                    return begin;
+                    found = begin;
+                    active = false;
                 }
                 sign = 1.0f;
             }
-            const float t = tracer(o, d, begin, least(end, to), sign);
-            if (t < infinity()) return t;
-            if (end >= to) break;
-            if (sign < 0.0f) {
+            const float t = tracer(o, d, begin, least(end, to), sign, active);
+            if (!active) continue;
+            if (t < infinity()) {
+                found = t;
+                active = false;
+            } else if (end >= to) {
+                active = false;
+            } else if (sign < 0.0f) {
                 cap = at_end;
-                return end;
+                found = end;
+                active = false;
             }
             at = end;
         }
-        return infinity();
+        return found;
     }
 };
 
@@ -110,15 +119,17 @@ struct March {
     WaveRays rays;
     int layer;
     LayerHits out;
-    GB_FN void operator()(std::size_t k) const {
-        const std::size_t i = rays.source.swizzled(k);
-        if (i >= rays.source.n) return;
-        float3 o, d;
-        rays.source.get(i, o, d);
-        const float typical = cut.tracer.tree.header->typical_support;
-        float sign = rays.primary() ? 0.0f : rays.inside[i] >> layer & 1 ? -1.0f : 1.0f;
+    GB_FN void operator()(std::size_t k, bool valid) const {
+        const std::size_t i = valid ? rays.source.swizzled(k) : rays.source.n;
+        valid = i < rays.source.n;
+        float3 o{0, 0, 0}, d{0, 0, 1};
+        float sign = 0.0f;
+        if (valid) rays.source.get(i, o, d);
+        if (valid && !rays.primary()) sign = rays.inside[i] >> layer & 1 ? -1.0f : 1.0f;
         std::int32_t cap;
-        const float t = cut(o, d, rays.primary() ? 0.0f : kStart * typical, infinity(), sign, cap);
+        const float from = rays.primary() ? 0.0f : kStart * cut.tracer.tree.header->typical_support;
+        const float t = cut(o, d, from, infinity(), sign, cap, valid);
+        if (!valid) return;
         out.t[i] = t;
         out.cap[i] = cap;
         out.sign[i] = sign < 0.0f ? -1 : 1;
@@ -135,8 +146,8 @@ struct Keep {
     int layer;
     LayerHits found;
     WaveHits out;
-    GB_FN void operator()(std::size_t k) const {
-        const std::size_t i = rays.source.swizzled(k);
+    GB_FN void operator()(std::size_t k, bool valid) const {
+        const std::size_t i = valid ? rays.source.swizzled(k) : rays.source.n;
         if (i >= rays.source.n) return;
         if (rays.primary() && layer == 0) rays.inside[i] = 0;
         const float t = found.t[i];
@@ -279,20 +290,29 @@ struct Occlude {
     WaveHits hits;
     int layer;
     float* visibility;
-    GB_FN void operator()(std::size_t k) const {
+    GB_FN void operator()(std::size_t k, bool valid) const {
+        float3 o{0, 0, 0}, l{0, 0, 1};
+        float distance = 0.0f, sign = 1.0f;
+        float* out = nullptr;
+        valid = valid && begin(k, o, l, distance, sign, out);
+        const float left = through(o, l, distance, sign, valid);
+        if (valid) *out *= left;
+    }
+
+private:
+    /// The ray of item k; false: there is none to trace.
+    GB_FN bool begin(std::size_t k, float3& o, float3& l, float& distance, float& sign, float*& out) const {
         const std::size_t n = rays.source.n, items = rays.source.n_items();
         const std::size_t i = rays.source.swizzled(k % items);
-        if (i >= n) return;
+        if (i >= n) return false;
         int which = int(k / items);
-        float* out = visibility + std::size_t(which) * n + i;
+        out = visibility + std::size_t(which) * n + i;
         if (layer == 0) *out = 1.0f;
-        if (hits.layer[i] == kMissed || *out == 0.0f) return;
+        if (hits.layer[i] == kMissed || *out == 0.0f) return false;
         const Point h = point_of(lighting, rays, hits, i);
-        if (which < lighting.ambient_rays && h.split.matte * largest(rays.throughput_of(i)) < 0.25f * lighting.cutoff) return;
         const std::uint32_t pixel = rays.pixel_of(i), stream = 16 + std::uint32_t(which);
-        float3 l;
-        float distance;
         if (which < lighting.ambient_rays) {
+            if (h.split.matte * largest(rays.throughput_of(i)) < 0.25f * lighting.cutoff) return false;
             l = cosine_direction(h.normal, sample(pixel, 8, rays.source.pass * std::uint32_t(lighting.ambient_rays) + which));
             distance = lighting.ambient_distance;
         } else {
@@ -302,35 +322,44 @@ struct Occlude {
                 if (lighting.casts(light) && which-- == 0) break;
             lighting.towards(light, h.p, sample(pixel, stream, rays.source.pass), l, distance);
             // From behind, or too little to matter even in full view.
-            const float3 full = rays.throughput_of(i) * reflected_light(h.albedo * h.split.matte, specular(h, i), h.material->shininess,
+            const float specular = hits.layer[i] == kGround ? 0.0f : h.material->specular;
+            const float3 full = rays.throughput_of(i) * reflected_light(h.albedo * h.split.matte, specular, h.material->shininess,
                                                                         h.normal, h.d, l, lighting.lights[light].radiance);
-            if (largest(full) < 0.25f * lighting.cutoff) return;
+            if (largest(full) < 0.25f * lighting.cutoff) return false;
         }
-        if (dot(l, h.normal) <= 0.0f) return;
-        *out *= through(h.p, l, distance, rays.inside[i] >> layer & 1 ? -1.0f : 1.0f);
+        o = h.p;
+        sign = rays.inside[i] >> layer & 1 ? -1.0f : 1.0f;
+        return dot(l, h.normal) > 0.0f;
     }
-    GB_FN float specular(const Point& h, std::size_t i) const { return hits.layer[i] == kGround ? 0.0f : h.material->specular; }
-    GB_FN float through(const float3& o, const float3& l, float distance, float sign) const {
+    /// The share of light that passes the layer on the way.
+    GB_FN float through(const float3& o, const float3& l, float distance, float sign, bool active) const {
+        using Lanes = typename Tracer::Lanes;
         const Material& m = lighting.materials[layer];
         const float typical = cut.tracer.tree.header->typical_support;
         float left = 1.0f, from = kStart * typical;
-        for (int crossings = 0; crossings < 32; ++crossings) {
+        for (int crossings = 0; Lanes::any(active) && crossings < 64; ++crossings) {
             std::int32_t cap;
-            float t = cut(o, l, from, distance, sign, cap);
+            float t = cut(o, l, from, distance, sign, cap, active);
+            if (!active) continue;
             if (t < 0.0f) {  // a graze, or a cell without a list
                 t = undecided(t) + 0.05f * typical;
                 if (cut.holds_by_tree(o + l * t) == (sign < 0.0f)) {
                     from = t;
+                    active = from < distance;
                     continue;
                 }
             }
-            if (sign < 0.0f && m.absorption.x > 0.0f && t < infinity())
+            active = t < distance;
+            if (!active) continue;
+            if (sign < 0.0f && m.absorption.x > 0.0f)
                 left *= expf(-(m.absorption.x + m.absorption.y + m.absorption.z) * (1.0f / 3.0f) * (t - from));
-            if (!(t < distance)) return left;
-            if (m.transmission == 0.0f || (m.transmission < 0.0f && !attributes.refraction.data && attributes.refraction.uniform == 0.0f))
-                return 0.0f;
-            left *= m.transmission > 0.0f ? m.transmission : looks_at(cut.tracer, attributes, o, l, t).refraction;
-            if (left < 0.004f) return 0.0f;
+            left *= m.transmission >= 0.0f       ? m.transmission
+                    : attributes.refraction.data ? looks_at(cut.tracer, attributes, o, l, t).refraction
+                                                 : attributes.refraction.uniform;
+            if (left < 0.004f) {
+                left = 0.0f;
+                active = false;
+            }
             sign = -sign;
             from = t + kStart * typical;
         }
