@@ -282,7 +282,7 @@ private:
         const auto occlude = [&](const WaveRays& rays, const WaveHits& hits, int k, float* visibility) {
             scenes[k]->with_tracer(request.layers[k].field, [&](const auto& tracer) {
                 using Tracer = std::decay_t<decltype(tracer)>;
-                exec_->for_each_uneven(rays.source.n_items() * lighting.n_visibilities(),
+                exec_->for_each_walk(rays.source.n_items() * lighting.n_visibilities(),
                                        Occlude<Tracer>{{tracer, clips[k]}, scenes[k]->attributes_, lighting, rays, hits, k, visibility});
             });
         };
@@ -311,7 +311,7 @@ private:
         }
         with_tracer(field, [&](const auto& tracer) {
             using Tracer = std::decay_t<decltype(tracer)>;
-            exec.for_each_uneven(rays.source.n_items(), March<Tracer>{{tracer, clips}, rays, layer, found});
+            exec.for_each_walk(rays.source.n_items(), March<Tracer>{{tracer, clips}, rays, layer, found});
             using Tree = std::decay_t<decltype(tracer.tree)>;
             const ResolveRays<Tree, Tracer::PerParticle> rest{tracer.tree, tree_.particles(), {field.kernel}, field.threshold, nullptr, {},
                                                              rays.source, {found.t, nullptr, nullptr}, clips, found.sign, found.cap};

@@ -55,8 +55,7 @@ public:
         for (std::size_t i = 0; i < n; ++i) kernel(i);
     }
 
-    /// As for_each, for items of very different length, some of which may not be (second argument):
-    /// on a GPU the lanes of a warp then stay together.
+    /// As for_each, for items of very different length.
     template <class Kernel>
     void for_each_uneven(std::size_t n, const Kernel& kernel) {
         constexpr std::size_t chunk = 256;
@@ -66,10 +65,17 @@ public:
 #pragma omp for schedule(dynamic)
             for (std::size_t c = 0; c < ceil_div(n, chunk); ++c) {
                 if (cancelled_.load(std::memory_order_relaxed)) continue;
-                for (std::size_t i = c * chunk; i < std::min(n, (c + 1) * chunk); ++i) kernel(i, true);
+                for (std::size_t i = c * chunk; i < std::min(n, (c + 1) * chunk); ++i) kernel(i);
                 poll_now(next_poll);
             }
         }
+    }
+
+    /// Items that take a number of steps known to none beforehand: begin(i, state), where that is true
+    /// advance(state, true) while it is true, then end(state).
+    template <class Walk>
+    void for_each_walk(std::size_t n, const Walk& walk) {
+        for_each_uneven(n, Steps<Walk>{walk});
     }
 
     /// One group of lanes a tile, as many tiles as *n says.
@@ -181,6 +187,16 @@ public:
     }
 
 private:
+    template <class Walk>
+    struct Steps {
+        const Walk& walk;
+        void operator()(std::size_t i) const {
+            typename Walk::State state{};
+            if (!walk.begin(i, state)) return;
+            while (walk.advance(state, true)) {}
+            walk.end(state);
+        }
+    };
     void poll_now(double& next_poll) {
         if (!poll_ || omp_get_thread_num() != 0 || now() <= next_poll) return;
         if (poll_()) cancelled_ = true;

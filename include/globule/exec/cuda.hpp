@@ -47,7 +47,42 @@ __global__ void __launch_bounds__(32 * kWarpsPerBlock, 4)  // at most 128 regist
 template <class Kernel>
 __global__ void __launch_bounds__(128) run_uneven(std::size_t n, Kernel kernel) {
     const std::size_t i = std::size_t(blockIdx.x) * blockDim.x + threadIdx.x;
-    kernel(i, i < n);
+    if (i < n) kernel(i);
+}
+
+/// Lanes that are done with their item take the next ones, some at a time, so that a warp stays full
+/// whatever the items' lengths (Aila & Laine 2009).  All lanes advance together, active or not.
+template <class Walk>
+__global__ void __launch_bounds__(128, 5) run_walks(unsigned long long n, unsigned long long* next, Walk walk) {
+    constexpr unsigned all = 0xffffffffu;
+    constexpr int kIdle = 8;  // lanes that wait before new items are taken
+    const int lane = threadIdx.x & 31;
+    typename Walk::State state{};
+    bool busy = false, more = true;
+    for (;;) {
+        const unsigned idle = __ballot_sync(all, !busy);
+        if (more && __popc(idle) >= kIdle) {
+            unsigned long long first = 0;
+            if (lane == 0) first = atomicAdd(next, (unsigned long long)__popc(idle));
+            first = __shfl_sync(all, first, 0);
+            more = first + __popc(idle) < n;
+            if (!busy) {
+                const unsigned long long i = first + __popc(idle & ((1u << lane) - 1));
+                busy = i < n && walk.begin(i, state);
+            }
+            __syncwarp();
+        }
+        if (!__any_sync(all, busy)) {
+            if (!more) return;
+            continue;
+        }
+        const bool on = walk.advance(state, busy);
+        if (busy && !on) {
+            walk.end(state);
+            busy = false;
+        }
+        __syncwarp();
+    }
 }
 
 /// As run_tiles, the number of tiles known on the device only: warps take every n-th.
@@ -71,7 +106,7 @@ public:
     static constexpr bool tiles_for_camera = false;
     static constexpr std::size_t wave_size = 1 << 22;       ///< pixels at a time
 
-    explicit Cuda(int device) : device_(device), temporary_(*this) {
+    explicit Cuda(int device) : device_(device), temporary_(*this), next_(*this) {
         check(cudaSetDevice(device_));
         check(cudaDeviceGetAttribute(&n_processors_, cudaDevAttrMultiProcessorCount, device_));
         check(cudaStreamCreate(&stream_));  // ordered with the default stream of other libraries
@@ -129,6 +164,15 @@ public:
         run_uneven<<<unsigned(ceil_div<std::size_t>(n, 128)), 128, 0, stream_>>>(n, kernel);
         check(cudaGetLastError());
     }
+    template <class Walk>
+    void for_each_walk(std::size_t n, const Walk& walk) {
+        if (n == 0) return;
+        unsigned long long* next = next_.reserve(1);
+        clear(next, sizeof *next);
+        const unsigned blocks = unsigned(least<std::size_t>(ceil_div<std::size_t>(n, 128), 5 * n_processors_));
+        run_walks<<<blocks, 128, 0, stream_>>>(n, next, walk);
+        check(cudaGetLastError());
+    }
     template <class Kernel>
     void for_each_tile_of(const std::uint32_t* n, const Kernel& kernel) {
         run_tiles_of<<<16 * n_processors_, 32 * kWarpsPerBlock, 0, stream_>>>(n, kernel);
@@ -176,6 +220,7 @@ private:
     cudaStream_t stream_ = nullptr;
     cudaEvent_t marks_[4] = {};
     Buffer<char, Cuda> temporary_;
+    Buffer<unsigned long long, Cuda> next_;
 };
 
 }  // namespace globule

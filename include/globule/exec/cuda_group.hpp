@@ -145,7 +145,7 @@ struct CudaLanes {
 
     static constexpr unsigned all = 0xffffffffu;
     static constexpr int kTeam = 8;  ///< lanes that share one ray's particles
-    __device__ static bool any(bool mine) { return __any_sync(all, mine); }
+    static constexpr int cells_at_once = 4;  ///< that a ray passes before the others get their turn
 
     /// Field of each active lane's source at its own t: teams of lanes take one ray at a time, so that a
     /// warp of few active rays, or with lists of very different length, still works with all its lanes.

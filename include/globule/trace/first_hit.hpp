@@ -57,7 +57,23 @@ struct BlockSource {
 };
 
 /// How far a ray has come.
-enum class Way { on, crossed, doubtful };
+enum class Way { on, crossed, doubtful, missed };
+
+/// A ray on its way, between two evaluations of the field: rays of a warp that are done can be replaced
+/// while others go on.
+struct RayState {
+    CellWalk walk;
+    float3 o;
+    float to;                      ///< how far it looks
+    float sign;                    ///< +1 outside, -1 inside, 0 not known yet
+    float t;                       ///< in a cell: from where the ray enters it, scaled; at the end: along the ray
+    float end;                     ///< of the cell, likewise
+    float3 p0;                     ///< where it enters, from the cell's centre, scaled
+    CellList list;                 ///< n = 0: between cells
+    float sharp;                   ///< largest 1 / support in the list
+    float rise, fall, window_end;  ///< bounds in force, and how far
+    int steps;
+};
 
 /// One turn of march() in trace/march.hpp, for a ray that may begin on the surface itself: while it moves
 /// away from the threshold it has not met it, however near it is.
@@ -101,84 +117,89 @@ struct CellTracer {
         whole_brick = brick < kListed;
         return whole_brick ? CellList{brick, 0} : cells.lists[std::size_t(brick - kListed) * kBrickCells + walk.cell_in_brick()];
     }
-    /// A cell's particles along the ray from t on.
-    GB_FN Source source(const CellWalk& walk, const CellList& list, float t, const float3& o, const float3& d) const {
+    GB_FN Source source(const CellList& list, const float3& p0, const float3& d) const {
+        return {cells.blocks + std::size_t(list.first) * Source::kFloats, int(ceil_div<std::uint32_t>(list.n, Lanes::width)), kernel, p0, d};
+    }
+    /// The ray's point at t, from the cell's centre, scaled: the only place where distance from the eye
+    /// would cost precision.
+    GB_FN float3 in_cell(const CellWalk& walk, const float3& o, float t) const {
         const double scale = 1.0f / tree.header->typical_support;
-        const float3 c = walk.centre();
-        // The only place where distance from the eye would cost precision.
-        return {cells.blocks + std::size_t(list.first) * Source::kFloats, int(ceil_div<std::uint32_t>(list.n, Lanes::width)), kernel,
-                {float((double(o.x) + double(t) * d.x - c.x) * scale), float((double(o.y) + double(t) * d.y - c.y) * scale),
-                 float((double(o.z) + double(t) * d.z - c.z) * scale)}, d};
+        const float3 c = walk.centre(), d = walk.d;
+        return {float((double(o.x) + double(t) * d.x - c.x) * scale), float((double(o.y) + double(t) * d.y - c.y) * scale),
+                float((double(o.z) + double(t) * d.z - c.z) * scale)};
     }
 
-    /// First crossing in [from, to]; infinity where there is none; undecided(t) where float32 cannot
-    /// tell from t on.  sign: +1 the ray begins outside, -1 inside, 0 not known; afterwards as at the end.
-    /// The rays of a warp go together, those not `active` too: they lend their hands.
-    GB_FN float operator()(const float3& o, const float3& d, float from, float to, float& sign, bool active) const {
+    /// A ray that looks for a crossing in [from, to] and begins on a known side, or, with sign 0, anywhere.
+    GB_FN void start(RayState& ray, const float3& o, const float3& d, float from, float to, float sign) const {
+        ray.walk = CellWalk(*cells.grid, o, d, from);
+        ray.o = o;
+        ray.to = to;
+        ray.sign = sign == 0.0f && !(ray.walk.inside() && ray.walk.t <= from) ? 1.0f : sign;
+        ray.list.n = 0;
+    }
+
+    /// One evaluation further, or some cells.  crossed, doubtful: ray.t has become the distance along the
+    /// ray; doubtful: float32 cannot tell from there on.  The rays of a warp go together, those not
+    /// `active` too: they lend their hands.
+    GB_FN Way advance(RayState& ray, bool active) const {
         const float typical = tree.header->typical_support;
-        CellWalk walk{};
-        if (active) walk = CellWalk(*cells.grid, o, d, from);
-        if (active && sign == 0.0f && !(walk.inside() && walk.t <= from)) sign = 1.0f;
-        float found = infinity();
-        while (Lanes::any(active)) {
-            Source src{};
-            float t = 0.0f, end = -1.0f, sharp = 1.0f;
-            Limits<float> lim{};
-            if (active) {
-                CellList list;
-                active = next_list(walk, to, sign, list, found);
-                if (active) {
-                    src = source(walk, list, walk.t, o, d);
-                    sharp = src.sharpest();
-                    end = (least(walk.leave(), to) - walk.t) / typical;
-                    const float heaviest = PerParticle ? tree.header->most_weight : 1.0f;
-                    lim = {tau, least(kWindow / sharp, most(end, 1e-6f)), 5e-6f * (heaviest + tau) * sharp, 2e-5f / sharp, sign};
-                    if (sign == 0.0f) sign = lim.sign = src.template at<false>(0.0f, lim).f > tau ? -1.0f : 1.0f;
-                }
-            }
-            float rise = 0.0f, fall = 0.0f, window_end = 0.0f;
-            for (int step = 0; Lanes::any(t < end); ++step) {
-                const bool here = t < end, fresh = t >= window_end;
-                const Along<float> s = Lanes::evaluate(src, t, lim, here, fresh);
-                if (!here) continue;
-                if (fresh) {
-                    rise = s.rise * 1.0001f;
-                    fall = s.fall;
-                    window_end = t + lim.window;
-                }
-                Way way = step_along(s, lim, rise, fall, window_end - t, t);
-                if (step == 1000 && way == Way::on) way = Way::doubtful;
-                if (way == Way::on) continue;
-                found = walk.t + t * typical;
-                if (way == Way::doubtful) found = undecided(found);
-                active = false;
-                end = -1.0f;
-            }
-            if (active) walk.step(1);
+        Way way = Way::on;
+        if (active && ray.list.n == 0) way = walk_on(ray, typical);
+        const bool here = active && way == Way::on && ray.list.n > 0;
+        Source src{};
+        Limits<float> lim{};
+        if (here) {
+            const float heaviest = PerParticle ? tree.header->most_weight : 1.0f, sharp = PerParticle ? ray.sharp : 1.0f;
+            src = source(ray.list, ray.p0, ray.walk.d);
+            lim = {tau, least(kWindow / sharp, most(ray.end - ray.t, 1e-6f)), 5e-6f * (heaviest + tau) * sharp, 2e-5f / sharp, ray.sign};
         }
-        return found;
+        const bool fresh = ray.t >= ray.window_end;
+        const Along<float> s = Lanes::evaluate(src, ray.t, lim, here, fresh);
+        if (!here) return way;
+        if (fresh) {
+            ray.rise = s.rise * 1.0001f;
+            ray.fall = s.fall;
+            ray.window_end = ray.t + lim.window;
+        }
+        way = step_along(s, lim, ray.rise, ray.fall, ray.window_end - ray.t, ray.t);
+        if (++ray.steps > 1000 && way == Way::on) way = Way::doubtful;
+        if (way != Way::on) {
+            ray.t = ray.walk.t + ray.t * typical;
+        } else if (ray.t >= ray.end) {
+            ray.walk.step(1);
+            ray.list.n = 0;
+        }
+        return way;
     }
 
 private:
-    /// Moves on to a cell with a list; false: the ray ends before, at `found`.
-    GB_FN bool next_list(CellWalk& walk, float to, float& sign, CellList& list, float& found) const {
-        while (walk.inside() && walk.t < to) {
+    /// On to a cell with a list, if there is one a few steps on.
+    GB_FN Way walk_on(RayState& ray, float typical) const {
+        CellWalk& walk = ray.walk;
+        for (int k = 0; k < Lanes::cells_at_once; ++k) {
+            if (!walk.inside() || !(walk.t < ray.to)) return Way::missed;
             bool whole_brick;
-            list = list_of(walk, whole_brick);
-            if (list.n) return true;
-            if (list.first == kUnlisted) {
-                found = undecided(walk.t);
-                return false;
+            const CellList list = list_of(walk, whole_brick);
+            ray.t = walk.t;
+            if (list.n) {
+                ray.list = list;
+                ray.p0 = in_cell(walk, ray.o, walk.t);
+                ray.t = 0.0f;
+                ray.end = (least(walk.leave(), ray.to) - walk.t) / typical;
+                ray.window_end = 0.0f;
+                ray.steps = 0;
+                const Source src = source(list, ray.p0, walk.d);
+                if constexpr (PerParticle) ray.sharp = src.sharpest();
+                if (ray.sign == 0.0f) ray.sign = src.template at<false>(0.0f, {}).f > tau ? -1.0f : 1.0f;
+                return Way::on;
             }
-            const float here = list.first == kFull ? -1.0f : 1.0f;
-            if (sign == 0.0f) sign = here;
-            if (sign != here) {  // rounding at the cell's side
-                found = walk.t;
-                return false;
-            }
+            if (list.first == kUnlisted) return Way::doubtful;
+            const float side = list.first == kFull ? -1.0f : 1.0f;
+            if (ray.sign == 0.0f) ray.sign = side;
+            if (ray.sign != side) return Way::crossed;  // rounding at the cell's side
             walk.step(whole_brick ? kBrick : 1);
         }
-        return false;
+        return Way::on;
     }
 };
 

@@ -47,7 +47,7 @@ GB_FN Looks looks_at(const Tracer& tracer, const Attributes& attributes, const f
     bool whole_brick = true;
     const CellList list = walk.inside() ? tracer.list_of(walk, whole_brick) : CellList{kEmpty, 0};
     if (list.n) {
-        const auto source = tracer.source(walk, list, t, o, d);
+        const auto source = tracer.source(list, tracer.in_cell(walk, o, t), d);
         const Vec3<F> p{F(source.p0.x), F(source.p0.y), F(source.p0.z)};
         Vec3<F> gradient{F(0.0f), F(0.0f), F(0.0f)};
         for (int j = 0; j < source.n_blocks; ++j) {

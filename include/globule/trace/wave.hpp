@@ -60,7 +60,7 @@ struct Cut {
         if (list.n == 0 && list.first != kUnlisted) return list.first == kFull;
         if (list.n == 0) return holds_by_tree(o + d * t);
         const Limits<float> none{};
-        return tracer.source(walk, list, t, o, d).template at<false>(0.0f, none).f > tracer.tau;
+        return tracer.source(list, tracer.in_cell(walk, o, t), d).template at<false>(0.0f, none).f > tracer.tau;
     }
     GB_FN bool holds_by_tree(const float3& p) const {
         float f = 0.0f;
@@ -75,40 +75,54 @@ struct Cut {
         return f > tracer.tau;
     }
 
-    /// As CellTracer; cap: the clip where a cut face is met, else -1.
-    GB_FN float operator()(const float3& o, const float3& d, float from, float to, float& sign, std::int32_t& cap, bool active) const {
-        using Lanes = typename Tracer::Lanes;
-        cap = -1;
-        if (tracer.tree.empty()) return infinity();
-        if (clips.n == 0) return tracer(o, d, from, to, sign, active);
-        float at = from, found = infinity();
-        while (Lanes::any(active)) {
-            float begin = 0.0f, end = 0.0f;
-            int at_begin = -1, at_end = -1;
-            if (active) active = clips.next(o, d, at, begin, end, at_begin, at_end) && begin < to;
-            if (active && begin > at) {
-                if (holds(o, d, begin)) {
-                    cap = at_begin;
-                    found = begin;
-                    active = false;
-                }
-                sign = 1.0f;
-            }
-            const float t = tracer(o, d, begin, least(end, to), sign, active);
-            if (!active) continue;
-            if (t < infinity()) {
-                found = t;
-                active = false;
-            } else if (end >= to) {
-                active = false;
-            } else if (sign < 0.0f) {
-                cap = at_end;
-                found = end;
-                active = false;
-            }
-            at = end;
+    /// A ray's way through the kept intervals.
+    struct State {
+        RayState ray;
+        float to, end;     ///< of the whole ray, of the present interval
+        std::int32_t cap;  ///< where a cut face was met, its clip, else -1; on the way, the clip at the interval's end
+    };
+    GB_FN Way start(State& s, const float3& o, const float3& d, float from, float to, float sign) const {
+        s.to = s.end = to;
+        s.cap = -1;
+        if (tracer.tree.empty()) return Way::missed;
+        if (clips.n) return next_interval(s, o, d, from, sign);
+        tracer.start(s.ray, o, d, from, to, sign);
+        return Way::on;
+    }
+    /// As CellTracer::advance; the distance is in s.ray.t, the clip of a cut face in s.cap.
+    GB_FN Way advance(State& s, bool active) const {
+        const Way way = tracer.advance(s.ray, active);
+        if (!active || way == Way::on || clips.n == 0) return way;
+        if (way != Way::missed) {
+            s.cap = -1;
+            return way;
         }
-        return found;
+        if (s.end >= s.to) return Way::missed;
+        if (s.ray.sign < 0.0f) {  // out through a cut face
+            s.ray.t = s.end;
+            return Way::crossed;
+        }
+        return next_interval(s, s.ray.o, s.ray.walk.d, s.end, 1.0f);
+    }
+
+private:
+    GB_FN Way next_interval(State& s, const float3& o, const float3& d, float from, float sign) const {
+        float begin, end;
+        int at_begin, at_end;
+        if (!clips.next(o, d, from, begin, end, at_begin, at_end) || begin >= s.to) return Way::missed;
+        if (begin > from) {
+            if (holds(o, d, begin)) {
+                s.ray.t = begin;
+                s.ray.sign = 1.0f;
+                s.cap = at_begin;
+                return Way::crossed;
+            }
+            sign = 1.0f;
+        }
+        s.end = least(end, s.to);
+        s.cap = at_end;
+        tracer.start(s.ray, o, d, begin, s.end, sign);
+        return Way::on;
     }
 };
 
@@ -119,20 +133,31 @@ struct March {
     WaveRays rays;
     int layer;
     LayerHits out;
-    GB_FN void operator()(std::size_t k, bool valid) const {
-        const std::size_t i = valid ? rays.source.swizzled(k) : rays.source.n;
-        valid = i < rays.source.n;
-        float3 o{0, 0, 0}, d{0, 0, 1};
-        float sign = 0.0f;
-        if (valid) rays.source.get(i, o, d);
-        if (valid && !rays.primary()) sign = rays.inside[i] >> layer & 1 ? -1.0f : 1.0f;
-        std::int32_t cap;
-        const float from = rays.primary() ? 0.0f : kStart * cut.tracer.tree.header->typical_support;
-        const float t = cut(o, d, from, infinity(), sign, cap, valid);
-        if (!valid) return;
-        out.t[i] = t;
-        out.cap[i] = cap;
-        out.sign[i] = sign < 0.0f ? -1 : 1;
+    struct State {
+        typename Cut<Tracer>::State of;
+        Way way;
+        std::size_t i;
+    };
+    GB_FN bool begin(std::size_t k, State& s) const {
+        s.i = rays.source.swizzled(k);
+        if (s.i >= rays.source.n) return false;
+        float3 o, d;
+        rays.source.get(s.i, o, d);
+        const float sign = rays.primary() ? 0.0f : rays.inside[s.i] >> layer & 1 ? -1.0f : 1.0f;
+        s.of.ray.sign = 1.0f;
+        s.way = cut.start(s.of, o, d, rays.primary() ? 0.0f : kStart * cut.tracer.tree.header->typical_support, infinity(), sign);
+        return true;
+    }
+    GB_FN bool advance(State& s, bool active) const {
+        const Way way = cut.advance(s.of, active && s.way == Way::on);
+        if (active && s.way == Way::on) s.way = way;
+        return active && s.way == Way::on;
+    }
+    GB_FN void end(const State& s) const {
+        const float t = s.of.ray.t;
+        out.t[s.i] = s.way == Way::missed ? infinity() : s.way == Way::doubtful ? undecided(t) : t;
+        out.cap[s.i] = s.way == Way::crossed ? s.of.cap : -1;
+        out.sign[s.i] = s.of.ray.sign < 0.0f ? -1 : 1;
     }
 };
 
@@ -146,8 +171,8 @@ struct Keep {
     int layer;
     LayerHits found;
     WaveHits out;
-    GB_FN void operator()(std::size_t k, bool valid) const {
-        const std::size_t i = valid ? rays.source.swizzled(k) : rays.source.n;
+    GB_FN void operator()(std::size_t k) const {
+        const std::size_t i = rays.source.swizzled(k);
         if (i >= rays.source.n) return;
         if (rays.primary() && layer == 0) rays.inside[i] = 0;
         const float t = found.t[i];
@@ -290,80 +315,79 @@ struct Occlude {
     WaveHits hits;
     int layer;
     float* visibility;
-    GB_FN void operator()(std::size_t k, bool valid) const {
-        float3 o{0, 0, 0}, l{0, 0, 1};
-        float distance = 0.0f, sign = 1.0f;
-        float* out = nullptr;
-        valid = valid && begin(k, o, l, distance, sign, out);
-        const float left = through(o, l, distance, sign, valid);
-        if (valid) *out *= left;
-    }
-
-private:
-    /// The ray of item k; false: there is none to trace.
-    GB_FN bool begin(std::size_t k, float3& o, float3& l, float& distance, float& sign, float*& out) const {
+    struct State {
+        typename Cut<Tracer>::State of;
+        Way way;
+        float distance, left, from;
+        float* out;
+    };
+    GB_FN bool begin(std::size_t k, State& s) const {
         const std::size_t n = rays.source.n, items = rays.source.n_items();
         const std::size_t i = rays.source.swizzled(k % items);
         if (i >= n) return false;
         int which = int(k / items);
-        out = visibility + std::size_t(which) * n + i;
-        if (layer == 0) *out = 1.0f;
-        if (hits.layer[i] == kMissed || *out == 0.0f) return false;
+        s.out = visibility + std::size_t(which) * n + i;
+        if (layer == 0) *s.out = 1.0f;
+        if (hits.layer[i] == kMissed || *s.out == 0.0f) return false;
         const Point h = point_of(lighting, rays, hits, i);
         const std::uint32_t pixel = rays.pixel_of(i), stream = 16 + std::uint32_t(which);
+        float3 l;
         if (which < lighting.ambient_rays) {
             if (h.split.matte * largest(rays.throughput_of(i)) < 0.25f * lighting.cutoff) return false;
             l = cosine_direction(h.normal, sample(pixel, 8, rays.source.pass * std::uint32_t(lighting.ambient_rays) + which));
-            distance = lighting.ambient_distance;
+            s.distance = lighting.ambient_distance;
         } else {
             which -= lighting.ambient_rays;
             int light = 0;
             for (;; ++light)
                 if (lighting.casts(light) && which-- == 0) break;
-            lighting.towards(light, h.p, sample(pixel, stream, rays.source.pass), l, distance);
+            lighting.towards(light, h.p, sample(pixel, stream, rays.source.pass), l, s.distance);
             // From behind, or too little to matter even in full view.
             const float specular = hits.layer[i] == kGround ? 0.0f : h.material->specular;
             const float3 full = rays.throughput_of(i) * reflected_light(h.albedo * h.split.matte, specular, h.material->shininess,
                                                                         h.normal, h.d, l, lighting.lights[light].radiance);
             if (largest(full) < 0.25f * lighting.cutoff) return false;
         }
-        o = h.p;
-        sign = rays.inside[i] >> layer & 1 ? -1.0f : 1.0f;
-        return dot(l, h.normal) > 0.0f;
+        if (dot(l, h.normal) <= 0.0f) return false;
+        s.left = 1.0f;
+        s.from = kStart * cut.tracer.tree.header->typical_support;
+        s.way = cut.start(s.of, h.p, l, s.from, s.distance, rays.inside[i] >> layer & 1 ? -1.0f : 1.0f);
+        return true;
     }
-    /// The share of light that passes the layer on the way.
-    GB_FN float through(const float3& o, const float3& l, float distance, float sign, bool active) const {
-        using Lanes = typename Tracer::Lanes;
-        const Material& m = lighting.materials[layer];
+    GB_FN bool advance(State& s, bool active) const {
+        const Way way = cut.advance(s.of, active && s.way == Way::on);
+        if (!active) return false;
+        if (s.way == Way::on) s.way = way;
+        if (s.way == Way::on) return true;
+        const RayState& ray = s.of.ray;
+        const float3 o = ray.o, l = ray.walk.d;
         const float typical = cut.tracer.tree.header->typical_support;
-        float left = 1.0f, from = kStart * typical;
-        for (int crossings = 0; Lanes::any(active) && crossings < 64; ++crossings) {
-            std::int32_t cap;
-            float t = cut(o, l, from, distance, sign, cap, active);
-            if (!active) continue;
-            if (t < 0.0f) {  // a graze, or a cell without a list
-                t = undecided(t) + 0.05f * typical;
-                if (cut.holds_by_tree(o + l * t) == (sign < 0.0f)) {
-                    from = t;
-                    active = from < distance;
-                    continue;
-                }
-            }
-            active = t < distance;
-            if (!active) continue;
-            if (sign < 0.0f && m.absorption.x > 0.0f)
-                left *= expf(-(m.absorption.x + m.absorption.y + m.absorption.z) * (1.0f / 3.0f) * (t - from));
-            left *= m.transmission >= 0.0f       ? m.transmission
-                    : attributes.refraction.data ? looks_at(cut.tracer, attributes, o, l, t).refraction
-                                                 : attributes.refraction.uniform;
-            if (left < 0.004f) {
-                left = 0.0f;
-                active = false;
-            }
-            sign = -sign;
-            from = t + kStart * typical;
+        const float sign = ray.sign;
+        float t = ray.t;
+        if (s.way == Way::doubtful) {  // a graze, or a cell without a list
+            t += 0.05f * typical;
+            if (cut.holds_by_tree(o + l * t) == (sign < 0.0f)) return go_on(s, o, l, t, sign);
         }
-        return left;
+        if (s.way == Way::missed || !(t < s.distance)) return false;
+        const Material& m = lighting.materials[layer];
+        if (sign < 0.0f && m.absorption.x > 0.0f)
+            s.left *= expf(-(m.absorption.x + m.absorption.y + m.absorption.z) * (1.0f / 3.0f) * (t - s.from));
+        s.left *= m.transmission >= 0.0f       ? m.transmission
+                  : attributes.refraction.data ? looks_at(cut.tracer, attributes, o, l, t).refraction
+                                               : attributes.refraction.uniform;
+        if (s.left < 0.004f) {
+            s.left = 0.0f;
+            return false;
+        }
+        return go_on(s, o, l, t + kStart * typical, -sign);
+    }
+    GB_FN void end(const State& s) const { *s.out *= s.left; }
+
+private:
+    GB_FN bool go_on(State& s, const float3& o, const float3& l, float from, float sign) const {
+        s.from = from;
+        s.way = from < s.distance ? cut.start(s.of, o, l, from, s.distance, sign) : Way::missed;
+        return s.way == Way::on;
     }
 };
 
