@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from light import (
     CAMERA, CENTRE, CLEAR, MIRROR, ONE_SKY, RADIUS, SUPPORT, ball, block, direction_sky, dot,
-    fresnel, glass, glass_ball, meet_ball, mirrored, quiet, rays, sky_of,
+    fresnel, glass, glass_ball, meet_ball, mirrored, quiet, rays, refracted, sky_of,
 )
 from scenes import KERNELS, cloud
 
@@ -57,7 +57,6 @@ def test_glass_ball_moves_the_checkerboard(backend):
     with np.errstate(invalid="ignore"):
         p, n = o + near * d, (o + near * d - CENTRE) / RADIUS
         through = 1 - fresnel(-dot(d, n), 1.5)
-        from light import refracted
         d1 = refracted(d, n, 1.5)
         p = p + meet_ball(p, d1)[1] * d1
         n = (CENTRE - p) / RADIUS
@@ -111,7 +110,11 @@ def test_fresnel(backend, index):
     x = (np.arange(201) + 0.5) / 201 * 2 - 1
     cosine = np.sqrt(1 - x**2)
     np.testing.assert_allclose(color[100, :, 0], fresnel(cosine, index), atol=4e-3)
-    assert color[100, 0, 0] > 0.55
+    rim = CENTRE + (RADIUS, 0, 0)
+    camera = gb.Camera(rim + (0, 0, 6), rim, height=1e-5 * RADIUS)
+    frame = gb.render(ball(**backend), camera, (99, 1), look)
+    glance = frame.color[frame.mask][:, 0]
+    assert 30 < len(glance) < 70 and glance.max() > 0.93 and 0.7 < glance.min() < 0.9
 
 
 def test_schlick(backend):
