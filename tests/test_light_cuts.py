@@ -138,7 +138,7 @@ def test_a_mirror_shows_the_cut_face(backend):
     away = np.array([0, 0, 3.0])
     clips = [gb.ClipPlane((0, 0, 1), 0.2), gb.ClipBox((-0.3, -2, -2), (0.3, 0, 2))]
     mirror = gb.Layer(ball(away, 2.0, color=green, **backend), MIRROR)
-    camera, size = gb.Camera((0.3, 1.9, 0.9), away - (0, 0, 1), fov=55), (64, 48)
+    camera, size = gb.Camera((0.3, 1.9, 0.9), (0.05, 0.35, 2.1), fov=26), (64, 48)
     frame = gb.render([gb.Layer(cut, None, clips), mirror], camera, size, quiet(ambient=1.0))
     o, d = rays(camera, size)
     near, _, distance = meet_ball(o, d, away, radius)
