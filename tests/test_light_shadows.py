@@ -87,9 +87,9 @@ def test_penumbra(backend, name):
         to = unit(to + radius * r * on)
         hidden = np.isfinite(meet_ball(p, to)[0][..., 0])
         expected += np.where(hidden, 0, to[..., 1]) / n
-    assert (ground & (expected > 0.1) & (expected < 0.7)).sum() > 80
+    assert (ground & (expected > 0.1) & (expected < 0.7)).sum() > 30
     error = (frame.color[..., 0] - expected)[ground]
-    assert np.abs(error).mean() < 0.006 and abs(error.mean()) < 0.001
+    assert np.abs(error).mean() < 0.008 and abs(error.mean()) < 0.001
     assert np.abs(error).max() < 0.05
 
 
