@@ -4,8 +4,26 @@ import globule as gb
 import numpy as np
 import pytest
 from light import (
-    CAMERA, CENTRE, CLEAR, MIRROR, ONE_SKY, RADIUS, SUPPORT, ball, block, direction_sky, dot,
-    fresnel, glass, glass_ball, meet_ball, mirrored, quiet, rays, refracted, sky_of,
+    CAMERA,
+    CENTRE,
+    CLEAR,
+    MIRROR,
+    ONE_SKY,
+    RADIUS,
+    SUPPORT,
+    ball,
+    block,
+    direction_sky,
+    dot,
+    fresnel,
+    glass,
+    glass_ball,
+    meet_ball,
+    mirrored,
+    quiet,
+    rays,
+    refracted,
+    sky_of,
 )
 from scenes import KERNELS, cloud
 
@@ -69,7 +87,8 @@ def test_glass_ball_moves_the_checkerboard(backend):
         a, b = dot(q, s) / 0.23, dot(q, u) / 0.23
         edge = np.minimum(np.abs(a - np.round(a)), np.abs(b - np.round(b)))
         white = (np.floor(a) + np.floor(b)) % 2 == 0
-        sure = ((edge > 0.03) & (t > 0) & (t < 20) & (through > 0.85) & (away < 0.9 * RADIUS))[..., 0]
+        sure = (edge > 0.03) & (t > 0) & (t < 20) & (through > 0.85) & (away < 0.9 * RADIUS)
+        sure = sure[..., 0]
     assert sure.sum() > 300 and 0.3 < white[..., 0][sure].mean() < 0.7
     difference = frame.color[sure][:, 0] - (through * white)[sure][:, 0]
     # The rest is light by other ways: reflections outside and inside, each at most what is lost.
@@ -219,7 +238,8 @@ def test_factors_of_particles_blend(backend):
     """Reflection and refraction factors are blended as colours are, and split the light so."""
     rng = np.random.default_rng(61)
     n = 40
-    rho, kappa = rng.uniform(0, 0.5, n).astype(np.float32), rng.uniform(0, 0.6, n).astype(np.float32)
+    rho = rng.uniform(0, 0.5, n).astype(np.float32)
+    kappa = rng.uniform(0, 0.6, n).astype(np.float32)
     particles = gb.Particles(cloud(n, 61, 0.8), support=0.7, color=(1, 1, 1), reflection=rho,
                              refraction=kappa)
     scene = gb.Scene(particles, threshold=0.6, **backend)

@@ -4,8 +4,23 @@ import globule as gb
 import numpy as np
 import pytest
 from light import (
-    CAMERA, CENTRE, MIRROR, ONE_SKY, RADIUS, ball, block, direction_sky, first_change, fresnel,
-    meet_ball, mirrored, quiet, rays, refracted, sky_of, unit,
+    CAMERA,
+    CENTRE,
+    MIRROR,
+    ONE_SKY,
+    RADIUS,
+    ball,
+    block,
+    direction_sky,
+    first_change,
+    fresnel,
+    meet_ball,
+    mirrored,
+    quiet,
+    rays,
+    refracted,
+    sky_of,
+    unit,
 )
 from scenes import cloud
 

@@ -195,8 +195,8 @@ def test_clips(error, name, clip, got):
 
 
 def test_layers():
-    refuse(ValueError, "scene", "0 layers", scene=[])
-    refuse(ValueError, "scene", "5 layers", scene=[ball() for _ in range(5)])
+    refuse(ValueError, "scene", "0", scene=[])
+    refuse(ValueError, "scene", "5", scene=[ball() for _ in range(5)])
     refuse(TypeError, "scene", "3", scene=[ball(), 3])
     refuse(TypeError, "scene", "'x'", scene=[gb.Layer("x")])
     assert gb.render([ball() for _ in range(4)], CAMERA, (4, 3)).mask.shape == (3, 4)
@@ -205,7 +205,8 @@ def test_layers():
 @pytest.mark.parametrize(
     ("error", "size", "got"),
     [(ValueError, (0, 3), "0x3"), (ValueError, (3, -1), "3x-1"), (TypeError, "big", "'big'"),
-     (TypeError, 5, "5"), (TypeError, (1, 2, 3), "(1, 2, 3)"), (ValueError, (2**20, 2**20), "1048576x")],
+     (TypeError, 5, "5"), (TypeError, (1, 2, 3), "(1, 2, 3)"),
+     (ValueError, (2**20, 2**20), "1048576x")],
     ids=str,
 )
 def test_sizes(error, size, got):
