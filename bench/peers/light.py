@@ -36,6 +36,7 @@ import numpy as np
 sys.path[:0] = [str(Path(__file__).parent)]
 import globule as gb  # noqa: E402
 import povray  # noqa: E402
+from globule.render import save_png  # noqa: E402
 
 SUN = np.array([0.45, 1.0, 0.35]) / math.sqrt(0.45**2 + 1 + 0.35**2)
 SUN_LIGHT, AMBIENT = 0.6, 0.15
@@ -156,23 +157,25 @@ def theirs(b: Blob, look: str, camera: gb.Camera, size: tuple[int, int], folder:
     a = np.array(ABSORPTION) / b.support
     fade = f"fade_power 1001 fade_distance {num(1 / a.max())} fade_color {vec(1 - a / a.max())}"
     texture, interior = {
-        "clay": (f"finish {{ ambient {AMBIENT} diffuse 1 }}", ""),
+        "clay": ("pigment { rgb 0 }", ""),  # each component has its own
         "mirror": (
             "pigment { rgb 0 } finish { ambient 0 diffuse 0 reflection { 0.6, 1 falloff 5 } }", ""
         ),
-        "glass": (f"pigment {{ rgbt 1 }} {glass}", "interior { ior 1.5 }"),
-        "beer": (f"pigment {{ rgbt 1 }} {glass}", f"interior {{ ior 1.5 {fade} }}"),
+        "glass": (f"pigment {{ rgb 1 transmit 1 }} {glass}", "interior { ior 1.5 }"),
+        "beer": (f"pigment {{ rgb 1 transmit 1 }} {glass}", f"interior {{ ior 1.5 {fade} }}"),
         "straight": (
-            "pigment { rgbt 1 } finish { ambient 0 diffuse 0 }", f"interior {{ ior 1 {fade} }}"
+            "pigment { rgb 1 transmit 1 } finish { ambient 0 diffuse 0 }", f"interior {{ ior 1 {fade} }}"
         ),
-        "both": (f"pigment {{ rgbt 1 }} {glass}", "interior { ior 1.5 }"),
+        "both": (f"pigment {{ rgb 1 transmit 1 }} {glass}", "interior { ior 1.5 }"),
     }[look]
-    texture = texture.replace("rgbt 1", "rgbt <1,1,1,1>")
     rows = []
     for k, p in enumerate(b.positions.astype(float)):
         tint = COLOR if b.color is None else b.color[k]
-        own = f" pigment {{ rgb {vec(np.asarray(tint, float))} }}" if look == "clay" else ""
-        rows.append(f"sphere {{ {vec(p)}, {num(b.support)}, 1{own} }}")
+        own = (
+            f" texture {{ pigment {{ rgb {vec(np.asarray(tint, float))} }}"
+            f" finish {{ ambient {AMBIENT} diffuse 1 }} }}"
+        )
+        rows.append(f"sphere {{ {vec(p)}, {num(b.support)}, 1{own if look == 'clay' else ''} }}")
     lines += [f"blob {{ threshold {TAU}", *rows, f"texture {{ {texture} }} {interior} }}"]
     path = folder / f"{look}.pov"
     path.write_text("\n".join(lines), encoding="ascii")
@@ -246,9 +249,6 @@ def main() -> None:
                 print(f"{name:8} {row['look']:9}" + "".join(f"{row[c]:13.4f}" for c in columns))
             if options.out:
                 everything = np.concatenate([row["picture"] for row in rows])
-                gb.render_module.save_png(folder / f"{name}.png", everything) if False else None
-                from globule.render import save_png
-
                 save_png(folder / f"{name}.png", everything)
 
 
