@@ -8,7 +8,8 @@ Each scene is drawn with several looks, each of which leaves to POV-Ray nothing 
     clay      matte, one sun, ambient light, its shadow on a checkered ground
     mirror    reflection 0.6 that grows to 1 by Schlick's rule: `reflection { 0.6, 1 falloff 5 }`
     glass     index 1.5: `reflection { 0, 1 fresnel on } conserve_energy`, pigment transmit 1
-    beer      the same with absorption: `fade_power 1001`, which is exp(-a d)
+    beer      the same with absorption: `fade_power 1001`, which is exp(-a d); POV-Ray leaves it out
+              on the ways between internal reflections, we do not
     straight  index 1 with absorption: no ray bends, so that only lengths count
     both      glass over a mirroring checkered ground with the sun's shadow
 
@@ -17,11 +18,12 @@ to the same weight. POV-Ray starts secondary rays 0.001 units on, so lengths are
 is little; its pictures are linear, 16 bits, one ray a pixel.
 
 A table is printed: mean absolute differences in levels of 255, linear and as sRGB, the largest of
-the three colours counting: of all pixels; `away` from silhouettes, where the 3 x 3 pixels around show
-one surface; and of the `steady` share of these, whose colour in our own picture stays within a level
-when the eye moves by 1e-4 supports. Light that is bent or mirrored several times is chaotic: there
-the last digit of a root decides where a ray ends, in either program. `over_2`: the share of steady
-pixels that differ by more than two levels. With --out, ours, POV-Ray's, and 16 times the difference.
+the three colours counting: of all pixels; `away` from silhouettes, where the 3 x 3 pixels around
+show one surface; and of the `steady` share of these, whose colour in our own picture stays within a
+level when the eye moves by 1e-4 supports. Light that is bent or mirrored several times is chaotic:
+there the last digit of a root decides where a ray ends, in either program. `over_2`: the share of
+steady pixels that differ by more than two levels. With --out, ours, POV-Ray's, and 16 times the
+difference.
 """
 
 from __future__ import annotations
@@ -126,7 +128,9 @@ def ground(b: Blob, look: str) -> gb.Ground | None:
     )
 
 
-def theirs(b: Blob, look: str, camera: gb.Camera, size: tuple[int, int], folder: Path) -> np.ndarray:
+def theirs(
+    b: Blob, look: str, camera: gb.Camera, size: tuple[int, int], folder: Path
+) -> np.ndarray:
     """Linear picture (H, W, 3), 0 to 1."""
     num, vec = povray._num, povray._vec
     view = {"eye": camera.eye, "look_at": camera.look_at, "up": camera.up, "fov": camera.fov}
@@ -167,7 +171,8 @@ def theirs(b: Blob, look: str, camera: gb.Camera, size: tuple[int, int], folder:
         "glass": (f"pigment {{ rgb 1 transmit 1 }} {glass}", "interior { ior 1.5 }"),
         "beer": (f"pigment {{ rgb 1 transmit 1 }} {glass}", f"interior {{ ior 1.5 {fade} }}"),
         "straight": (
-            "pigment { rgb 1 transmit 1 } finish { ambient 0 diffuse 0 }", f"interior {{ ior 1 {fade} }}"
+            "pigment { rgb 1 transmit 1 } finish { ambient 0 diffuse 0 }",
+            f"interior {{ ior 1 {fade} }}",
         ),
         "both": (f"pigment {{ rgb 1 transmit 1 }} {glass}", "interior { ior 1.5 }"),
     }[look]
@@ -237,7 +242,7 @@ def main() -> None:
     parser.add_argument("--looks", default=",".join(LOOKS))
     parser.add_argument("--size", default="480x360")
     parser.add_argument("--device", default="cpu")
-    parser.add_argument("-o", "--out", type=Path, help="folder for pictures: ours, theirs, 16 x difference")
+    parser.add_argument("-o", "--out", type=Path, help="folder for pictures")
     options = parser.parse_args()
     if povray.find_povray() is None:
         print("povray: not installed (Debian: apt-get install povray), comparison skipped")
@@ -247,7 +252,7 @@ def main() -> None:
     columns = ("linear", "srgb", "linear_away", "srgb_away", "median", "steady",
                "linear_steady", "srgb_steady", "over_2")  # fmt: skip
     print("mean absolute differences in levels of 255")
-    print(f"{'scene':8} {'look':9}" + "".join(f"{c:>13}" for c in columns))
+    print(f"{'scene':8} {'look':9}" + "".join(f"{c:>14}" for c in columns))
     with tempfile.TemporaryDirectory() as temporary:
         folder = options.out or Path(temporary)
         folder.mkdir(parents=True, exist_ok=True)
@@ -255,7 +260,7 @@ def main() -> None:
             rows = [compare(name, look, size, options.device, folder)
                     for look in options.looks.split(",")]  # fmt: skip
             for row in rows:
-                print(f"{name:8} {row['look']:9}" + "".join(f"{row[c]:13.4f}" for c in columns))
+                print(f"{name:8} {row['look']:9}" + "".join(f"{row[c]:14.4f}" for c in columns))
             if options.out:
                 everything = np.concatenate([row["picture"] for row in rows])
                 save_png(folder / f"{name}.png", everything)
