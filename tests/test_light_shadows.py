@@ -70,7 +70,7 @@ def test_shadow_on_the_ground(backend, name):
     assert dark[sure].any() == (name != "lamp under the ball")
 
 
-# Means over both do not converge: error 0.08 after 128 samples as after 8192.
+# Means over both do not converge: error 0.08 after 1024 samples as after 8192.
 @pytest.mark.xfail(strict=True, reason="pixel and light are sampled by the same steps")
 @pytest.mark.parametrize("name", ["sun", "lamp"])
 def test_penumbra(backend, name):
@@ -83,7 +83,7 @@ def test_penumbra(backend, name):
     size = (32, 22)
     camera = gb.Camera((-0.4, 30, 0.3), (-0.4, -1.0, 0.3), height=2.4, up=(0, 0, -1))
     look = quiet(lights=[light], shadows=True, ground=GROUND)
-    frame = gb.render(ball(**backend), camera, size, look).refine(127)
+    frame = gb.render(ball(**backend), camera, size, look).refine(1023)
     o, d = rays(camera, size)
     ground = (meet_ball(o, d)[2] > 1.2 * RADIUS)[..., 0]
     expected, n = np.zeros(ground.shape), 1500
@@ -101,7 +101,7 @@ def test_penumbra(backend, name):
         expected += np.where(hidden, 0, to[..., 1]) / n
     assert (ground & (expected > 0.1) & (expected < 0.7)).sum() > 30
     error = (frame.color[..., 0] - expected)[ground]
-    assert np.abs(error).mean() < 0.008 and abs(error.mean()) < 0.002
+    assert np.abs(error).mean() < 0.006 and abs(error.mean()) < 0.002
     assert np.abs(error).max() < 0.05
 
 
@@ -282,3 +282,34 @@ def test_lights_of_all_kinds_add_up(backend):
     every = gb.render(scene, ABOVE, SIZE, quiet(lights=lights, **options)).color
     one = [gb.render(scene, ABOVE, SIZE, quiet(lights=[k], **options)).color for k in lights]
     np.testing.assert_allclose(every, np.sum(one, 0), atol=1e-5)
+
+
+@pytest.mark.xfail(strict=True, reason="light below a quarter of the cutoff is not shadowed, "
+                   "whatever the exposure")
+def test_dim_light_throws_shadows_too(backend):
+    """Units of radiance do not matter: a thousandth of the light at a thousand times the exposure
+    is the same picture."""
+    scene = ball(**backend)
+    pictures = []
+    for k in (1.0, 1000.0):
+        light = gb.DirectionalLight((0.5, 1.0, 0.2), (0.7 / k,) * 3)
+        look = quiet(lights=[light], shadows=True, ground=GROUND, exposure=k, cutoff=1 / 128)
+        pictures.append(gb.render(scene, ABOVE, SIZE, look).picture.astype(int))
+    assert np.abs(pictures[0] - pictures[1]).max() <= 1
+
+
+@pytest.mark.xfail(strict=True, reason="the ground hides no light")
+@pytest.mark.parametrize("kind", ["sun", "ambient"])
+def test_no_light_from_below_the_ground(backend, kind):
+    """The underside of a ball that touches the ground is dark."""
+    ground = gb.Ground(CENTRE[1] - RADIUS, color=0.0)
+    if kind == "sun":
+        light = gb.DirectionalLight((0, -1, 0), (1, 1, 1))
+        look = quiet(lights=[light], shadows=True, ground=ground)
+    else:
+        look = quiet(ambient=1.0, ambient_rays=32, ambient_distance=9.0, ground=ground)
+    camera = gb.Camera(CENTRE + (0, 0, 5), CENTRE, height=2 * RADIUS)
+    frame = gb.render(ball(color=(1, 1, 1), **backend), camera, (21, 21), look)
+    below = frame.mask & (frame.normal[..., 1] < -0.8)
+    assert below.sum() > 10
+    assert frame.color[below].max() < (1e-5 if kind == "sun" else 0.25)
