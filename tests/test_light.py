@@ -1,0 +1,280 @@
+"""Mirrors and glass against closed forms, energy in a furnace, Fresnel, Beer."""
+
+import globule as gb
+import numpy as np
+import pytest
+from light import (
+    CAMERA,
+    CENTRE,
+    CLEAR,
+    MIRROR,
+    ONE_SKY,
+    RADIUS,
+    SUPPORT,
+    ball,
+    block,
+    direction_sky,
+    dot,
+    fresnel,
+    glass,
+    glass_ball,
+    meet_ball,
+    mirrored,
+    quiet,
+    rays,
+    refracted,
+    sky_of,
+)
+from scenes import KERNELS, cloud
+
+SKY = direction_sky()
+SIZE = (48, 40)
+
+
+def test_the_sky_tells_directions(backend):
+    """What the other tests stand on: away from the ball, colours are directions."""
+    frame = gb.render(ball(**backend), CAMERA, SIZE, quiet(sky=SKY))
+    _, d = rays(CAMERA, SIZE)
+    assert 200 < (~frame.mask).sum() < 1800
+    np.testing.assert_allclose(frame.color[~frame.mask], sky_of(d)[~frame.mask], atol=2e-4)
+
+
+@pytest.mark.parametrize("camera", [CAMERA, gb.Camera((-2, 3, 1), CENTRE, height=1.4)], ids=str)
+def test_mirror_ball(backend, camera):
+    frame = gb.render(ball(**backend), camera, SIZE, quiet(sky=SKY, material=MIRROR))
+    o, d = rays(camera, SIZE)
+    near, _, away = meet_ball(o, d)
+    normal = (o + near * d - CENTRE) / RADIUS
+    seen = (away < 0.99 * RADIUS)[..., 0]
+    assert seen.sum() > 400
+    expected = sky_of(mirrored(d, normal))
+    np.testing.assert_allclose(frame.color[seen], expected[seen], atol=2e-3)
+
+
+@pytest.mark.parametrize("depth", [0, 1, 2, 5])
+@pytest.mark.parametrize("index", [1.0, 1.33, 1.5, 2.4])
+def test_glass_ball(backend, index, depth):
+    look = quiet(sky=SKY, material=glass(index), depth=depth)
+    frame = gb.render(ball(**backend), CAMERA, SIZE, look)
+    o, d = rays(CAMERA, SIZE)
+    away = meet_ball(o, d)[2][..., 0]
+    clear = np.abs(away - RADIUS) > 0.01 * RADIUS
+    error = np.abs(frame.color - glass_ball(o, d, index, depth)).max(-1)[clear]
+    assert error.max() < 0.01 and error.mean() < 4e-4
+
+
+def test_glass_ball_moves_the_checkerboard(backend):
+    """Refracted positions, not only directions: a checkered ground seen through the ball."""
+    ground = gb.Ground(-1.2, color=1.0, other=0.0, check=0.23)
+    look = quiet(sky=gb.lights.uniform_sky(0.5), ambient=1.0, ground=ground, material=glass(1.5),
+                 depth=8)
+    camera, size = gb.Camera((0.9, 3.5, 1.5), CENTRE, fov=22), (64, 48)
+    frame = gb.render(ball(**backend), camera, size, look)
+    o, d = rays(camera, size)
+    near, _, away = meet_ball(o, d)
+    with np.errstate(invalid="ignore"):
+        p, n = o + near * d, (o + near * d - CENTRE) / RADIUS
+        through = 1 - fresnel(-dot(d, n), 1.5)
+        d1 = refracted(d, n, 1.5)
+        p = p + meet_ball(p, d1)[1] * d1
+        n = (CENTRE - p) / RADIUS
+        through = through * (1 - fresnel(-dot(d1, n), 1 / 1.5))
+        d2 = refracted(d1, n, 1 / 1.5)
+        t = (-1.2 - p[..., 1:2]) / d2[..., 1:2]
+        q = p + t * d2
+        # A field's edges, and rays that leave in more than one way, are left out.
+        s, u = plane_axes()
+        a, b = dot(q, s) / 0.23, dot(q, u) / 0.23
+        edge = np.minimum(np.abs(a - np.round(a)), np.abs(b - np.round(b)))
+        white = (np.floor(a) + np.floor(b)) % 2 == 0
+        sure = (edge > 0.03) & (t > 0) & (t < 20) & (through > 0.85) & (away < 0.9 * RADIUS)
+        sure = sure[..., 0]
+    assert sure.sum() > 300 and 0.3 < white[..., 0][sure].mean() < 0.7
+    difference = frame.color[sure][:, 0] - (through * white)[sure][:, 0]
+    # The rest is light by other ways: reflections outside and inside, each at most what is lost.
+    assert difference.min() > -2e-3 and (difference < 1 - through[sure][:, 0] + 2e-3).all()
+
+
+def plane_axes():
+    """The checkerboard's axes about the normal y (Duff et al. 2017)."""
+    return np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, -1.0])
+
+
+def test_total_internal_reflection(backend):
+    """From inside, directions past the critical angle see the ball's inside mirrored."""
+    index = 1.5
+    eye = CENTRE + np.array([0.75 * RADIUS, 0, 0])
+    camera = gb.Camera(eye, eye + (0.1, 0.2, 1.0), fov=100)
+    for depth in (0, 1, 6):
+        look = quiet(sky=SKY, material=glass(index), depth=depth)
+        frame = gb.render(ball(**backend), camera, SIZE, look)
+        o, d = rays(camera, SIZE)
+        far = meet_ball(o, d)[1]
+        sine = np.sqrt(1 - dot(d, (o + far * d - CENTRE) / RADIUS) ** 2)[..., 0]
+        total = sine > 1 / index
+        assert 200 < total.sum() < total.size - 200
+        np.testing.assert_allclose(frame.depth, far[..., 0], atol=3e-5)
+        error = np.abs(frame.color - glass_ball(o, d, index, depth, inside=True)).max(-1)
+        clear = np.abs(sine - 1 / index) > 0.01
+        assert error[clear].max() < 0.012 and error[clear].mean() < 5e-4
+
+
+@pytest.mark.parametrize("index", [1.2, 1.5, 2.0, 4.0])
+def test_fresnel(backend, index):
+    """Straight on ((n - 1) / (n + 1))^2, at a glance 1, in between the two polarisations' mean."""
+    look = quiet(sky=ONE_SKY, depth=1, material=gb.Material(0.0, 0.0, index))
+    camera = gb.Camera(CENTRE + (0, 0, 6), CENTRE, height=2 * RADIUS)
+    color = gb.render(ball(**backend), camera, (201, 201), look).color
+    assert color[100, 100, 0] == pytest.approx(((index - 1) / (index + 1)) ** 2, abs=1e-4)
+    x = (np.arange(201) + 0.5) / 201 * 2 - 1
+    cosine = np.sqrt(1 - x**2)
+    np.testing.assert_allclose(color[100, :, 0], fresnel(cosine, index), atol=4e-3)
+    rim = CENTRE + (RADIUS, 0, 0)
+    camera = gb.Camera(rim + (0, 0, 6), rim, height=1e-5 * RADIUS)
+    frame = gb.render(ball(**backend), camera, (99, 1), look)
+    glance = frame.color[frame.mask][:, 0]
+    assert 30 < len(glance) < 70 and glance.max() > 0.93 and 0.7 < glance.min() < 0.9
+
+
+def test_schlick(backend):
+    """A reflection factor without an index grows towards grazing angles by Schlick's rule."""
+    look = quiet(sky=ONE_SKY, material=gb.Material(reflection=0.3, transmission=0.0))
+    camera = gb.Camera(CENTRE + (0, 0, 6), CENTRE, height=2 * RADIUS)
+    color = gb.render(ball(**backend), camera, (101, 101), look).color[50, :, 0]
+    cosine = np.sqrt(1 - ((np.arange(101) + 0.5) / 101 * 2 - 1) ** 2)
+    np.testing.assert_allclose(color, 0.3 + 0.7 * (1 - cosine) ** 5, atol=3e-3)
+
+
+MATTERS = {
+    "clay": gb.Material(0.0, 0.0),
+    "mirror": MIRROR,
+    "glass": glass(1.5),
+    "water": glass(4 / 3),
+    "rough mirror": gb.Material(1.0, 0.0, roughness=0.6),
+    "rough glass": glass(1.5, roughness=0.4),
+    "half mirror": gb.Material(0.4, 0.0),
+    "half glass": gb.Material(0.2, 0.5, 1.4, absorption=0.0),
+    "filter": gb.Material(0.1, 0.7),
+    "particles' own": gb.Material(),
+}
+
+
+@pytest.mark.parametrize("matter", MATTERS)
+def test_furnace(backend, matter):
+    """Where all around is 1 and nothing absorbs, everything is 1: no energy comes or goes."""
+    rng = np.random.default_rng(60)
+    particles = gb.Particles(cloud(60, 60), support=0.6, color=(1, 1, 1),
+                             reflection=rng.uniform(0, 1, 60), refraction=rng.uniform(0, 1, 60))
+    scene = gb.Scene(particles, threshold=0.6, **backend)
+    camera = gb.Camera((1.5, 1, 2.5), (0, 0, 0), fov=45)
+    for depth, cutoff in ((0, 0.0), (3, 1 / 128), (12, 0.0)):
+        look = quiet(sky=ONE_SKY, ambient="sky", material=MATTERS[matter], depth=depth,
+                     cutoff=cutoff, samples=2)
+        color = gb.render(scene, camera, (40, 30), look).color
+        assert color.max() < 1.01
+        assert color.min() > 0.99
+
+
+def test_furnace_with_ambient_rays(backend):
+    """A ball alone hides nothing from itself; in a cloud light can only be lost."""
+    look = quiet(sky=ONE_SKY, ambient="sky", ambient_rays=16, ambient_distance=9.0,
+                 material=gb.Material(0.0, 0.0))
+    color = gb.render(ball(color=(1, 1, 1), **backend), CAMERA, SIZE, look).color
+    np.testing.assert_allclose(color, 1, atol=1e-2)
+    many = gb.Scene(gb.Particles(cloud(60, 60), support=0.6, color=(1, 1, 1)), **backend)
+    color = gb.render(many, size=SIZE, settings=look).color
+    assert color.max() < 1.01 and color.min() < 0.5
+
+
+def test_beer_through_a_ball(backend):
+    """Straight through the centre: exp(-a 2 R), for each colour its own; off it by the chord."""
+    a = np.array([0.3, 1.0, 2.5])
+    look = quiet(sky=ONE_SKY, material=glass(1.0, absorption=a))
+    frame = gb.render(ball(**backend), CAMERA, (49, 41), look)
+    near, far, away = meet_ball(*rays(CAMERA, (49, 41)))
+    seen = (away < 0.99 * RADIUS)[..., 0]
+    np.testing.assert_allclose(frame.color[20, 24], np.exp(-2 * a * RADIUS), rtol=0.003)
+    np.testing.assert_allclose(frame.color[seen], np.exp(-a * (far - near))[seen], rtol=0.01)
+
+
+def test_beer_in_glass(backend):
+    """Every internal path loses by its own length."""
+    look = quiet(sky=SKY, material=glass(1.5, absorption=1.2), depth=6)
+    frame = gb.render(ball(**backend), CAMERA, SIZE, look)
+    o, d = rays(CAMERA, SIZE)
+    clear = np.abs(meet_ball(o, d)[2][..., 0] - RADIUS) > 0.01 * RADIUS
+    error = np.abs(frame.color - glass_ball(o, d, 1.5, 6, absorption=1.2)).max(-1)[clear]
+    assert error.max() < 0.01 and error.mean() < 4e-4
+
+
+@pytest.mark.parametrize("index", [1.0, 1.5])
+def test_beer_through_a_slab(backend, index):
+    """A block cut flat by two planes, seen from all angles; between its faces light bounces."""
+    thick, a = 2.6, np.array([0.2, 0.5, 1.0])
+    clips = [gb.ClipPlane((0, 0, 1), thick / 2), gb.ClipPlane((0, 0, -1), thick / 2)]
+    look = quiet(sky=ONE_SKY, material=glass(index, absorption=a), depth=12)
+    camera = gb.Camera((0.4, 0.3, 12), (0, 0, 0), fov=12)
+    frame = gb.render(block(**backend), camera, (24, 20), look, clips)
+    _, d = rays(camera, (24, 20))
+    cosine = -d[..., 2:]
+    inner = np.sqrt(1 - (1 - cosine**2) / index**2)
+    f, left = fresnel(cosine, index), np.exp(-a * thick / inner)
+    through = (1 - f) ** 2 * left / (1 - (f * left) ** 2)
+    back = f + f * (1 - f) ** 2 * left**2 / (1 - (f * left) ** 2)
+    np.testing.assert_allclose(frame.depth, (12 - thick / 2) / cosine[..., 0], rtol=1e-5)
+    np.testing.assert_allclose(frame.color, through + back, rtol=0.005)
+
+
+def test_entry_filters_where_nothing_absorbs(backend):
+    """Without Beer's law the colour filters once, however thick the medium."""
+    scene = ball(**backend)
+    look = quiet(sky=ONE_SKY, material=gb.Material(0.0, 1.0, 1.0))
+    frame = gb.render(scene, CAMERA, SIZE, look)
+    inside = meet_ball(*rays(CAMERA, SIZE))[2][..., 0] < 0.99 * RADIUS
+    np.testing.assert_allclose(frame.color[inside], [[1, 0.5, 0.25]] * inside.sum(), atol=1e-5)
+
+
+def test_factors_of_particles_blend(backend):
+    """Reflection and refraction factors are blended as colours are, and split the light so."""
+    rng = np.random.default_rng(61)
+    n = 40
+    rho = rng.uniform(0, 0.5, n).astype(np.float32)
+    kappa = rng.uniform(0, 0.6, n).astype(np.float32)
+    particles = gb.Particles(cloud(n, 61, 0.8), support=0.7, color=(1, 1, 1), reflection=rho,
+                             refraction=kappa)
+    scene = gb.Scene(particles, threshold=0.6, **backend)
+    # Depth 0: all that goes on sees the sky, 1; scattered light is black, so the picture is the
+    # share that goes on.
+    look = quiet(sky=ONE_SKY, depth=0)
+    camera = gb.Camera((1.5, 1, 2.5), (0, 0, 0))
+    frame = gb.render(scene, camera, SIZE, look)
+    m = frame.mask
+    r, k = (frame.attribute(v)[m][:, None].astype(np.float64) for v in (rho, kappa))
+    cosine = np.clip(-dot(rays(camera, SIZE)[1], frame.normal)[m], 0, 1)
+    mirror = r + (1 - r) * (1 - cosine) ** 5
+    mirror = mirror + (1 - mirror) * fresnel(cosine, 1 + k / 3)
+    np.testing.assert_allclose(frame.color[m][:, :1], mirror + (1 - mirror) * k, atol=3e-3)
+    assert np.ptp(r) > 0.1 and np.ptp(k) > 0.1
+
+
+@pytest.mark.parametrize("kernel", KERNELS)
+@pytest.mark.parametrize("octree", ["sparse", "dense"])
+def test_mirror_and_glass_of_every_kernel(backend, kernel, octree):
+    """One metaball of any kernel is a ball: its mirror and its glass show the same sky."""
+    from test_field import FORMULAS
+
+    q = np.linspace(0, 1, 200_001)
+    radius = SUPPORT * np.interp(-0.6, -FORMULAS[kernel](q), q)
+    scene = ball(kernel=kernel, octree=octree, **backend)
+    camera = gb.Camera(CENTRE + (0, 0, 5), CENTRE, height=2.2 * radius)
+    o, d = rays(camera, (24, 24))
+    near, _, away = meet_ball(o, d, radius=radius)
+    seen = (away < 0.98 * radius)[..., 0]
+    normal = (o + near * d - CENTRE) / radius
+    mirror = gb.render(scene, camera, (24, 24), quiet(sky=SKY, material=MIRROR))
+    np.testing.assert_allclose(mirror.color[seen], sky_of(mirrored(d, normal))[seen], atol=3e-3)
+    straight = gb.render(scene, camera, (24, 24), quiet(sky=SKY, material=CLEAR_AIR))
+    np.testing.assert_allclose(straight.color, sky_of(d), atol=5e-3)
+
+
+CLEAR_AIR = gb.Material(CLEAR.reflection, CLEAR.transmission, 1.0, absorption=0.0)

@@ -1,0 +1,244 @@
+"""Cuts: where they are met, what their faces show, and that every kind of ray goes by them."""
+
+import globule as gb
+import numpy as np
+import pytest
+from light import (
+    CAMERA,
+    CENTRE,
+    MIRROR,
+    ONE_SKY,
+    RADIUS,
+    ball,
+    block,
+    direction_sky,
+    first_change,
+    fresnel,
+    meet_ball,
+    mirrored,
+    quiet,
+    rays,
+    refracted,
+    sky_of,
+    unit,
+)
+from scenes import cloud
+
+SIZE = (48, 40)
+C, R = CENTRE, RADIUS
+OFF = float(np.dot(C, (1, 2, 2)))
+CUTS = {
+    "plane": [gb.ClipPlane((1, 2, 2), OFF + 0.6 * R)],
+    "plane not of unit normal": [gb.ClipPlane((10, 20, 20), 10 * OFF)],
+    "half away": [gb.ClipPlane((-1, 0, 0), -C[0])],
+    "box": [gb.ClipBox(C + (0, 0, 0), C + (2, 2, 2))],
+    "box inside": [gb.ClipBox(C - 0.3 * R, C + 0.3 * R)],
+    "box kept": [gb.ClipBox(C - (0.5, 0.4, 0.3) * np.array(R), C + R * 0.6, keep=True)],
+    "sphere": [gb.ClipSphere(C + (0.3, 0.4, 0.5), 0.6 * R)],
+    "sphere kept": [gb.ClipSphere(C + (0.2, 0.1, 0.0), 0.9 * R, keep=True)],
+    "slab": [gb.ClipPlane((0, 0, 1), C[2] + 0.2 * R), gb.ClipPlane((0, 0, -1), 0.1 * R - C[2])],
+    "corner": [gb.ClipPlane((1, 0, 0), C[0]), gb.ClipPlane((0, 1, 0), C[1]),
+               gb.ClipPlane((0, 0, 1), C[2] + 0.3 * R)],
+    "many": [gb.ClipPlane((1, 2, 2), OFF + 0.8 * R), gb.ClipBox(C, C + (2, 2, 2)),
+             gb.ClipSphere(C + (0.3, -0.4, 0.5), 0.7 * R),
+             gb.ClipBox(C - 0.9 * R, C + 0.9 * R, keep=True),
+             gb.ClipSphere(C, 0.98 * R, keep=True)],
+    "nothing cut": [gb.ClipPlane((0, 0, 1), 1e6)],
+    "all cut": [gb.ClipPlane((0, 0, 1), -1e6)],
+    "disjoint": [gb.ClipBox(C - 5, C - 4, keep=True), gb.ClipBox(C + 4, C + 5, keep=True)],
+}
+CAMERAS = {
+    "outside": CAMERA,
+    "orthographic": gb.Camera((2, 3, 2), C, height=2.4 * R),
+    "inside": gb.Camera(C + (0.12, 0.1, 0.5) * np.array(R), C, fov=100),
+    "close": gb.Camera(C + (0.5, 0.6, 0.7) * np.array(R), C, fov=60),
+}
+
+
+def normal_of(clip, p):
+    """Outward normals of the medium on a cut face."""
+    if isinstance(clip, gb.ClipPlane):
+        return np.broadcast_to(unit(clip.normal), p.shape)
+    if isinstance(clip, gb.ClipSphere):
+        n = unit(p - np.asarray(clip.center))
+    else:
+        middle, half = (np.add(clip.lo, clip.hi)) / 2, np.subtract(clip.hi, clip.lo) / 2
+        x = (p - middle) / half
+        n = np.sign(x) * (np.abs(x) == np.abs(x).max(-1, keepdims=True))
+    return n if clip.keep else -n
+
+
+@pytest.mark.parametrize("view", CAMERAS)
+@pytest.mark.parametrize("name", CUTS)
+def test_cut_ball(backend, name, view):
+    """Depth, normal and which pixels are hit, against brute force over all intervals."""
+    clips, camera = CUTS[name], CAMERAS[view]
+    frame = gb.render(ball(**backend), camera, SIZE, quiet(), clips)
+    o, d = rays(camera, SIZE)
+    t, which = first_change(o, d, clips)
+    # Edges, where rounding decides, are those where a ray a little aside meets something else.
+    sure = np.ones(t.shape, bool)
+    for shift in 1e-4 * np.concatenate([np.eye(3), -np.eye(3)]):
+        t2, which2 = first_change(o, unit(d + shift), clips)
+        with np.errstate(invalid="ignore"):
+            sure &= (which2 == which) & ~(np.abs(t2 - t) > 0.03)
+    assert sure.mean() > 0.85
+    np.testing.assert_array_equal(frame.mask[sure], np.isfinite(t)[sure])
+    seen = sure & np.isfinite(t)
+    np.testing.assert_allclose(frame.depth[seen], t[seen], atol=2e-4)
+    p = (o + np.where(np.isfinite(t), t, 0)[..., None] * d)
+    for k in range(-1, len(clips)):
+        here = seen & (which == k)
+        n = (p[here] - C) / R if k < 0 else normal_of(clips[k], p[here])
+        np.testing.assert_allclose(frame.normal[here], n, atol=2e-3)
+
+
+@pytest.mark.parametrize("octree", ["sparse", "dense"])
+@pytest.mark.parametrize("kernel", ["murakami", "blinn", "wendland_c2"])
+def test_the_cut_face_shows_the_colours_inside(backend, kernel, octree):
+    """Deep inside, where cells hold no lists of particles, as at the rim."""
+    rng = np.random.default_rng(62)
+    p = cloud(900, 62, 2.0)
+    color = rng.uniform(0, 1, p.shape).astype(np.float32)
+    scene = gb.Scene(gb.Particles(p, support=1.0, color=color), kernel=kernel, octree=octree,
+                     **backend)
+    for clip in (gb.ClipPlane((1, 1, 2), 0.5), gb.ClipBox((0, -0.5, 0.2), (5, 5, 5)),
+                 gb.ClipSphere((1, 1, 2), 1.7), gb.ClipSphere((0, 0, 0), 1.4, keep=True)):
+        look = quiet(ambient=1.0)
+        frame = gb.render(scene, gb.Camera((3, 4, 9), (0, 0, 0), fov=30), SIZE, look, [clip])
+        at = frame.position.astype(np.float64)
+        if isinstance(clip, gb.ClipPlane):
+            face = np.abs(at @ (1, 1, 2) - 0.5) < 1e-5
+        elif isinstance(clip, gb.ClipSphere):
+            face = np.abs(np.linalg.norm(at - clip.center, axis=-1) - clip.radius) < 1e-5
+        else:
+            face = (np.abs(at - clip.lo) < 1e-5).any(-1)
+        assert face.sum() > 150
+        blend = scene.blend(frame.position[face], color)
+        np.testing.assert_allclose(frame.albedo[face], blend, atol=1e-3)
+        np.testing.assert_allclose(frame.color[face], blend, atol=1e-3)
+        n = normal_of(clip, at[face])
+        np.testing.assert_allclose(np.abs((frame.normal[face] * n).sum(-1)), 1, atol=1e-3)
+        assert np.ptp(blend, axis=0).min() > 0.2
+
+
+def test_camera_in_the_removed_part(backend):
+    """It looks through what is taken away at the face behind it."""
+    scene = block(**backend)
+    camera = gb.Camera((0, 0, 1.0), (0.2, 0.1, -3), fov=50)
+    clip = gb.ClipPlane((0, 0, 1), -0.5)
+    frame = gb.render(scene, camera, SIZE, quiet(), [clip])
+    _, d = rays(camera, SIZE)
+    np.testing.assert_allclose(frame.depth, 1.5 / -d[..., 2], rtol=1e-5)
+    np.testing.assert_allclose(frame.normal, np.broadcast_to((0, 0, 1), d.shape), atol=1e-6)
+
+
+def test_camera_in_the_medium_sees_its_hollow(backend):
+    """From inside the medium a removed ball is met from its far side: light leaves there."""
+    scene = block(**backend)
+    camera = gb.Camera((0, 0, 3), (0, 0, 0), fov=20)
+    frame = gb.render(scene, camera, (9, 9), quiet(), [gb.ClipSphere((0, 0, 0), 1.0)])
+    o, d = rays(camera, (9, 9))
+    near, _, _ = meet_ball(o, d, np.zeros(3), 1.0)
+    np.testing.assert_allclose(frame.depth, near[..., 0], atol=1e-5)
+    out = unit(-(o + near * d))
+    np.testing.assert_allclose(frame.normal, out, atol=1e-4)
+
+
+def test_a_mirror_shows_the_cut_face(backend):
+    """Secondary rays go by the clips: the picture in a mirror is that of the mirrored camera."""
+    red, green = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)
+    cut = ball((0, 0, 0), 2.0, color=red, **backend)
+    radius = 2.0 * np.sqrt(1 - np.sqrt(0.6))
+    away = np.array([0, 0, 3.0])
+    clips = [gb.ClipPlane((0, 0, 1), 0.2), gb.ClipBox((-0.3, -2, -2), (0.3, 0, 2))]
+    mirror = gb.Layer(ball(away, 2.0, color=green, **backend), MIRROR)
+    camera, size = gb.Camera((0.3, 1.9, 0.9), (0.05, 0.35, 2.1), fov=26), (64, 48)
+    frame = gb.render([gb.Layer(cut, None, clips), mirror], camera, size, quiet(ambient=1.0))
+    o, d = rays(camera, size)
+    near, _, distance = meet_ball(o, d, away, radius)
+    t, _ = first_change(o, d, clips, np.zeros(3), radius)
+    with np.errstate(invalid="ignore"):
+        seen = (distance < 0.97 * radius)[..., 0] & ~(t < near[..., 0])
+        p = o + near * d
+        r = mirrored(d, (p - away) / radius)
+    t, which = first_change(p, r, clips, np.zeros(3), radius)
+    clear = np.ones(t.shape, bool)
+    for shift in 3e-3 * np.concatenate([np.eye(3), -np.eye(3)]):
+        t2, _ = first_change(p, unit(r + shift), clips, np.zeros(3), radius)
+        clear &= np.isfinite(t2) == np.isfinite(t)
+    seen &= clear
+    assert 60 < (seen & (which >= 0)).sum() and 60 < (seen & (which == -2)).sum()
+    np.testing.assert_allclose(frame.color[seen][:, 0], np.isfinite(t[seen]), atol=1e-5)
+
+
+@pytest.mark.parametrize("name", ["plane", "half away", "box", "box kept", "sphere", "many"])
+def test_the_shadow_of_a_cut_ball(backend, name):
+    clips = CUTS[name]
+    sun = unit((0.4, 1.0, 0.3))
+    look = quiet(lights=[gb.DirectionalLight(sun, (1, 1, 1))], shadows=True,
+                 ground=gb.Ground(-0.9, color=1.0))
+    camera, size = gb.Camera((0.2, 4, 2.5), (0, -0.9, 0.2), fov=40), (64, 48)
+    frame = gb.render(ball(**backend), camera, size, look, clips)
+    ground = np.abs(frame.position[..., 1] + 0.9) < 1e-4
+    o = frame.position.astype(np.float64)
+    toward = np.broadcast_to(sun, o.shape)
+
+    def dark(shift):
+        return np.isfinite(first_change(o, unit(toward + shift), clips)[0])
+
+    shadow = dark(np.zeros(3))
+    sure = ground.copy()
+    for shift in 2e-3 * np.concatenate([np.eye(3), -np.eye(3)]):
+        sure &= dark(shift) == shadow
+    assert (shadow & sure).sum() > 30 and (~shadow & sure).sum() > 500
+    expected = np.where(shadow, 0.0, sun[1])
+    np.testing.assert_allclose(frame.color[sure][:, 0], expected[sure], atol=1e-4)
+
+
+def test_light_falls_into_a_cut(backend):
+    """A block with its corner removed: the floor of the gap is lit but for the wall's shadow."""
+    clip = gb.ClipBox((0, 0, -9), (9, 9, 9))
+    look = quiet(lights=[gb.DirectionalLight((-1, 1, 0), (1, 1, 1))], shadows=True)
+    camera = gb.Camera((1.5, 9, 0), (1.5, 0, 0), up=(0, 0, 1), height=2.4)
+    color = gb.Particles(np.zeros((1, 3)), color=(1, 1, 1)).color
+    frame = gb.render(block(color=color, **backend), camera, (40, 40), look, [clip])
+    # The wall x = 0 ends where the block does, above y = 4: its shadow covers x < 4 of the floor.
+    np.testing.assert_allclose(frame.position[..., 1], 0, atol=1e-5)
+    np.testing.assert_allclose(frame.normal[..., 1], 1, atol=1e-5)
+    np.testing.assert_allclose(frame.color, 0, atol=1e-6)
+    away = gb.DirectionalLight((1, 1, 0), (1, 1, 1))
+    look = quiet(lights=[away], shadows=True)
+    frame = gb.render(block(color=color, **backend), camera, (40, 40), look, [clip])
+    np.testing.assert_allclose(frame.color, np.sqrt(0.5), atol=1e-5)
+
+
+def test_cut_glass_is_glass(backend):
+    """A ball of clear glass cut in half refracts at its flat face as at its round one."""
+    look = quiet(sky=direction_sky(), material=gb.Material(0.0, 1.0, 1.5, absorption=0.0), depth=1)
+    clip = gb.ClipPlane((0, 0, 1), C[2])
+    camera = gb.Camera(C + (0.4, 0.3, 5), C, height=1.3 * R)
+    frame = gb.render(ball(**backend), camera, SIZE, look, [clip])
+    o, d = rays(camera, SIZE)
+    t = (C[2] - o[..., 2:]) / d[..., 2:]
+    n = np.broadcast_to((0.0, 0.0, 1.0), d.shape)
+    p = o + t * d
+    inner = (np.linalg.norm(p - C, axis=-1) < 0.95 * R)
+    cosine = np.abs(d[..., 2:])
+    f, d1 = fresnel(cosine, 1.5), refracted(d, n, 1.5)
+    q = p + meet_ball(p, d1)[1] * d1
+    m = (C - q) / R
+    back = np.clip(np.abs((d1 * m).sum(-1, keepdims=True)), 0, 1)
+    f1 = fresnel(back, 1 / 1.5)
+    expected = f * sky_of(mirrored(d, n)) + (1 - f) * (
+        (1 - f1) * sky_of(refracted(d1, m, 1 / 1.5)) + f1 * sky_of(mirrored(d1, m)))
+    assert inner.sum() > 500
+    np.testing.assert_allclose(frame.color[inner], expected[inner], atol=5e-3)
+
+
+def test_thin_slab_of_a_ball_absorbs_by_its_thickness(backend):
+    clips = CUTS["slab"]
+    look = quiet(sky=ONE_SKY, material=gb.Material(0.0, 1.0, 1.0, absorption=2.0))
+    camera = gb.Camera(C + (0, 0, 5), C, height=R)
+    frame = gb.render(ball(**backend), camera, (20, 20), look, clips)
+    np.testing.assert_allclose(frame.color, np.exp(-2.0 * 0.3 * R), rtol=2e-3)
