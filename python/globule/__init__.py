@@ -35,6 +35,7 @@ from .lights import (  # noqa: E402
 from .materials import Material  # noqa: E402
 from .octree import field, gradient, intersect  # noqa: E402
 from .particles import Particles  # noqa: E402
+from .presets import preset  # noqa: E402
 from .render import Frame, Layer, Picked, RenderSettings, render  # noqa: E402
 from .scene import Scene  # noqa: E402
 from .sequence import read_ahead, render_sequence, value_range  # noqa: E402
@@ -72,6 +73,7 @@ __all__ = [
     "local_spacing",
     "mesh_particles",
     "orbit",
+    "preset",
     "read",
     "read_ahead",
     "read_environment",

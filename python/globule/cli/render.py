@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from ..camera import Camera
+from ..camera import Camera, view_axes
 from ..colormaps import NAMES as COLORMAPS
 from ..legend import LEAST_SIDE, add_legend
 from ..render import MAX_PIXELS, Frame, RenderSettings, fit_camera, render, save_png
@@ -213,10 +213,7 @@ def camera(options: argparse.Namespace, scene: Scene | None, around: Any = None)
 
 def _direction(up: tuple[float, float, float]) -> np.ndarray:
     """Towards the eye: in front, a little to the right and above, whatever axis is upwards."""
-    above = np.array(up) / (np.linalg.norm(up) or 1.0)
-    right = np.eye(3)[1 if abs(above[0]) > 0.7 else 0]
-    front = np.cross(right, above)
-    right = np.cross(above, front)
+    right, above, front = view_axes(up)
     return 0.6 * right + 0.45 * above + 1.0 * front
 
 
