@@ -23,6 +23,7 @@ from .formats import (  # noqa: E402
     tomography_particles,
     write,
 )
+from .layers import layers_by  # noqa: E402
 from .legend import add_legend  # noqa: E402
 from .lights import (  # noqa: E402
     DirectionalLight,
@@ -70,6 +71,7 @@ __all__ = [
     "field",
     "gradient",
     "intersect",
+    "layers_by",
     "local_spacing",
     "mesh_particles",
     "orbit",
