@@ -172,6 +172,8 @@ def test_a_scene_beside_shows_through():
     green = [float((p[..., 1] - p[..., 0])[middle].mean()) for p in (shown, alone)]
     assert green[0] > green[1] + 30
     assert (shown[0, 0] == alone[0, 0]).all()
+    blue = picture("--with", "inner.npz:0,0,1", "--opacity", "0.2")
+    assert (blue[..., 2] - blue[..., 1])[middle].mean() > green[0] / 2
     # A cut opens what is cut, not what is beside it.
     open_ = picture("--with", "inner.npz", "--clip", "0,0,1,0")
     assert open_[middle][..., 1].max() > 150

@@ -53,7 +53,7 @@ class _Stage:
         self.colored = scene.particles.color is not None
 
     def sun(self, radiance: Any, angle: float, right: float = -0.5) -> DirectionalLight:
-        """From above and a little in front; `right`: from that side of the view."""
+        """From above and a little in front, as seen with `view_axes`, and from the right."""
         towards = right * self.right + 1.0 * self.up + 0.45 * self.front
         return DirectionalLight(towards, radiance, angle)
 
@@ -119,8 +119,8 @@ def _glass(stage: _Stage, extent: float, support: float) -> RenderSettings:
 def _tissue(stage: _Stage, extent: float, support: float) -> RenderSettings:
     # Warm light makes flesh of gray intensities, and keeps the differences between them.
     return RenderSettings(
-        lights=(Headlight((0.40, 0.28, 0.25)), stage.sun((1.05, 0.72, 0.62), 5.0)),
-        ambient=(0.40, 0.26, 0.24),
+        lights=(Headlight((0.38, 0.27, 0.24)), stage.sun((0.74, 0.51, 0.44), 10.0, 0.5)),
+        ambient=(0.38, 0.25, 0.23),
         background=(0.012, 0.016, 0.024),
         material=Material(
             reflection=0.0, transmission=0.0, color=stage.own_color((0.62, 0.38, 0.35)),

@@ -48,7 +48,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="of refraction, 1 to 4 (water 1.33, glass 1.5)")
     add("--roughness", type=share, metavar="V", help="of mirrored and transmitted light, 0 to 1")
     add("--absorption", type=look.color, metavar="V", help="R,G,B or V per world unit (Beer's law)")
-    add("--with", dest="beside", action="append", default=[], metavar="FILE",
+    add("--with", dest="beside", type=beside, action="append", default=[], metavar="FILE[:COLOR]",
         help="a second scene in the same picture, as it is: matter, cuts and supports given here "
         "are not for it; up to 3 times")
     add = parser.add_argument_group("cuts; the face shows what is inside").add_argument
@@ -115,6 +115,15 @@ def ball(text: str) -> ClipSphere:
     return _checked(ClipSphere(center, radius))
 
 
+def beside(text: str) -> tuple[str, look.Color | None]:
+    """FILE or FILE:COLOR."""
+    path, _, word = text.rpartition(":")
+    try:
+        return path or text, look.color(word) if path else None
+    except argparse.ArgumentTypeError:
+        return text, None
+
+
 def _numbers(text: str, n: int) -> list[float]:
     words = text.split(",")
     if len(words) != n:
@@ -151,7 +160,7 @@ class Light:
         if len(options.beside) >= MAX_LAYERS:
             most = MAX_LAYERS - 1
             raise UserError(f"--with: expected at most {most}, got {len(options.beside)}")
-        for path in options.beside:
+        for path, _ in options.beside:
             check_input(path)
 
     def settings(self, scene: Scene) -> RenderSettings:
@@ -179,20 +188,21 @@ class Light:
 
     def _read(self, i: int) -> Layer:
         options = self.options
-        particles = read_particles(options.beside[i])
-        if particles.color is None:
-            particles.color = categorical(np.array([i + 1]))[0]
+        path, color = options.beside[i]
+        particles = read_particles(path)
+        if particles.color is None and color is None:
+            color = categorical(np.array([i + 1]))[0]
         with mistakes():
             scene = Scene(particles, options.kernel, options.threshold, device=options.device,
                           threads=options.threads)
-        return Layer(scene, Material())
+        return Layer(scene, Material(color=color))
 
     def picked(self, frame: Frame) -> dict[str, Any] | None:
         """What --pick's pixel shows."""
         seen = frame.pick(*self.options.pick)
         if seen is None:
             return None
-        files = [None, *self.options.beside]
+        files = [None, *(path for path, _ in self.options.beside)]
         facts = {k: v for k, v in vars(seen).items() if k != "layer"}
         return facts | {"file": files[seen.layer]} if files[seen.layer] else facts
 
