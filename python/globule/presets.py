@@ -44,6 +44,10 @@ def ground_height(scene: Scene, up: Any = (0.0, 1.0, 0.0)) -> float:
     return lowest - REACH[scene.kernel] * support
 
 
+def _per(length: float, *values: float) -> tuple[float, ...]:
+    return tuple(value / length for value in values)
+
+
 class _Stage:
     """Where things are, whatever direction is up."""
 
@@ -74,7 +78,7 @@ def _blood(stage: _Stage, extent: float, support: float) -> RenderSettings:
         ambient="sky",
         material=Material(
             reflection=0.0, transmission=0.75, index=1.36, color=(0.30, 0.004, 0.005),
-            absorption=tuple(np.array([0.5, 4.5, 5.0]) / support), specular=1.0, shininess=250.0,
+            absorption=_per(support, 0.5, 4.5, 5.0), specular=1.0, shininess=250.0,
         ),
         shadows=True,
         sky=stage.sky((0.50, 0.52, 0.55), (0.90, 0.90, 0.89), (0.45, 0.45, 0.45)),
@@ -90,7 +94,7 @@ def _water(stage: _Stage, extent: float, support: float) -> RenderSettings:
         ambient="sky",
         material=Material(
             reflection=0.0, transmission=1.0, index=1.33,
-            absorption=tuple(np.array([5.5, 1.3, 0.55]) / extent), specular=0.8, shininess=250.0,
+            absorption=_per(extent, 5.5, 1.3, 0.55), specular=0.8, shininess=250.0,
         ),
         shadows=True,
         sky=stage.sky((0.28, 0.46, 0.72), (0.90, 0.93, 0.96), (0.36, 0.34, 0.30)),
@@ -106,7 +110,7 @@ def _glass(stage: _Stage, extent: float, support: float) -> RenderSettings:
         ambient="sky",
         material=Material(
             reflection=0.0, transmission=1.0, index=1.5,
-            absorption=tuple(np.array([0.45, 0.16, 0.24]) / extent), specular=1.0, shininess=400.0,
+            absorption=_per(extent, 0.45, 0.16, 0.24), specular=1.0, shininess=400.0,
         ),
         shadows=True,
         sky=stage.sky((0.16, 0.20, 0.28), (0.88, 0.90, 0.92), (0.12, 0.12, 0.14)),
