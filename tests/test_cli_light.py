@@ -107,6 +107,8 @@ def test_options_win_over_the_preset():
     ground = picture("--preset", "clay", "--samples", "1")
     low = picture("--preset", "clay", "--samples", "1", "--ground", "-30")
     assert (ground != low).any()
+    white = picture("--preset", "blood", "--samples", "1", "--background", "1", "--eye", "0,9,0.1")
+    assert (white != picture("--preset", "blood", "--samples", "1", "--eye", "0,9,0.1")).any()
     bare = picture("--preset", "tissue", "--samples", "1")
     lit = picture("--preset", "tissue", "--samples", "1", "--background", "0,1,0")
     assert (bare[0, 0] != [0, 255, 0]).any() and (lit[0, 0] == [0, 255, 0]).all()
@@ -157,6 +159,17 @@ def test_a_sky_from_a_file():
     assert seen[0, 0, 0] > 200 > seen[-1, 0, 0] and seen[0, 0, 1] == 0
 
 
+def test_the_mean_of_a_sky():
+    image = np.zeros((64, 8, 3), np.float32)
+    image[:32] = [1, 0, 0.5]
+    assert gb.Environment(image, strength=2).mean() == pytest.approx((1, 0, 0.5), abs=1e-6)
+    image[:32], image[0] = 0, 64  # a row at the pole covers little
+    assert gb.Environment(image).mean()[0] < 0.1
+    image = (image > 0) * np.uint8(255)
+    Image.fromarray(image.astype(np.uint8)).save("sky.png")
+    assert (picture("--preset", "blood", "--sky", "sky.png") >= 0).all()
+
+
 # Several scenes, picking
 
 
@@ -193,6 +206,29 @@ def test_pick(capsys):
     assert "picked" not in json.loads(capsys.readouterr().out)
 
 
+def test_a_sequence_keeps_what_was_found_first():
+    moved = ball()
+    moved.positions = moved.positions + np.float32([0, 0.4, 0])
+    gb.write("moved.npz", moved)
+    gb.write("inner.npz", ball(0.3, 4))
+    words = ["--with", "inner.npz", "--preset", "clay", "--samples", "1", *SMALL, *CAMERA]
+    assert main(["render", "ball.npz", "moved.npz", "-o", "p_%d.png", *words]) == 0
+    assert main(["render", "moved.npz", "-o", "alone.png", *words]) == 0
+    one, two, alone = (np.asarray(Image.open(f"{n}.png")) for n in ("p_0", "p_1", "alone"))
+    assert (one != two).any() and (two != alone).any()  # alone, the ground rises with the ball
+
+
+def test_a_picked_particle_is_the_file_s(capsys):
+    holes = ball()
+    positions = np.insert(holes.positions, 0, [[np.nan] * 3] * 7, axis=0)
+    gb.write("holes.npz", gb.Particles(positions, support=0.5))
+    assert main(["render", "holes.npz", "-o", "a.png", *SMALL, *CAMERA, "--pick", "24,18",
+                 "--json"]) == 0
+    picked = json.loads(capsys.readouterr().out)["picked"]
+    away = np.linalg.norm(positions - picked["position"], axis=1)
+    assert picked["particle"] == np.nanargmin(away)
+
+
 @pytest.mark.parametrize("words, named", [
     ("--clip 0,0,0,1", "--clip"),
     ("--clip 1,0,0", "--clip"),
@@ -219,6 +255,7 @@ def test_pick(capsys):
     ("--with missing.npz", "missing.npz"),
     ("--with a.npz --with a.npz --with a.npz --with a.npz", "--with"),
     ("--preset jelly", "--preset"),
+    ("--preset thesis --clip 1,0,0,0", "clips"),
 ])
 def test_mistakes(words, named, capsys):
     assert main(["render", "ball.npz", "-o", "a.png", *SMALL, *words.split()]) == 2

@@ -9,7 +9,7 @@ from importlib import import_module
 from .shared import UserError, add_device, check_device
 
 SUMMARY = "the source's tables, measured again"
-EXAMPLES = "  globule bench thesis -o tables"
+EXAMPLES = "  globule bench --list"
 
 TABLES = {"thesis": "globule.bench.thesis"}  # name: module with SUMMARY and run()
 

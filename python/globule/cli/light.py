@@ -174,6 +174,11 @@ class Light:
                 height = options.ground if given else ground_height(scene, options.up)
                 ground = base.ground or Ground(0.0, options.up)
                 own["ground"] = dataclasses.replace(ground, height=height)
+            if options.background is not None:
+                own.setdefault("sky", None)  # what is given is to be seen
+            sky = own.get("sky")
+            if isinstance(sky, Environment) and base.ambient == "sky" and not base.ambient_rays:
+                own.setdefault("ambient", sky.mean())  # a lamp must not be seen along a normal
             material = dataclasses.replace(base.material, **self._matter)
             if looks and options.color_by:
                 material = dataclasses.replace(material, color=None)
@@ -197,14 +202,15 @@ class Light:
                           threads=options.threads)
         return Layer(scene, Material(color=color))
 
-    def picked(self, frame: Frame) -> dict[str, Any] | None:
-        """What --pick's pixel shows."""
+    def picked(self, frame: Frame, kept: np.ndarray) -> dict[str, Any] | None:
+        """What --pick's pixel shows; `kept`: which of the file's particles the scene has."""
         seen = frame.pick(*self.options.pick)
         if seen is None:
             return None
-        files = [None, *(path for path, _ in self.options.beside)]
-        facts = {k: v for k, v in vars(seen).items() if k != "layer"}
-        return facts | {"file": files[seen.layer]} if files[seen.layer] else facts
+        facts = {name: value for name, value in vars(seen).items() if name != "layer"}
+        if seen.layer:
+            return facts | {"file": self.options.beside[seen.layer - 1][0]}
+        return facts | {"particle": int(kept[seen.particle])}
 
 
 def say_picked(options: argparse.Namespace, seen: dict[str, Any] | None) -> str:

@@ -44,7 +44,9 @@ SUMMARY = "particles to pictures"
 EXAMPLES = """\
   globule render splash.npz -o splash.png
   globule render splash.npz -o above.png --eye 0,4,0.1 --look-at 0,0,0 --color-by y --json
+  globule render splash.npz -o water.png --preset water --size 512x391 --pick 256,195
   globule render head.nii.gz -o head.png --level 90 --resample 2 --up 0,0,1
+  globule render head.nii.gz -o cut.png --level 90 --preset tissue --up 0,0,1 --clip 1,0,0,5
   globule render frame_0.ply frame_1.ply -o picture_%04d.png"""
 
 SAMPLES = 20_000  # particles at which the highest field is looked for
@@ -309,7 +311,7 @@ def _picture(
         "warnings": messages,
     }
     if options.pick:
-        report["picked"] = lit.picked(frame)
+        report["picked"] = lit.picked(frame, np.flatnonzero(finite))
     if options.json:
         report["hashes"] = {"key_hash": tree.key_hash, "node_hash": tree.node_hash}
     return report
