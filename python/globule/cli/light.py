@@ -5,12 +5,10 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import functools
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
-from ..clips import ClipBox, ClipPlane, ClipSphere
 from ..colormaps import categorical
 from ..environment import read_environment
 from ..formats import FormatError
@@ -20,6 +18,7 @@ from ..presets import PRESETS, ground_height, preset
 from ..render import MAX_LAYERS, MAX_SAMPLES, Frame, Layer, RenderSettings
 from ..scene import Scene
 from . import look
+from .arguments import ball, beside, between, box, pixel, plane, share, whole
 from .shared import UserError, check_input, mistakes, number, read_particles
 
 MATTER = ("reflection", "transmission", "index", "roughness", "absorption")
@@ -64,81 +63,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="say what this pixel shows: position, particle, attributes")
 
 
-def whole(least: int, most: int) -> Callable[[str], int]:
-    """A parser of whole numbers in [least, most]."""
-    def parse(text: str) -> int:
-        if not text.isdecimal() or not least <= int(text[:10]) <= most:
-            expected = f"a whole number from {least} to {most}"
-            raise argparse.ArgumentTypeError(f"expected {expected}, got {text!r}")
-        return int(text)
-
-    return parse
-
-
-def between(least: float, most: float) -> Callable[[str], float]:
-    """A parser of numbers in [least, most]."""
-    def parse(text: str) -> float:
-        value = number(text)
-        if not least <= value <= most:
-            raise argparse.ArgumentTypeError(f"expected {least:g} to {most:g}, got {text!r}")
-        return value
-
-    return parse
-
-
-share = between(0, 1)
-
-
-def pixel(text: str) -> tuple[int, int]:
-    """COLUMN,ROW."""
-    words = text.split(",")
-    if len(words) != 2 or not all(word.isdecimal() and len(word) < 10 for word in words):
-        raise argparse.ArgumentTypeError(f"expected COLUMN,ROW, got {text!r}")
-    return int(words[0]), int(words[1])
-
-
-def plane(text: str) -> ClipPlane:
-    """NX,NY,NZ,D."""
-    *normal, offset = _numbers(text, 4)
-    return _checked(ClipPlane(normal, offset))
-
-
-def box(text: str, keep: bool = False) -> ClipBox:
-    """X0,Y0,Z0,X1,Y1,Z1."""
-    values = _numbers(text, 6)
-    return _checked(ClipBox(values[:3], values[3:], keep))
-
-
-def ball(text: str) -> ClipSphere:
-    """X,Y,Z,R."""
-    *center, radius = _numbers(text, 4)
-    return _checked(ClipSphere(center, radius))
-
-
-def beside(text: str) -> tuple[str, look.Color | None]:
-    """FILE or FILE:COLOR."""
-    path, _, word = text.rpartition(":")
-    try:
-        return path or text, look.color(word) if path else None
-    except argparse.ArgumentTypeError:
-        return text, None
-
-
-def _numbers(text: str, n: int) -> list[float]:
-    words = text.split(",")
-    if len(words) != n:
-        raise argparse.ArgumentTypeError(f"expected {n} numbers with commas, got {text!r}")
-    return [number(word) for word in words]
-
-
-def _checked(clip: Any) -> Any:
-    try:
-        clip._pack()
-    except ValueError as error:
-        raise argparse.ArgumentTypeError(str(error)) from None
-    return clip
-
-
 class Light:
     """What the options ask for; what is wrong with them shows before any work.
 
@@ -177,7 +101,8 @@ class Light:
             if options.background is not None:
                 own.setdefault("sky", None)  # what is given is to be seen
             sky = own.get("sky")
-            if isinstance(sky, Environment) and base.ambient == "sky" and not base.ambient_rays:
+            rays = own.get("ambient_rays", base.ambient_rays)
+            if isinstance(sky, Environment) and base.ambient == "sky" and not rays:
                 own.setdefault("ambient", sky.mean())  # a lamp must not be seen along a normal
             material = dataclasses.replace(base.material, **self._matter)
             if looks and options.color_by:
