@@ -1,4 +1,4 @@
-"""Parsers of what follows the options of cli/light.py; argparse names the option in their errors."""
+"""Parsers of what follows the options of cli/light.py; argparse adds the option to errors."""
 
 from __future__ import annotations
 
