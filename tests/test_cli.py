@@ -485,10 +485,10 @@ def test_demo_and_what_it_says_to_type_next(folder):
     assert done.stdout.startswith("demo/splash.png") and done.stderr == ""
     assert Image.open("demo/splash.png").size == (1024, 782)
     following = [line.strip() for line in done.stdout.splitlines() if line.startswith("  ")]
-    assert len(following) == 3
+    assert len(following) == 4
     for line in following:
         subprocess.run(line, shell=True, check=True, stdout=subprocess.DEVNULL, timeout=100)
-    assert sorted(os.listdir("demo")) == ["near.png", "splash.npz", "splash.png"]
+    assert sorted(os.listdir("demo")) == ["near.png", "splash.npz", "splash.png", "water.png"]
 
 
 def test_demo_mistakes(folder, capsys):

@@ -183,3 +183,70 @@ def test_nothing_is_clipped_or_doubled_at_the_border():
     assert np.abs(a.depth[a.mask] - b.depth[a.mask]).max() < 1e-4
     beyond = a.position[a.mask]
     assert ((beyond < -0.01) | (beyond > 1.01)).any()
+
+
+def test_a_large_step_makes_terraces():
+    from globule.figures.artefacts import LARGE_STEP, SMALL_STEP, marched, two_fused
+
+    scene, camera = two_fused("cpu")
+    exact = gb.render(scene, camera, (120, 90))
+    away = []
+    for step in (LARGE_STEP, SMALL_STEP):
+        frame = gb.render(scene, camera, (120, 90), thesis=marched(step))
+        both = frame.mask & exact.mask
+        away.append(np.median(frame.depth[both] - exact.depth[both]) / scene.support)
+        assert both.sum() > 0.9 * exact.mask.sum()
+    assert 0.3 * LARGE_STEP < away[0] < LARGE_STEP and 0 < away[1] < SMALL_STEP
+
+
+@pytest.mark.parametrize("centres", ["ALONE", "PAIR"])
+def test_without_ghosts_the_surface_is_torn(centres):
+    from globule.figures import artefacts
+
+    scene = artefacts.dense_scene(getattr(artefacts, centres), 1.0, 2, "cpu", artefacts.SPACE)
+    camera = gb.Camera((3.0, 2.9, 6.2), (2, 1.5, 1.5), fov=24)
+    right, torn, seen = (
+        gb.render(scene, camera, (120, 90), thesis=thesis).mask
+        for thesis in (None, gb.Thesis(ghosts=False), gb.Thesis())
+    )
+    assert (seen == right).all() and not (torn & ~right).any()
+    assert 0.4 * right.sum() < torn.sum() < 0.98 * right.sum()
+
+
+def test_averaged_normals_are_others():
+    from globule.figures.artefacts import cluster
+
+    scene = cluster("cpu")
+    a, b = (
+        gb.render(scene, size=(80, 60), thesis=gb.Thesis(averaged_normals=averaged))
+        for averaged in (False, True)
+    )
+    assert (a.mask == b.mask).all()
+    cosine = (a.normal * b.normal).sum(axis=2)[a.mask]
+    assert 0.7 < cosine.mean() < 0.99
+
+
+def test_without_nilearn_shapes_stand_in(monkeypatch):
+    from globule.figures import anatomy
+
+    monkeypatch.setitem(sys.modules, "nilearn.datasets", None)
+    values, world_from_voxel, name = anatomy.tomography(6)
+    assert "phantom" in name and {0.12, 0.62, 0.95} <= set(np.unique(values))
+    particles = anatomy.metaballs(values, world_from_voxel)
+    assert particles.support == pytest.approx(12) and 3000 < len(particles) < 9000
+    assert np.abs(np.mean(particles.bounds(), axis=0)).max() < 10
+    vertices, faces, depth, name = anatomy.surface_mesh()
+    assert "knot" in name and len(vertices) == len(depth) and faces.max() < len(vertices)
+    edges = np.linalg.norm(vertices[faces] - np.roll(vertices[faces], 1, axis=1), axis=2)
+    assert edges.max() < 6  # closed: no face spans the tube
+
+
+def test_a_slab_shows_intensities_inside():
+    from globule.figures import anatomy
+
+    values, world_from_voxel = anatomy.phantom(6)
+    scene = gb.Scene(anatomy.metaballs(values, world_from_voxel), device="cpu")
+    cut = gb.ClipPlane((0, 0, 1), 25)
+    frame = gb.render(scene, gb.Camera((0, 1, 400), (0, 0, 0)), (80, 80), clips=[cut])
+    face = np.abs(frame.position[..., 2] - 25) < 1e-3
+    assert face.sum() > 500 and np.ptp(frame.albedo[face]) > 0.3

@@ -341,3 +341,14 @@ def test_the_tables(tmp_path, capsys):
     assert rows[0]["dense nodes"] == 73 and rows[0]["hit differs"] < 1e-3 and rows[0]["hit"] > 0.01
     assert len(path.read_text().splitlines()) == 2
     assert "Table 6.2" in capsys.readouterr().out
+
+
+def test_bench_command(tmp_path, capsys, monkeypatch):
+    asked = []
+    monkeypatch.setattr(tables, "run", lambda *given, **named: asked.append((given, named)))
+    assert main(["bench", "thesis", "--device", "cpu", "-o", str(tmp_path / "a")]) == 0
+    assert asked == [(("cpu", 0), {"output": str(tmp_path / "a/thesis.csv")})]
+    assert main(["bench", "--list"]) == 0
+    assert "thesis  Tables 6.1 and 6.2" in capsys.readouterr().out
+    assert main(["bench", "9.9"]) == 2
+    assert "expected some of thesis" in capsys.readouterr().err and len(asked) == 1

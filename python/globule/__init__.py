@@ -23,6 +23,7 @@ from .formats import (  # noqa: E402
     tomography_particles,
     write,
 )
+from .layers import layers_by  # noqa: E402
 from .legend import add_legend  # noqa: E402
 from .lights import (  # noqa: E402
     DirectionalLight,
@@ -35,6 +36,7 @@ from .lights import (  # noqa: E402
 from .materials import Material  # noqa: E402
 from .octree import field, gradient, intersect  # noqa: E402
 from .particles import Particles  # noqa: E402
+from .presets import preset  # noqa: E402
 from .render import Frame, Layer, Picked, RenderSettings, render  # noqa: E402
 from .scene import Scene  # noqa: E402
 from .sequence import read_ahead, render_sequence, value_range  # noqa: E402
@@ -69,9 +71,11 @@ __all__ = [
     "field",
     "gradient",
     "intersect",
+    "layers_by",
     "local_spacing",
     "mesh_particles",
     "orbit",
+    "preset",
     "read",
     "read_ahead",
     "read_environment",

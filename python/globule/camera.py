@@ -116,6 +116,16 @@ class Camera:
         return np.broadcast_to(eye, across.shape).astype(np.float32), directions.astype(np.float32)
 
 
+def view_axes(up: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Unit vectors to the right, upwards and towards the viewer, whatever axis is upwards: x, y, z
+    where it is y."""
+    above = np.array(up, dtype=np.float64) / (np.linalg.norm(up) or 1.0)
+    right = np.eye(3)[1 if abs(above[0]) > 0.7 else 0]
+    front = np.cross(right, above)
+    front = front / (np.linalg.norm(front) or 1.0)
+    return np.cross(above, front), above, front
+
+
 def _axes(forward: np.ndarray, up: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Unit right and up vectors of an image seen along `forward`; an `up` along it is replaced."""
     right = np.cross(forward, up)

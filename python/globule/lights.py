@@ -111,6 +111,14 @@ class Environment:
         object.__setattr__(self, "image", image)
         object.__setattr__(self, "_id", next(_ids))
 
+    def mean(self) -> tuple[float, float, float]:
+        """Mean radiance over all directions."""
+        height = len(self.image)
+        weight = np.sin((np.arange(height) + 0.5) / height * np.pi)
+        rows = self.image.mean(axis=1, dtype=np.float64)
+        red, green, blue = self.strength * (weight @ rows) / weight.sum()
+        return float(red), float(green), float(blue)
+
     def _pack(self) -> dict:
         up = np.asarray(unit("up", self.up))
         east = np.asarray(_across(up))

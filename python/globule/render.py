@@ -300,6 +300,8 @@ def render(
         raise ValueError(f"size: expected 1 to {MAX_PIXELS:,} pixels, got {width}x{height}")
     settings = settings or RenderSettings()
     layers = _layers(scene, clips)
+    if thesis is not None and any(layer.clips for layer in layers):
+        raise ValueError("clips: expected none with the thesis's tracing, which knows no cuts")
     first = layers[0].scene
     if camera is None:
         camera = fit_camera(first, (width, height))

@@ -11,10 +11,10 @@ import os
 import sys
 from collections.abc import Sequence
 
-from . import convert, demo, figures, info, render
+from . import bench, convert, demo, figures, info, render
 from .shared import UserError, join_negative, say
 
-COMMANDS = (render, convert, info, figures, demo)
+COMMANDS = (render, convert, info, figures, bench, demo)
 
 
 class _Parser(argparse.ArgumentParser):

@@ -65,6 +65,8 @@ def run(options: argparse.Namespace) -> None:
     print("next, for instance:")
     print(f"  {program} render {shlex.quote(data)} -o {shlex.quote(near)} "
           "--eye 0.6,0.6,1 --look-at 0,0.15,0")
+    water = shlex.quote(os.path.join(options.output, "water.png"))
+    print(f"  {program} render {shlex.quote(data)} -o {water} --preset water --size 512x391")
     print(f"  {program} info {shlex.quote(data)}")
     print(f"  {program} render --help")
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import argparse
 import re
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from ..colormaps import colorize, hex_color, to_linear
 from ..lights import MAX_LIGHTS, DirectionalLight, Headlight, PointLight
 from ..particles import SCALAR_FIELDS, Particles
-from ..render import RenderSettings
 from .shared import UserError, count, number, vector
 
 Color = tuple[float, float, float]
@@ -39,38 +40,39 @@ def interval(text: str) -> tuple[float, float]:
     return number(words[0]), number(words[1])
 
 
-def light(text: str) -> tuple[str, Color | None]:
-    """head, dir:X,Y,Z or point:X,Y,Z."""
+def light(text: str) -> Headlight | DirectionalLight | PointLight:
+    """head, dir:X,Y,Z[,ANGLE] or point:X,Y,Z[,RADIUS]; the radiance is not the final one."""
     kind, colon, place = text.partition(":")
     if kind == "head" and not colon:
-        return kind, None
-    if kind not in ("dir", "point") or not place:
-        expected = "head, dir:X,Y,Z or point:X,Y,Z"
+        return Headlight()
+    words = place.split(",")
+    if kind not in ("dir", "point") or len(words) not in (3, 4):
+        expected = "head, dir:X,Y,Z[,ANGLE] or point:X,Y,Z[,RADIUS]"
         raise argparse.ArgumentTypeError(f"expected {expected}, got {text!r}")
-    if kind == "dir" and not any(vector(place)):
-        raise argparse.ArgumentTypeError(f"expected a direction, got {text!r}")
-    return kind, vector(place)
+    where, size = vector(",".join(words[:3])), number(words[3]) if len(words) == 4 else 0.0
+    made = (
+        DirectionalLight(where, angle=size) if kind == "dir" else PointLight(where, radius=size)
+    )
+    try:
+        made._pack()
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(f"{error} in {text!r}") from None
+    return made
 
 
-def settings(options: argparse.Namespace) -> RenderSettings:
-    """The settings that the options ask for."""
-    given = {}
+def given(options: argparse.Namespace) -> dict[str, Any]:
+    """The fields of RenderSettings that the options set."""
+    fields: dict[str, Any] = {}
     if options.light:
         n = len(options.light)
         if n > MAX_LIGHTS:
             raise UserError(f"--light: expected at most {MAX_LIGHTS}, got {n}")
-        share = (1 / n,) * 3
-        kinds = {
-            "head": lambda place: Headlight(share),
-            "dir": lambda place: DirectionalLight(place, share),
-            "point": lambda place: PointLight(place, share),
-        }
-        given["lights"] = tuple(kinds[kind](place) for kind, place in options.light)
+        fields["lights"] = tuple(replace(one, radiance=(1 / n,) * 3) for one in options.light)
     if options.ambient is not None:
-        given["ambient"] = options.ambient
+        fields["ambient"] = options.ambient
     if options.background is not None:
-        given["background"] = options.background
-    return RenderSettings(**given)
+        fields["background"] = options.background
+    return fields
 
 
 def color_by(

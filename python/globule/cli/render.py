@@ -8,6 +8,7 @@ finished stay when a later file turns out to be broken."""
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import os
 import re
 import time
@@ -15,13 +16,13 @@ from typing import Any
 
 import numpy as np
 
-from ..camera import Camera
+from ..camera import Camera, view_axes
 from ..colormaps import NAMES as COLORMAPS
 from ..legend import LEAST_SIDE, add_legend
-from ..render import MAX_PIXELS, Frame, RenderSettings, fit_camera, render, save_png
+from ..render import MAX_PIXELS, Frame, fit_camera, render, save_png
 from ..scene import KERNELS, Scene
 from ..thesis import Thesis
-from . import look, sequence, tracing
+from . import light, look, sequence, tracing
 from .shared import (
     Progress,
     UserError,
@@ -43,7 +44,9 @@ SUMMARY = "particles to pictures"
 EXAMPLES = """\
   globule render splash.npz -o splash.png
   globule render splash.npz -o above.png --eye 0,4,0.1 --look-at 0,0,0 --color-by y --json
+  globule render splash.npz -o water.png --preset water --size 512x391 --pick 256,195
   globule render head.nii.gz -o head.png --level 90 --resample 2 --up 0,0,1
+  globule render head.nii.gz -o cut.png --level 90 --preset tissue --up 0,0,1 --clip 1,0,0,5
   globule render frame_0.ply frame_1.ply -o picture_%04d.png"""
 
 SAMPLES = 20_000  # particles at which the highest field is looked for
@@ -100,11 +103,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     colors.add_argument("--legend", action="store_true",
                         help="draw the colour map with its range into the picture")
     colors.add_argument("--light", type=look.light, action="append", metavar="LIGHT",
-                        help="head, dir:X,Y,Z (towards the light) or point:X,Y,Z, up to 8 times; "
-                        "they share a radiance of 1 (default: a headlight and a sun)")
+                        help="head, dir:X,Y,Z[,ANGLE] (towards the light) or point:X,Y,Z[,RADIUS], "
+                        "up to 8 times; ANGLE (degrees) and RADIUS make shadows soft; they share a "
+                        "radiance of 1 (default: a headlight and a sun)")
     colors.add_argument("--ambient", type=look.color, metavar="COLOR",
                         help="R,G,B or V, or #rrggbb in sRGB")
     colors.add_argument("--background", type=look.color, metavar="COLOR", help="as --ambient")
+    light.add_arguments(parser)
     add_reading(parser)
     sequence.add_arguments(parser)
     where = parser.add_argument_group("machine")
@@ -124,7 +129,7 @@ def run(options: argparse.Namespace) -> None:
     series = sequence.Series(options)
     with mistakes():
         # All but the particles is known already: what is wrong with it shows before any work.
-        settings = look.settings(options)
+        lit = light.Light(options)
         thesis = tracing.settle(options)
         camera(options, None)
     images, arrays = outputs(options, series.images())
@@ -133,7 +138,7 @@ def run(options: argparse.Namespace) -> None:
     with series, Progress(4 * len(images)) as progress:
         series.survey(progress)
         for i, path, image, aov in series.pictures(images, arrays):
-            report = _picture(options, settings, thesis, progress, series, i, path, image, aov)
+            report = _picture(options, lit, thesis, progress, series, i, path, image, aov)
             reports += [report] if report else []
         series.finish(progress)
     if series.movie or not reports:
@@ -149,6 +154,8 @@ def run(options: argparse.Namespace) -> None:
             f"built in {1e3 * times['build']:.1f} ms, traced in {1e3 * times['trace']:.1f} ms, "
             f"{times['total']:.2f} s in all on {report['device']}"
         )
+        if options.pick:
+            print(light.say_picked(options, report["picked"]))
 
 
 def outputs(
@@ -213,15 +220,12 @@ def camera(options: argparse.Namespace, scene: Scene | None, around: Any = None)
 
 def _direction(up: tuple[float, float, float]) -> np.ndarray:
     """Towards the eye: in front, a little to the right and above, whatever axis is upwards."""
-    above = np.array(up) / (np.linalg.norm(up) or 1.0)
-    right = np.eye(3)[1 if abs(above[0]) > 0.7 else 0]
-    front = np.cross(right, above)
-    right = np.cross(above, front)
+    right, above, front = view_axes(up)
     return 0.6 * right + 0.45 * above + 1.0 * front
 
 
 def _picture(
-    options: argparse.Namespace, settings: RenderSettings, thesis: Thesis | None,
+    options: argparse.Namespace, lit: light.Light, thesis: Thesis | None,
     progress: Progress, series: sequence.Series, i: int, path: str, image: str, aov: str | None,
 ) -> dict[str, Any] | None:
     """One file's picture, and what there is to report of it; None where it is there already."""
@@ -251,7 +255,14 @@ def _picture(
     if series.finished(image, aov):
         return None
     progress.step(f"tracing {path}")
-    frame = render(scene, view, options.size, settings, thesis=thesis)
+    with mistakes():
+        settings = lit.settings(scene)
+        frame = render(lit.layers(scene), view, options.size,
+                       dataclasses.replace(settings, samples=1), thesis=thesis)
+        trace_seconds = frame.trace_seconds
+        for k in range(2, settings.samples + 1):  # one by one, so that it shows and can be stopped
+            progress.show(f"tracing {path}: sample {k} of {settings.samples}")
+            trace_seconds += frame.refine().trace_seconds
     cut = tracing.why_cut(scene) if thesis else None
     messages += [cut] if cut else []
     hits = int(frame.mask.sum())
@@ -261,7 +272,6 @@ def _picture(
         messages.append(f"{n_outside:,} of {count(n)} outside the octree, left out")
     if tree.n_inside and not hits:
         messages.append(why_empty(scene))
-    trace_seconds = frame.trace_seconds
     progress.step(f"writing {image}")
     written = time.perf_counter()
     with mistakes():
@@ -277,6 +287,7 @@ def _picture(
         "device": scene.device.description,
         "size": options.size,
         "root": options.root,
+        "samples": settings.samples,
         "kernel": scene.kernel,
         "threshold": scene.threshold,
         "support": _one_number(scene.support),
@@ -299,6 +310,8 @@ def _picture(
         },
         "warnings": messages,
     }
+    if options.pick:
+        report["picked"] = lit.picked(frame, np.flatnonzero(finite))
     if options.json:
         report["hashes"] = {"key_hash": tree.key_hash, "node_hash": tree.node_hash}
     return report

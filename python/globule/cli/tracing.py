@@ -6,13 +6,14 @@ import argparse
 
 import numpy as np
 
+from .. import presets as looks
 from ..particles import Particles
 from ..scene import Scene
 from ..thesis import POLYNOMIAL_KERNELS, ROOTS, Thesis, default_support
 from .shared import UserError, mistakes, positive
 
-# Options that a preset sets where the user has not.
-PRESETS = {"thesis": {"root": "march", "octree": "dense"}}
+# Options that a preset sets where the user has not; looks set fields of RenderSettings instead.
+PRESETS = {"thesis": {"root": "march", "octree": "dense"}, **dict.fromkeys(looks.PRESETS, {})}
 PRESET_DEPTH = 7  # where no support asks for another
 
 
@@ -24,8 +25,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--step", type=positive, metavar="S",
                        help="of --root march, in supports (default: 0.25)")
     group.add_argument("--preset", choices=tuple(PRESETS), metavar="NAME",
-                       help="thesis: its tracing on a dense octree, and supports of half a leaf "
-                       "where the file has none; options beside it win")
+                       help=f"{', '.join(looks.PRESETS)}: matter, light and surroundings; thesis: "
+                       "its tracing on a dense octree, and supports of half a leaf where the file "
+                       "has none; options beside it win")
 
 
 def settle(options: argparse.Namespace) -> Thesis | None:

@@ -8,7 +8,18 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from . import fusing, kernels, leaves, levels, rays, rendered, steps, z_order
+from . import (
+    anatomy,
+    artefacts,
+    fusing,
+    kernels,
+    leaves,
+    levels,
+    rays,
+    rendered,
+    steps,
+    z_order,
+)
 
 FIGURES: dict[str, Callable[..., None]] = {
     "2.1": z_order.in_the_plane,
@@ -22,13 +33,18 @@ FIGURES: dict[str, Callable[..., None]] = {
     "3.7": z_order.in_space,
     "3.8": levels.dense_array,
     "3.9": kernels.all_kernels,
+    "5.1": artefacts.step_size,
     "5.3": rays.exterior_spheres,
     "5.4": rays.ordered_events,
     "5.5": steps.several_thresholds,
+    "5.6": artefacts.ghosts,
     "5.7": steps.skipped_neighbours,
+    "5.8": artefacts.normals,
     "6.1": rendered.close_up,
     "6.2": rendered.scattered,
+    "6.4": anatomy.brain,
     "6.5": rendered.border,
+    "6.6": anatomy.coloured_mesh,
 }
 
 

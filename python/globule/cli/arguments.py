@@ -1,0 +1,86 @@
+"""Parsers of what follows the options of cli/light.py; argparse adds the option to errors."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from typing import Any
+
+from ..clips import ClipBox, ClipPlane, ClipSphere
+from . import look
+from .shared import number
+
+
+def whole(least: int, most: int) -> Callable[[str], int]:
+    """A parser of whole numbers in [least, most]."""
+    def parse(text: str) -> int:
+        if not text.isdecimal() or not least <= int(text[:10]) <= most:
+            expected = f"a whole number from {least} to {most}"
+            raise argparse.ArgumentTypeError(f"expected {expected}, got {text!r}")
+        return int(text)
+
+    return parse
+
+
+def between(least: float, most: float) -> Callable[[str], float]:
+    """A parser of numbers in [least, most]."""
+    def parse(text: str) -> float:
+        value = number(text)
+        if not least <= value <= most:
+            raise argparse.ArgumentTypeError(f"expected {least:g} to {most:g}, got {text!r}")
+        return value
+
+    return parse
+
+
+share = between(0, 1)
+
+
+def pixel(text: str) -> tuple[int, int]:
+    """COLUMN,ROW."""
+    words = text.split(",")
+    if len(words) != 2 or not all(word.isdecimal() and len(word) < 10 for word in words):
+        raise argparse.ArgumentTypeError(f"expected COLUMN,ROW, got {text!r}")
+    return int(words[0]), int(words[1])
+
+
+def plane(text: str) -> ClipPlane:
+    """NX,NY,NZ,D."""
+    *normal, offset = _numbers(text, 4)
+    return _checked(ClipPlane(normal, offset))
+
+
+def box(text: str, keep: bool = False) -> ClipBox:
+    """X0,Y0,Z0,X1,Y1,Z1."""
+    values = _numbers(text, 6)
+    return _checked(ClipBox(values[:3], values[3:], keep))
+
+
+def ball(text: str) -> ClipSphere:
+    """X,Y,Z,R."""
+    *center, radius = _numbers(text, 4)
+    return _checked(ClipSphere(center, radius))
+
+
+def beside(text: str) -> tuple[str, look.Color | None]:
+    """FILE or FILE:COLOR."""
+    path, _, word = text.rpartition(":")
+    try:
+        return path or text, look.color(word) if path else None
+    except argparse.ArgumentTypeError:
+        return text, None
+
+
+def _numbers(text: str, n: int) -> list[float]:
+    words = text.split(",")
+    if len(words) != n:
+        raise argparse.ArgumentTypeError(f"expected {n} numbers with commas, got {text!r}")
+    return [number(word) for word in words]
+
+
+def _checked(clip: Any) -> Any:
+    try:
+        clip._pack()
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+    return clip

@@ -1,0 +1,297 @@
+"""Light, matter and cuts on the command line, presets, and phases as layers."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+
+import globule as gb
+import numpy as np
+import pytest
+from globule.cli import main
+from globule.presets import PRESETS, ground_height
+from PIL import Image
+
+SMALL = ["--size", "48x36", "--device", "cpu"]
+CAMERA = ["--eye", "1,1.2,3", "--look-at", "0,0,0"]
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path, monkeypatch):
+    """Every test in an empty folder of its own, with a ball of radius 1: red for x < 0, else
+    blue."""
+    monkeypatch.chdir(tmp_path)
+    gb.write("ball.npz", ball())
+    return tmp_path
+
+
+def ball(radius: float = 1.0, n: int = 9) -> gb.Particles:
+    axis = np.linspace(-radius, radius, n, dtype=np.float32)
+    positions = np.stack(np.meshgrid(axis, axis, axis), axis=-1).reshape(-1, 3)
+    positions = positions[np.linalg.norm(positions, axis=1) <= radius]
+    side = (positions[:, 0] >= 0).astype(np.float32)
+    color = np.stack([1 - side, 0 * side, side], axis=1)
+    return gb.Particles(positions, support=0.5, color=color, attributes={"side": side})
+
+
+def picture(*words: str) -> np.ndarray:
+    assert main(["render", "ball.npz", "-o", "a.png", *SMALL, *CAMERA, *words]) == 0
+    return np.asarray(Image.open("a.png")).astype(int)
+
+
+def arrays(*words: str) -> dict[str, np.ndarray]:
+    picture(*words, "--aov", "a.npz")
+    with np.load("a.npz") as found:
+        return dict(found)
+
+
+# Cuts
+
+
+def test_a_clip_takes_away_and_shows_the_inside():
+    whole, cut = arrays(), arrays("--clip", "0,0,2,0.5")
+    assert 0 < cut["mask"].sum() < whole["mask"].sum()
+    assert np.nanmax(cut["position"][..., 2]) < 0.25 + 1e-4
+    face = np.abs(cut["position"][..., 2] - 0.25) < 1e-4
+    assert face.sum() > 100 and np.allclose(cut["normal"][face], [0, 0, 1])
+    blend = gb.Scene(ball(), device="cpu").blend(cut["position"][face], ball().color)
+    assert np.allclose(cut["albedo"][face], blend, atol=1e-3)
+
+
+@pytest.mark.parametrize("words, gone", [
+    ("--clip -1,0,2,0", lambda p: 2 * p[:, 2] > p[:, 0]),
+    ("--clip-box -9,-9,0,9,9,9", lambda p: p[:, 2] > 0),
+    ("--clip-sphere 0,0,1,1", lambda p: np.linalg.norm(p - [0, 0, 1], axis=1) < 1),
+    ("--crop -9,-9,-9,9,0,9", lambda p: p[:, 1] > 0),
+    ("--clip 1,0,0,0 --clip 0,1,0,0", lambda p: (p[:, 0] > 0) | (p[:, 1] > 0)),
+])
+def test_every_cut(words, gone):
+    seen = arrays(*words.split())["position"].reshape(-1, 3)
+    seen = seen[np.isfinite(seen[:, 0])]
+    outside = seen + 1e-3 * (np.float32([1, 1.2, 3]) - seen)  # towards the eye
+    inside = seen - 1e-3 * (np.float32([1, 1.2, 3]) - seen)
+    assert not gone(inside).any() and gone(outside).any() and len(seen) > 100
+
+
+# Presets
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_presets(name):
+    plain = picture()
+    seen = picture("--preset", name, "--samples", "1", "--json")
+    assert seen.std() > 8 and (seen != plain).any()
+    scene = gb.Scene(ball(), device="cpu")
+    settings = gb.preset(name, scene)
+    assert isinstance(settings, gb.RenderSettings)
+    frame = gb.render(scene, gb.Camera((1, 1.2, 3), (0, 0, 0)), (48, 36),
+                      dataclasses.replace(settings, samples=1))
+    assert (np.abs(frame.picture.astype(int) - seen) <= 1).all()
+
+
+def test_a_preset_does_not_depend_on_the_unit_of_length():
+    metres, millimetres = ball(), ball()
+    millimetres.positions = millimetres.positions * np.float32(1000)
+    millimetres.support = 500.0
+    seen = []
+    for particles, unit in ((metres, 1), (millimetres, 1000)):
+        scene = gb.Scene(particles, device="cpu")
+        settings = dataclasses.replace(gb.preset("water", scene), samples=1)
+        camera = gb.Camera(np.multiply((1, 1.2, 3), unit), (0, 0, 0))
+        seen.append(gb.render(scene, camera, (48, 36), settings).picture.astype(int))
+    assert (np.abs(seen[0] - seen[1]) > 12).mean() < 0.02
+
+
+def test_options_win_over_the_preset():
+    ground = picture("--preset", "clay", "--samples", "1")
+    low = picture("--preset", "clay", "--samples", "1", "--ground", "-30")
+    assert (ground != low).any()
+    white = picture("--preset", "blood", "--samples", "1", "--background", "1", "--eye", "0,9,0.1")
+    assert (white != picture("--preset", "blood", "--samples", "1", "--eye", "0,9,0.1")).any()
+    bare = picture("--preset", "tissue", "--samples", "1")
+    lit = picture("--preset", "tissue", "--samples", "1", "--background", "0,1,0")
+    assert (bare[0, 0] != [0, 255, 0]).any() and (lit[0, 0] == [0, 255, 0]).all()
+
+
+def test_the_ground_is_where_the_surface_ends():
+    scene = gb.Scene(ball(), device="cpu")
+    down = gb.render(scene, gb.Camera((0, -5, 0), (0, 0, 0), (0, 0, 1)), (60, 60))
+    lowest = float(np.nanmin(down.position[..., 1]))
+    assert ground_height(scene) <= lowest < ground_height(scene) + 0.3
+    assert ground_height(scene, (0, 0, 2)) == pytest.approx(ground_height(scene), abs=1e-5)
+
+
+def test_unknown_preset():
+    with pytest.raises(ValueError, match="name: expected one of blood, .*got 'jelly'"):
+        gb.preset("jelly", gb.Scene(ball(), device="cpu"))
+
+
+# Light
+
+
+def test_light_options_reach_the_picture():
+    plain = picture()
+    for words in ("--transmission 1 --index 1.5", "--reflection 0.8 --sky gradient",
+                  "--sky 0.2,0.4,0.6", "--ground", "--ground -2", "--samples 3",
+                  "--light dir:0,1,0", "--ambient-rays 4 --ambient 0.5",
+                  "--transmission 0.9 --absorption 3,1,0"):
+        assert (picture(*words.split()) != plain).any(), words
+    light = ["--light", "dir:1,1,0", "--ground"]
+    assert picture(*light, "--shadows").sum() < picture(*light).sum()
+    mirror = ["--reflection", "0.8", "--sky", "gradient", "--samples", "2"]
+    assert (picture(*mirror, "--roughness", "0.6") != picture(*mirror)).any()
+    assert (picture(*mirror, "--bounces", "0") == picture(*mirror, "--bounces", "0")).all()
+
+
+def test_soft_light():
+    words = ["--ground", "--shadows", "--samples", "8"]
+    hard = picture(*words, "--light", "dir:1,2,0")
+    soft = picture(*words, "--light", "dir:1,2,0,20")
+    assert 0 < (np.abs(hard - soft) > 9).any(axis=2).mean() < 0.5
+
+
+def test_a_sky_from_a_file():
+    image = np.zeros((8, 16, 3), np.uint8)
+    image[:4] = [255, 0, 0]
+    Image.fromarray(image).save("sky.png")
+    seen = picture("--sky", "sky.png", "--eye", "0,0,4")
+    assert seen[0, 0, 0] > 200 > seen[-1, 0, 0] and seen[0, 0, 1] == 0
+
+
+def test_the_mean_of_a_sky():
+    image = np.zeros((64, 8, 3), np.float32)
+    image[:32] = [1, 0, 0.5]
+    assert gb.Environment(image, strength=2).mean() == pytest.approx((1, 0, 0.5), abs=1e-6)
+    image[:32], image[0] = 0, 64  # a row at the pole covers little
+    assert gb.Environment(image).mean()[0] < 0.1
+    image = (image > 0) * np.uint8(255)
+    Image.fromarray(image.astype(np.uint8)).save("sky.png")
+    assert (picture("--preset", "blood", "--sky", "sky.png") >= 0).all()
+
+
+# Several scenes, picking
+
+
+def test_a_scene_beside_shows_through():
+    inner = ball(0.4, 5)
+    inner.color = np.float32([0, 1, 0])
+    inner.support = 0.3
+    gb.write("inner.npz", inner)
+    hidden, alone = picture("--with", "inner.npz"), picture("--opacity", "0.2")
+    shown = picture("--with", "inner.npz", "--opacity", "0.2")
+    assert (hidden == picture()).all()
+    middle = (slice(14, 22), slice(20, 28))
+    green = [float((p[..., 1] - p[..., 0])[middle].mean()) for p in (shown, alone)]
+    assert green[0] > green[1] + 30
+    assert (shown[0, 0] == alone[0, 0]).all()
+    blue = picture("--with", "inner.npz:0,0,1", "--opacity", "0.2")
+    assert (blue[..., 2] - blue[..., 1])[middle].mean() > green[0] / 2
+    # A cut opens what is cut, not what is beside it.
+    open_ = picture("--with", "inner.npz", "--clip", "0,0,1,0")
+    assert open_[middle][..., 1].max() > 150
+
+
+def test_pick(capsys):
+    picture("--pick", "24,18")
+    line = capsys.readouterr().out.splitlines()[-1]
+    assert line.startswith("pixel 24,18: position ") and "particle " in line and "side " in line
+    picture("--pick", "0,0")
+    assert capsys.readouterr().out.endswith("pixel 0,0: nothing\n")
+    picture("--pick", "24,18", "--clip", "0,0,1,0", "--json")
+    picked = json.loads(capsys.readouterr().out)["picked"]
+    assert picked["position"][2] == pytest.approx(0, abs=1e-4) and picked["normal"] == [0, 0, 1]
+    assert set(picked["attributes"]) == {"side"} and picked["depth"] > 2
+    picture("--json")
+    assert "picked" not in json.loads(capsys.readouterr().out)
+
+
+def test_a_sequence_keeps_what_was_found_first():
+    moved = ball()
+    moved.positions = moved.positions + np.float32([0, 0.4, 0])
+    gb.write("moved.npz", moved)
+    gb.write("inner.npz", ball(0.3, 4))
+    words = ["--with", "inner.npz", "--preset", "clay", "--samples", "1", *SMALL, *CAMERA]
+    assert main(["render", "ball.npz", "moved.npz", "-o", "p_%d.png", *words]) == 0
+    assert main(["render", "moved.npz", "-o", "alone.png", *words]) == 0
+    one, two, alone = (np.asarray(Image.open(f"{n}.png")) for n in ("p_0", "p_1", "alone"))
+    assert (one != two).any() and (two != alone).any()  # alone, the ground rises with the ball
+
+
+def test_a_picked_particle_is_the_file_s(capsys):
+    holes = ball()
+    positions = np.insert(holes.positions, 0, [[np.nan] * 3] * 7, axis=0)
+    gb.write("holes.npz", gb.Particles(positions, support=0.5))
+    assert main(["render", "holes.npz", "-o", "a.png", *SMALL, *CAMERA, "--pick", "24,18",
+                 "--json"]) == 0
+    picked = json.loads(capsys.readouterr().out)["picked"]
+    away = np.linalg.norm(positions - picked["position"], axis=1)
+    assert picked["particle"] == np.nanargmin(away)
+
+
+@pytest.mark.parametrize("words, named", [
+    ("--clip 0,0,0,1", "--clip"),
+    ("--clip 1,0,0", "--clip"),
+    ("--clip-box 0,0,0,1,1,0", "--clip-box"),
+    ("--clip-sphere 0,0,0,-1", "--clip-sphere"),
+    ("--crop 1,2", "--crop"),
+    ("--sky blue", "--sky"),
+    ("--sky missing.hdr", "missing.hdr"),
+    ("--ground low", "--ground"),
+    ("--reflection 1.5", "--reflection"),
+    ("--index 0.5", "--index"),
+    ("--roughness -1", "--roughness"),
+    ("--absorption -1,0,0", "--absorption"),
+    ("--opacity 2", "--opacity"),
+    ("--opacity 0.5 --transmission 1", "--opacity"),
+    ("--samples 0", "--samples"),
+    ("--bounces 99", "--bounces"),
+    ("--ambient-rays 1.5", "--ambient-rays"),
+    ("--light dir:0,0,0", "--light"),
+    ("--light dir:1,0,0,500", "--light"),
+    ("--light point:1,0,0,-2", "--light"),
+    ("--pick 48,0", "--pick"),
+    ("--pick 1", "--pick"),
+    ("--with missing.npz", "missing.npz"),
+    ("--with a.npz --with a.npz --with a.npz --with a.npz", "--with"),
+    ("--preset jelly", "--preset"),
+    ("--preset thesis --clip 1,0,0,0", "clips"),
+])
+def test_mistakes(words, named, capsys):
+    assert main(["render", "ball.npz", "-o", "a.png", *SMALL, *words.split()]) == 2
+    out, err = capsys.readouterr()
+    assert out == "" and err.count("\n") == 1 and named in err
+    assert os.listdir() == ["ball.npz"]
+
+
+# Phases
+
+
+def test_layers_by():
+    particles = ball()
+    glass = gb.Material(transmission=1.0, index=1.0, absorption=0.0)
+    layers = gb.layers_by(particles, "side", {1: glass, 0: None}, device="cpu")
+    assert [layer.material for layer in layers] == [glass, None]
+    assert [len(layer.scene) for layer in layers] == [
+        int((particles.attributes["side"] == side).sum()) for side in (1, 0)
+    ]
+    camera = gb.Camera((4, 0, 0), (0, 0, 0))
+    middle = gb.render(layers, camera, (21, 21)).color[10, 10]
+    assert middle[0] > 2 * middle[2]  # red is seen through what has no colour
+    # Supports come from all particles, also where a phase is too thin to measure.
+    particles.support = None
+    one, two = gb.layers_by(particles, "side", {0: None, 7: None}, device="cpu")
+    assert one.scene.support == gb.Scene(particles, device="cpu").support
+    assert len(two.scene) == 0
+    gb.render([one, two], camera, (21, 21))
+
+
+def test_layers_by_refuses():
+    particles = ball()
+    with pytest.raises(ValueError, match=r"name: expected an attribute \(side\), got 'phase'"):
+        gb.layers_by(particles, "phase", {0: None})
+    with pytest.raises(ValueError, match="materials: expected 1 to 4, got 5"):
+        gb.layers_by(particles, "side", dict.fromkeys(range(5)))
+    particles.attributes["v"] = particles.positions
+    with pytest.raises(ValueError, match=r"got 'v' \("):
+        gb.layers_by(particles, "v", {0: None})
