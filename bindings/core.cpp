@@ -76,7 +76,10 @@ nb::tuple dlpack_view(nb::ndarray<nb::ro> a) {
 
 }  // namespace
 
+void bind_sweep(nb::module_& m);  // sweep.cpp
+
 NB_MODULE(_core, m) {
+    bind_sweep(m);
     m.def("cpu_backends", &cpu_backends);
     m.def("dlpack_view", &dlpack_view);
     m.def("describe", [](const std::string& backend, int index) {

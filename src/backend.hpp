@@ -11,6 +11,7 @@
 #include "globule/octree/types.hpp"
 #include "globule/trace/camera.hpp"
 #include "globule/trace/shade.hpp"
+#include "reconstructor.hpp"
 
 namespace globule {
 
@@ -87,6 +88,7 @@ struct BackendApi {
     std::unique_ptr<Scene> (*make_scene)(int device_index, int threads, Poll poll);
     /// One line naming the device, or why it cannot be used (then ok is false).
     std::string (*describe)(int device_index, bool& ok);
+    std::unique_ptr<Reconstructor> (*make_reconstructor)(int device_index, int threads, Poll poll);
 };
 
 }  // namespace globule

@@ -52,6 +52,24 @@ public:
         for (std::size_t i = 0; i < n; ++i) kernel(i);
     }
 
+    /// Few pieces of much and uneven work each; dealt out as threads become free.
+    template <class Kernel>
+    void for_each_task(std::size_t n, const Kernel& kernel) {
+#pragma omp parallel num_threads(threads_)
+        {
+            double next_poll = now() + 0.05;
+#pragma omp for schedule(dynamic, 1)
+            for (std::size_t i = 0; i < n; ++i) {
+                if (cancelled_.load(std::memory_order_relaxed)) continue;
+                kernel(i);
+                if (poll_ && omp_get_thread_num() == 0 && now() > next_poll) {
+                    if (poll_()) cancelled_ = true;
+                    next_poll = now() + 0.05;
+                }
+            }
+        }
+    }
+
     /// One group of lanes a tile; tiles are dealt out as threads become free.
     template <class Kernel>
     void for_each_tile(std::size_t n, const Kernel& kernel) {

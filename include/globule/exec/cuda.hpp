@@ -94,6 +94,13 @@ public:
         check(cudaGetLastError());
     }
     template <class Kernel>
+    void for_each_task(std::size_t n, const Kernel& kernel) {
+        if (n == 0) return;
+        constexpr unsigned threads = 64;
+        run_each<<<unsigned(ceil_div<std::size_t>(n, threads)), threads, 0, stream_>>>(n, kernel);
+        check(cudaGetLastError());
+    }
+    template <class Kernel>
     void for_each_tile(std::size_t n, const Kernel& kernel) {
         if (n == 0) return;
         run_tiles<<<unsigned(ceil_div<std::size_t>(n, kWarpsPerBlock)), 32 * kWarpsPerBlock, 0, stream_>>>(n, kernel);
