@@ -1,7 +1,6 @@
 """Looking at volumes: slices along any plane, back onto the frames, and three-view pictures.
 
-A volume is anything with `values` (Z, Y, X), `world_from_voxel` (4, 4), mm, and perhaps `filled`
-(Z, Y, X): 0 empty, 1 measured, 2 filled from its neighbours.
+Where a value came from is shown with it: measured, filled from its neighbours, or empty.
 """
 
 from __future__ import annotations
@@ -13,8 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .files import atomic_write
+from .volume import EMPTY, FILLED, Volume
 
-EMPTY, MEASURED, FILLED = 0, 1, 2
 _ROWS = 64  # of a slice at once: bounds the memory
 
 
@@ -26,12 +25,12 @@ class Slice(NamedTuple):
 
 
 def reslice(
-    volume: Any, world_from_plane: Any, size: tuple[int, int], linear: bool = True
+    volume: Volume, world_from_plane: Any, size: tuple[int, int], linear: bool = True
 ) -> Slice:
     """A volume's values on a plane.
 
     Args:
-        volume: values, world_from_voxel, filled.
+        volume: what to look at.
         world_from_plane: (4, 4), maps (column, row, 0, 1) to mm in the world.
         size: columns and rows.
         linear: between the eight voxels around a point, without those that are empty; else the
@@ -48,7 +47,7 @@ def reslice(
     voxel_from_plane = np.linalg.inv(volume.world_from_voxel) @ matrix
     values = np.zeros((height, width), np.float32)
     origin = np.zeros((height, width), np.uint8)
-    known = origins(volume)
+    known = volume.origin_map
     columns = np.arange(width, dtype=np.float64)
     for start in range(0, height, _ROWS):
         rows = np.arange(start, min(height, start + _ROWS), dtype=np.float64)
@@ -62,18 +61,12 @@ def reslice(
     return Slice(values, origin)
 
 
-def reslice_frame(volume: Any, sweep: Any, i: int, linear: bool = True) -> Slice:
+def reslice_frame(volume: Volume, sweep: Any, i: int, linear: bool = True) -> Slice:
     """What the volume says where frame `i` of a sweep was taken, pixel for pixel."""
     height, width = sweep.frames.shape[1:]
     if not sweep.valid[i]:
         raise ValueError(f"i: expected a valid frame, got {i}, which has no pose")
     return reslice(volume, sweep.world_from_image[i], (width, height), linear)
-
-
-def origins(volume: Any) -> np.ndarray:
-    """(Z, Y, X): 0 empty, 1 measured, 2 filled; without that map every value but 0 is measured."""
-    known = getattr(volume, "filled", None)
-    return (np.asarray(volume.values) != 0).view(np.uint8) if known is None else np.asarray(known)
 
 
 def sample(
@@ -102,11 +95,11 @@ def sample(
     return np.where(good, total / np.where(weights > 0, weights, 1), 0), origin
 
 
-def three_view(volume: Any, center: Any = None, overlay: bool = False) -> np.ndarray:
+def three_view(volume: Volume, center: Any = None, overlay: bool = False) -> np.ndarray:
     """The three planes along the volume's axes, side by side: (H, W, 3) uint8.
 
     Args:
-        volume: values, world_from_voxel, filled.
+        volume: what to look at.
         center: (x, y, z) mm, world, where the planes meet; default: the middle of what is known.
         overlay: tint what was filled (orange) and what is empty (blue) over the grey of what was
             measured.
@@ -114,7 +107,7 @@ def three_view(volume: Any, center: Any = None, overlay: bool = False) -> np.nda
     From left to right the planes of x and y, of x and z, of y and z, in the volume's own axes and
     with square pixels; each plane's row 0 is the axis' beginning.
     """
-    values, known = np.asarray(volume.values), origins(volume)
+    values, known = volume.values, volume.origin_map
     sizes = np.array(values.shape[::-1])
     if center is None:
         middle = _middle(known)
@@ -147,7 +140,7 @@ def three_view(volume: Any, center: Any = None, overlay: bool = False) -> np.nda
     return _beside(pictures)
 
 
-def save_three_view(path: str | os.PathLike, volume: Any, center: Any = None) -> None:
+def save_three_view(path: str | os.PathLike, volume: Volume, center: Any = None) -> None:
     """Write a three-view picture (.png): the values above, the same with the overlay below."""
     from PIL import Image
 

@@ -13,7 +13,7 @@ from .calibration import Calibration, read_calibration
 from .formats.errors import FormatError, bad
 from .sweep import Sweep, checked_frames
 from .sweeps import igs, stack
-from .sweeps.plus_config import PlusConfig, read_plus
+from .sweeps.plus_xml import PlusConfig, read_plus
 from .sweeps.poses import PoseTable, interpolate, read_poses, write_csv
 from .sweeps.region import checked_clip, checked_fan, region_mask
 from .sweeps.transforms import (
@@ -24,6 +24,7 @@ from .sweeps.transforms import (
     find_path,
     format_matrix,
     parse_matrix,
+    split_name,
 )
 
 EXTENSIONS = (*igs.EXTENSIONS, ".npz", ".npy", *stack.DICOM)
@@ -302,8 +303,9 @@ def _mask_beside(path: Any, arrays: dict[str, np.ndarray]) -> Any:
 
 def _as_recording(sweep: Sweep) -> igs.Recording:
     """The sweep as PLUS has it: the file's own fields, and poses where those do not give them."""
-    n = len(sweep)
-    kept = sweep.metadata.get("frame_fields") or [{} for _ in range(n)]
+    if sweep.space != "LPS":
+        raise ValueError(f"space: expected LPS for .mha and .nrrd, got {sweep.space}")
+    kept = sweep.metadata.get("frame_fields") or [{} for _ in sweep.frames]
     kept = [dict(fields) for fields in kept]
     way = sweep.metadata.get("way", [])
     constant = sweep.metadata.get("constant", {})
@@ -312,44 +314,59 @@ def _as_recording(sweep: Sweep) -> igs.Recording:
             for fields in kept:
                 fields.setdefault(f"{source}To{target}Transform", format_matrix(matrix))
                 fields.setdefault(f"{source}To{target}TransformStatus", "OK")
+    if not all(_gives_pose(sweep, i, fields, way) for i, fields in enumerate(kept)):
+        kept = [_with_direct_pose(sweep, i, fields, way) for i, fields in enumerate(kept)]
     for i, fields in enumerate(kept):
-        if not any(kept) or not _agrees(sweep, i, fields, way):
-            for source, target in way:  # PLUS allows one way between two frames
-                for name in (f"{source}To{target}Transform", f"{target}To{source}Transform"):
-                    fields.pop(name, None)
-                    fields.pop(name + "Status", None)
-            name = f"ImageTo{sweep.world}Transform"
-            known = np.isfinite(sweep.world_from_image[i]).all()
-            matrix = sweep.world_from_image[i] if known else np.eye(4)
-            fields[name] = format_matrix(matrix)
-            fields[name + "Status"] = "OK" if sweep.valid[i] else "INVALID"
         if sweep.timestamps is not None:
             text = fields.get("Timestamp")
             if text is None or float(text) != sweep.timestamps[i]:
                 fields["Timestamp"] = repr(float(sweep.timestamps[i]))
-        fields.setdefault("ImageStatus", "OK")
-    recording = igs.Recording(
-        sweep.frames, sweep.timestamps, {}, sweep.valid, sweep.metadata.get("fields", {}), kept
-    )
-    return recording
+        if sweep.valid[i]:
+            fields["ImageStatus"] = "OK"
+        elif fields.get("ImageStatus", "OK") == "OK" and _statuses_ok(fields, way):
+            fields["ImageStatus"] = "INVALID"
+    fields = sweep.metadata.get("fields", {})
+    return igs.Recording(sweep.frames, sweep.timestamps, {}, sweep.valid, fields, kept)
 
 
-def _agrees(sweep: Sweep, i: int, fields: dict[str, str], way: list[tuple[str, str]]) -> bool:
-    """Whether the fields of frame i give exactly its pose and validity."""
+def _steps(way: list[tuple[str, str]]) -> list[str]:
+    """The names under which a file may hold the transforms of a way."""
+    return [f"{a}To{b}Transform" for a, b in (*way, *((b, a) for a, b in way))]
+
+
+def _statuses_ok(fields: dict[str, str], way: list[tuple[str, str]]) -> bool:
+    return all(fields.get(f"{name}Status", "OK") == "OK" for name in _steps(way))
+
+
+def _gives_pose(sweep: Sweep, i: int, fields: dict[str, str], way: list[tuple[str, str]]) -> bool:
+    """Whether frame i is not valid, or its fields give exactly its pose."""
+    if not way:
+        return False
+    if not sweep.valid[i]:
+        return True
     edges: Edges = {}
-    ok = fields.get("ImageStatus", "OK") == "OK"
-    for source, target in (*way, *((b, a) for a, b in way)):
-        text = fields.get(f"{source}To{target}Transform")
-        if text is not None:
-            status = fields.get(f"{source}To{target}TransformStatus", "OK") == "OK"
-            matrix = parse_matrix(text)
-            ok &= status and bool(np.isfinite(matrix).all())
-            edges[source, target] = Transform(matrix, np.array(True))
-    if not all(step in edges or step[::-1] in edges for step in way) or not way:
+    for name in _steps(way):
+        if name in fields:
+            matrix = parse_matrix(fields[name])
+            edges[split_name(name.removesuffix("Transform"))] = Transform(matrix, np.array(True))
+    if not all(step in edges or step[::-1] in edges for step in way):
         return False
-    if ok != sweep.valid[i]:
-        return False
-    return not ok or np.array_equal(chain(edges, way, 1).matrices[0], sweep.world_from_image[i])
+    placed = chain(edges, way, 1)
+    exact = np.array_equal(placed.matrices[0], sweep.world_from_image[i])
+    return exact and _statuses_ok(fields, way)
+
+
+def _with_direct_pose(
+    sweep: Sweep, i: int, fields: dict[str, str], way: list[tuple[str, str]]
+) -> dict[str, str]:
+    """The fields with the pose as one transform: PLUS allows one way between two frames."""
+    replaced = [name + end for name in _steps(way) for end in ("", "Status")]
+    fields = {name: text for name, text in fields.items() if name not in replaced}
+    name = f"ImageTo{sweep.world}Transform"
+    known = np.isfinite(sweep.world_from_image[i]).all()
+    fields[name] = format_matrix(sweep.world_from_image[i] if known else np.eye(4))
+    fields[name + "Status"] = "OK" if sweep.valid[i] else "INVALID"
+    return fields
 
 
 def _write_npz(path: str | os.PathLike, sweep: Sweep) -> None:

@@ -7,8 +7,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .slices import EMPTY, MEASURED, reslice_frame
+from .slices import reslice_frame
 from .sweep import Sweep
+from .volume import EMPTY, MEASURED
 
 _MOST_SPEED, _MOST_ACCELERATION = 6.0, 8.0  # times the sweep's median
 

@@ -84,7 +84,7 @@ def interpolate(table: PoseTable, times: np.ndarray) -> tuple[np.ndarray, np.nda
 
     times   (M,) s; the table must have times. Returns matrices (M, 4, 4) float64 and ok (M,): False
     outside of the table's times and where the tracker was silent for longer than 5 median
-    intervals. A time that the table has gives exactly the table's pose.
+    intervals. A time that the table has gives exactly the table's pose, missing ones included.
     """
     n = len(times)
     matrices, ok = np.tile(np.full((4, 4), np.nan), (n, 1, 1)), np.zeros(n, bool)
@@ -106,6 +106,8 @@ def interpolate(table: PoseTable, times: np.ndarray) -> tuple[np.ndarray, np.nda
         same = np.isfinite(times) & (known[source] == times)
         matrices[same] = poses[source[same]]
         inside |= same
+    lost = table.times[~table.ok]
+    inside &= ~np.isin(times, lost[~np.isin(lost, known)])
     return matrices, inside
 
 

@@ -170,9 +170,12 @@ def inflate(path: Any, file: IO[bytes], size: int, left: int, window_bits: int) 
         raw = unpacker.decompress(file.read(), size)
         while len(raw) < size and unpacker.unconsumed_tail:
             raw += unpacker.decompress(unpacker.unconsumed_tail, size - len(raw))
-        unpacker.decompress(unpacker.unconsumed_tail, 1)  # reads the checksum
+        more = unpacker.decompress(unpacker.unconsumed_tail, 1)  # reads the checksum
     except zlib.error as error:
         raise bad(path, "data", f"expected zlib data, got {error}") from None
     if len(raw) < size:
         raise bad(path, "data", f"expected {size} bytes, got {len(raw)}")
+    if more or not unpacker.eof:
+        got = "more" if more else "data without an end"
+        raise bad(path, "data", f"expected {size} bytes, got {got}")
     return raw

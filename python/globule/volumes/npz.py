@@ -1,6 +1,7 @@
 """Volumes as NumPy archives (.npz), whole or as occupied blocks (.sparse.npz), with all maps.
 
-A sparse file stores blocks of 8x8x8 voxels that hold a value other than 0:
+A sparse file stores the blocks of 8x8x8 voxels in which anything differs from the background
+(0; for `radius` 255, which means empty; for `source` -1):
 
     shape (3,)      Z, Y, X
     blocks (B,)     which ones, ascending: (bz * nby + by) * nbx + bx
@@ -22,6 +23,7 @@ from .geometry import VolumeData
 
 BLOCK = 8
 _MOST_VOXELS = 2**34  # what a sparse file may ask for
+_BACKGROUND = {"radius": 255, "source": -1}
 _OWN = ("values", "world_from_voxel", "space", "shape", "blocks")
 
 
@@ -65,15 +67,16 @@ def _sparse(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     shape = arrays["values"].shape
     counts = [-(-n // BLOCK) for n in shape]
     occupied = np.zeros(counts, bool)
-    for array in arrays.values():
+    for name, array in arrays.items():
         for z in range(counts[0]):  # slab by slab: the peak of memory stays small
-            slab = array[z * BLOCK : (z + 1) * BLOCK] != 0
-            rows = np.add.reduceat(slab.any(axis=0), np.arange(0, shape[1], BLOCK), axis=0)
-            occupied[z] |= np.add.reduceat(rows, np.arange(0, shape[2], BLOCK), axis=1) > 0
+            slab = array[z * BLOCK : (z + 1) * BLOCK] != _BACKGROUND.get(name, 0)
+            rows = np.logical_or.reduceat(slab.any(axis=0), np.arange(0, shape[1], BLOCK), axis=0)
+            occupied[z] |= np.logical_or.reduceat(rows, np.arange(0, shape[2], BLOCK), axis=1)
     blocks = np.flatnonzero(occupied)
     packed = {"shape": np.array(shape, np.int64), "blocks": blocks.astype(np.int64)}
     for name, array in arrays.items():
-        out = np.zeros((len(blocks), BLOCK, BLOCK, BLOCK), array.dtype)
+        background = _BACKGROUND.get(name, 0)
+        out = np.full((len(blocks), BLOCK, BLOCK, BLOCK), background, array.dtype)
         for i, (z, y, x) in enumerate(np.argwhere(occupied) * BLOCK):
             part = array[z : z + BLOCK, y : y + BLOCK, x : x + BLOCK]
             out[i, : part.shape[0], : part.shape[1], : part.shape[2]] = part
@@ -100,7 +103,7 @@ def _dense(
         if array.shape != (len(blocks), BLOCK, BLOCK, BLOCK):
             expected = f"({len(blocks)}, {BLOCK}, {BLOCK}, {BLOCK})"
             raise bad(path, name, f"expected shape {expected}, got {array.shape}")
-        out = np.zeros(shape, array.dtype)
+        out = np.full(shape, _BACKGROUND.get(name, 0), array.dtype)
         for block, (z, y, x) in zip(array, np.stack(np.unravel_index(blocks, counts), 1) * BLOCK,
                                     strict=True):  # fmt: skip
             part = out[z : z + BLOCK, y : y + BLOCK, x : x + BLOCK]
