@@ -9,13 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from .calibration import Calibration, read_calibration
+from .calibration import Calibration
 from .formats.errors import FormatError, bad
 from .sweep import Sweep, checked_frames
 from .sweeps import igs, stack
-from .sweeps.plus_xml import PlusConfig, read_plus
 from .sweeps.poses import PoseTable, interpolate, read_poses, write_csv
-from .sweeps.region import checked_clip, checked_fan, region_mask
+from .sweeps.setup import Setup
 from .sweeps.transforms import (
     WORLDS,
     Edges,
@@ -62,24 +61,23 @@ def read_sweep(
     if poses surround its time. Raises FormatError or ValueError with one line that says what is
     wrong; FileNotFoundError and other OSErrors pass unchanged.
     """
-    known = _known(calibration)
-    config = read_plus(plus) if plus is not None else None
+    setup = Setup(calibration, plus, clip, fan, mask)
     if temporal_offset is None:
-        temporal_offset = known.temporal_offset if known else 0.0
+        temporal_offset = setup.temporal_offset
     if not np.isfinite(temporal_offset):
         raise ValueError(f"temporal_offset: expected a finite number, got {temporal_offset}")
     recording, arrays = _recording(path)
     if frame_times is not None:
         times = _frame_times(frame_times, len(recording.frames))
         recording = recording._replace(times=times)
-    edges: Edges = dict(config.edges) if config else {}
+    edges = dict(setup.edges)
     if poses is None and os.path.isdir(path) and (Path(path) / _POSES_BESIDE).is_file():
         poses = Path(path) / _POSES_BESIDE
     metadata: dict[str, Any] = {"fields": recording.fields}
     if poses is not None:
         table = read_poses(poses)
-        recording, name = _posed(poses, recording, table, temporal_offset, known, config)
-        edges |= recording.edges if name[0] == "Probe" else {name: recording.edges[name]}
+        recording, name = _posed(poses, recording, table, temporal_offset, setup)
+        edges |= {name: recording.edges[name]}
         temporal_offset = 0.0  # the table has been asked with it
     else:
         if "world_from_image" in arrays:
@@ -88,20 +86,12 @@ def read_sweep(
             )
         edges |= recording.edges
         metadata["frame_fields"] = recording.frame_fields
-    if known:
-        edges["Image", "Probe"] = Transform(known.probe_from_image, np.array(True))
-        edges = {key: edge for key, edge in edges.items() if key == ("Image", "Probe")
-                 or "Image" not in key}  # fmt: skip  # the calibration given is the one that counts
-    sweep = _assembled(path, recording, edges, config, temporal_offset, metadata)
+    if setup.calibration:  # it counts, whatever the file says of the image
+        edges = {key: edge for key, edge in edges.items() if "Image" not in key}
+        edges["Image", "Probe"] = setup.edges["Image", "Probe"]
+    sweep = _assembled(path, recording, edges, setup, temporal_offset, metadata)
     sweep.space = _space(path, arrays)
-    given = (checked_clip(clip) if clip is not None else None,
-             checked_fan(fan) if fan is not None else None)  # fmt: skip
-    for source in (known, config):
-        if source is not None:
-            given = (given[0] or source.clip, given[1] or source.fan)
-    if mask is None:
-        mask = _mask_beside(path, arrays)
-    sweep.mask = region_mask(sweep.frames.shape[1:], *given, mask)
+    sweep.mask = setup.mask(sweep.frames.shape[1:], _mask_beside(path, arrays))
     return sweep
 
 
@@ -144,12 +134,6 @@ def is_sweep(path: str | os.PathLike) -> bool:
     return False
 
 
-def _known(calibration: Any) -> Calibration | None:
-    if calibration is None or isinstance(calibration, Calibration):
-        return calibration
-    return read_calibration(calibration)
-
-
 def _recording(path: str | os.PathLike) -> tuple[igs.Recording, dict[str, np.ndarray]]:
     """Frames and what their file says; the other arrays of a NumPy archive."""
     name = os.fspath(path).lower()
@@ -188,9 +172,8 @@ def _frame_times(value: Any, n: int) -> np.ndarray:
 
 
 def _posed(
-    path: Any, recording: igs.Recording, table: PoseTable, offset: float,
-    known: Calibration | None, config: PlusConfig | None,
-) -> tuple[igs.Recording, tuple[str, str]]:  # fmt: skip
+    path: Any, recording: igs.Recording, table: PoseTable, offset: float, setup: Setup
+) -> tuple[igs.Recording, tuple[str, str]]:
     """The recording with the table's poses at its frames, and between which frames they lead."""
     n = len(recording.frames)
     if not table.ok.any():
@@ -210,23 +193,22 @@ def _posed(
             matrices, ok = interpolate(table, times + offset)
         except ValueError as error:
             raise bad(path, "", str(error)) from None
-    calibrated = known is not None or (config is not None and ("Image", "Probe") in config.edges)
     scales = np.linalg.norm(table.matrices[table.ok][:, :3, :2], axis=1)
-    if not calibrated and np.allclose(scales, 1, atol=1e-3):
+    if not setup.calibrated and np.allclose(scales, 1, atol=1e-3):
         problem = "expected a calibration (mm per pixel) beside poses without scale, got none"
         raise bad(path, "", problem)
-    name = ("Probe" if calibrated else "Image", "Reference")
+    name = ("Probe" if setup.calibrated else setup.image, "Reference")
     edges = {name: Transform(matrices, ok)}
     return recording._replace(times=times, edges=edges), name
 
 
 def _assembled(
-    path: Any, recording: igs.Recording, edges: Edges, config: PlusConfig | None, offset: float,
+    path: Any, recording: igs.Recording, edges: Edges, setup: Setup, offset: float,
     metadata: dict[str, Any],
 ) -> Sweep:  # fmt: skip
     n = len(recording.frames)
-    image = config.image if config else "Image"
-    wanted = (config.world,) if config and config.world else WORLDS
+    image = setup.image
+    wanted = (setup.world,) if setup.world else WORLDS
     found = {world: find_path(edges, image, world) for world in wanted}
     world = next((world for world in wanted if found[world]), None)
     if world is None:

@@ -23,7 +23,7 @@ class VolumeData(NamedTuple):
     values: np.ndarray
     world_from_voxel: np.ndarray
     space: str = "LPS"
-    maps: dict[str, np.ndarray] = {}  # noqa: RUF012  nobody changes it
+    maps: dict[str, np.ndarray] = {}
 
 
 def spacing_and_directions(world_from_voxel: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
