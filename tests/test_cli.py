@@ -16,6 +16,7 @@ import pytest
 from globule.cli import COMMANDS, main
 from globule.colormaps import NAMES, colorize
 from PIL import Image
+from sweep_helpers import example_files
 
 COMMAND = [sys.executable, "-m", "globule"]
 SMALL = ["--size", "40x30", "--device", "cpu"]
@@ -492,6 +493,7 @@ def test_demo_mistakes(folder, capsys):
 def test_examples_in_the_help_work(module, folder, capsys):
     for name in ("splash.npz", "frame_0.ply", "frame_1.ply"):
         gb.write(name, cube())
+    example_files()
     name = module.__name__.rpartition(".")[2]
     assert main([name, "--help"]) == 0
     shown = capsys.readouterr().out

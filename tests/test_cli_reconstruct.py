@@ -214,8 +214,9 @@ class Server:
             when = 1000 + float(sweep.timestamps[i])
             place = matrix if embedded else np.eye(4)
             image = igtl.ImageMessage(
-                sweep.frames[i][None], ijk_to_world_matrix=place, timestamp=when, device_name="Image"
-            )
+                sweep.frames[i][None], ijk_to_world_matrix=place, timestamp=when,
+                device_name="Image",
+            )  # fmt: skip
             parts = [image]
             if not embedded:
                 for name in names:

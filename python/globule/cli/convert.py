@@ -1,4 +1,4 @@
-"""Convert particles from one file format to another; the names' extensions say which."""
+"""Convert particles, tracked sweeps or volumes to another file format; the names say which."""
 
 from __future__ import annotations
 
@@ -8,10 +8,11 @@ import numpy as np
 
 from ..formats import EXTENSIONS, write
 from ..particles import SCALAR_FIELDS, Particles
+from . import medical
 from .shared import check_input, check_output, count, mistakes, read_particles, say
 
-SUMMARY = "from one particle format to another"
-EXAMPLES = "  globule convert splash.npz splash.vtk"
+SUMMARY = "from one format to another"
+EXAMPLES = "  globule convert splash.npz splash.vtk\n  globule convert volume.npz volume.nii.gz"
 
 # Formats that keep some of the fields only; all others keep everything.
 _KEPT = {
@@ -23,12 +24,16 @@ _FLOAT32_ONLY = (".bgeo", ".bgeo.gz")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    formats = " ".join(EXTENSIONS)
+    formats = " ".join(dict.fromkeys((*EXTENSIONS, *medical.EXTENSIONS)))
     parser.add_argument("input", metavar="IN", help=f"file to read: {formats}")
     parser.add_argument("output", metavar="OUT", help=f"file to write: {formats}")
 
 
 def run(options: argparse.Namespace) -> None:
+    kind = medical.kind_of(options.input)
+    if kind:
+        print(medical.convert(options.input, options.output, kind))
+        return
     check_input(options.input)
     check_output("OUT", options.output, EXTENSIONS)
     particles = read_particles(options.input)

@@ -1,4 +1,5 @@
-"""Say what is in a particle file: how many, where, how far apart, and every field's range."""
+"""Say what is in a file of particles, a tracked sweep or a volume: how many, where, how far apart,
+and every field's range."""
 
 from __future__ import annotations
 
@@ -10,10 +11,11 @@ import numpy as np
 
 from ..formats import EXTENSIONS
 from ..particles import SCALAR_FIELDS, Particles
+from . import medical
 from .shared import check_input, count, mistakes, print_json, read_particles
 
-SUMMARY = "what is in a particle file"
-EXAMPLES = "  globule info splash.npz\n  globule info splash.npz --json"
+SUMMARY = "what is in a file"
+EXAMPLES = "  globule info splash.npz\n  globule info sweep.igs.mha --json"
 
 _FORMATS = {
     ".txt": "nine-column text",
@@ -32,11 +34,20 @@ _FORMATS = {
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("file", metavar="FILE", help=f"particles: {' '.join(EXTENSIONS)}")
+    parser.add_argument("file", metavar="FILE", help=f"particles: {' '.join(EXTENSIONS)}; "
+                        f"sweeps, volumes: {' '.join(medical.EXTENSIONS)}")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
 
 
 def run(options: argparse.Namespace) -> None:
+    kind = medical.kind_of(options.file)
+    if kind:
+        facts = medical.describe(options.file, kind)
+        if options.json:
+            print_json(facts)
+        else:
+            print("\n".join(medical.lines(facts)))
+        return
     check_input(options.file)
     facts = describe(options.file, read_particles(options.file))
     if options.json:

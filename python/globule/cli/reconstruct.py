@@ -11,6 +11,8 @@ from __future__ import annotations
 import argparse
 import hashlib
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -38,12 +40,12 @@ EXAMPLES = """\
   globule reconstruct sweep.igs.mha --calibration probe.toml -o volume.nrrd --spacing 0.5
   globule reconstruct sweep.igs.mha --plus config.xml -o volume.mha --three-view volume.png
   globule reconstruct frames/ --poses poses.csv --frame-times 25 --calibration probe.toml -o v.npz
-  globule reconstruct sweep.igs.mha --calibration probe.toml --cross-validate 5
-  globule reconstruct --live igtl://localhost:18944 --calibration probe.toml -o volume.npz"""
+  globule reconstruct sweep.igs.mha --calibration probe.toml --cross-validate 3"""
 
 METHODS = ("pvn-om", "vvn-om", "pvn", "vvn", "bezier")
 COMPARED = ("pvn-om", "vvn-om", "bezier")  # pvn and vvn give the same volumes, slower
-COMPOUNDINGS = ("mean", "maximum", "latest", "first")
+COMPOUNDINGS = ("mean", "maximum", "latest", "first", "median")
+DEFAULT_SIZE = 256
 
 
 def numbers(text: str) -> tuple[float, ...]:
@@ -69,7 +71,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                         help=f"{', '.join(METHODS)} (default: pvn-om)")
     grid = method.add_mutually_exclusive_group()
     grid.add_argument("--spacing", type=positive, metavar="MM", help="voxel size, mm")
-    grid.add_argument("--size", type=int, metavar="N", help="voxels along the longest axis")
+    grid.add_argument("--size", type=int, metavar="N",
+                      help=f"voxels along the longest axis (default: {DEFAULT_SIZE})")
+    method.add_argument("--region", type=numbers, metavar="X,Y,Z,X,Y,Z",
+                        help="lowest and highest corner, mm, world (default: all pixels)")
+    method.add_argument("--max-distance", type=number, metavar="MM",
+                        help="holes farther than this from any pixel stay empty")
     method.add_argument("--max-kernel", type=int, default=9, metavar="N",
                         help="side of the largest kernel that fills holes, voxels (default: 9)")
     method.add_argument("--compounding", choices=COMPOUNDINGS, default="mean", metavar="NAME",
@@ -175,12 +182,15 @@ def _check(options: argparse.Namespace) -> None:
         raise UserError(f"--cross-validate: expected 2 or more, got {options.cross_validate}")
     if options.size is not None and not 1 <= options.size <= 65536:
         raise UserError(f"--size: expected 1 to 65536, got {options.size}")
+    if options.region is not None and len(options.region) != 6:
+        raise UserError(f"--region: expected six numbers, got {len(options.region)}")
     if options.max_kernel < 1 or options.max_kernel % 2 == 0:
         raise UserError(f"--max-kernel: expected an odd number from 1, got {options.max_kernel}")
     if _exact(options):
-        for name in ("spacing", "size"):
+        for name in ("spacing", "size", "region", "max_distance"):
             if getattr(options, name) is not None:
-                raise UserError(f"--{name}: expected --method beside --plus, which says its own")
+                option = name.replace("_", "-")
+                raise UserError(f"--{option}: expected --method beside --plus, which says its own")
 
 
 def _exact(options: argparse.Namespace) -> bool:
@@ -242,22 +252,36 @@ def _options_of(options: argparse.Namespace) -> dict[str, Any]:
         "device": options.device,
         "threads": options.threads,
     }
-    for name in ("spacing", "size"):
+    for name in ("spacing", "size", "max_distance"):
         if getattr(options, name) is not None:
             given[name] = getattr(options, name)
+    if options.spacing is None and options.size is None:
+        given["size"] = DEFAULT_SIZE
+    if options.region is not None:
+        given["region"] = (options.region[:3], options.region[3:])
     return given
+
+
+@contextmanager
+def _fitting() -> Iterator[None]:
+    """What the library refuses is the user's mistake, and so is a volume that cannot fit."""
+    try:
+        with mistakes():
+            yield
+    except MemoryError as error:
+        raise UserError(str(error)) from error
 
 
 def _cross_validate(sweep: Sweep, options: argparse.Namespace) -> dict[str, Any]:
     from ..trust import compare_methods
 
     methods = (options.method,) if options.method else COMPARED
-    with mistakes():
+    with _fitting():
         return compare_methods(sweep, options.cross_validate, methods, **_options_of(options))
 
 
 def _volume(sweep: Sweep, options: argparse.Namespace) -> Volume:
-    with mistakes():
+    with _fitting():
         if _exact(options):
             from ..plus import reconstruct_plus
 

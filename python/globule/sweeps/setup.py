@@ -53,7 +53,7 @@ class Setup:
         return self.calibration.temporal_offset if self.calibration else 0.0
 
     def mask(self, shape: tuple[int, int], default: Any = None) -> np.ndarray | None:
-        """The pixels that show tissue, (H, W) bool, None for all; `default` where no mask is given."""
+        """The pixels that show tissue, (H, W) bool, None for all; `default` if no mask is given."""
         return region_mask(
             shape, self._clip, self._fan, default if self._mask is None else self._mask
         )
