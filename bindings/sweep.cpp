@@ -33,6 +33,8 @@ auto work(const Fn& fn) {
 
 struct PyReconstructor {
     std::unique_ptr<Reconstructor> core;
+    ScalarType type = ScalarType::u8;
+    SweepGrid& grid() { return core->grid(type); }
 };
 
 template <class T>
@@ -69,6 +71,11 @@ nb::tuple plus(PyReconstructor& self, const nb::dict& d, const nb::list& fillers
     return nb::make_tuple(r.insert_seconds, r.fill_seconds);
 }
 
+FramesView view(Array values, Address poses, Address mask, int n, int height, int width, std::uint32_t first_order) {
+    return {{at<const void>(std::get<0>(values)), std::get<1>(values)}, at<const std::int64_t>(poses), at<const std::uint8_t>(mask),
+            n, height, width, first_order};
+}
+
 }  // namespace
 
 void bind_sweep(nb::module_& m) {
@@ -76,5 +83,46 @@ void bind_sweep(nb::module_& m) {
         .def("__init__", [](PyReconstructor* self, const std::string& backend, int index, int threads) {
             new (self) PyReconstructor{open_backend(backend).make_reconstructor(index, threads, poll_signals)};
         })
+        .def("start", [](PyReconstructor& s, int type, int compounding, bool wide, double scale, int nx, int ny, int nz) {
+            s.type = ScalarType(type);
+            work([&] { s.grid().start({s.type, compounding, wide, scale, {nx, ny, nz}}); });
+        })
+        .def("grow", [](PyReconstructor& s, std::vector<int> size, std::vector<int> shift) {
+            if (size.size() != 3 || shift.size() != 3) throw nb::value_error("grow: expected three sizes and three shifts");
+            work([&] { s.grid().grow(size.data(), shift.data()); });
+        })
+        .def("add", [](PyReconstructor& s, Array values, Address poses, Address mask, int n, int h, int w, std::uint32_t order, int sign) {
+            work([&] { s.grid().add(view(values, poses, mask, n, h, w, order), sign); });
+        })
+        .def("median", [](PyReconstructor& s, Array values, Address poses, Address mask, int n, int h, int w) {
+            work([&] { s.grid().median(view(values, poses, mask, n, h, w, 0)); });
+        })
+        .def("bezier", [](PyReconstructor& s, Array values, Address poses, Address mask, int n, int h, int w) {
+            work([&] { s.grid().bezier(view(values, poses, mask, n, h, w, 0)); });
+        })
+        .def("fill", [](PyReconstructor& s, int method, Array frames, Address poses, Address mask, int n, int h, int w, int reach,
+                        Address weights, int kind, Address values, Address radius) {
+            work([&] {
+                s.grid().fill(FillMethod(method), view(frames, poses, mask, n, h, w, 0),
+                             {reach, at<const std::uint32_t>(weights), kind, at<void>(values), at<std::uint8_t>(radius)});
+            });
+        })
+        .def("count_map", [](PyReconstructor& s, Address out) { work([&] { s.grid().count_map(at<std::uint32_t>(out)); }); })
+        .def("variance_map", [](PyReconstructor& s, Array values, Address poses, Address mask, int n, int h, int w, Address out) {
+            work([&] { s.grid().variance_map(view(values, poses, mask, n, h, w, 0), at<float>(out)); });
+        })
+        .def("source_map", [](PyReconstructor& s, std::uint32_t pixels, Address out) {
+            work([&] { s.grid().source_map(pixels, at<std::int32_t>(out)); });
+        })
+        .def("facts", [](PyReconstructor& s) {
+            const VolumeFacts f = work([&] { return s.grid().facts(); });
+            nb::dict d;
+            d["n_blocks"] = f.n_blocks;
+            d["bytes"] = f.bytes;
+            d["bin_seconds"] = f.bin_seconds;
+            d["fill_seconds"] = f.fill_seconds;
+            return d;
+        })
+        .def("free_bytes", [](PyReconstructor& s) { return s.core->free_bytes(); })
         .def("plus", &plus);
 }

@@ -1,6 +1,7 @@
 // The one implementation of Reconstructor, over any Exec.
 #pragma once
 #include "backend.hpp"
+#include "grid_of.hpp"
 #include "plus.hpp"
 
 namespace globule {
@@ -16,6 +17,18 @@ public:
         check_cancelled();
     }
 
+    SweepGrid& grid(ScalarType type) override {
+        if (!grid_ || type != type_) {
+            grid_.reset();
+            type_ = type;
+            if (type == ScalarType::u8) grid_ = std::make_unique<GridOf<Exec, std::uint8_t>>(exec_);
+            else if (type == ScalarType::u16) grid_ = std::make_unique<GridOf<Exec, std::uint16_t>>(exec_);
+            else grid_ = std::make_unique<GridOf<Exec, float>>(exec_);
+        }
+        return *grid_;
+    }
+    std::uint64_t free_bytes() override { return exec_.free_bytes(); }
+
 private:
     void check_cancelled() {
         if (!exec_.cancelled()) return;
@@ -25,6 +38,8 @@ private:
 
     Exec exec_;
     PlusOf<Exec> plus_;
+    ScalarType type_{};
+    std::unique_ptr<SweepGrid> grid_;
 };
 
 }  // namespace globule

@@ -39,6 +39,8 @@ public:
     void download(void* to, const void* from, std::size_t bytes) { std::memcpy(to, from, bytes); }
     void clear(void* p, std::size_t bytes) { std::memset(p, 0, bytes); }
     void synchronize() {}
+    /// Memory that may still be taken; 0: not known here.
+    std::uint64_t free_bytes() const { return 0; }
     /// Time marks, so that a stage's duration can be asked for afterwards.
     void mark(int i) { marks_[i] = now(); }
     double elapsed(int from, int to) const { return marks_[to] - marks_[from]; }

@@ -77,6 +77,11 @@ public:
     }
     void clear(void* p, std::size_t bytes) { check(cudaMemsetAsync(p, 0, bytes, stream_)); }
     void synchronize() { check(cudaStreamSynchronize(stream_)); }
+    std::uint64_t free_bytes() const {
+        std::size_t free = 0, total = 0;
+        check(cudaMemGetInfo(&free, &total));
+        return free;
+    }
 
     void mark(int i) { check(cudaEventRecord(marks_[i], stream_)); }
     double elapsed(int from, int to) {
