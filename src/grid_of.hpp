@@ -7,6 +7,7 @@
 #include "globule/sweep/bezier.hpp"
 #include "globule/sweep/maps.hpp"
 #include "globule/sweep/plain.hpp"
+#include "globule/sweep/tile.hpp"
 #include "backend.hpp"
 
 namespace globule {
@@ -236,8 +237,17 @@ private:
         finish();
         const std::uint32_t* near = spread_near(tables.cubes.span);
         const FillVoxel<T> each{{{grid_, slots_.data(), masks_.data(), values_.data()}, tables}, out, near};
-        if constexpr (Exec::on_device) exec_.for_each(grid_.n_blocks() * kVoxels, each);
-        else exec_.for_each_task(std::size_t(grid_.blocks[1]) * grid_.blocks[2], FillBlockRow<T>{each});
+        if constexpr (Exec::on_device) {
+            exec_.for_each(grid_.n_blocks() * kVoxels, each);
+        } else {
+            if constexpr (!is_real<T>)
+                if (tables.cubes.reach <= FillTile<T>::kReach) {
+                    const int n_tiles = ceil_div(grid_.size[0], FillTile<T>::kLong);
+                    exec_.for_each_task(std::size_t(n_tiles) * grid_.blocks[1] * grid_.blocks[2], FillTile<T>{each, n_tiles});
+                    return;
+                }
+            exec_.for_each_task(std::size_t(grid_.blocks[1]) * grid_.blocks[2], FillBlockRow<T>{each});
+        }
     }
 
     /// Points of all frames with keys, sorted; how many.

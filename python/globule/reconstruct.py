@@ -117,7 +117,7 @@ def start(core: Any, grid: VoxelGrid, frames: np.ndarray, options: Options, wide
 def value_scale(frames: np.ndarray, method: str = "pvn-om") -> float:
     """What values are multiplied with before they are summed as integers."""
     if frames.dtype != np.float32:
-        return 256.0 if method == "bezier" else 1.0
+        return 65536.0 if method == "bezier" else 1.0
     largest = float(np.abs(frames).max(initial=0.0))
     return 2.0 ** (30 - math.frexp(largest)[1]) if largest > 0 else 1.0
 

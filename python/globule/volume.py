@@ -57,18 +57,14 @@ class Volume:
         return self.radius == 0
 
     @property
-    def filled(self) -> np.ndarray:
-        """(Z, Y, X) bool: voxels whose value was interpolated from measured ones nearby."""
-        return (self.radius != 0) & (self.radius != _FAR)
-
-    @property
     def empty(self) -> np.ndarray:
         """(Z, Y, X) bool: voxels too far from any data; their value is 0 and means nothing."""
         return self.radius == _FAR
 
     @property
-    def origin_map(self) -> np.ndarray:
-        """(Z, Y, X) uint8: EMPTY 0, MEASURED 1, FILLED 2."""
+    def filled(self) -> np.ndarray:
+        """(Z, Y, X) uint8, where each value came from: EMPTY 0, MEASURED 1, or FILLED 2, interpolated
+        from measured voxels nearby."""
         out = np.full(self.shape, FILLED, np.uint8)
         out[self.radius == 0] = MEASURED
         out[self.radius == _FAR] = EMPTY

@@ -8,13 +8,11 @@
 
 namespace globule::sweep {
 
-inline constexpr double kBezierScale = 256;  ///< samples are summed as rint(value * 256)
-
 template <class T>
 struct BezierRows {
     Frames<T> frames;
     Grid grid;
-    double scale;                 ///< of values; kBezierScale for integers
+    double scale;                 ///< samples are summed as rint(value * scale)
     const std::uint32_t* slots;
     std::uint32_t* wanted;        ///< first run: blocks that samples need
     std::uint64_t* bins;          ///< second run: (slots, 64, 2) sums and counts

@@ -29,7 +29,8 @@ template <class T>
 struct Sums {
     using Total = std::uint64_t;
     GB_FN static Total term(std::uint32_t weight, T value) { return std::uint64_t(weight) * value; }
-    GB_FN static T quotient(Total sum, std::uint64_t weight) { return T((sum + weight / 2) / weight); }
+    /// To nearest, halves up; exact while sums stay below 2^53.
+    GB_FN static T quotient(Total sum, std::uint64_t weight) { return T(double(sum + weight / 2) / double(weight)); }
 };
 template <>
 struct Sums<float> {
