@@ -47,7 +47,7 @@ def reslice(
     voxel_from_plane = np.linalg.inv(volume.world_from_voxel) @ matrix
     values = np.zeros((height, width), np.float32)
     origin = np.zeros((height, width), np.uint8)
-    known = volume.origin_map
+    known = volume.filled
     columns = np.arange(width, dtype=np.float64)
     for start in range(0, height, _ROWS):
         rows = np.arange(start, min(height, start + _ROWS), dtype=np.float64)
@@ -107,7 +107,7 @@ def three_view(volume: Volume, center: Any = None, overlay: bool = False) -> np.
     From left to right the planes of x and y, of x and z, of y and z, in the volume's own axes and
     with square pixels; each plane's row 0 is the axis' beginning.
     """
-    values, known = volume.values, volume.origin_map
+    values, known = volume.values, volume.filled
     sizes = np.array(values.shape[::-1])
     if center is None:
         middle = _middle(known)
