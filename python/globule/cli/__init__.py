@@ -11,10 +11,10 @@ import os
 import sys
 from collections.abc import Sequence
 
-from . import convert, demo, info, reconstruct, render
+from . import bench, convert, demo, info, reconstruct, render
 from .shared import UserError, join_negative, say
 
-COMMANDS = (render, reconstruct, convert, info, demo)
+COMMANDS = (render, reconstruct, convert, info, bench, demo)
 
 
 class _Parser(argparse.ArgumentParser):
