@@ -119,10 +119,10 @@ void bind_sweep(nb::module_& m) {
             work([&] { s.grid().bezier(view(values, poses, mask, n, h, w, 0)); });
         })
         .def("fill", [](PyReconstructor& s, int method, Array frames, Address poses, Address mask, int n, int h, int w, int reach,
-                        Address weights, int kind, Address values, Address radius) {
+                        Address weights, int kind, Address values, Address radius, bool incremental) {
             work([&] {
                 s.grid().fill(FillMethod(method), view(frames, poses, mask, n, h, w, 0),
-                             {reach, at<const std::uint32_t>(weights), kind, at<void>(values), at<std::uint8_t>(radius)});
+                             {reach, at<const std::uint32_t>(weights), kind, at<void>(values), at<std::uint8_t>(radius), incremental});
             });
         })
         .def("count_map", [](PyReconstructor& s, Address out) { work([&] { s.grid().count_map(at<std::uint32_t>(out)); }); })

@@ -19,13 +19,14 @@ class GridOf final : public SweepGrid {
 
 public:
     explicit GridOf(Exec& exec)
-        : exec_(exec), frames_(exec), mask_(exec), poses_(exec), slots_(exec), wanted_(exec), blocks_(exec), bins_(exec),
+        : exec_(exec), frames_(exec), mask_(exec), poses_(exec), slots_(exec), wanted_(exec), changed_(exec), blocks_(exec), bins_(exec),
           spare_(exec), squares_(exec), values_(exec), masks_(exec), near_(exec), tables_(exec), weights_(exec), out_(exec), radius_(exec),
           keys_(exec), pixels_(exec), places_(exec), point_values_(exec), runs_(exec) {}
 
     void start(const GridRequest& r) override {
         coding_ = {sweep::Compounding(r.compounding), r.wide, r.scale};
         n_slots_ = 0;
+        taken_ = false;
         for (int i = 0; i < 4; ++i) exec_.mark(i);
         set_size(r.size);
         std::uint32_t* slots = slots_.reserve(grid_.n_blocks());
@@ -45,8 +46,10 @@ public:
         const sweep::Frames<T> frames = bring(view);
         if (sign > 0) {
             std::uint32_t* wanted = wanted_list();
-            exec_.for_each(rows(frames), sweep::TouchBlocks<T>{frames, grid_, slots_.data(), wanted});
+            touch(frames, wanted);
             place(wanted, coding_.words());
+        } else {
+            touch(frames, nullptr);
         }
         exec_.for_each(rows(frames), sweep::BinRows<T>{frames, grid_, coding_, slots_.data(), bins_.data(), sign});
         exec_.mark(1);
@@ -57,12 +60,12 @@ public:
         exec_.mark(0);
         const Frames<T> frames = bring(view);
         std::uint32_t* wanted = wanted_list();
-        exec_.for_each(rows(frames), TouchBlocks<T>{frames, grid_, slots_.data(), wanted});
+        touch(frames, wanted);
         place(wanted, 0);
         const std::size_t n = emit(frames, Keying::bins, 64);
         T* values = reserve_values();
         exec_.for_each(n, TakeMedian<T>{n, keys_.data(), blocks_.data(), values, masks_.data()});
-        finished_ = true;
+        taken_ = true;
         exec_.mark(1);
     }
 
@@ -83,7 +86,7 @@ public:
         exec_.mark(2);
         const DenseVolume<T> out = dense(r);
         const HoleTables tables = bring_tables(r);
-        if (method == FillMethod::bins) fill_bins(tables, out);
+        if (method == FillMethod::bins) fill_bins(tables, out, r.incremental);
         else if (method == FillMethod::points) fill_points(bring(view), tables, out);
         else if (method == FillMethod::plain_bins) fill_plain_bins(bring(view), tables, out);
         else fill_plain_points(bring(view), tables, out);
@@ -122,7 +125,8 @@ private:
             grid_.size[k] = size[k];
             grid_.blocks[k] = ceil_div(size[k], sweep::kBlock);
         }
-        finished_ = false;
+        all_changed_ = true;
+        changed_.reserve(grid_.n_blocks());
     }
     static std::size_t rows(const sweep::Frames<T>& frames) { return std::size_t(frames.n) * frames.height; }
 
@@ -161,7 +165,9 @@ private:
         exec_.clear(bins_.data() + before, n * sizeof(std::uint64_t));
         exec_.for_each(grid_.n_blocks(), sweep::PlaceBlocks{wanted, std::uint32_t(n_slots_), slots_.data(), blocks_.data()});
         n_slots_ += n_new;
-        finished_ = false;
+    }
+    void touch(const sweep::Frames<T>& frames, std::uint32_t* wanted) {
+        exec_.for_each(rows(frames), sweep::TouchBlocks<T>{frames, grid_, slots_.data(), wanted, changed_.data()});
     }
     /// Room for n items of which the first `used` stay; half as much again when it grows.
     template <class U>
@@ -184,13 +190,15 @@ private:
         T* values = values_.reserve(n_slots_ * sweep::kVoxels);
         std::uint64_t* masks = masks_.reserve(grid_.n_blocks());
         exec_.clear(masks, grid_.n_blocks() * sizeof *masks);
+        all_changed_ = true;
         return values;
     }
-    void finish() {
-        if (finished_) return;
-        T* values = reserve_values();
-        exec_.for_each(n_slots_, sweep::FinishBlock<T>{coding_, blocks_.data(), bins_.data(), values, masks_.data()});
-        finished_ = true;
+    /// Values and masks from the bins; only of blocks that changed, if `some`.
+    void finish(bool some) {
+        if (some) keep(values_, n_finished_ * sweep::kVoxels, n_slots_ * sweep::kVoxels);
+        else reserve_values();
+        exec_.for_each(n_slots_, sweep::FinishBlock<T>{coding_, blocks_.data(), bins_.data(), some ? changed_.data() : nullptr,
+                                                       values_.data(), masks_.data()});
     }
 
     sweep::DenseVolume<T> dense(const FillRequest& r) {
@@ -222,26 +230,45 @@ private:
         return {{r.reach, span, m}, w, sweep::HoleWeights(r.kind)};
     }
 
+    /// Blocks with data within `span` blocks, or with a change; each in half of near_.
     const std::uint32_t* spread_near(int span) {
         const std::size_t n = grid_.n_blocks();
-        std::uint32_t *a = near_.reserve(2 * n), *b = a + n;
+        std::uint32_t* a = near_.reserve(3 * n);
         exec_.for_each(n, sweep::HasData{masks_.data(), a});
-        exec_.for_each(n, sweep::SpreadNear{grid_, 0, span, a, b});
-        exec_.for_each(n, sweep::SpreadNear{grid_, 1, span, b, a});
-        exec_.for_each(n, sweep::SpreadNear{grid_, 2, span, a, b});
-        return b;
+        return spread(span, a, a + n);
+    }
+    const std::uint32_t* spread_changes(int span) {
+        const std::size_t n = grid_.n_blocks();
+        std::uint32_t* a = near_.data() + 2 * n;
+        exec_.for_each(n, sweep::Copy<std::uint32_t>{changed_.data(), a});
+        return spread(span, a, near_.data());
+    }
+    std::uint32_t* spread(int span, std::uint32_t* a, std::uint32_t* b) {
+        for (int axis = 0; axis < 3; ++axis) {
+            exec_.for_each(grid_.n_blocks(), sweep::SpreadNear{grid_, axis, span, a, b});
+            std::swap(a, b);
+        }
+        return a;
     }
 
-    void fill_bins(const sweep::HoleTables& tables, const sweep::DenseVolume<T>& out) {
+    void fill_bins(const sweep::HoleTables& tables, const sweep::DenseVolume<T>& out, bool incremental) {
         using namespace sweep;
-        finish();
+        const bool some = incremental && !all_changed_;
+        if (!taken_) finish(some);
         const std::uint32_t* near = spread_near(tables.cubes.span);
-        const FillVoxel<T> each{{{grid_, slots_.data(), masks_.data(), values_.data()}, tables}, out, near};
+        const std::uint32_t* dirty = some ? spread_changes(tables.cubes.span) : nullptr;
+        fill_dense({{{grid_, slots_.data(), masks_.data(), values_.data()}, tables}, out, near, dirty});
+        exec_.clear(changed_.data(), grid_.n_blocks() * sizeof(std::uint32_t));
+        all_changed_ = taken_;
+        n_finished_ = n_slots_;
+    }
+    void fill_dense(const sweep::FillVoxel<T>& each) {
+        using namespace sweep;
         if constexpr (Exec::on_device) {
             exec_.for_each(grid_.n_blocks() * kVoxels, each);
         } else {
             if constexpr (!is_real<T>)
-                if (tables.cubes.reach <= FillTile<T>::kReach) {
+                if (each.filler.tables.cubes.reach <= FillTile<T>::kReach) {
                     const int n_tiles = ceil_div(grid_.size[0], FillTile<T>::kLong);
                     exec_.for_each_task(std::size_t(n_tiles) * grid_.blocks[1] * grid_.blocks[2], FillTile<T>{each, n_tiles});
                     return;
@@ -276,7 +303,7 @@ private:
     void fill_points(const sweep::Frames<T>& frames, const sweep::HoleTables& tables, const sweep::DenseVolume<T>& out) {
         using namespace sweep;
         std::uint32_t* wanted = wanted_list();
-        exec_.for_each(rows(frames), TouchBlocks<T>{frames, grid_, slots_.data(), wanted});
+        touch(frames, wanted);
         place(wanted, 0);
         int levels = 0;
         while (1 << levels < std::max({grid_.size[0], grid_.size[1], grid_.size[2]})) ++levels;
@@ -303,7 +330,7 @@ private:
         std::uint8_t* measured = mask_room(n);
         Coding coding = coding_;
         coding.wide = true;
-        exec_.for_each(n, FinishPlain<T>{{coding, nullptr, bins, nullptr, nullptr}, values, measured});
+        exec_.for_each(n, FinishPlain<T>{{coding, nullptr, bins, nullptr, nullptr, nullptr}, values, measured});
         exec_.for_each_task(n, FillPlain<T>{grid_, values, measured, tables, out});
     }
     std::uint8_t* mask_room(std::size_t n) { return reinterpret_cast<std::uint8_t*>(near_.reserve(n / 4 + 1)); }
@@ -340,12 +367,14 @@ private:
     sweep::Grid grid_{};
     sweep::Coding coding_{};
     std::size_t n_slots_ = 0;
-    bool finished_ = false;
+    bool taken_ = false;              ///< values came from a median, not from bins
+    bool all_changed_ = true;        ///< nothing of the last finished bins may be used
+    std::size_t n_finished_ = 0;      ///< slots that had values then
     std::vector<std::uint64_t> host_masks_;
     Room<T> frames_;
     Room<std::uint8_t> mask_;
     Room<sweep::Pose> poses_;
-    Room<std::uint32_t> slots_, wanted_, blocks_;
+    Room<std::uint32_t> slots_, wanted_, changed_, blocks_;
     Room<std::uint64_t> bins_, spare_, squares_;
     Room<T> values_;
     Room<std::uint64_t> masks_;

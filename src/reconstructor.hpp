@@ -65,6 +65,7 @@ struct FillRequest {
     int kind;                         ///< sweep::HoleWeights
     void* values;                     ///< out: (z, y, x); null: left in the backend's memory
     std::uint8_t* radius;             ///< out: (z, y, x)
+    bool incremental;                 ///< values and radius are the last ones: only what changed is written
 };
 
 struct VolumeFacts {

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from globule import sweep_oracle
 from globule.reconstruct import METHODS, reconstruct
+from globule.reconstructor import Reconstructor
 from globule.sweep_grid import VoxelGrid
 
 
@@ -214,3 +215,58 @@ def test_too_large_names_the_spacing_that_would_fit():
         reconstruct(sweep, spacing=0.0003, device="cpu")
     fits = float(str(caught.value).split(";")[1].split()[0])
     assert 0.0003 < fits < 0.1
+
+
+def same_volume(live, sweep, frames, **options):
+    """The live volume against all frames at once on the same voxels."""
+    low = live.world_from_voxel[:3, 3] - 0.5 * live.spacing
+    region = (low, low + live.spacing * live.shape[::-1])
+    part = Frames(sweep.frames[frames], sweep.world_from_image[frames], np.ones(len(frames), bool))
+    whole = reconstruct(part, spacing=float(live.spacing[0]), region=region, **options)
+    np.testing.assert_array_equal(live.radius, whole.radius)
+    np.testing.assert_array_equal(live.values, whole.values)
+
+
+@pytest.mark.parametrize("compounding", ["mean", "latest", "maximum", "first"])
+@pytest.mark.parametrize("dtype", [np.uint8, np.float32])
+def test_incremental(backend, compounding, dtype):
+    sweep = make_sweep(n=10, gap=3.0, dtype=dtype)
+    order = [4, 5, 6, 3, 7, 9, 8, 0, 2, 1]  # grows on both sides
+    live = Reconstructor(0.7, compounding=compounding, **backend)
+    for k, f in enumerate(order):
+        live.add(sweep.frames[f], sweep.world_from_image[f])
+        if k % 3 != 1:
+            same_volume(live.volume(), sweep, order[: k + 1], compounding=compounding, **backend)
+    live.undo()
+    live.undo()
+    same_volume(live.volume(), sweep, order[:-2], compounding=compounding, **backend)
+    live.add(sweep.frames[[2, 1]], sweep.world_from_image[[2, 1]])
+    same_volume(live.volume(), sweep, order, compounding=compounding, **backend)
+    assert live.n_frames == 10
+
+
+def test_incremental_region_and_history(backend):
+    sweep = make_sweep(n=6)
+    region = ((100, -40, 0), (106, -35, 9))
+    live = Reconstructor(0.5, region=region, history=2, **backend)
+    for f in range(6):
+        live.add(sweep.frames[f], sweep.world_from_image[f])
+    same_volume(live.volume(), sweep, list(range(6)), **backend)
+    live.undo()
+    live.undo()
+    same_volume(live.volume(), sweep, list(range(4)), **backend)
+    with pytest.raises(ValueError, match="undo: expected frames that are still remembered"):
+        live.undo()
+
+
+def test_incremental_refuses():
+    live = Reconstructor(0.5, device="cpu")
+    with pytest.raises(ValueError, match="volume: expected frames"):
+        live.volume()
+    live.add(np.zeros((4, 5), np.uint8), np.eye(4))
+    with pytest.raises(ValueError, match="expected 4 x 5 uint8 as before, got 5 x 4 uint8"):
+        live.add(np.zeros((5, 4), np.uint8), np.eye(4))
+    with pytest.raises(ValueError, match="poses: expected 1, one a frame, got 2"):
+        live.add(np.zeros((4, 5), np.uint8), np.stack([np.eye(4)] * 2))
+    with pytest.raises(ValueError, match="median needs all frames"):
+        Reconstructor(0.5, compounding="median")

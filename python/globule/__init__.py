@@ -17,6 +17,9 @@ from .camera import Camera  # noqa: E402
 from .formats import FormatError, read, write  # noqa: E402
 from .octree import field, gradient, intersect  # noqa: E402
 from .particles import Particles  # noqa: E402
+from .plus import reconstruct_plus  # noqa: E402
+from .reconstruct import reconstruct  # noqa: E402
+from .reconstructor import Reconstructor  # noqa: E402
 from .render import DirectionalLight, Frame, Headlight, PointLight, RenderSettings, render  # noqa: E402
 from .scene import Scene  # noqa: E402
 from .sweep import Sweep  # noqa: E402
@@ -33,6 +36,7 @@ __all__ = [
     "Headlight",
     "Particles",
     "PointLight",
+    "Reconstructor",
     "RenderSettings",
     "Scene",
     "Sweep",
@@ -44,6 +48,8 @@ __all__ = [
     "read",
     "read_sweep",
     "read_volume",
+    "reconstruct",
+    "reconstruct_plus",
     "render",
     "write",
     "write_sweep",

@@ -106,12 +106,15 @@ def reconstruct(
     return Volume(values, grid.world_from_voxel, radius, getattr(sweep, "space", "LPS"), info, source.make)
 
 
-def start(core: Any, grid: VoxelGrid, frames: np.ndarray, options: Options, wide: bool | None = None) -> None:
-    """An empty grid in `core`."""
+def start(
+    core: Any, grid: VoxelGrid, frames: np.ndarray, options: Options, wide: bool = False, scale: float | None = None
+) -> None:
+    """An empty grid in `core`; `wide` for sums of more than 2^24 pixels a voxel."""
     compounding = COMPOUNDINGS.index(options.compounding)
-    if wide is None:
-        wide = frames.dtype == np.float32 or frames.size >= 2**24 or options.method == "bezier"
-    core.start(_TYPES[frames.dtype], compounding, wide, value_scale(frames, options.method), *grid.size)
+    wide = wide or frames.dtype == np.float32 or frames.size >= 2**24 or options.method == "bezier"
+    if scale is None:
+        scale = value_scale(frames, options.method)
+    core.start(_TYPES[frames.dtype], compounding, wide, scale, *grid.size)
 
 
 def value_scale(frames: np.ndarray, method: str = "pvn-om") -> float:
@@ -122,10 +125,15 @@ def value_scale(frames: np.ndarray, method: str = "pvn-om") -> float:
     return 2.0 ** (30 - math.frexp(largest)[1]) if largest > 0 else 1.0
 
 
-def fill(core: Any, grid: VoxelGrid, dtype: Any, options: Options, whole: tuple) -> tuple[np.ndarray, np.ndarray]:
-    """Dense values and kernel radii (Z, Y, X)."""
-    values = np.empty(grid.size[::-1], dtype)
-    radius = np.empty(grid.size[::-1], np.uint8)
+def fill(
+    core: Any, grid: VoxelGrid, dtype: Any, options: Options, whole: tuple, last: tuple | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Dense values and kernel radii (Z, Y, X); those of the call before may be given as `last`, then
+    only what has changed since is written to them."""
+    if last is not None:
+        values, radius = last
+    else:
+        values, radius = np.empty(grid.size[::-1], dtype), np.empty(grid.size[::-1], np.uint8)
     reach = options.reach(grid.spacing)
     weights = hole_weight_table(reach) if reach <= _LARGEST_TABLE else None
     core.fill(
@@ -136,6 +144,7 @@ def fill(core: Any, grid: VoxelGrid, dtype: Any, options: Options, whole: tuple)
         HOLE_WEIGHTS.index(options.hole_weights),
         address(values),
         address(radius),
+        last is not None,
     )
     return values, radius
 

@@ -101,9 +101,11 @@ struct FinishBlock {
     Coding coding;
     const std::uint32_t* block_of_slot;
     const std::uint64_t* bins;
+    const std::uint32_t* changed;  ///< per block, or null: all did
     T* values;            ///< (slots, 64)
     std::uint64_t* masks; ///< per block of the grid
     GB_FN void operator()(std::size_t slot) const {
+        if (changed && !changed[block_of_slot[slot]]) return;
         std::uint64_t mask = 0;
         for (int v = 0; v < kVoxels; ++v) {
             const std::size_t at = slot * kVoxels + v;

@@ -38,19 +38,21 @@ GB_FN void for_each_pixel(const Frames<T>& frames, std::size_t row, const Grid& 
     }
 }
 
-/// Marks the blocks that new pixels need and that have no place yet.
+/// Marks the blocks that pixels fall into as changed, and those that have no place yet as wanted.
 template <class T>
 struct TouchBlocks {
     Frames<T> frames;
     Grid grid;
     const std::uint32_t* slots;
-    std::uint32_t* wanted;
+    std::uint32_t* wanted;  ///< or null
+    std::uint32_t* changed;
     GB_FN void operator()(std::size_t row) const {
         std::size_t last = ~std::size_t(0);
         for_each_pixel(frames, row, grid, [&](std::size_t block, int, int) {
             if (block == last) return;
             last = block;
-            if (slots[block] == kNone) wanted[block] = 1;
+            changed[block] = 1;
+            if (wanted && slots[block] == kNone) wanted[block] = 1;
         });
     }
 };

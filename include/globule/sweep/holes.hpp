@@ -126,10 +126,12 @@ template <class T>
 struct FillVoxel {
     HoleFiller<T> filler;
     DenseVolume<T> out;
-    const std::uint32_t* near;  ///< per block, or null: 0 where no data is in reach
+    const std::uint32_t* near;   ///< per block: 0 where no data is in reach
+    const std::uint32_t* dirty;  ///< per block: 0 where nothing changed since; null: all may have
     GB_FN void operator()(std::size_t i) const {
         const Grid& grid = filler.bins.grid;
         const std::size_t block = i / kVoxels;
+        if (dirty && !dirty[block]) return;
         const int b[3] = {int(block % grid.blocks[0]), int(block / grid.blocks[0] % grid.blocks[1]),
                           int(block / grid.blocks[0] / grid.blocks[1])};
         one(b, block, int(i % kVoxels));
@@ -160,6 +162,7 @@ struct FillBlockRow {
         for (int x = 0; x < grid.blocks[0]; ++x) {
             const int b[3] = {x, int(i % grid.blocks[1]), int(i / grid.blocks[1])};
             const std::size_t block = grid.block(x, b[1], b[2]);
+            if (each.dirty && !each.dirty[block]) continue;
             for (int place = 0; place < kVoxels; ++place) each.one(b, block, place);
         }
     }

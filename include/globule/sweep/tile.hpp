@@ -65,8 +65,12 @@ struct FillTile {
         const Grid& grid = each.filler.bins.grid;
         const int tile = int(i % n_tiles), by = int(i / n_tiles % grid.blocks[1]), bz = int(i / n_tiles / grid.blocks[1]);
         const int x0 = tile * kLong, width = least(kLong, grid.size[0] - x0);
-        bool any_near = false;
-        for (int x = x0 / kBlock; x < ceil_div(x0 + width, kBlock); ++x) any_near |= each.near[grid.block(x, by, bz)] != 0;
+        bool any_near = false, any_dirty = !each.dirty;
+        for (int x = x0 / kBlock; x < ceil_div(x0 + width, kBlock); ++x) {
+            any_near |= each.near[grid.block(x, by, bz)] != 0;
+            any_dirty |= each.dirty && each.dirty[grid.block(x, by, bz)];
+        }
+        if (!any_dirty) return;
         if (!any_near) {
             for_each_row(by, bz, [&](int y, int z) {
                 const std::size_t at = grid.voxel(x0, y, z);
