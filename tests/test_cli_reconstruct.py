@@ -309,8 +309,19 @@ def test_live_reconstruct(sweep, capsys):
     server.serve(slice(None))
     words = ["reconstruct", "--live", server.address, "--idle", "0.5", "-o", "v.npz", *CPU]
     facts = run_json(capsys, *words, "--spacing", "1")
-    assert facts["frames"]["used"] == 24
-    assert main(["reconstruct", "phantom.igs.mha", "-o", "w.npz", "--spacing", "1", *CPU]) == 0
+    assert facts["frames"]["used"] == 24 and facts["live"]["grew"]
+    live = read_volume("v.npz")
+    low, high = sweep.bounds()
+    first = live.world_from_voxel[:3, 3]
+    assert (first - 0.51 <= low).all()
+    assert (first + live.values.shape[::-1] - 0.49 >= high).all()
+    assert 50 < live.values[live.measured].mean() < 130
+    # Without a spacing the frames are collected first, and the file's volume comes out.
+    server = Server(sweep)
+    server.serve(slice(None))
+    words = ["reconstruct", "--live", server.address, "--idle", "0.5", "-o", "v.npz", *CPU]
+    assert not run_json(capsys, *words, "--size", "40")["live"]["grew"]
+    assert main(["reconstruct", "phantom.igs.mha", "-o", "w.npz", "--size", "40", *CPU]) == 0
     live, file = read_volume("v.npz"), read_volume("w.npz")
     assert live.values.shape == file.values.shape
     # Poses in float32 move a pixel in a thousand to the next voxel.

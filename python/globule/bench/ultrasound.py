@@ -44,6 +44,7 @@ SOURCE_CYLINDERS = {
     (3.0, "pvn-om"): (3.14, 0.02),
 }
 SOURCE_SEPARATION = (12.60, 0.10)
+CYLINDER_METHODS = ("vvn-om", "pvn-om")
 SHARES = tuple(range(0, 101, 10))  # per cent of the slices removed (Fig. 4.6)
 LENGTH = 46.0  # mm along the path in Table 4.1, so that a sweep fills a cube
 POSE_NOISE = (0.1, 0.1)  # mm and degrees, of a good optical tracker (Table 4.3)
@@ -117,7 +118,7 @@ def cylinders(setting: Setting) -> Iterable[Table]:
     for diameter in (1.5, 3.0):
         sweep = phantoms.cylinders(diameter, separation=separation, pose_noise=POSE_NOISE)
         places = [(k * separation, 24.0) for k in (-1, 0, 1)]
-        for method in ("vvn-om", "pvn-om"):
+        for method in CYLINDER_METHODS:
             setting.say(f"4.3: cylinders of {diameter} mm, {method}")
             volume = reconstruct(
                 sweep, method, spacing=spacing, device=setting.device, threads=setting.threads

@@ -107,7 +107,8 @@ def run(options: argparse.Namespace) -> None:
     messages: list[str] = []
     with Progress(3 + bool(options.cross_validate)) as progress:
         progress.step(f"reading {options.sweep or options.live}")
-        sweep = _live(options, progress) if options.live else _sweep(options)
+        live = _Live(options, progress) if options.live else None
+        sweep = live.sweep() if live else _sweep(options)
         read_seconds = time.perf_counter() - start
         outliers = _without_outliers(sweep, options, messages)
         n_lost = len(sweep) - sweep.n_valid - len(outliers)
@@ -123,7 +124,9 @@ def run(options: argparse.Namespace) -> None:
         if options.output:
             progress.step("reconstructing")
             begun = time.perf_counter()
-            volume = _volume(sweep, options)
+            volume = live.volume() if live and not outliers else None
+            if volume is None:
+                volume = _volume(sweep, options)
             times["reconstruct"] = time.perf_counter() - begun
             progress.step(f"writing {options.output}")
             begun = time.perf_counter()
@@ -138,6 +141,8 @@ def run(options: argparse.Namespace) -> None:
     times["total"] = time.perf_counter() - start
     for message in messages:
         warn(message)
+    if live:
+        report["live"] = live.figures()
     report |= {
         "device": _device(options),
         "method": _method(options),
@@ -210,23 +215,68 @@ def _sweep(options: argparse.Namespace) -> Sweep:
     )  # fmt: skip
 
 
-def _live(options: argparse.Namespace, progress: Progress) -> Sweep:
-    """All frames of a server, until it stops."""
-    from ..sweeps.live import receive_sweep
+class _Live:
+    """Frames of a server, put into the volume as they come where the method allows that."""
 
-    def shown(n: int) -> None:
-        if progress.shown and n % 10 == 0:
-            progress.done -= 1
-            progress.step(f"{n:,} frames from {options.live}, Ctrl-C ends")
+    def __init__(self, options: argparse.Namespace, progress: Progress):
+        self.options, self.progress = options, progress
+        self.reconstructor: Any = None
+        self.seconds: list[float] = []
+        # A size is known only when all frames are there; a median needs them all.
+        self.grows = (
+            options.spacing is not None
+            and _method(options) == METHODS[0]
+            and options.compounding != "median"
+        )
 
-    try:
-        with mistakes():
-            return receive_sweep(
-                options.live, options.calibration, options.plus, options.idle, shown,
-                clip=options.clip, fan=options.fan, mask=options.mask,
-            )  # fmt: skip
-    except ConnectionError as error:
-        raise UserError(f"--{error}") from error
+    def sweep(self) -> Sweep:
+        """All frames, until the server stops."""
+        from ..sweeps.live import receive_sweep
+
+        options = self.options
+        try:
+            with mistakes():
+                return receive_sweep(
+                    options.live, options.calibration, options.plus, options.idle, self._take,
+                    clip=options.clip, fan=options.fan, mask=options.mask,
+                )  # fmt: skip
+        except ConnectionError as error:
+            raise UserError(f"--{error}") from error
+
+    def volume(self) -> Volume | None:
+        """The volume of all frames so far; None if they were only collected."""
+        return self.reconstructor.volume() if self.reconstructor else None
+
+    def figures(self) -> dict[str, Any]:
+        """Seconds that a frame took until it was in the volume."""
+        if not self.seconds:
+            return {"grew": False}
+        return {
+            "grew": True,
+            "median_seconds": float(np.median(self.seconds)),
+            "longest_seconds": max(self.seconds),
+        }
+
+    def _take(self, n: int, frame: Any) -> None:
+        if self.grows:
+            begun = time.perf_counter()
+            if self.reconstructor is None:
+                self.reconstructor = self._reconstructor(frame)
+            self.reconstructor.add(frame.image, frame.world_from_image)
+            self.seconds.append(time.perf_counter() - begun)
+        if self.progress.shown and n % 10 == 0:
+            self.progress.done -= 1
+            self.progress.step(f"{n:,} frames from {self.options.live}, Ctrl-C ends")
+
+    def _reconstructor(self, frame: Any) -> Any:
+        from ..reconstructor import Reconstructor
+        from ..sweeps.setup import Setup
+
+        options = self.options
+        setup = Setup(
+            options.calibration, options.plus, options.clip, options.fan, options.mask
+        )
+        return Reconstructor(mask=setup.mask(frame.image.shape), **_options_of(options))
 
 
 def _without_outliers(sweep: Sweep, options: argparse.Namespace, messages: list[str]) -> list[int]:

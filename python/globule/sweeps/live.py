@@ -96,13 +96,13 @@ def receive_sweep(
     calibration: Any = None,
     plus: Any = None,
     idle: float = 5.0,
-    each: Callable[[int], None] | None = None,
+    each: Callable[[int, LiveFrame], None] | None = None,
     **region: Any,
 ) -> Sweep:
     """All frames of a server as one Sweep, until it stops or the user interrupts.
 
-    calibration, plus, and clip, fan, mask of `region`: as for `read_sweep`; each(n) is called
-    after the n-th frame. Raises ValueError if no frame came with image and pose.
+    calibration, plus, and clip, fan, mask of `region`: as for `read_sweep`; each(n, frame) is
+    called with the n-th frame when it has come. Raises ValueError if none came with its pose.
     """
     setup = Setup(calibration, plus, **region)
     frames = []
@@ -113,7 +113,7 @@ def receive_sweep(
                 raise ValueError(f"live: expected images of {expected} as the first, got {got}")
             frames.append(frame)
             if each:
-                each(len(frames))
+                each(len(frames), frame)
     except KeyboardInterrupt:
         if not frames:
             raise
