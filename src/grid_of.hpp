@@ -42,8 +42,8 @@ public:
     }
 
     void add(const FramesView& view, int sign) override {
-        exec_.mark(0);
         const sweep::Frames<T> frames = bring(view);
+        exec_.mark(0);
         if (sign > 0) {
             std::uint32_t* wanted = wanted_list();
             touch(frames, wanted);
@@ -51,14 +51,16 @@ public:
         } else {
             touch(frames, nullptr);
         }
-        exec_.for_each(rows(frames), sweep::BinRows<T>{frames, grid_, coding_, slots_.data(), bins_.data(), sign});
+        const sweep::BinRows<T> bin{frames, grid_, coding_, slots_.data(), bins_.data(), sign};
+        if constexpr (Exec::on_device) exec_.for_each(rows(frames) * frames.width, sweep::BinPixels<T>{bin});
+        else exec_.for_each(rows(frames), bin);
         exec_.mark(1);
     }
 
     void median(const FramesView& view) override {
         using namespace sweep;
-        exec_.mark(0);
         const Frames<T> frames = bring(view);
+        exec_.mark(0);
         std::uint32_t* wanted = wanted_list();
         touch(frames, wanted);
         place(wanted, 0);
@@ -71,8 +73,8 @@ public:
 
     void bezier(const FramesView& view) override {
         using namespace sweep;
-        exec_.mark(0);
         const Frames<T> frames = bring(view);
+        exec_.mark(0);
         const std::size_t n = std::size_t(std::max(1, ceil_div(frames.n - 1, 3))) * frames.height;
         std::uint32_t* wanted = wanted_list();
         exec_.for_each(n, BezierRows<T>{frames, grid_, coding_.scale, slots_.data(), wanted, nullptr});
@@ -167,7 +169,9 @@ private:
         n_slots_ += n_new;
     }
     void touch(const sweep::Frames<T>& frames, std::uint32_t* wanted) {
-        exec_.for_each(rows(frames), sweep::TouchBlocks<T>{frames, grid_, slots_.data(), wanted, changed_.data()});
+        const sweep::TouchBlocks<T> touch{frames, grid_, slots_.data(), wanted, changed_.data()};
+        if constexpr (Exec::on_device) exec_.for_each(rows(frames) * frames.width, sweep::TouchPixels<T>{touch});
+        else exec_.for_each(rows(frames), touch);
     }
     /// Room for n items of which the first `used` stay; half as much again when it grows.
     template <class U>

@@ -58,23 +58,18 @@ struct BinRows {
     GB_FN void operator()(std::size_t row) const {
         const T* values = frames.values + row * frames.width;
         const std::uint32_t order = frames.first_order + std::uint32_t(row) * frames.width;
-        std::size_t block = ~std::size_t(0), base = 0;
-        int voxel = -1;
-        std::int64_t sum = 0;
-        std::uint64_t count = 0, best = 0;
-        for_each_pixel(frames, row, grid, [&](std::size_t b, int v, int column) {
-            if (b != block || v != voxel) {
-                if (count) deposit(base + voxel, sum, count, best);
-                if (b != block) base = std::size_t(slots[block = b]) * kVoxels;
-                voxel = v;
-                sum = 0;
-                count = best = 0;
+        for_each_run(frames, row, grid, [&](std::size_t block, int voxel, int from, int to) {
+            const std::size_t at = std::size_t(slots[block]) * kVoxels + voxel;
+            if (coding.mode == Compounding::mean) {
+                std::int64_t sum = 0;
+                for (int i = from; i < to; ++i) sum += quantized(values[i], coding.scale);
+                deposit(at, sum, to - from);
+            } else {
+                std::uint64_t best = 0;
+                for (int i = from; i < to; ++i) best = most(best, ranked(values[i], order + i));
+                atomic_max(bins + at, best);
             }
-            ++count;
-            if (coding.mode == Compounding::mean) sum += quantized(values[column], coding.scale);
-            else best = most(best, ranked(values[column], order + column));
         });
-        if (count) deposit(base + voxel, sum, count, best);
     }
     GB_FN std::uint64_t ranked(T value, std::uint32_t order) const {
         const std::uint64_t v = ordered_bits(value);
@@ -82,16 +77,27 @@ struct BinRows {
         const std::uint64_t rank = coding.mode == Compounding::latest ? std::uint64_t(order) + 1 : ~std::uint64_t(order) & kNone;
         return rank << 32 | v;
     }
-    GB_FN void deposit(std::size_t at, std::int64_t sum, std::uint64_t count, std::uint64_t best) const {
-        if (coding.mode != Compounding::mean) {
-            atomic_max(bins + at, best);
-        } else if (coding.wide) {
+    GB_FN void deposit(std::size_t at, std::int64_t sum, std::uint64_t count) const {
+        if (coding.wide) {
             atomic_add(bins + 2 * at, std::uint64_t(sign * sum));
             atomic_add(bins + 2 * at + 1, std::uint64_t(std::int64_t(count) * sign));
         } else {
             const std::uint64_t both = std::uint64_t(sum) << kCountBits | count;
             atomic_add(bins + at, sign > 0 ? both : ~both + 1);
         }
+    }
+};
+/// The same, a pixel a thread.
+template <class T>
+struct BinPixels {
+    BinRows<T> rows;
+    GB_FN void operator()(std::size_t i) const {
+        visit_pixel(rows.frames, i, rows.grid, [&](std::size_t block, int voxel) {
+            const std::size_t at = std::size_t(rows.slots[block]) * kVoxels + voxel;
+            const T value = rows.frames.values[i];
+            if (rows.coding.mode == Compounding::mean) rows.deposit(at, quantized(value, rows.coding.scale), 1);
+            else atomic_max(rows.bins + at, rows.ranked(value, rows.frames.first_order + std::uint32_t(i)));
+        });
     }
 };
 

@@ -1,6 +1,8 @@
 // The sparse grid: blocks of 4 x 4 x 4 voxels, stored where pixels fell.  A block is the octree's
 // node two levels above its leaves, the voxels; inside it z y x are the two high, middle and low bits.
 #pragma once
+#include <cstring>
+
 #include "globule/exec/bits.hpp"
 #include "globule/sweep/walk.hpp"
 
@@ -38,6 +40,64 @@ GB_FN void for_each_pixel(const Frames<T>& frames, std::size_t row, const Grid& 
     }
 }
 
+/// Calls visit(block, voxel in block, column) for pixel i of all, if it lies inside.
+template <class T, class Visit>
+GB_FN void visit_pixel(const Frames<T>& frames, std::size_t i, const Grid& grid, const Visit& visit) {
+    const std::uint32_t row = std::uint32_t(i) / std::uint32_t(frames.width), column = std::uint32_t(i) % std::uint32_t(frames.width);
+    const std::uint32_t f = row / std::uint32_t(frames.height), j = row % std::uint32_t(frames.height);
+    if (frames.mask && !frames.mask[std::size_t(j) * frames.width + column]) return;
+    const Pose& pose = frames.poses[f];
+    std::uint32_t v[3];
+    for (int k = 0; k < 3; ++k) {
+        const Fix p = pose.origin[k] + Fix(j) * pose.y[k] + Fix(column) * pose.x[k];
+        if (p < 0 || (p >> kFraction) >= grid.size[k]) return;
+        v[k] = std::uint32_t(p >> kFraction);
+    }
+    visit(grid.block(v[0] >> 2, v[1] >> 2, v[2] >> 2), voxel_in_block(v[0], v[1], v[2]));
+}
+
+/// Calls visit(block, voxel in block, first column, column past the last) for the runs of a row's
+/// pixels that share a voxel; 64 pixels at a time as vectors, so a run may come in two pieces.
+template <class T, class Visit>
+GB_FN void for_each_run(const Frames<T>& frames, std::size_t row, const Grid& grid, const Visit& visit) {
+    constexpr int n = 64;
+    const Row r = row_inside(frames, row, grid.size);
+    const std::uint8_t* mask = frames.mask ? frames.mask + row % frames.height * frames.width : nullptr;
+    Fix at[3] = {r.at[0], r.at[1], r.at[2]};
+    for (int first = r.first; first <= r.last; first += n) {
+        const int count = least(n, r.last + 1 - first);
+        alignas(64) std::uint32_t v[3][n], block[n], voxel[n];
+        for (int k = 0; k < 3; ++k) {
+            Fix p = at[k];
+            for (int l = 0; l < n; ++l, p += r.step[k]) v[k][l] = std::uint32_t(std::uint64_t(p) >> kFraction);
+            at[k] = p;
+        }
+        const std::uint32_t nx = grid.blocks[0], ny = grid.blocks[1];
+        for (int l = 0; l < n; ++l) {
+            block[l] = ((v[2][l] >> 2) * ny + (v[1][l] >> 2)) * nx + (v[0][l] >> 2);
+            voxel[l] = (v[2][l] & 3) << 4 | (v[1][l] & 3) << 2 | (v[0][l] & 3);
+        }
+        if (mask)
+            for (int l = 0; l < count; ++l) voxel[l] |= mask[first + l] ? 0 : kVoxels;
+        alignas(64) std::uint8_t change[n];
+        change[0] = 1;
+        for (int l = 1; l < n; ++l) change[l] = ((block[l] ^ block[l - 1]) | (voxel[l] ^ voxel[l - 1])) != 0;
+        std::uint64_t starts = 0;
+        for (int l = 0; l < n; l += 8) {
+            std::uint64_t eight;
+            memcpy(&eight, change + l, 8);
+            starts |= (eight * 0x0102040810204080ull >> 56) << l;
+        }
+        starts &= ~std::uint64_t(0) >> (n - count);
+        while (starts) {
+            const int l = trailing_zeros(starts);
+            starts &= starts - 1;
+            const int end = starts ? trailing_zeros(starts) : count;
+            if (voxel[l] < kVoxels) visit(std::size_t(block[l]), int(voxel[l]), first + l, first + end);
+        }
+    }
+}
+
 /// Marks the blocks that pixels fall into as changed, and those that have no place yet as wanted.
 template <class T>
 struct TouchBlocks {
@@ -47,13 +107,19 @@ struct TouchBlocks {
     std::uint32_t* wanted;  ///< or null
     std::uint32_t* changed;
     GB_FN void operator()(std::size_t row) const {
-        std::size_t last = ~std::size_t(0);
-        for_each_pixel(frames, row, grid, [&](std::size_t block, int, int) {
-            if (block == last) return;
-            last = block;
-            changed[block] = 1;
-            if (wanted && slots[block] == kNone) wanted[block] = 1;
-        });
+        for_each_run(frames, row, grid, [&](std::size_t block, int, int, int) { mark(block); });
+    }
+    GB_FN void mark(std::size_t block) const {
+        changed[block] = 1;
+        if (wanted && slots[block] == kNone) wanted[block] = 1;
+    }
+};
+/// The same, a pixel a thread.
+template <class T>
+struct TouchPixels {
+    TouchBlocks<T> rows;
+    GB_FN void operator()(std::size_t i) const {
+        visit_pixel(rows.frames, i, rows.grid, [&](std::size_t block, int) { rows.mark(block); });
     }
 };
 
