@@ -200,6 +200,15 @@ def test_convert_sweeps_and_volumes(sweep, capsys):
     assert err.count("globule: error") == 2
 
 
+def test_convert_a_recording_without_calibration(capsys):
+    data = spine_data()
+    source, plus = data / "SpinePhantomFreehand.igs.mha", data / "NNMEAN.xml"
+    assert main(["convert", str(source), "a.igs.nrrd"]) == 0
+    assert same(gb.read_sweep(source, plus=plus), gb.read_sweep("a.igs.nrrd", plus=plus))
+    assert main(["convert", "a.igs.nrrd", "a.npz"]) == 2
+    assert "calibration" in capsys.readouterr().err
+
+
 # Live
 
 

@@ -85,6 +85,12 @@ def convert(path: str, output: str, kind: str) -> str:
     """Write a sweep or volume in another format of its kind; what was written, in words."""
     check_output("OUT", output, SWEEPS if kind == "sweep" else WRITABLE_VOLUMES)
     if kind == "sweep":
+        both = (path.lower(), output.lower())
+        if all(name.endswith((".mha", ".nrrd")) for name in both):
+            with mistakes():  # as it is: a recording may be without a calibration
+                recording = igs.read(path)
+                igs.write(output, recording)
+            return f"{output}: {count(len(recording.frames), 'frame')}"
         sweep = read_sweep_file(path)
         with mistakes():
             write_sweep(output, sweep)

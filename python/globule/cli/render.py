@@ -17,9 +17,10 @@ import numpy as np
 
 from ..camera import Camera
 from ..colormaps import NAMES as COLORMAPS
+from ..particles import Particles
 from ..render import MAX_PIXELS, Frame, RenderSettings, fit_camera, render
 from ..scene import KERNELS, Scene
-from . import look
+from . import look, medical
 from .shared import (
     Progress,
     UserError,
@@ -32,6 +33,7 @@ from .shared import (
     positive,
     print_json,
     read_particles,
+    read_volume_file,
     vector,
     warn,
 )
@@ -58,7 +60,8 @@ def size(text: str) -> tuple[int, int]:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
-    add("particles", nargs="+", metavar="PARTICLES", help="particle files of any known format")
+    add("particles", nargs="+", metavar="PARTICLES",
+        help="particle files of any known format, or volumes (.nrrd .mha .nii .vti .npz)")
     add("-o", "--output", required=True, metavar="IMAGE", help="picture to write, .png")
     add("--size", type=size, default=(1024, 782), metavar="WxH", help="pixels (default: 1024x782)")
     add("--aov", metavar="FILE.npz", help="also write color, depth, position, normal, albedo, mask")
@@ -80,6 +83,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                          help="radius of every particle's kernel, instead of the file's")
     surface.add_argument("--threshold", type=positive, metavar="T",
                          help="iso-value of the summed field (default: by kernel)")
+    surface.add_argument("--level", type=positive, metavar="V",
+                         help="iso-value of a volume (default: what splits its values best)")
     tree = parser.add_argument_group("octree")
     tree.add_argument("--octree", choices=("sparse", "dense"), default="sparse")
     tree.add_argument("--depth", type=int, metavar="N", help="deepest level")
@@ -131,7 +136,12 @@ def run(options: argparse.Namespace) -> None:
 def outputs(options: argparse.Namespace) -> tuple[list[str], list[str | None]]:
     """The files to write, one image and perhaps one .npz per input, all checked to be writable."""
     for path in options.particles:
-        check_input(path)
+        if medical.kind_of(path) != "volume":
+            check_input(path)
+            if options.level is not None:
+                raise UserError(f"--level: expected a volume, got {path}")
+        elif options.threshold is not None or options.support is not None:
+            raise UserError("--threshold, --support: expected --level for a volume")
     images = _names("-o", options.output, options.particles, ".png")
     arrays: list[str | None] = [None] * len(images)
     if options.aov:
@@ -199,9 +209,8 @@ def _picture(
     """One file's picture, and what there is to report of it."""
     start = time.perf_counter()
     progress.step(f"reading {path}")
-    particles = read_particles(path)
+    particles, threshold, messages = _particles(options, path)
     read_seconds = time.perf_counter() - start
-    messages = []
     finite = np.isfinite(particles.positions).all(axis=1)
     n, n_lost = len(particles), int((~finite).sum())
     if n == 0:
@@ -215,7 +224,7 @@ def _picture(
             particles.color = look.color_by(options, path, particles, messages)
         progress.step(f"building {path}")
         scene = Scene(
-            particles, options.kernel, options.threshold, options.support, options.key_bits,
+            particles, options.kernel, threshold, options.support, options.key_bits,
             options.depth, options.octree, options.device, options.threads,
         )
         view = camera(options, scene)
@@ -268,6 +277,21 @@ def _picture(
     if options.json:
         report["hashes"] = {"key_hash": tree.key_hash, "node_hash": tree.node_hash}
     return report
+
+
+def _particles(
+    options: argparse.Namespace, path: str
+) -> tuple[Particles, float | None, list[str]]:
+    """A file's particles, the threshold, and what to tell of it."""
+    if medical.kind_of(path) != "volume":
+        return read_particles(path), options.threshold, []
+    from ..volume_particles import iso_surface
+
+    volume = read_volume_file(path)
+    with mistakes():
+        surface = iso_surface(volume, options.level, options.kernel)
+    chosen = [] if options.level else [f"{path}: surface at {surface.level:.4g} (--level)"]
+    return surface.particles, surface.threshold, chosen
 
 
 def _save(frame: Frame, image: str, aov: str | None) -> None:
