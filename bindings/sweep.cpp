@@ -64,6 +64,7 @@ nb::tuple plus(PyReconstructor& self, const nb::dict& d, const nb::list& fillers
     r.fill_holes = item<bool>(d, "fill_holes");
     r.values = at<void>(item<Address>(d, "values"));
     r.accumulator = at<std::uint16_t>(item<Address>(d, "accumulator"));
+    r.origin = at<std::uint8_t>(item<Address>(d, "origin"));
     for (nb::handle h : fillers) {
         auto [type, length, n_sticks, ratio, weights] = nb::cast<std::tuple<int, int, int, float, std::vector<float>>>(h);
         r.fillers.push_back({type, length, n_sticks, ratio, std::move(weights)});

@@ -15,7 +15,7 @@ class PlusOf {
 public:
     explicit PlusOf(Exec& exec)
         : exec_(exec), frames_(exec), values_(exec), filled_(exec), acc_(exec), poses_(exec), sources_(exec),
-          masks_(exec), importance_(exec), words_(exec), near_(exec), kernels_(exec) {}
+          masks_(exec), importance_(exec), origin_(exec), words_(exec), near_(exec), kernels_(exec) {}
 
     void run(PlusRequest& r) {
         if (r.type == ScalarType::u8) run_as<std::uint8_t>(r);
@@ -54,10 +54,13 @@ private:
         else insert<T, double>(r, slices, frames, grid, values, acc);
         exec_.mark(1);
         T* result = values;
-        if (r.fill_holes && !r.fillers.empty()) result = fill(r, grid, values, acc);
+        std::uint8_t* origin = Exec::on_device ? origin_.reserve(grid.size()) : r.origin;
+        if (r.fill_holes && !r.fillers.empty()) result = fill(r, grid, values, acc, origin);
+        else exec_.for_each(grid.size(), MarkMeasured{acc, origin});
         exec_.mark(2);
         exec_.download(r.values, result, grid.size() * sizeof(T));
         exec_.download(r.accumulator, acc, grid.size() * sizeof(std::uint16_t));
+        if (Exec::on_device) exec_.download(r.origin, origin, grid.size());
         r.insert_seconds = exec_.elapsed(0, 1);
         r.fill_seconds = exec_.elapsed(1, 2);
     }
@@ -74,7 +77,7 @@ private:
     }
 
     template <class T>
-    T* fill(const PlusRequest& r, const plus::Grid& grid, const T* values, const std::uint16_t* acc) {
+    T* fill(const PlusRequest& r, const plus::Grid& grid, const T* values, const std::uint16_t* acc, std::uint8_t* origin) {
         using namespace plus;
         if (r.fillers.size() > kMaxFillers) throw std::invalid_argument("HoleFilling: expected at most 16 elements");
         const int n_words = ceil_div(grid.n[0], 64);
@@ -82,7 +85,7 @@ private:
         std::uint64_t* words = words_.reserve(n);
         std::uint64_t* near = near_.reserve(2 * n);
         T* out = reinterpret_cast<T*>(filled_.reserve(grid.size() * sizeof(T)));
-        FillRow<T> kernel{{grid, values, acc}, {words, n_words, grid.n[1], grid.n[2]}, near, int(r.fillers.size()), {}, out};
+        FillRow<T> kernel{{grid, values, acc}, {words, n_words, grid.n[1], grid.n[2]}, near, int(r.fillers.size()), {}, out, origin};
 
         std::vector<float> weights;
         for (const PlusRequest::Filler& f : r.fillers) weights.insert(weights.end(), f.weights.begin(), f.weights.end());
@@ -157,7 +160,7 @@ private:
     Buffer<plus::FramePose, Exec> poses_;
     Buffer<std::int32_t, Exec> sources_;
     Buffer<std::uint32_t, Exec> masks_;
-    Buffer<std::uint8_t, Exec> importance_;
+    Buffer<std::uint8_t, Exec> importance_, origin_;
     Buffer<std::uint64_t, Exec> words_, near_;
     Buffer<float, Exec> kernels_;
 };

@@ -37,6 +37,7 @@ struct PlusRequest {
     bool fill_holes;
     void* values;                            ///< out: (z, y, x) of the frames' type
     std::uint16_t* accumulator;              ///< out: (z, y, x)
+    std::uint8_t* origin;                    ///< out: (z, y, x) 0 measured, 1 filled, 255 neither
     double insert_seconds, fill_seconds;     ///< out
 };
 

@@ -20,6 +20,7 @@ from .device import choose
 from .plus_config import COMPOUNDINGS, FILLERS, INTERPOLATIONS, OPTIMIZATIONS, PlusConfig, read_plus_config
 from .plus_fan import detect_fan
 from .plus_region import pixel_sources
+from .sweep_grid import VoxelGrid, check_memory, free_host_bytes
 from .volume import Volume
 
 _TYPES = {np.dtype(np.uint8): 0, np.dtype(np.uint16): 1, np.dtype(np.float32): 2}
@@ -59,6 +60,11 @@ def reconstruct_plus(
     poses = [sweep.world_from_image[f].tolist() for f in valid]
     origin, spacing, size = _box(config, poses, (h, w), extent)
     mask = _importance(config, importance_mask, (h, w))
+    chosen = choose(device)
+    core = _core.Reconstructor(chosen.backend, chosen.index, threads)
+    grid = VoxelGrid(np.array(origin), min(spacing), tuple(size))
+    bytes_each = 2 * (2 * frames.itemsize + 3)  # values, filled, accumulator, origin; here and there
+    check_memory(math.prod(size) * bytes_each, core.free_bytes() or free_host_bytes(), grid)
 
     kept = [f for f in range(0, len(frames), config.skip) if sweep.valid[f]]
     angles = [detect_fan(config, frames[f]) if config.detect_fan else config.fan_angles for f in kept]
@@ -72,8 +78,8 @@ def reconstruct_plus(
     picked = np.ascontiguousarray(frames if len(kept) == len(frames) else frames[kept])
     values = np.empty(size[::-1], frames.dtype)
     accumulator = np.empty(size[::-1], np.uint16)
-    chosen = choose(device)
-    seconds = _core.Reconstructor(chosen.backend, chosen.index, threads).plus(
+    radius = np.empty(size[::-1], np.uint8)
+    seconds = core.plus(
         {
             "frames": (address(picked), False),
             "type": _TYPES[frames.dtype],
@@ -94,6 +100,7 @@ def reconstruct_plus(
             "fill_holes": config.fill_holes,
             "values": address(values),
             "accumulator": address(accumulator),
+            "origin": address(radius),
         },
         [
             (FILLERS.index(f.type), f.size, f.n_sticks, f.least_ratio, f.weights().ravel().tolist())
@@ -102,7 +109,6 @@ def reconstruct_plus(
     )
     world_from_voxel = np.diag([*spacing, 1.0])
     world_from_voxel[:3, 3] = origin
-    radius = np.where(accumulator > 0, 0, np.where(values != 0, 1, 255)).astype(np.uint8)
     info = {"insert_seconds": seconds[0], "fill_seconds": seconds[1], "accumulator": accumulator}
     return Volume(values, world_from_voxel, radius, getattr(sweep, "space", "LPS"), info)
 
@@ -125,8 +131,6 @@ def _box(config: PlusConfig, poses: list, shape: tuple[int, int], extent: str) -
         spacing[2] = (hi[2] - lo[2]) / math.floor((hi[2] - lo[2]) / spacing[2])
     steps = [(b - a) / s for a, b, s in zip(lo, hi, spacing)]
     size = [math.floor(s + 0.5 if extent == "round" else s) + 1 for s in steps]
-    if math.prod(size) > 2**33:
-        raise ValueError(f"OutputSpacing: {size[0]} x {size[1]} x {size[2]} voxels are too many")
     return lo, spacing, size
 
 

@@ -59,6 +59,12 @@ struct MarkOccupied {
     }
 };
 
+struct MarkMeasured {
+    const std::uint16_t* acc;
+    std::uint8_t* origin;
+    GB_FN void operator()(std::size_t i) const { origin[i] = acc[i] ? 0 : 255; }
+};
+
 /// True where anything lies within `reach` rows and planes of a word's row, in it or its neighbours.
 struct MarkNear {
     Occupancy rows;
@@ -201,6 +207,7 @@ struct FillRow {
     int n_fillers;
     Filler fillers[kMaxFillers];
     T* out;
+    std::uint8_t* origin;  ///< 0 measured, 1 filled, 255 neither
 
     GB_FN void operator()(std::size_t i) const {
         const Grid& grid = holes.grid;
@@ -210,7 +217,10 @@ struct FillRow {
         const std::uint64_t here = known.words[i];
         std::uint64_t todo = ~here & (~std::uint64_t(0) >> (64 - count));
         if (!near[i]) {  // nothing within reach: all fillers fail
-            for (int k = 0; k < count; ++k) out[base + k] = T(0);
+            for (int k = 0; k < count; ++k) {
+                out[base + k] = T(0);
+                origin[base + k] = 255;
+            }
             return;
         }
         for (int k = 0; k < count; ++k) out[base + k] = here >> k & 1 ? holes.values[base + k] : T(0);
@@ -223,6 +233,7 @@ struct FillRow {
                     if (holes.fill(fillers[f], 64 * w + k, y, z, out[base + k])) todo &= ~(std::uint64_t(1) << k);
                 }
         }
+        for (int k = 0; k < count; ++k) origin[base + k] = here >> k & 1 ? 0 : todo >> k & 1 ? 255 : 1;
     }
 
     static constexpr int kLongest = 8;
