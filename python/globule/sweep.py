@@ -9,6 +9,7 @@ import numpy as np
 
 DTYPES = ("uint8", "uint16", "float32")
 SPACES = ("LPS", "RAS")
+_FARTHEST = 1e9  # mm; farther poses count as missing
 
 
 @dataclass(eq=False, repr=False)
@@ -123,7 +124,8 @@ def checked_frames(value: Any) -> np.ndarray:
         low, high = (array.min(), array.max()) if array.size else (0, 0)
         whole = array.dtype.kind in "biu"
         fits = [kind for kind, most in (("uint8", 255), ("uint16", 65535)) if high <= most]
-        array = array.astype(fits[0] if whole and low >= 0 and fits else np.float32)
+        with np.errstate(over="ignore"):  # too large becomes inf, checked below
+            array = array.astype(fits[0] if whole and low >= 0 and fits else np.float32)
     array = np.ascontiguousarray(array, array.dtype.newbyteorder("="))
     if array.dtype == np.float32:
         good = np.isfinite(array).reshape(len(array), -1).all(axis=1)
@@ -135,7 +137,7 @@ def checked_frames(value: Any) -> np.ndarray:
 
 def _poses(value: Any, n: int) -> tuple[np.ndarray, np.ndarray]:
     matrices = _array("world_from_image", value, np.float64, (n, 4, 4))
-    finite = np.isfinite(matrices).all(axis=(1, 2))
+    finite = (np.abs(matrices) <= _FARTHEST).all(axis=(1, 2))  # NaN is not
     wrong = finite & ~(matrices[:, 3] == (0, 0, 0, 1)).all(axis=1)
     if wrong.any():
         i = int(np.argmax(wrong))

@@ -249,16 +249,19 @@ def _plot(
     except ImportError:
         setting.say(f"{figure}.png needs matplotlib: pip install globule[figures]")
         return
-    drawing = Figure(figsize=(6, 4), dpi=150, layout="constrained")
+    drawing = Figure(figsize=(9, 4), dpi=120, layout="constrained")
     FigureCanvasAgg(drawing)
-    axes = drawing.add_subplot()
-    for method, style in zip(methods, ("o-", "s--"), strict=True):
-        axes.errorbar(curves.shares, curves.means[method], curves.deviations[method],
-                      fmt=style, capsize=3, markersize=4, label=method.upper())  # fmt: skip
-    axes.set(xlabel="slices removed, %", ylabel="MSE / MSE$_0$", ylim=(0, 1.02), xlim=(-1, 101))
-    axes.set_title(name, fontsize=9)
-    axes.grid(alpha=0.3)
-    axes.legend()
+    drawing.suptitle(name, fontsize=9)
+    plain, logarithmic = drawing.subplots(1, 2)
+    for axes in (plain, logarithmic):
+        for method, style in zip(methods, ("o-", "s--"), strict=True):
+            axes.errorbar(curves.shares, curves.means[method], curves.deviations[method],
+                          fmt=style, capsize=3, markersize=4, label=method.upper())  # fmt: skip
+        axes.set(xlabel="slices removed, %", ylabel="MSE / MSE$_0$", xlim=(-1, 101))
+        axes.grid(alpha=0.3)
+    plain.set_ylim(0, 1.02)
+    plain.legend()
+    logarithmic.set_yscale("log")  # an error of 0 does not show
     drawing.savefig(os.path.join(setting.folder, f"{figure}.png"))
 
 

@@ -63,18 +63,20 @@ def chain(edges: Edges, path: list[tuple[str, str]], n: int) -> Transform:
         else:
             edge = edges[step[1], step[0]]
             factor = inverse(edge.matrices)
-        matrices = factor @ matrices
+        with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is not ok
+            matrices = factor @ matrices
         ok = ok & edge.ok & np.isfinite(factor).all(axis=(-2, -1))
-    return Transform(matrices, ok)
+    return Transform(matrices, ok & np.isfinite(matrices).all(axis=(-2, -1)))
 
 
 def inverse(matrices: np.ndarray) -> np.ndarray:
     """The inverse of each matrix, NaN where there is none."""
     usable = np.isfinite(matrices).all(axis=(-2, -1))
     safe = np.where(usable[..., None, None], matrices, np.eye(4))
-    usable &= np.abs(np.linalg.det(safe)) > 1e-300
-    safe = np.where(usable[..., None, None], safe, np.eye(4))
-    return np.where(usable[..., None, None], np.linalg.inv(safe), np.nan)
+    with np.errstate(over="ignore", invalid="ignore"):
+        usable &= np.abs(np.linalg.det(safe)) > 1e-300
+        safe = np.where(usable[..., None, None], safe, np.eye(4))
+        return np.where(usable[..., None, None], np.linalg.inv(safe), np.nan)
 
 
 def parse_matrix(text: str) -> np.ndarray:
