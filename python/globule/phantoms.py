@@ -97,10 +97,10 @@ def scan_volume(
     """
     values = np.asarray(values)
     voxel_from_image = np.linalg.inv(world_from_voxel) @ np.asarray(world_from_image, np.float64)
-    known = np.ones(values.shape, np.uint8)
+    measured = np.zeros(values.shape, np.uint8)  # all of it
     frames = np.empty((len(voxel_from_image), size[1], size[0]), np.float32)
     for frame, matrix in zip(frames, voxel_from_image, strict=True):
-        frame[:] = sample(values, known, _pixels(matrix, size), True)[0]
+        frame[:] = sample(values, measured, _pixels(matrix, size), True)[0]
     return frames
 
 

@@ -12,8 +12,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .files import atomic_write
-from .volume import EMPTY, FILLED, Volume
+from .volume import EMPTY, FILLED, MEASURED, Volume
 
+FAR = 255  # of a volume's kernel radii: empty
 _ROWS = 64  # of a slice at once: bounds the memory
 
 
@@ -47,7 +48,6 @@ def reslice(
     voxel_from_plane = np.linalg.inv(volume.world_from_voxel) @ matrix
     values = np.zeros((height, width), np.float32)
     origin = np.zeros((height, width), np.uint8)
-    known = volume.filled
     columns = np.arange(width, dtype=np.float64)
     for start in range(0, height, _ROWS):
         rows = np.arange(start, min(height, start + _ROWS), dtype=np.float64)
@@ -57,7 +57,7 @@ def reslice(
             + voxel_from_plane[:3, 3]
         )
         part = slice(start, start + len(rows))
-        values[part], origin[part] = sample(volume.values, known, points, linear)
+        values[part], origin[part] = sample(volume.values, volume.radius, points, linear)
     return Slice(values, origin)
 
 
@@ -70,29 +70,39 @@ def reslice_frame(volume: Volume, sweep: Any, i: int, linear: bool = True) -> Sl
 
 
 def sample(
-    values: np.ndarray, known: np.ndarray, points: np.ndarray, linear: bool
+    values: np.ndarray, radius: np.ndarray, points: np.ndarray, linear: bool
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Values (..., ) float32 and origins uint8 at voxel coordinates (..., 3), x first."""
+    """Values (...) float32 and origins (...) uint8 at voxel coordinates (..., 3), x first.
+
+    values, radius (Z, Y, X): those of a Volume.
+    """
     sizes = np.array(values.shape[::-1])
     nearest = np.floor(points + 0.5).astype(np.int64)
     inside = ((nearest >= 0) & (nearest < sizes)).all(axis=-1)
-    x, y, z = np.where(inside[..., None], nearest, 0).reshape(-1, 3).T
-    origin = np.where(inside, known[z, y, x].reshape(inside.shape), 0).astype(np.uint8)
+    steps = np.array([1, sizes[0], sizes[0] * sizes[1]])
+    values, radius = values.reshape(-1), radius.reshape(-1)
+    at = nearest[inside] @ steps
+    origin = np.full(inside.shape, EMPTY, np.uint8)
+    origin[inside] = _origin(radius[at])
+    out = np.zeros(inside.shape, np.float32)
     if not linear:
-        return np.where(origin > 0, values[z, y, x].reshape(inside.shape), 0), origin
-    low = np.floor(points).astype(np.int64)
-    share = (points - low).astype(np.float32)
-    total = np.zeros(inside.shape, np.float32)
-    weights = np.zeros(inside.shape, np.float32)
+        out[inside] = np.where(radius[at] != FAR, values[at], 0)
+        return out, origin
+    low = np.clip(np.floor(points[inside]).astype(np.int64), 0, np.maximum(sizes - 2, 0))
+    share = np.clip(points[inside] - low, 0, 1).astype(np.float32)
+    far = np.where(sizes > 1, steps, 0)  # to the next voxel, where there is one
+    low = low @ steps
+    total, weights = np.zeros(len(low), np.float32), np.zeros(len(low), np.float32)
     for corner in np.ndindex(2, 2, 2):
-        index = np.clip(low + corner, 0, sizes - 1).reshape(-1, 3).T
-        weight = np.prod(np.where(corner, share, 1 - share), axis=-1)
-        x, y, z = index
-        weight = weight * (known[z, y, x] > 0).reshape(inside.shape)
-        total += weight * values[z, y, x].reshape(inside.shape)
+        index = low + far @ corner
+        weight = (radius[index] != FAR).astype(np.float32)
+        for axis in range(3):
+            weight *= share[:, axis] if corner[axis] else 1 - share[:, axis]
+        total += weight * values[index]
         weights += weight
-    good = (origin > 0) & (weights > 0)
-    return np.where(good, total / np.where(weights > 0, weights, 1), 0), origin
+    known = (origin[inside] != EMPTY) & (weights > 0)
+    out[inside] = np.where(known, total / np.where(known, weights, 1), 0)
+    return out, origin
 
 
 def three_view(volume: Volume, center: Any = None, overlay: bool = False) -> np.ndarray:
@@ -107,10 +117,10 @@ def three_view(volume: Volume, center: Any = None, overlay: bool = False) -> np.
     From left to right the planes of x and y, of x and z, of y and z, in the volume's own axes and
     with square pixels; each plane's row 0 is the axis' beginning.
     """
-    values, known = volume.values, volume.filled
+    values, radius = volume.values, volume.radius
     sizes = np.array(values.shape[::-1])
     if center is None:
-        middle = _middle(known)
+        middle = _middle(radius != FAR)
     else:
         place = np.append(np.asarray(center, np.float64), 1.0)
         middle = np.floor(np.linalg.solve(volume.world_from_voxel, place)[:3] + 0.5).astype(int)
@@ -119,9 +129,9 @@ def three_view(volume: Volume, center: Any = None, overlay: bool = False) -> np.
     x, y, z = middle
     spacing = np.linalg.norm(volume.world_from_voxel[:3, :3], axis=0)
     planes = [
-        (values[z], known[z], spacing[1], spacing[0]),
-        (values[:, y], known[:, y], spacing[2], spacing[0]),
-        (values[:, :, x], known[:, :, x], spacing[2], spacing[1]),
+        (values[z], _origin(radius[z]), spacing[1], spacing[0]),
+        (values[:, y], _origin(radius[:, y]), spacing[2], spacing[0]),
+        (values[:, :, x], _origin(radius[:, :, x]), spacing[2], spacing[1]),
     ]
     shown = [plane for plane, *_ in planes]
     measured = np.concatenate([plane[origin > 0] for plane, origin, *_ in planes])
@@ -152,12 +162,18 @@ def save_three_view(path: str | os.PathLike, volume: Volume, center: Any = None)
         file.write(packed.getvalue())
 
 
+def _origin(radius: np.ndarray) -> np.ndarray:
+    """Kernel radii as origins: empty, measured or filled."""
+    other = np.where(radius == 0, np.uint8(MEASURED), np.uint8(FILLED))
+    return np.where(radius == FAR, np.uint8(EMPTY), other)
+
+
 def _middle(known: np.ndarray) -> np.ndarray:
-    """The middle, x first, of the box around everything that is not empty."""
+    """The middle, x first, of the box around everything that is known, (Z, Y, X) bool."""
     middle = []
     for axis in (2, 1, 0):
         others = tuple(a for a in range(3) if a != axis)
-        found = np.flatnonzero((known != EMPTY).any(axis=others))
+        found = np.flatnonzero(known.any(axis=others))
         middle.append((found[0] + found[-1]) // 2 if len(found) else known.shape[axis] // 2)
     return np.array(middle)
 
