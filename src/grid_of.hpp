@@ -274,7 +274,7 @@ private:
             if constexpr (!is_real<T>)
                 if (each.filler.tables.cubes.reach <= FillTile<T>::kReach) {
                     const int n_tiles = ceil_div(grid_.size[0], FillTile<T>::kLong);
-                    exec_.for_each_task(std::size_t(n_tiles) * grid_.blocks[1] * grid_.blocks[2], FillTile<T>{each, n_tiles});
+                    exec_.for_each_tile(std::size_t(n_tiles) * grid_.blocks[1] * grid_.blocks[2], FillTile<T>{each, n_tiles});
                     return;
                 }
             exec_.for_each_task(std::size_t(grid_.blocks[1]) * grid_.blocks[2], FillBlockRow<T>{each});

@@ -33,12 +33,14 @@ struct FillTile {
     FillVoxel<T> each;
     int n_tiles;  ///< along x
 
-    struct Scratch {
+    struct Room {
         S values[kHalo][kHalo][kLong + 2 * kReach];  ///< 0 where not measured
         std::uint8_t known[kHalo][kHalo][kLong + 2 * kReach];
         S sums[kPairs][kHalo][kBlock][kLong];        ///< [a <= b][z][y][x]
         std::uint8_t counts[kPairs][kHalo][kBlock][kLong];
     };
+    template <class Group>
+    using Scratch = Room;
 
     /// Distances squared on the surface of the cube of radius r, ascending.
     struct Classes {
@@ -59,8 +61,8 @@ struct FillTile {
         return out;
     }
 
-    void operator()(std::size_t i) const {
-        static thread_local Scratch scratch;
+    template <class Group>
+    void operator()(Group&, Room& scratch, std::size_t i) const {
         static const Classes classes[kReach + 1] = {classes_of(0), classes_of(1), classes_of(2), classes_of(3), classes_of(4)};
         const Grid& grid = each.filler.bins.grid;
         const int tile = int(i % n_tiles), by = int(i / n_tiles % grid.blocks[1]), bz = int(i / n_tiles / grid.blocks[1]);
@@ -90,7 +92,7 @@ struct FillTile {
             for (int y = kBlock * by; y < least(kBlock * (by + 1), grid.size[1]); ++y) row(y, z);
     }
 
-    void load(Scratch& s, int x0, int by, int bz) const {
+    void load(Room& s, int x0, int by, int bz) const {
         const Bins<T>& bins = each.filler.bins;
         memset(s.values, 0, sizeof s.values);
         memset(s.known, 0, sizeof s.known);
@@ -103,18 +105,19 @@ struct FillTile {
                     const std::uint64_t mask = bins.masks[block];
                     if (!mask) continue;
                     const T* from = bins.values + std::size_t(bins.slots[block]) * kVoxels;
-                    for (int v = 0; v < kVoxels; ++v) {
-                        const bool known = mask >> v & 1;
-                        const int k = 4 * dz + (v >> 4), j = 4 * dy + (v >> 2 & 3), l = 4 * dx + (v & 3);
-                        s.values[k][j][l] = known ? from[v] : 0;
-                        s.known[k][j][l] = known;
+                    for (int v = 0; v < kVoxels; v += 4) {
+                        const int k = 4 * dz + (v >> 4), j = 4 * dy + (v >> 2 & 3);
+                        // Bit i of four becomes byte i; values without a bit are 0 already.
+                        const std::uint32_t known = std::uint32_t((mask >> v & 15) * 0x00204081u) & 0x01010101u;
+                        memcpy(&s.known[k][j][4 * dx], &known, 4);
+                        for (int l = 0; l < 4; ++l) s.values[k][j][4 * dx + l] = from[v + l];
                     }
                 }
     }
 
     static int pair(int a, int b) { return a < b ? b * (b + 1) / 2 + a : a * (a + 1) / 2 + b; }
 
-    static void add_up(Scratch& s) {
+    static void add_up(Room& s) {
         for (int z = 0; z < kHalo; ++z) {
             alignas(64) S sums[kReach + 1][kHalo][kLong];
             alignas(64) std::uint8_t counts[kReach + 1][kHalo][kLong];
@@ -148,11 +151,12 @@ struct FillTile {
             for (int x = 0; x < kLong; ++x) out[x] = U(p[x] + q[x] + u[x] + v[x]);
     }
 
-    void fill_row(const Scratch& s, const Classes* classes, int x0, int width, int y, int z) const {
+    void fill_row(const Room& s, const Classes* classes, int x0, int width, int y, int z) const {
         const std::size_t base = each.filler.bins.grid.voxel(x0, y, z);
         const int j = y & 3, k = (z & 3) + kReach;
         for (int x = 0; x < width; x += kLanes) {
             const int n = least(kLanes, width - x);
+            if (!is_dirty(x0 + x, n, y, z)) continue;
             int open = 0;
             alignas(64) std::uint8_t hole[kLanes] = {};
             for (int l = 0; l < n; ++l) {
@@ -167,8 +171,16 @@ struct FillTile {
         }
     }
 
+    bool is_dirty(int x, int n, int y, int z) const {
+        if (!each.dirty) return true;
+        const std::size_t row = each.filler.bins.grid.block(0, y / kBlock, z / kBlock);
+        std::uint32_t any = 0;
+        for (int b = x / kBlock; b < ceil_div(x + n, kBlock); ++b) any |= each.dirty[row + b];
+        return any;
+    }
+
     /// The lanes whose cube of radius r is the first to hold something; how many.
-    int fill_lanes(const Scratch& s, const Classes& classes, int r, int x, int j, int k, std::uint8_t* hole, std::size_t base) const {
+    int fill_lanes(const Room& s, const Classes& classes, int r, int x, int j, int k, std::uint8_t* hole, std::size_t base) const {
         alignas(64) S sums[kMostClasses][kLanes];
         alignas(64) std::uint8_t counts[kMostClasses][kLanes];
         memset(sums, 0, classes.n * sizeof sums[0]);
