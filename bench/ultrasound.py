@@ -1,7 +1,7 @@
 """Speed of reconstruction: `python bench/ultrasound.py [--device cuda] [--sizes 128,256,512]`.
 
-A synthetic sweep, 131 frames of 387 x 400 pixels along a hand-like path (thesis Table 4.1), is binned
-and its holes are filled up to 9^3. Times are the best of some runs: `bin` and `fill` on the device
+A synthetic sweep, 131 frames of 387 x 400 pixels along a hand-like path (thesis Table 4.1), is
+binned and its holes are filled up to 9^3. Times are the best of some runs: `bin` and `fill` on the device
 from frames that are already there, `total` from host frames to a host volume. Prints a table and
 hashes of the volumes, which are the same on every device, and writes CSV.
 """
@@ -35,8 +35,8 @@ THESIS = {  # seconds on a GTX 1080, 131 frames
 
 
 def make_sweep(n: int, shape: tuple[int, int]) -> gb.Sweep:
-    """Frames of 0.1 mm pixels, 0.3 mm apart, the hand wobbling; blobs and speckle, from integers only
-    so that the sweep is the same on every machine."""
+    """Frames of 0.1 mm pixels, 0.3 mm apart, the hand wobbling; blobs and speckle, from integers
+    only, so that the sweep is the same on every machine."""
     h, w = shape
     rng = np.random.default_rng(44)
     speckle = rng.integers(0, 64, (h, w), np.int64)
@@ -78,7 +78,11 @@ def measure(sweep: gb.Sweep, size: int, method: str, device: str, threads: int, 
         dense = fill(core, grid, frames.dtype, options, whole, dense)
         total = time.perf_counter() - begin
         facts = core.facts()
-        for name, value in (("bin_ms", facts["bin_seconds"]), ("fill_ms", facts["fill_seconds"]), ("total_ms", total)):
+        for name, value in (
+            ("bin_ms", facts["bin_seconds"]),
+            ("fill_ms", facts["fill_seconds"]),
+            ("total_ms", total),
+        ):
             best[name] = min(best[name], 1e3 * value)
     values, radius = dense
     return {
@@ -133,10 +137,14 @@ def main() -> None:
     rows = []
     for size in options.sizes.split(","):
         for method in options.methods.split(","):
-            rows.append(measure(sweep, int(size), method, options.device, options.threads, options.runs))
+            rows.append(
+                measure(sweep, int(size), method, options.device, options.threads, options.runs)
+            )
             show(rows[-1])
     show(live(options.device, options.threads))
-    print(f"machine: {platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}")
+    print(
+        f"machine: {platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}"
+    )
     if options.output:
         write_csv(options.output, rows)
 

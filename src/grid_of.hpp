@@ -66,6 +66,7 @@ public:
         place(wanted, 0);
         const std::size_t n = emit(frames, Keying::bins, 64);
         T* values = reserve_values();
+        exec_.clear(values, n_slots_ * kVoxels * sizeof(T));
         exec_.for_each(n, TakeMedian<T>{n, keys_.data(), blocks_.data(), values, masks_.data()});
         taken_ = true;
         exec_.mark(1);

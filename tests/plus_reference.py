@@ -61,7 +61,7 @@ def insert(config, frames, matrices, size, sources, importance):
     acc = np.zeros(size[::-1], np.int64)
     fixed = config.optimization == "FULL"
     number = Fixed.of if fixed else float
-    for frame, m in zip(frames, matrices):
+    for frame, m in zip(frames, matrices, strict=True):
         flat = frame.ravel()
         m = [[number(v) for v in row] for row in m.tolist()]
         for row, column in np.ndindex(*frame.shape):
@@ -78,7 +78,7 @@ def insert(config, frames, matrices, size, sources, importance):
             weight = 256 if importance is None else int(importance.ravel()[s])
             if config.interpolation == "NEAREST_NEIGHBOR":
                 v = tuple(rounded(c) for c in p)
-                if all(0 <= c < n for c, n in zip(v, size)):
+                if all(0 <= c < n for c, n in zip(v, size, strict=True)):
                     nearest(config, out, acc, v[::-1], value, weight)
             else:
                 linear(config, out, acc, p, value, weight, size, number)
@@ -104,16 +104,15 @@ def nearest(config, out, acc, at, value, weight):
 
 def linear(config, out, acc, p, value, importance, size, number):
     low = [floor(c) for c in p]
-    f = [c - number(i) for c, i in zip(p, low)]
-    high = [i + (float(w) != 0) for i, w in zip(low, f)]
-    if any(i < 0 or j >= n for i, j, n in zip(low, high, size)):
+    f = [c - number(i) for c, i in zip(p, low, strict=True)]
+    high = [i + (float(w) != 0) for i, w in zip(low, f, strict=True)]
+    if any(i < 0 or j >= n for i, j, n in zip(low, high, size, strict=True)):
         return
     r = [number(1) - w for w in f]
     real = out.dtype == np.float32
     fixed = isinstance(p[0], Fixed)
     for j in range(7, -1, -1):
         bits = (j >> 2 & 1, j >> 1 & 1, j & 1)
-        w = [b and fw or rw for b, fw, rw in zip(bits, f, r)]
         w = [f[k] if bits[k] else r[k] for k in range(3)]
         weight = w[0] * (w[1] * w[2])
         if float(weight) == 0:
@@ -181,7 +180,11 @@ def one(filler, values, acc, at):
         for i in range(x - r, x + r + 1):
             for j in range(y - r, y + r + 1):
                 for k in range(z - r, z + r + 1):
-                    if not (0 <= i < values.shape[2] and 0 <= j < values.shape[1] and 0 <= k < values.shape[0]):
+                    if not (
+                        0 <= i < values.shape[2]
+                        and 0 <= j < values.shape[1]
+                        and 0 <= k < values.shape[0]
+                    ):
                         continue
                     a = acc[k, j, i]
                     if not a:
@@ -189,7 +192,11 @@ def one(filler, values, acc, at):
                     w = 1.0
                     if filler.type != "NEAREST_NEIGHBOR":
                         w = weights[k - z + half, j - y + half, i - x + half]
-                        w = float(F32(a) * w) if filler.type == "GAUSSIAN_ACCUMULATION" else float(w)
+                        w = (
+                            float(F32(a) * w)
+                            if filler.type == "GAUSSIAN_ACCUMULATION"
+                            else float(w)
+                        )
                     total += float(values[k, j, i]) * w
                     weight_sum += w
                     known += 1
@@ -212,7 +219,7 @@ def stick(filler, values, acc, at):
         for sign in (1, -1):
             for j in range(1, limit + 1):
                 v = (at[0] + sign * j * dz, at[1] + sign * j * dy, at[2] + sign * j * dx)
-                if not all(0 <= c < n for c, n in zip(v, values.shape)):
+                if not all(0 <= c < n for c, n in zip(v, values.shape, strict=True)):
                     break
                 if acc[v]:
                     ends.append((j, float(values[v])))

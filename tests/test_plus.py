@@ -1,4 +1,4 @@
-"""PLUS-exact reconstruction: PLUS' own reference volumes, and its arithmetic one pixel at a time."""
+"""PLUS-exact reconstruction: PLUS' own reference volumes, its arithmetic pixel by pixel."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ import globule as gb
 import numpy as np
 import plus_reference
 import pytest
+from globule.formats import FormatError
 from globule.plus import _box, _voxel_from_image, reconstruct_plus
 from globule.plus_config import Filler, PlusConfig, read_plus_config
 from globule.plus_fan import detect_fan
 from globule.plus_region import pixel_sources
-from globule.formats import FormatError
 from test_reconstruct import make_sweep
 
 DATA = Path(__file__).parents[2] / "shared" / "data" / "ultrasound"
@@ -48,7 +48,9 @@ def sweep_and_config(dtype, **settings):
 
 def expected(sweep, config, importance=None):
     shape = sweep.frames.shape[1:]
-    origin, spacing, size = _box(config, [m.tolist() for m in sweep.world_from_image], shape, "round")
+    origin, spacing, size = _box(
+        config, [m.tolist() for m in sweep.world_from_image], shape, "round"
+    )
     matrices = _voxel_from_image([m.tolist() for m in sweep.world_from_image], origin, spacing)
     sources = pixel_sources(config, shape, config.fan_angles, importance)
     values, acc = plus_reference.insert(config, sweep.frames, matrices, size, sources, importance)
@@ -83,7 +85,11 @@ def test_hole_fillers(backend, dtype):
         [Filler("GAUSSIAN", 5, deviation=1.2, least_ratio=0.1)],
         [Filler("GAUSSIAN_ACCUMULATION", 5, deviation=0.8)],
         [Filler("DISTANCE_WEIGHT_INVERSE", 4, least_ratio=0.01)],
-        [Filler("STICK", 4, 1), Filler("GAUSSIAN", 3, deviation=1.0, least_ratio=0.2), Filler("NEAREST_NEIGHBOR", 5)],
+        [
+            Filler("STICK", 4, 1),
+            Filler("GAUSSIAN", 3, deviation=1.0, least_ratio=0.2),
+            Filler("NEAREST_NEIGHBOR", 5),
+        ],
     ]
     sweep, config = sweep_and_config(dtype, interpolation="LINEAR", fill_holes=True)
     sweep.world_from_image[:, 2, 3] *= 3.0
@@ -95,8 +101,12 @@ def test_hole_fillers(backend, dtype):
 
 def test_saturated_accumulator(backend):
     """More than 255 pixels in a voxel: a recursive filter instead of the mean."""
-    for optimization, interpolation in itertools.product(("NONE", "FULL"), ("NEAREST_NEIGHBOR", "LINEAR")):
-        sweep, config = sweep_and_config(np.uint8, optimization=optimization, interpolation=interpolation)
+    for optimization, interpolation in itertools.product(
+        ("NONE", "FULL"), ("NEAREST_NEIGHBOR", "LINEAR")
+    ):
+        sweep, config = sweep_and_config(
+            np.uint8, optimization=optimization, interpolation=interpolation
+        )
         config.spacing = (6.0, 6.0, 6.0)
         volume = reconstruct_plus(sweep, config, **backend)
         values, acc = expected(sweep, config)
@@ -129,7 +139,9 @@ def test_skip_and_invalid_frames():
 
 
 def test_fan_detection():
-    config = PlusConfig((1, 1, 1), fan_angles=(-45, 45), fan_origin=(100, -20), fan_start=20, fan_stop=220)
+    config = PlusConfig(
+        (1, 1, 1), fan_angles=(-45, 45), fan_origin=(100, -20), fan_start=20, fan_stop=220
+    )
     j, i = np.indices((200, 200))
     angle = np.degrees(np.arctan2(i - 100, j + 20))
     frame = np.where((angle > -30) & (angle < 25), 120, 5).astype(np.uint8)
@@ -139,7 +151,9 @@ def test_fan_detection():
     assert detect_fan(config, np.zeros((200, 200), np.uint8)) is None
 
 
-XML = """<PlusConfiguration><VolumeReconstruction {}>{}</VolumeReconstruction></PlusConfiguration>"""
+XML = (
+    """<PlusConfiguration><VolumeReconstruction {}>{}</VolumeReconstruction></PlusConfiguration>"""
+)
 
 
 def test_configuration(tmp_path):

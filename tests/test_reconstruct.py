@@ -78,8 +78,15 @@ def test_compounding(backend, compounding):
 def test_kernel_sizes(backend, max_kernel):
     sweep = make_sweep(n=3, gap=5.0)
     for weights in ("normalized", "printed"):
-        volume = reconstruct(sweep, spacing=0.5, max_kernel=max_kernel, hole_weights=weights, **backend)
-        agree(volume, *sweep_oracle.reconstruct(sweep, grid_of(volume), "pvn-om", max_kernel, hole_weights=weights))
+        volume = reconstruct(
+            sweep, spacing=0.5, max_kernel=max_kernel, hole_weights=weights, **backend
+        )
+        agree(
+            volume,
+            *sweep_oracle.reconstruct(
+                sweep, grid_of(volume), "pvn-om", max_kernel, hole_weights=weights
+            ),
+        )
 
 
 def test_mask_region_and_invalid_frames(backend):
@@ -146,7 +153,9 @@ def test_maps(backend):
         np.testing.assert_array_equal(volume.source, source)
         n = np.maximum(count, 1)
         variance = square / n - (total / n) ** 2
-        np.testing.assert_allclose(volume.variance, np.maximum(variance, 0), rtol=1e-4, atol=1e-4 * variance.max())
+        np.testing.assert_allclose(
+            volume.variance, np.maximum(variance, 0), rtol=1e-4, atol=1e-4 * variance.max()
+        )
 
 
 def test_distance_limit_and_maps_of_origin(backend):

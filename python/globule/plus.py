@@ -1,7 +1,7 @@
 """Reconstruction exactly as the PLUS toolkit (IGSIO) does it, voxel for voxel.
 
-A configuration that PLUS reads gives the volume that PLUS writes, from one thread of PLUS: its 14-bit
-fixed point (Optimization FULL), its truncating running mean, its hole fillers. Use it to compare
+A configuration that PLUS reads gives the volume that one thread of PLUS writes: its 14-bit fixed
+ point (Optimization FULL), its truncating running mean, its hole fillers. Use it to compare
 with PLUS; `globule.reconstruct` is better and faster.
 Lasso et al., PLUS, IEEE Trans. Biomed. Eng. 61 (2014); source: github.com/IGSIO/IGSIO.
 """
@@ -17,7 +17,14 @@ import numpy as np
 from . import _core
 from .arrays import address
 from .device import choose
-from .plus_config import COMPOUNDINGS, FILLERS, INTERPOLATIONS, OPTIMIZATIONS, PlusConfig, read_plus_config
+from .plus_config import (
+    COMPOUNDINGS,
+    FILLERS,
+    INTERPOLATIONS,
+    OPTIMIZATIONS,
+    PlusConfig,
+    read_plus_config,
+)
 from .plus_fan import detect_fan
 from .plus_region import pixel_sources
 from .sweep_grid import VoxelGrid, check_memory, free_host_bytes
@@ -63,17 +70,23 @@ def reconstruct_plus(
     chosen = choose(device)
     core = _core.Reconstructor(chosen.backend, chosen.index, threads)
     grid = VoxelGrid(np.array(origin), min(spacing), tuple(size))
-    bytes_each = 2 * (2 * frames.itemsize + 3)  # values, filled, accumulator, origin; here and there
+    bytes_each = 2 * (
+        2 * frames.itemsize + 3
+    )  # values, filled, accumulator, origin; here and there
     check_memory(math.prod(size) * bytes_each, core.free_bytes() or free_host_bytes(), grid)
 
     kept = [f for f in range(0, len(frames), config.skip) if sweep.valid[f]]
-    angles = [detect_fan(config, frames[f]) if config.detect_fan else config.fan_angles for f in kept]
-    kept = [f for f, a in zip(kept, angles) if a is not None]
+    angles = [
+        detect_fan(config, frames[f]) if config.detect_fan else config.fan_angles for f in kept
+    ]
+    kept = [f for f, a in zip(kept, angles, strict=True) if a is not None]
     angles = [a for a in angles if a is not None]
     distinct = sorted(set(angles)) or [config.fan_angles]
     sources = np.stack([pixel_sources(config, (h, w), a, mask) for a in distinct])
     mask_of_frame = np.array([distinct.index(a) for a in angles], np.uint32)
-    matrices = _voxel_from_image([sweep.world_from_image[f].tolist() for f in kept], origin, spacing)
+    matrices = _voxel_from_image(
+        [sweep.world_from_image[f].tolist() for f in kept], origin, spacing
+    )
 
     picked = np.ascontiguousarray(frames if len(kept) == len(frames) else frames[kept])
     values = np.empty(size[::-1], frames.dtype)
@@ -114,7 +127,7 @@ def reconstruct_plus(
 
 
 def _box(config: PlusConfig, poses: list, shape: tuple[int, int], extent: str) -> tuple:
-    """Origin and spacing, mm, and voxels along x, y, z: the corners of clip and image, all frames."""
+    """Origin and spacing, mm, and voxels along x, y, z: corners of clip and image, all frames."""
     x0, x1, y0, y1 = 0, shape[1] - 1, 0, shape[0] - 1
     if min(config.clip_size) > 0:
         (cx, cy), (dx, dy) = config.clip_origin, config.clip_size
@@ -129,7 +142,7 @@ def _box(config: PlusConfig, poses: list, shape: tuple[int, int], extent: str) -
     spacing = list(config.spacing)
     if config.recompute_spacing and hi[2] - lo[2] >= spacing[2]:
         spacing[2] = (hi[2] - lo[2]) / math.floor((hi[2] - lo[2]) / spacing[2])
-    steps = [(b - a) / s for a, b, s in zip(lo, hi, spacing)]
+    steps = [(b - a) / s for a, b, s in zip(lo, hi, spacing, strict=True)]
     size = [math.floor(s + 0.5 if extent == "round" else s) + 1 for s in steps]
     return lo, spacing, size
 
@@ -139,7 +152,9 @@ def _importance(config: PlusConfig, mask: Any, shape: tuple[int, int]) -> np.nda
         return None
     if mask is None:
         if config.importance_file is None:
-            raise ValueError("importance_mask: CompoundingMode is IMPORTANCE_MASK, expected a mask, got none")
+            raise ValueError(
+                "importance_mask: CompoundingMode is IMPORTANCE_MASK, expected a mask, got none"
+            )
         from PIL import Image
 
         mask = np.asarray(Image.open(config.importance_file).convert("L"))
@@ -166,7 +181,10 @@ def _voxel_from_image(poses: list, origin: list, spacing: list) -> np.ndarray:
 
 def _product(a: list, b: list) -> list:
     return [
-        [a[i][0] * b[0][k] + a[i][1] * b[1][k] + a[i][2] * b[2][k] + a[i][3] * b[3][k] for k in range(4)]
+        [
+            a[i][0] * b[0][k] + a[i][1] * b[1][k] + a[i][2] * b[2][k] + a[i][3] * b[3][k]
+            for k in range(4)
+        ]
         for i in range(4)
     ]
 

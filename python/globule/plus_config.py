@@ -34,7 +34,7 @@ class Filler:
     least_ratio: float = 0.0
 
     def weights(self) -> np.ndarray:
-        """The kernel (size, size, size) float32, computed as PLUS does; empty where there is none."""
+        """The kernel (size, size, size) float32, as PLUS computes it; empty where there is none."""
         n = self.size
         if self.type in ("STICK", "NEAREST_NEIGHBOR"):
             return np.empty(0, np.float32)
@@ -102,7 +102,10 @@ def read_plus_config(path: str | os.PathLike) -> PlusConfig:
     read.into(config, "interpolation", read.choice("Interpolation", INTERPOLATIONS))
     read.into(config, "optimization", read.choice("Optimization", OPTIMIZATIONS))
     config.compounding = _compounding(read)
-    for name, attribute in (("clip_origin", "ClipRectangleOrigin"), ("clip_size", "ClipRectangleSize")):
+    for name, attribute in (
+        ("clip_origin", "ClipRectangleOrigin"),
+        ("clip_size", "ClipRectangleSize"),
+    ):
         value = read.numbers(attribute, 2)
         read.into(config, name, value and tuple(int(v) for v in value))
     read.into(config, "fan_angles", read.numbers("FanAngles", 2))
@@ -120,7 +123,9 @@ def read_plus_config(path: str | os.PathLike) -> PlusConfig:
     read.into(config, "recompute_spacing", read.flag("RecomputeOutputSpacing", "TRUE", "FALSE"))
     read.into(config, "fill_holes", read.flag("FillHoles", "ON", "OFF"))
     if config.fill_holes:
-        config.fillers = [_filler(path, e) for e in found[0].iter() if e.tag.lower() == "holefillingelement"]
+        config.fillers = [
+            _filler(path, e) for e in found[0].iter() if e.tag.lower() == "holefillingelement"
+        ]
         if not config.fillers:
             raise FormatError(f"{path}: FillHoles is ON: expected a HoleFillingElement, found none")
     name = found[0].get("ImportanceMaskFilename")
@@ -209,5 +214,7 @@ def _filler(path: Path, element: ElementTree.Element) -> Filler:
         if kind.startswith("GAUSSIAN"):
             filler.deviation = needed("Stdev", read.number)
     if not 1 <= filler.size <= 255:
-        raise FormatError(f"{path}: HoleFillingElement {kind}: expected a size of 1 to 255, got {filler.size}")
+        raise FormatError(
+            f"{path}: HoleFillingElement {kind}: expected a size of 1 to 255, got {filler.size}"
+        )
     return filler

@@ -49,7 +49,9 @@ def _round(x: float) -> int:
     return int(x + (0.5 if x >= 0 else -0.5))
 
 
-def _widest(angles: list[float], values: np.ndarray, config: PlusConfig, high: float) -> tuple[float, float]:
+def _widest(
+    angles: list[float], values: np.ndarray, config: PlusConfig, high: float
+) -> tuple[float, float]:
     """The widest run in which at least half of a moving window is bright."""
     n = 2 * config.detect_radius
     bright = np.concatenate(([0], np.cumsum(values >= config.detect_brightness)))
@@ -65,7 +67,7 @@ def _widest(angles: list[float], values: np.ndarray, config: PlusConfig, high: f
     if len(left) > len(right):
         right.append(high)
     best = (0.0, 0.0)
-    for a, b in zip(left, right):
+    for a, b in zip(left, right, strict=True):
         if b - a > best[1] - best[0]:
             best = (a, b)
     return best

@@ -1,4 +1,4 @@
-"""From a tracked sweep to a volume: pixel-based and voxel-based methods, spec'd in docs/ultrasound.md."""
+"""From a tracked sweep to a volume: pixel-based, voxel-based and Bezier methods."""
 
 from __future__ import annotations
 
@@ -94,20 +94,37 @@ def reconstruct(
     core = _core.Reconstructor(chosen.backend, chosen.index, threads)
     needed = estimate_bytes(grid, poses, frames.shape[1:], frames.itemsize, options.method)
     check_memory(needed, core.free_bytes() or free_host_bytes(), grid)
-    whole = ((address(frames), False), address(poses), 0 if mask is None else address(mask), *frames.shape)
+    whole = (
+        (address(frames), False),
+        address(poses),
+        0 if mask is None else address(mask),
+        *frames.shape,
+    )
     start(core, grid, frames, options)
     if options.method == "bezier":
         core.bezier(*whole)
     elif options.method == "pvn-om":
         core.median(*whole) if options.compounding == "median" else core.add(*whole, 0, 1)
     values, radius = fill(core, grid, frames.dtype, options, whole)
-    info = {**core.facts(), "estimated_bytes": needed, "device": chosen.name, "method": options.method}
+    info = {
+        **core.facts(),
+        "estimated_bytes": needed,
+        "device": chosen.name,
+        "method": options.method,
+    }
     source = FrameMaps(chosen, threads, grid, frames, poses, mask, valid)
-    return Volume(values, grid.world_from_voxel, radius, getattr(sweep, "space", "LPS"), info, source.make)
+    return Volume(
+        values, grid.world_from_voxel, radius, getattr(sweep, "space", "LPS"), info, source.make
+    )
 
 
 def start(
-    core: Any, grid: VoxelGrid, frames: np.ndarray, options: Options, wide: bool = False, scale: float | None = None
+    core: Any,
+    grid: VoxelGrid,
+    frames: np.ndarray,
+    options: Options,
+    wide: bool = False,
+    scale: float | None = None,
 ) -> None:
     """An empty grid in `core`; `wide` for sums of more than 2^24 pixels a voxel."""
     compounding = COMPOUNDINGS.index(options.compounding)
@@ -126,10 +143,15 @@ def value_scale(frames: np.ndarray, method: str = "pvn-om") -> float:
 
 
 def fill(
-    core: Any, grid: VoxelGrid, dtype: Any, options: Options, whole: tuple, last: tuple | None = None
+    core: Any,
+    grid: VoxelGrid,
+    dtype: Any,
+    options: Options,
+    whole: tuple,
+    last: tuple | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Dense values and kernel radii (Z, Y, X); those of the call before may be given as `last`, then
-    only what has changed since is written to them."""
+    """Dense values and kernel radii (Z, Y, X); those of the call before may be given as `last`,
+    then only what has changed since is written to them."""
     if last is not None:
         values, radius = last
     else:
@@ -161,15 +183,27 @@ class FrameMaps:
     """Maps of a volume, made from its frames when they are asked for."""
 
     def __init__(
-        self, chosen: Any, threads: int, grid: VoxelGrid, frames: np.ndarray, poses: np.ndarray, mask: np.ndarray | None, index: np.ndarray
+        self,
+        chosen: Any,
+        threads: int,
+        grid: VoxelGrid,
+        frames: np.ndarray,
+        poses: np.ndarray,
+        mask: np.ndarray | None,
+        index: np.ndarray,
     ):
         self.chosen, self.threads, self.grid = chosen, threads, grid
         self.frames, self.poses, self.mask, self.index = frames, poses, mask, index
 
     def make(self, name: str) -> np.ndarray:
-        """"count" uint32, "variance" float32 or "source" int32, (Z, Y, X)."""
+        """ "count" uint32, "variance" float32 or "source" int32, (Z, Y, X)."""
         core = _core.Reconstructor(self.chosen.backend, self.chosen.index, self.threads)
-        whole = ((address(self.frames), False), address(self.poses), 0 if self.mask is None else address(self.mask), *self.frames.shape)
+        whole = (
+            (address(self.frames), False),
+            address(self.poses),
+            0 if self.mask is None else address(self.mask),
+            *self.frames.shape,
+        )
         kind = {"count": np.uint32, "variance": np.float32, "source": np.int32}[name]
         out = np.empty(self.grid.size[::-1], kind)
         if name == "source":
@@ -189,7 +223,9 @@ class FrameMaps:
         return out
 
 
-def check_options(method: str, max_kernel: Any, compounding: str, hole_weights: str, max_distance: Any) -> Options:
+def check_options(
+    method: str, max_kernel: Any, compounding: str, hole_weights: str, max_distance: Any
+) -> Options:
     """The options, or ValueError naming the one that is wrong."""
     for name, value, names in (
         ("method", method, METHODS),
@@ -202,8 +238,12 @@ def check_options(method: str, max_kernel: Any, compounding: str, hole_weights: 
         raise ValueError(f"compounding: expected mean for method {method}, got {compounding!r}")
     odd = isinstance(max_kernel, (int, np.integer)) and max_kernel % 2 == 1
     if not odd or not 1 <= max_kernel <= MAX_KERNEL:
-        raise ValueError(f"max_kernel: expected an odd number of 1 to {MAX_KERNEL} voxels, got {max_kernel!r}")
-    if max_distance is not None and not (isinstance(max_distance, (int, float)) and max_distance >= 0):
+        raise ValueError(
+            f"max_kernel: expected an odd number of 1 to {MAX_KERNEL} voxels, got {max_kernel!r}"
+        )
+    if max_distance is not None and not (
+        isinstance(max_distance, (int, float)) and max_distance >= 0
+    ):
         raise ValueError(f"max_distance: expected 0 mm or more, got {max_distance!r}")
     return Options(method, int(max_kernel), compounding, hole_weights, max_distance)
 
@@ -225,13 +265,17 @@ def check_frames(frames: Any) -> np.ndarray:
 def check_poses(world_from_image: np.ndarray) -> None:
     """ValueError for poses that are no finite, regular affine maps."""
     if world_from_image.ndim != 3 or world_from_image.shape[1:] != (4, 4):
-        raise ValueError(f"world_from_image: expected shape (F, 4, 4), got {world_from_image.shape}")
+        raise ValueError(
+            f"world_from_image: expected shape (F, 4, 4), got {world_from_image.shape}"
+        )
     if not np.isfinite(world_from_image).all():
         raise ValueError("world_from_image: expected finite numbers, got NaN or infinity")
     x, y = world_from_image[:, :3, 0], world_from_image[:, :3, 1]
     area = np.linalg.norm(np.cross(x, y), axis=1)
     if not (area > 1e-12 * np.linalg.norm(x, axis=1) * np.linalg.norm(y, axis=1)).all():
-        raise ValueError("world_from_image: expected columns and rows that span a plane, got a singular calibration")
+        raise ValueError(
+            "world_from_image: expected axes that span a plane, got a singular calibration"
+        )
 
 
 def check_mask(mask: Any, shape: tuple[int, int]) -> np.ndarray | None:

@@ -45,8 +45,8 @@ class Reconstructor:
         mask: (H, W) bool: pixels that are used; default: all.
         history: frames that are kept so that `undo` can take them out of a mean; the other
             compoundings keep all.
-        max_kernel, compounding (not median), hole_weights, max_distance, region, device, threads: as
-            for `globule.reconstruct`.
+        max_kernel, compounding (not median), hole_weights, max_distance, region, device, threads:
+            as for `globule.reconstruct`.
 
     Raises:
         TypeError, ValueError: naming the argument, what was expected and what came.
@@ -68,7 +68,9 @@ class Reconstructor:
     ):
         self._options = check_options("pvn-om", max_kernel, compounding, hole_weights, max_distance)
         if compounding == "median":
-            raise ValueError("compounding: a median needs all frames at once, use globule.reconstruct")
+            raise ValueError(
+                "compounding: a median needs all frames at once, use globule.reconstruct"
+            )
         self._region = region
         self._mask = mask
         self._history = history if compounding == "mean" else None
@@ -99,11 +101,15 @@ class Reconstructor:
             world_from_image = world_from_image[None]
         check_poses(world_from_image)
         if len(world_from_image) != len(frames):
-            raise ValueError(f"poses: expected {len(frames)}, one a frame, got {len(world_from_image)}")
+            raise ValueError(
+                f"poses: expected {len(frames)}, one a frame, got {len(world_from_image)}"
+            )
         if self._type is None:
             self._begin(frames)
         self._check_alike(frames)
-        added = _Added(frames.copy(), world_from_image, *bounds(world_from_image, self._used, self._shape))
+        added = _Added(
+            frames.copy(), world_from_image, *bounds(world_from_image, self._used, self._shape)
+        )
         self._make_room(added)
         self._bin(added, 1)
         self._added.append(added)
@@ -129,10 +135,12 @@ class Reconstructor:
         """The volume of all frames so far; a copy, later frames do not change it."""
         if self._grid is None:
             raise ValueError("volume: expected frames to be added first, got none")
-        self._dense = fill(self._core, self._grid, self._type, self._options, _NO_FRAMES, self._dense)
+        self._dense = fill(
+            self._core, self._grid, self._type, self._options, _NO_FRAMES, self._dense
+        )
         first = np.rint((self._low - self._grid.low) / self.spacing).astype(int)
         last = first + np.rint((self._high - self._low) / self.spacing).astype(int)
-        part = tuple(slice(a, b) for a, b in zip(first[::-1], last[::-1]))
+        part = tuple(slice(a, b) for a, b in zip(first[::-1], last[::-1], strict=True))
         values, radius = (a[part].copy() for a in self._dense)
         grid = VoxelGrid(self._low, self.spacing, tuple(int(v) for v in last - first))
         return Volume(values, grid.world_from_voxel, radius, self._space, self._core.facts())
@@ -185,7 +193,9 @@ class Reconstructor:
         before = np.where(before > 0, before + slack, 0).astype(int)
         after = np.where(after > 0, after + slack, 0).astype(int)
         n = np.array(self._grid.size) + _BLOCK * (before + after)
-        self._grid = VoxelGrid(self._grid.low - before * edge, self.spacing, tuple(int(v) for v in n))
+        self._grid = VoxelGrid(
+            self._grid.low - before * edge, self.spacing, tuple(int(v) for v in n)
+        )
         self._reserve(added)
         self._core.grow(list(self._grid.size), before.tolist())
         self._dense = None
@@ -200,20 +210,38 @@ class Reconstructor:
     def _reserve(self, added: _Added) -> None:
         assert self._grid is not None
         needed = estimate_bytes(
-            self._grid, self._grid.poses(added.world_from_image), self._shape, self._type.itemsize, "pvn-om"
+            self._grid,
+            self._grid.poses(added.world_from_image),
+            self._shape,
+            self._type.itemsize,
+            "pvn-om",
         )
         check_memory(needed, self._core.free_bytes() or free_host_bytes(), self._grid)
 
     def _start(self) -> None:
         assert self._grid is not None
         self._dense = None
-        start(self._core, self._grid, np.empty(0, self._type), self._options, wide=True, scale=self._scale)
+        start(
+            self._core,
+            self._grid,
+            np.empty(0, self._type),
+            self._options,
+            wide=True,
+            scale=self._scale,
+        )
 
     def _bin(self, added: _Added, sign: int) -> None:
         assert self._grid is not None
         poses = self._grid.poses(added.world_from_image)
         mask = 0 if self._used is None else address(self._used)
-        self._core.add((address(added.frames), False), address(poses), mask, *added.frames.shape, self._order % 2**32, sign)
+        self._core.add(
+            (address(added.frames), False),
+            address(poses),
+            mask,
+            *added.frames.shape,
+            self._order % 2**32,
+            sign,
+        )
         if sign > 0:
             self._order += added.frames.size
 

@@ -1,4 +1,4 @@
-"""The grid that a sweep is reconstructed on: where its voxels lie, and whether they fit in memory."""
+"""The grid that a sweep is reconstructed on: where its voxels lie, whether they fit in memory."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ MAX_AXIS = 2**20
 
 @dataclass
 class VoxelGrid:
-    """Cubic voxels: `low` is the outer corner of voxel (0, 0, 0), mm, world; `size` voxels x, y, z."""
+    """Cubic voxels: `low` is the outer corner of voxel (0, 0, 0), mm, world; `size` is x, y, z."""
 
     low: np.ndarray
     spacing: float
@@ -33,16 +33,20 @@ class VoxelGrid:
         return matrix
 
     def poses(self, world_from_image: np.ndarray) -> np.ndarray:
-        """(F, 9) int64: origin, step of a column, step of a row, in voxels with 32 fractional bits."""
+        """(F, 9) int64: origin, column step, row step, in voxels with 32 fractional bits."""
         m = world_from_image[:, :3, :]
         origin = (m[:, :, 3] - self.low) / self.spacing
-        voxels = np.concatenate([origin, m[:, :, 0] / self.spacing, m[:, :, 1] / self.spacing], axis=1)
+        voxels = np.concatenate(
+            [origin, m[:, :, 0] / self.spacing, m[:, :, 1] / self.spacing], axis=1
+        )
         if not (np.abs(voxels) < 2.0**28).all():
             raise ValueError("sweep: a pose lies too far from the volume for this spacing")
         return np.ascontiguousarray(np.rint(voxels * 2.0**32), np.int64)
 
 
-def bounds(world_from_image: np.ndarray, mask: np.ndarray | None, shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
+def bounds(
+    world_from_image: np.ndarray, mask: np.ndarray | None, shape: tuple[int, int]
+) -> tuple[np.ndarray, np.ndarray]:
     """Lowest and highest corner of the used pixels' centres over all frames, mm."""
     rows, columns = np.arange(shape[0]), np.arange(shape[1])
     if mask is not None:
@@ -54,10 +58,15 @@ def bounds(world_from_image: np.ndarray, mask: np.ndarray | None, shape: tuple[i
     return places.min(0), places.max(0)
 
 
-def make_grid(low: np.ndarray, high: np.ndarray, spacing: float | None, size: Any, region: Any) -> VoxelGrid:
+def make_grid(
+    low: np.ndarray, high: np.ndarray, spacing: float | None, size: Any, region: Any
+) -> VoxelGrid:
     """A grid over the box of all pixels, or over `region`."""
     if (spacing is None) == (size is None):
-        raise ValueError("spacing, size: expected one of them, got " + ("both" if size is not None else "neither"))
+        raise ValueError(
+            "spacing, size: expected one of them, got "
+            + ("both" if size is not None else "neither")
+        )
     if region is not None:
         low, high = _region(region)
     extent = high - low
@@ -74,7 +83,9 @@ def make_grid(low: np.ndarray, high: np.ndarray, spacing: float | None, size: An
         steps = extent / spacing
         n = np.maximum(np.rint(steps), 1) if region is not None else np.floor(steps + 1e-6) + 1
     if (n > MAX_AXIS).any():
-        raise ValueError(f"spacing: expected at most {MAX_AXIS} voxels along an axis, got {int(n.max())}")
+        raise ValueError(
+            f"spacing: expected at most {MAX_AXIS} voxels along an axis, got {int(n.max())}"
+        )
     middle = 0.5 * (low + high)
     corner = low if region is not None else middle - 0.5 * n * spacing
     return VoxelGrid(corner, spacing, tuple(int(v) for v in n))
@@ -83,14 +94,18 @@ def make_grid(low: np.ndarray, high: np.ndarray, spacing: float | None, size: An
 def _region(region: Any) -> tuple[np.ndarray, np.ndarray]:
     box = np.asarray(region, np.float64)
     if box.shape != (2, 3) or not np.isfinite(box).all() or (box[0] >= box[1]).any():
-        raise ValueError(f"region: expected two corners ((x, y, z), (x, y, z)) in mm, low and high, got {region!r}")
+        raise ValueError(
+            f"region: expected two corners ((x, y, z), (x, y, z)), low and high, got {region!r}"
+        )
     return box[0], box[1]
 
 
 def _sizes(size: Any) -> np.ndarray:
     n = np.asarray(size)
     if n.dtype.kind not in "iu" or n.shape not in ((), (3,)) or (n < 1).any():
-        raise ValueError(f"size: expected voxels along the longest axis, or three numbers x, y, z, got {size!r}")
+        raise ValueError(
+            f"size: expected voxels along the longest axis, or three numbers x, y, z, got {size!r}"
+        )
     return n.astype(np.float64)
 
 
@@ -104,7 +119,9 @@ def _positive(name: str, value: Any) -> float:
     return number
 
 
-def estimate_bytes(grid: VoxelGrid, poses: np.ndarray, shape: tuple[int, int], itemsize: int, method: str) -> int:
+def estimate_bytes(
+    grid: VoxelGrid, poses: np.ndarray, shape: tuple[int, int], itemsize: int, method: str
+) -> int:
     """Memory that a reconstruction takes besides the frames, at most, bytes."""
     n, blocks = grid.n_voxels, math.prod(-(-s // 4) for s in grid.size)
     h, w = shape
@@ -116,7 +133,9 @@ def estimate_bytes(grid: VoxelGrid, poses: np.ndarray, shape: tuple[int, int], i
     if method == "vvn":
         return dense + points + 8 * n
     # A frame's plane crosses at most about three blocks for each block that its face covers.
-    steps = np.abs(poses[:, 3:].reshape(-1, 2, 3)).max(2) / 2.0**34 if len(poses) else np.zeros((0, 2))
+    steps = (
+        np.abs(poses[:, 3:].reshape(-1, 2, 3)).max(2) / 2.0**34 if len(poses) else np.zeros((0, 2))
+    )
     touched = 3 * ((steps[:, 0] * w + 2) * (steps[:, 1] * h + 2)).sum()
     return dense + points + int(min(blocks, touched, pixels)) * 64 * (16 + itemsize + 8)
 
@@ -128,7 +147,8 @@ def check_memory(bytes_needed: int, available: int, grid: VoxelGrid) -> None:
     if available and bytes_needed > available:
         fits = grid.spacing * (bytes_needed / available) ** (1 / 3) * 1.05
         raise MemoryError(
-            f"spacing: {x} x {y} x {z} voxels at {grid.spacing:.4g} mm need up to {bytes_needed / 2**30:.1f} GiB, "
+            f"spacing: {x} x {y} x {z} voxels at {grid.spacing:.4g} mm "
+            f"need up to {bytes_needed / 2**30:.1f} GiB, "
             f"{available / 2**30:.1f} GiB are free; {fits:.3g} mm would fit"
         )
 

@@ -18,7 +18,7 @@ class Volume:
     Args:
         values: (Z, Y, X) uint8, uint16 or float32; 0 where empty.
         world_from_voxel: (4, 4) float64, mm: voxel index (x, y, z, 1) to the voxel's centre.
-        radius: (Z, Y, X) uint8: 0 measured, k filled from a kernel of (2 k + 1)^3 voxels, 255 empty.
+        radius: (Z, Y, X) uint8: 0 measured, k filled from a cube of (2 k + 1)^3, 255 empty.
         space: what the world's axes mean, "LPS" or "RAS".
         info: figures of the reconstruction: times in seconds, bytes, counts.
         maps: makes a map by name ("count", "variance", "source") when it is asked for.
@@ -63,8 +63,8 @@ class Volume:
 
     @property
     def filled(self) -> np.ndarray:
-        """(Z, Y, X) uint8, where each value came from: EMPTY 0, MEASURED 1, or FILLED 2, interpolated
-        from measured voxels nearby."""
+        """(Z, Y, X) uint8, where each value came from: EMPTY 0, MEASURED 1, or FILLED 2,
+        interpolated from measured voxels nearby."""
         out = np.full(self.shape, FILLED, np.uint8)
         out[self.radius == 0] = MEASURED
         out[self.radius == _FAR] = EMPTY
@@ -72,8 +72,8 @@ class Volume:
 
     @property
     def hole_distance(self) -> np.ndarray:
-        """(Z, Y, X) float32, mm: the largest of the distances along x, y and z to the nearest measured
-        voxel; 0 where measured, infinite where none is within reach."""
+        """(Z, Y, X) float32, mm: the largest of the distances along x, y and z to the nearest
+        measured voxel; 0 where measured, infinite where none is within reach."""
         reach = self.radius.astype(np.float32) * np.float32(self.spacing.max())
         reach[self.radius == _FAR] = np.inf
         return reach
@@ -97,7 +97,7 @@ class Volume:
 
     @property
     def variance(self) -> np.ndarray:
-        """(Z, Y, X) float32: variance of those pixels' values about their mean; 0 for one or none."""
+        """(Z, Y, X) float32: variance of those pixels' values; 0 for one or none."""
         return self._map("variance")
 
     @property
@@ -108,7 +108,9 @@ class Volume:
     def _map(self, name: str) -> np.ndarray:
         if name not in self._maps:
             if self._make_map is None:
-                raise ValueError(f"{name}: this volume was not made from a sweep here, it has no such map")
+                raise ValueError(
+                    f"{name}: this volume was not made from a sweep here, it has no such map"
+                )
             self._maps[name] = self._make_map(name)
         return self._maps[name]
 
@@ -122,6 +124,7 @@ class Volume:
         z, y, x = self.shape
         spacing = " x ".join(f"{s:.4g}" for s in self.spacing)
         return (
-            f"Volume({x} x {y} x {z} {self.values.dtype}, {spacing} mm, {self.n_measured} measured, "
+            f"Volume({x} x {y} x {z} {self.values.dtype}, {spacing} mm, "
+            f"{self.n_measured} measured, "
             f"{self.n_filled} filled, {self.n_empty} empty)"
         )

@@ -125,41 +125,68 @@ struct MarkRuns {
     }
 };
 
+/// exp(-q) for 0 <= q <= 1 to 1e-7: its series about 1/2.  Only products and sums, so that it has the
+/// same bits everywhere and runs as vectors.
+GB_FN float exp_of_share(float q) {
+    const float x = 0.5f - q;
+    float s = 1.0f / 5040.0f;
+    s = s * x + 1.0f / 720.0f;
+    s = s * x + 1.0f / 120.0f;
+    s = s * x + 1.0f / 24.0f;
+    s = s * x + 1.0f / 6.0f;
+    s = s * x + 0.5f;
+    s = s * x + 1.0f;
+    s = s * x + 1.0f;
+    return s * 0.60653066f;
+}
+
 /// Weighted mean of the points within rho of a voxel's centre, given voxel by voxel; twice over the
-/// same points, first for the farthest.
+/// same points, first for the farthest.  Weights have 24 bits: sums of integers are exact.
 template <class T>
 struct Sphere {
     SortedPoints<T> points;
     float rho2;
-    float sigma2 = 0;
+    std::int32_t farthest = 0;  ///< bits of sigma^2; they order like the numbers
     std::uint32_t n = 0;
-    double sum = 0, weight = 0;
+    std::uint64_t weight = 0;
+    typename Sums<T>::Total sum = 0;
 
     GB_FN float distance2(std::uint32_t i, int dx, int dy, int dz) const {
         const float x = dx + (points.x[i] - 0.5f), y = dy + (points.y[i] - 0.5f), z = dz + (points.z[i] - 0.5f);
         return x * x + y * y + z * z;
     }
     GB_FN void look(std::uint32_t from, std::uint32_t to, int dx, int dy, int dz) {
+        std::int32_t most_bits = 0;
+        std::uint32_t count = 0;
         for (std::uint32_t i = from; i < to; ++i) {
             const float d2 = distance2(i, dx, dy, dz);
-            if (!(d2 <= rho2)) continue;
-            sigma2 = most(sigma2, d2);
-            ++n;
+            std::int32_t bits;
+            memcpy(&bits, &d2, 4);
+            const bool inside = d2 <= rho2;
+            most_bits = most(most_bits, inside ? bits : 0);
+            count += inside;
         }
+        farthest = most(farthest, most_bits);
+        n += count;
     }
     GB_FN void add(std::uint32_t from, std::uint32_t to, int dx, int dy, int dz) {
+        float sigma2;
+        memcpy(&sigma2, &farthest, 4);
+        const float share = sigma2 > 0 ? 1.0f / sigma2 : 0.0f;
+        std::uint64_t weights = 0;
+        typename Sums<T>::Total total = 0;
         for (std::uint32_t i = from; i < to; ++i) {
             const float d2 = distance2(i, dx, dy, dz);
-            if (!(d2 <= rho2)) continue;
-            const float w = sigma2 > 0 ? expf(-d2 / sigma2) : 1.0f;
-            sum += double(w) * points.values[i];
-            weight += w;
+            const float w = exp_of_share(d2 * share) * 0x1p24f;
+            const std::uint32_t whole = d2 <= rho2 ? std::uint32_t(std::int32_t(w)) : 0;
+            weights += whole;
+            total += Sums<T>::term(whole, points.values[i]);
         }
+        weight += weights;
+        sum += total;
     }
     GB_FN T value(HoleWeights kind) const {
-        const double v = sum / (kind == HoleWeights::normalized ? weight : double(n));
-        if constexpr (is_real<T>) return T(v);
-        else return T(v + 0.5);
+        return Sums<T>::quotient(sum, kind == HoleWeights::normalized ? weight : std::uint64_t(n) << 24);
     }
 };
 
