@@ -94,6 +94,23 @@ def test_json(capsys, monkeypatch):
     assert Path("out/4.3.csv").read_text() == "a,b\n1,\n"
 
 
+def test_times_and_memory(monkeypatch):
+    volume = Volume(np.ones((2, 2, 2), np.uint8), np.eye(4), info={"bytes": 2**20})
+    asked = []
+    monkeypatch.setattr(ultrasound, "_sweep", lambda n: n)
+    monkeypatch.setattr(
+        ultrasound, "reconstruct", lambda s, m, size, **_: asked.append((s, m, size)) or volume
+    )
+    times, memory = ultrasound.times_and_memory(Setting("out", device="cpu"))
+    assert (times.name, memory.name) == ("4.1", "4.2")
+    assert len(times.rows) == 36 and len(memory.rows) == 18
+    assert {(131, "pvn-om", (512,) * 3), (51, "vvn", (128,) * 3)} <= set(asked)
+    first = dict(zip(times.columns, times.rows[0], strict=True))
+    assert first["source s"] == 0.72 and first["octree, source"] == pytest.approx(4.98 / 0.72)
+    assert first["source/ours"] == pytest.approx(0.72 / first["ours s"])
+    assert memory.rows[0][3:5] == (1390, 1.0)
+
+
 def test_mistakes(capsys):
     assert main(["bench", "9.9"]) == 2
     assert "4.3" in capsys.readouterr().err and not Path("bench").exists()
