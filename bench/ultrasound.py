@@ -1,9 +1,9 @@
 """Speed of reconstruction: `python bench/ultrasound.py [--device cuda] [--sizes 128,256,512]`.
 
 A synthetic sweep, 131 frames of 387 x 400 pixels along a hand-like path (thesis Table 4.1), is
-binned and its holes are filled up to 9^3. Times are the best of some runs: `bin` and `fill` on the device
-from frames that are already there, `total` from host frames to a host volume. Prints a table and
-hashes of the volumes, which are the same on every device, and writes CSV.
+binned and its holes are filled up to 9^3. Times are the best of some runs: `bin` and `fill` on the
+device from frames that are already there, `total` from host frames to a host volume. Prints a
+table and hashes of the volumes, which are the same on every device, and writes CSV.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ import globule as gb
 from globule import _core
 from globule.arrays import address
 from globule.device import choose
-from globule.reconstruct import METHODS, Options, fill, start
+from globule.reconstruct import METHODS, Options, crowded, fill, start
 from globule.sweep_grid import bounds, make_grid
 from speed import write_csv
 
@@ -70,7 +70,7 @@ def measure(sweep: gb.Sweep, size: int, method: str, device: str, threads: int, 
     dense = None
     for _ in range(runs + 1):  # the first run takes the memory
         begin = time.perf_counter()
-        start(core, grid, frames, options)
+        start(core, grid, frames, options, crowded(poses, frames.shape[1:]))
         if method == "pvn-om":
             core.add(*whole, 0, 1)
         elif method == "bezier":

@@ -202,8 +202,13 @@ private:
     void finish(bool some) {
         if (some) keep(values_, n_finished_ * sweep::kVoxels, n_slots_ * sweep::kVoxels);
         else reserve_values();
-        exec_.for_each(n_slots_, sweep::FinishBlock<T>{coding_, blocks_.data(), bins_.data(), some ? changed_.data() : nullptr,
-                                                       values_.data(), masks_.data()});
+        const sweep::FinishBlock<T> blocks{coding_, blocks_.data(), bins_.data(), some ? changed_.data() : nullptr, values_.data(), masks_.data()};
+        if constexpr (Exec::on_device) {
+            exec_.for_each(n_slots_, sweep::ClearMask<T>{blocks});
+            exec_.for_each(n_slots_ * sweep::kVoxels, sweep::FinishVoxel<T>{blocks});
+        } else {
+            exec_.for_each(n_slots_, blocks);
+        }
     }
 
     sweep::DenseVolume<T> dense(const FillRequest& r) {

@@ -100,7 +100,7 @@ def reconstruct(
         0 if mask is None else address(mask),
         *frames.shape,
     )
-    start(core, grid, frames, options)
+    start(core, grid, frames, options, crowded(poses, frames.shape[1:]))
     if options.method == "bezier":
         core.bezier(*whole)
     elif options.method == "pvn-om":
@@ -123,15 +123,27 @@ def start(
     grid: VoxelGrid,
     frames: np.ndarray,
     options: Options,
-    wide: bool = False,
+    wide: bool = True,
     scale: float | None = None,
 ) -> None:
-    """An empty grid in `core`; `wide` for sums of more than 2^24 pixels a voxel."""
+    """An empty grid in `core`; not `wide`: no voxel may hold 2^24 pixels or more."""
     compounding = COMPOUNDINGS.index(options.compounding)
-    wide = wide or frames.dtype == np.float32 or frames.size >= 2**24 or options.method == "bezier"
+    wide = wide or frames.dtype == np.float32 or options.method == "bezier"
     if scale is None:
         scale = value_scale(frames, options.method)
     core.start(_TYPES[frames.dtype], compounding, wide, scale, *grid.size)
+
+
+def crowded(poses: np.ndarray, shape: tuple[int, int]) -> bool:
+    """Whether a voxel may hold 2^24 pixels or more. A plane meets it in a disc of diameter sqrt 3
+    at most; rows and columns of pixels fit into that as their distances allow."""
+    x, y = (poses[:, k : k + 3] / 2.0**32 for k in (3, 6))
+    column = np.linalg.norm(x, axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        row = np.linalg.norm(np.cross(x, y), axis=1) / column
+        bound = (np.sqrt(3) / column + 1) * (np.sqrt(3) / row + 1)
+    most = np.where(np.isfinite(bound), np.minimum(bound, math.prod(shape)), math.prod(shape))
+    return bool(most.sum() >= 2**24)
 
 
 def value_scale(frames: np.ndarray, method: str = "pvn-om") -> float:

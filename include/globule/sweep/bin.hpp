@@ -110,8 +110,9 @@ struct FinishBlock {
     const std::uint32_t* changed;  ///< per block, or null: all did
     T* values;            ///< (slots, 64)
     std::uint64_t* masks; ///< per block of the grid
+    GB_FN bool skips(std::size_t slot) const { return changed && !changed[block_of_slot[slot]]; }
     GB_FN void operator()(std::size_t slot) const {
-        if (changed && !changed[block_of_slot[slot]]) return;
+        if (skips(slot)) return;
         std::uint64_t mask = 0;
         for (int v = 0; v < kVoxels; ++v) {
             const std::size_t at = slot * kVoxels + v;
@@ -137,6 +138,25 @@ struct FinishBlock {
     }
     /// To nearest, halves up.
     GB_FN static T rounded(std::uint64_t sum, std::uint64_t count) { return T((sum + count / 2) / count); }
+};
+/// The same, a voxel a thread; masks are cleared first.
+template <class T>
+struct ClearMask {
+    FinishBlock<T> blocks;
+    GB_FN void operator()(std::size_t slot) const {
+        if (!blocks.skips(slot)) blocks.masks[blocks.block_of_slot[slot]] = 0;
+    }
+};
+template <class T>
+struct FinishVoxel {
+    FinishBlock<T> blocks;
+    GB_FN void operator()(std::size_t i) const {
+        const std::size_t slot = i / kVoxels;
+        if (blocks.skips(slot)) return;
+        T value{};
+        if (blocks.finish(i, value)) atomic_or(blocks.masks + blocks.block_of_slot[slot], std::uint64_t(1) << i % kVoxels);
+        blocks.values[i] = value;
+    }
 };
 
 }  // namespace globule::sweep
