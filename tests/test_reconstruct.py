@@ -89,6 +89,13 @@ def test_kernel_sizes(backend, max_kernel):
         )
 
 
+def test_kernel_beyond_the_table_of_weights(backend):
+    sweep = make_sweep(n=2, shape=(6, 6), gap=25.0)
+    volume = reconstruct(sweep, spacing=0.7, max_kernel=67, **backend)
+    agree(volume, *sweep_oracle.reconstruct(sweep, grid_of(volume), max_kernel=67))
+    assert volume.n_empty == 0 and volume.radius.max() > 15
+
+
 def test_mask_region_and_invalid_frames(backend):
     mask = np.zeros((20, 24), bool)
     mask[3:15, 5:20] = True

@@ -183,9 +183,9 @@ class Reconstructor:
         low, high = self._lattice(added)
         self._low, self._high = np.minimum(self._low, low), np.maximum(self._high, high)
         edge = _BLOCK * self.spacing
-        before = np.maximum(np.ceil((self._grid.low - self._low) / edge - 1e-6), 0)
+        before = np.maximum(np.ceil((self._grid.low - self._low) / edge - 1e-9), 0)
         top = self._grid.low + self.spacing * np.array(self._grid.size)
-        after = np.maximum(np.ceil((self._high - top) / edge - 1e-6), 0)
+        after = np.maximum(np.ceil((self._high - top) / edge - 1e-9), 0)
         if not (before.any() or after.any()):
             return
         # A quarter more than needed on each side that grows, so that few calls grow.
@@ -203,8 +203,8 @@ class Reconstructor:
     def _lattice(self, added: _Added) -> tuple[np.ndarray, np.ndarray]:
         """The frames' box, on voxel faces."""
         assert self._grid is not None
-        low = np.floor((added.low - self._grid.low) / self.spacing + 1e-6)
-        high = np.floor((added.high - self._grid.low) / self.spacing + 1e-6) + 1
+        low = np.floor((added.low - self._grid.low) / self.spacing + 1e-9)
+        high = np.floor((added.high - self._grid.low) / self.spacing + 1e-9) + 1
         return self._grid.low + low * self.spacing, self._grid.low + high * self.spacing
 
     def _reserve(self, added: _Added) -> None:
