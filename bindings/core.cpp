@@ -61,8 +61,11 @@ nb::tuple dlpack_view(nb::ndarray<nb::ro> a) {
 
 }  // namespace
 
+void bind_sweep(nb::module_& m);  // sweep.cpp
+
 NB_MODULE(_core, m) {
     nb::set_leak_warnings(false);  // an exception that ends the program may still hold frames
+    bind_sweep(m);
     m.def("cpu_backends", &cpu_backends);
     m.def("dlpack_view", &dlpack_view);
     m.def("describe", [](const std::string& backend, int index) {

@@ -14,6 +14,7 @@
 #include "globule/trace/clip.hpp"
 #include "globule/trace/thesis/request.hpp"
 #include "globule/trace/wave.hpp"
+#include "reconstructor.hpp"
 
 namespace globule {
 
@@ -116,6 +117,7 @@ struct BackendApi {
     std::unique_ptr<Scene> (*make_scene)(int device_index, int threads, Poll poll);
     /// One line naming the device, or why it cannot be used (then ok is false).
     std::string (*describe)(int device_index, bool& ok);
+    std::unique_ptr<Reconstructor> (*make_reconstructor)(int device_index, int threads, Poll poll);
 };
 
 }  // namespace globule

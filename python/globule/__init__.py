@@ -12,6 +12,7 @@ from . import _core  # noqa: E402, F401
 if _set:
     del os.environ["OMP_WAIT_POLICY"]
 
+from . import phantoms  # noqa: E402
 from .camera import Camera  # noqa: E402
 from .camera_path import CameraPath, orbit  # noqa: E402
 from .clips import ClipBox, ClipPlane, ClipSphere  # noqa: E402
@@ -36,13 +37,20 @@ from .lights import (  # noqa: E402
 from .materials import Material  # noqa: E402
 from .octree import field, gradient, intersect  # noqa: E402
 from .particles import Particles  # noqa: E402
+from .plus import reconstruct_plus  # noqa: E402
 from .presets import preset  # noqa: E402
+from .reconstruct import reconstruct  # noqa: E402
+from .reconstructor import Reconstructor  # noqa: E402
 from .render import Frame, Layer, Picked, RenderSettings, render  # noqa: E402
 from .scene import Scene  # noqa: E402
 from .sequence import read_ahead, render_sequence, value_range  # noqa: E402
 from .smoothing import anisotropy, without_strays  # noqa: E402
 from .spacing import local_spacing  # noqa: E402
+from .sweep import Sweep  # noqa: E402
+from .sweep_io import read_sweep, write_sweep  # noqa: E402
 from .thesis import Thesis  # noqa: E402
+from .volume import Volume  # noqa: E402
+from .volume_io import read_volume, write_volume  # noqa: E402
 
 __version__ = "0.1.0"
 __all__ = [
@@ -62,10 +70,13 @@ __all__ = [
     "Particles",
     "Picked",
     "PointLight",
+    "Reconstructor",
     "RenderSettings",
     "Scene",
     "Sky",
+    "Sweep",
     "Thesis",
+    "Volume",
     "add_legend",
     "anisotropy",
     "field",
@@ -75,14 +86,21 @@ __all__ = [
     "local_spacing",
     "mesh_particles",
     "orbit",
+    "phantoms",
     "preset",
     "read",
     "read_ahead",
     "read_environment",
+    "read_sweep",
+    "read_volume",
+    "reconstruct",
+    "reconstruct_plus",
     "render",
     "render_sequence",
     "tomography_particles",
     "value_range",
     "without_strays",
     "write",
+    "write_sweep",
+    "write_volume",
 ]

@@ -16,6 +16,22 @@ GB_FN int leading_zeros(std::uint64_t v) {
     return high ? leading_zeros(high) : 32 + leading_zeros(std::uint32_t(v));
 }
 
+/// Index of the lowest set bit; v is not 0.
+GB_FN int trailing_zeros(std::uint64_t v) {
+#if defined(__CUDA_ARCH__)
+    return __ffsll((long long)v) - 1;
+#else
+    return __builtin_ctzll(v);
+#endif
+}
+GB_FN int count_bits(std::uint64_t v) {
+#if defined(__CUDA_ARCH__)
+    return __popcll(v);
+#else
+    return __builtin_popcountll(v);
+#endif
+}
+
 /// Square root and quotient to within two units in the last place, where bounds allow for that.
 GB_FN float quick_root(float a) {
 #if defined(__CUDA_ARCH__)
@@ -59,14 +75,6 @@ GB_FN std::uint32_t atomic_take(std::uint32_t* counter, std::uint32_t n) {
 #endif
 }
 
-GB_FN void atomic_add(std::uint64_t* to, std::uint64_t n) {
-#if defined(__CUDA_ARCH__)
-    atomicAdd(reinterpret_cast<unsigned long long*>(to), (unsigned long long)n);
-#else
-    __atomic_fetch_add(to, n, __ATOMIC_RELAXED);
-#endif
-}
-
 /// Flags that several threads of one launch may raise and look at.
 GB_FN void raise_flag(std::uint8_t* flag) {
 #if defined(__CUDA_ARCH__)
@@ -80,6 +88,29 @@ GB_FN bool flag_is_up(const std::uint8_t* flag) {
     return *static_cast<const volatile std::uint8_t*>(flag);
 #else
     return __atomic_load_n(flag, __ATOMIC_RELAXED);
+#endif
+}
+/// Sums, greatest and bits of many threads' values; integers, so that no order can change the result.
+GB_FN void atomic_add(std::uint64_t* at, std::uint64_t v) {
+#if defined(__CUDA_ARCH__)
+    atomicAdd(reinterpret_cast<unsigned long long*>(at), (unsigned long long)v);
+#else
+    __atomic_fetch_add(at, v, __ATOMIC_RELAXED);
+#endif
+}
+GB_FN void atomic_or(std::uint64_t* at, std::uint64_t v) {
+#if defined(__CUDA_ARCH__)
+    atomicOr(reinterpret_cast<unsigned long long*>(at), (unsigned long long)v);
+#else
+    __atomic_fetch_or(at, v, __ATOMIC_RELAXED);
+#endif
+}
+GB_FN void atomic_max(std::uint64_t* at, std::uint64_t v) {
+#if defined(__CUDA_ARCH__)
+    atomicMax(reinterpret_cast<unsigned long long*>(at), (unsigned long long)v);
+#else
+    std::uint64_t now = __atomic_load_n(at, __ATOMIC_RELAXED);
+    while (now < v && !__atomic_compare_exchange_n(at, &now, v, true, __ATOMIC_RELAXED, __ATOMIC_RELAXED)) {}
 #endif
 }
 

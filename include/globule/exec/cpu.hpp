@@ -42,6 +42,8 @@ public:
     void download(void* to, const void* from, std::size_t bytes) { std::memcpy(to, from, bytes); }
     void clear(void* p, std::size_t bytes) { std::memset(p, 0, bytes); }
     void synchronize() {}
+    /// Memory that may still be taken; 0: not known here.
+    std::uint64_t free_bytes() const { return 0; }
     /// Time marks, so that a stage's duration can be asked for afterwards.
     void mark(int i) { marks_[i] = now(); }
     double elapsed(int from, int to) const { return marks_[to] - marks_[from]; }
@@ -66,6 +68,21 @@ public:
             for (std::size_t c = 0; c < ceil_div(n, chunk); ++c) {
                 if (cancelled_.load(std::memory_order_relaxed)) continue;
                 for (std::size_t i = c * chunk; i < std::min(n, (c + 1) * chunk); ++i) kernel(i);
+                poll_now(next_poll);
+            }
+        }
+    }
+
+    /// Few pieces of much and uneven work each; dealt out as threads become free.
+    template <class Kernel>
+    void for_each_task(std::size_t n, const Kernel& kernel) {
+#pragma omp parallel num_threads(threads_)
+        {
+            double next_poll = now() + 0.05;
+#pragma omp for schedule(dynamic, 1)
+            for (std::size_t i = 0; i < n; ++i) {
+                if (cancelled_.load(std::memory_order_relaxed)) continue;
+                kernel(i);
                 poll_now(next_poll);
             }
         }

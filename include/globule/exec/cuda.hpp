@@ -135,6 +135,11 @@ public:
     }
     void clear(void* p, std::size_t bytes) { check(cudaMemsetAsync(p, 0, bytes, stream_)); }
     void synchronize() { check(cudaStreamSynchronize(stream_)); }
+    std::uint64_t free_bytes() const {
+        std::size_t free = 0, total = 0;
+        check(cudaMemGetInfo(&free, &total));
+        return free;
+    }
 
     void mark(int i) { check(cudaEventRecord(marks_[i], stream_)); }
     double elapsed(int from, int to) {
@@ -148,6 +153,13 @@ public:
     void for_each(std::size_t n, const Kernel& kernel) {
         if (n == 0) return;
         const unsigned threads = n < 4096 ? 32 : 256;
+        run_each<<<unsigned(ceil_div<std::size_t>(n, threads)), threads, 0, stream_>>>(n, kernel);
+        check(cudaGetLastError());
+    }
+    template <class Kernel>
+    void for_each_task(std::size_t n, const Kernel& kernel) {
+        if (n == 0) return;
+        constexpr unsigned threads = 64;
         run_each<<<unsigned(ceil_div<std::size_t>(n, threads)), threads, 0, stream_>>>(n, kernel);
         check(cudaGetLastError());
     }

@@ -1,1 +1,1 @@
-"""Benchmarks that make the source's tables again; each module has SUMMARY and run()."""
+"""The source's tables and figures, made again; `globule bench` runs them."""

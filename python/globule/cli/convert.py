@@ -1,6 +1,7 @@
-"""Convert particles from one file format to another; the names' extensions say which.
+"""Convert particles, tracked sweeps or volumes to another file format; the names' extensions say
+which.
 
-Meshes and volumes are read only: they become particles."""
+Meshes, and with --level or --label volumes, become particles."""
 
 from __future__ import annotations
 
@@ -10,6 +11,7 @@ import numpy as np
 
 from ..formats import EXTENSIONS, READABLE, write
 from ..particles import SCALAR_FIELDS, Particles
+from . import medical
 from .shared import (
     add_reading,
     check_input,
@@ -21,9 +23,10 @@ from .shared import (
     say,
 )
 
-SUMMARY = "from one particle format to another"
+SUMMARY = "from one format to another"
 EXAMPLES = """\
   globule convert splash.npz splash.vtk
+  globule convert volume.npz volume.nii.gz
   globule convert head.nii.gz head.npz --level 90"""
 
 # Formats that keep some of the fields only; all others keep everything.
@@ -36,13 +39,19 @@ _FLOAT32_ONLY = (".bgeo", ".bgeo.gz")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("input", metavar="IN", help=f"file to read: {' '.join(READABLE)}")
-    parser.add_argument("output", metavar="OUT", help=f"file to write: {' '.join(EXTENSIONS)}")
+    formats = " ".join(dict.fromkeys((*READABLE, *medical.EXTENSIONS)))
+    parser.add_argument("input", metavar="IN", help=f"file to read: {formats}")
+    formats = " ".join(dict.fromkeys((*EXTENSIONS, *medical.EXTENSIONS)))
+    parser.add_argument("output", metavar="OUT", help=f"file to write: {formats}")
     add_reading(parser)
 
 
 def run(options: argparse.Namespace) -> None:
     given = reading(options)
+    kind = medical.kind_of(options.input)
+    if kind and not given:
+        print(medical.convert(options.input, options.output, kind))
+        return
     check_input(options.input, list(given))
     check_output("OUT", options.output, EXTENSIONS)
     particles = read_particles(options.input, **given)

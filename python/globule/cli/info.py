@@ -1,6 +1,7 @@
-"""Say what is in a particle file: how many, where, how far apart, and every field's range.
+"""Say what is in a file of particles, a tracked sweep or a volume: how many, where, how far apart,
+and every field's range.
 
-A mesh or volume is described as the particles that it is shown as."""
+A mesh, or with --level or --label a volume, is described as the particles that it is shown as."""
 
 from __future__ import annotations
 
@@ -12,6 +13,7 @@ import numpy as np
 
 from ..formats import READABLE, _format_of, tomography
 from ..particles import SCALAR_FIELDS, Particles
+from . import medical
 from .shared import (
     add_reading,
     check_input,
@@ -22,10 +24,10 @@ from .shared import (
     reading,
 )
 
-SUMMARY = "what is in a particle file"
+SUMMARY = "what is in a file"
 EXAMPLES = """\
   globule info splash.npz
-  globule info splash.npz --json
+  globule info sweep.igs.mha --json
   globule info head.nii.gz --level 90"""
 
 _FORMATS = {
@@ -54,13 +56,22 @@ _FORMATS = {
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("file", metavar="FILE", help=f"one of {' '.join(READABLE)}")
+    parser.add_argument("file", metavar="FILE", help=f"particles: {' '.join(READABLE)}; "
+                        f"sweeps, volumes: {' '.join(medical.EXTENSIONS)}")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     add_reading(parser)
 
 
 def run(options: argparse.Namespace) -> None:
     given = reading(options)
+    kind = medical.kind_of(options.file)
+    if kind and not given:
+        facts = medical.describe(options.file, kind)
+        if options.json:
+            print_json(facts)
+        else:
+            print("\n".join(medical.lines(facts)))
+        return
     check_input(options.file, list(given))
     facts = describe(options.file, read_particles(options.file, **given))
     if options.json:

@@ -233,7 +233,7 @@ def _picture(
     progress.step(f"reading {path}")
     particles = series.read()
     read_seconds = time.perf_counter() - start
-    messages = []
+    messages: list[str] = []
     finite = np.isfinite(particles.positions).all(axis=1)
     n, n_lost = len(particles), int((~finite).sum())
     if n == 0:

@@ -177,6 +177,29 @@ def stem(path: str) -> str:
     return name[: -len(max(endings, key=len))] if endings else name
 
 
+def read_sweep_file(path: str, **options: Any) -> Any:
+    """The tracked frames of a file or folder; what is wrong with them is the user's mistake."""
+    from ..sweep_io import read_sweep
+
+    try:
+        with mistakes():
+            return read_sweep(path, **options)
+    except OSError as error:
+        name = error.filename or path
+        raise UserError(f"{name}: cannot be read: {error.strerror or error}") from error
+
+
+def read_volume_file(path: str) -> Any:
+    """The volume of a file; what is wrong with it is the user's mistake."""
+    from ..volume_io import read_volume
+
+    try:
+        with mistakes():
+            return read_volume(path)
+    except OSError as error:
+        raise UserError(f"{path}: cannot be read: {error.strerror or error}") from error
+
+
 def check_output(option: str, path: str, extensions: Sequence[str]) -> None:
     """Refuse a file that could not be written, before any work."""
     if os.path.isdir(path):

@@ -1,0 +1,147 @@
+// Volumes from tracked sweeps: addresses in, addresses out, as in core.cpp.
+#include <nanobind/nanobind.h>
+#include <nanobind/stl/string.h>
+#include <nanobind/stl/tuple.h>
+#include <nanobind/stl/vector.h>
+
+#include "dispatch.hpp"
+#include "sweep_oracle.hpp"
+
+namespace nb = nanobind;
+using namespace globule;
+
+namespace {
+
+using Address = std::uintptr_t;
+template <class T>
+T* at(Address a) { return reinterpret_cast<T*>(a); }
+using Array = std::tuple<Address, bool>;
+
+bool poll_signals() {
+    nb::gil_scoped_acquire gil;
+    return PyErr_CheckSignals() != 0;
+}
+
+template <class Fn>
+auto work(const Fn& fn) {
+    try {
+        nb::gil_scoped_release release;
+        return fn();
+    } catch (const Cancelled&) {
+        throw nb::python_error();
+    }
+}
+
+struct PyReconstructor {
+    std::unique_ptr<Reconstructor> core;
+    ScalarType type = ScalarType::u8;
+    SweepGrid& grid() { return core->grid(type); }
+};
+
+template <class T>
+T item(const nb::dict& d, const char* name) { return nb::cast<T>(d[name]); }
+
+nb::tuple plus(PyReconstructor& self, const nb::dict& d, const nb::list& fillers) {
+    PlusRequest r{};
+    const Array frames = item<Array>(d, "frames");
+    r.frames = {at<const void>(std::get<0>(frames)), std::get<1>(frames)};
+    r.type = ScalarType(item<int>(d, "type"));
+    r.n_frames = item<int>(d, "n_frames");
+    r.height = item<int>(d, "height");
+    r.width = item<int>(d, "width");
+    r.voxel_from_image = at<const double>(item<Address>(d, "voxel_from_image"));
+    r.sources = at<const std::int32_t>(item<Address>(d, "sources"));
+    r.n_masks = item<int>(d, "n_masks");
+    r.mask_of_frame = at<const std::uint32_t>(item<Address>(d, "mask_of_frame"));
+    r.importance = at<const std::uint8_t>(item<Address>(d, "importance"));
+    const auto size = item<std::vector<int>>(d, "size");
+    for (int k = 0; k < 3; ++k) r.size[k] = size.at(k);
+    r.interpolation = item<int>(d, "interpolation");
+    r.optimization = item<int>(d, "optimization");
+    r.compounding = item<int>(d, "compounding");
+    r.rejects = item<bool>(d, "rejects");
+    r.rejection = item<double>(d, "rejection");
+    r.fill_holes = item<bool>(d, "fill_holes");
+    r.values = at<void>(item<Address>(d, "values"));
+    r.accumulator = at<std::uint16_t>(item<Address>(d, "accumulator"));
+    r.origin = at<std::uint8_t>(item<Address>(d, "origin"));
+    for (nb::handle h : fillers) {
+        auto [type, length, n_sticks, ratio, weights] = nb::cast<std::tuple<int, int, int, float, std::vector<float>>>(h);
+        r.fillers.push_back({type, length, n_sticks, ratio, std::move(weights)});
+    }
+    work([&] { self.core->plus(r); });
+    return nb::make_tuple(r.insert_seconds, r.fill_seconds);
+}
+
+FramesView view(Array values, Address poses, Address mask, int n, int height, int width, std::uint32_t first_order) {
+    return {{at<const void>(std::get<0>(values)), std::get<1>(values)}, at<const std::int64_t>(poses), at<const std::uint8_t>(mask),
+            n, height, width, first_order};
+}
+
+void oracle_sweep(const std::string& method, Address values, Address poses, Address mask, const std::vector<int>& frames,
+                  const std::vector<int>& size, bool whole, int compounding, int reach, bool printed, Address out, Address radius) {
+    const oracle::SweepInput in{frames.at(0), frames.at(1), frames.at(2), at<const double>(values), at<const std::int64_t>(poses),
+                                at<const std::uint8_t>(mask), {size.at(0), size.at(1), size.at(2)}, whole};
+    work([&] {
+        if (method == "vvn" || method == "vvn-om") {
+            oracle::gather(in, reach, printed, at<double>(out), at<std::uint8_t>(radius));
+            return;
+        }
+        std::vector<double> bins(std::size_t(in.size[0]) * in.size[1] * in.size[2]);
+        if (method == "bezier") oracle::bezier(in, bins.data());
+        else oracle::bin(in, compounding, bins.data());
+        oracle::fill(in.size, whole, bins.data(), reach, printed, at<double>(out), at<std::uint8_t>(radius));
+    });
+}
+
+}  // namespace
+
+void bind_sweep(nb::module_& m) {
+    m.def("oracle_sweep", &oracle_sweep);
+    nb::class_<PyReconstructor>(m, "Reconstructor")
+        .def("__init__", [](PyReconstructor* self, const std::string& backend, int index, int threads) {
+            new (self) PyReconstructor{open_backend(backend).make_reconstructor(index, threads, poll_signals)};
+        })
+        .def("start", [](PyReconstructor& s, int type, int compounding, bool wide, double scale, int nx, int ny, int nz) {
+            s.type = ScalarType(type);
+            work([&] { s.grid().start({s.type, compounding, wide, scale, {nx, ny, nz}}); });
+        })
+        .def("grow", [](PyReconstructor& s, std::vector<int> size, std::vector<int> shift) {
+            if (size.size() != 3 || shift.size() != 3) throw nb::value_error("grow: expected three sizes and three shifts");
+            work([&] { s.grid().grow(size.data(), shift.data()); });
+        })
+        .def("add", [](PyReconstructor& s, Array values, Address poses, Address mask, int n, int h, int w, std::uint32_t order, int sign) {
+            work([&] { s.grid().add(view(values, poses, mask, n, h, w, order), sign); });
+        })
+        .def("median", [](PyReconstructor& s, Array values, Address poses, Address mask, int n, int h, int w) {
+            work([&] { s.grid().median(view(values, poses, mask, n, h, w, 0)); });
+        })
+        .def("bezier", [](PyReconstructor& s, Array values, Address poses, Address mask, int n, int h, int w) {
+            work([&] { s.grid().bezier(view(values, poses, mask, n, h, w, 0)); });
+        })
+        .def("fill", [](PyReconstructor& s, int method, Array frames, Address poses, Address mask, int n, int h, int w, int reach,
+                        Address weights, int kind, Address values, Address radius, bool incremental) {
+            work([&] {
+                s.grid().fill(FillMethod(method), view(frames, poses, mask, n, h, w, 0),
+                             {reach, at<const std::uint32_t>(weights), kind, at<void>(values), at<std::uint8_t>(radius), incremental});
+            });
+        })
+        .def("count_map", [](PyReconstructor& s, Address out) { work([&] { s.grid().count_map(at<std::uint32_t>(out)); }); })
+        .def("variance_map", [](PyReconstructor& s, Array values, Address poses, Address mask, int n, int h, int w, Address out) {
+            work([&] { s.grid().variance_map(view(values, poses, mask, n, h, w, 0), at<float>(out)); });
+        })
+        .def("source_map", [](PyReconstructor& s, std::uint32_t pixels, Address out) {
+            work([&] { s.grid().source_map(pixels, at<std::int32_t>(out)); });
+        })
+        .def("facts", [](PyReconstructor& s) {
+            const VolumeFacts f = work([&] { return s.grid().facts(); });
+            nb::dict d;
+            d["n_blocks"] = f.n_blocks;
+            d["bytes"] = f.bytes;
+            d["bin_seconds"] = f.bin_seconds;
+            d["fill_seconds"] = f.fill_seconds;
+            return d;
+        })
+        .def("free_bytes", [](PyReconstructor& s) { return s.core->free_bytes(); })
+        .def("plus", &plus);
+}

@@ -1,0 +1,122 @@
+"""Diameters and separations of parallel cylinders in a volume (Table 4.3)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from ..volume import Volume
+
+_REACH = 2.0  # of the neighbourhood in which a circle is looked for, in expected radii
+
+
+class Cylinders(NamedTuple):
+    """diameters (S, C) mm and separations (S, C - 1) mm of C cylinders in S slabs."""
+
+    diameters: np.ndarray
+    separations: np.ndarray
+
+
+def measure_cylinders(
+    volume: Volume, places: Sequence[tuple[float, float]], diameter: float, slab: float = 1.0,
+    margin: float = 0.15,
+) -> Cylinders:  # fmt: skip
+    """Measure cylinders that run along z, in one slab after the other.
+
+    Args:
+        volume: axes along the world's.
+        places: (x, y) mm near each axis, in order; separations are between neighbours.
+        diameter: mm, about what is expected: bounds where a circle is looked for.
+        slab: mm, along z: voxels are averaged over it, so that speckle does not hide the edge.
+        margin: share of the slices left out at each end.
+
+    In every slab the circle is the one that splits its neighbourhood into the two most uniform
+    parts (largest variance between inside and outside), which gives its centre without any
+    threshold; its radius then is that of the disc which holds the grey that is missing. Empty
+    voxels do not count.
+    """
+    spacing, origin = volume.spacing, volume.world_from_voxel[:3, 3]
+    n = volume.values.shape[0]
+    thick = max(1, round(slab / float(spacing[2])))
+    diameters, centers = [], []
+    for z in range(int(n * margin), n - int(n * margin) - thick + 1, thick):
+        known = ~volume.empty[z : z + thick]
+        sums = (volume.values[z : z + thick] * known).sum(axis=0, dtype=np.float64)
+        counts = known.sum(axis=0)
+        grey = sums / np.maximum(counts, 1)
+        found = []
+        for x, y in places:
+            place = ((np.array([x, y]) - origin[:2]) / spacing[:2]).tolist()
+            radius = diameter / 2 / float(spacing[0])
+            found.append(_circle(grey, counts > 0, place, radius))
+        if all(found):
+            diameters.append([2 * r * spacing[0] for _, _, r in found])
+            centers.append([(x * spacing[0], y * spacing[1]) for x, y, _ in found])
+    if not centers:
+        raise ValueError("volume: expected cylinders in at least one slab, got none")
+    steps = np.diff(np.array(centers), axis=1)
+    return Cylinders(np.array(diameters), np.linalg.norm(steps, axis=2))
+
+
+def _circle(
+    values: np.ndarray, known: np.ndarray, place: list[float], radius: float
+) -> tuple[float, float, float] | None:
+    """Column, row and radius of the circle around about `place`, voxels; None if it is cut off."""
+    reach = int(np.ceil(_REACH * radius)) + 1
+    column, row = (round(v) for v in place)
+    top, left = row - reach, column - reach
+    if top < 0 or left < 0 or row + reach >= values.shape[0] or column + reach >= values.shape[1]:
+        return None
+    window = (slice(top, row + reach + 1), slice(left, column + reach + 1))
+    rows, columns = np.nonzero(known[window])
+    grey = values[window][rows, columns].astype(np.float64)
+    if len(grey) < 16:
+        return None
+    x, y = place[0] - left, place[1] - top
+    best = (-np.inf, 0.0)
+    step = 0.5 * radius
+    while step > 0.02:  # a finer and finer search around the best centre
+        tried = [(x + i * step, y + j * step) for i in (-1, 0, 1) for j in (-1, 0, 1)]
+        splits = [_split(columns - u, rows - v, grey, radius) for u, v in tried]
+        found = max(range(len(tried)), key=lambda k: splits[k][0])
+        if splits[found][0] > best[0]:
+            best, (x, y) = splits[found], tried[found]
+        if found == 4 or splits[found][0] <= best[0]:
+            step /= 2
+    return x + left, y + top, _radius(columns - x, rows - y, grey, best[1])
+
+
+def _radius(x: np.ndarray, y: np.ndarray, grey: np.ndarray, about: float) -> float:
+    """The radius whose disc, of the core's grey in the surroundings' grey, holds what is missing.
+
+    Blur moves grey across the edge and speckle makes it ragged; neither changes the sum.
+    """
+    distance = np.hypot(x, y)
+    core, around = distance < 0.6 * about, distance > 1.3 * about
+    if not core.any() or not around.any():
+        return about
+    inside, outside = grey[core].mean(), grey[around].mean()
+    if inside == outside:
+        return about
+    missing = ((outside - grey[~around]) / (outside - inside)).sum()
+    return float(np.sqrt(max(missing, 0.0) / np.pi))
+
+
+def _split(
+    x: np.ndarray, y: np.ndarray, grey: np.ndarray, expected: float
+) -> tuple[float, float]:
+    """Variance between inside and outside of the best circle around 0, and its radius."""
+    distance = np.hypot(x, y)
+    order = np.argsort(distance, kind="stable")
+    distance, grey = distance[order], grey[order]
+    inside = np.arange(1, len(grey))
+    sums = np.cumsum(grey)[:-1]
+    between = (sums / inside - (grey.sum() - sums) / (len(grey) - inside)) ** 2
+    between *= inside * (len(grey) - inside)
+    allowed = (distance[1:] > 0.4 * expected) & (distance[:-1] < 1.7 * expected)
+    if not allowed.any():
+        return -np.inf, 0.0
+    k = int(np.argmax(np.where(allowed, between, -1)))
+    return float(between[k]), float(np.sqrt((k + 1) / np.pi))

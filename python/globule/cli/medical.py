@@ -1,0 +1,169 @@
+"""What `info` and `convert` do with tracked sweeps and volumes."""
+
+from __future__ import annotations
+
+import os
+import zipfile
+from typing import Any
+
+import numpy as np
+
+from ..formats.errors import FormatError
+from ..sweep_io import WRITABLE as SWEEPS
+from ..sweep_io import is_sweep, write_sweep
+from ..sweeps import igs, stack
+from ..sweeps.transforms import WORLDS, find_path
+from ..volume_io import READABLE as VOLUMES
+from ..volume_io import WRITABLE as WRITABLE_VOLUMES
+from ..volume_io import write_volume
+from .shared import UserError, check_output, count, mistakes, read_sweep_file, read_volume_file
+
+EXTENSIONS = tuple(dict.fromkeys((*SWEEPS, *stack.DICOM, *VOLUMES)))
+
+
+def kind_of(path: str) -> str | None:
+    """"sweep", "volume", or None for everything else, which may be particles."""
+    name = path.lower()
+    if not os.path.isdir(path) and not name.endswith(EXTENSIONS):
+        return None
+    try:
+        if is_sweep(path):
+            return "sweep"
+        if name.endswith(".npz"):
+            with zipfile.ZipFile(path) as archive:
+                held = set(archive.namelist())
+            return "volume" if {"values.npy", "world_from_voxel.npy"} <= held else None
+    except zipfile.BadZipFile:
+        return None
+    except OSError as error:
+        raise UserError(f"{path}: expected a file to read, got: {error.strerror}") from error
+    return "volume"
+
+
+def describe(path: str, kind: str) -> dict[str, Any]:
+    """All that is known of a sweep or volume, as JSON has it."""
+    facts: dict[str, Any] = {"file": path, "kind": kind}
+    if os.path.isfile(path):
+        facts["bytes"] = os.path.getsize(path)
+    return facts | (_sweep(path) if kind == "sweep" else _volume(path))
+
+
+def lines(facts: dict[str, Any]) -> list[str]:
+    """The same in words."""
+    if facts["kind"] == "volume":
+        size = "x".join(map(str, facts["size"]))
+        spacing = " x ".join(f"{s:.6g}" for s in facts["spacing"])
+        counts = facts["counts"]
+        known = "" if facts["origin_known"] else " (assumed: the format does not say)"
+        return [
+            f"{facts['file']}: volume, {size} voxels {facts['dtype']}, {facts['space']}",
+            f"  spacing    {spacing} mm",
+            f"  bounds     {_place(facts['bounds']['lo'])}  to  {_place(facts['bounds']['hi'])} mm",
+            f"  values     {facts['min']:g} to {facts['max']:g}",
+            f"  voxels     {counts['measured']:,} measured, {counts['filled']:,} filled, "
+            f"{counts['empty']:,} empty{known}",
+        ]
+    size = "x".join(map(str, facts["size"]))
+    n_frames = count(facts["frames"], "frame")
+    found = [f"{facts['file']}: sweep, {n_frames} of {size} {facts['dtype']}"]
+    if facts["transforms"]:
+        found.append(f"  transforms {' '.join(facts['transforms'])}")
+    if facts["seconds"] is not None:
+        found.append(f"  duration   {facts['seconds']:.3f} s")
+    if facts["spacing"] is None:
+        return [*found, "  poses      need a calibration: no transform leads to the image"]
+    spacing = " x ".join(f"{s:.6g}" for s in facts["spacing"])
+    return [
+        *found,
+        f"  poses      {facts['valid']:,} valid, in {facts['world']} ({facts['space']})",
+        f"  pixel      {spacing} mm",
+        f"  bounds     {_place(facts['bounds']['lo'])}  to  {_place(facts['bounds']['hi'])} mm",
+    ]
+
+
+def convert(path: str, output: str, kind: str) -> str:
+    """Write a sweep or volume in another format of its kind; what was written, in words."""
+    check_output("OUT", output, SWEEPS if kind == "sweep" else WRITABLE_VOLUMES)
+    if kind == "sweep":
+        both = (path.lower(), output.lower())
+        if all(name.endswith((".mha", ".nrrd")) for name in both):
+            with mistakes():  # as it is: a recording may be without a calibration
+                recording = igs.read(path)
+                igs.write(output, recording)
+            return f"{output}: {count(len(recording.frames), 'frame')}"
+        sweep = read_sweep_file(path)
+        with mistakes():
+            write_sweep(output, sweep)
+        return f"{output}: {count(len(sweep), 'frame')}"
+    if output.lower().endswith((".igs.mha", ".igs.nrrd")):
+        raise UserError(f"OUT: expected a name of a volume's format, got {output}")
+    volume = read_volume_file(path)
+    with mistakes():
+        write_volume(output, volume)
+    return f"{output}: {'x'.join(map(str, volume.values.shape[::-1]))} voxels"
+
+
+def _sweep(path: str) -> dict[str, Any]:
+    facts: dict[str, Any] = {"transforms": [], "seconds": None, "spacing": None}
+    sweep = None
+    if path.lower().endswith(igs.EXTENSIONS):
+        try:
+            with mistakes():
+                recording = igs.read(path)
+        except OSError as error:
+            raise UserError(f"{path}: cannot be read: {error.strerror or error}") from error
+        frames, times = recording.frames, recording.times
+        facts["transforms"] = sorted(f"{a}To{b}" for a, b in recording.edges)
+        if any(find_path(recording.edges, "Image", world) for world in WORLDS):
+            sweep = read_sweep_file(path)
+    elif path.lower().endswith(stack.DICOM):
+        with mistakes():
+            frames, times, _ = stack.read_dicom(path)
+    else:
+        try:
+            sweep = read_sweep_file(path)
+        except UserError as error:
+            if not isinstance(error.__cause__, FormatError) or not os.path.isdir(path):
+                raise
+            with mistakes():  # pictures alone
+                frames, times, _ = stack.read_folder(path)
+    if sweep is not None:
+        frames, times = sweep.frames, sweep.timestamps
+        low, high = sweep.bounds()
+        facts |= {
+            "spacing": sweep.spacing, "valid": sweep.n_valid, "world": sweep.world,
+            "space": sweep.space, "bounds": {"lo": low, "hi": high},
+            "masked": None if sweep.mask is None else int((~sweep.mask).sum()),
+        }  # fmt: skip
+    if times is not None and len(times):
+        facts["seconds"] = float(np.ptp(times))
+    return facts | {
+        "frames": len(frames), "size": frames.shape[:0:-1], "dtype": str(frames.dtype)
+    }  # fmt: skip
+
+
+def _volume(path: str) -> dict[str, Any]:
+    volume = read_volume_file(path)
+    size = np.array(volume.values.shape[::-1])
+    ends = np.array([[x, y, z, 1] for x in (0, 1) for y in (0, 1) for z in (0, 1)], np.float64)
+    ends[:, :3] *= size - 1
+    places = (ends @ volume.world_from_voxel.T)[:, :3]
+    return {
+        "size": size,
+        "spacing": volume.spacing,
+        "world_from_voxel": volume.world_from_voxel,
+        "bounds": {"lo": places.min(axis=0), "hi": places.max(axis=0)},
+        "space": volume.space,
+        "dtype": str(volume.values.dtype),
+        "min": float(volume.values.min()),
+        "max": float(volume.values.max()),
+        "origin_known": volume.info.get("origin") == "stored",
+        "counts": {
+            "voxels": volume.values.size, "measured": volume.n_measured,
+            "filled": volume.n_filled, "empty": volume.n_empty,
+        },
+    }  # fmt: skip
+
+
+def _place(values: Any) -> str:
+    return " ".join(f"{v:.6g}" for v in values)

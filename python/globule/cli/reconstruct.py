@@ -1,0 +1,401 @@
+"""Reconstruct a volume from a tracked ultrasound sweep.
+
+SWEEP is a PLUS/IGSIO recording (.igs.mha, .igs.nrrd), an .npz, or a stack of images with --poses.
+VOLUME is .nrrd, .mha, .nii, .nii.gz, .vti, .npz, or .sparse.npz for the occupied blocks only; .vti
+and .npz also keep where each value came from. With --plus the volume is, voxel for voxel, the one
+that PLUS makes of the configuration; with --plus and --method, calibration and region come from the
+configuration and the rest is ours."""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+
+from ..sweep import Sweep
+from ..volume import Volume
+from ..volume_io import WRITABLE, write_volume
+from .shared import (
+    Progress,
+    UserError,
+    add_device,
+    check_device,
+    check_output,
+    count,
+    mistakes,
+    number,
+    positive,
+    print_json,
+    read_sweep_file,
+    warn,
+)
+
+SUMMARY = "tracked ultrasound sweeps to volumes"
+EXAMPLES = """\
+  globule reconstruct sweep.igs.mha --calibration probe.toml -o volume.nrrd --spacing 0.5
+  globule reconstruct sweep.igs.mha --plus config.xml -o volume.mha --three-view volume.png
+  globule reconstruct frames/ --poses poses.csv --frame-times 25 --calibration probe.toml -o v.npz
+  globule reconstruct sweep.igs.mha --calibration probe.toml --cross-validate 3"""
+
+METHODS = ("pvn-om", "vvn-om", "pvn", "vvn", "bezier")
+COMPARED = ("pvn-om", "vvn-om", "bezier")  # pvn and vvn give the same volumes, slower
+COMPOUNDINGS = ("mean", "maximum", "latest", "first", "median")
+DEFAULT_SIZE = 256
+
+
+def numbers(text: str) -> tuple[float, ...]:
+    """A,B,C …"""
+    return tuple(number(word) for word in text.split(","))
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add = parser.add_argument
+    add("sweep", nargs="?", metavar="SWEEP", help="file or folder of tracked frames")
+    add("-o", "--output", metavar="VOLUME", help=f"volume to write: {' '.join(WRITABLE)}")
+    add("--maps", action="store_true", help="also write pixel count, variance and latest frame")
+    add("--three-view", metavar="PNG", help="also write three planes, and where values came from")
+    add("--json", action="store_true", help="print one JSON object: times, counts, memory, hashes")
+    add("--cross-validate", type=int, metavar="K",
+        help="leave every K-th frame out, predict it from the rest, report the error per method")
+    add("--live", metavar="igtl://HOST:PORT",
+        help="take frames from an OpenIGTLink server instead of SWEEP, until it stops or Ctrl-C")
+    add("--idle", type=positive, default=5.0, metavar="S",
+        help="seconds of silence that end --live (default: 5)")
+    method = parser.add_argument_group("method")
+    method.add_argument("--method", choices=METHODS, metavar="NAME",
+                        help=f"{', '.join(METHODS)} (default: pvn-om)")
+    grid = method.add_mutually_exclusive_group()
+    grid.add_argument("--spacing", type=positive, metavar="MM", help="voxel size, mm")
+    grid.add_argument("--size", type=int, metavar="N",
+                      help=f"voxels along the longest axis (default: {DEFAULT_SIZE})")
+    method.add_argument("--region", type=numbers, metavar="X,Y,Z,X,Y,Z",
+                        help="lowest and highest corner, mm, world (default: all pixels)")
+    method.add_argument("--max-distance", type=number, metavar="MM",
+                        help="holes farther than this from any pixel stay empty")
+    method.add_argument("--max-kernel", type=int, default=9, metavar="N",
+                        help="side of the largest kernel that fills holes, voxels (default: 9)")
+    method.add_argument("--compounding", choices=COMPOUNDINGS, default="mean", metavar="NAME",
+                        help=f"{', '.join(COMPOUNDINGS)} (default: mean)")
+    method.add_argument("--hole-weights", choices=("normalized", "printed"), default="normalized",
+                        metavar="NAME", help="normalized (default), or printed as in the source")
+    place = parser.add_argument_group("where pixels lie")
+    place.add_argument("--calibration", metavar="FILE.toml", help="probe_from_image and region")
+    place.add_argument("--plus", metavar="CONFIG.xml", help="PLUS configuration")
+    place.add_argument("--poses", metavar="TABLE", help="pose table for a stack, .csv or .json")
+    place.add_argument("--frame-times", type=positive, metavar="FPS",
+                       help="frames per second of a stack that does not know its times")
+    place.add_argument("--temporal-offset", type=number, metavar="S",
+                       help="added to a frame's time to find its pose (default: the calibration's)")
+    place.add_argument("--clip", type=numbers, metavar="COLUMN,ROW,WIDTH,HEIGHT", help="pixels")
+    place.add_argument("--fan", type=numbers, metavar="COLUMN,ROW,FIRST,LAST,START,STOP",
+                       help="apex in pixels, angles in degrees, radii in pixels")
+    place.add_argument("--mask", metavar="IMAGE", help="picture, not 0 where tissue is")
+    place.add_argument("--keep-outliers", action="store_true",
+                       help="take frames whose pose jumps too (default: leave them out and say so)")
+    add_device(parser.add_argument_group("machine"))
+
+
+def run(options: argparse.Namespace) -> None:
+    _check(options)
+    check_device(options)
+    start = time.perf_counter()
+    messages: list[str] = []
+    with Progress(3 + bool(options.cross_validate)) as progress:
+        progress.step(f"reading {options.sweep or options.live}")
+        live = _Live(options, progress) if options.live else None
+        sweep = live.sweep() if live else _sweep(options)
+        read_seconds = time.perf_counter() - start
+        outliers = _without_outliers(sweep, options, messages)
+        n_lost = len(sweep) - sweep.n_valid - len(outliers)
+        if n_lost:
+            messages.append(f"{n_lost:,} of {count(len(sweep), 'frame')} without a valid pose or "
+                            "image, left out")
+        validations = {}
+        if options.cross_validate:
+            progress.step("predicting frames from the others")
+            validations = _cross_validate(sweep, options)
+        report: dict[str, Any] = {"input": options.sweep or options.live, "output": options.output}
+        times = {"read": read_seconds}
+        if options.output:
+            progress.step("reconstructing")
+            begun = time.perf_counter()
+            volume = live.volume() if live and not outliers else None
+            if volume is None:
+                volume = _volume(sweep, options)
+            times["reconstruct"] = time.perf_counter() - begun
+            progress.step(f"writing {options.output}")
+            begun = time.perf_counter()
+            with mistakes():
+                write_volume(options.output, volume, options.maps)
+                if options.three_view:
+                    from ..slices import save_three_view
+
+                    save_three_view(options.three_view, volume)
+            times["write"] = time.perf_counter() - begun
+            report |= _facts(volume, options)
+    times["total"] = time.perf_counter() - start
+    for message in messages:
+        warn(message)
+    if live:
+        report["live"] = live.figures()
+    report |= {
+        "device": _device(options),
+        "method": _method(options),
+        "frames": {"total": len(sweep), "used": sweep.n_valid, "outliers": outliers,
+                   "size": sweep.frames.shape[:0:-1], "dtype": str(sweep.frames.dtype)},
+        "world": sweep.world,
+        "space": sweep.space,
+        "cross_validation": {name: v._asdict() for name, v in validations.items()},
+        "times": times,
+        "warnings": messages,
+    }  # fmt: skip
+    if options.json:
+        print_json(report)
+    else:
+        print("\n".join(_lines(report)))
+
+
+def _check(options: argparse.Namespace) -> None:
+    """Refuse what cannot be, before any work."""
+    if bool(options.sweep) == bool(options.live):
+        got = "both" if options.sweep else "neither"
+        raise UserError(f"SWEEP: expected a sweep or --live, got {got}")
+    if options.output:
+        check_output("-o", options.output, WRITABLE)
+    elif not options.cross_validate:
+        raise UserError("-o: expected a volume to write, got none")
+    if options.three_view:
+        if not options.output:
+            raise UserError("--three-view: expected -o beside it, got none")
+        check_output("--three-view", options.three_view, [".png"])
+    if options.calibration and options.plus:
+        raise UserError("--plus: expected no --calibration beside it")
+    if options.live:
+        from ..sweeps.live import parse_address
+
+        with mistakes():
+            parse_address(options.live)
+        for name in ("poses", "frame_times", "temporal_offset"):
+            if getattr(options, name) is not None:
+                raise UserError(f"--{name.replace('_', '-')}: expected a SWEEP, got --live")
+    if options.cross_validate is not None and options.cross_validate < 2:
+        raise UserError(f"--cross-validate: expected 2 or more, got {options.cross_validate}")
+    if options.size is not None and not 1 <= options.size <= 65536:
+        raise UserError(f"--size: expected 1 to 65536, got {options.size}")
+    if options.region is not None and len(options.region) != 6:
+        raise UserError(f"--region: expected six numbers, got {len(options.region)}")
+    if options.max_kernel < 1 or options.max_kernel % 2 == 0:
+        raise UserError(f"--max-kernel: expected an odd number from 1, got {options.max_kernel}")
+    if _exact(options):
+        for name in ("spacing", "size", "region", "max_distance"):
+            if getattr(options, name) is not None:
+                option = name.replace("_", "-")
+                raise UserError(f"--{option}: expected --method beside --plus, which says its own")
+
+
+def _exact(options: argparse.Namespace) -> bool:
+    """Whether the volume is to be what PLUS makes."""
+    return options.plus is not None and options.method is None
+
+
+def _method(options: argparse.Namespace) -> str:
+    return "plus" if _exact(options) else options.method or METHODS[0]
+
+
+def _sweep(options: argparse.Namespace) -> Sweep:
+    return read_sweep_file(
+        options.sweep, calibration=options.calibration, plus=options.plus, poses=options.poses,
+        temporal_offset=options.temporal_offset, clip=options.clip, fan=options.fan,
+        mask=options.mask, frame_times=options.frame_times,
+    )  # fmt: skip
+
+
+class _Live:
+    """Frames of a server, put into the volume as they come where the method allows that."""
+
+    def __init__(self, options: argparse.Namespace, progress: Progress):
+        self.options, self.progress = options, progress
+        self.reconstructor: Any = None
+        self.seconds: list[float] = []
+        # A size is known only when all frames are there; a median needs them all.
+        self.grows = (
+            options.spacing is not None
+            and _method(options) == METHODS[0]
+            and options.compounding != "median"
+        )
+
+    def sweep(self) -> Sweep:
+        """All frames, until the server stops."""
+        from ..sweeps.live import receive_sweep
+
+        options = self.options
+        try:
+            with mistakes():
+                return receive_sweep(
+                    options.live, options.calibration, options.plus, options.idle, self._take,
+                    clip=options.clip, fan=options.fan, mask=options.mask,
+                )  # fmt: skip
+        except ConnectionError as error:
+            raise UserError(f"--{error}") from error
+
+    def volume(self) -> Volume | None:
+        """The volume of all frames so far; None if they were only collected."""
+        return self.reconstructor.volume() if self.reconstructor else None
+
+    def figures(self) -> dict[str, Any]:
+        """Seconds that a frame took until it was in the volume."""
+        if not self.seconds:
+            return {"grew": False}
+        return {
+            "grew": True,
+            "median_seconds": float(np.median(self.seconds)),
+            "longest_seconds": max(self.seconds),
+        }
+
+    def _take(self, n: int, frame: Any) -> None:
+        if self.grows:
+            begun = time.perf_counter()
+            if self.reconstructor is None:
+                self.reconstructor = self._reconstructor(frame)
+            self.reconstructor.add(frame.image, frame.world_from_image)
+            self.seconds.append(time.perf_counter() - begun)
+        if self.progress.shown and n % 10 == 0:
+            self.progress.done -= 1
+            self.progress.step(f"{n:,} frames from {self.options.live}, Ctrl-C ends")
+
+    def _reconstructor(self, frame: Any) -> Any:
+        from ..reconstructor import Reconstructor
+        from ..sweeps.setup import Setup
+
+        options = self.options
+        setup = Setup(
+            options.calibration, options.plus, options.clip, options.fan, options.mask
+        )
+        return Reconstructor(mask=setup.mask(frame.image.shape), **_options_of(options))
+
+
+def _without_outliers(sweep: Sweep, options: argparse.Namespace, messages: list[str]) -> list[int]:
+    """Take frames whose pose jumps out of the sweep; their numbers."""
+    from ..trust import check_poses
+
+    if options.keep_outliers or _exact(options):
+        return []
+    found = np.flatnonzero(check_poses(sweep).outliers).tolist()
+    sweep.valid[found] = False
+    if found:
+        which = ", ".join(map(str, found[:8])) + (" …" if len(found) > 8 else "")
+        messages.append(f"{count(len(found), 'frame')} left out, the pose jumps: {which} "
+                        "(--keep-outliers takes them)")
+    return found
+
+
+def _options_of(options: argparse.Namespace) -> dict[str, Any]:
+    given = {
+        "max_kernel": options.max_kernel,
+        "compounding": options.compounding,
+        "hole_weights": options.hole_weights,
+        "device": options.device,
+        "threads": options.threads,
+    }
+    for name in ("spacing", "size", "max_distance"):
+        if getattr(options, name) is not None:
+            given[name] = getattr(options, name)
+    if options.spacing is None and options.size is None:
+        given["size"] = DEFAULT_SIZE
+    if options.region is not None:
+        given["region"] = (options.region[:3], options.region[3:])
+    return given
+
+
+@contextmanager
+def _fitting() -> Iterator[None]:
+    """What the library refuses is the user's mistake, and so is a volume that cannot fit."""
+    try:
+        with mistakes():
+            yield
+    except MemoryError as error:
+        raise UserError(str(error)) from error
+
+
+def _cross_validate(sweep: Sweep, options: argparse.Namespace) -> dict[str, Any]:
+    from ..trust import compare_methods
+
+    methods = (options.method,) if options.method else COMPARED
+    with _fitting():
+        return compare_methods(sweep, options.cross_validate, methods, **_options_of(options))
+
+
+def _volume(sweep: Sweep, options: argparse.Namespace) -> Volume:
+    with _fitting():
+        if _exact(options):
+            from ..plus import reconstruct_plus
+
+            return reconstruct_plus(
+                sweep, options.plus, device=options.device, threads=options.threads
+            )
+        from ..reconstruct import reconstruct
+
+        return reconstruct(sweep, method=_method(options), **_options_of(options))
+
+
+def _facts(volume: Volume, options: argparse.Namespace) -> dict[str, Any]:
+    facts: dict[str, Any] = {
+        "volume": {
+            "size": volume.values.shape[::-1],
+            "spacing": volume.spacing,
+            "origin": volume.world_from_voxel[:3, 3],
+            "dtype": str(volume.values.dtype),
+        },
+        "counts": {
+            "voxels": volume.values.size,
+            "measured": volume.n_measured,
+            "filled": volume.n_filled,
+            "empty": volume.n_empty,
+        },
+        "memory": {"volume": volume.values.nbytes + volume.radius.nbytes},
+        "figures": {name: v for name, v in volume.info.items() if not isinstance(v, np.ndarray)},
+        "three_view": options.three_view,
+    }
+    if options.json:
+        facts["hashes"] = {
+            name: hashlib.sha256(np.ascontiguousarray(array)).hexdigest()
+            for name, array in (("values", volume.values), ("radius", volume.radius))
+        }
+    return facts
+
+
+def _device(options: argparse.Namespace) -> str:
+    from ..device import choose
+
+    return choose(options.device).description
+
+
+def _lines(report: dict[str, Any]) -> list[str]:
+    lines = []
+    frames, times = report["frames"], report["times"]
+    if report["output"]:
+        size = "x".join(map(str, report["volume"]["size"]))
+        spacing = " x ".join(f"{s:.4g}" for s in report["volume"]["spacing"])
+        counts = report["counts"]
+        lines.append(
+            f"{report['output']}: {size} voxels of {spacing} mm from "
+            f"{count(frames['used'], 'frame')}, {report['method']}, {times['reconstruct']:.3f} s "
+            f"({times['total']:.2f} s in all) on {report['device']}"
+        )
+        shares = ", ".join(
+            f"{100 * counts[name] / counts['voxels']:.1f} % {name}"
+            for name in ("measured", "filled", "empty")
+        )
+        lines.append(f"  {shares}")
+    for name, result in report["cross_validation"].items():
+        lines.append(
+            f"  {name:<7} predicts {count(result['n_frames'], 'frame')} left out: mean error "
+            f"{result['mean_error']:.2f}, rms {result['rms_error']:.2f}, "
+            f"bias {result['bias']:+.2f} grey levels, {100 * result['coverage']:.1f} % of pixels"
+        )
+    return lines

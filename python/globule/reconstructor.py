@@ -1,0 +1,254 @@
+"""A volume that grows while frames come in, and can be read at any time."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from . import _core
+from .arrays import address
+from .device import choose
+from .reconstruct import (
+    check_frames,
+    check_mask,
+    check_options,
+    check_poses,
+    fill,
+    start,
+    value_scale,
+)
+from .sweep_grid import VoxelGrid, bounds, check_memory, estimate_bytes, free_host_bytes, make_grid
+from .volume import Volume
+
+_BLOCK = 4  # voxels; the grid grows by whole blocks
+_NO_FRAMES = ((0, False), 0, 0, 0, 0, 0)
+
+
+class _Added(NamedTuple):
+    """Frames of one call to `add`, and the box of their pixels, mm."""
+
+    frames: np.ndarray
+    world_from_image: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+
+
+class Reconstructor:
+    """Bins frames as they come (PVN-OM); the volume equals that of all frames at once.
+
+    Voxels lie on a lattice fixed by the first frame, or by `region`; without a region the volume
+    grows with the frames.
+
+    Args:
+        spacing: edge of a voxel, mm.
+        mask: (H, W) bool: pixels that are used; default: all.
+        history: frames that are kept so that `undo` can take them out of a mean; the other
+            compoundings keep all.
+        max_kernel, compounding (not median), hole_weights, max_distance, region, device, threads:
+            as for `globule.reconstruct`.
+
+    Raises:
+        TypeError, ValueError: naming the argument, what was expected and what came.
+    """
+
+    def __init__(
+        self,
+        spacing: float,
+        max_kernel: int = 9,
+        compounding: str = "mean",
+        hole_weights: str = "normalized",
+        max_distance: float | None = None,
+        region: Any = None,
+        mask: Any = None,
+        history: int = 64,
+        device: str = "auto",
+        threads: int = 0,
+        space: str = "LPS",
+    ):
+        self._options = check_options("pvn-om", max_kernel, compounding, hole_weights, max_distance)
+        if compounding == "median":
+            raise ValueError(
+                "compounding: a median needs all frames at once, use globule.reconstruct"
+            )
+        self._region = region
+        self._mask = mask
+        self._history = history if compounding == "mean" else None
+        self._space = space
+        chosen = choose(device)
+        self._core = _core.Reconstructor(chosen.backend, chosen.index, threads)
+        self._grid: VoxelGrid | None = None
+        self._added: list[_Added] = []
+        self._dense: tuple[np.ndarray, np.ndarray] | None = None
+        self._type: Any = None
+        self._shape: tuple[int, int] = (0, 0)
+        self._scale = 1.0
+        self._order = 0
+        self.n_frames = 0
+        self.spacing = make_grid(np.zeros(3), np.zeros(3), spacing, None, None).spacing
+
+    def add(self, frames: Any, poses: Any) -> None:
+        """Add a frame, or several.
+
+        Args:
+            frames: (H, W) or (F, H, W), of the same type and size as those before.
+            poses: (4, 4) or (F, 4, 4) world_from_image, mm.
+        """
+        frames = np.asarray(frames)
+        frames = check_frames(frames[None] if frames.ndim == 2 else frames)
+        world_from_image = np.array(poses, np.float64)
+        if world_from_image.ndim == 2:
+            world_from_image = world_from_image[None]
+        check_poses(world_from_image)
+        if len(world_from_image) != len(frames):
+            raise ValueError(
+                f"poses: expected {len(frames)}, one a frame, got {len(world_from_image)}"
+            )
+        if self._type is None:
+            self._begin(frames)
+        self._check_alike(frames)
+        added = _Added(
+            frames.copy(), world_from_image, *bounds(world_from_image, self._used, self._shape)
+        )
+        self._make_room(added)
+        self._bin(added, 1)
+        self._added.append(added)
+        self.n_frames += len(frames)
+        self._forget()
+
+    def undo(self) -> None:
+        """Take out what the last call to `add` put in."""
+        if not self._added:
+            raise ValueError("undo: expected frames that are still remembered, got none")
+        last = self._added.pop()
+        self.n_frames -= len(last.frames)
+        if self._options.compounding == "mean":
+            self._bin(last, -1)
+            self._order -= last.frames.size
+            return
+        self._order = 0
+        self._start()
+        for added in self._added:
+            self._bin(added, 1)
+
+    def volume(self) -> Volume:
+        """The volume of all frames so far; a copy, later frames do not change it."""
+        if self._grid is None:
+            raise ValueError("volume: expected frames to be added first, got none")
+        self._dense = fill(
+            self._core, self._grid, self._type, self._options, _NO_FRAMES, self._dense
+        )
+        first = np.rint((self._low - self._grid.low) / self.spacing).astype(int)
+        last = first + np.rint((self._high - self._low) / self.spacing).astype(int)
+        part = tuple(slice(a, b) for a, b in zip(first[::-1], last[::-1], strict=True))
+        values, radius = (a[part].copy() for a in self._dense)
+        grid = VoxelGrid(self._low, self.spacing, tuple(int(v) for v in last - first))
+        return Volume(values, grid.world_from_voxel, radius, self._space, self._core.facts())
+
+    def _begin(self, frames: np.ndarray) -> None:
+        self._type, self._shape = frames.dtype, frames.shape[1:]
+        self._used = check_mask(self._mask, self._shape)
+        self._scale = value_scale(frames)
+
+    def _check_alike(self, frames: np.ndarray) -> None:
+        if frames.dtype != self._type or frames.shape[1:] != self._shape:
+            h, w = self._shape
+            raise ValueError(
+                f"frames: expected {h} x {w} {self._type} as before, "
+                f"got {frames.shape[1]} x {frames.shape[2]} {frames.dtype}"
+            )
+        if self._type == np.float32 and np.abs(frames).max(initial=0.0) * self._scale > 2.0**38:
+            raise ValueError("frames: values are more than 256 times those of the first frames")
+        if self._order + frames.size >= 2**32 and self._options.compounding in ("latest", "first"):
+            raise ValueError("frames: expected fewer than 2^32 pixels in all")
+
+    def _make_room(self, added: _Added) -> None:
+        """Let the grid hold the frames' box; what is stored moves with it."""
+        if self._grid is None:
+            if self._region is not None:
+                self._grid = make_grid(added.low, added.high, self.spacing, None, self._region)
+                self._low = self._grid.low
+                self._high = self._low + self.spacing * np.array(self._grid.size)
+            else:
+                edge = _BLOCK * self.spacing
+                low = np.floor(added.low / edge) * edge
+                n = _BLOCK * (np.floor((added.high - low) / edge) + 1).astype(int)
+                self._grid = VoxelGrid(low, self.spacing, tuple(int(v) for v in n))
+                self._low, self._high = self._lattice(added)
+            self._reserve(added)
+            self._start()
+            return
+        if self._region is not None:
+            return
+        low, high = self._lattice(added)
+        self._low, self._high = np.minimum(self._low, low), np.maximum(self._high, high)
+        edge = _BLOCK * self.spacing
+        before = np.maximum(np.ceil((self._grid.low - self._low) / edge - 1e-9), 0)
+        top = self._grid.low + self.spacing * np.array(self._grid.size)
+        after = np.maximum(np.ceil((self._high - top) / edge - 1e-9), 0)
+        if not (before.any() or after.any()):
+            return
+        # A quarter more than needed on each side that grows, so that few calls grow.
+        slack = np.ceil(np.array(self._grid.size) / _BLOCK / 4)
+        before = np.where(before > 0, before + slack, 0).astype(int)
+        after = np.where(after > 0, after + slack, 0).astype(int)
+        n = np.array(self._grid.size) + _BLOCK * (before + after)
+        self._grid = VoxelGrid(
+            self._grid.low - before * edge, self.spacing, tuple(int(v) for v in n)
+        )
+        self._reserve(added)
+        self._core.grow(list(self._grid.size), before.tolist())
+        self._dense = None
+
+    def _lattice(self, added: _Added) -> tuple[np.ndarray, np.ndarray]:
+        """The frames' box, on voxel faces."""
+        assert self._grid is not None
+        low = np.floor((added.low - self._grid.low) / self.spacing + 1e-9)
+        high = np.floor((added.high - self._grid.low) / self.spacing + 1e-9) + 1
+        return self._grid.low + low * self.spacing, self._grid.low + high * self.spacing
+
+    def _reserve(self, added: _Added) -> None:
+        assert self._grid is not None
+        needed = estimate_bytes(
+            self._grid,
+            self._grid.poses(added.world_from_image),
+            self._shape,
+            self._type.itemsize,
+            "pvn-om",
+        )
+        check_memory(needed, self._core.free_bytes() or free_host_bytes(), self._grid)
+
+    def _start(self) -> None:
+        assert self._grid is not None
+        self._dense = None
+        start(
+            self._core,
+            self._grid,
+            np.empty(0, self._type),
+            self._options,
+            wide=True,
+            scale=self._scale,
+        )
+
+    def _bin(self, added: _Added, sign: int) -> None:
+        assert self._grid is not None
+        poses = self._grid.poses(added.world_from_image)
+        mask = 0 if self._used is None else address(self._used)
+        self._core.add(
+            (address(added.frames), False),
+            address(poses),
+            mask,
+            *added.frames.shape,
+            self._order % 2**32,
+            sign,
+        )
+        if sign > 0:
+            self._order += added.frames.size
+
+    def _forget(self) -> None:
+        """Drop frames beyond the history."""
+        if self._history is None:
+            return
+        kept = sum(len(a.frames) for a in self._added)
+        while kept - len(self._added[0].frames) >= self._history:
+            kept -= len(self._added.pop(0).frames)

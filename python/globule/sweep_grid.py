@@ -1,0 +1,165 @@
+"""The grid that a sweep is reconstructed on: where its voxels lie, whether they fit in memory."""
+
+from __future__ import annotations
+
+import logging
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+log = logging.getLogger("globule")
+MAX_AXIS = 2**20
+
+
+@dataclass
+class VoxelGrid:
+    """Cubic voxels: `low` is the outer corner of voxel (0, 0, 0), mm, world; `size` is x, y, z."""
+
+    low: np.ndarray
+    spacing: float
+    size: tuple[int, int, int]
+
+    @property
+    def n_voxels(self) -> int:
+        return math.prod(self.size)
+
+    @property
+    def world_from_voxel(self) -> np.ndarray:
+        """(4, 4): voxel index (x, y, z, 1) to its centre, mm."""
+        matrix = np.diag([self.spacing] * 3 + [1.0])
+        matrix[:3, 3] = self.low + 0.5 * self.spacing
+        return matrix
+
+    def poses(self, world_from_image: np.ndarray) -> np.ndarray:
+        """(F, 9) int64: origin, column step, row step, in voxels with 32 fractional bits."""
+        m = world_from_image[:, :3, :]
+        origin = (m[:, :, 3] - self.low) / self.spacing
+        voxels = np.concatenate(
+            [origin, m[:, :, 0] / self.spacing, m[:, :, 1] / self.spacing], axis=1
+        )
+        if not (np.abs(voxels) < 2.0**28).all():
+            raise ValueError("sweep: a pose lies too far from the volume for this spacing")
+        return np.ascontiguousarray(np.rint(voxels * 2.0**32), np.int64)
+
+
+def bounds(
+    world_from_image: np.ndarray, mask: np.ndarray | None, shape: tuple[int, int]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Lowest and highest corner of the used pixels' centres over all frames, mm."""
+    rows, columns = np.arange(shape[0]), np.arange(shape[1])
+    if mask is not None:
+        rows, columns = np.flatnonzero(mask.any(1)), np.flatnonzero(mask.any(0))
+        if len(rows) == 0:
+            raise ValueError("sweep: expected a mask with pixels in it, got none")
+    corners = np.array([[x, y, 0, 1] for x in columns[[0, -1]] for y in rows[[0, -1]]], np.float64)
+    places = np.einsum("fij,cj->fci", world_from_image[:, :3, :], corners).reshape(-1, 3)
+    return places.min(0), places.max(0)
+
+
+def make_grid(
+    low: np.ndarray, high: np.ndarray, spacing: float | None, size: Any, region: Any
+) -> VoxelGrid:
+    """A grid over the box of all pixels, or over `region`."""
+    if (spacing is None) == (size is None):
+        raise ValueError(
+            "spacing, size: expected one of them, got "
+            + ("both" if size is not None else "neither")
+        )
+    if region is not None:
+        low, high = _region(region)
+    extent = high - low
+    if size is not None:
+        wanted = _sizes(size)
+        # A little more than the extent, so that the last pixels lie inside.
+        slack = 1.0 if region is not None else 1 + 1e-6
+        spacing = float((extent * slack / wanted).max())
+        if spacing <= 0:
+            raise ValueError("size: all pixels lie at one place, give a spacing")
+        n = wanted if np.ndim(size) else np.maximum(np.ceil(extent / spacing - 1e-9), 1)
+    else:
+        spacing = _positive("spacing", spacing)
+        steps = extent / spacing
+        n = np.maximum(np.rint(steps), 1) if region is not None else np.floor(steps + 1e-6) + 1
+    if (n > MAX_AXIS).any():
+        raise ValueError(
+            f"spacing: expected at most {MAX_AXIS} voxels along an axis, got {int(n.max())}"
+        )
+    middle = 0.5 * (low + high)
+    corner = low if region is not None else middle - 0.5 * n * spacing
+    return VoxelGrid(corner, spacing, tuple(int(v) for v in n))
+
+
+def _region(region: Any) -> tuple[np.ndarray, np.ndarray]:
+    box = np.asarray(region, np.float64)
+    if box.shape != (2, 3) or not np.isfinite(box).all() or (box[0] >= box[1]).any():
+        raise ValueError(
+            f"region: expected two corners ((x, y, z), (x, y, z)), low and high, got {region!r}"
+        )
+    return box[0], box[1]
+
+
+def _sizes(size: Any) -> np.ndarray:
+    n = np.asarray(size)
+    if n.dtype.kind not in "iu" or n.shape not in ((), (3,)) or (n < 1).any():
+        raise ValueError(
+            f"size: expected voxels along the longest axis, or three numbers x, y, z, got {size!r}"
+        )
+    return n.astype(np.float64)
+
+
+def _positive(name: str, value: Any) -> float:
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        raise TypeError(f"{name}: expected a number of mm, got {value!r}") from None
+    if not (number > 0 and math.isfinite(number)):
+        raise ValueError(f"{name}: expected a positive number of mm, got {value!r}")
+    return number
+
+
+def estimate_bytes(
+    grid: VoxelGrid, poses: np.ndarray, shape: tuple[int, int], itemsize: int, method: str
+) -> int:
+    """Memory that a reconstruction takes besides the frames, at most, bytes."""
+    n, blocks = grid.n_voxels, math.prod(-(-s // 4) for s in grid.size)
+    h, w = shape
+    pixels = len(poses) * h * w
+    dense = n * (itemsize + 1) + blocks * 24
+    if method == "pvn":
+        return dense + n * (17 + itemsize)
+    points = pixels * (36 + itemsize) if method in ("vvn", "vvn-om") else 0
+    if method == "vvn":
+        return dense + points + 8 * n
+    # A frame's plane crosses at most about three blocks for each block that its face covers.
+    steps = (
+        np.abs(poses[:, 3:].reshape(-1, 2, 3)).max(2) / 2.0**34 if len(poses) else np.zeros((0, 2))
+    )
+    touched = 3 * ((steps[:, 0] * w + 2) * (steps[:, 1] * h + 2)).sum()
+    return dense + points + int(min(blocks, touched, pixels)) * 64 * (16 + itemsize + 8)
+
+
+def check_memory(bytes_needed: int, available: int, grid: VoxelGrid) -> None:
+    """Say what will be taken; refuse what does not fit, naming the spacing that would."""
+    x, y, z = grid.size
+    log.info("volume of %d x %d x %d voxels, up to %.0f MiB", x, y, z, bytes_needed / 2**20)
+    if available and bytes_needed > available:
+        fits = grid.spacing * (bytes_needed / available) ** (1 / 3) * 1.05
+        raise MemoryError(
+            f"spacing: {x} x {y} x {z} voxels at {grid.spacing:.4g} mm "
+            f"need up to {bytes_needed / 2**30:.1f} GiB, "
+            f"{available / 2**30:.1f} GiB are free; {fits:.3g} mm would fit"
+        )
+
+
+def free_host_bytes() -> int:
+    """Memory that the system can still give; 0 where it does not say."""
+    try:
+        with open("/proc/meminfo") as file:
+            for line in file:
+                if line.startswith("MemAvailable:"):
+                    return int(line.split()[1]) * 1024
+    except (OSError, ValueError):
+        pass
+    return 0

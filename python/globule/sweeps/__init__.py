@@ -1,0 +1,1 @@
+"""Tracked sweeps: files, poses and regions; `globule.sweep` puts them together."""

@@ -1,0 +1,403 @@
+// Reconstruction from frames of one type, over any Exec.
+#pragma once
+#include <algorithm>
+#include <vector>
+
+#include "globule/exec/buffer.hpp"
+#include "globule/sweep/bezier.hpp"
+#include "globule/sweep/maps.hpp"
+#include "globule/sweep/plain.hpp"
+#include "globule/sweep/tile.hpp"
+#include "backend.hpp"
+
+namespace globule {
+
+template <class Exec, class T>
+class GridOf final : public SweepGrid {
+    template <class U>
+    using Room = Buffer<U, Exec>;
+
+public:
+    explicit GridOf(Exec& exec)
+        : exec_(exec), frames_(exec), mask_(exec), poses_(exec), slots_(exec), wanted_(exec), changed_(exec), blocks_(exec), bins_(exec),
+          spare_(exec), squares_(exec), values_(exec), masks_(exec), near_(exec), tables_(exec), weights_(exec), out_(exec), radius_(exec),
+          keys_(exec), pixels_(exec), places_(exec), point_values_(exec), runs_(exec) {}
+
+    void start(const GridRequest& r) override {
+        coding_ = {sweep::Compounding(r.compounding), r.wide, r.scale};
+        n_slots_ = 0;
+        taken_ = false;
+        for (int i = 0; i < 4; ++i) exec_.mark(i);
+        set_size(r.size);
+        std::uint32_t* slots = slots_.reserve(grid_.n_blocks());
+        exec_.for_each(grid_.n_blocks(), sweep::Set<std::uint32_t>{slots, sweep::kNone});
+    }
+
+    void grow(const int size[3], const int shift[3]) override {
+        const sweep::Grid old = grid_;
+        set_size(size);
+        std::uint32_t* slots = slots_.reserve(grid_.n_blocks());
+        exec_.for_each(grid_.n_blocks(), sweep::Set<std::uint32_t>{slots, sweep::kNone});
+        exec_.for_each(n_slots_, sweep::MoveBlocks{old, grid_, {shift[0], shift[1], shift[2]}, blocks_.data(), slots});
+    }
+
+    void add(const FramesView& view, int sign) override {
+        const sweep::Frames<T> frames = bring(view);
+        exec_.mark(0);
+        if (sign > 0) {
+            std::uint32_t* wanted = wanted_list();
+            touch(frames, wanted);
+            place(wanted, coding_.words());
+        } else {
+            touch(frames, nullptr);
+        }
+        const sweep::BinRows<T> bin{frames, grid_, coding_, slots_.data(), bins_.data(), sign};
+        if constexpr (Exec::on_device) exec_.for_each(rows(frames) * frames.width, sweep::BinPixels<T>{bin});
+        else exec_.for_each(rows(frames), bin);
+        exec_.mark(1);
+    }
+
+    void median(const FramesView& view) override {
+        using namespace sweep;
+        const Frames<T> frames = bring(view);
+        exec_.mark(0);
+        std::uint32_t* wanted = wanted_list();
+        touch(frames, wanted);
+        place(wanted, 0);
+        const std::size_t n = emit(frames, Keying::bins, 64);
+        T* values = reserve_values();
+        exec_.clear(values, n_slots_ * kVoxels * sizeof(T));
+        exec_.for_each(n, TakeMedian<T>{n, keys_.data(), blocks_.data(), values, masks_.data()});
+        taken_ = true;
+        exec_.mark(1);
+    }
+
+    void bezier(const FramesView& view) override {
+        using namespace sweep;
+        const Frames<T> frames = bring(view);
+        exec_.mark(0);
+        const std::size_t n = std::size_t(std::max(1, ceil_div(frames.n - 1, 3))) * frames.height;
+        std::uint32_t* wanted = wanted_list();
+        exec_.for_each(n, BezierRows<T>{frames, grid_, coding_.scale, slots_.data(), wanted, nullptr});
+        place(wanted, coding_.words());
+        exec_.for_each(n, BezierRows<T>{frames, grid_, coding_.scale, slots_.data(), nullptr, bins_.data()});
+        exec_.mark(1);
+    }
+
+    void fill(FillMethod method, const FramesView& view, const FillRequest& r) override {
+        using namespace sweep;
+        exec_.mark(2);
+        const DenseVolume<T> out = dense(r);
+        const HoleTables tables = bring_tables(r);
+        if (method == FillMethod::bins) fill_bins(tables, out, r.incremental);
+        else if (method == FillMethod::points) fill_points(bring(view), tables, out);
+        else if (method == FillMethod::plain_bins) fill_plain_bins(bring(view), tables, out);
+        else fill_plain_points(bring(view), tables, out);
+        exec_.mark(3);
+        check_cancelled();
+        if (Exec::on_device && r.values) {
+            exec_.download(r.values, out.values, grid_.n_voxels() * sizeof(T));
+            exec_.download(r.radius, out.radius, grid_.n_voxels());
+        }
+    }
+
+    void count_map(std::uint32_t* out) override {
+        scatter(out, 0u, sweep::CountOf{bins_.data()});
+    }
+    void variance_map(const FramesView& view, float* out) override {
+        const sweep::Frames<T> frames = bring(view);
+        std::uint64_t* squares = squares_.reserve(n_slots_ * sweep::kVoxels);
+        exec_.clear(squares, n_slots_ * sweep::kVoxels * sizeof *squares);
+        exec_.for_each(rows(frames), sweep::SquareRows<T>{frames, grid_, coding_.scale, slots_.data(), squares});
+        scatter(out, 0.0f, sweep::VarianceOf{bins_.data(), squares, coding_.scale});
+    }
+    void source_map(std::uint32_t pixels, std::int32_t* out) override {
+        scatter(out, -1, sweep::SourceOf{bins_.data(), pixels});
+    }
+
+    VolumeFacts facts() override {
+        const std::uint64_t bytes = frames_.bytes() + slots_.bytes() + wanted_.bytes() + blocks_.bytes() + bins_.bytes() + spare_.bytes() +
+                                    squares_.bytes() + values_.bytes() + masks_.bytes() + near_.bytes() + out_.bytes() + radius_.bytes() +
+                                    keys_.bytes() + pixels_.bytes() + places_.bytes() + point_values_.bytes() + runs_.bytes();
+        return {n_slots_, bytes, exec_.elapsed(0, 1), exec_.elapsed(2, 3)};
+    }
+
+private:
+    void set_size(const int size[3]) {
+        for (int k = 0; k < 3; ++k) {
+            grid_.size[k] = size[k];
+            grid_.blocks[k] = ceil_div(size[k], sweep::kBlock);
+        }
+        all_changed_ = true;
+        changed_.reserve(grid_.n_blocks());
+    }
+    static std::size_t rows(const sweep::Frames<T>& frames) { return std::size_t(frames.n) * frames.height; }
+
+    sweep::Frames<T> bring(const FramesView& view) {
+        static_assert(sizeof(sweep::Pose) == 9 * sizeof(std::int64_t));
+        const std::size_t image = std::size_t(view.height) * view.width;
+        const auto* poses = reinterpret_cast<const sweep::Pose*>(view.poses);
+        sweep::Frames<T> out{static_cast<const T*>(view.values.data), poses, view.mask, view.n, view.height, view.width, view.first_order};
+        if (view.values.on_device != Exec::on_device) out.values = upload(frames_, out.values, view.n * image);
+        if (Exec::on_device) {
+            out.poses = upload(poses_, poses, view.n);
+            if (view.mask) out.mask = upload(mask_, view.mask, image);
+        }
+        return out;
+    }
+    template <class U>
+    const U* upload(Room<U>& room, const U* from, std::size_t n) {
+        U* to = room.reserve(n ? n : 1);
+        exec_.upload(to, from, n * sizeof(U));
+        return to;
+    }
+
+    std::uint32_t* wanted_list() {
+        std::uint32_t* wanted = wanted_.reserve(grid_.n_blocks() + 1);
+        exec_.clear(wanted, (grid_.n_blocks() + 1) * sizeof *wanted);
+        return wanted;
+    }
+    /// Places for the blocks that are wanted; their bins, `words` a voxel, start at 0.
+    void place(std::uint32_t* wanted, int words) {
+        exec_.exclusive_scan(grid_.n_blocks() + 1, wanted);
+        std::uint32_t n_new;
+        exec_.download(&n_new, wanted + grid_.n_blocks(), sizeof n_new);
+        keep(blocks_, n_slots_, n_slots_ + n_new);
+        const std::size_t before = n_slots_ * sweep::kVoxels * words, n = std::size_t(n_new) * sweep::kVoxels * words;
+        keep(bins_, before, before + n);
+        exec_.clear(bins_.data() + before, n * sizeof(std::uint64_t));
+        exec_.for_each(grid_.n_blocks(), sweep::PlaceBlocks{wanted, std::uint32_t(n_slots_), slots_.data(), blocks_.data()});
+        n_slots_ += n_new;
+    }
+    void touch(const sweep::Frames<T>& frames, std::uint32_t* wanted) {
+        const sweep::TouchBlocks<T> touch{frames, grid_, slots_.data(), wanted, changed_.data()};
+        if constexpr (Exec::on_device) exec_.for_each(rows(frames) * frames.width, sweep::TouchPixels<T>{touch});
+        else exec_.for_each(rows(frames), touch);
+    }
+    /// Room for n items of which the first `used` stay; half as much again when it grows.
+    template <class U>
+    void keep(Room<U>& room, std::size_t used, std::size_t n) {
+        if (n <= room.capacity()) return;
+        if (used == 0) {
+            room.reserve(n);
+            return;
+        }
+        const std::size_t words = ceil_div<std::size_t>(used * sizeof(U), 8);
+        std::uint64_t* spare = spare_.reserve(words);
+        auto* from = reinterpret_cast<std::uint64_t*>(room.data());
+        exec_.for_each(words, sweep::Copy<std::uint64_t>{from, spare});
+        exec_.synchronize();
+        auto* to = reinterpret_cast<std::uint64_t*>(room.reserve(n + n / 2 + 1));
+        exec_.for_each(words, sweep::Copy<std::uint64_t>{spare, to});
+    }
+
+    T* reserve_values() {
+        T* values = values_.reserve(n_slots_ * sweep::kVoxels);
+        std::uint64_t* masks = masks_.reserve(grid_.n_blocks());
+        exec_.clear(masks, grid_.n_blocks() * sizeof *masks);
+        all_changed_ = true;
+        return values;
+    }
+    /// Values and masks from the bins; only of blocks that changed, if `some`.
+    void finish(bool some) {
+        if (some) keep(values_, n_finished_ * sweep::kVoxels, n_slots_ * sweep::kVoxels);
+        else reserve_values();
+        const sweep::FinishBlock<T> blocks{coding_, blocks_.data(), bins_.data(), some ? changed_.data() : nullptr, values_.data(), masks_.data()};
+        if constexpr (Exec::on_device) {
+            exec_.for_each(n_slots_, sweep::ClearMask<T>{blocks});
+            exec_.for_each(n_slots_ * sweep::kVoxels, sweep::FinishVoxel<T>{blocks});
+        } else {
+            exec_.for_each(n_slots_, blocks);
+        }
+    }
+
+    sweep::DenseVolume<T> dense(const FillRequest& r) {
+        if (!Exec::on_device) return {static_cast<T*>(r.values), r.radius};
+        return {out_.reserve(grid_.n_voxels()), radius_.reserve(grid_.n_voxels())};
+    }
+    sweep::HoleTables bring_tables(const FillRequest& r) {
+        const int span = (r.reach + 3) / 4;
+        const std::uint64_t units[3] = {0x1111111111111111ull, 0x000f000f000f000full, 0xffffull};
+        const int steps[3] = {1, 4, 16};
+        std::vector<std::uint64_t> masks;
+        for (int axis = 0; axis < 3; ++axis)
+            for (int radius = 0; radius <= r.reach; ++radius)
+                for (int place = 0; place < 4; ++place)
+                    for (int offset = -span; offset <= span; ++offset) {
+                        std::uint64_t mask = 0;
+                        for (int u = 0; u < 4; ++u)
+                            if (std::abs(4 * offset + u - place) <= radius) mask |= units[axis] << u * steps[axis];
+                        masks.push_back(mask);
+                    }
+        const std::size_t row = 3 * std::size_t(r.reach) * r.reach + 1;
+        host_masks_ = std::move(masks);
+        const std::uint64_t* m = host_masks_.data();
+        const std::uint32_t* w = r.weights;
+        if (Exec::on_device) {
+            m = upload(tables_, m, host_masks_.size());
+            if (w) w = upload(weights_, w, row * row);
+        }
+        return {{r.reach, span, m}, w, sweep::HoleWeights(r.kind)};
+    }
+
+    /// Blocks with data within `span` blocks, or with a change; each in half of near_.
+    const std::uint32_t* spread_near(int span) {
+        const std::size_t n = grid_.n_blocks();
+        std::uint32_t* a = near_.reserve(3 * n);
+        exec_.for_each(n, sweep::HasData{masks_.data(), a});
+        return spread(span, a, a + n);
+    }
+    const std::uint32_t* spread_changes(int span) {
+        const std::size_t n = grid_.n_blocks();
+        std::uint32_t* a = near_.data() + 2 * n;
+        exec_.for_each(n, sweep::Copy<std::uint32_t>{changed_.data(), a});
+        return spread(span, a, near_.data());
+    }
+    std::uint32_t* spread(int span, std::uint32_t* a, std::uint32_t* b) {
+        for (int axis = 0; axis < 3; ++axis) {
+            exec_.for_each(grid_.n_blocks(), sweep::SpreadNear{grid_, axis, span, a, b});
+            std::swap(a, b);
+        }
+        return a;
+    }
+
+    void fill_bins(const sweep::HoleTables& tables, const sweep::DenseVolume<T>& out, bool incremental) {
+        using namespace sweep;
+        const bool some = incremental && !all_changed_;
+        if (!taken_) finish(some);
+        const std::uint32_t* near = spread_near(tables.cubes.span);
+        const std::uint32_t* dirty = some ? spread_changes(tables.cubes.span) : nullptr;
+        fill_dense({{{grid_, slots_.data(), masks_.data(), values_.data()}, tables}, out, near, dirty});
+        exec_.clear(changed_.data(), grid_.n_blocks() * sizeof(std::uint32_t));
+        all_changed_ = taken_;
+        n_finished_ = n_slots_;
+    }
+    void fill_dense(const sweep::FillVoxel<T>& each) {
+        using namespace sweep;
+        if constexpr (Exec::on_device) {
+            exec_.for_each(grid_.n_blocks() * kVoxels, each);
+        } else {
+            if constexpr (!is_real<T>)
+                if (each.filler.tables.cubes.reach <= FillTile<T>::kReach) {
+                    const int n_tiles = ceil_div(grid_.size[0], FillTile<T>::kLong);
+                    exec_.for_each_tile(std::size_t(n_tiles) * grid_.blocks[1] * grid_.blocks[2], FillTile<T>{each, n_tiles});
+                    return;
+                }
+            exec_.for_each_task(std::size_t(grid_.blocks[1]) * grid_.blocks[2], FillBlockRow<T>{each});
+        }
+    }
+
+    /// Points of all frames with keys, sorted; how many.
+    std::size_t emit(const sweep::Frames<T>& frames, sweep::Keying keying, int bits) {
+        using namespace sweep;
+        const std::size_t n_rows = rows(frames);
+        std::uint32_t* offsets = runs_.reserve(n_rows + 1);
+        exec_.clear(offsets, (n_rows + 1) * sizeof *offsets);
+        exec_.for_each(n_rows, CountRow<T>{frames, grid_, offsets});
+        exec_.exclusive_scan(n_rows + 1, offsets);
+        std::uint32_t n;
+        exec_.download(&n, offsets + n_rows, sizeof n);
+        std::uint64_t* keys = keys_.reserve(2 * std::size_t(n));
+        std::uint32_t* pixels = pixels_.reserve(2 * std::size_t(n));
+        exec_.for_each(n_rows, EmitPoints<T>{frames, grid_, keying, slots_.data(), offsets, keys, pixels});
+        exec_.sort_pairs(n, keys, keys + n, pixels, pixels + n, bits);
+        return n;
+    }
+    sweep::SortedPoints<T> gather_places(const sweep::Frames<T>& frames, std::size_t n) {
+        float* p = places_.reserve(3 * n + 1);
+        const sweep::SortedPoints<T> points{p, p + n, p + 2 * n, point_values_.reserve(n + 1)};
+        exec_.for_each(n, sweep::GatherPoints<T>{frames, pixels_.data(), points});
+        return points;
+    }
+
+    void fill_points(const sweep::Frames<T>& frames, const sweep::HoleTables& tables, const sweep::DenseVolume<T>& out) {
+        using namespace sweep;
+        std::uint32_t* wanted = wanted_list();
+        touch(frames, wanted);
+        place(wanted, 0);
+        int levels = 0;
+        while (1 << levels < std::max({grid_.size[0], grid_.size[1], grid_.size[2]})) ++levels;
+        const std::size_t n = emit(frames, Keying::morton, 3 * levels);
+        const SortedPoints<T> points = gather_places(frames, n);
+        reserve_values();
+        const std::size_t n_bins = n_slots_ * kVoxels;
+        std::uint32_t* first = runs_.reserve(2 * n_bins + 1);
+        exec_.clear(first, 2 * n_bins * sizeof *first);
+        exec_.for_each(n, MarkRuns{n, keys_.data(), grid_, false, slots_.data(), first, first + n_bins, masks_.data()});
+        const std::uint32_t* near = spread_near(tables.cubes.span);
+        const GatherVoxel<T> each{{{{grid_, slots_.data(), masks_.data(), nullptr}, tables}, points, first, first + n_bins}, out, near};
+        if constexpr (Exec::on_device) exec_.for_each(grid_.n_blocks() * kVoxels, each);
+        else exec_.for_each_task(grid_.n_blocks(), BlockTask<GatherVoxel<T>>{each});
+    }
+
+    void fill_plain_bins(const sweep::Frames<T>& frames, const sweep::HoleTables& tables, const sweep::DenseVolume<T>& out) {
+        using namespace sweep;
+        const std::size_t n = grid_.n_voxels();
+        std::uint64_t* bins = bins_.reserve(2 * n);
+        exec_.clear(bins, 2 * n * sizeof *bins);
+        exec_.for_each(rows(frames), BinPlain<T>{frames, grid_, coding_.scale, bins});
+        T* values = values_.reserve(n);
+        std::uint8_t* measured = mask_room(n);
+        Coding coding = coding_;
+        coding.wide = true;
+        exec_.for_each(n, FinishPlain<T>{{coding, nullptr, bins, nullptr, nullptr, nullptr}, values, measured});
+        exec_.for_each_task(n, FillPlain<T>{grid_, values, measured, tables, out});
+    }
+    std::uint8_t* mask_room(std::size_t n) { return reinterpret_cast<std::uint8_t*>(near_.reserve(n / 4 + 1)); }
+
+    void fill_plain_points(const sweep::Frames<T>& frames, const sweep::HoleTables& tables, const sweep::DenseVolume<T>& out) {
+        using namespace sweep;
+        int bits = 1;
+        while (grid_.n_voxels() >> bits) ++bits;
+        const std::size_t n = emit(frames, Keying::plain, bits);
+        const SortedPoints<T> points = gather_places(frames, n);
+        const std::size_t n_bins = grid_.n_voxels();
+        std::uint32_t* first = runs_.reserve(2 * n_bins);
+        exec_.clear(first, 2 * n_bins * sizeof *first);
+        exec_.for_each(n, MarkRuns{n, keys_.data(), grid_, true, nullptr, first, first + n_bins, nullptr});
+        exec_.for_each_task(n_bins, GatherPlain<T>{grid_, tables.cubes.reach, tables.kind, points, first, first + n_bins, out});
+    }
+
+    void check_cancelled() {
+        if (!exec_.cancelled()) return;
+        exec_.reset_cancelled();
+        throw Cancelled{};
+    }
+
+    template <class Out, class Of>
+    void scatter(Out* host, Out empty, const Of& of) {
+        Room<Out> room(exec_);
+        Out* out = Exec::on_device ? room.reserve(grid_.n_voxels()) : host;
+        exec_.for_each(grid_.n_voxels(), sweep::Set<Out>{out, empty});
+        exec_.for_each(n_slots_ * sweep::kVoxels, sweep::ScatterMap<Out, Of>{grid_, blocks_.data(), of, out});
+        if (Exec::on_device) exec_.download(host, out, grid_.n_voxels() * sizeof(Out));
+    }
+
+    Exec& exec_;
+    sweep::Grid grid_{};
+    sweep::Coding coding_{};
+    std::size_t n_slots_ = 0;
+    bool taken_ = false;              ///< values came from a median, not from bins
+    bool all_changed_ = true;        ///< nothing of the last finished bins may be used
+    std::size_t n_finished_ = 0;      ///< slots that had values then
+    std::vector<std::uint64_t> host_masks_;
+    Room<T> frames_;
+    Room<std::uint8_t> mask_;
+    Room<sweep::Pose> poses_;
+    Room<std::uint32_t> slots_, wanted_, changed_, blocks_;
+    Room<std::uint64_t> bins_, spare_, squares_;
+    Room<T> values_;
+    Room<std::uint64_t> masks_;
+    Room<std::uint32_t> near_;
+    Room<std::uint64_t> tables_;
+    Room<std::uint32_t> weights_;
+    Room<T> out_;
+    Room<std::uint8_t> radius_;
+    Room<std::uint64_t> keys_;
+    Room<std::uint32_t> pixels_;
+    Room<float> places_;
+    Room<T> point_values_;
+    Room<std::uint32_t> runs_;
+};
+
+}  // namespace globule

@@ -1,0 +1,10 @@
+// The factory of reconstructors that each backend defines in a file of its own: sweeps are compiled
+// without contraction into fused multiply-add, so that their bits are the same everywhere.
+#pragma once
+#include "backend.hpp"
+
+namespace globule {
+
+std::unique_ptr<Reconstructor> make_reconstructor(int device_index, int threads, Poll poll);
+
+}  // namespace globule

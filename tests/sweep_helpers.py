@@ -1,0 +1,84 @@
+"""What the tests of sweeps share."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from globule import phantoms
+from globule.calibration import Calibration, write_calibration
+from globule.sweep import Sweep
+from globule.sweep_io import write_sweep
+from globule.sweeps import igs
+from globule.sweeps.poses import PoseTable, rotation, write_csv
+from globule.sweeps.transforms import format_matrix
+from globule.volume import Volume
+from globule.volume_io import write_volume
+
+DATA = Path(__file__).resolve().parents[2] / "shared" / "data" / "ultrasound"
+
+
+def spine_data() -> Path:
+    """The folder of the real sweep, or a skipped test."""
+    if not (DATA / "SpinePhantomFreehand.igs.mha").is_file():
+        pytest.skip("needs ../shared/data/ultrasound")
+    return DATA
+
+
+def random_poses(n: int, seed: int = 0, reach: float = 40.0) -> np.ndarray:
+    """(n, 4, 4) rigid, mm."""
+    rng = np.random.default_rng(seed)
+    poses = np.tile(np.eye(4), (n, 1, 1))
+    for pose in poses:
+        pose[:3, :3] = rotation(rng.normal(size=4))
+        pose[:3, 3] = rng.uniform(-reach, reach, 3)
+    return poses
+
+
+def small_sweep(n: int = 5, dtype: str = "uint8", **fields) -> Sweep:
+    """n frames of 7x6 in random poses, 0.5 mm a pixel."""
+    rng = np.random.default_rng(1)
+    frames = (rng.random((n, 6, 7)) * 250).astype(dtype)
+    poses = random_poses(n) @ np.diag([0.5, 0.5, 0.5, 1.0])
+    fields.setdefault("timestamps", 10 + 0.1 * np.arange(n))
+    return Sweep(frames, poses, **fields)
+
+
+def example_files() -> None:
+    """The files that the examples of the command line name, small."""
+    probe_from_image = np.diag([0.5, 0.5, 0.5, 1.0])
+    made = phantoms.cylinders(n_frames=8, size=(24, 20), spacing=0.5)
+    poses = made.world_from_image @ np.linalg.inv(probe_from_image)
+    fields = [
+        {"ProbeToReferenceTransform": format_matrix(pose), "Timestamp": repr(float(t))}
+        for pose, t in zip(poses, made.timestamps, strict=True)
+    ]
+    ok = np.ones(8, bool)
+    igs.write("sweep.igs.mha", igs.Recording(made.frames, made.timestamps, {}, ok, {}, fields))
+    write_calibration("probe.toml", Calibration(probe_from_image))
+    Path("config.xml").write_text(
+        '<PlusConfiguration><Transform From="Image" To="Probe" '
+        f'Matrix="{format_matrix(probe_from_image)}"/>'
+        '<VolumeReconstruction OutputSpacing="1 1 1" Interpolation="NEAREST_NEIGHBOR" '
+        'CompoundingMode="MEAN" FillHoles="OFF"/></PlusConfiguration>'
+    )
+    write_sweep("frames", made)
+    Path("frames/poses.csv").unlink()
+    write_csv("poses.csv", PoseTable(made.timestamps, poses, ok))
+    volume = Volume(np.ones((3, 4, 5), np.uint8), np.eye(4))
+    write_volume("volume.npz", volume)
+
+
+def same(a: Sweep, b: Sweep) -> bool:
+    """Whether two sweeps hold the same bits."""
+    masks = [m if m is None else m.tolist() for m in (a.mask, b.mask)]
+    return (
+        a.frames.dtype == b.frames.dtype
+        and np.array_equal(a.frames, b.frames)
+        and np.array_equal(a.world_from_image[a.valid], b.world_from_image[b.valid])
+        and np.array_equal(a.valid, b.valid)
+        and np.array_equal(a.timestamps, b.timestamps)
+        and masks[0] == masks[1]
+        and (a.world, a.space) == (b.world, b.space)
+    )

@@ -1,0 +1,126 @@
+"""`globule bench`: the tables are complete and the measurements behind them are right."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from globule.bench import ultrasound
+from globule.bench.cylinders import measure_cylinders
+from globule.bench.table import Setting, Table
+from globule.cli import main
+from globule.volume import Volume
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("GLOBULE_TRACEBACK", raising=False)
+
+
+def rods(diameter: float, blur: int = 0, noise: float = 0.0, spacing: float = 0.2) -> Volume:
+    """Dark rods along z at x = -12.6, 0.07 and 12.7 mm, y = 5.03 mm; each voxel's exact share."""
+    fine = 5
+    x = (np.arange(160 * fine) + 0.5) * spacing / fine - 16
+    y = (np.arange(50 * fine) + 0.5) * spacing / fine
+    inside = np.zeros((len(y), len(x)))
+    for place in (-12.6, 0.07, 12.7):
+        inside += (x - place) ** 2 + (y[:, None] - 5.03) ** 2 < (diameter / 2) ** 2
+    plane = 180 - 150 * inside.reshape(50, fine, 160, fine).mean(axis=(1, 3))
+    for _ in range(blur):
+        for axis in (0, 1):
+            plane = (np.roll(plane, 1, axis) + plane + np.roll(plane, -1, axis)) / 3
+    rng = np.random.default_rng(0)
+    values = np.clip(plane + noise * rng.normal(size=(20, *plane.shape)), 0, 255)
+    place = np.diag([spacing, spacing, spacing, 1.0])
+    place[:2, 3] = spacing / 2 - 16, spacing / 2
+    return Volume(values.astype(np.float32), place)
+
+
+@pytest.mark.parametrize("diameter", [1.5, 3.0])
+@pytest.mark.parametrize("blur, noise", [(0, 0), (2, 0), (0, 40), (1, 25)])
+def test_rods_are_measured_without_bias(diameter, blur, noise):
+    places = [(-12.6, 5), (0, 5), (12.6, 5)]
+    found = measure_cylinders(rods(diameter, blur, noise), places, diameter)
+    assert found.diameters.shape == (2, 3) and found.separations.shape == (2, 2)
+    assert found.diameters.mean() == pytest.approx(diameter, abs=0.05)
+    assert found.separations.mean(axis=0) == pytest.approx([12.67, 12.63], abs=0.04)
+
+
+def test_rods_that_are_not_there_are_refused():
+    with pytest.raises(ValueError, match="cylinders"):
+        measure_cylinders(rods(3.0), [(200, 0)], 3.0)
+
+
+def test_removed_slices():
+    reference = np.tile(np.arange(10, 40, dtype=np.uint8)[:, None, None], (1, 8, 9))
+    curves = ultrasound.removed_slices(reference, ("pvn-om", "vvn-om"), 2, device="cpu")
+    for method in ("pvn-om", "vvn-om"):
+        means = curves.means[method]
+        assert means[-1] == 1.0 and curves.empty[method][-1] == 1.0
+        assert all(a <= b + 1e-9 for a, b in zip(means, means[1:], strict=False))
+    assert curves.means["pvn-om"][0] == 0.0  # nothing removed: every voxel is its own pixel
+
+
+def test_reference_volume_is_there_without_optional_packages(monkeypatch):
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    values, name = ultrasound.reference_volume(quick=True)
+    assert "phantom" in name and values.ndim == 3 and values.max() > 100
+
+
+def test_command(capsys, monkeypatch):
+    monkeypatch.setattr(ultrasound, "CYLINDER_METHODS", ("pvn-om",))  # the fast one
+    assert main(["bench", "4.3", "--quick", "-o", "out", "--device", "cpu"]) == 0
+    out = capsys.readouterr().out
+    assert out.startswith("4.3  cylinder phantom") and "source" in out and "ours" in out
+    with open("out/4.3.csv") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 4
+    for row in rows:
+        assert abs(float(row["ours"]) - float(row["true"])) < 0.06
+    assert sorted(p.name for p in Path("out").iterdir()) == ["4.3.csv"]
+
+
+def test_json(capsys, monkeypatch):
+    def one(setting: Setting):
+        yield Table("4.3", "t", ("a", "b"), [(1, None)])
+
+    monkeypatch.setitem(ultrasound.TABLES, "4.3", one)
+    assert main(["bench", "4.3", "-o", "out", "--json", "--device", "cpu"]) == 0
+    assert json.loads(capsys.readouterr().out)["4.3"]["rows"] == [[1, None]]
+    assert Path("out/4.3.csv").read_text() == "a,b\n1,\n"
+
+
+def test_times_and_memory(monkeypatch):
+    volume = Volume(np.ones((2, 2, 2), np.uint8), np.eye(4), info={"bytes": 2**20})
+    asked = []
+    monkeypatch.setattr(ultrasound, "_sweep", lambda n: n)
+    monkeypatch.setattr(
+        ultrasound, "reconstruct", lambda s, m, size, **_: asked.append((s, m, size)) or volume
+    )
+    times, memory = ultrasound.times_and_memory(Setting("out", device="cpu"))
+    assert (times.name, memory.name) == ("4.1", "4.2")
+    assert len(times.rows) == 36 and len(memory.rows) == 18
+    assert {(131, "pvn-om", (512,) * 3), (51, "vvn", (128,) * 3)} <= set(asked)
+    first = dict(zip(times.columns, times.rows[0], strict=True))
+    assert first["source s"] == 0.72 and first["octree, source"] == pytest.approx(4.98 / 0.72)
+    assert first["source/ours"] == pytest.approx(0.72 / first["ours s"])
+    assert memory.rows[0][3:5] == (1390, 1.0)
+
+
+def test_mistakes(capsys):
+    assert main(["bench", "9.9"]) == 2
+    assert "4.3" in capsys.readouterr().err and not Path("bench").exists()
+    Path("file").write_text("")
+    assert main(["bench", "4.3", "-o", "file"]) == 2
+
+
+def test_table_text():
+    table = Table("4.1", "title", ("x", "seconds"), [(1, 0.123456), (2, None)], ("note",))
+    assert table.text().splitlines() == [
+        "4.1  title", "x  seconds", "-  -------", "1   0.1235", "2        -", "note",
+    ]  # fmt: skip
+    assert table.markdown().splitlines()[2] == "| 1 | 0.1235 |"

@@ -1,0 +1,153 @@
+"""Point-target calibration, temporal offset, and the calibration's file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import globule as gb
+import numpy as np
+import pytest
+from globule.calibration import (
+    Calibration,
+    calibrate_point_target,
+    read_calibration,
+    temporal_offset,
+    write_calibration,
+)
+from sweep_helpers import random_poses
+
+TRUTH = random_poses(1, 11, reach=30)[0] @ np.diag([0.085, 0.079, np.sqrt(0.085 * 0.079), 1.0])
+TARGET = np.array([12.0, -40.0, 95.0])
+
+
+def observations(n: int = 30, noise: float = 0.0, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    """Pixels of the target in n images, and the poses from which they were taken."""
+    rng = np.random.default_rng(seed)
+    pixels = rng.uniform((50, 40), (750, 550), (n, 2))
+    poses = random_poses(n, seed)
+    for pose, (column, row) in zip(poses, pixels, strict=True):
+        on_probe = TRUTH @ [column, row, 0, 1]
+        pose[:3, 3] = TARGET - pose[:3, :3] @ on_probe[:3]
+    return pixels + rng.normal(0, noise, pixels.shape), poses
+
+
+def test_exact_marks_give_the_exact_calibration():
+    result = calibrate_point_target(*observations(8))
+    assert np.allclose(result.calibration.probe_from_image, TRUTH, atol=1e-8)
+    assert np.allclose(result.target, TARGET, atol=1e-7)
+    assert result.calibration.rms < 1e-9 and result.residuals.shape == (8, 3)
+    assert result.calibration.spacing == pytest.approx((0.085, 0.079))
+
+
+def test_noise_shows_in_the_residuals():
+    result = calibrate_point_target(*observations(200, noise=5.0))
+    # Five pixels of 0.08 mm along two axes, 11 of 600 degrees of freedom spent.
+    assert result.calibration.rms == pytest.approx(5 * np.hypot(0.085, 0.079), rel=0.1)
+    corner = np.array([820, 616, 0, 1])
+    error = np.linalg.norm((result.calibration.probe_from_image - TRUTH) @ corner)
+    assert error < 0.3
+    u, v = result.calibration.probe_from_image[:3, :2].T
+    assert abs(u @ v) < 1e-12  # rows and columns stay at right angles
+
+
+@pytest.mark.parametrize("change, what", [
+    (lambda p, t: (p[:5], t[:5]), "N >= 6"),
+    (lambda p, t: (p, t[:4]), "world_from_probe: expected shape"),
+    (lambda p, t: (p * np.nan, t), "observation 0"),
+    (lambda p, t: (p, np.where(np.arange(30)[:, None, None] == 7, np.nan, t)), "observation 7"),
+    (lambda p, t: (p, np.tile(np.eye(4), (30, 1, 1))), "poses"),
+    (lambda p, t: (p * 0, t), "pixels"),
+    (lambda p, t: (p * [1, 0], t), "pixels"),
+    (lambda p, t: (np.tile(p[:1], (30, 1)), t), "pixels|poses"),
+])  # fmt: skip
+def test_what_does_not_determine_a_calibration_is_refused(change, what):
+    with pytest.raises(ValueError, match=what) as caught:
+        calibrate_point_target(*change(*observations()))
+    assert "\n" not in str(caught.value)
+
+
+def test_file_round_trip(tmp_path):
+    path = tmp_path / "probe.toml"
+    for calibration in (
+        Calibration(TRUTH),
+        Calibration(TRUTH, -0.0625, (192, 16, 420, 580), (380, 20, -45, 45, 120, 360), 0.31),
+    ):
+        write_calibration(path, calibration)
+        again = read_calibration(path)
+        assert np.array_equal(again.probe_from_image, calibration.probe_from_image)
+        for name in ("temporal_offset", "clip", "fan", "rms"):
+            assert getattr(again, name) == getattr(calibration, name)
+
+
+@pytest.mark.parametrize("text, what", [
+    ("", "4x4 matrix"),
+    ("probe_from_image = ", "TOML"),
+    ("probe_from_image = 3", "4x4"),
+    ("probe_from_image = [[1, 0], [0, 1]]", "4x4"),
+    ("probe_from_image = [[0,0,0,0],[0,0,0,0],[0,0,0,0],[0,0,0,1]]", "singular"),
+    ("probe_from_image = [[1,2,0,0],[2,4,0,0],[0,0,1,0],[0,0,0,1]]", "singular"),
+    ("probe_from_image = [[nan,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]", "finite"),
+    ("probe_from_image = [[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,2]]", "last row"),
+    ("probe_from_imag = 1", "probe_from_imag: expected one of"),
+    ("{}\nclip = [1, 2]", "clip"),
+    ("{}\nclip = [1, 2, -3, 4]", "clip"),
+    ("{}\nfan = [1, 2, 50, 40, 1, 2]", "fan"),
+    ('{}\ntemporal_offset = "late"', "temporal_offset"),
+    ("{}\ntemporal_offset = inf", "temporal_offset"),
+])  # fmt: skip
+def test_bad_files(tmp_path, text, what):
+    path = tmp_path / "bad.toml"
+    good = "probe_from_image = [[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]"
+    path.write_text(text.replace("{}", good))
+    with pytest.raises(ValueError, match=what) as caught:
+        read_calibration(path)
+    assert str(path) in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_a_file_that_is_no_text(tmp_path):
+    path = tmp_path / "bad.toml"
+    path.write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(ValueError, match="TOML"):
+        read_calibration(path)
+    with pytest.raises(FileNotFoundError):
+        read_calibration(Path("nowhere.toml"))
+
+
+@pytest.mark.parametrize("late", [-0.12, 0.0, 0.08])
+def test_temporal_offset_is_found(late):
+    # A probe that moves to and fro over the phantom; the tracker's clock is late by `late`.
+    frame_times = np.arange(160) / 25
+    pose_times = np.arange(-40, 320) / 40
+
+    def place(t):
+        return 6 * np.sin(1.9 * t) + 2 * np.sin(4.7 * t)
+
+    path = gb.phantoms.hand_path(2, 1, size=(24, 24), spacing=0.3)[:1]
+    poses = np.repeat(path, len(frame_times), axis=0)
+    poses[:, 2, 3] += place(frame_times)
+    rng = np.random.default_rng(1)
+    phantom = rng.random((64, 32, 32)).astype(np.float32)
+    for axis in range(3):
+        phantom = phantom + np.roll(phantom, 1, axis)
+    lattice = np.array([[0.4, 0, 0, -6], [0, 0.4, 0, -2], [0, 0, 0.4, -12], [0, 0, 0, 1.0]])
+    frames = gb.phantoms.scan_volume(phantom, lattice, poses, (24, 24))
+    tracked = np.tile(np.eye(4), (len(pose_times), 1, 1))
+    tracked[:, 2, 3] = place(pose_times - late)
+    found = temporal_offset(frames, frame_times, tracked, pose_times)
+    assert found.offset == pytest.approx(late, abs=0.015)
+    assert found.correlation > 0.7
+
+
+def test_temporal_offset_needs_motion():
+    times = np.arange(100) / 25
+    still, moving = np.zeros((100, 4, 4)), np.tile(np.eye(4), (100, 1, 1))
+    moving[:, 0, 3] = np.sin(times) * 9
+    frames = np.random.default_rng(0).random((100, 4, 4))
+    with pytest.raises(ValueError, match="motion"):
+        temporal_offset(np.zeros((100, 4, 4)), times, moving, times)
+    with pytest.raises(ValueError, match="speed"):
+        temporal_offset(frames, times, still, times)
+    with pytest.raises(ValueError, match="more than"):
+        temporal_offset(frames[:20], times[:20], moving, times)
+    with pytest.raises(ValueError, match="one per frame"):
+        temporal_offset(frames, times[:9], moving, times)

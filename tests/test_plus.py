@@ -1,0 +1,209 @@
+"""PLUS-exact reconstruction: PLUS' own reference volumes, its arithmetic pixel by pixel."""
+
+from __future__ import annotations
+
+import itertools
+from pathlib import Path
+
+import globule as gb
+import numpy as np
+import plus_reference
+import pytest
+from globule.formats import FormatError
+from globule.plus import _box, _voxel_from_image, reconstruct_plus
+from globule.plus_config import Filler, PlusConfig, read_plus_config
+from globule.plus_fan import detect_fan
+from globule.plus_region import pixel_sources
+from test_reconstruct import make_sweep
+
+DATA = Path(__file__).parents[2] / "shared" / "data" / "ultrasound"
+for _data in (DATA, Path(__file__).parents[1] / "shared" / "data" / "ultrasound"):
+    if _data.is_dir():
+        DATA = _data
+
+
+@pytest.mark.parametrize("name", ["LNMEAN", "NNMEAN", "NNLATE", "LNMAXI", "RECON"])
+def test_public_references(backend, name):
+    if not DATA.is_dir():
+        pytest.skip("../shared/data/ultrasound is not here")
+    reference = gb.read_volume(DATA / f"{name}.reference.mha")
+    sweep = gb.read_sweep(DATA / "SpinePhantomFreehand.igs.mha", plus=DATA / f"{name}.xml")
+    volume = reconstruct_plus(sweep, DATA / f"{name}.xml", **backend)
+    # RECON comes from an older PLUS, which rounded the number of voxels down.
+    slab = tuple(slice(n) for n in reference.shape)
+    older = reconstruct_plus(sweep, DATA / f"{name}.xml", extent="floor", **backend)
+    assert reference.shape == (older if name == "RECON" else volume).shape
+    assert name != "RECON" or (older.values == reference.values).all()
+    assert np.count_nonzero(volume.values[slab] != reference.values) == 0
+    # PLUS writes the origin with six digits.
+    np.testing.assert_allclose(volume.world_from_voxel, reference.world_from_voxel, atol=1e-3)
+
+
+def sweep_and_config(dtype, **settings):
+    sweep = make_sweep(n=4, shape=(14, 17), dtype=dtype, gap=1.1)
+    if dtype == np.float32:
+        sweep.frames = np.abs(sweep.frames)
+    if dtype == np.uint16:
+        sweep.frames //= 256  # products beyond 32 bits are undefined in PLUS
+    return sweep, PlusConfig((1.0, 0.9, 1.1), **settings)
+
+
+def expected(sweep, config, importance=None):
+    shape = sweep.frames.shape[1:]
+    origin, spacing, size = _box(
+        config, [m.tolist() for m in sweep.world_from_image], shape, "round"
+    )
+    matrices = _voxel_from_image([m.tolist() for m in sweep.world_from_image], origin, spacing)
+    sources = pixel_sources(config, shape, config.fan_angles, importance)
+    values, acc = plus_reference.insert(config, sweep.frames, matrices, size, sources, importance)
+    return plus_reference.fill(config.fillers, values, acc) if config.fill_holes else values, acc
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32])
+@pytest.mark.parametrize("interpolation", ["NEAREST_NEIGHBOR", "LINEAR"])
+@pytest.mark.parametrize("optimization", ["NONE", "PARTIAL", "FULL"])
+def test_insertion(backend, dtype, interpolation, optimization):
+    importance = np.random.default_rng(3).integers(0, 256, (14, 17), np.uint8)
+    importance[4, 3:6] = 0
+    for compounding in ("LATEST", "MAXIMUM", "MEAN", "IMPORTANCE_MASK"):
+        sweep, config = sweep_and_config(
+            dtype, interpolation=interpolation, optimization=optimization, compounding=compounding,
+            clip_origin=(1, 2), clip_size=(13, 9),
+        )  # fmt: skip
+        mask = importance if compounding == "IMPORTANCE_MASK" else None
+        volume = reconstruct_plus(sweep, config, importance_mask=mask, **backend)
+        values, acc = expected(sweep, config, mask)
+        np.testing.assert_array_equal(volume.info["accumulator"], acc)
+        np.testing.assert_array_equal(volume.values, values)
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.float32])
+def test_hole_fillers(backend, dtype):
+    fillers = [
+        [Filler("STICK", 5, 1)],
+        [Filler("STICK", 9, 3)],
+        [Filler("STICK", 12, 1)],
+        [Filler("NEAREST_NEIGHBOR", 9, least_ratio=0.02)],
+        [Filler("NEAREST_NEIGHBOR", 11)],
+        [Filler("GAUSSIAN", 5, deviation=1.2, least_ratio=0.1)],
+        [Filler("GAUSSIAN_ACCUMULATION", 5, deviation=0.8)],
+        [Filler("DISTANCE_WEIGHT_INVERSE", 4, least_ratio=0.01)],
+        [
+            Filler("STICK", 4, 1),
+            Filler("GAUSSIAN", 3, deviation=1.0, least_ratio=0.2),
+            Filler("NEAREST_NEIGHBOR", 5),
+        ],
+    ]
+    sweep, config = sweep_and_config(dtype, interpolation="LINEAR", fill_holes=True)
+    sweep.world_from_image[:, 2, 3] *= 3.0
+    for config.fillers in fillers:
+        volume = reconstruct_plus(sweep, config, **backend)
+        values, _ = expected(sweep, config)
+        np.testing.assert_array_equal(volume.values, values)
+
+
+def test_saturated_accumulator(backend):
+    """More than 255 pixels in a voxel: a recursive filter instead of the mean."""
+    for optimization, interpolation in itertools.product(
+        ("NONE", "FULL"), ("NEAREST_NEIGHBOR", "LINEAR")
+    ):
+        sweep, config = sweep_and_config(
+            np.uint8, optimization=optimization, interpolation=interpolation
+        )
+        config.spacing = (6.0, 6.0, 6.0)
+        volume = reconstruct_plus(sweep, config, **backend)
+        values, acc = expected(sweep, config)
+        np.testing.assert_array_equal(volume.values, values)
+        np.testing.assert_array_equal(volume.info["accumulator"], acc)
+
+
+def test_fan_and_rejection(backend):
+    for optimization in ("NONE", "FULL"):
+        sweep, config = sweep_and_config(np.uint8, optimization=optimization, rejection=40.0)
+        config.fan_angles, config.fan_origin = (-50.0, 40.0), (8.3, -2.0)
+        config.fan_start, config.fan_stop = 5.5, 15.0
+        volume = reconstruct_plus(sweep, config, **backend)
+        values, acc = expected(sweep, config)
+        np.testing.assert_array_equal(volume.values, values)
+        np.testing.assert_array_equal(volume.info["accumulator"], acc)
+        assert 0 < np.count_nonzero(acc) < acc.size
+
+
+def test_skip_and_invalid_frames():
+    sweep, config = sweep_and_config(np.uint8)
+    sweep.valid[2] = False
+    config.skip = 2
+    volume = reconstruct_plus(sweep, config, device="cpu")
+    alone = make_sweep(n=4, shape=(14, 17), gap=1.1)
+    alone.valid[1:] = False
+    # Frames 0, 2 (invalid): the box is that of all valid frames, the pixels those of frame 0.
+    first = reconstruct_plus(alone, config, device="cpu")
+    assert volume.n_measured == first.n_measured < volume.values.size
+
+
+def test_fan_detection():
+    config = PlusConfig(
+        (1, 1, 1), fan_angles=(-45, 45), fan_origin=(100, -20), fan_start=20, fan_stop=220
+    )
+    j, i = np.indices((200, 200))
+    angle = np.degrees(np.arctan2(i - 100, j + 20))
+    frame = np.where((angle > -30) & (angle < 25), 120, 5).astype(np.uint8)
+    low, high = detect_fan(config, frame)
+    # The window, 20 pixels long, opens early and closes late; then 3 degrees are taken off.
+    assert -42 < low < -26 and 21 < high < 36
+    assert detect_fan(config, np.zeros((200, 200), np.uint8)) is None
+
+
+XML = (
+    """<PlusConfiguration><VolumeReconstruction {}>{}</VolumeReconstruction></PlusConfiguration>"""
+)
+
+
+def test_configuration(tmp_path):
+    path = tmp_path / "config.xml"
+    path.write_text(
+        XML.format(
+            'OutputSpacing="0.1 0.2 0.3" Interpolation="Linear" Optimization="Partial" '
+            'CompoundingMode="Importance_Mask" ImportanceMaskFilename="mask.png" FillHoles="ON" '
+            'PixelRejectionThreshold="12" SkipInterval="3"',
+            '<HoleFilling><HoleFillingElement Type="Gaussian" Size="5" Stdev="0.7" '
+            'MinimumKnownVoxelsRatio="0.4"/></HoleFilling>',
+        )
+    )
+    config = read_plus_config(path)
+    assert config.spacing == (0.1, 0.2, 0.3)
+    assert (config.interpolation, config.optimization) == ("LINEAR", "PARTIAL")
+    assert config.compounding == "IMPORTANCE_MASK"
+    assert config.importance_file == str(tmp_path / "mask.png")
+    assert config.fillers == [Filler("GAUSSIAN", 5, 1, 0.7, 0.4)]
+    assert (config.rejection, config.skip) == (12, 3)
+
+
+@pytest.mark.parametrize(
+    ("attributes", "inside", "message"),
+    [
+        ("", "", "expected OutputSpacing, found none"),
+        ('OutputSpacing="1 1"', "", "OutputSpacing: expected 3 numbers"),
+        ('OutputSpacing="1 1 0"', "", "OutputSpacing: expected positive numbers"),
+        ('OutputSpacing="1 1 1" Interpolation="CUBIC"', "", "Interpolation: expected NEAREST"),
+        ('OutputSpacing="1 1 1" FillHoles="ON"', "", "expected a HoleFillingElement, found none"),
+        (
+            'OutputSpacing="1 1 1" FillHoles="ON"',
+            '<HoleFillingElement Type="STICK" NumberOfSticksToUse="1"/>',
+            "STICK: expected StickLengthLimit, found none",
+        ),
+    ],
+)
+def test_wrong_configuration(tmp_path, attributes, inside, message):
+    path = tmp_path / "config.xml"
+    path.write_text(XML.format(attributes, inside))
+    with pytest.raises(FormatError, match=message):
+        read_plus_config(path)
+
+
+def test_importance_mask_is_needed():
+    sweep, config = sweep_and_config(np.uint8, compounding="IMPORTANCE_MASK")
+    with pytest.raises(ValueError, match="importance_mask: .* expected a mask, got none"):
+        reconstruct_plus(sweep, config)
+    with pytest.raises(ValueError, match="importance_mask: expected shape"):
+        reconstruct_plus(sweep, config, importance_mask=np.ones((3, 3), np.uint8))

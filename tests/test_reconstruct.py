@@ -1,0 +1,288 @@
+"""Volumes from sweeps: every method against the brute-force reference, on every backend."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from globule import sweep_oracle
+from globule.reconstruct import METHODS, reconstruct
+from globule.reconstructor import Reconstructor
+from globule.sweep_grid import VoxelGrid
+
+
+@dataclass
+class Frames:
+    """What `reconstruct` reads of a sweep."""
+
+    frames: np.ndarray
+    world_from_image: np.ndarray
+    valid: np.ndarray
+    mask: np.ndarray | None = None
+
+
+def make_sweep(n=7, shape=(20, 24), dtype=np.uint8, gap=2.0, seed=0, mask=None):
+    """A fan of tilted frames of noise, pixels of 0.5 mm, about `gap` mm apart."""
+    rng = np.random.default_rng(seed)
+    if dtype == np.float32:
+        frames = rng.normal(0, 50, (n, *shape)).astype(dtype)
+    else:
+        frames = rng.integers(0, np.iinfo(dtype).max + 1, (n, *shape), dtype)
+    poses = np.tile(np.eye(4), (n, 1, 1))
+    for f in range(n):
+        a, b = 0.05 * f + 0.1, 0.3 + 0.02 * rng.normal()
+        tilt = np.array([[1, 0, 0], [0, np.cos(a), -np.sin(a)], [0, np.sin(a), np.cos(a)]])
+        turn = np.array([[np.cos(b), -np.sin(b), 0], [np.sin(b), np.cos(b), 0], [0, 0, 1]])
+        poses[f, :3, :3] = 0.5 * turn @ tilt
+        poses[f, :3, 3] = (100 + 0.1 * f, -40, gap * f)
+    return Frames(frames, poses, np.ones(n, bool), mask)
+
+
+def grid_of(volume):
+    spacing = float(volume.spacing[0])
+    low = volume.world_from_voxel[:3, 3] - 0.5 * spacing
+    return VoxelGrid(low, spacing, volume.shape[::-1])
+
+
+def agree(volume, expected, radius):
+    np.testing.assert_array_equal(volume.radius, radius)
+    if volume.values.dtype.kind == "u":
+        # Weights of 24 bits against float64: a value next to a half may round the other way.
+        off = np.abs(volume.values.astype(np.int64) - expected.astype(np.int64))
+        assert off.max() <= 1 and np.count_nonzero(off) <= 1e-3 * off.size
+        assert not off[volume.measured].any() or volume.info["method"] not in ("pvn-om", "pvn")
+    else:
+        np.testing.assert_allclose(volume.values, expected, rtol=2e-6, atol=2e-5)
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32])
+@pytest.mark.parametrize("method", METHODS)
+def test_equals_reference(backend, method, dtype):
+    sweep = make_sweep(dtype=dtype)
+    volume = reconstruct(sweep, method, spacing=0.6, max_kernel=7, **backend)
+    agree(volume, *sweep_oracle.reconstruct(sweep, grid_of(volume), method, 7))
+    assert volume.values.dtype == dtype
+    assert volume.n_filled and volume.n_empty and volume.n_measured
+
+
+@pytest.mark.parametrize("compounding", ["maximum", "latest", "first", "median"])
+def test_compounding(backend, compounding):
+    for dtype in (np.uint8, np.float32):
+        sweep = make_sweep(dtype=dtype, gap=0.3)
+        volume = reconstruct(sweep, spacing=1.3, compounding=compounding, **backend)
+        agree(volume, *sweep_oracle.reconstruct(sweep, grid_of(volume), compounding=compounding))
+
+
+@pytest.mark.parametrize("max_kernel", [1, 3, 9, 11, 19])
+def test_kernel_sizes(backend, max_kernel):
+    sweep = make_sweep(n=3, gap=5.0)
+    for weights in ("normalized", "printed"):
+        volume = reconstruct(
+            sweep, spacing=0.5, max_kernel=max_kernel, hole_weights=weights, **backend
+        )
+        agree(
+            volume,
+            *sweep_oracle.reconstruct(
+                sweep, grid_of(volume), "pvn-om", max_kernel, hole_weights=weights
+            ),
+        )
+
+
+def test_kernel_beyond_the_table_of_weights(backend):
+    sweep = make_sweep(n=2, shape=(6, 6), gap=25.0)
+    volume = reconstruct(sweep, spacing=0.7, max_kernel=67, **backend)
+    agree(volume, *sweep_oracle.reconstruct(sweep, grid_of(volume), max_kernel=67))
+    assert volume.n_empty == 0 and volume.radius.max() > 15
+
+
+def test_mask_region_and_invalid_frames(backend):
+    mask = np.zeros((20, 24), bool)
+    mask[3:15, 5:20] = True
+    mask[8, 9] = False
+    sweep = make_sweep(mask=mask)
+    sweep.valid[[0, 4]] = False
+    sweep.world_from_image[4] = np.nan
+    region = ((102, -39, 1.5), (108.3, -35, 11))
+    for method in ("pvn-om", "vvn-om", "pvn", "vvn", "bezier"):
+        volume = reconstruct(sweep, method, spacing=0.7, region=region, **backend)
+        assert volume.shape == (14, 6, 9)
+        agree(volume, *sweep_oracle.reconstruct(sweep, grid_of(volume), method))
+
+
+def test_plain_methods_are_the_same(backend):
+    sweep = make_sweep(n=9, gap=1.2)
+    for pair in (("pvn-om", "pvn"), ("vvn-om", "vvn")):
+        a, b = (reconstruct(sweep, m, size=40, **backend) for m in pair)
+        np.testing.assert_array_equal(a.values, b.values)
+        np.testing.assert_array_equal(a.radius, b.radius)
+
+
+def test_same_bits_everywhere(backend):
+    sweep = make_sweep(n=12, shape=(40, 50), gap=0.7)
+    volume = reconstruct(sweep, spacing=0.45, **backend)
+    one = reconstruct(sweep, spacing=0.45, device="cpu", threads=1)
+    np.testing.assert_array_equal(volume.values, one.values)
+    np.testing.assert_array_equal(volume.radius, one.radius)
+
+
+def test_many_pixels_in_one_voxel(backend):
+    """Sums beyond 40 bits, and counts beyond 24."""
+    n = 4200
+    frames = np.full((n, 64, 64), 65535, np.uint16)
+    frames[: n // 2] = 65000
+    sweep = Frames(frames, np.tile(np.diag([1e-3, 1e-3, 1e-3, 1.0]), (n, 1, 1)), np.ones(n, bool))
+    volume = reconstruct(sweep, spacing=1.0, **backend)
+    assert volume.shape == (1, 1, 1)
+    assert volume.values[0, 0, 0] == 65268  # 65267.5, halves up
+    assert volume.count[0, 0, 0] == frames.size
+
+
+def test_maps(backend):
+    for dtype in (np.uint8, np.uint16, np.float32):
+        sweep = make_sweep(dtype=dtype, gap=0.4)
+        sweep.valid[2] = False
+        volume = reconstruct(sweep, spacing=1.5, **backend)
+        grid = grid_of(volume)
+        count = np.zeros(volume.shape, np.uint32)
+        total, square = np.zeros(volume.shape), np.zeros(volume.shape)
+        source = np.full(volume.shape, -1)
+        poses = grid.poses(sweep.world_from_image)
+        j, i = np.indices(sweep.frames.shape[1:])
+        for f in np.flatnonzero(sweep.valid):
+            o, x, y = poses[f].reshape(3, 3)
+            v = [(o[k] + i * x[k] + j * y[k]) >> 32 for k in (2, 1, 0)]
+            np.add.at(count, tuple(v), 1)
+            np.add.at(total, tuple(v), sweep.frames[f].astype(float))
+            np.add.at(square, tuple(v), sweep.frames[f].astype(float) ** 2)
+            source[tuple(v)] = f
+        np.testing.assert_array_equal(volume.count, count)
+        np.testing.assert_array_equal(volume.source, source)
+        n = np.maximum(count, 1)
+        variance = square / n - (total / n) ** 2
+        np.testing.assert_allclose(
+            volume.variance, np.maximum(variance, 0), rtol=1e-4, atol=1e-4 * variance.max()
+        )
+
+
+def test_distance_limit_and_maps_of_origin(backend):
+    sweep = make_sweep(n=2, gap=6.0)
+    near = reconstruct(sweep, spacing=0.5, max_distance=1.0, **backend)
+    far = reconstruct(sweep, spacing=0.5, **backend)
+    assert near.radius[near.filled == 2].max() == 2
+    assert far.hole_distance[far.filled == 2].max() == pytest.approx(2.0)
+    assert np.isinf(far.hole_distance[far.empty]).all()
+    assert (far.values[far.empty] == 0).all()
+    assert far.n_measured + far.n_filled + far.n_empty == far.values.size
+    assert (np.bincount(far.filled.ravel()) == [far.n_empty, far.n_measured, far.n_filled]).all()
+
+
+def test_one_pixel_and_one_frame(backend):
+    sweep = Frames(np.full((1, 1, 1), 7, np.uint8), np.eye(4)[None], np.ones(1, bool))
+    for method in METHODS:
+        volume = reconstruct(sweep, method, spacing=1.0, **backend)
+        assert volume.values.tolist() == [[[7]]]
+        assert volume.n_measured == 1
+        np.testing.assert_allclose(volume.world_from_voxel[:3, 3], 0, atol=1e-12)
+    sweep = make_sweep(n=1)
+    for method in METHODS:
+        volume = reconstruct(sweep, method, spacing=0.8, **backend)
+        agree(volume, *sweep_oracle.reconstruct(sweep, grid_of(volume), method))
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"method": "vnn"}, "method: expected one of pvn-om"),
+        ({"spacing": 0.0}, "spacing: expected a positive number"),
+        ({"spacing": None}, "spacing, size: expected one of them, got neither"),
+        ({"size": 10}, "spacing, size: expected one of them, got both"),
+        ({"max_kernel": 4}, "max_kernel: expected an odd number"),
+        ({"compounding": "mode"}, "compounding: expected one of mean"),
+        ({"method": "vvn", "compounding": "latest"}, "compounding: expected mean"),
+        ({"hole_weights": "none"}, "hole_weights: expected one of"),
+        ({"region": ((0, 0, 0), (1, 0, 1))}, "region: expected two corners"),
+        ({"max_distance": -1}, "max_distance: expected 0 mm or more"),
+    ],
+)
+def test_wrong_arguments(change, message):
+    with pytest.raises(ValueError, match=message):
+        reconstruct(make_sweep(), **{"spacing": 1.0, "device": "cpu", **change})
+
+
+def test_wrong_sweeps():
+    sweep = make_sweep()
+    sweep.valid[:] = False
+    with pytest.raises(ValueError, match="at least one valid frame"):
+        reconstruct(sweep, spacing=1.0)
+    sweep = make_sweep()
+    sweep.world_from_image[1, :3, 1] = sweep.world_from_image[1, :3, 0]
+    with pytest.raises(ValueError, match="singular calibration"):
+        reconstruct(sweep, spacing=1.0)
+    sweep = make_sweep(dtype=np.float32)
+    sweep.frames[0, 0, 0] = np.nan
+    with pytest.raises(ValueError, match="expected finite values"):
+        reconstruct(sweep, spacing=1.0)
+
+
+def test_too_large_names_the_spacing_that_would_fit():
+    sweep = make_sweep()
+    with pytest.raises(MemoryError, match=r"need up to .* GiB.* mm would fit") as caught:
+        reconstruct(sweep, spacing=0.0003, device="cpu")
+    fits = float(str(caught.value).split(";")[1].split()[0])
+    assert 0.0003 < fits < 0.1
+
+
+def same_volume(live, sweep, frames, **options):
+    """The live volume against all frames at once on the same voxels."""
+    low = live.world_from_voxel[:3, 3] - 0.5 * live.spacing
+    region = (low, low + live.spacing * live.shape[::-1])
+    part = Frames(sweep.frames[frames], sweep.world_from_image[frames], np.ones(len(frames), bool))
+    whole = reconstruct(part, spacing=float(live.spacing[0]), region=region, **options)
+    np.testing.assert_array_equal(live.radius, whole.radius)
+    np.testing.assert_array_equal(live.values, whole.values)
+
+
+@pytest.mark.parametrize("compounding", ["mean", "latest", "maximum", "first"])
+@pytest.mark.parametrize("dtype", [np.uint8, np.float32])
+def test_incremental(backend, compounding, dtype):
+    sweep = make_sweep(n=10, gap=3.0, dtype=dtype)
+    order = [4, 5, 6, 3, 7, 9, 8, 0, 2, 1]  # grows on both sides
+    live = Reconstructor(0.7, compounding=compounding, **backend)
+    for k, f in enumerate(order):
+        live.add(sweep.frames[f], sweep.world_from_image[f])
+        if k % 3 != 1:
+            same_volume(live.volume(), sweep, order[: k + 1], compounding=compounding, **backend)
+    live.undo()
+    live.undo()
+    same_volume(live.volume(), sweep, order[:-2], compounding=compounding, **backend)
+    live.add(sweep.frames[[2, 1]], sweep.world_from_image[[2, 1]])
+    same_volume(live.volume(), sweep, order, compounding=compounding, **backend)
+    assert live.n_frames == 10
+
+
+def test_incremental_region_and_history(backend):
+    sweep = make_sweep(n=6)
+    region = ((100, -40, 0), (106, -35, 9))
+    live = Reconstructor(0.5, region=region, history=2, **backend)
+    for f in range(6):
+        live.add(sweep.frames[f], sweep.world_from_image[f])
+    same_volume(live.volume(), sweep, list(range(6)), **backend)
+    live.undo()
+    live.undo()
+    same_volume(live.volume(), sweep, list(range(4)), **backend)
+    with pytest.raises(ValueError, match="undo: expected frames that are still remembered"):
+        live.undo()
+
+
+def test_incremental_refuses():
+    live = Reconstructor(0.5, device="cpu")
+    with pytest.raises(ValueError, match="volume: expected frames"):
+        live.volume()
+    live.add(np.zeros((4, 5), np.uint8), np.eye(4))
+    with pytest.raises(ValueError, match="expected 4 x 5 uint8 as before, got 5 x 4 uint8"):
+        live.add(np.zeros((5, 4), np.uint8), np.eye(4))
+    with pytest.raises(ValueError, match="poses: expected 1, one a frame, got 2"):
+        live.add(np.zeros((4, 5), np.uint8), np.stack([np.eye(4)] * 2))
+    with pytest.raises(ValueError, match="median needs all frames"):
+        Reconstructor(0.5, compounding="median")

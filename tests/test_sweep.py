@@ -1,0 +1,471 @@
+"""Tracked sweeps: files, poses between times, regions, and what is refused."""
+
+from __future__ import annotations
+
+import json
+import re
+import zlib
+from pathlib import Path
+
+import globule as gb
+import numpy as np
+import pytest
+from globule.calibration import Calibration, write_calibration
+from globule.sweep import Sweep
+from globule.sweep_io import is_sweep, read_sweep, write_sweep
+from globule.sweeps.poses import PoseTable, interpolate, quaternion, read_poses, rotation, write_csv
+from globule.sweeps.region import Clip, Fan, region_mask
+from globule.trust import check_poses
+from PIL import Image
+from sweep_helpers import random_poses, same, small_sweep, spine_data
+
+PIXEL = np.diag([0.5, 0.25, 0.3, 1.0])  # probe_from_image
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def refused(*args, **kwargs) -> str:
+    """The one line that read_sweep refuses with."""
+    with pytest.raises((ValueError, TypeError)) as caught:
+        read_sweep(*args, **kwargs)
+    text = str(caught.value)
+    assert "\n" not in text and "expected" in text and len(text) < 500, text
+    return text
+
+
+# The real sweep
+
+
+def test_real_sweep_with_its_plus_configuration():
+    data = spine_data()
+    sweep = read_sweep(data / "SpinePhantomFreehand.igs.mha", plus=data / "NNMEAN.xml")
+    assert sweep.frames.shape == (21, 616, 820) and sweep.frames.dtype == np.uint8
+    assert sweep.valid.all() and sweep.mask is None and sweep.world == "Reference"
+    # The published reference volume starts where the lowest corner of all frames lies.
+    low, high = sweep.bounds()
+    assert low == pytest.approx([-74.5217, 165.573, 29.072], abs=5e-4)  # six digits
+    assert np.rint((high - low) / 0.5 + 1).tolist() == [147, 106, 105]
+    assert sweep.spacing == pytest.approx((0.08542, 0.07900), abs=1e-5)
+    fan = read_sweep(data / "SpinePhantomFreehand.igs.mha", plus=data / "NNLATE.xml")
+    assert np.flatnonzero(fan.mask.any(axis=1))[0] >= 16
+    assert 0.1 < fan.mask.mean() < 0.5
+
+
+def test_real_sweep_round_trip_is_exact():
+    data = spine_data()
+    sweep = read_sweep(data / "SpinePhantomFreehand.igs.mha", plus=data / "NNMEAN.xml")
+    for name in ("a.igs.mha", "a.igs.nrrd", "a.npz", "folder"):
+        write_sweep(name, sweep)
+        assert same(sweep, read_sweep(name)), name
+        assert is_sweep(name)
+    write_sweep("b.igs.mha", read_sweep("a.igs.mha"))
+    assert Path("a.igs.mha").read_bytes() == Path("b.igs.mha").read_bytes()
+    # Nothing the file said is lost or altered.
+    fields = header(data / "SpinePhantomFreehand.igs.mha")
+    assert fields.items() <= header("a.igs.mha").items()
+
+
+def header(path) -> dict[str, str]:
+    text = Path(path).read_bytes().split(b"ElementDataFile")[0].decode()
+    pairs = (line.split("=", 1) for line in text.splitlines())
+    return {name.strip(): value.strip() for name, value in pairs}
+
+
+# Files
+
+
+@pytest.mark.parametrize("dtype", ["uint8", "uint16", "float32"])
+@pytest.mark.parametrize("name", ["a.igs.mha", "a.igs.nrrd", "a.mha", "a.nrrd", "a.npz", "folder"])
+def test_round_trip(name, dtype):
+    sweep = small_sweep(dtype=dtype, valid=[True, False, True, True, True])
+    if name == "folder" and dtype == "float32":
+        with pytest.raises(ValueError, match="uint8 or uint16"):
+            write_sweep(name, sweep)
+        return
+    if name in ("a.npz", "folder"):
+        sweep.mask = np.arange(42).reshape(6, 7) % 3 > 0
+    write_sweep(name, sweep)
+    assert same(sweep, read_sweep(name))
+
+
+def test_changed_poses_and_statuses_are_what_is_written():
+    edges = {"ProbeToTracker": random_poses(4, 1), "ReferenceToTracker": random_poses(4, 2)}
+    write_igs("a.igs.mha", edges)
+    sweep = read_sweep("a.igs.mha", calibration=Calibration(PIXEL))
+    expected = np.linalg.inv(edges["ReferenceToTracker"]) @ edges["ProbeToTracker"] @ PIXEL
+    assert np.allclose(sweep.world_from_image, expected)
+    write_sweep("b.igs.mha", sweep)
+    fields = header("b.igs.mha")
+    assert fields["Seq_Frame0001_ProbeToTrackerTransform"] == " ".join(
+        map(repr, edges["ProbeToTracker"][1].ravel().tolist())
+    )
+    assert "Seq_Frame0001_ImageToReferenceTransform" not in fields  # PLUS allows one way only
+    assert same(sweep, read_sweep("b.igs.mha"))
+    sweep.valid[2] = False
+    sweep.world_from_image[1, 0, 3] += 1
+    write_sweep("c.igs.mha", sweep)
+    assert same(sweep, read_sweep("c.igs.mha"))
+
+
+def write_igs(path: str, edges: dict, n: int = 4, orientation: str = "MFA", **fields) -> np.ndarray:
+    """A sequence of n frames of 5x3; returns them as stored."""
+    frames = np.arange(n * 15, dtype=np.uint8).reshape(n, 3, 5)
+    lines = ["ObjectType = Image", "NDims = 3", f"DimSize = 5 3 {n}", "ElementType = MET_UCHAR",
+             f"UltrasoundImageOrientation = {orientation}"]  # fmt: skip
+    for i in range(n):
+        for name, matrices in edges.items():
+            numbers = " ".join(map(repr, np.asarray(matrices[i]).ravel().tolist()))
+            lines.append(f"Seq_Frame{i:04d}_{name}Transform = {numbers}")
+            lines.append(f"Seq_Frame{i:04d}_{name}TransformStatus = OK")
+        lines.append(f"Seq_Frame{i:04d}_Timestamp = {i}")
+    lines += [f"{name} = {value}" for name, value in fields.items()]
+    text = "\n".join([*lines, "ElementDataFile = LOCAL\n"])
+    Path(path).write_bytes(text.encode() + frames.tobytes())
+    return frames
+
+
+@pytest.mark.parametrize(
+    "orientation, rows, columns", [("MFA", 1, 1), ("UFA", 1, -1), ("MN", -1, 1), ("UND", -1, -1)]
+)
+def test_orientation(orientation, rows, columns):
+    stored = write_igs("a.mha", {"ImageToReference": [PIXEL] * 4}, orientation=orientation)
+    sweep = read_sweep("a.mha")
+    assert np.array_equal(sweep.frames, stored[:, ::rows, ::columns])
+    write_sweep("b.mha", sweep)
+    assert np.array_equal(read_sweep("b.mha").frames, sweep.frames)
+    assert header("b.mha")["UltrasoundImageOrientation"] == orientation
+    raw = zlib.decompress(Path("b.mha").read_bytes().split(b"LOCAL\n", 1)[1])
+    assert raw == stored.tobytes()
+
+
+def test_statuses_and_missing_poses():
+    write_igs(
+        "a.mha", {"ImageToReference": [PIXEL] * 4},
+        Seq_Frame0001_ImageToReferenceTransformStatus="MISSING",
+        Seq_Frame0003_ImageStatus="INVALID",
+    )  # fmt: skip
+    assert read_sweep("a.mha").valid.tolist() == [True, False, True, False]
+    poses = [PIXEL, np.full((4, 4), np.nan), PIXEL, PIXEL]
+    write_igs("b.mha", {"ImageToReference": poses})
+    assert read_sweep("b.mha").valid.tolist() == [True, False, True, True]
+    text = Path("a.mha").read_bytes()
+    lines = [line for line in text.split(b"\n") if b"Frame0000_ImageTo" not in line]
+    Path("c.mha").write_bytes(b"\n".join(lines))
+    assert read_sweep("c.mha").valid.tolist() == [False, False, True, False]
+
+
+def test_the_way_through_named_frames():
+    probe, stylus = random_poses(4, 3), random_poses(4, 4)
+    write_igs("a.mha", {"TrackerToProbe": probe, "StylusToTracker": stylus})
+    sweep = read_sweep("a.mha", calibration=Calibration(PIXEL))
+    assert sweep.world == "Tracker"
+    assert np.allclose(sweep.world_from_image, np.linalg.inv(probe) @ PIXEL)
+    assert "expected a way from Image" in refused("a.mha")
+
+
+def test_temporal_offset_shifts_every_tracked_transform():
+    poses = np.tile(np.eye(4), (4, 1, 1))
+    poses[:, 0, 3] = [0, 2, 4, 8]
+    write_igs("a.mha", {"ProbeToTracker": poses})
+    sweep = read_sweep("a.mha", calibration=Calibration(PIXEL, temporal_offset=0.25))
+    assert sweep.valid.tolist() == [True, True, True, False]  # nothing is extrapolated
+    assert sweep.world_from_image[:3, 0, 3] == pytest.approx([0.5, 2.5, 5])
+
+
+def test_dicom_multi_frame():
+    sitk = pytest.importorskip("SimpleITK", reason="DICOM needs SimpleITK")
+    frames = np.arange(4 * 16 * 12, dtype=np.uint8).reshape(4, 16, 12)
+    sitk.WriteImage(sitk.GetImageFromArray(frames), "a.dcm")
+    write_csv("poses.csv", PoseTable(None, random_poses(4), np.ones(4, bool)))
+    sweep = read_sweep("a.dcm", poses="poses.csv", calibration=Calibration(PIXEL))
+    assert np.array_equal(sweep.frames, frames)
+    Path("b.dcm").write_bytes(b"nothing of the kind")
+    assert "b.dcm" in refused("b.dcm", poses="poses.csv")
+
+
+# Image stacks with pose tables
+
+
+@pytest.fixture
+def stack():
+    """Frames of a folder, their times, and poses measured at 20 Hz in between."""
+    Path("frames").mkdir()
+    rng = np.random.default_rng(5)
+    frames = rng.integers(0, 255, (12, 6, 7), dtype=np.uint8)
+    for i, frame in enumerate(frames):
+        Image.fromarray(frame).save(f"frames/{i}.png")  # 10.png sorts before 2.png as text
+    times = np.arange(40) * 0.05
+    poses = np.tile(np.eye(4), (40, 1, 1))
+    poses[:, 2, 3] = 10 * times
+    poses[:, :3, :3] = [rotation(np.array([0, 0, np.sin(a / 2), np.cos(a / 2)])) for a in times]
+    write_csv("poses.csv", PoseTable(times, poses, np.ones(40, bool)))
+    write_calibration("calibration.toml", Calibration(PIXEL))
+    return frames
+
+
+def test_folder_with_poses_at_other_times(stack):
+    sweep = read_sweep(
+        "frames", calibration="calibration.toml", poses="poses.csv", frame_times=10,
+        temporal_offset=0.02,
+    )  # fmt: skip
+    assert np.array_equal(sweep.frames, stack)
+    assert sweep.valid.all() and sweep.timestamps == pytest.approx(0.1 * np.arange(12))
+    pose = sweep.world_from_image[3] @ np.linalg.inv(PIXEL)
+    assert pose[2, 3] == pytest.approx(10 * 0.32)
+    assert np.arctan2(pose[1, 0], pose[0, 0]) == pytest.approx(0.32)
+
+
+def test_pose_table_kinds_agree(stack):
+    table = read_poses("poses.csv")
+    rows = ["time,x,y,z,qx,qy,qz,qw,status"]
+    entries = []
+    for time, matrix in zip(table.times, table.matrices, strict=True):
+        q, place = quaternion(matrix[:3, :3]), matrix[:3, 3]
+        rows.append(",".join(map(repr, [float(time), *place.tolist(), *q.tolist()])) + ",OK")
+        entries.append({"time": time, "position": place.tolist(), "quaternion": q.tolist()})
+    Path("q.csv").write_text("\n".join(rows))
+    Path("q.json").write_text(json.dumps({"poses": entries}))
+    Path("m.json").write_text(json.dumps(
+        [{"t": t, "matrix": m.tolist()} for t, m in zip(table.times, table.matrices, strict=True)]
+    ))
+    for name in ("q.csv", "q.json", "m.json"):
+        other = read_poses(name)
+        assert np.array_equal(other.times, table.times)
+        assert np.allclose(other.matrices, table.matrices, atol=1e-12)
+
+
+def test_gaps_are_not_bridged():
+    times = np.array([0, 0.1, 0.2, 0.3, 2.0, 2.1])
+    table = PoseTable(times, random_poses(6), np.ones(6, bool))
+    _, ok = interpolate(table, np.array([-0.01, 0.0, 0.25, 0.3, 1.0, 2.0, 2.05, 2.1, 2.11]))
+    assert ok.tolist() == [False, True, True, True, False, True, True, True, False]
+    matrices, _ = interpolate(table, times)
+    assert np.array_equal(matrices, table.matrices)  # a known time gives the very bits
+    table.ok[1] = False
+    assert interpolate(table, np.array([0.1, 0.12]))[1].tolist() == [False, True]  # one lost pose
+
+
+def test_slerp_turns_evenly_and_takes_the_shorter_way():
+    turn = np.tile(np.eye(4), (2, 1, 1))
+    turn[1, :3, :3] = rotation(np.array([np.sin(0.6), 0, 0, np.cos(0.6)]))
+    table = PoseTable(np.array([0.0, 1.0]), turn, np.ones(2, bool))
+    matrices, _ = interpolate(table, np.array([0.25, 0.5]))
+    angles = np.arctan2(matrices[:, 2, 1], matrices[:, 1, 1])
+    assert angles == pytest.approx([0.3, 0.6])
+
+
+def test_poses_with_scale_need_no_calibration(stack):
+    table = read_poses("poses.csv")
+    write_csv("scaled.csv", table._replace(matrices=table.matrices @ PIXEL))
+    sweep = read_sweep("frames", poses="scaled.csv", frame_times=10)
+    assert sweep.spacing == pytest.approx((0.5, 0.25))
+    line = refused("frames", poses="poses.csv", frame_times=10)
+    assert "calibration" in line
+
+
+# Regions
+
+
+def test_regions_combine():
+    shape = (40, 50)
+    clip, fan = Clip(10, 5, 20, 30), Fan(25, -10, -20, 30, 20, 40)
+    painted = np.zeros(shape)
+    painted[:, 15:] = 3
+    both = region_mask(shape, clip, fan, painted)
+    alone = [region_mask(shape, **{k: v}) for k, v in
+             (("clip", clip), ("fan", fan), ("mask", painted))]  # fmt: skip
+    assert np.array_equal(both, np.logical_and.reduce(alone))
+    assert alone[0].sum() == 600
+    row, column = 25, 25 + round(35 * np.tan(np.radians(29)))
+    assert alone[1][row, column] and not alone[1][row, column + 2]  # angles grow with the column
+    assert region_mask(shape) is None
+    with pytest.raises(ValueError, match="got none"):
+        region_mask(shape, Clip(100, 0, 5, 5))
+
+
+def test_mask_image(stack):
+    Image.fromarray(np.eye(6, 7, dtype=np.uint8) * 255).save("mask.png")
+    words = {"calibration": "calibration.toml", "poses": "poses.csv", "frame_times": 10}
+    sweep = read_sweep("frames", mask="mask.png", clip=(0, 0, 3, 3), **words)
+    assert np.array_equal(np.argwhere(sweep.mask), [[0, 0], [1, 1], [2, 2]])
+    assert "shape (6, 7)" in refused("frames", mask=np.ones((3, 3)), **words)
+    Path("broken.png").write_bytes(b"\x89PNG\r\n\x1a\nxx")
+    assert "broken.png" in refused("frames", mask="broken.png", **words)
+
+
+# What is refused
+
+
+def test_sweep_checks_its_fields():
+    frames, poses = np.zeros((2, 3, 4), np.uint8), np.tile(np.eye(4), (2, 1, 1))
+    assert Sweep(frames, poses)[1:].frames.shape == (1, 3, 4)
+    assert Sweep(frames.astype(np.int16), poses).frames.dtype == np.uint8
+    assert Sweep(frames.astype(float) - 1, poses).frames.dtype == np.float32
+    singular = poses.copy()
+    singular[1, :3, 1] = 2 * singular[1, :3, 0]
+    infinite = frames.astype(np.float32)
+    infinite[1, 0, 0] = np.inf
+    for wrong, what in [
+        ((frames[0], poses), "frames: expected shape"),
+        ((frames, poses[:1]), "world_from_image: expected shape"),
+        ((frames, singular), "singular matrix .frame 1"),
+        ((infinite, poses), "NaN or inf .frame 1"),
+        ((frames, poses, [0, np.nan]), "timestamps"),
+        ((frames, poses, None, [True]), "valid"),
+        ((frames, poses, None, None, np.ones((4, 3))), "mask"),
+    ]:
+        with pytest.raises(ValueError, match=what):
+            Sweep(*wrong)
+    assert not Sweep(frames, poses * [[[np.nan]], [[1]]]).valid[0]
+    with pytest.raises(TypeError):
+        Sweep(np.array([[["a"]]]), poses[:1])
+
+
+@pytest.mark.parametrize(
+    "table, what",
+    [
+        ("", "empty file"),
+        ("a,b\n1,2\n", "columns"),
+        ("time,x,y,z,qx,qy,qz,qw\n", "got none"),
+        ("time,x,y,z,qx,qy,qz,qw\n0,1,2\n", "row 2"),
+        ("time,x,y,z,qx,qy,qz,qw\n0,1,2,z,0,0,0,1\n", "a number"),
+        ("time,x,y,z,qx,qy,qz,qw\n0,1,2,3,0,0,0,5\n", "length 1"),
+        ("time,x,y,z,qx,qy,qz,qw\nnan,1,2,3,0,0,0,1\n", "finite time"),
+        ("time,x,y,z,qx,qy,qz,qw\n0,1,2,3,nan,0,0,1\n", "status OK"),
+        ("time," + ",".join(f"m{r}{c}" for r in range(3) for c in range(4)) + "\n"
+         + ",".join(["0"] * 13) + "\n", "singular"),
+        ("time,x,y,z,qx,qy,qz,qw\n0,1,2,3,0,0,0,1\n", "way|OK|times"),
+    ],
+)  # fmt: skip
+def test_bad_pose_tables(stack, table, what):
+    Path("bad.csv").write_text(table)
+    line = refused("frames", calibration="calibration.toml", poses="bad.csv", frame_times=[5] * 12)
+    assert re.search(what, line), line
+
+
+def test_bad_json_tables(stack):
+    for text in ("{", "3", "[1]", '[{"time": 0}]', '[{"time": "x", "matrix": [1]}]',
+                 '[{"matrix": [1, 2]}]', "[" * 100000):  # fmt: skip
+        Path("bad.json").write_text(text)
+        assert "bad.json" in refused("frames", calibration="calibration.toml", poses="bad.json")
+
+
+def test_bad_times_and_sizes(stack):
+    words = {"calibration": "calibration.toml", "poses": "poses.csv"}
+    assert "times" in refused("frames", **words)  # 40 poses for 12 frames without times
+    assert "12 finite times" in refused("frames", frame_times=[1, 2], **words)
+    assert "temporal_offset" in refused("frames", temporal_offset=np.nan, **words)
+    Image.fromarray(np.zeros((3, 3), np.uint8)).save("frames/99.png")
+    assert "99.png" in refused("frames", frame_times=10, **words)
+    Path("frames/99.png").write_bytes(b"no picture")
+    assert "99.png" in refused("frames", frame_times=10, **words)
+    Path("empty").mkdir()
+    assert "pictures" in refused("empty", **words)
+    assert "folder or one of" in refused("frames.bmp", **words)
+    with pytest.raises(FileNotFoundError):
+        read_sweep("nowhere.igs.mha")
+
+
+def test_truncated_and_hostile_igs_files():
+    write_sweep("a.igs.mha", small_sweep())
+    write_sweep("a.igs.nrrd", small_sweep())
+    for name in ("a.igs.mha", "a.igs.nrrd"):
+        whole = Path(name).read_bytes()
+        for size in [*range(0, len(whole), 97), len(whole) - 1]:
+            Path(f"cut{name[1:]}").write_bytes(whole[:size])
+            assert "cut" in refused(f"cut{name[1:]}")
+    whole = Path("a.igs.mha").read_bytes()
+    for old, new in [
+        (b"DimSize = 7 6 5", b"DimSize = 7 6 900000000"),
+        (b"DimSize = 7 6 5", b"DimSize = 7 -6 5"),
+        (b"DimSize = 7 6 5", b"DimSize = 7 6 4"),
+        (b"DimSize = 7 6 5", b"DimSize = 210"),
+        (b"MET_UCHAR", b"MET_STRING"),
+        (b"NDims = 3", b"NDims = x"),
+        (b"LOCAL", b"../../etc/passwd"),
+        (b"LOCAL", b"missing.raw"),
+        (b"Seq_Frame0001_Timestamp = 10.1", b"Seq_Frame0001_Timestamp = soon"),
+        (b"MF", b"FM"),
+    ]:
+        assert old in whole, old
+        Path("bad.igs.mha").write_bytes(whole.replace(old, new))
+        assert "bad.igs.mha" in refused("bad.igs.mha")
+    text = re.sub(rb"(Frame0002_ImageToReferenceTransform = )\S+", rb"\1x", whole)
+    Path("bad.igs.mha").write_bytes(text)
+    assert "Seq_Frame0002_ImageToReferenceTransform" in refused("bad.igs.mha")
+    Path("bad.igs.mha").write_bytes(whole.replace(b"Status = OK", b"Status = INVALID"))
+    assert "got none in 5" in refused("bad.igs.mha")
+
+
+def test_bad_plus_configurations():
+    write_igs("a.mha", {"ProbeToReference": random_poses(4)})
+    good = '<Transform From="Image" To="Probe" Matrix="{}"/>{}'
+    good = f"<PlusConfiguration>{good}</PlusConfiguration>"
+    matrix = "1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1"
+    Path("a.xml").write_text(good.format(matrix, ""))
+    assert read_sweep("a.mha", plus="a.xml").valid.all()
+    for text, what in [
+        ("<a/>", "PlusConfiguration"),
+        ("<PlusConfiguration>", "XML"),
+        ('<!DOCTYPE x [<!ENTITY a "b">]><PlusConfiguration/>', "DOCTYPE"),
+        (good.format("1 2 3", ""), "16 numbers"),
+        (good.format(" ".join("0" * 16), ""), "singular"),
+        (good.format(matrix, '<VolumeReconstruction ClipRectangleOrigin="0"/>'), "2 numbers"),
+        (good.format(matrix, '<VolumeReconstruction ClipRectangleOrigin="900 0" '
+                     'ClipRectangleSize="5 5"/>'), "got none"),
+        (good.format(matrix, '<VolumeReconstruction FanAnglesDeg="50 20" FanOriginPixel="0 0" '
+                     'FanRadiusStartPixel="1" FanRadiusStopPixel="9"/>'), "degrees"),
+        ("<PlusConfiguration/>", "a way from Image"),
+    ]:  # fmt: skip
+        Path("a.xml").write_text(text)
+        assert what in refused("a.mha", plus="a.xml")
+
+
+def test_bad_archives():
+    sweep = small_sweep()
+    for change, what in [
+        ({"frames": np.zeros(3)}, "frames"),
+        ({"world_from_image": np.zeros((2, 4, 4))}, "world_from_image"),
+        ({"world_from_image": np.zeros((5, 4, 4))}, "0 0 0 1"),
+        ({"timestamps": np.zeros(2)}, "timestamps"),
+        ({"valid": np.zeros(5, bool)}, "got none"),
+        ({"space": np.array("XYZ")}, "space"),
+        ({"mask": np.ones((2, 2), bool)}, "mask"),
+    ]:
+        arrays = {"frames": sweep.frames, "world_from_image": sweep.world_from_image} | change
+        np.savez("bad.npz", **arrays)
+        assert what in refused("bad.npz")
+
+
+def test_write_refuses_what_it_cannot_hold():
+    sweep = small_sweep()
+    for name in ("a.dcm", "a.png"):
+        with pytest.raises(ValueError, match="expected a folder or"):
+            write_sweep(name, sweep)
+    Path("there").mkdir()
+    with pytest.raises(ValueError, match="new folder"):
+        write_sweep("there", sweep)
+    with pytest.raises(TypeError):
+        write_sweep("a.npz", sweep.frames)
+
+
+# Poses that jump
+
+
+def test_outliers_are_found_and_only_they():
+    sweep = gb.phantoms.cylinders(n_frames=40, size=(20, 20), pose_noise=(0.02, 0.02))
+    assert not check_poses(sweep).outliers.any()
+    for wrong in ([7], [20, 21], [0], [39], [5, 9, 30]):
+        broken = sweep.world_from_image.copy()
+        for k, i in enumerate(wrong):
+            broken[i, :3, 3] += np.array([15, -8, 3]) * (k + 1)
+        found = check_poses(Sweep(sweep.frames, broken, sweep.timestamps))
+        assert np.flatnonzero(found.outliers).tolist() == wrong
+    turned = sweep.world_from_image.copy()
+    turned[12, :3, :3] = random_poses(1)[0, :3, :3] @ turned[12, :3, :3]
+    found = check_poses(Sweep(sweep.frames, turned, sweep.timestamps))
+    assert np.flatnonzero(found.outliers).tolist() == [12]

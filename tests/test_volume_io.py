@@ -1,0 +1,309 @@
+"""Volume files, slices and three-view pictures."""
+
+from __future__ import annotations
+
+import itertools
+from pathlib import Path
+
+import globule as gb
+import numpy as np
+import pytest
+from globule.slices import reslice, reslice_frame, save_three_view, three_view
+from globule.volume import EMPTY, FILLED, MEASURED, Volume
+from globule.volume_io import WRITABLE, map_path, read_volume, write_volume
+from PIL import Image
+from sweep_helpers import random_poses, spine_data
+
+FORMATS = sorted(WRITABLE)
+ODD = np.array([-74.52170039, 165.57342384663468, 1 / 3])  # an origin that needs all its digits
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+
+def volume(dtype="uint8", turned: bool = False, space: str = "LPS") -> Volume:
+    """17x19x23 voxels of 0.1, 0.3 and 1/7 mm: a measured corner, a filled one, emptiness."""
+    rng = np.random.default_rng(2)
+    values = np.zeros((17, 19, 23), dtype)
+    radius = np.full(values.shape, 255, np.uint8)
+    values[:9, :5, :12] = 1 + rng.random((9, 5, 12)) * 200
+    radius[:9, :5, :12] = 0
+    radius[6:9, :5, :12] = 3
+    matrix = np.diag([0.1, 0.3, 1 / 7, 1.0])
+    if turned:
+        matrix = random_poses(1, 9)[0] @ matrix
+    matrix[:3, 3] = ODD
+    maps = {
+        "count": (radius == 0).astype(np.uint32) * 3,
+        "variance": (values * np.float32(0.3)).astype(np.float32),
+        "source": np.where(radius == 0, 4, -1).astype(np.int32),
+    }
+    return Volume(values, matrix, radius, space, {}, maps.__getitem__)
+
+
+@pytest.mark.parametrize("dtype", ["uint8", "uint16", "float32"])
+@pytest.mark.parametrize("extension", FORMATS)
+def test_round_trip(extension, dtype):
+    for turned, space in itertools.product((False, True), ("LPS", "RAS")):
+        before = volume(dtype, turned, space)
+        write_volume("a" + extension, before)
+        after = read_volume("a" + extension)
+        assert after.values.dtype == dtype and np.array_equal(after.values, before.values)
+        expected = before.world_from_voxel
+        if after.space != before.space:  # MetaImage is always LPS, NIfTI always RAS
+            expected = np.diag([-1, -1, 1, 1]) @ expected
+        if extension.startswith(".nii"):
+            assert np.allclose(after.world_from_voxel, expected, rtol=1e-6, atol=1e-6)
+        elif extension.endswith(".npz") or extension == ".nrrd" or not turned:
+            assert np.array_equal(after.world_from_voxel, expected)
+        else:  # spacing times direction
+            assert np.allclose(after.world_from_voxel, expected, rtol=0, atol=1e-15)
+        kept = extension in (".vti", ".npz", ".sparse.npz")
+        if kept:
+            assert np.array_equal(after.radius, before.radius)
+        assert np.array_equal(after.empty, before.empty)
+        assert after.info["origin"] == ("stored" if kept else "assumed")
+
+
+@pytest.mark.parametrize("extension", FORMATS)
+def test_maps(extension):
+    before = volume()
+    write_volume("a" + extension, before, maps=True)
+    for name in ("count", "variance", "source", "radius"):
+        expected = getattr(before, name)
+        if extension in (".vti", ".npz", ".sparse.npz"):
+            found = getattr(read_volume("a" + extension), name)
+            assert found.dtype == expected.dtype
+        else:
+            found = read_volume(map_path("a" + extension, name)).values
+        assert np.array_equal(found, expected), name
+
+
+def test_a_volume_without_maps():
+    plain = Volume(np.ones((2, 3, 4), np.uint8), np.eye(4))
+    write_volume("a.npz", plain, maps=True)
+    with pytest.raises(ValueError, match="a.npz"):
+        _ = read_volume("a.npz").count
+
+
+def test_sparse_files_are_small():
+    values = np.zeros((128, 128, 128), np.uint8)
+    radius = np.full(values.shape, 255, np.uint8)
+    values[60:68, 60:68] = 7
+    radius[60:68, 60:68] = 0
+    sparse = Volume(values, np.eye(4), radius)
+    write_volume("a.sparse.npz", sparse)
+    assert Path("a.sparse.npz").stat().st_size < 0.03 * 2 * values.size
+    assert np.array_equal(read_volume("a.sparse.npz").radius, radius)
+
+
+@pytest.mark.parametrize("extension", [".mha", ".nrrd", ".nii", ".nii.gz"])
+@pytest.mark.parametrize("turned", [False, True])
+def test_itk_sees_the_same_place(extension, turned):
+    sitk = pytest.importorskip("SimpleITK", reason="compares with SimpleITK")
+    before = volume(turned=turned)
+    write_volume("a" + extension, before)
+    image = sitk.ReadImage("a" + extension)
+    assert np.array_equal(sitk.GetArrayFromImage(image), before.values)
+    for index in ((0, 0, 0), (22, 0, 0), (3, 18, 16)):
+        here = before.world_from_voxel @ [*index, 1]  # LPS, as ITK's
+        there = image.TransformIndexToPhysicalPoint(index)
+        assert there == pytest.approx(here[:3], abs=1e-4 if "nii" in extension else 1e-9)
+    sitk.WriteImage(image, "b" + extension)  # and what ITK writes we read
+    again = read_volume("b" + extension)
+    expected = np.diag([-1, -1, 1, 1.0]) if again.space == "RAS" else np.eye(4)
+    assert np.array_equal(again.values, before.values)
+    assert np.allclose(again.world_from_voxel, expected @ before.world_from_voxel, atol=1e-4)
+
+
+def test_nifti_as_nibabel_sees_it():
+    nibabel = pytest.importorskip("nibabel", reason="compares with nibabel")
+    before = volume("uint16", turned=True, space="RAS")
+    write_volume("a.nii.gz", before)
+    image = nibabel.load("a.nii.gz")
+    assert np.array_equal(np.asarray(image.dataobj).T, before.values)
+    assert np.allclose(image.affine, before.world_from_voxel, atol=1e-5)
+
+
+def test_published_reference_volume():
+    reference = read_volume(spine_data() / "NNMEAN.reference.mha")
+    assert reference.values.shape == (105, 106, 147) and reference.space == "LPS"
+    assert reference.spacing.tolist() == [0.5, 0.5, 0.5]
+    assert reference.world_from_voxel[:3, 3].tolist() == [-74.5217, 165.573, 29.072]
+
+
+def test_other_numbers_become_ours():
+    for values, expected in [
+        (np.array([[[0, 300]]], np.int16), np.uint16),
+        (np.array([[[-1, 300]]], np.int16), np.float32),
+        (np.array([[[True, False]]]), np.uint8),
+        (np.array([[[0.5, np.nan]]]), np.float32),
+    ]:
+        np.savez("a.npz", values=values, world_from_voxel=np.eye(4))
+        found = read_volume("a.npz")
+        assert found.values.dtype == expected and np.isfinite(found.values).all()
+    assert found.empty.tolist() == [[[False, True]]]
+
+
+# What is refused
+
+
+def refused(path) -> str:
+    with pytest.raises(ValueError) as caught:
+        read_volume(path)
+    text = str(caught.value)
+    assert text.startswith(str(path)) and "\n" not in text and "expected" in text, text
+    return text
+
+
+@pytest.mark.parametrize("extension", FORMATS)
+def test_truncated_files(extension):
+    write_volume("a" + extension, volume())
+    whole = Path("a" + extension).read_bytes()
+    sizes = {*np.linspace(0, len(whole) - 1, 60).astype(int).tolist(), *range(0, 400, 7)}
+    if extension == ".vti":
+        sizes -= set(range(len(whole) - 64, len(whole)))  # the closing tags hold nothing
+    for size in sorted(sizes):
+        Path("cut" + extension).write_bytes(whole[:size])
+        refused("cut" + extension)
+
+
+@pytest.mark.parametrize("extension", FORMATS)
+def test_altered_files_never_end_in_a_traceback(extension):
+    write_volume("a" + extension, volume())
+    whole = bytearray(Path("a" + extension).read_bytes())
+    rng = np.random.default_rng(0)
+    for _ in range(120):
+        bad = whole.copy()
+        for place in rng.integers(0, min(len(bad), 900), 3):
+            bad[place] = rng.integers(256)
+        Path("bad" + extension).write_bytes(bad)
+        try:
+            read_volume("bad" + extension)
+        except ValueError as error:
+            assert "\n" not in str(error) and str(error).startswith("bad")
+
+
+def test_hostile_headers():
+    write_volume("a.mha", volume())
+    whole = Path("a.mha").read_bytes()
+    for old, new in [
+        (b"DimSize = 23 19 17", b"DimSize = 100000 100000 100000"),
+        (b"ElementSpacing = 0.1", b"ElementSpacing = nan"),
+        (b"ElementSpacing = 0.1", b"ElementSpacing = 0"),
+        (b"Offset = ", b"Offset = 1 "),
+        (b"TransformMatrix = 1.0 0.0", b"TransformMatrix = 0.0 0.0"),
+    ]:
+        assert old in whole, old
+        Path("bad.mha").write_bytes(whole.replace(old, new))
+        refused("bad.mha")
+    write_volume("a.nrrd", volume())
+    whole = Path("a.nrrd").read_bytes()
+    for old, new in [
+        (b"sizes: 23 19 17", b"sizes: 23 19 99999999"),
+        (b"encoding: gzip", b"encoding: bzip2"),
+        (b"left-posterior-superior", b"somewhere"),
+        (b"space directions: (", b"space directions: none ("),
+        (b"type: uint8", b"type: block"),
+    ]:
+        assert old in whole, old
+        Path("bad.nrrd").write_bytes(whole.replace(old, new))
+        refused("bad.nrrd")
+    for arrays in (
+        {},
+        {"values": np.zeros((2, 2, 2))},
+        {"values": np.zeros((2, 2)), "world_from_voxel": np.eye(4)},
+        {"values": np.zeros((2, 2, 2)), "world_from_voxel": np.zeros((4, 4))},
+        {"values": np.zeros((2, 2, 2)), "world_from_voxel": np.full((4, 4), np.nan)},
+        {"values": np.zeros((2, 2, 2)), "world_from_voxel": np.eye(4), "space": np.array("X")},
+        {"values": np.zeros((1, 8, 8, 8)), "world_from_voxel": np.eye(4), "blocks": np.array([5]),
+         "shape": np.array([8, 8, 8])},
+        {"values": np.zeros((1, 8, 8, 8)), "world_from_voxel": np.eye(4), "blocks": np.array([0]),
+         "shape": np.array([2**40, 8, 8])},
+    ):  # fmt: skip
+        np.savez("bad.npz", **arrays)
+        refused("bad.npz")
+
+
+def test_names():
+    with pytest.raises(ValueError, match="extensions"):
+        write_volume("a.stl", volume())
+    with pytest.raises(ValueError, match="extensions"):
+        read_volume("a.stl")
+    with pytest.raises(FileNotFoundError):
+        read_volume("a.nrrd")
+    with pytest.raises(TypeError):
+        write_volume("a.nrrd", np.zeros((2, 2, 2)))
+
+
+def test_nothing_is_left_of_a_write_that_fails(monkeypatch):
+    write_volume("a.nrrd", volume())
+    before = Path("a.nrrd").read_bytes()
+    monkeypatch.setattr("os.replace", lambda *_: (_ for _ in ()).throw(OSError("full")))
+    with pytest.raises(OSError):
+        write_volume("a.nrrd", volume("uint16"))
+    assert [p.name for p in Path().iterdir()] == ["a.nrrd"]
+    assert Path("a.nrrd").read_bytes() == before
+
+
+# Slices
+
+
+def test_a_linear_field_is_resliced_exactly():
+    z, y, x = np.meshgrid(np.arange(20), np.arange(21), np.arange(22), indexing="ij")
+    ramp = Volume((2 * x + 3 * y - z + 50).astype(np.float32), np.diag([0.5, 0.5, 0.5, 1]))
+    plane = random_poses(1, 4, reach=0.5)[0] @ np.diag([0.1, 0.1, 0.1, 1.0])
+    plane[:3, 3] += 5
+    seen = reslice(ramp, plane, (25, 15))
+    row, column = np.mgrid[:15, :25]
+    at = 2 * (plane[:3, 0, None, None] * column + plane[:3, 1, None, None] * row
+              + plane[:3, 3, None, None])  # fmt: skip
+    inside = ((at > 0) & (at < np.array([21, 20, 19])[:, None, None])).all(axis=0)
+    assert inside.all() and (seen.origin == MEASURED).all()
+    assert np.allclose(seen.values, 2 * at[0] + 3 * at[1] - at[2] + 50, atol=1e-4)
+
+
+def test_emptiness_is_not_interpolated():
+    values = np.zeros((5, 5, 5), np.float32)
+    values[:, :, :3] = 10
+    radius = np.where(values > 0, 0, 255).astype(np.uint8)
+    radius[:, :, 2] = 4
+    plane = np.diag([0.25, 0.25, 0.25, 1.0])
+    plane[2, 3] = 2
+    seen = reslice(Volume(values, np.eye(4), radius), plane, (18, 10))
+    assert np.unique(seen.values).tolist() == [0, 10]
+    assert seen.origin[4, 0] == MEASURED and seen.origin[4, 8] == FILLED
+    assert seen.origin[4, 14] == EMPTY
+    outside = plane.copy()
+    outside[2, 3] = 100
+    assert not reslice(Volume(values, np.eye(4), radius), outside, (4, 4)).origin.any()
+
+
+def test_back_onto_the_frames():
+    sweep = gb.phantoms.cylinders(n_frames=4, size=(20, 30), gaps=0.4, seed=3)
+    box = Volume(np.full((40, 40, 40), 9, np.uint8), np.array(
+        [[2, 0, 0, -40], [0, 2, 0, -40], [0, 0, 2, -40], [0, 0, 0, 1.0]]))  # fmt: skip
+    seen = reslice_frame(box, sweep, 0)
+    assert seen.values.shape == (30, 20) and np.allclose(seen.values, 9)
+    lost = int(np.argmin(sweep.valid))
+    with pytest.raises(ValueError, match="valid frame"):
+        reslice_frame(box, sweep, lost)
+
+
+def test_three_view():
+    shown = three_view(volume(), overlay=False)
+    assert shown.dtype == np.uint8 and shown.ndim == 3
+    plain = Volume(np.full((10, 20, 30), 200, np.uint8), np.diag([1.0, 2, 3, 1]))
+    picture = three_view(plain)
+    assert picture.shape == (40, 30 + 30 + 40 + 16, 3)  # square pixels of 1 mm
+    tinted = three_view(volume(), overlay=True)
+    n_colors = [len(np.unique(picture.reshape(-1, 3), axis=0)) for picture in (shown, tinted)]
+    assert n_colors[0] < n_colors[1]
+    with pytest.raises(ValueError, match="center"):
+        three_view(plain, center=(900, 0, 0))
+    save_three_view("a.png", volume())
+    assert Image.open("a.png").size == (tinted.shape[1], 2 * tinted.shape[0] + 8)
+    nothing = Volume(np.zeros((4, 4, 4), np.uint8), np.eye(4), np.full((4, 4, 4), 255, np.uint8))
+    assert three_view(nothing).shape[2] == 3

@@ -1,0 +1,70 @@
+"""A volume's iso-surface through metaballs lies where the volume says."""
+
+from __future__ import annotations
+
+import globule as gb
+import numpy as np
+import pytest
+from globule.cli import main
+from globule.volume import Volume
+from globule.volume_particles import iso_surface, otsu
+from PIL import Image
+
+
+def ball(spacing=(0.5, 0.5, 0.5), radius: float = 6.0, slope: float = 12.0) -> Volume:
+    """Values that fall linearly through 100 at `radius` mm around (3, -2, 10)."""
+    place = np.diag([*spacing, 1.0])
+    n = [int(20 / s) for s in spacing]
+    place[:3, 3] = np.array([3, -2, 10]) - np.array(spacing) * (np.array(n) - 1) / 2
+    z, y, x = np.meshgrid(*(np.arange(k) for k in n[::-1]), indexing="ij")
+    world = np.stack([x, y, z], axis=-1) * spacing + place[:3, 3]
+    distance = np.linalg.norm(world - [3, -2, 10], axis=-1)
+    return Volume(np.clip(100 + slope * (radius - distance), 0, 255).astype(np.float32), place)
+
+
+@pytest.mark.parametrize("kernel", ["murakami", "wyvill", "cubic_spline"])
+@pytest.mark.parametrize("spacing", [(0.5, 0.5, 0.5), (0.3, 0.5, 0.6)])
+def test_the_surface_lies_at_the_level(kernel, spacing):
+    for level, radius in ((100.0, 6.0), (130.0, 3.5)):
+        surface = iso_surface(ball(spacing), level, kernel)
+        scene = gb.Scene(surface.particles, kernel, surface.threshold, device="cpu")
+        camera = gb.Camera((3, -2, 60), (3, -2, 10), height=20)
+        frame = gb.render(scene, camera, (80, 80))
+        places = frame.position[frame.mask]
+        distance = np.linalg.norm(places - [3, -2, 10], axis=1)
+        assert np.median(distance) == pytest.approx(radius, abs=0.12)
+        assert np.abs(distance - radius).max() < 0.4
+
+
+def test_level_by_default():
+    rng = np.random.default_rng(0)
+    two = np.concatenate([rng.normal(50, 8, 9000), rng.normal(180, 8, 3000)])
+    assert 70 < otsu(two) < 160
+    assert iso_surface(ball()).level > 0
+
+
+def test_what_has_no_surface_is_refused():
+    with pytest.raises(ValueError, match="level"):
+        iso_surface(ball(), 300.0)
+    with pytest.raises(ValueError, match="level"):
+        iso_surface(Volume(np.zeros((3, 3, 3), np.uint8), np.eye(4)))
+    with pytest.raises(ValueError, match="kernel"):
+        iso_surface(ball(), 10.0, "magic")
+
+
+def test_render_command(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    for name in ("ball.nrrd", "ball.npz"):
+        gb.write_volume(name, ball())
+        words = ["render", name, "-o", "ball.png", "--size", "60x50", "--device", "cpu"]
+        assert main(words) == 0
+        assert "surface at" in capsys.readouterr().err
+        assert main([*words, "--level", "100"]) == 0
+        assert capsys.readouterr().err == ""
+        picture = np.asarray(Image.open("ball.png"))
+        assert (picture[25, 30] != picture[0, 0]).any()
+    for wrong in (["--threshold", "1"], ["--level", "999"]):
+        assert main([*words, *wrong]) == 2
+    gb.write("p.npz", gb.Particles(np.zeros((3, 3))))
+    assert main(["render", "p.npz", "-o", "p.png", "--level", "3"]) == 2
+    assert capsys.readouterr().err.count("globule: error") == 3
