@@ -124,10 +124,15 @@ public:
         frame->exec->mark(2);
         if (!before && request.passes == 1 && is_plain(request)) {
             frame->n_passes = 1;
+            frame->plain = true;
             trace(request.layers[0].field, frame->rays, frame->hits());
             exec_->for_each(n, Shade{frame->rays, frame->hits(), request.lighting, frame->color_data(), frame->picture_data()});
         } else {
-            render_waves(request, *frame);
+            // A plain picture has no sums to add to: its pass is made again.
+            const int again = frame->plain ? frame->n_passes : 0;
+            frame->n_passes -= again;
+            frame->plain = false;
+            render_waves(request, *frame, request.passes + again);
         }
         frame->exec->mark(3);
         check_cancelled();
@@ -200,6 +205,7 @@ private:
         RaySource rays;
         Buffer<float, Exec> sums;  ///< over passes: light, and as displayed
         int n_passes = 0;
+        bool plain = false;        ///< made in one go, without sums
         explicit FrameOf(std::shared_ptr<Exec> e) : exec(std::move(e)), block(*exec), sums(*exec) {}
 
         Hits hits() const { return {block.data(), block.data() + rays.n, block.data() + 4 * rays.n}; }
@@ -227,6 +233,7 @@ private:
         if (!frame) pool_.push_back(frame = std::make_shared<FrameOf>(exec_));
         frame->block.reserve(11 * n);
         frame->n_passes = 0;
+        frame->plain = false;
         return frame;
     }
 
@@ -240,7 +247,7 @@ private:
                l.n_visibilities() == 0 && !l.sky_light && !l.show_sky && !l.ground.present;
     }
 
-    void render_waves(const PictureRequest& request, FrameOf& frame) {
+    void render_waves(const PictureRequest& request, FrameOf& frame, int passes) {
         const CameraRays& camera = request.camera;
         Lighting lighting = request.lighting;
         const int n_layers = int(request.layers.size());
@@ -271,7 +278,7 @@ private:
         // A band of rows at a time, so that the waves' memory does not grow with the picture.
         const std::uint32_t band = std::uint32_t(most<std::size_t>(64, Exec::wave_size / camera.width / 64 * 64));
         const auto march = [&](const WaveRays& rays, int k, LayerHits& found) {
-            scenes[k]->march(*exec_, request.layers[k].field, clips[k], rays, k, found);
+            scenes[k]->march(*exec_, request.layers[k].field, clips[k], rays, k, found, n_layers == 1);
         };
         const auto keep = [&](const WaveRays& rays, int k, const LayerHits& found, const WaveHits& hits) {
             scenes[k]->with_tracer(request.layers[k].field, [&](const auto& tracer) {
@@ -286,7 +293,7 @@ private:
                                        Occlude<Tracer>{{tracer, clips[k]}, scenes[k]->attributes_, lighting, rays, hits, k, visibility});
             });
         };
-        for (int p = 0; p < request.passes && !exec_->cancelled(); ++p) {
+        for (int p = 0; p < passes && !exec_->cancelled(); ++p) {
             const int pass = frame.n_passes++;
             float* spare = pass ? spare_.reserve(7 * n) : nullptr;  // later passes must not change depth and normals
             const Hits first = pass ? Hits{spare, spare + n, spare + 4 * n} : frame.hits();
@@ -303,8 +310,8 @@ private:
     }
 
     /// Distances to one layer's first crossing, on the picture's own stream.
-    void march(Exec& exec, const FieldRequest& field, const Clips& clips, const WaveRays& rays, int layer, LayerHits& found) {
-        if (rays.primary() && clips.n == 0 && (Exec::tiles_for_camera || thesis_)) {
+    void march(Exec& exec, const FieldRequest& field, const Clips& clips, const WaveRays& rays, int layer, LayerHits& found, bool alone) {
+        if (alone && rays.primary() && clips.n == 0 && (Exec::tiles_for_camera || thesis_)) {
             found.sign = nullptr;
             found.cap = nullptr;
             return trace_with(exec, field, rays.source, {found.t, nullptr, nullptr});
@@ -331,6 +338,8 @@ private:
             std::uint32_t* bricks = bricks_.reserve(kMaxBricks);
             for (bool enough = false; !enough;) {
                 exec_->for_each(1, PlanCells<Tree>{tracer.tree, grid});
+                exec_->clear(bricks, kMaxBricks * sizeof *bricks);
+                exec_->for_each(tree_.max_nodes(), MarkBricks<Tree>{tracer.tree, tree_.max_nodes(), grid, bricks});
                 exec_->for_each_tile_of(&grid->n_bricks,
                                         BuildCells<Lanes, Tree, std::decay_t<decltype(tracer.kernel)>, Tracer::PerParticle>{
                                             tracer.tree, tree_.particles(), tracer.kernel, tracer.tau, grid, bricks, lists_.data(),

@@ -63,8 +63,6 @@ def test_settings(error, name, value, got):
     refuse(error, name, repr(value) if got is None else got, settings=settings)
 
 
-@pytest.mark.xfail(strict=True, reason="material, lights and clips that are no such thing end in "
-                   "AttributeError or 'not iterable' from the inside")
 @pytest.mark.parametrize(
     ("name", "options"),
     [

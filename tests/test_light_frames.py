@@ -51,7 +51,6 @@ def test_refine_is_one_render_of_all_samples(backend, steps):
     assert_same(frame, at_once)
 
 
-@pytest.mark.xfail(strict=True, reason="refine adds to sums that a plain picture never began")
 def test_refine_of_a_plain_picture(backend):
     """Also where the first sample took the short way."""
     scene = gb.Scene(busy(reflection=None, refraction=None), **backend)

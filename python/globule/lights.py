@@ -125,14 +125,15 @@ class Environment:
         angle = math.radians(number("turn", self.turn))
         east = east * math.cos(angle) + np.cross(up, east) * math.sin(angle)
         height, width, _ = self.image.shape
+        strength = number("strength", self.strength, 0.0)
         return {
-            **uniform_sky(0.0)._pack(),
+            **uniform_sky(self.mean())._pack(),  # seen all at once, by a matte surface
             "up": up.tolist(),
             "east": east.tolist(),
             "image": address(self.image),
             "width": width,
             "height": height,
-            "strength": number("strength", self.strength, 0.0),
+            "strength": strength,
             "id": self._id,
         }
 

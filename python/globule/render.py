@@ -80,7 +80,7 @@ class RenderSettings:
     samples: int = 1
 
     def _pack(self, scene: Scene) -> dict:
-        if len(self.lights) > MAX_LIGHTS:
+        if len(_items("lights", self.lights, "a list of lights")) > MAX_LIGHTS:
             raise ValueError(f"lights: expected at most {MAX_LIGHTS}, got {len(self.lights)}")
         for light in self.lights:
             if not isinstance(light, (Headlight, DirectionalLight, PointLight)):
@@ -298,8 +298,10 @@ def render(
         raise TypeError(f"size: expected (width, height), got {size!r}") from None
     if width < 1 or height < 1 or width * height > MAX_PIXELS:
         raise ValueError(f"size: expected 1 to {MAX_PIXELS:,} pixels, got {width}x{height}")
-    settings = settings or RenderSettings()
-    layers = _layers(scene, clips)
+    settings = RenderSettings() if settings is None else settings
+    if not isinstance(settings, RenderSettings):
+        raise TypeError(f"settings: expected RenderSettings, got {settings!r}")
+    layers = _layers(scene, clips, settings.material)
     if thesis is not None and any(layer.clips for layer in layers):
         raise ValueError("clips: expected none with the thesis's tracing, which knows no cuts")
     first = layers[0].scene
@@ -312,15 +314,15 @@ def render(
             layer.scene._scene,
             layer.scene._kernel,
             layer.scene.threshold,
-            (layer.material or settings.material)._pack(settings.specular, settings.shininess),
+            layer.material._pack(settings.specular, settings.shininess),
             [clip._pack() for clip in layer.clips],
         )
         for layer in layers
     ]
-    builds = [layer.scene.builds for layer in layers]
+    builds = [(layer.scene.builds, layer.scene.threshold) for layer in layers]
 
     def trace(passes: int, before: Any) -> Any:
-        if builds != [layer.scene.builds for layer in layers]:
+        if builds != [(layer.scene.builds, layer.scene.threshold) for layer in layers]:
             raise ValueError("refine: expected the scene as it was rendered, got another frame's")
         for layer in layers:
             choose_tracing(layer.scene, thesis)
@@ -334,9 +336,11 @@ def render(
     return Frame((width, height), frame, layers, trace)
 
 
-def _layers(scene: Any, clips: Any) -> tuple[Layer, ...]:
-    """Layers of a picture, each with its own clips and those of all."""
-    given = (scene,) if isinstance(scene, (Scene, Layer)) else tuple(scene)
+def _layers(scene: Any, clips: Any, material: Any) -> tuple[Layer, ...]:
+    """Layers of a picture, each with a material, and with its own clips and those of all."""
+    if isinstance(scene, (Scene, Layer)):
+        scene = (scene,)
+    given = _items("scene", scene, "Scene, Layer or several")
     layers = [item if isinstance(item, Layer) else Layer(item) for item in given]
     if not 1 <= len(layers) <= MAX_LAYERS:
         raise ValueError(f"scene: expected 1 to {MAX_LAYERS} layers, got {len(layers)}")
@@ -348,10 +352,26 @@ def _layers(scene: Any, clips: Any) -> tuple[Layer, ...]:
                 f"scene: expected all layers on {layers[0].scene.device.name}, "
                 f"got {layer.scene.device.name}"
             )
-        for clip in (*layer.clips, *clips):
+        kind = layer.material if layer.material is not None else material
+        if not isinstance(kind, Material):
+            raise TypeError(f"material: expected Material, got {kind!r}")
+        expected = "a list of ClipPlane, ClipBox or ClipSphere"
+        for clip in (*_items("clips", layer.clips, expected), *_items("clips", clips, expected)):
             if not isinstance(clip, (ClipPlane, ClipBox, ClipSphere)):
                 raise TypeError(f"clips: expected ClipPlane, ClipBox or ClipSphere, got {clip!r}")
-    return tuple(Layer(item.scene, item.material, (*item.clips, *clips)) for item in layers)
+    return tuple(
+        Layer(
+            item.scene, material if item.material is None else item.material, (*item.clips, *clips)
+        )
+        for item in layers
+    )
+
+
+def _items(name: str, value: Any, expected: str) -> tuple:
+    try:
+        return tuple(value)
+    except TypeError:
+        raise TypeError(f"{name}: expected {expected}, got {value!r}") from None
 
 
 def fit_camera(scene: Scene, size: tuple[int, int], around: Any = None, **options: Any) -> Camera:

@@ -75,6 +75,13 @@ GB_FN std::uint32_t atomic_take(std::uint32_t* counter, std::uint32_t n) {
 #endif
 }
 
+GB_FN void raise_flag(std::uint32_t* flag) {
+#if defined(__CUDA_ARCH__)
+    *static_cast<volatile std::uint32_t*>(flag) = 1;
+#else
+    __atomic_store_n(flag, 1u, __ATOMIC_RELAXED);
+#endif
+}
 /// Flags that several threads of one launch may raise and look at.
 GB_FN void raise_flag(std::uint8_t* flag) {
 #if defined(__CUDA_ARCH__)

@@ -357,6 +357,8 @@ public:
         return h;
     }
     std::size_t n_dense_nodes() const { return params_.dense ? morton::dense_offset(params_.depth + 1) : 0; }
+    /// Nodes that there may be: numbers from the header's n_nodes on are unused.
+    std::size_t max_nodes() const { return params_.dense ? n_dense_nodes() : capacity_; }
     const void* keys() const { return keys_.data(); }
     NodeArrays node_arrays() const {
         float* p = nodes_.data();

@@ -18,6 +18,8 @@ struct DenseTree {
     const DenseNode* nodes;
     GB_FN bool empty() const { return header->n_nodes == 0; }
 
+    GB_FN bool holds(std::size_t i) const { return nodes[i].last > nodes[i].first; }
+
     /// The node as the traversals see it; the box is the cell grown by the particles' reach.
     GB_FN Node node(std::uint32_t i) const {
         const DenseNode n = nodes[i];

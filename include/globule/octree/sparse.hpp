@@ -8,6 +8,7 @@ struct SparseTree {
     const TreeHeader* header;
     NodeArrays nodes;
     GB_FN bool empty() const { return header->n_nodes == 0; }
+    GB_FN bool holds(std::size_t i) const { return i < header->n_nodes; }
     GB_FN Node node(std::uint32_t i) const { return nodes[i]; }
 };
 

@@ -40,6 +40,33 @@ struct PlanCells {
     }
 };
 
+/// Marks the bricks that a leaf's supports may reach, so that empty space costs no walk of the tree.
+template <class Tree>
+struct MarkBricks {
+    Tree tree;
+    std::size_t n_nodes;
+    const CellGrid* grid;
+    std::uint32_t* bricks;   ///< cleared
+    GB_FN void operator()(std::size_t i) const {
+        if (grid->n_bricks == 0 || !tree.holds(i)) return;
+        const Node node = tree.node(std::uint32_t(i));
+        if (!Node::is_leaf(node.meta) || Node::count(node.meta) == 0) return;
+        const float per = 1.0f / (grid->edge * kBrick);
+        const int x0 = place(node.lo.x - grid->lo.x, per, -1, grid->nx), x1 = place(node.hi.x - grid->lo.x, per, 1, grid->nx);
+        const int y0 = place(node.lo.y - grid->lo.y, per, -1, grid->ny), y1 = place(node.hi.y - grid->lo.y, per, 1, grid->ny);
+        const int z0 = place(node.lo.z - grid->lo.z, per, -1, grid->nz), z1 = place(node.hi.z - grid->lo.z, per, 1, grid->nz);
+        for (int z = z0; z <= z1; ++z)
+            for (int y = y0; y <= y1; ++y)
+                for (int x = x0; x <= x1; ++x) raise_flag(bricks + (std::size_t(z) * grid->ny + y) * grid->nx + x);
+    }
+
+private:
+    /// A brick's number along one axis, a little further on to `side`.
+    GB_FN static int place(float v, float per, int side, int n) {
+        return int(most(0.0f, least(floorf(v * per + 1e-3f * side), float(n - 1))));
+    }
+};
+
 template <class Lanes, class Tree, class Kernel, bool PerParticle>
 struct BuildCells {
     template <class Group>
@@ -60,7 +87,8 @@ struct BuildCells {
 
     template <class Group>
     GB_FN void operator()(Group& g, Scratch<Group>& scratch, std::size_t brick) const {
-        if (brick >= grid->n_bricks) return;
+        if (brick >= grid->n_bricks || bricks[brick] == kEmpty) return;  // not marked
+        g.sync();
         const int bx = int(brick % grid->nx), by = int(brick / grid->nx % grid->ny), bz = int(brick / grid->nx / grid->ny);
         const float span = kBrick * grid->edge;
         const float3 lo{grid->lo.x + bx * span, grid->lo.y + by * span, grid->lo.z + bz * span};

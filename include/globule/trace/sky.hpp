@@ -12,12 +12,14 @@ struct Sky {
     int width = 0, height = 0;
     float strength = 1.0f;           ///< of the image
 
+    /// Seen all at once rather than sharply: the gradient, or an image's mean, which it then holds.
+    GB_FN float3 blurred(const float3& d) const {
+        const float s = dot(d, up), w = root(magnitude(s));
+        return horizon * (1.0f - w) + (s > 0.0f ? zenith : ground) * w;
+    }
     GB_FN float3 operator()(const float3& d) const {
+        if (!image) return blurred(d);
         const float s = least(most(dot(d, up), -1.0f), 1.0f);
-        if (!image) {
-            const float w = root(magnitude(s));
-            return horizon * (1.0f - w) + (s > 0.0f ? zenith : ground) * w;
-        }
         const float3 side = cross(up, east);
         const float turn = atan2f(dot(d, side), dot(d, east)) * 0.15915494f + 0.5f;
         const float x = turn * width - 0.5f, y = least(most(acosf(s) * 0.31830989f * height - 0.5f, 0.0f), height - 1.0f);

@@ -346,9 +346,17 @@ struct Occlude {
             const float specular = hits.layer[i] == kGround ? 0.0f : h.material->specular;
             const float3 full = rays.throughput_of(i) * reflected_light(h.albedo * h.split.matte, specular, h.material->shininess,
                                                                         h.normal, h.d, l, lighting.lights[light].radiance);
-            if (largest(full) < 0.25f * lighting.cutoff) return false;
+            if (largest(full) * lighting.exposure < 0.125f * lighting.cutoff) return false;
         }
         if (dot(l, h.normal) <= 0.0f) return false;
+        if (layer == 0 && lighting.ground.present && hits.layer[i] != kGround) {
+            const Ground& ground = lighting.ground;
+            const float t = (ground.offset - dot(ground.normal, h.p)) / dot(ground.normal, l);
+            if (t > lighting.scale && t < s.distance) {
+                *s.out = 0.0f;
+                return false;
+            }
+        }
         s.left = 1.0f;
         s.from = kStart * cut.tracer.tree.header->typical_support;
         s.way = cut.start(s.of, h.p, l, s.from, s.distance, rays.inside[i] >> layer & 1 ? -1.0f : 1.0f);
@@ -370,7 +378,7 @@ struct Occlude {
         }
         if (s.way == Way::missed || !(t < s.distance)) return false;
         const Material& m = lighting.materials[layer];
-        if (sign < 0.0f && m.absorption.x > 0.0f)
+        if (sign < 0.0f && m.absorption.x >= 0.0f)
             s.left *= expf(-(m.absorption.x + m.absorption.y + m.absorption.z) * (1.0f / 3.0f) * (t - s.from));
         s.left *= m.transmission >= 0.0f       ? m.transmission
                   : attributes.refraction.data ? looks_at(cut.tracer, attributes, o, l, t).refraction
@@ -449,7 +457,7 @@ private:
         const float specular = ground ? 0.0f : h.material->specular, share = h.split.matte;
         float3 c{0, 0, 0};
         int which = 0;
-        if (lighting.ambient_rays == 0) c = (lighting.sky_light ? lighting.sky(h.normal) : lighting.ambient) * h.albedo * share;
+        if (lighting.ambient_rays == 0) c = (lighting.sky_light ? lighting.sky.blurred(h.normal) : lighting.ambient) * h.albedo * share;
         for (; which < lighting.ambient_rays; ++which) {
             float3 light = lighting.ambient;
             if (lighting.sky_light)

@@ -14,7 +14,7 @@ from ..bench.table import Setting
 from .shared import Progress, UserError, add_device, check_device, print_json
 
 SUMMARY = "the source's tables, made again"
-EXAMPLES = "  globule bench --list\n  globule bench thesis -o bench\n  globule bench 4.3 --quick"
+EXAMPLES = "  globule bench --list"
 
 # A module has TABLES: number -> function of a Setting that yields Tables.
 MODULES = {"ultrasound": "globule.bench.ultrasound"}
