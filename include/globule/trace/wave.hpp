@@ -15,6 +15,8 @@ inline constexpr int kMaxLayers = 4;
 inline constexpr std::uint32_t kMissed = 0xff, kGround = 0xfe;
 inline constexpr float kStart = 1e-4f;  ///< in typical supports: secondary rays begin so far on, on a known side
 
+inline constexpr int kMaxCrossings = 64;  ///< of a shadow ray through clear media
+
 /// The rays of one wave; origins and directions null in the first, whose rays are the camera's.
 struct WaveRays {
     RaySource source;
@@ -319,6 +321,7 @@ struct Occlude {
         typename Cut<Tracer>::State of;
         Way way;
         float distance, left, from;
+        int crossings;
         float* out;
     };
     GB_FN bool begin(std::size_t k, State& s) const {
@@ -358,6 +361,7 @@ struct Occlude {
             }
         }
         s.left = 1.0f;
+        s.crossings = 0;
         s.from = kStart * cut.tracer.tree.header->typical_support;
         s.way = cut.start(s.of, h.p, l, s.from, s.distance, rays.inside[i] >> layer & 1 ? -1.0f : 1.0f);
         return true;
@@ -394,6 +398,7 @@ struct Occlude {
 private:
     GB_FN bool go_on(State& s, const float3& o, const float3& l, float from, float sign) const {
         s.from = from;
+        if (++s.crossings > kMaxCrossings) return false;
         s.way = from < s.distance ? cut.start(s.of, o, l, from, s.distance, sign) : Way::missed;
         return s.way == Way::on;
     }
