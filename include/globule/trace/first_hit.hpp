@@ -146,7 +146,7 @@ struct CellTracer {
         Way way = Way::on;
         if (active && ray.list.n == 0) way = walk_on(ray, typical);
         const bool here = active && way == Way::on && ray.list.n > 0;
-        Source src{};
+        Source src{nullptr, 0, kernel, {0, 0, 0}, {0, 0, 0}};  // lanes that only help need the kernel too
         Limits<float> lim{};
         if (here) {
             const float heaviest = PerParticle ? tree.header->most_weight : 1.0f, sharp = PerParticle ? ray.sharp : 1.0f;
