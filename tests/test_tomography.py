@@ -286,7 +286,7 @@ def test_commands(head, capsys):
     assert main(["convert", head, "out.npz", "--level", "500"]) == 0
     assert len(gb.read("out.npz")) == (ball() > 0).sum()
     capsys.readouterr()
-    assert main(["info", head]) == 0
+    assert main(["info", head, "--level", "500"]) == 0
     assert "24x24x24 voxels of 1 1 1 mm, 16-bit signed integer" in capsys.readouterr().out
     assert main(["info", head, "--json", "--label", "1000"]) == 0
     facts = json.loads(capsys.readouterr().out)
@@ -300,8 +300,8 @@ def test_mistakes_of_the_commands(head, capsys):
         (["convert", "a.npz", "b.npz", "--level", "1"], "--level: expected a volume to read"),
         (["convert", "a.npz", "b.npz", "--resample", "1"], "--resample: expected a volume or mesh"),
         (["info", head, "--level", "1", "--label", "1"], "--level: expected none beside --label"),
-        (["convert", head, "b.nii"], "OUT: expected a name ending in"),
-        (["info", "."], "expected a DICOM series in this folder"),
+        (["convert", head, "b.nii", "--level", "1"], "OUT: expected a name ending in"),
+        (["info", ".", "--level", "1"], "expected a DICOM series in this folder"),
         (["info", head, "--resample", "0.001"], "spacing: expected at least"),
     ]:
         assert main(words) == 2
