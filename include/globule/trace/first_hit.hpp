@@ -34,10 +34,10 @@ struct BlockSource {
             Vec3<F> q;
             Lanes::load(block, q.x, q.y, q.z);
             if constexpr (PerParticle)
-                add<true, Bounds>(sum, kernel, p - q, along, Lanes::load(block + 4 * Lanes::width),
+                add<true, Bounds, true>(sum, kernel, p - q, along, Lanes::load(block + 4 * Lanes::width),
                                   Lanes::load(block + 5 * Lanes::width), wide);
             else
-                add<false, Bounds>(sum, kernel, p - q, along, F(1.0f), F(1.0f), wide);
+                add<false, Bounds, true>(sum, kernel, p - q, along, F(1.0f), F(1.0f), wide);
         }
     }
     template <bool Bounds>

@@ -30,8 +30,9 @@ struct Limits {
     F sign;  ///< +1 outside, -1 inside
 };
 
-/// Adds one particle: v = point - centre, i2 = 1/a^2, c its weight (both 1 unless PerParticle).
-template <bool PerParticle, bool Bounds, class F, class Kernel>
+/// Adds one particle: v = point - centre, i2 = 1/a^2, c its weight (both 1 unless PerParticle).  Tight: the
+/// bound from inside, too, heeds where the window lies; it pays where rays begin inside.
+template <bool PerParticle, bool Bounds, bool Tight, class F, class Kernel>
 GB_FN void add(Along<F>& sum, const Kernel& kernel, const Vec3<F>& v, const Vec3<F>& d, F i2, F c, const Limits<F>& lim) {
     const F u = dot(v, d), r2 = dot(v, v);
     const F x = PerParticle ? r2 * i2 : r2;
@@ -52,13 +53,15 @@ GB_FN void add(Along<F>& sum, const Kernel& kernel, const Vec3<F>& v, const Vec3
         const F near = most(most(u, -u1), F(0)), far = most(magnitude(u), magnitude(u1));
         const F A = F(1) - x + u * u * scale2;
         const auto apart = near * near * scale2 >= A;
-        const F rise = kernel.rise(far * far * scale2, A), dive = kernel.dive(near * near * scale2, A);
+        F rise = kernel.rise(far * far * scale2, A), dive(kernel.max_fall());
+        if constexpr (Tight) dive = kernel.dive(near * near * scale2, A);
         if constexpr (PerParticle) {
             const F weight = magnitude(c) * i2;
             sum.rise += select(apart, F(0), weight * select(c * lim.sign > F(0), rise, dive));
             sum.fall += select(apart, F(0), weight * F(most(8.0f, kernel.max_fall())));
         } else {
-            sum.rise += select(apart, F(0), select(lim.sign > F(0), rise, dive));
+            if constexpr (Tight) rise = select(lim.sign > F(0), rise, dive);
+            sum.rise += select(apart, F(0), rise);
             sum.fall += select(apart, F(0), A);
         }
     }
@@ -81,14 +84,15 @@ struct ListSource {
             const float3 q = scratch.list.point(j);
             const Vec3<F> v{p.x - F(q.x), p.y - F(q.y), p.z - F(q.z)};
             if constexpr (PerParticle)
-                add<true, Bounds>(sum, kernel, v, d, F(scratch.shape[j].inverse_a2), F(scratch.shape[j].weight), lim);
+                add<true, Bounds, false>(sum, kernel, v, d, F(scratch.shape[j].inverse_a2), F(scratch.shape[j].weight), lim);
             else
-                add<false, Bounds>(sum, kernel, v, d, F(1), F(1), lim);
+                add<false, Bounds, false>(sum, kernel, v, d, F(1), F(1), lim);
         }
         sum.slope = F(2) * sum.slope;
         if constexpr (!PerParticle && Bounds) {
             // 8: b falls at most so much per unit A, and no faster where the window leaves it.
             sum.fall = F(most(8.0f, kernel.max_fall())) * sum.fall;
+            sum.rise = select(lim.sign > F(0), sum.rise, sum.fall);
         }
         return sum;
     }
@@ -100,7 +104,7 @@ GB_FN void add_exact(Along<double>& sum, const SortedParticles& particles, const
                      const Vec3<double>& p, const Vec3<double>& d, const Limits<double>& lim) {
     const double a = particles.support[slot];
     const Vec3<double> v{p.x - particles.x[slot], p.y - particles.y[slot], p.z - particles.z[slot]};
-    if (a > 0) add<true, Bounds>(sum, kernel, v, d, 1.0 / (a * a), double(particles.weight[slot]), lim);
+    if (a > 0) add<true, Bounds, false>(sum, kernel, v, d, 1.0 / (a * a), double(particles.weight[slot]), lim);
 }
 
 /// Walks lanes from t to `end`.  `hit`: crossed at t.  `doubtful`: this precision cannot tell from t on.
