@@ -55,6 +55,6 @@ add_library(globule_cuda MODULE src/cuda.cu src/cuda_sweep.cu)
 set_source_files_properties(src/cuda_sweep.cu PROPERTIES COMPILE_OPTIONS -fmad=false)
 target_link_libraries(globule_cuda PRIVATE globule_headers CUDA::cudart_static)
 set_target_properties(globule_cuda PROPERTIES CUDA_STANDARD 20 CUDA_RUNTIME_LIBRARY Static CUDA_VISIBILITY_PRESET hidden)
-# 20011, 20014: a kernel body is host and device code, its group only device code.
-target_compile_options(globule_cuda PRIVATE $<$<COMPILE_LANGUAGE:CUDA>:-O3 --expt-relaxed-constexpr -diag-suppress=20011,20013,20014,20015 -Xcompiler=-Wno-psabi>)
+# A host function called on the device would be no error but do nothing there.
+target_compile_options(globule_cuda PRIVATE $<$<COMPILE_LANGUAGE:CUDA>:-O3 --expt-relaxed-constexpr -Werror=cross-execution-space-call -Xcompiler=-Wno-psabi>)
 install(TARGETS globule_cuda LIBRARY DESTINATION globule)
