@@ -48,7 +48,6 @@ struct CellWalk {
     float3 at;         ///< from the grid's corner to the ray's origin
     int x, y, z;       ///< cell; outside: x < 0
     float t;           ///< where the ray enters it
-    float tx, ty, tz;  ///< where it meets the cell's far sides
 
     CellWalk() = default;
     GB_FN CellWalk(const CellGrid& g, const float3& origin, const float3& direction, float from)
@@ -63,7 +62,6 @@ struct CellWalk {
         x = place(at.x + t * d.x, per, 0, kBrick * grid->nx - 1);
         y = place(at.y + t * d.y, per, 0, kBrick * grid->ny - 1);
         z = place(at.z + t * d.z, per, 0, kBrick * grid->nz - 1);
-        sides();
         if (!(t <= leave) || grid->n_bricks == 0) x = -1;
     }
     GB_FN bool inside() const { return x >= 0; }
@@ -76,39 +74,18 @@ struct CellWalk {
                 grid->lo.z + (float(z) + 0.5f) * grid->edge};
     }
     /// Where the ray leaves the cell.
-    GB_FN float leave() const { return most(t, least(least(tx, ty), tz)); }
+    GB_FN float leave() const {
+        return most(t, least(least(side(x, 1, at.x, d.x, inv.x), side(y, 1, at.y, d.y, inv.y)), side(z, 1, at.z, d.z, inv.z)));
+    }
     /// To the next cell (size 1) or past the brick (size kBrick) that holds this one.
     GB_FN void step(int size) {
-        if (size == 1) {
-            const float next = least(least(tx, ty), tz);
-            bool in = next < infinity();
-            if (tx == next) {
-                in = pass(x, x, 1, d.x, grid->nx) && in;
-                tx = side(x, 1, at.x, d.x, inv.x);
-            } else if (ty == next) {
-                in = pass(y, y, 1, d.y, grid->ny) && in;
-                ty = side(y, 1, at.y, d.y, inv.y);
-            } else {
-                in = pass(z, z, 1, d.z, grid->nz) && in;
-                tz = side(z, 1, at.z, d.z, inv.z);
-            }
-            t = most(t, next);
-            if (!in) x = -1;
-            return;
-        }
         const float bx = side(x, size, at.x, d.x, inv.x), by = side(y, size, at.y, d.y, inv.y), bz = side(z, size, at.z, d.z, inv.z);
         const float next = least(least(bx, by), bz), per = 1.0f / grid->edge;
         t = most(t, next);
-        const int cx = x & -size, cy = y & -size, cz = z & -size;
-        x = place(at.x + t * d.x, per, cx, cx + size - 1);
-        y = place(at.y + t * d.y, per, cy, cy + size - 1);
-        z = place(at.z + t * d.z, per, cz, cz + size - 1);
-        bool in = next < infinity();
-        if (bx == next) in = pass(x, cx, size, d.x, grid->nx) && in;
-        else if (by == next) in = pass(y, cy, size, d.y, grid->ny) && in;
-        else in = pass(z, cz, size, d.z, grid->nz) && in;
-        sides();
-        if (!in) x = -1;
+        const bool in_x = move(x, size, bx == next, at.x, d.x, per, grid->nx);
+        const bool in_y = move(y, size, by == next && bx != next, at.y, d.y, per, grid->ny);
+        const bool in_z = move(z, size, bz == next && bx != next && by != next, at.z, d.z, per, grid->nz);
+        if (!(in_x && in_y && in_z && next < infinity())) x = -1;
     }
 
 private:
@@ -116,11 +93,6 @@ private:
     GB_FN static float inverse(float v) { return 1.0f / (magnitude(v) > kTiny ? v : kTiny); }
     GB_FN static int place(float v, float per, int lo, int hi) {
         return int(most(float(lo), least(v * per, float(hi))));
-    }
-    GB_FN void sides() {
-        tx = side(x, 1, at.x, d.x, inv.x);
-        ty = side(y, 1, at.y, d.y, inv.y);
-        tz = side(z, 1, at.z, d.z, inv.z);
     }
     GB_FN void slab(float a, float v, float i, float size, float& leave) {
         if (magnitude(v) <= kTiny) {
@@ -136,8 +108,10 @@ private:
         const int plane = (i & -size) + (v > 0.0f ? size : 0);
         return (float(plane) * grid->edge - a) * iv;
     }
-    GB_FN static bool pass(int& i, int base, int size, float v, int n) {
-        i = v > 0.0f ? base + size : base - 1;
+    /// Along one axis out of the box of `size` cells that holds i: across its side, or to where t lies in it.
+    GB_FN bool move(int& i, int size, bool across, float a, float v, float per, int n) const {
+        const int first = i & -size, ahead = v > 0.0f ? first + size : first - 1;
+        i = across ? ahead : size == 1 ? first : place(a + t * v, per, first, first + size - 1);
         return i >= 0 && i < kBrick * n;
     }
 };
