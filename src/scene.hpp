@@ -39,7 +39,7 @@ public:
           support_(*exec_), weight_(*exec_), color_(*exec_), points_(*exec_), more_points_(*exec_),
           values_(*exec_), results_(*exec_), offsets_(*exec_), indices_(*exec_), count_(*exec_),
           hits_(*exec_), reflection_(*exec_), refraction_(*exec_), sky_(*exec_), spare_(*exec_), grid_(*exec_), bricks_(*exec_),
-          lists_(*exec_), blocks_(*exec_), waves_(*exec_), near_(*exec_), work_(*exec_) {}
+          lists_(*exec_), blocks_(*exec_), near_(*exec_), work_(*exec_) {}
 
     void build(const SceneArrays& in, const TreeRequest& request) override {
         ParticleInput input;
@@ -275,38 +275,60 @@ private:
         }
         const std::size_t n = frame.rays.n;
         float* sums = frame.sums.reserve(6 * n);
-        // A band of rows at a time, so that the waves' memory does not grow with the picture.
-        const std::uint32_t band = std::uint32_t(most<std::size_t>(64, Exec::wave_size / camera.width / 64 * 64));
-        const auto march = [&](const WaveRays& rays, int k, LayerHits& found) {
-            scenes[k]->march(*exec_, request.layers[k].field, clips[k], rays, k, found, n_layers == 1);
+        // A band of rows at a time, so that the waves' memory does not grow with the picture; some at once, so
+        // that one works while another's last rays are on their way.
+        while (waves_.size() < Exec::n_streams) waves_.emplace_back(waves_.empty() ? exec_ : exec_->sibling());
+        const std::size_t n_streams = thesis_ ? 1 : Exec::n_streams;
+        const std::size_t most_rows = Exec::wave_size / n_streams / camera.width, share = ceil_div<std::size_t>(camera.height, n_streams);
+        const std::uint32_t band = std::uint32_t(most<std::size_t>(64, least(most_rows / 64, ceil_div<std::size_t>(share, 64)) * 64));
+        const auto march = [&](Exec& exec, const WaveRays& rays, int k, LayerHits& found) {
+            scenes[k]->march(exec, request.layers[k].field, clips[k], rays, k, found, n_layers == 1);
         };
-        const auto keep = [&](const WaveRays& rays, int k, const LayerHits& found, const WaveHits& hits) {
+        const auto keep = [&](Exec& exec, const WaveRays& rays, int k, const LayerHits& found, const WaveHits& hits) {
             scenes[k]->with_tracer(request.layers[k].field, [&](const auto& tracer) {
                 using Tracer = std::decay_t<decltype(tracer)>;
-                exec_->for_each_uneven(rays.source.n_items(), Keep<Tracer>{tracer, clips[k], scenes[k]->attributes_, rays, k, found, hits});
+                exec.for_each_uneven(rays.source.n_items(), Keep<Tracer>{tracer, clips[k], scenes[k]->attributes_, rays, k, found, hits});
             });
         };
-        const auto occlude = [&](const WaveRays& rays, const WaveHits& hits, int k, float* visibility) {
+        const auto occlude = [&](Exec& exec, const WaveRays& rays, const WaveHits& hits, int k, float* visibility) {
             scenes[k]->with_tracer(request.layers[k].field, [&](const auto& tracer) {
                 using Tracer = std::decay_t<decltype(tracer)>;
-                exec_->for_each_walk(rays.source.n_items() * lighting.n_visibilities(),
-                                       Occlude<Tracer>{{tracer, clips[k]}, scenes[k]->attributes_, lighting, rays, hits, k, visibility});
+                exec.for_each_walk(rays.source.n_items() * lighting.n_visibilities(),
+                                   Occlude<Tracer>{{tracer, clips[k]}, scenes[k]->attributes_, lighting, rays, hits, k, visibility});
             });
         };
+        for (std::size_t k = 1; k < n_streams; ++k) waves_[k].exec().follow(*exec_);
         for (int p = 0; p < passes && !exec_->cancelled(); ++p) {
             const int pass = frame.n_passes++;
             float* spare = pass ? spare_.reserve(7 * n) : nullptr;  // later passes must not change depth and normals
             const Hits first = pass ? Hits{spare, spare + n, spare + 4 * n} : frame.hits();
-            for (std::uint32_t row = 0; row < std::uint32_t(camera.height); row += band) {
-                const std::uint32_t rows = least(band, std::uint32_t(camera.height) - row);
-                const std::size_t at = std::size_t(row) * camera.width;
-                const WaveHits hits = waves_.run(lighting, camera, row, rows, std::uint32_t(pass), n_layers, first.t + at,
-                                                 first.normal + 3 * at, first.albedo + 3 * at, march, keep, occlude);
-                exec_->for_each(std::size_t(rows) * camera.width,
-                                Finish{waves_.sum(), hits.layer, at, lighting.exposure, frame.n_passes, sums, sums + 3 * n,
-                                       frame.color_data(), frame.picture_data()});
+            for (std::uint32_t next_row = 0; next_row < std::uint32_t(camera.height);) {
+                struct Band {
+                    Waves<Exec>* waves;
+                    std::size_t at, n;
+                };
+                std::vector<Band> bands;
+                for (std::size_t k = 0; k < n_streams && next_row < std::uint32_t(camera.height); ++k) {
+                    const std::uint32_t rows = least(band, std::uint32_t(camera.height) - next_row);
+                    const std::size_t at = std::size_t(next_row) * camera.width;
+                    waves_[k].start(camera, next_row, rows, std::uint32_t(pass), {first.t + at, first.normal + 3 * at, first.albedo + 3 * at});
+                    waves_[k].trace(lighting, n_layers, march, keep, occlude);
+                    bands.push_back({&waves_[k], at, std::size_t(rows) * camera.width});
+                    next_row += rows;
+                }
+                while (!bands.empty())
+                    std::erase_if(bands, [&](const Band& b) {
+                        if (b.waves->go_on(lighting)) {
+                            b.waves->trace(lighting, n_layers, march, keep, occlude);
+                            return false;
+                        }
+                        b.waves->exec().for_each(b.n, Finish{b.waves->sum(), b.waves->first_hits().layer, b.at, lighting.exposure, frame.n_passes,
+                                                             sums, sums + 3 * n, frame.color_data(), frame.picture_data()});
+                        return true;
+                    });
             }
         }
+        for (std::size_t k = 1; k < n_streams; ++k) exec_->follow(waves_[k].exec());
     }
 
     /// Distances to one layer's first crossing, on the picture's own stream.
@@ -434,7 +456,7 @@ private:
     FieldRequest cells_for_{};
     bool cells_stale_ = true;
     float typical_ = 1.0f;
-    Waves<Exec> waves_;
+    std::deque<Waves<Exec>> waves_;  ///< one a stream
     std::deque<Buffer<Clip, Exec>> clips_;
     std::vector<std::shared_ptr<FrameOf>> pool_;
     std::optional<ThesisRequest> thesis_;

@@ -27,6 +27,7 @@ public:
     static constexpr bool on_device = false;
     static constexpr bool tiles_for_camera = true;          ///< SIMD over rays beats SIMD over particles there
     static constexpr std::size_t wave_size = 1 << 17;       ///< pixels at a time
+    static constexpr std::size_t n_streams = 1;             ///< that work side by side
 
     Cpu(int threads, Poll poll) : threads_(threads > 0 ? threads : omp_get_max_threads()), poll_(poll) {}
     bool cancelled() const { return cancelled_; }
@@ -42,6 +43,9 @@ public:
     void download(void* to, const void* from, std::size_t bytes) { std::memcpy(to, from, bytes); }
     void clear(void* p, std::size_t bytes) { std::memset(p, 0, bytes); }
     void synchronize() {}
+    /// Another stream of the same device, and what is given to it from now on waits for another's work so far.
+    std::shared_ptr<Cpu> sibling() const { return std::make_shared<Cpu>(threads_, poll_); }
+    void follow(Cpu&) {}
     /// Memory that may still be taken; 0: not known here.
     std::uint64_t free_bytes() const { return 0; }
     /// Time marks, so that a stage's duration can be asked for afterwards.

@@ -144,6 +144,8 @@ struct CpuGroup {
     }
 
     static int lane_number(int lane) { return lane; }
+    /// The set lanes, one bit each.
+    std::uint32_t set_of(const B& m) const { return bits(m); }
     /// fn(lane) in every lane.
     template <class Fn>
     F map(const Fn& fn) const {

@@ -6,6 +6,7 @@
 #include <cuda_runtime.h>
 #include <thrust/iterator/counting_iterator.h>
 
+#include <memory>
 #include <new>
 #include <stdexcept>
 #include <string>
@@ -32,6 +33,7 @@ __global__ void run_each(std::size_t n, Kernel kernel) {
 }
 
 inline constexpr int kWarpsPerBlock = 4;
+inline constexpr int kWalkBlocks = 6;  ///< of 128 threads to a processor, in run_walks: 80 registers a thread
 
 template <class Kernel>
 __global__ void __launch_bounds__(32 * kWarpsPerBlock, 4)  // at most 128 registers
@@ -53,7 +55,7 @@ __global__ void __launch_bounds__(128) run_uneven(std::size_t n, Kernel kernel) 
 /// Lanes that are done with their item take the next ones, some at a time, so that a warp stays full
 /// whatever the items' lengths (Aila & Laine 2009).  All lanes advance together, active or not.
 template <class Walk>
-__global__ void __launch_bounds__(128, 5) run_walks(unsigned long long n, unsigned long long* next, Walk walk) {
+__global__ void __launch_bounds__(128, kWalkBlocks) run_walks(unsigned long long n, unsigned long long* next, Walk walk) {
     constexpr unsigned all = 0xffffffffu;
     constexpr int kIdle = 8;  // lanes that wait before new items are taken
     const int lane = threadIdx.x & 31;
@@ -105,14 +107,17 @@ public:
     static constexpr bool on_device = true;
     static constexpr bool tiles_for_camera = false;
     static constexpr std::size_t wave_size = 1 << 22;       ///< pixels at a time
+    static constexpr std::size_t n_streams = 4;             ///< that work side by side
 
     explicit Cuda(int device) : device_(device), temporary_(*this), next_(*this) {
         check(cudaSetDevice(device_));
         check(cudaDeviceGetAttribute(&n_processors_, cudaDevAttrMultiProcessorCount, device_));
         check(cudaStreamCreate(&stream_));  // ordered with the default stream of other libraries
         for (cudaEvent_t& e : marks_) check(cudaEventCreate(&e));
+        check(cudaEventCreateWithFlags(&done_, cudaEventDisableTiming));
     }
     ~Cuda() {
+        cudaEventDestroy(done_);
         for (cudaEvent_t& e : marks_) cudaEventDestroy(e);
         cudaStreamDestroy(stream_);
     }
@@ -135,6 +140,12 @@ public:
     }
     void clear(void* p, std::size_t bytes) { check(cudaMemsetAsync(p, 0, bytes, stream_)); }
     void synchronize() { check(cudaStreamSynchronize(stream_)); }
+    /// Another stream of the same device, and what is given to it from now on waits for another's work so far.
+    std::shared_ptr<Cuda> sibling() const { return std::make_shared<Cuda>(device_); }
+    void follow(Cuda& other) {
+        check(cudaEventRecord(other.done_, other.stream_));
+        check(cudaStreamWaitEvent(stream_, other.done_));
+    }
     std::uint64_t free_bytes() const {
         std::size_t free = 0, total = 0;
         check(cudaMemGetInfo(&free, &total));
@@ -181,7 +192,7 @@ public:
         if (n == 0) return;
         unsigned long long* next = next_.reserve(1);
         clear(next, sizeof *next);
-        const unsigned blocks = unsigned(least<std::size_t>(ceil_div<std::size_t>(n, 128), 5 * n_processors_));
+        const unsigned blocks = unsigned(least<std::size_t>(ceil_div<std::size_t>(n, 128), kWalkBlocks * n_processors_));
         run_walks<<<blocks, 128, 0, stream_>>>(n, next, walk);
         check(cudaGetLastError());
     }
@@ -231,6 +242,7 @@ private:
     int n_processors_ = 1;
     cudaStream_t stream_ = nullptr;
     cudaEvent_t marks_[4] = {};
+    cudaEvent_t done_ = nullptr;
     Buffer<char, Cuda> temporary_;
     Buffer<unsigned long long, Cuda> next_;
 };

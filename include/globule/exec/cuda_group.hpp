@@ -93,6 +93,7 @@ struct CudaGroup {
     template <class Fn>
     __device__ static void for_lanes(const Fn& fn) { fn(0); }
     __device__ int lane_number(int) const { return lane(); }
+    __device__ std::uint32_t set_of(B m) const { return __ballot_sync(all, m); }
     template <class Fn>
     __device__ F map(const Fn& fn) const { return fn(lane()); }
     template <class Fn>
@@ -144,8 +145,8 @@ struct CudaLanes {
     GB_FN static float get(float v, int) { return v; }
 
     static constexpr unsigned all = 0xffffffffu;
-    static constexpr int kTeam = 8;  ///< lanes that share one ray's particles
-    static constexpr int cells_at_once = 4;  ///< that a ray passes before the others get their turn
+    static constexpr int kTeam = 4;  ///< lanes that share one ray's particles
+    static constexpr int cells_at_once = 2;  ///< that a ray passes before the others get their turn
 
     /// Field of each active lane's source at its own t: teams of lanes take one ray at a time, so that a
     /// warp of few active rays, or with lists of very different length, still works with all its lanes.

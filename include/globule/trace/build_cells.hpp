@@ -119,8 +119,8 @@ struct BuildCells {
             for (int c = 0; c < cube(size); ++c) {
                 const int x = c % size, y = c / size % size, z = c / (size * size);
                 const int at = ((pz + z) * kBrick + py + y) * kBrick + px + x;
-                const CellList found = n < 0 ? CellList{kUnlisted, 0} : scratch.cell[c];
-                const CellList written = found.first == kListed ? list(g, scratch, size, c, n, found.n) : CellList{found.first, 0};
+                const CellList found = n < 0 ? CellList{kUnlisted, 0, 0, 0} : scratch.cell[c];
+                const CellList written = found.first == kListed ? list(g, scratch, size, c, n, found.n) : CellList{found.first, 0, 0, 0};
                 if (g.is_first()) mine[at] = written;
             }
         }
@@ -209,22 +209,14 @@ private:
             F low(0.0f), high(0.0f), count(0.0f);
             for (int j = 0; j < n; ++j) {
                 const float3 q = scratch.list.point(j);
-                const F dx = magnitude(F(q.x) - cx), dy = magnitude(F(q.y) - cy), dz = magnitude(F(q.z) - cz);
-                const F nx = most(dx - F(half), F(0.0f)), ny = most(dy - F(half), F(0.0f)), nz = most(dz - F(half), F(0.0f));
-                const F fx = dx + F(half), fy = dy + F(half), fz = dz + F(half);
-                const float i2 = PerParticle ? scratch.shape[j].inverse_a2 : 1.0f;
-                const float c = PerParticle ? scratch.shape[j].weight : 1.0f;
-                const F near = (nx * nx + ny * ny + nz * nz) * F(i2), far = (fx * fx + fy * fy + fz * fz) * F(i2);
-                F most_b, least_b;
-                kernel.range(least(near, F(1.0f)), least(far, F(1.0f)), least_b, most_b);
-                low += F(c) * (c > 0.0f ? least_b : most_b);
-                high += F(c) * (c > 0.0f ? most_b : least_b);
+                const F near = bound(low, high, magnitude(F(q.x) - cx), magnitude(F(q.y) - cy), magnitude(F(q.z) - cz), F(half),
+                                     PerParticle ? scratch.shape[j].inverse_a2 : 1.0f, PerParticle ? scratch.shape[j].weight : 1.0f);
                 count += select(near < F(1.0002f), F(1.0f), F(0.0f));
             }
             const B empty = cells & (high < F(tau - margin)), full = cells & (low > F(tau + margin));
             g.per_lane(cells, [&](int lane) {
                 const std::uint32_t state = Group::get(empty, lane) ? kEmpty : Group::get(full, lane) ? kFull : kListed;
-                scratch.cell[first + g.lane_number(lane)] = {state, std::uint32_t(Group::get(count, lane))};
+                scratch.cell[first + g.lane_number(lane)] = {state, std::uint32_t(Group::get(count, lane)), 0, 0};
             });
             all_empty = all_empty && !g.any(cells & !empty);
             all_full = all_full && !g.any(cells & !full);
@@ -241,7 +233,7 @@ private:
         constexpr int W = Lanes::width;
         const std::uint32_t n_blocks = ceil_div<std::uint32_t>(wanted, W);
         const std::uint32_t first = take(g, &grid->n_blocks, n_blocks);
-        if (first + n_blocks > max_blocks || wanted == 0) return {kUnlisted, 0};
+        if (first + n_blocks > max_blocks || wanted == 0) return {kUnlisted, 0, 0, 0};
         float* to = blocks + std::size_t(first) * (W * kStride);
         const float edge = grid->edge / tree.header->typical_support, half = 0.5f * edge;
         const float3 at{(float(c % size) + 0.5f - 0.5f * size) * edge, (float(c / size % size) + 0.5f - 0.5f * size) * edge,
@@ -275,7 +267,45 @@ private:
                 block[5 * W] = 0.0f;
             }
         }
-        return {first, std::uint32_t(filled)};
+        CellList made{first, std::uint32_t(filled), 0, 0};
+        octants(g, to, edge, made);
+        return made;
+    }
+
+    /// Bounds the field in the octants of a listed cell.
+    template <class Group>
+    GB_FN void octants(Group& g, const float* of, float edge, CellList& made) const {
+        using F = typename Group::F;
+        constexpr int W = Lanes::width;
+        const float quarter = 0.25f * edge, margin = 1e-4f * (tau + 1.0f);
+        g.sync();
+        for (int first = 0; first < 8; first += Group::width) {
+            const F cx = g.map([&](int lane) { return (first + lane) & 1 ? quarter : -quarter; });
+            const F cy = g.map([&](int lane) { return (first + lane) & 2 ? quarter : -quarter; });
+            const F cz = g.map([&](int lane) { return (first + lane) & 4 ? quarter : -quarter; });
+            F low(0.0f), high(0.0f);
+            for (int j = 0; j < int(made.n); ++j) {
+                const float* block = of + std::size_t(j / W) * (W * kStride) + j % W;
+                bound(low, high, magnitude(F(block[0]) - cx), magnitude(F(block[W]) - cy), magnitude(F(block[2 * W]) - cz), F(quarter),
+                      PerParticle ? block[4 * W] : 1.0f, PerParticle ? block[5 * W] : 1.0f);
+            }
+            const typename Group::B eight = g.first_lanes(8 - first);
+            made.empty |= g.set_of(eight & (high < F(tau - margin))) << first;
+            made.full |= g.set_of(eight & (low > F(tau + margin))) << first;
+        }
+    }
+
+    /// Adds one particle's bounds over boxes whose centres are (dx, dy, dz) away; returns how near they come, in supports squared.
+    template <class F>
+    GB_FN F bound(F& low, F& high, const F& dx, const F& dy, const F& dz, const F& half, float i2, float c) const {
+        const F nx = most(dx - half, F(0.0f)), ny = most(dy - half, F(0.0f)), nz = most(dz - half, F(0.0f));
+        const F fx = dx + half, fy = dy + half, fz = dz + half;
+        const F near = (nx * nx + ny * ny + nz * nz) * F(i2), far = (fx * fx + fy * fy + fz * fz) * F(i2);
+        F most_b, least_b;
+        kernel.range(least(near, F(1.0f)), least(far, F(1.0f)), least_b, most_b);
+        low += F(c) * (c > 0.0f ? least_b : most_b);
+        high += F(c) * (c > 0.0f ? most_b : least_b);
+        return near;
     }
 };
 

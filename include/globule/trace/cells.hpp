@@ -28,9 +28,22 @@ inline constexpr std::uint32_t kListed = 3;            ///< brick: kListed + num
 GB_FN constexpr int block_stride(bool per_particle) { return per_particle ? 8 : 4; }
 
 /// A cell's particles: n of them in blocks from `first` on; n = 0: first is kEmpty, kFull or kUnlisted.
+/// Of its eight octants (bit 0: upper half in x, 1: y, 2: z) some may be known to be empty or full.
 struct CellList {
-    std::uint32_t first, n;
+    std::uint32_t first;
+    std::uint32_t n : 16, empty : 8, full : 8;
 };
+
+/// Octants of a cell that the ray p + t d, p from the cell's centre, passes for t in [0, end].
+GB_FN std::uint32_t octants_on(const float3& p, const float3& d, float end) {
+    const float inf = infinity();
+    const auto turn = [&](float a, float v) { return a * v < 0.0f && (-a < end * v) == (v > 0.0f) ? -a / v : inf; };
+    const std::uint32_t first = (p.x > 0.0f || (p.x == 0.0f && d.x > 0.0f)) | (p.y > 0.0f || (p.y == 0.0f && d.y > 0.0f)) << 1 |
+                                (p.z > 0.0f || (p.z == 0.0f && d.z > 0.0f)) << 2;
+    const float tx = turn(p.x, d.x), ty = turn(p.y, d.y), tz = turn(p.z, d.z);
+    const auto by = [&](float t) { return 1u << (first ^ (std::uint32_t(tx <= t) | std::uint32_t(ty <= t) << 1 | std::uint32_t(tz <= t) << 2)); };
+    return 1u << first | (tx < inf ? by(tx) : 0u) | (ty < inf ? by(ty) : 0u) | (tz < inf ? by(tz) : 0u);
+}
 
 /// The cells in memory.  A block holds Lanes::width particles: x y z relative to the cell's centre in
 /// typical supports, the particle's slot, and where particles differ 1 / support^2 and weight.

@@ -115,7 +115,7 @@ struct CellTracer {
     GB_FN CellList list_of(const CellWalk& walk, bool& whole_brick) const {
         const std::uint32_t brick = cells.bricks[walk.brick()];
         whole_brick = brick < kListed;
-        return whole_brick ? CellList{brick, 0} : cells.lists[std::size_t(brick - kListed) * kBrickCells + walk.cell_in_brick()];
+        return whole_brick ? CellList{brick, 0, 0, 0} : cells.lists[std::size_t(brick - kListed) * kBrickCells + walk.cell_in_brick()];
     }
     GB_FN Source source(const CellList& list, const float3& p0, const float3& d) const {
         return {cells.blocks + std::size_t(list.first) * Source::kFloats, int(ceil_div<std::uint32_t>(list.n, Lanes::width)), kernel, p0, d};
@@ -182,10 +182,15 @@ private:
             const CellList list = list_of(walk, whole_brick);
             ray.t = walk.t;
             if (list.n) {
-                ray.list = list;
                 ray.p0 = in_cell(walk, ray.o, walk.t);
-                ray.t = 0.0f;
                 ray.end = (least(walk.leave(), ray.to) - walk.t) / typical;
+                const std::uint32_t on_side = ray.sign > 0.0f ? list.empty : ray.sign < 0.0f ? list.full : 0;
+                if (!(octants_on(ray.p0, walk.d, ray.end) & ~on_side)) {
+                    walk.step(1);
+                    continue;
+                }
+                ray.list = list;
+                ray.t = 0.0f;
                 ray.window_end = 0.0f;
                 ray.steps = 0;
                 const Source src = source(list, ray.p0, walk.d);

@@ -45,7 +45,7 @@ GB_FN Looks looks_at(const Tracer& tracer, const Attributes& attributes, const f
     Looks out;
     const CellWalk walk(*tracer.cells.grid, o, d, t);
     bool whole_brick = true;
-    const CellList list = walk.inside() ? tracer.list_of(walk, whole_brick) : CellList{kEmpty, 0};
+    const CellList list = walk.inside() ? tracer.list_of(walk, whole_brick) : CellList{kEmpty, 0, 0, 0};
     if (list.n) {
         const auto source = tracer.source(list, tracer.in_cell(walk, o, t), d);
         const Vec3<F> p{F(source.p0.x), F(source.p0.y), F(source.p0.z)};
