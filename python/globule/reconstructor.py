@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -10,6 +11,7 @@ from . import _core
 from .arrays import address
 from .device import choose
 from .reconstruct import (
+    FrameMaps,
     check_frames,
     check_mask,
     check_options,
@@ -43,8 +45,9 @@ class Reconstructor:
     Args:
         spacing: edge of a voxel, mm.
         mask: (H, W) bool: pixels that are used; default: all.
-        history: frames that are kept so that `undo` can take them out of a mean; the other
-            compoundings keep all.
+        history: frames that are kept so that `undo` can take them out of a mean; None keeps all,
+            as other compoundings do. The volume has the maps of count, variance and latest frame
+            while all its frames are kept.
         max_kernel, compounding (not median), hole_weights, max_distance, region, device, threads:
             as for `globule.reconstruct`.
 
@@ -61,7 +64,7 @@ class Reconstructor:
         max_distance: float | None = None,
         region: Any = None,
         mask: Any = None,
-        history: int = 64,
+        history: int | None = 64,
         device: str = "auto",
         threads: int = 0,
         space: str = "LPS",
@@ -75,8 +78,8 @@ class Reconstructor:
         self._mask = mask
         self._history = history if compounding == "mean" else None
         self._space = space
-        chosen = choose(device)
-        self._core = _core.Reconstructor(chosen.backend, chosen.index, threads)
+        self._chosen, self._threads = choose(device), threads
+        self._core = _core.Reconstructor(self._chosen.backend, self._chosen.index, threads)
         self._grid: VoxelGrid | None = None
         self._added: list[_Added] = []
         self._dense: tuple[np.ndarray, np.ndarray] | None = None
@@ -143,7 +146,26 @@ class Reconstructor:
         part = tuple(slice(a, b) for a, b in zip(first[::-1], last[::-1], strict=True))
         values, radius = (a[part].copy() for a in self._dense)
         grid = VoxelGrid(self._low, self.spacing, tuple(int(v) for v in last - first))
-        return Volume(values, grid.world_from_voxel, radius, self._space, self._core.facts())
+        return Volume(
+            values, grid.world_from_voxel, radius, self._space, self._core.facts(),
+            self._maps(grid),
+        )  # fmt: skip
+
+    def _maps(self, grid: VoxelGrid) -> Callable[[str], np.ndarray] | None:
+        """Maps of the frames as they are now, if all of them are kept."""
+        added = tuple(self._added)
+        if sum(len(a.frames) for a in added) < self.n_frames:
+            return None
+
+        def make(name: str) -> np.ndarray:
+            frames = np.concatenate([a.frames for a in added])
+            poses = grid.poses(np.concatenate([a.world_from_image for a in added]))
+            index = np.arange(len(frames))
+            return FrameMaps(
+                self._chosen, self._threads, grid, frames, poses, self._used, index
+            ).make(name)
+
+        return make
 
     def _begin(self, frames: np.ndarray) -> None:
         self._type, self._shape = frames.dtype, frames.shape[1:]

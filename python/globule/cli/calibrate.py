@@ -126,10 +126,11 @@ def _calibrated(
 def _delay(options: argparse.Namespace, tracked: Tracked) -> Any:
     if tracked.times is None or tracked.pose_times is None:
         raise UserError(f"{options.sweep}: expected times of frames and poses, got none")
-    ok = tracked.ok
-    if not ok.any():
+    ok = np.flatnonzero(tracked.ok)
+    if not len(ok):
         raise UserError(f"{options.sweep}: expected valid poses, got none")
     order = np.argsort(tracked.times, kind="stable")
+    ok = ok[np.argsort(tracked.pose_times[ok], kind="stable")]
     return temporal_offset(
         tracked.frames[order], tracked.times[order],
         tracked.poses[ok], tracked.pose_times[ok], options.most,
