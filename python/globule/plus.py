@@ -28,6 +28,7 @@ from .plus_config import (
 from .plus_fan import detect_fan
 from .plus_region import pixel_sources
 from .sweep_grid import VoxelGrid, check_memory, free_host_bytes
+from .sweeps.region import _read_mask
 from .volume import Volume
 
 _TYPES = {np.dtype(np.uint8): 0, np.dtype(np.uint16): 1, np.dtype(np.float32): 2}
@@ -155,9 +156,7 @@ def _importance(config: PlusConfig, mask: Any, shape: tuple[int, int]) -> np.nda
             raise ValueError(
                 "importance_mask: CompoundingMode is IMPORTANCE_MASK, expected a mask, got none"
             )
-        from PIL import Image
-
-        mask = np.asarray(Image.open(config.importance_file).convert("L"))
+        mask = _read_mask(config.importance_file)
     mask = np.ascontiguousarray(mask, np.uint8)
     if mask.shape != shape:
         raise ValueError(f"importance_mask: expected shape {shape} as the frames, got {mask.shape}")

@@ -256,6 +256,8 @@ def _fitting() -> Iterator[None]:
             yield
     except MemoryError as error:
         raise UserError(str(error)) from error
+    except OSError as error:  # a picture that the configuration names
+        raise UserError(f"{error.filename}: cannot be read: {error.strerror}") from error
 
 
 def _cross_validate(sweep: Sweep, options: argparse.Namespace) -> dict[str, Any]:
