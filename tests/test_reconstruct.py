@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import importlib
+import re
 from dataclasses import dataclass
 
 import numpy as np
@@ -286,3 +288,18 @@ def test_incremental_refuses():
         live.add(np.zeros((4, 5), np.uint8), np.stack([np.eye(4)] * 2))
     with pytest.raises(ValueError, match="median needs all frames"):
         Reconstructor(0.5, compounding="median")
+
+
+@pytest.mark.parametrize("method", ["pvn-om", "pvn", "vvn-om"])
+def test_the_spacing_that_would_fit_does(monkeypatch, method):
+    module = importlib.import_module("globule.reconstruct")
+    monkeypatch.setattr(module, "free_host_bytes", lambda: 30 * 2**20)
+    sweep = make_sweep(n=6, shape=(40, 50))
+    with pytest.raises(MemoryError, match="mm would fit") as caught:
+        reconstruct(sweep, method, spacing=0.005, device="cpu")
+    fits = float(re.search(r"([0-9.]+) mm would fit", str(caught.value))[1])
+    volume = reconstruct(sweep, method, spacing=fits, device="cpu")
+    assert volume.info["estimated_bytes"] > 10 * 2**20  # and not by a lot
+    monkeypatch.setattr(module, "free_host_bytes", lambda: 1000)
+    with pytest.raises(MemoryError, match="take fewer frames"):
+        reconstruct(sweep, "vvn-om", spacing=0.5, device="cpu")

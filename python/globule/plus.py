@@ -74,7 +74,11 @@ def reconstruct_plus(
     bytes_each = 2 * (
         2 * frames.itemsize + 3
     )  # values, filled, accumulator, origin; here and there
-    check_memory(math.prod(size) * bytes_each, core.free_bytes() or free_host_bytes(), grid)
+    needed = check_memory(
+        lambda times: grid.coarser(times).n_voxels * bytes_each,
+        core.free_bytes() or free_host_bytes(),
+        grid,
+    )
 
     kept = [f for f in range(0, len(frames), config.skip) if sweep.valid[f]]
     angles = [
@@ -123,7 +127,12 @@ def reconstruct_plus(
     )
     world_from_voxel = np.diag([*spacing, 1.0])
     world_from_voxel[:3, 3] = origin
-    info = {"insert_seconds": seconds[0], "fill_seconds": seconds[1], "accumulator": accumulator}
+    info = {
+        "insert_seconds": seconds[0],
+        "fill_seconds": seconds[1],
+        "estimated_bytes": needed,
+        "accumulator": accumulator,
+    }
     return Volume(values, world_from_voxel, radius, getattr(sweep, "space", "LPS"), info)
 
 

@@ -92,8 +92,13 @@ def reconstruct(
 
     chosen = choose(device)
     core = _core.Reconstructor(chosen.backend, chosen.index, threads)
-    needed = estimate_bytes(grid, poses, frames.shape[1:], frames.itemsize, options.method)
-    check_memory(needed, core.free_bytes() or free_host_bytes(), grid)
+    needed = check_memory(
+        lambda times: estimate_bytes(
+            grid.coarser(times), poses / times, frames.shape[1:], frames.itemsize, options.method
+        ),
+        core.free_bytes() or free_host_bytes(),
+        grid,
+    )
     whole = (
         (address(frames), False),
         address(poses),

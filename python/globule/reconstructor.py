@@ -231,14 +231,15 @@ class Reconstructor:
 
     def _reserve(self, added: _Added) -> None:
         assert self._grid is not None
-        needed = estimate_bytes(
-            self._grid,
-            self._grid.poses(added.world_from_image),
-            self._shape,
-            self._type.itemsize,
-            "pvn-om",
+        grid, shape, itemsize = self._grid, self._shape, self._type.itemsize
+        poses = grid.poses(added.world_from_image)
+        check_memory(
+            lambda times: estimate_bytes(
+                grid.coarser(times), poses / times, shape, itemsize, "pvn-om"
+            ),
+            self._core.free_bytes() or free_host_bytes(),
+            grid,
         )
-        check_memory(needed, self._core.free_bytes() or free_host_bytes(), self._grid)
 
     def _start(self) -> None:
         assert self._grid is not None

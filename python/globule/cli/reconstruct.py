@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import argparse
 import hashlib
+import logging
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -122,9 +123,10 @@ def run(options: argparse.Namespace) -> None:
         if options.output:
             progress.step("reconstructing")
             begun = time.perf_counter()
-            volume = stream.volume() if stream and not outliers else None
-            if volume is None:
-                volume = _volume(sweep, options)
+            with _stating(progress):
+                volume = stream.volume() if stream and not outliers else None
+                if volume is None:
+                    volume = _volume(sweep, options)
             times["reconstruct"] = time.perf_counter() - begun
             progress.step(f"writing {options.output}")
             begun = time.perf_counter()
@@ -249,6 +251,22 @@ def _options_of(options: argparse.Namespace) -> dict[str, Any]:
 
 
 @contextmanager
+def _stating(progress: Progress) -> Iterator[None]:
+    """Show what the library says of the volume, its voxels and memory, before it takes them."""
+    handler = logging.Handler(logging.INFO)
+    handler.emit = lambda record: progress.show(f"reconstructing {record.getMessage()}")
+    log = logging.getLogger("globule")
+    level = log.level
+    log.addHandler(handler)
+    log.setLevel(logging.INFO)
+    try:
+        yield
+    finally:
+        log.setLevel(level)
+        log.removeHandler(handler)
+
+
+@contextmanager
 def _fitting() -> Iterator[None]:
     """What the library refuses is the user's mistake, and so is a volume that cannot fit."""
     try:
@@ -329,6 +347,8 @@ def _lines(report: dict[str, Any]) -> list[str]:
             f"{100 * counts[name] / counts['voxels']:.1f} % {name}"
             for name in ("measured", "filled", "empty")
         )
+        if "estimated_bytes" in report["figures"]:
+            shares += f"; up to {report['figures']['estimated_bytes'] / 2**20:,.0f} MiB of memory"
         lines.append(f"  {shares}")
     for name, result in report["cross_validation"].items():
         lines.append(
