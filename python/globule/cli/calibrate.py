@@ -28,7 +28,7 @@ SUMMARY = "marked pixels and poses to a probe's calibration"
 EXAMPLES = """\
   globule calibrate marks.csv -o probe.toml
   globule calibrate marks.csv --sweep wires.igs.mha -o probe.toml
-  globule calibrate --delay --sweep sweep.igs.mha --calibration probe.toml -o timed.toml"""
+  globule calibrate --delay --sweep wires.igs.mha --calibration probe.toml -o timed.toml"""
 
 CERTAIN = 0.05  # a larger chance that random motion fits as well, and the offset is not written
 _STRIKING = 3.0  # times the rms
