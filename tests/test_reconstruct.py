@@ -198,6 +198,8 @@ def test_one_pixel_and_one_frame(backend):
         ({"method": "vnn"}, "method: expected one of pvn-om"),
         ({"spacing": 0.0}, "spacing: expected a positive number"),
         ({"spacing": None}, "spacing, size: expected one of them, got neither"),
+        ({"threads": 100_000}, "threads: expected 0 to 4096, got 100000"),
+        ({"threads": -3}, "threads: expected 0 to 4096, got -3"),
         ({"size": 10}, "spacing, size: expected one of them, got both"),
         ({"max_kernel": 4}, "max_kernel: expected an odd number"),
         ({"compounding": "mode"}, "compounding: expected one of mean"),
@@ -261,6 +263,20 @@ def test_incremental(backend, compounding, dtype):
     live.add(sweep.frames[[2, 1]], sweep.world_from_image[[2, 1]])
     same_volume(live.volume(), sweep, order, compounding=compounding, **backend)
     assert live.n_frames == 10
+
+
+def test_undo_takes_the_room_back_too(backend):
+    sweep = make_sweep(n=3)
+    live = Reconstructor(0.5, **backend)
+    live.add(sweep.frames[:2], sweep.world_from_image[:2])
+    shape = live.volume().shape
+    far = sweep.world_from_image[2].copy()
+    far[:3, 3] += 40
+    live.add(sweep.frames[2], far)
+    assert live.volume().shape > shape
+    live.undo()
+    assert live.volume().shape == shape
+    same_volume(live.volume(), sweep, [0, 1], **backend)
 
 
 def test_incremental_region_and_history(backend):

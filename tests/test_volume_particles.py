@@ -103,3 +103,15 @@ def test_negative_values():
     assert np.median(distance) == pytest.approx(6.0, abs=0.12)
     with pytest.raises(ValueError, match="level"):
         iso_surface(shifted, -500.5)
+
+
+@pytest.mark.parametrize("edge", [1e30, 1e-30, np.nan, 0.0, 6.0])
+def test_voxels_of_any_shape(edge):
+    """Slices far apart are shown; needles and nonsense are named."""
+    volume = ball()
+    volume.world_from_voxel[2, 2] = edge
+    if edge == 6.0:
+        assert len(iso_surface(volume).particles)
+        return
+    with pytest.raises(ValueError, match="spacing: expected edges within"):
+        iso_surface(volume)

@@ -27,6 +27,7 @@ from .plus_config import (
 )
 from .plus_fan import detect_fan
 from .plus_region import pixel_sources
+from .scene import _count
 from .sweep_grid import VoxelGrid, check_memory, free_host_bytes
 from .sweeps.region import _read_mask
 from .volume import Volume
@@ -69,7 +70,7 @@ def reconstruct_plus(
     origin, spacing, size = _box(config, poses, (h, w), extent)
     mask = _importance(config, importance_mask, (h, w))
     chosen = choose(device)
-    core = _core.Reconstructor(chosen.backend, chosen.index, threads)
+    core = _core.Reconstructor(chosen.backend, chosen.index, _count("threads", threads))
     grid = VoxelGrid(np.array(origin), min(spacing), tuple(size))
     bytes_each = 2 * (
         2 * frames.itemsize + 3

@@ -20,6 +20,7 @@ from .reconstruct import (
     start,
     value_scale,
 )
+from .scene import _count
 from .sweep_grid import VoxelGrid, bounds, check_memory, estimate_bytes, free_host_bytes, make_grid
 from .volume import Volume
 
@@ -28,12 +29,13 @@ _NO_FRAMES = ((0, False), 0, 0, 0, 0, 0)
 
 
 class _Added(NamedTuple):
-    """Frames of one call to `add`, and the box of their pixels, mm."""
+    """Frames of one call to `add`, the box of their pixels, and the volume's before them, mm."""
 
     frames: np.ndarray
     world_from_image: np.ndarray
     low: np.ndarray
     high: np.ndarray
+    before: tuple[np.ndarray, np.ndarray] | None
 
 
 class Reconstructor:
@@ -78,8 +80,8 @@ class Reconstructor:
         self._mask = mask
         self._history = history if compounding == "mean" else None
         self._space = space
-        self._chosen, self._threads = choose(device), threads
-        self._core = _core.Reconstructor(self._chosen.backend, self._chosen.index, threads)
+        self._chosen, self._threads = choose(device), _count("threads", threads)
+        self._core = _core.Reconstructor(self._chosen.backend, self._chosen.index, self._threads)
         self._grid: VoxelGrid | None = None
         self._added: list[_Added] = []
         self._dense: tuple[np.ndarray, np.ndarray] | None = None
@@ -110,9 +112,9 @@ class Reconstructor:
         if self._type is None:
             self._begin(frames)
         self._check_alike(frames)
-        added = _Added(
-            frames.copy(), world_from_image, *bounds(world_from_image, self._used, self._shape)
-        )
+        box = bounds(world_from_image, self._used, self._shape)
+        before = None if self._grid is None else (self._low, self._high)
+        added = _Added(frames.copy(), world_from_image, *box, before)
         self._make_room(added)
         self._bin(added, 1)
         self._added.append(added)
@@ -125,6 +127,7 @@ class Reconstructor:
             raise ValueError("undo: expected frames that are still remembered, got none")
         last = self._added.pop()
         self.n_frames -= len(last.frames)
+        self._low, self._high = last.before or (self._low, self._high)
         if self._options.compounding == "mean":
             self._bin(last, -1)
             self._order -= last.frames.size

@@ -11,6 +11,7 @@ from .particles import Particles
 from .scene import DEFAULTS, KERNELS, Scene
 from .volume import Volume
 
+_MOST_RATIO = 30  # of a voxel's longest edge to its shortest
 _REACH = 3  # voxels around the inside that can still touch the surface
 
 
@@ -53,6 +54,10 @@ def iso_surface(
         raise ValueError(f"level: expected at most the highest value, {most:g}, got {level:g}")
     for axis in range(3):
         near = _dilated(near, axis)
+    edges = volume.spacing
+    if not (np.isfinite(edges).all() and 0 < edges.max() <= _MOST_RATIO * edges.min()):
+        got = " x ".join(f"{edge:g}" for edge in edges)
+        raise ValueError(f"spacing: expected edges within a factor of {_MOST_RATIO}, got {got} mm")
     index = np.argwhere(near & known)
     values = volume.values[tuple(index.T)].astype(np.float32)
     matrix = volume.world_from_voxel
