@@ -10,7 +10,9 @@ import os
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 
 import globule as gb  # noqa: E402
+import numpy as np  # noqa: E402
 import pytest  # noqa: E402
+from cli_helpers import cube  # noqa: E402
 from globule import device  # noqa: E402
 
 LEVELS = device.cpu_levels()
@@ -69,3 +71,21 @@ def hang_guard(real_stderr):
     faulthandler.dump_traceback_later(60, exit=True, file=real_stderr)
     yield
     faulthandler.cancel_dump_traceback_later()
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """An empty folder of the test's own, where it runs."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("GLOBULE_TRACEBACK", raising=False)
+    return tmp_path
+
+
+@pytest.fixture
+def particles(folder):
+    """A cube of particles with attributes, in cube.npz."""
+    p = cube()
+    speed = np.arange(len(p), dtype=np.float64)
+    p.attributes = {"speed": speed, "flow": np.stack([speed, speed, speed], axis=1)}
+    gb.write("cube.npz", p)
+    return "cube.npz"

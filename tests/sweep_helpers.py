@@ -68,6 +68,24 @@ def example_files() -> None:
     write_csv("poses.csv", PoseTable(made.timestamps, poses, ok))
     volume = Volume(np.ones((3, 4, 5), np.uint8), np.eye(4))
     write_volume("volume.npz", volume)
+    _wires(probe_from_image)
+
+
+def _wires(probe_from_image: np.ndarray, n: int = 40) -> None:
+    """wires.igs.mha, in which one point is seen, and marks.csv of it."""
+    rng = np.random.default_rng(0)
+    pixels, poses = rng.uniform(2, 18, (n, 2)), random_poses(n)
+    names = [f"m{row}{column}" for row in range(3) for column in range(4)]
+    lines = [",".join(["frame", "column", "row", *names])]
+    fields = []
+    for i, (pixel, pose) in enumerate(zip(pixels, poses, strict=True)):
+        pose[:3, 3] = -pose[:3, :3] @ (probe_from_image @ [*pixel, 0, 1])[:3]
+        lines.append(",".join(map(repr, [i, *pixel.tolist(), *pose[:3].ravel().tolist()])))
+        fields.append({"ProbeToReferenceTransform": format_matrix(pose), "Timestamp": repr(i / 20)})
+    Path("marks.csv").write_text("\n".join(lines))
+    frames = rng.integers(0, 255, (n, 20, 24), np.uint8)
+    ok = np.ones(n, bool)
+    igs.write("wires.igs.mha", igs.Recording(frames, None, {}, ok, {}, fields))
 
 
 def same(a: Sweep, b: Sweep) -> bool:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import csv
 import json
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
-from globule.bench import ultrasound
+from globule.bench import sweep_speed, ultrasound
 from globule.bench.cylinders import measure_cylinders
 from globule.bench.table import Setting, Table
 from globule.cli import main
@@ -124,3 +126,32 @@ def test_table_text():
         "4.1  title", "x  seconds", "-  -------", "1   0.1235", "2        -", "note",
     ]  # fmt: skip
     assert table.markdown().splitlines()[2] == "| 1 | 0.1235 |"
+
+
+def test_speed_of_a_sweep(monkeypatch):
+    monkeypatch.setattr(sweep_speed, "SIZE", (64, 48))
+    monkeypatch.setattr(sweep_speed, "FRAMES", 6)
+    monkeypatch.setattr(sweep_speed, "_RUNS", 1)
+    (table,) = sweep_speed.sweep_speed(Setting("out", device="cpu", quick=True))
+    rows = [dict(zip(table.columns, row, strict=True)) for row in table.rows]
+    assert [row["what"] for row in rows][:2] == ["nearest binning", "binning, holes to 9³"]
+    assert all(row["ours s"] > 0 for row in rows)
+    assert rows[0]["PLUS/ours"] == pytest.approx(0.041 / rows[0]["ours s"])
+
+
+def test_tables_go_into_the_page(tmp_path):
+    """docs/make_ultrasound.py replaces what stands between the marks of a name, nothing else."""
+    source = Path(__file__).parents[1] / "docs" / "make_ultrasound.py"
+    script = tmp_path / "make_ultrasound.py"
+    script.write_text(source.read_text())
+    page = tmp_path / "ultrasound.md"
+    page.write_text("<!-- cpu -->\nkept\n<!-- /cpu -->\n<!-- gpu -->\nold\n<!-- /gpu -->\nc\n")
+    columns = ["frames", "size", "method", "source s", "ours s", "on device s"]
+    rows = [[131, 128, m, None, 0.5, 0.25] for m in ultrasound.METHODS]
+    note = ["source: GTX 1080; ours: a GPU"]
+    tables = {"4.1": {"columns": columns, "rows": rows, "notes": note}}
+    (tmp_path / "bench.json").write_text(json.dumps(tables))
+    subprocess.run([sys.executable, str(script), f"gpu={tmp_path}"], check=True)
+    text = page.read_text()
+    assert "kept" in text and "old" not in text and text.endswith("c\n")
+    assert "**a GPU**" in text and "| 131 | 128³ | 0.5 | 0.5 | 0.5 | 0.5 | 0.25 | – | – |" in text

@@ -136,6 +136,17 @@ def test_temporal_offset_is_found(late):
     found = temporal_offset(frames, frame_times, tracked, pose_times)
     assert found.offset == pytest.approx(late, abs=0.015)
     assert found.correlation > 0.7
+    assert abs(found.offset - late) < 4 * found.uncertainty < 0.2
+    assert found.chance < 0.05
+
+
+def test_chance_tells_when_the_image_knows_nothing_of_the_probe():
+    times = np.arange(160) / 25
+    rng = np.random.default_rng(5)
+    poses = np.tile(np.eye(4), (160, 1, 1))
+    poses[:, 0, 3] = 6 * np.sin(1.9 * times) + 2 * np.sin(4.7 * times)
+    found = temporal_offset(rng.random((160, 6, 6)), times, poses, times)
+    assert found.chance > 0.05
 
 
 def test_temporal_offset_needs_motion():

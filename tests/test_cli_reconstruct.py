@@ -1,12 +1,9 @@
-"""`globule reconstruct`, and what info, convert and --live do with sweeps and volumes."""
+"""`globule reconstruct`, and what info and convert do with sweeps and volumes."""
 
 from __future__ import annotations
 
 import json
 import os
-import socket
-import threading
-import time
 from pathlib import Path
 
 import globule as gb
@@ -14,7 +11,6 @@ import numpy as np
 import pytest
 from globule.calibration import Calibration, write_calibration
 from globule.cli import main
-from globule.sweeps.live import parse_address, receive, receive_sweep
 from globule.volume_io import read_volume
 from PIL import Image
 from sweep_helpers import same, small_sweep, spine_data
@@ -164,6 +160,7 @@ def test_mistakes_get_one_line(sweep, capsys):
         (["--live", "igtl://127.0.0.1:1", "-o", "v.nrrd", "--idle", "0.3"], "expected a server"),
         (["--live", "http://x", "-o", "v.nrrd"], "igtl://host:port"),
         (["phantom.igs.mha", "--live", "igtl://h", "-o", "v.nrrd"], "both"),
+        (["phantom.igs.mha", "--record", "kept", "-o", "v.nrrd"], "--record"),
     ]:
         assert what in refused(capsys, *words, *([] if "--device" in words else CPU)), words
 
@@ -207,155 +204,3 @@ def test_convert_a_recording_without_calibration(capsys):
     assert same(gb.read_sweep(source, plus=plus), gb.read_sweep("a.igs.nrrd", plus=plus))
     assert main(["convert", "a.igs.nrrd", "a.npz"]) == 2
     assert "calibration" in capsys.readouterr().err
-
-
-# Live
-
-
-class Server:
-    """An OpenIGTLink server that replays a sweep, on loopback."""
-
-    def __init__(self, sweep, embedded: bool = False, names=("ImageToReference",)):
-        igtl = pytest.importorskip("pyigtl", reason="live needs pyigtl")
-        self.messages = []
-        for i in range(len(sweep)):
-            matrix = sweep.world_from_image[i]
-            when = 1000 + float(sweep.timestamps[i])
-            place = matrix if embedded else np.eye(4)
-            image = igtl.ImageMessage(
-                sweep.frames[i][None], ijk_to_world_matrix=place, timestamp=when,
-                device_name="Image",
-            )  # fmt: skip
-            parts = [image]
-            if not embedded:
-                for name in names:
-                    parts.append(igtl.TransformMessage(matrix, timestamp=when, device_name=name))
-            self.messages.append([part.pack() for part in parts])
-        self.socket = socket.create_server(("127.0.0.1", 0))
-        self.address = f"igtl://127.0.0.1:{self.socket.getsockname()[1]}"
-
-    def serve(self, *parts) -> threading.Thread:
-        """One connection after the other sends its part of the frames and hangs up."""
-
-        def work():
-            for part in parts:
-                connection, _ = self.socket.accept()
-                with connection:
-                    for messages in self.messages[part]:
-                        for message in messages:
-                            connection.sendall(message)
-            self.socket.close()
-
-        thread = threading.Thread(target=work, daemon=True)
-        thread.start()
-        return thread
-
-
-def arrived(live, sweep) -> bool:
-    """Whether a sweep came over the line: OpenIGTLink's matrices are float32."""
-    return (
-        np.array_equal(live.frames, sweep.frames)
-        and np.allclose(live.world_from_image, sweep.world_from_image, rtol=1e-5, atol=1e-4)
-        and np.allclose(np.diff(live.timestamps), np.diff(sweep.timestamps), atol=1e-6)
-    )
-
-
-def test_live_with_transforms_and_with_embedded_poses():
-    made = small_sweep(20)
-    for embedded in (False, True):
-        server = Server(made, embedded)
-        server.serve(slice(None))
-        assert arrived(receive_sweep(server.address, idle=0.4), made)
-
-
-def test_live_from_pyigtl_s_own_server():
-    igtl = pytest.importorskip("pyigtl", reason="live needs pyigtl")
-    made = small_sweep(8)
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-    server = igtl.OpenIGTLinkServer(port=port)
-
-    def replay():
-        while not server.is_connected():
-            time.sleep(0.01)
-        for i in range(len(made)):
-            when = 1000 + float(made.timestamps[i])
-            for message in (
-                igtl.ImageMessage(made.frames[i][None], timestamp=when, device_name="Image"),
-                igtl.TransformMessage(made.world_from_image[i], timestamp=when,
-                                      device_name="ImageToReference"),
-            ):  # fmt: skip
-                server.send_message(message)
-
-    threading.Thread(target=replay, daemon=True).start()
-    try:
-        assert arrived(receive_sweep(f"igtl://127.0.0.1:{port}", idle=1.0), made)
-    finally:
-        server.stop()
-
-
-def test_a_restarted_stream_loses_nothing():
-    made = small_sweep(30)
-    server = Server(made)
-    server.serve(slice(0, 11), slice(11, 12), slice(12, None))
-    assert arrived(receive_sweep(server.address, idle=0.6), made)
-
-
-def test_live_waits_for_the_better_world():
-    made = small_sweep(6)
-    server = Server(made, names=("ImageToTracker", "StylusToTracker", "ReferenceToTracker"))
-    server.serve(slice(None))
-    frames = list(receive(server.address, {}, idle=0.4))
-    assert [frame.world for frame in frames] == ["Reference"] * 6
-    # All three are the same matrix here, so that Reference is Image.
-    assert np.allclose(frames[3].world_from_image, np.eye(4), atol=1e-4)
-
-
-def test_live_reconstruct(sweep, capsys):
-    pytest.importorskip("pyigtl", reason="live needs pyigtl")
-    server = Server(sweep)
-    server.serve(slice(None))
-    words = ["reconstruct", "--live", server.address, "--idle", "0.5", "-o", "v.npz", *CPU]
-    facts = run_json(capsys, *words, "--spacing", "1")
-    assert facts["frames"]["used"] == 24 and facts["live"]["grew"]
-    live = read_volume("v.npz")
-    low, high = sweep.bounds()
-    first = live.world_from_voxel[:3, 3]
-    assert (first - 0.51 <= low).all()
-    assert (first + live.values.shape[::-1] - 0.49 >= high).all()
-    assert 50 < live.values[live.measured].mean() < 130
-    # Without a spacing the frames are collected first, and the file's volume comes out.
-    server = Server(sweep)
-    server.serve(slice(None))
-    words = ["reconstruct", "--live", server.address, "--idle", "0.5", "-o", "v.npz", *CPU]
-    assert not run_json(capsys, *words, "--size", "40")["live"]["grew"]
-    assert main(["reconstruct", "phantom.igs.mha", "-o", "w.npz", "--size", "40", *CPU]) == 0
-    live, file = read_volume("v.npz"), read_volume("w.npz")
-    assert live.values.shape == file.values.shape
-    # Poses in float32 move a pixel in a thousand to the next voxel.
-    assert (live.values != file.values).mean() < 0.02
-
-
-def test_what_is_no_openigtlink_is_refused():
-    listener = socket.create_server(("127.0.0.1", 0))
-
-    def work():
-        connection, _ = listener.accept()
-        with connection:
-            connection.sendall(b"HTTP/1.1 200 OK\r\n" + b"\xff" * 200)
-
-    threading.Thread(target=work, daemon=True).start()
-    pytest.importorskip("pyigtl", reason="live needs pyigtl")
-    with pytest.raises(ValueError, match="OpenIGTLink") as caught:
-        list(receive(f"igtl://127.0.0.1:{listener.getsockname()[1]}", {}, idle=0.5))
-    assert "\n" not in str(caught.value)
-    listener.close()
-
-
-def test_addresses():
-    assert parse_address("igtl://localhost") == ("localhost", 18944)
-    assert parse_address("igtl://10.0.0.1:5000") == ("10.0.0.1", 5000)
-    for wrong in ("localhost:3", "igtl://", "igtl://:3", "igtl://a:b", "igtl://a:99999"):
-        with pytest.raises(ValueError, match="igtl://host:port"):
-            parse_address(wrong)

@@ -9,6 +9,7 @@ import globule as gb
 import numpy as np
 import plus_reference
 import pytest
+from globule.cli import main
 from globule.formats import FormatError
 from globule.plus import _box, _voxel_from_image, reconstruct_plus
 from globule.plus_config import Filler, PlusConfig, read_plus_config
@@ -207,3 +208,38 @@ def test_importance_mask_is_needed():
         reconstruct_plus(sweep, config)
     with pytest.raises(ValueError, match="importance_mask: expected shape"):
         reconstruct_plus(sweep, config, importance_mask=np.ones((3, 3), np.uint8))
+
+
+@pytest.mark.parametrize(
+    ("attributes", "message"),
+    [
+        ('ClipRectangleOrigin="0 0" ClipRectangleSize="0 0"', None),
+        ('ClipRectangleOrigin="-3 -2" ClipRectangleSize="9 8"', None),
+        ('FanAngles="-40 30" FanOrigin="8 -2" FanDepth="30"', None),
+        ('FanAnglesDeg="-40 30"', None),
+        ('OutputExtent="0 9 0 9 0 9" OutputOrigin="1 2 3" NumberOfThreads="3"', None),
+        ('CompoundingMode="IMPORTANCE_MASK" ImportanceMaskFilename="nope.png"', "nope.png"),
+        ('CompoundingMode="IMPORTANCE_MASK" ImportanceMaskFilename="c.xml"', "c.xml"),
+        ('CompoundingMode="IMPORTANCE_MASK"', "importance_mask"),
+        ('ClipRectangleOrigin="90 0" ClipRectangleSize="5 5"', "region"),
+        ('FanAnglesDeg="-40 30" FanRadiusStopPixel="0"', "fan"),
+    ],
+)
+def test_what_the_command_makes_of_a_configuration(
+    tmp_path, monkeypatch, capsys, attributes, message
+):
+    """A volume as the arithmetic says, or one line that names what is wrong."""
+    monkeypatch.chdir(tmp_path)
+    made = make_sweep(n=4, shape=(14, 17), gap=1.1)
+    gb.write_sweep("s.igs.mha", gb.Sweep(made.frames, made.world_from_image))
+    Path("c.xml").write_text(XML.format(f'OutputSpacing="1 0.9 1.1" {attributes}', ""))
+    words = ["reconstruct", "s.igs.mha", "--plus", "c.xml", "-o", "v.mha", "--device", "cpu"]
+    status = main(words)
+    err = capsys.readouterr().err
+    if message:
+        assert status == 2 and message in err and err.count("\n") == 1
+        assert not Path("v.mha").exists()
+        return
+    assert status == 0 and err == ""
+    values, _ = expected(gb.read_sweep("s.igs.mha", plus="c.xml"), read_plus_config("c.xml"))
+    np.testing.assert_array_equal(gb.read_volume("v.mha").values, values)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import importlib
+import re
 from dataclasses import dataclass
 
 import numpy as np
@@ -196,6 +198,8 @@ def test_one_pixel_and_one_frame(backend):
         ({"method": "vnn"}, "method: expected one of pvn-om"),
         ({"spacing": 0.0}, "spacing: expected a positive number"),
         ({"spacing": None}, "spacing, size: expected one of them, got neither"),
+        ({"threads": 100_000}, "threads: expected 0 to 4096, got 100000"),
+        ({"threads": -3}, "threads: expected 0 to 4096, got -3"),
         ({"size": 10}, "spacing, size: expected one of them, got both"),
         ({"max_kernel": 4}, "max_kernel: expected an odd number"),
         ({"compounding": "mode"}, "compounding: expected one of mean"),
@@ -261,6 +265,20 @@ def test_incremental(backend, compounding, dtype):
     assert live.n_frames == 10
 
 
+def test_undo_takes_the_room_back_too(backend):
+    sweep = make_sweep(n=3)
+    live = Reconstructor(0.5, **backend)
+    live.add(sweep.frames[:2], sweep.world_from_image[:2])
+    shape = live.volume().shape
+    far = sweep.world_from_image[2].copy()
+    far[:3, 3] += 40
+    live.add(sweep.frames[2], far)
+    assert live.volume().shape > shape
+    live.undo()
+    assert live.volume().shape == shape
+    same_volume(live.volume(), sweep, [0, 1], **backend)
+
+
 def test_incremental_region_and_history(backend):
     sweep = make_sweep(n=6)
     region = ((100, -40, 0), (106, -35, 9))
@@ -286,3 +304,18 @@ def test_incremental_refuses():
         live.add(np.zeros((4, 5), np.uint8), np.stack([np.eye(4)] * 2))
     with pytest.raises(ValueError, match="median needs all frames"):
         Reconstructor(0.5, compounding="median")
+
+
+@pytest.mark.parametrize("method", ["pvn-om", "pvn", "vvn-om"])
+def test_the_spacing_that_would_fit_does(monkeypatch, method):
+    module = importlib.import_module("globule.reconstruct")
+    monkeypatch.setattr(module, "free_host_bytes", lambda: 30 * 2**20)
+    sweep = make_sweep(n=6, shape=(40, 50))
+    with pytest.raises(MemoryError, match="mm would fit") as caught:
+        reconstruct(sweep, method, spacing=0.005, device="cpu")
+    fits = float(re.search(r"([0-9.]+) mm would fit", str(caught.value))[1])
+    volume = reconstruct(sweep, method, spacing=fits, device="cpu")
+    assert volume.info["estimated_bytes"] > 10 * 2**20  # and not by a lot
+    monkeypatch.setattr(module, "free_host_bytes", lambda: 1000)
+    with pytest.raises(MemoryError, match="take fewer frames"):
+        reconstruct(sweep, "vvn-om", spacing=0.5, device="cpu")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import globule as gb
 import numpy as np
 import pytest
@@ -54,14 +56,62 @@ def test_what_has_no_surface_is_refused():
 
 def test_render_command(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    pytest.importorskip("SimpleITK")
-    gb.write_volume("ball.nrrd", ball())
-    words = ["render", "ball.nrrd", "-o", "ball.png", "--size", "60x50", "--device", "cpu"]
-    for level in ([], ["--level", "100"]):
-        assert main([*words, *level]) == 0
+    for name in ("ball.nrrd", "ball.npz"):
+        gb.write_volume(name, ball())
+        words = ["render", name, "-o", "ball.png", "--size", "60x50", "--device", "cpu"]
+        assert main(words) == 0
+        assert "surface at" in capsys.readouterr().err
+        assert main([*words, "--level", "100"]) == 0
+        assert capsys.readouterr().err == ""
         picture = np.asarray(Image.open("ball.png"))
         assert (picture[25, 30] != picture[0, 0]).any()
-    assert capsys.readouterr().err == ""
+    for wrong in (["--threshold", "1"], ["--level", "999"]):
+        assert main([*words, *wrong]) == 2
     gb.write("p.npz", gb.Particles(np.zeros((3, 3))))
     assert main(["render", "p.npz", "-o", "p.png", "--level", "3"]) == 2
-    assert capsys.readouterr().err.count("globule: error") == 1
+    assert capsys.readouterr().err.count("globule: error") == 3
+
+
+def test_render_of_other_volumes(tmp_path, monkeypatch, capsys):
+    """VTK files, sparse ones, several at once; tomographies where labels are asked for."""
+    monkeypatch.chdir(tmp_path)
+    for name in ("a.vti", "b.sparse.npz", "c.mha"):
+        gb.write_volume(name, ball())
+    machine = ["--size", "60x50", "--device", "cpu"]
+    words = ["render", "a.vti", "b.sparse.npz", "c.mha", "-o", "{}.png", *machine]
+    assert main([*words, "--level", "100"]) == 0
+    assert capsys.readouterr().err == ""
+    pictures = [np.asarray(Image.open(f"{name}.png")) for name in "abc" if name != "b"]
+    assert np.array_equal(*pictures)
+    assert main([*words, "--support", "1"]) == 2
+    assert capsys.readouterr().err.count("globule: error: --support") == 1
+    assert main(["render", "nowhere.vti", "-o", "n.png", *machine]) == 2
+    Path("d.vti").write_bytes(Path("a.vti").read_bytes()[:600])
+    assert main(["render", "d.vti", "-o", "n.png", *machine]) == 2
+    assert not Path("n.png").exists()
+
+
+def test_negative_values():
+    """Computed tomography: the surface lies where the values have the level, below 0 too."""
+    shifted = ball()
+    shifted.values -= 500
+    surface = iso_surface(shifted, -400.0)
+    camera = gb.Camera((3, -2, 60), (3, -2, 10), height=20)
+    scene = gb.Scene(surface.particles, threshold=surface.threshold, device="cpu")
+    frame = gb.render(scene, camera, (80, 80))
+    distance = np.linalg.norm(frame.position[frame.mask] - [3, -2, 10], axis=1)
+    assert np.median(distance) == pytest.approx(6.0, abs=0.12)
+    with pytest.raises(ValueError, match="level"):
+        iso_surface(shifted, -500.5)
+
+
+@pytest.mark.parametrize("edge", [1e30, 1e-30, np.nan, 0.0, 6.0])
+def test_voxels_of_any_shape(edge):
+    """Slices far apart are shown; needles and nonsense are named."""
+    volume = ball()
+    volume.world_from_voxel[2, 2] = edge
+    if edge == 6.0:
+        assert len(iso_surface(volume).particles)
+        return
+    with pytest.raises(ValueError, match="spacing: expected edges within"):
+        iso_surface(volume)

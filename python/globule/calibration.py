@@ -19,6 +19,17 @@ from .files import atomic_write
 from .formats.errors import bad
 from .sweeps.region import Clip, Fan, checked_clip, checked_fan
 from .sweeps.transforms import check_pixel_matrix
+from .temporal import TemporalOffset, temporal_offset
+
+__all__ = [
+    "Calibration",
+    "PointTarget",
+    "TemporalOffset",
+    "calibrate_point_target",
+    "read_calibration",
+    "temporal_offset",
+    "write_calibration",
+]
 
 try:
     import tomllib
@@ -229,82 +240,6 @@ def _observations(pixels: Any, world_from_probe: Any) -> tuple[np.ndarray, np.nd
             raise ValueError(f"{name}: expected finite numbers, got NaN or inf "
                              f"(observation {np.argmin(good)})")
     return pixels, poses
-
-
-class TemporalOffset(NamedTuple):
-    """offset   s, to be added to frame times; correlation at it, up to 1."""
-
-    offset: float
-    correlation: float
-
-
-def temporal_offset(
-    frames: Any, frame_times: Any, poses: Any, pose_times: Any, most: float = 0.5
-) -> TemporalOffset:
-    """How much later the tracker's clock shows what the image shows.
-
-    Args:
-        frames: (F, H, W) images.
-        frame_times: (F,) s.
-        poses: (N, 4, 4) world_from_probe, mm.
-        pose_times: (N,) s.
-        most: s, the largest offset of either sign that is looked for.
-
-    Motion of the image (mean absolute difference of neighbouring frames, per second) and of the
-    probe (mm per second) are brought to one time axis; the offset is where their normalised
-    cross-correlation peaks, refined by a parabola. The probe must change its speed during the
-    recording. Raises ValueError if either never moves or the recording is shorter than 2 · most.
-    """
-    frames = np.asarray(frames)
-    frame_times, pose_times = (np.asarray(t, np.float64) for t in (frame_times, pose_times))
-    places = np.asarray(poses, np.float64)[:, :3, 3]
-    if len(frames) != len(frame_times) or len(places) != len(pose_times):
-        raise ValueError("times: expected one per frame and one per pose")
-    image = _speed(frame_times, [
-        float(np.abs(np.subtract(b, a, dtype=np.float32)).mean())
-        for a, b in zip(frames, frames[1:], strict=False)
-    ])
-    probe = _speed(pose_times, np.linalg.norm(np.diff(places, axis=0), axis=1))
-    step = min(np.median(np.diff(image[0])), np.median(np.diff(probe[0]))) / 4
-    first, last = image[0][0] + most, image[0][-1] - most
-    if last - first < 8 * step:
-        raise ValueError(f"frame_times: expected more than {2 * most:g} s, got "
-                         f"{np.ptp(frame_times):g} s")
-    grid = np.arange(first, last, step)
-    seen = _normal("frames", np.interp(grid, *image))
-    n_lags = int(most / step)
-    lags = np.arange(-n_lags, n_lags + 1) * step
-    scores = np.full(len(lags), -1.0)
-    for i, lag in enumerate(lags):
-        moved = np.interp(grid + lag, *probe)
-        spread = moved.std()
-        if spread > 0:
-            scores[i] = float((seen * (moved - moved.mean())).mean() / spread)
-    best = int(np.argmax(scores))
-    if scores[best] <= 0:
-        raise ValueError("poses: expected a probe that changes its speed, got no correlation")
-    shift = 0.0
-    if 0 < best < len(lags) - 1:
-        before, here, after = scores[best - 1 : best + 2]
-        bend = before - 2 * here + after
-        shift = 0.5 * (before - after) / bend if bend < 0 else 0.0
-    return TemporalOffset(float(lags[best] + shift * step), float(scores[best]))
-
-
-def _speed(times: np.ndarray, distances: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Speed at the middle of each interval; intervals without length are left out."""
-    spans = np.diff(times)
-    keep = spans > 0
-    if keep.sum() < 4:
-        raise ValueError(f"times: expected 5 or more that increase, got {keep.sum() + 1}")
-    return ((times[:-1] + times[1:]) / 2)[keep], (np.asarray(distances)[keep] / spans[keep])
-
-
-def _normal(name: str, signal: np.ndarray) -> np.ndarray:
-    spread = signal.std()
-    if not np.isfinite(spread) or spread == 0:
-        raise ValueError(f"{name}: expected motion that changes, got none")
-    return (signal - signal.mean()) / spread
 
 
 def _finite(name: str, value: Any) -> float:

@@ -27,7 +27,9 @@ from .plus_config import (
 )
 from .plus_fan import detect_fan
 from .plus_region import pixel_sources
+from .scene import _count
 from .sweep_grid import VoxelGrid, check_memory, free_host_bytes
+from .sweeps.region import _read_mask
 from .volume import Volume
 
 _TYPES = {np.dtype(np.uint8): 0, np.dtype(np.uint16): 1, np.dtype(np.float32): 2}
@@ -68,12 +70,16 @@ def reconstruct_plus(
     origin, spacing, size = _box(config, poses, (h, w), extent)
     mask = _importance(config, importance_mask, (h, w))
     chosen = choose(device)
-    core = _core.Reconstructor(chosen.backend, chosen.index, threads)
+    core = _core.Reconstructor(chosen.backend, chosen.index, _count("threads", threads))
     grid = VoxelGrid(np.array(origin), min(spacing), tuple(size))
     bytes_each = 2 * (
         2 * frames.itemsize + 3
     )  # values, filled, accumulator, origin; here and there
-    check_memory(math.prod(size) * bytes_each, core.free_bytes() or free_host_bytes(), grid)
+    needed = check_memory(
+        lambda times: grid.coarser(times).n_voxels * bytes_each,
+        core.free_bytes() or free_host_bytes(),
+        grid,
+    )
 
     kept = [f for f in range(0, len(frames), config.skip) if sweep.valid[f]]
     angles = [
@@ -122,7 +128,12 @@ def reconstruct_plus(
     )
     world_from_voxel = np.diag([*spacing, 1.0])
     world_from_voxel[:3, 3] = origin
-    info = {"insert_seconds": seconds[0], "fill_seconds": seconds[1], "accumulator": accumulator}
+    info = {
+        "insert_seconds": seconds[0],
+        "fill_seconds": seconds[1],
+        "estimated_bytes": needed,
+        "accumulator": accumulator,
+    }
     return Volume(values, world_from_voxel, radius, getattr(sweep, "space", "LPS"), info)
 
 
@@ -155,9 +166,7 @@ def _importance(config: PlusConfig, mask: Any, shape: tuple[int, int]) -> np.nda
             raise ValueError(
                 "importance_mask: CompoundingMode is IMPORTANCE_MASK, expected a mask, got none"
             )
-        from PIL import Image
-
-        mask = np.asarray(Image.open(config.importance_file).convert("L"))
+        mask = _read_mask(config.importance_file)
     mask = np.ascontiguousarray(mask, np.uint8)
     if mask.shape != shape:
         raise ValueError(f"importance_mask: expected shape {shape} as the frames, got {mask.shape}")

@@ -14,6 +14,9 @@ _MARGIN = -3.0  # degrees
 
 def detect_fan(config: PlusConfig, frame: np.ndarray) -> tuple[float, float] | None:
     """Angles of the widest bright sector on four arcs, degrees; None where the frame is dark."""
+    if not 0 <= config.fan_start < config.fan_stop:
+        got = f"{config.fan_start:g} and {config.fan_stop:g}"
+        raise ValueError(f"fan: expected radii 0 <= start < stop to detect it, got {got}")
     low, high = (math.radians(v) for v in config.fan_angles)
     best = (0.0, 0.0)
     for k, percent in enumerate(_DEPTHS):

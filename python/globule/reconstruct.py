@@ -11,6 +11,7 @@ import numpy as np
 from . import _core
 from .arrays import address
 from .device import choose
+from .scene import _count
 from .sweep_grid import VoxelGrid, bounds, check_memory, estimate_bytes, free_host_bytes, make_grid
 from .volume import Volume
 
@@ -91,9 +92,14 @@ def reconstruct(
     poses = grid.poses(world_from_image)
 
     chosen = choose(device)
-    core = _core.Reconstructor(chosen.backend, chosen.index, threads)
-    needed = estimate_bytes(grid, poses, frames.shape[1:], frames.itemsize, options.method)
-    check_memory(needed, core.free_bytes() or free_host_bytes(), grid)
+    core = _core.Reconstructor(chosen.backend, chosen.index, _count("threads", threads))
+    needed = check_memory(
+        lambda times: estimate_bytes(
+            grid.coarser(times), poses / times, frames.shape[1:], frames.itemsize, options.method
+        ),
+        core.free_bytes() or free_host_bytes(),
+        grid,
+    )
     whole = (
         (address(frames), False),
         address(poses),

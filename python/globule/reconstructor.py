@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -10,6 +11,7 @@ from . import _core
 from .arrays import address
 from .device import choose
 from .reconstruct import (
+    FrameMaps,
     check_frames,
     check_mask,
     check_options,
@@ -18,6 +20,7 @@ from .reconstruct import (
     start,
     value_scale,
 )
+from .scene import _count
 from .sweep_grid import VoxelGrid, bounds, check_memory, estimate_bytes, free_host_bytes, make_grid
 from .volume import Volume
 
@@ -26,12 +29,13 @@ _NO_FRAMES = ((0, False), 0, 0, 0, 0, 0)
 
 
 class _Added(NamedTuple):
-    """Frames of one call to `add`, and the box of their pixels, mm."""
+    """Frames of one call to `add`, the box of their pixels, and the volume's before them, mm."""
 
     frames: np.ndarray
     world_from_image: np.ndarray
     low: np.ndarray
     high: np.ndarray
+    before: tuple[np.ndarray, np.ndarray] | None
 
 
 class Reconstructor:
@@ -43,8 +47,9 @@ class Reconstructor:
     Args:
         spacing: edge of a voxel, mm.
         mask: (H, W) bool: pixels that are used; default: all.
-        history: frames that are kept so that `undo` can take them out of a mean; the other
-            compoundings keep all.
+        history: frames that are kept so that `undo` can take them out of a mean; None keeps all,
+            as other compoundings do. The volume has the maps of count, variance and latest frame
+            while all its frames are kept.
         max_kernel, compounding (not median), hole_weights, max_distance, region, device, threads:
             as for `globule.reconstruct`.
 
@@ -61,7 +66,7 @@ class Reconstructor:
         max_distance: float | None = None,
         region: Any = None,
         mask: Any = None,
-        history: int = 64,
+        history: int | None = 64,
         device: str = "auto",
         threads: int = 0,
         space: str = "LPS",
@@ -75,8 +80,8 @@ class Reconstructor:
         self._mask = mask
         self._history = history if compounding == "mean" else None
         self._space = space
-        chosen = choose(device)
-        self._core = _core.Reconstructor(chosen.backend, chosen.index, threads)
+        self._chosen, self._threads = choose(device), _count("threads", threads)
+        self._core = _core.Reconstructor(self._chosen.backend, self._chosen.index, self._threads)
         self._grid: VoxelGrid | None = None
         self._added: list[_Added] = []
         self._dense: tuple[np.ndarray, np.ndarray] | None = None
@@ -107,9 +112,9 @@ class Reconstructor:
         if self._type is None:
             self._begin(frames)
         self._check_alike(frames)
-        added = _Added(
-            frames.copy(), world_from_image, *bounds(world_from_image, self._used, self._shape)
-        )
+        box = bounds(world_from_image, self._used, self._shape)
+        before = None if self._grid is None else (self._low, self._high)
+        added = _Added(frames.copy(), world_from_image, *box, before)
         self._make_room(added)
         self._bin(added, 1)
         self._added.append(added)
@@ -122,6 +127,7 @@ class Reconstructor:
             raise ValueError("undo: expected frames that are still remembered, got none")
         last = self._added.pop()
         self.n_frames -= len(last.frames)
+        self._low, self._high = last.before or (self._low, self._high)
         if self._options.compounding == "mean":
             self._bin(last, -1)
             self._order -= last.frames.size
@@ -143,7 +149,26 @@ class Reconstructor:
         part = tuple(slice(a, b) for a, b in zip(first[::-1], last[::-1], strict=True))
         values, radius = (a[part].copy() for a in self._dense)
         grid = VoxelGrid(self._low, self.spacing, tuple(int(v) for v in last - first))
-        return Volume(values, grid.world_from_voxel, radius, self._space, self._core.facts())
+        return Volume(
+            values, grid.world_from_voxel, radius, self._space, self._core.facts(),
+            self._maps(grid),
+        )  # fmt: skip
+
+    def _maps(self, grid: VoxelGrid) -> Callable[[str], np.ndarray] | None:
+        """Maps of the frames as they are now, if all of them are kept."""
+        added = tuple(self._added)
+        if sum(len(a.frames) for a in added) < self.n_frames:
+            return None
+
+        def make(name: str) -> np.ndarray:
+            frames = np.concatenate([a.frames for a in added])
+            poses = grid.poses(np.concatenate([a.world_from_image for a in added]))
+            index = np.arange(len(frames))
+            return FrameMaps(
+                self._chosen, self._threads, grid, frames, poses, self._used, index
+            ).make(name)
+
+        return make
 
     def _begin(self, frames: np.ndarray) -> None:
         self._type, self._shape = frames.dtype, frames.shape[1:]
@@ -209,14 +234,15 @@ class Reconstructor:
 
     def _reserve(self, added: _Added) -> None:
         assert self._grid is not None
-        needed = estimate_bytes(
-            self._grid,
-            self._grid.poses(added.world_from_image),
-            self._shape,
-            self._type.itemsize,
-            "pvn-om",
+        grid, shape, itemsize = self._grid, self._shape, self._type.itemsize
+        poses = grid.poses(added.world_from_image)
+        check_memory(
+            lambda times: estimate_bytes(
+                grid.coarser(times), poses / times, shape, itemsize, "pvn-om"
+            ),
+            self._core.free_bytes() or free_host_bytes(),
+            grid,
         )
-        check_memory(needed, self._core.free_bytes() or free_host_bytes(), self._grid)
 
     def _start(self) -> None:
         assert self._grid is not None

@@ -135,6 +135,14 @@ def checked_frames(value: Any) -> np.ndarray:
     return array
 
 
+def usable(matrix: np.ndarray) -> bool:
+    """Whether a world_from_image (4, 4) can be a valid frame's."""
+    try:
+        return bool(_poses(matrix[None], 1)[1][0])
+    except ValueError:
+        return False
+
+
 def _poses(value: Any, n: int) -> tuple[np.ndarray, np.ndarray]:
     matrices = _array("world_from_image", value, np.float64, (n, 4, 4))
     finite = (np.abs(matrices) <= _FARTHEST).all(axis=(1, 2))  # NaN is not

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,6 +12,7 @@ import numpy as np
 
 log = logging.getLogger("globule")
 MAX_AXIS = 2**20
+_MOST_TIMES = 1e5  # larger voxels than asked for: then it is not the voxels that need memory
 
 
 @dataclass
@@ -31,6 +33,11 @@ class VoxelGrid:
         matrix = np.diag([self.spacing] * 3 + [1.0])
         matrix[:3, 3] = self.low + 0.5 * self.spacing
         return matrix
+
+    def coarser(self, times: float) -> VoxelGrid:
+        """The same box in voxels so many times larger."""
+        size = tuple(max(1, math.ceil(n / times)) for n in self.size)
+        return VoxelGrid(self.low, self.spacing * times, size)
 
     def poses(self, world_from_image: np.ndarray) -> np.ndarray:
         """(F, 9) int64: origin, column step, row step, in voxels with 32 fractional bits."""
@@ -140,17 +147,24 @@ def estimate_bytes(
     return dense + points + int(min(blocks, touched, pixels)) * 64 * (16 + itemsize + 8)
 
 
-def check_memory(bytes_needed: int, available: int, grid: VoxelGrid) -> None:
-    """Say what will be taken; refuse what does not fit, naming the spacing that would."""
+def check_memory(needed: Callable[[float], int], available: int, grid: VoxelGrid) -> int:
+    """Say what will be taken, bytes, and return it; refuse what does not fit, naming the spacing
+    that would. `needed` are the bytes for voxels so many times larger."""
     x, y, z = grid.size
-    log.info("volume of %d x %d x %d voxels, up to %.0f MiB", x, y, z, bytes_needed / 2**20)
-    if available and bytes_needed > available:
-        fits = grid.spacing * (bytes_needed / available) ** (1 / 3) * 1.05
-        raise MemoryError(
-            f"spacing: {x} x {y} x {z} voxels at {grid.spacing:.4g} mm "
-            f"need up to {bytes_needed / 2**30:.1f} GiB, "
-            f"{available / 2**30:.1f} GiB are free; {fits:.3g} mm would fit"
-        )
+    taken = needed(1.0)
+    log.info("%d x %d x %d voxels, up to %.0f MiB", x, y, z, taken / 2**20)
+    if not available or taken <= available:
+        return taken
+    times = (taken / available) ** (1 / 3)
+    while needed(times) > 0.95 * available and times < _MOST_TIMES:
+        times *= 1.05
+    advice = f"{grid.spacing * times * 1.005:.3g} mm would fit"
+    if times >= _MOST_TIMES:
+        advice = "no spacing would fit, take fewer frames"
+    raise MemoryError(
+        f"spacing: {x} x {y} x {z} voxels at {grid.spacing:.4g} mm "
+        f"need up to {taken / 2**30:.1f} GiB, {available / 2**30:.1f} GiB are free; {advice}"
+    )
 
 
 def free_host_bytes() -> int:

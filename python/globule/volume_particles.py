@@ -11,6 +11,7 @@ from .particles import Particles
 from .scene import DEFAULTS, KERNELS, Scene
 from .volume import Volume
 
+_MOST_RATIO = 30  # of a voxel's longest edge to its shortest
 _REACH = 3  # voxels around the inside that can still touch the surface
 
 
@@ -29,10 +30,11 @@ def iso_surface(
 
     Every voxel is a particle of weight value / level; a lattice of unit weights has the field
     `threshold` everywhere inside, so that the field is threshold · (mean value around) / level.
-    Voxels too far from any value >= level to matter are left out, and empty ones.
+    Where values are negative, value and level count from the lowest. Voxels too far from any
+    value >= level to matter are left out, and empty ones.
 
     Args:
-        volume: with values above 0 somewhere.
+        volume: with different values somewhere.
         level: default: Otsu's, which splits the values best into two.
         kernel: one of `globule.scene.KERNELS`.
 
@@ -40,17 +42,22 @@ def iso_surface(
     """
     if kernel not in KERNELS:
         raise ValueError(f"kernel: expected one of {', '.join(KERNELS)}, got {kernel!r}")
-    known = ~volume.empty & (volume.values > 0)
+    lowest = min(0.0, float(volume.values.min()))
+    known = ~volume.empty & (volume.values > lowest)
     if level is None:
         level = otsu(volume.values[known])
-    if not level > 0:
-        raise ValueError(f"level: expected a number above 0, got {level}")
+    if not level > lowest:
+        raise ValueError(f"level: expected a number above {lowest:g}, got {level:g}")
     near = volume.values >= level
     if not near.any():
         most = float(volume.values.max())
         raise ValueError(f"level: expected at most the highest value, {most:g}, got {level:g}")
     for axis in range(3):
         near = _dilated(near, axis)
+    edges = volume.spacing
+    if not (np.isfinite(edges).all() and 0 < edges.max() <= _MOST_RATIO * edges.min()):
+        got = " x ".join(f"{edge:g}" for edge in edges)
+        raise ValueError(f"spacing: expected edges within a factor of {_MOST_RATIO}, got {got} mm")
     index = np.argwhere(near & known)
     values = volume.values[tuple(index.T)].astype(np.float32)
     matrix = volume.world_from_voxel
@@ -58,15 +65,16 @@ def iso_surface(
     spacing = float(volume.spacing.max())
     support = DEFAULTS[kernel][0] * spacing
     particles = Particles(
-        positions, support=support, weight=values / np.float32(level), attributes={"value": values}
-    )
+        positions, support=support, weight=(values - lowest) / np.float32(level - lowest),
+        attributes={"value": values},
+    )  # fmt: skip
     return IsoSurface(particles, _lattice_field(volume, support, kernel), float(level))
 
 
 def otsu(values: np.ndarray) -> float:
     """The level that splits values into two groups with the largest variance between them."""
     if values.size == 0:
-        raise ValueError("level: expected a value above 0, got none in the volume")
+        raise ValueError("level: expected different values, got one only in the volume")
     counts, edges = np.histogram(values, 256)
     middles = (edges[:-1] + edges[1:]) / 2
     below, total = np.cumsum(counts), counts.sum()

@@ -18,6 +18,7 @@ from ..sweep import Sweep
 from ..volume import Volume
 from ..volume_io import read_volume
 from .cylinders import measure_cylinders
+from .sweep_speed import sweep_speed
 from .table import Setting, Table
 
 SUMMARY = "freehand ultrasound: times, memory, cylinders, removed slices"
@@ -81,7 +82,7 @@ def times_and_memory(setting: Setting) -> Iterable[Table]:
     for n_frames in (131, 66, 51):
         sweep = _sweep(n_frames)
         for size in sizes:
-            seconds, shares = [], []
+            seconds, inside, shares = [], [], []
             for k, method in enumerate(METHODS):
                 setting.say(f"4.1: {n_frames} frames, {size}³, {method}")
                 spent, volume = _best(
@@ -91,6 +92,8 @@ def times_and_memory(setting: Setting) -> Iterable[Table]:
                     setting.quick,
                 )
                 seconds.append(spent)
+                steps = [volume.info.get(f"{step}_seconds") for step in ("bin", "fill")]
+                inside.append(None if None in steps else sum(steps))
                 n = volume.values.size
                 shares.append((volume.n_measured / n, volume.n_empty / n))
                 if k < 2:
@@ -102,14 +105,15 @@ def times_and_memory(setting: Setting) -> Iterable[Table]:
             for k, method in enumerate(METHODS):
                 ratio = source[k] / seconds[k] if source[k] else None
                 gains = [_gain(s, k) for s in (source, seconds)]
-                times.append((n_frames, size, method, source[k], seconds[k], ratio, *gains,
-                              *shares[k]))  # fmt: skip
+                times.append((n_frames, size, method, source[k], seconds[k], ratio, inside[k],
+                              *gains, *shares[k]))  # fmt: skip
     host = "ours: from frames in host memory to a volume in host memory"
     yield Table(
         "4.1", "seconds by frames of 387x400, volume and method",
         ("frames", "size", "method", "source s", "ours s", "source/ours",
-         "octree, source", "octree, ours", "measured", "empty"),
+         "on device s", "octree, source", "octree, ours", "measured", "empty"),
         times, (f"source: GTX 1080; ours: {machine}", host,
+                "on device: from frames to a volume that are both in the device's own memory",
                 "octree: how many times faster than without it"),
     )  # fmt: skip
     yield Table(
@@ -280,4 +284,5 @@ TABLES: dict[str, Callable[[Setting], Iterable[Table]]] = {
     "4.3": cylinders,
     "4.6": methods_compared,
     "4.7": octree_compared,
+    "sweep": sweep_speed,
 }

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import argparse
 import hashlib
+import logging
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -20,6 +21,7 @@ import numpy as np
 from ..sweep import Sweep
 from ..volume import Volume
 from ..volume_io import WRITABLE, write_volume
+from . import live
 from .shared import (
     Progress,
     UserError,
@@ -62,10 +64,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--json", action="store_true", help="print one JSON object: times, counts, memory, hashes")
     add("--cross-validate", type=int, metavar="K",
         help="leave every K-th frame out, predict it from the rest, report the error per method")
-    add("--live", metavar="igtl://HOST:PORT",
-        help="take frames from an OpenIGTLink server instead of SWEEP, until it stops or Ctrl-C")
-    add("--idle", type=positive, default=5.0, metavar="S",
-        help="seconds of silence that end --live (default: 5)")
     method = parser.add_argument_group("method")
     method.add_argument("--method", choices=METHODS, metavar="NAME",
                         help=f"{', '.join(METHODS)} (default: pvn-om)")
@@ -97,6 +95,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     place.add_argument("--mask", metavar="IMAGE", help="picture, not 0 where tissue is")
     place.add_argument("--keep-outliers", action="store_true",
                        help="take frames whose pose jumps too (default: leave them out and say so)")
+    live.add_arguments(parser)
     add_device(parser.add_argument_group("machine"))
 
 
@@ -107,8 +106,8 @@ def run(options: argparse.Namespace) -> None:
     messages: list[str] = []
     with Progress(3 + bool(options.cross_validate)) as progress:
         progress.step(f"reading {options.sweep or options.live}")
-        live = _Live(options, progress) if options.live else None
-        sweep = live.sweep() if live else _sweep(options)
+        stream = live.Live(options, progress, _growing(options)) if options.live else None
+        sweep = stream.sweep() if stream else _sweep(options)
         read_seconds = time.perf_counter() - start
         outliers = _without_outliers(sweep, options, messages)
         n_lost = len(sweep) - sweep.n_valid - len(outliers)
@@ -124,9 +123,10 @@ def run(options: argparse.Namespace) -> None:
         if options.output:
             progress.step("reconstructing")
             begun = time.perf_counter()
-            volume = live.volume() if live and not outliers else None
-            if volume is None:
-                volume = _volume(sweep, options)
+            with _stating(progress):
+                volume = stream.volume() if stream and not outliers else None
+                if volume is None:
+                    volume = _volume(sweep, options)
             times["reconstruct"] = time.perf_counter() - begun
             progress.step(f"writing {options.output}")
             begun = time.perf_counter()
@@ -141,8 +141,8 @@ def run(options: argparse.Namespace) -> None:
     times["total"] = time.perf_counter() - start
     for message in messages:
         warn(message)
-    if live:
-        report["live"] = live.figures()
+    if stream:
+        report["live"] = stream.figures()
     report |= {
         "device": _device(options),
         "method": _method(options),
@@ -175,14 +175,7 @@ def _check(options: argparse.Namespace) -> None:
         check_output("--three-view", options.three_view, [".png"])
     if options.calibration and options.plus:
         raise UserError("--plus: expected no --calibration beside it")
-    if options.live:
-        from ..sweeps.live import parse_address
-
-        with mistakes():
-            parse_address(options.live)
-        for name in ("poses", "frame_times", "temporal_offset"):
-            if getattr(options, name) is not None:
-                raise UserError(f"--{name.replace('_', '-')}: expected a SWEEP, got --live")
+    live.check(options)
     if options.cross_validate is not None and options.cross_validate < 2:
         raise UserError(f"--cross-validate: expected 2 or more, got {options.cross_validate}")
     if options.size is not None and not 1 <= options.size <= 65536:
@@ -215,70 +208,6 @@ def _sweep(options: argparse.Namespace) -> Sweep:
     )  # fmt: skip
 
 
-class _Live:
-    """Frames of a server, put into the volume as they come where the method allows that."""
-
-    def __init__(self, options: argparse.Namespace, progress: Progress):
-        self.options, self.progress = options, progress
-        self.reconstructor: Any = None
-        self.seconds: list[float] = []
-        # A size is known only when all frames are there; a median needs them all.
-        self.grows = (
-            options.spacing is not None
-            and _method(options) == METHODS[0]
-            and options.compounding != "median"
-        )
-
-    def sweep(self) -> Sweep:
-        """All frames, until the server stops."""
-        from ..sweeps.live import receive_sweep
-
-        options = self.options
-        try:
-            with mistakes():
-                return receive_sweep(
-                    options.live, options.calibration, options.plus, options.idle, self._take,
-                    clip=options.clip, fan=options.fan, mask=options.mask,
-                )  # fmt: skip
-        except ConnectionError as error:
-            raise UserError(f"--{error}") from error
-
-    def volume(self) -> Volume | None:
-        """The volume of all frames so far; None if they were only collected."""
-        return self.reconstructor.volume() if self.reconstructor else None
-
-    def figures(self) -> dict[str, Any]:
-        """Seconds that a frame took until it was in the volume."""
-        if not self.seconds:
-            return {"grew": False}
-        return {
-            "grew": True,
-            "median_seconds": float(np.median(self.seconds)),
-            "longest_seconds": max(self.seconds),
-        }
-
-    def _take(self, n: int, frame: Any) -> None:
-        if self.grows:
-            begun = time.perf_counter()
-            if self.reconstructor is None:
-                self.reconstructor = self._reconstructor(frame)
-            self.reconstructor.add(frame.image, frame.world_from_image)
-            self.seconds.append(time.perf_counter() - begun)
-        if self.progress.shown and n % 10 == 0:
-            self.progress.done -= 1
-            self.progress.step(f"{n:,} frames from {self.options.live}, Ctrl-C ends")
-
-    def _reconstructor(self, frame: Any) -> Any:
-        from ..reconstructor import Reconstructor
-        from ..sweeps.setup import Setup
-
-        options = self.options
-        setup = Setup(
-            options.calibration, options.plus, options.clip, options.fan, options.mask
-        )
-        return Reconstructor(mask=setup.mask(frame.image.shape), **_options_of(options))
-
-
 def _without_outliers(sweep: Sweep, options: argparse.Namespace, messages: list[str]) -> list[int]:
     """Take frames whose pose jumps out of the sweep; their numbers."""
     from ..trust import check_poses
@@ -292,6 +221,15 @@ def _without_outliers(sweep: Sweep, options: argparse.Namespace, messages: list[
         messages.append(f"{count(len(found), 'frame')} left out, the pose jumps: {which} "
                         "(--keep-outliers takes them)")
     return found
+
+
+def _growing(options: argparse.Namespace) -> dict[str, Any] | None:
+    """What a volume that grows with the frames is made with; None where it cannot grow: a size is
+    known only when all frames are there, and a median needs them all."""
+    method = _method(options)
+    if options.spacing is None or method != METHODS[0] or options.compounding == "median":
+        return None
+    return _options_of(options) | ({"history": None} if options.maps else {})
 
 
 def _options_of(options: argparse.Namespace) -> dict[str, Any]:
@@ -313,6 +251,22 @@ def _options_of(options: argparse.Namespace) -> dict[str, Any]:
 
 
 @contextmanager
+def _stating(progress: Progress) -> Iterator[None]:
+    """Show what the library says of the volume, its voxels and memory, before it takes them."""
+    handler = logging.Handler(logging.INFO)
+    handler.emit = lambda record: progress.show(f"reconstructing {record.getMessage()}")
+    log = logging.getLogger("globule")
+    level = log.level
+    log.addHandler(handler)
+    log.setLevel(logging.INFO)
+    try:
+        yield
+    finally:
+        log.setLevel(level)
+        log.removeHandler(handler)
+
+
+@contextmanager
 def _fitting() -> Iterator[None]:
     """What the library refuses is the user's mistake, and so is a volume that cannot fit."""
     try:
@@ -320,6 +274,8 @@ def _fitting() -> Iterator[None]:
             yield
     except MemoryError as error:
         raise UserError(str(error)) from error
+    except OSError as error:  # a picture that the configuration names
+        raise UserError(f"{error.filename}: cannot be read: {error.strerror}") from error
 
 
 def _cross_validate(sweep: Sweep, options: argparse.Namespace) -> dict[str, Any]:
@@ -391,6 +347,8 @@ def _lines(report: dict[str, Any]) -> list[str]:
             f"{100 * counts[name] / counts['voxels']:.1f} % {name}"
             for name in ("measured", "filled", "empty")
         )
+        if "estimated_bytes" in report["figures"]:
+            shares += f"; up to {report['figures']['estimated_bytes'] / 2**20:,.0f} MiB of memory"
         lines.append(f"  {shares}")
     for name, result in report["cross_validation"].items():
         lines.append(

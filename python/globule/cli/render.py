@@ -39,6 +39,7 @@ from .shared import (
     stem,
     vector,
 )
+from .volumes import check_surface, is_surface
 
 SUMMARY = "particles to pictures"
 EXAMPLES = """\
@@ -164,7 +165,10 @@ def outputs(
     """The files to write, one image and perhaps one .npz per input, all checked to be writable;
     the images are given where they are a movie's."""
     for path in options.particles:
-        check_input(path, list(reading(options)))
+        if is_surface(path, options):
+            check_surface(path, options)
+        else:
+            check_input(path, list(reading(options)))
     images = images or _names("-o", options.output, options.particles, ".png")
     arrays: list[str | None] = [None] * len(images)
     if options.aov:
@@ -231,9 +235,9 @@ def _picture(
     """One file's picture, and what there is to report of it; None where it is there already."""
     start = time.perf_counter()
     progress.step(f"reading {path}")
-    particles = series.read()
+    particles, messages = series.read()
+    messages = list(messages)
     read_seconds = time.perf_counter() - start
-    messages: list[str] = []
     finite = np.isfinite(particles.positions).all(axis=1)
     n, n_lost = len(particles), int((~finite).sum())
     if n == 0:

@@ -30,6 +30,7 @@ from .shared import (
     say,
     warn,
 )
+from .volumes import is_surface, read_surface
 
 NOTES = """\
 Several files, or a quoted pattern ('frame_*.vtk', frame_%04d.vtk; numbers count by value), are one
@@ -72,7 +73,7 @@ class Series:
         self._camera: Camera | None = None
         self._box: np.ndarray | None = None
         self._shown: set[str] = set()
-        self._ahead: Iterator[Particles] = iter(())
+        self._ahead: Iterator[tuple[Particles, list[str]]] = iter(())
         with mistakes():
             files = find_files(options.particles)
             if options.camera_path:
@@ -143,16 +144,14 @@ class Series:
             return
         todo = sorted({0, *todo})
         if len(set(files)) == 1:
-            self._ahead = itertools.repeat(read_particles(files[0], **reading(self.options)))
+            self._ahead = itertools.repeat(_read(files[0], self.options))
         else:
-            self._ahead = read_ahead(
-                read_particles(files[i], **reading(self.options)) for i in todo
-            )
+            self._ahead = read_ahead(_read(files[i], self.options) for i in todo)
         for i in todo:
             yield i, files[i], images[i], arrays[i]
 
-    def read(self) -> Particles:
-        """The particles of the picture at hand."""
+    def read(self) -> tuple[Particles, list[str]]:
+        """The particles of the picture at hand, and what to say of them."""
         return next(self._ahead)
 
     def finished(self, image: str, aov: str | None) -> bool:
@@ -229,9 +228,15 @@ def _camera_path(options: argparse.Namespace) -> CameraPath:
         raise UserError(f"--camera-path: {options.camera_path}: {error.strerror}") from error
 
 
+def _read(path: str, options: argparse.Namespace) -> tuple[Particles, list[str]]:
+    if is_surface(path, options):
+        return read_surface(path, options)
+    return read_particles(path, **reading(options)), []
+
+
 def _try_to_read(path: str, options: argparse.Namespace) -> Particles | None:
     try:
-        return read_particles(path, **reading(options))
+        return _read(path, options)[0]
     except UserError:
         return None
 

@@ -171,9 +171,10 @@ def read_particles(path: str, **given: Any) -> Particles:
 def stem(path: str) -> str:
     """A file's name without folder and extension."""
     from ..formats import READABLE
+    from ..volume_io import WRITABLE
 
     name = os.path.basename(os.path.normpath(path))
-    endings = [extension for extension in READABLE if name.lower().endswith(extension)]
+    endings = [end for end in (*READABLE, *WRITABLE) if name.lower().endswith(end)]
     return name[: -len(max(endings, key=len))] if endings else name
 
 

@@ -8,14 +8,16 @@ the server down, and nothing is lost on our side. A broken connection is made ag
 
 from __future__ import annotations
 
+import itertools
 import socket
 import time
-from collections.abc import Callable, Iterator
+import zlib
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..sweep import Sweep
+from ..sweep import Sweep, usable
 from .setup import Setup
 from .transforms import WORLDS, Edges, Transform, chain, find_path, split_name
 
@@ -97,20 +99,30 @@ def receive_sweep(
     plus: Any = None,
     idle: float = 5.0,
     each: Callable[[int, LiveFrame], None] | None = None,
+    earlier: Iterable[LiveFrame] = (),
     **region: Any,
 ) -> Sweep:
     """All frames of a server as one Sweep, until it stops or the user interrupts.
 
     calibration, plus, and clip, fan, mask of `region`: as for `read_sweep`; each(n, frame) is
-    called with the n-th frame when it has come. Raises ValueError if none came with its pose.
+    called with the n-th frame when it has come. `earlier` frames, of a run that was cut short, are
+    taken first; what a server that starts again sends a second time is taken once. Raises
+    ValueError if no frame came with its pose.
     """
     setup = Setup(calibration, plus, **region)
-    frames = []
+    frames: list[LiveFrame] = []
+    known: set[tuple[float, int, bytes]] = set()
     try:
-        for frame in receive(address, setup.edges, idle):
+        for frame in itertools.chain(earlier, receive(address, setup.edges, idle)):
             if frames and frame.image.shape != frames[0].image.shape:
                 expected, got = frames[0].image.shape, frame.image.shape
                 raise ValueError(f"live: expected images of {expected} as the first, got {got}")
+            if not usable(frame.world_from_image):
+                continue
+            key = (frame.time, zlib.crc32(frame.image), frame.world_from_image.tobytes())
+            if key in known:
+                continue
+            known.add(key)
             frames.append(frame)
             if each:
                 each(len(frames), frame)

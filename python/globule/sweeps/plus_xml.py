@@ -53,18 +53,14 @@ def read_plus(path: str | os.PathLike) -> PlusConfig:
         world = region.get("ReferenceCoordinateFrame")
         origin = _numbers(path, region, "ClipRectangleOrigin", 2)
         size = _numbers(path, region, "ClipRectangleSize", 2)
-        angles = _numbers(path, region, "FanAnglesDeg", 2)
-        apex = _numbers(path, region, "FanOriginPixel", 2) or _numbers(
-            path, region, "FanOrigin", 2
-        )
-        start = _numbers(path, region, "FanRadiusStartPixel", 1) or [0.0]
-        stop = _numbers(path, region, "FanRadiusStopPixel", 1) or _numbers(
-            path, region, "FanDepth", 1
-        )
+        angles = _either(path, region, ("FanAnglesDeg", "FanAngles"), [0.0, 0.0])
+        apex = _either(path, region, ("FanOriginPixel", "FanOrigin"), [0.0, 0.0])
+        start = _either(path, region, ("FanRadiusStartPixel",), [0.0])
+        stop = _either(path, region, ("FanRadiusStopPixel", "FanDepth"), [500.0])
         try:
-            if origin and size:
+            if origin and size and min(size) > 0:  # other sizes mean the whole image
                 clip = checked_clip([*origin, *size])
-            if angles and apex and stop and angles[0] != angles[1]:
+            if angles[0] != angles[1]:
                 fan = checked_fan([*apex, *angles, *start, *stop])
         except ValueError as error:
             raise bad(path, "VolumeReconstruction", str(error)) from None
@@ -76,6 +72,12 @@ def _root(path: str | os.PathLike) -> Any:
     if root.tag != "PlusConfiguration":
         raise bad(path, "", f"expected <PlusConfiguration>, got {shown(root.tag)}")
     return root
+
+
+def _either(path: Any, element: Any, names: tuple[str, ...], default: list[float]) -> list[float]:
+    """The first attribute that is there; later names are older."""
+    found = (_numbers(path, element, name, len(default)) for name in names)
+    return next((values for values in found if values is not None), default)
 
 
 def _numbers(path: Any, element: Any, name: str, n: int) -> list[float] | None:

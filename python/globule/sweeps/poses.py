@@ -31,7 +31,8 @@ _MOST_GAP = 5.0  # median intervals between poses; a longer silence of the track
 
 
 class PoseTable(NamedTuple):
-    """times (N,) s or None; matrices (N, 4, 4) float64, NaN where missing; ok (N,) bool."""
+    """times (N,) s or None; matrices (N, 4, 4) float64, NaN where missing; ok (N,) bool. In the
+    order of the file, which need not be that of the times."""
 
     times: np.ndarray | None
     matrices: np.ndarray
@@ -63,9 +64,7 @@ def read_poses(path: str | os.PathLike) -> PoseTable:
         raise bad(path, rows[timed.index(False)][0], "expected a time in every row, got none")
     if not any(timed):
         return PoseTable(None, np.array(matrices), np.array(ok))
-    stamps = np.array(times)
-    order = np.argsort(stamps, kind="stable")
-    return PoseTable(stamps[order], np.array(matrices)[order], np.array(ok)[order])
+    return PoseTable(np.array(times), np.array(matrices), np.array(ok))
 
 
 def write_csv(path: str | os.PathLike, table: PoseTable) -> None:

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from PIL import Image
 
 from ..formats.errors import bad, shown
 from ..formats.numpy_format import _archive, _array
@@ -16,7 +15,6 @@ from . import igs
 
 FRAME_PICTURES = (".png", ".tif", ".tiff", ".bmp", ".jpg", ".jpeg")
 DICOM = (".dcm", ".dicom")
-_BAD_PICTURE = (OSError, SyntaxError, ValueError, Image.DecompressionBombError)
 MASK = "mask.png"  # of a folder: not a frame
 
 
@@ -30,6 +28,8 @@ class Stack(NamedTuple):
 
 def read_folder(path: str | os.PathLike) -> Stack:
     """The pictures of a folder in the order of the numbers in their names."""
+    from PIL import Image
+
     names = [name for name in os.listdir(path) if name.lower().endswith(FRAME_PICTURES)]
     names = sorted((name for name in names if name.lower() != MASK), key=_by_numbers)
     if not names:
@@ -40,7 +40,7 @@ def read_folder(path: str | os.PathLike) -> Stack:
             with Image.open(Path(path) / name) as image:
                 colored = image.mode in ("P", "PA", "LA", "RGB", "RGBA", "CMYK", "YCbCr")
                 picture = np.asarray(image.convert("RGB") if colored else image)
-        except _BAD_PICTURE as error:
+        except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
             raise bad(path, name, f"expected a picture, got {error}") from None
         if picture.ndim == 3:
             picture = igs.to_grey(picture[..., :3])

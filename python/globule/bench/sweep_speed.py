@@ -1,0 +1,109 @@
+"""Speed on a tracked sweep of 21 frames of 820x616, beside the PLUS toolkit's (two EPYC cores)."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable
+from typing import Any
+
+import numpy as np
+
+from .. import _core, phantoms
+from ..arrays import address
+from ..device import choose
+from ..plus import reconstruct_plus
+from ..plus_config import Filler, PlusConfig
+from ..reconstruct import Options, crowded, reconstruct, start
+from ..reconstructor import Reconstructor
+from ..sweep import Sweep
+from ..sweep_grid import bounds, make_grid
+from .table import Setting, Table
+
+FRAMES, SIZE, APART = 21, (820, 616), 1.5  # mm between frames, as in PLUS' SpinePhantomFreehand
+# Seconds by what is done and voxels along the longest axis.
+PLUS_SECONDS = {
+    ("nearest binning", 256): 0.041, ("nearest binning", 512): 0.110,
+    ("binning, holes to 9³", 256): 0.041 + 8.6, ("binning, holes to 9³", 512): 0.110 + 100.5,
+    ("PLUS-exact, STICK", 256): 0.041 + 2.1, ("PLUS-exact, STICK", 512): 0.110 + 18.8,
+}  # fmt: skip
+_RUNS = 3
+
+
+def sweep_speed(setting: Setting) -> Iterable[Table]:
+    """Seconds of each step, and of a frame that enters a volume which is read after each."""
+    sweep = phantoms.breast(
+        n_frames=FRAMES, length=FRAMES * APART, size=SIZE, spacing=0.08
+    )
+    machine = choose(setting.device)
+    rows: list[tuple[Any, ...]] = []
+    for size in (256,) if setting.quick else (256, 512):
+        for what, seconds, cores, volume in _steps(setting, sweep, size):
+            known = PLUS_SECONDS[what, size]
+            shape = "x".join(map(str, volume.values.shape[::-1]))
+            rows.append((what, shape, known, seconds, known / seconds, cores))
+    setting.say("sweep: live")
+    rows += [("live, frame to volume: " + name, "256", None, seconds, None, None)
+             for name, seconds in _live(setting, sweep)]  # fmt: skip
+    yield Table(
+        "sweep", f"{FRAMES} frames of {SIZE[0]}x{SIZE[1]}, seconds",
+        ("what", "voxels", "PLUS s", "ours s", "PLUS/ours", "core seconds"), rows,
+        (f"PLUS: its spine phantom, two EPYC cores; ours: a phantom, {machine.description}",
+         "core seconds: of all threads together, which other work on the machine does not lengthen",
+         "nearest binning: the step alone, from frames where the device has them"),
+    )  # fmt: skip
+
+
+def _steps(setting: Setting, sweep: Sweep, size: int) -> Iterable[tuple[str, float, float, Any]]:
+    options = {"device": setting.device, "threads": setting.threads}
+    low, high = sweep.bounds()
+    spacing = float((high - low).max()) / size
+    exact = PlusConfig((spacing,) * 3, fill_holes=True, fillers=[Filler("STICK", 9, 1)])
+    setting.say(f"sweep: {size} voxels")
+    wall, cores, volume = _best(lambda: reconstruct(sweep, size=size, **options))
+    alone = _binning_cores(setting, sweep, size)
+    yield "nearest binning", volume.info["bin_seconds"], alone, volume
+    yield "binning, holes to 9³", wall, cores, volume
+    yield "PLUS-exact, STICK", *_best(lambda: reconstruct_plus(sweep, exact, **options))
+
+
+def _binning_cores(setting: Setting, sweep: Sweep, size: int) -> float:
+    """Core seconds of nearest binning alone."""
+    chosen, frames = choose(setting.device), sweep.frames
+    low, high = bounds(sweep.world_from_image, None, frames.shape[1:])
+    grid = make_grid(low, high, None, size, None)
+    poses = grid.poses(sweep.world_from_image)
+    core = _core.Reconstructor(chosen.backend, chosen.index, setting.threads)
+    seconds = []
+    for _ in range(_RUNS):
+        start(core, grid, frames, Options(), crowded(poses, frames.shape[1:]))
+        begun = time.process_time()
+        core.add((address(frames), False), address(poses), 0, *frames.shape, 0, 1)
+        seconds.append(time.process_time() - begun)
+    return min(seconds)
+
+
+def _best(run: Callable[[], Any]) -> tuple[float, float, Any]:
+    """Shortest wall and core seconds of a few runs, and the volume with the shortest binning."""
+    walls, cores, volumes = [], [], []
+    for _ in range(_RUNS):
+        begun, cpu = time.perf_counter(), time.process_time()
+        volumes.append(run())
+        walls.append(time.perf_counter() - begun)
+        cores.append(time.process_time() - cpu)
+    best = min(volumes, key=lambda volume: volume.info.get("bin_seconds", 0.0))
+    return min(walls), min(cores), best
+
+
+def _live(setting: Setting, sweep: Sweep) -> list[tuple[str, float]]:
+    low, high = sweep.bounds()
+    live = Reconstructor(
+        float((high - low).max()) / 256, region=(low, high), device=setting.device,
+        threads=setting.threads,
+    )  # fmt: skip
+    seconds = []
+    for frame, pose in zip(sweep.frames, sweep.world_from_image, strict=True):
+        begun = time.perf_counter()
+        live.add(frame, pose)
+        live.volume()
+        seconds.append(time.perf_counter() - begun)
+    return [("median", float(np.median(seconds))), ("longest", max(seconds))]

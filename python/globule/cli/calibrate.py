@@ -1,0 +1,161 @@
+"""Calibrate a tracked probe: where its image's pixels lie, and how late its poses are.
+
+MARKS is a table (.csv) of a fixed point's `column` and `row` in images, a crossing of two wires or
+a bead; each row also has the probe's pose (x y z qx qy qz qw, or m00 to m23), or with --sweep the
+number of its `frame` there, from 0. With --delay the temporal offset between image and tracker is
+found from a --sweep in which the probe changes its speed. What is written is a calibration (.toml),
+as `reconstruct --calibration` takes it."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+from typing import Any
+
+import numpy as np
+
+from ..calibration import (
+    Calibration,
+    calibrate_point_target,
+    read_calibration,
+    temporal_offset,
+    write_calibration,
+)
+from ..sweeps.marks import Tracked, read_marks, read_tracked
+from .shared import UserError, check_output, count, mistakes, positive, print_json, warn
+
+SUMMARY = "marked pixels and poses to a probe's calibration"
+EXAMPLES = """\
+  globule calibrate marks.csv -o probe.toml
+  globule calibrate marks.csv --sweep wires.igs.mha -o probe.toml
+  globule calibrate --delay --sweep wires.igs.mha --calibration probe.toml -o timed.toml"""
+
+CERTAIN = 0.05  # a larger chance that random motion fits as well, and the offset is not written
+_STRIKING = 3.0  # times the rms
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add = parser.add_argument
+    add("marks", nargs="?", metavar="MARKS", help="table of marked pixels, .csv")
+    add("-o", "--output", metavar="FILE.toml", help="calibration to write")
+    add("--sweep", metavar="SWEEP", help="the recording: PLUS file, or stack of images and --poses")
+    add("--poses", metavar="TABLE", help="the probe's poses for a stack, .csv or .json")
+    add("--frame-times", type=positive, metavar="FPS",
+        help="frames per second of a stack that does not know its times")
+    add("--delay", action="store_true", help="find the temporal offset of the --sweep")
+    add("--most", type=positive, default=0.5, metavar="S",
+        help="largest offset that --delay looks for (default: 0.5)")
+    add("--calibration", metavar="FILE.toml",
+        help="an earlier calibration: what is not found anew is taken from it")
+    add("--json", action="store_true", help="print one JSON object: matrix, residuals, offset")
+
+
+def run(options: argparse.Namespace) -> None:
+    _check(options)
+    try:
+        with mistakes():
+            earlier = read_calibration(options.calibration) if options.calibration else None
+            tracked = None
+            if options.sweep:
+                tracked = read_tracked(options.sweep, options.poses, options.frame_times)
+            report = _calibrated(options, earlier, tracked)
+    except OSError as error:
+        name = error.filename or options.marks or options.sweep
+        raise UserError(f"{name}: cannot be read: {error.strerror or error}") from error
+    for message in report["warnings"]:
+        warn(message)
+    if options.json:
+        print_json(report)
+    else:
+        print("\n".join(_lines(report)))
+
+
+def _check(options: argparse.Namespace) -> None:
+    if not options.marks and not options.delay:
+        raise UserError("MARKS: expected a table of marks, or --delay, got neither")
+    if options.delay and not options.sweep:
+        raise UserError("--delay: expected --sweep beside it, got none")
+    for name in ("poses", "frame_times"):
+        if getattr(options, name) is not None and not options.sweep:
+            raise UserError(f"--{name.replace('_', '-')}: expected --sweep beside it, got none")
+    if options.output:
+        check_output("-o", options.output, [".toml"])
+        if not options.marks and not options.calibration:
+            raise UserError("-o: expected MARKS or --calibration for the matrix, got neither")
+
+
+def _calibrated(
+    options: argparse.Namespace, earlier: Calibration | None, tracked: Tracked | None
+) -> dict[str, Any]:
+    """What there is to report; the calibration is written."""
+    messages: list[str] = []
+    report: dict[str, Any] = {"output": options.output, "warnings": messages}
+    calibration = earlier
+    if options.marks:
+        found = calibrate_point_target(*read_marks(options.marks, tracked))
+        kept = {} if earlier is None else {
+            name: getattr(earlier, name) for name in ("temporal_offset", "clip", "fan")
+        }  # fmt: skip
+        calibration = dataclasses.replace(found.calibration, **kept)
+        lengths = np.linalg.norm(found.residuals, axis=1)
+        report |= {
+            "probe_from_image": calibration.probe_from_image, "spacing": calibration.spacing,
+            "target": found.target, "rms": calibration.rms, "residuals": lengths,
+        }  # fmt: skip
+        wild = np.flatnonzero(lengths > _STRIKING * np.median(lengths) + 1e-9)
+        if len(wild):
+            which = ", ".join(f"{i + 1} ({lengths[i]:.2f} mm)" for i in wild[:5])
+            messages.append(f"{options.marks}: far from the others, look at them: mark {which}")
+    if options.delay:
+        delay = _delay(options, tracked)
+        report["temporal_offset"] = delay._asdict()
+        if delay.chance > CERTAIN or not np.isfinite(delay.uncertainty):
+            why = f"{100 * delay.chance:.0f} % of random motions fit as well"
+            if not np.isfinite(delay.uncertainty):
+                why = f"the best fit is at the edge of what was looked for, and {why}"
+            messages.append(
+                f"{options.sweep}: the temporal offset is not certain and not written: {why}"
+            )
+        elif calibration is not None:
+            calibration = dataclasses.replace(calibration, temporal_offset=delay.offset)
+    if options.output:
+        write_calibration(options.output, calibration)
+    return report
+
+
+def _delay(options: argparse.Namespace, tracked: Tracked) -> Any:
+    if tracked.times is None or tracked.pose_times is None:
+        raise UserError(f"{options.sweep}: expected times of frames and poses, got none")
+    ok = np.flatnonzero(tracked.ok)
+    if not len(ok):
+        raise UserError(f"{options.sweep}: expected valid poses, got none")
+    order = np.argsort(tracked.times, kind="stable")
+    ok = ok[np.argsort(tracked.pose_times[ok], kind="stable")]
+    return temporal_offset(
+        tracked.frames[order], tracked.times[order],
+        tracked.poses[ok], tracked.pose_times[ok], options.most,
+    )  # fmt: skip
+
+
+def _lines(report: dict[str, Any]) -> list[str]:
+    lines = []
+    if "rms" in report:
+        lengths = report["residuals"]
+        u, v = report["spacing"]
+        target = " ".join(f"{x:.2f}" for x in report["target"])
+        lines += [
+            f"{count(len(lengths), 'mark')}: rms {report['rms']:.3f} mm, median "
+            f"{np.median(lengths):.3f}, largest {lengths.max():.3f} mm (mark "
+            f"{int(lengths.argmax()) + 1})",
+            f"  pixels of {u:.5f} x {v:.5f} mm, target at {target} mm",
+            "  residuals: " + " ".join(f"{x:.2f}" for x in lengths),
+        ]
+    if "temporal_offset" in report:
+        found = report["temporal_offset"]
+        lines.append(
+            f"temporal offset {found['offset']:+.4f} s ± {found['uncertainty']:.4f}, correlation "
+            f"{found['correlation']:.2f}, by chance in {100 * found['chance']:.0f} %"
+        )
+    if report["output"]:
+        lines.append(f"{report['output']}: written")
+    return lines

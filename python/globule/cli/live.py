@@ -1,0 +1,152 @@
+"""`reconstruct --live`: frames of a server, binned as they come, recorded and shown."""
+
+from __future__ import annotations
+
+import argparse
+import time
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import Any
+
+import numpy as np
+
+from ..sweep import Sweep
+from ..sweeps.live import LiveFrame, parse_address, receive_sweep
+from ..volume import Volume
+from .shared import Progress, UserError, mistakes, positive, warn
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add = parser.add_argument_group(
+        "live", "With --spacing the volume grows with the frames, and --three-view is drawn again "
+        "while they come.").add_argument  # fmt: skip
+    add("--live", metavar="igtl://HOST:PORT",
+        help="take frames from an OpenIGTLink server instead of SWEEP, until it stops or Ctrl-C")
+    add("--record", metavar="FOLDER",
+        help="keep the frames, each as it comes, in a folder that is a SWEEP of its own; after a "
+        "crash the same command goes on with it")
+    add("--idle", type=positive, default=5.0, metavar="S",
+        help="seconds of silence that end --live (default: 5)")
+    add("--refresh", type=positive, default=1.0, metavar="S",
+        help="seconds between two drawings of --three-view (default: 1)")
+
+
+def check(options: argparse.Namespace) -> None:
+    """Refuse what cannot be, before any work."""
+    if not options.live:
+        if options.record:
+            raise UserError("--record: expected --live beside it, got none")
+        return
+    with mistakes():
+        parse_address(options.live)
+    for name in ("poses", "frame_times", "temporal_offset"):
+        if getattr(options, name) is not None:
+            raise UserError(f"--{name.replace('_', '-')}: expected a SWEEP, got --live")
+
+
+class Live:
+    """The frames of one run.
+
+    growing   arguments of `Reconstructor`; None where the volume cannot grow
+    """
+
+    def __init__(
+        self, options: argparse.Namespace, progress: Progress, growing: dict[str, Any] | None
+    ):
+        self.options, self.progress, self.growing = options, progress, growing
+        self.reconstructor: Any = None
+        self.recorder: Any = None
+        self.seconds: list[float] = []
+        self.n_frames = self.n_drawn = 0
+        self._drawn = -np.inf
+        self._drawing: Future | None = None
+
+    def sweep(self) -> Sweep:
+        """All frames, until the server stops; frames recorded by an earlier run come first."""
+        options = self.options
+        with ThreadPoolExecutor(1) as self._draughtsman:
+            try:
+                with mistakes():
+                    if options.record:
+                        from ..sweeps.recorder import Recorder
+
+                        self.recorder = Recorder(options.record)
+                    earlier = self.recorder.kept if self.recorder else []
+                    return receive_sweep(
+                        options.live, options.calibration, options.plus, options.idle, self._take,
+                        earlier, clip=options.clip, fan=options.fan, mask=options.mask,
+                    )  # fmt: skip
+            except ConnectionError as error:
+                raise UserError(f"--{error}") from error
+            except OSError as error:
+                raise UserError(f"--record: {error.filename}: {error.strerror}") from error
+            finally:
+                if self.recorder:
+                    self.recorder.close()
+
+    def volume(self) -> Volume | None:
+        """The volume of all frames so far; None if they were only collected, or an interruption
+        left the last one half done."""
+        whole = self.reconstructor is not None and self.reconstructor.n_frames == self.n_frames
+        return self.reconstructor.volume() if whole else None
+
+    def figures(self) -> dict[str, Any]:
+        """Seconds that a frame took until it was in the volume."""
+        facts = {"grew": bool(self.seconds), "drawn": self.n_drawn,
+                 "recorded": self.recorder.n_frames if self.recorder else 0}  # fmt: skip
+        if not self.seconds:
+            return facts
+        return facts | {
+            "median_seconds": float(np.median(self.seconds)),
+            "longest_seconds": max(self.seconds),
+        }
+
+    def _take(self, n: int, frame: LiveFrame) -> None:
+        self.n_frames = n
+        if self.recorder and n > len(self.recorder.kept):
+            self.recorder.add(frame)
+        if self.growing is not None:
+            self._grow(frame)
+        if self.progress.shown and n % 10 == 0:
+            self.progress.done -= 1
+            self.progress.step(f"{n:,} frames from {self.options.live}, Ctrl-C ends")
+
+    def _grow(self, frame: LiveFrame) -> None:
+        begun = time.perf_counter()
+        try:
+            if self.reconstructor is None:
+                self.reconstructor = self._reconstructor(frame)
+            self.reconstructor.add(frame.image, frame.world_from_image)
+        except (ValueError, MemoryError) as error:
+            # The frames stay: what is wrong with one shows when all are there.
+            warn(f"the volume cannot grow any more, frames are only collected: {error}")
+            self.growing = self.reconstructor = None
+            return
+        self.seconds.append(time.perf_counter() - begun)
+        if self.options.three_view:
+            self._draw()
+
+    def _draw(self) -> None:
+        """Draw the volume as it is; the file is written beside, while frames come."""
+        now = time.monotonic()
+        busy = self._drawing is not None and not self._drawing.done()
+        if busy or now - self._drawn < self.options.refresh:
+            return
+        from ..slices import save_three_view
+
+        if self._drawing is not None:
+            self._drawing.result()  # what went wrong with the last one
+        self._drawn = now
+        self._drawing = self._draughtsman.submit(
+            save_three_view, self.options.three_view, self.reconstructor.volume()
+        )
+        self.n_drawn += 1
+
+    def _reconstructor(self, frame: LiveFrame) -> Any:
+        from ..reconstructor import Reconstructor
+        from ..sweeps.setup import Setup
+
+        options = self.options
+        setup = Setup(
+            options.calibration, options.plus, options.clip, options.fan, options.mask
+        )
+        return Reconstructor(mask=setup.mask(frame.image.shape), **self.growing)

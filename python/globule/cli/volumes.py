@@ -1,0 +1,60 @@
+"""Volumes among the files of `render`: shown as the surface where their values have a level.
+
+NIfTI and DICOM are tomographies, one metaball per voxel of a tissue; so are the other formats when
+labels or resampling are asked for.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import zipfile
+
+from ..particles import Particles
+from ..scene import DEFAULTS
+from .shared import UserError, read_volume_file
+
+SURFACES = (".nrrd", ".nhdr", ".mha", ".mhd", ".vti")
+
+
+def is_surface(path: str, options: argparse.Namespace) -> bool:
+    """Whether a file is a volume that is shown by its surface."""
+    if options.label or options.resample:
+        return False
+    name = path.lower()
+    if name.endswith(SURFACES):
+        return True
+    if not name.endswith(".npz"):
+        return False
+    try:
+        with zipfile.ZipFile(path) as archive:
+            return {"values.npy", "world_from_voxel.npy"} <= set(archive.namelist())
+    except (OSError, zipfile.BadZipFile):
+        return False
+
+
+def check_surface(path: str, options: argparse.Namespace) -> None:
+    """Refuse what a surface cannot have, before any work."""
+    for name in ("threshold", "support"):
+        if getattr(options, name) is not None:
+            raise UserError(f"--{name}: expected --level for the volume {path}, got --{name}")
+    try:
+        with open(path, "rb"):
+            pass
+    except OSError as error:
+        raise UserError(f"{path}: expected a file to read, got: {error.strerror}") from error
+
+
+def read_surface(path: str, options: argparse.Namespace) -> tuple[Particles, list[str]]:
+    """The surface's particles, made for the kernel's own threshold; and what to say of them."""
+    from ..volume_particles import iso_surface
+
+    volume = read_volume_file(path)
+    try:
+        particles, threshold, level = iso_surface(volume, options.level, options.kernel)
+    except ValueError as error:
+        raise UserError(f"{path}: {error}") from error
+    particles.weight = particles.weight * (DEFAULTS[options.kernel][1] / threshold)
+    if options.level is not None:
+        return particles, []
+    return particles, [f"{os.path.basename(path)}: surface at {level:.4g}, --level takes another"]

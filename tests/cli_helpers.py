@@ -1,0 +1,44 @@
+"""What the tests of the command line share: a cube of particles, commands, refusals."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+
+import globule as gb
+import numpy as np
+from globule.cli import main
+
+COMMAND = [sys.executable, "-m", "globule"]
+SMALL = ["--size", "40x30", "--device", "cpu"]
+
+
+def cube(n: int = 6, **fields) -> gb.Particles:
+    axis = np.arange(n, dtype=np.float32) / n
+    return gb.Particles(np.stack(np.meshgrid(axis, axis, axis), axis=-1).reshape(-1, 3), **fields)
+
+
+def volume(path) -> None:
+    """A bright ball in a dark volume."""
+    import SimpleITK as sitk
+
+    z, y, x = np.mgrid[-1:1:16j, -1:1:16j, -1:1:16j]
+    sitk.WriteImage(sitk.GetImageFromArray(200 * np.exp(-(x * x + y * y + z * z) * 2)), str(path))
+
+
+def run(*words: str, **options) -> subprocess.CompletedProcess:
+    return subprocess.run(
+        [*COMMAND, *words], capture_output=True, text=True, timeout=100, **options
+    )
+
+
+def refused(capsys, *words: str) -> str:
+    """The one line that a mistake is answered with; nothing may have been written."""
+    before = sorted(os.listdir())
+    assert main(list(words)) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.startswith("globule: error: ") and err.count("\n") == 1, err
+    assert sorted(os.listdir()) == before
+    return err

@@ -1,0 +1,50 @@
+"""Particles with every field, and whether a format kept them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from globule import formats
+from globule.particles import Particles
+
+DATA = Path(__file__).resolve().parents[2] / "shared" / "data" / "particles"
+FULL = [e for e in formats.EXTENSIONS if e not in (".txt", ".dat", ".npy")]
+N = 40
+
+
+def sample(n: int = N) -> Particles:
+    rng = np.random.default_rng(7)
+
+    def numbers(*shape: int) -> np.ndarray:
+        return rng.random(shape, dtype=np.float32)
+
+    return Particles(
+        rng.normal(size=(n, 3)),
+        support=numbers(n) + np.float32(0.1),
+        color=numbers(n, 3),
+        attributes={
+            "velocity": numbers(n, 3),
+            "density": 1000 * numbers(n),
+            "id": np.arange(n)[::-1].copy(),
+            "flags": np.arange(2 * n, dtype=np.uint8).reshape(n, 2),
+            "thing": numbers(n, 1),
+        },
+    )
+
+
+def assert_same(got: Particles, expected: Particles) -> None:
+    assert np.array_equal(got.positions, expected.positions, equal_nan=True)
+    for name in ("support", "weight", "color", "reflection", "refraction", "rigidity"):
+        a, b = getattr(got, name), getattr(expected, name)
+        assert (a is None) == (b is None), name
+        if b is not None:
+            assert np.array_equal(np.broadcast_to(a, np.shape(b)), b), name
+    assert got.attributes.keys() == expected.attributes.keys()
+    for name, array in expected.attributes.items():
+        read = got.attributes[name]
+        assert read.dtype.kind == array.dtype.kind or array.dtype.kind in "iub", name
+        if read.shape != array.shape:  # some formats do not tell (N, 1) from (N,)
+            assert array.shape == (len(got), 1) and read.shape == (len(got),), name
+        assert np.array_equal(read.astype(array.dtype).reshape(array.shape), array), name
+        assert read.flags.owndata or read.base.flags.owndata

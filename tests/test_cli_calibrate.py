@@ -1,0 +1,168 @@
+"""`globule calibrate`: marks and poses in, a calibration out that `reconstruct` takes."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import globule as gb
+import numpy as np
+import pytest
+from globule.calibration import Calibration, read_calibration, write_calibration
+from globule.cli import main
+from globule.sweeps import igs
+from globule.sweeps.transforms import format_matrix
+from sweep_helpers import spine_data
+from test_calibration import TARGET, TRUTH, observations
+
+POSE = [f"m{row}{column}" for row in range(3) for column in range(4)]
+
+
+@pytest.fixture(autouse=True)
+def _here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+
+def write_marks(pixels, poses, name: str = "marks.csv") -> None:
+    rows = [",".join(["column", "row", *POSE])]
+    for (column, row), pose in zip(pixels, poses, strict=True):
+        numbers = [column, row, *pose[:3].ravel()]
+        rows.append(",".join(repr(float(number)) for number in numbers))
+    Path(name).write_text("\n".join(rows) + "\n")
+
+
+def write_recording(poses, frames=None, times=None) -> None:
+    """A PLUS file wires.igs.mha of frames that know their probe's pose."""
+    n = len(poses)
+    frames = np.zeros((n, 4, 5), np.uint8) if frames is None else frames
+    times = np.arange(n) / 20 if times is None else times
+    fields = [
+        {
+            "ProbeToTrackerTransform": format_matrix(pose),
+            "ProbeToTrackerTransformStatus": "OK" if np.isfinite(pose).all() else "INVALID",
+            "Timestamp": repr(float(time)),
+        }
+        for pose, time in zip(poses, times, strict=True)
+    ]
+    for field in fields:
+        field["ProbeToTrackerTransform"] = field["ProbeToTrackerTransform"].replace("nan", "0")
+    ok = np.ones(n, bool)
+    igs.write("wires.igs.mha", igs.Recording(frames, times, {}, ok, {}, fields))
+
+
+def report(capsys, *words: str) -> dict:
+    assert main(["calibrate", *words, "--json"]) == 0
+    return json.loads(capsys.readouterr().out)
+
+
+def test_marks_with_poses(capsys):
+    write_marks(*observations(12))
+    facts = report(capsys, "marks.csv", "-o", "probe.toml")
+    assert len(facts["residuals"]) == 12 and max(facts["residuals"]) < 1e-6
+    assert facts["target"] == pytest.approx(TARGET)
+    assert facts["warnings"] == []
+    assert np.allclose(read_calibration("probe.toml").probe_from_image, TRUTH, atol=1e-7)
+    assert main(["calibrate", "marks.csv"]) == 0
+    assert "12 marks: rms 0.000 mm" in capsys.readouterr().out
+
+
+def test_marks_in_a_recording(capsys):
+    pixels, poses = observations(12)
+    write_recording(np.concatenate([poses[::-1], np.full((1, 4, 4), np.nan)]))
+    lines = [f"{11 - i},{x!r},{y!r}" for i, (x, y) in enumerate(pixels.tolist())]
+    Path("marks.csv").write_text("\n".join(["frame,column,row", *lines]) + "\n")
+    words = ["marks.csv", "--sweep", "wires.igs.mha"]
+    write_calibration("old.toml", Calibration(np.eye(4), -0.25, (1, 1, 3, 2)))
+    facts = report(capsys, *words, "-o", "probe.toml", "--calibration", "old.toml")
+    assert facts["rms"] < 1e-6
+    found = read_calibration("probe.toml")
+    assert np.allclose(found.probe_from_image, TRUTH, atol=1e-7)
+    assert (found.temporal_offset, found.clip) == (-0.25, (1, 1, 3, 2))
+    for row, what in (("12,3,4", "valid pose"), ("13,3,4", "frame of 0 to 12"),
+                      ("1.5,3,4", "frame"), ("1,3", "row 14"), ("1,x,3", "number")):  # fmt: skip
+        Path("marks.csv").write_text("\n".join(["frame,column,row", *lines, row]) + "\n")
+        assert main(["calibrate", *words]) == 2
+        error = capsys.readouterr().err
+        assert what in error and "row 14" in error and error.count("\n") == 1
+
+
+def test_a_wrong_mark_is_named(capsys):
+    pixels, poses = observations(30, noise=1.0)
+    pixels[7] += 90
+    write_marks(pixels, poses)
+    facts = report(capsys, "marks.csv")
+    assert "mark 8 (" in facts["warnings"][0]
+    assert int(np.argmax(facts["residuals"])) == 7
+
+
+def test_the_calibration_places_a_sweep(capsys):
+    pixels, poses = observations(12)
+    write_marks(pixels, poses)
+    assert main(["calibrate", "marks.csv", "-o", "probe.toml"]) == 0
+    write_recording(poses)
+    sweep = gb.read_sweep("wires.igs.mha", calibration="probe.toml")
+    for matrix, (column, row) in zip(sweep.world_from_image, pixels, strict=True):
+        assert matrix @ [column, row, 0, 1] == pytest.approx([*TARGET, 1], abs=1e-6)
+
+
+def recording_with_delay(late: float) -> None:
+    """A probe that moves to and fro; where the image is, the tracker says `late` afterwards."""
+    times = np.arange(200) / 25
+
+    def place(t):
+        return 6 * np.sin(1.9 * t) + 2 * np.sin(4.7 * t)
+
+    path = gb.phantoms.hand_path(2, 1, size=(24, 24), spacing=0.3)[:1]
+    poses = np.repeat(path, len(times), axis=0)
+    poses[:, 2, 3] += place(times)
+    phantom = np.random.default_rng(1).random((64, 32, 32)).astype(np.float32)
+    for axis in range(3):
+        phantom = phantom + np.roll(phantom, 1, axis)
+    lattice = np.array([[0.4, 0, 0, -6], [0, 0.4, 0, -2], [0, 0, 0.4, -12], [0, 0, 0, 1.0]])
+    frames = gb.phantoms.scan_volume(phantom * 60, lattice, poses, (24, 24)).astype(np.uint8)
+    tracked = np.tile(np.eye(4), (len(times), 1, 1))
+    tracked[:, 2, 3] = place(times - late)
+    write_recording(tracked, frames, times)
+
+
+def test_delay(capsys):
+    recording_with_delay(0.1)
+    write_calibration("old.toml", Calibration(TRUTH, clip=(1, 1, 9, 9)))
+    words = ["--delay", "--sweep", "wires.igs.mha"]
+    facts = report(capsys, *words, "--calibration", "old.toml", "-o", "new.toml")
+    assert facts["temporal_offset"]["offset"] == pytest.approx(0.1, abs=0.015)
+    found = read_calibration("new.toml")
+    assert found.temporal_offset == facts["temporal_offset"]["offset"]
+    assert np.array_equal(found.probe_from_image, TRUTH) and found.clip == (1, 1, 9, 9)
+
+
+def test_an_uncertain_delay_is_said_and_not_written(capsys):
+    write_calibration("old.toml", Calibration(TRUTH))
+    words = ["--delay", "--sweep", str(spine_data() / "SpinePhantomFreehand.igs.mha")]
+    facts = report(capsys, *words, "--calibration", "old.toml", "-o", "new.toml")
+    assert "not certain" in facts["warnings"][0]
+    assert read_calibration("new.toml").temporal_offset == 0.0
+
+
+@pytest.mark.parametrize("words, what", [
+    ([], "MARKS"),
+    (["nowhere.csv"], "nowhere.csv"),
+    (["marks.toml"], "marks.toml"),
+    (["few.csv"], "N >= 6"),
+    (["empty.csv"], "columns column row"),
+    (["poses.csv"], "columns x y z"),
+    (["--delay"], "--sweep"),
+    (["few.csv", "--poses", "few.csv"], "--poses"),
+    (["few.csv", "-o", "probe.json"], "-o"),
+    (["--delay", "--sweep", "few.csv"], "few.csv"),
+    (["--delay", "--sweep", "few.csv", "-o", "p.toml"], "-o"),
+    (["--delay", "--sweep", "still.igs.mha"], "still.igs.mha"),
+])  # fmt: skip
+def test_mistakes(words, what, capsys):
+    write_marks(*(a[:5] for a in observations(12)), "few.csv")
+    Path("empty.csv").write_text("")
+    Path("poses.csv").write_text("column,row\n1,2\n")
+    assert main(["calibrate", *words]) == 2
+    error = capsys.readouterr().err
+    assert what in error and error.count("\n") == 1
+    assert not Path("p.toml").exists()

@@ -1,0 +1,315 @@
+"""Frames over OpenIGTLink: as a sweep, as a volume that grows, recorded, and after a crash."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import globule as gb
+import numpy as np
+import pytest
+from globule.cli import main
+from globule.sweeps.live import LiveFrame, parse_address, receive, receive_sweep
+from globule.sweeps.recorder import Recorder
+from globule.volume_io import read_volume
+from PIL import Image
+from sweep_helpers import small_sweep
+
+CPU = ["--device", "cpu"]
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("GLOBULE_TRACEBACK", raising=False)
+
+
+@pytest.fixture
+def sweep():
+    """A phantom of 24 small frames in phantom.igs.mha."""
+    made = gb.phantoms.cylinders(n_frames=24, size=(64, 60), spacing=0.8)
+    gb.write_sweep("phantom.igs.mha", made)
+    return made
+
+
+def run_json(capsys, *words: str) -> dict:
+    assert main([*words, "--json"]) == 0
+    return json.loads(capsys.readouterr().out)
+
+
+class Server:
+    """An OpenIGTLink server that replays a sweep, on loopback."""
+
+    def __init__(self, sweep, embedded: bool = False, names=("ImageToReference",)):
+        igtl = pytest.importorskip("pyigtl", reason="live needs pyigtl")
+        self.messages = []
+        for i in range(len(sweep)):
+            matrix = sweep.world_from_image[i]
+            when = 1000 + float(sweep.timestamps[i])
+            place = matrix if embedded else np.eye(4)
+            image = igtl.ImageMessage(
+                sweep.frames[i][None], ijk_to_world_matrix=place, timestamp=when,
+                device_name="Image",
+            )  # fmt: skip
+            parts = [image]
+            if not embedded:
+                for name in names:
+                    parts.append(igtl.TransformMessage(matrix, timestamp=when, device_name=name))
+            self.messages.append([part.pack() for part in parts])
+        self.socket = socket.create_server(("127.0.0.1", 0))
+        self.address = f"igtl://127.0.0.1:{self.socket.getsockname()[1]}"
+
+    def serve(self, *parts, pause: float = 0.0) -> threading.Thread:
+        """One connection after the other sends its part of the frames and hangs up; a client that
+        leaves earlier is let go."""
+
+        def work():
+            for part in parts:
+                connection, _ = self.socket.accept()
+                with connection, contextlib.suppress(OSError):
+                    for messages in self.messages[part]:
+                        for message in messages:
+                            connection.sendall(message)
+                        time.sleep(pause)
+            self.socket.close()
+
+        thread = threading.Thread(target=work, daemon=True)
+        thread.start()
+        return thread
+
+
+def arrived(live, sweep) -> bool:
+    """Whether a sweep came over the line: OpenIGTLink's matrices are float32."""
+    return (
+        np.array_equal(live.frames, sweep.frames)
+        and np.allclose(live.world_from_image, sweep.world_from_image, rtol=1e-5, atol=1e-4)
+        and np.allclose(np.diff(live.timestamps), np.diff(sweep.timestamps), atol=1e-6)
+    )
+
+
+def test_live_with_transforms_and_with_embedded_poses():
+    made = small_sweep(20)
+    for embedded in (False, True):
+        server = Server(made, embedded)
+        server.serve(slice(None))
+        assert arrived(receive_sweep(server.address, idle=0.4), made)
+
+
+def test_live_from_pyigtl_s_own_server():
+    igtl = pytest.importorskip("pyigtl", reason="live needs pyigtl")
+    made = small_sweep(8)
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    server = igtl.OpenIGTLinkServer(port=port)
+
+    def replay():
+        while not server.is_connected():
+            time.sleep(0.01)
+        for i in range(len(made)):
+            when = 1000 + float(made.timestamps[i])
+            for message in (
+                igtl.ImageMessage(made.frames[i][None], timestamp=when, device_name="Image"),
+                igtl.TransformMessage(made.world_from_image[i], timestamp=when,
+                                      device_name="ImageToReference"),
+            ):  # fmt: skip
+                server.send_message(message)
+
+    threading.Thread(target=replay, daemon=True).start()
+    try:
+        assert arrived(receive_sweep(f"igtl://127.0.0.1:{port}", idle=1.0), made)
+    finally:
+        server.stop()
+
+
+def test_a_restarted_stream_loses_nothing():
+    made = small_sweep(30)
+    server = Server(made)
+    server.serve(slice(0, 11), slice(11, 12), slice(12, None))
+    assert arrived(receive_sweep(server.address, idle=0.6), made)
+
+
+def test_live_waits_for_the_better_world():
+    made = small_sweep(6)
+    server = Server(made, names=("ImageToTracker", "StylusToTracker", "ReferenceToTracker"))
+    server.serve(slice(None))
+    frames = list(receive(server.address, {}, idle=0.4))
+    assert [frame.world for frame in frames] == ["Reference"] * 6
+    # All three are the same matrix here, so that Reference is Image.
+    assert np.allclose(frames[3].world_from_image, np.eye(4), atol=1e-4)
+
+
+def test_live_reconstruct(sweep, capsys):
+    pytest.importorskip("pyigtl", reason="live needs pyigtl")
+    server = Server(sweep)
+    server.serve(slice(None))
+    words = ["reconstruct", "--live", server.address, "--idle", "0.5", "-o", "v.npz", *CPU]
+    facts = run_json(capsys, *words, "--spacing", "1")
+    assert facts["frames"]["used"] == 24 and facts["live"]["grew"]
+    live = read_volume("v.npz")
+    low, high = sweep.bounds()
+    first = live.world_from_voxel[:3, 3]
+    assert (first - 0.51 <= low).all()
+    assert (first + live.values.shape[::-1] - 0.49 >= high).all()
+    assert 50 < live.values[live.measured].mean() < 130
+    # Without a spacing the frames are collected first, and the file's volume comes out.
+    server = Server(sweep)
+    server.serve(slice(None))
+    words = ["reconstruct", "--live", server.address, "--idle", "0.5", "-o", "v.npz", *CPU]
+    assert not run_json(capsys, *words, "--size", "40")["live"]["grew"]
+    assert main(["reconstruct", "phantom.igs.mha", "-o", "w.npz", "--size", "40", *CPU]) == 0
+    live, file = read_volume("v.npz"), read_volume("w.npz")
+    assert live.values.shape == file.values.shape
+    # Poses in float32 move a pixel in a thousand to the next voxel.
+    assert (live.values != file.values).mean() < 0.02
+
+
+def test_a_killed_run_goes_on_with_all_that_it_recorded(sweep, capsys):
+    """SIGKILL in the middle of a stream; the server then starts again a few frames back."""
+    server = Server(sweep)
+    server.serve(slice(None), pause=0.05)
+    words = ["reconstruct", "--idle", "0.5", "-o", "v.npz", "--spacing", "1", *CPU]
+    first = [*words, "--live", server.address, "--record", "kept"]
+    process = subprocess.Popen([sys.executable, "-m", "globule", *first], stderr=subprocess.PIPE)
+    table = Path("kept/poses.csv")
+    try:
+        deadline = time.monotonic() + 60
+        while time.monotonic() < deadline and process.poll() is None:
+            if table.is_file() and table.read_bytes().count(b"\n") > 6:
+                break
+            time.sleep(0.005)
+    finally:
+        process.send_signal(signal.SIGKILL)
+        process.communicate()
+    n = table.read_bytes().count(b"\n") - 1
+    assert 6 <= n < 24 and not Path("v.npz").exists()
+    server = Server(sweep)
+    server.serve(slice(n - 3, None))
+    facts = run_json(capsys, *words, "--live", server.address, "--record", "kept")
+    assert facts["frames"]["used"] == 24
+    assert facts["live"]["grew"] and facts["live"]["recorded"] == 24
+    # The same as of a stream that was never cut.
+    server = Server(sweep)
+    server.serve(slice(None))
+    words[words.index("v.npz")] = "w.npz"
+    run_json(capsys, *words, "--live", server.address)
+    assert np.array_equal(read_volume("v.npz").values, read_volume("w.npz").values)
+    again = gb.read_sweep("kept")
+    assert np.array_equal(again.frames, sweep.frames)
+    assert np.allclose(again.world_from_image, sweep.world_from_image, rtol=1e-5, atol=1e-4)
+
+
+def test_a_recording_that_was_cut_anywhere():
+    rng = np.random.default_rng(0)
+    frames = [
+        LiveFrame(5.0 - 0.5 * i, rng.integers(0, 65536, (4, 6)).astype(np.uint16),
+                  np.diag([0.5, 0.5, 1, 1]) + i / 64, "Tracker") for i in range(5)
+    ]  # fmt: skip
+    for frame in frames:
+        frame.world_from_image[3] = 0, 0, 0, 1
+    recorder = Recorder("kept")
+    for frame in frames:
+        recorder.add(frame)
+    recorder.close()
+    table = Path("kept/poses.csv")
+    whole = table.read_bytes()
+    ends = [i + 1 for i, byte in enumerate(whole) if byte == 10]
+    for size in range(0, len(whole) + 1, 37):
+        table.write_bytes(whole[:size])
+        Path("kept/frame_000005.part").write_bytes(b"cut")
+        recorder = Recorder("kept")
+        n = max(sum(end <= size for end in ends) - 1, 0)
+        assert len(recorder.kept) == n
+        for frame in frames[n:]:
+            recorder.add(frame)
+        recorder.close()
+        assert table.read_bytes() == whole
+    for ours, theirs in zip(Recorder("kept").kept, frames, strict=True):
+        assert ours.time == theirs.time and ours.world == theirs.world
+        assert np.array_equal(ours.image, theirs.image) and ours.image.dtype == theirs.image.dtype
+        assert np.array_equal(ours.world_from_image, theirs.world_from_image)
+    # Times that run backwards: frames and rows still belong together.
+    assert np.array_equal(gb.read_sweep("kept").world_from_image[2], frames[2].world_from_image)
+    Path("kept/frame_000003.png").write_bytes(b"no picture")
+    with pytest.raises(ValueError, match=r"frame_000003\.png"):
+        Recorder("kept")
+    Path("other").mkdir()
+    Path("other/notes.txt").write_text("mine")
+    with pytest.raises(ValueError, match="new folder"):
+        Recorder("other")
+
+
+def test_the_picture_is_drawn_while_frames_come(sweep, capsys):
+    server = Server(sweep)
+    server.serve(slice(None), pause=0.02)
+    words = ["reconstruct", "--live", server.address, "--idle", "0.5", "-o", "v.npz", *CPU]
+    words += ["--spacing", "1", "--three-view", "v.png", "--refresh", "0.05"]
+    facts = run_json(capsys, *words)
+    assert facts["live"]["drawn"] > 2
+    assert np.asarray(Image.open("v.png")).max() > 100
+    assert sorted(os.listdir()) == ["phantom.igs.mha", "v.npz", "v.png"]
+
+
+def test_live_maps(sweep, capsys):
+    server = Server(sweep)
+    server.serve(slice(None))
+    words = ["reconstruct", "--live", server.address, "--idle", "0.5", "-o", "v.npz", *CPU]
+    run_json(capsys, *words, "--spacing", "1", "--maps")
+    volume = read_volume("v.npz")
+    assert volume.count.sum() == sweep.frames.size
+    assert volume.source.max() == len(sweep) - 1 and volume.variance.max() > 0
+
+
+def test_frames_with_a_useless_pose_do_not_end_the_stream(sweep):
+    sweep.world_from_image[3] = 0
+    sweep.world_from_image[5, :3, 3] = np.nan
+    sweep.world_from_image[3, 3, 3] = 1
+    server = Server(sweep)
+    server.serve(slice(None))
+    live = receive_sweep(server.address, idle=0.5)
+    assert len(live) == 22
+    good = np.delete(np.arange(24), [3, 5])
+    assert np.array_equal(live.frames, sweep.frames[good])
+
+
+def test_a_jump_that_cannot_fit_leaves_the_frames(sweep, capsys):
+    sweep.world_from_image[10, :3, 3] += 1e6
+    server = Server(sweep)
+    server.serve(slice(None))
+    words = ["reconstruct", "--live", server.address, "--idle", "0.5", "-o", "v.npz", *CPU]
+    facts = run_json(capsys, *words, "--spacing", "1")
+    assert facts["frames"] | {"dtype": 0} == {
+        "total": 24, "used": 23, "outliers": [10], "size": [64, 60], "dtype": 0
+    }  # fmt: skip
+
+
+def test_what_is_no_openigtlink_is_refused():
+    listener = socket.create_server(("127.0.0.1", 0))
+
+    def work():
+        connection, _ = listener.accept()
+        with connection:
+            connection.sendall(b"HTTP/1.1 200 OK\r\n" + b"\xff" * 200)
+
+    threading.Thread(target=work, daemon=True).start()
+    pytest.importorskip("pyigtl", reason="live needs pyigtl")
+    with pytest.raises(ValueError, match="OpenIGTLink") as caught:
+        list(receive(f"igtl://127.0.0.1:{listener.getsockname()[1]}", {}, idle=0.5))
+    assert "\n" not in str(caught.value)
+    listener.close()
+
+
+def test_addresses():
+    assert parse_address("igtl://localhost") == ("localhost", 18944)
+    assert parse_address("igtl://10.0.0.1:5000") == ("10.0.0.1", 5000)
+    for wrong in ("localhost:3", "igtl://", "igtl://:3", "igtl://a:b", "igtl://a:99999"):
+        with pytest.raises(ValueError, match="igtl://host:port"):
+            parse_address(wrong)

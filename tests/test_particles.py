@@ -1,0 +1,87 @@
+"""Particles themselves: converted once, checked, selected, left where they are."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from format_helpers import N, sample
+from globule.particles import Particles
+
+
+def test_particles_convert_once_and_do_not_copy():
+    positions, support = np.zeros((4, 3), np.float32), np.ones(4, np.float32)
+    p = Particles(positions, support=support, weight=2, color=[1, 0.5, 0])
+    assert p.positions is positions and p.support is support
+    assert p.weight == 2.0 and isinstance(p.weight, float)
+    assert p.color.dtype == np.float32 and p.color.shape == (3,)
+    p = Particles(np.zeros((4, 3)), color=np.zeros((4, 3), np.uint8) + 255)
+    assert p.positions.dtype == np.float32 and np.all(p.color == 1)
+    assert len(Particles([])) == 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "error", "message"),
+    [
+        ({"positions": np.zeros((4, 2))}, ValueError, r"positions: expected shape \(N, 3\), got"),
+        ({"positions": ["a"]}, TypeError, "positions: expected numbers"),
+        ({"positions": [[1, 2], [3]]}, TypeError, "positions: expected an array"),
+        ({"support": np.zeros(3)}, ValueError, r"support: expected a number or shape \(4,\)"),
+        ({"support": -1}, ValueError, "support: expected numbers >= 0, got -1"),
+        ({"support": [1, 1, np.nan, 1]}, ValueError, r"got nan \(particle 2\)"),
+        ({"weight": 1e300}, ValueError, "weight: expected finite"),
+        ({"weight": "heavy"}, TypeError, "weight"),
+        ({"color": [0, 0, 1.5]}, ValueError, r"color: expected \[0, 1\], got 1.5"),
+        ({"color": [1, 1]}, ValueError, "color: expected shape"),
+        ({"attributes": {"a": np.zeros(5)}}, ValueError, r"attributes\['a'\]: expected shape"),
+        ({"attributes": {"a": np.zeros(4, complex)}}, TypeError, "attributes"),
+        ({"attributes": {"color": np.zeros(4)}}, ValueError, "a name of its own"),
+    ],
+)
+def test_particles_name_what_is_wrong(arguments, error, message):
+    with pytest.raises(error, match=message):
+        Particles(**{"positions": np.zeros((4, 3)), **arguments})
+
+
+def test_selection_and_bounds():
+    p = Particles(sample().positions, support=sample().support, color=(1, 0, 0), weight=3)
+    picked = p[p.positions[:, 0] > 0]
+    assert np.array_equal(picked.support, p.support[p.positions[:, 0] > 0])
+    assert picked.weight == 3 and np.array_equal(picked.color, [1, 0, 0])
+    assert (
+        len(p[::2]) == N // 2
+        and len(p[-1]) == 1
+        and np.array_equal(p[-1].positions[0], p.positions[-1])
+    )
+    with pytest.raises(IndexError):
+        p[N]
+    low, high = Particles([[0, 1, 2], [np.nan, -9, 9], [1, -1, 5]]).bounds()
+    assert np.array_equal(low, [0, -1, 2]) and np.array_equal(high, [1, 1, 5])
+    with pytest.raises(ValueError, match="finite"):
+        Particles([]).bounds()
+    assert repr(p[:2]) == "Particles(2, support (2,), weight=3, color (3,))"
+
+
+class OnGpu:
+    """Stands for an array in GPU memory; nothing may touch its contents."""
+
+    def __init__(self, shape, typestr="<f4", strides=None):
+        self.shape = shape
+        self.__cuda_array_interface__ = {
+            "shape": shape,
+            "typestr": typestr,
+            "data": (0, False),
+            "strides": strides,
+            "version": 3,
+        }
+
+
+def test_gpu_arrays_stay_where_they_are():
+    positions, support = OnGpu((4, 3)), OnGpu((4,))
+    p = Particles(positions, support=support, color=(1, 0, 0), attributes={"a": OnGpu((4, 2))})
+    assert p.positions is positions and p.support is support and len(p) == 4
+    with pytest.raises(TypeError, match="positions: expected float32 on the GPU, got float64"):
+        Particles(OnGpu((4, 3), "<f8"))
+    with pytest.raises(TypeError, match="C-contiguous"):
+        Particles(OnGpu((4, 3), strides=(4, 16)))
+    with pytest.raises(ValueError, match="support: expected shape"):
+        Particles(positions, support=OnGpu((5,)))
