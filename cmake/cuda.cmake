@@ -53,8 +53,8 @@ message(STATUS "globule: CUDA ${CUDAToolkit_VERSION}, architectures ${CMAKE_CUDA
 
 add_library(globule_cuda MODULE src/cuda.cu src/cuda_sweep.cu)
 set_source_files_properties(src/cuda_sweep.cu PROPERTIES COMPILE_OPTIONS -fmad=false)
-target_link_libraries(globule_cuda PRIVATE globule_headers CUDA::cudart_static)
+target_link_libraries(globule_cuda PRIVATE globule_headers CUDA::cudart_static OpenMP::OpenMP_CXX)
 set_target_properties(globule_cuda PROPERTIES CUDA_STANDARD 20 CUDA_RUNTIME_LIBRARY Static CUDA_VISIBILITY_PRESET hidden)
 # A host function called on the device would be no error but do nothing there.
-target_compile_options(globule_cuda PRIVATE $<$<COMPILE_LANGUAGE:CUDA>:-O3 --expt-relaxed-constexpr -Werror=cross-execution-space-call -Xcompiler=-Wno-psabi>)
+target_compile_options(globule_cuda PRIVATE $<$<COMPILE_LANGUAGE:CUDA>:-O3 --expt-relaxed-constexpr -Werror=cross-execution-space-call -Xcompiler=-Wno-psabi,-fopenmp>)
 install(TARGETS globule_cuda LIBRARY DESTINATION globule)

@@ -7,24 +7,13 @@
 #include <thrust/iterator/counting_iterator.h>
 
 #include <memory>
-#include <new>
-#include <stdexcept>
-#include <string>
 
 #include "globule/base/scalar.hpp"
 #include "globule/exec/buffer.hpp"
 #include "globule/exec/cuda_group.hpp"
+#include "globule/exec/cuda_staging.hpp"
 
 namespace globule {
-
-inline void check(cudaError_t status) {
-    if (status == cudaSuccess) return;
-    if (status == cudaErrorMemoryAllocation) {
-        cudaGetLastError();
-        throw std::bad_alloc();
-    }
-    throw std::runtime_error(std::string("CUDA: ") + cudaGetErrorString(status));
-}
 
 template <class Kernel>
 __global__ void run_each(std::size_t n, Kernel kernel) {
@@ -132,11 +121,10 @@ public:
     }
     void release(void* p) { cudaFree(p); }
     void upload(void* to, const void* from, std::size_t bytes) {
-        check(cudaMemcpyAsync(to, from, bytes, cudaMemcpyHostToDevice, stream_));
+        staging_.upload(to, from, bytes, stream_);
     }
     void download(void* to, const void* from, std::size_t bytes) {
-        check(cudaMemcpyAsync(to, from, bytes, cudaMemcpyDeviceToHost, stream_));
-        synchronize();
+        staging_.download(to, from, bytes, stream_);
     }
     void clear(void* p, std::size_t bytes) { check(cudaMemsetAsync(p, 0, bytes, stream_)); }
     void synchronize() { check(cudaStreamSynchronize(stream_)); }
@@ -243,6 +231,7 @@ private:
     cudaStream_t stream_ = nullptr;
     cudaEvent_t marks_[4] = {};
     cudaEvent_t done_ = nullptr;
+    Staging staging_;
     Buffer<char, Cuda> temporary_;
     Buffer<unsigned long long, Cuda> next_;
 };
