@@ -11,24 +11,21 @@ struct Sphere {
     double a2, weight;
 };
 
-/// Range of f over [t0, t1]: b falls with r, so each term lies between its values at the smallest
-/// and the largest distance on the interval.
+/// Range of f over [t0, t1]: each term lies in b's range between the smallest and the largest distance.
 void range(const std::vector<Sphere>& spheres, const AnyKernel& kernel, const Vec3<double>& o, const Vec3<double>& d,
            double dd, double t0, double t1, double& lo, double& hi) {
     lo = hi = 0;
     for (const Sphere& s : spheres) {
         const Vec3<double> v = o - s.q;
         const double closest = std::clamp(-dot(v, d) / dd, t0, t1);
-        auto value = [&](double t) {
+        auto x = [&](double t) {
             const Vec3<double> r = v + d * t;
-            const double x = dot(r, r) / s.a2;
-            double b = 0, slope;
-            if (x < 1) kernel(x, b, slope);
-            return b;
+            return std::min(dot(r, r) / s.a2, 1.0);
         };
-        const double most = s.weight * value(closest), other = s.weight * std::min(value(t0), value(t1));
-        lo += std::min(most, other);
-        hi += std::max(most, other);
+        double least, most;
+        kernel.range(x(closest), std::max(x(t0), x(t1)), least, most);
+        lo += s.weight * (s.weight > 0 ? least : most);
+        hi += s.weight * (s.weight > 0 ? most : least);
     }
 }
 

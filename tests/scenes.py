@@ -13,7 +13,7 @@ import pytest
 from globule import oracle
 
 SPLASH = Path(__file__).resolve().parents[2] / "shared/data/particles/splash_117649.npz"
-KERNELS = ("murakami", "nishimura", "wyvill", "blinn", "cubic_spline", "wendland_c2")
+KERNELS = ("murakami", "nishimura", "wyvill", "blinn", "cubic_spline", "wendland_c2", "solid")
 
 
 @dataclasses.dataclass
@@ -207,7 +207,7 @@ def of_kernel(kernel: str, weights: bool) -> Case:
     """Every kernel, with one support and weight for all or with one each."""
     rng = np.random.default_rng(9)
     case = Case(cloud(150, 9), support=0.5, kernel=kernel, threshold=0.55)
-    if kernel in ("blinn", "cubic_spline", "wendland_c2"):
+    if kernel in ("blinn", "cubic_spline", "wendland_c2", "solid"):
         case.support = 0.7
     if weights:
         case.weight = rng.uniform(-0.5, 1.5, 150).astype(np.float32)

@@ -31,8 +31,8 @@ from .thesis import Thesis, choose_tracing
 MAX_PIXELS = 2**28
 MAX_LAYERS = 4
 MAX_SAMPLES = 65536
-# How far from a particle, in supports, the surface may lie: where b = 0.6 / 8, so that it takes
-# eight particles at one place to reach the default threshold.
+# How far from a particle, in supports, the surface may lie: where b is an eighth of the default
+# threshold, so that it takes eight particles at one place to reach that.
 REACH = {
     "murakami": 0.85,
     "nishimura": 0.78,
@@ -40,6 +40,7 @@ REACH = {
     "blinn": 0.47,
     "cubic_spline": 0.67,
     "wendland_c2": 0.62,
+    "solid": 0.69,
 }
 
 

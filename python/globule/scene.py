@@ -12,7 +12,7 @@ from .device import choose
 from .octree import Octree
 from .particles import Particles
 
-KERNELS = ("murakami", "nishimura", "wyvill", "blinn", "cubic_spline", "wendland_c2")
+KERNELS = ("murakami", "nishimura", "wyvill", "blinn", "cubic_spline", "wendland_c2", "solid")
 
 # Default support in spacings and default threshold, by kernel. One particle alone is a ball, a
 # flat face of a lattice is flat to a few hundredths of the spacing (docs/conventions.md).
@@ -23,6 +23,7 @@ DEFAULTS = {
     "blinn": (3.5, 0.6),
     "cubic_spline": (2.75, 0.6),
     "wendland_c2": (2.75, 0.6),
+    "solid": (2.2, 0.1),
 }
 DEFAULT_COLOR = (0.28, 0.52, 0.80)
 MAX_PARTICLES = 2**31 - 64
