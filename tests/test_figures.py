@@ -173,7 +173,7 @@ def test_solid_mode_has_flatter_faces_and_sharper_edges():
     fall, recession = {}, {}
     for kernel in ("murakami", "solid"):
         scene = cube(kernel, "cpu", n)
-        x = np.float32([0, 0.25, 0.5, top])  # the middle of a face, and above its outermost row
+        x = np.float32([0, 0.25, 0.5, top + 0.25])  # amid a face, and past its outermost row
         z = np.float32([0, 0.25, 0.5, 0.25])
         down = np.stack([x, np.full(4, 20), z], 1).astype(np.float32)
         height = 20 - gb.intersect(scene, down, np.float32([[0, -1, 0]] * 4))[0]

@@ -93,8 +93,7 @@ def cube(kernel: str, device: str = "auto", n: int = 40) -> Scene:
 
 def solid(path: Any, device: str = "auto", dpi: float = 110) -> None:
     """A cube of 64,000 particles, as metaballs and in solid mode, where the threshold rises with
-    the supports that overlap: the faces stay flat up to the outermost row, the edges are sharper.
-    """
+    the supports that overlap: faces stay flat up to the outermost row, edges are sharper."""
     camera = Camera((62, 54, 90), (0, 0, 0), fov=32)
     lights = (DirectionalLight((0.4, 1, 0.55), (0.75,) * 3), Headlight((0.35,) * 3))
     look = RenderSettings(lights=lights, background=(1, 1, 1))
