@@ -28,9 +28,14 @@ class Case:
     origins: np.ndarray | None = None
     directions: np.ndarray | None = None
     depth: np.ndarray | None = None
+    matrices: np.ndarray | None = None  # instead of the support, which is then their shortest axis
 
     def particles(self) -> gb.Particles:
-        return gb.Particles(self.positions, support=self.support, weight=self.weight)
+        shape = {"support": self.support} if self.matrices is None else {"anisotropy": self.matrices}
+        return gb.Particles(self.positions, weight=self.weight, **shape)
+
+    def shape(self):
+        return self.support if self.matrices is None else self.matrices
 
     def scene(self, **options) -> gb.Scene:
         options = {"kernel": self.kernel, "threshold": self.threshold, **options}
@@ -38,12 +43,12 @@ class Case:
 
     def first_hit(self, origins, directions) -> np.ndarray:
         return oracle.first_hit(
-            self.positions, self.support, self.weight, self.kernel, self.threshold, origins,
+            self.positions, self.shape(), self.weight, self.kernel, self.threshold, origins,
             directions,
         )
 
     def field(self, points):
-        return oracle.field(self.positions, self.support, self.weight, self.kernel, points)
+        return oracle.field(self.positions, self.shape(), self.weight, self.kernel, points)
 
     def smallest(self, points: np.ndarray) -> np.ndarray:
         """The smallest support that reaches each point."""
@@ -215,12 +220,33 @@ def of_kernel(kernel: str, weights: bool) -> Case:
     return with_camera(case, gb.Camera((1.5, 1, 2.5), (0, 0, 0)), 24, 80, 12)
 
 
+def stretched_matrices(axes: np.ndarray, seed: int) -> np.ndarray:
+    """Matrices (N, 3, 3) of ellipsoids with these semi-axes (N, 3), turned at random."""
+    turns = np.linalg.qr(np.random.default_rng(seed).normal(size=(len(axes), 3, 3)))[0]
+    return np.einsum("nij,nj,nkj->nik", turns, 1 / axes, turns).astype(np.float32)
+
+
+def stretched(kernel: str, weights: bool) -> Case:
+    """Ellipsoids instead of balls."""
+    case = of_kernel(kernel, weights)
+    axes = 0.5 * np.random.default_rng(10).uniform(0.3, 1.6, (150, 3))
+    return with_camera(
+        dataclasses.replace(case, support=float(axes.min()), matrices=stretched_matrices(axes, 11)),
+        gb.Camera((1.5, 1, 2.5), (0, 0, 0)), 24, 80, 12,
+    )
+
+
 CASES = {f.__name__: f for f in (
     one, mixed, carved, sheet, sheet_edge, hundred, orthographic, inside, splash
 )}
 CASES |= {f"one {k}": functools.partial(one, kernel=k) for k in KERNELS[1:]}
 CASES |= {f"cloud {k}": functools.partial(of_kernel, k, False) for k in KERNELS}
 CASES |= {f"weights {k}": functools.partial(of_kernel, k, True) for k in KERNELS}
+CASES |= {
+    f"stretched {k} {w}": functools.partial(stretched, k, w)
+    for k, w in (("murakami", False), ("murakami", True), ("blinn", False), ("cubic_spline", True),
+                 ("solid", False))
+}
 
 
 @functools.cache

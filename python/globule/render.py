@@ -187,10 +187,15 @@ class Frame:
             reach = float(np.max(to_host(scene.support), initial=0.0))
             _, near = scene.neighbors(position[None], reach)
             if len(near):
-                away = np.linalg.norm(to_host(scene.particles.positions)[near] - position, axis=1)
-                support = np.broadcast_to(to_host(scene.support), len(scene))[near]
-                first = int(np.argmin(away / np.maximum(support, 1e-30)))
-                best = min(best, (float(away[first] / support[first]), k, int(near[first])))
+                away = to_host(scene.particles.positions)[near] - position
+                if scene.particles.anisotropy is None:
+                    support = np.broadcast_to(to_host(scene.support), len(scene))[near]
+                    away = away / np.maximum(support, 1e-30)[:, None]
+                else:
+                    away = np.einsum("nij,nj->ni", scene.particles.anisotropy[near], away)
+                away = np.linalg.norm(away, axis=1)
+                first = int(np.argmin(away))
+                best = min(best, (float(away[first]), k, int(near[first])))
         _, layer_number, particle = best
         if particle < 0:  # the ground
             return None

@@ -13,6 +13,7 @@ enum class KernelName : int { murakami, nishimura, wyvill, blinn, cubic_spline, 
 
 /// (1 - x)^2                                              Murakami & Ichihara 1987, (3.6c)
 struct Murakami {
+    static constexpr bool stretched = false;  ///< supports are balls; trace/stretched.hpp: ellipsoids
     template <class F>
     GB_FN void operator()(F x, F& b, F& slope) const {
         const F w = F(1) - x;
@@ -72,6 +73,7 @@ private:
 
 /// Any of the seven, by name.
 struct AnyKernel {
+    static constexpr bool stretched = false;
     KernelName name;
 
     /// b and db/dx.

@@ -214,7 +214,9 @@ private:
                 const F fx = dx + F(half), fy = dy + F(half), fz = dz + F(half);
                 const float i2 = PerParticle ? scratch.shape[j].inverse_a2 : 1.0f;
                 const float c = PerParticle ? scratch.shape[j].weight : 1.0f;
-                const F near = (nx * nx + ny * ny + nz * nz) * F(i2), far = (fx * fx + fy * fy + fz * fz) * F(i2);
+                F near = (nx * nx + ny * ny + nz * nz) * F(i2), far = (fx * fx + fy * fy + fz * fz) * F(i2);
+                if constexpr (Kernel::stretched)
+                    range_in_cube(kernel.template matrix<F>(scratch.list.number(j)), {F(q.x) - cx, F(q.y) - cy, F(q.z) - cz}, half, near, far);
                 F most_b, least_b;
                 kernel.range(least(near, F(1.0f)), least(far, F(1.0f)), least_b, most_b);
                 low += F(c) * (c > 0.0f ? least_b : most_b);
@@ -253,7 +255,13 @@ private:
             const F nx = most(magnitude(x) - F(half), F(0.0f)), ny = most(magnitude(y) - F(half), F(0.0f)),
                     nz = most(magnitude(z) - F(half), F(0.0f));
             const F i2 = PerParticle ? g.map([&](int k) { return j + k < n ? scratch.shape[j + k].inverse_a2 : 0.0f; }) : F(1.0f);
-            const B near = g.first_lanes(least(n - j, int(Group::width))) & ((nx * nx + ny * ny + nz * nz) * i2 < F(1.0002f));
+            F least_x = (nx * nx + ny * ny + nz * nz) * i2;
+            if constexpr (Kernel::stretched) {
+                F m[6], most_x;
+                for (int c = 0; c < 6; ++c) m[c] = g.map([&](int k) { return j + k < n ? kernel.component(scratch.list.number(j + k), c) : 0.0f; });
+                range_in_cube(Sym3<F>{m[0], m[1], m[2], m[3], m[4], m[5]}, Vec3<F>{x, y, z}, half, least_x, most_x);
+            }
+            const B near = g.first_lanes(least(n - j, int(Group::width))) & (least_x < F(1.0002f));
             filled = g.append(near, filled, [&](int k, int place) {
                 if (place >= int(n_blocks) * W) return;  // rounding: it only just does not reach
                 float* block = to + std::size_t(place / W) * (W * kStride) + place % W;
