@@ -73,14 +73,14 @@ NB_MODULE(_core, m) {
         const std::string text = open_backend(backend).describe(index, ok);
         return nb::make_tuple(ok, text);
     });
-    m.def("oracle_field", [](std::size_t n, Address positions, Address support, Address weight, int kernel,
+    m.def("oracle_field", [](std::size_t n, Address positions, Address matrices, Address weight, int kernel,
                              std::size_t m, Address points, Address value, Address gradient) {
-        work([&] { oracle::field({n, at<float>(positions), at<double>(support), at<double>(weight), {KernelName(kernel)}},
+        work([&] { oracle::field({n, at<float>(positions), at<double>(matrices), at<double>(weight), {KernelName(kernel)}},
                                  m, at<double>(points), at<double>(value), at<double>(gradient)); });
     });
-    m.def("oracle_first_hit", [](std::size_t n, Address positions, Address support, Address weight, int kernel,
+    m.def("oracle_first_hit", [](std::size_t n, Address positions, Address matrices, Address weight, int kernel,
                                  double tau, std::size_t m, Address origins, Address directions, Address t) {
-        work([&] { oracle::first_hit({n, at<float>(positions), at<double>(support), at<double>(weight), {KernelName(kernel)}},
+        work([&] { oracle::first_hit({n, at<float>(positions), at<double>(matrices), at<double>(weight), {KernelName(kernel)}},
                                      tau, m, at<float>(origins), at<float>(directions), at<double>(t)); });
     });
     m.def("morton", [](int bits, const std::string& what, std::vector<std::uint64_t> args) -> nb::object {
@@ -123,9 +123,9 @@ NB_MODULE(_core, m) {
         })
         .def("build", [](PyScene& s, std::size_t n, Array positions, Array support, float one_support, Array weight,
                          float one_weight, Array color, std::vector<float> one_color, Array reflection, float one_reflection,
-                         Array refraction, float one_refraction, int key_bits, int depth, bool dense, std::vector<float> space) {
+                         Array refraction, float one_refraction, Array stretch, float most_stretch, int key_bits, int depth, bool dense, std::vector<float> space) {
             SceneArrays arrays{n, floats(positions), floats(support), floats(weight), floats(color), floats(reflection),
-                               floats(refraction), one_support, one_weight, vec(one_color), one_reflection, one_refraction};
+                               floats(refraction), floats(stretch), most_stretch, one_support, one_weight, vec(one_color), one_reflection, one_refraction};
             TreeRequest request{key_bits, depth, dense, !space.empty(), {}, {}};
             if (!space.empty()) {
                 request.lo = {space.at(0), space.at(1), space.at(2)};

@@ -29,6 +29,8 @@ struct SceneArrays {
     FloatArray positions;                 // (n, 3)
     FloatArray support, weight, color;    // (n,), (n,), (n, 3); null: the one value below
     FloatArray reflection, refraction;    // (n,)
+    FloatArray stretch;                   // (n, 6) xx yy zz xy xz yz, 1 / world; null: balls; sparse octree only
+    float most_stretch = 1.0f;
     float one_support = 0.0f, one_weight = 1.0f;
     float3 one_color{0, 0, 0};
     float one_reflection = 0.0f, one_refraction = 0.0f;

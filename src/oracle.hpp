@@ -5,11 +5,11 @@
 
 namespace globule::oracle {
 
-/// The particles as float64 views; support and weight per particle.
+/// The particles as float64 views.  Particle j adds weight b(|G (x - q)|); G is 0 where it reaches nothing.
 struct Particles {
     std::size_t n;
     const float* positions;
-    const double* support;
+    const double* matrices;  ///< (n, 6) xx yy zz xy xz yz; 1 / support on the diagonal: a ball
     const double* weight;
     AnyKernel kernel;
 };

@@ -36,7 +36,7 @@ public:
     template <class... Args>
     explicit SceneOf(Args&&... args)
         : exec_(std::make_shared<Exec>(std::forward<Args>(args)...)), tree_(*exec_), positions_(*exec_),
-          support_(*exec_), weight_(*exec_), color_(*exec_), points_(*exec_), more_points_(*exec_),
+          support_(*exec_), weight_(*exec_), stretch_(*exec_), color_(*exec_), points_(*exec_), more_points_(*exec_),
           values_(*exec_), results_(*exec_), offsets_(*exec_), indices_(*exec_), count_(*exec_),
           hits_(*exec_), reflection_(*exec_), refraction_(*exec_), sky_(*exec_), spare_(*exec_), grid_(*exec_), bricks_(*exec_),
           lists_(*exec_), blocks_(*exec_), near_(*exec_), work_(*exec_) {}
@@ -47,6 +47,8 @@ public:
         input.positions = bring(positions_, in.positions, 3 * in.n);
         input.support = {bring(support_, in.support, in.n), in.one_support};
         input.weight = {bring(weight_, in.weight, in.n), in.one_weight};
+        input.stretch = bring(stretch_, in.stretch, 6 * in.n);
+        input.most_stretch = in.most_stretch;
         attributes_.color = bring(color_, in.color, 3 * in.n);
         attributes_.one_color = in.one_color;
         attributes_.reflection = {bring(reflection_, in.reflection, in.n), in.one_reflection};
@@ -394,6 +396,7 @@ private:
         const SortedParticles& p = tree_.particles();
         const bool alike = !p.support.data && !p.weight.data && p.weight.uniform > 0.0f;
         if (tree_.params().dense) fn(tree_.dense(), AnyKernel{field.kernel}, std::true_type{});
+        else if (p.stretch) fn(tree_.sparse(), StretchedKernel{{field.kernel}, p.stretch, tree_.sparse().header}, std::true_type{});
         else if (alike && field.kernel == KernelName::murakami) fn(tree_.sparse(), Murakami{}, std::false_type{});
         else fn(tree_.sparse(), AnyKernel{field.kernel}, std::true_type{});
     }
@@ -441,7 +444,7 @@ private:
 
     std::shared_ptr<Exec> exec_;
     Octree<Exec> tree_;
-    Buffer<float, Exec> positions_, support_, weight_, color_, points_, more_points_, values_, results_;
+    Buffer<float, Exec> positions_, support_, weight_, stretch_, color_, points_, more_points_, values_, results_;
     Buffer<std::uint64_t, Exec> offsets_;
     Buffer<std::uint32_t, Exec> indices_, count_;
     Buffer<float, Exec> hits_;

@@ -13,7 +13,7 @@ import pytest
 from globule import oracle
 
 SPLASH = Path(__file__).resolve().parents[2] / "shared/data/particles/splash_117649.npz"
-KERNELS = ("murakami", "nishimura", "wyvill", "blinn", "cubic_spline", "wendland_c2")
+KERNELS = ("murakami", "nishimura", "wyvill", "blinn", "cubic_spline", "wendland_c2", "solid")
 
 
 @dataclasses.dataclass
@@ -28,9 +28,14 @@ class Case:
     origins: np.ndarray | None = None
     directions: np.ndarray | None = None
     depth: np.ndarray | None = None
+    matrices: np.ndarray | None = None  # instead of the support, which is then their shortest axis
 
     def particles(self) -> gb.Particles:
-        return gb.Particles(self.positions, support=self.support, weight=self.weight)
+        shape = {"support": self.support} if self.matrices is None else {"anisotropy": self.matrices}
+        return gb.Particles(self.positions, weight=self.weight, **shape)
+
+    def shape(self):
+        return self.support if self.matrices is None else self.matrices
 
     def scene(self, **options) -> gb.Scene:
         options = {"kernel": self.kernel, "threshold": self.threshold, **options}
@@ -38,12 +43,12 @@ class Case:
 
     def first_hit(self, origins, directions) -> np.ndarray:
         return oracle.first_hit(
-            self.positions, self.support, self.weight, self.kernel, self.threshold, origins,
+            self.positions, self.shape(), self.weight, self.kernel, self.threshold, origins,
             directions,
         )
 
     def field(self, points):
-        return oracle.field(self.positions, self.support, self.weight, self.kernel, points)
+        return oracle.field(self.positions, self.shape(), self.weight, self.kernel, points)
 
     def smallest(self, points: np.ndarray) -> np.ndarray:
         """The smallest support that reaches each point."""
@@ -207,12 +212,28 @@ def of_kernel(kernel: str, weights: bool) -> Case:
     """Every kernel, with one support and weight for all or with one each."""
     rng = np.random.default_rng(9)
     case = Case(cloud(150, 9), support=0.5, kernel=kernel, threshold=0.55)
-    if kernel in ("blinn", "cubic_spline", "wendland_c2"):
+    if kernel in ("blinn", "cubic_spline", "wendland_c2", "solid"):
         case.support = 0.7
     if weights:
         case.weight = rng.uniform(-0.5, 1.5, 150).astype(np.float32)
         case.support = (case.support * rng.uniform(0.3, 1.5, 150)).astype(np.float32)
     return with_camera(case, gb.Camera((1.5, 1, 2.5), (0, 0, 0)), 24, 80, 12)
+
+
+def stretched_matrices(axes: np.ndarray, seed: int) -> np.ndarray:
+    """Matrices (N, 3, 3) of ellipsoids with these semi-axes (N, 3), turned at random."""
+    turns = np.linalg.qr(np.random.default_rng(seed).normal(size=(len(axes), 3, 3)))[0]
+    return np.einsum("nij,nj,nkj->nik", turns, 1 / axes, turns).astype(np.float32)
+
+
+def stretched(kernel: str, weights: bool) -> Case:
+    """Ellipsoids instead of balls."""
+    case = of_kernel(kernel, weights)
+    axes = 0.5 * np.random.default_rng(10).uniform(0.3, 1.6, (150, 3))
+    return with_camera(
+        dataclasses.replace(case, support=float(axes.min()), matrices=stretched_matrices(axes, 11)),
+        gb.Camera((1.5, 1, 2.5), (0, 0, 0)), 24, 80, 12,
+    )
 
 
 CASES = {f.__name__: f for f in (
@@ -221,6 +242,11 @@ CASES = {f.__name__: f for f in (
 CASES |= {f"one {k}": functools.partial(one, kernel=k) for k in KERNELS[1:]}
 CASES |= {f"cloud {k}": functools.partial(of_kernel, k, False) for k in KERNELS}
 CASES |= {f"weights {k}": functools.partial(of_kernel, k, True) for k in KERNELS}
+CASES |= {
+    f"stretched {k} {w}": functools.partial(stretched, k, w)
+    for k, w in (("murakami", False), ("murakami", True), ("blinn", False), ("cubic_spline", True),
+                 ("solid", False))
+}
 
 
 @functools.cache

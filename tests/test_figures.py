@@ -100,7 +100,10 @@ def test_profiles(kernel):
     r = np.linspace(0, 1, 200)
     value, slope = profile(kernel, r, "cpu")
     assert value[0] == pytest.approx(1, abs=3e-4) and value[-1] == pytest.approx(0, abs=1e-6)
-    assert (np.diff(value) <= 1e-6).all() and abs(slope[-1]) < 1e-4
+    # All fall; solid has a dip of 1/27, from where it comes back to 0.
+    falls = r[1:] < (np.sqrt(2 / 3) if kernel == "solid" else 2)
+    assert (np.diff(value)[falls] <= 1e-6).all() and (np.diff(value)[~falls] >= -1e-6).all()
+    assert value.min() > -1.0001 / 27 and abs(slope[-1]) < 1e-4
     assert np.gradient(value, r)[2:-2] == pytest.approx(slope[2:-2], abs=0.02)
     assert profile(kernel, np.array([radius(kernel, 0.6, "cpu")]), "cpu")[0] == pytest.approx(
         0.6, abs=1e-4
@@ -160,6 +163,27 @@ def test_one_metaball_apart_stays_a_sphere():
     assert sum(inside) == 100 and min(inside) > 0 and inside[-1] == 1
     offsets, _ = scene.neighbors(positions[-1:], 1.0)
     assert offsets[-1] == 1  # nobody near
+
+
+def test_solid_mode_has_flatter_faces_and_sharper_edges():
+    from globule.figures.rendered import cube
+
+    n = 12
+    top = (n - 1) / 2
+    fall, recession = {}, {}
+    for kernel in ("murakami", "solid"):
+        scene = cube(kernel, "cpu", n)
+        x = np.float32([0, 0.25, 0.5, top + 0.25])  # amid a face, and past its outermost row
+        z = np.float32([0, 0.25, 0.5, 0.25])
+        down = np.stack([x, np.full(4, 20), z], 1).astype(np.float32)
+        height = 20 - gb.intersect(scene, down, np.float32([[0, -1, 0]] * 4))[0]
+        fall[kernel] = height[:3].mean() - height[3]
+        corner = np.float32([[20, 20, 0.25]])
+        d = np.float32([[-1, -1, 0]]) / np.float32(np.sqrt(2))
+        reach = 20 - gb.intersect(scene, corner, d)[0][0] / np.sqrt(2)
+        recession[kernel] = height[:3].mean() - reach
+    assert abs(fall["solid"]) < 0.04 < 0.1 < fall["murakami"]
+    assert recession["solid"] < 0.3 and recession["murakami"] > 0.45
 
 
 def test_clusters_and_voids():

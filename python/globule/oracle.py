@@ -12,10 +12,18 @@ from .scene import KERNELS
 
 
 def _particles(positions: Any, support: Any, weight: Any) -> tuple:
+    """Positions, matrices (N, 6) and weights; `support` may hold matrices G (N, 3, 3) instead."""
     p = np.ascontiguousarray(positions, np.float32).reshape(-1, 3)
     n = len(p)
     # float32 first: what the fast paths are given.
-    a = np.ascontiguousarray(np.broadcast_to(np.asarray(support, np.float32), n), np.float64)
+    support = np.asarray(support, np.float32).astype(np.float64)
+    if support.ndim == 3:
+        a = np.ascontiguousarray(support[:, (0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2)])
+    else:
+        a = np.zeros((n, 6))
+        a[:, :3] = np.divide(1, support, out=np.zeros_like(support), where=support > 0).reshape(
+            -1, 1
+        )
     w = np.ascontiguousarray(np.broadcast_to(np.asarray(weight, np.float32), n), np.float64)
     return p, a, w
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 SCALAR_FIELDS = ("support", "weight", "reflection", "refraction", "rigidity")
-FIELDS = ("positions", *SCALAR_FIELDS, "color")
+FIELDS = ("positions", *SCALAR_FIELDS, "color", "anisotropy")
 
 
 FARTHEST = np.float32(1e18)  # past it a coordinate's square overflows float32
@@ -26,6 +26,8 @@ class Particles:
     positions   (N, 3) float32, world; NaN allowed (such a particle is outside of everything)
     support     radius at which a particle's kernel vanishes: float or (N,) float32, world, >= 0
     weight      factor of the kernel: float or (N,) float32; may be negative
+    anisotropy  (N, 3, 3) float32, 1 / world: symmetric positive definite matrices G that make the
+                kernel b(|G (x - position)|), in place of the support; `anisotropy` finds them
     color       (3,) or (N, 3) float32, RGB in [0, 1]; uint8 input is divided by 255
     reflection, refraction, rigidity    float or (N,) float32
     attributes  name -> (N,) or (N, k) array of any real numeric dtype
@@ -41,6 +43,7 @@ class Particles:
     reflection: Any = None
     refraction: Any = None
     rigidity: Any = None
+    anisotropy: Any = None
     attributes: dict[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -50,6 +53,7 @@ class Particles:
             least = 0.0 if name == "support" else -math.inf
             setattr(self, name, _scalar_field(name, getattr(self, name), n, least))
         self.color = _color(self.color, n)
+        self.anisotropy = _anisotropy(self.anisotropy, n)
         self.attributes = {
             name: _attribute(name, array, n) for name, array in dict(self.attributes).items()
         }
@@ -59,7 +63,7 @@ class Particles:
 
     def __repr__(self) -> str:
         parts = [f"{len(self)}"]
-        for name in (*SCALAR_FIELDS, "color"):
+        for name in (*SCALAR_FIELDS, "color", "anisotropy"):
             value = getattr(self, name)
             if isinstance(value, float):
                 parts.append(f"{name}={value:g}")
@@ -75,7 +79,7 @@ class Particles:
             index = slice(i, i + 1)
 
         picked = {}
-        for name in (*SCALAR_FIELDS, "color"):
+        for name in (*SCALAR_FIELDS, "color", "anisotropy"):
             value = getattr(self, name)
             one_color = name == "color" and value is not None and len(value.shape) == 1
             shared = value is None or isinstance(value, float) or one_color
@@ -162,6 +166,24 @@ def _color(value: Any, n: int) -> Any:
     result = _float32(array)
     _check_range("color", result, 0.0, 1.0)
     return result
+
+
+def _anisotropy(value: Any, n: int) -> np.ndarray | None:
+    if value is None:
+        return None
+    array = _float32(_numbers("anisotropy", to_host(value)))
+    if array.shape != (n, 3, 3):
+        raise ValueError(f"anisotropy: expected shape ({n}, 3, 3), got {array.shape}")
+    good = np.isfinite(array).all(axis=(1, 2))
+    size = np.abs(np.where(good[:, None, None], array, 1)).max(axis=(1, 2))
+    good &= (np.abs(array - array.transpose(0, 2, 1)).max(axis=(1, 2), initial=0) <= 1e-4 * size)
+    good[good] = np.linalg.eigvalsh(array[good])[:, 0] > 0
+    if not good.all():
+        raise ValueError(
+            "anisotropy: expected symmetric positive definite matrices, "
+            f"got {array[np.argmin(good)].tolist()} (particle {np.argmin(good)})"
+        )
+    return array
 
 
 def _attribute(name: Any, value: Any, n: int) -> Any:

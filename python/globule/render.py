@@ -31,8 +31,8 @@ from .thesis import Thesis, choose_tracing
 MAX_PIXELS = 2**28
 MAX_LAYERS = 4
 MAX_SAMPLES = 65536
-# How far from a particle, in supports, the surface may lie: where b = 0.6 / 8, so that it takes
-# eight particles at one place to reach the default threshold.
+# How far from a particle, in supports, the surface may lie: where b is an eighth of the default
+# threshold, so that it takes eight particles at one place to reach that.
 REACH = {
     "murakami": 0.85,
     "nishimura": 0.78,
@@ -40,6 +40,7 @@ REACH = {
     "blinn": 0.47,
     "cubic_spline": 0.67,
     "wendland_c2": 0.62,
+    "solid": 0.69,
 }
 
 
@@ -186,10 +187,15 @@ class Frame:
             reach = float(np.max(to_host(scene.support), initial=0.0))
             _, near = scene.neighbors(position[None], reach)
             if len(near):
-                away = np.linalg.norm(to_host(scene.particles.positions)[near] - position, axis=1)
-                support = np.broadcast_to(to_host(scene.support), len(scene))[near]
-                first = int(np.argmin(away / np.maximum(support, 1e-30)))
-                best = min(best, (float(away[first] / support[first]), k, int(near[first])))
+                away = to_host(scene.particles.positions)[near] - position
+                if scene.particles.anisotropy is None:
+                    support = np.broadcast_to(to_host(scene.support), len(scene))[near]
+                    away = away / np.maximum(support, 1e-30)[:, None]
+                else:
+                    away = np.einsum("nij,nj->ni", scene.particles.anisotropy[near], away)
+                away = np.linalg.norm(away, axis=1)
+                first = int(np.argmin(away))
+                best = min(best, (float(away[first]), k, int(near[first])))
         _, layer_number, particle = best
         if particle < 0:  # the ground
             return None

@@ -12,7 +12,7 @@ from .device import choose
 from .octree import Octree
 from .particles import Particles
 
-KERNELS = ("murakami", "nishimura", "wyvill", "blinn", "cubic_spline", "wendland_c2")
+KERNELS = ("murakami", "nishimura", "wyvill", "blinn", "cubic_spline", "wendland_c2", "solid")
 
 # Default support in spacings and default threshold, by kernel. One particle alone is a ball, a
 # flat face of a lattice is flat to a few hundredths of the spacing (docs/conventions.md).
@@ -23,6 +23,7 @@ DEFAULTS = {
     "blinn": (3.5, 0.6),
     "cubic_spline": (2.75, 0.6),
     "wendland_c2": (2.75, 0.6),
+    "solid": (2.2, 0.1),
 }
 DEFAULT_COLOR = (0.28, 0.52, 0.80)
 MAX_PARTICLES = 2**31 - 64
@@ -112,6 +113,7 @@ class Scene:
                 "reflection",
                 "refraction",
                 "rigidity",
+                "anisotropy",
             )
             unknown = set(fields) - set(names)
             if unknown:
@@ -131,16 +133,21 @@ class Scene:
         n = positions.shape[0]
         if n > MAX_PARTICLES:
             raise ValueError(f"positions: expected at most {MAX_PARTICLES:,} particles, got {n:,}")
-        support, one_support = (
-            (ABSENT, self._support) if self._support else _field("support", p.support, None, n)
-        )
+        stretch, most_stretch = ABSENT, 1.0
+        if p.anisotropy is not None:
+            stretch, longest, most_stretch = self._stretch(p.anisotropy)
+            support, one_support = view("support", longest, None), None
+        elif self._support:
+            support, one_support = ABSENT, self._support
+        else:
+            support, one_support = _field("support", p.support, None, n)
         weight, one_weight = _field("weight", p.weight, None, n)
         color, one_color = _field("color", p.color, 3, n)
         reflection, one_reflection = _field("reflection", p.reflection, None, n)
         refraction, one_refraction = _field("refraction", p.refraction, None, n)
         if one_weight is None:
             one_weight = 1.0
-        arrays = [positions, weight, color, reflection, refraction]
+        arrays = [positions, weight, color, reflection, refraction, stretch]
 
         def build(one: float) -> None:
             self._scene.build(
@@ -156,6 +163,8 @@ class Scene:
                 float(one_reflection or 0.0),
                 refraction.pair,
                 float(one_refraction or 0.0),
+                stretch.pair,
+                most_stretch,
                 *self._tree[:3],
                 self._tree[3],
             )
@@ -169,11 +178,22 @@ class Scene:
         if one_support is not None and one_support > MAX_SUPPORT:
             raise ValueError(f"support: expected at most {MAX_SUPPORT:g}, got {one_support:g}")
         if support is not ABSENT and not support.on_device:
-            _check_supports(p.support)
+            _check_supports(support.owner)
         build(1.0 if one_support is None else float(one_support))
-        self.support = one_support if support is ABSENT else p.support
+        own = p.support if p.anisotropy is None else support.owner
+        self.support = one_support if support is ABSENT else own
         self.builds += 1
         self._arrays = arrays + [support]  # the core reads them again when it gathers colours
+
+    def _stretch(self, matrices: np.ndarray) -> tuple[View, np.ndarray, float]:
+        """For the core: six numbers a matrix; the longest axes; the largest ratio of axes."""
+        if self._tree[2]:
+            raise ValueError("anisotropy: expected the sparse octree, got dense")
+        short = np.linalg.eigvalsh(matrices.astype(np.float64))  # ascending, 1 / axes
+        six = matrices[:, (0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2)]
+        longest = np.float32(1.0001 / short[:, 0])  # rounding must not cut off what it reaches
+        ratio = float(np.max(short[:, 2] / short[:, 0], initial=1.0))
+        return view("anisotropy", six, 6), longest, 1.0001 * ratio
 
     @property
     def spacing(self) -> float:

@@ -25,6 +25,15 @@ template <class F>
 GB_FN Vec3<F> cross(const Vec3<F>& a, const Vec3<F>& b) {
     return {a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
 }
+/// A symmetric matrix.
+template <class F>
+struct Sym3 {
+    F xx, yy, zz, xy, xz, yz;
+};
+template <class F>
+GB_FN Vec3<F> operator*(const Sym3<F>& m, const Vec3<F>& v) {
+    return {m.xx * v.x + m.xy * v.y + m.xz * v.z, m.xy * v.x + m.yy * v.y + m.yz * v.z, m.xz * v.x + m.yz * v.y + m.zz * v.z};
+}
 /// a / |a|, or a itself where its length is zero.
 template <class F>
 GB_FN Vec3<F> normalize(const Vec3<F>& a) {

@@ -211,6 +211,13 @@ struct CpuLanes {
         for (int i = 1; i < width; ++i) r = v.v[i] > r ? v.v[i] : r;
         return r;
     }
+    /// fn(lane) in every lane.
+    template <class Fn>
+    static F map(const Fn& fn) {
+        F r;
+        for (int i = 0; i < width; ++i) r.v[i] = fn(i);
+        return r;
+    }
     /// fn(lane) for the lanes where v > 0.
     template <class Fn>
     static void where_positive(const F& v, const Fn& fn) {

@@ -139,6 +139,8 @@ struct CudaLanes {
     GB_FN static float sum(float v) { return v; }
     GB_FN static float largest(float v) { return v; }
     template <class Fn>
+    GB_FN static float map(const Fn& fn) { return fn(0); }
+    template <class Fn>
     GB_FN static void where_positive(float v, const Fn& fn) {
         if (v > 0.0f) fn(0);
     }

@@ -9,10 +9,11 @@
 
 namespace globule {
 
-enum class KernelName : int { murakami, nishimura, wyvill, blinn, cubic_spline, wendland_c2 };
+enum class KernelName : int { murakami, nishimura, wyvill, blinn, cubic_spline, wendland_c2, solid };
 
 /// (1 - x)^2                                              Murakami & Ichihara 1987, (3.6c)
 struct Murakami {
+    static constexpr bool stretched = false;  ///< supports are balls; trace/stretched.hpp: ellipsoids
     template <class F>
     GB_FN void operator()(F x, F& b, F& slope) const {
         const F w = F(1) - x;
@@ -35,8 +36,44 @@ struct Murakami {
     }
 };
 
-/// Any of the six, by name.
+/// (1 - x)^2 (1 - 2 x): solid mode, §6.0.2.  A particle raises the field close by and asks for more of it
+/// farther away: sum (1 - x)^3 is compared with (tau + sum (1 - x)^2) / 2, a threshold that rises with the
+/// supports that overlap.  Near dense matter both sums shrink alike towards a face, an edge or a corner, so
+/// that those stay flat and sharp.
+struct Solid {
+    template <class F>
+    GB_FN void operator()(F x, F& b, F& slope) const {
+        const F y = F(1) - x;
+        b = y * y * (F(1) - F(2) * x);
+        slope = y * (F(2) - F(6) * y);
+    }
+    // With y = A - u^2, 1 - x along the ray: b'' = -60 y^2 + (48 A + 12) y - 8 A.
+    template <class F>
+    GB_FN F rise(F u2, F A) const {
+        const F y = most(A - u2, least(F(0.4) * A + F(0.1), A));
+        return most(second(most(y, F(0)), A), F(0));
+    }
+    GB_FN float max_fall() const { return 8.0f; }
+    template <class F>
+    GB_FN F dive(F u2, F A) const { return most(most(F(8) * A, F(0) - second(most(A - u2, F(0)), A)), F(0)); }
+    template <class F>
+    GB_FN void range(F near, F far, F& lo, F& hi) const {
+        F first, last, slope;
+        (*this)(near, first, slope);
+        (*this)(far, last, slope);
+        const auto dips = (near < F(2.0 / 3.0)) & (far > F(2.0 / 3.0));
+        lo = select(dips, F(-1.0 / 27.0), least(first, last));
+        hi = most(first, last);
+    }
+
+private:
+    template <class F>
+    GB_FN static F second(F y, F A) { return y * (F(48) * A + F(12) - F(60) * y) - F(8) * A; }
+};
+
+/// Any of the seven, by name.
 struct AnyKernel {
+    static constexpr bool stretched = false;
     KernelName name;
 
     /// b and db/dx.
@@ -70,6 +107,7 @@ struct AnyKernel {
             slope = select(inner, F(-6) + F(9) * q, F(-3) * w * w / q);
             return;
         }
+        case KernelName::solid: return Solid{}(x, b, slope);
         default: {  // wendland_c2: (1 - q)^4 (1 + 4 q)   Wendland 1995
             const F q = root(x);
             const F w = F(1) - q;
@@ -89,6 +127,7 @@ struct AnyKernel {
         case KernelName::blinn: return F(max_rise_blinn);
         case KernelName::cubic_spline: return F(6);
         case KernelName::wendland_c2: return F(5);
+        case KernelName::solid: return Solid{}.rise(u2, A);
         }
         return F(0);
     }
@@ -100,14 +139,22 @@ struct AnyKernel {
         case KernelName::blinn: return float(2 * blinn_k);
         case KernelName::cubic_spline: return 12.0f;
         case KernelName::wendland_c2: return 20.0f;
+        case KernelName::solid: return Solid{}.max_fall();
         }
         return 0.0f;
     }
 
     template <class F>
-    GB_FN F dive(F u2, F A) const { return name == KernelName::murakami ? Murakami{}.dive(u2, A) : F(max_fall()); }
+    GB_FN F dive(F u2, F A) const {
+        switch (name) {
+        case KernelName::murakami: return Murakami{}.dive(u2, A);
+        case KernelName::solid: return Solid{}.dive(u2, A);
+        default: return F(max_fall());
+        }
+    }
     template <class F>
     GB_FN void range(F near, F far, F& lo, F& hi) const {
+        if (name == KernelName::solid) return Solid{}.range(near, far, lo, hi);
         F slope;
         (*this)(near, hi, slope);
         (*this)(far, lo, slope);

@@ -19,6 +19,8 @@ struct ParticleInput {
     const float* positions = nullptr;  ///< (n, 3)
     Attribute support;
     Attribute weight;
+    const float* stretch = nullptr;    ///< (n, 6): SortedParticles
+    float most_stretch = 1.0f;
 };
 
 struct TreeParams {
@@ -97,7 +99,7 @@ struct Gather {
     const Key* keys;
     std::uint32_t* n_outside;
     const std::uint32_t* index;
-    float *x, *y, *z, *support, *weight;
+    float *x, *y, *z, *support, *weight, *stretch;
     GB_FN void operator()(std::size_t i) const {
         constexpr Key inside = morton::Traits<Key>::inside;
         if ((keys[i] & inside) && (i == 0 || !(keys[i - 1] & inside))) *n_outside = std::uint32_t(i);  // they sort to the front
@@ -108,6 +110,7 @@ struct Gather {
         z[i] = p.z;
         if (support) support[i] = in.support[from];
         if (weight) weight[i] = in.weight[from];
+        for (int k = 0; stretch && k < 6; ++k) stretch[6 * i + k] = in.stretch[std::size_t(6) * from + k];
     }
 };
 
@@ -335,7 +338,7 @@ class Octree {
 public:
     explicit Octree(Exec& exec)
         : exec_(exec), bounds_(exec), keys_(exec), positions_(exec), index_(exec), support_(exec),
-          weight_(exec), counts_(exec), scratch_(exec), nodes_(exec), dense_(exec), header_(exec) {}
+          weight_(exec), stretch_(exec), counts_(exec), scratch_(exec), nodes_(exec), dense_(exec), header_(exec) {}
 
     void build(const ParticleInput& in, const TreeParams& params) {
         n_ = in.n;
@@ -369,7 +372,7 @@ public:
     const DenseNode* dense_nodes() const { return dense_.data(); }
     std::size_t bytes() const {
         return bounds_.bytes() + keys_.bytes() + positions_.bytes() + index_.bytes() + support_.bytes() +
-               weight_.bytes() + counts_.bytes() + scratch_.bytes() + nodes_.bytes() + dense_.bytes();
+               weight_.bytes() + stretch_.bytes() + counts_.bytes() + scratch_.bytes() + nodes_.bytes() + dense_.bytes();
     }
 
 private:
@@ -393,8 +396,9 @@ private:
                          3 * morton::Traits<Key>::levels + 1);
         float* support = in.support.data ? support_.reserve(padded) : nullptr;
         float* weight = in.weight.data ? weight_.reserve(padded) : nullptr;
-        exec_.for_each(n, Gather<Key>{in, keys, &header->n_outside, index, x, x + padded, x + 2 * padded, support, weight});
-        sorted_ = {x, x + padded, x + 2 * padded, index, {support, in.support.uniform}, {weight, in.weight.uniform}};
+        float* stretch = in.stretch ? stretch_.reserve(6 * padded) : nullptr;
+        exec_.for_each(n, Gather<Key>{in, keys, &header->n_outside, index, x, x + padded, x + 2 * padded, support, weight, stretch});
+        sorted_ = {x, x + padded, x + 2 * padded, index, {support, in.support.uniform}, {weight, in.weight.uniform}, stretch, in.most_stretch};
         build_nodes(keys, n, space);
     }
 
@@ -445,7 +449,7 @@ private:
     Buffer<char, Exec> keys_;
     Buffer<float, Exec> positions_;
     Buffer<std::uint32_t, Exec> index_;
-    Buffer<float, Exec> support_, weight_;
+    Buffer<float, Exec> support_, weight_, stretch_;
     Buffer<std::uint32_t, Exec> counts_, scratch_;
     Buffer<float, Exec> nodes_;
     Buffer<DenseNode, Exec> dense_;

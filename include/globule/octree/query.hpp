@@ -56,18 +56,16 @@ struct EvaluateField {
         const float3 p{points[3 * i], points[3 * i + 1], points[3 * i + 2]};
         double f = 0, gx = 0, gy = 0, gz = 0;
         for_each_touching(tree, p, p, [&](std::uint32_t j) {
-            const double a = particles.support[j];
-            const double dx = double(p.x) - particles.x[j], dy = double(p.y) - particles.y[j],
-                         dz = double(p.z) - particles.z[j];
-            const double x = (dx * dx + dy * dy + dz * dz) / (a * a);
+            const Vec3<double> v{double(p.x) - particles.x[j], double(p.y) - particles.y[j], double(p.z) - particles.z[j]};
+            const double x = particles.x_at(j, v);
             if (!(x < 1.0)) return;
             double b, slope;
             kernel(x, b, slope);
             f += particles.weight[j] * b;
-            const double s = particles.weight[j] * slope * 2.0 / (a * a);
-            gx += s * dx;
-            gy += s * dy;
-            gz += s * dz;
+            const Vec3<double> s = particles.half_gradient(j, v) * (particles.weight[j] * slope * 2.0);
+            gx += s.x;
+            gy += s.y;
+            gz += s.z;
         });
         if (field) field[i] = float(f);
         if (gradient) {
@@ -95,9 +93,7 @@ struct Blend {
         for (int c = 0; c < channels; ++c) mine[c] = 0.0f;
         float total = 0.0f;
         for_each_touching(tree, p, p, [&](std::uint32_t j) {
-            const float a = particles.support[j];
-            const float3 v = p - particles.position(j);
-            const float x = dot(v, v) / (a * a);
+            const float x = particles.x_at(j, p - particles.position(j));
             if (!(x < 1.0f)) return;
             float b, slope;
             kernel(x, b, slope);

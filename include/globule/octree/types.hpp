@@ -14,6 +14,29 @@ struct SortedParticles {
     const std::uint32_t* index;  ///< place in the caller's arrays
     Attribute support;           ///< per sorted slot, or one for all
     Attribute weight;
+    const float* stretch = nullptr;  ///< (n, 6) per sorted slot, xx yy zz xy xz yz: the particle reaches v where |G v| < 1; null: balls
+    float most_stretch = 1.0f;       ///< largest ratio of a particle's axes; `support` is its longest
+
+    template <class F>
+    GB_FN Sym3<F> matrix(std::size_t slot) const {
+        const float* m = stretch + 6 * slot;
+        return {F(m[0]), F(m[1]), F(m[2]), F(m[3]), F(m[4]), F(m[5])};
+    }
+    /// x at v from the particle's centre: (|v| / a)^2, or |G v|^2.
+    template <class F>
+    GB_FN F x_at(std::size_t slot, const Vec3<F>& v) const {
+        if (stretch) {
+            const Vec3<F> w = matrix<F>(slot) * v;
+            return dot(w, w);
+        }
+        return dot(v, v) / (F(support[slot]) * F(support[slot]));
+    }
+    /// Half of x's gradient there.
+    template <class F>
+    GB_FN Vec3<F> half_gradient(std::size_t slot, const Vec3<F>& v) const {
+        if (stretch) return matrix<F>(slot) * (matrix<F>(slot) * v);
+        return v * (F(1) / (F(support[slot]) * F(support[slot])));
+    }
     GB_FN float3 position(std::size_t slot) const { return {x[slot], y[slot], z[slot]}; }
 };
 

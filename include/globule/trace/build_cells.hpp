@@ -209,8 +209,8 @@ private:
             F low(0.0f), high(0.0f), count(0.0f);
             for (int j = 0; j < n; ++j) {
                 const float3 q = scratch.list.point(j);
-                const F near = bound(low, high, magnitude(F(q.x) - cx), magnitude(F(q.y) - cy), magnitude(F(q.z) - cz), F(half),
-                                     PerParticle ? scratch.shape[j].inverse_a2 : 1.0f, PerParticle ? scratch.shape[j].weight : 1.0f);
+                const F near = bound(low, high, F(q.x) - cx, F(q.y) - cy, F(q.z) - cz, half, PerParticle ? scratch.shape[j].inverse_a2 : 1.0f,
+                                     PerParticle ? scratch.shape[j].weight : 1.0f, scratch.list.number(j));
                 count += select(near < F(1.0002f), F(1.0f), F(0.0f));
             }
             const B empty = cells & (high < F(tau - margin)), full = cells & (low > F(tau + margin));
@@ -245,7 +245,13 @@ private:
             const F nx = most(magnitude(x) - F(half), F(0.0f)), ny = most(magnitude(y) - F(half), F(0.0f)),
                     nz = most(magnitude(z) - F(half), F(0.0f));
             const F i2 = PerParticle ? g.map([&](int k) { return j + k < n ? scratch.shape[j + k].inverse_a2 : 0.0f; }) : F(1.0f);
-            const B near = g.first_lanes(least(n - j, int(Group::width))) & ((nx * nx + ny * ny + nz * nz) * i2 < F(1.0002f));
+            F least_x = (nx * nx + ny * ny + nz * nz) * i2;
+            if constexpr (Kernel::stretched) {
+                F m[6], most_x;
+                for (int c = 0; c < 6; ++c) m[c] = g.map([&](int k) { return j + k < n ? kernel.component(scratch.list.number(j + k), c) : 0.0f; });
+                range_in_cube(Sym3<F>{m[0], m[1], m[2], m[3], m[4], m[5]}, Vec3<F>{x, y, z}, half, least_x, most_x);
+            }
+            const B near = g.first_lanes(least(n - j, int(Group::width))) & (least_x < F(1.0002f));
             filled = g.append(near, filled, [&](int k, int place) {
                 if (place >= int(n_blocks) * W) return;  // rounding: it only just does not reach
                 float* block = to + std::size_t(place / W) * (W * kStride) + place % W;
@@ -285,9 +291,10 @@ private:
             const F cz = g.map([&](int lane) { return (first + lane) & 4 ? quarter : -quarter; });
             F low(0.0f), high(0.0f);
             for (int j = 0; j < int(made.n); ++j) {
-                const float* block = of + std::size_t(j / W) * (W * kStride) + j % W;
-                bound(low, high, magnitude(F(block[0]) - cx), magnitude(F(block[W]) - cy), magnitude(F(block[2 * W]) - cz), F(quarter),
-                      PerParticle ? block[4 * W] : 1.0f, PerParticle ? block[5 * W] : 1.0f);
+                const float* block = of + std::size_t(j / W) * (W * kStride);
+                const float* p = block + j % W;
+                bound(low, high, F(p[0]) - cx, F(p[W]) - cy, F(p[2 * W]) - cz, quarter, PerParticle ? p[4 * W] : 1.0f,
+                      PerParticle ? p[5 * W] : 1.0f, Lanes::slot(block, j % W));
             }
             const typename Group::B eight = g.first_lanes(8 - first);
             made.empty |= g.set_of(eight & (high < F(tau - margin))) << first;
@@ -295,12 +302,14 @@ private:
         }
     }
 
-    /// Adds one particle's bounds over boxes whose centres are (dx, dy, dz) away; returns how near they come, in supports squared.
+    /// Adds one particle's bounds over cubes, it being (x, y, z) away from their centres; returns how near they come, in supports squared.
     template <class F>
-    GB_FN F bound(F& low, F& high, const F& dx, const F& dy, const F& dz, const F& half, float i2, float c) const {
-        const F nx = most(dx - half, F(0.0f)), ny = most(dy - half, F(0.0f)), nz = most(dz - half, F(0.0f));
-        const F fx = dx + half, fy = dy + half, fz = dz + half;
-        const F near = (nx * nx + ny * ny + nz * nz) * F(i2), far = (fx * fx + fy * fy + fz * fz) * F(i2);
+    GB_FN F bound(F& low, F& high, const F& x, const F& y, const F& z, float half, float i2, float c, std::uint32_t slot) const {
+        const F dx = magnitude(x), dy = magnitude(y), dz = magnitude(z);
+        const F nx = most(dx - F(half), F(0.0f)), ny = most(dy - F(half), F(0.0f)), nz = most(dz - F(half), F(0.0f));
+        const F fx = dx + F(half), fy = dy + F(half), fz = dz + F(half);
+        F near = (nx * nx + ny * ny + nz * nz) * F(i2), far = (fx * fx + fy * fy + fz * fz) * F(i2);
+        if constexpr (Kernel::stretched) range_in_cube(kernel.template matrix<F>(slot), {x, y, z}, half, near, far);
         F most_b, least_b;
         kernel.range(least(near, F(1.0f)), least(far, F(1.0f)), least_b, most_b);
         low += F(c) * (c > 0.0f ? least_b : most_b);

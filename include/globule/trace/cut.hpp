@@ -33,7 +33,7 @@ struct Cut {
         float f = 0.0f;
         for_each_touching(tracer.tree, p, p, [&](std::uint32_t j) {
             const float3 r = p - tracer.particles.position(j);
-            const float x = dot(r, r) / (tracer.particles.support[j] * tracer.particles.support[j]);
+            const float x = tracer.particles.x_at(j, r);
             if (!(x < 1.0f)) return;
             float b, slope;
             tracer.kernel(x, b, slope);

@@ -33,12 +33,20 @@ struct BlockSource {
             const float* block = blocks + j * kFloats;
             Vec3<F> q;
             Lanes::load(block, q.x, q.y, q.z);
-            if constexpr (PerParticle)
+            if constexpr (Kernel::stretched)
+                add_stretched<Bounds, true>(sum, kernel, matrix(block), p - q, along, Lanes::load(block + 5 * Lanes::width), wide);
+            else if constexpr (PerParticle)
                 add<true, Bounds, true>(sum, kernel, p - q, along, Lanes::load(block + 4 * Lanes::width),
                                   Lanes::load(block + 5 * Lanes::width), wide);
             else
                 add<false, Bounds, true>(sum, kernel, p - q, along, F(1.0f), F(1.0f), wide);
         }
+    }
+    /// Matrices of a block's particles.
+    GB_FN Sym3<F> matrix(const float* block) const {
+        F m[6];
+        for (int k = 0; k < 6; ++k) m[k] = Lanes::map([&](int lane) { return kernel.component(Lanes::slot(block, lane), k); });
+        return {m[0], m[1], m[2], m[3], m[4], m[5]};
     }
     template <bool Bounds>
     GB_FN Along<float> finished(Along<float> total) const {
@@ -194,7 +202,7 @@ private:
                 ray.window_end = 0.0f;
                 ray.steps = 0;
                 const Source src = source(list, ray.p0, walk.d);
-                if constexpr (PerParticle) ray.sharp = src.sharpest();
+                if constexpr (PerParticle) ray.sharp = src.sharpest() * particles.most_stretch;
                 if (ray.sign == 0.0f) ray.sign = src.template at<false>(0.0f, {}).f > tau ? -1.0f : 1.0f;
                 return Way::on;
             }

@@ -224,7 +224,7 @@ GB_FN Gathered gather(Walk<PerParticle, Group, Tree>& walk, float dz, float scal
         });
     g.sync();
     if (full) return {-1};
-    return {n, walk.z0 + g.smallest(next), walk.z0 + g.smallest(nearest), PerParticle ? g.largest(sharpest) : 1.0f};
+    return {n, walk.z0 + g.smallest(next), walk.z0 + g.smallest(nearest), PerParticle ? g.largest(sharpest) * particles.most_stretch : 1.0f};
 }
 
 }  // namespace globule

@@ -60,8 +60,15 @@ GB_FN Looks looks_at(const Tracer& tracer, const Attributes& attributes, const f
                 i2 = Lanes::load(block + 4 * Lanes::width);
                 c = Lanes::load(block + 5 * Lanes::width);
             }
-            tracer.kernel(least(dot(r, r) * i2, F(1.0f)), b, slope);
-            gradient = gradient + r * (slope * c * i2);
+            if constexpr (Tracer::Kernel::stretched) {
+                const Sym3<F> m = source.matrix(block);
+                const Vec3<F> w = m * r;
+                tracer.kernel(least(dot(w, w), F(1.0f)), b, slope);
+                gradient = gradient + (m * w) * (slope * c);
+            } else {
+                tracer.kernel(least(dot(r, r) * i2, F(1.0f)), b, slope);
+                gradient = gradient + r * (slope * c * i2);
+            }
             if (!attributes.uniform())
                 Lanes::where_positive(b * c, [&](int lane) {
                     out.add(attributes, tracer.particles.index[Lanes::slot(block, lane)], Lanes::get(b * c, lane));
@@ -73,12 +80,11 @@ GB_FN Looks looks_at(const Tracer& tracer, const Attributes& attributes, const f
         const float3 p = o + d * t;
         for_each_touching(tracer.tree, p, p, [&](std::uint32_t j) {
             const float3 r = p - tracer.particles.position(j);
-            const float i2 = 1.0f / (tracer.particles.support[j] * tracer.particles.support[j]), c = tracer.particles.weight[j];
-            const float x = dot(r, r) * i2;
+            const float c = tracer.particles.weight[j], x = tracer.particles.x_at(j, r);
             if (!(x < 1.0f)) return;
             float b, slope;
             tracer.kernel(x, b, slope);
-            out.gradient = out.gradient + r * (slope * c * i2);
+            out.gradient = out.gradient + tracer.particles.half_gradient(j, r) * (slope * c);
             out.add(attributes, tracer.particles.index[j], most(c * b, 0.0f));
         });
     }

@@ -13,6 +13,7 @@
 #include "globule/octree/query.hpp"
 #include "globule/trace/gather.hpp"
 #include "globule/trace/hits.hpp"
+#include "globule/trace/stretched.hpp"
 
 namespace globule {
 
@@ -30,12 +31,10 @@ struct Limits {
     F sign;  ///< +1 outside, -1 inside
 };
 
-/// Adds one particle: v = point - centre, i2 = 1/a^2, c its weight (both 1 unless PerParticle).  Tight: the
-/// bound from inside, too, heeds where the window lies; it pays where rays begin inside.
+/// Adds one particle at (r/a)^2 = x, u past its point nearest to the ray, i2 = 1/a^2, c its weight (both 1 unless
+/// PerParticle).  Tight: the bound from inside, too, heeds where the window lies; it pays where rays begin inside.
 template <bool PerParticle, bool Bounds, bool Tight, class F, class Kernel>
-GB_FN void add(Along<F>& sum, const Kernel& kernel, const Vec3<F>& v, const Vec3<F>& d, F i2, F c, const Limits<F>& lim) {
-    const F u = dot(v, d), r2 = dot(v, v);
-    const F x = PerParticle ? r2 * i2 : r2;
+GB_FN void add_along(Along<F>& sum, const Kernel& kernel, F x, F u, F i2, F c, const Limits<F>& lim) {
     F b, db;
     kernel(least(x, F(1)), b, db);
     if constexpr (PerParticle) {
@@ -67,6 +66,20 @@ GB_FN void add(Along<F>& sum, const Kernel& kernel, const Vec3<F>& v, const Vec3
     }
 }
 
+/// Adds one particle: v = point - centre, i2 = 1/a^2, c its weight (both 1 unless PerParticle).
+template <bool PerParticle, bool Bounds, bool Tight, class F, class Kernel>
+GB_FN void add(Along<F>& sum, const Kernel& kernel, const Vec3<F>& v, const Vec3<F>& d, F i2, F c, const Limits<F>& lim) {
+    const F r2 = dot(v, v);
+    add_along<PerParticle, Bounds, Tight>(sum, kernel, PerParticle ? r2 * i2 : r2, dot(v, d), i2, c, lim);
+}
+
+/// As add, of a particle with the matrix m in place of 1/a: in m's space the ray has the speed |m d|.
+template <bool Bounds, bool Tight, class F, class Kernel>
+GB_FN void add_stretched(Along<F>& sum, const Kernel& kernel, const Sym3<F>& m, const Vec3<F>& v, const Vec3<F>& d, F c, const Limits<F>& lim) {
+    const Vec3<F> w = m * v, e = m * d;
+    const F speed2 = dot(e, e);
+    add_along<true, Bounds, Tight>(sum, kernel, dot(w, w), dot(w, e) / speed2, speed2, c, lim);
+}
 /// Candidates from the tile's list.
 template <bool PerParticle, class Group, class Kernel>
 struct ListSource {
@@ -83,7 +96,9 @@ struct ListSource {
         for (int j = 0; j < n; ++j) {
             const float3 q = scratch.list.point(j);
             const Vec3<F> v{p.x - F(q.x), p.y - F(q.y), p.z - F(q.z)};
-            if constexpr (PerParticle)
+            if constexpr (Kernel::stretched)
+                add_stretched<Bounds, false>(sum, kernel, kernel.template matrix<F>(scratch.list.number(j)), v, d, F(scratch.shape[j].weight), lim);
+            else if constexpr (PerParticle)
                 add<true, Bounds, false>(sum, kernel, v, d, F(scratch.shape[j].inverse_a2), F(scratch.shape[j].weight), lim);
             else
                 add<false, Bounds, false>(sum, kernel, v, d, F(1), F(1), lim);
@@ -104,7 +119,10 @@ GB_FN void add_exact(Along<double>& sum, const SortedParticles& particles, const
                      const Vec3<double>& p, const Vec3<double>& d, const Limits<double>& lim) {
     const double a = particles.support[slot];
     const Vec3<double> v{p.x - particles.x[slot], p.y - particles.y[slot], p.z - particles.z[slot]};
-    if (a > 0) add<true, Bounds, false>(sum, kernel, v, d, 1.0 / (a * a), double(particles.weight[slot]), lim);
+    if (a > 0 && particles.stretch)
+        add_stretched<Bounds, false>(sum, kernel, particles.matrix<double>(slot), v, d, double(particles.weight[slot]), lim);
+    else if (a > 0)
+        add<true, Bounds, false>(sum, kernel, v, d, 1.0 / (a * a), double(particles.weight[slot]), lim);
 }
 
 /// Walks lanes from t to `end`.  `hit`: crossed at t.  `doubtful`: this precision cannot tell from t on.

@@ -120,16 +120,16 @@ struct ResolveRays {
 
     /// Adds one particle's share of the gradient and the blended colour at p.
     GB_FN void influence(double* s, std::uint32_t slot, const Vec3<double>& p) const {
-        const double a = particles.support[slot];
         const Vec3<double> v{p.x - particles.x[slot], p.y - particles.y[slot], p.z - particles.z[slot]};
-        const double x = dot(v, v) / (a * a);
+        const double x = particles.x_at(slot, v);
         if (!(x < 1.0)) return;
         double b, slope;
         kernel(x, b, slope);
-        const double c = particles.weight[slot], pull = c * slope / (a * a), w = most(c * b, 0.0);
-        s[0] += pull * v.x;
-        s[1] += pull * v.y;
-        s[2] += pull * v.z;
+        const double c = particles.weight[slot], w = most(c * b, 0.0);
+        const Vec3<double> pull = particles.half_gradient(slot, v) * (c * slope);
+        s[0] += pull.x;
+        s[1] += pull.y;
+        s[2] += pull.z;
         s[6] += w;
         if (!color) return;
         const float* own = color + std::size_t(3) * particles.index[slot];

@@ -284,8 +284,15 @@ private:
             const float i2 = PerParticle ? scratch.shape[j].inverse_a2 : 1.0f;
             const float c = PerParticle ? scratch.shape[j].weight : 1.0f;
             F b, slope;
-            kernel(least(dot(r, r) * F(i2), F(1.0f)), b, slope);
-            grad = grad + r * (slope * F(c * i2));
+            if constexpr (Kernel::stretched) {
+                const Sym3<F> m = kernel.template matrix<F>(scratch.list.number(j));
+                const Vec3<F> w = m * r;
+                kernel(least(dot(w, w), F(1.0f)), b, slope);
+                grad = grad + (m * w) * (slope * F(c));
+            } else {
+                kernel(least(dot(r, r) * F(i2), F(1.0f)), b, slope);
+                grad = grad + r * (slope * F(c * i2));
+            }
             if (color) {
                 const float* own = color + std::size_t(3) * particles.index[scratch.list.number(j)];
                 const F w = most(b * F(c), F(0.0f));

@@ -42,6 +42,7 @@ FIGURES: dict[str, Callable[..., None]] = {
     "5.8": artefacts.normals,
     "6.1": rendered.close_up,
     "6.2": rendered.scattered,
+    "6.3": rendered.solid,
     "6.4": anatomy.brain,
     "6.5": rendered.border,
     "6.6": anatomy.coloured_mesh,

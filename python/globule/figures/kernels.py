@@ -9,9 +9,9 @@ import numpy as np
 from ..octree import field, gradient, intersect
 from ..particles import Particles
 from ..scene import KERNELS, Scene
-from .style import BLUE, GRAY, GREEN, INK, ORANGE, PURPLE, RED, Figure, bare
+from .style import BLUE, GRAY, GREEN, INK, ORANGE, PURPLE, RED, SKY, Figure, bare
 
-COLORS = dict(zip(KERNELS, (BLUE, ORANGE, GREEN, RED, PURPLE, INK), strict=True))
+COLORS = dict(zip(KERNELS, (BLUE, ORANGE, GREEN, RED, PURPLE, INK, SKY), strict=True))
 
 
 def profile(kernel: str, r: np.ndarray, device: str = "auto") -> tuple[np.ndarray, np.ndarray]:
@@ -62,17 +62,17 @@ def one_metaball(path: Any, device: str = "auto", dpi: float = 110) -> None:
 
 
 def all_kernels(path: Any, device: str = "auto", dpi: float = 110) -> None:
-    """All six basis functions and their slopes for the same support: each starts at 1 and reaches 0
-    together with its slope, so that no surface has a crease where a support ends."""
+    """All seven basis functions and their slopes for the same support: each starts at 1 and reaches
+    0 together with its slope, so that no surface has a crease where a support ends."""
     r = np.linspace(0, 1.05, 400)
     with Figure(path, 9, 4, dpi) as figure:
         value, slope = figure.subplots(1, 2)
         for kernel in KERNELS:
             b, db = profile(kernel, r, device)
-            value.plot(r, b, color=COLORS[kernel], lw=2, label=kernel)
-            slope.plot(r, db, color=COLORS[kernel], lw=2)
+            value.plot(r, b, color=COLORS[kernel], lw=2)
+            slope.plot(r, db, color=COLORS[kernel], lw=2, label=kernel)
         value.axhline(0.6, color=GRAY, lw=1, ls="--")
-        value.text(1.05, 0.555, "default threshold", color=GRAY, ha="right")
-        value.set(xlabel="r / a", title="b(r)", xlim=(0, 1.05), ylim=(0, 1.03))
+        value.text(1.05, 0.62, "default threshold (solid: 0.1)", color=GRAY, ha="right")
+        value.set(xlabel="r / a", title="b(r)", xlim=(0, 1.05), ylim=(-0.1, 1.03))
         slope.set(xlabel="r / a", title="a · db/dr", xlim=(0, 1.05))
-        value.legend(loc="upper right", bbox_to_anchor=(1.06, 1.02))
+        slope.legend(loc="lower right")

@@ -1,4 +1,4 @@
-"""Figures 6.1, 6.2 and 6.5: pictures of metaballs, rendered."""
+"""Figures 6.1, 6.2, 6.3 and 6.5: pictures of metaballs, rendered."""
 
 from __future__ import annotations
 
@@ -83,8 +83,29 @@ def scattered(path: Any, device: str = "auto", dpi: float = 110) -> None:
         show_frame(_full(figure), frame.picture)
 
 
+def cube(kernel: str, device: str = "auto", n: int = 40) -> Scene:
+    """n^3 particles on a lattice of spacing 1 around the origin, coloured by height."""
+    steps = np.arange(n) - (n - 1) / 2
+    positions = np.stack(np.meshgrid(steps, steps, steps, indexing="ij"), -1).reshape(-1, 3)
+    color = colorize(positions[:, 1], "viridis", -0.6 * n, 0.6 * n)
+    return Scene(Particles(positions, color=color), kernel, device=device)
+
+
+def solid(path: Any, device: str = "auto", dpi: float = 110) -> None:
+    """A cube of 64,000 particles, as metaballs and in solid mode, where the threshold rises with
+    the supports that overlap: faces stay flat up to the outermost row, edges are sharper."""
+    camera = Camera((62, 54, 90), (0, 0, 0), fov=32)
+    lights = (DirectionalLight((0.4, 1, 0.55), (0.75,) * 3), Headlight((0.35,) * 3))
+    look = RenderSettings(lights=lights, background=(1, 1, 1))
+    with Figure(path, 8.6, 4.2, dpi) as figure:
+        for ax, kernel in zip(figure.subplots(1, 2), ("murakami", "solid"), strict=True):
+            frame = render(cube(kernel, device), camera, _pixels(4.2, 3.8, dpi), look)
+            show_frame(ax, frame.picture)
+            ax.set_title("metaballs (murakami)" if kernel == "murakami" else "solid mode")
+
+
 def at_the_border(
-    device: str = "auto", bounds: Any = None, n: int = 240
+    device: str = "auto", bounds: Any = None, n: int = 400
 ) -> tuple[Scene, np.ndarray]:
     """Metaballs close to the faces of the unit cube, and its corners (2, 3). The cube is the
     octree's space, unless `bounds` are given; supports reach beyond it."""
