@@ -277,6 +277,10 @@ private:
         if constexpr (Exec::on_device) {
             exec_.for_each(grid_.n_blocks() * kVoxels, each);
         } else {
+            if (each.filler.tables.cubes.reach == 0 && !each.dirty) {
+                exec_.for_each_task(std::size_t(grid_.blocks[1]) * grid_.blocks[2], CopyBlockRow<T>{each});
+                return;
+            }
             if constexpr (!is_real<T>)
                 if (each.filler.tables.cubes.reach <= FillTile<T>::kReach) {
                     const int n_tiles = ceil_div(grid_.size[0], FillTile<T>::kLong);

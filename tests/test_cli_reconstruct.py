@@ -204,3 +204,12 @@ def test_convert_a_recording_without_calibration(capsys):
     assert same(gb.read_sweep(source, plus=plus), gb.read_sweep("a.igs.nrrd", plus=plus))
     assert main(["convert", "a.igs.nrrd", "a.npz"]) == 2
     assert "calibration" in capsys.readouterr().err
+
+
+def test_convert_a_volume_to_a_picture_and_with_its_maps(sweep, capsys):
+    words = ["reconstruct", "phantom.igs.mha", "-o", "v.npz", "--spacing", "1", "--maps", *CPU]
+    assert main([*words, "--three-view", "v.png"]) == 0
+    assert main(["convert", "v.npz", "w.png"]) == 0
+    assert np.array_equal(np.asarray(Image.open("v.png")), np.asarray(Image.open("w.png")))
+    assert main(["convert", "v.npz", "w.vti"]) == 0
+    assert np.array_equal(read_volume("v.npz").count, read_volume("w.vti").count)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import re
+import threading
 from dataclasses import dataclass
 
 import numpy as np
@@ -263,6 +264,39 @@ def test_incremental(backend, compounding, dtype):
     live.add(sweep.frames[[2, 1]], sweep.world_from_image[[2, 1]])
     same_volume(live.volume(), sweep, order, compounding=compounding, **backend)
     assert live.n_frames == 10
+
+
+def test_a_frame_that_cannot_fit_changes_nothing(backend):
+    sweep = make_sweep(n=3)
+    live = Reconstructor(0.5, **backend)
+    live.add(sweep.frames[:2], sweep.world_from_image[:2])
+    for distance, error in ((1e8, ValueError), (3e5, MemoryError)):
+        far = sweep.world_from_image[2].copy()
+        far[:3, 3] += distance
+        with pytest.raises(error):
+            live.add(sweep.frames[2], far)
+    live.add(sweep.frames[2], sweep.world_from_image[2])
+    assert live.n_frames == 3
+    same_volume(live.volume(), sweep, [0, 1, 2], **backend)
+
+
+def test_the_volume_can_be_read_while_frames_come(backend):
+    sweep = make_sweep(n=12, gap=2.0)
+    live = Reconstructor(0.6, **backend)
+    live.add(sweep.frames[0], sweep.world_from_image[0])
+
+    def add():
+        for f in range(1, 12):
+            live.add(sweep.frames[f], sweep.world_from_image[f])
+
+    thread = threading.Thread(target=add)
+    thread.start()
+    seen = [live.volume().n_measured]
+    while thread.is_alive():
+        seen.append(live.volume().n_measured)
+    thread.join()
+    assert seen == sorted(seen)
+    same_volume(live.volume(), sweep, list(range(12)), **backend)
 
 
 def test_undo_takes_the_room_back_too(backend):

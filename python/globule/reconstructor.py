@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -21,7 +22,15 @@ from .reconstruct import (
     value_scale,
 )
 from .scene import _count
-from .sweep_grid import VoxelGrid, bounds, check_memory, estimate_bytes, free_host_bytes, make_grid
+from .sweep_grid import (
+    MAX_AXIS,
+    VoxelGrid,
+    bounds,
+    check_memory,
+    estimate_bytes,
+    free_host_bytes,
+    make_grid,
+)
 from .volume import Volume
 
 _BLOCK = 4  # voxels; the grid grows by whole blocks
@@ -42,7 +51,7 @@ class Reconstructor:
     """Bins frames as they come (PVN-OM); the volume equals that of all frames at once.
 
     Voxels lie on a lattice fixed by the first frame, or by `region`; without a region the volume
-    grows with the frames.
+    grows with the frames. One thread may add frames while others read the volume.
 
     Args:
         spacing: edge of a voxel, mm.
@@ -76,6 +85,7 @@ class Reconstructor:
             raise ValueError(
                 "compounding: a median needs all frames at once, use globule.reconstruct"
             )
+        self._lock = threading.RLock()
         self._region = region
         self._mask = mask
         self._history = history if compounding == "mean" else None
@@ -109,50 +119,53 @@ class Reconstructor:
             raise ValueError(
                 f"poses: expected {len(frames)}, one a frame, got {len(world_from_image)}"
             )
-        if self._type is None:
-            self._begin(frames)
-        self._check_alike(frames)
-        box = bounds(world_from_image, self._used, self._shape)
-        before = None if self._grid is None else (self._low, self._high)
-        added = _Added(frames.copy(), world_from_image, *box, before)
-        self._make_room(added)
-        self._bin(added, 1)
-        self._added.append(added)
-        self.n_frames += len(frames)
-        self._forget()
+        with self._lock:
+            if self._type is None:
+                self._begin(frames)
+            self._check_alike(frames)
+            box = bounds(world_from_image, self._used, self._shape)
+            before = None if self._grid is None else (self._low, self._high)
+            added = _Added(frames.copy(), world_from_image, *box, before)
+            self._make_room(added)
+            self._bin(added, 1)
+            self._added.append(added)
+            self.n_frames += len(frames)
+            self._forget()
 
     def undo(self) -> None:
         """Take out what the last call to `add` put in."""
-        if not self._added:
-            raise ValueError("undo: expected frames that are still remembered, got none")
-        last = self._added.pop()
-        self.n_frames -= len(last.frames)
-        self._low, self._high = last.before or (self._low, self._high)
-        if self._options.compounding == "mean":
-            self._bin(last, -1)
-            self._order -= last.frames.size
-            return
-        self._order = 0
-        self._start()
-        for added in self._added:
-            self._bin(added, 1)
+        with self._lock:
+            if not self._added:
+                raise ValueError("undo: expected frames that are still remembered, got none")
+            last = self._added.pop()
+            self.n_frames -= len(last.frames)
+            self._low, self._high = last.before or (self._low, self._high)
+            if self._options.compounding == "mean":
+                self._bin(last, -1)
+                self._order -= last.frames.size
+                return
+            self._order = 0
+            self._start()
+            for added in self._added:
+                self._bin(added, 1)
 
     def volume(self) -> Volume:
         """The volume of all frames so far; a copy, later frames do not change it."""
-        if self._grid is None:
-            raise ValueError("volume: expected frames to be added first, got none")
-        self._dense = fill(
-            self._core, self._grid, self._type, self._options, _NO_FRAMES, self._dense
-        )
-        first = np.rint((self._low - self._grid.low) / self.spacing).astype(int)
-        last = first + np.rint((self._high - self._low) / self.spacing).astype(int)
-        part = tuple(slice(a, b) for a, b in zip(first[::-1], last[::-1], strict=True))
-        values, radius = (a[part].copy() for a in self._dense)
-        grid = VoxelGrid(self._low, self.spacing, tuple(int(v) for v in last - first))
-        return Volume(
-            values, grid.world_from_voxel, radius, self._space, self._core.facts(),
-            self._maps(grid),
-        )  # fmt: skip
+        with self._lock:
+            if self._grid is None:
+                raise ValueError("volume: expected frames to be added first, got none")
+            self._dense = fill(
+                self._core, self._grid, self._type, self._options, _NO_FRAMES, self._dense
+            )
+            first = np.rint((self._low - self._grid.low) / self.spacing).astype(int)
+            last = first + np.rint((self._high - self._low) / self.spacing).astype(int)
+            part = tuple(slice(a, b) for a, b in zip(first[::-1], last[::-1], strict=True))
+            values, radius = (a[part].copy() for a in self._dense)
+            grid = VoxelGrid(self._low, self.spacing, tuple(int(v) for v in last - first))
+            return Volume(
+                values, grid.world_from_voxel, radius, self._space, self._core.facts(),
+                self._maps(grid),
+            )  # fmt: skip
 
     def _maps(self, grid: VoxelGrid) -> Callable[[str], np.ndarray] | None:
         """Maps of the frames as they are now, if all of them are kept."""
@@ -188,53 +201,56 @@ class Reconstructor:
             raise ValueError("frames: expected fewer than 2^32 pixels in all")
 
     def _make_room(self, added: _Added) -> None:
-        """Let the grid hold the frames' box; what is stored moves with it."""
+        """Let the grid hold the frames' box; what is stored moves with it. Nothing changes if it
+        cannot."""
         if self._grid is None:
             if self._region is not None:
-                self._grid = make_grid(added.low, added.high, self.spacing, None, self._region)
-                self._low = self._grid.low
-                self._high = self._low + self.spacing * np.array(self._grid.size)
+                grid = make_grid(added.low, added.high, self.spacing, None, self._region)
+                box = grid.low, grid.low + self.spacing * np.array(grid.size)
             else:
                 edge = _BLOCK * self.spacing
                 low = np.floor(added.low / edge) * edge
                 n = _BLOCK * (np.floor((added.high - low) / edge) + 1).astype(int)
-                self._grid = VoxelGrid(low, self.spacing, tuple(int(v) for v in n))
-                self._low, self._high = self._lattice(added)
-            self._reserve(added)
+                grid = VoxelGrid(low, self.spacing, tuple(int(v) for v in n))
+                box = self._lattice(grid, added)
+            self._reserve(grid, added)
+            self._grid, (self._low, self._high) = grid, box
             self._start()
             return
         if self._region is not None:
             return
-        low, high = self._lattice(added)
-        self._low, self._high = np.minimum(self._low, low), np.maximum(self._high, high)
+        low, high = self._lattice(self._grid, added)
+        low, high = np.minimum(self._low, low), np.maximum(self._high, high)
         edge = _BLOCK * self.spacing
-        before = np.maximum(np.ceil((self._grid.low - self._low) / edge - 1e-9), 0)
+        before = np.maximum(np.ceil((self._grid.low - low) / edge - 1e-9), 0)
         top = self._grid.low + self.spacing * np.array(self._grid.size)
-        after = np.maximum(np.ceil((self._high - top) / edge - 1e-9), 0)
-        if not (before.any() or after.any()):
-            return
-        # A quarter more than needed on each side that grows, so that few calls grow.
-        slack = np.ceil(np.array(self._grid.size) / _BLOCK / 4)
-        before = np.where(before > 0, before + slack, 0).astype(int)
-        after = np.where(after > 0, after + slack, 0).astype(int)
-        n = np.array(self._grid.size) + _BLOCK * (before + after)
-        self._grid = VoxelGrid(
-            self._grid.low - before * edge, self.spacing, tuple(int(v) for v in n)
-        )
-        self._reserve(added)
-        self._core.grow(list(self._grid.size), before.tolist())
-        self._dense = None
+        after = np.maximum(np.ceil((high - top) / edge - 1e-9), 0)
+        if before.any() or after.any():
+            # A quarter more than needed on each side that grows, so that few calls grow.
+            slack = np.ceil(np.array(self._grid.size) / _BLOCK / 4)
+            before = np.where(before > 0, before + slack, 0).astype(int)
+            after = np.where(after > 0, after + slack, 0).astype(int)
+            n = np.array(self._grid.size) + _BLOCK * (before + after)
+            grid = VoxelGrid(
+                self._grid.low - before * edge, self.spacing, tuple(int(v) for v in n)
+            )
+            self._reserve(grid, added)
+            self._grid, self._dense = grid, None
+            self._core.grow(list(grid.size), before.tolist())
+        self._low, self._high = low, high
 
-    def _lattice(self, added: _Added) -> tuple[np.ndarray, np.ndarray]:
+    def _lattice(self, grid: VoxelGrid, added: _Added) -> tuple[np.ndarray, np.ndarray]:
         """The frames' box, on voxel faces."""
-        assert self._grid is not None
-        low = np.floor((added.low - self._grid.low) / self.spacing + 1e-9)
-        high = np.floor((added.high - self._grid.low) / self.spacing + 1e-9) + 1
-        return self._grid.low + low * self.spacing, self._grid.low + high * self.spacing
+        low = np.floor((added.low - grid.low) / self.spacing + 1e-9)
+        high = np.floor((added.high - grid.low) / self.spacing + 1e-9) + 1
+        return grid.low + low * self.spacing, grid.low + high * self.spacing
 
-    def _reserve(self, added: _Added) -> None:
-        assert self._grid is not None
-        grid, shape, itemsize = self._grid, self._shape, self._type.itemsize
+    def _reserve(self, grid: VoxelGrid, added: _Added) -> None:
+        if max(grid.size) > MAX_AXIS:
+            raise ValueError(
+                f"poses: expected at most {MAX_AXIS} voxels along an axis, got {max(grid.size)}"
+            )
+        shape, itemsize = self._shape, self._type.itemsize
         poses = grid.poses(added.world_from_image)
         check_memory(
             lambda times: estimate_bytes(

@@ -168,6 +168,34 @@ struct FillBlockRow {
     }
 };
 
+/// A row of blocks where no hole is to be filled: empty rows of voxels, then those that have pixels.
+template <class T>
+struct CopyBlockRow {
+    FillVoxel<T> each;
+    GB_FN void operator()(std::size_t i) const {
+        const Bins<T>& bins = each.filler.bins;
+        const Grid& grid = bins.grid;
+        const int y = int(i % grid.blocks[1]), z = int(i / grid.blocks[1]);
+        for (int k = 4 * z; k < least(4 * z + 4, grid.size[2]); ++k)
+            for (int j = 4 * y; j < least(4 * y + 4, grid.size[1]); ++j) {
+                const std::size_t at = grid.voxel(0, j, k);
+                memset(each.out.values + at, 0, grid.size[0] * sizeof(T));
+                memset(each.out.radius + at, kFar, grid.size[0]);
+            }
+        for (int x = 0; x < grid.blocks[0]; ++x) {
+            const std::size_t block = grid.block(x, y, z);
+            if (!bins.masks[block]) continue;
+            const T* values = bins.values + std::size_t(bins.slots[block]) * kVoxels;
+            for (std::uint64_t mask = bins.masks[block]; mask; mask &= mask - 1) {
+                const int place = trailing_zeros(mask);
+                const std::size_t at = grid.voxel(4 * x + (place & 3), 4 * y + (place >> 2 & 3), 4 * z + (place >> 4));
+                each.out.values[at] = values[place];
+                each.out.radius[at] = 0;
+            }
+        }
+    }
+};
+
 /// Blocks within `span` blocks of one with data, one axis at a time.
 struct SpreadNear {
     Grid grid;

@@ -1,7 +1,8 @@
 """Convert particles, tracked sweeps or volumes to another file format; the names' extensions say
 which.
 
-Meshes, and with --level or --label volumes, become particles."""
+Meshes, and with --level or --label volumes, become particles. A volume as .png is its three-view
+picture."""
 
 from __future__ import annotations
 
@@ -27,6 +28,7 @@ SUMMARY = "from one format to another"
 EXAMPLES = """\
   globule convert splash.npz splash.vtk
   globule convert volume.npz volume.nii.gz
+  globule convert volume.npz three-view.png
   globule convert head.nii.gz head.npz --level 90"""
 
 # Formats that keep some of the fields only; all others keep everything.

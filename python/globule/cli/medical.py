@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..formats.errors import FormatError
+from ..slices import save_three_view
 from ..sweep_io import WRITABLE as SWEEPS
 from ..sweep_io import is_sweep, write_sweep
 from ..sweeps import igs, stack
@@ -83,7 +84,7 @@ def lines(facts: dict[str, Any]) -> list[str]:
 
 def convert(path: str, output: str, kind: str) -> str:
     """Write a sweep or volume in another format of its kind; what was written, in words."""
-    check_output("OUT", output, SWEEPS if kind == "sweep" else WRITABLE_VOLUMES)
+    check_output("OUT", output, SWEEPS if kind == "sweep" else (*WRITABLE_VOLUMES, ".png"))
     if kind == "sweep":
         both = (path.lower(), output.lower())
         if all(name.endswith((".mha", ".nrrd")) for name in both):
@@ -99,7 +100,10 @@ def convert(path: str, output: str, kind: str) -> str:
         raise UserError(f"OUT: expected a name of a volume's format, got {output}")
     volume = read_volume_file(path)
     with mistakes():
-        write_volume(output, volume)
+        if output.lower().endswith(".png"):
+            save_three_view(output, volume)
+            return f"{output}: three planes through the middle, and where values came from"
+        write_volume(output, volume, maps=output.lower().endswith((".npz", ".vti")))
     return f"{output}: {'x'.join(map(str, volume.values.shape[::-1]))} voxels"
 
 

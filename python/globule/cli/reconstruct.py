@@ -34,6 +34,7 @@ from .shared import (
     positive,
     print_json,
     read_sweep_file,
+    say,
     warn,
 )
 
@@ -48,6 +49,7 @@ METHODS = ("pvn-om", "vvn-om", "pvn", "vvn", "bezier")
 COMPARED = ("pvn-om", "vvn-om", "bezier")  # pvn and vvn give the same volumes, slower
 COMPOUNDINGS = ("mean", "maximum", "latest", "first", "median")
 DEFAULT_SIZE = 256
+LARGE = 2048  # MiB that are worth a line before they are taken, also in a pipe
 
 
 def numbers(text: str) -> tuple[float, ...]:
@@ -253,8 +255,15 @@ def _options_of(options: argparse.Namespace) -> dict[str, Any]:
 @contextmanager
 def _stating(progress: Progress) -> Iterator[None]:
     """Show what the library says of the volume, its voxels and memory, before it takes them."""
+
+    def show(record: logging.LogRecord) -> None:
+        if record.args and record.args[-1] >= LARGE:
+            progress.clear()
+            say(f"note: {record.getMessage()}")
+        progress.show(f"reconstructing {record.getMessage()}")
+
     handler = logging.Handler(logging.INFO)
-    handler.emit = lambda record: progress.show(f"reconstructing {record.getMessage()}")
+    handler.emit = show
     log = logging.getLogger("globule")
     level = log.level
     log.addHandler(handler)
