@@ -95,7 +95,8 @@ class Fluid:
     adhesion: float = key(number(least=0.0), 0.0)
     velocity: tuple = key(vector(), (0.0, 0.0, 0.0))  # m/s
     color: tuple = key(color, (0.05, 0.25, 0.5))
-    look: str | None = key(choice("water", "blood", "glass", "tissue", "clay"), None)
+    reflection: float = key(number(0.0, 1.0), 0.0)  # factors of the picture, as of particles
+    refraction: float = key(number(0.0, 1.0), 0.0)
 
     def __post_init__(self) -> None:
         _at_most_one(self, ("box", "sphere", "cylinder", "mesh", "particles"))
@@ -124,7 +125,8 @@ class Solid:
     fixed: list = key(each(Shape), [])
     velocity: tuple = key(vector(), (0.0, 0.0, 0.0))
     color: tuple = key(color, (0.62, 0.38, 0.35))
-    look: str | None = key(choice("tissue", "clay", "glass", "water", "blood"), None)
+    reflection: float = key(number(0.0, 1.0), 0.0)
+    refraction: float = key(number(0.0, 1.0), 0.0)
 
     def __post_init__(self) -> None:
         exactly_one(self, ("box", "sphere", "cylinder", "mesh", "tomography", "particles"))

@@ -183,5 +183,5 @@ def gradient(shape: Any, points: np.ndarray, step: float) -> np.ndarray:
     columns = []
     for axis in np.eye(3) * step:
         with np.errstate(invalid="ignore"):
-            columns.append((shape.distance(points + axis) - shape.distance(points - axis)))
+            columns.append(shape.distance(points + axis) - shape.distance(points - axis))
     return np.stack(columns, axis=1) / (2 * step)

@@ -58,7 +58,7 @@ class ParticleFile:
     move: tuple = key(vector(), (0.0, 0.0, 0.0))
 
     def load(self) -> tuple[np.ndarray, np.ndarray | None, np.ndarray | None]:
-        """Positions (N, 3), metres; velocities (N, 3) and rigidity (N,), where the file has them."""
+        """Positions (N, 3), metres; velocities (N, 3) and rigidity (N,), if the file has them."""
         from ..formats import read
 
         particles = read(self.file)
