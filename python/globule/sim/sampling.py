@@ -17,6 +17,7 @@ from .shapes import Box, Cylinder, Grid, Mesh, Plane, Sphere, gradient
 
 MOST_PARTICLES = 50_000_000
 FACES = ("-x", "+x", "-y", "+y", "-z", "+z")
+ENDS = ("start", "end")
 
 
 def fill(shape: Any, spacing: float) -> np.ndarray:
@@ -55,17 +56,18 @@ def surface(
     """One layer of points (N, 3) along a shape's surface, about `spacing` apart.
 
     The layer is half a spacing inside a solid body, and outside of a hollow one, in which things
-    move. `open_faces` of a box ("+z") have no points; a plane spans the `domain`.
+    move. `open_faces` of a box ("+z") or a cylinder ("end") have no points. A plane spans the
+    `domain`.
     """
     offset = spacing / 2 if hollow else -spacing / 2
     if isinstance(shape, Box):
         return _box_surface(shape, spacing, offset, open_faces)
+    if isinstance(shape, Cylinder):
+        return _cylinder_surface(shape, spacing, offset, open_faces)
     if len(open_faces):
-        raise ValueError("open: expected a box, got another shape")
+        raise ValueError("open: expected a box or cylinder, got another shape")
     if isinstance(shape, Sphere):
         return _sphere_surface(np.asarray(shape.center), shape.radius + offset, spacing)
-    if isinstance(shape, Cylinder):
-        return _cylinder_surface(shape, spacing, offset)
     if isinstance(shape, Plane):
         if domain is None:
             raise ValueError("expected a domain, which a plane spans, got none")
@@ -76,6 +78,7 @@ def surface(
 
 
 def _box_surface(box: Box, d: float, offset: float, open_faces: Any) -> np.ndarray:
+    _check_open(open_faces, FACES)
     lo, hi = np.asarray(box.lo) - offset, np.asarray(box.hi) + offset
     n = np.maximum(2, np.round((hi - lo) / d).astype(int) + 1)
     index = np.indices(n).reshape(3, -1).T
@@ -102,15 +105,26 @@ def _sphere_surface(center: np.ndarray, radius: float, d: float) -> np.ndarray:
     return center + radius * np.stack([flat * np.cos(turn), flat * np.sin(turn), z], axis=1)
 
 
-def _cylinder_surface(cylinder: Cylinder, d: float, offset: float) -> np.ndarray:
+def _check_open(open_faces: Any, known: tuple[str, ...]) -> None:
+    for face in open_faces:
+        if face not in known:
+            raise ValueError(f"open: expected some of {', '.join(known)}, got {face!r}")
+
+
+def _cylinder_surface(cylinder: Cylinder, d: float, offset: float, open_ends: Any) -> np.ndarray:
+    _check_open(open_ends, ENDS)
     axis, length = cylinder.axis()
     radius = max(cylinder.radius + offset, 0.0)
     rows = max(2, round((length + 2 * offset) / d) + 1)
     heights = np.linspace(-offset, length + offset, rows)
+    closed = [name not in open_ends for name in ENDS]
+    caps = heights[[0, -1]][closed]
+    if offset > 0:  # the wall ends with the cylinder where it is open
+        heights = heights[0 if closed[0] else 1 : None if closed[1] else -1]
     rings = [(radius, heights)]
     for r in np.arange(radius - d, 0.25 * d, -d):
-        rings.append((r, heights[[0, -1]]))
-    points = [(np.zeros(2), np.zeros(2), heights[[0, -1]])]
+        rings.append((r, caps))
+    points = [(np.zeros(len(caps)), np.zeros(len(caps)), caps)]
     for r, along in rings:
         n = max(3, round(2 * np.pi * r / d))
         angle, z = np.meshgrid(np.arange(n) / n * 2 * np.pi, along, indexing="ij")
@@ -147,16 +161,17 @@ def _mesh_surface(mesh: Mesh, d: float, offset: float) -> np.ndarray:
     return thinned(points + offset * normals[triangle], 0.8 * d)
 
 
-def _grid_surface(shape: Any, d: float, offset: float) -> np.ndarray:
+def _grid_surface(shape: Grid, d: float, offset: float) -> np.ndarray:
     """The level `offset` of a signed distance: lattice points nearby, moved onto it."""
     lo, hi = shape.bounds()
-    n = np.ceil((hi - lo) / (d / 2)).astype(int) + 1
-    points = lattice(n, (lo + hi) / 2, d / 2)
+    coarse = lattice(np.ceil((hi - lo) / (2 * d)).astype(int) + 1, (lo + hi) / 2, 2 * d)
+    near = coarse[np.abs(shape.distance(coarse) - offset) < 2.5 * d]
+    within = lattice((4, 4, 4), (0, 0, 0), d / 2)
+    points = (near[:, None] + within).reshape(-1, 3)
     points = points[np.abs(shape.distance(points) - offset) < 0.6 * d]
-    edges = [np.linalg.norm(shape.world_from_voxel[:3, :3], axis=0).min()] if isinstance(
-        shape, Grid) else [d]  # fmt: skip
+    step = min(d, np.linalg.norm(shape.world_from_voxel[:3, :3], axis=0).min()) / 2
     for _ in range(4):
-        slope = gradient(shape, points, 0.5 * min(edges[0], d))
+        slope = gradient(shape, points, step)
         squared = np.square(slope).sum(axis=1)
         good = np.isfinite(squared) & (squared > 1e-12)
         points, slope, squared = points[good], slope[good], squared[good]

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from .instruments import Instrument, Key, Motion
+from .sampling import ENDS, FACES
 from .schema import (
     Problem,
     SceneError,
@@ -56,7 +57,7 @@ class Domain:
     lo: tuple = key(vector())
     hi: tuple = key(vector())
     walls: bool = key(switch, False)  # whether its faces are boundaries
-    open: list = key(each(choice("-x", "+x", "-y", "+y", "-z", "+z")), [])
+    open: list = key(each(choice(*FACES)), [])
 
     def __post_init__(self) -> None:
         Box(self.lo, self.hi)
@@ -146,7 +147,7 @@ class Boundary:
     mesh: MeshFile | None = key(MeshFile, None)
     distance: DistanceFile | None = key(DistanceFile, None)
     hollow: bool = key(switch, False)  # whether things move inside it
-    open: list = key(each(choice("-x", "+x", "-y", "+y", "-z", "+z")), [])
+    open: list = key(each(choice(*FACES, *ENDS)), [])
     keys: list = key(each(Key), [])
     shown: bool = key(switch, False)
     color: tuple = key(color, (0.5, 0.5, 0.5))
