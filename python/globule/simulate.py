@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from typing import Any
 
@@ -14,6 +14,9 @@ from .arrays import address
 from .device import choose
 from .particles import Particles, to_host
 from .scene import DEFAULTS, KERNELS, Scene, _count
+from .sim.bodies import bodies
+from .sim.run import Run, description, is_scene
+from .sim.scene_file import read_scene
 
 KINDS = ("fluid", "tissue", "boundary", "rigid")
 MAX_PHASES = 32
@@ -143,22 +146,36 @@ class _SimulationScene(Scene):
         raise TypeError("update: the scene of a simulation follows its particles")
 
 
-class Simulation:
+class Simulation(Run):
     """A simulation of fluids.
 
     Args:
-        scene: a dict with `spacing`, `domain` and what else `Settings` has, `phases` (a list of
+        scene: the name of a scene that ships, the path of a .toml file, or a dict as TOML has it
+            (docs/simulation.md); or a dict with `spacing`, `domain` and what else `Settings` has, `phases` (a list of
             dicts, see `Phase`) and `walls` (True: the domain's box is a boundary); or `Particles`,
             a fluid in its box.
         device: "auto", "cpu", "cuda" or "cuda:N".
         threads: CPU threads; 0 takes all.
+        spacing: of particles, m, instead of a scene file's own.
     """
 
-    def __init__(self, scene: Mapping[str, Any] | Particles, device: str = "auto", threads: int = 0):
-        description = _of_particles(scene) if isinstance(scene, Particles) else dict(scene)
-        phases = [Phase(**p) for p in description.pop("phases", [{"name": "fluid"}])]
-        walls = description.pop("walls", True)
-        self.settings = Settings(**description)
+    def __init__(
+        self,
+        scene: Any,
+        device: str = "auto",
+        threads: int = 0,
+        spacing: float | None = None,
+    ):
+        file = read_scene(scene, spacing) if is_scene(scene) else None
+        found = bodies(file) if file else []
+        if file:
+            facts = description(file, found)
+        else:
+            facts = _of_particles(scene) if isinstance(scene, Particles) else dict(scene)
+        phases = [Phase(**p) for p in facts.pop("phases", [{"name": "fluid"}])]
+        walls = facts.pop("walls", True)
+        self.settings = Settings(**facts)
+        self._begin(file)
         self.phases: dict[str, Phase] = {}
         self._names: list[str] = []
         self._sent: list[dict[str, Any]] = []
@@ -177,6 +194,9 @@ class Simulation:
             self.add(box_walls(lo, hi, d), phase="walls")
         if isinstance(scene, Particles):
             self.add(scene.positions, self._names[0], scene.attributes.get("velocity", 0.0))
+        for body in found:
+            self.add(body.positions, body.name, body.velocities)
+        self._first_state = self.state() if file else None
 
     def add_phase(self, phase: Phase) -> None:
         """One more material."""
@@ -237,17 +257,8 @@ class Simulation:
                 f"particle {id_} ({self._names[phase]}) at ({where}) got a velocity that is not a "
                 f"number in step {step} at {time:g} s"
             )
-        return StepReport(**done)
-
-    def advance(self, seconds: float) -> Iterator[StepReport] | StepReport:
-        """Steps until `seconds` have passed, the last one shortened. Returns the last report."""
-        end = self.time + seconds
-        report = None
-        while (rest := end - self.time) > 1e-9 * max(end, 1e-3):
-            self._send()
-            dt = self._core.next_dt()
-            # Two like steps rather than a whole one and a sliver.
-            report = self.step(rest if rest <= dt else rest / 2 if rest < 2 * dt else dt)
+        report = StepReport(**done)
+        self._note(report)
         return report
 
     @property

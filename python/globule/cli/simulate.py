@@ -138,12 +138,13 @@ class _Job:
 
     def _reach(self, until: float, interrupted: Callable[[], bool]) -> bool:
         """Whole steps up to this time, the last one shortened; False if told to stop."""
-        self.sim.advance(until - self.sim.time, stop=interrupted)
+        self.sim.advance_to(until, stop=interrupted)
         return not interrupted()
 
     def _write(self, k: int) -> None:
         from ..formats import write
 
+        self.sim.measure()
         if not self.options.no_frames:
             with self._timed("frames"):
                 path = os.path.join(self.folder, f"frame_{k:05d}.{self.format}")
@@ -180,7 +181,7 @@ class _Job:
         n_steps = sim.n_steps - self.first_step
         if self.options.json:
             print_json({
-                "scene": self.options.scene, "whole": whole, "device": sim.device.name,
+                "scene": self.options.scene, "whole": whole, "device": sim.scene.device.name,
                 "time": sim.time, "steps": n_steps, "hash": sim.hash(), "counts": sim.counts,
                 "times": {**self.seconds, "total": total}, "stages": sim.seconds,
                 "files": self.files, "checkpoint": self.checkpoint,
@@ -192,7 +193,7 @@ class _Job:
               f"{per_step:.1f} ms, {counts}")  # fmt: skip
         written = {name: s for name, s in self.seconds.items() if s}
         spent = ", ".join(f"{name} {s:.1f} s" for name, s in written.items())
-        print(f"{spent}, {total:.1f} s in all on {sim.device.description}")
+        print(f"{spent}, {total:.1f} s in all on {sim.scene.device.description}")
         if self.files:
             print(f"{count(len(self.files), 'file')}: {self.files[0]} … {self.files[-1]}")
         if not whole:

@@ -122,8 +122,6 @@ class Instrument:
         if self.kind == "scalpel":
             if (self.edge is None) == (self.length is None):
                 raise ValueError("a scalpel: expected edge or length, got both or none")
-            if self.length is not None:
-                self.edge = [(0.0, 0.0, 0.0), (0.0, 0.0, self.length)]
         elif self.radius is None:
             raise ValueError(f"a {self.kind}: expected the key radius, got none")
         try:

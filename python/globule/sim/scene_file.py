@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, is_dataclass, replace
 from pathlib import Path as File
 from typing import Any
 
@@ -333,6 +333,20 @@ def read_scene(scene: Any, spacing: float | None = None) -> SceneFile:
         return found
     except Problem as problem:
         raise SceneError(_located(name, lines, problem.path, problem.message)) from None
+
+
+def as_dict(table: Any) -> Any:
+    """A checked table as TOML had it, for `read_scene` to read again."""
+    if isinstance(table, (list, tuple)):
+        return [as_dict(item) for item in table]
+    if not is_dataclass(table):
+        return table
+    found = {}
+    for field in fields(table):
+        value = getattr(table, field.name)
+        if field.metadata and value is not None:
+            found[field.name] = as_dict(value)
+    return found
 
 
 def _parsed(path: File) -> tuple[dict[str, Any], dict]:

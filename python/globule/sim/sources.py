@@ -133,4 +133,4 @@ def check_files(table: Any, folder: str) -> None:
     path = os.path.join(folder, os.path.expanduser(name))
     if not os.path.exists(path):
         raise Problem(("file",), f"expected a file, got {path}, which is not there")
-    table.file = path
+    table.file = os.path.abspath(path)
