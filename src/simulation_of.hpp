@@ -202,10 +202,10 @@ private:
 
     void densities() {
         const std::size_t padded = ceil_div<std::size_t>(state_.n_rows, 64) * 64;
-        float* v = row_values_.reserve(7 * padded);
-        rows_ = {v, v + padded, v + 2 * padded, v + 3 * padded, v + 4 * padded, v + 5 * padded, v + 6 * padded};
+        float* v = row_values_.reserve(8 * padded);
+        rows_ = {v, v + padded, v + 2 * padded, v + 3 * padded, v + 4 * padded, v + 5 * padded, v + 6 * padded, v + 7 * padded};
         const sim::State s = state_.view();
-        exec_.for_each_packet(state_.n_rows, sim::Densities<Packet>{lists_, s.place, rows_, state_.spline(), state_.volume()});
+        exec_.for_each_packet(state_.n_rows, sim::Densities<Packet>{lists_, s.place, rows_, state_.spline(), state_.volume(), state_.lattice_squares()});
         exec_.reduce_in_order(state_.n_rows, sim::CompressionOf{rows_}, sim::AddCompression{}, sim::Compression{0, 0, 0}, compression_.reserve(1));
     }
 
@@ -247,6 +247,7 @@ private:
     }
 
     void move(float dt) {
+        if (state_.n_rows > 0) exec_.for_each(state_.n_rows, sim::Contact<Packet>{lists_, rows_.boundary, state_.view(), settings_.spacing});
         float* positions = state_.positions();
         exec_.for_each(state_.n, sim::Move{state_.view(), dt, state_.tree().sparse().header, positions, state_.not_a_number()});
     }

@@ -47,6 +47,7 @@ public:
         const sim::LatticeSums sums(spline_, s.spacing);
         volume_ = float(1.0 / sums.all);
         gamma_ = float(sums.plane / sums.all);
+        lattice_squares_ = float(sums.squares);
         // Boundaries stand half a spacing outside of the domain's faces.
         const float out = 2.0f * s.spacing;
         params_ = {32, 10, false, true, {s.lo.x - out, s.lo.y - out, s.lo.z - out}, {s.hi.x + out, s.hi.y + out, s.hi.z + out}};
@@ -57,6 +58,7 @@ public:
     }
     const sim::Spline& spline() const { return spline_; }
     float volume() const { return volume_; }
+    float lattice_squares() const { return lattice_squares_; }
 
     /// place.w of a particle of this phase before its boundary's volumes are known.
     float w_of(int phase) const {
@@ -203,7 +205,7 @@ private:
     Buffer<std::uint32_t, Exec> not_a_number_;
     TreeParams params_;
     sim::Spline spline_{};
-    float volume_ = 0, gamma_ = 0;
+    float volume_ = 0, gamma_ = 0, lattice_squares_ = 0;
     bool volumes_stale_ = false;
 };
 

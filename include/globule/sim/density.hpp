@@ -18,9 +18,13 @@ struct Rows {
     float* inverse_rho;        ///< 0: not in the density solve
     float* alpha;
     float* alpha_divergence;   ///< 0 where there are too few neighbours to tell a divergence
+    float* boundary;           ///< distance of the nearest boundary particle
 };
 
 inline constexpr std::uint32_t kFewNeighbors = 20;
+/// Least share of the lattice's value below |G|^2 / rho + ...: where gradients cancel, as between the
+/// particles of a wall, the step along them must not grow without bounds.
+inline constexpr float kLeastStiffness = 0.2f;
 
 template <class Packet_>
 struct Densities {
@@ -29,19 +33,22 @@ struct Densities {
     Rows out;
     Spline spline;
     float volume;
+    float lattice_squares;   ///< sum of |g h|^2 in the lattice
     template <class Packet>
     GB_FN void run(std::size_t row) const {
         using F = typename Packet::F;
         const Four<F> mine = Packet::gather(place, lists.rows + row);
         const F zero = F(0.0f), h = F(spline.support), own = F(volume);
-        F density = own * spline(zero), gx = zero, gy = zero, gz = zero, squares = zero;
+        F density = own * spline(zero), gx = zero, gy = zero, gz = zero, squares = zero, nearest = h;
         const std::uint32_t n = Packet::longest(lists.count + row);
         std::size_t at = lists.at(row);
         for (std::uint32_t k = 0; k < n; ++k, at += Packet::stride) {
             const Four<F> other = Packet::gather(place, lists.index + at);
             const F dx = mine.x - other.x, dy = mine.y - other.y, dz = mine.z - other.z;
             F w, slope;
-            spline(root(dx * dx + dy * dy + dz * dz), w, slope);
+            const F r = root(dx * dx + dy * dy + dz * dz);
+            spline(r, w, slope);
+            nearest = select(other.w > zero, least(nearest, r), nearest);
             const F v = select(other.w > zero, other.w, own);
             density += v * w;
             const F s = v * slope * h;
@@ -54,7 +61,7 @@ struct Densities {
         const F rho = most(-mine.w, zero);  // its inverse
         const F sum = (gx * gx + gy * gy + gz * gz) * rho + squares;
         const F solved = select(rho > zero, F(1.0f), zero);
-        const F alpha = solved * select(sum > F(1e-6f) * rho, h * h / most(sum, F(1e-20f)), zero);
+        const F alpha = solved * select(sum > zero, h * h / most(sum, F(kLeastStiffness * lattice_squares) * rho), zero);
         const F count = Packet::map([&](int lane) { return float(lists.count[row + lane]); });
         Packet::store(out.density + row, density);
         Packet::store(out.gx + row, gx);
@@ -63,6 +70,7 @@ struct Densities {
         Packet::store(out.inverse_rho + row, rho);
         Packet::store(out.alpha + row, alpha);
         Packet::store(out.alpha_divergence + row, select(count < F(float(kFewNeighbors)), zero, alpha));
+        Packet::store(out.boundary + row, nearest);
     }
 };
 

@@ -30,6 +30,7 @@ struct Spline {
 struct LatticeSums {
     double all = 0.0;    ///< over the cubic lattice
     double plane = 0.0;  ///< over one of its planes
+    double squares = 0.0; ///< of |V grad W| h over the lattice, V = 1 / all
     LatticeSums(const Spline& w, float spacing) {
         const int n = int(w.support / spacing) + 1;
         for (int x = -n; x <= n; ++x)
@@ -37,9 +38,13 @@ struct LatticeSums {
                 for (int z = -n; z <= n; ++z) {
                     const float r = spacing * std::sqrt(float(x * x + y * y + z * z));
                     if (r >= w.support) continue;
-                    all += w(r);
+                    float value, slope;
+                    w(r, value, slope);
+                    all += value;
+                    squares += double(slope * r * w.support) * (slope * r * w.support);
                     if (z == 0) plane += w(r);
                 }
+        squares /= all * all;
     }
 };
 
