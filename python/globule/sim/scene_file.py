@@ -227,7 +227,7 @@ class View:
     up: tuple = key(direction, (0.0, 0.0, 1.0))
     fov: float = key(number(above=0.0, most=170.0), 40.0)
     look: str | None = key(choice("water", "blood", "glass", "tissue", "clay"), None)
-    size: tuple = key(vector(2, least=1), (960.0, 720.0))
+    size: tuple = key(vector(2, least=1), (640.0, 480.0))
 
     def __post_init__(self) -> None:
         if (self.eye is None) != (self.look_at is None):
@@ -313,6 +313,8 @@ def read_scene(scene: Any, spacing: float | None = None) -> SceneFile:
         SceneError: `scene.toml:12: fluids[0].viscosity: expected …, got …`
         OSError: a file that cannot be read.
     """
+    if isinstance(scene, SceneFile):
+        return scene if spacing is None else replace(scene, spacing=spacing)
     name, lines, folder = "", {}, ""
     if not isinstance(scene, dict):
         path = shipped(scene) if scene in SHIPPED else File(scene)
@@ -344,7 +346,7 @@ def as_dict(table: Any) -> Any:
     found = {}
     for field in fields(table):
         value = getattr(table, field.name)
-        if field.metadata and value is not None:
+        if field.metadata and value not in (None, ""):
             found[field.name] = as_dict(value)
     return found
 
