@@ -10,8 +10,8 @@ import numpy as np
 
 from ..particles import Particles
 from . import checkpoint
-from .bodies import Body, bodies
-from .scene_file import SceneFile, as_dict, read_scene
+from .bodies import Body
+from .scene_file import SceneFile, as_dict
 
 
 def is_scene(scene: Any) -> bool:
