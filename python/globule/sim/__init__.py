@@ -1,0 +1,1 @@
+"""Parts of a simulation: what enters and leaves it."""
