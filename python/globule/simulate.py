@@ -169,9 +169,9 @@ class Simulation(Run):
 
     Args:
         scene: the name of a scene that ships, the path of a .toml file, or a dict as TOML has it
-            (docs/simulation.md); or a dict with `spacing`, `domain` and what else `Settings` has, `phases` (a list of
-            dicts, see `Phase`) and `walls` (True: the domain's box is a boundary); or `Particles`,
-            a fluid in its box.
+            (docs/simulation.md); or a dict with `spacing`, `domain` and what else `Settings` has,
+            `phases` (a list of dicts, see `Phase`) and `walls` (True: the domain's box is a
+            boundary); or `Particles`, a fluid in its box.
         device: "auto", "cpu", "cuda" or "cuda:N".
         threads: CPU threads; 0 takes all.
         spacing: of particles, m, instead of a scene file's own.
@@ -216,7 +216,8 @@ class Simulation(Run):
             self.add(scene.positions, self._names[0], scene.attributes.get("velocity", 0.0))
         for body in found:
             self.add(body.positions, body.name, body.velocities)
-        self._first_state = self.state() if file else None
+        if file:
+            self._set_up(file)
 
     def add_phase(self, phase: Phase) -> None:
         """One more material."""
@@ -315,6 +316,7 @@ class Simulation(Run):
         """One step of dt seconds; by default of what the speeds allow."""
         self._send()
         dt = self._core.next_dt() if dt is None else float(dt)
+        self._prepare(dt)
         for emitter in self.emitters.values():
             emitter._emit(self, dt)
         if self._forces is not None:

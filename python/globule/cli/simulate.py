@@ -151,7 +151,7 @@ class _Job:
                 write(path, self.sim.shown_particles)
                 self.files.append(path)
         with self._timed("pictures"):
-            self.files += self.pictures.add(k, self.sim.scene)
+            self.files += self.pictures.add(k, self.sim)
 
     def _save(self) -> None:
         self.sim.save(self.checkpoint)

@@ -58,7 +58,7 @@ def bodies(scene: SceneFile) -> list[Body]:
             name="walls",
             box=Box(scene.domain.lo, scene.domain.hi),
             hollow=True,
-            open=scene.domain.open,
+            open=[*scene.domain.open, *(s + axis for axis in scene.domain.periodic for s in "-+")],
         )
         found += _boundary(scene, walls)
     return found

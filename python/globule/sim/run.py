@@ -11,6 +11,7 @@ import numpy as np
 from ..particles import Particles
 from . import checkpoint
 from .bodies import Body
+from .emitter import Emitter
 from .scene_file import SceneFile, as_dict
 
 
@@ -30,11 +31,13 @@ def description(scene: SceneFile, found: list[Body]) -> dict[str, Any]:
     return {
         "spacing": scene.spacing,
         "domain": (scene.domain.lo, scene.domain.hi),
+        "periodic": ["xyz"[k] in scene.domain.periodic for k in range(3)],
         "gravity": scene.gravity,
         "cfl": solver.cfl,
         "longest_step": solver.max_dt,
         "density_error": solver.max_error,
         "divergence_error": solver.max_error,
+        "weakly_compressible": solver.method == "wcsph",
         "walls": False,  # among the bodies, where a scene has them
         "phases": list(phases.values()),
     }
@@ -67,10 +70,40 @@ class Run:
         self.seconds: dict[str, float] = {}
         self.n_removed = 0
 
+    def _set_up(self, scene: SceneFile) -> None:
+        """What a scene has beside its particles."""
+        for table in scene.rigids:
+            self.make_rigid(table.name, table.density, table.velocity, table.spin)
+        for table in scene.emitters:
+            self.emitters[table.name] = Emitter(
+                table.center, table.direction, table.radius, table.rate, table.fluid
+            )
+        self._prepare(0.0)
+        self._first_state = self.state()
+
+    def _prepare(self, dt: float) -> None:
+        """What a step of dt needs to know of the scene's moving parts."""
+        scene = self.file
+        if scene is None:
+            return
+        time = self.time
+        for table in scene.boundaries:
+            if table.motion is not None:
+                self.move_boundary(table.name, table.motion.pose(time + dt))
+        for table in scene.emitters:
+            ended = table.end is not None and time >= table.end
+            self.emitters[table.name].on = table.start <= time and not ended
+        sinks = [table.region for table in scene.sinks]
+        for table in scene.instruments:
+            if table.kind == "suction" and table.motion.on(time):
+                sinks.append((table.motion.pose(time + dt)[:3, 3], table.radius))
+        self.set_sinks(sinks)
+
     def _note(self, report: Any) -> None:
         """One step more in the record."""
         for stage, seconds in report.seconds.items():
             self.seconds[stage] = self.seconds.get(stage, 0.0) + seconds
+        self.n_removed += report.n_removed
         self.diagnostics.append({
             "time": report.time, "step": report.step, "dt": report.dt,
             "iterations": report.iterations,
@@ -83,22 +116,14 @@ class Run:
     def measure(self) -> dict[str, float]:
         """Energies (J), momentum (kg m/s) and counts of what moves, now; also added to the last row
         of the diagnostics."""
-        kinds = np.array([phase.kind for phase in self.phases.values()])
-        densities = np.array([phase.density for phase in self.phases.values()])
-        phase = self.phase
-        moves = np.isin(kinds, ("fluid", "tissue", "rigid"))[phase]
-        mass = densities[phase[moves]] * self.settings.spacing**3
-        x = self.positions[moves].astype(np.float64)
-        v = self.velocities[moves].astype(np.float64)
-        inside = np.isfinite(x).all(axis=1)
-        mass, x, v = mass[inside], x[inside], v[inside]
-        momentum = mass @ v
+        totals = self.totals()
+        momentum = totals["momentum"]
         found = {
-            "kinetic": float(0.5 * mass @ np.square(v).sum(axis=1)),
-            "potential": float(-mass @ (x @ np.asarray(self.settings.gravity, float))),
-            "momentum_x": float(momentum[0]),
-            "momentum_y": float(momentum[1]),
-            "momentum_z": float(momentum[2]),
+            "kinetic": totals["kinetic"],
+            "potential": totals["potential"],
+            "momentum_x": momentum[0],
+            "momentum_y": momentum[1],
+            "momentum_z": momentum[2],
             **{f"n_{kind}": n for kind, n in self.counts.items() if kind != "escaped"},
         }
         if self.diagnostics:
@@ -130,6 +155,9 @@ class Run:
             "diagnostics": self.diagnostics,
             "seconds": self.seconds,
             "n_removed": self.n_removed,
+            "emitters": {
+                name: [e.rate, e.on, e.emitted, e._volume] for name, e in self.emitters.items()
+            },
         }
         checkpoint.save(name, self.state(), facts)
 
@@ -144,12 +172,19 @@ class Run:
         sim.set_state(arrays)
         sim.diagnostics, sim.seconds = facts["diagnostics"], facts["seconds"]
         sim.n_removed = facts["n_removed"]
+        for name, values in facts["emitters"].items():
+            emitter = sim.emitters[name]
+            emitter.rate, emitter.on, emitter.emitted, emitter._volume = values
         return sim
 
     def reset(self) -> None:
         """Back to the start."""
+        if self.file is None:
+            raise ValueError("reset: expected a simulation of a scene, got another")
         self.set_state(self._first_state)
         self._begin(self.file)
+        for emitter in self.emitters.values():
+            emitter.emitted, emitter._volume = 0, 0.0
 
     def advance(self, seconds: float, stop: Callable[[], bool] | None = None) -> Any:
         """Whole steps until `seconds` have passed, the last two alike rather than one a sliver.

@@ -58,6 +58,7 @@ class Domain:
     hi: tuple = key(vector())
     walls: bool = key(switch, False)  # whether its faces are boundaries
     open: list = key(each(choice(*FACES)), [])
+    periodic: list = key(each(choice("x", "y", "z")), [])  # axes without end: out here, in there
 
     def __post_init__(self) -> None:
         Box(self.lo, self.hi)
@@ -199,10 +200,16 @@ class Sink:
     name: str = key(text)
     box: Box | None = key(Box, None)
     sphere: Sphere | None = key(Sphere, None)
-    cylinder: Cylinder | None = key(Cylinder, None)
 
     def __post_init__(self) -> None:
-        exactly_one(self, ("box", "sphere", "cylinder"))
+        exactly_one(self, ("box", "sphere"))
+
+    @property
+    def region(self) -> tuple:
+        """Corners of the box, or centre and radius of the ball."""
+        if self.box:
+            return self.box.lo, self.box.hi
+        return self.sphere.center, self.sphere.radius
 
 
 @dataclass(kw_only=True)
@@ -227,6 +234,7 @@ class View:
     up: tuple = key(direction, (0.0, 0.0, 1.0))
     fov: float = key(number(above=0.0, most=170.0), 40.0)
     look: str | None = key(choice("water", "blood", "glass", "tissue", "clay"), None)
+    speeds: tuple | None = key(vector(2, least=0), None)  # m/s at the ends of a colour map
     size: tuple = key(vector(2, least=1), (640.0, 480.0))
 
     def __post_init__(self) -> None:
