@@ -33,7 +33,7 @@ def strip(name: str) -> None:
         rows = [np.hstack(shown[:3]), np.hstack(shown[3:])]
         Image.fromarray(np.vstack(rows)).save(whole)
         TARGET.mkdir(parents=True, exist_ok=True)
-        pack(whole, TARGET / f"{name}.png")
+        pack(whole, TARGET / f"{name}.png", 150_000)
 
 
 if __name__ == "__main__":
