@@ -15,6 +15,7 @@
 #include "globule/trace/thesis/request.hpp"
 #include "globule/trace/wave.hpp"
 #include "reconstructor.hpp"
+#include "tissue.hpp"
 
 namespace globule {
 
@@ -118,6 +119,7 @@ struct BackendApi {
     /// One line naming the device, or why it cannot be used (then ok is false).
     std::string (*describe)(int device_index, bool& ok);
     std::unique_ptr<Reconstructor> (*make_reconstructor)(int device_index, int threads, Poll poll);
+    std::unique_ptr<Tissue> (*make_tissue)(int device_index, int threads, Poll poll);
 };
 
 }  // namespace globule

@@ -2,6 +2,7 @@
 #include "globule/exec/cuda.hpp"
 #include "scene.hpp"
 #include "sweep.hpp"
+#include "tissue_factory.hpp"
 
 namespace {
 
@@ -37,4 +38,4 @@ std::string describe(int index, bool& ok) {
 }  // namespace
 
 extern "C" __attribute__((visibility("default"))) const globule::BackendApi globule_backend{
-    make_scene, describe, globule::make_reconstructor};
+    make_scene, describe, globule::make_reconstructor, globule::make_tissue};

@@ -1,0 +1,62 @@
+// What a compiled backend offers for tissue by itself: bonds, the knife, pieces; src/simulation.hpp joins
+// it with fluids.
+#pragma once
+#include <cstdint>
+#include <vector>
+
+#include "globule/sim/blade.hpp"
+#include "globule/sim/bonds.hpp"
+
+namespace globule {
+
+/// Arrays in host memory, in the tissue's own order: particles that are close stand close.
+struct TissueArrays {
+    std::uint32_t n = 0;
+    const std::uint32_t* ids;            ///< (n,)
+    const float* positions;              ///< (n, 3)
+    const float* inverse_mass;           ///< (n,) 1/kg; 0 for what never moves by itself
+    const float* bound;                  ///< (n,) largest eigenvalue of Σ n nᵀ over its bonds, with a margin
+    const std::uint8_t* hold;            ///< (n,) tissue::kFree ...
+    const std::uint8_t* phase;           ///< (n,)
+    const std::uint64_t* offsets;        ///< (n + 1,) bonds of each particle; every bond stands at both ends
+    const std::uint32_t* other;
+    const float* length;                 ///< m
+    const float* stiffness;              ///< N/m
+    const std::uint8_t* vessel;          ///< null: none
+    float contact;                       ///< m, distance that cut faces keep: the spacing
+};
+
+struct TissueStep {
+    float dt;
+    int substeps;                        ///< 0: as many as the stiffest bond asks for
+    int iterations = 1;
+    float3 gravity;
+    tissue::Motions motions;
+    tissue::Shapes shapes;
+};
+
+/// A blade's triangles, world coordinates.
+struct BladeSweep {
+    const double* vertices;              ///< (n_vertices, 3)
+    std::uint32_t n_vertices, n_moving;  ///< the first n_moving are seen from where bonds were at `follow`
+    const std::uint32_t* triangles;      ///< (n_triangles, 3)
+    std::uint32_t n_triangles;
+};
+
+struct Tissue {
+    virtual ~Tissue() = default;
+    virtual void build(const TissueArrays& arrays) = 0;
+    virtual void set_materials(const tissue::Materials& materials) = 0;
+    virtual int advance(const TissueStep& step) = 0;         ///< substeps done
+    virtual std::uint32_t tear(float dt) = 0;                ///< bonds torn
+    virtual void follow() = 0;                               ///< remembers positions for the next relative sweep
+    virtual std::uint32_t cut(const BladeSweep& sweep) = 0;  ///< bonds cut
+    virtual std::uint32_t pieces() = 0;
+    virtual void grasp(const float3& center, float radius, int number) = 0;
+    virtual std::uint32_t remove(const tissue::Shape& region) = 0;
+    virtual std::uint32_t n_bonds() = 0;                     ///< whole ones
+    virtual void get(float* positions, float* velocities, std::uint32_t* piece, std::uint8_t* hold) = 0;  ///< any may be null
+    virtual void set(const float* positions, const float* velocities) = 0;
+};
+
+}  // namespace globule
