@@ -6,6 +6,7 @@
 #include <algorithm>
 
 #include "dispatch.hpp"
+#include "tissue.hpp"
 
 namespace nb = nanobind;
 using namespace globule;
@@ -105,6 +106,7 @@ void bind_tissue(nb::module_& m) {
         .def("get", [](PyTissue& s, Address positions, Address velocities, Address piece, Address hold) {
             work([&] { s.core->get(at<float>(positions), at<float>(velocities), at<std::uint32_t>(piece), at<std::uint8_t>(hold)); });
         })
+        .def("accelerate", [](PyTissue& s, Address a) { work([&] { s.core->accelerate(at<const float>(a)); }); })
         .def("set", [](PyTissue& s, Address positions, Address velocities) {
             work([&] { s.core->set(at<const float>(positions), at<const float>(velocities)); });
         });

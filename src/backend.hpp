@@ -15,7 +15,6 @@
 #include "globule/trace/thesis/request.hpp"
 #include "globule/trace/wave.hpp"
 #include "reconstructor.hpp"
-#include "tissue.hpp"
 
 namespace globule {
 
@@ -67,6 +66,7 @@ struct Frame {
 };
 
 struct Scene;
+struct Tissue;
 
 /// One scene of a picture.
 struct LayerRequest {

@@ -2,7 +2,6 @@
 #include "globule/exec/cpu.hpp"
 #include "scene.hpp"
 #include "sweep.hpp"
-#include "tissue_factory.hpp"
 
 namespace {
 

@@ -2,7 +2,6 @@
 #include "globule/exec/cuda.hpp"
 #include "scene.hpp"
 #include "sweep.hpp"
-#include "tissue_factory.hpp"
 
 namespace {
 

@@ -1,6 +1,6 @@
 // Tissue on CUDA: the same kernels.
 #include "globule/exec/cuda.hpp"
-#include "tissue_factory.hpp"
+#include "sweep.hpp"
 #include "tissue_of.hpp"
 
 std::unique_ptr<globule::Tissue> globule::make_tissue(int device_index, int, Poll) {

@@ -57,6 +57,8 @@ struct Tissue {
     virtual std::uint32_t n_bonds() = 0;                     ///< whole ones
     virtual void get(float* positions, float* velocities, std::uint32_t* piece, std::uint8_t* hold) = 0;  ///< any may be null
     virtual void set(const float* positions, const float* velocities) = 0;
+    /// (n, 3) m/s², beside gravity, until others are set; null: none.
+    virtual void accelerate(const float* accelerations) = 0;
 };
 
 }  // namespace globule

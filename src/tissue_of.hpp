@@ -16,7 +16,7 @@ template <class Exec>
 class TissueOf {
 public:
     explicit TissueOf(Exec& exec)
-        : exec_(exec), at_(exec), next_(exec), velocity_(exec), acceleration_(exec), before_(exec), id_(exec), hold_(exec),
+        : exec_(exec), at_(exec), next_(exec), velocity_(exec), acceleration_(exec), pull_(exec), before_(exec), id_(exec), hold_(exec),
           phase_(exec), first_(exec), other_(exec), length_(exec), stiffness_(exec), vessel_(exec), lambda_(exec), label_(exec),
           least_id_(exec), piece_(exec), count_(exec), vertices_(exec), triangles_(exec) {}
 
@@ -41,7 +41,7 @@ public:
         before_.reserve(n_);
         exec_.clear(before_.data(), n_ * sizeof(float3));
         build_bonds(in, at);
-        pieces_known_ = follows_ = false;
+        pieces_known_ = follows_ = pulled_ = false;
         exec_.synchronize();  // the vectors end here
     }
 
@@ -53,7 +53,7 @@ public:
     /// Moves the tissue by its own forces.
     int advance(const TissueStep& step) {
         if (n_ == 0) return 0;
-        exec_.for_each(n_, tissue::Accelerate{acceleration_.data(), step.gravity});
+        exec_.for_each(n_, tissue::Accelerate{acceleration_.data(), pulled_ ? pull_.data() : nullptr, step.gravity});
         return substeps(step);
     }
 
@@ -123,6 +123,11 @@ public:
             exec_.download(piece, piece_.data(), n_ * sizeof *piece);
         }
         if (hold) exec_.download(hold, hold_.data(), n_);
+    }
+    void accelerate(const float* accelerations) {
+        pulled_ = accelerations != nullptr;
+        if (pulled_) put(pull_, reinterpret_cast<const float3*>(accelerations), n_);
+        exec_.synchronize();
     }
     void set(const float* positions, const float* velocities) {
         put_in(at_, positions);
@@ -257,10 +262,10 @@ private:
     std::uint32_t n_ = 0, n_entries_ = 0, n_pieces_ = 0;
     float contact_ = 0.0f;
     double fastest_ = 0.0;  ///< 1/s: the number of substeps a second
-    bool has_vessels_ = false, pieces_known_ = false, follows_ = false;
+    bool has_vessels_ = false, pieces_known_ = false, follows_ = false, pulled_ = false;
     tissue::Materials materials_;
     Buffer<tissue::Packed, Exec> at_, next_, velocity_;
-    Buffer<float3, Exec> acceleration_, before_;
+    Buffer<float3, Exec> acceleration_, pull_, before_;
     Buffer<std::uint32_t, Exec> id_;
     Buffer<std::uint8_t, Exec> hold_, phase_;
     Buffer<std::uint32_t, Exec> first_, other_;
@@ -292,6 +297,7 @@ public:
         tissue_.get(positions, velocities, piece, hold);
     }
     void set(const float* positions, const float* velocities) override { tissue_.set(positions, velocities); }
+    void accelerate(const float* accelerations) override { tissue_.accelerate(accelerations); }
 
 private:
     Exec exec_;

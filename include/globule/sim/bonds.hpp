@@ -145,8 +145,9 @@ struct Predict {
 
 struct Accelerate {
     float3* acceleration;
+    const float3* pull;  ///< beside gravity, or null
     float3 gravity;
-    GB_FN void operator()(std::size_t t) const { acceleration[t] = gravity; }
+    GB_FN void operator()(std::size_t t) const { acceleration[t] = pull ? gravity + pull[t] : gravity; }
 };
 struct Remember {
     const Packed* at;

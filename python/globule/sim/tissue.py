@@ -285,6 +285,10 @@ class Tissue:
     def velocities(self, value: Any) -> None:
         self._core.set(0, address(self._arranged(value)))
 
+    def accelerate(self, accelerations: Any) -> None:
+        """Accelerations (N, 3) or (3,) m/s² beside gravity, from now on."""
+        self._core.accelerate(address(self._arranged(accelerations)))
+
     @property
     def piece(self) -> np.ndarray:
         """(N,) uint32: the least particle of the piece that each belongs to."""
