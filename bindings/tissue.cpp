@@ -1,12 +1,12 @@
-// Tissue by itself: addresses in, addresses out, as in core.cpp.
-#include <nanobind/nanobind.h>
+// Tissue, by itself or of a simulation: addresses in, addresses out, as in core.cpp.
+#include "tissue_handle.hpp"
+
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/vector.h>
 
 #include <algorithm>
 
 #include "dispatch.hpp"
-#include "tissue.hpp"
 
 namespace nb = nanobind;
 using namespace globule;
@@ -37,18 +37,16 @@ tissue::Shape shape(nb::handle h) {
     return {tissue::Shape::Kind(nb::cast<int>(h[0])), vec(h[1]), vec(h[2]), nb::cast<float>(h[3]), vec(h[4])};
 }
 
-struct PyTissue {
-    std::unique_ptr<Tissue> core;
-};
-
 }  // namespace
 
 void bind_tissue(nb::module_& m) {
     nb::class_<PyTissue>(m, "Tissue")
         .def("__init__", [](PyTissue* self, const std::string& backend, int index, int threads) {
-            new (self) PyTissue{open_backend(backend).make_tissue(index, threads, poll_signals)};
+            auto own = open_backend(backend).make_tissue(index, threads, poll_signals);
+            Tissue* core = own.get();
+            new (self) PyTissue{std::move(own), core};
         })
-        .def("build", [](PyTissue& s, const nb::dict& d) {
+        .def("add", [](PyTissue& s, const nb::dict& d) {
             TissueArrays a{};
             a.n = item<std::uint32_t>(d, "n");
             a.ids = at<const std::uint32_t>(item<Address>(d, "ids"));
@@ -63,7 +61,7 @@ void bind_tissue(nb::module_& m) {
             a.stiffness = at<const float>(item<Address>(d, "stiffness"));
             a.vessel = at<const std::uint8_t>(item<Address>(d, "vessel"));
             a.contact = item<float>(d, "contact");
-            work([&] { s.core->build(a); });
+            work([&] { s.core->add(a); });
         })
         .def("materials", [](PyTissue& s, std::vector<float> damping, std::vector<float> tear, std::vector<float> yield,
                              std::vector<float> creep) {
@@ -77,15 +75,20 @@ void bind_tissue(nb::module_& m) {
             copy(creep, m.creep_rate);
             s.core->set_materials(m);
         })
-        .def("advance", [](PyTissue& s, float dt, int substeps, int iterations, nb::handle gravity, nb::list motions, nb::list shapes) {
-            TissueStep step{dt, substeps, iterations, vec(gravity), {}, {}};
+        .def("instruments", [](PyTissue& s, nb::list motions, nb::list shapes) {
+            tissue::Motions all;
             for (std::size_t g = 0; g < std::min<std::size_t>(nb::len(motions), tissue::kMaxGrasps); ++g) {
-                step.motions.velocity[g] = vec(motions[g][0]);
-                step.motions.spin[g] = vec(motions[g][1]);
-                step.motions.center[g] = vec(motions[g][2]);
+                all.velocity[g] = vec(motions[g][0]);
+                all.spin[g] = vec(motions[g][1]);
+                all.center[g] = vec(motions[g][2]);
             }
+            tissue::Shapes solid;
             for (nb::handle h : shapes)
-                if (step.shapes.n < tissue::kMaxShapes) step.shapes.shape[step.shapes.n++] = shape(h);
+                if (solid.n < tissue::kMaxShapes) solid.shape[solid.n++] = shape(h);
+            s.core->set_instruments(all, solid);
+        })
+        .def("advance", [](PyTissue& s, float dt, int substeps, int iterations, nb::handle gravity) {
+            const TissueStep step{dt, substeps, iterations, vec(gravity)};
             return work([&] { return s.core->advance(step); });
         })
         .def("tear", [](PyTissue& s, float dt) { return work([&] { return s.core->tear(dt); }); })
@@ -102,12 +105,34 @@ void bind_tissue(nb::module_& m) {
             const tissue::Shape r = shape(region);
             return work([&] { return s.core->remove(r); });
         })
+        .def("n", [](PyTissue& s) { return s.core->n(); })
         .def("n_bonds", [](PyTissue& s) { return work([&] { return s.core->n_bonds(); }); })
-        .def("get", [](PyTissue& s, Address positions, Address velocities, Address piece, Address hold) {
-            work([&] { s.core->get(at<float>(positions), at<float>(velocities), at<std::uint32_t>(piece), at<std::uint8_t>(hold)); });
+        .def("substeps", [](PyTissue& s, float dt) { return s.core->substeps(dt); })
+        .def("get", [](PyTissue& s, Address positions, Address velocities, Address piece, Address hold, Address ids) {
+            work([&] {
+                s.core->get(at<float>(positions), at<float>(velocities), at<std::uint32_t>(piece), at<std::uint8_t>(hold), at<std::uint32_t>(ids));
+            });
         })
         .def("accelerate", [](PyTissue& s, Address a) { work([&] { s.core->accelerate(at<const float>(a)); }); })
         .def("set", [](PyTissue& s, Address positions, Address velocities) {
             work([&] { s.core->set(at<const float>(positions), at<const float>(velocities)); });
+        })
+        .def("set_vessel", [](PyTissue& s, std::size_t number, float speed, double pool, int phase) {
+            if (number > s.core->vessels().size()) s.core->vessels().resize(number);
+            s.core->vessels().at(number - 1) = {speed, pool, phase};
+        })
+        .def("pools", [](PyTissue& s) {
+            std::vector<double> all;
+            for (const BloodVessel& v : s.core->vessels()) all.push_back(v.pool);
+            return all;
+        })
+        .def("arrays", [](PyTissue& s) {
+            nb::dict all;
+            for (const auto& [name, bytes] : s.core->arrays()) all[name.c_str()] = bytes;
+            return all;
+        })
+        .def("read", [](PyTissue& s, const std::string& name, Address out) { work([&] { s.core->read(name, at<void>(out)); }); })
+        .def("write", [](PyTissue& s, const std::string& name, Address in, std::size_t bytes) {
+            work([&] { s.core->write(name, at<const void>(in), bytes); });
         });
 }

@@ -1,7 +1,9 @@
-// What a compiled backend offers for tissue by itself: bonds, the knife, pieces; src/simulation.hpp joins
-// it with fluids.
+// What a compiled backend offers for tissue: bonds, the knife, pieces, vessels.  It runs by itself, or
+// as a part of a simulation (simulation_of.hpp).
 #pragma once
 #include <cstdint>
+#include <string>
+#include <utility>
 #include <vector>
 
 #include "globule/sim/blade.hpp"
@@ -9,7 +11,7 @@
 
 namespace globule {
 
-/// Arrays in host memory, in the tissue's own order: particles that are close stand close.
+/// A body's arrays in host memory, in the tissue's own order: particles that are close stand close.
 struct TissueArrays {
     std::uint32_t n = 0;
     const std::uint32_t* ids;            ///< (n,)
@@ -22,7 +24,7 @@ struct TissueArrays {
     const std::uint32_t* other;
     const float* length;                 ///< m
     const float* stiffness;              ///< N/m
-    const std::uint8_t* vessel;          ///< null: none
+    const std::uint8_t* vessel;          ///< number of each bond's vessel, 0: none
     float contact;                       ///< m, distance that cut faces keep: the spacing
 };
 
@@ -31,8 +33,6 @@ struct TissueStep {
     int substeps;                        ///< 0: as many as the stiffest bond asks for
     int iterations = 1;
     float3 gravity;
-    tissue::Motions motions;
-    tissue::Shapes shapes;
 };
 
 /// A blade's triangles, world coordinates.
@@ -43,10 +43,19 @@ struct BladeSweep {
     std::uint32_t n_triangles;
 };
 
+/// What bleeds: its numbers count from 1.
+struct BloodVessel {
+    float speed;                         ///< m/s of blood at a cut end
+    double pool;                         ///< m³ that is left
+    int phase;                           ///< of the blood
+};
+
 struct Tissue {
     virtual ~Tissue() = default;
-    virtual void build(const TissueArrays& arrays) = 0;
+    /// One more body; bonds' numbers count from its own first particle.
+    virtual void add(const TissueArrays& body) = 0;
     virtual void set_materials(const tissue::Materials& materials) = 0;
+    virtual void set_instruments(const tissue::Motions& motions, const tissue::Shapes& shapes) = 0;
     virtual int advance(const TissueStep& step) = 0;         ///< substeps done
     virtual std::uint32_t tear(float dt) = 0;                ///< bonds torn
     virtual void follow() = 0;                               ///< remembers positions for the next relative sweep
@@ -54,11 +63,18 @@ struct Tissue {
     virtual std::uint32_t pieces() = 0;
     virtual void grasp(const float3& center, float radius, int number) = 0;
     virtual std::uint32_t remove(const tissue::Shape& region) = 0;
+    virtual std::uint32_t n() = 0;                           ///< with the places that are nobody's
     virtual std::uint32_t n_bonds() = 0;                     ///< whole ones
-    virtual void get(float* positions, float* velocities, std::uint32_t* piece, std::uint8_t* hold) = 0;  ///< any may be null
+    virtual int substeps(float dt) = 0;                      ///< that keep the static stiffness exact
+    virtual void get(float* positions, float* velocities, std::uint32_t* piece, std::uint8_t* hold, std::uint32_t* ids) = 0;  ///< any may be null
     virtual void set(const float* positions, const float* velocities) = 0;
     /// (n, 3) m/s², beside gravity, until others are set; null: none.
     virtual void accelerate(const float* accelerations) = 0;
+    virtual std::vector<BloodVessel>& vessels() = 0;
+    /// All that a checkpoint needs: arrays by name, with their bytes.
+    virtual std::vector<std::pair<std::string, std::size_t>> arrays() = 0;
+    virtual void read(const std::string& name, void* out) = 0;
+    virtual void write(const std::string& name, const void* in, std::size_t bytes) = 0;
 };
 
 }  // namespace globule

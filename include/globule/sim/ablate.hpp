@@ -6,7 +6,7 @@
 namespace globule::tissue {
 
 struct TakeAway {
-    const Packed* at;
+    const Quad* at;
     std::uint8_t* hold;
     Shape region;
     std::uint32_t* n_removed;

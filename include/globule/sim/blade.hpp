@@ -97,7 +97,7 @@ struct Sweep {
 /// Cuts the bonds that the sweep crosses.  A bond belongs to its lesser end.
 struct Cut {
     Bonds bonds;
-    const Packed* at;
+    const Quad* at;
     const float3* before;  ///< where particles were at the blade's last pose; null: where they are
     Sweep sweep;
     std::uint32_t* n_cut;

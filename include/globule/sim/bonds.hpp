@@ -1,7 +1,7 @@
 // Elastic bonds that break: one pass of XPBD (Macklin 2016) per small substep (Macklin 2019), all
 // bonds at once.  docs/design/tissue.md derives what is stated here.
 #pragma once
-#include "globule/base/vec.hpp"
+#include "globule/base/quad.hpp"
 #include "globule/exec/bits.hpp"
 #include "globule/sim/contact.hpp"
 #include "globule/sim/grasp.hpp"
@@ -10,12 +10,6 @@ namespace globule::tissue {
 
 inline constexpr int kMaxPhases = 32;
 inline constexpr int kBlock = 32;  ///< particles whose bonds lie interleaved
-
-/// One aligned load.
-struct alignas(16) Packed {
-    float x, y, z, w;
-    GB_FN float3 xyz() const { return {x, y, z}; }
-};
 
 /// Every bond is entered at both of its ends, so that each particle sums up its own bonds in one fixed
 /// order and nobody writes to another's.  Entry k of particle t lies in its block's row k: neighbouring
@@ -26,7 +20,8 @@ struct Bonds {
     const std::uint32_t* other = nullptr;    ///< particle at the other end
     float* length = nullptr;                 ///< at rest; negative: cut, only a contact; 0: no bond
     const float* stiffness = nullptr;        ///< 1 / compliance, N/m
-    const std::uint8_t* vessel = nullptr;    ///< number of the vessel, 0: none; null where there is none at all
+    const std::uint8_t* vessel = nullptr;    ///< number of the vessel, 0: none
+    std::uint8_t* scarred = nullptr;         ///< per particle: whether any of its bonds was cut
 
     GB_FN std::uint32_t begin(std::uint32_t t) const { return first[t / kBlock] + t % kBlock; }
     GB_FN std::uint32_t end(std::uint32_t t) const { return first[t / kBlock + 1]; }
@@ -40,6 +35,7 @@ struct Bonds {
     GB_FN void set_length(std::uint32_t t, std::uint32_t e, float value) const {
         length[e] = value;
         length[twin(t, other[e])] = value;
+        if (value < 0.0f) scarred[t] = scarred[other[e]] = 1;
     }
 };
 
@@ -60,9 +56,9 @@ struct Materials {
 /// Later iterations, Δλ = -(C + α̃λ) / (α̃ + κ), lead to the implicit solution.
 struct Relax {
     Bonds bonds;
-    const Packed* at;       ///< predicted position, p
-    Packed* next;
-    Packed* velocity;       ///< velocity, inverse mass
+    const Quad* at;       ///< predicted position, p
+    Quad* next;
+    Quad* velocity;       ///< velocity, inverse mass
     const float3* acceleration;
     const std::uint8_t* hold;
     const std::uint8_t* phase;
@@ -76,11 +72,11 @@ struct Relax {
 
     GB_FN void operator()(std::size_t i) const {
         const std::uint32_t t = std::uint32_t(i);
-        const Packed here = at[t];
-        Packed v = velocity[t];
+        const Quad here = at[t];
+        Quad v = velocity[t];
         float3 x = here.xyz();
         if (hold[t] != kFree) {
-            const float3 u = motions.velocity_at(hold[t], x);
+            const float3 u = motions.velocity_at(hold[t], x, v.xyz());
             if (is_last && predicts) x = x + u * dt;
             velocity[t] = {u.x, u.y, u.z, v.w};
             next[t] = {x.x, x.y, x.z, here.w};
@@ -102,12 +98,12 @@ struct Relax {
     }
 
     /// Σ n λ over the particle's bonds.
-    GB_FN float3 pushes(std::uint32_t t, const Packed& here) const {
+    GB_FN float3 pushes(std::uint32_t t, const Quad& here) const {
         float3 sum{0, 0, 0};
         for (std::uint32_t e = bonds.begin(t), end = bonds.end(t); e < end; e += kBlock) {
             const float l = bonds.length[e];
             if (l == 0.0f) continue;
-            const Packed there = at[bonds.other[e]];
+            const Quad there = at[bonds.other[e]];
             const float3 r = here.xyz() - there.xyz();
             const float distance = length(r);
             const float stretch = l > 0.0f ? distance - l : least(distance - contact, 0.0f);
@@ -128,15 +124,15 @@ struct Relax {
 
 /// Velocities take up the acceleration, positions move on: where the first substep looks at the bonds.
 struct Predict {
-    Packed* at;
-    Packed* velocity;
+    Quad* at;
+    Quad* velocity;
     const float3* acceleration;
     const std::uint8_t* hold;
     Motions motions;
     float dt;
     GB_FN void operator()(std::size_t t) const {
-        const Packed x = at[t], v = velocity[t];
-        const float3 u = hold[t] == kFree ? v.xyz() + acceleration[t] * dt : motions.velocity_at(hold[t], x.xyz());
+        const Quad x = at[t], v = velocity[t];
+        const float3 u = hold[t] == kFree ? v.xyz() + acceleration[t] * dt : motions.velocity_at(hold[t], x.xyz(), v.xyz());
         const float3 y = x.xyz() + u * dt;
         velocity[t] = {u.x, u.y, u.z, v.w};
         at[t] = {y.x, y.y, y.z, x.w};
@@ -150,20 +146,20 @@ struct Accelerate {
     GB_FN void operator()(std::size_t t) const { acceleration[t] = pull ? gravity + pull[t] : gravity; }
 };
 struct Remember {
-    const Packed* at;
+    const Quad* at;
     float3* before;
     GB_FN void operator()(std::size_t t) const { before[t] = at[t].xyz(); }
 };
-struct CopyPacked {
-    const Packed* from;
-    Packed* to;
+struct CopyAll {
+    const Quad* from;
+    Quad* to;
     GB_FN void operator()(std::size_t t) const { to[t] = from[t]; }
 };
 
 /// Once a step: overstretched bonds break, strained ones creep.  A bond is judged at its lesser end.
 struct TearAndCreep {
     Bonds bonds;
-    const Packed* at;
+    const Quad* at;
     const std::uint8_t* phase;
     Materials materials;
     float dt;

@@ -4,15 +4,16 @@
 
 namespace globule::tissue {
 
-/// How a particle is held: free, fixed in space, gone, or by grasp number value - kGrasped.
+/// How a particle is held: free, fixed (keeping whatever velocity it has: mostly 0), gone, or by grasp
+/// number value - kGrasped.
 inline constexpr std::uint8_t kFree = 0, kFixed = 1, kGone = 2, kGrasped = 3;
 inline constexpr int kMaxGrasps = 8;
 
 /// Rigid motions of the grasps during a step: velocity + spin × (x - center).
 struct Motions {
     float3 velocity[kMaxGrasps] = {}, spin[kMaxGrasps] = {}, center[kMaxGrasps] = {};
-    GB_FN float3 velocity_at(std::uint8_t hold, const float3& x) const {
-        if (hold < kGrasped) return {0, 0, 0};
+    GB_FN float3 velocity_at(std::uint8_t hold, const float3& x, const float3& own) const {
+        if (hold < kGrasped) return own;
         const int g = hold - kGrasped;
         return velocity[g] + cross(spin[g], x - center[g]);
     }
