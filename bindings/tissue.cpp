@@ -59,7 +59,6 @@ void bind_tissue(nb::module_& m) {
             a.other = at<const std::uint32_t>(item<Address>(d, "other"));
             a.length = at<const float>(item<Address>(d, "length"));
             a.stiffness = at<const float>(item<Address>(d, "stiffness"));
-            a.vessel = at<const std::uint8_t>(item<Address>(d, "vessel"));
             a.contact = item<float>(d, "contact");
             work([&] { s.core->add(a); });
         })

@@ -24,7 +24,6 @@ struct TissueArrays {
     const std::uint32_t* other;
     const float* length;                 ///< m
     const float* stiffness;              ///< N/m
-    const std::uint8_t* vessel;          ///< number of each bond's vessel, 0: none
     float contact;                       ///< m, distance that cut faces keep: the spacing
 };
 

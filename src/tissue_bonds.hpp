@@ -11,7 +11,7 @@ namespace globule {
 struct BondBlocks {
     std::vector<std::uint32_t> first, other;
     std::vector<float> length, stiffness;
-    std::vector<std::uint8_t> vessel;
+    std::vector<std::uint8_t> vessel;  ///< none yet
 
     /// `before`: particles of other bodies (whole blocks) and their entries.
     BondBlocks(const TissueArrays& in, std::uint32_t before, std::uint32_t entries_before) {
@@ -40,7 +40,6 @@ struct BondBlocks {
                 other[e] = before + in.other[i];
                 length[e] = in.length[i];
                 stiffness[e] = in.stiffness[i];
-                vessel[e] = in.vessel[i];
             }
     }
 };

@@ -184,16 +184,24 @@ public:
         });
         if (n_lost) exec_.for_each(n_, tissue::DropBonds{bonds(), hold_.data()});
     }
-    /// Before neighbour lists are used: no density across cuts.  `stains`: bits of the phases that wet.
+    /// No density across cuts.
     template <class Packet>
-    void part(const sim::Lists<Packet>& lists, const sim::State& state, float dt) {
+    void veto(const sim::Lists<Packet>& lists, const sim::State& state) {
+        if (n_ > 0 && n_scars_ > 0) exec_.for_each(lists.n_rows, tissue::Veto<Packet>{lists, state, members(), bonds()});
+    }
+    /// What happens to tissue once a step, while its particles stand: it tears, and gets wet.
+    template <class Packet>
+    void change(const sim::Lists<Packet>& lists, const sim::State& state, float dt) {
         if (n_ == 0) return;
         if (tears_) tear(dt);
         follow();
-        if (n_scars_) exec_.for_each(lists.n_rows, tissue::Veto<Packet>{lists, state, members(), bonds()});
         std::uint32_t stains = 0;
         for (const BloodVessel& v : vessels_) stains |= 1u << v.phase;
         if (stains) exec_.for_each(lists.n_rows, tissue::Wet<Packet>{lists, state, members(), stains, 1.3f * contact_, dt, wetness_.data()});
+    }
+    /// Before the forces.
+    void take_velocities(const sim::State& state) {
+        exec_.for_each(n_, tissue::TakeVelocity{state, slot_.data(), hold_.data(), velocity_.data()});
     }
     /// After the forces: the bonds' substeps, into the state's velocities.
     void push(const sim::State& state, float dt) {

@@ -99,8 +99,7 @@ def test_render_json(particles, capsys):
     assert facts["spacing"] == pytest.approx(1 / 6, rel=0.02)
     scene = gb.Scene(gb.read(particles), device="cpu")
     assert facts["hashes"] == {
-        "key_hash": scene.octree.key_hash,
-        "node_hash": scene.octree.node_hash,
+        "key_hash": scene.octree.key_hash, "node_hash": scene.octree.node_hash
     }
     with np.load("a.npz") as arrays:
         assert {"color", "depth", "position", "normal", "mask"} <= set(arrays)
@@ -388,9 +387,7 @@ def test_a_terminal_gets_a_progress_bar(particles):
     ours, theirs = pty.openpty()
     done = subprocess.run(
         [*COMMAND, "render", particles, "-o", "a.png", *SMALL],
-        stdout=subprocess.PIPE,
-        stderr=theirs,
-        timeout=100,
+        stdout=subprocess.PIPE, stderr=theirs, timeout=100,
     )
     os.close(theirs)
     shown = os.read(ours, 100_000).decode()
@@ -406,11 +403,8 @@ def test_a_terminal_gets_a_progress_bar(particles):
     [
         (MemoryError(), 1, "globule: error: not enough memory\n"),
         (KeyError("inside"), 1, "globule: error: 'inside'\n"),
-        (
-            OSError(28, "No space left on device", "a.png"),
-            1,
-            "globule: error: [Errno 28] No space left on device: 'a.png'\n",
-        ),
+        (OSError(28, "No space left on device", "a.png"), 1,
+         "globule: error: [Errno 28] No space left on device: 'a.png'\n"),
         (KeyboardInterrupt(), 130, "globule: interrupted\n"),
     ],
 )
@@ -441,12 +435,7 @@ def test_info(particles, capsys):
     assert facts["bounds"]["lo"] == [0, 0, 0]
     assert facts["spacing"] == pytest.approx(1 / 6, rel=0.02)
     assert facts["attributes"]["speed"] == {
-        "dtype": "float64",
-        "shape": [216],
-        "min": 0,
-        "max": 215,
-        "nan": 0,
-        "inf": 0,
+        "dtype": "float64", "shape": [216], "min": 0, "max": 215, "nan": 0, "inf": 0
     }
 
 
@@ -467,18 +456,12 @@ def test_info_of_troubled_particles(capsys):
 
 def test_convert_says_what_is_lost(folder, capsys):
     p = cube(2, support=0.5, color=(1, 0, 0))
-    gb.write(
-        "a.npz",
-        gb.Particles(p.positions, support=0.5, color=(1, 0, 0), attributes={"t": np.arange(8.0)}),
-    )
+    gb.write("a.npz", gb.Particles(
+        p.positions, support=0.5, color=(1, 0, 0), attributes={"t": np.arange(8.0)}
+    ))
     lost = {
-        "b.vtk": [],
-        "b.ply": [],
-        "b.csv": [],
-        "b.npz": [],
-        "b.txt": ["support", "t"],
-        "b.npy": ["support", "color", "t"],
-        "b.bgeo": ["t"],
+        "b.vtk": [], "b.ply": [], "b.csv": [], "b.npz": [],
+        "b.txt": ["support", "t"], "b.npy": ["support", "color", "t"], "b.bgeo": ["t"],
     }
     for output, names in lost.items():
         assert main(["convert", "a.npz", output]) == 0

@@ -59,16 +59,13 @@ def test_a_clip_takes_away_and_shows_the_inside():
     assert np.allclose(cut["albedo"][face], blend, atol=1e-3)
 
 
-@pytest.mark.parametrize(
-    "words, gone",
-    [
-        ("--clip -1,0,2,0", lambda p: 2 * p[:, 2] > p[:, 0]),
-        ("--clip-box -9,-9,0,9,9,9", lambda p: p[:, 2] > 0),
-        ("--clip-sphere 0,0,1,1", lambda p: np.linalg.norm(p - [0, 0, 1], axis=1) < 1),
-        ("--crop -9,-9,-9,9,0,9", lambda p: p[:, 1] > 0),
-        ("--clip 1,0,0,0 --clip 0,1,0,0", lambda p: (p[:, 0] > 0) | (p[:, 1] > 0)),
-    ],
-)
+@pytest.mark.parametrize("words, gone", [
+    ("--clip -1,0,2,0", lambda p: 2 * p[:, 2] > p[:, 0]),
+    ("--clip-box -9,-9,0,9,9,9", lambda p: p[:, 2] > 0),
+    ("--clip-sphere 0,0,1,1", lambda p: np.linalg.norm(p - [0, 0, 1], axis=1) < 1),
+    ("--crop -9,-9,-9,9,0,9", lambda p: p[:, 1] > 0),
+    ("--clip 1,0,0,0 --clip 0,1,0,0", lambda p: (p[:, 0] > 0) | (p[:, 1] > 0)),
+])
 def test_every_cut(words, gone):
     seen = arrays(*words.split())["position"].reshape(-1, 3)
     seen = seen[np.isfinite(seen[:, 0])]
@@ -88,9 +85,8 @@ def test_presets(name):
     scene = gb.Scene(ball(), device="cpu")
     settings = gb.preset(name, scene)
     assert isinstance(settings, gb.RenderSettings)
-    frame = gb.render(
-        scene, gb.Camera((1, 1.2, 3), (0, 0, 0)), (48, 36), dataclasses.replace(settings, samples=1)
-    )
+    frame = gb.render(scene, gb.Camera((1, 1.2, 3), (0, 0, 0)), (48, 36),
+                      dataclasses.replace(settings, samples=1))
     assert (np.abs(frame.picture.astype(int) - seen) <= 1).all()
 
 
@@ -136,17 +132,10 @@ def test_unknown_preset():
 
 def test_light_options_reach_the_picture():
     plain = picture()
-    for words in (
-        "--transmission 1 --index 1.5",
-        "--reflection 0.8 --sky gradient",
-        "--sky 0.2,0.4,0.6",
-        "--ground",
-        "--ground -2",
-        "--samples 3",
-        "--light dir:0,1,0",
-        "--ambient-rays 4 --ambient 0.5",
-        "--transmission 0.9 --absorption 3,1,0",
-    ):
+    for words in ("--transmission 1 --index 1.5", "--reflection 0.8 --sky gradient",
+                  "--sky 0.2,0.4,0.6", "--ground", "--ground -2", "--samples 3",
+                  "--light dir:0,1,0", "--ambient-rays 4 --ambient 0.5",
+                  "--transmission 0.9 --absorption 3,1,0"):
         assert (picture(*words.split()) != plain).any(), words
     light = ["--light", "dir:1,1,0", "--ground"]
     assert picture(*light, "--shadows").sum() < picture(*light).sum()
@@ -233,46 +222,41 @@ def test_a_picked_particle_is_the_file_s(capsys):
     holes = ball()
     positions = np.insert(holes.positions, 0, [[np.nan] * 3] * 7, axis=0)
     gb.write("holes.npz", gb.Particles(positions, support=0.5))
-    assert (
-        main(["render", "holes.npz", "-o", "a.png", *SMALL, *CAMERA, "--pick", "24,18", "--json"])
-        == 0
-    )
+    assert main(["render", "holes.npz", "-o", "a.png", *SMALL, *CAMERA, "--pick", "24,18",
+                 "--json"]) == 0
     picked = json.loads(capsys.readouterr().out)["picked"]
     away = np.linalg.norm(positions - picked["position"], axis=1)
     assert picked["particle"] == np.nanargmin(away)
 
 
-@pytest.mark.parametrize(
-    "words, named",
-    [
-        ("--clip 0,0,0,1", "--clip"),
-        ("--clip 1,0,0", "--clip"),
-        ("--clip-box 0,0,0,1,1,0", "--clip-box"),
-        ("--clip-sphere 0,0,0,-1", "--clip-sphere"),
-        ("--crop 1,2", "--crop"),
-        ("--sky blue", "--sky"),
-        ("--sky missing.hdr", "missing.hdr"),
-        ("--ground low", "--ground"),
-        ("--reflection 1.5", "--reflection"),
-        ("--index 0.5", "--index"),
-        ("--roughness -1", "--roughness"),
-        ("--absorption -1,0,0", "--absorption"),
-        ("--opacity 2", "--opacity"),
-        ("--opacity 0.5 --transmission 1", "--opacity"),
-        ("--samples 0", "--samples"),
-        ("--bounces 99", "--bounces"),
-        ("--ambient-rays 1.5", "--ambient-rays"),
-        ("--light dir:0,0,0", "--light"),
-        ("--light dir:1,0,0,500", "--light"),
-        ("--light point:1,0,0,-2", "--light"),
-        ("--pick 48,0", "--pick"),
-        ("--pick 1", "--pick"),
-        ("--with missing.npz", "missing.npz"),
-        ("--with a.npz --with a.npz --with a.npz --with a.npz", "--with"),
-        ("--preset jelly", "--preset"),
-        ("--preset thesis --clip 1,0,0,0", "clips"),
-    ],
-)
+@pytest.mark.parametrize("words, named", [
+    ("--clip 0,0,0,1", "--clip"),
+    ("--clip 1,0,0", "--clip"),
+    ("--clip-box 0,0,0,1,1,0", "--clip-box"),
+    ("--clip-sphere 0,0,0,-1", "--clip-sphere"),
+    ("--crop 1,2", "--crop"),
+    ("--sky blue", "--sky"),
+    ("--sky missing.hdr", "missing.hdr"),
+    ("--ground low", "--ground"),
+    ("--reflection 1.5", "--reflection"),
+    ("--index 0.5", "--index"),
+    ("--roughness -1", "--roughness"),
+    ("--absorption -1,0,0", "--absorption"),
+    ("--opacity 2", "--opacity"),
+    ("--opacity 0.5 --transmission 1", "--opacity"),
+    ("--samples 0", "--samples"),
+    ("--bounces 99", "--bounces"),
+    ("--ambient-rays 1.5", "--ambient-rays"),
+    ("--light dir:0,0,0", "--light"),
+    ("--light dir:1,0,0,500", "--light"),
+    ("--light point:1,0,0,-2", "--light"),
+    ("--pick 48,0", "--pick"),
+    ("--pick 1", "--pick"),
+    ("--with missing.npz", "missing.npz"),
+    ("--with a.npz --with a.npz --with a.npz --with a.npz", "--with"),
+    ("--preset jelly", "--preset"),
+    ("--preset thesis --clip 1,0,0,0", "clips"),
+])
 def test_mistakes(words, named, capsys):
     assert main(["render", "ball.npz", "-o", "a.png", *SMALL, *words.split()]) == 2
     out, err = capsys.readouterr()

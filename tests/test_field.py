@@ -31,10 +31,9 @@ def make(kernel: str, kind: str) -> Case:
 
 def scale(case: Case, points: np.ndarray) -> np.ndarray:
     """The field with all weights positive: what float32's error is relative to."""
-    return (
-        1e-3
-        + oracle.field(case.positions, case.support, np.abs(case.weight), case.kernel, points)[0]
-    )
+    return 1e-3 + oracle.field(
+        case.positions, case.support, np.abs(case.weight), case.kernel, points
+    )[0]
 
 
 def test_kernel_names():

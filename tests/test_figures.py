@@ -110,7 +110,9 @@ def test_profiles(kernel):
 def test_two_metaballs_fuse_where_the_figure_says():
     from globule.figures.fusing import DISTANCES, THRESHOLD, two
 
-    middle = [float(gb.field(two(d, "cpu"), np.zeros((1, 3), np.float32))[0]) for d in DISTANCES]
+    middle = [
+        float(gb.field(two(d, "cpu"), np.zeros((1, 3), np.float32))[0]) for d in DISTANCES
+    ]
     assert middle[0] < THRESHOLD and middle[1] < THRESHOLD < middle[2]
     assert middle == sorted(middle)
 
@@ -118,10 +120,8 @@ def test_two_metaballs_fuse_where_the_figure_says():
 def test_octree_coordinates_are_cut_off():
     from globule.figures.levels import octree_coordinate
 
-    assert [
-        octree_coordinate(u, extent, "cpu")
-        for u, extent in ((200, 400), (520, 600), (50, 300), (300, 300))
-    ] == [512, 887, 170, 1023]
+    assert [octree_coordinate(u, extent, "cpu") for u, extent in ((200, 400), (520, 600), (50, 300),
+            (300, 300))] == [512, 887, 170, 1023]
 
 
 def test_no_hit_outside_of_the_supports():

@@ -66,9 +66,8 @@ def test_glass_ball(backend, index, depth):
 def test_glass_ball_moves_the_checkerboard(backend):
     """Refracted positions, not only directions: a checkered ground seen through the ball."""
     ground = gb.Ground(-1.2, color=1.0, other=0.0, check=0.23)
-    look = quiet(
-        sky=gb.lights.uniform_sky(0.5), ambient=1.0, ground=ground, material=glass(1.5), depth=8
-    )
+    look = quiet(sky=gb.lights.uniform_sky(0.5), ambient=1.0, ground=ground, material=glass(1.5),
+                 depth=8)
     camera, size = gb.Camera((0.9, 3.5, 1.5), CENTRE, fov=22), (64, 48)
     frame = gb.render(ball(**backend), camera, size, look)
     o, d = rays(camera, size)
@@ -164,24 +163,13 @@ MATTERS = {
 def test_furnace(backend, matter):
     """Where all around is 1 and nothing absorbs, everything is 1: no energy comes or goes."""
     rng = np.random.default_rng(60)
-    particles = gb.Particles(
-        cloud(60, 60),
-        support=0.6,
-        color=(1, 1, 1),
-        reflection=rng.uniform(0, 1, 60),
-        refraction=rng.uniform(0, 1, 60),
-    )
+    particles = gb.Particles(cloud(60, 60), support=0.6, color=(1, 1, 1),
+                             reflection=rng.uniform(0, 1, 60), refraction=rng.uniform(0, 1, 60))
     scene = gb.Scene(particles, threshold=0.6, **backend)
     camera = gb.Camera((1.5, 1, 2.5), (0, 0, 0), fov=45)
     for depth, cutoff in ((0, 0.0), (3, 1 / 128), (12, 0.0)):
-        look = quiet(
-            sky=ONE_SKY,
-            ambient="sky",
-            material=MATTERS[matter],
-            depth=depth,
-            cutoff=cutoff,
-            samples=2,
-        )
+        look = quiet(sky=ONE_SKY, ambient="sky", material=MATTERS[matter], depth=depth,
+                     cutoff=cutoff, samples=2)
         color = gb.render(scene, camera, (40, 30), look).color
         assert color.max() < 1.01
         assert color.min() > 0.99
@@ -189,13 +177,8 @@ def test_furnace(backend, matter):
 
 def test_furnace_with_ambient_rays(backend):
     """A ball alone hides nothing from itself; in a cloud light can only be lost."""
-    look = quiet(
-        sky=ONE_SKY,
-        ambient="sky",
-        ambient_rays=16,
-        ambient_distance=9.0,
-        material=gb.Material(0.0, 0.0),
-    )
+    look = quiet(sky=ONE_SKY, ambient="sky", ambient_rays=16, ambient_distance=9.0,
+                 material=gb.Material(0.0, 0.0))
     color = gb.render(ball(color=(1, 1, 1), **backend), CAMERA, SIZE, look).color
     np.testing.assert_allclose(color, 1, atol=1e-2)
     many = gb.Scene(gb.Particles(cloud(60, 60), support=0.6, color=(1, 1, 1)), **backend)
@@ -257,9 +240,8 @@ def test_factors_of_particles_blend(backend):
     n = 40
     rho = rng.uniform(0, 0.5, n).astype(np.float32)
     kappa = rng.uniform(0, 0.6, n).astype(np.float32)
-    particles = gb.Particles(
-        cloud(n, 61, 0.8), support=0.7, color=(1, 1, 1), reflection=rho, refraction=kappa
-    )
+    particles = gb.Particles(cloud(n, 61, 0.8), support=0.7, color=(1, 1, 1), reflection=rho,
+                             refraction=kappa)
     scene = gb.Scene(particles, threshold=0.6, **backend)
     # Depth 0: all that goes on sees the sky, 1; scattered light is black, so the picture is the
     # share that goes on.

@@ -37,18 +37,12 @@ CUTS = {
     "sphere": [gb.ClipSphere(C + (0.3, 0.4, 0.5), 0.6 * R)],
     "sphere kept": [gb.ClipSphere(C + (0.2, 0.1, 0.0), 0.9 * R, keep=True)],
     "slab": [gb.ClipPlane((0, 0, 1), C[2] + 0.2 * R), gb.ClipPlane((0, 0, -1), 0.1 * R - C[2])],
-    "corner": [
-        gb.ClipPlane((1, 0, 0), C[0]),
-        gb.ClipPlane((0, 1, 0), C[1]),
-        gb.ClipPlane((0, 0, 1), C[2] + 0.3 * R),
-    ],
-    "many": [
-        gb.ClipPlane((1, 2, 2), OFF + 0.8 * R),
-        gb.ClipBox(C, C + (2, 2, 2)),
-        gb.ClipSphere(C + (0.3, -0.4, 0.5), 0.7 * R),
-        gb.ClipBox(C - 0.9 * R, C + 0.9 * R, keep=True),
-        gb.ClipSphere(C, 0.98 * R, keep=True),
-    ],
+    "corner": [gb.ClipPlane((1, 0, 0), C[0]), gb.ClipPlane((0, 1, 0), C[1]),
+               gb.ClipPlane((0, 0, 1), C[2] + 0.3 * R)],
+    "many": [gb.ClipPlane((1, 2, 2), OFF + 0.8 * R), gb.ClipBox(C, C + (2, 2, 2)),
+             gb.ClipSphere(C + (0.3, -0.4, 0.5), 0.7 * R),
+             gb.ClipBox(C - 0.9 * R, C + 0.9 * R, keep=True),
+             gb.ClipSphere(C, 0.98 * R, keep=True)],
     "nothing cut": [gb.ClipPlane((0, 0, 1), 1e6)],
     "all cut": [gb.ClipPlane((0, 0, 1), -1e6)],
     "disjoint": [gb.ClipBox(C - 5, C - 4, keep=True), gb.ClipBox(C + 4, C + 5, keep=True)],
@@ -92,7 +86,7 @@ def test_cut_ball(backend, name, view):
     np.testing.assert_array_equal(frame.mask[sure], np.isfinite(t)[sure])
     seen = sure & np.isfinite(t)
     np.testing.assert_allclose(frame.depth[seen], t[seen], atol=2e-4)
-    p = o + np.where(np.isfinite(t), t, 0)[..., None] * d
+    p = (o + np.where(np.isfinite(t), t, 0)[..., None] * d)
     for k in range(-1, len(clips)):
         here = seen & (which == k)
         n = (p[here] - C) / R if k < 0 else normal_of(clips[k], p[here])
@@ -106,15 +100,10 @@ def test_the_cut_face_shows_the_colours_inside(backend, kernel, octree):
     rng = np.random.default_rng(62)
     p = cloud(900, 62, 2.0)
     color = rng.uniform(0, 1, p.shape).astype(np.float32)
-    scene = gb.Scene(
-        gb.Particles(p, support=1.0, color=color), kernel=kernel, octree=octree, **backend
-    )
-    for clip in (
-        gb.ClipPlane((1, 1, 2), 0.5),
-        gb.ClipBox((0, -0.5, 0.2), (5, 5, 5)),
-        gb.ClipSphere((1, 1, 2), 1.7),
-        gb.ClipSphere((0, 0, 0), 1.4, keep=True),
-    ):
+    scene = gb.Scene(gb.Particles(p, support=1.0, color=color), kernel=kernel, octree=octree,
+                     **backend)
+    for clip in (gb.ClipPlane((1, 1, 2), 0.5), gb.ClipBox((0, -0.5, 0.2), (5, 5, 5)),
+                 gb.ClipSphere((1, 1, 2), 1.7), gb.ClipSphere((0, 0, 0), 1.4, keep=True)):
         look = quiet(ambient=1.0)
         frame = gb.render(scene, gb.Camera((3, 4, 9), (0, 0, 0), fov=30), SIZE, look, [clip])
         at = frame.position.astype(np.float64)
@@ -187,11 +176,8 @@ def test_a_mirror_shows_the_cut_face(backend):
 def test_the_shadow_of_a_cut_ball(backend, name):
     clips = CUTS[name]
     sun = unit((0.4, 1.0, 0.3))
-    look = quiet(
-        lights=[gb.DirectionalLight(sun, (1, 1, 1))],
-        shadows=True,
-        ground=gb.Ground(-0.9, color=1.0),
-    )
+    look = quiet(lights=[gb.DirectionalLight(sun, (1, 1, 1))], shadows=True,
+                 ground=gb.Ground(-0.9, color=1.0))
     camera, size = gb.Camera((0.2, 4, 2.5), (0, -0.9, 0.2), fov=40), (64, 48)
     frame = gb.render(ball(**backend), camera, size, look, clips)
     ground = np.abs(frame.position[..., 1] + 0.9) < 1e-4
@@ -237,7 +223,7 @@ def test_cut_glass_is_glass(backend):
     t = (C[2] - o[..., 2:]) / d[..., 2:]
     n = np.broadcast_to((0.0, 0.0, 1.0), d.shape)
     p = o + t * d
-    inner = np.linalg.norm(p - C, axis=-1) < 0.95 * R
+    inner = (np.linalg.norm(p - C, axis=-1) < 0.95 * R)
     cosine = np.abs(d[..., 2:])
     f, d1 = fresnel(cosine, 1.5), refracted(d, n, 1.5)
     q = p + meet_ball(p, d1)[1] * d1
@@ -245,8 +231,7 @@ def test_cut_glass_is_glass(backend):
     back = np.clip(np.abs((d1 * m).sum(-1, keepdims=True)), 0, 1)
     f1 = fresnel(back, 1 / 1.5)
     expected = f * sky_of(mirrored(d, n)) + (1 - f) * (
-        (1 - f1) * sky_of(refracted(d1, m, 1 / 1.5)) + f1 * sky_of(mirrored(d1, m))
-    )
+        (1 - f1) * sky_of(refracted(d1, m, 1 / 1.5)) + f1 * sky_of(mirrored(d1, m)))
     assert inner.sum() > 500
     np.testing.assert_allclose(frame.color[inner], expected[inner], atol=5e-3)
 

@@ -15,15 +15,8 @@ LIGHTS = (
     gb.PointLight((1.5, 2, 1), (0.3, 0.3, 0.4), radius=0.2),
 )
 EVERYTHING = gb.RenderSettings(
-    lights=LIGHTS,
-    shadows=True,
-    ambient="sky",
-    ambient_rays=3,
-    ambient_distance=1.0,
-    sky=gb.Sky(),
-    ground=gb.Ground(-1.2, check=0.4, reflection=0.2),
-    material=gb.Material(roughness=0.1),
-    depth=5,
+    lights=LIGHTS, shadows=True, ambient="sky", ambient_rays=3, ambient_distance=1.0, sky=gb.Sky(),
+    ground=gb.Ground(-1.2, check=0.4, reflection=0.2), material=gb.Material(roughness=0.1), depth=5,
 )
 CUTS = [gb.ClipPlane((1, 1, 0), 0.8), gb.ClipSphere((0.3, 0.4, 0.8), 0.45)]
 VIEW = gb.Camera((1.6, 1.3, 2.6), (0, 0, 0), fov=35)  # the horizon is above the picture
@@ -32,13 +25,8 @@ VIEW = gb.Camera((1.6, 1.3, 2.6), (0, 0, 0), fov=35)  # the horizon is above the
 def busy(n=400, seed=64, alike=False, **fields) -> gb.Particles:
     rng = np.random.default_rng(seed)
     support = 0.3 if alike else rng.uniform(0.05, 0.5, n)
-    given = {
-        "support": support,
-        "color": rng.uniform(0, 1, (n, 3)),
-        "reflection": rng.uniform(0, 0.6, n),
-        "refraction": rng.uniform(0, 0.9, n),
-        **fields,
-    }
+    given = {"support": support, "color": rng.uniform(0, 1, (n, 3)),
+             "reflection": rng.uniform(0, 0.6, n), "refraction": rng.uniform(0, 0.9, n), **fields}
     return gb.Particles(cloud(n, seed), **given)
 
 
@@ -195,8 +183,7 @@ def test_waves_meet_what_the_oracle_meets(backend, name, octree):
 
 @pytest.mark.parametrize("octree", ["sparse", "dense"])
 @pytest.mark.parametrize(
-    "kind", ["none", "one", "NaN", "all NaN", "negative", "mixed", "coincident", "64-bit keys"]
-)
+    "kind", ["none", "one", "NaN", "all NaN", "negative", "mixed", "coincident", "64-bit keys"])
 def test_hard_particles_under_all_lights(backend, kind, octree):
     options = {"octree": octree, "threshold": 0.5}
     if kind == "none":
@@ -220,12 +207,8 @@ def test_hard_particles_under_all_lights(backend, kind, octree):
     assert np.isfinite(frame.normal).all() and np.isfinite(frame.albedo).all()
     length = np.linalg.norm(frame.normal, axis=-1)
     np.testing.assert_allclose(length[frame.mask], 1, atol=1e-4)
-    furnace = quiet(
-        sky=ONE_SKY,
-        ambient="sky",
-        material=gb.Material(0.3, 0.5, color=1.0),
-        ground=gb.Ground(-1.2, color=1.0, other=1.0),
-    )
+    furnace = quiet(sky=ONE_SKY, ambient="sky", material=gb.Material(0.3, 0.5, color=1.0),
+                    ground=gb.Ground(-1.2, color=1.0, other=1.0))
     color = look(gb.Scene(p, **options, **backend), (40, 30), furnace).color
     np.testing.assert_allclose(color, 1, atol=1e-2)
 
@@ -263,13 +246,8 @@ def test_pick(backend):
 def test_picking_on_a_cut_face(backend):
     p = cloud(500, 66)
     scene = gb.Scene(gb.Particles(p, support=0.5), **backend)
-    frame = gb.render(
-        scene,
-        gb.Camera((0, 0, 5), (0, 0, 0), fov=25),
-        (21, 21),
-        quiet(),
-        [gb.ClipPlane((0, 0, 1), 0.1)],
-    )
+    frame = gb.render(scene, gb.Camera((0, 0, 5), (0, 0, 0), fov=25), (21, 21), quiet(),
+                      [gb.ClipPlane((0, 0, 1), 0.1)])
     for column, row in ((10, 10), (5, 8), (14, 12)):
         found = frame.pick(column, row)
         assert found.position[2] == pytest.approx(0.1, abs=1e-5)
@@ -284,12 +262,6 @@ def test_everything_on_the_splash(backend):
     particles = gb.Particles(positions, support=0.04, reflection=0.05, refraction=0.8)
     scene = gb.Scene(particles, **backend)
     camera = gb.Camera.fit(scene)
-    frame = gb.render(
-        scene,
-        camera,
-        (64, 48),
-        dataclasses.replace(
-            EVERYTHING, ambient_distance=0.2, ground=gb.Ground(-0.05, reflection=0.1)
-        ),
-    )
+    frame = gb.render(scene, camera, (64, 48), dataclasses.replace(
+        EVERYTHING, ambient_distance=0.2, ground=gb.Ground(-0.05, reflection=0.1)))
     assert np.isfinite(frame.color).all() and frame.color.max() < 3

@@ -107,9 +107,8 @@ def test_ambient_occlusion_of_an_open_half_space(backend):
     """Over the flat face of a cut block nothing is hidden."""
     look = quiet(ambient=1.0, ambient_rays=16, ambient_distance=50.0, material=CLAY, samples=2)
     camera = gb.Camera((0.5, 6, 1), (0, 0, 0), fov=20)
-    frame = gb.render(
-        block(color=(1, 1, 1), **backend), camera, SIZE, look, [gb.ClipPlane((0, 1, 0), 0.5)]
-    )
+    frame = gb.render(block(color=(1, 1, 1), **backend), camera, SIZE, look,
+                      [gb.ClipPlane((0, 1, 0), 0.5)])
     np.testing.assert_allclose(frame.depth * -rays(camera, SIZE)[1][..., 1], 5.5, rtol=1e-5)
     np.testing.assert_allclose(frame.color, 1, atol=1e-5)
 
@@ -166,7 +165,8 @@ def test_sunlight_through_a_clear_ball(backend):
 
 @pytest.mark.parametrize(
     "absorption",
-    [(1.0, 1.0, 1.0), (2.0, 0.5, 0.5), (0.0, 2.0, 2.0)],
+    [(1.0, 1.0, 1.0), (2.0, 0.5, 0.5),
+     (0.0, 2.0, 2.0)],
 )
 def test_sunlight_through_a_ball_that_absorbs(backend, absorption):
     """Shadows are grey: the mean of the three absorptions counts."""
@@ -179,9 +179,8 @@ def test_sunlight_through_a_ball_that_absorbs(backend, absorption):
     axis = np.linalg.norm(p[..., [0, 2]] - CENTRE[[0, 2]], axis=-1)
     inner = (np.abs(p[..., 1] + 1) < 1e-4) & (axis < 0.95 * RADIUS)
     chord = 2 * np.sqrt(RADIUS**2 - axis[inner] ** 2)
-    np.testing.assert_allclose(
-        frame.color[inner][:, 0], np.exp(-np.mean(absorption) * chord), rtol=5e-3
-    )
+    np.testing.assert_allclose(frame.color[inner][:, 0], np.exp(-np.mean(absorption) * chord),
+                               rtol=5e-3)
 
 
 def test_the_nearest_layer_wins(backend):
@@ -225,7 +224,8 @@ def test_translucent_over_opaque(backend):
 
 @pytest.mark.parametrize(
     "from_middle",
-    [(2, 2, 3), (-0.4, -0.2, -0.2), (0.2, 0.1, 0.2)],
+    [(2, 2, 3), (-0.4, -0.2, -0.2),
+     (0.2, 0.1, 0.2)],
     ids=["outside", "inside one", "inside both"],
 )
 def test_a_ray_inside_both_layers(backend, from_middle):
@@ -238,10 +238,8 @@ def test_a_ray_inside_both_layers(backend, from_middle):
     ]
     camera = gb.Camera(CENTRE + from_middle, place, fov=40)
     o, d = rays(camera, SIZE)
-    path = [
-        np.nan_to_num(np.maximum(far, 0) - np.maximum(near, 0))
-        for near, far, _ in (meet_ball(o, d), meet_ball(o, d, place))
-    ]
+    path = [np.nan_to_num(np.maximum(far, 0) - np.maximum(near, 0))
+            for near, far, _ in (meet_ball(o, d), meet_ball(o, d, place))]
     frame = gb.render(layers, camera, SIZE, quiet(sky=ONE_SKY, depth=8))
     expected = np.exp(-a * path[0] - b * path[1])
     clear = np.ones(frame.mask.shape, bool)
@@ -270,18 +268,13 @@ def test_ground_mirrors(backend):
 def test_lights_of_all_kinds_add_up(backend):
     """Light is linear: a picture with all of them is the sum of the pictures with one each."""
     lights = [
-        gb.Headlight((0.2, 0.1, 0.3)),
-        gb.DirectionalLight((0.2, 1, 0.5), (0.5, 0.4, 0.3)),
+        gb.Headlight((0.2, 0.1, 0.3)), gb.DirectionalLight((0.2, 1, 0.5), (0.5, 0.4, 0.3)),
         gb.DirectionalLight((-1, 0.4, 0.5), (0.3, 0.4, 0.5)),
         gb.PointLight((1, 2, 1.5), (0.2, 0.3, 0.1)),
     ]
     scene = ball(**backend)
-    options = {
-        "shadows": True,
-        "ground": GROUND,
-        "specular": 0.3,
-        "material": gb.Material(0.2, 0.5, 1.3, absorption=0.5),
-    }
+    options = {"shadows": True, "ground": GROUND, "specular": 0.3,
+               "material": gb.Material(0.2, 0.5, 1.3, absorption=0.5)}
     every = gb.render(scene, ABOVE, SIZE, quiet(lights=lights, **options)).color
     one = [gb.render(scene, ABOVE, SIZE, quiet(lights=[k], **options)).color for k in lights]
     np.testing.assert_allclose(every, np.sum(one, 0), atol=1e-5)

@@ -11,13 +11,8 @@ from scenes import Case, cloud, lattice
 LEVELS = {32: 10, 64: 21}
 LEAF = 32  # a cell with more particles is split
 COMBINATIONS = (
-    {"key_bits": 32},
-    {"key_bits": 64},
-    {"key_bits": 32, "depth": 4},
-    {"key_bits": 64, "depth": 13},
-    {"octree": "dense"},
-    {"octree": "dense", "depth": 3},
-    {"depth": 0},
+    {"key_bits": 32}, {"key_bits": 64}, {"key_bits": 32, "depth": 4}, {"key_bits": 64, "depth": 13},
+    {"octree": "dense"}, {"octree": "dense", "depth": 3}, {"depth": 0},
 )
 ids = [" ".join(f"{k}={v}" for k, v in c.items()) for c in COMBINATIONS]
 

@@ -85,9 +85,7 @@ def test_image_orientation(backend, height):
     frame = gb.render(scene, gb.Camera((0, 0, 8), (0, 0, 0), height=height), (80, 60))
     y, x = np.nonzero(frame.mask)
     for color, right, low in (
-        ((1, 0, 0), True, None),
-        ((0, 1, 0), None, False),
-        ((0, 0, 1), False, True),
+        ((1, 0, 0), True, None), ((0, 1, 0), None, False), ((0, 0, 1), False, True)
     ):
         ys, xs = np.nonzero((np.abs(frame.albedo - color) < 1e-5).all(-1))
         assert len(xs) > 5
@@ -179,9 +177,7 @@ def test_background_and_tone(backend):
     assert (frame.picture[outside] == (r, g, b)).all()
     # Exposure: brighter is never darker, and the linear image stays as it is.
     brighter = gb.render(
-        ball(**backend),
-        CAMERAS["perspective"],
-        (60, 40),
+        ball(**backend), CAMERAS["perspective"], (60, 40),
         gb.RenderSettings(background=(0.1, 0.5, 5.0), exposure=2),
     )
     np.testing.assert_array_equal(brighter.color, frame.color)
@@ -192,13 +188,9 @@ def blend_truth(c: Case, points: np.ndarray, values: np.ndarray) -> np.ndarray:
     """sum w v / sum w, w = max(weight b, 0), from fields of one particle each."""
     n = len(c.positions)
     support, weight = np.broadcast_to(c.support, n), np.broadcast_to(c.weight, n)
-    w = np.stack(
-        [
-            oracle.field(c.positions[i], support[i], weight[i], c.kernel, points)[0]
-            for i in range(n)
-        ],
-        1,
-    ).clip(0)
+    w = np.stack([
+        oracle.field(c.positions[i], support[i], weight[i], c.kernel, points)[0] for i in range(n)
+    ], 1).clip(0)
     return w @ values / w.sum(1, keepdims=True)
 
 

@@ -120,22 +120,10 @@ def test_a_hundred_thousand_at_one_place(backend, alike, octree):
 def test_what_is_not_finite_has_no_influence(backend, options):
     rng = np.random.default_rng(81)
     good = cloud(400, 81)
-    bad = np.array(
-        [
-            [np.nan, 0, 0],
-            [0, np.nan, 0],
-            [0, 0, np.nan],
-            [np.inf, 0, 0],
-            [0, -np.inf, 0],
-            [np.nan] * 3,
-            [np.inf] * 3,
-            [1e30, 0, 0],
-            [0, 0, -1e30],
-            [3e38] * 3,
-            [1e19, 0, 0],
-        ],
-        np.float32,
-    )
+    bad = np.array([
+        [np.nan, 0, 0], [0, np.nan, 0], [0, 0, np.nan], [np.inf, 0, 0], [0, -np.inf, 0],
+        [np.nan] * 3, [np.inf] * 3, [1e30, 0, 0], [0, 0, -1e30], [3e38] * 3, [1e19, 0, 0],
+    ], np.float32)
     p = np.concatenate([good, bad, bad])[rng.permutation(422)]
     scene = gb.Scene(p, support=0.4, **options, **backend)
     clean = gb.Scene(good, support=0.4, **options, **backend)
@@ -403,20 +391,17 @@ def test_mistakes_in_a_scene(error, name, options):
         gb.Scene(options.pop("particles"), **options)
 
 
-@pytest.mark.parametrize(
-    "error,name,fields",
-    [
-        (ValueError, "support", {"support": np.ones(4)}),
-        (ValueError, "support", {"support": -1}),
-        (ValueError, "support", {"support": np.full(5, np.nan)}),
-        (ValueError, "weight", {"weight": np.ones((5, 1))}),
-        (ValueError, "weight", {"weight": [1, 2, 3, 4, np.inf]}),
-        (TypeError, "weight", {"weight": "heavy"}),
-        (ValueError, "color", {"color": np.ones((5, 4))}),
-        (ValueError, "color", {"color": (2, 0, 0)}),
-        (ValueError, "attributes", {"attributes": {"a": np.ones(4)}}),
-    ],
-)
+@pytest.mark.parametrize("error,name,fields", [
+    (ValueError, "support", {"support": np.ones(4)}),
+    (ValueError, "support", {"support": -1}),
+    (ValueError, "support", {"support": np.full(5, np.nan)}),
+    (ValueError, "weight", {"weight": np.ones((5, 1))}),
+    (ValueError, "weight", {"weight": [1, 2, 3, 4, np.inf]}),
+    (TypeError, "weight", {"weight": "heavy"}),
+    (ValueError, "color", {"color": np.ones((5, 4))}),
+    (ValueError, "color", {"color": (2, 0, 0)}),
+    (ValueError, "attributes", {"attributes": {"a": np.ones(4)}}),
+])
 def test_mistakes_in_particles(error, name, fields):
     with pytest.raises(error, match=f"^{name}.*: expected"):
         gb.Particles(cloud(5), **fields)
@@ -446,23 +431,12 @@ def test_mistakes_in_questions(backend):
         (ValueError, "look_at", lambda: gb.Camera((0, 0, 1), (0, 0, 1))),
         (ValueError, "fov", lambda: gb.Camera((0, 0, 1), (0, 0, 0), fov=180)),
         (ValueError, "height", lambda: gb.Camera((0, 0, 1), (0, 0, 0), height=0)),
-        (
-            ValueError,
-            "lights",
-            lambda: gb.render(
-                scene, size=SIZE, settings=gb.RenderSettings(lights=[gb.Headlight()] * 9)
-            ),
-        ),
-        (
-            TypeError,
-            "lights",
-            lambda: gb.render(scene, size=SIZE, settings=gb.RenderSettings(lights=["sun"])),
-        ),
-        (
-            ValueError,
-            "background",
-            lambda: gb.render(scene, size=SIZE, settings=gb.RenderSettings(background=(1, 2))),
-        ),
+        (ValueError, "lights", lambda: gb.render(
+            scene, size=SIZE, settings=gb.RenderSettings(lights=[gb.Headlight()] * 9))),
+        (TypeError, "lights", lambda: gb.render(
+            scene, size=SIZE, settings=gb.RenderSettings(lights=["sun"]))),
+        (ValueError, "background", lambda: gb.render(
+            scene, size=SIZE, settings=gb.RenderSettings(background=(1, 2)))),
     ]:
         with pytest.raises(error, match=f"^{name}: expected|^{name}: unknown"):
             call()

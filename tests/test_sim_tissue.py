@@ -5,16 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from globule.bench import physics_tissue as truths
-from globule.sim.tissue import (
-    FIXED,
-    FREE,
-    GONE,
-    GRASPED,
-    Tissue,
-    Vessel,
-    build_bonds,
-    modulus_from_rigidity,
-)
+from globule.sim.bonds import along, build_bonds
+from globule.sim.tissue import BALL, FIXED, FREE, GONE, GRASPED, Tissue
 
 D = truths.SPACING
 
@@ -63,10 +55,6 @@ def test_bodies_are_not_bonded():
     assert (truths.layers(x)[b.first_ends] // 2 == truths.layers(x)[b.other] // 2).all()
 
 
-def test_rigidity_is_logarithmic():
-    assert np.allclose(modulus_from_rigidity([0.25, 0.5, 0.75]), [1e3, 1e4, 1e5])
-
-
 def test_jittered_particles_are_about_as_stiff_as_asked(backend):
     rng = np.random.default_rng(5)
     x = truths.lattice(7, 7, 30)
@@ -101,7 +89,7 @@ def test_grasp_carries_and_lets_go(backend):
     tissue.grasp(x[-1], 1.1 * D, 2)
     held = tissue.hold == GRASPED + 2
     assert held.sum() == 4 and held[-1]
-    tissue.motions = [((0, 0, 0),) * 3] * 2 + [((0.0, 0.0, 0.1), (0, 0, 0), (0, 0, 0))]
+    tissue.instruments([((0, 0, 0),) * 3] * 2 + [((0.0, 0.0, 0.1), (0, 0, 0), (0, 0, 0))])
     tissue.advance(0.02)
     assert np.allclose(tissue.positions[held] - x[held], [0, 0, 0.002], atol=1e-6)
     assert np.allclose(tissue.positions[tissue.hold == FIXED], x[tissue.hold == FIXED])
@@ -115,7 +103,7 @@ def test_a_moving_ball_pushes(backend):
     x = truths.lattice(8, 8, 8)
     tissue = Tissue(x, D, 2500.0, fixed=x[:, 2] < D / 2, **backend)
     center = np.array([3.5 * D, 3.5 * D, 7 * D + 0.006])
-    tissue.shapes = [(0, tuple(center), (0, 0, 0), 0.005, (0.0, 0.0, -0.1))]
+    tissue.instruments(shapes=[(BALL, tuple(center), (0, 0, 0), 0.005, (0.0, 0.0, -0.1))])
     tissue.advance(0.03)
     center = center - [0, 0, 0.003]
     distance = np.linalg.norm(tissue.positions - center, axis=1)
@@ -138,14 +126,10 @@ def test_removed_particles_leave_no_bonds(backend):
     assert tissue.n_bonds < before
 
 
-def test_vessels_tag_the_bonds_along_them():
-    x = truths.lattice(5, 5, 12)
-    course = np.array([[2 * D, 2 * D, -D], [2 * D, 2 * D, 20 * D]])
-    b = build_bonds(x, D, 2500.0, vessels=[Vessel(course, 0.4 * D)])
-    first = b.first_ends
-    along = (x[first, :2] == x[b.other, :2]).all(1) & (abs(x[first, :2] - 2 * D) < 1e-6).all(1)
-    assert along.sum() == 22 and (b.vessel[along] == 1).all()
-    assert (b.vessel[~along] == 0).all()
+def test_what_lies_along_a_polyline():
+    course = [[0, 0, 0], [1, 0, 0], [1, 1, 0]]
+    points = np.array([[0.5, 0.1, 0], [0.5, 0.3, 0], [-0.1, 0, 0], [1.1, 0.9, 0.1], [1, 1.3, 0]])
+    assert along(course, 0.2, points).tolist() == [True, False, True, True, False]
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from globule.bench import physics_tissue as truths
 from globule.sim import blade
-from globule.sim.tissue import Tissue, build_bonds
+from globule.sim.bonds import build_bonds
+from globule.sim.tissue import Tissue
 
 D = truths.SPACING
 

@@ -229,14 +229,9 @@ def test_pose_table_kinds_agree(stack):
         entries.append({"time": time, "position": place.tolist(), "quaternion": q.tolist()})
     Path("q.csv").write_text("\n".join(rows))
     Path("q.json").write_text(json.dumps({"poses": entries}))
-    Path("m.json").write_text(
-        json.dumps(
-            [
-                {"t": t, "matrix": m.tolist()}
-                for t, m in zip(table.times, table.matrices, strict=True)
-            ]
-        )
-    )
+    Path("m.json").write_text(json.dumps(
+        [{"t": t, "matrix": m.tolist()} for t, m in zip(table.times, table.matrices, strict=True)]
+    ))
     for name in ("q.csv", "q.json", "m.json"):
         other = read_poses(name)
         assert np.array_equal(other.times, table.times)

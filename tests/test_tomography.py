@@ -36,7 +36,7 @@ def ramp(dtype="i2") -> np.ndarray:
 
 
 def ball(n: int = 24) -> np.ndarray:
-    x, y, z = np.mgrid[-1 : 1 : n * 1j, -1 : 1 : n * 1j, -1 : 1 : n * 1j]
+    x, y, z = np.mgrid[-1:1:n * 1j, -1:1:n * 1j, -1:1:n * 1j]
     return (1000 * (x * x + y * y + z * z < 0.5)).astype("i2")
 
 
@@ -45,7 +45,9 @@ def test_voxels_lie_where_the_file_says(extension, tmp_path):
     sitk.WriteImage(image(ramp()), str(tmp_path / f"a{extension}"))
     particles = gb.read(tmp_path / f"a{extension}", level=50)
     assert sorted(particles.attributes["intensity"]) == list(range(50, 60))
-    for position, value in zip(particles.positions, particles.attributes["intensity"], strict=True):
+    for position, value in zip(
+        particles.positions, particles.attributes["intensity"], strict=True
+    ):
         index = np.unravel_index(int(value), (3, 4, 5))
         expected = np.array(ORIGIN) + ROTATION @ (np.array(SPACING) * index)
         assert np.allclose(position, expected, atol=1e-4)

@@ -226,9 +226,8 @@ def _observations(pixels: Any, world_from_probe: Any) -> tuple[np.ndarray, np.nd
     for name, array in (("pixels", pixels), ("world_from_probe", poses)):
         good = np.isfinite(array).reshape(len(array), -1).all(axis=1)
         if not good.all():
-            raise ValueError(
-                f"{name}: expected finite numbers, got NaN or inf (observation {np.argmin(good)})"
-            )
+            raise ValueError(f"{name}: expected finite numbers, got NaN or inf "
+                             f"(observation {np.argmin(good)})")
     return pixels, poses
 
 
@@ -261,20 +260,16 @@ def temporal_offset(
     places = np.asarray(poses, np.float64)[:, :3, 3]
     if len(frames) != len(frame_times) or len(places) != len(pose_times):
         raise ValueError("times: expected one per frame and one per pose")
-    image = _speed(
-        frame_times,
-        [
-            float(np.abs(np.subtract(b, a, dtype=np.float32)).mean())
-            for a, b in zip(frames, frames[1:], strict=False)
-        ],
-    )
+    image = _speed(frame_times, [
+        float(np.abs(np.subtract(b, a, dtype=np.float32)).mean())
+        for a, b in zip(frames, frames[1:], strict=False)
+    ])
     probe = _speed(pose_times, np.linalg.norm(np.diff(places, axis=0), axis=1))
     step = min(np.median(np.diff(image[0])), np.median(np.diff(probe[0]))) / 4
     first, last = image[0][0] + most, image[0][-1] - most
     if last - first < 8 * step:
-        raise ValueError(
-            f"frame_times: expected more than {2 * most:g} s, got {np.ptp(frame_times):g} s"
-        )
+        raise ValueError(f"frame_times: expected more than {2 * most:g} s, got "
+                         f"{np.ptp(frame_times):g} s")
     grid = np.arange(first, last, step)
     seen = _normal("frames", np.interp(grid, *image))
     n_lags = int(most / step)

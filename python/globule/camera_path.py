@@ -181,14 +181,10 @@ def _checked(keys: Any, fps: float) -> tuple[list[float], list[Camera]]:
             missing = {"eye", "look_at"} - set(state)
             if missing:
                 raise ValueError(f"{sorted(missing)[0]}: expected in the first key, got none")
-            cameras.append(
-                Camera(
-                    _vector("eye", state["eye"]),
-                    _vector("look_at", state["look_at"]),
-                    _vector("up", state["up"]),
-                    _number("fov", state["fov"]),
-                )
-            )
+            cameras.append(Camera(
+                _vector("eye", state["eye"]), _vector("look_at", state["look_at"]),
+                _vector("up", state["up"]), _number("fov", state["fov"]),
+            ))
             frames.append(frame)
         except ValueError as error:
             raise ValueError(f"key {number}: {error}") from None

@@ -36,7 +36,20 @@ struct Gather {
     }
 };
 
-/// What the forces added to the velocity since Gather, as an acceleration for the substeps.
+/// Velocities free of divergence, before the forces.
+struct TakeVelocity {
+    sim::State state;
+    const std::uint32_t* slot;
+    const std::uint8_t* hold;
+    Quad* velocity;
+    GB_FN void operator()(std::size_t t) const {
+        if (hold[t] != kFree) return;
+        const float3 v = state.velocity[slot[t]].xyz();
+        velocity[t] = {v.x, v.y, v.z, velocity[t].w};
+    }
+};
+
+/// What the forces added to the velocity since then, as an acceleration for the substeps.
 struct TakeAcceleration {
     sim::State state;
     const std::uint32_t* slot;

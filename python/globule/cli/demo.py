@@ -22,10 +22,7 @@ EYE, LOOK_AT = (1.05, 0.95, 1.7), (0.0, 0.12, 0.0)  # closer than --fit: the hig
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        "-o",
-        "--output",
-        default="demo",
-        metavar="FOLDER",
+        "-o", "--output", default="demo", metavar="FOLDER",
         help="folder to write to, made if it is not there (default: demo)",
     )
     add_device(parser)
@@ -66,10 +63,8 @@ def run(options: argparse.Namespace) -> None:
     program = _program()
     near = os.path.join(options.output, "near.png")
     print("next, for instance:")
-    print(
-        f"  {program} render {shlex.quote(data)} -o {shlex.quote(near)} "
-        "--eye 0.6,0.6,1 --look-at 0,0.15,0"
-    )
+    print(f"  {program} render {shlex.quote(data)} -o {shlex.quote(near)} "
+          "--eye 0.6,0.6,1 --look-at 0,0.15,0")
     water = shlex.quote(os.path.join(options.output, "water.png"))
     print(f"  {program} render {shlex.quote(data)} -o {water} --preset water --size 512x391")
     print(f"  {program} info {shlex.quote(data)}")

@@ -56,11 +56,8 @@ _FORMATS = {
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "file",
-        metavar="FILE",
-        help=f"particles: {' '.join(READABLE)}; sweeps, volumes: {' '.join(medical.EXTENSIONS)}",
-    )
+    parser.add_argument("file", metavar="FILE", help=f"particles: {' '.join(READABLE)}; "
+                        f"sweeps, volumes: {' '.join(medical.EXTENSIONS)}")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     add_reading(parser)
 

@@ -50,7 +50,9 @@ def light(text: str) -> Headlight | DirectionalLight | PointLight:
         expected = "head, dir:X,Y,Z[,ANGLE] or point:X,Y,Z[,RADIUS]"
         raise argparse.ArgumentTypeError(f"expected {expected}, got {text!r}")
     where, size = vector(",".join(words[:3])), number(words[3]) if len(words) == 4 else 0.0
-    made = DirectionalLight(where, angle=size) if kind == "dir" else PointLight(where, radius=size)
+    made = (
+        DirectionalLight(where, angle=size) if kind == "dir" else PointLight(where, radius=size)
+    )
     try:
         made._pack()
     except ValueError as error:

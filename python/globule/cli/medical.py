@@ -22,7 +22,7 @@ EXTENSIONS = tuple(dict.fromkeys((*SWEEPS, *stack.DICOM, *VOLUMES)))
 
 
 def kind_of(path: str) -> str | None:
-    """ "sweep", "volume", or None for everything else, which may be particles."""
+    """"sweep", "volume", or None for everything else, which may be particles."""
     name = path.lower()
     if not os.path.isdir(path) and not name.endswith(EXTENSIONS):
         return None

@@ -86,9 +86,7 @@ def vector(text: str) -> tuple[float, float, float]:
 def add_device(parser: argparse.ArgumentParser) -> None:
     """The options that say where to compute."""
     parser.add_argument(
-        "--device",
-        default="auto",
-        metavar="DEVICE",
+        "--device", default="auto", metavar="DEVICE",
         help="auto, cpu, cuda or cuda:N (default: auto, a GPU where there is one)",
     )
     parser.add_argument(
@@ -116,26 +114,13 @@ def check_device(options: argparse.Namespace) -> None:
 def add_reading(parser: argparse.ArgumentParser) -> None:
     """The options that say what to take from volumes and meshes."""
     group = parser.add_argument_group("volumes and meshes")
-    group.add_argument(
-        "--level",
-        type=number,
-        metavar="L",
-        help="a volume's voxels of at least this intensity (default: Otsu's level)",
-    )
-    group.add_argument(
-        "--label",
-        type=int,
-        action="append",
-        metavar="N",
-        help="a volume's voxels of this value; may be given several times",
-    )
-    group.add_argument(
-        "--resample",
-        type=positive,
-        metavar="LENGTH",
-        help="resample a volume to voxels of this edge, or sample a mesh's "
-        "triangles at points this far apart",
-    )
+    group.add_argument("--level", type=number, metavar="L",
+                       help="a volume's voxels of at least this intensity (default: Otsu's level)")
+    group.add_argument("--label", type=int, action="append", metavar="N",
+                       help="a volume's voxels of this value; may be given several times")
+    group.add_argument("--resample", type=positive, metavar="LENGTH",
+                       help="resample a volume to voxels of this edge, or sample a mesh's "
+                       "triangles at points this far apart")
 
 
 def reading(options: argparse.Namespace) -> dict[str, Any]:
@@ -229,7 +214,7 @@ def check_output(option: str, path: str, extensions: Sequence[str]) -> None:
 
 
 def count(n: int, noun: str = "particle") -> str:
-    """ "1 particle", "1,000 particles"."""
+    """"1 particle", "1,000 particles"."""
     return f"{n:,} {noun}{'' if n == 1 else 's'}"
 
 

@@ -19,24 +19,15 @@ PRESET_DEPTH = 7  # where no support asks for another
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("tracing")
-    group.add_argument(
-        "--root",
-        choices=("exact", *ROOTS),
-        metavar="NAME",
-        help="exact, or as in the source thesis, on the dense octree: march "
-        "(points with thresholds), bezier (clipping) (default: exact)",
-    )
-    group.add_argument(
-        "--step", type=positive, metavar="S", help="of --root march, in supports (default: 0.25)"
-    )
-    group.add_argument(
-        "--preset",
-        choices=tuple(PRESETS),
-        metavar="NAME",
-        help=f"{', '.join(looks.PRESETS)}: matter, light and surroundings; thesis: "
-        "its tracing on a dense octree, and supports of half a leaf where the file "
-        "has none; options beside it win",
-    )
+    group.add_argument("--root", choices=("exact", *ROOTS), metavar="NAME",
+                       help="exact, or as in the source thesis, on the dense octree: march "
+                       "(points with thresholds), bezier (clipping) (default: exact)")
+    group.add_argument("--step", type=positive, metavar="S",
+                       help="of --root march, in supports (default: 0.25)")
+    group.add_argument("--preset", choices=tuple(PRESETS), metavar="NAME",
+                       help=f"{', '.join(looks.PRESETS)}: matter, light and surroundings; thesis: "
+                       "its tracing on a dense octree, and supports of half a leaf where the file "
+                       "has none; options beside it win")
 
 
 def settle(options: argparse.Namespace) -> Thesis | None:

@@ -1,1 +1,1 @@
-"""The parts of a simulation: tissue, blades."""
+"""The parts of a simulation: emitters, tissue, blades."""

@@ -54,7 +54,9 @@ def read_plus(path: str | os.PathLike) -> PlusConfig:
         origin = _numbers(path, region, "ClipRectangleOrigin", 2)
         size = _numbers(path, region, "ClipRectangleSize", 2)
         angles = _numbers(path, region, "FanAnglesDeg", 2)
-        apex = _numbers(path, region, "FanOriginPixel", 2) or _numbers(path, region, "FanOrigin", 2)
+        apex = _numbers(path, region, "FanOriginPixel", 2) or _numbers(
+            path, region, "FanOrigin", 2
+        )
         start = _numbers(path, region, "FanRadiusStartPixel", 1) or [0.0]
         stop = _numbers(path, region, "FanRadiusStopPixel", 1) or _numbers(
             path, region, "FanDepth", 1

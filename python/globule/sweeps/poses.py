@@ -136,27 +136,23 @@ def quaternion(matrix: np.ndarray) -> np.ndarray:
     if np.linalg.det(matrix) <= 0:
         raise ValueError("pose: expected a right-handed rotation, got a mirrored one")
     (a, b, c), (d, e, f), (g, h, i) = matrix
-    symmetric = np.array(
-        [
-            [a - e - i, b + d, c + g, h - f],
-            [b + d, e - a - i, f + h, c - g],
-            [c + g, f + h, i - a - e, d - b],
-            [h - f, c - g, d - b, a + e + i],
-        ]
-    )
+    symmetric = np.array([
+        [a - e - i, b + d, c + g, h - f],
+        [b + d, e - a - i, f + h, c - g],
+        [c + g, f + h, i - a - e, d - b],
+        [h - f, c - g, d - b, a + e + i],
+    ])
     return np.linalg.eigh(symmetric)[1][:, -1]
 
 
 def rotation(q: np.ndarray) -> np.ndarray:
     """The 3x3 rotation of a quaternion (x, y, z, w) of any length above 0."""
     x, y, z, w = q / np.linalg.norm(q)
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-        ]
-    )
+    return np.array([
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ])
 
 
 _Row = tuple[str, "float | None", np.ndarray, bool]
