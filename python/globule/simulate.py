@@ -221,10 +221,9 @@ class Simulation(Run, Operable):
             self.add(box_walls(lo, hi, d, self.settings.periodic), phase="walls")
         if isinstance(scene, Particles):
             self.add(scene.positions, self._names[0], scene.attributes.get("velocity", 0.0))
-        for body in found:
-            self.add(body.positions, body.name, body.velocities)
+        added = [(body, self.add(body.positions, body.name, body.velocities)) for body in found]
         if file:
-            self._set_up(file)
+            self._set_up(file, added)
 
     def add_phase(self, phase: Phase) -> None:
         """One more material."""
@@ -338,6 +337,7 @@ class Simulation(Run, Operable):
                 f"number in step {step} at {time:g} s"
             )
         report = StepReport(**done)
+        self._operate()
         self._note(report)
         return report
 
