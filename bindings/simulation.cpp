@@ -9,6 +9,7 @@
 #include "picture.hpp"
 #include "scene_handle.hpp"
 #include "simulation.hpp"
+#include "tissue_handle.hpp"
 
 using namespace globule;
 
@@ -22,7 +23,7 @@ template <class T>
 T item(const nb::dict& d, const char* name) { return nb::cast<T>(d[name]); }
 
 template <class Fn>
-auto work(const Fn& fn) {
+decltype(auto) work(const Fn& fn) {
     nb::gil_scoped_release release;
     return fn();
 }
@@ -171,5 +172,6 @@ void bind_simulation(nb::module_& m) {
                 nb::ndarray<nb::numpy, std::uint64_t>(found->offsets.data(), {found->offsets.size()}, owner),
                 nb::ndarray<nb::numpy, std::uint32_t>(found->indices.data(), {found->indices.size()}, owner));
         })
+        .def("tissue", [](PySimulation& s) { return PyTissue{nullptr, &work([&]() -> Tissue& { return s.core->tissue(); })}; }, nb::keep_alive<0, 1>())
         .def("show", [](PySimulation& s) { work([&] { s.core->show(); }); });
 }

@@ -9,6 +9,7 @@
 #include "globule/sim/emit.hpp"
 #include "globule/sim/energy.hpp"
 #include "globule/sim/rigid.hpp"
+#include "tissue.hpp"
 
 namespace globule {
 
@@ -81,6 +82,8 @@ struct Simulation {
     virtual void set_forces(const float* forces) = 0;
     /// Lists of neighbours as compressed rows of slots, one for each solved particle.
     virtual void neighbors(std::vector<std::uint32_t>& rows, Neighbors& out) = 0;
+    /// The tissue, as the particles are now.
+    virtual Tissue& tissue() = 0;
     /// Brings the scene up to date: which particles are seen, in which colour.
     virtual void show() = 0;
     virtual double time() = 0;

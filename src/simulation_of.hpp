@@ -3,11 +3,11 @@
 // The order of a step (each a named call below; dt is known before it begins, from the speeds that the
 // last step ended with):
 //   1  find_lists    neighbour lists, from the octree of the present positions
-//                    -> here pairs may be vetoed: replace an entry of Lists::index by Lists::n (nobody)
+//                    -> pairs whose bond is cut are nobody's neighbours
 //   2  densities     delta, G, alpha of every row; V grad W of every pair is kept
 //   3  solve         velocities free of divergence
 //   4  forces        gravity, viscosity, tension, what the user asked for
-//                    -> here bonds take their substeps, on State::velocity
+//                    and bonds, which take their substeps on State::velocity
 //   5  solve         velocities that lead to rest density after dt
 //   6  move          x += dt v (boundaries by their own velocities); guards
 //                    -> here instruments get the velocities of the next step, emitters emit, sinks remove
@@ -24,6 +24,7 @@
 #include "rigid_body.hpp"
 #include "scene_access.hpp"
 #include "simulation_state.hpp"
+#include "tissue_of.hpp"
 
 namespace globule {
 
@@ -36,7 +37,7 @@ public:
 
     explicit SimulationOf(std::shared_ptr<Scene> scene)
         : scene_(std::move(scene)), access_(scene_->share()), exec_(*static_cast<Exec*>(access_.exec)),
-          state_(exec_, *static_cast<Octree<Exec>*>(access_.octree)), list_counts_(exec_), list_index_(exec_), gradients_(exec_),
+          state_(exec_, *static_cast<Octree<Exec>*>(access_.octree)), tissue_(exec_), list_counts_(exec_), list_index_(exec_), gradients_(exec_),
           row_values_(exec_), change_(exec_), error_(exec_), accelerations_(exec_), forces_(exec_), progress_(exec_), error_sum_(exec_),
           compression_(exec_), most_count_(exec_), cohesion_(exec_), diagonal_(exec_), residual_(exec_), direction_(exec_),
           applied_(exec_), conjugate_(exec_), home_(exec_), impulse_(exec_), touch_(exec_), sinks_(exec_), n_gone_(exec_), totals_(exec_), color_(exec_), reflection_(exec_), weight_(exec_), rank_(exec_), ids_(exec_) {}
@@ -44,6 +45,7 @@ public:
     void configure(const SimulationSettings& settings) override {
         settings_ = settings;
         state_.configure(settings);
+        tissue_.set_spacing(settings.spacing);
     }
     void set_phase(int which, const sim::Phase& phase) override {
         state_.set_phase(which, phase);
@@ -142,14 +144,19 @@ public:
         mark("");
         for (const auto& [phase, pose] : next_poses_)
             exec_.for_each(state_.n, sim::Carry{state_.view(), std::uint8_t(phase), pose, home_.data(), dt});
+        gather_tissue();
+        bleed(dt);
         if (state_.n_rows > 0) {
             find_lists();
+            tissue_.change(lists_, state_.view(), dt);
             mark("neighbors");
             densities();
             mark("density");
             if (settings_.weakly_compressible) {
                 forces(dt, r);
                 mark("forces");
+                tissue_.push(state_.view(), dt);
+                mark("tissue");
                 push_by_density(dt);
                 mark("pressure");
             } else {
@@ -157,6 +164,8 @@ public:
                 mark("divergence");
                 forces(dt, r);
                 mark("forces");
+                tissue_.push(state_.view(), dt);
+                mark("tissue");
                 const sim::Progress density = solve(rows_.alpha, state_.view().pressure, dt, 1.0f / dt, settings_.density_error, settings_.least_iterations);
                 mark("pressure");
                 r.iterations = int(density.iterations);
@@ -165,6 +174,7 @@ public:
                 r.divergence_error = divergence.error;
             }
         }
+        tissue_.hold_on(state_.view(), dt);
         turn_bodies(dt);
         move(dt);
         if (n_sinks_ > 0 || !emitted_.empty()) {
@@ -234,6 +244,11 @@ public:
         }
     }
 
+    Tissue& tissue() override {
+        gather_tissue();
+        return tissue_;
+    }
+
     void show() override {
         if (!stale_) return;
         stale_ = false;
@@ -253,6 +268,7 @@ public:
         float* reflection = mirrors ? reflection_.reserve(2 * n) : nullptr;
         exec_.for_each(n, sim::Show{state_.view(), state_.phases(), rank, index, weight, color_.reserve(3 * n), reflection,
                                     reflection ? reflection + n : nullptr});
+        if (!tissue_.vessels().empty()) tissue_.stain(rank, state_.slot_of(), state_.phase_table[tissue_.phase_of_blood(1)].color, color_.data());
         state_.tree().relabel(index, {weight, 1.0f});
         access_.rebuilt(color_.data(), reflection, reflection ? reflection + n : nullptr);
     }
@@ -280,6 +296,7 @@ private:
         lists_.gx = g;
         lists_.gy = g + padded * places_;
         lists_.gz = g + 2 * padded * places_;
+        tissue_.veto(lists_, state_.view());
     }
 
     void densities() {
@@ -333,6 +350,7 @@ private:
 
     void forces(float dt, StepReport& r) {
         const sim::State s = state_.view();
+        tissue_.take_velocities(s);
         const std::size_t n = state_.n_rows;
         bool viscous = settings_.extra_viscosity > 0, implicit = false, tension = false;
         for (const sim::Phase& p : state_.phase_table) {
@@ -437,6 +455,16 @@ private:
         }
     }
 
+    void gather_tissue() { tissue_.gather(state_.view(), state_.phases(), state_.slot_of()); }
+
+    /// Blood comes in at the end of the step, where its velocity will have led it.
+    void bleed(float dt) {
+        for (const tissue::Drop& d : tissue_.bleed(state_.tree().sparse(), state_.view(), dt)) {
+            const float3 at = d.at + d.velocity * dt;
+            emitted_.push_back({{at.x, at.y, at.z}, {d.velocity.x, d.velocity.y, d.velocity.z}, tissue_.phase_of_blood(d.vessel)});
+        }
+    }
+
     /// Sinks take fluid out, emitted particles come in; positions are in the state afterwards.
     void take_and_give(StepReport& r) {
         exec_.for_each(state_.n, sim::TakePositions{state_.positions(), state_.view().place});
@@ -458,6 +486,7 @@ private:
         if (state_.n_rows > 0) exec_.for_each(state_.n_rows, sim::Contact<Packet>{lists_, rows_.boundary, state_.view(), state_.period(), settings_.spacing});
         float* positions = state_.positions();
         exec_.for_each(state_.n, sim::Move{state_.view(), dt, state_.tree().sparse().header, state_.period(), settings_.lo, positions, state_.not_a_number()});
+        tissue_.add_rest(state_.view());
     }
 
     void report(StepReport& r) {
@@ -518,6 +547,7 @@ private:
     Exec& exec_;
     SimulationSettings settings_;
     SimulationState<Exec> state_;
+    TissueOf<Exec> tissue_;
     Lists lists_{};
     sim::Rows rows_{};
     std::uint32_t places_ = 64, longest_list_ = 0;
@@ -549,7 +579,7 @@ private:
     double time_ = 0.0;
     std::uint64_t n_steps_ = 0;
     int n_marks_ = 0;
-    const char* stage_[12] = {};
+    const char* stage_[16] = {};
 };
 
 }  // namespace globule

@@ -16,6 +16,7 @@ from .particles import Particles, to_host
 from .scene import DEFAULTS, KERNELS, Scene, _count
 from .sim.bodies import bodies
 from .sim.emitter import Emitter
+from .sim.operate import Operable
 from .sim.run import Run, description, is_scene
 from .sim.scene_file import read_scene
 
@@ -36,6 +37,8 @@ class Phase:
     """A material of a simulation; any value may be changed between steps. SI units.
 
     kind: fluid, tissue, boundary (fixed or moved by key frames) or rigid (a floating body).
+    Of tissue: damping, 1/s; tear_strain beyond which bonds break, 0: never; yield_strain beyond
+    which the share creep_rate, 1/s, of the strain becomes permanent, 0: never.
     """
 
     name: str
@@ -49,6 +52,10 @@ class Phase:
     reflection: float = 0.0
     refraction: float = 0.0
     shown: bool | None = None
+    damping: float = 0.0
+    tear_strain: float = 0.0
+    yield_strain: float = 0.0
+    creep_rate: float = 0.0
 
     def __post_init__(self) -> None:
         if self.kind not in KINDS:
@@ -164,7 +171,7 @@ class _SimulationScene(Scene):
         raise TypeError("update: the scene of a simulation follows its particles")
 
 
-class Simulation(Run):
+class Simulation(Run, Operable):
     """A simulation of fluids.
 
     Args:
@@ -214,10 +221,9 @@ class Simulation(Run):
             self.add(box_walls(lo, hi, d, self.settings.periodic), phase="walls")
         if isinstance(scene, Particles):
             self.add(scene.positions, self._names[0], scene.attributes.get("velocity", 0.0))
-        for body in found:
-            self.add(body.positions, body.name, body.velocities)
+        added = [(body, self.add(body.positions, body.name, body.velocities)) for body in found]
         if file:
-            self._set_up(file)
+            self._set_up(file, added)
 
     def add_phase(self, phase: Phase) -> None:
         """One more material."""
@@ -331,6 +337,7 @@ class Simulation(Run):
                 f"number in step {step} at {time:g} s"
             )
         report = StepReport(**done)
+        self._operate()
         self._note(report)
         return report
 
@@ -445,6 +452,7 @@ class Simulation(Run):
             if packed != self._sent[i]:
                 self._core.set_phase(i, packed)
                 self._sent[i] = packed
+        self._send_tissue()
 
     def _read(self, name: str) -> np.ndarray:
         dtype, columns = _ARRAYS[name]
@@ -464,7 +472,7 @@ class Simulation(Run):
         """Everything that `set_state` needs to go on bit by bit (on the CPU)."""
         arrays = {name: self._read(name) for name in _ARRAYS}
         counts = [self._core.next_id(), self.n_steps]
-        return {**arrays, "time": np.array(self.time), "counts": np.array(counts, np.uint64)}
+        return {**arrays, **self._tissue_state(), "time": np.array(self.time), "counts": np.array(counts, np.uint64)}
 
     def set_state(self, state: Mapping[str, np.ndarray]) -> None:
         """Go on from what `state` gave."""
@@ -473,6 +481,7 @@ class Simulation(Run):
         for name in _ARRAYS:
             self._write(name, state[name])
         self._core.settle()
+        self._set_tissue_state(state)
 
 
 def box_walls(lo: Any, hi: Any, spacing: float, periodic: Any = (False,) * 3) -> np.ndarray:

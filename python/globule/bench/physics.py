@@ -26,7 +26,8 @@ PAGE = """\
 # Physics, checked
 
 Made by `globule bench physics -o docs`: {n} truths, {n_met} met; {machine}.
-The experiments are `globule.bench.physics_fluid` and `globule.bench.physics_tissue`; the tests run the small ones.
+The experiments are `globule.bench.physics_fluid` and `globule.bench.physics_tissue`; the tests run
+the small ones.
 A truth with a limit instead of a value (compression, drift) lists the limit as expected.
 
 {table}

@@ -35,7 +35,7 @@ class Body:
     fixed: np.ndarray | None = None
 
 
-BRAIN = 0.3  # rigidity of tissue whose scene says nothing
+BRAIN = 0.35  # rigidity of tissue whose scene says nothing
 
 
 def bodies(scene: SceneFile) -> list[Body]:

@@ -12,7 +12,9 @@ from ..particles import Particles
 from . import checkpoint
 from .bodies import Body
 from .emitter import Emitter
+from .operate import Vessel
 from .scene_file import SceneFile, as_dict
+from .tools import Tool
 
 
 def is_scene(scene: Any) -> bool:
@@ -51,6 +53,13 @@ def _phase(body: Body) -> dict[str, Any]:
     phase |= {"density": table.density}
     if body.kind in ("fluid", "tissue"):
         phase |= {"reflection": table.reflection, "refraction": table.refraction}
+    if body.kind == "tissue":
+        phase |= {
+            "damping": table.damping,
+            "tear_strain": table.tear,
+            "yield_strain": table.plastic,
+            "creep_rate": table.creep if table.plastic else 0.0,
+        }
     if body.kind == "fluid":
         phase |= {
             "viscosity": table.viscosity,
@@ -68,16 +77,28 @@ class Run:
         self.file = scene
         self.diagnostics: list[dict[str, Any]] = []
         self.seconds: dict[str, float] = {}
-        self.n_removed = 0
+        self.n_removed = self.n_cut = 0
+        self.instruments: dict[str, Tool] = {}
+        self._had_sinks = False
 
-    def _set_up(self, scene: SceneFile) -> None:
-        """What a scene has beside its particles."""
+    def _set_up(self, scene: SceneFile, added: list[tuple[Body, np.ndarray]]) -> None:
+        """What a scene has beside its particles, which are added already, with these ids."""
+        for body, ids in added:
+            if body.kind == "tissue":
+                self.bond(ids, body.young, body.fixed)
+        for table in scene.vessels:
+            self.add_vessel(
+                Vessel(np.array(table.path), table.radius, table.pressure, table.pool, table.fluid)
+            )
         for table in scene.rigids:
             self.make_rigid(table.name, table.density, table.velocity, table.spin)
         for table in scene.emitters:
             self.emitters[table.name] = Emitter(
                 table.center, table.direction, table.radius, table.rate, table.fluid
             )
+        self.instruments = {
+            table.name: Tool(table, number, 0.0) for number, table in enumerate(scene.instruments)
+        }
         self._prepare(0.0)
         self._first_state = self.state()
 
@@ -91,13 +112,21 @@ class Run:
             if table.motion is not None:
                 self.move_boundary(table.name, table.motion.pose(time + dt))
         for table in scene.emitters:
-            ended = table.end is not None and time >= table.end
-            self.emitters[table.name].on = table.start <= time and not ended
+            if table.start > 0 or table.end is not None:
+                ended = table.end is not None and time >= table.end
+                self.emitters[table.name].on = table.start <= time and not ended
         sinks = [table.region for table in scene.sinks]
-        for table in scene.instruments:
-            if table.kind == "suction" and table.motion.on(time):
-                sinks.append((table.motion.pose(time + dt)[:3, 3], table.radius))
-        self.set_sinks(sinks)
+        for tool in self.instruments.values():
+            tool.prepare(self, dt)
+            sinks += [tool.sink(time)] if tool.sink(time) else []
+        if sinks or self._had_sinks:
+            self.set_sinks(sinks)
+        self._had_sinks = bool(sinks)
+
+    def _operate(self) -> None:
+        """What instruments do after a step."""
+        for tool in self.instruments.values():
+            self.n_cut += tool.operate(self)
 
     def _note(self, report: Any) -> None:
         """One step more in the record."""
@@ -111,6 +140,7 @@ class Run:
             "error": report.error, "compression": report.compression,
             "max_compression": report.most_compression, "max_speed": report.most_speed,
             "n": report.n, "n_escaped": report.n_escaped, "n_removed": self.n_removed,
+            "n_cut": self.n_cut,
         })  # fmt: skip
 
     def measure(self) -> dict[str, float]:
@@ -126,6 +156,8 @@ class Run:
             "momentum_z": momentum[2],
             **{f"n_{kind}": n for kind, n in self.counts.items() if kind != "escaped"},
         }
+        if found["n_tissue"]:
+            found |= {"n_bonds": self.n_bonds, "n_pieces": self.n_pieces}
         if self.diagnostics:
             self.diagnostics[-1].update(found)
         return found
@@ -155,6 +187,7 @@ class Run:
             "diagnostics": self.diagnostics,
             "seconds": self.seconds,
             "n_removed": self.n_removed,
+            "n_cut": self.n_cut,
             "emitters": {
                 name: [e.rate, e.on, e.emitted, e._volume] for name, e in self.emitters.items()
             },
@@ -171,7 +204,9 @@ class Run:
         sim = cls(facts["scene"], device=device, threads=threads)
         sim.set_state(arrays)
         sim.diagnostics, sim.seconds = facts["diagnostics"], facts["seconds"]
-        sim.n_removed = facts["n_removed"]
+        sim.n_removed, sim.n_cut = facts["n_removed"], facts["n_cut"]
+        for tool in sim.instruments.values():
+            tool.start(sim.time)
         for name, values in facts["emitters"].items():
             emitter = sim.emitters[name]
             emitter.rate, emitter.on, emitter.emitted, emitter._volume = values
@@ -182,7 +217,11 @@ class Run:
         if self.file is None:
             raise ValueError("reset: expected a simulation of a scene, got another")
         self.set_state(self._first_state)
+        tools = self.instruments
         self._begin(self.file)
+        self.instruments = tools
+        for tool in tools.values():
+            tool.start(0.0)
         for emitter in self.emitters.values():
             emitter.emitted, emitter._volume = 0, 0.0
 

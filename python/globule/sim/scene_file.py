@@ -28,7 +28,6 @@ from .schema import (
     switch,
     text,
     vector,
-    whole,
 )
 from .shapes import Box, Cylinder, Plane, Sphere
 from .sources import DistanceFile, MeshFile, ParticleFile, Tomography, check_files
@@ -47,7 +46,6 @@ class Solver:
     max_error: float = key(number(above=0.0, most=0.1), 0.001)  # mean compression, a share
     cfl: float = key(number(above=0.0, most=2.0), 1.0)
     max_dt: float = key(positive, 0.005)  # seconds
-    tissue_iterations: int = key(whole(1, 1000), 10)  # small steps of the bonds in a step
 
 
 @dataclass(kw_only=True)
@@ -122,8 +120,8 @@ class Solid:
     rigidity: float | None = key(number(above=0.0, most=0.999), None)
     damping: float = key(number(least=0.0), 0.0)  # of the bonds, 1/s
     tear: float = key(number(least=0.0), 0.0)  # strain at which a bond breaks; 0: never
-    plastic: float = key(number(least=0.0), 0.0)  # strain beyond which it stays; 0: never
-    incompressible: bool = key(switch, True)  # whether it takes part in the density solve
+    plastic: float = key(number(least=0.0), 0.0)  # strain beyond which some stays; 0: never
+    creep: float = key(positive, 1.0)  # share of that strain that stays, 1/s
     fixed: list = key(each(Shape), [])
     velocity: tuple = key(vector(), (0.0, 0.0, 0.0))
     color: tuple = key(color, (0.62, 0.38, 0.35))
