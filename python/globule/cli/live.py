@@ -78,7 +78,9 @@ class Live:
             except ConnectionError as error:
                 raise UserError(f"--{error}") from error
             except OSError as error:
-                raise UserError(f"--record: {error.filename}: {error.strerror}") from error
+                name = error.filename or options.record or options.three_view
+                message = f"{name}: cannot be written: {error.strerror or error}"
+                raise UserError(message) from error
             finally:
                 if self.recorder:
                     self.recorder.close()
