@@ -291,6 +291,19 @@ def test_a_jump_that_cannot_fit_leaves_the_frames(sweep, capsys):
     }  # fmt: skip
 
 
+@pytest.mark.parametrize("dtype", [np.uint16, np.float32, np.int16])
+def test_images_of_other_types(sweep, capsys, dtype):
+    sweep.frames = sweep.frames.astype(dtype) * dtype(3)
+    server = Server(sweep)
+    server.serve(slice(None))
+    words = ["reconstruct", "--live", server.address, "--idle", "0.5", "-o", "v.npz", *CPU]
+    assert main([*words, "--spacing", "1"]) == 0
+    volume = read_volume("v.npz")
+    assert volume.values.max() > 400
+    if dtype == np.int16:  # no type of a volume's: collected, then brought into one
+        assert "frames are only collected" in capsys.readouterr().err
+
+
 def test_what_is_no_openigtlink_is_refused():
     listener = socket.create_server(("127.0.0.1", 0))
 

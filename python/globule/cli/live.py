@@ -118,7 +118,7 @@ class Live:
             if self.reconstructor is None:
                 self.reconstructor = self._reconstructor(frame)
             self.reconstructor.add(frame.image, frame.world_from_image)
-        except (ValueError, MemoryError) as error:
+        except (TypeError, ValueError, MemoryError) as error:
             # The frames stay: what is wrong with one shows when all are there.
             warn(f"the volume cannot grow any more, frames are only collected: {error}")
             self.growing = self.reconstructor = None
