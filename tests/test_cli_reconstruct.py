@@ -213,3 +213,12 @@ def test_convert_a_volume_to_a_picture_and_with_its_maps(sweep, capsys):
     assert np.array_equal(np.asarray(Image.open("v.png")), np.asarray(Image.open("w.png")))
     assert main(["convert", "v.npz", "w.vti"]) == 0
     assert np.array_equal(read_volume("v.npz").count, read_volume("w.vti").count)
+
+
+def test_info_names_outliers(sweep, capsys):
+    assert run_json(capsys, "info", "phantom.igs.mha")["outliers"] == []
+    sweep.world_from_image[10, :3, 3] += 60
+    gb.write_sweep("jump.npz", sweep)
+    assert run_json(capsys, "info", "jump.npz")["outliers"] == [10]
+    assert main(["info", "jump.npz"]) == 0
+    assert "jumps in 1 frame: 10" in capsys.readouterr().out

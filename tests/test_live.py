@@ -17,11 +17,12 @@ import globule as gb
 import numpy as np
 import pytest
 from globule.cli import main
+from globule.sweeps import igs
 from globule.sweeps.live import LiveFrame, parse_address, receive, receive_sweep
 from globule.sweeps.recorder import Recorder
 from globule.volume_io import read_volume
 from PIL import Image
-from sweep_helpers import small_sweep
+from sweep_helpers import small_sweep, spine_data
 
 CPU = ["--device", "cpu"]
 
@@ -128,6 +129,34 @@ def test_live_from_pyigtl_s_own_server():
         assert arrived(receive_sweep(f"igtl://127.0.0.1:{port}", idle=1.0), made)
     finally:
         server.stop()
+
+
+def test_the_real_sweep_replayed(capsys):
+    """As PLUS sends it: probe and reference as the tracker sees them, calibration from the XML."""
+    igtl = pytest.importorskip("pyigtl", reason="live needs pyigtl")
+    path, plus = (spine_data() / name for name in ("SpinePhantomFreehand.igs.mha", "NNMEAN.xml"))
+    sweep, recording = gb.read_sweep(path, plus=plus), igs.read(path)
+
+    def replay() -> str:
+        server = Server(sweep)
+        for i, messages in enumerate(server.messages):
+            for names in (("Probe", "Tracker"), ("Reference", "Tracker")):
+                messages.append(igtl.TransformMessage(
+                    recording.edges[names].matrices[i], device_name=f"{names[0]}To{names[1]}",
+                    timestamp=1000 + float(sweep.timestamps[i])).pack())  # fmt: skip
+            del messages[1]  # the pose that the image would have by itself
+        server.serve(slice(None))
+        return server.address
+
+    live = receive_sweep(replay(), plus=plus, idle=1.0)
+    assert np.array_equal(live.frames, sweep.frames) and live.world == "Reference"
+    assert np.allclose(live.world_from_image, sweep.world_from_image, rtol=1e-5, atol=1e-3)
+    words = ["--plus", str(plus), "--method", "pvn-om", "--spacing", "0.5", *CPU]
+    words += ["--live", replay(), "--idle", "1", "-o", "v.npz"]
+    facts = run_json(capsys, "reconstruct", *words)
+    assert facts["frames"]["used"] == 21 and facts["live"]["grew"]
+    file = gb.reconstruct(sweep, spacing=0.5, device="cpu")
+    assert facts["counts"]["measured"] == pytest.approx(file.n_measured, rel=0.02)
 
 
 def test_a_restarted_stream_loses_nothing():
@@ -289,6 +318,19 @@ def test_a_jump_that_cannot_fit_leaves_the_frames(sweep, capsys):
     assert facts["frames"] | {"dtype": 0} == {
         "total": 24, "used": 23, "outliers": [10], "size": [64, 60], "dtype": 0
     }  # fmt: skip
+
+
+@pytest.mark.parametrize("dtype", [np.uint16, np.float32, np.int16])
+def test_images_of_other_types(sweep, capsys, dtype):
+    sweep.frames = sweep.frames.astype(dtype) * dtype(3)
+    server = Server(sweep)
+    server.serve(slice(None))
+    words = ["reconstruct", "--live", server.address, "--idle", "0.5", "-o", "v.npz", *CPU]
+    assert main([*words, "--spacing", "1"]) == 0
+    volume = read_volume("v.npz")
+    assert volume.values.max() > 400
+    if dtype == np.int16:  # no type of a volume's: collected, then brought into one
+        assert "frames are only collected" in capsys.readouterr().err
 
 
 def test_what_is_no_openigtlink_is_refused():

@@ -86,6 +86,10 @@ def test_render_of_other_volumes(tmp_path, monkeypatch, capsys):
     assert main([*words, "--support", "1"]) == 2
     assert capsys.readouterr().err.count("globule: error: --support") == 1
     assert main(["render", "nowhere.vti", "-o", "n.png", *machine]) == 2
+    gb.write_sweep("sweep.igs.mha", gb.phantoms.cylinders(n_frames=4, size=(9, 8), spacing=4.0))
+    capsys.readouterr()
+    assert main(["render", "sweep.igs.mha", "-o", "n.png", *machine]) == 2
+    assert "got a sweep" in capsys.readouterr().err
     Path("d.vti").write_bytes(Path("a.vti").read_bytes()[:600])
     assert main(["render", "d.vti", "-o", "n.png", *machine]) == 2
     assert not Path("n.png").exists()

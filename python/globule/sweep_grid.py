@@ -152,8 +152,8 @@ def check_memory(needed: Callable[[float], int], available: int, grid: VoxelGrid
     that would. `needed` are the bytes for voxels so many times larger."""
     x, y, z = grid.size
     taken = needed(1.0)
-    log.info("%d x %d x %d voxels, up to %.0f MiB", x, y, z, taken / 2**20)
     if not available or taken <= available:
+        log.info("%d x %d x %d voxels, up to %.0f MiB", x, y, z, taken / 2**20)
         return taken
     times = (taken / available) ** (1 / 3)
     while needed(times) > 0.95 * available and times < _MOST_TIMES:

@@ -59,14 +59,18 @@ def _sweep(n_frames: int) -> Sweep:
 
 
 def _best(run: Callable[[], Volume], quick: bool) -> tuple[float, Volume]:
-    """The shorter of two runs in seconds, or the only one where a run takes long; the volume."""
-    seconds = []
-    while True:
+    """The shortest of three runs in seconds, or the only one where a run takes long; its volume."""
+    best, spent = None, 0.0
+    for _ in range(3):
         start = time.perf_counter()
         volume = run()
-        seconds.append(time.perf_counter() - start)
-        if len(seconds) == 3 or sum(seconds) > (1.0 if quick else 3.0):
-            return min(seconds), volume
+        seconds = time.perf_counter() - start
+        if best is None or seconds < best[0]:
+            best = seconds, volume
+        spent += seconds
+        if spent > (1.0 if quick else 3.0):
+            break
+    return best
 
 
 def _gain(seconds: Sequence[float | None], k: int) -> float | None:

@@ -78,7 +78,9 @@ class Live:
             except ConnectionError as error:
                 raise UserError(f"--{error}") from error
             except OSError as error:
-                raise UserError(f"--record: {error.filename}: {error.strerror}") from error
+                name = error.filename or options.record or options.three_view
+                message = f"{name}: cannot be written: {error.strerror or error}"
+                raise UserError(message) from error
             finally:
                 if self.recorder:
                     self.recorder.close()
@@ -116,7 +118,7 @@ class Live:
             if self.reconstructor is None:
                 self.reconstructor = self._reconstructor(frame)
             self.reconstructor.add(frame.image, frame.world_from_image)
-        except (ValueError, MemoryError) as error:
+        except (TypeError, ValueError, MemoryError) as error:
             # The frames stay: what is wrong with one shows when all are there.
             warn(f"the volume cannot grow any more, frames are only collected: {error}")
             self.growing = self.reconstructor = None

@@ -14,6 +14,7 @@ from ..sweep_io import WRITABLE as SWEEPS
 from ..sweep_io import is_sweep, write_sweep
 from ..sweeps import igs, stack
 from ..sweeps.transforms import WORLDS, find_path
+from ..trust import check_poses
 from ..volume_io import READABLE as VOLUMES
 from ..volume_io import WRITABLE as WRITABLE_VOLUMES
 from ..volume_io import write_volume
@@ -74,9 +75,12 @@ def lines(facts: dict[str, Any]) -> list[str]:
     if facts["spacing"] is None:
         return [*found, "  poses      need a calibration: no transform leads to the image"]
     spacing = " x ".join(f"{s:.6g}" for s in facts["spacing"])
+    jumps = list(facts["outliers"])
+    which = ", ".join(map(str, jumps[:8])) + (" …" if len(jumps) > 8 else "")
     return [
         *found,
         f"  poses      {facts['valid']:,} valid, in {facts['world']} ({facts['space']})",
+        *([f"  outliers   the pose jumps in {count(len(jumps), 'frame')}: {which}"] * bool(jumps)),
         f"  pixel      {spacing} mm",
         f"  bounds     {_place(facts['bounds']['lo'])}  to  {_place(facts['bounds']['hi'])} mm",
     ]
@@ -137,6 +141,7 @@ def _sweep(path: str) -> dict[str, Any]:
         facts |= {
             "spacing": sweep.spacing, "valid": sweep.n_valid, "world": sweep.world,
             "space": sweep.space, "bounds": {"lo": low, "hi": high},
+            "outliers": np.flatnonzero(check_poses(sweep).outliers),
             "masked": None if sweep.mask is None else int((~sweep.mask).sum()),
         }  # fmt: skip
     if times is not None and len(times):

@@ -38,11 +38,16 @@ def check_surface(path: str, options: argparse.Namespace) -> None:
     for name in ("threshold", "support"):
         if getattr(options, name) is not None:
             raise UserError(f"--{name}: expected --level for the volume {path}, got --{name}")
+    from ..sweep_io import is_sweep
+
     try:
         with open(path, "rb"):
             pass
+        tracked = is_sweep(path)
     except OSError as error:
         raise UserError(f"{path}: expected a file to read, got: {error.strerror}") from error
+    if tracked:
+        raise UserError(f"{path}: expected a volume, got a sweep: globule reconstruct makes one")
 
 
 def read_surface(path: str, options: argparse.Namespace) -> tuple[Particles, list[str]]:

@@ -235,11 +235,11 @@ class _Assembler:
 
 
 def _plane(image: np.ndarray) -> np.ndarray:
-    """(1, H, W) or (1, H, W, 3) to (H, W)."""
+    """(1, H, W) or (1, H, W, 3) to (H, W), in this machine's order of bytes."""
     from .igs import to_grey
 
     if image.ndim == 4:
         image = to_grey(image[..., :3])
     if image.ndim != 3 or image.shape[0] != 1:
         raise ValueError(f"live: expected 2D images, got shape {image.shape}")
-    return image[0]
+    return np.ascontiguousarray(image[0], image.dtype.newbyteorder("="))
