@@ -144,6 +144,11 @@ struct CpuGroup {
     }
 
     static int lane_number(int lane) { return lane; }
+    /// fn(j, items[j]) for j in [begin, begin + n), all lanes taking part; those that `may` rejects can be left out.
+    template <class Item, class May, class Fn>
+    void each_of(const Item* items, std::uint32_t begin, std::uint32_t n, const May&, const Fn& fn) const {
+        for (std::uint32_t j = begin; j < begin + n; ++j) fn(j, items[j]);
+    }
     /// The set lanes, one bit each.
     std::uint32_t set_of(const B& m) const { return bits(m); }
     /// fn(lane) in every lane.

@@ -1,5 +1,6 @@
 // A group of lanes on the GPU: a warp.  The same face as exec/cpu_group.hpp.
 #pragma once
+#include "globule/base/quad.hpp"
 #include "globule/base/vec.hpp"
 
 namespace globule {
@@ -93,6 +94,19 @@ struct CudaGroup {
     template <class Fn>
     __device__ static void for_lanes(const Fn& fn) { fn(0); }
     __device__ int lane_number(int) const { return lane(); }
+    template <class May, class Fn>
+    __device__ void each_of(const Quad* items, std::uint32_t begin, std::uint32_t n, const May& may, const Fn& fn) const {
+        for (std::uint32_t base = begin; base < begin + n; base += width) {
+            const std::uint32_t j = base + lane();
+            float4 mine{0.0f, 0.0f, 0.0f, 0.0f};
+            const bool present = j < begin + n;
+            if (present) mine = *reinterpret_cast<const float4*>(items + j);
+            for (unsigned set = __ballot_sync(all, present && may(Quad{mine.x, mine.y, mine.z, mine.w})); set; set &= set - 1) {
+                const int k = __ffs(set) - 1;
+                fn(base + k, Quad{pick(mine.x, k), pick(mine.y, k), pick(mine.z, k), pick(mine.w, k)});
+            }
+        }
+    }
     __device__ std::uint32_t set_of(B m) const { return __ballot_sync(all, m); }
     template <class Fn>
     __device__ F map(const Fn& fn) const { return fn(lane()); }

@@ -89,39 +89,57 @@ struct FindLists {
             Group::put(y, lane, p.y);
             Group::put(z, lane, p.z);
         });
-        const B here = x < F(morton::kFarthest);
-        const F inf = F(infinity());
-        const float3 lo{g.smallest(select(here, x, inf)), g.smallest(select(here, y, inf)),
-                        g.smallest(select(here, z, inf))};
-        const float3 hi{g.largest(select(here, x, -inf)), g.largest(select(here, y, -inf)),
-                        g.largest(select(here, z, -inf))};
         const float h2 = support * support;
         const F sure = F(h2 * (1.0f - kDoubt)), possible = F(h2 * (1.0f + kDoubt));
         std::uint32_t* out = lists.index + lists.at(first);
-        period.each_image([&](const float3& shift) {
-        for_each_leaf(tree, lo - shift, hi - shift, [&](std::uint32_t begin, std::uint32_t n) {
-            for (std::uint32_t j = begin; j < begin + n; ++j) {
-                Quad p = place[j];
-                p = {p.x + shift.x, p.y + shift.y, p.z + shift.z, p.w};
-                const F dx = x - F(p.x), dy = y - F(p.y), dz = z - F(p.z);
-                const F r2 = dx * dx + dy * dy + dz * dz;
-                const B near = r2 < possible;
-                if (!g.any(near)) continue;
-                const B doubtful = near & !(r2 < sure);
-                g.per_lane(near, [&](int lane) {
-                    if (Group::get(slot, lane) == j) return;
-                    if (Group::get(doubtful, lane)) {
-                        const double ex = double(Group::get(x, lane)) - p.x, ey = double(Group::get(y, lane)) - p.y,
-                                     ez = double(Group::get(z, lane)) - p.z;
-                        if (!(ex * ex + ey * ey + ez * ez < double(support) * support)) return;
-                    }
-                    const std::uint32_t k = Group::get(count, lane);
-                    if (k < lists.places) out[std::size_t(k) * Packet::stride + g.lane_number(lane)] = j;
-                    Group::put(count, lane, k + 1);
+        const auto append = [&](int lane, std::uint32_t j) {
+            const std::uint32_t k = Group::get(count, lane);
+            if (k < lists.places) out[std::size_t(k) * Packet::stride + g.lane_number(lane)] = j;
+            Group::put(count, lane, k + 1);
+        };
+        // Where the curve jumps, a packet's rows are far apart: a walk of the tree for each place.
+        B pending = x < F(morton::kFarthest);
+        while (g.any(pending)) {
+            const int leader = g.first_from(pending, 0);
+            const F cx = F(g.pick(x, leader)), cy = F(g.pick(y, leader)), cz = F(g.pick(z, leader)), spread = F(2.0f * support), inf = F(infinity());
+            const B together = pending & (magnitude(x - cx) < spread) & (magnitude(y - cy) < spread) & (magnitude(z - cz) < spread);
+            pending = pending & !together;
+            const float3 lo{g.smallest(select(together, x, inf)), g.smallest(select(together, y, inf)), g.smallest(select(together, z, inf))};
+            const float3 hi{g.largest(select(together, x, -inf)), g.largest(select(together, y, -inf)), g.largest(select(together, z, -inf))};
+            period.each_image([&](const float3& shift) {
+                const float3 from = lo - shift, to = hi - shift;
+                const float wide = 1.0001f * support;
+                const auto may_reach = [&](const Quad& q) {
+                    return q.x > from.x - wide && q.x < to.x + wide && q.y > from.y - wide && q.y < to.y + wide && q.z > from.z - wide &&
+                           q.z < to.z + wide;
+                };
+                for_each_leaf(tree, from, to, [&](std::uint32_t begin, std::uint32_t n) {
+                    g.each_of(place, begin, n, may_reach, [&](std::uint32_t j, const Quad& q) {
+                        const float3 p = q.xyz() + shift;
+                        const F dx = x - F(p.x), dy = y - F(p.y), dz = z - F(p.z);
+                        const F r2 = dx * dx + dy * dy + dz * dz;
+                        const B near = together & (r2 < possible);
+                        if (!g.any(near)) return;
+                        const B doubtful = near & !(r2 < sure);
+                        if (!g.any(doubtful)) {
+                            g.per_lane(near, [&](int lane) {
+                                if (Group::get(slot, lane) != j) append(lane, j);
+                            });
+                            return;
+                        }
+                        g.per_lane(near, [&](int lane) {
+                            if (Group::get(slot, lane) == j) return;
+                            if (Group::get(doubtful, lane)) {
+                                const double ex = double(Group::get(x, lane)) - p.x, ey = double(Group::get(y, lane)) - p.y,
+                                             ez = double(Group::get(z, lane)) - p.z;
+                                if (!(ex * ex + ey * ey + ez * ez < double(support) * support)) return;
+                            }
+                            append(lane, j);
+                        });
+                    });
                 });
-            }
-        });
-        });
+            });
+        }
         finish(g, first, out, count);
     }
 
