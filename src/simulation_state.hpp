@@ -47,7 +47,7 @@ public:
         spline_ = sim::Spline::of(2.0f * s.spacing);
         const sim::LatticeSums sums(spline_, s.spacing);
         volume_ = float(1.0 / sums.all);
-        gamma_ = float(sums.plane / sums.all);
+        gamma_ = sim::kWallShare * float(sums.plane / sums.all);
         lattice_squares_ = float(sums.squares);
         viscosity_scale_ = float(sim::ViscosityScale::of(spline_, s.spacing, 1.0 / sums.all));
         const float3 size = s.hi - s.lo;
@@ -158,8 +158,8 @@ private:
         Buffer<Quad, Exec> place, velocity;
         Buffer<std::uint32_t, Exec> id;
         Buffer<std::uint8_t, Exec> phase;
-        Buffer<float, Exec> pressure, divergence_pressure;
-        explicit Copy(Exec& e) : place(e), velocity(e), id(e), phase(e), pressure(e), divergence_pressure(e) {}
+        Buffer<float, Exec> pressure, impulse, divergence_impulse;
+        explicit Copy(Exec& e) : place(e), velocity(e), id(e), phase(e), pressure(e), impulse(e), divergence_impulse(e) {}
         std::size_t capacity() const { return place.capacity() ? place.capacity() - 64 : 0; }
         void reserve(std::size_t n) {
             place.reserve(n + 64);
@@ -167,10 +167,11 @@ private:
             id.reserve(n + 64);
             phase.reserve(n + 64);
             pressure.reserve(n + 64);
-            divergence_pressure.reserve(n + 64);
+            impulse.reserve(n + 64);
+            divergence_impulse.reserve(n + 64);
         }
         sim::State view(std::size_t n) {
-            return {n, place.data(), velocity.data(), id.data(), phase.data(), pressure.data(), divergence_pressure.data()};
+            return {n, place.data(), velocity.data(), id.data(), phase.data(), pressure.data(), impulse.data(), divergence_impulse.data()};
         }
     };
 
