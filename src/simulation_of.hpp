@@ -158,7 +158,7 @@ public:
                 mark("divergence");
                 forces(dt, r);
                 mark("forces");
-                const sim::Progress density = solve(rows_.alpha, state_.view().impulse, dt, infinity(), settings_.density_error, settings_.least_iterations);
+                const sim::Progress density = solve(rows_.alpha, state_.view().impulse, dt, infinity(), kAim * settings_.density_error, settings_.least_iterations);
                 mark("pressure");
                 r.iterations = int(density.iterations);
                 r.error = density.error;
@@ -360,7 +360,7 @@ private:
     }
 
     sim::Interaction interaction(float share) const {
-        return {state_.spline(), state_.period(), share * state_.viscosity_scale(), settings_.extra_viscosity, settings_.spacing, state_.volume()};
+        return {state_.spline(), state_.period(), share * sim::kViscosity, settings_.extra_viscosity, settings_.spacing, state_.volume()};
     }
     const Quad* pair_forces(float viscous_share, bool tension, float* diagonal) {
         const sim::State s = state_.view();
@@ -517,6 +517,7 @@ private:
         int phase;
     };
 
+    static constexpr double kAim = 0.8;  // the error is predicted along straight lines: what comes is a fifth more
     static constexpr float kWarmShare = 0.5f, kOmega = 0.5f;
     static constexpr int kFirstMark = 4;  // the scene has those before
 
