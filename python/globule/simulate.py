@@ -25,7 +25,8 @@ _ARRAYS = {
     "id": (np.uint32, 1),
     "phase": (np.uint8, 1),
     "pressure": (np.float32, 1),
-    "divergence_pressure": (np.float32, 1),
+    "impulse": (np.float32, 1),
+    "divergence_impulse": (np.float32, 1),
 }
 
 
@@ -373,6 +374,11 @@ class Simulation(Operable):
         velocity[self._order(), :3] = value
         self._write("velocity", velocity)
         self._core.settle()
+
+    @property
+    def pressure(self) -> np.ndarray:
+        """(N,) float32, Pa, of the last step."""
+        return self._read("pressure")[self._order()]
 
     @property
     def phase(self) -> np.ndarray:
