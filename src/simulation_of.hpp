@@ -175,7 +175,7 @@ public:
                 r.divergence_error = divergence.error;
             }
         }
-        tissue_.hold_on(state_.view(), dt);
+        if (state_.n_rows > 0) tissue_.hold_on(state_.view(), dt);
         turn_bodies(dt);
         move(dt);
         if (n_sinks_ > 0 || !emitted_.empty()) {
@@ -493,7 +493,7 @@ private:
         if (state_.n_rows > 0) exec_.for_each(state_.n_rows, sim::Contact<Packet>{lists_, rows_.boundary, state_.view(), state_.period(), settings_.spacing});
         float* positions = state_.positions();
         exec_.for_each(state_.n, sim::Move{state_.view(), dt, state_.tree().sparse().header, state_.period(), settings_.lo, positions, state_.not_a_number()});
-        tissue_.add_rest(state_.view());
+        if (state_.n_rows > 0) tissue_.add_rest(state_.view());
     }
 
     void report(StepReport& r) {
