@@ -259,7 +259,9 @@ class Simulation(Run, Operable):
         if len(unknown):
             raise ValueError(f"ids: expected numbers that add() gave, got {unknown[0]}")
         if len(gone):
+            n_before = len(self)
             self._core.remove(len(gone), address(gone))
+            self.n_removed += n_before - len(self)
 
     def apply_force(self, force: Any, ids: Any = None) -> None:
         """A force on each particle (or those of `ids`) during the next step: (3,) or (M, 3), N."""
