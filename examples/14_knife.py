@@ -14,7 +14,6 @@ sim = gb.Simulation({
         "name": "block",
         "box": {"lo": [0, 0, 0], "hi": [0.04, 0.02, 0.02]},
         "young": 40000,  # Pa
-        "damping": 2,
         "fixed": [{"box": {"lo": [0, 0, 0], "hi": [0.005, 0.02, 0.02]}}],
         "color": "#c0625a",
     }],
@@ -22,7 +21,6 @@ sim = gb.Simulation({
 camera = gb.Camera(eye=(0.08, -0.12, 0.06), look_at=(0.02, 0.01, 0.0), up=(0, 0, 1), fov=35)
 
 pictures = [gb.render(sim.scene, camera, size=(260, 220)).picture]
-sim.advance(0.05)
 before = sim.n_bonds
 edge = np.array([[0.0212, -0.01, 0.04], [0.0212, 0.03, 0.04]])  # (K, 3) m, a line of points
 n_cut = sim.cut((edge, edge - [0, 0, 0.08]))  # all that lies between its two places
