@@ -53,7 +53,8 @@ def main() -> int:
         if share >= 1:
             break
         sim.advance(BETWEEN_CUTS)  # a NaN raises here
-        tissue = sim.positions[sim.is_tissue]
+        tissue = sim.positions[sim.phase == list(sim.phases).index("brain")]
+        tissue = tissue[np.isfinite(tissue).all(axis=1)]
         n_bonds_cut += sim.cut(stroke(rng, tissue))
         n_cuts += 1
         counts = sim.counts

@@ -106,6 +106,7 @@ void bind_tissue(nb::module_& m) {
         })
         .def("n", [](PyTissue& s) { return s.core->n(); })
         .def("n_bonds", [](PyTissue& s) { return work([&] { return s.core->n_bonds(); }); })
+        .def("elastic_energy", [](PyTissue& s) { return work([&] { return s.core->elastic_energy(); }); })
         .def("substeps", [](PyTissue& s, float dt) { return s.core->substeps(dt); })
         .def("get", [](PyTissue& s, Address positions, Address velocities, Address piece, Address hold, Address ids) {
             work([&] {

@@ -72,7 +72,7 @@ struct Simulation {
     /// The step that the current speeds allow.
     virtual double next_dt() = 0;
     virtual std::size_t size() = 0;
-    /// The state's arrays in slot order, by name: place, velocity, id, phase, pressure, divergence_pressure.
+    /// The state's arrays in slot order, by name: place, velocity, id, phase, pressure, impulse, divergence_impulse.
     virtual void read(const std::string& name, void* out) = 0;
     virtual void write(const std::string& name, const void* in) = 0;
     /// n particles whose arrays will be written, then settled: the octree is built.

@@ -7,7 +7,6 @@
 #include "globule/octree/build.hpp"
 #include "globule/sim/boundary.hpp"
 #include "globule/sim/motion.hpp"
-#include "globule/sim/viscosity.hpp"
 #include "simulation.hpp"
 
 namespace globule {
@@ -47,9 +46,8 @@ public:
         spline_ = sim::Spline::of(2.0f * s.spacing);
         const sim::LatticeSums sums(spline_, s.spacing);
         volume_ = float(1.0 / sums.all);
-        gamma_ = float(sums.plane / sums.all);
+        gamma_ = sim::kWallShare * float(sums.plane / sums.all);
         lattice_squares_ = float(sums.squares);
-        viscosity_scale_ = float(sim::ViscosityScale::of(spline_, s.spacing, 1.0 / sums.all));
         const float3 size = s.hi - s.lo;
         period_.length = {s.periodic[0] ? size.x : 0.0f, s.periodic[1] ? size.y : 0.0f, s.periodic[2] ? size.z : 0.0f};
         // Boundaries stand half a spacing outside of the domain's faces.
@@ -64,7 +62,6 @@ public:
     const sim::Period& period() const { return period_; }
     float volume() const { return volume_; }
     float lattice_squares() const { return lattice_squares_; }
-    float viscosity_scale() const { return viscosity_scale_; }
 
     /// place.w of a particle of this phase before its boundary's volumes are known.
     float w_of(int phase) const {
@@ -158,8 +155,8 @@ private:
         Buffer<Quad, Exec> place, velocity;
         Buffer<std::uint32_t, Exec> id;
         Buffer<std::uint8_t, Exec> phase;
-        Buffer<float, Exec> pressure, divergence_pressure;
-        explicit Copy(Exec& e) : place(e), velocity(e), id(e), phase(e), pressure(e), divergence_pressure(e) {}
+        Buffer<float, Exec> pressure, impulse, divergence_impulse;
+        explicit Copy(Exec& e) : place(e), velocity(e), id(e), phase(e), pressure(e), impulse(e), divergence_impulse(e) {}
         std::size_t capacity() const { return place.capacity() ? place.capacity() - 64 : 0; }
         void reserve(std::size_t n) {
             place.reserve(n + 64);
@@ -167,10 +164,11 @@ private:
             id.reserve(n + 64);
             phase.reserve(n + 64);
             pressure.reserve(n + 64);
-            divergence_pressure.reserve(n + 64);
+            impulse.reserve(n + 64);
+            divergence_impulse.reserve(n + 64);
         }
         sim::State view(std::size_t n) {
-            return {n, place.data(), velocity.data(), id.data(), phase.data(), pressure.data(), divergence_pressure.data()};
+            return {n, place.data(), velocity.data(), id.data(), phase.data(), pressure.data(), impulse.data(), divergence_impulse.data()};
         }
     };
 
@@ -212,7 +210,7 @@ private:
     TreeParams params_;
     sim::Spline spline_{};
     sim::Period period_;
-    float volume_ = 0, gamma_ = 0, lattice_squares_ = 0, viscosity_scale_ = 0;
+    float volume_ = 0, gamma_ = 0, lattice_squares_ = 0;
     bool volumes_stale_ = false;
 };
 

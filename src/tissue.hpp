@@ -64,6 +64,7 @@ struct Tissue {
     virtual std::uint32_t remove(const tissue::Shape& region) = 0;
     virtual std::uint32_t n() = 0;                           ///< with the places that are nobody's
     virtual std::uint32_t n_bonds() = 0;                     ///< whole ones
+    virtual double elastic_energy() = 0;                     ///< J, of whole bonds
     virtual int substeps(float dt) = 0;                      ///< that keep the static stiffness exact
     virtual void get(float* positions, float* velocities, std::uint32_t* piece, std::uint8_t* hold, std::uint32_t* ids) = 0;  ///< any may be null
     virtual void set(const float* positions, const float* velocities) = 0;

@@ -7,6 +7,7 @@
 #include "globule/sim/ablate.hpp"
 #include "globule/sim/bleed.hpp"
 #include "globule/sim/pieces.hpp"
+#include "globule/sim/pressure.hpp"
 #include "tissue_bonds.hpp"
 
 namespace globule {
@@ -18,7 +19,7 @@ public:
         : exec_(exec), at_(exec), next_(exec), velocity_(exec), acceleration_(exec), pull_(exec), before_(exec), rest_(exec), id_(exec),
           slot_(exec), hold_(exec), phase_(exec), scarred_(exec), first_(exec), other_(exec), length_(exec), stiffness_(exec), vessel_(exec),
           volume_(exec), wetness_(exec), lambda_(exec), label_(exec), least_id_(exec), piece_(exec), count_(exec), of_id_(exec),
-          vertices_(exec), triangles_(exec), drops_(exec), drop_list_(exec), found_(exec), spent_(exec) {}
+          vertices_(exec), triangles_(exec), drops_(exec), drop_list_(exec), found_(exec), spent_(exec), energy_(exec) {}
 
     void add(const TissueArrays& in) override {
         if (in.n == 0) return;
@@ -126,6 +127,14 @@ public:
     std::uint32_t n() override { return n_; }
     std::uint32_t n_bonds() override {
         return count([&](std::uint32_t* n) { exec_.for_each(n_, tissue::CountBonds{bonds(), n}); });
+    }
+
+    double elastic_energy() override {
+        if (n_ == 0) return 0.0;
+        double sum, *out = energy_.reserve(1);
+        exec_.reduce_in_order(n_, tissue::EnergyOf{bonds(), at_.data()}, sim::AddDouble{}, 0.0, out);
+        exec_.download(&sum, out, sizeof sum);
+        return sum;
     }
 
     void get(float* positions, float* velocities, std::uint32_t* piece, std::uint8_t* hold, std::uint32_t* ids) override {
@@ -278,7 +287,7 @@ private:
         for (int s = 0; s < n_substeps; ++s) {
             shapes_.move(dt);
             for (int k = 0; k < iterations; ++k) {
-                exec_.for_each(n_, tissue::Relax{bonds(), at, next, velocity_.data(), acceleration_.data(), hold_.data(), phase_.data(),
+                exec_.for_each_packet(n_, tissue::Relax{bonds(), at, next, velocity_.data(), acceleration_.data(), hold_.data(), phase_.data(),
                                                  lambda, materials_, motions_, shapes_, dt, contact_, k == 0, k + 1 == iterations,
                                                  s + 1 < n_substeps});
                 std::swap(at, next);
@@ -394,7 +403,7 @@ private:
     void extend(Buffer<T, Exec>& buffer, std::size_t n_old, std::size_t begin, const T* more, std::size_t m, const T& between) {
         std::vector<T> all(begin + m, between);
         if (n_old) exec_.download(all.data(), buffer.data(), n_old * sizeof(T));
-        std::copy(more, more + m, all.begin() + begin);
+        if (m) std::memcpy(all.data() + begin, more, m * sizeof(T));
         put(buffer, all.data(), all.size());
         exec_.synchronize();
     }
@@ -436,6 +445,7 @@ private:
     Buffer<std::uint32_t, Exec> triangles_;
     Buffer<tissue::Drop, Exec> drops_, drop_list_;
     Buffer<std::uint32_t, Exec> found_, spent_;
+    Buffer<double, Exec> energy_;
 };
 
 /// Tissue alone, with its own means.

@@ -126,6 +126,18 @@ def test_removed_particles_leave_no_bonds(backend):
     assert tissue.n_bonds < before
 
 
+def test_elastic_energy_is_that_of_the_springs(backend):
+    x = truths.lattice(4, 4, 5)
+    tissue = Tissue(x, D, 2500.0, **backend)
+    assert tissue.elastic_energy < 1e-15
+    tissue.positions = x * [1, 1, 1.05]
+    b = build_bonds(x, D, 2500.0)
+    y = x.astype("f8") * [1, 1, 1.05]
+    stretch = np.linalg.norm(y[b.first_ends] - y[b.other], axis=1) - b.length
+    expected = (0.25 * b.stiffness * stretch**2).sum()
+    assert abs(tissue.elastic_energy / expected - 1) < 1e-4
+
+
 def test_what_lies_along_a_polyline():
     course = [[0, 0, 0], [1, 0, 0], [1, 1, 0]]
     points = np.array([[0.5, 0.1, 0], [0.5, 0.3, 0], [-0.1, 0, 0], [1.1, 0.9, 0.1], [1, 1.3, 0]])

@@ -28,7 +28,8 @@ _ARRAYS = {
     "id": (np.uint32, 1),
     "phase": (np.uint8, 1),
     "pressure": (np.float32, 1),
-    "divergence_pressure": (np.float32, 1),
+    "impulse": (np.float32, 1),
+    "divergence_impulse": (np.float32, 1),
 }
 
 
@@ -258,7 +259,9 @@ class Simulation(Run, Operable):
         if len(unknown):
             raise ValueError(f"ids: expected numbers that add() gave, got {unknown[0]}")
         if len(gone):
+            n_before = len(self)
             self._core.remove(len(gone), address(gone))
+            self.n_removed += n_before - len(self)
 
     def apply_force(self, force: Any, ids: Any = None) -> None:
         """A force on each particle (or those of `ids`) during the next step: (3,) or (M, 3), N."""
@@ -386,6 +389,11 @@ class Simulation(Run, Operable):
         velocity[self._order(), :3] = value
         self._write("velocity", velocity)
         self._core.settle()
+
+    @property
+    def pressure(self) -> np.ndarray:
+        """(N,) float32, Pa, of the last step."""
+        return self._read("pressure")[self._order()]
 
     @property
     def phase(self) -> np.ndarray:

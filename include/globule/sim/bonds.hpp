@@ -70,55 +70,62 @@ struct Relax {
     bool is_first, is_last; ///< iteration of the substep
     bool predicts;          ///< another substep follows
 
-    GB_FN void operator()(std::size_t i) const {
-        const std::uint32_t t = std::uint32_t(i);
-        const Quad here = at[t];
-        Quad v = velocity[t];
-        float3 x = here.xyz();
-        if (hold[t] != kFree) {
-            const float3 u = motions.velocity_at(hold[t], x, v.xyz());
-            if (is_last && predicts) x = x + u * dt;
-            velocity[t] = {u.x, u.y, u.z, v.w};
-            next[t] = {x.x, x.y, x.z, here.w};
-            return;
+    template <class Packet>
+    GB_FN void run(std::size_t row) const {
+        using F = typename Packet::F;
+        std::uint32_t own[Packet::width];  // rows side by side; those past the end do the last one's work again
+        for (int lane = 0; lane < Packet::width; ++lane) own[lane] = least(std::uint32_t(row) + lane, bonds.n - 1);
+        const Four<F> here = Packet::gather(at, own);
+        const F zero = F(0.0f), one = F(1.0f), k_to_step = F(dt * dt), touching = F(contact);
+        F x = zero, y = zero, z = zero;
+        for (std::uint32_t e = bonds.begin(std::uint32_t(row)), end = bonds.end(std::uint32_t(row)); e < end; e += kBlock) {
+            const F l = Packet::load(bonds.length + e), k = Packet::load(bonds.stiffness + e) * k_to_step;
+            const Four<F> there = Packet::gather(at, bonds.other + e);
+            const F rx = here.x - there.x, ry = here.y - there.y, rz = here.z - there.z;
+            const F distance = root(rx * rx + ry * ry + rz * rz);
+            const F stretch = select(l > zero, distance - l, select(l < zero, least(distance - touching, zero), zero));
+            const F k_kappa = k * (here.w + there.w);
+            F step = zero - stretch * k / most(one, k_kappa);
+            if (lambda) {
+                const F before = Packet::load(lambda + e);
+                if (!is_first) {
+                    step = zero - (stretch * k + before) / (one + k_kappa);
+                    step = select(l < zero, most(step, zero - before), step);  // a contact never pulls
+                    step = select(l > zero, step, select(l < zero, step, zero));
+                }
+                Packet::store(lambda + e, is_first ? step : before + step);
+            }
+            const F per_distance = select(distance > zero, step / distance, zero);
+            x = x + rx * per_distance;
+            y = y + ry * per_distance;
+            z = z + rz * per_distance;
         }
-        const float3 push = pushes(t, here);
-        float3 u = v.xyz() + push * (v.w / dt);
-        x = x + push * v.w;
-        if (is_last) {
-            shapes.keep_out(x, u);
-            u = u * exp_negative(-materials.damping[phase[t]] * dt);
-            if (predicts) {
-                u = u + acceleration[t] * dt;
-                x = x + u * dt;
+        for (int lane = 0; lane < Packet::width && row + lane < bonds.n; ++lane)
+            move(std::uint32_t(row) + lane, {Packet::get(x, lane), Packet::get(y, lane), Packet::get(z, lane)});
+    }
+
+    /// push: Σ n λ over the particle's bonds.
+    GB_FN void move(std::uint32_t t, const float3& push) const {
+        const Quad here = at[t], v = velocity[t];
+        float3 x = here.xyz(), u = v.xyz();
+        if (hold[t] != kFree) {
+            u = motions.velocity_at(hold[t], x, u);
+            if (is_last && predicts) x = x + u * dt;
+        } else {
+            u = u + push * (v.w / dt);
+            x = x + push * v.w;
+            if (is_last) {
+                shapes.keep_out(x, u);
+                const float damping = materials.damping[phase[t]];
+                if (damping > 0.0f) u = u * exp_negative(-damping * dt);
+                if (predicts) {
+                    u = u + acceleration[t] * dt;
+                    x = x + u * dt;
+                }
             }
         }
         velocity[t] = {u.x, u.y, u.z, v.w};
         next[t] = {x.x, x.y, x.z, here.w};
-    }
-
-    /// Σ n λ over the particle's bonds.
-    GB_FN float3 pushes(std::uint32_t t, const Quad& here) const {
-        float3 sum{0, 0, 0};
-        for (std::uint32_t e = bonds.begin(t), end = bonds.end(t); e < end; e += kBlock) {
-            const float l = bonds.length[e];
-            if (l == 0.0f) continue;
-            const Quad there = at[bonds.other[e]];
-            const float3 r = here.xyz() - there.xyz();
-            const float distance = length(r);
-            const float stretch = l > 0.0f ? distance - l : least(distance - contact, 0.0f);
-            const float k = bonds.stiffness[e] * dt * dt, kappa = here.w + there.w;
-            float step;
-            if (is_first) {
-                step = -stretch * (k * kappa > 1.0f ? 1.0f / kappa : k);
-            } else {
-                step = -(stretch * k + lambda[e]) / (1.0f + kappa * k);
-                if (l < 0.0f && lambda[e] + step < 0.0f) step = -lambda[e];  // a contact never pulls
-            }
-            if (lambda) lambda[e] = is_first ? step : lambda[e] + step;
-            if (distance > 0.0f) sum = sum + r * (step / distance);
-        }
-        return sum;
     }
 };
 
@@ -154,6 +161,22 @@ struct CopyAll {
     const Quad* from;
     Quad* to;
     GB_FN void operator()(std::size_t t) const { to[t] = from[t]; }
+};
+
+/// Half of each whole bond's energy stands at either end.
+struct EnergyOf {
+    Bonds bonds;
+    const Quad* at;
+    GB_FN double operator()(std::size_t i) const {
+        const std::uint32_t t = std::uint32_t(i);
+        double sum = 0.0;
+        for (std::uint32_t e = bonds.begin(t), end = bonds.end(t); e < end; e += kBlock) {
+            if (bonds.length[e] <= 0.0f) continue;
+            const double stretch = double(length(at[t].xyz() - at[bonds.other[e]].xyz())) - bonds.length[e];
+            sum += 0.25 * bonds.stiffness[e] * stretch * stretch;
+        }
+        return sum;
+    }
 };
 
 /// Once a step: overstretched bonds break, strained ones creep.  A bond is judged at its lesser end.

@@ -6,8 +6,12 @@
 
 namespace globule::sim {
 
-/// V_b = gamma / sum_b W over the boundary particles of the same phase.  gamma makes a plane of a
-/// boundary as dense as a plane of the fluid's lattice, so that a lattice that touches it is at rest.
+/// A plane of a boundary as dense as a plane of the fluid's lattice would leave a lattice that touches it
+/// at rest; a fluid without order comes nearer.  With this share more, a tank keeps its height.
+inline constexpr float kWallShare = 1.2f;
+
+/// V_b = gamma / sum_b W over the boundary particles of the same phase; gamma: the plane's share of the
+/// lattice's sum, times the above.
 template <class Tree>
 struct BoundaryVolumes {
     Tree tree;

@@ -114,7 +114,8 @@ struct Append {
         state.id[i] = first_id + std::uint32_t(k);
         state.phase[i] = phase;
         state.pressure[i] = 0.0f;
-        state.divergence_pressure[i] = 0.0f;
+        state.impulse[i] = 0.0f;
+        state.divergence_impulse[i] = 0.0f;
     }
 };
 
@@ -141,7 +142,8 @@ struct Reorder {
         to.id[k] = from.id[i];
         to.phase[k] = from.phase[i];
         to.pressure[k] = from.pressure[i];
-        to.divergence_pressure[k] = from.divergence_pressure[i];
+        to.impulse[k] = from.impulse[i];
+        to.divergence_impulse[k] = from.divergence_impulse[i];
         slot_of[from.id[i]] = std::uint32_t(k);
     }
 };
@@ -155,7 +157,8 @@ struct CopyState {
         to.id[i] = from.id[i];
         to.phase[i] = from.phase[i];
         to.pressure[i] = from.pressure[i];
-        to.divergence_pressure[i] = from.divergence_pressure[i];
+        to.impulse[i] = from.impulse[i];
+        to.divergence_impulse[i] = from.divergence_impulse[i];
     }
 };
 

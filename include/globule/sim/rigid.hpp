@@ -1,7 +1,7 @@
 // Boundaries that move as a whole: by key frames, or as rigid bodies that fluids push (Akinci 2012).
 // Their particles know their place in the body's own frame, by id, so that nothing drifts.
 #pragma once
-#include "globule/sim/density.hpp"
+#include "globule/sim/pressure.hpp"
 
 namespace globule::sim {
 
@@ -62,18 +62,17 @@ template <class Packet>
 struct PressureImpulse {
     Lists<Packet> lists;
     State state;
-    const float *density, *divergence;  ///< P that the velocities have seen, per slot
     const float* nearest;
     std::uint8_t phase;
     Period period;
-    float volume, support;
+    float volume, support, dt;
     float3 center;
     GB_FN Impulse operator()(std::size_t row) const {
         Impulse sum;
         if (nearest[row] >= support) return sum;
         const std::uint32_t slot = lists.rows[row];
         if (!(state.place[slot].w < 0.0f)) return sum;
-        const float s = volume * (density[slot] + divergence[slot]) / support;
+        const float s = volume * dt * state.pressure[slot] / (kFlux * support);
         if (!(s > 0.0f)) return sum;
         for (std::uint32_t k = 0; k < lists.count[row]; ++k) {
             const std::size_t at = lists.at(row, k);

@@ -40,8 +40,9 @@ struct State {
     Quad* velocity;              ///< w: dynamic viscosity
     std::uint32_t* id;
     std::uint8_t* phase;
-    float* pressure;             ///< impulse of the density solve, for its warm start
-    float* divergence_pressure;  ///< the same of the divergence solve
+    float* pressure;             ///< of the last step, Pa
+    float* impulse;              ///< P of the density solve, for its warm start
+    float* divergence_impulse;   ///< P of the divergence solve
 };
 
 }  // namespace globule::sim

@@ -2,7 +2,7 @@
 //
 // Viscosity (Monaghan 2005; Weiler 2018):
 //   rho_i a_i = K sum_j mu_ij V_j (v_ij . x_ij) / (|x_ij|^2 + 0.01 h^2) grad W_ij
-// K is 2 (dim + 2) = 10 over what the sum makes of a shear flow in the lattice, so that it flows as it should.
+// K = 2 (dim + 2) = 10.
 // A boundary's layer stands half a spacing behind its face; the velocity there continues the fluid's
 // through zero at the face (Morris 1997), so that the fluid is at rest where the face is.
 //
@@ -12,26 +12,9 @@
 
 namespace globule::sim {
 
-struct ViscosityScale {
-    /// K for the lattice.
-    static double of(const Spline& w, float spacing, double volume) {
-        double sum = 0.0;
-        for (int x = -2; x <= 2; ++x)
-            for (int y = -2; y <= 2; ++y)
-                for (int z = -2; z <= 2; ++z) {
-                    const float r = spacing * std::sqrt(float(x * x + y * y + z * z));
-                    if (r == 0.0f || r >= w.support) continue;
-                    float value, slope;
-                    w(r, value, slope);
-                    const double fx = double(x) * spacing, fy = double(y) * spacing;
-                    sum -= 0.5 * volume * fx * fx * fy * fy * slope / (double(r) * r + 0.01 * w.support * w.support);
-                }
-        return 1.0 / sum;
-    }
-};
-
 /// Largest attraction of a pair, over tension times spacing; measured on drops (bench/physics_fluid.py).
-inline constexpr float kCohesion = 1.0f;
+inline constexpr float kCohesion = 0.77f;
+inline constexpr float kViscosity = 10.0f;  ///< K
 
 struct Interaction {
     Spline spline;

@@ -1,6 +1,6 @@
 // Weakly compressible SPH as a cross-check: pressure from the density by Tait's equation (Becker & Teschner 2007).
 #pragma once
-#include "globule/sim/density.hpp"
+#include "globule/sim/pressure.hpp"
 
 namespace globule::sim {
 
@@ -8,6 +8,7 @@ struct TaitPressure {
     const std::uint32_t* rows;
     Rows values;
     float sound_speed, dt;
+    float* pressure;
     float* change;  ///< impulse per slot, as pressure.hpp's push takes it
     GB_FN void operator()(std::size_t row) const {
         const float inverse_rho = values.inverse_rho[row];
@@ -16,6 +17,7 @@ struct TaitPressure {
             const float d = most(values.density[row], 1.0f), d3 = d * d * d;
             p = sound_speed * sound_speed / (7.0f * inverse_rho) * (d3 * d3 * d - 1.0f);
         }
+        pressure[rows[row]] = p * kFlux;
         change[rows[row]] = p * dt;
     }
 };

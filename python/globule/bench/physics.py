@@ -2,26 +2,22 @@
 
 from __future__ import annotations
 
-import importlib
 import os
 import time
 from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 from typing import Any
+
+import numpy as np
 
 from ..device import choose
 from ..files import atomic_write
+from ..simulate import Simulation
+from . import physics_fluid, physics_tissue
 from .report import machine, write_csv
 from .table import shown
 
 SUMMARY = "the simulation's truths: expected against measured"
-# Functions of (device, threads) whose rows have truth, expected, measured and ok.
-EXPERIMENTS = {
-    "globule.bench.physics_fluid": (
-        "neighbors", "hydrostatic", "dam_break", "poiseuille", "taylor_green", "momentum",
-        "free_fall", "emitter", "laplace", "oscillation",
-    ),
-    "globule.bench.physics_tissue": ("run",),
-}  # fmt: skip
 PAGE = """\
 # Physics, checked
 
@@ -46,10 +42,9 @@ def run(
     rows: list[dict[str, Any]] = []
     width = 58
     print(f"{'truth':<{width}} {'expected':>10} {'measured':>10}")
-    for name, experiment in experiments():
+    for experiment in experiments(quick):
         start = time.perf_counter()
-        options = {"quick": quick} if name == "run" else {}
-        for row in experiment(device, threads, **options):
+        for row in experiment(device, threads):
             row = dict(row) if isinstance(row, Mapping) else row._asdict()
             rows.append(row)
             met = "" if row["ok"] else "  not met"
@@ -67,10 +62,39 @@ def run(
     return rows
 
 
-def experiments() -> Iterator[tuple[str, Callable[..., Any]]]:
-    for module, names in EXPERIMENTS.items():
-        for name in names:
-            yield name, getattr(importlib.import_module(module), name)
+def experiments(quick: bool) -> Iterator[Callable[[str, int], Any]]:
+    """Functions of device and threads; rows have truth, expected, measured and ok."""
+    yield neighbors
+    yield from physics_fluid.EXPERIMENTS
+    yield partial(physics_fluid.poiseuille, implicit=True)
+    yield partial(physics_tissue.run, quick=quick)
+
+
+def neighbors(device: str = "cpu", threads: int = 0) -> list[physics_fluid.Row]:
+    """The solver's lists against brute force, before and after particles come and go."""
+    rng = np.random.default_rng(1)
+    description = {"spacing": 0.05, "domain": ((0, 0, 0), (1, 1, 1)), "walls": False}
+    sim = Simulation(description, device, threads)
+    sim.add(rng.random((2000, 3)).astype(np.float32))
+    wrong = [_wrong_lists(sim)]
+    sim.add(0.5 * rng.random((500, 3)).astype(np.float32))
+    sim.remove(rng.choice(2500, 700, replace=False))
+    wrong.append(_wrong_lists(sim))
+    names = "neighbours: lists unlike brute force", "the same after adding and removing"
+    return [physics_fluid.at_most(name, 0, n) for name, n in zip(names, wrong, strict=True)]
+
+
+def _wrong_lists(sim: Simulation) -> int:
+    """How many particles have other neighbours than those nearer than two spacings."""
+    ids, offsets, found = sim.neighbors()
+    known, positions = sim.ids, sim.positions
+    squared = np.float32(2 * sim.settings.spacing) ** 2
+    n_wrong = 0
+    for k, id_ in enumerate(ids):
+        apart = positions - positions[np.searchsorted(known, id_)]
+        near = known[(np.square(apart).sum(axis=1) < squared) & (known != id_)]
+        n_wrong += not np.array_equal(np.sort(found[offsets[k] : offsets[k + 1]]), near)
+    return n_wrong
 
 
 def page(rows: list[dict[str, Any]], description: str) -> str:

@@ -166,6 +166,11 @@ class Operable:
         return self._core.tissue().n_bonds()
 
     @property
+    def elastic_energy(self) -> float:
+        """J, of the whole bonds."""
+        return self._core.tissue().elastic_energy()
+
+    @property
     def n_pieces(self) -> int:
         """Pieces that the tissue is in."""
         return self._core.tissue().pieces()

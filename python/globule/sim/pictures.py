@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -40,11 +41,18 @@ class Eye:
             camera = self._camera or Camera((0, -1, 0), (0, 0, 0), self.view.up)
             return render(scene, camera, self.size)
         if self._settings is None:
-            look = self.view.look
-            self._settings = preset(look, scene, self.view.up) if look else RenderSettings()
+            self._settings = self._light(scene)
         if self._camera is None:
             self._camera = fit_camera(scene, self.size)
         return render(scene, self._camera, self.size, self._settings)
+
+    def _light(self, scene: Scene) -> RenderSettings:
+        if self.view.look is None:
+            return RenderSettings()
+        settings = preset(self.view.look, scene, self.view.up)
+        if self.view.ground is None or settings.ground is None:
+            return settings
+        return replace(settings, ground=replace(settings.ground, height=self.view.ground))
 
     def _by_speed(self, sim: Any) -> Scene:
         """The particles coloured by how fast they are."""

@@ -154,7 +154,7 @@ class Run:
             "momentum_x": momentum[0],
             "momentum_y": momentum[1],
             "momentum_z": momentum[2],
-            **{f"n_{kind}": n for kind, n in self.counts.items() if kind != "escaped"},
+            **{f"n_{kind}": n for kind, n in self.counts.items()},
         }
         if found["n_tissue"]:
             found |= {"n_bonds": self.n_bonds, "n_pieces": self.n_pieces}
@@ -164,13 +164,20 @@ class Run:
 
     @property
     def counts(self) -> dict[str, int]:
-        """Particles of each kind, and those outside of the domain ("escaped")."""
+        """Particles of each kind; those of them outside of the domain ("escaped"); and those removed
+        since the start."""
         kinds = [phase.kind for phase in self.phases.values()]
         per_phase = np.bincount(self.phase, minlength=len(kinds))
         found = {kind: 0 for kind in ("fluid", "tissue", "rigid", "boundary")}
         for kind, n in zip(kinds, per_phase, strict=True):
             found[kind] += int(n)
-        return {**found, "escaped": self.diagnostics[-1]["n_escaped"] if self.diagnostics else 0}
+        n_escaped = self.diagnostics[-1]["n_escaped"] if self.diagnostics else 0
+        return {**found, "escaped": n_escaped, "removed": self.n_removed}
+
+    @property
+    def n_born(self) -> int:
+        """Particles that ever were: those there are and those removed."""
+        return self._core.next_id()
 
     @property
     def shown_particles(self) -> Particles:

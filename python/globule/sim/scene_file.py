@@ -232,6 +232,7 @@ class View:
     up: tuple = key(direction, (0.0, 0.0, 1.0))
     fov: float = key(number(above=0.0, most=170.0), 40.0)
     look: str | None = key(choice("water", "blood", "glass", "tissue", "clay"), None)
+    ground: float | None = key(number(), None)  # height of a look's ground along `up`, metres
     speeds: tuple | None = key(vector(2, least=0), None)  # m/s at the ends of a colour map
     size: tuple = key(vector(2, least=1), (640.0, 480.0))
 

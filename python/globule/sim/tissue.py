@@ -110,6 +110,11 @@ class Tissue:
         return self._core.n_bonds()
 
     @property
+    def elastic_energy(self) -> float:
+        """J, of the whole bonds."""
+        return self._core.elastic_energy()
+
+    @property
     def n_pieces(self) -> int:
         return self._core.pieces()
 

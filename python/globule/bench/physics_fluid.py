@@ -1,0 +1,277 @@
+"""Experiments with a known answer, for fluids: each returns rows (truth, expected, measured, ok)."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..sim.emitter import Emitter
+from ..simulate import Simulation
+
+GRAVITY = 9.81
+# Martin & Moyce 1952, a column twice as high as wide: T = t sqrt(2 g / a) -> front Z = x / a.
+MARTIN_MOYCE = np.array(
+    [(0.832, 1.217), (1.219, 1.474), (1.997, 2.292), (2.547, 2.995), (3.345, 4.134), (4.034, 4.944)]
+)
+
+
+class Row(NamedTuple):
+    """One line of the table: what must hold, what was expected, what came, and whether it holds."""
+
+    truth: str
+    expected: float
+    measured: float
+    ok: bool
+
+
+def near(truth: str, expected: float, measured: float, relative: float) -> Row:
+    ok = abs(measured - expected) <= relative * abs(expected)
+    return Row(truth, expected, float(measured), bool(ok))
+
+
+def at_most(truth: str, limit: float, measured: float) -> Row:
+    return Row(truth, limit, float(measured), bool(measured <= limit))
+
+
+def at_least(truth: str, limit: float, measured: float) -> Row:
+    return Row(truth, limit, float(measured), bool(measured >= limit))
+
+
+def lattice(lo: Any, hi: Any, spacing: float) -> np.ndarray:
+    """(M, 3): the centres of the cubes of that edge that fill a box."""
+    lo, hi = np.asarray(lo, float), np.asarray(hi, float)
+    n = np.maximum(np.rint((hi - lo) / spacing).astype(int), 1)
+    axes = [lo[k] + (np.arange(n[k]) + 0.5) * spacing for k in range(3)]
+    return np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
+
+
+def hydrostatic(device: str = "cpu", threads: int = 0, seconds: float = 5.0) -> list[Row]:
+    """A tank at rest: pressure grows with depth, the surface stays where it was."""
+    d, height, wide = 0.05, 0.6, 0.5
+    domain = ((0, 0, 0), (wide, 1.5 * height, wide))
+    water = {"name": "water", "viscosity": 1.0}
+    sim = Simulation({"spacing": d, "domain": domain, "phases": [water]}, device, threads)
+    ids = sim.add(lattice((0, 0, 0), (wide, height, wide), d), "water")
+    sim.advance(seconds)
+    n, p, at = 40, np.zeros(len(ids)), np.zeros((len(ids), 3))
+    for _ in range(n):
+        sim.step()
+        p += sim.pressure[ids] / n
+        at += sim.positions[ids] / n
+    layer = round((wide / d) ** 2)
+    top = np.sort(at[:, 1])[-layer:].mean() + d / 2
+    # The layer that touches a wall carries what the wall's missing particles would.
+    away = np.minimum(at, wide - at)[:, [0, 2]].min(1) > 2 * d
+    inner = away & (at[:, 1] > 2 * d) & (at[:, 1] < height - 2 * d)
+    depth = 1000 * GRAVITY * (top - at[:, 1])
+    slope = np.polyfit(depth[inner], p[inner], 1)[0]
+    ratio = p[inner].mean() / depth[inner].mean()
+    return [
+        near("hydrostatic: dp/dz over rho g", 1.0, slope, 0.03),
+        near("hydrostatic: p over rho g depth, mean", 1.0, ratio, 0.03),
+        at_least(f"hydrostatic: height after {seconds:g} s, share", 0.99, top / height),
+    ]
+
+
+def dam_break(device: str = "cpu", threads: int = 0, cells: int = 16) -> list[Row]:
+    """A column twice as high as wide falls: its front, and how much it is compressed."""
+    a = 0.5
+    d = a / cells
+    domain = ((0, 0, 0), (5.5 * a, 2.2 * a, 8 * d))
+    description = {"spacing": d, "domain": domain, "periodic": (False, False, True)}
+    sim = Simulation({**description, "phases": [{"name": "water"}]}, device, threads)
+    ids = sim.add(lattice((0, 0, 0), (a, 2 * a, 8 * d), d), "water")
+    scale = np.sqrt(2 * GRAVITY / a)
+    times, fronts, compression = [], [], []
+    while sim.time * scale < MARTIN_MOYCE[-1, 0] + 0.6:
+        report = sim.step()
+        times.append(sim.time * scale)
+        fronts.append((np.sort(sim.positions[ids][:, 0])[-8] + d / 2) / a)
+        compression.append(report.compression)
+    measured = MARTIN_MOYCE[:, 1]
+    delays = np.linspace(-0.6, 0.6, 121)
+    errors = [
+        np.abs(np.interp(MARTIN_MOYCE[:, 0] + s, times, fronts) / measured - 1).max()
+        for s in delays
+    ]
+    return [
+        at_most("dam break: front against Martin & Moyce, largest error", 0.1, np.min(errors)),
+        at_most("dam break: mean compression", 0.001, np.mean(compression)),
+        at_most("dam break: particles lost", 0, report.n_escaped),
+    ]
+
+
+def poiseuille(device: str = "cpu", threads: int = 0, implicit: bool = False) -> list[Row]:
+    """Flow between two plates, driven by a body force."""
+    height, n, nu, top = 1.0, 20, 0.05, 0.5
+    d = height / n
+    force = 8 * nu * top / height**2
+    water = {"name": "oil", "viscosity": 1000 * nu, "implicit_viscosity": implicit}
+    domain = ((0, 0, 0), (8 * d, height, 8 * d))
+    description = {"spacing": d, "domain": domain, "periodic": (True, False, True)}
+    description |= {"gravity": (force, 0, 0), "longest_step": 0.02, "phases": [water]}
+    sim = Simulation(description, device, threads)
+    at = lattice(*domain, d)
+    start = 0.7 * 4 * top * at[:, 1] * (height - at[:, 1]) / height**2
+    ids = sim.add(at, "oil", np.stack([start, 0 * start, 0 * start], 1))
+    sim.advance(0.35 * height**2 / nu)
+    y, u = sim.positions[ids][:, 1], sim.velocities[ids][:, 0]
+    fit = np.polyfit(y - height / 2, u, 2)
+    kind = "implicit" if implicit else "explicit"
+    return [near(f"Poiseuille, {kind} viscosity: u_max", top, fit[2], 0.02)]
+
+
+def taylor_green(device: str = "cpu", threads: int = 0, n: int = 32) -> list[Row]:
+    """Vortices that fade: their amplitude falls as exp(-8 pi^2 nu t / L^2)."""
+    size, nu, seconds = 1.0, 0.01, 1.0
+    d = size / n
+    domain = ((0, 0, 0), (size, size, 8 * d))
+    description = {"spacing": d, "domain": domain, "periodic": (True, True, True)}
+    description |= {"gravity": (0, 0, 0), "phases": [{"name": "water", "viscosity": 1000 * nu}]}
+    sim = Simulation(description, device, threads)
+    at = lattice(*domain, d)
+
+    def flow(p: np.ndarray) -> np.ndarray:
+        x, y = 2 * np.pi * p[:, 0] / size, 2 * np.pi * p[:, 1] / size
+        return np.stack([np.sin(x) * np.cos(y), -np.cos(x) * np.sin(y), 0 * x], 1)
+
+    sim.add(at, "water", flow(at))
+    sim.advance(seconds)
+    mode = flow(sim.positions)
+    amplitude = (sim.velocities * mode).sum() / (mode**2).sum()
+    expected = np.exp(-8 * np.pi**2 * nu * seconds / size**2)
+    return [near("Taylor-Green: amplitude after 1 s", expected, amplitude, 0.05)]
+
+
+def momentum(device: str = "cpu", threads: int = 0) -> list[Row]:
+    """Fluid thrown about in a box that repeats, without gravity."""
+    d, size = 0.05, 0.6
+    domain = ((0, 0, 0), (size, size, size))
+    description = {"spacing": d, "domain": domain, "periodic": (True, True, True)}
+    description |= {"gravity": (0, 0, 0), "phases": [{"name": "water", "viscosity": 1.0}]}
+    sim = Simulation(description, device, threads)
+    random = np.random.default_rng(1)
+    at = lattice(*domain, d)
+    at = at[random.random(len(at)) < 0.8]
+    sim.add(at, "water", random.normal(0, 1, at.shape))
+    before, size = sim.totals(), np.abs(sim.velocities).sum() * 1000 * d**3
+    for _ in range(50):
+        sim.step()
+    drift = np.abs(np.subtract(sim.totals()["momentum"], before["momentum"])).sum() / size
+    return [at_most("momentum drift, closed, no gravity", 1e-5, drift)]
+
+
+def free_fall(device: str = "cpu", threads: int = 0) -> list[Row]:
+    """A block that meets nothing: its speed is g t, and it keeps its shape."""
+    d = 0.05
+    description = {"spacing": d, "domain": ((0, 0, 0), (1, 4, 1)), "phases": [{"name": "water"}]}
+    sim = Simulation(description, device, threads)
+    at = lattice((0.3, 3.2, 0.3), (0.7, 3.6, 0.7), d)
+    ids = sim.add(at, "water")
+    sim.advance(0.5)
+    v, moved = sim.velocities[ids], sim.positions[ids] - at
+    return [
+        near("free fall: speed", GRAVITY * sim.time, -v[:, 1].mean(), 1e-5),
+        at_most("free fall: spread of displacements, spacings", 1e-3, np.ptp(moved, axis=0).max() / d),
+    ]
+
+
+def emitter(device: str = "cpu", threads: int = 0) -> list[Row]:
+    """Exactly rate * time / volume particles come out, and none get lost."""
+    d, rate = 0.02, 2e-4
+    description = {"spacing": d, "domain": ((0, 0, 0), (0.6, 0.6, 0.6)), "phases": [{"name": "water"}]}
+    sim = Simulation(description, device, threads)
+    walls = len(sim)
+    sim.emitters["tap"] = Emitter((0.3, 0.5, 0.3), (0, -1, 0), 0.05, rate, "water")
+    sim.advance(1.0)
+    expected = rate * sim.time / d**3
+    count = len(sim) - walls
+    return [
+        Row("emitter: particles after 1 s, to within one", expected, count, abs(count - expected) <= 1)
+    ]
+
+
+def ball(radius: float, spacing: float) -> np.ndarray:
+    """A lattice's points within a radius of the origin, as many as the volume asks for."""
+    at = lattice((-radius - spacing,) * 3, (radius + spacing,) * 3, spacing)
+    n = round(4 / 3 * np.pi * radius**3 / spacing**3)
+    return at[np.argsort((at**2).sum(1), kind="stable")[:n]]
+
+
+def drop(radius: float, d: float, sigma: float, mu: float, device: str, threads: int) -> Simulation:
+    reach = 2 * radius
+    description = {"spacing": d, "domain": ((-reach,) * 3, (reach,) * 3), "walls": False}
+    water = {"name": "water", "tension": sigma, "viscosity": mu}
+    description |= {"gravity": (0, 0, 0), "phases": [water]}
+    sim = Simulation(description, device, threads)
+    sim.add(ball(radius, d), "water")
+    return sim
+
+
+def laplace(device: str = "cpu", threads: int = 0) -> list[Row]:
+    """Pressure in drops of three sizes. The attraction of a flat surface adds the same to all of them,
+    so that the slope over 2 / R is the tension."""
+    d, sigma = 0.001, 0.07
+    inverse, inside = [], []
+    for cells in (5, 7, 10):
+        radius = cells * d
+        sim = drop(radius, d, sigma, 0.02, device, threads)
+        sim.advance(0.05)
+        sums = []
+        for _ in range(20):
+            sim.step()
+            r = np.linalg.norm(sim.positions - np.array(sim.totals()["center"]), axis=1)
+            sums.append(sim.pressure[r < 0.5 * radius].mean())
+        inverse.append(2 / radius)
+        inside.append(np.mean(sums))
+    slope = np.polyfit(inverse, inside, 1)[0]
+    return [near("drop: pressure over 2 / R is the tension, N/m", sigma, slope, 0.05)]
+
+
+def oscillation(device: str = "cpu", threads: int = 0, cells: int = 8) -> list[Row]:
+    """A stretched drop swings at omega^2 = 8 sigma / (rho R^3) (Rayleigh 1879)."""
+    d, sigma = 0.001, 0.07
+    radius = cells * d
+    sim = drop(radius, d, sigma, 0.0005, device, threads)
+    sim.advance(0.01)
+    v = 0.25 * np.sqrt(8 * sigma / (1000 * radius**3))
+    x = sim.positions - np.array(sim.totals()["center"])
+    sim.velocities = v * x * (1.0, -0.5, -0.5)
+    omega = np.sqrt(8 * sigma / (1000 * radius**3))
+    times, shape = [], []
+    while sim.time < 0.01 + 2.2 * 2 * np.pi / omega:
+        sim.step()
+        x = sim.positions - np.array(sim.totals()["center"])
+        q = (x**2).mean(0)
+        times.append(sim.time)
+        shape.append(q[0] - 0.5 * (q[1] + q[2]))
+    measured = frequency(np.array(times), np.array(shape))
+    return [near("drop: omega^2 R^3 rho / sigma", 8.0, measured**2 * 1000 * radius**3 / sigma, 0.05)]
+
+
+def frequency(t: np.ndarray, y: np.ndarray) -> float:
+    """Of a damped swing: the best of many by least squares."""
+    best = (np.inf, 0.0)
+    guess = 2 * np.pi * 2.2 / (t[-1] - t[0])
+    for omega in guess * np.linspace(0.4, 1.8, 141):
+        for damping in omega * np.array([0.0, 0.02, 0.05, 0.1, 0.2, 0.3]):
+            e = np.exp(-damping * (t - t[0]))
+            basis = np.stack([e * np.cos(omega * t), e * np.sin(omega * t), np.ones_like(t)], 1)
+            rest = np.linalg.lstsq(basis, y, rcond=None)[1]
+            if len(rest) and rest[0] < best[0]:
+                best = (float(rest[0]), float(np.hypot(omega, damping)))
+    return best[1]
+
+
+EXPERIMENTS = (
+    free_fall,
+    momentum,
+    hydrostatic,
+    dam_break,
+    poiseuille,
+    taylor_green,
+    emitter,
+    laplace,
+    oscillation,
+)
