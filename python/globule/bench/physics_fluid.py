@@ -103,19 +103,24 @@ def dam_break(device: str = "cpu", threads: int = 0, cells: int = 16) -> list[Ro
 
 
 def poiseuille(device: str = "cpu", threads: int = 0, implicit: bool = False) -> list[Row]:
-    """Flow between two plates, driven by a body force."""
+    """Flow between two plates, driven by a body force.
+
+    The lattice is stretched by 4 % along the flow: particles that slide past each other need a little
+    more room than in the lattice, and a full channel jams.
+    """
     height, n, nu, top = 1.0, 20, 0.05, 0.5
     d = height / n
     force = 8 * nu * top / height**2
     water = {"name": "oil", "viscosity": 1000 * nu, "implicit_viscosity": implicit}
-    domain = ((0, 0, 0), (8 * d, height, 8 * d))
+    stretch = np.array([1.04, 1.0, 1.0])
+    domain = ((0, 0, 0), stretch * (8 * d, height, 8 * d))
     description = {"spacing": d, "domain": domain, "periodic": (True, False, True)}
     description |= {"gravity": (force, 0, 0), "longest_step": 0.02, "phases": [water]}
     sim = Simulation(description, device, threads)
-    at = lattice(*domain, d)
-    start = 0.7 * 4 * top * at[:, 1] * (height - at[:, 1]) / height**2
+    at = lattice((0, 0, 0), (8 * d, height, 8 * d), d) * stretch
+    start = 0.9 * 4 * top * at[:, 1] * (height - at[:, 1]) / height**2
     ids = sim.add(at, "oil", np.stack([start, 0 * start, 0 * start], 1))
-    sim.advance(0.35 * height**2 / nu)
+    sim.advance(0.3 * height**2 / nu)
     y, u = sim.positions[ids][:, 1], sim.velocities[ids][:, 0]
     fit = np.polyfit(y - height / 2, u, 2)
     kind = "implicit" if implicit else "explicit"
