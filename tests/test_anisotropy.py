@@ -3,7 +3,9 @@
 import globule as gb
 import numpy as np
 import pytest
+from globule.cli import main
 from globule.oracle import field, first_hit
+from PIL import Image
 from scenes import case, cloud, lattice, stretched_matrices
 
 N = 400
@@ -143,3 +145,20 @@ def test_the_oracle_by_dense_sampling():
             assert c.depth[i] <= t[past[0]] + 1e-9
         if np.isfinite(c.depth[i]):
             assert c.field((o + c.depth[i] * d)[None])[0][0] == pytest.approx(c.threshold, abs=1e-5)
+
+
+def test_the_command(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    p = lattice(8, 8, 8, 0.3)
+    gb.write("p.npz", gb.Particles(p, support=2.0))
+    line = ["render", "p.npz", "--size", "64x48", "--device", "cpu", "-o"]
+    assert main([*line, "plain.png"]) == 0 and main([*line, "smooth.png", "--anisotropic"]) == 0
+    plain, smooth = (np.asarray(Image.open(f"{n}.png"), float) for n in ("plain", "smooth"))
+    assert np.abs(plain - smooth).mean() > 2
+    gb.write("each.npz", gb.Particles(p, support=np.linspace(1.5, 2, len(p))))
+    line[1] = "each.npz"
+    capsys.readouterr()
+    assert main([*line, "each.png", "--anisotropic"]) == 2
+    assert "--anisotropic: expected one support" in capsys.readouterr().err
+    assert not (tmp_path / "each.png").exists()
+    assert main([*line, "each.png", "--anisotropic", "--support", "2"]) == 0
