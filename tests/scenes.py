@@ -31,8 +31,8 @@ class Case:
     matrices: np.ndarray | None = None  # instead of the support, which is then their shortest axis
 
     def particles(self) -> gb.Particles:
-        shape = {"support": self.support} if self.matrices is None else {"anisotropy": self.matrices}
-        return gb.Particles(self.positions, weight=self.weight, **shape)
+        shape = "support" if self.matrices is None else "anisotropy"
+        return gb.Particles(self.positions, weight=self.weight, **{shape: self.shape()})
 
     def shape(self):
         return self.support if self.matrices is None else self.matrices

@@ -3,7 +3,9 @@
 import globule as gb
 import numpy as np
 import pytest
+from globule.cli import main
 from globule.oracle import field, first_hit
+from PIL import Image
 from scenes import case, cloud, lattice, stretched_matrices
 
 N = 400
@@ -69,8 +71,8 @@ def test_a_cut_face_shows_the_blend(backend):
     assert face.sum() > 300
     blend = scene.blend(frame.position[face], color)
     np.testing.assert_allclose(frame.albedo[face], blend, atol=1e-3)
-    weights = np.linalg.norm(np.einsum("nij,mnj->mni", g, frame.position[face][:, None] - p), axis=2)
-    w = np.maximum(1 - weights**2, 0) ** 2
+    away = np.einsum("nij,mnj->mni", g, frame.position[face][:, None] - p)
+    w = np.maximum(1 - (away**2).sum(2), 0) ** 2
     np.testing.assert_allclose(blend, w @ color / w.sum(1, keepdims=True), atol=2e-3)
 
 
@@ -90,7 +92,8 @@ def test_smoothed_particles_make_a_flatter_surface():
     down = np.stack([*np.random.default_rng(8).uniform(-4, 4, (2, 500)), np.full(500, 9.0)], 1)
     d = np.tile(np.float32([0, 0, -1]), (500, 1))
     rough = []
-    for particles in (gb.Particles(p, support=2.0), gb.Particles(found.centers, anisotropy=found.G)):
+    smooth = gb.Particles(found.centers, anisotropy=found.G)
+    for particles in (gb.Particles(p, support=2.0), smooth):
         depth = gb.intersect(gb.Scene(particles, device="cpu"), down.astype(np.float32), d)[0]
         assert np.isfinite(depth).all()
         rough.append(depth.std())
@@ -143,3 +146,20 @@ def test_the_oracle_by_dense_sampling():
             assert c.depth[i] <= t[past[0]] + 1e-9
         if np.isfinite(c.depth[i]):
             assert c.field((o + c.depth[i] * d)[None])[0][0] == pytest.approx(c.threshold, abs=1e-5)
+
+
+def test_the_command(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    p = lattice(8, 8, 8, 0.3)
+    gb.write("p.npz", gb.Particles(p, support=2.0))
+    line = ["render", "p.npz", "--size", "64x48", "--device", "cpu", "-o"]
+    assert main([*line, "plain.png"]) == 0 and main([*line, "smooth.png", "--anisotropic"]) == 0
+    plain, smooth = (np.asarray(Image.open(f"{n}.png"), float) for n in ("plain", "smooth"))
+    assert np.abs(plain - smooth).mean() > 2
+    gb.write("each.npz", gb.Particles(p, support=np.linspace(1.5, 2, len(p))))
+    line[1] = "each.npz"
+    capsys.readouterr()
+    assert main([*line, "each.png", "--anisotropic"]) == 2
+    assert "--anisotropic: expected one support" in capsys.readouterr().err
+    assert not (tmp_path / "each.png").exists()
+    assert main([*line, "each.png", "--anisotropic", "--support", "2"]) == 0

@@ -12,6 +12,8 @@ import numpy as np
 from ..colormaps import colorize, hex_color, to_linear
 from ..lights import MAX_LIGHTS, DirectionalLight, Headlight, PointLight
 from ..particles import SCALAR_FIELDS, Particles
+from ..scene import Scene
+from ..smoothing import anisotropy
 from .shared import UserError, count, number, vector
 
 Color = tuple[float, float, float]
@@ -73,6 +75,18 @@ def given(options: argparse.Namespace) -> dict[str, Any]:
     if options.background is not None:
         fields["background"] = options.background
     return fields
+
+
+def stretched(options: argparse.Namespace, particles: Particles) -> Particles:
+    """The particles, smoothed, with kernels stretched along the surface."""
+    support = options.support or particles.support
+    if support is None and len(particles):
+        support = Scene(particles, options.kernel, device="cpu", threads=options.threads).support
+    if support is not None and not isinstance(support, float):
+        raise UserError("--anisotropic: expected one support for all particles, got one each; "
+                        "give --support")
+    found = anisotropy(particles, support or 1.0)
+    return replace(particles, positions=found.centers, anisotropy=found.G)
 
 
 def color_by(

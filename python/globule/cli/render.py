@@ -89,6 +89,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                          help="radius of every particle's kernel, instead of the file's")
     surface.add_argument("--threshold", type=positive, metavar="T",
                          help="iso-value of the summed field (default: by kernel)")
+    surface.add_argument("--anisotropic", action="store_true",
+                         help="smooth the particles and stretch their kernels along the surface "
+                         "(Yu and Turk 2013)")
     tree = parser.add_argument_group("octree")
     tree.add_argument("--octree", choices=("sparse", "dense"))
     tracing.add_arguments(parser)
@@ -251,6 +254,8 @@ def _picture(
             particles.color, ends = look.color_by(options, path, particles, messages)
         progress.step(f"building {path}")
         support, depth = tracing.support_and_depth(options, particles)
+        if options.anisotropic:
+            particles, support = look.stretched(options, particles), None
         scene = series.scene(particles, lambda particles: Scene(
             particles, options.kernel, options.threshold, support, options.key_bits, depth,
             options.octree, options.device, options.threads,
