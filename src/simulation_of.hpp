@@ -462,7 +462,7 @@ private:
         }
     }
 
-    void gather_tissue() { tissue_.gather(state_.view(), state_.phases(), state_.slot_of()); }
+    void gather_tissue() { tissue_.gather(state_.view(), state_.phases(), state_.slot_of(), state_.volume()); }
 
     /// Blood comes in at the end of the step, where its velocity will have led it.
     void bleed(float dt) {

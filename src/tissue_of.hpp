@@ -186,10 +186,10 @@ public:
     // In a simulation, in this order.
 
     /// Where the particles are now.
-    void gather(const sim::State& state, const sim::Phase* phases, const std::uint32_t* slot_of) {
+    void gather(const sim::State& state, const sim::Phase* phases, const std::uint32_t* slot_of, float volume) {
         if (n_ == 0) return;
         const std::uint32_t n_lost = counted([&](std::uint32_t* lost) {
-            exec_.for_each(n_, tissue::Gather{state, phases, id_.data(), slot_of, slot_.data(), at_.data(), velocity_.data(), hold_.data(), lost});
+            exec_.for_each(n_, tissue::Gather{state, phases, id_.data(), slot_of, slot_.data(), at_.data(), velocity_.data(), hold_.data(), volume, lost});
         });
         if (n_lost) exec_.for_each(n_, tissue::DropBonds{bonds(), hold_.data()});
     }

@@ -5,6 +5,7 @@ import pytest
 from globule import Particles, write
 from globule.sim.bodies import bodies
 from globule.sim.rigidity import rigidity_of_young, young_of_rigidity
+from globule.sim.sampling import BEHIND
 from globule.sim.scene_file import SHIPPED, read_scene
 from globule.sim.schema import SceneError
 from globule.sim.toml_lines import key_lines
@@ -130,7 +131,8 @@ def test_bodies_of_a_scene(tmp_path):
     assert len(found["water"].positions) == 125
     assert np.allclose(found["water"].positions.min(axis=0), 0.05)
     walls = found["walls"].positions
-    assert len(walls) == 12**3 - 10**3 and np.allclose([walls.min(), walls.max()], [-0.05, 1.05])
+    ends = [-0.1 * BEHIND, 1 + 0.1 * BEHIND]
+    assert len(walls) == 12**3 - 10**3 and np.allclose([walls.min(), walls.max()], ends)
     assert (found["jelly"].young == 3000).all() and not found["jelly"].fixed.any()
 
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import hashlib
+import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields
 from typing import Any
 
 import numpy as np
@@ -79,8 +80,8 @@ class Settings:
 
     spacing: of particles, m. domain: two corners, m; who leaves it is no longer simulated.
     gravity: m/s^2. cfl: dt = 0.4 cfl spacing / v_max, at most longest_step (s). density_error,
-    divergence_error: mean and relative, what the solvers reach. viscosity_error: relative residual of
-    implicit viscosity. weakly_compressible: Tait's equation instead of a pressure solve, with a
+    divergence_error: mean and relative, what the solvers reach. viscosity_error: relative residual
+    of implicit viscosity. weakly_compressible: Tait's equation instead of a pressure solve, with a
     sound_speed (m/s; default 10 times that of a fall through the domain) and, to stay calm, an
     extra_viscosity (Pa s).
     """
@@ -118,7 +119,7 @@ class Settings:
 @dataclass
 class StepReport:
     """What a step did. `error`: mean compression that the density solver left, predicted;
-    `compression`: mean of max(density / rest density - 1, 0) measured on the positions it began with.
+    `compression`: mean of max(density / rest density - 1, 0) of the positions it began with.
     """
 
     time: float
@@ -236,7 +237,7 @@ class Simulation(Run, Operable):
         self._names.append(phase.name)
 
     def add(self, positions: Any, phase: str | None = None, velocities: Any = 0.0) -> np.ndarray:
-        """New particles: positions (M, 3) m, velocities (M, 3), (3,) or 0, m/s. Returns their ids."""
+        """New particles: positions (M, 3) m, velocities (M, 3), (3,) or 0, m/s. Returns ids."""
         which = self._phase(phase)
         self._send()
         p = np.ascontiguousarray(to_host(positions), np.float32)
@@ -289,7 +290,7 @@ class Simulation(Run, Operable):
     def make_rigid(
         self, phase: str, density: float, velocity: Any = (0, 0, 0), spin: Any = (0, 0, 0)
     ) -> None:
-        """The particles of a phase of kind "rigid" become one body, filled with them at their spacing."""
+        """The particles of a phase of kind "rigid" become one body, which they fill."""
         which = self._phase(phase)
         if self.phases[phase].kind != "rigid":
             raise ValueError(f"phase: expected one of kind rigid, got {phase!r}")
@@ -308,10 +309,15 @@ class Simulation(Run, Operable):
     def body(self, phase: str) -> dict[str, np.ndarray]:
         """A rigid body's center, velocity, spin (3,) and rotation (3, 3), world."""
         v = np.array(self._core.body(self._phase(phase)))
-        return {"center": v[:3], "velocity": v[3:6], "spin": v[6:9], "rotation": v[9:].reshape(3, 3)}
+        return {
+            "center": v[:3],
+            "velocity": v[3:6],
+            "spin": v[6:9],
+            "rotation": v[9:].reshape(3, 3),
+        }
 
     def set_sinks(self, sinks: Any) -> None:
-        """Regions that take fluid out: ((lo, hi) corners of a box, or (center, radius) of a ball), …"""
+        """Regions that take fluid out: (lo, hi) corners of a box, (center, radius) of a ball, …"""
         packed = []
         for a, b in sinks:
             ball = np.ndim(b) == 0
@@ -427,8 +433,8 @@ class Simulation(Run, Operable):
         return ids[rows], offsets, ids[indices]
 
     def totals(self) -> dict[str, Any]:
-        """Of fluid and tissue: mass, kinetic and potential energy, momentum, angular_momentum (about the
-        origin), center; SI."""
+        """Of fluid and tissue: mass, kinetic and potential energy, momentum, angular_momentum
+        (about the origin), center; SI."""
         t = self._core.totals()
         mass = t["mass"] or 1.0
         return {**t, "center": tuple(c / mass for c in t["center"])}
@@ -475,6 +481,11 @@ class Simulation(Run, Operable):
 
     def _order(self) -> np.ndarray:
         return np.argsort(self._read("id"))
+
+    def _describe(self) -> dict[str, Any]:
+        phases = [asdict(self.phases[name]) for name in self._names]
+        described = {**asdict(self.settings), "phases": phases, "walls": False}
+        return json.loads(json.dumps(described, default=lambda v: np.asarray(v).tolist()))
 
     def state(self) -> dict[str, np.ndarray]:
         """Everything that `set_state` needs to go on bit by bit (on the CPU)."""

@@ -10,7 +10,8 @@ namespace globule::tissue {
 
 inline constexpr std::uint32_t kNobody = 0xffffffffu;
 
-/// Finds each tissue particle's slot, position and velocity.  Who has left the simulation is gone.
+/// Finds each tissue particle's slot, position and velocity.  Who has left the simulation is gone.  What is
+/// held stands in the density solve like a boundary: it pushes, and is not pushed.
 struct Gather {
     sim::State state;
     const sim::Phase* phases;
@@ -18,6 +19,7 @@ struct Gather {
     std::uint32_t* slot;
     Quad *at, *velocity;
     std::uint8_t* hold;
+    float volume;            ///< of a particle
     std::uint32_t* n_lost;
     GB_FN void operator()(std::size_t t) const {
         const std::uint32_t s = id[t] == kNobody ? sim::kGone : slot_of[id[t]];
@@ -29,7 +31,9 @@ struct Gather {
             return;
         }
         const Quad p = state.place[s];
-        const bool stands = hold[t] == kFixed && phases[state.phase[s]].kind == sim::Kind::tissue;
+        const sim::Phase& phase = phases[state.phase[s]];
+        const bool is_tissue = phase.kind == sim::Kind::tissue, stands = is_tissue && hold[t] == kFixed;
+        if (is_tissue) state.place[s].w = hold[t] == kFree ? -1.0f / phase.density : volume;
         const float3 v = stands ? float3{0, 0, 0} : state.velocity[s].xyz();
         at[t] = {p.x, p.y, p.z, at[t].w};
         velocity[t] = {v.x, v.y, v.z, velocity[t].w};

@@ -164,8 +164,8 @@ class Run:
 
     @property
     def counts(self) -> dict[str, int]:
-        """Particles of each kind; those of them outside of the domain ("escaped"); and those removed
-        since the start."""
+        """Particles of each kind; those outside of the domain ("escaped"); and those removed since
+        the start."""
         kinds = [phase.kind for phase in self.phases.values()]
         per_phase = np.bincount(self.phase, minlength=len(kinds))
         found = {kind: 0 for kind in ("fluid", "tissue", "rigid", "boundary")}
@@ -187,10 +187,10 @@ class Run:
 
     def save(self, name: str | os.PathLike) -> None:
         """Write the whole state to NAME.npz, for `load`; the file appears whole or not at all."""
-        if self.file is None:
-            raise ValueError("save: expected a simulation of a scene file, got another")
+        described = self._describe()
         facts = {
-            "scene": as_dict(self.file),
+            "scene": described if self.file is None else as_dict(self.file),
+            "described": described,
             "diagnostics": self.diagnostics,
             "seconds": self.seconds,
             "n_removed": self.n_removed,
@@ -209,15 +209,29 @@ class Run:
         """
         arrays, facts = checkpoint.load(name)
         sim = cls(facts["scene"], device=device, threads=threads)
+        sim._describe_again(facts["described"])
         sim.set_state(arrays)
         sim.diagnostics, sim.seconds = facts["diagnostics"], facts["seconds"]
         sim.n_removed, sim.n_cut = facts["n_removed"], facts["n_cut"]
         for tool in sim.instruments.values():
             tool.start(sim.time)
         for name, values in facts["emitters"].items():
+            if name not in sim.emitters:  # added by hand: the caller's to add again
+                continue
             emitter = sim.emitters[name]
             emitter.rate, emitter.on, emitter.emitted, emitter._volume = values
         return sim
+
+    def _describe_again(self, described: dict[str, Any]) -> None:
+        """Settings and materials as they were when saved: they may have been changed."""
+        phases = described.pop("phases")
+        for name in self.settings.__dataclass_fields__:
+            setattr(self.settings, name, described[name])
+        for values in phases:
+            if values["name"] not in self.phases:
+                self.add_phase(type(next(iter(self.phases.values())))(**values))
+            for name, value in values.items():
+                setattr(self.phases[values["name"]], name, value)
 
     def reset(self) -> None:
         """Back to the start."""

@@ -1,8 +1,9 @@
 """Shapes to particles: volumes to a cubic lattice, surfaces to one layer of boundary particles.
 
 A particle stands for the cube of the spacing around it. So a box's outermost particles are half a
-spacing inside it, and a wall's layer is half a spacing behind the wall: where two blocks, or a
-block and a wall, touch, their particles go on at the same spacing.
+spacing inside it, and where two blocks touch, their particles go on at the same spacing. A wall's
+layer is BEHIND spacings behind the wall: the solver's walls push a little harder than the lattice
+(kWallShare in boundary.hpp), and there a lattice that touches them is at rest.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from ..scene import Scene
 from .shapes import Box, Cylinder, Grid, Mesh, Plane, Sphere, gradient
 
 MOST_PARTICLES = 50_000_000
+BEHIND = 0.555
 FACES = ("-x", "+x", "-y", "+y", "-z", "+z")
 ENDS = ("start", "end")
 
@@ -55,11 +57,11 @@ def surface(
 ) -> np.ndarray:
     """One layer of points (N, 3) along a shape's surface, about `spacing` apart.
 
-    The layer is half a spacing inside a solid body, and outside of a hollow one, in which things
+    The layer is BEHIND spacings inside a solid body, and outside of a hollow one, in which things
     move. `open_faces` of a box ("+z") or a cylinder ("end") have no points. A plane spans the
     `domain`.
     """
-    offset = spacing / 2 if hollow else -spacing / 2
+    offset = BEHIND * spacing if hollow else -BEHIND * spacing
     if isinstance(shape, Box):
         return _box_surface(shape, spacing, offset, open_faces)
     if isinstance(shape, Cylinder):
@@ -71,7 +73,7 @@ def surface(
     if isinstance(shape, Plane):
         if domain is None:
             raise ValueError("expected a domain, which a plane spans, got none")
-        return _plane_surface(shape, spacing, -spacing / 2, domain)
+        return _plane_surface(shape, spacing, -BEHIND * spacing, domain)
     if isinstance(shape, Mesh):
         return _mesh_surface(shape, spacing, offset)
     return _grid_surface(shape, spacing, offset)

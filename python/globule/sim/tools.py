@@ -33,10 +33,11 @@ class Tool:
         self.start(time)
 
     def start(self, time: float) -> None:
-        """Where it is at a time; what was said by hand is forgotten."""
+        """Where it is at a time; what was said by hand is forgotten. After the start a grasper that
+        is on holds something already."""
         self._wanted = self._on = None
         self.pose = self._motion.pose(time)
-        self._holds = self.kind == "grasper" and self._motion.on(time)
+        self._holds = time > 0 and self.kind == "grasper" and self._motion.on(time)
 
     def move_to(self, pose: Any) -> None:
         """Where it will be at the end of the next step, and stays: (4, 4) world from instrument, or

@@ -1,0 +1,145 @@
+"""What moves, cuts, lets in and takes away in scenes, and bodies from files."""
+
+from __future__ import annotations
+
+import globule as gb
+import numpy as np
+import pytest
+from globule.sim.bodies import bodies
+from globule.sim.scene_file import read_scene
+
+D = 0.002
+BLOCK = {
+    "spacing": D,
+    "gravity": [0, 0, 0],
+    "domain": {"lo": [-0.05, -0.05, -0.05], "hi": [0.07, 0.07, 0.08]},
+    "solids": [{
+        "name": "block", "box": {"lo": [0, 0, 0], "hi": [0.012, 0.012, 0.024]}, "young": 20000,
+        "fixed": [{"box": {"lo": [0, 0, 0.022], "hi": [0.012, 0.012, 0.024]}}],
+    }],
+    "instruments": [{
+        "name": "knife", "kind": "scalpel", "edge": [[0, 0, 0], [0, 0.03, 0]],
+        "keys": [{"time": 0.01, "position": [-0.01, -0.01, 0.0121]},
+                 {"time": 0.03, "position": [0.03, -0.01, 0.0121]}, {"time": 0.031, "on": False}],
+    }],
+}  # fmt: skip
+VEIN = {"name": "vein", "solid": "block", "fluid": "blood", "radius": 0.003, "pressure": 4000,
+        "path": [[0.006, 0.006, 0], [0.006, 0.006, 0.024]], "pool": 4e-7}  # fmt: skip
+
+
+def simulation(**changes):
+    return gb.Simulation(BLOCK | changes, device="cpu")
+
+
+def test_a_blade_along_its_keys_cuts_exactly():
+    sim = simulation()
+    sim.advance_to(0.01)
+    assert sim.n_cut == 0 and sim.n_pieces == 1
+    sim.advance_to(0.04)
+    assert sim.n_cut == 5 * 6 * 6 - 4 * 6 and sim.n_pieces == 2
+    assert sim.diagnostics[-1]["n_cut"] == sim.n_cut
+    sim.measure()
+    assert sim.diagnostics[-1]["n_pieces"] == 2
+
+
+def test_a_blade_by_hand():
+    sim = simulation(instruments=[BLOCK["instruments"][0] | {"keys": [{"time": 99}]}])
+    knife = sim.instruments["knife"]
+    knife.move_to((-0.01, -0.01, 0.0121))
+    knife.on = False
+    sim.step(0.001)
+    assert sim.n_cut == 0
+    knife.on = True
+    knife.move_to((0.03, -0.01, 0.0121))
+    sim.step(0.001)
+    assert sim.n_pieces == 2
+
+
+def test_restart_in_the_middle_of_a_cut_is_bit_identical(tmp_path):
+    sim = simulation(vessels=[VEIN], fluids=[{"name": "blood"}])
+    sim.advance_to(0.02)
+    sim.save(tmp_path / "state")
+    again = gb.Simulation.load(tmp_path / "state", device="cpu")
+    for one in (sim, again):
+        one.advance_to(0.035)
+    assert again.hash() == sim.hash() and again.n_cut == sim.n_cut > 0
+
+
+def test_a_cut_vessel_bleeds_from_its_pool():
+    sim = simulation(vessels=[VEIN], fluids=[{"name": "blood"}], gravity=[0, 0, -9.81])
+    sim.advance_to(0.01)
+    assert sim.counts["fluid"] == 0
+    sim.advance_to(0.1)  # the lower half falls: blood comes where there is room
+    n = sim.counts["fluid"]
+    assert n > 0 and sim.pools[0] == pytest.approx(4e-7 - n * D**3, rel=1e-3)
+    assert sim.n_born == len(sim) + sim.n_removed
+
+
+def test_a_grasper_takes_tissue_along():
+    keys = [{"time": 0, "position": [0.006, 0.006, 0.002]},
+            {"time": 0.05, "position": [0.010, 0.006, 0.002]}]  # fmt: skip
+    grasper = {"name": "g", "kind": "grasper", "radius": 0.004, "keys": keys}
+    sim = simulation(instruments=[grasper])
+    held = np.linalg.norm(sim.positions - [0.006, 0.006, 0.002], axis=1) < 0.003
+    before = sim.positions[held]
+    sim.advance_to(0.05)
+    assert held.any() and np.allclose(sim.positions[held] - before, [0.004, 0, 0], atol=2e-5)
+
+
+def test_what_comes_in_and_what_goes_adds_up():
+    tap = {"name": "tap", "fluid": "water", "center": [0, 0, 0.06], "direction": [0, 0, -1],
+           "radius": 0.007, "rate": 2e-5, "start": 0.02, "end": 0.12}  # fmt: skip
+    drain = {"name": "drain", "box": {"lo": [-0.05, -0.05, -0.05], "hi": [0.07, 0.07, 0]}}
+    sim = simulation(gravity=[0, 0, -9.81], solids=[], instruments=[], emitters=[tap],
+                     sinks=[drain], fluids=[{"name": "water"}])  # fmt: skip
+    sim.advance_to(0.02)
+    assert len(sim) == 0
+    sim.advance_to(0.25)
+    assert sim.n_born == pytest.approx(0.1 * 2e-5 / D**3, rel=0.06)
+    assert sim.n_removed > 0 and sim.n_born == len(sim) + sim.n_removed
+
+
+def test_suction_takes_fluid_where_it_works():
+    pool = {"name": "water", "box": {"lo": [0, 0, 0], "hi": [0.02, 0.02, 0.02]}}
+    suction = {"name": "s", "kind": "suction", "radius": 0.0045,
+               "keys": [{"time": 0.01, "position": [0.01, 0.01, 0.01]}]}  # fmt: skip
+    sim = simulation(solids=[], instruments=[suction], fluids=[pool])
+    sim.advance_to(0.009)
+    assert sim.n_removed == 0
+    sim.advance_to(0.02)
+    near = np.linalg.norm(sim.positions - [0.01, 0.01, 0.01], axis=1) < 0.0045
+    assert sim.n_removed > 0 and not near.any()
+
+
+def test_a_boundary_follows_its_keys():
+    paddle = {"name": "paddle", "box": {"lo": [0, 0, 0], "hi": [0.01, 0.02, 0.02]},
+              "keys": [{"time": 0, "position": [0, 0, 0]},
+                       {"time": 0.1, "position": [0.02, 0, 0]}]}  # fmt: skip
+    sim = simulation(instruments=[], boundaries=[paddle])
+    mine = sim.phase == list(sim.phases).index("paddle")
+    before = sim.positions[mine]
+    sim.advance_to(0.1)
+    assert np.allclose(sim.positions[mine] - before, [0.02, 0, 0], atol=1e-6)
+
+
+def test_bodies_from_files(tmp_path, monkeypatch):
+    trimesh = pytest.importorskip("trimesh")
+    monkeypatch.chdir(tmp_path)
+    trimesh.creation.icosphere(3, 10.0).export("ball.stl")  # mm
+    grid = np.linalg.norm(np.mgrid[-15:16, -15:16, -15:16], axis=0) - 10
+    affine = np.eye(4)
+    affine[:3, 3] = -15
+    gb.write_volume("hole.npz", gb.Volume(grid.T.astype(np.float32), affine))
+    scene = {
+        "spacing": D,
+        "domain": BLOCK["domain"],
+        "fluids": [{"name": "a", "mesh": {"file": "ball.stl", "scale": 0.001}}],
+        "boundaries": [{
+            "name": "b", "hollow": True, "distance": {"file": "hole.npz", "scale": 0.001},
+        }],
+    }  # fmt: skip
+    ball, shell = bodies(read_scene(scene))
+    assert len(ball.positions) * D**3 == pytest.approx(4 / 3 * np.pi * 0.01**3, rel=0.06)
+    radii = np.linalg.norm(shell.positions, axis=1)
+    assert np.allclose(radii, 0.01 + 0.555 * D, atol=0.1 * D)
+    assert len(radii) == pytest.approx(4 * np.pi * 0.0111**2 / D**2, rel=0.25)
