@@ -3,9 +3,9 @@
     python bench/simulate.py --steps 100 --error 0.001 --device cpu -o out.csv
 
 `--splash FILE.npz` continues positions and velocities from a file with spacing, box and obstacle;
-otherwise `--n` particles fall as a column into a closed box. Prints a table (and CSV), the time of each
-stage, iterations and a hash of the final state. `cpu_us` is process time over particle-steps: what a
-busy machine does not change.
+otherwise `--n` particles fall as a column into a closed box. Prints a table (and CSV), the time of
+each stage, iterations and a hash of the final state. `cpu_us` is process time over particle-steps:
+what a busy machine does not change.
 """
 
 from __future__ import annotations

@@ -378,7 +378,7 @@ private:
     }
 
     sim::Interaction interaction(float share) const {
-        return {state_.spline(), state_.period(), share * sim::kViscosity, settings_.extra_viscosity, settings_.spacing, state_.volume()};
+        return {state_.spline(), state_.period(), 2.0f * share, settings_.extra_viscosity, settings_.spacing, state_.volume()};
     }
     const Quad* pair_forces(float viscous_share, bool tension, float* diagonal) {
         const sim::State s = state_.view();

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, fields
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, fields
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ import numpy as np
 from . import _core
 from .arrays import address
 from .device import choose
+from .files import atomic_write
 from .particles import Particles, to_host
 from .scene import DEFAULTS, KERNELS, Scene, _count
 from .sim.emitter import Emitter
@@ -76,8 +78,8 @@ class Settings:
 
     spacing: of particles, m. domain: two corners, m; who leaves it is no longer simulated.
     gravity: m/s^2. cfl: dt = 0.4 cfl spacing / v_max, at most longest_step (s). density_error,
-    divergence_error: mean and relative, what the solvers reach. viscosity_error: relative residual of
-    implicit viscosity. weakly_compressible: Tait's equation instead of a pressure solve, with a
+    divergence_error: mean and relative, what the solvers reach. viscosity_error: relative residual
+    of implicit viscosity. weakly_compressible: Tait's equation instead of a pressure solve, with a
     sound_speed (m/s; default 10 times that of a fall through the domain) and, to stay calm, an
     extra_viscosity (Pa s).
     """
@@ -115,7 +117,7 @@ class Settings:
 @dataclass
 class StepReport:
     """What a step did. `error`: mean compression that the density solver left, predicted;
-    `compression`: mean of max(density / rest density - 1, 0) measured on the positions it began with.
+    `compression`: mean of max(density / rest density - 1, 0) of the positions it began with.
     """
 
     time: float
@@ -180,7 +182,9 @@ class Simulation(Operable):
         threads: CPU threads; 0 takes all.
     """
 
-    def __init__(self, scene: Mapping[str, Any] | Particles, device: str = "auto", threads: int = 0):
+    def __init__(
+        self, scene: Mapping[str, Any] | Particles, device: str = "auto", threads: int = 0
+    ):
         description = _of_particles(scene) if isinstance(scene, Particles) else dict(scene)
         phases = [Phase(**p) for p in description.pop("phases", [{"name": "fluid"}])]
         walls = description.pop("walls", True)
@@ -216,7 +220,7 @@ class Simulation(Operable):
         self._names.append(phase.name)
 
     def add(self, positions: Any, phase: str | None = None, velocities: Any = 0.0) -> np.ndarray:
-        """New particles: positions (M, 3) m, velocities (M, 3), (3,) or 0, m/s. Returns their ids."""
+        """New particles: positions (M, 3) m, velocities (M, 3), (3,) or 0, m/s. Returns ids."""
         which = self._phase(phase)
         self._send()
         p = np.ascontiguousarray(to_host(positions), np.float32)
@@ -267,7 +271,7 @@ class Simulation(Operable):
     def make_rigid(
         self, phase: str, density: float, velocity: Any = (0, 0, 0), spin: Any = (0, 0, 0)
     ) -> None:
-        """The particles of a phase of kind "rigid" become one body, filled with them at their spacing."""
+        """The particles of a phase of kind "rigid" become one body, which they fill."""
         which = self._phase(phase)
         if self.phases[phase].kind != "rigid":
             raise ValueError(f"phase: expected one of kind rigid, got {phase!r}")
@@ -286,10 +290,15 @@ class Simulation(Operable):
     def body(self, phase: str) -> dict[str, np.ndarray]:
         """A rigid body's center, velocity, spin (3,) and rotation (3, 3), world."""
         v = np.array(self._core.body(self._phase(phase)))
-        return {"center": v[:3], "velocity": v[3:6], "spin": v[6:9], "rotation": v[9:].reshape(3, 3)}
+        return {
+            "center": v[:3],
+            "velocity": v[3:6],
+            "spin": v[6:9],
+            "rotation": v[9:].reshape(3, 3),
+        }
 
     def set_sinks(self, sinks: Any) -> None:
-        """Regions that take fluid out: ((lo, hi) corners of a box, or (center, radius) of a ball), …"""
+        """Regions that take fluid out: (lo, hi) corners of a box, (center, radius) of a ball, …"""
         packed = []
         for a, b in sinks:
             ball = np.ndim(b) == 0
@@ -318,7 +327,7 @@ class Simulation(Operable):
             )
         return StepReport(**done)
 
-    def advance(self, seconds: float) -> Iterator[StepReport] | StepReport:
+    def advance(self, seconds: float) -> StepReport | None:
         """Steps until `seconds` have passed, the last one shortened. Returns the last report."""
         end = self.time + seconds
         report = None
@@ -412,8 +421,8 @@ class Simulation(Operable):
         return ids[rows], offsets, ids[indices]
 
     def totals(self) -> dict[str, Any]:
-        """Of fluid and tissue: mass, kinetic and potential energy, momentum, angular_momentum (about the
-        origin), center; SI."""
+        """Of fluid and tissue: mass, kinetic and potential energy, momentum, angular_momentum
+        (about the origin), center; SI."""
         t = self._core.totals()
         mass = t["mass"] or 1.0
         return {**t, "center": tuple(c / mass for c in t["center"])}
@@ -460,6 +469,25 @@ class Simulation(Operable):
 
     def _order(self) -> np.ndarray:
         return np.argsort(self._read("id"))
+
+    def save(self, path: Any) -> None:
+        """Settings, materials and particles, as one .npz file."""
+        with atomic_write(path) as file:
+            np.savez(file, description=np.array(json.dumps(self._describe())), **self.state())
+
+    @classmethod
+    def load(cls, path: Any, device: str = "auto", threads: int = 0) -> Simulation:
+        """What `save` wrote; it goes on with the same bits on the CPU. Emitters, sinks, rigid
+        bodies and poses of boundaries are the caller's to set again."""
+        with np.load(path) as state:
+            sim = cls(json.loads(str(state["description"])), device, threads)
+            sim.set_state(state)
+        return sim
+
+    def _describe(self) -> dict[str, Any]:
+        phases = [asdict(self.phases[name]) for name in self._names]
+        described = {**asdict(self.settings), "phases": phases, "walls": False}
+        return json.loads(json.dumps(described, default=lambda v: np.asarray(v).tolist()))
 
     def state(self) -> dict[str, np.ndarray]:
         """Everything that `set_state` needs to go on bit by bit (on the CPU)."""

@@ -98,29 +98,38 @@ struct FindLists {
         const float h2 = support * support;
         const F sure = F(h2 * (1.0f - kDoubt)), possible = F(h2 * (1.0f + kDoubt));
         std::uint32_t* out = lists.index + lists.at(first);
+        const auto append = [&](int lane, std::uint32_t j) {
+            const std::uint32_t k = Group::get(count, lane);
+            if (k < lists.places) out[std::size_t(k) * Packet::stride + g.lane_number(lane)] = j;
+            Group::put(count, lane, k + 1);
+        };
         period.each_image([&](const float3& shift) {
-        for_each_leaf(tree, lo - shift, hi - shift, [&](std::uint32_t begin, std::uint32_t n) {
-            for (std::uint32_t j = begin; j < begin + n; ++j) {
-                Quad p = place[j];
-                p = {p.x + shift.x, p.y + shift.y, p.z + shift.z, p.w};
-                const F dx = x - F(p.x), dy = y - F(p.y), dz = z - F(p.z);
-                const F r2 = dx * dx + dy * dy + dz * dz;
-                const B near = r2 < possible;
-                if (!g.any(near)) continue;
-                const B doubtful = near & !(r2 < sure);
-                g.per_lane(near, [&](int lane) {
-                    if (Group::get(slot, lane) == j) return;
-                    if (Group::get(doubtful, lane)) {
-                        const double ex = double(Group::get(x, lane)) - p.x, ey = double(Group::get(y, lane)) - p.y,
-                                     ez = double(Group::get(z, lane)) - p.z;
-                        if (!(ex * ex + ey * ey + ez * ez < double(support) * support)) return;
+            for_each_leaf(tree, lo - shift, hi - shift, [&](std::uint32_t begin, std::uint32_t n) {
+                for (std::uint32_t j = begin; j < begin + n; ++j) {
+                    const Quad q = place[j];
+                    const float3 p = q.xyz() + shift;
+                    const F dx = x - F(p.x), dy = y - F(p.y), dz = z - F(p.z);
+                    const F r2 = dx * dx + dy * dy + dz * dz;
+                    const B near = r2 < possible;
+                    if (!g.any(near)) continue;
+                    const B doubtful = near & !(r2 < sure);
+                    if (!g.any(doubtful)) {
+                        g.per_lane(near, [&](int lane) {
+                            if (Group::get(slot, lane) != j) append(lane, j);
+                        });
+                        continue;
                     }
-                    const std::uint32_t k = Group::get(count, lane);
-                    if (k < lists.places) out[std::size_t(k) * Packet::stride + g.lane_number(lane)] = j;
-                    Group::put(count, lane, k + 1);
-                });
-            }
-        });
+                    g.per_lane(near, [&](int lane) {
+                        if (Group::get(slot, lane) == j) return;
+                        if (Group::get(doubtful, lane)) {
+                            const double ex = double(Group::get(x, lane)) - p.x, ey = double(Group::get(y, lane)) - p.y,
+                                         ez = double(Group::get(z, lane)) - p.z;
+                            if (!(ex * ex + ey * ey + ez * ez < double(support) * support)) return;
+                        }
+                        append(lane, j);
+                    });
+                }
+            });
         });
         finish(g, first, out, count);
     }

@@ -13,11 +13,11 @@ if TYPE_CHECKING:
 
 
 class Emitter:
-    """A disc that fluid comes out of: `rate` m^3/s through `radius` m at `center`, along `direction`.
+    """A disc that fluid comes out of: `rate` m^3/s, `radius` m, at `center`, along `direction`.
 
-    The k-th particle leaves when rate * time reaches k times a particle's volume, spacing cubed: after t
-    seconds there are rate * t / spacing^3 of them, to within one. `on` and `rate` may be changed at
-    any time; `emitted` counts.
+    The k-th particle leaves when rate * time reaches k times a particle's volume, spacing cubed:
+    after t seconds there are rate * t / spacing^3 of them, to within one. `on` and `rate` may be
+    changed at any time; `emitted` counts.
     """
 
     def __init__(
@@ -59,8 +59,8 @@ class Emitter:
         self.emitted += len(k)
 
     def _disc(self, d: float) -> np.ndarray:
-        """A square lattice in the disc, row by row there and back, so that those that leave one after
-        the other are neighbours."""
+        """A square lattice in the disc, row by row there and back, so that those that leave one
+        after the other are neighbours."""
         helper = np.eye(3)[np.argmin(np.abs(self.direction))]
         u = np.cross(self.direction, helper)
         u /= np.linalg.norm(u)

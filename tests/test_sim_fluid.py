@@ -1,0 +1,249 @@
+"""Fluids: neighbours, determinism, changes between steps, what enters and leaves, restart."""
+
+from __future__ import annotations
+
+import globule as gb
+import numpy as np
+import pytest
+from globule.bench import physics_fluid as physics
+from globule.sim.emitter import Emitter
+
+D = 0.05
+
+
+def column(walls=True, **more):
+    return {
+        "spacing": D,
+        "domain": ((0, 0, 0), (1.0, 0.8, 0.4)),
+        "walls": walls,
+        "phases": [{"name": "water", "viscosity": 0.5}],
+        **more,
+    }
+
+
+def falling(backend, **more):
+    sim = gb.Simulation(column(**more), **backend)
+    ids = sim.add(physics.lattice((0, 0, 0), (0.3, 0.5, 0.4), D), "water")
+    return sim, ids
+
+
+def brute_force(positions, row, period=None):
+    """Others nearer than two spacings, in float64."""
+    away = positions.astype(float) - positions[row].astype(float)
+    if period is not None:
+        away -= period * np.rint(away / period)
+    near = (away**2).sum(1) < float(np.float32(2 * D)) ** 2
+    near[row] = False
+    return np.flatnonzero(near)
+
+
+def check_neighbors(sim, period=None):
+    ids, offsets, found = sim.neighbors()
+    positions, all_ids = sim.positions, sim.ids
+    assert len(ids) > 0
+    for k in range(0, len(ids), 3):
+        row = np.searchsorted(all_ids, ids[k])
+        mine = np.sort(found[offsets[k] : offsets[k + 1]])
+        np.testing.assert_array_equal(mine, all_ids[brute_force(positions, row, period)])
+
+
+def test_neighbors_equal_brute_force(backend):
+    sim, ids = falling(backend)
+    check_neighbors(sim)  # a lattice: many pairs at exactly the support's distance
+    for _ in range(10):
+        sim.step()
+    check_neighbors(sim)
+    sim.remove(ids[::3])
+    sim.emitters["tap"] = Emitter((0.7, 0.6, 0.2), (0, -1, 0), 0.12, 0.02, "water")
+    for _ in range(20):
+        sim.step()
+    assert sim.emitters["tap"].emitted > 3
+    check_neighbors(sim)
+
+
+def test_neighbors_across_a_periodic_axis(backend):
+    size = 10 * D
+    sim = gb.Simulation(
+        column(domain=((0, 0, 0), (size, size, size)), periodic=(True, True, True), walls=False),
+        **backend,
+    )
+    random = np.random.default_rng(3)
+    sim.add(random.random((700, 3)) * size, "water")
+    check_neighbors(sim, np.float64(np.float32(size)))
+
+
+def test_crowded_lists_are_complete(backend):
+    sim = gb.Simulation(column(walls=False), **backend)
+    random = np.random.default_rng(4)
+    sim.add(0.3 + 0.08 * random.random((300, 3)), "water")
+    check_neighbors(sim)
+
+
+def test_same_bits_for_any_thread_count():
+    def run(threads):
+        description = column(gravity=(1.0, -9.81, 0.5))
+        description["phases"] = [
+            {"name": "water", "viscosity": 5.0, "implicit_viscosity": True, "tension": 0.5}
+        ]
+        sim = gb.Simulation(description, device="cpu", threads=threads)
+        sim.add(physics.lattice((0, 0, 0), (0.3, 0.5, 0.4), D), "water")
+        for _ in range(15):
+            report = sim.step()
+        return sim.hash(), report.iterations, sim.totals()
+
+    assert run(1) == run(2) == run(5)
+
+
+def test_runs_repeat(backend):
+    hashes = set()
+    for _ in range(2):
+        sim, _ = falling(backend)
+        for _ in range(15):
+            sim.step()
+        hashes.add(sim.hash())
+    assert len(hashes) == 1
+
+
+def test_goes_on_bit_by_bit(tmp_path):
+    one, _ = falling({"device": "cpu"})
+    for _ in range(10):
+        one.step()
+    one.save(tmp_path / "state.npz")
+    other = gb.Simulation.load(tmp_path / "state.npz", device="cpu")
+    assert other.hash() == one.hash()
+    assert other.phases["water"].viscosity == 0.5
+    for _ in range(10):
+        one.step()
+        other.step()
+    assert other.hash() == one.hash()
+    assert (other.time, other.n_steps) == (one.time, one.n_steps)
+
+
+def test_scene_shows_what_is_there(backend):
+    sim, ids = falling(backend)
+    camera = gb.Camera((0.5, 0.4, 3), (0.5, 0.4, 0.2))
+    before = gb.render(sim.scene, camera, size=(120, 90)).mask
+    assert 0.02 < before.mean() < 0.5  # the fluid, not the box around it
+    sim.advance(0.4)
+    after = gb.render(sim.scene, camera, size=(120, 90))
+    assert (after.mask != before).mean() > 0.02
+    alone = gb.Scene(gb.Particles(sim.positions[ids], support=2 * D), device=sim.scene.device.name)
+    again = gb.render(alone, camera, size=(120, 90))
+    np.testing.assert_array_equal(again.mask, after.mask)
+    picked = after.pick(*np.argwhere(after.mask)[0][::-1])
+    assert picked.particle in np.flatnonzero(np.isin(sim.ids, ids))
+
+
+def test_user_changes_between_steps(backend):
+    sim = gb.Simulation(column(gravity=(0, 0, 0)), **backend)
+    ids = sim.add(physics.lattice((0.4, 0.2, 0.1), (0.7, 0.6, 0.3), D), "water")
+    sim.velocities = np.where(np.isin(sim.ids, ids)[:, None], (0.0, 0.1, 0.0), 0.0)
+    sim.step()
+    np.testing.assert_allclose(sim.velocities[ids, 1].mean(), 0.1, rtol=1e-4)
+    before = np.array(sim.totals()["momentum"])
+    mass = sim.totals()["mass"]
+    sim.apply_force((2.0 / len(ids), 0.0, 0.0), ids)
+    report = sim.step(0.001)
+    gained = np.array(sim.totals()["momentum"]) - before
+    np.testing.assert_allclose(gained[0], 2.0 * report.dt, rtol=0.02)
+    sim.phases["water"].density = 500.0
+    sim.step()
+    np.testing.assert_allclose(sim.totals()["mass"], mass / 2, rtol=1e-6)
+
+
+def test_add_and_remove_keep_ids(backend):
+    sim, ids = falling(backend)
+    more = sim.add([(0.8, 0.5, 0.2), (0.8, 0.6, 0.2)], "water", (0, 1, 0))
+    assert more.tolist() == [ids[-1] + 1, ids[-1] + 2]
+    before = sim.positions[np.searchsorted(sim.ids, more[1])]
+    sim.remove(np.concatenate([ids[5:9], more[:1]]))
+    assert not np.isin(sim.ids, ids[5:9]).any() and more[1] in sim.ids
+    np.testing.assert_array_equal(sim.positions[np.searchsorted(sim.ids, more[1])], before)
+    assert sim.add([(0.8, 0.7, 0.2)], "water")[0] == more[1] + 1
+
+
+def test_sinks_take_fluid_out(backend):
+    sim, ids = falling(backend)
+    n = len(sim)
+    sim.set_sinks([((0.0, 0.0, 0.0), (0.1, 0.1, 0.4)), ((0.25, 0.4, 0.2), 0.06)])
+    removed = sum(sim.step().n_removed for _ in range(5))
+    assert removed > 20
+    assert len(sim) == n - removed
+    assert not ((sim.positions[sim.phase == 0] < 0.1).all(1)).any()
+
+
+def test_leaving_the_domain_is_counted(backend):
+    sim = gb.Simulation(column(walls=False), **backend)
+    sim.add([(0.5, 0.5, 0.2), (0.2, 0.5, 0.2)], "water", [(30.0, 0, 0), (0, 0, 0)])
+    for _ in range(60):
+        report = sim.step(0.002)
+    assert (report.n_escaped, len(sim), report.n_solved) == (1, 2, 1)
+    gone = sim.positions[0]
+    sim.step()
+    np.testing.assert_array_equal(sim.positions[0], gone)
+
+
+def test_a_velocity_that_is_not_a_number_tells_its_story(backend):
+    sim, ids = falling(backend)
+    v = sim.velocities
+    v[ids[7]] = np.nan
+    sim.velocities = v
+    with pytest.raises(ArithmeticError, match=r"particle \d+ \(water\) at .* not a number in step"):
+        sim.step()
+
+
+def test_boundaries_follow_their_poses(backend):
+    sim = gb.Simulation(column(), **backend)
+    sim.add_phase(gb.Phase("paddle", kind="boundary"))
+    at = physics.lattice((0.1, 0, 0), (0.15, 0.5, 0.4), D)
+    paddle = sim.add(at, "paddle")
+    water = sim.add(physics.lattice((0.2, 0, 0), (0.5, 0.3, 0.4), D), "water")
+    pose = np.eye(4)
+    sim.move_boundary("paddle", pose)
+    for k in range(1, 41):
+        pose[0, 3] = 0.005 * k
+        sim.move_boundary("paddle", pose)
+        sim.step(0.004)
+    np.testing.assert_allclose(sim.positions[paddle], at + (0.2, 0, 0), atol=1e-5)
+    assert sim.positions[water, 0].min() > 0.3  # pushed, none left behind
+    assert sim.step(0.004).n_escaped == 0
+
+
+def test_light_bodies_float_and_heavy_ones_sink(backend):
+    heights = {}
+    for name, density in (("cork", 300.0), ("stone", 3000.0)):
+        sim = gb.Simulation(column(domain=((0, 0, 0), (0.6, 0.8, 0.6))), **backend)
+        sim.add_phase(gb.Phase(name, kind="rigid"))
+        sim.add(physics.lattice((0, 0, 0), (0.6, 0.3, 0.6), D), "water")
+        sim.add(physics.lattice((0.2, 0.35, 0.2), (0.4, 0.5, 0.4), D), name)
+        sim.make_rigid(name, density)
+        report = sim.advance(1.5)
+        assert report.n_escaped == 0
+        heights[name] = sim.body(name)["center"][1]
+        rotation = sim.body(name)["rotation"]
+        np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-6)
+    assert heights["cork"] > 0.25
+    assert 0.05 < heights["stone"] < 0.16
+
+
+def test_wcsph_agrees_with_dfsph():
+    fronts = []
+    for more in ({}, {"weakly_compressible": True, "extra_viscosity": 1.0}):
+        sim, ids = falling({"device": "cpu"}, **more)
+        sim.advance(0.25)
+        fronts.append(np.sort(sim.positions[ids, 0])[-8:].mean())
+    assert fronts[0] == pytest.approx(fronts[1], rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("description", "message"),
+    [
+        ({"phases": [{"name": "a", "kind": "gas"}]}, "kind: expected one of"),
+        ({"phases": [{"name": "a", "density": 0.0}]}, "density: expected a positive number"),
+        ({"phases": [{"name": "a"}, {"name": "a"}]}, "expected different names"),
+        ({"periodic": (False, True, False), "spacing": 0.2}, "at least 8 spacings"),
+    ],
+)
+def test_errors_name_what_is_wrong(description, message):
+    with pytest.raises(ValueError, match=message):
+        gb.Simulation({**column(), **description}, device="cpu")
