@@ -1,0 +1,104 @@
+"""Frame sources: what is shown, and how it goes on."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..particles import Particles, to_host
+from ..render import REACH, Layer
+from ..scene import Scene
+from .locks import FairLock
+from .overlay import Plate
+from .scenes import SceneMaker, color_names
+from .state import State
+
+
+class Source:
+    """Something to look at. Whoever holds `lock` may trace its layers; nobody changes them then.
+
+    `version` counts the changes of what is shown. `advance` takes one step in time and says how
+    many seconds it should have lasted, None where there is nothing more to do.
+    """
+
+    kind = "scene"
+    n_frames = 0  # of a sequence
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self.lock = FairLock()
+        self.version = 0
+        self.maker = SceneMaker()
+
+    def layers(self, state: State) -> list[Layer]:
+        """What is to be traced; with `lock` held."""
+        raise NotImplementedError
+
+    def particles(self) -> Particles:
+        """Those of the first layer, for colours, statistics and the camera."""
+        raise NotImplementedError
+
+    def plates(self, state: State) -> list[Plate]:
+        """Images in space that are seen with it."""
+        return []
+
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Lowest and highest corner of what is shown, world."""
+        try:
+            return self.particles().bounds()
+        except ValueError:  # no particles yet
+            return np.full(3, -1.0), np.full(3, 1.0)
+
+    def color_names(self) -> list[str]:
+        return color_names(self.particles())
+
+    def advance(self, state: State) -> float | None:
+        return None
+
+    def facts(self) -> dict[str, Any]:
+        """What the statistics say besides: words to numbers or texts."""
+        return {}
+
+    def close(self) -> None:
+        """Give back files and connections."""
+
+
+class SceneSource(Source):
+    """Particles, a scene, or layers, that stand still unless the user's program changes them."""
+
+    def __init__(self, name: str, shown: Particles | Scene | list[Layer], device: str = "auto",
+                 threads: int = 0):
+        super().__init__(name)
+        self._beside: list[Layer] = []
+        self._material = None
+        self._clips: tuple = ()
+        if isinstance(shown, list):
+            first, *self._beside = (item if isinstance(item, Layer) else Layer(item)
+                                    for item in shown)
+            shown, self._material, self._clips = first.scene, first.material, tuple(first.clips)
+        given = shown if isinstance(shown, Scene) else None
+        self._scene = given
+        self._particles = None if given is not None else shown
+        self.maker = SceneMaker(device, threads, given)
+
+    def particles(self) -> Particles:
+        return self._particles if self._scene is None else self._scene.particles
+
+    def layers(self, state: State) -> list[Layer]:
+        scene = self.maker.scene(self.particles(), state)
+        return [Layer(scene, self._material, self._clips), *self._beside]
+
+    def update(self, particles: Particles | Any) -> None:
+        """Show other particles from now on."""
+        if not isinstance(particles, Particles):
+            particles = Particles(particles)
+        with self.lock:
+            self._scene, self._particles = None, particles
+            self.version += 1
+
+
+def margin(scene: Scene) -> float:
+    """How far the surface may reach beyond the particles."""
+    support = float(np.max(to_host(scene.support), initial=0.0))
+    return REACH[scene.kernel] * support if np.isfinite(support) else 0.0
