@@ -9,6 +9,7 @@ import socket
 import sys
 import threading
 import time
+import webbrowser
 from collections.abc import Callable
 from typing import Any
 
@@ -17,11 +18,13 @@ import numpy as np
 from ..camera import Camera
 from ..render import fit_camera
 from .engine import Client, Engine
-from .guard import Guard
+from .equivalent import command_line, python_code
+from .guard import Guard, limit_messages
 from .pacer import Plan
 from .placement import Placement
+from .recording import Shot
 from .source import Source
-from .state import State
+from .state import MOST_BYTES, State
 
 LOCAL = ("127.0.0.1", "localhost", "::1")
 FIRST_SIZE = (1280, 720)
@@ -57,6 +60,7 @@ class Viewer:
             self.placement = Placement(*source.bounds())
             scene = source.layers(self.state.snapshot())[0].scene
         self.first_camera = camera or first_camera(scene, self.up)
+        self._asked_port = port
         self.token = None if host in LOCAL else secrets.token_urlsafe(24)
         self._guard = Guard(self.token)
         self._frame_callbacks: list[Callable[[Any], Any]] = []
@@ -70,6 +74,7 @@ class Viewer:
         if not self._guard.started:
             self.close()
             raise RuntimeError("viewer: this version of viser opens its server in another way")
+        limit_messages(self.server, MOST_BYTES)
         self.host, self.port = host, self.server.get_port()
         from .page import Page
 
@@ -85,6 +90,23 @@ class Viewer:
     def address(self) -> str:
         host = "127.0.0.1" if self.host in LOCAL else socket.gethostname()
         return f"http://{host}:{self.port}/" + (f"?token={self.token}" if self.token else "")
+
+    def greeting(self) -> list[str]:
+        """What a person needs to know in the terminal."""
+        lines = [f"globule: {self.source.name} at {self.address}"]
+        if self.port != self._asked_port:
+            lines.append(f"globule: port {self._asked_port} is taken, so this is {self.port}")
+        if self.token is None:
+            lines.append(f"globule: from another machine: ssh -L {self.port}:localhost:{self.port} "
+                         f"{socket.gethostname()}, then the same address there")
+        else:
+            lines.append("globule: whoever has this address can look and steer; it is not "
+                         "encrypted, so better stay with ssh where others can listen")
+        return [*lines, "globule: Ctrl-C ends it"]
+
+    def open_browser(self) -> None:
+        """Open the page where somebody sits in front of this machine."""
+        threading.Thread(target=webbrowser.open, args=(self.address,), daemon=True).start()
 
     # Clients
 
@@ -142,6 +164,51 @@ class Viewer:
         print(f"globule: {message}", file=sys.stderr)
         for client in list(self.clients.values()):
             client.sink.error(message)
+
+    def cut_along(self, points: list, camera: Camera) -> None:
+        """What a stroke of the tool Cut does: a source that can be cut is; else a cutting plane
+        goes through the stroke and the eye, and takes away the side above or right of it."""
+        if hasattr(self.source, "cut_along"):
+            self.source.cut_along(points, camera)
+            return
+        first, last, eye = (np.asarray(p, float) for p in (points[0], points[-1], camera.eye))
+        normal = np.cross(last - first, first - eye)
+        if not np.linalg.norm(normal) > 0:
+            raise ValueError("cut: expected a line, got a point")
+        _, _, right, up = camera.frame((1, 1))
+        normal = normal / np.linalg.norm(normal)
+        normal = normal if normal @ (right + up) > 0 else -normal
+        self.state.set(cuts__plane=True, cuts__normal=tuple(normal.tolist()),
+                       cuts__point=tuple(((first + last) / 2).tolist()))
+
+    def screenshot(self, path: Any, size: tuple[int, int] = FIRST_SIZE, samples: int | None = None,
+                   camera: Camera | None = None) -> Shot:
+        """Write what is seen (.png, .exr); by default from where viewers begin."""
+        shot = Shot(self.engine, camera or self.first_camera, size,
+                    samples or self.state.quality.samples)
+        shot.save(path)
+        return shot
+
+    def equivalent(self, camera: Camera | None = None, size: tuple[int, int] = FIRST_SIZE
+                   ) -> tuple[str, str]:
+        """A command line and a Python program that make this picture."""
+        state, camera = self.state.snapshot(), camera or self.first_camera
+        with self.source.lock:
+            scene = self.source.layers(state)[0].scene
+        files = self.source.files
+        return (command_line(files, state, camera, size, self.up),
+                python_code(files, state, camera, size, self.up, scene))
+
+    def save_state(self, path: Any) -> None:
+        """All settings and where viewers begin, as TOML."""
+        self.state.save(path, self.first_camera)
+
+    def load_state(self, path: Any) -> None:
+        """Raises ValueError that names the key."""
+        with open(path, encoding="utf-8") as file:
+            camera = self.state.load_toml(file.read(MOST_BYTES + 1))
+        if camera is not None:
+            self.first_camera = camera
 
     def refresh(self) -> None:
         """The source was changed by the user's program: show it."""

@@ -100,3 +100,22 @@ def is_local(host: str) -> bool:
         return ipaddress.ip_address(name).is_loopback
     except ValueError:
         return False
+
+
+def limit_messages(server: Any, most_bytes: int) -> None:
+    """Refuse uploads above a size, and the request to share the page through viser's own server on
+    the internet, which any browser could send."""
+    from viser import _messages
+
+    gui, websocket = server.gui, server._websock_server
+    for message in (_messages.ShareUrlRequest, _messages.ShareUrlDisconnect):
+        websocket.unregister_handler(message)
+    begin = gui._handle_file_transfer_start
+    websocket.unregister_handler(_messages.FileTransferStartUpload, begin)
+
+    def check(client_id: int, message: Any) -> None:
+        waiting = len(gui._current_file_upload_states)
+        if message.size_bytes <= most_bytes and message.part_count <= 1 and waiting < 8:
+            begin(client_id, message)
+
+    websocket.register_handler(_messages.FileTransferStartUpload, check)

@@ -10,9 +10,8 @@ import numpy as np
 from ..camera import Camera, view_axes
 from ..clips import ClipBox, ClipPlane, ClipSphere
 from ..lights import DirectionalLight, Ground, Headlight, Sky
-from ..materials import Material
 from ..presets import ground_height, preset
-from ..render import Frame, Layer, RenderSettings, render
+from ..render import Frame, RenderSettings, render
 from ..scene import Scene
 from .scenes import thesis_of
 from .source import Source

@@ -31,6 +31,7 @@ class SceneMaker:
         self._scene = given
         self._built: Any = None if given is None else self._surface(given.kernel, None, "exact")
         self._shown: Any = None if given is None else (given.particles, "")
+        self._other: Scene | None = None
         self.range = (0.0, 1.0)  # of the colour map
 
     @staticmethod
@@ -39,6 +40,7 @@ class SceneMaker:
 
     def scene(self, particles: Particles, state: State, threshold: float | None = None) -> Scene:
         """The scene; `threshold` counts where the settings leave it open."""
+        self._other = None
         wanted = self._surface(state.surface.kernel, state.surface.support, state.surface.root)
         colors = self._colors(particles, state)
         shown = (particles, colors)
@@ -55,6 +57,15 @@ class SceneMaker:
                 self._scene.threshold = float(value)
                 break
         return self._scene
+
+    @property
+    def last_scene(self) -> Scene | None:
+        """The scene of the last picture."""
+        return self._other or self._scene
+
+    def show(self, scene: Scene) -> None:
+        """A scene that somebody else keeps was shown."""
+        self._other = scene
 
     @property
     def _given_threshold(self) -> float | None:

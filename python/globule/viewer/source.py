@@ -27,6 +27,7 @@ class Source:
 
     def __init__(self, name: str) -> None:
         self.name = name
+        self.files: list[str] = []  # that it was read from
         self.lock = FairLock()
         self.version = 0
         self.maker = SceneMaker()

@@ -1,0 +1,172 @@
+"""A simulation that runs while it is looked at, cut, pulled and poured into."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..camera import Camera
+from ..particles import Particles, to_host
+from ..render import Layer
+from .placement import Placement
+from .scenes import SceneMaker
+from .source import Source
+from .state import State
+
+LONGEST_PAUSE = 0.25  # s of the clock between two pictures of slow motion
+PULL = 60.0  # 1 / s², per particle's mass: how hard a grasp pulls
+
+
+class SimulationSource(Source):
+    """simulation: `globule.Simulation`, or anything that steps like it and has `particles`.
+
+    speed: seconds of the simulation per second of the clock, where it is fast enough.
+    """
+
+    kind = "simulation"
+
+    def __init__(self, name: str, simulation: Any, device: str = "auto", threads: int = 0):
+        super().__init__(name)
+        self.simulation = simulation
+        self._device, self._threads = device, threads
+        self.running, self.speed = False, 1.0
+        self.cut_depth: float | None = None
+        self.report: Any = None
+        self._own: Particles | None = None  # a copy, for colours of values
+        self._own_version = -1
+        self._wanted_steps = 0
+        self._grasped: tuple[np.ndarray, np.ndarray] | None = None
+        self._target: np.ndarray | None = None
+        self.maker = SceneMaker(device, threads)
+
+    # What is seen
+
+    def particles(self) -> Particles:
+        if self._own_version != self.version or self._own is None:
+            self._own, self._own_version = self.simulation.particles, self.version
+        return self._own
+
+    def layers(self, state: State) -> list[Layer]:
+        surface = state.surface
+        scene = getattr(self.simulation, "scene", None)
+        plain = surface.support is None and surface.root == "exact" and not state.color.by
+        if scene is None or not plain or surface.kernel != scene.kernel:
+            return [Layer(self.maker.scene(self.particles(), state))]
+        if surface.threshold is not None:
+            scene.threshold = surface.threshold
+        self.maker.show(scene)
+        return [Layer(scene)]
+
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        domain = getattr(self.simulation, "bounds", None)
+        if domain is not None and not callable(domain):
+            lo, hi = np.asarray(domain, np.float64)
+            if np.isfinite([lo, hi]).all():
+                return lo, hi
+        return super().bounds()
+
+    def facts(self) -> dict[str, Any]:
+        sim, facts = self.simulation, {"running": "yes" if self.running else "no"}
+        for label, name, form in (("time", "time", "{:.4f} s"), ("steps", "n_steps", "{:,}"),
+                                  ("time step", "dt", "{:.3g} s"), ("pieces", "n_pieces", "{:,}")):
+            value = getattr(sim, name, None)
+            if value is not None:
+                facts[label] = form.format(value)
+        for label, name in (("iterations", "iterations"), ("compression", "compression"),
+                            ("bonds", "n_bonds"), ("cut", "n_cut"), ("escaped", "n_escaped")):
+            value = getattr(self.report, name, None)
+            if value is not None:
+                facts[label] = f"{value:.3g}" if isinstance(value, float) else str(value)
+        return facts
+
+    # Time
+
+    def advance(self, state: State) -> float | None:
+        if not self.running and not self._wanted_steps:
+            return None
+        before = float(getattr(self.simulation, "time", 0.0))
+        with self.lock:
+            self._pull()
+            self.report = self.simulation.step()
+            self.version += 1
+            self._wanted_steps = max(0, self._wanted_steps - 1)
+        passed = float(getattr(self.simulation, "time", 0.0)) - before
+        return min(passed / self.speed, LONGEST_PAUSE) if self.running else 0.0
+
+    def play(self, running: bool) -> None:
+        self.running = running
+
+    def step(self) -> None:
+        """One step, and then stand still."""
+        self.running, self._wanted_steps = False, 1
+
+    def reset(self) -> None:
+        with self.lock:
+            self.running = False
+            self.simulation.reset()
+            self.version += 1
+
+    # Instruments
+
+    def cut_along(self, points: list, camera: Camera) -> None:
+        """Cut along a stroke on the surface, away from the eye to `cut_depth`, or all through."""
+        lo, hi = self.bounds()
+        through = float(np.linalg.norm(hi - lo))
+        with self.lock:
+            self.simulation.cut(ribbon(points, camera, self.cut_depth or through, 0.05 * through))
+            self.version += 1
+
+    def move(self, name: str, pose: np.ndarray) -> None:
+        """Put an instrument somewhere: (4, 4) world_from_instrument."""
+        with self.lock:
+            self.simulation.instruments[name].move_to(pose)
+            self.version += 1
+
+    def grasp(self, hand: Any, phase: str, start: tuple, here: tuple) -> None:
+        """Take hold of what is under the pointer, and pull it along the picture's plane."""
+        camera = hand.client.camera
+        if phase == "end":
+            self._grasped = self._target = None
+            return
+        if phase == "start" or self._grasped is None:
+            found = hand.pick(start)
+            if found is None:
+                return
+            positions = to_host(self.simulation.particles.positions)
+            away = np.linalg.norm(positions - found.position, axis=1)
+            near = np.flatnonzero(away < 3 * float(np.min(away) + 1e-12) + self._reach())
+            self._grasped = near, np.asarray(found.position, np.float64)
+        eye, forward, right, up = camera.frame(hand.client.frame.size)
+        depth = float((self._grasped[1] - eye) @ forward)
+        across = forward + (2 * here[0] - 1) * right + (1 - 2 * here[1]) * up
+        self._target = eye + depth * across
+
+    def _reach(self) -> float:
+        spacing = getattr(getattr(self.simulation, "scene", None), "spacing", 0.0)
+        return 2.5 * float(spacing or Placement(*self.bounds()).extent / 40)
+
+    def _pull(self) -> None:
+        if self._grasped is None or self._target is None:
+            return
+        sim, (near, _) = self.simulation, self._grasped
+        ids = np.asarray(sim.ids)[near]
+        positions, velocities = (np.asarray(a)[near] for a in (sim.positions, sim.velocities))
+        away = self._target - positions.mean(axis=0)
+        force = PULL * away - 2 * np.sqrt(PULL) * velocities.mean(axis=0)
+        sim.apply_force(np.broadcast_to(force, (len(ids), 3)).astype(np.float32), ids=ids)
+
+
+def ribbon(points: list, camera: Camera, depth: float, above: float) -> np.ndarray:
+    """A blade's way as triangles (M, 3, 3), world: a stroke drawn on the surface, swept along the
+    rays of the eye from a little above it to some depth below."""
+    line = np.asarray(points, np.float64)
+    keep = np.append(True, np.linalg.norm(np.diff(line, axis=0), axis=1) > 0)
+    line = line[keep]
+    if len(line) < 2:
+        raise ValueError("cut: expected a line, got a point")
+    away = line - np.asarray(camera.eye)
+    away /= np.linalg.norm(away, axis=1, keepdims=True)
+    top, bottom = line - above * away, line + depth * away
+    a, b, c, d = top[:-1], top[1:], bottom[:-1], bottom[1:]
+    return np.concatenate([np.stack([a, b, c], 1), np.stack([b, d, c], 1)]).astype(np.float32)
