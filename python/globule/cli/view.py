@@ -53,8 +53,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     first.add_argument("--look-at", type=vector, metavar="X,Y,Z", help="middle of the picture")
     first.add_argument("--fov", type=positive, default=40.0, metavar="DEG",
                        help="vertical field of view (default: 40)")
-    first.add_argument("--up", type=vector, default=(0, 1, 0), metavar="X,Y,Z",
-                       help="direction to the sky (default: 0,1,0)")
+    first.add_argument("--up", type=vector, metavar="X,Y,Z",
+                       help="direction to the sky (default: 0,1,0; for volumes and sweeps 0,0,1)")
     first.add_argument("--preset", choices=PRESETS, metavar="NAME", help=", ".join(PRESETS))
     first.add_argument("--kernel", choices=KERNELS, metavar="NAME", help=", ".join(KERNELS))
     first.add_argument("--support", type=positive, metavar="A")
@@ -65,6 +65,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                        help="values of the map's ends")
     first.add_argument("--clip", type=plane, metavar="NX,NY,NZ,D", help="a cutting plane")
     add_reading(parser)
+    sweep = parser.add_argument_group("sweeps")
+    sweep.add_argument("--calibration", metavar="FILE.toml", help="of the probe")
+    sweep.add_argument("--plus", metavar="CONFIG.xml", help="configuration of PLUS")
     add_device(parser.add_argument_group("machine"))
 
 
@@ -81,6 +84,9 @@ def run(options: argparse.Namespace) -> None:
     except ImportError as error:
         raise UserError(str(error)) from error
     given = reading_of(options)
+    for name in ("calibration", "plus"):
+        if getattr(options, name):
+            given[name] = getattr(options, name)
     try:
         with mistakes():
             state, camera = _settings(options)
@@ -110,7 +116,7 @@ def _settings(options: argparse.Namespace) -> tuple:
             except ValueError as error:
                 raise UserError(f"{options.state}: {error}") from error
     if options.eye:
-        camera = Camera(options.eye, options.look_at, options.up, options.fov)
+        camera = Camera(options.eye, options.look_at, options.up or (0, 1, 0), options.fov)
     changes = {"surface__kernel": options.kernel, "surface__support": options.support,
                "surface__threshold": options.threshold, "color__by": options.color_by,
                "color__colormap": options.colormap}

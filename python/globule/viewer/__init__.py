@@ -14,7 +14,7 @@ def view(
     *,
     host: str = "127.0.0.1",
     port: int = 8080,
-    up: Any = (0.0, 1.0, 0.0),
+    up: Any = None,
     camera: Any = None,
     state: Any = None,
     preset: str | None = None,
@@ -35,13 +35,13 @@ def view(
             a `Volume` (or (volume, sweep)), a `Sweep`, a simulation, its scene's name or .toml.
         host: another than this machine's own demands a token, which is in `viewer.address`.
         port: the first free one from here on.
-        up: (3,) direction to the sky.
+        up: (3,) direction to the sky; default: y, for volumes and sweeps z.
         camera: where browsers begin.
         state: settings as a TOML file, or a `globule.viewer.state.State`.
         preset: one of `globule.presets.PRESETS`.
         browser: open one.
         block: until Ctrl-C; default: yes in a program, no in an interactive session.
-        device, threads: as for `Scene`; reading: as for `read`.
+        device, threads: as for `Scene`; reading: as for `read`, or of sweeps `read_sweep`.
 
     Raises:
         ImportError: without the extra `view`.

@@ -38,7 +38,7 @@ class Viewer:
         source: what is shown.
         state: settings to begin with.
         host, port: where to listen; another host than this machine's own demands a token.
-        up: (3,) direction to the sky.
+        up: (3,) direction to the sky; default: y, for volumes and sweeps z.
         camera: where every client begins; default: all is seen.
 
     Attributes:
@@ -49,17 +49,18 @@ class Viewer:
 
     def __init__(
         self, source: Source, state: State | None = None, host: str = "127.0.0.1",
-        port: int = 8080, up: Any = (0.0, 1.0, 0.0), camera: Camera | None = None,
+        port: int = 8080, up: Any = None, camera: Camera | None = None,
         title: str | None = None,
     ):
         viser = need_viser()
         self.source, self.state = source, state or State()
-        self.up = tuple(float(v) for v in up)
+        self.up = tuple(float(v) for v in (source.up if up is None else up))
         self.title = title or f"globule · {source.name}"
         with source.lock:
             self.placement = Placement(*source.bounds())
             scene = source.layers(self.state.snapshot())[0].scene
-        self.first_camera = camera or first_camera(scene, self.up)
+        self._camera_given = camera is not None
+        self.first_camera = camera or first_camera(scene, self.up, source.outline())
         self._asked_port = port
         self.token = None if host in LOCAL else secrets.token_urlsafe(24)
         self._guard = Guard(self.token)
@@ -94,7 +95,7 @@ class Viewer:
     def greeting(self) -> list[str]:
         """What a person needs to know in the terminal."""
         lines = [f"globule: {self.source.name} at {self.address}"]
-        if self.port != self._asked_port:
+        if self._asked_port and self.port != self._asked_port:
             lines.append(f"globule: port {self._asked_port} is taken, so this is {self.port}")
         if self.token is None:
             lines.append(f"globule: from another machine: ssh -L {self.port}:localhost:{self.port} "
@@ -120,6 +121,8 @@ class Viewer:
         async def moved(camera: Any) -> None:
             client.look(self.camera_of(camera), (camera.image_width, camera.image_height))
 
+        if not self._camera_given:
+            self.move(browser, for_window(self.first_camera, browser.camera.aspect))
         await moved(browser.camera)
         browser.camera.on_update(moved)
         self.page.connected(browser, client)
@@ -251,14 +254,23 @@ class ShownFrame:
         self.viewer, self.time = viewer, time.time()
 
 
-def first_camera(scene: Any, up: Any, size: tuple[int, int] = FIRST_SIZE) -> Camera:
+def first_camera(scene: Any, up: Any, around: Any) -> Camera:
     """All is seen, from the front, a little right and above, whatever axis is upwards."""
     from ..camera import view_axes
 
-    if scene.octree.n_inside == 0:
+    if scene.octree.n_inside == 0 and around is None:
         return Camera((1.2, 0.9, 2.0), (0, 0, 0), up)
     right, above, front = view_axes(up)
-    return fit_camera(scene, size, direction=0.6 * right + 0.45 * above + front, up=up)
+    towards = 0.6 * right + 0.45 * above + front
+    return fit_camera(scene, FIRST_SIZE, around, direction=towards, up=up)
+
+
+def for_window(camera: Camera, aspect: float) -> Camera:
+    """Farther away where a window is narrower than what the camera was made for."""
+    back = max(1.0, FIRST_SIZE[0] / FIRST_SIZE[1] / max(aspect, 0.1))
+    away = np.subtract(camera.eye, camera.look_at) * back
+    eye = tuple((np.asarray(camera.look_at) + away).tolist())
+    return Camera(eye, camera.look_at, camera.up, camera.fov)
 
 
 def need_viser() -> Any:

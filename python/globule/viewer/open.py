@@ -12,6 +12,7 @@ from ..particles import Particles, on_gpu
 from ..render import Layer
 from ..scene import Scene
 from ..sweep import Sweep
+from ..sweeps.setup import Setup
 from ..volume import Volume
 from ..volume_io import READABLE as VOLUMES
 from .sequence_source import SequenceSource
@@ -32,7 +33,7 @@ def open_source(what: Any, device: str = "auto", threads: int = 0, **reading: An
     Args:
         what: paths (one, or several as a sequence), a shipped simulation's name, a scene's .toml,
             igtl://host:port, or an object.
-        reading: of `globule.read`: level, labels, spacing.
+        reading: of `globule.read` (level, labels, spacing) or `globule.read_sweep`.
 
     Raises:
         TypeError, ValueError, FormatError, OSError: naming what cannot be shown.
@@ -77,7 +78,7 @@ def _open_files(names: list[str], common: dict, reading: dict) -> Source:
 def _open_name(name: str, common: dict, reading: dict) -> Source:
     title = os.path.basename(os.path.normpath(name))
     if name.startswith("igtl://"):
-        return SweepSource(name, received(name, {}), **common)
+        return SweepSource(name, received(name, Setup(**reading).edges), **common)
     if simulation_name(name):
         from ..simulate import Simulation
 
@@ -90,18 +91,18 @@ def _open_name(name: str, common: dict, reading: dict) -> Source:
         files = find_files([name])  # a pattern; what is no file is said by the reader
         if files != [name]:
             return _open_files(files, common, reading)
-    if not reading:
-        kind = _medical(name)
-        if kind is not None:
-            kind.files = [name]
-            return kind
-    source: Source = SceneSource(title, read(name, **reading), **common)
+    source = _medical(name, common, reading)
+    if source is not None:
+        source.files = [name]
+        return source
+    source = SceneSource(title, read(name, **reading), **common)
     source.files = [name]
     return source
 
 
-def _medical(name: str) -> Source | None:
-    """The source of a sweep or volume; None for other files."""
+def _medical(name: str, common: dict, reading: dict) -> Source | None:
+    """The source of a sweep or volume; None for other files, and for a volume of which only the
+    voxels of some values are wanted."""
     from ..cli.medical import kind_of
     from ..sweep_io import read_sweep
     from ..volume_io import read_volume
@@ -109,9 +110,9 @@ def _medical(name: str) -> Source | None:
     title = os.path.basename(os.path.normpath(name))
     kind = kind_of(name) if os.path.exists(name) else None
     if kind == "sweep":
-        return _sweep(title, read_sweep(name), {})
-    if kind == "volume" and name.lower().endswith(tuple(VOLUMES)):
-        return VolumeSource(title, read_volume(name))
+        return _sweep(title, read_sweep(name, **reading), common)
+    if kind == "volume" and not reading and name.lower().endswith(tuple(VOLUMES)):
+        return VolumeSource(title, read_volume(name), **common)
     return None
 
 

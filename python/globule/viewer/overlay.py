@@ -26,10 +26,11 @@ class Mark:
 @dataclass(frozen=True)
 class Plate:
     """An image in space. texture: (H, W, 3) uint8 sRGB; world_from_plate: (4, 4), maps pixel
-    (column, row, 0, 1) to the world."""
+    (column, row, 0, 1) to the world; mask: (H, W) bool, where there is anything, None: all over."""
 
     texture: np.ndarray
     world_from_plate: np.ndarray
+    mask: np.ndarray | None = None
 
 
 def finish(
@@ -81,7 +82,11 @@ def draw_plates(
             seen = (t > 0) & (along < nearest) & (column >= 0) & (column < columns)
             seen &= (row >= 0) & (row < rows)
         at = np.flatnonzero(seen)
-        out[at] = plate.texture[row[at].astype(np.intp), column[at].astype(np.intp)]
+        pixels = row[at].astype(np.intp), column[at].astype(np.intp)
+        if plate.mask is not None:
+            kept = plate.mask[pixels]
+            at, pixels = at[kept], tuple(p[kept] for p in pixels)
+        out[at] = plate.texture[pixels]
         nearest[at] = along[at]
     return out.reshape(picture.shape)
 

@@ -19,7 +19,7 @@ STILL_AFTER = 0.15  # s without a change
 SMALLEST = 160  # pixels of the longer side
 LEAST_QUALITY, MOST_QUALITY = 35, 80  # JPEG, while something moves
 LEAST_SCALE = 1 / 8
-LATENCY = 0.10  # s from sending to acknowledgement that is aimed at
+LATENCY = 0.08  # s that the bytes on their way may take
 WINDOW = 64  # pictures in the statistics
 
 
@@ -42,6 +42,7 @@ class _Sent:
     sent: float
     n_bytes: int
     still: bool
+    ahead: int  # bytes of the pictures before it that were still on their way
 
 
 class Pacer:
@@ -58,7 +59,7 @@ class Pacer:
         self._hopeless: Any = None
         self._samples = 0  # of the last picture, 0 while it is a moving one
         self._still_size: tuple[int, int] | None = None
-        self._quickest = 0.0  # s, the shortest way there and back lately
+        self._ways: deque[tuple[float, float]] = deque(maxlen=32)  # bytes on the way, and s
         self.latency: deque[float] = deque(maxlen=WINDOW)  # s, change to acknowledgement
         self.transfer: deque[float] = deque(maxlen=WINDOW)  # s, sending to acknowledgement
         self.acknowledged: deque[float] = deque(maxlen=WINDOW)  # when
@@ -124,7 +125,8 @@ class Pacer:
 
     def sent(self, now: float, number: int, seen: float, n_bytes: int, still: bool) -> None:
         self.making = False
-        self.in_flight.append(_Sent(number, seen, now, n_bytes, still))
+        ahead = sum(one.n_bytes for one in self.in_flight)
+        self.in_flight.append(_Sent(number, seen, now, n_bytes, still, ahead))
         self.n_bytes += n_bytes
 
     def acknowledge(self, now: float, number: int) -> None:
@@ -132,15 +134,17 @@ class Pacer:
         while self.in_flight and self.in_flight[0].number <= number:
             done = self.in_flight.popleft()
             self.transfer.append(now - done.sent)
+            self._ways.append((done.n_bytes + done.ahead, now - done.sent))
             self.acknowledged.append(now)
             if not done.still:
                 self.latency.append(now - done.seen)
-                self._adapt(now - done.sent)
+                self._adapt(done)
 
-    def _adapt(self, took: float) -> None:
-        """A slow way first costs quality, then size."""
-        self._quickest = min(took, self._quickest * 1.002 + 1e-5) if self._quickest else took
-        pressure = (took - 0.8 * self._quickest) / LATENCY
+    def _adapt(self, done: _Sent) -> None:
+        """Where bytes make the way long, first quality falls, then size. A browser that takes its
+        time for whatever comes is not helped by less."""
+        of_bytes = self.seconds_per_byte * (done.n_bytes + done.ahead)
+        pressure = of_bytes / LATENCY
         if pressure > 1.1:
             if self.quality > LEAST_QUALITY:
                 self.quality = max(LEAST_QUALITY, self.quality - 8)
@@ -148,6 +152,19 @@ class Pacer:
                 self.scale = max(LEAST_SCALE, self.scale * max(0.75, pressure**-0.4))
         elif pressure < 0.7:
             self.quality = min(MOST_QUALITY, self.quality + 1)
+
+    @property
+    def seconds_per_byte(self) -> float:
+        """The slope of the time from sending to acknowledgement over the bytes on the way."""
+        n = len(self._ways)
+        if n < 4:
+            return 0.0
+        mean_x, mean_y = (sum(v[k] for v in self._ways) / n for k in (0, 1))
+        spread = sum((x - mean_x) ** 2 for x, _ in self._ways)
+        if spread <= (0.05 * mean_x) ** 2 * n:  # all of one size tell nothing but the most
+            return min(y / x for x, y in self._ways if x > 0)
+        slope = sum((x - mean_x) * (y - mean_y) for x, y in self._ways) / spread
+        return max(0.0, slope)
 
     @property
     def rate(self) -> float:

@@ -11,7 +11,7 @@ from ..particles import Particles, to_host
 from ..render import Layer
 from .placement import Placement
 from .scenes import SceneMaker
-from .source import Source
+from .source import Source, box_corners
 from .state import State
 
 LONGEST_PAUSE = 0.25  # s of the clock between two pictures of slow motion
@@ -65,6 +65,10 @@ class SimulationSource(Source):
             if np.isfinite([lo, hi]).all():
                 return lo, hi
         return super().bounds()
+
+    def outline(self) -> np.ndarray | None:
+        domain = getattr(self.simulation, "bounds", None)
+        return None if domain is None or callable(domain) else box_corners(*self.bounds())
 
     def facts(self) -> dict[str, Any]:
         sim, facts = self.simulation, {"running": "yes" if self.running else "no"}

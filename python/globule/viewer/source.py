@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from ..particles import Particles, to_host
-from ..render import REACH, Layer
+from ..particles import Particles
+from ..render import Layer
 from ..scene import Scene
 from .locks import FairLock
 from .overlay import Plate
@@ -24,6 +24,7 @@ class Source:
 
     kind = "scene"
     n_frames = 0  # of a sequence
+    up = (0.0, 1.0, 0.0)  # towards the sky, where nobody says otherwise
 
     def __init__(self, name: str) -> None:
         self.name = name
@@ -50,6 +51,10 @@ class Source:
             return self.particles().bounds()
         except ValueError:  # no particles yet
             return np.full(3, -1.0), np.full(3, 1.0)
+
+    def outline(self) -> np.ndarray | None:
+        """Points (M, 3) that a camera is to see; None: the particles with their surface."""
+        return None
 
     def color_names(self) -> list[str]:
         return color_names(self.particles())
@@ -99,7 +104,6 @@ class SceneSource(Source):
             self.version += 1
 
 
-def margin(scene: Scene) -> float:
-    """How far the surface may reach beyond the particles."""
-    support = float(np.max(to_host(scene.support), initial=0.0))
-    return REACH[scene.kernel] * support if np.isfinite(support) else 0.0
+def box_corners(lo: Any, hi: Any) -> np.ndarray:
+    """(8, 3)."""
+    return np.array(np.meshgrid(*zip(lo, hi, strict=True))).reshape(3, -1).T

@@ -14,7 +14,7 @@ from ..volume import EMPTY, FILLED, Volume
 from ..volume_particles import iso_surface, otsu
 from .overlay import Plate
 from .scenes import SceneMaker
-from .source import Source
+from .source import Source, box_corners
 from .state import State
 
 NOTHING = np.zeros((0, 3), np.float32)
@@ -25,6 +25,7 @@ class VolumeSource(Source):
     """volume: what is shown; sweep: the frames that it was made of, if there are any."""
 
     kind = "volume"
+    up = (0.0, 0.0, 1.0)
 
     def __init__(self, name: str, volume: Volume, sweep: Sweep | None = None,
                  device: str = "auto", threads: int = 0):
@@ -54,6 +55,9 @@ class VolumeSource(Source):
         corners[:, :3] *= sizes
         places = (corners @ self.volume.world_from_voxel.T)[:, :3]
         return places.min(axis=0), places.max(axis=0)
+
+    def outline(self) -> np.ndarray:
+        return box_corners(*self.bounds())
 
     def particles(self) -> Particles:
         return self._surface(self.level)[0] if self._made is None else self._made[1]
@@ -112,7 +116,8 @@ class VolumeSource(Source):
         world_from_plate = self.volume.world_from_voxel @ voxel_from_plate
         size = (int(np.ceil(sizes[across] / step)), int(np.ceil(sizes[down] / step)))
         cut = reslice(self.volume, world_from_plate, size, linear=False)
-        plate = Plate(self.tinted(cut.values, cut.origin, overlay), world_from_plate)
+        known = None if overlay else cut.origin != EMPTY
+        plate = Plate(self.tinted(cut.values, cut.origin, overlay), world_from_plate, known)
         self._slices[axis] = asked, plate
         return plate
 

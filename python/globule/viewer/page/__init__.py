@@ -26,6 +26,7 @@ class Page:
         self.server = server = viewer.server
         server.gui.configure_theme(show_logo=False, show_share_button=False,
                                    control_width="medium", brand_color=(38, 99, 168))
+        server.gui.main_panel.dock_right()
         server.gui.set_panel_label(viewer.title)
         server.scene.set_up_direction(viewer.up)
         server.scene.world_axes.visible = False

@@ -48,13 +48,14 @@ class Play(Panel):
         last = max(1, self.viewer.source.n_frames - 1)
         self.add("time", "playing")
         self.add("time", "frame", most=last)
-        self.gui.add_button_group("Step", ("⏮", "◀", "▶", "⏭")).on_click(self.safe(self._step))
+        steps = self.gui.add_button_group("Step", ("first", "back", "next", "last"))
+        steps.on_click(self.safe(self._step))
         self.add("time", "loop")
         self.add("time", "rate", least=1.0, most=60.0, step=1.0)
 
     def _step(self, event: Any) -> None:
         last, now = self.viewer.source.n_frames - 1, self.state.time.frame
-        to = {"⏮": 0, "◀": now - 1, "▶": now + 1, "⏭": last}[event.target.value]
+        to = {"first": 0, "back": now - 1, "next": now + 1, "last": last}[event.target.value]
         self.state.set(time__playing=False, time__frame=min(max(to, 0), last))
 
     # Simulations
@@ -62,7 +63,7 @@ class Play(Panel):
     def _simulation(self) -> None:
         gui, source = self.gui, self.viewer.source
         sim = source.simulation
-        self.buttons = gui.add_button_group("Time", ("▶ Run", "⏸ Pause", "Step", "Reset"))
+        self.buttons = gui.add_button_group("Time", ("Run", "Pause", "Step", "Reset"))
         self.buttons.on_click(self.safe(self._time))
         speed = gui.add_slider("Speed", 0.01, 2.0, 0.01, source.speed,
                                hint="Seconds of the simulation a second, where it can")
@@ -85,7 +86,7 @@ class Play(Panel):
         elif asked == "Reset":
             source.reset()
         else:
-            self.run("Run" in asked)
+            self.run(asked == "Run")
         self.viewer.engine.notify()
 
     def run(self, running: bool) -> None:
@@ -134,7 +135,7 @@ class Play(Panel):
 
     def _sweep(self) -> None:
         gui, source = self.gui, self.viewer.source
-        self.buttons = gui.add_button_group("Recording", ("▶ Start", "⏹ Stop", "Undo", "Clear"))
+        self.buttons = gui.add_button_group("Recording", ("Start", "Stop", "Undo", "Clear"))
         self.buttons.on_click(self.safe(self._record))
         spacing = gui.add_number("Spacing, mm", source.spacing, min=0.01, max=100.0, step=0.1,
                                  hint="Edge of a voxel; counts from the next Clear")
@@ -148,7 +149,7 @@ class Play(Panel):
 
     def _record(self, event: Any) -> None:
         source, asked = self.viewer.source, event.target.value
-        {"▶ Start": source.start, "⏹ Stop": source.stop, "Undo": source.undo,
+        {"Start": source.start, "Stop": source.stop, "Undo": source.undo,
          "Clear": source.reset}[asked]()
         self.viewer.engine.notify()
 

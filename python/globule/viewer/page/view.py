@@ -61,10 +61,12 @@ class View(Panel):
         with viewer.source.lock:
             scene = viewer.source.layers(viewer.state.snapshot())[0].scene
             size = (browser.camera.image_width, browser.camera.image_height)
-            if scene.octree.n_inside == 0:
+            around = viewer.source.outline()
+            if scene.octree.n_inside == 0 and around is None:
                 raise ValueError("fit: expected particles to look at, got none")
             fov = float(np.degrees(browser.camera.fov))
-            camera = fit_camera(scene, size, direction=towards, up=viewer.up, fov=fov)
+            camera = fit_camera(scene, size, around, direction=towards, up=viewer.up,
+                                fov=fov)
         viewer.move(browser, camera)
 
     # Bookmarks
