@@ -9,6 +9,7 @@
 #include "dispatch.hpp"
 #include "oracle.hpp"
 #include "picture.hpp"
+#include "scene_handle.hpp"
 
 using namespace globule;
 
@@ -27,10 +28,6 @@ bool poll_signals() {
     nb::gil_scoped_acquire gil;
     return PyErr_CheckSignals() != 0;
 }
-
-struct PyScene {
-    std::shared_ptr<Scene> scene;  // frames may outlive the Python object
-};
 
 /// Runs without the GIL; a cancelled call leaves Python's own exception set.
 template <class Fn>
@@ -61,7 +58,8 @@ nb::tuple dlpack_view(nb::ndarray<nb::ro> a) {
 
 }  // namespace
 
-void bind_sweep(nb::module_& m);  // sweep.cpp
+void bind_sweep(nb::module_& m);       // sweep.cpp
+void bind_simulation(nb::module_& m);  // simulation.cpp
 
 NB_MODULE(_core, m) {
     nb::set_leak_warnings(false);  // an exception that ends the program may still hold frames
@@ -201,4 +199,5 @@ NB_MODULE(_core, m) {
             work([&] { s.scene->thesis_work(n, at<ThesisWork>(out)); });
         })
         .def("trace_exactly", [](PyScene& s) { s.scene->trace_like({}); });
+    bind_simulation(m);
 }

@@ -15,6 +15,7 @@
 #include "globule/trace/thesis/request.hpp"
 #include "globule/trace/wave.hpp"
 #include "reconstructor.hpp"
+#include "scene_access.hpp"
 
 namespace globule {
 
@@ -104,6 +105,8 @@ struct Scene {
     virtual void synchronize() = 0;
     /// How the rays that follow are traced: the thesis's way (dense octree only), or ours.
     virtual void trace_like(const std::optional<ThesisRequest>& thesis) = 0;
+    /// For a simulation that works on this scene's octree.
+    virtual SceneAccess share() = 0;
     /// Of the n rays traced last, by a request that counts.
     virtual void thesis_work(std::size_t n, ThesisWork* out) = 0;
 };
@@ -112,12 +115,15 @@ struct Scene {
 using Poll = bool (*)();
 struct Cancelled {};
 
+struct Simulation;
+
 /// Exported by every backend library as "globule_backend".
 struct BackendApi {
     std::unique_ptr<Scene> (*make_scene)(int device_index, int threads, Poll poll);
     /// One line naming the device, or why it cannot be used (then ok is false).
     std::string (*describe)(int device_index, bool& ok);
     std::unique_ptr<Reconstructor> (*make_reconstructor)(int device_index, int threads, Poll poll);
+    std::unique_ptr<Simulation> (*make_simulation)(std::shared_ptr<Scene> scene);
 };
 
 }  // namespace globule

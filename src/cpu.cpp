@@ -1,6 +1,7 @@
 // The CPU backend; compiled once per SIMD level.
 #include "globule/exec/cpu.hpp"
 #include "scene.hpp"
+#include "simulation.hpp"
 #include "sweep.hpp"
 
 namespace {
@@ -16,4 +17,4 @@ std::string describe(int, bool& ok) {
 }  // namespace
 
 extern "C" __attribute__((visibility("default"))) const globule::BackendApi globule_backend{
-    make_scene, describe, globule::make_reconstructor};
+    make_scene, describe, globule::make_reconstructor, globule::make_simulation};

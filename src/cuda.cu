@@ -1,6 +1,7 @@
 // The CUDA backend: the same kernels, for the GPU.
 #include "globule/exec/cuda.hpp"
 #include "scene.hpp"
+#include "simulation.hpp"
 #include "sweep.hpp"
 
 namespace {
@@ -37,4 +38,4 @@ std::string describe(int index, bool& ok) {
 }  // namespace
 
 extern "C" __attribute__((visibility("default"))) const globule::BackendApi globule_backend{
-    make_scene, describe, globule::make_reconstructor};
+    make_scene, describe, globule::make_reconstructor, globule::make_simulation};

@@ -195,6 +195,15 @@ public:
 
     void trace_like(const std::optional<ThesisRequest>& thesis) override { thesis_ = thesis; }
 
+    SceneAccess share() override {
+        return {exec_.get(), &tree_, [this](const float* color, const float* reflection, const float* refraction) {
+                    attributes_.color = color;
+                    attributes_.reflection = {reflection, 0.0f};
+                    attributes_.refraction = {refraction, 0.0f};
+                    cells_stale_ = true;
+                }};
+    }
+
     void thesis_work(std::size_t n, ThesisWork* out) override { exec_->download(out, work_.data(), n * sizeof(ThesisWork)); }
 
 private:

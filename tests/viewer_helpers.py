@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import threading
 import time
@@ -19,7 +20,7 @@ FLAGS = [
     "--enable-unsafe-swiftshader",
 ]
 WINDOW = {"width": 1000, "height": 760}
-PATIENCE = 90.0  # s; machines that run tests may be busy
+PATIENCE = float(os.environ.get("GLOBULE_TEST_PATIENCE", 90))  # s; machines may be busy
 CELLS = 24  # of the bar code
 
 
@@ -129,7 +130,7 @@ def open_folder(page: Any, title: str) -> None:
 
 
 def check(page: Any, label: str, on: bool = True) -> None:
-    page.get_by_label(label, exact=True).first.set_checked(on, force=True)
+    page.get_by_label(label, exact=True).first.set_checked(on)
 
 
 def choose(page: Any, label: str, option: str) -> None:
@@ -143,6 +144,11 @@ def type_number(page: Any, label: str, value: float) -> None:
     box = row.locator("input[inputmode]").first
     box.fill(str(value))
     box.press("Enter")
+
+
+def type_text(page: Any, label: str, text: str) -> None:
+    row = page.locator(f"xpath=//label[text()='{label}']/ancestor::div[2]/..").first
+    row.locator("input").first.fill(text)
 
 
 def with_bar_code(frame: Any) -> np.ndarray:

@@ -44,6 +44,7 @@ from .reconstructor import Reconstructor  # noqa: E402
 from .render import Frame, Layer, Picked, RenderSettings, render  # noqa: E402
 from .scene import Scene  # noqa: E402
 from .sequence import read_ahead, render_sequence, value_range  # noqa: E402
+from .simulate import Phase, Simulation, StepReport  # noqa: E402
 from .smoothing import anisotropy, without_strays  # noqa: E402
 from .spacing import local_spacing  # noqa: E402
 from .sweep import Sweep  # noqa: E402
@@ -70,11 +71,14 @@ __all__ = [
     "Material",
     "Particles",
     "Picked",
+    "Phase",
     "PointLight",
     "Reconstructor",
     "RenderSettings",
     "Scene",
+    "Simulation",
     "Sky",
+    "StepReport",
     "Sweep",
     "Thesis",
     "Volume",

@@ -121,6 +121,15 @@ GB_FN void atomic_max(std::uint64_t* at, std::uint64_t v) {
 #endif
 }
 
+GB_FN void atomic_most(std::uint32_t* at, std::uint32_t v) {
+#if defined(__CUDA_ARCH__)
+    atomicMax(at, v);
+#else
+    std::uint32_t now = __atomic_load_n(at, __ATOMIC_RELAXED);
+    while (now < v && !__atomic_compare_exchange_n(at, &now, v, true, __ATOMIC_RELAXED, __ATOMIC_RELAXED)) {}
+#endif
+}
+
 /// Reads a float that another thread of the same launch may just have written.
 GB_FN float read_fresh(const float* p) {
 #if defined(__CUDA_ARCH__)

@@ -14,6 +14,7 @@
 
 #include "globule/base/scalar.hpp"
 #include "globule/exec/cpu_group.hpp"
+#include "globule/exec/cpu_packet.hpp"
 
 namespace globule {
 
@@ -24,6 +25,7 @@ class Cpu {
 public:
     using Group = CpuGroup;
     using Lanes = CpuLanes;
+    using Packet = CpuPacket;
     static constexpr bool on_device = false;
     static constexpr bool tiles_for_camera = true;          ///< SIMD over rays beats SIMD over particles there
     static constexpr std::size_t wave_size = 1 << 17;       ///< pixels at a time
@@ -55,6 +57,13 @@ public:
     void for_each(std::size_t n, const Kernel& kernel) {
 #pragma omp parallel for schedule(static) num_threads(threads_) if (n > 2048)
         for (std::size_t i = 0; i < n; ++i) kernel(i);
+    }
+
+    /// Rows in packets of SIMD lanes; the last packet's lanes go past n, into padding.
+    template <class Kernel>
+    void for_each_packet(std::size_t n, const Kernel& kernel) {
+#pragma omp parallel for schedule(static) num_threads(threads_) if (n > 256)
+        for (std::size_t i = 0; i < n; i += Packet::width) kernel.template run<Packet>(i);
     }
 
     /// As for_each, for items of very different length.
@@ -127,6 +136,23 @@ public:
 #pragma omp for schedule(static)
             for (std::size_t i = 0; i < n; ++i) mine = combine(mine, map(i));
             partial[omp_get_thread_num()] = mine;
+        }
+        T all = identity;
+        for (const T& p : partial) all = combine(all, p);
+        *out = all;
+    }
+
+    /// As reduce, for a combine such as a sum of floats: parts of fixed size, combined in order.
+    template <class T, class Map, class Combine>
+    void reduce_in_order(std::size_t n, const Map& map, const Combine& combine, const T& identity, T* out) {
+        constexpr std::size_t part = 1024;
+        const std::size_t n_parts = ceil_div(n, part);
+        std::vector<T> partial(n_parts, identity);
+#pragma omp parallel for schedule(static) num_threads(threads_) if (n > 4 * part)
+        for (std::size_t p = 0; p < n_parts; ++p) {
+            T mine = identity;
+            for (std::size_t i = p * part; i < std::min(n, (p + 1) * part); ++i) mine = combine(mine, map(i));
+            partial[p] = mine;
         }
         T all = identity;
         for (const T& p : partial) all = combine(all, p);
@@ -222,7 +248,7 @@ private:
 
     int threads_;
     Poll poll_;
-    double marks_[4] = {};
+    double marks_[16] = {};
     std::atomic<bool> cancelled_{false};
 };
 

@@ -13,6 +13,7 @@
 #include "globule/base/scalar.hpp"
 #include "globule/exec/buffer.hpp"
 #include "globule/exec/cuda_group.hpp"
+#include "globule/exec/cuda_packet.hpp"
 
 namespace globule {
 
@@ -29,6 +30,12 @@ template <class Kernel>
 __global__ void run_each(std::size_t n, Kernel kernel) {
     const std::size_t i = std::size_t(blockIdx.x) * blockDim.x + threadIdx.x;
     if (i < n) kernel(i);
+}
+
+template <class Kernel>
+__global__ void __launch_bounds__(128) run_packets(std::size_t n, Kernel kernel) {
+    const std::size_t i = std::size_t(blockIdx.x) * blockDim.x + threadIdx.x;
+    if (i < n) kernel.template run<CudaPacket>(i);
 }
 
 inline constexpr int kWarpsPerBlock = 4;
@@ -102,6 +109,7 @@ class Cuda {
 public:
     using Group = CudaGroup;
     using Lanes = CudaLanes;
+    using Packet = CudaPacket;
     static constexpr bool on_device = true;
     static constexpr bool tiles_for_camera = false;
     static constexpr std::size_t wave_size = 1 << 22;       ///< pixels at a time
@@ -191,6 +199,19 @@ public:
         check(cudaGetLastError());
     }
 
+    /// One thread a row.
+    template <class Kernel>
+    void for_each_packet(std::size_t n, const Kernel& kernel) {
+        if (n == 0) return;
+        run_packets<<<unsigned(ceil_div<std::size_t>(n, 128)), 128, 0, stream_>>>(n, kernel);
+        check(cudaGetLastError());
+    }
+
+    /// CUB combines in an order that is the same from run to run.
+    template <class T, class Map, class Combine>
+    void reduce_in_order(std::size_t n, const Map& map, const Combine& combine, const T& identity, T* out) {
+        reduce(n, map, combine, identity, out);
+    }
     template <class T, class Map, class Combine>
     void reduce(std::size_t n, const Map& map, const Combine& combine, const T& identity, T* out) {
         with_temporary([&](void* room, std::size_t& bytes) {
@@ -230,7 +251,7 @@ private:
     int device_;
     int n_processors_ = 1;
     cudaStream_t stream_ = nullptr;
-    cudaEvent_t marks_[4] = {};
+    cudaEvent_t marks_[16] = {};
     Buffer<char, Cuda> temporary_;
     Buffer<unsigned long long, Cuda> next_;
 };

@@ -344,6 +344,12 @@ public:
         else build_keys<std::uint32_t>(in);
     }
 
+    /// Other names and weights for the sorted particles, in memory that outlives their use.
+    void relabel(const std::uint32_t* index, const Attribute& weight) {
+        sorted_.index = index;
+        sorted_.weight = weight;
+    }
+
     SparseTree sparse() const { return {header_.data(), node_arrays()}; }
     DenseTree dense() const { return {header_.data(), dense_.data()}; }
     const SortedParticles& particles() const { return sorted_; }

@@ -11,10 +11,10 @@ import os
 import sys
 from collections.abc import Sequence
 
-from . import bench, convert, demo, figures, info, reconstruct, render, view
+from . import bench, convert, demo, figures, info, reconstruct, render, simulate, view
 from .shared import UserError, join_negative, say
 
-COMMANDS = (render, view, reconstruct, convert, info, figures, bench, demo)
+COMMANDS = (render, view, simulate, reconstruct, convert, info, figures, bench, demo)
 
 
 class _Parser(argparse.ArgumentParser):

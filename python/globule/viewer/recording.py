@@ -123,7 +123,7 @@ def turntable(
 ) -> None:
     """A movie once around, from server frames."""
     need_av()
-    cameras = orbit(camera, max(2, round(seconds * fps)))
+    cameras = orbit(camera, n=max(2, round(seconds * fps)))
 
     def pictures() -> Iterator[np.ndarray]:
         for i, one in enumerate(cameras):

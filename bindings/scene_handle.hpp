@@ -1,0 +1,13 @@
+// The Python object that holds a scene, shared by those who render it and those who move its particles.
+#pragma once
+#include <memory>
+
+#include "backend.hpp"
+
+namespace globule {
+
+struct PyScene {
+    std::shared_ptr<Scene> scene;  // frames and simulations may outlive the Python object
+};
+
+}  // namespace globule

@@ -1,0 +1,133 @@
+// Particle simulations: addresses in, addresses out, as in core.cpp.
+#include <nanobind/nanobind.h>
+#include <nanobind/ndarray.h>
+#include <nanobind/stl/string.h>
+#include <nanobind/stl/tuple.h>
+#include <nanobind/stl/vector.h>
+
+#include "dispatch.hpp"
+#include "picture.hpp"
+#include "scene_handle.hpp"
+#include "simulation.hpp"
+
+using namespace globule;
+
+namespace {
+
+using Address = std::uintptr_t;
+template <class T>
+T* at(Address a) { return reinterpret_cast<T*>(a); }
+
+template <class T>
+T item(const nb::dict& d, const char* name) { return nb::cast<T>(d[name]); }
+
+template <class Fn>
+auto work(const Fn& fn) {
+    nb::gil_scoped_release release;
+    return fn();
+}
+
+struct PySimulation {
+    std::unique_ptr<Simulation> core;
+};
+
+SimulationSettings settings(const nb::dict& d) {
+    SimulationSettings s;
+    s.spacing = item<float>(d, "spacing");
+    s.lo = vec(item<std::vector<float>>(d, "lo"));
+    s.hi = vec(item<std::vector<float>>(d, "hi"));
+    s.gravity = vec(item<std::vector<float>>(d, "gravity"));
+    s.cfl = item<float>(d, "cfl");
+    s.longest_step = item<float>(d, "longest_step");
+    s.density_error = item<float>(d, "density_error");
+    s.divergence_error = item<float>(d, "divergence_error");
+    s.least_iterations = item<int>(d, "least_iterations");
+    s.most_iterations = item<int>(d, "most_iterations");
+    return s;
+}
+
+sim::Phase phase(const nb::dict& d) {
+    sim::Phase p;
+    p.kind = sim::Kind(item<int>(d, "kind"));
+    p.density = item<float>(d, "density");
+    p.viscosity = item<float>(d, "viscosity");
+    p.tension = item<float>(d, "tension");
+    p.adhesion = item<float>(d, "adhesion");
+    const auto color = item<std::vector<float>>(d, "color");
+    for (int k = 0; k < 3; ++k) p.color[k] = color.at(k);
+    p.reflection = item<float>(d, "reflection");
+    p.refraction = item<float>(d, "refraction");
+    p.implicit_viscosity = item<bool>(d, "implicit_viscosity");
+    p.shown = item<bool>(d, "shown");
+    return p;
+}
+
+nb::dict report(const StepReport& r) {
+    nb::dict d, seconds;
+    for (const auto& [stage, s] : r.seconds) seconds[stage.c_str()] = s;
+    d["time"] = r.time;
+    d["step"] = r.step;
+    d["dt"] = r.dt;
+    d["iterations"] = r.iterations;
+    d["divergence_iterations"] = r.divergence_iterations;
+    d["error"] = r.error;
+    d["divergence_error"] = r.divergence_error;
+    d["compression"] = r.compression;
+    d["most_compression"] = r.most_compression;
+    d["n"] = r.n;
+    d["n_solved"] = r.n_solved;
+    d["n_escaped"] = r.n_escaped;
+    d["most_speed"] = r.most_speed;
+    d["seconds"] = seconds;
+    return d;
+}
+
+nb::dict step(PySimulation& s, double dt) {
+    try {
+        return report(work([&] { return s.core->step(dt); }));
+    } catch (const SimulationError& e) {
+        nb::dict d;
+        d["lost"] = nb::make_tuple(e.id, e.phase, nb::make_tuple(e.position.x, e.position.y, e.position.z), e.time, e.step);
+        return d;
+    }
+}
+
+}  // namespace
+
+void bind_simulation(nb::module_& m) {
+    nb::class_<PySimulation>(m, "Simulation")
+        .def("__init__", [](PySimulation* self, const std::string& backend, PyScene& scene) {
+            new (self) PySimulation{open_backend(backend).make_simulation(scene.scene)};
+        })
+        .def("configure", [](PySimulation& s, const nb::dict& d) { s.core->configure(settings(d)); })
+        .def("set_phase", [](PySimulation& s, int which, const nb::dict& d) { s.core->set_phase(which, phase(d)); })
+        .def("add", [](PySimulation& s, std::size_t n, Address positions, Address velocities, std::vector<float> velocity, int phase) {
+            return work([&] { return s.core->add(n, at<float>(positions), at<float>(velocities), vec(velocity), phase); });
+        })
+        .def("remove", [](PySimulation& s, std::size_t n, Address ids) { work([&] { s.core->remove(n, at<std::uint32_t>(ids)); }); })
+        .def("step", &step)
+        .def("next_dt", [](PySimulation& s) { return s.core->next_dt(); })
+        .def("size", [](PySimulation& s) { return s.core->size(); })
+        .def("time", [](PySimulation& s) { return s.core->time(); })
+        .def("n_steps", [](PySimulation& s) { return s.core->n_steps(); })
+        .def("next_id", [](PySimulation& s) { return s.core->next_id(); })
+        .def("read", [](PySimulation& s, const std::string& name, Address out) { work([&] { s.core->read(name, at<void>(out)); }); })
+        .def("write", [](PySimulation& s, const std::string& name, Address in) { work([&] { s.core->write(name, at<void>(in)); }); })
+        .def("resize", [](PySimulation& s, std::size_t n, std::uint32_t next_id, double time, std::uint64_t n_steps) {
+            s.core->resize(n, next_id, time, n_steps);
+        })
+        .def("settle", [](PySimulation& s) { work([&] { s.core->settle(); }); })
+        .def("set_forces", [](PySimulation& s, Address forces) { s.core->set_forces(at<float>(forces)); })
+        .def("neighbors", [](PySimulation& s) {
+            auto* rows = new std::vector<std::uint32_t>();
+            nb::capsule row_owner(rows, [](void* p) noexcept { delete static_cast<std::vector<std::uint32_t>*>(p); });
+            auto* found = new Neighbors();
+            nb::capsule owner(found, [](void* p) noexcept { delete static_cast<Neighbors*>(p); });
+            work([&] { s.core->neighbors(*rows, *found); });
+            return nb::make_tuple(
+                nb::ndarray<nb::numpy, std::uint32_t>(rows->data(), {rows->size()}, row_owner),
+                nb::ndarray<nb::numpy, std::uint64_t>(found->offsets.data(), {found->offsets.size()}, owner),
+                nb::ndarray<nb::numpy, std::uint32_t>(found->indices.data(), {found->indices.size()}, owner));
+        })
+        .def("show", [](PySimulation& s) { work([&] { s.core->show(); }); });
+}

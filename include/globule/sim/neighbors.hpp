@@ -1,0 +1,111 @@
+// Neighbour lists from the octree: for each packet of consecutive rows one walk of the tree, whose
+// candidates every row of the packet then tests.  The lists of a packet's rows are interleaved (sliced
+// ELLPACK), a fixed number of places each, so that lanes and warps read them as vectors.
+#pragma once
+#include "globule/octree/query.hpp"
+#include "globule/sim/state.hpp"
+
+namespace globule::sim {
+
+/// Rows are the particles that the solver moves, in slot order.
+template <class Packet>
+struct Lists {
+    using Short = typename Packet::Short;
+    std::size_t n_rows = 0;
+    std::uint32_t places = 0;             ///< room of each list
+    std::uint32_t n = 0;                  ///< particles; slot n is nobody's and far away, lists are padded with it
+    const std::uint32_t* rows = nullptr;  ///< slot of each row, padded with n
+    std::uint32_t* count = nullptr;       ///< per row
+    std::uint32_t* index = nullptr;       ///< slots of the neighbours, in slot order
+    Short *gx = nullptr, *gy = nullptr, *gz = nullptr;  ///< V_j grad W_ij of each, times the support
+
+    /// Place of a row's k-th neighbour; the next one is Packet::stride further.
+    GB_FN std::size_t at(std::size_t row, std::uint32_t k = 0) const {
+        constexpr std::size_t s = Packet::stride;
+        return (row / s * places + k) * s + row % s;
+    }
+};
+
+/// Squared distances that float32 cannot tell from the support's: these pairs are decided in float64.
+inline constexpr float kDoubt = 4e-6f;
+
+template <class Tree, class Packet>
+struct FindLists {
+    struct Nothing {};
+    template <class Group>
+    using Scratch = Nothing;
+
+    Tree tree;
+    Lists<Packet> lists;
+    const Quad* place;
+    float support;         ///< of the smoothing kernel
+    float margin;          ///< support less what the tree's boxes hold already
+    std::uint32_t* most_count;
+
+    template <class Group>
+    GB_FN void operator()(Group& g, Nothing&, std::size_t tile) const {
+        using F = typename Group::F;
+        using B = typename Group::B;
+        using U = typename Group::U;
+        const std::size_t first = tile * Group::width;
+        U slot, count;
+        F x, y, z;
+        Group::for_lanes([&](int lane) {
+            const std::uint32_t s = lists.rows[first + g.lane_number(lane)];
+            const Quad p = place[s];
+            Group::put(slot, lane, s);
+            Group::put(count, lane, 0u);
+            Group::put(x, lane, p.x);
+            Group::put(y, lane, p.y);
+            Group::put(z, lane, p.z);
+        });
+        const B here = x < F(morton::kFarthest);
+        const F inf = F(infinity());
+        const float3 lo{g.smallest(select(here, x, inf)) - margin, g.smallest(select(here, y, inf)) - margin,
+                        g.smallest(select(here, z, inf)) - margin};
+        const float3 hi{g.largest(select(here, x, -inf)) + margin, g.largest(select(here, y, -inf)) + margin,
+                        g.largest(select(here, z, -inf)) + margin};
+        const float h2 = support * support;
+        const F sure = F(h2 * (1.0f - kDoubt)), possible = F(h2 * (1.0f + kDoubt));
+        std::uint32_t* out = lists.index + lists.at(first);
+        for_each_leaf(tree, lo, hi, [&](std::uint32_t begin, std::uint32_t n) {
+            for (std::uint32_t j = begin; j < begin + n; ++j) {
+                const Quad p = place[j];
+                const F dx = x - F(p.x), dy = y - F(p.y), dz = z - F(p.z);
+                const F r2 = dx * dx + dy * dy + dz * dz;
+                const B near = r2 < possible;
+                if (!g.any(near)) continue;
+                const B doubtful = near & !(r2 < sure);
+                g.per_lane(near, [&](int lane) {
+                    if (Group::get(slot, lane) == j) return;
+                    if (Group::get(doubtful, lane)) {
+                        const double ex = double(Group::get(x, lane)) - p.x, ey = double(Group::get(y, lane)) - p.y,
+                                     ez = double(Group::get(z, lane)) - p.z;
+                        if (!(ex * ex + ey * ey + ez * ez < double(support) * support)) return;
+                    }
+                    const std::uint32_t k = Group::get(count, lane);
+                    if (k < lists.places) out[std::size_t(k) * Packet::stride + g.lane_number(lane)] = j;
+                    Group::put(count, lane, k + 1);
+                });
+            }
+        });
+        finish(g, first, out, count);
+    }
+
+private:
+    /// Rows of one packet all get the length of the longest.
+    template <class Group, class U>
+    GB_FN void finish(Group& g, std::size_t first, std::uint32_t* out, const U& count) const {
+        std::uint32_t longest = 0;
+        Group::for_lanes([&](int lane) { longest = most(longest, Group::get(count, lane)); });
+        Group::for_lanes([&](int lane) {
+            const int l = g.lane_number(lane);
+            const std::uint32_t mine = Group::get(count, lane);
+            lists.count[first + l] = least(mine, lists.places);
+            for (std::uint32_t k = mine; k < least(longest, lists.places); ++k) out[std::size_t(k) * Packet::stride + l] = lists.n;
+        });
+        if (longest > *most_count) atomic_most(most_count, longest);
+    }
+};
+
+}  // namespace globule::sim

@@ -1,0 +1,232 @@
+"""Simulate a scene: fluids, tissue and instruments, from a TOML file or one that ships by name.
+
+Writes frames of particles, diagnostics.csv and .png, and checkpoint.npz into a folder, and a movie
+if asked. Ctrl-C ends the step at hand and writes the checkpoint; --resume goes on from there, bit
+by bit as if nothing had happened."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import signal
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from .render import size
+from .shared import (
+    Progress,
+    UserError,
+    add_device,
+    check_device,
+    check_output,
+    count,
+    mistakes,
+    positive,
+    print_json,
+    say,
+)
+
+SUMMARY = "fluids, tissue and the knife, from a scene file"
+EXAMPLES = """\
+  globule simulate dam-break -o dam --video dam.mp4
+  globule simulate scene.toml -o frames --format bgeo --seconds 2 --checkpoint 0.5
+  globule simulate brain-surgery --spacing 0.002 --no-frames --video surgery.mp4"""
+CHECKPOINT = "checkpoint.npz"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    from ..formats import EXTENSIONS
+    from ..sim.scene_file import SHIPPED
+
+    formats = [extension[1:] for extension in EXTENSIONS]
+    add = parser.add_argument
+    add("scene", metavar="SCENE", help=f"a .toml file, or one of: {', '.join(SHIPPED)}")
+    add("-o", "--output", default="frames", metavar="FOLDER",
+        help="folder for frames, diagnostics and checkpoint, made if it is not there "
+        "(default: frames)")
+    add("--seconds", type=positive, metavar="S", help="how long it runs (default: the scene's)")
+    add("--fps", type=positive, metavar="N", help="frames a second (default: the scene's, else 30)")
+    add("--format", choices=formats, metavar="NAME",
+        help=f"of the frames: {', '.join(formats)} (default: the scene's, else vtp)")
+    add("--no-frames", action="store_true", help="write no frames of particles")
+    add("--video", metavar="FILE.mp4", help="a movie of the frames, as the scene's view says")
+    add("--pictures", metavar="FOLDER", help="keep the frames' pictures there, as PNG")
+    add("--size", type=size, metavar="WxH", help="of pictures (default: the scene's)")
+    add("--spacing", type=positive, metavar="METRES",
+        help="between particles, instead of the scene's")
+    add("--checkpoint", type=positive, metavar="S",
+        help="write one every S simulated seconds, too (always: at the end and at Ctrl-C)")
+    add("--resume", action="store_true", help="go on from the folder's checkpoint")
+    add("--json", action="store_true", help="print one JSON object: times, counts, device, hash")
+    add_device(parser)
+
+
+def run(options: argparse.Namespace) -> None:
+    start = time.perf_counter()
+    check_device(options)
+    with mistakes():
+        job = _Job(options)
+    with job.progress, _interrupts() as interrupted:
+        try:
+            whole = job.run(interrupted)
+        finally:  # what stopped a run shows in its diagnostics
+            job.write_diagnostics()
+    job.report(whole, time.perf_counter() - start)
+    if not whole:
+        raise KeyboardInterrupt
+
+
+class _Job:
+    """One run: the simulation, and what is written of it."""
+
+    def __init__(self, options: argparse.Namespace):
+        from ..sim.pictures import Pictures
+        from ..sim.scene_file import SHIPPED, read_scene
+        from ..simulate import Simulation
+
+        self.options, self.folder = options, options.output
+        if options.video:
+            check_output("--video", options.video, [".mp4"])
+        try:
+            self.scene = read_scene(options.scene, options.spacing)
+        except OSError as error:
+            expected = f"expected a .toml file or one of {', '.join(SHIPPED)}"
+            raise UserError(f"SCENE: {expected}, got {options.scene}: {error.strerror}") from error
+        self.fps = options.fps or self.scene.output.fps
+        self.format = options.format or self.scene.output.format
+        seconds = options.seconds or self.scene.seconds
+        self.n_frames = int(seconds * self.fps + 1e-6) + 1
+        self.checkpoint = os.path.join(self.folder, CHECKPOINT)
+        try:
+            self.pictures = Pictures(
+                self.scene, options.pictures, options.video, options.size, options.resume
+            )
+        except ImportError as error:
+            raise UserError(f"--video: {error}") from error
+        where = {"device": options.device, "threads": options.threads}
+        if options.resume:
+            self.sim = _resumed(Simulation, self.checkpoint, where)
+        else:
+            self.sim = Simulation(self.scene, **where)
+        self.first_step, self.start_time = self.sim.n_steps, self.sim.time
+        _make_folder(self.folder)
+        self.progress = Progress(self.n_frames)
+        self.files: list[str] = []
+        self.saved = self.sim.time
+        self.seconds = {"simulation": 0.0, "frames": 0.0, "pictures": 0.0}
+
+    def run(self, interrupted: Callable[[], bool]) -> bool:
+        """All frames; False if it was told to stop before."""
+        whole = True
+        for k in range(self.n_frames):
+            self.progress.step(f"{self.sim.time:.3f} s, {count(len(self.sim))}")
+            if self.options.resume and k / self.fps < self.start_time + 1e-9:
+                continue  # written before the checkpoint was
+            with self._timed("simulation"):
+                whole = self._reach(k / self.fps, interrupted)
+            if not whole:
+                break
+            self._write(k)
+            if self.options.checkpoint and self.sim.time - self.saved >= self.options.checkpoint:
+                self._save()
+        self._save()
+        if whole:
+            self.files += self.pictures.finish(self.n_frames, self.fps)
+        return whole
+
+    def _reach(self, until: float, interrupted: Callable[[], bool]) -> bool:
+        """Whole steps up to this time, the last one shortened; False if told to stop."""
+        self.sim.advance_to(until, stop=interrupted)
+        return not interrupted()
+
+    def _write(self, k: int) -> None:
+        from ..formats import write
+
+        self.sim.measure()
+        if not self.options.no_frames:
+            with self._timed("frames"):
+                path = os.path.join(self.folder, f"frame_{k:05d}.{self.format}")
+                write(path, self.sim.shown_particles)
+                self.files.append(path)
+        with self._timed("pictures"):
+            self.files += self.pictures.add(k, self.sim.scene)
+
+    def _save(self) -> None:
+        self.sim.save(self.checkpoint)
+        self.saved = self.sim.time
+
+    @contextmanager
+    def _timed(self, what: str) -> Iterator[None]:
+        start = time.perf_counter()
+        try:
+            yield
+        finally:
+            self.seconds[what] += time.perf_counter() - start
+
+    def write_diagnostics(self) -> None:
+        """diagnostics.csv, and .png where there is matplotlib."""
+        from ..sim import diagnostics
+
+        rows = self.sim.diagnostics
+        if rows:
+            diagnostics.write_csv(os.path.join(self.folder, "diagnostics.csv"), rows)
+            title = self.scene.title or self.options.scene
+            diagnostics.plot(os.path.join(self.folder, "diagnostics.png"), rows, title)
+
+    def report(self, whole: bool, total: float) -> None:
+        """What came of it, in words or as JSON."""
+        sim = self.sim
+        n_steps = sim.n_steps - self.first_step
+        if self.options.json:
+            print_json({
+                "scene": self.options.scene, "whole": whole, "device": sim.scene.device.name,
+                "time": sim.time, "steps": n_steps, "hash": sim.hash(), "counts": sim.counts,
+                "times": {**self.seconds, "total": total}, "stages": sim.seconds,
+                "files": self.files, "checkpoint": self.checkpoint,
+            })  # fmt: skip
+            return
+        per_step = 1e3 * self.seconds["simulation"] / max(1, n_steps)
+        counts = ", ".join(f"{n:,} {name}" for name, n in sim.counts.items() if n)
+        print(f"{self.scene.title or self.options.scene}: {sim.time:.4g} s in {n_steps:,} steps of "
+              f"{per_step:.1f} ms, {counts}")  # fmt: skip
+        written = {name: s for name, s in self.seconds.items() if s}
+        spent = ", ".join(f"{name} {s:.1f} s" for name, s in written.items())
+        print(f"{spent}, {total:.1f} s in all on {sim.scene.device.description}")
+        if self.files:
+            print(f"{count(len(self.files), 'file')}: {self.files[0]} … {self.files[-1]}")
+        if not whole:
+            say(f"note: stopped at {sim.time:.4g} s; --resume goes on from {self.checkpoint}")
+
+
+def _resumed(kind: Any, checkpoint: str, where: dict[str, Any]) -> Any:
+    try:
+        return kind.load(checkpoint, **where)
+    except OSError as error:
+        raise UserError(f"--resume: expected {checkpoint}, got: {error.strerror}") from error
+
+
+def _make_folder(folder: str) -> None:
+    try:
+        os.makedirs(folder, exist_ok=True)
+    except OSError as error:
+        raise UserError(f"-o: expected a folder, got {folder}: {error.strerror}") from error
+
+
+@contextmanager
+def _interrupts() -> Iterator[Callable[[], bool]]:
+    """Whether Ctrl-C was pressed: once, and the step at hand is ended; twice breaks it off."""
+    pressed = False
+
+    def note(signum: int, frame: Any) -> None:
+        nonlocal pressed
+        if pressed:
+            raise KeyboardInterrupt
+        pressed = True
+
+    before = signal.signal(signal.SIGINT, note)
+    try:
+        yield lambda: pressed
+    finally:
+        signal.signal(signal.SIGINT, before)

@@ -1,0 +1,1 @@
+"""What surrounds the solver of `globule.Simulation`: scenes, shapes, instruments, diagnostics."""

@@ -1,0 +1,146 @@
+"""The bodies of a scene as particles: what the solver starts from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from .rigidity import young_of_rigidity
+from .sampling import fill, surface
+from .scene_file import LISTS, Boundary, SceneFile
+from .schema import SceneError
+from .shapes import Box
+
+
+@dataclass(kw_only=True)
+class Body:
+    """Particles of one phase.
+
+    kind         "fluid", "tissue", "boundary" or "rigid"
+    table        the scene's table with its material, of the class that fits the kind
+    positions    (N, 3) float64, metres
+    velocities   (N, 3) float64, m/s
+    young        (N,) Pa, of tissue, else None
+    fixed        (N,) bool, of tissue: what is held where it is, else None
+    """
+
+    name: str
+    kind: str
+    table: Any
+    positions: np.ndarray
+    velocities: np.ndarray
+    young: np.ndarray | None = None
+    fixed: np.ndarray | None = None
+
+
+BRAIN = 0.3  # rigidity of tissue whose scene says nothing
+
+
+def bodies(scene: SceneFile) -> list[Body]:
+    """All bodies of a scene: fluids, solids, rigids, boundaries, then the domain's walls.
+
+    Raises SceneError, naming the body, where a file or shape gives no particles.
+    """
+    makers = {
+        "fluids": _fluid, "solids": _solid, "rigids": _rigid, "boundaries": _boundary
+    }  # fmt: skip
+    found: list[Body] = []
+    for kind in LISTS:
+        for i, table in enumerate(getattr(scene, kind) if kind in makers else ()):
+            try:
+                found += makers[kind](scene, table)
+            except (ValueError, OSError) as error:
+                raise SceneError(f"{kind}[{i}] ({table.name}): {error}") from error
+    if scene.domain.walls:
+        walls = Boundary(
+            name="walls",
+            box=Box(scene.domain.lo, scene.domain.hi),
+            hollow=True,
+            open=scene.domain.open,
+        )
+        found += _boundary(scene, walls)
+    return found
+
+
+def _fluid(scene: SceneFile, table: Any) -> list[Body]:
+    if table.particles:
+        positions, velocities, rigidity = table.particles.load()
+        if rigidity is not None and (rigidity > 0).any():
+            raise ValueError(f"{table.particles.file}: expected rigidity 0 in a fluid, got others")
+        return [_body(table, "fluid", positions, velocities)]
+    positions = np.empty((0, 3))  # a fluid that only emitters and vessels bring
+    shape = _shape(table)
+    if shape is not None:
+        positions = fill(shape, scene.spacing)
+    return [_body(table, "fluid", positions)]
+
+
+def _solid(scene: SceneFile, table: Any) -> list[Body]:
+    young = table.young or float(young_of_rigidity(table.rigidity or BRAIN))
+    velocities = rigidity = None
+    if table.particles:
+        positions, velocities, rigidity = table.particles.load()
+    elif table.tomography:
+        positions = table.tomography.load(scene.spacing)
+    else:
+        positions = fill(_shape(table), scene.spacing)
+    body = _body(table, "tissue", positions, velocities)
+    fixed = np.zeros(len(positions), bool)
+    for region in table.fixed:
+        fixed |= region.shape.distance(positions) <= 1e-6 * scene.spacing
+    body.young, body.fixed = np.full(len(positions), young), fixed
+    if rigidity is None:
+        return [body]
+    return _by_rigidity(scene, body, rigidity)
+
+
+def _by_rigidity(scene: SceneFile, body: Body, rigidity: np.ndarray) -> list[Body]:
+    """Particles with a rigidity each: tissue with its own stiffness, fixed tissue, and fluid."""
+    liquid = rigidity == 0
+    body.young = young_of_rigidity(rigidity)
+    body.fixed |= rigidity == 1
+    solid = ~liquid
+    parts = [Body(
+        name=body.name, kind="tissue", table=body.table, positions=body.positions[solid],
+        velocities=body.velocities[solid], young=body.young[solid], fixed=body.fixed[solid],
+    )]  # fmt: skip
+    if liquid.any():
+        if not scene.fluids:
+            n = int(liquid.sum())
+            raise ValueError(f"expected a fluid for the {n} particles of rigidity 0, got none")
+        parts.append(Body(
+            name=scene.fluids[0].name, kind="fluid", table=scene.fluids[0],
+            positions=body.positions[liquid], velocities=body.velocities[liquid],
+        ))  # fmt: skip
+    return parts
+
+
+def _rigid(scene: SceneFile, table: Any) -> list[Body]:
+    body = _body(table, "rigid", fill(_shape(table), scene.spacing))
+    arms = body.positions - body.positions.mean(axis=0)
+    body.velocities += np.cross(np.asarray(table.spin), arms)
+    return [body]
+
+
+def _boundary(scene: SceneFile, table: Boundary) -> list[Body]:
+    domain = np.asarray(scene.domain.lo), np.asarray(scene.domain.hi)
+    positions = surface(_shape(table), scene.spacing, table.hollow, table.open, domain)
+    return [_body(table, "boundary", positions)]
+
+
+def _body(table: Any, kind: str, positions: np.ndarray, velocities: Any = None) -> Body:
+    if velocities is None:
+        velocities = getattr(table, "velocity", (0.0, 0.0, 0.0))
+    velocities = np.array(np.broadcast_to(velocities, positions.shape), np.float64)
+    return Body(name=table.name, kind=kind, table=table, positions=positions, velocities=velocities)
+
+
+def _shape(table: Any) -> Any:
+    """The one shape of a body, loaded where it is a file's."""
+    for name in ("box", "sphere", "cylinder", "plane", "mesh", "distance"):
+        shape = getattr(table, name, None)
+        if shape is not None:
+            return shape.load() if hasattr(shape, "load") else shape
+    return None

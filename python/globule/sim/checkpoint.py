@@ -1,0 +1,44 @@
+"""Checkpoints: a simulation's whole state in one .npz file, from which it goes on bit by bit."""
+
+from __future__ import annotations
+
+import json
+import os
+import zipfile
+from typing import Any
+
+import numpy as np
+
+from ..files import atomic_write
+
+VERSION = 1
+
+
+def path_of(name: str | os.PathLike) -> str:
+    """The file that a state's name stands for: with .npz at its end."""
+    name = os.fspath(name)
+    return name if name.lower().endswith(".npz") else f"{name}.npz"
+
+
+def save(name: str | os.PathLike, arrays: dict[str, np.ndarray], facts: dict[str, Any]) -> None:
+    """Write arrays and facts (what JSON can hold); the file appears whole or not at all."""
+    words = json.dumps({"version": VERSION, **facts})
+    with atomic_write(path_of(name)) as file:
+        np.savez(file, _facts=np.frombuffer(words.encode(), np.uint8), **arrays)
+
+
+def load(name: str | os.PathLike) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+    """The arrays and facts of a checkpoint.
+
+    Raises OSError for a file that cannot be read, ValueError for one that is no checkpoint.
+    """
+    path = path_of(name)
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            arrays = {key: file[key] for key in file.files}
+        facts = json.loads(arrays.pop("_facts").tobytes())
+    except (ValueError, KeyError, zipfile.BadZipFile, EOFError) as error:
+        raise ValueError(f"{path}: expected a checkpoint of a simulation, got {error}") from None
+    if facts.pop("version", None) != VERSION:
+        raise ValueError(f"{path}: expected a checkpoint of version {VERSION}, got another")
+    return arrays, facts

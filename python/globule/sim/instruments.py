@@ -1,0 +1,130 @@
+"""Instruments that follow key frames, and their blades."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from .schema import Problem, choice, direction, each, key, number, positive, switch, text, vector
+
+
+@dataclass(kw_only=True)
+class Key:
+    """Where an instrument is at a time; what is left out stays as in the key before."""
+
+    time: float = key(number(least=0.0))
+    position: tuple | None = key(vector(), None)
+    axis: tuple | None = key(direction, None)
+    angle: float | None = key(number(), None)  # degrees about the axis
+    on: bool | None = key(switch, None)
+
+    def __post_init__(self) -> None:
+        if (self.axis is None) != (self.angle is None):
+            raise ValueError("expected axis and angle together, got one of them")
+
+
+class Motion:
+    """A pose for every time: straight lines between the keys' positions, and between their
+    rotations the shortest turn at even speed (slerp). It stands still before the first key and
+    after the last.
+
+    Args:
+        keys: rising in time; the first one's position counts as the origin where it has none.
+    """
+
+    def __init__(self, keys: list[Key]):
+        for i in range(1, len(keys)):
+            if keys[i].time <= keys[i - 1].time:
+                raise Problem(
+                    (i, "time"), f"expected more than {keys[i - 1].time:g}, got {keys[i].time:g}"
+                )
+        position, turn, on = (0.0, 0.0, 0.0), np.array([1.0, 0, 0, 0]), True
+        self.times = np.array([k.time for k in keys])
+        self.positions, self.turns, self.switches = [], [], []
+        for k in keys:
+            position = k.position if k.position is not None else position
+            turn = quaternion(k.axis, k.angle) if k.axis is not None else turn
+            on = k.on if k.on is not None else on
+            self.positions.append(np.asarray(position, float))
+            self.turns.append(turn)
+            self.switches.append(on)
+
+    def pose(self, time: float) -> np.ndarray:
+        """World from instrument (4, 4)."""
+        i, share = self._between(time)
+        j = min(i + 1, len(self.times) - 1)
+        pose = np.eye(4)
+        pose[:3, 3] = (1 - share) * self.positions[i] + share * self.positions[j]
+        pose[:3, :3] = matrix(slerp(self.turns[i], self.turns[j], share))
+        return pose
+
+    def on(self, time: float) -> bool:
+        """Whether it works: as the last key up to now says, off before the first key."""
+        return bool(time >= self.times[0] and self.switches[self._between(time)[0]])
+
+    def _between(self, time: float) -> tuple[int, float]:
+        i = int(np.searchsorted(self.times, time, side="right")) - 1
+        if i < 0 or i + 1 >= len(self.times):
+            return max(0, min(i, len(self.times) - 1)), 0.0
+        return i, float((time - self.times[i]) / (self.times[i + 1] - self.times[i]))
+
+
+def quaternion(axis: Any, degrees: float) -> np.ndarray:
+    """(w, x, y, z) of a turn about a unit axis."""
+    half = math.radians(degrees) / 2
+    return np.array([math.cos(half), *(math.sin(half) * np.asarray(axis, float))])
+
+
+def slerp(a: np.ndarray, b: np.ndarray, share: float) -> np.ndarray:
+    """From turn a to turn b the shorter way."""
+    cosine = float(a @ b)
+    if cosine < 0:
+        b, cosine = -b, -cosine
+    if cosine > 1 - 1e-12:
+        mixed = (1 - share) * a + share * b
+    else:
+        angle = math.acos(cosine)
+        mixed = (math.sin((1 - share) * angle) * a + math.sin(share * angle) * b) / math.sin(angle)
+    return mixed / np.linalg.norm(mixed)
+
+
+def matrix(q: np.ndarray) -> np.ndarray:
+    """Rotation (3, 3) of a unit quaternion (w, x, y, z)."""
+    w, x, y, z = q
+    return np.array([
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ])  # fmt: skip
+
+
+@dataclass(kw_only=True)
+class Instrument:
+    """A tool: what it is, and its key frames.
+
+    Its own frame: the origin is the tip. A scalpel's edge is a line of points in that frame, from
+    the tip upwards (+z) by default; whatever the moving edge sweeps over is cut. Suction takes
+    fluid out of a ball around the tip, a grasper moves the tissue in its ball along while it is on.
+    """
+
+    name: str = key(text)
+    kind: str = key(choice("scalpel", "suction", "grasper"))
+    keys: list = key(each(Key, least=1))
+    edge: list | None = key(each(vector(), least=2), None)  # metres
+    length: float | None = key(positive, None)  # of the edge, metres, where no edge is given
+    radius: float | None = key(positive, None)  # of suction and grasper, metres
+    rate: float | None = key(positive, None)  # of suction, m³/s
+
+    def __post_init__(self) -> None:
+        if self.kind == "scalpel":
+            if (self.edge is None) == (self.length is None):
+                raise ValueError("a scalpel: expected edge or length, got both or none")
+        elif self.radius is None:
+            raise ValueError(f"a {self.kind}: expected the key radius, got none")
+        try:
+            self.motion = Motion(self.keys)
+        except Problem as problem:
+            raise Problem(("keys", *problem.path), problem.message) from None

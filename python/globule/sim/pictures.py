@@ -1,0 +1,84 @@
+"""Pictures of a running simulation, as its scene's view says."""
+
+from __future__ import annotations
+
+import os
+from typing import Any
+
+from ..camera import Camera
+from ..presets import preset
+from ..render import Frame, RenderSettings, fit_camera, render
+from ..scene import Scene
+from .scene_file import SceneFile
+
+
+class Eye:
+    """The camera and light of a scene's pictures.
+
+    What depends on how the scene looks (a camera that sees all, the ground's height, how far a
+    colour reaches) is found with the first picture and stays.
+    """
+
+    def __init__(self, scene: SceneFile, size: tuple[int, int] | None = None):
+        self.view = scene.view
+        self.size = size or tuple(int(n) for n in scene.view.size)
+        self._camera: Camera | None = None
+        self._settings: RenderSettings | None = None
+        if self.view.eye is not None:
+            self._camera = Camera(self.view.eye, self.view.look_at, self.view.up, self.view.fov)
+
+    def picture(self, scene: Scene) -> Frame:
+        """What is there now."""
+        if scene.octree.n_inside == 0:  # nothing yet to scale light or camera by
+            camera = self._camera or Camera((0, -1, 0), (0, 0, 0), self.view.up)
+            return render(scene, camera, self.size)
+        if self._settings is None:
+            look = self.view.look
+            self._settings = preset(look, scene, self.view.up) if look else RenderSettings()
+        if self._camera is None:
+            self._camera = fit_camera(scene, self.size)
+        return render(scene, self._camera, self.size, self._settings)
+
+
+class Pictures:
+    """Every frame's picture, into a folder or a movie."""
+
+    def __init__(
+        self,
+        scene: SceneFile,
+        folder: str | None = None,
+        movie: str | None = None,
+        size: tuple[int, int] | None = None,
+        resume: bool = False,
+    ):
+        from ..sequence import MovieFrames
+        from ..video import need_av
+
+        self.eye = Eye(scene, size)
+        self.folder = folder
+        self.movie = None
+        if movie:
+            need_av()
+            self.movie = MovieFrames(movie, resume)
+
+    def add(self, number: int, scene: Scene) -> list[str]:
+        """Take frame `number`'s picture; the files that stay."""
+        if not (self.folder or self.movie):
+            return []
+        frame = self.eye.picture(scene)
+        kept = []
+        if self.folder:
+            os.makedirs(self.folder, exist_ok=True)
+            kept = [os.path.join(self.folder, f"{number:05d}.png")]
+            frame.save(kept[0])
+        if self.movie:
+            self.movie.open()
+            frame.save(self.movie.path(number))
+        return kept
+
+    def finish(self, n_frames: int, fps: float) -> list[Any]:
+        """Make the movie; its file."""
+        if not self.movie:
+            return []
+        self.movie.encode(n_frames, fps)
+        return [self.movie.movie]

@@ -1,0 +1,24 @@
+"""The thesis's rigidity of a particle: 0 is a fluid, 1 stands fixed, and between them is tissue.
+
+Tissue's Young's modulus grows with its rigidity, E = 100 Pa · 10^(5 rigidity):
+0.1 is 316 Pa, 0.3 is brain (3.2 kPa), 0.5 is muscle (32 kPa), 0.8 is 1 MPa.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+SOFTEST = 100.0  # Pa
+DECADES = 5.0
+
+
+def young_of_rigidity(rigidity: Any) -> np.ndarray:
+    """Young's modulus, Pa, of rigidities in (0, 1)."""
+    return SOFTEST * 10.0 ** (DECADES * np.asarray(rigidity, np.float64))
+
+
+def rigidity_of_young(young: Any) -> np.ndarray:
+    """The rigidity of a Young's modulus, Pa, kept within tissue's range, 0.001 to 0.999."""
+    return np.clip(np.log10(np.asarray(young, np.float64) / SOFTEST) / DECADES, 0.001, 0.999)

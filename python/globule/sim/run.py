@@ -1,0 +1,170 @@
+"""What `Simulation` has beside the solver: scenes from files, checkpoints, a record of the run."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from ..particles import Particles
+from . import checkpoint
+from .bodies import Body, bodies
+from .scene_file import SceneFile, as_dict, read_scene
+
+
+def is_scene(scene: Any) -> bool:
+    """Whether this is a scene as files have it: a name, a path, or a dict with a domain table."""
+    return isinstance(scene, (str, os.PathLike, SceneFile)) or (
+        isinstance(scene, dict) and isinstance(scene.get("domain"), dict)
+    )
+
+
+def description(scene: SceneFile, found: list[Body]) -> dict[str, Any]:
+    """Settings and phases of a scene, in the words of `Settings` and `Phase`."""
+    solver = scene.solver
+    phases: dict[str, dict[str, Any]] = {}
+    for body in found:
+        phases.setdefault(body.name, _phase(body))
+    return {
+        "spacing": scene.spacing,
+        "domain": (scene.domain.lo, scene.domain.hi),
+        "gravity": scene.gravity,
+        "cfl": solver.cfl,
+        "longest_step": solver.max_dt,
+        "density_error": solver.max_error,
+        "divergence_error": solver.max_error,
+        "walls": False,  # among the bodies, where a scene has them
+        "phases": list(phases.values()),
+    }
+
+
+def _phase(body: Body) -> dict[str, Any]:
+    table = body.table
+    phase = {"name": body.name, "kind": body.kind, "color": table.color}
+    if body.kind == "boundary":
+        return phase | {"shown": table.shown}
+    phase |= {"density": table.density}
+    if body.kind in ("fluid", "tissue"):
+        phase |= {"reflection": table.reflection, "refraction": table.refraction}
+    if body.kind == "fluid":
+        phase |= {
+            "viscosity": table.viscosity,
+            "implicit_viscosity": table.implicit,
+            "tension": table.surface_tension,
+            "adhesion": table.adhesion,
+        }
+    return phase
+
+
+class Run:
+    """The part of `Simulation` that is about a run as a whole; the solver is in the subclass."""
+
+    def _begin(self, scene: SceneFile | None) -> None:
+        self.file = scene
+        self.diagnostics: list[dict[str, Any]] = []
+        self.seconds: dict[str, float] = {}
+        self.n_removed = 0
+
+    def _note(self, report: Any) -> None:
+        """One step more in the record."""
+        for stage, seconds in report.seconds.items():
+            self.seconds[stage] = self.seconds.get(stage, 0.0) + seconds
+        self.diagnostics.append({
+            "time": report.time, "step": report.step, "dt": report.dt,
+            "iterations": report.iterations,
+            "divergence_iterations": report.divergence_iterations,
+            "error": report.error, "compression": report.compression,
+            "max_compression": report.most_compression, "max_speed": report.most_speed,
+            "n": report.n, "n_escaped": report.n_escaped, "n_removed": self.n_removed,
+        })  # fmt: skip
+
+    def measure(self) -> dict[str, float]:
+        """Energies (J), momentum (kg m/s) and counts of what moves, now; also added to the last row
+        of the diagnostics."""
+        kinds = np.array([phase.kind for phase in self.phases.values()])
+        densities = np.array([phase.density for phase in self.phases.values()])
+        phase = self.phase
+        moves = np.isin(kinds, ("fluid", "tissue", "rigid"))[phase]
+        mass = densities[phase[moves]] * self.settings.spacing**3
+        x = self.positions[moves].astype(np.float64)
+        v = self.velocities[moves].astype(np.float64)
+        inside = np.isfinite(x).all(axis=1)
+        mass, x, v = mass[inside], x[inside], v[inside]
+        momentum = mass @ v
+        found = {
+            "kinetic": float(0.5 * mass @ np.square(v).sum(axis=1)),
+            "potential": float(-mass @ (x @ np.asarray(self.settings.gravity, float))),
+            "momentum_x": float(momentum[0]),
+            "momentum_y": float(momentum[1]),
+            "momentum_z": float(momentum[2]),
+            **{f"n_{kind}": n for kind, n in self.counts.items() if kind != "escaped"},
+        }
+        if self.diagnostics:
+            self.diagnostics[-1].update(found)
+        return found
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """Particles of each kind, and those outside of the domain ("escaped")."""
+        kinds = [phase.kind for phase in self.phases.values()]
+        per_phase = np.bincount(self.phase, minlength=len(kinds))
+        found = {kind: 0 for kind in ("fluid", "tissue", "rigid", "boundary")}
+        for kind, n in zip(kinds, per_phase, strict=True):
+            found[kind] += int(n)
+        return {**found, "escaped": self.diagnostics[-1]["n_escaped"] if self.diagnostics else 0}
+
+    @property
+    def shown_particles(self) -> Particles:
+        """The particles that pictures show, in id order."""
+        particles = self.particles
+        return particles[np.asarray(particles.weight) > 0]
+
+    def save(self, name: str | os.PathLike) -> None:
+        """Write the whole state to NAME.npz, for `load`; the file appears whole or not at all."""
+        if self.file is None:
+            raise ValueError("save: expected a simulation of a scene file, got another")
+        facts = {
+            "scene": as_dict(self.file),
+            "diagnostics": self.diagnostics,
+            "seconds": self.seconds,
+            "n_removed": self.n_removed,
+        }
+        checkpoint.save(name, self.state(), facts)
+
+    @classmethod
+    def load(cls, name: str | os.PathLike, device: str = "auto", threads: int = 0) -> Any:
+        """A simulation that goes on where `save` left it: on the CPU with the same bits.
+
+        Raises OSError for a file that cannot be read, ValueError for one that is no checkpoint.
+        """
+        arrays, facts = checkpoint.load(name)
+        sim = cls(facts["scene"], device=device, threads=threads)
+        sim.set_state(arrays)
+        sim.diagnostics, sim.seconds = facts["diagnostics"], facts["seconds"]
+        sim.n_removed = facts["n_removed"]
+        return sim
+
+    def reset(self) -> None:
+        """Back to the start."""
+        self.set_state(self._first_state)
+        self._begin(self.file)
+
+    def advance(self, seconds: float, stop: Callable[[], bool] | None = None) -> Any:
+        """Whole steps until `seconds` have passed, the last two alike rather than one a sliver.
+
+        `stop` is asked after every step; True ends the run there. Returns the last report.
+        """
+        end = self.time + seconds
+        return self.advance_to(end, stop)
+
+    def advance_to(self, end: float, stop: Callable[[], bool] | None = None) -> Any:
+        """`advance` up to a time, seconds since the start."""
+        report = None
+        while (rest := end - self.time) > 1e-9 * max(end, 1e-3):
+            dt = self.dt
+            report = self.step(rest if rest <= dt else rest / 2 if rest < 2 * dt else dt)
+            if stop is not None and stop():
+                break
+        return report

@@ -1,0 +1,372 @@
+"""Scene files: TOML to a checked `SceneFile`, or one line that says what is wrong and where."""
+
+from __future__ import annotations
+
+import os
+import re
+from dataclasses import dataclass, fields, is_dataclass, replace
+from pathlib import Path as File
+from typing import Any
+
+import numpy as np
+
+from .instruments import Instrument, Key, Motion
+from .sampling import ENDS, FACES
+from .schema import (
+    Problem,
+    SceneError,
+    choice,
+    color,
+    direction,
+    each,
+    exactly_one,
+    key,
+    number,
+    positive,
+    read_table,
+    spell,
+    switch,
+    text,
+    vector,
+    whole,
+)
+from .shapes import Box, Cylinder, Plane, Sphere
+from .sources import DistanceFile, MeshFile, ParticleFile, Tomography, check_files
+from .toml_lines import key_lines
+
+SHIPPED = ("dam-break", "droplet", "poiseuille", "beam", "cut-block", "brain-surgery")
+FOLDER = File(__file__).parent / "scenes"
+SOLID_SHAPES = ("box", "sphere", "cylinder", "mesh")
+
+
+@dataclass(kw_only=True)
+class Solver:
+    """How time goes on."""
+
+    method: str = key(choice("dfsph", "wcsph"), "dfsph")
+    max_error: float = key(number(above=0.0, most=0.1), 0.001)  # mean compression, a share
+    cfl: float = key(number(above=0.0, most=2.0), 1.0)
+    max_dt: float = key(positive, 0.005)  # seconds
+    tissue_iterations: int = key(whole(1, 1000), 10)  # small steps of the bonds in a step
+
+
+@dataclass(kw_only=True)
+class Domain:
+    """Where the simulation is; what leaves is counted as outside."""
+
+    lo: tuple = key(vector())
+    hi: tuple = key(vector())
+    walls: bool = key(switch, False)  # whether its faces are boundaries
+    open: list = key(each(choice(*FACES)), [])
+
+    def __post_init__(self) -> None:
+        Box(self.lo, self.hi)
+
+
+@dataclass(kw_only=True)
+class Shape:
+    """One of several shapes; where fixed parts of tissue and sinks are."""
+
+    box: Box | None = key(Box, None)
+    sphere: Sphere | None = key(Sphere, None)
+    cylinder: Cylinder | None = key(Cylinder, None)
+
+    def __post_init__(self) -> None:
+        exactly_one(self, ("box", "sphere", "cylinder"))
+
+    @property
+    def shape(self) -> Any:
+        return self.box or self.sphere or self.cylinder
+
+
+@dataclass(kw_only=True)
+class Fluid:
+    """A liquid and where it is at the start."""
+
+    name: str = key(text)
+    box: Box | None = key(Box, None)
+    sphere: Sphere | None = key(Sphere, None)
+    cylinder: Cylinder | None = key(Cylinder, None)
+    mesh: MeshFile | None = key(MeshFile, None)
+    particles: ParticleFile | None = key(ParticleFile, None)
+    density: float = key(positive, 1000.0)  # kg/m³
+    viscosity: float = key(number(least=0.0), 0.001)  # Pa s
+    implicit: bool | None = key(switch, None)  # viscosity; default: from 1 Pa s up
+    surface_tension: float = key(number(least=0.0), 0.0)  # N/m
+    adhesion: float = key(number(least=0.0), 0.0)
+    velocity: tuple = key(vector(), (0.0, 0.0, 0.0))  # m/s
+    color: tuple = key(color, (0.05, 0.25, 0.5))
+    reflection: float = key(number(0.0, 1.0), 0.0)  # factors of the picture, as of particles
+    refraction: float = key(number(0.0, 1.0), 0.0)
+
+    def __post_init__(self) -> None:
+        _at_most_one(self, ("box", "sphere", "cylinder", "mesh", "particles"))
+        if self.implicit is None:
+            self.implicit = self.viscosity >= 1.0
+
+
+@dataclass(kw_only=True)
+class Solid:
+    """Elastic tissue: particles with bonds."""
+
+    name: str = key(text)
+    box: Box | None = key(Box, None)
+    sphere: Sphere | None = key(Sphere, None)
+    cylinder: Cylinder | None = key(Cylinder, None)
+    mesh: MeshFile | None = key(MeshFile, None)
+    tomography: Tomography | None = key(Tomography, None)
+    particles: ParticleFile | None = key(ParticleFile, None)
+    density: float = key(positive, 1040.0)
+    young: float | None = key(positive, None)  # Pa
+    rigidity: float | None = key(number(above=0.0, most=0.999), None)
+    damping: float = key(number(least=0.0), 0.0)  # of the bonds, 1/s
+    tear: float = key(number(least=0.0), 0.0)  # strain at which a bond breaks; 0: never
+    plastic: float = key(number(least=0.0), 0.0)  # strain beyond which it stays; 0: never
+    incompressible: bool = key(switch, True)  # whether it takes part in the density solve
+    fixed: list = key(each(Shape), [])
+    velocity: tuple = key(vector(), (0.0, 0.0, 0.0))
+    color: tuple = key(color, (0.62, 0.38, 0.35))
+    reflection: float = key(number(0.0, 1.0), 0.0)
+    refraction: float = key(number(0.0, 1.0), 0.0)
+
+    def __post_init__(self) -> None:
+        exactly_one(self, ("box", "sphere", "cylinder", "mesh", "tomography", "particles"))
+        if self.young is not None and self.rigidity is not None:
+            raise ValueError("expected young or rigidity, got both")
+
+
+@dataclass(kw_only=True)
+class Boundary:
+    """A wall: sampled to one layer of particles, standing or moved by key frames."""
+
+    name: str = key(text)
+    box: Box | None = key(Box, None)
+    sphere: Sphere | None = key(Sphere, None)
+    cylinder: Cylinder | None = key(Cylinder, None)
+    plane: Plane | None = key(Plane, None)
+    mesh: MeshFile | None = key(MeshFile, None)
+    distance: DistanceFile | None = key(DistanceFile, None)
+    hollow: bool = key(switch, False)  # whether things move inside it
+    open: list = key(each(choice(*FACES, *ENDS)), [])
+    keys: list = key(each(Key), [])
+    shown: bool = key(switch, False)
+    color: tuple = key(color, (0.5, 0.5, 0.5))
+
+    def __post_init__(self) -> None:
+        exactly_one(self, ("box", "sphere", "cylinder", "plane", "mesh", "distance"))
+        try:
+            self.motion = Motion(self.keys) if self.keys else None
+        except Problem as problem:
+            raise Problem(("keys", *problem.path), problem.message) from None
+
+
+@dataclass(kw_only=True)
+class Rigid:
+    """A body that keeps its shape, and moves as what it touches and gravity push it."""
+
+    name: str = key(text)
+    box: Box | None = key(Box, None)
+    sphere: Sphere | None = key(Sphere, None)
+    cylinder: Cylinder | None = key(Cylinder, None)
+    mesh: MeshFile | None = key(MeshFile, None)
+    density: float = key(positive, 1000.0)
+    velocity: tuple = key(vector(), (0.0, 0.0, 0.0))
+    spin: tuple = key(vector(), (0.0, 0.0, 0.0))  # rad/s
+    color: tuple = key(color, (0.6, 0.5, 0.3))
+
+    def __post_init__(self) -> None:
+        exactly_one(self, SOLID_SHAPES)
+
+
+@dataclass(kw_only=True)
+class Emitter:
+    """A disc that lets fluid in at a rate."""
+
+    name: str = key(text)
+    fluid: str = key(text)
+    center: tuple = key(vector())
+    direction: tuple = key(direction)
+    radius: float = key(positive)
+    rate: float = key(positive)  # m³/s
+    start: float = key(number(least=0.0), 0.0)  # seconds
+    end: float | None = key(positive, None)
+
+
+@dataclass(kw_only=True)
+class Sink:
+    """Where fluid is taken away."""
+
+    name: str = key(text)
+    box: Box | None = key(Box, None)
+    sphere: Sphere | None = key(Sphere, None)
+    cylinder: Cylinder | None = key(Cylinder, None)
+
+    def __post_init__(self) -> None:
+        exactly_one(self, ("box", "sphere", "cylinder"))
+
+
+@dataclass(kw_only=True)
+class Vessel:
+    """A tube inside tissue that bleeds where it is cut."""
+
+    name: str = key(text)
+    solid: str = key(text)
+    fluid: str = key(text)
+    path: list = key(each(vector(), least=2))
+    radius: float = key(positive)
+    pressure: float = key(positive, 2000.0)  # Pa above the outside
+    pool: float = key(positive)  # m³ of blood in all
+
+
+@dataclass(kw_only=True)
+class View:
+    """How pictures of the scene are made."""
+
+    eye: tuple | None = key(vector(), None)
+    look_at: tuple | None = key(vector(), None)
+    up: tuple = key(direction, (0.0, 0.0, 1.0))
+    fov: float = key(number(above=0.0, most=170.0), 40.0)
+    look: str | None = key(choice("water", "blood", "glass", "tissue", "clay"), None)
+    size: tuple = key(vector(2, least=1), (960.0, 720.0))
+
+    def __post_init__(self) -> None:
+        if (self.eye is None) != (self.look_at is None):
+            raise ValueError("expected eye and look_at together, got one of them")
+
+
+@dataclass(kw_only=True)
+class Output:
+    fps: float = key(positive, 30.0)
+    format: str = key(text, "vtp")
+
+
+@dataclass(kw_only=True)
+class SceneFile:
+    """A scene: all lengths in metres, SI units throughout."""
+
+    spacing: float = key(positive)  # of the particles
+    domain: Domain = key(Domain)
+    title: str = key(text, "")
+    gravity: tuple = key(vector(), (0.0, 0.0, -9.81))
+    seconds: float = key(positive, 1.0)  # how long it runs
+    solver: Solver = key(Solver, Solver)
+    fluids: list = key(each(Fluid), [])
+    solids: list = key(each(Solid), [])
+    boundaries: list = key(each(Boundary), [])
+    rigids: list = key(each(Rigid), [])
+    instruments: list = key(each(Instrument), [])
+    emitters: list = key(each(Emitter), [])
+    sinks: list = key(each(Sink), [])
+    vessels: list = key(each(Vessel), [])
+    view: View = key(View, View)
+    output: Output = key(Output, Output)
+
+    def __post_init__(self) -> None:
+        if not (self.fluids or self.solids or self.rigids):
+            raise ValueError("expected fluids, solids or rigids, got none")
+        names: set[str] = set()
+        for kind in LISTS:
+            for i, item in enumerate(getattr(self, kind)):
+                if item.name in names:
+                    problem = f"expected a name of its own, got {item.name!r} again"
+                    raise Problem((kind, i, "name"), problem)
+                names.add(item.name)
+        for kind, attribute, among in (
+            ("emitters", "fluid", "fluids"),
+            ("vessels", "fluid", "fluids"),
+            ("vessels", "solid", "solids"),
+        ):
+            known = [item.name for item in getattr(self, among)]
+            for i, item in enumerate(getattr(self, kind)):
+                if getattr(item, attribute) not in known:
+                    listed = ", ".join(known) or "a fluid of the scene"
+                    got = getattr(item, attribute)
+                    raise Problem((kind, i, attribute), f"expected one of {listed}, got {got!r}")
+        lo, hi = np.asarray(self.domain.lo), np.asarray(self.domain.hi)
+        if (hi - lo).min() < 2 * self.spacing:
+            raise Problem(("spacing",), f"expected less than half the domain, got {self.spacing:g}")
+
+
+LISTS = (
+    "fluids", "solids", "boundaries", "rigids", "instruments", "emitters", "sinks", "vessels"
+)  # fmt: skip
+
+
+def _at_most_one(table: Any, names: tuple[str, ...]) -> None:
+    given = [name for name in names if getattr(table, name) is not None]
+    if len(given) > 1:
+        raise ValueError(f"expected one of {', '.join(names)}, got {' and '.join(given)}")
+
+
+def shipped(name: str) -> File:
+    """The file of a scene that comes with the package."""
+    return FOLDER / f"{name}.toml"
+
+
+def read_scene(scene: Any, spacing: float | None = None) -> SceneFile:
+    """A scene from the name of a shipped one, the path of a TOML file, or a dict as TOML has it.
+
+    Args:
+        spacing: metres, instead of the scene's own.
+
+    Raises:
+        SceneError: `scene.toml:12: fluids[0].viscosity: expected …, got …`
+        OSError: a file that cannot be read.
+    """
+    name, lines, folder = "", {}, ""
+    if not isinstance(scene, dict):
+        path = shipped(scene) if scene in SHIPPED else File(scene)
+        name, folder = os.fspath(path), os.path.dirname(path)
+        scene, lines = _parsed(path)
+    try:
+        found = read_table(SceneFile, scene)
+        if spacing is not None:
+            found = replace(found, spacing=spacing)
+        for kind in LISTS:
+            for i, item in enumerate(getattr(found, kind)):
+                for source in ("mesh", "tomography", "particles", "distance"):
+                    try:
+                        check_files(getattr(item, source, None), folder)
+                    except Problem as problem:
+                        path = (kind, i, source, *problem.path)
+                        raise Problem(path, problem.message) from None
+        return found
+    except Problem as problem:
+        raise SceneError(_located(name, lines, problem.path, problem.message)) from None
+
+
+def as_dict(table: Any) -> Any:
+    """A checked table as TOML had it, for `read_scene` to read again."""
+    if isinstance(table, (list, tuple)):
+        return [as_dict(item) for item in table]
+    if not is_dataclass(table):
+        return table
+    found = {}
+    for field in fields(table):
+        value = getattr(table, field.name)
+        if field.metadata and value is not None:
+            found[field.name] = as_dict(value)
+    return found
+
+
+def _parsed(path: File) -> tuple[dict[str, Any], dict]:
+    try:
+        import tomllib
+    except ImportError:  # Python 3.10
+        import tomli as tomllib
+    try:
+        words = path.read_bytes().decode("utf-8")
+        return tomllib.loads(words), key_lines(words.replace("\r\n", "\n"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        line = re.search(r"at line (\d+)", str(error))
+        where = f"{path}:{line[1]}" if line else path
+        raise SceneError(f"{where}: expected TOML, got: {error}") from None
+
+
+def _located(name: str, lines: dict, path: tuple, message: str) -> str:
+    """The message with the file and the line of its key, or of the nearest table around it."""
+    known = path
+    while known and known not in lines:
+        known = known[:-1]
+    where = f"{name}:{lines[known]}: " if known else f"{name}: " if name else ""
+    return f"{where}{spell(path)}: {message}" if path else f"{where}{message}"

@@ -1,0 +1,204 @@
+"""Tables of a scene file as dataclasses: which keys there are, and what values each takes.
+
+A check takes a value as TOML has it and returns it as the simulation wants it, or raises
+ValueError with what it expected.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Sequence
+from typing import Any, TypeVar
+
+from .toml_lines import Path
+
+T = TypeVar("T")
+Check = Callable[[Any], Any]
+
+
+class SceneError(ValueError):
+    """What is wrong with a scene: file and line where there is a file, key, expected and got."""
+
+
+class Problem(ValueError):
+    """A mistake at a key; `read_table` of the tables around it prepends theirs."""
+
+    def __init__(self, path: Path, message: str):
+        super().__init__(message)
+        self.path, self.message = path, message
+
+
+def key(check: Check, default: Any = dataclasses.MISSING) -> Any:
+    """A key of a table; without a default it must be given. A class makes the default anew."""
+    if isinstance(default, list):
+        default = list
+    if isinstance(default, type):
+        return dataclasses.field(default_factory=default, metadata={"check": check})
+    return dataclasses.field(default=default, metadata={"check": check})
+
+
+def read_table(kind: type[T], value: Any, path: Path = ()) -> T:
+    """A TOML table as the dataclass `kind`.
+
+    Raises Problem for an unknown or missing key and a value that the key's check refuses.
+    """
+    if not isinstance(value, dict):
+        raise Problem(path, f"expected a table of names with values, got {shown(value)}")
+    fields = {field.name: field for field in dataclasses.fields(kind) if field.metadata}
+    for name in value:
+        if name not in fields:
+            known = ", ".join(fields)
+            raise Problem((*path, name), f"expected one of {known}, got an unknown key")
+    given = {}
+    for name, field in fields.items():
+        if name in value:
+            given[name] = _checked(field.metadata["check"], value[name], (*path, name))
+        elif field.default is field.default_factory is dataclasses.MISSING:
+            raise Problem(path, f"expected the key {name}, got none")
+    try:
+        return kind(**given)
+    except Problem as problem:
+        raise Problem((*path, *problem.path), problem.message) from None
+    except ValueError as error:
+        raise Problem(path, str(error)) from None
+
+
+def _checked(check: Any, value: Any, path: Path) -> Any:
+    if isinstance(check, type) and dataclasses.is_dataclass(check):
+        return read_table(check, value, path)
+    try:
+        return check(value)
+    except Problem as problem:
+        raise Problem((*path, *problem.path), problem.message) from None
+    except ValueError as error:
+        raise Problem(path, str(error)) from None
+
+
+def spell(path: Path) -> str:
+    """`fluids[0].box.lo`"""
+    words = ""
+    for part in path:
+        words += f"[{part}]" if isinstance(part, int) else f"{'.' if words else ''}{part}"
+    return words
+
+
+def shown(value: Any) -> str:
+    """A value in a message: short, as TOML has it."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    words = repr(value)
+    return words if len(words) <= 60 else words[:57] + "..."
+
+
+# Checks
+
+
+def number(least: float = -math.inf, most: float = math.inf, above: float = -math.inf) -> Check:
+    """A finite number in [least, most] and more than `above`."""
+    if above > -math.inf:
+        expected = f"a number above {above:g}" + (f", at most {most:g}" if most < math.inf else "")
+    elif most < math.inf:
+        expected = f"a number from {least:g} to {most:g}"
+    else:
+        expected = "a number" + (f" of at least {least:g}" if least > -math.inf else "")
+
+    def check(value: Any) -> float:
+        real = isinstance(value, (int, float)) and not isinstance(value, bool)
+        if not (real and math.isfinite(value) and least <= value <= most and value > above):
+            raise ValueError(f"expected {expected}, got {shown(value)}")
+        return float(value)
+
+    return check
+
+
+positive = number(above=0.0)
+
+
+def whole(least: int, most: int) -> Check:
+    def check(value: Any) -> int:
+        if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
+            raise ValueError(f"expected a whole number from {least} to {most}, got {shown(value)}")
+        return value
+
+    return check
+
+
+def vector(n: int = 3, above: float = -math.inf, least: float = -math.inf) -> Check:
+    """A list of n finite numbers."""
+    single = number(least=least, above=above)
+    names = {2: "two", 3: "three", 4: "four"}
+
+    def check(value: Any) -> tuple[float, ...]:
+        if not isinstance(value, (list, tuple)) or len(value) != n:
+            raise ValueError(f"expected {names[n]} numbers, got {shown(value)}")
+        return tuple(each(single)(value))
+
+    return check
+
+
+def direction(value: Any) -> tuple[float, ...]:
+    """Three numbers, made a unit vector."""
+    v = vector()(value)
+    length = math.sqrt(sum(x * x for x in v))
+    if length == 0:
+        raise ValueError(f"expected a direction, got {shown(value)}")
+    return tuple(x / length for x in v)
+
+
+def color(value: Any) -> tuple[float, ...]:
+    """Linear RGB in [0, 1], or #rrggbb, sRGB."""
+    if isinstance(value, str):
+        from ..colormaps import hex_color, to_linear
+
+        digits = value[1:]
+        if (
+            len(value) == 7
+            and value[0] == "#"
+            and all(c in "0123456789abcdefABCDEF" for c in digits)
+        ):
+            return tuple(float(v) for v in to_linear(hex_color(digits)))
+    elif isinstance(value, (list, tuple)) and len(value) == 3:
+        return tuple(each(number(0.0, 1.0))(value))
+    raise ValueError(f'expected [r, g, b] in 0 to 1, linear, or "#rrggbb", got {shown(value)}')
+
+
+def switch(value: Any) -> bool:
+    if not isinstance(value, bool):
+        raise ValueError(f"expected true or false, got {shown(value)}")
+    return value
+
+
+def text(value: Any) -> str:
+    if not isinstance(value, str) or not value:
+        raise ValueError(f"expected a text, got {shown(value)}")
+    return value
+
+
+def choice(*names: str) -> Check:
+    def check(value: Any) -> str:
+        if value not in names:
+            raise ValueError(f"expected {' or '.join(names)}, got {shown(value)}")
+        return value
+
+    return check
+
+
+def each(check: Any, least: int = 0) -> Check:
+    """A list of what `check` takes."""
+
+    def check_all(value: Any) -> list[Any]:
+        if not isinstance(value, (list, tuple)) or len(value) < least:
+            expected = f"a list of at least {least}" if least > 1 else "a list"
+            raise ValueError(f"expected {expected}, got {shown(value)}")
+        return [_checked(check, item, (i,)) for i, item in enumerate(value)]
+
+    return check_all
+
+
+def exactly_one(table: Any, names: Sequence[str]) -> str:
+    """The one of these keys that is given."""
+    given = [name for name in names if getattr(table, name) is not None]
+    if len(given) != 1:
+        raise ValueError(f"expected one of {', '.join(names)}, got {' and '.join(given) or 'none'}")
+    return given[0]

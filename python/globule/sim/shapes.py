@@ -1,0 +1,187 @@
+"""Shapes by signed distance: what scenes fill with particles, wall in or hold fixed.
+
+`distance` is negative inside, in metres; near the surface it is exact or close to it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from .schema import direction, key, positive, vector
+
+
+@dataclass(frozen=True)
+class Box:
+    """Between two corners."""
+
+    lo: tuple = key(vector())
+    hi: tuple = key(vector())
+
+    def __post_init__(self) -> None:
+        if not all(a < b for a, b in zip(self.lo, self.hi, strict=True)):
+            raise ValueError(f"expected lo below hi in each axis, got {self.lo} and {self.hi}")
+
+    def distance(self, points: np.ndarray) -> np.ndarray:
+        lo, hi = np.asarray(self.lo), np.asarray(self.hi)
+        away = np.maximum(lo - points, points - hi)
+        outside = np.linalg.norm(np.maximum(away, 0), axis=1)
+        return outside + np.minimum(away.max(axis=1), 0)
+
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        return np.asarray(self.lo), np.asarray(self.hi)
+
+
+@dataclass(frozen=True)
+class Sphere:
+    center: tuple = key(vector())
+    radius: float = key(positive)
+
+    def distance(self, points: np.ndarray) -> np.ndarray:
+        return np.linalg.norm(points - np.asarray(self.center), axis=1) - self.radius
+
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        center = np.asarray(self.center)
+        return center - self.radius, center + self.radius
+
+
+@dataclass(frozen=True)
+class Cylinder:
+    """Round, with flat ends at `start` and `end`."""
+
+    start: tuple = key(vector())
+    end: tuple = key(vector())
+    radius: float = key(positive)
+
+    def __post_init__(self) -> None:
+        if self.start == self.end:
+            raise ValueError(f"expected start and end apart, got {self.start} twice")
+
+    def axis(self) -> tuple[np.ndarray, float]:
+        """Direction and length."""
+        along = np.subtract(self.end, self.start)
+        length = float(np.linalg.norm(along))
+        return along / length, length
+
+    def distance(self, points: np.ndarray) -> np.ndarray:
+        axis, length = self.axis()
+        offset = points - np.asarray(self.start)
+        along = offset @ axis
+        across = np.linalg.norm(offset - along[:, None] * axis, axis=1)
+        beside, beyond = across - self.radius, np.abs(along - length / 2) - length / 2
+        outside = np.hypot(np.maximum(beside, 0), np.maximum(beyond, 0))
+        return outside + np.minimum(np.maximum(beside, beyond), 0)
+
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        axis, _ = self.axis()
+        reach = self.radius * np.sqrt(np.maximum(0, 1 - axis * axis))
+        ends = np.array([self.start, self.end])
+        return ends.min(axis=0) - reach, ends.max(axis=0) + reach
+
+
+@dataclass(frozen=True)
+class Plane:
+    """The half space behind a plane: the normal shows to its free side."""
+
+    point: tuple = key(vector())
+    normal: tuple = key(direction)
+
+    def distance(self, points: np.ndarray) -> np.ndarray:
+        return (points - np.asarray(self.point)) @ np.asarray(self.normal)
+
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        return np.full(3, -np.inf), np.full(3, np.inf)
+
+
+class Mesh:
+    """A closed triangle mesh: triangles (F, 3, 3), metres. Inside is where a line upwards crosses
+    the surface an odd number of times."""
+
+    def __init__(self, triangles: np.ndarray):
+        self.triangles = np.asarray(triangles, np.float64)
+
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        corners = self.triangles.reshape(-1, 3)
+        return corners.min(axis=0), corners.max(axis=0)
+
+    def crossings(self, columns: np.ndarray) -> list[np.ndarray]:
+        """Sorted heights z at which vertical lines at columns (C, 2) cross the surface."""
+        order = np.argsort(columns[:, 0], kind="stable")
+        x, y = columns[order].T
+        column_of, heights = [], []
+        for corners in self.triangles:
+            flat, z = corners[:, :2], corners[:, 2]
+            first, last = np.searchsorted(x, (flat[:, 0].min(), flat[:, 0].max()))
+            a, b, c = flat
+            area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+            if first == last or area == 0:
+                continue
+            px, py = x[first:last], y[first:last]
+            v = ((px - a[0]) * (c[1] - a[1]) - (py - a[1]) * (c[0] - a[0])) / area
+            w = ((b[0] - a[0]) * (py - a[1]) - (b[1] - a[1]) * (px - a[0])) / area
+            hit = np.flatnonzero((v >= 0) & (w >= 0) & (v + w <= 1))
+            column_of.append(order[first + hit])
+            heights.append(z[0] + v[hit] * (z[1] - z[0]) + w[hit] * (z[2] - z[0]))
+        found: list[list[float]] = [[] for _ in columns]
+        for column, height in zip(_joined(column_of, int), _joined(heights, float), strict=True):
+            found[column].append(height)
+        return [np.sort(h) for h in found]
+
+    def inside_lattice(self, spacing: float) -> np.ndarray:
+        """Points (N, 3) of the cubic lattice `spacing` apart that are inside."""
+        lo, hi = self.bounds()
+        n = np.maximum(1, np.round((hi - lo) / spacing).astype(int))
+        start = (lo + hi) / 2 - (n - 1) / 2 * spacing
+        axes = [start[k] + spacing * np.arange(n[k]) for k in range(3)]
+        columns = np.stack(np.meshgrid(axes[0], axes[1], indexing="ij"), axis=-1).reshape(-1, 2)
+        # Off the lattice by a little, so that no line runs exactly along an edge of a regular mesh.
+        crossings = self.crossings(columns + spacing * np.array([1.7e-5, 2.9e-5]))
+        points = []
+        for column, heights in zip(columns, crossings, strict=True):
+            z = axes[2][np.searchsorted(heights, axes[2]) % 2 == 1]
+            points.append(np.column_stack([np.tile(column, (len(z), 1)), z]))
+        return np.concatenate(points)
+
+
+def _joined(parts: list[np.ndarray], kind: Any) -> np.ndarray:
+    return np.concatenate(parts) if parts else np.empty(0, kind)
+
+
+class Grid:
+    """A signed distance on voxels: values (X, Y, Z) metres, linear between their centres."""
+
+    def __init__(self, values: np.ndarray, world_from_voxel: np.ndarray):
+        self.values = np.asarray(values, np.float64)
+        self.world_from_voxel = np.asarray(world_from_voxel, np.float64)
+        self.voxel_from_world = np.linalg.inv(self.world_from_voxel)
+
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        top = np.array(self.values.shape) - 1
+        corners = np.array(np.meshgrid(*[(0, t) for t in top])).reshape(3, -1).T
+        world = corners @ self.world_from_voxel[:3, :3].T + self.world_from_voxel[:3, 3]
+        return world.min(axis=0), world.max(axis=0)
+
+    def distance(self, points: np.ndarray) -> np.ndarray:
+        at = points @ self.voxel_from_world[:3, :3].T + self.voxel_from_world[:3, 3]
+        top = np.array(self.values.shape) - 1
+        inside = ((at >= -1e-9) & (at <= top + 1e-9)).all(axis=1)
+        at = np.clip(at, 0, top)
+        low = np.minimum(at.astype(int), np.maximum(top - 1, 0))
+        share = at - low
+        total = np.zeros(len(points))
+        for corner in np.ndindex(2, 2, 2):
+            index = np.minimum(low + corner, top)
+            weight = np.where(corner, share, 1 - share).prod(axis=1)
+            total += weight * self.values[tuple(index.T)]
+        return np.where(inside, total, np.inf)
+
+
+def gradient(shape: Any, points: np.ndarray, step: float) -> np.ndarray:
+    """Gradient (N, 3) of a shape's distance, by central differences."""
+    columns = []
+    for axis in np.eye(3) * step:
+        with np.errstate(invalid="ignore"):
+            columns.append(shape.distance(points + axis) - shape.distance(points - axis))
+    return np.stack(columns, axis=1) / (2 * step)

@@ -1,0 +1,136 @@
+"""Bodies of a scene that come from files: meshes, tomographies, particle files, distance grids."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from .schema import Problem, choice, each, key, number, positive, text, vector, whole
+from .shapes import Grid, Mesh
+
+ATLASES = ("mni152",)
+
+
+@dataclass(kw_only=True)
+class MeshFile:
+    """A closed triangle mesh (.obj .stl .glb .ply)."""
+
+    file: str = key(text)
+    scale: float = key(positive, 1.0)  # metres a unit of the file
+    move: tuple = key(vector(), (0.0, 0.0, 0.0))  # metres, after scaling
+
+    def load(self) -> Mesh:
+        from ..formats.mesh import _load, _trimesh
+
+        mesh = _load(_trimesh(), self.file).to_geometry()
+        if not len(mesh.faces):
+            raise ValueError(f"{self.file}: expected a mesh with triangles, got none")
+        return Mesh(np.asarray(mesh.triangles) * self.scale + np.asarray(self.move))
+
+
+@dataclass(kw_only=True)
+class DistanceFile:
+    """A grid of signed distances, negative inside (.nrrd .nii .mha .vti .npz)."""
+
+    file: str = key(text)
+    scale: float = key(positive, 1.0)
+    move: tuple = key(vector(), (0.0, 0.0, 0.0))
+
+    def load(self) -> Grid:
+        from ..volume_io import read_volume
+
+        volume = read_volume(self.file)
+        world_from_voxel = np.array(volume.world_from_voxel)
+        world_from_voxel[:3] *= self.scale
+        world_from_voxel[:3, 3] += self.move
+        return Grid(np.transpose(volume.values, (2, 1, 0)) * self.scale, world_from_voxel)
+
+
+@dataclass(kw_only=True)
+class ParticleFile:
+    """Particles of any format; the nine-column text's rigidity says what each one is."""
+
+    file: str = key(text)
+    scale: float = key(positive, 1.0)
+    move: tuple = key(vector(), (0.0, 0.0, 0.0))
+
+    def load(self) -> tuple[np.ndarray, np.ndarray | None, np.ndarray | None]:
+        """Positions (N, 3), metres; velocities (N, 3) and rigidity (N,), if the file has them."""
+        from ..formats import read
+
+        particles = read(self.file)
+        positions = np.asarray(particles.positions, np.float64) * self.scale + np.asarray(self.move)
+        if not np.isfinite(positions).all():
+            raise ValueError(f"{self.file}: expected finite positions, got others")
+        known = {name.lower(): array for name, array in particles.attributes.items()}
+        velocities = known.get("velocity", known.get("v"))
+        rigidity = particles.rigidity
+        if rigidity is not None:
+            rigidity = np.broadcast_to(rigidity, len(particles)).astype(np.float64)
+            if (rigidity < 0).any() or (rigidity > 1).any():
+                raise ValueError(f"{self.file}: expected rigidity from 0 to 1, got others")
+        return positions, velocities, rigidity
+
+
+@dataclass(kw_only=True)
+class Tomography:
+    """Tissue of a tomography, resampled to the simulation's spacing: one particle per voxel."""
+
+    file: str | None = key(text, None)
+    atlas: str | None = key(choice(*ATLASES), None)
+    level: float | None = key(number(), None)
+    labels: list | None = key(each(whole(-(2**31), 2**31)), None)
+    scale: float = key(positive, 0.001)  # metres a unit of the file: mm
+    center: tuple = key(vector(), (0.0, 0.0, 0.0))  # metres: where the middle of the tissue goes
+
+    def __post_init__(self) -> None:
+        if (self.file is None) == (self.atlas is None):
+            raise ValueError("expected file or atlas, got both or none")
+
+    def load(self, spacing: float) -> np.ndarray:
+        """Positions (N, 3), metres, on a cubic lattice of the spacing."""
+        if self.atlas:
+            positions = _atlas(spacing / self.scale)
+        else:
+            from ..formats import tomography_particles
+
+            found = tomography_particles(self.file, self.level, self.labels, spacing / self.scale)
+            positions = np.asarray(found.positions, np.float64)
+        if not len(positions):
+            raise ValueError(f"{self.file or self.atlas}: expected tissue, got no voxel of it")
+        middle = (positions.min(axis=0) + positions.max(axis=0)) / 2
+        return (positions - middle) * self.scale + np.asarray(self.center)
+
+
+def _atlas(millimetres: float) -> np.ndarray:
+    """The MNI152 brain, where gray and white matter together are most of a voxel: mm, RAS."""
+    try:
+        from nilearn import datasets, image
+    except ImportError:
+        raise ValueError(
+            'atlas: expected the package nilearn, got none: pip install "globule[atlas]"'
+        ) from None
+    gray = datasets.load_mni152_gm_template(resolution=1)
+    white = datasets.load_mni152_wm_template(resolution=1)
+    both = image.math_img("a + b", a=gray, b=white)
+    if millimetres > 1:  # means of the voxels that a larger one covers
+        both = image.smooth_img(both, millimetres / 2)
+    both = image.resample_img(
+        both, np.diag([millimetres] * 3), force_resample=True, copy_header=True
+    )
+    index = np.argwhere(both.get_fdata() > 0.5)
+    return index @ both.affine[:3, :3].T + both.affine[:3, 3]
+
+
+def check_files(table: Any, folder: str) -> None:
+    """Make a table's `file` a path from here, and refuse one that is not there."""
+    name = getattr(table, "file", None)
+    if name is None:
+        return
+    path = os.path.join(folder, os.path.expanduser(name))
+    if not os.path.exists(path):
+        raise Problem(("file",), f"expected a file, got {path}, which is not there")
+    table.file = os.path.abspath(path)

@@ -1,0 +1,415 @@
+"""Simulations: particles that flow, on the octree that is also traced."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from typing import Any
+
+import numpy as np
+
+from . import _core
+from .arrays import address
+from .device import choose
+from .particles import Particles, to_host
+from .scene import DEFAULTS, KERNELS, Scene, _count
+from .sim.bodies import bodies
+from .sim.run import Run, description, is_scene
+from .sim.scene_file import read_scene
+
+KINDS = ("fluid", "tissue", "boundary", "rigid")
+MAX_PHASES = 32
+_ARRAYS = {
+    "place": (np.float32, 4),
+    "velocity": (np.float32, 4),
+    "id": (np.uint32, 1),
+    "phase": (np.uint8, 1),
+    "pressure": (np.float32, 1),
+    "divergence_pressure": (np.float32, 1),
+}
+
+
+@dataclass
+class Phase:
+    """A material of a simulation; any value may be changed between steps. SI units.
+
+    kind: fluid, tissue, boundary (fixed or moved by key frames) or rigid (a floating body).
+    """
+
+    name: str
+    kind: str = "fluid"
+    density: float = 1000.0
+    viscosity: float = 0.0
+    implicit_viscosity: bool = False
+    tension: float = 0.0
+    adhesion: float = 0.0
+    color: Any = (0.28, 0.52, 0.80)
+    reflection: float = 0.0
+    refraction: float = 0.0
+    shown: bool | None = None
+
+    def __post_init__(self) -> None:
+        if self.kind not in KINDS:
+            raise ValueError(f"kind: expected one of {', '.join(KINDS)}, got {self.kind!r}")
+        if self.shown is None:
+            self.shown = self.kind != "boundary"
+
+    def _pack(self) -> dict[str, Any]:
+        packed = {f.name: getattr(self, f.name) for f in fields(self)}
+        packed["kind"] = KINDS.index(self.kind)
+        packed["color"] = [float(c) for c in self.color]
+        if not self.density > 0:
+            raise ValueError(f"density: expected a positive number, got {self.density!r}")
+        return packed
+
+
+@dataclass
+class Settings:
+    """How a simulation is run; any value but spacing and domain may be changed between steps.
+
+    spacing: of particles, m. domain: two corners, m; who leaves it is no longer simulated.
+    gravity: m/s^2. cfl: dt = 0.4 cfl spacing / v_max, at most longest_step (s). density_error,
+    divergence_error: mean and relative, what the solvers reach.
+    """
+
+    spacing: float
+    domain: Any
+    gravity: Any = (0.0, -9.81, 0.0)
+    cfl: float = 1.0
+    longest_step: float = 0.005
+    density_error: float = 0.001
+    divergence_error: float = 0.001
+    least_iterations: int = 2
+    most_iterations: int = 100
+
+    def _pack(self) -> dict[str, Any]:
+        packed = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "domain"}
+        lo, hi = np.asarray(self.domain, float)
+        packed["lo"], packed["hi"] = lo.tolist(), hi.tolist()
+        packed["gravity"] = [float(g) for g in self.gravity]
+        return packed
+
+
+@dataclass
+class StepReport:
+    """What a step did. `error`: mean compression that the density solver left, predicted;
+    `compression`: mean of max(density / rest density - 1, 0) measured on the positions it began with.
+    """
+
+    time: float
+    step: int
+    dt: float
+    iterations: int
+    divergence_iterations: int
+    error: float
+    divergence_error: float
+    compression: float
+    most_compression: float
+    n: int
+    n_solved: int
+    n_escaped: int
+    most_speed: float
+    seconds: dict[str, float] = field(default_factory=dict)
+
+
+class _SimulationScene(Scene):
+    """The scene of a simulation: the same octree, brought up to date when it is looked at."""
+
+    def __init__(self, simulation: Simulation, device: Any, threads: int, support: float):
+        self._simulation = simulation
+        self._own = _core.Scene(device.backend, device.index, threads)
+        self.device = device
+        self.kernel = "murakami"
+        self.threshold = DEFAULTS[self.kernel][1]
+        self._kernel = KERNELS.index(self.kernel)
+        self._support = self.support = support
+
+    @property
+    def _scene(self) -> Any:
+        self._simulation._core.show()
+        return self._own
+
+    @property
+    def particles(self) -> Particles:  # type: ignore[override]
+        return self._simulation.particles
+
+    @property
+    def builds(self) -> int:  # type: ignore[override]
+        return self._simulation.n_steps
+
+    @property
+    def spacing(self) -> float:
+        return self._simulation.settings.spacing
+
+    def update(self, *_: Any, **__: Any) -> None:
+        raise TypeError("update: the scene of a simulation follows its particles")
+
+
+class Simulation(Run):
+    """A simulation of fluids.
+
+    Args:
+        scene: the name of a scene that ships, the path of a .toml file, or a dict as TOML has it
+            (docs/simulation.md); or a dict with `spacing`, `domain` and what else `Settings` has, `phases` (a list of
+            dicts, see `Phase`) and `walls` (True: the domain's box is a boundary); or `Particles`,
+            a fluid in its box.
+        device: "auto", "cpu", "cuda" or "cuda:N".
+        threads: CPU threads; 0 takes all.
+        spacing: of particles, m, instead of a scene file's own.
+    """
+
+    def __init__(
+        self,
+        scene: Any,
+        device: str = "auto",
+        threads: int = 0,
+        spacing: float | None = None,
+    ):
+        file = read_scene(scene, spacing) if is_scene(scene) else None
+        found = bodies(file) if file else []
+        if file:
+            facts = description(file, found)
+        else:
+            facts = _of_particles(scene) if isinstance(scene, Particles) else dict(scene)
+        phases = [Phase(**p) for p in facts.pop("phases", [{"name": "fluid"}])]
+        walls = facts.pop("walls", True)
+        self.settings = Settings(**facts)
+        self._begin(file)
+        self.phases: dict[str, Phase] = {}
+        self._names: list[str] = []
+        self._sent: list[dict[str, Any]] = []
+        chosen = choose(device)
+        d = float(self.settings.spacing)
+        self.scene = _SimulationScene(self, chosen, _count("threads", threads), 2.0 * d)
+        self._core = _core.Simulation(chosen.backend, self.scene._own)
+        self._forces: np.ndarray | None = None
+        for phase in phases:
+            self.add_phase(phase)
+        self._send()
+        if walls:
+            if "walls" not in self.phases:
+                self.add_phase(Phase("walls", kind="boundary"))
+            lo, hi = np.asarray(self.settings.domain, float)
+            self.add(box_walls(lo, hi, d), phase="walls")
+        if isinstance(scene, Particles):
+            self.add(scene.positions, self._names[0], scene.attributes.get("velocity", 0.0))
+        for body in found:
+            self.add(body.positions, body.name, body.velocities)
+        self._first_state = self.state() if file else None
+
+    def add_phase(self, phase: Phase) -> None:
+        """One more material."""
+        if len(self._names) == MAX_PHASES:
+            raise ValueError(f"phases: expected at most {MAX_PHASES}")
+        if phase.name in self.phases:
+            raise ValueError(f"phases: expected different names, got {phase.name!r} twice")
+        self.phases[phase.name] = phase
+        self._names.append(phase.name)
+
+    def add(self, positions: Any, phase: str | None = None, velocities: Any = 0.0) -> np.ndarray:
+        """New particles: positions (M, 3) m, velocities (M, 3), (3,) or 0, m/s. Returns their ids."""
+        which = self._phase(phase)
+        self._send()
+        p = np.ascontiguousarray(to_host(positions), np.float32)
+        if p.ndim != 2 or p.shape[1] != 3:
+            raise ValueError(f"positions: expected shape (M, 3), got {p.shape}")
+        v = np.asarray(to_host(velocities), np.float32)
+        if v.shape not in ((), (3,), p.shape):
+            raise ValueError(f"velocities: expected a number, (3,) or {p.shape}, got {v.shape}")
+        if len(p) == 0:
+            return np.empty(0, np.uint32)
+        each = np.ascontiguousarray(v) if v.shape == p.shape else None
+        one = [0.0, 0.0, 0.0] if each is not None else np.broadcast_to(v, 3).tolist()
+        first = self._core.add(len(p), address(p), 0 if each is None else address(each), one, which)
+        return np.arange(first, first + len(p), dtype=np.uint32)
+
+    def remove(self, ids: Any) -> None:
+        """Take particles out, by id."""
+        gone = np.ascontiguousarray(ids, np.uint32).reshape(-1)
+        unknown = gone[gone >= self._core.next_id()]
+        if len(unknown):
+            raise ValueError(f"ids: expected numbers that add() gave, got {unknown[0]}")
+        if len(gone):
+            self._core.remove(len(gone), address(gone))
+
+    def apply_force(self, force: Any, ids: Any = None) -> None:
+        """A force on each particle (or those of `ids`) during the next step: (3,) or (M, 3), N."""
+        order, n = self._order(), len(self)
+        if self._forces is None:
+            self._forces = np.zeros((n, 3), np.float32)
+        chosen = slice(None) if ids is None else np.searchsorted(self.ids, np.asarray(ids))
+        by_id = np.zeros((n, 3), np.float32)
+        by_id[chosen] = force
+        self._forces[order] += by_id
+
+    def step(self, dt: float | None = None) -> StepReport:
+        """One step of dt seconds; by default of what the speeds allow."""
+        self._send()
+        if self._forces is not None:
+            self._core.set_forces(address(self._forces))
+            self._forces = None
+        done = self._core.step(0.0 if dt is None else float(dt))
+        if "lost" in done:
+            id_, phase, position, time, step = done["lost"]
+            where = ", ".join(f"{x:g}" for x in position)
+            raise ArithmeticError(
+                f"particle {id_} ({self._names[phase]}) at ({where}) got a velocity that is not a "
+                f"number in step {step} at {time:g} s"
+            )
+        report = StepReport(**done)
+        self._note(report)
+        return report
+
+    @property
+    def time(self) -> float:
+        return self._core.time()
+
+    @property
+    def n_steps(self) -> int:
+        return self._core.n_steps()
+
+    @property
+    def dt(self) -> float:
+        """The step that comes next, s."""
+        self._send()
+        return self._core.next_dt()
+
+    def __len__(self) -> int:
+        return self._core.size()
+
+    @property
+    def ids(self) -> np.ndarray:
+        """(N,) uint32, ascending; the order of all arrays here."""
+        return np.sort(self._read("id"))
+
+    @property
+    def positions(self) -> np.ndarray:
+        """(N, 3) float32, m."""
+        return np.ascontiguousarray(self._read("place")[self._order(), :3])
+
+    @positions.setter
+    def positions(self, value: Any) -> None:
+        place = self._read("place")
+        place[self._order(), :3] = value
+        self._write("place", place)
+        self._core.settle()
+
+    @property
+    def velocities(self) -> np.ndarray:
+        """(N, 3) float32, m/s."""
+        return np.ascontiguousarray(self._read("velocity")[self._order(), :3])
+
+    @velocities.setter
+    def velocities(self, value: Any) -> None:
+        velocity = self._read("velocity")
+        velocity[self._order(), :3] = value
+        self._write("velocity", velocity)
+        self._core.settle()
+
+    @property
+    def phase(self) -> np.ndarray:
+        """(N,) uint8: which of `phases`, by their order."""
+        return self._read("phase")[self._order()]
+
+    @property
+    def particles(self) -> Particles:
+        """All particles in id order, as they are rendered."""
+        order = self._order()
+        phase = self._read("phase")[order]
+        colors = np.array([self.phases[n].color for n in self._names], np.float32)
+        shown = np.array([bool(self.phases[n].shown) for n in self._names], np.float32)
+        return Particles(
+            self._read("place")[order, :3],
+            support=2.0 * self.settings.spacing,
+            color=colors[phase],
+            weight=shown[phase],
+            attributes={
+                "velocity": self._read("velocity")[order, :3],
+                "phase": phase,
+                "id": self._read("id")[order],
+            },
+        )
+
+    def neighbors(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The solver's lists: ids of the moved particles, and as compressed rows (offsets, ids)
+        their neighbours within two spacings."""
+        ids = self._read("id")
+        rows, offsets, indices = self._core.neighbors()
+        return ids[rows], offsets, ids[indices]
+
+    def hash(self) -> str:
+        """Of the state's bits; equal for equal runs."""
+        h = hashlib.sha256()
+        for name in ("id", "place", "velocity"):
+            h.update(self._read(name).tobytes())
+        return h.hexdigest()[:16]
+
+    def _phase(self, name: str | None) -> int:
+        if name is None:
+            return 0
+        if name not in self.phases:
+            raise ValueError(f"phase: expected one of {', '.join(self._names)}, got {name!r}")
+        return self._names.index(name)
+
+    def _send(self) -> None:
+        """Settings and materials that were changed."""
+        settings = self.settings._pack()
+        if getattr(self, "_settings_sent", None) != settings:
+            self._core.configure(settings)
+            self._settings_sent = settings
+        for i, name in enumerate(self._names):
+            packed = self.phases[name]._pack()
+            if i >= len(self._sent):
+                self._sent.append({})
+            if packed != self._sent[i]:
+                self._core.set_phase(i, packed)
+                self._sent[i] = packed
+
+    def _read(self, name: str) -> np.ndarray:
+        dtype, columns = _ARRAYS[name]
+        out = np.empty((len(self), columns) if columns > 1 else len(self), dtype)
+        if len(self):
+            self._core.read(name, address(out))
+        return out
+
+    def _write(self, name: str, values: np.ndarray) -> None:
+        if len(self):
+            self._core.write(name, address(np.ascontiguousarray(values, _ARRAYS[name][0])))
+
+    def _order(self) -> np.ndarray:
+        return np.argsort(self._read("id"))
+
+    def state(self) -> dict[str, np.ndarray]:
+        """Everything that `set_state` needs to go on bit by bit (on the CPU)."""
+        arrays = {name: self._read(name) for name in _ARRAYS}
+        counts = [self._core.next_id(), self.n_steps]
+        return {**arrays, "time": np.array(self.time), "counts": np.array(counts, np.uint64)}
+
+    def set_state(self, state: Mapping[str, np.ndarray]) -> None:
+        """Go on from what `state` gave."""
+        next_id, n_steps = (int(c) for c in state["counts"])
+        self._core.resize(len(state["id"]), next_id, float(state["time"]), n_steps)
+        for name in _ARRAYS:
+            self._write(name, state[name])
+        self._core.settle()
+
+
+def box_walls(lo: Any, hi: Any, spacing: float) -> np.ndarray:
+    """One layer of particles half a spacing outside of a box's faces: (M, 3) float32."""
+    lo, hi = np.asarray(lo, float) - spacing / 2, np.asarray(hi, float) + spacing / 2
+    n = np.maximum(np.rint((hi - lo) / spacing - 1e-6).astype(int), 1)
+    axes = [np.linspace(lo[k], hi[k], n[k] + 1) for k in range(3)]
+    grid = np.stack(np.meshgrid(*axes, indexing="ij"), -1)
+    inside = np.zeros(grid.shape[:3], bool)
+    inside[1:-1, 1:-1, 1:-1] = True
+    return np.ascontiguousarray(grid[~inside], np.float32)
+
+
+def _of_particles(particles: Particles) -> dict[str, Any]:
+    """A fluid in its own box, upright."""
+    from .spacing import local_spacing
+
+    d = float(np.median(local_spacing(particles)))
+    lo, hi = particles.bounds()
+    return {"spacing": d, "domain": (lo - d / 2, hi + d / 2)}

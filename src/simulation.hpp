@@ -1,0 +1,76 @@
+// A particle simulation as the bindings see it; simulation_of.hpp has the one implementation.
+#pragma once
+#include <functional>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "backend.hpp"
+#include "globule/sim/state.hpp"
+
+namespace globule {
+
+/// How a simulation is run; between steps any of it may change but spacing and domain.
+struct SimulationSettings {
+    float spacing = 0.0f;            ///< of particles, world units (m); the kernel's support is twice that
+    float3 lo{0, 0, 0}, hi{0, 0, 0}; ///< the domain: who leaves it is no longer simulated
+    float3 gravity{0, 0, 0};
+    float cfl = 1.0f;                ///< dt = 0.4 cfl spacing / v_max
+    float longest_step = 0.005f;
+    float density_error = 0.001f, divergence_error = 0.001f;  ///< mean, relative
+    int least_iterations = 2, most_iterations = 100;
+};
+
+struct StepReport {
+    double dt = 0, time = 0;
+    std::uint64_t step = 0;
+    int iterations = 0, divergence_iterations = 0;
+    double error = 0, divergence_error = 0;        ///< as the solvers left them, mean and relative
+    double compression = 0, most_compression = 0;  ///< of the positions that the step began with: mean and largest max(rho/rho0 - 1, 0)
+    std::uint64_t n = 0, n_solved = 0, n_escaped = 0;
+    double most_speed = 0;
+    double neighbors_per_particle = 0;
+    std::vector<std::pair<std::string, double>> seconds;  ///< per stage
+};
+
+/// A particle whose velocity is not a number any more.
+struct SimulationError {
+    std::uint32_t id;
+    int phase;
+    float3 position;  ///< the last one
+    double time;
+    std::uint64_t step;
+};
+
+struct Simulation {
+    virtual ~Simulation() = default;
+    virtual void configure(const SimulationSettings& settings) = 0;
+    virtual void set_phase(int which, const sim::Phase& phase) = 0;
+    /// The first of the m new ids; velocities may be null.
+    virtual std::uint32_t add(std::size_t m, const float* positions, const float* velocities, float3 velocity, int phase) = 0;
+    virtual void remove(std::size_t m, const std::uint32_t* ids) = 0;
+    virtual StepReport step(double dt) = 0;
+    /// The step that the current speeds allow.
+    virtual double next_dt() = 0;
+    virtual std::size_t size() = 0;
+    /// The state's arrays in slot order, by name: place, velocity, id, phase, pressure, divergence_pressure.
+    virtual void read(const std::string& name, void* out) = 0;
+    virtual void write(const std::string& name, const void* in) = 0;
+    /// n particles whose arrays will be written, then settled: the octree is built.
+    virtual void resize(std::size_t n, std::uint32_t next_id, double time, std::uint64_t n_steps) = 0;
+    virtual void settle() = 0;
+    /// Acceleration times mass of each particle, by slot, until the next step ends; null: none.
+    virtual void set_forces(const float* forces) = 0;
+    /// Lists of neighbours as compressed rows of slots, one for each solved particle.
+    virtual void neighbors(std::vector<std::uint32_t>& rows, Neighbors& out) = 0;
+    /// Brings the scene up to date: which particles are seen, in which colour.
+    virtual void show() = 0;
+    virtual double time() = 0;
+    virtual std::uint64_t n_steps() = 0;
+    virtual std::uint32_t next_id() = 0;
+};
+
+/// A simulation whose octree is the scene's.
+std::unique_ptr<Simulation> make_simulation(std::shared_ptr<Scene> scene);
+
+}  // namespace globule

@@ -1,0 +1,329 @@
+// The one implementation of Simulation, over any Exec.
+//
+// The order of a step (each a named call below; dt is known before it begins, from the speeds that the
+// last step ended with):
+//   1  find_lists    neighbour lists, from the octree of the present positions
+//                    -> here pairs may be vetoed: replace an entry of Lists::index by Lists::n (nobody)
+//   2  densities     delta, G, alpha of every row; V grad W of every pair is kept
+//   3  solve         velocities free of divergence
+//   4  forces        gravity, viscosity, tension, what the user asked for
+//                    -> here bonds take their substeps, on State::velocity
+//   5  solve         velocities that lead to rest density after dt
+//   6  move          x += dt v (boundaries by their own velocities); guards
+//                    -> here instruments get the velocities of the next step, emitters emit, sinks remove
+//   7  settle        octree of the new positions, state in its order, rows, what the host needs to know
+// Between two steps, the tree is that of the positions: a picture of it takes no copy.
+#pragma once
+#include "globule/sim/pressure.hpp"
+#include "globule/sim/show.hpp"
+#include "scene_access.hpp"
+#include "simulation_state.hpp"
+
+namespace globule {
+
+template <class Exec>
+class SimulationOf final : public Simulation {
+public:
+    using Tree = SparseTree;
+    using Packet = typename Exec::Packet;
+    using Lists = sim::Lists<Packet>;
+
+    explicit SimulationOf(std::shared_ptr<Scene> scene)
+        : scene_(std::move(scene)), access_(scene_->share()), exec_(*static_cast<Exec*>(access_.exec)),
+          state_(exec_, *static_cast<Octree<Exec>*>(access_.octree)), list_counts_(exec_), list_index_(exec_), gradients_(exec_),
+          row_values_(exec_), change_(exec_), error_(exec_), accelerations_(exec_), forces_(exec_), progress_(exec_), error_sum_(exec_),
+          compression_(exec_), most_count_(exec_), color_(exec_), reflection_(exec_), weight_(exec_), rank_(exec_), ids_(exec_) {}
+
+    void configure(const SimulationSettings& settings) override {
+        settings_ = settings;
+        state_.configure(settings);
+    }
+    void set_phase(int which, const sim::Phase& phase) override {
+        const bool there = state_.phase_table[which].density != phase.density && state_.n > 0;
+        state_.set_phase(which, phase);
+        if (there) exec_.for_each(state_.n, sim::SetDensity{state_.view(), std::uint8_t(which), state_.w_of(which)});
+    }
+
+    std::uint32_t add(std::size_t m, const float* positions, const float* velocities, float3 velocity, int phase) override {
+        const std::uint32_t first = state_.append(m, positions, velocities, velocity, phase);
+        settle();
+        return first;
+    }
+    void remove(std::size_t m, const std::uint32_t* ids) override {
+        std::uint32_t* gone = ids_.reserve(m);
+        exec_.upload(gone, ids, 4 * m);
+        std::uint32_t* flags = state_.flags();
+        exec_.for_each(state_.n, sim::Fill{flags, 1u});
+        exec_.clear(flags + state_.n, 4);
+        exec_.for_each(m, sim::FlagGone{gone, state_.slot_of(), flags});
+        state_.keep(flags);
+        settle();
+    }
+
+    double next_dt() override {
+        // v dt + g dt^2 <= 0.4 cfl d: at rest, gravity limits the first step.
+        const double v = std::sqrt(double(state_.summary.most_speed2)), far = 0.4 * settings_.cfl * settings_.spacing;
+        const double g = std::sqrt(double(dot(settings_.gravity, settings_.gravity)));
+        double dt = settings_.longest_step;
+        if (v > 0 || g > 0) dt = std::min(dt, 2 * far / (v + std::sqrt(v * v + 4 * g * far)));
+        return dt;
+    }
+
+    StepReport step(double asked) override {
+        StepReport r;
+        r.dt = asked > 0 ? asked : next_dt();
+        const float dt = float(r.dt);
+        mark("");
+        if (state_.n_rows > 0) {
+            find_lists();
+            mark("neighbors");
+            densities();
+            mark("density");
+            const sim::Progress divergence = solve(rows_.alpha_divergence, state_.view().divergence_pressure, dt, 0.0f, settings_.divergence_error, 1);
+            mark("divergence");
+            forces(dt);
+            mark("forces");
+            const sim::Progress density = solve(rows_.alpha, state_.view().pressure, dt, 1.0f / dt, settings_.density_error, settings_.least_iterations);
+            mark("pressure");
+            r.iterations = int(density.iterations);
+            r.error = density.error;
+            r.divergence_iterations = int(divergence.iterations);
+            r.divergence_error = divergence.error;
+        }
+        move(dt);
+        mark("move");
+        state_.settle_positions();
+        state_.summarize();
+        mark("octree");
+        time_ += r.dt;
+        ++n_steps_;
+        stale_ = true;
+        report(r);
+        return r;
+    }
+
+    std::size_t size() override { return state_.n; }
+    double time() override { return time_; }
+    std::uint64_t n_steps() override { return n_steps_; }
+    std::uint32_t next_id() override { return state_.next_id; }
+
+    void read(const std::string& name, void* out) override {
+        const auto [data, bytes] = array(name);
+        exec_.download(out, data, bytes * state_.n);
+    }
+    void write(const std::string& name, const void* in) override {
+        const auto [data, bytes] = array(name);
+        exec_.upload(data, in, bytes * state_.n);
+        exec_.synchronize();
+    }
+    void resize(std::size_t n, std::uint32_t next_id, double time, std::uint64_t n_steps) override {
+        state_.resize(n);
+        state_.next_id = next_id;
+        time_ = time;
+        n_steps_ = n_steps;
+    }
+    void settle() override {
+        state_.settle();
+        state_.summarize();
+        stale_ = true;
+    }
+
+    void set_forces(const float* forces) override {
+        has_forces_ = forces != nullptr;
+        if (!forces) return;
+        exec_.upload(forces_.reserve(3 * state_.n), forces, 12 * state_.n);
+        exec_.synchronize();
+    }
+
+    void neighbors(std::vector<std::uint32_t>& rows, Neighbors& out) override {
+        find_lists();
+        const std::size_t n = state_.n_rows, room = list_index_.capacity();
+        rows.resize(n);
+        std::vector<std::uint32_t> counts(n), index(room);
+        exec_.download(rows.data(), state_.rows(), 4 * n);
+        exec_.download(counts.data(), lists_.count, 4 * n);
+        exec_.download(index.data(), lists_.index, 4 * room);
+        out.offsets.assign(1, 0);
+        out.indices.clear();
+        for (std::size_t i = 0; i < n; ++i) {
+            for (std::uint32_t k = 0; k < counts[i]; ++k)
+                if (const std::uint32_t j = index[lists_.at(i, k)]; j != lists_.n) out.indices.push_back(j);
+            out.offsets.push_back(out.indices.size());
+        }
+    }
+
+    void show() override {
+        if (!stale_) return;
+        stale_ = false;
+        const std::size_t n = state_.n;
+        if (n == 0) return;
+        // Scenes know particles by their rank among the ids that are left.
+        std::uint32_t* rank = rank_.reserve(state_.next_id + 1 + n);
+        std::uint32_t* index = rank + state_.next_id + 1;
+        exec_.for_each(state_.next_id + 1, sim::IsThere{state_.slot_of(), state_.next_id, rank});
+        exec_.exclusive_scan(std::size_t(state_.next_id) + 1, rank);
+        bool all_shown = true, mirrors = false;
+        for (const sim::Phase& p : state_.phase_table) {
+            all_shown &= p.shown != 0;
+            mirrors |= p.reflection > 0.0f || p.refraction > 0.0f;
+        }
+        float* weight = all_shown ? nullptr : weight_.reserve(n + 64);
+        float* reflection = mirrors ? reflection_.reserve(2 * n) : nullptr;
+        exec_.for_each(n, sim::Show{state_.view(), state_.phases(), rank, index, weight, color_.reserve(3 * n), reflection,
+                                    reflection ? reflection + n : nullptr});
+        state_.tree().relabel(index, {weight, 1.0f});
+        access_.rebuilt(color_.data(), reflection, reflection ? reflection + n : nullptr);
+    }
+
+private:
+    void find_lists() {
+        const std::size_t padded = ceil_div<std::size_t>(state_.n_rows, 64) * 64;
+        for (bool enough = false; !enough;) {
+            std::uint32_t* longest = most_count_.reserve(1);
+            exec_.clear(longest, 4);
+            lists_.n_rows = state_.n_rows;
+            lists_.places = places_;
+            lists_.n = std::uint32_t(state_.n);
+            lists_.rows = state_.rows();
+            lists_.count = list_counts_.reserve(padded);
+            lists_.index = list_index_.reserve(padded * places_);
+            const float h = state_.spline().support;
+            exec_.for_each_tile(ceil_div<std::size_t>(state_.n_rows, Exec::Group::width),
+                                sim::FindLists<Tree, Packet>{state_.tree().sparse(), lists_, state_.view().place, h, 0.0f, longest});
+            exec_.download(&longest_list_, longest, 4);
+            enough = longest_list_ <= places_;
+            if (!enough) places_ = ceil_div(longest_list_ + longest_list_ / 4, 8u) * 8;
+        }
+        typename Packet::Short* g = gradients_.reserve(3 * padded * places_);
+        lists_.gx = g;
+        lists_.gy = g + padded * places_;
+        lists_.gz = g + 2 * padded * places_;
+    }
+
+    void densities() {
+        const std::size_t padded = ceil_div<std::size_t>(state_.n_rows, 64) * 64;
+        float* v = row_values_.reserve(8 * padded);
+        rows_ = {v, v + padded, v + 2 * padded, v + 3 * padded, v + 4 * padded, v + 5 * padded, v + 6 * padded, v + 7 * padded};
+        const sim::State s = state_.view();
+        exec_.for_each_packet(state_.n_rows, sim::Densities<Packet>{lists_, s.place, rows_, state_.spline(), state_.volume(), state_.lattice_squares()});
+        exec_.reduce_in_order(state_.n_rows, sim::CompressionOf{rows_}, sim::AddCompression{}, sim::Compression{0, 0, 0}, compression_.reserve(1));
+    }
+
+    sim::Progress solve(const float* alpha, float* pressure, float dt, float per_dt, double tolerance, int least) {
+        const std::size_t n = state_.n_rows;
+        const float inverse_support = state_.spline().inverse;
+        float* change = change_.reserve(state_.n + 64);
+        float* error = error_.reserve(n + 64);
+        double* sum = error_sum_.reserve(1);
+        sim::Progress* progress = progress_.reserve(1);
+        exec_.clear(progress, sizeof *progress);
+        exec_.clear(change, 4 * (state_.n + 64));
+        exec_.for_each(n, sim::WarmStart{lists_.rows, alpha, pressure, change, kWarmShare});
+        const sim::State s = state_.view();
+        sim::Progress p{};
+        constexpr int at_once = Exec::on_device ? 2 : 1;  // iterations between two looks at the device's progress
+        do {
+            for (int i = 0; i < at_once; ++i) {
+                exec_.for_each_packet(n, sim::Push<Packet>{lists_, rows_, change, s.velocity, progress, inverse_support});
+                exec_.for_each_packet(n, sim::Relax<Packet>{lists_, rows_, alpha, s.velocity, pressure, change, error, progress, inverse_support, per_dt, kOmega});
+                exec_.reduce_in_order(n, sim::ErrorOf{error}, sim::AddDouble{}, 0.0, sum);
+                exec_.for_each(1, sim::Judge{sum, double(dt) / double(n), tolerance, std::uint32_t(least), progress});
+            }
+            exec_.download(&p, progress, sizeof p);
+        } while (!p.done && int(p.iterations) < settings_.most_iterations);
+        return p;
+    }
+
+    void forces(float dt) {
+        const sim::State s = state_.view();
+        const Quad* acceleration = nullptr;
+        if (has_forces_) {
+            Quad* a = accelerations_.reserve(state_.n_rows);
+            exec_.for_each(state_.n_rows, sim::UserForces{lists_.rows, rows_.inverse_rho, 1.0f / state_.volume(), forces_.data(), a});
+            acceleration = a;
+            has_forces_ = false;
+        }
+        exec_.for_each(state_.n_rows, sim::Kick{lists_.rows, rows_.inverse_rho, acceleration, settings_.gravity, dt, s.velocity});
+    }
+
+    void move(float dt) {
+        if (state_.n_rows > 0) exec_.for_each(state_.n_rows, sim::Contact<Packet>{lists_, rows_.boundary, state_.view(), settings_.spacing});
+        float* positions = state_.positions();
+        exec_.for_each(state_.n, sim::Move{state_.view(), dt, state_.tree().sparse().header, positions, state_.not_a_number()});
+    }
+
+    void report(StepReport& r) {
+        sim::Compression c{0, 0, 0};
+        if (state_.n_rows > 0) exec_.download(&c, compression_.data(), sizeof c);
+        r.compression = c.n > 0 ? c.sum / c.n : 0.0;
+        r.most_compression = c.most;
+        r.time = time_;
+        r.step = n_steps_;
+        r.n = state_.n;
+        r.n_solved = state_.n_rows;
+        r.n_escaped = state_.summary.n_outside;
+        r.most_speed = std::sqrt(double(state_.summary.most_speed2));
+        for (int i = 1; i < n_marks_; ++i) r.seconds.push_back({stage_[i], exec_.elapsed(kFirstMark + i - 1, kFirstMark + i)});
+        n_marks_ = 0;
+        if (state_.summary.not_a_number) tell_not_a_number(state_.summary.not_a_number - 1);
+    }
+
+    /// Stops with the story of a particle whose velocity is not a number.
+    void tell_not_a_number(std::uint32_t id) {
+        std::uint32_t slot;
+        exec_.download(&slot, state_.slot_of() + id, 4);
+        Quad at;
+        std::uint8_t phase;
+        exec_.download(&at, state_.view().place + slot, sizeof at);
+        exec_.download(&phase, state_.view().phase + slot, 1);
+        exec_.clear(state_.not_a_number(), 4);
+        throw SimulationError{id, phase, {at.x, at.y, at.z}, time_, n_steps_};
+    }
+
+    void mark(const char* stage) {
+        stage_[n_marks_] = stage;
+        exec_.mark(kFirstMark + n_marks_++);
+    }
+
+    std::pair<char*, std::size_t> array(const std::string& name) {
+        const sim::State s = state_.view();
+        const auto of = [](auto* p) { return std::pair<char*, std::size_t>{reinterpret_cast<char*>(p), sizeof *p}; };
+        if (name == "place") return of(s.place);
+        if (name == "velocity") return of(s.velocity);
+        if (name == "id") return of(s.id);
+        if (name == "phase") return of(s.phase);
+        if (name == "pressure") return of(s.pressure);
+        if (name == "divergence_pressure") return of(s.divergence_pressure);
+        throw std::invalid_argument("simulation: no array named " + name);
+    }
+
+    static constexpr float kWarmShare = 0.5f, kOmega = 0.5f;
+    static constexpr int kFirstMark = 4;  // the scene has those before
+
+    std::shared_ptr<Scene> scene_;
+    SceneAccess access_;
+    Exec& exec_;
+    SimulationSettings settings_;
+    SimulationState<Exec> state_;
+    Lists lists_{};
+    sim::Rows rows_{};
+    std::uint32_t places_ = 64, longest_list_ = 0;
+    Buffer<std::uint32_t, Exec> list_counts_, list_index_;
+    Buffer<typename Packet::Short, Exec> gradients_;
+    Buffer<float, Exec> row_values_, change_, error_;
+    Buffer<Quad, Exec> accelerations_;
+    Buffer<float, Exec> forces_;
+    Buffer<sim::Progress, Exec> progress_;
+    Buffer<double, Exec> error_sum_;
+    Buffer<sim::Compression, Exec> compression_;
+    Buffer<std::uint32_t, Exec> most_count_;
+    Buffer<float, Exec> color_, reflection_, weight_;
+    Buffer<std::uint32_t, Exec> rank_, ids_;
+    bool stale_ = true, has_forces_ = false;
+    double time_ = 0.0;
+    std::uint64_t n_steps_ = 0;
+    int n_marks_ = 0;
+    const char* stage_[12] = {};
+};
+
+}  // namespace globule

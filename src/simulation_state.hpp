@@ -1,0 +1,212 @@
+// The particles of a simulation in a backend's memory: two copies of the state, so that one can be put
+// in the octree's order into the other, the tree itself (the scene's), and the rows that the solver moves.
+#pragma once
+#include <array>
+#include <stdexcept>
+
+#include "globule/octree/build.hpp"
+#include "globule/sim/boundary.hpp"
+#include "globule/sim/motion.hpp"
+#include "simulation.hpp"
+
+namespace globule {
+
+template <class Exec>
+class SimulationState {
+public:
+    using Tree = SparseTree;
+
+    SimulationState(Exec& exec, Octree<Exec>& tree)
+        : exec_(exec), tree_(tree), copies_{Copy(exec), Copy(exec)}, positions_(exec), new_positions_(exec), new_velocities_(exec),
+          slot_of_(exec), phases_(exec), flags_(exec), rows_(exec), index_(exec), summary_(exec), most_speed2_(exec), not_a_number_(exec) {
+        exec_.upload(phases_.reserve(sim::kMaxPhases), phase_table.data(), sizeof phase_table);
+        exec_.clear(not_a_number_.reserve(1), 4);
+    }
+
+    std::array<sim::Phase, sim::kMaxPhases> phase_table{};
+    std::size_t n = 0;
+    std::uint32_t next_id = 0;
+    std::size_t n_rows = 0;
+    sim::Summary summary{};
+
+    sim::State view() { return copies_[now_].view(n); }
+    const sim::Phase* phases() const { return phases_.data(); }
+    const std::uint32_t* rows() const { return rows_.data(); }
+    float* positions() { return positions_.reserve(3 * n); }
+    std::uint32_t* slot_of() { return slot_of_.data(); }
+    std::uint32_t* not_a_number() { return not_a_number_.data(); }
+    Octree<Exec>& tree() { return tree_; }
+
+    void set_phase(int which, const sim::Phase& phase) {
+        phase_table[which] = phase;
+        exec_.upload(phases_.data(), phase_table.data(), sizeof phase_table);
+    }
+
+    void configure(const SimulationSettings& s) {
+        spline_ = sim::Spline::of(2.0f * s.spacing);
+        const sim::LatticeSums sums(spline_, s.spacing);
+        volume_ = float(1.0 / sums.all);
+        gamma_ = float(sums.plane / sums.all);
+        lattice_squares_ = float(sums.squares);
+        // Boundaries stand half a spacing outside of the domain's faces.
+        const float out = 2.0f * s.spacing;
+        params_ = {32, 10, false, true, {s.lo.x - out, s.lo.y - out, s.lo.z - out}, {s.hi.x + out, s.hi.y + out, s.hi.z + out}};
+        if (widest(s) > 1024.0f * 2.0f * s.spacing) {  // a deepest cell would hold too many
+            params_.key_bits = 64;
+            params_.depth = 21;
+        }
+    }
+    const sim::Spline& spline() const { return spline_; }
+    float volume() const { return volume_; }
+    float lattice_squares() const { return lattice_squares_; }
+
+    /// place.w of a particle of this phase before its boundary's volumes are known.
+    float w_of(int phase) const {
+        const sim::Phase& p = phase_table[phase];
+        return p.kind == sim::Kind::fluid || p.kind == sim::Kind::tissue ? -1.0f / p.density : volume_;
+    }
+
+    /// Behind the others, in no order yet: settle() follows.
+    std::uint32_t append(std::size_t m, const float* positions, const float* velocities, float3 velocity, int phase) {
+        if (n + m > 0x7fffffffull) throw std::length_error("simulation: expected fewer than 2^31 particles");
+        make_room(n + m);
+        float* p = new_positions_.reserve(3 * m);
+        exec_.upload(p, positions, 12 * m);
+        float* v = nullptr;
+        if (velocities) exec_.upload(v = new_velocities_.reserve(3 * m), velocities, 12 * m);
+        exec_.for_each(m, sim::Append{view(), p, v, std::uint8_t(phase), w_of(phase), velocity, next_id});
+        exec_.synchronize();  // the host's arrays may go
+        const sim::Kind kind = phase_table[phase].kind;
+        volumes_stale_ |= kind == sim::Kind::boundary || kind == sim::Kind::rigid;
+        n += m;
+        next_id += std::uint32_t(m);
+        return next_id - std::uint32_t(m);
+    }
+
+    /// Room for as many, what is there kept.
+    void make_room(std::size_t wanted) {
+        if (wanted <= copies_[now_].capacity()) return;
+        Copy& larger = copies_[1 - now_];
+        larger.reserve(wanted + wanted / 2);
+        sim::State to = larger.view(n);
+        exec_.for_each(n, sim::CopyState{view(), to});
+        now_ = 1 - now_;
+    }
+
+    /// Keeps the slots whose flag is 1 ... in their order; `flags` has n + 1 entries and is used up.
+    void keep(std::uint32_t* flags) {
+        exec_.exclusive_scan(n + 1, flags);
+        std::uint32_t kept;
+        exec_.download(&kept, flags + n, 4);
+        if (kept == n) return;
+        std::uint32_t* index = index_.reserve(n);
+        exec_.for_each(n, sim::WriteKept{flags, view().id, slot_of_.data(), index});
+        reorder(index, kept, nullptr, nullptr, nullptr);
+    }
+    std::uint32_t* flags() { return flags_.reserve(n + 65); }
+
+    /// The octree of the present positions, and the state in its order.
+    void settle() {
+        float* p = positions_.reserve(3 * n + 3);
+        exec_.for_each(n, sim::WritePositions{view().place, p});
+        settle_positions();
+    }
+    /// The same where positions() has been written already.
+    void settle_positions() {
+        ParticleInput in;
+        in.n = n;
+        in.positions = positions_.data();
+        in.support = {nullptr, spline_.support};
+        in.weight = {nullptr, 1.0f};
+        tree_.build(in, params_);
+        const SortedParticles& sorted = tree_.particles();
+        reorder(sorted.index, n, sorted.x, sorted.y, sorted.z);
+        if (volumes_stale_) {
+            const float gamma = gamma_;
+            exec_.for_each_uneven(n, sim::BoundaryVolumes<Tree>{tree_.sparse(), view(), phases_.data(), spline_, gamma, 0.0f});
+            volumes_stale_ = false;
+        }
+        find_rows();
+    }
+
+    /// What the host needs to know before the next step; waits for the device.
+    void summarize() {
+        const sim::State s = view();
+        const TreeHeader* header = tree_.sparse().header;
+        exec_.reduce(n, sim::SpeedOf{s.velocity, header}, sim::Largest{}, 0.0f, most_speed2_.reserve(1));
+        sim::Summary* out = summary_.reserve(1);
+        exec_.for_each(1, sim::Summarize{most_speed2_.data(), flags_.data() + n, not_a_number_.data(), header, out});
+        exec_.download(&summary, out, sizeof summary);
+        n_rows = summary.n_rows;
+    }
+
+    /// Room for n particles that are written from outside.
+    void resize(std::size_t count) {
+        n = 0;
+        make_room(count);
+        n = count;
+    }
+
+private:
+    struct Copy {
+        Buffer<Quad, Exec> place, velocity;
+        Buffer<std::uint32_t, Exec> id;
+        Buffer<std::uint8_t, Exec> phase;
+        Buffer<float, Exec> pressure, divergence_pressure;
+        explicit Copy(Exec& e) : place(e), velocity(e), id(e), phase(e), pressure(e), divergence_pressure(e) {}
+        std::size_t capacity() const { return place.capacity() ? place.capacity() - 64 : 0; }
+        void reserve(std::size_t n) {
+            place.reserve(n + 64);
+            velocity.reserve(n + 64);
+            id.reserve(n + 64);
+            phase.reserve(n + 64);
+            pressure.reserve(n + 64);
+            divergence_pressure.reserve(n + 64);
+        }
+        sim::State view(std::size_t n) {
+            return {n, place.data(), velocity.data(), id.data(), phase.data(), pressure.data(), divergence_pressure.data()};
+        }
+    };
+
+    static float widest(const SimulationSettings& s) {
+        return most(most(s.hi.x - s.lo.x, s.hi.y - s.lo.y), s.hi.z - s.lo.z);
+    }
+
+    void reorder(const std::uint32_t* index, std::size_t count, const float* x, const float* y, const float* z) {
+        const sim::State from = view();
+        Copy& other = copies_[1 - now_];
+        other.reserve(most(count, copies_[now_].capacity()));
+        if (next_id > slot_of_.capacity()) {
+            slot_of_.reserve(next_id + next_id / 2 + 64);
+            exec_.for_each(slot_of_.capacity(), sim::Fill{slot_of_.data(), sim::kGone});
+        }
+        exec_.for_each(count + 1, sim::Reorder{from, other.view(count), index, x, y, z, slot_of_.data()});
+        now_ = 1 - now_;
+        n = count;
+    }
+
+    void find_rows() {
+        std::uint32_t* flags = flags_.reserve(n + 65);
+        exec_.for_each(n + 1, sim::FlagRows{view(), phases_.data(), tree_.sparse().header, flags});
+        exec_.exclusive_scan(n + 1, flags);
+        exec_.for_each(n + 64, sim::WriteRows{flags, std::uint32_t(n), rows_.reserve(n + 128)});
+    }
+
+    Exec& exec_;
+    Octree<Exec>& tree_;
+    Copy copies_[2];
+    int now_ = 0;
+    Buffer<float, Exec> positions_, new_positions_, new_velocities_;
+    Buffer<std::uint32_t, Exec> slot_of_;
+    Buffer<sim::Phase, Exec> phases_;
+    Buffer<std::uint32_t, Exec> flags_, rows_, index_;
+    Buffer<sim::Summary, Exec> summary_;
+    Buffer<float, Exec> most_speed2_;
+    Buffer<std::uint32_t, Exec> not_a_number_;
+    TreeParams params_;
+    sim::Spline spline_{};
+    float volume_ = 0, gamma_ = 0, lattice_squares_ = 0;
+    bool volumes_stale_ = false;
+};
+
+}  // namespace globule

@@ -1,0 +1,169 @@
+"""Scene files: what they hold, and the line of every mistake."""
+
+import numpy as np
+import pytest
+from globule import Particles, write
+from globule.sim.bodies import bodies
+from globule.sim.rigidity import rigidity_of_young, young_of_rigidity
+from globule.sim.scene_file import SHIPPED, read_scene
+from globule.sim.schema import SceneError
+from globule.sim.toml_lines import key_lines
+
+SCENE = """\
+spacing = 0.1
+gravity = [0, 0, -9.81]   # m/s²
+
+[domain]
+lo = [0, 0, 0]
+hi = [1, 1, 1]
+walls = true
+
+[[fluids]]
+name = "water"
+viscosity = 0.001
+box = { lo = [0, 0, 0], hi = [0.5, 0.5,
+    0.5] }
+
+[[solids]]
+name = "jelly"
+young = 3000
+sphere.center = [0.7, 0.7, 0.7]
+sphere.radius = 0.2
+
+[[instruments]]
+name = "knife"
+kind = "scalpel"
+length = 0.1
+keys = [
+  { time = 0, position = [0, 0, 1] },
+  { time = 1, position = [1, 0, 1], axis = [0, 0, 1], angle = 90 },
+]
+"""
+
+
+def scene(tmp_path, text):
+    path = tmp_path / "scene.toml"
+    path.write_text(text)
+    return path
+
+
+def mistake(tmp_path, text):
+    with pytest.raises(SceneError) as caught:
+        read_scene(scene(tmp_path, text))
+    message = str(caught.value)
+    assert message.startswith(str(tmp_path / "scene.toml")) and "\n" not in message
+    return message[len(str(tmp_path / "scene.toml")) :]
+
+
+def test_a_scene_and_its_defaults(tmp_path):
+    found = read_scene(scene(tmp_path, SCENE))
+    assert found.fluids[0].box.hi == (0.5, 0.5, 0.5)
+    assert found.solids[0].sphere.radius == 0.2
+    assert found.solver.max_error == 0.001 and found.output.fps == 30
+    assert read_scene(scene(tmp_path, SCENE), spacing=0.05).spacing == 0.05
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "expected"),
+    [
+        ("0.001", "-1", ":11: fluids[0].viscosity: expected a number of at least 0, got -1"),
+        ("0.001", '"thick"', ":11: fluids[0].viscosity: expected a number of at least 0, got 'th"),
+        ("0.5] }", "'x'] }", ":13: fluids[0].box.hi[2]: expected a number, got 'x'"),
+        ("young", "yung", ":17: solids[0].yung: expected one of name, box, "),
+        ("= 0.2", "= true", ":19: solids[0].sphere.radius: expected a number above 0, got true"),
+        ("time = 1", "time = 0", ":27: instruments[0].keys[1].time: expected more than 0, got 0"),
+        ("length = 0.1", "", ":21: instruments[0]: a scalpel: expected edge or length, got both"),
+        ('"jelly"', '"water"', ":16: solids[0].name: expected a name of its own, got 'water'"),
+        ("spacing = 0.1", "", ": expected the key spacing, got none"),
+        ("spacing = 0.1", "spacing = 3.0", ":1: spacing: expected less than half the domain"),
+        ("hi = [1, 1, 1]", "hi = [0, 1, 1]", ":4: domain: expected lo below hi in each axis"),
+        ("[domain]", "[domain", ":4: expected TOML, got: "),
+        (
+            "young = 3000",
+            "young = 3000\nmesh = { file = 'no.obj' }",
+            ":15: solids[0]: expected one",
+        ),
+    ],
+)
+def test_a_mistake_is_one_line_with_its_place(tmp_path, old, new, expected):
+    assert mistake(tmp_path, SCENE.replace(old, new, 1)).startswith(expected)
+
+
+def test_a_missing_file_is_named_with_its_line(tmp_path):
+    text = SCENE + '[[solids]]\nname = "bone"\nmesh.file = "no.obj"\n'
+    expected = f":31: solids[1].mesh.file: expected a file, got {tmp_path}/no.obj"
+    assert mistake(tmp_path, text).startswith(expected)
+
+
+def test_a_dict_needs_no_file():
+    with pytest.raises(SceneError, match=r"^domain.lo: expected three numbers, got \[0\]$"):
+        read_scene({"spacing": 0.1, "domain": {"lo": [0], "hi": [1, 1, 1]}})
+
+
+def test_lines_of_all_that_toml_can_write():
+    text = '''a = """x
+# no comment, [no] table
+"""
+b.c = 'y#'   # [d]
+[t."quo.ted"]
+l = [ # first
+  1,
+  { k = [2,
+  3] }, ]
+[[u]]
+[[u]]
+v = 1979-05-27 07:32:00
+[u.w]
+z = {}
+'''
+    lines = key_lines(text)
+    assert lines[("a",)] == 1 and lines[("b",)] == lines[("b", "c")] == 4
+    assert lines[("t", "quo.ted", "l", 0)] == 7 and lines[("t", "quo.ted", "l", 1, "k")] == 8
+    assert lines[("t", "quo.ted", "l", 1, "k", 1)] == 9
+    assert (lines[("u", 0)], lines[("u", 1)], lines[("u", 1, "v")]) == (10, 11, 12)
+    assert (lines[("u", 1, "w")], lines[("u", 1, "w", "z")]) == (13, 14)
+
+
+def test_bodies_of_a_scene(tmp_path):
+    found = {body.name: body for body in bodies(read_scene(scene(tmp_path, SCENE)))}
+    assert [body.kind for body in found.values()] == ["fluid", "tissue", "boundary"]
+    assert len(found["water"].positions) == 125
+    assert np.allclose(found["water"].positions.min(axis=0), 0.05)
+    walls = found["walls"].positions
+    assert len(walls) == 12**3 - 10**3 and np.allclose([walls.min(), walls.max()], [-0.05, 1.05])
+    assert (found["jelly"].young == 3000).all() and not found["jelly"].fixed.any()
+
+
+def test_rigidity_of_the_nine_columns_is_obeyed(tmp_path):
+    positions = [[0.1 * i + 0.05, 0.5, 0.5] for i in range(4)]
+    write(tmp_path / "p.txt", Particles(positions, rigidity=np.array([0, 0.3, 0.8, 1])))
+    text = SCENE + '[[solids]]\nname = "all"\nparticles.file = "p.txt"\n'
+    parts = [body for body in bodies(read_scene(scene(tmp_path, text))) if len(body.positions) < 4]
+    tissue, liquid = parts
+    assert (tissue.name, tissue.kind, liquid.name, liquid.kind) == (
+        "all",
+        "tissue",
+        "water",
+        "fluid",
+    )
+    assert np.allclose(liquid.positions, [[0.05, 0.5, 0.5]])
+    assert tissue.fixed.tolist() == [False, False, True]
+    assert np.allclose(tissue.young[:2], [100 * 10**1.5, 1e6])
+
+
+def test_rigidity_of_youngs_modulus():
+    assert np.allclose(young_of_rigidity([0.2, 0.4]), [1e3, 1e4])
+    assert np.allclose(rigidity_of_young(young_of_rigidity([0.1, 0.5, 0.9])), [0.1, 0.5, 0.9])
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_shipped_scenes_are_sound(name):
+    found = read_scene(name)
+    lo, hi = np.asarray(found.domain.lo), np.asarray(found.domain.hi)
+    if name == "brain-surgery":
+        pytest.importorskip("nilearn")
+    made = bodies(found)
+    assert made and found.title
+    for body in made:
+        if body.kind != "boundary":
+            assert ((body.positions > lo) & (body.positions < hi)).all()

@@ -1,0 +1,103 @@
+"""Shapes to particles, and instruments along their key frames."""
+
+import numpy as np
+import pytest
+from globule.sim.instruments import Instrument, Key, Motion
+from globule.sim.sampling import fill, surface, thinned
+from globule.sim.shapes import Box, Cylinder, Grid, Mesh, Plane, Sphere
+
+D = 0.05
+
+
+def box_mesh():
+    corners = np.array([(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
+    faces = [(0, 1, 3), (0, 3, 2), (4, 6, 7), (4, 7, 5), (0, 4, 5), (0, 5, 1),
+             (2, 3, 7), (2, 7, 6), (0, 2, 6), (0, 6, 4), (1, 5, 7), (1, 7, 3)]  # fmt: skip
+    return Mesh(corners[np.array(faces)])
+
+
+def ball_grid():
+    axes = np.mgrid[-1.5:1.5:61j, -1.5:1.5:61j, -1.5:1.5:61j]
+    affine = np.diag([0.05, 0.05, 0.05, 1.0])
+    affine[:3, 3] = -1.5
+    return Grid(np.linalg.norm(axes, axis=0) - 1, affine)
+
+
+@pytest.mark.parametrize(
+    ("shape", "volume"),
+    [
+        (Box((0, 0, 0), (1, 0.5, 0.25)), 0.125),
+        (Sphere((1, 2, 3), 0.6), 4 / 3 * np.pi * 0.6**3),
+        (Cylinder((0, 0, 0), (1, 1, 0), 0.4), np.pi * 0.16 * np.sqrt(2)),
+        (box_mesh(), 1.0),
+        (ball_grid(), 4 / 3 * np.pi),
+    ],
+)
+def test_filled_volume(shape, volume):
+    points = fill(shape, D)
+    assert len(points) * D**3 == pytest.approx(volume, rel=0.02)
+    assert np.unique(np.round(points / D, 3), axis=0).shape == points.shape
+
+
+@pytest.mark.parametrize("shape", [Sphere((0, 0, 0), 1.0), ball_grid(), box_mesh()])
+@pytest.mark.parametrize("hollow", [False, True])
+def test_layer_is_half_a_spacing_off_the_surface(shape, hollow):
+    points = surface(shape, D, hollow)
+    if isinstance(shape, Mesh):
+        shape = Box((0, 0, 0), (1, 1, 1))
+        flat = (np.abs(points - 0.5) < 0.45).sum(axis=1) == 2  # away from the edges
+        points = points[flat]
+    expected = D / 2 if hollow else -D / 2
+    assert np.allclose(shape.distance(points), expected, atol=0.02 * D)
+
+
+def test_layer_is_dense_enough_and_has_no_twins():
+    for shape in (Sphere((0, 0, 0), 1.0), ball_grid(), Cylinder((0, 0, 0), (0, 0, 2), 1.0)):
+        points = surface(shape, D)
+        gaps = np.linalg.norm(points[:, None] - points[None, ::7], axis=2)
+        gaps[gaps == 0] = np.inf
+        assert 0.45 * D < gaps.min() and gaps.min(axis=0).max() < 1.3 * D
+
+
+def test_open_faces_of_a_box():
+    points = surface(Box((0, 0, 0), (1, 1, 1)), 0.1, hollow=True, open_faces=["+z"])
+    assert points[:, 2].max() == pytest.approx(0.95) and points[:, 2].min() == pytest.approx(-0.05)
+    assert len(points) == 12**3 - 10**3 - 12**2
+
+
+def test_plane_spans_the_domain():
+    points = surface(Plane((0, 0, 0.5), (0, 0, 1)), 0.1, domain=((0, 0, 0), (1, 1, 1)))
+    assert np.allclose(points[:, 2], 0.45) and len(points) >= 100
+    with pytest.raises(ValueError, match="got a plane"):
+        fill(Plane((0, 0, 0), (0, 0, 1)), 0.1)
+
+
+def test_thinned_points_keep_their_distance_and_leave_no_hole():
+    points = np.random.default_rng(1).random((3000, 3))
+    kept = thinned(points, 0.1)
+    gaps = np.linalg.norm(points[:, None] - kept[None], axis=2)
+    assert gaps.min(axis=1).max() < 0.1
+    apart = np.linalg.norm(kept[:, None] - kept[None], axis=2) + np.eye(len(kept))
+    assert apart.min() >= 0.0999
+
+
+def test_motion_goes_straight_and_turns_evenly():
+    motion = Motion([
+        Key(time=1.0, position=(0.0, 0.0, 0.0)),
+        Key(time=3.0, position=(2.0, 0.0, 4.0), axis=(0.0, 0.0, 1.0), angle=90.0),
+        Key(time=4.0, on=False),
+    ])  # fmt: skip
+    assert np.allclose(motion.pose(0.0), np.eye(4))
+    halfway = motion.pose(2.0)
+    assert np.allclose(halfway[:3, 3], [1, 0, 2])
+    assert np.allclose(halfway[:3, 0], [np.sqrt(0.5), np.sqrt(0.5), 0])
+    assert np.allclose(motion.pose(9.0)[:3, :2], [[0, -1], [1, 0], [0, 0]])
+    assert np.allclose(motion.pose(9.0)[:3, 3], [2, 0, 4])
+    assert [motion.on(t) for t in (0.5, 1.0, 3.9, 4.0)] == [False, True, True, False]
+
+
+def test_a_scalpel_has_its_length_for_an_edge():
+    knife = Instrument(name="k", kind="scalpel", length=0.2, keys=[Key(time=0.0)])
+    assert knife.edge == [(0, 0, 0), (0, 0, 0.2)]
+    with pytest.raises(ValueError, match="a grasper: expected the key radius"):
+        Instrument(name="g", kind="grasper", keys=[Key(time=0.0)])
