@@ -94,6 +94,8 @@ def run(options: argparse.Namespace) -> None:
             if state.color.by and state.color.by not in source.color_names():
                 known = ", ".join(source.color_names())
                 raise UserError(f"--color-by: expected one of {known}, got {state.color.by}")
+            if not options.state and not options.preset:
+                options.preset = source.preset
             viewer = show(source, options.host, options.port, options.up, camera, state,
                           options.preset, not options.no_browser, block=False)
     except FormatError as error:

@@ -198,9 +198,8 @@ class Viewer:
         state, camera = self.state.snapshot(), camera or self.first_camera
         with self.source.lock:
             scene = self.source.layers(state)[0].scene
-        files = self.source.files
-        return (command_line(files, state, camera, size, self.up),
-                python_code(files, state, camera, size, self.up, scene))
+        return (command_line(self.source.files, state, camera, size, self.up),
+                python_code(self.source, state, camera, size, self.up, scene))
 
     def save_state(self, path: Any) -> None:
         """All settings and where viewers begin, as TOML."""

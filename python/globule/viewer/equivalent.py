@@ -8,6 +8,7 @@ from typing import Any
 
 from ..camera import Camera
 from .picture import clips_of, settings_of, sun_direction
+from .source import Source
 from .state import Look, State
 
 
@@ -63,13 +64,13 @@ def command_line(
 
 
 def python_code(
-    files: list[str], state: State, camera: Camera, size: tuple[int, int], up: Any, scene: Any
+    source: Source, state: State, camera: Camera, size: tuple[int, int], up: Any, scene: Any
 ) -> str:
     """A program that makes the picture."""
-    surface = state.surface
+    surface, files = state.surface, source.files
     options = [f"kernel={surface.kernel!r}", f"threshold={float(scene.threshold)!r}"]
     options += [f"support={surface.support!r}"] if surface.support is not None else []
-    settings = settings_of(state.look, scene, up)
+    settings = settings_of(state.look, source, scene, up)
     settings = dataclasses.replace(settings, samples=state.quality.samples)
     plain = type(settings)()
     changes = [

@@ -11,6 +11,7 @@ from ..formats import read
 from ..particles import Particles, on_gpu
 from ..render import Layer
 from ..scene import Scene
+from ..sim.scene_file import SHIPPED
 from ..sweep import Sweep
 from ..sweeps.setup import Setup
 from ..volume import Volume
@@ -126,8 +127,4 @@ def simulation_name(name: str) -> bool:
     """Whether a name is a simulation's scene: a .toml, or one that is shipped."""
     if name.lower().endswith(".toml"):
         return True
-    try:
-        from ..sim.scene_file import shipped_names
-    except ImportError:
-        return False
-    return name in shipped_names() and not os.path.exists(name)
+    return name in SHIPPED and not os.path.exists(name)

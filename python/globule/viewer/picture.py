@@ -10,7 +10,7 @@ import numpy as np
 from ..camera import Camera, view_axes
 from ..clips import ClipBox, ClipPlane, ClipSphere
 from ..lights import DirectionalLight, Ground, Headlight, Sky
-from ..presets import ground_height, preset
+from ..presets import ground_height
 from ..render import Frame, RenderSettings, render
 from ..scene import Scene
 from .scenes import thesis_of
@@ -29,7 +29,7 @@ def trace(
     Raises ValueError where settings do not go together.
     """
     layers = source.layers(state)
-    settings = dataclasses.replace(settings_of(state.look, layers[0].scene, up), samples=1)
+    settings = dataclasses.replace(settings_of(state.look, source, layers[0].scene, up), samples=1)
     if state.color.by:
         material = dataclasses.replace(settings.material, color=None)
         settings = dataclasses.replace(settings, material=material)
@@ -38,9 +38,11 @@ def trace(
     return render(layers, camera, size, settings, clips_of(state.cuts), thesis_of(state))
 
 
-def settings_of(look: Look, scene: Scene, up: Any) -> RenderSettings:
+def settings_of(look: Look, source: Source, scene: Scene, up: Any) -> RenderSettings:
     """The preset's light and matter, with what the page sets in their place."""
-    base = RenderSettings() if look.preset == "plain" else preset(look.preset, scene, up)
+    base = RenderSettings()
+    if look.preset != "plain":
+        base = source.preset_settings(look.preset, scene, up)
     changes: dict[str, Any] = {
         "exposure": look.exposure,
         "shadows": look.shadows,

@@ -15,7 +15,7 @@ from .source import Source, box_corners
 from .state import State
 
 LONGEST_PAUSE = 0.25  # s of the clock between two pictures of slow motion
-PULL = 60.0  # 1 / s², per particle's mass: how hard a grasp pulls
+PULL = 400.0  # 1 / s², per mass: how hard a grasp pulls
 
 
 class SimulationSource(Source):
@@ -39,6 +39,19 @@ class SimulationSource(Source):
         self._grasped: tuple[np.ndarray, np.ndarray] | None = None
         self._target: np.ndarray | None = None
         self.maker = SceneMaker(device, threads)
+        self._look()
+
+    def _look(self) -> None:
+        """As the simulation's scene file has it."""
+        settings = getattr(self.simulation, "settings", None)
+        gravity = getattr(settings, "gravity", None)
+        if gravity is not None and np.linalg.norm(gravity) > 0:
+            self.up = tuple((-np.asarray(gravity, float) / np.linalg.norm(gravity)).tolist())
+        view = getattr(getattr(self.simulation, "file", None), "view", None)
+        if view is not None:
+            self.up, self.preset = tuple(view.up), view.look
+            if view.eye is not None:
+                self.camera = Camera(view.eye, view.look_at, view.up, view.fov)
 
     # What is seen
 
@@ -59,16 +72,14 @@ class SimulationSource(Source):
         return [Layer(scene)]
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        domain = getattr(self.simulation, "bounds", None)
-        if domain is not None and not callable(domain):
-            lo, hi = np.asarray(domain, np.float64)
-            if np.isfinite([lo, hi]).all():
-                return lo, hi
-        return super().bounds()
+        domain = getattr(getattr(self.simulation, "settings", None), "domain", None)
+        if domain is None:
+            return super().bounds()
+        lo, hi = np.asarray(domain, np.float64)
+        return lo, hi
 
-    def outline(self) -> np.ndarray | None:
-        domain = getattr(self.simulation, "bounds", None)
-        return None if domain is None or callable(domain) else box_corners(*self.bounds())
+    def outline(self) -> np.ndarray:
+        return box_corners(*self.bounds())
 
     def facts(self) -> dict[str, Any]:
         sim, facts = self.simulation, {"running": "yes" if self.running else "no"}
@@ -150,6 +161,13 @@ class SimulationSource(Source):
         spacing = getattr(getattr(self.simulation, "scene", None), "spacing", 0.0)
         return 2.5 * float(spacing or Placement(*self.bounds()).extent / 40)
 
+    def _mass(self) -> float:
+        """Of a particle, kg."""
+        settings = getattr(self.simulation, "settings", None)
+        spacing = float(getattr(settings, "spacing", 1.0))
+        densities = [phase.density for phase in getattr(self.simulation, "phases", {}).values()]
+        return float(np.median(densities)) * spacing**3 if densities else 1.0
+
     def _pull(self) -> None:
         if self._grasped is None or self._target is None:
             return
@@ -157,7 +175,7 @@ class SimulationSource(Source):
         ids = np.asarray(sim.ids)[near]
         positions, velocities = (np.asarray(a)[near] for a in (sim.positions, sim.velocities))
         away = self._target - positions.mean(axis=0)
-        force = PULL * away - 2 * np.sqrt(PULL) * velocities.mean(axis=0)
+        force = self._mass() * (PULL * away - 2 * np.sqrt(PULL) * velocities.mean(axis=0))
         sim.apply_force(np.broadcast_to(force, (len(ids), 3)).astype(np.float32), ids=ids)
 
 

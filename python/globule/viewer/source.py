@@ -6,8 +6,10 @@ from typing import Any
 
 import numpy as np
 
+from ..camera import Camera
 from ..particles import Particles
-from ..render import Layer
+from ..presets import preset
+from ..render import Layer, RenderSettings
 from ..scene import Scene
 from .locks import FairLock
 from .overlay import Plate
@@ -24,7 +26,9 @@ class Source:
 
     kind = "scene"
     n_frames = 0  # of a sequence
-    up = (0.0, 1.0, 0.0)  # towards the sky, where nobody says otherwise
+    up: Any = (0.0, 1.0, 0.0)  # towards the sky, where nobody says otherwise
+    camera: Camera | None = None  # where to begin, if the source says so
+    preset: str | None = None  # how it looks, if the source says so
 
     def __init__(self, name: str) -> None:
         self.name = name
@@ -32,6 +36,7 @@ class Source:
         self.lock = FairLock()
         self.version = 0
         self.maker = SceneMaker()
+        self._preset: tuple | None = None
 
     def layers(self, state: State) -> list[Layer]:
         """What is to be traced; with `lock` held."""
@@ -40,6 +45,13 @@ class Source:
     def particles(self) -> Particles:
         """Those of the first layer, for colours, statistics and the camera."""
         raise NotImplementedError
+
+    def preset_settings(self, name: str, scene: Scene, up: Any) -> RenderSettings:
+        """A preset scaled to the scene that was first seen with it, so that light and ground stay
+        where they are while particles move."""
+        if self._preset is None or self._preset[:2] != (name, tuple(up)):
+            self._preset = name, tuple(up), preset(name, scene, up)
+        return self._preset[2]
 
     def plates(self, state: State) -> list[Plate]:
         """Images in space that are seen with it."""
