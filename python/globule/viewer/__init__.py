@@ -55,6 +55,13 @@ def view(
     return show(source, host, port, up, camera, state, preset, browser, block)
 
 
+def widget(what: Any, **options: Any) -> Any:
+    """The viewer as a notebook's widget; see `globule.viewer.notebook.widget`."""
+    from .notebook import widget as make
+
+    return make(what, **options)
+
+
 def show(
     source: Any, host: str, port: int, up: Any, camera: Any = None, state: Any = None,
     preset: str | None = None, browser: bool = True, block: bool | None = None,

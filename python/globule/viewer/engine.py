@@ -212,8 +212,8 @@ class Engine:
     def _make(self, client: Client, plan: Plan, seen: float, what: tuple) -> None:
         state = self.state.snapshot()
         camera, source = client.camera, self.source
-        started = time.monotonic()
         with source.lock:
+            started = time.monotonic()
             frame = client.frame
             if plan.refine and frame is not None and client.frame_version == what:
                 while frame.samples < plan.samples and self._what(client) == what:

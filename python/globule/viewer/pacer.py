@@ -78,6 +78,8 @@ class Pacer:
             self.change(now)
         if self.making or len(self.in_flight) >= MOST_IN_FLIGHT or self._hopeless == what:
             return None
+        if min(self.full) < 1:  # not known yet
+            return None
         full = _limited(self.full, widest)
         if now - self._last_change < STILL_AFTER:
             if self._changed is None:
