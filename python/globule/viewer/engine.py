@@ -245,6 +245,7 @@ class Engine:
                 pause = self.source.advance(self.state)
             except Exception as error:
                 self.report(error)
+                self.source.stand_still()
                 self.state.set(time__playing=False)
                 pause = None
             if pause is None:

@@ -109,6 +109,9 @@ class SimulationSource(Source):
         passed = float(getattr(self.simulation, "time", 0.0)) - before
         return min(passed / self.speed, LONGEST_PAUSE) if self.running else 0.0
 
+    def stand_still(self) -> None:
+        self.running, self._wanted_steps = False, 0
+
     def play(self, running: bool) -> None:
         self.running = running
 

@@ -74,6 +74,9 @@ class Source:
     def advance(self, state: State) -> float | None:
         return None
 
+    def stand_still(self) -> None:
+        """No more steps until somebody asks again."""
+
     def facts(self) -> dict[str, Any]:
         """What the statistics say besides: words to numbers or texts."""
         return {}

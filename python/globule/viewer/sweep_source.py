@@ -58,6 +58,9 @@ class SweepSource(VolumeSource):
         with self.lock:
             self._take(_nothing())
 
+    def stand_still(self) -> None:
+        self.running = False
+
     def start(self) -> None:
         self.running = True
 
