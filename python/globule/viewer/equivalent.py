@@ -16,8 +16,8 @@ def command_line(
     files: list[str], state: State, camera: Camera, size: tuple[int, int], up: Any
 ) -> str:
     """`globule render …`; what the command cannot say follows as a comment."""
-    words = ["globule", "render", *files, "-o", "picture.png", "--size", f"{size[0]}x{size[1]}",
-             "--eye", _three(camera.eye), "--look-at", _three(camera.look_at),
+    words = ["globule", "render", *(files or ["PARTICLES"]), "-o", "picture.png",
+             "--size", f"{size[0]}x{size[1]}", "--eye", _three(camera.eye), "--look-at", _three(camera.look_at),
              "--up", _three(camera.up), "--fov", _text(camera.fov)]
     surface, look, color = state.surface, state.look, state.color
     words += ["--kernel", surface.kernel] if surface.kernel != "murakami" else []
@@ -79,7 +79,8 @@ def python_code(
         if getattr(settings, field.name) != getattr(plain, field.name)
     ]
     clips = ", ".join(_code(clip) for clip in clips_of(state.cuts))
-    lines = ["import globule as gb", "", f"particles = gb.read({files[0] if files else 'FILE'!r})"]
+    file = files[0] if files else "PARTICLES"
+    lines = ["import globule as gb", "", f"particles = gb.read({file!r})"]
     if state.color.by:
         lo, hi = state.color.low, state.color.high
         ends = "values.min(), values.max()" if state.color.automatic else f"{lo!r}, {hi!r}"

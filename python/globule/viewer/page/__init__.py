@@ -13,7 +13,7 @@ from .widgets import Binder
 
 WELCOME = (
     "**Drag** to rotate, **wheel** to zoom, **right-drag** to move.  \n"
-    "**Click** the surface to see what is there."
+    "**Click** the surface to see what is there. **R** records a movie, **H** helps."
 )
 
 

@@ -37,6 +37,8 @@ class CutPanel(Panel):
         self.add("cuts", "radius", least=extent / 100, most=extent)
         self.button("No cuts", lambda browser: self.state.set(
             cuts__plane=False, cuts__box=False, cuts__sphere=False))
+        self.gui.add_command("Cutting plane on and off", hotkey="C").on_trigger(self.safe(
+            lambda event: self.state.set(cuts__plane=not self.state.cuts.plane)))
         self._handles()
         self.state.listen(self._follow)
         self._follow({"cuts."})

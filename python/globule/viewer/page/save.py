@@ -124,7 +124,7 @@ class Save(Panel):
         command, code = self.viewer.equivalent(self._client(browser).camera, self.chosen_size())
         print(f"{command}\n\n{code}")
         gui = browser.gui
-        with gui.add_modal("The same picture", size="xl") as modal:
+        with gui.add_modal("The same picture") as modal:
             gui.add_markdown(f"```sh\n{command}\n```\n\n```python\n{code}```")
             gui.add_button("Close").on_click(lambda _: modal.close())
 

@@ -12,6 +12,7 @@ from ..overlay import AMBER, RED, Mark
 from .widgets import safe
 
 ROTATE, MEASURE, CUT, GRASP = "Rotate, pick", "Measure", "Cut", "Grasp"
+HINT = "*Cut* cuts along a line that you draw, *Measure* between two clicks."
 MOST_POINTS = 400  # of a stroke
 LONGEST = 12  # attributes that a mark names
 
@@ -50,7 +51,7 @@ class Hand:
         with tools.folder:
             self.choice = browser.gui.add_dropdown(
                 "With the mouse", tools.choices, initial_value=ROTATE, hint="Key T changes it")
-            self.text = browser.gui.add_markdown("")
+            self.text = browser.gui.add_markdown(HINT)
         caught = safe(self.page)
         self.choice.on_update(caught(lambda event: self.take(self.choice.value)))
         browser.scene.on_click()(caught(self._clicked))
@@ -69,7 +70,7 @@ class Hand:
         self.picked = []
         self.client.mark([])
         self.text.content = {
-            ROTATE: "", MEASURE: "Click two points.",
+            ROTATE: HINT, MEASURE: "Click two points.",
             CUT: "Draw a line across what is to be cut.",
             GRASP: "Drag a piece of the surface.",
         }[tool]

@@ -23,6 +23,9 @@ class Binder:
         options; `usual` is shown where the setting is open."""
         field = field_of(group, name)
         facts = {**field.metadata, **given}
+        for end in ("least", "most", "step"):
+            if isinstance(facts.get(end), float):
+                facts[end] = float(f"{facts[end]:.3g}")  # short enough to be read on a slider
         value = getattr(getattr(self.state, group), name)
         to_page = self._to_page(facts)
         widget = self._make(facts, to_page(value))
