@@ -269,11 +269,49 @@ def of_browser(options: argparse.Namespace) -> list[tuple[str, str]]:
     return rows
 
 
+def of_soak(options: argparse.Namespace) -> list[tuple[str, str]]:
+    """The dam break, again and again, with a client that comes and goes."""
+    from globule.viewer.memory import resident_bytes
+    from globule.viewer.simulation_source import SimulationSource
+
+    simulation = gb.Simulation("dam-break", device=options.device)
+    source = SimulationSource("dam-break", simulation, options.device)
+    engine = Engine(source, State(), source.up)
+    engine.on_error = lambda message: errors.append(message)
+    errors: list[str] = []
+    began, sizes, visits, steps = time.monotonic(), [], 0, 0
+    source.play(True)
+    while time.monotonic() - began < options.soak_seconds:
+        sink = SocketSink()
+        client = engine.add(sink, source.camera)
+        sink.client = client
+        client.look(source.camera, (960, 540))
+        time.sleep(min(20.0, options.soak_seconds / 10))
+        if simulation.time > 2.0:
+            steps += simulation.n_steps
+            source.reset()
+            source.play(True)
+        if visits % 2:
+            sink.close()  # the client dies first
+        engine.remove(client)
+        sink.close()
+        visits += 1
+        sizes.append(resident_bytes() / 1e6)
+    threads = threading.active_count()
+    engine.close()
+    warm = sizes[len(sizes) // 5]
+    return [("seconds", f"{options.soak_seconds:g}"), ("visits", str(visits)),
+            ("steps", f"{steps + simulation.n_steps:,}"), ("memory at a fifth", f"{warm:.0f} MB"),
+            ("memory at the end", f"{sizes[-1]:.0f} MB"), ("threads at the end", str(threads)),
+            ("errors", "; ".join(errors) or "none")]
+
+
 def _ms(values: object) -> str:
     return f"{1e3 * float(np.median(values)):.2f} ms" if len(values) else "-"
 
 
-PARTS = {"rate": of_rate, "transfer": of_transfer, "link": of_slow_link, "browser": of_browser}
+PARTS = {"rate": of_rate, "transfer": of_transfer, "link": of_slow_link, "browser": of_browser,
+         "soak": of_soak}
 
 
 def main() -> None:
@@ -286,6 +324,7 @@ def main() -> None:
     parser.add_argument("--rate", type=float, default=20.0, help="pictures per second aimed at")
     parser.add_argument("--seconds", type=float, default=10.0)
     parser.add_argument("--link-seconds", type=float, default=60.0)
+    parser.add_argument("--soak-seconds", type=float, default=3600.0)
     parser.add_argument("--only", choices=PARTS, action="append")
     parser.add_argument("--output", metavar="FOLDER", help="write viewer.csv there")
     options = parser.parse_args()

@@ -35,9 +35,9 @@ class Page:
         server.gui.add_markdown(WELCOME)
         self.tools = tools.Tools(self)
         self.panels = [
-            play.Play(self), view_panel.View(self), cuts.CutPanel(self), color.Color(self),
-            look.LookPanel(self), surface.SurfacePanel(self), volume.VolumePanel(self),
-            save.Save(self), statistics.Statistics(self), help.Help(self),
+            play.Play(self), volume.VolumePanel(self), view_panel.View(self), cuts.CutPanel(self),
+            color.Color(self), look.LookPanel(self), surface.SurfacePanel(self), save.Save(self),
+            statistics.Statistics(self), help.Help(self),
         ]
 
     def _first_camera(self) -> None:
