@@ -11,6 +11,7 @@ answers each. Prints a table and writes viewer.csv with --output.
 from __future__ import annotations
 
 import argparse
+import contextlib
 import csv
 import os
 import shutil
@@ -68,7 +69,10 @@ class SocketSink:
             self.client.acknowledge(struct.unpack("<I", answer)[0])
 
     def close(self) -> None:
-        self.ours.close()
+        for end in (self.ours, self.theirs):
+            with contextlib.suppress(OSError):  # closed already
+                end.shutdown(socket.SHUT_RDWR)
+            end.close()
 
 
 def _read(end: socket.socket, n: int) -> bytes | None:
