@@ -1,8 +1,8 @@
 """Random cuts in the surgery scene: `python bench/soak.py [--minutes 30] [--spacing 0.004]`.
 
 Every tenth of a simulated second a scalpel of random place, direction and depth goes through the
-brain. Stops with status 1 at the first NaN, at a particle that is neither there nor counted as gone,
-or when memory has grown by more than 5 % since the first fifth of the run.
+brain. Stops with status 1 at the first NaN, at a particle that is neither there nor counted as
+gone, or when memory has grown by more than 5 % since the first fifth of the run.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ def main() -> int:
             told = wall
             print(f"{wall:9.0f} {sim.time:9.2f} {n_cuts:8d} {n_bonds_cut:10d} {sim.n_pieces:8d} "
                   f"{counts['fluid']:8d} {counts['escaped']:8d} {resident():10.0f}", flush=True)
-    print(f"{n_cuts} cuts, {n_bonds_cut} bonds, {sim.n_pieces} pieces, {sim.time:.1f} s simulated: sound")
+    print(f"{n_cuts} cuts, {n_bonds_cut} bonds, {sim.n_pieces} pieces, {sim.time:.1f} s: sound")
     return 0
 
 

@@ -60,10 +60,12 @@ nb::tuple dlpack_view(nb::ndarray<nb::ro> a) {
 
 void bind_sweep(nb::module_& m);       // sweep.cpp
 void bind_simulation(nb::module_& m);  // simulation.cpp
+void bind_tissue(nb::module_& m);      // tissue.cpp
 
 NB_MODULE(_core, m) {
     nb::set_leak_warnings(false);  // an exception that ends the program may still hold frames
     bind_sweep(m);
+    bind_tissue(m);
     m.def("cpu_backends", &cpu_backends);
     m.def("dlpack_view", &dlpack_view);
     m.def("describe", [](const std::string& backend, int index) {

@@ -9,6 +9,7 @@
 #include "picture.hpp"
 #include "scene_handle.hpp"
 #include "simulation.hpp"
+#include "tissue_handle.hpp"
 
 using namespace globule;
 
@@ -22,7 +23,7 @@ template <class T>
 T item(const nb::dict& d, const char* name) { return nb::cast<T>(d[name]); }
 
 template <class Fn>
-auto work(const Fn& fn) {
+decltype(auto) work(const Fn& fn) {
     nb::gil_scoped_release release;
     return fn();
 }
@@ -37,13 +38,24 @@ SimulationSettings settings(const nb::dict& d) {
     s.lo = vec(item<std::vector<float>>(d, "lo"));
     s.hi = vec(item<std::vector<float>>(d, "hi"));
     s.gravity = vec(item<std::vector<float>>(d, "gravity"));
+    const auto periodic = item<std::vector<bool>>(d, "periodic");
+    for (int k = 0; k < 3; ++k) s.periodic[k] = periodic.at(k);
     s.cfl = item<float>(d, "cfl");
     s.longest_step = item<float>(d, "longest_step");
     s.density_error = item<float>(d, "density_error");
     s.divergence_error = item<float>(d, "divergence_error");
     s.least_iterations = item<int>(d, "least_iterations");
     s.most_iterations = item<int>(d, "most_iterations");
+    s.viscosity_error = item<double>(d, "viscosity_error");
+    s.weakly_compressible = item<bool>(d, "weakly_compressible");
+    s.sound_speed = item<float>(d, "sound_speed");
+    s.extra_viscosity = item<float>(d, "extra_viscosity");
     return s;
+}
+
+/// 16 numbers, a 4 x 4 world_from_body row by row.
+sim::Pose pose(const std::vector<float>& m) {
+    return {{m.at(0), m.at(4), m.at(8)}, {m.at(1), m.at(5), m.at(9)}, {m.at(2), m.at(6), m.at(10)}, {m.at(3), m.at(7), m.at(11)}};
 }
 
 sim::Phase phase(const nb::dict& d) {
@@ -70,6 +82,8 @@ nb::dict report(const StepReport& r) {
     d["dt"] = r.dt;
     d["iterations"] = r.iterations;
     d["divergence_iterations"] = r.divergence_iterations;
+    d["viscosity_iterations"] = r.viscosity_iterations;
+    d["n_removed"] = r.n_removed;
     d["error"] = r.error;
     d["divergence_error"] = r.divergence_error;
     d["compression"] = r.compression;
@@ -105,6 +119,35 @@ void bind_simulation(nb::module_& m) {
             return work([&] { return s.core->add(n, at<float>(positions), at<float>(velocities), vec(velocity), phase); });
         })
         .def("remove", [](PySimulation& s, std::size_t n, Address ids) { work([&] { s.core->remove(n, at<std::uint32_t>(ids)); }); })
+        .def("emit", [](PySimulation& s, std::size_t n, Address positions, Address velocities, int phase) {
+            return s.core->emit(n, at<float>(positions), at<float>(velocities), phase);
+        })
+        .def("set_sinks", [](PySimulation& s, const nb::list& sinks) {
+            std::vector<sim::Sink> all;
+            for (nb::handle h : sinks) {
+                const auto v = nb::cast<std::vector<float>>(h);  // lo, hi, center, radius
+                all.push_back({{v.at(0), v.at(1), v.at(2)}, {v.at(3), v.at(4), v.at(5)}, {v.at(6), v.at(7), v.at(8)}, v.at(9)});
+            }
+            s.core->set_sinks(all);
+        })
+        .def("capture", [](PySimulation& s, int phase, std::vector<float> m) { s.core->capture(phase, pose(m)); })
+        .def("move_to", [](PySimulation& s, int phase, std::vector<float> m) { s.core->move_to(phase, pose(m)); })
+        .def("make_body", [](PySimulation& s, int phase, double mass, std::vector<double> v) {
+            if (v.size() != 18) throw nb::value_error("make_body: expected center, inertia, velocity and spin");
+            s.core->make_body(phase, mass, v.data(), v.data() + 3, v.data() + 12, v.data() + 15);
+        })
+        .def("body", [](PySimulation& s, int phase) { return s.core->body(phase); })
+        .def("totals", [](PySimulation& s) {
+            const sim::Totals t = work([&] { return s.core->totals(); });
+            nb::dict d;
+            d["mass"] = t.mass;
+            d["kinetic"] = t.kinetic;
+            d["potential"] = t.potential;
+            d["momentum"] = nb::make_tuple(t.momentum[0], t.momentum[1], t.momentum[2]);
+            d["angular_momentum"] = nb::make_tuple(t.angular[0], t.angular[1], t.angular[2]);
+            d["center"] = nb::make_tuple(t.center[0], t.center[1], t.center[2]);
+            return d;
+        })
         .def("step", &step)
         .def("next_dt", [](PySimulation& s) { return s.core->next_dt(); })
         .def("size", [](PySimulation& s) { return s.core->size(); })
@@ -129,5 +172,6 @@ void bind_simulation(nb::module_& m) {
                 nb::ndarray<nb::numpy, std::uint64_t>(found->offsets.data(), {found->offsets.size()}, owner),
                 nb::ndarray<nb::numpy, std::uint32_t>(found->indices.data(), {found->indices.size()}, owner));
         })
+        .def("tissue", [](PySimulation& s) { return PyTissue{nullptr, &work([&]() -> Tissue& { return s.core->tissue(); })}; }, nb::keep_alive<0, 1>())
         .def("show", [](PySimulation& s) { work([&] { s.core->show(); }); });
 }

@@ -67,6 +67,7 @@ struct Frame {
 };
 
 struct Scene;
+struct Tissue;
 
 /// One scene of a picture.
 struct LayerRequest {
@@ -124,6 +125,7 @@ struct BackendApi {
     std::string (*describe)(int device_index, bool& ok);
     std::unique_ptr<Reconstructor> (*make_reconstructor)(int device_index, int threads, Poll poll);
     std::unique_ptr<Simulation> (*make_simulation)(std::shared_ptr<Scene> scene);
+    std::unique_ptr<Tissue> (*make_tissue)(int device_index, int threads, Poll poll);
 };
 
 }  // namespace globule

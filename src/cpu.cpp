@@ -17,4 +17,4 @@ std::string describe(int, bool& ok) {
 }  // namespace
 
 extern "C" __attribute__((visibility("default"))) const globule::BackendApi globule_backend{
-    make_scene, describe, globule::make_reconstructor, globule::make_simulation};
+    make_scene, describe, globule::make_reconstructor, globule::make_simulation, globule::make_tissue};

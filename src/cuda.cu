@@ -38,4 +38,4 @@ std::string describe(int index, bool& ok) {
 }  // namespace
 
 extern "C" __attribute__((visibility("default"))) const globule::BackendApi globule_backend{
-    make_scene, describe, globule::make_reconstructor, globule::make_simulation};
+    make_scene, describe, globule::make_reconstructor, globule::make_simulation, globule::make_tissue};

@@ -6,7 +6,10 @@
 #include <vector>
 
 #include "backend.hpp"
-#include "globule/sim/state.hpp"
+#include "globule/sim/emit.hpp"
+#include "globule/sim/energy.hpp"
+#include "globule/sim/rigid.hpp"
+#include "tissue.hpp"
 
 namespace globule {
 
@@ -14,22 +17,27 @@ namespace globule {
 struct SimulationSettings {
     float spacing = 0.0f;            ///< of particles, world units (m); the kernel's support is twice that
     float3 lo{0, 0, 0}, hi{0, 0, 0}; ///< the domain: who leaves it is no longer simulated
+    bool periodic[3] = {};           ///< axes along which the domain repeats
     float3 gravity{0, 0, 0};
     float cfl = 1.0f;                ///< dt = 0.4 cfl spacing / v_max
     float longest_step = 0.005f;
     float density_error = 0.001f, divergence_error = 0.001f;  ///< mean, relative
     int least_iterations = 2, most_iterations = 100;
+    double viscosity_error = 1e-4;   ///< of the implicit solve, relative
+    bool weakly_compressible = false;
+    float sound_speed = 0.0f;        ///< of the weakly compressible fluid
+    float extra_viscosity = 0.0f;    ///< dynamic, between all fluids
 };
 
 struct StepReport {
     double dt = 0, time = 0;
     std::uint64_t step = 0;
-    int iterations = 0, divergence_iterations = 0;
+    int iterations = 0, divergence_iterations = 0, viscosity_iterations = 0;
     double error = 0, divergence_error = 0;        ///< as the solvers left them, mean and relative
     double compression = 0, most_compression = 0;  ///< of the positions that the step began with: mean and largest max(rho/rho0 - 1, 0)
     std::uint64_t n = 0, n_solved = 0, n_escaped = 0;
+    std::uint64_t n_removed = 0;                   ///< by sinks, in this step
     double most_speed = 0;
-    double neighbors_per_particle = 0;
     std::vector<std::pair<std::string, double>> seconds;  ///< per stage
 };
 
@@ -49,6 +57,17 @@ struct Simulation {
     /// The first of the m new ids; velocities may be null.
     virtual std::uint32_t add(std::size_t m, const float* positions, const float* velocities, float3 velocity, int phase) = 0;
     virtual void remove(std::size_t m, const std::uint32_t* ids) = 0;
+    /// As add, at the end of the next step.
+    virtual std::uint32_t emit(std::size_t m, const float* positions, const float* velocities, int phase) = 0;
+    virtual void set_sinks(const std::vector<sim::Sink>& sinks) = 0;
+    /// A boundary's pose: now (its particles are there already), or at the end of the next step.
+    virtual void capture(int phase, const sim::Pose& now) = 0;
+    virtual void move_to(int phase, const sim::Pose& next) = 0;
+    /// A phase of kind rigid becomes a body of its own; inertia about the center, row by row.
+    virtual void make_body(int phase, double mass, const double center[3], const double inertia[9], const double velocity[3], const double spin[3]) = 0;
+    /// Center, velocity, spin (3 each) and the rotation (9, row by row).
+    virtual std::vector<double> body(int phase) = 0;
+    virtual sim::Totals totals() = 0;
     virtual StepReport step(double dt) = 0;
     /// The step that the current speeds allow.
     virtual double next_dt() = 0;
@@ -63,6 +82,8 @@ struct Simulation {
     virtual void set_forces(const float* forces) = 0;
     /// Lists of neighbours as compressed rows of slots, one for each solved particle.
     virtual void neighbors(std::vector<std::uint32_t>& rows, Neighbors& out) = 0;
+    /// The tissue, as the particles are now.
+    virtual Tissue& tissue() = 0;
     /// Brings the scene up to date: which particles are seen, in which colour.
     virtual void show() = 0;
     virtual double time() = 0;

@@ -7,6 +7,7 @@
 #include "globule/octree/build.hpp"
 #include "globule/sim/boundary.hpp"
 #include "globule/sim/motion.hpp"
+#include "globule/sim/viscosity.hpp"
 #include "simulation.hpp"
 
 namespace globule {
@@ -48,6 +49,9 @@ public:
         volume_ = float(1.0 / sums.all);
         gamma_ = float(sums.plane / sums.all);
         lattice_squares_ = float(sums.squares);
+        viscosity_scale_ = float(sim::ViscosityScale::of(spline_, s.spacing, 1.0 / sums.all));
+        const float3 size = s.hi - s.lo;
+        period_.length = {s.periodic[0] ? size.x : 0.0f, s.periodic[1] ? size.y : 0.0f, s.periodic[2] ? size.z : 0.0f};
         // Boundaries stand half a spacing outside of the domain's faces.
         const float out = 2.0f * s.spacing;
         params_ = {32, 10, false, true, {s.lo.x - out, s.lo.y - out, s.lo.z - out}, {s.hi.x + out, s.hi.y + out, s.hi.z + out}};
@@ -57,8 +61,10 @@ public:
         }
     }
     const sim::Spline& spline() const { return spline_; }
+    const sim::Period& period() const { return period_; }
     float volume() const { return volume_; }
     float lattice_squares() const { return lattice_squares_; }
+    float viscosity_scale() const { return viscosity_scale_; }
 
     /// place.w of a particle of this phase before its boundary's volumes are known.
     float w_of(int phase) const {
@@ -123,7 +129,7 @@ public:
         reorder(sorted.index, n, sorted.x, sorted.y, sorted.z);
         if (volumes_stale_) {
             const float gamma = gamma_;
-            exec_.for_each_uneven(n, sim::BoundaryVolumes<Tree>{tree_.sparse(), view(), phases_.data(), spline_, gamma, 0.0f});
+            exec_.for_each_uneven(n, sim::BoundaryVolumes<Tree>{tree_.sparse(), view(), phases_.data(), spline_, period_, gamma});
             volumes_stale_ = false;
         }
         find_rows();
@@ -180,7 +186,7 @@ private:
             slot_of_.reserve(next_id + next_id / 2 + 64);
             exec_.for_each(slot_of_.capacity(), sim::Fill{slot_of_.data(), sim::kGone});
         }
-        exec_.for_each(count + 1, sim::Reorder{from, other.view(count), index, x, y, z, slot_of_.data()});
+        exec_.for_each(count + 1, sim::Reorder{from, other.view(count), index, x, y, z, phases_.data(), slot_of_.data()});
         now_ = 1 - now_;
         n = count;
     }
@@ -205,7 +211,8 @@ private:
     Buffer<std::uint32_t, Exec> not_a_number_;
     TreeParams params_;
     sim::Spline spline_{};
-    float volume_ = 0, gamma_ = 0, lattice_squares_ = 0;
+    sim::Period period_;
+    float volume_ = 0, gamma_ = 0, lattice_squares_ = 0, viscosity_scale_ = 0;
     bool volumes_stale_ = false;
 };
 

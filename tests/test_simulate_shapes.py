@@ -96,8 +96,8 @@ def test_motion_goes_straight_and_turns_evenly():
     assert [motion.on(t) for t in (0.5, 1.0, 3.9, 4.0)] == [False, True, True, False]
 
 
-def test_a_scalpel_has_its_length_for_an_edge():
-    knife = Instrument(name="k", kind="scalpel", length=0.2, keys=[Key(time=0.0)])
-    assert knife.edge == [(0, 0, 0), (0, 0, 0.2)]
+def test_a_scalpel_has_one_edge():
+    with pytest.raises(ValueError, match="a scalpel: expected edge or length, got both or none"):
+        Instrument(name="k", kind="scalpel", keys=[Key(time=0.0)])
     with pytest.raises(ValueError, match="a grasper: expected the key radius"):
         Instrument(name="g", kind="grasper", keys=[Key(time=0.0)])

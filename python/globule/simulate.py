@@ -15,6 +15,8 @@ from .device import choose
 from .particles import Particles, to_host
 from .scene import DEFAULTS, KERNELS, Scene, _count
 from .sim.bodies import bodies
+from .sim.emitter import Emitter
+from .sim.operate import Operable
 from .sim.run import Run, description, is_scene
 from .sim.scene_file import read_scene
 
@@ -35,6 +37,8 @@ class Phase:
     """A material of a simulation; any value may be changed between steps. SI units.
 
     kind: fluid, tissue, boundary (fixed or moved by key frames) or rigid (a floating body).
+    Of tissue: damping, 1/s; tear_strain beyond which bonds break, 0: never; yield_strain beyond
+    which the share creep_rate, 1/s, of the strain becomes permanent, 0: never.
     """
 
     name: str
@@ -48,6 +52,10 @@ class Phase:
     reflection: float = 0.0
     refraction: float = 0.0
     shown: bool | None = None
+    damping: float = 0.0
+    tear_strain: float = 0.0
+    yield_strain: float = 0.0
+    creep_rate: float = 0.0
 
     def __post_init__(self) -> None:
         if self.kind not in KINDS:
@@ -70,11 +78,15 @@ class Settings:
 
     spacing: of particles, m. domain: two corners, m; who leaves it is no longer simulated.
     gravity: m/s^2. cfl: dt = 0.4 cfl spacing / v_max, at most longest_step (s). density_error,
-    divergence_error: mean and relative, what the solvers reach.
+    divergence_error: mean and relative, what the solvers reach. viscosity_error: relative residual of
+    implicit viscosity. weakly_compressible: Tait's equation instead of a pressure solve, with a
+    sound_speed (m/s; default 10 times that of a fall through the domain) and, to stay calm, an
+    extra_viscosity (Pa s).
     """
 
     spacing: float
     domain: Any
+    periodic: Any = (False, False, False)
     gravity: Any = (0.0, -9.81, 0.0)
     cfl: float = 1.0
     longest_step: float = 0.005
@@ -82,11 +94,22 @@ class Settings:
     divergence_error: float = 0.001
     least_iterations: int = 2
     most_iterations: int = 100
+    viscosity_error: float = 1e-4
+    weakly_compressible: bool = False
+    sound_speed: float | None = None
+    extra_viscosity: float = 0.0
 
     def _pack(self) -> dict[str, Any]:
         packed = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "domain"}
         lo, hi = np.asarray(self.domain, float)
         packed["lo"], packed["hi"] = lo.tolist(), hi.tolist()
+        packed["periodic"] = [bool(p) for p in self.periodic]
+        short = [hi[k] - lo[k] < 8 * self.spacing and packed["periodic"][k] for k in range(3)]
+        if any(short):
+            raise ValueError("periodic: expected an axis at least 8 spacings long")
+        if self.sound_speed is None:
+            fall = abs(np.dot(self.gravity, hi - lo))
+            packed["sound_speed"] = 10.0 * float(np.sqrt(2.0 * fall))
         packed["gravity"] = [float(g) for g in self.gravity]
         return packed
 
@@ -102,6 +125,7 @@ class StepReport:
     dt: float
     iterations: int
     divergence_iterations: int
+    viscosity_iterations: int
     error: float
     divergence_error: float
     compression: float
@@ -109,6 +133,7 @@ class StepReport:
     n: int
     n_solved: int
     n_escaped: int
+    n_removed: int
     most_speed: float
     seconds: dict[str, float] = field(default_factory=dict)
 
@@ -146,14 +171,14 @@ class _SimulationScene(Scene):
         raise TypeError("update: the scene of a simulation follows its particles")
 
 
-class Simulation(Run):
+class Simulation(Run, Operable):
     """A simulation of fluids.
 
     Args:
         scene: the name of a scene that ships, the path of a .toml file, or a dict as TOML has it
-            (docs/simulation.md); or a dict with `spacing`, `domain` and what else `Settings` has, `phases` (a list of
-            dicts, see `Phase`) and `walls` (True: the domain's box is a boundary); or `Particles`,
-            a fluid in its box.
+            (docs/simulation.md); or a dict with `spacing`, `domain` and what else `Settings` has,
+            `phases` (a list of dicts, see `Phase`) and `walls` (True: the domain's box is a
+            boundary); or `Particles`, a fluid in its box.
         device: "auto", "cpu", "cuda" or "cuda:N".
         threads: CPU threads; 0 takes all.
         spacing: of particles, m, instead of a scene file's own.
@@ -184,6 +209,8 @@ class Simulation(Run):
         self.scene = _SimulationScene(self, chosen, _count("threads", threads), 2.0 * d)
         self._core = _core.Simulation(chosen.backend, self.scene._own)
         self._forces: np.ndarray | None = None
+        self._moving: set[int] = set()
+        self.emitters: dict[str, Emitter] = {}
         for phase in phases:
             self.add_phase(phase)
         self._send()
@@ -191,12 +218,12 @@ class Simulation(Run):
             if "walls" not in self.phases:
                 self.add_phase(Phase("walls", kind="boundary"))
             lo, hi = np.asarray(self.settings.domain, float)
-            self.add(box_walls(lo, hi, d), phase="walls")
+            self.add(box_walls(lo, hi, d, self.settings.periodic), phase="walls")
         if isinstance(scene, Particles):
             self.add(scene.positions, self._names[0], scene.attributes.get("velocity", 0.0))
-        for body in found:
-            self.add(body.positions, body.name, body.velocities)
-        self._first_state = self.state() if file else None
+        added = [(body, self.add(body.positions, body.name, body.velocities)) for body in found]
+        if file:
+            self._set_up(file, added)
 
     def add_phase(self, phase: Phase) -> None:
         """One more material."""
@@ -243,13 +270,65 @@ class Simulation(Run):
         by_id[chosen] = force
         self._forces[order] += by_id
 
+    def move_boundary(self, phase: str, pose: Any) -> None:
+        """Where a boundary's phase will be at the end of the next step: (4, 4) world_from_body.
+
+        The first call says where it is now.
+        """
+        which = self._phase(phase)
+        numbers = np.asarray(pose, float).reshape(16).tolist()
+        if which in self._moving:
+            self._core.move_to(which, numbers)
+        else:
+            self._core.capture(which, numbers)
+            self._moving.add(which)
+
+    def make_rigid(
+        self, phase: str, density: float, velocity: Any = (0, 0, 0), spin: Any = (0, 0, 0)
+    ) -> None:
+        """The particles of a phase of kind "rigid" become one body, filled with them at their spacing."""
+        which = self._phase(phase)
+        if self.phases[phase].kind != "rigid":
+            raise ValueError(f"phase: expected one of kind rigid, got {phase!r}")
+        at = self.positions[self.phase == which].astype(float)
+        if len(at) == 0:
+            raise ValueError(f"phase: expected particles of {phase!r} to be added first")
+        each = density * self.settings.spacing**3
+        center = at.mean(0)
+        x = at - center
+        # A particle's own cube keeps the inertia of a few from being singular.
+        own = each * self.settings.spacing**2 / 6
+        inertia = np.eye(3) * (each * (x**2).sum() + own * len(x)) - each * x.T @ x
+        numbers = np.concatenate([center, inertia.ravel(), velocity, spin]).astype(float)
+        self._core.make_body(which, each * len(at), numbers.tolist())
+
+    def body(self, phase: str) -> dict[str, np.ndarray]:
+        """A rigid body's center, velocity, spin (3,) and rotation (3, 3), world."""
+        v = np.array(self._core.body(self._phase(phase)))
+        return {"center": v[:3], "velocity": v[3:6], "spin": v[6:9], "rotation": v[9:].reshape(3, 3)}
+
+    def set_sinks(self, sinks: Any) -> None:
+        """Regions that take fluid out: ((lo, hi) corners of a box, or (center, radius) of a ball), …"""
+        packed = []
+        for a, b in sinks:
+            ball = np.ndim(b) == 0
+            lo, hi, center = (np.zeros(3), np.zeros(3), a) if ball else (a, b, np.zeros(3))
+            packed.append([*map(float, (*lo, *hi, *center)), float(b) if ball else 0.0])
+        if len(packed) > 32:
+            raise ValueError(f"sinks: expected at most 32, got {len(packed)}")
+        self._core.set_sinks(packed)
+
     def step(self, dt: float | None = None) -> StepReport:
         """One step of dt seconds; by default of what the speeds allow."""
         self._send()
+        dt = self._core.next_dt() if dt is None else float(dt)
+        self._prepare(dt)
+        for emitter in self.emitters.values():
+            emitter._emit(self, dt)
         if self._forces is not None:
             self._core.set_forces(address(self._forces))
             self._forces = None
-        done = self._core.step(0.0 if dt is None else float(dt))
+        done = self._core.step(dt)
         if "lost" in done:
             id_, phase, position, time, step = done["lost"]
             where = ", ".join(f"{x:g}" for x in position)
@@ -258,6 +337,7 @@ class Simulation(Run):
                 f"number in step {step} at {time:g} s"
             )
         report = StepReport(**done)
+        self._operate()
         self._note(report)
         return report
 
@@ -338,6 +418,13 @@ class Simulation(Run):
         rows, offsets, indices = self._core.neighbors()
         return ids[rows], offsets, ids[indices]
 
+    def totals(self) -> dict[str, Any]:
+        """Of fluid and tissue: mass, kinetic and potential energy, momentum, angular_momentum (about the
+        origin), center; SI."""
+        t = self._core.totals()
+        mass = t["mass"] or 1.0
+        return {**t, "center": tuple(c / mass for c in t["center"])}
+
     def hash(self) -> str:
         """Of the state's bits; equal for equal runs."""
         h = hashlib.sha256()
@@ -365,6 +452,7 @@ class Simulation(Run):
             if packed != self._sent[i]:
                 self._core.set_phase(i, packed)
                 self._sent[i] = packed
+        self._send_tissue()
 
     def _read(self, name: str) -> np.ndarray:
         dtype, columns = _ARRAYS[name]
@@ -384,7 +472,7 @@ class Simulation(Run):
         """Everything that `set_state` needs to go on bit by bit (on the CPU)."""
         arrays = {name: self._read(name) for name in _ARRAYS}
         counts = [self._core.next_id(), self.n_steps]
-        return {**arrays, "time": np.array(self.time), "counts": np.array(counts, np.uint64)}
+        return {**arrays, **self._tissue_state(), "time": np.array(self.time), "counts": np.array(counts, np.uint64)}
 
     def set_state(self, state: Mapping[str, np.ndarray]) -> None:
         """Go on from what `state` gave."""
@@ -393,17 +481,26 @@ class Simulation(Run):
         for name in _ARRAYS:
             self._write(name, state[name])
         self._core.settle()
+        self._set_tissue_state(state)
 
 
-def box_walls(lo: Any, hi: Any, spacing: float) -> np.ndarray:
-    """One layer of particles half a spacing outside of a box's faces: (M, 3) float32."""
-    lo, hi = np.asarray(lo, float) - spacing / 2, np.asarray(hi, float) + spacing / 2
+def box_walls(lo: Any, hi: Any, spacing: float, periodic: Any = (False,) * 3) -> np.ndarray:
+    """One layer of particles half a spacing outside of a box's faces: (M, 3) float32.
+
+    Along a periodic axis the layer has no end, and no face closes it.
+    """
+    lo, hi = np.asarray(lo, float), np.asarray(hi, float)
     n = np.maximum(np.rint((hi - lo) / spacing - 1e-6).astype(int), 1)
-    axes = [np.linspace(lo[k], hi[k], n[k] + 1) for k in range(3)]
+    axes, ends = [], []
+    for k in range(3):
+        step = (hi[k] - lo[k]) / n[k]
+        first = 0 if periodic[k] else -1
+        i = np.arange(first, n[k] - first)
+        axes.append(lo[k] + (i + 0.5) * step)
+        ends.append((i < 0) | (i >= n[k]))
     grid = np.stack(np.meshgrid(*axes, indexing="ij"), -1)
-    inside = np.zeros(grid.shape[:3], bool)
-    inside[1:-1, 1:-1, 1:-1] = True
-    return np.ascontiguousarray(grid[~inside], np.float32)
+    outside = ends[0][:, None, None] | ends[1][None, :, None] | ends[2][None, None, :]
+    return np.ascontiguousarray(grid[outside], np.float32)
 
 
 def _of_particles(particles: Particles) -> dict[str, Any]:

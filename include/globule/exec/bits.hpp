@@ -121,6 +121,22 @@ GB_FN void atomic_max(std::uint64_t* at, std::uint64_t v) {
 #endif
 }
 
+GB_FN void atomic_min(std::uint32_t* at, std::uint32_t v) {
+#if defined(__CUDA_ARCH__)
+    atomicMin(at, v);
+#else
+    std::uint32_t now = __atomic_load_n(at, __ATOMIC_RELAXED);
+    while (now > v && !__atomic_compare_exchange_n(at, &now, v, true, __ATOMIC_RELAXED, __ATOMIC_RELAXED)) {}
+#endif
+}
+/// Reads a number that other threads of the same launch may be lowering.
+GB_FN std::uint32_t read_now(const std::uint32_t* p) {
+#if defined(__CUDA_ARCH__)
+    return *static_cast<const volatile std::uint32_t*>(p);
+#else
+    return __atomic_load_n(p, __ATOMIC_RELAXED);
+#endif
+}
 GB_FN void atomic_most(std::uint32_t* at, std::uint32_t v) {
 #if defined(__CUDA_ARCH__)
     atomicMax(at, v);

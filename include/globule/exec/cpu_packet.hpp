@@ -71,6 +71,11 @@ struct CpuPacket {
         for (int i = 0; i < width; ++i) p[index[i]] = {v.x.v[i], v.y.v[i], v.z.v[i], v.w.v[i]};
     }
 
+    /// The items of the packet's own rows, which lie side by side.
+    GB_FN static void scatter_rows(Quad* p, std::size_t row, const Four<F>& v) {
+        for (int i = 0; i < width; ++i) p[row + i] = {v.x.v[i], v.y.v[i], v.z.v[i], v.w.v[i]};
+    }
+
     /// Storage of half the width where the processor converts it; rows of it lie side by side.
 #if defined(__AVX512F__)
     using Short = std::uint16_t;
@@ -95,6 +100,14 @@ struct CpuPacket {
         return v;
     }
 #endif
+
+    static float one(const Short* p) {
+#if defined(__F16C__)
+        return _cvtsh_ss(*p);
+#else
+        return *p;
+#endif
+    }
 
     /// The longest list of the packet's rows.
     GB_FN static std::uint32_t longest(const std::uint32_t* counts) {

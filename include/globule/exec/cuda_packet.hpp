@@ -24,7 +24,11 @@ struct CudaPacket {
     __device__ static void scatter(Quad* p, const std::uint32_t* index, const Four<F>& v) {
         *reinterpret_cast<float4*>(p + *index) = {v.x, v.y, v.z, v.w};
     }
+    __device__ static void scatter_rows(Quad* p, std::size_t row, const Four<F>& v) {
+        *reinterpret_cast<float4*>(p + row) = {v.x, v.y, v.z, v.w};
+    }
     __device__ static F load(const Short* p) { return __half2float(*p); }
+    __host__ __device__ static float one(const Short* p) { return __half2float(*p); }
     __device__ static F keep(Short* p, F v) {
         const Short s = __float2half_rn(v);
         *p = s;

@@ -14,18 +14,20 @@ struct BoundaryVolumes {
     State state;
     const Phase* phases;
     Spline spline;
-    float gamma, margin;
+    Period period;
+    float gamma;
     GB_FN void operator()(std::size_t i) const {
         const std::uint8_t phase = state.phase[i];
         const Kind kind = phases[phase].kind;
         if (kind != Kind::boundary && kind != Kind::rigid) return;
         const Quad p = state.place[i];
         float sum = 0.0f;
-        for_each_touching(tree, {p.x - margin, p.y - margin, p.z - margin}, {p.x + margin, p.y + margin, p.z + margin}, [&](std::uint32_t j) {
-            if (state.phase[j] != phase) return;
-            const Quad q = state.place[j];
-            const float x = p.x - q.x, y = p.y - q.y, z = p.z - q.z;
-            sum += spline(root(x * x + y * y + z * z));
+        period.each_image([&](const float3& shift) {
+            const float3 at = p.xyz() - shift;
+            for_each_touching(tree, at, at, [&](std::uint32_t j) {
+                if (state.phase[j] != phase) return;
+                sum += spline(length(at - state.place[j].xyz()));
+            });
         });
         state.place[i].w = sum > 0.0f ? gamma / sum : 0.0f;
     }
@@ -39,6 +41,7 @@ struct Contact {
     Lists<Packet> lists;
     const float* nearest;  ///< per row
     State state;
+    Period period;
     float spacing;
     GB_FN void operator()(std::size_t row) const {
         const float r = nearest[row] / spacing;
@@ -52,7 +55,7 @@ struct Contact {
             const std::uint32_t j = lists.index[lists.at(row, k)];
             const Quad q = state.place[j];
             if (!(q.w > 0.0f)) continue;
-            const float3 away = p.xyz() - q.xyz();
+            const float3 away = period.template shortest<true>(p.xyz() - q.xyz());
             const float d2 = dot(away, away) / (spacing * spacing), s = q.w / (d2 * d2 + 1e-3f);  // the nearest rule
             normal = normal + away * s;
             wall = wall + state.velocity[j].xyz() * s;
@@ -64,7 +67,7 @@ struct Contact {
         const float approach = dot(v.xyz() - wall * (1.0f / total), normal);
         if (!(approach < 0.0f)) return;
         const float s = approach * least((0.8f - r) * (1.0f / 0.3f), 1.0f);
-        v = {v.x - s * normal.x, v.y - s * normal.y, v.z - s * normal.z, 0.0f};
+        v = {v.x - s * normal.x, v.y - s * normal.y, v.z - s * normal.z, v.w};
     }
 };
 

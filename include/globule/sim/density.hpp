@@ -26,12 +26,13 @@ inline constexpr std::uint32_t kFewNeighbors = 20;
 /// particles of a wall, the step along them must not grow without bounds.
 inline constexpr float kLeastStiffness = 0.2f;
 
-template <class Packet_>
+template <class Packet_, bool periodic>
 struct Densities {
     Lists<Packet_> lists;
     const Quad* place;
     Rows out;
     Spline spline;
+    Period period;
     float volume;
     float lattice_squares;   ///< sum of |g h|^2 in the lattice
     template <class Packet>
@@ -44,7 +45,7 @@ struct Densities {
         std::size_t at = lists.at(row);
         for (std::uint32_t k = 0; k < n; ++k, at += Packet::stride) {
             const Four<F> other = Packet::gather(place, lists.index + at);
-            const F dx = mine.x - other.x, dy = mine.y - other.y, dz = mine.z - other.z;
+            const auto [dx, dy, dz] = period.template shortest<periodic>(mine.xyz() - other.xyz());
             F w, slope;
             const F r = root(dx * dx + dy * dy + dz * dz);
             spline(r, w, slope);

@@ -18,12 +18,15 @@ struct UserForces {
     }
 };
 
-struct SetDensity {
+/// Another density or viscosity for a phase; boundaries keep their volumes.
+struct SetMaterial {
     State state;
     std::uint8_t phase;
-    float w;
+    float w, viscosity;
     GB_FN void operator()(std::size_t i) const {
-        if (state.phase[i] == phase) state.place[i].w = w;
+        if (state.phase[i] != phase) return;
+        if (w < 0.0f) state.place[i].w = w;
+        state.velocity[i].w = viscosity;
     }
 };
 
@@ -40,7 +43,7 @@ struct Kick {
         float3 a = gravity;
         if (acceleration) a = a + acceleration[row].xyz();
         Quad& v = velocity[rows[row]];
-        v = {v.x + dt * a.x, v.y + dt * a.y, v.z + dt * a.z, 0.0f};
+        v = {v.x + dt * a.x, v.y + dt * a.y, v.z + dt * a.z, v.w};
     }
 };
 
@@ -50,13 +53,16 @@ struct Move {
     State state;
     float dt;
     const TreeHeader* header;
+    Period period;
+    float3 lo;                    ///< of the domain
     float* positions;             ///< (n, 3)
     std::uint32_t* not_a_number;  ///< id + 1
     GB_FN void operator()(std::size_t i) const {
         const Quad p = state.place[i], v = state.velocity[i];
         float3 to = p.xyz();
         if (i >= header->n_outside) {
-            to = {p.x + dt * v.x, p.y + dt * v.y, p.z + dt * v.z};
+            to = {Period::wrap(p.x + dt * v.x, lo.x, period.length.x), Period::wrap(p.y + dt * v.y, lo.y, period.length.y),
+                  Period::wrap(p.z + dt * v.z, lo.z, period.length.z)};
             if (!(magnitude(to.x) + magnitude(to.y) + magnitude(to.z) < infinity())) {
                 atomic_most(not_a_number, state.id[i] + 1);
                 to = p.xyz();
@@ -77,6 +83,19 @@ struct WritePositions {
         positions[3 * i + 1] = p.y;
         positions[3 * i + 2] = p.z;
     }
+};
+
+struct TakePositions {
+    const float* positions;
+    Quad* place;
+    GB_FN void operator()(std::size_t i) const {
+        place[i] = {positions[3 * i], positions[3 * i + 1], positions[3 * i + 2], place[i].w};
+    }
+};
+struct CopyQuads {
+    const Quad* from;
+    Quad* to;
+    GB_FN void operator()(std::size_t i) const { to[i] = from[i]; }
 };
 
 /// New particles behind those that are there.
@@ -105,6 +124,7 @@ struct Reorder {
     State from, to;
     const std::uint32_t* index;
     const float *x, *y, *z;  ///< of the new slots, or null
+    const Phase* phases;
     std::uint32_t* slot_of;
     GB_FN void operator()(std::size_t k) const {
         if (k == to.n) {
@@ -116,7 +136,8 @@ struct Reorder {
         Quad p = from.place[i];
         if (x) p = {x[k], y[k], z[k], p.w};
         to.place[k] = p;
-        to.velocity[k] = from.velocity[i];
+        const Quad v = from.velocity[i];
+        to.velocity[k] = {v.x, v.y, v.z, phases[from.phase[i]].viscosity};
         to.id[k] = from.id[i];
         to.phase[k] = from.phase[i];
         to.pressure[k] = from.pressure[i];

@@ -26,6 +26,36 @@ struct Lists {
     }
 };
 
+/// Axes along which the domain repeats: its length there, else 0.
+struct Period {
+    float3 length{0, 0, 0};
+    GB_FN bool any() const { return length.x > 0.0f || length.y > 0.0f || length.z > 0.0f; }
+    GB_FN static float wrap(float x, float lo, float length) {
+        return length > 0.0f ? (x < lo ? x + length : x >= lo + length ? x - length : x) : x;
+    }
+    /// From j to i the shorter way round.
+    template <bool periodic, class F>
+    GB_FN Vec3<F> shortest(const Vec3<F>& v) const {
+        if constexpr (!periodic) return v;
+        else return {one(v.x, length.x), one(v.y, length.y), one(v.z, length.z)};
+    }
+    /// fn(shift) for each copy of the domain that may hold neighbours.
+    template <class Fn>
+    GB_FN void each_image(const Fn& fn) const {
+        const int nx = length.x > 0.0f, ny = length.y > 0.0f, nz = length.z > 0.0f;
+        for (int x = -nx; x <= nx; ++x)
+            for (int y = -ny; y <= ny; ++y)
+                for (int z = -nz; z <= nz; ++z) fn(float3{x * length.x, y * length.y, z * length.z});
+    }
+
+private:
+    template <class F>
+    GB_FN static F one(const F& v, float length) {
+        const float half = length > 0.0f ? 0.5f * length : infinity();
+        return select(v > F(half), v - F(length), select(v < F(-half), v + F(length), v));
+    }
+};
+
 /// Squared distances that float32 cannot tell from the support's: these pairs are decided in float64.
 inline constexpr float kDoubt = 4e-6f;
 
@@ -38,8 +68,8 @@ struct FindLists {
     Tree tree;
     Lists<Packet> lists;
     const Quad* place;
-    float support;         ///< of the smoothing kernel
-    float margin;          ///< support less what the tree's boxes hold already
+    float support;         ///< of the smoothing kernel; the tree's boxes hold it
+    Period period;
     std::uint32_t* most_count;
 
     template <class Group>
@@ -61,16 +91,18 @@ struct FindLists {
         });
         const B here = x < F(morton::kFarthest);
         const F inf = F(infinity());
-        const float3 lo{g.smallest(select(here, x, inf)) - margin, g.smallest(select(here, y, inf)) - margin,
-                        g.smallest(select(here, z, inf)) - margin};
-        const float3 hi{g.largest(select(here, x, -inf)) + margin, g.largest(select(here, y, -inf)) + margin,
-                        g.largest(select(here, z, -inf)) + margin};
+        const float3 lo{g.smallest(select(here, x, inf)), g.smallest(select(here, y, inf)),
+                        g.smallest(select(here, z, inf))};
+        const float3 hi{g.largest(select(here, x, -inf)), g.largest(select(here, y, -inf)),
+                        g.largest(select(here, z, -inf))};
         const float h2 = support * support;
         const F sure = F(h2 * (1.0f - kDoubt)), possible = F(h2 * (1.0f + kDoubt));
         std::uint32_t* out = lists.index + lists.at(first);
-        for_each_leaf(tree, lo, hi, [&](std::uint32_t begin, std::uint32_t n) {
+        period.each_image([&](const float3& shift) {
+        for_each_leaf(tree, lo - shift, hi - shift, [&](std::uint32_t begin, std::uint32_t n) {
             for (std::uint32_t j = begin; j < begin + n; ++j) {
-                const Quad p = place[j];
+                Quad p = place[j];
+                p = {p.x + shift.x, p.y + shift.y, p.z + shift.z, p.w};
                 const F dx = x - F(p.x), dy = y - F(p.y), dz = z - F(p.z);
                 const F r2 = dx * dx + dy * dy + dz * dz;
                 const B near = r2 < possible;
@@ -88,6 +120,7 @@ struct FindLists {
                     Group::put(count, lane, k + 1);
                 });
             }
+        });
         });
         finish(g, first, out, count);
     }

@@ -37,7 +37,7 @@ GB_FN bool is_solved(Kind k) { return k != Kind::boundary; }
 struct State {
     std::size_t n;
     Quad* place;                 ///< position, w as above
-    Quad* velocity;              ///< w unused
+    Quad* velocity;              ///< w: dynamic viscosity
     std::uint32_t* id;
     std::uint8_t* phase;
     float* pressure;             ///< impulse of the density solve, for its warm start

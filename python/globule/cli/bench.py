@@ -19,7 +19,7 @@ EXAMPLES = "  globule bench --list"
 # A module has TABLES: number -> function of a Setting that yields Tables.
 MODULES = {"ultrasound": "globule.bench.ultrasound"}
 # A module has SUMMARY and run().
-RUNS = {"thesis": "globule.bench.thesis"}
+RUNS = {"thesis": "globule.bench.thesis", "physics": "globule.bench.physics"}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -49,7 +49,8 @@ def run(options: argparse.Namespace) -> None:
         raise UserError(f"-o: expected a folder, got {options.output}: {error.strerror}") from error
     for name, module in runs.items():
         output = os.path.join(options.output, f"{name}.csv")
-        module.run(options.device, options.threads, output=output)
+        given = {"quick": options.quick} if name == "physics" else {}
+        module.run(options.device, options.threads, output=output, **given)
     made = []
     with Progress(len(jobs)) as progress:
         for function, wanted in jobs:

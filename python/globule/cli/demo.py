@@ -1,4 +1,4 @@
-"""Render the embedded data set, a splash made by formulas: no file and no download needed.
+"""Render the embedded data set, a frame of the scene dam-break: no file and no download needed.
 
 Writes splash.png, and the particles as splash.npz, to FOLDER."""
 
@@ -17,7 +17,7 @@ SUMMARY = "the main job on an embedded data set"
 EXAMPLES = "  globule demo"
 
 SIZE = (1024, 782)
-EYE, LOOK_AT = (1.05, 0.95, 1.7), (0.0, 0.12, 0.0)  # closer than --fit: the highest drop may touch
+EYE, LOOK_AT = (-1.0, 1.15, 2.3), (-0.13, 0.40, 0.0)  # closer than --fit
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -30,7 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> None:
     from ..camera import Camera
-    from ..demo_data import splash
+    from ..demo_data import dam_break
     from ..formats import write
     from ..particles import Particles
     from ..render import render
@@ -42,8 +42,8 @@ def run(options: argparse.Namespace) -> None:
     data = os.path.join(options.output, "splash.npz")
     start = time.perf_counter()
     with Progress(4) as progress:
-        progress.step("making particles")
-        positions, color, spacing = splash()
+        progress.step("unpacking particles")
+        positions, color, spacing = dam_break()
         particles = Particles(positions, color=color, support=2 * spacing)
         progress.step("building the octree")
         with mistakes():
@@ -64,7 +64,7 @@ def run(options: argparse.Namespace) -> None:
     near = os.path.join(options.output, "near.png")
     print("next, for instance:")
     print(f"  {program} render {shlex.quote(data)} -o {shlex.quote(near)} "
-          "--eye 0.6,0.6,1 --look-at 0,0.15,0")
+          "--eye 0.1,0.7,0.9 --look-at 0.5,0.25,0")
     water = shlex.quote(os.path.join(options.output, "water.png"))
     print(f"  {program} render {shlex.quote(data)} -o {water} --preset water --size 512x391")
     print(f"  {program} info {shlex.quote(data)}")

@@ -30,9 +30,9 @@ from .shared import (
 
 SUMMARY = "fluids, tissue and the knife, from a scene file"
 EXAMPLES = """\
-  globule simulate dam-break -o dam --video dam.mp4
-  globule simulate scene.toml -o frames --format bgeo --seconds 2 --checkpoint 0.5
-  globule simulate brain-surgery --spacing 0.002 --no-frames --video surgery.mp4"""
+  globule simulate dam-break -o dam --spacing 0.04 --seconds 0.2
+  globule simulate dam-break -o dam --spacing 0.04 --seconds 0.3 --resume --json
+  globule simulate dam-break -o dry --spacing 0.05 --seconds 0.1 --no-frames --pictures dry"""
 CHECKPOINT = "checkpoint.npz"
 
 
@@ -151,7 +151,7 @@ class _Job:
                 write(path, self.sim.shown_particles)
                 self.files.append(path)
         with self._timed("pictures"):
-            self.files += self.pictures.add(k, self.sim.scene)
+            self.files += self.pictures.add(k, self.sim)
 
     def _save(self) -> None:
         self.sim.save(self.checkpoint)

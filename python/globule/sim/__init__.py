@@ -1,1 +1,1 @@
-"""What surrounds the solver of `globule.Simulation`: scenes, shapes, instruments, diagnostics."""
+"""What surrounds the solver of `globule.Simulation`: scenes, instruments, tissue, diagnostics."""

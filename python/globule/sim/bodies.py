@@ -35,7 +35,7 @@ class Body:
     fixed: np.ndarray | None = None
 
 
-BRAIN = 0.3  # rigidity of tissue whose scene says nothing
+BRAIN = 0.35  # rigidity of tissue whose scene says nothing
 
 
 def bodies(scene: SceneFile) -> list[Body]:
@@ -58,7 +58,7 @@ def bodies(scene: SceneFile) -> list[Body]:
             name="walls",
             box=Box(scene.domain.lo, scene.domain.hi),
             hollow=True,
-            open=scene.domain.open,
+            open=[*scene.domain.open, *(s + axis for axis in scene.domain.periodic for s in "-+")],
         )
         found += _boundary(scene, walls)
     return found

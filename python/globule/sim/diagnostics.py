@@ -39,11 +39,11 @@ def plot(path: str | os.PathLike, rows: Sequence[dict[str, Any]], title: str = "
         from matplotlib.figure import Figure
     except ImportError:
         return False
-    time = [row["time"] for row in rows]
     panels = []
     for label, names in PANELS:
-        curves = {name: [row.get(name, 0) for row in rows] for name in names}
-        curves = {name: values for name, values in curves.items() if any(values)}
+        # What was measured at frames only is not in every row.
+        curves = {name: [(r["time"], r[name]) for r in rows if name in r] for name in names}
+        curves = {name: points for name, points in curves.items() if any(v for _, v in points)}
         if curves:
             panels.append((label, curves))
     figure = Figure(figsize=(10, 2.4 * max(1, (len(panels) + 1) // 2)), dpi=100)
@@ -52,7 +52,8 @@ def plot(path: str | os.PathLike, rows: Sequence[dict[str, Any]], title: str = "
     figure.suptitle(title, fontsize=10)
     for i, (label, curves) in enumerate(panels):
         axes = figure.add_subplot((len(panels) + 1) // 2, 2, i + 1)
-        for name, values in curves.items():
+        for name, points in curves.items():
+            time, values = zip(*points, strict=True)
             factor = FACTORS.get(name, 1.0)
             axes.plot(time, [factor * v for v in values], label=name, linewidth=1)
         axes.set_ylabel(label, fontsize=8)

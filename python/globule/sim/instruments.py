@@ -105,9 +105,10 @@ def matrix(q: np.ndarray) -> np.ndarray:
 class Instrument:
     """A tool: what it is, and its key frames.
 
-    Its own frame: the origin is the tip. A scalpel's edge is a line of points in that frame, from
-    the tip upwards (+z) by default; whatever the moving edge sweeps over is cut. Suction takes
-    fluid out of a ball around the tip, a grasper moves the tissue in its ball along while it is on.
+    Its own frame: the origin is the tip. Whatever a scalpel's moving edge sweeps over is cut. With
+    a `length` the edge is a scalpel's: along +x from the tip, curved, looking down to -z; `edge` is
+    any other line of points. Suction takes fluid out of a ball around the tip, and tissue too if it
+    ablates; a grasper moves the tissue in its ball along while it is on.
     """
 
     name: str = key(text)
@@ -116,7 +117,7 @@ class Instrument:
     edge: list | None = key(each(vector(), least=2), None)  # metres
     length: float | None = key(positive, None)  # of the edge, metres, where no edge is given
     radius: float | None = key(positive, None)  # of suction and grasper, metres
-    rate: float | None = key(positive, None)  # of suction, m³/s
+    ablates: bool = key(switch, False)  # suction, of tissue
 
     def __post_init__(self) -> None:
         if self.kind == "scalpel":

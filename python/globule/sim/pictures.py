@@ -5,10 +5,15 @@ from __future__ import annotations
 import os
 from typing import Any
 
+import numpy as np
+
 from ..camera import Camera
+from ..colormaps import colorize
 from ..presets import preset
 from ..render import Frame, RenderSettings, fit_camera, render
 from ..scene import Scene
+from ..sequence import KeptScene, MovieFrames
+from ..video import need_av
 from .scene_file import SceneFile
 
 
@@ -24,11 +29,13 @@ class Eye:
         self.size = size or tuple(int(n) for n in scene.view.size)
         self._camera: Camera | None = None
         self._settings: RenderSettings | None = None
+        self._kept = KeptScene()
         if self.view.eye is not None:
             self._camera = Camera(self.view.eye, self.view.look_at, self.view.up, self.view.fov)
 
-    def picture(self, scene: Scene) -> Frame:
+    def picture(self, sim: Any) -> Frame:
         """What is there now."""
+        scene = sim.scene if self.view.speeds is None else self._by_speed(sim)
         if scene.octree.n_inside == 0:  # nothing yet to scale light or camera by
             camera = self._camera or Camera((0, -1, 0), (0, 0, 0), self.view.up)
             return render(scene, camera, self.size)
@@ -38,6 +45,13 @@ class Eye:
         if self._camera is None:
             self._camera = fit_camera(scene, self.size)
         return render(scene, self._camera, self.size, self._settings)
+
+    def _by_speed(self, sim: Any) -> Scene:
+        """The particles coloured by how fast they are."""
+        particles = sim.shown_particles
+        speed = np.linalg.norm(particles.attributes["velocity"], axis=1)
+        particles.color = colorize(speed, "viridis", *self.view.speeds)
+        return self._kept.show(particles, lambda p: Scene(p, device=sim.scene.device.name))
 
 
 class Pictures:
@@ -51,9 +65,6 @@ class Pictures:
         size: tuple[int, int] | None = None,
         resume: bool = False,
     ):
-        from ..sequence import MovieFrames
-        from ..video import need_av
-
         self.eye = Eye(scene, size)
         self.folder = folder
         self.movie = None
@@ -61,11 +72,11 @@ class Pictures:
             need_av()
             self.movie = MovieFrames(movie, resume)
 
-    def add(self, number: int, scene: Scene) -> list[str]:
+    def add(self, number: int, sim: Any) -> list[str]:
         """Take frame `number`'s picture; the files that stay."""
         if not (self.folder or self.movie):
             return []
-        frame = self.eye.picture(scene)
+        frame = self.eye.picture(sim)
         kept = []
         if self.folder:
             os.makedirs(self.folder, exist_ok=True)

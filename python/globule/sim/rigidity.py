@@ -1,7 +1,7 @@
 """The thesis's rigidity of a particle: 0 is a fluid, 1 stands fixed, and between them is tissue.
 
-Tissue's Young's modulus grows with its rigidity, E = 100 Pa · 10^(5 rigidity):
-0.1 is 316 Pa, 0.3 is brain (3.2 kPa), 0.5 is muscle (32 kPa), 0.8 is 1 MPa.
+Tissue's Young's modulus grows with its rigidity, E = 100 Pa · 10^(4 rigidity):
+0.35 is brain (2.5 kPa), 0.5 is muscle at rest (10 kPa), 0.75 is 100 kPa.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 SOFTEST = 100.0  # Pa
-DECADES = 5.0
+DECADES = 4.0
 
 
 def young_of_rigidity(rigidity: Any) -> np.ndarray:

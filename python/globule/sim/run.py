@@ -10,8 +10,11 @@ import numpy as np
 
 from ..particles import Particles
 from . import checkpoint
-from .bodies import Body, bodies
-from .scene_file import SceneFile, as_dict, read_scene
+from .bodies import Body
+from .emitter import Emitter
+from .operate import Vessel
+from .scene_file import SceneFile, as_dict
+from .tools import Tool
 
 
 def is_scene(scene: Any) -> bool:
@@ -30,11 +33,13 @@ def description(scene: SceneFile, found: list[Body]) -> dict[str, Any]:
     return {
         "spacing": scene.spacing,
         "domain": (scene.domain.lo, scene.domain.hi),
+        "periodic": ["xyz"[k] in scene.domain.periodic for k in range(3)],
         "gravity": scene.gravity,
         "cfl": solver.cfl,
         "longest_step": solver.max_dt,
         "density_error": solver.max_error,
         "divergence_error": solver.max_error,
+        "weakly_compressible": solver.method == "wcsph",
         "walls": False,  # among the bodies, where a scene has them
         "phases": list(phases.values()),
     }
@@ -48,6 +53,13 @@ def _phase(body: Body) -> dict[str, Any]:
     phase |= {"density": table.density}
     if body.kind in ("fluid", "tissue"):
         phase |= {"reflection": table.reflection, "refraction": table.refraction}
+    if body.kind == "tissue":
+        phase |= {
+            "damping": table.damping,
+            "tear_strain": table.tear,
+            "yield_strain": table.plastic,
+            "creep_rate": table.creep if table.plastic else 0.0,
+        }
     if body.kind == "fluid":
         phase |= {
             "viscosity": table.viscosity,
@@ -65,12 +77,62 @@ class Run:
         self.file = scene
         self.diagnostics: list[dict[str, Any]] = []
         self.seconds: dict[str, float] = {}
-        self.n_removed = 0
+        self.n_removed = self.n_cut = 0
+        self.instruments: dict[str, Tool] = {}
+        self._had_sinks = False
+
+    def _set_up(self, scene: SceneFile, added: list[tuple[Body, np.ndarray]]) -> None:
+        """What a scene has beside its particles, which are added already, with these ids."""
+        for body, ids in added:
+            if body.kind == "tissue":
+                self.bond(ids, body.young, body.fixed)
+        for table in scene.vessels:
+            self.add_vessel(
+                Vessel(np.array(table.path), table.radius, table.pressure, table.pool, table.fluid)
+            )
+        for table in scene.rigids:
+            self.make_rigid(table.name, table.density, table.velocity, table.spin)
+        for table in scene.emitters:
+            self.emitters[table.name] = Emitter(
+                table.center, table.direction, table.radius, table.rate, table.fluid
+            )
+        self.instruments = {
+            table.name: Tool(table, number, 0.0) for number, table in enumerate(scene.instruments)
+        }
+        self._prepare(0.0)
+        self._first_state = self.state()
+
+    def _prepare(self, dt: float) -> None:
+        """What a step of dt needs to know of the scene's moving parts."""
+        scene = self.file
+        if scene is None:
+            return
+        time = self.time
+        for table in scene.boundaries:
+            if table.motion is not None:
+                self.move_boundary(table.name, table.motion.pose(time + dt))
+        for table in scene.emitters:
+            if table.start > 0 or table.end is not None:
+                ended = table.end is not None and time >= table.end
+                self.emitters[table.name].on = table.start <= time and not ended
+        sinks = [table.region for table in scene.sinks]
+        for tool in self.instruments.values():
+            tool.prepare(self, dt)
+            sinks += [tool.sink(time)] if tool.sink(time) else []
+        if sinks or self._had_sinks:
+            self.set_sinks(sinks)
+        self._had_sinks = bool(sinks)
+
+    def _operate(self) -> None:
+        """What instruments do after a step."""
+        for tool in self.instruments.values():
+            self.n_cut += tool.operate(self)
 
     def _note(self, report: Any) -> None:
         """One step more in the record."""
         for stage, seconds in report.seconds.items():
             self.seconds[stage] = self.seconds.get(stage, 0.0) + seconds
+        self.n_removed += report.n_removed
         self.diagnostics.append({
             "time": report.time, "step": report.step, "dt": report.dt,
             "iterations": report.iterations,
@@ -78,29 +140,24 @@ class Run:
             "error": report.error, "compression": report.compression,
             "max_compression": report.most_compression, "max_speed": report.most_speed,
             "n": report.n, "n_escaped": report.n_escaped, "n_removed": self.n_removed,
+            "n_cut": self.n_cut,
         })  # fmt: skip
 
     def measure(self) -> dict[str, float]:
         """Energies (J), momentum (kg m/s) and counts of what moves, now; also added to the last row
         of the diagnostics."""
-        kinds = np.array([phase.kind for phase in self.phases.values()])
-        densities = np.array([phase.density for phase in self.phases.values()])
-        phase = self.phase
-        moves = np.isin(kinds, ("fluid", "tissue", "rigid"))[phase]
-        mass = densities[phase[moves]] * self.settings.spacing**3
-        x = self.positions[moves].astype(np.float64)
-        v = self.velocities[moves].astype(np.float64)
-        inside = np.isfinite(x).all(axis=1)
-        mass, x, v = mass[inside], x[inside], v[inside]
-        momentum = mass @ v
+        totals = self.totals()
+        momentum = totals["momentum"]
         found = {
-            "kinetic": float(0.5 * mass @ np.square(v).sum(axis=1)),
-            "potential": float(-mass @ (x @ np.asarray(self.settings.gravity, float))),
-            "momentum_x": float(momentum[0]),
-            "momentum_y": float(momentum[1]),
-            "momentum_z": float(momentum[2]),
+            "kinetic": totals["kinetic"],
+            "potential": totals["potential"],
+            "momentum_x": momentum[0],
+            "momentum_y": momentum[1],
+            "momentum_z": momentum[2],
             **{f"n_{kind}": n for kind, n in self.counts.items() if kind != "escaped"},
         }
+        if found["n_tissue"]:
+            found |= {"n_bonds": self.n_bonds, "n_pieces": self.n_pieces}
         if self.diagnostics:
             self.diagnostics[-1].update(found)
         return found
@@ -130,6 +187,10 @@ class Run:
             "diagnostics": self.diagnostics,
             "seconds": self.seconds,
             "n_removed": self.n_removed,
+            "n_cut": self.n_cut,
+            "emitters": {
+                name: [e.rate, e.on, e.emitted, e._volume] for name, e in self.emitters.items()
+            },
         }
         checkpoint.save(name, self.state(), facts)
 
@@ -143,13 +204,26 @@ class Run:
         sim = cls(facts["scene"], device=device, threads=threads)
         sim.set_state(arrays)
         sim.diagnostics, sim.seconds = facts["diagnostics"], facts["seconds"]
-        sim.n_removed = facts["n_removed"]
+        sim.n_removed, sim.n_cut = facts["n_removed"], facts["n_cut"]
+        for tool in sim.instruments.values():
+            tool.start(sim.time)
+        for name, values in facts["emitters"].items():
+            emitter = sim.emitters[name]
+            emitter.rate, emitter.on, emitter.emitted, emitter._volume = values
         return sim
 
     def reset(self) -> None:
         """Back to the start."""
+        if self.file is None:
+            raise ValueError("reset: expected a simulation of a scene, got another")
         self.set_state(self._first_state)
+        tools = self.instruments
         self._begin(self.file)
+        self.instruments = tools
+        for tool in tools.values():
+            tool.start(0.0)
+        for emitter in self.emitters.values():
+            emitter.emitted, emitter._volume = 0, 0.0
 
     def advance(self, seconds: float, stop: Callable[[], bool] | None = None) -> Any:
         """Whole steps until `seconds` have passed, the last two alike rather than one a sliver.

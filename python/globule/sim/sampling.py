@@ -24,12 +24,12 @@ def fill(shape: Any, spacing: float) -> np.ndarray:
     """Lattice points (N, 3) float64 that fill a shape.
 
     A box that is a whole number of spacings wide is filled exactly; otherwise the lattice is the
-    nearest that fits, in its middle. Raises ValueError for a shape without an end, or too large.
+    largest that fits, in its middle. Raises ValueError for a shape without an end, or too large.
     """
     lo, hi = shape.bounds()
     if not np.isfinite([lo, hi]).all():
         raise ValueError("expected a shape with a volume, got a plane")
-    n = np.maximum(1, np.round((hi - lo) / spacing)).astype(np.int64)
+    n = np.maximum(1, np.floor((hi - lo) / spacing + 1e-3)).astype(np.int64)
     if np.prod(n.astype(float)) > MOST_PARTICLES:
         raise ValueError(
             f"expected at most {MOST_PARTICLES:,} particles, got {np.prod(n.astype(float)):,.0f}"

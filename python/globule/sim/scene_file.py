@@ -28,7 +28,6 @@ from .schema import (
     switch,
     text,
     vector,
-    whole,
 )
 from .shapes import Box, Cylinder, Plane, Sphere
 from .sources import DistanceFile, MeshFile, ParticleFile, Tomography, check_files
@@ -47,7 +46,6 @@ class Solver:
     max_error: float = key(number(above=0.0, most=0.1), 0.001)  # mean compression, a share
     cfl: float = key(number(above=0.0, most=2.0), 1.0)
     max_dt: float = key(positive, 0.005)  # seconds
-    tissue_iterations: int = key(whole(1, 1000), 10)  # small steps of the bonds in a step
 
 
 @dataclass(kw_only=True)
@@ -58,6 +56,7 @@ class Domain:
     hi: tuple = key(vector())
     walls: bool = key(switch, False)  # whether its faces are boundaries
     open: list = key(each(choice(*FACES)), [])
+    periodic: list = key(each(choice("x", "y", "z")), [])  # axes without end: out here, in there
 
     def __post_init__(self) -> None:
         Box(self.lo, self.hi)
@@ -121,8 +120,8 @@ class Solid:
     rigidity: float | None = key(number(above=0.0, most=0.999), None)
     damping: float = key(number(least=0.0), 0.0)  # of the bonds, 1/s
     tear: float = key(number(least=0.0), 0.0)  # strain at which a bond breaks; 0: never
-    plastic: float = key(number(least=0.0), 0.0)  # strain beyond which it stays; 0: never
-    incompressible: bool = key(switch, True)  # whether it takes part in the density solve
+    plastic: float = key(number(least=0.0), 0.0)  # strain beyond which some stays; 0: never
+    creep: float = key(positive, 1.0)  # share of that strain that stays, 1/s
     fixed: list = key(each(Shape), [])
     velocity: tuple = key(vector(), (0.0, 0.0, 0.0))
     color: tuple = key(color, (0.62, 0.38, 0.35))
@@ -199,10 +198,16 @@ class Sink:
     name: str = key(text)
     box: Box | None = key(Box, None)
     sphere: Sphere | None = key(Sphere, None)
-    cylinder: Cylinder | None = key(Cylinder, None)
 
     def __post_init__(self) -> None:
-        exactly_one(self, ("box", "sphere", "cylinder"))
+        exactly_one(self, ("box", "sphere"))
+
+    @property
+    def region(self) -> tuple:
+        """Corners of the box, or centre and radius of the ball."""
+        if self.box:
+            return self.box.lo, self.box.hi
+        return self.sphere.center, self.sphere.radius
 
 
 @dataclass(kw_only=True)
@@ -227,7 +232,8 @@ class View:
     up: tuple = key(direction, (0.0, 0.0, 1.0))
     fov: float = key(number(above=0.0, most=170.0), 40.0)
     look: str | None = key(choice("water", "blood", "glass", "tissue", "clay"), None)
-    size: tuple = key(vector(2, least=1), (960.0, 720.0))
+    speeds: tuple | None = key(vector(2, least=0), None)  # m/s at the ends of a colour map
+    size: tuple = key(vector(2, least=1), (640.0, 480.0))
 
     def __post_init__(self) -> None:
         if (self.eye is None) != (self.look_at is None):
@@ -313,6 +319,8 @@ def read_scene(scene: Any, spacing: float | None = None) -> SceneFile:
         SceneError: `scene.toml:12: fluids[0].viscosity: expected …, got …`
         OSError: a file that cannot be read.
     """
+    if isinstance(scene, SceneFile):
+        return scene if spacing is None else replace(scene, spacing=spacing)
     name, lines, folder = "", {}, ""
     if not isinstance(scene, dict):
         path = shipped(scene) if scene in SHIPPED else File(scene)
@@ -344,7 +352,7 @@ def as_dict(table: Any) -> Any:
     found = {}
     for field in fields(table):
         value = getattr(table, field.name)
-        if field.metadata and value is not None:
+        if field.metadata and value not in (None, ""):
             found[field.name] = as_dict(value)
     return found
 

@@ -1,0 +1,116 @@
+"""How fast the fluid solver is: a developed splash goes on, or a column of any size collapses.
+
+    python bench/simulate.py --steps 100 --error 0.001 --device cpu -o out.csv
+
+`--splash FILE.npz` continues positions and velocities from a file with spacing, box and obstacle;
+otherwise `--n` particles fall as a column into a closed box. Prints a table (and CSV), the time of each
+stage, iterations and a hash of the final state. `cpu_us` is process time over particle-steps: what a
+busy machine does not change.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import os
+import platform
+import sys
+import time
+
+import globule as gb
+import numpy as np
+from globule.simulate import box_walls
+
+
+def splash(path: str, error: float, device: str, threads: int) -> gb.Simulation:
+    data = np.load(path)
+    d = float(data["spacing"])
+    # Their boundary particles stand on the box's faces, ours half a spacing outside of them.
+    lo, hi = data["box_min"] + d / 2, data["box_max"] - d / 2
+    hi[1] = data["box_max"][1] + 1.0
+    sim = scene(d, lo, hi, error, device, threads)
+    box = box_walls(data["obstacle_min"] + d / 2, data["obstacle_max"] - d / 2, d)
+    sim.add(box[box[:, 1] > lo[1]], "walls")
+    sim.add(data["positions"], "water", data["velocities"])
+    return sim
+
+
+def column(n: int, error: float, device: str, threads: int) -> gb.Simulation:
+    """A column of proportions 1 : 2 : 1 at one end of a closed box of 4 : 3 : 1."""
+    width = 1.0
+    d = (2 * width**3 / n) ** (1 / 3)
+    cells = max(1, round(width / d))
+    d = width / cells
+    sim = scene(d, np.zeros(3), np.array([4.0, 3.0, 1.0]), error, device, threads)
+    axes = [(np.arange(c) + 0.5) * d for c in (cells, 2 * cells, cells)]
+    sim.add(np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3), "water")
+    return sim
+
+
+def scene(d, lo, hi, error, device, threads) -> gb.Simulation:
+    description = {
+        "spacing": d,
+        "domain": (lo, hi),
+        "density_error": error,
+        "divergence_error": error,
+        "phases": [{"name": "water", "density": 1000.0}],
+    }
+    return gb.Simulation(description, device, threads)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--splash", metavar="FILE.npz")
+    parser.add_argument("--n", type=int, default=100_000, help="particles of the column")
+    parser.add_argument("--error", type=float, default=0.001)
+    parser.add_argument("--steps", type=int, default=100)
+    parser.add_argument("--warm", type=int, default=5, help="steps before the clock starts")
+    parser.add_argument("--device", default="auto")
+    parser.add_argument("--threads", type=int, default=0)
+    parser.add_argument("-o", "--output", metavar="FILE.csv")
+    a = parser.parse_args()
+
+    if a.splash:
+        sim = splash(a.splash, a.error, a.device, a.threads)
+    else:
+        sim = column(a.n, a.error, a.device, a.threads)
+    for _ in range(a.warm):
+        report = sim.step()
+    n, start = report.n_solved, sim.time
+    wall, cpu = time.perf_counter(), time.process_time()
+    reports = [sim.step() for _ in range(a.steps)]
+    wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
+
+    steps = n * a.steps
+    row = {
+        "device": sim.scene.device.description,
+        "particles": n,
+        "boundary": len(sim) - n,
+        "error": a.error,
+        "steps": a.steps,
+        "steps_per_s": a.steps / wall,
+        "particle_steps_per_s": steps / wall,
+        "cpu_us": 1e6 * cpu / steps,
+        "iterations": np.mean([r.iterations for r in reports]),
+        "divergence_iterations": np.mean([r.divergence_iterations for r in reports]),
+        "compression": np.mean([r.compression for r in reports]),
+        "dt": (sim.time - start) / a.steps,
+        "escaped": reports[-1].n_escaped,
+        "hash": sim.hash(),
+        "machine": f"{platform.machine()} {os.cpu_count()} cores",
+    }
+    for stage in reports[0].seconds:
+        row[f"ms_{stage}"] = 1e3 * np.mean([r.seconds[stage] for r in reports])
+    for name, value in row.items():
+        print(f"{name:24} {value:.6g}" if isinstance(value, float) else f"{name:24} {value}")
+    if a.output:
+        new = not os.path.exists(a.output)
+        with open(a.output, "a", newline="") as file:
+            writer = csv.DictWriter(file, row)
+            if new:
+                writer.writeheader()
+            writer.writerow(row)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,137 @@
+// Tissue, by itself or of a simulation: addresses in, addresses out, as in core.cpp.
+#include "tissue_handle.hpp"
+
+#include <nanobind/stl/string.h>
+#include <nanobind/stl/vector.h>
+
+#include <algorithm>
+
+#include "dispatch.hpp"
+
+namespace nb = nanobind;
+using namespace globule;
+
+namespace {
+
+using Address = std::uintptr_t;
+template <class T>
+T* at(Address a) { return reinterpret_cast<T*>(a); }
+
+bool poll_signals() {
+    nb::gil_scoped_acquire gil;
+    return PyErr_CheckSignals() != 0;
+}
+template <class Fn>
+auto work(const Fn& fn) {
+    nb::gil_scoped_release release;
+    return fn();
+}
+template <class T>
+T item(const nb::dict& d, const char* name) { return nb::cast<T>(d[name]); }
+float3 vec(nb::handle h) {
+    const auto v = nb::cast<std::vector<float>>(h);
+    return {v.at(0), v.at(1), v.at(2)};
+}
+/// (kind, a, b, radius, velocity)
+tissue::Shape shape(nb::handle h) {
+    return {tissue::Shape::Kind(nb::cast<int>(h[0])), vec(h[1]), vec(h[2]), nb::cast<float>(h[3]), vec(h[4])};
+}
+
+}  // namespace
+
+void bind_tissue(nb::module_& m) {
+    nb::class_<PyTissue>(m, "Tissue")
+        .def("__init__", [](PyTissue* self, const std::string& backend, int index, int threads) {
+            auto own = open_backend(backend).make_tissue(index, threads, poll_signals);
+            Tissue* core = own.get();
+            new (self) PyTissue{std::move(own), core};
+        })
+        .def("add", [](PyTissue& s, const nb::dict& d) {
+            TissueArrays a{};
+            a.n = item<std::uint32_t>(d, "n");
+            a.ids = at<const std::uint32_t>(item<Address>(d, "ids"));
+            a.positions = at<const float>(item<Address>(d, "positions"));
+            a.inverse_mass = at<const float>(item<Address>(d, "inverse_mass"));
+            a.bound = at<const float>(item<Address>(d, "bound"));
+            a.hold = at<const std::uint8_t>(item<Address>(d, "hold"));
+            a.phase = at<const std::uint8_t>(item<Address>(d, "phase"));
+            a.offsets = at<const std::uint64_t>(item<Address>(d, "offsets"));
+            a.other = at<const std::uint32_t>(item<Address>(d, "other"));
+            a.length = at<const float>(item<Address>(d, "length"));
+            a.stiffness = at<const float>(item<Address>(d, "stiffness"));
+            a.contact = item<float>(d, "contact");
+            work([&] { s.core->add(a); });
+        })
+        .def("materials", [](PyTissue& s, std::vector<float> damping, std::vector<float> tear, std::vector<float> yield,
+                             std::vector<float> creep) {
+            tissue::Materials m;
+            const auto copy = [](const std::vector<float>& from, float* to) {
+                std::copy_n(from.begin(), std::min<std::size_t>(from.size(), tissue::kMaxPhases), to);
+            };
+            copy(damping, m.damping);
+            copy(tear, m.tear_strain);
+            copy(yield, m.yield_strain);
+            copy(creep, m.creep_rate);
+            s.core->set_materials(m);
+        })
+        .def("instruments", [](PyTissue& s, nb::list motions, nb::list shapes) {
+            tissue::Motions all;
+            for (std::size_t g = 0; g < std::min<std::size_t>(nb::len(motions), tissue::kMaxGrasps); ++g) {
+                all.velocity[g] = vec(motions[g][0]);
+                all.spin[g] = vec(motions[g][1]);
+                all.center[g] = vec(motions[g][2]);
+            }
+            tissue::Shapes solid;
+            for (nb::handle h : shapes)
+                if (solid.n < tissue::kMaxShapes) solid.shape[solid.n++] = shape(h);
+            s.core->set_instruments(all, solid);
+        })
+        .def("advance", [](PyTissue& s, float dt, int substeps, int iterations, nb::handle gravity) {
+            const TissueStep step{dt, substeps, iterations, vec(gravity)};
+            return work([&] { return s.core->advance(step); });
+        })
+        .def("tear", [](PyTissue& s, float dt) { return work([&] { return s.core->tear(dt); }); })
+        .def("follow", [](PyTissue& s) { work([&] { s.core->follow(); }); })
+        .def("cut", [](PyTissue& s, Address vertices, std::uint32_t n_vertices, std::uint32_t n_moving, Address triangles, std::uint32_t n) {
+            return work([&] { return s.core->cut({at<const double>(vertices), n_vertices, n_moving, at<const std::uint32_t>(triangles), n}); });
+        })
+        .def("pieces", [](PyTissue& s) { return work([&] { return s.core->pieces(); }); })
+        .def("grasp", [](PyTissue& s, nb::handle center, float radius, int number) {
+            const float3 c = vec(center);
+            work([&] { s.core->grasp(c, radius, number); });
+        })
+        .def("remove", [](PyTissue& s, nb::handle region) {
+            const tissue::Shape r = shape(region);
+            return work([&] { return s.core->remove(r); });
+        })
+        .def("n", [](PyTissue& s) { return s.core->n(); })
+        .def("n_bonds", [](PyTissue& s) { return work([&] { return s.core->n_bonds(); }); })
+        .def("substeps", [](PyTissue& s, float dt) { return s.core->substeps(dt); })
+        .def("get", [](PyTissue& s, Address positions, Address velocities, Address piece, Address hold, Address ids) {
+            work([&] {
+                s.core->get(at<float>(positions), at<float>(velocities), at<std::uint32_t>(piece), at<std::uint8_t>(hold), at<std::uint32_t>(ids));
+            });
+        })
+        .def("accelerate", [](PyTissue& s, Address a) { work([&] { s.core->accelerate(at<const float>(a)); }); })
+        .def("set", [](PyTissue& s, Address positions, Address velocities) {
+            work([&] { s.core->set(at<const float>(positions), at<const float>(velocities)); });
+        })
+        .def("set_vessel", [](PyTissue& s, std::size_t number, float speed, double pool, int phase) {
+            if (number > s.core->vessels().size()) s.core->vessels().resize(number);
+            s.core->vessels().at(number - 1) = {speed, pool, phase};
+        })
+        .def("pools", [](PyTissue& s) {
+            std::vector<double> all;
+            for (const BloodVessel& v : s.core->vessels()) all.push_back(v.pool);
+            return all;
+        })
+        .def("arrays", [](PyTissue& s) {
+            nb::dict all;
+            for (const auto& [name, bytes] : s.core->arrays()) all[name.c_str()] = bytes;
+            return all;
+        })
+        .def("read", [](PyTissue& s, const std::string& name, Address out) { work([&] { s.core->read(name, at<void>(out)); }); })
+        .def("write", [](PyTissue& s, const std::string& name, Address in, std::size_t bytes) {
+            work([&] { s.core->write(name, at<const void>(in), bytes); });
+        });
+}

@@ -1,0 +1,140 @@
+// Vessels: cut ends that let blood out where there is room, and blood that stains what it wets.
+#pragma once
+#include "globule/octree/query.hpp"
+#include "globule/sim/couple.hpp"
+
+namespace globule::tissue {
+
+inline constexpr int kMaxVessels = 32;
+
+/// Speed of the blood that leaves each vessel's cut ends, m/s: its pressure times its conductance; 0 where
+/// the pool is empty.  Number 0 is no vessel.
+struct Vessels {
+    float speed[kMaxVessels + 1] = {};
+};
+
+/// Where a particle of blood comes out, and of which particle's end.
+struct Drop {
+    float3 at, velocity;
+    std::uint32_t t, vessel;
+};
+
+/// Collects each cut end's blood until it is one particle's worth; then looks for room around the end.
+/// A plane that cuts an area A of a lattice breaks 5 A / d² bonds, and both ends bleed: d² / 10 for each.
+template <class Tree>
+struct Bleed {
+    Bonds bonds;
+    const Quad *at, *velocity;
+    const std::uint8_t* hold;
+    Vessels vessels;
+    Tree tree;
+    const Quad* place;     ///< of the state
+    float spacing, dt;
+    float* volume;
+    Drop* drop;
+    std::uint32_t* found;  ///< 1 where there is a drop
+
+    GB_FN void operator()(std::size_t i) const {
+        const std::uint32_t t = std::uint32_t(i);
+        found[t] = 0;
+        if (!bonds.scarred[t] || hold[t] == kGone) return;
+        const float d = spacing;
+        float flow = 0.0f;
+        float3 inwards{0, 0, 0};
+        std::uint32_t vessel = 0;
+        for (std::uint32_t e = bonds.begin(t), end = bonds.end(t); e < end; e += kBlock) {
+            if (bonds.length[e] > 0.0f) inwards = inwards + normalize(at[bonds.other[e]].xyz() - at[t].xyz());
+            if (!(bonds.length[e] < 0.0f) || vessels.speed[bonds.vessel[e]] <= 0.0f) continue;
+            vessel = bonds.vessel[e];
+            flow += 0.1f * d * d * vessels.speed[vessel];
+        }
+        if (vessel == 0) return;
+        const float each = d * d * d;
+        volume[t] = least(volume[t] + flow * dt, 2.0f * each);
+        if (volume[t] < each) return;
+        const float3 x = at[t].xyz();
+        float3 way = normalize(inwards) * -1.0f;
+        for (int k = -1; k < 14; ++k) {
+            if (k >= 0) way = direction(k);
+            const float3 y = x + way * d;
+            if (!is_free(y, 0.85f * d)) continue;
+            drop[t] = {y, velocity[t].xyz() + way * vessels.speed[vessel], t, vessel};
+            found[t] = 1;
+            return;
+        }
+    }
+    /// Faces' and corners' directions of a cube.
+    GB_FN static float3 direction(int k) {
+        if (k < 6) {
+            const float s = k % 2 ? -1.0f : 1.0f;
+            return {k / 2 == 0 ? s : 0.0f, k / 2 == 1 ? s : 0.0f, k / 2 == 2 ? s : 0.0f};
+        }
+        const float a = 0.57735027f;
+        return {k & 1 ? a : -a, k & 2 ? a : -a, (k - 6) & 4 ? a : -a};
+    }
+    GB_FN bool is_free(const float3& y, float radius) const {
+        const float3 r{radius, radius, radius};
+        bool free = true;
+        for_each_touching(tree, y - r, y + r, [&](std::uint32_t j) {
+            const float3 v = place[j].xyz() - y;
+            if (dot(v, v) < radius * radius) free = false;
+        });
+        return free;
+    }
+};
+
+/// before: found, summed up.
+struct ListDrops {
+    const std::uint32_t* before;
+    const Drop* drop;
+    Drop* list;
+    GB_FN void operator()(std::size_t t) const {
+        if (before[t + 1] > before[t]) list[before[t]] = drop[t];
+    }
+};
+struct Spend {
+    const std::uint32_t* who;
+    float* volume;
+    float each;
+    GB_FN void operator()(std::size_t k) const { volume[who[k]] -= each; }
+};
+
+/// Tissue that blood touches gets wet within a fifth of a second and dries within minutes.
+template <class Packet>
+struct Wet {
+    sim::Lists<Packet> lists;
+    sim::State state;
+    Members members;
+    std::uint32_t stains;  ///< bit of each phase that does
+    float reach, dt;
+    float* wetness;
+    GB_FN void operator()(std::size_t row) const {
+        const std::uint32_t s = lists.rows[row], t = members(state.id[s]);
+        if (t == kNobody) return;
+        bool touched = false;
+        for (std::uint32_t k = 0; k < lists.count[row] && !touched; ++k) {
+            const std::uint32_t j = lists.index[lists.at(row, k)];
+            if (j >= lists.n || !(stains >> state.phase[j] & 1)) continue;
+            const float3 r = state.place[j].xyz() - state.place[s].xyz();
+            touched = dot(r, r) < reach * reach;
+        }
+        wetness[t] = least(most(wetness[t] + (touched ? 5.0f : -0.005f) * dt, 0.0f), 1.0f);
+    }
+};
+/// Wet tissue shows the blood's colour through its own.
+struct Stain {
+    const std::uint32_t *id, *slot_of, *rank;
+    const float* wetness;
+    float3 blood;
+    float* color;
+    GB_FN void operator()(std::size_t t) const {
+        if (id[t] == kNobody || slot_of[id[t]] == sim::kGone || wetness[t] <= 0.0f) return;
+        float* c = color + 3 * std::size_t(rank[id[t]]);
+        const float share = 0.85f * wetness[t];
+        c[0] += share * (blood.x - c[0]);
+        c[1] += share * (blood.y - c[1]);
+        c[2] += share * (blood.z - c[2]);
+    }
+};
+
+}  // namespace globule::tissue

@@ -1,0 +1,194 @@
+// Elastic bonds that break: one pass of XPBD (Macklin 2016) per small substep (Macklin 2019), all
+// bonds at once.  docs/design/tissue.md derives what is stated here.
+#pragma once
+#include "globule/base/quad.hpp"
+#include "globule/exec/bits.hpp"
+#include "globule/sim/contact.hpp"
+#include "globule/sim/grasp.hpp"
+
+namespace globule::tissue {
+
+inline constexpr int kMaxPhases = 32;
+inline constexpr int kBlock = 32;  ///< particles whose bonds lie interleaved
+
+/// Every bond is entered at both of its ends, so that each particle sums up its own bonds in one fixed
+/// order and nobody writes to another's.  Entry k of particle t lies in its block's row k: neighbouring
+/// particles' entries are neighbours in memory.
+struct Bonds {
+    std::uint32_t n = 0;                     ///< particles, in the tissue's own order
+    const std::uint32_t* first = nullptr;    ///< (n_blocks + 1,) entry where a block begins
+    const std::uint32_t* other = nullptr;    ///< particle at the other end
+    float* length = nullptr;                 ///< at rest; negative: cut, only a contact; 0: no bond
+    const float* stiffness = nullptr;        ///< 1 / compliance, N/m
+    const std::uint8_t* vessel = nullptr;    ///< number of the vessel, 0: none
+    std::uint8_t* scarred = nullptr;         ///< per particle: whether any of its bonds was cut
+
+    GB_FN std::uint32_t begin(std::uint32_t t) const { return first[t / kBlock] + t % kBlock; }
+    GB_FN std::uint32_t end(std::uint32_t t) const { return first[t / kBlock + 1]; }
+
+    /// The entry of the same bond at its other end.
+    GB_FN std::uint32_t twin(std::uint32_t t, std::uint32_t o) const {
+        std::uint32_t e = begin(o);
+        while (other[e] != t) e += kBlock;
+        return e;
+    }
+    GB_FN void set_length(std::uint32_t t, std::uint32_t e, float value) const {
+        length[e] = value;
+        length[twin(t, other[e])] = value;
+        if (value < 0.0f) scarred[t] = scarred[other[e]] = 1;
+    }
+};
+
+/// What tissue of one phase does, per phase.
+struct Materials {
+    float damping[kMaxPhases] = {};       ///< 1/s: velocities fall by exp(-damping dt)
+    float tear_strain[kMaxPhases] = {};   ///< bonds longer than (1 + this) of their rest length break; 0: never
+    float yield_strain[kMaxPhases] = {};  ///< beyond it bonds creep; 0: purely elastic
+    float creep_rate[kMaxPhases] = {};    ///< 1/s, share of the strain beyond the yield that becomes permanent
+};
+
+/// One iteration over all bonds: λ of each from the same positions, positions and velocities from all λ.
+///
+/// With one iteration from λ = 0, XPBD's Δλ = -C / (Σw + α̃) acts like a compliance of α̃ + Σw: too soft by
+/// an amount that depends on dt.  Here the first λ is -C / max(α̃, κ), where κ = p_i + p_j bounds the matrix
+/// A W Aᵀ by its diagonal (p = w times the largest eigenvalue of Σ n nᵀ).  So the static stiffness is exact as
+/// long as α̃ >= κ, which decides the number of substeps, and beyond that the solve stays stable and softens.
+/// Later iterations, Δλ = -(C + α̃λ) / (α̃ + κ), lead to the implicit solution.
+struct Relax {
+    Bonds bonds;
+    const Quad* at;       ///< predicted position, p
+    Quad* next;
+    Quad* velocity;       ///< velocity, inverse mass
+    const float3* acceleration;
+    const std::uint8_t* hold;
+    const std::uint8_t* phase;
+    float* lambda;          ///< per entry; null where one iteration is all
+    Materials materials;
+    Motions motions;
+    Shapes shapes;
+    float dt, contact;      ///< contact: distance that cut faces keep
+    bool is_first, is_last; ///< iteration of the substep
+    bool predicts;          ///< another substep follows
+
+    GB_FN void operator()(std::size_t i) const {
+        const std::uint32_t t = std::uint32_t(i);
+        const Quad here = at[t];
+        Quad v = velocity[t];
+        float3 x = here.xyz();
+        if (hold[t] != kFree) {
+            const float3 u = motions.velocity_at(hold[t], x, v.xyz());
+            if (is_last && predicts) x = x + u * dt;
+            velocity[t] = {u.x, u.y, u.z, v.w};
+            next[t] = {x.x, x.y, x.z, here.w};
+            return;
+        }
+        const float3 push = pushes(t, here);
+        float3 u = v.xyz() + push * (v.w / dt);
+        x = x + push * v.w;
+        if (is_last) {
+            shapes.keep_out(x, u);
+            u = u * exp_negative(-materials.damping[phase[t]] * dt);
+            if (predicts) {
+                u = u + acceleration[t] * dt;
+                x = x + u * dt;
+            }
+        }
+        velocity[t] = {u.x, u.y, u.z, v.w};
+        next[t] = {x.x, x.y, x.z, here.w};
+    }
+
+    /// Σ n λ over the particle's bonds.
+    GB_FN float3 pushes(std::uint32_t t, const Quad& here) const {
+        float3 sum{0, 0, 0};
+        for (std::uint32_t e = bonds.begin(t), end = bonds.end(t); e < end; e += kBlock) {
+            const float l = bonds.length[e];
+            if (l == 0.0f) continue;
+            const Quad there = at[bonds.other[e]];
+            const float3 r = here.xyz() - there.xyz();
+            const float distance = length(r);
+            const float stretch = l > 0.0f ? distance - l : least(distance - contact, 0.0f);
+            const float k = bonds.stiffness[e] * dt * dt, kappa = here.w + there.w;
+            float step;
+            if (is_first) {
+                step = -stretch * (k * kappa > 1.0f ? 1.0f / kappa : k);
+            } else {
+                step = -(stretch * k + lambda[e]) / (1.0f + kappa * k);
+                if (l < 0.0f && lambda[e] + step < 0.0f) step = -lambda[e];  // a contact never pulls
+            }
+            if (lambda) lambda[e] = is_first ? step : lambda[e] + step;
+            if (distance > 0.0f) sum = sum + r * (step / distance);
+        }
+        return sum;
+    }
+};
+
+/// Velocities take up the acceleration, positions move on: where the first substep looks at the bonds.
+struct Predict {
+    Quad* at;
+    Quad* velocity;
+    const float3* acceleration;
+    const std::uint8_t* hold;
+    Motions motions;
+    float dt;
+    GB_FN void operator()(std::size_t t) const {
+        const Quad x = at[t], v = velocity[t];
+        const float3 u = hold[t] == kFree ? v.xyz() + acceleration[t] * dt : motions.velocity_at(hold[t], x.xyz(), v.xyz());
+        const float3 y = x.xyz() + u * dt;
+        velocity[t] = {u.x, u.y, u.z, v.w};
+        at[t] = {y.x, y.y, y.z, x.w};
+    }
+};
+
+struct Accelerate {
+    float3* acceleration;
+    const float3* pull;  ///< beside gravity, or null
+    float3 gravity;
+    GB_FN void operator()(std::size_t t) const { acceleration[t] = pull ? gravity + pull[t] : gravity; }
+};
+struct Remember {
+    const Quad* at;
+    float3* before;
+    GB_FN void operator()(std::size_t t) const { before[t] = at[t].xyz(); }
+};
+struct CopyAll {
+    const Quad* from;
+    Quad* to;
+    GB_FN void operator()(std::size_t t) const { to[t] = from[t]; }
+};
+
+/// Once a step: overstretched bonds break, strained ones creep.  A bond is judged at its lesser end.
+struct TearAndCreep {
+    Bonds bonds;
+    const Quad* at;
+    const std::uint8_t* phase;
+    Materials materials;
+    float dt;
+    std::uint32_t* n_torn;
+    GB_FN void operator()(std::size_t i) const {
+        const std::uint32_t t = std::uint32_t(i);
+        for (std::uint32_t e = bonds.begin(t), end = bonds.end(t); e < end; e += kBlock) {
+            const std::uint32_t o = bonds.other[e];
+            const float l = bonds.length[e];
+            if (o <= t || l <= 0.0f) continue;
+            const float strain = length(at[t].xyz() - at[o].xyz()) / l - 1.0f;
+            const float tear = lesser(materials.tear_strain, t, o);
+            if (tear > 0.0f && strain > tear) {
+                bonds.set_length(t, e, -l);
+                atomic_take(n_torn, 1);
+                continue;
+            }
+            const float yield = lesser(materials.yield_strain, t, o), beyond = magnitude(strain) - yield;
+            if (yield > 0.0f && beyond > 0.0f) {
+                const float creep = beyond * (1.0f - exp_negative(-lesser(materials.creep_rate, t, o) * dt));
+                bonds.set_length(t, e, l * (1.0f + (strain > 0.0f ? creep : -creep)));
+            }
+        }
+    }
+    /// Of the two ends' values the lesser that is not 0.
+    GB_FN float lesser(const float* of_phase, std::uint32_t t, std::uint32_t o) const {
+        const float a = of_phase[phase[t]], b = of_phase[phase[o]];
+        return a > 0.0f && b > 0.0f ? least(a, b) : most(a, b);
+    }
+};
+
+}  // namespace globule::tissue

@@ -1,0 +1,242 @@
+// Viscosity and cohesion between neighbours.
+//
+// Viscosity (Monaghan 2005; Weiler 2018):
+//   rho_i a_i = K sum_j mu_ij V_j (v_ij . x_ij) / (|x_ij|^2 + 0.01 h^2) grad W_ij
+// K is 2 (dim + 2) = 10 over what the sum makes of a shear flow in the lattice, so that it flows as it should.
+// A boundary's layer stands half a spacing behind its face; the velocity there continues the fluid's
+// through zero at the face (Morris 1997), so that the fluid is at rest where the face is.
+//
+// Cohesion is a pairwise attraction of Akinci's shape (2013), scaled so that a surface has the tension asked for.
+#pragma once
+#include "globule/sim/density.hpp"
+
+namespace globule::sim {
+
+struct ViscosityScale {
+    /// K for the lattice.
+    static double of(const Spline& w, float spacing, double volume) {
+        double sum = 0.0;
+        for (int x = -2; x <= 2; ++x)
+            for (int y = -2; y <= 2; ++y)
+                for (int z = -2; z <= 2; ++z) {
+                    const float r = spacing * std::sqrt(float(x * x + y * y + z * z));
+                    if (r == 0.0f || r >= w.support) continue;
+                    float value, slope;
+                    w(r, value, slope);
+                    const double fx = double(x) * spacing, fy = double(y) * spacing;
+                    sum -= 0.5 * volume * fx * fx * fy * fy * slope / (double(r) * r + 0.01 * w.support * w.support);
+                }
+        return 1.0 / sum;
+    }
+};
+
+/// Largest attraction of a pair, over tension times spacing; measured on drops (bench/physics_fluid.py).
+inline constexpr float kCohesion = 1.0f;
+
+struct Interaction {
+    Spline spline;
+    Period period;
+    float viscosity_scale;
+    float extra_viscosity;       ///< of all pairs of fluid
+    float spacing, volume;
+
+    /// V_j mu (...) of one pair, without the velocities; beta: how much more a boundary counts.
+    template <class F>
+    GB_FN F viscous(const F& r2, const F& slope, const F& mu, const F& v) const {
+        return F(viscosity_scale) * mu * v * slope / (r2 + F(0.01f * spline.support * spline.support));
+    }
+    /// 1 where both are fluid, else 1 + wall's share: the velocity behind the wall mirrors mine.
+    template <class F>
+    GB_FN F mirror(const F& nearest) const {
+        return F(1.0f) + F(0.5f * spacing) / most(nearest - F(0.5f * spacing), F(0.25f * spacing));
+    }
+    template <class F>
+    GB_FN F attraction(const F& r) const {
+        const F q = r * F(spline.inverse), a = most(F(1.0f) - q, F(0.0f)) * q, c = F(64.0f) * a * a * a;
+        return select(q > F(0.5f), c, F(2.0f) * c - F(1.0f));
+    }
+};
+
+/// Accelerations of all rows by what acts between neighbours.
+template <class Packet_, bool periodic, bool tension>
+struct PairForces {
+    Lists<Packet_> lists;
+    const Quad *place, *velocity;
+    Rows rows;
+    Interaction pair;
+    const float* cohesion;  ///< per slot: root of a fluid's tension, a boundary's adhesion
+    float* diagonal;        ///< of the implicit operator less rho, over dt; or null
+    Quad* acceleration;     ///< per row
+    template <class Packet>
+    GB_FN void run(std::size_t row) const {
+        using F = typename Packet::F;
+        const std::uint32_t* slot = lists.rows + row;
+        const Four<F> at = Packet::gather(place, slot), v = Packet::gather(velocity, slot);
+        const F zero = F(0.0f), half = F(0.5f), one = F(1.0f);
+        const F wall = pair.mirror(Packet::load(rows.boundary + row));
+        F mine = zero;
+        if constexpr (tension) mine = Packet::gather(cohesion, slot);
+        const F c = F(-kCohesion * pair.spacing / pair.volume);
+        F x = zero, y = zero, z = zero, diag = zero;
+        const std::uint32_t n = Packet::longest(lists.count + row);
+        std::size_t k = lists.at(row);
+        for (std::uint32_t i = 0; i < n; ++i, k += Packet::stride) {
+            const Four<F> other = Packet::gather(place, lists.index + k), u = Packet::gather(velocity, lists.index + k);
+            const Vec3<F> d = pair.period.template shortest<periodic>(at.xyz() - other.xyz());
+            const F r2 = dot(d, d), r = root(r2);
+            F w, slope;
+            pair.spline(r, w, slope);
+            const auto solid = other.w > zero;
+            const F mu = select(solid, v.w, half * (v.w + u.w)) + F(pair.extra_viscosity);
+            F s = pair.viscous(r2, slope, mu, select(solid, other.w * wall, F(pair.volume)));
+            diag -= s * r2 * F(1.0f / 3.0f);
+            s *= dot(v.xyz() - u.xyz(), d);
+            if constexpr (tension) {
+                const F theirs = Packet::gather(cohesion, lists.index + k);
+                const F attraction = pair.attraction(r) * select(solid, theirs, mine * theirs);
+                s += select(r < F(pair.spline.support), c * attraction / most(r, F(1e-3f * pair.spacing)), zero);
+            }
+            x += s * d.x;
+            y += s * d.y;
+            z += s * d.z;
+        }
+        const F rho = Packet::load(rows.inverse_rho + row);
+        if (diagonal) Packet::store(diagonal + row, diag);
+        Packet::scatter_rows(acceleration, row, Four<F>{x * rho, y * rho, z * rho, zero * one});
+    }
+};
+
+struct CohesionOf {
+    State state;
+    const Phase* phases;
+    float* out;
+    GB_FN void operator()(std::size_t i) const {
+        if (i >= state.n) {
+            out[i] = 0.0f;
+            return;
+        }
+        const Phase& p = phases[state.phase[i]];
+        out[i] = state.place[i].w < 0.0f ? root(p.tension) : p.adhesion;
+    }
+};
+
+// Implicit viscosity: (rho - dt L) v = rho v* by conjugate gradients with the diagonal as preconditioner;
+// the unknown is what is added to v*, so that moving boundaries need no care.
+
+struct Conjugate {
+    double rz, pq, rz_new, first;
+    std::uint32_t iterations, done;
+};
+
+template <class Packet_, bool periodic>
+struct ApplyViscosity {
+    Lists<Packet_> lists;
+    const Quad *place, *direction;  ///< w of direction: viscosity
+    Rows rows;
+    Interaction pair;
+    const Conjugate* state;
+    float dt;
+    Quad* out;  ///< per row
+    template <class Packet>
+    GB_FN void run(std::size_t row) const {
+        using F = typename Packet::F;
+        if (state->done) return;
+        const std::uint32_t* slot = lists.rows + row;
+        const Four<F> at = Packet::gather(place, slot), v = Packet::gather(direction, slot);
+        const F zero = F(0.0f), half = F(0.5f);
+        const F wall = pair.mirror(Packet::load(rows.boundary + row));
+        F x = zero, y = zero, z = zero;
+        const std::uint32_t n = Packet::longest(lists.count + row);
+        std::size_t k = lists.at(row);
+        for (std::uint32_t i = 0; i < n; ++i, k += Packet::stride) {
+            const Four<F> other = Packet::gather(place, lists.index + k), u = Packet::gather(direction, lists.index + k);
+            const Vec3<F> d = pair.period.template shortest<periodic>(at.xyz() - other.xyz());
+            const F r2 = dot(d, d);
+            F w, slope;
+            pair.spline(root(r2), w, slope);
+            const auto solid = other.w > zero;
+            const F mu = select(solid, v.w, half * (v.w + u.w)) + F(pair.extra_viscosity);
+            const F s = pair.viscous(r2, slope, mu, select(solid, other.w * wall, F(pair.volume))) *
+                        dot(v.xyz() - u.xyz(), d);
+            x += s * d.x;
+            y += s * d.y;
+            z += s * d.z;
+        }
+        const F rho = Packet::load(rows.inverse_rho + row), solved = select(rho > zero, F(1.0f), zero);
+        const F mass = solved / select(rho > zero, rho, F(1.0f)), t = F(dt) * solved;
+        Packet::scatter_rows(out, row, Four<F>{mass * v.x - t * x, mass * v.y - t * y, mass * v.z - t * z, zero});
+    }
+};
+
+/// r = dt L v*, p = z = r / D.
+struct StartConjugate {
+    const std::uint32_t* rows;
+    const float *inverse_rho, *diagonal;
+    const Quad *acceleration, *velocity;
+    float dt;
+    Quad *residual, *direction;
+    GB_FN void operator()(std::size_t row) const {
+        const std::uint32_t slot = rows[row];
+        const float rho = inverse_rho[row] > 0.0f ? 1.0f / inverse_rho[row] : 0.0f;
+        const float3 r = acceleration[row].xyz() * (rho * dt);
+        const float d = rho > 0.0f ? 1.0f / (rho + dt * diagonal[row]) : 0.0f;
+        residual[row] = {r.x, r.y, r.z, d};
+        direction[slot] = {d * r.x, d * r.y, d * r.z, velocity[slot].w};
+    }
+};
+struct ResidualSquare {
+    const Quad* residual;
+    GB_FN double operator()(std::size_t row) const {
+        const Quad r = residual[row];
+        return double(r.w) * (double(r.x) * r.x + double(r.y) * r.y + double(r.z) * r.z);
+    }
+};
+struct DirectionSquare {
+    const std::uint32_t* rows;
+    const Quad *direction, *applied;
+    GB_FN double operator()(std::size_t row) const {
+        const Quad p = direction[rows[row]], q = applied[row];
+        return double(p.x) * q.x + double(p.y) * q.y + double(p.z) * q.z;
+    }
+};
+struct StepConjugate {
+    const std::uint32_t* rows;
+    const Conjugate* state;
+    const Quad *direction, *applied;
+    Quad *velocity, *residual;
+    GB_FN void operator()(std::size_t row) const {
+        if (state->done) return;
+        const float a = state->pq > 0.0 ? float(state->rz / state->pq) : 0.0f;
+        const std::uint32_t slot = rows[row];
+        const Quad p = direction[slot], q = applied[row];
+        Quad &v = velocity[slot], &r = residual[row];
+        v = {v.x + a * p.x, v.y + a * p.y, v.z + a * p.z, v.w};
+        r = {r.x - a * q.x, r.y - a * q.y, r.z - a * q.z, r.w};
+    }
+};
+struct TurnConjugate {
+    const std::uint32_t* rows;
+    const Conjugate* state;
+    const Quad* residual;
+    Quad* direction;
+    GB_FN void operator()(std::size_t row) const {
+        if (state->done) return;
+        const float b = state->rz > 0.0 ? float(state->rz_new / state->rz) : 0.0f;
+        const Quad r = residual[row];
+        Quad& p = direction[rows[row]];
+        p = {r.w * r.x + b * p.x, r.w * r.y + b * p.y, r.w * r.z + b * p.z, p.w};
+    }
+};
+struct JudgeConjugate {
+    Conjugate* state;
+    double tolerance;
+    GB_FN void operator()(std::size_t) const {
+        if (state->done) return;
+        state->rz = state->rz_new;
+        if (state->iterations == 0) state->first = state->rz;
+        state->done = state->rz <= tolerance * tolerance * state->first;
+        state->iterations += 1;
+    }
+};
+
+}  // namespace globule::sim

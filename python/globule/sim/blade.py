@@ -1,0 +1,153 @@
+"""Blades: an edge that is swept from one pose to another, and faces that cut where they stand."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Blade:
+    """Triangles that cut every bond whose segment crosses them.
+
+    Attributes:
+        vertices: (V, 3) float64, m, world.
+        triangles: (T, 3) uint32 into the vertices.
+        n_moving: so many vertices, the first, belong to the pose before: an instrument that moves
+            together with tissue counts them relative to where each bond was then.
+    """
+
+    vertices: np.ndarray
+    triangles: np.ndarray
+    n_moving: int = 0
+
+
+@dataclass
+class Knife:
+    """An instrument that cuts: its edge sweeps, its faces cut whatever crosses them.
+
+    Attributes:
+        edge: (K, 3) m, in the knife's own frame; a polyline.
+        faces: (F, 3, 3) m, in the knife's own frame; triangles.
+    """
+
+    edge: np.ndarray
+    faces: np.ndarray = field(default_factory=lambda: np.empty((0, 3, 3)))
+
+    def at(self, pose: Any) -> np.ndarray:
+        """The edge in the world, (K, 3)."""
+        return _moved(self.edge, check_pose("pose", pose))
+
+    def sweep(self, before: Any, now: Any) -> Blade:
+        """What the knife cuts on its way between two poses, (4, 4) world_from_knife each."""
+        now = check_pose("now", now)
+        swept = sweep(_moved(self.edge, check_pose("before", before)), _moved(self.edge, now))
+        if not len(self.faces):
+            return swept
+        faces = _moved(self.faces.reshape(-1, 3), now)
+        corners = len(swept.vertices) + np.arange(len(faces), dtype=np.uint32).reshape(-1, 3)
+        return Blade(
+            np.concatenate([swept.vertices, faces]),
+            np.concatenate([swept.triangles, corners]),
+            swept.n_moving,
+        )
+
+
+def sweep(before: Any, now: Any) -> Blade:
+    """The surface that an edge sweeps: polylines (K, 3) m, world, vertex by vertex.
+
+    Two triangles for each piece of the edge. Sweeps that follow one another share the edge, and
+    nothing slips through there.
+    """
+    a, b = _points("before", before, 2), _points("now", now, 2)
+    if a.shape != b.shape:
+        raise ValueError(f"now: expected {len(a)} points as in before, got {len(b)}")
+    k = len(a)
+    i = np.arange(k - 1, dtype=np.uint32)
+    first, second = np.stack([i, i + 1, i + 1 + k], 1), np.stack([i, i + 1 + k, i + k], 1)
+    return Blade(np.concatenate([a, b]), np.concatenate([first, second]).astype(np.uint32), k)
+
+
+def triangles(corners: Any) -> Blade:
+    """A blade of triangles (M, 3, 3) m, world, that stand still."""
+    corners = np.asarray(corners, np.float64)
+    if corners.ndim != 3 or corners.shape[1:] != (3, 3):
+        raise ValueError(f"blade: expected shape (M, 3, 3), got {corners.shape}")
+    if not np.isfinite(corners).all():
+        raise ValueError("blade: expected finite corners, got a NaN or an infinity")
+    # Corners of one place become one vertex.
+    vertices, index = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
+    return Blade(vertices, index.reshape(-1, 3).astype(np.uint32))
+
+
+def as_blade(blade: Any) -> Blade:
+    """A Blade as it is; triangles (M, 3, 3); a pair of polylines (before, now)."""
+    if isinstance(blade, Blade):
+        return blade
+    if isinstance(blade, (tuple, list)) and len(blade) == 2:
+        return sweep(*blade)
+    return triangles(blade)
+
+
+def straight(a: Any, b: Any) -> Knife:
+    """A straight edge from a to b, (3,) m."""
+    return Knife(_points("edge", [a, b], 2))
+
+
+def curved(points: Any) -> Knife:
+    """An edge through points (K, 3) m."""
+    return Knife(_points("points", points, 2))
+
+
+def scalpel(length: float = 0.03, height: float = 0.008, n: int = 12) -> Knife:
+    """A scalpel: a belly that curves up to the tip, and the flat of the blade behind it.
+
+    The tip lies in the origin, the handle along +x, the edge looks down to -z; the flat is a fan of
+    triangles in the plane y = 0.
+
+    Args:
+        length: m, of the edge along x.
+        height: m, from the lowest point of the edge to the back of the blade.
+        n: pieces of the edge.
+    """
+    for name, value in (("length", length), ("height", height)):
+        if not (np.isfinite(value) and value > 0):
+            raise ValueError(f"{name}: expected a positive number, got {value!r}")
+    if n < 1:
+        raise ValueError(f"n: expected at least 1, got {n!r}")
+    # A quarter of an ellipse over the first third, then straight.
+    angle = np.linspace(0, np.pi / 2, n)
+    belly = np.stack([length / 3 * (1 - np.cos(angle)), 0 * angle, -height * np.sin(angle)], 1)
+    edge = np.concatenate([belly, [[length, 0, -height]]])
+    back = np.array([length, 0.0, 0.0])
+    faces = np.stack([np.broadcast_to(back, (len(edge) - 1, 3)), edge[:-1], edge[1:]], 1)
+    return Knife(edge, faces)
+
+
+def check_pose(name: str, pose: Any) -> np.ndarray:
+    """(4, 4) float64; a position (3,) stands for no rotation."""
+    pose = np.asarray(pose, np.float64)
+    if pose.shape == (3,):
+        whole = np.eye(4)
+        whole[:3, 3] = pose
+        pose = whole
+    if pose.shape != (4, 4):
+        raise ValueError(f"{name}: expected shape (4, 4) or (3,), got {pose.shape}")
+    if not np.isfinite(pose).all():
+        raise ValueError(f"{name}: expected finite numbers, got a NaN or an infinity")
+    return pose
+
+
+def _moved(points: np.ndarray, pose: np.ndarray) -> np.ndarray:
+    return points @ pose[:3, :3].T + pose[:3, 3]
+
+
+def _points(name: str, points: Any, least: int) -> np.ndarray:
+    points = np.asarray(points, np.float64)
+    if points.ndim != 2 or points.shape[1] != 3 or len(points) < least:
+        raise ValueError(f"{name}: expected at least {least} points (K, 3), got {points.shape}")
+    if not np.isfinite(points).all():
+        raise ValueError(f"{name}: expected finite points, got a NaN or an infinity")
+    return points

@@ -1,0 +1,164 @@
+"""Elastic tissue by itself, without fluid: bonds, knife, grasps, pieces."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from .. import _core
+from ..arrays import address
+from ..device import choose
+from .blade import Blade, as_blade
+from .bonds import add_body, build_bonds, morton_order
+
+FREE, FIXED, GONE, GRASPED = 0, 1, 2, 3
+BALL, CAPSULE, HALF_SPACE = 0, 1, 2
+
+
+class Tissue:
+    """Elastic tissue alone. Arrays go in and come out in the order of the positions given.
+
+    Args:
+        positions: (N, 3) m, at rest.
+        spacing: m.
+        modulus: Young's, Pa; one or (N,).
+        density: kg/m³.
+        fixed: (N,) bool; what stays where it is.
+        damping: 1/s; velocities fall by exp(-damping t).
+        tear_strain: beyond which bonds break; 0: never.
+        yield_strain, creep_rate: beyond the first, a share (1/s) of the strain becomes permanent.
+        body: (N,) numbers; particles of different bodies are not bonded.
+    """
+
+    def __init__(
+        self,
+        positions: Any,
+        spacing: float,
+        modulus: Any,
+        density: float = 1000.0,
+        fixed: Any = None,
+        damping: float = 0.0,
+        tear_strain: float = 0.0,
+        yield_strain: float = 0.0,
+        creep_rate: float = 0.0,
+        body: Any = None,
+        device: str = "auto",
+        threads: int = 0,
+    ):
+        positions = np.ascontiguousarray(positions, np.float32)
+        n = self._n = len(positions)
+        self.order = morton_order(positions, spacing)
+        self._place = np.argsort(self.order)
+        modulus = np.broadcast_to(np.asarray(modulus, np.float64), (n,))[self.order]
+        body = None if body is None else np.asarray(body)[self.order]
+        bonds = build_bonds(positions[self.order], spacing, modulus, body)
+        hold = np.zeros(n, np.uint8)
+        if fixed is not None:
+            hold[np.asarray(fixed, bool)[self.order]] = FIXED
+        chosen = choose(device)
+        self._core = _core.Tissue(chosen.backend, chosen.index, threads)
+        add_body(
+            self._core, positions[self.order], self.order, bonds, hold, np.zeros(n),
+            density * spacing**3, spacing,
+        )  # fmt: skip
+        self._core.materials([damping], [tear_strain], [yield_strain], [creep_rate])
+
+    def __len__(self) -> int:
+        return self._n
+
+    def instruments(self, motions: Any = (), shapes: Any = ()) -> None:
+        """What holds and what pushes, from now on.
+
+        Args:
+            motions: (velocity, spin, center) of each grasp, by number.
+            shapes: (kind, a, b, radius, velocity): BALL of center a, CAPSULE from a to b, or
+                HALF_SPACE with point a and outward normal b.
+        """
+        self._core.instruments(list(motions), list(shapes))
+
+    def advance(
+        self, dt: float, gravity: Any = (0, 0, 0), substeps: int = 0, iterations: int = 1
+    ) -> int:
+        """Move by dt seconds; the number of substeps done."""
+        return self._core.advance(dt, substeps, iterations, [float(g) for g in gravity])
+
+    def tear(self, dt: float) -> int:
+        """Break what is overstretched, let creep what yields; the number of torn bonds."""
+        return self._core.tear(dt)
+
+    def follow(self) -> None:
+        """Remember where the tissue is; the next sweep's first pose is seen from there."""
+        self._core.follow()
+
+    def cut(self, blade: Any) -> int:
+        """Cut the bonds that a blade crosses; their number."""
+        return cut(self._core, as_blade(blade))
+
+    def grasp(self, center: Any, radius: float, number: int = 0) -> None:
+        """Hold the free particles within a ball, and let go of what `number` held before."""
+        self._core.grasp([float(v) for v in center], radius, number)
+
+    def remove(self, center: Any, radius: float) -> int:
+        """Take away the particles within a ball; their number."""
+        center = [float(v) for v in center]
+        return self._core.remove((BALL, center, center, radius, [0.0, 0.0, 0.0]))
+
+    @property
+    def n_bonds(self) -> int:
+        """Bonds that are whole."""
+        return self._core.n_bonds()
+
+    @property
+    def n_pieces(self) -> int:
+        return self._core.pieces()
+
+    @property
+    def positions(self) -> np.ndarray:
+        """(N, 3) float32 m."""
+        return self._get(np.empty((self._n, 3), np.float32), 0)
+
+    @positions.setter
+    def positions(self, value: Any) -> None:
+        self._core.set(address(self._arranged(value)), 0)
+
+    @property
+    def velocities(self) -> np.ndarray:
+        """(N, 3) float32 m/s."""
+        return self._get(np.empty((self._n, 3), np.float32), 1)
+
+    @velocities.setter
+    def velocities(self, value: Any) -> None:
+        self._core.set(0, address(self._arranged(value)))
+
+    def accelerate(self, accelerations: Any) -> None:
+        """Accelerations (N, 3) or (3,) m/s² beside gravity, from now on."""
+        self._core.accelerate(address(self._arranged(accelerations)))
+
+    @property
+    def piece(self) -> np.ndarray:
+        """(N,) uint32: the least particle of the piece that each belongs to."""
+        return self._get(np.empty(self._n, np.uint32), 2)
+
+    @property
+    def hold(self) -> np.ndarray:
+        """(N,) uint8: FREE, FIXED, GONE, or GRASPED + the grasp's number."""
+        return self._get(np.empty(self._n, np.uint8), 3)
+
+    def _get(self, out: np.ndarray, which: int) -> np.ndarray:
+        self._core.get(*[address(out) if k == which else 0 for k in range(5)])
+        return out[self._place]
+
+    def _arranged(self, value: Any) -> np.ndarray:
+        value = np.broadcast_to(np.asarray(value, np.float32), (self._n, 3))
+        self._kept = np.ascontiguousarray(value[self.order])
+        return self._kept
+
+
+def cut(core: Any, blade: Blade) -> int:
+    """The number of bonds cut."""
+    vertices = np.ascontiguousarray(blade.vertices, np.float64)
+    corners = np.ascontiguousarray(blade.triangles, np.uint32)
+    return core.cut(
+        address(vertices), len(vertices), blade.n_moving, address(corners), len(corners)
+    )

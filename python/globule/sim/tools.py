@@ -1,0 +1,103 @@
+"""Instruments at work: along their key frames, or wherever somebody moves them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from .blade import Knife, check_pose, scalpel
+from .instruments import Instrument
+
+BELLY = 0.3  # of a scalpel's length: how far its edge stands below the tip
+
+
+class Tool:
+    """An instrument of a running simulation.
+
+    Its key frames say where it is and whether it works, until `move_to` and `on` say otherwise.
+    """
+
+    def __init__(self, table: Instrument, number: int, time: float):
+        self.name, self.kind, self.radius = table.name, table.kind, table.radius
+        self.ablates = table.ablates
+        self._motion, self._number = table.motion, number
+        self._wanted: np.ndarray | None = None
+        self._on: bool | None = None
+        self._holds = False
+        self.knife: Knife | None = None
+        if table.kind == "scalpel":
+            edge = table.edge
+            length = table.length
+            self.knife = Knife(np.array(edge)) if edge else scalpel(length, BELLY * length)
+        self.start(time)
+
+    def start(self, time: float) -> None:
+        """Where it is at a time; what was said by hand is forgotten."""
+        self._wanted = self._on = None
+        self.pose = self._motion.pose(time)
+        self._holds = self.kind == "grasper" and self._motion.on(time)
+
+    def move_to(self, pose: Any) -> None:
+        """Where it will be at the end of the next step, and stays: (4, 4) world from instrument, or
+        a position (3,), with which it keeps its rotation."""
+        wanted = check_pose("pose", pose)
+        if np.shape(pose) == (3,):
+            wanted[:3, :3] = self.pose[:3, :3]
+        self._wanted = wanted
+
+    @property
+    def on(self) -> bool | None:
+        """Whether it works; None: as its key frames say."""
+        return self._on
+
+    @on.setter
+    def on(self, value: bool | None) -> None:
+        self._on = value
+
+    def works(self, time: float) -> bool:
+        if self._on is not None:
+            return self._on
+        return self._wanted is not None or self._motion.on(time)
+
+    def prepare(self, sim: Any, dt: float) -> None:
+        """Before a step of dt: where it goes, and what it holds."""
+        time = sim.time
+        self._next = self._motion.pose(time + dt) if self._wanted is None else self._wanted
+        if self.kind != "grasper":
+            return
+        works = self.works(time)
+        if works and not self._holds:
+            sim.grasp(self.pose[:3, 3], self.radius, self._number)
+        elif self._holds and not works:
+            sim.release(self._number)
+        self._holds = works
+        if works and dt > 0:
+            velocity = (self._next[:3, 3] - self.pose[:3, 3]) / dt
+            turn = self._next[:3, :3] @ self.pose[:3, :3].T
+            sim.move_grasp(self._number, velocity, _spin(turn) / dt, self.pose[:3, 3])
+
+    def sink(self, time: float) -> tuple[np.ndarray, float] | None:
+        """The ball that suction takes fluid out of."""
+        if self.kind == "suction" and self.works(time):
+            return self._next[:3, 3], self.radius
+        return None
+
+    def operate(self, sim: Any) -> int:
+        """After a step: cut or take away what was passed; the number of bonds cut."""
+        n_cut = 0
+        if self.works(sim.time):
+            if self.knife is not None:
+                n_cut = sim.cut(self.knife.sweep(self.pose, self._next), relative=True)
+            elif self.kind == "suction" and self.ablates:
+                sim.ablate(self._next[:3, 3], self.radius)
+        self.pose = self._next
+        return n_cut
+
+
+def _spin(turn: np.ndarray) -> np.ndarray:
+    """Rotation vector of a small turn (3, 3)."""
+    axis = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]]) / 2
+    sine = float(np.linalg.norm(axis))
+    angle = np.arctan2(sine, (np.trace(turn) - 1) / 2)
+    return axis * (angle / sine) if sine > 1e-12 else np.zeros(3)

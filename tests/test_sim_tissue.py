@@ -1,0 +1,146 @@
+"""Bonds: stiffness, momentum, tearing, pieces, grasps; on every backend."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from globule.bench import physics_tissue as truths
+from globule.sim.bonds import along, build_bonds
+from globule.sim.tissue import BALL, FIXED, FREE, GONE, GRASPED, Tissue
+
+D = truths.SPACING
+
+
+def check(rows):
+    assert rows
+    for row in rows:
+        assert row["ok"], row
+
+
+@pytest.mark.parametrize(
+    "experiment",
+    ["column", "cantilever", "stiffness", "momentum", "free_fall", "tearing", "creep", "contact"],
+)
+def test_truths(backend, experiment):
+    check(getattr(truths, experiment)(**backend))
+
+
+def test_a_lattice_has_18_neighbours_of_one_stiffness():
+    bonds = build_bonds(truths.lattice(5, 5, 5), D, 2500.0)
+    counts = np.diff(bonds.offsets.astype(int))
+    assert counts.max() == 18 and (counts == 18).sum() == 27
+    assert np.allclose(bonds.stiffness, 0.4 * 2500 * D)
+    assert set(np.round(100 * bonds.length / D).astype(int)) == {100, 141}
+
+
+def test_every_bond_stands_at_both_ends():
+    rng = np.random.default_rng(1)
+    x = truths.lattice(6, 6, 6) + rng.uniform(-0.2, 0.2, (216, 3)).astype("f4") * D
+    b = build_bonds(x, D, 2500.0)
+    pairs = set(zip(b.first_ends.tolist(), b.other.tolist(), strict=True))
+    assert len(pairs) == len(b.other) and all((o, t) in pairs for t, o in pairs)
+    distance = np.linalg.norm(x[:, None] - x[None], axis=2)
+    close = (distance <= np.float32(1.5 * D)) & ~np.eye(216, dtype=bool)
+    assert len(pairs) == close.sum()
+
+
+def test_stiffness_of_two_materials_is_in_series():
+    soft_hard = build_bonds(np.array([[0, 0, 0], [D, 0, 0]]), D, [1000.0, 3000.0])
+    assert np.allclose(soft_hard.stiffness, 0.4 * 1500.0 * D)
+
+
+def test_bodies_are_not_bonded():
+    x = truths.lattice(2, 2, 4)
+    b = build_bonds(x, D, 2500.0, body=truths.layers(x) // 2)
+    assert (truths.layers(x)[b.first_ends] // 2 == truths.layers(x)[b.other] // 2).all()
+
+
+def test_jittered_particles_are_about_as_stiff_as_asked(backend):
+    rng = np.random.default_rng(5)
+    x = truths.lattice(7, 7, 30)
+    z = truths.layers(x)
+    x = x + rng.uniform(-0.15, 0.15, x.shape).astype("f4") * D
+    tissue = Tissue(x, D, 2500.0, fixed=z == z.max(), damping=25.0, **backend)
+    pull = np.zeros_like(x)
+    pull[z == 0, 2] = -0.003 * 2500.0 * D**2 / (1000.0 * D**3)
+    tissue.accelerate(pull)
+    y = truths.settle(tissue, 1.0) - x
+    stretch = (y[z == 20, 2].mean() - y[z == 10, 2].mean()) / (10 * D)
+    assert 0.75 < 0.003 / stretch < 1.15
+
+
+def test_same_bits_whatever_the_threads():
+    x = truths.lattice(15, 15, 15)
+    found = []
+    for threads in (1, 2, 3):
+        tissue = Tissue(x, D, 2500.0, fixed=x[:, 2] < D / 2, device="cpu", threads=threads)
+        tissue.velocities = np.random.default_rng(2).normal(0, 0.1, x.shape)
+        for _ in range(3):
+            tissue.advance(0.01, truths.GRAVITY)
+            tissue.cut(np.array([[[0.01, -1, -1], [0.01, 1, -1], [0.01, 0, 1]]]))
+        found.append((tissue.positions, tissue.velocities, tissue.piece))
+    for other in found[1:]:
+        assert all(np.array_equal(a, b) for a, b in zip(found[0], other, strict=True))
+
+
+def test_grasp_carries_and_lets_go(backend):
+    x = truths.lattice(6, 6, 6)
+    tissue = Tissue(x, D, 2500.0, fixed=x[:, 2] < D / 2, damping=5.0, **backend)
+    tissue.grasp(x[-1], 1.1 * D, 2)
+    held = tissue.hold == GRASPED + 2
+    assert held.sum() == 4 and held[-1]
+    tissue.instruments([((0, 0, 0),) * 3] * 2 + [((0.0, 0.0, 0.1), (0, 0, 0), (0, 0, 0))])
+    tissue.advance(0.02)
+    assert np.allclose(tissue.positions[held] - x[held], [0, 0, 0.002], atol=1e-6)
+    assert np.allclose(tissue.positions[tissue.hold == FIXED], x[tissue.hold == FIXED])
+    neighbour = ~held & (np.linalg.norm(x - x[-1], axis=1) < 2.1 * D)
+    assert (tissue.positions[neighbour, 2] > x[neighbour, 2] + 1e-4).all()
+    tissue.grasp((9, 9, 9), D, 2)
+    assert not (tissue.hold >= GRASPED).any() and (tissue.hold[held] == FREE).all()
+
+
+def test_a_moving_ball_pushes(backend):
+    x = truths.lattice(8, 8, 8)
+    tissue = Tissue(x, D, 2500.0, fixed=x[:, 2] < D / 2, **backend)
+    center = np.array([3.5 * D, 3.5 * D, 7 * D + 0.006])
+    tissue.instruments(shapes=[(BALL, tuple(center), (0, 0, 0), 0.005, (0.0, 0.0, -0.1))])
+    tissue.advance(0.03)
+    center = center - [0, 0, 0.003]
+    distance = np.linalg.norm(tissue.positions - center, axis=1)
+    assert distance.min() > 0.005 * (1 - 1e-3)
+    assert tissue.positions[:, 2].max() < 7.5 * D
+
+
+def test_removed_particles_leave_no_bonds(backend):
+    x = truths.lattice(5, 5, 9)
+    tissue = Tissue(x, D, 2500.0, **backend)
+    assert tissue.remove(x[112], 0.5 * D) == 1 and (tissue.hold == GONE).sum() == 1
+    assert tissue.n_pieces == 1
+    before = tissue.n_bonds
+    for i in np.flatnonzero(truths.layers(x) == 4):
+        tissue.remove(x[i], 0.1 * D)
+    assert (tissue.hold == GONE).sum() == 25 and tissue.n_pieces == 2
+    # 25 particles of a layer: 2 (5n² - 4n) bonds to the layers beside, 2n(n-1) + 2(n-1)² inside.
+    whole = 2 * 105 + 2 * 5 * 4 + 2 * 16
+    assert build_bonds(x, D, 2500.0).other.size // 2 - tissue.n_bonds == whole
+    assert tissue.n_bonds < before
+
+
+def test_what_lies_along_a_polyline():
+    course = [[0, 0, 0], [1, 0, 0], [1, 1, 0]]
+    points = np.array([[0.5, 0.1, 0], [0.5, 0.3, 0], [-0.1, 0, 0], [1.1, 0.9, 0.1], [1, 1.3, 0]])
+    assert along(course, 0.2, points).tolist() == [True, False, True, True, False]
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"modulus": 0.0}, "modulus"),
+        ({"modulus": np.nan}, "modulus"),
+        ({"positions": np.zeros((3, 3))}, "positions: expected particles about"),
+    ],
+)
+def test_wrong_bonds_are_named(change, message):
+    good = {"positions": truths.lattice(2, 2, 2), "spacing": D, "modulus": 2500.0}
+    with pytest.raises(ValueError, match=message):
+        build_bonds(**{**good, **change})

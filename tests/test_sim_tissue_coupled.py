@@ -1,0 +1,238 @@
+"""Tissue in a simulation: density solve, boundaries, removal, vessels, checkpoints."""
+
+from __future__ import annotations
+
+import globule as gb
+import numpy as np
+import pytest
+from globule.bench import physics_tissue as truths
+from globule.sim import blade
+from globule.sim.operate import NOBODY, Vessel
+
+D = 0.004
+
+
+def make(backend, positions, modulus=2500.0, fixed=None, gravity=(0, 0, -9.81), **tissue):
+    phases = [
+        {"name": "tissue", "kind": "tissue", **tissue},
+        {"name": "blood", "density": 1060.0, "viscosity": 0.0035},
+    ]
+    sim = gb.Simulation(
+        {
+            "spacing": D, "domain": ((-0.1, -0.1, -0.1), (0.1, 0.1, 0.1)), "gravity": gravity,
+            "phases": phases, "walls": False, "density_error": 0.01,
+        },
+        **backend,
+    )  # fmt: skip
+    ids = sim.add(positions, "tissue")
+    sim.bond(ids, modulus, fixed)
+    return sim
+
+
+def block(nx, ny, nz):
+    return truths.lattice(nx, ny, nz, D)
+
+
+def stroke(height, start, end):
+    edge = np.array([[0, -0.5, height * D], [0, 0.5, height * D]])
+    return edge + [start * D, 0, 0], edge + [end * D, 0, 0]
+
+
+def test_hanging_tissue_stays_and_its_cut_piece_falls(backend):
+    x = block(4, 4, 12)
+    top = x[:, 2] > 10.5 * D
+    sim = make(backend, x, 2e4, fixed=top, damping=20.0)
+    assert sim.n_pieces == 1
+    for _ in range(25):
+        sim.step(0.004)
+    assert np.array_equal(sim.positions[top], x[top])
+    assert np.abs(sim.positions - x).max() < 0.3 * D
+    assert sim.cut(stroke(5.5, -3, 8)) == 5 * 16 - 4 * 4 and sim.n_pieces == 2
+    sim.phases["tissue"].damping = 0.0
+    lower = sim.piece == 0
+    assert lower.sum() == 4 * 4 * 6 and (sim.piece[~lower] == 6).all()
+    at, v = sim.positions[lower].mean(0), sim.velocities[lower].mean(0)
+    for _ in range(20):
+        sim.step(0.004)
+    t = 0.08
+    fallen = at + v * t + 0.5 * np.array([0, 0, -9.81]) * t * t - sim.positions[lower].mean(0)
+    assert np.abs(fallen).max() < 0.01 * 0.5 * 9.81 * t * t
+    assert np.abs(sim.positions[~lower] - x[~lower]).max() < 3 * D
+
+
+def test_momentum_stays_through_steps_and_cuts(backend):
+    x = block(6, 6, 10)
+    sim = make(backend, x, gravity=(0, 0, 0))
+    rng = np.random.default_rng(2)
+    sim.velocities = rng.normal(0, 0.05, x.shape)
+    before = sim.velocities.sum(0, dtype="f8")
+    for k in range(8):
+        sim.step(0.004)
+        if k == 3:
+            assert sim.cut(stroke(4.5, -3, 9)) > 0
+    drift = np.abs(sim.velocities.sum(0, dtype="f8") - before).max()
+    assert drift < 1e-5 * np.abs(sim.velocities).sum()
+
+
+def test_cut_pairs_leave_the_neighbour_lists(backend):
+    x = block(4, 4, 8)
+    sim = make(backend, x, gravity=(0, 0, 0))
+
+    def across():
+        rows, offsets, other = sim.neighbors()
+        first = np.repeat(rows, np.diff(offsets).astype(int))
+        layer = truths.layers(x * np.float32(truths.SPACING / D))
+        r = np.linalg.norm(x[first] - x[other], axis=1)
+        crossing = (layer[first] < 4) != (layer[other] < 4)
+        return (crossing & (r < 1.45 * D)).sum()
+
+    assert across() == 2 * (5 * 16 - 16)
+    sim.cut(stroke(3.5, -3, 8))
+    sim.step(1e-5)
+    assert across() == 0
+
+
+def test_pieces_do_not_pass_through_each_other(backend):
+    x = block(5, 5, 8)
+    upper = x[:, 2] > 3.5 * D
+    sim = make(backend, x, gravity=(0, 0, 0))
+    sim.cut(stroke(3.5, -3, 9))
+    sim.velocities = np.where(upper, -0.05, 0.05)[:, None] * np.array([0, 0, 1.0])
+    for _ in range(25):
+        sim.step(0.002)
+        y = sim.positions
+        assert y[upper, 2].min() - y[~upper, 2].max() > 0.6 * D
+    assert sim.velocities[upper, 2].mean() > 0 > sim.velocities[~upper, 2].mean()
+
+
+def test_tissue_on_a_boundary_that_moves(backend):
+    """Fixed parts may belong to a boundary, and go where it goes."""
+    x = block(4, 4, 6)
+    low = x[:, 2] < 0.5 * D
+    sim = make(backend, x[~low], gravity=(0, 0, 0), damping=5.0)
+    sim.add_phase(gb.simulate.Phase("plate", kind="boundary"))
+    plate = sim.add(x[low], "plate")
+    sim.bond(np.concatenate([plate, np.arange(80)]), 2500.0)
+    pose = np.eye(4)
+    sim.move_boundary("plate", pose)
+    for k in range(40):
+        pose[0, 3] = 0.1 * 0.002 * (k + 1)
+        sim.move_boundary("plate", pose)
+        sim.step(0.002)
+    y = sim.positions
+    assert np.allclose(y[plate] - x[low], [0.008, 0, 0], atol=2e-5)
+    assert (y[:80, 0] - x[~low][:, 0]).mean() > 0.003
+
+
+def test_grasp_lifts_and_releases(backend):
+    x = block(5, 5, 5)
+    sim = make(backend, x, fixed=x[:, 2] < 0.5 * D, gravity=(0, 0, 0), damping=10.0)
+    sim.grasp(x[-1], 1.2 * D, 3)
+    sim.move_grasp(3, velocity=(0, 0, 0.05))
+    for _ in range(20):
+        sim.step(0.002)
+    assert np.allclose(sim.positions[-1] - x[-1], [0, 0, 0.002], atol=2e-5)
+    sim.release(3)
+    for _ in range(100):
+        sim.step(0.004)
+    assert np.abs(sim.positions[-1] - x[-1]).max() < 0.1 * D
+
+
+def test_ablation_counts_and_separates(backend):
+    x = block(3, 3, 9)
+    sim = make(backend, x, gravity=(0, 0, 0))
+    n = len(sim)
+    gone = sim.ablate((D, D, 4 * D), 1.5 * D)
+    assert len(gone) == 19 and len(sim) == n - 19
+    gone = sum(len(sim.ablate(p, 0.1 * D)) for p in x[np.abs(x[:, 2] - 4 * D) < 0.1 * D])
+    assert gone == 0 and sim.n_pieces == 2
+    sim.step(0.001)
+    assert len(sim) == n - 19
+    sim.remove(sim.ids[:3])
+    sim.step(0.001)
+    assert (sim.piece != NOBODY).sum() == len(sim) == n - 22
+
+
+def test_a_cut_vessel_bleeds_its_pool_and_no_more(backend):
+    x = block(7, 7, 4)
+    sim = make(backend, x, fixed=x[:, 2] < 0.5 * D, damping=20.0)
+    course = [[-D, 3 * D, 3 * D], [8 * D, 3 * D, 3 * D]]
+    pool = 12.4 * D**3
+    sim.add_vessel(Vessel(course, 0.6 * D, 2e5, pool, "blood"))
+    for _ in range(5):
+        sim.step(0.004)
+    assert len(sim) == len(x)
+    # A gap, so that blood has room.
+    edge = np.array([[3.5 * D, -0.1, 2 * D], [3.5 * D, 0.1, 2 * D]])
+    assert sim.cut((edge, edge + [0, 0, 4 * D])) > 0
+    counts = []
+    for _ in range(60):
+        sim.step(0.002)
+        counts.append((sim.phase == 1).sum())
+    assert counts[0] <= counts[-1] == 12 and (np.diff(counts) >= 0).all()
+    assert sim.pools == [pytest.approx(0.4 * D**3)]
+    assert len(sim) == len(x) + 12
+    blood = sim.positions[sim.phase == 1]
+    assert np.isfinite(blood).all()
+
+
+def test_blood_stains_tissue(backend):
+    x = block(6, 6, 3)
+    sim = make(backend, x, fixed=x[:, 2] < 0.5 * D)
+    sim.add_vessel(Vessel([[0, 0, 0], [D, 0, 0]], 0.1 * D, 2000.0, 1e-6, "blood"))
+    sim.phases["blood"].color = (1.0, 0.0, 0.0)
+    clean = gb.render(sim.scene, gb.Camera((0.01, 0.01, 0.1), (0.01, 0.01, 0)), size=(32, 32))
+    drop = sim.add(x[-1:] + [0, 0, 1.0 * D], "blood")
+    for _ in range(30):
+        sim.step(0.004)
+    sim.remove(drop)
+    red = gb.render(sim.scene, gb.Camera((0.01, 0.01, 0.1), (0.01, 0.01, 0)), size=(32, 32))
+    change = (red.albedo - clean.albedo)[clean.mask & red.mask]
+    assert change[:, 0].max() > 0.1 and change[:, 2].min() < -0.1
+
+
+def test_checkpoints_go_on_bit_by_bit():
+    x = block(5, 5, 6)
+
+    def new():
+        sim = make({"device": "cpu"}, x, fixed=x[:, 2] < 0.5 * D, damping=3.0, tear_strain=0.5)
+        sim.add_vessel(
+            Vessel([[-D, 2 * D, 3 * D], [6 * D, 2 * D, 3 * D]], 0.6 * D, 1e5, 1e-5, "blood")
+        )
+        return sim
+
+    def go_on(sim):
+        for k in range(6):
+            sim.step(0.004)
+            low, high = stroke(3.5 + 0.1 * k, 1, 4)
+            sim.cut(blade.sweep(low, high), relative=True)
+        return sim.hash(), sim.n_bonds, sim.pools, sim.piece.tolist()
+
+    first = new()
+    go_on(first)
+    state = first.state()
+    second = new()
+    second.set_state(state)
+    assert go_on(first) == go_on(second)
+
+
+def test_same_bits_whatever_the_threads():
+    x = block(8, 8, 8)
+    found = set()
+    for threads in (1, 2, 3):
+        sim = make({"device": "cpu", "threads": threads}, x, fixed=x[:, 2] < 0.5 * D)
+        for k in range(4):
+            sim.step(0.004)
+            sim.cut(stroke(2.5 + k, -2, 5))
+        found.add((sim.hash(), sim.n_bonds, sim.n_pieces))
+    assert len(found) == 1
+
+
+def test_wrong_use_is_named(backend):
+    sim = make(backend, block(2, 2, 2))
+    with pytest.raises(ValueError, match="ids: expected particles"):
+        sim.bond([99], 2500.0)
+    with pytest.raises(ValueError, match="number: expected 0 to 7"):
+        sim.grasp((0, 0, 0), D, 8)
+    with pytest.raises(ValueError, match="phase: expected one of"):
+        sim.add_vessel(Vessel([[0, 0, 0], [D, 0, 0]], D, 1.0, 1.0, "ichor"))

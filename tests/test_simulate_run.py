@@ -1,0 +1,163 @@
+"""Runs of scenes: files, checkpoints, records, and what stops a run."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import globule as gb
+import numpy as np
+import pytest
+from globule.cli import main
+from globule.sim import diagnostics
+
+SCENE = {
+    "spacing": 0.05,
+    "domain": {"lo": [0, 0, 0], "hi": [1, 0.4, 0.8], "walls": True},
+    "fluids": [{"name": "water", "box": {"lo": [0, 0, 0], "hi": [0.4, 0.4, 0.4]}}],
+}
+TOML = """\
+spacing = 0.05
+seconds = 0.3
+domain = { lo = [0, 0, 0], hi = [1, 0.4, 0.8], walls = true }
+[[fluids]]
+name = "water"
+box = { lo = [0, 0, 0], hi = [0.4, 0.4, 0.4] }
+[output]
+fps = 20
+"""
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "dam.toml").write_text(TOML)
+    return tmp_path
+
+
+def run(*words):
+    assert main(["simulate", *map(str, words), "--device", "cpu"]) == 0
+
+
+def test_frames_are_read_again_in_every_format(folder, capsys):
+    for kind in ("vtp", "bgeo", "npz", "txt"):
+        run("dam.toml", "-o", kind, "--format", kind, "--seconds", 0.1)
+    files = sorted(os.listdir("vtp"))
+    assert files[-3:] == [f"frame_{k:05d}.vtp" for k in range(3)] and "checkpoint.npz" in files
+    last = [gb.read(f"{kind}/frame_00002.{kind}") for kind in ("vtp", "bgeo", "npz", "txt")]
+    for particles in last:
+        assert len(particles) == 8**3  # no boundaries
+        assert np.allclose(particles.positions, last[0].positions, atol=1e-6)
+    assert last[0].attributes["velocity"].shape == (512, 3)
+
+
+def test_restart_is_bit_identical(folder, capsys):
+    run("dam.toml", "-o", "whole", "--json")
+    whole = json.loads(capsys.readouterr().out)
+    run("dam.toml", "-o", "parts", "--seconds", 0.13, "--threads", 1)
+    run("dam.toml", "-o", "parts", "--seconds", 0.2, "--resume")
+    capsys.readouterr()
+    run("dam.toml", "-o", "parts", "--resume", "--json")
+    parts = json.loads(capsys.readouterr().out)
+    assert parts["hash"] == whole["hash"] and parts["time"] == pytest.approx(0.3)
+    for k in range(7):
+        a, b = (gb.read(f"{f}/frame_{k:05d}.vtp").positions for f in ("whole", "parts"))
+        assert (a == b).all()
+    rows = list(csv.DictReader(open("parts/diagnostics.csv")))
+    assert [row["step"] for row in rows] == [str(i + 1) for i in range(len(rows))]
+    assert rows == list(csv.DictReader(open("whole/diagnostics.csv")))
+
+
+def test_ctrl_c_leaves_whole_files_and_a_checkpoint(folder):
+    words = [sys.executable, "-m", "globule", "simulate", "dam.toml", "--seconds", "1000"]
+    process = subprocess.Popen([*words, "--device", "cpu"], stderr=subprocess.PIPE, text=True)
+    limit = time.monotonic() + 60
+    while not os.path.exists("frames/frame_00004.vtp") and time.monotonic() < limit:
+        time.sleep(0.05)
+    process.send_signal(signal.SIGINT)
+    _, said = process.communicate(timeout=60)
+    assert process.returncode == 130 and "--resume goes on from" in said
+    assert not [name for name in os.listdir("frames") if name.endswith(".tmp")]
+    sim = gb.Simulation.load("frames/checkpoint.npz", device="cpu")
+    assert sim.time > 0.15 and len(gb.read("frames/frame_00004.vtp")) == 512
+
+
+def test_diagnostics_add_up():
+    sim = gb.Simulation(SCENE, device="cpu")
+    first = sim.measure()
+    sim.advance(0.1)
+    later = sim.measure()
+    mass = 512 * 1000 * 0.05**3
+    assert first["kinetic"] == 0 and first["potential"] == pytest.approx(mass * 9.81 * 0.2, rel=1e-3)
+    assert later["potential"] < first["potential"]
+    gain = first["potential"] - later["potential"]
+    assert 0.5 * gain < later["kinetic"] <= 1.02 * gain
+    assert sim.diagnostics[-1]["kinetic"] == later["kinetic"]
+    times = [row["time"] for row in sim.diagnostics]
+    assert times == sorted(times) and times[-1] == pytest.approx(0.1)
+
+
+def test_reset_starts_again():
+    sim = gb.Simulation(SCENE, device="cpu")
+    start = sim.hash()
+    sim.advance(0.05)
+    end = sim.hash()
+    sim.reset()
+    assert sim.hash() == start and sim.time == 0 and sim.diagnostics == []
+    sim.advance(0.05)
+    assert sim.hash() == end
+
+
+def test_a_dict_a_file_and_a_name_are_the_same_scene(folder):
+    hashes = {gb.Simulation(scene, device="cpu").hash() for scene in (SCENE, "dam.toml")}
+    assert len(hashes) == 1
+    coarse = gb.Simulation("dam-break", device="cpu", spacing=0.1)
+    assert coarse.counts["fluid"] == 4 * 4 * 6
+
+
+def test_a_nan_stops_with_the_particles_story(folder, capsys):
+    sim = gb.Simulation(SCENE, device="cpu")
+    velocities = sim.velocities
+    velocities[7] = np.nan
+    sim.velocities = velocities
+    with pytest.raises(ArithmeticError, match=r"particle \d+ \(water\) at \(.*\) .* not a number"):
+        sim.advance(0.1)
+
+
+def test_pictures_and_a_movie(folder, capsys):
+    pytest.importorskip("av")
+    run("dam.toml", "--no-frames", "--video", "dam.mp4", "--pictures", "p", "--size", "64x48",
+        "--seconds", 0.1)  # fmt: skip
+    assert sorted(os.listdir("p")) == ["00000.png", "00001.png", "00002.png"]
+    assert os.path.getsize("dam.mp4") > 1000 and not os.path.exists("dam.mp4.frames")
+    assert not [name for name in os.listdir("frames") if name.startswith("frame_")]
+
+
+def test_curves_are_drawn(tmp_path):
+    pytest.importorskip("matplotlib")
+    rows = [{"time": t, "dt": 0.1, "compression": 0.001 * t} for t in range(5)]
+    rows[4]["kinetic"] = 2.0
+    assert diagnostics.plot(tmp_path / "d.png", rows)
+    assert (tmp_path / "d.png").read_bytes()[:4] == b"\x89PNG"
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (["nowhere.toml"], "expected a .toml file or one of dam-break"),
+        (["dam.toml", "--resume"], "--resume: expected frames/checkpoint.npz"),
+        (["dam.toml", "--spacing", "9"], "spacing: expected less than half the domain, got 9"),
+        (["dam.toml", "--video", "a.avi"], "--video: expected a name ending in .mp4"),
+        (["dam.toml", "--format", "xls"], "argument --format"),
+    ],
+)
+def test_mistakes_are_one_line(folder, capsys, words, expected):
+    assert main(["simulate", *words]) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1 and expected in said
+    assert not os.path.exists("frames")
