@@ -116,3 +116,146 @@ def test_recording_a_simulation_shows_it_moving(dam, tmp_path):
         pictures = [f.to_ndarray(format="rgb24").astype(int) for f in movie.decode(video=0)]
     assert len(pictures) == recorder.n_pictures > 5
     assert np.abs(pictures[-1] - pictures[0]).mean() > 0.3
+
+
+@pytest.fixture
+def block(chromium):
+    watched = Watched(gb.Simulation("cut-block", spacing=0.003), chromium)
+    yield watched
+    watched.close()
+
+
+def stroke(page, begin, end, steps: int = 12) -> None:
+    """A drag from one place in the window to another."""
+    page.mouse.move(*begin)
+    page.mouse.down()
+    for i in range(1, steps + 1):
+        page.mouse.move(*(np.asarray(begin) + (np.subtract(end, begin)) * i / steps))
+        time.sleep(0.06)
+    page.mouse.up()
+
+
+def outline(watched, page) -> np.ndarray:
+    """Where the tissue is in the window: columns and rows of its pixels."""
+    source = watched.viewer.source
+    box = page.locator("canvas").first.bounding_box()
+    size = (round(box["width"]), round(box["height"]))
+    with source.lock:
+        phase = list(source.simulation.phases).index("block")
+        where = source.simulation.positions[source.simulation.phase == phase]
+    from globule.viewer.overlay import project
+
+    return np.array([project(page.client.camera, size, p) for p in where])
+
+
+def test_a_scalpel_stroke_leaves_two_pieces(block):
+    page, sim = block.page(), block.viewer.source.simulation
+    assert sim.n_pieces == 1
+    choose(page, "With the mouse", "Cut")
+    page.get_by_text("Draw a line across what is to be cut.", exact=True).wait_for()
+    time.sleep(1.0)
+    where = outline(block, page)
+    middle = where.mean(axis=0)
+    stroke(page, (middle[0], where[:, 1].min() - 40), (middle[0], where[:, 1].max() + 40))
+    until(lambda: sim.n_pieces == 2, "for the cut")
+    assert block.viewer.source.n_cut > 20
+    open_folder(page, "Statistics")
+    page.get_by_text("pieces", exact=True).wait_for()
+
+
+def test_a_shallow_stroke_leaves_one_piece(block):
+    page, source = block.page(), block.viewer.source
+    source.cut_depth = 0.004
+    choose(page, "With the mouse", "Cut")
+    page.get_by_text("Draw a line across what is to be cut.", exact=True).wait_for()
+    time.sleep(1.0)
+    where = outline(block, page)
+    middle = where.mean(axis=0)
+    stroke(page, (middle[0], where[:, 1].min() - 40), (middle[0], where[:, 1].max() + 40))
+    until(lambda: source.n_cut > 0, "for the cut")
+    assert source.simulation.n_pieces == 1
+
+
+def test_grasping_pulls_tissue(block):
+    page, source = block.page(), block.viewer.source
+    sim = source.simulation
+    choose(page, "With the mouse", "Grasp")
+    page.get_by_text("Drag a piece of the surface while it runs.", exact=True).wait_for()
+    time.sleep(1.0)
+    phase = list(sim.phases).index("block")
+    before = sim.positions[sim.phase == phase]
+    where = outline(block, page)
+    source.play(True)
+    block.viewer.engine.notify()
+    page.mouse.move(*where.mean(axis=0))
+    page.mouse.down()
+    page.mouse.move(*(where.mean(axis=0) - (0, 20)))
+    for i in range(12):
+        page.mouse.move(*(where.mean(axis=0) - (0, 20 + 10 * i)))
+        time.sleep(0.1)
+
+    def moved() -> bool:
+        with source.lock:
+            now = sim.positions[sim.phase == phase]
+        return np.linalg.norm(now - before, axis=1).max() > 0.006
+
+    until(moved, "for the tissue to follow")
+    page.mouse.up()
+    until(lambda: source._held is None, "for the grasp to let go")
+
+
+def test_instruments_move_by_hand(block):
+    page, source = block.page(), block.viewer.source
+    page.get_by_label("Move scalpel by hand", exact=True).check()
+    tool = source.simulation.instruments["scalpel"]
+    began = tool.pose.copy()
+    pose = began.copy()
+    pose[:3, 3] += (0.0, 0.02, 0.0)
+    first = block.still(page)
+    source.move("scalpel", pose)
+    source.step()
+    block.viewer.engine.notify()
+    until(lambda: np.allclose(tool.pose, pose))
+    block.still(page, lambda p: p.shape == first.shape and (p != first).any())
+    page.get_by_label("Move scalpel by hand", exact=True).uncheck()
+    until(lambda: tool._wanted is None)
+
+
+TAP = """
+title = "Tap"
+spacing = 0.02
+[domain]
+lo = [0, 0, 0]
+hi = [0.3, 0.3, 0.5]
+walls = true
+[[fluids]]
+name = "water"
+box = { lo = [0, 0, 0], hi = [0.3, 0.3, 0.06] }
+density = 1000
+[[emitters]]
+name = "tap"
+fluid = "water"
+center = [0.15, 0.15, 0.4]
+direction = [0, 0, -1]
+radius = 0.04
+rate = 0.005
+"""
+
+
+def test_an_emitter_is_switched_off_and_on(chromium, tmp_path):
+    (tmp_path / "tap.toml").write_text(TAP)
+    watched = Watched(str(tmp_path / "tap.toml"), chromium)
+    try:
+        page, source = watched.page(), watched.viewer.source
+        sim = source.simulation
+        box = page.get_by_label("Emitter tap", exact=True)
+        assert box.is_checked()
+        box.uncheck()
+        until(lambda: not sim.emitters["tap"].on)
+        press(page, "Run")
+        until(lambda: sim.n_steps > 6)
+        assert sim.emitters["tap"].emitted == 0
+        box.check()
+        until(lambda: sim.emitters["tap"].emitted > 5, "for water to come")
+    finally:
+        watched.close()

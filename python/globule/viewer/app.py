@@ -114,6 +114,10 @@ class Viewer:
     async def _connected(self, browser: Any) -> None:
         from .viser_sink import ViserSink
 
+        if len(self.clients) >= MOST_CLIENTS:
+            browser.add_notification("Not possible", f"expected at most {MOST_CLIENTS} browsers",
+                                     color="red")
+            return
         sink = ViserSink(browser, lambda number: client.acknowledge(number))
         client = self.engine.add(sink, self.first_camera)
         self.clients[browser.client_id] = client

@@ -221,7 +221,8 @@ class Engine:
             else:
                 frame = trace(source, state, camera, plan.size, self.up, moving=not plan.still)
             plates = source.plates(state)
-            more = {"state": state, "camera": camera, "marks": client.marks, "plates": plates,
+            more = {"state": state, "camera": camera, "plates": plates,
+                    "marks": client.marks + source.marks(),
                     "depth": frame.depth if plates else None, "ends": source.maker.range}
             picture = frame.picture
         client.frame, client.frame_version = frame, what

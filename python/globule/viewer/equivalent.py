@@ -17,7 +17,8 @@ def command_line(
 ) -> str:
     """`globule render …`; what the command cannot say follows as a comment."""
     words = ["globule", "render", *(files or ["PARTICLES"]), "-o", "picture.png",
-             "--size", f"{size[0]}x{size[1]}", "--eye", _three(camera.eye), "--look-at", _three(camera.look_at),
+             "--size", f"{size[0]}x{size[1]}",
+             "--eye", _three(camera.eye), "--look-at", _three(camera.look_at),
              "--up", _three(camera.up), "--fov", _text(camera.fov)]
     surface, look, color = state.surface, state.look, state.color
     words += ["--kernel", surface.kernel] if surface.kernel != "murakami" else []

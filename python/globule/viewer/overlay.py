@@ -11,7 +11,7 @@ from ..camera import Camera
 from ..legend import LEAST_SIDE, add_legend
 from .state import State
 
-RED, AMBER = (226, 60, 60), (255, 176, 32)
+RED, AMBER, STEEL = (226, 60, 60), (255, 176, 32), (70, 80, 92)
 
 
 @dataclass(frozen=True)

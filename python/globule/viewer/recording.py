@@ -49,7 +49,8 @@ class Shot:
             plates = engine.source.plates(state)
             depth = self.frame.depth if plates else None
             ends = engine.source.maker.range
-        self.picture = finish(self.frame.picture, state, camera, marks or [], plates, depth, ends)
+            marks = (marks or []) + engine.source.marks()
+        self.picture = finish(self.frame.picture, state, camera, marks, plates, depth, ends)
 
     def save(self, path: str | os.PathLike) -> None:
         """PNG, or EXR with the light of the traced picture and all that belongs to it."""

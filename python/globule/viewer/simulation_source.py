@@ -7,15 +7,17 @@ from typing import Any
 import numpy as np
 
 from ..camera import Camera
-from ..particles import Particles, to_host
+from ..particles import Particles
 from ..render import Layer
-from .placement import Placement
+from .overlay import STEEL, Mark
 from .scenes import SceneMaker
 from .source import Source, box_corners
 from .state import State
 
 LONGEST_PAUSE = 0.25  # s of the clock between two pictures of slow motion
-PULL = 400.0  # 1 / s², per mass: how hard a grasp pulls
+PULL_TIME = 0.05  # s in which what is held comes to the pointer
+FASTEST = 2.0  # extents per second, of what is held
+GRASP = 7  # the number of the pointer's grasp; instruments count from 0
 
 
 class SimulationSource(Source):
@@ -33,11 +35,13 @@ class SimulationSource(Source):
         self.running, self.speed = False, 1.0
         self.cut_depth: float | None = None
         self.report: Any = None
+        self.n_cut = 0  # bonds, by the last stroke
         self._own: Particles | None = None  # a copy, for colours of values
         self._own_version = -1
         self._wanted_steps = 0
-        self._grasped: tuple[np.ndarray, np.ndarray] | None = None
-        self._target: np.ndarray | None = None
+        self._hold = np.zeros(3)  # where the held matter is, world
+        self._held: np.ndarray | None = None  # its ids
+        self._target: np.ndarray | None = None  # where the pointer is, world
         self.maker = SceneMaker(device, threads)
         self._look()
 
@@ -81,7 +85,20 @@ class SimulationSource(Source):
     def outline(self) -> np.ndarray:
         return box_corners(*self.bounds())
 
+    def marks(self) -> list[Mark]:
+        """The edges of scalpels, and the tips of other instruments."""
+        marks = []
+        for name, tool in getattr(self.simulation, "instruments", {}).items():
+            knife = getattr(tool, "knife", None)
+            points = knife.at(tool.pose) if knife is not None else tool.pose[None, :3, 3]
+            marks.append(Mark(tuple(map(tuple, points.tolist())), name, STEEL))
+        return marks
+
     def facts(self) -> dict[str, Any]:
+        with self.lock:
+            return self._facts()
+
+    def _facts(self) -> dict[str, Any]:
         sim, facts = self.simulation, {"running": "yes" if self.running else "no"}
         for label, name, form in (("time", "time", "{:.4f} s"), ("steps", "n_steps", "{:,}"),
                                   ("time step", "dt", "{:.3g} s"), ("pieces", "n_pieces", "{:,}")):
@@ -132,54 +149,69 @@ class SimulationSource(Source):
         lo, hi = self.bounds()
         through = float(np.linalg.norm(hi - lo))
         with self.lock:
-            self.simulation.cut(ribbon(points, camera, self.cut_depth or through, 0.05 * through))
+            blade = ribbon(points, camera, self.cut_depth or through, 0.05 * through)
+            self.n_cut = self.simulation.cut(blade)
             self.version += 1
 
     def move(self, name: str, pose: np.ndarray) -> None:
-        """Put an instrument somewhere: (4, 4) world_from_instrument."""
+        """Put an instrument somewhere: (4, 4) world_from_instrument; the next step goes there."""
         with self.lock:
             self.simulation.instruments[name].move_to(pose)
-            self.version += 1
+
+    def follow_keys(self, name: str) -> None:
+        """Let an instrument move as its scene says again."""
+        with self.lock:
+            self.simulation.instruments[name].start(self.simulation.time)
 
     def grasp(self, hand: Any, phase: str, start: tuple, here: tuple) -> None:
-        """Take hold of what is under the pointer, and pull it along the picture's plane."""
-        camera = hand.client.camera
+        """Take hold of what is under the pointer, and pull it along the picture's plane; the next
+        step does it."""
         if phase == "end":
-            self._grasped = self._target = None
+            self._target = None
             return
-        if phase == "start" or self._grasped is None:
-            found = hand.pick(start)
-            if found is None:
-                return
-            positions = to_host(self.simulation.particles.positions)
-            away = np.linalg.norm(positions - found.position, axis=1)
-            near = np.flatnonzero(away < 3 * float(np.min(away) + 1e-12) + self._reach())
-            self._grasped = near, np.asarray(found.position, np.float64)
+        camera = hand.client.camera
+        if self._target is None:
+            self._hold = np.asarray(hand.on_surface([start])[0], np.float64)
         eye, forward, right, up = camera.frame(hand.client.frame.size)
-        depth = float((self._grasped[1] - eye) @ forward)
+        depth = float((self._hold - eye) @ forward)
         across = forward + (2 * here[0] - 1) * right + (1 - 2 * here[1]) * up
         self._target = eye + depth * across
 
-    def _reach(self) -> float:
-        spacing = getattr(getattr(self.simulation, "scene", None), "spacing", 0.0)
-        return 2.5 * float(spacing or Placement(*self.bounds()).extent / 40)
-
-    def _mass(self) -> float:
-        """Of a particle, kg."""
-        settings = getattr(self.simulation, "settings", None)
-        spacing = float(getattr(settings, "spacing", 1.0))
-        densities = [phase.density for phase in getattr(self.simulation, "phases", {}).values()]
-        return float(np.median(densities)) * spacing**3 if densities else 1.0
-
     def _pull(self) -> None:
-        if self._grasped is None or self._target is None:
+        """Before a step: move what is held towards the pointer, or let it go."""
+        sim, target = self.simulation, self._target
+        if target is None:
+            if self._held and hasattr(sim, "release"):
+                sim.release(GRASP)
+            self._held = None
             return
-        sim, (near, _) = self.simulation, self._grasped
-        ids = np.asarray(sim.ids)[near]
-        positions, velocities = (np.asarray(a)[near] for a in (sim.positions, sim.velocities))
-        away = self._target - positions.mean(axis=0)
-        force = self._mass() * (PULL * away - 2 * np.sqrt(PULL) * velocities.mean(axis=0))
+        spacing = float(sim.settings.spacing)
+        if self._held is None:
+            near = np.linalg.norm(sim.positions - self._hold, axis=1) < 3 * spacing
+            self._held = sim.ids[near]
+            if getattr(sim, "n_bonds", 0):
+                sim.grasp(self._hold, 3 * spacing, GRASP)
+        if getattr(sim, "n_bonds", 0):
+            dt = sim.dt
+            most = self._extent() * FASTEST
+            velocity = (target - self._hold) / PULL_TIME
+            velocity *= min(1.0, most / max(float(np.linalg.norm(velocity)), 1e-30))
+            sim.move_grasp(GRASP, velocity, (0.0, 0.0, 0.0), self._hold)
+            self._hold = self._hold + velocity * dt
+            return
+        ids = np.intersect1d(self._held, sim.ids)
+        if not len(ids):
+            return
+        at = np.searchsorted(sim.ids, ids)
+        away = target - sim.positions[at].mean(axis=0)
+        speed = sim.velocities[at].mean(axis=0)
+        mass = np.median([p.density for p in sim.phases.values()]) * spacing**3
+        force = mass * (away / PULL_TIME - speed) / PULL_TIME
         sim.apply_force(np.broadcast_to(force, (len(ids), 3)).astype(np.float32), ids=ids)
+
+    def _extent(self) -> float:
+        lo, hi = self.bounds()
+        return float(np.max(hi - lo))
 
 
 def ribbon(points: list, camera: Camera, depth: float, above: float) -> np.ndarray:

@@ -12,7 +12,7 @@ from ..presets import preset
 from ..render import Layer, RenderSettings
 from ..scene import Scene
 from .locks import FairLock
-from .overlay import Plate
+from .overlay import Mark, Plate
 from .scenes import SceneMaker, color_names
 from .state import State
 
@@ -55,6 +55,10 @@ class Source:
 
     def plates(self, state: State) -> list[Plate]:
         """Images in space that are seen with it."""
+        return []
+
+    def marks(self) -> list[Mark]:
+        """What is drawn over all pictures of it; with `lock` held."""
         return []
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:

@@ -49,6 +49,9 @@ class SweepSource(VolumeSource):
 
     def reset(self) -> None:
         """Forget all frames; compounding and spacing count from now on."""
+        if self.compounding not in COMPOUNDING:
+            known = ", ".join(COMPOUNDING)
+            raise ValueError(f"compounding: expected one of {known}, got {self.compounding!r}")
         self.running = False
         with self._binning:
             self._reconstructor = Reconstructor(

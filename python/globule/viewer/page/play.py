@@ -8,6 +8,7 @@ import numpy as np
 
 from ..sweep_source import COMPOUNDING
 from .panel import Panel
+from .widgets import bounded
 
 TITLES = {"sequence": "Play", "simulation": "Simulation", "sweep": "Sweep coming in"}
 METHODS = ("pvn-om", "vvn-om", "pvn", "vvn", "bezier")
@@ -67,13 +68,13 @@ class Play(Panel):
         self.buttons.on_click(self.safe(self._time))
         speed = gui.add_slider("Speed", 0.01, 2.0, 0.01, source.speed,
                                hint="Seconds of the simulation a second, where it can")
-        speed.on_update(self.safe(lambda event: setattr(source, "speed", speed.value)))
+        speed.on_update(self.safe(lambda event: setattr(source, "speed", bounded(speed))))
         if hasattr(sim, "cut"):
             longest = self.viewer.placement.extent
             gui.add_markdown("**Cut**: choose the tool *Cut* and draw on the surface.")
             depth = gui.add_slider("Cut depth", longest / 100, longest, longest / 100, longest)
             depth.on_update(self.safe(lambda event: setattr(
-                source, "cut_depth", depth.value if depth.value < 0.99 * longest else None)))
+                source, "cut_depth", bounded(depth) if bounded(depth) < 0.99 * longest else None)))
         for name, emitter in _named(sim, "emitters"):
             self._switch(f"Emitter {name}", emitter, "on")
         for name, instrument in _named(sim, "instruments"):
@@ -115,6 +116,8 @@ class Play(Panel):
 
         def changed(event: Any) -> None:
             handle.visible = shown.value
+            if not shown.value:
+                source.follow_keys(name)
 
         shown.on_update(self.safe(changed))
         if hasattr(instrument, "on"):
@@ -141,7 +144,7 @@ class Play(Panel):
                                  hint="Edge of a voxel; counts from the next Clear")
         way = gui.add_dropdown("Compounding", COMPOUNDING, initial_value=source.compounding,
                                hint="Of values in one voxel; counts from the next Clear")
-        spacing.on_update(self.safe(lambda event: setattr(source, "spacing", spacing.value)))
+        spacing.on_update(self.safe(lambda event: setattr(source, "spacing", bounded(spacing))))
         way.on_update(self.safe(lambda event: setattr(source, "compounding", way.value)))
         self.method = gui.add_dropdown("Method", METHODS, initial_value=METHODS[0])
         self.button("Make the volume by this method", lambda browser: self._finish(),

@@ -13,6 +13,7 @@ from typing import Any
 from ..recording import Recorder, Shot, checked_size, turntable
 from ..state import MOST_BYTES
 from .panel import Panel
+from .widgets import bounded
 
 SIZES = ("1280x720", "1920x1080", "3840x2160", "1024x1024")
 
@@ -54,7 +55,7 @@ class Save(Panel):
     def picture(self, browser: Any) -> None:
         extension = "." + self.format.value.lower()
         client = self._client(browser)
-        shot = Shot(self.viewer.engine, client.camera, self.chosen_size(), self.samples.value,
+        shot = Shot(self.viewer.engine, client.camera, self.chosen_size(), int(bounded(self.samples)),
                     client.marks)
         browser.send_file_download(f"globule{extension}", shot.encoded(extension),
                                    save_immediately=True)
@@ -67,7 +68,7 @@ class Save(Panel):
                 client = self._client(browser)
                 path = os.path.join(tempfile.mkdtemp(prefix="globule-"), "movie.mp4")
                 recorder = Recorder(self.viewer.engine, lambda: client.camera, path,
-                                    self.chosen_size(), self.fps.value)
+                                    self.chosen_size(), bounded(self.fps))
                 self._recorders[browser.client_id] = recorder, path
                 self.record_button.label, self.record_button.color = "Stop recording", "red"
                 return
@@ -99,7 +100,7 @@ class Save(Panel):
         path = os.path.join(tempfile.mkdtemp(prefix="globule-"), "turntable.mp4")
         try:
             turntable(self.viewer.engine, client.camera, path, self.chosen_size(),
-                      self.seconds.value, self.fps.value, progress=progress)
+                      bounded(self.seconds), bounded(self.fps), progress=progress)
             with open(path, "rb") as file:
                 browser.send_file_download("turntable.mp4", file.read(), save_immediately=True)
         finally:

@@ -72,7 +72,7 @@ class Hand:
         self.text.content = {
             ROTATE: HINT, MEASURE: "Click two points.",
             CUT: "Draw a line across what is to be cut.",
-            GRASP: "Drag a piece of the surface.",
+            GRASP: "Drag a piece of the surface while it runs.",
         }[tool]
         if self._catcher is not None:
             self._catcher.remove()
@@ -157,12 +157,16 @@ class Hand:
             self.page.viewer.cut_along(points, self.client.camera)
 
     def along_stroke(self) -> list[tuple[float, float, float]]:
-        """The stroke's points on the surface, world; beside it as deep as the surface is."""
+        """The stroke's points on the surface."""
+        return self.on_surface(self.stroke)
+
+    def on_surface(self, screens: list) -> list[tuple[float, float, float]]:
+        """Where places of the picture are in the world; beside the surface as deep as it is."""
         frame = self.client.frame
         if frame is None:
             return []
         depth = self._depth(frame)
-        pixels = [self._pixel(frame, screen) for screen in self.stroke]
+        pixels = [self._pixel(frame, screen) for screen in screens]
         found = np.array([depth[row, column] for column, row in pixels], np.float64)
         hit = np.isfinite(found)
         camera = self.client.camera
@@ -170,7 +174,7 @@ class Hand:
             np.linalg.norm(np.subtract(camera.look_at, camera.eye)))
         eye, forward, right, up = camera.frame(frame.size)
         points = []
-        for (x, y), far in zip(self.stroke, np.where(hit, found, usual), strict=True):
+        for (x, y), far in zip(screens, np.where(hit, found, usual), strict=True):
             direction = forward + (2 * x - 1) * right + (1 - 2 * y) * up
             place = eye + far * direction / np.linalg.norm(direction)
             points.append(tuple(place.tolist()))

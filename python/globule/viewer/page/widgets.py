@@ -91,6 +91,14 @@ class Binder:
                 self.widgets[key].value = value
 
 
+def bounded(slider: Any) -> float:
+    """A slider's value within its ends, which a browser need not keep to."""
+    value = slider.value
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or value != value:
+        raise ValueError(f"{slider.label}: expected a number, got {value!r}")
+    return min(max(value, slider.min), slider.max)
+
+
 def safe(page: Any) -> Callable[[Callable], Callable]:
     """A decorator for callbacks: what goes wrong is said in the page that asked."""
 
