@@ -261,3 +261,38 @@ def test_the_page_is_bound_to_this_machine_and_cannot_be_shared():
                 socket.create_connection((address, viewer.port), timeout=5)
     finally:
         viewer.close()
+
+
+def test_values_that_no_widget_would_send_are_refused():
+    """A browser may be somebody's own program."""
+    pytest.importorskip("viser")
+    import types
+
+    viewer = gb.view(np.zeros((1, 3), np.float32), port=0, browser=False, block=False)
+    try:
+        save = viewer.page.panels[-3]
+        save.format._impl.value = "/../../../tmp/x.PNG"
+        with pytest.raises(ValueError, match="Picture as: expected PNG or EXR"):
+            save.chosen_extension()
+        for size in ("0x10", "99999x99999", "1x1; rm", 7):
+            save.size._impl.value = size
+            with pytest.raises((ValueError, TypeError)):
+                save.chosen_size()
+        from globule.viewer.page.widgets import bounded
+
+        save.samples._impl.value = 10**12
+        assert bounded(save.samples) == 256
+        save.samples._impl.value = "many"
+        with pytest.raises(ValueError, match="expected a number"):
+            bounded(save.samples)
+        heard = []
+        viewer.page.binder.on_error = lambda browser, message: heard.append(message)
+        widget = viewer.page.binder.widgets["quality.samples"]
+        before = viewer.state.quality.samples
+        for value in (10**9, float("nan"), "x", None, [1]):
+            widget._impl.value = value
+            for called in widget._impl.update_cb:
+                called(types.SimpleNamespace(client=object(), target=widget))
+        assert len(heard) == 5 and viewer.state.quality.samples == before
+    finally:
+        viewer.close()

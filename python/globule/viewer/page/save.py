@@ -15,7 +15,8 @@ from ..state import MOST_BYTES
 from .panel import Panel
 from .widgets import bounded
 
-SIZES = ("1280x720", "1920x1080", "3840x2160", "1024x1024")
+FIRST_SIZE = "1280x720"
+FORMATS = ("PNG", "EXR")
 
 
 class Save(Panel):
@@ -25,9 +26,9 @@ class Save(Panel):
         gui = self.gui
         self._recorders: dict[int, tuple[Recorder, str]] = {}
         self._lock = threading.Lock()
-        self.size = gui.add_text("Size", SIZES[0], hint="Width x height in pixels; any")
+        self.size = gui.add_text("Size", FIRST_SIZE, hint="Width x height in pixels; any")
         self.samples = gui.add_slider("Samples", 1, 256, 1, 16, hint="Rays per pixel of a picture")
-        self.format = gui.add_dropdown("Picture as", ("PNG", "EXR"))
+        self.format = gui.add_dropdown("Picture as", FORMATS)
         self.button("Save a picture", self.picture, "Key P")
         self.fps = gui.add_slider("Movie's pictures / s", 5, 60, 1, 30)
         self.record_button = self.button("Record", self.record, "Starts and stops; key R")
@@ -49,14 +50,20 @@ class Save(Panel):
             raise ValueError(f"Size: expected WIDTHxHEIGHT, got {self.size.value!r}")
         return checked_size((match[1], match[2]))
 
+    def chosen_extension(self) -> str:
+        """A browser may send anything, and it becomes part of a path."""
+        if self.format.value not in FORMATS:
+            expected = " or ".join(FORMATS)
+            raise ValueError(f"Picture as: expected {expected}, got {self.format.value!r}")
+        return "." + self.format.value.lower()
+
     def _client(self, browser: Any) -> Any:
         return self.viewer.clients[browser.client_id]
 
     def picture(self, browser: Any) -> None:
-        extension = "." + self.format.value.lower()
-        client = self._client(browser)
-        shot = Shot(self.viewer.engine, client.camera, self.chosen_size(), int(bounded(self.samples)),
-                    client.marks)
+        extension, client = self.chosen_extension(), self._client(browser)
+        samples = int(bounded(self.samples))
+        shot = Shot(self.viewer.engine, client.camera, self.chosen_size(), samples, client.marks)
         browser.send_file_download(f"globule{extension}", shot.encoded(extension),
                                    save_immediately=True)
 
