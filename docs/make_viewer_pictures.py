@@ -33,7 +33,8 @@ def splash() -> gb.Particles:
 
 
 def folder(page: Any, title: str) -> None:
-    page.get_by_text(title, exact=True).first.click()
+    heading = f"xpath=//*[not(self::em) and normalize-space(text())='{title}']"
+    page.locator(heading).first.click()
     page.wait_for_timeout(500)
 
 

@@ -126,7 +126,8 @@ def seen(page: Any) -> np.ndarray:
 
 
 def open_folder(page: Any, title: str) -> None:
-    page.get_by_text(title, exact=True).first.click()
+    heading = f"xpath=//*[not(self::em) and normalize-space(text())='{title}']"
+    page.locator(heading).first.click()
 
 
 def check(page: Any, label: str, on: bool = True) -> None:
