@@ -181,7 +181,7 @@ class SimulationSource(Source):
         """Before a step: move what is held towards the pointer, or let it go."""
         sim, target = self.simulation, self._target
         if target is None:
-            if self._held and hasattr(sim, "release"):
+            if self._held is not None and getattr(sim, "n_bonds", 0):
                 sim.release(GRASP)
             self._held = None
             return
