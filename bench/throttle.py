@@ -4,6 +4,7 @@ way."""
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import threading
 import time
 
@@ -49,9 +50,10 @@ class Throttle:
 
     async def _accept(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         there, back = await asyncio.open_connection("127.0.0.1", self.target, limit=PIECE)
-        await asyncio.gather(self._pass(reader, back, None),
-                             self._pass(there, writer, self.bytes_per_second),
-                             return_exceptions=True)
+        with contextlib.suppress(asyncio.CancelledError):
+            await asyncio.gather(self._pass(reader, back, None),
+                                 self._pass(there, writer, self.bytes_per_second),
+                                 return_exceptions=True)
 
     async def _pass(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter,
                     rate: float | None) -> None:

@@ -145,7 +145,7 @@ class Session:
 
 def cloud(n: int) -> gb.Particles:
     """A wavy pool of about n particles on a jittered lattice."""
-    edge = round((2 * n) ** (1 / 3))
+    edge = round((2.6 * n) ** (1 / 3))
     x, z, y = (a.reshape(-1) for a in np.meshgrid(
         np.arange(edge), np.arange(edge), np.arange(max(1, edge // 2)), indexing="ij"))
     top = edge / 2 * (0.75 + 0.25 * np.sin(7 * x / edge) * np.cos(5 * z / edge))

@@ -166,9 +166,8 @@ def test_files_of_settings_have_a_limit():
 
 
 def headers(**given):
-    from websockets.datastructures import Headers
-
-    return Headers({name.replace("_", "-"): value for name, value in given.items()})
+    datastructures = pytest.importorskip("websockets.datastructures")
+    return datastructures.Headers({name.replace("_", "-"): value for name, value in given.items()})
 
 
 def test_this_machines_address_is_for_this_machine():

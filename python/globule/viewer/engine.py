@@ -20,6 +20,9 @@ from .source import Source
 from .state import State
 
 
+REPEAT = 5.0  # s until the same error is said again
+
+
 class Sink(Protocol):
     """Where a client's pictures go. It calls `Client.acknowledge` once one is taken in."""
 
@@ -123,7 +126,7 @@ class Engine:
         self.on_error: Callable[[str], None] = lambda message: None
         self.wake = threading.Condition()
         self.trace_seconds = self.encode_seconds = self.step_seconds = 0.0
-        self.last_error = ""
+        self._said: dict[str, float] = {}
         self._turn = 0
         self._running = True
         self._threads = [
@@ -165,10 +168,10 @@ class Engine:
         self.source.close()
 
     def report(self, error: BaseException) -> None:
-        """Say on all pages what went wrong, once until something else does."""
-        message = str(error) or type(error).__name__
-        if message != self.last_error:
-            self.last_error = message
+        """Say on all pages what went wrong; the same not again for a while."""
+        message, now = str(error) or type(error).__name__, time.monotonic()
+        if self._said.get(message, -REPEAT) <= now - REPEAT:
+            self._said = {message: now}
             self.on_error(message)
 
     # Tracing
@@ -203,7 +206,7 @@ class Engine:
             client, plan, seen, what = found
             try:
                 self._make(client, plan, seen, what)
-                self.last_error = ""
+                self._said: dict[str, float] = {}
             except Exception as error:
                 with self.wake:
                     client.pacer.given_up()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import time
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -99,6 +100,7 @@ class SweepSource(VolumeSource):
             self._frames = iter(self._open())
         found = next(self._frames, None)
         if found is None:
+            self._frames = None
             self.stop()
             return None
         with self._binning:
@@ -122,9 +124,9 @@ class SweepSource(VolumeSource):
 
     def close(self) -> None:
         self.running = False
-        close = getattr(self._frames, "close", None)
-        if close is not None:
-            close()
+        if hasattr(self._frames, "close"):
+            with contextlib.suppress(ValueError):  # it still waits for a frame
+                self._frames.close()
 
 
 def played(sweep: Sweep, rate: float = 20.0) -> Callable[[], Iterator[tuple[Any, Any]]]:

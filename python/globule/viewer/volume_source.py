@@ -43,7 +43,8 @@ class VolumeSource(Source):
         self.volume = volume
         known = volume.values[~volume.empty & (volume.values > 0)]
         self.level = otsu(known) if known.size else 1.0
-        self.most_level = float(max(volume.values.max(initial=0), 1))
+        highest = 255 if volume.values.dtype == np.uint8 else volume.values.max(initial=0)
+        self.most_level = float(max(highest, 1))
         self.least_level = self.most_level / 100
         self._white = float(np.percentile(known, 99.9)) if known.size else 1.0
         self._made, self._slices = None, {}
