@@ -19,7 +19,6 @@ from .picture import trace
 from .source import Source
 from .state import State
 
-
 REPEAT = 5.0  # s until the same error is said again
 
 
@@ -206,7 +205,6 @@ class Engine:
             client, plan, seen, what = found
             try:
                 self._make(client, plan, seen, what)
-                self._said: dict[str, float] = {}
             except Exception as error:
                 with self.wake:
                     client.pacer.given_up()
