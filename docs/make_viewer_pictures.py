@@ -120,6 +120,22 @@ def run(page: Any, viewer: Any) -> None:
     page.get_by_role("button", name="Pause", exact=True).click()
 
 
+def scalpel(page: Any, viewer: Any) -> None:
+    choose(page, "With the mouse", "Cut")
+    page.wait_for_timeout(1500)
+    page.mouse.move(470, 40)
+    page.mouse.down()
+    for i in range(20):
+        page.mouse.move(470 - 6 * i, 40 + 34 * i)
+        page.wait_for_timeout(60)
+    page.mouse.up()
+    page.wait_for_timeout(1500)
+    page.get_by_role("button", name="Run", exact=True).click()
+    while viewer.source.simulation.time < 0.18:
+        page.wait_for_timeout(200)
+    page.get_by_role("button", name="Pause", exact=True).click()
+
+
 def slices(page: Any, viewer: Any) -> None:
     folder(page, "View")
     viewer.state.set(slices__overlay=False, look__preset="plain", slices__x=0.35)
@@ -183,7 +199,8 @@ PICTURES: dict[str, tuple[Callable[[], Any], Callable[[Any, Any], None]]] = {
     "colour": (splash, colour), "light": (splash, light), "surface": (splash, surface),
     "measure": (splash, measure), "record": (splash, record), "equivalent": (splash, equivalent),
     "help": (splash, help_panel), "sequence": (a_sequence, sequence),
-    "simulation": (lambda: "dam-break", run), "slices": (phantom_volume, slices),
+    "simulation": (lambda: "dam-break", run),
+    "scalpel": (lambda: "cut-block", scalpel), "slices": (phantom_volume, slices),
     "overlay": (phantom_volume, overlay), "sweep": (phantom_sweep, sweep),
 }
 
