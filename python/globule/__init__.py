@@ -50,6 +50,7 @@ from .spacing import local_spacing  # noqa: E402
 from .sweep import Sweep  # noqa: E402
 from .sweep_io import read_sweep, write_sweep  # noqa: E402
 from .thesis import Thesis  # noqa: E402
+from .viewer import view  # noqa: E402
 from .volume import Volume  # noqa: E402
 from .volume_io import read_volume, write_volume  # noqa: E402
 
@@ -103,6 +104,7 @@ __all__ = [
     "render_sequence",
     "tomography_particles",
     "value_range",
+    "view",
     "without_strays",
     "write",
     "write_sweep",

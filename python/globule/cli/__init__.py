@@ -11,10 +11,10 @@ import os
 import sys
 from collections.abc import Sequence
 
-from . import bench, calibrate, convert, demo, figures, info, reconstruct, render, simulate
+from . import bench, calibrate, convert, demo, figures, info, reconstruct, render, simulate, view
 from .shared import UserError, join_negative, say
 
-COMMANDS = (render, simulate, reconstruct, calibrate, convert, info, figures, bench, demo)
+COMMANDS = (render, view, simulate, reconstruct, calibrate, convert, info, figures, bench, demo)
 
 
 class _Parser(argparse.ArgumentParser):

@@ -9,9 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from ..attributes import attribute_values
 from ..colormaps import colorize, hex_color, to_linear
 from ..lights import MAX_LIGHTS, DirectionalLight, Headlight, PointLight
-from ..particles import SCALAR_FIELDS, Particles
+from ..particles import Particles
 from ..scene import Scene
 from ..smoothing import anisotropy
 from .shared import UserError, count, number, vector
@@ -94,7 +95,7 @@ def color_by(
 ) -> tuple[np.ndarray, tuple[float, float]]:
     """Linear colours (N, 3) of the values that --color-by names, and the values of the map's ends;
     adds to the warnings."""
-    values = _values(path, particles, options.color_by)
+    values = values_of(path, particles, options.color_by)
     known = values[np.isfinite(values)]
     n_unknown = len(values) - len(known)
     if n_unknown:
@@ -105,28 +106,11 @@ def color_by(
     return colorize(values, options.colormap, *ends), ends
 
 
-def _values(path: str, particles: Particles, name: str) -> np.ndarray:
-    """The values (N,) float64 that `name` stands for."""
-    arrays = {axis: particles.positions[:, i] for i, axis in enumerate("xyz")}
-    for field in SCALAR_FIELDS:
-        if getattr(particles, field) is not None:
-            arrays[field] = np.broadcast_to(getattr(particles, field), len(particles))
-    arrays.update(particles.attributes)
-    if name in arrays:
-        array = np.asarray(arrays[name], np.float64)
-        return array if array.ndim == 1 else _lengths(array)
-    stem, _, index = name.rpartition(":")
-    if stem in arrays and arrays[stem].ndim == 2 and re.fullmatch(r"\d{1,4}", index):
-        k = arrays[stem].shape[1]
-        if int(index) >= k:
-            raise UserError(f"--color-by: expected {stem}:0 to {stem}:{k - 1}, got {name}")
-        return arrays[stem][:, int(index)].astype(np.float64)
-    raise UserError(f"--color-by: expected one of {', '.join(arrays)} of {path}, got {name}")
-
-
-def _lengths(array: np.ndarray) -> np.ndarray:
-    """Rows' lengths, without overflow; NaN stays NaN."""
-    largest = np.abs(array).max(axis=1, initial=0.0)
-    scale = np.where(np.isfinite(largest) & (largest > 0), largest, 1.0)
-    with np.errstate(invalid="ignore"):
-        return scale * np.sqrt(np.square(array / scale[:, None]).sum(axis=1))
+def values_of(path: str, particles: Particles, name: str) -> np.ndarray:
+    """The values (N,) float64 that `name` stands for in a file."""
+    try:
+        return attribute_values(particles, name)
+    except ValueError as error:
+        expected, comma, got = str(error).rpartition(", got ")
+        of = "" if " to " in expected else f" of {path}"
+        raise UserError(f"--color-by: {expected}{of}{comma}{got}") from error

@@ -120,7 +120,7 @@ class Series:
                 highs.append(hi)
             if span:
                 try:
-                    known = look._values(path, particles, options.color_by)
+                    known = look.values_of(path, particles, options.color_by)
                 except UserError:
                     continue
                 known = known[np.isfinite(known) & _finite(particles)]

@@ -1,0 +1,244 @@
+"""Makes the pictures of docs/viewer.md, with a real browser: docs/images/viewer/*.jpg.
+
+    python docs/make_viewer_pictures.py [NAME …]
+"""
+
+from __future__ import annotations
+
+import io
+import shutil
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import globule as gb
+import numpy as np
+from PIL import Image
+from playwright.sync_api import sync_playwright
+
+FOLDER = Path(__file__).parent / "images/viewer"
+FLAGS = ["--headless=new", "--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader",
+         "--enable-unsafe-swiftshader"]
+SIZE = {"width": 1180, "height": 760}
+
+
+def splash() -> gb.Particles:
+    """The embedded splash."""
+    from globule import demo_data
+
+    positions, colors, spacing = demo_data.splash(30_000)
+    return gb.Particles(positions, support=2 * spacing, color=colors)
+
+
+def folder(page: Any, title: str) -> None:
+    heading = f"xpath=//*[not(self::em) and normalize-space(text())='{title}']"
+    page.locator(heading).first.click()
+    page.wait_for_timeout(500)
+
+
+def choose(page: Any, label: str, option: str) -> None:
+    page.get_by_label(label, exact=True).first.click()
+    page.get_by_role("option", name=option, exact=True).click()
+
+
+def check(page: Any, label: str) -> None:
+    page.get_by_label(label, exact=True).first.check()
+
+
+def first(page: Any, viewer: Any) -> None:
+    page.mouse.click(410, 480)
+
+
+def cut(page: Any, viewer: Any) -> None:
+    folder(page, "View")
+    viewer.state.set(color__by="y", color__legend=False)
+    folder(page, "Cut")
+    check(page, "Plane")
+    viewer.state.set(cuts__normal=(0.5, 0.0, 0.85))
+
+
+def stroke(page: Any, viewer: Any) -> None:
+    choose(page, "With the mouse", "Cut")
+    page.wait_for_timeout(1500)
+    page.mouse.move(120, 380)
+    page.mouse.down()
+    for i in range(20):
+        page.mouse.move(120 + 30 * i, 380 + 8 * i)
+        page.wait_for_timeout(60)
+
+
+def colour(page: Any, viewer: Any) -> None:
+    folder(page, "View")
+    folder(page, "Colour by value")
+    choose(page, "Colour by", "y")
+    choose(page, "Colour map", "turbo")
+
+
+def light(page: Any, viewer: Any) -> None:
+    folder(page, "View")
+    folder(page, "Material and light")
+    choose(page, "Preset", "water")
+
+
+def surface(page: Any, viewer: Any) -> None:
+    folder(page, "View")
+    folder(page, "Surface and quality")
+
+
+def measure(page: Any, viewer: Any) -> None:
+    choose(page, "With the mouse", "Measure")
+    page.mouse.click(250, 520)
+    page.wait_for_timeout(1500)
+    page.mouse.click(640, 480)
+
+
+def record(page: Any, viewer: Any) -> None:
+    folder(page, "View")
+    folder(page, "Save and record")
+    folder(page, "All settings")
+
+
+def equivalent(page: Any, viewer: Any) -> None:
+    record(page, viewer)
+    viewer.state.set(surface__threshold=0.8, cuts__plane=True)
+    page.get_by_role("button", name="As a command, and as Python").click()
+
+
+def help_panel(page: Any, viewer: Any) -> None:
+    folder(page, "View")
+    folder(page, "Statistics")
+    page.mouse.move(300, 400)
+    page.keyboard.press("h")
+
+
+def run(page: Any, viewer: Any) -> None:
+    page.get_by_role("button", name="Run", exact=True).click()
+    while viewer.source.simulation.time < 0.45:
+        page.wait_for_timeout(200)
+    page.get_by_role("button", name="Pause", exact=True).click()
+
+
+def scalpel(page: Any, viewer: Any) -> None:
+    choose(page, "With the mouse", "Cut")
+    page.wait_for_timeout(1500)
+    page.mouse.move(470, 40)
+    page.mouse.down()
+    for i in range(20):
+        page.mouse.move(470 - 6 * i, 40 + 34 * i)
+        page.wait_for_timeout(60)
+    page.mouse.up()
+    page.wait_for_timeout(1500)
+    page.get_by_role("button", name="Run", exact=True).click()
+    while viewer.source.simulation.time < 0.18:
+        page.wait_for_timeout(200)
+    page.get_by_role("button", name="Pause", exact=True).click()
+
+
+def slices(page: Any, viewer: Any) -> None:
+    folder(page, "View")
+    viewer.state.set(slices__overlay=False, look__preset="plain", slices__x=0.35)
+
+
+def overlay(page: Any, viewer: Any) -> None:
+    folder(page, "View")
+    check(page, "Measured / filled")
+    check(page, "Show sweep frame")
+    viewer.state.set(slices__number=10)
+
+
+def sweep(page: Any, viewer: Any) -> None:
+    folder(page, "View")
+    page.get_by_role("button", name="Start", exact=True).click()
+    page.wait_for_timeout(6000)
+    viewer.state.set(slices__level=60.0)
+
+
+def a_sequence() -> list[gb.Particles]:
+    base = splash()
+    return [gb.Particles(np.asarray(base.positions) * (1 + 0.02 * i, 1 - 0.02 * i, 1),
+                         support=base.support) for i in range(24)]
+
+
+def sequence(page: Any, viewer: Any) -> None:
+    viewer.state.set(time__frame=7)
+
+
+def phantom_sweep() -> gb.Sweep:
+    """A curved sweep over a ball and a tube, made here."""
+    rng = np.random.default_rng(3)
+    frames, poses = [], []
+    v, u = np.mgrid[0:90, 0:110] * 0.5
+    for i in range(60):
+        pose = np.eye(4)
+        angle = np.radians(0.4 * (i - 30))
+        pose[:3, 0] = 0.5 * np.array([1, 0, 0])
+        pose[:3, 1] = 0.5 * np.array([0, np.sin(angle), -np.cos(angle)])
+        pose[:3, 2] = np.cross(pose[:3, 0], pose[:3, 1]) / 0.25
+        pose[:3, 3] = (-27, 0.9 * (i - 30), 22)
+        world = (pose[:3, :1] * (2 * u.reshape(1, -1)) + pose[:3, 1:2] * (2 * v.reshape(1, -1))
+                 + pose[:3, 3:4])
+        x, y, z = world
+        ball = x * x + y * y + (z + 2) ** 2 < 13**2
+        tube = (x - 12) ** 2 + (z - 10) ** 2 < 5**2
+        value = 40 + 150 * ball + 190 * tube
+        noisy = value * rng.gamma(9, 1 / 9, len(value))
+        frames.append(np.clip(noisy, 0, 255).reshape(90, 110).astype(np.uint8))
+        poses.append(pose)
+    return gb.Sweep(np.stack(frames), np.stack(poses))
+
+
+def phantom_volume() -> tuple[gb.Volume, gb.Sweep]:
+    made = phantom_sweep()
+    return gb.reconstruct(made, spacing=0.8, max_kernel=5), made
+
+
+PICTURES: dict[str, tuple[Callable[[], Any], Callable[[Any, Any], None]]] = {
+    "first": (splash, first), "cut": (splash, cut), "stroke": (splash, stroke),
+    "colour": (splash, colour), "light": (splash, light), "surface": (splash, surface),
+    "measure": (splash, measure), "record": (splash, record), "equivalent": (splash, equivalent),
+    "help": (splash, help_panel), "sequence": (a_sequence, sequence),
+    "simulation": (lambda: "dam-break", run),
+    "scalpel": (lambda: "cut-block", scalpel), "slices": (phantom_volume, slices),
+    "overlay": (phantom_volume, overlay), "sweep": (phantom_sweep, sweep),
+}
+
+
+def settled(viewer: Any, samples: int) -> bool:
+    pacers = [client.pacer for client in viewer.clients.values()]
+    return bool(pacers) and all(p._samples >= samples and not p.in_flight and not p.making
+                                for p in pacers)
+
+
+def main() -> None:
+    FOLDER.mkdir(parents=True, exist_ok=True)
+    with sync_playwright() as playwright:
+        chromium = playwright.chromium.launch(
+            executable_path=shutil.which("chromium"), args=FLAGS)
+        for name in sys.argv[1:] or PICTURES:
+            what, act = PICTURES[name]
+            viewer = gb.view(what(), port=0, browser=False, block=False)
+            viewer.state.set(quality__samples=4)
+            page = chromium.new_page(viewport=SIZE)
+            page.goto(viewer.address)
+            page.get_by_text("Help (H)").wait_for()
+            close = page.locator(".mantine-Notification-closeButton")  # of viser's own note
+            close.first.click()
+            while not settled(viewer, 1):
+                time.sleep(0.1)
+            act(page, viewer)
+            page.wait_for_timeout(700)
+            while not settled(viewer, 4):
+                time.sleep(0.1)
+            page.wait_for_timeout(800)
+            with Image.open(io.BytesIO(page.screenshot())) as image:
+                image.convert("RGB").save(FOLDER / f"{name}.jpg", quality=86)
+            print(FOLDER / f"{name}.jpg")
+            page.close()
+            viewer.close()
+        chromium.close()
+
+
+if __name__ == "__main__":
+    main()

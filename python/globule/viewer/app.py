@@ -1,0 +1,287 @@
+"""The viewer: a server that shows a source to browsers."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import secrets
+import socket
+import sys
+import threading
+import time
+import webbrowser
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from ..camera import Camera
+from ..render import fit_camera
+from .engine import Client, Engine
+from .equivalent import command_line, python_code
+from .guard import Guard, limit_messages
+from .pacer import Plan
+from .placement import Placement
+from .recording import Shot
+from .source import Source
+from .state import MOST_BYTES, State
+
+LOCAL = ("127.0.0.1", "localhost", "::1")
+FIRST_SIZE = (1280, 720)
+MOST_CLIENTS = 16
+
+
+class Viewer:
+    """What `gb.view` gives.
+
+    Args:
+        source: what is shown.
+        state: settings to begin with.
+        host, port: where to listen; another host than this machine's own demands a token.
+        up: (3,) direction to the sky; default: y, for volumes and sweeps z.
+        camera: where every client begins; default: all is seen.
+
+    Attributes:
+        address: for the browser.
+        state: the settings; `viewer.state.set(surface__threshold=0.5)`.
+        gui: the page's own panel, for sliders and buttons of the user's program (viser's GuiApi).
+    """
+
+    def __init__(
+        self, source: Source, state: State | None = None, host: str = "127.0.0.1",
+        port: int = 8080, up: Any = None, camera: Camera | None = None,
+        title: str | None = None,
+    ):
+        viser = need_viser()
+        self.source, self.state = source, state or State()
+        self.up = tuple(float(v) for v in (source.up if up is None else up))
+        self.title = title or f"globule · {source.name}"
+        with source.lock:
+            self.placement = Placement(*source.bounds())
+            scene = source.layers(self.state.snapshot())[0].scene
+        self._camera_given = camera is not None
+        self.first_camera = camera or first_camera(scene, self.up, source.outline())
+        self._asked_port = port
+        self.token = None if host in LOCAL else secrets.token_urlsafe(24)
+        self._guard = Guard(self.token)
+        self._frame_callbacks: list[Callable[[Any], Any]] = []
+        self._closed = threading.Event()
+        self.clients: dict[int, Client] = {}
+        self.engine = Engine(source, self.state, self.up)
+        self.engine.on_picture = self._on_picture
+        self.engine.on_error = self._on_error
+        with self._guard.watching(), contextlib.redirect_stdout(io.StringIO()):
+            self.server = viser.ViserServer(host, port, verbose=False)
+        if not self._guard.started:
+            self.close()
+            raise RuntimeError("viewer: this version of viser opens its server in another way")
+        limit_messages(self.server, MOST_BYTES)
+        self.host, self.port = host, self.server.get_port()
+        from .page import Page
+
+        self.page = Page(self)
+        self.server.on_client_connect(self._connected)
+        self.server.on_client_disconnect(self._disconnected)
+
+    @property
+    def gui(self) -> Any:
+        return self.server.gui
+
+    @property
+    def address(self) -> str:
+        host = "127.0.0.1" if self.host in LOCAL else socket.gethostname()
+        return f"http://{host}:{self.port}/" + (f"?token={self.token}" if self.token else "")
+
+    def greeting(self) -> list[str]:
+        """What a person needs to know in the terminal."""
+        lines = [f"globule: {self.source.name} at {self.address}"]
+        if self._asked_port and self.port != self._asked_port:
+            lines.append(f"globule: port {self._asked_port} is taken, so this is {self.port}")
+        if self.token is None:
+            lines.append(f"globule: from another machine: ssh -L {self.port}:localhost:{self.port} "
+                         f"{socket.gethostname()}, then the same address there")
+        else:
+            lines.append("globule: whoever has this address can look and steer; it is not "
+                         "encrypted, so better stay with ssh where others can listen")
+        return [*lines, "globule: Ctrl-C ends it"]
+
+    def open_browser(self) -> None:
+        """Open the page where somebody sits in front of this machine."""
+        threading.Thread(target=webbrowser.open, args=(self.address,), daemon=True).start()
+
+    # Clients
+
+    async def _connected(self, browser: Any) -> None:
+        from .viser_sink import ViserSink
+
+        if len(self.clients) >= MOST_CLIENTS:
+            browser.add_notification("Not possible", f"expected at most {MOST_CLIENTS} browsers",
+                                     color="red")
+            return
+        sink = ViserSink(browser, lambda number: client.acknowledge(number))
+        client = self.engine.add(sink, self.first_camera)
+        self.clients[browser.client_id] = client
+
+        async def moved(camera: Any) -> None:
+            client.look(self.camera_of(camera), (camera.image_width, camera.image_height))
+
+        if not self._camera_given:
+            self.move(browser, for_window(self.first_camera, browser.camera.aspect))
+        await moved(browser.camera)
+        browser.camera.on_update(moved)
+        self.page.connected(browser, client)
+
+    async def _disconnected(self, browser: Any) -> None:
+        client = self.clients.pop(browser.client_id, None)
+        self.page.disconnected(browser)
+        if client is not None:
+            threading.Thread(target=self.engine.remove, args=(client,), daemon=True).start()
+
+    def camera_of(self, camera: Any) -> Camera:
+        """The world's camera of a browser's."""
+        return self.placement.camera(camera.position, camera.look_at, camera.up_direction,
+                                     camera.fov)
+
+    def move(self, browser: Any, camera: Camera) -> None:
+        """Put a browser's camera somewhere."""
+        place = self.placement.to_page
+        with browser.atomic():
+            browser.camera.up_direction = camera.up
+            browser.camera.position = place(camera.eye)
+            browser.camera.look_at = place(camera.look_at)
+            browser.camera.fov = float(np.radians(camera.fov))
+
+    # The user's program
+
+    def on_frame(self, called: Callable[[Any], Any]) -> Callable[[Any], Any]:
+        """Have `called` with every picture before it is shown: a `ShownFrame`. What it gives, if
+        anything, is shown instead: (H, W, 3) uint8. Usable as a decorator."""
+        self._frame_callbacks.append(called)
+        return called
+
+    def _on_picture(self, client: Client, number: int, picture: np.ndarray, plan: Plan
+                    ) -> np.ndarray:
+        for called in self._frame_callbacks:
+            changed = called(ShownFrame(number, picture, client.camera, plan.still, self))
+            if changed is not None:
+                picture = np.asarray(changed, np.uint8)
+        return picture
+
+    def _on_error(self, message: str) -> None:
+        print(f"globule: {message}", file=sys.stderr)
+        for client in list(self.clients.values()):
+            client.sink.error(message)
+
+    def cut_along(self, points: list, camera: Camera) -> None:
+        """What a stroke of the tool Cut does: a source that can be cut is; else a cutting plane
+        goes through the stroke and the eye, and takes away the side above or right of it."""
+        if hasattr(self.source, "cut_along"):
+            self.source.cut_along(points, camera)
+            return
+        first, last, eye = (np.asarray(p, float) for p in (points[0], points[-1], camera.eye))
+        normal = np.cross(last - first, first - eye)
+        if not np.linalg.norm(normal) > 0:
+            raise ValueError("cut: expected a line, got a point")
+        _, _, right, up = camera.frame((1, 1))
+        normal = normal / np.linalg.norm(normal)
+        normal = normal if normal @ (right + up) > 0 else -normal
+        self.state.set(cuts__plane=True, cuts__normal=tuple(normal.tolist()),
+                       cuts__point=tuple(((first + last) / 2).tolist()))
+
+    def screenshot(self, path: Any, size: tuple[int, int] = FIRST_SIZE, samples: int | None = None,
+                   camera: Camera | None = None) -> Shot:
+        """Write what is seen (.png, .exr); by default from where viewers begin."""
+        shot = Shot(self.engine, camera or self.first_camera, size,
+                    samples or self.state.quality.samples)
+        shot.save(path)
+        return shot
+
+    def equivalent(self, camera: Camera | None = None, size: tuple[int, int] = FIRST_SIZE
+                   ) -> tuple[str, str]:
+        """A command line and a Python program that make this picture."""
+        state, camera = self.state.snapshot(), camera or self.first_camera
+        with self.source.lock:
+            scene = self.source.layers(state)[0].scene
+        return (command_line(self.source.files, state, camera, size, self.up),
+                python_code(self.source, state, camera, size, self.up, scene))
+
+    def save_state(self, path: Any) -> None:
+        """All settings and where viewers begin, as TOML."""
+        self.state.save(path, self.first_camera)
+
+    def load_state(self, path: Any) -> None:
+        """Raises ValueError that names the key."""
+        with open(path, encoding="utf-8") as file:
+            camera = self.state.load_toml(file.read(MOST_BYTES + 1))
+        if camera is not None:
+            self.first_camera = camera
+
+    def refresh(self) -> None:
+        """The source was changed by the user's program: show it."""
+        self.source.version += 1
+        self.engine.notify()
+
+    def wait(self) -> None:
+        """Until Ctrl-C or `close`."""
+        try:
+            while not self._closed.wait(0.2):
+                pass
+        finally:
+            self.close()
+
+    def close(self) -> None:
+        """Stop the threads, tell the browsers, free the port."""
+        if self._closed.is_set():
+            return
+        self._closed.set()
+        self.engine.close()
+        if hasattr(self, "server"):
+            with contextlib.redirect_stdout(io.StringIO()):
+                self.server.stop()
+                self.server._thread_executor.shutdown(wait=False)
+
+    def __enter__(self) -> Viewer:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+class ShownFrame:
+    """A picture on its way: `number`, `picture` (H, W, 3) uint8, `camera`, `still`, `viewer`, and
+    `time` in seconds of the clock."""
+
+    def __init__(self, number: int, picture: np.ndarray, camera: Camera, still: bool,
+                 viewer: Viewer):
+        self.number, self.picture, self.camera, self.still = number, picture, camera, still
+        self.viewer, self.time = viewer, time.time()
+
+
+def first_camera(scene: Any, up: Any, around: Any) -> Camera:
+    """All is seen, from the front, a little right and above, whatever axis is upwards."""
+    from ..camera import view_axes
+
+    if scene.octree.n_inside == 0 and around is None:
+        return Camera((1.2, 0.9, 2.0), (0, 0, 0), up)
+    right, above, front = view_axes(up)
+    towards = 0.6 * right + 0.45 * above + front
+    return fit_camera(scene, FIRST_SIZE, around, direction=towards, up=up)
+
+
+def for_window(camera: Camera, aspect: float) -> Camera:
+    """Farther away where a window is narrower than what the camera was made for."""
+    back = max(1.0, FIRST_SIZE[0] / FIRST_SIZE[1] / max(aspect, 0.1))
+    away = np.subtract(camera.eye, camera.look_at) * back
+    eye = tuple((np.asarray(camera.look_at) + away).tolist())
+    return Camera(eye, camera.look_at, camera.up, camera.fov)
+
+
+def need_viser() -> Any:
+    """viser, or ImportError that says how to get it."""
+    try:
+        import viser
+    except ImportError as error:
+        raise ImportError(
+            'the viewer needs viser, which is not installed: pip install "globule[view]"'
+        ) from error
+    return viser

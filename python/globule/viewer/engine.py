@@ -1,0 +1,266 @@
+"""Threads that keep pictures coming: one traces for all clients in turn, one a client encodes and
+sends, one lets time go on. What a client shows never holds up another, nor the time."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from typing import Any, Protocol
+
+import numpy as np
+
+from ..camera import Camera
+from ..render import Frame
+from .encode import jpeg
+from .overlay import Mark, finish
+from .pacer import Pacer, Plan
+from .picture import trace
+from .source import Source
+from .state import State
+
+REPEAT = 5.0  # s until the same error is said again
+
+
+class Sink(Protocol):
+    """Where a client's pictures go. It calls `Client.acknowledge` once one is taken in."""
+
+    def send(self, number: int, data: bytes, plan: Plan) -> None: ...
+
+    def error(self, message: str) -> None: ...
+
+
+class Client:
+    """One viewer of the source, with a camera of its own."""
+
+    def __init__(self, engine: Engine, sink: Sink, camera: Camera):
+        self.engine, self.sink, self.camera = engine, sink, camera
+        self.pacer = Pacer()
+        self.frame: Frame | None = None  # the last traced; only the tracing thread changes it
+        self.frame_version: Any = None
+        self.number = 0
+        self.marks: list[Mark] = []  # what is drawn over this client's pictures
+        self._job: tuple | None = None
+        self._ready = threading.Condition()
+        self._gone = False
+        self._thread = threading.Thread(target=self._deliver, name="globule encode", daemon=True)
+        self._thread.start()
+
+    def look(self, camera: Camera, size: tuple[int, int]) -> None:
+        """The client's camera or window is another."""
+        with self.engine.wake:
+            self.camera = camera
+            self.pacer.full = (max(1, int(size[0])), max(1, int(size[1])))
+            self.engine.wake.notify_all()
+
+    def mark(self, marks: list[Mark]) -> None:
+        """Draw these over the client's pictures from now on."""
+        with self.engine.wake:
+            self.marks = marks
+            self.engine.wake.notify_all()
+
+    def acknowledge(self, number: int) -> None:
+        with self.engine.wake:
+            self.pacer.acknowledge(time.monotonic(), number)
+            self.engine.wake.notify_all()
+
+    def hand(self, job: tuple) -> None:
+        """Give a traced picture to the encoding thread, which has none then."""
+        with self._ready:
+            self._job = job
+            self._ready.notify()
+
+    def close(self) -> None:
+        with self._ready:
+            self._gone = True
+            self._ready.notify()
+        if threading.current_thread() is not self._thread:
+            self._thread.join(timeout=5)
+        self.frame = None
+
+    def _deliver(self) -> None:
+        while True:
+            with self._ready:
+                while self._job is None and not self._gone:
+                    self._ready.wait()
+                if self._gone:
+                    return
+                job, self._job = self._job, None
+            try:
+                self._send(*job)
+            except Exception as error:  # the page says it; the next picture may do better
+                with self.engine.wake:
+                    self.pacer.given_up()
+                self.engine.report(error)
+
+    def _send(self, plan: Plan, seen: float, picture: np.ndarray, more: dict[str, Any]) -> None:
+        started = time.monotonic()
+        picture = finish(picture, **more)
+        with self.engine.wake:
+            self.number += 1
+            number = self.number
+        if self.engine.on_picture is not None:
+            picture = self.engine.on_picture(self, number, picture, plan)
+        data = jpeg(picture, plan.quality, sharp=plan.still)
+        with self.engine.wake:
+            now = time.monotonic()
+            self.engine.encode_seconds = now - started
+            self.pacer.sent(now, number, seen, len(data), plan.still)
+            self.engine.wake.notify_all()
+        self.sink.send(number, data, plan)
+
+
+class Engine:
+    """Everything between a source with its settings and the clients' sinks.
+
+    on_picture: called in a client's encoding thread with each finished picture, before it is
+    encoded; gives what is shown.
+    """
+
+    def __init__(self, source: Source, state: State, up: Any = (0.0, 1.0, 0.0)):
+        self.source, self.state, self.up = source, state, up
+        self.clients: list[Client] = []
+        self.on_picture: Callable[[Client, int, np.ndarray, Plan], np.ndarray] | None = None
+        self.on_step: Callable[[], None] | None = None
+        self.on_error: Callable[[str], None] = lambda message: None
+        self.wake = threading.Condition()
+        self.trace_seconds = self.encode_seconds = self.step_seconds = 0.0
+        self._said: dict[str, float] = {}
+        self._turn = 0
+        self._running = True
+        self._threads = [
+            threading.Thread(target=work, name=f"globule {name}", daemon=True)
+            for name, work in (("trace", self._trace), ("time", self._time))
+        ]
+        state.listen(lambda changed: self.notify())
+        for thread in self._threads:
+            thread.start()
+
+    def notify(self) -> None:
+        """Something is another than before."""
+        with self.wake:
+            self.wake.notify_all()
+
+    def add(self, sink: Sink, camera: Camera) -> Client:
+        client = Client(self, sink, camera)
+        with self.wake:
+            self.clients.append(client)
+            self.wake.notify_all()
+        return client
+
+    def remove(self, client: Client) -> None:
+        with self.wake:
+            if client in self.clients:
+                self.clients.remove(client)
+            self.wake.notify_all()
+        client.close()
+
+    def close(self) -> None:
+        with self.wake:
+            self._running = False
+            self.wake.notify_all()
+        for thread in self._threads:
+            if thread is not threading.current_thread():
+                thread.join(timeout=10)
+        for client in list(self.clients):
+            self.remove(client)
+        self.source.close()
+
+    def report(self, error: BaseException) -> None:
+        """Say on all pages what went wrong; the same not again for a while."""
+        message, now = str(error) or type(error).__name__, time.monotonic()
+        if self._said.get(message, -REPEAT) <= now - REPEAT:
+            self._said = {message: now}
+            self.on_error(message)
+
+    # Tracing
+
+    def _what(self, client: Client) -> tuple:
+        return (client.camera, self.state.version, self.source.version, tuple(client.marks))
+
+    def _next(self) -> tuple[Client, Plan, float, tuple] | None:
+        """Whose turn it is, and for what; waits for it. With `wake` held."""
+        while self._running:
+            now, due = time.monotonic(), []
+            quality = self.state.quality
+            for i in range(len(self.clients)):
+                client = self.clients[(self._turn + i) % len(self.clients)]
+                what = self._what(client)
+                plan = client.pacer.plan(now, what, quality.samples, quality.sharpness,
+                                         quality.width)
+                if plan is not None:
+                    self._turn = (self._turn + i + 1) % len(self.clients)
+                    return client, plan, client.pacer.started(), what
+                due.append(client.pacer.wake_at(now))
+            waits = [at - now for at in due if at is not None]
+            self.wake.wait(max(0.001, min(waits)) if waits else None)
+        return None
+
+    def _trace(self) -> None:
+        while True:
+            with self.wake:
+                found = self._next()
+            if found is None:
+                return
+            client, plan, seen, what = found
+            try:
+                self._make(client, plan, seen, what)
+            except Exception as error:
+                with self.wake:
+                    client.pacer.given_up()
+                self.report(error)
+
+    def _make(self, client: Client, plan: Plan, seen: float, what: tuple) -> None:
+        state = self.state.snapshot()
+        camera, source = client.camera, self.source
+        with source.lock:
+            started = time.monotonic()
+            frame = client.frame
+            if plan.refine and frame is not None and client.frame_version == what:
+                while frame.samples < plan.samples and self._what(client) == what:
+                    frame.refine()
+            else:
+                frame = trace(source, state, camera, plan.size, self.up, moving=not plan.still)
+            plates = source.plates(state)
+            more = {"state": state, "camera": camera, "plates": plates,
+                    "marks": client.marks + source.marks(),
+                    "depth": frame.depth if plates else None, "ends": source.maker.range}
+            picture = frame.picture
+        client.frame, client.frame_version = frame, what
+        seconds = time.monotonic() - started
+        with self.wake:
+            self.trace_seconds = seconds
+            client.pacer.traced(plan, seconds, state.quality.rate)
+        client.hand((plan, seen, picture, more))
+
+    # Time
+
+    def _time(self) -> None:
+        """Let the source go on, as fast as it should."""
+        due = time.monotonic()
+        while True:
+            with self.wake:
+                if not self._running:
+                    return
+            try:
+                started = time.monotonic()
+                pause = self.source.advance(self.state)
+            except Exception as error:
+                self.report(error)
+                self.source.stand_still()
+                self.state.set(time__playing=False)
+                pause = None
+            if pause is None:
+                with self.wake:
+                    if self._running:
+                        self.wake.wait(0.1)
+                due = time.monotonic()
+                continue
+            now = time.monotonic()
+            self.step_seconds = now - started
+            if self.on_step is not None:
+                self.on_step()
+            self.notify()
+            due = max(due + pause, now - 0.25)
+            if due > now:
+                time.sleep(min(due - now, 0.5))

@@ -1,0 +1,130 @@
+"""Anything to a frame source."""
+
+from __future__ import annotations
+
+import os
+from typing import Any
+
+import numpy as np
+
+from ..formats import read
+from ..particles import Particles, on_gpu
+from ..render import Layer
+from ..scene import Scene
+from ..sim.scene_file import SHIPPED
+from ..sweep import Sweep
+from ..sweeps.setup import Setup
+from ..volume import Volume
+from ..volume_io import READABLE as VOLUMES
+from .sequence_source import SequenceSource
+from .simulation_source import SimulationSource
+from .source import SceneSource, Source
+from .sweep_source import SweepSource, played, received
+from .volume_source import VolumeSource
+
+EXPECTED = (
+    "a file or several, Particles, positions (N, 3), a Scene, layers, a list of Particles, a "
+    "Volume, a Sweep, a simulation or its scene's name"
+)
+
+
+def open_source(what: Any, device: str = "auto", threads: int = 0, **reading: Any) -> Source:
+    """A source for whatever somebody wants to look at.
+
+    Args:
+        what: paths (one, or several as a sequence), a shipped simulation's name, a scene's .toml,
+            igtl://host:port, or an object.
+        reading: of `globule.read` (level, labels, spacing) or `globule.read_sweep`.
+
+    Raises:
+        TypeError, ValueError, FormatError, OSError: naming what cannot be shown.
+    """
+    common = {"device": device, "threads": threads}
+    if isinstance(what, (str, os.PathLike)):
+        return _open_name(os.fspath(what), common, reading)
+    if isinstance(what, (Particles, Scene)):
+        return SceneSource(f"{len(what):,} particles", what, **common)
+    if isinstance(what, Volume):
+        return VolumeSource("volume", what, **common)
+    if isinstance(what, Sweep):
+        return _sweep("sweep", what, common)
+    if isinstance(what, tuple) and len(what) == 2 and isinstance(what[0], Volume):
+        return VolumeSource("volume", *what, **common)
+    if hasattr(what, "step") and hasattr(what, "particles"):
+        return SimulationSource("simulation", what, **common)
+    if on_gpu(what) or isinstance(what, np.ndarray):
+        return SceneSource("particles", Particles(what), **common)
+    if not hasattr(what, "__iter__"):
+        raise TypeError(f"view: expected {EXPECTED}, got {type(what).__name__}")
+    items = list(what)
+    if items and all(isinstance(item, (str, os.PathLike)) for item in items):
+        return _open_files([os.fspath(item) for item in items], common, reading)
+    if items and all(isinstance(item, Particles) for item in items):
+        return SequenceSource(f"{len(items)} frames", items, **common)
+    if items and all(isinstance(item, (Layer, Scene)) for item in items):
+        return SceneSource(f"{len(items)} layers", items, **common)
+    raise TypeError(f"view: expected {EXPECTED}, got {what!r:.80}")
+
+
+def _open_files(names: list[str], common: dict, reading: dict) -> Source:
+    from ..sequence import find_files
+
+    if len(names) == 1:
+        return _open_name(names[0], common, reading)
+    files = find_files(names)
+    name = f"{os.path.basename(files[0])} … {len(files)} frames"
+    return SequenceSource(name, files, **common, read_frame=lambda path: read(path, **reading))
+
+
+def _open_name(name: str, common: dict, reading: dict) -> Source:
+    title = os.path.basename(os.path.normpath(name))
+    if name.startswith("igtl://"):
+        return SweepSource(name, received(name, Setup(**reading).edges), **common)
+    if simulation_name(name):
+        from ..simulate import Simulation
+
+        source = SimulationSource(title, Simulation(name, **common), **common)
+        source.files = [name]
+        return source
+    if not os.path.exists(name):
+        from ..sequence import find_files
+
+        files = find_files([name])  # a pattern; what is no file is said by the reader
+        if files != [name]:
+            return _open_files(files, common, reading)
+    source = _medical(name, common, reading)
+    if source is not None:
+        source.files = [name]
+        return source
+    source = SceneSource(title, read(name, **reading), **common)
+    source.files = [name]
+    return source
+
+
+def _medical(name: str, common: dict, reading: dict) -> Source | None:
+    """The source of a sweep or volume; None for other files, and for a volume of which only the
+    voxels of some values are wanted."""
+    from ..cli.medical import kind_of
+    from ..sweep_io import read_sweep
+    from ..volume_io import read_volume
+
+    title = os.path.basename(os.path.normpath(name))
+    kind = kind_of(name) if os.path.exists(name) else None
+    if kind == "sweep":
+        return _sweep(title, read_sweep(name, **reading), common)
+    if kind == "volume" and not reading and name.lower().endswith(tuple(VOLUMES)):
+        return VolumeSource(title, read_volume(name), **common)
+    return None
+
+
+def _sweep(name: str, sweep: Sweep, common: dict) -> SweepSource:
+    lo, hi = sweep.bounds()
+    spacing = max(2 * float(np.mean(sweep.spacing)), float(np.max(hi - lo)) / 200)
+    return SweepSource(name, played(sweep), round(spacing, 3), sweep=sweep, **common)
+
+
+def simulation_name(name: str) -> bool:
+    """Whether a name is a simulation's scene: a .toml, or one that is shipped."""
+    if name.lower().endswith(".toml"):
+        return True
+    return name in SHIPPED and not os.path.exists(name)

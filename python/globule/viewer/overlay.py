@@ -1,0 +1,128 @@
+"""What is drawn over a traced picture: slices at their place in space, marks, the legend."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..camera import Camera
+from ..legend import LEAST_SIDE, add_legend
+from .state import State
+
+RED, AMBER, STEEL = (226, 60, 60), (255, 176, 32), (70, 80, 92)
+
+
+@dataclass(frozen=True)
+class Mark:
+    """Points (x, y, z) world joined by lines, each a dot, with a text beside the last."""
+
+    points: tuple[tuple[float, float, float], ...]
+    text: str = ""
+    color: tuple[int, int, int] = RED
+
+
+@dataclass(frozen=True)
+class Plate:
+    """An image in space. texture: (H, W, 3) uint8 sRGB; world_from_plate: (4, 4), maps pixel
+    (column, row, 0, 1) to the world; mask: (H, W) bool, where there is anything, None: all over."""
+
+    texture: np.ndarray
+    world_from_plate: np.ndarray
+    mask: np.ndarray | None = None
+
+
+def finish(
+    picture: np.ndarray, state: State, camera: Camera, marks: list[Mark], plates: list[Plate],
+    depth: np.ndarray | None, ends: tuple[float, float],
+) -> np.ndarray:
+    """The picture (H, W, 3) uint8 sRGB with all that is to be seen over it.
+
+    Args:
+        depth: (H, W) along the rays, where plates are to be drawn.
+        ends: values of the colour map's ends.
+    """
+    if plates and depth is not None:
+        picture = draw_plates(picture, depth, camera, plates)
+    if marks:
+        picture = draw_marks(picture, camera, marks)
+    if state.color.by and state.color.legend and min(picture.shape[:2]) >= LEAST_SIDE:
+        picture = add_legend(picture, state.color.colormap, *ends, state.color.by)
+    return picture
+
+
+def draw_plates(
+    picture: np.ndarray, depth: np.ndarray, camera: Camera, plates: list[Plate]
+) -> np.ndarray:
+    """Plates where nothing is in front of them."""
+    height, width = depth.shape
+    nearest = depth.reshape(-1).astype(np.float32).copy()
+    out = np.array(picture).reshape(-1, 3)
+    eye, forward, right, up = (v.astype(np.float32) for v in camera.frame((width, height)))
+    x = (np.arange(width, dtype=np.float32) + 0.5) * 2 / width - 1
+    y = 1 - (np.arange(height, dtype=np.float32) + 0.5) * 2 / height
+    for plate in plates:
+        rows, columns = plate.texture.shape[:2]
+        plate_from_world = np.linalg.inv(plate.world_from_plate)
+        # A ray is eye + t (forward + x right + y up): in the plate's frame linear in x and y.
+        start = plate_from_world[:3, :3] @ eye + plate_from_world[:3, 3]
+        axes = plate_from_world[:3, :3] @ np.stack([forward, right, up], axis=1)
+        local = (
+            axes[:, 0, None, None] + axes[:, 1, None, None] * x[None, None, :]
+            + axes[:, 2, None, None] * y[None, :, None]
+        ).astype(np.float32)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            t = (-start[2] / local[2]).reshape(-1)
+            column = np.floor(start[0] + t * local[0].reshape(-1) + 0.5)
+            row = np.floor(start[1] + t * local[1].reshape(-1) + 0.5)
+            length = np.sqrt(1 + (x * np.linalg.norm(right))[None, :] ** 2
+                             + (y * np.linalg.norm(up))[:, None] ** 2).reshape(-1)
+            along = t * length
+            seen = (t > 0) & (along < nearest) & (column >= 0) & (column < columns)
+            seen &= (row >= 0) & (row < rows)
+        at = np.flatnonzero(seen)
+        pixels = row[at].astype(np.intp), column[at].astype(np.intp)
+        if plate.mask is not None:
+            kept = plate.mask[pixels]
+            at, pixels = at[kept], tuple(p[kept] for p in pixels)
+        out[at] = plate.texture[pixels]
+        nearest[at] = along[at]
+    return out.reshape(picture.shape)
+
+
+def draw_marks(picture: np.ndarray, camera: Camera, marks: list[Mark]) -> np.ndarray:
+    """Lines, dots and texts, over everything."""
+    from PIL import Image, ImageDraw, ImageFont
+
+    image = Image.fromarray(np.ascontiguousarray(picture))
+    draw = ImageDraw.Draw(image)
+    unit = max(1.0, min(image.size) / 360)
+    font = ImageFont.load_default(size=max(9, round(13 * unit)))
+    for mark in marks:
+        places = [project(camera, image.size, point) for point in mark.points]
+        seen = [place for place in places if place is not None]
+        if len(seen) > 1:
+            draw.line(seen, fill=(255, 255, 255), width=round(4 * unit))
+            draw.line(seen, fill=mark.color, width=round(2 * unit))
+        for px, py in seen if len(seen) < 3 else ():
+            r = 4 * unit
+            draw.ellipse((px - r, py - r, px + r, py + r), fill=mark.color, outline=(255,) * 3,
+                         width=max(1, round(unit)))
+        if mark.text and seen:
+            px, py = seen[-1]
+            draw.multiline_text((px + 9 * unit, py - 9 * unit), mark.text, (20, 24, 30), font,
+                                stroke_width=max(1, round(1.5 * unit)), stroke_fill=(255,) * 3)
+    return np.asarray(image)
+
+
+def project(camera: Camera, size: tuple[int, int], point: Any) -> tuple[float, float] | None:
+    """The pixel (column, row) where a point of the world is seen; None behind the eye."""
+    eye, forward, right, up = camera.frame(size)
+    away = np.asarray(point, np.float64) - eye
+    depth = float(away @ forward) if camera.height is None else 1.0
+    if depth <= 0:
+        return None
+    x = float(away @ right / (right @ right)) / depth
+    y = float(away @ up / (up @ up)) / depth
+    return (x + 1) / 2 * size[0], (1 - y) / 2 * size[1]

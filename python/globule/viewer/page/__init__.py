@@ -1,0 +1,66 @@
+"""The page: panels beside the picture, each in a file of its own."""
+
+from __future__ import annotations
+
+import sys
+from typing import Any
+
+import numpy as np
+
+from . import color, cuts, help, look, play, save, statistics, surface, tools, volume
+from . import view as view_panel
+from .widgets import Binder
+
+WELCOME = (
+    "**Drag** to rotate, **wheel** to zoom, **right-drag** to move.  \n"
+    "**Click** the surface to see what is there. **R** records a movie, **H** helps."
+)
+
+
+class Page:
+    """All panels of a viewer. Settings are shared by all browsers; cameras, tools and marks are
+    each one's own."""
+
+    def __init__(self, viewer: Any):
+        self.viewer = viewer
+        self.server = server = viewer.server
+        server.gui.configure_theme(show_logo=False, show_share_button=False,
+                                   control_width="medium", brand_color=(38, 99, 168))
+        server.gui.main_panel.dock_right()
+        server.gui.set_panel_label(viewer.title)
+        server.scene.set_up_direction(viewer.up)
+        server.scene.world_axes.visible = False
+        self._first_camera()
+        self.binder = Binder(server.gui, viewer.state, self.complain)
+        server.gui.add_markdown(WELCOME)
+        self.tools = tools.Tools(self)
+        self.panels = [
+            play.Play(self), volume.VolumePanel(self), view_panel.View(self), cuts.CutPanel(self),
+            color.Color(self), look.LookPanel(self), surface.SurfacePanel(self), save.Save(self),
+            statistics.Statistics(self), help.Help(self),
+        ]
+
+    def _first_camera(self) -> None:
+        camera, place = self.viewer.first_camera, self.viewer.placement
+        first = self.server.initial_camera
+        first.position, first.look_at = place.to_page(camera.eye), place.to_page(camera.look_at)
+        first.up, first.fov = camera.up, float(np.radians(camera.fov))
+
+    def connected(self, browser: Any, client: Any) -> None:
+        self.tools.connected(browser, client)
+        for panel in self.panels:
+            panel.connected(browser, client)
+
+    def disconnected(self, browser: Any) -> None:
+        self.tools.disconnected(browser)
+        for panel in self.panels:
+            panel.disconnected(browser)
+
+    def complain(self, browser: Any, message: str) -> None:
+        """Say what went wrong where it was asked for, and in the terminal."""
+        print(f"globule: {message}", file=sys.stderr)
+        client = None if browser is None else self.viewer.clients.get(browser.client_id)
+        for one in [client] if client is not None else list(self.viewer.clients.values()):
+            one.sink.error(message)
+
+

@@ -1,0 +1,177 @@
+"""Time: of sequences, simulations and sweeps that are being recorded."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..sweep_source import COMPOUNDING
+from .panel import Panel
+from .widgets import bounded
+
+TITLES = {"sequence": "Play", "simulation": "Simulation", "sweep": "Sweep coming in"}
+METHODS = ("pvn-om", "vvn-om", "pvn", "vvn", "bezier")
+
+
+class Play(Panel):
+    opened = True
+
+    @property
+    def title(self) -> str:
+        return TITLES[self.viewer.source.kind]
+
+    def wanted(self) -> bool:
+        return self.viewer.source.kind in TITLES
+
+    def build(self) -> None:
+        kind = self.viewer.source.kind
+        {"sequence": self._sequence, "simulation": self._simulation, "sweep": self._sweep}[kind]()
+        self.gui.add_command("Play or pause", hotkey="space").on_trigger(
+            self.safe(lambda event: self.toggle()))
+
+    def toggle(self) -> None:
+        """Go on, or stand still."""
+        source = self.viewer.source
+        if source.kind == "sequence":
+            self.state.set(time__playing=not self.state.time.playing)
+        elif source.kind == "simulation":
+            self.run(not source.running)
+        elif source.running:
+            source.stop()
+        else:
+            source.start()
+        self.viewer.engine.notify()
+
+    # Sequences
+
+    def _sequence(self) -> None:
+        last = max(1, self.viewer.source.n_frames - 1)
+        self.add("time", "playing")
+        self.add("time", "frame", most=last)
+        steps = self.gui.add_button_group("Step", ("first", "back", "next", "last"))
+        steps.on_click(self.safe(self._step))
+        self.add("time", "loop")
+        self.add("time", "rate", least=1.0, most=60.0, step=1.0)
+
+    def _step(self, event: Any) -> None:
+        last, now = self.viewer.source.n_frames - 1, self.state.time.frame
+        to = {"first": 0, "back": now - 1, "next": now + 1, "last": last}[event.target.value]
+        self.state.set(time__playing=False, time__frame=min(max(to, 0), last))
+
+    # Simulations
+
+    def _simulation(self) -> None:
+        gui, source = self.gui, self.viewer.source
+        sim = source.simulation
+        self.buttons = gui.add_button_group("Time", ("Run", "Pause", "Step", "Reset"))
+        self.buttons.on_click(self.safe(self._time))
+        speed = gui.add_slider("Speed", 0.01, 2.0, 0.01, source.speed,
+                               hint="Seconds of the simulation a second, where it can")
+        speed.on_update(self.safe(lambda event: setattr(source, "speed", bounded(speed))))
+        if hasattr(sim, "cut"):
+            longest = self.viewer.placement.extent
+            gui.add_markdown("**Cut**: choose the tool *Cut* and draw on the surface.")
+            depth = gui.add_slider("Cut depth", longest / 100, longest, longest / 100, longest)
+            depth.on_update(self.safe(lambda event: setattr(
+                source, "cut_depth", bounded(depth) if bounded(depth) < 0.99 * longest else None)))
+        for name, emitter in _named(sim, "emitters"):
+            self._switch(f"Emitter {name}", emitter, "on")
+        for name, instrument in _named(sim, "instruments"):
+            self._instrument(name, instrument)
+
+    def _time(self, event: Any) -> None:
+        source, asked = self.viewer.source, event.target.value
+        if asked == "Step":
+            source.step()
+        elif asked == "Reset":
+            source.reset()
+        else:
+            self.run(asked == "Run")
+        self.viewer.engine.notify()
+
+    def run(self, running: bool) -> None:
+        self.viewer.source.play(running)
+
+    def _switch(self, label: str, thing: Any, name: str) -> None:
+        box = self.gui.add_checkbox(label, bool(getattr(thing, name, True)))
+
+        def changed(event: Any) -> None:
+            with self.viewer.source.lock:
+                setattr(thing, name, box.value)
+
+        box.on_update(self.safe(changed))
+
+    def _instrument(self, name: str, instrument: Any) -> None:
+        """A handle in the picture that moves a scalpel or a sucker."""
+        source, place = self.viewer.source, self.viewer.placement
+        pose = np.eye(4)
+        known = getattr(instrument, "pose", None)
+        if known is not None:
+            pose = np.asarray(known() if callable(known) else known, np.float64).reshape(4, 4)
+        handle = self.page.server.scene.add_transform_controls(
+            f"/instruments/{name}", scale=0.35, depth_test=False, visible=False,
+            position=place.to_page(pose[:3, 3]))
+        shown = self.gui.add_checkbox(f"Move {name} by hand", False)
+
+        def changed(event: Any) -> None:
+            handle.visible = shown.value
+            if not shown.value:
+                source.follow_keys(name)
+
+        shown.on_update(self.safe(changed))
+        if hasattr(instrument, "on"):
+            self._switch(f"{name} on", instrument, "on")
+
+        @handle.on_update
+        def _(event: Any) -> None:
+            pose = np.eye(4)
+            pose[:3, :3] = rotation(handle.wxyz)
+            pose[:3, 3] = place.to_world(handle.position)
+            try:
+                source.move(name, pose)
+                self.viewer.engine.notify()
+            except Exception as error:
+                self.page.complain(event.client, str(error))
+
+    # Sweeps
+
+    def _sweep(self) -> None:
+        gui, source = self.gui, self.viewer.source
+        self.buttons = gui.add_button_group("Recording", ("Start", "Stop", "Undo", "Clear"))
+        self.buttons.on_click(self.safe(self._record))
+        spacing = gui.add_number("Spacing, mm", source.spacing, min=0.01, max=100.0, step=0.1,
+                                 hint="Edge of a voxel; counts from the next Clear")
+        way = gui.add_dropdown("Compounding", COMPOUNDING, initial_value=source.compounding,
+                               hint="Of values in one voxel; counts from the next Clear")
+        spacing.on_update(self.safe(lambda event: setattr(source, "spacing", bounded(spacing))))
+        way.on_update(self.safe(lambda event: setattr(source, "compounding", way.value)))
+        self.method = gui.add_dropdown("Method", METHODS, initial_value=METHODS[0])
+        self.button("Make the volume by this method", lambda browser: self._finish(),
+                    "Stops, and reconstructs all frames again")
+
+    def _record(self, event: Any) -> None:
+        source, asked = self.viewer.source, event.target.value
+        {"Start": source.start, "Stop": source.stop, "Undo": source.undo,
+         "Clear": source.reset}[asked]()
+        self.viewer.engine.notify()
+
+    def _finish(self) -> None:
+        self.viewer.source.finish(self.method.value)
+        self.viewer.engine.notify()
+
+
+def _named(simulation: Any, name: str) -> list[tuple[str, Any]]:
+    """A simulation's emitters or instruments, by name."""
+    found = getattr(simulation, name, None)
+    return list(found.items()) if hasattr(found, "items") else []
+
+
+def rotation(wxyz: Any) -> np.ndarray:
+    """The matrix of a unit quaternion."""
+    w, x, y, z = (float(v) for v in wxyz)
+    return np.array([
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ])

@@ -1,0 +1,60 @@
+"""How fast it goes, and how much there is."""
+
+from __future__ import annotations
+
+import threading
+from typing import Any
+
+import numpy as np
+
+from ..memory import resident_bytes
+from .panel import Panel
+
+EVERY = 0.5  # s
+
+
+class Statistics(Panel):
+    title = "Statistics"
+
+    def build(self) -> None:
+        self._texts: dict[int, tuple[Any, Any]] = {}
+        threading.Thread(target=self._keep_saying, name="globule statistics", daemon=True).start()
+
+    def connected(self, browser: Any, client: Any) -> None:
+        with self.folder:
+            self._texts[browser.client_id] = browser.gui.add_markdown("…"), client
+
+    def disconnected(self, browser: Any) -> None:
+        self._texts.pop(browser.client_id, None)
+
+    def _keep_saying(self) -> None:
+        viewer = self.viewer
+        while not viewer._closed.wait(EVERY):
+            for text, client in list(self._texts.values()):
+                content = self.table(client)
+                connection = client.sink._connection.get_message_buffer()
+                if not connection.done and text.content != content:
+                    text.content = content
+
+    def table(self, client: Any) -> str:
+        engine, pacer, source = self.viewer.engine, client.pacer, self.viewer.source
+        scene = source.maker.last_scene
+        frame = client.frame
+        latency = float(np.median(pacer.latency)) if pacer.latency else 0.0
+        rows = {
+            "pictures": f"{pacer.rate:.1f} / s, {client.number:,} in all",
+            "size": f"{frame.size[0]} x {frame.size[1]}, {frame.samples} samples" if frame else "",
+            "trace": f"{1e3 * engine.trace_seconds:.1f} ms",
+            "encode": f"{1e3 * engine.encode_seconds:.1f} ms",
+            "latency": f"{1e3 * latency:.0f} ms (median)",
+            "sent": f"{pacer.n_bytes / 1e6:.1f} MB",
+        }
+        if scene is not None:
+            rows["build"] = f"{1e3 * scene.octree.build_seconds:.1f} ms"
+            rows["particles"] = f"{len(scene):,}"
+            rows["octree"] = f"{scene.octree.bytes / 1e6:.1f} MB"
+            rows["device"] = scene.device.description
+        rows["memory"] = f"{resident_bytes() / 1e6:.0f} MB"
+        rows["browsers"] = str(len(self.viewer.clients))
+        rows.update(source.facts())
+        return "| | |\n|---|---|\n" + "\n".join(f"| {k} | {v} |" for k, v in rows.items())

@@ -1,0 +1,35 @@
+"""What the surface is, and how good its picture."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...particles import to_host
+from ...scene import DEFAULTS
+from .panel import Panel
+
+
+class SurfacePanel(Panel):
+    title = "Surface and quality"
+
+    def build(self) -> None:
+        viewer = self.viewer
+        with viewer.source.lock:
+            scene = viewer.source.layers(viewer.state.snapshot())[0].scene
+        support = float(np.median(to_host(scene.support))) if len(scene) else 1.0
+        self.threshold = self.add("surface", "threshold", least=0.02, most=max(
+            2.0, 3 * scene.threshold), step=0.01, usual=scene.threshold)
+        self.add("surface", "support", least=0.25 * support, most=4 * support, usual=support)
+        self.add("surface", "kernel")
+        self.add("surface", "root")
+        self.button("Default surface", self.defaults)
+        self.gui.add_divider()
+        self.add("quality", "samples", most=64)
+        self.add("quality", "rate", most=60.0, step=1.0)
+        self.add("quality", "sharpness", step=1)
+        self.add("quality", "width")
+
+    def defaults(self, browser) -> None:
+        self.state.set(surface__threshold=None, surface__support=None, surface__kernel="murakami",
+                       surface__root="exact")
+        self.threshold.value = DEFAULTS["murakami"][1]

@@ -1,0 +1,202 @@
+"""What clicks and strokes in the picture do: each browser has a tool of its own."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ...render import Picked
+from ..engine import Client
+from ..overlay import AMBER, RED, Mark
+from .widgets import safe
+
+ROTATE, MEASURE, CUT, GRASP = "Rotate, pick", "Measure", "Cut", "Grasp"
+HINT = "*Cut* cuts along a line that you draw, *Measure* between two clicks."
+MOST_POINTS = 400  # of a stroke
+LONGEST = 12  # attributes that a mark names
+
+
+class Tools:
+    """The choice of tool, and the hands of all browsers."""
+
+    def __init__(self, page: Any):
+        self.page, self.hands = page, {}
+        gui = page.server.gui
+        self.choices = (ROTATE, MEASURE, CUT)
+        if hasattr(page.viewer.source, "grasp"):
+            self.choices += (GRASP,)
+        with gui.add_folder("Tool") as self.folder:
+            pass
+        command = gui.add_command("Next tool", hotkey="T")
+        command.on_trigger(lambda event: self.hands[event.client_id].next_tool())
+
+    def connected(self, browser: Any, client: Client) -> None:
+        self.hands[browser.client_id] = Hand(self, browser, client)
+
+    def disconnected(self, browser: Any) -> None:
+        self.hands.pop(browser.client_id, None)
+
+
+class Hand:
+    """One browser's tool, and what it has marked."""
+
+    def __init__(self, tools: Tools, browser: Any, client: Client):
+        self.tools, self.page, self.browser, self.client = tools, tools.page, browser, client
+        self.viewer = tools.page.viewer
+        self.picked: list[Picked] = []
+        self.stroke: list[tuple[float, float]] = []
+        self._catcher: Any = None
+        self._seen: tuple[Any, np.ndarray] | None = None
+        with tools.folder:
+            self.choice = browser.gui.add_dropdown(
+                "With the mouse", tools.choices, initial_value=ROTATE, hint="Key T changes it")
+            self.text = browser.gui.add_markdown(HINT)
+        caught = safe(self.page)
+        self.choice.on_update(caught(lambda event: self.take(self.choice.value)))
+        browser.scene.on_click()(caught(self._clicked))
+
+    @property
+    def tool(self) -> str:
+        return self.choice.value
+
+    def next_tool(self) -> None:
+        at = self.tools.choices.index(self.tool)
+        self.choice.value = self.tools.choices[(at + 1) % len(self.tools.choices)]
+        self.take(self.choice.value)
+
+    def take(self, tool: str) -> None:
+        """Begin anew with a tool."""
+        self.picked = []
+        self.client.mark([])
+        self.text.content = {
+            ROTATE: HINT, MEASURE: "Click two points.",
+            CUT: "Draw a line across what is to be cut.",
+            GRASP: "Drag a piece of the surface while it runs.",
+        }[tool]
+        if self._catcher is not None:
+            self._catcher.remove()
+            self._catcher = None
+        if tool in (CUT, GRASP):
+            self._catch()
+
+    # Clicks
+
+    def _clicked(self, event: Any) -> None:
+        if self.tool in (CUT, GRASP):
+            return
+        found = self.pick(event.screen_pos)
+        if found is None:
+            self.picked = []
+            self.client.mark([])
+            self.text.content = "Nothing there."
+            return
+        self.picked = [*self.picked, found][-2:] if self.tool == MEASURE else [found]
+        if self.tool == MEASURE and len(self.picked) == 2:
+            a, b = (np.asarray(p.position, np.float64) for p in self.picked)
+            distance = float(np.linalg.norm(b - a))
+            self.text.content = f"**Distance {distance:.6g}**  \nfrom {_words(a)} to {_words(b)}"
+            points = (tuple(a.tolist()), tuple(b.tolist()))
+            self.client.mark([Mark(points, f"{distance:.4g}", AMBER)])
+            return
+        where = tuple(float(v) for v in found.position)
+        title = f"particle {found.particle:,}"
+        self.text.content = describe(found)
+        self.client.mark([Mark((where,), "" if self.tool == MEASURE else title, RED)])
+
+    def pick(self, screen: tuple[float, float]) -> Picked | None:
+        """What this browser sees at a place in its picture, (0, 0) to (1, 1)."""
+        frame = self.client.frame
+        if frame is None:
+            return None
+        column, row = self._pixel(frame, screen)
+        with self.viewer.source.lock:
+            return frame.pick(column, row)
+
+    @staticmethod
+    def _pixel(frame: Any, screen: tuple[float, float]) -> tuple[int, int]:
+        width, height = frame.size
+        return (int(np.clip(screen[0] * width, 0, width - 1)),
+                int(np.clip(screen[1] * height, 0, height - 1)))
+
+    # Strokes
+
+    def _catch(self) -> None:
+        """Strokes are drags on something that is everywhere and cannot be seen."""
+        edge = 400.0
+        corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
+        faces = np.array([[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1],
+                          [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3]])
+        self._catcher = self.browser.scene.add_mesh_simple(
+            "/strokes", edge * corners, faces, opacity=0.0, side="double", cast_shadow=False,
+            receive_shadow=False,
+        )
+
+        @self._catcher.on_drag("left")
+        async def _(event: Any) -> None:  # awaited in order, so kept short
+            try:
+                self._drawn(event.phase, tuple(event.start_screen_pos),
+                            tuple(event.end_screen_pos))
+            except Exception as error:
+                self.page.complain(self.browser, str(error) or type(error).__name__)
+
+    def _drawn(self, phase: str, start: tuple, here: tuple) -> None:
+        if phase == "start":
+            self.stroke = [start]
+        if len(self.stroke) < MOST_POINTS:
+            self.stroke.append(here)
+        if self.tool == GRASP:
+            self.viewer.source.grasp(self, phase, start, here)
+            return
+        if phase != "end":
+            self.client.mark([Mark(tuple(self.along_stroke()), "", RED)])
+            return
+        points, self.stroke = self.along_stroke(), []
+        self.client.mark([])
+        if len(points) > 1:
+            self.page.viewer.cut_along(points, self.client.camera)
+
+    def along_stroke(self) -> list[tuple[float, float, float]]:
+        """The stroke's points on the surface."""
+        return self.on_surface(self.stroke)
+
+    def on_surface(self, screens: list) -> list[tuple[float, float, float]]:
+        """Where places of the picture are in the world; beside the surface as deep as it is."""
+        frame = self.client.frame
+        if frame is None:
+            return []
+        depth = self._depth(frame)
+        pixels = [self._pixel(frame, screen) for screen in screens]
+        found = np.array([depth[row, column] for column, row in pixels], np.float64)
+        hit = np.isfinite(found)
+        camera = self.client.camera
+        usual = float(np.median(found[hit])) if hit.any() else float(
+            np.linalg.norm(np.subtract(camera.look_at, camera.eye)))
+        eye, forward, right, up = camera.frame(frame.size)
+        points = []
+        for (x, y), far in zip(screens, np.where(hit, found, usual), strict=True):
+            direction = forward + (2 * x - 1) * right + (1 - 2 * y) * up
+            place = eye + far * direction / np.linalg.norm(direction)
+            points.append(tuple(place.tolist()))
+        return points
+
+    def _depth(self, frame: Any) -> np.ndarray:
+        """The picture's depths, fetched once."""
+        if self._seen is None or self._seen[0] is not frame:
+            self._seen = frame, frame.depth
+        return self._seen[1]
+
+
+def describe(found: Picked) -> str:
+    """What was picked, for the panel."""
+    rows = {"position": _words(found.position), "normal": _words(found.normal),
+            "distance": f"{found.depth:.6g}", "particle": f"{found.particle:,}"}
+    if found.layer:
+        rows["layer"] = str(found.layer)
+    for name, value in list(found.attributes.items())[:LONGEST]:
+        rows[name] = _words(value)
+    return "| | |\n|---|---|\n" + "\n".join(f"| {k} | {v} |" for k, v in rows.items())
+
+
+def _words(values: Any) -> str:
+    return ", ".join(f"{v:.5g}" for v in np.ravel(values))

@@ -1,0 +1,100 @@
+"""Where the camera is: fit, standard views, bookmarks."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ...camera import view_axes
+from ...render import fit_camera
+from ..state import MOST_BOOKMARKS
+from .panel import Panel
+
+VIEWS = ("front", "back", "left", "right", "top", "bottom")
+NONE = "(none yet)"
+
+
+class View(Panel):
+    title = "View"
+    opened = True
+
+    def build(self) -> None:
+        self.button("Fit all", self.fit, "See everything from here (key F)")
+        self.gui.add_button_group("Look from", VIEWS[:3]).on_click(self.safe(self._stand))
+        self.gui.add_button_group("", VIEWS[3:]).on_click(self.safe(self._stand))
+        with self.gui.add_folder("Bookmarks", expand_by_default=False):
+            self.name = self.gui.add_text("Name", "view 1")
+            self.button("Keep this view", self.keep)
+            self.names = self.gui.add_dropdown("Go to", self._names())
+            self.button("Go", lambda browser: self.go(browser, self.names.value))
+            self.button("Forget", lambda browser: self.forget(self.names.value))
+        self.state.listen(self._follow)
+        for key, name in zip("123456", VIEWS, strict=True):
+            self._command(f"Look from: {name}", key, lambda b, name=name: self.stand(b, name))
+        self._command("Fit all", "F", self.fit)
+
+    def _command(self, label: str, key: str, called: Any) -> None:
+        self.gui.add_command(label, hotkey=key).on_trigger(
+            self.safe(lambda event: called(event.client)))
+
+    def _stand(self, event: Any) -> None:
+        self.stand(event.client, event.target.value)
+
+    def stand(self, browser: Any, name: str) -> None:
+        """Look at everything along an axis."""
+        right, above, front = view_axes(self.viewer.up)
+        towards = {"front": front, "back": -front, "left": -right, "right": right,
+                   "top": above, "bottom": -above}[name]
+        # Orbit controls cannot look straight along their own axis.
+        if name in ("top", "bottom"):
+            towards = towards + 1e-3 * front
+        self._see(browser, towards)
+
+    def fit(self, browser: Any) -> None:
+        """See everything in the direction of now."""
+        camera = self.viewer.camera_of(browser.camera)
+        self._see(browser, np.subtract(camera.eye, camera.look_at))
+
+    def _see(self, browser: Any, towards: Any) -> None:
+        viewer = self.viewer
+        with viewer.source.lock:
+            scene = viewer.source.layers(viewer.state.snapshot())[0].scene
+            size = (browser.camera.image_width, browser.camera.image_height)
+            around = viewer.source.outline()
+            if scene.octree.n_inside == 0 and around is None:
+                raise ValueError("fit: expected particles to look at, got none")
+            fov = float(np.degrees(browser.camera.fov))
+            camera = fit_camera(scene, size, around, direction=towards, up=viewer.up,
+                                fov=fov)
+        viewer.move(browser, camera)
+
+    # Bookmarks
+
+    def _names(self) -> tuple[str, ...]:
+        return tuple(self.state.bookmarks) or (NONE,)
+
+    def keep(self, browser: Any) -> None:
+        name = self.name.value.strip()[:60]
+        if not name:
+            raise ValueError("bookmark: expected a name, got none")
+        if len(self.state.bookmarks) >= MOST_BOOKMARKS and name not in self.state.bookmarks:
+            raise ValueError(f"bookmarks: expected at most {MOST_BOOKMARKS}")
+        self.state.bookmarks[name] = self.viewer.camera_of(browser.camera)
+        self.state.tell({"bookmarks"})
+        self.names.value = name
+        self.name.value = f"view {len(self.state.bookmarks) + 1}"
+
+    def go(self, browser: Any, name: str) -> None:
+        if name in self.state.bookmarks:
+            self.viewer.move(browser, self.state.bookmarks[name])
+
+    def forget(self, name: str) -> None:
+        self.state.bookmarks.pop(name, None)
+        self.state.tell({"bookmarks"})
+
+    def _follow(self, changed: set[str]) -> None:
+        if "bookmarks" in changed and self.names.options != self._names():
+            self.names.options = self._names()
+
+

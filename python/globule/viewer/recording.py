@@ -1,0 +1,137 @@
+"""Pictures and movies to files, from the server's own frames at any size: never from a browser."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+
+from ..camera import Camera
+from ..camera_path import orbit
+from ..exr import frame_channels, write_exr
+from ..render import MAX_PIXELS, save_png
+from ..video import need_av, write_movie
+from .engine import Engine
+from .overlay import Mark, finish
+from .picture import trace
+
+MOST_SIDE = 16384
+MOST_SECONDS = 3600.0  # of a recording
+LEAST_SIDE = 16
+
+
+def checked_size(size: Any) -> tuple[int, int]:
+    """(width, height). Raises ValueError."""
+    width, height = (int(v) for v in size)
+    if not (LEAST_SIDE <= min(width, height) and max(width, height) <= MOST_SIDE):
+        raise ValueError(f"size: expected sides of {LEAST_SIDE} to {MOST_SIDE} pixels, "
+                         f"got {width}x{height}")
+    if width * height > MAX_PIXELS:
+        raise ValueError(f"size: expected at most {MAX_PIXELS:,} pixels, got {width}x{height}")
+    return width, height
+
+
+class Shot:
+    """A picture, (H, W, 3) uint8 with all that is seen over it, and the traced `frame`."""
+
+    def __init__(self, engine: Engine, camera: Camera, size: tuple[int, int], samples: int,
+                 marks: list[Mark] | None = None):
+        state = engine.state.snapshot()
+        with engine.source.lock:
+            self.frame = trace(engine.source, state, camera, checked_size(size), engine.up)
+            if samples > 1:
+                self.frame.refine(samples - 1)
+            plates = engine.source.plates(state)
+            depth = self.frame.depth if plates else None
+            ends = engine.source.maker.range
+            marks = (marks or []) + engine.source.marks()
+        self.picture = finish(self.frame.picture, state, camera, marks, plates, depth, ends)
+
+    def save(self, path: str | os.PathLike) -> None:
+        """PNG, or EXR with the light of the traced picture and all that belongs to it."""
+        name = os.fspath(path).lower()
+        if name.endswith(".exr"):
+            write_exr(path, frame_channels(self.frame))
+        elif name.endswith(".png"):
+            save_png(path, self.picture)
+        else:
+            raise ValueError(f"{path}: expected a name ending in .png or .exr")
+
+    def encoded(self, extension: str) -> bytes:
+        """The file's bytes."""
+        with tempfile.TemporaryDirectory() as folder:
+            path = os.path.join(folder, f"picture{extension}")
+            self.save(path)
+            with open(path, "rb") as file:
+                return file.read()
+
+
+class Recorder:
+    """Records what a camera sees until `stop`, as it happens: a picture that took longer is shown
+    longer. Give it the camera of each moment."""
+
+    def __init__(self, engine: Engine, camera: Callable[[], Camera], path: str | os.PathLike,
+                 size: tuple[int, int] = (1280, 720), fps: float = 30.0, samples: int = 1):
+        need_av()
+        self.engine, self.camera, self.path = engine, camera, path
+        self.size, self.fps, self.samples = checked_size(size), float(fps), samples
+        self.n_pictures = 0
+        self.error: Exception | None = None
+        self._stopped = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="globule record", daemon=True)
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Finish the file. Raises what went wrong meanwhile."""
+        self._stopped.set()
+        self._thread.join()
+        if self.error is not None:
+            raise self.error
+
+    def _run(self) -> None:
+        try:
+            write_movie(self.path, self._pictures(), self.fps)
+        except Exception as error:
+            self.error = error
+
+    def _pictures(self) -> Iterator[np.ndarray]:
+        started = time.monotonic()
+        before, picture = None, None
+        while True:
+            camera, engine = self.camera(), self.engine
+            what = (camera, engine.state.version, engine.source.version)
+            if what != before or picture is None:
+                picture, before = Shot(engine, camera, self.size, self.samples).picture, what
+            due = int((time.monotonic() - started) * self.fps) + 1
+            while self.n_pictures < due:
+                self.n_pictures += 1
+                yield picture
+            past = time.monotonic() - started
+            if self._stopped.is_set() or past > MOST_SECONDS:
+                return
+            self._stopped.wait(max(0.0, self.n_pictures / self.fps - past))
+
+
+def turntable(
+    engine: Engine, camera: Camera, path: str | os.PathLike, size: tuple[int, int] = (1280, 720),
+    seconds: float = 8.0, fps: float = 30.0, samples: int = 4,
+    progress: Callable[[float], Any] = lambda share: None,
+) -> None:
+    """A movie once around, from server frames."""
+    need_av()
+    cameras = orbit(camera, n=max(2, round(seconds * fps)))
+
+    def pictures() -> Iterator[np.ndarray]:
+        for i, one in enumerate(cameras):
+            progress(i / len(cameras))
+            yield Shot(engine, one, size, samples).picture
+
+    write_movie(path, pictures(), fps)
+    progress(1.0)
+
+

@@ -1,0 +1,124 @@
+"""The scene of some particles as the page's settings want it."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from ..attributes import attribute_names, attribute_values
+from ..cli.tracing import support_and_depth
+from ..colormaps import colorize
+from ..particles import Particles
+from ..scene import DEFAULTS, Scene
+from ..thesis import POLYNOMIAL_KERNELS, Thesis
+from .state import State
+
+
+class SceneMaker:
+    """Keeps one scene for all pictures: built anew where a setting asks for it, updated where only
+    the particles or their colours are others.
+
+    given: a scene of the user's, taken as it is while the settings are its own.
+    """
+
+    def __init__(self, device: str = "auto", threads: int = 0, given: Scene | None = None):
+        self._options = {"device": device, "threads": threads}
+        if given is not None:
+            self._options["device"] = given.device.name
+        self._given = given
+        self._scene = given
+        self._built: Any = None if given is None else self._surface(given.kernel, None, "exact")
+        self._shown: Any = None if given is None else (given.particles, "")
+        self._other: Scene | None = None
+        self.range = (0.0, 1.0)  # of the colour map
+
+    @staticmethod
+    def _surface(kernel: str, support: float | None, root: str) -> tuple:
+        return kernel, support, "exact" if root == "exact" else "thesis"
+
+    def scene(self, particles: Particles, state: State, threshold: float | None = None) -> Scene:
+        """The scene; `threshold` counts where the settings leave it open."""
+        self._other = None
+        wanted = self._surface(state.surface.kernel, state.surface.support, state.surface.root)
+        colors = self._colors(particles, state)
+        shown = (particles, colors)
+        same = self._shown is not None and self._shown[0] is particles and self._shown[1] == colors
+        if wanted != self._built or self._scene is None:
+            self._scene = self._build(self._colored(particles, state), wanted)
+        elif not same:
+            self._scene.update(self._colored(particles, state))
+        self._built, self._shown = wanted, shown
+        own = None if self._given is None else self._given_threshold
+        usual = DEFAULTS[state.surface.kernel][1]
+        for value in (state.surface.threshold, threshold, own, usual):
+            if value is not None:
+                self._scene.threshold = float(value)
+                break
+        return self._scene
+
+    @property
+    def last_scene(self) -> Scene | None:
+        """The scene of the last picture."""
+        return self._other or self._scene
+
+    def show(self, scene: Scene) -> None:
+        """A scene that somebody else keeps was shown."""
+        self._other = scene
+
+    @property
+    def _given_threshold(self) -> float | None:
+        if not hasattr(self, "_first_threshold"):
+            self._first_threshold = self._given.threshold
+        return self._first_threshold
+
+    def _build(self, particles: Particles, wanted: tuple) -> Scene:
+        kernel, support, root = wanted
+        if root == "exact":
+            return Scene(particles, kernel, support=support, **self._options)
+        options = SimpleNamespace(support=support, root="march", depth=None, preset=None)
+        if support is None and particles.support is None:
+            options.support = float(np.max(Scene(particles, kernel, **self._options).support))
+        support, depth = support_and_depth(options, particles)
+        return Scene(particles, kernel, support=support, octree="dense", depth=depth,
+                     **self._options)
+
+    def _colors(self, particles: Particles, state: State) -> tuple | str:
+        color = state.color
+        if not color.by:
+            return ""
+        return color.by, color.colormap, color.automatic or (color.low, color.high)
+
+    def _colored(self, particles: Particles, state: State) -> Particles:
+        color = state.color
+        if not color.by:
+            return particles
+        values = attribute_values(particles, color.by)
+        known = values[np.isfinite(values)]
+        lo, hi = color.low, color.high
+        if color.automatic:
+            lo, hi = (known.min(), known.max()) if known.size else (0.0, 1.0)
+        self.range = float(lo), float(hi)
+        fields = {name: getattr(particles, name) for name in (
+            "support", "weight", "reflection", "refraction", "rigidity")}
+        colors = colorize(values, color.colormap, *self.range)
+        return Particles(particles.positions, color=colors, attributes=particles.attributes,
+                         **fields)
+
+
+def thesis_of(state: State) -> Thesis | None:
+    """How rays are traced. Raises ValueError where the settings do not go together."""
+    surface = state.surface
+    if surface.root == "exact":
+        return None
+    if surface.root == "bezier" and surface.kernel not in POLYNOMIAL_KERNELS:
+        known = " or ".join(POLYNOMIAL_KERNELS)
+        raise ValueError(f"kernel: expected {known} with the root method bezier, "
+                         f"got {surface.kernel}")
+    return Thesis(root=surface.root)
+
+
+def color_names(particles: Particles) -> list[str]:
+    """What particles can be coloured by."""
+    return attribute_names(particles)

@@ -1,0 +1,102 @@
+"""A sequence: files, or particles in memory, one frame after the other."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Callable, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import Any
+
+from ..formats import read
+from ..particles import Particles
+from ..render import Layer
+from .scenes import SceneMaker
+from .source import Source
+from .state import State
+
+KEPT_BYTES = 1 << 30  # of frames that are kept in memory
+
+
+class SequenceSource(Source):
+    """frames: paths or `Particles`. The next frame is read while this one is shown, and frames
+    stay in memory as long as there is room."""
+
+    kind = "sequence"
+
+    def __init__(self, name: str, frames: Sequence[Any], device: str = "auto", threads: int = 0,
+                 read_frame: Callable[[Any], Particles] = read):
+        super().__init__(name)
+        if not len(frames):
+            raise ValueError("frames: expected at least one, got none")
+        self._frames, self._read = list(frames), read_frame
+        self.files = [str(f) for f in frames if not isinstance(f, Particles)]
+        self.n_frames = len(self._frames)
+        self.maker = SceneMaker(device, threads)
+        self._kept: OrderedDict[int, Future] = OrderedDict()
+        self._pool = ThreadPoolExecutor(1, thread_name_prefix="globule read")
+        self.frame = 0
+        self._now = self._fetch(0).result()
+
+    def particles(self) -> Particles:
+        return self._now
+
+    def layers(self, state: State) -> list[Layer]:
+        return [Layer(self.maker.scene(self._now, state))]
+
+    def advance(self, state: State) -> float | None:
+        """To the frame that the settings ask for, or the next one while they say play."""
+        time = state.time
+        wanted = min(time.frame, self.n_frames - 1)
+        if time.playing and wanted == self.frame:
+            wanted += 1
+            if wanted >= self.n_frames:
+                wanted = 0 if time.loop else self.n_frames - 1
+                if not time.loop:
+                    state.set(time__playing=False)
+        if wanted == self.frame:
+            return None
+        particles = self._fetch(wanted).result()
+        self._fetch((wanted + 1) % self.n_frames)
+        with self.lock:
+            self._now, self.frame = particles, wanted
+            self.version += 1
+        if time.playing:
+            state.set(time__frame=wanted)
+        return 1 / time.rate
+
+    def facts(self) -> dict[str, Any]:
+        return {"frame": f"{self.frame + 1} of {self.n_frames}"}
+
+    def close(self) -> None:
+        self._pool.shutdown(wait=False, cancel_futures=True)
+
+    def _fetch(self, i: int) -> Future:
+        """Begin to read a frame, or find it."""
+        if i in self._kept:
+            self._kept.move_to_end(i)
+            return self._kept[i]
+        item = self._frames[i]
+        if isinstance(item, Particles):
+            found: Future = Future()
+            found.set_result(item)
+            return found
+        self._forget()
+        self._kept[i] = self._pool.submit(self._read, item)
+        return self._kept[i]
+
+    def _forget(self) -> None:
+        """Make room, oldest first."""
+        done = [f for f in self._kept.values() if f.done() and f.exception() is None]
+        total = sum(_bytes(f.result()) for f in done)
+        while total > KEPT_BYTES and len(self._kept) > 2:
+            _, gone = self._kept.popitem(last=False)
+            if gone.done() and gone.exception() is None:
+                total -= _bytes(gone.result())
+
+
+def _bytes(particles: Particles) -> int:
+    arrays = [particles.positions, particles.support, particles.weight, particles.color,
+              *particles.attributes.values()]
+    return sum(getattr(array, "nbytes", 0) for array in arrays) if arrays else 0
+
+

@@ -1,0 +1,229 @@
+"""A simulation that runs while it is looked at, cut, pulled and poured into."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..camera import Camera
+from ..particles import Particles
+from ..render import Layer
+from .overlay import STEEL, Mark
+from .scenes import SceneMaker
+from .source import Source, box_corners
+from .state import State
+
+LONGEST_PAUSE = 0.25  # s of the clock between two pictures of slow motion
+PULL_TIME = 0.05  # s in which what is held comes to the pointer
+FASTEST = 2.0  # extents per second, of what is held
+GRASP = 7  # the number of the pointer's grasp; instruments count from 0
+
+
+class SimulationSource(Source):
+    """simulation: `globule.Simulation`, or anything that steps like it and has `particles`.
+
+    speed: seconds of the simulation per second of the clock, where it is fast enough.
+    """
+
+    kind = "simulation"
+
+    def __init__(self, name: str, simulation: Any, device: str = "auto", threads: int = 0):
+        super().__init__(name)
+        self.simulation = simulation
+        self._device, self._threads = device, threads
+        self.running, self.speed = False, 1.0
+        self.cut_depth: float | None = None
+        self.report: Any = None
+        self.n_cut = 0  # bonds, by the last stroke
+        self._own: Particles | None = None  # a copy, for colours of values
+        self._own_version = -1
+        self._wanted_steps = 0
+        self._hold = np.zeros(3)  # where the held matter is, world
+        self._held: np.ndarray | None = None  # its ids
+        self._target: np.ndarray | None = None  # where the pointer is, world
+        self.maker = SceneMaker(device, threads)
+        self._look()
+
+    def _look(self) -> None:
+        """As the simulation's scene file has it."""
+        settings = getattr(self.simulation, "settings", None)
+        gravity = getattr(settings, "gravity", None)
+        if gravity is not None and np.linalg.norm(gravity) > 0:
+            self.up = tuple((-np.asarray(gravity, float) / np.linalg.norm(gravity)).tolist())
+        view = getattr(getattr(self.simulation, "file", None), "view", None)
+        if view is not None:
+            self.up, self.preset = tuple(view.up), view.look
+            if view.eye is not None:
+                self.camera = Camera(view.eye, view.look_at, view.up, view.fov)
+
+    # What is seen
+
+    def particles(self) -> Particles:
+        if self._own_version != self.version or self._own is None:
+            self._own, self._own_version = self.simulation.particles, self.version
+        return self._own
+
+    def layers(self, state: State) -> list[Layer]:
+        surface = state.surface
+        scene = getattr(self.simulation, "scene", None)
+        plain = surface.support is None and surface.root == "exact" and not state.color.by
+        if scene is None or not plain or surface.kernel != scene.kernel:
+            return [Layer(self.maker.scene(self.particles(), state))]
+        if surface.threshold is not None:
+            scene.threshold = surface.threshold
+        self.maker.show(scene)
+        return [Layer(scene)]
+
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        domain = getattr(getattr(self.simulation, "settings", None), "domain", None)
+        if domain is None:
+            return super().bounds()
+        lo, hi = np.asarray(domain, np.float64)
+        return lo, hi
+
+    def outline(self) -> np.ndarray:
+        return box_corners(*self.bounds())
+
+    def marks(self) -> list[Mark]:
+        """The edges of scalpels, and the tips of other instruments."""
+        marks = []
+        for name, tool in getattr(self.simulation, "instruments", {}).items():
+            knife = getattr(tool, "knife", None)
+            points = knife.at(tool.pose) if knife is not None else tool.pose[None, :3, 3]
+            marks.append(Mark(tuple(map(tuple, points.tolist())), name, STEEL))
+        return marks
+
+    def facts(self) -> dict[str, Any]:
+        with self.lock:
+            return self._facts()
+
+    def _facts(self) -> dict[str, Any]:
+        sim, facts = self.simulation, {"running": "yes" if self.running else "no"}
+        for label, name, form in (("time", "time", "{:.4f} s"), ("steps", "n_steps", "{:,}"),
+                                  ("time step", "dt", "{:.3g} s"), ("pieces", "n_pieces", "{:,}")):
+            value = getattr(sim, name, None)
+            if value is not None:
+                facts[label] = form.format(value)
+        for label, name in (("iterations", "iterations"), ("compression", "compression"),
+                            ("bonds", "n_bonds"), ("cut", "n_cut"), ("escaped", "n_escaped")):
+            value = getattr(self.report, name, None)
+            if value is not None:
+                facts[label] = f"{value:.3g}" if isinstance(value, float) else str(value)
+        return facts
+
+    # Time
+
+    def advance(self, state: State) -> float | None:
+        if not self.running and not self._wanted_steps:
+            return None
+        before = float(getattr(self.simulation, "time", 0.0))
+        with self.lock:
+            self._pull()
+            self.report = self.simulation.step()
+            self.version += 1
+            self._wanted_steps = max(0, self._wanted_steps - 1)
+        passed = float(getattr(self.simulation, "time", 0.0)) - before
+        return min(passed / self.speed, LONGEST_PAUSE) if self.running else 0.0
+
+    def stand_still(self) -> None:
+        self.running, self._wanted_steps = False, 0
+
+    def play(self, running: bool) -> None:
+        self.running = running
+
+    def step(self) -> None:
+        """One step, and then stand still."""
+        self.running, self._wanted_steps = False, 1
+
+    def reset(self) -> None:
+        with self.lock:
+            self.running = False
+            self.simulation.reset()
+            self.version += 1
+
+    # Instruments
+
+    def cut_along(self, points: list, camera: Camera) -> None:
+        """Cut along a stroke on the surface, away from the eye to `cut_depth`, or all through."""
+        lo, hi = self.bounds()
+        through = float(np.linalg.norm(hi - lo))
+        with self.lock:
+            blade = ribbon(points, camera, self.cut_depth or through, 0.05 * through)
+            self.n_cut = self.simulation.cut(blade)
+            self.version += 1
+
+    def move(self, name: str, pose: np.ndarray) -> None:
+        """Put an instrument somewhere: (4, 4) world_from_instrument; the next step goes there."""
+        with self.lock:
+            self.simulation.instruments[name].move_to(pose)
+
+    def follow_keys(self, name: str) -> None:
+        """Let an instrument move as its scene says again."""
+        with self.lock:
+            self.simulation.instruments[name].start(self.simulation.time)
+
+    def grasp(self, hand: Any, phase: str, start: tuple, here: tuple) -> None:
+        """Take hold of what is under the pointer, and pull it along the picture's plane; the next
+        step does it."""
+        if phase == "end":
+            self._target = None
+            return
+        camera = hand.client.camera
+        if self._target is None:
+            self._hold = np.asarray(hand.on_surface([start])[0], np.float64)
+        eye, forward, right, up = camera.frame(hand.client.frame.size)
+        depth = float((self._hold - eye) @ forward)
+        across = forward + (2 * here[0] - 1) * right + (1 - 2 * here[1]) * up
+        self._target = eye + depth * across
+
+    def _pull(self) -> None:
+        """Before a step: move what is held towards the pointer, or let it go."""
+        sim, target = self.simulation, self._target
+        if target is None:
+            if self._held is not None and getattr(sim, "n_bonds", 0):
+                sim.release(GRASP)
+            self._held = None
+            return
+        spacing = float(sim.settings.spacing)
+        if self._held is None:
+            near = np.linalg.norm(sim.positions - self._hold, axis=1) < 3 * spacing
+            self._held = sim.ids[near]
+            if getattr(sim, "n_bonds", 0):
+                sim.grasp(self._hold, 3 * spacing, GRASP)
+        if getattr(sim, "n_bonds", 0):
+            dt = sim.dt
+            most = self._extent() * FASTEST
+            velocity = (target - self._hold) / PULL_TIME
+            velocity *= min(1.0, most / max(float(np.linalg.norm(velocity)), 1e-30))
+            sim.move_grasp(GRASP, velocity, (0.0, 0.0, 0.0), self._hold)
+            self._hold = self._hold + velocity * dt
+            return
+        ids = np.intersect1d(self._held, sim.ids)
+        if not len(ids):
+            return
+        at = np.searchsorted(sim.ids, ids)
+        away = target - sim.positions[at].mean(axis=0)
+        speed = sim.velocities[at].mean(axis=0)
+        mass = np.median([p.density for p in sim.phases.values()]) * spacing**3
+        force = mass * (away / PULL_TIME - speed) / PULL_TIME
+        sim.apply_force(np.broadcast_to(force, (len(ids), 3)).astype(np.float32), ids=ids)
+
+    def _extent(self) -> float:
+        lo, hi = self.bounds()
+        return float(np.max(hi - lo))
+
+
+def ribbon(points: list, camera: Camera, depth: float, above: float) -> np.ndarray:
+    """A blade's way as triangles (M, 3, 3), world: a stroke drawn on the surface, swept along the
+    rays of the eye from a little above it to some depth below."""
+    line = np.asarray(points, np.float64)
+    keep = np.append(True, np.linalg.norm(np.diff(line, axis=0), axis=1) > 0)
+    line = line[keep]
+    if len(line) < 2:
+        raise ValueError("cut: expected a line, got a point")
+    away = line - np.asarray(camera.eye)
+    away /= np.linalg.norm(away, axis=1, keepdims=True)
+    top, bottom = line - above * away, line + depth * away
+    a, b, c, d = top[:-1], top[1:], bottom[:-1], bottom[1:]
+    return np.concatenate([np.stack([a, b, c], 1), np.stack([b, d, c], 1)]).astype(np.float32)

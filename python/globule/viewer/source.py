@@ -1,0 +1,128 @@
+"""Frame sources: what is shown, and how it goes on."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..camera import Camera
+from ..particles import Particles
+from ..presets import preset
+from ..render import Layer, RenderSettings
+from ..scene import Scene
+from .locks import FairLock
+from .overlay import Mark, Plate
+from .scenes import SceneMaker, color_names
+from .state import State
+
+
+class Source:
+    """Something to look at. Whoever holds `lock` may trace its layers; nobody changes them then.
+
+    `version` counts the changes of what is shown. `advance` takes one step in time and says how
+    many seconds it should have lasted, None where there is nothing more to do.
+    """
+
+    kind = "scene"
+    n_frames = 0  # of a sequence
+    up: Any = (0.0, 1.0, 0.0)  # towards the sky, where nobody says otherwise
+    camera: Camera | None = None  # where to begin, if the source says so
+    preset: str | None = None  # how it looks, if the source says so
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self.files: list[str] = []  # that it was read from
+        self.lock = FairLock()
+        self.version = 0
+        self.maker = SceneMaker()
+        self._preset: tuple | None = None
+
+    def layers(self, state: State) -> list[Layer]:
+        """What is to be traced; with `lock` held."""
+        raise NotImplementedError
+
+    def particles(self) -> Particles:
+        """Those of the first layer, for colours, statistics and the camera."""
+        raise NotImplementedError
+
+    def preset_settings(self, name: str, scene: Scene, up: Any) -> RenderSettings:
+        """A preset scaled to the scene that was first seen with it, so that light and ground stay
+        where they are while particles move."""
+        if self._preset is None or self._preset[:2] != (name, tuple(up)):
+            self._preset = name, tuple(up), preset(name, scene, up)
+        return self._preset[2]
+
+    def plates(self, state: State) -> list[Plate]:
+        """Images in space that are seen with it."""
+        return []
+
+    def marks(self) -> list[Mark]:
+        """What is drawn over all pictures of it; with `lock` held."""
+        return []
+
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Lowest and highest corner of what is shown, world."""
+        try:
+            return self.particles().bounds()
+        except ValueError:  # no particles yet
+            return np.full(3, -1.0), np.full(3, 1.0)
+
+    def outline(self) -> np.ndarray | None:
+        """Points (M, 3) that a camera is to see; None: the particles with their surface."""
+        return None
+
+    def color_names(self) -> list[str]:
+        return color_names(self.particles())
+
+    def advance(self, state: State) -> float | None:
+        return None
+
+    def stand_still(self) -> None:
+        """No more steps until somebody asks again."""
+
+    def facts(self) -> dict[str, Any]:
+        """What the statistics say besides: words to numbers or texts."""
+        return {}
+
+    def close(self) -> None:
+        """Give back files and connections."""
+
+
+class SceneSource(Source):
+    """Particles, a scene, or layers, that stand still unless the user's program changes them."""
+
+    def __init__(self, name: str, shown: Particles | Scene | list[Layer], device: str = "auto",
+                 threads: int = 0):
+        super().__init__(name)
+        self._beside: list[Layer] = []
+        self._material = None
+        self._clips: tuple = ()
+        if isinstance(shown, list):
+            first, *self._beside = (item if isinstance(item, Layer) else Layer(item)
+                                    for item in shown)
+            shown, self._material, self._clips = first.scene, first.material, tuple(first.clips)
+        given = shown if isinstance(shown, Scene) else None
+        self._scene = given
+        self._particles = None if given is not None else shown
+        self.maker = SceneMaker(device, threads, given)
+
+    def particles(self) -> Particles:
+        return self._particles if self._scene is None else self._scene.particles
+
+    def layers(self, state: State) -> list[Layer]:
+        scene = self.maker.scene(self.particles(), state)
+        return [Layer(scene, self._material, self._clips), *self._beside]
+
+    def update(self, particles: Particles | Any) -> None:
+        """Show other particles from now on."""
+        if not isinstance(particles, Particles):
+            particles = Particles(particles)
+        with self.lock:
+            self._scene, self._particles = None, particles
+            self.version += 1
+
+
+def box_corners(lo: Any, hi: Any) -> np.ndarray:
+    """(8, 3)."""
+    return np.array(np.meshgrid(*zip(lo, hi, strict=True))).reshape(3, -1).T

@@ -1,0 +1,155 @@
+"""A sweep that is being recorded: the volume grows while frames come in."""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+
+from ..reconstruct import reconstruct
+from ..reconstructor import Reconstructor
+from ..sweep import Sweep
+from ..volume import Volume
+from .locks import FairLock
+from .state import State
+from .volume_source import VolumeSource
+
+COMPOUNDING = ("mean", "maximum", "latest", "first")
+SHOWN_EVERY = 0.4  # s
+
+
+class SweepSource(VolumeSource):
+    """Frames that come, put into voxels one by one.
+
+    open_frames: gives an iterator of (image (H, W), world_from_image (4, 4)), and waits in it
+    until the next frame comes; called at each start.
+    spacing: edge of a voxel, mm, to begin with.
+    """
+
+    kind = "sweep"
+
+    def __init__(self, name: str, open_frames: Callable[[], Iterator[tuple[Any, Any]]],
+                 spacing: float = 1.0, device: str = "auto", threads: int = 0,
+                 sweep: Sweep | None = None):
+        super().__init__(name, _nothing(), sweep, device, threads)
+        self._open, self._device, self._threads = open_frames, device, threads
+        self._region = None if sweep is None else sweep.bounds()
+        self.spacing, self.compounding = spacing, COMPOUNDING[0]
+        self._binning = FairLock()  # of the reconstructor
+        self._frames: Iterator | None = None
+        self._taken: list[tuple[Any, Any]] = []
+        self.running = False
+        self._last_shown = 0.0
+        self.reset()
+
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        return super().bounds() if self._region is None else self._region
+
+    def reset(self) -> None:
+        """Forget all frames; compounding and spacing count from now on."""
+        if self.compounding not in COMPOUNDING:
+            known = ", ".join(COMPOUNDING)
+            raise ValueError(f"compounding: expected one of {known}, got {self.compounding!r}")
+        self.running = False
+        with self._binning:
+            self._reconstructor = Reconstructor(
+                self.spacing, compounding=self.compounding, device=self._device,
+                threads=self._threads)
+            self._frames, self._taken = None, []
+        with self.lock:
+            self._take(_nothing())
+
+    def stand_still(self) -> None:
+        self.running = False
+
+    def start(self) -> None:
+        self.running = True
+
+    def stop(self) -> None:
+        """Take in no more."""
+        self.running = False
+        self._show()
+
+    def undo(self) -> None:
+        """Take out the latest frame."""
+        with self._binning:
+            self._reconstructor.undo()
+            self._taken.pop()
+        self._show()
+
+    def finish(self, method: str) -> None:
+        """Stop, and make the volume of all frames by another method."""
+        self.running = False
+        with self._binning:
+            if not self._taken:
+                raise ValueError("sweep: expected frames, got none yet")
+            frames, poses = (np.stack(arrays) for arrays in zip(*self._taken, strict=True))
+        mask = None if self.sweep is None else self.sweep.mask
+        volume = reconstruct(Sweep(frames, poses, mask=mask), method=method, spacing=self.spacing,
+                             device=self._device, threads=self._threads)
+        with self.lock:
+            self._take(volume)
+
+    def advance(self, state: State) -> float | None:
+        if not self.running:
+            return None
+        if self._frames is None:
+            self._frames = iter(self._open())
+        found = next(self._frames, None)
+        if found is None:
+            self._frames = None
+            self.stop()
+            return None
+        with self._binning:
+            if not self.running:  # stopped while it came
+                return None
+            self._reconstructor.add(*found)
+            self._taken.append(found)
+        if time.monotonic() - self._last_shown > SHOWN_EVERY:
+            self._show()
+        return 0.0
+
+    def _show(self) -> None:
+        with self._binning:
+            volume = self._reconstructor.volume() if self._reconstructor.n_frames else _nothing()
+        with self.lock:
+            self._take(volume)
+        self._last_shown = time.monotonic()
+
+    def facts(self) -> dict[str, Any]:
+        return super().facts() | {"frames": f"{self._reconstructor.n_frames:,}"}
+
+    def close(self) -> None:
+        self.running = False
+        if hasattr(self._frames, "close"):
+            with contextlib.suppress(ValueError):  # it still waits for a frame
+                self._frames.close()
+
+
+def played(sweep: Sweep, rate: float = 20.0) -> Callable[[], Iterator[tuple[Any, Any]]]:
+    """A recorded sweep as if it were coming in now, so many frames a second."""
+
+    def frames() -> Iterator[tuple[Any, Any]]:
+        for i in np.flatnonzero(sweep.valid):
+            time.sleep(1 / rate)
+            yield sweep.frames[i], sweep.world_from_image[i]
+
+    return frames
+
+
+def received(address: str, edges: Any) -> Callable[[], Iterator[tuple[Any, Any]]]:
+    """Frames of an OpenIGTLink server."""
+    from ..sweeps.live import receive
+
+    def frames() -> Iterator[tuple[Any, Any]]:
+        for frame in receive(address, edges):
+            yield frame.image, frame.world_from_image
+
+    return frames
+
+
+def _nothing() -> Volume:
+    return Volume(np.zeros((2, 2, 2), np.uint8), np.eye(4), np.full((2, 2, 2), 255, np.uint8))

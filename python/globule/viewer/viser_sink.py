@@ -1,0 +1,48 @@
+"""Pictures to a browser through viser, and the browser's camera back."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from typing import Any
+
+from viser import _messages
+
+from .pacer import Plan
+
+ACKNOWLEDGED = "globule-picture"
+
+
+class ViserSink:
+    """One browser. After each picture comes a question that the browser answers in order: so we
+    know when it has taken the picture in."""
+
+    def __init__(self, client: Any, acknowledge: Callable[[int], None]):
+        self.client = client
+        self._connection = client._websock_connection
+        self._acknowledge = acknowledge
+        self._connection.register_handler(
+            _messages.LocalStorageGetItemResponseMessage, self._answered
+        )
+
+    def send(self, number: int, data: bytes, plan: Plan) -> None:
+        if self._connection.get_message_buffer().done:
+            return  # the browser has left
+        self._connection.queue_message(_messages.BackgroundImageMessage("jpeg", data, None))
+        self._connection.queue_message(
+            _messages.LocalStorageGetItemRequestMessage(ACKNOWLEDGED, f"globule-{number}")
+        )
+        self.client.flush()
+
+    def error(self, message: str) -> None:
+        if self._connection.get_message_buffer().done:
+            return
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            self.client.add_notification("Not possible", message, color="red",
+                                         auto_close_seconds=12.0)
+
+    def _answered(self, client_id: int, message: Any) -> None:
+        name, _, number = message.request_uuid.partition("-")
+        if name == "globule" and number.isdecimal():
+            self._acknowledge(int(number))

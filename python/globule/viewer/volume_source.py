@@ -1,0 +1,146 @@
+"""A volume: its surface, three slices through it, and frames of its sweep at their place."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..particles import Particles
+from ..render import Layer
+from ..slices import reslice
+from ..sweep import Sweep
+from ..volume import EMPTY, FILLED, Volume
+from ..volume_particles import iso_surface, otsu
+from .overlay import Plate
+from .scenes import SceneMaker
+from .source import Source, box_corners
+from .state import State
+
+NOTHING = np.zeros((0, 3), np.float32)
+MOST_PIXELS = 1024  # of a slice's side
+
+
+class VolumeSource(Source):
+    """volume: what is shown; sweep: the frames that it was made of, if there are any."""
+
+    kind = "volume"
+    up = (0.0, 0.0, 1.0)
+
+    def __init__(self, name: str, volume: Volume, sweep: Sweep | None = None,
+                 device: str = "auto", threads: int = 0):
+        super().__init__(name)
+        self.sweep = sweep
+        self.n_sweep_frames = 0 if sweep is None else len(sweep)
+        self.maker = SceneMaker(device, threads)
+        self._made: tuple | None = None
+        self._plates: tuple | None = None
+        self._slices: dict[int, tuple] = {}
+        self._take(volume)
+
+    def _take(self, volume: Volume) -> None:
+        """Show this volume from now on; with `lock` held."""
+        self.volume = volume
+        known = volume.values[~volume.empty & (volume.values > 0)]
+        self.level = otsu(known) if known.size else 1.0
+        highest = 255 if volume.values.dtype == np.uint8 else volume.values.max(initial=0)
+        self.most_level = float(max(highest, 1))
+        self.least_level = self.most_level / 100
+        self._white = float(np.percentile(known, 99.9)) if known.size else 1.0
+        self._made, self._slices = None, {}
+        self.version += 1
+
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        sizes = np.array(self.volume.values.shape[::-1]) - 1
+        corners = np.array([[x, y, z, 1] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
+        corners[:, :3] *= sizes
+        places = (corners @ self.volume.world_from_voxel.T)[:, :3]
+        return places.min(axis=0), places.max(axis=0)
+
+    def outline(self) -> np.ndarray:
+        return box_corners(*self.bounds())
+
+    def particles(self) -> Particles:
+        return self._surface(self.level)[0] if self._made is None else self._made[1]
+
+    def color_names(self) -> list[str]:
+        return ["x", "y", "z", "value"]
+
+    def _surface(self, level: float) -> tuple[Particles, float | None]:
+        """The iso-surface's particles and threshold at a level."""
+        if self._made is None or self._made[0] != level:
+            try:
+                surface = iso_surface(self.volume, level)
+                self._made = level, surface.particles, surface.threshold
+            except ValueError:  # no voxel is that high
+                nothing = Particles(NOTHING, support=1.0, attributes={"value": NOTHING[:, 0]})
+                self._made = level, nothing, None
+        return self._made[1:]
+
+    def layers(self, state: State) -> list[Layer]:
+        shown = state.slices
+        if not shown.surface:
+            nothing = Particles(NOTHING, support=1.0, attributes={"value": NOTHING[:, 0]})
+            if self._made is None or self._made[0] != "none":
+                self._made = "none", nothing, None
+            return [Layer(self.maker.scene(self._made[1], state))]
+        particles, threshold = self._surface(shown.level or self.level)
+        return [Layer(self.maker.scene(particles, state, threshold))]
+
+    def plates(self, state: State) -> list[Plate]:
+        shown = state.slices
+        key = (self.version, shown.shown, shown.x, shown.y, shown.z, shown.overlay, shown.frame,
+               shown.number)
+        if self._plates is None or self._plates[0] != key:
+            plates = []
+            if shown.shown:
+                plates = [self.slice(axis, getattr(shown, "xyz"[axis]), shown.overlay)
+                          for axis in range(3)]
+            if shown.frame and self.sweep is not None:
+                plates += self._frame(min(shown.number, len(self.sweep) - 1))
+            self._plates = key, plates
+        return self._plates[1]
+
+    def slice(self, axis: int, share: float, overlay: bool) -> Plate:
+        """The plane across a voxel axis, at a share of the way along it."""
+        asked = (share, overlay)
+        if axis in self._slices and self._slices[axis][0] == asked:
+            return self._slices[axis][1]
+        sizes = np.array(self.volume.values.shape[::-1])
+        across, down = [a for a in (0, 1, 2) if a != axis]
+        step = max(1.0, max(sizes[across], sizes[down]) / MOST_PIXELS)
+        voxel_from_plate = np.zeros((4, 4))
+        voxel_from_plate[across, 0] = voxel_from_plate[down, 1] = step
+        voxel_from_plate[axis, 2] = 1.0
+        voxel_from_plate[axis, 3] = round(share * (sizes[axis] - 1))
+        voxel_from_plate[3, 3] = 1.0
+        world_from_plate = self.volume.world_from_voxel @ voxel_from_plate
+        size = (int(np.ceil(sizes[across] / step)), int(np.ceil(sizes[down] / step)))
+        cut = reslice(self.volume, world_from_plate, size, linear=False)
+        known = None if overlay else cut.origin != EMPTY
+        plate = Plate(self.tinted(cut.values, cut.origin, overlay), world_from_plate, known)
+        self._slices[axis] = asked, plate
+        return plate
+
+    def tinted(self, values: np.ndarray, origin: np.ndarray, overlay: bool) -> np.ndarray:
+        """Grey values (H, W, 3) uint8; what was filled orange, and what is empty blue, if asked."""
+        grey = np.clip(255 * values / self._white, 0, 255)
+        color = np.repeat(grey[..., None], 3, axis=2)
+        if overlay:
+            color[origin == FILLED] = 0.6 * color[origin == FILLED] + (102, 51, 0)
+            color[origin == EMPTY] = (24, 40, 72)
+        return color.astype(np.uint8)
+
+    def _frame(self, i: int) -> list[Plate]:
+        if not self.sweep.valid[i]:
+            return []
+        image = np.clip(255.0 * self.sweep.frames[i] / self._white, 0, 255).astype(np.uint8)
+        texture = np.repeat(image[..., None], 3, axis=2)
+        return [Plate(texture, self.sweep.world_from_image[i])]
+
+    def facts(self) -> dict[str, Any]:
+        volume = self.volume
+        return {"voxels": " x ".join(str(n) for n in volume.values.shape[::-1]),
+                "measured": f"{volume.n_measured:,}", "filled": f"{volume.n_filled:,}"}
+
+

@@ -1,0 +1,70 @@
+"""`globule view` from the command line: mistakes in one line, with status 2 and no server."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from globule.cli import main
+
+pytest.importorskip("viser")
+
+
+@pytest.fixture
+def cloud(tmp_path):
+    path = tmp_path / "cloud.npz"
+    np.savez(path, positions=np.zeros((2, 3), np.float32), support=np.float32(1))
+    return str(path)
+
+
+@pytest.mark.parametrize("options, message", [
+    (["missing.vtk"], "missing.vtk: cannot be read: No such file or directory"),
+    (["frame_*.vtk"], "frame_*.vtk"),
+    (["no-such-scene.toml"], "no-such-scene.toml"),
+    (["CLOUD", "--port", "99999"], "--port: expected a port, 0 to 65535, got '99999'"),
+    (["CLOUD", "--eye", "1,2,3"], "--eye: expected --look-at beside it"),
+    (["CLOUD", "--color-by", "speed"], "--color-by: expected one of x, y, z, support, got speed"),
+    (["CLOUD", "--state", "none.toml"], "none.toml: cannot be read"),
+    (["CLOUD", "--device", "tpu"], "--device"),
+    (["CLOUD", "--preset", "lava"], "--preset"),
+    (["CLOUD", "--kernel", "cubic"], "--kernel"),
+])
+def test_mistakes(cloud, options, message, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    words = [cloud if word == "CLOUD" else word for word in options]
+    assert main(["view", *words, "--no-browser", "--port", "0"] if "--port" not in words
+                else ["view", *words, "--no-browser"]) == 2
+    error = capsys.readouterr().err
+    assert message in error and error.count("\n") == 1
+
+
+def test_a_bad_state_file_names_the_key(cloud, tmp_path, capsys):
+    state = tmp_path / "view.toml"
+    state.write_text("[cuts]\nplane = 3\n")
+    assert main(["view", cloud, "--state", str(state), "--no-browser", "--port", "0"]) == 2
+    error = capsys.readouterr().err
+    assert "view.toml: cuts.plane: expected true or false, got 3" in error
+
+
+def test_options_become_settings(cloud, monkeypatch, tmp_path):
+    from globule import viewer
+
+    seen = {}
+
+    def show(source, host, port, up, camera, state, preset, browser, block):
+        seen.update(locals())
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(viewer, "show", show)
+    state = tmp_path / "view.toml"
+    state.write_text("[quality]\nsamples = 3\n")
+    assert main([
+        "view", cloud, "--state", str(state), "--threshold", "0.8", "--color-by", "y", "--range",
+        "-1,2", "--clip", "0,2,0,1", "--eye", "0,0,5", "--look-at", "0,0,0", "--port", "8123",
+        "--no-browser",
+    ]) == 130
+    settings = seen["state"]
+    assert settings.quality.samples == 3 and settings.surface.threshold == 0.8
+    assert (settings.color.by, settings.color.low, settings.color.high) == ("y", -1.0, 2.0)
+    assert settings.cuts.plane and settings.cuts.point == pytest.approx((0, 0.5, 0))
+    assert seen["camera"].eye == (0.0, 0.0, 5.0) and seen["port"] == 8123
+    assert not seen["browser"]

@@ -1,0 +1,249 @@
+"""The viewer's page in a real browser: pictures, cameras, clients that come and go."""
+
+from __future__ import annotations
+
+import gc
+import os
+import threading
+import time
+
+import numpy as np
+import pytest
+from viewer_helpers import (
+    Watched,
+    bar_code,
+    blob,
+    browser,
+    our_threads,
+    seen,
+    until,
+    with_bar_code,
+)
+
+
+@pytest.fixture(autouse=True)
+def hang_guard():
+    """Browsers take their time; `until` has a limit of its own."""
+
+
+@pytest.fixture(scope="module")
+def chromium():
+    with browser() as opened:
+        yield opened
+
+
+@pytest.fixture
+def watched(chromium):
+    made = Watched(blob(), chromium)
+    yield made
+    made.close()
+
+
+def close_to(shown: np.ndarray, picture: np.ndarray) -> bool:
+    """Whether a browser shows a picture, but for JPEG and the size of its window."""
+    from PIL import Image
+
+    small = np.asarray(Image.fromarray(picture).resize(shown.shape[1::-1]), int)
+    middle = np.s_[200:560, 100:560]  # no notes of viser's there
+    return np.abs(small[middle] - shown[middle].astype(int)).mean() < 4
+
+
+def drag(page, dx: float, dy: float, steps: int = 8, button: str = "left") -> None:
+    page.mouse.move(330, 380)
+    page.mouse.down(button=button)
+    for i in range(1, steps + 1):
+        page.mouse.move(330 + dx * i / steps, 380 + dy * i / steps)
+        time.sleep(0.03)
+    page.mouse.up(button=button)
+
+
+def test_the_page_shows_the_servers_picture_and_asks_nobody_else(watched):
+    page = watched.page()
+    picture = watched.still(page)
+    until(lambda: close_to(seen(page), picture), "for the browser to show it")
+    own = watched.viewer.address.split("/")[2]
+    assert watched.requests
+    for address in watched.requests:
+        assert own in address or address.startswith("data:"), address
+
+
+def test_pictures_arrive_in_order(watched):
+    watched.viewer.on_frame(with_bar_code)
+    page = watched.page()
+    numbers = []
+    page.mouse.move(330, 380)
+    page.mouse.down()
+    for i in range(25):
+        page.mouse.move(330 + 6 * i, 380 + 3 * i)
+        found = bar_code(seen(page))
+        numbers += [] if found is None else [found]
+    page.mouse.up()
+    assert numbers == sorted(numbers)
+    assert len(set(numbers)) > 3
+    watched.still(page)
+    last = page.client.number
+    until(lambda: bar_code(seen(page)) == last, "for the last picture")
+
+
+def test_dragging_moves_the_servers_camera(watched):
+    page = watched.page()
+    before, first = watched.still(page), page.client.camera
+    drag(page, 150, 40)
+    until(lambda: page.client.camera != first)
+    moved = watched.still(page)
+    assert page.client.camera.look_at == pytest.approx(first.look_at, abs=1e-6)
+    distance = [np.linalg.norm(np.subtract(c.eye, c.look_at)) for c in (first, page.client.camera)]
+    assert distance[0] == pytest.approx(distance[1], rel=1e-3)
+    assert moved.shape != before.shape or np.abs(moved.astype(int) - before).mean() > 1
+    second = page.client.camera
+    page.mouse.move(330, 380)
+    page.mouse.wheel(0, -300)
+    until(lambda: np.linalg.norm(np.subtract(page.client.camera.eye, second.look_at))
+          < 0.97 * distance[1], "for the wheel to zoom")
+    drag(page, 60, 0, button="right")
+    until(lambda: page.client.camera.look_at != pytest.approx(first.look_at, abs=1e-3))
+
+
+def test_keys_fly_and_choose_views(watched):
+    page = watched.page()
+    first = page.client.camera
+    page.mouse.move(330, 380)
+    page.keyboard.down("w")
+    until(lambda: page.client.camera.look_at != first.look_at, "for W to fly")
+    page.keyboard.up("w")
+    page.keyboard.press("5")
+
+    def from_above() -> bool:
+        camera = page.client.camera
+        away = np.subtract(camera.eye, camera.look_at)
+        return away[1] > 0.99 * np.linalg.norm(away)
+
+    until(from_above, "for the view from above")
+
+
+def test_two_browsers_have_cameras_of_their_own(watched):
+    one, two = watched.page(), watched.page()
+    first, picture = two.client.camera, watched.still(two)
+    drag(one, 150, 60)
+    until(lambda: one.client.camera != first)
+    watched.still(one)
+    assert two.client.camera == first
+    assert two.client.frame is not one.client.frame
+    assert np.array_equal(watched.still(two), picture)
+
+
+def test_a_slow_browser_holds_up_nobody(watched):
+    one, two = watched.page(), watched.page()
+    one.client.acknowledge = lambda number: None  # it never says that it has taken in anything
+    drag(one, 100, 30)
+    until(lambda: len(one.client.pacer.in_flight) == 2, "for two pictures in flight")
+    stuck, before = one.client.number, two.client.number
+    drag(two, 100, 50)
+    until(lambda: two.client.number > before + 4)
+    assert one.client.number == stuck
+
+
+def test_reload_and_kill_leave_nothing_behind(chromium):
+    threads = threading.active_count()
+    watched = Watched(blob(), chromium)
+    page = watched.page()
+    alive = our_threads()
+    for _ in range(3):
+        gone = page.client
+        page.reload()
+        until(lambda gone=gone: gone not in watched.viewer.clients.values())
+        page.client = until(lambda: next(iter(watched.viewer.clients.values()), None))
+        watched.still(page)
+    until(lambda: our_threads() == alive, "for threads of browsers that left")
+    assert len(watched.viewer.engine.clients) == 1
+    page.close()
+    watched.pages.clear()
+    until(lambda: not watched.viewer.clients)
+    until(lambda: not watched.viewer.engine.clients)
+    watched.close()
+    until(lambda: not our_threads(), "for our threads")
+    gc.collect()
+    until(lambda: threading.active_count() <= threads + 1, "for all threads")
+
+
+def test_memory_stays_when_browsers_come_and_go(chromium):
+    from globule.viewer.memory import resident_bytes
+
+    if not resident_bytes():
+        pytest.skip("this system does not say how much memory is in use")
+    watched = Watched(blob(), chromium)
+    try:
+        page = watched.page()
+        sizes = []
+        for _ in range(8):
+            gone = page.client
+            page.reload()
+            until(lambda gone=gone: gone not in watched.viewer.clients.values())
+            page.client = until(lambda: next(iter(watched.viewer.clients.values()), None))
+            watched.still(page)
+            watched.shown.clear()
+            gc.collect()
+            sizes.append(resident_bytes())
+        assert sizes[-1] - sizes[2] < 40e6, [round(s / 1e6) for s in sizes]
+    finally:
+        watched.close()
+
+
+def test_errors_are_said_in_the_page(watched, capsys):
+    page = watched.page()
+    watched.viewer.state.set(surface__kernel="blinn", surface__root="bezier")
+    page.get_by_text("root method bezier").first.wait_for()
+    watched.viewer.state.set(surface__root="exact")
+    watched.still(page)
+    assert "bezier" in capsys.readouterr().err
+
+
+def test_callbacks_and_own_sliders(watched):
+    slider = watched.viewer.gui.add_slider("Redness", 0, 255, 1, 0)
+
+    @watched.viewer.on_frame
+    def _(frame):
+        picture = frame.picture.copy()
+        picture[..., 0] = slider.value
+        return picture
+
+    @slider.on_update
+    def _(event):
+        watched.viewer.refresh()
+
+    page = watched.page()
+    from viewer_helpers import type_number
+
+    type_number(page, "Redness", 250)
+    until(lambda: seen(page)[300:500, 200:500, 0].min() > 225, "for a red picture")
+
+
+def test_sources_change_while_they_are_seen(watched):
+    page = watched.page()
+    before = watched.still(page)
+    watched.viewer.source.update(blob(60, seed=3))
+    watched.viewer.refresh()
+    after = watched.still(page, lambda p: p.shape == before.shape and not np.array_equal(p, before))
+    assert (after != before).any()
+
+
+def test_ctrl_c_ends_it_cleanly(tmp_path):
+    import signal
+    import subprocess
+    import sys
+
+    pytest.importorskip("viser")
+    path = tmp_path / "blob.npz"
+    particles = blob(50)
+    np.savez(path, positions=particles.positions, support=np.float32(0.4))
+    process = subprocess.Popen(
+        [sys.executable, "-m", "globule", "view", str(path), "--no-browser", "--port", "0"],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=os.environ.copy(),
+    )
+    lines = [process.stdout.readline() for _ in range(3)]
+    assert "http://127.0.0.1:" in lines[0]
+    assert "ssh -L" in lines[1]
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert errors.strip() == "globule: interrupted"

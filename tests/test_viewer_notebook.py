@@ -1,0 +1,127 @@
+"""The notebook's widget: its messages, and its JavaScript in a real browser."""
+
+from __future__ import annotations
+
+import io
+import json
+import time
+from pathlib import Path
+
+import globule as gb
+import numpy as np
+import pytest
+from PIL import Image
+from viewer_helpers import blob, browser, our_threads, until
+
+anywidget = pytest.importorskip("anywidget")
+
+
+@pytest.fixture(autouse=True)
+def hang_guard():
+    """Browsers take their time; `until` has a limit of its own."""
+
+
+@pytest.fixture
+def made():
+    from globule.viewer import widget
+
+    one = widget(blob(), height=200)
+    one.state.set(quality__samples=2)
+    one.sent = []
+    one.send = lambda content, buffers=None: one.sent.append((content, buffers))
+    yield one
+    one.close()
+    until(lambda: not our_threads())
+
+
+def say(one, **content) -> None:
+    one._handle_custom_msg(content, [])
+
+
+def test_pictures_come_once_the_cell_knows_its_size(made):
+    time.sleep(0.3)
+    assert not made.sent
+    view = made.view
+    say(made, type="camera", size=[300, 200], **view)
+
+    def sharp():
+        for content, _ in list(made.sent):
+            if content["type"] == "picture":
+                say(made, type="ack", number=content["number"])
+        return [s for s in made.sent if s[0]["still"]]
+
+    content, buffers = until(sharp)[-1]
+    with Image.open(io.BytesIO(buffers[0])) as image:
+        assert image.size == (300, 200)
+        picture = np.asarray(image.convert("RGB")).astype(int)
+    wanted = gb.render(gb.Scene(blob()), gb.Camera(**view), (300, 200)).picture
+    assert np.abs(picture - wanted).mean() < 4
+
+
+def test_a_cell_that_does_not_answer_gets_two_pictures(made):
+    for i in range(8):
+        view = dict(made.view, eye=np.add(made.view["eye"], (0.1 * i, 0, 0)).tolist())
+        say(made, type="camera", size=[160, 120], **view)
+        time.sleep(0.2)
+    assert [c["number"] for c, _ in made.sent] == [1, 2]
+
+
+def test_a_camera_that_is_none_is_said_in_the_cell(made):
+    say(made, type="camera", size=[160, 120], eye=[0, 0, 0], look_at=[0, 0, 0], up=[0, 1, 0],
+        fov=40)
+    assert made.sent[-1][0]["type"] == "error"
+
+
+PAGE = """
+<div id=here style="width:400px"></div>
+<script type=module>
+const source = %s;
+const url = URL.createObjectURL(new Blob([source], {type: "text/javascript"}));
+const widget = (await import(url)).default;
+window.sent = [];
+const heard = [];
+const model = {
+  get: (name) => ({height: 200, view: {eye: [0, 0, 5], look_at: [0, 0, 0], up: [0, 1, 0],
+                                       fov: 40}})[name],
+  send: (message) => window.sent.push(message),
+  on: (_, called) => heard.push(called), off: () => {},
+};
+window.show = (number, bytes) =>
+  heard[0]({type: "picture", number, still: true}, [new Uint8Array(bytes).buffer]);
+widget.render({model, el: document.getElementById("here")});
+window.ready = true;
+</script>
+"""
+
+
+def test_the_widget_in_a_browser():
+    from globule.viewer import notebook
+    from globule.viewer.encode import jpeg
+
+    script = Path(notebook.__file__).with_name("notebook.js").read_text()
+    with browser() as chromium:
+        page = chromium.new_page()
+        page.set_content(PAGE % json.dumps(script))
+        page.wait_for_function("window.ready")
+        page.wait_for_function("window.sent.some(m => m.type == 'camera')")
+        first = page.evaluate("window.sent.at(-1)")
+        assert first["size"] == [400, 200] and first["eye"] == [0, 0, 5]
+        picture = np.zeros((20, 40, 3), np.uint8)
+        picture[..., 0] = 250
+        page.evaluate("([n, bytes]) => window.show(n, bytes)", [7, list(jpeg(picture, 95))])
+        page.wait_for_function("window.sent.some(m => m.type == 'ack' && m.number == 7)")
+        with Image.open(io.BytesIO(page.locator("img").screenshot())) as image:
+            shown = np.asarray(image.convert("RGB"))
+        assert shown[100, 200, 0] > 230 and shown[100, 200, 1] < 20
+        page.mouse.move(200, 100)
+        page.mouse.down()
+        page.mouse.move(300, 100, steps=4)
+        page.mouse.up()
+        turned = page.evaluate("window.sent.at(-1)")
+        assert turned["eye"][0] < -1 and abs(np.hypot(*turned["eye"][::2]) - 5) < 1e-6
+        page.mouse.wheel(0, 500)
+        page.wait_for_function("Math.hypot(...window.sent.at(-1).eye) > 6")
+        page.mouse.down(button="right")
+        page.mouse.move(260, 150, steps=3)
+        page.mouse.up(button="right")
+        assert page.evaluate("window.sent.at(-1)")["look_at"] != [0, 0, 0]

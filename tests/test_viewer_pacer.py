@@ -1,0 +1,297 @@
+"""The pacer with a clock of our own; settings as files; who may see the page."""
+
+from __future__ import annotations
+
+import dataclasses
+import http.client
+import socket
+
+import globule as gb
+import numpy as np
+import pytest
+from globule.viewer.guard import Guard, is_local
+from globule.viewer.pacer import MOST_IN_FLIGHT, MOST_QUALITY, STILL_AFTER, Pacer
+from globule.viewer.state import State
+
+
+class Link:
+    """A pacer with an engine and a client that take given times."""
+
+    def __init__(self, trace: float, bandwidth: float, delay: float = 0.02, browser: float = 0.0):
+        self.pacer = Pacer()
+        self.pacer.full = (1280, 720)
+        self.trace, self.bandwidth, self.delay, self.browser = trace, bandwidth, delay, browser
+        self.now, self.number, self.free = 0.0, 0, 0.0
+        self.acknowledgements: list[tuple[float, int]] = []
+        self.plans: list = []
+
+    def run(self, seconds: float, what, step: float = 0.002) -> list[float]:
+        """The latencies while `what(now)` is seen."""
+        end, latencies = self.now + seconds, []
+        while self.now < end:
+            while self.acknowledgements and self.acknowledgements[0][0] <= self.now:
+                at, number = self.acknowledgements.pop(0)
+                self.pacer.latency.clear()
+                self.pacer.acknowledge(at, number)
+                latencies += list(self.pacer.latency)
+            plan = self.pacer.plan(self.now, what(self.now), 8, 92, 1920)
+            if plan is None:
+                self.now += step
+                continue
+            seen = self.pacer.started()
+            share = plan.size[0] * plan.size[1] / (1280 * 720)
+            took = self.trace * share
+            self.now += took
+            self.pacer.traced(plan, took, 20.0)
+            n_bytes = int(200_000 * share * (plan.quality / 92) ** 2) + 500
+            self.number += 1
+            self.plans.append((self.now, plan))
+            self.pacer.sent(self.now, self.number, seen, n_bytes, plan.still)
+            self.free = max(self.free, self.now) + n_bytes / self.bandwidth
+            self.acknowledgements.append((self.free + 2 * self.delay + self.browser, self.number))
+            assert len(self.pacer.in_flight) <= MOST_IN_FLIGHT
+        return latencies
+
+
+def test_a_slow_link_keeps_its_latency():
+    link = Link(trace=0.1, bandwidth=1e6)
+    latencies = link.run(60, lambda now: int(now / 0.02))
+    late = np.array(latencies)
+    assert np.median(late) < 0.2
+    assert np.median(late[-100:]) < 1.2 * np.median(late[100:300])
+    assert len(late) > 60 * 8
+
+
+def test_a_fast_link_gets_full_quality():
+    link = Link(trace=0.02, bandwidth=1e9, delay=0.001)
+    link.run(10, lambda now: int(now / 0.02))
+    assert link.pacer.scale == 1.0
+    assert link.pacer.quality == MOST_QUALITY
+
+
+def test_slow_tracing_makes_pictures_smaller():
+    link = Link(trace=2.0, bandwidth=1e9, delay=0.001)
+    link.run(20, lambda now: int(now / 0.02))
+    assert link.pacer.scale < 0.3
+    assert link.pacer.quality > 60
+
+
+def test_a_slow_browser_is_not_helped_by_smaller_pictures():
+    link = Link(trace=0.02, bandwidth=1e8, browser=0.3)
+    link.run(30, lambda now: int(now / 0.02))
+    assert link.pacer.scale > 0.9
+
+
+def test_stillness_brings_one_sharp_picture_and_then_smoother_ones():
+    link = Link(trace=0.05, bandwidth=1e8)
+    link.run(2, lambda now: int(now / 0.02))
+    link.plans.clear()
+    link.run(3, lambda now: "still")
+    plans = [plan for _, plan in link.plans]
+    assert not plans[0].still and plans[1].still
+    assert plans[1].size == (1280, 720) and not plans[1].refine
+    assert [p.samples for p in plans[1:]] == [1, 2, 4, 8]
+    assert all(p.refine for p in plans[2:])
+    at = link.plans[1][0] - link.plans[0][0]
+    assert STILL_AFTER - 0.02 < at < STILL_AFTER + 0.2
+
+
+def test_nothing_is_made_for_a_client_that_does_not_answer():
+    pacer = Pacer()
+    for number in range(1, 10):
+        if pacer.plan(float(number), number, 8, 92, 1920) is None:
+            break
+        pacer.started()
+        pacer.sent(float(number), number, 0.0, 1000, False)
+    assert number == MOST_IN_FLIGHT + 1
+    pacer.acknowledge(20.0, 2)
+    assert pacer.plan(21.0, "more", 8, 92, 1920) is not None
+
+
+def test_what_failed_is_not_tried_again_until_something_changes():
+    pacer = Pacer()
+    assert pacer.plan(0.0, "bad", 8, 92, 1920) is not None
+    pacer.started()
+    pacer.given_up()
+    assert pacer.plan(5.0, "bad", 8, 92, 1920) is None
+    assert pacer.plan(6.0, "good", 8, 92, 1920) is not None
+
+
+# Settings
+
+
+def test_settings_become_a_file_and_come_back():
+    state = State()
+    state.set(surface__threshold=0.75, look__preset="water", cuts__normal=(0.0, 1.0, 0.0),
+              color__by='a "name" \\ with\nall', time__frame=3)
+    state.bookmarks["left.side"] = gb.Camera((1, 2, 3), (0, 0, 0))
+    camera = gb.Camera((3, 2, 1), (0, 0, 0.5), (0, 0, 1), 35.0)
+    text = state.to_toml(camera)
+    other = State()
+    other.set(surface__kernel="blinn")
+    assert other.load_toml(text) == camera
+    assert other.bookmarks == state.bookmarks
+    for name in ("surface", "look", "color", "cuts", "time", "quality", "slices"):
+        assert dataclasses.asdict(getattr(other, name)) == dataclasses.asdict(getattr(state, name))
+
+
+@pytest.mark.parametrize("text, message", [
+    ("[surface]\nthreshold = -1.0", "surface.threshold: expected 0.001 to 1000, got -1.0"),
+    ("[surface]\nkernel = 'cubic'", "surface.kernel: expected one of murakami"),
+    ("[surface]\ncolour = 1", "surface.colour: expected one of kernel, threshold"),
+    ("[look]\nshadows = 1", "look.shadows: expected true or false, got 1"),
+    ("[cuts]\nnormal = [1, 2]", "normal: expected three numbers"),
+    ("[cuts]\nnormal = [1, nan, 0]", "normal: expected -1 to 1, got nan"),
+    ("[quality]\nsamples = 2.5", "quality.samples: expected a whole number, got 2.5"),
+    ("lights = 3", "lights: expected one of surface"),
+    ("[camera]\neye = [0, 0, 1]", "camera: expected eye, look_at"),
+    ("surface = 1", "surface: expected a table, got 1"),
+    ("[surface\n", "line 1"),
+])
+def test_mistakes_in_a_file_name_the_key_and_change_nothing(text, message):
+    state = State()
+    state.set(surface__threshold=0.9)
+    version = state.version
+    with pytest.raises(ValueError, match=".*".join(map(__import__("re").escape, [message]))):
+        state.load_toml(text)
+    assert state.version == version and state.surface.threshold == 0.9
+
+
+def test_files_of_settings_have_a_limit():
+    with pytest.raises(ValueError, match="at most"):
+        State().load_toml("# " + 300_000 * "x")
+
+
+# Who may see the page
+
+
+def headers(**given):
+    datastructures = pytest.importorskip("websockets.datastructures")
+    return datastructures.Headers({name.replace("_", "-"): value for name, value in given.items()})
+
+
+def test_this_machines_address_is_for_this_machine():
+    guard = Guard(None)
+    assert guard.refusal("/", headers(Host="127.0.0.1:8080")) is None
+    own = headers(Host="localhost:9000", Origin="http://localhost:9000")
+    assert guard.refusal("/", own) is None
+    assert guard.refusal("/", headers(Host="evil.example")) is not None
+    assert guard.refusal("/", headers(Host="localhost:8080", Origin="http://evil.example"))
+    assert is_local("[::1]:80") and not is_local("127.0.0.1.evil.example")
+
+
+def test_other_addresses_demand_the_token():
+    guard = Guard("secret")
+    assert guard.refusal("/", headers(Host="box:8080")) is not None
+    assert guard.refusal("/?token=wrong", headers(Host="box:8080")) is not None
+    assert guard.refusal("/?token=secret", headers(Host="box:8080")) is None
+    assert guard.refusal("/x.js", headers(Host="box", Cookie="a=b; globule=secret")) is None
+    assert guard.refusal("/x.js", headers(Host="box", Cookie="globule=no")) is not None
+
+
+@pytest.fixture
+def guarded():
+    pytest.importorskip("viser")
+    viewer = gb.view(np.zeros((1, 3), np.float32), host="0.0.0.0", port=0, browser=False,
+                     block=False)
+    yield viewer
+    viewer.close()
+
+
+def ask(port: int, path: str = "/", **given) -> http.client.HTTPResponse:
+    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=20)
+    connection.request("GET", path, headers={k.replace("_", "-"): v for k, v in given.items()})
+    return connection.getresponse()
+
+
+UPGRADE = {
+    "Upgrade": "websocket", "Connection": "Upgrade", "Sec_WebSocket_Version": "13",
+    "Sec_WebSocket_Key": "dGhlIHNhbXBsZSBub25jZQ==",
+}
+
+
+def test_without_the_token_neither_page_nor_messages(guarded, capfd):
+    assert f"?token={guarded.token}" in guarded.address
+    for path in ("/", "/index.html", "/?token=x", "/%2e%2e/etc/passwd"):
+        assert ask(guarded.port, path).status == 403
+    assert ask(guarded.port, **UPGRADE).status == 403
+    assert ask(guarded.port, "/?token=x", **UPGRADE).status == 403
+    good = ask(guarded.port, f"/?token={guarded.token}")
+    assert good.status == 200
+    assert "default-src 'self'" in good.headers["Content-Security-Policy"]
+    cookie = good.headers["Set-Cookie"]
+    assert "HttpOnly" in cookie and "SameSite=Strict" in cookie
+    name = cookie.split(";")[0]
+    assert ask(guarded.port, "/", Cookie=name).status == 200
+    import viser
+
+    protocol = f"viser-v{viser.__version__}"
+    assert ask(guarded.port, Cookie=name, Sec_WebSocket_Protocol=protocol, **UPGRADE).status == 101
+    strange = dict(UPGRADE, Origin="http://evil.example", Cookie=name)
+    assert ask(guarded.port, **strange).status == 403
+
+
+def test_large_messages_end_the_connection(guarded):
+    import viser
+    import websockets.exceptions
+    from websockets.sync.client import connect
+
+    url = f"ws://127.0.0.1:{guarded.port}/?token={guarded.token}"
+    protocol = f"viser-v{viser.__version__}"
+    with connect(url, subprotocols=[protocol], max_size=None) as connection:
+        connection.send(bytes(2 * 1024 * 1024))
+        with pytest.raises(websockets.exceptions.ConnectionClosed) as closed:
+            while True:
+                connection.recv(timeout=20)
+    assert closed.value.rcvd.code == 1009
+
+
+def test_the_page_is_bound_to_this_machine_and_cannot_be_shared():
+    pytest.importorskip("viser")
+    from viser import _messages
+
+    viewer = gb.view(np.zeros((1, 3), np.float32), port=0, browser=False, block=False)
+    try:
+        websocket = viewer.server._websock_server
+        assert _messages.ShareUrlRequest not in websocket._incoming_handlers
+        addresses = {info[4][0] for info in socket.getaddrinfo(socket.gethostname(), None)}
+        for address in addresses - {"127.0.0.1", "127.0.1.1", "::1"}:
+            with pytest.raises(OSError):
+                socket.create_connection((address, viewer.port), timeout=5)
+    finally:
+        viewer.close()
+
+
+def test_values_that_no_widget_would_send_are_refused():
+    """A browser may be somebody's own program."""
+    pytest.importorskip("viser")
+    import types
+
+    viewer = gb.view(np.zeros((1, 3), np.float32), port=0, browser=False, block=False)
+    try:
+        save = viewer.page.panels[-3]
+        save.format._impl.value = "/../../../tmp/x.PNG"
+        with pytest.raises(ValueError, match="Picture as: expected PNG or EXR"):
+            save.chosen_extension()
+        for size in ("0x10", "99999x99999", "1x1; rm", 7):
+            save.size._impl.value = size
+            with pytest.raises((ValueError, TypeError)):
+                save.chosen_size()
+        from globule.viewer.page.widgets import bounded
+
+        save.samples._impl.value = 10**12
+        assert bounded(save.samples) == 256
+        save.samples._impl.value = "many"
+        with pytest.raises(ValueError, match="expected a number"):
+            bounded(save.samples)
+        heard = []
+        viewer.page.binder.on_error = lambda browser, message: heard.append(message)
+        widget = viewer.page.binder.widgets["quality.samples"]
+        before = viewer.state.quality.samples
+        for value in (10**9, float("nan"), "x", None, [1]):
+            widget._impl.value = value
+            for called in widget._impl.update_cb:
+                called(types.SimpleNamespace(client=object(), target=widget))
+        assert len(heard) == 5 and viewer.state.quality.samples == before
+    finally:
+        viewer.close()

@@ -1,0 +1,261 @@
+"""Simulations in a real browser: run, step, reset, cut and pull."""
+
+from __future__ import annotations
+
+import time
+
+import globule as gb
+import numpy as np
+import pytest
+from viewer_helpers import Watched, browser, choose, open_folder, until
+
+
+@pytest.fixture(autouse=True)
+def hang_guard():
+    """Browsers take their time; `until` has a limit of its own."""
+
+
+@pytest.fixture(scope="module")
+def chromium():
+    with browser() as opened:
+        yield opened
+
+
+@pytest.fixture
+def dam(chromium):
+    watched = Watched(gb.Simulation("dam-break", spacing=0.05), chromium)
+    yield watched
+    watched.close()
+
+
+def press(page, name: str) -> None:
+    page.get_by_role("button", name=name, exact=True).click()
+
+
+def test_play_advances_time_and_reset_goes_back(dam):
+    page, sim = dam.page(), dam.viewer.source.simulation
+    first, begin = dam.still(page), sim.hash()
+    press(page, "Step")
+    until(lambda: sim.n_steps == 1)
+    time.sleep(0.3)
+    assert sim.n_steps == 1
+    press(page, "Run")
+    until(lambda: sim.time > 0.15, "for time to pass")
+    press(page, "Pause")
+    until(lambda: not dam.viewer.source.running)
+    later = dam.still(page, lambda p: p.shape == first.shape and (p != first).any())
+    assert np.abs(later.astype(int) - first).mean() > 0.5
+    at = sim.time
+    time.sleep(0.5)
+    assert sim.time == at
+    press(page, "Reset")
+    until(lambda: sim.n_steps == 0)
+    assert sim.hash() == begin
+    dam.still(page, lambda p: p.shape == first.shape and np.array_equal(p, first))
+    page.mouse.move(330, 380)
+    page.keyboard.press("Space")
+    until(lambda: sim.n_steps > 2, "for the space bar to run it")
+    page.keyboard.press("Space")
+    until(lambda: not dam.viewer.source.running)
+
+
+def test_slow_motion_is_slower(dam):
+    source = dam.viewer.source
+    source.speed = 0.05
+    source.play(True)
+    dam.viewer.engine.notify()
+    until(lambda: source.simulation.n_steps > 3)
+    began, time_then = time.monotonic(), source.simulation.time
+    until(lambda: source.simulation.n_steps > 12)
+    passed = time.monotonic() - began
+    assert source.simulation.time - time_then < 0.05 * (passed + 0.5)
+
+
+def test_colours_of_values_follow_the_simulation(dam):
+    page = dam.page()
+    plain = dam.still(page)
+    open_folder(page, "Colour by value")
+    choose(page, "Colour by", "velocity")
+    dam.viewer.source.play(True)
+    dam.viewer.engine.notify()
+    until(lambda: dam.viewer.source.simulation.time > 0.1)
+    dam.viewer.source.play(False)
+    colored = dam.still(page, lambda p: p.shape == plain.shape and (p != plain).any())
+    assert dam.viewer.source.maker.range[1] > 0.5
+    assert np.abs(colored.astype(int) - plain).mean() > 1
+
+
+def test_a_simulation_that_fails_says_so_and_stands_still(dam):
+    page, source = dam.page(), dam.viewer.source
+    step = source.simulation.step
+
+    def broken():
+        raise ArithmeticError("particle 7 (water) got a velocity that is not a number")
+
+    source.simulation.step = broken
+    press(page, "Run")
+    page.get_by_text("particle 7 (water)").first.wait_for()
+    until(lambda: not source.running)
+    source.simulation.step = step
+    press(page, "Step")
+    until(lambda: source.simulation.n_steps == 1)
+
+
+def test_recording_a_simulation_shows_it_moving(dam, tmp_path):
+    av = pytest.importorskip("av")
+    from globule.viewer.recording import Recorder
+
+    viewer = dam.viewer
+    recorder = Recorder(viewer.engine, lambda: viewer.first_camera, tmp_path / "dam.mp4",
+                        (160, 96), 20.0)
+    viewer.source.play(True)
+    viewer.engine.notify()
+    until(lambda: viewer.source.simulation.time > 0.2)
+    recorder.stop()
+    with av.open(str(tmp_path / "dam.mp4")) as movie:
+        pictures = [f.to_ndarray(format="rgb24").astype(int) for f in movie.decode(video=0)]
+    assert len(pictures) == recorder.n_pictures > 5
+    assert np.abs(pictures[-1] - pictures[0]).mean() > 0.3
+
+
+@pytest.fixture
+def block(chromium):
+    watched = Watched(gb.Simulation("cut-block", spacing=0.003), chromium)
+    yield watched
+    watched.close()
+
+
+def stroke(page, begin, end, steps: int = 12) -> None:
+    """A drag from one place in the window to another."""
+    page.mouse.move(*begin)
+    page.mouse.down()
+    for i in range(1, steps + 1):
+        page.mouse.move(*(np.asarray(begin) + (np.subtract(end, begin)) * i / steps))
+        time.sleep(0.06)
+    page.mouse.up()
+
+
+def outline(watched, page) -> np.ndarray:
+    """Where the tissue is in the window: columns and rows of its pixels."""
+    source = watched.viewer.source
+    box = page.locator("canvas").first.bounding_box()
+    size = (round(box["width"]), round(box["height"]))
+    with source.lock:
+        phase = list(source.simulation.phases).index("block")
+        where = source.simulation.positions[source.simulation.phase == phase]
+    from globule.viewer.overlay import project
+
+    return np.array([project(page.client.camera, size, p) for p in where])
+
+
+def test_a_scalpel_stroke_leaves_two_pieces(block):
+    page, sim = block.page(), block.viewer.source.simulation
+    assert sim.n_pieces == 1
+    choose(page, "With the mouse", "Cut")
+    page.get_by_text("Draw a line across what is to be cut.", exact=True).wait_for()
+    time.sleep(1.0)
+    where = outline(block, page)
+    middle = where.mean(axis=0)
+    stroke(page, (middle[0], where[:, 1].min() - 40), (middle[0], where[:, 1].max() + 40))
+    until(lambda: sim.n_pieces == 2, "for the cut")
+    assert block.viewer.source.n_cut > 20
+    open_folder(page, "Statistics")
+    page.get_by_text("pieces", exact=True).wait_for()
+
+
+def test_a_shallow_stroke_leaves_one_piece(block):
+    page, source = block.page(), block.viewer.source
+    source.cut_depth = 0.012
+    choose(page, "With the mouse", "Cut")
+    page.get_by_text("Draw a line across what is to be cut.", exact=True).wait_for()
+    time.sleep(1.0)
+    where = outline(block, page)
+    middle = where.mean(axis=0)
+    stroke(page, (middle[0], where[:, 1].min() - 40), (middle[0], where[:, 1].max() + 40))
+    until(lambda: source.n_cut > 0, "for the cut")
+    assert source.simulation.n_pieces == 1
+
+
+def test_grasping_pulls_tissue(block):
+    page, source = block.page(), block.viewer.source
+    sim = source.simulation
+    choose(page, "With the mouse", "Grasp")
+    page.get_by_text("Drag a piece of the surface while it runs.", exact=True).wait_for()
+    time.sleep(1.0)
+    phase = list(sim.phases).index("block")
+    before = sim.positions[sim.phase == phase]
+    where = outline(block, page)
+    source.play(True)
+    block.viewer.engine.notify()
+    page.mouse.move(*where.mean(axis=0))
+    page.mouse.down()
+    page.mouse.move(*(where.mean(axis=0) - (0, 20)))
+    for i in range(12):
+        page.mouse.move(*(where.mean(axis=0) - (0, 20 + 10 * i)))
+        time.sleep(0.1)
+
+    def moved() -> bool:
+        with source.lock:
+            now = sim.positions[sim.phase == phase]
+        return np.linalg.norm(now - before, axis=1).max() > 0.006
+
+    until(moved, "for the tissue to follow")
+    page.mouse.up()
+    until(lambda: source._held is None, "for the grasp to let go")
+
+
+def test_instruments_move_by_hand(block):
+    page, source = block.page(), block.viewer.source
+    name, tool = next(iter(source.simulation.instruments.items()))
+    page.get_by_label(f"Move {name} by hand", exact=True).check()
+    began = tool.pose.copy()
+    pose = began.copy()
+    pose[:3, 3] += (0.0, 0.02, 0.0)
+    first = block.still(page)
+    source.move(name, pose)
+    source.step()
+    block.viewer.engine.notify()
+    until(lambda: np.allclose(tool.pose, pose))
+    block.still(page, lambda p: p.shape == first.shape and (p != first).any())
+    page.get_by_label(f"Move {name} by hand", exact=True).uncheck()
+    until(lambda: tool._wanted is None)
+
+
+TAP = """
+title = "Tap"
+spacing = 0.02
+[domain]
+lo = [0, 0, 0]
+hi = [0.3, 0.3, 0.5]
+walls = true
+[[fluids]]
+name = "water"
+box = { lo = [0, 0, 0], hi = [0.3, 0.3, 0.06] }
+density = 1000
+[[emitters]]
+name = "tap"
+fluid = "water"
+center = [0.15, 0.15, 0.4]
+direction = [0, 0, -1]
+radius = 0.04
+rate = 0.005
+"""
+
+
+def test_an_emitter_is_switched_off_and_on(chromium, tmp_path):
+    (tmp_path / "tap.toml").write_text(TAP)
+    watched = Watched(str(tmp_path / "tap.toml"), chromium)
+    try:
+        page, source = watched.page(), watched.viewer.source
+        sim = source.simulation
+        box = page.get_by_label("Emitter tap", exact=True)
+        assert box.is_checked()
+        box.uncheck()
+        until(lambda: not sim.emitters["tap"].on)
+        press(page, "Run")
+        until(lambda: sim.n_steps > 6)
+        assert sim.emitters["tap"].emitted == 0
+        box.check()
+        until(lambda: sim.emitters["tap"].emitted > 5, "for water to come")
+    finally:
+        watched.close()

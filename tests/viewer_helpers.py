@@ -1,0 +1,178 @@
+"""A viewer with a real browser in front of it."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import globule as gb
+import numpy as np
+import pytest
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
+FLAGS = [
+    "--headless=new", "--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+]
+WINDOW = {"width": 1000, "height": 760}
+PATIENCE = float(os.environ.get("GLOBULE_TEST_PATIENCE", 90))  # s; machines may be busy
+CELLS = 24  # of the bar code
+
+
+@contextmanager
+def browser() -> Iterator[Any]:
+    """Headless Chromium; skips the test where there is none."""
+    pytest.importorskip("viser")
+    sync_api = pytest.importorskip("playwright.sync_api")
+    if CHROMIUM is None:
+        pytest.skip("no chromium: apt-get install chromium")
+    with sync_api.sync_playwright() as playwright:
+        opened = playwright.chromium.launch(executable_path=CHROMIUM, args=FLAGS)
+        try:
+            yield opened
+        finally:
+            opened.close()
+
+
+def until(true: Callable[[], Any], what: str = "") -> Any:
+    """Wait for something to become true, and give it."""
+    deadline = time.monotonic() + PATIENCE
+    while time.monotonic() < deadline:
+        found = true()
+        if found:
+            return found
+        time.sleep(0.05)
+    raise AssertionError(f"waited {PATIENCE:g} s in vain {what}")
+
+
+def blob(n: int = 400, seed: int = 1) -> gb.Particles:
+    """A cloud that fills the middle of its picture."""
+    rng = np.random.default_rng(seed)
+    positions = rng.normal(size=(n, 3)) * 0.4
+    return gb.Particles(positions, support=0.35, attributes={"speed": positions[:, 0]})
+
+
+class Watched:
+    """A viewer, what it has shown, and pages of it."""
+
+    def __init__(self, what: Any, opened: Any, **options: Any):
+        self.viewer = gb.view(what, port=0, browser=False, block=False, **options)
+        self.viewer.state.set(quality__samples=1)
+        self.shown: list[Any] = []
+        self.viewer.on_frame(self._keep)
+        self.opened = opened
+        self.pages: list[Any] = []
+        self.requests: list[str] = []
+
+    def _keep(self, frame: Any) -> None:
+        self.shown = [*self.shown[-200:], frame]
+
+    def page(self) -> Any:
+        """A new browser window that has its first sharp picture."""
+        known = set(self.viewer.clients)
+        page = self.opened.new_page(viewport=WINDOW, accept_downloads=True)
+        page.set_default_timeout(1000 * PATIENCE)
+        page.on("request", lambda request: self.requests.append(request.url))
+        page.on("websocket", lambda socket: self.requests.append(socket.url))
+        page.goto(self.viewer.address)
+        self.pages.append(page)
+        until(lambda: set(self.viewer.clients) - known, "for the page to connect")
+        page.get_by_text("Help (H)").wait_for()
+        page.client = self.viewer.clients[max(set(self.viewer.clients) - known)]
+        self.still(page)
+        return page
+
+    def still(self, page: Any, changed: Callable[[np.ndarray], bool] = lambda picture: True
+              ) -> np.ndarray:
+        """The next sharp picture of a page that is as asked, and has arrived."""
+        client = page.client
+
+        def settled() -> bool:
+            pacer = client.pacer
+            if client.frame is None or pacer.in_flight or pacer.making:
+                return False
+            shown = [f for f in self.shown if f.camera == client.camera and f.still]
+            return bool(shown) and pacer._samples > 0 and changed(shown[-1].picture)
+
+        until(settled, "for a sharp picture")
+        return [f for f in self.shown if f.camera == client.camera and f.still][-1].picture
+
+    def close(self) -> None:
+        for page in self.pages:
+            page.close()
+        self.viewer.close()
+
+
+def silhouette(picture: np.ndarray) -> int:
+    """Pixels that are not background."""
+    corner = picture[2, 2].astype(int)
+    return int((np.abs(picture.astype(int) - corner).sum(axis=2) > 30).sum())
+
+
+def seen(page: Any) -> np.ndarray:
+    """What the browser shows, without the panels: (H, W, 3) uint8."""
+    import io
+
+    from PIL import Image
+
+    box = page.locator("canvas").first.bounding_box()
+    with Image.open(io.BytesIO(page.screenshot(clip=box))) as image:
+        return np.asarray(image.convert("RGB"))
+
+
+def open_folder(page: Any, title: str) -> None:
+    heading = f"xpath=//*[not(self::em) and normalize-space(text())='{title}']"
+    page.locator(heading).first.click()
+
+
+def check(page: Any, label: str, on: bool = True) -> None:
+    page.get_by_label(label, exact=True).first.set_checked(on)
+
+
+def choose(page: Any, label: str, option: str) -> None:
+    page.get_by_label(label, exact=True).first.click()
+    page.get_by_role("option", name=option, exact=True).click()
+
+
+def type_number(page: Any, label: str, value: float) -> None:
+    """Type into the number beside a slider."""
+    row = page.locator(f"xpath=//label[text()='{label}']/ancestor::div[2]/..").first
+    box = row.locator("input[inputmode]").first
+    box.fill(str(value))
+    box.press("Enter")
+
+
+def type_text(page: Any, label: str, text: str) -> None:
+    row = page.locator(f"xpath=//label[text()='{label}']/ancestor::div[2]/..").first
+    row.locator("input").first.fill(text)
+
+
+def with_bar_code(frame: Any) -> np.ndarray:
+    """The picture with its number in black and white cells along the lower edge."""
+    picture = frame.picture.copy()
+    height, width = picture.shape[:2]
+    for i in range(CELLS):
+        left, right = i * width // CELLS, (i + 1) * width // CELLS
+        picture[-(height // 8) :, left:right] = 255 * (frame.number >> i & 1)
+    return picture
+
+
+def bar_code(picture: np.ndarray) -> int | None:
+    """The number, or None where the cells are not clear."""
+    height, width = picture.shape[:2]
+    number = 0
+    for i in range(CELLS):
+        cell = picture[-(height // 16), (2 * i + 1) * width // (2 * CELLS)].mean()
+        if 60 < cell < 195:
+            return None
+        number |= int(cell > 128) << i
+    return number
+
+
+def our_threads() -> set[str]:
+    return {t.name for t in threading.enumerate() if t.name.startswith("globule")}
