@@ -160,9 +160,9 @@ def test_pictures_agree_between_backends(backend, reference, alike, kind):
 FAR_PLANE = [gb.ClipPlane((0.3, 0.2, 1), 1e5)]
 
 
-@pytest.mark.parametrize("octree, name", [
+@pytest.mark.parametrize("octree, name", [  # ellipsoids: in the sparse octree only
     (octree, name) for octree in ("sparse", "dense") for name in CASES
-    if name != "splash" and not (octree == "dense" and name.startswith("stretched"))])  # ellipsoids: sparse only
+    if name != "splash" and not (octree == "dense" and name.startswith("stretched"))])
 def test_waves_meet_what_the_oracle_meets(backend, name, octree):
     """A plane that cuts nothing sends the camera's rays the way of secondary ones, cell by cell."""
     c = case(name)

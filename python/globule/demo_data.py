@@ -3,8 +3,8 @@ with the package, and a splash of any size made by formulas.
 
 The splash: a drop has fallen into a round pool: ripples run outwards, a crown of water stands up
 and breaks into jets and droplets at its rim, and a column rises in the middle with a drop above it.
-Each piece is laid out in rings or layers that follow its own surface, with a spacing close to one value
-throughout; that, and not a cubic lattice cut to shape, keeps the summed metaballs smooth.
+Each piece is laid out in rings or layers that follow its own surface, with a spacing close to one
+value throughout; that, and not a cubic lattice cut to shape, keeps the summed metaballs smooth.
 
 y is up, lengths are in units of the pool's radius. The same arguments give the same bytes.
 """

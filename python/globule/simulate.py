@@ -491,7 +491,8 @@ class Simulation(Run, Operable):
         """Everything that `set_state` needs to go on bit by bit (on the CPU)."""
         arrays = {name: self._read(name) for name in _ARRAYS}
         counts = [self._core.next_id(), self.n_steps]
-        return {**arrays, **self._tissue_state(), "time": np.array(self.time), "counts": np.array(counts, np.uint64)}
+        clock = {"time": np.array(self.time), "counts": np.array(counts, np.uint64)}
+        return {**arrays, **self._tissue_state(), **clock}
 
     def set_state(self, state: Mapping[str, np.ndarray]) -> None:
         """Go on from what `state` gave."""
