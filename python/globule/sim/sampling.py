@@ -124,8 +124,9 @@ def _cylinder_surface(cylinder: Cylinder, d: float, offset: float, open_ends: An
     if offset > 0:  # the wall ends with the cylinder where it is open
         heights = heights[0 if closed[0] else 1 : None if closed[1] else -1]
     rings = [(radius, heights)]
-    for r in np.arange(radius - d, 0.25 * d, -d):
-        rings.append((r, caps))
+    n_rings = max(1, round(radius / d))
+    for k in range(1, n_rings):
+        rings.append((radius * k / n_rings, caps))
     points = [(np.zeros(len(caps)), np.zeros(len(caps)), caps)]
     for r, along in rings:
         n = max(3, round(2 * np.pi * r / d))

@@ -1,0 +1,34 @@
+"""`globule bench physics`: rows become a table, a page and a plot; what is not met is said."""
+
+import csv
+
+import pytest
+
+from globule.bench import physics, physics_fluid
+from globule.cli import main
+
+
+def rows(device, threads):
+    return [physics_fluid.near("speed", 2.0, 1.9, 0.1), physics_fluid.at_most("drift", 0.0, 0.5)]
+
+
+def test_a_page_says_what_is_not_met(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(physics, "experiments", lambda quick: [rows])
+    assert main(["bench", "physics", "-o", str(tmp_path), "--device", "cpu"]) == 0
+    assert "drift" in capsys.readouterr().out
+    found = list(csv.DictReader(open(tmp_path / "physics.csv")))
+    assert [row["measured"] for row in found] == ["1.9", "0.5"]
+    text = (tmp_path / "physics.md").read_text()
+    assert "2 truths, 1 met" in text and "Not met: drift." in text
+    assert "| drift | 0 | 0.5 | **not met** |" in text
+
+
+def test_neighbours_equal_brute_force():
+    first, second = physics.neighbors("cpu")
+    assert first.ok and second.ok
+
+
+def test_a_plot_is_drawn(tmp_path):
+    pytest.importorskip("matplotlib")
+    physics.plot(tmp_path / "p.png", [row._asdict() for row in rows("cpu", 0)])
+    assert (tmp_path / "p.png").read_bytes()[:4] == b"\x89PNG"
