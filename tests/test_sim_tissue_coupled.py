@@ -236,3 +236,17 @@ def test_wrong_use_is_named(backend):
         sim.grasp((0, 0, 0), D, 8)
     with pytest.raises(ValueError, match="phase: expected one of"):
         sim.add_vessel(Vessel([[0, 0, 0], [D, 0, 0]], D, 1.0, 1.0, "ichor"))
+
+
+def test_steps_read_only_what_was_written():
+    """109 particles do not fill a SIMD packet; memory that was used before holds NaN."""
+    x = block(6, 6, 3)
+    rng = np.random.default_rng(0)
+    for _ in range(15):
+        used = [np.full(rng.integers(100, 200000), np.nan, np.float32) for _ in range(30)]
+        del used
+        sim = make({"device": "cpu", "threads": 1}, x, fixed=x[:, 2] < 0.5 * D)
+        sim.add(x[-1:] + [0, 0, D], "blood")
+        for _ in range(2):
+            sim.step(0.004)
+        assert np.isfinite(sim.velocities).all()

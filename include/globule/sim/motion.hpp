@@ -131,6 +131,7 @@ struct Reorder {
         if (k == to.n) {
             to.place[k] = {2e18f, 2e18f, 2e18f, 0.0f};
             to.velocity[k] = {0.0f, 0.0f, 0.0f, 0.0f};
+            to.impulse[k] = to.divergence_impulse[k] = 0.0f;  // rows that pad a packet read them
             return;
         }
         const std::uint32_t i = index[k];

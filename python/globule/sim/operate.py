@@ -177,7 +177,7 @@ class Operable:
 
     @property
     def piece(self) -> np.ndarray:
-        """(N,) uint32 in id order: the least id of a piece of tissue; NOBODY where there is none."""
+        """(N,) uint32 in id order: the least id of each piece; NOBODY for what is not tissue."""
         core = self._core.tissue()
         piece, ids = np.empty(core.n(), np.uint32), np.empty(core.n(), np.uint32)
         core.get(0, 0, address(piece), 0, address(ids))
