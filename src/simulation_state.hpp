@@ -141,6 +141,7 @@ public:
         exec_.for_each(1, sim::Summarize{most_speed2_.data(), flags_.data() + n, not_a_number_.data(), header, out});
         exec_.download(&summary, out, sizeof summary);
         n_rows = summary.n_rows;
+        if (summary.n_wanted > summary.n_nodes) tree_.header();  // the next build makes room
     }
 
     /// Room for n particles that are written from outside.

@@ -226,6 +226,16 @@ def test_light_bodies_float_and_heavy_ones_sink(backend):
     assert 0.05 < heights["stone"] < 0.16
 
 
+def test_particles_become_a_fluid_in_its_box():
+    at = physics.lattice((0, 0, 0), (0.4, 0.4, 0.4), D)
+    sim = gb.Simulation(gb.Particles(at, attributes={"velocity": np.full_like(at, 0.1)}), "cpu")
+    assert sim.settings.spacing == pytest.approx(D, rel=1e-3)
+    np.testing.assert_allclose(sim.velocities[sim.phase == 0], 0.1, rtol=1e-6)
+    report = sim.advance(0.3)
+    assert (report.n_escaped, (sim.phase == 0).sum()) == (0, len(at))
+    assert report.compression < 0.002
+
+
 def test_wcsph_agrees_with_dfsph():
     fronts = []
     for more in ({}, {"weakly_compressible": True, "extra_viscosity": 1.0}):

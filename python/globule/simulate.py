@@ -523,9 +523,10 @@ def box_walls(lo: Any, hi: Any, spacing: float, periodic: Any = (False,) * 3) ->
 
 
 def _of_particles(particles: Particles) -> dict[str, Any]:
-    """A fluid in its own box, upright."""
+    """A fluid in its own box, with as much room again above it: a full box leaves none to flow."""
     from .spacing import local_spacing
 
-    d = float(np.median(local_spacing(particles)))
-    lo, hi = particles.bounds()
+    d = float(np.median(local_spacing(particles.positions, k=3)))
+    lo, hi = (corner.astype(float) for corner in particles.bounds())
+    hi[1] += hi[1] - lo[1] + d
     return {"spacing": d, "domain": (lo - d / 2, hi + d / 2)}

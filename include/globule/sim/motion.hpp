@@ -226,13 +226,14 @@ struct Largest {
 struct Summary {
     float most_speed2;
     std::uint32_t n_rows, n_outside, not_a_number;
+    std::uint32_t n_nodes, n_wanted;  ///< of the octree: it had less room than it needed where they differ
 };
 struct Summarize {
     const float* most_speed2;
     const std::uint32_t *n_rows, *not_a_number;
     const TreeHeader* header;
     Summary* out;
-    GB_FN void operator()(std::size_t) const { *out = {*most_speed2, *n_rows, header->n_outside, *not_a_number}; }
+    GB_FN void operator()(std::size_t) const { *out = {*most_speed2, *n_rows, header->n_outside, *not_a_number, header->n_nodes, header->n_wanted}; }
 };
 
 }  // namespace globule::sim
