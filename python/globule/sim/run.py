@@ -17,6 +17,9 @@ from .scene_file import SceneFile, as_dict
 from .tools import Tool
 
 
+MOST_ROWS = 20_000  # of diagnostics; of more, every second one goes
+
+
 def is_scene(scene: Any) -> bool:
     """Whether this is a scene as files have it: a name, a path, or a dict with a domain table."""
     return isinstance(scene, (str, os.PathLike, SceneFile)) or (
@@ -142,6 +145,9 @@ class Run:
             "n": report.n, "n_escaped": report.n_escaped, "n_removed": self.n_removed,
             "n_cut": self.n_cut,
         })  # fmt: skip
+
+        if len(self.diagnostics) > MOST_ROWS:
+            del self.diagnostics[1::2]
 
     def measure(self) -> dict[str, float]:
         """Energies (J), momentum (kg m/s) and counts of what moves, now; also added to the last row
