@@ -186,6 +186,11 @@ def test_examples_in_the_help_work(module, folder, capsys, monkeypatch):
         volume(folder / "head.nii.gz")
     example_files()
     name = module.__name__.rpartition(".")[2]
+    if name == "view":  # which would go on until Ctrl-C
+        pytest.importorskip("viser")
+        (folder / "view.toml").write_text("[surface]\nthreshold = 0.7\n")
+        monkeypatch.setattr("globule.viewer.app.Viewer.wait", lambda viewer: viewer.close())
+        monkeypatch.setattr("globule.viewer.app.Viewer.open_browser", lambda viewer: None)
     assert main([name, "--help"]) == 0
     shown = capsys.readouterr().out
     examples = [line.split() for line in module.EXAMPLES.splitlines()]

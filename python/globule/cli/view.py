@@ -22,7 +22,7 @@ from .shared import reading as reading_of
 SUMMARY = "live in the browser"
 EXAMPLES = """\
   globule view splash.npz
-  globule view frame_*.vtk --preset water --no-browser
+  globule view frame_*.ply --preset water --no-browser
   globule view dam-break
   globule view head.nii.gz --up 0,0,1
   globule view splash.npz --state view.toml --host 0.0.0.0"""
