@@ -1,6 +1,7 @@
 // A group of lanes on the CPU: one thread working on `vectors` SIMD registers of `width` lanes.
 // exec/cuda_group.hpp gives a warp the same face, so that a tile kernel is written once.
 #pragma once
+#include "globule/base/quad.hpp"
 #include "globule/base/vec.hpp"
 #include "globule/base/wide.hpp"
 
@@ -144,10 +145,10 @@ struct CpuGroup {
     }
 
     static int lane_number(int lane) { return lane; }
-    /// fn(j, items[j]) for j in [begin, begin + n), all lanes taking part; those that `may` rejects can be left out.
-    template <class Item, class May, class Fn>
-    void each_of(const Item* items, std::uint32_t begin, std::uint32_t n, const May&, const Fn& fn) const {
-        for (std::uint32_t j = begin; j < begin + n; ++j) fn(j, items[j]);
+    /// fn(j, place of item j) for j in [begin, begin + n), all lanes taking part; those that `may` rejects can be left out.
+    template <class May, class Fn>
+    void each_of(const Quad* items, std::uint32_t begin, std::uint32_t n, const May&, const Fn& fn) const {
+        for (std::uint32_t j = begin; j < begin + n; ++j) fn(j, items[j].xyz());
     }
     /// The set lanes, one bit each.
     std::uint32_t set_of(const B& m) const { return bits(m); }

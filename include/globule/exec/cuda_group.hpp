@@ -98,12 +98,11 @@ struct CudaGroup {
     __device__ void each_of(const Quad* items, std::uint32_t begin, std::uint32_t n, const May& may, const Fn& fn) const {
         for (std::uint32_t base = begin; base < begin + n; base += width) {
             const std::uint32_t j = base + lane();
-            float4 mine{0.0f, 0.0f, 0.0f, 0.0f};
             const bool present = j < begin + n;
-            if (present) mine = *reinterpret_cast<const float4*>(items + j);
-            for (unsigned set = __ballot_sync(all, present && may(Quad{mine.x, mine.y, mine.z, mine.w})); set; set &= set - 1) {
+            const float4 mine = present ? *reinterpret_cast<const float4*>(items + j) : float4{0.0f, 0.0f, 0.0f, 0.0f};
+            for (unsigned set = __ballot_sync(all, present && may(float3{mine.x, mine.y, mine.z})); set; set &= set - 1) {
                 const int k = __ffs(set) - 1;
-                fn(base + k, Quad{pick(mine.x, k), pick(mine.y, k), pick(mine.z, k), pick(mine.w, k)});
+                fn(base + k, float3{pick(mine.x, k), pick(mine.y, k), pick(mine.z, k)});
             }
         }
     }

@@ -108,14 +108,15 @@ struct FindLists {
             const float3 hi{g.largest(select(together, x, -inf)), g.largest(select(together, y, -inf)), g.largest(select(together, z, -inf))};
             period.each_image([&](const float3& shift) {
                 const float3 from = lo - shift, to = hi - shift;
-                const float wide = 1.0001f * support;
-                const auto may_reach = [&](const Quad& q) {
-                    return q.x > from.x - wide && q.x < to.x + wide && q.y > from.y - wide && q.y < to.y + wide && q.z > from.z - wide &&
-                           q.z < to.z + wide;
+                const float wide2 = 1.0002f * h2;
+                const auto may_reach = [&](const float3& q) {
+                    const float ex = most(most(from.x - q.x, q.x - to.x), 0.0f), ey = most(most(from.y - q.y, q.y - to.y), 0.0f),
+                                ez = most(most(from.z - q.z, q.z - to.z), 0.0f);
+                    return ex * ex + ey * ey + ez * ez < wide2;
                 };
                 for_each_leaf(tree, from, to, [&](std::uint32_t begin, std::uint32_t n) {
-                    g.each_of(place, begin, n, may_reach, [&](std::uint32_t j, const Quad& q) {
-                        const float3 p = q.xyz() + shift;
+                    g.each_of(place, begin, n, may_reach, [&](std::uint32_t j, const float3& q) {
+                        const float3 p = q + shift;
                         const F dx = x - F(p.x), dy = y - F(p.y), dz = z - F(p.z);
                         const F r2 = dx * dx + dy * dy + dz * dz;
                         const B near = together & (r2 < possible);
