@@ -13,7 +13,7 @@ TARGET = Path(__file__).resolve().parent / "images/simulation"
 # How many seconds are shown, frames a second, and which frames.
 MOMENTS = {
     "dam-break": (2.0, 20, (0, 5, 10, 17, 24, 36)),
-    "droplet": (0.04, 250, (0, 1, 2, 4, 6, 10)),
+    "droplet": (0.02, 400, (0, 1, 2, 3, 5, 8)),
     "poiseuille": (2.0, 10, (1, 2, 4, 6, 10, 20)),
     "beam": (0.5, 40, (0, 2, 4, 6, 10, 20)),
     "cut-block": (0.6, 20, (0, 6, 8, 9, 10, 11)),
