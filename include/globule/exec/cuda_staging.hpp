@@ -53,7 +53,7 @@ public:
     }
 
 private:
-    static constexpr std::size_t kPart = 2 << 20, kParts = 4, kWorth = 1 << 20;
+    static constexpr std::size_t kPart = 2 << 20, kParts = 4, kWorth = 8 << 20;
     static constexpr int kThreads = 4;
 
     char* part(std::size_t k) const { return parts_ + k * kPart; }
