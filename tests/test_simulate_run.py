@@ -155,6 +155,7 @@ def test_curves_are_drawn(tmp_path):
         (["dam.toml", "--spacing", "9"], "spacing: expected less than half the domain, got 9"),
         (["dam.toml", "--video", "a.avi"], "--video: expected a name ending in .mp4"),
         (["dam.toml", "--format", "xls"], "argument --format"),
+        (["dam.toml", "--fps", "1e300"], "--seconds: expected at most 1,000,000 frames"),
     ],
 )
 def test_mistakes_are_one_line(folder, capsys, words, expected):
@@ -162,3 +163,18 @@ def test_mistakes_are_one_line(folder, capsys, words, expected):
     said = capsys.readouterr().err
     assert said.count("\n") == 1 and expected in said
     assert not os.path.exists("frames")
+
+
+def test_resuming_another_scene_is_refused(folder, capsys):
+    assert main(["simulate", "dam.toml", "-o", "out", "--seconds", "0.1"]) == 0
+    with open("out/checkpoint.npz", "rb") as file:
+        before = file.read()
+    words = open("dam.toml", encoding="utf-8").read()
+    with open("other.toml", "w", encoding="utf-8") as file:
+        file.write("gravity = [0, 0, -1]\n" + words)
+    capsys.readouterr()
+    assert main(["simulate", "other.toml", "-o", "out", "--resume"]) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1 and "got one with another gravity" in said
+    with open("out/checkpoint.npz", "rb") as file:
+        assert file.read() == before

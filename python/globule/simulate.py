@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
 from typing import Any
@@ -248,6 +249,8 @@ class Simulation(Run, Operable):
             raise ValueError(f"velocities: expected a number, (3,) or {p.shape}, got {v.shape}")
         if len(p) == 0:
             return np.empty(0, np.uint32)
+        _check_finite("positions", p)
+        _check_finite("velocities", v)
         each = np.ascontiguousarray(v) if v.shape == p.shape else None
         one = [0.0, 0.0, 0.0] if each is not None else np.broadcast_to(v, 3).tolist()
         first = self._core.add(len(p), address(p), 0 if each is None else address(each), one, which)
@@ -255,10 +258,11 @@ class Simulation(Run, Operable):
 
     def remove(self, ids: Any) -> None:
         """Take particles out, by id."""
-        gone = np.ascontiguousarray(ids, np.uint32).reshape(-1)
-        unknown = gone[gone >= self._core.next_id()]
+        given = np.asarray(ids).reshape(-1)
+        unknown = given[(given < 0) | (given >= self._core.next_id())]
         if len(unknown):
             raise ValueError(f"ids: expected numbers that add() gave, got {unknown[0]}")
+        gone = np.ascontiguousarray(given, np.uint32)
         if len(gone):
             n_before = len(self)
             self._core.remove(len(gone), address(gone))
@@ -269,7 +273,12 @@ class Simulation(Run, Operable):
         order, n = self._order(), len(self)
         if self._forces is None:
             self._forces = np.zeros((n, 3), np.float32)
-        chosen = slice(None) if ids is None else np.searchsorted(self.ids, np.asarray(ids))
+        chosen = slice(None)
+        if ids is not None:
+            unknown = np.setdiff1d(ids, self.ids)
+            if len(unknown):
+                raise ValueError(f"ids: expected particles of this simulation, got {unknown[0]}")
+            chosen = np.searchsorted(self.ids, ids)
         by_id = np.zeros((n, 3), np.float32)
         by_id[chosen] = force
         self._forces[order] += by_id
@@ -329,6 +338,8 @@ class Simulation(Run, Operable):
 
     def step(self, dt: float | None = None) -> StepReport:
         """One step of dt seconds; by default of what the speeds allow."""
+        if dt is not None and not 0 < dt < math.inf:
+            raise ValueError(f"dt: expected a finite number above 0, got {dt}")
         self._send()
         dt = self._core.next_dt() if dt is None else float(dt)
         self._prepare(dt)
@@ -381,6 +392,7 @@ class Simulation(Run, Operable):
     def positions(self, value: Any) -> None:
         place = self._read("place")
         place[self._order(), :3] = value
+        _check_finite("positions", place[:, :3])
         self._write("place", place)
         self._core.settle()
 
@@ -502,6 +514,11 @@ class Simulation(Run, Operable):
             self._write(name, state[name])
         self._core.settle()
         self._set_tissue_state(state)
+
+
+def _check_finite(name: str, values: np.ndarray) -> None:
+    if not np.isfinite(values).all():
+        raise ValueError(f"{name}: expected finite numbers, got a NaN or an infinity")
 
 
 def box_walls(lo: Any, hi: Any, spacing: float, periodic: Any = (False,) * 3) -> np.ndarray:

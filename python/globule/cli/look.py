@@ -83,6 +83,8 @@ def stretched(options: argparse.Namespace, particles: Particles) -> Particles:
     support = options.support or particles.support
     if support is None and len(particles):
         support = Scene(particles, options.kernel, device="cpu", threads=options.threads).support
+    if support is not None and np.ndim(support):  # a file has one each, also where all are equal
+        support = float(support[0]) if np.ptp(support) == 0 else support
     if support is not None and not isinstance(support, float):
         raise UserError("--anisotropic: expected one support for all particles, got one each; "
                         "give --support")

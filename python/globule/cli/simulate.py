@@ -34,6 +34,7 @@ EXAMPLES = """\
   globule simulate dam-break -o dam --spacing 0.04 --seconds 0.3 --resume --json
   globule simulate dam-break -o dry --spacing 0.05 --seconds 0.1 --no-frames --pictures dry"""
 CHECKPOINT = "checkpoint.npz"
+MOST_FRAMES = 1_000_000
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -46,7 +47,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("-o", "--output", default="frames", metavar="FOLDER",
         help="folder for frames, diagnostics and checkpoint, made if it is not there "
         "(default: frames)")
-    add("--seconds", type=positive, metavar="S", help="how long it runs (default: the scene's)")
+    add("--seconds", type=positive, metavar="S",
+        help="how long it runs, in whole frames (default: the scene's)")
     add("--fps", type=positive, metavar="N", help="frames a second (default: the scene's, else 30)")
     add("--format", choices=formats, metavar="NAME",
         help=f"of the frames: {', '.join(formats)} (default: the scene's, else vtp)")
@@ -97,6 +99,11 @@ class _Job:
         self.fps = options.fps or self.scene.output.fps
         self.format = options.format or self.scene.output.format
         seconds = options.seconds or self.scene.seconds
+        if seconds * self.fps > MOST_FRAMES:
+            raise UserError(
+                f"--seconds: expected at most {MOST_FRAMES:,} frames, got {seconds:g} s of "
+                f"{self.fps:g} frames a second"
+            )
         self.n_frames = int(seconds * self.fps + 1e-6) + 1
         self.checkpoint = os.path.join(self.folder, CHECKPOINT)
         try:
@@ -108,6 +115,7 @@ class _Job:
         where = {"device": options.device, "threads": options.threads}
         if options.resume:
             self.sim = _resumed(Simulation, self.checkpoint, where)
+            self._check_same_scene()
         else:
             self.sim = Simulation(self.scene, **where)
         self.first_step, self.start_time = self.sim.n_steps, self.sim.time
@@ -116,6 +124,20 @@ class _Job:
         self.files: list[str] = []
         self.saved = self.sim.time
         self.seconds = {"simulation": 0.0, "frames": 0.0, "pictures": 0.0}
+
+    def _check_same_scene(self) -> None:
+        """What is resumed is this scene; only how long it runs and what is shown may differ."""
+        from ..sim.scene_file import as_dict, read_scene
+
+        free = ("title", "seconds", "view", "output")
+        now = as_dict(read_scene(as_dict(self.scene)))  # read back, as what was saved is
+        before = {} if self.sim.file is None else as_dict(self.sim.file)
+        for name in (*now, *before):
+            if name not in free and now.get(name) != before.get(name):
+                raise UserError(
+                    f"--resume: expected {self.checkpoint} of {self.options.scene} as it is now, "
+                    f"got one with another {name}"
+                )
 
     def run(self, interrupted: Callable[[], bool]) -> bool:
         """All frames; False if it was told to stop before."""
@@ -192,7 +214,7 @@ class _Job:
         print(f"{self.scene.title or self.options.scene}: {sim.time:.4g} s in {n_steps:,} steps of "
               f"{per_step:.1f} ms, {counts}")  # fmt: skip
         written = {name: s for name, s in self.seconds.items() if s}
-        spent = ", ".join(f"{name} {s:.1f} s" for name, s in written.items())
+        spent = ", ".join(f"{name} {s:.1f} s" for name, s in written.items()) or "nothing to do"
         print(f"{spent}, {total:.1f} s in all on {sim.scene.device.description}")
         if self.files:
             print(f"{count(len(self.files), 'file')}: {self.files[0]} … {self.files[-1]}")

@@ -85,6 +85,8 @@ class Operable:
     def ablate(self, center: Any, radius: float) -> np.ndarray:
         """Take away the tissue within a ball; the ids that went. Fixed particles stay."""
         center = [float(v) for v in center]
+        if not np.isfinite([*center, radius]).all():
+            raise ValueError(f"center, radius: expected finite numbers, got {center}, {radius}")
         core = self._core.tissue()
         if core.remove((BALL, center, center, radius, [0.0] * 3)) == 0:
             return np.empty(0, np.uint32)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Callable
 from typing import Any
@@ -257,11 +258,15 @@ class Run:
 
         `stop` is asked after every step; True ends the run there. Returns the last report.
         """
+        if not seconds >= 0:
+            raise ValueError(f"seconds: expected a number >= 0, got {seconds}")
         end = self.time + seconds
         return self.advance_to(end, stop)
 
     def advance_to(self, end: float, stop: Callable[[], bool] | None = None) -> Any:
         """`advance` up to a time, seconds since the start."""
+        if not math.isfinite(end):
+            raise ValueError(f"end: expected a finite number of seconds, got {end}")
         report = None
         while (rest := end - self.time) > 1e-9 * max(end, 1e-3):
             dt = self.dt

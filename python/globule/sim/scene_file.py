@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import re
 from dataclasses import dataclass, fields, is_dataclass, replace
@@ -10,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from ..formats import EXTENSIONS
 from .instruments import Instrument, Key, Motion
 from .sampling import ENDS, FACES
 from .schema import (
@@ -239,12 +241,16 @@ class View:
     def __post_init__(self) -> None:
         if (self.eye is None) != (self.look_at is None):
             raise ValueError("expected eye and look_at together, got one of them")
+        if self.eye is not None and self.eye == self.look_at:
+            raise Problem(("look_at",), f"expected a point other than eye, got {self.eye}")
+        if self.speeds is not None and self.speeds[0] >= self.speeds[1]:
+            raise Problem(("speeds",), f"expected the lower one first, got {self.speeds}")
 
 
 @dataclass(kw_only=True)
 class Output:
     fps: float = key(positive, 30.0)
-    format: str = key(text, "vtp")
+    format: str = key(choice(*(name[1:] for name in EXTENSIONS)), "vtp")
 
 
 @dataclass(kw_only=True)
@@ -320,6 +326,8 @@ def read_scene(scene: Any, spacing: float | None = None) -> SceneFile:
         SceneError: `scene.toml:12: fluids[0].viscosity: expected …, got …`
         OSError: a file that cannot be read.
     """
+    if spacing is not None and not (math.isfinite(spacing) and spacing > 0):
+        raise SceneError(f"spacing: expected a number above 0, got {spacing}")
     if isinstance(scene, SceneFile):
         return scene if spacing is None else replace(scene, spacing=spacing)
     name, lines, folder = "", {}, ""

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import sys
 from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
 
@@ -105,7 +106,8 @@ def number(least: float = -math.inf, most: float = math.inf, above: float = -mat
 
     def check(value: Any) -> float:
         real = isinstance(value, (int, float)) and not isinstance(value, bool)
-        if not (real and math.isfinite(value) and least <= value <= most and value > above):
+        finite = real and abs(value) <= sys.float_info.max  # a whole number may be beyond any float
+        if not (finite and least <= value <= most and value > above):
             raise ValueError(f"expected {expected}, got {shown(value)}")
         return float(value)
 
