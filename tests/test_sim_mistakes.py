@@ -77,3 +77,13 @@ def test_the_scene_in_the_documentation_runs(tmp_path):
     sim = gb.Simulation(path, device="cpu")
     sim.step()
     assert sim.n_bonds > 0 and sim.time > 0
+
+
+def test_what_was_removed_stays_so_in_pictures_after_loading(sim, tmp_path):
+    sim.remove(sim.ids[:20])
+    sim.step()
+    sim.save(tmp_path / "state")
+    again = gb.Simulation.load(tmp_path / "state", device="cpu")
+    camera = gb.Camera((3, -4, 2), (1, 0.5, 0.5))
+    pictures = [gb.render(s.scene, camera, size=(64, 48)).color for s in (sim, again)]
+    assert again.hash() == sim.hash() and np.array_equal(*pictures)
