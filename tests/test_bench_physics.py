@@ -3,7 +3,6 @@
 import csv
 
 import pytest
-
 from globule.bench import physics, physics_fluid
 from globule.cli import main
 

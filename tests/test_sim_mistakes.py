@@ -3,10 +3,9 @@
 import re
 from pathlib import Path
 
+import globule as gb
 import numpy as np
 import pytest
-
-import globule as gb
 from globule.sim.scene_file import read_scene
 
 NAN = float("nan")

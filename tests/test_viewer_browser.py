@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import gc
 import os
+import subprocess
+import sys
 import threading
 import time
 
@@ -168,6 +170,14 @@ def test_reload_and_kill_leave_nothing_behind(chromium):
 
 def test_memory_stays_when_browsers_come_and_go(chromium):
     from globule.viewer.memory import resident_bytes
+
+    if "GLOBULE_TEST_ALONE" not in os.environ:  # in a process whose memory no other test has used
+        name = f"{__file__}::test_memory_stays_when_browsers_come_and_go"
+        done = subprocess.run(
+            [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", name],
+            env=dict(os.environ, GLOBULE_TEST_ALONE="1"), capture_output=True, text=True, timeout=55)
+        assert done.returncode == 0, done.stdout + done.stderr
+        return
 
     if not resident_bytes():
         pytest.skip("this system does not say how much memory is in use")

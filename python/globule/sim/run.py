@@ -17,7 +17,6 @@ from .operate import Vessel
 from .scene_file import SceneFile, as_dict
 from .tools import Tool
 
-
 MOST_ROWS = 20_000  # of diagnostics; of more, every second one goes
 
 
