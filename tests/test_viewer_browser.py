@@ -175,7 +175,8 @@ def test_memory_stays_when_browsers_come_and_go(chromium):
         name = f"{__file__}::test_memory_stays_when_browsers_come_and_go"
         done = subprocess.run(
             [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", name],
-            env=dict(os.environ, GLOBULE_TEST_ALONE="1"), capture_output=True, text=True, timeout=55)
+            env=dict(os.environ, GLOBULE_TEST_ALONE="1"), capture_output=True, text=True,
+            timeout=55)
         assert done.returncode == 0, done.stdout + done.stderr
         return
 
