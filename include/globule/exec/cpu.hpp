@@ -27,7 +27,6 @@ public:
     using Lanes = CpuLanes;
     using Packet = CpuPacket;
     static constexpr bool on_device = false;
-    static constexpr bool tiles_for_camera = true;          ///< SIMD over rays beats SIMD over particles there
     static constexpr std::size_t wave_size = 1 << 17;       ///< pixels at a time
     static constexpr std::size_t n_streams = 1;             ///< that work side by side
 

@@ -82,6 +82,13 @@ struct CpuGroup {
         Vec3<F> points(const CpuGroup& g, int i) const { return {g.load_run(x + i), g.load_run(y + i), g.load_run(z + i)}; }
     };
 
+    struct LaneOf {};
+    /// As on the GPU, each lane with its own ray alone.
+    template <bool, class Sum, class Part>
+    static void share_rays(LaneOf&, const B&, const Vec3<F>& p, const Vec3<F>& d, const F& sign, Sum& sum, const Part& part) {
+        part(p, d, sign, 0, 1, sum);
+    }
+
     /// Runs of up to 8 siblings side by side in the lanes.
     static constexpr int run_width = width < 8 ? width : 8;
     static constexpr int n_runs = width / run_width;

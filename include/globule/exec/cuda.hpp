@@ -102,7 +102,6 @@ public:
     using Lanes = CudaLanes;
     using Packet = CudaPacket;
     static constexpr bool on_device = true;
-    static constexpr bool tiles_for_camera = false;
     static constexpr std::size_t wave_size = 1 << 22;       ///< pixels at a time
     static constexpr std::size_t n_streams = 4;             ///< that work side by side
 

@@ -106,6 +106,35 @@ struct CudaGroup {
             }
         }
     }
+    using LaneOf = std::uint8_t[width];
+    /// part(p, d, sign, first, stride, sum) adds every stride-th item from the first on to a ray's sum.  Where no more than
+    /// half of the lanes are active, two to eight of them share out each active lane's ray.
+    template <bool Bounds, class Sum, class Part>
+    __device__ void share_rays(LaneOf& lane_of, B active, const Vec3<float>& p, const Vec3<float>& d, float sign, Sum& sum, const Part& part) const {
+        const unsigned set = __ballot_sync(all, active);
+        const int n = __popc(set);
+        if (n > width / 2) return part(p, d, sign, 0, 1, sum);
+        const int log_team = n > 8 ? 1 : n > 4 ? 2 : 3, team = 1 << log_team;
+        const int rank = __popc(set & ((1u << lane()) - 1)), ray = lane() >> log_team;
+        if (active) lane_of[rank] = std::uint8_t(lane());
+        __syncwarp();
+        const int from = ray < n ? lane_of[ray] : 0;
+        const Vec3<float> of_p{pick(p.x, from), pick(p.y, from), pick(p.z, from)}, of_d{pick(d.x, from), pick(d.y, from), pick(d.z, from)};
+        const float of_sign = pick(sign, from);
+        if (ray < n) part(of_p, of_d, of_sign, lane() & (team - 1), team, sum);
+        __syncwarp();
+        const int back = rank << log_team & (width - 1);
+        const auto whole = [&](float& v) {
+            for (int s = team / 2; s; s >>= 1) v += __shfl_xor_sync(all, v, s);
+            v = pick(v, back);
+        };
+        whole(sum.f);
+        whole(sum.slope);
+        if constexpr (Bounds) {
+            whole(sum.rise);
+            whole(sum.fall);
+        }
+    }
     __device__ std::uint32_t set_of(B m) const { return __ballot_sync(all, m); }
     template <class Fn>
     __device__ F map(const Fn& fn) const { return fn(lane()); }

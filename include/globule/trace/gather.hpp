@@ -29,6 +29,7 @@ struct TileScratch {
     typename Group::template List<Group::list_capacity + Group::width> list;
     CandidateShape shape[PerParticle ? Group::list_capacity : 1];
     Siblings stack[Group::stack_capacity];
+    typename Group::LaneOf lane_of;
 };
 
 /// A group's worth of nodes.

@@ -84,25 +84,33 @@ GB_FN void add_stretched(Along<F>& sum, const Kernel& kernel, const Sym3<F>& m, 
 template <bool PerParticle, class Group, class Kernel>
 struct ListSource {
     using F = typename Group::F;
-    const TileScratch<Group, PerParticle>& scratch;
+    using B = typename Group::B;
+    Group& g;
+    TileScratch<Group, PerParticle>& scratch;
     int n;
     Kernel kernel;
     Vec3<F> p0, d;
 
+    GB_FN bool any(const B& lanes) const { return g.any(lanes); }
     template <bool Bounds>
-    GB_FN Along<F> at(F t, const Limits<F>& lim) const {
-        const Vec3<F> p = p0 + d * t;
+    GB_FN Along<F> at(F t, const Limits<F>& lim, const B& active) const {
         Along<F> sum{F(0), F(0), F(0), F(0)};
-        for (int j = 0; j < n; ++j) {
-            const float3 q = scratch.list.point(j);
-            const Vec3<F> v{p.x - F(q.x), p.y - F(q.y), p.z - F(q.z)};
-            if constexpr (Kernel::stretched)
-                add_stretched<Bounds, false>(sum, kernel, kernel.template matrix<F>(scratch.list.number(j)), v, d, F(scratch.shape[j].weight), lim);
-            else if constexpr (PerParticle)
-                add<true, Bounds, false>(sum, kernel, v, d, F(scratch.shape[j].inverse_a2), F(scratch.shape[j].weight), lim);
-            else
-                add<false, Bounds, false>(sum, kernel, v, d, F(1), F(1), lim);
-        }
+        g.template share_rays<Bounds>(scratch.lane_of, active, p0 + d * t, d, lim.sign, sum,
+                     [&](const Vec3<F>& p, const Vec3<F>& along, const F& sign, int first, int stride, Along<F>& mine) {
+            Limits<F> of_ray = lim;
+            of_ray.sign = sign;
+            for (int j = first; j < n; j += stride) {
+                const float3 q = scratch.list.point(j);
+                const Vec3<F> v{p.x - F(q.x), p.y - F(q.y), p.z - F(q.z)};
+                if constexpr (Kernel::stretched)
+                    add_stretched<Bounds, false>(mine, kernel, kernel.template matrix<F>(scratch.list.number(j)), v, along,
+                                                 F(scratch.shape[j].weight), of_ray);
+                else if constexpr (PerParticle)
+                    add<true, Bounds, false>(mine, kernel, v, along, F(scratch.shape[j].inverse_a2), F(scratch.shape[j].weight), of_ray);
+                else
+                    add<false, Bounds, false>(mine, kernel, v, along, F(1), F(1), of_ray);
+            }
+        });
         sum.slope = F(2) * sum.slope;
         if constexpr (!PerParticle && Bounds) {
             // 8: b falls at most so much per unit A, and no faster where the window leaves it.
@@ -131,15 +139,15 @@ GB_FN void add_exact(Along<double>& sum, const SortedParticles& particles, const
 template <class F, class B, class Source>
 GB_FN void march(const Source& source, const Limits<F>& lim, F end, B active, F& t, B& hit, B& doubtful) {
     F rise = F(0), fall = F(0), window_end = t;
-    for (int step = 0; any(active); ++step) {
+    for (int step = 0; source.any(active); ++step) {
         Along<F> s;
-        if (any(active & (t >= window_end))) {
-            s = source.template at<true>(t, lim);
+        if (source.any(active & (t >= window_end))) {
+            s = source.template at<true>(t, lim, active);
             rise = s.rise * F(1.0001f);
             fall = s.fall;
             window_end = t + lim.window;
         } else {
-            s = source.template at<false>(t, lim);
+            s = source.template at<false>(t, lim, active);
         }
         const F gap = lim.sign * (lim.tau - s.f);
         const F slope = lim.sign * s.slope;

@@ -17,8 +17,9 @@ struct SharedListSource {
     const SortedParticles& particles;
     AnyKernel kernel;
     Vec3<double> o, d;
+    GB_FN bool any(bool active) const { return active; }
     template <bool Bounds>
-    GB_FN Along<double> at(double t, const Limits<double>& lim) const {
+    GB_FN Along<double> at(double t, const Limits<double>& lim, bool = true) const {
         Along<double> sum{0, 0, 0, 0};
         const Vec3<double> p = o + d * t;
         g.share(n, [&](int j) { add_exact<Bounds>(sum, particles, kernel, scratch.list.number(j), p, d, lim); });
@@ -35,8 +36,9 @@ struct TreeSource {
     const SortedParticles& particles;
     AnyKernel kernel;
     Vec3<double> o, d;
+    GB_FN bool any(bool active) const { return active; }
     template <bool Bounds>
-    GB_FN Along<double> at(double t, const Limits<double>& lim) const {
+    GB_FN Along<double> at(double t, const Limits<double>& lim, bool = true) const {
         Along<double> sum{0, 0, 0, 0};
         const Vec3<double> p = o + d * t, q = p + d * (Bounds ? lim.window : 0.0);
         const float3 lo{float(least(p.x, q.x)), float(least(p.y, q.y)), float(least(p.z, q.z))};

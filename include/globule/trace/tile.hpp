@@ -251,11 +251,11 @@ private:
         });
         const float heaviest = PerParticle ? tree.header->most_weight : 1.0f;
         const float sharp = most(1.0f, found.sharpest);  // where float32's error is largest
-        const ListSource<PerParticle, Group, Kernel> source{scratch, found.n, kernel, p0, d};
+        const ListSource<PerParticle, Group, Kernel> source{g, scratch, found.n, kernel, p0, d};
         Limits<F> lim{F(tau), F(kWindow / found.sharpest), F(5e-6f * (heaviest + tau) * sharp), F(2e-5f / found.sharpest), F(1.0f)};
         F t = most((lanes.t[v] - F(z)) * F(scale), F(0.0f));
         if (g.any(lanes.fresh[v] & active)) {
-            const Along<F> s = source.template at<false>(t, lim);
+            const Along<F> s = source.template at<false>(t, lim, lanes.fresh[v] & active);
             lanes.sign[v] = select(lanes.fresh[v] & active & (s.f > F(tau)), F(-1.0f), lanes.sign[v]);
             lanes.fresh[v] = lanes.fresh[v] & !active;
         }
