@@ -1,7 +1,8 @@
 """Speed of build and trace: `python bench/speed.py [--device cuda] [--scenes splash,pool-302751]`.
 
 Every frame rebuilds the octree from positions that moved, then traces one ray a pixel. Prints a
-table and writes CSV; times are medians over frames of one run, fps is a whole loop over wall time.
+table and writes CSV; times are medians over frames of one run, fps is a whole loop over wall time; "in flight": the same
+with three scenes in turn, so that one frame's octree is built while another is traced.
 """
 
 from __future__ import annotations
@@ -70,6 +71,20 @@ def measure(name: str, device: str, frames: int, threads: int) -> dict:
     shown = (time.perf_counter() - start) / frames
     octree = scene.octree
     del picture
+    in_flight = 0.0
+    if on_gpu and n <= 2_000_000:
+        scenes = [scene] + [
+            gb.Scene(gb.Particles(sets[0], support=2 * spacing), threshold=0.6, device=device)
+            for _ in range(2)
+        ]
+        for start_up in (True, False):
+            start = time.perf_counter()
+            for i in range(3 if start_up else frames):
+                scenes[i % 3].update(positions=sets[i // 3 % len(sets)])
+                gb.render(scenes[i % 3], camera, size)
+            for one in scenes:
+                one._scene.synchronize()
+        in_flight = frames / (time.perf_counter() - start)
     return {
         "scene": name,
         "particles": n,
@@ -79,6 +94,7 @@ def measure(name: str, device: str, frames: int, threads: int) -> dict:
         "trace_ms": 1e3 * float(np.median(traces)),
         "fps": 1 / loop,
         "fps_to_host": 1 / shown,
+        "fps_in_flight": in_flight,
         "bytes_per_particle": octree.bytes / n,
         "nodes": octree.n_nodes,
         "hit": float(frame.mask.mean()),
