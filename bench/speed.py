@@ -1,8 +1,8 @@
 """Speed of build and trace: `python bench/speed.py [--device cuda] [--scenes splash,pool-302751]`.
 
 Every frame rebuilds the octree from positions that moved, then traces one ray a pixel. Prints a
-table and writes CSV; times are medians over frames of one run, fps is a whole loop over wall time; "in flight": the same
-with three scenes in turn, so that one frame's octree is built while another is traced.
+table and writes CSV; times are medians over frames of one run, fps is a whole loop over wall time.
+fps_in_flight is the same with three scenes in turn: one is built while another is traced.
 """
 
 from __future__ import annotations

@@ -1,7 +1,5 @@
 // Pictures: waves of rays through the layers of one picture, pass after pass.
 #pragma once
-#include <optional>
-
 #include "backend.hpp"
 #include "globule/exec/buffer.hpp"
 #include "globule/trace/resolve.hpp"
@@ -34,22 +32,17 @@ public:
         generation_ = 0;
     }
 
-    /// Distances of the present generation's rays to one layer.
-    template <class March>
-    LayerHits find(int layer, const March& march) {
-        const std::size_t n = rays_.source.n;
-        LayerHits found{found_.reserve(n), cap_.reserve(n), sign_.reserve(n)};
-        march(*exec_, rays_, layer, found);
-        return found;
-    }
-
     /// The present generation.  march(exec, rays, layer, found): distances; keep(exec, rays, layer, found, hits):
-    /// what is nearest; occlude(exec, rays, hits, layer, visibility).  ahead: the only layer's distances, if found already.
+    /// what is nearest; occlude(exec, rays, hits, layer, visibility).
     template <class March, class Keep, class Occlude>
-    void trace(const Lighting& lighting, int n_layers, const March& march, const Keep& keep, const Occlude& occlude,
-               const std::optional<LayerHits>& ahead = {}) {
+    void trace(const Lighting& lighting, int n_layers, const March& march, const Keep& keep, const Occlude& occlude) {
         const std::size_t n = rays_.source.n, items = rays_.source.n_items();
-        for (int layer = 0; layer < n_layers; ++layer) keep(*exec_, rays_, layer, ahead ? *ahead : find(layer, march), hits_now_);
+        const LayerHits found{found_.reserve(n), cap_.reserve(n), sign_.reserve(n)};
+        for (int layer = 0; layer < n_layers; ++layer) {
+            LayerHits of_layer = found;
+            march(*exec_, rays_, layer, of_layer);
+            keep(*exec_, rays_, layer, of_layer, hits_now_);
+        }
         if (lighting.ground.present) exec_->for_each(n, MeetGround{lighting.ground, lighting.scale, rays_, hits_now_});
         const int n_visibilities = lighting.n_visibilities();
         float* visibility = n_visibilities ? visibility_.reserve(n_visibilities * n) : nullptr;

@@ -270,10 +270,12 @@ private:
             const LayerRequest& layer = request.layers[k];
             SceneOf& scene = *static_cast<SceneOf*>(layer.scene);
             scenes.push_back(&scene);
+            scene.prepare(layer.field);
             if (&scene != this) scene.synchronize();
             Clip* room = clips_[k].reserve(layer.clips.size() + 1);
             if (!layer.clips.empty()) exec_->upload(room, layer.clips.data(), layer.clips.size() * sizeof(Clip));
             clips.push_back({room, int(layer.clips.size())});
+            lighting.scale = least(lighting.scale, kStart * scene.typical_);
         }
         if (request.sky_image) {
             const std::size_t floats = std::size_t(lighting.sky.width) * lighting.sky.height * 3;
@@ -307,16 +309,6 @@ private:
             });
         };
         for (std::size_t k = 1; k < n_streams; ++k) waves_[k].exec().follow(*exec_);
-        bool prepared = false;
-        const auto prepare = [&] {
-            for (int k = 0; k < n_layers; ++k) {
-                scenes[k]->prepare(request.layers[k].field);
-                if (scenes[k] != this) scenes[k]->synchronize();
-                lighting.scale = least(lighting.scale, kStart * scenes[k]->typical_);
-            }
-            for (std::size_t k = 1; k < n_streams; ++k) waves_[k].exec().follow(*exec_);
-            prepared = true;
-        };
         for (int p = 0; p < passes && !exec_->cancelled(); ++p) {
             const int pass = frame.n_passes++;
             float* spare = pass ? spare_.reserve(7 * n) : nullptr;  // later passes must not change depth and normals
@@ -325,21 +317,16 @@ private:
                 struct Band {
                     Waves<Exec>* waves;
                     std::size_t at, n;
-                    std::optional<LayerHits> ahead;
                 };
                 std::vector<Band> bands;
                 for (std::size_t k = 0; k < n_streams && next_row < std::uint32_t(camera.height); ++k) {
                     const std::uint32_t rows = least(band, std::uint32_t(camera.height) - next_row);
                     const std::size_t at = std::size_t(next_row) * camera.width;
                     waves_[k].start(camera, next_row, rows, std::uint32_t(pass), {first.t + at, first.normal + 3 * at, first.albedo + 3 * at});
-                    bands.push_back({&waves_[k], at, std::size_t(rows) * camera.width, {}});
+                    waves_[k].trace(lighting, n_layers, march, keep, occlude);
+                    bands.push_back({&waves_[k], at, std::size_t(rows) * camera.width});
                     next_row += rows;
                 }
-                // Rays from the camera go by tiles where nothing is cut; they are on their way while cells are built.
-                for (std::size_t k = 1; !prepared && k < bands.size() && n_layers == 1 && clips[0].n == 0; ++k)
-                    bands[k].ahead = bands[k].waves->find(0, march);
-                if (!prepared) prepare();
-                for (const Band& b : bands) b.waves->trace(lighting, n_layers, march, keep, occlude, b.ahead);
                 while (!bands.empty())
                     std::erase_if(bands, [&](const Band& b) {
                         if (b.waves->go_on(lighting)) {
@@ -357,7 +344,7 @@ private:
 
     /// Distances to one layer's first crossing, on the picture's own stream.
     void march(Exec& exec, const FieldRequest& field, const Clips& clips, const WaveRays& rays, int layer, LayerHits& found, bool alone) {
-        if (alone && rays.primary() && clips.n == 0) {  // neighbouring rays
+        if (alone && rays.primary() && clips.n == 0) {  // neighbours: by tiles
             found.sign = nullptr;
             found.cap = nullptr;
             return trace_with(exec, field, rays.source, {found.t, nullptr, nullptr});

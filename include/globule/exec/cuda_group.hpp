@@ -204,19 +204,16 @@ private:
     __device__ static auto by_teams(const Source& source, float t, const Limits& lim, bool active) {
         const int lane = threadIdx.x & 31, team = lane / kTeam;
         constexpr int n_teams = 32 / kTeam;
-        unsigned rest = __ballot_sync(all, active);
-        const int rank = __popc(rest & ((1u << lane) - 1));
+        const unsigned set = __ballot_sync(all, active);
+        const int n_active = __popc(set), rank = __popc(set & ((1u << lane) - 1));
+        __shared__ std::uint8_t lanes[128];
+        std::uint8_t* lane_of = lanes + (threadIdx.x & 96);
+        if (active) lane_of[rank] = std::uint8_t(lane);
+        __syncwarp();
         decltype(source.template at<Bounds>(t, lim)) result{0.0f, 0.0f, 0.0f, 0.0f};
-        for (int round = 0; rest; ++round) {
-            int from = 0, n = 0;  // this team's ray; none: a list of no length
-            for (int k = 0; k < n_teams; ++k) {
-                const int set = __ffs(rest) - 1;
-                if (k == team) {
-                    from = set < 0 ? 0 : set;
-                    n = set >= 0;
-                }
-                rest &= rest - 1;
-            }
+        for (int first = 0; first < n_active; first += n_teams) {
+            const int ray = first + team, n = ray < n_active;  // this team's ray; none: a list of no length
+            const int from = n ? lane_of[ray] : 0;
             Source of = source;
             of.blocks = reinterpret_cast<const float*>(__shfl_sync(all, reinterpret_cast<unsigned long long>(source.blocks), from));
             of.n_blocks = n * __shfl_sync(all, source.n_blocks, from);
@@ -241,8 +238,9 @@ private:
             const int back = rank % n_teams * kTeam;
             sum = {__shfl_sync(all, sum.f, back), __shfl_sync(all, sum.slope, back), Bounds ? __shfl_sync(all, sum.rise, back) : 0.0f,
                    Bounds ? __shfl_sync(all, sum.fall, back) : 0.0f};
-            if (rank / n_teams == round) result = source.template finished<Bounds>(sum);
+            if (rank >= first && rank < first + n_teams) result = source.template finished<Bounds>(sum);
         }
+        __syncwarp();
         return result;
     }
 };
