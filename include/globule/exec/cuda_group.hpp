@@ -189,11 +189,10 @@ struct CudaLanes {
     GB_FN static float get(float v, int) { return v; }
 
     static constexpr unsigned all = 0xffffffffu;
-    static constexpr int kTeam = 4;  ///< lanes that share one ray's particles
     static constexpr int cells_at_once = 2;  ///< that a ray passes before the others get their turn
 
-    /// Field of each active lane's source at its own t: teams of lanes take one ray at a time, so that a
-    /// warp of few active rays, or with lists of very different length, still works with all its lanes.
+    /// Field of each active lane's source at its own t: teams of 4 lanes take one ray at a time, of 8 or 16 where no more
+    /// than four rays are left, so that all lanes work in a warp of few active rays or with lists of different length.
     template <class Source, class Limits>
     __device__ static auto evaluate(const Source& source, float t, const Limits& lim, bool active, bool bounds) {
         return __any_sync(all, active && bounds) ? by_teams<true>(source, t, lim, active) : by_teams<false>(source, t, lim, active);
@@ -202,32 +201,33 @@ struct CudaLanes {
 private:
     template <bool Bounds, class Source, class Limits>
     __device__ static auto by_teams(const Source& source, float t, const Limits& lim, bool active) {
-        const int lane = threadIdx.x & 31, team = lane / kTeam;
-        constexpr int n_teams = 32 / kTeam;
+        const int lane = threadIdx.x & 31;
         const unsigned set = __ballot_sync(all, active);
         const int n_active = __popc(set), rank = __popc(set & ((1u << lane) - 1));
+        const float3 point = source.point(t);
         __shared__ std::uint8_t lanes[128];
         std::uint8_t* lane_of = lanes + (threadIdx.x & 96);
         if (active) lane_of[rank] = std::uint8_t(lane);
         __syncwarp();
         decltype(source.template at<Bounds>(t, lim)) result{0.0f, 0.0f, 0.0f, 0.0f};
-        for (int first = 0; first < n_active; first += n_teams) {
-            const int ray = first + team, n = ray < n_active;  // this team's ray; none: a list of no length
+        for (int first = 0, n_teams; first < n_active; first += n_teams) {
+            const int rest = n_active - first, log_team = rest > 4 ? 2 : rest > 2 ? 3 : 4, size = 1 << log_team;
+            n_teams = 32 >> log_team;
+            const int ray = first + (lane >> log_team), n = ray < n_active;  // this team's ray; none: a list of no length
             const int from = n ? lane_of[ray] : 0;
             Source of = source;
-            of.blocks = reinterpret_cast<const float*>(__shfl_sync(all, reinterpret_cast<unsigned long long>(source.blocks), from));
+            of.first = __shfl_sync(all, source.first, from);
             of.n_blocks = n * __shfl_sync(all, source.n_blocks, from);
-            of.p0 = {__shfl_sync(all, source.p0.x, from), __shfl_sync(all, source.p0.y, from), __shfl_sync(all, source.p0.z, from)};
+            const float3 of_point{__shfl_sync(all, point.x, from), __shfl_sync(all, point.y, from), __shfl_sync(all, point.z, from)};
             of.d = {__shfl_sync(all, source.d.x, from), __shfl_sync(all, source.d.y, from), __shfl_sync(all, source.d.z, from)};
             Limits of_lim = lim;
-            of_lim.window = __shfl_sync(all, lim.window, from);
+            if (Bounds) of_lim.window = __shfl_sync(all, lim.window, from);
             of_lim.sign = __shfl_sync(all, lim.sign, from);
-            const float of_t = __shfl_sync(all, t, from);
             auto sum = result;
             sum = {0.0f, 0.0f, 0.0f, 0.0f};
-            of.template add_blocks<Bounds>(sum, lane % kTeam, kTeam, of_t, of_lim);
+            of.template add_blocks<Bounds>(sum, lane & (size - 1), size, of_point, of_lim);
             __syncwarp();
-            for (int s = kTeam / 2; s; s >>= 1) {
+            for (int s = size / 2; s; s >>= 1) {
                 sum.f += __shfl_xor_sync(all, sum.f, s);
                 sum.slope += __shfl_xor_sync(all, sum.slope, s);
                 if (Bounds) {
@@ -235,7 +235,7 @@ private:
                     sum.fall += __shfl_xor_sync(all, sum.fall, s);
                 }
             }
-            const int back = rank % n_teams * kTeam;
+            const int back = (rank - first) << log_team & 31;
             sum = {__shfl_sync(all, sum.f, back), __shfl_sync(all, sum.slope, back), Bounds ? __shfl_sync(all, sum.rise, back) : 0.0f,
                    Bounds ? __shfl_sync(all, sum.fall, back) : 0.0f};
             if (rank >= first && rank < first + n_teams) result = source.template finished<Bounds>(sum);

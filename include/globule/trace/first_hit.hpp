@@ -11,7 +11,8 @@ template <class Lanes, class Kernel, bool PerParticle>
 struct BlockSource {
     using F = typename Lanes::F;
     static constexpr int kFloats = Lanes::width * block_stride(PerParticle);
-    const float* blocks;
+    const float* blocks;  ///< of all cells
+    std::uint32_t first;  ///< of this one's
     int n_blocks;
     Kernel kernel;
     float3 p0, d;
@@ -20,24 +21,26 @@ struct BlockSource {
     template <bool Bounds>
     GB_FN Along<float> at(float t, const Limits<float>& lim) const {
         Along<F> sum{F(0.0f), F(0.0f), F(0.0f), F(0.0f)};
-        add_blocks<Bounds>(sum, 0, 1, t, lim);
+        add_blocks<Bounds>(sum, 0, 1, point(t), lim);
         return finished<Bounds>({Lanes::sum(sum.f), Lanes::sum(sum.slope), Bounds ? Lanes::sum(sum.rise) : 0.0f,
                                  Bounds ? Lanes::sum(sum.fall) : 0.0f});
     }
-    /// Adds every `stride`th block from `first` on.
+    GB_FN float3 point(float t) const { return {p0.x + t * d.x, p0.y + t * d.y, p0.z + t * d.z}; }
+    GB_FN const float* block(int j) const { return blocks + std::size_t(first + j) * kFloats; }
+    /// Adds every `stride`th block from the `begin`th on, as seen from a point of the ray.
     template <bool Bounds>
-    GB_FN void add_blocks(Along<F>& sum, int first, int stride, float t, const Limits<float>& lim) const {
-        const Vec3<F> p{F(p0.x + t * d.x), F(p0.y + t * d.y), F(p0.z + t * d.z)}, along{F(d.x), F(d.y), F(d.z)};
+    GB_FN void add_blocks(Along<F>& sum, int begin, int stride, const float3& at, const Limits<float>& lim) const {
+        const Vec3<F> p{F(at.x), F(at.y), F(at.z)}, along{F(d.x), F(d.y), F(d.z)};
         const Limits<F> wide{F(lim.tau), F(lim.window), F(lim.error), F(lim.least_step), F(lim.sign)};
-        for (int j = first; j < n_blocks; j += stride) {
-            const float* block = blocks + j * kFloats;
+        const float* from = block(begin);
+        for (int j = begin; j < n_blocks; j += stride, from += stride * kFloats) {
             Vec3<F> q;
-            Lanes::load(block, q.x, q.y, q.z);
+            Lanes::load(from, q.x, q.y, q.z);
             if constexpr (Kernel::stretched)
-                add_stretched<Bounds, true>(sum, kernel, matrix(block), p - q, along, Lanes::load(block + 5 * Lanes::width), wide);
+                add_stretched<Bounds, true>(sum, kernel, matrix(from), p - q, along, Lanes::load(from + 5 * Lanes::width), wide);
             else if constexpr (PerParticle)
-                add<true, Bounds, true>(sum, kernel, p - q, along, Lanes::load(block + 4 * Lanes::width),
-                                  Lanes::load(block + 5 * Lanes::width), wide);
+                add<true, Bounds, true>(sum, kernel, p - q, along, Lanes::load(from + 4 * Lanes::width),
+                                  Lanes::load(from + 5 * Lanes::width), wide);
             else
                 add<false, Bounds, true>(sum, kernel, p - q, along, F(1.0f), F(1.0f), wide);
         }
@@ -59,7 +62,7 @@ struct BlockSource {
         if constexpr (!PerParticle) return 1.0f;
         float most_i2 = 0.0f;
         for (int j = 0; j < n_blocks; ++j)
-            most_i2 = most(most_i2, Lanes::largest(Lanes::load(blocks + j * kFloats + 4 * Lanes::width)));
+            most_i2 = most(most_i2, Lanes::largest(Lanes::load(block(j) + 4 * Lanes::width)));
         return root(most_i2);
     }
 };
@@ -126,7 +129,7 @@ struct CellTracer {
         return whole_brick ? CellList{brick, 0, 0, 0} : cells.lists[std::size_t(brick - kListed) * kBrickCells + walk.cell_in_brick()];
     }
     GB_FN Source source(const CellList& list, const float3& p0, const float3& d) const {
-        return {cells.blocks + std::size_t(list.first) * Source::kFloats, int(ceil_div<std::uint32_t>(list.n, Lanes::width)), kernel, p0, d};
+        return {cells.blocks, list.first, int(ceil_div<std::uint32_t>(list.n, Lanes::width)), kernel, p0, d};
     }
     /// The ray's point at t, from the cell's centre, scaled: the only place where distance from the eye
     /// would cost precision.
@@ -154,7 +157,7 @@ struct CellTracer {
         Way way = Way::on;
         if (active && ray.list.n == 0) way = walk_on(ray, typical);
         const bool here = active && way == Way::on && ray.list.n > 0;
-        Source src{nullptr, 0, kernel, {0, 0, 0}, {0, 0, 0}};  // lanes that only help need the kernel too
+        Source src{cells.blocks, 0, 0, kernel, {0, 0, 0}, {0, 0, 0}};  // lanes that only help need the kernel too
         Limits<float> lim{};
         if (here) {
             const float heaviest = PerParticle ? tree.header->most_weight : 1.0f, sharp = PerParticle ? ray.sharp : 1.0f;

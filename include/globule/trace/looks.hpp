@@ -51,7 +51,7 @@ GB_FN Looks looks_at(const Tracer& tracer, const Attributes& attributes, const f
         const Vec3<F> p{F(source.p0.x), F(source.p0.y), F(source.p0.z)};
         Vec3<F> gradient{F(0.0f), F(0.0f), F(0.0f)};
         for (int j = 0; j < source.n_blocks; ++j) {
-            const float* block = source.blocks + j * source.kFloats;
+            const float* block = source.block(j);
             Vec3<F> q;
             Lanes::load(block, q.x, q.y, q.z);
             const Vec3<F> r = p - q;

@@ -53,13 +53,13 @@ GB_FN void add_along(Along<F>& sum, const Kernel& kernel, F x, F u, F i2, F c, c
         const F A = F(1) - x + u * u * scale2;
         const auto apart = near * near * scale2 >= A;
         F rise = kernel.rise(far * far * scale2, A), dive(kernel.max_fall());
-        if constexpr (Tight) dive = kernel.dive(near * near * scale2, A);
+        if constexpr (Tight && PerParticle) dive = kernel.dive(near * near * scale2, A);
         if constexpr (PerParticle) {
             const F weight = magnitude(c) * i2;
             sum.rise += select(apart, F(0), weight * select(c * lim.sign > F(0), rise, dive));
             sum.fall += select(apart, F(0), weight * F(most(8.0f, kernel.max_fall())));
         } else {
-            if constexpr (Tight) rise = select(lim.sign > F(0), rise, dive);
+            if constexpr (Tight) rise = kernel.bend(lim.sign, near * near, far * far, A);
             sum.rise += select(apart, F(0), rise);
             sum.fall += select(apart, F(0), A);
         }
