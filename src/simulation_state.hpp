@@ -144,8 +144,9 @@ public:
         if (summary.n_wanted > summary.n_nodes) tree_.header();  // the next build makes room
     }
 
-    /// Room for n particles that are written from outside.
+    /// Room for n particles that are written from outside; no id leads anywhere until they are settled.
     void resize(std::size_t count) {
+        exec_.for_each(slot_of_.capacity(), sim::Fill{slot_of_.data(), sim::kGone});
         n = 0;
         make_room(count);
         n = count;

@@ -102,7 +102,7 @@ public:
             exec_.download(&changed, flag, sizeof changed);
         }
         std::uint32_t* least_id = least_id_.reserve(n_);
-        exec_.for_each(n_, tissue::Fill{least_id, ~0u});
+        exec_.for_each(n_, sim::Fill{least_id, ~0u});
         n_pieces_ = count([&](std::uint32_t* n) {
             exec_.for_each(n_, tissue::LeastId{label, id_.data(), hold_.data(), least_id, n});
         });

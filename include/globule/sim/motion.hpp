@@ -1,6 +1,7 @@
 // From accelerations to velocities to positions, the guards, and the order of slots after a rebuild.
 #pragma once
 #include "globule/sim/density.hpp"
+#include "globule/sim/fill.hpp"
 
 namespace globule::sim {
 
@@ -180,11 +181,6 @@ struct FlagGone {
     GB_FN void operator()(std::size_t k) const {
         if (slot_of[ids[k]] != kGone) flags[slot_of[ids[k]]] = 0;
     }
-};
-struct Fill {
-    std::uint32_t* values;
-    std::uint32_t value;
-    GB_FN void operator()(std::size_t i) const { values[i] = value; }
 };
 
 /// 1 for slots that the solver moves; those outside of the domain come first and rest.
