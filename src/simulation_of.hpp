@@ -109,10 +109,10 @@ public:
         StepReport r;
         r.dt = asked > 0 ? asked : next_dt();
         const float dt = float(r.dt);
-        r.n_solved = state_.n_rows;
         mark("");
         bodies_.carry(dt);
         gather_tissue();
+        r.n_solved = state_.n_rows;
         bleed(dt);
         if (state_.n_rows > 0) {
             find_lists();
@@ -238,7 +238,9 @@ private:
         mark("tissue");
     }
 
-    void gather_tissue() { tissue_.gather(state_.view(), state_.phases(), state_.slot_of(), state_.volume()); }
+    void gather_tissue() {
+        if (tissue_.gather(state_.view(), state_.phases(), state_.slot_of(), state_.volume())) state_.find_rows();
+    }
 
     /// Blood comes in at the end of the step, where its velocity will have led it.
     void bleed(float dt) {

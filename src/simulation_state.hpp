@@ -129,7 +129,15 @@ public:
             exec_.for_each_uneven(n, sim::BoundaryVolumes<Tree>{tree_.sparse(), view(), phases_.data(), spline_, period_, gamma});
             volumes_stale_ = false;
         }
-        find_rows();
+        flag_rows();
+    }
+
+    /// The rows anew, where the tree stays but who is held does not; waits for the device.
+    void find_rows() {
+        flag_rows();
+        std::uint32_t found;
+        exec_.download(&found, flags_.data() + n, sizeof found);
+        n_rows = found;
     }
 
     /// What the host needs to know before the next step; waits for the device.
@@ -191,7 +199,7 @@ private:
         n = count;
     }
 
-    void find_rows() {
+    void flag_rows() {
         std::uint32_t* flags = flags_.reserve(n + 65);
         exec_.for_each(n + 1, sim::FlagRows{view(), phases_.data(), tree_.sparse().header, flags});
         exec_.exclusive_scan(n + 1, flags);

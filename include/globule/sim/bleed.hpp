@@ -99,26 +99,34 @@ struct Spend {
     GB_FN void operator()(std::size_t k) const { volume[who[k]] -= each; }
 };
 
-/// Tissue that blood touches gets wet within a fifth of a second and dries within minutes.
+/// Blood touches the tissue within reach.
 template <class Packet>
-struct Wet {
+struct Touch {
     sim::Lists<Packet> lists;
     sim::State state;
     Members members;
-    std::uint32_t stains;  ///< bit of each phase that does
-    float reach, dt;
-    float* wetness;
+    std::uint32_t stains;  ///< bit of each phase that is blood
+    float reach;
+    std::uint8_t* touched;
     GB_FN void operator()(std::size_t row) const {
-        const std::uint32_t s = lists.rows[row], t = members(state.id[s]);
-        if (t == kNobody) return;
-        bool touched = false;
-        for (std::uint32_t k = 0; k < lists.count[row] && !touched; ++k) {
+        const std::uint32_t s = lists.rows[row];
+        if (!(stains >> state.phase[s] & 1)) return;
+        for (std::uint32_t k = 0; k < lists.count[row]; ++k) {
             const std::uint32_t j = lists.index[lists.at(row, k)];
-            if (j >= lists.n || !(stains >> state.phase[j] & 1)) continue;
+            if (j >= lists.n) continue;
             const float3 r = state.place[j].xyz() - state.place[s].xyz();
-            touched = dot(r, r) < reach * reach;
+            const std::uint32_t t = members(state.id[j]);
+            if (t != kNobody && dot(r, r) < reach * reach) raise_flag(&touched[t]);
         }
-        wetness[t] = least(most(wetness[t] + (touched ? 5.0f : -0.005f) * dt, 0.0f), 1.0f);
+    }
+};
+/// Tissue that blood touches gets wet within a fifth of a second and dries within minutes.
+struct Wet {
+    const std::uint8_t* touched;
+    float dt;
+    float* wetness;
+    GB_FN void operator()(std::size_t t) const {
+        wetness[t] = least(most(wetness[t] + (touched[t] ? 5.0f : -0.005f) * dt, 0.0f), 1.0f);
     }
 };
 /// Wet tissue shows the blood's colour through its own.

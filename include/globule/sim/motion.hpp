@@ -183,14 +183,17 @@ struct FlagGone {
     }
 };
 
-/// 1 for slots that the solver moves; those outside of the domain come first and rest.
+/// 1 for slots that the solver moves; those outside of the domain come first and rest, tissue that is held goes where it is led.
 struct FlagRows {
     State state;
     const Phase* phases;
     const TreeHeader* header;
     std::uint32_t* flags;
     GB_FN void operator()(std::size_t i) const {
-        flags[i] = i < state.n && i >= header->n_outside && is_solved(phases[state.phase[i]].kind);
+        flags[i] = 0;
+        if (i >= state.n || i < header->n_outside) return;
+        const Kind kind = phases[state.phase[i]].kind;
+        flags[i] = is_solved(kind) && !(kind == Kind::tissue && state.place[i].w > 0.0f);
     }
 };
 /// rows[before[i]] = i for the flagged ones; padded with n.
