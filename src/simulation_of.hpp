@@ -89,17 +89,10 @@ public:
     }
 
     double next_dt() override {
-        // v dt + g dt^2 <= 0.4 cfl d: at rest, gravity limits the first step.
-        const double v = std::sqrt(double(state_.summary.most_speed2)), far = 0.4 * settings_.cfl * settings_.spacing;
+        // v dt + g dt^2 <= far: at rest, gravity limits the first step.
+        const double v = std::sqrt(double(state_.summary.speeds.limiting2)), far = farthest_move();
         const double g = std::sqrt(double(dot(settings_.gravity, settings_.gravity)));
-        double dt = settings_.longest_step;
-        const double d = settings_.spacing;
-        for (const sim::Phase& p : state_.phase_table) {
-            if (p.kind != sim::Kind::fluid && p.kind != sim::Kind::tissue) continue;
-            if (p.tension > 0) dt = std::min(dt, 0.4 * std::sqrt(p.density * d * d * d / (2 * 3.14159265358979 * p.tension)));
-            const double mu = p.viscosity + settings_.extra_viscosity;
-            if (mu > 0 && !p.implicit_viscosity) dt = std::min(dt, 0.125 * d * d * p.density / mu);
-        }
+        double dt = longest_step();
         if (settings_.weakly_compressible) dt = std::min(dt, far / (settings_.sound_speed + v));
         if (v > 0 || g > 0) dt = std::min(dt, 2 * far / (v + std::sqrt(v * v + 4 * g * far)));
         return dt;
@@ -147,7 +140,7 @@ public:
             mark("move");
             state_.settle_positions();
         }
-        state_.summarize();
+        summarize();
         mark("octree");
         time_ += r.dt;
         ++n_steps_;
@@ -178,7 +171,7 @@ public:
     }
     void settle() override {
         state_.settle();
-        state_.summarize();
+        summarize();
         stale_ = true;
     }
 
@@ -224,6 +217,26 @@ public:
     }
 
 private:
+    double farthest_move() const { return 0.4 * settings_.cfl * settings_.spacing; }
+    /// That forces other than pressure allow, whatever the speeds.
+    double longest_step() const {
+        const double d = settings_.spacing;
+        double dt = settings_.longest_step;
+        for (const sim::Phase& p : state_.phase_table) {
+            if (p.kind != sim::Kind::fluid && p.kind != sim::Kind::tissue) continue;
+            if (p.tension > 0) dt = std::min(dt, 0.4 * std::sqrt(p.density * d * d * d / (2 * 3.14159265358979 * p.tension)));
+            const double mu = p.viscosity + settings_.extra_viscosity;
+            if (mu > 0 && !p.implicit_viscosity) dt = std::min(dt, 0.125 * d * d * p.density / mu);
+        }
+        return dt;
+    }
+    /// Beside tissue, whose every step is dear, a fluid in free fall does not shorten the steps.
+    void summarize() {
+        const sim::Ahead ahead{float(longest_step()), float(farthest_move())};
+        const bool by_approach = tissue_.n() > 0 && !settings_.weakly_compressible && !state_.period().any();
+        state_.summarize(by_approach ? &ahead : nullptr);
+    }
+
     void find_lists() {
         fluid_.find_lists();
         tissue_.veto(fluid_.lists(), state_.view());
@@ -246,7 +259,10 @@ private:
     void bleed(float dt) {
         for (const tissue::Drop& d : tissue_.bleed(state_.tree().sparse(), state_.view(), dt)) {
             const float3 at = d.at + d.velocity * dt;
-            emitted_.push_back({{at.x, at.y, at.z}, {d.velocity.x, d.velocity.y, d.velocity.z}, tissue_.phase_of_blood(d.vessel)});
+            const int phase = tissue_.phase_of_blood(d.vessel);
+            if (emitted_.empty() || emitted_.back().phase != phase) emitted_.push_back({{}, {}, phase});
+            emitted_.back().positions.insert(emitted_.back().positions.end(), {at.x, at.y, at.z});
+            emitted_.back().velocities.insert(emitted_.back().velocities.end(), {d.velocity.x, d.velocity.y, d.velocity.z});
         }
     }
 
@@ -284,7 +300,7 @@ private:
         r.step = n_steps_;
         r.n = state_.n;
         r.n_escaped = state_.summary.n_outside;
-        r.most_speed = std::sqrt(double(state_.summary.most_speed2));
+        r.most_speed = std::sqrt(double(state_.summary.speeds.most2));
         for (int i = 1; i < n_marks_; ++i) r.seconds.push_back({stage_[i], exec_.elapsed(kFirstMark + i - 1, kFirstMark + i)});
         n_marks_ = 0;
         if (state_.summary.not_a_number) tell_not_a_number(state_.summary.not_a_number - 1);

@@ -208,31 +208,37 @@ struct WriteRows {
     }
 };
 
-/// Squared speed of those inside.
-struct SpeedOf {
+/// Squared: the speed, and the one that limits the next step.
+struct Speeds {
+    float most2, limiting2;
+};
+/// Of those inside.
+struct SpeedsOf {
     const Quad* velocity;
+    const float* limiting2;  ///< or null: their own
     const TreeHeader* header;
-    GB_FN float operator()(std::size_t i) const {
+    GB_FN Speeds operator()(std::size_t i) const {
+        if (i < header->n_outside) return {0.0f, 0.0f};
         const float3 v = velocity[i].xyz();
-        return i < header->n_outside ? 0.0f : dot(v, v);
+        return {dot(v, v), limiting2 ? limiting2[i] : dot(v, v)};
     }
 };
-struct Largest {
-    GB_FN float operator()(float a, float b) const { return most(a, b); }
+struct Fastest {
+    GB_FN Speeds operator()(const Speeds& a, const Speeds& b) const { return {most(a.most2, b.most2), most(a.limiting2, b.limiting2)}; }
 };
 
 /// What the host learns after a step.
 struct Summary {
-    float most_speed2;
+    Speeds speeds;
     std::uint32_t n_rows, n_outside, not_a_number;
     std::uint32_t n_nodes, n_wanted;  ///< of the octree: it had less room than it needed where they differ
 };
 struct Summarize {
-    const float* most_speed2;
+    const Speeds* speeds;
     const std::uint32_t *n_rows, *not_a_number;
     const TreeHeader* header;
     Summary* out;
-    GB_FN void operator()(std::size_t) const { *out = {*most_speed2, *n_rows, header->n_outside, *not_a_number, header->n_nodes, header->n_wanted}; }
+    GB_FN void operator()(std::size_t) const { *out = {*speeds, *n_rows, header->n_outside, *not_a_number, header->n_nodes, header->n_wanted}; }
 };
 
 }  // namespace globule::sim
