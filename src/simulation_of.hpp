@@ -183,6 +183,7 @@ public:
     }
 
     void neighbors(std::vector<std::uint32_t>& rows, Neighbors& out) override {
+        gather_tissue();
         find_lists();
         fluid_.read_lists(rows, out);
     }

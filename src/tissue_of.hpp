@@ -200,7 +200,7 @@ public:
     /// No density across cuts.
     template <class Packet>
     void veto(const sim::Lists<Packet>& lists, const sim::State& state) {
-        if (n_ > 0 && n_scars_ > 0) exec_.for_each(lists.n_rows, tissue::Veto<Packet>{lists, state, members(), bonds()});
+        if (n_ > 0 && n_scars_ > 0) exec_.for_each(lists.n_rows, tissue::Veto<Packet>{lists, state, members(), bonds(), slot_.data()});
     }
     /// What happens to tissue once a step, while its particles stand: it tears, and gets wet.
     template <class Packet>

@@ -73,7 +73,8 @@ struct Bleed {
     /// A bit for each way whose place, a spacing from x, has room: one walk of the tree for all.
     GB_FN std::uint32_t free_ways(const float3& x, const float3& outwards) const {
         const float room = 0.85f * spacing, reach = 1.001f * (spacing + room);
-        const float3 r{reach, reach, reach};
+        const float inner = reach - 2.0f * spacing;  // the boxes of the tree's leaves stand off by the support
+        const float3 r{inner, inner, inner};
         std::uint32_t free = (1u << kWays) - 1;
         for_each_touching(tree, x - r, x + r, [&](std::uint32_t j) {
             const float3 p = place[j].xyz();

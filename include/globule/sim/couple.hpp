@@ -125,16 +125,17 @@ struct Veto {
     sim::State state;
     Members members;
     Bonds bonds;
+    const std::uint32_t* slot;  ///< of each tissue particle
     GB_FN void operator()(std::size_t row) const {
         const std::uint32_t t = members(state.id[lists.rows[row]]);
         if (t == kNobody || !bonds.scarred[t]) return;
-        for (std::uint32_t k = 0; k < lists.count[row]; ++k) {
-            std::uint32_t& j = lists.index[lists.at(row, k)];
-            if (j >= lists.n) continue;
-            const std::uint32_t o = members(state.id[j]);
-            if (o == kNobody || !bonds.scarred[o]) continue;
-            for (std::uint32_t e = bonds.begin(t), end = bonds.end(t); e < end; e += kBlock)
-                if (bonds.other[e] == o && bonds.length[e] < 0.0f) j = lists.n;
+        for (std::uint32_t e = bonds.begin(t), end = bonds.end(t); e < end; e += kBlock) {
+            if (!(bonds.length[e] < 0.0f)) continue;
+            const std::uint32_t other = slot[bonds.other[e]];
+            for (std::uint32_t k = 0; k < lists.count[row]; ++k) {
+                std::uint32_t& j = lists.index[lists.at(row, k)];
+                if (j == other) j = lists.n;
+            }
         }
     }
 };
