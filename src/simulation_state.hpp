@@ -5,6 +5,7 @@
 #include <stdexcept>
 
 #include "globule/octree/build.hpp"
+#include "globule/sim/approach.hpp"
 #include "globule/sim/boundary.hpp"
 #include "globule/sim/motion.hpp"
 #include "simulation.hpp"
@@ -18,7 +19,7 @@ public:
 
     SimulationState(Exec& exec, Octree<Exec>& tree)
         : exec_(exec), tree_(tree), copies_{Copy(exec), Copy(exec)}, positions_(exec), new_positions_(exec), new_velocities_(exec),
-          slot_of_(exec), phases_(exec), flags_(exec), rows_(exec), index_(exec), summary_(exec), most_speed2_(exec), not_a_number_(exec) {
+          slot_of_(exec), phases_(exec), flags_(exec), rows_(exec), index_(exec), summary_(exec), speeds_(exec), limiting2_(exec), not_a_number_(exec) {
         exec_.upload(phases_.reserve(sim::kMaxPhases), phase_table.data(), sizeof phase_table);
         exec_.clear(not_a_number_.reserve(1), 4);
     }
@@ -129,23 +130,37 @@ public:
             exec_.for_each_uneven(n, sim::BoundaryVolumes<Tree>{tree_.sparse(), view(), phases_.data(), spline_, period_, gamma});
             volumes_stale_ = false;
         }
-        find_rows();
+        flag_rows();
     }
 
-    /// What the host needs to know before the next step; waits for the device.
-    void summarize() {
+    /// The rows anew, where the tree stays but who is held does not; waits for the device.
+    void find_rows() {
+        flag_rows();
+        std::uint32_t found;
+        exec_.download(&found, flags_.data() + n, sizeof found);
+        n_rows = found;
+    }
+
+    /// What the host needs to know before the next step; waits for the device.  `ahead`: where fluids count by how they approach others.
+    void summarize(const sim::Ahead* ahead) {
         const sim::State s = view();
         const TreeHeader* header = tree_.sparse().header;
-        exec_.reduce(n, sim::SpeedOf{s.velocity, header}, sim::Largest{}, 0.0f, most_speed2_.reserve(1));
+        float* limiting2 = nullptr;
+        if (ahead) {
+            limiting2 = limiting2_.reserve(n);
+            exec_.for_each_uneven(n, sim::Approach<Tree>{tree_.sparse(), s, phases_.data(), *ahead, 0.5f * spline_.support, limiting2});
+        }
+        exec_.reduce(n, sim::SpeedsOf{s.velocity, limiting2, header}, sim::Fastest{}, sim::Speeds{0.0f, 0.0f}, speeds_.reserve(1));
         sim::Summary* out = summary_.reserve(1);
-        exec_.for_each(1, sim::Summarize{most_speed2_.data(), flags_.data() + n, not_a_number_.data(), header, out});
+        exec_.for_each(1, sim::Summarize{speeds_.data(), flags_.data() + n, not_a_number_.data(), header, out});
         exec_.download(&summary, out, sizeof summary);
         n_rows = summary.n_rows;
         if (summary.n_wanted > summary.n_nodes) tree_.header();  // the next build makes room
     }
 
-    /// Room for n particles that are written from outside.
+    /// Room for n particles that are written from outside; no id leads anywhere until they are settled.
     void resize(std::size_t count) {
+        exec_.for_each(slot_of_.capacity(), sim::Fill{slot_of_.data(), sim::kGone});
         n = 0;
         make_room(count);
         n = count;
@@ -180,7 +195,7 @@ private:
     void reorder(const std::uint32_t* index, std::size_t count, const float* x, const float* y, const float* z) {
         const sim::State from = view();
         Copy& other = copies_[1 - now_];
-        other.reserve(most(count, copies_[now_].capacity()));
+        if (other.capacity() < count) other.reserve(most(count, copies_[now_].capacity()));
         if (next_id > slot_of_.capacity()) {
             slot_of_.reserve(next_id + next_id / 2 + 64);
             exec_.for_each(slot_of_.capacity(), sim::Fill{slot_of_.data(), sim::kGone});
@@ -190,7 +205,7 @@ private:
         n = count;
     }
 
-    void find_rows() {
+    void flag_rows() {
         std::uint32_t* flags = flags_.reserve(n + 65);
         exec_.for_each(n + 1, sim::FlagRows{view(), phases_.data(), tree_.sparse().header, flags});
         exec_.exclusive_scan(n + 1, flags);
@@ -206,7 +221,8 @@ private:
     Buffer<sim::Phase, Exec> phases_;
     Buffer<std::uint32_t, Exec> flags_, rows_, index_;
     Buffer<sim::Summary, Exec> summary_;
-    Buffer<float, Exec> most_speed2_;
+    Buffer<sim::Speeds, Exec> speeds_;
+    Buffer<float, Exec> limiting2_;
     Buffer<std::uint32_t, Exec> not_a_number_;
     TreeParams params_;
     sim::Spline spline_{};

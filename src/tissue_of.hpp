@@ -17,7 +17,7 @@ class TissueOf : public Tissue {
 public:
     explicit TissueOf(Exec& exec)
         : exec_(exec), at_(exec), next_(exec), velocity_(exec), acceleration_(exec), pull_(exec), before_(exec), rest_(exec), id_(exec),
-          slot_(exec), hold_(exec), phase_(exec), scarred_(exec), first_(exec), other_(exec), length_(exec), stiffness_(exec), vessel_(exec),
+          slot_(exec), hold_(exec), phase_(exec), scarred_(exec), touched_(exec), first_(exec), other_(exec), length_(exec), stiffness_(exec), vessel_(exec),
           volume_(exec), wetness_(exec), lambda_(exec), label_(exec), least_id_(exec), piece_(exec), count_(exec), of_id_(exec),
           vertices_(exec), triangles_(exec), drops_(exec), drop_list_(exec), found_(exec), spent_(exec), energy_(exec) {}
 
@@ -102,7 +102,7 @@ public:
             exec_.download(&changed, flag, sizeof changed);
         }
         std::uint32_t* least_id = least_id_.reserve(n_);
-        exec_.for_each(n_, tissue::Fill{least_id, ~0u});
+        exec_.for_each(n_, sim::Fill{least_id, ~0u});
         n_pieces_ = count([&](std::uint32_t* n) {
             exec_.for_each(n_, tissue::LeastId{label, id_.data(), hold_.data(), least_id, n});
         });
@@ -185,18 +185,22 @@ public:
 
     // In a simulation, in this order.
 
-    /// Where the particles are now.
-    void gather(const sim::State& state, const sim::Phase* phases, const std::uint32_t* slot_of, float volume) {
-        if (n_ == 0) return;
-        const std::uint32_t n_lost = counted([&](std::uint32_t* lost) {
-            exec_.for_each(n_, tissue::Gather{state, phases, id_.data(), slot_of, slot_.data(), at_.data(), velocity_.data(), hold_.data(), volume, lost});
-        });
-        if (n_lost) exec_.for_each(n_, tissue::DropBonds{bonds(), hold_.data()});
+    /// Where the particles are now; whether other particles are held than before.
+    bool gather(const sim::State& state, const sim::Phase* phases, const std::uint32_t* slot_of, float volume) {
+        if (n_ == 0) return false;
+        std::uint32_t n[2], *counters = count_.reserve(2);
+        exec_.clear(counters, sizeof n);
+        exec_.for_each(n_, tissue::Gather{state, phases, id_.data(), slot_of, slot_.data(), at_.data(), velocity_.data(), hold_.data(), volume,
+                                          counters, counters + 1});
+        exec_.download(n, counters, sizeof n);
+        scar(n[0]);
+        if (n[0]) exec_.for_each(n_, tissue::DropBonds{bonds(), hold_.data()});
+        return n[1] > 0;
     }
     /// No density across cuts.
     template <class Packet>
     void veto(const sim::Lists<Packet>& lists, const sim::State& state) {
-        if (n_ > 0 && n_scars_ > 0) exec_.for_each(lists.n_rows, tissue::Veto<Packet>{lists, state, members(), bonds()});
+        if (n_ > 0 && n_scars_ > 0) exec_.for_each(lists.n_rows, tissue::Veto<Packet>{lists, state, members(), bonds(), slot_.data()});
     }
     /// What happens to tissue once a step, while its particles stand: it tears, and gets wet.
     template <class Packet>
@@ -206,7 +210,11 @@ public:
         follow();
         std::uint32_t stains = 0;
         for (const BloodVessel& v : vessels_) stains |= 1u << v.phase;
-        if (stains) exec_.for_each(lists.n_rows, tissue::Wet<Packet>{lists, state, members(), stains, 1.3f * contact_, dt, wetness_.data()});
+        if (!stains) return;
+        std::uint8_t* touched = touched_.reserve(n_);
+        exec_.clear(touched, n_);
+        exec_.for_each(lists.n_rows, tissue::Touch<Packet>{lists, state, members(), stains, 1.3f * contact_, touched});
+        exec_.for_each(n_, tissue::Wet{touched, dt, wetness_.data()});
     }
     /// Before the forces.
     void take_velocities(const sim::State& state) {
@@ -335,9 +343,12 @@ private:
     template <class Launch>
     std::uint32_t counted(const Launch& launch) {
         const std::uint32_t n = count(launch);
+        scar(n);
+        return n;
+    }
+    void scar(std::uint32_t n) {
         n_scars_ += n;
         if (n) pieces_known_ = false;
-        return n;
     }
 
     /// Everything that lasts, with the number of its items.
@@ -435,7 +446,7 @@ private:
     Buffer<Quad, Exec> at_, next_, velocity_;
     Buffer<float3, Exec> acceleration_, pull_, before_, rest_;
     Buffer<std::uint32_t, Exec> id_, slot_;
-    Buffer<std::uint8_t, Exec> hold_, phase_, scarred_;
+    Buffer<std::uint8_t, Exec> hold_, phase_, scarred_, touched_;
     Buffer<std::uint32_t, Exec> first_, other_;
     Buffer<float, Exec> length_, stiffness_;
     Buffer<std::uint8_t, Exec> vessel_;

@@ -509,9 +509,6 @@ class Simulation(Run, Operable):
     def set_state(self, state: Mapping[str, np.ndarray]) -> None:
         """Go on from what `state` gave."""
         next_id, n_steps = (int(c) for c in state["counts"])
-        gone = np.setdiff1d(self._read("id"), state["id"])  # or their slots would pass for taken
-        if len(gone):
-            self._core.remove(len(gone), address(gone))
         self._core.resize(len(state["id"]), next_id, float(state["time"]), n_steps)
         for name in _ARRAYS:
             self._write(name, state[name])

@@ -15,9 +15,10 @@ public:
     Buffer& operator=(const Buffer&) = delete;
     ~Buffer() { exec_->release(data_); }
 
-    /// At least n items; contents are lost when it grows.
+    /// At least n items; contents are lost when it grows.  What grew once will again: then there is room for an eighth more.
     T* reserve(std::size_t n) {
         if (n > capacity_) {
+            if (capacity_ > 0) n += n / 8;
             exec_->release(data_);
             data_ = nullptr;
             capacity_ = 0;

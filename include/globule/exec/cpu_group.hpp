@@ -65,6 +65,11 @@ struct CpuGroup {
         std::memcpy(&r.v, p, sizeof r.v);
         return r;
     }
+    U load_run(const std::uint32_t* p) const {
+        U r;
+        std::memcpy(r.v, p, sizeof r.v);
+        return r;
+    }
 
     /// Three floats and a number for each of n items, read one at a time or a group's worth.
     template <int n>

@@ -43,6 +43,7 @@ struct CudaGroup {
     }
     __device__ float largest(float v) const { return -smallest(-v); }
     __device__ F load_run(const float* p) const { return p[lane()]; }
+    __device__ U load_run(const std::uint32_t* p) const { return p[lane()]; }
 
     template <int n>
     struct List {

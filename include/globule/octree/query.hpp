@@ -35,6 +35,53 @@ GB_FN void for_each_leaf(const Tree& tree, const float3& lo, const float3& hi, c
     }
 }
 
+/// The same for a whole group of lanes, which looks at all children of a node at once.
+template <class Group, class Tree, class Leaf>
+GB_FN void for_each_leaf(Group& g, const Tree& tree, const float3& lo, const float3& hi, const Leaf& leaf) {
+    using F = typename Group::F;
+    if (tree.empty()) return;
+    struct Siblings {
+        std::uint32_t first, set;  ///< those of them that are still to come
+    } stack[2 * kMaxLevels + 2];
+    int top = 0;
+    Siblings now{0, 0};
+    typename Group::U firsts, metas;
+    const auto enter = [&](std::uint32_t first) {
+        now.first = first;
+        firsts = g.load_run(tree.nodes.first + first);
+        metas = g.load_run(tree.nodes.meta + first);
+    };
+    const auto meeting = [&](std::uint32_t first, int n) {
+        float* const* box = tree.nodes.box;
+        const auto out = (g.load_run(box[0] + first) > F(hi.x)) | (g.load_run(box[1] + first) > F(hi.y)) | (g.load_run(box[2] + first) > F(hi.z)) |
+                         (g.load_run(box[3] + first) < F(lo.x)) | (g.load_run(box[4] + first) < F(lo.y)) | (g.load_run(box[5] + first) < F(lo.z));
+        return g.set_of(g.first_lanes(n) & !out);
+    };
+    const auto open = [&](std::uint32_t first, int n) {
+        enter(first);
+        now.set = meeting(first, n);
+        for (int part = (n - 1) / Group::width; part > 0; --part)  // of more siblings than lanes
+            stack[top++] = {first + part * Group::width, meeting(first + part * Group::width, n - part * Group::width)};
+    };
+    for (open(0, 1);;) {
+        if (now.set == 0) {
+            if (top == 0) return;
+            now = stack[--top];
+            enter(now.first);
+            continue;
+        }
+        const int child = trailing_zeros(now.set);
+        now.set &= now.set - 1;
+        const std::uint32_t meta = Group::pick(metas, child), first = Group::pick(firsts, child), count = Node::count(meta);
+        if (Node::is_leaf(meta)) {
+            leaf(first, count);
+        } else if (count) {
+            if (now.set) stack[top++] = now;
+            open(first, int(count));
+        }
+    }
+}
+
 /// visit(slot) for each particle of those leaves.
 template <class Tree, class Visit>
 GB_FN void for_each_touching(const Tree& tree, const float3& lo, const float3& hi, const Visit& visit) {

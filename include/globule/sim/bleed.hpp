@@ -52,19 +52,17 @@ struct Bleed {
         const float each = d * d * d;
         volume[t] = least(volume[t] + flow * dt, 2.0f * each);
         if (volume[t] < each) return;
-        const float3 x = at[t].xyz();
-        float3 way = normalize(inwards) * -1.0f;
-        for (int k = -1; k < 14; ++k) {
-            if (k >= 0) way = direction(k);
-            const float3 y = x + way * d;
-            if (!is_free(y, 0.85f * d)) continue;
-            drop[t] = {y, velocity[t].xyz() + way * vessels.speed[vessel], t, vessel};
-            found[t] = 1;
-            return;
-        }
+        const float3 x = at[t].xyz(), outwards = normalize(inwards) * -1.0f;
+        const std::uint32_t free = free_ways(x, outwards);
+        if (free == 0) return;
+        const float3 way = direction(trailing_zeros(std::uint64_t(free)), outwards);
+        drop[t] = {x + way * d, velocity[t].xyz() + way * vessels.speed[vessel], t, vessel};
+        found[t] = 1;
     }
-    /// Faces' and corners' directions of a cube.
-    GB_FN static float3 direction(int k) {
+    static constexpr int kWays = 15;
+    /// Outwards, then faces' and corners' directions of a cube.
+    GB_FN static float3 direction(int k, const float3& outwards) {
+        if (k-- == 0) return outwards;
         if (k < 6) {
             const float s = k % 2 ? -1.0f : 1.0f;
             return {k / 2 == 0 ? s : 0.0f, k / 2 == 1 ? s : 0.0f, k / 2 == 2 ? s : 0.0f};
@@ -72,12 +70,19 @@ struct Bleed {
         const float a = 0.57735027f;
         return {k & 1 ? a : -a, k & 2 ? a : -a, (k - 6) & 4 ? a : -a};
     }
-    GB_FN bool is_free(const float3& y, float radius) const {
-        const float3 r{radius, radius, radius};
-        bool free = true;
-        for_each_touching(tree, y - r, y + r, [&](std::uint32_t j) {
-            const float3 v = place[j].xyz() - y;
-            if (dot(v, v) < radius * radius) free = false;
+    /// A bit for each way whose place, a spacing from x, has room: one walk of the tree for all.
+    GB_FN std::uint32_t free_ways(const float3& x, const float3& outwards) const {
+        const float room = 0.85f * spacing, reach = 1.001f * (spacing + room);
+        const float inner = reach - 2.0f * spacing;  // the boxes of the tree's leaves stand off by the support
+        const float3 r{inner, inner, inner};
+        std::uint32_t free = (1u << kWays) - 1;
+        for_each_touching(tree, x - r, x + r, [&](std::uint32_t j) {
+            const float3 p = place[j].xyz();
+            if (free == 0 || dot(p - x, p - x) > reach * reach) return;
+            for (int k = 0; k < kWays; ++k) {
+                const float3 v = p - (x + direction(k, outwards) * spacing);
+                if (dot(v, v) < room * room) free &= ~(1u << k);
+            }
         });
         return free;
     }
@@ -99,26 +104,34 @@ struct Spend {
     GB_FN void operator()(std::size_t k) const { volume[who[k]] -= each; }
 };
 
-/// Tissue that blood touches gets wet within a fifth of a second and dries within minutes.
+/// Blood touches the tissue within reach.
 template <class Packet>
-struct Wet {
+struct Touch {
     sim::Lists<Packet> lists;
     sim::State state;
     Members members;
-    std::uint32_t stains;  ///< bit of each phase that does
-    float reach, dt;
-    float* wetness;
+    std::uint32_t stains;  ///< bit of each phase that is blood
+    float reach;
+    std::uint8_t* touched;
     GB_FN void operator()(std::size_t row) const {
-        const std::uint32_t s = lists.rows[row], t = members(state.id[s]);
-        if (t == kNobody) return;
-        bool touched = false;
-        for (std::uint32_t k = 0; k < lists.count[row] && !touched; ++k) {
+        const std::uint32_t s = lists.rows[row];
+        if (!(stains >> state.phase[s] & 1)) return;
+        for (std::uint32_t k = 0; k < lists.count[row]; ++k) {
             const std::uint32_t j = lists.index[lists.at(row, k)];
-            if (j >= lists.n || !(stains >> state.phase[j] & 1)) continue;
+            if (j >= lists.n) continue;
             const float3 r = state.place[j].xyz() - state.place[s].xyz();
-            touched = dot(r, r) < reach * reach;
+            const std::uint32_t t = members(state.id[j]);
+            if (t != kNobody && dot(r, r) < reach * reach) raise_flag(&touched[t]);
         }
-        wetness[t] = least(most(wetness[t] + (touched ? 5.0f : -0.005f) * dt, 0.0f), 1.0f);
+    }
+};
+/// Tissue that blood touches gets wet within a fifth of a second and dries within minutes.
+struct Wet {
+    const std::uint8_t* touched;
+    float dt;
+    float* wetness;
+    GB_FN void operator()(std::size_t t) const {
+        wetness[t] = least(most(wetness[t] + (touched[t] ? 5.0f : -0.005f) * dt, 0.0f), 1.0f);
     }
 };
 /// Wet tissue shows the blood's colour through its own.

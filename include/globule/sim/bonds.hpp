@@ -75,10 +75,13 @@ struct Relax {
         using F = typename Packet::F;
         std::uint32_t own[Packet::width];  // rows side by side; those past the end do the last one's work again
         for (int lane = 0; lane < Packet::width; ++lane) own[lane] = least(std::uint32_t(row) + lane, bonds.n - 1);
+        bool any_free = false;
+        for (int lane = 0; lane < Packet::width; ++lane) any_free |= hold[own[lane]] == kFree;
         const Four<F> here = Packet::gather(at, own);
         const F zero = F(0.0f), one = F(1.0f), k_to_step = F(dt * dt), touching = F(contact);
         F x = zero, y = zero, z = zero;
-        for (std::uint32_t e = bonds.begin(std::uint32_t(row)), end = bonds.end(std::uint32_t(row)); e < end; e += kBlock) {
+        const std::uint32_t end = any_free ? bonds.end(std::uint32_t(row)) : 0;  // what is held goes where it is led
+        for (std::uint32_t e = bonds.begin(std::uint32_t(row)); e < end; e += kBlock) {
             const F l = Packet::load(bonds.length + e), k = Packet::load(bonds.stiffness + e) * k_to_step;
             const Four<F> there = Packet::gather(at, bonds.other + e);
             const F rx = here.x - there.x, ry = here.y - there.y, rz = here.z - there.z;

@@ -21,6 +21,7 @@ struct Gather {
     std::uint8_t* hold;
     float volume;            ///< of a particle
     std::uint32_t* n_lost;
+    std::uint32_t* n_changed;  ///< held since the last time, or let go
     GB_FN void operator()(std::size_t t) const {
         const std::uint32_t s = id[t] == kNobody ? sim::kGone : slot_of[id[t]];
         slot[t] = hold[t] == kGone ? sim::kGone : s;
@@ -33,7 +34,10 @@ struct Gather {
         const Quad p = state.place[s];
         const sim::Phase& phase = phases[state.phase[s]];
         const bool is_tissue = phase.kind == sim::Kind::tissue, stands = is_tissue && hold[t] == kFixed;
-        if (is_tissue) state.place[s].w = hold[t] == kFree ? -1.0f / phase.density : volume;
+        if (is_tissue) {
+            if ((hold[t] == kFree) != (p.w < 0.0f)) atomic_take(n_changed, 1);
+            state.place[s].w = hold[t] == kFree ? -1.0f / phase.density : volume;
+        }
         const float3 v = stands ? float3{0, 0, 0} : state.velocity[s].xyz();
         at[t] = {p.x, p.y, p.z, at[t].w};
         velocity[t] = {v.x, v.y, v.z, velocity[t].w};
@@ -121,16 +125,17 @@ struct Veto {
     sim::State state;
     Members members;
     Bonds bonds;
+    const std::uint32_t* slot;  ///< of each tissue particle
     GB_FN void operator()(std::size_t row) const {
         const std::uint32_t t = members(state.id[lists.rows[row]]);
         if (t == kNobody || !bonds.scarred[t]) return;
-        for (std::uint32_t k = 0; k < lists.count[row]; ++k) {
-            std::uint32_t& j = lists.index[lists.at(row, k)];
-            if (j >= lists.n) continue;
-            const std::uint32_t o = members(state.id[j]);
-            if (o == kNobody || !bonds.scarred[o]) continue;
-            for (std::uint32_t e = bonds.begin(t), end = bonds.end(t); e < end; e += kBlock)
-                if (bonds.other[e] == o && bonds.length[e] < 0.0f) j = lists.n;
+        for (std::uint32_t e = bonds.begin(t), end = bonds.end(t); e < end; e += kBlock) {
+            if (!(bonds.length[e] < 0.0f)) continue;
+            const std::uint32_t other = slot[bonds.other[e]];
+            for (std::uint32_t k = 0; k < lists.count[row]; ++k) {
+                std::uint32_t& j = lists.index[lists.at(row, k)];
+                if (j == other) j = lists.n;
+            }
         }
     }
 };

@@ -1,6 +1,7 @@
 // From accelerations to velocities to positions, the guards, and the order of slots after a rebuild.
 #pragma once
 #include "globule/sim/density.hpp"
+#include "globule/sim/fill.hpp"
 
 namespace globule::sim {
 
@@ -181,20 +182,18 @@ struct FlagGone {
         if (slot_of[ids[k]] != kGone) flags[slot_of[ids[k]]] = 0;
     }
 };
-struct Fill {
-    std::uint32_t* values;
-    std::uint32_t value;
-    GB_FN void operator()(std::size_t i) const { values[i] = value; }
-};
 
-/// 1 for slots that the solver moves; those outside of the domain come first and rest.
+/// 1 for slots that the solver moves; those outside of the domain come first and rest, tissue that is held goes where it is led.
 struct FlagRows {
     State state;
     const Phase* phases;
     const TreeHeader* header;
     std::uint32_t* flags;
     GB_FN void operator()(std::size_t i) const {
-        flags[i] = i < state.n && i >= header->n_outside && is_solved(phases[state.phase[i]].kind);
+        flags[i] = 0;
+        if (i >= state.n || i < header->n_outside) return;
+        const Kind kind = phases[state.phase[i]].kind;
+        flags[i] = is_solved(kind) && !(kind == Kind::tissue && state.place[i].w > 0.0f);
     }
 };
 /// rows[before[i]] = i for the flagged ones; padded with n.
@@ -209,31 +208,37 @@ struct WriteRows {
     }
 };
 
-/// Squared speed of those inside.
-struct SpeedOf {
+/// Squared: the speed, and the one that limits the next step.
+struct Speeds {
+    float most2, limiting2;
+};
+/// Of those inside.
+struct SpeedsOf {
     const Quad* velocity;
+    const float* limiting2;  ///< or null: their own
     const TreeHeader* header;
-    GB_FN float operator()(std::size_t i) const {
+    GB_FN Speeds operator()(std::size_t i) const {
+        if (i < header->n_outside) return {0.0f, 0.0f};
         const float3 v = velocity[i].xyz();
-        return i < header->n_outside ? 0.0f : dot(v, v);
+        return {dot(v, v), limiting2 ? limiting2[i] : dot(v, v)};
     }
 };
-struct Largest {
-    GB_FN float operator()(float a, float b) const { return most(a, b); }
+struct Fastest {
+    GB_FN Speeds operator()(const Speeds& a, const Speeds& b) const { return {most(a.most2, b.most2), most(a.limiting2, b.limiting2)}; }
 };
 
 /// What the host learns after a step.
 struct Summary {
-    float most_speed2;
+    Speeds speeds;
     std::uint32_t n_rows, n_outside, not_a_number;
     std::uint32_t n_nodes, n_wanted;  ///< of the octree: it had less room than it needed where they differ
 };
 struct Summarize {
-    const float* most_speed2;
+    const Speeds* speeds;
     const std::uint32_t *n_rows, *not_a_number;
     const TreeHeader* header;
     Summary* out;
-    GB_FN void operator()(std::size_t) const { *out = {*most_speed2, *n_rows, header->n_outside, *not_a_number, header->n_nodes, header->n_wanted}; }
+    GB_FN void operator()(std::size_t) const { *out = {*speeds, *n_rows, header->n_outside, *not_a_number, header->n_nodes, header->n_wanted}; }
 };
 
 }  // namespace globule::sim

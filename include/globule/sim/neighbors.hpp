@@ -114,7 +114,7 @@ struct FindLists {
                                 ez = most(most(from.z - q.z, q.z - to.z), 0.0f);
                     return ex * ex + ey * ey + ez * ez < wide2;
                 };
-                for_each_leaf(tree, from, to, [&](std::uint32_t begin, std::uint32_t n) {
+                for_each_leaf(g, tree, from, to, [&](std::uint32_t begin, std::uint32_t n) {
                     g.each_of(place, begin, n, may_reach, [&](std::uint32_t j, const float3& q) {
                         const float3 p = q + shift;
                         const F dx = x - F(p.x), dy = y - F(p.y), dz = z - F(p.z);

@@ -3,6 +3,7 @@
 #pragma once
 #include "globule/exec/bits.hpp"
 #include "globule/sim/bonds.hpp"
+#include "globule/sim/fill.hpp"
 
 namespace globule::tissue {
 
@@ -57,11 +58,6 @@ struct TakeLeastId {
     const std::uint32_t* least_id;
     std::uint32_t* piece;
     GB_FN void operator()(std::size_t t) const { piece[t] = least_id[label[t]]; }
-};
-struct Fill {
-    std::uint32_t* at;
-    std::uint32_t value;
-    GB_FN void operator()(std::size_t i) const { at[i] = value; }
 };
 
 }  // namespace globule::tissue

@@ -1,0 +1,239 @@
+// The fluid solver's stages over any Exec, in the order in which a step calls them: lists of neighbours, densities, the solve for
+// velocities without divergence or with rest density, forces between pairs.
+#pragma once
+#include "globule/sim/pressure.hpp"
+#include "globule/sim/viscosity.hpp"
+#include "globule/sim/wcsph.hpp"
+#include "simulation_state.hpp"
+
+namespace globule {
+
+template <class Exec>
+class FluidOf {
+public:
+    using Tree = SparseTree;
+    using Packet = typename Exec::Packet;
+    using Lists = sim::Lists<Packet>;
+
+    FluidOf(Exec& exec, SimulationState<Exec>& state, const SimulationSettings& settings)
+        : exec_(exec), state_(state), settings_(settings), list_counts_(exec), list_index_(exec), gradients_(exec), row_values_(exec),
+          change_(exec), error_(exec), accelerations_(exec), progress_(exec), error_sum_(exec), compression_(exec), most_count_(exec),
+          cohesion_(exec), diagonal_(exec), residual_(exec), direction_(exec), applied_(exec), conjugate_(exec) {}
+
+    const Lists& lists() const { return lists_; }
+    const sim::Rows& rows() const { return rows_; }
+
+    void find_lists() {
+        const std::size_t padded = ceil_div<std::size_t>(state_.n_rows, 64) * 64;
+        for (bool enough = false; !enough;) {
+            std::uint32_t* longest = most_count_.reserve(1);
+            exec_.clear(longest, 4);
+            lists_.n_rows = state_.n_rows;
+            lists_.places = places_;
+            lists_.n = std::uint32_t(state_.n);
+            lists_.rows = state_.rows();
+            lists_.count = list_counts_.reserve(padded);
+            lists_.index = list_index_.reserve(padded * places_);
+            const float h = state_.spline().support;
+            exec_.for_each_tile(ceil_div<std::size_t>(state_.n_rows, Exec::Group::width),
+                                sim::FindLists<Tree, Packet>{state_.tree().sparse(), lists_, state_.view().place, h, state_.period(), longest});
+            exec_.download(&longest_list_, longest, 4);
+            enough = longest_list_ <= places_;
+            if (!enough) places_ = ceil_div(longest_list_ + longest_list_ / 4, 8u) * 8;
+        }
+        typename Packet::Short* g = gradients_.reserve(3 * padded * places_);
+        lists_.gx = g;
+        lists_.gy = g + padded * places_;
+        lists_.gz = g + 2 * padded * places_;
+    }
+
+    /// The lists as compressed rows of slots.
+    void read_lists(std::vector<std::uint32_t>& rows, Neighbors& out) {
+        const std::size_t n = state_.n_rows, room = list_index_.capacity();
+        rows.resize(n);
+        std::vector<std::uint32_t> counts(n), index(room);
+        exec_.download(rows.data(), state_.rows(), 4 * n);
+        exec_.download(counts.data(), lists_.count, 4 * n);
+        exec_.download(index.data(), lists_.index, 4 * room);
+        out.offsets.assign(1, 0);
+        out.indices.clear();
+        for (std::size_t i = 0; i < n; ++i) {
+            for (std::uint32_t k = 0; k < counts[i]; ++k)
+                if (const std::uint32_t j = index[lists_.at(i, k)]; j != lists_.n) out.indices.push_back(j);
+            out.offsets.push_back(out.indices.size());
+        }
+    }
+
+    void densities() {
+        const std::size_t padded = ceil_div<std::size_t>(state_.n_rows, 64) * 64;
+        float* v = row_values_.reserve(8 * padded);
+        float** arrays[] = {&rows_.density, &rows_.gx, &rows_.gy, &rows_.gz, &rows_.inverse_rho,
+                            &rows_.alpha, &rows_.alpha_divergence, &rows_.boundary};
+        for (float** array : arrays) {
+            *array = v;
+            v += padded;
+        }
+        const sim::State s = state_.view();
+        const auto sum = [&]<bool periodic>(std::bool_constant<periodic>) {
+            exec_.for_each_packet(state_.n_rows, sim::Densities<Packet, periodic>{lists_, s.place, rows_, state_.spline(), state_.period(),
+                                                                                  state_.volume(), state_.lattice_squares()});
+        };
+        with_period(sum);
+        exec_.reduce_in_order(state_.n_rows, sim::CompressionOf{rows_}, sim::AddCompression{}, sim::Compression{0, 0, 0}, compression_.reserve(1));
+    }
+
+    /// Of the positions that densities() saw.
+    sim::Compression compression() {
+        sim::Compression c{0, 0, 0};
+        exec_.download(&c, compression_.data(), sizeof c);
+        return c;
+    }
+
+    sim::Progress correct_divergence(float dt) {
+        return solve(rows_.alpha_divergence, state_.view().divergence_impulse, dt, 0.0f, settings_.divergence_error, 1);
+    }
+    sim::Progress correct_density(float dt) {
+        return solve(rows_.alpha, state_.view().impulse, dt, infinity(), kAim * settings_.density_error, settings_.least_iterations);
+    }
+
+    /// Weakly compressible: pressures follow from the densities, and are applied once.
+    void push_by_density(float dt) {
+        const sim::State s = state_.view();
+        float* change = change_.reserve(state_.n + 64);
+        sim::Progress* progress = progress_.reserve(1);
+        exec_.clear(progress, sizeof *progress);
+        exec_.clear(change, 4 * (state_.n + 64));
+        exec_.for_each(state_.n_rows, sim::TaitPressure{lists_.rows, rows_, settings_.sound_speed, dt, s.pressure, change});
+        exec_.for_each_packet(state_.n_rows, sim::Push<Packet>{lists_, rows_, change, s.velocity, progress, state_.spline().inverse});
+    }
+
+    /// Gravity, viscosity, tension, and what the user asks for (may be null); the iterations of implicit viscosity.
+    int forces(float dt, const float* user) {
+        const sim::State s = state_.view();
+        const std::size_t n = state_.n_rows;
+        bool viscous = settings_.extra_viscosity > 0, implicit = false, tension = false;
+        for (const sim::Phase& p : state_.phase_table) {
+            viscous |= p.viscosity > 0;
+            implicit |= p.viscosity > 0 && p.implicit_viscosity;
+            tension |= p.tension > 0 || p.adhesion > 0;
+        }
+        const Quad* acceleration = nullptr;
+        if ((viscous && !implicit) || tension) acceleration = pair_forces(implicit ? 0.0f : 1.0f, tension, nullptr);
+        exec_.for_each(n, sim::Kick{lists_.rows, rows_.inverse_rho, acceleration, settings_.gravity, dt, s.velocity});
+        if (user) {
+            Quad* a = accelerations_.reserve(n + 64);
+            exec_.for_each(n, sim::UserForces{lists_.rows, rows_.inverse_rho, 1.0f / state_.volume(), user, a});
+            exec_.for_each(n, sim::Kick{lists_.rows, rows_.inverse_rho, a, {0, 0, 0}, dt, s.velocity});
+        }
+        return implicit ? implicit_viscosity(dt) : 0;
+    }
+
+private:
+    sim::Progress solve(const float* alpha, float* impulse, float dt, float most_excess, double tolerance, int least) {
+        const std::size_t n = state_.n_rows;
+        const float inverse_support = state_.spline().inverse;
+        float* change = change_.reserve(state_.n + 64);
+        float* error = error_.reserve(n + 64);
+        double* sum = error_sum_.reserve(1);
+        sim::Progress* progress = progress_.reserve(1);
+        exec_.clear(progress, sizeof *progress);
+        exec_.clear(change, 4 * (state_.n + 64));
+        exec_.for_each(n, sim::WarmStart{lists_.rows, alpha, impulse, change, kWarmShare});
+        const sim::State s = state_.view();
+        sim::Progress p{};
+        constexpr int at_once = Exec::on_device ? 2 : 1;  // iterations between two looks at the device's progress
+        do {
+            for (int i = 0; i < at_once; ++i) {
+                exec_.for_each_packet(n, sim::Push<Packet>{lists_, rows_, change, s.velocity, progress, inverse_support});
+                exec_.for_each_packet(n, sim::Relax<Packet>{lists_, rows_, alpha, s.velocity, impulse, change, error, progress, inverse_support, 1.0f / dt, most_excess, kOmega});
+                exec_.reduce_in_order(n, sim::ErrorOf{error}, sim::AddDouble{}, 0.0, sum);
+                exec_.for_each(1, sim::Judge{sum, double(dt) / double(n), tolerance, std::uint32_t(least), progress});
+            }
+            exec_.download(&p, progress, sizeof p);
+        } while (!p.done && int(p.iterations) < settings_.most_iterations);
+        exec_.for_each(n, sim::Applied{lists_.rows, impulse, change, 1.0f / dt, most_excess > 0.0f, s.pressure});
+        return p;
+    }
+
+    sim::Interaction interaction(float share) const {
+        return {state_.spline(), state_.period(), 2.0f * share, settings_.extra_viscosity, settings_.spacing, state_.volume()};
+    }
+    const Quad* pair_forces(float viscous_share, bool tension, float* diagonal) {
+        const sim::State s = state_.view();
+        Quad* out = accelerations_.reserve(state_.n_rows + 64);
+        float* cohesion = cohesion_.reserve(state_.n + 64);
+        if (tension) exec_.for_each(state_.n + 1, sim::CohesionOf{s, state_.phases(), cohesion});
+        const auto run = [&]<bool periodic, bool with_tension>(std::bool_constant<periodic>, std::bool_constant<with_tension>) {
+            exec_.for_each_packet(state_.n_rows, sim::PairForces<Packet, periodic, with_tension>{lists_, s.place, s.velocity, rows_, interaction(viscous_share),
+                                                                                                  cohesion, diagonal, out});
+        };
+        with_period([&](auto periodic) {
+            if (tension) run(periodic, std::true_type{});
+            else run(periodic, std::false_type{});
+        });
+        return out;
+    }
+
+    /// Conjugate gradients for what viscosity adds to the velocities; the iterations taken.
+    int implicit_viscosity(float dt) {
+        const sim::State s = state_.view();
+        const std::size_t n = state_.n_rows;
+        float* diagonal = diagonal_.reserve(n + 64);
+        Quad* residual = residual_.reserve(n + 64);
+        Quad* applied = applied_.reserve(n + 64);
+        Quad* direction = direction_.reserve(state_.n + 64);
+        sim::Conjugate* c = conjugate_.reserve(1);
+        const Quad* acceleration = pair_forces(1.0f, false, diagonal);
+        exec_.clear(direction, (state_.n + 64) * sizeof(Quad));
+        exec_.clear(c, sizeof *c);
+        exec_.for_each(n, sim::StartConjugate{lists_.rows, rows_.inverse_rho, diagonal, acceleration, s.velocity, dt, residual, direction});
+        exec_.reduce_in_order(n, sim::ResidualSquare{residual}, sim::AddDouble{}, 0.0, &c->rz_new);
+        exec_.for_each(1, sim::JudgeConjugate{c, settings_.viscosity_error});
+        sim::Conjugate state{};
+        constexpr int at_once = Exec::on_device ? 4 : 1;
+        do {
+            for (int i = 0; i < at_once; ++i) {
+                with_period([&]<bool periodic>(std::bool_constant<periodic>) {
+                    exec_.for_each_packet(n, sim::ApplyViscosity<Packet, periodic>{lists_, s.place, direction, rows_, interaction(1.0f), c, dt, applied});
+                });
+                exec_.reduce_in_order(n, sim::DirectionSquare{lists_.rows, direction, applied}, sim::AddDouble{}, 0.0, &c->pq);
+                exec_.for_each(n, sim::StepConjugate{lists_.rows, c, direction, applied, s.velocity, residual});
+                exec_.reduce_in_order(n, sim::ResidualSquare{residual}, sim::AddDouble{}, 0.0, &c->rz_new);
+                exec_.for_each(n, sim::TurnConjugate{lists_.rows, c, residual, direction});
+                exec_.for_each(1, sim::JudgeConjugate{c, settings_.viscosity_error});
+            }
+            exec_.download(&state, c, sizeof state);
+        } while (!state.done && state.iterations < std::uint32_t(settings_.most_iterations));
+        return int(state.iterations) - 1;
+    }
+
+    /// fn(std::bool_constant: is any axis periodic).
+    template <class Fn>
+    void with_period(const Fn& fn) {
+        if (state_.period().any()) fn(std::true_type{});
+        else fn(std::false_type{});
+    }
+
+    static constexpr double kAim = 0.8;  // the error is predicted along straight lines: what comes is a fifth more
+    static constexpr float kWarmShare = 0.5f, kOmega = 0.5f;
+
+    Exec& exec_;
+    SimulationState<Exec>& state_;
+    const SimulationSettings& settings_;
+    Lists lists_{};
+    sim::Rows rows_{};
+    std::uint32_t places_ = 64, longest_list_ = 0;
+    Buffer<std::uint32_t, Exec> list_counts_, list_index_;
+    Buffer<typename Packet::Short, Exec> gradients_;
+    Buffer<float, Exec> row_values_, change_, error_;
+    Buffer<Quad, Exec> accelerations_;
+    Buffer<sim::Progress, Exec> progress_;
+    Buffer<double, Exec> error_sum_;
+    Buffer<sim::Compression, Exec> compression_;
+    Buffer<std::uint32_t, Exec> most_count_;
+    Buffer<float, Exec> cohesion_, diagonal_;
+    Buffer<Quad, Exec> residual_, direction_, applied_;
+    Buffer<sim::Conjugate, Exec> conjugate_;
+};
+
+}  // namespace globule
