@@ -116,6 +116,9 @@ class _Job:
         if options.resume:
             self.sim = _resumed(Simulation, self.checkpoint, where)
             self._check_same_scene()
+            if self.pictures.wanted:
+                first = Simulation(self.scene, **where)
+                self.pictures.begin_again(first, self.fps, self.sim.time)
         else:
             self.sim = Simulation(self.scene, **where)
         self.first_step, self.start_time = self.sim.n_steps, self.sim.time
