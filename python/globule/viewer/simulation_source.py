@@ -154,7 +154,8 @@ class SimulationSource(Source):
             self.version += 1
 
     def move(self, name: str, pose: np.ndarray) -> None:
-        """Put an instrument somewhere: (4, 4) world_from_instrument; the next step goes there."""
+        """Put an instrument somewhere: (4, 4) world_from_instrument, or its tip (3,); the next step
+        goes there."""
         with self.lock:
             self.simulation.instruments[name].move_to(pose)
 
@@ -162,6 +163,21 @@ class SimulationSource(Source):
         """Let an instrument move as its scene says again."""
         with self.lock:
             self.simulation.instruments[name].start(self.simulation.time)
+
+    def suction(self) -> str | None:
+        """The name of the instrument that takes fluid away, where the scene has one."""
+        tools = getattr(self.simulation, "instruments", {})
+        return next((name for name, tool in tools.items() if tool.kind == "suction"), None)
+
+    def suck(self, hand: Any, phase: str, here: tuple) -> None:
+        """Hold the suction's tip at what is under the pointer; afterwards it follows its keys."""
+        name = self.suction()
+        if phase == "end":
+            self.follow_keys(name)
+            return
+        found = hand.on_surface([here])
+        if found:
+            self.move(name, np.asarray(found[0]))
 
     def grasp(self, hand: Any, phase: str, start: tuple, here: tuple) -> None:
         """Take hold of what is under the pointer, and pull it along the picture's plane; the next

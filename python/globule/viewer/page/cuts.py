@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from ...sim.instruments import matrix
 from .panel import Panel
 
 HANDLE = 0.45  # page units
@@ -70,7 +71,7 @@ class CutPanel(Panel):
             def _(event: Any) -> None:
                 changes = {f"cuts__{names['at']}": tuple(place.to_world(handle.position).tolist())}
                 if "normal" in names:
-                    changes["cuts__normal"] = tuple(first_axis(handle.wxyz).tolist())
+                    changes["cuts__normal"] = tuple(matrix(handle.wxyz)[:, 0].tolist())
                 try:
                     self.state.set(**changes)
                 except ValueError as error:
@@ -95,14 +96,8 @@ class CutPanel(Panel):
             if not np.allclose(handle.position, place(at), atol=1e-6):
                 handle.position = place(at)
         normal = np.asarray(cuts.normal) / (np.linalg.norm(cuts.normal) or 1)
-        if any(cuts.normal) and not np.allclose(first_axis(self.plane.wxyz), normal, atol=1e-5):
+        if any(cuts.normal) and not np.allclose(matrix(self.plane.wxyz)[:, 0], normal, atol=1e-5):
             self.plane.wxyz = turn_to(normal)
-
-
-def first_axis(wxyz: Any) -> np.ndarray:
-    """Where a rotation puts the x axis."""
-    w, x, y, z = (float(v) for v in wxyz)
-    return np.array([1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)])
 
 
 def turn_to(normal: np.ndarray) -> tuple[float, float, float, float]:
