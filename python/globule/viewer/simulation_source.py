@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from ..camera import Camera
 from ..particles import Particles
-from ..render import Layer
+from ..render import Layer, RenderSettings
+from ..scene import Scene
 from .overlay import STEEL, Mark
 from .scenes import SceneMaker
 from .source import Source, box_corners
@@ -42,6 +44,7 @@ class SimulationSource(Source):
         self._hold = np.zeros(3)  # where the held matter is, world
         self._held: np.ndarray | None = None  # its ids
         self._target: np.ndarray | None = None  # where the pointer is, world
+        self._ground: float | None = None  # height, where the scene says it
         self.maker = SceneMaker(device, threads)
         self._look()
 
@@ -53,11 +56,21 @@ class SimulationSource(Source):
             self.up = tuple((-np.asarray(gravity, float) / np.linalg.norm(gravity)).tolist())
         view = getattr(getattr(self.simulation, "file", None), "view", None)
         if view is not None:
-            self.up, self.preset = tuple(view.up), view.look
+            self.up, self.preset, self._ground = tuple(view.up), view.look, view.ground
+            if view.speeds is not None:
+                low, high = view.speeds
+                self.settings = {"color__by": "velocity", "color__automatic": False,
+                                 "color__low": low, "color__high": high}
             if view.eye is not None:
                 self.camera = Camera(view.eye, view.look_at, view.up, view.fov)
 
     # What is seen
+
+    def preset_settings(self, name: str, scene: Scene, up: Any) -> RenderSettings:
+        settings = super().preset_settings(name, scene, up)
+        if self._ground is None or settings.ground is None:
+            return settings
+        return replace(settings, ground=replace(settings.ground, height=self._ground))
 
     def particles(self) -> Particles:
         if self._own_version != self.version or self._own is None:

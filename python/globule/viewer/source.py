@@ -29,6 +29,7 @@ class Source:
     up: Any = (0.0, 1.0, 0.0)  # towards the sky, where nobody says otherwise
     camera: Camera | None = None  # where to begin, if the source says so
     preset: str | None = None  # how it looks, if the source says so
+    settings: dict[str, Any] = {}  # for `State.set`, the same
 
     def __init__(self, name: str) -> None:
         self.name = name
