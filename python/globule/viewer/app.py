@@ -70,6 +70,7 @@ class Viewer:
         self.engine = Engine(source, self.state, self.up)
         self.engine.on_picture = self._on_picture
         self.engine.on_error = self._on_error
+        self.engine.on_step = self._keep_in_sight
         with self._guard.watching(), contextlib.redirect_stdout(io.StringIO()):
             self.server = viser.ViserServer(host, port, verbose=False)
         if not self._guard.started:
@@ -171,6 +172,18 @@ class Viewer:
         print(f"globule: {message}", file=sys.stderr)
         for client in list(self.clients.values()):
             client.sink.error(message)
+
+    def _keep_in_sight(self) -> None:
+        """A live sweep tells only as it comes where and how large it is."""
+        if not self.source.grows:
+            return
+        with self.source.lock:
+            lo, hi = self.source.bounds()
+        moved = self.placement.left_by(lo, hi)
+        if moved:
+            self.placement.put(lo, hi)
+        for panel in self.page.panels:
+            panel.grew(moved)
 
     def cut_along(self, points: list, camera: Camera) -> None:
         """What a stroke of the tool Cut does: a source that can be cut is; else a cutting plane

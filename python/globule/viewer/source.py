@@ -26,6 +26,7 @@ class Source:
 
     kind = "scene"
     n_frames = 0  # of a sequence
+    grows = False  # whether only time shows what it is, and where
     up: Any = (0.0, 1.0, 0.0)  # towards the sky, where nobody says otherwise
     camera: Camera | None = None  # where to begin, if the source says so
     preset: str | None = None  # how it looks, if the source says so

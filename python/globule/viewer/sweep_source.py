@@ -30,6 +30,7 @@ class SweepSource(VolumeSource):
     """
 
     kind = "sweep"
+    grows = True
 
     def __init__(self, name: str, open_frames: Callable[[], Iterator[tuple[Any, Any]]],
                  spacing: float = 1.0, device: str = "auto", threads: int = 0,

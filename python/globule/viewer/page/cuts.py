@@ -16,15 +16,10 @@ class CutPanel(Panel):
     title = "Cut"
 
     def build(self) -> None:
-        viewer = self.viewer
-        lo, hi = viewer.source.bounds()
-        extent = viewer.placement.extent
-        middle = tuple(((lo + hi) / 2).tolist())
+        extent = self.viewer.placement.extent
         cuts, plain = self.state.cuts, type(self.state.cuts)()
-        if cuts == plain:  # nothing was loaded: begin where the scene is
-            near, far = (lo + hi) / 2, hi + 0.05 * extent
-            self.state.set(cuts__point=middle, cuts__center=middle, cuts__radius=extent / 4,
-                           cuts__lo=tuple(near.tolist()), cuts__hi=tuple(far.tolist()))
+        if cuts == plain:  # nothing was loaded
+            self._begin()
         self.gui.add_markdown("Switch one on, then drag its handles in the picture.")
         self.add("cuts", "plane")
         self.gui.add_button_group("Faces", ("x", "y", "z", "view", "flip")).on_click(
@@ -35,13 +30,33 @@ class CutPanel(Panel):
         self.add("cuts", "keep_box")
         self.add("cuts", "sphere")
         self.add("cuts", "keep_sphere")
-        self.add("cuts", "radius", least=extent / 100, most=extent)
+        self.radius = self.add("cuts", "radius", least=extent / 100, most=extent)
         self.button("No cuts", lambda browser: self.state.set(
             cuts__plane=False, cuts__box=False, cuts__sphere=False))
         self.gui.add_command("Cutting plane on and off", hotkey="C").on_trigger(self.safe(
             lambda event: self.state.set(cuts__plane=not self.state.cuts.plane)))
         self._handles()
         self.state.listen(self._follow)
+        self._follow({"cuts."})
+
+    def _begin(self) -> None:
+        """Where the scene is."""
+        with self.viewer.source.lock:
+            lo, hi = self.viewer.source.bounds()
+        extent = self.viewer.placement.extent
+        middle = tuple(((lo + hi) / 2).tolist())
+        near, far = (lo + hi) / 2, hi + 0.05 * extent
+        self.state.set(cuts__point=middle, cuts__center=middle, cuts__radius=extent / 4,
+                       cuts__lo=tuple(near.tolist()), cuts__hi=tuple(far.tolist()))
+
+    def grew(self, moved: bool) -> None:
+        if not moved:
+            return
+        extent, cuts = self.viewer.placement.extent, self.state.cuts
+        self.radius.min, self.radius.max = extent / 100, extent
+        self.radius.step = extent / 200
+        if not (cuts.plane or cuts.box or cuts.sphere):
+            self._begin()
         self._follow({"cuts."})
 
     def _face(self, event: Any) -> None:
