@@ -214,9 +214,8 @@ class Viewer:
         """A command line and a Python program that make this picture."""
         state, camera = self.state.snapshot(), camera or self.first_camera
         with self.source.lock:
-            scene = self.source.layers(state)[0].scene
-        return (command_line(self.source.files, state, camera, size, self.up),
-                python_code(self.source, state, camera, size, self.up, scene))
+            return (command_line(self.source, state, camera, size, self.up),
+                    python_code(self.source, state, camera, size, self.up))
 
     def save_state(self, path: Any) -> None:
         """All settings and where viewers begin, as TOML."""

@@ -12,7 +12,6 @@ import numpy as np
 
 from ..camera import Camera
 
-
 GROWTH = 0.25  # of what is shown, until all of it is fitted into the picture again
 
 

@@ -13,7 +13,7 @@ from ..render import Layer, RenderSettings
 from ..scene import Scene
 from .overlay import STEEL, Mark
 from .scenes import SceneMaker
-from .source import Source, box_corners
+from .source import Origin, Source, box_corners
 from .state import State
 
 LONGEST_PAUSE = 0.25  # s of the clock between two pictures of slow motion
@@ -38,6 +38,7 @@ class SimulationSource(Source):
         self.cut_depth: float | None = None
         self.report: Any = None
         self.n_cut = 0  # bonds, by the last stroke
+        self.by_hand = False  # whether somebody has cut, pulled, moved or switched something
         self._own: Particles | None = None  # a copy, for colours of values
         self._own_version = -1
         self._wanted_steps = 0
@@ -87,6 +88,17 @@ class SimulationSource(Source):
             scene.threshold = surface.threshold
         self.maker.show(scene)
         return [Layer(scene)]
+
+    def origin(self, state: State) -> Origin:
+        name = self.files[0] if self.files else "scene.toml"
+        code = [f"simulation = gb.Simulation({name!r})"]
+        n, passed = getattr(self.simulation, "n_steps", 0), []
+        if n:
+            code += [f"for _ in range({n}):", "    simulation.step()"]
+            passed = [f"the {self.simulation.time:.4g} s that have passed"]
+        left = ["what was done by hand"] if self.by_hand else []
+        return Origin([name], [*code, "particles = simulation.particles"],
+                      left=passed + left, lives=True)
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         domain = getattr(getattr(self.simulation, "settings", None), "domain", None)
@@ -151,7 +163,7 @@ class SimulationSource(Source):
 
     def reset(self) -> None:
         with self.lock:
-            self.running = False
+            self.running = self.by_hand = False
             self.simulation.reset()
             self.version += 1
 
@@ -164,6 +176,7 @@ class SimulationSource(Source):
         with self.lock:
             blade = ribbon(points, camera, self.cut_depth or through, 0.05 * through)
             self.n_cut = self.simulation.cut(blade)
+            self.by_hand = True
             self.version += 1
 
     def move(self, name: str, pose: np.ndarray) -> None:
@@ -171,6 +184,7 @@ class SimulationSource(Source):
         goes there."""
         with self.lock:
             self.simulation.instruments[name].move_to(pose)
+            self.by_hand = True
 
     def follow_keys(self, name: str) -> None:
         """Let an instrument move as its scene says again."""
@@ -216,6 +230,7 @@ class SimulationSource(Source):
             return
         spacing = float(sim.settings.spacing)
         if self._held is None:
+            self.by_hand = True
             near = np.linalg.norm(sim.positions - self._hold, axis=1) < 3 * spacing
             self._held = sim.ids[near]
             if getattr(sim, "n_bonds", 0):

@@ -101,6 +101,7 @@ class Play(Panel):
         def changed(event: Any) -> None:
             with self.viewer.source.lock:
                 thing.on = box.value
+                self.viewer.source.by_hand = True
 
         box.on_update(self.safe(changed))
 
