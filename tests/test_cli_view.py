@@ -27,6 +27,10 @@ def cloud(tmp_path):
     (["CLOUD", "--device", "tpu"], "--device"),
     (["CLOUD", "--preset", "lava"], "--preset"),
     (["CLOUD", "--kernel", "cubic"], "--kernel"),
+    (["CLOUD", "--host", "203.0.113.7"], "host: expected an address of this machine"),
+    (["CLOUD", "--host", "nowhere.invalid"], "host: expected an address of this machine"),
+    (["CLOUD", "--up", "0,0,0"], "up: expected a direction, got (0.0, 0.0, 0.0)"),
+    (["igtl://"], "live: expected igtl://host:port, got 'igtl://'"),
 ])
 def test_mistakes(cloud, options, message, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)

@@ -55,6 +55,9 @@ class Viewer:
         viser = need_viser()
         self.source, self.state = source, state or State()
         self.up = tuple(float(v) for v in (source.up if up is None else up))
+        if not any(self.up):
+            raise ValueError(f"up: expected a direction, got {up!r}")
+        check_host(host)
         self.title = title or f"globule · {source.name}"
         with source.lock:
             self.placement = Placement(*source.bounds())
@@ -267,6 +270,17 @@ class ShownFrame:
                  viewer: Viewer):
         self.number, self.picture, self.camera, self.still = number, picture, camera, still
         self.viewer, self.time = viewer, time.time()
+
+
+def check_host(host: str) -> None:
+    """Raise ValueError where nobody can listen at an address: viser would wait for ever."""
+    try:
+        family, kind, *_, address = socket.getaddrinfo(host, 0, type=socket.SOCK_STREAM)[0]
+        with socket.socket(family, kind) as tried:
+            tried.bind(address)
+    except OSError as error:
+        raise ValueError(f"host: expected an address of this machine, got {host!r}: "
+                         f"{error.strerror}") from None
 
 
 def first_camera(scene: Any, up: Any, around: Any) -> Camera:

@@ -167,8 +167,10 @@ def played(sweep: Sweep, rate: float = 20.0) -> Callable[[], Iterator[tuple[Any,
 
 
 def received(address: str, edges: Any) -> Callable[[], Iterator[tuple[Any, Any]]]:
-    """Frames of an OpenIGTLink server."""
-    from ..sweeps.live import receive
+    """Frames of an OpenIGTLink server. Raises ValueError for a bad address."""
+    from ..sweeps.live import parse_address, receive
+
+    parse_address(address)
 
     def frames() -> Iterator[tuple[Any, Any]]:
         for frame in receive(address, edges):
