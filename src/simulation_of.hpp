@@ -197,7 +197,7 @@ public:
         if (!stale_) return;
         stale_ = false;
         const std::size_t n = state_.n;
-        if (n == 0) return;
+        if (n == 0) state_.settle();  // no step builds the octree of nothing
         // Scenes know particles by their rank among the ids that are left.
         std::uint32_t* rank = rank_.reserve(state_.next_id + 1 + n);
         std::uint32_t* index = rank + state_.next_id + 1;

@@ -186,7 +186,7 @@ def test_examples_in_the_help_work(module, folder, capsys, monkeypatch):
         volume(folder / "head.nii.gz")
     example_files()
     name = module.__name__.rpartition(".")[2]
-    if name == "view":  # which would go on until Ctrl-C
+    if name in ("view", "simulate"):  # pages would go on until Ctrl-C
         pytest.importorskip("viser")
         (folder / "view.toml").write_text("[surface]\nthreshold = 0.7\n")
         monkeypatch.setattr("globule.viewer.app.Viewer.wait", lambda viewer: viewer.close())

@@ -27,6 +27,10 @@ def cloud(tmp_path):
     (["CLOUD", "--device", "tpu"], "--device"),
     (["CLOUD", "--preset", "lava"], "--preset"),
     (["CLOUD", "--kernel", "cubic"], "--kernel"),
+    (["CLOUD", "--host", "203.0.113.7"], "host: expected an address of this machine"),
+    (["CLOUD", "--host", "nowhere.invalid"], "host: expected an address of this machine"),
+    (["CLOUD", "--up", "0,0,0"], "up: expected a direction, got (0.0, 0.0, 0.0)"),
+    (["igtl://"], "live: expected igtl://host:port, got 'igtl://'"),
 ])
 def test_mistakes(cloud, options, message, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
@@ -68,3 +72,52 @@ def test_options_become_settings(cloud, monkeypatch, tmp_path):
     assert settings.cuts.plane and settings.cuts.point == pytest.approx((0, 0.5, 0))
     assert seen["camera"].eye == (0.0, 0.0, 5.0) and seen["port"] == 8123
     assert not seen["browser"]
+
+
+@pytest.fixture
+def served(monkeypatch):
+    """The viewers that commands would show, which end at once."""
+    from globule.viewer.app import Viewer
+
+    viewers = []
+    monkeypatch.setattr(Viewer, "open_browser", lambda viewer: viewers.append("a browser"))
+    monkeypatch.setattr(Viewer, "wait", lambda viewer: (viewers.append(viewer), viewer.close()))
+    return viewers
+
+
+def test_simulate_opens_the_viewer(served, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    words = ["simulate", "dam-break", "--spacing", "0.08", "--port", "0"]
+    assert main([*words, "--view", "--no-browser"]) == 0
+    (viewer,) = served
+    assert viewer.source.simulation.n_steps == 0 and viewer.state.look.preset == "water"
+    assert viewer.source.simulation.settings.spacing == 0.08
+    assert not list(tmp_path.iterdir())
+    assert main([*words, "--seconds", "0.05", "--no-frames"]) == 0
+    assert main([*words, "--view", "--resume"]) == 0
+    _, opened, viewer = served
+    assert opened == "a browser"
+    assert viewer.source.simulation.time == pytest.approx(1 / 30)
+    capsys.readouterr()
+    assert main([*words, "--view", "--video", "dam.mp4"]) == 2
+    assert main([*words, "--view", "--resume", "-o", "none"]) == 2
+    error = capsys.readouterr().err
+    assert "--view: expected no --video beside it" in error
+    assert "--resume: expected none/checkpoint.npz" in error
+
+
+def test_a_simulation_looks_as_its_scene_says(served, tmp_path):
+    assert main(["view", "poiseuille", "--no-browser", "--port", "0"]) == 0
+    (viewer,) = served
+    color = viewer.state.color
+    assert (color.by, color.automatic, color.low, color.high) == ("velocity", False, 0.0, 0.125)
+    import globule as gb
+    from globule.sim.pictures import Eye
+    from globule.viewer.recording import Shot
+
+    viewer.state.set(color__legend=False)
+    source = viewer.source
+    picture = Shot(viewer.engine, source.camera, (160, 120), 1).picture
+    headless = Eye(source.simulation.file, (160, 120)).picture(source.simulation).picture
+    assert isinstance(source.simulation, gb.Simulation)
+    assert np.abs(picture.astype(int) - headless).mean() < 0.05

@@ -22,6 +22,25 @@ def test_round_trip(extension, tmp_path):
 
 
 @pytest.mark.parametrize("extension", FULL)
+def test_round_trip_of_stretched_kernels(extension, tmp_path):
+    rng = np.random.default_rng(3)
+    root = rng.normal(size=(5, 3, 3)).astype(np.float32)
+    matrices = root @ root.transpose(0, 2, 1) + np.eye(3, dtype=np.float32)
+    path = tmp_path / f"p{extension}"
+    formats.write(path, Particles(rng.random((5, 3)), anisotropy=matrices))
+    read = formats.read(path)
+    assert np.array_equal(read.anisotropy, matrices) and not read.attributes
+
+
+def test_matrices_that_stretch_nothing_are_refused(tmp_path):
+    np.savez(tmp_path / "p.npz", positions=np.eye(3), anisotropy=-np.ones((3, 3, 3)))
+    with pytest.raises(FormatError, match=r"p\.npz: anisotropy: expected symmetric positive"):
+        formats.read(tmp_path / "p.npz")
+    np.savez(tmp_path / "p.npz", positions=np.eye(3), anisotropy=np.ones(3))
+    assert formats.read(tmp_path / "p.npz").attributes.keys() == {"anisotropy_attribute"}
+
+
+@pytest.mark.parametrize("extension", FULL)
 def test_round_trip_of_positions_alone(extension, tmp_path):
     path = tmp_path / f"p{extension.upper()}"
     formats.write(path, Particles([[0.1, 2, np.nan], [1e-20, 5, 6], [7, 8, 9]]))

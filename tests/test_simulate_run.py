@@ -73,18 +73,70 @@ def test_restart_is_bit_identical(folder, capsys):
     assert rows == list(csv.DictReader(open("whole/diagnostics.csv")))
 
 
-def test_ctrl_c_leaves_whole_files_and_a_checkpoint(folder):
-    words = [sys.executable, "-m", "globule", "simulate", "dam.toml", "--seconds", "1000"]
-    process = subprocess.Popen([*words, "--device", "cpu"], stderr=subprocess.PIPE, text=True)
+def interrupted(awaited, *words):
+    """A run that gets Ctrl-C once a file is there."""
+    words = [sys.executable, "-m", "globule", "simulate", *words, "--device", "cpu"]
+    process = subprocess.Popen(words, stderr=subprocess.PIPE, text=True)
     limit = time.monotonic() + 60
-    while not os.path.exists("frames/frame_00004.vtp") and time.monotonic() < limit:
-        time.sleep(0.05)
+    while not os.path.exists(awaited) and time.monotonic() < limit:
+        time.sleep(0.02)
     process.send_signal(signal.SIGINT)
     _, said = process.communicate(timeout=60)
     assert process.returncode == 130 and "--resume goes on from" in said
+
+
+def test_ctrl_c_leaves_whole_files_and_a_checkpoint(folder):
+    interrupted("frames/frame_00004.vtp", "dam.toml", "--seconds", "1000")
     assert not [name for name in os.listdir("frames") if name.endswith(".tmp")]
     sim = gb.Simulation.load("frames/checkpoint.npz", device="cpu")
     assert sim.time > 0.15 and len(gb.read("frames/frame_00004.vtp")) == 512
+
+
+FALLING = """\
+spacing = 0.05
+seconds = 0.4
+domain = { lo = [0, 0, 0], hi = [1, 1.4, 1.6] }
+[[fluids]]
+name = "water"
+box = { lo = [0, 0.4, 1], hi = [0.4, 0.8, 1.4] }
+[output]
+fps = 20
+[view]
+look = "water"
+"""
+LATE = FALLING.replace("box = { lo = [0, 0.4, 1], hi = [0.4, 0.8, 1.4] }", """\
+[[emitters]]
+name = "tap"
+fluid = "water"
+center = [0.5, 0.5, 1]
+direction = [1, 0, 0]
+radius = 0.2
+rate = 1.0
+start = 0.06""")
+
+
+@pytest.mark.parametrize("scene", [FALLING, FALLING + "speeds = [0, 3]\n", LATE],
+                         ids=["light", "speeds", "empty"])
+def test_pictures_after_a_restart_are_those_of_one_run(folder, scene):
+    """Camera, light and ground are found with the first picture, which a resumed run has not."""
+    (folder / "drop.toml").write_text(scene)
+    small = ["--size", "96x72"]
+    run("drop.toml", "-o", "whole", "--pictures", "whole", *small)
+    interrupted("parts/00003.png", "drop.toml", "-o", "parts", "--pictures", "parts", *small,
+                "--seconds", "2")
+    run("drop.toml", "-o", "parts", "--pictures", "parts", "--resume", *small)
+    names = [f"{k:05d}.png" for k in range(9)] + [f"frame_{k:05d}.vtp" for k in range(9)]
+    for name in names:
+        a, b = (open(f"{part}/{name}", "rb").read() for part in ("whole", "parts"))
+        assert a == b, name
+    assert len({open(f"whole/{name}", "rb").read() for name in names[:9]}) > 6
+
+
+def test_a_scene_without_particles_is_an_empty_picture(folder):
+    sim = gb.Simulation(SCENE, device="cpu")
+    sim.remove(sim.ids)
+    frame = gb.render(sim.scene, gb.Camera((0, 0, 5), (0, 0, 0)), (32, 24))
+    assert not frame.mask.any()
 
 
 def test_diagnostics_add_up():

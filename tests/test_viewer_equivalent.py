@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
+import os
 import shlex
+import time
 
 import globule as gb
 import numpy as np
@@ -28,6 +31,15 @@ STATES = {
     "own": {"look__lights": "own", "look__azimuth": 40.0, "look__matter": "own",
             "look__reflection": 0.4, "look__sky": "gradient", "look__ambient_rays": 2},
     "thesis": {"surface__root": "march"},
+    "bright": {"look__preset": "water", "look__exposure": 1.7, "look__sky": "none",
+               "look__background": (0.1, 0.2, 0.3)},
+    "bare": {"look__preset": "clay", "look__ground": "none", "look__background": (1.0, 0.0, 0.0)},
+    "checks": {"look__preset": "clay", "look__ground": "checker", "look__ambient_rays": 2},
+    "plain ground": {"look__preset": "glass", "look__ground": "plain", "look__depth": 2},
+    "crops": {"cuts__sphere": True, "cuts__keep_sphere": True, "cuts__radius": 0.7,
+              "cuts__box": True, "cuts__keep_box": True, "cuts__lo": (0.0, -2.0, -2.0),
+              "cuts__hi": (2.0, 2.0, 2.0)},
+    "coloured clay": {"look__preset": "clay", "color__by": "speed", "color__legend": False},
 }
 
 
@@ -48,25 +60,128 @@ def test_command_and_program_make_the_same_picture(engine, name):
     engine.state.set(quality__samples=3, **STATES[name])
     camera, size = gb.Camera((1.6, 1.2, 3.0), (0.1, 0.0, 0.0), fov=42.0), (160, 120)
     shot = Shot(engine, camera, size, 3)
-    command = command_line(engine.source.files, engine.state, camera, size, engine.up)
-    assert "#" not in command
-    assert main(shlex.split(command)[1:]) == 0
+    check(engine, camera, size, shot.picture)
+
+
+def picture() -> np.ndarray:
+    """picture.png, which then is gone."""
     with Image.open("picture.png") as image:
-        printed = np.asarray(image.convert("RGB")).astype(int)
-    assert np.abs(printed - shot.picture).mean() < 0.05, command
-    if engine.state.color.by or name == "thesis":  # the program draws no legend, and is exact
-        return
-    scene = engine.source.layers(engine.state)[0].scene
-    code = python_code(engine.source, engine.state, camera, size, engine.up, scene)
-    names: dict = {}
-    exec(compile(code, "printed", "exec"), names)
-    assert np.abs(names["frame"].picture.astype(int) - shot.picture).mean() < 0.05, code
+        found = np.asarray(image.convert("RGB")).astype(int)
+    os.unlink("picture.png")
+    return found
 
 
-def test_what_the_command_cannot_say_is_named(engine):
-    engine.state.set(look__exposure=2.0, cuts__sphere=True, cuts__keep_sphere=True)
-    command = command_line([], engine.state, gb.Camera((0, 0, 3), (0, 0, 0)), (64, 64), engine.up)
-    assert command.endswith("# without: exposure, keep the sphere's inside")
+def check(engine, camera, size, expected, without: str = "") -> None:
+    """What is printed makes the expected picture."""
+    command = command_line(engine.source, engine.state, camera, size, engine.up)
+    command, _, comment = command.partition("  # ")
+    assert comment == (without and f"without: {without}")
+    if not command.startswith("globule view"):
+        for part in command.split(" && "):
+            assert main(shlex.split(part)[1:]) == 0
+        assert np.abs(picture() - expected).mean() < 0.05, command
+    code = python_code(engine.source, engine.state, camera, size, engine.up)
+    exec(compile(code, "printed", "exec"), {})
+    assert np.abs(picture() - expected).mean() < 0.05, code
+
+
+@contextlib.contextmanager
+def engine_of(what, **settings):
+    engine = Engine(open_source(what), State())
+    engine.state.set(quality__samples=1, **settings)
+    try:
+        yield engine
+    finally:
+        engine.close()
+
+
+def test_a_sequence_s_frame_of_now(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for i in range(3):
+        gb.write(f"frame_{i}.npz", gb.Particles(np.eye(3) * (1 + 0.2 * i), support=1.0))
+    with engine_of(["frame_*.npz"], time__frame=2) as engine:
+        while engine.source.frame != 2:
+            time.sleep(0.01)
+        camera, size = gb.Camera((1.6, 1.2, 6.0), (0.1, 0.0, 0.0)), (80, 60)
+        shot = Shot(engine, camera, size, 1)
+        assert "frame_2.npz" in command_line(engine.source, engine.state, camera, size, engine.up)
+        check(engine, camera, size, shot.picture)
+
+
+def test_a_volume_s_surface(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    z, y, x = np.mgrid[-9:10, -9:10, -9:10]
+    values = np.clip(220 - 18 * np.sqrt(x * x + y * y + z * z), 0, 255).astype(np.uint8)
+    volume = gb.Volume(values, np.diag([2.0, 2.0, 2.0, 1.0]))
+    for name in ("v.npz", "v.nii.gz"):
+        if name == "v.nii.gz":
+            pytest.importorskip("SimpleITK")
+        gb.write_volume(name, volume)
+        with engine_of(name, slices__shown=False, slices__level=120.0,
+                       surface__kernel="wendland_c2") as engine:
+            camera, size = gb.Camera((60, 40, 80), engine.source.bounds()[1] / 2), (80, 60)
+            shot = Shot(engine, camera, size, 1)
+            assert shot.frame.mask.mean() > 0.03
+            check(engine, camera, size, shot.picture)
+            engine.state.set(slices__shown=True, surface__threshold=0.5)
+            command = command_line(engine.source, engine.state, camera, size, engine.up)
+            assert command.endswith("# without: slices, threshold")
+
+
+def test_a_sweep_s_volume(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    made = gb.phantoms.cylinders(n_frames=12, size=(40, 36), spacing=1.0)
+    gb.write_sweep("sweep.igs.mha", made)
+    with engine_of("sweep.igs.mha", slices__shown=False) as engine:
+        source = engine.source
+        source.start()
+        while source.running:
+            time.sleep(0.01)
+        lo, hi = source.bounds()
+        camera, size = gb.Camera(hi + 40, (lo + hi) / 2, (0, 0, 1)), (80, 60)
+        shot = Shot(engine, camera, size, 1)
+        check(engine, camera, size, shot.picture, "the frames that came")
+        source.finish("vvn")
+        shot = Shot(engine, camera, size, 1)
+        assert shot.frame.mask.mean() > 0.02
+        check(engine, camera, size, shot.picture)
+
+
+def test_a_simulation(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "dam.toml").write_text("""
+spacing = 0.05
+domain = { lo = [0, 0, 0], hi = [1, 0.4, 0.8], walls = true }
+[[fluids]]
+name = "water"
+box = { lo = [0, 0, 0], hi = [0.4, 0.4, 0.4] }
+""")
+    with engine_of("dam.toml", look__preset="water", look__shadows=True,
+                   look__depth=6) as engine:
+        for _ in range(5):
+            engine.source.simulation.step()
+        camera, size = gb.Camera((0.5, -2, 1), (0.5, 0.2, 0.2), (0, 0, 1)), (80, 60)
+        engine.up = engine.source.up
+        shot = Shot(engine, camera, size, 1)
+        passed = f"the {engine.source.simulation.time:.4g} s that have passed"
+        check(engine, camera, size, shot.picture, passed)
+        engine.source.by_hand = True
+        engine.state.set(cuts__plane=True)
+        command = command_line(engine.source, engine.state, camera, size, engine.up)
+        assert command.endswith(f"# without: {passed}, what was done by hand, "
+                                "light, cuts and samples")
+
+
+def test_particles_of_a_program_are_said_to_be(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    particles = gb.Particles(np.eye(3), support=1.0)
+    with engine_of(particles) as engine:
+        camera, size = gb.Camera((1.6, 1.2, 6.0), (0.1, 0.0, 0.0)), (80, 60)
+        shot = Shot(engine, camera, size, 1)
+        assert 'gb.write("particles.npz", particles)' in python_code(
+            engine.source, engine.state, camera, size, engine.up)
+        gb.write("particles.npz", particles)
+        check(engine, camera, size, shot.picture)
 
 
 def test_sizes_have_limits():

@@ -3,7 +3,13 @@
 from __future__ import annotations
 
 import re
+import signal
+import socket
+import subprocess
+import sys
+import threading
 import time
+from typing import Any
 
 import globule as gb
 import numpy as np
@@ -481,6 +487,60 @@ def test_a_sweep_comes_in_and_is_undone(chromium):
         until(lambda: not source.running)
     finally:
         watched.close()
+
+
+def replaying(sweep: gb.Sweep) -> tuple[int, Any]:
+    """A server of pyigtl's own on loopback that sends a sweep to whoever comes, and its port."""
+    igtl = pytest.importorskip("pyigtl")
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    server = igtl.OpenIGTLinkServer(port=port)
+
+    def replay() -> None:
+        while not server.is_connected():
+            time.sleep(0.01)
+        for i in range(len(sweep)):
+            when = 1000 + float(i)
+            server.send_message(igtl.ImageMessage(sweep.frames[i][None], timestamp=when,
+                                                  device_name="Image"))
+            server.send_message(igtl.TransformMessage(
+                sweep.world_from_image[i], timestamp=when, device_name="ImageToReference"))
+            time.sleep(0.05)
+
+    threading.Thread(target=replay, daemon=True).start()
+    return port, server
+
+
+def test_a_live_scanner_from_the_command_line(chromium):
+    """`globule view igtl://…` in a process of its own, a server that replays a sweep, a browser."""
+    rng = np.random.default_rng(2)
+    frames = rng.integers(80, 255, (20, 40, 48)).astype(np.uint8)
+    poses = np.repeat(np.eye(4)[None], 20, axis=0)
+    poses[:, 2, 3] = np.arange(20)
+    port, server = replaying(gb.Sweep(frames, poses))
+    process = subprocess.Popen(
+        [sys.executable, "-m", "globule", "view", f"igtl://127.0.0.1:{port}", "--no-browser",
+         "--port", "0"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    page = chromium.new_page(viewport={"width": 1000, "height": 760})
+    page.set_default_timeout(60_000)
+    try:
+        page.goto(re.search(r"http://\S+", process.stdout.readline())[0])
+        page.get_by_role("button", name="Start", exact=True).click()
+        open_folder(page, "Statistics")
+        page.get_by_role("cell", name="frames", exact=True).locator(
+            "xpath=following-sibling::td[text()='20']").wait_for()
+        page.get_by_role("button", name="Stop", exact=True).click()
+        until(lambda: np.ptp(seen(page)[250:500, 200:450].mean(axis=2)) > 60, "for the slices")
+        page.get_by_role("button", name="Undo").click()
+        page.get_by_role("cell", name="frames", exact=True).locator(
+            "xpath=following-sibling::td[text()='19']").wait_for()
+    finally:
+        page.close()
+        process.send_signal(signal.SIGINT)
+        _, errors = process.communicate(timeout=60)
+        server.stop()
+    assert process.returncode == 130 and errors.strip() == "globule: interrupted"
 
 
 def test_seen_is_what_the_panels_say(watched):

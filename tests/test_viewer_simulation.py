@@ -259,3 +259,91 @@ def test_an_emitter_is_switched_off_and_on(chromium, tmp_path):
         until(lambda: sim.emitters["tap"].emitted > 5, "for water to come")
     finally:
         watched.close()
+
+
+POOL = """
+title = "Pool"
+spacing = 0.02
+[domain]
+lo = [0, 0, 0]
+hi = [0.4, 0.3, 0.4]
+walls = true
+[[fluids]]
+name = "water"
+box = { lo = [0, 0, 0], hi = [0.4, 0.3, 0.1] }
+density = 1000
+[[instruments]]
+name = "sucker"
+kind = "suction"
+radius = 0.05
+keys = [{ time = 0, position = [0.2, 0.15, 0.3], on = false }]
+"""
+
+
+@pytest.fixture
+def pool(chromium, tmp_path):
+    (tmp_path / "pool.toml").write_text(POOL)
+    watched = Watched(str(tmp_path / "pool.toml"), chromium)
+    yield watched
+    watched.close()
+
+
+def window(page) -> tuple[float, float]:
+    box = page.locator("canvas").first.bounding_box()
+    return box["width"], box["height"]
+
+
+def test_suction_follows_a_stroke_on_the_surface(pool):
+    from globule.viewer.overlay import project
+
+    page, source = pool.page(), pool.viewer.source
+    sim = source.simulation
+    choose(page, "With the mouse", "Suction")
+    page.get_by_text("Drag over what is to be taken away while it runs.", exact=True).wait_for()
+    time.sleep(1.0)
+    press(page, "Run")
+    until(lambda: sim.n_steps > 3)
+    assert sim.n_removed == 0
+    camera = page.client.camera
+    begin, end = (project(camera, window(page), (x, 0.15, 0.1)) for x in (0.1, 0.3))
+    page.mouse.move(*begin)
+    page.mouse.down()
+    for i in range(1, 13):
+        page.mouse.move(*(np.asarray(begin) + np.subtract(end, begin) * i / 12))
+        time.sleep(0.06)
+    until(lambda: sim.n_removed > 30, "for water to go")
+    with source.lock:
+        tip = sim.instruments["sucker"].pose[:3, 3]
+    assert abs(tip[2] - 0.1) < 0.06 and abs(tip[0] - 0.3) < 0.06
+    page.mouse.up()
+    until(lambda: sim.instruments["sucker"]._wanted is None, "for the stroke to end")
+    removed = until(lambda: sim.instruments["sucker"].pose[2, 3] > 0.25 and sim.n_removed)
+    at = sim.n_steps
+    until(lambda: sim.n_steps > at + 5)
+    assert sim.n_removed == removed and page.client.camera == camera
+
+
+def test_suction_follows_its_handle(pool):
+    from globule.viewer.overlay import project
+
+    page, source = pool.page(), pool.viewer.source
+    sim = source.simulation
+    page.get_by_label("Move sucker by hand", exact=True).check()
+    time.sleep(1.0)
+    camera, scale = page.client.camera, pool.viewer.placement.scale
+    tip = np.array([0.2, 0.15, 0.3])
+    arrow, middle = (project(camera, window(page), tip + (0, 0, up)) for up in (0.2 / scale, 0.0))
+    below = project(camera, window(page), tip - (0, 0, 0.2))
+    page.mouse.move(*arrow)
+    page.mouse.down()
+    for i in range(1, 11):
+        page.mouse.move(*(np.asarray(arrow) + np.subtract(below, middle) * i / 10))
+        time.sleep(0.05)
+    page.mouse.up()
+    tool = sim.instruments["sucker"]
+    until(lambda: tool._wanted is not None and tool._wanted[2, 3] < 0.15, "for the handle to move")
+    assert np.allclose(tool._wanted[:2, 3], tip[:2], atol=0.01)
+    press(page, "Run")
+    until(lambda: sim.n_removed > 20, "for water to go")
+    page.get_by_label("Move sucker by hand", exact=True).uncheck()
+    until(lambda: sim.instruments["sucker"].pose[2, 3] > 0.25)

@@ -13,6 +13,7 @@ from .particles import to_host
 from .render import REACH, RenderSettings
 from .scene import Scene
 
+GROUNDS = {"plain": 0.0, "checker": 1 / 4}  # edges of their squares, of the scene's extent
 PRESETS = ("blood", "water", "glass", "tissue", "clay")
 
 

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from typing import Any
 
 from ..clips import ClipBox, ClipPlane, ClipSphere
+from ..presets import GROUNDS
 from . import look
 from .shared import number
 
@@ -56,10 +57,15 @@ def box(text: str, keep: bool = False) -> ClipBox:
     return _checked(ClipBox(values[:3], values[3:], keep))
 
 
-def ball(text: str) -> ClipSphere:
+def ball(text: str, keep: bool = False) -> ClipSphere:
     """X,Y,Z,R."""
     *center, radius = _numbers(text, 4)
-    return _checked(ClipSphere(center, radius))
+    return _checked(ClipSphere(center, radius, keep))
+
+
+def ground(text: str) -> float | str:
+    """A height, or which ground."""
+    return text if text in ("none", *GROUNDS) else number(text)
 
 
 def beside(text: str) -> tuple[str, look.Color | None]:

@@ -14,12 +14,12 @@ from ..environment import read_environment
 from ..formats import FormatError
 from ..lights import Environment, Ground, Sky, uniform_sky
 from ..materials import Material
-from ..presets import PRESETS, ground_height, preset
+from ..presets import GROUNDS, PRESETS, ground_height, preset
 from ..render import MAX_LAYERS, MAX_SAMPLES, Frame, Layer, RenderSettings
 from ..scene import Scene
 from . import look
-from .arguments import ball, beside, between, box, pixel, plane, share, whole
-from .shared import UserError, check_input, mistakes, number, read_particles
+from .arguments import ball, beside, between, box, ground, pixel, plane, share, whole
+from .shared import UserError, check_input, mistakes, positive, read_particles
 
 MATTER = ("reflection", "transmission", "index", "roughness", "absorption")
 IMAGES = (".hdr", ".exr", ".png", ".jpg", ".jpeg")
@@ -27,13 +27,16 @@ IMAGES = (".hdr", ".exr", ".png", ".jpg", ".jpeg")
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument_group("light").add_argument
-    add("--shadows", action="store_true", default=None, help="lights throw shadows")
+    add("--shadows", action=argparse.BooleanOptionalAction, help="lights throw shadows")
     add("--ambient-rays", type=whole(0, 256), metavar="N",
         help="rays per sample that look how open a place is (ambient occlusion)")
     add("--sky", metavar="SKY",
-        help="gradient, an image (.hdr .exr .png .jpg) or a colour; seen behind, mirrored and bent")
-    add("--ground", type=number, nargs="?", const=np.nan, metavar="HEIGHT",
-        help="a plane at this height along --up (default: where the surface ends)")
+        help="gradient, an image (.hdr .exr .png .jpg), a colour or none; seen behind, mirrored "
+        "and bent")
+    add("--ground", type=ground, nargs="?", const=np.nan, metavar="GROUND",
+        help="a plane at this height along --up (default: where the surface ends), plain or "
+        "checker there, or none")
+    add("--exposure", type=positive, metavar="E", help="factor of the picture's light")
     add("--bounces", type=whole(0, 32), metavar="N",
         help="how often light is followed where it is mirrored or goes through (default: 4)")
     add("--samples", type=whole(1, MAX_SAMPLES), metavar="N",
@@ -59,6 +62,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="take away a ball")
     add("--crop", type=functools.partial(box, keep=True), metavar="X0,Y0,Z0,X1,Y1,Z1",
         help="keep only what is in a box")
+    add("--crop-sphere", type=functools.partial(ball, keep=True), metavar="X,Y,Z,R",
+        help="keep only what is in a ball")
     add("--pick", type=pixel, metavar="COLUMN,ROW",
         help="say what this pixel shows: position, particle, attributes")
 
@@ -73,8 +78,8 @@ class Light:
         self.options = options
         self._settings: RenderSettings | None = None
         self._beside: list[Layer] = []
-        crop = [options.crop] if options.crop else []
-        self.clips = [*options.clip, *options.clip_box, *options.clip_sphere, *crop]
+        crops = [crop for crop in (options.crop, options.crop_sphere) if crop]
+        self.clips = [*options.clip, *options.clip_box, *options.clip_sphere, *crops]
         self._matter = _matter(options)
         self._own = look.given(options) | _given(options)
         if options.pick and not all(p < n for p, n in zip(options.pick, options.size, strict=True)):
@@ -94,10 +99,7 @@ class Light:
             looks = options.preset in PRESETS
             base = preset(options.preset, scene, options.up) if looks else RenderSettings()
             if options.ground is not None:
-                given = np.isfinite(options.ground)
-                height = options.ground if given else ground_height(scene, options.up)
-                ground = base.ground or Ground(0.0, options.up)
-                own["ground"] = dataclasses.replace(ground, height=height)
+                own["ground"] = self._ground(base, scene)
             if options.background is not None:
                 own.setdefault("sky", None)  # what is given is to be seen
             sky = own.get("sky")
@@ -109,6 +111,17 @@ class Light:
                 material = dataclasses.replace(material, color=None)
             self._settings = dataclasses.replace(base, material=material, **own)
         return self._settings
+
+    def _ground(self, base: RenderSettings, scene: Scene) -> Ground | None:
+        asked = self.options.ground
+        if asked == "none":
+            return None
+        ground = base.ground or Ground(0.0, self.options.up)
+        if asked in GROUNDS:
+            ground = dataclasses.replace(ground, check=GROUNDS[asked] * float(scene.octree.extent))
+        given = asked not in GROUNDS and np.isfinite(asked)
+        height = asked if given else ground_height(scene, self.options.up)
+        return dataclasses.replace(ground, height=height)
 
     def layers(self, scene: Scene) -> list[Layer]:
         """The scene with its cuts, and those beside it."""
@@ -168,15 +181,16 @@ def _matter(options: argparse.Namespace) -> dict[str, Any]:
 def _given(options: argparse.Namespace) -> dict[str, Any]:
     """The fields of RenderSettings that are given, without those that need a scene."""
     names = {"shadows": "shadows", "ambient_rays": "ambient_rays", "bounces": "depth",
-             "samples": "samples"}
+             "samples": "samples", "exposure": "exposure"}
     given = {field: getattr(options, name) for name, field in names.items()}
-    if options.sky is not None:
-        given["sky"] = _sky(options)
-    return {name: value for name, value in given.items() if value is not None}
+    given = {name: value for name, value in given.items() if value is not None}
+    return given if options.sky is None else given | {"sky": _sky(options)}
 
 
-def _sky(options: argparse.Namespace) -> Sky | Environment:
+def _sky(options: argparse.Namespace) -> Sky | Environment | None:
     text = options.sky
+    if text == "none":
+        return None
     if text == "gradient":
         return Sky(up=options.up)
     if text.lower().endswith(IMAGES):
@@ -189,5 +203,5 @@ def _sky(options: argparse.Namespace) -> Sky | Environment:
     try:
         return uniform_sky(look.color(text))
     except argparse.ArgumentTypeError as error:
-        known = f"gradient, a colour or a file ending in {' '.join(IMAGES)}"
+        known = f"gradient, none, a colour or a file ending in {' '.join(IMAGES)}"
         raise UserError(f"--sky: expected {known}, got {text!r}") from error

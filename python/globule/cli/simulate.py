@@ -12,8 +12,9 @@ import signal
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+from . import view
 from .render import size
 from .shared import (
     Progress,
@@ -28,11 +29,16 @@ from .shared import (
     say,
 )
 
+if TYPE_CHECKING:
+    from ..sim.scene_file import SceneFile
+    from ..simulate import Simulation
+
 SUMMARY = "fluids, tissue and the knife, from a scene file"
 EXAMPLES = """\
   globule simulate dam-break -o dam --spacing 0.04 --seconds 0.2
   globule simulate dam-break -o dam --spacing 0.04 --seconds 0.3 --resume --json
-  globule simulate dam-break -o dry --spacing 0.05 --seconds 0.1 --no-frames --pictures dry"""
+  globule simulate dam-break -o dry --spacing 0.05 --seconds 0.1 --no-frames --pictures dry
+  globule simulate dam-break --view"""
 CHECKPOINT = "checkpoint.npz"
 MOST_FRAMES = 1_000_000
 
@@ -62,12 +68,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="write one every S simulated seconds, too (always: at the end and at Ctrl-C)")
     add("--resume", action="store_true", help="go on from the folder's checkpoint")
     add("--json", action="store_true", help="print one JSON object: times, counts, device, hash")
+    add("--view", action="store_true",
+        help="run it live in the browser instead, with --resume from the folder's checkpoint; "
+        "nothing is written")
+    view.add_page(parser)
     add_device(parser)
 
 
 def run(options: argparse.Namespace) -> None:
     start = time.perf_counter()
     check_device(options)
+    if options.view:
+        _view(options)
+        return
     with mistakes():
         job = _Job(options)
     with job.progress, _interrupts() as interrupted:
@@ -80,22 +93,53 @@ def run(options: argparse.Namespace) -> None:
         raise KeyboardInterrupt
 
 
+def _view(options: argparse.Namespace) -> None:
+    """Live in the browser."""
+    from ..simulate import Simulation
+    from ..viewer.simulation_source import SimulationSource
+
+    for name in ("seconds", "fps", "format", "no_frames", "video", "pictures", "size",
+                 "checkpoint", "json"):
+        if getattr(options, name):
+            option = name.replace("_", "-")
+            raise UserError(f"--view: expected no --{option} beside it, as nothing is written")
+    view.check_viewer()
+    with mistakes():
+        scene = _read(options)
+        where = {"device": options.device, "threads": options.threads}
+        if options.resume:
+            simulation = _resumed(Simulation, options.output, scene, options.scene, where)
+        else:
+            simulation = Simulation(scene, **where)
+        title = os.path.basename(options.scene)
+        source = SimulationSource(title, simulation, **where)
+        source.files = [options.scene]
+        viewer = view.serve(source, options, preset=source.preset)
+    viewer.wait()
+
+
+def _read(options: argparse.Namespace) -> SceneFile:
+    """The scene that is asked for."""
+    from ..sim.scene_file import SHIPPED, read_scene
+
+    try:
+        return read_scene(options.scene, options.spacing)
+    except OSError as error:
+        expected = f"expected a .toml file or one of {', '.join(SHIPPED)}"
+        raise UserError(f"SCENE: {expected}, got {options.scene}: {error.strerror}") from error
+
+
 class _Job:
     """One run: the simulation, and what is written of it."""
 
     def __init__(self, options: argparse.Namespace):
         from ..sim.pictures import Pictures
-        from ..sim.scene_file import SHIPPED, read_scene
         from ..simulate import Simulation
 
         self.options, self.folder = options, options.output
         if options.video:
             check_output("--video", options.video, [".mp4"])
-        try:
-            self.scene = read_scene(options.scene, options.spacing)
-        except OSError as error:
-            expected = f"expected a .toml file or one of {', '.join(SHIPPED)}"
-            raise UserError(f"SCENE: {expected}, got {options.scene}: {error.strerror}") from error
+        self.scene = _read(options)
         self.fps = options.fps or self.scene.output.fps
         self.format = options.format or self.scene.output.format
         seconds = options.seconds or self.scene.seconds
@@ -114,8 +158,10 @@ class _Job:
             raise UserError(f"--video: {error}") from error
         where = {"device": options.device, "threads": options.threads}
         if options.resume:
-            self.sim = _resumed(Simulation, self.checkpoint, where)
-            self._check_same_scene()
+            self.sim = _resumed(Simulation, self.folder, self.scene, options.scene, where)
+            if self.pictures.wanted:
+                first = Simulation(self.scene, **where)
+                self.pictures.begin_again(first, self.fps, self.sim.time)
         else:
             self.sim = Simulation(self.scene, **where)
         self.first_step, self.start_time = self.sim.n_steps, self.sim.time
@@ -124,20 +170,6 @@ class _Job:
         self.files: list[str] = []
         self.saved = self.sim.time
         self.seconds = {"simulation": 0.0, "frames": 0.0, "pictures": 0.0}
-
-    def _check_same_scene(self) -> None:
-        """What is resumed is this scene; only how long it runs and what is shown may differ."""
-        from ..sim.scene_file import as_dict, read_scene
-
-        free = ("title", "seconds", "view", "output")
-        now = as_dict(read_scene(as_dict(self.scene)))  # read back, as what was saved is
-        before = {} if self.sim.file is None else as_dict(self.sim.file)
-        for name in (*now, *before):
-            if name not in free and now.get(name) != before.get(name):
-                raise UserError(
-                    f"--resume: expected {self.checkpoint} of {self.options.scene} as it is now, "
-                    f"got one with another {name}"
-                )
 
     def run(self, interrupted: Callable[[], bool]) -> bool:
         """All frames; False if it was told to stop before."""
@@ -222,11 +254,28 @@ class _Job:
             say(f"note: stopped at {sim.time:.4g} s; --resume goes on from {self.checkpoint}")
 
 
-def _resumed(kind: Any, checkpoint: str, where: dict[str, Any]) -> Any:
+def _resumed(
+    kind: type[Simulation], folder: str, scene: SceneFile, name: str, where: dict[str, Any]
+) -> Simulation:
+    """Where the folder's checkpoint left it. What is resumed is this scene; only how long it runs
+    and what is shown may differ."""
+    from ..sim.scene_file import as_dict, read_scene
+
+    checkpoint = os.path.join(folder, CHECKPOINT)
     try:
-        return kind.load(checkpoint, **where)
+        simulation = kind.load(checkpoint, **where)
     except OSError as error:
         raise UserError(f"--resume: expected {checkpoint}, got: {error.strerror}") from error
+    free = ("title", "seconds", "view", "output")
+    now = as_dict(read_scene(as_dict(scene)))  # read back, as what was saved is
+    before = {} if simulation.file is None else as_dict(simulation.file)
+    for key in (*now, *before):
+        if key not in free and now.get(key) != before.get(key):
+            raise UserError(
+                f"--resume: expected {checkpoint} of {name} as it is now, got one with another "
+                f"{key}"
+            )
+    return simulation
 
 
 def _make_folder(folder: str) -> None:

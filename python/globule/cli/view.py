@@ -6,6 +6,7 @@ The picture is ray-traced here and sent to the browser as it changes; the browse
 from __future__ import annotations
 
 import argparse
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -18,6 +19,11 @@ from . import look
 from .arguments import plane
 from .shared import UserError, add_device, add_reading, check_device, mistakes, positive, vector
 from .shared import reading as reading_of
+
+if TYPE_CHECKING:
+    from ..viewer.app import Viewer
+    from ..viewer.source import Source
+    from ..viewer.state import State
 
 SUMMARY = "live in the browser"
 EXAMPLES = """\
@@ -35,12 +41,8 @@ def port(text: str) -> int:
     return int(text)
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    add = parser.add_argument
-    add("what", nargs="+", metavar="WHAT",
-        help="files of particles, meshes, volumes or sweeps (several: a sequence), a simulation's "
-        "name or .toml, or igtl://host:port")
-    add("--state", metavar="FILE.toml", help="settings saved from the page")
+def add_page(parser: argparse.ArgumentParser) -> None:
+    """Options that say where the page is."""
     page = parser.add_argument_group("page")
     page.add_argument("--host", default="127.0.0.1", metavar="HOST",
                       help="where to listen; another than this machine's own (0.0.0.0) puts a "
@@ -48,6 +50,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     page.add_argument("--port", type=port, default=8080, metavar="N",
                       help="the first free one from here on (default: 8080)")
     page.add_argument("--no-browser", action="store_true", help="do not open one")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    add = parser.add_argument
+    add("what", nargs="+", metavar="WHAT",
+        help="files of particles, meshes, volumes or sweeps (several: a sequence), a simulation's "
+        "name or .toml, or igtl://host:port")
+    add("--state", metavar="FILE.toml", help="settings saved from the page")
+    add_page(parser)
     first = parser.add_argument_group("to begin with; the page can change all of it")
     first.add_argument("--eye", type=vector, metavar="X,Y,Z", help="where the camera is")
     first.add_argument("--look-at", type=vector, metavar="X,Y,Z", help="middle of the picture")
@@ -75,14 +86,9 @@ def run(options: argparse.Namespace) -> None:
     if (options.eye is None) != (options.look_at is None):
         raise UserError("--eye: expected --look-at beside it, or neither")
     check_device(options)
-    from ..viewer import show
-    from ..viewer.app import need_viser
+    check_viewer()
     from ..viewer.open import open_source
 
-    try:
-        need_viser()
-    except ImportError as error:
-        raise UserError(str(error)) from error
     given = reading_of(options)
     for name in ("calibration", "plus"):
         if getattr(options, name):
@@ -96,14 +102,34 @@ def run(options: argparse.Namespace) -> None:
                 raise UserError(f"--color-by: expected one of {known}, got {state.color.by}")
             if not options.state and not options.preset:
                 options.preset = source.preset
-            viewer = show(source, options.host, options.port, options.up, camera, state,
-                          options.preset, not options.no_browser, block=False)
+            if not options.state and not options.color_by:
+                state.set(**source.settings)
+            viewer = serve(source, options, options.up, camera, state, options.preset)
     except FormatError as error:
         raise UserError(str(error)) from error
     except OSError as error:
         name = error.filename or options.what[0]
         raise UserError(f"{name}: cannot be read: {error.strerror or error}") from error
     viewer.wait()
+
+
+def check_viewer() -> None:
+    """Say what to install where the viewer's libraries are not."""
+    from ..viewer.app import need_viser
+
+    try:
+        need_viser()
+    except ImportError as error:
+        raise UserError(str(error)) from error
+
+
+def serve(source: Source, options: argparse.Namespace, up: Any = None, camera: Camera | None = None,
+          state: State | None = None, preset: str | None = None) -> Viewer:
+    """The viewer of a source, where the options of `add_page` say."""
+    from ..viewer import show
+
+    return show(source, options.host, options.port, up, camera, state, preset,
+                not options.no_browser, block=False)
 
 
 def _settings(options: argparse.Namespace) -> tuple:

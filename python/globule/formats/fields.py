@@ -1,7 +1,7 @@
 """Which array of a file is which field of Particles, and back.
 
-Reading: an array named like a field (support, weight, color, reflection, refraction, rigidity)
-is that field. Where there is none of that name,
+Reading: an array named like a field (support, weight, color, reflection, refraction, rigidity,
+anisotropy with nine components) is that field. Where there is none of that name,
 
     rgb, Cd, colors, rgba                       are taken as color (integers are divided by 255),
     smoothing_length, h                         give support = 2 h, SPH's usual kernel radius,
@@ -54,6 +54,8 @@ def particles_from(path: Any, positions: Any, arrays: Mapping[str, np.ndarray]) 
             value = _as_color(array, n)
         elif name in SCALAR_FIELDS:
             value = _as_scalar(array, n)
+        elif name == "anisotropy":
+            value = _as_matrices(array, n)
         else:
             value = None
         if value is not None:
@@ -85,6 +87,8 @@ def per_particle(particles: Particles) -> dict[str, np.ndarray]:
             value = np.asarray(to_host(value), dtype=np.float32)
             shape = (n, 3) if name == "color" else (n,)
             arrays[name] = np.ascontiguousarray(np.broadcast_to(value, shape))
+    if particles.anisotropy is not None:
+        arrays["anisotropy"] = particles.anisotropy.reshape(n, 9)
     arrays.update({name: to_host(array) for name, array in particles.attributes.items()})
     return arrays
 
@@ -166,6 +170,12 @@ def _as_color(array: np.ndarray, n: int) -> np.ndarray | None:
     if array.size and (array.min() < 0 or array.max() > most):
         return None
     return array.astype(np.float32) / np.float32(most)
+
+
+def _as_matrices(array: np.ndarray, n: int) -> np.ndarray | None:
+    if array.dtype.kind not in "iuf" or array.shape not in ((n, 9), (n, 3, 3)):
+        return None
+    return array.reshape(n, 3, 3)
 
 
 def _take_color(fields: dict[str, Any], attributes: dict[str, np.ndarray], n: int) -> None:

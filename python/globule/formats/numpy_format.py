@@ -51,7 +51,7 @@ def write(path: str | os.PathLike, particles: Particles) -> None:
             np.lib.format.write_array(file, positions, allow_pickle=False)
             return
         arrays = {"positions": positions}
-        for name in (*SCALAR_FIELDS, "color"):
+        for name in (*SCALAR_FIELDS, "color", "anisotropy"):
             value = getattr(particles, name)
             if value is not None:
                 arrays[name] = np.asarray(value) if isinstance(value, float) else to_host(value)

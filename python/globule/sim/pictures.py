@@ -36,15 +36,23 @@ class Eye:
 
     def picture(self, sim: Any) -> Frame:
         """What is there now."""
-        scene = sim.scene if self.view.speeds is None else self._by_speed(sim)
-        if scene.octree.n_inside == 0:  # nothing yet to scale light or camera by
+        scene = self._shown(sim)
+        if self._settings is None:  # nothing yet to scale light or camera by
             camera = self._camera or Camera((0, -1, 0), (0, 0, 0), self.view.up)
             return render(scene, camera, self.size)
-        if self._settings is None:
-            self._settings = self._light(scene)
-        if self._camera is None:
-            self._camera = fit_camera(scene, self.size)
         return render(scene, self._camera, self.size, self._settings)
+
+    def settled(self, sim: Any) -> bool:
+        """Whether there is something to scale light and camera by, which is then done."""
+        self._shown(sim)
+        return self._settings is not None
+
+    def _shown(self, sim: Any) -> Scene:
+        scene = sim.scene if self.view.speeds is None else self._by_speed(sim)
+        if self._settings is None and scene.octree.n_inside > 0:
+            self._settings = self._light(scene)
+            self._camera = self._camera or fit_camera(scene, self.size)
+        return scene
 
     def _light(self, scene: Scene) -> RenderSettings:
         if self.view.look is None:
@@ -80,9 +88,21 @@ class Pictures:
             need_av()
             self.movie = MovieFrames(movie, resume)
 
+    @property
+    def wanted(self) -> bool:
+        return bool(self.folder or self.movie)
+
+    def begin_again(self, sim: Any, fps: float, until: float) -> None:
+        """See a resumed run as an uninterrupted one would: light and camera of its first picture
+        that shows something. sim: the scene at its start, which goes on while it is empty."""
+        frame = 0
+        while not self.eye.settled(sim) and (frame + 1) / fps <= until:
+            frame += 1
+            sim.advance_to(frame / fps)
+
     def add(self, number: int, sim: Any) -> list[str]:
         """Take frame `number`'s picture; the files that stay."""
-        if not (self.folder or self.movie):
+        if not self.wanted:
             return []
         frame = self.eye.picture(sim)
         kept = []

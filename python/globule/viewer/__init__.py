@@ -72,7 +72,9 @@ def show(
     from .state import MOST_BYTES, State
 
     settings = state if isinstance(state, State) else State()
-    if state is not None and settings is not state:
+    if state is None:
+        settings.set(**source.settings)
+    elif settings is not state:
         with open(state, encoding="utf-8") as file:
             camera = settings.load_toml(file.read(MOST_BYTES + 1)) or camera
     viewer = Viewer(source, settings, host, port, up, camera or source.camera)

@@ -55,6 +55,9 @@ class Viewer:
         viser = need_viser()
         self.source, self.state = source, state or State()
         self.up = tuple(float(v) for v in (source.up if up is None else up))
+        if not any(self.up):
+            raise ValueError(f"up: expected a direction, got {up!r}")
+        check_host(host)
         self.title = title or f"globule · {source.name}"
         with source.lock:
             self.placement = Placement(*source.bounds())
@@ -70,6 +73,7 @@ class Viewer:
         self.engine = Engine(source, self.state, self.up)
         self.engine.on_picture = self._on_picture
         self.engine.on_error = self._on_error
+        self.engine.on_step = self._keep_in_sight
         with self._guard.watching(), contextlib.redirect_stdout(io.StringIO()):
             self.server = viser.ViserServer(host, port, verbose=False)
         if not self._guard.started:
@@ -172,6 +176,18 @@ class Viewer:
         for client in list(self.clients.values()):
             client.sink.error(message)
 
+    def _keep_in_sight(self) -> None:
+        """A live sweep tells only as it comes where and how large it is."""
+        if not self.source.grows:
+            return
+        with self.source.lock:
+            lo, hi = self.source.bounds()
+        moved = self.placement.left_by(lo, hi)
+        if moved:
+            self.placement.put(lo, hi)
+        for panel in self.page.panels:
+            panel.grew(moved)
+
     def cut_along(self, points: list, camera: Camera) -> None:
         """What a stroke of the tool Cut does: a source that can be cut is; else a cutting plane
         goes through the stroke and the eye, and takes away the side above or right of it."""
@@ -201,9 +217,8 @@ class Viewer:
         """A command line and a Python program that make this picture."""
         state, camera = self.state.snapshot(), camera or self.first_camera
         with self.source.lock:
-            scene = self.source.layers(state)[0].scene
-        return (command_line(self.source.files, state, camera, size, self.up),
-                python_code(self.source, state, camera, size, self.up, scene))
+            return (command_line(self.source, state, camera, size, self.up),
+                    python_code(self.source, state, camera, size, self.up))
 
     def save_state(self, path: Any) -> None:
         """All settings and where viewers begin, as TOML."""
@@ -255,6 +270,17 @@ class ShownFrame:
                  viewer: Viewer):
         self.number, self.picture, self.camera, self.still = number, picture, camera, still
         self.viewer, self.time = viewer, time.time()
+
+
+def check_host(host: str) -> None:
+    """Raise ValueError where nobody can listen at an address: viser would wait for ever."""
+    try:
+        family, kind, *_, address = socket.getaddrinfo(host, 0, type=socket.SOCK_STREAM)[0]
+        with socket.socket(family, kind) as tried:
+            tried.bind(address)
+    except OSError as error:
+        raise ValueError(f"host: expected an address of this machine, got {host!r}: "
+                         f"{error.strerror}") from None
 
 
 def first_camera(scene: Any, up: Any, around: Any) -> Camera:

@@ -73,13 +73,17 @@ def _open_files(names: list[str], common: dict, reading: dict) -> Source:
         return _open_name(names[0], common, reading)
     files = find_files(names)
     name = f"{os.path.basename(files[0])} … {len(files)} frames"
-    return SequenceSource(name, files, **common, read_frame=lambda path: read(path, **reading))
+    source = SequenceSource(name, files, **common, read_frame=lambda path: read(path, **reading))
+    source.reading = reading
+    return source
 
 
 def _open_name(name: str, common: dict, reading: dict) -> Source:
     title = os.path.basename(os.path.normpath(name))
     if name.startswith("igtl://"):
-        return SweepSource(name, received(name, Setup(**reading).edges), **common)
+        source = SweepSource(name, received(name, Setup(**reading).edges), **common)
+        source.files, source.reading = [name], reading
+        return source
     if simulation_name(name):
         from ..simulate import Simulation
 
@@ -93,11 +97,9 @@ def _open_name(name: str, common: dict, reading: dict) -> Source:
         if files != [name]:
             return _open_files(files, common, reading)
     source = _medical(name, common, reading)
-    if source is not None:
-        source.files = [name]
-        return source
-    source = SceneSource(title, read(name, **reading), **common)
-    source.files = [name]
+    if source is None:
+        source = SceneSource(title, read(name, **reading), **common)
+    source.files, source.reading = [name], reading
     return source
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from ..camera import Camera, view_axes
 from ..clips import ClipBox, ClipPlane, ClipSphere
 from ..lights import DirectionalLight, Ground, Headlight, Sky
-from ..presets import ground_height
+from ..presets import GROUNDS, ground_height
 from ..render import Frame, RenderSettings, render
 from ..scene import Scene
 from .scenes import thesis_of
@@ -29,13 +29,19 @@ def trace(
     Raises ValueError where settings do not go together.
     """
     layers = source.layers(state)
-    settings = dataclasses.replace(settings_of(state.look, source, layers[0].scene, up), samples=1)
-    if state.color.by:
-        material = dataclasses.replace(settings.material, color=None)
-        settings = dataclasses.replace(settings, material=material)
+    settings = dataclasses.replace(seen_settings(source, state, layers[0].scene, up), samples=1)
     if moving and settings.ambient_rays > MOST_MOVING_AMBIENT:
         settings = dataclasses.replace(settings, ambient_rays=MOST_MOVING_AMBIENT)
     return render(layers, camera, size, settings, clips_of(state.cuts), thesis_of(state))
+
+
+def seen_settings(source: Source, state: State, scene: Scene, up: Any) -> RenderSettings:
+    """Light and matter, which lets colours of values be seen."""
+    settings = settings_of(state.look, source, scene, up)
+    if not state.color.by:
+        return settings
+    return dataclasses.replace(
+        settings, material=dataclasses.replace(settings.material, color=None))
 
 
 def settings_of(look: Look, source: Source, scene: Scene, up: Any) -> RenderSettings:
@@ -65,6 +71,15 @@ def settings_of(look: Look, source: Source, scene: Scene, up: Any) -> RenderSett
     return dataclasses.replace(base, **changes)
 
 
+def preset_look(source: Source, state: State, name: str, up: Any) -> Look:
+    """What a preset sets, and the defaults elsewhere; with the source's lock held."""
+    settings = RenderSettings()
+    if name != "plain":
+        settings = source.preset_settings(name, source.layers(state)[0].scene, up)
+    return Look(preset=name, shadows=settings.shadows, depth=settings.depth,
+                ambient_rays=settings.ambient_rays, exposure=settings.exposure)
+
+
 def background(look: Look, base: RenderSettings) -> Any:
     """The preset's, unless another than the plain one was chosen."""
     return base.background if look.background == Look().background else look.background
@@ -90,7 +105,7 @@ def _ground(look: Look, base: RenderSettings, scene: Scene, up: Any) -> Ground |
     if look.ground == "none":
         return None
     plain = base.ground or Ground(0.0, up)
-    check = float(scene.octree.extent) / 4 if look.ground == "checker" else 0.0
+    check = GROUNDS[look.ground] * float(scene.octree.extent)
     return dataclasses.replace(plain, height=ground_height(scene, up), check=check)
 
 

@@ -12,15 +12,25 @@ import numpy as np
 
 from ..camera import Camera
 
+GROWTH = 0.25  # of what is shown, until all of it is fitted into the picture again
+
 
 class Placement:
     """page = (world - middle) * scale."""
 
     def __init__(self, lo: Any, hi: Any):
-        lo, hi = np.asarray(lo, np.float64), np.asarray(hi, np.float64)
+        self.put(lo, hi)
+
+    def put(self, lo: Any, hi: Any) -> None:
+        """The scene is between these corners of the world from now on."""
+        self.lo, self.hi = lo, hi = np.asarray(lo, np.float64), np.asarray(hi, np.float64)
         self.middle = (lo + hi) / 2
         self.extent = float(np.max(hi - lo)) or 1.0
         self.scale = 2.0 / self.extent
+
+    def left_by(self, lo: Any, hi: Any) -> bool:
+        """Whether a box sticks out of it so far that this is to be seen."""
+        return bool(np.max([self.lo - lo, hi - self.hi]) > GROWTH * self.extent)
 
     def to_page(self, point: Any) -> np.ndarray:
         return (np.asarray(point, np.float64) - self.middle) * self.scale

@@ -74,15 +74,8 @@ class SceneMaker:
         return self._first_threshold
 
     def _build(self, particles: Particles, wanted: tuple) -> Scene:
-        kernel, support, root = wanted
-        if root == "exact":
-            return Scene(particles, kernel, support=support, **self._options)
-        options = SimpleNamespace(support=support, root="march", depth=None, preset=None)
-        if support is None and particles.support is None:
-            options.support = float(np.max(Scene(particles, kernel, **self._options).support))
-        support, depth = support_and_depth(options, particles)
-        return Scene(particles, kernel, support=support, octree="dense", depth=depth,
-                     **self._options)
+        options = scene_options(particles, *wanted, **self._options)
+        return Scene(particles, wanted[0], **options, **self._options)
 
     def _colors(self, particles: Particles, state: State) -> tuple | str:
         color = state.color
@@ -105,6 +98,19 @@ class SceneMaker:
         colors = colorize(values, color.colormap, *self.range)
         return Particles(particles.positions, color=colors, attributes=particles.attributes,
                          **fields)
+
+
+def scene_options(
+    particles: Particles, kernel: str, support: float | None, root: str, **machine: Any
+) -> dict[str, Any]:
+    """What a scene needs beside particles, kernel and threshold, to be traced as settings say."""
+    if root == "exact":
+        return {} if support is None else {"support": support}
+    options = SimpleNamespace(support=support, root="march", depth=None, preset=None)
+    if support is None and particles.support is None:
+        options.support = float(np.max(Scene(particles, kernel, **machine).support))
+    support, depth = support_and_depth(options, particles)
+    return {"support": support, "octree": "dense", "depth": depth}
 
 
 def thesis_of(state: State) -> Thesis | None:

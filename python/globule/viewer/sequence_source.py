@@ -11,7 +11,7 @@ from ..formats import read
 from ..particles import Particles
 from ..render import Layer
 from .scenes import SceneMaker
-from .source import Source
+from .source import Origin, Source
 from .state import State
 
 KEPT_BYTES = 1 << 30  # of frames that are kept in memory
@@ -63,6 +63,9 @@ class SequenceSource(Source):
         if time.playing:
             state.set(time__frame=wanted)
         return 1 / time.rate
+
+    def origin(self, state: State) -> Origin:
+        return self._read_from(self.files[self.frame] if self.files else None)
 
     def facts(self) -> dict[str, Any]:
         return {"frame": f"{self.frame + 1} of {self.n_frames}"}

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from ..camera import Camera
 from ..particles import Particles
-from ..render import Layer
+from ..render import Layer, RenderSettings
+from ..scene import Scene
 from .overlay import STEEL, Mark
 from .scenes import SceneMaker
-from .source import Source, box_corners
+from .source import Origin, Source, box_corners
 from .state import State
 
 LONGEST_PAUSE = 0.25  # s of the clock between two pictures of slow motion
@@ -36,12 +38,14 @@ class SimulationSource(Source):
         self.cut_depth: float | None = None
         self.report: Any = None
         self.n_cut = 0  # bonds, by the last stroke
+        self.by_hand = False  # whether somebody has cut, pulled, moved or switched something
         self._own: Particles | None = None  # a copy, for colours of values
         self._own_version = -1
         self._wanted_steps = 0
         self._hold = np.zeros(3)  # where the held matter is, world
         self._held: np.ndarray | None = None  # its ids
         self._target: np.ndarray | None = None  # where the pointer is, world
+        self._ground: float | None = None  # height, where the scene says it
         self.maker = SceneMaker(device, threads)
         self._look()
 
@@ -53,11 +57,21 @@ class SimulationSource(Source):
             self.up = tuple((-np.asarray(gravity, float) / np.linalg.norm(gravity)).tolist())
         view = getattr(getattr(self.simulation, "file", None), "view", None)
         if view is not None:
-            self.up, self.preset = tuple(view.up), view.look
+            self.up, self.preset, self._ground = tuple(view.up), view.look, view.ground
+            if view.speeds is not None:
+                low, high = view.speeds
+                self.settings = {"color__by": "velocity", "color__automatic": False,
+                                 "color__low": low, "color__high": high}
             if view.eye is not None:
                 self.camera = Camera(view.eye, view.look_at, view.up, view.fov)
 
     # What is seen
+
+    def preset_settings(self, name: str, scene: Scene, up: Any) -> RenderSettings:
+        settings = super().preset_settings(name, scene, up)
+        if self._ground is None or settings.ground is None:
+            return settings
+        return replace(settings, ground=replace(settings.ground, height=self._ground))
 
     def particles(self) -> Particles:
         if self._own_version != self.version or self._own is None:
@@ -74,6 +88,17 @@ class SimulationSource(Source):
             scene.threshold = surface.threshold
         self.maker.show(scene)
         return [Layer(scene)]
+
+    def origin(self, state: State) -> Origin:
+        name = self.files[0] if self.files else "scene.toml"
+        code = [f"simulation = gb.Simulation({name!r})"]
+        n, passed = getattr(self.simulation, "n_steps", 0), []
+        if n:
+            code += [f"for _ in range({n}):", "    simulation.step()"]
+            passed = [f"the {self.simulation.time:.4g} s that have passed"]
+        left = ["what was done by hand"] if self.by_hand else []
+        return Origin([name], [*code, "particles = simulation.particles"],
+                      left=passed + left, lives=True)
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         domain = getattr(getattr(self.simulation, "settings", None), "domain", None)
@@ -138,7 +163,7 @@ class SimulationSource(Source):
 
     def reset(self) -> None:
         with self.lock:
-            self.running = False
+            self.running = self.by_hand = False
             self.simulation.reset()
             self.version += 1
 
@@ -151,17 +176,35 @@ class SimulationSource(Source):
         with self.lock:
             blade = ribbon(points, camera, self.cut_depth or through, 0.05 * through)
             self.n_cut = self.simulation.cut(blade)
+            self.by_hand = True
             self.version += 1
 
     def move(self, name: str, pose: np.ndarray) -> None:
-        """Put an instrument somewhere: (4, 4) world_from_instrument; the next step goes there."""
+        """Put an instrument somewhere: (4, 4) world_from_instrument, or its tip (3,); the next step
+        goes there."""
         with self.lock:
             self.simulation.instruments[name].move_to(pose)
+            self.by_hand = True
 
     def follow_keys(self, name: str) -> None:
         """Let an instrument move as its scene says again."""
         with self.lock:
             self.simulation.instruments[name].start(self.simulation.time)
+
+    def suction(self) -> str | None:
+        """The name of the instrument that takes fluid away, where the scene has one."""
+        tools = getattr(self.simulation, "instruments", {})
+        return next((name for name, tool in tools.items() if tool.kind == "suction"), None)
+
+    def suck(self, hand: Any, phase: str, here: tuple) -> None:
+        """Hold the suction's tip at what is under the pointer; afterwards it follows its keys."""
+        name = self.suction()
+        if phase == "end":
+            self.follow_keys(name)
+            return
+        found = hand.on_surface([here])
+        if found:
+            self.move(name, np.asarray(found[0]))
 
     def grasp(self, hand: Any, phase: str, start: tuple, here: tuple) -> None:
         """Take hold of what is under the pointer, and pull it along the picture's plane; the next
@@ -187,6 +230,7 @@ class SimulationSource(Source):
             return
         spacing = float(sim.settings.spacing)
         if self._held is None:
+            self.by_hand = True
             near = np.linalg.norm(sim.positions - self._hold, axis=1) < 3 * spacing
             self._held = sim.ids[near]
             if getattr(sim, "n_bonds", 0):

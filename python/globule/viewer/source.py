@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,28 @@ from .scenes import SceneMaker, color_names
 from .state import State
 
 
+@dataclass
+class Origin:
+    """How what is shown can be had without the viewer.
+
+    before: words of a command that makes the file of `words`, if it has to be made. words: what
+    `globule render` reads; of what lives `globule view`, as nobody else can show it. code: Python
+    that makes `particles`. left: what all these leave out. unsaid: options that the command cannot
+    have with such a file.
+    """
+
+    words: list[str]
+    code: list[str]
+    before: list[str] = field(default_factory=list)
+    left: list[str] = field(default_factory=list)
+    lives: bool = False
+    unsaid: tuple[str, ...] = ()
+
+
+OPTIONS = {"level": "--level", "labels": "--label", "spacing": "--resample",
+           "calibration": "--calibration", "plus": "--plus"}
+
+
 class Source:
     """Something to look at. Whoever holds `lock` may trace its layers; nobody changes them then.
 
@@ -26,13 +49,16 @@ class Source:
 
     kind = "scene"
     n_frames = 0  # of a sequence
+    grows = False  # whether only time shows what it is, and where
     up: Any = (0.0, 1.0, 0.0)  # towards the sky, where nobody says otherwise
     camera: Camera | None = None  # where to begin, if the source says so
     preset: str | None = None  # how it looks, if the source says so
+    settings: dict[str, Any] = {}  # for `State.set`, the same
 
     def __init__(self, name: str) -> None:
         self.name = name
         self.files: list[str] = []  # that it was read from
+        self.reading: dict[str, Any] = {}  # how: options of `read` or `read_sweep`
         self.lock = FairLock()
         self.version = 0
         self.maker = SceneMaker()
@@ -45,6 +71,30 @@ class Source:
     def particles(self) -> Particles:
         """Those of the first layer, for colours, statistics and the camera."""
         raise NotImplementedError
+
+    def origin(self, state: State) -> Origin:
+        """How what is shown can be had without the viewer; with `lock` held."""
+        return self._read_from(self.files[0] if self.files else None)
+
+    def _read_from(self, file: str | None) -> Origin:
+        if file is None:
+            return Origin(["particles.npz"], [
+                '# in your program before: gb.write("particles.npz", particles)',
+                'particles = gb.read("particles.npz")'])
+        return Origin([file, *self.option_words()],
+                      [f"particles = gb.read({', '.join([repr(file), *self.option_code()])})"])
+
+    def option_words(self) -> list[str]:
+        """How it was read, as options of commands."""
+        words = []
+        for name, value in self.reading.items():
+            for one in value if isinstance(value, (list, tuple)) else [value]:
+                words += [OPTIONS[name], str(one)]
+        return words
+
+    def option_code(self) -> list[str]:
+        """The same as arguments."""
+        return [f"{name}={value!r}" for name, value in self.reading.items()]
 
     def preset_settings(self, name: str, scene: Scene, up: Any) -> RenderSettings:
         """A preset scaled to the scene that was first seen with it, so that light and ground stay

@@ -14,6 +14,7 @@ from ..reconstructor import Reconstructor
 from ..sweep import Sweep
 from ..volume import Volume
 from .locks import FairLock
+from .source import Origin
 from .state import State
 from .volume_source import VolumeSource
 
@@ -30,6 +31,7 @@ class SweepSource(VolumeSource):
     """
 
     kind = "sweep"
+    grows = True
 
     def __init__(self, name: str, open_frames: Callable[[], Iterator[tuple[Any, Any]]],
                  spacing: float = 1.0, device: str = "auto", threads: int = 0,
@@ -43,6 +45,7 @@ class SweepSource(VolumeSource):
         self._taken: list[tuple[Any, Any]] = []
         self.running = False
         self._last_shown = 0.0
+        self._method: str | None = None  # that the volume which is shown was made by
         self.reset()
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
@@ -61,6 +64,7 @@ class SweepSource(VolumeSource):
             self._frames, self._taken = None, []
         with self.lock:
             self._take(_nothing())
+            self._method = None
 
     def stand_still(self) -> None:
         self.running = False
@@ -92,6 +96,7 @@ class SweepSource(VolumeSource):
                              device=self._device, threads=self._threads)
         with self.lock:
             self._take(volume)
+            self._method = method
 
     def advance(self, state: State) -> float | None:
         if not self.running:
@@ -117,7 +122,28 @@ class SweepSource(VolumeSource):
             volume = self._reconstructor.volume() if self._reconstructor.n_frames else _nothing()
         with self.lock:
             self._take(volume)
+            self._method = None
         self._last_shown = time.monotonic()
+
+    def origin(self, state: State) -> Origin:
+        """Of a file, its volume by the same method; while frames come in, what has come so far."""
+        file = self.files[0] if self.files else "sweep.igs.mha"
+        read = f"gb.read_sweep({', '.join([repr(file), *self.option_code()])})"
+        if self._method is not None:
+            before = ["globule", "reconstruct", file, *self.option_words(), "--method",
+                      self._method, "--spacing", f"{self.spacing:.9g}", "-o", "volume.npz"]
+            code = [f"sweep = {read}", f"volume = gb.reconstruct(sweep, method={self._method!r}, "
+                    f"spacing={self.spacing!r})"]
+            return self.surface_of("volume.npz", before, code, state)
+        code = [f"sweep = {read}",
+                f"grown = gb.Reconstructor({self.spacing!r}, compounding={self.compounding!r})",
+                f"for i in sweep.valid.nonzero()[0][:{len(self._taken)}]:",
+                "    grown.add(sweep.frames[i], sweep.world_from_image[i])",
+                "volume = grown.volume()"]
+        found = self.surface_of("volume.npz", [], code, state)
+        found.words, found.lives = [file, *self.option_words()], True
+        found.left.insert(0, "the frames that came")
+        return found
 
     def facts(self) -> dict[str, Any]:
         return super().facts() | {"frames": f"{self._reconstructor.n_frames:,}"}
@@ -141,8 +167,10 @@ def played(sweep: Sweep, rate: float = 20.0) -> Callable[[], Iterator[tuple[Any,
 
 
 def received(address: str, edges: Any) -> Callable[[], Iterator[tuple[Any, Any]]]:
-    """Frames of an OpenIGTLink server."""
-    from ..sweeps.live import receive
+    """Frames of an OpenIGTLink server. Raises ValueError for a bad address."""
+    from ..sweeps.live import parse_address, receive
+
+    parse_address(address)
 
     def frames() -> Iterator[tuple[Any, Any]]:
         for frame in receive(address, edges):

@@ -14,7 +14,7 @@ from ..volume import EMPTY, FILLED, Volume
 from ..volume_particles import iso_surface, otsu
 from .overlay import Plate
 from .scenes import SceneMaker
-from .source import Source, box_corners
+from .source import Origin, Source, box_corners
 from .state import State
 
 NOTHING = np.zeros((0, 3), np.float32)
@@ -50,6 +50,26 @@ class VolumeSource(Source):
         self._made, self._slices = None, {}
         self.version += 1
 
+    def origin(self, state: State) -> Origin:
+        from ..cli.volumes import SURFACES
+
+        file = self.files[0] if self.files else "volume.npz"
+        plain = not file.lower().endswith((*SURFACES, ".npz"))  # which would be a tomography
+        before = ["globule", "convert", file, "volume.nrrd"] if plain else []
+        return self.surface_of("volume.nrrd" if plain else file, before,
+                               [f"volume = gb.read_volume({file!r})"], state)
+
+    def surface_of(self, file: str, before: list[str], code: list[str], state: State) -> Origin:
+        """The iso-surface of a volume's file, for which `code` makes `volume`."""
+        shown = state.slices
+        level = float(shown.level or self.level)
+        code = ["from globule.volume_particles import iso_surface", *code,
+                f"particles = iso_surface(volume, {level!r}, {state.surface.kernel!r}).particles"]
+        left = [word for word, on in (("slices", shown.shown), ("the sweep's frame", shown.frame),
+                                      ("hiding the surface", not shown.surface)) if on]
+        return Origin([file, "--level", f"{level:.9g}"], code, before, left,
+                      unsaid=("threshold", "support"))
+
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         sizes = np.array(self.volume.values.shape[::-1]) - 1
         corners = np.array([[x, y, z, 1] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
@@ -61,20 +81,23 @@ class VolumeSource(Source):
         return box_corners(*self.bounds())
 
     def particles(self) -> Particles:
-        return self._surface(self.level)[0] if self._made is None else self._made[1]
+        if self._made is None:
+            self._surface(self.level, "murakami")
+        return self._made[1]
 
     def color_names(self) -> list[str]:
         return ["x", "y", "z", "value"]
 
-    def _surface(self, level: float) -> tuple[Particles, float | None]:
+    def _surface(self, level: float, kernel: str) -> tuple[Particles, float | None]:
         """The iso-surface's particles and threshold at a level."""
-        if self._made is None or self._made[0] != level:
+        asked = level, kernel
+        if self._made is None or self._made[0] != asked:
             try:
-                surface = iso_surface(self.volume, level)
-                self._made = level, surface.particles, surface.threshold
+                surface = iso_surface(self.volume, level, kernel)
+                self._made = asked, surface.particles, surface.threshold
             except ValueError:  # no voxel is that high
                 nothing = Particles(NOTHING, support=1.0, attributes={"value": NOTHING[:, 0]})
-                self._made = level, nothing, None
+                self._made = asked, nothing, None
         return self._made[1:]
 
     def layers(self, state: State) -> list[Layer]:
@@ -84,7 +107,7 @@ class VolumeSource(Source):
             if self._made is None or self._made[0] != "none":
                 self._made = "none", nothing, None
             return [Layer(self.maker.scene(self._made[1], state))]
-        particles, threshold = self._surface(shown.level or self.level)
+        particles, threshold = self._surface(shown.level or self.level, state.surface.kernel)
         return [Layer(self.maker.scene(particles, state, threshold))]
 
     def plates(self, state: State) -> list[Plate]:

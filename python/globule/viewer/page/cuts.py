@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from ...sim.instruments import matrix
 from .panel import Panel
 
 HANDLE = 0.45  # page units
@@ -15,15 +16,10 @@ class CutPanel(Panel):
     title = "Cut"
 
     def build(self) -> None:
-        viewer = self.viewer
-        lo, hi = viewer.source.bounds()
-        extent = viewer.placement.extent
-        middle = tuple(((lo + hi) / 2).tolist())
+        extent = self.viewer.placement.extent
         cuts, plain = self.state.cuts, type(self.state.cuts)()
-        if cuts == plain:  # nothing was loaded: begin where the scene is
-            near, far = (lo + hi) / 2, hi + 0.05 * extent
-            self.state.set(cuts__point=middle, cuts__center=middle, cuts__radius=extent / 4,
-                           cuts__lo=tuple(near.tolist()), cuts__hi=tuple(far.tolist()))
+        if cuts == plain:  # nothing was loaded
+            self._begin()
         self.gui.add_markdown("Switch one on, then drag its handles in the picture.")
         self.add("cuts", "plane")
         self.gui.add_button_group("Faces", ("x", "y", "z", "view", "flip")).on_click(
@@ -34,13 +30,33 @@ class CutPanel(Panel):
         self.add("cuts", "keep_box")
         self.add("cuts", "sphere")
         self.add("cuts", "keep_sphere")
-        self.add("cuts", "radius", least=extent / 100, most=extent)
+        self.radius = self.add("cuts", "radius", least=extent / 100, most=extent)
         self.button("No cuts", lambda browser: self.state.set(
             cuts__plane=False, cuts__box=False, cuts__sphere=False))
         self.gui.add_command("Cutting plane on and off", hotkey="C").on_trigger(self.safe(
             lambda event: self.state.set(cuts__plane=not self.state.cuts.plane)))
         self._handles()
         self.state.listen(self._follow)
+        self._follow({"cuts."})
+
+    def _begin(self) -> None:
+        """Where the scene is."""
+        with self.viewer.source.lock:
+            lo, hi = self.viewer.source.bounds()
+        extent = self.viewer.placement.extent
+        middle = tuple(((lo + hi) / 2).tolist())
+        near, far = (lo + hi) / 2, hi + 0.05 * extent
+        self.state.set(cuts__point=middle, cuts__center=middle, cuts__radius=extent / 4,
+                       cuts__lo=tuple(near.tolist()), cuts__hi=tuple(far.tolist()))
+
+    def grew(self, moved: bool) -> None:
+        if not moved:
+            return
+        extent, cuts = self.viewer.placement.extent, self.state.cuts
+        self.radius.min, self.radius.max = extent / 100, extent
+        self.radius.step = extent / 200
+        if not (cuts.plane or cuts.box or cuts.sphere):
+            self._begin()
         self._follow({"cuts."})
 
     def _face(self, event: Any) -> None:
@@ -70,7 +86,7 @@ class CutPanel(Panel):
             def _(event: Any) -> None:
                 changes = {f"cuts__{names['at']}": tuple(place.to_world(handle.position).tolist())}
                 if "normal" in names:
-                    changes["cuts__normal"] = tuple(first_axis(handle.wxyz).tolist())
+                    changes["cuts__normal"] = tuple(matrix(handle.wxyz)[:, 0].tolist())
                 try:
                     self.state.set(**changes)
                 except ValueError as error:
@@ -95,14 +111,8 @@ class CutPanel(Panel):
             if not np.allclose(handle.position, place(at), atol=1e-6):
                 handle.position = place(at)
         normal = np.asarray(cuts.normal) / (np.linalg.norm(cuts.normal) or 1)
-        if any(cuts.normal) and not np.allclose(first_axis(self.plane.wxyz), normal, atol=1e-5):
+        if any(cuts.normal) and not np.allclose(matrix(self.plane.wxyz)[:, 0], normal, atol=1e-5):
             self.plane.wxyz = turn_to(normal)
-
-
-def first_axis(wxyz: Any) -> np.ndarray:
-    """Where a rotation puts the x axis."""
-    w, x, y, z = (float(v) for v in wxyz)
-    return np.array([1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)])
 
 
 def turn_to(normal: np.ndarray) -> tuple[float, float, float, float]:

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from ...presets import PRESETS, preset
-from ...render import RenderSettings
+from ..picture import preset_look
 from .panel import Panel
 
 
@@ -35,13 +34,8 @@ class LookPanel(Panel):
 
 def use_preset(viewer: Any, name: str) -> None:
     """A preset with all that belongs to it, instead of what was set before."""
-    settings = RenderSettings()
-    if name in PRESETS:
-        with viewer.source.lock:
-            scene = viewer.source.layers(viewer.state.snapshot())[0].scene
-        settings = preset(name, scene, viewer.up)
-    viewer.state.set(
-        look__preset=name, look__matter="preset", look__lights="preset", look__sky="preset",
-        look__ground="preset", look__shadows=settings.shadows, look__depth=settings.depth,
-        look__ambient_rays=settings.ambient_rays, look__exposure=settings.exposure,
-    )
+    with viewer.source.lock:
+        look = preset_look(viewer.source, viewer.state.snapshot(), name, viewer.up)
+    names = ("preset", "matter", "lights", "sky", "ground", "shadows", "depth", "ambient_rays",
+             "exposure")
+    viewer.state.set(**{f"look__{name}": getattr(look, name) for name in names})

@@ -35,6 +35,9 @@ class Panel:
         button.on_click(self.safe(lambda event: called(event.client)))
         return button
 
+    def grew(self, moved: bool) -> None:
+        """More of what is shown has come; moved: so that the page's units are others now."""
+
     def connected(self, browser: Any, client: Any) -> None:
         """A browser has come."""
 

@@ -6,6 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from ...sim.instruments import matrix
+from ...sweeps.poses import quaternion
 from ..sweep_source import COMPOUNDING
 from .panel import Panel
 from .widgets import bounded
@@ -76,7 +78,7 @@ class Play(Panel):
             depth.on_update(self.safe(lambda event: setattr(
                 source, "cut_depth", bounded(depth) if bounded(depth) < 0.99 * longest else None)))
         for name, emitter in _named(sim, "emitters"):
-            self._switch(f"Emitter {name}", emitter, "on")
+            self._switch(f"Emitter {name}", emitter, emitter.on)
         for name, instrument in _named(sim, "instruments"):
             self._instrument(name, instrument)
 
@@ -93,40 +95,39 @@ class Play(Panel):
     def run(self, running: bool) -> None:
         self.viewer.source.play(running)
 
-    def _switch(self, label: str, thing: Any, name: str) -> None:
-        box = self.gui.add_checkbox(label, bool(getattr(thing, name, True)))
+    def _switch(self, label: str, thing: Any, on: bool) -> None:
+        box = self.gui.add_checkbox(label, on)
 
         def changed(event: Any) -> None:
             with self.viewer.source.lock:
-                setattr(thing, name, box.value)
+                thing.on = box.value
+                self.viewer.source.by_hand = True
 
         box.on_update(self.safe(changed))
 
     def _instrument(self, name: str, instrument: Any) -> None:
         """A handle in the picture that moves a scalpel or a sucker."""
         source, place = self.viewer.source, self.viewer.placement
-        pose = np.eye(4)
-        known = getattr(instrument, "pose", None)
-        if known is not None:
-            pose = np.asarray(known() if callable(known) else known, np.float64).reshape(4, 4)
         handle = self.page.server.scene.add_transform_controls(
-            f"/instruments/{name}", scale=0.35, depth_test=False, visible=False,
-            position=place.to_page(pose[:3, 3]))
+            f"/instruments/{name}", scale=0.35, depth_test=False, visible=False)
         shown = self.gui.add_checkbox(f"Move {name} by hand", False)
 
         def changed(event: Any) -> None:
+            with source.lock:
+                pose = instrument.pose
+            handle.position = place.to_page(pose[:3, 3])
+            handle.wxyz = np.roll(quaternion(pose[:3, :3]), 1)  # from x, y, z, w
             handle.visible = shown.value
             if not shown.value:
                 source.follow_keys(name)
 
         shown.on_update(self.safe(changed))
-        if hasattr(instrument, "on"):
-            self._switch(f"{name} on", instrument, "on")
+        self._switch(f"{name} on", instrument, instrument.works(source.simulation.time))
 
         @handle.on_update
         def _(event: Any) -> None:
             pose = np.eye(4)
-            pose[:3, :3] = rotation(handle.wxyz)
+            pose[:3, :3] = matrix(handle.wxyz)
             pose[:3, 3] = place.to_world(handle.position)
             try:
                 source.move(name, pose)
@@ -165,13 +166,3 @@ def _named(simulation: Any, name: str) -> list[tuple[str, Any]]:
     """A simulation's emitters or instruments, by name."""
     found = getattr(simulation, name, None)
     return list(found.items()) if hasattr(found, "items") else []
-
-
-def rotation(wxyz: Any) -> np.ndarray:
-    """The matrix of a unit quaternion."""
-    w, x, y, z = (float(v) for v in wxyz)
-    return np.array([
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ])

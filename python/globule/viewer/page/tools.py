@@ -11,7 +11,9 @@ from ..engine import Client
 from ..overlay import AMBER, RED, Mark
 from .widgets import safe
 
-ROTATE, MEASURE, CUT, GRASP = "Rotate, pick", "Measure", "Cut", "Grasp"
+ROTATE, MEASURE, CUT = "Rotate, pick", "Measure", "Cut"
+GRASP, SUCTION = "Grasp", "Suction"
+DRAGGED = (CUT, GRASP, SUCTION)  # with these a drag does not turn the view
 HINT = "*Cut* cuts along a line that you draw, *Measure* between two clicks."
 MOST_POINTS = 400  # of a stroke
 LONGEST = 12  # attributes that a mark names
@@ -26,6 +28,8 @@ class Tools:
         self.choices = (ROTATE, MEASURE, CUT)
         if hasattr(page.viewer.source, "grasp"):
             self.choices += (GRASP,)
+        if getattr(page.viewer.source, "suction", lambda: None)():
+            self.choices += (SUCTION,)
         with gui.add_folder("Tool") as self.folder:
             pass
         command = gui.add_command("Next tool", hotkey="T")
@@ -73,17 +77,18 @@ class Hand:
             ROTATE: HINT, MEASURE: "Click two points.",
             CUT: "Draw a line across what is to be cut.",
             GRASP: "Drag a piece of the surface while it runs.",
+            SUCTION: "Drag over what is to be taken away while it runs.",
         }[tool]
         if self._catcher is not None:
             self._catcher.remove()
             self._catcher = None
-        if tool in (CUT, GRASP):
+        if tool in DRAGGED:
             self._catch()
 
     # Clicks
 
     def _clicked(self, event: Any) -> None:
-        if self.tool in (CUT, GRASP):
+        if self.tool in DRAGGED:
             return
         found = self.pick(event.screen_pos)
         if found is None:
@@ -147,6 +152,9 @@ class Hand:
             self.stroke.append(here)
         if self.tool == GRASP:
             self.viewer.source.grasp(self, phase, start, here)
+            return
+        if self.tool == SUCTION:
+            self.viewer.source.suck(self, phase, here)
             return
         if phase != "end":
             self.client.mark([Mark(tuple(self.along_stroke()), "", RED)])

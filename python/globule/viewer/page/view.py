@@ -56,6 +56,10 @@ class View(Panel):
         camera = self.viewer.camera_of(browser.camera)
         self._see(browser, np.subtract(camera.eye, camera.look_at))
 
+    def grew(self, moved: bool) -> None:
+        for browser in self.page.server.get_clients().values() if moved else ():
+            self.fit(browser)
+
     def _see(self, browser: Any, towards: Any) -> None:
         viewer = self.viewer
         with viewer.source.lock:
