@@ -78,6 +78,9 @@ FramesView view(Array values, Address poses, Address mask, int n, int height, in
             n, height, width, first_order};
 }
 
+using Volume = std::tuple<Address, Address>;  ///< values, radius
+HostVolume host(const Volume& v) { return {at<void>(std::get<0>(v)), at<std::uint8_t>(std::get<1>(v))}; }
+
 void oracle_sweep(const std::string& method, Address values, Address poses, Address mask, const std::vector<int>& frames,
                   const std::vector<int>& size, bool whole, int compounding, int reach, bool printed, Address out, Address radius) {
     const oracle::SweepInput in{frames.at(0), frames.at(1), frames.at(2), at<const double>(values), at<const std::int64_t>(poses),
@@ -106,9 +109,9 @@ void bind_sweep(nb::module_& m) {
             s.type = ScalarType(type);
             work([&] { s.grid().start({s.type, compounding, wide, scale, {nx, ny, nz}}); });
         })
-        .def("grow", [](PyReconstructor& s, std::vector<int> size, std::vector<int> shift) {
+        .def("grow", [](PyReconstructor& s, std::vector<int> size, std::vector<int> shift, Volume from, Volume to) {
             if (size.size() != 3 || shift.size() != 3) throw nb::value_error("grow: expected three sizes and three shifts");
-            work([&] { s.grid().grow(size.data(), shift.data()); });
+            work([&] { s.grid().grow(size.data(), shift.data(), host(from), host(to)); });
         })
         .def("add", [](PyReconstructor& s, Array values, Address poses, Address mask, int n, int h, int w, std::uint32_t order, int sign) {
             work([&] { s.grid().add(view(values, poses, mask, n, h, w, order), sign); });

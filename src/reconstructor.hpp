@@ -69,6 +69,12 @@ struct FillRequest {
     bool incremental;                 ///< values and radius are the last ones: only what changed is written
 };
 
+/// A dense volume in host memory, (z, y, x); empty where null.
+struct HostVolume {
+    void* values;
+    std::uint8_t* radius;
+};
+
 struct VolumeFacts {
     std::uint64_t n_blocks, bytes;
     double bin_seconds, fill_seconds;
@@ -79,8 +85,9 @@ struct SweepGrid {
     virtual ~SweepGrid() = default;
     /// Forgets all frames; the grid is empty.
     virtual void start(const GridRequest& request) = 0;
-    /// A larger grid that holds the old one `shift` blocks of 4 voxels inside.
-    virtual void grow(const int size[3], const int shift[3]) = 0;
+    /// A larger grid that holds the old one `shift` blocks of 4 voxels inside. The volume filled last moves
+    /// from `from` to `to`, so that the next fill may be incremental; a backend with its own memory moves its own.
+    virtual void grow(const int size[3], const int shift[3], const HostVolume& from, const HostVolume& to) = 0;
     /// Bins frames; sign -1 takes them out again (mean only).
     virtual void add(const FramesView& frames, int sign) = 0;
     virtual void median(const FramesView& frames) = 0;

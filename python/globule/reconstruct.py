@@ -170,10 +170,7 @@ def fill(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Dense values and kernel radii (Z, Y, X); those of the call before may be given as `last`,
     then only what has changed since is written to them."""
-    if last is not None:
-        values, radius = last
-    else:
-        values, radius = np.empty(grid.size[::-1], dtype), np.empty(grid.size[::-1], np.uint8)
+    values, radius = last if last is not None else empty_volume(grid, dtype)
     reach = options.reach(grid.spacing)
     weights = hole_weight_table(reach) if reach <= _LARGEST_TABLE else None
     core.fill(
@@ -187,6 +184,11 @@ def fill(
         last is not None,
     )
     return values, radius
+
+
+def empty_volume(grid: VoxelGrid, dtype: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Room for dense values and kernel radii (Z, Y, X)."""
+    return np.empty(grid.size[::-1], dtype), np.empty(grid.size[::-1], np.uint8)
 
 
 @functools.lru_cache(maxsize=8)

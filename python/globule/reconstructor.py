@@ -17,6 +17,7 @@ from .reconstruct import (
     check_mask,
     check_options,
     check_poses,
+    empty_volume,
     fill,
     start,
     value_scale,
@@ -45,6 +46,10 @@ class _Added(NamedTuple):
     low: np.ndarray
     high: np.ndarray
     before: tuple[np.ndarray, np.ndarray] | None
+
+
+def _addresses(volume: tuple[np.ndarray, np.ndarray] | None) -> tuple[int, int]:
+    return (0, 0) if volume is None else (address(volume[0]), address(volume[1]))
 
 
 class Reconstructor:
@@ -235,8 +240,12 @@ class Reconstructor:
                 self._grid.low - before * edge, self.spacing, tuple(int(v) for v in n)
             )
             self._reserve(grid, added)
-            self._grid, self._dense = grid, None
-            self._core.grow(list(grid.size), before.tolist())
+            self._grid, last = grid, self._dense
+            if last is not None:
+                self._dense = empty_volume(grid, self._type)
+            self._core.grow(
+                list(grid.size), before.tolist(), _addresses(last), _addresses(self._dense)
+            )
         self._low, self._high = low, high
 
     def _lattice(self, grid: VoxelGrid, added: _Added) -> tuple[np.ndarray, np.ndarray]:

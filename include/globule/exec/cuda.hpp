@@ -128,6 +128,13 @@ public:
         return p;
     }
     void release(void* p) { cudaFree(p); }
+    /// More room, with the first `used` bytes of what was there.
+    void* extend(void* p, std::size_t used, std::size_t bytes) {
+        void* moved = allocate(bytes);
+        check(cudaMemcpyAsync(moved, p, used, cudaMemcpyDeviceToDevice, stream_));
+        release(p);  // waits for the copy
+        return moved;
+    }
     void upload(void* to, const void* from, std::size_t bytes) {
         staging_.upload(to, from, bytes, stream_);
     }

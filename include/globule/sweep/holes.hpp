@@ -121,6 +121,22 @@ struct DenseVolume {
     std::uint8_t* radius;
 };
 
+/// A row of voxels, at its place in the larger grid.
+template <class T>
+struct MoveRow {
+    Growth growth;
+    DenseVolume<T> from;
+    DenseVolume<T> to;
+    GB_FN void operator()(std::size_t row) const {
+        const Grid& old = growth.from;
+        const int y = int(row % old.size[1]), z = int(row / old.size[1]);
+        const std::size_t at = old.voxel(0, y, z);
+        const std::size_t moved = growth.to.voxel(kBlock * growth.shift[0], y + kBlock * growth.shift[1], z + kBlock * growth.shift[2]);
+        memcpy(to.values + moved, from.values + at, old.size[0] * sizeof(T));
+        memcpy(to.radius + moved, from.radius + at, old.size[0]);
+    }
+};
+
 /// A voxel of the dense volume, block by block; on the CPU a row of blocks is one task.
 template <class T>
 struct FillVoxel {
