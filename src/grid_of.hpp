@@ -266,7 +266,9 @@ private:
     }
     std::uint32_t* spread(int span, std::uint32_t* a, std::uint32_t* b) {
         for (int axis = 0; axis < 3; ++axis) {
-            exec_.for_each(grid_.n_blocks(), sweep::SpreadNear{grid_, axis, span, a, b});
+            const sweep::SpreadNear each{grid_, axis, span, a, b};
+            if constexpr (Exec::on_device) exec_.for_each(grid_.n_blocks(), each);
+            else exec_.for_each(std::size_t(grid_.blocks[1]) * grid_.blocks[2], sweep::SpreadNearRow{each});
             std::swap(a, b);
         }
         return a;

@@ -226,6 +226,23 @@ struct SpreadNear {
         to[i] = any;
     }
 };
+/// The same, a row of blocks a task.
+struct SpreadNearRow {
+    SpreadNear each;
+    GB_FN void operator()(std::size_t i) const {
+        const Grid& grid = each.grid;
+        const int n = grid.blocks[0], at[3] = {0, int(i % grid.blocks[1]), int(i / grid.blocks[1])};
+        const std::uint32_t* from = each.from + i * n;
+        std::uint32_t* to = each.to + i * n;
+        memcpy(to, from, n * sizeof *to);
+        const std::ptrdiff_t step = each.axis == 0 ? 1 : each.axis == 1 ? n : std::ptrdiff_t(n) * grid.blocks[1];
+        for (int d = -each.span; d <= each.span; ++d) {
+            if (each.axis != 0 && (at[each.axis] + d < 0 || at[each.axis] + d >= grid.blocks[each.axis])) continue;
+            const int first = each.axis == 0 ? most(0, -d) : 0, last = each.axis == 0 ? n - most(0, d) : n;
+            for (int x = first; x < last; ++x) to[x] |= from[x + d * step];
+        }
+    }
+};
 struct HasData {
     const std::uint64_t* masks;
     std::uint32_t* out;
