@@ -378,6 +378,7 @@ private:
     void check_cancelled() {
         if (!exec_.cancelled()) return;
         exec_.reset_cancelled();
+        all_changed_ = true;  // the dense volume is half written
         throw Cancelled{};
     }
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import re
+import signal
 import threading
 from dataclasses import dataclass
 
@@ -325,6 +326,23 @@ def test_incremental_region_and_history(backend):
     same_volume(live.volume(), sweep, list(range(4)), **backend)
     with pytest.raises(ValueError, match="undo: expected frames that are still remembered"):
         live.undo()
+
+
+def test_a_volume_that_was_interrupted_is_filled_again():
+    sweep = make_sweep(n=6, gap=3.0)
+    live = Reconstructor(0.25, max_kernel=25, device="cpu", threads=1)
+    live.add(sweep.frames[:3], sweep.world_from_image[:3])
+    live.volume()
+    live.add(sweep.frames[3:], sweep.world_from_image[3:])
+    before = signal.signal(signal.SIGALRM, signal.default_int_handler)
+    try:
+        signal.setitimer(signal.ITIMER_REAL, 0.02)
+        with pytest.raises(KeyboardInterrupt):
+            live.volume()
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, before)
+    same_volume(live.volume(), sweep, list(range(6)), max_kernel=25, device="cpu")
 
 
 def test_incremental_refuses():

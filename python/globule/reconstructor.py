@@ -240,12 +240,11 @@ class Reconstructor:
                 self._grid.low - before * edge, self.spacing, tuple(int(v) for v in n)
             )
             self._reserve(grid, added)
-            self._grid, last = grid, self._dense
-            if last is not None:
-                self._dense = empty_volume(grid, self._type)
+            dense = None if self._dense is None else empty_volume(grid, self._type)
             self._core.grow(
-                list(grid.size), before.tolist(), _addresses(last), _addresses(self._dense)
+                list(grid.size), before.tolist(), _addresses(self._dense), _addresses(dense)
             )
+            self._grid, self._dense = grid, dense
         self._low, self._high = low, high
 
     def _lattice(self, grid: VoxelGrid, added: _Added) -> tuple[np.ndarray, np.ndarray]:
