@@ -79,7 +79,7 @@ FramesView view(Array values, Address poses, Address mask, int n, int height, in
 }
 
 using Volume = std::tuple<Address, Address>;  ///< values, radius
-HostVolume host(const Volume& v) { return {at<void>(std::get<0>(v)), at<std::uint8_t>(std::get<1>(v))}; }
+DenseArrays arrays(const Volume& v) { return {at<void>(std::get<0>(v)), at<std::uint8_t>(std::get<1>(v))}; }
 
 void oracle_sweep(const std::string& method, Address values, Address poses, Address mask, const std::vector<int>& frames,
                   const std::vector<int>& size, bool whole, int compounding, int reach, bool printed, Address out, Address radius) {
@@ -111,7 +111,7 @@ void bind_sweep(nb::module_& m) {
         })
         .def("grow", [](PyReconstructor& s, std::vector<int> size, std::vector<int> shift, Volume from, Volume to) {
             if (size.size() != 3 || shift.size() != 3) throw nb::value_error("grow: expected three sizes and three shifts");
-            work([&] { s.grid().grow(size.data(), shift.data(), host(from), host(to)); });
+            work([&] { s.grid().grow(size.data(), shift.data(), arrays(from), arrays(to)); });
         })
         .def("add", [](PyReconstructor& s, Array values, Address poses, Address mask, int n, int h, int w, std::uint32_t order, int sign) {
             work([&] { s.grid().add(view(values, poses, mask, n, h, w, order), sign); });
@@ -128,6 +128,13 @@ void bind_sweep(nb::module_& m) {
                 s.grid().fill(FillMethod(method), view(frames, poses, mask, n, h, w, 0),
                              {reach, at<const std::uint32_t>(weights), kind, at<void>(values), at<std::uint8_t>(radius), incremental});
             });
+        })
+        .def("filled", [](PyReconstructor& s) {
+            const DenseArrays a = s.grid().filled();
+            return Volume{reinterpret_cast<Address>(a.values), reinterpret_cast<Address>(a.radius)};
+        })
+        .def("read_filled", [](PyReconstructor& s, Address values, Address radius) {
+            work([&] { s.grid().read_filled(arrays({values, radius})); });
         })
         .def("count_map", [](PyReconstructor& s, Address out) { work([&] { s.grid().count_map(at<std::uint32_t>(out)); }); })
         .def("variance_map", [](PyReconstructor& s, Array values, Address poses, Address mask, int n, int h, int w, Address out) {

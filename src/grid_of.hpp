@@ -5,6 +5,7 @@
 
 #include "globule/exec/buffer.hpp"
 #include "globule/sweep/bezier.hpp"
+#include "globule/sweep/fill_block.hpp"
 #include "globule/sweep/maps.hpp"
 #include "globule/sweep/plain.hpp"
 #include "globule/sweep/tile.hpp"
@@ -35,7 +36,7 @@ public:
         exec_.for_each(grid_.n_blocks(), sweep::Set<std::uint32_t>{slots, sweep::kNone});
     }
 
-    void grow(const int size[3], const int shift[3], const HostVolume& from, const HostVolume& to) override {
+    void grow(const int size[3], const int shift[3], const DenseArrays& from, const DenseArrays& to) override {
         using namespace sweep;
         const Grid old = grid_;
         const bool filled = !all_changed_;
@@ -65,7 +66,7 @@ public:
     }
 
     void add(const FramesView& view, int sign) override {
-        const sweep::Frames<T> frames = bring(view);
+        const sweep::Frames<T> frames = bring(view, false);
         exec_.mark(0);
         if (sign > 0) {
             std::uint32_t* wanted = wanted_list();
@@ -74,9 +75,19 @@ public:
         } else {
             touch(frames, nullptr);
         }
-        const sweep::BinRows<T> bin{frames, grid_, coding_, slots_.data(), bins_.data(), sign};
-        if constexpr (Exec::on_device) exec_.for_each(rows(frames) * frames.width, sweep::BinPixels<T>{bin});
-        else exec_.for_each(rows(frames), bin);
+        // Where pixels have to be brought, some frames are binned while the next ones are on their way.
+        const std::size_t image = std::size_t(frames.height) * frames.width;
+        const bool here = view.values.on_device == Exec::on_device;
+        const int group = here ? frames.n : most(1, int(kGroup / (image * sizeof(T))));
+        for (int first = 0; first < frames.n; first += group) {
+            sweep::Frames<T> some = frames;
+            some.n = least(group, frames.n - first);
+            some.values += first * image;
+            some.poses += first;
+            some.first_order += std::uint32_t(first * image);
+            if (!here) exec_.upload(frames_.data() + first * image, static_cast<const T*>(view.values.data) + first * image, some.n * image * sizeof(T));
+            bin(some, sign);
+        }
         exec_.mark(1);
     }
 
@@ -118,10 +129,13 @@ public:
         else fill_plain_points(bring(view), tables, out);
         exec_.mark(3);
         check_cancelled();
-        if (Exec::on_device && r.values) {
-            exec_.download(r.values, out.values, grid_.n_voxels() * sizeof(T));
-            exec_.download(r.radius, out.radius, grid_.n_voxels());
-        }
+        if (Exec::on_device) read_filled({r.values, r.radius});
+    }
+
+    DenseArrays filled() override { return {out_.data(), radius_.data()}; }
+    void read_filled(const DenseArrays& out) override {
+        if (out.values) exec_.download(out.values, out_.data(), grid_.n_voxels() * sizeof(T));
+        if (out.radius) exec_.download(out.radius, radius_.data(), grid_.n_voxels());
     }
 
     void count_map(std::uint32_t* out) override {
@@ -161,12 +175,22 @@ private:
     }
     static std::size_t rows(const sweep::Frames<T>& frames) { return std::size_t(frames.n) * frames.height; }
 
-    sweep::Frames<T> bring(const FramesView& view) {
+    static constexpr std::size_t kGroup = 4 << 20;  ///< bytes of frames that are brought at a time
+
+    void bin(const sweep::Frames<T>& frames, int sign) {
+        const sweep::BinRows<T> bin{frames, grid_, coding_, slots_.data(), bins_.data(), sign};
+        if constexpr (Exec::on_device) exec_.for_each(rows(frames) * frames.width, sweep::BinPixels<T>{bin});
+        else exec_.for_each(rows(frames), bin);
+    }
+
+    /// Poses and mask, and the pixels unless only room for them is asked for, where kernels can read them.
+    sweep::Frames<T> bring(const FramesView& view, bool pixels = true) {
         static_assert(sizeof(sweep::Pose) == 9 * sizeof(std::int64_t));
         const std::size_t image = std::size_t(view.height) * view.width;
         const auto* poses = reinterpret_cast<const sweep::Pose*>(view.poses);
         sweep::Frames<T> out{static_cast<const T*>(view.values.data), poses, view.mask, view.n, view.height, view.width, view.first_order};
-        if (view.values.on_device != Exec::on_device) out.values = upload(frames_, out.values, view.n * image);
+        if (view.values.on_device != Exec::on_device)
+            out.values = pixels ? upload(frames_, out.values, view.n * image) : frames_.reserve(view.n * image);
         if (Exec::on_device) {
             out.poses = upload(poses_, poses, view.n);
             if (view.mask) out.mask = upload(mask_, view.mask, image);
@@ -288,7 +312,13 @@ private:
     void fill_dense(const sweep::FillVoxel<T>& each) {
         using namespace sweep;
         if constexpr (Exec::on_device) {
-            exec_.for_each(grid_.n_blocks() * kVoxels, each);
+            const int reach = each.filler.tables.cubes.reach;
+            if (reach == 0 || reach > FillBlock<T>::kReach || getenv("GB_OLD")) return exec_.for_each(grid_.n_blocks() * kVoxels, each);
+            if (!each.dirty) {
+                exec_.clear(each.out.values, grid_.n_voxels() * sizeof(T));
+                exec_.for_each(grid_.n_voxels(), Set<std::uint8_t>{each.out.radius, kFar});
+            }
+            exec_.for_each_tile(grid_.n_blocks(), FillBlock<T>{each});
         } else {
             if (each.filler.tables.cubes.reach == 0 && !each.dirty) {
                 exec_.for_each_task(std::size_t(grid_.blocks[1]) * grid_.blocks[2], CopyBlockRow<T>{each});

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from . import _core
-from .arrays import address
+from .arrays import DeviceArray, address, located
 from .device import choose
 from .scene import _count
 from .sweep_grid import VoxelGrid, bounds, check_memory, estimate_bytes, free_host_bytes, make_grid
@@ -57,7 +57,8 @@ def reconstruct(
     """Reconstruct a volume from all valid frames of a sweep.
 
     Args:
-        sweep: `Sweep`: frames (F, H, W) uint8, uint16 or float32, and their poses, mm.
+        sweep: `Sweep`: frames (F, H, W) uint8, uint16 or float32, and their poses, mm. If they
+            lie on the GPU that is to reconstruct, the volume stays there too until it is read.
         method: "pvn-om" bins pixels into voxels and fills holes from a growing kernel; "vvn-om"
             averages, for every voxel, the pixels in a growing sphere; "pvn" and "vvn" are the same
             without octree, for comparison; "bezier" lays curves through pixels of four frames.
@@ -78,20 +79,23 @@ def reconstruct(
         MemoryError: the volume cannot fit; names the spacing that would.
     """
     options = check_options(method, max_kernel, compounding, hole_weights, max_distance)
-    frames = check_frames(sweep.frames)
+    chosen = choose(device)
+    frames = sweep.frames
+    if isinstance(frames, DeviceArray) and chosen.name == "cpu":
+        frames = np.asarray(frames)
+    frames = check_frames(frames)
     valid = np.flatnonzero(sweep.valid)
     if len(valid) == 0:
         raise ValueError("sweep: expected at least one valid frame, got none")
     world_from_image = np.asarray(sweep.world_from_image, np.float64)[valid]
     check_poses(world_from_image)
     if len(valid) < len(frames):
-        frames = np.ascontiguousarray(frames[valid])
+        frames = np.ascontiguousarray(frames[valid])  # also of device frames: on the host from here
     mask = check_mask(getattr(sweep, "mask", None), frames.shape[1:])
     low, high = bounds(world_from_image, mask, frames.shape[1:])
     grid = make_grid(low, high, spacing, size, region)
     poses = grid.poses(world_from_image)
 
-    chosen = choose(device)
     core = _core.Reconstructor(chosen.backend, chosen.index, _count("threads", threads))
     needed = check_memory(
         lambda times: estimate_bytes(
@@ -101,7 +105,7 @@ def reconstruct(
         grid,
     )
     whole = (
-        (address(frames), False),
+        located(frames),
         address(poses),
         0 if mask is None else address(mask),
         *frames.shape,
@@ -111,7 +115,9 @@ def reconstruct(
         core.bezier(*whole)
     elif options.method == "pvn-om":
         core.median(*whole) if options.compounding == "median" else core.add(*whole, 0, 1)
-    values, radius = fill(core, grid, frames.dtype, options, whole)
+    on_device = isinstance(frames, DeviceArray)
+    into = filled_on_device if on_device else fill
+    values, radius = into(core, grid, frames.dtype, options, whole)
     info = {
         **core.facts(),
         "estimated_bytes": needed,
@@ -171,6 +177,31 @@ def fill(
     """Dense values and kernel radii (Z, Y, X); those of the call before may be given as `last`,
     then only what has changed since is written to them."""
     values, radius = last if last is not None else empty_volume(grid, dtype)
+    _fill(core, grid, options, whole, address(values), address(radius), last is not None)
+    return values, radius
+
+
+def filled_on_device(
+    core: Any, grid: VoxelGrid, dtype: Any, options: Options, whole: tuple
+) -> tuple[DeviceArray, DeviceArray]:
+    """The same, left in the GPU's memory."""
+    _fill(core, grid, options, whole, 0, 0, False)
+    arrays = []
+    for k, (place, kind) in enumerate(zip(core.filled(), (dtype, np.uint8), strict=True)):
+
+        def fetch(k: int = k, kind: Any = kind) -> np.ndarray:
+            out = np.empty(grid.size[::-1], kind)
+            core.read_filled(*(address(out) if k == i else 0 for i in (0, 1)))
+            return out
+
+        arrays.append(DeviceArray(place, grid.size[::-1], kind, core, fetch))
+    return tuple(arrays)
+
+
+def _fill(
+    core: Any, grid: VoxelGrid, options: Options, whole: tuple, values: int, radius: int,
+    incremental: bool,
+) -> None:  # fmt: skip
     reach = options.reach(grid.spacing)
     weights = hole_weight_table(reach) if reach <= _LARGEST_TABLE else None
     core.fill(
@@ -179,11 +210,10 @@ def fill(
         reach,
         0 if weights is None else address(weights),
         HOLE_WEIGHTS.index(options.hole_weights),
-        address(values),
-        address(radius),
-        last is not None,
+        values,
+        radius,
+        incremental,
     )
-    return values, radius
 
 
 def empty_volume(grid: VoxelGrid, dtype: Any) -> tuple[np.ndarray, np.ndarray]:
@@ -219,7 +249,7 @@ class FrameMaps:
         """ "count" uint32, "variance" float32 or "source" int32, (Z, Y, X)."""
         core = _core.Reconstructor(self.chosen.backend, self.chosen.index, self.threads)
         whole = (
-            (address(self.frames), False),
+            located(self.frames),
             address(self.poses),
             0 if self.mask is None else address(self.mask),
             *self.frames.shape,
@@ -268,9 +298,10 @@ def check_options(
     return Options(method, int(max_kernel), compounding, hole_weights, max_distance)
 
 
-def check_frames(frames: Any) -> np.ndarray:
+def check_frames(frames: Any) -> np.ndarray | DeviceArray:
     """Frames (F, H, W), C-contiguous."""
-    frames = np.ascontiguousarray(frames)
+    if not isinstance(frames, DeviceArray):
+        frames = np.ascontiguousarray(frames)
     if frames.ndim != 3 or 0 in frames.shape:
         raise ValueError(f"frames: expected shape (F, H, W), got {frames.shape}")
     if frames.dtype not in _TYPES:

@@ -11,6 +11,7 @@ import numpy as np
 from . import _core
 from .arrays import address
 from .device import choose
+from .particles import to_host
 from .reconstruct import (
     FrameMaps,
     check_frames,
@@ -114,7 +115,7 @@ class Reconstructor:
             frames: (H, W) or (F, H, W), of the same type and size as those before.
             poses: (4, 4) or (F, 4, 4) world_from_image, mm.
         """
-        frames = np.asarray(frames)
+        frames = to_host(frames)
         frames = check_frames(frames[None] if frames.ndim == 2 else frames)
         world_from_image = np.array(poses, np.float64)
         if world_from_image.ndim == 2:

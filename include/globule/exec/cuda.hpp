@@ -109,6 +109,11 @@ public:
     explicit Cuda(int device) : device_(device), temporary_(*this), next_(*this) {
         check(cudaSetDevice(device_));
         check(cudaDeviceGetAttribute(&n_processors_, cudaDevAttrMultiProcessorCount, device_));
+        std::size_t free = 0, total = 0;
+        check(cudaMemGetInfo(&free, &total));
+        check(cudaDeviceGetDefaultMemPool(&pool_, device_));
+        std::uint64_t kept = total / kPoolShare;
+        check(cudaMemPoolSetAttribute(pool_, cudaMemPoolAttrReleaseThreshold, &kept));
         check(cudaStreamCreate(&stream_));  // ordered with the default stream of other libraries
         for (cudaEvent_t& e : marks_) check(cudaEventCreate(&e));
         check(cudaEventCreateWithFlags(&done_, cudaEventDisableTiming));
@@ -121,10 +126,13 @@ public:
     bool cancelled() const { return false; }
     void reset_cancelled() {}
 
+    /// From the device's pool, which keeps some of what is released: asking the driver for the memory of a
+    /// large volume takes as long as filling it.
     void* allocate(std::size_t bytes) {
         check(cudaSetDevice(device_));
         void* p = nullptr;
-        check(cudaMalloc(&p, bytes));
+        check(cudaMallocAsync(&p, bytes, stream_));
+        synchronize();
         return p;
     }
     void release(void* p) { cudaFree(p); }
@@ -151,8 +159,11 @@ public:
     }
     std::uint64_t free_bytes() const {
         std::size_t free = 0, total = 0;
+        std::uint64_t reserved = 0, used = 0;
         check(cudaMemGetInfo(&free, &total));
-        return free;
+        check(cudaMemPoolGetAttribute(pool_, cudaMemPoolAttrReservedMemCurrent, &reserved));
+        check(cudaMemPoolGetAttribute(pool_, cudaMemPoolAttrUsedMemCurrent, &used));
+        return free + reserved - used;
     }
 
     void mark(int i) { check(cudaEventRecord(marks_[i], stream_)); }
@@ -254,8 +265,11 @@ private:
         check(call(room, bytes));
     }
 
+    static constexpr std::uint64_t kPoolShare = 16;  ///< of the device's memory that released memory may keep
+
     int device_;
     int n_processors_ = 1;
+    cudaMemPool_t pool_ = nullptr;
     cudaStream_t stream_ = nullptr;
     cudaEvent_t marks_[16] = {};
     cudaEvent_t done_ = nullptr;

@@ -81,35 +81,45 @@ struct HoleFiller {
 
     GB_FN std::uint8_t fill(const int* b, int place, T& out) const {
         const int l[3] = {place & 3, place >> 2 & 3, place >> 4};
-        for (int r = 1; r <= tables.cubes.reach; ++r) {
-            int sigma2 = 0;
-            for_each_hit(b, l, r, [&](int dx, int dy, int dz, std::size_t, std::uint64_t hits) {
-                const int x = 4 * dx - l[0], y = 4 * dy - l[1], z = 4 * dz - l[2];
-                for (; hits; hits &= hits - 1) {
-                    const int u = trailing_zeros(hits);
-                    sigma2 = most(sigma2, square(x + (u & 3)) + square(y + (u >> 2 & 3)) + square(z + (u >> 4)));
-                }
-            });
-            if (!sigma2) continue;
-            typename Sums<T>::Total sum{};
-            std::uint64_t weight = 0, n = 0;
-            for_each_hit(b, l, r, [&](int dx, int dy, int dz, std::size_t block, std::uint64_t hits) {
-                const int x = 4 * dx - l[0], y = 4 * dy - l[1], z = 4 * dz - l[2];
-                const T* values = bins.values + std::size_t(bins.slots[block]) * kVoxels;
-                for (; hits; hits &= hits - 1) {
-                    const int u = trailing_zeros(hits);
-                    const std::uint32_t w =
-                        tables.weight(sigma2, square(x + (u & 3)) + square(y + (u >> 2 & 3)) + square(z + (u >> 4)));
-                    sum += Sums<T>::term(w, values[u]);
-                    weight += w;
-                    ++n;
-                }
-            });
-            out = Sums<T>::quotient(sum, tables.kind == HoleWeights::normalized ? weight : n << 24);
-            return std::uint8_t(r);
-        }
+        for (int r = 1; r <= tables.cubes.reach; ++r)
+            if (weigh(l, out, [&](const auto& visit) {
+                    for_each_hit(b, l, r, [&](int dx, int dy, int dz, std::size_t block, std::uint64_t hits) {
+                        visit(dx, dy, dz, bins.slots[block], hits);
+                    });
+                }))
+                return std::uint8_t(r);
         out = T{};
         return kFar;
+    }
+    /// The weighted mean of the hits around voxel l; false where there is none.  for_each calls
+    /// visit(block offset x, y, z, slot, bits), the same way each time.
+    template <class ForEach>
+    GB_FN bool weigh(const int* l, T& out, const ForEach& for_each) const {
+        int sigma2 = 0;
+        for_each([&](int dx, int dy, int dz, std::uint32_t, std::uint64_t hits) {
+            const int x = 4 * dx - l[0], y = 4 * dy - l[1], z = 4 * dz - l[2];
+            for (; hits; hits &= hits - 1) {
+                const int u = trailing_zeros(hits);
+                sigma2 = most(sigma2, square(x + (u & 3)) + square(y + (u >> 2 & 3)) + square(z + (u >> 4)));
+            }
+        });
+        if (!sigma2) return false;
+        typename Sums<T>::Total sum{};
+        std::uint64_t weight = 0, n = 0;
+        for_each([&](int dx, int dy, int dz, std::uint32_t slot, std::uint64_t hits) {
+            const int x = 4 * dx - l[0], y = 4 * dy - l[1], z = 4 * dz - l[2];
+            const T* values = bins.values + std::size_t(slot) * kVoxels;
+            for (; hits; hits &= hits - 1) {
+                const int u = trailing_zeros(hits);
+                const std::uint32_t w =
+                    tables.weight(sigma2, square(x + (u & 3)) + square(y + (u >> 2 & 3)) + square(z + (u >> 4)));
+                sum += Sums<T>::term(w, values[u]);
+                weight += w;
+                ++n;
+            }
+        });
+        out = Sums<T>::quotient(sum, tables.kind == HoleWeights::normalized ? weight : n << 24);
+        return true;
     }
     GB_FN static int square(int v) { return v * v; }
 };
