@@ -1,9 +1,10 @@
-// Volumes from tracked sweeps: addresses in, addresses out, as in core.cpp.
+// Volumes from tracked sweeps: addresses in, addresses out, as in arguments.hpp.
 #include <nanobind/nanobind.h>
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/tuple.h>
 #include <nanobind/stl/vector.h>
 
+#include "arguments.hpp"
 #include "dispatch.hpp"
 #include "sweep_oracle.hpp"
 
@@ -12,34 +13,11 @@ using namespace globule;
 
 namespace {
 
-using Address = std::uintptr_t;
-template <class T>
-T* at(Address a) { return reinterpret_cast<T*>(a); }
-using Array = std::tuple<Address, bool>;
-
-bool poll_signals() {
-    nb::gil_scoped_acquire gil;
-    return PyErr_CheckSignals() != 0;
-}
-
-template <class Fn>
-auto work(const Fn& fn) {
-    try {
-        nb::gil_scoped_release release;
-        return fn();
-    } catch (const Cancelled&) {
-        throw nb::python_error();
-    }
-}
-
 struct PyReconstructor {
     std::unique_ptr<Reconstructor> core;
     ScalarType type = ScalarType::u8;
     SweepGrid& grid() { return core->grid(type); }
 };
-
-template <class T>
-T item(const nb::dict& d, const char* name) { return nb::cast<T>(d[name]); }
 
 nb::tuple plus(PyReconstructor& self, const nb::dict& d, const nb::list& fillers) {
     PlusRequest r{};

@@ -12,7 +12,15 @@ from . import _core
 from .arrays import DeviceArray, address, located
 from .device import choose
 from .scene import _count
-from .sweep_grid import VoxelGrid, bounds, check_memory, estimate_bytes, free_host_bytes, make_grid
+from .sweep_grid import (
+    VoxelGrid,
+    areas,
+    bounds,
+    check_memory,
+    estimate_bytes,
+    free_host_bytes,
+    make_grid,
+)
 from .volume import Volume
 
 METHODS = ("pvn-om", "vvn-om", "pvn", "vvn", "bezier")
@@ -152,7 +160,7 @@ def crowded(poses: np.ndarray, shape: tuple[int, int]) -> bool:
     x, y = (poses[:, k : k + 3] / 2.0**32 for k in (3, 6))
     column = np.linalg.norm(x, axis=1)
     with np.errstate(divide="ignore", invalid="ignore"):
-        row = np.linalg.norm(np.cross(x, y), axis=1) / column
+        row = areas(x, y) / column
         bound = (np.sqrt(3) / column + 1) * (np.sqrt(3) / row + 1)
     most = np.where(np.isfinite(bound), np.minimum(bound, math.prod(shape)), math.prod(shape))
     return bool(most.sum() >= 2**24)
@@ -322,8 +330,7 @@ def check_poses(world_from_image: np.ndarray) -> None:
     if not np.isfinite(world_from_image).all():
         raise ValueError("world_from_image: expected finite numbers, got NaN or infinity")
     x, y = world_from_image[:, :3, 0], world_from_image[:, :3, 1]
-    area = np.linalg.norm(np.cross(x, y), axis=1)
-    if not (area > 1e-12 * np.linalg.norm(x, axis=1) * np.linalg.norm(y, axis=1)).all():
+    if not (areas(x, y) > 1e-12 * np.linalg.norm(x, axis=1) * np.linalg.norm(y, axis=1)).all():
         raise ValueError(
             "world_from_image: expected axes that span a plane, got a singular calibration"
         )

@@ -53,11 +53,19 @@ class Volume:
         self._values = np.asarray(self._values)
         return self._values
 
+    @values.setter
+    def values(self, values: np.ndarray) -> None:
+        self._values, self.device_values = values, None
+
     @property
     def radius(self) -> np.ndarray:
         """(Z, Y, X) uint8: 0 measured, k filled from a cube of (2 k + 1)^3, 255 empty."""
         self._radius = np.asarray(self._radius)
         return self._radius
+
+    @radius.setter
+    def radius(self, radius: np.ndarray) -> None:
+        self._radius, self.device_radius = radius, None
 
     @property
     def shape(self) -> tuple[int, int, int]:

@@ -127,20 +127,21 @@ public:
     void reset_cancelled() {}
 
     /// From the device's pool, which keeps some of what is released: asking the driver for the memory of a
-    /// large volume takes as long as filling it.
+    /// large volume takes as long as filling it.  The default stream waits for all others, and they for it.
     void* allocate(std::size_t bytes) {
         check(cudaSetDevice(device_));
         void* p = nullptr;
-        check(cudaMallocAsync(&p, bytes, stream_));
-        synchronize();
+        check(cudaMallocAsync(&p, bytes, nullptr));
         return p;
     }
-    void release(void* p) { cudaFree(p); }
+    void release(void* p) {
+        if (p) cudaFreeAsync(p, nullptr);
+    }
     /// More room, with the first `used` bytes of what was there.
     void* extend(void* p, std::size_t used, std::size_t bytes) {
         void* moved = allocate(bytes);
         check(cudaMemcpyAsync(moved, p, used, cudaMemcpyDeviceToDevice, stream_));
-        release(p);  // waits for the copy
+        release(p);
         return moved;
     }
     void upload(void* to, const void* from, std::size_t bytes) {

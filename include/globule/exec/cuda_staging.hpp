@@ -94,9 +94,9 @@ public:
 private:
     static std::size_t env(const char* n, std::size_t d) { const char* v = getenv(n); return v ? atoll(v) : d; }
     static constexpr std::size_t kRoom = 16 << 20;
-    std::size_t kPart = env("GB_PART", 2048) << 10, kWorth = env("GB_WORTH", 1024) << 10;
+    std::size_t kPart = env("GB_PART", 4096) << 10, kWorth = env("GB_WORTH", 512) << 10;
     static constexpr std::size_t kParts = 4;
-    int kThreads = env("GB_THREADS", 4);
+    int kThreads = env("GB_THREADS", 8);
 
     char* part(std::size_t k) const { return parts_ + k * kPart; }
     /// False where there is no page-locked memory to be had.

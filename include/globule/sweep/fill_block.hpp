@@ -3,6 +3,10 @@
 //
 // A row of 12 voxels, the block's four and four on either side, is 12 bits.  Rows are joined over the
 // y and then the z that a cube spans; a cube of radius r holds something where the joined row meets 2 r + 1 bits.
+//
+// What it holds lies on its surface, where a distance belongs to voxels at (+-a, +-b, +-r) in any order, a <= b <= r:
+// integers are added up by distance before they are weighted.  Sums of floats depend on their order, which is that
+// of holes.hpp.
 #pragma once
 #include "globule/sweep/holes.hpp"
 
@@ -12,6 +16,8 @@ template <class T>
 struct FillBlock {
     static constexpr int kReach = kBlock, kWide = 3 * kBlock;  ///< largest radius; voxels of a row
 
+    static constexpr int kSumBits = 24;  ///< of up to 48 values of 16 bits; their number lies above
+
     FillVoxel<T> each;
 
     struct Room {
@@ -20,6 +26,7 @@ struct FillBlock {
         std::uint16_t rows[kWide][kWide];             ///< [z][y]
         std::uint16_t strips[kReach][kWide][kBlock];  ///< [radius - 1][z][y], joined over y
         std::uint16_t cubes[kReach][kBlock][kBlock];  ///< and over z
+        std::uint32_t values[is_real<T> ? 1 : kWide * kWide * kWide];  ///< (z, y, x); of integers: 1 << kSumBits | value, or 0
     };
     template <class Group>
     using Scratch = Room;
@@ -58,6 +65,14 @@ struct FillBlock {
             for (int d = -r; d <= r; ++d) row |= s.strips[r - 1][z + d][y];
             s.cubes[r - 1][z - kBlock][y] = row;
         });
+        if constexpr (!is_real<T>)
+            group.share(27 * kVoxels, [&](int i) {
+                const int at = i / kVoxels, v = i % kVoxels;
+                std::uint32_t value = 0;
+                if (s.masks[at] >> v & 1) value = 1u << kSumBits | bins.values[std::size_t(s.slots[at]) * kVoxels + v];
+                const int x = at % 3 * kBlock + (v & 3), y = at / 3 % 3 * kBlock + (v >> 2 & 3), z = at / 9 * kBlock + (v >> 4);
+                s.values[(z * kWide + y) * kWide + x] = value;
+            });
         group.share(kVoxels, [&](int place) { fill(s, b, block, place); });
     }
 
@@ -78,11 +93,59 @@ struct FillBlock {
             while (r <= filler.tables.cubes.reach && !(s.cubes[r - 1][l[2]][l[1]] >> (kBlock + l[0] - r) & ((2u << 2 * r) - 1))) ++r;
             if (r <= filler.tables.cubes.reach) {
                 radius = std::uint8_t(r);
-                filler.weigh(l, value, [&](const auto& visit) { for_each_hit(s, l, r, visit); });
+                if constexpr (is_real<T>) {
+                    filler.weigh(l, value, [&](const auto& visit) { for_each_hit(s, l, r, visit); });
+                } else {
+                    const std::uint32_t* middle = s.values + ((l[2] + kBlock) * kWide + l[1] + kBlock) * kWide + l[0] + kBlock;
+                    if (r == 1) value = weighted<1>(middle);
+                    else if (r == 2) value = weighted<2>(middle);
+                    else if (r == 3) value = weighted<3>(middle);
+                    else value = weighted<4>(middle);
+                }
             }
         }
         each.out.values[at] = value;
         each.out.radius[at] = radius;
+    }
+    /// Values at (+-x, +-y, +-z).
+    GB_FN static std::uint32_t mirrored(const std::uint32_t* v, int x, int y, int z) {
+        std::uint32_t sum = 0;
+#pragma unroll
+        for (int signs = 0; signs < 8; ++signs) {
+            if ((signs & 1 && !x) || (signs & 2 && !y) || (signs & 4 && !z)) continue;
+            sum += v[((signs & 4 ? -z : z) * kWide + (signs & 2 ? -y : y)) * kWide + (signs & 1 ? -x : x)];
+        }
+        return sum;
+    }
+    template <int r>
+    GB_FN T weighted(const std::uint32_t* v) const {
+        constexpr int n = (r + 1) * (r + 2) / 2;
+        std::uint32_t sums[n];
+        int sigma2 = 0;
+#pragma unroll
+        for (int b = 0; b <= r; ++b)
+#pragma unroll
+            for (int a = 0; a <= b; ++a) {
+                std::uint32_t sum = mirrored(v, a, b, r);
+                if (b != r) sum += mirrored(v, a, r, b) + mirrored(v, r, a, b);
+                if (a != b) sum += mirrored(v, b, a, r) + (b != r ? mirrored(v, b, r, a) + mirrored(v, r, b, a) : mirrored(v, r, r, a));
+                sums[b * (b + 1) / 2 + a] = sum;
+                if (sum) sigma2 = most(sigma2, a * a + b * b + r * r);
+            }
+        const HoleTables& tables = each.filler.tables;
+        std::uint64_t total = 0, weight = 0, known = 0;
+#pragma unroll
+        for (int b = 0; b <= r; ++b)
+#pragma unroll
+            for (int a = 0; a <= b; ++a) {
+                const std::uint32_t sum = sums[b * (b + 1) / 2 + a];
+                if (!sum) continue;
+                const std::uint64_t w = tables.weight(sigma2, a * a + b * b + r * r);
+                total += w * (sum & ((1u << kSumBits) - 1));
+                weight += w * (sum >> kSumBits);
+                known += sum >> kSumBits;
+            }
+        return Sums<T>::quotient(total, tables.kind == HoleWeights::normalized ? weight : known << 24);
     }
     template <class Visit>
     GB_FN void for_each_hit(const Room& s, const int* l, int r, const Visit& visit) const {
