@@ -1,4 +1,4 @@
-// globule._core: addresses in, addresses out.  Python has checked every array before it comes here.
+// globule._core: scenes, frames and the reference implementations.
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
 #include <nanobind/stl/shared_ptr.h>
@@ -6,6 +6,7 @@
 #include <nanobind/stl/tuple.h>
 #include <nanobind/stl/vector.h>
 
+#include "arguments.hpp"
 #include "dispatch.hpp"
 #include "oracle.hpp"
 #include "picture.hpp"
@@ -15,30 +16,7 @@ using namespace globule;
 
 namespace {
 
-using Address = std::uintptr_t;
-template <class T>
-T* at(Address a) { return reinterpret_cast<T*>(a); }
-
-/// (address, is it device memory); address 0 stands for an absent array.
-using Array = std::tuple<Address, bool>;
 FloatArray floats(const Array& a) { return {at<const float>(std::get<0>(a)), std::get<1>(a)}; }
-
-/// Ctrl-C during long work: true once Python has a pending signal's exception.
-bool poll_signals() {
-    nb::gil_scoped_acquire gil;
-    return PyErr_CheckSignals() != 0;
-}
-
-/// Runs without the GIL; a cancelled call leaves Python's own exception set.
-template <class Fn>
-auto work(const Fn& fn) {
-    try {
-        nb::gil_scoped_release release;
-        return fn();
-    } catch (const Cancelled&) {
-        throw nb::python_error();
-    }
-}
 
 CameraRays camera(const std::vector<float>& v, int width, int height, bool orthographic) {
     auto part = [&](int i) { return float3{v.at(3 * i), v.at(3 * i + 1), v.at(3 * i + 2)}; };

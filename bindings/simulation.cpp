@@ -1,10 +1,11 @@
-// Particle simulations: addresses in, addresses out, as in core.cpp.
+// Particle simulations: addresses in, addresses out, as in arguments.hpp.
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/tuple.h>
 #include <nanobind/stl/vector.h>
 
+#include "arguments.hpp"
 #include "dispatch.hpp"
 #include "picture.hpp"
 #include "scene_handle.hpp"
@@ -14,19 +15,6 @@
 using namespace globule;
 
 namespace {
-
-using Address = std::uintptr_t;
-template <class T>
-T* at(Address a) { return reinterpret_cast<T*>(a); }
-
-template <class T>
-T item(const nb::dict& d, const char* name) { return nb::cast<T>(d[name]); }
-
-template <class Fn>
-decltype(auto) work(const Fn& fn) {
-    nb::gil_scoped_release release;
-    return fn();
-}
 
 struct PySimulation {
     std::unique_ptr<Simulation> core;

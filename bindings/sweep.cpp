@@ -1,9 +1,10 @@
-// Volumes from tracked sweeps: addresses in, addresses out, as in core.cpp.
+// Volumes from tracked sweeps: addresses in, addresses out, as in arguments.hpp.
 #include <nanobind/nanobind.h>
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/tuple.h>
 #include <nanobind/stl/vector.h>
 
+#include "arguments.hpp"
 #include "dispatch.hpp"
 #include "sweep_oracle.hpp"
 
@@ -12,34 +13,11 @@ using namespace globule;
 
 namespace {
 
-using Address = std::uintptr_t;
-template <class T>
-T* at(Address a) { return reinterpret_cast<T*>(a); }
-using Array = std::tuple<Address, bool>;
-
-bool poll_signals() {
-    nb::gil_scoped_acquire gil;
-    return PyErr_CheckSignals() != 0;
-}
-
-template <class Fn>
-auto work(const Fn& fn) {
-    try {
-        nb::gil_scoped_release release;
-        return fn();
-    } catch (const Cancelled&) {
-        throw nb::python_error();
-    }
-}
-
 struct PyReconstructor {
     std::unique_ptr<Reconstructor> core;
     ScalarType type = ScalarType::u8;
     SweepGrid& grid() { return core->grid(type); }
 };
-
-template <class T>
-T item(const nb::dict& d, const char* name) { return nb::cast<T>(d[name]); }
 
 nb::tuple plus(PyReconstructor& self, const nb::dict& d, const nb::list& fillers) {
     PlusRequest r{};
@@ -78,6 +56,9 @@ FramesView view(Array values, Address poses, Address mask, int n, int height, in
             n, height, width, first_order};
 }
 
+using Volume = std::tuple<Address, Address>;  ///< values, radius
+DenseArrays arrays(const Volume& v) { return {at<void>(std::get<0>(v)), at<std::uint8_t>(std::get<1>(v))}; }
+
 void oracle_sweep(const std::string& method, Address values, Address poses, Address mask, const std::vector<int>& frames,
                   const std::vector<int>& size, bool whole, int compounding, int reach, bool printed, Address out, Address radius) {
     const oracle::SweepInput in{frames.at(0), frames.at(1), frames.at(2), at<const double>(values), at<const std::int64_t>(poses),
@@ -106,9 +87,9 @@ void bind_sweep(nb::module_& m) {
             s.type = ScalarType(type);
             work([&] { s.grid().start({s.type, compounding, wide, scale, {nx, ny, nz}}); });
         })
-        .def("grow", [](PyReconstructor& s, std::vector<int> size, std::vector<int> shift) {
+        .def("grow", [](PyReconstructor& s, std::vector<int> size, std::vector<int> shift, Volume from, Volume to) {
             if (size.size() != 3 || shift.size() != 3) throw nb::value_error("grow: expected three sizes and three shifts");
-            work([&] { s.grid().grow(size.data(), shift.data()); });
+            work([&] { s.grid().grow(size.data(), shift.data(), arrays(from), arrays(to)); });
         })
         .def("add", [](PyReconstructor& s, Array values, Address poses, Address mask, int n, int h, int w, std::uint32_t order, int sign) {
             work([&] { s.grid().add(view(values, poses, mask, n, h, w, order), sign); });
@@ -125,6 +106,13 @@ void bind_sweep(nb::module_& m) {
                 s.grid().fill(FillMethod(method), view(frames, poses, mask, n, h, w, 0),
                              {reach, at<const std::uint32_t>(weights), kind, at<void>(values), at<std::uint8_t>(radius), incremental});
             });
+        })
+        .def("filled", [](PyReconstructor& s) {
+            const DenseArrays a = s.grid().filled();
+            return Volume{reinterpret_cast<Address>(a.values), reinterpret_cast<Address>(a.radius)};
+        })
+        .def("read_filled", [](PyReconstructor& s, Address values, Address radius) {
+            work([&] { s.grid().read_filled(arrays({values, radius})); });
         })
         .def("count_map", [](PyReconstructor& s, Address out) { work([&] { s.grid().count_map(at<std::uint32_t>(out)); }); })
         .def("variance_map", [](PyReconstructor& s, Array values, Address poses, Address mask, int n, int h, int w, Address out) {

@@ -1,4 +1,4 @@
-// Tissue, by itself or of a simulation: addresses in, addresses out, as in core.cpp.
+// Tissue, by itself or of a simulation: addresses in, addresses out, as in arguments.hpp.
 #include "tissue_handle.hpp"
 
 #include <nanobind/stl/string.h>
@@ -6,6 +6,7 @@
 
 #include <algorithm>
 
+#include "arguments.hpp"
 #include "dispatch.hpp"
 
 namespace nb = nanobind;
@@ -13,21 +14,6 @@ using namespace globule;
 
 namespace {
 
-using Address = std::uintptr_t;
-template <class T>
-T* at(Address a) { return reinterpret_cast<T*>(a); }
-
-bool poll_signals() {
-    nb::gil_scoped_acquire gil;
-    return PyErr_CheckSignals() != 0;
-}
-template <class Fn>
-auto work(const Fn& fn) {
-    nb::gil_scoped_release release;
-    return fn();
-}
-template <class T>
-T item(const nb::dict& d, const char* name) { return nb::cast<T>(d[name]); }
 float3 vec(nb::handle h) {
     const auto v = nb::cast<std::vector<float>>(h);
     return {v.at(0), v.at(1), v.at(2)};

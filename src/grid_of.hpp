@@ -5,6 +5,7 @@
 
 #include "globule/exec/buffer.hpp"
 #include "globule/sweep/bezier.hpp"
+#include "globule/sweep/fill_block.hpp"
 #include "globule/sweep/maps.hpp"
 #include "globule/sweep/plain.hpp"
 #include "globule/sweep/tile.hpp"
@@ -20,7 +21,7 @@ class GridOf final : public SweepGrid {
 public:
     explicit GridOf(Exec& exec)
         : exec_(exec), frames_(exec), mask_(exec), poses_(exec), slots_(exec), wanted_(exec), changed_(exec), blocks_(exec), bins_(exec),
-          spare_(exec), squares_(exec), values_(exec), masks_(exec), near_(exec), tables_(exec), weights_(exec), out_(exec), radius_(exec),
+          squares_(exec), values_(exec), masks_(exec), near_(exec), tables_(exec), weights_(exec), out_(exec), radius_(exec),
           keys_(exec), pixels_(exec), places_(exec), point_values_(exec), runs_(exec) {}
 
     void start(const GridRequest& r) override {
@@ -28,21 +29,44 @@ public:
         n_slots_ = 0;
         taken_ = false;
         for (int i = 0; i < 4; ++i) exec_.mark(i);
-        set_size(r.size);
+        resize(r.size);
+        all_changed_ = true;
+        changed_.reserve(grid_.n_blocks());
         std::uint32_t* slots = slots_.reserve(grid_.n_blocks());
         exec_.for_each(grid_.n_blocks(), sweep::Set<std::uint32_t>{slots, sweep::kNone});
     }
 
-    void grow(const int size[3], const int shift[3]) override {
-        const sweep::Grid old = grid_;
-        set_size(size);
-        std::uint32_t* slots = slots_.reserve(grid_.n_blocks());
-        exec_.for_each(grid_.n_blocks(), sweep::Set<std::uint32_t>{slots, sweep::kNone});
-        exec_.for_each(n_slots_, sweep::MoveBlocks{old, grid_, {shift[0], shift[1], shift[2]}, blocks_.data(), slots});
+    void grow(const int size[3], const int shift[3], const DenseArrays& from, const DenseArrays& to) override {
+        using namespace sweep;
+        const Grid old = grid_;
+        const bool filled = !all_changed_;
+        resize(size);
+        const Growth growth{old, grid_, {shift[0], shift[1], shift[2]}};
+        exec_.for_each(n_slots_, MoveSlots{growth, blocks_.data()});
+        move(slots_, growth, kNone);
+        if (filled) {
+            move(masks_, growth, std::uint64_t(0));
+            move(changed_, growth, std::uint32_t(1));  // what is new has no values yet
+            const std::size_t n_rows = std::size_t(old.size[1]) * old.size[2];
+            if constexpr (Exec::on_device) {
+                Room<T> values(exec_);
+                Room<std::uint8_t> radius(exec_);
+                values.reserve(grid_.n_voxels());
+                radius.reserve(grid_.n_voxels());
+                exec_.for_each_task(n_rows, MoveRow<T>{growth, {out_.data(), radius_.data()}, {values.data(), radius.data()}});
+                values.swap(out_);
+                radius.swap(radius_);
+            } else if (to.values) {
+                const DenseVolume<T> before{static_cast<T*>(from.values), from.radius}, after{static_cast<T*>(to.values), to.radius};
+                exec_.for_each(n_rows, MoveRow<T>{growth, before, after});
+            }
+        } else {
+            changed_.reserve(grid_.n_blocks());
+        }
     }
 
     void add(const FramesView& view, int sign) override {
-        const sweep::Frames<T> frames = bring(view);
+        const sweep::Frames<T> frames = bring(view, false);
         exec_.mark(0);
         if (sign > 0) {
             std::uint32_t* wanted = wanted_list();
@@ -51,9 +75,19 @@ public:
         } else {
             touch(frames, nullptr);
         }
-        const sweep::BinRows<T> bin{frames, grid_, coding_, slots_.data(), bins_.data(), sign};
-        if constexpr (Exec::on_device) exec_.for_each(rows(frames) * frames.width, sweep::BinPixels<T>{bin});
-        else exec_.for_each(rows(frames), bin);
+        // Where pixels have to be brought, some frames are binned while the next ones are on their way.
+        const std::size_t image = std::size_t(frames.height) * frames.width;
+        const bool here = view.values.on_device == Exec::on_device;
+        const int group = here ? frames.n : most(1, int(kGroup / (image * sizeof(T))));
+        for (int first = 0; first < frames.n; first += group) {
+            sweep::Frames<T> some = frames;
+            some.n = least(group, frames.n - first);
+            some.values += first * image;
+            some.poses += first;
+            some.first_order += std::uint32_t(first * image);
+            if (!here) exec_.upload(frames_.data() + first * image, static_cast<const T*>(view.values.data) + first * image, some.n * image * sizeof(T));
+            bin(some, sign);
+        }
         exec_.mark(1);
     }
 
@@ -95,10 +129,13 @@ public:
         else fill_plain_points(bring(view), tables, out);
         exec_.mark(3);
         check_cancelled();
-        if (Exec::on_device && r.values) {
-            exec_.download(r.values, out.values, grid_.n_voxels() * sizeof(T));
-            exec_.download(r.radius, out.radius, grid_.n_voxels());
-        }
+        if (Exec::on_device) read_filled({r.values, r.radius});
+    }
+
+    DenseArrays filled() override { return {out_.data(), radius_.data()}; }
+    void read_filled(const DenseArrays& out) override {
+        if (out.values) exec_.download(out.values, out_.data(), grid_.n_voxels() * sizeof(T));
+        if (out.radius) exec_.download(out.radius, radius_.data(), grid_.n_voxels());
     }
 
     void count_map(std::uint32_t* out) override {
@@ -116,29 +153,44 @@ public:
     }
 
     VolumeFacts facts() override {
-        const std::uint64_t bytes = frames_.bytes() + slots_.bytes() + wanted_.bytes() + blocks_.bytes() + bins_.bytes() + spare_.bytes() +
+        const std::uint64_t bytes = frames_.bytes() + slots_.bytes() + wanted_.bytes() + blocks_.bytes() + bins_.bytes() +
                                     squares_.bytes() + values_.bytes() + masks_.bytes() + near_.bytes() + out_.bytes() + radius_.bytes() +
                                     keys_.bytes() + pixels_.bytes() + places_.bytes() + point_values_.bytes() + runs_.bytes();
         return {n_slots_, bytes, exec_.elapsed(0, 1), exec_.elapsed(2, 3)};
     }
 
 private:
-    void set_size(const int size[3]) {
+    void resize(const int size[3]) {
         for (int k = 0; k < 3; ++k) {
             grid_.size[k] = size[k];
             grid_.blocks[k] = ceil_div(size[k], sweep::kBlock);
         }
-        all_changed_ = true;
-        changed_.reserve(grid_.n_blocks());
+    }
+    template <class U>
+    void move(Room<U>& table, const sweep::Growth& growth, U outside) {
+        Room<U> moved(exec_);
+        moved.reserve(grid_.n_blocks());
+        exec_.for_each(grid_.n_blocks(), sweep::MoveTable<U>{growth, table.data(), moved.data(), outside});
+        moved.swap(table);
     }
     static std::size_t rows(const sweep::Frames<T>& frames) { return std::size_t(frames.n) * frames.height; }
 
-    sweep::Frames<T> bring(const FramesView& view) {
+    static constexpr std::size_t kGroup = 4 << 20;  ///< bytes of frames that are brought at a time
+
+    void bin(const sweep::Frames<T>& frames, int sign) {
+        const sweep::BinRows<T> bin{frames, grid_, coding_, slots_.data(), bins_.data(), sign};
+        if constexpr (Exec::on_device) exec_.for_each(rows(frames) * frames.width, sweep::BinPixels<T>{bin});
+        else exec_.for_each(rows(frames), bin);
+    }
+
+    /// Poses and mask, and the pixels unless only room for them is asked for, where kernels can read them.
+    sweep::Frames<T> bring(const FramesView& view, bool pixels = true) {
         static_assert(sizeof(sweep::Pose) == 9 * sizeof(std::int64_t));
         const std::size_t image = std::size_t(view.height) * view.width;
         const auto* poses = reinterpret_cast<const sweep::Pose*>(view.poses);
         sweep::Frames<T> out{static_cast<const T*>(view.values.data), poses, view.mask, view.n, view.height, view.width, view.first_order};
-        if (view.values.on_device != Exec::on_device) out.values = upload(frames_, out.values, view.n * image);
+        if (view.values.on_device != Exec::on_device)
+            out.values = pixels ? upload(frames_, out.values, view.n * image) : frames_.reserve(view.n * image);
         if (Exec::on_device) {
             out.poses = upload(poses_, poses, view.n);
             if (view.mask) out.mask = upload(mask_, view.mask, image);
@@ -162,9 +214,9 @@ private:
         exec_.exclusive_scan(grid_.n_blocks() + 1, wanted);
         std::uint32_t n_new;
         exec_.download(&n_new, wanted + grid_.n_blocks(), sizeof n_new);
-        keep(blocks_, n_slots_, n_slots_ + n_new);
+        blocks_.keep(n_slots_, n_slots_ + n_new);
         const std::size_t before = n_slots_ * sweep::kVoxels * words, n = std::size_t(n_new) * sweep::kVoxels * words;
-        keep(bins_, before, before + n);
+        bins_.keep(before, before + n);
         exec_.clear(bins_.data() + before, n * sizeof(std::uint64_t));
         exec_.for_each(grid_.n_blocks(), sweep::PlaceBlocks{wanted, std::uint32_t(n_slots_), slots_.data(), blocks_.data()});
         n_slots_ += n_new;
@@ -174,23 +226,6 @@ private:
         if constexpr (Exec::on_device) exec_.for_each(rows(frames) * frames.width, sweep::TouchPixels<T>{touch});
         else exec_.for_each(rows(frames), touch);
     }
-    /// Room for n items of which the first `used` stay; half as much again when it grows.
-    template <class U>
-    void keep(Room<U>& room, std::size_t used, std::size_t n) {
-        if (n <= room.capacity()) return;
-        if (used == 0) {
-            room.reserve(n);
-            return;
-        }
-        const std::size_t words = ceil_div<std::size_t>(used * sizeof(U), 8);
-        std::uint64_t* spare = spare_.reserve(words);
-        auto* from = reinterpret_cast<std::uint64_t*>(room.data());
-        exec_.for_each(words, sweep::Copy<std::uint64_t>{from, spare});
-        exec_.synchronize();
-        auto* to = reinterpret_cast<std::uint64_t*>(room.reserve(n + n / 2 + 1));
-        exec_.for_each(words, sweep::Copy<std::uint64_t>{spare, to});
-    }
-
     T* reserve_values() {
         T* values = values_.reserve(n_slots_ * sweep::kVoxels);
         std::uint64_t* masks = masks_.reserve(grid_.n_blocks());
@@ -200,7 +235,7 @@ private:
     }
     /// Values and masks from the bins; only of blocks that changed, if `some`.
     void finish(bool some) {
-        if (some) keep(values_, n_finished_ * sweep::kVoxels, n_slots_ * sweep::kVoxels);
+        if (some) values_.keep(n_finished_ * sweep::kVoxels, n_slots_ * sweep::kVoxels);
         else reserve_values();
         const sweep::FinishBlock<T> blocks{coding_, blocks_.data(), bins_.data(), some ? changed_.data() : nullptr, values_.data(), masks_.data()};
         if constexpr (Exec::on_device) {
@@ -255,7 +290,9 @@ private:
     }
     std::uint32_t* spread(int span, std::uint32_t* a, std::uint32_t* b) {
         for (int axis = 0; axis < 3; ++axis) {
-            exec_.for_each(grid_.n_blocks(), sweep::SpreadNear{grid_, axis, span, a, b});
+            const sweep::SpreadNear each{grid_, axis, span, a, b};
+            if constexpr (Exec::on_device) exec_.for_each(grid_.n_blocks(), each);
+            else exec_.for_each(std::size_t(grid_.blocks[1]) * grid_.blocks[2], sweep::SpreadNearRow{each});
             std::swap(a, b);
         }
         return a;
@@ -275,7 +312,13 @@ private:
     void fill_dense(const sweep::FillVoxel<T>& each) {
         using namespace sweep;
         if constexpr (Exec::on_device) {
-            exec_.for_each(grid_.n_blocks() * kVoxels, each);
+            const int reach = each.filler.tables.cubes.reach;
+            if (reach == 0 || reach > FillBlock<T>::kReach || getenv("GB_OLD")) return exec_.for_each(grid_.n_blocks() * kVoxels, each);
+            if (!each.dirty) {
+                exec_.clear(each.out.values, grid_.n_voxels() * sizeof(T));
+                exec_.for_each(grid_.n_voxels(), Set<std::uint8_t>{each.out.radius, kFar});
+            }
+            exec_.for_each_tile(grid_.n_blocks(), FillBlock<T>{each});
         } else {
             if (each.filler.tables.cubes.reach == 0 && !each.dirty) {
                 exec_.for_each_task(std::size_t(grid_.blocks[1]) * grid_.blocks[2], CopyBlockRow<T>{each});
@@ -365,6 +408,7 @@ private:
     void check_cancelled() {
         if (!exec_.cancelled()) return;
         exec_.reset_cancelled();
+        all_changed_ = true;  // the dense volume is half written
         throw Cancelled{};
     }
 
@@ -389,7 +433,7 @@ private:
     Room<std::uint8_t> mask_;
     Room<sweep::Pose> poses_;
     Room<std::uint32_t> slots_, wanted_, changed_, blocks_;
-    Room<std::uint64_t> bins_, spare_, squares_;
+    Room<std::uint64_t> bins_, squares_;
     Room<T> values_;
     Room<std::uint64_t> masks_;
     Room<std::uint32_t> near_;

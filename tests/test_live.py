@@ -276,15 +276,26 @@ def test_a_recording_that_was_cut_anywhere():
         Recorder("other")
 
 
-def test_the_picture_is_drawn_while_frames_come(sweep, capsys):
+def test_the_pictures_are_drawn_while_frames_come(sweep, capsys):
     server = Server(sweep)
     server.serve(slice(None), pause=0.02)
     words = ["reconstruct", "--live", server.address, "--idle", "0.5", "-o", "v.npz", *CPU]
-    words += ["--spacing", "1", "--three-view", "v.png", "--refresh", "0.05"]
-    facts = run_json(capsys, *words)
+    words += ["--spacing", "1", "--refresh", "0.05"]
+    facts = run_json(capsys, *words, "--three-view", "v.png")
     assert facts["live"]["drawn"] > 2
     assert np.asarray(Image.open("v.png")).max() > 100
     assert sorted(os.listdir()) == ["phantom.igs.mha", "v.npz", "v.png"]
+
+
+def test_the_surface_is_drawn_while_frames_come(sweep, capsys):
+    server = Server(sweep)
+    server.serve(slice(None), pause=0.02)
+    words = ["reconstruct", "--live", server.address, "--idle", "0.5", "-o", "v.npz", *CPU]
+    facts = run_json(capsys, *words, "--spacing", "1", "--refresh", "0.05", "--surface", "s.png")
+    assert facts["live"]["drawn"] > 0
+    surface = np.asarray(Image.open("s.png"))
+    assert (surface != surface[0, 0]).any(axis=2).mean() > 0.05
+    assert sorted(os.listdir()) == ["phantom.igs.mha", "s.png", "v.npz"]
 
 
 def test_live_maps(sweep, capsys):

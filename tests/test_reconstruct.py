@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import importlib
 import re
+import signal
 import threading
 from dataclasses import dataclass
 
 import numpy as np
 import pytest
 from globule import sweep_oracle
+from globule.device import choose
 from globule.reconstruct import METHODS, reconstruct
 from globule.reconstructor import Reconstructor
+from globule.sweep import Sweep
 from globule.sweep_grid import VoxelGrid
 
 
@@ -327,6 +330,23 @@ def test_incremental_region_and_history(backend):
         live.undo()
 
 
+def test_a_volume_that_was_interrupted_is_filled_again():
+    sweep = make_sweep(n=6, gap=3.0)
+    live = Reconstructor(0.25, max_kernel=25, device="cpu", threads=1)
+    live.add(sweep.frames[:3], sweep.world_from_image[:3])
+    live.volume()
+    live.add(sweep.frames[3:], sweep.world_from_image[3:])
+    before = signal.signal(signal.SIGALRM, signal.default_int_handler)
+    try:
+        signal.setitimer(signal.ITIMER_REAL, 0.02)
+        with pytest.raises(KeyboardInterrupt):
+            live.volume()
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, before)
+    same_volume(live.volume(), sweep, list(range(6)), max_kernel=25, device="cpu")
+
+
 def test_incremental_refuses():
     live = Reconstructor(0.5, device="cpu")
     with pytest.raises(ValueError, match="volume: expected frames"):
@@ -353,3 +373,59 @@ def test_the_spacing_that_would_fit_does(monkeypatch, method):
     monkeypatch.setattr(module, "free_host_bytes", lambda: 1000)
     with pytest.raises(MemoryError, match="take fewer frames"):
         reconstruct(sweep, "vvn-om", spacing=0.5, device="cpu")
+
+
+class OnGpu:
+    """What a package's array in GPU memory shows; it has none."""
+
+    def __init__(self, shape, typestr, strides=None):
+        self.shape = shape
+        self.__cuda_array_interface__ = {
+            "shape": shape, "typestr": typestr, "data": (4096, False), "strides": strides,
+            "version": 3,
+        }  # fmt: skip
+
+    def get(self):
+        return np.full(self.shape, 7, np.uint8)
+
+
+def test_frames_on_a_gpu_must_lie_as_they_are_used():
+    poses = make_sweep(n=3).world_from_image
+    with pytest.raises(TypeError, match="frames: expected uint8 or uint16 on the device, got flo"):
+        Sweep(OnGpu((3, 20, 24), "<f4"), poses)
+    with pytest.raises(TypeError, match="C-contiguous"):
+        Sweep(OnGpu((3, 20, 24), "|u1", (1000, 24, 1)), poses)
+    with pytest.raises(ValueError, match=r"expected shape \(F, H, W\), got \(20, 24\)"):
+        Sweep(OnGpu((20, 24), "|u1"), poses)
+
+
+def test_frames_on_a_gpu_are_copied_for_the_cpu():
+    sweep = Sweep(OnGpu((3, 20, 24), "|u1"), make_sweep(n=3).world_from_image)
+    volume = reconstruct(sweep, spacing=0.6, device="cpu")
+    assert set(volume.values[volume.measured]) == {7}
+    live = Reconstructor(0.6, device="cpu")
+    live.add(sweep.frames, sweep.world_from_image)
+    assert live.volume().n_measured and volume.device_values is None
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+@pytest.mark.parametrize("method", METHODS)
+def test_frames_on_the_gpu_that_reconstructs(method, dtype):
+    cupy = pytest.importorskip("cupy")
+    try:
+        choose("cuda")
+    except RuntimeError as error:
+        pytest.skip(f"cuda: {error}")
+    made = make_sweep(dtype=dtype)
+    made.world_from_image[3] = np.nan
+    for part in (slice(0, 3), slice(0, 7)):  # all valid; some not
+        frames, poses = made.frames[part], made.world_from_image[part]
+        there = reconstruct(Sweep(cupy.asarray(frames), poses), method, spacing=0.6, device="cuda")
+        here = reconstruct(Sweep(frames, poses), method, spacing=0.6, device="cuda")
+        if there.device_values is not None:
+            np.testing.assert_array_equal(cupy.asarray(there.device_values).get(), here.values)
+            np.testing.assert_array_equal(cupy.asarray(there.device_radius).get(), here.radius)
+        np.testing.assert_array_equal(there.values, here.values)
+        np.testing.assert_array_equal(there.radius, here.radius)
+        np.testing.assert_array_equal(there.count, here.count)
+        assert (there.device_values is not None) == (part.stop == 3)

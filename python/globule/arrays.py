@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -54,22 +55,73 @@ def view(name: str, value: Any, columns: int | None) -> View:
 
 
 def _device_view(name: str, value: Any, columns: int | None) -> View:
+    found = device_array(name, value, ("float32",))
+    _check_shape(name, found.shape, columns)
+    return View(found.address, True, found.shape, found.owner)
+
+
+class DeviceArray:
+    """A C-contiguous array in GPU memory, which NumPy reads by copying it.
+
+    owner keeps the memory; fetch copies it into a NumPy array.
+    """
+
+    def __init__(
+        self, address: int, shape: tuple[int, ...], dtype: Any, owner: Any,
+        fetch: Callable[[], np.ndarray] | None = None,
+    ):  # fmt: skip
+        self.address, self.shape, self.dtype, self.owner = address, shape, np.dtype(dtype), owner
+        self._fetch = fetch
+
+    @property
+    def __cuda_array_interface__(self) -> dict[str, Any]:
+        return {"version": 3, "shape": self.shape, "typestr": self.dtype.str, "strides": None,
+                "data": (self.address, False)}  # fmt: skip
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
+        from .particles import to_host
+
+        array = self._fetch() if self._fetch else to_host(self.owner)
+        return array if dtype is None else array.astype(dtype, copy=False)
+
+    def __len__(self) -> int:
+        return self.shape[0]
+
+    def __getitem__(self, index: Any) -> np.ndarray:
+        """A part of it, in NumPy."""
+        return np.asarray(self)[index]
+
+    @property
+    def ndim(self) -> int:
+        return len(self.shape)
+
+    @property
+    def size(self) -> int:
+        return int(np.prod(self.shape))
+
+    @property
+    def itemsize(self) -> int:
+        return self.dtype.itemsize
+
+
+def device_array(name: str, value: Any, dtypes: tuple[str, ...]) -> DeviceArray:
+    """What lies on the GPU, of one of these types and C-contiguous; it is used where it is."""
     interface = getattr(value, "__cuda_array_interface__", None)
     if interface is not None:
-        shape, kind = tuple(interface["shape"]), interface["typestr"]
+        shape, kind = tuple(interface["shape"]), np.dtype(interface["typestr"]).name
         strides = interface.get("strides")
         address = interface["data"][0] or 0
     else:
         address, shape, steps, code, bits, _, _, value = _core.dlpack_view(value)
-        kind = "<f4" if (code, bits) == (2, 32) else f"DLPack type {code}, {bits} bits"
-        strides = tuple(4 * s for s in steps)
-    if kind != "<f4":
-        raise TypeError(f"{name}: expected float32 on the device, got {kind}")
-    packed = tuple(4 * int(np.prod(shape[i + 1 :])) for i in range(len(shape)))
+        kind = {0: "int", 1: "uint", 2: "float"}.get(code, f"DLPack type {code}, ") + str(bits)
+        strides = tuple(bits // 8 * s for s in steps)
+    if kind not in dtypes:
+        raise TypeError(f"{name}: expected {' or '.join(dtypes)} on the device, got {kind}")
+    item = np.dtype(kind).itemsize
+    packed = tuple(item * int(np.prod(shape[i + 1 :])) for i in range(len(shape)))
     if strides is not None and tuple(strides) != packed and 0 not in shape:
         raise TypeError(f"{name}: expected a C-contiguous device array, got strides {strides}")
-    _check_shape(name, shape, columns)
-    return View(address, True, shape, value)
+    return DeviceArray(address, tuple(shape), kind, value)
 
 
 def _check_shape(name: str, shape: tuple[int, ...], columns: int | None) -> None:
@@ -82,3 +134,10 @@ def _check_shape(name: str, shape: tuple[int, ...], columns: int | None) -> None
 def address(array: np.ndarray) -> int:
     """Where a NumPy array's data lies."""
     return array.__array_interface__["data"][0]
+
+
+def located(array: np.ndarray | DeviceArray) -> tuple[int, bool]:
+    """Where an array's data lies, and whether that is on a GPU."""
+    if isinstance(array, DeviceArray):
+        return array.address, True
+    return address(array), False

@@ -60,7 +60,7 @@ def reconstruct_plus(
         config = read_plus_config(config)
     if extent not in ("round", "floor"):
         raise ValueError(f"extent: expected round or floor, got {extent!r}")
-    frames, h, w = sweep.frames, *sweep.frames.shape[1:]
+    frames, h, w = np.asarray(sweep.frames), *sweep.frames.shape[1:]
     if frames.dtype not in _TYPES:
         raise TypeError(f"sweep: expected frames uint8, uint16 or float32, got {frames.dtype}")
     valid = np.flatnonzero(sweep.valid)

@@ -9,10 +9,18 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from . import _core
-from .arrays import address
+from .arrays import DeviceArray, address, located
 from .device import choose
 from .scene import _count
-from .sweep_grid import VoxelGrid, bounds, check_memory, estimate_bytes, free_host_bytes, make_grid
+from .sweep_grid import (
+    VoxelGrid,
+    areas,
+    bounds,
+    check_memory,
+    estimate_bytes,
+    free_host_bytes,
+    make_grid,
+)
 from .volume import Volume
 
 METHODS = ("pvn-om", "vvn-om", "pvn", "vvn", "bezier")
@@ -57,7 +65,8 @@ def reconstruct(
     """Reconstruct a volume from all valid frames of a sweep.
 
     Args:
-        sweep: `Sweep`: frames (F, H, W) uint8, uint16 or float32, and their poses, mm.
+        sweep: `Sweep`: frames (F, H, W) uint8, uint16 or float32, and their poses, mm. If they
+            lie on the GPU that is to reconstruct, the volume stays there too until it is read.
         method: "pvn-om" bins pixels into voxels and fills holes from a growing kernel; "vvn-om"
             averages, for every voxel, the pixels in a growing sphere; "pvn" and "vvn" are the same
             without octree, for comparison; "bezier" lays curves through pixels of four frames.
@@ -78,20 +87,23 @@ def reconstruct(
         MemoryError: the volume cannot fit; names the spacing that would.
     """
     options = check_options(method, max_kernel, compounding, hole_weights, max_distance)
-    frames = check_frames(sweep.frames)
+    chosen = choose(device)
+    frames = sweep.frames
+    if isinstance(frames, DeviceArray) and chosen.name == "cpu":
+        frames = np.asarray(frames)
+    frames = check_frames(frames)
     valid = np.flatnonzero(sweep.valid)
     if len(valid) == 0:
         raise ValueError("sweep: expected at least one valid frame, got none")
     world_from_image = np.asarray(sweep.world_from_image, np.float64)[valid]
     check_poses(world_from_image)
     if len(valid) < len(frames):
-        frames = np.ascontiguousarray(frames[valid])
+        frames = np.ascontiguousarray(frames[valid])  # also of device frames: on the host from here
     mask = check_mask(getattr(sweep, "mask", None), frames.shape[1:])
     low, high = bounds(world_from_image, mask, frames.shape[1:])
     grid = make_grid(low, high, spacing, size, region)
     poses = grid.poses(world_from_image)
 
-    chosen = choose(device)
     core = _core.Reconstructor(chosen.backend, chosen.index, _count("threads", threads))
     needed = check_memory(
         lambda times: estimate_bytes(
@@ -101,7 +113,7 @@ def reconstruct(
         grid,
     )
     whole = (
-        (address(frames), False),
+        located(frames),
         address(poses),
         0 if mask is None else address(mask),
         *frames.shape,
@@ -111,7 +123,9 @@ def reconstruct(
         core.bezier(*whole)
     elif options.method == "pvn-om":
         core.median(*whole) if options.compounding == "median" else core.add(*whole, 0, 1)
-    values, radius = fill(core, grid, frames.dtype, options, whole)
+    on_device = isinstance(frames, DeviceArray)
+    into = filled_on_device if on_device else fill
+    values, radius = into(core, grid, frames.dtype, options, whole)
     info = {
         **core.facts(),
         "estimated_bytes": needed,
@@ -146,7 +160,7 @@ def crowded(poses: np.ndarray, shape: tuple[int, int]) -> bool:
     x, y = (poses[:, k : k + 3] / 2.0**32 for k in (3, 6))
     column = np.linalg.norm(x, axis=1)
     with np.errstate(divide="ignore", invalid="ignore"):
-        row = np.linalg.norm(np.cross(x, y), axis=1) / column
+        row = areas(x, y) / column
         bound = (np.sqrt(3) / column + 1) * (np.sqrt(3) / row + 1)
     most = np.where(np.isfinite(bound), np.minimum(bound, math.prod(shape)), math.prod(shape))
     return bool(most.sum() >= 2**24)
@@ -170,10 +184,32 @@ def fill(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Dense values and kernel radii (Z, Y, X); those of the call before may be given as `last`,
     then only what has changed since is written to them."""
-    if last is not None:
-        values, radius = last
-    else:
-        values, radius = np.empty(grid.size[::-1], dtype), np.empty(grid.size[::-1], np.uint8)
+    values, radius = last if last is not None else empty_volume(grid, dtype)
+    _fill(core, grid, options, whole, address(values), address(radius), last is not None)
+    return values, radius
+
+
+def filled_on_device(
+    core: Any, grid: VoxelGrid, dtype: Any, options: Options, whole: tuple
+) -> tuple[DeviceArray, DeviceArray]:
+    """The same, left in the GPU's memory."""
+    _fill(core, grid, options, whole, 0, 0, False)
+    arrays = []
+    for k, (place, kind) in enumerate(zip(core.filled(), (dtype, np.uint8), strict=True)):
+
+        def fetch(k: int = k, kind: Any = kind) -> np.ndarray:
+            out = np.empty(grid.size[::-1], kind)
+            core.read_filled(*(address(out) if k == i else 0 for i in (0, 1)))
+            return out
+
+        arrays.append(DeviceArray(place, grid.size[::-1], kind, core, fetch))
+    return tuple(arrays)
+
+
+def _fill(
+    core: Any, grid: VoxelGrid, options: Options, whole: tuple, values: int, radius: int,
+    incremental: bool,
+) -> None:  # fmt: skip
     reach = options.reach(grid.spacing)
     weights = hole_weight_table(reach) if reach <= _LARGEST_TABLE else None
     core.fill(
@@ -182,11 +218,15 @@ def fill(
         reach,
         0 if weights is None else address(weights),
         HOLE_WEIGHTS.index(options.hole_weights),
-        address(values),
-        address(radius),
-        last is not None,
+        values,
+        radius,
+        incremental,
     )
-    return values, radius
+
+
+def empty_volume(grid: VoxelGrid, dtype: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Room for dense values and kernel radii (Z, Y, X)."""
+    return np.empty(grid.size[::-1], dtype), np.empty(grid.size[::-1], np.uint8)
 
 
 @functools.lru_cache(maxsize=8)
@@ -217,7 +257,7 @@ class FrameMaps:
         """ "count" uint32, "variance" float32 or "source" int32, (Z, Y, X)."""
         core = _core.Reconstructor(self.chosen.backend, self.chosen.index, self.threads)
         whole = (
-            (address(self.frames), False),
+            located(self.frames),
             address(self.poses),
             0 if self.mask is None else address(self.mask),
             *self.frames.shape,
@@ -266,9 +306,10 @@ def check_options(
     return Options(method, int(max_kernel), compounding, hole_weights, max_distance)
 
 
-def check_frames(frames: Any) -> np.ndarray:
+def check_frames(frames: Any) -> np.ndarray | DeviceArray:
     """Frames (F, H, W), C-contiguous."""
-    frames = np.ascontiguousarray(frames)
+    if not isinstance(frames, DeviceArray):
+        frames = np.ascontiguousarray(frames)
     if frames.ndim != 3 or 0 in frames.shape:
         raise ValueError(f"frames: expected shape (F, H, W), got {frames.shape}")
     if frames.dtype not in _TYPES:
@@ -289,8 +330,7 @@ def check_poses(world_from_image: np.ndarray) -> None:
     if not np.isfinite(world_from_image).all():
         raise ValueError("world_from_image: expected finite numbers, got NaN or infinity")
     x, y = world_from_image[:, :3, 0], world_from_image[:, :3, 1]
-    area = np.linalg.norm(np.cross(x, y), axis=1)
-    if not (area > 1e-12 * np.linalg.norm(x, axis=1) * np.linalg.norm(y, axis=1)).all():
+    if not (areas(x, y) > 1e-12 * np.linalg.norm(x, axis=1) * np.linalg.norm(y, axis=1)).all():
         raise ValueError(
             "world_from_image: expected axes that span a plane, got a singular calibration"
         )

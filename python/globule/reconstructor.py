@@ -11,12 +11,14 @@ import numpy as np
 from . import _core
 from .arrays import address
 from .device import choose
+from .particles import to_host
 from .reconstruct import (
     FrameMaps,
     check_frames,
     check_mask,
     check_options,
     check_poses,
+    empty_volume,
     fill,
     start,
     value_scale,
@@ -45,6 +47,10 @@ class _Added(NamedTuple):
     low: np.ndarray
     high: np.ndarray
     before: tuple[np.ndarray, np.ndarray] | None
+
+
+def _addresses(volume: tuple[np.ndarray, np.ndarray] | None) -> tuple[int, int]:
+    return (0, 0) if volume is None else (address(volume[0]), address(volume[1]))
 
 
 class Reconstructor:
@@ -109,7 +115,7 @@ class Reconstructor:
             frames: (H, W) or (F, H, W), of the same type and size as those before.
             poses: (4, 4) or (F, 4, 4) world_from_image, mm.
         """
-        frames = np.asarray(frames)
+        frames = to_host(frames)
         frames = check_frames(frames[None] if frames.ndim == 2 else frames)
         world_from_image = np.array(poses, np.float64)
         if world_from_image.ndim == 2:
@@ -235,8 +241,11 @@ class Reconstructor:
                 self._grid.low - before * edge, self.spacing, tuple(int(v) for v in n)
             )
             self._reserve(grid, added)
-            self._grid, self._dense = grid, None
-            self._core.grow(list(grid.size), before.tolist())
+            dense = None if self._dense is None else empty_volume(grid, self._type)
+            self._core.grow(
+                list(grid.size), before.tolist(), _addresses(self._dense), _addresses(dense)
+            )
+            self._grid, self._dense = grid, dense
         self._low, self._high = low, high
 
     def _lattice(self, grid: VoxelGrid, added: _Added) -> tuple[np.ndarray, np.ndarray]:

@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from .arrays import DeviceArray, device_array, is_device_array
+
 DTYPES = ("uint8", "uint16", "float32")
 SPACES = ("LPS", "RAS")
 _FARTHEST = 1e9  # mm; farther poses count as missing
@@ -16,7 +18,9 @@ _FARTHEST = 1e9  # mm; farther poses count as missing
 class Sweep:
     """F tracked frames of H rows and W columns.
 
-    frames             (F, H, W) uint8, uint16 or float32, C-contiguous; row 0 next to the probe
+    frames             (F, H, W) uint8, uint16 or float32, C-contiguous; row 0 next to the probe.
+                       uint8 and uint16 may lie on a GPU (CuPy, PyTorch …): `reconstruct` uses them
+                       there, all else copies them
     world_from_image   (F, 4, 4) float64, mm: pixel centre (column, row, 0, 1) to the world
     timestamps         (F,) float64, s, or None where they are not known
     valid              (F,) bool: frames whose image and pose count; default: those with a finite
@@ -113,8 +117,14 @@ class Sweep:
         return corners.min(axis=0), corners.max(axis=0)
 
 
-def checked_frames(value: Any) -> np.ndarray:
+def checked_frames(value: Any) -> np.ndarray | DeviceArray:
     """Images as (F, H, W) uint8, uint16 or float32; other numbers become what holds them."""
+    if is_device_array(value):
+        if not isinstance(value, DeviceArray):
+            value = device_array("frames", value, ("uint8", "uint16"))
+        if value.ndim != 3 or 0 in value.shape[1:]:
+            raise ValueError(f"frames: expected shape (F, H, W), got {value.shape}")
+        return value
     array = np.asarray(value)
     if array.ndim != 3 or 0 in array.shape[1:]:
         raise ValueError(f"frames: expected shape (F, H, W), got {array.shape}")

@@ -65,6 +65,12 @@ def bounds(
     return places.min(0), places.max(0)
 
 
+def areas(u: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """Of the parallelograms between vectors (F, 3); a tenth of the time of numpy.cross for few."""
+    (a, b, c), (d, e, f) = u.T, v.T
+    return np.sqrt((b * f - c * e) ** 2 + (c * d - a * f) ** 2 + (a * e - b * d) ** 2)
+
+
 def make_grid(
     low: np.ndarray, high: np.ndarray, spacing: float | None, size: Any, region: Any
 ) -> VoxelGrid:

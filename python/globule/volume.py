@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from .arrays import DeviceArray
+
 EMPTY, MEASURED, FILLED = 0, 1, 2
 _FAR = 255  # in the map of kernel radii: no data within reach
 
@@ -16,7 +18,8 @@ class Volume:
     """Voxels of one size along each axis, and their origin.
 
     Args:
-        values: (Z, Y, X) uint8, uint16 or float32; 0 where empty.
+        values: (Z, Y, X) uint8, uint16 or float32; 0 where empty. Values and radius may lie on a
+            GPU; they are copied when they are read.
         world_from_voxel: (4, 4) float64, mm: voxel index (x, y, z, 1) to the voxel's centre.
         radius: (Z, Y, X) uint8: 0 measured, k filled from a cube of (2 k + 1)^3, 255 empty.
         space: what the world's axes mean, "LPS" or "RAS".
@@ -26,25 +29,48 @@ class Volume:
 
     def __init__(
         self,
-        values: np.ndarray,
+        values: np.ndarray | DeviceArray,
         world_from_voxel: np.ndarray,
-        radius: np.ndarray | None = None,
+        radius: np.ndarray | DeviceArray | None = None,
         space: str = "LPS",
         info: dict[str, Any] | None = None,
         maps: Callable[[str], np.ndarray] | None = None,
     ):
-        self.values = values
+        self._values, self._radius = values, radius
+        if radius is None:
+            self._radius = np.zeros(values.shape, np.uint8)
+        self.device_values = values if isinstance(values, DeviceArray) else None
+        self.device_radius = radius if isinstance(radius, DeviceArray) else None
         self.world_from_voxel = np.asarray(world_from_voxel, np.float64)
-        self.radius = np.zeros(values.shape, np.uint8) if radius is None else radius
         self.space = space
         self.info = dict(info or {})
         self._make_map = maps
         self._maps: dict[str, np.ndarray] = {}
 
     @property
+    def values(self) -> np.ndarray:
+        """(Z, Y, X); 0 where empty. `device_values` is what lies on a GPU, or None."""
+        self._values = np.asarray(self._values)
+        return self._values
+
+    @values.setter
+    def values(self, values: np.ndarray) -> None:
+        self._values, self.device_values = values, None
+
+    @property
+    def radius(self) -> np.ndarray:
+        """(Z, Y, X) uint8: 0 measured, k filled from a cube of (2 k + 1)^3, 255 empty."""
+        self._radius = np.asarray(self._radius)
+        return self._radius
+
+    @radius.setter
+    def radius(self, radius: np.ndarray) -> None:
+        self._radius, self.device_radius = radius, None
+
+    @property
     def shape(self) -> tuple[int, int, int]:
         """Voxels (Z, Y, X)."""
-        return self.values.shape
+        return self._values.shape
 
     @property
     def spacing(self) -> np.ndarray:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import os
 from typing import NamedTuple
 
 import numpy as np
 
+from .camera import Camera
 from .octree import field
 from .particles import Particles
+from .render import render
 from .scene import DEFAULTS, KERNELS, Scene
 from .volume import Volume
 
@@ -69,6 +72,17 @@ def iso_surface(
         attributes={"value": values},
     )  # fmt: skip
     return IsoSurface(particles, _lattice_field(volume, support, kernel), float(level))
+
+
+def save_surface(
+    path: str | os.PathLike, volume: Volume, level: float | None = None, device: str = "auto",
+    threads: int = 0, size: tuple[int, int] = (1024, 782),
+) -> None:  # fmt: skip
+    """Draw the iso-surface, seen whole, as a picture. Raises ValueError as `iso_surface` does."""
+    particles, threshold, _ = iso_surface(volume, level)
+    scene = Scene(particles, threshold=threshold, device=device, threads=threads)
+    margin = float(np.max(particles.support))
+    render(scene, Camera.fit(particles, size=size, margin=margin), size).save(path)
 
 
 def otsu(values: np.ndarray) -> float:

@@ -27,6 +27,19 @@ public:
         }
         return data_;
     }
+    /// At least n items, the first `used` as they were; half as many again when it grows.
+    T* keep(std::size_t used, std::size_t n) {
+        if (n <= capacity_) return data_;
+        if (used == 0) return reserve(n);
+        const std::size_t room = n + n / 2;
+        data_ = static_cast<T*>(exec_->extend(data_, used * sizeof(T), room * sizeof(T)));
+        capacity_ = room;
+        return data_;
+    }
+    void swap(Buffer& other) {
+        std::swap(data_, other.data_);
+        std::swap(capacity_, other.capacity_);
+    }
     T* data() const { return data_; }
     std::size_t bytes() const { return capacity_ * sizeof(T); }
     std::size_t capacity() const { return capacity_; }

@@ -40,6 +40,12 @@ public:
         return p;
     }
     void release(void* p) { std::free(p); }
+    /// More room, perhaps at another place, with what was there. Of large arrays the system moves pages, not bytes.
+    void* extend(void* p, std::size_t, std::size_t bytes) {
+        void* moved = std::realloc(p, bytes);
+        if (!moved) throw std::bad_alloc();
+        return moved;
+    }
     void upload(void* to, const void* from, std::size_t bytes) { std::memcpy(to, from, bytes); }
     void download(void* to, const void* from, std::size_t bytes) { std::memcpy(to, from, bytes); }
     void clear(void* p, std::size_t bytes) { std::memset(p, 0, bytes); }

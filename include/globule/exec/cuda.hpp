@@ -108,6 +108,11 @@ public:
     explicit Cuda(int device) : device_(device), temporary_(*this), next_(*this) {
         check(cudaSetDevice(device_));
         check(cudaDeviceGetAttribute(&n_processors_, cudaDevAttrMultiProcessorCount, device_));
+        std::size_t free = 0, total = 0;
+        check(cudaMemGetInfo(&free, &total));
+        check(cudaDeviceGetDefaultMemPool(&pool_, device_));
+        std::uint64_t kept = total / kPoolShare;
+        check(cudaMemPoolSetAttribute(pool_, cudaMemPoolAttrReleaseThreshold, &kept));
         check(cudaStreamCreate(&stream_));  // ordered with the default stream of other libraries
         for (cudaEvent_t& e : marks_) check(cudaEventCreate(&e));
         check(cudaEventCreateWithFlags(&done_, cudaEventDisableTiming));
@@ -120,13 +125,24 @@ public:
     bool cancelled() const { return false; }
     void reset_cancelled() {}
 
+    /// From the device's pool, which keeps some of what is released: asking the driver for the memory of a
+    /// large volume takes as long as filling it.  The default stream waits for all others, and they for it.
     void* allocate(std::size_t bytes) {
         check(cudaSetDevice(device_));
         void* p = nullptr;
-        check(cudaMalloc(&p, bytes));
+        check(cudaMallocAsync(&p, bytes, nullptr));
         return p;
     }
-    void release(void* p) { cudaFree(p); }
+    void release(void* p) {
+        if (p) cudaFreeAsync(p, nullptr);
+    }
+    /// More room, with the first `used` bytes of what was there.
+    void* extend(void* p, std::size_t used, std::size_t bytes) {
+        void* moved = allocate(bytes);
+        check(cudaMemcpyAsync(moved, p, used, cudaMemcpyDeviceToDevice, stream_));
+        release(p);
+        return moved;
+    }
     void upload(void* to, const void* from, std::size_t bytes) {
         staging_.upload(to, from, bytes, stream_);
     }
@@ -143,8 +159,11 @@ public:
     }
     std::uint64_t free_bytes() const {
         std::size_t free = 0, total = 0;
+        std::uint64_t reserved = 0, used = 0;
         check(cudaMemGetInfo(&free, &total));
-        return free;
+        check(cudaMemPoolGetAttribute(pool_, cudaMemPoolAttrReservedMemCurrent, &reserved));
+        check(cudaMemPoolGetAttribute(pool_, cudaMemPoolAttrUsedMemCurrent, &used));
+        return free + reserved - used;
     }
 
     void mark(int i) { check(cudaEventRecord(marks_[i], stream_)); }
@@ -246,8 +265,11 @@ private:
         check(call(room, bytes));
     }
 
+    static constexpr std::uint64_t kPoolShare = 16;  ///< of the device's memory that released memory may keep
+
     int device_;
     int n_processors_ = 1;
+    cudaMemPool_t pool_ = nullptr;
     cudaStream_t stream_ = nullptr;
     cudaEvent_t marks_[16] = {};
     cudaEvent_t done_ = nullptr;

@@ -3,12 +3,48 @@
 #pragma once
 #include <omp.h>
 
+#include <cstdlib>
 #include <cstring>
+#include <mutex>
+#include <vector>
 
 #include "globule/base/scalar.hpp"
 #include "globule/exec/cuda_check.hpp"
 
 namespace globule {
+
+/// Page-locked rooms, kept for the next that needs one: locking takes longer than most copies.
+class LockedRooms {
+public:
+    /// Null where there is none to be had.
+    static char* take(std::size_t bytes) {
+        LockedRooms& all = instance();
+        const std::lock_guard lock(all.mutex_);
+        if (!all.free_.empty()) {
+            char* room = all.free_.back();
+            all.free_.pop_back();
+            return room;
+        }
+        void* room = nullptr;
+        if (cudaHostAlloc(&room, bytes, cudaHostAllocPortable) == cudaSuccess) return static_cast<char*>(room);
+        cudaGetLastError();
+        return nullptr;
+    }
+    static void give_back(char* room) {
+        LockedRooms& all = instance();
+        const std::lock_guard lock(all.mutex_);
+        all.free_.push_back(room);
+    }
+
+private:
+    /// Never destroyed: the driver may be gone before static objects are.
+    static LockedRooms& instance() {
+        static LockedRooms* all = new LockedRooms;
+        return *all;
+    }
+    std::mutex mutex_;
+    std::vector<char*> free_;
+};
 
 class Staging {
 public:
@@ -17,19 +53,22 @@ public:
     Staging& operator=(const Staging&) = delete;
     ~Staging() {
         if (!parts_) return;
-        for (cudaEvent_t e : done_) cudaEventDestroy(e);
-        cudaFreeHost(parts_);
+        for (cudaEvent_t e : done_) {
+            cudaEventSynchronize(e);
+            cudaEventDestroy(e);
+        }
+        LockedRooms::give_back(parts_);
     }
 
     /// Host memory may be reused when this returns.
     void upload(void* to, const void* from, std::size_t bytes, cudaStream_t stream) {
         if (bytes < kWorth || !ready()) return check(cudaMemcpyAsync(to, from, bytes, cudaMemcpyHostToDevice, stream));
-        for (std::size_t at = 0, k = 0; at < bytes; at += kPart, k = (k + 1) % kParts) {
+        for (std::size_t at = 0; at < bytes; at += kPart, next_ = (next_ + 1) % kParts) {
             const std::size_t n = least(kPart, bytes - at);
-            check(cudaEventSynchronize(done_[k]));
-            copy(part(k), static_cast<const char*>(from) + at, n);
-            check(cudaMemcpyAsync(static_cast<char*>(to) + at, part(k), n, cudaMemcpyHostToDevice, stream));
-            check(cudaEventRecord(done_[k], stream));
+            check(cudaEventSynchronize(done_[next_]));
+            copy(part(next_), static_cast<const char*>(from) + at, n);
+            check(cudaMemcpyAsync(static_cast<char*>(to) + at, part(next_), n, cudaMemcpyHostToDevice, stream));
+            check(cudaEventRecord(done_[next_], stream));
         }
     }
     /// Complete when this returns.
@@ -53,22 +92,22 @@ public:
     }
 
 private:
-    static constexpr std::size_t kPart = 2 << 20, kParts = 4, kWorth = 8 << 20;
-    static constexpr int kThreads = 4;
+    static std::size_t env(const char* n, std::size_t d) { const char* v = getenv(n); return v ? atoll(v) : d; }
+    static constexpr std::size_t kRoom = 16 << 20;
+    std::size_t kPart = env("GB_PART", 4096) << 10, kWorth = env("GB_WORTH", 512) << 10;
+    static constexpr std::size_t kParts = 4;
+    int kThreads = env("GB_THREADS", 8);
 
     char* part(std::size_t k) const { return parts_ + k * kPart; }
     /// False where there is no page-locked memory to be had.
     bool ready() {
         if (parts_) return true;
-        if (cudaHostAlloc(reinterpret_cast<void**>(&parts_), kParts * kPart, cudaHostAllocDefault) != cudaSuccess) {
-            cudaGetLastError();
-            parts_ = nullptr;
-            return false;
-        }
+        parts_ = LockedRooms::take(kRoom);
+        if (!parts_) return false;
         for (cudaEvent_t& e : done_) check(cudaEventCreateWithFlags(&e, cudaEventDisableTiming));
         return true;
     }
-    static void copy(char* to, const char* from, std::size_t n) {
+    void copy(char* to, const char* from, std::size_t n) {
         const int threads = least(kThreads, omp_get_num_procs());
         const std::size_t share = ceil_div<std::size_t>(n, threads);
 #pragma omp parallel for num_threads(threads) schedule(static, 1)
@@ -77,6 +116,7 @@ private:
     }
 
     char* parts_ = nullptr;
+    std::size_t next_ = 0;
     cudaEvent_t done_[kParts] = {};
 };
 

@@ -136,18 +136,38 @@ struct PlaceBlocks {
     }
 };
 
-/// The same blocks in a larger grid.
-struct MoveBlocks {
+/// A larger grid that holds another `shift` blocks inside.
+struct Growth {
     Grid from, to;
-    int shift[3];  ///< blocks
-    std::uint32_t* block_of_slot;
-    std::uint32_t* slots;  ///< of `to`
-    GB_FN void operator()(std::size_t slot) const {
-        const std::size_t b = block_of_slot[slot];
+    int shift[3];
+
+    GB_FN std::size_t moved(std::size_t b) const {
         const int x = int(b % from.blocks[0]), y = int(b / from.blocks[0] % from.blocks[1]), z = int(b / from.blocks[0] / from.blocks[1]);
-        const std::size_t moved = to.block(x + shift[0], y + shift[1], z + shift[2]);
-        block_of_slot[slot] = std::uint32_t(moved);
-        slots[moved] = std::uint32_t(slot);
+        return to.block(x + shift[0], y + shift[1], z + shift[2]);
+    }
+    /// The block of `from` that lies at block b of `to`; false outside of it.
+    GB_FN bool origin(std::size_t b, std::size_t& old) const {
+        const int x = int(b % to.blocks[0]) - shift[0], y = int(b / to.blocks[0] % to.blocks[1]) - shift[1],
+                  z = int(b / to.blocks[0] / to.blocks[1]) - shift[2];
+        old = from.block(x, y, z);
+        return from.has_block(x, y, z);
+    }
+};
+struct MoveSlots {
+    Growth growth;
+    std::uint32_t* block_of_slot;
+    GB_FN void operator()(std::size_t slot) const { block_of_slot[slot] = std::uint32_t(growth.moved(block_of_slot[slot])); }
+};
+/// A table of blocks, for the larger grid.
+template <class U>
+struct MoveTable {
+    Growth growth;
+    const U* from;
+    U* to;
+    U outside;
+    GB_FN void operator()(std::size_t b) const {
+        std::size_t old;
+        to[b] = growth.origin(b, old) ? from[old] : outside;
     }
 };
 

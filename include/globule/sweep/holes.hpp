@@ -81,35 +81,45 @@ struct HoleFiller {
 
     GB_FN std::uint8_t fill(const int* b, int place, T& out) const {
         const int l[3] = {place & 3, place >> 2 & 3, place >> 4};
-        for (int r = 1; r <= tables.cubes.reach; ++r) {
-            int sigma2 = 0;
-            for_each_hit(b, l, r, [&](int dx, int dy, int dz, std::size_t, std::uint64_t hits) {
-                const int x = 4 * dx - l[0], y = 4 * dy - l[1], z = 4 * dz - l[2];
-                for (; hits; hits &= hits - 1) {
-                    const int u = trailing_zeros(hits);
-                    sigma2 = most(sigma2, square(x + (u & 3)) + square(y + (u >> 2 & 3)) + square(z + (u >> 4)));
-                }
-            });
-            if (!sigma2) continue;
-            typename Sums<T>::Total sum{};
-            std::uint64_t weight = 0, n = 0;
-            for_each_hit(b, l, r, [&](int dx, int dy, int dz, std::size_t block, std::uint64_t hits) {
-                const int x = 4 * dx - l[0], y = 4 * dy - l[1], z = 4 * dz - l[2];
-                const T* values = bins.values + std::size_t(bins.slots[block]) * kVoxels;
-                for (; hits; hits &= hits - 1) {
-                    const int u = trailing_zeros(hits);
-                    const std::uint32_t w =
-                        tables.weight(sigma2, square(x + (u & 3)) + square(y + (u >> 2 & 3)) + square(z + (u >> 4)));
-                    sum += Sums<T>::term(w, values[u]);
-                    weight += w;
-                    ++n;
-                }
-            });
-            out = Sums<T>::quotient(sum, tables.kind == HoleWeights::normalized ? weight : n << 24);
-            return std::uint8_t(r);
-        }
+        for (int r = 1; r <= tables.cubes.reach; ++r)
+            if (weigh(l, out, [&](const auto& visit) {
+                    for_each_hit(b, l, r, [&](int dx, int dy, int dz, std::size_t block, std::uint64_t hits) {
+                        visit(dx, dy, dz, bins.slots[block], hits);
+                    });
+                }))
+                return std::uint8_t(r);
         out = T{};
         return kFar;
+    }
+    /// The weighted mean of the hits around voxel l; false where there is none.  for_each calls
+    /// visit(block offset x, y, z, slot, bits), the same way each time.
+    template <class ForEach>
+    GB_FN bool weigh(const int* l, T& out, const ForEach& for_each) const {
+        int sigma2 = 0;
+        for_each([&](int dx, int dy, int dz, std::uint32_t, std::uint64_t hits) {
+            const int x = 4 * dx - l[0], y = 4 * dy - l[1], z = 4 * dz - l[2];
+            for (; hits; hits &= hits - 1) {
+                const int u = trailing_zeros(hits);
+                sigma2 = most(sigma2, square(x + (u & 3)) + square(y + (u >> 2 & 3)) + square(z + (u >> 4)));
+            }
+        });
+        if (!sigma2) return false;
+        typename Sums<T>::Total sum{};
+        std::uint64_t weight = 0, n = 0;
+        for_each([&](int dx, int dy, int dz, std::uint32_t slot, std::uint64_t hits) {
+            const int x = 4 * dx - l[0], y = 4 * dy - l[1], z = 4 * dz - l[2];
+            const T* values = bins.values + std::size_t(slot) * kVoxels;
+            for (; hits; hits &= hits - 1) {
+                const int u = trailing_zeros(hits);
+                const std::uint32_t w =
+                    tables.weight(sigma2, square(x + (u & 3)) + square(y + (u >> 2 & 3)) + square(z + (u >> 4)));
+                sum += Sums<T>::term(w, values[u]);
+                weight += w;
+                ++n;
+            }
+        });
+        out = Sums<T>::quotient(sum, tables.kind == HoleWeights::normalized ? weight : n << 24);
+        return true;
     }
     GB_FN static int square(int v) { return v * v; }
 };
@@ -119,6 +129,22 @@ template <class T>
 struct DenseVolume {
     T* values;
     std::uint8_t* radius;
+};
+
+/// A row of voxels, at its place in the larger grid.
+template <class T>
+struct MoveRow {
+    Growth growth;
+    DenseVolume<T> from;
+    DenseVolume<T> to;
+    GB_FN void operator()(std::size_t row) const {
+        const Grid& old = growth.from;
+        const int y = int(row % old.size[1]), z = int(row / old.size[1]);
+        const std::size_t at = old.voxel(0, y, z);
+        const std::size_t moved = growth.to.voxel(kBlock * growth.shift[0], y + kBlock * growth.shift[1], z + kBlock * growth.shift[2]);
+        memcpy(to.values + moved, from.values + at, old.size[0] * sizeof(T));
+        memcpy(to.radius + moved, from.radius + at, old.size[0]);
+    }
 };
 
 /// A voxel of the dense volume, block by block; on the CPU a row of blocks is one task.
@@ -208,6 +234,23 @@ struct SpreadNear {
         std::uint32_t any = 0;
         for (int d = most(-span, -at); d <= least(span, grid.blocks[axis] - 1 - at); ++d) any |= from[i + d * step];
         to[i] = any;
+    }
+};
+/// The same, a row of blocks a task.
+struct SpreadNearRow {
+    SpreadNear each;
+    GB_FN void operator()(std::size_t i) const {
+        const Grid& grid = each.grid;
+        const int n = grid.blocks[0], at[3] = {0, int(i % grid.blocks[1]), int(i / grid.blocks[1])};
+        const std::uint32_t* from = each.from + i * n;
+        std::uint32_t* to = each.to + i * n;
+        memcpy(to, from, n * sizeof *to);
+        const std::ptrdiff_t step = each.axis == 0 ? 1 : each.axis == 1 ? n : std::ptrdiff_t(n) * grid.blocks[1];
+        for (int d = -each.span; d <= each.span; ++d) {
+            if (each.axis != 0 && (at[each.axis] + d < 0 || at[each.axis] + d >= grid.blocks[each.axis])) continue;
+            const int first = each.axis == 0 ? most(0, -d) : 0, last = each.axis == 0 ? n - most(0, d) : n;
+            for (int x = first; x < last; ++x) to[x] |= from[x + d * step];
+        }
     }
 };
 struct HasData {

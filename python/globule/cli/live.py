@@ -12,13 +12,14 @@ import numpy as np
 from ..sweep import Sweep
 from ..sweeps.live import LiveFrame, parse_address, receive_sweep
 from ..volume import Volume
+from .pictures import draw, wanted
 from .shared import Progress, UserError, mistakes, positive, warn
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument_group(
-        "live", "With --spacing the volume grows with the frames, and --three-view is drawn again "
-        "while they come.").add_argument  # fmt: skip
+        "live", "With --spacing the volume grows with the frames, and --three-view and --surface "
+        "are drawn again while they come.").add_argument  # fmt: skip
     add("--live", metavar="igtl://HOST:PORT",
         help="take frames from an OpenIGTLink server instead of SWEEP, until it stops or Ctrl-C")
     add("--record", metavar="FOLDER",
@@ -27,7 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--idle", type=positive, default=5.0, metavar="S",
         help="seconds of silence that end --live (default: 5)")
     add("--refresh", type=positive, default=1.0, metavar="S",
-        help="seconds between two drawings of --three-view (default: 1)")
+        help="seconds between two drawings of the pictures (default: 1)")
 
 
 def check(options: argparse.Namespace) -> None:
@@ -78,7 +79,7 @@ class Live:
             except ConnectionError as error:
                 raise UserError(f"--{error}") from error
             except OSError as error:
-                name = error.filename or options.record or options.three_view
+                name = error.filename or options.record or options.three_view or options.surface
                 message = f"{name}: cannot be written: {error.strerror or error}"
                 raise UserError(message) from error
             finally:
@@ -124,7 +125,7 @@ class Live:
             self.growing = self.reconstructor = None
             return
         self.seconds.append(time.perf_counter() - begun)
-        if self.options.three_view:
+        if wanted(self.options):
             self._draw()
 
     def _draw(self) -> None:
@@ -133,13 +134,11 @@ class Live:
         busy = self._drawing is not None and not self._drawing.done()
         if busy or now - self._drawn < self.options.refresh:
             return
-        from ..slices import save_three_view
-
         if self._drawing is not None:
             self._drawing.result()  # what went wrong with the last one
         self._drawn = now
         self._drawing = self._draughtsman.submit(
-            save_three_view, self.options.three_view, self.reconstructor.volume()
+            draw, self.reconstructor.volume(), self.options, []
         )
         self.n_drawn += 1
 

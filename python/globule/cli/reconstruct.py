@@ -22,6 +22,7 @@ from ..sweep import Sweep
 from ..volume import Volume
 from ..volume_io import WRITABLE, write_volume
 from . import live
+from .pictures import draw
 from .shared import (
     Progress,
     UserError,
@@ -63,6 +64,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("-o", "--output", metavar="VOLUME", help=f"volume to write: {' '.join(WRITABLE)}")
     add("--maps", action="store_true", help="also write pixel count, variance and latest frame")
     add("--three-view", metavar="PNG", help="also write three planes, and where values came from")
+    add("--surface", metavar="PNG", help="also draw the iso-surface, as `globule render` does")
     add("--json", action="store_true", help="print one JSON object: times, counts, memory, hashes")
     add("--cross-validate", type=int, metavar="K",
         help="leave every K-th frame out, predict it from the rest, report the error per method")
@@ -134,10 +136,7 @@ def run(options: argparse.Namespace) -> None:
             begun = time.perf_counter()
             with mistakes():
                 write_volume(options.output, volume, options.maps)
-                if options.three_view:
-                    from ..slices import save_three_view
-
-                    save_three_view(options.three_view, volume)
+                draw(volume, options, messages)
             times["write"] = time.perf_counter() - begun
             report |= _facts(volume, options)
     times["total"] = time.perf_counter() - start
@@ -171,10 +170,12 @@ def _check(options: argparse.Namespace) -> None:
         check_output("-o", options.output, WRITABLE)
     elif not options.cross_validate:
         raise UserError("-o: expected a volume to write, got none")
-    if options.three_view:
-        if not options.output:
-            raise UserError("--three-view: expected -o beside it, got none")
-        check_output("--three-view", options.three_view, [".png"])
+    for option in ("--three-view", "--surface"):
+        picture = getattr(options, option[2:].replace("-", "_"))
+        if picture and not options.output:
+            raise UserError(f"{option}: expected -o beside it, got none")
+        if picture:
+            check_output(option, picture, [".png"])
     if options.calibration and options.plus:
         raise UserError("--plus: expected no --calibration beside it")
     live.check(options)
@@ -325,6 +326,7 @@ def _facts(volume: Volume, options: argparse.Namespace) -> dict[str, Any]:
         "memory": {"volume": volume.values.nbytes + volume.radius.nbytes},
         "figures": {name: v for name, v in volume.info.items() if not isinstance(v, np.ndarray)},
         "three_view": options.three_view,
+        "surface": options.surface,
     }
     if options.json:
         facts["hashes"] = {

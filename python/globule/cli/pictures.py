@@ -1,0 +1,28 @@
+"""The pictures of a volume that `reconstruct` draws: three planes, and the surface."""
+
+from __future__ import annotations
+
+import argparse
+
+from ..volume import Volume
+
+
+def wanted(options: argparse.Namespace) -> bool:
+    return bool(options.three_view or options.surface)
+
+
+def draw(volume: Volume, options: argparse.Namespace, messages: list[str]) -> None:
+    """Draw what is asked for; a volume without a surface gets a message instead."""
+    if options.three_view:
+        from ..slices import save_three_view
+
+        save_three_view(options.three_view, volume)
+    if options.surface:
+        from ..volume_particles import save_surface
+
+        try:
+            save_surface(
+                options.surface, volume, device=options.device, threads=options.threads
+            )
+        except ValueError as error:
+            messages.append(f"--surface: not drawn: {error}")
