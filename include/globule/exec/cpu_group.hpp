@@ -233,11 +233,6 @@ struct CpuLanes {
 
     /// Cells that a ray passes between two looks at the others; it is alone here.
     static constexpr int cells_at_once = 1 << 20;
-    template <class Source, class Limits>
-    static auto evaluate(const Source& source, float t, const Limits& lim, bool active, bool bounds) {
-        if (!active) return decltype(source.template at<true>(t, lim)){};
-        return bounds ? source.template at<true>(t, lim) : source.template at<false>(t, lim);
-    }
 };
 
 }  // namespace globule

@@ -6,6 +6,7 @@
 #include "globule/trace/cut.hpp"
 #include "globule/trace/looks.hpp"
 #include "globule/trace/material.hpp"
+#include "globule/trace/pass.hpp"
 #include "globule/trace/sky.hpp"
 
 namespace globule {
@@ -39,9 +40,43 @@ struct WaveHits {
     std::uint32_t* layer;             ///< kMissed, kGround, or the layer
 };
 
+/// What a CPU needs of a walk (exec/cpu_walk.hpp): the ray to a cell with a list, and rays through it side by side.
+template <class Walk>
+struct Passes {
+    template <class State>
+    GB_FN bool to_place(State& s, std::uint32_t& place, Quad& at, Quad& along) const {
+        const Walk& walk = *static_cast<const Walk*>(this);
+        RayState& ray = s.of.ray;
+        while (walk.settle(s)) {
+            if (ray.list.n) {
+                place = ray.list.first;
+                at = {ray.p0.x, ray.p0.y, ray.p0.z, ray.end};
+                along = {ray.walk.d.x, ray.walk.d.y, ray.walk.d.z, ray.sign};
+                return true;
+            }
+            s.way = walk.cut.follow(s.of, walk.cut.tracer.walk_on(ray, walk.cut.tracer.tree.header->typical_support));
+        }
+        return false;
+    }
+    template <class Packet, class State>
+    GB_FN void pass(State* states, const Quad* at, const Quad* along, const std::uint32_t* which, int n) const {
+        const Walk& walk = *static_cast<const Walk*>(this);
+        const auto& tracer = walk.cut.tracer;
+        const float typical = tracer.tree.header->typical_support;
+        pass_cell<Packet>(tracer, states[which[0]].of.ray.list, at, along, which, n, [&](int k, float t, Way way) {
+            State& s = states[which[k]];
+            RayState& ray = s.of.ray;
+            ray.list.n = 0;
+            if (way == Way::on) return ray.walk.step(1);
+            ray.t = ray.walk.t + t * typical;
+            s.way = walk.cut.follow(s.of, way);
+        });
+    }
+};
+
 /// Rays to their first crossing of one layer.
 template <class Tracer>
-struct March {
+struct March : Passes<March<Tracer>> {
     Cut<Tracer> cut;
     WaveRays rays;
     int layer;
@@ -66,6 +101,7 @@ struct March {
         if (active && s.way == Way::on) s.way = way;
         return active && s.way == Way::on;
     }
+    GB_FN bool settle(const State& s) const { return s.way == Way::on; }
     GB_FN void end(const State& s) const {
         const float t = s.of.ray.t;
         out.t[s.i] = s.way == Way::missed ? infinity() : s.way == Way::doubtful ? undecided(t) : t;
@@ -220,7 +256,7 @@ GB_FN Point point_of(const Lighting& lighting, const WaveRays& rays, const WaveH
 
 /// Shadow and ambient rays through one layer: what part of the light comes through, (n_visibilities, n).
 template <class Tracer>
-struct Occlude {
+struct Occlude : Passes<Occlude<Tracer>> {
     Cut<Tracer> cut;
     Attributes attributes;
     Lighting lighting;
@@ -281,6 +317,10 @@ struct Occlude {
         const Way way = cut.advance(s.of, active && s.way == Way::on);
         if (!active) return false;
         if (s.way == Way::on) s.way = way;
+        return settle(s);
+    }
+    /// Whether the ray goes on, if need be from a crossing.
+    GB_FN bool settle(State& s) const {
         if (s.way == Way::on) return true;
         const RayState& ray = s.of.ray;
         const float3 o = ray.o, l = ray.walk.d;
