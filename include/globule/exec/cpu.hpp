@@ -103,7 +103,7 @@ public:
     }
 
     /// Items that take a number of steps known to none beforehand: begin(i, state), where that is true
-    /// to_place(state, ...) and pass(...) while that is true, then end(state).
+    /// to_place(state, place) and pass(...) while that is true, then end(state).
     template <class Walk>
     void for_each_walk(std::size_t n, const Walk& walk) {
         constexpr std::size_t chunk = CpuWalks<Walk>::chunk;

@@ -123,17 +123,6 @@ struct CpuPacket {
         return r;
     }
     GB_FN static float get(const F& v, int lane) { return v.v[lane]; }
-    static bool get(const B& v, int lane) { return v.v[lane] != 0; }
-    static B first_lanes(int n) {
-        B m;
-        for (int i = 0; i < width; ++i) m.v[i] = i < n ? -1 : 0;
-        return m;
-    }
-    /// fn(lane) for each set lane.
-    template <class Fn>
-    static void each(const B& m, const Fn& fn) {
-        for (unsigned set = bits(m); set; set &= set - 1) fn(__builtin_ctz(set));
-    }
 };
 
 }  // namespace globule

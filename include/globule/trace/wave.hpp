@@ -40,40 +40,6 @@ struct WaveHits {
     std::uint32_t* layer;             ///< kMissed, kGround, or the layer
 };
 
-/// What a CPU needs of a walk (exec/cpu_walk.hpp): the ray to a cell with a list, and rays through it side by side.
-template <class Walk>
-struct Passes {
-    template <class State>
-    GB_FN bool to_place(State& s, std::uint32_t& place, Quad& at, Quad& along) const {
-        const Walk& walk = *static_cast<const Walk*>(this);
-        RayState& ray = s.of.ray;
-        while (walk.settle(s)) {
-            if (ray.list.n) {
-                place = ray.list.first;
-                at = {ray.p0.x, ray.p0.y, ray.p0.z, ray.end};
-                along = {ray.walk.d.x, ray.walk.d.y, ray.walk.d.z, ray.sign};
-                return true;
-            }
-            s.way = walk.cut.follow(s.of, walk.cut.tracer.walk_on(ray, walk.cut.tracer.tree.header->typical_support));
-        }
-        return false;
-    }
-    template <class Packet, class State>
-    GB_FN void pass(State* states, const Quad* at, const Quad* along, const std::uint32_t* which, int n) const {
-        const Walk& walk = *static_cast<const Walk*>(this);
-        const auto& tracer = walk.cut.tracer;
-        const float typical = tracer.tree.header->typical_support;
-        pass_cell<Packet>(tracer, states[which[0]].of.ray.list, at, along, which, n, [&](int k, float t, Way way) {
-            State& s = states[which[k]];
-            RayState& ray = s.of.ray;
-            ray.list.n = 0;
-            if (way == Way::on) return ray.walk.step(1);
-            ray.t = ray.walk.t + t * typical;
-            s.way = walk.cut.follow(s.of, way);
-        });
-    }
-};
-
 /// Rays to their first crossing of one layer.
 template <class Tracer>
 struct March : Passes<March<Tracer>> {
