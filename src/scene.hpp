@@ -305,7 +305,7 @@ private:
             scenes[k]->with_tracer(request.layers[k].field, [&](const auto& tracer) {
                 using Tracer = std::decay_t<decltype(tracer)>;
                 exec.for_each_walk(rays.source.n_items() * lighting.n_visibilities(),
-                                   Occlude<Tracer>{{tracer, clips[k]}, scenes[k]->attributes_, lighting, rays, hits, k, visibility});
+                                   Occlude<Tracer>{{}, {tracer, clips[k]}, scenes[k]->attributes_, lighting, rays, hits, k, visibility});
             });
         };
         for (std::size_t k = 1; k < n_streams; ++k) waves_[k].exec().follow(*exec_);
@@ -351,7 +351,7 @@ private:
         }
         with_tracer(field, [&](const auto& tracer) {
             using Tracer = std::decay_t<decltype(tracer)>;
-            exec.for_each_walk(rays.source.n_items(), March<Tracer>{{tracer, clips}, rays, layer, found});
+            exec.for_each_walk(rays.source.n_items(), March<Tracer>{{}, {tracer, clips}, rays, layer, found});
             using Tree = std::decay_t<decltype(tracer.tree)>;
             const ResolveRays<Tree, Tracer::PerParticle> rest{tracer.tree, tree_.particles(), {field.kernel}, field.threshold, nullptr, {},
                                                              rays.source, {found.t, nullptr, nullptr}, clips, found.sign, found.cap};

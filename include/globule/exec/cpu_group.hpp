@@ -40,7 +40,7 @@ struct CpuGroup {
     static float pick(const F& v, int lane) { return v.v[lane]; }
     static std::uint32_t pick(const U& v, int lane) { return v.v[lane]; }
 
-    bool any(const B& m) const { return globule::any(m); }
+    bool any(const B& m) const { return bits(m) != 0; }
     int count(const B& m) const { return __builtin_popcount(bits(m)); }
     /// The first set lane at or after `from`, else the first; -1: none.
     int first_from(const B& m, int from) const {
@@ -191,10 +191,10 @@ struct CpuGroup {
     void sync() const {}
 };
 
-/// How one ray's thread goes through a block of particles: a SIMD register's worth at a time.
+/// How one ray's thread goes through a block of particles: four at a time, as a team does (exec/cpu_walk.hpp).
 struct CpuLanes {
-    static constexpr int width = kWidth;
-    using F = WideF;
+    static constexpr int width = 4;
+    using F = Wide<width>;
     static F load(const float* p) {
         F r;
         std::memcpy(&r.v, p, sizeof r.v);
@@ -245,11 +245,6 @@ struct CpuLanes {
 
     /// Cells that a ray passes between two looks at the others; it is alone here.
     static constexpr int cells_at_once = 1 << 20;
-    template <class Source, class Limits>
-    static auto evaluate(const Source& source, float t, const Limits& lim, bool active, bool bounds) {
-        if (!active) return decltype(source.template at<true>(t, lim)){};
-        return bounds ? source.template at<true>(t, lim) : source.template at<false>(t, lim);
-    }
 };
 
 }  // namespace globule

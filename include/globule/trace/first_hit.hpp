@@ -183,7 +183,6 @@ struct CellTracer {
         return way;
     }
 
-private:
     /// On to a cell with a list, if there is one a few steps on.
     GB_FN Way walk_on(RayState& ray, float typical) const {
         CellWalk& walk = ray.walk;
