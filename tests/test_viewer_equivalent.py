@@ -137,6 +137,7 @@ def test_a_sweep_s_volume(tmp_path, monkeypatch):
         source.start()
         while source.running:
             time.sleep(0.01)
+        source.stop()  # shows all that came
         lo, hi = source.bounds()
         camera, size = gb.Camera(hi + 40, (lo + hi) / 2, (0, 0, 1)), (80, 60)
         shot = Shot(engine, camera, size, 1)
@@ -182,6 +183,27 @@ def test_particles_of_a_program_are_said_to_be(tmp_path, monkeypatch):
             engine.source, engine.state, camera, size, engine.up)
         gb.write("particles.npz", particles)
         check(engine, camera, size, shot.picture)
+
+
+def test_a_picture_needs_memory_that_is_free(monkeypatch):
+    monkeypatch.setattr("globule.viewer.recording.free_bytes", lambda: 200_000_000)
+    assert checked_size((1000, 1000)) == (1000, 1000)
+    with pytest.raises(ValueError, match="at most 1,000,000 pixels for the memory that is free"):
+        checked_size((1001, 1000))
+
+
+def test_a_picture_waits_for_no_change_in_between(engine):
+    """Settings that change while it is traced: all its samples show one state."""
+    camera, said = gb.Camera((1.6, 1.2, 3.0), (0.1, 0.0, 0.0)), []
+
+    def change(share):
+        said.append(share)
+        if len(said) == 2:
+            engine.state.set(surface__threshold=1.2)
+
+    shot = Shot(engine, camera, (80, 60), 4, progress=change)
+    assert said == [0.25, 0.5, 0.25, 0.5, 0.75]
+    assert np.array_equal(shot.picture, Shot(engine, camera, (80, 60), 4).picture)
 
 
 def test_sizes_have_limits():

@@ -321,6 +321,16 @@ def test_recordings_are_the_servers_pictures(watched, tmp_path):
     assert silhouette(pictures[-1]) < 0.95 * silhouette(pictures[0])
 
 
+def test_a_picture_too_large_for_the_memory_is_refused(watched):
+    page = watched.pages[0]
+    open_folder(page, "Save and record")
+    for size, message in (("99999x99999", "size: expected sides of"), ("wide", "Size: expected")):
+        type_text(page, "Size", size)
+        until(lambda size=size: watched.viewer.page.panels[-3].size.value == size)
+        page.get_by_role("button", name="Save a picture").click()
+        page.get_by_text(message).first.wait_for()
+
+
 def test_a_turntable_goes_once_around(watched, tmp_path):
     av = pytest.importorskip("av")
     page = watched.pages[0]
@@ -412,6 +422,27 @@ def test_a_sequence_plays_and_steps(chromium):
         check(page, "Loop", False)
         check(page, "Play")
         until(lambda: watched.viewer.source.frame == 4 and not watched.viewer.state.time.playing)
+    finally:
+        watched.close()
+
+
+def test_a_broken_frame_stops_the_show_until_it_is_mended(chromium, tmp_path):
+    paths = [str(tmp_path / f"frame_{i}.npz") for i in range(4)]
+    for path, particles in zip(paths, frames_that_move(4), strict=True):
+        gb.write(path, particles)
+    (tmp_path / "frame_2.npz").write_bytes(b"no archive")
+    watched = Watched(paths, chromium)
+    try:
+        page, source, state = watched.page(), watched.viewer.source, watched.viewer.state
+        check(page, "Play")
+        page.get_by_text("frame_2.npz: archive").first.wait_for()
+        until(lambda: not state.time.playing)
+        assert source.frame == 1
+        type_number(page, "Frame", 3)
+        until(lambda: source.frame == 3)
+        gb.write(paths[2], frames_that_move(4)[2])
+        type_number(page, "Frame", 2)
+        until(lambda: source.frame == 2)
     finally:
         watched.close()
 

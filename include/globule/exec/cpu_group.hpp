@@ -4,6 +4,7 @@
 #include "globule/base/quad.hpp"
 #include "globule/base/vec.hpp"
 #include "globule/base/wide.hpp"
+#include "globule/exec/cpu_axes.hpp"
 
 namespace globule {
 
@@ -243,6 +244,7 @@ struct CpuLanes {
     }
     static float get(const F& v, int lane) { return v.v[lane]; }
 
+    using Axes = CpuAxes;
     /// Cells that a ray passes between two looks at the others; it is alone here.
     static constexpr int cells_at_once = 1 << 20;
 };

@@ -45,12 +45,18 @@ GB_FN std::uint32_t octants_on(const float3& p, const float3& d, float end) {
     return 1u << first | (tx < inf ? by(tx) : 0u) | (ty < inf ? by(ty) : 0u) | (tz < inf ? by(tz) : 0u);
 }
 
+/// One bit a cell of a brick: where the list says more than whether the cell is full.
+struct BrickMask {
+    std::uint64_t look, full;
+};
+
 /// The cells in memory.  A block holds Lanes::width particles: x y z relative to the cell's centre in
 /// typical supports, the particle's slot, and where particles differ 1 / support^2 and weight.
 struct Cells {
     const CellGrid* grid;
     const std::uint32_t* bricks;  ///< (n_bricks,)
     const CellList* lists;        ///< (bricks with lists, 64)
+    const BrickMask* masks;       ///< (bricks with lists,) so that a walk past cells needs little memory
     const float* blocks;
 };
 

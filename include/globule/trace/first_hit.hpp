@@ -126,6 +126,13 @@ struct CellTracer {
     GB_FN CellList list_of(const CellWalk& walk, bool& whole_brick) const {
         const std::uint32_t brick = cells.bricks[walk.brick()];
         whole_brick = brick < kListed;
+        if constexpr (requires { typename Lanes::Axes; }) {
+            if (!whole_brick) {
+                const BrickMask mask = cells.masks[brick - kListed];
+                const int cell = walk.cell_in_brick();
+                if (!(mask.look >> cell & 1)) return {std::uint32_t(mask.full >> cell & 1 ? kFull : kEmpty), 0, 0, 0};
+            }
+        }
         return whole_brick ? CellList{brick, 0, 0, 0} : cells.lists[std::size_t(brick - kListed) * kBrickCells + walk.cell_in_brick()];
     }
     GB_FN Source source(const CellList& list, const float3& p0, const float3& d) const {
@@ -183,6 +190,20 @@ struct CellTracer {
         return way;
     }
 
+    // The walk's steps as the lanes do them best.
+    GB_FN static void step(CellWalk& walk, int size) {
+        if constexpr (requires { typename Lanes::Axes; }) Lanes::Axes::step(walk, size, kBrick);
+        else walk.step(size);
+    }
+    GB_FN static float leave(const CellWalk& walk) {
+        if constexpr (requires { typename Lanes::Axes; }) return Lanes::Axes::leave(walk);
+        else return walk.leave();
+    }
+    GB_FN static std::uint32_t octants(const float3& p, const float3& d, float end) {
+        if constexpr (requires { typename Lanes::Axes; }) return Lanes::Axes::octants_on(p, d, end);
+        else return octants_on(p, d, end);
+    }
+
     /// On to a cell with a list, if there is one a few steps on.
     GB_FN Way walk_on(RayState& ray, float typical) const {
         CellWalk& walk = ray.walk;
@@ -193,10 +214,10 @@ struct CellTracer {
             ray.t = walk.t;
             if (list.n) {
                 ray.p0 = in_cell(walk, ray.o, walk.t);
-                ray.end = (least(walk.leave(), ray.to) - walk.t) / typical;
+                ray.end = (least(leave(walk), ray.to) - walk.t) / typical;
                 const std::uint32_t on_side = ray.sign > 0.0f ? list.empty : ray.sign < 0.0f ? list.full : 0;
-                if (!(octants_on(ray.p0, walk.d, ray.end) & ~on_side)) {
-                    walk.step(1);
+                if (on_side && !(octants(ray.p0, walk.d, ray.end) & ~on_side)) {
+                    step(walk, 1);
                     continue;
                 }
                 ray.list = list;
@@ -212,7 +233,7 @@ struct CellTracer {
             const float side = list.first == kFull ? -1.0f : 1.0f;
             if (ray.sign == 0.0f) ray.sign = side;
             if (ray.sign != side) return Way::crossed;  // rounding at the cell's side
-            walk.step(whole_brick ? kBrick : 1);
+            step(walk, whole_brick ? kBrick : 1);
         }
         return Way::on;
     }

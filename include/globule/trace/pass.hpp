@@ -142,10 +142,13 @@ struct Passes {
     GB_FN bool to_place(State& s, CellStop& stop) const {
         const Walk& walk = *static_cast<const Walk*>(this);
         const auto& tracer = walk.cut.tracer;
+        constexpr int kFloats = std::decay_t<decltype(tracer)>::Source::kFloats;
         RayState& ray = s.of.ray;
         while (walk.settle(s)) {
             if (ray.list.n) {
                 stop = {ray.p0, ray.end, ray.walk.d, ray.sign, ray.list, ray.sharp};
+                const float* block = tracer.cells.blocks + std::size_t(ray.list.first) * kFloats;
+                for (std::uint32_t k = 0; k < ray.list.n; k += Teams::size) Teams::prefetch(block + k / Teams::size * kFloats);
                 return true;
             }
             s.way = walk.cut.follow(s.of, tracer.walk_on(ray, tracer.tree.header->typical_support));
@@ -161,7 +164,7 @@ struct Passes {
             State& s = states[which[k]];
             RayState& ray = s.of.ray;
             ray.list.n = 0;
-            if (way == Way::on) return ray.walk.step(1);
+            if (way == Way::on) return tracer.step(ray.walk, 1);
             ray.t = ray.walk.t + t * typical;
             s.way = walk.cut.follow(s.of, way);
         });

@@ -249,6 +249,8 @@ class Viewer:
         if self._closed.is_set():
             return
         self._closed.set()
+        for panel in self.page.panels if hasattr(self, "page") else ():
+            panel.close()
         self.engine.close()
         if hasattr(self, "server"):
             with contextlib.redirect_stdout(io.StringIO()):

@@ -1,4 +1,4 @@
-"""Memory of this process."""
+"""Memory of this process and this machine."""
 
 from __future__ import annotations
 
@@ -12,3 +12,13 @@ def resident_bytes() -> int:
             return int(file.read().split()[1]) * os.sysconf("SC_PAGE_SIZE")
     except (OSError, ValueError, IndexError):
         return 0
+
+
+def free_bytes() -> int | None:
+    """Bytes of main memory that programs can still take; None where the system does not say."""
+    try:
+        with open("/proc/meminfo") as file:
+            found = dict(line.split(":") for line in file)
+        return 1024 * int(found["MemAvailable"].split()[0])
+    except (OSError, ValueError, KeyError, IndexError):
+        return None

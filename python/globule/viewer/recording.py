@@ -7,6 +7,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator
+from contextlib import nullcontext
 from typing import Any
 
 import numpy as np
@@ -17,12 +18,14 @@ from ..exr import frame_channels, write_exr
 from ..render import MAX_PIXELS, save_png
 from ..video import need_av, write_movie
 from .engine import Engine
+from .memory import free_bytes
 from .overlay import Mark, finish
 from .picture import trace
 
 MOST_SIDE = 16384
 MOST_SECONDS = 3600.0  # of a recording
 LEAST_SIDE = 16
+BYTES_PER_PIXEL = 200  # that tracing and saving a picture take
 
 
 def checked_size(size: Any) -> tuple[int, int]:
@@ -33,24 +36,50 @@ def checked_size(size: Any) -> tuple[int, int]:
                          f"got {width}x{height}")
     if width * height > MAX_PIXELS:
         raise ValueError(f"size: expected at most {MAX_PIXELS:,} pixels, got {width}x{height}")
+    free = free_bytes()
+    if free is not None and width * height * BYTES_PER_PIXEL > free:
+        most = f"{free // BYTES_PER_PIXEL:,} pixels for the memory that is free"
+        raise ValueError(f"size: expected at most {most}, got {width}x{height}")
     return width, height
 
 
 class Shot:
-    """A picture, (H, W, 3) uint8 with all that is seen over it, and the traced `frame`."""
+    """A picture, (H, W, 3) uint8 with all that is seen over it, and the traced `frame`.
+
+    progress: called with the share that is done.
+    """
 
     def __init__(self, engine: Engine, camera: Camera, size: tuple[int, int], samples: int,
-                 marks: list[Mark] | None = None):
+                 marks: list[Mark] | None = None,
+                 progress: Callable[[float], Any] = lambda share: None):
+        self._engine, self._camera, self._size = engine, camera, checked_size(size)
+        self._marks, self._samples, self._progress = marks or [], samples, progress
+        lock = engine.source.lock
+        # Others look and step in between, but where they change what is seen.
+        if not self._made(lock):
+            with lock:
+                self._made(nullcontext())
+
+    def _made(self, lock: Any) -> bool:
+        """Trace and finish it, `lock` held for one sample at a time; False where what is seen
+        changed between two."""
+        engine, source, camera = self._engine, self._engine.source, self._camera
         state = engine.state.snapshot()
-        with engine.source.lock:
-            self.frame = trace(engine.source, state, camera, checked_size(size), engine.up)
-            if samples > 1:
-                self.frame.refine(samples - 1)
-            plates = engine.source.plates(state)
-            depth = self.frame.depth if plates else None
-            ends = engine.source.maker.range
-            marks = (marks or []) + engine.source.marks()
-        self.picture = finish(self.frame.picture, state, camera, marks, plates, depth, ends)
+        with lock:
+            frame = trace(source, state, camera, self._size, engine.up)
+            before = state.version, source.version
+            plates = source.plates(state)
+            ends, marks = source.maker.range, self._marks + source.marks()
+        while frame.samples < self._samples:
+            self._progress(frame.samples / self._samples)
+            with lock:
+                if (engine.state.version, source.version) != before:
+                    return False
+                frame.refine()
+        depth = frame.depth if plates else None
+        self.frame = frame
+        self.picture = finish(frame.picture, state, camera, marks, plates, depth, ends)
+        return True
 
     def save(self, path: str | os.PathLike) -> None:
         """PNG, or EXR with the light of the traced picture and all that belongs to it."""

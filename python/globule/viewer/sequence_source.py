@@ -75,9 +75,10 @@ class SequenceSource(Source):
 
     def _fetch(self, i: int) -> Future:
         """Begin to read a frame, or find it."""
-        if i in self._kept:
+        kept = self._kept.get(i)
+        if kept is not None and not (kept.done() and kept.exception()):  # else it may be mended now
             self._kept.move_to_end(i)
-            return self._kept[i]
+            return kept
         item = self._frames[i]
         if isinstance(item, Particles):
             found: Future = Future()

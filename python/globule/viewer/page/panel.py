@@ -43,3 +43,6 @@ class Panel:
 
     def disconnected(self, browser: Any) -> None:
         """A browser has left."""
+
+    def close(self) -> None:
+        """The viewer ends."""

@@ -8,6 +8,8 @@ import re
 import tempfile
 import threading
 import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 from ..recording import Recorder, Shot, checked_size, turntable
@@ -24,7 +26,7 @@ class Save(Panel):
 
     def build(self) -> None:
         gui = self.gui
-        self._recorders: dict[int, tuple[Recorder, str]] = {}
+        self._recorders: dict[int, tuple[Recorder, str, Any]] = {}  # and what says so
         self._lock = threading.Lock()
         self.size = gui.add_text("Size", FIRST_SIZE, hint="Width x height in pixels; any")
         self.samples = gui.add_slider("Samples", 1, 256, 1, 16, hint="Rays per pixel of a picture")
@@ -63,9 +65,29 @@ class Save(Panel):
     def picture(self, browser: Any) -> None:
         extension, client = self.chosen_extension(), self._client(browser)
         samples = int(bounded(self.samples))
-        shot = Shot(self.viewer.engine, client.camera, self.chosen_size(), samples, client.marks)
-        browser.send_file_download(f"globule{extension}", shot.encoded(extension),
-                                   save_immediately=True)
+        with self._progress(browser, "Picture") as progress:
+            shot = Shot(self.viewer.engine, client.camera, self.chosen_size(), samples,
+                        client.marks, progress)
+            data = shot.encoded(extension)
+        browser.send_file_download(f"globule{extension}", data, save_immediately=True)
+
+    @contextmanager
+    def _progress(self, browser: Any, title: str) -> Iterator[Callable[[float], None]]:
+        """A note in the browser of how far something is."""
+        note = browser.add_notification(title, "0 %", loading=True, with_close_button=False)
+        last = [0.0]
+
+        def progress(share: float) -> None:
+            if browser.client_id not in self.viewer.clients:
+                raise ValueError(f"{title.lower()}: the browser has left")
+            if time.monotonic() - last[0] > 0.3:
+                last[0] = time.monotonic()
+                note.body = f"{100 * share:.0f} %"
+
+        try:
+            yield progress
+        finally:
+            note.remove()
 
     def record(self, browser: Any) -> None:
         """Start, or stop and download; each browser its own."""
@@ -76,10 +98,13 @@ class Save(Panel):
                 path = os.path.join(tempfile.mkdtemp(prefix="globule-"), "movie.mp4")
                 recorder = Recorder(self.viewer.engine, lambda: client.camera, path,
                                     self.chosen_size(), bounded(self.fps))
-                self._recorders[browser.client_id] = recorder, path
+                note = browser.add_notification("Recording", "R, or the button, stops it",
+                                                loading=True, with_close_button=False)
+                self._recorders[browser.client_id] = recorder, path, note
                 self.record_button.label, self.record_button.color = "Stop recording", "red"
                 return
-        self._finish(*running, browser)
+        running[-1].remove()
+        self._finish(*running[:2], browser)
 
     def _finish(self, recorder: Recorder, path: str, browser: Any) -> None:
         if not self._recorders:
@@ -94,24 +119,14 @@ class Save(Panel):
 
     def turntable(self, browser: Any) -> None:
         client = self._client(browser)
-        note = browser.add_notification("Turntable", "0 %", loading=True, with_close_button=False)
-        last = [0.0]
-
-        def progress(share: float) -> None:
-            if browser.client_id not in self.viewer.clients:
-                raise ValueError("turntable: the browser has left")
-            if time.monotonic() - last[0] > 0.3:
-                last[0] = time.monotonic()
-                note.body = f"{100 * share:.0f} %"
-
         path = os.path.join(tempfile.mkdtemp(prefix="globule-"), "turntable.mp4")
         try:
-            turntable(self.viewer.engine, client.camera, path, self.chosen_size(),
-                      bounded(self.seconds), bounded(self.fps), progress=progress)
+            with self._progress(browser, "Turntable") as progress:
+                turntable(self.viewer.engine, client.camera, path, self.chosen_size(),
+                          bounded(self.seconds), bounded(self.fps), progress=progress)
             with open(path, "rb") as file:
                 browser.send_file_download("turntable.mp4", file.read(), save_immediately=True)
         finally:
-            note.remove()
             _remove(path)
 
     # Settings
@@ -136,11 +151,16 @@ class Save(Panel):
             gui.add_markdown(f"```sh\n{command}\n```\n\n```python\n{code}```")
             gui.add_button("Close").on_click(lambda _: modal.close())
 
+    def close(self) -> None:
+        """Nobody is there to take what is recorded."""
+        while self._recorders:
+            self._finish(*self._recorders.popitem()[1][:2], None)
+
     def disconnected(self, browser: Any) -> None:
         with self._lock:
             running = self._recorders.pop(browser.client_id, None)
         if running is not None:
-            threading.Thread(target=self._finish, args=(*running, None), daemon=True).start()
+            threading.Thread(target=self._finish, args=(*running[:2], None), daemon=True).start()
 
 
 def _remove(path: str) -> None:
