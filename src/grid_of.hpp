@@ -129,7 +129,13 @@ public:
         else fill_plain_points(bring(view), tables, out);
         exec_.mark(3);
         check_cancelled();
-        if (Exec::on_device) read_filled({r.values, r.radius});
+        if constexpr (Exec::on_device) {
+            if (r.values && !r.incremental) {
+                exec_.touch(r.values, grid_.n_voxels() * sizeof(T));
+                exec_.touch(r.radius, grid_.n_voxels());
+            }
+            read_filled({r.values, r.radius});
+        }
     }
 
     DenseArrays filled() override { return {out_.data(), radius_.data()}; }
@@ -313,7 +319,7 @@ private:
         using namespace sweep;
         if constexpr (Exec::on_device) {
             const int reach = each.filler.tables.cubes.reach;
-            if (reach == 0 || reach > FillBlock<T>::kReach || getenv("GB_OLD")) return exec_.for_each(grid_.n_blocks() * kVoxels, each);
+            if (reach == 0 || reach > FillBlock<T>::kReach) return exec_.for_each(grid_.n_blocks() * kVoxels, each);
             if (!each.dirty) {
                 exec_.clear(each.out.values, grid_.n_voxels() * sizeof(T));
                 exec_.for_each(grid_.n_voxels(), Set<std::uint8_t>{each.out.radius, kFar});

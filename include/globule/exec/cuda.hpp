@@ -108,11 +108,7 @@ public:
     explicit Cuda(int device) : device_(device), temporary_(*this), next_(*this) {
         check(cudaSetDevice(device_));
         check(cudaDeviceGetAttribute(&n_processors_, cudaDevAttrMultiProcessorCount, device_));
-        std::size_t free = 0, total = 0;
-        check(cudaMemGetInfo(&free, &total));
-        check(cudaDeviceGetDefaultMemPool(&pool_, device_));
-        std::uint64_t kept = total / kPoolShare;
-        check(cudaMemPoolSetAttribute(pool_, cudaMemPoolAttrReleaseThreshold, &kept));
+        set_pool();
         check(cudaStreamCreate(&stream_));  // ordered with the default stream of other libraries
         for (cudaEvent_t& e : marks_) check(cudaEventCreate(&e));
         check(cudaEventCreateWithFlags(&done_, cudaEventDisableTiming));
@@ -149,6 +145,8 @@ public:
     void download(void* to, const void* from, std::size_t bytes) {
         staging_.download(to, from, bytes, stream_);
     }
+    /// New host memory that will be downloaded to; takes time that the device's work does not wait for.
+    void touch(void* p, std::size_t bytes) { Staging::touch(p, bytes); }
     void clear(void* p, std::size_t bytes) { check(cudaMemsetAsync(p, 0, bytes, stream_)); }
     void synchronize() { check(cudaStreamSynchronize(stream_)); }
     /// Another stream of the same device, and what is given to it from now on waits for another's work so far.
@@ -257,6 +255,16 @@ public:
     }
 
 private:
+    void set_pool() {
+        check(cudaDeviceGetDefaultMemPool(&pool_, device_));
+        std::uint64_t kept = 0;
+        check(cudaMemPoolGetAttribute(pool_, cudaMemPoolAttrReleaseThreshold, &kept));
+        if (kept) return;
+        std::size_t free = 0, total = 0;
+        check(cudaMemGetInfo(&free, &total));
+        kept = total / kPoolShare;
+        check(cudaMemPoolSetAttribute(pool_, cudaMemPoolAttrReleaseThreshold, &kept));
+    }
     template <class Call>
     void with_temporary(const Call& call) {
         std::size_t bytes = 0;

@@ -3,7 +3,6 @@
 #pragma once
 #include <omp.h>
 
-#include <cstdlib>
 #include <cstring>
 #include <mutex>
 #include <vector>
@@ -13,7 +12,7 @@
 
 namespace globule {
 
-/// Page-locked rooms, kept for the next that needs one: locking takes longer than most copies.
+/// Page-locked rooms of one size, kept for the next that needs one: locking takes longer than most copies.
 class LockedRooms {
 public:
     /// Null where there is none to be had.
@@ -91,24 +90,29 @@ public:
         }
     }
 
+    /// Lets the system give the pages of new host memory, while the device is busy.
+    static void touch(void* p, std::size_t bytes) {
+        constexpr std::size_t page = 4096;
+#pragma omp parallel for num_threads(n_threads()) schedule(static)
+        for (std::size_t at = 0; at < bytes; at += page) static_cast<volatile char*>(p)[at] = 0;
+    }
+
 private:
-    static std::size_t env(const char* n, std::size_t d) { const char* v = getenv(n); return v ? atoll(v) : d; }
-    static constexpr std::size_t kRoom = 16 << 20;
-    std::size_t kPart = env("GB_PART", 4096) << 10, kWorth = env("GB_WORTH", 512) << 10;
-    static constexpr std::size_t kParts = 4;
-    int kThreads = env("GB_THREADS", 8);
+    static constexpr std::size_t kPart = 4 << 20, kParts = 4, kWorth = 512 << 10;
+    static constexpr int kThreads = 8;
 
     char* part(std::size_t k) const { return parts_ + k * kPart; }
     /// False where there is no page-locked memory to be had.
     bool ready() {
         if (parts_) return true;
-        parts_ = LockedRooms::take(kRoom);
+        parts_ = LockedRooms::take(kParts * kPart);
         if (!parts_) return false;
         for (cudaEvent_t& e : done_) check(cudaEventCreateWithFlags(&e, cudaEventDisableTiming));
         return true;
     }
-    void copy(char* to, const char* from, std::size_t n) {
-        const int threads = least(kThreads, omp_get_num_procs());
+    static int n_threads() { return least(kThreads, omp_get_num_procs()); }
+    static void copy(char* to, const char* from, std::size_t n) {
+        const int threads = n_threads();
         const std::size_t share = ceil_div<std::size_t>(n, threads);
 #pragma omp parallel for num_threads(threads) schedule(static, 1)
         for (int t = 0; t < threads; ++t)

@@ -61,9 +61,20 @@ def _steps(setting: Setting, sweep: Sweep, size: int) -> Iterable[tuple[str, flo
     setting.say(f"sweep: {size} voxels")
     wall, cores, volume = _best(lambda: reconstruct(sweep, size=size, **options))
     alone = _binning_cores(setting, sweep, size)
-    yield "nearest binning", volume.info["bin_seconds"], alone, volume
+    there = placed(sweep, setting.device)
+    seconds = _best(lambda: reconstruct(there, size=size, **options))[2].info["bin_seconds"]
+    yield "nearest binning", seconds, alone, volume
     yield "binning, holes to 9³", wall, cores, volume
     yield "PLUS-exact, STICK", *_best(lambda: reconstruct_plus(sweep, exact, **options))
+
+
+def placed(sweep: Sweep, device: str) -> Sweep:
+    """The sweep with its frames in the memory of the device that reconstructs."""
+    if choose(device).name == "cpu":
+        return sweep
+    import cupy
+
+    return Sweep(cupy.asarray(sweep.frames), sweep.world_from_image)
 
 
 def _binning_cores(setting: Setting, sweep: Sweep, size: int) -> float:
