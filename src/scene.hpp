@@ -237,8 +237,11 @@ private:
         double trace_seconds() override { return exec->elapsed(2, 3); }
     };
 
+    /// A frame that nobody holds any more, or a new one; no more than two wait for their turn.
     std::shared_ptr<FrameOf> take_frame(std::size_t n) {
         std::shared_ptr<FrameOf> frame;
+        int n_idle = 0;
+        std::erase_if(pool_, [&](const auto& f) { return f.use_count() == 1 && ++n_idle > 3; });
         for (auto& f : pool_)
             if (f.use_count() == 1) frame = f;
         if (!frame) pool_.push_back(frame = std::make_shared<FrameOf>(exec_));

@@ -3,6 +3,7 @@ sends, one lets time go on. What a client shows never holds up another, nor the 
 
 from __future__ import annotations
 
+import atexit
 import threading
 import time
 from collections.abc import Callable
@@ -88,6 +89,8 @@ class Client:
                 job, self._job = self._job, None
             try:
                 self._send(*job)
+            except ConnectionError:  # the client died; whoever brought it takes it away
+                return
             except Exception as error:  # the page says it; the next picture may do better
                 with self.engine.wake:
                     self.pacer.given_up()
@@ -135,6 +138,7 @@ class Engine:
         state.listen(lambda changed: self.notify())
         for thread in self._threads:
             thread.start()
+        atexit.register(self.close)  # threads must not be inside a kernel when Python ends
 
     def notify(self) -> None:
         """Something is another than before."""
@@ -156,7 +160,10 @@ class Engine:
         client.close()
 
     def close(self) -> None:
+        atexit.unregister(self.close)
         with self.wake:
+            if not self._running:
+                return
             self._running = False
             self.wake.notify_all()
         for thread in self._threads:
@@ -226,7 +233,10 @@ class Engine:
                     "marks": client.marks + source.marks(),
                     "depth": frame.depth if plates else None, "ends": source.maker.range}
             picture = frame.picture
-        client.frame, client.frame_version = frame, what
+        with self.wake:
+            if client not in self.clients:  # it left meanwhile
+                return
+            client.frame, client.frame_version = frame, what
         seconds = time.monotonic() - started
         with self.wake:
             self.trace_seconds = seconds
