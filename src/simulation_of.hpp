@@ -10,6 +10,7 @@
 //                    and bonds, which take their substeps on State::velocity
 //   5  solve         velocities that lead to rest density after dt
 //   6  move          x += dt v (boundaries by their own velocities); guards
+//                    -> fluid that fills its space (filled.hpp): no 3, 5 looks at the divergence, 6 shifts
 //                    -> here instruments get the velocities of the next step, emitters emit, sinks remove
 //   7  settle        octree of the new positions, state in its order, rows, what the host needs to know
 // Between two steps, the tree is that of the positions: a picture of it takes no copy.
@@ -17,7 +18,7 @@
 #include <map>
 #include <optional>
 
-#include "globule/sim/pressure.hpp"
+#include "globule/sim/filled.hpp"
 #include "globule/sim/show.hpp"
 #include "globule/sim/viscosity.hpp"
 #include "globule/sim/wcsph.hpp"
@@ -159,6 +160,11 @@ public:
                 tissue_.push(state_.view(), dt);
                 mark("tissue");
                 push_by_density(dt);
+                mark("pressure");
+            } else if ((filled_ = is_filled())) {
+                forces(dt, r);
+                mark("forces");
+                solve_filled(dt, r);
                 mark("pressure");
             } else {
                 const sim::Progress divergence = solve(rows_.alpha_divergence, state_.view().divergence_impulse, dt, 0.0f, settings_.divergence_error, 1);
@@ -315,10 +321,34 @@ private:
                                                                                   state_.volume(), state_.lattice_squares()});
         };
         with_period(sum);
-        exec_.reduce_in_order(state_.n_rows, sim::CompressionOf{rows_}, sim::AddCompression{}, sim::Compression{0, 0, 0}, compression_.reserve(1));
+        exec_.reduce_in_order(state_.n_rows, sim::CompressionOf{rows_, 2.0f * sim::kFreeGradient}, sim::AddCompression{}, sim::Compression{}, compression_.reserve(1));
     }
 
-    sim::Progress solve(const float* alpha, float* impulse, float dt, float most_excess, double tolerance, int least) {
+    bool is_filled() {
+        if (tissue_.n() > 0) return false;
+        sim::Compression c{};
+        exec_.download(&c, compression_.data(), sizeof c);
+        return c.n_free <= sim::kFreeShare * c.n && c.density >= sim::kLeastFilling * c.n;
+    }
+
+    /// Velocities without divergence, of fluid that fills its space.
+    void solve_filled(float dt, StepReport& r) {
+        const sim::State s = state_.view();
+        Quad* diagonal = direction_.reserve(state_.n + 64);
+        Quad* rest = applied_.reserve(state_.n + 64);
+        Quad* plain = accelerations_.reserve(state_.n_rows + 64);
+        exec_.for_each(state_.n + 1, sim::NoCorrection{diagonal, rest});
+        with_period([&]<bool periodic>(std::bool_constant<periodic>) {
+            exec_.for_each_packet(state_.n_rows, sim::InverseMoments<Packet, periodic>{lists_, s.place, state_.period(), state_.spline().inverse, diagonal, rest});
+        });
+        exec_.for_each_packet(state_.n_rows, sim::CorrectGradients<Packet>{lists_, s.place, diagonal, rest, rows_, plain, state_.spline().support, state_.lattice_squares()});
+        exec_.clear(s.impulse, 4 * state_.n);
+        const sim::Progress p = solve(rows_.alpha, s.divergence_impulse, dt, 0.0f, settings_.divergence_error, settings_.least_iterations, true);
+        r.iterations = int(p.iterations);
+        r.error = p.error;
+    }
+
+    sim::Progress solve(const float* alpha, float* impulse, float dt, float most_excess, double tolerance, int least, bool both_signs = false) {
         const std::size_t n = state_.n_rows;
         const float inverse_support = state_.spline().inverse;
         float* change = change_.reserve(state_.n + 64);
@@ -330,17 +360,18 @@ private:
         exec_.for_each(n, sim::WarmStart{lists_.rows, alpha, impulse, change, kWarmShare});
         const sim::State s = state_.view();
         sim::Progress p{};
+        const float least_bound = both_signs ? 0.0f : -infinity();
         constexpr int at_once = Exec::on_device ? 2 : 1;  // iterations between two looks at the device's progress
         do {
             for (int i = 0; i < at_once; ++i) {
                 exec_.for_each_packet(n, sim::Push<Packet>{lists_, rows_, change, s.velocity, progress, inverse_support});
-                exec_.for_each_packet(n, sim::Relax<Packet>{lists_, rows_, alpha, s.velocity, impulse, change, error, progress, inverse_support, 1.0f / dt, most_excess, kOmega});
+                exec_.for_each_packet(n, sim::Relax<Packet>{lists_, rows_, alpha, s.velocity, impulse, change, error, progress, inverse_support, 1.0f / dt, most_excess, least_bound, both_signs ? -infinity() : 0.0f, kOmega});
                 exec_.reduce_in_order(n, sim::ErrorOf{error}, sim::AddDouble{}, 0.0, sum);
                 exec_.for_each(1, sim::Judge{sum, double(dt) / double(n), tolerance, std::uint32_t(least), progress});
             }
             exec_.download(&p, progress, sizeof p);
         } while (!p.done && int(p.iterations) < settings_.most_iterations);
-        exec_.for_each(n, sim::Applied{lists_.rows, impulse, change, 1.0f / dt, most_excess > 0.0f, s.pressure});
+        exec_.for_each(n, sim::Applied{lists_.rows, impulse, change, 1.0f / dt, most_excess > 0.0f, flux(), s.pressure});
         return p;
     }
 
@@ -447,7 +478,7 @@ private:
                 sim::Impulse* impulse = impulse_.reserve(1);
                 sim::Touch* touch = touch_.reserve(1);
                 exec_.reduce_in_order(state_.n_rows, sim::PressureImpulse<Packet>{lists_, s, rows_.boundary, std::uint8_t(phase), state_.period(),
-                                                                                  state_.volume(), state_.spline().support, dt, body.center_float()},
+                                                                                  state_.volume(), state_.spline().support, dt, flux(), body.center_float()},
                                       sim::AddImpulse{}, sim::Impulse{}, impulse);
                 exec_.reduce_in_order(state_.n_rows, sim::TouchOf<Packet>{lists_, s, std::uint8_t(phase), state_.period(), settings_.spacing}, sim::AddTouch{}, sim::Touch{}, touch);
                 sim::Impulse i;
@@ -461,6 +492,9 @@ private:
             exec_.for_each(state_.n, sim::Carry{s, std::uint8_t(phase), body.pose(), home_.data(), dt});
         }
     }
+
+    /// Momentum that an impulse carries across a face; corrected gradients carry all of it.
+    float flux() const { return filled_ ? 1.0f : sim::kFlux; }
 
     void gather_tissue() { tissue_.gather(state_.view(), state_.phases(), state_.slot_of(), state_.volume()); }
 
@@ -491,13 +525,20 @@ private:
 
     void move(float dt) {
         if (state_.n_rows > 0) exec_.for_each(state_.n_rows, sim::Contact<Packet>{lists_, rows_.boundary, state_.view(), state_.period(), settings_.spacing});
+        if (filled_) {
+            const float d = settings_.spacing, far = least(sim::kShift * std::sqrt(state_.summary.most_speed2) * dt, sim::kMostShift * d) * d;
+            exec_.for_each(state_.n_rows, sim::Shift{lists_.rows, rows_.inverse_rho, accelerations_.data(), far * state_.spline().inverse / dt, state_.view().velocity,
+                                                     residual_.reserve(state_.n_rows + 64)});
+        }
         float* positions = state_.positions();
         exec_.for_each(state_.n, sim::Move{state_.view(), dt, state_.tree().sparse().header, state_.period(), settings_.lo, positions, state_.not_a_number()});
+        if (filled_) exec_.for_each(state_.n_rows, sim::GiveBack{lists_.rows, residual_.data(), state_.view().velocity});
+        filled_ = false;
         if (state_.n_rows > 0) tissue_.add_rest(state_.view());
     }
 
     void report(StepReport& r) {
-        sim::Compression c{0, 0, 0};
+        sim::Compression c{};
         if (r.n_solved > 0) exec_.download(&c, compression_.data(), sizeof c);
         r.compression = c.n > 0 ? c.sum / c.n : 0.0;
         r.most_compression = c.most;
@@ -583,7 +624,7 @@ private:
     int n_sinks_ = 0;
     Buffer<float, Exec> color_, reflection_, weight_;
     Buffer<std::uint32_t, Exec> rank_, ids_;
-    bool stale_ = true, has_forces_ = false;
+    bool stale_ = true, has_forces_ = false, filled_ = false;
     double time_ = 0.0;
     std::uint64_t n_steps_ = 0;
     int n_marks_ = 0;
