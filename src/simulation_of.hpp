@@ -22,7 +22,7 @@
 #include "globule/sim/show.hpp"
 #include "globule/sim/viscosity.hpp"
 #include "globule/sim/wcsph.hpp"
-#include "rigid_body.hpp"
+#include "motion_bytes.hpp"
 #include "scene_access.hpp"
 #include "simulation_state.hpp"
 #include "tissue_of.hpp"
@@ -88,6 +88,7 @@ public:
             const std::size_t n = home_.capacity();
             exec_.for_each(n, sim::CopyQuads{home_.data(), old.reserve(n + 1)});
             home_.reserve(state_.next_id + state_.next_id / 2 + 64);
+            exec_.clear(home_.data(), home_.capacity() * sizeof(Quad));
             exec_.for_each(n, sim::CopyQuads{old.data(), home_.data()});
             exec_.synchronize();
         }
@@ -110,6 +111,19 @@ public:
         const sim::Pose p = b.pose();
         for (double v : {p.x.x, p.y.x, p.z.x, p.x.y, p.y.y, p.z.y, p.x.z, p.y.z, p.z.z}) out.push_back(v);
         return out;
+    }
+
+    std::vector<char> motion() override {
+        std::vector<Quad> home(home_.capacity());
+        if (!home.empty()) exec_.download(home.data(), home_.data(), home.size() * sizeof(Quad));
+        return save_motion(home, next_poses_, bodies_);
+    }
+    void set_motion(const std::vector<char>& bytes) override {
+        std::vector<Quad> home;
+        load_motion(bytes, home, next_poses_, bodies_);
+        if (home.empty()) return;
+        exec_.upload(home_.reserve(home.size()), home.data(), home.size() * sizeof(Quad));
+        exec_.synchronize();
     }
 
     sim::Totals totals() override {
@@ -173,7 +187,7 @@ public:
                 mark("forces");
                 tissue_.push(state_.view(), dt);
                 mark("tissue");
-                const sim::Progress density = solve(rows_.alpha, state_.view().impulse, dt, infinity(), kAim * settings_.density_error, settings_.least_iterations);
+                const sim::Progress density = solve(rows_.alpha, state_.view().impulse, dt, std::getenv("GB_CAP") ? float(std::atof(std::getenv("GB_CAP"))) : infinity(), kAim * settings_.density_error, settings_.least_iterations);
                 mark("pressure");
                 r.iterations = int(density.iterations);
                 r.error = density.error;
@@ -321,7 +335,7 @@ private:
                                                                                   state_.volume(), state_.lattice_squares()});
         };
         with_period(sum);
-        exec_.reduce_in_order(state_.n_rows, sim::CompressionOf{rows_, 2.0f * sim::kFreeGradient}, sim::AddCompression{}, sim::Compression{}, compression_.reserve(1));
+        exec_.reduce_in_order(state_.n_rows, sim::CompressionOf{rows_, 2.0f * sim::kFreeGradient, 0.99f * state_.spline().support}, sim::AddCompression{}, sim::Compression{}, compression_.reserve(1));
     }
 
     bool is_filled() {

@@ -119,6 +119,31 @@ def test_goes_on_bit_by_bit(tmp_path):
     assert (other.time, other.n_steps) == (one.time, one.n_steps)
 
 
+def test_what_moves_goes_on_bit_by_bit(tmp_path):
+    one = gb.Simulation(column(), device="cpu")
+    one.add(physics.lattice((0, 0, 0), (1, 0.3, 0.4), D), "water")
+    for name, kind, left in (("paddle", "boundary", 0.1), ("raft", "rigid", 0.5)):
+        one.add_phase(gb.Phase(name, kind=kind))
+        one.add(physics.lattice((left, 0.25, 0.1), (left + 0.2, 0.35, 0.3), D), name)
+    one.make_rigid("raft", 400.0, spin=(0, 1, 0))
+
+    def step(sim):
+        for _ in range(8):
+            pose = np.eye(4)
+            pose[0, 3] = 0.5 * (sim.time + 0.004)
+            sim.move_boundary("paddle", pose)
+            sim.step(0.004)
+
+    step(one)
+    one.save(tmp_path / "state")
+    other = gb.Simulation.load(tmp_path / "state", device="cpu")
+    step(one)
+    step(other)
+    assert other.hash() == one.hash()
+    for name, value in one.body("raft").items():
+        np.testing.assert_array_equal(other.body("raft")[name], value)
+
+
 def test_scene_shows_what_is_there(backend):
     sim, ids = falling(backend)
     camera = gb.Camera((0.5, 0.4, 3), (0.5, 0.4, 0.2))

@@ -504,7 +504,11 @@ class Simulation(Run, Operable):
         arrays = {name: self._read(name) for name in _ARRAYS}
         counts = [self._core.next_id(), self.n_steps]
         clock = {"time": np.array(self.time), "counts": np.array(counts, np.uint64)}
-        return {**arrays, **self._tissue_state(), **clock}
+        motion = {
+            "motion": np.frombuffer(self._core.motion(), np.uint8),
+            "moving": np.array(sorted(self._moving), np.uint8),
+        }
+        return {**arrays, **motion, **self._tissue_state(), **clock}
 
     def set_state(self, state: Mapping[str, np.ndarray]) -> None:
         """Go on from what `state` gave."""
@@ -516,6 +520,8 @@ class Simulation(Run, Operable):
         for name in _ARRAYS:
             self._write(name, state[name])
         self._core.settle()
+        self._core.set_motion(np.asarray(state["motion"], np.uint8).tobytes())
+        self._moving = {int(phase) for phase in state["moving"]}
         self._set_tissue_state(state)
 
 
