@@ -270,6 +270,44 @@ def test_wcsph_agrees_with_dfsph():
     assert fronts[0] == pytest.approx(fronts[1], rel=0.05)
 
 
+def test_a_block_in_its_box_starts_at_rest():
+    sim = gb.Simulation(gb.Particles(physics.lattice((0, 0, 0), (0.4, 0.4, 0.4), D)), "cpu")
+    report = sim.step()
+    assert report.most_compression < 1e-3
+    assert report.most_speed == pytest.approx(physics.GRAVITY * report.dt, rel=0.05)
+
+
+@pytest.mark.parametrize("spacing", [D, 0.9 * D])
+def test_fluid_without_room_is_refused(spacing):
+    sim = gb.Simulation(column(), device="cpu")
+    sim.add(physics.lattice((0, 0, 0), (1.0, 0.8, 0.4), spacing), "water")
+    with pytest.raises(ArithmeticError, match="expected room"):
+        sim.advance(1.0)
+
+
+def test_fluid_that_fills_its_space_keeps_its_momentum(backend):
+    size = 8 * D
+    sim = gb.Simulation(
+        column(walls=False, domain=((0, 0, 0), (size, size, size)), periodic=(True, True, True))
+        | {"gravity": (0, 0, 0)},
+        **backend,
+    )
+    at = physics.lattice((0, 0, 0), (size, size, size), D)
+    wave = 0.1 * np.sin(2 * np.pi * at[:, 1] / size)
+    sim.add(at, "water", np.stack([0.3 + wave, 0 * wave, 0 * wave], 1))
+    before = sim.totals()
+    for _ in range(40):
+        report = sim.step()
+    after = sim.totals()
+    mass = before["mass"]
+    np.testing.assert_allclose(after["momentum"], before["momentum"], atol=1e-5 * 0.3 * mass)
+    # The shear goes on: rho v^2 / 2 falls by viscosity alone.
+    decay = np.exp(-2 * 0.5 / 1000 * (2 * np.pi / size) ** 2 * sim.time)
+    drift = 0.5 * mass * 0.3**2
+    assert after["kinetic"] - drift == pytest.approx((before["kinetic"] - drift) * decay, rel=0.1)
+    assert report.n_escaped == 0
+
+
 @pytest.mark.parametrize(
     ("description", "message"),
     [

@@ -20,6 +20,7 @@ from .sim.bodies import bodies
 from .sim.emitter import Emitter
 from .sim.operate import Operable
 from .sim.run import Run, description, is_scene
+from .sim.sampling import BEHIND
 from .sim.scene_file import read_scene
 
 KINDS = ("fluid", "tissue", "boundary", "rigid")
@@ -556,4 +557,6 @@ def _of_particles(particles: Particles) -> dict[str, Any]:
     d = float(np.median(local_spacing(particles.positions, k=3)))
     lo, hi = (corner.astype(float) for corner in particles.bounds())
     hi[1] += hi[1] - lo[1] + d
-    return {"spacing": d, "domain": (lo - d / 2, hi + d / 2)}
+    # Where a lattice that touches the walls is at rest: they stand half a spacing outside.
+    edge = BEHIND * d
+    return {"spacing": d, "domain": (lo - edge, hi + edge)}
