@@ -160,9 +160,9 @@ class Run:
         self._n_crowded = self._n_crowded + 1 if crowded else 0
         if self._n_crowded == CROWDED_STEPS:
             raise ArithmeticError(
-                f"fluid is compressed by {100 * report.compression:.1f} % in step {report.step}, and"
-                f" was as much for {CROWDED_STEPS} steps: expected room for it (a spacing's gap "
-                "or a free surface in a box with walls) and particles that do not overlap"
+                f"fluid is compressed by {100 * report.compression:.1f} % in step {report.step}, "
+                f"after {CROWDED_STEPS - 1} steps alike: expected room for it (in a box with walls "
+                "a free surface or a gap) and particles that do not overlap"
             )
 
     def measure(self) -> dict[str, float]:
