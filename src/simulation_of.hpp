@@ -187,7 +187,7 @@ public:
                 mark("forces");
                 tissue_.push(state_.view(), dt);
                 mark("tissue");
-                const sim::Progress density = solve(rows_.alpha, state_.view().impulse, dt, std::getenv("GB_CAP") ? float(std::atof(std::getenv("GB_CAP"))) : infinity(), kAim * settings_.density_error, settings_.least_iterations);
+                const sim::Progress density = solve(rows_.alpha, state_.view().impulse, dt, infinity(), kAim * settings_.density_error, settings_.least_iterations);
                 mark("pressure");
                 r.iterations = int(density.iterations);
                 r.error = density.error;
@@ -335,7 +335,7 @@ private:
                                                                                   state_.volume(), state_.lattice_squares()});
         };
         with_period(sum);
-        exec_.reduce_in_order(state_.n_rows, sim::CompressionOf{rows_, 2.0f * sim::kFreeGradient, 0.99f * state_.spline().support}, sim::AddCompression{}, sim::Compression{}, compression_.reserve(1));
+        exec_.reduce_in_order(state_.n_rows, sim::CompressionOf{rows_, 2.0f * sim::kFreeGradient}, sim::AddCompression{}, sim::Compression{}, compression_.reserve(1));
     }
 
     bool is_filled() {
@@ -357,7 +357,7 @@ private:
         });
         exec_.for_each_packet(state_.n_rows, sim::CorrectGradients<Packet>{lists_, s.place, diagonal, rest, rows_, plain, state_.spline().support, state_.lattice_squares()});
         exec_.clear(s.impulse, 4 * state_.n);
-        const sim::Progress p = solve(rows_.alpha, s.divergence_impulse, dt, 0.0f, settings_.divergence_error, settings_.least_iterations, true);
+        const sim::Progress p = solve(rows_.alpha, s.divergence_impulse, dt, 0.0f, sim::kFilledAim * settings_.divergence_error, settings_.least_iterations, true);
         r.iterations = int(p.iterations);
         r.error = p.error;
     }

@@ -76,19 +76,18 @@ struct Densities {
 };
 
 /// Of the rows that take part: sum and largest of max(delta - 1, 0), how many they are, how many are at a
-/// surface or a wall, and the sum of delta.
+/// surface, and the sum of delta.
 struct Compression {
     double sum, most, n, n_free, density;
 };
 struct CompressionOf {
     Rows rows;
     float free_gradient;  ///< |G| times the support of those at a surface
-    float reach;          ///< distance of walls that count as one
     GB_FN Compression operator()(std::size_t row) const {
         if (!(rows.inverse_rho[row] > 0.0f)) return {0.0, 0.0, 0.0, 0.0, 0.0};
         const double e = most(rows.density[row] - 1.0f, 0.0f);
         const float3 g{rows.gx[row], rows.gy[row], rows.gz[row]};
-        return {e, e, 1.0, dot(g, g) > free_gradient * free_gradient || rows.boundary[row] < reach ? 1.0 : 0.0, rows.density[row]};
+        return {e, e, 1.0, dot(g, g) > free_gradient * free_gradient ? 1.0 : 0.0, rows.density[row]};
     }
 };
 struct AddCompression {

@@ -5,7 +5,8 @@
 // gradients that are exact for linear fields (Bonet & Lok 1999), antisymmetric in a pair so that momentum is kept,
 //   M_i = -sum_j g_ij x_ij^T,   g_ij <- (M_i^-1 + M_j^-1) g_ij / 2,
 // a divergence of 0 from pressures of both signs, and particles that are shifted from where they are dense
-// (Lind 2012), their velocities kept.
+// (Lind 2012), their velocities kept.  Pairs with a boundary's particle, which has no pressure, count twice, so
+// that the same pressure everywhere pushes nobody into a wall; M makes good for it.
 #pragma once
 #include "globule/sim/pressure.hpp"
 
@@ -14,7 +15,8 @@ namespace globule::sim {
 inline constexpr float kFreeGradient = 0.4f;   ///< of the density, per spacing: more is a surface's (a lattice's: 0.51)
 inline constexpr double kFreeShare = 0.002;    ///< of all particles: more are a surface
 inline constexpr double kLeastFilling = 0.99;  ///< mean density: with less, gaps are on their way to open
-inline constexpr float kShift = 1.5f, kMostShift = 0.2f;
+inline constexpr double kFilledAim = 0.1;      ///< of the divergence's tolerance: no density solve makes good what is left
+inline constexpr float kShift = 1.5f, kMostShift = 0.2f;  ///< spacings^2 of density gradient per spacing of the fastest's way; at most
 
 /// M^-1 of every row's particle, as (xx, yy, zz) and (xy, xz, yz); boundaries have 1.
 template <class Packet_, bool periodic>
@@ -35,7 +37,8 @@ struct InverseMoments {
         for (std::uint32_t k = 0; k < n; ++k, at += Packet::stride) {
             const Four<F> other = Packet::gather(place, lists.index + at);
             const Vec3<F> d = period.template shortest<periodic>(mine.xyz() - other.xyz());
-            const F gx = s * Packet::load(lists.gx + at), gy = s * Packet::load(lists.gy + at), gz = s * Packet::load(lists.gz + at);
+            const F m = s * select(other.w > zero, F(2.0f), one);
+            const F gx = m * Packet::load(lists.gx + at), gy = m * Packet::load(lists.gy + at), gz = m * Packet::load(lists.gz + at);
             xx += gx * d.x;
             yy += gy * d.y;
             zz += gz * d.z;
@@ -69,13 +72,14 @@ struct CorrectGradients {
     GB_FN void run(std::size_t row) const {
         using F = typename Packet::F;
         const Four<F> d = Packet::gather(diagonal, lists.rows + row), r = Packet::gather(rest, lists.rows + row);
-        const F zero = F(0.0f), half = F(0.5f), h = F(support), rho = Packet::load(out.inverse_rho + row);
+        const F zero = F(0.0f), half = F(0.5f), one = F(1.0f), h = F(support), rho = Packet::load(out.inverse_rho + row);
         F gx = zero, gy = zero, gz = zero, squares = zero;
         const std::uint32_t n = Packet::longest(lists.count + row);
         std::size_t at = lists.at(row);
         for (std::uint32_t k = 0; k < n; ++k, at += Packet::stride) {
             const Four<F> e = Packet::gather(diagonal, lists.index + at), s = Packet::gather(rest, lists.index + at), other = Packet::gather(place, lists.index + at);
-            const F x = half * Packet::load(lists.gx + at), y = half * Packet::load(lists.gy + at), z = half * Packet::load(lists.gz + at);
+            const F m = select(other.w > zero, one, half);
+            const F x = m * Packet::load(lists.gx + at), y = m * Packet::load(lists.gy + at), z = m * Packet::load(lists.gz + at);
             const F a = Packet::keep(lists.gx + at, (d.x + e.x) * x + (r.x + s.x) * y + (r.y + s.y) * z);
             const F b = Packet::keep(lists.gy + at, (r.x + s.x) * x + (d.y + e.y) * y + (r.z + s.z) * z);
             const F c = Packet::keep(lists.gz + at, (r.y + s.y) * x + (r.z + s.z) * y + (d.z + e.z) * z);
