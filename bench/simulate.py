@@ -19,7 +19,7 @@ import time
 
 import globule as gb
 import numpy as np
-from globule.simulate import box_walls
+from globule.sim.walls import box_walls
 
 
 def splash(path: str, error: float, device: str, threads: int) -> gb.Simulation:

@@ -125,6 +125,11 @@ void bind_simulation(nb::module_& m) {
             s.core->make_body(phase, mass, v.data(), v.data() + 3, v.data() + 12, v.data() + 15);
         })
         .def("body", [](PySimulation& s, int phase) { return s.core->body(phase); })
+        .def("motion", [](PySimulation& s) {
+            const std::vector<char> bytes = s.core->motion();
+            return nb::bytes(bytes.data(), bytes.size());
+        })
+        .def("set_motion", [](PySimulation& s, nb::bytes b) { s.core->set_motion({b.c_str(), b.c_str() + b.size()}); })
         .def("totals", [](PySimulation& s) {
             const sim::Totals t = work([&] { return s.core->totals(); });
             nb::dict d;

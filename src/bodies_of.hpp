@@ -1,9 +1,7 @@
 // What moves as a whole, over any Exec: boundaries that follow key frames, and rigid bodies that the fluid pushes.
 #pragma once
-#include <map>
-
 #include "fluid_of.hpp"
-#include "rigid_body.hpp"
+#include "motion_bytes.hpp"
 
 namespace globule {
 
@@ -21,6 +19,7 @@ public:
             const std::size_t n = home_.capacity();
             exec_.for_each(n, sim::CopyQuads{home_.data(), old.reserve(n + 1)});
             home_.reserve(state_.next_id + state_.next_id / 2 + 64);
+            exec_.clear(home_.data(), home_.capacity() * sizeof(Quad));
             exec_.for_each(n, sim::CopyQuads{old.data(), home_.data()});
             exec_.synchronize();
         }
@@ -45,6 +44,20 @@ public:
         return out;
     }
 
+    /// All of this as bytes of a checkpoint.
+    std::vector<char> save() {
+        std::vector<Quad> home(home_.capacity());
+        if (!home.empty()) exec_.download(home.data(), home_.data(), home.size() * sizeof(Quad));
+        return save_motion(home, next_poses_, bodies_);
+    }
+    void load(const std::vector<char>& bytes) {
+        std::vector<Quad> home;
+        load_motion(bytes, home, next_poses_, bodies_);
+        if (home.empty()) return;
+        exec_.upload(home_.reserve(home.size()), home.data(), home.size() * sizeof(Quad));
+        exec_.synchronize();
+    }
+
     /// Boundaries get the velocities that lead them to their next poses.
     void carry(float dt) {
         for (const auto& [phase, pose] : next_poses_)
@@ -62,7 +75,7 @@ public:
                 sim::Impulse* impulse = impulse_.reserve(1);
                 sim::Touch* touch = touch_.reserve(1);
                 exec_.reduce_in_order(state_.n_rows, sim::PressureImpulse<Packet>{fluid.lists(), s, fluid.rows().boundary, std::uint8_t(phase), state_.period(),
-                                                                                  state_.volume(), state_.spline().support, dt, body.center_float()},
+                                                                                  state_.volume(), state_.spline().support, dt, fluid.flux(), body.center_float()},
                                       sim::AddImpulse{}, sim::Impulse{}, impulse);
                 exec_.reduce_in_order(state_.n_rows, sim::TouchOf<Packet>{fluid.lists(), s, std::uint8_t(phase), state_.period(), settings_.spacing}, sim::AddTouch{}, sim::Touch{}, touch);
                 sim::Impulse i;

@@ -1,7 +1,7 @@
 // The fluid solver's stages over any Exec, in the order in which a step calls them: lists of neighbours, densities, the solve for
 // velocities without divergence or with rest density, forces between pairs.
 #pragma once
-#include "globule/sim/pressure.hpp"
+#include "globule/sim/filled.hpp"
 #include "globule/sim/viscosity.hpp"
 #include "globule/sim/wcsph.hpp"
 #include "simulation_state.hpp"
@@ -79,12 +79,12 @@ public:
                                                                                   state_.volume(), state_.lattice_squares()});
         };
         with_period(sum);
-        exec_.reduce_in_order(state_.n_rows, sim::CompressionOf{rows_}, sim::AddCompression{}, sim::Compression{0, 0, 0}, compression_.reserve(1));
+        exec_.reduce_in_order(state_.n_rows, sim::CompressionOf{rows_, 2.0f * sim::kFreeGradient}, sim::AddCompression{}, sim::Compression{}, compression_.reserve(1));
     }
 
     /// Of the positions that densities() saw.
     sim::Compression compression() {
-        sim::Compression c{0, 0, 0};
+        sim::Compression c{};
         exec_.download(&c, compression_.data(), sizeof c);
         return c;
     }
@@ -95,6 +95,40 @@ public:
     sim::Progress correct_density(float dt) {
         return solve(rows_.alpha, state_.view().impulse, dt, infinity(), kAim * settings_.density_error, settings_.least_iterations);
     }
+
+    /// Whether it has no free surface, of the positions that densities() saw.
+    bool fills_its_space() {
+        const sim::Compression c = compression();
+        return c.n_free <= sim::kFreeShare * c.n && c.density >= sim::kLeastFilling * c.n;
+    }
+    /// Velocities without divergence, of fluid that fills its space; the next move shifts.
+    sim::Progress correct_filled(float dt) {
+        filled_ = true;
+        const sim::State s = state_.view();
+        Quad* diagonal = direction_.reserve(state_.n + 64);
+        Quad* rest = applied_.reserve(state_.n + 64);
+        Quad* plain = accelerations_.reserve(state_.n_rows + 64);
+        exec_.for_each(state_.n + 1, sim::NoCorrection{diagonal, rest});
+        with_period([&]<bool periodic>(std::bool_constant<periodic>) {
+            exec_.for_each_packet(state_.n_rows, sim::InverseMoments<Packet, periodic>{lists_, s.place, state_.period(), state_.spline().inverse, diagonal, rest});
+        });
+        exec_.for_each_packet(state_.n_rows, sim::CorrectGradients<Packet>{lists_, s.place, diagonal, rest, rows_, plain, state_.spline().support, state_.lattice_squares()});
+        exec_.clear(s.impulse, 4 * state_.n);
+        return solve(rows_.alpha, s.divergence_impulse, dt, 0.0f, sim::kFilledAim * settings_.divergence_error, settings_.least_iterations, true);
+    }
+    /// Velocities that lead particles from where they are dense, for one move; what was theirs is kept.
+    void shift(float dt) {
+        if (!filled_) return;
+        const float d = settings_.spacing, far = least(sim::kShift * std::sqrt(state_.summary.speeds.most2) * dt, sim::kMostShift * d) * d;
+        exec_.for_each(state_.n_rows, sim::Shift{lists_.rows, rows_.inverse_rho, accelerations_.data(), far * state_.spline().inverse / dt, state_.view().velocity,
+                                                 residual_.reserve(state_.n_rows + 64)});
+    }
+    void end_shift() {
+        if (filled_) exec_.for_each(state_.n_rows, sim::GiveBack{lists_.rows, residual_.data(), state_.view().velocity});
+        filled_ = false;
+    }
+    /// Momentum that an impulse carries across a face; corrected gradients carry all of it.
+    float flux() const { return filled_ ? 1.0f : sim::kFlux; }
 
     /// Weakly compressible: pressures follow from the densities, and are applied once.
     void push_by_density(float dt) {
@@ -129,7 +163,7 @@ public:
     }
 
 private:
-    sim::Progress solve(const float* alpha, float* impulse, float dt, float most_excess, double tolerance, int least) {
+    sim::Progress solve(const float* alpha, float* impulse, float dt, float most_excess, double tolerance, int least, bool both_signs = false) {
         const std::size_t n = state_.n_rows;
         const float inverse_support = state_.spline().inverse;
         float* change = change_.reserve(state_.n + 64);
@@ -141,17 +175,18 @@ private:
         exec_.for_each(n, sim::WarmStart{lists_.rows, alpha, impulse, change, kWarmShare});
         const sim::State s = state_.view();
         sim::Progress p{};
+        const float least_excess = both_signs ? 0.0f : -infinity(), least_impulse = both_signs ? -infinity() : 0.0f;
         constexpr int at_once = Exec::on_device ? 2 : 1;  // iterations between two looks at the device's progress
         do {
             for (int i = 0; i < at_once; ++i) {
                 exec_.for_each_packet(n, sim::Push<Packet>{lists_, rows_, change, s.velocity, progress, inverse_support});
-                exec_.for_each_packet(n, sim::Relax<Packet>{lists_, rows_, alpha, s.velocity, impulse, change, error, progress, inverse_support, 1.0f / dt, most_excess, kOmega});
+                exec_.for_each_packet(n, sim::Relax<Packet>{lists_, rows_, alpha, s.velocity, impulse, change, error, progress, inverse_support, 1.0f / dt, most_excess, least_excess, least_impulse, kOmega});
                 exec_.reduce_in_order(n, sim::ErrorOf{error}, sim::AddDouble{}, 0.0, sum);
                 exec_.for_each(1, sim::Judge{sum, double(dt) / double(n), tolerance, std::uint32_t(least), progress});
             }
             exec_.download(&p, progress, sizeof p);
         } while (!p.done && int(p.iterations) < settings_.most_iterations);
-        exec_.for_each(n, sim::Applied{lists_.rows, impulse, change, 1.0f / dt, most_excess > 0.0f, s.pressure});
+        exec_.for_each(n, sim::Applied{lists_.rows, impulse, change, 1.0f / dt, most_excess > 0.0f, flux(), s.pressure});
         return p;
     }
 
@@ -223,6 +258,7 @@ private:
     Lists lists_{};
     sim::Rows rows_{};
     std::uint32_t places_ = 64, longest_list_ = 0;
+    bool filled_ = false;
     Buffer<std::uint32_t, Exec> list_counts_, list_index_;
     Buffer<typename Packet::Short, Exec> gradients_;
     Buffer<float, Exec> row_values_, change_, error_;

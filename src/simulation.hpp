@@ -67,6 +67,9 @@ struct Simulation {
     virtual void make_body(int phase, double mass, const double center[3], const double inertia[9], const double velocity[3], const double spin[3]) = 0;
     /// Center, velocity, spin (3 each) and the rotation (9, row by row).
     virtual std::vector<double> body(int phase) = 0;
+    /// Bodies, poses, and where particles are in their bodies, as bytes that set_motion takes.
+    virtual std::vector<char> motion() = 0;
+    virtual void set_motion(const std::vector<char>& bytes) = 0;
     virtual sim::Totals totals() = 0;
     virtual StepReport step(double dt) = 0;
     /// The step that the current speeds allow.

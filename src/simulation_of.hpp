@@ -10,6 +10,7 @@
 //                    and bonds, which take their substeps on State::velocity
 //   5  solve         velocities that lead to rest density after dt
 //   6  move          x += dt v (boundaries by their own velocities); guards
+//                    -> fluid that fills its space (filled.hpp): no 3, 5 looks at the divergence, 6 shifts
 //                    -> here instruments get the velocities of the next step, emitters emit, sinks remove
 //   7  settle        octree of the new positions, state in its order, rows, what the host needs to know
 // Between two steps, the tree is that of the positions: a picture of it takes no copy.
@@ -79,6 +80,9 @@ public:
     }
     std::vector<double> body(int phase) override { return bodies_.body(phase); }
 
+    std::vector<char> motion() override { return bodies_.save(); }
+    void set_motion(const std::vector<char>& bytes) override { bodies_.load(bytes); }
+
     sim::Totals totals() override {
         sim::Totals* out = totals_.reserve(1);
         exec_.reduce_in_order(state_.n_rows, sim::TotalsOf{state_.view(), state_.rows(), state_.volume(), settings_.gravity}, sim::AddTotals{},
@@ -117,6 +121,12 @@ public:
                 push(dt, r);
                 fluid_.push_by_density(dt);
                 mark("pressure");
+            } else if (tissue_.n() == 0 && fluid_.fills_its_space()) {
+                push(dt, r);
+                const sim::Progress divergence = fluid_.correct_filled(dt);
+                mark("pressure");
+                r.iterations = int(divergence.iterations);
+                r.error = divergence.error;
             } else {
                 const sim::Progress divergence = fluid_.correct_divergence(dt);
                 mark("divergence");
@@ -286,8 +296,10 @@ private:
 
     void move(float dt) {
         if (state_.n_rows > 0) exec_.for_each(state_.n_rows, sim::Contact<Packet>{fluid_.lists(), fluid_.rows().boundary, state_.view(), state_.period(), settings_.spacing});
+        fluid_.shift(dt);
         float* positions = state_.positions();
         exec_.for_each(state_.n, sim::Move{state_.view(), dt, state_.tree().sparse().header, state_.period(), settings_.lo, positions, state_.not_a_number()});
+        fluid_.end_shift();
         if (state_.n_rows > 0) tissue_.add_rest(state_.view());
     }
 

@@ -119,6 +119,31 @@ def test_goes_on_bit_by_bit(tmp_path):
     assert (other.time, other.n_steps) == (one.time, one.n_steps)
 
 
+def test_what_moves_goes_on_bit_by_bit(tmp_path):
+    one = gb.Simulation(column(), device="cpu")
+    one.add(physics.lattice((0, 0, 0), (1, 0.3, 0.4), D), "water")
+    for name, kind, left in (("paddle", "boundary", 0.1), ("raft", "rigid", 0.5)):
+        one.add_phase(gb.Phase(name, kind=kind))
+        one.add(physics.lattice((left, 0.25, 0.1), (left + 0.2, 0.35, 0.3), D), name)
+    one.make_rigid("raft", 400.0, spin=(0, 1, 0))
+
+    def step(sim):
+        for _ in range(8):
+            pose = np.eye(4)
+            pose[0, 3] = 0.5 * (sim.time + 0.004)
+            sim.move_boundary("paddle", pose)
+            sim.step(0.004)
+
+    step(one)
+    one.save(tmp_path / "state")
+    other = gb.Simulation.load(tmp_path / "state", device="cpu")
+    step(one)
+    step(other)
+    assert other.hash() == one.hash()
+    for name, value in one.body("raft").items():
+        np.testing.assert_array_equal(other.body("raft")[name], value)
+
+
 def test_scene_shows_what_is_there(backend):
     sim, ids = falling(backend)
     camera = gb.Camera((0.5, 0.4, 3), (0.5, 0.4, 0.2))
@@ -243,6 +268,59 @@ def test_wcsph_agrees_with_dfsph():
         sim.advance(0.25)
         fronts.append(np.sort(sim.positions[ids, 0])[-8:].mean())
     assert fronts[0] == pytest.approx(fronts[1], rel=0.05)
+
+
+def test_a_block_in_its_box_starts_at_rest():
+    sim = gb.Simulation(gb.Particles(physics.lattice((0, 0, 0), (0.4, 0.4, 0.4), D)), "cpu")
+    report = sim.step()
+    assert report.most_compression < 1e-3
+    assert report.most_speed == pytest.approx(physics.GRAVITY * report.dt, rel=0.05)
+
+
+def test_fluid_without_room_is_refused():
+    sim = gb.Simulation(column(), device="cpu")
+    sim.add(physics.lattice((0, 0, 0), (1.0, 0.8, 0.4), 0.9 * D), "water")
+    with pytest.raises(ArithmeticError, match="expected room"):
+        sim.advance(1.0)
+
+
+def test_full_box_goes_on(backend):
+    sim = gb.Simulation(column(gravity=(0, 0, 0)), **backend)
+    at = physics.lattice((0, 0, 0), (1.0, 0.8, 0.4), D)
+    turn = np.pi * at / (1.0, 0.8, 0.4)
+    x, y = np.sin(turn[:, 0]) * np.cos(turn[:, 1]), -np.cos(turn[:, 0]) * np.sin(turn[:, 1])
+    ids = sim.add(at, "water", 0.3 * np.stack([x, 0.8 * y, 0 * x], 1))
+    before = sim.totals()["kinetic"]
+    for _ in range(100):
+        report = sim.step()
+        assert report.most_speed < 0.6
+    assert report.n_escaped == 0
+    assert 0.3 * before < sim.totals()["kinetic"] < before
+    inside = sim.positions[ids]
+    assert (inside > 0).all() and (inside < (1.0, 0.8, 0.4)).all()
+
+
+def test_fluid_that_fills_its_space_keeps_its_momentum(backend):
+    size = 8 * D
+    sim = gb.Simulation(
+        column(walls=False, domain=((0, 0, 0), (size, size, size)), periodic=(True, True, True))
+        | {"gravity": (0, 0, 0)},
+        **backend,
+    )
+    at = physics.lattice((0, 0, 0), (size, size, size), D)
+    wave = 0.1 * np.sin(2 * np.pi * at[:, 1] / size)
+    sim.add(at, "water", np.stack([0.3 + wave, 0 * wave, 0 * wave], 1))
+    before = sim.totals()
+    for _ in range(40):
+        report = sim.step()
+    after = sim.totals()
+    mass = before["mass"]
+    np.testing.assert_allclose(after["momentum"], before["momentum"], atol=1e-5 * 0.3 * mass)
+    # The shear goes on: rho v^2 / 2 falls by viscosity alone.
+    decay = np.exp(-2 * 0.5 / 1000 * (2 * np.pi / size) ** 2 * sim.time)
+    drift = 0.5 * mass * 0.3**2
+    assert after["kinetic"] - drift == pytest.approx((before["kinetic"] - drift) * decay, rel=0.1)
+    assert report.n_escaped == 0
 
 
 @pytest.mark.parametrize(

@@ -14,6 +14,7 @@ from globule.bench import physics_fluid as physics
         physics.hydrostatic,
         physics.dam_break,
         physics.poiseuille,
+        physics.taylor_green,
         physics.emitter,
     ],
 )

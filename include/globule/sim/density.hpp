@@ -75,22 +75,24 @@ struct Densities {
     }
 };
 
-/// Mean of max(delta - 1, 0) over the rows that take part, and how many they are.
+/// Of the rows that take part: sum and largest of max(delta - 1, 0), how many they are, how many are at a
+/// surface, and the sum of delta.
 struct Compression {
-    double sum, most;
-    double n;
+    double sum, most, n, n_free, density;
 };
 struct CompressionOf {
     Rows rows;
+    float free_gradient;  ///< |G| times the support of those at a surface
     GB_FN Compression operator()(std::size_t row) const {
-        if (!(rows.inverse_rho[row] > 0.0f)) return {0.0, 0.0, 0.0};
+        if (!(rows.inverse_rho[row] > 0.0f)) return {0.0, 0.0, 0.0, 0.0, 0.0};
         const double e = most(rows.density[row] - 1.0f, 0.0f);
-        return {e, e, 1.0};
+        const float3 g{rows.gx[row], rows.gy[row], rows.gz[row]};
+        return {e, e, 1.0, dot(g, g) > free_gradient * free_gradient ? 1.0 : 0.0, rows.density[row]};
     }
 };
 struct AddCompression {
     GB_FN Compression operator()(const Compression& a, const Compression& b) const {
-        return {a.sum + b.sum, a.most > b.most ? a.most : b.most, a.n + b.n};
+        return {a.sum + b.sum, a.most > b.most ? a.most : b.most, a.n + b.n, a.n_free + b.n_free, a.density + b.density};
     }
 };
 

@@ -4,7 +4,7 @@
 //   push    v_i -= (dP_i G_i + sum_j dP_j g_ij) / rho_i         what the last change of P does to velocities
 //   relax   D_i  = v_i . G_i - sum_j v_j . g_ij                 rate of change of the density
 //           e_i  = D_i + (delta_i - 1) / dt   or   D_i          what is too much of it
-//           P_i  = max(0, P_i + omega alpha_i e_i)
+//           P_i  = max(0, P_i + omega alpha_i e_i)       filled.hpp: of both signs
 // A boundary's particles have no pressure of their own.  The velocities in memory always belong to the P
 // before the last relax, whose error is the one that is judged and reported.
 #pragma once
@@ -59,11 +59,13 @@ struct Relax {
     const Quad* velocity;
     float* pressure;       ///< P, per slot
     float* change;         ///< dP, per slot
-    float* error;          ///< max(e, 0) per row
+    float* error;          ///< max(e, 0) or |e| per row
     const Progress* progress;
     float inverse_support;
     float per_dt;
     float most_excess;     ///< of the density, that is to be undone: 0 in the divergence solve
+    float least_excess;    ///< 0: gaps do not close
+    float least_impulse;   ///< 0, or without bounds, where the error counts both ways
     float omega;
     template <class Packet>
     GB_FN void run(std::size_t row) const {
@@ -79,13 +81,13 @@ struct Relax {
             sum -= u.x * Packet::load(lists.gx + at) + u.y * Packet::load(lists.gy + at) + u.z * Packet::load(lists.gz + at);
         }
         const F zero = F(0.0f), a = Packet::load(alpha + row);
-        const F excess = least(Packet::load(rows.density + row) - F(1.0f), F(most_excess));
+        const F excess = most(least(Packet::load(rows.density + row) - F(1.0f), F(most_excess)), F(least_excess));
         const F e = sum * F(inverse_support) + F(per_dt) * excess;
         const F before = Packet::gather(pressure, slot);
-        const F after = most(before + F(omega) * a * e, zero);
+        const F after = most(before + F(omega) * a * e, F(least_impulse));
         Packet::scatter(pressure, slot, after);
         Packet::scatter(change, slot, after - before);
-        Packet::store(error + row, select(a > zero, most(e, zero), zero));
+        Packet::store(error + row, select(a > zero, most(e, least_impulse < 0.0f ? zero - e : zero), zero));
     }
 };
 
@@ -114,10 +116,11 @@ struct Applied {
     const float *impulse, *change;
     float per_dt;
     bool add;
+    float flux;
     float* pressure;
     GB_FN void operator()(std::size_t row) const {
         const std::uint32_t slot = rows[row];
-        const float p = (impulse[slot] - change[slot]) * per_dt * kFlux;
+        const float p = (impulse[slot] - change[slot]) * per_dt * flux;
         pressure[slot] = add ? pressure[slot] + p : p;
     }
 };

@@ -65,14 +65,14 @@ struct PressureImpulse {
     const float* nearest;
     std::uint8_t phase;
     Period period;
-    float volume, support, dt;
+    float volume, support, dt, flux;
     float3 center;
     GB_FN Impulse operator()(std::size_t row) const {
         Impulse sum;
         if (nearest[row] >= support) return sum;
         const std::uint32_t slot = lists.rows[row];
         if (!(state.place[slot].w < 0.0f)) return sum;
-        const float s = volume * dt * state.pressure[slot] / (kFlux * support);
+        const float s = volume * dt * state.pressure[slot] / (flux * support);
         if (!(s > 0.0f)) return sum;
         for (std::uint32_t k = 0; k < lists.count[row]; ++k) {
             const std::size_t at = lists.at(row, k);

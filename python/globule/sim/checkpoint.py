@@ -11,7 +11,7 @@ import numpy as np
 
 from ..files import atomic_write
 
-VERSION = 1
+VERSION = 2
 
 
 def path_of(name: str | os.PathLike) -> str:

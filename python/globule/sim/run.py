@@ -17,6 +17,7 @@ from .operate import Vessel
 from .scene_file import SceneFile, as_dict
 from .tools import Tool
 
+CROWDED_STEPS = 10
 MOST_ROWS = 20_000  # of diagnostics; of more, every second one goes
 
 
@@ -83,6 +84,7 @@ class Run:
         self.n_removed = self.n_cut = 0
         self.instruments: dict[str, Tool] = {}
         self._had_sinks = False
+        self._n_crowded = 0
 
     def _set_up(self, scene: SceneFile, added: list[tuple[Body, np.ndarray]]) -> None:
         """What a scene has beside its particles, which are added already, with these ids."""
@@ -148,6 +150,20 @@ class Run:
 
         if len(self.diagnostics) > MOST_ROWS:
             del self.diagnostics[1::2]
+        self._refuse_crowds(report)
+
+    def _refuse_crowds(self, report: Any) -> None:
+        """Fluid without room: its density cannot be what the solver asks for, which throws it
+        about faster and faster. A start that settles within a few steps may pass."""
+        solved = report.divergence_iterations > 0  # for density, and by walls or a free surface
+        crowded = solved and report.compression > 10 * self.settings.density_error
+        self._n_crowded = self._n_crowded + 1 if crowded else 0
+        if self._n_crowded == CROWDED_STEPS:
+            raise ArithmeticError(
+                f"fluid is compressed by {100 * report.compression:.1f} % in step {report.step}, "
+                f"after {CROWDED_STEPS - 1} steps alike: expected room for it (in a box with walls "
+                "a free surface or a gap) and particles that do not overlap"
+            )
 
     def measure(self) -> dict[str, float]:
         """Energies (J), momentum (kg m/s) and counts of what moves, now; also added to the last row

@@ -1,0 +1,147 @@
+"""A simulation's particles as arrays, in id order, and its whole state in the solver's order."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from ..arrays import address
+from ..particles import Particles
+
+_ARRAYS = {
+    "place": (np.float32, 4),
+    "velocity": (np.float32, 4),
+    "id": (np.uint32, 1),
+    "phase": (np.uint8, 1),
+    "pressure": (np.float32, 1),
+    "impulse": (np.float32, 1),
+    "divergence_impulse": (np.float32, 1),
+}
+
+
+def check_finite(name: str, values: np.ndarray) -> None:
+    if not np.isfinite(values).all():
+        raise ValueError(f"{name}: expected finite numbers, got a NaN or an infinity")
+
+
+class Arrays:
+    """The part of `Simulation` that reads and writes its particles."""
+
+    @property
+    def ids(self) -> np.ndarray:
+        """(N,) uint32, ascending; the order of all arrays here."""
+        return np.sort(self._read("id"))
+
+    @property
+    def positions(self) -> np.ndarray:
+        """(N, 3) float32, m."""
+        return np.ascontiguousarray(self._read("place")[self._order(), :3])
+
+    @positions.setter
+    def positions(self, value: Any) -> None:
+        place = self._read("place")
+        place[self._order(), :3] = value
+        check_finite("positions", place[:, :3])
+        self._write("place", place)
+        self._core.settle()
+
+    @property
+    def velocities(self) -> np.ndarray:
+        """(N, 3) float32, m/s."""
+        return np.ascontiguousarray(self._read("velocity")[self._order(), :3])
+
+    @velocities.setter
+    def velocities(self, value: Any) -> None:
+        velocity = self._read("velocity")
+        velocity[self._order(), :3] = value
+        self._write("velocity", velocity)
+        self._core.settle()
+
+    @property
+    def pressure(self) -> np.ndarray:
+        """(N,) float32, Pa, of the last step."""
+        return self._read("pressure")[self._order()]
+
+    @property
+    def phase(self) -> np.ndarray:
+        """(N,) uint8: which of `phases`, by their order."""
+        return self._read("phase")[self._order()]
+
+    @property
+    def particles(self) -> Particles:
+        """All particles in id order, as they are rendered."""
+        order = self._order()
+        phase = self._read("phase")[order]
+        colors = np.array([self.phases[n].color for n in self._names], np.float32)
+        shown = np.array([bool(self.phases[n].shown) for n in self._names], np.float32)
+        return Particles(
+            self._read("place")[order, :3],
+            support=2.0 * self.settings.spacing,
+            color=colors[phase],
+            weight=shown[phase],
+            attributes={
+                "velocity": self._read("velocity")[order, :3],
+                "phase": phase,
+                "id": self._read("id")[order],
+            },
+        )
+
+    def neighbors(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The solver's lists: ids of the moved particles, and as compressed rows (offsets, ids)
+        their neighbours within two spacings."""
+        ids = self._read("id")
+        rows, offsets, indices = self._core.neighbors()
+        return ids[rows], offsets, ids[indices]
+
+    def totals(self) -> dict[str, Any]:
+        """Of fluid and tissue: mass, kinetic and potential energy, momentum, angular_momentum
+        (about the origin), center; SI."""
+        t = self._core.totals()
+        mass = t["mass"] or 1.0
+        return {**t, "center": tuple(c / mass for c in t["center"])}
+
+    def hash(self) -> str:
+        """Of the state's bits; equal for equal runs."""
+        h = hashlib.sha256()
+        for name in ("id", "place", "velocity"):
+            h.update(self._read(name).tobytes())
+        return h.hexdigest()[:16]
+
+    def _read(self, name: str) -> np.ndarray:
+        dtype, columns = _ARRAYS[name]
+        out = np.empty((len(self), columns) if columns > 1 else len(self), dtype)
+        if len(self):
+            self._core.read(name, address(out))
+        return out
+
+    def _write(self, name: str, values: np.ndarray) -> None:
+        if len(self):
+            self._core.write(name, address(np.ascontiguousarray(values, _ARRAYS[name][0])))
+
+    def _order(self) -> np.ndarray:
+        return np.argsort(self._read("id"))
+
+    def state(self) -> dict[str, np.ndarray]:
+        """Everything that `set_state` needs to go on bit by bit (on the CPU)."""
+        arrays = {name: self._read(name) for name in _ARRAYS}
+        counts = [self._core.next_id(), self.n_steps]
+        clock = {"time": np.array(self.time), "counts": np.array(counts, np.uint64)}
+        motion = {
+            "motion": np.frombuffer(self._core.motion(), np.uint8),
+            "moving": np.array(sorted(self._moving), np.uint8),
+        }
+        return {**arrays, **motion, **self._tissue_state(), **clock}
+
+    def set_state(self, state: Mapping[str, np.ndarray]) -> None:
+        """Go on from what `state` gave."""
+        next_id, n_steps = (int(c) for c in state["counts"])
+        self._core.resize(len(state["id"]), next_id, float(state["time"]), n_steps)
+        for name in _ARRAYS:
+            self._write(name, state[name])
+        self._core.settle()
+        self._core.set_motion(np.asarray(state["motion"], np.uint8).tobytes())
+        self._moving = {int(phase) for phase in state["moving"]}
+        self._set_tissue_state(state)
