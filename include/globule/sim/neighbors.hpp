@@ -139,7 +139,7 @@ private:
         const F zero = F(0.0f), x = g.load_run(particles.x + begin), y = g.load_run(particles.y + begin), z = g.load_run(particles.z + begin);
         const F ex = most(most(F(from.x) - x, x - F(to.x)), zero), ey = most(most(F(from.y) - y, y - F(to.y)), zero),
                 ez = most(most(F(from.z) - z, z - F(to.z)), zero);
-        const auto may = present & (ex * ex + ey * ey + ez * ez < F(1.0002f * support * support));
+        const typename Group::B may = present & (ex * ex + ey * ey + ez * ez < F(1.0002f * support * support));
         g.keep(may, x + F(shift.x), near.x + n_near);
         g.keep(may, y + F(shift.y), near.y + n_near);
         g.keep(may, z + F(shift.z), near.z + n_near);
@@ -162,8 +162,8 @@ private:
             for (int k = 0; k < n_near; k += Group::width) {
                 const F dx = F(x) - g.load_run(near.x + k), dy = F(y) - g.load_run(near.y + k), dz = F(z) - g.load_run(near.z + k);
                 const F r2 = dx * dx + dy * dy + dz * dz;
-                auto mine = g.first_lanes(n_near - k) & (r2 < possible) & g.differ(near.slot + k, slot);
-                const auto doubtful = mine & !(r2 < sure);
+                typename Group::B mine = g.first_lanes(n_near - k) & (r2 < possible) & g.differ(near.slot + k, slot);
+                const typename Group::B doubtful = mine & !(r2 < sure);
                 if (g.any(doubtful))
                     g.per_lane(doubtful, [&](int lane) {
                         const int j = k + g.lane_number(lane);
