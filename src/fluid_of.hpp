@@ -36,7 +36,7 @@ public:
             lists_.index = list_index_.reserve(padded * places_);
             const float h = state_.spline().support;
             exec_.for_each_tile(ceil_div<std::size_t>(state_.n_rows, Exec::Group::width),
-                                sim::FindLists<Tree, Packet>{state_.tree().sparse(), lists_, state_.view().place, h, state_.period(), longest});
+                                sim::FindLists<Tree, Packet>{state_.tree().sparse(), state_.tree().particles(), lists_, state_.view().place, h, state_.period(), longest});
             exec_.download(&longest_list_, longest, 4);
             enough = longest_list_ <= places_;
             if (!enough) places_ = ceil_div(longest_list_ + longest_list_ / 4, 8u) * 8;

@@ -71,6 +71,29 @@ struct CpuGroup {
         std::memcpy(r.v, p, sizeof r.v);
         return r;
     }
+    /// first, first + 1 ...
+    U numbers(std::uint32_t first) const {
+        U r;
+        for (int i = 0; i < width; ++i) r.v[i] = first + i;
+        return r;
+    }
+    /// Which items of a run are not v.
+    B differ(const std::uint32_t* run, std::uint32_t v) const {
+        VecI items;
+        std::memcpy(&items, run, sizeof items);
+        return {items != VecI{} + std::int32_t(v)};
+    }
+    /// The set lanes' values side by side; a whole group's worth of memory may be written.
+    template <class V, class T>
+    void keep(const B& m, const V& v, T* to) const {
+#if defined(__AVX512F__)
+        __m512i all;
+        std::memcpy(&all, &v, sizeof all);
+        _mm512_storeu_si512(to, _mm512_maskz_compress_epi32(__mmask16(bits(m)), all));
+#else
+        for (unsigned set = bits(m); set; set &= set - 1) *to++ = v.v[__builtin_ctz(set)];
+#endif
+    }
 
     /// Three floats and a number for each of n items, read one at a time or a group's worth.
     template <int n>
@@ -158,11 +181,6 @@ struct CpuGroup {
     }
 
     static int lane_number(int lane) { return lane; }
-    /// fn(j, place of item j) for j in [begin, begin + n), all lanes taking part; those that `may` rejects can be left out.
-    template <class May, class Fn>
-    void each_of(const Quad* items, std::uint32_t begin, std::uint32_t n, const May&, const Fn& fn) const {
-        for (std::uint32_t j = begin; j < begin + n; ++j) fn(j, items[j].xyz());
-    }
     /// The set lanes, one bit each.
     std::uint32_t set_of(const B& m) const { return bits(m); }
     /// fn(lane) in every lane.

@@ -44,6 +44,13 @@ struct CudaGroup {
     __device__ float largest(float v) const { return -smallest(-v); }
     __device__ F load_run(const float* p) const { return p[lane()]; }
     __device__ U load_run(const std::uint32_t* p) const { return p[lane()]; }
+    __device__ U numbers(std::uint32_t first) const { return first + lane(); }
+    __device__ B differ(const std::uint32_t* run, std::uint32_t v) const { return run[lane()] != v; }
+    template <class T>
+    __device__ void keep(B m, T v, T* to) const {
+        const unsigned set = __ballot_sync(all, m);
+        if (m) to[__popc(set & ((1u << lane()) - 1))] = v;
+    }
 
     template <int n>
     struct List {
@@ -95,18 +102,6 @@ struct CudaGroup {
     template <class Fn>
     __device__ static void for_lanes(const Fn& fn) { fn(0); }
     __device__ int lane_number(int) const { return lane(); }
-    template <class May, class Fn>
-    __device__ void each_of(const Quad* items, std::uint32_t begin, std::uint32_t n, const May& may, const Fn& fn) const {
-        for (std::uint32_t base = begin; base < begin + n; base += width) {
-            const std::uint32_t j = base + lane();
-            const bool present = j < begin + n;
-            const float4 mine = present ? *reinterpret_cast<const float4*>(items + j) : float4{0.0f, 0.0f, 0.0f, 0.0f};
-            for (unsigned set = __ballot_sync(all, present && may(float3{mine.x, mine.y, mine.z})); set; set &= set - 1) {
-                const int k = __ffs(set) - 1;
-                fn(base + k, float3{pick(mine.x, k), pick(mine.y, k), pick(mine.z, k)});
-            }
-        }
-    }
     using LaneOf = std::uint8_t[width];
     /// part(p, d, sign, first, stride, sum) adds every stride-th item from the first on to a ray's sum.  Where no more than
     /// half of the lanes are active, two to eight of them share out each active lane's ray.

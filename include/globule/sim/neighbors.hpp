@@ -59,13 +59,18 @@ private:
 /// Squared distances that float32 cannot tell from the support's: these pairs are decided in float64.
 inline constexpr float kDoubt = 4e-6f;
 
+/// A packet's candidates are collected from the tree in its order; then one row after the other looks at a vector of them at a time.
 template <class Tree, class Packet>
 struct FindLists {
-    struct Nothing {};
+    static constexpr int kCandidates = 384;  ///< at once; there may be more
     template <class Group>
-    using Scratch = Nothing;
+    struct Scratch {
+        float x[kCandidates + Group::width], y[kCandidates + Group::width], z[kCandidates + Group::width];
+        std::uint32_t slot[kCandidates + Group::width], found[kCandidates + Group::width];
+    };
 
     Tree tree;
+    SortedParticles particles;
     Lists<Packet> lists;
     const Quad* place;
     float support;         ///< of the smoothing kernel; the tree's boxes hold it
@@ -73,30 +78,24 @@ struct FindLists {
     std::uint32_t* most_count;
 
     template <class Group>
-    GB_FN void operator()(Group& g, Nothing&, std::size_t tile) const {
+    GB_FN void operator()(Group& g, Scratch<Group>& near, std::size_t tile) const {
         using F = typename Group::F;
         using B = typename Group::B;
-        using U = typename Group::U;
+        Rows<Group> rows;
         const std::size_t first = tile * Group::width;
-        U slot, count;
-        F x, y, z;
         Group::for_lanes([&](int lane) {
             const std::uint32_t s = lists.rows[first + g.lane_number(lane)];
             const Quad p = place[s];
-            Group::put(slot, lane, s);
-            Group::put(count, lane, 0u);
-            Group::put(x, lane, p.x);
-            Group::put(y, lane, p.y);
-            Group::put(z, lane, p.z);
+            Group::put(rows.slot, lane, s);
+            Group::put(rows.count, lane, 0u);
+            Group::put(rows.x, lane, p.x);
+            Group::put(rows.y, lane, p.y);
+            Group::put(rows.z, lane, p.z);
         });
-        const float h2 = support * support;
-        const F sure = F(h2 * (1.0f - kDoubt)), possible = F(h2 * (1.0f + kDoubt));
         std::uint32_t* out = lists.index + lists.at(first);
-        const auto append = [&](int lane, std::uint32_t j) {
-            const std::uint32_t k = Group::get(count, lane);
-            if (k < lists.places) out[std::size_t(k) * Packet::stride + g.lane_number(lane)] = j;
-            Group::put(count, lane, k + 1);
-        };
+        const F& x = rows.x;
+        const F& y = rows.y;
+        const F& z = rows.z;
         // Where the curve jumps, a packet's rows are far apart: a walk of the tree for each place.
         B pending = x < F(morton::kFarthest);
         while (g.any(pending)) {
@@ -106,45 +105,82 @@ struct FindLists {
             pending = pending & !together;
             const float3 lo{g.smallest(select(together, x, inf)), g.smallest(select(together, y, inf)), g.smallest(select(together, z, inf))};
             const float3 hi{g.largest(select(together, x, -inf)), g.largest(select(together, y, -inf)), g.largest(select(together, z, -inf))};
+            const std::uint32_t set = g.set_of(together);
+            int n_near = 0;
             period.each_image([&](const float3& shift) {
                 const float3 from = lo - shift, to = hi - shift;
-                const float wide2 = 1.0002f * h2;
-                const auto may_reach = [&](const float3& q) {
-                    const float ex = most(most(from.x - q.x, q.x - to.x), 0.0f), ey = most(most(from.y - q.y, q.y - to.y), 0.0f),
-                                ez = most(most(from.z - q.z, q.z - to.z), 0.0f);
-                    return ex * ex + ey * ey + ez * ez < wide2;
-                };
                 for_each_leaf(g, tree, from, to, [&](std::uint32_t begin, std::uint32_t n) {
-                    g.each_of(place, begin, n, may_reach, [&](std::uint32_t j, const float3& q) {
-                        const float3 p = q + shift;
-                        const F dx = x - F(p.x), dy = y - F(p.y), dz = z - F(p.z);
-                        const F r2 = dx * dx + dy * dy + dz * dz;
-                        const B near = together & (r2 < possible);
-                        if (!g.any(near)) return;
-                        const B doubtful = near & !(r2 < sure);
-                        if (!g.any(doubtful)) {
-                            g.per_lane(near, [&](int lane) {
-                                if (Group::get(slot, lane) != j) append(lane, j);
-                            });
-                            return;
+                    for (std::uint32_t at = 0; at < n; at += Group::width) {
+                        if (n_near > kCandidates - Group::width) {
+                            look(g, near, n_near, rows, set, out);
+                            n_near = 0;
                         }
-                        g.per_lane(near, [&](int lane) {
-                            if (Group::get(slot, lane) == j) return;
-                            if (Group::get(doubtful, lane)) {
-                                const double ex = double(Group::get(x, lane)) - p.x, ey = double(Group::get(y, lane)) - p.y,
-                                             ez = double(Group::get(z, lane)) - p.z;
-                                if (!(ex * ex + ey * ey + ez * ez < double(support) * support)) return;
-                            }
-                            append(lane, j);
-                        });
-                    });
+                        n_near = collect(g, near, n_near, begin + at, g.first_lanes(int(n - at)), from, to, shift);
+                    }
                 });
             });
+            look(g, near, n_near, rows, set, out);
         }
-        finish(g, first, out, count);
+        finish(g, first, out, rows.count);
     }
 
 private:
+    template <class Group>
+    struct Rows {
+        typename Group::F x, y, z;
+        typename Group::U slot, count;
+    };
+
+    /// Of a group's worth of particles those that some row in the box may reach.
+    template <class Group>
+    GB_FN int collect(Group& g, Scratch<Group>& near, int n_near, std::uint32_t begin, typename Group::B present, const float3& from, const float3& to,
+                      const float3& shift) const {
+        using F = typename Group::F;
+        const F zero = F(0.0f), x = g.load_run(particles.x + begin), y = g.load_run(particles.y + begin), z = g.load_run(particles.z + begin);
+        const F ex = most(most(F(from.x) - x, x - F(to.x)), zero), ey = most(most(F(from.y) - y, y - F(to.y)), zero),
+                ez = most(most(F(from.z) - z, z - F(to.z)), zero);
+        const typename Group::B may = present & (ex * ex + ey * ey + ez * ez < F(1.0002f * support * support));
+        g.keep(may, x + F(shift.x), near.x + n_near);
+        g.keep(may, y + F(shift.y), near.y + n_near);
+        g.keep(may, z + F(shift.z), near.z + n_near);
+        g.keep(may, g.numbers(begin), near.slot + n_near);
+        return n_near + g.count(may);
+    }
+
+    /// The rows of `set` take up those of the candidates that are theirs.
+    template <class Group>
+    GB_FN void look(Group& g, Scratch<Group>& near, int n_near, Rows<Group>& rows, std::uint32_t set, std::uint32_t* out) const {
+        using F = typename Group::F;
+        const float h2 = support * support;
+        const F sure = F(h2 * (1.0f - kDoubt)), possible = F(h2 * (1.0f + kDoubt));
+        g.sync();
+        for (; set; set &= set - 1) {
+            const int row = trailing_zeros(set);
+            const float x = g.pick(rows.x, row), y = g.pick(rows.y, row), z = g.pick(rows.z, row);
+            const std::uint32_t slot = g.pick(rows.slot, row), before = g.pick(rows.count, row);
+            int n = 0;
+            for (int k = 0; k < n_near; k += Group::width) {
+                const F dx = F(x) - g.load_run(near.x + k), dy = F(y) - g.load_run(near.y + k), dz = F(z) - g.load_run(near.z + k);
+                const F r2 = dx * dx + dy * dy + dz * dz;
+                typename Group::B mine = g.first_lanes(n_near - k) & (r2 < possible) & g.differ(near.slot + k, slot);
+                const typename Group::B doubtful = mine & !(r2 < sure);
+                if (g.any(doubtful))
+                    g.per_lane(doubtful, [&](int lane) {
+                        const int j = k + g.lane_number(lane);
+                        const double ex = double(x) - near.x[j], ey = double(y) - near.y[j], ez = double(z) - near.z[j];
+                        Group::put(mine, lane, ex * ex + ey * ey + ez * ez < double(support) * support);
+                    });
+                g.keep(mine, g.load_run(near.slot + k), near.found + n);
+                n += g.count(mine);
+            }
+            g.sync();
+            const int room = most(int(lists.places) - int(before), 0);
+            g.share(least(n, room), [&](int k) { out[std::size_t(before + k) * Packet::stride + row] = near.found[k]; });
+            g.per_lane(g.only(row), [&](int lane) { Group::put(rows.count, lane, before + std::uint32_t(n)); });
+        }
+        g.sync();
+    }
+
     /// Rows of one packet all get the length of the longest.
     template <class Group, class U>
     GB_FN void finish(Group& g, std::size_t first, std::uint32_t* out, const U& count) const {
