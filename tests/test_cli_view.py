@@ -22,6 +22,7 @@ def cloud(tmp_path):
     (["no-such-scene.toml"], "no-such-scene.toml"),
     (["CLOUD", "--port", "99999"], "--port: expected a port, 0 to 65535, got '99999'"),
     (["CLOUD", "--eye", "1,2,3"], "--eye: expected --look-at beside it"),
+    (["CLOUD", "--ortho", "2"], "--ortho: expected --eye and --look-at beside it"),
     (["CLOUD", "--color-by", "speed"], "--color-by: expected one of x, y, z, support, got speed"),
     (["CLOUD", "--state", "none.toml"], "none.toml: cannot be read"),
     (["CLOUD", "--device", "tpu"], "--device"),

@@ -134,7 +134,9 @@ def test_pictures_after_a_restart_are_those_of_one_run(folder, scene):
 
 def test_a_scene_without_particles_is_an_empty_picture(folder):
     sim = gb.Simulation(SCENE, device="cpu")
+    assert len(sim.scene) == len(sim) == len(sim.particles) > 512
     sim.remove(sim.ids)
+    assert len(sim.scene) == 0
     frame = gb.render(sim.scene, gb.Camera((0, 0, 5), (0, 0, 0)), (32, 24))
     assert not frame.mask.any()
 

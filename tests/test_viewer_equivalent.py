@@ -185,6 +185,27 @@ def test_particles_of_a_program_are_said_to_be(tmp_path, monkeypatch):
         check(engine, camera, size, shot.picture)
 
 
+@pytest.mark.parametrize("height", [None, 5.0])
+def test_plates_and_marks_stand_where_they_are(height):
+    from globule.viewer.overlay import Plate, draw_plates, project
+
+    camera, size = gb.Camera((3, 4, 6), (0.2, 0.1, 0), height=height), (200, 150)
+    texture = np.zeros((40, 60, 3), np.uint8)
+    texture[30, 45] = 255
+    pose = np.diag([0.05, 0.05, 1.0, 1.0])
+    pose[:3, 3] = (-1.5, -1.0, 0.3)
+    depth = np.full(size[::-1], np.inf, np.float32)
+    drawn = draw_plates(np.full((*size[::-1], 3), 9, np.uint8), depth, camera,
+                        [Plate(texture, pose)])
+    rows, columns = np.nonzero(drawn[..., 0] == 255)
+    x, y = project(camera, size, pose[:3] @ (45, 30, 0, 1))
+    assert len(rows) and abs(columns.mean() + 0.5 - x) < 0.6 and abs(rows.mean() + 0.5 - y) < 0.6
+    origin, direction = camera.ray(size, (x / size[0], y / size[1]))
+    away = pose[:3] @ (45, 30, 0, 1) - origin
+    assert np.linalg.norm(np.cross(away, direction)) < 1e-6
+    assert np.allclose(camera.towards([pose[:3] @ (45, 30, 0, 1)])[0], direction)
+
+
 def test_a_picture_needs_memory_that_is_free(monkeypatch):
     monkeypatch.setattr("globule.viewer.recording.free_bytes", lambda: 200_000_000)
     assert checked_size((1000, 1000)) == (1000, 1000)

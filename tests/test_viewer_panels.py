@@ -272,6 +272,43 @@ def test_views_fit_and_bookmarks(watched):
     watched.still(page, lambda p: silhouette(p) > 1.2 * far)
 
 
+def test_parallel_rays(watched):
+    page, viewer = watched.pages[0], watched.viewer
+    near = watched.still(page)
+    first = page.client.camera
+    page.get_by_role("button", name="Perspective / parallel").click()
+    until(lambda: page.client.camera.height)
+    flat, camera = watched.still(page, differs(near, 1)), page.client.camera
+    assert 0.7 < silhouette(flat) / silhouette(near) < 1.3
+    page.mouse.move(330, 380)
+    page.mouse.wheel(0, -300)
+    until(lambda: page.client.camera.height < 0.95 * camera.height, "for the wheel to zoom")
+    page.keyboard.press("3")
+    until(lambda: page.client.camera.eye[0] < -1)
+    picture, left = watched.still(page), page.client.camera
+    assert left.height
+    text = viewer.state.to_toml(left)  # and as a file and a command
+    assert viewer.state.load_toml(text) == left
+    size = (320, 200)
+    assert f"--ortho {left.height:.9g}" in viewer.equivalent(left, size)[0]
+    choose(page, "With the mouse", "Cut")
+    time.sleep(1.0)
+    page.mouse.move(150, 380)
+    page.mouse.down()
+    for i in range(1, 12):
+        page.mouse.move(150 + 35 * i, 380)
+        time.sleep(0.06)
+    page.mouse.up()
+    until(lambda: viewer.state.cuts.plane, "for the cutting plane")
+    assert np.allclose(np.abs(viewer.state.cuts.normal), (0, 1, 0), atol=0.02)
+    watched.still(page, lambda p: silhouette(p) < 0.8 * silhouette(picture))
+    viewer.state.set(cuts__plane=False)
+    choose(page, "With the mouse", "Rotate, pick")
+    page.get_by_role("button", name="Perspective / parallel").click()
+    until(lambda: page.client.camera.height is None)
+    assert page.client.camera.fov == pytest.approx(first.fov, abs=0.1)
+
+
 def test_a_saved_picture_is_the_servers(watched, tmp_path):
     page = watched.pages[0]
     viewer = watched.viewer

@@ -102,6 +102,23 @@ class Camera:
         half = math.tan(math.radians(self.fov) / 2) if self.height is None else self.height / 2
         return np.stack([eye, forward, right * half * size[0] / size[1], up * half])
 
+    def towards(self, points: Any) -> np.ndarray:
+        """Unit directions of the rays that go through points (N, 3), world: (N, 3)."""
+        points = np.asarray(points, np.float64)
+        ahead = np.subtract(self.look_at, self.eye)
+        away = points - np.asarray(self.eye) if self.height is None else np.broadcast_to(
+            ahead, points.shape)
+        return away / np.linalg.norm(away, axis=1, keepdims=True)
+
+    def ray(self, size: tuple[int, int], screen: Any) -> tuple[np.ndarray, np.ndarray]:
+        """Origin and unit direction of the ray through a place (x, y) of an image, (0, 0) its top
+        left and (1, 1) its lower right corner."""
+        eye, forward, right, up = self.frame(size)
+        across = (2 * screen[0] - 1) * right + (1 - 2 * screen[1]) * up
+        if self.height is not None:
+            return eye + across, forward
+        return eye, (forward + across) / np.linalg.norm(forward + across)
+
     def rays(self, size: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
         """Origins and unit directions of all pixels' rays, (H, W, 3) float32."""
         eye, forward, right, up = self.frame(size)

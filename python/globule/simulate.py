@@ -46,6 +46,9 @@ class _SimulationScene(Scene):
     def particles(self) -> Particles:  # type: ignore[override]
         return self._simulation.particles
 
+    def __len__(self) -> int:
+        return len(self._simulation)
+
     @property
     def builds(self) -> int:  # type: ignore[override]
         return self._simulation.n_steps

@@ -64,6 +64,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     first.add_argument("--look-at", type=vector, metavar="X,Y,Z", help="middle of the picture")
     first.add_argument("--fov", type=positive, default=40.0, metavar="DEG",
                        help="vertical field of view (default: 40)")
+    first.add_argument("--ortho", type=positive, metavar="HEIGHT",
+                       help="orthographic, HEIGHT world units from bottom to top, with --eye")
     first.add_argument("--up", type=vector, metavar="X,Y,Z",
                        help="direction to the sky (default: 0,1,0; for volumes and sweeps 0,0,1)")
     first.add_argument("--preset", choices=PRESETS, metavar="NAME", help=", ".join(PRESETS))
@@ -85,6 +87,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> None:
     if (options.eye is None) != (options.look_at is None):
         raise UserError("--eye: expected --look-at beside it, or neither")
+    if options.ortho and not options.eye:
+        raise UserError("--ortho: expected --eye and --look-at beside it, got none")
     check_device(options)
     check_viewer()
     from ..viewer.open import open_source
@@ -144,7 +148,8 @@ def _settings(options: argparse.Namespace) -> tuple:
             except ValueError as error:
                 raise UserError(f"{options.state}: {error}") from error
     if options.eye:
-        camera = Camera(options.eye, options.look_at, options.up or (0, 1, 0), options.fov)
+        camera = Camera(options.eye, options.look_at, options.up or (0, 1, 0), options.fov,
+                        options.ortho)
     changes = {"surface__kernel": options.kernel, "surface__support": options.support,
                "surface__threshold": options.threshold, "color__by": options.color_by,
                "color__colormap": options.colormap}

@@ -148,12 +148,11 @@ class Viewer:
 
     def move(self, browser: Any, camera: Camera) -> None:
         """Put a browser's camera somewhere."""
-        place = self.placement.to_page
+        position, look_at, fov = self.placement.of_page(camera)
         with browser.atomic():
             browser.camera.up_direction = camera.up
-            browser.camera.position = place(camera.eye)
-            browser.camera.look_at = place(camera.look_at)
-            browser.camera.fov = float(np.radians(camera.fov))
+            browser.camera.position, browser.camera.look_at = position, look_at
+            browser.camera.fov = fov
 
     # The user's program
 
@@ -194,8 +193,8 @@ class Viewer:
         if hasattr(self.source, "cut_along"):
             self.source.cut_along(points, camera)
             return
-        first, last, eye = (np.asarray(p, float) for p in (points[0], points[-1], camera.eye))
-        normal = np.cross(last - first, first - eye)
+        first, last = (np.asarray(p, float) for p in (points[0], points[-1]))
+        normal = np.cross(last - first, camera.towards([first])[0])
         if not np.linalg.norm(normal) > 0:
             raise ValueError("cut: expected a line, got a point")
         _, _, right, up = camera.frame((1, 1))
@@ -301,7 +300,8 @@ def for_window(camera: Camera, aspect: float) -> Camera:
     back = max(1.0, FIRST_SIZE[0] / FIRST_SIZE[1] / max(aspect, 0.1))
     away = np.subtract(camera.eye, camera.look_at) * back
     eye = tuple((np.asarray(camera.look_at) + away).tolist())
-    return Camera(eye, camera.look_at, camera.up, camera.fov)
+    height = None if camera.height is None else camera.height * back
+    return Camera(eye, camera.look_at, camera.up, camera.fov, height)
 
 
 def need_viser() -> Any:

@@ -62,23 +62,26 @@ def draw_plates(
     eye, forward, right, up = (v.astype(np.float32) for v in camera.frame((width, height)))
     x = (np.arange(width, dtype=np.float32) + 0.5) * 2 / width - 1
     y = 1 - (np.arange(height, dtype=np.float32) + 0.5) * 2 / height
+    lengths: Any = 1.0
+    if camera.height is None:
+        lengths = np.sqrt(1 + (x * np.linalg.norm(right))[None, :] ** 2
+                          + (y * np.linalg.norm(up))[:, None] ** 2).reshape(-1)
     for plate in plates:
         rows, columns = plate.texture.shape[:2]
         plate_from_world = np.linalg.inv(plate.world_from_plate)
-        # A ray is eye + t (forward + x right + y up): in the plate's frame linear in x and y.
+        # A ray is eye + t (forward + x right + y up), or with parallel rays eye + x right + y up
+        # + t forward: in the plate's frame linear in x and y.
         start = plate_from_world[:3, :3] @ eye + plate_from_world[:3, 3]
         axes = plate_from_world[:3, :3] @ np.stack([forward, right, up], axis=1)
-        local = (
-            axes[:, 0, None, None] + axes[:, 1, None, None] * x[None, None, :]
-            + axes[:, 2, None, None] * y[None, :, None]
-        ).astype(np.float32)
+        across = (axes[:, 1, None, None] * x[None, None, :]
+                  + axes[:, 2, None, None] * y[None, :, None]).astype(np.float32).reshape(3, -1)
+        begin, way = start[:, None].astype(np.float32), axes[:, :1].astype(np.float32)
+        begin, way = (begin, way + across) if camera.height is None else (begin + across, way)
         with np.errstate(divide="ignore", invalid="ignore"):
-            t = (-start[2] / local[2]).reshape(-1)
-            column = np.floor(start[0] + t * local[0].reshape(-1) + 0.5)
-            row = np.floor(start[1] + t * local[1].reshape(-1) + 0.5)
-            length = np.sqrt(1 + (x * np.linalg.norm(right))[None, :] ** 2
-                             + (y * np.linalg.norm(up))[:, None] ** 2).reshape(-1)
-            along = t * length
+            t = -begin[2] / way[2]
+            column = np.floor(begin[0] + t * way[0] + 0.5)
+            row = np.floor(begin[1] + t * way[1] + 0.5)
+            along = t * lengths
             seen = (t > 0) & (along < nearest) & (column >= 0) & (column < columns)
             seen &= (row >= 0) & (row < rows)
         at = np.flatnonzero(seen)

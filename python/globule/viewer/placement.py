@@ -15,6 +15,11 @@ from ..camera import Camera
 GROWTH = 0.25  # of what is shown, until all of it is fitted into the picture again
 
 
+# An orthographic camera is one of this angle in the page, radians, which knows no other: handles
+# stand within a few percent of where they belong, and the picture is exact.
+FLAT = float(np.radians(2.0))
+
+
 class Placement:
     """page = (world - middle) * scale."""
 
@@ -38,11 +43,26 @@ class Placement:
     def to_world(self, point: Any) -> np.ndarray:
         return np.asarray(point, np.float64) / self.scale + self.middle
 
+    def of_page(self, camera: Camera) -> tuple[np.ndarray, np.ndarray, float]:
+        """Position, point looked at, and fov in radians, for `camera` to give this one back."""
+        eye, look_at = self.to_page(camera.eye), self.to_page(camera.look_at)
+        if camera.height is None:
+            return eye, look_at, float(np.radians(camera.fov))
+        away = (eye - look_at) / np.linalg.norm(eye - look_at)
+        distance = self.scale * camera.height / 2 / np.tan(FLAT / 2)
+        return look_at + distance * away, look_at, FLAT
+
     def camera(self, position: Any, look_at: Any, up: Any, fov: float) -> Camera:
         """The camera of the page's; fov: vertical, radians."""
         eye, target = self.to_world(position), self.to_world(look_at)
         if not np.linalg.norm(target - eye) > 0:
             target = eye + np.array([0.0, 0.0, -1.0]) / self.scale
+        if fov <= 1.001 * FLAT:
+            away = eye - target
+            height = float(2 * np.tan(FLAT / 2) * np.linalg.norm(away))
+            before = 1.5 * self.extent + float(np.linalg.norm(target - self.middle))
+            eye = target + before * away / np.linalg.norm(away)  # in front of everything
+            return Camera(eye, target, up, height=height)
         fov = float(np.clip(np.degrees(fov), 1.0, 175.0))
         return Camera(tuple(eye.tolist()), tuple(target.tolist()), tuple(np.asarray(up).tolist()),
                       fov)

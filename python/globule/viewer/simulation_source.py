@@ -215,10 +215,10 @@ class SimulationSource(Source):
         camera = hand.client.camera
         if self._target is None:
             self._hold = np.asarray(hand.on_surface([start])[0], np.float64)
-        eye, forward, right, up = camera.frame(hand.client.frame.size)
-        depth = float((self._hold - eye) @ forward)
-        across = forward + (2 * here[0] - 1) * right + (1 - 2 * here[1]) * up
-        self._target = eye + depth * across
+        origin, direction = camera.ray(hand.client.frame.size, here)
+        forward = camera.frame((1, 1))[1]
+        depth = float((self._hold - origin) @ forward)
+        self._target = origin + depth / float(direction @ forward) * direction
 
     def _pull(self) -> None:
         """Before a step: move what is held towards the pointer, or let it go."""
@@ -266,8 +266,7 @@ def ribbon(points: list, camera: Camera, depth: float, above: float) -> np.ndarr
     line = line[keep]
     if len(line) < 2:
         raise ValueError("cut: expected a line, got a point")
-    away = line - np.asarray(camera.eye)
-    away /= np.linalg.norm(away, axis=1, keepdims=True)
+    away = camera.towards(line)
     top, bottom = line - above * away, line + depth * away
     a, b, c, d = top[:-1], top[1:], bottom[:-1], bottom[1:]
     return np.concatenate([np.stack([a, b, c], 1), np.stack([b, d, c], 1)]).astype(np.float32)

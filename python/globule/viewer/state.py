@@ -191,7 +191,8 @@ class State:
             (f"[bookmarks.{_toml(name)}]", view) for name, view in state.bookmarks.items()
         ]
         for title, view in cameras:
-            fields = ("eye", "look_at", "up", "fov")
+            angle = "fov" if view.height is None else "height"
+            fields = ("eye", "look_at", "up", angle)
             lines = [f"{name} = {_toml(getattr(view, name))}" for name in fields]
             parts.append("\n".join([title, *lines]))
         return "\n\n".join(parts) + "\n"
@@ -252,9 +253,9 @@ def field_of(group: str, name: str) -> dataclasses.Field:
 def _camera(name: str, facts: Any) -> Camera | None:
     if facts is None:
         return None
-    known = {"eye", "look_at", "up", "fov"}
+    known = {"eye", "look_at", "up", "fov", "height"}
     if not isinstance(facts, dict) or not {"eye", "look_at"} <= set(facts) <= known:
-        raise ValueError(f"{name}: expected eye, look_at, up and fov, got {facts!r}")
+        raise ValueError(f"{name}: expected eye, look_at, up and fov or height, got {facts!r}")
     try:
         return Camera(**facts)
     except (TypeError, ValueError) as error:

@@ -5,8 +5,6 @@ from __future__ import annotations
 import sys
 from typing import Any
 
-import numpy as np
-
 from . import color, cuts, help, look, play, save, statistics, surface, tools, volume
 from . import view as view_panel
 from .widgets import Binder
@@ -41,10 +39,9 @@ class Page:
         ]
 
     def _first_camera(self) -> None:
-        camera, place = self.viewer.first_camera, self.viewer.placement
-        first = self.server.initial_camera
-        first.position, first.look_at = place.to_page(camera.eye), place.to_page(camera.look_at)
-        first.up, first.fov = camera.up, float(np.radians(camera.fov))
+        camera, first = self.viewer.first_camera, self.server.initial_camera
+        first.position, first.look_at, first.fov = self.viewer.placement.of_page(camera)
+        first.up = camera.up
 
     def connected(self, browser: Any, client: Any) -> None:
         self.tools.connected(browser, client)

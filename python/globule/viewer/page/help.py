@@ -24,6 +24,7 @@ TEXT = """\
 | arrows | turn |
 | F | fit all |
 | 1 … 6 | front, back, left, right, top, bottom |
+| O | perspective or parallel rays |
 | C | cutting plane on and off |
 | Space | play, pause |
 | P | save a picture |

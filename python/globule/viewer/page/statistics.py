@@ -50,9 +50,11 @@ class Statistics(Panel):
             "sent": f"{pacer.n_bytes / 1e6:.1f} MB",
         }
         if scene is not None:
-            rows["build"] = f"{1e3 * scene.octree.build_seconds:.1f} ms"
-            rows["particles"] = f"{len(scene):,}"
-            rows["octree"] = f"{scene.octree.bytes / 1e6:.1f} MB"
+            with source.lock:
+                octree, n = scene.octree, len(scene)
+            rows["build"] = f"{1e3 * octree.build_seconds:.1f} ms"
+            rows["particles"] = f"{n:,}"
+            rows["octree"] = f"{octree.bytes / 1e6:.1f} MB"
             rows["device"] = scene.device.description
         rows["memory"] = f"{resident_bytes() / 1e6:.0f} MB"
         rows["browsers"] = str(len(self.viewer.clients))

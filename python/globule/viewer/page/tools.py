@@ -50,6 +50,7 @@ class Hand:
         self.viewer = tools.page.viewer
         self.picked: list[Picked] = []
         self.stroke: list[tuple[float, float]] = []
+        self._drawing = False
         self._catcher: Any = None
         self._seen: tuple[Any, np.ndarray] | None = None
         with tools.folder:
@@ -147,7 +148,10 @@ class Hand:
 
     def _drawn(self, phase: str, start: tuple, here: tuple) -> None:
         if phase == "start":
-            self.stroke = [start]
+            self.stroke, self._drawing = [start], True
+        if not self._drawing:  # a move that was held back comes after the end
+            return
+        self._drawing = phase != "end"
         if len(self.stroke) < MOST_POINTS:
             self.stroke.append(here)
         if self.tool == GRASP:
@@ -180,12 +184,10 @@ class Hand:
         camera = self.client.camera
         usual = float(np.median(found[hit])) if hit.any() else float(
             np.linalg.norm(np.subtract(camera.look_at, camera.eye)))
-        eye, forward, right, up = camera.frame(frame.size)
         points = []
-        for (x, y), far in zip(screens, np.where(hit, found, usual), strict=True):
-            direction = forward + (2 * x - 1) * right + (1 - 2 * y) * up
-            place = eye + far * direction / np.linalg.norm(direction)
-            points.append(tuple(place.tolist()))
+        for screen, far in zip(screens, np.where(hit, found, usual), strict=True):
+            origin, direction = camera.ray(frame.size, screen)
+            points.append(tuple((origin + far * direction).tolist()))
         return points
 
     def _depth(self, frame: Any) -> np.ndarray:

@@ -6,13 +6,14 @@ from typing import Any
 
 import numpy as np
 
-from ...camera import view_axes
+from ...camera import Camera, view_axes
 from ...render import fit_camera
 from ..state import MOST_BOOKMARKS
 from .panel import Panel
 
 VIEWS = ("front", "back", "left", "right", "top", "bottom")
 NONE = "(none yet)"
+FOV = 40.0  # degrees, after parallel rays
 
 
 class View(Panel):
@@ -23,6 +24,8 @@ class View(Panel):
         self.button("Fit all", self.fit, "See everything from here (key F)")
         self.gui.add_button_group("Look from", VIEWS[:3]).on_click(self.safe(self._stand))
         self.gui.add_button_group("", VIEWS[3:]).on_click(self.safe(self._stand))
+        self.button("Perspective / parallel", self.flatten,
+                    "Parallel rays (orthographic): nothing looks smaller far away (key O)")
         with self.gui.add_folder("Bookmarks", expand_by_default=False):
             self.name = self.gui.add_text("Name", "view 1")
             self.button("Keep this view", self.keep)
@@ -33,6 +36,7 @@ class View(Panel):
         for key, name in zip("123456", VIEWS, strict=True):
             self._command(f"Look from: {name}", key, lambda b, name=name: self.stand(b, name))
         self._command("Fit all", "F", self.fit)
+        self._command("Perspective or parallel", "O", self.flatten)
 
     def _command(self, label: str, key: str, called: Any) -> None:
         self.gui.add_command(label, hotkey=key).on_trigger(
@@ -60,6 +64,20 @@ class View(Panel):
         for browser in self.page.server.get_clients().values() if moved else ():
             self.fit(browser)
 
+    def flatten(self, browser: Any) -> None:
+        """Parallel rays instead of a perspective that shows as much, and back."""
+        camera = self.viewer.camera_of(browser.camera)
+        away = np.subtract(camera.eye, camera.look_at)
+        distance = float(np.linalg.norm(away))
+        slope = 2 * np.tan(np.radians(FOV) / 2)
+        if camera.height is None:
+            height = float(2 * distance * np.tan(np.radians(camera.fov) / 2))
+            camera = Camera(camera.eye, camera.look_at, camera.up, height=height)
+        else:
+            eye = camera.look_at + camera.height / slope / distance * away
+            camera = Camera(eye, camera.look_at, camera.up, FOV)
+        self.viewer.move(browser, camera)
+
     def _see(self, browser: Any, towards: Any) -> None:
         viewer = self.viewer
         with viewer.source.lock:
@@ -68,9 +86,9 @@ class View(Panel):
             around = viewer.source.outline()
             if scene.octree.n_inside == 0 and around is None:
                 raise ValueError("fit: expected particles to look at, got none")
-            fov = float(np.degrees(browser.camera.fov))
+            now = viewer.camera_of(browser.camera)
             camera = fit_camera(scene, size, around, direction=towards, up=viewer.up,
-                                fov=fov)
+                                fov=now.fov, orthographic=now.height is not None)
         viewer.move(browser, camera)
 
     # Bookmarks
