@@ -330,6 +330,11 @@ def test_incremental_region_and_history(backend):
         live.undo()
 
 
+def test_a_region_beside_all_frames_is_refused():
+    with pytest.raises(ValueError, match=r"region: expected a box that meets the frames', \("):
+        reconstruct(make_sweep(), spacing=0.5, region=((900, 0, 0), (910, 9, 9)), device="cpu")
+
+
 def test_a_volume_that_was_interrupted_is_filled_again():
     sweep = make_sweep(n=6, gap=3.0)
     live = Reconstructor(0.25, max_kernel=25, device="cpu", threads=1)

@@ -102,6 +102,10 @@ def reconstruct(
     mask = check_mask(getattr(sweep, "mask", None), frames.shape[1:])
     low, high = bounds(world_from_image, mask, frames.shape[1:])
     grid = make_grid(low, high, spacing, size, region)
+    if (grid.low > high).any() or (grid.low + grid.spacing * np.array(grid.size) < low).any():
+        corners = (", ".join(f"{v:.6g}" for v in corner) for corner in (low, high))
+        box = " to ".join(f"({corner})" for corner in corners)
+        raise ValueError(f"region: expected a box that meets the frames', {box} mm, got {region!r}")
     poses = grid.poses(world_from_image)
 
     core = _core.Reconstructor(chosen.backend, chosen.index, _count("threads", threads))

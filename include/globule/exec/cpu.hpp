@@ -2,6 +2,9 @@
 // number of threads but the time it takes.
 #pragma once
 #include <omp.h>
+#ifdef __linux__
+#include <sys/mman.h>
+#endif
 
 #include <algorithm>
 #include <atomic>
@@ -35,9 +38,14 @@ public:
     bool cancelled() const { return cancelled_; }
     void reset_cancelled() { cancelled_ = false; }
 
+    /// Large arrays lie in large pages, where the system has them: a page of 4 KiB costs as much as filling it.
     void* allocate(std::size_t bytes) {
-        void* p = std::aligned_alloc(64, ceil_div<std::size_t>(bytes, 64) * 64);
+        const std::size_t unit = bytes < kLargePage ? 64 : kLargePage;
+        void* p = std::aligned_alloc(unit, ceil_div(bytes, unit) * unit);
         if (!p) throw std::bad_alloc();
+#ifdef __linux__
+        if (unit == kLargePage) madvise(p, ceil_div(bytes, unit) * unit, MADV_HUGEPAGE);
+#endif
         return p;
     }
     void release(void* p) { std::free(p); }
@@ -49,7 +57,15 @@ public:
     }
     void upload(void* to, const void* from, std::size_t bytes) { std::memcpy(to, from, bytes); }
     void download(void* to, const void* from, std::size_t bytes) { std::memcpy(to, from, bytes); }
-    void clear(void* p, std::size_t bytes) { std::memset(p, 0, bytes); }
+    void clear(void* p, std::size_t bytes) {
+        constexpr std::size_t part = 1 << 18;
+        if (bytes <= part) {
+            std::memset(p, 0, bytes);
+            return;
+        }
+#pragma omp parallel for schedule(static) num_threads(threads_)
+        for (std::size_t at = 0; at < bytes; at += part) std::memset(static_cast<char*>(p) + at, 0, least(part, bytes - at));
+    }
     void synchronize() {}
     /// Another stream of the same device, and what is given to it from now on waits for another's work so far.
     std::shared_ptr<Cpu> sibling() const { return std::make_shared<Cpu>(threads_, poll_); }
@@ -256,6 +272,8 @@ private:
         if (poll_()) cancelled_ = true;
         next_poll = now() + 0.05;
     }
+
+    static constexpr std::size_t kLargePage = 2 << 20;
 
     int threads_;
     Poll poll_;
