@@ -234,7 +234,8 @@ struct CpuLanes {
 
     template <class Walk, int brick_cells>
     using Axes = CpuAxes<Walk, brick_cells>;  ///< a walk from cell to cell
-    static constexpr int cells_at_once = 1;   ///< that a ray passes before the others get their turn
+    /// Cells that a ray passes between two looks at the others; it is alone here.
+    static constexpr int cells_at_once = 1 << 20;
 };
 
 }  // namespace globule

@@ -1,7 +1,7 @@
 // Walks on the CPU: a chunk of items goes on to where each next has work, then teams of SIMD lanes take
 // those places one after the other.  What a place needs has reached the cache by then.
 #pragma once
-#include <algorithm>
+#include <memory>
 
 #include "globule/base/wide.hpp"
 
@@ -57,13 +57,10 @@ struct CpuTeams {
         for (int i = 0; i < kWidth; ++i) r.v[i] = fn(i);
         return r;
     }
-    /// What a walk's to_place says of an item.
-    enum class Going { on, there, done };
     static void prefetch(const void* p) { __builtin_prefetch(p); }
 };
 
-/// begin(i, state); where that is true, to_place(state, place) a little further at a time until it is there, then
-/// pass(...) for all that are; end(state) once it is done.
+/// begin(i, state); to_place(state, place) while that is true, then pass(...) for all that have one; then end(state).
 template <class Walk>
 class CpuWalks {
 public:
@@ -76,30 +73,21 @@ public:
             if (walk.begin(i, states_[n_on])) on_[n_on] = n_on, ++n_on;
         }
         while (n_on) {
-            std::uint32_t n_there = 0;
-            // By turns, a step each: while one waits for memory, the processor works on the next.
-            while (n_on) {
-                std::uint32_t kept = 0;
-                for (std::uint32_t k = 0; k < n_on; ++k) {
-                    const std::uint32_t r = on_[k];
-                    const auto going = walk.template to_place<CpuTeams>(states_[r], places_[n_there]);
-                    there_[n_there] = on_[kept] = r;
-                    n_there += going == CpuTeams::Going::there;
-                    kept += going == CpuTeams::Going::on;
-                    if (going == CpuTeams::Going::done) walk.end(states_[r]);
-                }
-                n_on = kept;
+            std::uint32_t kept = 0;
+            for (std::uint32_t k = 0; k < n_on; ++k) {
+                const std::uint32_t r = on_[k];
+                if (walk.template to_place<CpuTeams>(states_[r], places_[kept])) on_[kept++] = r;
+                else walk.end(states_[r]);
             }
-            walk.template pass<CpuTeams>(states_, there_, places_, n_there);
-            std::copy(there_, there_ + n_there, on_);
-            n_on = n_there;
+            n_on = kept;
+            walk.template pass<CpuTeams>(states_, on_, places_, n_on);
         }
     }
 
 private:
     typename Walk::State states_[chunk];
-    typename Walk::Place places_[chunk + 1];
-    std::uint32_t on_[chunk + 1], there_[chunk + 1];
+    typename Walk::Place places_[chunk];
+    std::uint32_t on_[chunk];
 };
 
 }  // namespace globule

@@ -139,19 +139,21 @@ template <class Walk>
 struct Passes {
     using Place = CellStop;
     template <class Teams, class State>
-    GB_FN auto to_place(State& s, CellStop& stop) const {
-        using Going = typename Teams::Going;
+    GB_FN bool to_place(State& s, CellStop& stop) const {
         const Walk& walk = *static_cast<const Walk*>(this);
-        if (!walk.settle(s)) return Going::done;
         const auto& tracer = walk.cut.tracer;
         constexpr int kFloats = std::decay_t<decltype(tracer)>::Source::kFloats;
         RayState& ray = s.of.ray;
-        s.way = walk.cut.follow(s.of, tracer.walk_on(ray, tracer.tree.header->typical_support));
-        if (s.way != Way::on || ray.list.n == 0) return Going::on;
-        stop = {ray.p0, ray.end, ray.walk.d, ray.sign, ray.list, ray.sharp};
-        const float* block = tracer.cells.blocks + std::size_t(ray.list.first) * kFloats;
-        for (std::uint32_t k = 0; k < ray.list.n; k += Teams::size) Teams::prefetch(block + k / Teams::size * kFloats);
-        return Going::there;
+        while (walk.settle(s)) {
+            s.way = walk.cut.follow(s.of, tracer.walk_on(ray, tracer.tree.header->typical_support));
+            if (s.way == Way::on && ray.list.n) {
+                stop = {ray.p0, ray.end, ray.walk.d, ray.sign, ray.list, ray.sharp};
+                const float* block = tracer.cells.blocks + std::size_t(ray.list.first) * kFloats;
+                for (std::uint32_t k = 0; k < ray.list.n; k += Teams::size) Teams::prefetch(block + k / Teams::size * kFloats);
+                return true;
+            }
+        }
+        return false;
     }
     template <class Teams, class State>
     GB_FN void pass(State* states, const std::uint32_t* which, const CellStop* stops, int n) const {
