@@ -9,38 +9,64 @@
 
 namespace globule {
 
-struct CpuAxes {
-    /// As CellWalk::step.
-    template <class Walk>
-    static void step(Walk& w, int size, int cells_in_brick) {
-        const Ray r(w);
-        const I first = r.cell & -size;
-        const F sides = r.sides(first, size, w.grid->edge);
-        const float next = least(least(sides.v[0], sides.v[1]), sides.v[2]);
-        w.t = most(w.t, next);
+/// A CellWalk in registers, to be written back with write(); brick: cells a side.
+template <class Walk, int brick_cells>
+class CpuAxes {
+public:
+    float t;
+
+    explicit CpuAxes(Walk& w) : t(w.t), walk_(w), edge_(w.grid->edge), per_(1.0f / edge_) {
+        static_assert(offsetof(Walk, inv) == offsetof(Walk, d) + 12 && offsetof(Walk, at) == offsetof(Walk, d) + 24 &&
+                      offsetof(Walk, x) == offsetof(Walk, d) + 36 && offsetof(Walk, t) == offsetof(Walk, x) + 12);
+        // What the fourth lanes hold does not matter.
+        std::memcpy(&d_.v, &w.d, sizeof d_.v);
+        std::memcpy(&inverse_.v, &w.inv, sizeof d_.v);
+        std::memcpy(&at_.v, &w.at, sizeof d_.v);
+        std::memcpy(&cell_, &w.x, sizeof cell_);
+        n_ = I{w.grid->nx, w.grid->ny, w.grid->nz, 0} * brick_cells;
+        up_ = d_.v > 0.0f;
+        flat_ = {magnitude(d_).v <= 1e-18f};
+        inside_ = w.inside();
+    }
+    /// The walk itself, brought up to date.
+    const Walk& write() {
+        I all = cell_;
+        std::memcpy(reinterpret_cast<char*>(&all) + 12, &t, sizeof t);
+        all[0] = inside_ ? all[0] : -1;
+        std::memcpy(&walk_.x, &all, sizeof all);
+        return walk_;
+    }
+    bool inside() const { return inside_; }
+    std::uint32_t brick() const {
+        const I b = cell_ / brick_cells;
+        return (std::uint32_t(b[2]) * walk_.grid->ny + std::uint32_t(b[1])) * walk_.grid->nx + std::uint32_t(b[0]);
+    }
+    int cell_in_brick() const {
+        const I c = cell_ & (brick_cells - 1);
+        return (c[2] * brick_cells + c[1]) * brick_cells + c[0];
+    }
+    float leave() const {
+        const F s = sides(cell_, 1);
+        return most(t, least(least(s.v[0], s.v[1]), s.v[2]));
+    }
+    void step(int size) {
+        const I first = cell_ & -size;
+        const F s = sides(first, size);
+        const float next = least(least(s.v[0], s.v[1]), s.v[2]);
+        t = most(t, next);
         // Across the first axis that is reached; on the others to where t lies in the box.
         static constexpr std::int32_t lowest[8] = {0, 1, 2, 1, 4, 1, 2, 1};
-        const I axis = I{1, 2, 4, 0}, across = (I{} + lowest[bits(Mask{sides.v == F(next).v}) & 7] & axis) != 0;
-        const I ahead = r.up ? first + size : first - 1;
-        const F at = (r.at + r.d * F(w.t)) * F(1.0f / w.grid->edge);
-        const F in_box = most(F(__builtin_convertvector(first, V)), least(at, F(__builtin_convertvector(first + (size - 1), V))));
-        const I cell = across ? ahead : __builtin_convertvector(in_box.v, I);
-        const I n = I{w.grid->nx, w.grid->ny, w.grid->nz, 0} * cells_in_brick;
-        const bool in = (bits(Mask{(cell >= 0) & (cell < n)}) & 7) == 7 && next < infinity();
-        std::memcpy(&w.x, &cell, 3 * sizeof w.x);
-        w.x = in ? w.x : -1;
-    }
-    /// As CellWalk::leave.
-    template <class Walk>
-    static float leave(const Walk& w) {
-        const Ray r(w);
-        const F sides = r.sides(r.cell, 1, w.grid->edge);
-        return most(w.t, least(least(sides.v[0], sides.v[1]), sides.v[2]));
+        const I axis = I{1, 2, 4, 0}, across = ((I{} + lowest[bits(Mask{s.v == F(next).v}) & 7]) & axis) != 0;
+        const I ahead = up_ ? first + size : first - 1;
+        const F there = (at_ + d_ * F(t)) * F(per_);
+        const F in_box = most(F(__builtin_convertvector(first, V)), least(there, F(__builtin_convertvector(first + (size - 1), V))));
+        cell_ = across ? ahead : __builtin_convertvector(in_box.v, I);
+        inside_ = (bits(Mask{(cell_ >= 0) & (cell_ < n_)}) & 7) == 7 && next < infinity();
     }
     /// As octants_on.
     template <class Vec>
-    static std::uint32_t octants_on(const Vec& from, const Vec& along, float end) {
-        const F p = V{from.x, from.y, from.z, 0}, d = V{along.x, along.y, along.z, 0}, zero(0.0f);
+    static std::uint32_t octants(const Vec& from, const Vec& along, float end) {
+        const F p = V{from.x, from.y, from.z, 0}, d = V{along.x, along.y, along.z, 0};
         const std::uint32_t first = bits(Mask{(p.v > 0.0f) | ((p.v == 0.0f) & (d.v > 0.0f))}) & 7;
         const I turns = ((p * d).v < 0.0f) & (magnitude(p).v < (F(end) * magnitude(d)).v);
         const F t = turns ? (-p / select(Mask{turns}, d, F(1.0f))).v : F(infinity()).v;
@@ -54,25 +80,17 @@ private:
     using Mask = F::Mask;
     using V = F::Vec;
     using I = Mask::Vec;
-    /// A walk's fields as vectors; what the fourth lanes hold does not matter.
-    struct Ray {
-        F d, inverse, at;
-        I cell, up;
-        template <class Walk>
-        explicit Ray(const Walk& w) {
-            static_assert(offsetof(Walk, inv) == offsetof(Walk, d) + 12 && offsetof(Walk, at) == offsetof(Walk, d) + 24 &&
-                          offsetof(Walk, x) == offsetof(Walk, d) + 36 && sizeof(Walk) >= offsetof(Walk, x) + 16);
-            std::memcpy(&d.v, &w.d, sizeof d.v);
-            std::memcpy(&inverse.v, &w.inv, sizeof d.v);
-            std::memcpy(&at.v, &w.at, sizeof d.v);
-            std::memcpy(&cell, &w.x, sizeof cell);
-            up = d.v > 0.0f;
-        }
-        F sides(I first, int size, float edge) const {
-            const F plane = __builtin_convertvector(first + (up & size), V);
-            return select(Mask{magnitude(d).v <= 1e-18f}, F(infinity()), (plane * F(edge) - at) * inverse);
-        }
-    };
+    F sides(I first, int size) const {
+        const F plane = __builtin_convertvector(first + (up_ & size), V);
+        return select(flat_, F(infinity()), (plane * F(edge_) - at_) * inverse_);
+    }
+
+    Walk& walk_;
+    F d_, inverse_, at_;
+    I cell_, n_, up_;
+    Mask flat_;
+    float edge_, per_;
+    bool inside_;
 };
 
 }  // namespace globule

@@ -262,7 +262,8 @@ struct CpuLanes {
     }
     static float get(const F& v, int lane) { return v.v[lane]; }
 
-    using Axes = CpuAxes;
+    template <class Walk, int brick_cells>
+    using Axes = CpuAxes<Walk, brick_cells>;  ///< a walk from cell to cell
     /// Cells that a ray passes between two looks at the others; it is alone here.
     static constexpr int cells_at_once = 1 << 20;
 };

@@ -96,6 +96,8 @@ struct CellWalk {
     GB_FN float leave() const {
         return most(t, least(least(side(x, 1, at.x, d.x, inv.x), side(y, 1, at.y, d.y, inv.y)), side(z, 1, at.z, d.z, inv.z)));
     }
+    GB_FN const CellWalk& write() const { return *this; }
+    GB_FN static std::uint32_t octants(const float3& p, const float3& d, float end) { return octants_on(p, d, end); }
     /// To the next cell (size 1) or past the brick (size kBrick) that holds this one.
     GB_FN void step(int size) {
         const float bx = side(x, size, at.x, d.x, inv.x), by = side(y, size, at.y, d.y, inv.y), bz = side(z, size, at.z, d.z, inv.z);

@@ -123,10 +123,11 @@ struct CellTracer {
     float tau;       ///< over the common weight unless PerParticle
     Cells cells;
 
-    GB_FN CellList list_of(const CellWalk& walk, bool& whole_brick) const {
+    template <class Walk>
+    GB_FN CellList list_of(const Walk& walk, bool& whole_brick) const {
         const std::uint32_t brick = cells.bricks[walk.brick()];
         whole_brick = brick < kListed;
-        if constexpr (requires { typename Lanes::Axes; }) {
+        if constexpr (Lanes::width > 1) {  // where a walk waits for memory
             if (!whole_brick) {
                 const BrickMask mask = cells.masks[brick - kListed];
                 const int cell = walk.cell_in_brick();
@@ -190,41 +191,39 @@ struct CellTracer {
         return way;
     }
 
-    // The walk's steps as the lanes do them best.
-    GB_FN static void step(CellWalk& walk, int size) {
-        if constexpr (requires { typename Lanes::Axes; }) Lanes::Axes::step(walk, size, kBrick);
-        else walk.step(size);
-    }
-    GB_FN static float leave(const CellWalk& walk) {
-        if constexpr (requires { typename Lanes::Axes; }) return Lanes::Axes::leave(walk);
-        else return walk.leave();
-    }
-    GB_FN static std::uint32_t octants(const float3& p, const float3& d, float end) {
-        if constexpr (requires { typename Lanes::Axes; }) return Lanes::Axes::octants_on(p, d, end);
-        else return octants_on(p, d, end);
-    }
-
     /// On to a cell with a list, if there is one a few steps on.
     GB_FN Way walk_on(RayState& ray, float typical) const {
-        CellWalk& walk = ray.walk;
+        typename Lanes::template Axes<CellWalk, kBrick> walk(ray.walk);
+        if constexpr (Lanes::width > 1) {
+            if (ray.list.n) walk.step(1);  // out of the cell that the ray has passed
+            ray.list.n = 0;
+        }
+        const Way way = walk_on(ray, walk, typical);
+        walk.write();
+        return way;
+    }
+
+private:
+    template <class Walk>
+    GB_FN Way walk_on(RayState& ray, Walk& walk, float typical) const {
         for (int k = 0; k < Lanes::cells_at_once; ++k) {
             if (!walk.inside() || !(walk.t < ray.to)) return Way::missed;
             bool whole_brick;
             const CellList list = list_of(walk, whole_brick);
             ray.t = walk.t;
             if (list.n) {
-                ray.p0 = in_cell(walk, ray.o, walk.t);
-                ray.end = (least(leave(walk), ray.to) - walk.t) / typical;
+                ray.p0 = in_cell(walk.write(), ray.o, walk.t);
+                ray.end = (least(walk.leave(), ray.to) - walk.t) / typical;
                 const std::uint32_t on_side = ray.sign > 0.0f ? list.empty : ray.sign < 0.0f ? list.full : 0;
-                if (on_side && !(octants(ray.p0, walk.d, ray.end) & ~on_side)) {
-                    step(walk, 1);
+                if (on_side && !(walk.octants(ray.p0, ray.walk.d, ray.end) & ~on_side)) {
+                    walk.step(1);
                     continue;
                 }
                 ray.list = list;
                 ray.t = 0.0f;
                 ray.window_end = 0.0f;
                 ray.steps = 0;
-                const Source src = source(list, ray.p0, walk.d);
+                const Source src = source(list, ray.p0, ray.walk.d);
                 if constexpr (PerParticle) ray.sharp = src.sharpest() * particles.most_stretch;
                 if (ray.sign == 0.0f) ray.sign = src.template at<false>(0.0f, {}).f > tau ? -1.0f : 1.0f;
                 return Way::on;
@@ -233,7 +232,7 @@ struct CellTracer {
             const float side = list.first == kFull ? -1.0f : 1.0f;
             if (ray.sign == 0.0f) ray.sign = side;
             if (ray.sign != side) return Way::crossed;  // rounding at the cell's side
-            step(walk, whole_brick ? kBrick : 1);
+            walk.step(whole_brick ? kBrick : 1);
         }
         return Way::on;
     }

@@ -145,13 +145,13 @@ struct Passes {
         constexpr int kFloats = std::decay_t<decltype(tracer)>::Source::kFloats;
         RayState& ray = s.of.ray;
         while (walk.settle(s)) {
-            if (ray.list.n) {
+            s.way = walk.cut.follow(s.of, tracer.walk_on(ray, tracer.tree.header->typical_support));
+            if (s.way == Way::on && ray.list.n) {
                 stop = {ray.p0, ray.end, ray.walk.d, ray.sign, ray.list, ray.sharp};
                 const float* block = tracer.cells.blocks + std::size_t(ray.list.first) * kFloats;
                 for (std::uint32_t k = 0; k < ray.list.n; k += Teams::size) Teams::prefetch(block + k / Teams::size * kFloats);
                 return true;
             }
-            s.way = walk.cut.follow(s.of, tracer.walk_on(ray, tracer.tree.header->typical_support));
         }
         return false;
     }
@@ -163,8 +163,7 @@ struct Passes {
         pass_cells<Teams>(tracer, stops, n, [&](int k, float t, Way way) {
             State& s = states[which[k]];
             RayState& ray = s.of.ray;
-            ray.list.n = 0;
-            if (way == Way::on) return tracer.step(ray.walk, 1);
+            if (way == Way::on) return;
             ray.t = ray.walk.t + t * typical;
             s.way = walk.cut.follow(s.of, way);
         });
