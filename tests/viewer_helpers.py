@@ -176,3 +176,8 @@ def bar_code(picture: np.ndarray) -> int | None:
 
 def our_threads() -> set[str]:
     return {t.name for t in threading.enumerate() if t.name.startswith("globule")}
+
+
+def differs(a: np.ndarray, by: float = 1.0):
+    """A test for pictures that are others than `a`."""
+    return lambda b: a.shape == b.shape and np.abs(a.astype(int) - b).mean() > by
