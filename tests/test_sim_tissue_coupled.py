@@ -191,6 +191,24 @@ def test_blood_stains_tissue(backend):
     assert change[:, 0].max() > 0.1 and change[:, 2].min() < -0.1
 
 
+def test_free_fall_does_not_shorten_steps_but_landing_does(backend):
+    """One drop at 2 m/s: steps by its speed alone would take 0.8 ms."""
+    x = block(8, 8, 3)
+    sim = make(backend, x, fixed=np.ones(len(x), bool))
+    by_speed = 0.4 * D / 2.0
+    drop = sim.add([[3.5 * D, 3.5 * D, 0.09]], "blood", (0, 0, -2.0))
+    assert sim.dt > 4 * by_speed
+    shortest, n_steps = sim.dt, 0
+    while sim.time < 0.08:
+        shortest, n_steps = min(shortest, sim.dt), n_steps + 1
+        report = sim.step()
+        assert report.n_solved == 1
+        assert np.linalg.norm(sim.positions[drop[0]] - x, axis=1).min() > 0.6 * D
+    assert shortest < 2.5 * by_speed
+    assert n_steps < 0.5 * 0.08 / by_speed
+    assert np.linalg.norm(sim.velocities[drop[0]]) < 1.0
+
+
 def test_checkpoints_go_on_bit_by_bit():
     x = block(5, 5, 6)
 
