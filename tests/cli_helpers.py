@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
@@ -42,3 +43,9 @@ def refused(capsys, *words: str) -> str:
     assert err.startswith("globule: error: ") and err.count("\n") == 1, err
     assert sorted(os.listdir()) == before
     return err
+
+
+def run_json(capsys, *words: str) -> dict:
+    """What a command says of itself with --json."""
+    assert main([*words, "--json"]) == 0
+    return json.loads(capsys.readouterr().out)

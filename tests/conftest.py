@@ -89,3 +89,11 @@ def particles(folder):
     p.attributes = {"speed": speed, "flow": np.stack([speed, speed, speed], axis=1)}
     gb.write("cube.npz", p)
     return "cube.npz"
+
+
+@pytest.fixture
+def sweep(folder):
+    """A phantom of 24 small frames in phantom.igs.mha."""
+    made = gb.phantoms.cylinders(n_frames=24, size=(64, 60), spacing=0.8)
+    gb.write_sweep("phantom.igs.mha", made)
+    return made

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 import os
 from pathlib import Path
 
 import globule as gb
 import numpy as np
 import pytest
+from cli_helpers import run_json
 from globule.calibration import Calibration, write_calibration
 from globule.cli import main
 from globule.volume_io import read_volume
@@ -16,20 +16,7 @@ from PIL import Image
 from sweep_helpers import same, small_sweep, spine_data
 
 CPU = ["--device", "cpu"]
-
-
-@pytest.fixture(autouse=True)
-def folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.delenv("GLOBULE_TRACEBACK", raising=False)
-
-
-@pytest.fixture
-def sweep():
-    """A phantom of 24 small frames in phantom.igs.mha."""
-    made = gb.phantoms.cylinders(n_frames=24, size=(64, 60), spacing=0.8)
-    gb.write_sweep("phantom.igs.mha", made)
-    return made
+pytestmark = pytest.mark.usefixtures("folder")
 
 
 def refused(capsys, *words: str) -> str:
@@ -39,11 +26,6 @@ def refused(capsys, *words: str) -> str:
     assert out == "" and err.startswith("globule: error: ") and err.count("\n") == 1, err
     assert sorted(os.listdir()) == before
     return err
-
-
-def run_json(capsys, *words: str) -> dict:
-    assert main([*words, "--json"]) == 0
-    return json.loads(capsys.readouterr().out)
 
 
 def test_a_volume_and_its_figures(sweep, capsys):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import json
 import os
 import signal
 import socket
@@ -16,6 +15,7 @@ from pathlib import Path
 import globule as gb
 import numpy as np
 import pytest
+from cli_helpers import run_json
 from globule.cli import main
 from globule.sweeps import igs
 from globule.sweeps.live import LiveFrame, parse_address, receive, receive_sweep
@@ -25,25 +25,7 @@ from PIL import Image
 from sweep_helpers import small_sweep, spine_data
 
 CPU = ["--device", "cpu"]
-
-
-@pytest.fixture(autouse=True)
-def folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.delenv("GLOBULE_TRACEBACK", raising=False)
-
-
-@pytest.fixture
-def sweep():
-    """A phantom of 24 small frames in phantom.igs.mha."""
-    made = gb.phantoms.cylinders(n_frames=24, size=(64, 60), spacing=0.8)
-    gb.write_sweep("phantom.igs.mha", made)
-    return made
-
-
-def run_json(capsys, *words: str) -> dict:
-    assert main([*words, "--json"]) == 0
-    return json.loads(capsys.readouterr().out)
+pytestmark = pytest.mark.usefixtures("folder")
 
 
 class Server:
