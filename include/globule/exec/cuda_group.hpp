@@ -161,8 +161,6 @@ struct CudaLanes {
 
     static constexpr unsigned all = 0xffffffffu;
     static constexpr int kTeam = 4;  ///< lanes that share one ray's particles
-    template <class Walk, int>
-    using Axes = Walk&;
     static constexpr int cells_at_once = 2;  ///< that a ray passes before the others get their turn
 
     /// Field of each active lane's source at its own t: teams of lanes take one ray at a time, so that a
