@@ -39,7 +39,7 @@ public:
           support_(*exec_), weight_(*exec_), stretch_(*exec_), color_(*exec_), points_(*exec_), more_points_(*exec_),
           values_(*exec_), results_(*exec_), offsets_(*exec_), indices_(*exec_), count_(*exec_),
           hits_(*exec_), reflection_(*exec_), refraction_(*exec_), sky_(*exec_), spare_(*exec_), grid_(*exec_), bricks_(*exec_),
-          lists_(*exec_), masks_(*exec_), blocks_(*exec_), near_(*exec_), work_(*exec_) {}
+          lists_(*exec_), blocks_(*exec_), near_(*exec_), work_(*exec_) {}
 
     void build(const SceneArrays& in, const TreeRequest& request) override {
         ParticleInput input;
@@ -308,7 +308,7 @@ private:
             scenes[k]->with_tracer(request.layers[k].field, [&](const auto& tracer) {
                 using Tracer = std::decay_t<decltype(tracer)>;
                 exec.for_each_walk(rays.source.n_items() * lighting.n_visibilities(),
-                                   Occlude<Tracer>{{}, {tracer, clips[k]}, scenes[k]->attributes_, lighting, rays, hits, k, visibility});
+                                   Occlude<Tracer>{{tracer, clips[k]}, scenes[k]->attributes_, lighting, rays, hits, k, visibility});
             });
         };
         for (std::size_t k = 1; k < n_streams; ++k) waves_[k].exec().follow(*exec_);
@@ -354,7 +354,7 @@ private:
         }
         with_tracer(field, [&](const auto& tracer) {
             using Tracer = std::decay_t<decltype(tracer)>;
-            exec.for_each_walk(rays.source.n_items(), March<Tracer>{{}, {tracer, clips}, rays, layer, found});
+            exec.for_each_walk(rays.source.n_items(), March<Tracer>{{tracer, clips}, rays, layer, found});
             using Tree = std::decay_t<decltype(tracer.tree)>;
             const ResolveRays<Tree, Tracer::PerParticle> rest{tracer.tree, tree_.particles(), {field.kernel}, field.threshold, nullptr, {},
                                                              rays.source, {found.t, nullptr, nullptr}, clips, found.sign, found.cap};
@@ -378,7 +378,7 @@ private:
                 exec_->for_each(tree_.max_nodes(), MarkBricks<Tree>{tracer.tree, tree_.max_nodes(), grid, bricks});
                 exec_->for_each_tile_of(&grid->n_bricks,
                                         BuildCells<Lanes, Tree, std::decay_t<decltype(tracer.kernel)>, Tracer::PerParticle>{
-                                            tracer.tree, tree_.particles(), tracer.kernel, tracer.tau, grid, bricks, lists_.data(), masks_.data(),
+                                            tracer.tree, tree_.particles(), tracer.kernel, tracer.tau, grid, bricks, lists_.data(),
                                             blocks_.data(), std::uint32_t(lists_.capacity() / kBrickCells), std::uint32_t(blocks_.capacity() / block)});
                 CellGrid g;
                 exec_->download(&g, grid, sizeof g);
@@ -386,7 +386,6 @@ private:
                 typical_ = g.edge / kCellEdge;
                 if (enough) break;
                 lists_.reserve(std::size_t(g.n_lists + g.n_lists / 4 + 16) * kBrickCells);
-                masks_.reserve(lists_.capacity() / kBrickCells);
                 blocks_.reserve(std::size_t(g.n_blocks + g.n_blocks / 4 + 64) * block);
             }
         });
@@ -401,7 +400,7 @@ private:
             const SortedParticles& p = tree_.particles();
             const float tau = PerParticle ? field.threshold : field.threshold / p.weight.uniform;
             fn(CellTracer<typename Exec::Lanes, Tree, Kernel, PerParticle>{
-                tree, p, kernel, tau, {grid_.data(), bricks_.data(), lists_.data(), masks_.data(), blocks_.data()}});
+                tree, p, kernel, tau, {grid_.data(), bricks_.data(), lists_.data(), blocks_.data()}});
         });
     }
     template <class Fn>
@@ -468,7 +467,6 @@ private:
     Buffer<CellGrid, Exec> grid_;
     Buffer<std::uint32_t, Exec> bricks_;
     Buffer<CellList, Exec> lists_;
-    Buffer<BrickMask, Exec> masks_;
     Buffer<float, Exec> blocks_;
     FieldRequest cells_for_{};
     bool cells_stale_ = true;

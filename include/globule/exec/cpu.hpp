@@ -18,7 +18,6 @@
 #include "globule/base/scalar.hpp"
 #include "globule/exec/cpu_group.hpp"
 #include "globule/exec/cpu_packet.hpp"
-#include "globule/exec/cpu_walk.hpp"
 
 namespace globule {
 
@@ -124,21 +123,10 @@ public:
     }
 
     /// Items that take a number of steps known to none beforehand: begin(i, state), where that is true
-    /// to_place(state, place) and pass(...) while that is true, then end(state).
+    /// advance(state, true) while it is true, then end(state).
     template <class Walk>
     void for_each_walk(std::size_t n, const Walk& walk) {
-        constexpr std::size_t chunk = CpuWalks<Walk>::chunk;
-#pragma omp parallel num_threads(threads_) if (n > chunk)
-        {
-            auto walks = std::make_unique<CpuWalks<Walk>>();
-            double next_poll = now() + 0.05;
-#pragma omp for schedule(dynamic)
-            for (std::size_t c = 0; c < ceil_div(n, chunk); ++c) {
-                if (cancelled_.load(std::memory_order_relaxed)) continue;
-                (*walks)(walk, c * chunk, std::min(n, (c + 1) * chunk));
-                poll_now(next_poll);
-            }
-        }
+        for_each_uneven(n, Steps<Walk>{walk});
     }
 
     /// One group of lanes a tile, as many tiles as *n says.
@@ -267,6 +255,16 @@ public:
     }
 
 private:
+    template <class Walk>
+    struct Steps {
+        const Walk& walk;
+        void operator()(std::size_t i) const {
+            typename Walk::State state{};
+            if (!walk.begin(i, state)) return;
+            while (walk.advance(state, true)) {}
+            walk.end(state);
+        }
+    };
     void poll_now(double& next_poll) {
         if (!poll_ || omp_get_thread_num() != 0 || now() <= next_poll) return;
         if (poll_()) cancelled_ = true;

@@ -4,7 +4,6 @@
 #include "globule/base/quad.hpp"
 #include "globule/base/vec.hpp"
 #include "globule/base/wide.hpp"
-#include "globule/exec/cpu_axes.hpp"
 
 namespace globule {
 
@@ -41,7 +40,7 @@ struct CpuGroup {
     static float pick(const F& v, int lane) { return v.v[lane]; }
     static std::uint32_t pick(const U& v, int lane) { return v.v[lane]; }
 
-    bool any(const B& m) const { return bits(m) != 0; }
+    bool any(const B& m) const { return globule::any(m); }
     int count(const B& m) const { return __builtin_popcount(bits(m)); }
     /// The first set lane at or after `from`, else the first; -1: none.
     int first_from(const B& m, int from) const {
@@ -210,10 +209,10 @@ struct CpuGroup {
     void sync() const {}
 };
 
-/// How one ray's thread goes through a block of particles: four at a time, as a team does (exec/cpu_walk.hpp).
+/// How one ray's thread goes through a block of particles: a SIMD register's worth at a time.
 struct CpuLanes {
-    static constexpr int width = 4;
-    using F = Wide<width>;
+    static constexpr int width = kWidth;
+    using F = WideF;
     static F load(const float* p) {
         F r;
         std::memcpy(&r.v, p, sizeof r.v);
@@ -262,10 +261,13 @@ struct CpuLanes {
     }
     static float get(const F& v, int lane) { return v.v[lane]; }
 
-    template <class Walk, int brick_cells>
-    using Axes = CpuAxes<Walk, brick_cells>;  ///< a walk from cell to cell
     /// Cells that a ray passes between two looks at the others; it is alone here.
     static constexpr int cells_at_once = 1 << 20;
+    template <class Source, class Limits>
+    static auto evaluate(const Source& source, float t, const Limits& lim, bool active, bool bounds) {
+        if (!active) return decltype(source.template at<true>(t, lim)){};
+        return bounds ? source.template at<true>(t, lim) : source.template at<false>(t, lim);
+    }
 };
 
 }  // namespace globule

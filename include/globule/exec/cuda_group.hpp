@@ -185,8 +185,6 @@ struct CudaLanes {
     GB_FN static float get(float v, int) { return v; }
 
     static constexpr unsigned all = 0xffffffffu;
-    template <class Walk, int>
-    using Axes = Walk&;
     static constexpr int cells_at_once = 2;  ///< that a ray passes before the others get their turn
 
     /// Field of each active lane's source at its own t: teams of 4 lanes take one ray at a time, of 8 or 16 where no more

@@ -82,7 +82,6 @@ struct BuildCells {
     CellGrid* grid;
     std::uint32_t* bricks;
     CellList* lists;
-    BrickMask* masks;
     float* blocks;
     std::uint32_t max_lists, max_blocks;
 
@@ -94,7 +93,6 @@ struct BuildCells {
         const float span = kBrick * grid->edge;
         const float3 lo{grid->lo.x + bx * span, grid->lo.y + by * span, grid->lo.z + bz * span};
         std::uint32_t place = kUnlisted;
-        BrickMask mask{0, 0};
         // Where more particles reach the brick than the scratch holds, by parts of it.
         int size = kBrick;
         for (int part = 0; part < cube(kBrick / size); ++part) {
@@ -124,12 +122,9 @@ struct BuildCells {
                 const CellList found = n < 0 ? CellList{kUnlisted, 0, 0, 0} : scratch.cell[c];
                 const CellList written = found.first == kListed ? list(g, scratch, size, c, n, found.n) : CellList{found.first, 0, 0, 0};
                 if (g.is_first()) mine[at] = written;
-                if (written.n || written.first == kUnlisted) mask.look |= std::uint64_t(1) << at;
-                else if (written.first == kFull) mask.full |= std::uint64_t(1) << at;
             }
         }
         if (g.is_first()) bricks[brick] = place;
-        if (g.is_first() && place >= kListed) masks[place - kListed] = mask;
     }
 
 private:

@@ -45,18 +45,12 @@ GB_FN std::uint32_t octants_on(const float3& p, const float3& d, float end) {
     return 1u << first | (tx < inf ? by(tx) : 0u) | (ty < inf ? by(ty) : 0u) | (tz < inf ? by(tz) : 0u);
 }
 
-/// One bit a cell of a brick: where the list says more than whether the cell is full.
-struct BrickMask {
-    std::uint64_t look, full;
-};
-
 /// The cells in memory.  A block holds Lanes::width particles: x y z relative to the cell's centre in
 /// typical supports, the particle's slot, and where particles differ 1 / support^2 and weight.
 struct Cells {
     const CellGrid* grid;
     const std::uint32_t* bricks;  ///< (n_bricks,)
     const CellList* lists;        ///< (bricks with lists, 64)
-    const BrickMask* masks;       ///< (bricks with lists,) so that a walk past cells needs little memory
     const float* blocks;
 };
 
@@ -96,8 +90,6 @@ struct CellWalk {
     GB_FN float leave() const {
         return most(t, least(least(side(x, 1, at.x, d.x, inv.x), side(y, 1, at.y, d.y, inv.y)), side(z, 1, at.z, d.z, inv.z)));
     }
-    GB_FN const CellWalk& write() const { return *this; }
-    GB_FN static std::uint32_t octants(const float3& p, const float3& d, float end) { return octants_on(p, d, end); }
     /// To the next cell (size 1) or past the brick (size kBrick) that holds this one.
     GB_FN void step(int size) {
         const float bx = side(x, size, at.x, d.x, inv.x), by = side(y, size, at.y, d.y, inv.y), bz = side(z, size, at.z, d.z, inv.z);

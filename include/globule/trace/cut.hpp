@@ -59,11 +59,7 @@ struct Cut {
     /// As CellTracer::advance; the distance is in s.ray.t, the clip of a cut face in s.cap.
     GB_FN Way advance(State& s, bool active) const {
         const Way way = tracer.advance(s.ray, active);
-        return active ? follow(s, way) : way;
-    }
-    /// What the tracer's way means for the whole ray.
-    GB_FN Way follow(State& s, Way way) const {
-        if (way == Way::on || clips.n == 0) return way;
+        if (!active || way == Way::on || clips.n == 0) return way;
         if (way != Way::missed) {
             s.cap = -1;
             return way;

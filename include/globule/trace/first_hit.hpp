@@ -123,17 +123,9 @@ struct CellTracer {
     float tau;       ///< over the common weight unless PerParticle
     Cells cells;
 
-    template <class Walk>
-    GB_FN CellList list_of(const Walk& walk, bool& whole_brick) const {
+    GB_FN CellList list_of(const CellWalk& walk, bool& whole_brick) const {
         const std::uint32_t brick = cells.bricks[walk.brick()];
         whole_brick = brick < kListed;
-        if constexpr (Lanes::width > 1) {  // where a walk waits for memory
-            if (!whole_brick) {
-                const BrickMask mask = cells.masks[brick - kListed];
-                const int cell = walk.cell_in_brick();
-                if (!(mask.look >> cell & 1)) return {std::uint32_t(mask.full >> cell & 1 ? kFull : kEmpty), 0, 0, 0};
-            }
-        }
         return whole_brick ? CellList{brick, 0, 0, 0} : cells.lists[std::size_t(brick - kListed) * kBrickCells + walk.cell_in_brick()];
     }
     GB_FN Source source(const CellList& list, const float3& p0, const float3& d) const {
@@ -191,31 +183,20 @@ struct CellTracer {
         return way;
     }
 
+private:
     /// On to a cell with a list, if there is one a few steps on.
     GB_FN Way walk_on(RayState& ray, float typical) const {
-        typename Lanes::template Axes<CellWalk, kBrick> walk(ray.walk);
-        if constexpr (Lanes::width > 1) {
-            if (ray.list.n) walk.step(1);  // out of the cell that the ray has passed
-            ray.list.n = 0;
-        }
-        const Way way = walk_on(ray, walk, typical);
-        walk.write();
-        return way;
-    }
-
-private:
-    template <class Walk>
-    GB_FN Way walk_on(RayState& ray, Walk& walk, float typical) const {
+        CellWalk& walk = ray.walk;
         for (int k = 0; k < Lanes::cells_at_once; ++k) {
             if (!walk.inside() || !(walk.t < ray.to)) return Way::missed;
             bool whole_brick;
             const CellList list = list_of(walk, whole_brick);
             ray.t = walk.t;
             if (list.n) {
-                ray.p0 = in_cell(walk.write(), ray.o, walk.t);
+                ray.p0 = in_cell(walk, ray.o, walk.t);
                 ray.end = (least(walk.leave(), ray.to) - walk.t) / typical;
                 const std::uint32_t on_side = ray.sign > 0.0f ? list.empty : ray.sign < 0.0f ? list.full : 0;
-                if (on_side && !(walk.octants(ray.p0, ray.walk.d, ray.end) & ~on_side)) {
+                if (!(octants_on(ray.p0, walk.d, ray.end) & ~on_side)) {
                     walk.step(1);
                     continue;
                 }
@@ -223,7 +204,7 @@ private:
                 ray.t = 0.0f;
                 ray.window_end = 0.0f;
                 ray.steps = 0;
-                const Source src = source(list, ray.p0, ray.walk.d);
+                const Source src = source(list, ray.p0, walk.d);
                 if constexpr (PerParticle) ray.sharp = src.sharpest() * particles.most_stretch;
                 if (ray.sign == 0.0f) ray.sign = src.template at<false>(0.0f, {}).f > tau ? -1.0f : 1.0f;
                 return Way::on;

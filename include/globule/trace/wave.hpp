@@ -6,7 +6,6 @@
 #include "globule/trace/cut.hpp"
 #include "globule/trace/looks.hpp"
 #include "globule/trace/material.hpp"
-#include "globule/trace/pass.hpp"
 #include "globule/trace/sky.hpp"
 
 namespace globule {
@@ -42,7 +41,7 @@ struct WaveHits {
 
 /// Rays to their first crossing of one layer.
 template <class Tracer>
-struct March : Passes<March<Tracer>> {
+struct March {
     Cut<Tracer> cut;
     WaveRays rays;
     int layer;
@@ -67,7 +66,6 @@ struct March : Passes<March<Tracer>> {
         if (active && s.way == Way::on) s.way = way;
         return active && s.way == Way::on;
     }
-    GB_FN bool settle(const State& s) const { return s.way == Way::on; }
     GB_FN void end(const State& s) const {
         const float t = s.of.ray.t;
         out.t[s.i] = s.way == Way::missed ? infinity() : s.way == Way::doubtful ? undecided(t) : t;
@@ -222,7 +220,7 @@ GB_FN Point point_of(const Lighting& lighting, const WaveRays& rays, const WaveH
 
 /// Shadow and ambient rays through one layer: what part of the light comes through, (n_visibilities, n).
 template <class Tracer>
-struct Occlude : Passes<Occlude<Tracer>> {
+struct Occlude {
     Cut<Tracer> cut;
     Attributes attributes;
     Lighting lighting;
@@ -283,10 +281,6 @@ struct Occlude : Passes<Occlude<Tracer>> {
         const Way way = cut.advance(s.of, active && s.way == Way::on);
         if (!active) return false;
         if (s.way == Way::on) s.way = way;
-        return settle(s);
-    }
-    /// Whether the ray goes on, if need be from a crossing.
-    GB_FN bool settle(State& s) const {
         if (s.way == Way::on) return true;
         const RayState& ray = s.of.ray;
         const float3 o = ray.o, l = ray.walk.d;
