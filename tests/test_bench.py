@@ -97,7 +97,8 @@ def test_json(capsys, monkeypatch):
 
 
 def test_times_and_memory(monkeypatch):
-    volume = Volume(np.ones((2, 2, 2), np.uint8), np.eye(4), info={"bytes": 2**20})
+    info = {"bytes": 2**20, "bin_seconds": 0.25, "fill_seconds": 0.5}
+    volume = Volume(np.ones((2, 2, 2), np.uint8), np.eye(4), info=info)
     asked = []
     monkeypatch.setattr(ultrasound, "_sweep", lambda n: n)
     monkeypatch.setattr(
@@ -109,6 +110,7 @@ def test_times_and_memory(monkeypatch):
     assert {(131, "pvn-om", (512,) * 3), (51, "vvn", (128,) * 3)} <= set(asked)
     first = dict(zip(times.columns, times.rows[0], strict=True))
     assert first["source s"] == 0.72 and first["octree, source"] == pytest.approx(4.98 / 0.72)
+    assert first["on device s"] == 0.75
     assert first["source/ours"] == pytest.approx(0.72 / first["ours s"])
     assert memory.rows[0][3:5] == (1390, 1.0)
 
