@@ -195,7 +195,7 @@ private:
     void reorder(const std::uint32_t* index, std::size_t count, const float* x, const float* y, const float* z) {
         const sim::State from = view();
         Copy& other = copies_[1 - now_];
-        if (other.capacity() < count) other.reserve(most(count, copies_[now_].capacity()));
+        if (!other.place.data() || other.capacity() < count) other.reserve(most(count, copies_[now_].capacity()));
         if (next_id > slot_of_.capacity()) {
             slot_of_.reserve(next_id + next_id / 2 + 64);
             exec_.for_each(slot_of_.capacity(), sim::Fill{slot_of_.data(), sim::kGone});
