@@ -21,7 +21,7 @@ struct Phase {
     float density = 1000.0f;      ///< at rest
     float viscosity = 0.0f;       ///< dynamic
     float tension = 0.0f;         ///< of the surface
-    float adhesion = 0.0f;        ///< of fluids to this boundary, of the order of the tension
+    float adhesion = 0.0f;        ///< of fluids to this boundary or to held tissue, N/m: a pair attracts as fluids of the two's geometric mean
     float color[3] = {0.28f, 0.52f, 0.80f};
     float reflection = 0.0f, refraction = 0.0f;
     std::int32_t implicit_viscosity = 0;

@@ -49,7 +49,7 @@ struct PairForces {
     const Quad *place, *velocity;
     Rows rows;
     Interaction pair;
-    const float* cohesion;  ///< per slot: root of a fluid's tension, a boundary's adhesion
+    const float* cohesion;  ///< per slot: root of a fluid's tension, of a boundary's adhesion
     float* diagonal;        ///< of the implicit operator less rho, over dt; or null
     Quad* acceleration;     ///< per row
     template <class Packet>
@@ -103,7 +103,7 @@ struct CohesionOf {
             return;
         }
         const Phase& p = phases[state.phase[i]];
-        out[i] = state.place[i].w < 0.0f ? root(p.tension) : p.adhesion;
+        out[i] = state.place[i].w < 0.0f ? root(p.tension) : root(p.adhesion);
     }
 };
 

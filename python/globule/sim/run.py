@@ -54,8 +54,10 @@ def _phase(body: Body) -> dict[str, Any]:
     table = body.table
     phase = {"name": body.name, "kind": body.kind, "color": table.color}
     if body.kind == "boundary":
-        return phase | {"shown": table.shown}
+        return phase | {"shown": table.shown, "adhesion": table.adhesion}
     phase |= {"density": table.density}
+    if body.kind == "rigid":
+        phase |= {"adhesion": table.adhesion}
     if body.kind in ("fluid", "tissue"):
         phase |= {"reflection": table.reflection, "refraction": table.refraction}
     if body.kind == "tissue":
@@ -70,7 +72,6 @@ def _phase(body: Body) -> dict[str, Any]:
             "viscosity": table.viscosity,
             "implicit_viscosity": table.implicit,
             "tension": table.surface_tension,
-            "adhesion": table.adhesion,
         }
     return phase
 

@@ -94,7 +94,6 @@ class Fluid:
     viscosity: float = key(number(least=0.0), 0.001)  # Pa s
     implicit: bool | None = key(switch, None)  # viscosity; default: from 1 Pa s up
     surface_tension: float = key(number(least=0.0), 0.0)  # N/m
-    adhesion: float = key(number(least=0.0), 0.0)
     velocity: tuple = key(vector(), (0.0, 0.0, 0.0))  # m/s
     color: tuple = key(color, (0.05, 0.25, 0.5))
     reflection: float = key(number(0.0, 1.0), 0.0)  # factors of the picture, as of particles
@@ -150,6 +149,7 @@ class Boundary:
     hollow: bool = key(switch, False)  # whether things move inside it
     open: list = key(each(choice(*FACES, *ENDS)), [])
     keys: list = key(each(Key), [])
+    adhesion: float = key(number(least=0.0), 0.0)  # of fluids with a tension, N/m
     shown: bool = key(switch, False)
     color: tuple = key(color, (0.5, 0.5, 0.5))
 
@@ -173,6 +173,7 @@ class Rigid:
     density: float = key(positive, 1000.0)
     velocity: tuple = key(vector(), (0.0, 0.0, 0.0))
     spin: tuple = key(vector(), (0.0, 0.0, 0.0))  # rad/s
+    adhesion: float = key(number(least=0.0), 0.0)  # as a boundary's
     color: tuple = key(color, (0.6, 0.5, 0.3))
 
     def __post_init__(self) -> None:

@@ -16,7 +16,8 @@ class Phase:
     """A material of a simulation; any value may be changed between steps. SI units.
 
     kind: fluid, tissue, boundary (fixed or moved by key frames) or rigid (a floating body).
-    Of tissue: damping, 1/s; tear_strain beyond which bonds break, 0: never; yield_strain beyond
+    tension: of a fluid's surface, N/m; adhesion: of a boundary or rigid body, N/m: a fluid sticks to
+    it with the geometric mean of both. Of tissue: damping, 1/s; tear_strain beyond which bonds break, 0: never; yield_strain beyond
     which the share creep_rate, 1/s, of the strain becomes permanent, 0: never.
     """
 
