@@ -16,9 +16,10 @@ class Phase:
     """A material of a simulation; any value may be changed between steps. SI units.
 
     kind: fluid, tissue, boundary (fixed or moved by key frames) or rigid (a floating body).
-    tension: of a fluid's surface, N/m; adhesion: of a boundary or rigid body, N/m: a fluid sticks to
-    it with the geometric mean of both. Of tissue: damping, 1/s; tear_strain beyond which bonds break, 0: never; yield_strain beyond
-    which the share creep_rate, 1/s, of the strain becomes permanent, 0: never.
+    tension: of a fluid's surface, N/m; adhesion: of a boundary or rigid body, N/m: a fluid sticks
+    to it with the geometric mean of both. Of tissue: damping, 1/s; tear_strain beyond which bonds
+    break, 0: never; yield_strain beyond which the share creep_rate, 1/s, of the strain becomes
+    permanent, 0: never.
     """
 
     name: str
