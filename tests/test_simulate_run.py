@@ -13,7 +13,7 @@ import time
 import globule as gb
 import numpy as np
 import pytest
-from globule.cli import main
+from globule.cli import build_parser, main, simulate
 from globule.sim import diagnostics
 
 SCENE = {
@@ -217,6 +217,42 @@ def test_mistakes_are_one_line(folder, capsys, words, expected):
     said = capsys.readouterr().err
     assert said.count("\n") == 1 and expected in said
     assert not os.path.exists("frames")
+
+
+def test_a_frame_at_whose_time_one_stops_is_written(folder, capsys):
+    words = ["simulate", "dam.toml", "-o", "out", "--seconds", "0.2", "--device", "cpu"]
+    job = simulate._Job(build_parser().parse_args(words))
+    assert not job.run(lambda: job.sim.time > 2 / 20 - 1e-9)
+    assert os.path.exists("out/frame_00002.vtp") and not os.path.exists("out/frame_00003.vtp")
+    run(*words[1:-2], "--resume")
+    assert sorted(os.listdir("out"))[-5:] == [f"frame_{k:05d}.vtp" for k in range(5)]
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "expected"),
+    [
+        ("id", lambda a: np.full_like(a, 2**32 - 1), "id: expected each once"),
+        ("place", lambda a: a[:-1], "place: expected float32"),
+        ("velocity", lambda a: a * np.nan, "velocity: expected finite"),
+        ("phase", lambda a: np.full_like(a, 255), "phase: expected numbers below"),
+        ("counts", lambda a: np.full_like(a, 2**64 - 1), "counts: expected"),
+        ("motion", lambda a: a[:-3], "expected all of the bodies"),
+        ("impulse", None, "'impulse' is missing"),
+        ("_facts", lambda a: np.frombuffer(b"[1]", np.uint8), "expected a checkpoint"),
+    ],
+)
+def test_a_checkpoint_that_cannot_be_is_refused(folder, capsys, name, change, expected):
+    run("dam.toml", "-o", "out", "--seconds", 0.05)
+    with np.load("out/checkpoint.npz") as file:
+        arrays = dict(file)
+    wrong = arrays.pop(name)
+    if change:
+        arrays[name] = change(wrong)
+    np.savez("out/checkpoint.npz", **arrays)
+    capsys.readouterr()
+    assert main(["simulate", "dam.toml", "-o", "out", "--resume", "--device", "cpu"]) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1 and "checkpoint.npz" in said and expected in said
 
 
 def test_resuming_another_scene_is_refused(folder, capsys):

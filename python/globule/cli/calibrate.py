@@ -32,6 +32,7 @@ EXAMPLES = """\
 
 CERTAIN = 0.05  # a larger chance that random motion fits as well, and the offset is not written
 _STRIKING = 3.0  # times the rms
+_UNLIKELY = 20.0  # pixels: nobody marks so badly
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -106,6 +107,10 @@ def _calibrated(
         if len(wild):
             which = ", ".join(f"{i + 1} ({lengths[i]:.2f} mm)" for i in wild[:5])
             messages.append(f"{options.marks}: far from the others, look at them: mark {which}")
+        pixels = calibration.rms / max(calibration.spacing[:2])
+        if pixels > _UNLIKELY:
+            messages.append(f"{options.marks}: residuals of {pixels:.0f} pixels, expected marks of "
+                            "one point and the poses of this sweep")  # fmt: skip
     if options.delay:
         delay = _delay(options, tracked)
         report["temporal_offset"] = delay._asdict()
@@ -152,8 +157,10 @@ def _lines(report: dict[str, Any]) -> list[str]:
         ]
     if "temporal_offset" in report:
         found = report["temporal_offset"]
+        apart = found["uncertainty"]
+        within = f"± {apart:.4f}" if np.isfinite(apart) else "(how exact is not known)"
         lines.append(
-            f"temporal offset {found['offset']:+.4f} s ± {found['uncertainty']:.4f}, correlation "
+            f"temporal offset {found['offset']:+.4f} s {within}, correlation "
             f"{found['correlation']:.2f}, by chance in {100 * found['chance']:.0f} %"
         )
     if report["output"]:

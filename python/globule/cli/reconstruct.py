@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import hashlib
 import logging
+import os
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -161,6 +162,20 @@ def run(options: argparse.Namespace) -> None:
         print("\n".join(_lines(report)))
 
 
+def _check_apart(options: argparse.Namespace) -> None:
+    """No output may replace an input or another output."""
+    names = {"-o": options.output, "--three-view": options.three_view, "--surface": options.surface}
+    taken = {"SWEEP": options.sweep, "--mask": options.mask, "--poses": options.poses,
+             "--plus": options.plus, "--calibration": options.calibration}  # fmt: skip
+    for option, name in names.items():
+        if not name:
+            continue
+        for other, path in taken.items():
+            if path and os.path.realpath(path) == os.path.realpath(name):
+                raise UserError(f"{option}: expected a name of its own, got {other}'s, {name}")
+        taken[option] = name
+
+
 def _check(options: argparse.Namespace) -> None:
     """Refuse what cannot be, before any work."""
     if bool(options.sweep) == bool(options.live):
@@ -176,6 +191,7 @@ def _check(options: argparse.Namespace) -> None:
             raise UserError(f"{option}: expected -o beside it, got none")
         if picture:
             check_output(option, picture, [".png"])
+    _check_apart(options)
     if options.calibration and options.plus:
         raise UserError("--plus: expected no --calibration beside it")
     live.check(options)

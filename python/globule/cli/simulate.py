@@ -179,21 +179,19 @@ class _Job:
             if self.options.resume and k / self.fps < self.start_time + 1e-9:
                 continue  # written before the checkpoint was
             with self._timed("simulation"):
-                whole = self._reach(k / self.fps, interrupted)
-            if not whole:
+                self.sim.advance_to(k / self.fps, stop=interrupted)
+            reached = self.sim.time > k / self.fps - 1e-9
+            if reached:  # told to stop or not: --resume counts on it
+                self._write(k)
+            if interrupted():
+                whole = reached and k == self.n_frames - 1
                 break
-            self._write(k)
             if self.options.checkpoint and self.sim.time - self.saved >= self.options.checkpoint:
                 self._save()
         self._save()
         if whole:
             self.files += self.pictures.finish(self.n_frames, self.fps)
         return whole
-
-    def _reach(self, until: float, interrupted: Callable[[], bool]) -> bool:
-        """Whole steps up to this time, the last one shortened; False if told to stop."""
-        self.sim.advance_to(until, stop=interrupted)
-        return not interrupted()
 
     def _write(self, k: int) -> None:
         from ..formats import write
@@ -249,7 +247,8 @@ class _Job:
         spent = ", ".join(f"{name} {s:.1f} s" for name, s in written.items()) or "nothing to do"
         print(f"{spent}, {total:.1f} s in all on {sim.scene.device.description}")
         if self.files:
-            print(f"{count(len(self.files), 'file')}: {self.files[0]} … {self.files[-1]}")
+            last = f" … {self.files[-1]}" if len(self.files) > 1 else ""
+            print(f"{count(len(self.files), 'file')}: {self.files[0]}{last}")
         if not whole:
             say(f"note: stopped at {sim.time:.4g} s; --resume goes on from {self.checkpoint}")
 

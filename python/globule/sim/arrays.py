@@ -135,8 +135,28 @@ class Arrays:
         }
         return {**arrays, **motion, **self._tissue_state(), **clock}
 
+    def _check(self, state: Mapping[str, np.ndarray]) -> None:
+        """Refuse what would be read past its end, or could be no state of this simulation."""
+        n = np.shape(state["id"])[0]
+        for name, (dtype, columns) in _ARRAYS.items():
+            shape = (n, columns) if columns > 1 else (n,)
+            values = np.asarray(state[name])
+            if values.shape != shape or values.dtype != dtype:
+                got = f"{values.dtype} {values.shape}"
+                raise ValueError(f"{name}: expected {np.dtype(dtype)} {shape}, got {got}")
+        for name in ("place", "velocity", "time"):
+            check_finite(name, state[name])
+        if np.shape(state["counts"]) != (2,) or int(state["counts"][0]) >= 2**31:
+            raise ValueError("counts: expected the ids given, below 2^31, and the steps")
+        if n and (int(np.max(state["id"])) >= int(state["counts"][0])
+                  or len(np.unique(state["id"])) != n):  # fmt: skip
+            raise ValueError("id: expected each once and below the number of ids given")
+        if n and int(np.max(state["phase"])) >= len(self._names):
+            raise ValueError(f"phase: expected numbers below {len(self._names)}")
+
     def set_state(self, state: Mapping[str, np.ndarray]) -> None:
         """Go on from what `state` gave."""
+        self._check(state)
         next_id, n_steps = (int(c) for c in state["counts"])
         self._core.resize(len(state["id"]), next_id, float(state["time"]), n_steps)
         for name in _ARRAYS:

@@ -36,8 +36,8 @@ def load(name: str | os.PathLike) -> tuple[dict[str, np.ndarray], dict[str, Any]
     try:
         with np.load(path, allow_pickle=False) as file:
             arrays = {key: file[key] for key in file.files}
-        facts = json.loads(arrays.pop("_facts").tobytes())
-    except (ValueError, KeyError, zipfile.BadZipFile, EOFError) as error:
+        facts = dict(json.loads(arrays.pop("_facts").tobytes()))
+    except (ValueError, KeyError, TypeError, zipfile.BadZipFile, EOFError) as error:
         raise ValueError(f"{path}: expected a checkpoint of a simulation, got {error}") from None
     if facts.pop("version", None) != VERSION:
         raise ValueError(f"{path}: expected a checkpoint of version {VERSION}, got another")

@@ -236,6 +236,16 @@ class Run:
         Raises OSError for a file that cannot be read, ValueError for one that is no checkpoint.
         """
         arrays, facts = checkpoint.load(name)
+        try:
+            return cls._of_checkpoint(arrays, facts, device, threads)
+        except (ValueError, KeyError, TypeError, AttributeError, IndexError) as error:
+            what = f"{error} is missing" if isinstance(error, KeyError) else error
+            raise ValueError(
+                f"{checkpoint.path_of(name)}: expected a checkpoint of a simulation, {what}"
+            ) from error
+
+    @classmethod
+    def _of_checkpoint(cls, arrays: dict, facts: dict, device: str, threads: int) -> Any:
         sim = cls(facts["scene"], device=device, threads=threads)
         sim._describe_again(facts["described"])
         sim.set_state(arrays)
