@@ -50,7 +50,10 @@ class SocketSink:
             threading.Thread(target=work, daemon=True).start()
 
     def send(self, number: int, data: bytes, plan: object) -> None:
-        self.ours.sendall(HEAD.pack(number, len(data)) + data)
+        try:
+            self.ours.sendall(HEAD.pack(number, len(data)) + data)
+        except OSError as error:  # closed by this end already
+            raise ConnectionError(str(error)) from error
 
     def error(self, message: str) -> None:
         raise SystemExit(message)

@@ -24,7 +24,8 @@ REPEAT = 5.0  # s until the same error is said again
 
 
 class Sink(Protocol):
-    """Where a client's pictures go. It calls `Client.acknowledge` once one is taken in."""
+    """Where a client's pictures go. It calls `Client.acknowledge` once one is taken in, and raises
+    ConnectionError where nobody is there any more."""
 
     def send(self, number: int, data: bytes, plan: Plan) -> None: ...
 
