@@ -73,6 +73,15 @@ def hang_guard(real_stderr):
     faulthandler.cancel_dump_traceback_later()
 
 
+@pytest.fixture(scope="module")
+def chromium():
+    """A headless browser for the tests of one file."""
+    from viewer_helpers import browser
+
+    with browser() as opened:
+        yield opened
+
+
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
     """An empty folder of the test's own, where it runs."""

@@ -15,7 +15,6 @@ from viewer_helpers import (
     Watched,
     bar_code,
     blob,
-    browser,
     our_threads,
     seen,
     until,
@@ -26,12 +25,6 @@ from viewer_helpers import (
 @pytest.fixture(autouse=True)
 def hang_guard():
     """Browsers take their time; `until` has a limit of its own."""
-
-
-@pytest.fixture(scope="module")
-def chromium():
-    with browser() as opened:
-        yield opened
 
 
 @pytest.fixture

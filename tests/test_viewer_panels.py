@@ -12,7 +12,6 @@ from PIL import Image
 from viewer_helpers import (
     Watched,
     blob,
-    browser,
     check,
     choose,
     differs,
@@ -28,12 +27,6 @@ from viewer_helpers import (
 @pytest.fixture(autouse=True)
 def hang_guard():
     """Browsers take their time; `until` has a limit of its own."""
-
-
-@pytest.fixture(scope="module")
-def chromium():
-    with browser() as opened:
-        yield opened
 
 
 @pytest.fixture(scope="module")

@@ -7,18 +7,12 @@ import time
 import globule as gb
 import numpy as np
 import pytest
-from viewer_helpers import Watched, browser, choose, open_folder, until
+from viewer_helpers import Watched, choose, open_folder, until
 
 
 @pytest.fixture(autouse=True)
 def hang_guard():
     """Browsers take their time; `until` has a limit of its own."""
-
-
-@pytest.fixture(scope="module")
-def chromium():
-    with browser() as opened:
-        yield opened
 
 
 @pytest.fixture

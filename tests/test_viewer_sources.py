@@ -17,7 +17,6 @@ import pytest
 from viewer_helpers import (
     Watched,
     blob,
-    browser,
     check,
     choose,
     differs,
@@ -32,12 +31,6 @@ from viewer_helpers import (
 @pytest.fixture(autouse=True)
 def hang_guard():
     """Browsers take their time; `until` has a limit of its own."""
-
-
-@pytest.fixture(scope="module")
-def chromium():
-    with browser() as opened:
-        yield opened
 
 
 def frames_that_move(n: int = 5) -> list[gb.Particles]:
