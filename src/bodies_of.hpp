@@ -58,10 +58,11 @@ public:
         exec_.synchronize();
     }
 
-    /// Boundaries get the velocities that lead them to their next poses.
-    void carry(float dt) {
+    /// Boundaries get the velocities that lead them to their next poses; whether there are any.
+    bool carry(float dt) {
         for (const auto& [phase, pose] : next_poses_)
             exec_.for_each(state_.n, sim::Carry{state_.view(), std::uint8_t(phase), pose, home_.data(), dt});
+        return !next_poses_.empty();
     }
 
     /// Rigid bodies: what the fluid's pressure did to them, gravity, contact; then their particles' next places.

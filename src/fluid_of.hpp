@@ -82,23 +82,20 @@ public:
         exec_.reduce_in_order(state_.n_rows, sim::CompressionOf{rows_, 2.0f * sim::kFreeGradient}, sim::AddCompression{}, sim::Compression{}, compression_.reserve(1));
     }
 
-    /// Of the positions that densities() saw.
-    sim::Compression compression() {
-        sim::Compression c{};
-        exec_.download(&c, compression_.data(), sizeof c);
-        return c;
-    }
+    /// Of the positions that densities() saw, where the device has it.
+    const sim::Compression* compression() const { return compression_.data(); }
 
     sim::Progress correct_divergence(float dt) {
-        return solve(rows_.alpha_divergence, state_.view().divergence_impulse, dt, 0.0f, settings_.divergence_error, 1);
+        return solve(rows_.alpha_divergence, state_.view().divergence_impulse, dt, 0.0f, settings_.divergence_error, 1, divergence_took_);
     }
     sim::Progress correct_density(float dt) {
-        return solve(rows_.alpha, state_.view().impulse, dt, infinity(), kAim * settings_.density_error, settings_.least_iterations);
+        return solve(rows_.alpha, state_.view().impulse, dt, infinity(), kAim * settings_.density_error, settings_.least_iterations, density_took_);
     }
 
     /// Whether it has no free surface, of the positions that densities() saw.
     bool fills_its_space() {
-        const sim::Compression c = compression();
+        sim::Compression c{};
+        exec_.download(&c, compression(), sizeof c);
         return c.n_free <= sim::kFreeShare * c.n && c.density >= sim::kLeastFilling * c.n;
     }
     /// Velocities without divergence, of fluid that fills its space; the next move shifts.
@@ -114,7 +111,7 @@ public:
         });
         exec_.for_each_packet(state_.n_rows, sim::CorrectGradients<Packet>{lists_, s.place, diagonal, rest, rows_, plain, state_.spline().support, state_.lattice_squares()});
         exec_.clear(s.impulse, 4 * state_.n);
-        return solve(rows_.alpha, s.divergence_impulse, dt, 0.0f, sim::kFilledAim * settings_.divergence_error, settings_.least_iterations, true);
+        return solve(rows_.alpha, s.divergence_impulse, dt, 0.0f, sim::kFilledAim * settings_.divergence_error, settings_.least_iterations, divergence_took_, true);
     }
     /// Velocities that lead particles from where they are dense, for one move; what was theirs is kept.
     void shift(float dt) {
@@ -163,7 +160,8 @@ public:
     }
 
 private:
-    sim::Progress solve(const float* alpha, float* impulse, float dt, float most_excess, double tolerance, int least, bool both_signs = false) {
+    /// `took`: iterations of the last solve of this kind; on the device the host looks at the progress only after as many.
+    sim::Progress solve(const float* alpha, float* impulse, float dt, float most_excess, double tolerance, int least, int& took, bool both_signs = false) {
         const std::size_t n = state_.n_rows;
         const float inverse_support = state_.spline().inverse;
         float* change = change_.reserve(state_.n + 64);
@@ -176,7 +174,7 @@ private:
         const sim::State s = state_.view();
         sim::Progress p{};
         const float least_excess = both_signs ? 0.0f : -infinity(), least_impulse = both_signs ? -infinity() : 0.0f;
-        constexpr int at_once = Exec::on_device ? 2 : 1;  // iterations between two looks at the device's progress
+        int at_once = Exec::on_device ? most(took, least) : 1;
         do {
             for (int i = 0; i < at_once; ++i) {
                 exec_.for_each_packet(n, sim::Push<Packet>{lists_, rows_, change, s.velocity, progress, inverse_support});
@@ -185,7 +183,9 @@ private:
                 exec_.for_each(1, sim::Judge{sum, double(dt) / double(n), tolerance, std::uint32_t(least), progress});
             }
             exec_.download(&p, progress, sizeof p);
+            at_once = most(1, int(p.iterations) / 4);
         } while (!p.done && int(p.iterations) < settings_.most_iterations);
+        took = int(p.iterations);
         exec_.for_each(n, sim::Applied{lists_.rows, impulse, change, 1.0f / dt, most_excess > 0.0f, flux(), s.pressure});
         return p;
     }
@@ -259,6 +259,7 @@ private:
     sim::Rows rows_{};
     std::uint32_t places_ = 64, longest_list_ = 0;
     bool filled_ = false;
+    int divergence_took_ = 1, density_took_ = 1;
     Buffer<std::uint32_t, Exec> list_counts_, list_index_;
     Buffer<typename Packet::Short, Exec> gradients_;
     Buffer<float, Exec> row_values_, change_, error_;

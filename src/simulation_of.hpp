@@ -31,7 +31,7 @@ public:
     explicit SimulationOf(std::shared_ptr<Scene> scene)
         : scene_(std::move(scene)), access_(scene_->share()), exec_(*static_cast<Exec*>(access_.exec)),
           state_(exec_, *static_cast<Octree<Exec>*>(access_.octree)), fluid_(exec_, state_, settings_), bodies_(exec_, state_, settings_),
-          tissue_(exec_), forces_(exec_), sinks_(exec_), n_gone_(exec_), totals_(exec_), color_(exec_), reflection_(exec_), weight_(exec_),
+          tissue_(exec_), forces_(exec_), sinks_(exec_), totals_(exec_), color_(exec_), reflection_(exec_), weight_(exec_),
           rank_(exec_), ids_(exec_) {}
 
     void configure(const SimulationSettings& settings) override {
@@ -42,6 +42,7 @@ public:
     void set_phase(int which, const sim::Phase& phase) override {
         state_.set_phase(which, phase);
         stale_ = true;
+        tissue_.disturbed();
         exec_.for_each(state_.n, sim::SetMaterial{state_.view(), std::uint8_t(which), state_.w_of(which), phase.viscosity});
     }
 
@@ -70,7 +71,6 @@ public:
     void set_sinks(const std::vector<sim::Sink>& sinks) override {
         n_sinks_ = int(sinks.size());
         exec_.upload(sinks_.reserve(sim::kMaxSinks), sinks.data(), sinks.size() * sizeof(sim::Sink));
-        exec_.synchronize();
     }
 
     void capture(int phase, const sim::Pose& now) override { bodies_.capture(phase, now); }
@@ -107,12 +107,13 @@ public:
         r.dt = asked > 0 ? asked : next_dt();
         const float dt = float(r.dt);
         mark("");
-        bodies_.carry(dt);
+        if (bodies_.carry(dt)) tissue_.moved();
         gather_tissue();
         r.n_solved = state_.n_rows;
-        bleed(dt);
+        tissue_.bleed(state_.tree().sparse(), state_.tree().particles(), dt);
+        if (state_.n_rows > 0) find_lists();
+        take_blood(dt);
         if (state_.n_rows > 0) {
-            find_lists();
             tissue_.change(fluid_.lists(), state_.view(), dt);
             mark("neighbors");
             fluid_.densities();
@@ -142,15 +143,12 @@ public:
         }
         bodies_.turn(fluid_, dt);
         move(dt);
-        if (n_sinks_ > 0 || !emitted_.empty()) {
-            take_and_give(r);
-            mark("move");
-            state_.settle();
-        } else {
-            mark("move");
-            state_.settle_positions();
-        }
-        summarize();
+        const bool others = take_and_give(r);
+        mark("move");
+        if (others) state_.settle();
+        else state_.settle_positions();
+        tissue_.moved();
+        summarize(r.n_solved > 0 ? fluid_.compression() : nullptr);
         mark("octree");
         time_ += r.dt;
         ++n_steps_;
@@ -172,6 +170,7 @@ public:
         const auto [data, bytes] = array(name);
         exec_.upload(data, in, bytes * state_.n);
         exec_.synchronize();
+        tissue_.disturbed();
     }
     void resize(std::size_t n, std::uint32_t next_id, double time, std::uint64_t n_steps) override {
         state_.resize(n);
@@ -180,6 +179,7 @@ public:
         n_steps_ = n_steps;
     }
     void settle() override {
+        tissue_.disturbed();
         state_.settle();
         summarize();
         stale_ = true;
@@ -242,10 +242,10 @@ private:
         return dt;
     }
     /// Beside tissue, whose every step is dear, a fluid in free fall does not shorten the steps.
-    void summarize() {
+    void summarize(const sim::Compression* compression = nullptr) {
         const sim::Ahead ahead{float(longest_step()), float(farthest_move())};
         const bool by_approach = tissue_.n() > 0 && !settings_.weakly_compressible && !state_.period().any();
-        state_.summarize(by_approach ? &ahead : nullptr);
+        state_.summarize(by_approach ? &ahead : nullptr, compression);
     }
 
     void find_lists() {
@@ -267,8 +267,8 @@ private:
     }
 
     /// Blood comes in at the end of the step, where its velocity will have led it.
-    void bleed(float dt) {
-        for (const tissue::Drop& d : tissue_.bleed(state_.tree().sparse(), state_.view(), dt)) {
+    void take_blood(float dt) {
+        for (const tissue::Drop& d : tissue_.drops()) {
             const float3 at = d.at + d.velocity * dt;
             const int phase = tissue_.phase_of_blood(d.vessel);
             if (emitted_.empty() || emitted_.back().phase != phase) emitted_.push_back({{}, {}, phase});
@@ -277,21 +277,19 @@ private:
         }
     }
 
-    /// Sinks take fluid out, emitted particles come in; positions are in the state afterwards.
-    void take_and_give(StepReport& r) {
+    /// Sinks take fluid out, emitted particles come in; whether there are others now, whose positions are in the state then.
+    bool take_and_give(StepReport& r) {
+        if (n_sinks_ == 0 && emitted_.empty()) return false;
         exec_.for_each(state_.n, sim::TakePositions{state_.positions(), state_.view().place});
         if (n_sinks_ > 0) {
-            std::uint32_t* n_gone = n_gone_.reserve(1);
-            exec_.clear(n_gone, 4);
             std::uint32_t* flags = state_.flags();
-            exec_.for_each(state_.n + 1, sim::FlagKept{state_.view(), state_.phases(), state_.positions(), sinks_.data(), n_sinks_, flags, n_gone});
-            std::uint32_t gone;
-            exec_.download(&gone, n_gone, 4);
-            if (gone > 0) state_.keep(flags);
-            r.n_removed = gone;
+            exec_.for_each(state_.n + 1, sim::FlagKept{state_.view(), state_.phases(), state_.positions(), sinks_.data(), n_sinks_, flags});
+            r.n_removed = state_.keep(flags);
         }
+        const bool others = r.n_removed > 0 || !emitted_.empty();
         for (const Emitted& e : emitted_) state_.append(e.positions.size() / 3, e.positions.data(), e.velocities.data(), {}, e.phase);
         emitted_.clear();
+        return others;
     }
 
     void move(float dt) {
@@ -304,11 +302,9 @@ private:
     }
 
     void report(StepReport& r) {
-        if (r.n_solved > 0) {
-            const sim::Compression c = fluid_.compression();
-            r.compression = c.n > 0 ? c.sum / c.n : 0.0;
-            r.most_compression = c.most;
-        }
+        const sim::Compression& c = state_.summary.compression;
+        r.compression = c.n > 0 ? c.sum / c.n : 0.0;
+        r.most_compression = c.most;
         r.time = time_;
         r.step = n_steps_;
         r.n = state_.n;
@@ -366,7 +362,6 @@ private:
     TissueOf<Exec> tissue_;
     Buffer<float, Exec> forces_;
     Buffer<sim::Sink, Exec> sinks_;
-    Buffer<std::uint32_t, Exec> n_gone_;
     Buffer<sim::Totals, Exec> totals_;
     std::vector<Emitted> emitted_;
     int n_sinks_ = 0;

@@ -19,7 +19,7 @@ public:
 
     SimulationState(Exec& exec, Octree<Exec>& tree)
         : exec_(exec), tree_(tree), copies_{Copy(exec), Copy(exec)}, positions_(exec), new_positions_(exec), new_velocities_(exec),
-          slot_of_(exec), phases_(exec), flags_(exec), rows_(exec), index_(exec), summary_(exec), speeds_(exec), limiting2_(exec), not_a_number_(exec) {
+          slot_of_(exec), phases_(exec), flags_(exec), rows_(exec), index_(exec), summary_(exec), speeds_(exec), limiting2_(exec), fast_(exec), not_a_number_(exec) {
         exec_.upload(phases_.reserve(sim::kMaxPhases), phase_table.data(), sizeof phase_table);
         exec_.clear(not_a_number_.reserve(1), 4);
     }
@@ -79,7 +79,6 @@ public:
         float* v = nullptr;
         if (velocities) exec_.upload(v = new_velocities_.reserve(3 * m), velocities, 12 * m);
         exec_.for_each(m, sim::Append{view(), p, v, std::uint8_t(phase), w_of(phase), velocity, next_id});
-        exec_.synchronize();  // the host's arrays may go
         const sim::Kind kind = phase_table[phase].kind;
         volumes_stale_ |= kind == sim::Kind::boundary || kind == sim::Kind::rigid;
         n += m;
@@ -97,15 +96,17 @@ public:
         now_ = 1 - now_;
     }
 
-    /// Keeps the slots whose flag is 1 ... in their order; `flags` has n + 1 entries and is used up.
-    void keep(std::uint32_t* flags) {
+    /// Keeps the slots whose flag is 1 ... in their order; `flags` has n + 1 entries and is used up.  How many go.
+    std::uint32_t keep(std::uint32_t* flags) {
         exec_.exclusive_scan(n + 1, flags);
         std::uint32_t kept;
         exec_.download(&kept, flags + n, 4);
-        if (kept == n) return;
+        const std::uint32_t n_gone = std::uint32_t(n) - kept;
+        if (n_gone == 0) return 0;
         std::uint32_t* index = index_.reserve(n);
         exec_.for_each(n, sim::WriteKept{flags, view().id, slot_of_.data(), index});
         reorder(index, kept, nullptr, nullptr, nullptr);
+        return n_gone;
     }
     std::uint32_t* flags() { return flags_.reserve(n + 65); }
 
@@ -141,18 +142,22 @@ public:
         n_rows = found;
     }
 
-    /// What the host needs to know before the next step; waits for the device.  `ahead`: where fluids count by how they approach others.
-    void summarize(const sim::Ahead* ahead) {
+    /// What the host needs to know before the next step; waits for the device.  `ahead`: where fluids count by how they approach others;
+    /// `compression`: of the step that ends, or null.
+    void summarize(const sim::Ahead* ahead, const sim::Compression* compression) {
         const sim::State s = view();
         const TreeHeader* header = tree_.sparse().header;
         float* limiting2 = nullptr;
         if (ahead) {
             limiting2 = limiting2_.reserve(n);
-            exec_.for_each_uneven(n, sim::Approach<Tree>{tree_.sparse(), s, phases_.data(), *ahead, 0.5f * spline_.support, limiting2});
+            std::uint32_t* fast = fast_.reserve(n + 1);
+            exec_.clear(fast, sizeof *fast);
+            exec_.for_each(n, sim::OwnSpeed{s, phases_.data(), *ahead, limiting2, fast, fast + 1});
+            exec_.for_each_tile_of(fast, sim::Approach<Tree>{tree_.sparse(), s, *ahead, 0.5f * spline_.support, fast + 1, limiting2});
         }
         exec_.reduce(n, sim::SpeedsOf{s.velocity, limiting2, header}, sim::Fastest{}, sim::Speeds{0.0f, 0.0f}, speeds_.reserve(1));
         sim::Summary* out = summary_.reserve(1);
-        exec_.for_each(1, sim::Summarize{speeds_.data(), flags_.data() + n, not_a_number_.data(), header, out});
+        exec_.for_each(1, sim::Summarize{speeds_.data(), flags_.data() + n, not_a_number_.data(), header, compression, out});
         exec_.download(&summary, out, sizeof summary);
         n_rows = summary.n_rows;
         if (summary.n_wanted > summary.n_nodes) tree_.header();  // the next build makes room
@@ -223,6 +228,7 @@ private:
     Buffer<sim::Summary, Exec> summary_;
     Buffer<sim::Speeds, Exec> speeds_;
     Buffer<float, Exec> limiting2_;
+    Buffer<std::uint32_t, Exec> fast_;  ///< their number, then who
     Buffer<std::uint32_t, Exec> not_a_number_;
     TreeParams params_;
     sim::Spline spline_{};

@@ -19,10 +19,11 @@ public:
         : exec_(exec), at_(exec), next_(exec), velocity_(exec), acceleration_(exec), pull_(exec), before_(exec), rest_(exec), id_(exec),
           slot_(exec), hold_(exec), phase_(exec), scarred_(exec), touched_(exec), first_(exec), other_(exec), length_(exec), stiffness_(exec), vessel_(exec),
           volume_(exec), wetness_(exec), lambda_(exec), label_(exec), least_id_(exec), piece_(exec), count_(exec), of_id_(exec),
-          vertices_(exec), triangles_(exec), drops_(exec), drop_list_(exec), found_(exec), spent_(exec), energy_(exec) {}
+          vertices_(exec), triangles_(exec), asking_(exec), found_(exec), spent_(exec), energy_(exec) {}
 
     void add(const TissueArrays& in) override {
         if (in.n == 0) return;
+        disturbed();
         contact_ = in.contact;
         const std::uint32_t before = ceil_div<std::uint32_t>(n_, tissue::kBlock) * tissue::kBlock, old = n_;
         const BondBlocks blocks(in, before, n_entries_);
@@ -112,11 +113,13 @@ public:
     }
 
     void grasp(const float3& center, float radius, int number) override {
+        disturbed();
         exec_.for_each(n_, tissue::Grasp<Quad>{at_.data(), hold_.data(), center, radius, std::uint8_t(number)});
     }
 
     /// Takes the particles inside the shape away, with all their bonds.
     std::uint32_t remove(const tissue::Shape& region) override {
+        disturbed();
         const std::uint32_t n_removed = counted([&](std::uint32_t* n) {
             exec_.for_each(n_, tissue::TakeAway{at_.data(), hold_.data(), region, n});
         });
@@ -148,6 +151,7 @@ public:
         if (ids) exec_.download(ids, id_.data(), n_ * sizeof *ids);
     }
     void set(const float* positions, const float* velocities) override {
+        disturbed();
         put_in(at_, positions);
         put_in(velocity_, velocities);
     }
@@ -170,6 +174,7 @@ public:
     }
     /// `hold` first, then `other`: from their lengths follow the others'.
     void write(const std::string& name, const void* in, std::size_t bytes) override {
+        disturbed();
         if (name == "hold") n_ = std::uint32_t(bytes);
         if (name == "other") n_entries_ = std::uint32_t(bytes / 4);
         each_array([&](const char* its, auto& buffer, std::size_t n) {
@@ -185,13 +190,20 @@ public:
 
     // In a simulation, in this order.
 
-    /// Where the particles are now; whether other particles are held than before.
+    /// A step moved the particles: the next gather looks at them anew.
+    void moved() { gathered_ = false; }
+    /// Something else did: some may be gone, or be held otherwise.
+    void disturbed() { gathered_ = settled_ = false; }
+    /// Where the particles are now; whether other particles are held than before, which takes waiting for the device.
     bool gather(const sim::State& state, const sim::Phase* phases, const std::uint32_t* slot_of, float volume) {
-        if (n_ == 0) return false;
+        if (n_ == 0 || gathered_) return false;
+        gathered_ = true;
         std::uint32_t n[2], *counters = count_.reserve(2);
-        exec_.clear(counters, sizeof n);
+        if (!settled_) exec_.clear(counters, sizeof n);
         exec_.for_each(n_, tissue::Gather{state, phases, id_.data(), slot_of, slot_.data(), at_.data(), velocity_.data(), hold_.data(), volume,
                                           counters, counters + 1});
+        if (settled_) return false;
+        settled_ = true;
         exec_.download(n, counters, sizeof n);
         scar(n[0]);
         if (n[0]) exec_.for_each(n_, tissue::DropBonds{bonds(), hold_.data()});
@@ -234,41 +246,44 @@ public:
     /// After they moved.
     void add_rest(const sim::State& state) { exec_.for_each(n_, tissue::AddRest{state, slot_.data(), rest_.data()}); }
 
-    /// Blood that comes out of cut ends: drops that have room, in the order of the tissue, not too close to
-    /// each other, as long as the pools last.  After gather, while the tree is that of the positions.
+    /// Blood that comes out of cut ends: the device looks for room, while the tree is that of the positions.  After gather.
     template <class Tree>
-    std::vector<tissue::Drop> bleed(const Tree& tree, const sim::State& state, float dt) {
-        std::vector<tissue::Drop> out;
-        const double each = std::pow(double(contact_), 3);
+    void bleed(const Tree& tree, const SortedParticles& particles, float dt) {
         tissue::Vessels flowing;
-        bool any = false;
+        bleeds_ = false;
         for (std::size_t v = 0; v < vessels_.size(); ++v)
-            if (vessels_[v].pool >= each) any = true, flowing.speed[v + 1] = vessels_[v].speed;
-        if (!any || n_scars_ == 0) return out;
-        std::uint32_t* found = found_.reserve(n_ + 1);
-        exec_.clear(found + n_, sizeof *found);
-        exec_.for_each(n_, tissue::Bleed<Tree>{bonds(), at_.data(), velocity_.data(), hold_.data(), flowing, tree, state.place, contact_, dt,
-                                               volume_.data(), drops_.reserve(n_), found});
-        exec_.exclusive_scan(std::size_t(n_) + 1, found);
-        std::uint32_t n_found;
-        exec_.download(&n_found, found + n_, sizeof n_found);
-        if (n_found == 0) return out;
-        exec_.for_each(n_, tissue::ListDrops{found, drops_.data(), drop_list_.reserve(n_found)});
-        std::vector<tissue::Drop> drops(std::min<std::uint32_t>(n_found, kDropsAtOnce));
-        exec_.download(drops.data(), drop_list_.data(), drops.size() * sizeof drops[0]);
+            if (vessels_[v].pool >= drop_volume()) bleeds_ = true, flowing.speed[v + 1] = vessels_[v].speed;
+        bleeds_ &= n_scars_ > 0;
+        if (!bleeds_) return;
+        tissue::Drop *asking = asking_.reserve(n_), *found = found_.reserve(n_ + 1);
+        exec_.clear(found, sizeof *found);
+        exec_.for_each(n_, tissue::Bleed{bonds(), at_.data(), hold_.data(), flowing, contact_, dt, volume_.data(), &found->vessel, asking});
+        exec_.for_each_tile_of(&found->vessel, tissue::FindRoom<Tree>{tree, particles, asking, velocity_.data(), flowing, contact_, &found->t, found + 1});
+    }
+    /// The drops that it found, in the order of the tissue, not too close to each other, as long as the pools last.
+    std::vector<tissue::Drop> drops() {
+        std::vector<tissue::Drop> out;
+        if (!bleeds_) return out;
+        std::vector<tissue::Drop> found(std::min<std::size_t>(kDropsToBegin, n_ + 1));  // first of all, how many there are
+        exec_.download(found.data(), found_.data(), found.size() * sizeof found[0]);
+        const std::size_t read = found.size(), n_found = found[0].t;
+        found.resize(n_found + 1);
+        if (n_found + 1 > read) exec_.download(&found[read], found_.data() + read, (n_found + 1 - read) * sizeof found[0]);
+        found.erase(found.begin());
+        std::sort(found.begin(), found.end(), [](const tissue::Drop& a, const tissue::Drop& b) { return a.t < b.t; });
+        if (n_found > kDropsAtOnce) found.resize(kDropsAtOnce);
         std::vector<std::uint32_t> who;
         const float apart = 0.81f * contact_ * contact_;
-        for (const tissue::Drop& d : drops) {
+        for (const tissue::Drop& d : found) {
             BloodVessel& v = vessels_[d.vessel - 1];
             const auto near = [&](const tissue::Drop& o) { return dot(o.at - d.at, o.at - d.at) < apart; };
-            if (v.pool < each || std::any_of(out.begin(), out.end(), near)) continue;
-            v.pool -= each;
+            if (v.pool < drop_volume() || std::any_of(out.begin(), out.end(), near)) continue;
+            v.pool -= drop_volume();
             out.push_back(d);
             who.push_back(d.t);
         }
         put(spent_, who.data(), who.size());
-        exec_.for_each(who.size(), tissue::Spend{spent_.data(), volume_.data(), float(each)});
-        exec_.synchronize();
+        exec_.for_each(who.size(), tissue::Spend{spent_.data(), volume_.data(), float(drop_volume())});
         return out;
     }
     int phase_of_blood(std::uint32_t vessel) const { return vessels_[vessel - 1].phase; }
@@ -279,27 +294,33 @@ public:
     }
 
 private:
-    static constexpr std::uint32_t kDropsAtOnce = 2048;  ///< compared pairwise
+    static constexpr std::size_t kDropsAtOnce = 2048;  ///< compared pairwise
+    static constexpr std::size_t kDropsToBegin = 64;   ///< that come together with their number
 
     tissue::Bonds bonds() {
         return {n_, first_.data(), other_.data(), length_.data(), stiffness_.data(), vessel_.data(), scarred_.data()};
     }
     tissue::Members members() { return {of_id_.data(), n_ids_}; }
+    double drop_volume() const { return std::pow(double(contact_), 3); }
 
     int take_substeps(float whole_dt, int asked, int iterations) {
+        moved();
         const int n_substeps = asked > 0 ? asked : substeps(whole_dt);
         const float dt = whole_dt / float(n_substeps);
         exec_.for_each(n_, tissue::Predict{at_.data(), velocity_.data(), acceleration_.data(), hold_.data(), motions_, dt});
         float* lambda = iterations > 1 ? lambda_.reserve(n_entries_) : nullptr;
         Quad *at = at_.data(), *next = next_.data();
+        const auto relax = [&]<bool single>(std::bool_constant<single>, int s, int k) {
+            exec_.for_each_packet(n_, tissue::Relax<single>{bonds(), at, next, velocity_.data(), acceleration_.data(), hold_.data(), phase_.data(),
+                                                         lambda, materials_, motions_, shapes_, dt, contact_, k == 0, k + 1 == iterations,
+                                                         s + 1 < n_substeps});
+            std::swap(at, next);
+        };
         for (int s = 0; s < n_substeps; ++s) {
             shapes_.move(dt);
-            for (int k = 0; k < iterations; ++k) {
-                exec_.for_each_packet(n_, tissue::Relax{bonds(), at, next, velocity_.data(), acceleration_.data(), hold_.data(), phase_.data(),
-                                                 lambda, materials_, motions_, shapes_, dt, contact_, k == 0, k + 1 == iterations,
-                                                 s + 1 < n_substeps});
-                std::swap(at, next);
-            }
+            if (iterations == 1) relax(std::true_type{}, s, 0);
+            else
+                for (int k = 0; k < iterations; ++k) relax(std::false_type{}, s, k);
         }
         if (at != at_.data()) exec_.for_each(n_, tissue::CopyAll{at, at_.data()});
         return n_substeps;
@@ -322,7 +343,6 @@ private:
         sweep.hi = {float(hi[0] + margin), float(hi[1] + margin), float(hi[2] + margin)};
         put(vertices_, vertices.data(), vertices.size());
         put(triangles_, blade.triangles, 3 * std::size_t(blade.n_triangles));
-        exec_.synchronize();
         sweep.vertices = vertices_.data();
         sweep.triangles = triangles_.data();
         sweep.n = blade.n_triangles;
@@ -438,7 +458,8 @@ private:
     std::uint64_t n_scars_ = 0;  ///< bonds that went; 0: none
     float contact_ = 0.0f;
     double fastest_ = 0.0;       ///< 1/s: substeps a second
-    bool pieces_known_ = false, pulled_ = false, tears_ = false;
+    bool pieces_known_ = false, pulled_ = false, tears_ = false, bleeds_ = false;
+    bool gathered_ = false, settled_ = false;  ///< as the state has the particles; nobody since a gather has changed who is held
     tissue::Materials materials_;
     tissue::Motions motions_;
     tissue::Shapes shapes_;
@@ -454,8 +475,8 @@ private:
     Buffer<std::uint32_t, Exec> label_, least_id_, piece_, count_, of_id_;
     Buffer<tissue::GridPoint, Exec> vertices_;
     Buffer<std::uint32_t, Exec> triangles_;
-    Buffer<tissue::Drop, Exec> drops_, drop_list_;
-    Buffer<std::uint32_t, Exec> found_, spent_;
+    Buffer<tissue::Drop, Exec> asking_, found_;  ///< the first of found: how many are found (t) and ask (vessel)
+    Buffer<std::uint32_t, Exec> spent_;
     Buffer<double, Exec> energy_;
 };
 

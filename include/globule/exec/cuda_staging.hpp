@@ -1,5 +1,6 @@
-// Large copies between ordinary host memory and the device: some threads fill or empty page-locked parts
-// while the device copies others, which is several times as fast as leaving it to the driver.
+// Copies between ordinary host memory and the device.  Large ones: some threads fill or empty page-locked parts
+// while the device copies others, which is several times as fast as leaving it to the driver.  Small ones go through
+// a page-locked room too, since the driver waits for the device before it takes anything from ordinary memory.
 #pragma once
 #include <omp.h>
 
@@ -51,6 +52,7 @@ public:
     Staging(const Staging&) = delete;
     Staging& operator=(const Staging&) = delete;
     ~Staging() {
+        if (small_) cudaFreeHost(small_);
         if (!parts_) return;
         for (cudaEvent_t e : done_) {
             cudaEventSynchronize(e);
@@ -61,6 +63,10 @@ public:
 
     /// Host memory may be reused when this returns.
     void upload(void* to, const void* from, std::size_t bytes, cudaStream_t stream) {
+        if (char* room = small_room(bytes, stream)) {
+            std::memcpy(room, from, bytes);
+            return check(cudaMemcpyAsync(to, room, bytes, cudaMemcpyHostToDevice, stream));
+        }
         if (bytes < kWorth || !ready()) return check(cudaMemcpyAsync(to, from, bytes, cudaMemcpyHostToDevice, stream));
         for (std::size_t at = 0; at < bytes; at += kPart, next_ = (next_ + 1) % kParts) {
             const std::size_t n = least(kPart, bytes - at);
@@ -72,6 +78,13 @@ public:
     }
     /// Complete when this returns.
     void download(void* to, const void* from, std::size_t bytes, cudaStream_t stream) {
+        if (char* room = small_room(bytes, stream)) {
+            check(cudaMemcpyAsync(room, from, bytes, cudaMemcpyDeviceToHost, stream));
+            check(cudaStreamSynchronize(stream));
+            std::memcpy(to, room, bytes);
+            small_used_ = 0;
+            return;
+        }
         if (bytes < kWorth || !ready()) {
             check(cudaMemcpyAsync(to, from, bytes, cudaMemcpyDeviceToHost, stream));
             return check(cudaStreamSynchronize(stream));
@@ -100,7 +113,24 @@ public:
 private:
     static constexpr std::size_t kPart = 4 << 20, kParts = 4, kWorth = 512 << 10;
     static constexpr int kThreads = 8;
+    static constexpr std::size_t kSmall = 16 << 10, kSmallRoom = 64 << 10;
 
+    /// Page-locked room for few bytes, free until the stream has been waited for; null where bytes are many.
+    char* small_room(std::size_t bytes, cudaStream_t stream) {
+        if (bytes == 0 || bytes > kSmall) return nullptr;
+        if (!small_ && cudaHostAlloc(reinterpret_cast<void**>(&small_), kSmallRoom, cudaHostAllocPortable) != cudaSuccess) {
+            cudaGetLastError();
+            small_ = nullptr;
+            return nullptr;
+        }
+        if (small_used_ + bytes > kSmallRoom) {
+            check(cudaStreamSynchronize(stream));
+            small_used_ = 0;
+        }
+        char* room = small_ + small_used_;
+        small_used_ += ceil_div<std::size_t>(bytes, 64) * 64;
+        return room;
+    }
     char* part(std::size_t k) const { return parts_ + k * kPart; }
     /// False where there is no page-locked memory to be had.
     bool ready() {
@@ -120,6 +150,8 @@ private:
     }
 
     char* parts_ = nullptr;
+    char* small_ = nullptr;
+    std::size_t small_used_ = 0;
     std::size_t next_ = 0;
     cudaEvent_t done_[kParts] = {};
 };

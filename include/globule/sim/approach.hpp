@@ -1,6 +1,7 @@
 // How fast a fluid meets what is around it: a drop that falls through the air, or moves along with its stream, needs no shorter
 // steps for that.  Speeds alone cannot tell, since they change with the frame of reference.
 #pragma once
+#include "globule/exec/bits.hpp"
 #include "globule/octree/query.hpp"
 #include "globule/sim/state.hpp"
 
@@ -14,27 +15,49 @@ struct Ahead {
 /// The speed that limits the next step, far / speed, of each particle.  Of tissue and of what is slow, its own.  Of a fluid, what the worst of
 /// its pairs allows: two may move by 2 far towards each other, as two that move at full speed could; those
 /// further apart until they are a spacing from each other.  Positions are those of the tree.
-template <class Tree>
-struct Approach {
-    Tree tree;
+struct OwnSpeed {
     State state;
     const Phase* phases;
     Ahead ahead;
-    float spacing;
     float* speed2;
+    std::uint32_t *n_fast, *fast;  ///< those whose pairs are to be looked at, in any order
 
     GB_FN void operator()(std::size_t i) const {
         const float3 v = state.velocity[i].xyz();
-        const float own = dot(v, v), slow = ahead.far / ahead.dt;
-        if (own <= slow * slow || phases[state.phase[i]].kind != Kind::fluid) {
-            speed2[i] = own;
-            return;
-        }
-        const float3 x = state.place[i].xyz(), to = x + v * ahead.dt;
+        const float slow = ahead.far / ahead.dt;
+        speed2[i] = dot(v, v);
+        if (speed2[i] > slow * slow && phases[state.phase[i]].kind == Kind::fluid) fast[atomic_take(n_fast, 1)] = std::uint32_t(i);
+    }
+};
+
+/// A group of lanes for each of the fast: they are few, and one thread alone would keep all others waiting.
+template <class Tree>
+struct Approach {
+    struct Nothing {};
+    template <class Group>
+    using Scratch = Nothing;
+
+    Tree tree;
+    State state;
+    Ahead ahead;
+    float spacing;
+    const std::uint32_t* fast;
+    float* speed2;
+
+    template <class Group>
+    GB_FN void operator()(Group& g, Nothing&, std::size_t k) const {
+        const std::uint32_t i = fast[k];
+        const float3 v = state.velocity[i].xyz(), x = state.place[i].xyz(), to = x + v * ahead.dt;
         const float3 lo{least(x.x, to.x), least(x.y, to.y), least(x.z, to.z)}, hi{most(x.x, to.x), most(x.y, to.y), most(x.z, to.z)};
-        float counts = slow;
-        for_each_touching(tree, lo, hi, [&](std::uint32_t j) { counts = most(counts, pair(x, v, j)); });
-        speed2[i] = least(counts * counts, own);
+        typename Group::F counts = typename Group::F(ahead.far / ahead.dt);
+        for_each_leaf(g, tree, lo, hi, [&](std::uint32_t begin, std::uint32_t n) {
+            for (std::uint32_t at = 0; at < n; at += Group::width)
+                g.per_lane(g.first_lanes(int(n - at)), [&](int lane) {
+                    Group::put(counts, lane, most(Group::get(counts, lane), pair(x, v, begin + at + g.lane_number(lane))));
+                });
+        });
+        const float all = g.largest(counts);
+        if (g.is_first()) speed2[i] = least(all * all, speed2[i]);
     }
     GB_FN float pair(const float3& x, const float3& v, std::uint32_t j) const {
         const float3 r = state.place[j].xyz() - x, u = v - state.velocity[j].xyz();

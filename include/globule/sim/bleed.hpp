@@ -19,24 +19,20 @@ struct Drop {
     std::uint32_t t, vessel;
 };
 
-/// Collects each cut end's blood until it is one particle's worth; then looks for room around the end.
+/// Collects each cut end's blood until it is one particle's worth; then the end asks for room.
 /// A plane that cuts an area A of a lattice breaks 5 A / d² bonds, and both ends bleed: d² / 10 for each.
-template <class Tree>
 struct Bleed {
     Bonds bonds;
-    const Quad *at, *velocity;
+    const Quad* at;
     const std::uint8_t* hold;
     Vessels vessels;
-    Tree tree;
-    const Quad* place;     ///< of the state
     float spacing, dt;
     float* volume;
-    Drop* drop;
-    std::uint32_t* found;  ///< 1 where there is a drop
+    std::uint32_t* n_asking;
+    Drop* asking;          ///< in any order; velocity: the way outwards
 
     GB_FN void operator()(std::size_t i) const {
         const std::uint32_t t = std::uint32_t(i);
-        found[t] = 0;
         if (!bonds.scarred[t] || hold[t] == kGone) return;
         const float d = spacing;
         float flow = 0.0f;
@@ -51,13 +47,34 @@ struct Bleed {
         if (vessel == 0) return;
         const float each = d * d * d;
         volume[t] = least(volume[t] + flow * dt, 2.0f * each);
-        if (volume[t] < each) return;
-        const float3 x = at[t].xyz(), outwards = normalize(inwards) * -1.0f;
-        const std::uint32_t free = free_ways(x, outwards);
-        if (free == 0) return;
-        const float3 way = direction(trailing_zeros(std::uint64_t(free)), outwards);
-        drop[t] = {x + way * d, velocity[t].xyz() + way * vessels.speed[vessel], t, vessel};
-        found[t] = 1;
+        if (volume[t] >= each) asking[atomic_take(n_asking, 1)] = {at[t].xyz(), normalize(inwards) * -1.0f, t, vessel};
+    }
+};
+
+/// The nearest free place around each end that asks, in any order.  A group of lanes for each: one thread alone waits for
+/// memory longer than the rest of the step takes.
+template <class Tree>
+struct FindRoom {
+    struct Nothing {};
+    template <class Group>
+    using Scratch = Nothing;
+
+    Tree tree;
+    SortedParticles particles;
+    const Drop* asking;
+    const Quad* velocity;  ///< of the tissue
+    Vessels vessels;
+    float spacing;
+    std::uint32_t* n_found;
+    Drop* found;
+
+    template <class Group>
+    GB_FN void operator()(Group& g, Nothing&, std::size_t k) const {
+        const Drop end = asking[k];
+        const std::uint32_t free = free_ways(g, end.at, end.velocity);
+        if (free == 0 || !g.is_first()) return;
+        const float3 way = direction(trailing_zeros(std::uint64_t(free)), end.velocity);
+        found[atomic_take(n_found, 1)] = {end.at + way * spacing, velocity[end.t].xyz() + way * vessels.speed[end.vessel], end.t, end.vessel};
     }
     static constexpr int kWays = 15;
     /// Outwards, then faces' and corners' directions of a cube.
@@ -71,32 +88,29 @@ struct Bleed {
         return {k & 1 ? a : -a, k & 2 ? a : -a, (k - 6) & 4 ? a : -a};
     }
     /// A bit for each way whose place, a spacing from x, has room: one walk of the tree for all.
-    GB_FN std::uint32_t free_ways(const float3& x, const float3& outwards) const {
+    template <class Group>
+    GB_FN std::uint32_t free_ways(Group& g, const float3& x, const float3& outwards) const {
+        using F = typename Group::F;
         const float room = 0.85f * spacing, reach = 1.001f * (spacing + room);
         const float inner = reach - 2.0f * spacing;  // the boxes of the tree's leaves stand off by the support
         const float3 r{inner, inner, inner};
         std::uint32_t free = (1u << kWays) - 1;
-        for_each_touching(tree, x - r, x + r, [&](std::uint32_t j) {
-            const float3 p = place[j].xyz();
-            if (free == 0 || dot(p - x, p - x) > reach * reach) return;
-            for (int k = 0; k < kWays; ++k) {
-                const float3 v = p - (x + direction(k, outwards) * spacing);
-                if (dot(v, v) < room * room) free &= ~(1u << k);
+        for_each_leaf(g, tree, x - r, x + r, [&](std::uint32_t begin, std::uint32_t n) {
+            for (std::uint32_t at = 0; at < n && free != 0; at += Group::width) {
+                const F px = g.load_run(particles.x + begin + at), py = g.load_run(particles.y + begin + at), pz = g.load_run(particles.z + begin + at);
+                const auto within = [&](const float3& p, float far) {
+                    const F dx = px - F(p.x), dy = py - F(p.y), dz = pz - F(p.z);
+                    return g.any(g.first_lanes(int(n - at)) & (dx * dx + dy * dy + dz * dz < F(far * far)));
+                };
+                if (!within(x, reach)) continue;
+                for (int k = 0; k < kWays; ++k)
+                    if (within(x + direction(k, outwards) * spacing, room)) free &= ~(1u << k);
             }
         });
         return free;
     }
 };
 
-/// before: found, summed up.
-struct ListDrops {
-    const std::uint32_t* before;
-    const Drop* drop;
-    Drop* list;
-    GB_FN void operator()(std::size_t t) const {
-        if (before[t + 1] > before[t]) list[before[t]] = drop[t];
-    }
-};
 struct Spend {
     const std::uint32_t* who;
     float* volume;

@@ -54,6 +54,7 @@ struct Materials {
 /// A W Aᵀ by its diagonal (p = w times the largest eigenvalue of Σ n nᵀ).  So the static stiffness is exact as
 /// long as α̃ >= κ, which decides the number of substeps, and beyond that the solve stays stable and softens.
 /// Later iterations, Δλ = -(C + α̃λ) / (α̃ + κ), lead to the implicit solution.
+template <bool single>      ///< iteration: nothing is written among the loads of the bonds, so that they need not wait for each other
 struct Relax {
     Bonds bonds;
     const Quad* at;       ///< predicted position, p
@@ -62,7 +63,7 @@ struct Relax {
     const float3* acceleration;
     const std::uint8_t* hold;
     const std::uint8_t* phase;
-    float* lambda;          ///< per entry; null where one iteration is all
+    float* lambda;          ///< per entry, where there are more
     Materials materials;
     Motions motions;
     Shapes shapes;
@@ -89,7 +90,7 @@ struct Relax {
             const F stretch = select(l > zero, distance - l, select(l < zero, least(distance - touching, zero), zero));
             const F k_kappa = k * (here.w + there.w);
             F step = zero - stretch * k / most(one, k_kappa);
-            if (lambda) {
+            if constexpr (!single) {
                 const F before = Packet::load(lambda + e);
                 if (!is_first) {
                     step = zero - (stretch * k + before) / (one + k_kappa);

@@ -129,13 +129,14 @@ struct Veto {
     GB_FN void operator()(std::size_t row) const {
         const std::uint32_t t = members(state.id[lists.rows[row]]);
         if (t == kNobody || !bonds.scarred[t]) return;
+        const std::uint32_t n = lists.count[row];
         for (std::uint32_t e = bonds.begin(t), end = bonds.end(t); e < end; e += kBlock) {
             if (!(bonds.length[e] < 0.0f)) continue;
             const std::uint32_t other = slot[bonds.other[e]];
-            for (std::uint32_t k = 0; k < lists.count[row]; ++k) {
-                std::uint32_t& j = lists.index[lists.at(row, k)];
-                if (j == other) j = lists.n;
-            }
+            std::uint32_t found = n;  // looked for without stores: then the loads need not wait for each other
+            for (std::uint32_t k = 0; k < n; ++k)
+                if (lists.index[lists.at(row, k)] == other) found = k;
+            if (found < n) lists.index[lists.at(row, found)] = lists.n;
         }
     }
 };

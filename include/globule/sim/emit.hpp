@@ -27,7 +27,6 @@ struct FlagKept {
     const Sink* sinks;
     int n_sinks;
     std::uint32_t* flags;
-    std::uint32_t* n_gone;
     GB_FN void operator()(std::size_t i) const {
         flags[i] = i < state.n;
         if (i >= state.n || phases[state.phase[i]].kind != Kind::fluid) return;
@@ -35,7 +34,6 @@ struct FlagKept {
         for (int k = 0; k < n_sinks; ++k)
             if (sinks[k].holds(p)) {
                 flags[i] = 0;
-                atomic_take(n_gone, 1);
                 return;
             }
     }

@@ -232,13 +232,17 @@ struct Summary {
     Speeds speeds;
     std::uint32_t n_rows, n_outside, not_a_number;
     std::uint32_t n_nodes, n_wanted;  ///< of the octree: it had less room than it needed where they differ
+    Compression compression;          ///< of the positions that the step began with
 };
 struct Summarize {
     const Speeds* speeds;
     const std::uint32_t *n_rows, *not_a_number;
     const TreeHeader* header;
+    const Compression* compression;  ///< or null
     Summary* out;
-    GB_FN void operator()(std::size_t) const { *out = {*speeds, *n_rows, header->n_outside, *not_a_number, header->n_nodes, header->n_wanted}; }
+    GB_FN void operator()(std::size_t) const {
+        *out = {*speeds, *n_rows, header->n_outside, *not_a_number, header->n_nodes, header->n_wanted, compression ? *compression : Compression{}};
+    }
 };
 
 }  // namespace globule::sim

@@ -109,15 +109,24 @@ struct FindLists {
             int n_near = 0;
             period.each_image([&](const float3& shift) {
                 const float3 from = lo - shift, to = hi - shift;
-                for_each_leaf(g, tree, from, to, [&](std::uint32_t begin, std::uint32_t n) {
-                    for (std::uint32_t at = 0; at < n; at += Group::width) {
+                std::uint32_t begin = 0, end = 0;  // leaves that follow each other in memory are one run
+                const auto take = [&] {
+                    for (; begin < end; begin += Group::width) {
                         if (n_near > kCandidates - Group::width) {
                             look(g, near, n_near, rows, set, out);
                             n_near = 0;
                         }
-                        n_near = collect(g, near, n_near, begin + at, g.first_lanes(int(n - at)), from, to, shift);
+                        n_near = collect(g, near, n_near, begin, g.first_lanes(int(end - begin)), from, to, shift);
                     }
+                };
+                for_each_leaf(g, tree, from, to, [&](std::uint32_t first, std::uint32_t n) {
+                    if (first != end) {
+                        take();
+                        begin = first;
+                    }
+                    end = first + n;
                 });
+                take();
             });
             look(g, near, n_near, rows, set, out);
         }

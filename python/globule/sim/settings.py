@@ -45,7 +45,7 @@ class Phase:
             self.shown = self.kind != "boundary"
 
     def _pack(self) -> dict[str, Any]:
-        packed = {f.name: getattr(self, f.name) for f in fields(self)}
+        packed = dict(vars(self))
         packed["kind"] = KINDS.index(self.kind)
         packed["color"] = [float(c) for c in self.color]
         if not self.density > 0:
@@ -81,8 +81,8 @@ class Settings:
     extra_viscosity: float = 0.0
 
     def _pack(self) -> dict[str, Any]:
-        packed = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "domain"}
-        lo, hi = np.asarray(self.domain, float)
+        packed = dict(vars(self))
+        lo, hi = np.asarray(packed.pop("domain"), float)
         packed["lo"], packed["hi"] = lo.tolist(), hi.tolist()
         packed["periodic"] = [bool(p) for p in self.periodic]
         short = [hi[k] - lo[k] < 8 * self.spacing and packed["periodic"][k] for k in range(3)]
