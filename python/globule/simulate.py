@@ -175,7 +175,10 @@ class Simulation(Run, Operable, Moving, Arrays):
         if dt is not None and not 0 < dt < math.inf:
             raise ValueError(f"dt: expected a finite number above 0, got {dt}")
         self._send()
-        dt = self._core.next_dt() if dt is None else float(dt)
+        return self._step(self._core.next_dt() if dt is None else float(dt))
+
+    def _step(self, dt: float) -> StepReport:
+        """One step of dt, with settings and materials sent."""
         self._prepare(dt)
         for emitter in self.emitters.values():
             emitter._emit(self, dt)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -64,10 +65,17 @@ def sweep(before: Any, now: Any) -> Blade:
     a, b = _points("before", before, 2), _points("now", now, 2)
     if a.shape != b.shape:
         raise ValueError(f"now: expected {len(a)} points as in before, got {len(b)}")
-    k = len(a)
+    return Blade(np.concatenate([a, b]), _strip(len(a)), len(a))
+
+
+@cache
+def _strip(k: int) -> np.ndarray:
+    """Triangles between two polylines of k points."""
     i = np.arange(k - 1, dtype=np.uint32)
     first, second = np.stack([i, i + 1, i + 1 + k], 1), np.stack([i, i + 1 + k, i + k], 1)
-    return Blade(np.concatenate([a, b]), np.concatenate([first, second]).astype(np.uint32), k)
+    corners = np.concatenate([first, second]).astype(np.uint32)
+    corners.flags.writeable = False
+    return corners
 
 
 def triangles(corners: Any) -> Blade:

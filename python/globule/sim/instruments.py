@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from bisect import bisect_right
 from dataclasses import dataclass
 from typing import Any
 
@@ -42,7 +43,7 @@ class Motion:
                     (i, "time"), f"expected more than {keys[i - 1].time:g}, got {keys[i].time:g}"
                 )
         position, turn, on = (0.0, 0.0, 0.0), np.array([1.0, 0, 0, 0]), True
-        self.times = np.array([k.time for k in keys])
+        self.times = [float(k.time) for k in keys]
         self.positions, self.turns, self.switches = [], [], []
         for k in keys:
             position = k.position if k.position is not None else position
@@ -51,10 +52,18 @@ class Motion:
             self.positions.append(np.asarray(position, float))
             self.turns.append(turn)
             self.switches.append(on)
+        self._resting: tuple[int, np.ndarray] | None = None
 
     def pose(self, time: float) -> np.ndarray:
         """World from instrument (4, 4)."""
         i, share = self._between(time)
+        if share > 0:
+            return self._mixed(i, share)
+        if self._resting is None or self._resting[0] != i:  # asked for at every step
+            self._resting = i, self._mixed(i, share)
+        return self._resting[1].copy()
+
+    def _mixed(self, i: int, share: float) -> np.ndarray:
         j = min(i + 1, len(self.times) - 1)
         pose = np.eye(4)
         pose[:3, 3] = (1 - share) * self.positions[i] + share * self.positions[j]
@@ -66,10 +75,10 @@ class Motion:
         return bool(time >= self.times[0] and self.switches[self._between(time)[0]])
 
     def _between(self, time: float) -> tuple[int, float]:
-        i = int(np.searchsorted(self.times, time, side="right")) - 1
+        i = bisect_right(self.times, time) - 1
         if i < 0 or i + 1 >= len(self.times):
             return max(0, min(i, len(self.times) - 1)), 0.0
-        return i, float((time - self.times[i]) / (self.times[i + 1] - self.times[i]))
+        return i, (time - self.times[i]) / (self.times[i + 1] - self.times[i])
 
 
 def quaternion(axis: Any, degrees: float) -> np.ndarray:

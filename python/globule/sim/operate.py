@@ -111,10 +111,10 @@ class Operable:
     ) -> None:  # fmt: skip
         """How a grasp moves from now on: velocity m/s, spin rad/s about center m."""
         motions = self.__dict__.setdefault("_motions", [((0.0,) * 3,) * 3] * 8)
-        motions[_grasp_number(number)] = tuple(
-            tuple(float(v) for v in part) for part in (velocity, spin, center)
-        )
-        self._send_instruments()
+        motion = tuple(tuple(float(v) for v in part) for part in (velocity, spin, center))
+        if motions[_grasp_number(number)] != motion:
+            motions[number] = motion
+            self._send_instruments()
 
     def set_pushers(self, shapes: Any) -> None:
         """Solid instruments that tissue cannot enter, at most 8, where they are now.

@@ -125,7 +125,8 @@ class Run:
         sinks = [table.region for table in scene.sinks]
         for tool in self.instruments.values():
             tool.prepare(self, dt)
-            sinks += [tool.sink(time)] if tool.sink(time) else []
+            if (sink := tool.sink(time)) is not None:
+                sinks.append(sink)
         if sinks or self._had_sinks:
             self.set_sinks(sinks)
         self._had_sinks = bool(sinks)
@@ -300,8 +301,8 @@ class Run:
             raise ValueError(f"end: expected a finite number of seconds, got {end}")
         report = None
         while (rest := end - self.time) > 1e-9 * max(end, 1e-3):
-            dt = self.dt
-            report = self.step(rest if rest <= dt else rest / 2 if rest < 2 * dt else dt)
+            dt = self.dt  # sends what was changed
+            report = self._step(rest if rest <= dt else rest / 2 if rest < 2 * dt else dt)
             if stop is not None and stop():
                 break
         return report

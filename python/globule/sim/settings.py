@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -88,7 +88,9 @@ class Settings:
         short = [hi[k] - lo[k] < 8 * self.spacing and packed["periodic"][k] for k in range(3)]
         if any(short):
             raise ValueError("periodic: expected an axis at least 8 spacings long")
-        if self.sound_speed is None:
+        if not self.weakly_compressible:
+            packed["sound_speed"] = 0.0
+        elif self.sound_speed is None:
             fall = abs(np.dot(self.gravity, hi - lo))
             packed["sound_speed"] = 10.0 * float(np.sqrt(2.0 * fall))
         packed["gravity"] = [float(g) for g in self.gravity]

@@ -74,9 +74,11 @@ class Tool:
             sim.release(self._number)
         self._holds = works
         if works and dt > 0:
-            velocity = (self._next[:3, 3] - self.pose[:3, 3]) / dt
-            turn = self._next[:3, :3] @ self.pose[:3, :3].T
-            sim.move_grasp(self._number, velocity, _spin(turn) / dt, self.pose[:3, 3])
+            velocity = spin = (0.0, 0.0, 0.0)
+            if not np.array_equal(self._next, self.pose):
+                velocity = (self._next[:3, 3] - self.pose[:3, 3]) / dt
+                spin = _spin(self._next[:3, :3] @ self.pose[:3, :3].T) / dt
+            sim.move_grasp(self._number, velocity, spin, self.pose[:3, 3])
 
     def sink(self, time: float) -> tuple[np.ndarray, float] | None:
         """The ball that suction takes fluid out of."""
