@@ -23,28 +23,38 @@ public:
     const Lists& lists() const { return lists_; }
     const sim::Rows& rows() const { return rows_; }
 
+    /// Begins to look for neighbours.  A step does so for the next one: the device is busy while the host has other things to do.
+    void start_lists() {
+        const std::size_t padded = padded_rows();
+        std::uint32_t* longest = most_count_.reserve(1);
+        exec_.clear(longest, 4);
+        lists_.n_rows = state_.n_rows;
+        lists_.places = places_;
+        lists_.n = std::uint32_t(state_.n);
+        lists_.rows = state_.rows();
+        lists_.count = list_counts_.reserve(padded);
+        lists_.index = list_index_.reserve(padded * places_);
+        const float h = state_.spline().support;
+        exec_.for_each_tile(ceil_div<std::size_t>(state_.n_rows, Exec::Group::width),
+                            sim::FindLists<Tree, Packet>{state_.tree().sparse(), state_.tree().particles(), lists_, state_.view().place, h, state_.period(), longest});
+        started_ = true;
+    }
+    /// Positions, rows or the support are others than when lists were begun.
+    void forget_lists() { started_ = false; }
+    bool has_started_lists() const { return started_; }
     void find_lists() {
-        const std::size_t padded = ceil_div<std::size_t>(state_.n_rows, 64) * 64;
         for (bool enough = false; !enough;) {
-            std::uint32_t* longest = most_count_.reserve(1);
-            exec_.clear(longest, 4);
-            lists_.n_rows = state_.n_rows;
-            lists_.places = places_;
-            lists_.n = std::uint32_t(state_.n);
-            lists_.rows = state_.rows();
-            lists_.count = list_counts_.reserve(padded);
-            lists_.index = list_index_.reserve(padded * places_);
-            const float h = state_.spline().support;
-            exec_.for_each_tile(ceil_div<std::size_t>(state_.n_rows, Exec::Group::width),
-                                sim::FindLists<Tree, Packet>{state_.tree().sparse(), state_.tree().particles(), lists_, state_.view().place, h, state_.period(), longest});
-            exec_.download(&longest_list_, longest, 4);
+            if (!started_) start_lists();
+            started_ = false;
+            exec_.download(&longest_list_, most_count_.data(), 4);
             enough = longest_list_ <= places_;
             if (!enough) places_ = ceil_div(longest_list_ + longest_list_ / 4, 8u) * 8;
         }
-        typename Packet::Short* g = gradients_.reserve(3 * padded * places_);
+        const std::size_t room = padded_rows() * places_;
+        typename Packet::Short* g = gradients_.reserve(3 * room);
         lists_.gx = g;
-        lists_.gy = g + padded * places_;
-        lists_.gz = g + 2 * padded * places_;
+        lists_.gy = g + room;
+        lists_.gz = g + 2 * room;
     }
 
     /// The lists as compressed rows of slots.
@@ -65,7 +75,7 @@ public:
     }
 
     void densities() {
-        const std::size_t padded = ceil_div<std::size_t>(state_.n_rows, 64) * 64;
+        const std::size_t padded = padded_rows();
         float* v = row_values_.reserve(8 * padded);
         float** arrays[] = {&rows_.density, &rows_.gx, &rows_.gy, &rows_.gz, &rows_.inverse_rho,
                             &rows_.alpha, &rows_.alpha_divergence, &rows_.boundary};
@@ -160,6 +170,8 @@ public:
     }
 
 private:
+    std::size_t padded_rows() const { return ceil_div<std::size_t>(state_.n_rows, 64) * 64; }
+
     /// `took`: iterations of the last solve of this kind; on the device the host looks at the progress only after as many.
     sim::Progress solve(const float* alpha, float* impulse, float dt, float most_excess, double tolerance, int least, int& took, bool both_signs = false) {
         const std::size_t n = state_.n_rows;
@@ -258,7 +270,7 @@ private:
     Lists lists_{};
     sim::Rows rows_{};
     std::uint32_t places_ = 64, longest_list_ = 0;
-    bool filled_ = false;
+    bool filled_ = false, started_ = false;
     int divergence_took_ = 1, density_took_ = 1;
     Buffer<std::uint32_t, Exec> list_counts_, list_index_;
     Buffer<typename Packet::Short, Exec> gradients_;

@@ -36,13 +36,14 @@ public:
 
     void configure(const SimulationSettings& settings) override {
         settings_ = settings;
+        disturbed();
         state_.configure(settings);
         tissue_.set_spacing(settings.spacing);
     }
     void set_phase(int which, const sim::Phase& phase) override {
         state_.set_phase(which, phase);
         stale_ = true;
-        tissue_.disturbed();
+        disturbed();
         exec_.for_each(state_.n, sim::SetMaterial{state_.view(), std::uint8_t(which), state_.w_of(which), phase.viscosity});
     }
 
@@ -111,7 +112,9 @@ public:
         gather_tissue();
         r.n_solved = state_.n_rows;
         tissue_.bleed(state_.tree().sparse(), state_.tree().particles(), dt);
+        const bool begun = fluid_.has_started_lists();
         if (state_.n_rows > 0) find_lists();
+        const double earlier = begun ? exec_.elapsed(kListMark, kListMark + 1) : 0.0;
         take_blood(dt);
         if (state_.n_rows > 0) {
             tissue_.change(fluid_.lists(), state_.view(), dt);
@@ -150,10 +153,15 @@ public:
         tissue_.moved();
         summarize(r.n_solved > 0 ? fluid_.compression() : nullptr);
         mark("octree");
+        if (Exec::on_device && state_.n_rows > 0) {
+            exec_.mark(kListMark);
+            fluid_.start_lists();
+            exec_.mark(kListMark + 1);
+        }
         time_ += r.dt;
         ++n_steps_;
         stale_ = true;
-        report(r);
+        report(r, earlier);
         return r;
     }
 
@@ -170,7 +178,7 @@ public:
         const auto [data, bytes] = array(name);
         exec_.upload(data, in, bytes * state_.n);
         exec_.synchronize();
-        tissue_.disturbed();
+        disturbed();
     }
     void resize(std::size_t n, std::uint32_t next_id, double time, std::uint64_t n_steps) override {
         state_.resize(n);
@@ -179,7 +187,7 @@ public:
         n_steps_ = n_steps;
     }
     void settle() override {
-        tissue_.disturbed();
+        disturbed();
         state_.settle();
         summarize();
         stale_ = true;
@@ -248,6 +256,11 @@ private:
         state_.summarize(by_approach ? &ahead : nullptr, compression);
     }
 
+    /// Somebody other than a step changed something: what is known of the particles may be wrong.
+    void disturbed() {
+        tissue_.disturbed();
+        fluid_.forget_lists();
+    }
     void find_lists() {
         fluid_.find_lists();
         tissue_.veto(fluid_.lists(), state_.view());
@@ -263,7 +276,10 @@ private:
     }
 
     void gather_tissue() {
-        if (tissue_.gather(state_.view(), state_.phases(), state_.slot_of(), state_.volume())) state_.find_rows();
+        if (tissue_.gather(state_.view(), state_.phases(), state_.slot_of(), state_.volume())) {
+            state_.find_rows();
+            fluid_.forget_lists();
+        }
     }
 
     /// Blood comes in at the end of the step, where its velocity will have led it.
@@ -301,7 +317,8 @@ private:
         if (state_.n_rows > 0) tissue_.add_rest(state_.view());
     }
 
-    void report(StepReport& r) {
+    /// `earlier`: seconds that the step's lists had taken before it began.
+    void report(StepReport& r, double earlier) {
         const sim::Compression& c = state_.summary.compression;
         r.compression = c.n > 0 ? c.sum / c.n : 0.0;
         r.most_compression = c.most;
@@ -311,6 +328,7 @@ private:
         r.n_escaped = state_.summary.n_outside;
         r.most_speed = std::sqrt(double(state_.summary.speeds.most2));
         for (int i = 1; i < n_marks_; ++i) r.seconds.push_back({stage_[i], exec_.elapsed(kFirstMark + i - 1, kFirstMark + i)});
+        if (earlier > 0.0) r.seconds.front().second += earlier;
         n_marks_ = 0;
         if (state_.summary.not_a_number) tell_not_a_number(state_.summary.not_a_number - 1);
     }
@@ -350,7 +368,7 @@ private:
         int phase;
     };
 
-    static constexpr int kFirstMark = 4;  // the scene has those before
+    static constexpr int kFirstMark = 4, kListMark = 14;  // the scene has those before
 
     std::shared_ptr<Scene> scene_;
     SceneAccess access_;

@@ -322,7 +322,7 @@ private:
             else
                 for (int k = 0; k < iterations; ++k) relax(std::false_type{}, s, k);
         }
-        if (at != at_.data()) exec_.for_each(n_, tissue::CopyAll{at, at_.data()});
+        if (at != at_.data()) at_.swap(next_);
         return n_substeps;
     }
 

@@ -273,7 +273,12 @@ private:
     }
     template <class Call>
     void with_temporary(const Call& call) {
-        std::size_t bytes = 0;
+        // Room is mostly there already; asking CUB how much it takes costs as much as starting its kernels.
+        std::size_t bytes = temporary_.capacity();
+        if (bytes) {
+            const cudaError_t error = call(temporary_.data(), bytes);
+            if (error != cudaErrorInvalidValue) return check(error);
+        }
         check(call(nullptr, bytes));
         void* room = temporary_.reserve(bytes ? bytes : 1);
         check(call(room, bytes));

@@ -104,13 +104,14 @@ struct Cut {
     GB_FN void operator()(std::size_t i) const {
         const std::uint32_t t = std::uint32_t(i);
         const float3 here = at[t].xyz();
-        bool any = false;  // most have none: a loop without stores, whose loads need not wait for each other
-        for (std::uint32_t e = bonds.begin(t), end = bonds.end(t); e < end; e += kBlock) any |= near(t, e);
-        if (!any) return;
         for (std::uint32_t e = bonds.begin(t), end = bonds.end(t); e < end; e += kBlock) {
-            if (!near(t, e)) continue;
             const std::uint32_t o = bonds.other[e];
+            if (o <= t || bonds.length[e] <= 0.0f) continue;
             const float3 there = at[o].xyz();
+            const float3 moved = before ? (here + there - before[t] - before[o]) * 0.5f : float3{0, 0, 0};
+            if (!near(here.x, there.x, moved.x, sweep.lo.x, sweep.hi.x) || !near(here.y, there.y, moved.y, sweep.lo.y, sweep.hi.y) ||
+                !near(here.z, there.z, moved.z, sweep.lo.z, sweep.hi.z))
+                continue;
             const GridPoint p = sweep.grid.snap(here), q = sweep.grid.snap(there);
             GridPoint shift{0, 0, 0};
             if (before) {
@@ -121,15 +122,6 @@ struct Cut {
             bonds.set_length(t, e, -bonds.length[e]);
             atomic_take(n_cut, 1);
         }
-    }
-    /// Whether it is a whole bond of its lesser end t, and meets the sweep's box.
-    GB_FN bool near(std::uint32_t t, std::uint32_t e) const {
-        const std::uint32_t o = bonds.other[e];
-        if (o <= t || bonds.length[e] <= 0.0f) return false;
-        const float3 here = at[t].xyz(), there = at[o].xyz();
-        const float3 moved = before ? (here + there - before[t] - before[o]) * 0.5f : float3{0, 0, 0};
-        return near(here.x, there.x, moved.x, sweep.lo.x, sweep.hi.x) && near(here.y, there.y, moved.y, sweep.lo.y, sweep.hi.y) &&
-               near(here.z, there.z, moved.z, sweep.lo.z, sweep.hi.z);
     }
     /// Whether the bond, now or where it was, reaches between lo and hi along one axis.
     GB_FN static bool near(float p, float q, float moved, float lo, float hi) {

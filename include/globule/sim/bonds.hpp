@@ -161,11 +161,6 @@ struct Remember {
     float3* before;
     GB_FN void operator()(std::size_t t) const { before[t] = at[t].xyz(); }
 };
-struct CopyAll {
-    const Quad* from;
-    Quad* to;
-    GB_FN void operator()(std::size_t t) const { to[t] = from[t]; }
-};
 
 /// Half of each whole bond's energy stands at either end.
 struct EnergyOf {
