@@ -10,7 +10,6 @@ namespace globule {
 struct CpuGroup {
     static constexpr int width = kWidth;
     static constexpr int vectors = 64 / kWidth;
-    static constexpr bool own_thread = false;  ///< whether each lane can go its own way
     static constexpr int list_capacity = 2048;
     static constexpr int stack_capacity = 512;
     using F = WideF;

@@ -8,7 +8,6 @@ namespace globule {
 struct CudaGroup {
     static constexpr int width = 32;
     static constexpr int vectors = 1;
-    static constexpr bool own_thread = true;
     static constexpr int list_capacity = 416;
     static constexpr int stack_capacity = 224;
     using F = float;

@@ -66,7 +66,7 @@ struct FindLists {
     template <class Group>
     struct Scratch {
         float x[kCandidates + Group::width], y[kCandidates + Group::width], z[kCandidates + Group::width];
-        std::uint32_t slot[kCandidates + Group::width], found[Group::own_thread ? 1 : kCandidates + Group::width];
+        std::uint32_t slot[kCandidates + Group::width], found[kCandidates + Group::width];
     };
 
     Tree tree;
@@ -159,39 +159,6 @@ private:
     /// The rows of `set` take up those of the candidates that are theirs.
     template <class Group>
     GB_FN void look(Group& g, Scratch<Group>& near, int n_near, Rows<Group>& rows, std::uint32_t set, std::uint32_t* out) const {
-        if constexpr (Group::own_thread) look_each(g, near, n_near, rows, set, out);
-        else look_by_vectors(g, near, n_near, rows, set, out);
-    }
-
-    /// Every lane looks for its own row, at one candidate after the other.
-    template <class Group>
-    GB_FN void look_each(Group& g, Scratch<Group>& near, int n_near, Rows<Group>& rows, std::uint32_t set, std::uint32_t* out) const {
-        const float h2 = support * support, sure = h2 * (1.0f - kDoubt), possible = h2 * (1.0f + kDoubt);
-        g.sync();
-        Group::for_lanes([&](int lane) {
-            const int row = g.lane_number(lane);
-            if (!(set >> row & 1)) return;
-            const float x = Group::get(rows.x, lane), y = Group::get(rows.y, lane), z = Group::get(rows.z, lane);
-            const std::uint32_t slot = Group::get(rows.slot, lane);
-            std::uint32_t n = Group::get(rows.count, lane);
-            for (int k = 0; k < n_near; ++k) {
-                const float dx = x - near.x[k], dy = y - near.y[k], dz = z - near.z[k], r2 = dx * dx + dy * dy + dz * dz;
-                if (!(r2 < possible) || near.slot[k] == slot || (!(r2 < sure) && !is_near(x, y, z, near.x[k], near.y[k], near.z[k]))) continue;
-                if (n < lists.places) out[std::size_t(n) * Packet::stride + row] = near.slot[k];
-                ++n;
-            }
-            Group::put(rows.count, lane, n);
-        });
-        g.sync();
-    }
-    GB_FN bool is_near(float x, float y, float z, float u, float v, float w) const {
-        const double ex = double(x) - u, ey = double(y) - v, ez = double(z) - w;
-        return ex * ex + ey * ey + ez * ez < double(support) * support;
-    }
-
-    /// One row after the other looks at a vector of candidates at a time.
-    template <class Group>
-    GB_FN void look_by_vectors(Group& g, Scratch<Group>& near, int n_near, Rows<Group>& rows, std::uint32_t set, std::uint32_t* out) const {
         using F = typename Group::F;
         const float h2 = support * support;
         const F sure = F(h2 * (1.0f - kDoubt)), possible = F(h2 * (1.0f + kDoubt));
@@ -209,7 +176,8 @@ private:
                 if (g.any(doubtful))
                     g.per_lane(doubtful, [&](int lane) {
                         const int j = k + g.lane_number(lane);
-                        Group::put(mine, lane, is_near(x, y, z, near.x[j], near.y[j], near.z[j]));
+                        const double ex = double(x) - near.x[j], ey = double(y) - near.y[j], ez = double(z) - near.z[j];
+                        Group::put(mine, lane, ex * ex + ey * ey + ez * ez < double(support) * support);
                     });
                 g.keep(mine, g.load_run(near.slot + k), near.found + n);
                 n += g.count(mine);
