@@ -176,6 +176,22 @@ def test_user_changes_between_steps(backend):
     np.testing.assert_allclose(sim.totals()["mass"], mass / 2, rtol=1e-6)
 
 
+def test_neighbors_follow_what_was_changed_since_the_last_step(backend):
+    sim, ids = falling(backend)
+    rng = np.random.default_rng(4)
+    for _ in range(2):
+        sim.step()
+        sim.positions = sim.positions + rng.normal(0, 0.2 * D, (len(sim), 3)).astype(np.float32)
+        check_neighbors(sim)
+        sim.step()
+        ids = np.append(ids, sim.add([(0.6, 0.3, 0.2), (0.62, 0.3, 0.2)], "water"))
+        check_neighbors(sim)
+        sim.step()
+        sim.remove(ids[::7])
+        ids = np.setdiff1d(ids, ids[::7])
+        check_neighbors(sim)
+
+
 def test_add_and_remove_keep_ids(backend):
     sim, ids = falling(backend)
     more = sim.add([(0.8, 0.5, 0.2), (0.8, 0.6, 0.2)], "water", (0, 1, 0))

@@ -138,6 +138,29 @@ def test_grasp_lifts_and_releases(backend):
     assert np.abs(sim.positions[-1] - x[-1]).max() < 0.1 * D
 
 
+def test_a_step_sees_what_was_changed_before_it(backend):
+    """As one that begins with that state, whatever was known from the steps before."""
+    x = block(6, 5, 8)
+    sims = [make(backend, x, 2500.0, fixed=x[:, 2] < 0.5 * D) for _ in range(2)]
+    changes = [
+        lambda sim: sim.grasp(x[-1], 2 * D),
+        lambda sim: sim.cut(stroke(3.5, -3, 3)),
+        lambda sim: sim.ablate(x[len(x) // 2], 1.6 * D),
+        lambda sim: sim.remove(sim.ids[100:104]),
+        lambda sim: sim.add([(0.0, 0.0, 9.5 * D)], "blood"),
+        lambda sim: sim.release(),
+        lambda sim: setattr(sim, "positions", sim.positions + np.float32(0.3 * D)),
+    ]
+    for change in changes:
+        sims[0].step(0.002)
+        change(sims[0])
+        sims[1].set_state(sims[0].state())
+        for sim in sims:
+            sim.step(0.002)
+        np.testing.assert_allclose(sims[1].positions, sims[0].positions, atol=1e-6 * D)
+        np.testing.assert_allclose(sims[1].velocities, sims[0].velocities, atol=1e-5)
+
+
 def test_ablation_counts_and_separates(backend):
     x = block(3, 3, 9)
     sim = make(backend, x, gravity=(0, 0, 0))
