@@ -174,8 +174,8 @@ class Simulation(Run, Operable, Moving, Arrays):
         """One step of dt seconds; by default of what the speeds allow."""
         if dt is not None and not 0 < dt < math.inf:
             raise ValueError(f"dt: expected a finite number above 0, got {dt}")
+        dt = self.dt if dt is None else float(dt)
         self._send()
-        dt = self._core.next_dt() if dt is None else float(dt)
         self._prepare(dt)
         for emitter in self.emitters.values():
             emitter._emit(self, dt)
@@ -207,7 +207,15 @@ class Simulation(Run, Operable, Moving, Arrays):
     def dt(self) -> float:
         """The step that comes next, s."""
         self._send()
-        return self._core.next_dt()
+        dt = self._core.next_dt()
+        if not self.time + dt > self.time:
+            gravity = math.hypot(*self.settings.gravity)
+            speed = np.linalg.norm(self.velocities, axis=1).max(initial=0)
+            raise ArithmeticError(
+                f"the steps come to {dt:g} s at {self.time:g} s: expected less gravity "
+                f"(it is {gravity:g} m/s²), lower speeds (up to {speed:g} m/s), or other materials"
+            )
+        return dt
 
     def __len__(self) -> int:
         return self._core.size()

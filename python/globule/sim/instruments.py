@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from .schema import Problem, choice, direction, each, key, number, positive, switch, text, vector
+from .schema import Problem, choice, direction, each, key, number, place, positive, switch, text
 
 
 @dataclass(kw_only=True)
@@ -16,7 +16,7 @@ class Key:
     """Where an instrument is at a time; what is left out stays as in the key before."""
 
     time: float = key(number(least=0.0))
-    position: tuple | None = key(vector(), None)
+    position: tuple | None = key(place, None)
     axis: tuple | None = key(direction, None)
     angle: float | None = key(number(), None)  # degrees about the axis
     on: bool | None = key(switch, None)
@@ -114,7 +114,7 @@ class Instrument:
     name: str = key(text)
     kind: str = key(choice("scalpel", "suction", "grasper"))
     keys: list = key(each(Key, least=1))
-    edge: list | None = key(each(vector(), least=2), None)  # metres
+    edge: list | None = key(each(place, least=2), None)  # metres
     length: float | None = key(positive, None)  # of the edge, metres, where no edge is given
     radius: float | None = key(positive, None)  # of suction and grasper, metres
     ablates: bool = key(switch, False)  # suction, of tissue
