@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import itertools
+import os
 from pathlib import Path
 
 import globule as gb
 import numpy as np
 import pytest
+from globule.formats.errors import FormatError
 from globule.slices import reslice, reslice_frame, save_three_view, three_view
 from globule.volume import EMPTY, FILLED, MEASURED, Volume
 from globule.volume_io import WRITABLE, map_path, read_volume, write_volume
+from globule.volumes import metaimage, nrrd
 from PIL import Image
 from sweep_helpers import random_poses, spine_data
 
@@ -170,6 +173,17 @@ def test_truncated_files(extension):
         refused("cut" + extension)
 
 
+@pytest.mark.parametrize("packed", [False, True])
+@pytest.mark.parametrize("extension", [".mha", ".nrrd"])
+def test_bytes_after_the_data_are_refused(extension, packed):
+    form = {".mha": metaimage, ".nrrd": nrrd}[extension]
+    form.write("a" + extension, np.zeros((2, 3, 4), np.uint8), {}, packed)
+    with open("a" + extension, "ab") as file:
+        file.write(b"more")
+    with pytest.raises(FormatError, match="data: expected .*, got (28|4 bytes more)$"):
+        form.read("a" + extension)
+
+
 @pytest.mark.parametrize("extension", FORMATS)
 def test_altered_files_never_end_in_a_traceback(extension):
     write_volume("a" + extension, volume())
@@ -246,6 +260,30 @@ def test_nothing_is_left_of_a_write_that_fails(monkeypatch):
         write_volume("a.nrrd", volume("uint16"))
     assert [p.name for p in Path().iterdir()] == ["a.nrrd"]
     assert Path("a.nrrd").read_bytes() == before
+
+
+@pytest.mark.parametrize("stop", ["write", "place"])
+def test_maps_appear_with_their_volume_or_not_at_all(monkeypatch, stop):
+    """Interrupted while the third of five files is written; and when it gets its place, where it is
+    too late for none."""
+    calls = {"n": 0}
+    kept = {"write": metaimage.write, "place": os.replace}
+
+    def third(*arguments):
+        calls["n"] += 1
+        if calls["n"] == 3 and stop == "write":
+            raise KeyboardInterrupt
+        kept[stop](*arguments)
+        if calls["n"] == 3:
+            raise KeyboardInterrupt
+
+    name = {"write": "globule.volumes.metaimage.write", "place": "os.replace"}[stop]
+    monkeypatch.setattr(name, third)
+    with pytest.raises(KeyboardInterrupt):
+        write_volume("a.mha", volume(), maps=True)
+    names = sorted(p.name for p in Path().iterdir())
+    all_five = ["a.count.mha", "a.mha", "a.radius.mha", "a.source.mha", "a.variance.mha"]
+    assert names == ([] if stop == "write" else all_five)
 
 
 # Slices
