@@ -341,7 +341,23 @@ def test_three_view():
     assert n_colors[0] < n_colors[1]
     with pytest.raises(ValueError, match="center"):
         three_view(plain, center=(900, 0, 0))
-    save_three_view("a.png", volume())
-    assert Image.open("a.png").size == (tinted.shape[1], 2 * tinted.shape[0] + 8)
     nothing = Volume(np.zeros((4, 4, 4), np.uint8), np.eye(4), np.full((4, 4, 4), 255, np.uint8))
     assert three_view(nothing).shape[2] == 3
+
+
+def test_axes_of_the_planes_have_names_and_lengths():
+    rng = np.random.default_rng(0)
+    seen = Volume(rng.integers(1, 255, (60, 80, 200), np.uint8), np.diag([0.5, 0.5, 0.5, 1]))
+    save_three_view("a.png", seen)
+    sheet = np.asarray(Image.open("a.png"))
+    margin = 18
+    for i, picture in enumerate((three_view(seen), three_view(seen, overlay=True))):
+        top = i * sheet.shape[0] // 2
+        row = sheet[top : top + sheet.shape[0] // 2]
+        assert np.array_equal(row[margin : margin + 80, margin : margin + 200], picture[:, :200])
+        right, down = row[margin // 2, margin:], row[margin:, margin // 2]
+        for line in (right, down):
+            assert (line[:40] < 255).all() and (line[41:43] == 255).all()  # 20 mm
+    names = [sheet[: margin - 1, a + 41 : a + 60] for a in (18, 236)]
+    assert np.array_equal(*names)  # x and x
+    assert not np.array_equal(names[0], sheet[: margin - 1, 454 + 41 : 454 + 60])  # y
