@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from ..rotations import matrix
 from .schema import Problem, choice, direction, each, key, number, place, positive, switch, text
 
 
@@ -89,16 +90,6 @@ def slerp(a: np.ndarray, b: np.ndarray, share: float) -> np.ndarray:
         angle = math.acos(cosine)
         mixed = (math.sin((1 - share) * angle) * a + math.sin(share * angle) * b) / math.sin(angle)
     return mixed / np.linalg.norm(mixed)
-
-
-def matrix(q: np.ndarray) -> np.ndarray:
-    """Rotation (3, 3) of a unit quaternion (w, x, y, z)."""
-    w, x, y, z = q
-    return np.array([
-        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-    ])  # fmt: skip
 
 
 @dataclass(kw_only=True)
