@@ -44,7 +44,8 @@ def _put_in_place(waiting: list[tuple[str, str]]) -> None:
 
 def _remove(waiting: list[tuple[str, str]]) -> None:
     for temporary, _ in waiting:
-        os.unlink(temporary)
+        with suppress(FileNotFoundError):  # interrupted when its own writer had removed it
+            os.unlink(temporary)
 
 
 @contextmanager

@@ -30,7 +30,9 @@ def check_room(scene: Any, shapes: dict[int, Any]) -> None:
     spacing, widest = scene.spacing, np.subtract(scene.domain.hi, scene.domain.lo).min() / 2
     while spacing < widest and sum(size for size, _, _ in _needs(scene, shapes, spacing)) > free:
         spacing *= 1.05
-    advice = f"a spacing of {spacing:.2g} m would fit" if spacing < widest else "no spacing helps"
+    advice = "no spacing helps"
+    if spacing < widest:
+        advice = f"a spacing of {1.005 * spacing:.3g} m would fit"  # also once it is rounded
     raise SceneError(
         f"{name}: expected particles that fit in the {free / 2**30:.1f} GiB that are free, got "
         f"about {n:.3g} that need {size / 2**30:.3g} GiB; {advice}"

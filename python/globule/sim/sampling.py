@@ -32,9 +32,12 @@ def fill(shape: Any, spacing: float) -> np.ndarray:
     if not np.isfinite([lo, hi]).all():
         raise ValueError("expected a shape with a volume, got a plane")
     n = np.maximum(1, np.floor((hi - lo) / spacing + 1e-3)).astype(np.int64)
-    if np.prod(n.astype(float)) > MOST_PARTICLES:
+    count = np.prod(n.astype(float))
+    if count > MOST_PARTICLES:
+        fits = 1.01 * spacing * (count / MOST_PARTICLES) ** (1 / 3)
         raise ValueError(
-            f"expected at most {MOST_PARTICLES:,} particles, got {np.prod(n.astype(float)):,.0f}"
+            f"expected at most {MOST_PARTICLES:,} particles, got {count:,.0f}; a spacing of "
+            f"{fits:.3g} m would fit"
         )
     if isinstance(shape, Mesh):
         return shape.inside_lattice(spacing)
