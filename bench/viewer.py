@@ -278,7 +278,7 @@ def of_browser(options: argparse.Namespace) -> list[tuple[str, str]]:
 
 def of_soak(options: argparse.Namespace) -> list[tuple[str, str]]:
     """The dam break, again and again, with a client that comes and goes."""
-    from globule.viewer.memory import resident_bytes
+    from globule.memory import resident_bytes
     from globule.viewer.simulation_source import SimulationSource
 
     simulation = gb.Simulation("dam-break", device=options.device)

@@ -66,8 +66,12 @@ def real_stderr(pytestconfig):
 
 
 @pytest.fixture(autouse=True)
-def hang_guard(real_stderr):
-    """A test that hangs in compiled code ends the run with a traceback instead of never."""
+def hang_guard(request, real_stderr):
+    """A test that hangs in compiled code ends the run with a traceback instead of never. Those of
+    files with `BROWSERS` take their time, and what they wait for has a limit of its own."""
+    if getattr(request.module, "BROWSERS", False):
+        yield
+        return
     faulthandler.dump_traceback_later(60, exit=True, file=real_stderr)
     yield
     faulthandler.cancel_dump_traceback_later()

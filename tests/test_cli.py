@@ -210,3 +210,27 @@ def test_help_and_version(capsys):
     assert "example" in capsys.readouterr().out
     assert main(["--version"]) == 0
     assert capsys.readouterr().out == f"globule {gb.__version__}\n"
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["render", "cube.npz", "-o", "/proc/a.png"],
+        ["convert", "cube.npz", "/proc/a.ply"],
+        ["reconstruct", "cube.npz", "-o", "/proc/a.nrrd"],
+        ["reconstruct", "--live", "igtl://h:1", "-o", "a.nrrd", "--record", "/proc/a"],
+        ["calibrate", "cube.npz", "-o", "/proc/a.toml"],
+        ["simulate", "dam-break", "-o", "/proc/a"],
+        ["simulate", "dam-break", "--pictures", "cube.npz"],
+        ["figures", "2.1", "-o", "cube.npz"],
+        ["bench", "thesis", "-o", "/proc/a"],
+        ["demo", "-o", "/proc/a/b"],
+    ],
+    ids=lambda words: f"{words[0]} {words[-1]}",
+)
+def test_a_place_that_cannot_be_written_is_refused_before_the_work(particles, capsys, words):
+    if words[0] == "figures":
+        pytest.importorskip("matplotlib")
+    said = refused(capsys, *words)
+    expected = "expected a folder" if words[-1] == "cube.npz" else "expected a place"
+    assert expected in said and words[-1] in said

@@ -210,6 +210,11 @@ def test_curves_are_drawn(tmp_path):
         (["dam.toml", "--video", "a.avi"], "--video: expected a name ending in .mp4"),
         (["dam.toml", "--format", "xls"], "argument --format"),
         (["dam.toml", "--fps", "1e300"], "--seconds: expected at most 1,000,000 frames"),
+        (["dam.toml", "--seconds", "0.01"], "seconds: expected at least a frame, 0.05 s, got 0.01"),
+        (["dam.toml", "-o", "dam.toml"], "-o: expected a folder, got dam.toml: "),
+        (["dam.toml", "-o", "/proc/a/b"], "-o: expected a place that may be written, got /proc/a/"),
+        (["dam.toml", "--pictures", "dam.toml"], "--pictures: expected a folder, got dam.toml"),
+        (["dam.toml", "--video", "/proc/a.mp4"], "--video: expected a place that may be written"),
     ],
 )
 def test_mistakes_are_one_line(folder, capsys, words, expected):
@@ -268,3 +273,17 @@ def test_resuming_another_scene_is_refused(folder, capsys):
     assert said.count("\n") == 1 and "got one with another gravity" in said
     with open("out/checkpoint.npz", "rb") as file:
         assert file.read() == before
+
+
+@pytest.mark.parametrize(
+    ("option", "had", "asked"), [("--fps", "20.0", "40.0"), ("--format", "vtp", "npz")]
+)
+def test_frames_of_another_number_or_format_do_not_go_on(folder, capsys, option, had, asked):
+    run("dam.toml", "-o", "out", "--seconds", 0.1)
+    before = sorted(os.listdir("out"))
+    capsys.readouterr()
+    assert main(["simulate", "dam.toml", "-o", "out", "--resume", option, asked]) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert f"--resume: expected {option} {had}, as the run had, got {asked}" in said
+    assert sorted(os.listdir("out")) == before

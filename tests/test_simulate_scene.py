@@ -67,9 +67,9 @@ def test_a_scene_and_its_defaults(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "expected"),
     [
-        ("0.001", "-1", ":11: fluids[0].viscosity: expected a number of at least 0, got -1"),
-        ("0.001", '"thick"', ":11: fluids[0].viscosity: expected a number of at least 0, got 'th"),
-        ("0.5] }", "'x'] }", ":13: fluids[0].box.hi[2]: expected a number, got 'x'"),
+        ("0.001", "-1", ":11: fluids[0].viscosity: expected a number from 0 to 1e+09, got -1"),
+        ("0.001", '"thick"', ":11: fluids[0].viscosity: expected a number from 0 to 1e+09, got '"),
+        ("0.5] }", "'x'] }", ":13: fluids[0].box.hi[2]: expected a number from -1e+06 to 1e+06"),
         ("young", "yung", ":17: solids[0].yung: expected one of name, box, "),
         ("= 0.2", "= true", ":19: solids[0].sphere.radius: expected a number above 0, got true"),
         ("time = 1", "time = 0", ":27: instruments[0].keys[1].time: expected more than 0, got 0"),

@@ -70,6 +70,8 @@ def test_plane_spans_the_domain():
     assert np.allclose(points[:, 2], 0.5 - 0.1 * BEHIND) and len(points) >= 100
     with pytest.raises(ValueError, match="got a plane"):
         fill(Plane((0, 0, 0), (0, 0, 1)), 0.1)
+    with pytest.raises(ValueError, match=r"got 1,000,000,000; a spacing of 0.00274 m would fit"):
+        fill(Box((0, 0, 0), (1, 1, 1)), 0.001)
 
 
 def test_thinned_points_keep_their_distance_and_leave_no_hole():

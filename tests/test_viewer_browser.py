@@ -21,10 +21,7 @@ from viewer_helpers import (
     with_bar_code,
 )
 
-
-@pytest.fixture(autouse=True)
-def hang_guard():
-    """Browsers take their time; `until` has a limit of its own."""
+BROWSERS = True  # see hang_guard
 
 
 @pytest.fixture
@@ -162,7 +159,7 @@ def test_reload_and_kill_leave_nothing_behind(chromium):
 
 
 def test_memory_stays_when_browsers_come_and_go(chromium):
-    from globule.viewer.memory import resident_bytes
+    from globule.memory import resident_bytes
 
     if "GLOBULE_TEST_ALONE" not in os.environ:  # in a process whose memory no other test has used
         name = f"{__file__}::test_memory_stays_when_browsers_come_and_go"

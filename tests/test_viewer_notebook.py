@@ -15,10 +15,7 @@ from viewer_helpers import blob, browser, our_threads, until
 
 anywidget = pytest.importorskip("anywidget")
 
-
-@pytest.fixture(autouse=True)
-def hang_guard():
-    """Browsers take their time; `until` has a limit of its own."""
+BROWSERS = True  # see hang_guard
 
 
 @pytest.fixture

@@ -23,10 +23,7 @@ from viewer_helpers import (
     until,
 )
 
-
-@pytest.fixture(autouse=True)
-def hang_guard():
-    """Browsers take their time; `until` has a limit of its own."""
+BROWSERS = True  # see hang_guard
 
 
 @pytest.fixture(scope="module")

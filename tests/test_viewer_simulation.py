@@ -9,10 +9,7 @@ import numpy as np
 import pytest
 from viewer_helpers import Watched, choose, open_folder, until
 
-
-@pytest.fixture(autouse=True)
-def hang_guard():
-    """Browsers take their time; `until` has a limit of its own."""
+BROWSERS = True  # see hang_guard
 
 
 @pytest.fixture

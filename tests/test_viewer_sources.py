@@ -27,10 +27,7 @@ from viewer_helpers import (
     until,
 )
 
-
-@pytest.fixture(autouse=True)
-def hang_guard():
-    """Browsers take their time; `until` has a limit of its own."""
+BROWSERS = True  # see hang_guard
 
 
 def frames_that_move(n: int = 5) -> list[gb.Particles]:

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import itertools
+import os
 from pathlib import Path
 
 import globule as gb
 import numpy as np
 import pytest
+from globule.formats.errors import FormatError
 from globule.slices import reslice, reslice_frame, save_three_view, three_view
 from globule.volume import EMPTY, FILLED, MEASURED, Volume
 from globule.volume_io import WRITABLE, map_path, read_volume, write_volume
+from globule.volumes import metaimage, nrrd
 from PIL import Image
 from sweep_helpers import random_poses, spine_data
 
@@ -170,6 +173,17 @@ def test_truncated_files(extension):
         refused("cut" + extension)
 
 
+@pytest.mark.parametrize("packed", [False, True])
+@pytest.mark.parametrize("extension", [".mha", ".nrrd"])
+def test_bytes_after_the_data_are_refused(extension, packed):
+    form = {".mha": metaimage, ".nrrd": nrrd}[extension]
+    form.write("a" + extension, np.zeros((2, 3, 4), np.uint8), {}, packed)
+    with open("a" + extension, "ab") as file:
+        file.write(b"more")
+    with pytest.raises(FormatError, match="data: expected .*, got (28|4 bytes more)$"):
+        form.read("a" + extension)
+
+
 @pytest.mark.parametrize("extension", FORMATS)
 def test_altered_files_never_end_in_a_traceback(extension):
     write_volume("a" + extension, volume())
@@ -248,6 +262,30 @@ def test_nothing_is_left_of_a_write_that_fails(monkeypatch):
     assert Path("a.nrrd").read_bytes() == before
 
 
+@pytest.mark.parametrize("stop", ["write", "place"])
+def test_maps_appear_with_their_volume_or_not_at_all(monkeypatch, stop):
+    """Interrupted while the third of five files is written; and when it gets its place, where it is
+    too late for none."""
+    calls = {"n": 0}
+    kept = {"write": metaimage.write, "place": os.replace}
+
+    def third(*arguments):
+        calls["n"] += 1
+        if calls["n"] == 3 and stop == "write":
+            raise KeyboardInterrupt
+        kept[stop](*arguments)
+        if calls["n"] == 3:
+            raise KeyboardInterrupt
+
+    name = {"write": "globule.volumes.metaimage.write", "place": "os.replace"}[stop]
+    monkeypatch.setattr(name, third)
+    with pytest.raises(KeyboardInterrupt):
+        write_volume("a.mha", volume(), maps=True)
+    names = sorted(p.name for p in Path().iterdir())
+    all_five = ["a.count.mha", "a.mha", "a.radius.mha", "a.source.mha", "a.variance.mha"]
+    assert names == ([] if stop == "write" else all_five)
+
+
 # Slices
 
 
@@ -303,7 +341,23 @@ def test_three_view():
     assert n_colors[0] < n_colors[1]
     with pytest.raises(ValueError, match="center"):
         three_view(plain, center=(900, 0, 0))
-    save_three_view("a.png", volume())
-    assert Image.open("a.png").size == (tinted.shape[1], 2 * tinted.shape[0] + 8)
     nothing = Volume(np.zeros((4, 4, 4), np.uint8), np.eye(4), np.full((4, 4, 4), 255, np.uint8))
     assert three_view(nothing).shape[2] == 3
+
+
+def test_axes_of_the_planes_have_names_and_lengths():
+    rng = np.random.default_rng(0)
+    seen = Volume(rng.integers(1, 255, (60, 80, 200), np.uint8), np.diag([0.5, 0.5, 0.5, 1]))
+    save_three_view("a.png", seen)
+    sheet = np.asarray(Image.open("a.png"))
+    margin = 18
+    for i, picture in enumerate((three_view(seen), three_view(seen, overlay=True))):
+        top = i * sheet.shape[0] // 2
+        row = sheet[top : top + sheet.shape[0] // 2]
+        assert np.array_equal(row[margin : margin + 80, margin : margin + 200], picture[:, :200])
+        right, down = row[margin // 2, margin:], row[margin:, margin // 2]
+        for line in (right, down):
+            assert (line[:40] < 255).all() and (line[41:43] == 255).all()  # 20 mm
+    names = [sheet[: margin - 1, a + 41 : a + 60] for a in (18, 236)]
+    assert np.array_equal(*names)  # x and x
+    assert not np.array_equal(names[0], sheet[: margin - 1, 454 + 41 : 454 + 60])  # y

@@ -38,6 +38,20 @@ def test_the_surface_lies_at_the_level(kernel, spacing):
         assert np.abs(distance - radius).max() < 0.4
 
 
+@pytest.mark.parametrize(
+    ("kernel", "most"), [("murakami", 16), ("wyvill", 10), ("nishimura", 4), ("cubic_spline", 2)]
+)
+def test_the_lattice_hardly_shows(kernel, most):
+    """Normals where values change by 6 % of the level a voxel: degrees, root mean square."""
+    surface = iso_surface(ball(), 100.0, kernel)
+    scene = gb.Scene(surface.particles, kernel, surface.threshold, device="cpu")
+    frame = gb.render(scene, gb.Camera((30, -40, 60), (3, -2, 10), height=14), (90, 90))
+    outward = frame.position[frame.mask] - [3, -2, 10]
+    outward /= np.linalg.norm(outward, axis=1)[:, None]
+    cosine = np.einsum("ij,ij->i", frame.normal[frame.mask], outward)
+    assert np.sqrt(np.square(np.degrees(np.arccos(np.minimum(cosine, 1)))).mean()) < most
+
+
 def test_level_by_default():
     rng = np.random.default_rng(0)
     two = np.concatenate([rng.normal(50, 8, 9000), rng.normal(180, 8, 3000)])

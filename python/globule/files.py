@@ -5,7 +5,47 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from contextvars import ContextVar
 from typing import IO, Any
+
+# Files that are written but wait for others of their set, with the names they get; None: no set.
+_waiting: ContextVar[list[tuple[str, str]] | None] = ContextVar("waiting", default=None)
+
+
+@contextmanager
+def all_or_none() -> Iterator[None]:
+    """What `atomic_write` writes in this block appears at its end; nothing of it if it raises."""
+    waiting: list[tuple[str, str]] = []
+    token = _waiting.set(waiting)
+    try:
+        yield
+    except BaseException:
+        _remove(waiting)
+        raise
+    finally:
+        _waiting.reset(token)
+    _put_in_place(waiting)
+
+
+def _put_in_place(waiting: list[tuple[str, str]]) -> None:
+    try:
+        while waiting:
+            os.replace(*waiting[0])
+            del waiting[0]
+    except KeyboardInterrupt:  # too late for none of them
+        if waiting and not os.path.exists(waiting[0][0]):
+            del waiting[0]
+        _put_in_place(waiting)
+        raise
+    except OSError:
+        _remove(waiting)
+        raise
+
+
+def _remove(waiting: list[tuple[str, str]]) -> None:
+    for temporary, _ in waiting:
+        with suppress(FileNotFoundError):  # interrupted when its own writer had removed it
+            os.unlink(temporary)
 
 
 @contextmanager
@@ -34,7 +74,11 @@ def atomic_write(path: str | os.PathLike, mode: str = "wb") -> Iterator[IO[Any]]
     try:
         with file:
             yield file
-        os.replace(temporary, target)
+        waiting = _waiting.get()
+        if waiting is None:
+            os.replace(temporary, target)
+        else:
+            waiting.append((temporary, target))
     except BaseException:
         with suppress(FileNotFoundError):  # interrupted when it had its place already
             os.unlink(temporary)

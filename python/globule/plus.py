@@ -17,6 +17,7 @@ import numpy as np
 from . import _core
 from .arrays import address
 from .device import choose
+from .memory import free_bytes as free_host_bytes
 from .plus_config import (
     COMPOUNDINGS,
     FILLERS,
@@ -28,7 +29,7 @@ from .plus_config import (
 from .plus_fan import detect_fan
 from .plus_region import pixel_sources
 from .scene import _count
-from .sweep_grid import VoxelGrid, check_memory, free_host_bytes
+from .sweep_grid import VoxelGrid, check_memory
 from .sweeps.region import _read_mask
 from .volume import Volume
 

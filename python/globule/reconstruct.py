@@ -11,6 +11,7 @@ import numpy as np
 from . import _core
 from .arrays import DeviceArray, address, located
 from .device import choose
+from .memory import free_bytes as free_host_bytes
 from .scene import _count
 from .sweep_grid import (
     VoxelGrid,
@@ -18,7 +19,6 @@ from .sweep_grid import (
     bounds,
     check_memory,
     estimate_bytes,
-    free_host_bytes,
     make_grid,
 )
 from .volume import Volume

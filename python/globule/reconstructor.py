@@ -11,6 +11,7 @@ import numpy as np
 from . import _core
 from .arrays import address
 from .device import choose
+from .memory import free_bytes as free_host_bytes
 from .particles import to_host
 from .reconstruct import (
     FrameMaps,
@@ -30,7 +31,6 @@ from .sweep_grid import (
     bounds,
     check_memory,
     estimate_bytes,
-    free_host_bytes,
     make_grid,
 )
 from .volume import Volume

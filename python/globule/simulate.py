@@ -175,7 +175,7 @@ class Simulation(Run, Operable, Moving, Arrays):
         if dt is not None and not 0 < dt < math.inf:
             raise ValueError(f"dt: expected a finite number above 0, got {dt}")
         self._send()
-        return self._step(self._core.next_dt() if dt is None else float(dt))
+        return self._step(self._next_dt() if dt is None else float(dt))
 
     def _step(self, dt: float) -> StepReport:
         """One step of dt, with settings and materials sent."""
@@ -210,7 +210,18 @@ class Simulation(Run, Operable, Moving, Arrays):
     def dt(self) -> float:
         """The step that comes next, s."""
         self._send()
-        return self._core.next_dt()
+        return self._next_dt()
+
+    def _next_dt(self) -> float:
+        dt = self._core.next_dt()
+        if not self.time + dt > self.time:
+            gravity = math.hypot(*self.settings.gravity)
+            speed = np.linalg.norm(self.velocities, axis=1).max(initial=0)
+            raise ArithmeticError(
+                f"the steps come to {dt:g} s at {self.time:g} s: expected less gravity "
+                f"(it is {gravity:g} m/s²), lower speeds (up to {speed:g} m/s), or other materials"
+            )
+        return dt
 
     def __len__(self) -> int:
         return self._core.size()

@@ -12,9 +12,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .files import atomic_write
+from .plane_axes import with_axes
 from .volume import EMPTY, FILLED, MEASURED, Volume
 
 FAR = 255  # of a volume's kernel radii: empty
+AXES = [("x", "y"), ("x", "z"), ("y", "z")]  # of the three planes, to the right and down
 _ROWS = 64  # of a slice at once: bounds the memory
 
 
@@ -117,6 +119,27 @@ def three_view(volume: Volume, center: Any = None, overlay: bool = False) -> np.
     From left to right the planes of x and y, of x and z, of y and z, in the volume's own axes and
     with square pixels; each plane's row 0 is the axis' beginning.
     """
+    pictures, _ = _planes(volume, center, overlay)
+    return _beside(pictures)
+
+
+def save_three_view(path: str | os.PathLike, volume: Volume, center: Any = None) -> None:
+    """Write a three-view picture (.png): the values above, the same with the overlay below. Arrows
+    beside the planes name the volume's axes and tell how long some millimetres are."""
+    from PIL import Image
+
+    rows = []
+    for overlay in (False, True):
+        pictures, step = _planes(volume, center, overlay)
+        rows.append(with_axes(pictures, AXES, step))
+    packed = io.BytesIO()
+    Image.fromarray(np.concatenate(rows)).save(packed, "PNG")
+    with atomic_write(path) as file:
+        file.write(packed.getvalue())
+
+
+def _planes(volume: Volume, center: Any, overlay: bool) -> tuple[list[np.ndarray], float]:
+    """The three planes' pictures and the side of their pixels, mm."""
     values, radius = volume.values, volume.radius
     sizes = np.array(values.shape[::-1])
     if center is None:
@@ -147,19 +170,7 @@ def three_view(volume: Volume, center: Any = None, overlay: bool = False) -> np.
             color[origin == FILLED] = 0.6 * color[origin == FILLED] + (102, 51, 0)
             color[origin == EMPTY] = (24, 40, 72)
         pictures.append(_square(color.astype(np.uint8), down, right, spacing.min()))
-    return _beside(pictures)
-
-
-def save_three_view(path: str | os.PathLike, volume: Volume, center: Any = None) -> None:
-    """Write a three-view picture (.png): the values above, the same with the overlay below."""
-    from PIL import Image
-
-    plain, tinted = (three_view(volume, center, overlay) for overlay in (False, True))
-    gap = np.full((8, plain.shape[1], 3), 255, np.uint8)
-    packed = io.BytesIO()
-    Image.fromarray(np.concatenate([plain, gap, tinted])).save(packed, "PNG")
-    with atomic_write(path) as file:
-        file.write(packed.getvalue())
+    return pictures, float(spacing.min())
 
 
 def _origin(radius: np.ndarray) -> np.ndarray:

@@ -171,15 +171,3 @@ def check_memory(needed: Callable[[float], int], available: int, grid: VoxelGrid
         f"spacing: {x} x {y} x {z} voxels at {grid.spacing:.4g} mm "
         f"need up to {taken / 2**30:.1f} GiB, {available / 2**30:.1f} GiB are free; {advice}"
     )
-
-
-def free_host_bytes() -> int:
-    """Memory that the system can still give; 0 where it does not say."""
-    try:
-        with open("/proc/meminfo") as file:
-            for line in file:
-                if line.startswith("MemAvailable:"):
-                    return int(line.split()[1]) * 1024
-    except (OSError, ValueError):
-        pass
-    return 0

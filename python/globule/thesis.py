@@ -137,3 +137,9 @@ def default_support(positions: Any, depth: int) -> float:
     if not extent > 0:
         raise ValueError(f"positions: expected some extent, got {extent:g}")
     return 0.5 * extent / 2**depth
+
+
+def fitting_depth(extent: float, largest: float) -> int:
+    """Deepest level of an octree of this extent, 0 to 8, with cells no smaller than the largest
+    support."""
+    return int(np.clip(np.floor(np.log2(extent / largest)), 0, 8))

@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from .files import all_or_none
 from .formats.errors import FormatError, bad
 from .volume import Volume
 from .volumes import medical, npz, vti
@@ -74,7 +75,7 @@ def read_volume(path: str | os.PathLike) -> Volume:
 
 
 def write_volume(path: str | os.PathLike, volume: Volume, maps: bool = False) -> None:
-    """Write a volume, whole or not at all.
+    """Write a volume, whole or not at all, its maps included.
 
     .npz, .sparse.npz and .vti hold where values came from (`radius`), and with `maps` also count,
     variance and source. For other formats `maps` writes each as a file beside: NAME.count.nrrd.
@@ -87,10 +88,11 @@ def write_volume(path: str | os.PathLike, volume: Volume, maps: bool = False) ->
     if extension in _HOLD_MAPS:
         _WRITERS[extension](path, data._replace(maps=found))
         return
-    _WRITERS[extension](path, data)
-    if maps:
-        for name, array in found.items():
-            _WRITERS[extension](map_path(path, name), data._replace(values=array))
+    with all_or_none():
+        _WRITERS[extension](path, data)
+        if maps:
+            for name, array in found.items():
+                _WRITERS[extension](map_path(path, name), data._replace(values=array))
 
 
 def map_path(path: str | os.PathLike, name: str) -> str:

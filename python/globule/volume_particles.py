@@ -11,9 +11,20 @@ from .camera import Camera
 from .octree import field
 from .particles import Particles
 from .render import render
-from .scene import DEFAULTS, KERNELS, Scene
+from .scene import KERNELS, Scene
 from .volume import Volume
 
+# Supports in voxels at which a lattice's field is nearly even, so that the normals show the lattice
+# least (measured on a ball, docs/ultrasound.md); a scene's default supports suit free particles.
+VOXELS = {
+    "murakami": 2.2,
+    "nishimura": 3.1,
+    "wyvill": 2.25,
+    "blinn": 3.5,
+    "cubic_spline": 2.9,
+    "wendland_c2": 3.0,
+    "solid": 2.6,
+}
 _MOST_RATIO = 30  # of a voxel's longest edge to its shortest
 _REACH = 3  # voxels around the inside that can still touch the surface
 
@@ -66,7 +77,7 @@ def iso_surface(
     matrix = volume.world_from_voxel
     positions = index[:, ::-1] @ matrix[:3, :3].T + matrix[:3, 3]
     spacing = float(volume.spacing.max())
-    support = DEFAULTS[kernel][0] * spacing
+    support = VOXELS[kernel] * spacing
     particles = Particles(
         positions, support=support, weight=(values - lowest) / np.float32(level - lowest),
         attributes={"value": values},

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from typing import Any
 
 from ..bench.table import Setting
-from .shared import Progress, UserError, add_device, check_device, print_json
+from .shared import Progress, UserError, add_device, check_device, make_folder, print_json
 
 SUMMARY = "the source's tables, made again"
 EXAMPLES = "  globule bench --list"
@@ -43,10 +43,7 @@ def run(options: argparse.Namespace) -> None:
         print("\n".join(sorted(f"{number}  ultrasound" for _, wanted in jobs for number in wanted)))
         return
     check_device(options)
-    try:
-        os.makedirs(options.output, exist_ok=True)
-    except OSError as error:
-        raise UserError(f"-o: expected a folder, got {options.output}: {error.strerror}") from error
+    make_folder("-o", options.output)
     for name, module in runs.items():
         output = os.path.join(options.output, f"{name}.csv")
         given = {"quick": options.quick} if name == "physics" else {}

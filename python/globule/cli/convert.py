@@ -10,6 +10,7 @@ import argparse
 
 import numpy as np
 
+from .. import medical_files
 from ..formats import EXTENSIONS, READABLE, write
 from ..particles import SCALAR_FIELDS, Particles
 from . import medical
@@ -41,9 +42,9 @@ _FLOAT32_ONLY = (".bgeo", ".bgeo.gz")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    formats = " ".join(dict.fromkeys((*READABLE, *medical.EXTENSIONS)))
+    formats = " ".join(dict.fromkeys((*READABLE, *medical_files.EXTENSIONS)))
     parser.add_argument("input", metavar="IN", help=f"file to read: {formats}")
-    formats = " ".join(dict.fromkeys((*EXTENSIONS, *medical.EXTENSIONS)))
+    formats = " ".join(dict.fromkeys((*EXTENSIONS, *medical_files.EXTENSIONS)))
     parser.add_argument("output", metavar="OUT", help=f"file to write: {formats}")
     add_reading(parser)
 

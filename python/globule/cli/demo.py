@@ -11,7 +11,7 @@ import shutil
 import sys
 import time
 
-from .shared import Progress, UserError, add_device, check_device, count, mistakes
+from .shared import Progress, add_device, check_device, count, make_folder, mistakes
 
 SUMMARY = "the main job on an embedded data set"
 EXAMPLES = "  globule demo"
@@ -37,7 +37,7 @@ def run(options: argparse.Namespace) -> None:
     from ..scene import Scene
 
     check_device(options)
-    _make_folder(options.output)
+    make_folder("-o", options.output)
     image = os.path.join(options.output, "splash.png")
     data = os.path.join(options.output, "splash.npz")
     start = time.perf_counter()
@@ -69,15 +69,6 @@ def run(options: argparse.Namespace) -> None:
     print(f"  {program} render {shlex.quote(data)} -o {water} --preset water --size 512x391")
     print(f"  {program} info {shlex.quote(data)}")
     print(f"  {program} render --help")
-
-
-def _make_folder(folder: str) -> None:
-    try:
-        os.makedirs(folder, exist_ok=True)
-    except OSError as error:
-        raise UserError(f"-o: expected a folder, got {folder}: {error.strerror}") from error
-    if not os.access(folder, os.W_OK):
-        raise UserError(f"-o: expected a folder that may be written, got {folder}")
 
 
 def _program() -> str:

@@ -9,7 +9,15 @@ import os
 import time
 
 from ..figures import FIGURES, caption
-from .shared import Progress, UserError, add_device, check_device, count, positive
+from .shared import (
+    Progress,
+    UserError,
+    add_device,
+    check_device,
+    count,
+    make_folder,
+    positive,
+)
 
 SUMMARY = "the thesis's figures, made again"
 EXAMPLES = "  globule figures 2.1 5.4 -o drawn\n  globule figures --list"
@@ -40,10 +48,7 @@ def run(options: argparse.Namespace) -> None:
         message = 'figures need matplotlib, which is not installed: pip install "globule[figures]"'
         raise UserError(message) from error
     check_device(options)
-    try:
-        os.makedirs(options.output, exist_ok=True)
-    except OSError as error:
-        raise UserError(f"-o: expected a folder, got {options.output}: {error.strerror}") from error
+    make_folder("-o", options.output)
     start = time.perf_counter()
     with Progress(len(names)) as progress:
         for name in names:

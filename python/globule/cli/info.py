@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from .. import medical_files
 from ..formats import READABLE, _format_of, tomography
 from ..particles import SCALAR_FIELDS, Particles
 from . import medical
@@ -57,7 +58,7 @@ _FORMATS = {
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("file", metavar="FILE", help=f"particles: {' '.join(READABLE)}; "
-                        f"sweeps, volumes: {' '.join(medical.EXTENSIONS)}")
+                        f"sweeps, volumes: {' '.join(medical_files.EXTENSIONS)}")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     add_reading(parser)
 

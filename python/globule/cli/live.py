@@ -13,7 +13,7 @@ from ..sweep import Sweep
 from ..sweeps.live import LiveFrame, parse_address, receive_sweep
 from ..volume import Volume
 from .pictures import draw, wanted
-from .shared import Progress, UserError, mistakes, positive, warn
+from .shared import Progress, UserError, check_folder, mistakes, positive, warn
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -39,6 +39,8 @@ def check(options: argparse.Namespace) -> None:
         return
     with mistakes():
         parse_address(options.live)
+    if options.record:
+        check_folder("--record", options.record)
     for name in ("poses", "frame_times", "temporal_offset"):
         if getattr(options, name) is not None:
             raise UserError(f"--{name.replace('_', '-')}: expected a SWEEP, got --live")

@@ -3,43 +3,29 @@
 from __future__ import annotations
 
 import os
-import zipfile
 from typing import Any
 
 import numpy as np
 
+from .. import medical_files
 from ..formats.errors import FormatError
 from ..slices import save_three_view
 from ..sweep_io import WRITABLE as SWEEPS
-from ..sweep_io import is_sweep, write_sweep
+from ..sweep_io import write_sweep
 from ..sweeps import igs, stack
 from ..sweeps.transforms import WORLDS, find_path
 from ..trust import check_poses
-from ..volume_io import READABLE as VOLUMES
 from ..volume_io import WRITABLE as WRITABLE_VOLUMES
 from ..volume_io import write_volume
 from .shared import UserError, check_output, count, mistakes, read_sweep_file, read_volume_file
 
-EXTENSIONS = tuple(dict.fromkeys((*SWEEPS, *stack.DICOM, *VOLUMES)))
-
 
 def kind_of(path: str) -> str | None:
-    """"sweep", "volume", or None for everything else, which may be particles."""
-    name = path.lower()
-    if not os.path.isdir(path) and not name.endswith(EXTENSIONS):
-        return None
+    """As `medical_files.kind_of`; a file that cannot be read is the user's mistake."""
     try:
-        if is_sweep(path):
-            return "sweep"
-        if name.endswith(".npz"):
-            with zipfile.ZipFile(path) as archive:
-                held = set(archive.namelist())
-            return "volume" if {"values.npy", "world_from_voxel.npy"} <= held else None
-    except zipfile.BadZipFile:
-        return None
+        return medical_files.kind_of(path)
     except OSError as error:
         raise UserError(f"{path}: expected a file to read, got: {error.strerror}") from error
-    return "volume"
 
 
 def describe(path: str, kind: str) -> dict[str, Any]:

@@ -8,6 +8,7 @@ import math
 import os
 import re
 import sys
+import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
@@ -210,8 +211,40 @@ def check_output(option: str, path: str, extensions: Sequence[str]) -> None:
     folder = os.path.dirname(path) or "."
     if not os.path.isdir(folder):
         raise UserError(f"{option}: expected an existing folder, got {folder}")
-    if not os.access(path if os.path.exists(path) else folder, os.W_OK):
+    if os.path.exists(path) and not os.access(path, os.W_OK):
         raise UserError(f"{option}: expected a place that may be written, got {path}")
+    if os.path.isfile(path) or not os.path.exists(path):  # else a pipe or a device
+        _check_place(option, path, os.path.dirname(os.path.realpath(path)))
+
+
+def check_folder(option: str, path: str) -> None:
+    """Refuse a folder that could not be made or written to, before any work."""
+    there = os.path.realpath(path)
+    while not os.path.lexists(there):
+        there = os.path.dirname(there)
+    if not os.path.isdir(there):
+        raise UserError(f"{option}: expected a folder, got {path}: {there} is a file")
+    _check_place(option, path, there)
+
+
+def make_folder(option: str, path: str) -> None:
+    """Make a folder to write to, if it is not there."""
+    check_folder(option, path)
+    try:
+        os.makedirs(path, exist_ok=True)
+    except OSError as error:
+        raise UserError(f"{option}: expected a folder, got {path}: {error.strerror}") from error
+
+
+def _check_place(option: str, path: str, folder: str) -> None:
+    """Refuse a path that cannot be written to this folder. Only trying tells: root has the
+    permissions to write to /proc, where it cannot."""
+    try:
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        expected = "expected a place that may be written"
+        raise UserError(f"{option}: {expected}, got {path}: {error.strerror}") from error
 
 
 def count(n: int, noun: str = "particle") -> str:

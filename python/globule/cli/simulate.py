@@ -12,6 +12,7 @@ import signal
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from . import view
@@ -21,8 +22,10 @@ from .shared import (
     UserError,
     add_device,
     check_device,
+    check_folder,
     check_output,
     count,
+    make_folder,
     mistakes,
     positive,
     print_json,
@@ -30,7 +33,7 @@ from .shared import (
 )
 
 if TYPE_CHECKING:
-    from ..sim.scene_file import SceneFile
+    from ..sim.scene_file import Output, SceneFile
     from ..simulate import Simulation
 
 SUMMARY = "fluids, tissue and the knife, from a scene file"
@@ -139,15 +142,20 @@ class _Job:
         self.options, self.folder = options, options.output
         if options.video:
             check_output("--video", options.video, [".mp4"])
-        self.scene = _read(options)
-        self.fps = options.fps or self.scene.output.fps
-        self.format = options.format or self.scene.output.format
-        seconds = options.seconds or self.scene.seconds
+        check_folder("-o", self.folder)
+        if options.pictures:
+            check_folder("--pictures", options.pictures)
+        scene = _read(options)
+        self.fps = options.fps or scene.output.fps
+        self.format = options.format or scene.output.format
+        seconds = options.seconds or scene.seconds
         if seconds * self.fps > MOST_FRAMES:
             raise UserError(
                 f"--seconds: expected at most {MOST_FRAMES:,} frames, got {seconds:g} s of "
                 f"{self.fps:g} frames a second"
             )
+        output = replace(scene.output, fps=self.fps, format=self.format)
+        self.scene = replace(scene, seconds=seconds, output=output)
         self.n_frames = int(seconds * self.fps + 1e-6) + 1
         self.checkpoint = os.path.join(self.folder, CHECKPOINT)
         try:
@@ -159,17 +167,25 @@ class _Job:
         where = {"device": options.device, "threads": options.threads}
         if options.resume:
             self.sim = _resumed(Simulation, self.folder, self.scene, options.scene, where)
+            self._check_output(self.sim.file.output)
             if self.pictures.wanted:
                 first = Simulation(self.scene, **where)
                 self.pictures.begin_again(first, self.fps, self.sim.time)
         else:
             self.sim = Simulation(self.scene, **where)
         self.first_step, self.start_time = self.sim.n_steps, self.sim.time
-        _make_folder(self.folder)
+        make_folder("-o", self.folder)
         self.progress = Progress(self.n_frames)
         self.files: list[str] = []
         self.saved = self.sim.time
         self.seconds = {"simulation": 0.0, "frames": 0.0, "pictures": 0.0}
+
+    def _check_output(self, before: Output) -> None:
+        """Frames that go on are numbered and written as those before them."""
+        for name in ("fps", "format"):
+            had, asked = getattr(before, name), getattr(self, name)
+            if had != asked:
+                raise UserError(f"--resume: expected --{name} {had}, as the run had, got {asked}")
 
     def run(self, interrupted: Callable[[], bool]) -> bool:
         """All frames; False if it was told to stop before."""
@@ -275,13 +291,6 @@ def _resumed(
                 f"{key}"
             )
     return simulation
-
-
-def _make_folder(folder: str) -> None:
-    try:
-        os.makedirs(folder, exist_ok=True)
-    except OSError as error:
-        raise UserError(f"-o: expected a folder, got {folder}: {error.strerror}") from error
 
 
 @contextmanager

@@ -9,7 +9,7 @@ import numpy as np
 from .. import presets as looks
 from ..particles import Particles
 from ..scene import Scene
-from ..thesis import POLYNOMIAL_KERNELS, ROOTS, Thesis, default_support
+from ..thesis import POLYNOMIAL_KERNELS, ROOTS, Thesis, default_support, fitting_depth
 from .shared import UserError, mistakes, positive
 
 # Options that a preset sets where the user has not; looks set fields of RenderSettings instead.
@@ -62,7 +62,7 @@ def support_and_depth(
     if options.root == "exact" or not extent:
         return options.support, options.depth
     if given is not None:
-        fitting = _fitting(extent, float(np.max(given)))
+        fitting = fitting_depth(extent, float(np.max(given)))
         return options.support, fitting if options.depth is None else options.depth
     if options.preset != "thesis":
         return None, options.depth
@@ -79,10 +79,5 @@ def why_cut(scene: Scene) -> str | None:
         return None
     return (
         f"supports of up to {largest:.3g} are larger than a leaf's edge, {edge:.3g}, so parts of "
-        f"the surface may be missing; try --depth {_fitting(extent, largest)}"
+        f"the surface may be missing; try --depth {fitting_depth(extent, largest)}"
     )
-
-
-def _fitting(extent: float, largest: float) -> int:
-    """Deepest level with cells no smaller than the largest support, 0 to 8."""
-    return int(np.clip(np.floor(np.log2(extent / largest)), 0, 8))

@@ -8,29 +8,16 @@ from __future__ import annotations
 
 import argparse
 import os
-import zipfile
 
+from ..medical_files import has_surface
 from ..particles import Particles
 from ..scene import DEFAULTS
 from .shared import UserError, read_volume_file
 
-SURFACES = (".nrrd", ".nhdr", ".mha", ".mhd", ".vti")
-
 
 def is_surface(path: str, options: argparse.Namespace) -> bool:
     """Whether a file is a volume that is shown by its surface."""
-    if options.label or options.resample:
-        return False
-    name = path.lower()
-    if name.endswith(SURFACES):
-        return True
-    if not name.endswith(".npz"):
-        return False
-    try:
-        with zipfile.ZipFile(path) as archive:
-            return {"values.npy", "world_from_voxel.npy"} <= set(archive.namelist())
-    except (OSError, zipfile.BadZipFile):
-        return False
+    return not options.label and not options.resample and has_surface(path)
 
 
 def check_surface(path: str, options: argparse.Namespace) -> None:

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from .limits import shape_of
 from .rigidity import young_of_rigidity
+from .room import check_room
 from .sampling import fill, surface
-from .scene_file import LISTS, Boundary, SceneFile
+from .scene_file import Boundary, SceneFile
 from .schema import SceneError
 from .shapes import Box
 
@@ -46,13 +50,20 @@ def bodies(scene: SceneFile) -> list[Body]:
     makers = {
         "fluids": _fluid, "solids": _solid, "rigids": _rigid, "boundaries": _boundary
     }  # fmt: skip
+    tables = [
+        (table, f"{kind}[{i}] ({table.name})", maker)
+        for kind, maker in makers.items()
+        for i, table in enumerate(getattr(scene, kind))
+    ]
+    shapes = {}
+    for table, name, _ in tables:
+        with _named(name):
+            shapes[id(table)] = _shape(table)
+    check_room(scene, shapes)
     found: list[Body] = []
-    for kind in LISTS:
-        for i, table in enumerate(getattr(scene, kind) if kind in makers else ()):
-            try:
-                found += makers[kind](scene, table)
-            except (ValueError, OSError) as error:
-                raise SceneError(f"{kind}[{i}] ({table.name}): {error}") from error
+    for table, name, maker in tables:
+        with _named(name):
+            found += maker(scene, table, shapes[id(table)])
     if scene.domain.walls:
         walls = Boundary(
             name="walls",
@@ -60,24 +71,32 @@ def bodies(scene: SceneFile) -> list[Body]:
             hollow=True,
             open=[*scene.domain.open, *(s + axis for axis in scene.domain.periodic for s in "-+")],
         )
-        found += _boundary(scene, walls)
+        found += _boundary(scene, walls, walls.box)
     return found
 
 
-def _fluid(scene: SceneFile, table: Any) -> list[Body]:
+@contextmanager
+def _named(name: str) -> Iterator[None]:
+    """What goes wrong in this block is this body's."""
+    try:
+        yield
+    except (ValueError, OSError) as error:
+        raise SceneError(f"{name}: {error}") from error
+
+
+def _fluid(scene: SceneFile, table: Any, shape: Any) -> list[Body]:
     if table.particles:
         positions, velocities, rigidity = table.particles.load()
         if rigidity is not None and (rigidity > 0).any():
             raise ValueError(f"{table.particles.file}: expected rigidity 0 in a fluid, got others")
-        return [_body(table, "fluid", positions, velocities)]
-    positions = np.empty((0, 3))  # a fluid that only emitters and vessels bring
-    shape = _shape(table)
+        return [_body(scene, table, "fluid", positions, velocities)]
     if shape is not None:
-        positions = fill(shape, scene.spacing)
-    return [_body(table, "fluid", positions)]
+        return [_body(scene, table, "fluid", fill(shape, scene.spacing))]
+    nowhere = np.empty((0, 3))  # a fluid that only emitters and vessels bring
+    return [Body(name=table.name, kind="fluid", table=table, positions=nowhere, velocities=nowhere)]
 
 
-def _solid(scene: SceneFile, table: Any) -> list[Body]:
+def _solid(scene: SceneFile, table: Any, shape: Any) -> list[Body]:
     young = table.young or float(young_of_rigidity(table.rigidity or BRAIN))
     velocities = rigidity = None
     if table.particles:
@@ -85,8 +104,8 @@ def _solid(scene: SceneFile, table: Any) -> list[Body]:
     elif table.tomography:
         positions = table.tomography.load(scene.spacing)
     else:
-        positions = fill(_shape(table), scene.spacing)
-    body = _body(table, "tissue", positions, velocities)
+        positions = fill(shape, scene.spacing)
+    body = _body(scene, table, "tissue", positions, velocities)
     fixed = np.zeros(len(positions), bool)
     for region in table.fixed:
         fixed |= region.shape.distance(positions) <= 1e-6 * scene.spacing
@@ -117,20 +136,28 @@ def _by_rigidity(scene: SceneFile, body: Body, rigidity: np.ndarray) -> list[Bod
     return parts
 
 
-def _rigid(scene: SceneFile, table: Any) -> list[Body]:
-    body = _body(table, "rigid", fill(_shape(table), scene.spacing))
+def _rigid(scene: SceneFile, table: Any, shape: Any) -> list[Body]:
+    body = _body(scene, table, "rigid", fill(shape, scene.spacing))
     arms = body.positions - body.positions.mean(axis=0)
     body.velocities += np.cross(np.asarray(table.spin), arms)
     return [body]
 
 
-def _boundary(scene: SceneFile, table: Boundary) -> list[Body]:
+def _boundary(scene: SceneFile, table: Boundary, shape: Any) -> list[Body]:
     domain = np.asarray(scene.domain.lo), np.asarray(scene.domain.hi)
-    positions = surface(_shape(table), scene.spacing, table.hollow, table.open, domain)
-    return [_body(table, "boundary", positions)]
+    positions = surface(shape, scene.spacing, table.hollow, table.open, domain)
+    return [_body(scene, table, "boundary", positions)]
 
 
-def _body(table: Any, kind: str, positions: np.ndarray, velocities: Any = None) -> Body:
+def _body(
+    scene: SceneFile, table: Any, kind: str, positions: np.ndarray, velocities: Any = None
+) -> Body:
+    if not len(positions):
+        raise ValueError(f"expected particles, got none at a spacing of {scene.spacing:g} m")
+    lo, hi = scene.domain.lo, scene.domain.hi
+    if kind != "boundary" and not ((positions >= lo) & (positions <= hi)).all(axis=1).any():
+        middle = ", ".join(f"{x:g}" for x in positions.mean(axis=0))
+        raise ValueError(f"expected particles in the domain, got all outside of it, at ({middle})")
     if velocities is None:
         velocities = getattr(table, "velocity", (0.0, 0.0, 0.0))
     velocities = np.array(np.broadcast_to(velocities, positions.shape), np.float64)
@@ -139,8 +166,5 @@ def _body(table: Any, kind: str, positions: np.ndarray, velocities: Any = None) 
 
 def _shape(table: Any) -> Any:
     """The one shape of a body, loaded where it is a file's."""
-    for name in ("box", "sphere", "cylinder", "plane", "mesh", "distance"):
-        shape = getattr(table, name, None)
-        if shape is not None:
-            return shape.load() if hasattr(shape, "load") else shape
-    return None
+    _, shape = shape_of(table)
+    return shape.load() if hasattr(shape, "load") else shape

@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from .schema import Problem, choice, direction, each, key, number, positive, switch, text, vector
+from ..rotations import matrix
+from .schema import Problem, choice, direction, each, key, number, place, positive, switch, text
 
 
 @dataclass(kw_only=True)
@@ -17,7 +18,7 @@ class Key:
     """Where an instrument is at a time; what is left out stays as in the key before."""
 
     time: float = key(number(least=0.0))
-    position: tuple | None = key(vector(), None)
+    position: tuple | None = key(place, None)
     axis: tuple | None = key(direction, None)
     angle: float | None = key(number(), None)  # degrees about the axis
     on: bool | None = key(switch, None)
@@ -100,16 +101,6 @@ def slerp(a: np.ndarray, b: np.ndarray, share: float) -> np.ndarray:
     return mixed / np.linalg.norm(mixed)
 
 
-def matrix(q: np.ndarray) -> np.ndarray:
-    """Rotation (3, 3) of a unit quaternion (w, x, y, z)."""
-    w, x, y, z = q
-    return np.array([
-        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-    ])  # fmt: skip
-
-
 @dataclass(kw_only=True)
 class Instrument:
     """A tool: what it is, and its key frames.
@@ -123,7 +114,7 @@ class Instrument:
     name: str = key(text)
     kind: str = key(choice("scalpel", "suction", "grasper"))
     keys: list = key(each(Key, least=1))
-    edge: list | None = key(each(vector(), least=2), None)  # metres
+    edge: list | None = key(each(place, least=2), None)  # metres
     length: float | None = key(positive, None)  # of the edge, metres, where no edge is given
     radius: float | None = key(positive, None)  # of suction and grasper, metres
     ablates: bool = key(switch, False)  # suction, of tissue

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..particles import Particles
 from ..scene import Scene
-from .shapes import Box, Cylinder, Grid, Mesh, Plane, Sphere, gradient
+from .shapes import Box, Cylinder, Grid, Mesh, Plane, Sphere, gradient, joined
 
 MOST_PARTICLES = 50_000_000
 BEHIND = 0.555
@@ -32,9 +32,12 @@ def fill(shape: Any, spacing: float) -> np.ndarray:
     if not np.isfinite([lo, hi]).all():
         raise ValueError("expected a shape with a volume, got a plane")
     n = np.maximum(1, np.floor((hi - lo) / spacing + 1e-3)).astype(np.int64)
-    if np.prod(n.astype(float)) > MOST_PARTICLES:
+    count = np.prod(n.astype(float))
+    if count > MOST_PARTICLES:
+        fits = 1.01 * spacing * (count / MOST_PARTICLES) ** (1 / 3)
         raise ValueError(
-            f"expected at most {MOST_PARTICLES:,} particles, got {np.prod(n.astype(float)):,.0f}"
+            f"expected at most {MOST_PARTICLES:,} particles, got {count:,.0f}; a spacing of "
+            f"{fits:.3g} m would fit"
         )
     if isinstance(shape, Mesh):
         return shape.inside_lattice(spacing)
@@ -83,17 +86,24 @@ def _box_surface(box: Box, d: float, offset: float, open_faces: Any) -> np.ndarr
     _check_open(open_faces, FACES)
     lo, hi = np.asarray(box.lo) - offset, np.asarray(box.hi) + offset
     n = np.maximum(2, np.round((hi - lo) / d).astype(int) + 1)
-    index = np.indices(n).reshape(3, -1).T
-    keep = np.zeros(len(index), bool)
-    for number, face in enumerate(FACES):
-        axis, end = number // 2, number % 2
-        if face not in open_faces:
-            keep |= index[:, axis] == (n[axis] - 1 if end else 0)
+    index = shell(n, [face for face in FACES if face not in open_faces])
+    keep = np.ones(len(index), bool)
     for number, face in enumerate(FACES):  # the walls beside an open face end with the box
         axis, end = number // 2, number % 2
         if face in open_faces and offset > 0:
             keep &= index[:, axis] != (n[axis] - 1 if end else 0)
     return lo + index[keep] * ((hi - lo) / (n - 1))
+
+
+def shell(n: Any, faces: Any) -> np.ndarray:
+    """Indices (M, 3) of the lattice points on some faces of a block of n points, x slowest."""
+    numbers = []
+    for face in faces:
+        ranges = [np.arange(k) for k in n]
+        axis = "xyz".index(face[1])
+        ranges[axis] = ranges[axis][-1:] if face[0] == "+" else ranges[axis][:1]
+        numbers.append(np.ravel_multi_index(np.ix_(*ranges), n).ravel())
+    return np.stack(np.unravel_index(np.unique(joined(numbers, int)), n), axis=1)
 
 
 def _sphere_surface(center: np.ndarray, radius: float, d: float) -> np.ndarray:

@@ -9,9 +9,8 @@ from dataclasses import dataclass, fields, is_dataclass, replace
 from pathlib import Path as File
 from typing import Any
 
-import numpy as np
-
 from ..formats import EXTENSIONS
+from . import limits
 from .instruments import Instrument, Key, Motion
 from .sampling import ENDS, FACES
 from .schema import (
@@ -19,17 +18,20 @@ from .schema import (
     SceneError,
     choice,
     color,
+    density,
     direction,
+    distinct,
     each,
     exactly_one,
     key,
     number,
+    place,
     positive,
     read_table,
-    spell,
     switch,
     text,
     vector,
+    velocity,
 )
 from .shapes import Box, Cylinder, Plane, Sphere
 from .sources import DistanceFile, MeshFile, ParticleFile, Tomography, check_files
@@ -45,8 +47,8 @@ class Solver:
     """How time goes on."""
 
     method: str = key(choice("dfsph", "wcsph"), "dfsph")
-    max_error: float = key(number(above=0.0, most=0.1), 0.001)  # mean compression, a share
-    cfl: float = key(number(above=0.0, most=2.0), 1.0)
+    max_error: float = key(number(1e-6, 0.1), 0.001)  # mean compression, a share
+    cfl: float = key(number(1e-3, 2.0), 1.0)
     max_dt: float = key(positive, 0.005)  # seconds
 
 
@@ -54,11 +56,11 @@ class Solver:
 class Domain:
     """Where the simulation is; what leaves is counted as outside."""
 
-    lo: tuple = key(vector())
-    hi: tuple = key(vector())
+    lo: tuple = key(place)
+    hi: tuple = key(place)
     walls: bool = key(switch, False)  # whether its faces are boundaries
-    open: list = key(each(choice(*FACES)), [])
-    periodic: list = key(each(choice("x", "y", "z")), [])  # axes without end: out here, in there
+    open: list = key(distinct(choice(*FACES)), [])
+    periodic: list = key(distinct(choice("x", "y", "z")), [])  # axes without end
 
     def __post_init__(self) -> None:
         Box(self.lo, self.hi)
@@ -90,11 +92,11 @@ class Fluid:
     cylinder: Cylinder | None = key(Cylinder, None)
     mesh: MeshFile | None = key(MeshFile, None)
     particles: ParticleFile | None = key(ParticleFile, None)
-    density: float = key(positive, 1000.0)  # kg/m³
-    viscosity: float = key(number(least=0.0), 0.001)  # Pa s
+    density: float = key(density, 1000.0)  # kg/m³
+    viscosity: float = key(number(0.0, 1e9), 0.001)  # Pa s
     implicit: bool | None = key(switch, None)  # viscosity; default: from 1 Pa s up
-    surface_tension: float = key(number(least=0.0), 0.0)  # N/m
-    velocity: tuple = key(vector(), (0.0, 0.0, 0.0))  # m/s
+    surface_tension: float = key(number(0.0, 1e3), 0.0)  # N/m
+    velocity: tuple = key(velocity, (0.0, 0.0, 0.0))  # m/s
     color: tuple = key(color, (0.05, 0.25, 0.5))
     reflection: float = key(number(0.0, 1.0), 0.0)  # factors of the picture, as of particles
     refraction: float = key(number(0.0, 1.0), 0.0)
@@ -116,15 +118,15 @@ class Solid:
     mesh: MeshFile | None = key(MeshFile, None)
     tomography: Tomography | None = key(Tomography, None)
     particles: ParticleFile | None = key(ParticleFile, None)
-    density: float = key(positive, 1040.0)
-    young: float | None = key(positive, None)  # Pa
+    density: float = key(density, 1040.0)
+    young: float | None = key(number(1e-3, 1e13), None)  # Pa
     rigidity: float | None = key(number(above=0.0, most=0.999), None)
-    damping: float = key(number(least=0.0), 0.0)  # of the bonds, 1/s
-    tear: float = key(number(least=0.0), 0.0)  # strain at which a bond breaks; 0: never
-    plastic: float = key(number(least=0.0), 0.0)  # strain beyond which some stays; 0: never
-    creep: float = key(positive, 1.0)  # share of that strain that stays, 1/s
+    damping: float = key(number(0.0, 1e6), 0.0)  # of the bonds, 1/s
+    tear: float = key(number(0.0, 1e6), 0.0)  # strain at which a bond breaks; 0: never
+    plastic: float = key(number(0.0, 1e6), 0.0)  # strain beyond which some stays; 0: never
+    creep: float = key(number(above=0.0, most=1e6), 1.0)  # share of that strain that stays, 1/s
     fixed: list = key(each(Shape), [])
-    velocity: tuple = key(vector(), (0.0, 0.0, 0.0))
+    velocity: tuple = key(velocity, (0.0, 0.0, 0.0))
     color: tuple = key(color, (0.62, 0.38, 0.35))
     reflection: float = key(number(0.0, 1.0), 0.0)
     refraction: float = key(number(0.0, 1.0), 0.0)
@@ -147,9 +149,9 @@ class Boundary:
     mesh: MeshFile | None = key(MeshFile, None)
     distance: DistanceFile | None = key(DistanceFile, None)
     hollow: bool = key(switch, False)  # whether things move inside it
-    open: list = key(each(choice(*FACES, *ENDS)), [])
+    open: list = key(distinct(choice(*FACES, *ENDS)), [])
     keys: list = key(each(Key), [])
-    adhesion: float = key(number(least=0.0), 0.0)  # of fluids with a tension, N/m
+    adhesion: float = key(number(0.0, 1e3), 0.0)  # of fluids with a tension, N/m
     shown: bool = key(switch, False)
     color: tuple = key(color, (0.5, 0.5, 0.5))
 
@@ -170,10 +172,10 @@ class Rigid:
     sphere: Sphere | None = key(Sphere, None)
     cylinder: Cylinder | None = key(Cylinder, None)
     mesh: MeshFile | None = key(MeshFile, None)
-    density: float = key(positive, 1000.0)
-    velocity: tuple = key(vector(), (0.0, 0.0, 0.0))
-    spin: tuple = key(vector(), (0.0, 0.0, 0.0))  # rad/s
-    adhesion: float = key(number(least=0.0), 0.0)  # as a boundary's
+    density: float = key(density, 1000.0)
+    velocity: tuple = key(velocity, (0.0, 0.0, 0.0))
+    spin: tuple = key(vector(least=-1e6, most=1e6), (0.0, 0.0, 0.0))  # rad/s
+    adhesion: float = key(number(0.0, 1e3), 0.0)  # as a boundary's
     color: tuple = key(color, (0.6, 0.5, 0.3))
 
     def __post_init__(self) -> None:
@@ -186,7 +188,7 @@ class Emitter:
 
     name: str = key(text)
     fluid: str = key(text)
-    center: tuple = key(vector())
+    center: tuple = key(place)
     direction: tuple = key(direction)
     radius: float = key(positive)
     rate: float = key(positive)  # m³/s
@@ -220,9 +222,9 @@ class Vessel:
     name: str = key(text)
     solid: str = key(text)
     fluid: str = key(text)
-    path: list = key(each(vector(), least=2))
+    path: list = key(each(place, least=2))
     radius: float = key(positive)
-    pressure: float = key(positive, 2000.0)  # Pa above the outside
+    pressure: float = key(number(above=0.0, most=1e9), 2000.0)  # Pa above the outside
     pool: float = key(positive)  # m³ of blood in all
 
 
@@ -230,14 +232,14 @@ class Vessel:
 class View:
     """How pictures of the scene are made."""
 
-    eye: tuple | None = key(vector(), None)
-    look_at: tuple | None = key(vector(), None)
+    eye: tuple | None = key(place, None)
+    look_at: tuple | None = key(place, None)
     up: tuple = key(direction, (0.0, 0.0, 1.0))
     fov: float = key(number(above=0.0, most=170.0), 40.0)
     look: str | None = key(choice("water", "blood", "glass", "tissue", "clay"), None)
-    ground: float | None = key(number(), None)  # height of a look's ground along `up`, metres
+    ground: float | None = key(number(-1e6, 1e6), None)  # of a look, height along `up`
     speeds: tuple | None = key(vector(2, least=0), None)  # m/s at the ends of a colour map
-    size: tuple = key(vector(2, least=1), (640.0, 480.0))
+    size: tuple = key(vector(2, least=1, most=16384), (640.0, 480.0))
 
     def __post_init__(self) -> None:
         if (self.eye is None) != (self.look_at is None):
@@ -250,7 +252,7 @@ class View:
 
 @dataclass(kw_only=True)
 class Output:
-    fps: float = key(positive, 30.0)
+    fps: float = key(number(above=0.0, most=1e6), 30.0)
     format: str = key(choice(*(name[1:] for name in EXTENSIONS)), "vtp")
 
 
@@ -261,7 +263,7 @@ class SceneFile:
     spacing: float = key(positive)  # of the particles
     domain: Domain = key(Domain)
     title: str = key(text, "")
-    gravity: tuple = key(vector(), (0.0, 0.0, -9.81))
+    gravity: tuple = key(vector(least=-1e6, most=1e6), (0.0, 0.0, -9.81))
     seconds: float = key(positive, 1.0)  # how long it runs
     solver: Solver = key(Solver, Solver)
     fluids: list = key(each(Fluid), [])
@@ -296,9 +298,7 @@ class SceneFile:
                     listed = ", ".join(known) or "a fluid of the scene"
                     got = getattr(item, attribute)
                     raise Problem((kind, i, attribute), f"expected one of {listed}, got {got!r}")
-        lo, hi = np.asarray(self.domain.lo), np.asarray(self.domain.hi)
-        if (hi - lo).min() < 2 * self.spacing:
-            raise Problem(("spacing",), f"expected less than half the domain, got {self.spacing:g}")
+        limits.check(self)
 
 
 LISTS = (
@@ -329,15 +329,13 @@ def read_scene(scene: Any, spacing: float | None = None) -> SceneFile:
     """
     if spacing is not None and not (math.isfinite(spacing) and spacing > 0):
         raise SceneError(f"spacing: expected a number above 0, got {spacing}")
-    if isinstance(scene, SceneFile):
-        return scene if spacing is None else replace(scene, spacing=spacing)
     name, lines, folder = "", {}, ""
-    if not isinstance(scene, dict):
+    if not isinstance(scene, (dict, SceneFile)):
         path = shipped(scene) if scene in SHIPPED else File(scene)
         name, folder = os.fspath(path), os.path.dirname(path)
         scene, lines = _parsed(path)
     try:
-        found = read_table(SceneFile, scene)
+        found = scene if isinstance(scene, SceneFile) else read_table(SceneFile, scene)
         if spacing is not None:
             found = replace(found, spacing=spacing)
         for kind in LISTS:
@@ -350,7 +348,7 @@ def read_scene(scene: Any, spacing: float | None = None) -> SceneFile:
                         raise Problem(path, problem.message) from None
         return found
     except Problem as problem:
-        raise SceneError(_located(name, lines, problem.path, problem.message)) from None
+        raise SceneError(f"{_located(name, lines, problem.path)}{problem}") from None
 
 
 def as_dict(table: Any) -> Any:
@@ -381,10 +379,8 @@ def _parsed(path: File) -> tuple[dict[str, Any], dict]:
         raise SceneError(f"{where}: expected TOML, got: {error}") from None
 
 
-def _located(name: str, lines: dict, path: tuple, message: str) -> str:
-    """The message with the file and the line of its key, or of the nearest table around it."""
-    known = path
-    while known and known not in lines:
-        known = known[:-1]
-    where = f"{name}:{lines[known]}: " if known else f"{name}: " if name else ""
-    return f"{where}{spell(path)}: {message}" if path else f"{where}{message}"
+def _located(name: str, lines: dict, path: tuple) -> str:
+    """The file and the line of a key, or of the nearest table around it."""
+    while path and path not in lines:
+        path = path[:-1]
+    return f"{name}:{lines[path]}: " if path else f"{name}: " if name else ""

@@ -26,7 +26,7 @@ class Problem(ValueError):
     """A mistake at a key; `read_table` of the tables around it prepends theirs."""
 
     def __init__(self, path: Path, message: str):
-        super().__init__(message)
+        super().__init__(f"{spell(path)}: {message}" if path else message)
         self.path, self.message = path, message
 
 
@@ -126,9 +126,9 @@ def whole(least: int, most: int) -> Check:
     return check
 
 
-def vector(n: int = 3, above: float = -math.inf, least: float = -math.inf) -> Check:
+def vector(n: int = 3, least: float = -math.inf, most: float = math.inf) -> Check:
     """A list of n finite numbers."""
-    single = number(least=least, above=above)
+    single = number(least=least, most=most)
     names = {2: "two", 3: "three", 4: "four"}
 
     def check(value: Any) -> tuple[float, ...]:
@@ -137,6 +137,13 @@ def vector(n: int = 3, above: float = -math.inf, least: float = -math.inf) -> Ch
         return tuple(each(single)(value))
 
     return check
+
+
+# Quantities, in SI units: what there is, and some orders of magnitude more, so that slips are seen
+# and single precision holds.
+place = vector(least=-1e6, most=1e6)
+velocity = vector(least=-1e5, most=1e5)
+density = number(1e-3, 1e6)
 
 
 def direction(value: Any) -> tuple[float, ...]:
@@ -194,6 +201,19 @@ def each(check: Any, least: int = 0) -> Check:
             expected = f"a list of at least {least}" if least > 1 else "a list"
             raise ValueError(f"expected {expected}, got {shown(value)}")
         return [_checked(check, item, (i,)) for i, item in enumerate(value)]
+
+    return check_all
+
+
+def distinct(check: Any) -> Check:
+    """A list of what `check` takes, no two the same."""
+
+    def check_all(value: Any) -> list[Any]:
+        found = each(check)(value)
+        for i, item in enumerate(found):
+            if item in found[:i]:
+                raise Problem((i,), f"expected each once, got {shown(item)} again")
+        return found
 
     return check_all
 

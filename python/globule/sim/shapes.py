@@ -10,15 +10,15 @@ from typing import Any
 
 import numpy as np
 
-from .schema import direction, key, positive, vector
+from .schema import direction, key, place, positive
 
 
 @dataclass(frozen=True)
 class Box:
     """Between two corners."""
 
-    lo: tuple = key(vector())
-    hi: tuple = key(vector())
+    lo: tuple = key(place)
+    hi: tuple = key(place)
 
     def __post_init__(self) -> None:
         if not all(a < b for a, b in zip(self.lo, self.hi, strict=True)):
@@ -33,10 +33,17 @@ class Box:
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         return np.asarray(self.lo), np.asarray(self.hi)
 
+    def volume(self) -> float:
+        return float(np.prod(np.subtract(self.hi, self.lo)))
+
+    def area(self) -> float:
+        a, b, c = np.subtract(self.hi, self.lo)
+        return 2 * float(a * b + b * c + c * a)
+
 
 @dataclass(frozen=True)
 class Sphere:
-    center: tuple = key(vector())
+    center: tuple = key(place)
     radius: float = key(positive)
 
     def distance(self, points: np.ndarray) -> np.ndarray:
@@ -46,13 +53,19 @@ class Sphere:
         center = np.asarray(self.center)
         return center - self.radius, center + self.radius
 
+    def volume(self) -> float:
+        return 4 / 3 * np.pi * self.radius**3
+
+    def area(self) -> float:
+        return 4 * np.pi * self.radius**2
+
 
 @dataclass(frozen=True)
 class Cylinder:
     """Round, with flat ends at `start` and `end`."""
 
-    start: tuple = key(vector())
-    end: tuple = key(vector())
+    start: tuple = key(place)
+    end: tuple = key(place)
     radius: float = key(positive)
 
     def __post_init__(self) -> None:
@@ -80,12 +93,18 @@ class Cylinder:
         ends = np.array([self.start, self.end])
         return ends.min(axis=0) - reach, ends.max(axis=0) + reach
 
+    def volume(self) -> float:
+        return np.pi * self.radius**2 * self.axis()[1]
+
+    def area(self) -> float:
+        return 2 * np.pi * self.radius * (self.radius + self.axis()[1])
+
 
 @dataclass(frozen=True)
 class Plane:
     """The half space behind a plane: the normal shows to its free side."""
 
-    point: tuple = key(vector())
+    point: tuple = key(place)
     normal: tuple = key(direction)
 
     def distance(self, points: np.ndarray) -> np.ndarray:
@@ -106,6 +125,14 @@ class Mesh:
         corners = self.triangles.reshape(-1, 3)
         return corners.min(axis=0), corners.max(axis=0)
 
+    def volume(self) -> float:
+        a, b, c = np.moveaxis(self.triangles, 1, 0)
+        return abs(float(np.einsum("ik,ik", a, np.cross(b, c)))) / 6
+
+    def area(self) -> float:
+        a, b, c = np.moveaxis(self.triangles, 1, 0)
+        return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum()) / 2
+
     def crossings(self, columns: np.ndarray) -> list[np.ndarray]:
         """Sorted heights z at which vertical lines at columns (C, 2) cross the surface."""
         order = np.argsort(columns[:, 0], kind="stable")
@@ -125,7 +152,7 @@ class Mesh:
             column_of.append(order[first + hit])
             heights.append(z[0] + v[hit] * (z[1] - z[0]) + w[hit] * (z[2] - z[0]))
         found: list[list[float]] = [[] for _ in columns]
-        for column, height in zip(_joined(column_of, int), _joined(heights, float), strict=True):
+        for column, height in zip(joined(column_of, int), joined(heights, float), strict=True):
             found[column].append(height)
         return [np.sort(h) for h in found]
 
@@ -145,7 +172,7 @@ class Mesh:
         return np.concatenate(points)
 
 
-def _joined(parts: list[np.ndarray], kind: Any) -> np.ndarray:
+def joined(parts: list[np.ndarray], kind: Any) -> np.ndarray:
     return np.concatenate(parts) if parts else np.empty(0, kind)
 
 
@@ -162,6 +189,10 @@ class Grid:
         corners = np.array(np.meshgrid(*[(0, t) for t in top])).reshape(3, -1).T
         world = corners @ self.world_from_voxel[:3, :3].T + self.world_from_voxel[:3, 3]
         return world.min(axis=0), world.max(axis=0)
+
+    def area(self) -> float:
+        """Of its box, which is more than that of most surfaces in it."""
+        return Box(*self.bounds()).area()
 
     def distance(self, points: np.ndarray) -> np.ndarray:
         at = points @ self.voxel_from_world[:3, :3].T + self.voxel_from_world[:3, 3]

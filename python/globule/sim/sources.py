@@ -8,10 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from .schema import Problem, choice, each, key, number, positive, text, vector, whole
+from .sampling import MOST_PARTICLES
+from .schema import Problem, choice, each, key, number, place, positive, text, whole
 from .shapes import Grid, Mesh
 
 ATLASES = ("mni152",)
+ATLAS_VOLUME = 197 * 233 * 189  # mm³, of its voxels
 
 
 @dataclass(kw_only=True)
@@ -20,7 +22,7 @@ class MeshFile:
 
     file: str = key(text)
     scale: float = key(positive, 1.0)  # metres a unit of the file
-    move: tuple = key(vector(), (0.0, 0.0, 0.0))  # metres, after scaling
+    move: tuple = key(place, (0.0, 0.0, 0.0))  # metres, after scaling
 
     def load(self) -> Mesh:
         from ..formats.mesh import _load, _trimesh
@@ -37,7 +39,7 @@ class DistanceFile:
 
     file: str = key(text)
     scale: float = key(positive, 1.0)
-    move: tuple = key(vector(), (0.0, 0.0, 0.0))
+    move: tuple = key(place, (0.0, 0.0, 0.0))
 
     def load(self) -> Grid:
         from ..volume_io import read_volume
@@ -55,7 +57,7 @@ class ParticleFile:
 
     file: str = key(text)
     scale: float = key(positive, 1.0)
-    move: tuple = key(vector(), (0.0, 0.0, 0.0))
+    move: tuple = key(place, (0.0, 0.0, 0.0))
 
     def load(self) -> tuple[np.ndarray, np.ndarray | None, np.ndarray | None]:
         """Positions (N, 3), metres; velocities (N, 3) and rigidity (N,), if the file has them."""
@@ -84,7 +86,7 @@ class Tomography:
     level: float | None = key(number(), None)
     labels: list | None = key(each(whole(-(2**31), 2**31)), None)
     scale: float = key(positive, 0.001)  # metres a unit of the file: mm
-    center: tuple = key(vector(), (0.0, 0.0, 0.0))  # metres: where the middle of the tissue goes
+    center: tuple = key(place, (0.0, 0.0, 0.0))  # metres: where the middle of the tissue goes
 
     def __post_init__(self) -> None:
         if (self.file is None) == (self.atlas is None):
@@ -113,6 +115,9 @@ def _atlas(millimetres: float) -> np.ndarray:
         raise ValueError(
             'atlas: expected the package nilearn, got none: pip install "globule[atlas]"'
         ) from None
+    if ATLAS_VOLUME / millimetres**3 > MOST_PARTICLES:
+        least = (ATLAS_VOLUME / MOST_PARTICLES) ** (1 / 3)
+        raise ValueError(f"atlas: expected at least {least:.2g} mm, got {millimetres:g} mm")
     gray = datasets.load_mni152_gm_template(resolution=1)
     white = datasets.load_mni152_wm_template(resolution=1)
     both = image.math_img("a + b", a=gray, b=white)

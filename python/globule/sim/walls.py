@@ -8,7 +8,7 @@ import numpy as np
 
 from ..particles import Particles
 from ..spacing import local_spacing
-from .sampling import BEHIND
+from .sampling import BEHIND, FACES, shell
 
 
 def box_walls(lo: Any, hi: Any, spacing: float, periodic: Any = (False,) * 3) -> np.ndarray:
@@ -18,16 +18,10 @@ def box_walls(lo: Any, hi: Any, spacing: float, periodic: Any = (False,) * 3) ->
     """
     lo, hi = np.asarray(lo, float), np.asarray(hi, float)
     n = np.maximum(np.rint((hi - lo) / spacing - 1e-6).astype(int), 1)
-    axes, ends = [], []
-    for k in range(3):
-        step = (hi[k] - lo[k]) / n[k]
-        first = 0 if periodic[k] else -1
-        i = np.arange(first, n[k] - first)
-        axes.append(lo[k] + (i + 0.5) * step)
-        ends.append((i < 0) | (i >= n[k]))
-    grid = np.stack(np.meshgrid(*axes, indexing="ij"), -1)
-    outside = ends[0][:, None, None] | ends[1][None, :, None] | ends[2][None, None, :]
-    return np.ascontiguousarray(grid[outside], np.float32)
+    beyond = np.where(periodic, 0, 1)
+    faces = [face for face in FACES if not periodic["xyz".index(face[1])]]
+    index = shell(n + 2 * beyond, faces) - beyond
+    return np.ascontiguousarray(lo + (index + 0.5) * ((hi - lo) / n), np.float32)
 
 
 def of_particles(particles: Particles) -> dict[str, Any]:

@@ -15,6 +15,7 @@ import numpy as np
 
 from ..formats.errors import bad, shown
 from ..volumes import metaimage, nrrd
+from ..volumes.raw import RawImage
 from .transforms import Edges, Transform, parse_matrix, split_name
 
 EXTENSIONS = (".igs.mha", ".igs.nrrd", ".mha", ".mhd", ".nrrd", ".nhdr")
@@ -108,7 +109,7 @@ def _translated(fields: dict[str, str], to_nrrd: bool) -> dict[str, str]:
     return fixed | {name + suffix: text for name, text in own.items()}
 
 
-def _planes(path: Any, image: metaimage.RawImage) -> np.ndarray:
+def _planes(path: Any, image: RawImage) -> np.ndarray:
     """The frames, (F, H, W); colours become grey (ITU-R BT.601)."""
     array = image.array
     if array.ndim == 2:

@@ -21,6 +21,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from .. import rotations
 from ..formats.errors import bad, shown
 
 _TIME = ("time", "timestamp", "t")
@@ -146,12 +147,7 @@ def quaternion(matrix: np.ndarray) -> np.ndarray:
 
 def rotation(q: np.ndarray) -> np.ndarray:
     """The 3x3 rotation of a quaternion (x, y, z, w) of any length above 0."""
-    x, y, z, w = q / np.linalg.norm(q)
-    return np.array([
-        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-    ])
+    return rotations.matrix(np.roll(q / np.linalg.norm(q), 1))
 
 
 _Row = tuple[str, "float | None", np.ndarray, bool]

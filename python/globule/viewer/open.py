@@ -106,7 +106,7 @@ def _open_name(name: str, common: dict, reading: dict) -> Source:
 def _medical(name: str, common: dict, reading: dict) -> Source | None:
     """The source of a sweep or volume; None for other files, and for a volume of which only the
     voxels of some values are wanted."""
-    from ..cli.medical import kind_of
+    from ..medical_files import kind_of
     from ..sweep_io import read_sweep
     from ..volume_io import read_volume
 

@@ -15,10 +15,10 @@ import numpy as np
 from ..camera import Camera
 from ..camera_path import orbit
 from ..exr import frame_channels, write_exr
+from ..memory import free_bytes
 from ..render import MAX_PIXELS, save_png
 from ..video import need_av, write_movie
 from .engine import Engine
-from .memory import free_bytes
 from .overlay import Mark, finish
 from .picture import trace
 
@@ -37,7 +37,7 @@ def checked_size(size: Any) -> tuple[int, int]:
     if width * height > MAX_PIXELS:
         raise ValueError(f"size: expected at most {MAX_PIXELS:,} pixels, got {width}x{height}")
     free = free_bytes()
-    if free is not None and width * height * BYTES_PER_PIXEL > free:
+    if free and width * height * BYTES_PER_PIXEL > free:
         most = f"{free // BYTES_PER_PIXEL:,} pixels for the memory that is free"
         raise ValueError(f"size: expected at most {most}, got {width}x{height}")
     return width, height

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
 from ..attributes import attribute_names, attribute_values
-from ..cli.tracing import support_and_depth
 from ..colormaps import colorize
 from ..particles import Particles
 from ..scene import DEFAULTS, Scene
-from ..thesis import POLYNOMIAL_KERNELS, Thesis
+from ..thesis import POLYNOMIAL_KERNELS, Thesis, fitting_depth
 from .state import State
 
 
@@ -106,10 +104,11 @@ def scene_options(
     """What a scene needs beside particles, kernel and threshold, to be traced as settings say."""
     if root == "exact":
         return {} if support is None else {"support": support}
-    options = SimpleNamespace(support=support, root="march", depth=None, preset=None)
     if support is None and particles.support is None:
-        options.support = float(np.max(Scene(particles, kernel, **machine).support))
-    support, depth = support_and_depth(options, particles)
+        support = float(np.max(Scene(particles, kernel, **machine).support))
+    largest = float(np.max(particles.support if support is None else support))
+    extent = float(np.ptp(particles.bounds(), axis=0).max()) if len(particles) else 0.0
+    depth = fitting_depth(extent, largest) if extent else None
     return {"support": support, "octree": "dense", "depth": depth}
 
 

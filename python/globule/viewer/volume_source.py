@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from ..medical_files import SURFACES
 from ..particles import Particles
 from ..render import Layer
 from ..slices import reslice
@@ -51,8 +52,6 @@ class VolumeSource(Source):
         self.version += 1
 
     def origin(self, state: State) -> Origin:
-        from ..cli.volumes import SURFACES
-
         file = self.files[0] if self.files else "volume.npz"
         plain = not file.lower().endswith((*SURFACES, ".npz"))  # which would be a tomography
         before = ["globule", "convert", file, "volume.nrrd"] if plain else []

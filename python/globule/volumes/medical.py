@@ -15,6 +15,7 @@ from ..files import atomic_write
 from ..formats.errors import bad, shown
 from . import metaimage, nrrd
 from .geometry import LPS_FROM_RAS, VolumeData, place, spacing_and_directions
+from .raw import MOST_DEFLATE_CAN_EXPAND
 
 _NRRD_SPACES = {
     "left-posterior-superior": "LPS", "lps": "LPS",
@@ -169,7 +170,7 @@ def _unpacked(path: str | os.PathLike) -> bytes:
             with gzip.GzipFile(fileobj=file) as unpacked:
                 head = unpacked.read(_NIFTI_HEADER)
                 size = _announced(head)
-                if size > metaimage.MOST_DEFLATE_CAN_EXPAND * left:
+                if size > MOST_DEFLATE_CAN_EXPAND * left:
                     raise bad(path, "data", f"expected {size} bytes, got {left} compressed ones")
                 return head + unpacked.read(size)
         except (EOFError, OSError, zlib.error) as error:

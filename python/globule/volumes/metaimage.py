@@ -5,15 +5,15 @@ The header is kept as text, field by field, because tracked sweeps store their p
 
 from __future__ import annotations
 
-import math
 import os
 import zlib
-from typing import IO, Any, NamedTuple
+from typing import IO, Any
 
 import numpy as np
 
 from ..files import atomic_write
 from ..formats.errors import bad, shown
+from .raw import LONGEST_HEADER, LONGEST_LINE, RawImage, beside, numbers_of
 
 _TYPES = {
     "MET_UCHAR": "u1", "MET_CHAR": "i1", "MET_USHORT": "u2", "MET_SHORT": "i2",
@@ -21,16 +21,6 @@ _TYPES = {
     "MET_FLOAT": "f4", "MET_DOUBLE": "f8",
 }  # fmt: skip
 _NAMES = {code: name for name, code in _TYPES.items()}
-_LONGEST_HEADER = 256 * 2**20  # bytes: some hundred thousand frames
-_LONGEST_LINE = 65536
-MOST_DEFLATE_CAN_EXPAND = 1032  # times
-
-
-class RawImage(NamedTuple):
-    """What a file holds: array (..., z, y, x) or (..., z, y, x, channels), and its header."""
-
-    array: np.ndarray
-    fields: dict[str, str]
 
 
 def read(path: str | os.PathLike) -> RawImage:
@@ -41,16 +31,8 @@ def read(path: str | os.PathLike) -> RawImage:
         name = fields.get("ElementDataFile", "")
         if name.upper() == "LOCAL":
             return RawImage(_data(path, file, fields, shape, dtype), fields)
-    if not name or os.path.basename(name) != name or name.upper().startswith("LIST"):
-        expected = "LOCAL or one file of the same folder"
-        raise bad(path, "ElementDataFile", f"expected {expected}, got {shown(name)}")
-    beside = os.path.join(os.path.dirname(os.fspath(path)), name)
-    try:
-        with open(beside, "rb") as file:
-            return RawImage(_data(path, file, fields, shape, dtype), fields)
-    except FileNotFoundError:
-        problem = f"expected the data beside it, got no file {shown(name)}"
-        raise bad(path, "ElementDataFile", problem) from None
+    with beside(path, "ElementDataFile", name) as file:
+        return RawImage(_data(path, file, fields, shape, dtype), fields)
 
 
 def write(
@@ -105,9 +87,9 @@ def numbers(path: Any, fields: dict[str, str], name: str, n: int, default: list[
 def _header(path: Any, file: IO[bytes]) -> dict[str, str]:
     fields: dict[str, str] = {}
     while "ElementDataFile" not in fields:
-        line = file.readline(_LONGEST_LINE)
+        line = file.readline(LONGEST_LINE)
         where = f"line {len(fields) + 1}"
-        if not line.endswith(b"\n") or file.tell() > _LONGEST_HEADER:
+        if not line.endswith(b"\n") or file.tell() > LONGEST_HEADER:
             problem = f"expected a MetaImage header that ends in ElementDataFile, got {shown(line)}"
             raise bad(path, where, problem)
         name, equals, text = line.decode("utf-8", "replace").partition("=")
@@ -149,33 +131,5 @@ def _data(
     skip = fields.get("HeaderSize", "0")
     if skip not in ("0", "-1"):
         raise bad(path, "HeaderSize", f"expected none, got {shown(skip)}")
-    size = math.prod(shape) * dtype.itemsize
-    left = os.fstat(file.fileno()).st_size - file.tell()
-    if fields.get("CompressedData", "False").lower() == "true":
-        raw = inflate(path, file, size, left, zlib.MAX_WBITS)
-    else:
-        if left < size:
-            raise bad(path, "data", f"expected {size} bytes, got {left}")
-        raw = file.read(size)
-    array = np.frombuffer(raw, dtype).reshape(shape)
-    return np.array(array, dtype.newbyteorder("="), order="C")
-
-
-def inflate(path: Any, file: IO[bytes], size: int, left: int, window_bits: int) -> bytes:
-    """The `size` bytes that the rest of the file, `left` bytes, unpacks to."""
-    if size > MOST_DEFLATE_CAN_EXPAND * left + 64:
-        raise bad(path, "data", f"expected {size} bytes, got {left} compressed ones")
-    unpacker = zlib.decompressobj(window_bits)
-    try:
-        raw = unpacker.decompress(file.read(), size)
-        while len(raw) < size and unpacker.unconsumed_tail:
-            raw += unpacker.decompress(unpacker.unconsumed_tail, size - len(raw))
-        more = unpacker.decompress(unpacker.unconsumed_tail, 1)  # reads the checksum
-    except zlib.error as error:
-        raise bad(path, "data", f"expected zlib data, got {error}") from None
-    if len(raw) < size:
-        raise bad(path, "data", f"expected {size} bytes, got {len(raw)}")
-    if more or not unpacker.eof:
-        got = "more" if more else "data without an end"
-        raise bad(path, "data", f"expected {size} bytes, got {got}")
-    return raw
+    compressed = fields.get("CompressedData", "False").lower() == "true"
+    return numbers_of(path, file, shape, dtype, zlib.MAX_WBITS if compressed else None)

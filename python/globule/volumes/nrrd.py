@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 import zlib
 from typing import IO, Any
@@ -11,7 +10,7 @@ import numpy as np
 
 from ..files import atomic_write
 from ..formats.errors import bad, shown
-from .metaimage import RawImage, inflate
+from .raw import LONGEST_HEADER, LONGEST_LINE, RawImage, beside, numbers_of
 
 _TYPES = {
     "u1": ("uint8", "uchar", "unsigned char", "uint8_t"),
@@ -26,8 +25,6 @@ _TYPES = {
     "f8": ("double",),
 }
 _CODES = {name: code for code, names in _TYPES.items() for name in names}
-_LONGEST_HEADER = 256 * 2**20
-_LONGEST_LINE = 65536
 KEY_VALUE = ":="  # fields of the user's own are stored under their name and this
 
 
@@ -39,15 +36,8 @@ def read(path: str | os.PathLike) -> RawImage:
         name = fields.get("data file", fields.get("datafile"))
         if name is None:
             return RawImage(_data(path, file, fields, shape, dtype), fields)
-    if not name or os.path.basename(name) != name or name.upper().startswith("LIST"):
-        raise bad(path, "data file", f"expected one file of the same folder, got {shown(name)}")
-    beside = os.path.join(os.path.dirname(os.fspath(path)), name)
-    try:
-        with open(beside, "rb") as file:
-            return RawImage(_data(path, file, fields, shape, dtype), fields)
-    except FileNotFoundError:
-        problem = f"expected the data beside it, got no file {shown(name)}"
-        raise bad(path, "data file", problem) from None
+    with beside(path, "data file", name) as file:
+        return RawImage(_data(path, file, fields, shape, dtype), fields)
 
 
 def write(
@@ -94,9 +84,9 @@ def _header(path: Any, file: IO[bytes]) -> dict[str, str]:
     fields: dict[str, str] = {}
     n_lines = 1
     while True:
-        line = file.readline(_LONGEST_LINE)
+        line = file.readline(LONGEST_LINE)
         n_lines += 1
-        if not line.endswith(b"\n") or file.tell() > _LONGEST_HEADER:
+        if not line.endswith(b"\n") or file.tell() > LONGEST_HEADER:
             if not line and ("data file" in fields or "datafile" in fields):
                 return fields  # a detached header needs no blank line
             problem = f"expected a header that ends in a blank line, got {shown(line)}"
@@ -142,15 +132,7 @@ def _data(
         if fields.get(name, "0") != "0":
             raise bad(path, name, f"expected none, got {shown(fields[name])}")
     encoding = fields.get("encoding", "").lower()
-    size = math.prod(shape) * dtype.itemsize
-    left = os.fstat(file.fileno()).st_size - file.tell()
-    if encoding in ("gzip", "gz"):
-        raw = inflate(path, file, size, left, zlib.MAX_WBITS + 16)
-    elif encoding == "raw":
-        if left < size:
-            raise bad(path, "data", f"expected {size} bytes, got {left}")
-        raw = file.read(size)
-    else:
+    if encoding not in ("gzip", "gz", "raw"):
         raise bad(path, "encoding", f"expected raw or gzip, got {shown(encoding)}")
-    array = np.frombuffer(raw, dtype).reshape(shape)
-    return np.array(array, dtype.newbyteorder("="), order="C")
+    window_bits = None if encoding == "raw" else zlib.MAX_WBITS + 16
+    return numbers_of(path, file, shape, dtype, window_bits)

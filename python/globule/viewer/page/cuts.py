@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ...sim.instruments import matrix
+from ...rotations import matrix
 from .panel import Panel
 
 HANDLE = 0.45  # page units

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ...sim.instruments import matrix
+from ...rotations import matrix
 from ...sweeps.poses import quaternion
 from ..sweep_source import COMPOUNDING
 from .panel import Panel

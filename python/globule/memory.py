@@ -14,11 +14,11 @@ def resident_bytes() -> int:
         return 0
 
 
-def free_bytes() -> int | None:
-    """Bytes of main memory that programs can still take; None where the system does not say."""
+def free_bytes() -> int:
+    """Bytes of main memory that programs can still take; 0 where the system does not say."""
     try:
         with open("/proc/meminfo") as file:
             found = dict(line.split(":") for line in file)
         return 1024 * int(found["MemAvailable"].split()[0])
     except (OSError, ValueError, KeyError, IndexError):
-        return None
+        return 0

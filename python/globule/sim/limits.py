@@ -1,0 +1,107 @@
+"""What keys of a scene allow one by one but not together: bodies out of the domain or too small for
+a particle, lengths that single precision cannot tell apart, runs that would never end.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from .schema import Path, Problem
+
+MOST_REACH = 2**17  # spacings from the origin: there a float32 tells 1/128 of one
+MOST_STEPS = 1_000_000  # a frame
+
+
+def check(scene: Any) -> None:
+    """Raise Problem at the key that is to blame."""
+    frame = 1 / scene.output.fps
+    if scene.seconds < frame * (1 - 1e-6):
+        expected = f"expected at least a frame, {frame:g} s"
+        raise Problem(("seconds",), f"{expected}, got {scene.seconds:g}")
+    lo, hi = np.asarray(scene.domain.lo), np.asarray(scene.domain.hi)
+    if (hi - lo).min() < 2 * scene.spacing:
+        expected = "expected less than half the domain"
+        raise Problem(("spacing",), f"{expected}, got {scene.spacing:g}")
+    far = float(np.abs([lo, hi]).max())
+    if far > MOST_REACH * scene.spacing:
+        expected = f"expected at least {far / MOST_REACH:.3g} in a domain up to {far:g} m"
+        raise Problem(("spacing",), f"{expected} from the origin, got {scene.spacing:g}")
+    for path, first, last, body in _extents(scene):
+        if (last < lo).any() or (first > hi).any():
+            expected = f"expected a place in the domain, {_corners(lo, hi)}"
+            raise Problem(path, f"{expected}, got {_corners(first, last)}")
+        width = (last - first).min()
+        if body and width < 0.999 * scene.spacing:
+            expected = f"expected at least a spacing, {scene.spacing:g} m, in every direction"
+            raise Problem(path, f"{expected}, got {width:g}")
+    least = frame / MOST_STEPS
+    for path, step in _steps(scene):
+        if step < least:
+            expected = f"expected what allows steps of {least:.3g} s, a millionth of a frame"
+            raise Problem(path, f"{expected}, got what allows {step:.3g} s")
+
+
+def _corners(lo: np.ndarray, hi: np.ndarray) -> str:
+    return " to ".join("(" + ", ".join(f"{x:g}" for x in corner) + ")" for corner in (lo, hi))
+
+
+def shape_of(table: Any) -> tuple[str, Any]:
+    """The key and the shape of a table that is one, a file's included; else "" and None."""
+    for name in ("box", "sphere", "cylinder", "plane", "mesh", "distance"):
+        if getattr(table, name, None) is not None:
+            return name, getattr(table, name)
+    return "", None
+
+
+def n_places(radius: float, spacing: float) -> float:
+    """About how many particles leave an emitter's disc side by side."""
+    return max(1.0, math.pi * (max(radius - spacing / 2, 0.0) / spacing) ** 2)
+
+
+def _extents(scene: Any) -> Iterator[tuple[Path, np.ndarray, np.ndarray, bool]]:
+    """Key, corners and whether it is filled with particles, of all that has to be in the domain."""
+    for kind in ("fluids", "solids", "rigids", "sinks"):
+        for i, table in enumerate(getattr(scene, kind)):
+            name, shape = shape_of(table)
+            if hasattr(shape, "bounds"):
+                yield (kind, i, name), *shape.bounds(), kind != "sinks"
+    for i, table in enumerate(scene.emitters):
+        reach = table.radius * np.sqrt(np.maximum(0, 1 - np.square(table.direction)))
+        yield ("emitters", i, "center"), table.center - reach, table.center + reach, False
+
+
+def _steps(scene: Any) -> Iterator[tuple[Path, float]]:
+    """The longest step that each key allows by itself, as the solver has it: nothing moves farther
+    than a share of the spacing."""
+    d, solver = scene.spacing, scene.solver
+    far = 0.4 * solver.cfl * d
+    diagonal = math.dist(scene.domain.lo, scene.domain.hi)
+    yield ("solver", "max_dt"), solver.max_dt
+    fall = math.sqrt(2 * math.hypot(*scene.gravity) * diagonal)
+    if fall:
+        yield ("gravity",), far / (11 * fall if solver.method == "wcsph" else fall)
+    for i, fluid in enumerate(scene.fluids):
+        if fluid.viscosity and not fluid.implicit:
+            yield ("fluids", i, "viscosity"), 0.125 * d * d * fluid.density / fluid.viscosity
+        if fluid.surface_tension:
+            mass = fluid.density * d**3
+            yield (
+                ("fluids", i, "surface_tension"),
+                0.4 * math.sqrt(mass / (2 * math.pi * fluid.surface_tension)),
+            )
+    for kind in ("fluids", "solids", "rigids"):
+        for i, table in enumerate(getattr(scene, kind)):
+            if any(table.velocity):
+                yield (kind, i, "velocity"), far / math.hypot(*table.velocity)
+    for i, rigid in enumerate(scene.rigids):
+        if any(rigid.spin):
+            _, shape = shape_of(rigid)
+            across = math.dist(*shape.bounds()) if hasattr(shape, "bounds") else diagonal
+            yield ("rigids", i, "spin"), far / (math.hypot(*rigid.spin) * across / 2)
+    for i, emitter in enumerate(scene.emitters):
+        speed = emitter.rate / (n_places(emitter.radius, d) * d * d)
+        yield ("emitters", i, "rate"), far / speed

@@ -1,0 +1,112 @@
+"""Scenes whose keys make no sense together are refused before anything is made."""
+
+import globule as gb
+import numpy as np
+import pytest
+from globule.sim import room
+from globule.sim.bodies import bodies
+from globule.sim.scene_file import read_scene
+from globule.sim.schema import SceneError
+
+SCENE = """\
+spacing = 0.05
+domain = { lo = [0, 0, 0], hi = [1, 0.4, 0.8], walls = true }
+[[fluids]]
+name = "water"
+box = { lo = [0, 0, 0], hi = [0.4, 0.4, 0.4] }
+"""
+BOX = "{ lo = [0, 0, 0], hi = [0.4, 0.4, 0.4] }"
+AWAY = "{ lo = [5, 5, 5], hi = [6, 6, 6] }"
+TAP = """\
+[[emitters]]
+name = "tap"
+fluid = "water"
+center = [0.5, 0.2, 0.5]
+direction = [0, 0, 1]
+radius = 0.1
+rate = 0.01
+"""
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "expected"),
+    [
+        (BOX, AWAY, r":5: fluids\[0\].box: expected a place in the domain, \(0, 0, 0\) to"),
+        (BOX, BOX + f'\n[[solids]]\nname = "s"\nbox = {AWAY}', r":8: solids\[0\].box: expected"),
+        ("[0.5, 0.2, 0.5]", "[5, 5, 5]", r":9: emitters\[0\].center: expected a place in"),
+        (BOX, "{ lo = [0, 0, 0], hi = [1e-9, 1, 1] }", r"box: expected at least a spacing, 0.05 m"),
+        (BOX, BOX + "\ndensity = 1e300", r":6: fluids\[0\].density: expected a number from 0.001"),
+        (BOX, BOX + "\nvelocity = [1e300, 0, 0]", r":6: fluids\[0\].velocity\[0\]: expected a num"),
+        (BOX, BOX + "\nviscosity = 1e9\nimplicit = false", r"viscosity: expected what allows"),
+        ("0.01", "1e6", r"emitters\[0\].rate: expected what allows steps of .* got what allows"),
+        ("domain", "gravity = [0, -1e99, 0]\ndomain", r":2: gravity\[1\]: expected a number from"),
+        ("domain", "solver.max_dt = 1e-30\ndomain", r":2: solver.max_dt: expected what allows"),
+        ("domain", "seconds = 0.01\ndomain", r":2: seconds: expected at least a frame, 0.0333333"),
+        ("domain", "domain.periodic = ['x', 'x']\ndomain", r"periodic\[1\]: expected each once"),
+        ("0.05", "1e-7", r":1: spacing: expected at least 7.63e-06 in a domain up to 1 m from the"),
+    ],
+)  # fmt: skip
+def test_what_makes_no_sense_names_its_key(tmp_path, old, new, expected):
+    words = (SCENE + TAP).replace(old, new, 1)
+    if "domain.periodic" in new:
+        words = words.replace("walls = true", "walls = true, periodic = ['x', 'x']")
+        words = words.replace(new.split("\n")[0] + "\n", "")
+    path = tmp_path / "scene.toml"
+    path.write_text(words)
+    with pytest.raises(SceneError, match=expected):
+        read_scene(path)
+
+
+@pytest.mark.parametrize(
+    ("more", "named", "n"),
+    [
+        (f'[[solids]]\nname = "s"\nbox = {BOX}', "solids[0] (s)", "5.12e+08"),
+        ('[[boundaries]]\nname = "b"\nhollow = true\nsphere = { center = [0, 0, 0], radius = 500 }',
+         "boundaries[0] (b)", "1.26e+13"),
+        (TAP.replace("0.1", "1e5"), "emitters[0] (tap)", "1.26e+17"),
+        (TAP.replace("0.01", "10"), "emitters[0] (tap)", "8e+10"),
+    ],
+    ids=["solid", "boundary", "disc", "rate"],
+)  # fmt: skip
+def test_particles_without_memory_are_counted_not_made(tmp_path, monkeypatch, more, named, n):
+    monkeypatch.setattr(room, "free_bytes", lambda: 2**30)
+    path = tmp_path / "scene.toml"
+    path.write_text(SCENE.replace("0.05", "0.0005") + more)
+    with pytest.raises(SceneError) as caught:
+        gb.Simulation(path, device="cpu")
+    message = str(caught.value)
+    assert message.startswith(f"{named}: expected particles that fit in the 1.0 GiB")
+    assert f"got about {n} that need" in message
+
+
+def test_the_spacing_that_would_fit_does(tmp_path, monkeypatch):
+    path = tmp_path / "scene.toml"
+    path.write_text(SCENE)
+    monkeypatch.setattr(room, "free_bytes", lambda: 2**20)
+    with pytest.raises(SceneError, match=r"a spacing of ([\d.]+) m would fit") as caught:
+        bodies(read_scene(path))
+    words = str(caught.value).split()
+    fits = float(words[words.index("spacing") + 2])
+    assert 0.05 < fits < 0.1
+    n = sum(len(body.positions) for body in bodies(read_scene(path, fits)))
+    assert n * room.BYTES["fluids"] == pytest.approx(2**20, rel=0.3)
+
+
+def test_steps_that_vanish_stop_with_their_reason():
+    sim = gb.Simulation("dam-break", spacing=0.1, device="cpu")
+    sim.settings.gravity = (0.0, 0.0, -1e300)
+    with pytest.raises(ArithmeticError, match=r"steps come to 0 s .* less gravity .*1e\+300"):
+        sim.advance(0.1)
+
+
+def test_a_mesh_out_of_the_domain_is_refused(tmp_path):
+    trimesh = pytest.importorskip("trimesh")
+    trimesh.creation.icosphere(2, 0.1).export(tmp_path / "ball.stl")
+    mesh = {"file": str(tmp_path / "ball.stl"), "move": [9, 9, 9]}
+    domain = {"lo": [0, 0, 0], "hi": [1, 1, 1]}
+    fluids = [{"name": "water", "mesh": mesh}]
+    with pytest.raises(SceneError, match=r"in the domain, got all outside of it, at \(9, 9, 9\)"):
+        gb.Simulation({"spacing": 0.05, "domain": domain, "fluids": fluids}, device="cpu")
+    mesh["move"] = [0.5, 0.5, 0.5]
+    sim = gb.Simulation({"spacing": 0.05, "domain": domain, "fluids": fluids}, device="cpu")
+    assert np.allclose(sim.positions.mean(axis=0), 0.5, atol=0.01)
