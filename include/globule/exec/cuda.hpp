@@ -105,11 +105,15 @@ public:
     static constexpr std::size_t wave_size = 1 << 22;       ///< pixels at a time
     static constexpr std::size_t n_streams = 4;             ///< that work side by side
 
-    explicit Cuda(int device) : device_(device), temporary_(*this), next_(*this) {
+    /// urgent: its work goes before that of other streams.
+    explicit Cuda(int device, bool urgent = false) : device_(device), temporary_(*this), next_(*this) {
         check(cudaSetDevice(device_));
         check(cudaDeviceGetAttribute(&n_processors_, cudaDevAttrMultiProcessorCount, device_));
         set_pool();
-        check(cudaStreamCreate(&stream_));  // ordered with the default stream of other libraries
+        int least_priority = 0, greatest_priority = 0;
+        check(cudaDeviceGetStreamPriorityRange(&least_priority, &greatest_priority));
+        // Ordered with the default stream of other libraries.
+        check(cudaStreamCreateWithPriority(&stream_, cudaStreamDefault, urgent ? greatest_priority : least_priority));
         for (cudaEvent_t& e : marks_) check(cudaEventCreate(&e));
         check(cudaEventCreateWithFlags(&done_, cudaEventDisableTiming));
     }
@@ -149,8 +153,9 @@ public:
     void touch(void* p, std::size_t bytes) { Staging::touch(p, bytes); }
     void clear(void* p, std::size_t bytes) { check(cudaMemsetAsync(p, 0, bytes, stream_)); }
     void synchronize() { check(cudaStreamSynchronize(stream_)); }
-    /// Another stream of the same device, and what is given to it from now on waits for another's work so far.
-    std::shared_ptr<Cuda> sibling() const { return std::make_shared<Cuda>(device_); }
+    /// Another stream of the same device, and what is given to it from now on waits for another's work so far, or up to a mark.
+    std::shared_ptr<Cuda> sibling(bool urgent = false) const { return std::make_shared<Cuda>(device_, urgent); }
+    void follow(Cuda& other, int mark) { check(cudaStreamWaitEvent(stream_, other.marks_[mark])); }
     void follow(Cuda& other) {
         check(cudaEventRecord(other.done_, other.stream_));
         check(cudaStreamWaitEvent(stream_, other.done_));
