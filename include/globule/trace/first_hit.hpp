@@ -33,17 +33,29 @@ struct BlockSource {
         const Vec3<F> p{F(at.x), F(at.y), F(at.z)}, along{F(d.x), F(d.y), F(d.z)};
         const Limits<F> wide{F(lim.tau), F(lim.window), F(lim.error), F(lim.least_step), F(lim.sign)};
         const float* from = block(begin);
-        for (int j = begin; j < n_blocks; j += stride, from += stride * kFloats) {
-            Vec3<F> q;
-            Lanes::load(from, q.x, q.y, q.z);
-            if constexpr (Kernel::stretched)
-                add_stretched<Bounds, true>(sum, kernel, matrix(from), p - q, along, Lanes::load(from + 5 * Lanes::width), wide);
-            else if constexpr (PerParticle)
-                add<true, Bounds, true>(sum, kernel, p - q, along, Lanes::load(from + 4 * Lanes::width),
-                                  Lanes::load(from + 5 * Lanes::width), wide);
-            else
-                add<false, Bounds, true>(sum, kernel, p - q, along, F(1.0f), F(1.0f), wide);
+        for (int j = begin; j < n_blocks; j += stride, from += stride * kFloats) add_block<Bounds>(sum, from, p, along, wide);
+    }
+    template <bool Bounds>
+    GB_FN void add_pairs(Along<F>& sum, Along<F>& rest, int begin, const float3& at, const Limits<float>& lim) const {
+        const Vec3<F> p{F(at.x), F(at.y), F(at.z)}, along{F(d.x), F(d.y), F(d.z)};
+        const Limits<F> wide{F(lim.tau), F(lim.window), F(lim.error), F(lim.least_step), F(lim.sign)};
+        const float* from = block(begin);
+        for (int j = begin; j < n_blocks; j += 8, from += 8 * kFloats) {
+            add_block<Bounds>(sum, from, p, along, wide);
+            if (j + 4 < n_blocks) add_block<Bounds>(rest, from + 4 * kFloats, p, along, wide);
         }
+    }
+    template <bool Bounds>
+    GB_FN void add_block(Along<F>& sum, const float* from, const Vec3<F>& p, const Vec3<F>& along, const Limits<F>& wide) const {
+        Vec3<F> q;
+        Lanes::load(from, q.x, q.y, q.z);
+        if constexpr (Kernel::stretched)
+            add_stretched<Bounds, true>(sum, kernel, matrix(from), p - q, along, Lanes::load(from + 5 * Lanes::width), wide);
+        else if constexpr (PerParticle)
+            add<true, Bounds, true>(sum, kernel, p - q, along, Lanes::load(from + 4 * Lanes::width),
+                              Lanes::load(from + 5 * Lanes::width), wide);
+        else
+            add<false, Bounds, true>(sum, kernel, p - q, along, F(1.0f), F(1.0f), wide);
     }
     /// Matrices of a block's particles.
     GB_FN Sym3<F> matrix(const float* block) const {
