@@ -1,5 +1,8 @@
 // A group of lanes on the GPU: a warp.  The same face as exec/cpu_group.hpp.
 #pragma once
+#ifndef LISTSHIFT
+#define LISTSHIFT 3
+#endif
 #include "globule/base/quad.hpp"
 #include "globule/base/vec.hpp"
 
