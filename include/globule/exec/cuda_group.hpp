@@ -1,8 +1,5 @@
 // A group of lanes on the GPU: a warp.  The same face as exec/cpu_group.hpp.
 #pragma once
-#ifndef LISTSHIFT
-#define LISTSHIFT 3
-#endif
 #include "globule/base/quad.hpp"
 #include "globule/base/vec.hpp"
 
@@ -188,54 +185,29 @@ struct CudaLanes {
     GB_FN static float get(float v, int) { return v; }
 
     static constexpr unsigned all = 0xffffffffu;
+    static constexpr int list_unit = 8;      ///< blocks of a list come by so many
     static constexpr int cells_at_once = 2;  ///< that a ray passes before the others get their turn
 
     /// Field of each active lane's source at its own t: teams of 4 lanes take one ray at a time, of 8 where no more than
     /// four rays are left, so that all lanes work in a warp of few active rays or with lists of different length.
     template <class Source, class Limits>
     __device__ static auto evaluate(const Source& source, float t, const Limits& lim, bool active, bool bounds) {
-#if SPLIT
-        decltype(source.template at<false>(t, lim)) sum{0.0f, 0.0f, 0.0f, 0.0f};
-        if (__any_sync(all, active && bounds)) sum = by_teams<true>(source, t, lim, active && bounds);
-        if (__any_sync(all, active && !bounds)) {
-            const auto plain = by_teams<false>(source, t, lim, active && !bounds);
-            if (!bounds) sum = plain;
-        }
-        return sum;
-#else
         return __any_sync(all, active && bounds) ? by_teams<true>(source, t, lim, active) : by_teams<false>(source, t, lim, active);
-#endif
     }
 
 private:
-    /// Rays of similar lists go side by side, the longest first: a round takes as long as its longest list.
-    __device__ static int rank_of(bool active, int n_blocks, int& n_active) {
-        const unsigned below = (1u << (threadIdx.x & 31)) - 1;
-        const int kind = active ? least(n_blocks >> LISTSHIFT, 3) : 0;
-        const unsigned set = __ballot_sync(all, active), low = __ballot_sync(all, kind & 1), high = __ballot_sync(all, kind & 2);
-        n_active = __popc(set);
-        const unsigned alike = set & ((kind & 1) ? low : ~low) & ((kind & 2) ? high : ~high);
-        const unsigned longer = kind == 3 ? 0 : kind == 2 ? high & low : kind == 1 ? high : high | low;
-        return __popc(longer) + __popc(alike & below);
-    }
     /// Whatever the team, a ray's particles are added up in eight parts, and these in the same order.
     template <bool Bounds, class Source, class Limits>
     __device__ static auto by_teams(const Source& source, float t, const Limits& lim, bool active) {
         const int lane = threadIdx.x & 31;
-#if SORTED
-        int n_active = 0;
-        const int rank = rank_of(active, source.n_blocks, n_active);
-#else
         const unsigned set = __ballot_sync(all, active);
         const int n_active = __popc(set), rank = __popc(set & ((1u << lane) - 1));
-#endif
         const float3 point = source.point(t);
         __shared__ std::uint8_t lanes[128];
         std::uint8_t* lane_of = lanes + (threadIdx.x & 96);
         if (active) lane_of[rank] = std::uint8_t(lane);
         __syncwarp();
         using Sum = decltype(source.template at<Bounds>(t, lim));
-        const auto add = [](Sum a, const Sum& b) { return Sum{a.f + b.f, a.slope + b.slope, a.rise + b.rise, a.fall + b.fall}; };
         Sum result{0.0f, 0.0f, 0.0f, 0.0f};
         for (int first = 0, n_teams; first < n_active; first += n_teams) {
             const int log_team = n_active - first > 4 ? 2 : 3, size = 1 << log_team;
@@ -251,20 +223,8 @@ private:
             if (Bounds) of_lim.window = __shfl_sync(all, lim.window, from);
             of_lim.sign = __shfl_sync(all, lim.sign, from);
             Sum sum{0.0f, 0.0f, 0.0f, 0.0f};
-#if FUSED
-            if (size == 4) {
-                Sum rest{0.0f, 0.0f, 0.0f, 0.0f};
-                of.template add_pairs<Bounds>(sum, rest, lane & 3, of_point, of_lim);
-                sum = add(sum, rest);
-            } else of.template add_blocks<Bounds>(sum, lane & (size - 1), 8, of_point, of_lim);
-#else
-            of.template add_blocks<Bounds>(sum, lane & (size - 1), 8, of_point, of_lim);
-            if (size == 4) {
-                Sum rest{0.0f, 0.0f, 0.0f, 0.0f};
-                of.template add_blocks<Bounds>(rest, (lane & 3) + 4, 8, of_point, of_lim);
-                sum = add(sum, rest);
-            }
-#endif
+            if (size == 4) of.template add_pairs<Bounds>(sum, lane & 3, of_point, of_lim);
+            else of.template add_blocks<Bounds>(sum, lane & 7, 8, of_point, of_lim);
             __syncwarp();
             for (int s = size / 2; s; s >>= 1) {
                 sum.f += __shfl_xor_sync(all, sum.f, s);

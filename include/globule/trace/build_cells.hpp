@@ -231,7 +231,7 @@ private:
         using F = typename Group::F;
         using B = typename Group::B;
         constexpr int W = Lanes::width;
-        const std::uint32_t n_blocks = ceil_div<std::uint32_t>(wanted, W);
+        const std::uint32_t n_blocks = ceil_div<std::uint32_t>(wanted, W * Lanes::list_unit) * Lanes::list_unit;
         const std::uint32_t first = take(g, &grid->n_blocks, n_blocks);
         if (first + n_blocks > max_blocks || wanted == 0) return {kUnlisted, 0, 0, 0};
         float* to = blocks + std::size_t(first) * (W * kStride);
@@ -264,8 +264,8 @@ private:
             });
         }
         filled = least(filled, int(n_blocks) * W);
-        // The last block is filled up with particles that reach nothing.
-        for (int place = filled; place % W; ++place) {
+        // The last blocks are filled up with particles that reach nothing.
+        for (int place = filled; place % (W * Lanes::list_unit); ++place) {
             float* block = to + std::size_t(place / W) * (W * kStride) + place % W;
             Lanes::store(block, 64.0f, 64.0f, 64.0f, 0);
             if constexpr (PerParticle) {

@@ -35,15 +35,21 @@ struct BlockSource {
         const float* from = block(begin);
         for (int j = begin; j < n_blocks; j += stride, from += stride * kFloats) add_block<Bounds>(sum, from, p, along, wide);
     }
+    /// As add_blocks of `begin` and of `begin` + 4, every eighth, each in a sum of its own, and then the two.
     template <bool Bounds>
-    GB_FN void add_pairs(Along<F>& sum, Along<F>& rest, int begin, const float3& at, const Limits<float>& lim) const {
+    GB_FN void add_pairs(Along<F>& sum, int begin, const float3& at, const Limits<float>& lim) const {
         const Vec3<F> p{F(at.x), F(at.y), F(at.z)}, along{F(d.x), F(d.y), F(d.z)};
         const Limits<F> wide{F(lim.tau), F(lim.window), F(lim.error), F(lim.least_step), F(lim.sign)};
+        Along<F> other{F(0.0f), F(0.0f), F(0.0f), F(0.0f)};
         const float* from = block(begin);
+#ifdef UNROLL
+#pragma unroll UNROLL
+#endif
         for (int j = begin; j < n_blocks; j += 8, from += 8 * kFloats) {
             add_block<Bounds>(sum, from, p, along, wide);
-            if (j + 4 < n_blocks) add_block<Bounds>(rest, from + 4 * kFloats, p, along, wide);
+            add_block<Bounds>(other, from + 4 * kFloats, p, along, wide);
         }
+        sum = {sum.f + other.f, sum.slope + other.slope, sum.rise + other.rise, sum.fall + other.fall};
     }
     template <bool Bounds>
     GB_FN void add_block(Along<F>& sum, const float* from, const Vec3<F>& p, const Vec3<F>& along, const Limits<F>& wide) const {
@@ -141,7 +147,7 @@ struct CellTracer {
         return whole_brick ? CellList{brick, 0, 0, 0} : cells.lists[std::size_t(brick - kListed) * kBrickCells + walk.cell_in_brick()];
     }
     GB_FN Source source(const CellList& list, const float3& p0, const float3& d) const {
-        return {cells.blocks, list.first, int(ceil_div<std::uint32_t>(list.n, Lanes::width)), kernel, p0, d};
+        return {cells.blocks, list.first, int(ceil_div<std::uint32_t>(list.n, Lanes::width * Lanes::list_unit)) * Lanes::list_unit, kernel, p0, d};
     }
     /// The ray's point at t, from the cell's centre, scaled: the only place where distance from the eye
     /// would cost precision.
