@@ -34,6 +34,8 @@ struct PlanCells {
                 break;
             }
             g.lo = box.lo;
+            g.per = 1.0f / g.edge;
+            g.scale = 1.0f / tree.header->typical_support;
             g.n_bricks = std::uint32_t(g.nx) * g.ny * g.nz;
         }
         *grid = g;

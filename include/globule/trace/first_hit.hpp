@@ -42,19 +42,37 @@ struct BlockSource {
         const Limits<F> wide{F(lim.tau), F(lim.window), F(lim.error), F(lim.least_step), F(lim.sign)};
         Along<F> other{F(0.0f), F(0.0f), F(0.0f), F(0.0f)};
         const float* from = block(begin);
-#ifdef UNROLL
-#pragma unroll UNROLL
-#endif
+#if PRE
+        Vec3<F> q, r;
+        if (begin < n_blocks) {
+            Lanes::load(from, q.x, q.y, q.z);
+            Lanes::load(from + 4 * kFloats, r.x, r.y, r.z);
+        }
+        for (int j = begin; j < n_blocks; j += 8) {  // the next pair is on its way while this one is added
+            const Vec3<F> mine = q, its = r;
+            const float* now = from;
+            if (j + 8 < n_blocks) from += 8 * kFloats;
+            Lanes::load(from, q.x, q.y, q.z);
+            Lanes::load(from + 4 * kFloats, r.x, r.y, r.z);
+            add_block<Bounds>(sum, now, mine, p, along, wide);
+            add_block<Bounds>(other, now + 4 * kFloats, its, p, along, wide);
+        }
+#else
         for (int j = begin; j < n_blocks; j += 8, from += 8 * kFloats) {
             add_block<Bounds>(sum, from, p, along, wide);
             add_block<Bounds>(other, from + 4 * kFloats, p, along, wide);
         }
+#endif
         sum = {sum.f + other.f, sum.slope + other.slope, sum.rise + other.rise, sum.fall + other.fall};
     }
     template <bool Bounds>
     GB_FN void add_block(Along<F>& sum, const float* from, const Vec3<F>& p, const Vec3<F>& along, const Limits<F>& wide) const {
         Vec3<F> q;
         Lanes::load(from, q.x, q.y, q.z);
+        add_block<Bounds>(sum, from, q, p, along, wide);
+    }
+    template <bool Bounds>
+    GB_FN void add_block(Along<F>& sum, const float* from, const Vec3<F>& q, const Vec3<F>& p, const Vec3<F>& along, const Limits<F>& wide) const {
         if constexpr (Kernel::stretched)
             add_stretched<Bounds, true>(sum, kernel, matrix(from), p - q, along, Lanes::load(from + 5 * Lanes::width), wide);
         else if constexpr (PerParticle)
@@ -152,7 +170,7 @@ struct CellTracer {
     /// The ray's point at t, from the cell's centre, scaled: the only place where distance from the eye
     /// would cost precision.
     GB_FN float3 in_cell(const CellWalk& walk, const float3& o, float t) const {
-        const double scale = 1.0f / tree.header->typical_support;
+        const double scale = cells.grid->scale;
         const float3 c = walk.centre(), d = walk.d;
         return {float((double(o.x) + double(t) * d.x - c.x) * scale), float((double(o.y) + double(t) * d.y - c.y) * scale),
                 float((double(o.z) + double(t) * d.z - c.z) * scale)};
@@ -211,10 +229,13 @@ private:
             const CellList list = list_of(walk, whole_brick);
             ray.t = walk.t;
             if (list.n) {
+#if TOUCH
+                Lanes::prefetch(cells.blocks + std::size_t(list.first) * Source::kFloats);
+#endif
                 ray.p0 = in_cell(walk, ray.o, walk.t);
-                ray.end = (least(walk.leave(), ray.to) - walk.t) / typical;
+                ray.end = (least(walk.leave(), ray.to) - walk.t) * cells.grid->scale;
                 const std::uint32_t on_side = ray.sign > 0.0f ? list.empty : ray.sign < 0.0f ? list.full : 0;
-                if (!(octants_on(ray.p0, walk.d, ray.end) & ~on_side)) {
+                if (!(octants_on(ray.p0, walk.d, walk.inv, ray.end) & ~on_side)) {
                     walk.step(1);
                     continue;
                 }
