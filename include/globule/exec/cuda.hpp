@@ -29,10 +29,7 @@ __global__ void __launch_bounds__(128) run_packets(std::size_t n, Kernel kernel)
 }
 
 inline constexpr int kWarpsPerBlock = 4;
-#ifndef WB
-#define WB 6
-#endif
-inline constexpr int kWalkBlocks = WB;  ///< of 128 threads to a processor, in run_walks: 80 registers a thread
+inline constexpr int kWalkBlocks = 5;  ///< of 128 threads to a processor, in run_walks: 96 registers a thread
 
 template <class Kernel>
 __global__ void __launch_bounds__(32 * kWarpsPerBlock, 4)  // at most 128 registers

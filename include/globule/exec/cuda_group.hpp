@@ -170,11 +170,6 @@ struct CudaLanes {
         y = v.y;
         z = v.z;
     }
-    GB_FN static void prefetch(const float* p) {
-#ifdef __CUDA_ARCH__
-        asm volatile("prefetch.global.L1 [%0];" ::"l"(p));
-#endif
-    }
     GB_FN static std::uint32_t slot(const float* block, int) { return reinterpret_cast<const std::uint32_t*>(block)[3]; }
     __device__ static void store(float* block, float x, float y, float z, std::uint32_t slot) {
         *reinterpret_cast<float4*>(block) = {x, y, z, __uint_as_float(slot)};

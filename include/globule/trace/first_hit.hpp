@@ -42,37 +42,16 @@ struct BlockSource {
         const Limits<F> wide{F(lim.tau), F(lim.window), F(lim.error), F(lim.least_step), F(lim.sign)};
         Along<F> other{F(0.0f), F(0.0f), F(0.0f), F(0.0f)};
         const float* from = block(begin);
-#if PRE
-        Vec3<F> q, r;
-        if (begin < n_blocks) {
-            Lanes::load(from, q.x, q.y, q.z);
-            Lanes::load(from + 4 * kFloats, r.x, r.y, r.z);
-        }
-        for (int j = begin; j < n_blocks; j += 8) {  // the next pair is on its way while this one is added
-            const Vec3<F> mine = q, its = r;
-            const float* now = from;
-            if (j + 8 < n_blocks) from += 8 * kFloats;
-            Lanes::load(from, q.x, q.y, q.z);
-            Lanes::load(from + 4 * kFloats, r.x, r.y, r.z);
-            add_block<Bounds>(sum, now, mine, p, along, wide);
-            add_block<Bounds>(other, now + 4 * kFloats, its, p, along, wide);
-        }
-#else
         for (int j = begin; j < n_blocks; j += 8, from += 8 * kFloats) {
             add_block<Bounds>(sum, from, p, along, wide);
             add_block<Bounds>(other, from + 4 * kFloats, p, along, wide);
         }
-#endif
         sum = {sum.f + other.f, sum.slope + other.slope, sum.rise + other.rise, sum.fall + other.fall};
     }
     template <bool Bounds>
     GB_FN void add_block(Along<F>& sum, const float* from, const Vec3<F>& p, const Vec3<F>& along, const Limits<F>& wide) const {
         Vec3<F> q;
         Lanes::load(from, q.x, q.y, q.z);
-        add_block<Bounds>(sum, from, q, p, along, wide);
-    }
-    template <bool Bounds>
-    GB_FN void add_block(Along<F>& sum, const float* from, const Vec3<F>& q, const Vec3<F>& p, const Vec3<F>& along, const Limits<F>& wide) const {
         if constexpr (Kernel::stretched)
             add_stretched<Bounds, true>(sum, kernel, matrix(from), p - q, along, Lanes::load(from + 5 * Lanes::width), wide);
         else if constexpr (PerParticle)
@@ -159,8 +138,9 @@ struct CellTracer {
     float tau;       ///< over the common weight unless PerParticle
     Cells cells;
 
-    GB_FN CellList list_of(const CellWalk& walk, bool& whole_brick) const {
-        const std::uint32_t brick = cells.bricks[walk.brick()];
+    GB_FN CellList list_of(CellWalk& walk, bool& whole_brick) const {
+        if (walk.state == CellWalk::kUnknown) walk.state = cells.bricks[walk.brick()];
+        const std::uint32_t brick = walk.state;
         whole_brick = brick < kListed;
         return whole_brick ? CellList{brick, 0, 0, 0} : cells.lists[std::size_t(brick - kListed) * kBrickCells + walk.cell_in_brick()];
     }
@@ -229,9 +209,6 @@ private:
             const CellList list = list_of(walk, whole_brick);
             ray.t = walk.t;
             if (list.n) {
-#if TOUCH
-                Lanes::prefetch(cells.blocks + std::size_t(list.first) * Source::kFloats);
-#endif
                 ray.p0 = in_cell(walk, ray.o, walk.t);
                 ray.end = (least(walk.leave(), ray.to) - walk.t) * cells.grid->scale;
                 const std::uint32_t on_side = ray.sign > 0.0f ? list.empty : ray.sign < 0.0f ? list.full : 0;
