@@ -5,11 +5,11 @@
 #include <cmath>
 
 #include "backend.hpp"
-#include "globule/octree/build.hpp"
 #include "globule/octree/query.hpp"
 #include "globule/trace/build_cells.hpp"
 #include "globule/trace/resolve.hpp"
 #include "globule/trace/shade.hpp"
+#include "frame_trees.hpp"
 #include "render.hpp"
 #include "thesis.hpp"
 
@@ -35,7 +35,7 @@ class SceneOf final : public Scene {
 public:
     template <class... Args>
     explicit SceneOf(Args&&... args)
-        : exec_(std::make_shared<Exec>(std::forward<Args>(args)...)), tree_(*exec_), positions_(*exec_),
+        : exec_(std::make_shared<Exec>(std::forward<Args>(args)...)), trees_(exec_), positions_(*exec_),
           support_(*exec_), weight_(*exec_), stretch_(*exec_), color_(*exec_), points_(*exec_), more_points_(*exec_),
           values_(*exec_), results_(*exec_), offsets_(*exec_), indices_(*exec_), count_(*exec_),
           hits_(*exec_), reflection_(*exec_), refraction_(*exec_), sky_(*exec_), spare_(*exec_), grid_(*exec_), bricks_(*exec_),
@@ -44,10 +44,11 @@ public:
     void build(const SceneArrays& in, const TreeRequest& request) override {
         ParticleInput input;
         input.n = in.n;
-        input.positions = bring(positions_, in.positions, 3 * in.n);
-        input.support = {bring(support_, in.support, in.n), in.one_support};
-        input.weight = {bring(weight_, in.weight, in.n), in.one_weight};
-        input.stretch = bring(stretch_, in.stretch, 6 * in.n);
+        Exec& exec = trees_.next_exec();
+        input.positions = bring(exec, positions_, in.positions, 3 * in.n);
+        input.support = {bring(exec, support_, in.support, in.n), in.one_support};
+        input.weight = {bring(exec, weight_, in.weight, in.n), in.one_weight};
+        input.stretch = bring(exec, stretch_, in.stretch, 6 * in.n);
         input.most_stretch = in.most_stretch;
         attributes_.color = bring(color_, in.color, 3 * in.n);
         attributes_.one_color = in.one_color;
@@ -55,31 +56,29 @@ public:
         attributes_.refraction = {bring(refraction_, in.refraction, in.n), in.one_refraction};
         cells_stale_ = true;
         TreeParams params{request.key_bits, request.depth, request.dense, request.fixed_space, request.lo, request.hi};
-        exec_->mark(0);
-        tree_.build(input, params);
-        exec_->mark(1);
+        trees_.build(input, params);
     }
 
     TreeFacts facts(bool with_hashes) override {
         TreeFacts f{};
-        f.header = tree_.header();
-        f.n_inside = tree_.size() - f.header.n_outside;
-        f.n_nodes = tree_.params().dense ? tree_.n_dense_nodes() : f.header.n_nodes;
+        f.header = octree().header();
+        f.n_inside = octree().size() - f.header.n_outside;
+        f.n_nodes = octree().params().dense ? octree().n_dense_nodes() : f.header.n_nodes;
         std::uint32_t* count = count_.reserve(1);
         with_tree([&](auto tree) { exec_->reduce(f.n_nodes, CountLeaf<decltype(tree)>{tree}, Add{}, 0u, count); });
         std::uint32_t leaves;
         exec_->download(&leaves, count, sizeof leaves);
         f.n_leaves = leaves;
-        f.bytes = tree_.bytes();
-        f.build_seconds = exec_->elapsed(0, 1);
+        f.bytes = octree().bytes();
+        f.build_seconds = trees_.build_seconds();
         if (with_hashes) {
-            const std::size_t key_bytes = tree_.size() * tree_.params().key_bits / 8;
-            f.key_hash = hash_device(tree_.keys(), key_bytes);
-            f.key_hash = hash_device(tree_.particles().index, tree_.size() * 4, f.key_hash);
-            if (tree_.params().dense) {
-                f.node_hash = hash_device(tree_.dense_nodes(), f.n_nodes * sizeof(DenseNode));
+            const std::size_t key_bytes = octree().size() * octree().params().key_bits / 8;
+            f.key_hash = hash_device(octree().keys(), key_bytes);
+            f.key_hash = hash_device(octree().particles().index, octree().size() * 4, f.key_hash);
+            if (octree().params().dense) {
+                f.node_hash = hash_device(octree().dense_nodes(), f.n_nodes * sizeof(DenseNode));
             } else {
-                const NodeArrays nodes = tree_.node_arrays();
+                const NodeArrays nodes = octree().node_arrays();
                 f.node_hash = hash_device(nodes.first, f.n_nodes * 4);
                 f.node_hash = hash_device(nodes.meta, f.n_nodes * 4, f.node_hash);
                 for (float* side : nodes.box) f.node_hash = hash_device(side, f.n_nodes * 4, f.node_hash);
@@ -89,14 +88,14 @@ public:
     }
 
     float spacing() override {
-        const TreeHeader h = tree_.header();
-        const std::size_t begin = h.n_outside, n_inside = tree_.size() - begin;
+        const TreeHeader h = octree().header();
+        const std::size_t begin = h.n_outside, n_inside = octree().size() - begin;
         if (n_inside == 0) return 0.0f;
         const std::size_t stride = most<std::size_t>(1, n_inside / 1024);
         const std::size_t samples = ceil_div<std::size_t>(n_inside, stride);
         float* out = results_.reserve(samples);
         with_tree([&](auto tree) {
-            exec_->for_each(samples, LocalSpacing<decltype(tree)>{tree, tree_.particles(), begin, tree_.size(), stride, out});
+            exec_->for_each(samples, LocalSpacing<decltype(tree)>{tree, octree().particles(), begin, octree().size(), stride, out});
         });
         std::vector<float> all(samples);
         exec_->download(all.data(), out, samples * sizeof(float));
@@ -107,15 +106,15 @@ public:
     }
 
     void sorted(std::uint64_t* keys, std::uint32_t* index) override {
-        const std::size_t n = tree_.size();
-        if (tree_.params().key_bits == 64) {
-            exec_->download(keys, tree_.keys(), n * 8);
+        const std::size_t n = octree().size();
+        if (octree().params().key_bits == 64) {
+            exec_->download(keys, octree().keys(), n * 8);
         } else {
             std::vector<std::uint32_t> narrow(n);
-            exec_->download(narrow.data(), tree_.keys(), n * 4);
+            exec_->download(narrow.data(), octree().keys(), n * 4);
             std::copy(narrow.begin(), narrow.end(), keys);
         }
-        exec_->download(index, tree_.particles().index, n * 4);
+        exec_->download(index, octree().particles().index, n * 4);
     }
 
     std::shared_ptr<Frame> render(const PictureRequest& request, std::shared_ptr<Frame> before) override {
@@ -157,7 +156,7 @@ public:
         const float* p = bring(points_, points, 3 * n);
         float* out = results_.reserve(4 * n);
         with_tree([&](auto tree) {
-            exec_->for_each(n, EvaluateField<decltype(tree)>{tree, tree_.particles(), {field.kernel}, p,
+            exec_->for_each(n, EvaluateField<decltype(tree)>{tree, octree().particles(), {field.kernel}, p,
                                                             value ? out : nullptr, gradient ? out + n : nullptr});
         });
         if (value) exec_->download(value, out, n * sizeof(float));
@@ -166,10 +165,10 @@ public:
 
     void blend(const FieldRequest& field, std::size_t n, FloatArray points, FloatArray values, int channels, float* result) override {
         const float* p = bring(points_, points, 3 * n);
-        const float* v = bring(values_, values, tree_.size() * channels);
+        const float* v = bring(values_, values, octree().size() * channels);
         float* out = results_.reserve(n * channels);
         with_tree([&](auto tree) {
-            exec_->for_each(n, Blend<decltype(tree)>{tree, tree_.particles(), {field.kernel}, p, v, channels, out});
+            exec_->for_each(n, Blend<decltype(tree)>{tree, octree().particles(), {field.kernel}, p, v, channels, out});
         });
         exec_->download(result, out, n * channels * sizeof(float));
     }
@@ -181,7 +180,7 @@ public:
         Neighbors out;
         out.offsets.resize(n + 1);
         with_tree([&](auto tree) {
-            FindNeighbors<decltype(tree)> find{tree, tree_.particles(), p, radius, offsets, nullptr};
+            FindNeighbors<decltype(tree)> find{tree, octree().particles(), p, radius, offsets, nullptr};
             exec_->for_each(n, find);
             exec_->exclusive_scan(n + 1, offsets);
             exec_->download(out.offsets.data(), offsets, (n + 1) * sizeof(std::uint64_t));
@@ -198,7 +197,7 @@ public:
     void trace_like(const std::optional<ThesisRequest>& thesis) override { thesis_ = thesis; }
 
     SceneAccess share() override {
-        return {exec_.get(), &tree_, [this](const float* color, const float* reflection, const float* refraction) {
+        return {exec_.get(), &octree(), [this](const float* color, const float* reflection, const float* refraction) {
                     attributes_.color = color;
                     attributes_.reflection = {reflection, 0.0f};
                     attributes_.refraction = {refraction, 0.0f};
@@ -274,7 +273,7 @@ private:
             SceneOf& scene = *static_cast<SceneOf*>(layer.scene);
             scenes.push_back(&scene);
             scene.prepare(layer.field);
-            if (&scene != this) scene.synchronize();
+            if (&scene != this) exec_->follow(*scene.exec_);
             Clip* room = clips_[k].reserve(layer.clips.size() + 1);
             if (!layer.clips.empty()) exec_->upload(room, layer.clips.data(), layer.clips.size() * sizeof(Clip));
             clips.push_back({room, int(layer.clips.size())});
@@ -294,7 +293,10 @@ private:
         while (waves_.size() < Exec::n_streams) waves_.emplace_back(waves_.empty() ? exec_ : exec_->sibling());
         const std::size_t n_streams = thesis_ ? 1 : Exec::n_streams;
         const std::size_t most_rows = Exec::wave_size / n_streams / camera.width, share = ceil_div<std::size_t>(camera.height, n_streams);
-        const std::uint32_t band = std::uint32_t(most<std::size_t>(64, least(most_rows / 64, ceil_div<std::size_t>(share, 64)) * 64));
+        #ifndef BAND
+#define BAND 64
+#endif
+        const std::uint32_t band = std::uint32_t(most<std::size_t>(BAND, least(most_rows / BAND, ceil_div<std::size_t>(share, BAND)) * BAND));
         const auto march = [&](Exec& exec, const WaveRays& rays, int k, LayerHits& found) {
             scenes[k]->march(exec, request.layers[k].field, clips[k], rays, k, found, n_layers == 1);
         };
@@ -343,6 +345,8 @@ private:
             }
         }
         for (std::size_t k = 1; k < n_streams; ++k) exec_->follow(waves_[k].exec());
+        for (SceneOf* scene : scenes)
+            if (scene != this) scene->exec_->follow(*exec_);  // it must not change before its picture is made
     }
 
     /// Distances to one layer's first crossing, on the picture's own stream.
@@ -356,7 +360,7 @@ private:
             using Tracer = std::decay_t<decltype(tracer)>;
             exec.for_each_walk(rays.source.n_items(), March<Tracer>{{tracer, clips}, rays, layer, found});
             using Tree = std::decay_t<decltype(tracer.tree)>;
-            const ResolveRays<Tree, Tracer::PerParticle> rest{tracer.tree, tree_.particles(), {field.kernel}, field.threshold, nullptr, {},
+            const ResolveRays<Tree, Tracer::PerParticle> rest{tracer.tree, octree().particles(), {field.kernel}, field.threshold, nullptr, {},
                                                              rays.source, {found.t, nullptr, nullptr}, clips, found.sign, found.cap};
             exec.for_each_tile(rest.template n_tiles<typename Exec::Group>(), rest);
         });
@@ -375,10 +379,10 @@ private:
             for (bool enough = false; !enough;) {
                 exec_->for_each(1, PlanCells<Tree>{tracer.tree, grid});
                 exec_->clear(bricks, kMaxBricks * sizeof *bricks);
-                exec_->for_each(tree_.max_nodes(), MarkBricks<Tree>{tracer.tree, tree_.max_nodes(), grid, bricks});
+                exec_->for_each(octree().max_nodes(), MarkBricks<Tree>{tracer.tree, octree().max_nodes(), grid, bricks});
                 exec_->for_each_tile_of(&grid->n_bricks,
                                         BuildCells<Lanes, Tree, std::decay_t<decltype(tracer.kernel)>, Tracer::PerParticle>{
-                                            tracer.tree, tree_.particles(), tracer.kernel, tracer.tau, grid, bricks, lists_.data(),
+                                            tracer.tree, octree().particles(), tracer.kernel, tracer.tau, grid, bricks, lists_.data(),
                                             blocks_.data(), std::uint32_t(lists_.capacity() / kBrickCells), std::uint32_t(blocks_.capacity() / block)});
                 CellGrid g;
                 exec_->download(&g, grid, sizeof g);
@@ -397,7 +401,7 @@ private:
     template <class Fn>
     void with_tracer(const FieldRequest& field, const Fn& fn) {
         with_kinds(field, [&]<class Tree, class Kernel, bool PerParticle>(const Tree& tree, const Kernel& kernel, std::bool_constant<PerParticle>) {
-            const SortedParticles& p = tree_.particles();
+            const SortedParticles& p = octree().particles();
             const float tau = PerParticle ? field.threshold : field.threshold / p.weight.uniform;
             fn(CellTracer<typename Exec::Lanes, Tree, Kernel, PerParticle>{
                 tree, p, kernel, tau, {grid_.data(), bricks_.data(), lists_.data(), blocks_.data()}});
@@ -405,35 +409,36 @@ private:
     }
     template <class Fn>
     void with_kinds(const FieldRequest& field, const Fn& fn) {
-        const SortedParticles& p = tree_.particles();
+        const SortedParticles& p = octree().particles();
         const bool alike = !p.support.data && !p.weight.data && p.weight.uniform > 0.0f;
-        if (tree_.params().dense) fn(tree_.dense(), AnyKernel{field.kernel}, std::true_type{});
-        else if (p.stretch) fn(tree_.sparse(), StretchedKernel{{field.kernel}, p.stretch, tree_.sparse().header}, std::true_type{});
-        else if (alike && field.kernel == KernelName::murakami) fn(tree_.sparse(), Murakami{}, std::false_type{});
-        else fn(tree_.sparse(), AnyKernel{field.kernel}, std::true_type{});
+        if (octree().params().dense) fn(octree().dense(), AnyKernel{field.kernel}, std::true_type{});
+        else if (p.stretch) fn(octree().sparse(), StretchedKernel{{field.kernel}, p.stretch, octree().sparse().header}, std::true_type{});
+        else if (alike && field.kernel == KernelName::murakami) fn(octree().sparse(), Murakami{}, std::false_type{});
+        else fn(octree().sparse(), AnyKernel{field.kernel}, std::true_type{});
     }
 
     /// The array in this backend's memory: itself, or a copy in `room`.
-    const float* bring(Buffer<float, Exec>& room, const FloatArray& array, std::size_t n) {
+    const float* bring(Buffer<float, Exec>& room, const FloatArray& array, std::size_t n) { return bring(*exec_, room, array, n); }
+    const float* bring(Exec& exec, Buffer<float, Exec>& room, const FloatArray& array, std::size_t n) {
         if (!array.data || n == 0) return array.data;
         if (array.on_device == Exec::on_device) return array.data;
         float* to = room.reserve(n);
-        exec_->upload(to, array.data, n * sizeof(float));
+        exec.upload(to, array.data, n * sizeof(float));
         return to;
     }
 
     template <class Fn>
     void with_tree(const Fn& fn) {
-        if (tree_.params().dense) fn(tree_.dense());
-        else fn(tree_.sparse());
+        if (octree().params().dense) fn(octree().dense());
+        else fn(octree().sparse());
     }
 
     void trace(const FieldRequest& field, const RaySource& rays, const Hits& hits) { trace_with(*exec_, field, rays, hits); }
     void trace_with(Exec& exec, const FieldRequest& field, const RaySource& rays, const Hits& hits) {
         if (thesis_)
-            return ThesisTracer<Exec>{exec, tree_, near_, work_, *thesis_, field, attributes_.color, attributes_.one_color}(rays, hits);
+            return ThesisTracer<Exec>{exec, octree(), near_, work_, *thesis_, field, attributes_.color, attributes_.one_color}(rays, hits);
         with_kinds(field, [&]<class Tree, class Kernel, bool PerParticle>(const Tree& tree, const Kernel& kernel, std::bool_constant<PerParticle>) {
-            const SortedParticles& p = tree_.particles();
+            const SortedParticles& p = octree().particles();
             const float tau = PerParticle ? field.threshold : field.threshold / p.weight.uniform;
             const TraceTiles<Tree, Kernel, PerParticle> tiles{tree, p, kernel, tau, attributes_.color, attributes_.one_color, rays, hits};
             exec.for_each_tile(tiles.template n_tiles<typename Exec::Group>(), tiles);
@@ -454,8 +459,10 @@ private:
         }
     }
 
+    Octree<Exec>& octree() const { return trees_.now(); }
+
     std::shared_ptr<Exec> exec_;
-    Octree<Exec> tree_;
+    FrameTrees<Exec> trees_;
     Buffer<float, Exec> positions_, support_, weight_, stretch_, color_, points_, more_points_, values_, results_;
     Buffer<std::uint64_t, Exec> offsets_;
     Buffer<std::uint32_t, Exec> indices_, count_;

@@ -27,7 +27,8 @@ def busy(n=400, seed=64, alike=False, **fields) -> gb.Particles:
     support = 0.3 if alike else rng.uniform(0.05, 0.5, n)
     given = {"support": support, "color": rng.uniform(0, 1, (n, 3)),
              "reflection": rng.uniform(0, 0.6, n), "refraction": rng.uniform(0, 0.9, n), **fields}
-    return gb.Particles(cloud(n, seed), **given)
+    positions = given.pop("positions", None)
+    return gb.Particles(cloud(n, seed) if positions is None else positions, **given)
 
 
 def look(scene, size=(41, 33), settings=EVERYTHING, clips=CUTS, camera=VIEW):
@@ -91,6 +92,30 @@ def test_refine_after_an_update_is_refused(backend):
         frame.refine()
     np.testing.assert_array_equal(frame.picture, kept)
     look(scene).refine()
+
+
+@pytest.mark.parametrize("settings", [gb.RenderSettings(), EVERYTHING], ids=["plain", "everything"])
+def test_frames_of_moving_scenes_do_not_mix(backend, settings):
+    """Frames may be asked for faster than they are made; each shows its own particles."""
+    n, size = (20_000, (320, 240)) if backend["device"] == "cuda" else (400, (41, 33))
+    sets = [cloud(n, 70 + k) for k in range(3)]
+    still = busy(60, 80, alike=True, positions=cloud(60, 80) + np.float32(0.4))
+
+    def scenes(positions):
+        moving = busy(n, 70, alike=True, support=0.05, positions=positions)
+        return gb.Scene(moving, **backend), gb.Scene(still, **backend)
+
+    alone = [look(scenes(positions), size, settings) for positions in sets]
+    both = scenes(sets[0])
+    frames = []
+    for i in range(9):
+        both[0].update(positions=sets[i % 3])
+        frames.append((look(both[0], size, settings), look(both, size, settings)))
+        both[1].update(positions=still.positions + np.float32(0.1 * i))  # after its picture
+        both[1].update(positions=still.positions)
+    for i, (one, two) in enumerate(frames):
+        assert_same(one, frames[i % 3][0])
+        assert_same(two, alone[i % 3])
 
 
 @pytest.mark.parametrize("samples", [0, -1, 70000])

@@ -145,11 +145,17 @@ def view_axes(up: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 def _axes(forward: np.ndarray, up: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Unit right and up vectors of an image seen along `forward`; an `up` along it is replaced."""
-    right = np.cross(forward, up)
+    right = _cross(forward, up)
     if np.linalg.norm(right) <= 1e-9 * max(np.linalg.norm(up), 1e-300):
-        right = np.cross(forward, np.eye(3)[int(np.argmin(np.abs(forward)))])
+        right = _cross(forward, np.eye(3)[int(np.argmin(np.abs(forward)))])
     right = right / np.linalg.norm(right)
-    return right, np.cross(right, forward)
+    return right, _cross(right, forward)
+
+
+def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """numpy's own takes 20 µs, and every picture needs two."""
+    (ax, ay, az), (bx, by, bz) = a.tolist(), b.tolist()
+    return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
 
 
 def _outline(particles: Any) -> tuple[np.ndarray, np.ndarray]:

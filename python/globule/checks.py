@@ -16,10 +16,11 @@ def three(name: str, value: Any, least: float = -math.inf) -> list[float]:
         raise TypeError(f"{name}: expected three numbers, got {value!r}") from None
     if array.shape == ():
         array = np.repeat(array, 3)
-    if array.shape != (3,) or not np.isfinite(array).all() or (array < least).any():
+    values = array.tolist()
+    if array.shape != (3,) or not all(math.isfinite(v) and v >= least for v in values):
         expected = "three finite numbers" + (f" >= {least:g}" if least > -math.inf else "")
         raise ValueError(f"{name}: expected {expected}, got {value!r}")
-    return [float(v) for v in array]
+    return values
 
 
 def unit(name: str, value: Any) -> list[float]:

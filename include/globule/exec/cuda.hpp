@@ -29,7 +29,7 @@ __global__ void __launch_bounds__(128) run_packets(std::size_t n, Kernel kernel)
 }
 
 inline constexpr int kWarpsPerBlock = 4;
-inline constexpr int kWalkBlocks = 6;  ///< of 128 threads to a processor, in run_walks: 80 registers a thread
+inline constexpr int kWalkBlocks = 5;  ///< of 128 threads to a processor, in run_walks: 96 registers a thread
 
 template <class Kernel>
 __global__ void __launch_bounds__(32 * kWarpsPerBlock, 4)  // at most 128 registers
@@ -53,7 +53,11 @@ __global__ void __launch_bounds__(128) run_uneven(std::size_t n, Kernel kernel) 
 template <class Walk>
 __global__ void __launch_bounds__(128, kWalkBlocks) run_walks(unsigned long long n, unsigned long long* next, Walk walk) {
     constexpr unsigned all = 0xffffffffu;
-    constexpr int kIdle = 8;  // lanes that wait before new items are taken
+    
+#ifndef KIDLE
+#define KIDLE 8
+#endif
+    constexpr int kIdle = KIDLE;  // lanes that wait before new items are taken
     const int lane = threadIdx.x & 31;
     typename Walk::State state{};
     bool busy = false, more = true;
@@ -105,11 +109,15 @@ public:
     static constexpr std::size_t wave_size = 1 << 22;       ///< pixels at a time
     static constexpr std::size_t n_streams = 4;             ///< that work side by side
 
-    explicit Cuda(int device) : device_(device), temporary_(*this), next_(*this) {
+    /// urgent: its work goes before that of other streams.
+    explicit Cuda(int device, bool urgent = false) : device_(device), temporary_(*this), next_(*this) {
         check(cudaSetDevice(device_));
         check(cudaDeviceGetAttribute(&n_processors_, cudaDevAttrMultiProcessorCount, device_));
         set_pool();
-        check(cudaStreamCreate(&stream_));  // ordered with the default stream of other libraries
+        int least_priority = 0, greatest_priority = 0;
+        check(cudaDeviceGetStreamPriorityRange(&least_priority, &greatest_priority));
+        // Ordered with the default stream of other libraries.
+        check(cudaStreamCreateWithPriority(&stream_, cudaStreamDefault, urgent ? greatest_priority : least_priority));
         for (cudaEvent_t& e : marks_) check(cudaEventCreate(&e));
         check(cudaEventCreateWithFlags(&done_, cudaEventDisableTiming));
     }
@@ -150,8 +158,9 @@ public:
     void touch(void* p, std::size_t bytes) { Staging::touch(p, bytes); }
     void clear(void* p, std::size_t bytes) { check(cudaMemsetAsync(p, 0, bytes, stream_)); }
     void synchronize() { check(cudaStreamSynchronize(stream_)); }
-    /// Another stream of the same device, and what is given to it from now on waits for another's work so far.
-    std::shared_ptr<Cuda> sibling() const { return std::make_shared<Cuda>(device_); }
+    /// Another stream of the same device, and what is given to it from now on waits for another's work so far, or up to a mark.
+    std::shared_ptr<Cuda> sibling(bool urgent = false) const { return std::make_shared<Cuda>(device_, urgent); }
+    void follow(Cuda& other, int mark) { check(cudaStreamWaitEvent(stream_, other.marks_[mark])); }
     void follow(Cuda& other) {
         check(cudaEventRecord(other.done_, other.stream_));
         check(cudaStreamWaitEvent(stream_, other.done_));

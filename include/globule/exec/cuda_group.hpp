@@ -185,16 +185,21 @@ struct CudaLanes {
     GB_FN static float get(float v, int) { return v; }
 
     static constexpr unsigned all = 0xffffffffu;
-    static constexpr int cells_at_once = 2;  ///< that a ray passes before the others get their turn
+    static constexpr int list_unit = 8;      ///< blocks of a list come by so many
+    #ifndef CAO
+#define CAO 2
+#endif
+    static constexpr int cells_at_once = CAO;  ///< that a ray passes before the others get their turn
 
-    /// Field of each active lane's source at its own t: teams of 4 lanes take one ray at a time, of 8 or 16 where no more
-    /// than four rays are left, so that all lanes work in a warp of few active rays or with lists of different length.
+    /// Field of each active lane's source at its own t: teams of 4 lanes take one ray at a time, of 8 where no more than
+    /// four rays are left, so that all lanes work in a warp of few active rays or with lists of different length.
     template <class Source, class Limits>
     __device__ static auto evaluate(const Source& source, float t, const Limits& lim, bool active, bool bounds) {
         return __any_sync(all, active && bounds) ? by_teams<true>(source, t, lim, active) : by_teams<false>(source, t, lim, active);
     }
 
 private:
+    /// Whatever the team, a ray's particles are added up in eight parts, and these in the same order.
     template <bool Bounds, class Source, class Limits>
     __device__ static auto by_teams(const Source& source, float t, const Limits& lim, bool active) {
         const int lane = threadIdx.x & 31;
@@ -205,9 +210,10 @@ private:
         std::uint8_t* lane_of = lanes + (threadIdx.x & 96);
         if (active) lane_of[rank] = std::uint8_t(lane);
         __syncwarp();
-        decltype(source.template at<Bounds>(t, lim)) result{0.0f, 0.0f, 0.0f, 0.0f};
+        using Sum = decltype(source.template at<Bounds>(t, lim));
+        Sum result{0.0f, 0.0f, 0.0f, 0.0f};
         for (int first = 0, n_teams; first < n_active; first += n_teams) {
-            const int rest = n_active - first, log_team = rest > 4 ? 2 : rest > 2 ? 3 : 4, size = 1 << log_team;
+            const int log_team = n_active - first > 4 ? 2 : 3, size = 1 << log_team;
             n_teams = 32 >> log_team;
             const int ray = first + (lane >> log_team), n = ray < n_active;  // this team's ray; none: a list of no length
             const int from = n ? lane_of[ray] : 0;
@@ -219,9 +225,9 @@ private:
             Limits of_lim = lim;
             if (Bounds) of_lim.window = __shfl_sync(all, lim.window, from);
             of_lim.sign = __shfl_sync(all, lim.sign, from);
-            auto sum = result;
-            sum = {0.0f, 0.0f, 0.0f, 0.0f};
-            of.template add_blocks<Bounds>(sum, lane & (size - 1), size, of_point, of_lim);
+            Sum sum{0.0f, 0.0f, 0.0f, 0.0f};
+            if (size == 4) of.template add_pairs<Bounds>(sum, lane & 3, of_point, of_lim);
+            else of.template add_blocks<Bounds>(sum, lane & 7, 8, of_point, of_lim);
             __syncwarp();
             for (int s = size / 2; s; s >>= 1) {
                 sum.f += __shfl_xor_sync(all, sum.f, s);

@@ -27,12 +27,6 @@ struct Murakami {
     /// As rise, of -a^2 d2b/du2, from the window's nearest point on.
     template <class F>
     GB_FN F dive(F u2, F A) const { return most(F(4) * A - F(12) * u2, F(0)); }
-    /// rise for a sign of 1, dive for -1, in one.
-    template <class F>
-    GB_FN F bend(F sign, F near2, F far2, F A) const {
-        const auto outside = sign > F(0);
-        return most(F(12) * sign * least(select(outside, far2, near2), A) - F(4) * sign * A, select(outside, F(-4), F(0)));
-    }
     /// Smallest and largest b where near <= x <= far.
     template <class F>
     GB_FN void range(F near, F far, F& lo, F& hi) const {

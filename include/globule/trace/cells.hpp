@@ -12,7 +12,8 @@ inline constexpr std::uint32_t kMaxBricks = 1u << 21;  ///< where space is large
 
 struct CellGrid {
     float3 lo;
-    float edge;               ///< of a cell
+    float edge, per;          ///< of a cell, and how many to a unit of length
+    float scale;              ///< 1 / typical support
     int nx, ny, nz;           ///< bricks
     std::uint32_t n_bricks;
     std::uint32_t n_lists;    ///< bricks with lists wanted so far
@@ -34,13 +35,13 @@ struct CellList {
     std::uint32_t n : 16, empty : 8, full : 8;
 };
 
-/// Octants of a cell that the ray p + t d, p from the cell's centre, passes for t in [0, end].
-GB_FN std::uint32_t octants_on(const float3& p, const float3& d, float end) {
+/// Octants of a cell that the ray p + t d, p from the cell's centre, passes for t in [0, end]; inv = 1 / d.
+GB_FN std::uint32_t octants_on(const float3& p, const float3& d, const float3& inv, float end) {
     const float inf = infinity();
-    const auto turn = [&](float a, float v) { return a * v < 0.0f && (-a < end * v) == (v > 0.0f) ? -a / v : inf; };
+    const auto turn = [&](float a, float v, float iv) { return a * v < 0.0f && (-a < end * v) == (v > 0.0f) ? -a * iv : inf; };
     const std::uint32_t first = (p.x > 0.0f || (p.x == 0.0f && d.x > 0.0f)) | (p.y > 0.0f || (p.y == 0.0f && d.y > 0.0f)) << 1 |
                                 (p.z > 0.0f || (p.z == 0.0f && d.z > 0.0f)) << 2;
-    const float tx = turn(p.x, d.x), ty = turn(p.y, d.y), tz = turn(p.z, d.z);
+    const float tx = turn(p.x, d.x, inv.x), ty = turn(p.y, d.y, inv.y), tz = turn(p.z, d.z, inv.z);
     const auto by = [&](float t) { return 1u << (first ^ (std::uint32_t(tx <= t) | std::uint32_t(ty <= t) << 1 | std::uint32_t(tz <= t) << 2)); };
     return 1u << first | (tx < inf ? by(tx) : 0u) | (ty < inf ? by(ty) : 0u) | (tz < inf ? by(tz) : 0u);
 }
@@ -61,17 +62,19 @@ struct CellWalk {
     float3 at;         ///< from the grid's corner to the ray's origin
     int x, y, z;       ///< cell; outside: x < 0
     float t;           ///< where the ray enters it
+    std::uint32_t state;                                  ///< of the brick, once it has been looked up
+    static constexpr std::uint32_t kUnknown = ~0u;
 
     CellWalk() = default;
     GB_FN CellWalk(const CellGrid& g, const float3& origin, const float3& direction, float from)
-        : grid(&g), d(direction), at(origin - g.lo), t(from) {
+        : grid(&g), d(direction), at(origin - g.lo), t(from), state(kUnknown) {
         inv = {inverse(d.x), inverse(d.y), inverse(d.z)};
         const float brick = kBrick * grid->edge;
         float leave = infinity();
         slab(at.x, d.x, inv.x, brick * grid->nx, leave);
         slab(at.y, d.y, inv.y, brick * grid->ny, leave);
         slab(at.z, d.z, inv.z, brick * grid->nz, leave);
-        const float per = 1.0f / grid->edge;
+        const float per = grid->per;
         x = place(at.x + t * d.x, per, 0, kBrick * grid->nx - 1);
         y = place(at.y + t * d.y, per, 0, kBrick * grid->ny - 1);
         z = place(at.z + t * d.z, per, 0, kBrick * grid->nz - 1);
@@ -88,17 +91,19 @@ struct CellWalk {
     }
     /// Where the ray leaves the cell.
     GB_FN float leave() const {
-        return most(t, least(least(side(x, 1, at.x, d.x, inv.x), side(y, 1, at.y, d.y, inv.y)), side(z, 1, at.z, d.z, inv.z)));
+        return most(t, least(least(side(x, 1, at.x, inv.x), side(y, 1, at.y, inv.y)), side(z, 1, at.z, inv.z)));
     }
     /// To the next cell (size 1) or past the brick (size kBrick) that holds this one.
     GB_FN void step(int size) {
-        const float bx = side(x, size, at.x, d.x, inv.x), by = side(y, size, at.y, d.y, inv.y), bz = side(z, size, at.z, d.z, inv.z);
-        const float next = least(least(bx, by), bz), per = 1.0f / grid->edge;
+        const float bx = side(x, size, at.x, inv.x), by = side(y, size, at.y, inv.y), bz = side(z, size, at.z, inv.z);
+        const float next = least(least(bx, by), bz), per = grid->per;
         t = most(t, next);
-        const bool in_x = move(x, size, bx == next, at.x, d.x, per, grid->nx);
-        const bool in_y = move(y, size, by == next && bx != next, at.y, d.y, per, grid->ny);
-        const bool in_z = move(z, size, bz == next && bx != next && by != next, at.z, d.z, per, grid->nz);
-        if (!(in_x && in_y && in_z && next < infinity())) x = -1;
+        const int before_x = x, before_y = y, before_z = z;
+        const bool in_x = move(x, size, bx == next, at.x, d.x, inv.x, per, grid->nx);
+        const bool in_y = move(y, size, by == next && bx != next, at.y, d.y, inv.y, per, grid->ny);
+        const bool in_z = move(z, size, bz == next && bx != next && by != next, at.z, d.z, inv.z, per, grid->nz);
+        if (((x ^ before_x) | (y ^ before_y) | (z ^ before_z)) & -kBrick) state = kUnknown;
+        if (!(in_x && in_y && in_z)) x = -1;
     }
 
 private:
@@ -116,14 +121,14 @@ private:
         t = most(t, least(p, q));
         leave = least(leave, most(p, q));
     }
-    GB_FN float side(int i, int size, float a, float v, float iv) const {
-        if (magnitude(v) <= kTiny) return infinity();
-        const int plane = (i & -size) + (v > 0.0f ? size : 0);
+    /// Far away along an axis that the ray goes across: inv is never infinite.
+    GB_FN float side(int i, int size, float a, float iv) const {
+        const int plane = (i & -size) + (iv > 0.0f ? size : 0);
         return (float(plane) * grid->edge - a) * iv;
     }
     /// Along one axis out of the box of `size` cells that holds i: across its side, or to where t lies in it.
-    GB_FN bool move(int& i, int size, bool across, float a, float v, float per, int n) const {
-        const int first = i & -size, ahead = v > 0.0f ? first + size : first - 1;
+    GB_FN bool move(int& i, int size, bool across, float a, float v, float iv, float per, int n) const {
+        const int first = i & -size, ahead = iv > 0.0f ? first + size : first - 1;
         i = across ? ahead : size == 1 ? first : place(a + t * v, per, first, first + size - 1);
         return i >= 0 && i < kBrick * n;
     }

@@ -33,17 +33,32 @@ struct BlockSource {
         const Vec3<F> p{F(at.x), F(at.y), F(at.z)}, along{F(d.x), F(d.y), F(d.z)};
         const Limits<F> wide{F(lim.tau), F(lim.window), F(lim.error), F(lim.least_step), F(lim.sign)};
         const float* from = block(begin);
-        for (int j = begin; j < n_blocks; j += stride, from += stride * kFloats) {
-            Vec3<F> q;
-            Lanes::load(from, q.x, q.y, q.z);
-            if constexpr (Kernel::stretched)
-                add_stretched<Bounds, true>(sum, kernel, matrix(from), p - q, along, Lanes::load(from + 5 * Lanes::width), wide);
-            else if constexpr (PerParticle)
-                add<true, Bounds, true>(sum, kernel, p - q, along, Lanes::load(from + 4 * Lanes::width),
-                                  Lanes::load(from + 5 * Lanes::width), wide);
-            else
-                add<false, Bounds, true>(sum, kernel, p - q, along, F(1.0f), F(1.0f), wide);
+        for (int j = begin; j < n_blocks; j += stride, from += stride * kFloats) add_block<Bounds>(sum, from, p, along, wide);
+    }
+    /// As add_blocks of `begin` and of `begin` + 4, every eighth, each in a sum of its own, and then the two.
+    template <bool Bounds>
+    GB_FN void add_pairs(Along<F>& sum, int begin, const float3& at, const Limits<float>& lim) const {
+        const Vec3<F> p{F(at.x), F(at.y), F(at.z)}, along{F(d.x), F(d.y), F(d.z)};
+        const Limits<F> wide{F(lim.tau), F(lim.window), F(lim.error), F(lim.least_step), F(lim.sign)};
+        Along<F> other{F(0.0f), F(0.0f), F(0.0f), F(0.0f)};
+        const float* from = block(begin);
+        for (int j = begin; j < n_blocks; j += 8, from += 8 * kFloats) {
+            add_block<Bounds>(sum, from, p, along, wide);
+            add_block<Bounds>(other, from + 4 * kFloats, p, along, wide);
         }
+        sum = {sum.f + other.f, sum.slope + other.slope, sum.rise + other.rise, sum.fall + other.fall};
+    }
+    template <bool Bounds>
+    GB_FN void add_block(Along<F>& sum, const float* from, const Vec3<F>& p, const Vec3<F>& along, const Limits<F>& wide) const {
+        Vec3<F> q;
+        Lanes::load(from, q.x, q.y, q.z);
+        if constexpr (Kernel::stretched)
+            add_stretched<Bounds, true>(sum, kernel, matrix(from), p - q, along, Lanes::load(from + 5 * Lanes::width), wide);
+        else if constexpr (PerParticle)
+            add<true, Bounds, true>(sum, kernel, p - q, along, Lanes::load(from + 4 * Lanes::width),
+                              Lanes::load(from + 5 * Lanes::width), wide);
+        else
+            add<false, Bounds, true>(sum, kernel, p - q, along, F(1.0f), F(1.0f), wide);
     }
     /// Matrices of a block's particles.
     GB_FN Sym3<F> matrix(const float* block) const {
@@ -123,18 +138,19 @@ struct CellTracer {
     float tau;       ///< over the common weight unless PerParticle
     Cells cells;
 
-    GB_FN CellList list_of(const CellWalk& walk, bool& whole_brick) const {
-        const std::uint32_t brick = cells.bricks[walk.brick()];
+    GB_FN CellList list_of(CellWalk& walk, bool& whole_brick) const {
+        if (walk.state == CellWalk::kUnknown) walk.state = cells.bricks[walk.brick()];
+        const std::uint32_t brick = walk.state;
         whole_brick = brick < kListed;
         return whole_brick ? CellList{brick, 0, 0, 0} : cells.lists[std::size_t(brick - kListed) * kBrickCells + walk.cell_in_brick()];
     }
     GB_FN Source source(const CellList& list, const float3& p0, const float3& d) const {
-        return {cells.blocks, list.first, int(ceil_div<std::uint32_t>(list.n, Lanes::width)), kernel, p0, d};
+        return {cells.blocks, list.first, int(ceil_div<std::uint32_t>(list.n, Lanes::width * Lanes::list_unit)) * Lanes::list_unit, kernel, p0, d};
     }
     /// The ray's point at t, from the cell's centre, scaled: the only place where distance from the eye
     /// would cost precision.
     GB_FN float3 in_cell(const CellWalk& walk, const float3& o, float t) const {
-        const double scale = 1.0f / tree.header->typical_support;
+        const double scale = cells.grid->scale;
         const float3 c = walk.centre(), d = walk.d;
         return {float((double(o.x) + double(t) * d.x - c.x) * scale), float((double(o.y) + double(t) * d.y - c.y) * scale),
                 float((double(o.z) + double(t) * d.z - c.z) * scale)};
@@ -194,9 +210,9 @@ private:
             ray.t = walk.t;
             if (list.n) {
                 ray.p0 = in_cell(walk, ray.o, walk.t);
-                ray.end = (least(walk.leave(), ray.to) - walk.t) / typical;
+                ray.end = (least(walk.leave(), ray.to) - walk.t) * cells.grid->scale;
                 const std::uint32_t on_side = ray.sign > 0.0f ? list.empty : ray.sign < 0.0f ? list.full : 0;
-                if (!(octants_on(ray.p0, walk.d, ray.end) & ~on_side)) {
+                if (!(octants_on(ray.p0, walk.d, walk.inv, ray.end) & ~on_side)) {
                     walk.step(1);
                     continue;
                 }

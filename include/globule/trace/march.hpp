@@ -59,7 +59,7 @@ GB_FN void add_along(Along<F>& sum, const Kernel& kernel, F x, F u, F i2, F c, c
             sum.rise += select(apart, F(0), weight * select(c * lim.sign > F(0), rise, dive));
             sum.fall += select(apart, F(0), weight * F(most(8.0f, kernel.max_fall())));
         } else {
-            if constexpr (Tight) rise = kernel.bend(lim.sign, near * near, far * far, A);
+            if constexpr (Tight) rise = select(lim.sign > F(0), rise, kernel.dive(near * near, A));
             sum.rise += select(apart, F(0), rise);
             sum.fall += select(apart, F(0), A);
         }
