@@ -293,10 +293,8 @@ private:
         while (waves_.size() < Exec::n_streams) waves_.emplace_back(waves_.empty() ? exec_ : exec_->sibling());
         const std::size_t n_streams = thesis_ ? 1 : Exec::n_streams;
         const std::size_t most_rows = Exec::wave_size / n_streams / camera.width, share = ceil_div<std::size_t>(camera.height, n_streams);
-        #ifndef BAND
-#define BAND 64
-#endif
-        const std::uint32_t band = std::uint32_t(most<std::size_t>(BAND, least(most_rows / BAND, ceil_div<std::size_t>(share, BAND)) * BAND));
+        constexpr std::size_t kRows = 16;  // a band is whole tiles high
+        const std::uint32_t band = std::uint32_t(most<std::size_t>(kRows, least(most_rows / kRows, ceil_div<std::size_t>(share, kRows)) * kRows));
         const auto march = [&](Exec& exec, const WaveRays& rays, int k, LayerHits& found) {
             scenes[k]->march(exec, request.layers[k].field, clips[k], rays, k, found, n_layers == 1);
         };

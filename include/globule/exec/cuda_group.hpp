@@ -186,10 +186,7 @@ struct CudaLanes {
 
     static constexpr unsigned all = 0xffffffffu;
     static constexpr int list_unit = 8;      ///< blocks of a list come by so many
-    #ifndef CAO
-#define CAO 2
-#endif
-    static constexpr int cells_at_once = CAO;  ///< that a ray passes before the others get their turn
+    static constexpr int cells_at_once = 2;  ///< that a ray passes before the others get their turn
 
     /// Field of each active lane's source at its own t: teams of 4 lanes take one ray at a time, of 8 where no more than
     /// four rays are left, so that all lanes work in a warp of few active rays or with lists of different length.

@@ -62,12 +62,10 @@ struct CellWalk {
     float3 at;         ///< from the grid's corner to the ray's origin
     int x, y, z;       ///< cell; outside: x < 0
     float t;           ///< where the ray enters it
-    std::uint32_t state;                                  ///< of the brick, once it has been looked up
-    static constexpr std::uint32_t kUnknown = ~0u;
 
     CellWalk() = default;
     GB_FN CellWalk(const CellGrid& g, const float3& origin, const float3& direction, float from)
-        : grid(&g), d(direction), at(origin - g.lo), t(from), state(kUnknown) {
+        : grid(&g), d(direction), at(origin - g.lo), t(from) {
         inv = {inverse(d.x), inverse(d.y), inverse(d.z)};
         const float brick = kBrick * grid->edge;
         float leave = infinity();
@@ -98,11 +96,9 @@ struct CellWalk {
         const float bx = side(x, size, at.x, inv.x), by = side(y, size, at.y, inv.y), bz = side(z, size, at.z, inv.z);
         const float next = least(least(bx, by), bz), per = grid->per;
         t = most(t, next);
-        const int before_x = x, before_y = y, before_z = z;
         const bool in_x = move(x, size, bx == next, at.x, d.x, inv.x, per, grid->nx);
         const bool in_y = move(y, size, by == next && bx != next, at.y, d.y, inv.y, per, grid->ny);
         const bool in_z = move(z, size, bz == next && bx != next && by != next, at.z, d.z, inv.z, per, grid->nz);
-        if (((x ^ before_x) | (y ^ before_y) | (z ^ before_z)) & -kBrick) state = kUnknown;
         if (!(in_x && in_y && in_z)) x = -1;
     }
 

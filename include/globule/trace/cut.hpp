@@ -20,7 +20,7 @@ struct Cut {
 
     /// Whether the medium is at a point of the ray.
     GB_FN bool holds(const float3& o, const float3& d, float t) const {
-        CellWalk walk(*tracer.cells.grid, o, d, t);
+        const CellWalk walk(*tracer.cells.grid, o, d, t);
         if (!walk.inside() || walk.t > t) return false;
         bool whole_brick;
         const CellList list = tracer.list_of(walk, whole_brick);

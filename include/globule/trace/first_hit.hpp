@@ -138,9 +138,8 @@ struct CellTracer {
     float tau;       ///< over the common weight unless PerParticle
     Cells cells;
 
-    GB_FN CellList list_of(CellWalk& walk, bool& whole_brick) const {
-        if (walk.state == CellWalk::kUnknown) walk.state = cells.bricks[walk.brick()];
-        const std::uint32_t brick = walk.state;
+    GB_FN CellList list_of(const CellWalk& walk, bool& whole_brick) const {
+        const std::uint32_t brick = cells.bricks[walk.brick()];
         whole_brick = brick < kListed;
         return whole_brick ? CellList{brick, 0, 0, 0} : cells.lists[std::size_t(brick - kListed) * kBrickCells + walk.cell_in_brick()];
     }

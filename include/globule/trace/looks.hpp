@@ -43,7 +43,7 @@ GB_FN Looks looks_at(const Tracer& tracer, const Attributes& attributes, const f
     using F = typename Lanes::F;
     constexpr bool PerParticle = Tracer::PerParticle;
     Looks out;
-    CellWalk walk(*tracer.cells.grid, o, d, t);
+    const CellWalk walk(*tracer.cells.grid, o, d, t);
     bool whole_brick = true;
     const CellList list = walk.inside() ? tracer.list_of(walk, whole_brick) : CellList{kEmpty, 0, 0, 0};
     if (list.n) {
