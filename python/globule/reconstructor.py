@@ -227,8 +227,8 @@ class Reconstructor:
         top = self._grid.low + self.spacing * np.array(self._grid.size)
         after = np.maximum(np.ceil((high - top) / edge - 1e-9) + margin, 0)
         if before.any() or after.any():
-            # A quarter more than needed on each side that grows, so that few calls grow.
-            slack = np.ceil(np.array(self._grid.size) / _BLOCK / 4)
+            # An eighth more than needed on each side that grows, so that few calls grow.
+            slack = np.ceil(np.array(self._grid.size) / _BLOCK / 8)
             before = np.where(before > 0, before + slack, 0).astype(int)
             before[0] = -(-before[0] // _TILE) * _TILE
             after = np.where(after > 0, after + slack, 0).astype(int)
