@@ -67,26 +67,14 @@ public:
     void add(const FramesView& view, int sign) override {
         const sweep::Frames<T> frames = bring(view, false);
         exec_.mark(0);
-        if (sign > 0) {
-            std::uint32_t* wanted = wanted_list();
-            touch(frames, wanted);
-            place(wanted, coding_.words());
-        } else {
-            touch(frames, nullptr);
-        }
-        // Where pixels have to be brought, some frames are binned while the next ones are on their way.
-        const std::size_t image = std::size_t(frames.height) * frames.width;
-        const bool here = view.values.on_device == Exec::on_device;
-        const int group = here ? frames.n : most(1, int(kGroup / (image * sizeof(T))));
-        for (int first = 0; first < frames.n; first += group) {
-            sweep::Frames<T> some = frames;
-            some.n = least(group, frames.n - first);
-            some.values += first * image;
-            some.poses += first;
-            some.first_order += std::uint32_t(first * image);
-            if (!here) exec_.upload(frames_.data() + first * image, static_cast<const T*>(view.values.data) + first * image, some.n * image * sizeof(T));
-            bin(some, sign);
-        }
+        std::uint32_t* wanted = sign > 0 ? wanted_list() : nullptr;
+        touch(frames, wanted);
+        if (wanted) exec_.exclusive_scan(grid_.n_blocks() + 1, wanted);
+        BinArrived arrived{*this, frames, wanted, sign};
+        const std::size_t bytes = std::size_t(frames.n) * frames.height * frames.width * sizeof(T);
+        if constexpr (Exec::on_device)
+            if (!view.values.on_device) exec_.upload(frames_.data(), view.values.data, bytes, arrived);
+        arrived(bytes);
         exec_.mark(1);
     }
 
@@ -96,6 +84,7 @@ public:
         exec_.mark(0);
         std::uint32_t* wanted = wanted_list();
         touch(frames, wanted);
+        exec_.exclusive_scan(grid_.n_blocks() + 1, wanted);
         place(wanted, 0);
         const std::size_t n = emit(frames, Keying::bins, 64);
         T* values = reserve_values();
@@ -112,6 +101,7 @@ public:
         const std::size_t n = std::size_t(std::max(1, ceil_div(frames.n - 1, 3))) * frames.height;
         std::uint32_t* wanted = wanted_list();
         exec_.for_each(n, BezierRows<T>{frames, grid_, coding_.scale, slots_.data(), wanted, nullptr});
+        exec_.exclusive_scan(grid_.n_blocks() + 1, wanted);
         place(wanted, coding_.words());
         exec_.for_each(n, BezierRows<T>{frames, grid_, coding_.scale, slots_.data(), nullptr, bins_.data()});
         exec_.mark(1);
@@ -185,12 +175,37 @@ private:
         exec_.for_each(std::size_t(size[1]) * size[2], sweep::CopyRow<T>{from, to, {size[0], size[1], size[2]}});
     }
     void download(const DenseArrays& out, const sweep::DenseVolume<T>& from, const sweep::Grid& grid) {
-        if (out.values) exec_.download(out.values, from.values, grid.n_voxels() * sizeof(T));
-        if (out.radius) exec_.download(out.radius, from.radius, grid.n_voxels());
+        const std::size_t n = grid.n_voxels();
+        if (out.values && out.radius) return exec_.download(out.values, from.values, n * sizeof(T), out.radius, from.radius, n);
+        if (out.values) exec_.download(out.values, from.values, n * sizeof(T));
+        if (out.radius) exec_.download(out.radius, from.radius, n);
     }
     static std::size_t rows(const sweep::Frames<T>& frames) { return std::size_t(frames.n) * frames.height; }
 
-    static constexpr std::size_t kGroup = 4 << 20;  ///< bytes of frames that are brought at a time
+    /// Bins frames as their pixels become available; the first time their blocks get places.
+    struct BinArrived {
+        GridOf& grid;
+        sweep::Frames<T> frames;
+        std::uint32_t* wanted;  ///< null: none are without a place
+        int sign;
+        int binned = 0;
+
+        void operator()(std::size_t bytes) {
+            const std::size_t image = std::size_t(frames.height) * frames.width;
+            const int n = int(bytes / (image * sizeof(T)));
+            if (n == binned || (n < frames.n && (n - binned) * image * sizeof(T) < kGroup)) return;
+            if (wanted) grid.place(wanted, grid.coding_.words());
+            wanted = nullptr;
+            sweep::Frames<T> some = frames;
+            some.n = n - binned;
+            some.values += binned * image;
+            some.poses += binned;
+            some.first_order += std::uint32_t(binned * image);
+            grid.bin(some, sign);
+            binned = n;
+        }
+    };
+    static constexpr std::size_t kGroup = 4 << 20;  ///< bytes of frames that are worth a kernel while others are on their way
 
     void bin(const sweep::Frames<T>& frames, int sign) {
         const sweep::BinRows<T> bin{frames, grid_, coding_, slots_.data(), bins_.data(), sign};
@@ -224,9 +239,8 @@ private:
         exec_.clear(wanted, (grid_.n_blocks() + 1) * sizeof *wanted);
         return wanted;
     }
-    /// Places for the blocks that are wanted; their bins, `words` a voxel, start at 0.
+    /// Places for the blocks that are wanted, which have been summed up; their bins, `words` a voxel, start at 0.
     void place(std::uint32_t* wanted, int words) {
-        exec_.exclusive_scan(grid_.n_blocks() + 1, wanted);
         std::uint32_t n_new;
         exec_.download(&n_new, wanted + grid_.n_blocks(), sizeof n_new);
         blocks_.keep(n_slots_, n_slots_ + n_new);
@@ -273,8 +287,6 @@ private:
         check_cancelled();
         if constexpr (Exec::on_device) {
             if (!r.values) return;
-            exec_.touch(r.values, grid_.n_voxels() * sizeof(T));
-            exec_.touch(r.radius, grid_.n_voxels());
             download({r.values, r.radius}, kept(), grid_);
         }
     }
@@ -410,6 +422,7 @@ private:
         using namespace sweep;
         std::uint32_t* wanted = wanted_list();
         touch(frames, wanted);
+        exec_.exclusive_scan(grid_.n_blocks() + 1, wanted);
         place(wanted, 0);
         int levels = 0;
         while (1 << levels < std::max({grid_.size[0], grid_.size[1], grid_.size[2]})) ++levels;
