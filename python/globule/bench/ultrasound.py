@@ -59,8 +59,8 @@ def _sweep(n_frames: int) -> Sweep:
 
 
 def _best(run: Callable[[], Volume], quick: bool) -> tuple[float, float, Volume]:
-    """The shortest run: seconds, those of all threads together, its volume. Of three runs, of up to 20
-    in a tenth of a second, or of one that takes long."""
+    """The shortest run: seconds, those of all threads together, its volume. Of three runs, of up
+    to 20 in a tenth of a second, or of one that takes long."""
     best, spent, n = None, 0.0, 0
     while n < 3 or (spent < 0.1 and n < 20):
         start, cpu = time.perf_counter(), time.process_time()
