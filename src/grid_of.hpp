@@ -44,10 +44,7 @@ public:
                             {shift[0], shift[1], shift[2]}};
         exec_.for_each(n_slots_, MoveSlots{growth, blocks_.data()});
         move(slots_, growth, kNone);
-        if (all_changed_) {
-            changed_.reserve(grid_.n_blocks());
-            return;
-        }
+        if (all_changed_) return void(changed_.reserve(grid_.n_blocks()));
         move(masks_, growth, std::uint64_t(0));
         move(changed_, growth, 0u);
         if constexpr (Exec::on_device) {
@@ -275,9 +272,9 @@ private:
         }
     }
 
-    /// Arrays to fill: on the CPU those that are asked for.
+    /// What is to be filled: on the CPU the arrays that are asked for, or what is kept.
     sweep::DenseVolume<T> dense(const FillRequest& r) {
-        if (!Exec::on_device) return {static_cast<T*>(r.values), r.radius};
+        if (!Exec::on_device) return r.values ? sweep::DenseVolume<T>{static_cast<T*>(r.values), r.radius} : kept();
         return {out_.reserve(grid_.n_voxels()), radius_.reserve(grid_.n_voxels())};
     }
     /// The volume that was filled last, in the backend's memory.
@@ -292,20 +289,8 @@ private:
     }
     sweep::HoleTables bring_tables(const FillRequest& r) {
         const int span = (r.reach + 3) / 4;
-        const std::uint64_t units[3] = {0x1111111111111111ull, 0x000f000f000f000full, 0xffffull};
-        const int steps[3] = {1, 4, 16};
-        std::vector<std::uint64_t> masks;
-        for (int axis = 0; axis < 3; ++axis)
-            for (int radius = 0; radius <= r.reach; ++radius)
-                for (int place = 0; place < 4; ++place)
-                    for (int offset = -span; offset <= span; ++offset) {
-                        std::uint64_t mask = 0;
-                        for (int u = 0; u < 4; ++u)
-                            if (std::abs(4 * offset + u - place) <= radius) mask |= units[axis] << u * steps[axis];
-                        masks.push_back(mask);
-                    }
         const std::size_t row = 3 * std::size_t(r.reach) * r.reach + 1;
-        host_masks_ = std::move(masks);
+        host_masks_ = sweep::cube_masks(r.reach, span);
         const std::uint64_t* m = host_masks_.data();
         const std::uint32_t* w = r.weights;
         if (Exec::on_device) {
@@ -341,12 +326,12 @@ private:
     void fill_bins(const sweep::HoleTables& tables, const FillRequest& r) {
         using namespace sweep;
         const bool keeps = !r.values, some = keeps && !all_changed_;
+        all_changed_ = true;  // should anything fail from here on
         if (!taken_) finish(some);
         const std::uint32_t* near = spread_near(tables.cubes.span);
         const std::uint32_t* dirty = some ? spread_changes(tables.cubes.span) : nullptr;
-        const bool in_tiles = keeps && !Exec::on_device;
-        if (in_tiles) add_tiles(near, some);
-        fill_dense({{{grid_, slots_.data(), masks_.data(), values_.data()}, tables}, in_tiles ? kept() : dense(r), near, dirty});
+        if (keeps && !Exec::on_device) add_tiles(near, some);
+        fill_dense({{{grid_, slots_.data(), masks_.data(), values_.data()}, tables}, dense(r), near, dirty});
         exec_.clear(changed_.data(), grid_.n_blocks() * sizeof(std::uint32_t));
         all_changed_ = taken_ || !keeps;
         n_finished_ = n_slots_;

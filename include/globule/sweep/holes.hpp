@@ -7,6 +7,8 @@
 // same on every machine.
 #pragma once
 #include <cmath>
+#include <cstdlib>
+#include <vector>
 
 #include "globule/sweep/bin.hpp"
 #include "globule/sweep/dense.hpp"
@@ -47,6 +49,22 @@ struct CubeMasks {
         return masks + ((std::size_t(axis) * (reach + 1) + radius) * kBlock + place) * (2 * span + 1) + span;
     }
 };
+
+inline std::vector<std::uint64_t> cube_masks(int reach, int span) {
+    const std::uint64_t units[3] = {0x1111111111111111ull, 0x000f000f000f000full, 0xffffull};
+    const int steps[3] = {1, 4, 16};
+    std::vector<std::uint64_t> masks;
+    for (int axis = 0; axis < 3; ++axis)
+        for (int radius = 0; radius <= reach; ++radius)
+            for (int place = 0; place < 4; ++place)
+                for (int offset = -span; offset <= span; ++offset) {
+                    std::uint64_t mask = 0;
+                    for (int u = 0; u < 4; ++u)
+                        if (std::abs(4 * offset + u - place) <= radius) mask |= units[axis] << u * steps[axis];
+                    masks.push_back(mask);
+                }
+    return masks;
+}
 
 struct HoleTables {
     CubeMasks cubes;
