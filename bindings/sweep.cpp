@@ -1,5 +1,6 @@
 // Volumes from tracked sweeps: addresses in, addresses out, as in arguments.hpp.
 #include <nanobind/nanobind.h>
+#include <nanobind/stl/array.h>
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/tuple.h>
 #include <nanobind/stl/vector.h>
@@ -56,8 +57,7 @@ FramesView view(Array values, Address poses, Address mask, int n, int height, in
             n, height, width, first_order};
 }
 
-using Volume = std::tuple<Address, Address>;  ///< values, radius
-DenseArrays arrays(const Volume& v) { return {at<void>(std::get<0>(v)), at<std::uint8_t>(std::get<1>(v))}; }
+using Three = std::array<int, 3>;  ///< along x, y, z
 
 void oracle_sweep(const std::string& method, Address values, Address poses, Address mask, const std::vector<int>& frames,
                   const std::vector<int>& size, bool whole, int compounding, int reach, bool printed, Address out, Address radius) {
@@ -87,9 +87,8 @@ void bind_sweep(nb::module_& m) {
             s.type = ScalarType(type);
             work([&] { s.grid().start({s.type, compounding, wide, scale, {nx, ny, nz}}); });
         })
-        .def("grow", [](PyReconstructor& s, std::vector<int> size, std::vector<int> shift, Volume from, Volume to) {
-            if (size.size() != 3 || shift.size() != 3) throw nb::value_error("grow: expected three sizes and three shifts");
-            work([&] { s.grid().grow(size.data(), shift.data(), arrays(from), arrays(to)); });
+        .def("grow", [](PyReconstructor& s, Three size, Three shift) {
+            work([&] { s.grid().grow(size.data(), shift.data()); });
         })
         .def("add", [](PyReconstructor& s, Array values, Address poses, Address mask, int n, int h, int w, std::uint32_t order, int sign) {
             work([&] { s.grid().add(view(values, poses, mask, n, h, w, order), sign); });
@@ -101,18 +100,18 @@ void bind_sweep(nb::module_& m) {
             work([&] { s.grid().bezier(view(values, poses, mask, n, h, w, 0)); });
         })
         .def("fill", [](PyReconstructor& s, int method, Array frames, Address poses, Address mask, int n, int h, int w, int reach,
-                        Address weights, int kind, Address values, Address radius, bool incremental) {
+                        Address weights, int kind, Address values, Address radius) {
             work([&] {
                 s.grid().fill(FillMethod(method), view(frames, poses, mask, n, h, w, 0),
-                             {reach, at<const std::uint32_t>(weights), kind, at<void>(values), at<std::uint8_t>(radius), incremental});
+                             {reach, at<const std::uint32_t>(weights), kind, at<void>(values), at<std::uint8_t>(radius)});
             });
         })
         .def("filled", [](PyReconstructor& s) {
             const DenseArrays a = s.grid().filled();
-            return Volume{reinterpret_cast<Address>(a.values), reinterpret_cast<Address>(a.radius)};
+            return nb::make_tuple(reinterpret_cast<Address>(a.values), reinterpret_cast<Address>(a.radius));
         })
-        .def("read_filled", [](PyReconstructor& s, Address values, Address radius) {
-            work([&] { s.grid().read_filled(arrays({values, radius})); });
+        .def("read_filled", [](PyReconstructor& s, Three first, Three size, Address values, Address radius) {
+            work([&] { s.grid().read_filled(first.data(), size.data(), {at<void>(values), at<std::uint8_t>(radius)}); });
         })
         .def("count_map", [](PyReconstructor& s, Address out) { work([&] { s.grid().count_map(at<std::uint32_t>(out)); }); })
         .def("variance_map", [](PyReconstructor& s, Array values, Address poses, Address mask, int n, int h, int w, Address out) {

@@ -21,7 +21,7 @@ class GridOf final : public SweepGrid {
 public:
     explicit GridOf(Exec& exec)
         : exec_(exec), frames_(exec), mask_(exec), poses_(exec), slots_(exec), wanted_(exec), changed_(exec), blocks_(exec), bins_(exec),
-          squares_(exec), values_(exec), masks_(exec), near_(exec), tables_(exec), weights_(exec), out_(exec), radius_(exec),
+          squares_(exec), values_(exec), masks_(exec), near_(exec), tiles_(exec), tables_(exec), weights_(exec), out_(exec), radius_(exec),
           keys_(exec), pixels_(exec), places_(exec), point_values_(exec), runs_(exec) {}
 
     void start(const GridRequest& r) override {
@@ -36,58 +36,42 @@ public:
         exec_.for_each(grid_.n_blocks(), sweep::Set<std::uint32_t>{slots, sweep::kNone});
     }
 
-    void grow(const int size[3], const int shift[3], const DenseArrays& from, const DenseArrays& to) override {
+    void grow(const int size[3], const int shift[3]) override {
         using namespace sweep;
         const Grid old = grid_;
-        const bool filled = !all_changed_;
         resize(size);
-        const Growth growth{old, grid_, {shift[0], shift[1], shift[2]}};
+        const Growth growth{{old.blocks[0], old.blocks[1], old.blocks[2]}, {grid_.blocks[0], grid_.blocks[1], grid_.blocks[2]},
+                            {shift[0], shift[1], shift[2]}};
         exec_.for_each(n_slots_, MoveSlots{growth, blocks_.data()});
         move(slots_, growth, kNone);
-        if (filled) {
-            move(masks_, growth, std::uint64_t(0));
-            move(changed_, growth, std::uint32_t(1));  // what is new has no values yet
-            const std::size_t n_rows = std::size_t(old.size[1]) * old.size[2];
-            if constexpr (Exec::on_device) {
-                Room<T> values(exec_);
-                Room<std::uint8_t> radius(exec_);
-                values.reserve(grid_.n_voxels());
-                radius.reserve(grid_.n_voxels());
-                exec_.for_each_task(n_rows, MoveRow<T>{growth, {out_.data(), radius_.data()}, {values.data(), radius.data()}});
-                values.swap(out_);
-                radius.swap(radius_);
-            } else if (to.values) {
-                const DenseVolume<T> before{static_cast<T*>(from.values), from.radius}, after{static_cast<T*>(to.values), to.radius};
-                exec_.for_each(n_rows, MoveRow<T>{growth, before, after});
-            }
+        if (all_changed_) return void(changed_.reserve(grid_.n_blocks()));
+        move(masks_, growth, std::uint64_t(0));
+        move(changed_, growth, 0u);
+        if constexpr (Exec::on_device) {
+            Room<T> values(exec_);
+            Room<std::uint8_t> radius(exec_);
+            const DenseVolume<T> larger{values.reserve(grid_.n_voxels()), radius.reserve(grid_.n_voxels())};
+            set_empty(larger, 0, grid_.n_voxels());
+            copy_box({old, kept(), {}}, {grid_, larger, {kBlock * shift[0], kBlock * shift[1], kBlock * shift[2]}}, old.size);
+            values.swap(out_);
+            radius.swap(radius_);
         } else {
-            changed_.reserve(grid_.n_blocks());
+            move(tiles_, {{tile_columns(old), old.blocks[1], old.blocks[2]}, {tile_columns(grid_), grid_.blocks[1], grid_.blocks[2]},
+                           {shift[0] * kBlock / kTile, shift[1], shift[2]}}, kNone);
         }
     }
 
     void add(const FramesView& view, int sign) override {
         const sweep::Frames<T> frames = bring(view, false);
         exec_.mark(0);
-        if (sign > 0) {
-            std::uint32_t* wanted = wanted_list();
-            touch(frames, wanted);
-            place(wanted, coding_.words());
-        } else {
-            touch(frames, nullptr);
-        }
-        // Where pixels have to be brought, some frames are binned while the next ones are on their way.
-        const std::size_t image = std::size_t(frames.height) * frames.width;
-        const bool here = view.values.on_device == Exec::on_device;
-        const int group = here ? frames.n : most(1, int(kGroup / (image * sizeof(T))));
-        for (int first = 0; first < frames.n; first += group) {
-            sweep::Frames<T> some = frames;
-            some.n = least(group, frames.n - first);
-            some.values += first * image;
-            some.poses += first;
-            some.first_order += std::uint32_t(first * image);
-            if (!here) exec_.upload(frames_.data() + first * image, static_cast<const T*>(view.values.data) + first * image, some.n * image * sizeof(T));
-            bin(some, sign);
-        }
+        std::uint32_t* wanted = sign > 0 ? wanted_list() : nullptr;
+        touch(frames, wanted);
+        if (wanted) exec_.exclusive_scan(grid_.n_blocks() + 1, wanted);
+        BinArrived arrived{*this, frames, wanted, sign};
+        const std::size_t bytes = std::size_t(frames.n) * frames.height * frames.width * sizeof(T);
+        if constexpr (Exec::on_device)
+            if (!view.values.on_device) exec_.upload(frames_.data(), view.values.data, bytes, arrived);
+        arrived(bytes);
         exec_.mark(1);
     }
 
@@ -97,6 +81,7 @@ public:
         exec_.mark(0);
         std::uint32_t* wanted = wanted_list();
         touch(frames, wanted);
+        exec_.exclusive_scan(grid_.n_blocks() + 1, wanted);
         place(wanted, 0);
         const std::size_t n = emit(frames, Keying::bins, 64);
         T* values = reserve_values();
@@ -113,6 +98,7 @@ public:
         const std::size_t n = std::size_t(std::max(1, ceil_div(frames.n - 1, 3))) * frames.height;
         std::uint32_t* wanted = wanted_list();
         exec_.for_each(n, BezierRows<T>{frames, grid_, coding_.scale, slots_.data(), wanted, nullptr});
+        exec_.exclusive_scan(grid_.n_blocks() + 1, wanted);
         place(wanted, coding_.words());
         exec_.for_each(n, BezierRows<T>{frames, grid_, coding_.scale, slots_.data(), nullptr, bins_.data()});
         exec_.mark(1);
@@ -121,27 +107,30 @@ public:
     void fill(FillMethod method, const FramesView& view, const FillRequest& r) override {
         using namespace sweep;
         exec_.mark(2);
-        const DenseVolume<T> out = dense(r);
         const HoleTables tables = bring_tables(r);
-        if (method == FillMethod::bins) fill_bins(tables, out, r.incremental);
-        else if (method == FillMethod::points) fill_points(bring(view), tables, out);
+        if (method == FillMethod::bins) return fill_bins(tables, r);
+        const DenseVolume<T> out = dense(r);
+        if (method == FillMethod::points) fill_points(bring(view), tables, out);
         else if (method == FillMethod::plain_bins) fill_plain_bins(bring(view), tables, out);
         else fill_plain_points(bring(view), tables, out);
-        exec_.mark(3);
-        check_cancelled();
-        if constexpr (Exec::on_device) {
-            if (r.values && !r.incremental) {
-                exec_.touch(r.values, grid_.n_voxels() * sizeof(T));
-                exec_.touch(r.radius, grid_.n_voxels());
-            }
-            read_filled({r.values, r.radius});
-        }
+        deliver(r);
     }
 
     DenseArrays filled() override { return {out_.data(), radius_.data()}; }
-    void read_filled(const DenseArrays& out) override {
-        if (out.values) exec_.download(out.values, out_.data(), grid_.n_voxels() * sizeof(T));
-        if (out.radius) exec_.download(out.radius, radius_.data(), grid_.n_voxels());
+    void read_filled(const int first[3], const int size[3], const DenseArrays& out) override {
+        using namespace sweep;
+        const Corner<T> from{grid_, kept(), {first[0], first[1], first[2]}};
+        const Grid part{{size[0], size[1], size[2]}, {}};
+        if constexpr (Exec::on_device) {
+            if (part.n_voxels() == grid_.n_voxels()) return download(out, kept(), part);
+            Room<T> values(exec_);
+            Room<std::uint8_t> radius(exec_);
+            const DenseVolume<T> packed{values.reserve(part.n_voxels()), radius.reserve(part.n_voxels())};
+            copy_box(from, {part, packed, {}}, size);
+            download(out, packed, part);
+        } else {
+            copy_box(from, {part, {static_cast<T*>(out.values), out.radius}, {}}, size);
+        }
     }
 
     void count_map(std::uint32_t* out) override {
@@ -160,7 +149,7 @@ public:
 
     VolumeFacts facts() override {
         const std::uint64_t bytes = frames_.bytes() + slots_.bytes() + wanted_.bytes() + blocks_.bytes() + bins_.bytes() +
-                                    squares_.bytes() + values_.bytes() + masks_.bytes() + near_.bytes() + out_.bytes() + radius_.bytes() +
+                                    squares_.bytes() + values_.bytes() + masks_.bytes() + near_.bytes() + tiles_.bytes() + out_.bytes() + radius_.bytes() +
                                     keys_.bytes() + pixels_.bytes() + places_.bytes() + point_values_.bytes() + runs_.bytes();
         return {n_slots_, bytes, exec_.elapsed(0, 1), exec_.elapsed(2, 3)};
     }
@@ -175,13 +164,45 @@ private:
     template <class U>
     void move(Room<U>& table, const sweep::Growth& growth, U outside) {
         Room<U> moved(exec_);
-        moved.reserve(grid_.n_blocks());
-        exec_.for_each(grid_.n_blocks(), sweep::MoveTable<U>{growth, table.data(), moved.data(), outside});
+        moved.reserve(growth.n_cells());
+        exec_.for_each(std::size_t(growth.to[1]) * growth.to[2], sweep::MoveTableRow<U>{growth, table.data(), moved.data(), outside});
         moved.swap(table);
+    }
+    void copy_box(const sweep::Corner<T>& from, const sweep::Corner<T>& to, const int size[3]) {
+        exec_.for_each(std::size_t(size[1]) * size[2], sweep::CopyRow<T>{from, to, {size[0], size[1], size[2]}});
+    }
+    void download(const DenseArrays& out, const sweep::DenseVolume<T>& from, const sweep::Grid& grid) {
+        const std::size_t n = grid.n_voxels();
+        if (out.values && out.radius) return exec_.download(out.values, from.values, n * sizeof(T), out.radius, from.radius, n);
+        if (out.values) exec_.download(out.values, from.values, n * sizeof(T));
+        if (out.radius) exec_.download(out.radius, from.radius, n);
     }
     static std::size_t rows(const sweep::Frames<T>& frames) { return std::size_t(frames.n) * frames.height; }
 
-    static constexpr std::size_t kGroup = 4 << 20;  ///< bytes of frames that are brought at a time
+    /// Bins frames as their pixels become available; the first time their blocks get places.
+    struct BinArrived {
+        GridOf& grid;
+        sweep::Frames<T> frames;
+        std::uint32_t* wanted;  ///< null: none are without a place
+        int sign;
+        int binned = 0;
+
+        void operator()(std::size_t bytes) {
+            const std::size_t image = std::size_t(frames.height) * frames.width;
+            const int n = int(bytes / (image * sizeof(T)));
+            if (n == binned || (n < frames.n && (n - binned) * image * sizeof(T) < kGroup)) return;
+            if (wanted) grid.place(wanted, grid.coding_.words());
+            wanted = nullptr;
+            sweep::Frames<T> some = frames;
+            some.n = n - binned;
+            some.values += binned * image;
+            some.poses += binned;
+            some.first_order += std::uint32_t(binned * image);
+            grid.bin(some, sign);
+            binned = n;
+        }
+    };
+    static constexpr std::size_t kGroup = 4 << 20;  ///< bytes of frames that are worth a kernel while others are on their way
 
     void bin(const sweep::Frames<T>& frames, int sign) {
         const sweep::BinRows<T> bin{frames, grid_, coding_, slots_.data(), bins_.data(), sign};
@@ -215,9 +236,8 @@ private:
         exec_.clear(wanted, (grid_.n_blocks() + 1) * sizeof *wanted);
         return wanted;
     }
-    /// Places for the blocks that are wanted; their bins, `words` a voxel, start at 0.
+    /// Places for the blocks that are wanted, which have been summed up; their bins, `words` a voxel, start at 0.
     void place(std::uint32_t* wanted, int words) {
-        exec_.exclusive_scan(grid_.n_blocks() + 1, wanted);
         std::uint32_t n_new;
         exec_.download(&n_new, wanted + grid_.n_blocks(), sizeof n_new);
         blocks_.keep(n_slots_, n_slots_ + n_new);
@@ -252,26 +272,25 @@ private:
         }
     }
 
+    /// What is to be filled: on the CPU the arrays that are asked for, or what is kept.
     sweep::DenseVolume<T> dense(const FillRequest& r) {
-        if (!Exec::on_device) return {static_cast<T*>(r.values), r.radius};
+        if (!Exec::on_device) return r.values ? sweep::DenseVolume<T>{static_cast<T*>(r.values), r.radius} : kept();
         return {out_.reserve(grid_.n_voxels()), radius_.reserve(grid_.n_voxels())};
+    }
+    /// The volume that was filled last, in the backend's memory.
+    sweep::DenseVolume<T> kept() { return {out_.data(), radius_.data(), Exec::on_device ? nullptr : tiles_.data()}; }
+    void deliver(const FillRequest& r) {
+        exec_.mark(3);
+        check_cancelled();
+        if constexpr (Exec::on_device) {
+            if (!r.values) return;
+            download({r.values, r.radius}, kept(), grid_);
+        }
     }
     sweep::HoleTables bring_tables(const FillRequest& r) {
         const int span = (r.reach + 3) / 4;
-        const std::uint64_t units[3] = {0x1111111111111111ull, 0x000f000f000f000full, 0xffffull};
-        const int steps[3] = {1, 4, 16};
-        std::vector<std::uint64_t> masks;
-        for (int axis = 0; axis < 3; ++axis)
-            for (int radius = 0; radius <= r.reach; ++radius)
-                for (int place = 0; place < 4; ++place)
-                    for (int offset = -span; offset <= span; ++offset) {
-                        std::uint64_t mask = 0;
-                        for (int u = 0; u < 4; ++u)
-                            if (std::abs(4 * offset + u - place) <= radius) mask |= units[axis] << u * steps[axis];
-                        masks.push_back(mask);
-                    }
         const std::size_t row = 3 * std::size_t(r.reach) * r.reach + 1;
-        host_masks_ = std::move(masks);
+        host_masks_ = sweep::cube_masks(r.reach, span);
         const std::uint64_t* m = host_masks_.data();
         const std::uint32_t* w = r.weights;
         if (Exec::on_device) {
@@ -304,36 +323,57 @@ private:
         return a;
     }
 
-    void fill_bins(const sweep::HoleTables& tables, const sweep::DenseVolume<T>& out, bool incremental) {
+    void fill_bins(const sweep::HoleTables& tables, const FillRequest& r) {
         using namespace sweep;
-        const bool some = incremental && !all_changed_;
+        const bool keeps = !r.values, some = keeps && !all_changed_;
+        all_changed_ = true;  // should anything fail from here on
         if (!taken_) finish(some);
         const std::uint32_t* near = spread_near(tables.cubes.span);
         const std::uint32_t* dirty = some ? spread_changes(tables.cubes.span) : nullptr;
-        fill_dense({{{grid_, slots_.data(), masks_.data(), values_.data()}, tables}, out, near, dirty});
+        if (keeps && !Exec::on_device) add_tiles(near, some);
+        fill_dense({{{grid_, slots_.data(), masks_.data(), values_.data()}, tables}, dense(r), near, dirty});
         exec_.clear(changed_.data(), grid_.n_blocks() * sizeof(std::uint32_t));
-        all_changed_ = taken_;
+        all_changed_ = taken_ || !keeps;
         n_finished_ = n_slots_;
+        deliver(r);
+    }
+    /// Tiles for what is near data; empty at first.
+    void add_tiles(const std::uint32_t* near, bool some) {
+        using namespace sweep;
+        const int columns = tile_columns(grid_), per_tile = kTile / kBlock;
+        const std::size_t rows = std::size_t(grid_.blocks[1]) * grid_.blocks[2], before = some ? n_tiles_ : 0;
+        std::uint32_t* tiles = tiles_.reserve(rows * columns);
+        if (!some) std::fill_n(tiles, rows * columns, kNone);
+        n_tiles_ = before;
+        for (std::size_t row = 0; row < rows; ++row)
+            for (int x = 0; x < grid_.blocks[0]; ++x) {
+                std::uint32_t& place = tiles[row * columns + x / per_tile];
+                if (place == kNone && near[row * grid_.blocks[0] + x]) place = std::uint32_t(n_tiles_++);
+            }
+        const std::size_t used = before * kTileVoxels, n = n_tiles_ * kTileVoxels;
+        out_.keep(used, n);
+        radius_.keep(used, n);
+        set_empty(kept(), used, n);
+    }
+    void set_empty(const sweep::DenseVolume<T>& out, std::size_t from, std::size_t to) {
+        exec_.clear(out.values + from, (to - from) * sizeof(T));
+        exec_.for_each(to - from, sweep::Set<std::uint8_t>{out.radius + from, sweep::kFar});
     }
     void fill_dense(const sweep::FillVoxel<T>& each) {
         using namespace sweep;
         if constexpr (Exec::on_device) {
             const int reach = each.filler.tables.cubes.reach;
             if (reach == 0 || reach > FillBlock<T>::kReach) return exec_.for_each(grid_.n_blocks() * kVoxels, each);
-            if (!each.dirty) {
-                exec_.clear(each.out.values, grid_.n_voxels() * sizeof(T));
-                exec_.for_each(grid_.n_voxels(), Set<std::uint8_t>{each.out.radius, kFar});
-            }
+            if (!each.dirty) set_empty(each.out, 0, grid_.n_voxels());
             exec_.for_each_tile(grid_.n_blocks(), FillBlock<T>{each});
         } else {
-            if (each.filler.tables.cubes.reach == 0 && !each.dirty) {
+            if (each.filler.tables.cubes.reach == 0 && !each.out.tiles) {
                 exec_.for_each_task(std::size_t(grid_.blocks[1]) * grid_.blocks[2], CopyBlockRow<T>{each});
                 return;
             }
             if constexpr (!is_real<T>)
                 if (each.filler.tables.cubes.reach <= FillTile<T>::kReach) {
-                    const int n_tiles = ceil_div(grid_.size[0], FillTile<T>::kLong);
-                    exec_.for_each_tile(std::size_t(n_tiles) * grid_.blocks[1] * grid_.blocks[2], FillTile<T>{each, n_tiles});
+                    exec_.for_each_tile(std::size_t(tile_columns(grid_)) * grid_.blocks[1] * grid_.blocks[2], FillTile<T>{each});
                     return;
                 }
             exec_.for_each_task(std::size_t(grid_.blocks[1]) * grid_.blocks[2], FillBlockRow<T>{each});
@@ -367,6 +407,7 @@ private:
         using namespace sweep;
         std::uint32_t* wanted = wanted_list();
         touch(frames, wanted);
+        exec_.exclusive_scan(grid_.n_blocks() + 1, wanted);
         place(wanted, 0);
         int levels = 0;
         while (1 << levels < std::max({grid_.size[0], grid_.size[1], grid_.size[2]})) ++levels;
@@ -434,6 +475,7 @@ private:
     bool taken_ = false;              ///< values came from a median, not from bins
     bool all_changed_ = true;        ///< nothing of the last finished bins may be used
     std::size_t n_finished_ = 0;      ///< slots that had values then
+    std::size_t n_tiles_ = 0;        ///< of the volume that is kept, on the CPU
     std::vector<std::uint64_t> host_masks_;
     Room<T> frames_;
     Room<std::uint8_t> mask_;
@@ -442,7 +484,7 @@ private:
     Room<std::uint64_t> bins_, squares_;
     Room<T> values_;
     Room<std::uint64_t> masks_;
-    Room<std::uint32_t> near_;
+    Room<std::uint32_t> near_, tiles_;
     Room<std::uint64_t> tables_;
     Room<std::uint32_t> weights_;
     Room<T> out_;

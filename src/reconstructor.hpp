@@ -64,9 +64,8 @@ struct FillRequest {
     int reach;                        ///< largest radius of a kernel, voxels
     const std::uint32_t* weights;     ///< (3 reach^2 + 1) squared: [sigma^2][d^2], 2^24 = 1
     int kind;                         ///< sweep::HoleWeights
-    void* values;                     ///< out: (z, y, x); null: left in the backend's memory
+    void* values;                     ///< out: (z, y, x); null: kept by the backend, and of `bins` only what changed since is filled
     std::uint8_t* radius;             ///< out: (z, y, x)
-    bool incremental;                 ///< values and radius are the last ones: only what changed is written
 };
 
 /// A dense volume, (z, y, x); none where null.
@@ -85,18 +84,19 @@ struct SweepGrid {
     virtual ~SweepGrid() = default;
     /// Forgets all frames; the grid is empty.
     virtual void start(const GridRequest& request) = 0;
-    /// A larger grid that holds the old one `shift` blocks of 4 voxels inside. The volume filled last moves
-    /// from `from` to `to`, so that the next fill may be incremental; a backend with its own memory moves its own.
-    virtual void grow(const int size[3], const int shift[3], const DenseArrays& from, const DenseArrays& to) = 0;
+    /// A larger grid that holds the old one `shift` blocks of 4 voxels inside, along x a multiple of 16. What is kept
+    /// moves with it; the new blocks must be farther from all data than a kernel reaches.
+    virtual void grow(const int size[3], const int shift[3]) = 0;
     /// Bins frames; sign -1 takes them out again (mean only).
     virtual void add(const FramesView& frames, int sign) = 0;
     virtual void median(const FramesView& frames) = 0;
     virtual void bezier(const FramesView& frames) = 0;
     /// The dense volume; methods on points take the frames, the others what was added.
     virtual void fill(FillMethod method, const FramesView& frames, const FillRequest& request) = 0;
-    /// The volume that was filled last, in the backend's memory; null on the CPU.
+    /// The volume that the backend keeps as arrays, on a device.
     virtual DenseArrays filled() = 0;
-    virtual void read_filled(const DenseArrays& out) = 0;
+    /// A box of the volume that the backend keeps, voxels.
+    virtual void read_filled(const int first[3], const int size[3], const DenseArrays& out) = 0;
     virtual void count_map(std::uint32_t* out) = 0;
     virtual void variance_map(const FramesView& frames, float* out) = 0;
     virtual void source_map(std::uint32_t pixels, std::int32_t* out) = 0;

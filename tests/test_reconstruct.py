@@ -269,6 +269,25 @@ def test_incremental(backend, compounding, dtype):
     assert live.n_frames == 10
 
 
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32])
+@pytest.mark.parametrize("max_kernel", [1, 9, 13])
+def test_a_volume_that_grows_on_all_sides(backend, dtype, max_kernel):
+    """Read after each frame, so that what was filled before has to move along x, y and z."""
+    sweep = make_sweep(n=9, dtype=dtype)
+    steps = [(0, 0, 0), (9, 0, 0), (-60, 3, 0), (0, -30, 4), (0, 40, -9), (-66, 0, 30), (1, 2, -31)]
+    sweep.world_from_image[: len(steps), :3, 3] += np.array(steps)
+    live = Reconstructor(0.9, max_kernel=max_kernel, **backend)
+    for f in range(9):
+        live.add(sweep.frames[f], sweep.world_from_image[f])
+        volume = live.volume()
+    same_volume(volume, sweep, list(range(9)), max_kernel=max_kernel, **backend)
+    live.undo()
+    live.volume()
+    for _ in range(3):
+        live.undo()
+    same_volume(live.volume(), sweep, list(range(5)), max_kernel=max_kernel, **backend)
+
+
 def test_a_frame_that_cannot_fit_changes_nothing(backend):
     sweep = make_sweep(n=3)
     live = Reconstructor(0.5, **backend)

@@ -265,6 +265,8 @@ def test_poses_with_scale_need_no_calibration(stack):
     assert sweep.spacing == pytest.approx((0.5, 0.25))
     line = refused("frames", poses="poses.csv", frame_times=10)
     assert "calibration" in line
+    line = refused("frames", poses="scaled.csv", frame_times=10, calibration="calibration.toml")
+    assert "without scale" in line and "0.375 mm" in line
 
 
 # Regions

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import logging
 import os
 from typing import NamedTuple
@@ -63,6 +64,7 @@ def _cpu() -> Device:
     return Device(f"cpu_{level}", 0, _core.describe(f"cpu_{level}", 0)[1])
 
 
+@functools.cache  # the driver takes its time to say what a device is; an error is asked for again
 def _cuda(index: int) -> Device:
     ok, text = _core.describe("cuda", index)
     if not ok:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -186,10 +187,23 @@ def fill(
     whole: tuple,
     last: tuple | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Dense values and kernel radii (Z, Y, X); those of the call before may be given as `last`,
-    then only what has changed since is written to them."""
-    values, radius = last if last is not None else empty_volume(grid, dtype)
-    _fill(core, grid, options, whole, address(values), address(radius), last is not None)
+    """Dense values and kernel radii (Z, Y, X), in the arrays `last` of a call before if given."""
+    values, radius = last if last is not None else empty_volume(grid.size, dtype)
+    _fill(core, grid, options, whole, address(values), address(radius))
+    return values, radius
+
+
+def update(core: Any, grid: VoxelGrid, options: Options) -> None:
+    """Fill the volume that `core` keeps, where binned frames have changed it."""
+    _fill(core, grid, options, ((0, False), 0, 0, 0, 0, 0), 0, 0)
+
+
+def read_kept(
+    core: Any, first: Sequence[int], size: Sequence[int], dtype: Any
+) -> tuple[np.ndarray, np.ndarray]:
+    """Values and radii of a box of the volume that `core` keeps; voxels x, y, z."""
+    values, radius = empty_volume(size, dtype)
+    core.read_filled(first, size, address(values), address(radius))
     return values, radius
 
 
@@ -197,13 +211,14 @@ def filled_on_device(
     core: Any, grid: VoxelGrid, dtype: Any, options: Options, whole: tuple
 ) -> tuple[DeviceArray, DeviceArray]:
     """The same, left in the GPU's memory."""
-    _fill(core, grid, options, whole, 0, 0, False)
+    _fill(core, grid, options, whole, 0, 0)
     arrays = []
     for k, (place, kind) in enumerate(zip(core.filled(), (dtype, np.uint8), strict=True)):
 
         def fetch(k: int = k, kind: Any = kind) -> np.ndarray:
             out = np.empty(grid.size[::-1], kind)
-            core.read_filled(*(address(out) if k == i else 0 for i in (0, 1)))
+            places = (address(out) if k == i else 0 for i in (0, 1))
+            core.read_filled((0, 0, 0), grid.size, *places)
             return out
 
         arrays.append(DeviceArray(place, grid.size[::-1], kind, core, fetch))
@@ -211,9 +226,8 @@ def filled_on_device(
 
 
 def _fill(
-    core: Any, grid: VoxelGrid, options: Options, whole: tuple, values: int, radius: int,
-    incremental: bool,
-) -> None:  # fmt: skip
+    core: Any, grid: VoxelGrid, options: Options, whole: tuple, values: int, radius: int
+) -> None:
     reach = options.reach(grid.spacing)
     weights = hole_weight_table(reach) if reach <= _LARGEST_TABLE else None
     core.fill(
@@ -224,13 +238,12 @@ def _fill(
         HOLE_WEIGHTS.index(options.hole_weights),
         values,
         radius,
-        incremental,
     )
 
 
-def empty_volume(grid: VoxelGrid, dtype: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Room for dense values and kernel radii (Z, Y, X)."""
-    return np.empty(grid.size[::-1], dtype), np.empty(grid.size[::-1], np.uint8)
+def empty_volume(size: Sequence[int], dtype: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Room for dense values and kernel radii (Z, Y, X) of so many voxels x, y, z."""
+    return np.empty(size[::-1], dtype), np.empty(size[::-1], np.uint8)
 
 
 @functools.lru_cache(maxsize=8)

@@ -19,9 +19,9 @@ from .reconstruct import (
     check_mask,
     check_options,
     check_poses,
-    empty_volume,
-    fill,
+    read_kept,
     start,
+    update,
     value_scale,
 )
 from .scene import _count
@@ -36,7 +36,7 @@ from .sweep_grid import (
 from .volume import Volume
 
 _BLOCK = 4  # voxels; the grid grows by whole blocks
-_NO_FRAMES = ((0, False), 0, 0, 0, 0, 0)
+_TILE = 16  # blocks of x; along x the grid grows by whole tiles
 
 
 class _Added(NamedTuple):
@@ -47,10 +47,6 @@ class _Added(NamedTuple):
     low: np.ndarray
     high: np.ndarray
     before: tuple[np.ndarray, np.ndarray] | None
-
-
-def _addresses(volume: tuple[np.ndarray, np.ndarray] | None) -> tuple[int, int]:
-    return (0, 0) if volume is None else (address(volume[0]), address(volume[1]))
 
 
 class Reconstructor:
@@ -100,13 +96,14 @@ class Reconstructor:
         self._core = _core.Reconstructor(self._chosen.backend, self._chosen.index, self._threads)
         self._grid: VoxelGrid | None = None
         self._added: list[_Added] = []
-        self._dense: tuple[np.ndarray, np.ndarray] | None = None
         self._type: Any = None
         self._shape: tuple[int, int] = (0, 0)
         self._scale = 1.0
         self._order = 0
         self.n_frames = 0
         self.spacing = make_grid(np.zeros(3), np.zeros(3), spacing, None, None).spacing
+        # Blocks around all pixels: what the grid grows by lies beyond the reach of what is in it.
+        self._margin = -(-self._options.reach(self.spacing) // _BLOCK)
 
     def add(self, frames: Any, poses: Any) -> None:
         """Add a frame, or several.
@@ -160,14 +157,11 @@ class Reconstructor:
         with self._lock:
             if self._grid is None:
                 raise ValueError("volume: expected frames to be added first, got none")
-            self._dense = fill(
-                self._core, self._grid, self._type, self._options, _NO_FRAMES, self._dense
-            )
+            update(self._core, self._grid, self._options)
             first = np.rint((self._low - self._grid.low) / self.spacing).astype(int)
-            last = first + np.rint((self._high - self._low) / self.spacing).astype(int)
-            part = tuple(slice(a, b) for a, b in zip(first[::-1], last[::-1], strict=True))
-            values, radius = (a[part].copy() for a in self._dense)
-            grid = VoxelGrid(self._low, self.spacing, tuple(int(v) for v in last - first))
+            size = np.rint((self._high - self._low) / self.spacing).astype(int)
+            grid = VoxelGrid(self._low, self.spacing, tuple(int(v) for v in size))
+            values, radius = read_kept(self._core, first.tolist(), grid.size, self._type)
             return Volume(
                 values, grid.world_from_voxel, radius, self._space, self._core.facts(),
                 self._maps(grid),
@@ -215,8 +209,8 @@ class Reconstructor:
                 box = grid.low, grid.low + self.spacing * np.array(grid.size)
             else:
                 edge = _BLOCK * self.spacing
-                low = np.floor(added.low / edge) * edge
-                n = _BLOCK * (np.floor((added.high - low) / edge) + 1).astype(int)
+                low = (np.floor(added.low / edge) - self._margin) * edge
+                n = _BLOCK * (np.floor((added.high - low) / edge) + 1 + self._margin).astype(int)
                 grid = VoxelGrid(low, self.spacing, tuple(int(v) for v in n))
                 box = self._lattice(grid, added)
             self._reserve(grid, added)
@@ -228,24 +222,23 @@ class Reconstructor:
         low, high = self._lattice(self._grid, added)
         low, high = np.minimum(self._low, low), np.maximum(self._high, high)
         edge = _BLOCK * self.spacing
-        before = np.maximum(np.ceil((self._grid.low - low) / edge - 1e-9), 0)
+        margin = self._margin
+        before = np.maximum(np.ceil((self._grid.low - low) / edge - 1e-9) + margin, 0)
         top = self._grid.low + self.spacing * np.array(self._grid.size)
-        after = np.maximum(np.ceil((high - top) / edge - 1e-9), 0)
+        after = np.maximum(np.ceil((high - top) / edge - 1e-9) + margin, 0)
         if before.any() or after.any():
-            # A quarter more than needed on each side that grows, so that few calls grow.
-            slack = np.ceil(np.array(self._grid.size) / _BLOCK / 4)
+            # An eighth more than needed on each side that grows, so that few calls grow.
+            slack = np.ceil(np.array(self._grid.size) / _BLOCK / 8)
             before = np.where(before > 0, before + slack, 0).astype(int)
+            before[0] = -(-before[0] // _TILE) * _TILE
             after = np.where(after > 0, after + slack, 0).astype(int)
             n = np.array(self._grid.size) + _BLOCK * (before + after)
             grid = VoxelGrid(
                 self._grid.low - before * edge, self.spacing, tuple(int(v) for v in n)
             )
             self._reserve(grid, added)
-            dense = None if self._dense is None else empty_volume(grid, self._type)
-            self._core.grow(
-                list(grid.size), before.tolist(), _addresses(self._dense), _addresses(dense)
-            )
-            self._grid, self._dense = grid, dense
+            self._core.grow(grid.size, before.tolist())
+            self._grid = grid
         self._low, self._high = low, high
 
     def _lattice(self, grid: VoxelGrid, added: _Added) -> tuple[np.ndarray, np.ndarray]:
@@ -271,7 +264,6 @@ class Reconstructor:
 
     def _start(self) -> None:
         assert self._grid is not None
-        self._dense = None
         start(
             self._core,
             self._grid,

@@ -197,6 +197,9 @@ def _posed(
     if not setup.calibrated and np.allclose(scales, 1, atol=1e-3):
         problem = "expected a calibration (mm per pixel) beside poses without scale, got none"
         raise bad(path, "", problem)
+    if setup.calibrated and not np.allclose(scales, 1, atol=0.1):
+        problem = "expected poses without scale beside a calibration (clip, fan, mask may be)"
+        raise bad(path, "", f"{problem}, got {np.median(scales):.4g} mm per pixel")
     name = ("Probe" if setup.calibrated else setup.image, "Reference")
     edges = {name: Transform(matrices, ok)}
     return recording._replace(times=times, edges=edges), name

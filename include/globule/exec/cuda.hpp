@@ -147,11 +147,17 @@ public:
     void upload(void* to, const void* from, std::size_t bytes) {
         staging_.upload(to, from, bytes, stream_);
     }
+    /// The same; arrived(n) is called whenever the first n bytes may be used by what is asked for then.
+    template <class Arrived>
+    void upload(void* to, const void* from, std::size_t bytes, Arrived& arrived) {
+        staging_.upload(to, from, bytes, stream_, arrived);
+    }
     void download(void* to, const void* from, std::size_t bytes) {
         staging_.download(to, from, bytes, stream_);
     }
-    /// New host memory that will be downloaded to; takes time that the device's work does not wait for.
-    void touch(void* p, std::size_t bytes) { Staging::touch(p, bytes); }
+    void download(void* to, const void* from, std::size_t bytes, void* to2, const void* from2, std::size_t bytes2) {
+        staging_.download(to, from, bytes, to2, from2, bytes2, stream_);
+    }
     void clear(void* p, std::size_t bytes) { check(cudaMemsetAsync(p, 0, bytes, stream_)); }
     void synchronize() { check(cudaStreamSynchronize(stream_)); }
     /// Another stream of the same device, and what is given to it from now on waits for another's work so far, or up to a mark.

@@ -136,38 +136,37 @@ struct PlaceBlocks {
     }
 };
 
-/// A larger grid that holds another `shift` blocks inside.
+/// A table of cells, larger than another that it holds `shift` cells inside.
 struct Growth {
-    Grid from, to;
-    int shift[3];
+    int from[3], to[3], shift[3];
 
-    GB_FN std::size_t moved(std::size_t b) const {
-        const int x = int(b % from.blocks[0]), y = int(b / from.blocks[0] % from.blocks[1]), z = int(b / from.blocks[0] / from.blocks[1]);
-        return to.block(x + shift[0], y + shift[1], z + shift[2]);
+    GB_FN std::size_t moved(std::size_t cell) const {
+        const std::size_t x = cell % from[0], y = cell / from[0] % from[1], z = cell / from[0] / from[1];
+        return ((z + shift[2]) * to[1] + y + shift[1]) * to[0] + x + shift[0];
     }
-    /// The block of `from` that lies at block b of `to`; false outside of it.
-    GB_FN bool origin(std::size_t b, std::size_t& old) const {
-        const int x = int(b % to.blocks[0]) - shift[0], y = int(b / to.blocks[0] % to.blocks[1]) - shift[1],
-                  z = int(b / to.blocks[0] / to.blocks[1]) - shift[2];
-        old = from.block(x, y, z);
-        return from.has_block(x, y, z);
-    }
+    std::size_t n_cells() const { return std::size_t(to[0]) * to[1] * to[2]; }
 };
 struct MoveSlots {
     Growth growth;
     std::uint32_t* block_of_slot;
     GB_FN void operator()(std::size_t slot) const { block_of_slot[slot] = std::uint32_t(growth.moved(block_of_slot[slot])); }
 };
-/// A table of blocks, for the larger grid.
+/// A row of a table, for the larger one.
 template <class U>
-struct MoveTable {
+struct MoveTableRow {
     Growth growth;
     const U* from;
     U* to;
     U outside;
-    GB_FN void operator()(std::size_t b) const {
-        std::size_t old;
-        to[b] = growth.origin(b, old) ? from[old] : outside;
+    GB_FN void operator()(std::size_t row) const {
+        const int y = int(row % growth.to[1]) - growth.shift[1], z = int(row / growth.to[1]) - growth.shift[2];
+        const bool inside = y >= 0 && y < growth.from[1] && z >= 0 && z < growth.from[2];
+        const int first = growth.shift[0], last = inside ? first + growth.from[0] : first;
+        const U* old = from + (std::ptrdiff_t(z) * growth.from[1] + y) * growth.from[0];
+        U* out = to + row * growth.to[0];
+        for (int x = 0; x < first; ++x) out[x] = outside;
+        for (int x = first; x < last; ++x) out[x] = old[x - first];
+        for (int x = last; x < growth.to[0]; ++x) out[x] = outside;
     }
 };
 

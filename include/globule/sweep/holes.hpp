@@ -7,12 +7,13 @@
 // same on every machine.
 #pragma once
 #include <cmath>
+#include <cstdlib>
+#include <vector>
 
 #include "globule/sweep/bin.hpp"
+#include "globule/sweep/dense.hpp"
 
 namespace globule::sweep {
-
-inline constexpr std::uint8_t kFar = 255;  ///< radius of a voxel that stays empty
 
 enum class HoleWeights { normalized, printed };
 
@@ -48,6 +49,22 @@ struct CubeMasks {
         return masks + ((std::size_t(axis) * (reach + 1) + radius) * kBlock + place) * (2 * span + 1) + span;
     }
 };
+
+inline std::vector<std::uint64_t> cube_masks(int reach, int span) {
+    const std::uint64_t units[3] = {0x1111111111111111ull, 0x000f000f000f000full, 0xffffull};
+    const int steps[3] = {1, 4, 16};
+    std::vector<std::uint64_t> masks;
+    for (int axis = 0; axis < 3; ++axis)
+        for (int radius = 0; radius <= reach; ++radius)
+            for (int place = 0; place < 4; ++place)
+                for (int offset = -span; offset <= span; ++offset) {
+                    std::uint64_t mask = 0;
+                    for (int u = 0; u < 4; ++u)
+                        if (std::abs(4 * offset + u - place) <= radius) mask |= units[axis] << u * steps[axis];
+                    masks.push_back(mask);
+                }
+    return masks;
+}
 
 struct HoleTables {
     CubeMasks cubes;
@@ -124,29 +141,6 @@ struct HoleFiller {
     GB_FN static int square(int v) { return v * v; }
 };
 
-/// Dense arrays of the whole grid, (z, y, x).
-template <class T>
-struct DenseVolume {
-    T* values;
-    std::uint8_t* radius;
-};
-
-/// A row of voxels, at its place in the larger grid.
-template <class T>
-struct MoveRow {
-    Growth growth;
-    DenseVolume<T> from;
-    DenseVolume<T> to;
-    GB_FN void operator()(std::size_t row) const {
-        const Grid& old = growth.from;
-        const int y = int(row % old.size[1]), z = int(row / old.size[1]);
-        const std::size_t at = old.voxel(0, y, z);
-        const std::size_t moved = growth.to.voxel(kBlock * growth.shift[0], y + kBlock * growth.shift[1], z + kBlock * growth.shift[2]);
-        memcpy(to.values + moved, from.values + at, old.size[0] * sizeof(T));
-        memcpy(to.radius + moved, from.radius + at, old.size[0]);
-    }
-};
-
 /// A voxel of the dense volume, block by block; on the CPU a row of blocks is one task.
 template <class T>
 struct FillVoxel {
@@ -166,7 +160,8 @@ struct FillVoxel {
         const Grid& grid = filler.bins.grid;
         const int x = 4 * b[0] + (place & 3), y = 4 * b[1] + (place >> 2 & 3), z = 4 * b[2] + (place >> 4);
         if (x >= grid.size[0] || y >= grid.size[1] || z >= grid.size[2]) return;
-        const std::size_t at = grid.voxel(x, y, z);
+        if (!out.holds(grid, x, y, z)) return;
+        const std::size_t at = out.at(grid, x, y, z);
         if (filler.bins.masks[block] >> place & 1) {
             out.values[at] = filler.bins.values[std::size_t(filler.bins.slots[block]) * kVoxels + place];
             out.radius[at] = 0;

@@ -1,4 +1,4 @@
-// The holes of 64 x 4 x 4 voxels at once, for the CPU: the same sums as holes.hpp, in another order,
+// The holes of a tile of 64 x 4 x 4 voxels at once, for the CPU: the same sums as holes.hpp, in another order,
 // which integers do not mind.
 //
 // A weight depends on d^2 = a^2 + b^2 + c^2 alone, so values at (+-a, +-b, +-c) are added up first:
@@ -25,13 +25,12 @@ struct LaneSum<std::uint16_t> {
 template <class T>
 struct FillTile {
     static constexpr int kReach = kBlock;                  ///< largest radius: one block
-    static constexpr int kLong = 64, kHalo = kBlock + 2 * kReach;
+    static constexpr int kLong = kTile, kHalo = kBlock + 2 * kReach;
     static constexpr int kPairs = (kReach + 1) * (kReach + 2) / 2;  ///< a <= b
     static constexpr int kLanes = 32, kMostClasses = 16;
     using S = typename LaneSum<T>::type;
 
     FillVoxel<T> each;
-    int n_tiles;  ///< along x
 
     struct Room {
         S values[kHalo][kHalo][kLong + 2 * kReach];  ///< 0 where not measured
@@ -65,6 +64,7 @@ struct FillTile {
     void operator()(Group&, Room& scratch, std::size_t i) const {
         static const Classes classes[kReach + 1] = {classes_of(0), classes_of(1), classes_of(2), classes_of(3), classes_of(4)};
         const Grid& grid = each.filler.bins.grid;
+        const int n_tiles = tile_columns(grid);
         const int tile = int(i % n_tiles), by = int(i / n_tiles % grid.blocks[1]), bz = int(i / n_tiles / grid.blocks[1]);
         const int x0 = tile * kLong, width = least(kLong, grid.size[0] - x0);
         bool any_near = false, any_dirty = !each.dirty;
@@ -72,10 +72,10 @@ struct FillTile {
             any_near |= each.near[grid.block(x, by, bz)] != 0;
             any_dirty |= each.dirty && each.dirty[grid.block(x, by, bz)];
         }
-        if (!any_dirty) return;
+        if (!any_dirty || !each.out.holds(grid, x0, kBlock * by, kBlock * bz)) return;
         if (!any_near) {
             for_each_row(by, bz, [&](int y, int z) {
-                const std::size_t at = grid.voxel(x0, y, z);
+                const std::size_t at = each.out.at(grid, x0, y, z);
                 memset(each.out.values + at, 0, width * sizeof(T));
                 memset(each.out.radius + at, kFar, width);
             });
@@ -152,7 +152,7 @@ struct FillTile {
     }
 
     void fill_row(const Room& s, const Classes* classes, int x0, int width, int y, int z) const {
-        const std::size_t base = each.filler.bins.grid.voxel(x0, y, z);
+        const std::size_t base = each.out.at(each.filler.bins.grid, x0, y, z);
         const int j = y & 3, k = (z & 3) + kReach;
         for (int x = 0; x < width; x += kLanes) {
             const int n = least(kLanes, width - x);

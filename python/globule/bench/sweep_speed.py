@@ -20,6 +20,7 @@ from ..sweep_grid import bounds, make_grid
 from .table import Setting, Table
 
 FRAMES, SIZE, APART = 21, (820, 616), 1.5  # mm between frames, as in PLUS' SpinePhantomFreehand
+LIVE_FRAMES, LIVE_LENGTH = 60, 66.0  # mm
 # Seconds by what is done and voxels along the longest axis.
 PLUS_SECONDS = {
     ("nearest binning", 256): 0.041, ("nearest binning", 512): 0.110,
@@ -42,8 +43,7 @@ def sweep_speed(setting: Setting) -> Iterable[Table]:
             shape = "x".join(map(str, volume.values.shape[::-1]))
             rows.append((what, shape, known, seconds, known / seconds, cores))
     setting.say("sweep: live")
-    rows += [("live, frame to volume: " + name, "256", None, seconds, None, None)
-             for name, seconds in _live(setting, sweep)]  # fmt: skip
+    rows += [(what, "256", None, wall, None, cores) for what, wall, cores in _live(setting)]
     yield Table(
         "sweep", f"{FRAMES} frames of {SIZE[0]}x{SIZE[1]}, seconds",
         ("what", "voxels", "PLUS s", "ours s", "PLUS/ours", "core seconds"), rows,
@@ -105,16 +105,24 @@ def _best(run: Callable[[], Any]) -> tuple[float, float, Any]:
     return min(walls), min(cores), best
 
 
-def _live(setting: Setting, sweep: Sweep) -> list[tuple[str, float]]:
+def _live(setting: Setting) -> Iterable[tuple[str, float, float]]:
+    """From a frame to the volume with it, in a preset region and in a volume that grows."""
+    sweep = phantoms.breast(
+        n_frames=LIVE_FRAMES, length=LIVE_LENGTH, size=SIZE, spacing=0.08
+    )
     low, high = sweep.bounds()
-    live = Reconstructor(
-        float((high - low).max()) / 256, region=(low, high), device=setting.device,
-        threads=setting.threads,
-    )  # fmt: skip
-    seconds = []
-    for frame, pose in zip(sweep.frames, sweep.world_from_image, strict=True):
-        begun = time.perf_counter()
-        live.add(frame, pose)
-        live.volume()
-        seconds.append(time.perf_counter() - begun)
-    return [("median", float(np.median(seconds))), ("longest", max(seconds))]
+    for name, region in (("in a region", (low, high)), ("growing", None)):
+        live = Reconstructor(
+            float((high - low).max()) / 256, region=region, device=setting.device,
+            threads=setting.threads,
+        )  # fmt: skip
+        walls, cores = [], []
+        for frame, pose in zip(sweep.frames, sweep.world_from_image, strict=True):
+            begun, cpu = time.perf_counter(), time.process_time()
+            live.add(frame, pose)
+            live.volume()
+            walls.append(time.perf_counter() - begun)
+            cores.append(time.process_time() - cpu)
+        what = f"live {name}, frame to volume: "
+        yield what + "median", float(np.median(walls)), float(np.median(cores))
+        yield what + "longest", max(walls), max(cores)
