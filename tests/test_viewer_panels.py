@@ -15,6 +15,7 @@ from viewer_helpers import (
     check,
     choose,
     differs,
+    number_box,
     open_folder,
     seen,
     silhouette,
@@ -62,6 +63,39 @@ def test_threshold_changes_the_silhouette(watched):
     assert watched.viewer.state.surface.threshold == pytest.approx(1.8)
     page.get_by_role("button", name="Default surface").click()
     watched.still(page, lambda p: silhouette(p) == before)
+
+
+def test_numbers_end_as_they_are_typed(watched):
+    page, state = watched.pages[0], watched.viewer.state
+    open_folder(page, "Surface and quality")
+    open_folder(page, "Material and light")
+    for label, key, texts in (
+        ("Support", "surface.support", ("0.5", "0.109", "1.05")),
+        ("Threshold", "surface.threshold", ("0.35",)), ("Exposure", "look.exposure", ("0.5",)),
+        ("Largest width", "quality.width", ("1200",)),
+        ("JPEG quality when still", "quality.sharpness", ("85",)),
+    ):
+        group, name = key.split(".")
+        for text in texts:
+            box = number_box(page, label)
+            box.click()
+            page.keyboard.press("Control+A")
+            page.keyboard.type(text, delay=60)
+            page.keyboard.press("Tab")
+            until(lambda: getattr(getattr(state, group), name) == float(text), f"{label} {text}")
+            assert box.input_value() == text
+    assert not page.get_by_text("Not possible").count()
+
+
+def test_a_number_outside_of_its_ends_becomes_the_nearest(watched):
+    page, state = watched.pages[0], watched.viewer.state
+    open_folder(page, "Surface and quality")
+    most = watched.viewer.page.binder.widgets["surface.support"].max
+    type_number(page, "Support", "1000000000")
+    until(lambda: state.surface.support == most, "for the end")
+    page.get_by_text(f"expected 0.0875 to {most:g}, got 1e+09").first.wait_for()
+    page.keyboard.press("Tab")
+    until(lambda: number_box(page, "Support").input_value() == f"{most:g}")
 
 
 def test_kernel_support_and_root_change_the_surface(watched):

@@ -5,12 +5,13 @@ from __future__ import annotations
 import contextlib
 import io
 import secrets
+import signal
 import socket
 import sys
 import threading
 import time
 import webbrowser
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -29,6 +30,7 @@ from .state import MOST_BYTES, State
 LOCAL = ("127.0.0.1", "localhost", "::1")
 FIRST_SIZE = (1280, 720)
 MOST_CLIENTS = 16
+AT_INTERRUPT = 1.0  # s that Ctrl-C waits for a picture that is being made
 
 
 class Viewer:
@@ -236,21 +238,27 @@ class Viewer:
         self.engine.notify()
 
     def wait(self) -> None:
-        """Until Ctrl-C or `close`."""
-        try:
-            while not self._closed.wait(0.2):
-                pass
-        finally:
-            self.close()
+        """Until Ctrl-C or `close`. A second Ctrl-C does not wait for what is being closed."""
+        with first_interrupt() as asked:
+            try:
+                while not asked and not self._closed.wait(0.2):
+                    pass
+            finally:
+                self.close(AT_INTERRUPT)
+            if asked:
+                raise KeyboardInterrupt
 
-    def close(self) -> None:
-        """Stop the threads, tell the browsers, free the port."""
+    def close(self, seconds: float = 10.0) -> None:
+        """Keep what is being recorded, stop the threads, tell the browsers, free the port.
+
+        seconds: how long a picture or step that is being made may take to its end.
+        """
         if self._closed.is_set():
             return
         self._closed.set()
         for panel in self.page.panels if hasattr(self, "page") else ():
             panel.close()
-        self.engine.close()
+        self.engine.close(seconds)
         if hasattr(self, "server"):
             with contextlib.redirect_stdout(io.StringIO()):
                 self.server.stop()
@@ -271,6 +279,28 @@ class ShownFrame:
                  viewer: Viewer):
         self.number, self.picture, self.camera, self.still = number, picture, camera, still
         self.viewer, self.time = viewer, time.time()
+
+
+@contextlib.contextmanager
+def first_interrupt() -> Iterator[list[int]]:
+    """The first Ctrl-C in this block is only noted, in what this gives; the second is raised."""
+    asked: list[int] = []
+
+    def note(number: int, _: Any) -> None:
+        if asked:
+            raise KeyboardInterrupt
+        asked.append(number)
+
+    before = signal.getsignal(signal.SIGINT)
+    usual = before is signal.default_int_handler  # not somebody's own
+    if not usual or threading.current_thread() is not threading.main_thread():
+        yield asked
+        return
+    signal.signal(signal.SIGINT, note)
+    try:
+        yield asked
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def check_host(host: str) -> None:

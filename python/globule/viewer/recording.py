@@ -158,7 +158,8 @@ def turntable(
     def pictures() -> Iterator[np.ndarray]:
         for i, one in enumerate(cameras):
             progress(i / len(cameras))
-            yield Shot(engine, one, size, samples).picture
+            yield Shot(engine, one, size, samples, progress=lambda share, i=i: progress(
+                (i + share) / len(cameras))).picture
 
     write_movie(path, pictures(), fps)
     progress(1.0)

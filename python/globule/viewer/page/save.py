@@ -1,17 +1,21 @@
 """Pictures, movies and the whole state, as downloads: what a browser asks for never becomes a path
-on this machine."""
+on this machine. Only a recording that the viewer's end interrupts stays here."""
 
 from __future__ import annotations
 
+import contextlib
+import itertools
 import os
 import re
+import shutil
+import sys
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from typing import Any
 
+from ...files import atomic_write
 from ..recording import Recorder, Shot, checked_size, turntable
 from ..state import MOST_BYTES
 from .panel import Panel
@@ -19,6 +23,7 @@ from .widgets import bounded
 
 FIRST_SIZE = "1280x720"
 FORMATS = ("PNG", "EXR")
+MOST_CANCELLING = 1.0  # s that the viewer's end waits for what is given up
 
 
 class Save(Panel):
@@ -27,6 +32,7 @@ class Save(Panel):
     def build(self) -> None:
         gui = self.gui
         self._recorders: dict[int, tuple[Recorder, str, Any]] = {}  # and what says so
+        self._jobs: dict[int, list[Job]] = {}  # by browser
         self._lock = threading.Lock()
         self.size = gui.add_text("Size", FIRST_SIZE, hint="Width x height in pixels; any")
         self.samples = gui.add_slider("Samples", 1, 256, 1, 16, hint="Rays per pixel of a picture")
@@ -36,6 +42,9 @@ class Save(Panel):
         self.record_button = self.button("Record", self.record, "Starts and stops; key R")
         self.seconds = gui.add_slider("Turntable, seconds", 1, 60, 1, 8)
         self.button("Turntable movie", self.turntable, "Once around what is seen")
+        self.cancel_button = self.button("Cancel", self.cancel, "Ends the picture or turntable "
+                                         "that is being made")
+        self.cancel_button.visible = False
         with gui.add_folder("All settings", expand_by_default=False):
             self.button("Save settings", self.save_state, "As a TOML file")
             self.upload = gui.add_upload_button("Load settings", mime_type=".toml,text/plain")
@@ -64,30 +73,55 @@ class Save(Panel):
 
     def picture(self, browser: Any) -> None:
         extension, client = self.chosen_extension(), self._client(browser)
-        samples = int(bounded(self.samples))
-        with self._progress(browser, "Picture") as progress:
-            shot = Shot(self.viewer.engine, client.camera, self.chosen_size(), samples,
-                        client.marks, progress)
-            data = shot.encoded(extension)
-        browser.send_file_download(f"globule{extension}", data, save_immediately=True)
+        size, samples = self.chosen_size(), int(bounded(self.samples))
+        self._make(browser, "Picture", f"globule{extension}", lambda progress: Shot(
+            self.viewer.engine, client.camera, size, samples, client.marks, progress
+        ).encoded(extension))
 
-    @contextmanager
-    def _progress(self, browser: Any, title: str) -> Iterator[Callable[[float], None]]:
-        """A note in the browser of how far something is."""
-        note = browser.add_notification(title, "0 %", loading=True, with_close_button=False)
-        last = [0.0]
+    def turntable(self, browser: Any) -> None:
+        camera, size = self._client(browser).camera, self.chosen_size()
+        seconds, fps = bounded(self.seconds), bounded(self.fps)
 
-        def progress(share: float) -> None:
-            if browser.client_id not in self.viewer.clients:
-                raise ValueError(f"{title.lower()}: the browser has left")
-            if time.monotonic() - last[0] > 0.3:
-                last[0] = time.monotonic()
-                note.body = f"{100 * share:.0f} %"
+        def made(progress: Callable[[float], None]) -> bytes:
+            with tempfile.TemporaryDirectory(prefix="globule-") as folder:
+                path = os.path.join(folder, "turntable.mp4")
+                turntable(self.viewer.engine, camera, path, size, seconds, fps, progress=progress)
+                with open(path, "rb") as file:
+                    return file.read()
 
+        self._make(browser, "Turntable", "turntable.mp4", made)
+
+    def _make(self, browser: Any, title: str, name: str,
+              made: Callable[[Callable[[float], None]], bytes]) -> None:
+        """Make a file's bytes, with a note of how far they are, and give them to the browser."""
+        key = browser.client_id
+        with self._lock:
+            if title == "Turntable" and any(job.title == title for job in self._jobs.get(key, ())):
+                raise ValueError("turntable: one is being made; Cancel ends it")
+            job = Job(browser, title)
+            self._jobs.setdefault(key, []).append(job)
+            self.cancel_button.visible = True
         try:
-            yield progress
+            data = made(job.progress)
+        except Cancelled:
+            return
         finally:
-            note.remove()
+            with self._lock:
+                self._jobs[key].remove(job)
+                if not self._jobs[key]:
+                    del self._jobs[key]
+                self.cancel_button.visible = bool(self._jobs)
+            job.end()
+        browser.send_file_download(name, data, save_immediately=True)
+
+    def cancel(self, browser: Any) -> None:
+        """End what a browser has asked for."""
+        with self._lock:
+            jobs = list(self._jobs.get(browser.client_id, ()))
+        if not jobs:
+            raise ValueError("cancel: nothing is being made for this page")
+        for job in jobs:
+            job.cancelled = True
 
     def record(self, browser: Any) -> None:
         """Start, or stop and download; each browser its own."""
@@ -103,31 +137,20 @@ class Save(Panel):
                 self._recorders[browser.client_id] = recorder, path, note
                 self.record_button.label, self.record_button.color = "Stop recording", "red"
                 return
-        running[-1].remove()
-        self._finish(*running[:2], browser)
+        recorder, path, note = running
+        note.remove()
+        try:
+            self._stop(recorder)
+            with open(path, "rb") as file:
+                browser.send_file_download("globule.mp4", file.read(), save_immediately=True)
+        finally:
+            _remove(path)
 
-    def _finish(self, recorder: Recorder, path: str, browser: Any) -> None:
+    def _stop(self, recorder: Recorder) -> None:
+        """Finish the file."""
         if not self._recorders:
             self.record_button.label, self.record_button.color = "Record", None
-        try:
-            recorder.stop()
-            if browser is not None:
-                with open(path, "rb") as file:
-                    browser.send_file_download("globule.mp4", file.read(), save_immediately=True)
-        finally:
-            _remove(path)
-
-    def turntable(self, browser: Any) -> None:
-        client = self._client(browser)
-        path = os.path.join(tempfile.mkdtemp(prefix="globule-"), "turntable.mp4")
-        try:
-            with self._progress(browser, "Turntable") as progress:
-                turntable(self.viewer.engine, client.camera, path, self.chosen_size(),
-                          bounded(self.seconds), bounded(self.fps), progress=progress)
-            with open(path, "rb") as file:
-                browser.send_file_download("turntable.mp4", file.read(), save_immediately=True)
-        finally:
-            _remove(path)
+        recorder.stop()
 
     # Settings
 
@@ -152,18 +175,89 @@ class Save(Panel):
             gui.add_button("Close").on_click(lambda _: modal.close())
 
     def close(self) -> None:
-        """Nobody is there to take what is recorded."""
-        while self._recorders:
-            self._finish(*self._recorders.popitem()[1][:2], None)
+        """The viewer ends: pictures and turntables are given up, recordings kept."""
+        with self._lock:
+            running, self._recorders = self._recorders, {}
+            jobs = [job for several in self._jobs.values() for job in several]
+        for job in jobs:
+            job.cancelled = True
+        for recorder, path, note in running.values():
+            self._keep(recorder, path, note)
+        until = time.monotonic() + MOST_CANCELLING
+        while self._jobs and time.monotonic() < until:
+            time.sleep(0.02)
+
+    def _keep(self, recorder: Recorder, path: str, note: Any) -> None:
+        """Nobody will take it any more, so it stays here."""
+        try:
+            self._stop(recorder)
+            kept = keep(path, f"movie-{time.strftime('%Y%m%d-%H%M%S')}")
+            words = f"the viewer has ended; the recording is {kept}, where the viewer ran"
+        except Exception as error:
+            words = f"the viewer has ended and the recording is lost: {error}"
+        finally:
+            _remove(path)
+        print(f"globule: {words}", file=sys.stderr)
+        with contextlib.suppress(Exception):  # the browser may have left
+            note.title, note.body, note.loading = "Recording", words, False
+            note.with_close_button = True
+            self.viewer.server.flush()
+            time.sleep(0.2)  # until it is there
 
     def disconnected(self, browser: Any) -> None:
         with self._lock:
             running = self._recorders.pop(browser.client_id, None)
+            for job in self._jobs.get(browser.client_id, ()):
+                job.cancelled = True
         if running is not None:
-            threading.Thread(target=self._finish, args=(*running[:2], None), daemon=True).start()
+            threading.Thread(target=self._drop, args=running[:2], daemon=True).start()
+
+    def _drop(self, recorder: Recorder, path: str) -> None:
+        try:
+            self._stop(recorder)
+        finally:
+            _remove(path)
+
+
+class Cancelled(Exception):
+    """Nobody wants any more what is being made."""
+
+
+class Job:
+    """Something that takes a while, and the note in the browser of how far it is."""
+
+    def __init__(self, browser: Any, title: str):
+        self.title, self.cancelled = title, False
+        self._note = browser.add_notification(title, "0 %", loading=True, with_close_button=False)
+        self._started = self._said = time.monotonic()
+
+    def progress(self, share: float) -> None:
+        """So much is done. Raises Cancelled."""
+        if self.cancelled:
+            raise Cancelled
+        now = time.monotonic()
+        if now - self._said > 0.3:
+            self._said = now
+            left = (now - self._started) * (1 - share) / share if share > 0 else 0
+            rest = f", {left:.0f} s left; Cancel is in Save and record" if left > 2 else ""
+            self._note.body = f"{100 * share:.0f} %{rest}"
+
+    def end(self) -> None:
+        with contextlib.suppress(Exception):  # the browser may have left
+            self._note.remove()
+
+
+def keep(path: str, name: str) -> str:
+    """Put a movie into the current folder under a name that is free; its path."""
+    for number in itertools.count(1):
+        kept = os.path.abspath(f"{name}{f'-{number}' if number > 1 else ''}.mp4")
+        if not os.path.exists(kept):
+            break
+    with open(path, "rb") as movie, atomic_write(kept) as file:
+        shutil.copyfileobj(movie, file)
+    return kept
 
 
 def _remove(path: str) -> None:
-    if os.path.exists(path):
-        os.unlink(path)
-    os.rmdir(os.path.dirname(path))
+    """A recording's file with its folder."""
+    shutil.rmtree(os.path.dirname(path), ignore_errors=True)
