@@ -76,13 +76,15 @@ def test_numbers_end_as_they_are_typed(watched):
         ("JPEG quality when still", "quality.sharpness", ("85",)),
     ):
         group, name = key.split(".")
+        settings = getattr(state, group)
         for text in texts:
             box = number_box(page, label)
             box.click()
             page.keyboard.press("Control+A")
             page.keyboard.type(text, delay=60)
             page.keyboard.press("Tab")
-            until(lambda: getattr(getattr(state, group), name) == float(text), f"{label} {text}")
+            until(lambda settings=settings, name=name, text=text:
+                  getattr(settings, name) == float(text), f"{label} {text}")
             assert box.input_value() == text
     assert not page.get_by_text("Not possible").count()
 
@@ -403,6 +405,23 @@ def test_a_turntable_goes_once_around(watched, tmp_path):
     assert len(pictures) == 30
     away = [np.abs(p - pictures[0]).mean() for p in pictures]
     assert away[15] > 3 and away[-1] < away[15]
+
+
+def test_a_turntable_is_cancelled_and_not_started_twice(watched):
+    page, save = watched.pages[0], watched.viewer.page.panels[-3]
+    open_folder(page, "Save and record")
+    type_text(page, "Size", "640x480")
+    type_number(page, "Turntable, seconds", 60)
+    until(lambda: save.size.value == "640x480" and save.seconds.value == 60)
+    button = page.get_by_role("button", name="Turntable movie")
+    button.click()
+    page.get_by_text(re.compile(r"[1-9]\d* %, \d+ s left")).first.wait_for()
+    button.click()
+    page.get_by_text("turntable: one is being made").first.wait_for()
+    page.get_by_role("button", name="Cancel", exact=True).click()
+    until(lambda: not save._jobs, "for the turntable to end")
+    page.get_by_text(re.compile("s left")).first.wait_for(state="detached")
+    page.get_by_role("button", name="Cancel", exact=True).wait_for(state="hidden")
 
 
 def test_settings_are_saved_and_loaded(watched, tmp_path):

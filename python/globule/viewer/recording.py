@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import os
+import shutil
 import tempfile
 import threading
 import time
@@ -15,6 +17,7 @@ import numpy as np
 from ..camera import Camera
 from ..camera_path import orbit
 from ..exr import frame_channels, write_exr
+from ..files import atomic_write
 from ..render import MAX_PIXELS, save_png
 from ..video import need_av, write_movie
 from .engine import Engine
@@ -165,3 +168,12 @@ def turntable(
     progress(1.0)
 
 
+def keep(path: str, name: str) -> str:
+    """Put a movie into the current folder under a name that is free; its path."""
+    for number in itertools.count(1):
+        kept = os.path.abspath(f"{name}{f'-{number}' if number > 1 else ''}.mp4")
+        if not os.path.exists(kept):
+            break
+    with open(path, "rb") as movie, atomic_write(kept) as file:
+        shutil.copyfileobj(movie, file)
+    return kept

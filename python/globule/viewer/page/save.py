@@ -4,7 +4,6 @@ on this machine. Only a recording that the viewer's end interrupts stays here.""
 from __future__ import annotations
 
 import contextlib
-import itertools
 import os
 import re
 import shutil
@@ -15,14 +14,15 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from ...files import atomic_write
-from ..recording import Recorder, Shot, checked_size, turntable
+from ..recording import Recorder, Shot, checked_size, keep, turntable
 from ..state import MOST_BYTES
+from .jobs import Cancelled, Job
 from .panel import Panel
 from .widgets import bounded
 
 FIRST_SIZE = "1280x720"
 FORMATS = ("PNG", "EXR")
+SLOW = "globule: finishing the recording; Ctrl-C gives it up"
 MOST_CANCELLING = 1.0  # s that the viewer's end waits for what is given up
 
 
@@ -128,10 +128,9 @@ class Save(Panel):
         with self._lock:
             running = self._recorders.pop(browser.client_id, None)
             if running is None:
-                client = self._client(browser)
+                client, size, fps = self._client(browser), self.chosen_size(), bounded(self.fps)
                 path = os.path.join(tempfile.mkdtemp(prefix="globule-"), "movie.mp4")
-                recorder = Recorder(self.viewer.engine, lambda: client.camera, path,
-                                    self.chosen_size(), bounded(self.fps))
+                recorder = Recorder(self.viewer.engine, lambda: client.camera, path, size, fps)
                 note = browser.add_notification("Recording", "R, or the button, stops it",
                                                 loading=True, with_close_button=False)
                 self._recorders[browser.client_id] = recorder, path, note
@@ -189,6 +188,8 @@ class Save(Panel):
 
     def _keep(self, recorder: Recorder, path: str, note: Any) -> None:
         """Nobody will take it any more, so it stays here."""
+        slow = threading.Timer(1.0, print, [SLOW], {"file": sys.stderr})
+        slow.start()
         try:
             self._stop(recorder)
             kept = keep(path, f"movie-{time.strftime('%Y%m%d-%H%M%S')}")
@@ -196,6 +197,7 @@ class Save(Panel):
         except Exception as error:
             words = f"the viewer has ended and the recording is lost: {error}"
         finally:
+            slow.cancel()
             _remove(path)
         print(f"globule: {words}", file=sys.stderr)
         with contextlib.suppress(Exception):  # the browser may have left
@@ -217,45 +219,6 @@ class Save(Panel):
             self._stop(recorder)
         finally:
             _remove(path)
-
-
-class Cancelled(Exception):
-    """Nobody wants any more what is being made."""
-
-
-class Job:
-    """Something that takes a while, and the note in the browser of how far it is."""
-
-    def __init__(self, browser: Any, title: str):
-        self.title, self.cancelled = title, False
-        self._note = browser.add_notification(title, "0 %", loading=True, with_close_button=False)
-        self._started = self._said = time.monotonic()
-
-    def progress(self, share: float) -> None:
-        """So much is done. Raises Cancelled."""
-        if self.cancelled:
-            raise Cancelled
-        now = time.monotonic()
-        if now - self._said > 0.3:
-            self._said = now
-            left = (now - self._started) * (1 - share) / share if share > 0 else 0
-            rest = f", {left:.0f} s left; Cancel is in Save and record" if left > 2 else ""
-            self._note.body = f"{100 * share:.0f} %{rest}"
-
-    def end(self) -> None:
-        with contextlib.suppress(Exception):  # the browser may have left
-            self._note.remove()
-
-
-def keep(path: str, name: str) -> str:
-    """Put a movie into the current folder under a name that is free; its path."""
-    for number in itertools.count(1):
-        kept = os.path.abspath(f"{name}{f'-{number}' if number > 1 else ''}.mp4")
-        if not os.path.exists(kept):
-            break
-    with open(path, "rb") as movie, atomic_write(kept) as file:
-        shutil.copyfileobj(movie, file)
-    return kept
 
 
 def _remove(path: str) -> None:
