@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from ..checks import how_to_install
 from .schema import Problem, choice, each, key, number, positive, text, vector, whole
 from .shapes import Grid, Mesh
 
@@ -111,7 +112,7 @@ def _atlas(millimetres: float) -> np.ndarray:
         from nilearn import datasets, image
     except ImportError:
         raise ValueError(
-            'atlas: expected the package nilearn, got none: pip install "globule[atlas]"'
+            f"atlas: expected the package nilearn, got none: {how_to_install('atlas')}"
         ) from None
     gray = datasets.load_mni152_gm_template(resolution=1)
     white = datasets.load_mni152_wm_template(resolution=1)

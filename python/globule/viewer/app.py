@@ -17,10 +17,11 @@ from typing import Any
 import numpy as np
 
 from ..camera import Camera
+from ..checks import how_to_install
 from ..render import fit_camera
 from .engine import Client, Engine
 from .equivalent import command_line, python_code
-from .guard import Guard, limit_messages
+from .guard import Guard, limit_messages, quiet_tasks
 from .pacer import Plan
 from .placement import Placement
 from .recording import Shot
@@ -30,6 +31,7 @@ from .state import MOST_BYTES, State
 LOCAL = ("127.0.0.1", "localhost", "::1")
 FIRST_SIZE = (1280, 720)
 MOST_CLIENTS = 16
+MOST_WINDOW = 7680  # pixels of a browser's side
 AT_INTERRUPT = 1.0  # s that Ctrl-C waits for a picture that is being made
 
 
@@ -82,6 +84,7 @@ class Viewer:
             self.close()
             raise RuntimeError("viewer: this version of viser opens its server in another way")
         limit_messages(self.server, MOST_BYTES)
+        quiet_tasks(self.server)
         self.host, self.port = host, self.server.get_port()
         from .page import Page
 
@@ -118,6 +121,12 @@ class Viewer:
     # Clients
 
     async def _connected(self, browser: Any) -> None:
+        try:
+            await self._welcome(browser)
+        except Exception as error:  # viser would print a traceback
+            self.page.complain(browser, str(error) or type(error).__name__)
+
+    async def _welcome(self, browser: Any) -> None:
         from .viser_sink import ViserSink
 
         if len(self.clients) >= MOST_CLIENTS:
@@ -129,7 +138,12 @@ class Viewer:
         self.clients[browser.client_id] = client
 
         async def moved(camera: Any) -> None:
-            client.look(self.camera_of(camera), (camera.image_width, camera.image_height))
+            try:
+                size = tuple(min(int(v), MOST_WINDOW)
+                             for v in (camera.image_width, camera.image_height))
+                client.look(self.camera_of(camera), size)
+            except (OverflowError, ValueError) as error:  # not of a page of ours
+                self.page.complain(browser, str(error))
 
         if not self._camera_given:
             self.move(browser, for_window(self.first_camera, browser.camera.aspect))
@@ -340,6 +354,6 @@ def need_viser() -> Any:
         import viser
     except ImportError as error:
         raise ImportError(
-            'the viewer needs viser, which is not installed: pip install "globule[view]"'
+            f"the viewer needs viser, which is not installed: {how_to_install('view')}"
         ) from error
     return viser

@@ -60,7 +60,8 @@ class Binder:
                 waiting.cancel()
             asked = self._from_page(facts, self.widgets[key].value)
             value = within(self.widgets[key], facts, asked)
-            if value != asked and not stayed:
+            outside = value != asked and asked == asked  # not NaN
+            if outside and not stayed:
                 later = threading.Timer(PATIENCE, self._take, (key, facts, browser, True))
                 later.daemon = True
                 self._waiting[key] = later
@@ -73,7 +74,7 @@ class Binder:
                 self.on_error(browser, str(error))
             finally:
                 self._own.key = None
-        if value != asked:
+        if outside:
             least, most = ends(self.widgets[key], facts)
             self.on_error(browser, f"{facts['label']}: expected {least:g} to {most:g}, "
                                    f"got {_words(asked)}: {_words(value)} is taken")
@@ -136,7 +137,8 @@ def within(widget: Any, facts: dict, value: Any) -> Any:
     """The nearest value between a widget's ends, which a browser need not keep to."""
     if isinstance(value, tuple):
         return tuple(within(widget, facts, v) for v in value)
-    if facts["kind"] not in ("real", "whole", "triple") or not math.isfinite(value):
+    number = isinstance(value, (int, float)) and not isinstance(value, bool)
+    if facts["kind"] not in ("real", "whole", "triple") or not number or not math.isfinite(value):
         return value
     least, most = ends(widget, facts)
     return min(max(value, type(value)(least)), type(value)(most))
