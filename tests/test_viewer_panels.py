@@ -445,6 +445,14 @@ def test_settings_are_saved_and_loaded(watched, tmp_path):
     until(lambda: state.cuts.plane, "for the settings to come")
     assert state.surface.threshold == 1.2
     watched.still(page, lambda p: np.abs(p.astype(int) - changed).mean() < 0.2)
+    wide = tmp_path / "wide.toml"  # nobody could wait for such a picture
+    wide.write_text("[surface]\nsupport = 1e9\n[quality]\nsamples = 1\n")
+    with page.expect_file_chooser() as chooser:
+        page.get_by_role("button", name="Load settings").click()
+    chooser.value.set_files(str(wide))
+    support = watched.viewer.page.binder.widgets["surface.support"]
+    until(lambda: state.surface.support == support.max == support.value, "for the end")
+    page.get_by_text("got 1e+09").first.wait_for()
     too_large = tmp_path / "large.toml"
     too_large.write_text("# " + "x" * 600_000)
     version = state.version

@@ -161,7 +161,8 @@ class Save(Panel):
         content = self.upload.value.content
         if len(content) > MOST_BYTES:
             raise ValueError(f"settings: expected at most {MOST_BYTES} bytes, got {len(content)}")
-        camera = self.state.load_toml(content.decode("utf-8"))
+        camera = self.state.load_toml(content.decode("utf-8"), lambda key, value:
+                                      self.page.binder.nearest(event.client, key, value))
         if camera is not None:
             self.viewer.move(event.client, camera)
 

@@ -8,7 +8,9 @@ import threading
 from collections.abc import Callable
 from typing import Any
 
-from ..state import State, field_of
+from viser import GuiSliderHandle
+
+from ..state import FAR, State, field_of
 
 PATIENCE = 2.0  # s that a number outside of its ends may stay: it may be the beginning of another
 
@@ -39,6 +41,8 @@ class Binder:
             if isinstance(facts.get(end), float):
                 facts[end] = float(f"{facts[end]:.3g}")  # short enough to be read on a slider
         value = getattr(getattr(self.state, group), name)
+        if facts["kind"] == "real" and value is not None:  # as the command or a file has it
+            facts["least"], facts["most"] = min(facts["least"], value), max(facts["most"], value)
         to_page = self._to_page(facts)
         widget = self._make(facts, to_page(value))
         key = f"{group}.{name}"
@@ -60,8 +64,8 @@ class Binder:
                 waiting.cancel()
             asked = self._from_page(facts, self.widgets[key].value)
             value = within(self.widgets[key], facts, asked)
-            outside = value != asked and asked == asked  # not NaN
-            if outside and not stayed:
+            beyond = value != asked and asked == asked  # not NaN
+            if beyond and not stayed:
                 later = threading.Timer(PATIENCE, self._take, (key, facts, browser, True))
                 later.daemon = True
                 self._waiting[key] = later
@@ -74,10 +78,9 @@ class Binder:
                 self.on_error(browser, str(error))
             finally:
                 self._own.key = None
-        if outside:
+        if beyond:
             least, most = ends(self.widgets[key], facts)
-            self.on_error(browser, f"{facts['label']}: expected {least:g} to {most:g}, "
-                                   f"got {_words(asked)}: {_words(value)} is taken")
+            self.on_error(browser, outside(facts["label"], least, most, asked, value))
 
     def _make(self, facts: dict, value: Any) -> Any:
         gui, label, hint = self.gui, facts["label"], facts.get("hint") or None
@@ -119,6 +122,19 @@ class Binder:
             return tuple(float(v) for v in value)
         return value
 
+    def nearest(self, browser: Any, key: str, value: Any) -> Any:
+        """What a setting in a file that a browser brings becomes: lengths, which have no ends of
+        their own, stay between those of their slider; pictures of others might take for ever."""
+        group, _, name = key.partition("__")
+        widget = self.widgets.get(f"{group}.{name}")
+        unlimited = field_of(group, name).metadata.get("most") == FAR
+        if value is None or not unlimited or not isinstance(widget, GuiSliderHandle):
+            return value
+        near = min(max(value, type(value)(widget.min)), type(value)(widget.max))
+        if near != value:
+            self.on_error(browser, outside(widget.label, widget.min, widget.max, value, near))
+        return near
+
     def _follow(self, changed: set[str]) -> None:
         for key in changed & set(self.widgets) - {getattr(self._own, "key", None)}:
             group, _, name = key.partition(".")
@@ -142,6 +158,12 @@ def within(widget: Any, facts: dict, value: Any) -> Any:
         return value
     least, most = ends(widget, facts)
     return min(max(value, type(value)(least)), type(value)(most))
+
+
+def outside(label: str, least: float, most: float, value: Any, taken: Any) -> str:
+    """The sentence for a value that is not between its ends."""
+    return (f"{label}: expected {least:g} to {most:g}, got {_words(value)}: "
+            f"{_words(taken)} is taken")
 
 
 def _words(value: Any) -> str:
