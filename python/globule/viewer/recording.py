@@ -169,7 +169,7 @@ def turntable(
 
 
 def keep(path: str, name: str) -> str:
-    """Put a movie into the current folder under a name that is free; its path."""
+    """Put a movie under a name that is free, with a number behind it if need be; its path."""
     for number in itertools.count(1):
         kept = os.path.abspath(f"{name}{f'-{number}' if number > 1 else ''}.mp4")
         if not os.path.exists(kept):

@@ -193,14 +193,19 @@ class Save(Panel):
         slow.start()
         try:
             self._stop(recorder)
-            kept = keep(path, f"movie-{time.strftime('%Y%m%d-%H%M%S')}")
-            words = f"the viewer has ended; the recording is {kept}, where the viewer ran"
+            name = f"movie-{time.strftime('%Y%m%d-%H%M%S')}"
+            try:
+                kept = keep(path, name)
+            except OSError:  # nothing can be written here
+                kept = keep(path, os.path.join(tempfile.gettempdir(), name))
+            said = f"the recording is {kept}"
+            words = f"the viewer has ended; the recording is {os.path.basename(kept)}, where it ran"
         except Exception as error:
-            words = f"the viewer has ended and the recording is lost: {error}"
+            said = words = f"the viewer has ended and the recording is lost: {error}"
         finally:
             slow.cancel()
             _remove(path)
-        print(f"globule: {words}", file=sys.stderr)
+        print(f"globule: {said}", file=sys.stderr)
         with contextlib.suppress(Exception):  # the browser may have left
             note.title, note.body, note.loading = "Recording", words, False
             note.with_close_button = True
