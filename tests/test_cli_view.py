@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+
 import numpy as np
 import pytest
 from globule.cli import main
@@ -40,6 +42,22 @@ def test_mistakes(cloud, options, message, capsys, tmp_path, monkeypatch):
                 else ["view", *words, "--no-browser"]) == 2
     error = capsys.readouterr().err
     assert message in error and error.count("\n") == 1
+
+
+def test_a_scanner_without_pyigtl_is_refused_at_the_start(monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "pyigtl", None)
+    monkeypatch.setitem(sys.modules, "pyigtl.messages", None)
+    assert main(["view", "igtl://127.0.0.1:18944", "--no-browser", "--port", "0"]) == 2
+    error = capsys.readouterr().err
+    assert 'expected pyigtl, got none' in error and '-m pip install "globule[live]"' in error
+    assert error.count("\n") == 1
+
+
+def test_brain_surgery_without_its_atlas_names_the_command(monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "nilearn", None)
+    assert main(["view", "brain-surgery", "--no-browser", "--port", "0"]) == 2
+    error = capsys.readouterr().err
+    assert '-m pip install "globule[atlas]"' in error and error.count("\n") == 1
 
 
 def test_a_bad_state_file_names_the_key(cloud, tmp_path, capsys):

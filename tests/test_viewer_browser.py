@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import gc
 import os
+import signal
 import subprocess
 import sys
 import threading
@@ -228,23 +230,82 @@ def test_sources_change_while_they_are_seen(watched):
     assert (after != before).any()
 
 
-def test_ctrl_c_ends_it_cleanly(tmp_path):
-    import signal
-    import subprocess
-    import sys
-
+@contextlib.contextmanager
+def started(*words: str, **options):
+    """`globule view` in a process of its own, and the page's address."""
     pytest.importorskip("viser")
-    path = tmp_path / "blob.npz"
-    particles = blob(50)
-    np.savez(path, positions=particles.positions, support=np.float32(0.4))
-    process = subprocess.Popen(
-        [sys.executable, "-m", "globule", "view", str(path), "--no-browser", "--port", "0"],
+    with subprocess.Popen(
+        [sys.executable, "-m", "globule", "view", *words, "--no-browser", "--port", "0"],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=os.environ.copy(),
-    )
-    lines = [process.stdout.readline() for _ in range(3)]
-    assert "http://127.0.0.1:" in lines[0]
-    assert "ssh -L" in lines[1]
-    process.send_signal(signal.SIGINT)
-    _, errors = process.communicate(timeout=60)
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler), **options,
+    ) as process:
+        try:
+            lines = [process.stdout.readline() for _ in range(3)]
+            assert "http://127.0.0.1:" in lines[0] and "ssh -L" in lines[1]
+            yield process, lines[0].split()[-1]
+        finally:
+            process.kill()
+
+
+def test_ctrl_c_ends_it_cleanly(tmp_path):
+    path = tmp_path / "blob.npz"
+    np.savez(path, positions=blob(50).positions, support=np.float32(0.4))
+    with started(str(path)) as (process, _):
+        process.send_signal(signal.SIGINT)
+        _, errors = process.communicate(timeout=60)
     assert process.returncode == 130
     assert errors.strip() == "globule: interrupted"
+
+
+def test_ctrl_c_ends_slow_pictures_too(chromium, tmp_path):
+    path, state = tmp_path / "blob.npz", tmp_path / "slow.toml"
+    np.savez(path, positions=blob(100_000).positions, support=np.float32(0.1))
+    state.write_text("[surface]\nsupport = 100.0\n")  # every ray meets all particles
+    with started(str(path), "--state", str(state)) as (process, address):
+        page = chromium.new_page()
+        page.goto(address)
+        page.get_by_text("Help (H)").wait_for()
+        time.sleep(1)
+        process.send_signal(signal.SIGINT)
+        _, errors = process.communicate(timeout=60)
+        page.close()
+    assert process.returncode == 130
+    assert errors.strip() == "globule: interrupted"
+
+
+def test_ctrl_c_twice_while_a_simulation_runs(chromium):
+    with started("cut-block") as (process, address):
+        page = chromium.new_page()
+        page.goto(address)
+        page.get_by_role("button", name="Run", exact=True).click()
+        time.sleep(0.5)
+        process.send_signal(signal.SIGINT)
+        time.sleep(0.05)
+        process.send_signal(signal.SIGINT)
+        _, errors = process.communicate(timeout=60)
+        page.close()
+    assert process.returncode == 130
+    assert errors.strip() == "globule: interrupted"
+
+
+def test_ctrl_c_keeps_what_is_being_recorded(chromium, tmp_path):
+    av = pytest.importorskip("av")
+    np.savez(tmp_path / "blob.npz", positions=blob(50).positions, support=np.float32(0.4))
+    with started("blob.npz", cwd=tmp_path) as (process, address):
+        page = chromium.new_page()
+        page.goto(address)
+        page.get_by_text("Help (H)").wait_for()
+        page.keyboard.press("r")
+        page.get_by_text("stops it").wait_for()
+        time.sleep(1)
+        process.send_signal(signal.SIGINT)
+        _, errors = process.communicate(timeout=60)
+        page.get_by_text("the recording is").wait_for()
+        assert not page.get_by_text("stops it").count()
+        page.close()
+    (movie,) = tmp_path.glob("movie-*.mp4")
+    assert process.returncode == 130 and str(movie) in errors
+    assert len(errors.splitlines()) <= 3  # one more where the movie's end takes long
+    with av.open(str(movie)) as opened:
+        assert sum(1 for _ in opened.decode(video=0)) > 10
+    assert len(list(tmp_path.iterdir())) == 2

@@ -15,6 +15,7 @@ from viewer_helpers import (
     check,
     choose,
     differs,
+    number_box,
     open_folder,
     seen,
     silhouette,
@@ -59,6 +60,41 @@ def test_threshold_changes_the_silhouette(watched):
     assert watched.viewer.state.surface.threshold == pytest.approx(1.8)
     page.get_by_role("button", name="Default surface").click()
     watched.still(page, lambda p: silhouette(p) == before)
+
+
+def test_numbers_end_as_they_are_typed(watched):
+    page, state = watched.pages[0], watched.viewer.state
+    open_folder(page, "Surface and quality")
+    open_folder(page, "Material and light")
+    for label, key, texts in (
+        ("Support", "surface.support", ("0.5", "0.109", "1.05")),
+        ("Threshold", "surface.threshold", ("0.35",)), ("Exposure", "look.exposure", ("0.5",)),
+        ("Largest width", "quality.width", ("1200",)),
+        ("JPEG quality when still", "quality.sharpness", ("85",)),
+    ):
+        group, name = key.split(".")
+        settings = getattr(state, group)
+        for text in texts:
+            box = number_box(page, label)
+            box.click()
+            page.keyboard.press("Control+A")
+            page.keyboard.type(text, delay=60)
+            page.keyboard.press("Tab")
+            until(lambda settings=settings, name=name, text=text:
+                  getattr(settings, name) == float(text), f"{label} {text}")
+            assert box.input_value() == text
+    assert not page.get_by_text("Not possible").count()
+
+
+def test_a_number_outside_of_its_ends_becomes_the_nearest(watched):
+    page, state = watched.pages[0], watched.viewer.state
+    open_folder(page, "Surface and quality")
+    most = watched.viewer.page.binder.widgets["surface.support"].max
+    type_number(page, "Support", "1000000000")
+    until(lambda: state.surface.support == most, "for the end")
+    page.get_by_text(f"expected 0.0875 to {most:g}, got 1e+09").first.wait_for()
+    page.keyboard.press("Tab")
+    until(lambda: number_box(page, "Support").input_value() == f"{most:g}")
 
 
 def test_kernel_support_and_root_change_the_surface(watched):
@@ -368,6 +404,23 @@ def test_a_turntable_goes_once_around(watched, tmp_path):
     assert away[15] > 3 and away[-1] < away[15]
 
 
+def test_a_turntable_is_cancelled_and_not_started_twice(watched):
+    page, save = watched.pages[0], watched.viewer.page.panels[-3]
+    open_folder(page, "Save and record")
+    type_text(page, "Size", "640x480")
+    type_number(page, "Turntable, seconds", 60)
+    until(lambda: save.size.value == "640x480" and save.seconds.value == 60)
+    button = page.get_by_role("button", name="Turntable movie")
+    button.click()
+    page.get_by_text(re.compile(r"[1-9]\d* %, \d+ s left")).first.wait_for()
+    button.click()
+    page.get_by_text("turntable: one is being made").first.wait_for()
+    page.get_by_role("button", name="Cancel", exact=True).click()
+    until(lambda: not save._jobs, "for the turntable to end")
+    page.get_by_text(re.compile("s left")).first.wait_for(state="detached")
+    page.get_by_role("button", name="Cancel", exact=True).wait_for(state="hidden")
+
+
 def test_settings_are_saved_and_loaded(watched, tmp_path):
     page = watched.pages[0]
     state = watched.viewer.state
@@ -389,6 +442,14 @@ def test_settings_are_saved_and_loaded(watched, tmp_path):
     until(lambda: state.cuts.plane, "for the settings to come")
     assert state.surface.threshold == 1.2
     watched.still(page, lambda p: np.abs(p.astype(int) - changed).mean() < 0.2)
+    wide = tmp_path / "wide.toml"  # nobody could wait for such a picture
+    wide.write_text("[surface]\nsupport = 1e9\n[quality]\nsamples = 1\n")
+    with page.expect_file_chooser() as chooser:
+        page.get_by_role("button", name="Load settings").click()
+    chooser.value.set_files(str(wide))
+    support = watched.viewer.page.binder.widgets["surface.support"]
+    until(lambda: state.surface.support == support.max == support.value, "for the end")
+    page.get_by_text("got 1e+09").first.wait_for()
     too_large = tmp_path / "large.toml"
     too_large.write_text("# " + "x" * 600_000)
     version = state.version

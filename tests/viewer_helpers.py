@@ -139,10 +139,15 @@ def choose(page: Any, label: str, option: str) -> None:
     page.get_by_role("option", name=option, exact=True).click()
 
 
-def type_number(page: Any, label: str, value: float) -> None:
-    """Type into the number beside a slider."""
+def number_box(page: Any, label: str) -> Any:
+    """The number beside a slider."""
     row = page.locator(f"xpath=//label[text()='{label}']/ancestor::div[2]/..").first
-    box = row.locator("input[inputmode]").first
+    return row.locator("input[inputmode]").first
+
+
+def type_number(page: Any, label: str, value: float | str) -> None:
+    """Type into the number beside a slider."""
+    box = number_box(page, label)
     box.fill(str(value))
     box.press("Enter")
 

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import math
+import os
+import shlex
+import sys
 from typing import Any
 
 import numpy as np
@@ -58,3 +61,11 @@ def _range(least: float, most: float) -> str:
     if most == math.inf:
         return f"a number >= {least:g}"
     return f"{least:g} to {most:g}"
+
+
+def how_to_install(extra: str) -> str:
+    """The command that adds an extra where this Python looks for it: not every `pip` is its own."""
+    python = sys.executable
+    if python.startswith(os.getcwd() + os.sep):
+        python = os.path.relpath(python)
+    return f'{shlex.quote(python)} -m pip install "globule[{extra}]"'

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from ..checks import how_to_install
 from .sampling import MOST_PARTICLES
 from .schema import Problem, choice, each, key, number, place, positive, text, whole
 from .shapes import Grid, Mesh
@@ -113,7 +114,7 @@ def _atlas(millimetres: float) -> np.ndarray:
         from nilearn import datasets, image
     except ImportError:
         raise ValueError(
-            'atlas: expected the package nilearn, got none: pip install "globule[atlas]"'
+            f"atlas: expected the package nilearn, got none: {how_to_install('atlas')}"
         ) from None
     if ATLAS_VOLUME / millimetres**3 > MOST_PARTICLES:
         least = (ATLAS_VOLUME / MOST_PARTICLES) ** (1 / 3)

@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..checks import how_to_install
 from ..sweep import Sweep, usable
 from .setup import Setup
 from .transforms import WORLDS, Edges, Transform, chain, find_path, split_name
@@ -58,6 +59,15 @@ def parse_address(address: str) -> tuple[str, int]:
     return host, int(port)
 
 
+def need_pyigtl() -> Any:
+    """pyigtl's base of messages, or ValueError that says how to get it."""
+    try:
+        from pyigtl.messages import MessageBase
+    except ImportError:
+        raise ValueError(f"live: expected pyigtl, got none: {how_to_install('live')}") from None
+    return MessageBase
+
+
 def receive(address: str, constant: Edges, idle: float = 5.0) -> Iterator[LiveFrame]:
     """Frames as they come, until the server has been silent or gone for `idle` seconds.
 
@@ -65,10 +75,7 @@ def receive(address: str, constant: Edges, idle: float = 5.0) -> Iterator[LiveFr
     Raises ValueError for a bad address or without pyigtl, ConnectionError if nobody answers, and
     ValueError if what comes is no OpenIGTLink.
     """
-    try:
-        from pyigtl.messages import MessageBase
-    except ImportError:
-        raise ValueError("live: expected pyigtl: pip install globule[live]") from None
+    MessageBase = need_pyigtl()
     host, port = parse_address(address)
     assembler = _Assembler(constant)
     met = False

@@ -5,21 +5,23 @@ from __future__ import annotations
 import contextlib
 import io
 import secrets
+import signal
 import socket
 import sys
 import threading
 import time
 import webbrowser
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
 
 from ..camera import Camera
+from ..checks import how_to_install
 from ..render import fit_camera
 from .engine import Client, Engine
 from .equivalent import command_line, python_code
-from .guard import Guard, limit_messages
+from .guard import Guard, limit_messages, quiet_tasks
 from .pacer import Plan
 from .placement import Placement
 from .recording import Shot
@@ -29,6 +31,8 @@ from .state import MOST_BYTES, State
 LOCAL = ("127.0.0.1", "localhost", "::1")
 FIRST_SIZE = (1280, 720)
 MOST_CLIENTS = 16
+MOST_WINDOW = 7680  # pixels of a browser's side
+AT_INTERRUPT = 1.0  # s that Ctrl-C waits for a picture that is being made
 
 
 class Viewer:
@@ -80,6 +84,7 @@ class Viewer:
             self.close()
             raise RuntimeError("viewer: this version of viser opens its server in another way")
         limit_messages(self.server, MOST_BYTES)
+        quiet_tasks(self.server)
         self.host, self.port = host, self.server.get_port()
         from .page import Page
 
@@ -116,6 +121,12 @@ class Viewer:
     # Clients
 
     async def _connected(self, browser: Any) -> None:
+        try:
+            await self._welcome(browser)
+        except Exception as error:  # viser would print a traceback
+            self.page.complain(browser, str(error) or type(error).__name__)
+
+    async def _welcome(self, browser: Any) -> None:
         from .viser_sink import ViserSink
 
         if len(self.clients) >= MOST_CLIENTS:
@@ -127,7 +138,12 @@ class Viewer:
         self.clients[browser.client_id] = client
 
         async def moved(camera: Any) -> None:
-            client.look(self.camera_of(camera), (camera.image_width, camera.image_height))
+            try:
+                size = tuple(min(int(v), MOST_WINDOW)
+                             for v in (camera.image_width, camera.image_height))
+                client.look(self.camera_of(camera), size)
+            except (OverflowError, ValueError) as error:  # not of a page of ours
+                self.page.complain(browser, str(error))
 
         if not self._camera_given:
             self.move(browser, for_window(self.first_camera, browser.camera.aspect))
@@ -236,21 +252,27 @@ class Viewer:
         self.engine.notify()
 
     def wait(self) -> None:
-        """Until Ctrl-C or `close`."""
-        try:
-            while not self._closed.wait(0.2):
-                pass
-        finally:
-            self.close()
+        """Until Ctrl-C or `close`. A second Ctrl-C does not wait for what is being closed."""
+        with first_interrupt() as asked:
+            try:
+                while not asked and not self._closed.wait(0.2):
+                    pass
+            finally:
+                self.close(AT_INTERRUPT)
+            if asked:
+                raise KeyboardInterrupt
 
-    def close(self) -> None:
-        """Stop the threads, tell the browsers, free the port."""
+    def close(self, seconds: float = 10.0) -> None:
+        """Keep what is being recorded, stop the threads, tell the browsers, free the port.
+
+        seconds: how long a picture or step that is being made may take to its end.
+        """
         if self._closed.is_set():
             return
         self._closed.set()
         for panel in self.page.panels if hasattr(self, "page") else ():
             panel.close()
-        self.engine.close()
+        self.engine.close(seconds)
         if hasattr(self, "server"):
             with contextlib.redirect_stdout(io.StringIO()):
                 self.server.stop()
@@ -271,6 +293,28 @@ class ShownFrame:
                  viewer: Viewer):
         self.number, self.picture, self.camera, self.still = number, picture, camera, still
         self.viewer, self.time = viewer, time.time()
+
+
+@contextlib.contextmanager
+def first_interrupt() -> Iterator[list[int]]:
+    """The first Ctrl-C in this block is only noted, in what this gives; the second is raised."""
+    asked: list[int] = []
+
+    def note(number: int, _: Any) -> None:
+        if asked:
+            raise KeyboardInterrupt
+        asked.append(number)
+
+    before = signal.getsignal(signal.SIGINT)
+    usual = before is signal.default_int_handler  # not somebody's own
+    if not usual or threading.current_thread() is not threading.main_thread():
+        yield asked
+        return
+    signal.signal(signal.SIGINT, note)
+    try:
+        yield asked
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def check_host(host: str) -> None:
@@ -310,6 +354,6 @@ def need_viser() -> Any:
         import viser
     except ImportError as error:
         raise ImportError(
-            'the viewer needs viser, which is not installed: pip install "globule[view]"'
+            f"the viewer needs viser, which is not installed: {how_to_install('view')}"
         ) from error
     return viser

@@ -72,12 +72,12 @@ class Client:
             self._job = job
             self._ready.notify()
 
-    def close(self) -> None:
+    def close(self, seconds: float = 5.0) -> None:
         with self._ready:
             self._gone = True
             self._ready.notify()
         if threading.current_thread() is not self._thread:
-            self._thread.join(timeout=5)
+            self._thread.join(timeout=seconds)
         self.frame = None
 
     def _deliver(self) -> None:
@@ -153,26 +153,29 @@ class Engine:
             self.wake.notify_all()
         return client
 
-    def remove(self, client: Client) -> None:
+    def remove(self, client: Client, seconds: float = 5.0) -> None:
         with self.wake:
             if client in self.clients:
                 self.clients.remove(client)
             self.wake.notify_all()
-        client.close()
+        client.close(seconds)
 
-    def close(self) -> None:
-        atexit.unregister(self.close)
+    def close(self, seconds: float = 10.0) -> None:
+        """Stop the threads; each may take so long."""
         with self.wake:
-            if not self._running:
+            if not self._running and not self._threads:
                 return
             self._running = False
             self.wake.notify_all()
         for thread in self._threads:
             if thread is not threading.current_thread():
-                thread.join(timeout=10)
+                thread.join(timeout=seconds)
         for client in list(self.clients):
-            self.remove(client)
+            self.remove(client, seconds)
         self.source.close()
+        self._threads = [thread for thread in self._threads if thread.is_alive()]
+        if not self._threads:
+            atexit.unregister(self.close)
 
     def report(self, error: BaseException) -> None:
         """Say on all pages what went wrong; the same not again for a while."""

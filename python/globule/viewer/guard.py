@@ -11,11 +11,15 @@ from __future__ import annotations
 import hmac
 import http
 import ipaddress
+import logging
+import sys
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
+REPEAT = 5.0  # s until the same line is said again
 MOST_MESSAGE = 1024 * 1024  # bytes that a client may send at once
 # The page may load and connect to nothing but this server.
 POLICY = (
@@ -80,6 +84,7 @@ class Guard:
                 return response
 
             options["max_size"] = MOST_MESSAGE
+            options["logger"] = one_line_logger()
             self.started = True
             return serve(handler, host, port, process_request=check, **options)
 
@@ -88,6 +93,43 @@ class Guard:
             yield
         finally:
             module.serve = serve
+
+
+class OneLine(logging.Handler):
+    """What went wrong as one line in the terminal, the same not again for a while: what a stranger
+    sends is no mistake of ours that a traceback would help to find."""
+
+    def __init__(self) -> None:
+        super().__init__(logging.WARNING)
+        self._said: dict[str, float] = {}
+
+    def emit(self, record: logging.LogRecord) -> None:
+        self.say(record.getMessage(), record.exc_info[1] if record.exc_info else None)
+
+    def of_task(self, loop: Any, context: dict[str, Any]) -> None:
+        """An event loop's exception handler."""
+        self.say("a message of a browser was refused", context.get("exception"))
+
+    def say(self, what: str, error: BaseException | None) -> None:
+        first = str(error).partition("\n")[0][:200] if error is not None else ""
+        why = "" if error is None else f": {type(error).__name__}{first and ': '}{first}"
+        line, now = f"globule: page: {what}{why}", time.monotonic()
+        if self._said.get(line, -REPEAT) <= now - REPEAT:
+            self._said = {line: now}
+            print(line, file=sys.stderr)
+
+
+def one_line_logger() -> logging.Logger:
+    """For the connections of one server."""
+    logger = logging.Logger("globule.viewer", logging.WARNING)
+    logger.addHandler(OneLine())
+    return logger
+
+
+def quiet_tasks(server: Any) -> None:
+    """Have one line, too, for messages that viser cannot make anything of."""
+    loop = server._websock_server._background_event_loop
+    loop.call_soon_threadsafe(loop.set_exception_handler, OneLine().of_task)
 
 
 def is_local(host: str) -> bool:

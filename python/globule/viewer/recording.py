@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import os
+import shutil
 import tempfile
 import threading
 import time
@@ -15,6 +17,7 @@ import numpy as np
 from ..camera import Camera
 from ..camera_path import orbit
 from ..exr import frame_channels, write_exr
+from ..files import atomic_write
 from ..memory import free_bytes
 from ..render import MAX_PIXELS, save_png
 from ..video import need_av, write_movie
@@ -158,9 +161,19 @@ def turntable(
     def pictures() -> Iterator[np.ndarray]:
         for i, one in enumerate(cameras):
             progress(i / len(cameras))
-            yield Shot(engine, one, size, samples).picture
+            yield Shot(engine, one, size, samples, progress=lambda share, i=i: progress(
+                (i + share) / len(cameras))).picture
 
     write_movie(path, pictures(), fps)
     progress(1.0)
 
 
+def keep(path: str, name: str) -> str:
+    """Put a movie under a name that is free, with a number behind it if need be; its path."""
+    for number in itertools.count(1):
+        kept = os.path.abspath(f"{name}{f'-{number}' if number > 1 else ''}.mp4")
+        if not os.path.exists(kept):
+            break
+    with open(path, "rb") as movie, atomic_write(kept) as file:
+        shutil.copyfileobj(movie, file)
+    return kept

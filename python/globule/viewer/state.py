@@ -197,8 +197,11 @@ class State:
             parts.append("\n".join([title, *lines]))
         return "\n\n".join(parts) + "\n"
 
-    def load_toml(self, text: str) -> Camera | None:
+    def load_toml(self, text: str, taken: Callable[[str, Any], Any] = lambda key, value: value
+                  ) -> Camera | None:
         """Become what the text says, and the defaults elsewhere; the camera that it names.
+
+        taken: gives what is to become of a setting, of its name as `set` has it and its value.
 
         Raises ValueError: line or key, expected and got; then nothing is changed.
         """
@@ -216,7 +219,8 @@ class State:
                 raise ValueError(f"{name}: expected a table, got {given!r}")
             for key, value in given.items():
                 try:
-                    new[f"{name}__{key}"] = checked(field_of(name, key), value)
+                    full = f"{name}__{key}"
+                    new[full] = taken(full, checked(field_of(name, key), value))
                 except ValueError as error:
                     raise ValueError(f"{name}.{error}") from None
             for f in dataclasses.fields(make):

@@ -167,10 +167,11 @@ def played(sweep: Sweep, rate: float = 20.0) -> Callable[[], Iterator[tuple[Any,
 
 
 def received(address: str, edges: Any) -> Callable[[], Iterator[tuple[Any, Any]]]:
-    """Frames of an OpenIGTLink server. Raises ValueError for a bad address."""
-    from ..sweeps.live import parse_address, receive
+    """Frames of an OpenIGTLink server. Raises ValueError for a bad address or without pyigtl."""
+    from ..sweeps.live import need_pyigtl, parse_address, receive
 
     parse_address(address)
+    need_pyigtl()
 
     def frames() -> Iterator[tuple[Any, Any]]:
         for frame in receive(address, edges):

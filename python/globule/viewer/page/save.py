@@ -1,24 +1,29 @@
 """Pictures, movies and the whole state, as downloads: what a browser asks for never becomes a path
-on this machine."""
+on this machine. Only a recording that the viewer's end interrupts stays here."""
 
 from __future__ import annotations
 
+import contextlib
 import os
 import re
+import shutil
+import sys
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from typing import Any
 
-from ..recording import Recorder, Shot, checked_size, turntable
+from ..recording import Recorder, Shot, checked_size, keep, turntable
 from ..state import MOST_BYTES
+from .jobs import Cancelled, Job
 from .panel import Panel
 from .widgets import bounded
 
 FIRST_SIZE = "1280x720"
 FORMATS = ("PNG", "EXR")
+SLOW = "globule: finishing the recording; Ctrl-C gives it up"
+MOST_CANCELLING = 1.0  # s that the viewer's end waits for what is given up
 
 
 class Save(Panel):
@@ -27,6 +32,7 @@ class Save(Panel):
     def build(self) -> None:
         gui = self.gui
         self._recorders: dict[int, tuple[Recorder, str, Any]] = {}  # and what says so
+        self._jobs: dict[int, list[Job]] = {}  # by browser
         self._lock = threading.Lock()
         self.size = gui.add_text("Size", FIRST_SIZE, hint="Width x height in pixels; any")
         self.samples = gui.add_slider("Samples", 1, 256, 1, 16, hint="Rays per pixel of a picture")
@@ -36,6 +42,9 @@ class Save(Panel):
         self.record_button = self.button("Record", self.record, "Starts and stops; key R")
         self.seconds = gui.add_slider("Turntable, seconds", 1, 60, 1, 8)
         self.button("Turntable movie", self.turntable, "Once around what is seen")
+        self.cancel_button = self.button("Cancel", self.cancel, "Ends the picture or turntable "
+                                         "that is being made")
+        self.cancel_button.visible = False
         with gui.add_folder("All settings", expand_by_default=False):
             self.button("Save settings", self.save_state, "As a TOML file")
             self.upload = gui.add_upload_button("Load settings", mime_type=".toml,text/plain")
@@ -64,70 +73,83 @@ class Save(Panel):
 
     def picture(self, browser: Any) -> None:
         extension, client = self.chosen_extension(), self._client(browser)
-        samples = int(bounded(self.samples))
-        with self._progress(browser, "Picture") as progress:
-            shot = Shot(self.viewer.engine, client.camera, self.chosen_size(), samples,
-                        client.marks, progress)
-            data = shot.encoded(extension)
-        browser.send_file_download(f"globule{extension}", data, save_immediately=True)
+        size, samples = self.chosen_size(), int(bounded(self.samples))
+        self._make(browser, "Picture", f"globule{extension}", lambda progress: Shot(
+            self.viewer.engine, client.camera, size, samples, client.marks, progress
+        ).encoded(extension))
 
-    @contextmanager
-    def _progress(self, browser: Any, title: str) -> Iterator[Callable[[float], None]]:
-        """A note in the browser of how far something is."""
-        note = browser.add_notification(title, "0 %", loading=True, with_close_button=False)
-        last = [0.0]
+    def turntable(self, browser: Any) -> None:
+        camera, size = self._client(browser).camera, self.chosen_size()
+        seconds, fps = bounded(self.seconds), bounded(self.fps)
 
-        def progress(share: float) -> None:
-            if browser.client_id not in self.viewer.clients:
-                raise ValueError(f"{title.lower()}: the browser has left")
-            if time.monotonic() - last[0] > 0.3:
-                last[0] = time.monotonic()
-                note.body = f"{100 * share:.0f} %"
+        def made(progress: Callable[[float], None]) -> bytes:
+            with tempfile.TemporaryDirectory(prefix="globule-") as folder:
+                path = os.path.join(folder, "turntable.mp4")
+                turntable(self.viewer.engine, camera, path, size, seconds, fps, progress=progress)
+                with open(path, "rb") as file:
+                    return file.read()
 
+        self._make(browser, "Turntable", "turntable.mp4", made)
+
+    def _make(self, browser: Any, title: str, name: str,
+              made: Callable[[Callable[[float], None]], bytes]) -> None:
+        """Make a file's bytes, with a note of how far they are, and give them to the browser."""
+        key = browser.client_id
+        with self._lock:
+            if title == "Turntable" and any(job.title == title for job in self._jobs.get(key, ())):
+                raise ValueError("turntable: one is being made; Cancel ends it")
+            job = Job(browser, title)
+            self._jobs.setdefault(key, []).append(job)
+            self.cancel_button.visible = True
         try:
-            yield progress
+            data = made(job.progress)
+        except Cancelled:
+            return
         finally:
-            note.remove()
+            with self._lock:
+                self._jobs[key].remove(job)
+                if not self._jobs[key]:
+                    del self._jobs[key]
+                self.cancel_button.visible = bool(self._jobs)
+            job.end()
+        browser.send_file_download(name, data, save_immediately=True)
+
+    def cancel(self, browser: Any) -> None:
+        """End what a browser has asked for."""
+        with self._lock:
+            jobs = list(self._jobs.get(browser.client_id, ()))
+        if not jobs:
+            raise ValueError("cancel: nothing is being made for this page")
+        for job in jobs:
+            job.cancelled = True
 
     def record(self, browser: Any) -> None:
         """Start, or stop and download; each browser its own."""
         with self._lock:
             running = self._recorders.pop(browser.client_id, None)
             if running is None:
-                client = self._client(browser)
+                client, size, fps = self._client(browser), self.chosen_size(), bounded(self.fps)
                 path = os.path.join(tempfile.mkdtemp(prefix="globule-"), "movie.mp4")
-                recorder = Recorder(self.viewer.engine, lambda: client.camera, path,
-                                    self.chosen_size(), bounded(self.fps))
+                recorder = Recorder(self.viewer.engine, lambda: client.camera, path, size, fps)
                 note = browser.add_notification("Recording", "R, or the button, stops it",
                                                 loading=True, with_close_button=False)
                 self._recorders[browser.client_id] = recorder, path, note
                 self.record_button.label, self.record_button.color = "Stop recording", "red"
                 return
-        running[-1].remove()
-        self._finish(*running[:2], browser)
+        recorder, path, note = running
+        note.remove()
+        try:
+            self._stop(recorder)
+            with open(path, "rb") as file:
+                browser.send_file_download("globule.mp4", file.read(), save_immediately=True)
+        finally:
+            _remove(path)
 
-    def _finish(self, recorder: Recorder, path: str, browser: Any) -> None:
+    def _stop(self, recorder: Recorder) -> None:
+        """Finish the file."""
         if not self._recorders:
             self.record_button.label, self.record_button.color = "Record", None
-        try:
-            recorder.stop()
-            if browser is not None:
-                with open(path, "rb") as file:
-                    browser.send_file_download("globule.mp4", file.read(), save_immediately=True)
-        finally:
-            _remove(path)
-
-    def turntable(self, browser: Any) -> None:
-        client = self._client(browser)
-        path = os.path.join(tempfile.mkdtemp(prefix="globule-"), "turntable.mp4")
-        try:
-            with self._progress(browser, "Turntable") as progress:
-                turntable(self.viewer.engine, client.camera, path, self.chosen_size(),
-                          bounded(self.seconds), bounded(self.fps), progress=progress)
-            with open(path, "rb") as file:
-                browser.send_file_download("turntable.mp4", file.read(), save_immediately=True)
-        finally:
-            _remove(path)
+        recorder.stop()
 
     # Settings
 
@@ -139,7 +161,8 @@ class Save(Panel):
         content = self.upload.value.content
         if len(content) > MOST_BYTES:
             raise ValueError(f"settings: expected at most {MOST_BYTES} bytes, got {len(content)}")
-        camera = self.state.load_toml(content.decode("utf-8"))
+        camera = self.state.load_toml(content.decode("utf-8"), lambda key, value:
+                                      self.page.binder.nearest(event.client, key, value))
         if camera is not None:
             self.viewer.move(event.client, camera)
 
@@ -152,18 +175,58 @@ class Save(Panel):
             gui.add_button("Close").on_click(lambda _: modal.close())
 
     def close(self) -> None:
-        """Nobody is there to take what is recorded."""
-        while self._recorders:
-            self._finish(*self._recorders.popitem()[1][:2], None)
+        """The viewer ends: pictures and turntables are given up, recordings kept."""
+        with self._lock:
+            running, self._recorders = self._recorders, {}
+            jobs = [job for several in self._jobs.values() for job in several]
+        for job in jobs:
+            job.cancelled = True
+        for recorder, path, note in running.values():
+            self._keep(recorder, path, note)
+        until = time.monotonic() + MOST_CANCELLING
+        while self._jobs and time.monotonic() < until:
+            time.sleep(0.02)
+
+    def _keep(self, recorder: Recorder, path: str, note: Any) -> None:
+        """Nobody will take it any more, so it stays here."""
+        slow = threading.Timer(1.0, print, [SLOW], {"file": sys.stderr})
+        slow.start()
+        try:
+            self._stop(recorder)
+            name = f"movie-{time.strftime('%Y%m%d-%H%M%S')}"
+            try:
+                kept = keep(path, name)
+            except OSError:  # nothing can be written here
+                kept = keep(path, os.path.join(tempfile.gettempdir(), name))
+            said = f"the recording is {kept}"
+            words = f"the viewer has ended; the recording is {os.path.basename(kept)}, where it ran"
+        except Exception as error:
+            said = words = f"the viewer has ended and the recording is lost: {error}"
+        finally:
+            slow.cancel()
+            _remove(path)
+        print(f"globule: {said}", file=sys.stderr)
+        with contextlib.suppress(Exception):  # the browser may have left
+            note.title, note.body, note.loading = "Recording", words, False
+            note.with_close_button = True
+            self.viewer.server.flush()
+            time.sleep(0.2)  # until it is there
 
     def disconnected(self, browser: Any) -> None:
         with self._lock:
             running = self._recorders.pop(browser.client_id, None)
+            for job in self._jobs.get(browser.client_id, ()):
+                job.cancelled = True
         if running is not None:
-            threading.Thread(target=self._finish, args=(*running[:2], None), daemon=True).start()
+            threading.Thread(target=self._drop, args=running[:2], daemon=True).start()
+
+    def _drop(self, recorder: Recorder, path: str) -> None:
+        try:
+            self._stop(recorder)
+        finally:
+            _remove(path)
 
 
 def _remove(path: str) -> None:
-    if os.path.exists(path):
-        os.unlink(path)
-    os.rmdir(os.path.dirname(path))
+    """A recording's file with its folder."""
+    shutil.rmtree(os.path.dirname(path), ignore_errors=True)
