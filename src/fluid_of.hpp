@@ -2,6 +2,7 @@
 // velocities without divergence or with rest density, forces between pairs.
 #pragma once
 #include "globule/sim/filled.hpp"
+#include "globule/sim/surface.hpp"
 #include "globule/sim/viscosity.hpp"
 #include "globule/sim/wcsph.hpp"
 #include "simulation_state.hpp"
@@ -18,7 +19,7 @@ public:
     FluidOf(Exec& exec, SimulationState<Exec>& state, const SimulationSettings& settings)
         : exec_(exec), state_(state), settings_(settings), list_counts_(exec), list_index_(exec), gradients_(exec), row_values_(exec),
           change_(exec), error_(exec), accelerations_(exec), progress_(exec), error_sum_(exec), compression_(exec), most_count_(exec),
-          cohesion_(exec), diagonal_(exec), residual_(exec), direction_(exec), applied_(exec), conjugate_(exec) {}
+          cohesion_(exec), diagonal_(exec), residual_(exec), direction_(exec), applied_(exec), skin_quads_(exec), facets_(exec), conjugate_(exec) {}
 
     const Lists& lists() const { return lists_; }
     const sim::Rows& rows() const { return rows_; }
@@ -79,6 +80,7 @@ public:
                                                                                   state_.volume(), state_.lattice_squares()});
         };
         with_period(sum);
+        find_surface();
         exec_.reduce_in_order(state_.n_rows, sim::CompressionOf{rows_, 2.0f * sim::kFreeGradient}, sim::AddCompression{}, sim::Compression{}, compression_.reserve(1));
     }
 
@@ -153,6 +155,7 @@ public:
         }
         const Quad* acceleration = nullptr;
         if ((viscous && !implicit) || tension) acceleration = pair_forces(implicit ? 0.0f : 1.0f, tension, nullptr);
+        if (has_surface_) pull_surface();
         exec_.for_each(n, sim::Kick{lists_.rows, rows_.inverse_rho, acceleration, settings_.gravity, dt, s.velocity});
         if (user) {
             Quad* a = accelerations_.reserve(n + 64);
@@ -163,6 +166,30 @@ public:
     }
 
 private:
+    /// Facets of the surface of fluids with tension, of the positions that densities() saw.
+    void find_surface() {
+        has_surface_ = false;
+        for (const sim::Phase& p : state_.phase_table) has_surface_ |= p.kind == sim::Kind::fluid && p.tension > 0;
+        if (!has_surface_) return;
+        const std::size_t n = state_.n_rows, padded = ceil_div<std::size_t>(n, 64) * 64;
+        const sim::State s = state_.view();
+        Quad* quads = skin_quads_.reserve(2 * (state_.n + 64));
+        std::uint32_t* facets = facets_.reserve((2 * sim::kMostFacets + 1) * padded);
+        skin_ = {quads, quads + state_.n + 64, facets + padded, facets, padded};
+        const float d = settings_.spacing, h = state_.spline().support;
+        exec_.for_each(state_.n + 1, sim::MarkSkin{s, skin_, d});
+        exec_.for_each(n, sim::MarkTension{lists_.rows, s, state_.phases(), rows_, sim::kSurfaceGradient * h / d, skin_});
+        with_period([&]<bool periodic>(std::bool_constant<periodic>) {
+            exec_.for_each(n, sim::FindFacets<Packet, periodic>{lists_, skin_, state_.period(), d});
+        });
+    }
+    void pull_surface() {
+        with_period([&]<bool periodic>(std::bool_constant<periodic>) {
+            exec_.for_each(state_.n_rows, sim::PullSurface<Packet, periodic>{lists_, state_.view().place, skin_, rows_.inverse_rho, state_.period(), sim::kSurfaceOffset * settings_.spacing,
+                                                                            1.0f / state_.volume(), accelerations_.data()});
+        });
+    }
+
     sim::Progress solve(const float* alpha, float* impulse, float dt, float most_excess, double tolerance, int least, bool both_signs = false) {
         const std::size_t n = state_.n_rows;
         const float inverse_support = state_.spline().inverse;
@@ -258,7 +285,8 @@ private:
     Lists lists_{};
     sim::Rows rows_{};
     std::uint32_t places_ = 64, longest_list_ = 0;
-    bool filled_ = false;
+    bool filled_ = false, has_surface_ = false;
+    sim::Skin skin_{};
     Buffer<std::uint32_t, Exec> list_counts_, list_index_;
     Buffer<typename Packet::Short, Exec> gradients_;
     Buffer<float, Exec> row_values_, change_, error_;
@@ -268,7 +296,8 @@ private:
     Buffer<sim::Compression, Exec> compression_;
     Buffer<std::uint32_t, Exec> most_count_;
     Buffer<float, Exec> cohesion_, diagonal_;
-    Buffer<Quad, Exec> residual_, direction_, applied_;
+    Buffer<Quad, Exec> residual_, direction_, applied_, skin_quads_;
+    Buffer<std::uint32_t, Exec> facets_;
     Buffer<sim::Conjugate, Exec> conjugate_;
 };
 

@@ -80,7 +80,7 @@ struct PairForces {
             z += s * (v.z - u.z);
             if constexpr (tension) {
                 const F theirs = Packet::gather(cohesion, lists.index + k);
-                const F attraction = pair.attraction(r) * select(solid, theirs, mine * theirs);
+                const F attraction = pair.attraction(r) * select(solid, theirs, most(zero - mine * theirs, zero));
                 const F f = select(r < F(pair.spline.support), c * attraction / most(r, F(1e-3f * pair.spacing)), zero);
                 x += f * d.x;
                 y += f * d.y;
@@ -103,7 +103,7 @@ struct CohesionOf {
             return;
         }
         const Phase& p = phases[state.phase[i]];
-        out[i] = state.place[i].w < 0.0f ? root(p.tension) : root(p.adhesion);
+        out[i] = state.place[i].w >= 0.0f ? root(p.adhesion) : p.kind == Kind::fluid ? root(p.tension) : -root(p.tension);
     }
 };
 
