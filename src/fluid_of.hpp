@@ -143,19 +143,19 @@ public:
         exec_.for_each_packet(state_.n_rows, sim::Push<Packet>{lists_, rows_, change, s.velocity, progress, state_.spline().inverse});
     }
 
-    /// Gravity, viscosity, tension, and what the user asks for (may be null); the iterations of implicit viscosity.
+    /// Gravity, viscosity, tension, adhesion, and what the user asks for (may be null); the iterations of implicit viscosity.
     int forces(float dt, const float* user) {
         const sim::State s = state_.view();
         const std::size_t n = state_.n_rows;
-        bool viscous = settings_.extra_viscosity > 0, implicit = false, tension = false;
+        bool viscous = settings_.extra_viscosity > 0, implicit = false, sticks = false;
         for (const sim::Phase& p : state_.phase_table) {
             viscous |= p.viscosity > 0;
             implicit |= p.viscosity > 0 && p.implicit_viscosity;
-            tension |= p.tension > 0 || p.adhesion > 0;
+            sticks |= p.adhesion > 0 || (p.tension > 0 && p.kind == sim::Kind::tissue);
         }
         const Quad* acceleration = nullptr;
-        if ((viscous && !implicit) || tension) acceleration = pair_forces(implicit ? 0.0f : 1.0f, tension, nullptr);
-        if (has_surface_) pull_surface();
+        if ((viscous && !implicit) || sticks) acceleration = pair_forces(implicit ? 0.0f : 1.0f, sticks, nullptr);
+        if (has_surface_) acceleration = pull_surface(acceleration != nullptr);
         exec_.for_each(n, sim::Kick{lists_.rows, rows_.inverse_rho, acceleration, settings_.gravity, dt, s.velocity});
         if (user) {
             Quad* a = accelerations_.reserve(n + 64);
@@ -183,11 +183,15 @@ private:
             exec_.for_each(n, sim::FindFacets<Packet, periodic>{lists_, skin_, state_.period(), d});
         });
     }
-    void pull_surface() {
+    /// Tension's accelerations, added to those that are there.
+    const Quad* pull_surface(bool add) {
+        Quad* out = accelerations_.reserve(state_.n_rows + 64);
+        if (!add) exec_.clear(out, state_.n_rows * sizeof(Quad));
         with_period([&]<bool periodic>(std::bool_constant<periodic>) {
-            exec_.for_each(state_.n_rows, sim::PullSurface<Packet, periodic>{lists_, state_.view().place, skin_, rows_.inverse_rho, state_.period(), sim::kSurfaceOffset * settings_.spacing,
-                                                                            1.0f / state_.volume(), accelerations_.data()});
+            exec_.for_each(state_.n_rows, sim::PullSurface<Packet, periodic>{lists_, state_.view().place, skin_, rows_.inverse_rho, state_.period(),
+                                                                            sim::kSurfaceOffset * settings_.spacing, 1.0f / state_.volume(), out});
         });
+        return out;
     }
 
     sim::Progress solve(const float* alpha, float* impulse, float dt, float most_excess, double tolerance, int least, bool both_signs = false) {
@@ -220,17 +224,17 @@ private:
     sim::Interaction interaction(float share) const {
         return {state_.spline(), state_.period(), 2.0f * share, settings_.extra_viscosity, settings_.spacing, state_.volume()};
     }
-    const Quad* pair_forces(float viscous_share, bool tension, float* diagonal) {
+    const Quad* pair_forces(float viscous_share, bool sticks, float* diagonal) {
         const sim::State s = state_.view();
         Quad* out = accelerations_.reserve(state_.n_rows + 64);
         float* cohesion = cohesion_.reserve(state_.n + 64);
-        if (tension) exec_.for_each(state_.n + 1, sim::CohesionOf{s, state_.phases(), cohesion});
-        const auto run = [&]<bool periodic, bool with_tension>(std::bool_constant<periodic>, std::bool_constant<with_tension>) {
-            exec_.for_each_packet(state_.n_rows, sim::PairForces<Packet, periodic, with_tension>{lists_, s.place, s.velocity, rows_, interaction(viscous_share),
+        if (sticks) exec_.for_each(state_.n + 1, sim::CohesionOf{s, state_.phases(), cohesion});
+        const auto run = [&]<bool periodic, bool sticky>(std::bool_constant<periodic>, std::bool_constant<sticky>) {
+            exec_.for_each_packet(state_.n_rows, sim::PairForces<Packet, periodic, sticky>{lists_, s.place, s.velocity, rows_, interaction(viscous_share),
                                                                                                   cohesion, diagonal, out});
         };
         with_period([&](auto periodic) {
-            if (tension) run(periodic, std::true_type{});
+            if (sticks) run(periodic, std::true_type{});
             else run(periodic, std::false_type{});
         });
         return out;
