@@ -174,13 +174,13 @@ private:
         const std::size_t n = state_.n_rows, padded = ceil_div<std::size_t>(n, 64) * 64;
         const sim::State s = state_.view();
         Quad* quads = skin_quads_.reserve(2 * (state_.n + 64));
-        std::uint32_t* facets = facets_.reserve((2 * sim::kMostFacets + 1) * padded);
-        skin_ = {quads, quads + state_.n + 64, facets + padded, facets, padded};
+        std::uint32_t* facets = facets_.reserve((2 * sim::kMostFacets + 1 + sim::kDirections / 32) * padded);
+        skin_ = {quads, quads + state_.n + 64, facets + (1 + sim::kDirections / 32) * padded, facets, facets + padded, padded};
         const float d = settings_.spacing, h = state_.spline().support;
-        exec_.for_each(state_.n + 1, sim::MarkSkin{s, skin_, d});
-        exec_.for_each(n, sim::MarkTension{lists_.rows, s, state_.phases(), rows_, sim::kSurfaceGradient * h / d, skin_});
+        exec_.for_each(state_.n + 1, sim::MarkSkin{s, state_.phases(), skin_, d});
         with_period([&]<bool periodic>(std::bool_constant<periodic>) {
-            exec_.for_each(n, sim::FindFacets<Packet, periodic>{lists_, skin_, state_.period(), d});
+            exec_.for_each(n, sim::MarkTension<Packet, periodic>{lists_, s, state_.period(), directions_, 1.0f / d, state_.phases(), rows_, sim::kSurfaceGradient * h / d, skin_});
+            exec_.for_each(n, sim::FindFacets<Packet, periodic>{lists_, skin_, state_.period(), directions_, d});
         });
     }
     /// Tension's accelerations, added to those that are there.
@@ -291,6 +291,7 @@ private:
     std::uint32_t places_ = 64, longest_list_ = 0;
     bool filled_ = false, has_surface_ = false;
     sim::Skin skin_{};
+    const sim::Directions directions_;
     Buffer<std::uint32_t, Exec> list_counts_, list_index_;
     Buffer<typename Packet::Short, Exec> gradients_;
     Buffer<float, Exec> row_values_, change_, error_;

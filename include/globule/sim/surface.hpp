@@ -6,6 +6,7 @@
 // costs: every vertex is pulled by -sigma dA/dx.  The three pulls of a facet add up to nothing, and so does their
 // torque: momentum is kept.  Each particle finds the facets around it by itself, from its own neighbours;
 // all three come to the same ones, for they ask the same questions with the same numbers.
+// Facets reach to the particles of walls and tissue, which hold them: a surface ends there, it is not drawn away.
 #pragma once
 #include "globule/sim/density.hpp"
 
@@ -19,17 +20,36 @@ inline constexpr float kSurfaceGradient = 0.1f;  ///< of the density, per spacin
 inline constexpr float kSurfaceOffset = 0.69f;
 inline constexpr float kJitter = 1e-3f;       ///< spacings: four of a lattice lie on one ball
 
+/// Directions all around, none farther than 16 degrees from one of them.
+inline constexpr int kDirections = 96;
+struct Directions {
+    float x[kDirections], y[kDirections], z[kDirections];
+    Directions() {
+        for (int k = 0; k < kDirections; ++k) {
+            z[k] = 1.0f - float(2 * k + 1) / kDirections;
+            const float r = std::sqrt(1.0f - z[k] * z[k]);
+            x[k] = r * std::cos(2.399963f * k);
+            y[k] = r * std::sin(2.399963f * k);
+        }
+    }
+};
+/// Where a ball of one spacing's radius touches a particle in any direction, nobody is in one of this radius
+/// that touches it in the nearest of the directions above, at one spacing's distance of their centres.
+inline constexpr float kSurelyEmpty = 0.72f;
+
 /// Who may be at the surface of a fluid with tension.
 struct Skin {
-    Quad* place;        ///< per slot: position (jittered); w: tension, 0 where not at a surface
+    Quad* place;        ///< per slot: position (jittered); w: tension, 0 where not at a surface, -1: not fluid
     Quad* normal;       ///< per slot: outwards, at most 1 long; w: tension
     std::uint32_t* facets;  ///< (kMostFacets, 2, padded rows): slots of the other two vertices
     std::uint32_t* count;   ///< per row
+    std::uint32_t* open;    ///< (kDirections / 32, padded rows): bits of the directions without anybody
     std::size_t padded;
 };
 
 struct MarkSkin {
     State state;
+    const Phase* phases;
     Skin skin;
     float spacing;
     GB_FN static float jitter(std::uint32_t id) {
@@ -49,21 +69,45 @@ struct MarkSkin {
         const Quad p = state.place[i];
         const std::uint32_t id = 3u * state.id[i];
         const float s = kJitter * spacing;
-        skin.place[i] = {p.x + s * jitter(id), p.y + s * jitter(id + 1), p.z + s * jitter(id + 2), 0.0f};
+        skin.place[i] = {p.x + s * jitter(id), p.y + s * jitter(id + 1), p.z + s * jitter(id + 2), phases[state.phase[i]].kind == Kind::fluid ? 0.0f : -1.0f};
     }
 };
+/// Particles with a gradient of the density, that a ball may touch.
+template <class Packet, bool periodic>
 struct MarkTension {
-    const std::uint32_t* rows;
+    Lists<Packet> lists;
     State state;
+    Period period;
+    Directions directions;
+    float per_spacing;
     const Phase* phases;
     Rows values;
     float least_gradient;  ///< |G| times the support
     Skin skin;
     GB_FN void operator()(std::size_t row) const {
-        const std::uint32_t slot = rows[row];
+        const std::uint32_t slot = lists.rows[row];
         const Phase& phase = phases[state.phase[slot]];
         const float3 g{values.gx[row], values.gy[row], values.gz[row]};
-        if (phase.kind == Kind::fluid && dot(g, g) > least_gradient * least_gradient) skin.place[slot].w = phase.tension;
+        if (phase.kind != Kind::fluid || !(phase.tension > 0.0f) || !(dot(g, g) > least_gradient * least_gradient)) return;
+        if (reached(slot, row)) skin.place[slot].w = phase.tension;
+    }
+    GB_FN bool reached(std::uint32_t slot, std::size_t row) const {
+        float room[kDirections];  // below 0: somebody is in the ball in that direction
+        for (int k = 0; k < kDirections; ++k) room[k] = 1.0f;
+        const float3 at = state.place[slot].xyz();
+        for (std::uint32_t i = 0; i < lists.count[row]; ++i) {
+            const float3 d = period.template shortest<periodic>(state.place[lists.index[lists.at(row, i)]].xyz() - at) * per_spacing;
+            const float limit = 0.5f * (1.0f + dot(d, d) - kSurelyEmpty * kSurelyEmpty);
+            for (int k = 0; k < kDirections; ++k) room[k] = least(room[k], limit - (d.x * directions.x[k] + d.y * directions.y[k] + d.z * directions.z[k]));
+        }
+        std::uint32_t some = 0;
+        for (int w = 0; w < kDirections / 32; ++w) {
+            std::uint32_t bits = 0;
+            for (int k = 0; k < 32; ++k) bits |= std::uint32_t(room[32 * w + k] > 0.0f) << k;
+            skin.open[w * skin.padded + row] = bits;
+            some |= bits;
+        }
+        return some != 0;
     }
 };
 
@@ -73,6 +117,7 @@ struct FindFacets {
     Lists<Packet> lists;
     Skin skin;
     Period period;
+    Directions directions;
     float radius;   ///< of the ball
     GB_FN float3 from(std::uint32_t a, std::uint32_t b) const {
         return period.template shortest<periodic>(skin.place[b].xyz() - skin.place[a].xyz());
@@ -91,6 +136,20 @@ struct FindFacets {
         }
         return true;
     }
+    /// Whether a ball that touches row's particle may touch one that is d away, too.
+    GB_FN bool touched(std::size_t row, const float3& d) const {
+        constexpr float low = kSurelyEmpty * kSurelyEmpty, high = (2.0f - kSurelyEmpty) * (2.0f - kSurelyEmpty);
+        for (int w = 0; w < kDirections / 32; ++w) {
+            const std::uint32_t bits = skin.open[w * skin.padded + row];
+            for (int k = 0; k < 32; ++k) {
+                if (!(bits >> k & 1u)) continue;
+                const float3 to{d.x - directions.x[32 * w + k], d.y - directions.y[32 * w + k], d.z - directions.z[32 * w + k]};
+                const float r2 = dot(to, to);
+                if (r2 >= low && r2 <= high) return true;
+            }
+        }
+        return false;
+    }
     GB_FN void operator()(std::size_t row) const {
         skin.count[row] = 0;
         const std::uint32_t slot = lists.rows[row], n = lists.count[row];
@@ -99,7 +158,7 @@ struct FindFacets {
         int n_near = 0, n_facets = 0;
         for (std::uint32_t k = 0; k < n && n_near < kMostNear; ++k) {
             const std::uint32_t j = lists.index[lists.at(row, k)];
-            if (skin.place[j].w > 0.0f) near[n_near++] = j;
+            if (skin.place[j].w != 0.0f && touched(row, from(slot, j) * (1.0f / radius))) near[n_near++] = j;
         }
         float3 normal{0, 0, 0};
         float angles = 0.0f;
@@ -171,7 +230,7 @@ struct PullSurface {
             const float outer = length(across), inner = length(cross(u, v));
             if (!(outer > 0.0f)) continue;
             const float share = root(least(most(outer / most(inner, 1e-20f), 0.25f), 4.0f));
-            const float sigma = (mine.w + nj.w + nk.w) * (1.0f / 3.0f);
+            const float sigma = (mine.w + nj.w + nk.w) / (1.0f + (nj.w > 0.0f) + (nk.w > 0.0f));
             pull = pull - cross(across, q - p) * (0.5f * sigma * share / outer);
         }
         const float s = per_volume * inverse_rho[row];
