@@ -20,6 +20,9 @@ inline constexpr float kSurfaceGradient = 0.1f;  ///< of the density, per spacin
 inline constexpr float kSurfaceOffset = 0.69f;
 inline constexpr float kJitter = 1e-3f;       ///< spacings: four of a lattice lie on one ball
 
+/// Spacings from fluid to what is not: fluid that lies against a wall is nearer, and one that is not yet there is not drawn to it.
+inline constexpr float kReach = 1.2f;
+
 /// Directions all around, none farther than 16 degrees from one of them.
 inline constexpr int kDirections = 96;
 struct Directions {
@@ -136,6 +139,12 @@ struct FindFacets {
         }
         return true;
     }
+    /// Whether a facet may have these two vertices.
+    GB_FN bool reaches(std::uint32_t a, std::uint32_t b) const {
+        if (skin.place[a].w * skin.place[b].w > 0.0f) return true;
+        const float3 d = from(a, b);
+        return dot(d, d) < kReach * kReach * radius * radius;
+    }
     /// Whether a ball that touches row's particle may touch one that is d away, too.
     GB_FN bool touched(std::size_t row, const float3& d) const {
         constexpr float low = kSurelyEmpty * kSurelyEmpty, high = (2.0f - kSurelyEmpty) * (2.0f - kSurelyEmpty);
@@ -164,6 +173,7 @@ struct FindFacets {
         float angles = 0.0f;
         for (int s = 0; s < n_near; ++s)
             for (int t = s + 1; t < n_near; ++t) {
+                if (!reaches(slot, near[s]) || !reaches(slot, near[t]) || !reaches(near[s], near[t])) continue;
                 // The same numbers whoever asks: from the lowest slot, in the slots' order.
                 std::uint32_t a = slot, b = near[s], c = near[t];
                 order(a, b);
