@@ -2,6 +2,7 @@
 // velocities without divergence or with rest density, forces between pairs.
 #pragma once
 #include "globule/sim/filled.hpp"
+#include "globule/sim/surface.hpp"
 #include "globule/sim/viscosity.hpp"
 #include "globule/sim/wcsph.hpp"
 #include "simulation_state.hpp"
@@ -18,7 +19,7 @@ public:
     FluidOf(Exec& exec, SimulationState<Exec>& state, const SimulationSettings& settings)
         : exec_(exec), state_(state), settings_(settings), list_counts_(exec), list_index_(exec), gradients_(exec), row_values_(exec),
           change_(exec), error_(exec), accelerations_(exec), progress_(exec), error_sum_(exec), compression_(exec), most_count_(exec),
-          cohesion_(exec), diagonal_(exec), residual_(exec), direction_(exec), applied_(exec), conjugate_(exec) {}
+          cohesion_(exec), diagonal_(exec), residual_(exec), direction_(exec), applied_(exec), skin_quads_(exec), facets_(exec), conjugate_(exec) {}
 
     const Lists& lists() const { return lists_; }
     const sim::Rows& rows() const { return rows_; }
@@ -89,6 +90,7 @@ public:
                                                                                   state_.volume(), state_.lattice_squares()});
         };
         with_period(sum);
+        find_surface();
         exec_.reduce_in_order(state_.n_rows, sim::CompressionOf{rows_, 2.0f * sim::kFreeGradient}, sim::AddCompression{}, sim::Compression{}, compression_.reserve(1));
     }
 
@@ -148,18 +150,19 @@ public:
         exec_.for_each_packet(state_.n_rows, sim::Push<Packet>{lists_, rows_, change, s.velocity, progress, state_.spline().inverse});
     }
 
-    /// Gravity, viscosity, tension, and what the user asks for (may be null); the iterations of implicit viscosity.
+    /// Gravity, viscosity, tension, adhesion, and what the user asks for (may be null); the iterations of implicit viscosity.
     int forces(float dt, const float* user) {
         const sim::State s = state_.view();
         const std::size_t n = state_.n_rows;
-        bool viscous = settings_.extra_viscosity > 0, implicit = false, tension = false;
+        bool viscous = settings_.extra_viscosity > 0, implicit = false, sticks = false;
         for (const sim::Phase& p : state_.phase_table) {
             viscous |= p.viscosity > 0;
             implicit |= p.viscosity > 0 && p.implicit_viscosity;
-            tension |= p.tension > 0 || p.adhesion > 0;
+            sticks |= p.adhesion > 0 || (p.tension > 0 && p.kind == sim::Kind::tissue);
         }
         const Quad* acceleration = nullptr;
-        if ((viscous && !implicit) || tension) acceleration = pair_forces(implicit ? 0.0f : 1.0f, tension, nullptr);
+        if ((viscous && !implicit) || sticks) acceleration = pair_forces(implicit ? 0.0f : 1.0f, sticks, nullptr);
+        if (has_surface_) acceleration = pull_surface(acceleration != nullptr);
         exec_.for_each(n, sim::Kick{lists_.rows, rows_.inverse_rho, acceleration, settings_.gravity, dt, s.velocity});
         if (user) {
             Quad* a = accelerations_.reserve(n + 64);
@@ -171,6 +174,34 @@ public:
 
 private:
     std::size_t padded_rows() const { return ceil_div<std::size_t>(state_.n_rows, 64) * 64; }
+
+    /// Facets of the surface of fluids with tension, of the positions that densities() saw.
+    void find_surface() {
+        has_surface_ = false;
+        for (const sim::Phase& p : state_.phase_table) has_surface_ |= p.kind == sim::Kind::fluid && p.tension > 0;
+        if (!has_surface_) return;
+        const std::size_t n = state_.n_rows, padded = padded_rows();
+        const sim::State s = state_.view();
+        Quad* quads = skin_quads_.reserve(2 * (state_.n + 64));
+        std::uint32_t* facets = facets_.reserve((2 * sim::kMostFacets + 1 + sim::kDirections / 32) * padded);
+        skin_ = {quads, quads + state_.n + 64, facets + (1 + sim::kDirections / 32) * padded, facets, facets + padded, padded};
+        const float d = settings_.spacing, h = state_.spline().support;
+        exec_.for_each(state_.n + 1, sim::MarkSkin{s, state_.phases(), skin_, d});
+        with_period([&]<bool periodic>(std::bool_constant<periodic>) {
+            exec_.for_each(n, sim::MarkTension<Packet, periodic>{lists_, s, state_.period(), directions_, 1.0f / d, state_.phases(), rows_, sim::kSurfaceGradient * h / d, skin_});
+            exec_.for_each(n, sim::FindFacets<Packet, periodic>{lists_, skin_, state_.period(), directions_, d});
+        });
+    }
+    /// Tension's accelerations, added to those that are there.
+    const Quad* pull_surface(bool add) {
+        Quad* out = accelerations_.reserve(state_.n_rows + 64);
+        if (!add) exec_.clear(out, state_.n_rows * sizeof(Quad));
+        with_period([&]<bool periodic>(std::bool_constant<periodic>) {
+            exec_.for_each(state_.n_rows, sim::PullSurface<Packet, periodic>{lists_, state_.view().place, skin_, rows_.inverse_rho, state_.period(),
+                                                                            sim::kSurfaceOffset * settings_.spacing, 1.0f / state_.volume(), out});
+        });
+        return out;
+    }
 
     /// `took`: iterations of the last solve of this kind; on the device the host looks at the progress only after as many.
     sim::Progress solve(const float* alpha, float* impulse, float dt, float most_excess, double tolerance, int least, int& took, bool both_signs = false) {
@@ -205,17 +236,17 @@ private:
     sim::Interaction interaction(float share) const {
         return {state_.spline(), state_.period(), 2.0f * share, settings_.extra_viscosity, settings_.spacing, state_.volume()};
     }
-    const Quad* pair_forces(float viscous_share, bool tension, float* diagonal) {
+    const Quad* pair_forces(float viscous_share, bool sticks, float* diagonal) {
         const sim::State s = state_.view();
         Quad* out = accelerations_.reserve(state_.n_rows + 64);
         float* cohesion = cohesion_.reserve(state_.n + 64);
-        if (tension) exec_.for_each(state_.n + 1, sim::CohesionOf{s, state_.phases(), cohesion});
-        const auto run = [&]<bool periodic, bool with_tension>(std::bool_constant<periodic>, std::bool_constant<with_tension>) {
-            exec_.for_each_packet(state_.n_rows, sim::PairForces<Packet, periodic, with_tension>{lists_, s.place, s.velocity, rows_, interaction(viscous_share),
+        if (sticks) exec_.for_each(state_.n + 1, sim::CohesionOf{s, state_.phases(), cohesion});
+        const auto run = [&]<bool periodic, bool sticky>(std::bool_constant<periodic>, std::bool_constant<sticky>) {
+            exec_.for_each_packet(state_.n_rows, sim::PairForces<Packet, periodic, sticky>{lists_, s.place, s.velocity, rows_, interaction(viscous_share),
                                                                                                   cohesion, diagonal, out});
         };
         with_period([&](auto periodic) {
-            if (tension) run(periodic, std::true_type{});
+            if (sticks) run(periodic, std::true_type{});
             else run(periodic, std::false_type{});
         });
         return out;
@@ -270,8 +301,10 @@ private:
     Lists lists_{};
     sim::Rows rows_{};
     std::uint32_t places_ = 64, longest_list_ = 0;
-    bool filled_ = false, started_ = false;
+    bool filled_ = false, started_ = false, has_surface_ = false;
     int divergence_took_ = 1, density_took_ = 1;
+    sim::Skin skin_{};
+    const sim::Directions directions_;
     Buffer<std::uint32_t, Exec> list_counts_, list_index_;
     Buffer<typename Packet::Short, Exec> gradients_;
     Buffer<float, Exec> row_values_, change_, error_;
@@ -281,7 +314,8 @@ private:
     Buffer<sim::Compression, Exec> compression_;
     Buffer<std::uint32_t, Exec> most_count_;
     Buffer<float, Exec> cohesion_, diagonal_;
-    Buffer<Quad, Exec> residual_, direction_, applied_;
+    Buffer<Quad, Exec> residual_, direction_, applied_, skin_quads_;
+    Buffer<std::uint32_t, Exec> facets_;
     Buffer<sim::Conjugate, Exec> conjugate_;
 };
 

@@ -351,3 +351,18 @@ def test_fluid_that_fills_its_space_keeps_its_momentum(backend):
 def test_errors_name_what_is_wrong(description, message):
     with pytest.raises(ValueError, match=message):
         gb.Simulation({**column(), **description}, device="cpu")
+
+
+def test_tension_keeps_momentum_and_gathers_a_block():
+    d = 0.001
+    water = {"name": "water", "tension": 0.07, "viscosity": 0.005}
+    description = {"spacing": d, "domain": ((-0.02,) * 3, (0.02,) * 3), "walls": False}
+    sim = gb.Simulation(description | {"gravity": (0, 0, 0), "phases": [water]}, device="cpu")
+    sim.add(physics.lattice((-0.006, -0.003, -0.003), (0.006, 0.003, 0.003), d), "water")
+    size = 0.0
+    while sim.time < 0.06:
+        sim.step()
+        size = max(size, np.abs(sim.velocities).sum() * 1000 * d**3)
+    assert np.abs(sim.totals()["momentum"]).sum() < 1e-5 * size
+    spread = sim.positions.std(0)
+    assert sim.n_steps > 50 and spread.max() < 1.5 * spread.min()  # 2 at first

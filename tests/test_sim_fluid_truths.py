@@ -16,6 +16,7 @@ from globule.bench import physics_fluid as physics
         physics.poiseuille,
         physics.taylor_green,
         physics.emitter,
+        physics.oscillation,
     ],
 )
 def test_truth(experiment):

@@ -1,4 +1,4 @@
-// Viscosity and cohesion between neighbours.
+// Viscosity and adhesion between neighbours.
 //
 // Viscosity (Morris 1997):
 //   rho_i a_i = 2 sum_j mu_ij V_j v_ij x_ij . grad W_ij / |x_ij|^2
@@ -8,13 +8,14 @@
 // A boundary's layer stands half a spacing behind its face; the velocity there continues the fluid's
 // through zero at the face (Morris 1997), so that the fluid is at rest where the face is.
 //
-// Cohesion is a pairwise attraction of Akinci's shape (2013), scaled so that a surface has the tension asked for.
+// Adhesion of fluids to boundaries and tissue is a pairwise attraction of Akinci's shape (2013); within a fluid nobody
+// attracts: its tension is its surface's (surface.hpp).
 #pragma once
 #include "globule/sim/density.hpp"
 
 namespace globule::sim {
 
-/// Largest attraction of a pair, over tension times spacing: 8 / (pi int x^4 s dx), s the shape below and
+/// Largest attraction of a pair, over adhesion times spacing: 8 / (pi int x^4 s dx), s the shape below and
 /// x = r / spacing, gives a sharp face of evenly spread particles its tension (Kirkwood & Buff 1949).
 inline constexpr float kCohesion = 1.6673f;
 
@@ -43,13 +44,13 @@ struct Interaction {
 };
 
 /// Accelerations of all rows by what acts between neighbours.
-template <class Packet_, bool periodic, bool tension>
+template <class Packet_, bool periodic, bool sticks>
 struct PairForces {
     Lists<Packet_> lists;
     const Quad *place, *velocity;
     Rows rows;
     Interaction pair;
-    const float* cohesion;  ///< per slot: root of a fluid's tension, of a boundary's adhesion
+    const float* cohesion;  ///< per slot: root of a fluid's tension, of a boundary's adhesion; less than 0: of tissue's tension
     float* diagonal;        ///< of the implicit operator less rho, over dt; or null
     Quad* acceleration;     ///< per row
     template <class Packet>
@@ -60,7 +61,7 @@ struct PairForces {
         const F zero = F(0.0f), half = F(0.5f);
         const F wall = pair.mirror(Packet::load(rows.boundary + row));
         F mine = zero;
-        if constexpr (tension) mine = Packet::gather(cohesion, slot);
+        if constexpr (sticks) mine = Packet::gather(cohesion, slot);
         const F c = F(-kCohesion * pair.spacing / pair.volume);
         F x = zero, y = zero, z = zero, diag = zero;
         const std::uint32_t n = Packet::longest(lists.count + row);
@@ -78,9 +79,9 @@ struct PairForces {
             x += s * (v.x - u.x);
             y += s * (v.y - u.y);
             z += s * (v.z - u.z);
-            if constexpr (tension) {
+            if constexpr (sticks) {
                 const F theirs = Packet::gather(cohesion, lists.index + k);
-                const F attraction = pair.attraction(r) * select(solid, theirs, mine * theirs);
+                const F attraction = pair.attraction(r) * select(solid, theirs, most(zero - mine * theirs, zero));  // tissue with fluid: below 0
                 const F f = select(r < F(pair.spline.support), c * attraction / most(r, F(1e-3f * pair.spacing)), zero);
                 x += f * d.x;
                 y += f * d.y;
@@ -103,7 +104,7 @@ struct CohesionOf {
             return;
         }
         const Phase& p = phases[state.phase[i]];
-        out[i] = state.place[i].w < 0.0f ? root(p.tension) : root(p.adhesion);
+        out[i] = state.place[i].w >= 0.0f ? root(p.adhesion) : p.kind == Kind::fluid ? root(p.tension) : -root(p.tension);
     }
 };
 

@@ -231,32 +231,34 @@ def drop(radius: float, d: float, sigma: float, mu: float, device: str, threads:
 
 
 def laplace(device: str = "cpu", threads: int = 0) -> list[Row]:
-    """Pressure in drops of three sizes. The attraction of a flat surface adds the same to all of
-    them, so that the slope over 2 / R is the tension."""
-    d, sigma = 0.001, 0.07
-    inverse, inside = [], []
+    """Pressure in drops of three sizes that have come to rest."""
+    d, sigma, n = 0.001, 0.07, 100
+    rows = []
     for cells in (5, 7, 10):
         radius = cells * d
         sim = drop(radius, d, sigma, 0.02, device, threads)
         sim.advance(0.05)
-        sums = []
-        for _ in range(20):
+        p = 0.0
+        for _ in range(n):
             sim.step()
             r = np.linalg.norm(sim.positions - np.array(sim.totals()["center"]), axis=1)
-            sums.append(sim.pressure[r < 0.5 * radius].mean())
-        inverse.append(2 / radius)
-        inside.append(np.mean(sums))
-    slope = np.polyfit(inverse, inside, 1)[0]
-    return [near("drop: pressure over 2 / R is the tension, N/m", sigma, slope, 0.05)]
+            p += sim.pressure[r < 0.5 * radius].mean() / n
+        name = f"drop of {cells} spacings: pressure over 2 sigma / R"
+        rows.append(near(name, 1.0, p * radius / (2 * sigma), 0.05))
+    return rows
 
 
 def oscillation(device: str = "cpu", threads: int = 0, cells: int = 8) -> list[Row]:
-    """A stretched drop swings at omega^2 = 8 sigma / (rho R^3) (Rayleigh 1879)."""
+    """A stretched drop swings at omega^2 = 8 sigma / (rho R^3) (Rayleigh 1879).
+
+    The law is that of small swings; one whose axis grows by a quarter is slower by 7 % in omega^2
+    (Tsamopoulos & Brown 1983), by a tenth 1 %.
+    """
     d, sigma = 0.001, 0.07
     radius = cells * d
     sim = drop(radius, d, sigma, 0.0005, device, threads)
     sim.advance(0.01)
-    v = 0.25 * np.sqrt(8 * sigma / (1000 * radius**3))
+    v = 0.1 * np.sqrt(8 * sigma / (1000 * radius**3))
     x = sim.positions - np.array(sim.totals()["center"])
     sim.velocities = v * x * (1.0, -0.5, -0.5)
     omega = np.sqrt(8 * sigma / (1000 * radius**3))
@@ -275,15 +277,17 @@ def oscillation(device: str = "cpu", threads: int = 0, cells: int = 8) -> list[R
 
 def frequency(t: np.ndarray, y: np.ndarray) -> float:
     """Of a damped swing: the best of many by least squares."""
-    best = (np.inf, 0.0)
-    guess = 2 * np.pi * 2.2 / (t[-1] - t[0])
-    for omega in guess * np.linspace(0.4, 1.8, 141):
-        for damping in omega * np.array([0.0, 0.02, 0.05, 0.1, 0.2, 0.3]):
-            e = np.exp(-damping * (t - t[0]))
-            basis = np.stack([e * np.cos(omega * t), e * np.sin(omega * t), np.ones_like(t)], 1)
-            rest = np.linalg.lstsq(basis, y, rcond=None)[1]
-            if len(rest) and rest[0] < best[0]:
-                best = (float(rest[0]), float(np.hypot(omega, damping)))
+    best, guess = (np.inf, 0.0, 0.0), 2 * np.pi * 2.2 / (t[-1] - t[0])
+    omegas = guess * np.linspace(0.4, 1.8, 141)
+    for _ in range(2):  # the second time around the best of the first
+        for omega in omegas:
+            for damping in omega * np.array([0.0, 0.01, 0.02, 0.03, 0.05, 0.1, 0.2, 0.3]):
+                e = np.exp(-damping * (t - t[0]))
+                wave = e * np.cos(omega * t), e * np.sin(omega * t), np.ones_like(t)
+                rest = np.linalg.lstsq(np.stack(wave, 1), y, rcond=None)[1]
+                if len(rest) and rest[0] < best[0]:
+                    best = (float(rest[0]), float(np.hypot(omega, damping)), float(omega))
+        omegas = best[2] + 0.01 * guess * np.linspace(-1, 1, 21)
     return best[1]
 
 
