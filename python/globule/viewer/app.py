@@ -62,11 +62,13 @@ class Viewer:
         with source.lock:
             self.placement = Placement(*source.bounds())
             scene = source.layers(self.state.snapshot())[0].scene
+            self.warnings = left_out(scene)
+            self._outline = source.outline()
         self._camera_given = camera is not None
-        self.first_camera = camera or first_camera(scene, self.up, source.outline())
+        self.first_camera = camera or first_camera(scene, self.up, self._outline, source.camera)
         self._asked_port = port
         self.token = None if host in LOCAL else secrets.token_urlsafe(24)
-        self._guard = Guard(self.token)
+        self._guard = Guard(self.token, f"{source.name} · globule")
         self._frame_callbacks: list[Callable[[Any], Any]] = []
         self._closed = threading.Event()
         self.clients: dict[int, Client] = {}
@@ -98,7 +100,8 @@ class Viewer:
 
     def greeting(self) -> list[str]:
         """What a person needs to know in the terminal."""
-        lines = [f"globule: {self.source.name} at {self.address}"]
+        lines = [f"globule: {line}" for line in self.warnings]
+        lines.append(f"globule: {self.source.name} at {self.address}")
         if self._asked_port and self.port != self._asked_port:
             lines.append(f"globule: port {self._asked_port} is taken, so this is {self.port}")
         if self.token is None:
@@ -130,7 +133,7 @@ class Viewer:
             client.look(self.camera_of(camera), (camera.image_width, camera.image_height))
 
         if not self._camera_given:
-            self.move(browser, for_window(self.first_camera, browser.camera.aspect))
+            self.move(browser, for_window(self.first_camera, browser.camera.aspect, self._outline))
         await moved(browser.camera)
         browser.camera.on_update(moved)
         self.page.connected(browser, client)
@@ -187,12 +190,11 @@ class Viewer:
         for panel in self.page.panels:
             panel.grew(moved)
 
-    def cut_along(self, points: list, camera: Camera) -> None:
-        """What a stroke of the tool Cut does: a source that can be cut is; else a cutting plane
-        goes through the stroke and the eye, and takes away the side above or right of it."""
-        if hasattr(self.source, "cut_along"):
-            self.source.cut_along(points, camera)
-            return
+    def cut_along(self, points: list, camera: Camera) -> str:
+        """What a stroke of the tool Cut does, in words: tissue is cut; else a cutting plane goes
+        through the stroke and the eye, and takes away the side above or right of it."""
+        if self.source.has_tissue:
+            return self.source.cut_along(points, camera)
         first, last = (np.asarray(p, float) for p in (points[0], points[-1]))
         normal = np.cross(last - first, camera.towards([first])[0])
         if not np.linalg.norm(normal) > 0:
@@ -202,6 +204,7 @@ class Viewer:
         normal = normal if normal @ (right + up) > 0 else -normal
         self.state.set(cuts__plane=True, cuts__normal=tuple(normal.tolist()),
                        cuts__point=tuple(((first + last) / 2).tolist()))
+        return "A cutting plane along the stroke; *No cuts* in the panel Cut takes it away."
 
     def screenshot(self, path: Any, size: tuple[int, int] = FIRST_SIZE, samples: int | None = None,
                    camera: Camera | None = None) -> Shot:
@@ -284,19 +287,36 @@ def check_host(host: str) -> None:
                          f"{error.strerror}") from None
 
 
-def first_camera(scene: Any, up: Any, around: Any) -> Camera:
-    """All is seen, from the front, a little right and above, whatever axis is upwards."""
+def left_out(scene: Any) -> list[str]:
+    """What is to be said of particles that cannot be shown."""
+    n_lost = len(scene) - scene.octree.n_inside
+    if not n_lost:
+        return []
+    return [f"{n_lost:,} of {len(scene):,} particles {'is' if n_lost == 1 else 'are'} not shown: "
+            "expected finite positions below 1e18, got others"]
+
+
+def first_camera(scene: Any, up: Any, around: Any, like: Camera | None = None) -> Camera:
+    """All is seen, from the side that `like` is on; else from the front, a little right and above,
+    whatever axis is upwards."""
     from ..camera import view_axes
 
     if scene.octree.n_inside == 0 and around is None:
         return Camera((1.2, 0.9, 2.0), (0, 0, 0), up)
     right, above, front = view_axes(up)
-    towards = 0.6 * right + 0.45 * above + front
-    return fit_camera(scene, FIRST_SIZE, around, direction=towards, up=up)
+    towards, fov = 0.6 * right + 0.45 * above + front, 40.0
+    if like is not None:
+        towards, fov = np.subtract(like.eye, like.look_at), like.fov
+    return fit_camera(scene, FIRST_SIZE, around, direction=towards, up=up, fov=fov)
 
 
-def for_window(camera: Camera, aspect: float) -> Camera:
-    """Farther away where a window is narrower than what the camera was made for."""
+def for_window(camera: Camera, aspect: float, around: np.ndarray | None = None) -> Camera:
+    """So that a window of another shape shows all of what is within some points (M, 3); where they
+    are not known, farther away where it is narrower than what the camera was made for."""
+    if around is not None and camera.height is None:
+        size = (round(1000 * max(aspect, 0.1)), 1000)
+        return Camera.fit(around, np.subtract(camera.eye, camera.look_at), camera.up, camera.fov,
+                          size)
     back = max(1.0, FIRST_SIZE[0] / FIRST_SIZE[1] / max(aspect, 0.1))
     away = np.subtract(camera.eye, camera.look_at) * back
     eye = tuple((np.asarray(camera.look_at) + away).tolist())

@@ -26,6 +26,7 @@ class VolumeSource(Source):
 
     kind = "volume"
     up = (0.0, 0.0, 1.0)
+    unit = "mm"
 
     def __init__(self, name: str, volume: Volume, sweep: Sweep | None = None,
                  device: str = "auto", threads: int = 0):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from .panel import Panel
 
 NONE = "(own colours)"
@@ -14,12 +16,36 @@ class Color(Panel):
         names = (NONE, *self.viewer.source.color_names())
         self.add("color", "by", options=names, none=NONE)
         self.add("color", "colormap")
-        self.add("color", "automatic")
-        self.add("color", "low", typed=True)
-        self.add("color", "high", typed=True)
+        automatic = self.add("color", "automatic")
+        self.ends = {name: self.add("color", name, typed=True) for name in ("low", "high")}
         self.add("color", "legend")
         self.button("Range of now", self.take_range, "Keep the range that is shown")
+        automatic.on_update(self.safe(self._switched))
+        for name, widget in self.ends.items():
+            widget.on_update(self.safe(lambda event, name=name: self._typed(event, name)))
 
-    def take_range(self, browser) -> None:
+    def take_range(self, browser: Any) -> None:
         low, high = self.viewer.source.maker.range
         self.state.set(color__automatic=False, color__low=low, color__high=high)
+
+    def _switched(self, event: Any) -> None:
+        """What was shown is kept from then on."""
+        if event.client is not None and not event.target.value:
+            self.take_range(event.client)
+
+    def _typed(self, event: Any, name: str) -> None:
+        """One end typed in is kept, and the other as it is shown."""
+        if event.client is None or not self.state.color.automatic:
+            return
+        ends = dict(zip(("low", "high"), self.viewer.source.maker.range, strict=True))
+        ends[name] = getattr(self.state.color, name)
+        self.state.set(color__automatic=False, color__low=ends["low"], color__high=ends["high"])
+
+    def tick(self) -> None:
+        """Show the automatic range."""
+        if not (self.state.color.automatic and self.state.color.by):
+            return
+        for widget, value in zip(self.ends.values(), self.viewer.source.maker.range, strict=True):
+            value = float(f"{value:.4g}")
+            if widget.value != value:
+                widget.value = value

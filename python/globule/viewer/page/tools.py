@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,8 @@ GRASP, SUCTION = "Grasp", "Suction"
 DRAGGED = (CUT, GRASP, SUCTION)  # with these a drag does not turn the view
 HINT = "*Cut* cuts along a line that you draw, *Measure* between two clicks."
 MOST_POINTS = 400  # of a stroke
+STAYS = 4.0  # s that a stroke is seen
+WOUND = (60, 8, 12)
 LONGEST = 12  # attributes that a mark names
 
 
@@ -25,6 +28,7 @@ class Tools:
     def __init__(self, page: Any):
         self.page, self.hands = page, {}
         gui = page.server.gui
+        self.unit = f" {page.viewer.source.unit}".rstrip()
         self.choices = (ROTATE, MEASURE, CUT)
         if hasattr(page.viewer.source, "grasp"):
             self.choices += (GRASP,)
@@ -101,9 +105,11 @@ class Hand:
         if self.tool == MEASURE and len(self.picked) == 2:
             a, b = (np.asarray(p.position, np.float64) for p in self.picked)
             distance = float(np.linalg.norm(b - a))
-            self.text.content = f"**Distance {distance:.6g}**  \nfrom {_words(a)} to {_words(b)}"
+            unit = self.tools.unit
+            self.text.content = (f"**Distance {distance:.6g}{unit}**  \n"
+                                 f"from {_words(a)} to {_words(b)}")
             points = (tuple(a.tolist()), tuple(b.tolist()))
-            self.client.mark([Mark(points, f"{distance:.4g}", AMBER)])
+            self.client.mark([Mark(points, f"{distance:.4g}{unit}", AMBER)])
             return
         where = tuple(float(v) for v in found.position)
         title = f"particle {found.particle:,}"
@@ -166,7 +172,22 @@ class Hand:
         points, self.stroke = self.along_stroke(), []
         self.client.mark([])
         if len(points) > 1:
-            self.page.viewer.cut_along(points, self.client.camera)
+            said = self.page.viewer.cut_along(points, self.client.camera)
+            self.text.content = said
+            self._leave(Mark(tuple(points), "", WOUND, thin=True))
+
+    def _leave(self, mark: Mark) -> None:
+        """Show where a stroke was for a moment."""
+        left = [mark]
+        self.client.mark(left)
+
+        def gone() -> None:
+            if self.client.marks is left:
+                self.client.mark([])
+
+        timer = threading.Timer(STAYS, gone)
+        timer.daemon = True
+        timer.start()
 
     def along_stroke(self) -> list[tuple[float, float, float]]:
         """The stroke's points on the surface."""
