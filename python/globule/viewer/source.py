@@ -36,6 +36,14 @@ class Origin:
     unsaid: tuple[str, ...] = ()
 
 
+@dataclass
+class Probed:
+    """What was clicked beside the surface. words: its name to its value."""
+
+    position: tuple[float, float, float]
+    words: dict[str, str]
+
+
 OPTIONS = {"level": "--level", "labels": "--label", "spacing": "--resample",
            "calibration": "--calibration", "plus": "--plus"}
 
@@ -138,10 +146,10 @@ class Source:
         return ""
 
     def probe(self, state: State, camera: Camera, size: tuple[int, int], screen: Any,
-              surface: float) -> dict[str, str]:
-        """What else than the surface, which is so far away, is seen at a place of the picture, in
-        words; with `lock` held."""
-        return {}
+              nearest: float) -> Probed | None:
+        """What else than the surface is seen at a place of the picture, nearer than so far; with
+        `lock` held."""
+        return None
 
     def facts(self) -> dict[str, Any]:
         """What the statistics say besides: words to numbers or texts."""
