@@ -23,7 +23,7 @@ from .guard import Guard, limit_messages
 from .pacer import Plan
 from .placement import Placement
 from .recording import Shot
-from .source import Source
+from .source import Source, box_corners
 from .state import MOST_BYTES, State
 
 LOCAL = ("127.0.0.1", "localhost", "::1")
@@ -63,9 +63,10 @@ class Viewer:
             self.placement = Placement(*source.bounds())
             scene = source.layers(self.state.snapshot())[0].scene
             self.warnings = left_out(scene)
-            self._outline = source.outline()
+            around = source.outline()
+            self._outline = grown_box(*source.bounds()) if around is None else around
         self._camera_given = camera is not None
-        self.first_camera = camera or first_camera(scene, self.up, self._outline, source.camera)
+        self.first_camera = camera or first_camera(scene, self.up, around, source.camera)
         self._asked_port = port
         self.token = None if host in LOCAL else secrets.token_urlsafe(24)
         self._guard = Guard(self.token, f"{source.name} · globule")
@@ -129,14 +130,29 @@ class Viewer:
         client = self.engine.add(sink, self.first_camera)
         self.clients[browser.client_id] = client
 
-        async def moved(camera: Any) -> None:
-            client.look(self.camera_of(camera), (camera.image_width, camera.image_height))
+        first: dict[str, Any] = {} if self._camera_given else {"aspect": 1e-9}
 
-        if not self._camera_given:
-            self.move(browser, for_window(self.first_camera, browser.camera.aspect, self._outline))
+        async def moved(camera: Any) -> None:
+            size = camera.image_width, camera.image_height
+            if first and min(size) > 0 and abs(size[0] / size[1] / first["aspect"] - 1) > 0.01:
+                self._fit_window(browser, first, size[0] / size[1])
+            client.look(self.camera_of(camera), size)
+
         await moved(browser.camera)
         browser.camera.on_update(moved)
         self.page.connected(browser, client)
+
+    def _fit_window(self, browser: Any, first: dict[str, Any], aspect: float) -> None:
+        """Show all in a window of this shape, unless somebody has turned or moved the view since
+        `first` was shown: the panel takes its room from the picture only after the start."""
+        if "eye" in first:
+            away = np.subtract(self.camera_of(browser.camera).eye, first["eye"])
+            if np.linalg.norm(away) > 1e-3 * self.placement.extent:
+                first.clear()
+                return
+        camera = for_window(self.first_camera, aspect, self._outline)
+        first.update(aspect=aspect, eye=camera.eye)
+        self.move(browser, camera)
 
     async def _disconnected(self, browser: Any) -> None:
         client = self.clients.pop(browser.client_id, None)
@@ -287,6 +303,12 @@ def check_host(host: str) -> None:
                          f"{error.strerror}") from None
 
 
+def grown_box(lo: np.ndarray, hi: np.ndarray) -> np.ndarray:
+    """Corners (8, 3) of a box with some room for the surface around particles."""
+    room = 0.03 * np.max(hi - lo)
+    return box_corners(lo - room, hi + room)
+
+
 def left_out(scene: Any) -> list[str]:
     """What is to be said of particles that cannot be shown."""
     n_lost = len(scene) - scene.octree.n_inside
@@ -311,12 +333,19 @@ def first_camera(scene: Any, up: Any, around: Any, like: Camera | None = None) -
 
 
 def for_window(camera: Camera, aspect: float, around: np.ndarray | None = None) -> Camera:
-    """So that a window of another shape shows all of what is within some points (M, 3); where they
-    are not known, farther away where it is narrower than what the camera was made for."""
-    if around is not None and camera.height is None:
-        size = (round(1000 * max(aspect, 0.1)), 1000)
-        return Camera.fit(around, np.subtract(camera.eye, camera.look_at), camera.up, camera.fov,
-                          size)
+    """So that a window of another shape shows all of what is within some points (M, 3), or farther
+    away where it is narrower than what the camera was made for: whichever is nearer."""
+    aside = narrower(camera, aspect)
+    if around is None or camera.height is not None:
+        return aside
+    size = (round(1000 * max(aspect, 0.1)), 1000)
+    fitted = Camera.fit(around, np.subtract(camera.eye, camera.look_at), camera.up, camera.fov, size)
+    distances = [np.linalg.norm(np.subtract(c.eye, c.look_at)) for c in (aside, fitted)]
+    return aside if distances[0] < distances[1] else fitted
+
+
+def narrower(camera: Camera, aspect: float) -> Camera:
+    """As far away as a window narrower than FIRST_SIZE needs."""
     back = max(1.0, FIRST_SIZE[0] / FIRST_SIZE[1] / max(aspect, 0.1))
     away = np.subtract(camera.eye, camera.look_at) * back
     eye = tuple((np.asarray(camera.look_at) + away).tolist())

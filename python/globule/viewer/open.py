@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from typing import Any
 
 import numpy as np
@@ -73,7 +74,8 @@ def _open_files(names: list[str], common: dict, reading: dict) -> Source:
     if len(names) == 1:
         return _open_name(names[0], common, reading)
     files = find_files(names)
-    name = f"{len(files)} frames, {os.path.basename(files[0])} …"
+    pattern = re.sub(r"\d+(?=\D*$)", "*", os.path.basename(files[0]))
+    name = f"{pattern}, {len(files)} frames"
     source = SequenceSource(name, files, **common, read_frame=lambda path: read(path, **reading))
     source.reading = reading
     return source

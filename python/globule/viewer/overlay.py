@@ -11,6 +11,7 @@ from ..camera import Camera
 from ..legend import LEAST_SIDE, add_legend
 from .state import State
 
+ON_SCREEN = 0.65  # of the legend that a saved picture has
 RED, AMBER, STEEL = (226, 60, 60), (255, 176, 32), (70, 80, 92)
 
 
@@ -55,7 +56,8 @@ def finish(
     if marks:
         picture = draw_marks(picture, camera, marks)
     if legend and min(picture.shape[:2]) >= LEAST_SIDE:
-        picture = add_legend(picture, state.color.colormap, *ends, state.color.by)
+        scale = 1.0 if size is None else ON_SCREEN
+        picture = add_legend(picture, state.color.colormap, *ends, state.color.by, scale)
     return picture
 
 
@@ -136,7 +138,7 @@ def draw_marks(picture: np.ndarray, camera: Camera, marks: list[Mark]) -> np.nda
             rim = max(1, round(1.5 * unit))
             box = draw.multiline_textbbox(place, mark.text, font, stroke_width=rim)
             down = free_below(box, taken)
-            taken.append((box[0], box[1] + down, box[2], box[3] + down))
+            taken.append((box[0], box[1] + down, box[2], box[3] + down + 2 * unit))
             draw.multiline_text((place[0], place[1] + down), mark.text, (20, 24, 30), font,
                                 stroke_width=rim, stroke_fill=(255,) * 3)
     return np.asarray(image)

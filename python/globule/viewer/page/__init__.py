@@ -17,7 +17,7 @@ WELCOME = (
 
 
 TICK = 0.3  # s
-LONGEST_NAME = 30  # letters that the panel's heading has room for
+LONGEST_NAME = 24  # letters that the panel's heading has room for
 
 
 class Page:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from .panel import Panel
 
 NONE = "(own colours)"
@@ -45,7 +47,10 @@ class Color(Panel):
         """Show the automatic range."""
         if not (self.state.color.automatic and self.state.color.by):
             return
-        for widget, value in zip(self.ends.values(), self.viewer.source.maker.range, strict=True):
-            value = float(f"{value:.4g}")
+        low, high = self.viewer.source.maker.range
+        digits = 2 - int(np.floor(np.log10(high - low))) if 0 < high - low < np.inf else 2
+        for widget, value in zip(self.ends.values(), (low, high), strict=True):
+            value = round(value, max(0, digits))
             if widget.value != value:
+                widget.precision = max(0, digits)
                 widget.value = value
