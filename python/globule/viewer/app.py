@@ -338,8 +338,8 @@ def for_window(camera: Camera, aspect: float, around: np.ndarray | None = None) 
     aside = narrower(camera, aspect)
     if around is None or camera.height is not None:
         return aside
-    size = (round(1000 * max(aspect, 0.1)), 1000)
-    fitted = Camera.fit(around, np.subtract(camera.eye, camera.look_at), camera.up, camera.fov, size)
+    towards, size = np.subtract(camera.eye, camera.look_at), (round(1000 * max(aspect, 0.1)), 1000)
+    fitted = Camera.fit(around, towards, camera.up, camera.fov, size)
     distances = [np.linalg.norm(np.subtract(c.eye, c.look_at)) for c in (aside, fitted)]
     return aside if distances[0] < distances[1] else fitted
 
