@@ -121,6 +121,7 @@ def run(page: Any, viewer: Any) -> None:
 
 
 def scalpel(page: Any, viewer: Any) -> None:
+    viewer.source.cut_depth = None  # all through
     choose(page, "With the mouse", "Cut")
     page.wait_for_timeout(1500)
     page.mouse.move(470, 40)

@@ -58,7 +58,7 @@ class Viewer:
         if not any(self.up):
             raise ValueError(f"up: expected a direction, got {up!r}")
         check_host(host)
-        self.title = title or f"globule · {source.name}"
+        self.title = title or source.name
         with source.lock:
             self.placement = Placement(*source.bounds())
             scene = source.layers(self.state.snapshot())[0].scene
@@ -69,7 +69,7 @@ class Viewer:
         self.first_camera = camera or first_camera(scene, self.up, around, source.camera)
         self._asked_port = port
         self.token = None if host in LOCAL else secrets.token_urlsafe(24)
-        self._guard = Guard(self.token, f"{source.name} · globule")
+        self._guard = Guard(self.token, f"{self.title} · globule")
         self._frame_callbacks: list[Callable[[Any], Any]] = []
         self._closed = threading.Event()
         self.clients: dict[int, Client] = {}

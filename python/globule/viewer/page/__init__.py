@@ -30,7 +30,7 @@ class Page:
         server.gui.configure_theme(show_logo=False, show_share_button=False,
                                    control_width="medium", brand_color=(38, 99, 168))
         server.gui.main_panel.dock_right()
-        server.gui.set_panel_label(shortened(viewer.source.name))
+        server.gui.set_panel_label(shortened(viewer.title))
         server.scene.set_up_direction(viewer.up)
         server.scene.world_axes.visible = False
         self._first_camera()

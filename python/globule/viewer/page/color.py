@@ -13,6 +13,7 @@ NONE = "(own colours)"
 
 class Color(Panel):
     title = "Colour by value"
+    _before: tuple = ()  # the settings' range while the automatic one is shown
 
     def build(self) -> None:
         names = (NONE, *self.viewer.source.color_names())
@@ -31,9 +32,11 @@ class Color(Panel):
         self.state.set(color__automatic=False, color__low=low, color__high=high)
 
     def _switched(self, event: Any) -> None:
-        """What was shown is kept from then on."""
-        if event.client is not None and not event.target.value:
-            self.take_range(event.client)
+        """What was shown is kept from then on, unless somebody has said another range since."""
+        color = self.state.color
+        if event.client is not None and not color.automatic:
+            if (color.low, color.high) == self._before:
+                self.take_range(event.client)
 
     def _typed(self, event: Any, name: str) -> None:
         """One end typed in is kept, and the other as it is shown."""
@@ -45,8 +48,10 @@ class Color(Panel):
 
     def tick(self) -> None:
         """Show the automatic range."""
-        if not (self.state.color.automatic and self.state.color.by):
+        color = self.state.color
+        if not (color.automatic and color.by):
             return
+        self._before = color.low, color.high
         low, high = self.viewer.source.maker.range
         digits = 2 - int(np.floor(np.log10(high - low))) if 0 < high - low < np.inf else 2
         for widget, value in zip(self.ends.values(), (low, high), strict=True):

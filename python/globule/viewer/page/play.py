@@ -98,7 +98,9 @@ class Play(Panel):
             depth.on_update(self.safe(lambda event: setattr(
                 source, "cut_depth", bounded(depth) if bounded(depth) < 0.99 * longest else None)))
             self.button("Undo the cut", self._undo, "Back to just before the last stroke; "
-                        "the last 5 are kept")
+                        "the last 5 are kept (key U)")
+            self.gui.add_command("Undo the cut of tissue", hotkey="U").on_trigger(
+                self.safe(lambda event: self._undo(event.client)))
         for name, emitter in _named(sim, "emitters"):
             self._switch(f"Emitter {name}", emitter, emitter.on)
         for name, instrument in _named(sim, "instruments"):
