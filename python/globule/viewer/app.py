@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from ..camera import Camera
+from ..particles import on_gpu
 from ..render import fit_camera
 from .engine import Client, Engine
 from .equivalent import command_line, python_code
@@ -29,6 +30,7 @@ from .state import MOST_BYTES, State
 LOCAL = ("127.0.0.1", "localhost", "::1")
 FIRST_SIZE = (1280, 720)
 MOST_CLIENTS = 16
+MOST_POINTS, N_DIRECTIONS = 200_000, 96  # looked at for the first view
 
 
 class Viewer:
@@ -64,7 +66,7 @@ class Viewer:
             scene = source.layers(self.state.snapshot())[0].scene
             self.warnings = left_out(scene)
             around = source.outline()
-            self._outline = grown_box(*source.bounds()) if around is None else around
+            self._outline = outermost(source) if around is None else around
         self._camera_given = camera is not None
         self.first_camera = camera or first_camera(scene, self.up, around, source.camera)
         self._asked_port = port
@@ -145,13 +147,14 @@ class Viewer:
     def _fit_window(self, browser: Any, first: dict[str, Any], aspect: float) -> None:
         """Show all in a window of this shape, unless somebody has turned or moved the view since
         `first` was shown: the panel takes its room from the picture only after the start."""
-        if "eye" in first:
-            away = np.subtract(self.camera_of(browser.camera).eye, first["eye"])
-            if np.linalg.norm(away) > 1e-3 * self.placement.extent:
-                first.clear()
-                return
+        eye = self.camera_of(browser.camera).eye
+        known = first.setdefault("eyes", [eye])
+        if np.linalg.norm(np.subtract(known, eye), axis=1).min() > 1e-3 * self.placement.extent:
+            first.clear()
+            return
         camera = for_window(self.first_camera, aspect, self._outline)
-        first.update(aspect=aspect, eye=camera.eye)
+        # What the browser says may still be of before the latest move.
+        first.update(aspect=aspect, eyes=[*known, camera.eye])
         self.move(browser, camera)
 
     async def _disconnected(self, browser: Any) -> None:
@@ -303,10 +306,21 @@ def check_host(host: str) -> None:
                          f"{error.strerror}") from None
 
 
-def grown_box(lo: np.ndarray, hi: np.ndarray) -> np.ndarray:
-    """Corners (8, 3) of a box with some room for the surface around particles."""
-    room = 0.03 * np.max(hi - lo)
-    return box_corners(lo - room, hi + room)
+def outermost(source: Source) -> np.ndarray:
+    """Points (M, 3) as far out as a source's particles in many directions, with some room for the
+    surface around them; the corners of their box where they are on a GPU."""
+    lo, hi = source.bounds()
+    particles = source.particles()
+    if on_gpu(particles.positions) or not len(particles.finite_positions()):
+        return box_corners(lo, hi)
+    points = particles.finite_positions()
+    points = points[:: 1 + len(points) // MOST_POINTS] - (lo + hi) / 2
+    i = np.arange(N_DIRECTIONS) + 0.5
+    height, turn = 1 - 2 * i / N_DIRECTIONS, np.pi * (1 + 5**0.5) * i  # evenly over a sphere
+    flat = np.sqrt(1 - height**2)
+    directions = np.stack([flat * np.cos(turn), flat * np.sin(turn), height], axis=1)
+    far = [int(np.argmax(points @ towards)) for towards in directions]
+    return 1.06 * points[np.unique(far)] + (lo + hi) / 2
 
 
 def left_out(scene: Any) -> list[str]:
