@@ -133,7 +133,7 @@ def test_colours_of_values_with_their_legend(watched):
     check(page, "Automatic range", False)
     watched.viewer.state.set(color__low=-10.0, color__high=10.0)
     middle = watched.still(page, differs(without, 1))
-    face = np.s_[340:420, 300:380]
+    face = np.s_[300:460, 250:430]
     assert middle[face][..., 0].std() < without[face][..., 0].std()
     choose(page, "Colour map", "gray")
     gray = watched.still(page, differs(middle, 1))
