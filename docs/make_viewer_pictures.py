@@ -121,17 +121,18 @@ def run(page: Any, viewer: Any) -> None:
 
 
 def scalpel(page: Any, viewer: Any) -> None:
+    viewer.source.cut_depth = None  # all through
     choose(page, "With the mouse", "Cut")
     page.wait_for_timeout(1500)
-    page.mouse.move(470, 40)
+    page.mouse.move(620, 110)
     page.mouse.down()
     for i in range(20):
-        page.mouse.move(470 - 6 * i, 40 + 34 * i)
+        page.mouse.move(620 - 4 * i, 110 + 25 * i)
         page.wait_for_timeout(60)
     page.mouse.up()
     page.wait_for_timeout(1500)
     page.get_by_role("button", name="Run", exact=True).click()
-    while viewer.source.simulation.time < 0.18:
+    while viewer.source.simulation.time < 0.3:
         page.wait_for_timeout(200)
     page.get_by_role("button", name="Pause", exact=True).click()
 

@@ -142,6 +142,7 @@ def outline(watched, page) -> np.ndarray:
 def test_a_scalpel_stroke_leaves_two_pieces(block):
     page, sim = block.page(), block.viewer.source.simulation
     assert sim.n_pieces == 1
+    block.viewer.source.cut_depth = None  # all through
     choose(page, "With the mouse", "Cut")
     page.get_by_text("Draw a line across what is to be cut.", exact=True).wait_for()
     time.sleep(1.0)

@@ -18,7 +18,9 @@ _MARGIN, _BAR_WIDTH, _BAR_HEIGHT, _TEXT = 0.035, 0.024, 0.42, 0.026
 _LEAST_TEXT = 9  # pixels
 
 
-def add_legend(picture: Any, colormap: str, lo: float, hi: float, label: str = "") -> np.ndarray:
+def add_legend(
+    picture: Any, colormap: str, lo: float, hi: float, label: str = "", scale: float = 1.0
+) -> np.ndarray:
     """The picture with a vertical colour bar, ticks and label in its lower right corner.
 
     Sizes follow the picture's. Text is dark with a light rim or the reverse, as the picture below
@@ -29,6 +31,7 @@ def add_legend(picture: Any, colormap: str, lo: float, hi: float, label: str = "
         colormap: one of `colormaps.NAMES`.
         lo, hi: values of the map's first and last colour.
         label: what the values are; shortened to fit.
+        scale: of all its sizes.
 
     Returns:
         (H, W, 3) uint8, a new array.
@@ -49,7 +52,7 @@ def add_legend(picture: Any, colormap: str, lo: float, hi: float, label: str = "
 
     image = Image.fromarray(np.ascontiguousarray(picture))
     width, height = image.size
-    side = min(width, height)
+    side = scale * min(width, height)
     font = ImageFont.load_default(size=max(_LEAST_TEXT, round(_TEXT * side)))
     draw = ImageDraw.Draw(image)
     line = max(1, round(side / 500))

@@ -77,7 +77,7 @@ def show(
     elif settings is not state:
         with open(state, encoding="utf-8") as file:
             camera = settings.load_toml(file.read(MOST_BYTES + 1)) or camera
-    viewer = Viewer(source, settings, host, port, up, camera or source.camera)
+    viewer = Viewer(source, settings, host, port, up, camera)
     preset = preset or (source.preset if state is None else None)
     if preset is not None:
         use_preset(viewer, preset)

@@ -18,6 +18,7 @@ import numpy as np
 
 from ..camera import Camera
 from ..checks import how_to_install
+from ..particles import on_gpu
 from ..render import fit_camera
 from .engine import Client, Engine
 from .equivalent import command_line, python_code
@@ -25,7 +26,7 @@ from .guard import Guard, limit_messages, quiet_tasks
 from .pacer import Plan
 from .placement import Placement
 from .recording import Shot
-from .source import Source
+from .source import Source, box_corners
 from .state import MOST_BYTES, State
 
 LOCAL = ("127.0.0.1", "localhost", "::1")
@@ -33,6 +34,7 @@ FIRST_SIZE = (1280, 720)
 MOST_CLIENTS = 16
 MOST_WINDOW = 7680  # pixels of a browser's side
 AT_INTERRUPT = 1.0  # s that Ctrl-C waits for a picture that is being made
+MOST_POINTS, N_DIRECTIONS = 200_000, 96  # looked at for the first view
 
 
 class Viewer:
@@ -62,15 +64,18 @@ class Viewer:
         if not any(self.up):
             raise ValueError(f"up: expected a direction, got {up!r}")
         check_host(host)
-        self.title = title or f"globule · {source.name}"
+        self.title = title or source.name
         with source.lock:
             self.placement = Placement(*source.bounds())
             scene = source.layers(self.state.snapshot())[0].scene
+            self.warnings = left_out(scene)
+            around = source.outline()
+            self._outline = outermost(source) if around is None else around
         self._camera_given = camera is not None
-        self.first_camera = camera or first_camera(scene, self.up, source.outline())
+        self.first_camera = camera or first_camera(scene, self.up, around, source.camera)
         self._asked_port = port
         self.token = None if host in LOCAL else secrets.token_urlsafe(24)
-        self._guard = Guard(self.token)
+        self._guard = Guard(self.token, f"{self.title} · globule")
         self._frame_callbacks: list[Callable[[Any], Any]] = []
         self._closed = threading.Event()
         self.clients: dict[int, Client] = {}
@@ -103,7 +108,8 @@ class Viewer:
 
     def greeting(self) -> list[str]:
         """What a person needs to know in the terminal."""
-        lines = [f"globule: {self.source.name} at {self.address}"]
+        lines = [f"globule: {line}" for line in self.warnings]
+        lines.append(f"globule: {self.source.name} at {self.address}")
         if self._asked_port and self.port != self._asked_port:
             lines.append(f"globule: port {self._asked_port} is taken, so this is {self.port}")
         if self.token is None:
@@ -137,19 +143,34 @@ class Viewer:
         client = self.engine.add(sink, self.first_camera)
         self.clients[browser.client_id] = client
 
+        first: dict[str, Any] = {} if self._camera_given else {"aspect": 1e-9}
+
         async def moved(camera: Any) -> None:
             try:
                 size = tuple(min(int(v), MOST_WINDOW)
                              for v in (camera.image_width, camera.image_height))
+                if first and min(size) > 0 and abs(size[0] / size[1] / first["aspect"] - 1) > 0.01:
+                    self._fit_window(browser, first, size[0] / size[1])
                 client.look(self.camera_of(camera), size)
             except (OverflowError, ValueError) as error:  # not of a page of ours
                 self.page.complain(browser, str(error))
 
-        if not self._camera_given:
-            self.move(browser, for_window(self.first_camera, browser.camera.aspect))
         await moved(browser.camera)
         browser.camera.on_update(moved)
         self.page.connected(browser, client)
+
+    def _fit_window(self, browser: Any, first: dict[str, Any], aspect: float) -> None:
+        """Show all in a window of this shape, unless somebody has turned or moved the view since
+        `first` was shown: the panel takes its room from the picture only after the start."""
+        eye = self.camera_of(browser.camera).eye
+        known = first.setdefault("eyes", [eye])
+        if np.linalg.norm(np.subtract(known, eye), axis=1).min() > 1e-3 * self.placement.extent:
+            first.clear()
+            return
+        camera = for_window(self.first_camera, aspect, self._outline)
+        # What the browser says may still be of before the latest move.
+        first.update(aspect=aspect, eyes=[*known, camera.eye])
+        self.move(browser, camera)
 
     async def _disconnected(self, browser: Any) -> None:
         client = self.clients.pop(browser.client_id, None)
@@ -203,12 +224,11 @@ class Viewer:
         for panel in self.page.panels:
             panel.grew(moved)
 
-    def cut_along(self, points: list, camera: Camera) -> None:
-        """What a stroke of the tool Cut does: a source that can be cut is; else a cutting plane
-        goes through the stroke and the eye, and takes away the side above or right of it."""
-        if hasattr(self.source, "cut_along"):
-            self.source.cut_along(points, camera)
-            return
+    def cut_along(self, points: list, camera: Camera) -> str:
+        """What a stroke of the tool Cut does, in words: tissue is cut; else a cutting plane goes
+        through the stroke and the eye, and takes away the side above or right of it."""
+        if self.source.has_tissue:
+            return self.source.cut_along(points, camera)
         first, last = (np.asarray(p, float) for p in (points[0], points[-1]))
         normal = np.cross(last - first, camera.towards([first])[0])
         if not np.linalg.norm(normal) > 0:
@@ -218,6 +238,7 @@ class Viewer:
         normal = normal if normal @ (right + up) > 0 else -normal
         self.state.set(cuts__plane=True, cuts__normal=tuple(normal.tolist()),
                        cuts__point=tuple(((first + last) / 2).tolist()))
+        return "A cutting plane along the stroke; *No cuts* in the panel Cut takes it away."
 
     def screenshot(self, path: Any, size: tuple[int, int] = FIRST_SIZE, samples: int | None = None,
                    camera: Camera | None = None) -> Shot:
@@ -328,19 +349,60 @@ def check_host(host: str) -> None:
                          f"{error.strerror}") from None
 
 
-def first_camera(scene: Any, up: Any, around: Any) -> Camera:
-    """All is seen, from the front, a little right and above, whatever axis is upwards."""
+def outermost(source: Source) -> np.ndarray:
+    """Points (M, 3) as far out as a source's particles in many directions, with some room for the
+    surface around them; the corners of their box where they are on a GPU."""
+    lo, hi = source.bounds()
+    particles = source.particles()
+    if on_gpu(particles.positions) or not len(particles.finite_positions()):
+        return box_corners(lo, hi)
+    points = particles.finite_positions()
+    points = points[:: 1 + len(points) // MOST_POINTS] - (lo + hi) / 2
+    i = np.arange(N_DIRECTIONS) + 0.5
+    height, turn = 1 - 2 * i / N_DIRECTIONS, np.pi * (1 + 5**0.5) * i  # evenly over a sphere
+    flat = np.sqrt(1 - height**2)
+    directions = np.stack([flat * np.cos(turn), flat * np.sin(turn), height], axis=1)
+    far = [int(np.argmax(points @ towards)) for towards in directions]
+    return 1.06 * points[np.unique(far)] + (lo + hi) / 2
+
+
+def left_out(scene: Any) -> list[str]:
+    """What is to be said of particles that cannot be shown."""
+    n_lost = len(scene) - scene.octree.n_inside
+    if not n_lost:
+        return []
+    return [f"{n_lost:,} of {len(scene):,} particles {'is' if n_lost == 1 else 'are'} not shown: "
+            "expected finite positions below 1e18, got others"]
+
+
+def first_camera(scene: Any, up: Any, around: Any, like: Camera | None = None) -> Camera:
+    """All is seen, from the side that `like` is on; else from the front, a little right and above,
+    whatever axis is upwards."""
     from ..camera import view_axes
 
     if scene.octree.n_inside == 0 and around is None:
         return Camera((1.2, 0.9, 2.0), (0, 0, 0), up)
     right, above, front = view_axes(up)
-    towards = 0.6 * right + 0.45 * above + front
-    return fit_camera(scene, FIRST_SIZE, around, direction=towards, up=up)
+    towards, fov = 0.6 * right + 0.45 * above + front, 40.0
+    if like is not None:
+        towards, fov = np.subtract(like.eye, like.look_at), like.fov
+    return fit_camera(scene, FIRST_SIZE, around, direction=towards, up=up, fov=fov)
 
 
-def for_window(camera: Camera, aspect: float) -> Camera:
-    """Farther away where a window is narrower than what the camera was made for."""
+def for_window(camera: Camera, aspect: float, around: np.ndarray | None = None) -> Camera:
+    """So that a window of another shape shows all of what is within some points (M, 3), or farther
+    away where it is narrower than what the camera was made for: whichever is nearer."""
+    aside = narrower(camera, aspect)
+    if around is None or camera.height is not None:
+        return aside
+    towards, size = np.subtract(camera.eye, camera.look_at), (round(1000 * max(aspect, 0.1)), 1000)
+    fitted = Camera.fit(around, towards, camera.up, camera.fov, size)
+    distances = [np.linalg.norm(np.subtract(c.eye, c.look_at)) for c in (aside, fitted)]
+    return aside if distances[0] < distances[1] else fitted
+
+
+def narrower(camera: Camera, aspect: float) -> Camera:
+    """As far away as a window narrower than FIRST_SIZE needs."""
     back = max(1.0, FIRST_SIZE[0] / FIRST_SIZE[1] / max(aspect, 0.1))
     away = np.subtract(camera.eye, camera.look_at) * back
     eye = tuple((np.asarray(camera.look_at) + away).tolist())

@@ -15,7 +15,7 @@ from ..camera import Camera
 from ..render import Frame
 from .encode import jpeg
 from .overlay import Mark, finish
-from .pacer import Pacer, Plan
+from .pacer import Pacer, Plan, limited
 from .picture import trace
 from .source import Source
 from .state import State
@@ -99,7 +99,8 @@ class Client:
 
     def _send(self, plan: Plan, seen: float, picture: np.ndarray, more: dict[str, Any]) -> None:
         started = time.monotonic()
-        picture = finish(picture, **more)
+        seen_at = limited(self.pacer.full, more["state"].quality.width)
+        picture = finish(picture, size=seen_at, **more)
         with self.engine.wake:
             self.number += 1
             number = self.number

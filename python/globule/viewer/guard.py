@@ -8,7 +8,9 @@ versions for which this is tested); `started` says whether that has happened.
 
 from __future__ import annotations
 
+import gzip
 import hmac
+import html
 import http
 import ipaddress
 import logging
@@ -31,11 +33,13 @@ POLICY = (
 
 
 class Guard:
-    """token: what a client must know, or None on this machine's own address."""
+    """token: what a client must know, or None on this machine's own address. title: of the page,
+    in the browser's tab."""
 
-    def __init__(self, token: str | None):
-        self.token = token
+    def __init__(self, token: str | None, title: str = "globule"):
+        self.token, self.title = token, title
         self.started = False
+        self._titled: dict[bytes, bytes] = {}  # the page by viser's own
 
     def refusal(self, path: str, headers: Any) -> str | None:
         """Why a request is not answered, if it is not."""
@@ -60,6 +64,21 @@ class Guard:
                     return value
         return ""
 
+    def _give_title(self, response: Any) -> None:
+        """The page that viser has is called Viser."""
+        if not response.headers.get("Content-Type", "").startswith("text/html"):
+            return
+        body = response.body
+        if body not in self._titled:
+            packed = response.headers.get("Content-Encoding") == "gzip"
+            page = gzip.decompress(body) if packed else body
+            name = f"<title>{html.escape(self.title)}</title>".encode()
+            page = page.replace(b"<title>Viser</title>", name, 1)
+            self._titled[body] = gzip.compress(page) if packed else page
+        response.body = self._titled[body]
+        del response.headers["Content-Length"]
+        response.headers["Content-Length"] = str(len(response.body))
+
     @contextmanager
     def watching(self) -> Iterator[None]:
         """Servers that viser opens in this block are guarded."""
@@ -76,6 +95,7 @@ class Guard:
                     return connection.respond(http.HTTPStatus.FORBIDDEN, f"globule: {why}\n")
                 response = inner(connection, request)
                 if response is not None:
+                    self._give_title(response)
                     response.headers["Content-Security-Policy"] = POLICY
                     response.headers["Referrer-Policy"] = "no-referrer"
                     response.headers["X-Content-Type-Options"] = "nosniff"

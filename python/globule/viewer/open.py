@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import os
+import re
 from typing import Any
 
 import numpy as np
 
 from ..formats import read
-from ..particles import Particles, on_gpu
+from ..particles import Particles, on_gpu, to_host
 from ..render import Layer
 from ..scene import Scene
 from ..sim.scene_file import SHIPPED
@@ -19,6 +20,7 @@ from ..volume_io import READABLE as VOLUMES
 from .sequence_source import SequenceSource
 from .simulation_source import SimulationSource
 from .source import SceneSource, Source
+from .state import FAR
 from .sweep_source import SweepSource, played, received
 from .volume_source import VolumeSource
 
@@ -72,7 +74,8 @@ def _open_files(names: list[str], common: dict, reading: dict) -> Source:
     if len(names) == 1:
         return _open_name(names[0], common, reading)
     files = find_files(names)
-    name = f"{os.path.basename(files[0])} … {len(files)} frames"
+    pattern = re.sub(r"\d+(?=\D*$)", "*", os.path.basename(files[0]))
+    name = f"{pattern}, {len(files)} frames"
     source = SequenceSource(name, files, **common, read_frame=lambda path: read(path, **reading))
     source.reading = reading
     return source
@@ -98,7 +101,13 @@ def _open_name(name: str, common: dict, reading: dict) -> Source:
             return _open_files(files, common, reading)
     source = _medical(name, common, reading)
     if source is None:
-        source = SceneSource(title, read(name, **reading), **common)
+        particles = read(name, **reading)
+        places = to_host(particles.positions)
+        if not (np.abs(places) < FAR).all(axis=1).any():  # no number is below anything
+            got = f"{len(places):,} with others" if len(places) else "none"
+            raise ValueError(f"{name}: nothing to show: expected particles with finite positions "
+                             f"below {FAR:g}, got {got}")
+        source = SceneSource(title, particles, **common)
     source.files, source.reading = [name], reading
     return source
 

@@ -11,16 +11,19 @@ from ..camera import Camera
 from ..legend import LEAST_SIDE, add_legend
 from .state import State
 
+ON_SCREEN = 0.65  # of the legend that a saved picture has
 RED, AMBER, STEEL = (226, 60, 60), (255, 176, 32), (70, 80, 92)
 
 
 @dataclass(frozen=True)
 class Mark:
-    """Points (x, y, z) world joined by lines, each a dot, with a text beside the last."""
+    """Points (x, y, z) world joined by lines, with a text beside the last; one or two are dots.
+    thin: a bare line without dots."""
 
     points: tuple[tuple[float, float, float], ...]
     text: str = ""
     color: tuple[int, int, int] = RED
+    thin: bool = False
 
 
 @dataclass(frozen=True)
@@ -35,21 +38,37 @@ class Plate:
 
 def finish(
     picture: np.ndarray, state: State, camera: Camera, marks: list[Mark], plates: list[Plate],
-    depth: np.ndarray | None, ends: tuple[float, float],
+    depth: np.ndarray | None, ends: tuple[float, float], size: tuple[int, int] | None = None,
 ) -> np.ndarray:
     """The picture (H, W, 3) uint8 sRGB with all that is to be seen over it.
 
     Args:
         depth: (H, W) along the rays, where plates are to be drawn.
         ends: values of the colour map's ends.
+        size: (width, height) at which it is seen: a smaller picture is enlarged before marks and
+            legend are drawn, which stay sharp and where they are.
     """
     if plates and depth is not None:
         picture = draw_plates(picture, depth, camera, plates)
+    legend = bool(state.color.by and state.color.legend)
+    if size is not None and (marks or legend):
+        picture = enlarged(picture, size)
     if marks:
         picture = draw_marks(picture, camera, marks)
-    if state.color.by and state.color.legend and min(picture.shape[:2]) >= LEAST_SIDE:
-        picture = add_legend(picture, state.color.colormap, *ends, state.color.by)
+    if legend and min(picture.shape[:2]) >= LEAST_SIDE:
+        scale = 1.0 if size is None else ON_SCREEN
+        picture = add_legend(picture, state.color.colormap, *ends, state.color.by, scale)
     return picture
+
+
+def enlarged(picture: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+    """The picture (H, W, 3) uint8 at (width, height), where that is more."""
+    from PIL import Image
+
+    if size[0] <= picture.shape[1]:
+        return picture
+    small = Image.fromarray(np.ascontiguousarray(picture))
+    return np.asarray(small.resize(size, Image.Resampling.BILINEAR))
 
 
 def draw_plates(
@@ -100,23 +119,39 @@ def draw_marks(picture: np.ndarray, camera: Camera, marks: list[Mark]) -> np.nda
 
     image = Image.fromarray(np.ascontiguousarray(picture))
     draw = ImageDraw.Draw(image)
-    unit = max(1.0, min(image.size) / 360)
-    font = ImageFont.load_default(size=max(9, round(13 * unit)))
+    unit = max(1.0, min(image.size) / 720)
+    font = ImageFont.load_default(size=round(14 * unit))
+    taken: list[tuple[float, float, float, float]] = []  # by texts
     for mark in marks:
         places = [project(camera, image.size, point) for point in mark.points]
         seen = [place for place in places if place is not None]
         if len(seen) > 1:
-            draw.line(seen, fill=(255, 255, 255), width=round(4 * unit))
+            if not mark.thin:
+                draw.line(seen, fill=(255, 255, 255), width=round(4 * unit))
             draw.line(seen, fill=mark.color, width=round(2 * unit))
-        for px, py in seen if len(seen) < 3 else ():
+        for px, py in seen if len(seen) < 3 and not mark.thin else ():
             r = 4 * unit
             draw.ellipse((px - r, py - r, px + r, py + r), fill=mark.color, outline=(255,) * 3,
                          width=max(1, round(unit)))
         if mark.text and seen:
-            px, py = seen[-1]
-            draw.multiline_text((px + 9 * unit, py - 9 * unit), mark.text, (20, 24, 30), font,
-                                stroke_width=max(1, round(1.5 * unit)), stroke_fill=(255,) * 3)
+            place = seen[-1][0] + 9 * unit, seen[-1][1] - 9 * unit
+            rim = max(1, round(1.5 * unit))
+            box = draw.multiline_textbbox(place, mark.text, font, stroke_width=rim)
+            down = free_below(box, taken)
+            taken.append((box[0], box[1] + down, box[2], box[3] + down + 2 * unit))
+            draw.multiline_text((place[0], place[1] + down), mark.text, (20, 24, 30), font,
+                                stroke_width=rim, stroke_fill=(255,) * 3)
     return np.asarray(image)
+
+
+def free_below(box: tuple, taken: list[tuple]) -> float:
+    """How far a box (left, top, right, bottom) goes down until it lies over none of others."""
+    down = 0.0
+    for left, top, right, bottom in sorted(taken, key=lambda other: other[1]):
+        beside = box[2] <= left or right <= box[0]
+        if not beside and box[1] + down < bottom and top < box[3] + down:
+            down = bottom - box[1]
+    return down
 
 
 def project(camera: Camera, size: tuple[int, int], point: Any) -> tuple[float, float] | None:

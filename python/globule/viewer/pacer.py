@@ -80,7 +80,7 @@ class Pacer:
             return None
         if min(self.full) < 1:  # not known yet
             return None
-        full = _limited(self.full, widest)
+        full = limited(self.full, widest)
         if now - self._last_change < STILL_AFTER:
             if self._changed is None:
                 return None
@@ -175,7 +175,8 @@ class Pacer:
         return (len(times) - 1) / (times[-1] - times[0]) if len(times) > 1 else 0.0
 
 
-def _limited(size: tuple[int, int], widest: int) -> tuple[int, int]:
+def limited(size: tuple[int, int], widest: int) -> tuple[int, int]:
+    """The size, or as much of it as is `widest` pixels wide."""
     return _scaled(size, min(1.0, widest / max(1, size[0])))
 
 

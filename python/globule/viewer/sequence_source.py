@@ -7,11 +7,13 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
 
+import numpy as np
+
 from ..formats import read
 from ..particles import Particles
 from ..render import Layer
 from .scenes import SceneMaker
-from .source import Origin, Source
+from .source import Origin, Source, box_corners
 from .state import State
 
 KEPT_BYTES = 1 << 30  # of frames that are kept in memory
@@ -39,6 +41,15 @@ class SequenceSource(Source):
 
     def particles(self) -> Particles:
         return self._now
+
+    def outline(self) -> np.ndarray | None:
+        """Around the first and the last frame, so that what moves stays in the picture."""
+        try:
+            ends = [self._fetch(i).result().bounds() for i in (0, self.n_frames - 1)]
+        except (ValueError, OSError):  # one is empty, or not written yet
+            return None
+        lo, hi = (np.array(corners) for corners in zip(*ends, strict=True))
+        return box_corners(lo.min(axis=0), hi.max(axis=0))
 
     def layers(self, state: State) -> list[Layer]:
         return [Layer(self.maker.scene(self._now, state))]

@@ -19,6 +19,8 @@ from .state import State
 LONGEST_PAUSE = 0.25  # s of the clock between two pictures of slow motion
 PULL_TIME = 0.05  # s in which what is held comes to the pointer
 FASTEST = 2.0  # extents per second, of what is held
+MOST_UNDONE = 5  # strokes that can be taken back
+UNDO_BYTES = 1 << 30  # of the states kept for that
 GRASP = 7  # the number of the pointer's grasp; instruments count from 0
 
 
@@ -29,13 +31,16 @@ class SimulationSource(Source):
     """
 
     kind = "simulation"
+    unit = "m"
 
     def __init__(self, name: str, simulation: Any, device: str = "auto", threads: int = 0):
         super().__init__(name)
         self.simulation = simulation
         self._device, self._threads = device, threads
         self.running, self.speed = False, 1.0
-        self.cut_depth: float | None = None
+        self.cut_depth: float | None = None  # m; None: all through
+        self._before: list[dict[str, Any]] = []  # each of the last strokes
+        self._stepping = False
         self.report: Any = None
         self.n_cut = 0  # bonds, by the last stroke
         self.by_hand = False  # whether somebody has cut, pulled, moved or switched something
@@ -47,7 +52,9 @@ class SimulationSource(Source):
         self._target: np.ndarray | None = None  # where the pointer is, world
         self._ground: float | None = None  # height, where the scene says it
         self.maker = SceneMaker(device, threads)
+        self.has_tissue = bool(getattr(simulation, "n_bonds", 0))
         self._look()
+        self._note()
 
     def _look(self) -> None:
         """As the simulation's scene file has it."""
@@ -100,6 +107,14 @@ class SimulationSource(Source):
         return Origin([name], [*code, "particles = simulation.particles"],
                       left=passed + left, lives=True)
 
+    def tissue_extent(self) -> float:
+        """m, the longest side of the box around all tissue; 0 where there is none."""
+        sim = self.simulation
+        if not self.has_tissue:
+            return 0.0
+        tissue = [p.kind == "tissue" for p in sim.phases.values()]
+        return float(np.ptp(sim.positions[np.asarray(tissue)[sim.phase]], axis=0).max())
+
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         domain = getattr(getattr(self.simulation, "settings", None), "domain", None)
         if domain is None:
@@ -108,7 +123,25 @@ class SimulationSource(Source):
         return lo, hi
 
     def outline(self) -> np.ndarray:
-        return box_corners(*self.bounds())
+        """Around what is shown and the instruments; where there is only fluid, which runs, all the
+        domain up to the fluid's top, or up to the emitters that it comes from."""
+        sim = self.simulation
+        shown = getattr(sim, "shown_particles", None)
+        if shown is None or not len(shown):
+            return box_corners(*self.bounds())
+        lo, hi = shown.bounds()
+        tools = [tool.pose[:3, 3] for tool in getattr(sim, "instruments", {}).values()]
+        lo, hi = np.min([lo, *tools], axis=0), np.max([hi, *tools], axis=0)
+        if not self.has_tissue:
+            first, last = (np.array(corner) for corner in self.bounds())
+            if not getattr(sim, "emitters", {}):
+                axis = int(np.argmax(np.abs(self.up)))
+                if self.up[axis] > 0:
+                    last[axis] = hi[axis]
+                else:
+                    first[axis] = lo[axis]
+            lo, hi = np.minimum(lo, first), np.maximum(hi, last)
+        return box_corners(lo, hi)
 
     def marks(self) -> list[Mark]:
         """The edges of scalpels, and the tips of other instruments."""
@@ -118,6 +151,21 @@ class SimulationSource(Source):
             points = knife.at(tool.pose) if knife is not None else tool.pose[None, :3, 3]
             marks.append(Mark(tuple(map(tuple, points.tolist())), name, STEEL))
         return marks
+
+    def _note(self) -> None:
+        """What `status` says; with `lock` held."""
+        sim = self.simulation
+        self._noted = float(getattr(sim, "time", 0.0)), int(getattr(sim, "n_steps", 0))
+
+    def status(self) -> str:
+        time, steps = self._noted
+        if not self.running:
+            name = "pausing after this step" if self._stepping else "paused"
+        elif steps:
+            name = "running"
+        else:
+            name = "running, first step …"
+        return f"**{name}** · {time:.4f} s · {steps:,} steps"
 
     def facts(self) -> dict[str, Any]:
         with self.lock:
@@ -144,9 +192,14 @@ class SimulationSource(Source):
             return None
         before = float(getattr(self.simulation, "time", 0.0))
         with self.lock:
-            self._pull()
-            self.report = self.simulation.step()
-            self.version += 1
+            self._stepping = True
+            try:
+                self._pull()
+                self.report = self.simulation.step()
+                self._note()
+                self.version += 1
+            finally:
+                self._stepping = False
             self._wanted_steps = max(0, self._wanted_steps - 1)
         passed = float(getattr(self.simulation, "time", 0.0)) - before
         return min(passed / self.speed, LONGEST_PAUSE) if self.running else 0.0
@@ -165,19 +218,64 @@ class SimulationSource(Source):
         with self.lock:
             self.running = self.by_hand = False
             self.simulation.reset()
+            self._before.clear()
+            self._note()
             self.version += 1
 
     # Instruments
 
-    def cut_along(self, points: list, camera: Camera) -> None:
-        """Cut along a stroke on the surface, away from the eye to `cut_depth`, or all through."""
+    def cut_along(self, points: list, camera: Camera) -> str:
+        """Cut along a stroke on the surface, away from the eye to `cut_depth`, or all through; in
+        words what that did."""
         lo, hi = self.bounds()
         through = float(np.linalg.norm(hi - lo))
         with self.lock:
             blade = ribbon(points, camera, self.cut_depth or through, 0.05 * through)
+            before = self._state()
             self.n_cut = self.simulation.cut(blade)
+            if not self.n_cut:
+                return "The stroke met no tissue."
+            self._keep(before)
             self.by_hand = True
             self.version += 1
+            pieces = getattr(self.simulation, "n_pieces", 1)
+        return (f"**Cut {self.n_cut:,} bonds**, {pieces:,} {'piece' if pieces == 1 else 'pieces'}."
+                + ("" if self.running else " Run to see it open."))
+
+    def _state(self) -> dict[str, Any]:
+        """What `undo` goes back to."""
+        sim = self.simulation
+        if not hasattr(sim, "state"):
+            return {}
+        emitters = {name: (e.emitted, e._volume)
+                    for name, e in getattr(sim, "emitters", {}).items()}
+        return {"arrays": sim.state(), "rows": len(sim.diagnostics), "emitters": emitters,
+                "counts": (sim.n_removed, sim.n_cut)}
+
+    def _keep(self, state: dict[str, Any]) -> None:
+        self._before = [*self._before, state][-MOST_UNDONE:] if state else []
+        sizes = [sum(a.nbytes for a in one["arrays"].values()) for one in self._before]
+        while sum(sizes) > UNDO_BYTES:
+            del sizes[0], self._before[0]
+
+    def undo(self) -> str:
+        """Back to just before the last stroke that cut something; in words what that did."""
+        with self.lock:
+            if not self._before:
+                raise ValueError("undo: expected a cut made with the tool Cut, got none "
+                                 "(the last 5 are kept)")
+            state, sim = self._before.pop(), self.simulation
+            sim.set_state(state["arrays"])
+            del sim.diagnostics[state["rows"]:]
+            sim.n_removed, sim.n_cut = state["counts"]
+            for tool in sim.instruments.values():
+                tool.start(sim.time)
+            for name, (emitted, volume) in state["emitters"].items():
+                sim.emitters[name].emitted, sim.emitters[name]._volume = emitted, volume
+            self._held = self._target = None
+            self._note()
+            self.version += 1
+            return f"Undone: back at {sim.time:.4f} s, before the cut."
 
     def move(self, name: str, pose: np.ndarray) -> None:
         """Put an instrument somewhere: (4, 4) world_from_instrument, or its tip (3,); the next step

@@ -36,6 +36,14 @@ class Origin:
     unsaid: tuple[str, ...] = ()
 
 
+@dataclass
+class Probed:
+    """What was clicked beside the surface. words: its name to its value."""
+
+    position: tuple[float, float, float]
+    words: dict[str, str]
+
+
 OPTIONS = {"level": "--level", "labels": "--label", "spacing": "--resample",
            "calibration": "--calibration", "plus": "--plus"}
 
@@ -54,6 +62,8 @@ class Source:
     camera: Camera | None = None  # where to begin, if the source says so
     preset: str | None = None  # how it looks, if the source says so
     settings: dict[str, Any] = {}  # for `State.set`, the same
+    has_tissue = False  # that a stroke of the tool Cut cuts
+    unit = ""  # of lengths, where it is known
 
     def __init__(self, name: str) -> None:
         self.name = name
@@ -130,6 +140,16 @@ class Source:
 
     def stand_still(self) -> None:
         """No more steps until somebody asks again."""
+
+    def status(self) -> str:
+        """What it does now, in a line for the page; waits for nobody."""
+        return ""
+
+    def probe(self, state: State, camera: Camera, size: tuple[int, int], screen: Any,
+              nearest: float) -> Probed | None:
+        """What else than the surface is seen at a place of the picture, nearer than so far; with
+        `lock` held."""
+        return None
 
     def facts(self) -> dict[str, Any]:
         """What the statistics say besides: words to numbers or texts."""

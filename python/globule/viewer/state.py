@@ -96,6 +96,7 @@ class Slices:
     z: float = real(0.5, 0.0, 1.0, "z slice")
     overlay: bool = switch(False, "Measured / filled", "Tint what was filled orange, empty blue")
     surface: bool = switch(True, "Show surface", "The volume's iso-surface")
+    open: bool = switch(True, "Cut open", "Take the corner before the slices out of the surface")
     level: float | None = real(None, 1e-6, 1e9, "Surface level", "Values of at least this")
     frame: bool = switch(False, "Show sweep frame", "A frame of the sweep where it was taken")
     number: int = whole(0, 0, 1_000_000, "Frame", "Which one")

@@ -14,6 +14,7 @@ from ..reconstructor import Reconstructor
 from ..sweep import Sweep
 from ..volume import Volume
 from .locks import FairLock
+from .overlay import Mark
 from .source import Origin
 from .state import State
 from .volume_source import VolumeSource
@@ -45,6 +46,7 @@ class SweepSource(VolumeSource):
         self._taken: list[tuple[Any, Any]] = []
         self.running = False
         self._last_shown = 0.0
+        self._making: str | None = None  # the method that a volume is being made by
         self._method: str | None = None  # that the volume which is shown was made by
         self.reset()
 
@@ -66,11 +68,32 @@ class SweepSource(VolumeSource):
             self._take(_nothing())
             self._method = None
 
+    def status(self) -> str:
+        n = f"{len(self._taken):,} frames"
+        if self._making is not None:
+            return f"**making the volume by {self._making}** of {n} …"
+        if self.running:
+            return f"**frames come in** · {n}" if self._taken else "**waiting for a frame …**"
+        if self._method is not None:
+            return f"**volume by {self._method}** of {n}; Clear begins anew"
+        if self._taken:
+            return f"**stopped** · {n}; Start goes on"
+        return "**Press Start**: frames come in, and the volume grows."
+
+    def marks(self) -> list[Mark]:
+        """What to do, where there is nothing to see yet."""
+        if self._taken or self.running:
+            return []
+        lo, hi = self.bounds()
+        middle = tuple(((np.asarray(lo) + hi) / 2).tolist())
+        return [Mark((middle,), "Nothing yet: press Start, at the right", thin=True)]
+
     def stand_still(self) -> None:
         self.running = False
 
     def start(self) -> None:
         self.running = True
+        self.version += 1  # what was to be done is done
 
     def stop(self) -> None:
         """Take in no more."""
@@ -92,8 +115,12 @@ class SweepSource(VolumeSource):
                 raise ValueError("sweep: expected frames, got none yet")
             frames, poses = (np.stack(arrays) for arrays in zip(*self._taken, strict=True))
         mask = None if self.sweep is None else self.sweep.mask
-        volume = reconstruct(Sweep(frames, poses, mask=mask), method=method, spacing=self.spacing,
-                             device=self._device, threads=self._threads)
+        self._making = method
+        try:
+            volume = reconstruct(Sweep(frames, poses, mask=mask), method=method,
+                                 spacing=self.spacing, device=self._device, threads=self._threads)
+        finally:
+            self._making = None
         with self.lock:
             self._take(volume)
             self._method = method

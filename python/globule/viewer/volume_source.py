@@ -6,6 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from ..camera import Camera, view_axes
+from ..clips import ClipBox
 from ..medical_files import SURFACES
 from ..particles import Particles
 from ..render import Layer
@@ -15,8 +17,8 @@ from ..volume import EMPTY, FILLED, Volume
 from ..volume_particles import iso_surface, otsu
 from .overlay import Plate
 from .scenes import SceneMaker
-from .source import Origin, Source, box_corners
-from .state import State
+from .source import Origin, Probed, Source, box_corners
+from .state import Slices, State
 
 NOTHING = np.zeros((0, 3), np.float32)
 MOST_PIXELS = 1024  # of a slice's side
@@ -27,6 +29,7 @@ class VolumeSource(Source):
 
     kind = "volume"
     up = (0.0, 0.0, 1.0)
+    unit = "mm"
 
     def __init__(self, name: str, volume: Volume, sweep: Sweep | None = None,
                  device: str = "auto", threads: int = 0):
@@ -107,7 +110,63 @@ class VolumeSource(Source):
                 self._made = "none", nothing, None
             return [Layer(self.maker.scene(self._made[1], state))]
         particles, threshold = self._surface(shown.level or self.level, state.surface.kernel)
-        return [Layer(self.maker.scene(particles, state, threshold))]
+        corner = self._corner(shown) if shown.shown and shown.open else []
+        return [Layer(self.maker.scene(particles, state, threshold), None, corner)]
+
+    def _at(self, shown: Slices) -> np.ndarray:
+        """(3,) voxel where the slices cross."""
+        sizes = np.array(self.volume.values.shape[::-1])
+        return np.round(np.array([shown.x, shown.y, shown.z]) * (sizes - 1))
+
+    def places(self, state: State) -> str:
+        """Where the slices are, in words."""
+        edges = np.linalg.norm(self.volume.world_from_voxel[:3, :3], axis=0)
+        at = self._at(state.slices) * edges
+        most = (np.array(self.volume.values.shape[::-1]) - 1) * edges
+        return "  \n".join(f"{axis} slice at **{here:.1f}** of {whole:.1f} mm"
+                           for axis, here, whole in zip("xyz", at, most, strict=True))
+
+    def _corner(self, shown: Slices) -> list[ClipBox]:
+        """What lies before all three slices as seen from where viewers begin; nothing for volumes
+        that stand askew, as a box has the world's axes."""
+        axes = np.abs(self.volume.world_from_voxel[:3, :3])
+        if (np.sort(axes, axis=0)[1] > 1e-3 * axes.max(axis=0)).any():
+            return []
+        at = (self.volume.world_from_voxel @ [*self._at(shown), 1.0])[:3]
+        right, above, front = view_axes(self.up)
+        seen = right + above + front > 0
+        # Half a voxel behind the slices, so that they are seen and not the cut through the surface.
+        behind = 0.5 * axes.max(axis=1)
+        lo, hi = self.bounds()
+        room = hi - lo + 1
+        lo = np.where(seen, at - behind, lo - room)
+        hi = np.where(seen, hi + room, at + behind)
+        return [ClipBox(tuple(lo.tolist()), tuple(hi.tolist()))]
+
+    def probe(self, state: State, camera: Camera, size: tuple[int, int], screen: Any,
+              nearest: float) -> Probed | None:
+        """The voxel that a slice shows."""
+        eye, direction = camera.ray(size, screen)
+        found = None
+        for plate in self.plates(state):
+            plate_from_world = np.linalg.inv(plate.world_from_plate)
+            start = plate_from_world[:3, :3] @ eye + plate_from_world[:3, 3]
+            way = plate_from_world[:3, :3] @ direction
+            t = -start[2] / way[2] if way[2] else -1.0
+            column, row = (int(v) for v in np.floor((start + t * way)[:2] + 0.5))
+            rows, columns = plate.texture.shape[:2]
+            if not (0 < t < nearest and 0 <= column < columns and 0 <= row < rows):
+                continue
+            if plate.mask is None or plate.mask[row, column]:
+                nearest, found = t, eye + t * direction
+        if found is None:
+            return None
+        voxel = np.round((np.linalg.inv(self.volume.world_from_voxel) @ [*found, 1.0])[:3])
+        words = {"position": ", ".join(f"{v:.5g}" for v in found) + " mm"}
+        if ((voxel >= 0) & (voxel < self.volume.values.shape[::-1])).all():
+            x, y, z = (int(v) for v in voxel)
+            words |= {"value": f"{self.volume.values[z, y, x]:.5g}", "voxel": f"{x}, {y}, {z}"}
+        return Probed(tuple(found.tolist()), words)
 
     def plates(self, state: State) -> list[Plate]:
         shown = state.slices

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import threading
 from typing import Any
 
 from . import color, cuts, help, look, play, save, statistics, surface, tools, volume
@@ -15,6 +16,10 @@ WELCOME = (
 )
 
 
+TICK = 0.3  # s
+LONGEST_NAME = 24  # letters that the panel's heading has room for
+
+
 class Page:
     """All panels of a viewer. Settings are shared by all browsers; cameras, tools and marks are
     each one's own."""
@@ -25,18 +30,26 @@ class Page:
         server.gui.configure_theme(show_logo=False, show_share_button=False,
                                    control_width="medium", brand_color=(38, 99, 168))
         server.gui.main_panel.dock_right()
-        server.gui.set_panel_label(viewer.title)
+        server.gui.set_panel_label(shortened(viewer.title))
         server.scene.set_up_direction(viewer.up)
         server.scene.world_axes.visible = False
         self._first_camera()
         self.binder = Binder(server.gui, viewer.state, self.complain)
         server.gui.add_markdown(WELCOME)
+        for line in viewer.warnings:
+            server.gui.add_markdown(f"**{line}**")
         self.tools = tools.Tools(self)
         self.panels = [
             play.Play(self), volume.VolumePanel(self), view_panel.View(self), cuts.CutPanel(self),
             color.Color(self), look.LookPanel(self), surface.SurfacePanel(self), save.Save(self),
             statistics.Statistics(self), help.Help(self),
         ]
+        threading.Thread(target=self._keep_ticking, name="globule page", daemon=True).start()
+
+    def _keep_ticking(self) -> None:
+        while not self.viewer._closed.wait(TICK):
+            for panel in self.panels:
+                panel.tick()
 
     def _first_camera(self) -> None:
         camera, first = self.viewer.first_camera, self.server.initial_camera
@@ -59,5 +72,13 @@ class Page:
         client = None if browser is None else self.viewer.clients.get(browser.client_id)
         for one in [client] if client is not None else list(self.viewer.clients.values()):
             one.sink.error(message)
+
+
+def shortened(name: str) -> str:
+    """A name with its middle left out, where there is no room for it."""
+    if len(name) <= LONGEST_NAME:
+        return name
+    end = LONGEST_NAME // 2
+    return f"{name[:LONGEST_NAME - end - 1]}…{name[-end:]}"
 
 

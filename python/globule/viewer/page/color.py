@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from typing import Any
+
+import numpy as np
+
 from .panel import Panel
 
 NONE = "(own colours)"
@@ -9,17 +13,49 @@ NONE = "(own colours)"
 
 class Color(Panel):
     title = "Colour by value"
+    _before: tuple = ()  # the settings' range while the automatic one is shown
 
     def build(self) -> None:
         names = (NONE, *self.viewer.source.color_names())
         self.add("color", "by", options=names, none=NONE)
         self.add("color", "colormap")
-        self.add("color", "automatic")
-        self.add("color", "low", typed=True)
-        self.add("color", "high", typed=True)
+        automatic = self.add("color", "automatic")
+        self.ends = {name: self.add("color", name, typed=True) for name in ("low", "high")}
         self.add("color", "legend")
         self.button("Range of now", self.take_range, "Keep the range that is shown")
+        automatic.on_update(self.safe(self._switched))
+        for name, widget in self.ends.items():
+            widget.on_update(self.safe(lambda event, name=name: self._typed(event, name)))
 
-    def take_range(self, browser) -> None:
+    def take_range(self, browser: Any) -> None:
         low, high = self.viewer.source.maker.range
         self.state.set(color__automatic=False, color__low=low, color__high=high)
+
+    def _switched(self, event: Any) -> None:
+        """What was shown is kept from then on, unless somebody has said another range since."""
+        color = self.state.color
+        if event.client is not None and not color.automatic:
+            if (color.low, color.high) == self._before:
+                self.take_range(event.client)
+
+    def _typed(self, event: Any, name: str) -> None:
+        """One end typed in is kept, and the other as it is shown."""
+        if event.client is None or not self.state.color.automatic:
+            return
+        ends = dict(zip(("low", "high"), self.viewer.source.maker.range, strict=True))
+        ends[name] = getattr(self.state.color, name)
+        self.state.set(color__automatic=False, color__low=ends["low"], color__high=ends["high"])
+
+    def tick(self) -> None:
+        """Show the automatic range."""
+        color = self.state.color
+        if not (color.automatic and color.by):
+            return
+        self._before = color.low, color.high
+        low, high = self.viewer.source.maker.range
+        digits = 2 - int(np.floor(np.log10(high - low))) if 0 < high - low < np.inf else 2
+        for widget, value in zip(self.ends.values(), (low, high), strict=True):
+            value = round(value, max(0, digits))
+            if widget.value != value:
+                widget.precision = max(0, digits)
+                widget.value = value

@@ -30,6 +30,7 @@ TEXT = """\
 | P | save a picture |
 | R | start and stop a recording |
 | T | next tool |
+| U | undo a cut of tissue |
 | H | this help |
 | Ctrl-K | all commands |
 

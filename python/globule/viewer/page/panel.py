@@ -38,6 +38,9 @@ class Panel:
     def grew(self, moved: bool) -> None:
         """More of what is shown has come; moved: so that the page's units are others now."""
 
+    def tick(self) -> None:
+        """A few times a second."""
+
     def connected(self, browser: Any, client: Any) -> None:
         """A browser has come."""
 

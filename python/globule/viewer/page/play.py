@@ -18,6 +18,8 @@ METHODS = ("pvn-om", "vvn-om", "pvn", "vvn", "bezier")
 
 class Play(Panel):
     opened = True
+    run_button: Any = None
+    status: Any = None
 
     @property
     def title(self) -> str:
@@ -32,6 +34,19 @@ class Play(Panel):
         self.gui.add_command("Play or pause", hotkey="space").on_trigger(
             self.safe(lambda event: self.toggle()))
 
+    def tick(self) -> None:
+        """The button and the line below it say how it stands."""
+        if self.run_button is None:
+            return
+        source = self.viewer.source
+        label, color = ("Pause", "orange") if source.running else ("Run", None)
+        if source.kind == "sweep":
+            label = "Stop" if source.running else "Start"
+        if self.run_button.label != label:
+            self.run_button.label, self.run_button.color = label, color
+        if self.status.content != source.status():
+            self.status.content = source.status()
+
     def toggle(self) -> None:
         """Go on, or stand still."""
         source = self.viewer.source
@@ -43,6 +58,7 @@ class Play(Panel):
             source.stop()
         else:
             source.start()
+        self.tick()
         self.viewer.engine.notify()
 
     # Sequences
@@ -66,30 +82,43 @@ class Play(Panel):
     def _simulation(self) -> None:
         gui, source = self.gui, self.viewer.source
         sim = source.simulation
-        self.buttons = gui.add_button_group("Time", ("Run", "Pause", "Step", "Reset"))
-        self.buttons.on_click(self.safe(self._time))
+        self._run_and_status("Run")
+        buttons = gui.add_button_group("Time", ("Step", "Reset"))
+        buttons.on_click(self.safe(self._time))
         speed = gui.add_slider("Speed", 0.01, 2.0, 0.01, source.speed,
                                hint="Seconds of the simulation a second, where it can")
         speed.on_update(self.safe(lambda event: setattr(source, "speed", bounded(speed))))
-        if hasattr(sim, "cut"):
-            longest = self.viewer.placement.extent
+        longest = float(f"{source.tissue_extent():.2g}")
+        if longest:
             gui.add_markdown("**Cut**: choose the tool *Cut* and draw on the surface.")
-            depth = gui.add_slider("Cut depth", longest / 100, longest, longest / 100, longest)
+            step = longest / 50
+            source.cut_depth = source.cut_depth or 10 * step
+            depth = gui.add_slider("Cut depth, m", step, longest, step, source.cut_depth,
+                                   hint="Below the surface; at its end all through")
             depth.on_update(self.safe(lambda event: setattr(
                 source, "cut_depth", bounded(depth) if bounded(depth) < 0.99 * longest else None)))
+            self.button("Undo the cut", self._undo, "Back to just before the last stroke; "
+                        "the last 5 are kept (key U)")
+            self.gui.add_command("Undo the cut of tissue", hotkey="U").on_trigger(
+                self.safe(lambda event: self._undo(event.client)))
         for name, emitter in _named(sim, "emitters"):
             self._switch(f"Emitter {name}", emitter, emitter.on)
         for name, instrument in _named(sim, "instruments"):
             self._instrument(name, instrument)
 
+    def _run_and_status(self, label: str) -> None:
+        self.run_button = self.button(label, lambda browser: self.toggle(), "The space bar, too")
+        self.status = self.gui.add_markdown(self.viewer.source.status())
+
     def _time(self, event: Any) -> None:
-        source, asked = self.viewer.source, event.target.value
-        if asked == "Step":
-            source.step()
-        elif asked == "Reset":
-            source.reset()
-        else:
-            self.run(asked == "Run")
+        source = self.viewer.source
+        source.step() if event.target.value == "Step" else source.reset()
+        self.tick()
+        self.viewer.engine.notify()
+
+    def _undo(self, browser: Any) -> None:
+        done = self.viewer.source.undo()
+        self.page.tools.hands[browser.client_id].text.content = done
         self.viewer.engine.notify()
 
     def run(self, running: bool) -> None:
@@ -139,8 +168,9 @@ class Play(Panel):
 
     def _sweep(self) -> None:
         gui, source = self.gui, self.viewer.source
-        self.buttons = gui.add_button_group("Recording", ("Start", "Stop", "Undo", "Clear"))
-        self.buttons.on_click(self.safe(self._record))
+        self._run_and_status("Start")
+        buttons = gui.add_button_group("Frames", ("Undo", "Clear"))
+        buttons.on_click(self.safe(self._record))
         spacing = gui.add_number("Spacing, mm", source.spacing, min=0.01, max=100.0, step=0.1,
                                  hint="Edge of a voxel; counts from the next Clear")
         way = gui.add_dropdown("Compounding", COMPOUNDING, initial_value=source.compounding,
@@ -149,12 +179,12 @@ class Play(Panel):
         way.on_update(self.safe(lambda event: setattr(source, "compounding", way.value)))
         self.method = gui.add_dropdown("Method", METHODS, initial_value=METHODS[0])
         self.button("Make the volume by this method", lambda browser: self._finish(),
-                    "Stops, and reconstructs all frames again")
+                    "Stops, and makes the volume again from all frames that came")
 
     def _record(self, event: Any) -> None:
-        source, asked = self.viewer.source, event.target.value
-        {"Start": source.start, "Stop": source.stop, "Undo": source.undo,
-         "Clear": source.reset}[asked]()
+        source = self.viewer.source
+        source.undo() if event.target.value == "Undo" else source.reset()
+        self.tick()
         self.viewer.engine.notify()
 
     def _finish(self) -> None:

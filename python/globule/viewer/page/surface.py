@@ -19,7 +19,9 @@ class SurfacePanel(Panel):
         support = float(np.median(to_host(scene.support))) if len(scene) else 1.0
         self.threshold = self.add("surface", "threshold", least=0.02, most=max(
             2.0, 3 * scene.threshold), step=0.01, usual=scene.threshold)
-        self.add("surface", "support", least=0.25 * support, most=4 * support, usual=support)
+        unit = viewer.source.unit and f", {viewer.source.unit}"
+        self.add("surface", "support", label=f"Support{unit}", least=0.25 * support,
+                 most=4 * support, usual=support)
         self.add("surface", "kernel")
         self.add("surface", "root")
         self.button("Default surface", self.defaults)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,7 @@ import numpy as np
 from ...render import Picked
 from ..engine import Client
 from ..overlay import AMBER, RED, Mark
+from ..source import Probed
 from .widgets import safe
 
 ROTATE, MEASURE, CUT = "Rotate, pick", "Measure", "Cut"
@@ -16,6 +18,8 @@ GRASP, SUCTION = "Grasp", "Suction"
 DRAGGED = (CUT, GRASP, SUCTION)  # with these a drag does not turn the view
 HINT = "*Cut* cuts along a line that you draw, *Measure* between two clicks."
 MOST_POINTS = 400  # of a stroke
+STAYS = 4.0  # s that a stroke is seen
+WOUND = (60, 8, 12)
 LONGEST = 12  # attributes that a mark names
 
 
@@ -25,6 +29,7 @@ class Tools:
     def __init__(self, page: Any):
         self.page, self.hands = page, {}
         gui = page.server.gui
+        self.unit = f" {page.viewer.source.unit}".rstrip()
         self.choices = (ROTATE, MEASURE, CUT)
         if hasattr(page.viewer.source, "grasp"):
             self.choices += (GRASP,)
@@ -48,7 +53,8 @@ class Hand:
     def __init__(self, tools: Tools, browser: Any, client: Client):
         self.tools, self.page, self.browser, self.client = tools, tools.page, browser, client
         self.viewer = tools.page.viewer
-        self.picked: list[Picked] = []
+        self.picked: list[Picked | Probed] = []
+        self.unit = tools.unit
         self.stroke: list[tuple[float, float]] = []
         self._drawing = False
         self._catcher: Any = None
@@ -101,23 +107,30 @@ class Hand:
         if self.tool == MEASURE and len(self.picked) == 2:
             a, b = (np.asarray(p.position, np.float64) for p in self.picked)
             distance = float(np.linalg.norm(b - a))
-            self.text.content = f"**Distance {distance:.6g}**  \nfrom {_words(a)} to {_words(b)}"
+            self.text.content = (f"**Distance {distance:.6g}{self.unit}**  \n"
+                                 f"from {_words(a)} to {_words(b)}")
             points = (tuple(a.tolist()), tuple(b.tolist()))
-            self.client.mark([Mark(points, f"{distance:.4g}", AMBER)])
+            self.client.mark([Mark(points, f"{distance:.4g}{self.unit}", AMBER)])
             return
         where = tuple(float(v) for v in found.position)
-        title = f"particle {found.particle:,}"
-        self.text.content = describe(found)
+        if isinstance(found, Probed):
+            title, self.text.content = found.words.get("value", ""), table(found.words)
+        else:
+            title, self.text.content = f"particle {found.particle:,}", describe(found, self.unit)
         self.client.mark([Mark((where,), "" if self.tool == MEASURE else title, RED)])
 
-    def pick(self, screen: tuple[float, float]) -> Picked | None:
+    def pick(self, screen: tuple[float, float]) -> Picked | Probed | None:
         """What this browser sees at a place in its picture, (0, 0) to (1, 1)."""
         frame = self.client.frame
         if frame is None:
             return None
         column, row = self._pixel(frame, screen)
         with self.viewer.source.lock:
-            return frame.pick(column, row)
+            found = frame.pick(column, row)
+            before = self.viewer.source.probe(
+                self.viewer.state.snapshot(), self.client.camera, frame.size, screen,
+                np.inf if found is None else found.depth)
+            return before or found
 
     @staticmethod
     def _pixel(frame: Any, screen: tuple[float, float]) -> tuple[int, int]:
@@ -166,7 +179,22 @@ class Hand:
         points, self.stroke = self.along_stroke(), []
         self.client.mark([])
         if len(points) > 1:
-            self.page.viewer.cut_along(points, self.client.camera)
+            said = self.page.viewer.cut_along(points, self.client.camera)
+            self.text.content = said
+            self._leave(Mark(tuple(points), "", WOUND, thin=True))
+
+    def _leave(self, mark: Mark) -> None:
+        """Show where a stroke was for a moment."""
+        left = [mark]
+        self.client.mark(left)
+
+        def gone() -> None:
+            if self.client.marks is left:
+                self.client.mark([])
+
+        timer = threading.Timer(STAYS, gone)
+        timer.daemon = True
+        timer.start()
 
     def along_stroke(self) -> list[tuple[float, float, float]]:
         """The stroke's points on the surface."""
@@ -197,14 +225,19 @@ class Hand:
         return self._seen[1]
 
 
-def describe(found: Picked) -> str:
+def describe(found: Picked, unit: str = "") -> str:
     """What was picked, for the panel."""
-    rows = {"position": _words(found.position), "normal": _words(found.normal),
-            "distance": f"{found.depth:.6g}", "particle": f"{found.particle:,}"}
+    rows = {"position": _words(found.position) + unit, "normal": _words(found.normal),
+            "distance": f"{found.depth:.6g}{unit}", "particle": f"{found.particle:,}"}
     if found.layer:
         rows["layer"] = str(found.layer)
     for name, value in list(found.attributes.items())[:LONGEST]:
         rows[name] = _words(value)
+    return table(rows)
+
+
+def table(rows: dict[str, str]) -> str:
+    """Names and values, for the panel."""
     return "| | |\n|---|---|\n" + "\n".join(f"| {k} | {v} |" for k, v in rows.items())
 
 

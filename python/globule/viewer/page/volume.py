@@ -17,14 +17,23 @@ class VolumePanel(Panel):
         self.add("slices", "shown")
         for name in "xyz":
             self.add("slices", name)
+        self.places = self.gui.add_markdown(self.viewer.source.places(self.state))
         self.add("slices", "overlay")
         self.add("slices", "surface")
+        self.add("slices", "open")
         source = self.viewer.source
         self.level = self.add("slices", "level", least=source.least_level,
                               most=source.most_level, usual=source.level)
         if source.n_sweep_frames:
             self.add("slices", "frame")
             self.add("slices", "number", most=max(1, source.n_sweep_frames - 1))
+
+    def tick(self) -> None:
+        """Where the slices are."""
+        if self.wanted():
+            places = self.viewer.source.places(self.state)
+            if self.places.content != places:
+                self.places.content = places
 
     def grew(self, moved: bool) -> None:
         """The level that is found follows the values that come."""

@@ -1,0 +1,232 @@
+"""What somebody sees who opens the viewer for the first time: words, names, framing, undo."""
+
+from __future__ import annotations
+
+import gzip
+import subprocess
+import sys
+from types import SimpleNamespace
+
+import globule as gb
+import numpy as np
+import pytest
+from globule.camera import Camera
+from globule.viewer.app import FIRST_SIZE, first_camera, for_window, left_out
+from globule.viewer.guard import Guard
+from globule.viewer.open import open_source
+from globule.viewer.overlay import Mark, draw_marks, finish, free_below, project
+from globule.viewer.page import LONGEST_NAME, shortened
+from globule.viewer.simulation_source import SimulationSource
+from globule.viewer.state import State
+from viewer_helpers import Watched, blob, choose, open_folder, until
+
+CAMERA = Camera((0, 0, 5), (0, 0, 0))
+
+
+def test_names_and_legend_are_as_sharp_in_a_moving_picture():
+    state = State()
+    state.set(color__by="y")
+    marks = [Mark(((0.0, 0.5, 0.0),), "scalpel")]
+    small, large = (np.full((h, w, 3), 200, np.uint8) for h, w in ((60, 80), (600, 800)))
+    seen = [finish(picture, state, CAMERA, marks, [], None, (0.0, 1.0), (800, 600))
+            for picture in (small, large)]
+    assert np.array_equal(*seen) and (seen[0] != large).any()
+    assert finish(small, state, CAMERA, [], [], None, (0.0, 1.0)).shape == small.shape
+
+
+def test_no_name_covers_another():
+    box = (10.0, 10.0, 60.0, 24.0)
+    below = free_below(box, [box, (20.0, 24.0, 50.0, 38.0)])
+    assert below == 28.0
+    assert free_below((100.0, 10.0, 160.0, 24.0), [box]) == 0.0
+    picture = np.full((300, 400, 3), 200, np.uint8)
+    here = ((0.0, 0.0, 0.0),)
+    one = draw_marks(picture, CAMERA, [Mark(here, "scalpel")])
+    two = draw_marks(picture, CAMERA, [Mark(here, "scalpel"), Mark(here, "suction")])
+    rows = [np.flatnonzero((p[:, 215:] != 200).any(axis=(1, 2))) for p in (one, two)]
+    assert len(rows[1]) > 1.8 * len(rows[0])
+
+
+@pytest.fixture(scope="module")
+def block() -> SimulationSource:
+    return SimulationSource("cut-block", gb.Simulation("cut-block", spacing=0.004))
+
+
+def across(x: float) -> tuple[list, Camera]:
+    """A stroke over the block's top, seen from above."""
+    return [(x, -0.02, 0.03), (x, 0.05, 0.03)], Camera((x, 0.015, 0.4), (x, 0.015, 0), (0, 1, 0))
+
+
+def test_a_stroke_says_what_it_did_and_is_undone(block):
+    sim, before = block.simulation, block.simulation.hash()
+    block.cut_depth = 0.01
+    assert block.cut_along(*across(0.09)) == "The stroke met no tissue."
+    with pytest.raises(ValueError, match="undo: expected a cut"):
+        block.undo()
+    said = block.cut_along(*across(0.025))
+    assert said.startswith(f"**Cut {block.n_cut} bonds**, 1 piece.") and block.n_cut > 10
+    shallow = sim.n_bonds
+    block.cut_depth = None
+    assert "2 pieces" in block.cut_along(*across(0.0251))
+    for _ in range(3):
+        sim.step()
+    assert "0.0000 s" in block.undo()
+    assert sim.n_steps == 0 and sim.n_bonds == shallow and sim.n_pieces == 1
+    block.undo()
+    assert sim.hash() == before
+
+
+def test_only_so_many_strokes_are_kept(block):
+    block.cut_depth = 0.01
+    for i in range(7):
+        block.cut_along(*across(0.01 + 0.004 * i))
+    for _ in range(5):
+        block.undo()
+    with pytest.raises(ValueError, match="undo: expected a cut"):
+        block.undo()
+
+
+def test_a_simulation_says_how_it_stands(block):
+    block.reset()
+    assert block.status() == "**paused** · 0.0000 s · 0 steps"
+    block.play(True)
+    assert block.status().startswith("**running, first step …**")
+    block.advance(State())
+    assert block.status().startswith("**running** · 0.0") and "1 steps" in block.status()
+    block.play(False)
+    assert block.status().startswith("**paused**")
+    assert block.has_tissue and 0.04 < block.tissue_extent() < 0.06
+    water = SimulationSource("dam-break", gb.Simulation("dam-break", spacing=0.08))
+    assert not water.has_tissue
+
+
+@pytest.mark.parametrize("aspect", (0.6, 1.2, 2.5))
+@pytest.mark.parametrize("name", ("dam-break", "cut-block"))
+def test_the_first_view_shows_all_of_a_scene(name, aspect):
+    source = SimulationSource(name, gb.Simulation(name, spacing=0.08 if name[0] == "d" else 0.004))
+    around = source.outline()
+    scene = source.layers(State())[0].scene
+    camera = first_camera(scene, source.up, around, source.camera)
+    size = (round(500 * aspect), 500)
+    for view, shape in ((camera, FIRST_SIZE), (for_window(camera, aspect, around), size)):
+        seen = np.array([project(view, shape, corner) for corner in around]) / shape
+        assert (seen > 0).all() and (seen < 1).all()
+        assert np.ptp(seen, axis=0).max() > 0.6
+    if name == "dam-break":  # the dry floor, but not the air above the water
+        assert around[:, 0].max() > 1.5 and around[:, 2].max() < 0.7
+
+
+def test_a_sequence_is_fitted_to_its_ends():
+    base = np.random.default_rng(1).uniform(0, 1, (50, 3))
+    frames = [gb.Particles(base + (0.5 * i, 0, 0), support=0.3) for i in range(5)]
+    source = open_source(frames)
+    assert source.outline()[:, 0].max() > 2.9 and source.outline()[:, 0].min() < 0.1
+    source.close()
+
+
+@pytest.mark.parametrize("positions", (np.zeros((0, 3)), np.full((4, 3), 1e30), [[np.nan] * 3]))
+def test_nothing_to_show_is_said_in_one_line(tmp_path, positions):
+    path = tmp_path / "nothing.npz"
+    np.savez(path, positions=np.asarray(positions, np.float32))
+    with pytest.raises(ValueError, match="nothing to show: expected particles"):
+        open_source(str(path))
+
+
+def test_the_command_ends_with_2_where_there_is_nothing(tmp_path):
+    pytest.importorskip("viser")
+    path = tmp_path / "empty.csv"
+    path.write_text("x,y,z\n")
+    done = subprocess.run([sys.executable, "-m", "globule", "view", str(path), "--no-browser"],
+                          capture_output=True, text=True, timeout=60)
+    assert done.returncode == 2 and "empty.csv" in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1
+
+
+def test_particles_that_are_left_out_are_counted():
+    positions = np.random.default_rng(1).normal(size=(50, 3)).astype(np.float32)
+    positions[3], positions[7] = np.nan, np.inf
+    scene = open_source(gb.Particles(positions, support=0.5)).layers(State())[0].scene
+    assert left_out(scene)[0].startswith("2 of 50 particles are not shown")
+    assert left_out(open_source(blob()).layers(State())[0].scene) == []
+
+
+def head() -> gb.Volume:
+    values = np.zeros((20, 24, 28), np.uint8)
+    values[4:16, 4:20, 4:24] = 180
+    values[10, 12, 14] = 77
+    pose = np.diag([2.0, 2.0, 2.0, 1.0])
+    return gb.Volume(values, pose, np.zeros(values.shape, np.uint8))
+
+
+def test_a_slice_says_its_voxel():
+    source, state = open_source(head()), State()
+    assert "**28.0** of 54.0 mm" in source.places(state)
+    camera = Camera((28, 24, 200), (28, 24, 20), (0, 1, 0))
+    found = source.probe(state, camera, (400, 400), (0.5, 0.5), np.inf)
+    assert found.words["value"] == "77" and found.words["voxel"] == "14, 12, 10"
+    assert found.words["position"].endswith("mm")
+    assert source.probe(state, camera, (400, 400), (0.5, 0.5), 100.0) is None
+
+
+def test_the_surface_is_open_before_the_slices():
+    source, state = open_source(head()), State()
+    closed = State()
+    closed.set(slices__open=False)
+    corner, = source.layers(state)[0].clips
+    assert source.layers(closed)[0].clips == []
+    towards = first_camera(source.layers(state)[0].scene, source.up, source.outline()).eye
+    middle = np.array([28.0, 24.0, 20.0])
+    step = np.sign(np.subtract(towards, middle))
+    inside = middle + 3 * step
+    assert (np.array(corner.lo) < inside).all() and (inside < corner.hi).all()
+    assert not ((np.array(corner.lo) < middle - 3 * step) & (middle - 3 * step < corner.hi)).any()
+
+
+def test_a_sweep_says_what_to_do():
+    frames = np.full((3, 20, 24), 120, np.uint8)
+    poses = np.repeat(np.eye(4)[None], 3, axis=0)
+    poses[:, 2, 3] = np.arange(3)
+    source, state = open_source(gb.Sweep(frames, poses)), State()
+    assert "Press Start" in source.status() and "press Start" in source.marks()[0].text
+    source.start()
+    assert source.marks() == []
+    while source.advance(state) is not None:
+        pass
+    assert "3 frames" in source.status()
+    source.finish("pvn-om")
+    assert source.status().startswith("**volume by pvn-om** of 3 frames")
+
+
+def test_the_tab_has_the_sources_name():
+    guard = Guard(None, "a <b> · globule")
+    page = b"<html><head><title>Viser</title></head></html>"
+    for packed in (False, True):
+        kind = "gzip" if packed else "identity"
+        answer = SimpleNamespace(body=gzip.compress(page) if packed else page, headers={
+            "Content-Type": "text/html; charset=utf-8", "Content-Encoding": kind,
+            "Content-Length": "0"})
+        guard._give_title(answer)
+        body = gzip.decompress(answer.body) if packed else answer.body
+        assert "<title>a &lt;b&gt; · globule</title>".encode() in body
+        assert answer.headers["Content-Length"] == str(len(answer.body))
+    assert shortened("splash.npz") == "splash.npz"
+    assert len(shortened("frame_of_a_very_long_name_00000.vtp")) == LONGEST_NAME
+
+
+def test_the_page_of_particles(chromium):
+    particles = blob()
+    watched = Watched(particles, chromium)
+    try:
+        page = watched.page()
+        assert page.title() == "400 particles · globule"
+        open_folder(page, "Colour by value")
+        choose(page, "Colour by", "speed")
+        lo, hi = np.min(particles.attributes["speed"]), np.max(particles.attributes["speed"])
+        widgets = watched.viewer.page.binder.widgets
+        until(lambda: abs(widgets["color.low"].value - lo) < 0.01, "for the automatic range")
+        assert widgets["color.high"].value == pytest.approx(hi, abs=0.01)
+        page.get_by_label("Automatic range", exact=True).uncheck()
+        until(lambda: not watched.viewer.state.color.automatic)
+        until(lambda: watched.viewer.state.color.high == pytest.approx(float(hi)))
+    finally:
+        watched.close()
