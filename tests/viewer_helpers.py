@@ -85,6 +85,14 @@ class Watched:
         page.get_by_text("Help (H)").wait_for()
         page.client = self.viewer.clients[max(set(self.viewer.clients) - known)]
         self.still(page)
+
+        def rests() -> bool:  # all is fitted anew when the panel has taken its room
+            view = page.client.camera
+            time.sleep(0.4)
+            return page.client.camera == view
+
+        until(rests, "for the view to rest")
+        self.still(page)
         return page
 
     def still(self, page: Any, changed: Callable[[np.ndarray], bool] = lambda picture: True
