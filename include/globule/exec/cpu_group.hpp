@@ -261,8 +261,8 @@ struct CpuLanes {
     }
     static float get(const F& v, int lane) { return v.v[lane]; }
 
+    static constexpr int list_unit = 1;  ///< blocks of a list come by so many
     /// Cells that a ray passes between two looks at the others; it is alone here.
-    static constexpr int list_unit = 1;
     static constexpr int cells_at_once = 1 << 20;
     template <class Source, class Limits>
     static auto evaluate(const Source& source, float t, const Limits& lim, bool active, bool bounds) {
