@@ -288,7 +288,6 @@ private:
         }
         const std::size_t n = frame.rays.n;
         float* sums = frame.sums.reserve(6 * n);
-        if (frame.n_passes + passes > 1) spare_.reserve(7 * n);
         // A band of rows at a time, so that the waves' memory does not grow with the picture; some at once, so
         // that one works while another's last rays are on their way.
         while (waves_.size() < Exec::n_streams) waves_.emplace_back(waves_.empty() ? exec_ : exec_->sibling());
@@ -315,7 +314,7 @@ private:
         for (std::size_t k = 1; k < n_streams; ++k) waves_[k].exec().follow(*exec_);
         for (int p = 0; p < passes && !exec_->cancelled(); ++p) {
             const int pass = frame.n_passes++;
-            float* spare = pass ? spare_.data() : nullptr;  // later passes must not change depth and normals
+            float* spare = pass ? spare_.reserve(7 * n) : nullptr;  // later passes must not change depth and normals
             const Hits first = pass ? Hits{spare, spare + n, spare + 4 * n} : frame.hits();
             for (std::uint32_t next_row = 0; next_row < std::uint32_t(camera.height);) {
                 struct Band {

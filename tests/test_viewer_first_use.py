@@ -11,14 +11,16 @@ import globule as gb
 import numpy as np
 import pytest
 from globule.camera import Camera
-from globule.viewer.app import FIRST_SIZE, first_camera, for_window, left_out
-from globule.viewer.guard import Guard
-from globule.viewer.open import open_source
-from globule.viewer.overlay import Mark, draw_marks, finish, free_below, project
-from globule.viewer.page import LONGEST_NAME, shortened
-from globule.viewer.simulation_source import SimulationSource
-from globule.viewer.state import State
-from viewer_helpers import Watched, blob, choose, open_folder, until
+
+pytest.importorskip("viser")
+from globule.viewer.app import FIRST_SIZE, first_camera, for_window, left_out  # noqa: E402
+from globule.viewer.guard import Guard  # noqa: E402
+from globule.viewer.open import open_source  # noqa: E402
+from globule.viewer.overlay import Mark, draw_marks, finish, free_below, project  # noqa: E402
+from globule.viewer.page import LONGEST_NAME, shortened  # noqa: E402
+from globule.viewer.simulation_source import SimulationSource  # noqa: E402
+from globule.viewer.state import State  # noqa: E402
+from viewer_helpers import Watched, blob, choose, open_folder, until  # noqa: E402
 
 CAMERA = Camera((0, 0, 5), (0, 0, 0))
 

@@ -122,29 +122,20 @@ public:
         cudaEventDestroy(done_);
         for (cudaEvent_t& e : marks_) cudaEventDestroy(e);
         cudaStreamDestroy(stream_);
-        stream_ = nullptr;
     }
     bool cancelled() const { return false; }
     void reset_cancelled() {}
 
     /// From the device's pool, which keeps some of what is released: asking the driver for the memory of a
-    /// large volume takes as long as filling it.  The pool orders what it does along the default stream, so that waits
-    /// for what this stream still does with memory that is released, and this stream for memory that it gets.
+    /// large volume takes as long as filling it.  The default stream waits for all others, and they for it.
     void* allocate(std::size_t bytes) {
         check(cudaSetDevice(device_));
         void* p = nullptr;
         check(cudaMallocAsync(&p, bytes, nullptr));
-        check(cudaEventRecord(done_, nullptr));
-        check(cudaStreamWaitEvent(stream_, done_));
         return p;
     }
     void release(void* p) {
-        if (!p) return;
-        if (stream_) {  // none at the end: all is done then
-            cudaEventRecord(done_, stream_);
-            cudaStreamWaitEvent(nullptr, done_);
-        }
-        cudaFreeAsync(p, nullptr);
+        if (p) cudaFreeAsync(p, nullptr);
     }
     /// More room, with the first `used` bytes of what was there.
     void* extend(void* p, std::size_t used, std::size_t bytes) {

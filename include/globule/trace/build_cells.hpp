@@ -279,6 +279,7 @@ private:
                 block[5 * W] = 0.0f;
             }
         }
+        if (filled == 0) return {kEmpty, 0, 0, 0};
         CellList made{first, std::uint32_t(filled), 0, 0};
         octants(g, to, edge, made);
         return made;

@@ -78,7 +78,9 @@ private:
         int at_begin, at_end;
         if (!clips.next(o, d, from, begin, end, at_begin, at_end) || begin >= s.to) return Way::missed;
         if (begin > from) {
-            if (holds(o, d, begin)) {
+            if (holds(o, d, begin)) {  // before the tracer has seen this ray
+                s.ray.o = o;
+                s.ray.walk.d = d;
                 s.ray.t = begin;
                 s.ray.sign = 1.0f;
                 s.cap = at_begin;
