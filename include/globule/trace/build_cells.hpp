@@ -9,6 +9,7 @@
 
 namespace globule {
 
+inline constexpr float kCloseBy = 0.2f;     ///< in supports: particles no farther away tell a full brick (docs/design/cells.md)
 inline constexpr float kCellEdge = 0.4f;  ///< in typical supports: fewest particles a ray (docs/design/cells.md)
 
 /// Grid over the octree's root box, which holds all supports.
@@ -94,6 +95,14 @@ struct BuildCells {
         const int bx = int(brick % grid->nx), by = int(brick / grid->nx % grid->ny), bz = int(brick / grid->nx / grid->ny);
         const float span = kBrick * grid->edge;
         const float3 lo{grid->lo.x + bx * span, grid->lo.y + by * span, grid->lo.z + bz * span};
+        if constexpr (!PerParticle) {
+            // Deep inside, the particles in the brick and close to it fill it.
+            const int n = collect(g, scratch, lo, span, kCloseBy);
+            if (n > 0 && classify(g, scratch, kBrick, n) == kFull) {
+                if (g.is_first()) bricks[brick] = kFull;
+                return;
+            }
+        }
         std::uint32_t place = kUnlisted;
         // Where more particles reach the brick than the scratch holds, by parts of it.
         int size = kBrick;
@@ -138,16 +147,19 @@ private:
         return g.from_first([&] { return atomic_take(counter, n); });
     }
 
-    /// Particles whose support meets the cube at `corner`, relative to its middle, scaled; -1: too many.
+    /// Particles whose support, or with `share` the inner part of it, meets the cube at `corner`, relative to its
+    /// middle, scaled; -1: too many.
     template <class Group>
-    GB_FN int collect(Group& g, Scratch<Group>& scratch, const float3& corner, float edge) const {
+    GB_FN int collect(Group& g, Scratch<Group>& scratch, const float3& corner, float edge, float share = 1.0f) const {
         using F = typename Group::F;
         using B = typename Group::B;
         const float scale = 1.0f / tree.header->typical_support;
         const F half(0.5f * edge);
         const float3 at{corner.x + 0.5f * edge, corner.y + 0.5f * edge, corner.z + 0.5f * edge};
         const float slack = 1e-4f * edge;
-        const float3 lo = corner - float3{slack, slack, slack}, hi = corner + float3{edge + slack, edge + slack, edge + slack};
+        // Nodes' boxes hold whole supports.
+        const float more = slack - (PerParticle ? 0.0f : (1.0f - share) * particles.support.uniform);
+        const float3 lo = corner - float3{more, more, more}, hi = corner + float3{edge + more, edge + more, edge + more};
         int n = 0;
         bool full = false;
         walk_tree(
@@ -171,7 +183,7 @@ private:
                         const F z = g.load_run(particles.z + j) - F(at.z);
                         const F a = PerParticle && particles.support.data ? g.load_run(particles.support.data + j)
                                                                           : F(particles.support.uniform);
-                        const F reach = a + F(slack);
+                        const F reach = (PerParticle ? a : a * F(share)) + F(slack);
                         const F nx = most(magnitude(x) - half, F(0.0f)), ny = most(magnitude(y) - half, F(0.0f)),
                                 nz = most(magnitude(z) - half, F(0.0f));
                         const B near = present & (a > F(0.0f)) & (nx * nx + ny * ny + nz * nz < reach * reach);
