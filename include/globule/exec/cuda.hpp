@@ -53,7 +53,7 @@ __global__ void __launch_bounds__(128) run_uneven(std::size_t n, Kernel kernel) 
 template <class Walk>
 __global__ void __launch_bounds__(128, kWalkBlocks) run_walks(unsigned long long n, unsigned long long* next, Walk walk) {
     constexpr unsigned all = 0xffffffffu;
-    constexpr int kIdle = 16;  // lanes that wait before new items are taken
+    constexpr int kIdle = 20;  // lanes that wait before new items are taken
     const int lane = threadIdx.x & 31;
     typename Walk::State state{};
     bool busy = false, more = true;
