@@ -12,8 +12,6 @@ namespace globule {
 
 inline constexpr int kMaxLayers = 4;
 inline constexpr std::uint32_t kMissed = 0xff, kGround = 0xfe;
-inline constexpr float kStart = 1e-4f;  ///< in typical supports: secondary rays begin so far on, on a known side
-
 inline constexpr int kMaxCrossings = 64;  ///< of a shadow ray through clear media
 
 /// The rays of one wave; origins and directions null in the first, whose rays are the camera's.
@@ -274,6 +272,7 @@ struct Occlude {
         s.left = 1.0f;
         s.crossings = 0;
         s.from = kStart * cut.tracer.tree.header->typical_support;
+        s.of.ray.sign = 1.0f;
         s.way = cut.start(s.of, h.p, l, s.from, s.distance, rays.inside[i] >> layer & 1 ? -1.0f : 1.0f);
         return true;
     }
@@ -291,10 +290,12 @@ struct Occlude {
             t += 0.05f * typical;
             if (cut.holds_by_tree(o + l * t) == (sign < 0.0f)) return go_on(s, o, l, t, sign);
         }
-        if (s.way == Way::missed || !(t < s.distance)) return false;
+        const bool ends = s.way == Way::missed || !(t < s.distance);
+        if (ends) t = s.distance;
         const Material& m = lighting.materials[layer];
-        if (sign < 0.0f && m.absorption.x >= 0.0f)
+        if (sign < 0.0f && m.absorption.x >= 0.0f && t < infinity())
             s.left *= expf(-(m.absorption.x + m.absorption.y + m.absorption.z) * (1.0f / 3.0f) * (t - s.from));
+        if (ends) return false;
         s.left *= m.transmission >= 0.0f       ? m.transmission
                   : attributes.refraction.data ? looks_at(cut.tracer, attributes, o, l, t).refraction
                                                : attributes.refraction.uniform;
@@ -311,7 +312,7 @@ private:
         s.from = from;
         if (++s.crossings > kMaxCrossings) return false;
         s.way = from < s.distance ? cut.start(s.of, o, l, from, s.distance, sign) : Way::missed;
-        return s.way == Way::on;
+        return s.way != Way::missed;
     }
 };
 
@@ -357,10 +358,7 @@ struct Lit {
     GB_FN static float3 attenuation(const Lighting& lighting, const WaveRays& rays, const WaveHits& hits, std::size_t i) {
         float3 left{1, 1, 1};
         for (int k = 0; k < kMaxLayers; ++k) {
-            const float3 a = lighting.materials[k].absorption;
-            if (!(rays.inside[i] >> k & 1) || a.x < 0.0f) continue;
-            const float t = hits.t[i];
-            left = left * float3{expf(-a.x * t), expf(-a.y * t), expf(-a.z * t)};
+            if (rays.inside[i] >> k & 1) left = left * beer(lighting.materials[k], hits.t[i]);
         }
         return left;
     }

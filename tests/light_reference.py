@@ -1,0 +1,286 @@
+"""The whole transport of light once more, by definition: float64, every particle at every point, no octree, no
+cells, no intervals. A ray is sampled densely, and a surface is where the answer to "is the medium here?" changes.
+
+Randomness is left out: no ambient rays, no soft lights, no roughness, one sample a pixel.
+"""
+
+from __future__ import annotations
+
+import globule as gb
+import numpy as np
+from light import dot, fresnel, mirrored, rays, refracted, unit
+
+EPS = 1e-6      # how far beside a surface its two sides are looked at
+SAMPLES = 300   # of a ray's way through all supports
+GROUND = 254
+KERNELS = {     # b of q = distance / support, 0 <= q <= 1
+    "murakami": lambda q: (1 - q**2) ** 2,
+    "wyvill": lambda q: 1 - 22 / 9 * q**2 + 17 / 9 * q**4 - 4 / 9 * q**6,
+    "cubic_spline": lambda q: np.where(q < 0.5, 1 - 6 * q**2 + 6 * q**3, 2 * (1 - q) ** 3),
+    "wendland_c2": lambda q: (1 - q) ** 4 * (1 + 4 * q),
+    "solid": lambda q: (1 - q**2) ** 2 * (1 - 2 * q**2),
+}
+
+
+def per_particle(value, n, default, shape=()):
+    value = default if value is None else value
+    return np.broadcast_to(np.asarray(value, np.float64), (n, *shape))
+
+
+class Medium:
+    """One layer: where it is, and what a point of it looks like."""
+
+    def __init__(self, layer: gb.Layer, settings: gb.RenderSettings, clips):
+        scene, p = layer.scene, layer.scene.particles
+        n = len(p)
+        self.b, self.threshold = KERNELS[scene.kernel], float(np.float32(scene.threshold))
+        self.positions = p.positions.astype(np.float64)
+        support = per_particle(scene.support, n, None)
+        if p.anisotropy is not None:
+            self.matrices = p.anisotropy.astype(np.float64)
+        else:
+            self.matrices = np.eye(3) / support[:, None, None]
+        self.weights = per_particle(p.weight, n, 1.0)
+        self.colors = per_particle(p.color, n, gb.scene.DEFAULT_COLOR, (3,))
+        self.reflections = per_particle(p.reflection, n, 0.0)
+        self.refractions = per_particle(p.refraction, n, 0.0)
+        self.clips = [*layer.clips, *clips]
+        self.material = layer.material or settings.material
+        self.middle = self.positions.mean(0)
+        self.reach = (np.linalg.norm(self.positions - self.middle, axis=1) + support).max()
+
+    def shares(self, points):
+        """Every particle's weight * b: (M, N)."""
+        parts = []
+        for some in np.array_split(points, max(1, points.shape[0] * len(self.weights) // 200_000)):
+            away = np.einsum("nij,mnj->mni", self.matrices, some[:, None] - self.positions)
+            q = np.sqrt((away**2).sum(-1))
+            parts.append(self.weights * np.where(q < 1, self.b(np.minimum(q, 1)), 0))
+        return np.concatenate(parts)
+
+    def kept(self, points):
+        """Which clips keep each point: (M, clips)."""
+        out = np.ones((len(points), len(self.clips)), bool)
+        for k, c in enumerate(self.clips):
+            if isinstance(c, gb.ClipPlane):
+                out[:, k] = points @ np.asarray(c.normal, float) <= c.offset
+            elif isinstance(c, gb.ClipBox):
+                out[:, k] = ((points > c.lo) & (points < c.hi)).all(1) == c.keep
+            else:
+                out[:, k] = (np.linalg.norm(points - c.center, axis=1) < c.radius) == c.keep
+        return out
+
+    def holds(self, points):
+        return (self.shares(points).sum(1) > self.threshold) & self.kept(points).all(1)
+
+    def normals(self, points, d):
+        """Out of the medium, at points of its surface where rays cross it along d; cut faces', of the
+        clip that keeps one side of the point and not the other."""
+        h = 1e-5 * self.reach
+        gradient = np.stack([self.shares(points + h * e).sum(1) - self.shares(points - h * e).sum(1)
+                             for e in np.eye(3)], -1)
+        out = -unit(np.where(np.linalg.norm(gradient, axis=1, keepdims=True) > 0, gradient, 1.0))
+        changes = self.kept(points - EPS * d) != self.kept(points + EPS * d)
+        for k, c in enumerate(self.clips):
+            at = points[changes[:, k]]
+            if isinstance(c, gb.ClipPlane):
+                n = np.broadcast_to(unit(c.normal), at.shape)
+            elif isinstance(c, gb.ClipBox):
+                sides = np.concatenate([at - c.lo, c.hi - at], 1)
+                face = np.abs(sides).argmin(1)
+                n = np.concatenate([-np.eye(3), np.eye(3)])[face] * (1 if c.keep else -1)
+            else:
+                n = unit(at - c.center) * (1 if c.keep else -1)
+            out[changes[:, k]] = n
+        return out
+
+    def looks(self, points):
+        """Blended colour, reflection and refraction factor."""
+        w = np.maximum(self.shares(points), 0)
+        w = w / np.maximum(w.sum(1, keepdims=True), 1e-30)
+        return w @ self.colors, w @ self.reflections, w @ self.refractions
+
+    def changes(self, o, d, inside, far=np.inf, samples=SAMPLES):
+        """All places where rays that begin inside or not pass the surface: ray, distance, in order."""
+        inf = np.broadcast_to(far, len(o))
+        along = dot(self.middle - o, d)[:, 0]
+        begin, end = np.maximum(along - self.reach, EPS), np.minimum(along + self.reach, inf)
+        t = begin[:, None] + np.linspace(0, 1, samples) * np.maximum(end - begin, 0)[:, None]
+        t = np.concatenate([np.full((len(o), 1), EPS), t], 1)
+        points = o[:, None] + t[..., None] * d[:, None]
+        held = self.holds(points.reshape(-1, 3)).reshape(t.shape)
+        before = np.concatenate([inside[:, None], held[:, :-1]], 1)
+        ray, k = np.nonzero(held != before)
+        low, high, side = np.where(k > 0, t[ray, k - 1], 0), t[ray, k], held[ray, k]
+        for _ in range(40):
+            middle = (low + high) / 2
+            same = self.holds(o[ray] + middle[:, None] * d[ray]) == side
+            low, high = np.where(same, low, middle), np.where(same, middle, high)
+        return ray, np.where(k > 0, high, 0), side
+
+
+def sky_of(settings, d):
+    sky = settings.sky or gb.lights.uniform_sky(settings.background)
+    s = dot(d, unit(sky.up))
+    w = np.sqrt(np.abs(s))
+    pole = np.where(s > 0, color(sky.zenith), color(sky.ground))
+    return color(sky.horizon) * (1 - w) + pole * w
+
+
+def color(value):
+    return np.broadcast_to(np.asarray(value, np.float64), (3,))
+
+
+def meet_ground(ground, o, d):
+    if ground is None:
+        return np.full(len(o), np.inf)
+    n = unit(ground.normal)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        t = (ground.height - o @ n) / (d @ n)
+    return np.where(t > EPS, t, np.inf)
+
+
+def ground_color(ground, p):
+    n = unit(ground.normal)
+    sign = 1.0 if n[2] >= 0 else -1.0   # axes along the plane: Duff et al. 2017
+    a = -1 / (sign + n[2])
+    s = np.array([1 + sign * n[0] ** 2 * a, sign * n[0] * n[1] * a, -sign * n[0]])
+    t = np.array([n[0] * n[1] * a, sign + n[1] ** 2 * a, -n[1]])
+    if ground.check == 0:
+        return np.broadcast_to(color(ground.color), p.shape)
+    odd = (np.floor(p @ s / ground.check) + np.floor(p @ t / ground.check)) % 2 == 1
+    return np.where(odd[:, None], color(ground.other), color(ground.color))
+
+
+def render(layers, camera, size, settings, clips=(), pixels=None, shift=0.0, samples=SAMPLES):
+    """Images of the given pixels (flat numbers; default all), their rays moved by `shift`."""
+    media = [Medium(x if isinstance(x, gb.Layer) else gb.Layer(x), settings, clips) for x in layers]
+    o, d = (np.array(v).reshape(-1, 3) for v in rays(camera, size))
+    pixels = np.arange(len(o)) if pixels is None else pixels
+    o, d = o[pixels] + shift, unit(d[pixels] + shift)
+    out = np.zeros((len(o), 3))
+    pixel, weight = np.arange(len(o)), np.ones((len(o), 3))
+    inside = np.stack([m.holds(o) for m in media], 1)
+    images = {"color": out}
+    for generation in range(settings.depth + 1):
+        # What each ray meets first; of surfaces at the same place, those of the earlier layer.
+        t, which = np.full(len(o), np.inf), np.full(len(o), -1)
+        for k, m in enumerate(media):
+            ray, at, _ = m.changes(o, d, inside[:, k], samples=samples)
+            first = np.full(len(o), np.inf)
+            np.minimum.at(first, ray, at)
+            nearer = first < t - 1e-9
+            t[nearer], which[nearer] = first[nearer], k
+        floor = meet_ground(settings.ground, o, d)
+        t, which = np.minimum(t, floor), np.where(floor < t, GROUND, which)
+        missed = which < 0
+        normal, albedo = np.zeros(o.shape), np.zeros(o.shape)
+        rho, kappa, matter = np.zeros(len(o)), np.zeros(len(o)), {}
+        p = o + np.where(missed, 0, t)[:, None] * d
+        for k, m in enumerate(media):
+            at = which == k
+            normal[at], (albedo[at], rho[at], kappa[at]) = m.normals(p[at], d[at]), m.looks(p[at])
+        on_ground = which == GROUND
+        if on_ground.any():
+            normal[on_ground] = unit(settings.ground.normal)
+            albedo[on_ground] = ground_color(settings.ground, p[on_ground])
+        if generation == 0:
+            images |= {"depth": t, "normal": normal.copy(), "albedo": albedo.copy(), "layer": which,
+                       "position": np.where(missed[:, None], np.nan, p)}
+        behind = sky_of(settings, d)
+        if generation == 0 and settings.sky is None:
+            behind = np.broadcast_to(color(settings.background), d.shape)
+        np.add.at(out, pixel[missed], (weight * behind)[missed])
+        hit = ~missed
+        o, d, inside, weight, pixel = p[hit], d[hit], inside[hit], weight[hit], pixel[hit]
+        t, which, normal, albedo, rho, kappa = (v[hit] for v in (t, which, normal, albedo, rho, kappa))
+        for k, m in enumerate(media):
+            if m.material.absorption is not None:
+                left = np.exp(-color(m.material.absorption) * t[:, None])
+                weight = np.where(inside[:, k, None], weight * left, weight)
+        entering = dot(normal, d)[:, 0] < 0
+        facing = np.where(entering[:, None], normal, -normal)
+        cosine = np.minimum(np.abs(dot(normal, d)), 1)[:, 0]
+        mirror, through, matte = np.zeros(len(o)), np.zeros(o.shape), np.zeros(len(o))
+        eta, specular, shininess = np.ones(len(o)), np.zeros(len(o)), np.ones(len(o))
+        for k, m in enumerate(media):
+            at, x = which == k, m.material
+            if x.color is not None:
+                albedo[at] = color(x.color)
+            r = rho[at] if x.reflection is None else np.full(at.sum(), x.reflection)
+            through_share = kappa[at] if x.transmission is None else np.full(at.sum(), x.transmission)
+            index = 1 + through_share / 3 if x.index is None else np.full(at.sum(), x.index)
+            eta[at] = np.where(entering[at], index, 1 / index)
+            schlick = np.where(r > 0, r + (1 - r) * (1 - cosine[at]) ** 5, 0)
+            mirror[at] = schlick + (1 - schlick) * np.where(index == 1, 0, fresnel(cosine[at], eta[at]))
+            filtered = entering[at, None] & (x.absorption is None)
+            through[at] = np.where(filtered, albedo[at], 1) * ((1 - mirror[at]) * through_share)[:, None]
+            matte[at] = (1 - mirror[at]) * (1 - through_share)
+            specular[at] = settings.specular if x.specular is None else x.specular
+            shininess[at] = settings.shininess if x.shininess is None else x.shininess
+        if settings.ground:
+            mirror[which == GROUND] = settings.ground.reflection
+            matte[which == GROUND] = 1 - settings.ground.reflection
+        base = albedo * matte[:, None]
+        ambient = sky_of(settings, facing) if isinstance(settings.ambient, str) else color(settings.ambient)
+        light = ambient * base
+        for lamp in settings.lights:
+            l, distance, casts = towards(lamp, camera, o, d, generation)
+            lambert = np.maximum(dot(facing, l), 0)
+            shine = specular * np.maximum(dot(facing, unit(l - d)), 0)[:, 0] ** shininess * (lambert[:, 0] > 0)
+            lit = color(lamp.radiance) * (base * lambert + shine[:, None])
+            if settings.shadows and casts:
+                lit = lit * seen(media, settings.ground, o, l, distance, inside, which, samples)[:, None]
+            light = light + lit
+        np.add.at(out, pixel, weight * light)
+        # One wave further: mirrored, then transmitted rays.
+        passed = inside.copy()
+        for k in range(len(media)):
+            passed[:, k] = np.where(which == k, entering, passed[:, k])
+        with np.errstate(invalid="ignore"):
+            bent = refracted(d, facing, eta[:, None])
+        o = np.concatenate([o, o])
+        d = np.concatenate([mirrored(d, facing), unit(bent)])
+        weight = np.concatenate([weight * mirror[:, None], weight * through])
+        inside, pixel = np.concatenate([inside, passed]), np.concatenate([pixel, pixel])
+        some = weight.max(1) > 0
+        on = some & (weight.max(1) >= settings.cutoff) & (generation < settings.depth)
+        ends = some & ~on
+        np.add.at(out, pixel[ends], (weight * sky_of(settings, d))[ends])
+        o, d, weight, inside, pixel = (v[on] for v in (o, d, weight, inside, pixel))
+        if not len(o):
+            break
+    return images
+
+
+def towards(lamp, camera, p, d, generation):
+    """Unit directions to a light, its distance, and whether it throws shadows."""
+    far = np.full(len(p), np.inf)
+    if isinstance(lamp, gb.DirectionalLight):
+        return np.broadcast_to(unit(lamp.direction), p.shape), far, True
+    if isinstance(lamp, gb.PointLight):
+        return unit(lamp.position - p), np.linalg.norm(lamp.position - p, axis=1), True
+    if generation == 0:
+        return -d, far, False
+    if camera.height is not None:
+        ahead = np.subtract(camera.look_at, camera.eye)
+        return np.broadcast_to(-unit(ahead), p.shape), far, False
+    return unit(camera.eye - p), far, False
+
+
+def seen(media, ground, p, l, distance, inside, which, samples):
+    """What part of a light comes through: straight on, `transmission` at each surface, and the mean absorption."""
+    left = np.where((meet_ground(ground, p, l) < distance) & (which != GROUND), 0.0, 1.0)
+    for k, m in enumerate(media):
+        ray, t, side = m.changes(p, l, inside[:, k], distance, samples)
+        kappa = m.looks(p[ray] + t[:, None] * l[ray])[2] if m.material.transmission is None else m.material.transmission
+        np.multiply.at(left, ray, kappa)
+        if m.material.absorption is not None:
+            # Ways inside end at each change to outside, or at the light.
+            length = np.zeros(len(p))
+            np.add.at(length, ray, np.where(side, -t, t))
+            last = inside[:, k].copy()
+            last[ray] = side  # in order: the last one stays
+            length += np.where(last & np.isfinite(distance), distance, 0)
+            left *= np.exp(-color(m.material.absorption).mean() * length)
+    return left
