@@ -51,12 +51,12 @@ class Medium:
 
     def shares(self, points):
         """Every particle's weight * b: (M, N)."""
-        parts = []
-        for some in np.array_split(points, max(1, points.shape[0] * len(self.weights) // 200_000)):
-            away = np.einsum("nij,mnj->mni", self.matrices, some[:, None] - self.positions)
-            q = np.sqrt((away**2).sum(-1))
-            parts.append(self.weights * np.where(q < 1, self.b(np.minimum(q, 1)), 0))
-        return np.concatenate(parts)
+        out = np.empty((len(points), len(self.weights)))
+        for some in np.array_split(np.arange(len(points)), 1 + out.size // 50_000):
+            for k, (q, m, w) in enumerate(zip(self.positions, self.matrices, self.weights, strict=True)):
+                away = (points[some] - q) @ m
+                out[some, k] = w * self.b(np.minimum(np.sqrt((away * away).sum(1)), 1))
+        return out
 
     def kept(self, points):
         """Which clips keep each point: (M, clips)."""
@@ -102,10 +102,12 @@ class Medium:
 
     def changes(self, o, d, inside, far=np.inf, samples=SAMPLES):
         """All places where rays that begin inside or not pass the surface: ray, distance, in order."""
-        inf = np.broadcast_to(far, len(o))
         along = dot(self.middle - o, d)[:, 0]
-        begin, end = np.maximum(along - self.reach, EPS), np.minimum(along + self.reach, inf)
-        t = begin[:, None] + np.linspace(0, 1, samples) * np.maximum(end - begin, 0)[:, None]
+        begin, end = np.maximum(along - self.reach, EPS), np.minimum(along + self.reach, far)
+        passes = (np.linalg.norm(o + along[:, None] * d - self.middle, axis=1) < self.reach) & (begin < end)
+        number = np.flatnonzero(passes)
+        o, d, inside, begin, end = o[passes], d[passes], inside[passes], begin[passes], end[passes]
+        t = begin[:, None] + np.linspace(0, 1, samples) * (end - begin)[:, None]
         t = np.concatenate([np.full((len(o), 1), EPS), t], 1)
         points = o[:, None] + t[..., None] * d[:, None]
         held = self.holds(points.reshape(-1, 3)).reshape(t.shape)
@@ -116,7 +118,7 @@ class Medium:
             middle = (low + high) / 2
             same = self.holds(o[ray] + middle[:, None] * d[ray]) == side
             low, high = np.where(same, low, middle), np.where(same, middle, high)
-        return ray, np.where(k > 0, high, 0), side
+        return number[ray], np.where(k > 0, high, 0), side
 
 
 def sky_of(settings, d):
@@ -230,7 +232,9 @@ def render(layers, camera, size, settings, clips=(), pixels=None, shift=0.0, sam
             shine = specular * np.maximum(dot(facing, unit(l - d)), 0)[:, 0] ** shininess * (lambert[:, 0] > 0)
             lit = color(lamp.radiance) * (base * lambert + shine[:, None])
             if settings.shadows and casts:
-                lit = lit * seen(media, settings.ground, o, l, distance, inside, which, samples)[:, None]
+                some = lit.max(1) > 0
+                some_of = (v[some] for v in (o, l, distance, inside, which))
+                lit[some] *= seen(media, settings.ground, *some_of, samples)[:, None]
             light = light + lit
         np.add.at(out, pixel, weight * light)
         # One wave further: mirrored, then transmitted rays.
