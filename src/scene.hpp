@@ -266,7 +266,6 @@ private:
         const int n_layers = int(request.layers.size());
         std::vector<SceneOf*> scenes;
         std::vector<Clips> clips;
-        lighting.scale = infinity();
         while (int(clips_.size()) < n_layers) clips_.emplace_back(*exec_);
         for (int k = 0; k < n_layers; ++k) {
             const LayerRequest& layer = request.layers[k];
@@ -277,7 +276,6 @@ private:
             Clip* room = clips_[k].reserve(layer.clips.size() + 1);
             if (!layer.clips.empty()) exec_->upload(room, layer.clips.data(), layer.clips.size() * sizeof(Clip));
             clips.push_back({room, int(layer.clips.size())});
-            lighting.scale = least(lighting.scale, kStart * scene.typical_);
         }
         if (request.sky_image) {
             const std::size_t floats = std::size_t(lighting.sky.width) * lighting.sky.height * 3;
@@ -385,7 +383,6 @@ private:
                 CellGrid g;
                 exec_->download(&g, grid, sizeof g);
                 enough = std::size_t(g.n_lists) * kBrickCells <= lists_.capacity() && std::size_t(g.n_blocks) * block <= blocks_.capacity();
-                typical_ = g.edge / kCellEdge;
                 if (enough) break;
                 lists_.reserve(std::size_t(g.n_lists + g.n_lists / 4 + 16) * kBrickCells);
                 blocks_.reserve(std::size_t(g.n_blocks + g.n_blocks / 4 + 64) * block);
@@ -475,7 +472,6 @@ private:
     Buffer<float, Exec> blocks_;
     FieldRequest cells_for_{};
     bool cells_stale_ = true;
-    float typical_ = 1.0f;
     std::deque<Waves<Exec>> waves_;  ///< one a stream
     std::deque<Buffer<Clip, Exec>> clips_;
     std::vector<std::shared_ptr<FrameOf>> pool_;

@@ -133,13 +133,14 @@ def color(value):
     return np.broadcast_to(np.asarray(value, np.float64), (3,))
 
 
-def meet_ground(ground, o, d):
+def meet_ground(ground, o, d, below):
+    """It lets nothing through, so that all of a path is on one side of it."""
     if ground is None:
         return np.full(len(o), np.inf)
     n = unit(ground.normal)
+    towards = d @ n * np.where(below, 1, -1) > 0
     with np.errstate(divide="ignore", invalid="ignore"):
-        t = (ground.height - o @ n) / (d @ n)
-    return np.where(t > EPS, t, np.inf)
+        return np.where(towards, np.maximum((ground.height - o @ n) / (d @ n), 0), np.inf)
 
 
 def ground_color(ground, p):
@@ -163,6 +164,7 @@ def render(layers, camera, size, settings, clips=(), pixels=None, shift=0.0, sam
     out = np.zeros((len(o), 3))
     pixel, weight = np.arange(len(o)), np.ones((len(o), 3))
     inside = np.stack([m.holds(o) for m in media], 1)
+    below = np.full(len(o), False) if settings.ground is None else o @ unit(settings.ground.normal) < settings.ground.height
     images = {"color": out}
     for generation in range(settings.depth + 1):
         # What each ray meets first; of surfaces at the same place, those of the earlier layer.
@@ -173,7 +175,7 @@ def render(layers, camera, size, settings, clips=(), pixels=None, shift=0.0, sam
             np.minimum.at(first, ray, at)
             nearer = first < t - 1e-9
             t[nearer], which[nearer] = first[nearer], k
-        floor = meet_ground(settings.ground, o, d)
+        floor = meet_ground(settings.ground, o, d, below)
         t, which = np.minimum(t, floor), np.where(floor < t, GROUND, which)
         missed = which < 0
         normal, albedo = np.zeros(o.shape), np.zeros(o.shape)
@@ -194,7 +196,7 @@ def render(layers, camera, size, settings, clips=(), pixels=None, shift=0.0, sam
             behind = np.broadcast_to(color(settings.background), d.shape)
         np.add.at(out, pixel[missed], (weight * behind)[missed])
         hit = ~missed
-        o, d, inside, weight, pixel = p[hit], d[hit], inside[hit], weight[hit], pixel[hit]
+        o, d, inside, below, weight, pixel = p[hit], d[hit], inside[hit], below[hit], weight[hit], pixel[hit]
         t, which, normal, albedo, rho, kappa = (v[hit] for v in (t, which, normal, albedo, rho, kappa))
         for k, m in enumerate(media):
             if m.material.absorption is not None:
@@ -233,7 +235,7 @@ def render(layers, camera, size, settings, clips=(), pixels=None, shift=0.0, sam
             lit = color(lamp.radiance) * (base * lambert + shine[:, None])
             if settings.shadows and casts:
                 some = lit.max(1) > 0
-                some_of = (v[some] for v in (o, l, distance, inside, which))
+                some_of = (v[some] for v in (o, l, distance, inside, below))
                 lit[some] *= seen(media, settings.ground, *some_of, samples)[:, None]
             light = light + lit
         np.add.at(out, pixel, weight * light)
@@ -246,12 +248,12 @@ def render(layers, camera, size, settings, clips=(), pixels=None, shift=0.0, sam
         o = np.concatenate([o, o])
         d = np.concatenate([mirrored(d, facing), unit(bent)])
         weight = np.concatenate([weight * mirror[:, None], weight * through])
-        inside, pixel = np.concatenate([inside, passed]), np.concatenate([pixel, pixel])
+        inside, below, pixel = np.concatenate([inside, passed]), np.tile(below, 2), np.tile(pixel, 2)
         some = weight.max(1) > 0
         on = some & (weight.max(1) >= settings.cutoff) & (generation < settings.depth)
         ends = some & ~on
         np.add.at(out, pixel[ends], (weight * sky_of(settings, d))[ends])
-        o, d, weight, inside, pixel = (v[on] for v in (o, d, weight, inside, pixel))
+        o, d, weight, inside, below, pixel = (v[on] for v in (o, d, weight, inside, below, pixel))
         if not len(o):
             break
     return images
@@ -272,9 +274,9 @@ def towards(lamp, camera, p, d, generation):
     return unit(camera.eye - p), far, False
 
 
-def seen(media, ground, p, l, distance, inside, which, samples):
+def seen(media, ground, p, l, distance, inside, below, samples):
     """What part of a light comes through: straight on, `transmission` at each surface, and the mean absorption."""
-    left = np.where((meet_ground(ground, p, l) < distance) & (which != GROUND), 0.0, 1.0)
+    left = np.where(meet_ground(ground, p, l, below) < distance, 0.0, 1.0)
     for k, m in enumerate(media):
         ray, t, side = m.changes(p, l, inside[:, k], distance, samples)
         kappa = m.looks(p[ray] + t[:, None] * l[ray])[2] if m.material.transmission is None else m.material.transmission

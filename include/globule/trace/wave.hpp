@@ -12,6 +12,7 @@ namespace globule {
 
 inline constexpr int kMaxLayers = 4;
 inline constexpr std::uint32_t kMissed = 0xff, kGround = 0xfe;
+inline constexpr std::uint32_t kBelowGround = 1u << 31;  ///< among a ray's `inside`
 inline constexpr int kMaxCrossings = 64;  ///< of a shadow ray through clear media
 
 /// The rays of one wave; origins and directions null in the first, whose rays are the camera's.
@@ -19,7 +20,7 @@ struct WaveRays {
     RaySource source;
     float* throughput;          ///< (n, 3); null: 1
     std::uint32_t* pixel;       ///< of the picture; null: the ray's own number
-    std::uint32_t* inside;      ///< bit k: begins inside layer k
+    std::uint32_t* inside;      ///< bit k: begins inside layer k; kBelowGround
     GB_FN bool primary() const { return !source.origins; }
     GB_FN std::uint32_t pixel_of(std::size_t i) const {
         return pixel ? pixel[i] : std::uint32_t(i) + source.first_row * std::uint32_t(source.camera.width);
@@ -121,6 +122,13 @@ struct Ground {
     float3 color, other;    ///< of a checkerboard's two kinds of field
     float field;            ///< edge of one, world
     float reflection;
+
+    /// Where a ray that begins above or below it meets it.  It lets nothing through: the side is the primary ray's,
+    /// and no rounding lets a ray meet it where that has been mirrored, or pass where a cut face lies in it.
+    GB_FN float meet(const float3& o, const float3& d, std::uint32_t inside) const {
+        const float speed = dot(normal, d);
+        return (inside & kBelowGround ? speed > 0.0f : speed < 0.0f) ? most((offset - dot(normal, o)) / speed, 0.0f) : infinity();
+    }
 };
 struct Lighting {
     Light lights[kMaxLights];
@@ -138,7 +146,6 @@ struct Lighting {
     int depth;                ///< mirrored and transmitted generations
     float cutoff;             ///< smallest weight that is followed
     float exposure;
-    float scale;              ///< world length below which nothing matters
 
     GB_FN bool casts(int k) const { return shadows && lights[k].kind != LightKind::head; }
     GB_FN int n_visibilities() const {
@@ -165,14 +172,14 @@ struct Lighting {
 /// The ground, which lies behind all layers in the order of tests.
 struct MeetGround {
     Ground ground;
-    float scale;
     WaveRays rays;
     WaveHits out;
     GB_FN void operator()(std::size_t i) const {
         float3 o, d;
         rays.source.get(i, o, d);
-        const float t = (ground.offset - dot(ground.normal, o)) / dot(ground.normal, d);
-        if (!(t > (rays.primary() ? 0.0f : scale) && t < out.t[i])) return;
+        if (rays.primary() && dot(ground.normal, o) < ground.offset) rays.inside[i] |= kBelowGround;
+        const float t = ground.meet(o, d, rays.inside[i]);
+        if (!(t < out.t[i])) return;
         const float3 p = o + d * t;
         float3 s, u;
         frame_of(ground.normal, s, u);
@@ -261,13 +268,9 @@ struct Occlude {
             if (largest(full) * lighting.exposure < 0.125f * lighting.cutoff) return false;
         }
         if (dot(l, h.normal) <= 0.0f) return false;
-        if (layer == 0 && lighting.ground.present && hits.layer[i] != kGround) {
-            const Ground& ground = lighting.ground;
-            const float t = (ground.offset - dot(ground.normal, h.p)) / dot(ground.normal, l);
-            if (t > lighting.scale && t < s.distance) {
-                *s.out = 0.0f;
-                return false;
-            }
+        if (layer == 0 && lighting.ground.present && lighting.ground.meet(h.p, l, rays.inside[i]) < s.distance) {
+            *s.out = 0.0f;
+            return false;
         }
         s.left = 1.0f;
         s.crossings = 0;
