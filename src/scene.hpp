@@ -221,11 +221,16 @@ private:
         Hits hits() const { return {block.data(), block.data() + rays.n, block.data() + 4 * rays.n}; }
         float* color_data() const { return block.data() + 7 * rays.n; }
         std::uint8_t* picture_data() const { return reinterpret_cast<std::uint8_t*>(block.data() + 10 * rays.n); }
+        std::uint8_t* layer_data() const { return picture_data() + 3 * rays.n; }
         void depth(float* out) override { exec->download(out, hits().t, rays.n * sizeof(float)); }
         void normal(float* out) override { exec->download(out, hits().normal, 3 * rays.n * sizeof(float)); }
         void albedo(float* out) override { exec->download(out, hits().albedo, 3 * rays.n * sizeof(float)); }
         void color(float* out) override { exec->download(out, color_data(), 3 * rays.n * sizeof(float)); }
         void picture(std::uint8_t* out) override { exec->download(out, picture_data(), 3 * rays.n); }
+        void layer(std::uint8_t* out) override {
+            if (plain) std::fill_n(out, rays.n, std::uint8_t(0));
+            else exec->download(out, layer_data(), rays.n);
+        }
         void position(float* out) override {
             Buffer<float, Exec> room(*exec);
             float* p = room.reserve(3 * rays.n);
@@ -335,7 +340,7 @@ private:
                             return false;
                         }
                         b.waves->exec().for_each(b.n, Finish{b.waves->sum(), b.waves->first_hits().layer, b.at, lighting.exposure, frame.n_passes,
-                                                             sums, sums + 3 * n, frame.color_data(), frame.picture_data()});
+                                                             sums, sums + 3 * n, frame.color_data(), frame.picture_data(), frame.layer_data()});
                         return true;
                     });
             }

@@ -459,7 +459,9 @@ struct Finish {
     float *total, *shown;           ///< (all pixels, 3) sums over passes, as light and as displayed
     float* color;
     std::uint8_t* picture;
+    std::uint8_t* seen;             ///< (all pixels,) what the first pass met: kMissed, kGround, or the layer
     GB_FN void operator()(std::size_t i) const {
+        if (passes == 1) seen[first + i] = std::uint8_t(layer[i]);
         const bool hit = layer[i] != kMissed;
         for (int k = 0; k < 3; ++k) {
             const std::size_t at = 3 * (first + i) + k;
