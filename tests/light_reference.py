@@ -231,7 +231,9 @@ def render(layers, camera, size, settings, clips=(), pixels=None, shift=0.0, sam
         for lamp in settings.lights:
             l, distance, casts = towards(lamp, camera, o, d, generation)
             lambert = np.maximum(dot(facing, l), 0)
-            shine = specular * np.maximum(dot(facing, unit(l - d)), 0)[:, 0] ** shininess * (lambert[:, 0] > 0)
+            with np.errstate(invalid="ignore"):
+                half = np.where(lambert > 0, unit(l - d), 0)
+            shine = specular * np.maximum(dot(facing, half), 0)[:, 0] ** shininess * (lambert[:, 0] > 0)
             lit = color(lamp.radiance) * (base * lambert + shine[:, None])
             if settings.shadows and casts:
                 some = lit.max(1) > 0
@@ -244,9 +246,9 @@ def render(layers, camera, size, settings, clips=(), pixels=None, shift=0.0, sam
         for k in range(len(media)):
             passed[:, k] = np.where(which == k, entering, passed[:, k])
         with np.errstate(invalid="ignore"):
-            bent = refracted(d, facing, eta[:, None])
+            bent = unit(refracted(d, facing, eta[:, None]))
         o = np.concatenate([o, o])
-        d = np.concatenate([mirrored(d, facing), unit(bent)])
+        d = np.concatenate([mirrored(d, facing), bent])
         weight = np.concatenate([weight * mirror[:, None], weight * through])
         inside, below, pixel = np.concatenate([inside, passed]), np.tile(below, 2), np.tile(pixel, 2)
         some = weight.max(1) > 0
