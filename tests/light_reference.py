@@ -1,5 +1,4 @@
-"""The whole transport of light once more, by definition: float64, every particle at every point, no octree, no
-cells, no intervals. A ray is sampled densely, and a surface is where the answer to "is the medium here?" changes.
+"""The transport of light once more, slow and plain, in float64, of `reference_medium`'s media.
 
 Randomness is left out: no ambient rays, no soft lights, no roughness, one sample a pixel.
 """
@@ -9,116 +8,9 @@ from __future__ import annotations
 import globule as gb
 import numpy as np
 from light import dot, fresnel, mirrored, rays, refracted, unit
+from reference_medium import SAMPLES, Medium
 
-EPS = 1e-6      # how far beside a surface its two sides are looked at
-SAMPLES = 300   # of a ray's way through all supports
 GROUND = 254
-KERNELS = {     # b of q = distance / support, 0 <= q <= 1
-    "murakami": lambda q: (1 - q**2) ** 2,
-    "wyvill": lambda q: 1 - 22 / 9 * q**2 + 17 / 9 * q**4 - 4 / 9 * q**6,
-    "cubic_spline": lambda q: np.where(q < 0.5, 1 - 6 * q**2 + 6 * q**3, 2 * (1 - q) ** 3),
-    "wendland_c2": lambda q: (1 - q) ** 4 * (1 + 4 * q),
-    "solid": lambda q: (1 - q**2) ** 2 * (1 - 2 * q**2),
-}
-
-
-def per_particle(value, n, default, shape=()):
-    value = default if value is None else value
-    return np.broadcast_to(np.asarray(value, np.float64), (n, *shape))
-
-
-class Medium:
-    """One layer: where it is, and what a point of it looks like."""
-
-    def __init__(self, layer: gb.Layer, settings: gb.RenderSettings, clips):
-        scene, p = layer.scene, layer.scene.particles
-        n = len(p)
-        self.b, self.threshold = KERNELS[scene.kernel], float(np.float32(scene.threshold))
-        self.positions = p.positions.astype(np.float64)
-        support = per_particle(scene.support, n, None)
-        if p.anisotropy is not None:
-            self.matrices = p.anisotropy.astype(np.float64)
-        else:
-            self.matrices = np.eye(3) / support[:, None, None]
-        self.weights = per_particle(p.weight, n, 1.0)
-        self.colors = per_particle(p.color, n, gb.scene.DEFAULT_COLOR, (3,))
-        self.reflections = per_particle(p.reflection, n, 0.0)
-        self.refractions = per_particle(p.refraction, n, 0.0)
-        self.clips = [*layer.clips, *clips]
-        self.material = layer.material or settings.material
-        self.middle = self.positions.mean(0)
-        self.reach = (np.linalg.norm(self.positions - self.middle, axis=1) + support).max()
-
-    def shares(self, points):
-        """Every particle's weight * b: (M, N)."""
-        out = np.empty((len(points), len(self.weights)))
-        for some in np.array_split(np.arange(len(points)), 1 + out.size // 50_000):
-            for k, (q, m, w) in enumerate(zip(self.positions, self.matrices, self.weights, strict=True)):
-                away = (points[some] - q) @ m
-                out[some, k] = w * self.b(np.minimum(np.sqrt((away * away).sum(1)), 1))
-        return out
-
-    def kept(self, points):
-        """Which clips keep each point: (M, clips)."""
-        out = np.ones((len(points), len(self.clips)), bool)
-        for k, c in enumerate(self.clips):
-            if isinstance(c, gb.ClipPlane):
-                out[:, k] = points @ np.asarray(c.normal, float) <= c.offset
-            elif isinstance(c, gb.ClipBox):
-                out[:, k] = ((points > c.lo) & (points < c.hi)).all(1) == c.keep
-            else:
-                out[:, k] = (np.linalg.norm(points - c.center, axis=1) < c.radius) == c.keep
-        return out
-
-    def holds(self, points):
-        return (self.shares(points).sum(1) > self.threshold) & self.kept(points).all(1)
-
-    def normals(self, points, d):
-        """Out of the medium, at points of its surface where rays cross it along d; cut faces', of the
-        clip that keeps one side of the point and not the other."""
-        h = 1e-5 * self.reach
-        gradient = np.stack([self.shares(points + h * e).sum(1) - self.shares(points - h * e).sum(1)
-                             for e in np.eye(3)], -1)
-        out = -unit(np.where(np.linalg.norm(gradient, axis=1, keepdims=True) > 0, gradient, 1.0))
-        changes = self.kept(points - EPS * d) != self.kept(points + EPS * d)
-        for k, c in enumerate(self.clips):
-            at = points[changes[:, k]]
-            if isinstance(c, gb.ClipPlane):
-                n = np.broadcast_to(unit(c.normal), at.shape)
-            elif isinstance(c, gb.ClipBox):
-                sides = np.concatenate([at - c.lo, c.hi - at], 1)
-                face = np.abs(sides).argmin(1)
-                n = np.concatenate([-np.eye(3), np.eye(3)])[face] * (1 if c.keep else -1)
-            else:
-                n = unit(at - c.center) * (1 if c.keep else -1)
-            out[changes[:, k]] = n
-        return out
-
-    def looks(self, points):
-        """Blended colour, reflection and refraction factor."""
-        w = np.maximum(self.shares(points), 0)
-        w = w / np.maximum(w.sum(1, keepdims=True), 1e-30)
-        return w @ self.colors, w @ self.reflections, w @ self.refractions
-
-    def changes(self, o, d, inside, far=np.inf, samples=SAMPLES):
-        """All places where rays that begin inside or not pass the surface: ray, distance, in order."""
-        along = dot(self.middle - o, d)[:, 0]
-        begin, end = np.maximum(along - self.reach, EPS), np.minimum(along + self.reach, far)
-        passes = (np.linalg.norm(o + along[:, None] * d - self.middle, axis=1) < self.reach) & (begin < end)
-        number = np.flatnonzero(passes)
-        o, d, inside, begin, end = o[passes], d[passes], inside[passes], begin[passes], end[passes]
-        t = begin[:, None] + np.linspace(0, 1, samples) * (end - begin)[:, None]
-        t = np.concatenate([np.full((len(o), 1), EPS), t], 1)
-        points = o[:, None] + t[..., None] * d[:, None]
-        held = self.holds(points.reshape(-1, 3)).reshape(t.shape)
-        before = np.concatenate([inside[:, None], held[:, :-1]], 1)
-        ray, k = np.nonzero(held != before)
-        low, high, side = np.where(k > 0, t[ray, k - 1], 0), t[ray, k], held[ray, k]
-        for _ in range(40):
-            middle = (low + high) / 2
-            same = self.holds(o[ray] + middle[:, None] * d[ray]) == side
-            low, high = np.where(same, low, middle), np.where(same, middle, high)
-        return number[ray], np.where(k > 0, high, 0), side
 
 
 def sky_of(settings, d):
@@ -164,7 +56,9 @@ def render(layers, camera, size, settings, clips=(), pixels=None, shift=0.0, sam
     out = np.zeros((len(o), 3))
     pixel, weight = np.arange(len(o)), np.ones((len(o), 3))
     inside = np.stack([m.holds(o) for m in media], 1)
-    below = np.full(len(o), False) if settings.ground is None else o @ unit(settings.ground.normal) < settings.ground.height
+    ground, below = settings.ground, np.full(len(o), False)
+    if ground is not None:
+        below = o @ unit(ground.normal) < ground.height
     images = {"color": out}
     for generation in range(settings.depth + 1):
         # What each ray meets first; of surfaces at the same place, those of the earlier layer.
@@ -175,29 +69,29 @@ def render(layers, camera, size, settings, clips=(), pixels=None, shift=0.0, sam
             np.minimum.at(first, ray, at)
             nearer = first < t - 1e-9
             t[nearer], which[nearer] = first[nearer], k
-        floor = meet_ground(settings.ground, o, d, below)
+        floor = meet_ground(ground, o, d, below)
         t, which = np.minimum(t, floor), np.where(floor < t, GROUND, which)
         missed = which < 0
         normal, albedo = np.zeros(o.shape), np.zeros(o.shape)
-        rho, kappa, matter = np.zeros(len(o)), np.zeros(len(o)), {}
+        rho, kappa = np.zeros(len(o)), np.zeros(len(o))
         p = o + np.where(missed, 0, t)[:, None] * d
         for k, m in enumerate(media):
             at = which == k
             normal[at], (albedo[at], rho[at], kappa[at]) = m.normals(p[at], d[at]), m.looks(p[at])
         on_ground = which == GROUND
         if on_ground.any():
-            normal[on_ground] = unit(settings.ground.normal)
-            albedo[on_ground] = ground_color(settings.ground, p[on_ground])
+            normal[on_ground] = unit(ground.normal)
+            albedo[on_ground] = ground_color(ground, p[on_ground])
         if generation == 0:
-            images |= {"depth": t, "normal": normal.copy(), "albedo": albedo.copy(), "layer": which,
-                       "position": np.where(missed[:, None], np.nan, p)}
+            images |= {"depth": t, "normal": normal.copy(), "albedo": albedo.copy(), "layer": which}
         behind = sky_of(settings, d)
         if generation == 0 and settings.sky is None:
             behind = np.broadcast_to(color(settings.background), d.shape)
         np.add.at(out, pixel[missed], (weight * behind)[missed])
         hit = ~missed
-        o, d, inside, below, weight, pixel = p[hit], d[hit], inside[hit], below[hit], weight[hit], pixel[hit]
-        t, which, normal, albedo, rho, kappa = (v[hit] for v in (t, which, normal, albedo, rho, kappa))
+        o, d, inside, below = p[hit], d[hit], inside[hit], below[hit]
+        weight, pixel, t, which = weight[hit], pixel[hit], t[hit], which[hit]
+        normal, albedo, rho, kappa = normal[hit], albedo[hit], rho[hit], kappa[hit]
         for k, m in enumerate(media):
             if m.material.absorption is not None:
                 left = np.exp(-color(m.material.absorption) * t[:, None])
@@ -211,34 +105,38 @@ def render(layers, camera, size, settings, clips=(), pixels=None, shift=0.0, sam
             at, x = which == k, m.material
             if x.color is not None:
                 albedo[at] = color(x.color)
-            r = rho[at] if x.reflection is None else np.full(at.sum(), x.reflection)
-            through_share = kappa[at] if x.transmission is None else np.full(at.sum(), x.transmission)
-            index = 1 + through_share / 3 if x.index is None else np.full(at.sum(), x.index)
+            rest = np.ones(at.sum())
+            r = rho[at] if x.reflection is None else rest * x.reflection
+            passing = kappa[at] if x.transmission is None else rest * x.transmission
+            index = 1 + passing / 3 if x.index is None else rest * x.index
             eta[at] = np.where(entering[at], index, 1 / index)
             schlick = np.where(r > 0, r + (1 - r) * (1 - cosine[at]) ** 5, 0)
-            mirror[at] = schlick + (1 - schlick) * np.where(index == 1, 0, fresnel(cosine[at], eta[at]))
+            by_index = np.where(index == 1, 0, fresnel(cosine[at], eta[at]))
+            mirror[at] = schlick + (1 - schlick) * by_index
             filtered = entering[at, None] & (x.absorption is None)
-            through[at] = np.where(filtered, albedo[at], 1) * ((1 - mirror[at]) * through_share)[:, None]
-            matte[at] = (1 - mirror[at]) * (1 - through_share)
+            passing_through = ((1 - mirror[at]) * passing)[:, None]
+            through[at] = np.where(filtered, albedo[at], 1) * passing_through
+            matte[at] = (1 - mirror[at]) * (1 - passing)
             specular[at] = settings.specular if x.specular is None else x.specular
             shininess[at] = settings.shininess if x.shininess is None else x.shininess
-        if settings.ground:
-            mirror[which == GROUND] = settings.ground.reflection
-            matte[which == GROUND] = 1 - settings.ground.reflection
+        if ground:
+            mirror[which == GROUND] = ground.reflection
+            matte[which == GROUND] = 1 - ground.reflection
         base = albedo * matte[:, None]
-        ambient = sky_of(settings, facing) if isinstance(settings.ambient, str) else color(settings.ambient)
-        light = ambient * base
+        sky_light = isinstance(settings.ambient, str)
+        light = base * (sky_of(settings, facing) if sky_light else color(settings.ambient))
         for lamp in settings.lights:
-            l, distance, casts = towards(lamp, camera, o, d, generation)
-            lambert = np.maximum(dot(facing, l), 0)
+            to, distance, casts = towards(lamp, camera, o, d, generation)
+            lambert = np.maximum(dot(facing, to), 0)
             with np.errstate(invalid="ignore"):
-                half = np.where(lambert > 0, unit(l - d), 0)
-            shine = specular * np.maximum(dot(facing, half), 0)[:, 0] ** shininess * (lambert[:, 0] > 0)
-            lit = color(lamp.radiance) * (base * lambert + shine[:, None])
+                half = np.where(lambert > 0, unit(to - d), 0)
+            shine = specular * np.maximum(dot(facing, half), 0)[:, 0] ** shininess
+            lit = base * lambert + (shine * (lambert[:, 0] > 0))[:, None]
+            lit = lit * color(lamp.radiance)
             if settings.shadows and casts:
                 some = lit.max(1) > 0
-                some_of = (v[some] for v in (o, l, distance, inside, below))
-                lit[some] *= seen(media, settings.ground, *some_of, samples)[:, None]
+                some_of = (v[some] for v in (o, to, distance, inside, below))
+                lit[some] *= seen(media, ground, *some_of, samples)[:, None]
             light = light + lit
         np.add.at(out, pixel, weight * light)
         # One wave further: mirrored, then transmitted rays.
@@ -250,12 +148,14 @@ def render(layers, camera, size, settings, clips=(), pixels=None, shift=0.0, sam
         o = np.concatenate([o, o])
         d = np.concatenate([mirrored(d, facing), bent])
         weight = np.concatenate([weight * mirror[:, None], weight * through])
-        inside, below, pixel = np.concatenate([inside, passed]), np.tile(below, 2), np.tile(pixel, 2)
+        inside = np.concatenate([inside, passed])
+        below, pixel = np.tile(below, 2), np.tile(pixel, 2)
         some = weight.max(1) > 0
         on = some & (weight.max(1) >= settings.cutoff) & (generation < settings.depth)
         ends = some & ~on
         np.add.at(out, pixel[ends], (weight * sky_of(settings, d))[ends])
-        o, d, weight, inside, below, pixel = (v[on] for v in (o, d, weight, inside, below, pixel))
+        o, d, inside, below = o[on], d[on], inside[on], below[on]
+        weight, pixel = weight[on], pixel[on]
         if not len(o):
             break
     return images
@@ -276,12 +176,14 @@ def towards(lamp, camera, p, d, generation):
     return unit(camera.eye - p), far, False
 
 
-def seen(media, ground, p, l, distance, inside, below, samples):
-    """What part of a light comes through: straight on, `transmission` at each surface, and the mean absorption."""
-    left = np.where(meet_ground(ground, p, l, below) < distance, 0.0, 1.0)
+def seen(media, ground, p, to, distance, inside, below, samples):
+    """What part of a light comes through: straight on, `transmission` at each surface, and the mean
+    absorption on the way."""
+    left = np.where(meet_ground(ground, p, to, below) < distance, 0.0, 1.0)
     for k, m in enumerate(media):
-        ray, t, side = m.changes(p, l, inside[:, k], distance, samples)
-        kappa = m.looks(p[ray] + t[:, None] * l[ray])[2] if m.material.transmission is None else m.material.transmission
+        ray, t, side = m.changes(p, to, inside[:, k], distance, samples)
+        own = m.material.transmission is None
+        kappa = m.looks(p[ray] + t[:, None] * to[ray])[2] if own else m.material.transmission
         np.multiply.at(left, ray, kappa)
         if m.material.absorption is not None:
             # Ways inside end at each change to outside, or at the light.

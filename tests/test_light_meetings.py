@@ -1,4 +1,4 @@
-"""Where features meet: cut faces of several layers, cuts and the ground, lights inside, hollows, picks."""
+"""Where features meet: cut faces of several layers, cuts and the ground, lights inside, hollows."""
 
 import globule as gb
 import numpy as np
@@ -20,9 +20,11 @@ def between(low, high):
 
 @pytest.mark.parametrize("shadow", [False, True])
 def test_layers_cut_by_the_same_planes(backend, shadow):
-    """Their cut faces lie in the same place: light passes all of them, seen directly and as a shadow on the ground."""
+    """Their cut faces lie in the same place: light passes all of them, seen directly and as a
+    shadow on the ground."""
     scene = block(**backend)
-    layers = [gb.Layer(scene, veil(0.9, 0.3)), gb.Layer(scene, veil(0.8, 0.2)), gb.Layer(scene, veil(0.7, 0.1))]
+    veils = veil(0.9, 0.3), veil(0.8, 0.2), veil(0.7, 0.1)
+    layers = [gb.Layer(scene, material) for material in veils]
     look = quiet(sky=ONE_SKY, depth=6)
     camera = DOWN
     if shadow:
@@ -36,8 +38,8 @@ def test_layers_cut_by_the_same_planes(backend, shadow):
 
 def test_matter_beyond_a_hollow_throws_a_shadow(backend):
     hollow = gb.ClipBox((-3, -3, -0.25), (3, 3, 0.25))
-    look = quiet(lights=[gb.DirectionalLight((0, 0, 1), (1, 1, 1))], shadows=True, material=veil(0.9, 0.5),
-                 ground=gb.Ground(-1.6, (0, 0, 1), color=1.0))
+    look = quiet(lights=[gb.DirectionalLight((0, 0, 1), (1, 1, 1))], shadows=True,
+                 material=veil(0.9, 0.5), ground=gb.Ground(-1.6, (0, 0, 1), color=1.0))
     camera = gb.Camera((0, 0, -1), (0.1, 0, -2), fov=20)
     frame = gb.render(block(**backend), camera, (9, 9), look, [hollow, *between(-0.5, 0.7)])
     np.testing.assert_allclose(frame.color, 0.9**4 * np.exp(-0.5 * 0.7), rtol=2e-3)
@@ -87,21 +89,26 @@ def test_a_ground_never_mirrors_itself(backend):
 
 
 def test_the_ground_shows_through_a_cut_that_lies_in_it(backend):
-    look = quiet(ambient=1.0, sky=gb.Sky((0, 0, 0), (0, 0, 0), (0, 0, 0)), material=veil(0.9),
+    black = gb.lights.uniform_sky((0, 0, 0))
+    look = quiet(ambient=1.0, sky=black, material=veil(0.9),
                  lights=[gb.DirectionalLight((0, 0, 1), (1, 1, 1))], shadows=True,
                  ground=gb.Ground(-0.5, (0, 0, 1), color=(0.2, 0.4, 0.6)))
     for camera in (DOWN, gb.Camera((0.3, 0.2, 6), (0.1, 0, 0), fov=10)):
-        frame = gb.render(block(color=(0, 0, 0), **backend), camera, (9, 9), look, between(-0.5, 0.7))
+        scene = block(color=(0, 0, 0), **backend)
+        frame = gb.render(scene, camera, (9, 9), look, between(-0.5, 0.7))
         ground = np.array((0.2, 0.4, 0.6)) * (1 + 0.9**2)
-        np.testing.assert_allclose(frame.color, np.broadcast_to(0.9**2 * ground, frame.color.shape), atol=1e-3)
+        expected = np.broadcast_to(0.9**2 * ground, frame.color.shape)
+        np.testing.assert_allclose(frame.color, expected, atol=1e-3)
 
 
 def test_picking_takes_the_layer_that_is_seen(backend):
-    """Though particles of another are nearer, whose matter is cut away there; and never the ground."""
-    outer = gb.Particles(np.zeros((1, 3), np.float32), support=2.0, attributes={"kind": np.array([1.0])})
-    inner = gb.Particles(np.array([[0, 0, 0.9]], np.float32), support=2.0, attributes={"kind": np.array([2.0])})
-    layers = [gb.Layer(gb.Scene(inner, threshold=0.6, **backend), None, [gb.ClipPlane((0, 0, 1), 0.0)]),
-              gb.Layer(gb.Scene(outer, threshold=0.6, **backend))]
+    """Though particles of another are nearer, whose matter is cut away; and never the ground."""
+    def one(z, kind):
+        p = np.array([[0, 0, z]], np.float32)
+        particles = gb.Particles(p, support=2.0, attributes={"kind": np.array([kind])})
+        return gb.Scene(particles, threshold=0.6, **backend)
+
+    layers = [gb.Layer(one(0.9, 2.0), None, [gb.ClipPlane((0, 0, 1), 0.0)]), one(0.0, 1.0)]
     camera = gb.Camera((0, 0, 5), (0, 0, 0), height=4.0)
     frame = gb.render(layers, camera, (21, 21), quiet(ground=gb.Ground(-0.8, (0, 0, 1))))
     found = frame.pick(10, 10)
