@@ -92,6 +92,7 @@ NB_MODULE(_core, m) {
         .def("color", [](Frame& f, Address out) { work([&] { f.color(at<float>(out)); }); })
         .def("position", [](Frame& f, Address out) { work([&] { f.position(at<float>(out)); }); })
         .def("picture", [](Frame& f, Address out) { work([&] { f.picture(at<std::uint8_t>(out)); }); })
+        .def("layer", [](Frame& f, Address out) { work([&] { f.layer(at<std::uint8_t>(out)); }); })
         .def("passes", [](Frame& f) { return f.passes(); })
         .def("trace_seconds", [](Frame& f) { return work([&] { return f.trace_seconds(); }); });
 

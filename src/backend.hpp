@@ -64,6 +64,7 @@ struct Frame {
     virtual void color(float* out) = 0;
     virtual void position(float* out) = 0;
     virtual void picture(std::uint8_t* out) = 0;     // (h, w, 3)
+    virtual void layer(std::uint8_t* out) = 0;       // (h, w): of what is hit; other than a layer's number: the ground
     virtual double trace_seconds() = 0;
     virtual int passes() = 0;
 };

@@ -43,7 +43,7 @@ public:
             march(*exec_, rays_, layer, of_layer);
             keep(*exec_, rays_, layer, of_layer, hits_now_);
         }
-        if (lighting.ground.present) exec_->for_each(n, MeetGround{lighting.ground, lighting.scale, rays_, hits_now_});
+        if (lighting.ground.present) exec_->for_each(n, MeetGround{lighting.ground, rays_, hits_now_});
         const int n_visibilities = lighting.n_visibilities();
         float* visibility = n_visibilities ? visibility_.reserve(n_visibilities * n) : nullptr;
         for (int layer = 0; n_visibilities && layer < n_layers; ++layer) occlude(*exec_, rays_, hits_now_, layer, visibility);

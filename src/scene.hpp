@@ -221,11 +221,16 @@ private:
         Hits hits() const { return {block.data(), block.data() + rays.n, block.data() + 4 * rays.n}; }
         float* color_data() const { return block.data() + 7 * rays.n; }
         std::uint8_t* picture_data() const { return reinterpret_cast<std::uint8_t*>(block.data() + 10 * rays.n); }
+        std::uint8_t* layer_data() const { return picture_data() + 3 * rays.n; }
         void depth(float* out) override { exec->download(out, hits().t, rays.n * sizeof(float)); }
         void normal(float* out) override { exec->download(out, hits().normal, 3 * rays.n * sizeof(float)); }
         void albedo(float* out) override { exec->download(out, hits().albedo, 3 * rays.n * sizeof(float)); }
         void color(float* out) override { exec->download(out, color_data(), 3 * rays.n * sizeof(float)); }
         void picture(std::uint8_t* out) override { exec->download(out, picture_data(), 3 * rays.n); }
+        void layer(std::uint8_t* out) override {
+            if (plain) std::fill_n(out, rays.n, std::uint8_t(0));
+            else exec->download(out, layer_data(), rays.n);
+        }
         void position(float* out) override {
             Buffer<float, Exec> room(*exec);
             float* p = room.reserve(3 * rays.n);
@@ -266,7 +271,6 @@ private:
         const int n_layers = int(request.layers.size());
         std::vector<SceneOf*> scenes;
         std::vector<Clips> clips;
-        lighting.scale = infinity();
         while (int(clips_.size()) < n_layers) clips_.emplace_back(*exec_);
         for (int k = 0; k < n_layers; ++k) {
             const LayerRequest& layer = request.layers[k];
@@ -277,7 +281,6 @@ private:
             Clip* room = clips_[k].reserve(layer.clips.size() + 1);
             if (!layer.clips.empty()) exec_->upload(room, layer.clips.data(), layer.clips.size() * sizeof(Clip));
             clips.push_back({room, int(layer.clips.size())});
-            lighting.scale = least(lighting.scale, kStart * scene.typical_);
         }
         if (request.sky_image) {
             const std::size_t floats = std::size_t(lighting.sky.width) * lighting.sky.height * 3;
@@ -337,7 +340,7 @@ private:
                             return false;
                         }
                         b.waves->exec().for_each(b.n, Finish{b.waves->sum(), b.waves->first_hits().layer, b.at, lighting.exposure, frame.n_passes,
-                                                             sums, sums + 3 * n, frame.color_data(), frame.picture_data()});
+                                                             sums, sums + 3 * n, frame.color_data(), frame.picture_data(), frame.layer_data()});
                         return true;
                     });
             }
@@ -385,7 +388,6 @@ private:
                 CellGrid g;
                 exec_->download(&g, grid, sizeof g);
                 enough = std::size_t(g.n_lists) * kBrickCells <= lists_.capacity() && std::size_t(g.n_blocks) * block <= blocks_.capacity();
-                typical_ = g.edge / kCellEdge;
                 if (enough) break;
                 lists_.reserve(std::size_t(g.n_lists + g.n_lists / 4 + 16) * kBrickCells);
                 blocks_.reserve(std::size_t(g.n_blocks + g.n_blocks / 4 + 64) * block);
@@ -475,7 +477,6 @@ private:
     Buffer<float, Exec> blocks_;
     FieldRequest cells_for_{};
     bool cells_stale_ = true;
-    float typical_ = 1.0f;
     std::deque<Waves<Exec>> waves_;  ///< one a stream
     std::deque<Buffer<Clip, Exec>> clips_;
     std::vector<std::shared_ptr<FrameOf>> pool_;

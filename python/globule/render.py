@@ -175,34 +175,28 @@ class Frame:
         return self
 
     def pick(self, column: int, row: int) -> Picked | None:
-        """What is seen at a pixel; None where nothing is."""
+        """What is seen at a pixel; None where nothing is, or the ground."""
         column = whole("column", column, 0, self.size[0] - 1)
         row = whole("row", row, 0, self.size[1] - 1)
         position, normal = self.position[row, column], self.normal[row, column]
-        if not np.isfinite(position).all():
+        layer = int(self._layer[row, column])
+        if not np.isfinite(position).all() or layer >= len(self._layers):
             return None
-        best: tuple[float, int, int] = (np.inf, -1, -1)
-        for k, layer in enumerate(self._layers):
-            scene = layer.scene
-            reach = float(np.max(to_host(scene.support), initial=0.0))
-            _, near = scene.neighbors(position[None], reach)
-            if len(near):
-                away = to_host(scene.particles.positions)[near] - position
-                if scene.particles.anisotropy is None:
-                    support = np.broadcast_to(to_host(scene.support), len(scene))[near]
-                    away = away / np.maximum(support, 1e-30)[:, None]
-                else:
-                    away = np.einsum("nij,nj->ni", scene.particles.anisotropy[near], away)
-                away = np.linalg.norm(away, axis=1)
-                first = int(np.argmin(away))
-                best = min(best, (float(away[first]), k, int(near[first])))
-        _, layer_number, particle = best
-        if particle < 0:  # the ground
+        scene = self._layers[layer].scene
+        particles = scene.particles
+        reach = float(np.max(to_host(scene.support), initial=0.0))
+        _, near = scene.neighbors(position[None], reach)
+        if len(near) == 0:  # so far from the eye that the position is rounded off the surface
             return None
-        particles = self._layers[layer_number].scene.particles
+        away = to_host(particles.positions)[near] - position
+        if particles.anisotropy is None:
+            support = np.broadcast_to(to_host(scene.support), len(scene))[near]
+            away = away / np.maximum(support, 1e-30)[:, None]
+        else:
+            away = np.einsum("nij,nj->ni", particles.anisotropy[near], away)
+        particle = int(near[np.argmin(np.linalg.norm(away, axis=1))])
         attributes = {n: to_host(a)[particle] for n, a in particles.attributes.items()}
-        depth = float(self.depth[row, column])
-        return Picked(position, normal, depth, layer_number, particle, attributes)
+        return Picked(position, normal, float(self.depth[row, column]), layer, particle, attributes)
 
     def _take(self, name: str, channels: int, dtype: Any = np.float32) -> np.ndarray:
         shape = (self.size[1], self.size[0]) + ((channels,) if channels > 1 else ())
@@ -235,6 +229,11 @@ class Frame:
         return self._take("albedo", 3)
 
     @property
+    def _layer(self) -> np.ndarray:
+        """(H, W) uint8, what was hit: a layer's number, or a larger one for the ground."""
+        return self._take("layer", 1, np.uint8)
+
+    @property
     def mask(self) -> np.ndarray:
         return np.isfinite(self.depth)
 
@@ -244,9 +243,10 @@ class Frame:
         return self._frame.trace_seconds()
 
     def attribute(self, values: Any) -> np.ndarray:
-        """Per-particle values (N,) or (N, K) blended at every hit: (H, W[, K]), else NaN."""
+        """Per-particle values (N,) or (N, K) of the first scene, blended wherever that is seen:
+        (H, W[, K]), else NaN."""
         points = self.position.reshape(-1, 3)
-        hit = np.isfinite(points[:, 0])
+        hit = np.isfinite(points[:, 0]) & (self._layer.reshape(-1) == 0)
         blended = self._scene.blend(points[hit], values)
         out = np.full((len(points),) + blended.shape[1:], np.nan, np.float32)
         out[hit] = blended

@@ -5,6 +5,8 @@
 
 namespace globule {
 
+inline constexpr float kStart = 1e-4f;  ///< in typical supports: secondary rays begin so far on, on a known side
+
 /// Where a ray meets one layer, while that is being found out.
 struct LayerHits {
     float* t;               ///< infinity: nowhere; undecided(t): only float64 can tell from t on
@@ -52,7 +54,7 @@ struct Cut {
         s.to = s.end = to;
         s.cap = -1;
         if (tracer.tree.empty()) return Way::missed;
-        if (clips.n) return next_interval(s, o, d, from, sign);
+        if (clips.n) return sign != 0.0f && begins_at_face(s, o, d, from, sign) ? Way::crossed : next_interval(s, o, d, from, sign);
         tracer.start(s.ray, o, d, from, to, sign);
         return Way::on;
     }
@@ -73,6 +75,22 @@ struct Cut {
     }
 
 private:
+    /// A clip may cut several layers: whether the surface that a ray begins at, of another layer, lies in a cut face of
+    /// this one, which the ray passes too.
+    GB_FN bool begins_at_face(State& s, const float3& o, const float3& d, float from, float sign) const {
+        const float beside = kStart * tracer.tree.header->typical_support, before = from - 2.0f * beside;
+        float begin, end;
+        int at_begin, at_end;
+        if (!clips.next(o, d, before, begin, end, at_begin, at_end)) return false;
+        const bool leaves = begin == before && end <= from, enters = begin > before && begin <= from && end > from;
+        if (sign < 0.0f ? !leaves : !(enters && holds(o, d, from))) return false;
+        s.ray.o = o;
+        s.ray.walk.d = d;
+        s.ray.t = most(sign < 0.0f ? end : begin, from - beside);
+        s.ray.sign = sign;
+        s.cap = sign < 0.0f ? at_end : at_begin;
+        return true;
+    }
     GB_FN Way next_interval(State& s, const float3& o, const float3& d, float from, float sign) const {
         float begin, end;
         int at_begin, at_end;

@@ -18,6 +18,12 @@ struct Material {
     float specular, shininess;
 };
 
+/// What Beer's law leaves of light after a length inside.
+GB_FN float3 beer(const Material& m, float length) {
+    const float3& a = m.absorption;
+    return a.x < 0.0f ? float3{1, 1, 1} : float3{expf(-a.x * length), expf(-a.y * length), expf(-a.z * length)};
+}
+
 /// Unpolarised reflectance of a boundary; eta: index of the far side over the near side's.
 GB_FN float fresnel(float cosine, float eta) {
     const float g2 = eta * eta - 1.0f + cosine * cosine;

@@ -29,7 +29,8 @@ struct Shade {
         const Material& m = s.materials[0];
         const float3 a = m.color.x >= 0.0f ? m.color : float3{hits.albedo[3 * i], hits.albedo[3 * i + 1], hits.albedo[3 * i + 2]};
         float3 n{hits.normal[3 * i], hits.normal[3 * i + 1], hits.normal[3 * i + 2]};
-        if (dot(n, d) > 0.0f) n = n * -1.0f;  // seen from inside
+        const bool from_inside = dot(n, d) > 0.0f;
+        if (from_inside) n = n * -1.0f;
         float3 c = s.ambient * a;
         for (int k = 0; k < s.n_lights; ++k) {
             const Light& light = s.lights[k];
@@ -38,7 +39,7 @@ struct Shade {
                                                                     : normalize(light.place - p);
             c = c + reflected_light(a, m.specular, m.shininess, n, d, l, light.radiance);
         }
-        return c;
+        return from_inside ? c * beer(m, hits.t[i]) : c;
     }
 };
 

@@ -12,8 +12,7 @@ namespace globule {
 
 inline constexpr int kMaxLayers = 4;
 inline constexpr std::uint32_t kMissed = 0xff, kGround = 0xfe;
-inline constexpr float kStart = 1e-4f;  ///< in typical supports: secondary rays begin so far on, on a known side
-
+inline constexpr std::uint32_t kBelowGround = 1u << 31;  ///< among a ray's `inside`
 inline constexpr int kMaxCrossings = 64;  ///< of a shadow ray through clear media
 
 /// The rays of one wave; origins and directions null in the first, whose rays are the camera's.
@@ -21,7 +20,7 @@ struct WaveRays {
     RaySource source;
     float* throughput;          ///< (n, 3); null: 1
     std::uint32_t* pixel;       ///< of the picture; null: the ray's own number
-    std::uint32_t* inside;      ///< bit k: begins inside layer k
+    std::uint32_t* inside;      ///< bit k: begins inside layer k; kBelowGround
     GB_FN bool primary() const { return !source.origins; }
     GB_FN std::uint32_t pixel_of(std::size_t i) const {
         return pixel ? pixel[i] : std::uint32_t(i) + source.first_row * std::uint32_t(source.camera.width);
@@ -123,6 +122,13 @@ struct Ground {
     float3 color, other;    ///< of a checkerboard's two kinds of field
     float field;            ///< edge of one, world
     float reflection;
+
+    /// Where a ray that begins above or below it meets it.  It lets nothing through: the side is the primary ray's,
+    /// and no rounding lets a ray meet it where that has been mirrored, or pass where a cut face lies in it.
+    GB_FN float meet(const float3& o, const float3& d, std::uint32_t inside) const {
+        const float speed = dot(normal, d);
+        return (inside & kBelowGround ? speed > 0.0f : speed < 0.0f) ? most((offset - dot(normal, o)) / speed, 0.0f) : infinity();
+    }
 };
 struct Lighting {
     Light lights[kMaxLights];
@@ -140,7 +146,6 @@ struct Lighting {
     int depth;                ///< mirrored and transmitted generations
     float cutoff;             ///< smallest weight that is followed
     float exposure;
-    float scale;              ///< world length below which nothing matters
 
     GB_FN bool casts(int k) const { return shadows && lights[k].kind != LightKind::head; }
     GB_FN int n_visibilities() const {
@@ -167,14 +172,14 @@ struct Lighting {
 /// The ground, which lies behind all layers in the order of tests.
 struct MeetGround {
     Ground ground;
-    float scale;
     WaveRays rays;
     WaveHits out;
     GB_FN void operator()(std::size_t i) const {
         float3 o, d;
         rays.source.get(i, o, d);
-        const float t = (ground.offset - dot(ground.normal, o)) / dot(ground.normal, d);
-        if (!(t > (rays.primary() ? 0.0f : scale) && t < out.t[i])) return;
+        if (rays.primary() && dot(ground.normal, o) < ground.offset) rays.inside[i] |= kBelowGround;
+        const float t = ground.meet(o, d, rays.inside[i]);
+        if (!(t < out.t[i])) return;
         const float3 p = o + d * t;
         float3 s, u;
         frame_of(ground.normal, s, u);
@@ -263,17 +268,14 @@ struct Occlude {
             if (largest(full) * lighting.exposure < 0.125f * lighting.cutoff) return false;
         }
         if (dot(l, h.normal) <= 0.0f) return false;
-        if (layer == 0 && lighting.ground.present && hits.layer[i] != kGround) {
-            const Ground& ground = lighting.ground;
-            const float t = (ground.offset - dot(ground.normal, h.p)) / dot(ground.normal, l);
-            if (t > lighting.scale && t < s.distance) {
-                *s.out = 0.0f;
-                return false;
-            }
+        if (layer == 0 && lighting.ground.present && lighting.ground.meet(h.p, l, rays.inside[i]) < s.distance) {
+            *s.out = 0.0f;
+            return false;
         }
         s.left = 1.0f;
         s.crossings = 0;
         s.from = kStart * cut.tracer.tree.header->typical_support;
+        s.of.ray.sign = 1.0f;
         s.way = cut.start(s.of, h.p, l, s.from, s.distance, rays.inside[i] >> layer & 1 ? -1.0f : 1.0f);
         return true;
     }
@@ -291,10 +293,12 @@ struct Occlude {
             t += 0.05f * typical;
             if (cut.holds_by_tree(o + l * t) == (sign < 0.0f)) return go_on(s, o, l, t, sign);
         }
-        if (s.way == Way::missed || !(t < s.distance)) return false;
+        const bool ends = s.way == Way::missed || !(t < s.distance);
+        if (ends) t = s.distance;
         const Material& m = lighting.materials[layer];
-        if (sign < 0.0f && m.absorption.x >= 0.0f)
+        if (sign < 0.0f && m.absorption.x >= 0.0f && t < infinity())
             s.left *= expf(-(m.absorption.x + m.absorption.y + m.absorption.z) * (1.0f / 3.0f) * (t - s.from));
+        if (ends) return false;
         s.left *= m.transmission >= 0.0f       ? m.transmission
                   : attributes.refraction.data ? looks_at(cut.tracer, attributes, o, l, t).refraction
                                                : attributes.refraction.uniform;
@@ -311,7 +315,7 @@ private:
         s.from = from;
         if (++s.crossings > kMaxCrossings) return false;
         s.way = from < s.distance ? cut.start(s.of, o, l, from, s.distance, sign) : Way::missed;
-        return s.way == Way::on;
+        return s.way != Way::missed;
     }
 };
 
@@ -357,10 +361,7 @@ struct Lit {
     GB_FN static float3 attenuation(const Lighting& lighting, const WaveRays& rays, const WaveHits& hits, std::size_t i) {
         float3 left{1, 1, 1};
         for (int k = 0; k < kMaxLayers; ++k) {
-            const float3 a = lighting.materials[k].absorption;
-            if (!(rays.inside[i] >> k & 1) || a.x < 0.0f) continue;
-            const float t = hits.t[i];
-            left = left * float3{expf(-a.x * t), expf(-a.y * t), expf(-a.z * t)};
+            if (rays.inside[i] >> k & 1) left = left * beer(lighting.materials[k], hits.t[i]);
         }
         return left;
     }
@@ -458,7 +459,9 @@ struct Finish {
     float *total, *shown;           ///< (all pixels, 3) sums over passes, as light and as displayed
     float* color;
     std::uint8_t* picture;
+    std::uint8_t* seen;             ///< (all pixels,) what the first pass met: kMissed, kGround, or the layer
     GB_FN void operator()(std::size_t i) const {
+        if (passes == 1) seen[first + i] = std::uint8_t(layer[i]);
         const bool hit = layer[i] != kMissed;
         for (int k = 0; k < 3; ++k) {
             const std::size_t at = 3 * (first + i) + k;
