@@ -82,6 +82,13 @@ struct CpuGroup {
         std::memcpy(&items, run, sizeof items);
         return {items != VecI{} + std::int32_t(v)};
     }
+    /// Which items of a run are less than v.
+    B before(const std::uint32_t* run, std::uint32_t v) const {
+        typedef std::uint32_t Items __attribute__((vector_size(4 * width)));
+        Items items;
+        std::memcpy(&items, run, sizeof items);
+        return {items < Items{} + v};
+    }
     /// The set lanes' values side by side; a whole group's worth of memory may be written.
     template <class V, class T>
     void keep(const B& m, const V& v, T* to) const {

@@ -46,6 +46,7 @@ struct CudaGroup {
     __device__ U load_run(const std::uint32_t* p) const { return p[lane()]; }
     __device__ U numbers(std::uint32_t first) const { return first + lane(); }
     __device__ B differ(const std::uint32_t* run, std::uint32_t v) const { return run[lane()] != v; }
+    __device__ B before(const std::uint32_t* run, std::uint32_t v) const { return run[lane()] < v; }
     template <class T>
     __device__ void keep(B m, T v, T* to) const {
         const unsigned set = __ballot_sync(all, m);
