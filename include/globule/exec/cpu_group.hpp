@@ -19,9 +19,10 @@ struct CpuGroup {
     };
 
     B first_lanes(int n) const {
-        B m;
-        for (int i = 0; i < width; ++i) m.v[i] = i < n ? -1 : 0;
-        return m;
+        static constexpr std::int32_t numbers[16] = {0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15};
+        VecI lane;
+        std::memcpy(&lane, numbers, sizeof lane);
+        return {lane < VecI{} + n};
     }
     B only(int lane) const {
         B m = none();
