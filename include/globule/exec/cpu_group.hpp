@@ -4,6 +4,7 @@
 #include "globule/base/quad.hpp"
 #include "globule/base/vec.hpp"
 #include "globule/base/wide.hpp"
+#include "globule/exec/cpu_packet.hpp"
 
 namespace globule {
 
@@ -71,6 +72,9 @@ struct CpuGroup {
         std::memcpy(r.v, p, sizeof r.v);
         return r;
     }
+    void store_run(const F& v, float* p) const { std::memcpy(p, &v.v, sizeof v.v); }
+    /// Each lane's item; its number is in a run.
+    Four<F> gather(const Quad* p, const std::uint32_t* run) const { return CpuPacket::gather(p, run); }
     /// first, first + 1 ...
     U numbers(std::uint32_t first) const {
         U r;

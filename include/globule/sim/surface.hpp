@@ -15,7 +15,7 @@ namespace globule::sim {
 
 inline constexpr int kMostFacets = 32;        ///< around a particle; about 6 in a surface, 12 in a sheet, 30 in spray
 inline constexpr int kMostNear = 48;          ///< neighbours at the surface that are looked at
-inline constexpr int kMostAround = 128;       ///< neighbours; about 30 are usual, who has more than this is at no surface
+inline constexpr int kMostAround = 192;       ///< neighbours; about 30 are usual, who has more than this is at no surface
 inline constexpr float kSurfaceGradient = 0.1f;  ///< of the density, per spacing: less is not at a surface (with 0.2, some that are)
 /// Spacings from the outermost particles to the surface: with this one, facets enclose the fluid's volume (within 1 %
 /// in drops of 5 to 10 spacings), for the density solve packs particles closer at the surface than inside.
@@ -27,11 +27,19 @@ inline constexpr float kReach = 1.2f;
 
 /// Directions all around, none farther than 16 degrees from one of them.
 inline constexpr int kDirections = 96;
+inline constexpr int kPairs = kMostNear * (kMostNear - 1) / 2;
 inline constexpr int kFiner = 7;  ///< around each: what is nearest to it is at most 8 degrees from one of these
 struct Directions {
     float x[kDirections], y[kDirections], z[kDirections];
     float3 finer[kDirections][kFiner];
+    /// All pairs of the first so many of anything: i < k, by k.
+    std::uint32_t pair_i[kPairs + 32] = {}, pair_k[kPairs + 32] = {};
     Directions() {
+        for (int k = 0, p = 0; k < kMostNear; ++k)
+            for (int i = 0; i < k; ++i, ++p) {
+                pair_i[p] = std::uint32_t(i);
+                pair_k[p] = std::uint32_t(k);
+            }
         constexpr float turn = 1.0471976f, tilt = 0.2268928f;  // 60 and 13 degrees
         for (int k = 0; k < kDirections; ++k) {
             z[k] = 1.0f - float(2 * k + 1) / kDirections;
@@ -105,14 +113,22 @@ struct ListSteep {
     }
 };
 
+template <class F>
+GB_FN Vec3<F> wide(const float3& p) { return {F(p.x), F(p.y), F(p.z)}; }
+/// Slots of a row's n neighbours; the last run of lanes is filled up with nobody, who is far away.
+template <class Group, class Packet>
+GB_FN void list_slots(Group& g, const Lists<Packet>& lists, std::size_t row, int n, std::uint32_t* slots) {
+    g.share(ceil_div(n, Group::width) * Group::width, [&](int k) { slots[k] = k < n ? lists.index[lists.at(row, std::uint32_t(k))] : lists.n; });
+}
+
 /// Of these, the particles that a ball may touch.  A group's lanes are directions, then neighbours.
 template <class Packet, bool periodic>
 struct MarkTension {
     template <class Group>
     struct Scratch {
-        static constexpr int room = kMostAround + Group::width;
-        float x[room], y[room], z[room];  ///< of the neighbours, in spacings from the particle
-        float reach[room];                ///< half of 1 + their squared distance
+        std::uint32_t slot[kMostAround];  ///< of the neighbours, to a full run of lanes
+        float x[kMostAround], y[kMostAround], z[kMostAround];  ///< in spacings from the particle
+        float reach[kMostAround];  ///< half of 1 + their squared distance
     };
     Lists<Packet> lists;
     State state;
@@ -128,27 +144,28 @@ struct MarkTension {
         const std::size_t row = skin.rows[item];
         const std::uint32_t slot = lists.rows[row];
         const int n = int(lists.count[row]);
-        const float3 at = state.place[slot].xyz();
+        const Vec3<F> at = wide<F>(state.place[slot].xyz());
         g.sync();
-        g.share(n, [&](int k) {
-            const float3 d = period.template shortest<periodic>(state.place[lists.index[lists.at(row, k)]].xyz() - at) * per_spacing;
-            near.x[k] = d.x;
-            near.y[k] = d.y;
-            near.z[k] = d.z;
-            near.reach[k] = 0.5f * (1.0f + dot(d, d));
-        });
+        list_slots(g, lists, row, n, near.slot);
+        for (int k = 0; k < n; k += Group::width) {
+            const Vec3<F> d = period.template shortest<periodic>(g.gather(state.place, near.slot + k).xyz() - at) * F(per_spacing);
+            g.store_run(d.x, near.x + k);
+            g.store_run(d.y, near.y + k);
+            g.store_run(d.z, near.z + k);
+            g.store_run(F(0.5f) + F(0.5f) * dot(d, d), near.reach + k);
+        }
+        g.sync();
         constexpr float margin = 0.5f * kSurelyEmpty * kSurelyEmpty;
-        F room[parts];  // below 0: somebody is in the ball in that direction
-        for (int p = 0; p < parts; ++p) room[p] = F(1.0f);
+        F deep[parts];  // above 0: somebody is in the ball in that direction
+        for (int p = 0; p < parts; ++p) deep[p] = F(-1.0f);
         for (int k = 0; k < n; ++k)
             for (int p = 0; p < parts; ++p) {
                 const int first = p * Group::width;
-                const F along = F(near.x[k]) * g.load_run(directions->x + first) + F(near.y[k]) * g.load_run(directions->y + first) +
-                                F(near.z[k]) * g.load_run(directions->z + first);
-                room[p] = least(room[p], F(near.reach[k] - margin) - along);
+                deep[p] = most(deep[p], F(near.x[k]) * g.load_run(directions->x + first) + (F(near.y[k]) * g.load_run(directions->y + first) +
+                                        (F(near.z[k]) * g.load_run(directions->z + first) + F(margin - near.reach[k]))));
             }
         std::uint32_t open[kDirections / 32] = {};
-        for (int p = 0; p < parts; ++p) open[p * Group::width / 32] |= g.set_of(room[p] > F(0.0f)) << p * Group::width % 32;
+        for (int p = 0; p < parts; ++p) open[p * Group::width / 32] |= g.set_of(deep[p] < F(0.0f)) << p * Group::width % 32;
         for (int w = 0; w < kDirections / 32; ++w)
             for (std::uint32_t set = open[w]; set; set &= set - 1)
                 if (open_around(g, near, n, directions->finer[32 * w + trailing_zeros(set)])) {
@@ -168,7 +185,7 @@ private:
             bool open = true;
             for (int k = 0; k < n && open; k += Group::width) {
                 const F along = F(directions[c].x) * g.load_run(near.x + k) + F(directions[c].y) * g.load_run(near.y + k) + F(directions[c].z) * g.load_run(near.z + k);
-                open = !g.any(g.first_lanes(n - k) & (along + F(margin) >= g.load_run(near.reach + k)));
+                open = !g.any(along + F(margin) >= g.load_run(near.reach + k));
             }
             if (open) return true;
         }
@@ -176,26 +193,22 @@ private:
     }
 };
 
-/// The facets around every row's particle, and its normal.  A group's lanes are pairs of neighbours, and balls that touch them.
+/// The facets around every row's particle, and its normal.  A group's lanes are neighbours, then pairs of them.
 template <class Packet, bool periodic>
 struct FindFacets {
-    static constexpr int kBalls = 96;          ///< looked at together
-    static constexpr float kSurely = 0.9999f;  ///< of the squared radius: nearer than that is within a ball, whatever the rounding
-    static constexpr std::uint32_t kOther = 1u << 16;  ///< bit of a ball's number: below the facet; then its neighbours, a byte each
+    static constexpr float kSurely = 1e-4f;  ///< of the squared radius: deeper in a ball than that is within, whatever the rounding
+    static constexpr int kAtOnce = 4;        ///< neighbours that are tried before a look at who is left
     template <class Group>
     struct Scratch {
-        static constexpr int around = kMostAround + Group::width, near = kMostNear + Group::width, balls = kBalls + 2 * near;
-        float x[around], y[around], z[around], w[around];  ///< the neighbours' places
-        float dx[around], dy[around], dz[around];          ///< from the particle
-        std::uint32_t slot[around];
-        float near_x[near], near_y[near], near_z[near], near_w[near];  ///< of those that a facet may have
-        std::uint32_t near_slot[near];
-        float ball_x[balls], ball_y[balls], ball_z[balls];  ///< from the particle
-        std::uint32_t ball[balls];
-        std::uint32_t found[kMostFacets];
+        std::uint32_t slot[kMostAround];  ///< of the neighbours, to a full run of lanes
+        float x[kMostAround], y[kMostAround], z[kMostAround];  ///< from the particle
+        float reach[kMostAround];  ///< half of their squared distance
+        std::uint32_t kept[kMostNear + Group::width];
+        Quad near[kMostNear];  ///< place, and tension, of those that a facet may have, in the slots' order
+        std::uint32_t near_slot[kMostNear];
+        std::uint32_t found[kMostFacets];  ///< whether the ball is below the facet, then its neighbours in `near`, a byte each
         Quad normal[kMostFacets];  ///< of a facet, and what it is taken by
         float angle[kMostFacets];
-        GB_FN float3 place(int i) const { return {near_x[i], near_y[i], near_z[i]}; }
     };
     /// Circle through three particles, as seen from the first of them.
     template <class F>
@@ -220,91 +233,100 @@ struct FindFacets {
         if (!(mine.w > 0.0f)) return;
         const int n = int(lists.count[row]);
         g.sync();
-        g.share(n, [&](int k) {
-            const std::uint32_t j = lists.index[lists.at(row, k)];
-            const Quad p = skin.place[j];
-            const float3 d = period.template shortest<periodic>(p.xyz() - mine.xyz());
-            s.x[k] = p.x;
-            s.y[k] = p.y;
-            s.z[k] = p.z;
-            s.w[k] = p.w;
-            s.dx[k] = d.x;
-            s.dy[k] = d.y;
-            s.dz[k] = d.z;
-            s.slot[k] = j;
-        });
-        const int n_near = collect(g, s, row, n);
-        int n_balls = 0, n_found = 0;
-        for (int i = 0; i < n_near; ++i) {
-            for (int k = i + 1; k < n_near; k += Group::width) {
-                const Vec3<F> other{g.load_run(s.near_x + k), g.load_run(s.near_y + k), g.load_run(s.near_z + k)};
-                const Vec3<F> d = period.template shortest<periodic>(other - wide<F>(s.place(i)));
-                const bool after = slot < s.near_slot[i];
-                const std::uint32_t low = after ? slot : s.near_slot[i], high = after ? s.near_slot[i] : slot;
-                const Circle<F> c = circle(wide<F>(after ? mine.xyz() : s.place(i)), wide<F>(after ? s.place(i) : mine.xyz()), other,
-                                           g.before(s.near_slot + k, low), g.before(s.near_slot + k, high));
-                const B held = (F(s.near_w[i]) * g.load_run(s.near_w + k) > F(0.0f)) | (dot(d, d) < F(kReach * kReach * radius * radius));
-                const B may = g.first_lanes(n_near - k) & held & (c.height2 > F(0.0f));
-                if (!g.any(may)) continue;
-                const Vec3<F> up = c.up(), middle = c.middle + period.template shortest<periodic>(c.first - wide<F>(mine.xyz()));
-                const std::uint32_t number = std::uint32_t(i << 8 | k);
-                n_balls = add(g, s, n_balls, may, middle + up, number);
-                n_balls = add(g, s, n_balls, may, middle - up, kOther + number);
-            }
-            if (n_balls < kBalls && i + 1 < n_near) continue;
-            n_found = look(g, s, n, n_balls, mine.xyz(), slot, n_found);
-            n_balls = 0;
+        list_slots(g, lists, row, n, s.slot);
+        float3 outwards;
+        const int n_near = collect(g, s, row, n, mine.xyz(), outwards);
+        const int before = count_before(s, n_near, slot), n_pairs = n_near * (n_near - 1) / 2;
+        int n_found = 0;
+        for (int p = 0; p < n_pairs; p += Group::width) {
+            const Four<F> i = g.gather(s.near, directions->pair_i + p), k = g.gather(s.near, directions->pair_k + p);
+            const B i_first = g.before(directions->pair_i + p, std::uint32_t(before)), k_first = g.before(directions->pair_k + p, std::uint32_t(before));
+            const Circle<F> c = circle(wide<F>(mine.xyz()), i.xyz(), k.xyz(), i_first, k_first);
+            const Vec3<F> between = period.template shortest<periodic>(k.xyz() - i.xyz());
+            const B held = (i.w * k.w > F(0.0f)) | (dot(between, between) < F(kReach * kReach * radius * radius));
+            const B may = g.first_lanes(n_pairs - p) & held & (c.height2 > F(0.0f));
+            if (!g.any(may)) continue;
+            const Vec3<F> up = c.up(), middle = c.middle + period.template shortest<periodic>(c.first - wide<F>(mine.xyz()));
+            // Balls on the fluid's side go together: a few neighbours close them all.
+            const B turned = dot(up, wide<F>(outwards)) < F(0.0f);
+            const Vec3<F> out = choose(turned, up * F(-1.0f), up);
+            const B outer = open(g, s, n, may, middle + out), inner = open(g, s, n, may, middle - out);
+            n_found = take(g, s, n, (outer & !turned) | (inner & turned), p, 0u, mine.xyz(), before, n_found);
+            n_found = take(g, s, n, (outer & turned) | (inner & !turned), p, 1u, mine.xyz(), before, n_found);
         }
-        if (n_found) finish(g, s, row, slot, mine, n_found);
+        g.sync();
+        if (n_found) finish(g, s, row, slot, mine, before, n_found);
     }
 
 private:
-    template <class F>
-    GB_FN static Vec3<F> wide(const float3& p) { return {F(p.x), F(p.y), F(p.z)}; }
     template <class B, class F>
     GB_FN static Vec3<F> choose(const B& m, const Vec3<F>& p, const Vec3<F>& q) { return {select(m, p.x, q.x), select(m, p.y, q.y), select(m, p.z, q.z)}; }
 
-    /// The neighbours that a facet may have, in order.
+    /// The neighbours, those that a facet may have, and where there are none.
     template <class Group>
-    GB_FN int collect(Group& g, Scratch<Group>& s, std::size_t row, int n) const {
+    GB_FN int collect(Group& g, Scratch<Group>& s, std::size_t row, int n, const float3& at, float3& outwards) const {
         using F = typename Group::F;
         using B = typename Group::B;
         constexpr float low = kSurelyEmpty * kSurelyEmpty, high = (2.0f - kSurelyEmpty) * (2.0f - kSurelyEmpty);
-        const F per = F(1.0f / radius);
         int n_near = 0;
-        for (int k = 0; k < n && n_near < kMostNear; k += Group::width) {
-            const Vec3<F> d{g.load_run(s.dx + k), g.load_run(s.dy + k), g.load_run(s.dz + k)}, unit = d * per;
-            const F w = g.load_run(s.w + k);
-            const B reaches = (w > F(0.0f)) | ((w < F(0.0f)) & (dot(d, d) < F(kReach * kReach * radius * radius)));
-            const B may = g.first_lanes(n - k) & reaches;
+        outwards = {0, 0, 0};
+        for (int v = 0; v < kDirections / 32; ++v)
+            for (std::uint32_t set = skin.open[v * skin.padded + row]; set; set &= set - 1) {
+                const int i = 32 * v + trailing_zeros(set);
+                outwards = outwards + float3{directions->x[i], directions->y[i], directions->z[i]};
+            }
+        for (int k = 0; k < n; k += Group::width) {
+            const Four<F> p = g.gather(skin.place, s.slot + k);
+            const Vec3<F> d = period.template shortest<periodic>(p.xyz() - wide<F>(at));
+            const F d2 = dot(d, d);
+            g.store_run(d.x, s.x + k);
+            g.store_run(d.y, s.y + k);
+            g.store_run(d.z, s.z + k);
+            g.store_run(F(0.5f) * d2, s.reach + k);
+            const B reaches = (p.w > F(0.0f)) | ((p.w < F(0.0f)) & (d2 < F(kReach * kReach * radius * radius)));
             // A ball that touches the particle in an open direction may touch the neighbour, too.
+            const Vec3<F> unit = d * F(1.0f / radius);
+            const F both2 = dot(unit, unit) + F(1.0f), least_along = F(0.5f) * (both2 - F(high)), most_along = F(0.5f) * (both2 - F(low));
             B touched = g.none();
             for (int v = 0; v < kDirections / 32; ++v)
                 for (std::uint32_t set = skin.open[v * skin.padded + row]; set; set &= set - 1) {
                     const int i = 32 * v + trailing_zeros(set);
-                    const Vec3<F> to = unit - wide<F>({directions->x[i], directions->y[i], directions->z[i]});
-                    const F r2 = dot(to, to);
-                    touched = touched | ((r2 >= F(low)) & (r2 <= F(high)));
+                    const F along = unit.x * F(directions->x[i]) + unit.y * F(directions->y[i]) + unit.z * F(directions->z[i]);
+                    touched = touched | ((along >= least_along) & (along <= most_along));
                 }
-            const B taken = may & touched;
-            g.keep(taken, g.load_run(s.x + k), s.near_x + n_near);
-            g.keep(taken, g.load_run(s.y + k), s.near_y + n_near);
-            g.keep(taken, g.load_run(s.z + k), s.near_z + n_near);
-            g.keep(taken, w, s.near_w + n_near);
-            g.keep(taken, g.load_run(s.slot + k), s.near_slot + n_near);
+            const B taken = reaches & touched;
+            if (n_near < kMostNear) g.keep(taken, g.numbers(std::uint32_t(k)), s.kept + n_near);
             n_near += g.count(taken);
         }
         g.sync();
-        return least(n_near, kMostNear);
+        n_near = least(n_near, kMostNear);
+        g.share(n_near, [&](int i) {
+            const std::uint32_t j = s.slot[s.kept[i]];
+            int place = i;
+            if constexpr (periodic) {  // lists are in the slots' order but for the domain's copies
+                place = 0;
+                for (int k = 0; k < n_near; ++k) place += s.slot[s.kept[k]] < j;
+            }
+            s.near[place] = skin.place[j];
+            s.near_slot[place] = j;
+        });
+        g.sync();
+        return n_near;
+    }
+    template <class S>
+    GB_FN static int count_before(const S& s, int n_near, std::uint32_t slot) {
+        int n = 0;
+        while (n < n_near && s.near_slot[n] < slot) ++n;
+        return n;
     }
 
-    /// Of p, q and t; p's slot is lower than q's.  From the lowest slot, in the slots' order: the same numbers whoever asks.
+    /// Of the particle and two others, i's slot lower than k's.  From the lowest slot, in the slots' order: the same numbers whoever asks.
     template <class F, class B>
-    GB_FN Circle<F> circle(const Vec3<F>& p, const Vec3<F>& q, const Vec3<F>& t, const B& before_p, const B& before_q) const {
+    GB_FN Circle<F> circle(const Vec3<F>& at, const Vec3<F>& i, const Vec3<F>& k, const B& i_first, const B& k_first) const {
         Circle<F> c;
-        c.first = choose(before_p, t, p);
-        const Vec3<F> u = period.template shortest<periodic>(choose(before_p, p, choose(before_q, t, q)) - c.first);
-        const Vec3<F> v = period.template shortest<periodic>(choose(before_q, q, t) - c.first);
+        c.first = choose(i_first, i, at);
+        const Vec3<F> u = period.template shortest<periodic>(choose(k_first, k, choose(i_first, at, i)) - c.first);
+        const Vec3<F> v = period.template shortest<periodic>(choose(k_first, at, k) - c.first);
         c.across = cross(u, v);
         const F u2 = dot(u, u), v2 = dot(v, v);
         c.n2 = dot(c.across, c.across);
@@ -312,64 +334,52 @@ private:
         c.height2 = select(c.n2 > F(1e-6f) * u2 * v2, F(radius * radius) - dot(c.middle, c.middle), F(0.0f));
         return c;
     }
-    template <class Group>
-    GB_FN Circle<float> circle_of(const Scratch<Group>& s, std::uint32_t ball, const float3& at, std::uint32_t slot) const {
+    template <class S>
+    GB_FN Circle<float> circle_of(const S& s, std::uint32_t ball, const float3& at, int before) const {
         const int i = int(ball >> 8 & 255u), k = int(ball & 255u);
-        const bool after = slot < s.near_slot[i];
-        const std::uint32_t low = after ? slot : s.near_slot[i], high = after ? s.near_slot[i] : slot;
-        return circle(after ? at : s.place(i), after ? s.place(i) : at, s.place(k), s.near_slot[k] < low, s.near_slot[k] < high);
+        return circle(at, s.near[i].xyz(), s.near[k].xyz(), i < before, k < before);
     }
 
+    /// Those of the balls that nobody is deep in; their centers are seen from the particle.
     template <class Group>
-    GB_FN static int add(Group& g, Scratch<Group>& s, int n, const typename Group::B& which, const Vec3<typename Group::F>& center, std::uint32_t number) {
-        g.keep(which, center.x, s.ball_x + n);
-        g.keep(which, center.y, s.ball_y + n);
-        g.keep(which, center.z, s.ball_z + n);
-        g.keep(which, g.numbers(number), s.ball + n);
-        return n + g.count(which);
-    }
-
-    /// Finds those of the balls that hold nobody.
-    template <class Group>
-    GB_FN int look(Group& g, Scratch<Group>& s, int n, int n_balls, const float3& at, std::uint32_t slot, int n_found) const {
+    GB_FN typename Group::B open(Group& g, const Scratch<Group>& s, int n, const typename Group::B& which, const Vec3<typename Group::F>& center) const {
         using F = typename Group::F;
-        const F sure = F(kSurely * radius * radius);
-        g.sync();
-        for (int first = 0; first < n_balls; first += Group::width) {
-            const Vec3<F> center{g.load_run(s.ball_x + first), g.load_run(s.ball_y + first), g.load_run(s.ball_z + first)};
-            typename Group::B may = g.first_lanes(n_balls - first);
-            for (int m = 0; m < n && g.any(may); ++m) {
-                const Vec3<F> d = wide<F>({s.dx[m], s.dy[m], s.dz[m]}) - center;
-                may = may & (dot(d, d) >= sure);
-            }
-            g.each(may, [&](int lane) {
-                const std::uint32_t ball = s.ball[first + lane];
-                if (n_found == kMostFacets || !empty(g, s, n, ball, at, slot)) return;
-                if (g.is_first()) s.found[n_found] = ball;
-                ++n_found;
-            });
-        }
-        g.sync();
+        const F sure = F(0.5f * kSurely * radius * radius);
+        F deep = select(which, F(-infinity()), F(infinity()));
+        for (int m = 0; m < n && g.any(deep <= sure); m += kAtOnce)
+            for (int k = m; k < m + kAtOnce; ++k)
+                deep = most(deep, F(s.x[k]) * center.x + (F(s.y[k]) * center.y + (F(s.z[k]) * center.z - F(s.reach[k]))));
+        return deep <= sure;
+    }
+    /// Adds those of the balls that hold nobody.
+    template <class Group>
+    GB_FN int take(Group& g, Scratch<Group>& s, int n, const typename Group::B& which, int p, std::uint32_t side, const float3& at,
+                   int before, int n_found) const {
+        g.each(which, [&](int lane) {
+            const std::uint32_t ball = side << 16 | directions->pair_i[p + lane] << 8 | directions->pair_k[p + lane];
+            if (n_found == kMostFacets || !empty(g, s, n, ball, at, before)) return;
+            if (g.is_first()) s.found[n_found] = ball;
+            ++n_found;
+        });
         return n_found;
     }
     /// Nobody is in the ball but the three it touches.
     template <class Group>
-    GB_FN bool empty(Group& g, const Scratch<Group>& s, int n, std::uint32_t ball, const float3& at, std::uint32_t slot) const {
+    GB_FN bool empty(Group& g, const Scratch<Group>& s, int n, std::uint32_t ball, const float3& at, int before) const {
         using F = typename Group::F;
-        const Circle<float> c = circle_of(s, ball, at, slot);
-        const float3 center = ball & kOther ? c.middle - c.up() : c.middle + c.up();
-        const std::uint32_t j = s.near_slot[ball >> 8 & 255u], k = s.near_slot[ball & 255u];
+        const Circle<float> c = circle_of(s, ball, at, before);
+        const float3 center = ball >> 16 ? c.middle - c.up() : c.middle + c.up();
+        const std::uint32_t i = s.near_slot[ball >> 8 & 255u], k = s.near_slot[ball & 255u];
         for (int m = 0; m < n; m += Group::width) {
-            const Vec3<F> place{g.load_run(s.x + m), g.load_run(s.y + m), g.load_run(s.z + m)};
-            const Vec3<F> d = period.template shortest<periodic>(place - wide<F>(c.first)) - wide<F>(center);
-            if (g.any(g.first_lanes(n - m) & (dot(d, d) < F(radius * radius)) & g.differ(s.slot + m, j) & g.differ(s.slot + m, k))) return false;
+            const Vec3<F> d = period.template shortest<periodic>(g.gather(skin.place, s.slot + m).xyz() - wide<F>(c.first)) - wide<F>(center);
+            if (g.any((dot(d, d) < F(radius * radius)) & g.differ(s.slot + m, i) & g.differ(s.slot + m, k))) return false;
         }
         return true;
     }
 
     /// Writes the facets and the normal, in the order of the neighbours.
     template <class Group>
-    GB_FN void finish(Group& g, Scratch<Group>& s, std::size_t row, std::uint32_t slot, const Quad& mine, int n_found) const {
+    GB_FN void finish(Group& g, Scratch<Group>& s, std::size_t row, std::uint32_t slot, const Quad& mine, int before, int n_found) const {
         const auto key = [&](int f) { return (s.found[f] << 1 | s.found[f] >> 16) & 0x1ffffu; };
         g.share(n_found, [&](int f) {
             int place = 0;
@@ -378,10 +388,10 @@ private:
             const std::size_t at = std::size_t(place) * 2 * skin.padded + row;
             skin.facets[at] = s.near_slot[j];
             skin.facets[at + skin.padded] = s.near_slot[k];
-            const Circle<float> c = circle_of(s, ball, mine.xyz(), slot);
-            const float3 e = period.template shortest<periodic>(s.place(int(j)) - mine.xyz()), o = period.template shortest<periodic>(s.place(int(k)) - mine.xyz());
+            const Circle<float> c = circle_of(s, ball, mine.xyz(), before);
+            const float3 e = period.template shortest<periodic>(s.near[j].xyz() - mine.xyz()), o = period.template shortest<periodic>(s.near[k].xyz() - mine.xyz());
             const float angle = atan2f(length(cross(e, o)), dot(e, o));
-            s.normal[place] = {c.across.x, c.across.y, c.across.z, (ball & kOther ? -angle : angle) / root(c.n2)};
+            s.normal[place] = {c.across.x, c.across.y, c.across.z, (ball >> 16 ? -angle : angle) / root(c.n2)};
             s.angle[place] = angle;
         });
         g.sync();
@@ -411,10 +421,11 @@ struct PullSurface {
     float per_volume;
     Quad* acceleration;
     GB_FN void operator()(std::size_t row) const {
-        const std::uint32_t slot = lists.rows[row];
+        const std::uint32_t slot = lists.rows[row], n = skin.count[row];
+        if (n == 0) return;
         const Quad mine = skin.normal[slot];
         float3 pull{0, 0, 0};
-        for (std::uint32_t f = 0; f < skin.count[row]; ++f) {
+        for (std::uint32_t f = 0; f < n; ++f) {
             const std::size_t at = std::size_t(f) * 2 * skin.padded + row;
             const std::uint32_t j = skin.facets[at], k = skin.facets[at + skin.padded];
             const Quad nj = skin.normal[j], nk = skin.normal[k];
