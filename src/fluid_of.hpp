@@ -19,7 +19,7 @@ public:
     FluidOf(Exec& exec, SimulationState<Exec>& state, const SimulationSettings& settings)
         : exec_(exec), state_(state), settings_(settings), list_counts_(exec), list_index_(exec), gradients_(exec), row_values_(exec),
           change_(exec), error_(exec), accelerations_(exec), progress_(exec), error_sum_(exec), compression_(exec), most_count_(exec),
-          cohesion_(exec), diagonal_(exec), residual_(exec), direction_(exec), applied_(exec), skin_quads_(exec), facets_(exec), conjugate_(exec) {}
+          cohesion_(exec), diagonal_(exec), residual_(exec), direction_(exec), applied_(exec), skin_quads_(exec), facets_(exec), directions_(exec), conjugate_(exec) {}
 
     const Lists& lists() const { return lists_; }
     const sim::Rows& rows() const { return rows_; }
@@ -183,13 +183,25 @@ private:
         const std::size_t n = state_.n_rows, padded = padded_rows();
         const sim::State s = state_.view();
         Quad* quads = skin_quads_.reserve(2 * (state_.n + 64));
-        std::uint32_t* facets = facets_.reserve((2 * sim::kMostFacets + 1 + sim::kDirections / 32) * padded);
-        skin_ = {quads, quads + state_.n + 64, facets + (1 + sim::kDirections / 32) * padded, facets, facets + padded, padded};
+        constexpr std::size_t words = 2 * sim::kMostFacets + 2 + sim::kDirections / 32;
+        std::uint32_t* skin = facets_.reserve(words * padded + 1);
+        const auto take = [&](std::size_t n) {
+            std::uint32_t* taken = skin;
+            skin += n * padded;
+            return taken;
+        };
+        skin_ = {quads, quads + state_.n + 64, take(2 * sim::kMostFacets), take(1), take(sim::kDirections / 32), take(1), skin, padded};
+        if (!directions_.data()) {
+            const sim::Directions directions;
+            exec_.upload(directions_.reserve(1), &directions, sizeof directions);
+        }
         const float d = settings_.spacing, h = state_.spline().support;
+        exec_.clear(skin_.n_rows, 4);
         exec_.for_each(state_.n + 1, sim::MarkSkin{s, state_.phases(), skin_, d});
+        exec_.for_each(n, sim::ListSteep{lists_.rows, lists_.count, s, state_.phases(), rows_, sim::kSurfaceGradient * h / d, skin_});
         with_period([&]<bool periodic>(std::bool_constant<periodic>) {
-            exec_.for_each(n, sim::MarkTension<Packet, periodic>{lists_, s, state_.period(), directions_, 1.0f / d, state_.phases(), rows_, sim::kSurfaceGradient * h / d, skin_});
-            exec_.for_each(n, sim::FindFacets<Packet, periodic>{lists_, skin_, state_.period(), directions_, d});
+            exec_.for_each_tile_of(skin_.n_rows, sim::MarkTension<Packet, periodic>{lists_, s, state_.period(), directions_.data(), 1.0f / d, state_.phases(), skin_});
+            exec_.for_each_tile_of(skin_.n_rows, sim::FindFacets<Packet, periodic>{lists_, skin_, state_.period(), directions_.data(), d});
         });
     }
     /// Tension's accelerations, added to those that are there.
@@ -304,7 +316,6 @@ private:
     bool filled_ = false, started_ = false, has_surface_ = false;
     int divergence_took_ = 1, density_took_ = 1;
     sim::Skin skin_{};
-    const sim::Directions directions_;
     Buffer<std::uint32_t, Exec> list_counts_, list_index_;
     Buffer<typename Packet::Short, Exec> gradients_;
     Buffer<float, Exec> row_values_, change_, error_;
@@ -316,6 +327,7 @@ private:
     Buffer<float, Exec> cohesion_, diagonal_;
     Buffer<Quad, Exec> residual_, direction_, applied_, skin_quads_;
     Buffer<std::uint32_t, Exec> facets_;
+    Buffer<sim::Directions, Exec> directions_;
     Buffer<sim::Conjugate, Exec> conjugate_;
 };
 

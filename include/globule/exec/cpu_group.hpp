@@ -4,6 +4,7 @@
 #include "globule/base/quad.hpp"
 #include "globule/base/vec.hpp"
 #include "globule/base/wide.hpp"
+#include "globule/exec/cpu_packet.hpp"
 
 namespace globule {
 
@@ -19,9 +20,10 @@ struct CpuGroup {
     };
 
     B first_lanes(int n) const {
-        B m;
-        for (int i = 0; i < width; ++i) m.v[i] = i < n ? -1 : 0;
-        return m;
+        static constexpr std::int32_t numbers[16] = {0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15};
+        VecI lane;
+        std::memcpy(&lane, numbers, sizeof lane);
+        return {lane < VecI{} + n};
     }
     B only(int lane) const {
         B m = none();
@@ -70,6 +72,9 @@ struct CpuGroup {
         std::memcpy(r.v, p, sizeof r.v);
         return r;
     }
+    void store_run(const F& v, float* p) const { std::memcpy(p, &v.v, sizeof v.v); }
+    /// Each lane's item; its number is in a run.
+    Four<F> gather(const Quad* p, const std::uint32_t* run) const { return CpuPacket::gather(p, run); }
     /// first, first + 1 ...
     U numbers(std::uint32_t first) const {
         U r;
@@ -81,6 +86,13 @@ struct CpuGroup {
         VecI items;
         std::memcpy(&items, run, sizeof items);
         return {items != VecI{} + std::int32_t(v)};
+    }
+    /// Which items of a run are less than v.
+    B before(const std::uint32_t* run, std::uint32_t v) const {
+        typedef std::uint32_t Items __attribute__((vector_size(4 * width)));
+        Items items;
+        std::memcpy(&items, run, sizeof items);
+        return {items < Items{} + v};
     }
     /// The set lanes' values side by side; a whole group's worth of memory may be written.
     template <class V, class T>

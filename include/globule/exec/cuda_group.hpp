@@ -44,8 +44,14 @@ struct CudaGroup {
     __device__ float largest(float v) const { return -smallest(-v); }
     __device__ F load_run(const float* p) const { return p[lane()]; }
     __device__ U load_run(const std::uint32_t* p) const { return p[lane()]; }
+    __device__ void store_run(F v, float* p) const { p[lane()] = v; }
+    __device__ Four<F> gather(const Quad* p, const std::uint32_t* run) const {
+        const float4 q = reinterpret_cast<const float4*>(p)[run[lane()]];
+        return {q.x, q.y, q.z, q.w};
+    }
     __device__ U numbers(std::uint32_t first) const { return first + lane(); }
     __device__ B differ(const std::uint32_t* run, std::uint32_t v) const { return run[lane()] != v; }
+    __device__ B before(const std::uint32_t* run, std::uint32_t v) const { return run[lane()] < v; }
     template <class T>
     __device__ void keep(B m, T v, T* to) const {
         const unsigned set = __ballot_sync(all, m);
