@@ -310,8 +310,10 @@ private:
         const auto occlude = [&](Exec& exec, const WaveRays& rays, const WaveHits& hits, int k, float* visibility) {
             scenes[k]->with_tracer(request.layers[k].field, [&](const auto& tracer) {
                 using Tracer = std::decay_t<decltype(tracer)>;
-                exec.for_each_walk(rays.source.n_items() * lighting.n_visibilities(),
-                                   Occlude<Tracer>{{tracer, clips[k]}, scenes[k]->attributes_, lighting, rays, hits, k, visibility});
+                with_clips(clips[k], [&]<bool clipped>(std::bool_constant<clipped>) {
+                    exec.for_each_walk(rays.source.n_items() * lighting.n_visibilities(),
+                                       Occlude<Tracer, clipped>{{tracer, clips[k]}, scenes[k]->attributes_, lighting, rays, hits, k, visibility});
+                });
             });
         };
         for (std::size_t k = 1; k < n_streams; ++k) waves_[k].exec().follow(*exec_);
@@ -359,7 +361,9 @@ private:
         }
         with_tracer(field, [&](const auto& tracer) {
             using Tracer = std::decay_t<decltype(tracer)>;
-            exec.for_each_walk(rays.source.n_items(), March<Tracer>{{tracer, clips}, rays, layer, found});
+            with_clips(clips, [&]<bool clipped>(std::bool_constant<clipped>) {
+                exec.for_each_walk(rays.source.n_items(), March<Tracer, clipped>{{tracer, clips}, rays, layer, found});
+            });
             using Tree = std::decay_t<decltype(tracer.tree)>;
             const ResolveRays<Tree, Tracer::PerParticle> rest{tracer.tree, octree().particles(), {field.kernel}, field.threshold, nullptr, {},
                                                              rays.source, {found.t, nullptr, nullptr}, clips, found.sign, found.cap};
@@ -406,6 +410,11 @@ private:
             fn(CellTracer<typename Exec::Lanes, Tree, Kernel, PerParticle>{
                 tree, p, kernel, tau, {grid_.data(), bricks_.data(), lists_.data(), blocks_.data()}});
         });
+    }
+    template <class Fn>
+    static void with_clips(const Clips& clips, const Fn& fn) {
+        if (clips.n) fn(std::true_type{});
+        else fn(std::false_type{});
     }
     template <class Fn>
     void with_kinds(const FieldRequest& field, const Fn& fn) {

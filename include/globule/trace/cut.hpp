@@ -14,8 +14,8 @@ struct LayerHits {
     std::int8_t* sign;      ///< +1: outside before t, or where it is undecided; -1: inside; null: not kept
 };
 
-/// A tracer that goes through what the clips keep.
-template <class Tracer>
+/// A tracer that goes through what the clips keep; rays that meet none have kernels of their own, with fewer registers.
+template <class Tracer, bool clipped>
 struct Cut {
     Tracer tracer;
     Clips clips;
@@ -54,14 +54,14 @@ struct Cut {
         s.to = s.end = to;
         s.cap = -1;
         if (tracer.tree.empty()) return Way::missed;
-        if (clips.n) return sign != 0.0f && begins_at_face(s, o, d, from, sign) ? Way::crossed : next_interval(s, o, d, from, sign);
+        if constexpr (clipped) return sign != 0.0f && begins_at_face(s, o, d, from, sign) ? Way::crossed : next_interval(s, o, d, from, sign);
         tracer.start(s.ray, o, d, from, to, sign);
         return Way::on;
     }
     /// As CellTracer::advance; the distance is in s.ray.t, the clip of a cut face in s.cap.
     GB_FN Way advance(State& s, bool active) const {
         const Way way = tracer.advance(s.ray, active);
-        if (!active || way == Way::on || clips.n == 0) return way;
+        if (!clipped || !active || way == Way::on) return way;
         if (way != Way::missed) {
             s.cap = -1;
             return way;

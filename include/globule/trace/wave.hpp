@@ -39,14 +39,14 @@ struct WaveHits {
 };
 
 /// Rays to their first crossing of one layer.
-template <class Tracer>
+template <class Tracer, bool clipped>
 struct March {
-    Cut<Tracer> cut;
+    Cut<Tracer, clipped> cut;
     WaveRays rays;
     int layer;
     LayerHits out;
     struct State {
-        typename Cut<Tracer>::State of;
+        typename Cut<Tracer, clipped>::State of;
         Way way;
         std::size_t i;
     };
@@ -224,9 +224,9 @@ GB_FN Point point_of(const Lighting& lighting, const WaveRays& rays, const WaveH
 }
 
 /// Shadow and ambient rays through one layer: what part of the light comes through, (n_visibilities, n).
-template <class Tracer>
+template <class Tracer, bool clipped>
 struct Occlude {
-    Cut<Tracer> cut;
+    Cut<Tracer, clipped> cut;
     Attributes attributes;
     Lighting lighting;
     WaveRays rays;
@@ -234,7 +234,7 @@ struct Occlude {
     int layer;
     float* visibility;
     struct State {
-        typename Cut<Tracer>::State of;
+        typename Cut<Tracer, clipped>::State of;
         Way way;
         float distance, left, from;
         int crossings;
