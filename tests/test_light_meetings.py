@@ -120,3 +120,17 @@ def test_picking_takes_the_layer_that_is_seen(backend):
         assert frame.pick(int(column), int(row)) is None
     # Attributes are the first scene's: not where the second one or the ground is seen.
     assert np.isnan(frame.attribute(np.ones(1, np.float32))).all()
+
+
+def test_camera_inside_where_more_overlap_than_a_list_holds(backend):
+    """The side where such a ray begins is found in float64, as of rays from outside."""
+    near = np.random.default_rng(5).normal(scale=0.01, size=(3000, 3))
+    scene = gb.Scene(gb.Particles(near, support=1.0), threshold=2700, **backend)
+    camera = gb.Camera((0.03, 0.02, 0.01), (1, 0, 0), fov=60)
+    clear = gb.render(scene, camera, (5, 4), quiet(sky=ONE_SKY, material=veil(0.8, 0.5), depth=1),
+                      [gb.ClipPlane((0, 0, 1), 9.0)])
+    plain = gb.render(scene, camera, (5, 4))
+    assert plain.mask.all() and (plain.depth < 0.3).all()
+    np.testing.assert_allclose(clear.depth, plain.depth, atol=1e-5)
+    left = 0.8 * np.exp(-0.5 * clear.depth)
+    np.testing.assert_allclose(clear.color, np.repeat(left[..., None], 3, -1), atol=1e-4)

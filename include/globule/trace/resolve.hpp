@@ -65,7 +65,7 @@ struct ResolveRays {
     RaySource rays;
     Hits out;                          ///< normal null: distances alone
     Clips clips{};
-    const std::int8_t* sign = nullptr; ///< +1 or -1: the side where each ray is at its undecided t; null: to be found
+    std::int8_t* sign = nullptr;       ///< +1 or -1: the side where each ray is at its undecided t; 0 or null: to be found
     std::int32_t* cap = nullptr;       ///< with clips: where a cut face is met, its clip
 
     template <class Group>
@@ -144,9 +144,13 @@ struct ResolveRays {
         double side = sign ? double(sign[i]) : 0.0;
         float from = undecided(out.t[i]), begin, end;
         int at_begin, at_end;
-        if (clips.n == 0) return solve(g, scratch, o, d, from, infinity(), side, n);
         g.sync();  // all have read t
         const TreeSource<Tree, Group> straight{g, tree, particles, kernel, {o.x, o.y, o.z}, {d.x, d.y, d.z}};
+        if (sign && side == 0.0) {
+            side = straight.template at<false>(from, {}).f > tau ? -1.0 : 1.0;
+            if (g.is_first()) sign[i] = std::int8_t(side);
+        }
+        if (clips.n == 0) return solve(g, scratch, o, d, from, infinity(), side, n);
         for (bool first = true; clips.next(o, d, from, begin, end, at_begin, at_end); first = false) {
             if (!first && begin > from) {
                 if (straight.template at<false>(begin, {}).f > tau) {

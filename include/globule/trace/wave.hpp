@@ -69,7 +69,7 @@ struct March {
         const float t = s.of.ray.t;
         out.t[s.i] = s.way == Way::missed ? infinity() : s.way == Way::doubtful ? undecided(t) : t;
         out.cap[s.i] = s.way == Way::crossed ? s.of.cap : -1;
-        out.sign[s.i] = s.of.ray.sign < 0.0f ? -1 : 1;
+        out.sign[s.i] = std::int8_t((s.of.ray.sign > 0.0f) - (s.of.ray.sign < 0.0f));
     }
 };
 
