@@ -1,8 +1,8 @@
 // The fluid solver's stages over any Exec, in the order in which a step calls them: lists of neighbours, densities, the solve for
 // velocities without divergence or with rest density, forces between pairs.
 #pragma once
+#include "globule/sim/facets.hpp"
 #include "globule/sim/filled.hpp"
-#include "globule/sim/surface.hpp"
 #include "globule/sim/viscosity.hpp"
 #include "globule/sim/wcsph.hpp"
 #include "simulation_state.hpp"
