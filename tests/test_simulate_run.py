@@ -193,6 +193,44 @@ def test_pictures_and_a_movie(folder, capsys):
     assert not [name for name in os.listdir("frames") if name.startswith("frame_")]
 
 
+def movie_pictures(path):
+    from globule.video import read_movie
+
+    return [picture.astype(int) for picture in read_movie(path)]
+
+
+@pytest.mark.parametrize("more", [[], ["--pictures", "p"]], ids=["decoded", "kept"])
+def test_a_finished_movie_goes_on(folder, more):
+    pytest.importorskip("av")
+    video = ["--video", "dam.mp4", "--size", "65x48", *more]
+    run("dam.toml", "--video", "whole.mp4", "--size", "65x48", "--seconds", 0.2)
+    run("dam.toml", "-o", "out", "--seconds", 0.1, *video)
+    before = open("dam.mp4", "rb").read()
+    run("dam.toml", "-o", "out", "--seconds", 0.1, "--resume", *video)
+    assert open("dam.mp4", "rb").read() == before
+    os.makedirs("dam.mp4.frames")
+    run("dam.toml", "-o", "out", "--seconds", 0.2, "--resume", *video)
+    assert not os.path.exists("dam.mp4.frames")
+    whole, parts = movie_pictures("whole.mp4"), movie_pictures("dam.mp4")
+    assert len(whole) == len(parts) == 5
+    assert max(np.abs(a - b).mean() for a, b in zip(whole, parts, strict=True)) < 2
+    assert np.abs(whole[0] - whole[4]).mean() > 4
+
+
+def test_a_movie_without_its_first_pictures_is_refused_before_the_work(folder, capsys):
+    pytest.importorskip("av")
+    run("dam.toml", "-o", "out", "--seconds", 0.1)
+    before = sorted(os.listdir("out"))
+    capsys.readouterr()
+    words = ["simulate", "dam.toml", "-o", "out", "--resume", "--video", "late.mp4"]
+    assert main([*words, "--device", "cpu"]) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert "--video: expected the run's first 3 pictures of 640x480 in late.mp4" in said
+    assert "globule render 'out/frame_*.vtp' -o late.mp4" in said
+    assert sorted(os.listdir("out")) == before and not os.path.exists("late.mp4.frames")
+
+
 def test_curves_are_drawn(tmp_path):
     pytest.importorskip("matplotlib")
     rows = [{"time": t, "dt": 0.1, "compression": 0.001 * t} for t in range(5)]

@@ -168,6 +168,8 @@ class _Job:
         if options.resume:
             self.sim = _resumed(Simulation, self.folder, self.scene, options.scene, where)
             self._check_output(self.sim.file.output)
+            self.start_time = self.sim.time
+            self._restore_pictures()
             if self.pictures.wanted:
                 first = Simulation(self.scene, **where)
                 self.pictures.begin_again(first, self.fps, self.sim.time)
@@ -187,12 +189,32 @@ class _Job:
             if had != asked:
                 raise UserError(f"--resume: expected --{name} {had}, as the run had, got {asked}")
 
+    def _is_before(self, k: int) -> bool:
+        """Whether frame k's time is not after that of the checkpoint one goes on from."""
+        return k / self.fps < self.start_time + 1e-9
+
+    def _restore_pictures(self) -> None:
+        """A movie that goes on begins with the pictures that it had."""
+        if not self.pictures.movie:
+            return
+        folder = self.options.pictures
+        kept = (lambda k: os.path.join(folder, f"{k:05d}.png")) if folder else None
+        n_done = sum(map(self._is_before, range(self.n_frames)))
+        try:
+            self.pictures.movie.restore(n_done, self.n_frames, self.pictures.eye.size, kept)
+        except ValueError as error:
+            frames = os.path.join(self.folder, f"frame_*.{self.format}")
+            raise UserError(
+                f"--video: {error}; go on without --video, then: globule render '{frames}' -o "
+                f"{self.options.video}"
+            ) from error
+
     def run(self, interrupted: Callable[[], bool]) -> bool:
         """All frames; False if it was told to stop before."""
         whole = True
         for k in range(self.n_frames):
             self.progress.step(f"{self.sim.time:.3f} s, {count(len(self.sim))}")
-            if self.options.resume and k / self.fps < self.start_time + 1e-9:
+            if self.options.resume and self._is_before(k):
                 continue  # written before the checkpoint was
             with self._timed("simulation"):
                 self.sim.advance_to(k / self.fps, stop=interrupted)
