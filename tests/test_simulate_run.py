@@ -73,20 +73,22 @@ def test_restart_is_bit_identical(folder, capsys):
     assert rows == list(csv.DictReader(open("whole/diagnostics.csv")))
 
 
-def interrupted(awaited, *words):
-    """A run that gets Ctrl-C once a file is there."""
+def interrupted(awaited, *words, by=signal.SIGINT):
+    """A run that gets Ctrl-C or another signal once a file is there."""
     words = [sys.executable, "-m", "globule", "simulate", *words, "--device", "cpu"]
     process = subprocess.Popen(words, stderr=subprocess.PIPE, text=True)
     limit = time.monotonic() + 60
     while not os.path.exists(awaited) and time.monotonic() < limit:
         time.sleep(0.02)
-    process.send_signal(signal.SIGINT)
+    process.send_signal(by)
     _, said = process.communicate(timeout=60)
-    assert process.returncode == 130 and "--resume goes on from" in said
+    assert process.returncode == 128 + by and said.endswith("globule: interrupted\n")
+    assert "--resume goes on from" in said
 
 
-def test_ctrl_c_leaves_whole_files_and_a_checkpoint(folder):
-    interrupted("frames/frame_00004.vtp", "dam.toml", "--seconds", "1000")
+@pytest.mark.parametrize("by", [signal.SIGINT, signal.SIGTERM])
+def test_ctrl_c_leaves_whole_files_and_a_checkpoint(folder, by):
+    interrupted("frames/frame_00004.vtp", "dam.toml", "--seconds", "1000", by=by)
     assert not [name for name in os.listdir("frames") if name.endswith(".tmp")]
     sim = gb.Simulation.load("frames/checkpoint.npz", device="cpu")
     assert sim.time > 0.15 and len(gb.read("frames/frame_00004.vtp")) == 512

@@ -1,7 +1,7 @@
 """The command line: `globule COMMAND …`, one module per command.
 
-Exit status: 0 done; 2 the user's mistake (one line naming it, nothing written); 130 interrupted;
-1 anything else.
+Exit status: 0 done; 2 the user's mistake (one line naming it, nothing written); 130 interrupted,
+143 by SIGTERM; 1 anything else.
 """
 
 from __future__ import annotations

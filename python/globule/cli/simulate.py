@@ -1,8 +1,8 @@
 """Simulate a scene: fluids, tissue and instruments, from a TOML file or one that ships by name.
 
 Writes frames of particles, diagnostics.csv and .png, and checkpoint.npz into a folder, and a movie
-if asked. Ctrl-C ends the step at hand and writes the checkpoint; --resume goes on from there, bit
-by bit as if nothing had happened."""
+if asked. Ctrl-C or SIGTERM ends the step at hand and writes the checkpoint; --resume goes on from
+there, bit by bit as if nothing had happened."""
 
 from __future__ import annotations
 
@@ -93,6 +93,7 @@ def run(options: argparse.Namespace) -> None:
             job.write_diagnostics()
     job.report(whole, time.perf_counter() - start)
     if not whole:
+        signal.raise_signal(interrupted())  # the command's own handler knows the exit status
         raise KeyboardInterrupt
 
 
@@ -209,7 +210,7 @@ class _Job:
                 f"{self.options.video}"
             ) from error
 
-    def run(self, interrupted: Callable[[], bool]) -> bool:
+    def run(self, interrupted: Callable[[], int]) -> bool:
         """All frames; False if it was told to stop before."""
         whole = True
         for k in range(self.n_frames):
@@ -316,18 +317,21 @@ def _resumed(
 
 
 @contextmanager
-def _interrupts() -> Iterator[Callable[[], bool]]:
-    """Whether Ctrl-C was pressed: once, and the step at hand is ended; twice breaks it off."""
-    pressed = False
+def _interrupts() -> Iterator[Callable[[], int]]:
+    """The signal, Ctrl-C's or SIGTERM, that has come, or 0: once, and the step at hand is ended;
+    twice breaks it off."""
+    signals = (signal.SIGINT, signal.SIGTERM)
+    came = 0
 
     def note(signum: int, frame: Any) -> None:
-        nonlocal pressed
-        if pressed:
+        nonlocal came
+        if came:
             raise KeyboardInterrupt
-        pressed = True
+        came = signum
 
-    before = signal.signal(signal.SIGINT, note)
+    before = [signal.signal(number, note) for number in signals]
     try:
-        yield lambda: pressed
+        yield lambda: came
     finally:
-        signal.signal(signal.SIGINT, before)
+        for number, handler in zip(signals, before, strict=True):
+            signal.signal(number, handler)
