@@ -128,6 +128,24 @@ def test_other_errors_take_one_line(particles, capsys, monkeypatch, error, statu
         assert "Traceback" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    ("words", "name"),
+    [
+        (["convert", "many.npz", "a.vtp"], "a.vtp"),
+        (["render", "many.npz", "-o", "a.png", "--size", "200x200"], "a.png"),
+        (["simulate", "dam-break", "-o", "out", "--seconds", "0.05"], "out/frame_00000.vtp"),
+    ],
+)
+def test_a_file_that_finds_no_room_is_named(folder, words, name):
+    import resource
+
+    gb.write("many.npz", cube(20, color=np.random.default_rng(1).random((8000, 3))))
+    ended = run(*words, preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (999, 999)))
+    assert ended.returncode == 1
+    assert ended.stderr == f"globule: error: [Errno 27] File too large: '{name}'\n"
+    assert not [file for _, _, files in os.walk(".") for file in files if file != "many.npz"]
+
+
 def test_info(particles, capsys):
     assert main(["info", particles]) == 0
     out = capsys.readouterr().out
