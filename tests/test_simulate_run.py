@@ -37,6 +37,7 @@ fps = 20
 def folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "dam.toml").write_text(TOML)
+    (tmp_path / "long.toml").write_text(TOML.replace("seconds = 0.3", "seconds = 1e30"))
     return tmp_path
 
 
@@ -250,6 +251,8 @@ def test_curves_are_drawn(tmp_path):
         (["dam.toml", "--video", "a.avi"], "--video: expected a name ending in .mp4"),
         (["dam.toml", "--format", "xls"], "argument --format"),
         (["dam.toml", "--fps", "1e300"], "--seconds: expected at most 1,000,000 frames"),
+        (["long.toml"], "error: long.toml: seconds: expected at most 1,000,000 frames, got 1e+30"),
+        (["long.toml", "--seconds", "1e30"], "--seconds: expected at most 1,000,000 frames"),
         (["dam.toml", "--seconds", "0.01"], "seconds: expected at least a frame, 0.05 s, got 0.01"),
         (["dam.toml", "-o", "dam.toml"], "-o: expected a folder, got dam.toml: "),
         (["dam.toml", "-o", "/proc/a/b"], "-o: expected a place that may be written, got /proc/a/"),

@@ -151,8 +151,10 @@ class _Job:
         self.format = options.format or scene.output.format
         seconds = options.seconds or scene.seconds
         if seconds * self.fps > MOST_FRAMES:
+            own = not (options.seconds or options.fps)
+            key = f"{options.scene}: seconds" if own else "--seconds"
             raise UserError(
-                f"--seconds: expected at most {MOST_FRAMES:,} frames, got {seconds:g} s of "
+                f"{key}: expected at most {MOST_FRAMES:,} frames, got {seconds:g} s of "
                 f"{self.fps:g} frames a second"
             )
         output = replace(scene.output, fps=self.fps, format=self.format)
