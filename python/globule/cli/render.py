@@ -272,8 +272,9 @@ def _picture(
         for k in range(2, settings.samples + 1):  # one by one, so that it shows and can be stopped
             progress.show(f"tracing {path}: sample {k} of {settings.samples}")
             trace_seconds += frame.refine().trace_seconds
-    cut = tracing.why_cut(scene) if thesis else None
-    messages += [cut] if cut else []
+    if thesis:
+        why = tracing.why_cut(scene), tracing.why_dust(options, particles, scene)
+        messages += [message for message in why if message]
     hits = int(frame.mask.sum())
     tree = scene.octree
     n_outside = len(particles) - tree.n_inside
