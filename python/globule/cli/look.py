@@ -40,7 +40,10 @@ def interval(text: str) -> tuple[float, float]:
     words = text.split(",")
     if len(words) != 2:
         raise argparse.ArgumentTypeError(f"expected LO,HI, got {text!r}")
-    return number(words[0]), number(words[1])
+    low, high = number(words[0]), number(words[1])
+    if not low < high:
+        raise argparse.ArgumentTypeError(f"expected LO,HI with LO below HI, got {text!r}")
+    return low, high
 
 
 def light(text: str) -> Headlight | DirectionalLight | PointLight:

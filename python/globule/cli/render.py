@@ -12,6 +12,7 @@ import dataclasses
 import os
 import re
 import time
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -281,7 +282,7 @@ def _picture(
     if n_outside:
         messages.append(f"{n_outside:,} of {count(n)} outside the octree, left out")
     if tree.n_inside and not hits:
-        messages.append(why_empty(scene))
+        messages.append(why_empty(scene, lit.clips))
     progress.step(f"writing {image}")
     written = time.perf_counter()
     with mistakes():
@@ -359,11 +360,16 @@ def _together(reports: list[dict[str, Any]]) -> dict[str, Any]:
     }
 
 
-def why_empty(scene: Scene) -> str:
+def why_empty(scene: Scene, clips: Sequence[Any]) -> str:
     """Why a picture of particles has no surface in it, and what to do."""
     from ..octree import field
 
     positions = scene.particles.positions
+    taken = np.zeros(len(positions), bool)
+    for clip in clips:
+        taken |= clip.takes(positions)
+    if taken.all():
+        return "no pixel hits the surface: the cuts take all particles away"
     values = field(scene, positions[:: 1 + len(positions) // SAMPLES])
     highest = float(values.max())
     if highest > scene.threshold:

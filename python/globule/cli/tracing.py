@@ -41,6 +41,10 @@ def settle(options: argparse.Namespace) -> Thesis | None:
     if options.root == "exact":
         options.octree = options.octree or "sparse"
         return None
+    if options.beside:
+        asked = "--preset thesis" if options.preset == "thesis" else f"--root {options.root}"
+        raise UserError(f"--with: expected none beside {asked}, which shows one scene, got "
+                        f"{options.beside[0][0]}")
     options.octree = options.octree or "dense"
     if options.octree != "dense":
         raise UserError(f"--octree: expected dense with --root {options.root}, got sparse")
