@@ -65,6 +65,7 @@ def test_restart_is_bit_identical(folder, capsys):
     capsys.readouterr()
     run("dam.toml", "-o", "parts", "--resume", "--json")
     parts = json.loads(capsys.readouterr().out)
+    assert parts["steps"] == whole["steps"] == whole["new_steps"] > parts["new_steps"] > 0
     assert parts["hash"] == whole["hash"] and parts["time"] == pytest.approx(0.3)
     for k in range(7):
         a, b = (gb.read(f"{f}/frame_{k:05d}.vtp").positions for f in ("whole", "parts"))
@@ -240,6 +241,19 @@ def test_curves_are_drawn(tmp_path):
     rows[4]["kinetic"] = 2.0
     assert diagnostics.plot(tmp_path / "d.png", rows)
     assert (tmp_path / "d.png").read_bytes()[:4] == b"\x89PNG"
+
+
+def test_a_curve_of_one_point_is_seen(tmp_path):
+    pytest.importorskip("matplotlib")
+    from PIL import Image
+
+    def colored(name, rows):
+        diagnostics.plot(tmp_path / name, rows)
+        picture = np.asarray(Image.open(tmp_path / name).convert("RGB")).astype(int)
+        return (np.ptp(picture, axis=2) > 60).sum()
+
+    assert colored("none.png", [{"time": 0.1, "dt": 0.0}]) == 0
+    assert colored("one.png", [{"time": 0.1, "dt": 0.1}]) > 10
 
 
 @pytest.mark.parametrize(

@@ -275,7 +275,8 @@ class _Job:
         if self.options.json:
             print_json({
                 "scene": self.options.scene, "whole": whole, "device": sim.scene.device.name,
-                "time": sim.time, "steps": n_steps, "hash": sim.hash(), "counts": sim.counts,
+                "time": sim.time, "steps": sim.n_steps, "new_steps": n_steps,
+                "hash": sim.hash(), "counts": sim.counts,
                 "times": {**self.seconds, "total": total}, "stages": sim.seconds,
                 "files": self.files, "checkpoint": self.checkpoint,
             })  # fmt: skip
