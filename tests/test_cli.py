@@ -6,6 +6,7 @@ import json
 import os
 import signal
 import subprocess
+import sys
 import time
 from importlib.util import find_spec
 
@@ -31,8 +32,9 @@ def test_no_command_shows_help(capsys):
     assert "render" in out and "expected a command" in err
 
 
-def test_interrupted(particles, folder):
-    """Ctrl-C in the middle of a large picture: no file, no traceback, 130."""
+@pytest.mark.parametrize("by", [signal.SIGINT, signal.SIGTERM])
+def test_interrupted(particles, folder, by):
+    """Ctrl-C in the middle of a large picture: no file, no traceback, 130; 143 by SIGTERM."""
     gb.write("many.npz", cube(40))
     command = [*COMMAND, "render", "many.npz", "-o", "a.png", "--size", "14000x14000"]
     before = sorted(os.listdir())
@@ -44,11 +46,30 @@ def test_interrupted(particles, folder):
     )  # fmt: skip
     time.sleep(2)
     assert process.poll() is None, process.communicate()
-    process.send_signal(signal.SIGINT)
+    process.send_signal(by)
     out, err = process.communicate(timeout=60)
-    assert process.returncode == 130
+    assert process.returncode == 128 + by
     assert out == "" and err == "globule: interrupted\n"
     assert sorted(os.listdir()) == before
+
+
+@pytest.mark.parametrize("script", [False, True], ids=["-m", "script"])
+def test_interrupted_while_it_loads(folder, script):
+    with open("numpy.py", "w", encoding="utf-8") as file:
+        file.write("import time\nprint('loading', flush=True)\ntime.sleep(60)\n")
+    with open("globule", "w", encoding="utf-8") as file:  # as pip makes it
+        file.write("import sys\nfrom globule.__main__ import main\nsys.exit(main())\n")
+    path = os.pathsep.join([os.getcwd(), os.path.dirname(os.path.dirname(gb.__file__))])
+    process = subprocess.Popen(
+        [sys.executable, "globule", "demo"] if script else [*COMMAND, "demo"],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        env={**os.environ, "PYTHONPATH": path},
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    )  # fmt: skip
+    assert process.stdout.readline() == "loading\n"
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=60)
+    assert process.returncode == 130 and out == "" and err == "globule: interrupted\n"
 
 
 def test_closed_pipe(particles):
@@ -105,6 +126,24 @@ def test_other_errors_take_one_line(particles, capsys, monkeypatch, error, statu
         monkeypatch.setenv("GLOBULE_TRACEBACK", "1")
         assert main(["render", particles, "-o", "a.png"]) == status
         assert "Traceback" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "name"),
+    [
+        (["convert", "many.npz", "a.vtp"], "a.vtp"),
+        (["render", "many.npz", "-o", "a.png", "--size", "200x200"], "a.png"),
+        (["simulate", "dam-break", "-o", "out", "--seconds", "0.05"], "out/frame_00000.vtp"),
+    ],
+)
+def test_a_file_that_finds_no_room_is_named(folder, words, name):
+    import resource
+
+    gb.write("many.npz", cube(20, color=np.random.default_rng(1).random((8000, 3))))
+    ended = run(*words, preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (999, 999)))
+    assert ended.returncode == 1
+    assert ended.stderr == f"globule: error: [Errno 27] File too large: '{name}'\n"
+    assert not [file for _, _, files in os.walk(".") for file in files if file != "many.npz"]
 
 
 def test_info(particles, capsys):

@@ -254,6 +254,9 @@ def test_a_picked_particle_is_the_file_s(capsys):
     ("--pick 1", "--pick"),
     ("--with missing.npz", "missing.npz"),
     ("--with a.npz --with a.npz --with a.npz --with a.npz", "--with"),
+    ("--with ball.npz:#zz", "--with: expected FILE or FILE:COLOR, COLOR being R,G,B"),
+    ("--preset thesis --with ball.npz", "--with: expected none beside --preset thesis, which"),
+    ("--root march --with ball.npz", "--with: expected none beside --root march, which"),
     ("--preset jelly", "--preset"),
     ("--preset thesis --clip 1,0,0,0", "clips"),
 ])
@@ -262,6 +265,17 @@ def test_mistakes(words, named, capsys):
     out, err = capsys.readouterr()
     assert out == "" and err.count("\n") == 1 and named in err
     assert os.listdir() == ["ball.npz"]
+
+
+@pytest.mark.parametrize("words", [
+    "--clip 0,0,1,-5", "--clip 1,0,0,0 --clip -1,0,0,-0.2", "--clip-box -9,-9,-9,9,9,9",
+    "--clip-sphere 0,0,0,9", "--crop 3,3,3,4,4,4", "--crop-sphere 9,9,9,1",
+])  # fmt: skip
+def test_cuts_that_take_all_away(words, capsys):
+    assert main(["render", "ball.npz", "-o", "a.png", *SMALL, *words.split()]) == 0
+    assert capsys.readouterr().err == (
+        "globule: warning: no pixel hits the surface: the cuts take all particles away\n"
+    )
 
 
 # Phases

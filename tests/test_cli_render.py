@@ -183,6 +183,7 @@ def test_several_files_need_a_pattern(particles, capsys):
         (["-o", "a.png", "--octree", "dense", "--key-bits", "64"], "key_bits"),
         (["-o", "a.png", "--colormap", "jet"], "viridis"),
         (["-o", "a.png", "--color-by", "x", "--range", "1"], "LO,HI"),
+        (["-o", "a.png", "--color-by", "x", "--range", "0,0"], "LO,HI apart"),
         (["-o", "a.png", "--light", "sun"], "dir:X,Y,Z"),
         (["-o", "a.png", "--light", "dir:0,0,0"], "direction"),
         (["-o", "a.png", *["--light", "head"] * 9], "at most 8"),

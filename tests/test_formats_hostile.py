@@ -391,3 +391,27 @@ def test_errors_name_the_place(name, content, message, tmp_path):
     path = tmp_path / name
     path.write_text(content)
     assert message in reads_or_refuses(path)
+
+
+@pytest.mark.parametrize(
+    ("arrays", "expected"),
+    [
+        ({"support": np.ones(N - 1)}, f"support: expected shape ({N},) or one number, got (24,)"),
+        ({"velocity": np.ones((7, 3))}, f"velocity: expected shape ({N}, 3), got (7, 3)"),
+        ({"color": np.ones((N + 1, 3))}, f"color: expected shape ({N}, 3) or (3,), got (26, 3)"),
+        ({"radius": np.ones(1)}, f"radius: expected shape ({N},) or one number, got (1,)"),
+    ],
+)
+def test_an_npz_array_of_another_length_is_refused(tmp_path, arrays, expected):
+    path = tmp_path / "p.npz"
+    np.savez(path, positions=np.ones((N, 3)), **arrays)
+    with pytest.raises(FormatError) as refused:
+        formats.read(path)
+    assert str(refused.value) == f"{path}: {expected}"
+
+
+def test_npz_arrays_that_are_about_something_else_are_left_out(tmp_path):
+    about = {"support": 0.5, "color": (1, 0, 0), "box": [1, 2]}
+    np.savez(tmp_path / "p.npz", positions=np.ones((N, 3)), **about)
+    particles = formats.read(tmp_path / "p.npz")
+    assert particles.attributes == {} and particles.support == 0.5

@@ -9,6 +9,7 @@ import globule as gb
 import numpy as np
 import pytest
 from globule import spacing, surface
+from globule.cli import main
 from globule.colormaps import to_linear
 from globule.formats import FormatError
 from globule.formats import mesh as mesh_format
@@ -219,7 +220,8 @@ def test_scene_of_several_meshes(trimesh):
 def test_points_without_triangles(trimesh, tmp_path):
     points = np.concatenate([np.random.default_rng(5).random((50, 3)), [[9, 9, 9]]])
     (tmp_path / "a.obj").write_text("".join(f"v {x} {y} {z}\n" for x, y, z in points))
-    particles = gb.read(tmp_path / "a.obj")
+    with pytest.warns(UserWarning, match="a.obj: expected a mesh with faces, got none: its 51 ver"):
+        particles = gb.read(tmp_path / "a.obj")
     assert np.allclose(particles.support, 2 * gb.local_spacing(points.astype("f4")), rtol=1e-5)
     assert particles.support[-1] > 10 * np.median(particles.support)
 
@@ -268,6 +270,28 @@ def test_broken_files(trimesh, extension, tmp_path):
             gb.read(path)
         except FormatError as error:
             assert "\n" not in str(error) and path.name in str(error)
+
+
+@pytest.mark.parametrize(
+    ("line", "expected"),
+    [
+        ("v 1 0 0 0.5 0.", "last vertex: expected 6 numbers, got 5"),
+        ("v 1 0", "last vertex: expected 6 numbers, got 2"),
+        ("v 1 0 0 1 1 1\nf 1 2 3\nf 1/1 2/", "last face: expected at least 3 corners, got 2"),
+    ],
+)
+def test_obj_that_breaks_off(trimesh, line, expected, tmp_path):
+    (tmp_path / "a.obj").write_text("v 0 0 0 1 1 1\nv 0 0 1 1 1 1\nv 0 1 1 1 1 1\n" + line)
+    with pytest.raises(FormatError, match=expected):
+        gb.read(tmp_path / "a.obj")
+
+
+def test_a_command_warns_of_a_mesh_without_faces(trimesh, tmp_path, capsys):
+    (tmp_path / "a.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\n")
+    assert main(["info", str(tmp_path / "a.obj")]) == 0
+    said = capsys.readouterr().err
+    assert said.startswith("globule: warning: ") and "got none: its 3 vertices" in said
+    assert said.count("\n") == 1
 
 
 def test_glb_sizes_are_checked_before_memory_is_taken(trimesh, tmp_path):

@@ -37,6 +37,7 @@ fps = 20
 def folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "dam.toml").write_text(TOML)
+    (tmp_path / "long.toml").write_text(TOML.replace("seconds = 0.3", "seconds = 1e30"))
     return tmp_path
 
 
@@ -64,6 +65,7 @@ def test_restart_is_bit_identical(folder, capsys):
     capsys.readouterr()
     run("dam.toml", "-o", "parts", "--resume", "--json")
     parts = json.loads(capsys.readouterr().out)
+    assert parts["steps"] == whole["steps"] == whole["new_steps"] > parts["new_steps"] > 0
     assert parts["hash"] == whole["hash"] and parts["time"] == pytest.approx(0.3)
     for k in range(7):
         a, b = (gb.read(f"{f}/frame_{k:05d}.vtp").positions for f in ("whole", "parts"))
@@ -73,20 +75,22 @@ def test_restart_is_bit_identical(folder, capsys):
     assert rows == list(csv.DictReader(open("whole/diagnostics.csv")))
 
 
-def interrupted(awaited, *words):
-    """A run that gets Ctrl-C once a file is there."""
+def interrupted(awaited, *words, by=signal.SIGINT):
+    """A run that gets Ctrl-C or another signal once a file is there."""
     words = [sys.executable, "-m", "globule", "simulate", *words, "--device", "cpu"]
     process = subprocess.Popen(words, stderr=subprocess.PIPE, text=True)
     limit = time.monotonic() + 60
     while not os.path.exists(awaited) and time.monotonic() < limit:
         time.sleep(0.02)
-    process.send_signal(signal.SIGINT)
+    process.send_signal(by)
     _, said = process.communicate(timeout=60)
-    assert process.returncode == 130 and "--resume goes on from" in said
+    assert process.returncode == 128 + by and said.endswith("globule: interrupted\n")
+    assert "--resume goes on from" in said
 
 
-def test_ctrl_c_leaves_whole_files_and_a_checkpoint(folder):
-    interrupted("frames/frame_00004.vtp", "dam.toml", "--seconds", "1000")
+@pytest.mark.parametrize("by", [signal.SIGINT, signal.SIGTERM])
+def test_ctrl_c_leaves_whole_files_and_a_checkpoint(folder, by):
+    interrupted("frames/frame_00004.vtp", "dam.toml", "--seconds", "1000", by=by)
     assert not [name for name in os.listdir("frames") if name.endswith(".tmp")]
     sim = gb.Simulation.load("frames/checkpoint.npz", device="cpu")
     assert sim.time > 0.15 and len(gb.read("frames/frame_00004.vtp")) == 512
@@ -193,12 +197,63 @@ def test_pictures_and_a_movie(folder, capsys):
     assert not [name for name in os.listdir("frames") if name.startswith("frame_")]
 
 
+def movie_pictures(path):
+    from globule.video import read_movie
+
+    return [picture.astype(int) for picture in read_movie(path)]
+
+
+@pytest.mark.parametrize("more", [[], ["--pictures", "p"]], ids=["decoded", "kept"])
+def test_a_finished_movie_goes_on(folder, more):
+    pytest.importorskip("av")
+    video = ["--video", "dam.mp4", "--size", "65x48", *more]
+    run("dam.toml", "--video", "whole.mp4", "--size", "65x48", "--seconds", 0.2)
+    run("dam.toml", "-o", "out", "--seconds", 0.1, *video)
+    before = open("dam.mp4", "rb").read()
+    run("dam.toml", "-o", "out", "--seconds", 0.1, "--resume", *video)
+    assert open("dam.mp4", "rb").read() == before
+    os.makedirs("dam.mp4.frames")
+    run("dam.toml", "-o", "out", "--seconds", 0.2, "--resume", *video)
+    assert not os.path.exists("dam.mp4.frames")
+    whole, parts = movie_pictures("whole.mp4"), movie_pictures("dam.mp4")
+    assert len(whole) == len(parts) == 5
+    assert max(np.abs(a - b).mean() for a, b in zip(whole, parts, strict=True)) < 2
+    assert np.abs(whole[0] - whole[4]).mean() > 4
+
+
+def test_a_movie_without_its_first_pictures_is_refused_before_the_work(folder, capsys):
+    pytest.importorskip("av")
+    run("dam.toml", "-o", "out", "--seconds", 0.1)
+    before = sorted(os.listdir("out"))
+    capsys.readouterr()
+    words = ["simulate", "dam.toml", "-o", "out", "--resume", "--video", "late.mp4"]
+    assert main([*words, "--device", "cpu"]) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert "--video: expected the run's first 3 pictures of 640x480 in late.mp4" in said
+    assert "globule render 'out/frame_*.vtp' -o late.mp4" in said
+    assert sorted(os.listdir("out")) == before and not os.path.exists("late.mp4.frames")
+
+
 def test_curves_are_drawn(tmp_path):
     pytest.importorskip("matplotlib")
     rows = [{"time": t, "dt": 0.1, "compression": 0.001 * t} for t in range(5)]
     rows[4]["kinetic"] = 2.0
     assert diagnostics.plot(tmp_path / "d.png", rows)
     assert (tmp_path / "d.png").read_bytes()[:4] == b"\x89PNG"
+
+
+def test_a_curve_of_one_point_is_seen(tmp_path):
+    pytest.importorskip("matplotlib")
+    from PIL import Image
+
+    def colored(name, rows):
+        diagnostics.plot(tmp_path / name, rows)
+        picture = np.asarray(Image.open(tmp_path / name).convert("RGB")).astype(int)
+        return (np.ptp(picture, axis=2) > 60).sum()
+
+    assert colored("none.png", [{"time": 0.1, "dt": 0.0}]) == 0
+    assert colored("one.png", [{"time": 0.1, "dt": 0.1}]) > 10
 
 
 @pytest.mark.parametrize(
@@ -210,6 +265,8 @@ def test_curves_are_drawn(tmp_path):
         (["dam.toml", "--video", "a.avi"], "--video: expected a name ending in .mp4"),
         (["dam.toml", "--format", "xls"], "argument --format"),
         (["dam.toml", "--fps", "1e300"], "--seconds: expected at most 1,000,000 frames"),
+        (["long.toml"], "error: long.toml: seconds: expected at most 1,000,000 frames, got 1e+30"),
+        (["long.toml", "--seconds", "1e30"], "--seconds: expected at most 1,000,000 frames"),
         (["dam.toml", "--seconds", "0.01"], "seconds: expected at least a frame, 0.05 s, got 0.01"),
         (["dam.toml", "-o", "dam.toml"], "-o: expected a folder, got dam.toml: "),
         (["dam.toml", "-o", "/proc/a/b"], "-o: expected a place that may be written, got /proc/a/"),

@@ -320,6 +320,15 @@ def test_the_preset(folder, capsys):
     assert report["support"] == pytest.approx(0.2) and report["root"] == "bezier"
 
 
+def test_supports_of_the_preset_that_make_dust_are_told(folder, capsys):
+    _, dust, err = picture(capsys, "plain.npz", "--preset", "thesis")
+    assert err.count("\n") == 1 and "globule: warning: supports are half a leaf, " in err
+    depth, support = err.split("--depth ")[1].split()[0], err.split("--support ")[1].strip()
+    for more in (["--depth", depth], ["--support", support]):
+        _, mask, err = picture(capsys, "plain.npz", "--preset", "thesis", *more)
+        assert not err and mask.sum() > 4 * dust.sum()
+
+
 @pytest.mark.parametrize("words, message", [
     (["--step", "1"], "--step: expected --root march beside it, got exact"),
     (["--root", "bezier", "--step", "1"], "--step: expected --root march"),

@@ -2,6 +2,10 @@
 
 import os
 
+from .starting import quiet_interrupts
+
+quiet_interrupts()  # before what takes a while to load
+
 # OpenMP threads that spin while they wait slow down whatever runs beside them; the runtime reads
 # this once, when the core is loaded.
 _set = "OMP_WAIT_POLICY" not in os.environ

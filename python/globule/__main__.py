@@ -4,11 +4,23 @@ import contextlib
 import os
 import signal
 import sys
+from typing import Any
+
+from .starting import usual_interrupts
 
 
 def main() -> int:
     """Run one command and return its exit status."""
+    stopped = 130
+
+    def terminate(*_: Any) -> None:  # as Ctrl-C does, so that checkpoints are written
+        nonlocal stopped
+        stopped = 128 + signal.SIGTERM
+        raise KeyboardInterrupt
+
     try:
+        signal.signal(signal.SIGTERM, terminate)
+        usual_interrupts()
         from .cli import main as run  # takes a while, in which one may press Ctrl-C
 
         status = run()
@@ -16,13 +28,14 @@ def main() -> int:
         print("globule: interrupted", file=sys.stderr)
         status = 130
     if status == 130:
-        leave(status)
+        leave(stopped)
     return status
 
 
 def leave(status: int) -> None:
     """End now. Python's own way waits for threads, and crashes where one is inside a kernel."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.SIG_IGN)
     for stream in (sys.stdout, sys.stderr):
         with contextlib.suppress(AttributeError, OSError, ValueError):
             stream.flush()

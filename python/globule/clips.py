@@ -18,6 +18,10 @@ class ClipPlane:
     normal: Any
     offset: float = 0.0
 
+    def takes(self, points: np.ndarray) -> np.ndarray:
+        """Which of the points (N, 3) it takes away."""
+        return points @ np.asarray(self.normal, np.float64) > self.offset
+
     def _pack(self) -> dict:
         normal = np.asarray(three("normal", self.normal), np.float64)
         length = float(np.linalg.norm(normal))
@@ -35,6 +39,11 @@ class ClipBox:
     hi: Any
     keep: bool = False
 
+    def takes(self, points: np.ndarray) -> np.ndarray:
+        """Which of the points (N, 3) it takes away."""
+        inside = (points > np.asarray(self.lo)) & (points < np.asarray(self.hi))
+        return inside.all(axis=1) != self.keep
+
     def _pack(self) -> dict:
         lo, hi = three("lo", self.lo), three("hi", self.hi)
         if not all(a < b for a, b in zip(lo, hi, strict=True)):
@@ -49,6 +58,11 @@ class ClipSphere:
     center: Any
     radius: float
     keep: bool = False
+
+    def takes(self, points: np.ndarray) -> np.ndarray:
+        """Which of the points (N, 3) it takes away."""
+        away = np.linalg.norm(points - np.asarray(self.center), axis=1)
+        return (away < self.radius) != self.keep
 
     def _pack(self) -> dict:
         radius = number("radius", self.radius, 0.0)

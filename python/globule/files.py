@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import errno
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from typing import IO, Any
 
+# Errors of writing itself, which do not say of which file.
+_WRITE_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 # Files that are written but wait for others of their set, with the names they get; None: no set.
 _waiting: ContextVar[list[tuple[str, str]] | None] = ContextVar("waiting", default=None)
 
@@ -79,7 +82,9 @@ def atomic_write(path: str | os.PathLike, mode: str = "wb") -> Iterator[IO[Any]]
             os.replace(temporary, target)
         else:
             waiting.append((temporary, target))
-    except BaseException:
+    except BaseException as error:
+        if getattr(error, "errno", None) in _WRITE_ERRORS and not error.filename:
+            error.filename = os.fspath(path)
         with suppress(FileNotFoundError):  # interrupted when it had its place already
             os.unlink(temporary)
         raise

@@ -19,11 +19,12 @@ import numpy as np
 
 from .camera import Camera
 from .camera_path import CameraPath
+from .files import atomic_write
 from .formats import read
 from .particles import Particles
-from .render import RenderSettings, fit_camera, render
+from .render import RenderSettings, fit_camera, render, save_png
 from .scene import Scene
-from .video import need_av, write_movie
+from .video import movie_facts, need_av, read_movie, write_movie
 
 
 def natural(name: str) -> list[Any]:
@@ -160,6 +161,7 @@ class MovieFrames:
     def __init__(self, movie: str, resume: bool):
         self.movie, self.folder = movie, f"{movie}.frames"
         self._stale = not resume
+        self._whole = False
 
     def path(self, i: int) -> str:
         return os.path.join(self.folder, f"{i:06d}.png")
@@ -182,9 +184,41 @@ class MovieFrames:
             self._stale = False
         os.makedirs(self.folder, exist_ok=True)
 
+    def restore(
+        self, n_done: int, n: int, size: tuple[int, int], kept: Callable[[int], str] | None = None
+    ) -> None:
+        """See that pictures 0 to n_done - 1 of n are there. Where the movie was whole before, they
+        come from the PNGs that `kept` names, or are decoded from the movie.
+
+        Raises ValueError where they cannot be had; nothing is written then.
+        """
+        missing = [i for i in range(n_done) if not is_whole(self.path(i), size)]
+        sources = {i: kept(i) for i in missing if kept and is_whole(kept(i), size)}
+        decoded = sorted(set(missing) - set(sources))
+        if decoded:
+            n_had, had = movie_facts(self.movie)
+            if n_had <= decoded[-1] or had != (size[0] + size[0] % 2, size[1] + size[1] % 2):
+                raise ValueError(
+                    f"expected the run's first {n_done} pictures of {size[0]}x{size[1]} in "
+                    f"{self.movie} or {self.folder}, got none of number {decoded[0]}"
+                )
+            self._whole = n_had == n_done == n
+        if self._whole or not missing:
+            return
+        self.open()
+        for i, source in sources.items():
+            with open(source, "rb") as old, atomic_write(self.path(i)) as new:
+                new.write(old.read())
+        for i, picture in enumerate(read_movie(self.movie)) if decoded else ():
+            if i in decoded:
+                save_png(self.path(i), picture[: size[1], : size[0]])
+
     def encode(self, n: int, fps: float) -> None:
         """Write the movie of pictures 0 to n - 1, then delete them."""
         from PIL import Image
+
+        if self._whole:
+            return
 
         def pictures() -> Iterator[np.ndarray]:
             for i in range(n):

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from fractions import Fraction
 from typing import Any
 
@@ -70,6 +70,33 @@ def write_movie(path: str | os.PathLike, pictures: Iterable[Any], fps: float = 3
             raise ValueError("pictures: expected at least one, got none")
         movie.mux(stream.encode(None))
     return n
+
+
+def movie_facts(path: str | os.PathLike) -> tuple[int, tuple[int, int]]:
+    """How many frames a movie has, and their width and height; none of a file that is no movie."""
+    av = need_av()
+    try:
+        with av.open(os.fspath(path)) as movie:
+            stream = movie.streams.video[0]
+            return stream.frames, (stream.width, stream.height)
+    except (av.error.FFmpegError, IndexError):  # the first is an OSError or ValueError, too
+        return 0, (0, 0)
+
+
+def read_movie(path: str | os.PathLike) -> Iterator[np.ndarray]:
+    """The pictures of a movie of `write_movie`, (H, W, 3) uint8 sRGB each."""
+    with need_av().open(os.fspath(path)) as movie:
+        for frame in movie.decode(video=0):
+            planes = frame.reformat(format="yuv444p").to_ndarray()
+            # Not FFmpeg's own conversion to RGB: it rounds down, which would darken a picture
+            # every time that it is written and read.
+            y, u, v = ((plane - low) / width for plane, low, width in zip(
+                planes.astype(np.float32), (16, 128, 128), (219, 224, 224), strict=True
+            ))  # fmt: skip
+            red, blue = y + 1.5748 * v, y + 1.8556 * u
+            green = (y - 0.2126 * red - 0.0722 * blue) / 0.7152
+            rgb = np.stack((red, green, blue), axis=-1)
+            yield np.rint(255 * np.clip(rgb, 0, 1)).astype(np.uint8)
 
 
 def even(picture: np.ndarray) -> np.ndarray:

@@ -1,7 +1,7 @@
 """The command line: `globule COMMAND …`, one module per command.
 
-Exit status: 0 done; 2 the user's mistake (one line naming it, nothing written); 130 interrupted;
-1 anything else.
+Exit status: 0 done; 2 the user's mistake (one line naming it, nothing written); 130 interrupted,
+143 by SIGTERM; 1 anything else.
 """
 
 from __future__ import annotations
@@ -9,10 +9,12 @@ from __future__ import annotations
 import argparse
 import os
 import sys
+import warnings
 from collections.abc import Sequence
+from typing import Any
 
 from . import bench, calibrate, convert, demo, figures, info, reconstruct, render, simulate, view
-from .shared import UserError, join_negative, say
+from .shared import UserError, join_negative, say, warn
 
 COMMANDS = (render, view, simulate, reconstruct, calibrate, convert, info, figures, bench, demo)
 
@@ -51,7 +53,9 @@ def build_parser() -> argparse.ArgumentParser:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command and return its exit status; never exits by itself."""
     try:
-        _run(sys.argv[1:] if argv is None else list(argv))
+        with warnings.catch_warnings():
+            warnings.showwarning = _show_warning
+            _run(sys.argv[1:] if argv is None else list(argv))
         if sys.stdout:
             sys.stdout.flush()  # here, so that a closed pipe is noticed here
         return 0
@@ -83,6 +87,11 @@ def _run(argv: list[str]) -> None:
         raise UserError("expected a command, got none")
     else:
         options.run(options)
+
+
+def _show_warning(message: Warning | str, kind: type[Warning], *place: Any) -> None:
+    """The library's warnings, and others', as one line."""
+    warn(str(message))
 
 
 def _fail(status: int, problem: object) -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 from collections.abc import Callable
 from typing import Any
 
@@ -74,6 +75,9 @@ def beside(text: str) -> tuple[str, look.Color | None]:
     try:
         return path or text, look.color(word) if path else None
     except argparse.ArgumentTypeError:
+        if os.path.exists(path) and not os.path.exists(text):
+            expected = "FILE or FILE:COLOR, COLOR being R,G,B or V or #rrggbb"
+            raise argparse.ArgumentTypeError(f"expected {expected}, got {text!r}") from None
         return text, None
 
 

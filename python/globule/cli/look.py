@@ -36,11 +36,14 @@ def color(text: str) -> Color:
 
 
 def interval(text: str) -> tuple[float, float]:
-    """LO,HI."""
+    """LO,HI; the other way round colours the other way round."""
     words = text.split(",")
     if len(words) != 2:
         raise argparse.ArgumentTypeError(f"expected LO,HI, got {text!r}")
-    return number(words[0]), number(words[1])
+    low, high = number(words[0]), number(words[1])
+    if low == high:
+        raise argparse.ArgumentTypeError(f"expected LO,HI apart, got {text!r}")
+    return low, high
 
 
 def light(text: str) -> Headlight | DirectionalLight | PointLight:

@@ -12,6 +12,7 @@ import dataclasses
 import os
 import re
 import time
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -272,15 +273,16 @@ def _picture(
         for k in range(2, settings.samples + 1):  # one by one, so that it shows and can be stopped
             progress.show(f"tracing {path}: sample {k} of {settings.samples}")
             trace_seconds += frame.refine().trace_seconds
-    cut = tracing.why_cut(scene) if thesis else None
-    messages += [cut] if cut else []
+    if thesis:
+        why = tracing.why_cut(scene), tracing.why_dust(options, particles, scene)
+        messages += [message for message in why if message]
     hits = int(frame.mask.sum())
     tree = scene.octree
     n_outside = len(particles) - tree.n_inside
     if n_outside:
         messages.append(f"{n_outside:,} of {count(n)} outside the octree, left out")
     if tree.n_inside and not hits:
-        messages.append(why_empty(scene))
+        messages.append(why_empty(scene, lit.clips))
     progress.step(f"writing {image}")
     written = time.perf_counter()
     with mistakes():
@@ -358,11 +360,16 @@ def _together(reports: list[dict[str, Any]]) -> dict[str, Any]:
     }
 
 
-def why_empty(scene: Scene) -> str:
+def why_empty(scene: Scene, clips: Sequence[Any]) -> str:
     """Why a picture of particles has no surface in it, and what to do."""
     from ..octree import field
 
     positions = scene.particles.positions
+    taken = np.zeros(len(positions), bool)
+    for clip in clips:
+        taken |= clip.takes(positions)
+    if taken.all():
+        return "no pixel hits the surface: the cuts take all particles away"
     values = field(scene, positions[:: 1 + len(positions) // SAMPLES])
     highest = float(values.max())
     if highest > scene.threshold:

@@ -231,7 +231,7 @@ def _camera_path(options: argparse.Namespace) -> CameraPath:
 def _read(path: str, options: argparse.Namespace) -> tuple[Particles, list[str]]:
     if is_surface(path, options):
         return read_surface(path, options)
-    return read_particles(path, **reading(options)), []
+    return read_particles(path, len(set(options.particles)) > 1, **reading(options)), []
 
 
 def _try_to_read(path: str, options: argparse.Namespace) -> Particles | None:

@@ -157,16 +157,25 @@ def check_input(path: str, given: Sequence[str] = ()) -> None:
         raise UserError(f"{path}: expected a file to read, got: {error.strerror}") from error
 
 
-def read_particles(path: str, **given: Any) -> Particles:
-    """The particles of a file; what is wrong with it is the user's mistake."""
+def read_particles(path: str, may_be_empty: bool = False, **given: Any) -> Particles:
+    """The particles of a file; what is wrong with it is the user's mistake, and so is a level or
+    label that no voxel has, unless it may be empty as one of many."""
     try:
-        return read(path, **given)
+        particles = read(path, **given)
     except FormatError as error:
         raise UserError(str(error)) from error
     except ValueError as error:
         raise UserError(f"{path}: {error}") from error
     except OSError as error:
         raise UserError(f"{path}: cannot be read: {error.strerror or error}") from error
+    if not len(particles) and not may_be_empty:
+        if "level" in given:
+            raise UserError(f"{path}: --level: expected one that voxels reach, got "
+                            f"{given['level']:g}")
+        if "labels" in given:
+            labels = ", ".join(map(str, given["labels"]))
+            raise UserError(f"{path}: --label: expected a value that voxels have, got {labels}")
+    return particles
 
 
 def stem(path: str) -> str:

@@ -1,8 +1,8 @@
 """Simulate a scene: fluids, tissue and instruments, from a TOML file or one that ships by name.
 
 Writes frames of particles, diagnostics.csv and .png, and checkpoint.npz into a folder, and a movie
-if asked. Ctrl-C ends the step at hand and writes the checkpoint; --resume goes on from there, bit
-by bit as if nothing had happened."""
+if asked. Ctrl-C or SIGTERM ends the step at hand and writes the checkpoint; --resume goes on from
+there, bit by bit as if nothing had happened."""
 
 from __future__ import annotations
 
@@ -93,6 +93,7 @@ def run(options: argparse.Namespace) -> None:
             job.write_diagnostics()
     job.report(whole, time.perf_counter() - start)
     if not whole:
+        signal.raise_signal(interrupted())  # the command's own handler knows the exit status
         raise KeyboardInterrupt
 
 
@@ -150,8 +151,10 @@ class _Job:
         self.format = options.format or scene.output.format
         seconds = options.seconds or scene.seconds
         if seconds * self.fps > MOST_FRAMES:
+            own = not (options.seconds or options.fps)
+            key = f"{options.scene}: seconds" if own else "--seconds"
             raise UserError(
-                f"--seconds: expected at most {MOST_FRAMES:,} frames, got {seconds:g} s of "
+                f"{key}: expected at most {MOST_FRAMES:,} frames, got {seconds:g} s of "
                 f"{self.fps:g} frames a second"
             )
         output = replace(scene.output, fps=self.fps, format=self.format)
@@ -168,6 +171,8 @@ class _Job:
         if options.resume:
             self.sim = _resumed(Simulation, self.folder, self.scene, options.scene, where)
             self._check_output(self.sim.file.output)
+            self.start_time = self.sim.time
+            self._restore_pictures()
             if self.pictures.wanted:
                 first = Simulation(self.scene, **where)
                 self.pictures.begin_again(first, self.fps, self.sim.time)
@@ -187,12 +192,32 @@ class _Job:
             if had != asked:
                 raise UserError(f"--resume: expected --{name} {had}, as the run had, got {asked}")
 
-    def run(self, interrupted: Callable[[], bool]) -> bool:
+    def _is_before(self, k: int) -> bool:
+        """Whether frame k's time is not after that of the checkpoint one goes on from."""
+        return k / self.fps < self.start_time + 1e-9
+
+    def _restore_pictures(self) -> None:
+        """A movie that goes on begins with the pictures that it had."""
+        if not self.pictures.movie:
+            return
+        folder = self.options.pictures
+        kept = (lambda k: os.path.join(folder, f"{k:05d}.png")) if folder else None
+        n_done = sum(map(self._is_before, range(self.n_frames)))
+        try:
+            self.pictures.movie.restore(n_done, self.n_frames, self.pictures.eye.size, kept)
+        except ValueError as error:
+            frames = os.path.join(self.folder, f"frame_*.{self.format}")
+            raise UserError(
+                f"--video: {error}; go on without --video, then: globule render '{frames}' -o "
+                f"{self.options.video}"
+            ) from error
+
+    def run(self, interrupted: Callable[[], int]) -> bool:
         """All frames; False if it was told to stop before."""
         whole = True
         for k in range(self.n_frames):
             self.progress.step(f"{self.sim.time:.3f} s, {count(len(self.sim))}")
-            if self.options.resume and k / self.fps < self.start_time + 1e-9:
+            if self.options.resume and self._is_before(k):
                 continue  # written before the checkpoint was
             with self._timed("simulation"):
                 self.sim.advance_to(k / self.fps, stop=interrupted)
@@ -250,7 +275,8 @@ class _Job:
         if self.options.json:
             print_json({
                 "scene": self.options.scene, "whole": whole, "device": sim.scene.device.name,
-                "time": sim.time, "steps": n_steps, "hash": sim.hash(), "counts": sim.counts,
+                "time": sim.time, "steps": sim.n_steps, "new_steps": n_steps,
+                "hash": sim.hash(), "counts": sim.counts,
                 "times": {**self.seconds, "total": total}, "stages": sim.seconds,
                 "files": self.files, "checkpoint": self.checkpoint,
             })  # fmt: skip
@@ -294,18 +320,21 @@ def _resumed(
 
 
 @contextmanager
-def _interrupts() -> Iterator[Callable[[], bool]]:
-    """Whether Ctrl-C was pressed: once, and the step at hand is ended; twice breaks it off."""
-    pressed = False
+def _interrupts() -> Iterator[Callable[[], int]]:
+    """The signal, Ctrl-C's or SIGTERM, that has come, or 0: once, and the step at hand is ended;
+    twice breaks it off."""
+    signals = (signal.SIGINT, signal.SIGTERM)
+    came = 0
 
     def note(signum: int, frame: Any) -> None:
-        nonlocal pressed
-        if pressed:
+        nonlocal came
+        if came:
             raise KeyboardInterrupt
-        pressed = True
+        came = signum
 
-    before = signal.signal(signal.SIGINT, note)
+    before = [signal.signal(number, note) for number in signals]
     try:
-        yield lambda: pressed
+        yield lambda: came
     finally:
-        signal.signal(signal.SIGINT, before)
+        for number, handler in zip(signals, before, strict=True):
+            signal.signal(number, handler)

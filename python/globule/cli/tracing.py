@@ -41,6 +41,10 @@ def settle(options: argparse.Namespace) -> Thesis | None:
     if options.root == "exact":
         options.octree = options.octree or "sparse"
         return None
+    if options.beside:
+        asked = "--preset thesis" if options.preset == "thesis" else f"--root {options.root}"
+        raise UserError(f"--with: expected none beside {asked}, which shows one scene, got "
+                        f"{options.beside[0][0]}")
     options.octree = options.octree or "dense"
     if options.octree != "dense":
         raise UserError(f"--octree: expected dense with --root {options.root}, got sparse")
@@ -69,6 +73,22 @@ def support_and_depth(
     depth = PRESET_DEPTH if options.depth is None else options.depth
     with mistakes():
         return default_support(particles, depth), depth
+
+
+def why_dust(options: argparse.Namespace, particles: Particles, scene: Scene) -> str | None:
+    """What is wrong with the preset's supports where they are too small for neighbours to meet."""
+    if options.preset != "thesis" or (options.support or particles.support) is not None:
+        return None
+    support, spacing = scene.support, scene.spacing
+    if np.ndim(support) or support >= spacing / 3:
+        return None
+    extent = scene.octree.extent
+    fitting = int(np.clip(np.floor(np.log2(extent / (2 * spacing))), 0, 8))
+    return (
+        f"supports are half a leaf, {support:.3g}, which is less than a third of the particles' "
+        f"spacing, {spacing:.3g}, so they show as dust; try --depth {fitting} or "
+        f"--support {2 * spacing:.2g}"
+    )
 
 
 def why_cut(scene: Scene) -> str | None:

@@ -93,6 +93,22 @@ def per_particle(particles: Particles) -> dict[str, np.ndarray]:
     return arrays
 
 
+def check_lengths(path: Any, arrays: Mapping[str, np.ndarray], n: int) -> None:
+    """Refuse an array whose name says that it is about the particles, but that is not N long."""
+    for name, array in arrays.items():
+        lower = name.lower()
+        scalar = name in SCALAR_FIELDS or name in _SUPPORT_NAMES
+        color = lower in _COLOR_NAMES
+        if not (scalar or color or name in FIELDS or name in _COMPONENTS):
+            continue
+        if array.shape[:1] == (n,) or array.shape == (() if scalar else (3,) if color else None):
+            continue
+        width = "9" if name == "anisotropy" else "3"
+        one = " or one number" if scalar else " or (3,)" if color else ""
+        shape = f"({n},)" if scalar else f"({n}, {width})"
+        raise bad(path, name, f"expected shape {shape}{one}, got {array.shape}")
+
+
 def find_positions(arrays: dict[str, np.ndarray]) -> np.ndarray | None:
     """Take the array of positions (N, 3) out of `arrays`; None if there is none."""
     by_lower_name = {name.lower(): name for name in reversed(list(arrays))}

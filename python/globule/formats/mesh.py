@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import os
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import IO, Any
@@ -124,6 +125,8 @@ def _points(name: str, parts: list[Any]) -> Particles:
     if not found:
         raise bad(name, "", "expected a mesh with vertices, got none")
     positions = np.concatenate(found).astype(np.float32)
+    shown = f"its {len(positions):,} vertices are shown as points"
+    warnings.warn(f"{name}: expected a mesh with faces, got none: {shown}", stacklevel=2)
     return Particles(positions, support=2 * local_spacing(positions))
 
 
@@ -131,8 +134,25 @@ def _load(trimesh: Any, path: str) -> Any:
     with open(path, "rb") as file:  # what is no readable file is an OSError like everywhere
         if path.lower().endswith(".glb"):
             _check_glb(path, file)
+        elif path.lower().endswith(".obj"):
+            _check_obj(path, file)
     with _errors_of(path):
         return trimesh.load_scene(path, process=False)
+
+
+def _check_obj(path: str, file: IO[bytes]) -> None:
+    """Refuse a last line that breaks off: trimesh leaves the face out, or every vertex's colour."""
+    words = 0  # of the first vertex
+    last: list[bytes] = []
+    for line in file:
+        if line.startswith((b"v ", b"f ")):
+            last = line.split(b"#")[0].split()
+            if not words and last[0] == b"v":
+                words = len(last)
+    if last[:1] == [b"v"] and len(last) != words:
+        raise bad(path, "last vertex", f"expected {words - 1} numbers, got {len(last) - 1}")
+    if last[:1] == [b"f"] and len(last) < 4:
+        raise bad(path, "last face", f"expected at least 3 corners, got {len(last) - 1}")
 
 
 def _check_glb(path: str, file: IO[bytes]) -> None:

@@ -14,7 +14,7 @@ import numpy as np
 from ..files import atomic_write
 from ..particles import SCALAR_FIELDS, Particles, to_host
 from .errors import bad, shown
-from .fields import find_positions, particles_from
+from .fields import check_lengths, find_positions, particles_from
 
 _MOST_DEFLATE_CAN_EXPAND = 1032  # times
 
@@ -22,7 +22,7 @@ _MOST_DEFLATE_CAN_EXPAND = 1032  # times
 def read(path: str | os.PathLike) -> Particles:
     """Read .npz: positions (N, 3), fields per particle or as scalars, attributes (N, ...).
 
-    Arrays of the file that do not belong to N particles are left out. Of .npy, (N, 3) or wider,
+    Other arrays that do not belong to N particles are left out. Of .npy, (N, 3) or wider,
     the first three columns are the positions and the others attributes `column4` and so on.
     """
     with open(path, "rb") as file:
@@ -35,6 +35,7 @@ def read(path: str | os.PathLike) -> Particles:
         found = shown(", ".join(arrays))
         raise bad(path, "archive", f"expected an array positions (N, 3), got {found}")
     n = len(positions)
+    check_lengths(path, arrays, n)
     for name, array in arrays.items():
         if array.ndim > 2 and len(array) == n and array.size:
             arrays[name] = array.reshape(n, -1)

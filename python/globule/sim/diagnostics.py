@@ -55,7 +55,8 @@ def plot(path: str | os.PathLike, rows: Sequence[dict[str, Any]], title: str = "
         for name, points in curves.items():
             time, values = zip(*points, strict=True)
             factor = FACTORS.get(name, 1.0)
-            axes.plot(time, [factor * v for v in values], label=name, linewidth=1)
+            lone = "o" if len(points) == 1 else None  # a line of one point is not seen
+            axes.plot(time, [factor * v for v in values], label=name, linewidth=1, marker=lone)
         axes.set_ylabel(label, fontsize=8)
         axes.tick_params(labelsize=7)
         axes.grid(alpha=0.3)
