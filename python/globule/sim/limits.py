@@ -38,11 +38,28 @@ def check(scene: Any) -> None:
         if body and width < 0.999 * scene.spacing:
             expected = f"expected at least a spacing, {scene.spacing:g} m, in every direction"
             raise Problem(path, f"{expected}, got {width:g}")
-    least = frame / MOST_STEPS
     for path, step in _steps(scene):
-        if step < least:
-            expected = f"expected what allows steps of {least:.3g} s, a millionth of a frame"
-            raise Problem(path, f"{expected}, got what allows {step:.3g} s")
+        _check_step(path, step, frame)
+
+
+def _check_step(path: Path, step: float, frame: float) -> None:
+    least = frame / MOST_STEPS
+    if step < least:
+        expected = f"expected what allows steps of {least:.3g} s, a millionth of a frame"
+        raise Problem(path, f"{expected}, got what allows {step:.3g} s")
+
+
+def check_material(phase: Any, spacing: float, frame: float) -> None:
+    """Raise Problem where a phase of a running simulation asks for steps that never end."""
+    if phase.kind in ("fluid", "tissue"):
+        for name, step in _steps_of_material(phase, spacing):
+            _check_step((f"phases[{phase.name!r}]", name), step, frame)
+
+
+def check_emitter(name: str, emitter: Any, spacing: float, frame: float) -> None:
+    """As `check_material`."""
+    step = _step_of_emitter(emitter, spacing, 0.4 * spacing)
+    _check_step((f"emitters[{name!r}]", "rate"), step, frame)
 
 
 def _corners(lo: np.ndarray, hi: np.ndarray) -> str:
@@ -85,14 +102,8 @@ def _steps(scene: Any) -> Iterator[tuple[Path, float]]:
     if fall:
         yield ("gravity",), far / (11 * fall if solver.method == "wcsph" else fall)
     for i, fluid in enumerate(scene.fluids):
-        if fluid.viscosity and not fluid.implicit:
-            yield ("fluids", i, "viscosity"), 0.125 * d * d * fluid.density / fluid.viscosity
-        if fluid.surface_tension:
-            mass = fluid.density * d**3
-            yield (
-                ("fluids", i, "surface_tension"),
-                0.4 * math.sqrt(mass / (2 * math.pi * fluid.surface_tension)),
-            )
+        for name, step in _steps_of_material(fluid, d):
+            yield ("fluids", i, name), step
     for kind in ("fluids", "solids", "rigids"):
         for i, table in enumerate(getattr(scene, kind)):
             if any(table.velocity):
@@ -103,5 +114,19 @@ def _steps(scene: Any) -> Iterator[tuple[Path, float]]:
             across = math.dist(*shape.bounds()) if hasattr(shape, "bounds") else diagonal
             yield ("rigids", i, "spin"), far / (math.hypot(*rigid.spin) * across / 2)
     for i, emitter in enumerate(scene.emitters):
-        speed = emitter.rate / (n_places(emitter.radius, d) * d * d)
-        yield ("emitters", i, "rate"), far / speed
+        yield ("emitters", i, "rate"), _step_of_emitter(emitter, d, far)
+
+
+def _steps_of_material(material: Any, d: float) -> Iterator[tuple[str, float]]:
+    if material.viscosity and not material.implicit:
+        yield "viscosity", 0.125 * d * d * material.density / material.viscosity
+    if material.surface_tension:
+        mass = material.density * d**3
+        step = 0.4 * math.sqrt(mass / (2 * math.pi * material.surface_tension))
+        yield "surface_tension", step
+
+
+def _step_of_emitter(emitter: Any, d: float, far: float) -> float:
+    """Until what leaves has gone as far as a step may take it."""
+    speed = emitter.rate / (n_places(emitter.radius, d) * d * d)
+    return far / speed if speed > 0 else math.inf

@@ -196,12 +196,26 @@ class Operable:
     def _send_tissue(self) -> None:
         """Tissue's materials, where they changed."""
         packed = [
-            [float(getattr(p, name)) for p in self.phases.values()]
-            for name in ("damping", "tear_strain", "yield_strain", "creep_rate")
+            [getattr(p, name) for p in self.phases.values()]
+            for name in ("damping", "tear", "plastic")
         ]
+        packed.append([p.creep if p.plastic else 0.0 for p in self.phases.values()])
         if self.__dict__.get("_materials_sent") != packed:
             self._core.tissue().materials(*packed)
             self._materials_sent = packed
+
+    def _tissue_by_hand(self) -> dict[str, Any]:
+        """What was said of vessels, grasps and pushers, as JSON holds it."""
+        vessels = [vars(v) | {"path": np.asarray(v.path).tolist()} for v in self.vessels]
+        named = {"vessels": vessels}
+        return named | {k: self.__dict__.get(f"_{k}", []) for k in ("motions", "pushers")}
+
+    def _take_up_tissue(self, by_hand: dict[str, Any]) -> None:
+        self._vessels = [Vessel(**values) for values in by_hand["vessels"]]
+        motions = [tuple(tuple(part) for part in motion) for motion in by_hand["motions"]]
+        self._motions = motions or [((0.0,) * 3,) * 3] * 8
+        self._pushers = [tuple(pusher) for pusher in by_hand["pushers"]]
+        self._send_instruments()
 
     def _tissue_arrays(self) -> dict[str, np.ndarray]:
         core, found = self._core.tissue(), {}

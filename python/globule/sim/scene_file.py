@@ -333,7 +333,12 @@ def read_scene(scene: Any, spacing: float | None = None) -> SceneFile:
     if not isinstance(scene, (dict, SceneFile)):
         path = shipped(scene) if scene in SHIPPED else File(scene)
         name, folder = os.fspath(path), os.path.dirname(path)
-        scene, lines = _parsed(path)
+        try:
+            scene, lines = _parsed(path)
+        except OSError as error:
+            expected = f"expected a .toml file or one of {', '.join(SHIPPED)}"
+            got = f"{os.fspath(path)}: {error.strerror}"
+            raise type(error)(f"SCENE: {expected}, got {got}") from None
     try:
         found = scene if isinstance(scene, SceneFile) else read_table(SceneFile, scene)
         if spacing is not None:

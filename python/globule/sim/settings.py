@@ -7,18 +7,36 @@ from typing import Any
 
 import numpy as np
 
+from .scene_file import Boundary, Fluid, Rigid, Solid
+from .schema import switch
+from .steered import Steered, checked, checks_of
+
 KINDS = ("fluid", "tissue", "boundary", "rigid")
 MAX_PHASES = 32
+TABLES = dict(zip(KINDS, (Fluid, Solid, Boundary, Rigid), strict=True))
+CHECKS = {"shown": switch}
+for _table in TABLES.values():
+    CHECKS |= checks_of(_table)
+PICTURE = ("color", "reflection", "refraction", "shown")
+CHANGEABLE = {
+    "fluid": ("density", "viscosity", "implicit", "surface_tension", *PICTURE),
+    "tissue": ("damping", "tear", "plastic", "creep", "viscosity", "implicit", "surface_tension",
+               *PICTURE),
+    "boundary": ("adhesion", *PICTURE),
+    "rigid": ("adhesion", *PICTURE),
+}  # fmt: skip
 
 
 @dataclass
-class Phase:
-    """A material of a simulation; any value may be changed between steps. SI units.
+class Phase(Steered):
+    """A material of a simulation, with the names and limits of a scene file; SI units. What
+    CHANGEABLE has of its kind may be changed between steps.
 
     kind: fluid, tissue, boundary (fixed or moved by key frames) or rigid (a floating body).
-    tension: of a fluid's surface, N/m; adhesion: of a boundary or rigid body, N/m: a fluid sticks
-    to it with the geometric mean of both. Of tissue: damping, 1/s; tear_strain beyond which bonds
-    break, 0: never; yield_strain beyond which the share creep_rate, 1/s, of the strain becomes
+    surface_tension: of a fluid, N/m; adhesion: of a boundary or rigid body, N/m: a fluid sticks
+    to it with the geometric mean of both, as it does to tissue with a surface_tension. implicit:
+    viscosity that does not shorten the steps. Of tissue: damping, 1/s; tear: strain beyond which
+    bonds break, 0: never; plastic: strain beyond which the share creep, 1/s, of the strain becomes
     permanent, 0: never.
     """
 
@@ -26,30 +44,44 @@ class Phase:
     kind: str = "fluid"
     density: float = 1000.0
     viscosity: float = 0.0
-    implicit_viscosity: bool = False
-    tension: float = 0.0
+    implicit: bool = False
+    surface_tension: float = 0.0
     adhesion: float = 0.0
     color: Any = (0.28, 0.52, 0.80)
     reflection: float = 0.0
     refraction: float = 0.0
     shown: bool | None = None
     damping: float = 0.0
-    tear_strain: float = 0.0
-    yield_strain: float = 0.0
-    creep_rate: float = 0.0
+    tear: float = 0.0
+    plastic: float = 0.0
+    creep: float = 1.0
 
     def __post_init__(self) -> None:
         if self.kind not in KINDS:
             raise ValueError(f"kind: expected one of {', '.join(KINDS)}, got {self.kind!r}")
         if self.shown is None:
             self.shown = self.kind != "boundary"
+        self._label = f"phases[{self.name!r}]"
+        self._begin(vars(self))
+
+    def _begin(self, values: dict[str, Any]) -> None:
+        """Values that it has from the start."""
+        for name in self.__dataclass_fields__:
+            if name in CHECKS:
+                vars(self)[name] = checked(self._label, name, CHECKS[name], values[name])
+        self._begun = True
+
+    def _checks(self) -> dict[str, Any]:
+        return {name: CHECKS[name] for name in CHANGEABLE[self.kind]}
+
+    def _at_start(self) -> set[str]:
+        return {"kind", *checks_of(TABLES[self.kind])}
 
     def _pack(self) -> dict[str, Any]:
         packed = dict(vars(self))
         packed["kind"] = KINDS.index(self.kind)
-        packed["color"] = [float(c) for c in self.color]
-        if not self.density > 0:
-            raise ValueError(f"density: expected a positive number, got {self.density!r}")
+        packed["tension"], packed["implicit_viscosity"] = self.surface_tension, self.implicit
+        packed["color"] = list(self.color)
         return packed
 
 
@@ -79,6 +111,12 @@ class Settings:
     weakly_compressible: bool = False
     sound_speed: float | None = None
     extra_viscosity: float = 0.0
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if name not in (known := self.__dataclass_fields__):
+            expected = f"settings.{name}: expected one of {', '.join(known)}"
+            raise AttributeError(f"{expected}, got another")
+        super().__setattr__(name, value)
 
     def _pack(self) -> dict[str, Any]:
         packed = dict(vars(self))
