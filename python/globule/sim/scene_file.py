@@ -28,6 +28,7 @@ from .schema import (
     place,
     positive,
     read_table,
+    shown,
     switch,
     text,
     vector,
@@ -64,6 +65,10 @@ class Domain:
 
     def __post_init__(self) -> None:
         Box(self.lo, self.hi)
+        for i, face in enumerate(self.open):
+            if face[1] in self.periodic:
+                expected = f"expected faces of axes that end, got {face!r} with periodic"
+                raise Problem(("open", i), f"{expected} {shown(self.periodic)}")
 
 
 @dataclass(kw_only=True)
