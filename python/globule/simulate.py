@@ -22,7 +22,6 @@ from .sim.moving import Moving
 from .sim.operate import Operable
 from .sim.run import Run, description, is_scene
 from .sim.scene_file import read_scene
-from .sim.schema import Problem
 from .sim.settings import MAX_PHASES, Phase, Settings, StepReport
 from .sim.steered import Named, made
 from .sim.tools import Tool
@@ -73,13 +72,10 @@ def settings_of(scene: Any) -> dict[str, Any]:
 
 
 def phases_of(values: Any) -> list[Phase]:
-    found = []
-    for i, of_one in enumerate(values):
-        try:
-            found.append(made(Phase, of_one))
-        except Problem as problem:
-            raise Problem(("phases", i, *problem.path), problem.message) from None
-    return found
+    """The `phases` of such a dict."""
+    if not isinstance(values, (list, tuple)):
+        raise ValueError(f"phases: expected a list of dicts, got {values!r}")
+    return [made(Phase, of_one, f"phases[{i}]") for i, of_one in enumerate(values)]
 
 
 class Simulation(Run, Operable, Moving, Arrays):
@@ -110,7 +106,7 @@ class Simulation(Run, Operable, Moving, Arrays):
             facts = of_particles(scene) if isinstance(scene, Particles) else settings_of(scene)
         phases = phases_of(facts.pop("phases", [{"name": "fluid"}]))
         walls = facts.pop("walls", True)
-        self.settings = made(Settings, facts, ("phases", "walls"))
+        self.settings = made(Settings, facts, others=("phases", "walls"))
         self._begin(file)
         self.instruments: dict[str, Tool] = Named("instruments", Tool)
         self._sinks: list[list[float]] = []
@@ -140,6 +136,8 @@ class Simulation(Run, Operable, Moving, Arrays):
 
     def add_phase(self, phase: Phase) -> None:
         """One more material."""
+        if not isinstance(phase, Phase):
+            raise TypeError(f"phase: expected a gb.Phase, got {phase!r}")
         if len(self._names) == MAX_PHASES:
             raise ValueError(f"phases: expected at most {MAX_PHASES}")
         if phase.name in self.phases:

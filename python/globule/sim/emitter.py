@@ -29,12 +29,13 @@ class Emitter(Steered):
     def __init__(
         self, center: Any, direction: Any, radius: float, rate: float, phase: str | None = None
     ):
-        taken, values = checks_of(Table) | CHECKS, {
-            "center": center, "direction": direction, "radius": radius, "rate": rate,
-        }  # fmt: skip
-        values = {k: checked("emitter", k, taken[k], value) for k, value in values.items()}
-        self.center, self.direction = np.array(values["center"]), np.array(values["direction"])
-        self.radius, self.rate = values["radius"], values["rate"]
+        checks = checks_of(Table) | CHECKS
+        checked("emitter", "direction", checks["direction"], direction)
+        direction = np.asarray(direction, float)
+        self.direction = direction / np.linalg.norm(direction)
+        self.center = np.array(checked("emitter", "center", checks["center"], center))
+        self.radius = checked("emitter", "radius", checks["radius"], radius)
+        self.rate = checked("emitter", "rate", checks["rate"], rate)
         self.phase = phase
         self.on = True
         self._emitted = 0

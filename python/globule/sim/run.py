@@ -15,7 +15,7 @@ from .bodies import Body
 from .emitter import Emitter
 from .operate import Vessel
 from .scene_file import LISTS, SceneFile, as_dict
-from .settings import Phase
+from .settings import SETTINGS, Phase
 from .tools import Tool
 
 # Mean compression that tells that there is no room: in so many steps, and at once.
@@ -284,7 +284,7 @@ class Run:
 
     def _describe_again(self, described: dict[str, Any]) -> None:
         """Settings and materials as they were when saved: they may have been changed."""
-        for name in self.settings.__dataclass_fields__:
+        for name in SETTINGS:
             setattr(self.settings, name, described[name])
         for values in described["phases"]:
             if values["name"] not in self.phases:

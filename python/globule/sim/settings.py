@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from .scene_file import Boundary, Fluid, Rigid, Solid
-from .schema import switch
+from .schema import number, positive, shown, switch, vector, whole
 from .steered import Steered, checked, checks_of
 
 KINDS = ("fluid", "tissue", "boundary", "rigid")
@@ -85,8 +85,40 @@ class Phase(Steered):
         return packed
 
 
+def _corners(value: Any) -> Any:
+    try:
+        lo, hi = np.asarray(value, float).reshape(2, 3)
+    except (TypeError, ValueError):
+        raise ValueError(f"expected two corners, (lo, hi), got {shown(value)}") from None
+    if not (np.isfinite([lo, hi]).all() and (lo < hi).all()):
+        raise ValueError(f"expected finite corners, lo below hi in each axis, got {shown(value)}")
+    return value
+
+
+def _axes(value: Any) -> tuple[bool, ...]:
+    if not isinstance(value, (list, tuple)) or len(value) != 3:
+        raise ValueError(f"expected three of true or false, got {shown(value)}")
+    return tuple(bool(v) for v in value)
+
+
+SETTINGS = {
+    "periodic": _axes,
+    "gravity": vector(),
+    "cfl": positive,
+    "longest_step": positive,
+    "density_error": positive,
+    "divergence_error": positive,
+    "least_iterations": whole(0, 1_000_000),
+    "most_iterations": whole(1, 1_000_000),
+    "viscosity_error": positive,
+    "weakly_compressible": switch,
+    "sound_speed": lambda value: None if value is None else positive(value),
+    "extra_viscosity": number(least=0.0),
+}
+
+
 @dataclass
-class Settings:
+class Settings(Steered):
     """How a simulation is run; any value but spacing and domain may be changed between steps.
 
     spacing: of particles, m. domain: two corners, m; who leaves it is no longer simulated.
@@ -112,11 +144,17 @@ class Settings:
     sound_speed: float | None = None
     extra_viscosity: float = 0.0
 
-    def __setattr__(self, name: str, value: Any) -> None:
-        if name not in (known := self.__dataclass_fields__):
-            expected = f"settings.{name}: expected one of {', '.join(known)}"
-            raise AttributeError(f"{expected}, got another")
-        super().__setattr__(name, value)
+    def __post_init__(self) -> None:
+        self._label = "settings"
+        for name, check in {"spacing": positive, "domain": _corners, **SETTINGS}.items():
+            setattr(self, name, checked(self._label, name, check, getattr(self, name)))
+        self._begun = True
+
+    def _checks(self) -> dict[str, Any]:
+        return SETTINGS
+
+    def _at_start(self) -> set[str]:
+        return {"spacing", "domain"}
 
     def _pack(self) -> dict[str, Any]:
         packed = dict(vars(self))

@@ -6,7 +6,7 @@ import dataclasses
 from collections.abc import Callable, Iterable
 from typing import Any, TypeVar
 
-from .schema import Problem, shown, spell
+from .schema import shown, spell
 
 T = TypeVar("T")
 
@@ -54,10 +54,11 @@ class Steered:
         if self._begun and not name.startswith("_"):
             checks = self._checks()
             if name not in checks:
-                got = "what counts at the start only" if name in self._at_start() else "another"
-                raise AttributeError(
-                    f"{self._label}.{name}: expected one of {', '.join(checks)}, got {got}"
-                )
+                known = ", ".join(checks)
+                why = f"expected one of {known}, got an unknown name"
+                if name in self._at_start():
+                    why = f"cannot be changed after the start, expected one of {known}"
+                raise AttributeError(f"{self._label}.{name}: {why}")
             value = checked(self._label, name, checks[name], value)
         super().__setattr__(name, value)
 
@@ -77,16 +78,18 @@ def checks_of(table: type) -> dict[str, Callable[[Any], Any]]:
     return {f.name: f.metadata["check"] for f in dataclasses.fields(table) if f.metadata}
 
 
-def made(kind: type[T], values: Any, others: tuple[str, ...] = ()) -> T:
-    """A dataclass of these values; `others`: keys that stand beside them."""
+def made(kind: type[T], values: Any, label: str = "", others: tuple[str, ...] = ()) -> T:
+    """A dataclass of these values. label: what stands before their names in messages; others: keys
+    that stand beside them."""
     fields = dataclasses.fields(kind)
     if not isinstance(values, dict):
-        raise ValueError(f"expected a dict of names with values, got {shown(values)}")
+        raise ValueError(f"{label}: expected a dict of names with values, got {shown(values)}")
+    dot = "." if label else ""
     for name in values:
         if name not in (known := [f.name for f in fields]):
             listed = ", ".join([*known, *others])
-            raise Problem((name,), f"expected one of {listed}, got an unknown key")
+            raise ValueError(f"{label}{dot}{name}: expected one of {listed}, got an unknown key")
     for f in fields:
         if f.name not in values and f.default is f.default_factory is dataclasses.MISSING:
-            raise Problem((f.name,), "expected this key, got none")
+            raise ValueError(f"{label}{dot}{f.name}: expected this key, got none")
     return kind(**values)
