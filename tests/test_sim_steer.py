@@ -3,6 +3,8 @@
 import globule as gb
 import numpy as np
 import pytest
+from globule.sim.operate import Vessel
+from globule.sim.tissue import BALL, HALF_SPACE
 
 SCENE = {
     "spacing": 0.004,
@@ -75,7 +77,14 @@ def drained(sim):
     sim.phases["water"].viscosity = 0.5
 
 
-@pytest.mark.parametrize("said", [off, about_to_pass, passing, pushed, held, drained])
+def pressed(sim):
+    sim.set_pushers([(BALL, (-0.02, 0, 0.03), (0, 0, 0), 0.006, (0, 0, -0.1)),
+                     (HALF_SPACE, (-0.043, 0, 0), (1, 0, 0), 0, (0.1, 0, 0))])  # fmt: skip
+    sim.add_vessel(Vessel([[-0.04, 0, 0.012], [0, 0, 0.012]], 0.005, 2000.0, 1e-6, "water"))
+    sim.advance(0.012)
+
+
+@pytest.mark.parametrize("said", [off, about_to_pass, passing, pushed, held, drained, pressed])
 def test_what_was_said_goes_on_after_loading(sim, tmp_path, said):
     said(sim)
     sim.save(tmp_path / "state")
@@ -86,7 +95,7 @@ def test_what_was_said_goes_on_after_loading(sim, tmp_path, said):
     assert again.hash() == sim.hash()
 
 
-@pytest.mark.parametrize("said", [off, about_to_pass, passing, pushed, held, drained])
+@pytest.mark.parametrize("said", [off, about_to_pass, passing, pushed, held, drained, pressed])
 def test_reset_forgets_what_was_said(said):
     one, other = (gb.Simulation(SCENE, device="cpu") for _ in range(2))
     one.emitters["tap"].on = False

@@ -220,6 +220,7 @@ class Simulation(Run, Operable, Moving, Arrays):
                 f"number in step {step} at {time:g} s"
             )
         report = StepReport(**done)
+        self._move_pushers(dt)
         self._operate()
         self._note(report)
         return report
