@@ -28,7 +28,7 @@ while sim.time < 0.25:
     sim.step()
 
 sim.phases["water"].viscosity = 5.0  # Pa s; any material's value may change between steps
-sim.phases["water"].implicit_viscosity = True
+sim.phases["water"].implicit = True
 sim.phases["water"].color = (0.75, 0.4, 0.05)
 velocities = sim.velocities
 velocities *= 0.5

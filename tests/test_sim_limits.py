@@ -17,6 +17,22 @@ box = { lo = [0, 0, 0], hi = [0.4, 0.4, 0.4] }
 """
 BOX = "{ lo = [0, 0, 0], hi = [0.4, 0.4, 0.4] }"
 AWAY = "{ lo = [5, 5, 5], hi = [6, 6, 6] }"
+PLATE = """
+[[boundaries]]
+name = "b"
+sphere = """
+VEIN = f"""
+[[solids]]
+name = "s"
+box = {BOX}
+[[vessels]]
+name = "v"
+solid = "s"
+fluid = "water"
+pool = 1e-3
+path = [[0.5, 0, 0.2], [0.7, 0.4, 0.2]]
+radius = 0.05
+"""
 TAP = """\
 [[emitters]]
 name = "tap"
@@ -42,6 +58,15 @@ rate = 0.01
         ("domain", "gravity = [0, -1e99, 0]\ndomain", r":2: gravity\[1\]: expected a number from"),
         ("domain", "solver.max_dt = 1e-30\ndomain", r":2: solver.max_dt: expected what allows"),
         ("domain", "seconds = 0.01\ndomain", r":2: seconds: expected at least a frame, 0.0333333"),
+        ("walls = true", "walls = true, open = ['+x', '-z'], periodic = ['z']",
+         r":2: domain.open\[1\]: expected faces of axes that end, got '-z' with periodic \['z'\]"),
+        (BOX, BOX + PLATE + "{ center = [0.5, 0.2, 0.5], radius = 0.02 }",
+         r":8: boundaries\[0\].sphere: expected at least a spacing, 0.05 m, .* got 0.04"),
+        (BOX, BOX + VEIN, r":14: vessels\[0\].path: expected a course through s, \(0, 0, 0\) to "
+         r"\(0.4, 0.4, 0.4\), got one that passes 0.1 m beside it"),
+        ("center = [0.5, 0.2, 0.5]\ndirection = [0, 0, 1]", "center = [0.5, 0.2, 0.79]\n"
+         "direction = [0, 1, 2]", r":10: emitters\[0\].direction: expected a way into the domain, "
+         r"got \(0, 0.447214, 0.894427\), into its wall \+z, 0.01 m away"),
         ("domain", "domain.periodic = ['x', 'x']\ndomain", r"periodic\[1\]: expected each once"),
         ("0.05", "1e-7", r":1: spacing: expected at least 7.63e-06 in a domain up to 1 m from the"),
     ],
@@ -77,6 +102,20 @@ def test_particles_without_memory_are_counted_not_made(tmp_path, monkeypatch, mo
     message = str(caught.value)
     assert message.startswith(f"{named}: expected particles that fit in the 1.0 GiB")
     assert f"got about {n} that need" in message
+
+
+def test_what_only_looks_like_it_is_taken(tmp_path):
+    """A vessel beside its solid by less than its radius, a tap away from its wall or at one that
+    is open, a plate of one spacing."""
+    path = tmp_path / "scene.toml"
+    words = SCENE + VEIN.replace("0.5, 0,", "0.44, 0,") + TAP.replace("0, 0, 1]", "0, 0, -1]")
+    words = words.replace("[0.5, 0.2, 0.5]", "[0.5, 0.2, 0.79]") + PLATE
+    words += "{ center = [0.8, 0.2, 0.5], radius = 0.025 }\n"
+    path.write_text(words + TAP.replace('"tap"', '"tip"'))
+    assert len(read_scene(path).emitters) == 2
+    words = SCENE.replace("walls = true", "walls = true, open = ['+z']")
+    path.write_text(words + TAP.replace("[0.5, 0.2, 0.5]", "[0.5, 0.2, 0.79]"))
+    assert len(read_scene(path).emitters) == 1
 
 
 def test_the_spacing_that_would_fit_does(tmp_path, monkeypatch):

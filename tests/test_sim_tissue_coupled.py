@@ -236,7 +236,7 @@ def test_checkpoints_go_on_bit_by_bit():
     x = block(5, 5, 6)
 
     def new():
-        sim = make({"device": "cpu"}, x, fixed=x[:, 2] < 0.5 * D, damping=3.0, tear_strain=0.5)
+        sim = make({"device": "cpu"}, x, fixed=x[:, 2] < 0.5 * D, damping=3.0, tear=0.5)
         sim.add_vessel(
             Vessel([[-D, 2 * D, 3 * D], [6 * D, 2 * D, 3 * D]], 0.6 * D, 1e5, 1e-5, "blood")
         )

@@ -248,6 +248,11 @@ def test_an_emitter_is_switched_off_and_on(chromium, tmp_path):
         assert sim.emitters["tap"].emitted == 0
         box.check()
         until(lambda: sim.emitters["tap"].emitted > 5, "for water to come")
+        box.uncheck()
+        until(lambda: not sim.emitters["tap"].on)
+        press(page, "Reset")
+        until(lambda: sim.emitters["tap"].on and box.is_checked(), "for the start")
+        assert not source.by_hand and sim.emitters["tap"].emitted == 0
     finally:
         watched.close()
 

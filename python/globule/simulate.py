@@ -14,14 +14,17 @@ from .arrays import address
 from .device import choose
 from .particles import Particles, to_host
 from .scene import DEFAULTS, KERNELS, Scene, _count
-from .sim.arrays import Arrays, check_finite
+from .sim.arrays import Arrays, check_finite, numbers
 from .sim.bodies import bodies
 from .sim.emitter import Emitter
+from .sim.limits import check_emitter, check_material
 from .sim.moving import Moving
 from .sim.operate import Operable
 from .sim.run import Run, description, is_scene
 from .sim.scene_file import read_scene
 from .sim.settings import MAX_PHASES, Phase, Settings, StepReport
+from .sim.steered import Named, made
+from .sim.tools import Tool
 from .sim.walls import box_walls, of_particles
 
 
@@ -61,6 +64,20 @@ class _SimulationScene(Scene):
         raise TypeError("update: the scene of a simulation follows its particles")
 
 
+def settings_of(scene: Any) -> dict[str, Any]:
+    """A dict of `Settings`, `phases` and `walls`."""
+    if not isinstance(scene, dict):
+        raise TypeError(f"scene: expected a name, a path, a dict or Particles, got {scene!r}")
+    return dict(scene)
+
+
+def phases_of(values: Any) -> list[Phase]:
+    """The `phases` of such a dict."""
+    if not isinstance(values, (list, tuple)):
+        raise ValueError(f"phases: expected a list of dicts, got {values!r}")
+    return [made(Phase, of_one, f"phases[{i}]") for i, of_one in enumerate(values)]
+
+
 class Simulation(Run, Operable, Moving, Arrays):
     """A simulation of fluids.
 
@@ -86,21 +103,23 @@ class Simulation(Run, Operable, Moving, Arrays):
         if file:
             facts = description(file, found)
         else:
-            facts = of_particles(scene) if isinstance(scene, Particles) else dict(scene)
-        phases = [Phase(**p) for p in facts.pop("phases", [{"name": "fluid"}])]
+            facts = of_particles(scene) if isinstance(scene, Particles) else settings_of(scene)
+        phases = phases_of(facts.pop("phases", [{"name": "fluid"}]))
         walls = facts.pop("walls", True)
-        self.settings = Settings(**facts)
+        self.settings = made(Settings, facts, others=("phases", "walls"))
         self._begin(file)
-        self.phases: dict[str, Phase] = {}
+        self.instruments: dict[str, Tool] = Named("instruments", Tool)
+        self._sinks: list[list[float]] = []
+        self.phases: dict[str, Phase] = Named("phases", Phase)
         self._names: list[str] = []
         self._sent: list[dict[str, Any]] = []
         chosen = choose(device)
         d = float(self.settings.spacing)
         self.scene = _SimulationScene(self, chosen, _count("threads", threads), 2.0 * d)
         self._core = _core.Simulation(chosen.backend, self.scene._own)
-        self._forces: np.ndarray | None = None
+        self._forces = np.empty(0, np.uint32), np.empty((0, 3), np.float32)  # of these ids
         self._moving: set[int] = set()
-        self.emitters: dict[str, Emitter] = {}
+        self.emitters: dict[str, Emitter] = Named("emitters", Emitter)
         for phase in phases:
             self.add_phase(phase)
         self._send()
@@ -117,6 +136,8 @@ class Simulation(Run, Operable, Moving, Arrays):
 
     def add_phase(self, phase: Phase) -> None:
         """One more material."""
+        if not isinstance(phase, Phase):
+            raise TypeError(f"phase: expected a gb.Phase, got {phase!r}")
         if len(self._names) == MAX_PHASES:
             raise ValueError(f"phases: expected at most {MAX_PHASES}")
         if phase.name in self.phases:
@@ -157,18 +178,22 @@ class Simulation(Run, Operable, Moving, Arrays):
 
     def apply_force(self, force: Any, ids: Any = None) -> None:
         """A force on each particle (or those of `ids`) during the next step: (3,) or (M, 3), N."""
-        order, n = self._order(), len(self)
-        if self._forces is None:
-            self._forces = np.zeros((n, 3), np.float32)
-        chosen = slice(None)
-        if ids is not None:
-            unknown = np.setdiff1d(ids, self.ids)
-            if len(unknown):
-                raise ValueError(f"ids: expected particles of this simulation, got {unknown[0]}")
-            chosen = np.searchsorted(self.ids, ids)
-        by_id = np.zeros((n, 3), np.float32)
-        by_id[chosen] = force
-        self._forces[order] += by_id
+        known = self.ids
+        chosen = known if ids is None else np.asarray(ids).reshape(-1)
+        unknown = np.setdiff1d(chosen, known)
+        if len(unknown):
+            raise ValueError(f"ids: expected particles of this simulation, got {unknown[0]}")
+        total = self._forces_of(known)
+        more = np.zeros_like(total)
+        more[np.searchsorted(known, chosen)] = numbers("force", force, (3,), (len(chosen), 3))
+        self._forces = known, total + more
+
+    def _forces_of(self, ids: np.ndarray) -> np.ndarray:
+        """What acts on each during the next step."""
+        found = np.zeros((len(ids), 3), np.float32)
+        _, here, there = np.intersect1d(ids, self._forces[0], return_indices=True)
+        found[here] = self._forces[1][there]
+        return found
 
     def step(self, dt: float | None = None) -> StepReport:
         """One step of dt seconds; by default of what the speeds allow."""
@@ -182,9 +207,10 @@ class Simulation(Run, Operable, Moving, Arrays):
         self._prepare(dt)
         for emitter in self.emitters.values():
             emitter._emit(self, dt)
-        if self._forces is not None:
-            self._core.set_forces(address(self._forces))
-            self._forces = None
+        if len(self._forces[0]):
+            forces = self._forces_of(self._read("id"))
+            self._core.set_forces(address(forces))
+            self._forces = self._forces[0][:0], self._forces[1][:0]
         done = self._core.step(dt)
         if "lost" in done:
             id_, phase, position, time, step = done["lost"]
@@ -194,6 +220,7 @@ class Simulation(Run, Operable, Moving, Arrays):
                 f"number in step {step} at {time:g} s"
             )
         report = StepReport(**done)
+        self._move_pushers(dt)
         self._operate()
         self._note(report)
         return report
@@ -244,9 +271,17 @@ class Simulation(Run, Operable, Moving, Arrays):
             if i >= len(self._sent):
                 self._sent.append({})
             if packed != self._sent[i]:
+                check_material(self.phases[name], self.settings.spacing, self._frame)
                 self._core.set_phase(i, packed)
                 self._sent[i] = packed
+        for name, emitter in self.emitters.items():
+            check_emitter(name, emitter, self.settings.spacing, self._frame)
         self._send_tissue()
+
+    @property
+    def _frame(self) -> float:
+        """Seconds between two pictures, as far as anything says."""
+        return 1 / self.file.output.fps if self.file else 1 / 30
 
     def _describe(self) -> dict[str, Any]:
         phases = [asdict(self.phases[name]) for name in self._names]

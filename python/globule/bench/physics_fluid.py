@@ -111,7 +111,7 @@ def poiseuille(device: str = "cpu", threads: int = 0, implicit: bool = False) ->
     height, n, nu, top = 1.0, 20, 0.05, 0.5
     d = height / n
     force = 8 * nu * top / height**2
-    water = {"name": "oil", "viscosity": 1000 * nu, "implicit_viscosity": implicit}
+    water = {"name": "oil", "viscosity": 1000 * nu, "implicit": implicit}
     stretch = np.array([1.04, 1.0, 1.0])
     domain = ((0, 0, 0), stretch * (8 * d, height, 8 * d))
     description = {"spacing": d, "domain": domain, "periodic": (True, False, True)}
@@ -223,7 +223,7 @@ def ball(radius: float, spacing: float) -> np.ndarray:
 def drop(radius: float, d: float, sigma: float, mu: float, device: str, threads: int) -> Simulation:
     reach = 2 * radius
     description = {"spacing": d, "domain": ((-reach,) * 3, (reach,) * 3), "walls": False}
-    water = {"name": "water", "tension": sigma, "viscosity": mu}
+    water = {"name": "water", "surface_tension": sigma, "viscosity": mu}
     description |= {"gravity": (0, 0, 0), "phases": [water]}
     sim = Simulation(description, device, threads)
     sim.add(ball(radius, d), "water")

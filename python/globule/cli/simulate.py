@@ -124,13 +124,12 @@ def _view(options: argparse.Namespace) -> None:
 
 def _read(options: argparse.Namespace) -> SceneFile:
     """The scene that is asked for."""
-    from ..sim.scene_file import SHIPPED, read_scene
+    from ..sim.scene_file import read_scene
 
     try:
         return read_scene(options.scene, options.spacing)
     except OSError as error:
-        expected = f"expected a .toml file or one of {', '.join(SHIPPED)}"
-        raise UserError(f"SCENE: {expected}, got {options.scene}: {error.strerror}") from error
+        raise UserError(str(error)) from error
 
 
 class _Job:

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from ..arrays import address
-from ..particles import Particles
+from ..particles import Particles, to_host
+from .schema import shown
 
 _ARRAYS = {
     "place": (np.float32, 4),
@@ -25,6 +26,19 @@ _ARRAYS = {
 def check_finite(name: str, values: np.ndarray) -> None:
     if not np.isfinite(values).all():
         raise ValueError(f"{name}: expected finite numbers, got a NaN or an infinity")
+
+
+def numbers(name: str, values: Any, *shapes: tuple[int, ...]) -> np.ndarray:
+    """Finite float32 of one of these shapes."""
+    try:
+        found = np.asarray(to_host(values), np.float32)
+    except (TypeError, ValueError):
+        raise ValueError(f"{name}: expected numbers, got {shown(values)}") from None
+    if found.shape not in shapes:
+        listed = " or ".join(str(shape) if shape else "a number" for shape in shapes)
+        raise ValueError(f"{name}: expected shape {listed}, got {found.shape}")
+    check_finite(name, found)
+    return found
 
 
 class Arrays:
@@ -43,8 +57,7 @@ class Arrays:
     @positions.setter
     def positions(self, value: Any) -> None:
         place = self._read("place")
-        place[self._order(), :3] = value
-        check_finite("positions", place[:, :3])
+        place[self._order(), :3] = numbers("positions", value, (len(self), 3))
         self._write("place", place)
         self._core.settle()
 
@@ -56,7 +69,7 @@ class Arrays:
     @velocities.setter
     def velocities(self, value: Any) -> None:
         velocity = self._read("velocity")
-        velocity[self._order(), :3] = value
+        velocity[self._order(), :3] = numbers("velocities", value, (len(self), 3), (3,), ())
         self._write("velocity", velocity)
         self._core.settle()
 
@@ -133,7 +146,9 @@ class Arrays:
             "motion": np.frombuffer(self._core.motion(), np.uint8),
             "moving": np.array(sorted(self._moving), np.uint8),
         }
-        return {**arrays, **motion, **self._tissue_state(), **clock}
+        ids, force = self._forces
+        forces = {"force_ids": ids, "force": force}
+        return {**arrays, **motion, **forces, **self._tissue_state(), **clock}
 
     def _check(self, state: Mapping[str, np.ndarray]) -> None:
         """Refuse what would be read past its end, or could be no state of this simulation."""
@@ -144,7 +159,9 @@ class Arrays:
             if values.shape != shape or values.dtype != dtype:
                 got = f"{values.dtype} {values.shape}"
                 raise ValueError(f"{name}: expected {np.dtype(dtype)} {shape}, got {got}")
-        for name in ("place", "velocity", "time"):
+        if np.shape(state["force"]) != (*np.shape(state["force_ids"]), 3):
+            raise ValueError("force: expected (M, 3) for as many ids")
+        for name in ("place", "velocity", "time", "force"):
             check_finite(name, state[name])
         if np.shape(state["counts"]) != (2,) or int(state["counts"][0]) >= 2**31:
             raise ValueError("counts: expected the ids given, below 2^31, and the steps")
@@ -164,4 +181,6 @@ class Arrays:
         self._core.settle()
         self._core.set_motion(np.asarray(state["motion"], np.uint8).tobytes())
         self._moving = {int(phase) for phase in state["moving"]}
+        self._forces = state["force_ids"], state["force"]
         self._set_tissue_state(state)
+        self._core.tissue()  # particles learn what is held now

@@ -148,6 +148,20 @@ def check_pose(name: str, pose: Any) -> np.ndarray:
     return pose
 
 
+def check_rigid(name: str, pose: Any) -> np.ndarray:
+    """`check_pose` of one that only turns and shifts."""
+    try:
+        pose = np.asarray(pose, np.float64)
+    except (TypeError, ValueError):
+        raise ValueError(f"{name}: expected numbers (4, 4) or (3,), got {pose!r}") from None
+    pose = check_pose(name, pose)
+    turn = pose[:3, :3]
+    turned = np.abs(turn @ turn.T - np.eye(3)).max() < 1e-3 and np.linalg.det(turn) > 0
+    if not (turned and np.array_equal(pose[3], (0, 0, 0, 1))):
+        raise ValueError(f"{name}: expected a rotation and a place, got {pose.tolist()}")
+    return pose
+
+
 def _moved(points: np.ndarray, pose: np.ndarray) -> np.ndarray:
     return points @ pose[:3, :3].T + pose[:3, 3]
 

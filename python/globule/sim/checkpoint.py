@@ -11,7 +11,7 @@ import numpy as np
 
 from ..files import atomic_write
 
-VERSION = 2
+VERSION = 3
 
 
 def path_of(name: str | os.PathLike) -> str:

@@ -7,12 +7,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..arrays import address
+from .scene_file import Emitter as Table
+from .schema import number, switch
+from .steered import Steered, checked, checks_of
 
 if TYPE_CHECKING:
     from ..simulate import Simulation
 
 
-class Emitter:
+CHECKS = {"rate": number(least=0.0), "on": switch}
+
+
+class Emitter(Steered):
     """A disc that fluid comes out of: `rate` m^3/s, `radius` m, at `center`, along `direction`.
 
     The k-th particle leaves when rate * time reaches k times a particle's volume, spacing cubed:
@@ -23,16 +29,41 @@ class Emitter:
     def __init__(
         self, center: Any, direction: Any, radius: float, rate: float, phase: str | None = None
     ):
-        self.center = np.asarray(center, float)
+        checks = checks_of(Table) | CHECKS
+        checked("emitter", "direction", checks["direction"], direction)
         direction = np.asarray(direction, float)
         self.direction = direction / np.linalg.norm(direction)
-        self.radius = float(radius)
-        self.rate = float(rate)
+        self.center = np.array(checked("emitter", "center", checks["center"], center))
+        self.radius = checked("emitter", "radius", checks["radius"], radius)
+        self.rate = checked("emitter", "rate", checks["rate"], rate)
         self.phase = phase
         self.on = True
-        self.emitted = 0
+        self._emitted = 0
         self._volume = 0.0
         self._places: np.ndarray | None = None
+        self._begun = True
+
+    @property
+    def emitted(self) -> int:
+        """Particles that came out of it."""
+        return self._emitted
+
+    def _checks(self) -> dict[str, Any]:
+        return CHECKS
+
+    def _at_start(self) -> set[str]:
+        return {"phase", *checks_of(Table)}
+
+    def _state(self) -> dict[str, Any]:
+        """All of it, as JSON holds it."""
+        facts = {k: v for k, v in vars(self).items() if k not in ("_places", "_begun", "_label")}
+        return {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in facts.items()}
+
+    def _go_on(self, state: dict[str, Any]) -> None:
+        """From what `_state` gave."""
+        vars(self).update(state, _places=None)
+        for name in ("center", "direction"):
+            vars(self)[name] = np.array(state[name])
 
     def _emit(self, simulation: Simulation, dt: float) -> None:
         """What leaves during the next step, placed where it will be at its end."""
@@ -56,7 +87,7 @@ class Emitter:
         velocities = np.tile(np.asarray(speed * self.direction, np.float32), (len(k), 1))
         which = simulation._phase(self.phase)
         simulation._core.emit(len(k), address(positions), address(velocities), which)
-        self.emitted += len(k)
+        self._emitted += len(k)
 
     def _disc(self, d: float) -> np.ndarray:
         """A square lattice in the disc, row by row there and back, so that those that leave one

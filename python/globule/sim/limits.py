@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from .sampling import FACES
 from .schema import Path, Problem
 
 MOST_REACH = 2**17  # spacings from the origin: there a float32 tells 1/128 of one
@@ -34,19 +35,82 @@ def check(scene: Any) -> None:
         if (last < lo).any() or (first > hi).any():
             expected = f"expected a place in the domain, {_corners(lo, hi)}"
             raise Problem(path, f"{expected}, got {_corners(first, last)}")
-        width = (last - first).min()
-        if body and width < 0.999 * scene.spacing:
-            expected = f"expected at least a spacing, {scene.spacing:g} m, in every direction"
-            raise Problem(path, f"{expected}, got {width:g}")
-    least = frame / MOST_STEPS
+        if body:
+            _check_width(path, first, last, scene.spacing)
+    for i, table in enumerate(scene.boundaries):
+        name, shape = shape_of(table)
+        if hasattr(shape, "bounds"):
+            _check_width(("boundaries", i, name), *shape.bounds(), scene.spacing)
+    for i, vessel in enumerate(scene.vessels):
+        _check_course(("vessels", i, "path"), vessel, scene.solids)
+    for i, emitter in enumerate(scene.emitters):
+        _check_way(("emitters", i, "direction"), emitter, scene)
     for path, step in _steps(scene):
-        if step < least:
-            expected = f"expected what allows steps of {least:.3g} s, a millionth of a frame"
-            raise Problem(path, f"{expected}, got what allows {step:.3g} s")
+        _check_step(path, step, frame)
+
+
+def _check_step(path: Path, step: float, frame: float) -> None:
+    least = frame / MOST_STEPS
+    if step < least:
+        expected = f"expected what allows steps of {least:.3g} s, a millionth of a frame"
+        raise Problem(path, f"{expected}, got what allows {step:.3g} s")
+
+
+def check_material(phase: Any, spacing: float, frame: float) -> None:
+    """Raise Problem where a phase of a running simulation asks for steps that never end."""
+    if phase.kind in ("fluid", "tissue"):
+        for name, step in _steps_of_material(phase, spacing):
+            _check_step((f"phases[{phase.name!r}]", name), step, frame)
+
+
+def check_emitter(name: str, emitter: Any, spacing: float, frame: float) -> None:
+    """As `check_material`."""
+    step = _step_of_emitter(emitter, spacing, 0.4 * spacing)
+    _check_step((f"emitters[{name!r}]", "rate"), step, frame)
+
+
+def _check_width(path: Path, lo: np.ndarray, hi: np.ndarray, spacing: float) -> None:
+    width = (hi - lo).min()
+    if width < 0.999 * spacing:
+        expected = f"expected at least a spacing, {spacing:g} m, in every direction"
+        raise Problem(path, f"{expected}, got {width:g}")
+
+
+def _check_course(path: Path, vessel: Any, solids: list) -> None:
+    """Whether a vessel meets its solid, where that is a shape and not a file."""
+    solid = next(solid for solid in solids if solid.name == vessel.solid)
+    _, shape = shape_of(solid)
+    if not hasattr(shape, "bounds"):
+        return
+    least, share = math.inf, np.linspace(0, 1, 1001)[:, None]
+    for a, b in zip(*map(np.asarray, (vessel.path[:-1], vessel.path[1:])), strict=True):
+        away = shape.distance((1 - share) * a + share * b).min() - math.dist(a, b) / 2000
+        least = min(least, float(away))
+    if least > vessel.radius:
+        expected = f"expected a course through {solid.name}, {_corners(*shape.bounds())}"
+        raise Problem(path, f"{expected}, got one that passes {least:.2g} m beside it")
+
+
+def _check_way(path: Path, emitter: Any, scene: Any) -> None:
+    """Whether what an emitter lets in is not stopped by a wall at once."""
+    if not scene.domain.walls:
+        return
+    for face in FACES:
+        axis, sign = "xyz".index(face[1]), 1 if face[0] == "+" else -1
+        wall = (scene.domain.hi if sign > 0 else scene.domain.lo)[axis]
+        room, steep = sign * (wall - emitter.center[axis]), sign * emitter.direction[axis] > 0.5
+        solid = face not in scene.domain.open and face[1] not in scene.domain.periodic
+        if solid and steep and room < scene.spacing:
+            expected = f"expected a way into the domain, got {_point(emitter.direction)}"
+            raise Problem(path, f"{expected}, into its wall {face}, {max(room, 0):.3g} m away")
 
 
 def _corners(lo: np.ndarray, hi: np.ndarray) -> str:
-    return " to ".join("(" + ", ".join(f"{x:g}" for x in corner) + ")" for corner in (lo, hi))
+    return f"{_point(lo)} to {_point(hi)}"
+
+
+def _point(at: Any) -> str:
+    return "(" + ", ".join(f"{x:g}" for x in at) + ")"
 
 
 def shape_of(table: Any) -> tuple[str, Any]:
@@ -85,14 +149,8 @@ def _steps(scene: Any) -> Iterator[tuple[Path, float]]:
     if fall:
         yield ("gravity",), far / (11 * fall if solver.method == "wcsph" else fall)
     for i, fluid in enumerate(scene.fluids):
-        if fluid.viscosity and not fluid.implicit:
-            yield ("fluids", i, "viscosity"), 0.125 * d * d * fluid.density / fluid.viscosity
-        if fluid.surface_tension:
-            mass = fluid.density * d**3
-            yield (
-                ("fluids", i, "surface_tension"),
-                0.4 * math.sqrt(mass / (2 * math.pi * fluid.surface_tension)),
-            )
+        for name, step in _steps_of_material(fluid, d):
+            yield ("fluids", i, name), step
     for kind in ("fluids", "solids", "rigids"):
         for i, table in enumerate(getattr(scene, kind)):
             if any(table.velocity):
@@ -103,5 +161,19 @@ def _steps(scene: Any) -> Iterator[tuple[Path, float]]:
             across = math.dist(*shape.bounds()) if hasattr(shape, "bounds") else diagonal
             yield ("rigids", i, "spin"), far / (math.hypot(*rigid.spin) * across / 2)
     for i, emitter in enumerate(scene.emitters):
-        speed = emitter.rate / (n_places(emitter.radius, d) * d * d)
-        yield ("emitters", i, "rate"), far / speed
+        yield ("emitters", i, "rate"), _step_of_emitter(emitter, d, far)
+
+
+def _steps_of_material(material: Any, d: float) -> Iterator[tuple[str, float]]:
+    if material.viscosity and not material.implicit:
+        yield "viscosity", 0.125 * d * d * material.density / material.viscosity
+    if material.surface_tension:
+        mass = material.density * d**3
+        step = 0.4 * math.sqrt(mass / (2 * math.pi * material.surface_tension))
+        yield "surface_tension", step
+
+
+def _step_of_emitter(emitter: Any, d: float, far: float) -> float:
+    """Until what leaves has gone as far as a step may take it."""
+    speed = emitter.rate / (n_places(emitter.radius, d) * d * d)
+    return far / speed if speed > 0 else math.inf

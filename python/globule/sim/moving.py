@@ -61,4 +61,5 @@ class Moving:
             packed.append([*map(float, (*lo, *hi, *center)), float(b) if ball else 0.0])
         if len(packed) > 32:
             raise ValueError(f"sinks: expected at most 32, got {len(packed)}")
+        self._sinks = packed
         self._core.set_sinks(packed)

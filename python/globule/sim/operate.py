@@ -10,7 +10,7 @@ import numpy as np
 from ..arrays import address
 from .blade import as_blade
 from .bonds import add_body, along, build_bonds, morton_order
-from .tissue import BALL, FIXED, FREE, GONE, cut
+from .tissue import BALL, FIXED, FREE, GONE, HALF_SPACE, cut
 
 NOBODY = 0xFFFFFFFF
 # Blood leaves a cut end at this speed a pascal: 2 kPa drive it at 5 cm/s.
@@ -132,6 +132,17 @@ class Operable:
         ]
         self._send_instruments()
 
+    def _move_pushers(self, dt: float) -> None:
+        """Where they are after a step, as its substeps left them but for rounding: what comes next
+        depends on what is known here, which a checkpoint keeps."""
+        pushers = self.__dict__.get("_pushers", [])
+        if any(any(velocity) for *_, velocity in pushers):
+            self._pushers = [
+                (kind, _shifted(a, u, dt), b if kind == HALF_SPACE else _shifted(b, u, dt), r, u)
+                for kind, a, b, r, u in pushers
+            ]
+            self._send_instruments()
+
     def add_vessel(self, vessel: Vessel) -> int:
         """A vessel through the tissue that is bonded by now; its number, from 1."""
         self._send()
@@ -196,12 +207,26 @@ class Operable:
     def _send_tissue(self) -> None:
         """Tissue's materials, where they changed."""
         packed = [
-            [float(getattr(p, name)) for p in self.phases.values()]
-            for name in ("damping", "tear_strain", "yield_strain", "creep_rate")
+            [getattr(p, name) for p in self.phases.values()]
+            for name in ("damping", "tear", "plastic")
         ]
+        packed.append([p.creep if p.plastic else 0.0 for p in self.phases.values()])
         if self.__dict__.get("_materials_sent") != packed:
             self._core.tissue().materials(*packed)
             self._materials_sent = packed
+
+    def _tissue_by_hand(self) -> dict[str, Any]:
+        """What was said of vessels, grasps and pushers, as JSON holds it."""
+        vessels = [vars(v) | {"path": np.asarray(v.path).tolist()} for v in self.vessels]
+        named = {"vessels": vessels}
+        return named | {k: self.__dict__.get(f"_{k}", []) for k in ("motions", "pushers")}
+
+    def _take_up_tissue(self, by_hand: dict[str, Any]) -> None:
+        self._vessels = [Vessel(**values) for values in by_hand["vessels"]]
+        motions = [tuple(tuple(part) for part in motion) for motion in by_hand["motions"]]
+        self._motions = motions or [((0.0,) * 3,) * 3] * 8
+        self._pushers = [tuple(pusher) for pusher in by_hand["pushers"]]
+        self._send_instruments()
 
     def _tissue_arrays(self) -> dict[str, np.ndarray]:
         core, found = self._core.tissue(), {}
@@ -225,6 +250,10 @@ class Operable:
             vessel = self.vessels[number - 1]
             speed = vessel.pressure * CONDUCTANCE
             core.set_vessel(number, speed, float(pool), self._phase(vessel.phase))
+
+
+def _shifted(point: list[float], velocity: list[float], dt: float) -> list[float]:
+    return [x + v * dt for x, v in zip(point, velocity, strict=True)]
 
 
 def _grasp_number(number: int) -> int:

@@ -14,7 +14,8 @@ from . import checkpoint
 from .bodies import Body
 from .emitter import Emitter
 from .operate import Vessel
-from .scene_file import SceneFile, as_dict
+from .scene_file import LISTS, SceneFile, as_dict
+from .settings import SETTINGS, Phase
 from .tools import Tool
 
 # Mean compression that tells that there is no room: in so many steps, and at once.
@@ -23,9 +24,11 @@ MOST_ROWS = 20_000  # of diagnostics; of more, every second one goes
 
 
 def is_scene(scene: Any) -> bool:
-    """Whether this is a scene as files have it: a name, a path, or a dict with a domain table."""
+    """Whether this is a scene as files have it: a name, a path, or a dict with a domain table or
+    bodies."""
     return isinstance(scene, (str, os.PathLike, SceneFile)) or (
-        isinstance(scene, dict) and isinstance(scene.get("domain"), dict)
+        isinstance(scene, dict)
+        and (isinstance(scene.get("domain"), dict) or any(name in scene for name in LISTS))
     )
 
 
@@ -63,15 +66,15 @@ def _phase(body: Body) -> dict[str, Any]:
     if body.kind == "tissue":
         phase |= {
             "damping": table.damping,
-            "tear_strain": table.tear,
-            "yield_strain": table.plastic,
-            "creep_rate": table.creep if table.plastic else 0.0,
+            "tear": table.tear,
+            "plastic": table.plastic,
+            "creep": table.creep,
         }
     if body.kind == "fluid":
         phase |= {
             "viscosity": table.viscosity,
-            "implicit_viscosity": table.implicit,
-            "tension": table.surface_tension,
+            "implicit": table.implicit,
+            "surface_tension": table.surface_tension,
         }
     return phase
 
@@ -84,7 +87,6 @@ class Run:
         self.diagnostics: list[dict[str, Any]] = []
         self.seconds: dict[str, float] = {}
         self.n_removed = self.n_cut = 0
-        self.instruments: dict[str, Tool] = {}
         self._had_sinks = False
         self._n_crowded = 0
 
@@ -103,11 +105,10 @@ class Run:
             self.emitters[table.name] = Emitter(
                 table.center, table.direction, table.radius, table.rate, table.fluid
             )
-        self.instruments = {
-            table.name: Tool(table, number, 0.0) for number, table in enumerate(scene.instruments)
-        }
+        for number, table in enumerate(scene.instruments):
+            self.instruments[table.name] = Tool(table, number, 0.0)
         self._prepare(0.0)
-        self._first_state = self.state()
+        self._first = self.state(), self._by_hand()
 
     def _prepare(self, dt: float) -> None:
         """What a step of dt needs to know of the scene's moving parts."""
@@ -216,19 +217,46 @@ class Run:
 
     def save(self, name: str | os.PathLike) -> None:
         """Write the whole state to NAME.npz, for `load`; the file appears whole or not at all."""
-        described = self._describe()
         facts = {
-            "scene": described if self.file is None else as_dict(self.file),
-            "described": described,
+            "scene": self._describe() if self.file is None else as_dict(self.file),
             "diagnostics": self.diagnostics,
             "seconds": self.seconds,
             "n_removed": self.n_removed,
             "n_cut": self.n_cut,
-            "emitters": {
-                name: [e.rate, e.on, e.emitted, e._volume] for name, e in self.emitters.items()
-            },
+            "by_hand": self._by_hand(),
         }
-        checkpoint.save(name, self.state(), facts)
+        state = self.state()
+        try:
+            self._check(state)
+        except ValueError as error:
+            expected = f"{checkpoint.path_of(name)}: expected a state that can be loaded again"
+            raise ValueError(f"{expected}, {error}") from None
+        checkpoint.save(name, state, facts)
+
+    def _by_hand(self) -> dict[str, Any]:
+        """What may be changed between steps beside the state's arrays, as JSON holds it."""
+        return {
+            "described": self._describe(),
+            "emitters": {name: emitter._state() for name, emitter in self.emitters.items()},
+            "instruments": {name: tool._state() for name, tool in self.instruments.items()},
+            "sinks": self._sinks,
+            "had_sinks": self._had_sinks,
+            **self._tissue_by_hand(),
+        }
+
+    def _take_up(self, by_hand: dict[str, Any]) -> None:
+        """What `_by_hand` gave."""
+        self._describe_again(by_hand["described"])
+        for name, state in by_hand["emitters"].items():
+            if name not in self.emitters:
+                values = [state[key] for key in ("center", "direction", "radius", "rate", "phase")]
+                self.emitters[name] = Emitter(*values)
+            self.emitters[name]._go_on(state)
+        for name, state in by_hand["instruments"].items():
+            self.instruments[name]._go_on(state)
+        self._sinks, self._had_sinks = by_hand["sinks"], by_hand["had_sinks"]
+        self._core.set_sinks(self._sinks)
+        self._take_up_tissue(by_hand)
 
     @classmethod
     def load(cls, name: str | os.PathLike, device: str = "auto", threads: int = 0) -> Any:
@@ -248,42 +276,29 @@ class Run:
     @classmethod
     def _of_checkpoint(cls, arrays: dict, facts: dict, device: str, threads: int) -> Any:
         sim = cls(facts["scene"], device=device, threads=threads)
-        sim._describe_again(facts["described"])
+        sim._take_up(facts["by_hand"])
         sim.set_state(arrays)
         sim.diagnostics, sim.seconds = facts["diagnostics"], facts["seconds"]
         sim.n_removed, sim.n_cut = facts["n_removed"], facts["n_cut"]
-        for tool in sim.instruments.values():
-            tool.start(sim.time)
-        for name, values in facts["emitters"].items():
-            if name not in sim.emitters:  # added by hand: the caller's to add again
-                continue
-            emitter = sim.emitters[name]
-            emitter.rate, emitter.on, emitter.emitted, emitter._volume = values
         return sim
 
     def _describe_again(self, described: dict[str, Any]) -> None:
         """Settings and materials as they were when saved: they may have been changed."""
-        phases = described.pop("phases")
-        for name in self.settings.__dataclass_fields__:
+        for name in SETTINGS:
             setattr(self.settings, name, described[name])
-        for values in phases:
+        for values in described["phases"]:
             if values["name"] not in self.phases:
-                self.add_phase(type(next(iter(self.phases.values())))(**values))
-            for name, value in values.items():
-                setattr(self.phases[values["name"]], name, value)
+                self.add_phase(Phase(**values))
+            self.phases[values["name"]]._begin(values)
 
     def reset(self) -> None:
         """Back to the start."""
         if self.file is None:
             raise ValueError("reset: expected a simulation of a scene, got another")
-        self.set_state(self._first_state)
-        tools = self.instruments
+        state, by_hand = self._first
         self._begin(self.file)
-        self.instruments = tools
-        for tool in tools.values():
-            tool.start(0.0)
-        for emitter in self.emitters.values():
-            emitter.emitted, emitter._volume = 0, 0.0
+        self._take_up(by_hand)
+        self.set_state(state)
 
     def advance(self, seconds: float, stop: Callable[[], bool] | None = None) -> Any:
         """Whole steps until `seconds` have passed, the last two alike rather than one a sliver.

@@ -28,6 +28,7 @@ from .schema import (
     place,
     positive,
     read_table,
+    shown,
     switch,
     text,
     vector,
@@ -64,6 +65,10 @@ class Domain:
 
     def __post_init__(self) -> None:
         Box(self.lo, self.hi)
+        for i, face in enumerate(self.open):
+            if face[1] in self.periodic:
+                expected = f"expected faces of axes that end, got {face!r} with periodic"
+                raise Problem(("open", i), f"{expected} {shown(self.periodic)}")
 
 
 @dataclass(kw_only=True)
@@ -333,7 +338,12 @@ def read_scene(scene: Any, spacing: float | None = None) -> SceneFile:
     if not isinstance(scene, (dict, SceneFile)):
         path = shipped(scene) if scene in SHIPPED else File(scene)
         name, folder = os.fspath(path), os.path.dirname(path)
-        scene, lines = _parsed(path)
+        try:
+            scene, lines = _parsed(path)
+        except OSError as error:
+            expected = f"expected a .toml file or one of {', '.join(SHIPPED)}"
+            got = f"{os.fspath(path)}: {error.strerror}"
+            raise type(error)(f"SCENE: {expected}, got {got}") from None
     try:
         found = scene if isinstance(scene, SceneFile) else read_table(SceneFile, scene)
         if spacing is not None:

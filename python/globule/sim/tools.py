@@ -6,13 +6,15 @@ from typing import Any
 
 import numpy as np
 
-from .blade import Knife, check_pose, scalpel
+from .blade import Knife, check_rigid, scalpel
 from .instruments import Instrument
+from .schema import switch
+from .steered import Steered, checks_of
 
 BELLY = 0.3  # of a scalpel's length: how far its edge stands below the tip
 
 
-class Tool:
+class Tool(Steered):
     """An instrument of a running simulation.
 
     Its key frames say where it is and whether it works, until `move_to` and `on` say otherwise.
@@ -31,18 +33,47 @@ class Tool:
             length = table.length
             self.knife = Knife(np.array(edge)) if edge else scalpel(length, BELLY * length)
         self.start(time)
+        self._begun = True
+
+    def _checks(self) -> dict[str, Any]:
+        taken, more = checks_of(Instrument), {"scalpel": [], "suction": ["radius", "ablates"]}
+        switches = {"on": lambda value: None if value is None else switch(value)}
+        return switches | {name: taken[name] for name in more.get(self.kind, ["radius"])}
+
+    def _at_start(self) -> set[str]:
+        return {"pose", *checks_of(Instrument)}
+
+    def _state(self) -> dict[str, Any]:
+        """All that was said by hand and where it is, as JSON holds it."""
+        wanted = None if self._wanted is None else self._wanted.tolist()
+        return {
+            "pose": self.pose.tolist(), "wanted": wanted, "on": self._on, "holds": self._holds,
+            "radius": self.radius, "ablates": self.ablates,
+        }  # fmt: skip
+
+    def _go_on(self, state: dict[str, Any]) -> None:
+        """From what `_state` gave."""
+        self._pose, wanted = np.array(state["pose"]), state["wanted"]
+        self._wanted = None if wanted is None else np.array(wanted)
+        self._on, self._holds = state["on"], state["holds"]
+        vars(self).update(radius=state["radius"], ablates=state["ablates"])
+
+    @property
+    def pose(self) -> np.ndarray:
+        """Where it is, world from instrument (4, 4)."""
+        return self._pose
 
     def start(self, time: float) -> None:
         """Where it is at a time; what was said by hand is forgotten. After the start a grasper that
         is on holds something already."""
         self._wanted = self._on = None
-        self.pose = self._motion.pose(time)
+        self._pose = self._motion.pose(time)
         self._holds = time > 0 and self.kind == "grasper" and self._motion.on(time)
 
     def move_to(self, pose: Any) -> None:
         """Where it will be at the end of the next step, and stays: (4, 4) world from instrument, or
         a position (3,), with which it keeps its rotation."""
-        wanted = check_pose("pose", pose)
+        wanted = check_rigid(f"{self._label}.move_to", pose)
         if np.shape(pose) == (3,):
             wanted[:3, :3] = self.pose[:3, :3]
         self._wanted = wanted
@@ -94,7 +125,7 @@ class Tool:
                 n_cut = sim.cut(self.knife.sweep(self.pose, self._next), relative=True)
             elif self.kind == "suction" and self.ablates:
                 sim.ablate(self._next[:3, 3], self.radius)
-        self.pose = self._next
+        self._pose = self._next
         return n_cut
 
 

@@ -271,7 +271,7 @@ class SimulationSource(Source):
             for tool in sim.instruments.values():
                 tool.start(sim.time)
             for name, (emitted, volume) in state["emitters"].items():
-                sim.emitters[name].emitted, sim.emitters[name]._volume = emitted, volume
+                sim.emitters[name]._emitted, sim.emitters[name]._volume = emitted, volume
             self._held = self._target = None
             self._note()
             self.version += 1

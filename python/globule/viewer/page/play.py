@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -82,6 +83,7 @@ class Play(Panel):
     def _simulation(self) -> None:
         gui, source = self.gui, self.viewer.source
         sim = source.simulation
+        self.switches: list[tuple[Any, Callable[[], bool]]] = []
         self._run_and_status("Run")
         buttons = gui.add_button_group("Time", ("Step", "Reset"))
         buttons.on_click(self.safe(self._time))
@@ -102,7 +104,7 @@ class Play(Panel):
             self.gui.add_command("Undo the cut of tissue", hotkey="U").on_trigger(
                 self.safe(lambda event: self._undo(event.client)))
         for name, emitter in _named(sim, "emitters"):
-            self._switch(f"Emitter {name}", emitter, emitter.on)
+            self._switch(f"Emitter {name}", emitter, lambda emitter=emitter: emitter.on)
         for name, instrument in _named(sim, "instruments"):
             self._instrument(name, instrument)
 
@@ -112,7 +114,12 @@ class Play(Panel):
 
     def _time(self, event: Any) -> None:
         source = self.viewer.source
-        source.step() if event.target.value == "Step" else source.reset()
+        if event.target.value == "Step":
+            source.step()
+        else:
+            source.reset()
+            for box, on in self.switches:
+                box.value = on()
         self.tick()
         self.viewer.engine.notify()
 
@@ -124,10 +131,13 @@ class Play(Panel):
     def run(self, running: bool) -> None:
         self.viewer.source.play(running)
 
-    def _switch(self, label: str, thing: Any, on: bool) -> None:
-        box = self.gui.add_checkbox(label, on)
+    def _switch(self, label: str, thing: Any, on: Callable[[], bool]) -> None:
+        box = self.gui.add_checkbox(label, on())
+        self.switches.append((box, on))
 
         def changed(event: Any) -> None:
+            if event.client is None:  # set after a reset
+                return
             with self.viewer.source.lock:
                 thing.on = box.value
                 self.viewer.source.by_hand = True
@@ -151,7 +161,7 @@ class Play(Panel):
                 source.follow_keys(name)
 
         shown.on_update(self.safe(changed))
-        self._switch(f"{name} on", instrument, instrument.works(source.simulation.time))
+        self._switch(f"{name} on", instrument, lambda: instrument.works(source.simulation.time))
 
         @handle.on_update
         def _(event: Any) -> None:
