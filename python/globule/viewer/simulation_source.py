@@ -190,8 +190,10 @@ class SimulationSource(Source):
     def advance(self, state: State) -> float | None:
         if not self.running and not self._wanted_steps:
             return None
-        before = float(getattr(self.simulation, "time", 0.0))
         with self.lock:
+            if not self.running and not self._wanted_steps:  # a reset had the lock
+                return None
+            before = float(getattr(self.simulation, "time", 0.0))
             self._stepping = True
             try:
                 self._pull()
@@ -216,7 +218,8 @@ class SimulationSource(Source):
 
     def reset(self) -> None:
         with self.lock:
-            self.running = self.by_hand = False
+            self.stand_still()
+            self.by_hand = False
             self.simulation.reset()
             self._before.clear()
             self._note()
