@@ -7,9 +7,9 @@
 #include <cstdint>
 #include <tuple>
 
-#include "backend.hpp"
+#include "backends/backend.hpp"
 
-namespace globule {
+namespace globule::core {
 
 using Address = std::uintptr_t;
 template <class T>
@@ -38,4 +38,4 @@ decltype(auto) work(const Fn& fn) {
     }
 }
 
-}  // namespace globule
+}  // namespace globule::core

@@ -7,12 +7,12 @@
 #include <nanobind/stl/vector.h>
 
 #include "arguments.hpp"
-#include "dispatch.hpp"
-#include "oracle.hpp"
+#include "backends/open.hpp"
+#include "oracle/field.hpp"
 #include "picture.hpp"
 #include "scene_handle.hpp"
 
-using namespace globule;
+using namespace globule::core;
 
 namespace {
 

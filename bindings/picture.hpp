@@ -5,9 +5,9 @@
 #include <nanobind/stl/tuple.h>
 #include <nanobind/stl/vector.h>
 
-#include "backend.hpp"
+#include "backends/backend.hpp"
 
-namespace globule {
+namespace globule::core {
 
 namespace nb = nanobind;
 
@@ -62,4 +62,4 @@ inline Lighting lighting(const nb::dict& d) {
     return s;
 }
 
-}  // namespace globule
+}  // namespace globule::core

@@ -2,12 +2,12 @@
 #pragma once
 #include <memory>
 
-#include "backend.hpp"
+#include "backends/backend.hpp"
 
-namespace globule {
+namespace globule::core {
 
 struct PyScene {
     std::shared_ptr<Scene> scene;  // frames and simulations may outlive the Python object
 };
 
-}  // namespace globule
+}  // namespace globule::core

@@ -6,13 +6,13 @@
 #include <nanobind/stl/vector.h>
 
 #include "arguments.hpp"
-#include "dispatch.hpp"
+#include "backends/open.hpp"
 #include "picture.hpp"
 #include "scene_handle.hpp"
-#include "simulation.hpp"
+#include "backends/simulation.hpp"
 #include "tissue_handle.hpp"
 
-using namespace globule;
+using namespace globule::core;
 
 namespace {
 

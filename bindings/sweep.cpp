@@ -6,11 +6,11 @@
 #include <nanobind/stl/vector.h>
 
 #include "arguments.hpp"
-#include "dispatch.hpp"
-#include "sweep_oracle.hpp"
+#include "backends/open.hpp"
+#include "oracle/sweep.hpp"
 
 namespace nb = nanobind;
-using namespace globule;
+using namespace globule::core;
 
 namespace {
 

@@ -7,10 +7,10 @@
 #include <algorithm>
 
 #include "arguments.hpp"
-#include "dispatch.hpp"
+#include "backends/open.hpp"
 
 namespace nb = nanobind;
-using namespace globule;
+using namespace globule::core;
 
 namespace {
 

@@ -4,9 +4,9 @@
 
 #include <memory>
 
-#include "tissue.hpp"
+#include "backends/tissue.hpp"
 
 struct PyTissue {
-    std::unique_ptr<globule::Tissue> own;
-    globule::Tissue* core;
+    std::unique_ptr<globule::core::Tissue> own;
+    globule::core::Tissue* core;
 };

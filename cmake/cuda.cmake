@@ -51,8 +51,8 @@ endif()
 enable_language(CUDA)
 message(STATUS "globule: CUDA ${CUDAToolkit_VERSION}, architectures ${CMAKE_CUDA_ARCHITECTURES} (${why})")
 
-add_library(globule_cuda MODULE src/cuda.cu src/cuda_sweep.cu src/cuda_sim.cu src/cuda_tissue.cu)
-set_source_files_properties(src/cuda_sweep.cu PROPERTIES COMPILE_OPTIONS -fmad=false)
+add_library(globule_cuda MODULE src/backends/cuda.cu src/backends/cuda_sweep.cu src/backends/cuda_sim.cu src/backends/cuda_tissue.cu)
+set_source_files_properties(src/backends/cuda_sweep.cu PROPERTIES COMPILE_OPTIONS -fmad=false)
 target_link_libraries(globule_cuda PRIVATE globule_headers CUDA::cudart_static OpenMP::OpenMP_CXX)
 set_target_properties(globule_cuda PROPERTIES CUDA_STANDARD 20 CUDA_RUNTIME_LIBRARY Static CUDA_VISIBILITY_PRESET hidden)
 # A host function called on the device would be no error but do nothing there.

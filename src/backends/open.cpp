@@ -1,0 +1,53 @@
+#include "backends/open.hpp"
+
+#include <dlfcn.h>
+
+#include <filesystem>
+#include <map>
+#include <mutex>
+#include <stdexcept>
+
+namespace globule::core {
+namespace {
+
+std::filesystem::path folder() {
+    Dl_info info;
+    dladdr(reinterpret_cast<void*>(&folder), &info);
+    return std::filesystem::path(info.dli_fname).parent_path();
+}
+std::filesystem::path file_of(const std::string& name) { return folder() / ("libglobule_" + name + ".so"); }
+
+bool runs_here(const std::string& level) {
+#if defined(__x86_64__)
+    if (level == "cpu_v4") return __builtin_cpu_supports("x86-64-v4");
+    if (level == "cpu_v3") return __builtin_cpu_supports("x86-64-v3");
+    return __builtin_cpu_supports("x86-64-v2");
+#else
+    return level == "cpu_v2";  // the plain build
+#endif
+}
+
+}  // namespace
+
+std::vector<std::string> cpu_backends() {
+    std::vector<std::string> found;
+    for (const char* name : {"cpu_v2", "cpu_v3", "cpu_v4"})
+        if (runs_here(name) && std::filesystem::exists(file_of(name))) found.push_back(name);
+    return found;
+}
+
+const BackendApi& open_backend(const std::string& name) {
+    static std::mutex mutex;
+    static std::map<std::string, const BackendApi*> open;
+    const std::lock_guard lock(mutex);
+    if (auto it = open.find(name); it != open.end()) return *it->second;
+    const std::filesystem::path path = file_of(name);
+    if (!std::filesystem::exists(path)) throw std::runtime_error("built without the " + name + " backend");
+    void* library = dlopen(path.c_str(), RTLD_NOW | RTLD_LOCAL);
+    if (!library) throw std::runtime_error(std::string("cannot load the ") + name + " backend: " + dlerror());
+    const auto* api = static_cast<const BackendApi*>(dlsym(library, "globule_backend"));
+    if (!api) throw std::runtime_error("the " + name + " backend library exports nothing");
+    return *(open[name] = api);
+}
+
+}  // namespace globule::core

@@ -1,0 +1,282 @@
+// The CPU backend's means: OpenMP loops, a stable radix sort, a scan.  Nothing here depends on the
+// number of threads but the time it takes.
+#pragma once
+#include <omp.h>
+#ifdef __linux__
+#include <sys/mman.h>
+#endif
+
+#include <algorithm>
+#include <atomic>
+#include <chrono>
+#include <cstdlib>
+#include <cstring>
+#include <memory>
+#include <new>
+#include <vector>
+
+#include "base/scalar.hpp"
+#include "exec/cpu_group.hpp"
+#include "exec/cpu_packet.hpp"
+
+namespace globule::core {
+
+/// Called now and then during long work; true asks to stop.
+using Poll = bool (*)();
+
+class Cpu {
+public:
+    using Group = CpuGroup;
+    using Lanes = CpuLanes;
+    using Packet = CpuPacket;
+    static constexpr bool on_device = false;
+    static constexpr std::size_t wave_size = 1 << 17;       ///< pixels at a time
+    static constexpr std::size_t n_streams = 1;             ///< that work side by side
+
+    Cpu(int threads, Poll poll) : threads_(threads > 0 ? threads : omp_get_max_threads()), poll_(poll) {}
+    bool cancelled() const { return cancelled_; }
+    void reset_cancelled() { cancelled_ = false; }
+
+    /// Large arrays lie in large pages, where the system has them: a page of 4 KiB costs as much as filling it.
+    void* allocate(std::size_t bytes) {
+        const std::size_t unit = bytes < kLargePage ? 64 : kLargePage;
+        void* p = std::aligned_alloc(unit, ceil_div(bytes, unit) * unit);
+        if (!p) throw std::bad_alloc();
+#ifdef __linux__
+        if (unit == kLargePage) madvise(p, ceil_div(bytes, unit) * unit, MADV_HUGEPAGE);
+#endif
+        return p;
+    }
+    void release(void* p) { std::free(p); }
+    /// More room, perhaps at another place, with what was there. Of large arrays the system moves pages, not bytes.
+    void* extend(void* p, std::size_t, std::size_t bytes) {
+        void* moved = std::realloc(p, bytes);
+        if (!moved) throw std::bad_alloc();
+        return moved;
+    }
+    void upload(void* to, const void* from, std::size_t bytes) { std::memcpy(to, from, bytes); }
+    void download(void* to, const void* from, std::size_t bytes) { std::memcpy(to, from, bytes); }
+    void clear(void* p, std::size_t bytes) {
+        constexpr std::size_t part = 1 << 18;
+        if (bytes <= part) {
+            std::memset(p, 0, bytes);
+            return;
+        }
+#pragma omp parallel for schedule(static) num_threads(threads_)
+        for (std::size_t at = 0; at < bytes; at += part) std::memset(static_cast<char*>(p) + at, 0, min(part, bytes - at));
+    }
+    void synchronize() {}
+    /// Another stream of the same device, and what is given to it from now on waits for another's work so far.
+    std::shared_ptr<Cpu> sibling() const { return std::make_shared<Cpu>(threads_, poll_); }
+    void follow(Cpu&) {}
+    /// Memory that may still be taken; 0: not known here.
+    std::uint64_t free_bytes() const { return 0; }
+    /// Time marks, so that a stage's duration can be asked for afterwards.
+    void mark(int i) { marks_[i] = now(); }
+    double elapsed(int from, int to) const { return marks_[to] - marks_[from]; }
+    static double now() {
+        return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
+    }
+
+    template <class Kernel>
+    void for_each(std::size_t n, const Kernel& kernel) {
+#pragma omp parallel for schedule(static) num_threads(threads_) if (n > 2048)
+        for (std::size_t i = 0; i < n; ++i) kernel(i);
+    }
+
+    /// Rows in packets of SIMD lanes; the last packet's lanes go past n, into padding.
+    template <class Kernel>
+    void for_each_packet(std::size_t n, const Kernel& kernel) {
+#pragma omp parallel for schedule(static) num_threads(threads_) if (n > 256)
+        for (std::size_t i = 0; i < n; i += Packet::width) kernel.template run<Packet>(i);
+    }
+
+    /// As for_each, for items of very different length.
+    template <class Kernel>
+    void for_each_uneven(std::size_t n, const Kernel& kernel) {
+        constexpr std::size_t chunk = 256;
+#pragma omp parallel num_threads(threads_) if (n > chunk)
+        {
+            double next_poll = now() + 0.05;
+#pragma omp for schedule(dynamic)
+            for (std::size_t c = 0; c < ceil_div(n, chunk); ++c) {
+                if (cancelled_.load(std::memory_order_relaxed)) continue;
+                for (std::size_t i = c * chunk; i < std::min(n, (c + 1) * chunk); ++i) kernel(i);
+                poll_now(next_poll);
+            }
+        }
+    }
+
+    /// Few pieces of much and uneven work each; dealt out as threads become free.
+    template <class Kernel>
+    void for_each_task(std::size_t n, const Kernel& kernel) {
+#pragma omp parallel num_threads(threads_)
+        {
+            double next_poll = now() + 0.05;
+#pragma omp for schedule(dynamic, 1)
+            for (std::size_t i = 0; i < n; ++i) {
+                if (cancelled_.load(std::memory_order_relaxed)) continue;
+                kernel(i);
+                poll_now(next_poll);
+            }
+        }
+    }
+
+    /// Items that take a number of steps known to none beforehand: begin(i, state), where that is true
+    /// advance(state, true) while it is true, then end(state).
+    template <class Walk>
+    void for_each_walk(std::size_t n, const Walk& walk) {
+        for_each_uneven(n, Steps<Walk>{walk});
+    }
+
+    /// One group of lanes a tile, as many tiles as *n says.
+    template <class Kernel>
+    void for_each_tile_of(const std::uint32_t* n, const Kernel& kernel) { for_each_tile(*n, kernel); }
+
+    /// One group of lanes a tile; tiles are dealt out as threads become free.
+    template <class Kernel>
+    void for_each_tile(std::size_t n, const Kernel& kernel) {
+        using Scratch = typename Kernel::template Scratch<Group>;
+#pragma omp parallel num_threads(threads_)
+        {
+            auto scratch = std::make_unique<Scratch>();
+            Group group;
+            double next_poll = now() + 0.05;
+#pragma omp for schedule(dynamic, 4)
+            for (std::size_t i = 0; i < n; ++i) {
+                if (cancelled_.load(std::memory_order_relaxed)) continue;
+                kernel(group, *scratch, i);
+                if (i % 4 == 3) poll_now(next_poll);  // a look at the clock takes as long as a small tile
+            }
+        }
+    }
+
+    /// out[0] = combine over map(0) ... map(n - 1); combine must not depend on the order.
+    template <class T, class Map, class Combine>
+    void reduce(std::size_t n, const Map& map, const Combine& combine, const T& identity, T* out) {
+        std::vector<T> partial(threads_, identity);
+#pragma omp parallel num_threads(threads_)
+        {
+            T mine = identity;
+#pragma omp for schedule(static)
+            for (std::size_t i = 0; i < n; ++i) mine = combine(mine, map(i));
+            partial[omp_get_thread_num()] = mine;
+        }
+        T all = identity;
+        for (const T& p : partial) all = combine(all, p);
+        *out = all;
+    }
+
+    /// As reduce, for a combine such as a sum of floats: parts of fixed size, combined in order.
+    template <class T, class Map, class Combine>
+    void reduce_in_order(std::size_t n, const Map& map, const Combine& combine, const T& identity, T* out) {
+        constexpr std::size_t part = 1024;
+        const std::size_t n_parts = ceil_div(n, part);
+        std::vector<T> partial(n_parts, identity);
+#pragma omp parallel for schedule(static) num_threads(threads_) if (n > 4 * part)
+        for (std::size_t p = 0; p < n_parts; ++p) {
+            T mine = identity;
+            for (std::size_t i = p * part; i < std::min(n, (p + 1) * part); ++i) mine = combine(mine, map(i));
+            partial[p] = mine;
+        }
+        T all = identity;
+        for (const T& p : partial) all = combine(all, p);
+        *out = all;
+    }
+
+    template <class T>
+    void exclusive_scan(std::size_t n, T* values) {
+        std::vector<T> sums(threads_ + 1, T(0));
+        const std::size_t part = ceil_div<std::size_t>(n, threads_);
+#pragma omp parallel for num_threads(threads_) schedule(static, 1)
+        for (int t = 0; t < threads_; ++t) {
+            T sum = 0;
+            for (std::size_t i = t * part; i < std::min(n, (t + 1) * part); ++i) sum += values[i];
+            sums[t + 1] = sum;
+        }
+        for (int t = 0; t < threads_; ++t) sums[t + 1] += sums[t];
+#pragma omp parallel for num_threads(threads_) schedule(static, 1)
+        for (int t = 0; t < threads_; ++t) {
+            T sum = sums[t];
+            for (std::size_t i = t * part; i < std::min(n, (t + 1) * part); ++i) {
+                const T v = values[i];
+                values[i] = sum;
+                sum += v;
+            }
+        }
+    }
+
+    /// Stable least-significant-digit radix sort by the low `bits`; the result ends in keys, values.
+    template <class Key>
+    void sort_pairs(std::size_t n, Key* keys, Key* keys_spare, std::uint32_t* values,
+                    std::uint32_t* values_spare, int bits) {
+        constexpr int digit_bits = 8, digits = 1 << digit_bits;
+        const std::size_t part = ceil_div<std::size_t>(n, threads_);
+        std::vector<std::size_t> offsets(std::size_t(threads_) * digits);
+        Key *from = keys, *to = keys_spare;
+        std::uint32_t *vfrom = values, *vto = values_spare;
+        for (int shift = 0; shift < bits; shift += digit_bits) {
+            std::fill(offsets.begin(), offsets.end(), 0);
+#pragma omp parallel for num_threads(threads_) schedule(static, 1)
+            for (int t = 0; t < threads_; ++t) {
+                std::size_t count[digits] = {};
+                for (std::size_t i = t * part; i < std::min(n, (t + 1) * part); ++i)
+                    ++count[(from[i] >> shift) & (digits - 1)];
+                std::copy(count, count + digits, &offsets[std::size_t(t) * digits]);
+            }
+            std::size_t sum = 0, largest = 0;
+            for (int d = 0; d < digits; ++d) {
+                const std::size_t before = sum;
+                for (int t = 0; t < threads_; ++t) {
+                    std::size_t& o = offsets[std::size_t(t) * digits + d];
+                    const std::size_t c = o;
+                    o = sum;
+                    sum += c;
+                }
+                largest = std::max(largest, sum - before);
+            }
+            if (largest == n) continue;  // all share this digit
+#pragma omp parallel for num_threads(threads_) schedule(static, 1)
+            for (int t = 0; t < threads_; ++t) {
+                std::size_t* o = &offsets[std::size_t(t) * digits];
+                for (std::size_t i = t * part; i < std::min(n, (t + 1) * part); ++i) {
+                    const std::size_t at = o[(from[i] >> shift) & (digits - 1)]++;
+                    to[at] = from[i];
+                    vto[at] = vfrom[i];
+                }
+            }
+            std::swap(from, to);
+            std::swap(vfrom, vto);
+        }
+        if (from != keys) {
+            std::memcpy(keys, from, n * sizeof(Key));
+            std::memcpy(values, vfrom, n * sizeof(std::uint32_t));
+        }
+    }
+
+private:
+    template <class Walk>
+    struct Steps {
+        const Walk& walk;
+        void operator()(std::size_t i) const {
+            typename Walk::State state{};
+            if (!walk.begin(i, state)) return;
+            while (walk.advance(state, true)) {}
+            walk.end(state);
+        }
+    };
+    void poll_now(double& next_poll) {
+        if (!poll_ || omp_get_thread_num() != 0 || now() <= next_poll) return;
+        if (poll_()) cancelled_ = true;
+        next_poll = now() + 0.05;
+    }
+
+    static constexpr std::size_t kLargePage = 2 << 20;
+
+    int threads_;
+    Poll poll_;
+    double marks_[16] = {};
+    std::atomic<bool> cancelled_{false};
+};
+
+}  // namespace globule::core

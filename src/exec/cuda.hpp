@@ -1,0 +1,311 @@
+// The GPU backend's means: one stream, CUB for sort, scan and reduce, a warp for a tile's group.
+#pragma once
+#include <cub/device/device_radix_sort.cuh>
+#include <cub/device/device_reduce.cuh>
+#include <cub/device/device_scan.cuh>
+#include <cuda_runtime.h>
+#include <thrust/iterator/counting_iterator.h>
+
+#include <memory>
+
+#include "base/scalar.hpp"
+#include "exec/buffer.hpp"
+#include "exec/cuda_group.hpp"
+#include "exec/cuda_packet.hpp"
+#include "exec/cuda_staging.hpp"
+
+namespace globule::core {
+
+template <class Kernel>
+__global__ void run_each(std::size_t n, Kernel kernel) {
+    const std::size_t i = std::size_t(blockIdx.x) * blockDim.x + threadIdx.x;
+    if (i < n) kernel(i);
+}
+
+template <class Kernel>
+__global__ void __launch_bounds__(128) run_packets(std::size_t n, Kernel kernel) {
+    const std::size_t i = std::size_t(blockIdx.x) * blockDim.x + threadIdx.x;
+    if (i < n) kernel.template run<CudaPacket>(i);
+}
+
+inline constexpr int kWarpsPerBlock = 4;
+inline constexpr int kWalkBlocks = 5;  ///< of 128 threads to a processor, in run_walks: 96 registers a thread
+
+template <class Kernel>
+__global__ void __launch_bounds__(32 * kWarpsPerBlock, 4)  // at most 128 registers
+    run_tiles(std::size_t n, Kernel kernel) {
+    using Scratch = typename Kernel::template Scratch<CudaGroup>;
+    __shared__ Scratch scratch[kWarpsPerBlock];
+    const int warp = threadIdx.x / 32;
+    const std::size_t tile = std::size_t(blockIdx.x) * kWarpsPerBlock + warp;
+    CudaGroup group;
+    if (tile < n) kernel(group, scratch[warp], tile);
+}
+
+template <class Kernel>
+__global__ void __launch_bounds__(128) run_uneven(std::size_t n, Kernel kernel) {
+    const std::size_t i = std::size_t(blockIdx.x) * blockDim.x + threadIdx.x;
+    if (i < n) kernel(i);
+}
+
+/// Lanes that are done with their item take the next ones, some at a time, so that a warp stays full
+/// whatever the items' lengths (Aila & Laine 2009).  All lanes advance together, active or not.
+template <class Walk>
+__global__ void __launch_bounds__(128, kWalkBlocks) run_walks(unsigned long long n, unsigned long long* next, Walk walk) {
+    constexpr unsigned all = 0xffffffffu;
+    constexpr int kIdle = 20;  // lanes that wait before new items are taken
+    const int lane = threadIdx.x & 31;
+    typename Walk::State state{};
+    bool busy = false, more = true;
+    for (;;) {
+        const unsigned idle = __ballot_sync(all, !busy);
+        if (more && __popc(idle) >= kIdle) {
+            unsigned long long first = 0;
+            if (lane == 0) first = atomicAdd(next, (unsigned long long)__popc(idle));
+            first = __shfl_sync(all, first, 0);
+            more = first + __popc(idle) < n;
+            if (!busy) {
+                const unsigned long long i = first + __popc(idle & ((1u << lane) - 1));
+                busy = i < n && walk.begin(i, state);
+            }
+            __syncwarp();
+        }
+        if (!__any_sync(all, busy)) {
+            if (!more) return;
+            continue;
+        }
+        const bool on = walk.advance(state, busy);
+        if (busy && !on) {
+            walk.end(state);
+            busy = false;
+        }
+        __syncwarp();
+    }
+}
+
+/// As run_tiles, the number of tiles known on the device only: warps take every n-th.
+template <class Kernel>
+__global__ void __launch_bounds__(32 * kWarpsPerBlock, 4) run_tiles_of(const std::uint32_t* n, Kernel kernel) {
+    using Scratch = typename Kernel::template Scratch<CudaGroup>;
+    __shared__ Scratch scratch[kWarpsPerBlock];
+    const int warp = threadIdx.x / 32;
+    CudaGroup group;
+    for (std::uint32_t tile = blockIdx.x * kWarpsPerBlock + warp; tile < *n; tile += gridDim.x * kWarpsPerBlock) {
+        kernel(group, scratch[warp], tile);
+        __syncwarp();
+    }
+}
+
+class Cuda {
+public:
+    using Group = CudaGroup;
+    using Lanes = CudaLanes;
+    using Packet = CudaPacket;
+    static constexpr bool on_device = true;
+    static constexpr std::size_t wave_size = 1 << 22;       ///< pixels at a time
+    static constexpr std::size_t n_streams = 4;             ///< that work side by side
+
+    /// urgent: its work goes before that of other streams.
+    explicit Cuda(int device, bool urgent = false) : device_(device), temporary_(*this), next_(*this) {
+        check(cudaSetDevice(device_));
+        check(cudaDeviceGetAttribute(&n_processors_, cudaDevAttrMultiProcessorCount, device_));
+        set_pool();
+        int least_priority = 0, greatest_priority = 0;
+        check(cudaDeviceGetStreamPriorityRange(&least_priority, &greatest_priority));
+        // Ordered with the default stream of other libraries.
+        check(cudaStreamCreateWithPriority(&stream_, cudaStreamDefault, urgent ? greatest_priority : least_priority));
+        for (cudaEvent_t& e : marks_) check(cudaEventCreate(&e));
+        check(cudaEventCreateWithFlags(&done_, cudaEventDisableTiming));
+    }
+    ~Cuda() {
+        cudaStreamSynchronize(stream_);  // copies from and to page-locked memory may be under way
+        cudaEventDestroy(done_);
+        for (cudaEvent_t& e : marks_) cudaEventDestroy(e);
+        cudaStreamDestroy(stream_);
+    }
+    bool cancelled() const { return false; }
+    void reset_cancelled() {}
+
+    /// From the device's pool, which keeps some of what is released: asking the driver for the memory of a
+    /// large volume takes as long as filling it.  The default stream waits for all others, and they for it.
+    void* allocate(std::size_t bytes) {
+        check(cudaSetDevice(device_));
+        void* p = nullptr;
+        check(cudaMallocAsync(&p, bytes, nullptr));
+        return p;
+    }
+    void release(void* p) {
+        if (p) cudaFreeAsync(p, nullptr);
+    }
+    /// More room, with the first `used` bytes of what was there.
+    void* extend(void* p, std::size_t used, std::size_t bytes) {
+        void* moved = allocate(bytes);
+        check(cudaMemcpyAsync(moved, p, used, cudaMemcpyDeviceToDevice, stream_));
+        release(p);
+        return moved;
+    }
+    void upload(void* to, const void* from, std::size_t bytes) {
+        staging_.upload(to, from, bytes, stream_);
+    }
+    /// The same; arrived(n) is called whenever the first n bytes may be used by what is asked for then.
+    template <class Arrived>
+    void upload(void* to, const void* from, std::size_t bytes, Arrived& arrived) {
+        staging_.upload(to, from, bytes, stream_, arrived);
+    }
+    void download(void* to, const void* from, std::size_t bytes) {
+        staging_.download(to, from, bytes, stream_);
+    }
+    void download(void* to, const void* from, std::size_t bytes, void* to2, const void* from2, std::size_t bytes2) {
+        staging_.download(to, from, bytes, to2, from2, bytes2, stream_);
+    }
+    void clear(void* p, std::size_t bytes) { check(cudaMemsetAsync(p, 0, bytes, stream_)); }
+    void synchronize() { check(cudaStreamSynchronize(stream_)); }
+    /// Another stream of the same device, and what is given to it from now on waits for another's work so far, or up to a mark.
+    std::shared_ptr<Cuda> sibling(bool urgent = false) const { return std::make_shared<Cuda>(device_, urgent); }
+    void follow(Cuda& other, int mark) { check(cudaStreamWaitEvent(stream_, other.marks_[mark])); }
+    void follow(Cuda& other) {
+        check(cudaEventRecord(other.done_, other.stream_));
+        check(cudaStreamWaitEvent(stream_, other.done_));
+    }
+    std::uint64_t free_bytes() const {
+        std::size_t free = 0, total = 0;
+        std::uint64_t reserved = 0, used = 0;
+        check(cudaMemGetInfo(&free, &total));
+        check(cudaMemPoolGetAttribute(pool_, cudaMemPoolAttrReservedMemCurrent, &reserved));
+        check(cudaMemPoolGetAttribute(pool_, cudaMemPoolAttrUsedMemCurrent, &used));
+        return free + reserved - used;
+    }
+
+    void mark(int i) { check(cudaEventRecord(marks_[i], stream_)); }
+    double elapsed(int from, int to) {
+        float ms = 0;
+        cudaError_t known = cudaEventElapsedTime(&ms, marks_[from], marks_[to]);
+        if (known == cudaErrorNotReady) {
+            cudaGetLastError();
+            check(cudaEventSynchronize(marks_[to]));
+            known = cudaEventElapsedTime(&ms, marks_[from], marks_[to]);
+        }
+        check(known);
+        return ms * 1e-3;
+    }
+
+    template <class Kernel>
+    void for_each(std::size_t n, const Kernel& kernel) {
+        if (n == 0) return;
+        const unsigned threads = n < 4096 ? 32 : 256;
+        run_each<<<unsigned(ceil_div<std::size_t>(n, threads)), threads, 0, stream_>>>(n, kernel);
+        check(cudaGetLastError());
+    }
+    template <class Kernel>
+    void for_each_task(std::size_t n, const Kernel& kernel) {
+        if (n == 0) return;
+        constexpr unsigned threads = 64;
+        run_each<<<unsigned(ceil_div<std::size_t>(n, threads)), threads, 0, stream_>>>(n, kernel);
+        check(cudaGetLastError());
+    }
+    template <class Kernel>
+    void for_each_tile(std::size_t n, const Kernel& kernel) {
+        if (n == 0) return;
+        run_tiles<<<unsigned(ceil_div<std::size_t>(n, kWarpsPerBlock)), 32 * kWarpsPerBlock, 0, stream_>>>(n, kernel);
+        check(cudaGetLastError());
+    }
+
+    template <class Kernel>
+    void for_each_uneven(std::size_t n, const Kernel& kernel) {
+        if (n == 0) return;
+        run_uneven<<<unsigned(ceil_div<std::size_t>(n, 128)), 128, 0, stream_>>>(n, kernel);
+        check(cudaGetLastError());
+    }
+    template <class Walk>
+    void for_each_walk(std::size_t n, const Walk& walk) {
+        if (n == 0) return;
+        unsigned long long* next = next_.reserve(1);
+        clear(next, sizeof *next);
+        const unsigned blocks = unsigned(min<std::size_t>(ceil_div<std::size_t>(n, 128), kWalkBlocks * n_processors_));
+        run_walks<<<blocks, 128, 0, stream_>>>(n, next, walk);
+        check(cudaGetLastError());
+    }
+    template <class Kernel>
+    void for_each_tile_of(const std::uint32_t* n, const Kernel& kernel) {
+        run_tiles_of<<<16 * n_processors_, 32 * kWarpsPerBlock, 0, stream_>>>(n, kernel);
+        check(cudaGetLastError());
+    }
+
+    /// One thread a row.
+    template <class Kernel>
+    void for_each_packet(std::size_t n, const Kernel& kernel) {
+        if (n == 0) return;
+        run_packets<<<unsigned(ceil_div<std::size_t>(n, 128)), 128, 0, stream_>>>(n, kernel);
+        check(cudaGetLastError());
+    }
+
+    /// CUB combines in an order that is the same from run to run.
+    template <class T, class Map, class Combine>
+    void reduce_in_order(std::size_t n, const Map& map, const Combine& combine, const T& identity, T* out) {
+        reduce(n, map, combine, identity, out);
+    }
+    template <class T, class Map, class Combine>
+    void reduce(std::size_t n, const Map& map, const Combine& combine, const T& identity, T* out) {
+        with_temporary([&](void* room, std::size_t& bytes) {
+            return cub::DeviceReduce::TransformReduce(room, bytes, thrust::counting_iterator<std::size_t>(0), out, n,
+                                                      combine, map, identity, stream_);
+        });
+    }
+    template <class T>
+    void exclusive_scan(std::size_t n, T* values) {
+        with_temporary([&](void* room, std::size_t& bytes) {
+            return cub::DeviceScan::ExclusiveSum(room, bytes, values, values, n, stream_);
+        });
+    }
+    template <class Key>
+    void sort_pairs(std::size_t n, Key* keys, Key* keys_spare, std::uint32_t* values, std::uint32_t* values_spare,
+                    int bits) {
+        if (n == 0) return;
+        cub::DoubleBuffer<Key> k(keys, keys_spare);
+        cub::DoubleBuffer<std::uint32_t> v(values, values_spare);
+        with_temporary([&](void* room, std::size_t& bytes) {
+            return cub::DeviceRadixSort::SortPairs(room, bytes, k, v, n, 0, bits, stream_);
+        });
+        if (k.Current() != keys) check(cudaMemcpyAsync(keys, k.Current(), n * sizeof(Key), cudaMemcpyDeviceToDevice, stream_));
+        if (v.Current() != values)
+            check(cudaMemcpyAsync(values, v.Current(), n * sizeof(std::uint32_t), cudaMemcpyDeviceToDevice, stream_));
+    }
+
+private:
+    void set_pool() {
+        check(cudaDeviceGetDefaultMemPool(&pool_, device_));
+        std::uint64_t kept = 0;
+        check(cudaMemPoolGetAttribute(pool_, cudaMemPoolAttrReleaseThreshold, &kept));
+        if (kept) return;
+        std::size_t free = 0, total = 0;
+        check(cudaMemGetInfo(&free, &total));
+        kept = total / kPoolShare;
+        check(cudaMemPoolSetAttribute(pool_, cudaMemPoolAttrReleaseThreshold, &kept));
+    }
+    template <class Call>
+    void with_temporary(const Call& call) {
+        // Room is mostly there already; asking CUB how much it takes costs as much as starting its kernels.
+        std::size_t bytes = temporary_.capacity();
+        if (bytes) {
+            const cudaError_t error = call(temporary_.data(), bytes);
+            if (error != cudaErrorInvalidValue) return check(error);
+        }
+        check(call(nullptr, bytes));
+        void* room = temporary_.reserve(bytes ? bytes : 1);
+        check(call(room, bytes));
+    }
+
+    static constexpr std::uint64_t kPoolShare = 16;  ///< of the device's memory that released memory may keep
+
+    int device_;
+    int n_processors_ = 1;
+    cudaMemPool_t pool_ = nullptr;
+    cudaStream_t stream_ = nullptr;
+    cudaEvent_t marks_[16] = {};
+    cudaEvent_t done_ = nullptr;
+    Staging staging_;
+    Buffer<char, Cuda> temporary_;
+    Buffer<unsigned long long, Cuda> next_;
+};
+
+}  // namespace globule::core

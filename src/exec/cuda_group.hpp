@@ -1,0 +1,253 @@
+// A group of lanes on the GPU: a warp.  The same face as exec/cpu_group.hpp.
+#pragma once
+#include "base/quad.hpp"
+#include "base/vec.hpp"
+
+namespace globule::core {
+
+struct CudaGroup {
+    static constexpr int width = 32;
+    static constexpr int vectors = 1;
+    static constexpr int list_capacity = 416;
+    static constexpr int stack_capacity = 224;
+    using F = float;
+    using B = bool;
+    using U = std::uint32_t;
+    static constexpr unsigned all = 0xffffffffu;
+
+    __device__ int lane() const { return threadIdx.x & 31; }
+    __device__ B first_lanes(int n) const { return lane() < n; }
+    __device__ B only(int which) const { return lane() == which; }
+    __device__ B none() const { return false; }
+
+    template <class T>
+    __device__ static T get(const T& v, int) { return v; }
+    template <class T>
+    __device__ static void put(T& v, int, T x) { v = x; }
+    template <class T>
+    __device__ static T pick(const T& v, int lane) { return __shfl_sync(all, v, lane); }
+
+    __device__ bool any(B m) const { return __any_sync(all, m); }
+    __device__ int count(B m) const { return __popc(__ballot_sync(all, m)); }
+    __device__ int first_from(B m, int from) const {
+        const unsigned set = __ballot_sync(all, m), later = set & ~0u << from;
+        return later ? __ffs(later) - 1 : __ffs(set) - 1;
+    }
+    __device__ float smallest(float v) const {
+        for (int s = 16; s; s >>= 1) v = fminf(v, __shfl_xor_sync(all, v, s));
+        return v;
+    }
+    __device__ float sum(float v) const {
+        for (int s = 16; s; s >>= 1) v += __shfl_xor_sync(all, v, s);
+        return v;
+    }
+    __device__ float largest(float v) const { return -smallest(-v); }
+    __device__ F load_run(const float* p) const { return p[lane()]; }
+    __device__ U load_run(const std::uint32_t* p) const { return p[lane()]; }
+    __device__ void store_run(F v, float* p) const { p[lane()] = v; }
+    __device__ Four<F> gather(const Quad* p, const std::uint32_t* run) const {
+        const float4 q = reinterpret_cast<const float4*>(p)[run[lane()]];
+        return {q.x, q.y, q.z, q.w};
+    }
+    __device__ U numbers(std::uint32_t first) const { return first + lane(); }
+    __device__ B differ(const std::uint32_t* run, std::uint32_t v) const { return run[lane()] != v; }
+    __device__ B before(const std::uint32_t* run, std::uint32_t v) const { return run[lane()] < v; }
+    template <class T>
+    __device__ void keep(B m, T v, T* to) const {
+        const unsigned set = __ballot_sync(all, m);
+        if (m) to[__popc(set & ((1u << lane()) - 1))] = v;
+    }
+
+    template <int n>
+    struct List {
+        float4 item[n];
+        __device__ Vec3<float> point(int i) const { return {item[i].x, item[i].y, item[i].z}; }
+        __device__ std::uint32_t number(int i) const { return __float_as_uint(item[i].w); }
+        __device__ void set(int i, const Vec3<float>& p, std::uint32_t k) { item[i] = {p.x, p.y, p.z, __uint_as_float(k)}; }
+        __device__ Vec3<float> points(const CudaGroup& g, int i) const {
+            const float4 v = item[i + g.lane()];
+            return {v.x, v.y, v.z};
+        }
+    };
+
+    static constexpr int run_width = 8;
+    static constexpr int n_runs = 4;
+    using Runs = std::uint32_t;
+    /// Each lane holds the run that it will look at.
+    template <class Entry>
+    struct Entries {
+        Entry mine;
+        bool valid;
+    };
+    template <class Entry>
+    __device__ Entries<Entry> take(const Entry* stack, int n) const {
+        const int r = lane() / run_width;
+        return {r < n ? stack[r] : Entry{}, r < n};
+    }
+    template <class Entry>
+    __device__ B lay_out(const Entries<Entry>& e, int, Runs& runs) const {
+        const int c = lane() % run_width;
+        const bool present = e.valid && c < int(e.mine.count());
+        runs = present ? e.mine.first() + c : 0;
+        return present;
+    }
+    template <class T>
+    __device__ T load(const T* p, const Runs& runs) const { return __ldg(p + runs); }
+    __device__ static std::uint32_t index(const Runs& runs, int) { return runs; }
+    __device__ B is_leaf(const U& meta) const { return meta >> 31; }
+
+    template <class Fn>
+    __device__ void each(B m, const Fn& fn) const {
+        for (unsigned set = __ballot_sync(all, m); set; set &= set - 1) fn(__ffs(set) - 1);
+    }
+    template <class Fn>
+    __device__ void per_lane(B m, const Fn& fn) const {
+        if (m) fn(lane());
+        __syncwarp();
+    }
+    template <class Fn>
+    __device__ static void for_lanes(const Fn& fn) { fn(0); }
+    __device__ int lane_number(int) const { return lane(); }
+    using LaneOf = std::uint8_t[width];
+    /// part(p, d, sign, first, stride, sum) adds every stride-th item from the first on to a ray's sum.  Where no more than
+    /// half of the lanes are active, two to eight of them share out each active lane's ray.
+    template <bool Bounds, class Sum, class Part>
+    __device__ void share_rays(LaneOf& lane_of, B active, const Vec3<float>& p, const Vec3<float>& d, float sign, Sum& sum, const Part& part) const {
+        const unsigned set = __ballot_sync(all, active);
+        const int n = __popc(set);
+        if (n > width / 2) return part(p, d, sign, 0, 1, sum);
+        const int log_team = n > 8 ? 1 : n > 4 ? 2 : 3, team = 1 << log_team;
+        const int rank = __popc(set & ((1u << lane()) - 1)), ray = lane() >> log_team;
+        if (active) lane_of[rank] = std::uint8_t(lane());
+        __syncwarp();
+        const int from = ray < n ? lane_of[ray] : 0;
+        const Vec3<float> of_p{pick(p.x, from), pick(p.y, from), pick(p.z, from)}, of_d{pick(d.x, from), pick(d.y, from), pick(d.z, from)};
+        const float of_sign = pick(sign, from);
+        if (ray < n) part(of_p, of_d, of_sign, lane() & (team - 1), team, sum);
+        __syncwarp();
+        const int back = rank << log_team & (width - 1);
+        const auto whole = [&](float& v) {
+            for (int s = team / 2; s; s >>= 1) v += __shfl_xor_sync(all, v, s);
+            v = pick(v, back);
+        };
+        whole(sum.f);
+        whole(sum.slope);
+        if constexpr (Bounds) {
+            whole(sum.rise);
+            whole(sum.fall);
+        }
+    }
+    __device__ std::uint32_t set_of(B m) const { return __ballot_sync(all, m); }
+    template <class Fn>
+    __device__ F map(const Fn& fn) const { return fn(lane()); }
+    template <class Fn>
+    __device__ std::uint32_t from_first(const Fn& fn) const {
+        std::uint32_t v = 0;
+        if (lane() == 0) v = fn();
+        return __shfl_sync(all, v, 0);
+    }
+    template <class Write>
+    __device__ int append(B m, int n, const Write& write) const {
+        const unsigned set = __ballot_sync(all, m);
+        if (m) write(lane(), n + __popc(set & ((1u << lane()) - 1)));
+        return n + __popc(set);
+    }
+    template <class Fn>
+    __device__ void share(int n, const Fn& fn) const {
+        for (int j = lane(); j < n; j += width) fn(j);
+        __syncwarp();
+    }
+    __device__ double total(double mine) const {
+        for (int s = 16; s; s >>= 1) mine += __shfl_xor_sync(all, mine, s);
+        return mine;
+    }
+    __device__ bool is_first() const { return lane() == 0; }
+    __device__ void sync() const { __syncwarp(); }
+};
+
+/// How one ray's thread goes through a block of particles: one at a time.
+struct CudaLanes {
+    static constexpr int width = 1;
+    using F = float;
+    GB_FN static F load(const float* p) { return *p; }
+    GB_FN static void load(const float* block, F& x, F& y, F& z) {
+        const float4 v = *reinterpret_cast<const float4*>(block);
+        x = v.x;
+        y = v.y;
+        z = v.z;
+    }
+    GB_FN static std::uint32_t slot(const float* block, int) { return reinterpret_cast<const std::uint32_t*>(block)[3]; }
+    __device__ static void store(float* block, float x, float y, float z, std::uint32_t slot) {
+        *reinterpret_cast<float4*>(block) = {x, y, z, __uint_as_float(slot)};
+    }
+    GB_FN static float sum(float v) { return v; }
+    GB_FN static float largest(float v) { return v; }
+    template <class Fn>
+    GB_FN static float map(const Fn& fn) { return fn(0); }
+    template <class Fn>
+    GB_FN static void where_positive(float v, const Fn& fn) {
+        if (v > 0.0f) fn(0);
+    }
+    GB_FN static float get(float v, int) { return v; }
+
+    static constexpr unsigned all = 0xffffffffu;
+    static constexpr int list_unit = 8;      ///< blocks of a list come by so many
+    static constexpr int cells_at_once = 2;  ///< that a ray passes before the others get their turn
+
+    /// Field of each active lane's source at its own t: teams of 4 lanes take one ray at a time, of 8 where no more than
+    /// four rays are left, so that all lanes work in a warp of few active rays or with lists of different length.
+    template <class Source, class Limits>
+    __device__ static auto evaluate(const Source& source, float t, const Limits& lim, bool active, bool bounds) {
+        return __any_sync(all, active && bounds) ? by_teams<true>(source, t, lim, active) : by_teams<false>(source, t, lim, active);
+    }
+
+private:
+    /// Whatever the team, a ray's particles are added up in eight parts, and these in the same order.
+    template <bool Bounds, class Source, class Limits>
+    __device__ static auto by_teams(const Source& source, float t, const Limits& lim, bool active) {
+        const int lane = threadIdx.x & 31;
+        const unsigned set = __ballot_sync(all, active);
+        const int n_active = __popc(set), rank = __popc(set & ((1u << lane) - 1));
+        const float3 point = source.point(t);
+        __shared__ std::uint8_t lanes[128];
+        std::uint8_t* lane_of = lanes + (threadIdx.x & 96);
+        if (active) lane_of[rank] = std::uint8_t(lane);
+        __syncwarp();
+        using Sum = decltype(source.template at<Bounds>(t, lim));
+        Sum result{0.0f, 0.0f, 0.0f, 0.0f};
+        for (int first = 0, n_teams; first < n_active; first += n_teams) {
+            const int log_team = n_active - first > 4 ? 2 : 3, size = 1 << log_team;
+            n_teams = 32 >> log_team;
+            const int ray = first + (lane >> log_team), n = ray < n_active;  // this team's ray; none: a list of no length
+            const int from = n ? lane_of[ray] : 0;
+            Source of = source;
+            of.first = __shfl_sync(all, source.first, from);
+            of.n_blocks = n * __shfl_sync(all, source.n_blocks, from);
+            const float3 of_point{__shfl_sync(all, point.x, from), __shfl_sync(all, point.y, from), __shfl_sync(all, point.z, from)};
+            of.d = {__shfl_sync(all, source.d.x, from), __shfl_sync(all, source.d.y, from), __shfl_sync(all, source.d.z, from)};
+            Limits of_lim = lim;
+            if (Bounds) of_lim.window = __shfl_sync(all, lim.window, from);
+            of_lim.sign = __shfl_sync(all, lim.sign, from);
+            Sum sum{0.0f, 0.0f, 0.0f, 0.0f};
+            if (size == 4) of.template add_pairs<Bounds>(sum, lane & 3, of_point, of_lim);
+            else of.template add_blocks<Bounds>(sum, lane & 7, 8, of_point, of_lim);
+            __syncwarp();
+            for (int s = size / 2; s; s >>= 1) {
+                sum.f += __shfl_xor_sync(all, sum.f, s);
+                sum.slope += __shfl_xor_sync(all, sum.slope, s);
+                if (Bounds) {
+                    sum.rise += __shfl_xor_sync(all, sum.rise, s);
+                    sum.fall += __shfl_xor_sync(all, sum.fall, s);
+                }
+            }
+            const int back = (rank - first) << log_team & 31;
+            sum = {__shfl_sync(all, sum.f, back), __shfl_sync(all, sum.slope, back), Bounds ? __shfl_sync(all, sum.rise, back) : 0.0f,
+                   Bounds ? __shfl_sync(all, sum.fall, back) : 0.0f};
+            if (rank >= first && rank < first + n_teams) result = source.template finished<Bounds>(sum);
+        }
+        __syncwarp();
+        return result;
+    }
+};
+
+}  // namespace globule::core

@@ -1,0 +1,214 @@
+// Copies between ordinary host memory and the device.  Large ones: some threads fill or empty page-locked parts
+// while the device copies others, which is several times as fast as leaving it to the driver.  Small ones go through
+// a page-locked room too, since the driver waits for the device before it takes anything from ordinary memory.
+#pragma once
+#include <cstring>
+#include <mutex>
+#include <vector>
+
+#include "base/scalar.hpp"
+#include "exec/copy_crew.hpp"
+#include "exec/cuda_check.hpp"
+
+namespace globule::core {
+
+/// Page-locked rooms of one size, kept for the next that needs one: locking takes longer than most copies.
+class LockedRooms {
+public:
+    /// Null where there is none to be had.
+    static char* take(std::size_t bytes) {
+        LockedRooms& all = instance();
+        const std::lock_guard lock(all.mutex_);
+        if (!all.free_.empty()) {
+            char* room = all.free_.back();
+            all.free_.pop_back();
+            return room;
+        }
+        void* room = nullptr;
+        if (cudaHostAlloc(&room, bytes, cudaHostAllocPortable) == cudaSuccess) return static_cast<char*>(room);
+        cudaGetLastError();
+        return nullptr;
+    }
+    static void give_back(char* room) {
+        LockedRooms& all = instance();
+        const std::lock_guard lock(all.mutex_);
+        all.free_.push_back(room);
+    }
+
+private:
+    /// Never destroyed: the driver may be gone before static objects are.
+    static LockedRooms& instance() {
+        static LockedRooms* all = new LockedRooms;
+        return *all;
+    }
+    std::mutex mutex_;
+    std::vector<char*> free_;
+};
+
+/// What has to be copied between host and device, cut so that it fits a room.
+struct StagedPart {
+    char* host;
+    char* device;
+    std::size_t bytes;
+};
+
+class Staging {
+public:
+    Staging() = default;
+    Staging(const Staging&) = delete;
+    Staging& operator=(const Staging&) = delete;
+    ~Staging() {
+        if (small_) cudaFreeHost(small_);
+        if (!rooms_) return;
+        for (cudaEvent_t e : done_) {
+            cudaEventSynchronize(e);
+            cudaEventDestroy(e);
+        }
+        cudaEventDestroy(ready_);
+        cudaStreamDestroy(copies_);
+        LockedRooms::give_back(rooms_);
+    }
+
+    /// Host memory may be reused when this returns. Calls arrived(bytes) whenever more of it is on its way: work given
+    /// to the stream then finds so much of it there. Copies have a stream of their own, not to wait for that work.
+    template <class Arrived>
+    void upload(void* to, const void* from, std::size_t bytes, cudaStream_t stream, Arrived& arrived) {
+        if (char* room = small_room(bytes, stream)) {
+            std::memcpy(room, from, bytes);
+            check(cudaMemcpyAsync(to, room, bytes, cudaMemcpyHostToDevice, stream));
+            return arrived(bytes);
+        }
+        if (bytes < kWorth || !ready()) {
+            check(cudaMemcpyAsync(to, from, bytes, cudaMemcpyHostToDevice, stream));
+            return arrived(bytes);
+        }
+        std::vector<StagedPart> parts;
+        add_parts(parts, const_cast<void*>(from), to, bytes);
+        check(cudaEventSynchronize(done_[last_]));  // the last of the upload before
+        check(cudaEventRecord(ready_, stream));
+        check(cudaStreamWaitEvent(copies_, ready_));
+        CopyCrew crew(parts.size(), kRoom);
+        std::size_t sent = 0, there = 0;
+        crew.run([](int, int) {}, [&](std::size_t k, std::size_t first, std::size_t end) {
+            if (first < parts[k].bytes) std::memcpy(room(k) + first, parts[k].host + first, min(end, parts[k].bytes) - first);
+        }, [&] {
+            while (crew.limit() < parts.size() && (crew.limit() < kRooms || (crew.limit() < sent + kRooms && is_done(crew.limit()))))
+                crew.allow_next();
+            if (crew.is_copied(sent)) {
+                const StagedPart& part = parts[sent];
+                check(cudaMemcpyAsync(part.device, room(sent), part.bytes, cudaMemcpyHostToDevice, copies_));
+                check(cudaEventRecord(done_[last_ = sent++ % kRooms], copies_));
+                check(cudaStreamWaitEvent(stream, done_[last_]));
+                arrived(there += part.bytes);
+            }
+            return sent == parts.size();
+        });
+    }
+    void upload(void* to, const void* from, std::size_t bytes, cudaStream_t stream) {
+        Nothing nothing;
+        upload(to, from, bytes, stream, nothing);
+    }
+
+    /// Complete when this returns.
+    void download(void* to, const void* from, std::size_t bytes, cudaStream_t stream) {
+        if (char* room = small_room(bytes, stream)) {
+            check(cudaMemcpyAsync(room, from, bytes, cudaMemcpyDeviceToHost, stream));
+            check(cudaStreamSynchronize(stream));
+            std::memcpy(to, room, bytes);
+            small_used_ = 0;
+            return;
+        }
+        if (bytes < kWorth || !ready()) {
+            check(cudaMemcpyAsync(to, from, bytes, cudaMemcpyDeviceToHost, stream));
+            return check(cudaStreamSynchronize(stream));
+        }
+        std::vector<StagedPart> parts;
+        add_parts(parts, to, const_cast<void*>(from), bytes);
+        download(parts, stream);
+    }
+    /// Two arrays, both or none of which are large.
+    void download(void* to, const void* from, std::size_t bytes, void* to2, const void* from2, std::size_t bytes2, cudaStream_t stream) {
+        if (min(bytes, bytes2) < kWorth || !ready()) {
+            download(to, from, bytes, stream);
+            return download(to2, from2, bytes2, stream);
+        }
+        std::vector<StagedPart> parts;
+        add_parts(parts, to, const_cast<void*>(from), bytes);
+        add_parts(parts, to2, const_cast<void*>(from2), bytes2);
+        download(parts, stream);
+    }
+
+private:
+    static constexpr std::size_t kRoom = 1 << 20, kRooms = 16, kWorth = 512 << 10, kPage = 4096;
+    static constexpr std::size_t kSmall = 16 << 10, kSmallRoom = 64 << 10;
+    struct Nothing {
+        void operator()(std::size_t) const {}
+    };
+
+    static void add_parts(std::vector<StagedPart>& parts, void* host, void* device, std::size_t bytes) {
+        for (std::size_t at = 0; at < bytes; at += kRoom)
+            parts.push_back({static_cast<char*>(host) + at, static_cast<char*>(device) + at, min(kRoom, bytes - at)});
+    }
+    void download(const std::vector<StagedPart>& parts, cudaStream_t stream) {
+        CopyCrew crew(parts.size(), kRoom);
+        std::size_t asked = 0, out = 0;
+        // The system gives the pages of new host memory while the device is busy.
+        crew.run([&](int thread, int threads) {
+            for (std::size_t k = thread; k < parts.size(); k += threads)
+                for (std::size_t at = 0; at < parts[k].bytes; at += kPage) static_cast<volatile char*>(parts[k].host)[at] = 0;
+        }, [&](std::size_t k, std::size_t first, std::size_t end) {
+            if (first < parts[k].bytes) std::memcpy(parts[k].host + first, room(k) + first, min(end, parts[k].bytes) - first);
+        }, [&] {
+            while (out < asked && crew.is_copied(out)) ++out;
+            for (; asked < parts.size() && asked < out + kRooms; ++asked) {
+                check(cudaMemcpyAsync(room(asked), parts[asked].device, parts[asked].bytes, cudaMemcpyDeviceToHost, stream));
+                check(cudaEventRecord(done_[last_ = asked % kRooms], stream));
+            }
+            while (crew.limit() < asked && is_done(crew.limit())) crew.allow_next();
+            return out == parts.size();
+        });
+    }
+
+    /// Page-locked room for few bytes, free until the stream has been waited for; null where bytes are many.
+    char* small_room(std::size_t bytes, cudaStream_t stream) {
+        if (bytes == 0 || bytes > kSmall) return nullptr;
+        if (!small_ && cudaHostAlloc(reinterpret_cast<void**>(&small_), kSmallRoom, cudaHostAllocPortable) != cudaSuccess) {
+            cudaGetLastError();
+            small_ = nullptr;
+            return nullptr;
+        }
+        if (small_used_ + bytes > kSmallRoom) {
+            check(cudaStreamSynchronize(stream));
+            small_used_ = 0;
+        }
+        char* room = small_ + small_used_;
+        small_used_ += ceil_div<std::size_t>(bytes, 64) * 64;
+        return room;
+    }
+    char* room(std::size_t k) const { return rooms_ + k % kRooms * kRoom; }
+    bool is_done(std::size_t k) const {
+        const cudaError_t status = cudaEventQuery(done_[k % kRooms]);
+        if (status != cudaErrorNotReady) check(status);
+        return status == cudaSuccess;
+    }
+    /// False where there is no page-locked memory to be had.
+    bool ready() {
+        if (rooms_) return true;
+        rooms_ = LockedRooms::take(kRooms * kRoom);
+        if (!rooms_) return false;
+        for (cudaEvent_t& e : done_) check(cudaEventCreateWithFlags(&e, cudaEventDisableTiming));
+        check(cudaEventCreateWithFlags(&ready_, cudaEventDisableTiming));
+        check(cudaStreamCreateWithFlags(&copies_, cudaStreamNonBlocking));
+        return true;
+    }
+
+    char* small_ = nullptr;
+    std::size_t small_used_ = 0;
+    char* rooms_ = nullptr;
+    std::size_t last_ = 0;  ///< event that was recorded last
+    cudaEvent_t done_[kRooms] = {};
+    cudaEvent_t ready_ = nullptr;  ///< what the stream did before an upload
+    cudaStream_t copies_ = nullptr;
+};
+
+}  // namespace globule::core

@@ -1,0 +1,217 @@
+// Questions at a point: who reaches it, who is near it.  One traversal, one thread a point; the
+// float64 last word of the tracer and the public field, gradient and neighbour calls use it.
+#pragma once
+#include "field/kernels.hpp"
+#include "octree/dense.hpp"
+#include "octree/sparse.hpp"
+
+namespace globule::core {
+
+/// Depth-first over all leaves whose box meets the box [lo, hi], in Morton order: leaf(first slot,
+/// number of particles).
+template <class Tree, class Leaf>
+GB_FN void for_each_leaf(const Tree& tree, const float3& lo, const float3& hi, const Leaf& leaf) {
+    if (tree.empty()) return;
+    struct Run {
+        std::uint32_t next, end;
+    } stack[kMaxLevels + 2];
+    int top = 0;
+    stack[0] = {0, 1};
+    while (top >= 0) {
+        if (stack[top].next == stack[top].end) {
+            --top;
+            continue;
+        }
+        const Node node = tree.node(stack[top].next++);
+        if (node.lo.x > hi.x || node.lo.y > hi.y || node.lo.z > hi.z || node.hi.x < lo.x ||
+            node.hi.y < lo.y || node.hi.z < lo.z)
+            continue;
+        const std::uint32_t count = Node::count(node.meta);
+        if (Node::is_leaf(node.meta)) {
+            leaf(node.first, count);
+        } else if (count) {
+            stack[++top] = {node.first, node.first + count};
+        }
+    }
+}
+
+/// The same for a whole group of lanes, which looks at all children of a node at once.
+template <class Group, class Tree, class Leaf>
+GB_FN void for_each_leaf(Group& g, const Tree& tree, const float3& lo, const float3& hi, const Leaf& leaf) {
+    using F = typename Group::F;
+    if (tree.empty()) return;
+    struct Siblings {
+        std::uint32_t first, set;  ///< those of them that are still to come
+    } stack[2 * kMaxLevels + 2];
+    int top = 0;
+    Siblings now{0, 0};
+    typename Group::U firsts, metas;
+    const auto enter = [&](std::uint32_t first) {
+        now.first = first;
+        firsts = g.load_run(tree.nodes.first + first);
+        metas = g.load_run(tree.nodes.meta + first);
+    };
+    const auto meeting = [&](std::uint32_t first, int n) {
+        float* const* box = tree.nodes.box;
+        const auto out = (g.load_run(box[0] + first) > F(hi.x)) | (g.load_run(box[1] + first) > F(hi.y)) | (g.load_run(box[2] + first) > F(hi.z)) |
+                         (g.load_run(box[3] + first) < F(lo.x)) | (g.load_run(box[4] + first) < F(lo.y)) | (g.load_run(box[5] + first) < F(lo.z));
+        return g.set_of(g.first_lanes(n) & !out);
+    };
+    const auto open = [&](std::uint32_t first, int n) {
+        enter(first);
+        now.set = meeting(first, n);
+        for (int part = (n - 1) / Group::width; part > 0; --part)  // of more siblings than lanes
+            stack[top++] = {first + part * Group::width, meeting(first + part * Group::width, n - part * Group::width)};
+    };
+    for (open(0, 1);;) {
+        if (now.set == 0) {
+            if (top == 0) return;
+            now = stack[--top];
+            enter(now.first);
+            continue;
+        }
+        const int child = trailing_zeros(now.set);
+        now.set &= now.set - 1;
+        const std::uint32_t meta = Group::pick(metas, child), first = Group::pick(firsts, child), count = Node::count(meta);
+        if (Node::is_leaf(meta)) {
+            leaf(first, count);
+        } else if (count) {
+            if (now.set) stack[top++] = now;
+            open(first, int(count));
+        }
+    }
+}
+
+/// visit(slot) for each particle of those leaves.
+template <class Tree, class Visit>
+GB_FN void for_each_touching(const Tree& tree, const float3& lo, const float3& hi, const Visit& visit) {
+    for_each_leaf(tree, lo, hi, [&](std::uint32_t first, std::uint32_t count) {
+        for (std::uint32_t j = first; j < first + count; ++j) visit(j);
+    });
+}
+
+/// Field and gradient at points, float64 sums: f = sum c b(r), grad f.
+template <class Tree>
+struct EvaluateField {
+    Tree tree;
+    SortedParticles particles;
+    AnyKernel kernel;
+    const float* points;  ///< (m, 3)
+    float* field;         ///< (m,) or null
+    float* gradient;      ///< (m, 3) or null
+    GB_FN void operator()(std::size_t i) const {
+        const float3 p{points[3 * i], points[3 * i + 1], points[3 * i + 2]};
+        double f = 0, gx = 0, gy = 0, gz = 0;
+        for_each_touching(tree, p, p, [&](std::uint32_t j) {
+            const Vec3<double> v{double(p.x) - particles.x[j], double(p.y) - particles.y[j], double(p.z) - particles.z[j]};
+            const double x = particles.x_at(j, v);
+            if (!(x < 1.0)) return;
+            double b, slope;
+            kernel(x, b, slope);
+            f += particles.weight[j] * b;
+            const Vec3<double> s = particles.half_gradient(j, v) * (particles.weight[j] * slope * 2.0);
+            gx += s.x;
+            gy += s.y;
+            gz += s.z;
+        });
+        if (field) field[i] = float(f);
+        if (gradient) {
+            gradient[3 * i] = float(gx);
+            gradient[3 * i + 1] = float(gy);
+            gradient[3 * i + 2] = float(gz);
+        }
+    }
+};
+
+/// Influence-weighted mean of `channels` values a particle: sum w v / sum w, w = max(c b, 0)
+/// (§6.0.2).  NaN where nothing reaches.
+template <class Tree>
+struct Blend {
+    Tree tree;
+    SortedParticles particles;
+    AnyKernel kernel;
+    const float* points;
+    const float* values;  ///< (n, channels), caller's order
+    int channels;
+    float* out;           ///< (m, channels)
+    GB_FN void operator()(std::size_t i) const {
+        const float3 p{points[3 * i], points[3 * i + 1], points[3 * i + 2]};
+        float* mine = out + i * channels;
+        for (int c = 0; c < channels; ++c) mine[c] = 0.0f;
+        float total = 0.0f;
+        for_each_touching(tree, p, p, [&](std::uint32_t j) {
+            const float x = particles.x_at(j, p - particles.position(j));
+            if (!(x < 1.0f)) return;
+            float b, slope;
+            kernel(x, b, slope);
+            const float w = max(particles.weight[j] * b, 0.0f);
+            total += w;
+            for (int c = 0; c < channels; ++c) mine[c] += w * values[std::size_t(particles.index[j]) * channels + c];
+        });
+        for (int c = 0; c < channels; ++c) mine[c] = total > 0.0f ? mine[c] / total : NAN;
+    }
+};
+
+/// Particles within `radius` of each point, as compressed rows.  Run twice: counts, then indices.
+template <class Tree>
+struct FindNeighbors {
+    Tree tree;
+    SortedParticles particles;
+    const float* points;
+    float radius;
+    std::uint64_t* offsets;    ///< (m + 1,)
+    std::uint32_t* indices;    ///< null in the counting run
+    GB_FN void operator()(std::size_t i) const {
+        const float3 p{points[3 * i], points[3 * i + 1], points[3 * i + 2]};
+        const float3 r{radius, radius, radius};
+        std::uint64_t n = 0;
+        for_each_touching(tree, p - r, p + r, [&](std::uint32_t j) {
+            const double dx = double(p.x) - particles.x[j], dy = double(p.y) - particles.y[j],
+                         dz = double(p.z) - particles.z[j];
+            if (!(dx * dx + dy * dy + dz * dz <= double(radius) * radius)) return;
+            if (indices) indices[offsets[i] + n] = particles.index[j];
+            ++n;
+        });
+        if (!indices) offsets[i] = n;
+    }
+};
+
+/// Spacing around sampled particles, from the distance r to the 12th neighbour: a volume of
+/// 4/3 pi r^3 holds 12.5 particles.  0 where there are too few particles or too many coincide.
+template <class Tree>
+struct LocalSpacing {
+    Tree tree;
+    SortedParticles particles;
+    std::size_t begin, n, stride;  ///< particles [begin, n) are inside
+    float* out;
+    static constexpr int k = 12;
+    GB_FN void operator()(std::size_t s) const {
+        const std::size_t at = begin + s * stride;
+        out[s] = 0.0f;
+        if (n - begin <= std::size_t(k)) return;
+        const float3 p = particles.position(at);
+        float nearest[k];
+        for (int i = 0; i < k; ++i) nearest[i] = infinity();
+        auto insert = [&](std::size_t j) {
+            const float3 v = particles.position(j) - p;
+            float d = dot(v, v);
+            for (int i = 0; i < k; ++i)
+                if (d < nearest[i]) {
+                    const float t = nearest[i];
+                    nearest[i] = d;
+                    d = t;
+                }
+        };
+        // Neighbours along the curve bound the radius, so that the walk of the tree stays short.
+        const std::size_t from = at - begin > std::size_t(k) ? at - k : begin;
+        for (std::size_t j = from; j < min(n, at + k + 1); ++j)
+            if (j != at) insert(j);
+        const float r = sqrt(nearest[k - 1]);
+        for (int i = 0; i < k; ++i) nearest[i] = infinity();
+        for_each_touching(tree, {p.x - r, p.y - r, p.z - r}, {p.x + r, p.y + r, p.z + r},
+                          [&](std::uint32_t j) { if (j != at) insert(j); });
+        out[s] = sqrt(nearest[k - 1]) * 0.6946f;  // (4/3 pi / 12.5)^(1/3)
+    }
+};
+
+}  // namespace globule::core

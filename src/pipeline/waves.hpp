@@ -1,0 +1,103 @@
+// Pictures: waves of rays through the layers of one picture, pass after pass.
+#pragma once
+#include "backends/backend.hpp"
+#include "exec/buffer.hpp"
+#include "trace/resolve.hpp"
+#include "trace/wave.hpp"
+
+namespace globule::core {
+
+/// One band of rows and its buffers, which grow to the largest wave and stay.  start, then trace and go_on
+/// by turns; between the two the host may turn to another band, on a stream of its own.
+template <class Exec>
+class Waves {
+public:
+    explicit Waves(std::shared_ptr<Exec> exec)
+        : exec_(std::move(exec)), sides_{Side(*exec_), Side(*exec_)}, hits_(*exec_), first_(*exec_), layer_(*exec_), found_(*exec_),
+          cap_(*exec_), sign_(*exec_), visibility_(*exec_), n_children_(*exec_), sum_(*exec_) {}
+
+    Exec& exec() { return *exec_; }
+
+    /// One pass over rows [first_row, first_row + rows) of the camera's picture; the first hits go to `first`.
+    void start(const CameraRays& camera, std::uint32_t first_row, std::uint32_t rows, std::uint32_t pass, const Hits& first) {
+        const std::size_t n_pixels = std::size_t(rows) * camera.width;
+        std::uint64_t* sum = sum_.reserve(3 * n_pixels);
+        exec_->clear(sum, 3 * n_pixels * sizeof(std::uint64_t));
+        side_ = &sides_[0];
+        other_ = &sides_[1];
+        rays_ = {{camera, nullptr, nullptr, n_pixels, first_row, pass}, nullptr, nullptr, side_->ids.reserve(2 * n_pixels)};
+        std::uint32_t* layer = layer_.reserve(n_pixels);
+        float* more = first_.reserve(2 * n_pixels);
+        hits_now_ = first_hits_ = {first.t, first.normal, first.albedo, more, more + n_pixels, layer};
+        generation_ = 0;
+    }
+
+    /// The present generation.  march(exec, rays, layer, found): distances; keep(exec, rays, layer, found, hits):
+    /// what is nearest; occlude(exec, rays, hits, layer, visibility).
+    template <class March, class Keep, class Occlude>
+    void trace(const Lighting& lighting, int n_layers, const March& march, const Keep& keep, const Occlude& occlude) {
+        const std::size_t n = rays_.source.n, items = rays_.source.n_items();
+        const LayerHits found{found_.reserve(n), cap_.reserve(n), sign_.reserve(n)};
+        for (int layer = 0; layer < n_layers; ++layer) {
+            LayerHits of_layer = found;
+            march(*exec_, rays_, layer, of_layer);
+            keep(*exec_, rays_, layer, of_layer, hits_now_);
+        }
+        if (lighting.ground.present) exec_->for_each(n, MeetGround{lighting.ground, rays_, hits_now_});
+        const int n_visibilities = lighting.n_visibilities();
+        float* visibility = n_visibilities ? visibility_.reserve(n_visibilities * n) : nullptr;
+        for (int layer = 0; n_visibilities && layer < n_layers; ++layer) occlude(*exec_, rays_, hits_now_, layer, visibility);
+        std::uint32_t* place = n_children_.reserve(2 * items + 1);
+        exec_->clear(place + 2 * items, sizeof *place);
+        const std::uint32_t first_pixel = rays_.source.first_row * std::uint32_t(rays_.source.camera.width);
+        exec_->for_each(items, Lit{lighting, rays_, hits_now_, visibility, generation_, sum_.data(), first_pixel, place});
+        if (generation_ < lighting.depth) exec_->exclusive_scan(2 * items + 1, place);
+    }
+
+    /// To the next generation; false where there is none.
+    bool go_on(const Lighting& lighting) {
+        if (generation_ >= lighting.depth || exec_->cancelled()) return false;
+        const std::size_t items = rays_.source.n_items();
+        std::uint32_t* place = n_children_.data();
+        std::uint32_t total;
+        exec_->download(&total, place + 2 * items, sizeof total);
+        if (total == 0) return false;
+        const std::size_t n = total;
+        float* block = other_->floats.reserve(9 * n);
+        std::uint32_t* ids = other_->ids.reserve(2 * n);
+        const RaySource& now = rays_.source;
+        const WaveRays next{{now.camera, block, block + 3 * n, n, now.first_row, now.pass}, block + 6 * n, ids + n, ids};
+        exec_->for_each(items, Spawn{lighting, rays_, hits_now_, generation_, place, next, block, block + 3 * n});
+        rays_ = next;
+        std::swap(side_, other_);
+        float* hits = hits_.reserve(10 * n);
+        hits_now_ = {hits, hits + n, hits + 4 * n, hits + 7 * n, hits + 8 * n, reinterpret_cast<std::uint32_t*>(hits + 9 * n)};
+        ++generation_;
+        return true;
+    }
+    const WaveHits& first_hits() const { return first_hits_; }
+    const std::uint64_t* sum() const { return sum_.data(); }
+
+private:
+    struct Side {
+        Buffer<float, Exec> floats;
+        Buffer<std::uint32_t, Exec> ids;
+        explicit Side(Exec& exec) : floats(exec), ids(exec) {}
+    };
+    std::shared_ptr<Exec> exec_;
+    Side sides_[2];
+    Side *side_ = nullptr, *other_ = nullptr;
+    WaveRays rays_{};
+    WaveHits hits_now_{}, first_hits_{};
+    int generation_ = 0;
+    Buffer<float, Exec> hits_, first_;
+    Buffer<std::uint32_t, Exec> layer_;
+    Buffer<float, Exec> found_;
+    Buffer<std::int32_t, Exec> cap_;
+    Buffer<std::int8_t, Exec> sign_;
+    Buffer<float, Exec> visibility_;
+    Buffer<std::uint32_t, Exec> n_children_;
+    Buffer<std::uint64_t, Exec> sum_;
+};
+
+}  // namespace globule::core

@@ -1,0 +1,105 @@
+// What moves as a whole, over any Exec: boundaries that follow key frames, and rigid bodies that the fluid pushes.
+#pragma once
+#include "sim/fluid.hpp"
+#include "sim/motion_bytes.hpp"
+
+namespace globule::core {
+
+template <class Exec>
+class BodiesOf {
+public:
+    using Packet = typename Exec::Packet;
+
+    BodiesOf(Exec& exec, SimulationState<Exec>& state, const SimulationSettings& settings)
+        : exec_(exec), state_(state), settings_(settings), home_(exec), impulse_(exec), touch_(exec) {}
+
+    void capture(int phase, const sim::Pose& now) {
+        if (home_.capacity() < state_.next_id) {  // ids of other bodies keep their places
+            Buffer<Quad, Exec> old(exec_);
+            const std::size_t n = home_.capacity();
+            exec_.for_each(n, sim::CopyQuads{home_.data(), old.reserve(n + 1)});
+            home_.reserve(state_.next_id + state_.next_id / 2 + 64);
+            exec_.clear(home_.data(), home_.capacity() * sizeof(Quad));
+            exec_.for_each(n, sim::CopyQuads{old.data(), home_.data()});
+            exec_.synchronize();
+        }
+        exec_.for_each(state_.n, sim::Capture{state_.view(), std::uint8_t(phase), now, home_.data()});
+    }
+    void move_to(int phase, const sim::Pose& next) { next_poses_[phase] = next; }
+    void make_body(int phase, double mass, const double center[3], const double inertia[9], const double velocity[3], const double spin[3]) {
+        RigidBody::M m;
+        std::copy(inertia, inertia + 9, m.begin());
+        RigidBody body(mass, {center[0], center[1], center[2]}, m);
+        std::copy(velocity, velocity + 3, body.velocity.begin());
+        std::copy(spin, spin + 3, body.spin.begin());
+        bodies_.insert_or_assign(phase, body);
+        capture(phase, body.pose());
+    }
+    std::vector<double> body(int phase) const {
+        const RigidBody& b = bodies_.at(phase);
+        std::vector<double> out;
+        for (const auto* v : {&b.center(), &b.velocity, &b.spin}) out.insert(out.end(), v->begin(), v->end());
+        const sim::Pose p = b.pose();
+        for (double v : {p.x.x, p.y.x, p.z.x, p.x.y, p.y.y, p.z.y, p.x.z, p.y.z, p.z.z}) out.push_back(v);
+        return out;
+    }
+
+    /// All of this as bytes of a checkpoint.
+    std::vector<char> save() {
+        std::vector<Quad> home(home_.capacity());
+        if (!home.empty()) exec_.download(home.data(), home_.data(), home.size() * sizeof(Quad));
+        return save_motion(home, next_poses_, bodies_);
+    }
+    void load(const std::vector<char>& bytes) {
+        std::vector<Quad> home;
+        load_motion(bytes, home, next_poses_, bodies_);
+        if (home.empty()) return;
+        exec_.upload(home_.reserve(home.size()), home.data(), home.size() * sizeof(Quad));
+        exec_.synchronize();
+    }
+
+    /// Boundaries get the velocities that lead them to their next poses; whether there are any.
+    bool carry(float dt) {
+        for (const auto& [phase, pose] : next_poses_)
+            exec_.for_each(state_.n, sim::Carry{state_.view(), std::uint8_t(phase), pose, home_.data(), dt});
+        return !next_poses_.empty();
+    }
+
+    /// Rigid bodies: what the fluid's pressure did to them, gravity, contact; then their particles' next places.
+    void turn(const FluidOf<Exec>& fluid, float dt) {
+        const sim::State s = state_.view();
+        for (auto& [phase, body] : bodies_) {
+            double p[3], none[3] = {};
+            for (int k = 0; k < 3; ++k) p[k] = body.mass() * dt * (&settings_.gravity.x)[k];
+            body.push(p, none);
+            if (state_.n_rows > 0) {
+                sim::Impulse* impulse = impulse_.reserve(1);
+                sim::Touch* touch = touch_.reserve(1);
+                exec_.reduce_in_order(state_.n_rows, sim::PressureImpulse<Packet>{fluid.lists(), s, fluid.rows().boundary, std::uint8_t(phase), state_.period(),
+                                                                                  state_.volume(), state_.spline().support, dt, fluid.flux(), body.center_float()},
+                                      sim::AddImpulse{}, sim::Impulse{}, impulse);
+                exec_.reduce_in_order(state_.n_rows, sim::TouchOf<Packet>{fluid.lists(), s, std::uint8_t(phase), state_.period(), settings_.spacing}, sim::AddTouch{}, sim::Touch{}, touch);
+                sim::Impulse i;
+                sim::Touch t;
+                exec_.download(&i, impulse, sizeof i);
+                exec_.download(&t, touch, sizeof t);
+                body.push(i.p, i.l);
+                body.meet(t, dt);
+            }
+            body.advance(dt);
+            exec_.for_each(state_.n, sim::Carry{s, std::uint8_t(phase), body.pose(), home_.data(), dt});
+        }
+    }
+
+private:
+    Exec& exec_;
+    SimulationState<Exec>& state_;
+    const SimulationSettings& settings_;
+    Buffer<Quad, Exec> home_;
+    Buffer<sim::Impulse, Exec> impulse_;
+    Buffer<sim::Touch, Exec> touch_;
+    std::map<int, sim::Pose> next_poses_;
+    std::map<int, RigidBody> bodies_;
+};
+
+}  // namespace globule::core

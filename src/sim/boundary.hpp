@@ -1,0 +1,78 @@
+// What a boundary's particle stands for, so that a single layer of them stops a fluid whatever their
+// spacing (Akinci 2012).
+#pragma once
+#include "octree/query.hpp"
+#include "sim/density.hpp"
+
+namespace globule::core::sim {
+
+/// A plane of a boundary as dense as a plane of the fluid's lattice would leave a lattice that touches it
+/// at rest; a fluid without order comes nearer.  With this share more, a tank keeps its height.
+inline constexpr float kWallShare = 1.2f;
+
+/// V_b = gamma / sum_b W over the boundary particles of the same phase; gamma: the plane's share of the
+/// lattice's sum, times the above.
+template <class Tree>
+struct BoundaryVolumes {
+    Tree tree;
+    State state;
+    const Phase* phases;
+    Spline spline;
+    Period period;
+    float gamma;
+    GB_FN void operator()(std::size_t i) const {
+        const std::uint8_t phase = state.phase[i];
+        const Kind kind = phases[phase].kind;
+        if (kind != Kind::boundary && kind != Kind::rigid) return;
+        const Quad p = state.place[i];
+        float sum = 0.0f;
+        period.each_image([&](const float3& shift) {
+            const float3 at = p.xyz() - shift;
+            for_each_touching(tree, at, at, [&](std::uint32_t j) {
+                if (state.phase[j] != phase) return;
+                sum += spline(length(at - state.place[j].xyz()));
+            });
+        });
+        state.place[i].w = sum > 0.0f ? gamma / sum : 0.0f;
+    }
+};
+
+/// The last word before particles move: what is within 0.8 spacings of a boundary comes no nearer at full
+/// speed, at 0.5 not at all.  The density solve alone would let a single drop through, which does not
+/// reach rest density on its way.
+template <class Packet>
+struct Contact {
+    Lists<Packet> lists;
+    const float* nearest;  ///< per row
+    State state;
+    Period period;
+    float spacing;
+    GB_FN void operator()(std::size_t row) const {
+        const float r = nearest[row] / spacing;
+        if (!(r < 0.8f)) return;
+        const std::uint32_t slot = lists.rows[row];
+        const Quad p = state.place[slot];
+        if (!(p.w < 0.0f)) return;
+        float3 normal{0, 0, 0}, wall{0, 0, 0};
+        float total = 0.0f;
+        for (std::uint32_t k = 0; k < lists.count[row]; ++k) {
+            const std::uint32_t j = lists.index[lists.at(row, k)];
+            const Quad q = state.place[j];
+            if (!(q.w > 0.0f)) continue;
+            const float3 away = period.template shortest<true>(p.xyz() - q.xyz());
+            const float d2 = dot(away, away) / (spacing * spacing), s = q.w / (d2 * d2 + 1e-3f);  // the nearest rule
+            normal = normal + away * s;
+            wall = wall + state.velocity[j].xyz() * s;
+            total += s;
+        }
+        if (!(total > 0.0f)) return;
+        normal = normalize(normal);
+        Quad& v = state.velocity[slot];
+        const float approach = dot(v.xyz() - wall * (1.0f / total), normal);
+        if (!(approach < 0.0f)) return;
+        const float s = approach * min((0.8f - r) * (1.0f / 0.3f), 1.0f);
+        v = {v.x - s * normal.x, v.y - s * normal.y, v.z - s * normal.z, v.w};
+    }
+};
+
+}  // namespace globule::core::sim

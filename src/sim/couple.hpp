@@ -1,0 +1,144 @@
+// Where tissue meets the simulation's state: out of the slots before the bonds take their substeps, and
+// back into them before the density solve.
+#pragma once
+#include "exec/bits.hpp"
+#include "sim/bonds.hpp"
+#include "sim/neighbors.hpp"
+#include "sim/state.hpp"
+
+namespace globule::core::tissue {
+
+inline constexpr std::uint32_t kNobody = 0xffffffffu;
+
+/// Finds each tissue particle's slot, position and velocity.  Who has left the simulation is gone.  What is
+/// held stands in the density solve like a boundary: it pushes, and is not pushed.
+struct Gather {
+    sim::State state;
+    const sim::Phase* phases;
+    const std::uint32_t *id, *slot_of;
+    std::uint32_t* slot;
+    Quad *at, *velocity;
+    std::uint8_t* hold;
+    float volume;            ///< of a particle
+    std::uint32_t* n_lost;
+    std::uint32_t* n_changed;  ///< held since the last time, or let go
+    GB_FN void operator()(std::size_t t) const {
+        const std::uint32_t s = id[t] == kNobody ? sim::kGone : slot_of[id[t]];
+        slot[t] = hold[t] == kGone ? sim::kGone : s;
+        if (slot[t] == sim::kGone) {
+            if (hold[t] != kGone) atomic_take(n_lost, 1);
+            hold[t] = kGone;
+            velocity[t] = {0, 0, 0, velocity[t].w};
+            return;
+        }
+        const Quad p = state.place[s];
+        const sim::Phase& phase = phases[state.phase[s]];
+        const bool is_tissue = phase.kind == sim::Kind::tissue, stands = is_tissue && hold[t] == kFixed;
+        if (is_tissue) {
+            if ((hold[t] == kFree) != (p.w < 0.0f)) atomic_take(n_changed, 1);
+            state.place[s].w = hold[t] == kFree ? -1.0f / phase.density : volume;
+        }
+        const float3 v = stands ? float3{0, 0, 0} : state.velocity[s].xyz();
+        at[t] = {p.x, p.y, p.z, at[t].w};
+        velocity[t] = {v.x, v.y, v.z, velocity[t].w};
+    }
+};
+
+/// Velocities free of divergence, before the forces.
+struct TakeVelocity {
+    sim::State state;
+    const std::uint32_t* slot;
+    const std::uint8_t* hold;
+    Quad* velocity;
+    GB_FN void operator()(std::size_t t) const {
+        if (hold[t] != kFree) return;
+        const float3 v = state.velocity[slot[t]].xyz();
+        velocity[t] = {v.x, v.y, v.z, velocity[t].w};
+    }
+};
+
+/// What the forces added to the velocity since then, as an acceleration for the substeps.
+struct TakeAcceleration {
+    sim::State state;
+    const std::uint32_t* slot;
+    const Quad* velocity;
+    float per_dt;
+    float3* acceleration;
+    GB_FN void operator()(std::size_t t) const {
+        acceleration[t] = slot[t] == sim::kGone ? float3{0, 0, 0} : (state.velocity[slot[t]].xyz() - velocity[t].xyz()) * per_dt;
+    }
+};
+
+/// The density solve sees the velocity that led through all substeps; what it differs from the last
+/// substep's is kept, and added when the particles have moved.
+struct GiveVelocity {
+    sim::State state;
+    const std::uint32_t* slot;
+    const Quad *at, *velocity;
+    float per_dt;
+    float3* rest;
+    GB_FN void operator()(std::size_t t) const {
+        const std::uint32_t s = slot[t];
+        if (s == sim::kGone) return;
+        const float3 v = (at[t].xyz() - state.place[s].xyz()) * per_dt;
+        rest[t] = velocity[t].xyz() - v;
+        state.velocity[s] = {v.x, v.y, v.z, state.velocity[s].w};
+    }
+};
+/// What is held goes where it is led, whatever the pressure.
+struct HoldOn {
+    sim::State state;
+    const std::uint32_t* slot;
+    const Quad* at;
+    const std::uint8_t* hold;
+    float per_dt;
+    GB_FN void operator()(std::size_t t) const {
+        const std::uint32_t s = slot[t];
+        if (s == sim::kGone || hold[t] == kFree) return;
+        const float3 v = (at[t].xyz() - state.place[s].xyz()) * per_dt;
+        state.velocity[s] = {v.x, v.y, v.z, state.velocity[s].w};
+    }
+};
+struct AddRest {
+    sim::State state;
+    const std::uint32_t* slot;
+    const float3* rest;
+    GB_FN void operator()(std::size_t t) const {
+        const std::uint32_t s = slot[t];
+        if (s == sim::kGone) return;
+        const float3 v = state.velocity[s].xyz() + rest[t];
+        state.velocity[s] = {v.x, v.y, v.z, state.velocity[s].w};
+    }
+};
+
+/// The tissue particle of an id.
+struct Members {
+    const std::uint32_t* of_id;
+    std::uint32_t n_ids;
+    GB_FN std::uint32_t operator()(std::uint32_t id) const { return id < n_ids ? of_id[id] : kNobody; }
+};
+
+/// Pairs whose bond was cut leave each other's neighbour lists: no density across a cut.
+template <class Packet>
+struct Veto {
+    sim::Lists<Packet> lists;
+    sim::State state;
+    Members members;
+    Bonds bonds;
+    const std::uint32_t* slot;  ///< of each tissue particle
+    GB_FN void operator()(std::size_t row) const {
+        const std::uint32_t t = members(state.id[lists.rows[row]]);
+        if (t == kNobody || !bonds.scarred[t]) return;
+        const std::uint32_t n = lists.count[row];
+        for (std::uint32_t e = bonds.begin(t), end = bonds.end(t); e < end; e += kBlock) {
+            if (!(bonds.length[e] < 0.0f)) continue;
+            const std::uint32_t other = slot[bonds.other[e]];
+            std::uint32_t found = n;  // looked for without stores: then the loads need not wait for each other
+            for (std::uint32_t k = 0; k < n; ++k)
+                if (lists.index[lists.at(row, k)] == other) found = k;
+            if (found < n) lists.index[lists.at(row, found)] = lists.n;
+        }
+    }
+};
+
+}  // namespace globule::core::tissue

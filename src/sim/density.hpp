@@ -1,0 +1,99 @@
+// Densities and the solver's coefficients, once a step; gradients are kept for all later passes.
+//
+// Volumes instead of masses, so that fluids of different density mix: every fluid or tissue particle
+// has the volume V of its place in the lattice, a boundary particle the one that it stands for (Akinci 2012).
+//   delta_i = sum_j V_j W_ij                       density over rest density
+//   g_ij    = V_j grad W_ij,   G_i = sum_j g_ij
+//   alpha_i = 1 / (|G_i|^2 / rho_i + sum_j |g_ij|^2 / rho_j)      j: fluid and tissue only
+#pragma once
+#include "sim/neighbors.hpp"
+#include "sim/spline.hpp"
+
+namespace globule::core::sim {
+
+/// Per row, so that a packet reads them side by side.
+struct Rows {
+    float* density;            ///< delta
+    float *gx, *gy, *gz;       ///< G
+    float* inverse_rho;        ///< 0: not in the density solve
+    float* alpha;
+    float* alpha_divergence;   ///< 0 where there are too few neighbours to tell a divergence
+    float* boundary;           ///< distance of the nearest boundary particle
+};
+
+inline constexpr std::uint32_t kFewNeighbors = 20;
+/// Least share of the lattice's value below |G|^2 / rho + ...: where gradients cancel, as between the
+/// particles of a wall, the step along them must not grow without bounds.
+inline constexpr float kLeastStiffness = 0.2f;
+
+template <class Packet_, bool periodic>
+struct Densities {
+    Lists<Packet_> lists;
+    const Quad* place;
+    Rows out;
+    Spline spline;
+    Period period;
+    float volume;
+    float lattice_squares;   ///< sum of |g h|^2 in the lattice
+    template <class Packet>
+    GB_FN void run(std::size_t row) const {
+        using F = typename Packet::F;
+        const Four<F> mine = Packet::gather(place, lists.rows + row);
+        const F zero = F(0.0f), h = F(spline.support), own = F(volume);
+        F density = own * spline(zero), gx = zero, gy = zero, gz = zero, squares = zero, nearest = h;
+        const std::uint32_t n = Packet::longest(lists.count + row);
+        std::size_t at = lists.at(row);
+        for (std::uint32_t k = 0; k < n; ++k, at += Packet::stride) {
+            const Four<F> other = Packet::gather(place, lists.index + at);
+            const auto [dx, dy, dz] = period.template shortest<periodic>(mine.xyz() - other.xyz());
+            F w, slope;
+            const F r = sqrt(dx * dx + dy * dy + dz * dz);
+            spline(r, w, slope);
+            nearest = select(other.w > zero, min(nearest, r), nearest);
+            const F v = select(other.w > zero, other.w, own);
+            density += v * w;
+            const F s = v * slope * h;
+            const F x = Packet::keep(lists.gx + at, dx * s), y = Packet::keep(lists.gy + at, dy * s), z = Packet::keep(lists.gz + at, dz * s);
+            gx += x;
+            gy += y;
+            gz += z;
+            squares += (x * x + y * y + z * z) * max(-other.w, zero);
+        }
+        const F rho = max(-mine.w, zero);  // its inverse
+        const F sum = (gx * gx + gy * gy + gz * gz) * rho + squares;
+        const F solved = select(rho > zero, F(1.0f), zero);
+        const F alpha = solved * select(sum > zero, h * h / max(sum, F(kLeastStiffness * lattice_squares) * rho), zero);
+        const F count = Packet::map([&](int lane) { return float(lists.count[row + lane]); });
+        Packet::store(out.density + row, density);
+        Packet::store(out.gx + row, gx);
+        Packet::store(out.gy + row, gy);
+        Packet::store(out.gz + row, gz);
+        Packet::store(out.inverse_rho + row, rho);
+        Packet::store(out.alpha + row, alpha);
+        Packet::store(out.alpha_divergence + row, select(count < F(float(kFewNeighbors)), zero, alpha));
+        Packet::store(out.boundary + row, nearest);
+    }
+};
+
+/// Of the rows that take part: sum and largest of max(delta - 1, 0), how many they are, how many are at a
+/// surface, and the sum of delta.
+struct Compression {
+    double sum, most, n, n_free, density;
+};
+struct CompressionOf {
+    Rows rows;
+    float free_gradient;  ///< |G| times the support of those at a surface
+    GB_FN Compression operator()(std::size_t row) const {
+        if (!(rows.inverse_rho[row] > 0.0f)) return {0.0, 0.0, 0.0, 0.0, 0.0};
+        const double e = max(rows.density[row] - 1.0f, 0.0f);
+        const float3 g{rows.gx[row], rows.gy[row], rows.gz[row]};
+        return {e, e, 1.0, dot(g, g) > free_gradient * free_gradient ? 1.0 : 0.0, rows.density[row]};
+    }
+};
+struct AddCompression {
+    GB_FN Compression operator()(const Compression& a, const Compression& b) const {
+        return {a.sum + b.sum, a.most > b.most ? a.most : b.most, a.n + b.n, a.n_free + b.n_free, a.density + b.density};
+    }
+};
+
+}  // namespace globule::core::sim

@@ -1,0 +1,222 @@
+// The facets of a fluid's free surface (sim/surface.hpp), from each particle's neighbours.
+#pragma once
+#include "sim/surface.hpp"
+
+namespace globule::core::sim {
+
+/// The facets around every row's particle, and its normal.  A group's lanes are neighbours, then pairs of them.
+template <class Packet, bool periodic>
+struct FindFacets {
+    static constexpr float kSurely = 1e-4f;  ///< of the squared radius: deeper in a ball than that is within, whatever the rounding
+    static constexpr int kAtOnce = 4;        ///< neighbours that are tried before a look at who is left
+    template <class Group>
+    struct Scratch {
+        std::uint32_t slot[kMostAround];  ///< of the neighbours, to a full run of lanes
+        float x[kMostAround], y[kMostAround], z[kMostAround];  ///< from the particle
+        float reach[kMostAround];  ///< half of their squared distance
+        std::uint32_t kept[kMostNear + Group::width];
+        Quad near[kMostNear];  ///< place, and tension, of those that a facet may have, in the slots' order
+        std::uint32_t near_slot[kMostNear];
+        std::uint32_t found[kMostFacets];  ///< whether the ball is below the facet, then its neighbours in `near`, a byte each
+        Quad normal[kMostFacets];  ///< of a facet, and what it is taken by
+        float angle[kMostFacets];
+    };
+    /// Circle through three particles, as seen from the first of them.
+    template <class F>
+    struct Circle {
+        Vec3<F> first, middle, across;
+        F n2, height2;  ///< of across; of the centers of balls over the middle
+        GB_FN Vec3<F> up() const { return across * sqrt(height2 / n2); }
+    };
+    Lists<Packet> lists;
+    Skin skin;
+    Period period;
+    const Directions* directions;
+    float radius;   ///< of the ball
+
+    template <class Group>
+    GB_FN void operator()(Group& g, Scratch<Group>& s, std::size_t item) const {
+        using F = typename Group::F;
+        using B = typename Group::B;
+        const std::size_t row = skin.rows[item];
+        const std::uint32_t slot = lists.rows[row];
+        const Quad mine = skin.place[slot];
+        if (!(mine.w > 0.0f)) return;
+        const int n = int(lists.count[row]);
+        g.sync();
+        list_slots(g, lists, row, n, s.slot);
+        float3 outwards;
+        const int n_near = collect(g, s, row, n, mine.xyz(), outwards);
+        const int before = count_before(s, n_near, slot), n_pairs = n_near * (n_near - 1) / 2;
+        int n_found = 0;
+        for (int p = 0; p < n_pairs; p += Group::width) {
+            const Four<F> i = g.gather(s.near, directions->pair_i + p), k = g.gather(s.near, directions->pair_k + p);
+            const B i_first = g.before(directions->pair_i + p, std::uint32_t(before)), k_first = g.before(directions->pair_k + p, std::uint32_t(before));
+            const Circle<F> c = circle(wide<F>(mine.xyz()), i.xyz(), k.xyz(), i_first, k_first);
+            const Vec3<F> between = period.template shortest<periodic>(k.xyz() - i.xyz());
+            const B held = (i.w * k.w > F(0.0f)) | (dot(between, between) < F(kReach * kReach * radius * radius));
+            const B may = g.first_lanes(n_pairs - p) & held & (c.height2 > F(0.0f));
+            if (!g.any(may)) continue;
+            const Vec3<F> up = c.up(), middle = c.middle + period.template shortest<periodic>(c.first - wide<F>(mine.xyz()));
+            // Balls on the fluid's side go together: a few neighbours close them all.
+            const B turned = dot(up, wide<F>(outwards)) < F(0.0f);
+            const Vec3<F> out = choose(turned, up * F(-1.0f), up);
+            const B outer = open(g, s, n, may, middle + out), inner = open(g, s, n, may, middle - out);
+            n_found = take(g, s, n, (outer & !turned) | (inner & turned), p, 0u, mine.xyz(), before, n_found);
+            n_found = take(g, s, n, (outer & turned) | (inner & !turned), p, 1u, mine.xyz(), before, n_found);
+        }
+        g.sync();
+        if (n_found) finish(g, s, row, slot, mine, before, n_found);
+    }
+
+private:
+    template <class B, class F>
+    GB_FN static Vec3<F> choose(const B& m, const Vec3<F>& p, const Vec3<F>& q) { return {select(m, p.x, q.x), select(m, p.y, q.y), select(m, p.z, q.z)}; }
+
+    /// The neighbours, those that a facet may have, and where there are none.
+    template <class Group>
+    GB_FN int collect(Group& g, Scratch<Group>& s, std::size_t row, int n, const float3& at, float3& outwards) const {
+        using F = typename Group::F;
+        using B = typename Group::B;
+        constexpr float low = kSurelyEmpty * kSurelyEmpty, high = (2.0f - kSurelyEmpty) * (2.0f - kSurelyEmpty);
+        int n_near = 0;
+        outwards = {0, 0, 0};
+        for (int v = 0; v < kDirections / 32; ++v)
+            for (std::uint32_t set = skin.open[v * skin.padded + row]; set; set &= set - 1) {
+                const int i = 32 * v + trailing_zeros(set);
+                outwards = outwards + float3{directions->x[i], directions->y[i], directions->z[i]};
+            }
+        for (int k = 0; k < n; k += Group::width) {
+            const Four<F> p = g.gather(skin.place, s.slot + k);
+            const Vec3<F> d = period.template shortest<periodic>(p.xyz() - wide<F>(at));
+            const F d2 = dot(d, d);
+            g.store_run(d.x, s.x + k);
+            g.store_run(d.y, s.y + k);
+            g.store_run(d.z, s.z + k);
+            g.store_run(F(0.5f) * d2, s.reach + k);
+            const B reaches = (p.w > F(0.0f)) | ((p.w < F(0.0f)) & (d2 < F(kReach * kReach * radius * radius)));
+            // A ball that touches the particle in an open direction may touch the neighbour, too.
+            const Vec3<F> unit = d * F(1.0f / radius);
+            const F both2 = dot(unit, unit) + F(1.0f), least_along = F(0.5f) * (both2 - F(high)), most_along = F(0.5f) * (both2 - F(low));
+            B touched = g.none();
+            for (int v = 0; v < kDirections / 32; ++v)
+                for (std::uint32_t set = skin.open[v * skin.padded + row]; set; set &= set - 1) {
+                    const int i = 32 * v + trailing_zeros(set);
+                    const F along = unit.x * F(directions->x[i]) + unit.y * F(directions->y[i]) + unit.z * F(directions->z[i]);
+                    touched = touched | ((along >= least_along) & (along <= most_along));
+                }
+            const B taken = reaches & touched;
+            if (n_near < kMostNear) g.keep(taken, g.numbers(std::uint32_t(k)), s.kept + n_near);
+            n_near += g.count(taken);
+        }
+        g.sync();
+        n_near = min(n_near, kMostNear);
+        g.share(n_near, [&](int i) {
+            const std::uint32_t j = s.slot[s.kept[i]];
+            int place = i;
+            if constexpr (periodic) {  // lists are in the slots' order but for the domain's copies
+                place = 0;
+                for (int k = 0; k < n_near; ++k) place += s.slot[s.kept[k]] < j;
+            }
+            s.near[place] = skin.place[j];
+            s.near_slot[place] = j;
+        });
+        g.sync();
+        return n_near;
+    }
+    template <class S>
+    GB_FN static int count_before(const S& s, int n_near, std::uint32_t slot) {
+        int n = 0;
+        while (n < n_near && s.near_slot[n] < slot) ++n;
+        return n;
+    }
+
+    /// Of the particle and two others, i's slot lower than k's.  From the lowest slot, in the slots' order: the same numbers whoever asks.
+    template <class F, class B>
+    GB_FN Circle<F> circle(const Vec3<F>& at, const Vec3<F>& i, const Vec3<F>& k, const B& i_first, const B& k_first) const {
+        Circle<F> c;
+        c.first = choose(i_first, i, at);
+        const Vec3<F> u = period.template shortest<periodic>(choose(k_first, k, choose(i_first, at, i)) - c.first);
+        const Vec3<F> v = period.template shortest<periodic>(choose(k_first, at, k) - c.first);
+        c.across = cross(u, v);
+        const F u2 = dot(u, u), v2 = dot(v, v);
+        c.n2 = dot(c.across, c.across);
+        c.middle = cross(v * u2 - u * v2, c.across) * (F(0.5f) / c.n2);
+        c.height2 = select(c.n2 > F(1e-6f) * u2 * v2, F(radius * radius) - dot(c.middle, c.middle), F(0.0f));
+        return c;
+    }
+    template <class S>
+    GB_FN Circle<float> circle_of(const S& s, std::uint32_t ball, const float3& at, int before) const {
+        const int i = int(ball >> 8 & 255u), k = int(ball & 255u);
+        return circle(at, s.near[i].xyz(), s.near[k].xyz(), i < before, k < before);
+    }
+
+    /// Those of the balls that nobody is deep in; their centers are seen from the particle.
+    template <class Group>
+    GB_FN typename Group::B open(Group& g, const Scratch<Group>& s, int n, const typename Group::B& which, const Vec3<typename Group::F>& center) const {
+        using F = typename Group::F;
+        const F sure = F(0.5f * kSurely * radius * radius);
+        F deep = select(which, F(-infinity()), F(infinity()));
+        for (int m = 0; m < n && g.any(deep <= sure); m += kAtOnce)
+            for (int k = m; k < m + kAtOnce; ++k)
+                deep = max(deep, F(s.x[k]) * center.x + (F(s.y[k]) * center.y + (F(s.z[k]) * center.z - F(s.reach[k]))));
+        return deep <= sure;
+    }
+    /// Adds those of the balls that hold nobody.
+    template <class Group>
+    GB_FN int take(Group& g, Scratch<Group>& s, int n, const typename Group::B& which, int p, std::uint32_t side, const float3& at,
+                   int before, int n_found) const {
+        g.each(which, [&](int lane) {
+            const std::uint32_t ball = side << 16 | directions->pair_i[p + lane] << 8 | directions->pair_k[p + lane];
+            if (n_found == kMostFacets || !empty(g, s, n, ball, at, before)) return;
+            if (g.is_first()) s.found[n_found] = ball;
+            ++n_found;
+        });
+        return n_found;
+    }
+    /// Nobody is in the ball but the three it touches.
+    template <class Group>
+    GB_FN bool empty(Group& g, const Scratch<Group>& s, int n, std::uint32_t ball, const float3& at, int before) const {
+        using F = typename Group::F;
+        const Circle<float> c = circle_of(s, ball, at, before);
+        const float3 center = ball >> 16 ? c.middle - c.up() : c.middle + c.up();
+        const std::uint32_t i = s.near_slot[ball >> 8 & 255u], k = s.near_slot[ball & 255u];
+        for (int m = 0; m < n; m += Group::width) {
+            const Vec3<F> d = period.template shortest<periodic>(g.gather(skin.place, s.slot + m).xyz() - wide<F>(c.first)) - wide<F>(center);
+            if (g.any((dot(d, d) < F(radius * radius)) & g.differ(s.slot + m, i) & g.differ(s.slot + m, k))) return false;
+        }
+        return true;
+    }
+
+    /// Writes the facets and the normal, in the order of the neighbours.
+    template <class Group>
+    GB_FN void finish(Group& g, Scratch<Group>& s, std::size_t row, std::uint32_t slot, const Quad& mine, int before, int n_found) const {
+        const auto key = [&](int f) { return (s.found[f] << 1 | s.found[f] >> 16) & 0x1ffffu; };
+        g.share(n_found, [&](int f) {
+            int place = 0;
+            for (int i = 0; i < n_found; ++i) place += key(i) < key(f);
+            const std::uint32_t ball = s.found[f], j = ball >> 8 & 255u, k = ball & 255u;
+            const std::size_t at = std::size_t(place) * 2 * skin.padded + row;
+            skin.facets[at] = s.near_slot[j];
+            skin.facets[at + skin.padded] = s.near_slot[k];
+            const Circle<float> c = circle_of(s, ball, mine.xyz(), before);
+            const float3 e = period.template shortest<periodic>(s.near[j].xyz() - mine.xyz()), o = period.template shortest<periodic>(s.near[k].xyz() - mine.xyz());
+            const float angle = atan2f(length(cross(e, o)), dot(e, o));
+            s.normal[place] = {c.across.x, c.across.y, c.across.z, (ball >> 16 ? -angle : angle) / sqrt(c.n2)};
+            s.angle[place] = angle;
+        });
+        g.sync();
+        if (!g.is_first()) return;
+        float3 normal{0, 0, 0};
+        float angles = 0.0f;
+        for (int f = 0; f < n_found; ++f) {
+            normal = normal + s.normal[f].xyz() * s.normal[f].w;
+            angles += s.angle[f];
+        }
+        skin.count[row] = std::uint32_t(n_found);
+        const float scale = 1.0f / max(length(normal), 0.5f * angles);
+        skin.normal[slot] = {scale * normal.x, scale * normal.y, scale * normal.z, mine.w};
+    }
+};
+
+}  // namespace globule::core::sim

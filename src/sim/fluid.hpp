@@ -1,0 +1,334 @@
+// The fluid solver's stages over any Exec, in the order in which a step calls them: lists of neighbours, densities, the solve for
+// velocities without divergence or with rest density, forces between pairs.
+#pragma once
+#include "sim/facets.hpp"
+#include "sim/filled.hpp"
+#include "sim/viscosity.hpp"
+#include "sim/wcsph.hpp"
+#include "sim/particles.hpp"
+
+namespace globule::core {
+
+template <class Exec>
+class FluidOf {
+public:
+    using Tree = SparseTree;
+    using Packet = typename Exec::Packet;
+    using Lists = sim::Lists<Packet>;
+
+    FluidOf(Exec& exec, SimulationState<Exec>& state, const SimulationSettings& settings)
+        : exec_(exec), state_(state), settings_(settings), list_counts_(exec), list_index_(exec), gradients_(exec), row_values_(exec),
+          change_(exec), error_(exec), accelerations_(exec), progress_(exec), error_sum_(exec), compression_(exec), most_count_(exec),
+          cohesion_(exec), diagonal_(exec), residual_(exec), direction_(exec), applied_(exec), skin_quads_(exec), facets_(exec), directions_(exec), conjugate_(exec) {}
+
+    const Lists& lists() const { return lists_; }
+    const sim::Rows& rows() const { return rows_; }
+
+    /// Begins to look for neighbours.  A step does so for the next one: the device is busy while the host has other things to do.
+    void start_lists() {
+        const std::size_t padded = padded_rows();
+        std::uint32_t* longest = most_count_.reserve(1);
+        exec_.clear(longest, 4);
+        lists_.n_rows = state_.n_rows;
+        lists_.places = places_;
+        lists_.n = std::uint32_t(state_.n);
+        lists_.rows = state_.rows();
+        lists_.count = list_counts_.reserve(padded);
+        lists_.index = list_index_.reserve(padded * places_);
+        const float h = state_.spline().support;
+        exec_.for_each_tile(ceil_div<std::size_t>(state_.n_rows, Exec::Group::width),
+                            sim::FindLists<Tree, Packet>{state_.tree().sparse(), state_.tree().particles(), lists_, state_.view().place, h, state_.period(), longest});
+        started_ = true;
+    }
+    /// Positions, rows or the support are others than when lists were begun.
+    void forget_lists() { started_ = false; }
+    bool has_started_lists() const { return started_; }
+    void find_lists() {
+        for (bool enough = false; !enough;) {
+            if (!started_) start_lists();
+            started_ = false;
+            exec_.download(&longest_list_, most_count_.data(), 4);
+            enough = longest_list_ <= places_;
+            if (!enough) places_ = ceil_div(longest_list_ + longest_list_ / 4, 8u) * 8;
+        }
+        const std::size_t room = padded_rows() * places_;
+        typename Packet::Short* g = gradients_.reserve(3 * room);
+        lists_.gx = g;
+        lists_.gy = g + room;
+        lists_.gz = g + 2 * room;
+    }
+
+    /// The lists as compressed rows of slots.
+    void read_lists(std::vector<std::uint32_t>& rows, Neighbors& out) {
+        const std::size_t n = state_.n_rows, room = list_index_.capacity();
+        rows.resize(n);
+        std::vector<std::uint32_t> counts(n), index(room);
+        exec_.download(rows.data(), state_.rows(), 4 * n);
+        exec_.download(counts.data(), lists_.count, 4 * n);
+        exec_.download(index.data(), lists_.index, 4 * room);
+        out.offsets.assign(1, 0);
+        out.indices.clear();
+        for (std::size_t i = 0; i < n; ++i) {
+            for (std::uint32_t k = 0; k < counts[i]; ++k)
+                if (const std::uint32_t j = index[lists_.at(i, k)]; j != lists_.n) out.indices.push_back(j);
+            out.offsets.push_back(out.indices.size());
+        }
+    }
+
+    void densities() {
+        const std::size_t padded = padded_rows();
+        float* v = row_values_.reserve(8 * padded);
+        float** arrays[] = {&rows_.density, &rows_.gx, &rows_.gy, &rows_.gz, &rows_.inverse_rho,
+                            &rows_.alpha, &rows_.alpha_divergence, &rows_.boundary};
+        for (float** array : arrays) {
+            *array = v;
+            v += padded;
+        }
+        const sim::State s = state_.view();
+        const auto sum = [&]<bool periodic>(std::bool_constant<periodic>) {
+            exec_.for_each_packet(state_.n_rows, sim::Densities<Packet, periodic>{lists_, s.place, rows_, state_.spline(), state_.period(),
+                                                                                  state_.volume(), state_.lattice_squares()});
+        };
+        with_period(sum);
+        find_surface();
+        exec_.reduce_in_order(state_.n_rows, sim::CompressionOf{rows_, 2.0f * sim::kFreeGradient}, sim::AddCompression{}, sim::Compression{}, compression_.reserve(1));
+    }
+
+    /// Of the positions that densities() saw, where the device has it.
+    const sim::Compression* compression() const { return compression_.data(); }
+
+    sim::Progress correct_divergence(float dt) {
+        return solve(rows_.alpha_divergence, state_.view().divergence_impulse, dt, 0.0f, settings_.divergence_error, 1, divergence_took_);
+    }
+    sim::Progress correct_density(float dt) {
+        return solve(rows_.alpha, state_.view().impulse, dt, infinity(), kAim * settings_.density_error, settings_.least_iterations, density_took_);
+    }
+
+    /// Whether it has no free surface, of the positions that densities() saw.
+    bool fills_its_space() {
+        sim::Compression c{};
+        exec_.download(&c, compression(), sizeof c);
+        return c.n_free <= sim::kFreeShare * c.n && c.density >= sim::kLeastFilling * c.n;
+    }
+    /// Velocities without divergence, of fluid that fills its space; the next move shifts.
+    sim::Progress correct_filled(float dt) {
+        filled_ = true;
+        const sim::State s = state_.view();
+        Quad* diagonal = direction_.reserve(state_.n + 64);
+        Quad* rest = applied_.reserve(state_.n + 64);
+        Quad* plain = accelerations_.reserve(state_.n_rows + 64);
+        exec_.for_each(state_.n + 1, sim::NoCorrection{diagonal, rest});
+        with_period([&]<bool periodic>(std::bool_constant<periodic>) {
+            exec_.for_each_packet(state_.n_rows, sim::InverseMoments<Packet, periodic>{lists_, s.place, state_.period(), state_.spline().inverse, diagonal, rest});
+        });
+        exec_.for_each_packet(state_.n_rows, sim::CorrectGradients<Packet>{lists_, s.place, diagonal, rest, rows_, plain, state_.spline().support, state_.lattice_squares()});
+        exec_.clear(s.impulse, 4 * state_.n);
+        return solve(rows_.alpha, s.divergence_impulse, dt, 0.0f, sim::kFilledAim * settings_.divergence_error, settings_.least_iterations, divergence_took_, true);
+    }
+    /// Velocities that lead particles from where they are dense, for one move; what was theirs is kept.
+    void shift(float dt) {
+        if (!filled_) return;
+        const float d = settings_.spacing, far = min(sim::kShift * std::sqrt(state_.summary.speeds.most2) * dt, sim::kMostShift * d) * d;
+        exec_.for_each(state_.n_rows, sim::Shift{lists_.rows, rows_.inverse_rho, accelerations_.data(), far * state_.spline().inverse / dt, state_.view().velocity,
+                                                 residual_.reserve(state_.n_rows + 64)});
+    }
+    void end_shift() {
+        if (filled_) exec_.for_each(state_.n_rows, sim::GiveBack{lists_.rows, residual_.data(), state_.view().velocity});
+        filled_ = false;
+    }
+    /// Momentum that an impulse carries across a face; corrected gradients carry all of it.
+    float flux() const { return filled_ ? 1.0f : sim::kFlux; }
+
+    /// Weakly compressible: pressures follow from the densities, and are applied once.
+    void push_by_density(float dt) {
+        const sim::State s = state_.view();
+        float* change = change_.reserve(state_.n + 64);
+        sim::Progress* progress = progress_.reserve(1);
+        exec_.clear(progress, sizeof *progress);
+        exec_.clear(change, 4 * (state_.n + 64));
+        exec_.for_each(state_.n_rows, sim::TaitPressure{lists_.rows, rows_, settings_.sound_speed, dt, s.pressure, change});
+        exec_.for_each_packet(state_.n_rows, sim::Push<Packet>{lists_, rows_, change, s.velocity, progress, state_.spline().inverse});
+    }
+
+    /// Gravity, viscosity, tension, adhesion, and what the user asks for (may be null); the iterations of implicit viscosity.
+    int forces(float dt, const float* user) {
+        const sim::State s = state_.view();
+        const std::size_t n = state_.n_rows;
+        bool viscous = settings_.extra_viscosity > 0, implicit = false, sticks = false;
+        for (const sim::Phase& p : state_.phase_table) {
+            viscous |= p.viscosity > 0;
+            implicit |= p.viscosity > 0 && p.implicit_viscosity;
+            sticks |= p.adhesion > 0 || (p.tension > 0 && p.kind == sim::Kind::tissue);
+        }
+        const Quad* acceleration = nullptr;
+        if ((viscous && !implicit) || sticks) acceleration = pair_forces(implicit ? 0.0f : 1.0f, sticks, nullptr);
+        if (has_surface_) acceleration = pull_surface(acceleration != nullptr);
+        exec_.for_each(n, sim::Kick{lists_.rows, rows_.inverse_rho, acceleration, settings_.gravity, dt, s.velocity});
+        if (user) {
+            Quad* a = accelerations_.reserve(n + 64);
+            exec_.for_each(n, sim::UserForces{lists_.rows, rows_.inverse_rho, 1.0f / state_.volume(), user, a});
+            exec_.for_each(n, sim::Kick{lists_.rows, rows_.inverse_rho, a, {0, 0, 0}, dt, s.velocity});
+        }
+        return implicit ? implicit_viscosity(dt) : 0;
+    }
+
+private:
+    std::size_t padded_rows() const { return ceil_div<std::size_t>(state_.n_rows, 64) * 64; }
+
+    /// Facets of the surface of fluids with tension, of the positions that densities() saw.
+    void find_surface() {
+        has_surface_ = false;
+        for (const sim::Phase& p : state_.phase_table) has_surface_ |= p.kind == sim::Kind::fluid && p.tension > 0;
+        if (!has_surface_) return;
+        const std::size_t n = state_.n_rows, padded = padded_rows();
+        const sim::State s = state_.view();
+        Quad* quads = skin_quads_.reserve(2 * (state_.n + 64));
+        constexpr std::size_t words = 2 * sim::kMostFacets + 2 + sim::kDirections / 32;
+        std::uint32_t* skin = facets_.reserve(words * padded + 1);
+        const auto take = [&](std::size_t n) {
+            std::uint32_t* taken = skin;
+            skin += n * padded;
+            return taken;
+        };
+        skin_ = {quads, quads + state_.n + 64, take(2 * sim::kMostFacets), take(1), take(sim::kDirections / 32), take(1), skin, padded};
+        if (!directions_.data()) {
+            const sim::Directions directions;
+            exec_.upload(directions_.reserve(1), &directions, sizeof directions);
+        }
+        const float d = settings_.spacing, h = state_.spline().support;
+        exec_.clear(skin_.n_rows, 4);
+        exec_.for_each(state_.n + 1, sim::MarkSkin{s, state_.phases(), skin_, d});
+        exec_.for_each(n, sim::ListSteep{lists_.rows, lists_.count, s, state_.phases(), rows_, sim::kSurfaceGradient * h / d, skin_});
+        with_period([&]<bool periodic>(std::bool_constant<periodic>) {
+            exec_.for_each_tile_of(skin_.n_rows, sim::MarkTension<Packet, periodic>{lists_, s, state_.period(), directions_.data(), 1.0f / d, state_.phases(), skin_});
+            exec_.for_each_tile_of(skin_.n_rows, sim::FindFacets<Packet, periodic>{lists_, skin_, state_.period(), directions_.data(), d});
+        });
+    }
+    /// Tension's accelerations, added to those that are there.
+    const Quad* pull_surface(bool add) {
+        Quad* out = accelerations_.reserve(state_.n_rows + 64);
+        if (!add) exec_.clear(out, state_.n_rows * sizeof(Quad));
+        with_period([&]<bool periodic>(std::bool_constant<periodic>) {
+            exec_.for_each(state_.n_rows, sim::PullSurface<Packet, periodic>{lists_, state_.view().place, skin_, rows_.inverse_rho, state_.period(),
+                                                                            sim::kSurfaceOffset * settings_.spacing, 1.0f / state_.volume(), out});
+        });
+        return out;
+    }
+
+    /// `took`: iterations of the last solve of this kind; on the device the host looks at the progress only after as many.
+    sim::Progress solve(const float* alpha, float* impulse, float dt, float most_excess, double tolerance, int least, int& took, bool both_signs = false) {
+        const std::size_t n = state_.n_rows;
+        const float inverse_support = state_.spline().inverse;
+        float* change = change_.reserve(state_.n + 64);
+        float* error = error_.reserve(n + 64);
+        double* sum = error_sum_.reserve(1);
+        sim::Progress* progress = progress_.reserve(1);
+        exec_.clear(progress, sizeof *progress);
+        exec_.clear(change, 4 * (state_.n + 64));
+        exec_.for_each(n, sim::WarmStart{lists_.rows, alpha, impulse, change, kWarmShare});
+        const sim::State s = state_.view();
+        sim::Progress p{};
+        const float least_excess = both_signs ? 0.0f : -infinity(), least_impulse = both_signs ? -infinity() : 0.0f;
+        int at_once = Exec::on_device ? max(took, least) : 1;
+        do {
+            for (int i = 0; i < at_once; ++i) {
+                exec_.for_each_packet(n, sim::Push<Packet>{lists_, rows_, change, s.velocity, progress, inverse_support});
+                exec_.for_each_packet(n, sim::Relax<Packet>{lists_, rows_, alpha, s.velocity, impulse, change, error, progress, inverse_support, 1.0f / dt, most_excess, least_excess, least_impulse, kOmega});
+                exec_.reduce_in_order(n, sim::ErrorOf{error}, sim::AddDouble{}, 0.0, sum);
+                exec_.for_each(1, sim::Judge{sum, double(dt) / double(n), tolerance, std::uint32_t(least), progress});
+            }
+            exec_.download(&p, progress, sizeof p);
+            at_once = max(1, int(p.iterations) / 4);
+        } while (!p.done && int(p.iterations) < settings_.most_iterations);
+        took = int(p.iterations);
+        exec_.for_each(n, sim::Applied{lists_.rows, impulse, change, 1.0f / dt, most_excess > 0.0f, flux(), s.pressure});
+        return p;
+    }
+
+    sim::Interaction interaction(float share) const {
+        return {state_.spline(), state_.period(), 2.0f * share, settings_.extra_viscosity, settings_.spacing, state_.volume()};
+    }
+    const Quad* pair_forces(float viscous_share, bool sticks, float* diagonal) {
+        const sim::State s = state_.view();
+        Quad* out = accelerations_.reserve(state_.n_rows + 64);
+        float* cohesion = cohesion_.reserve(state_.n + 64);
+        if (sticks) exec_.for_each(state_.n + 1, sim::CohesionOf{s, state_.phases(), cohesion});
+        const auto run = [&]<bool periodic, bool sticky>(std::bool_constant<periodic>, std::bool_constant<sticky>) {
+            exec_.for_each_packet(state_.n_rows, sim::PairForces<Packet, periodic, sticky>{lists_, s.place, s.velocity, rows_, interaction(viscous_share),
+                                                                                                  cohesion, diagonal, out});
+        };
+        with_period([&](auto periodic) {
+            if (sticks) run(periodic, std::true_type{});
+            else run(periodic, std::false_type{});
+        });
+        return out;
+    }
+
+    /// Conjugate gradients for what viscosity adds to the velocities; the iterations taken.
+    int implicit_viscosity(float dt) {
+        const sim::State s = state_.view();
+        const std::size_t n = state_.n_rows;
+        float* diagonal = diagonal_.reserve(n + 64);
+        Quad* residual = residual_.reserve(n + 64);
+        Quad* applied = applied_.reserve(n + 64);
+        Quad* direction = direction_.reserve(state_.n + 64);
+        sim::Conjugate* c = conjugate_.reserve(1);
+        const Quad* acceleration = pair_forces(1.0f, false, diagonal);
+        exec_.clear(direction, (state_.n + 64) * sizeof(Quad));
+        exec_.clear(c, sizeof *c);
+        exec_.for_each(n, sim::StartConjugate{lists_.rows, rows_.inverse_rho, diagonal, acceleration, s.velocity, dt, residual, direction});
+        exec_.reduce_in_order(n, sim::ResidualSquare{residual}, sim::AddDouble{}, 0.0, &c->rz_new);
+        exec_.for_each(1, sim::JudgeConjugate{c, settings_.viscosity_error});
+        sim::Conjugate state{};
+        constexpr int at_once = Exec::on_device ? 4 : 1;
+        do {
+            for (int i = 0; i < at_once; ++i) {
+                with_period([&]<bool periodic>(std::bool_constant<periodic>) {
+                    exec_.for_each_packet(n, sim::ApplyViscosity<Packet, periodic>{lists_, s.place, direction, rows_, interaction(1.0f), c, dt, applied});
+                });
+                exec_.reduce_in_order(n, sim::DirectionSquare{lists_.rows, direction, applied}, sim::AddDouble{}, 0.0, &c->pq);
+                exec_.for_each(n, sim::StepConjugate{lists_.rows, c, direction, applied, s.velocity, residual});
+                exec_.reduce_in_order(n, sim::ResidualSquare{residual}, sim::AddDouble{}, 0.0, &c->rz_new);
+                exec_.for_each(n, sim::TurnConjugate{lists_.rows, c, residual, direction});
+                exec_.for_each(1, sim::JudgeConjugate{c, settings_.viscosity_error});
+            }
+            exec_.download(&state, c, sizeof state);
+        } while (!state.done && state.iterations < std::uint32_t(settings_.most_iterations));
+        return int(state.iterations) - 1;
+    }
+
+    /// fn(std::bool_constant: is any axis periodic).
+    template <class Fn>
+    void with_period(const Fn& fn) {
+        if (state_.period().any()) fn(std::true_type{});
+        else fn(std::false_type{});
+    }
+
+    static constexpr double kAim = 0.8;  // the error is predicted along straight lines: what comes is a fifth more
+    static constexpr float kWarmShare = 0.5f, kOmega = 0.5f;
+
+    Exec& exec_;
+    SimulationState<Exec>& state_;
+    const SimulationSettings& settings_;
+    Lists lists_{};
+    sim::Rows rows_{};
+    std::uint32_t places_ = 64, longest_list_ = 0;
+    bool filled_ = false, started_ = false, has_surface_ = false;
+    int divergence_took_ = 1, density_took_ = 1;
+    sim::Skin skin_{};
+    Buffer<std::uint32_t, Exec> list_counts_, list_index_;
+    Buffer<typename Packet::Short, Exec> gradients_;
+    Buffer<float, Exec> row_values_, change_, error_;
+    Buffer<Quad, Exec> accelerations_;
+    Buffer<sim::Progress, Exec> progress_;
+    Buffer<double, Exec> error_sum_;
+    Buffer<sim::Compression, Exec> compression_;
+    Buffer<std::uint32_t, Exec> most_count_;
+    Buffer<float, Exec> cohesion_, diagonal_;
+    Buffer<Quad, Exec> residual_, direction_, applied_, skin_quads_;
+    Buffer<std::uint32_t, Exec> facets_;
+    Buffer<sim::Directions, Exec> directions_;
+    Buffer<sim::Conjugate, Exec> conjugate_;
+};
+
+}  // namespace globule::core

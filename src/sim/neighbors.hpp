@@ -1,0 +1,208 @@
+// Neighbour lists from the octree: for each packet of consecutive rows one walk of the tree, whose
+// candidates every row of the packet then tests.  The lists of a packet's rows are interleaved (sliced
+// ELLPACK), a fixed number of places each, so that lanes and warps read them as vectors.
+#pragma once
+#include "octree/query.hpp"
+#include "sim/state.hpp"
+
+namespace globule::core::sim {
+
+/// Rows are the particles that the solver moves, in slot order.
+template <class Packet>
+struct Lists {
+    using Short = typename Packet::Short;
+    std::size_t n_rows = 0;
+    std::uint32_t places = 0;             ///< room of each list
+    std::uint32_t n = 0;                  ///< particles; slot n is nobody's and far away, lists are padded with it
+    const std::uint32_t* rows = nullptr;  ///< slot of each row, padded with n
+    std::uint32_t* count = nullptr;       ///< per row
+    std::uint32_t* index = nullptr;       ///< slots of the neighbours, in slot order
+    Short *gx = nullptr, *gy = nullptr, *gz = nullptr;  ///< V_j grad W_ij of each, times the support
+
+    /// Place of a row's k-th neighbour; the next one is Packet::stride further.
+    GB_FN std::size_t at(std::size_t row, std::uint32_t k = 0) const {
+        constexpr std::size_t s = Packet::stride;
+        return (row / s * places + k) * s + row % s;
+    }
+};
+
+/// Axes along which the domain repeats: its length there, else 0.
+struct Period {
+    float3 length{0, 0, 0};
+    GB_FN bool any() const { return length.x > 0.0f || length.y > 0.0f || length.z > 0.0f; }
+    GB_FN static float wrap(float x, float lo, float length) {
+        return length > 0.0f ? (x < lo ? x + length : x >= lo + length ? x - length : x) : x;
+    }
+    /// From j to i the shorter way round.
+    template <bool periodic, class F>
+    GB_FN Vec3<F> shortest(const Vec3<F>& v) const {
+        if constexpr (!periodic) return v;
+        else return {one(v.x, length.x), one(v.y, length.y), one(v.z, length.z)};
+    }
+    /// fn(shift) for each copy of the domain that may hold neighbours.
+    template <class Fn>
+    GB_FN void each_image(const Fn& fn) const {
+        const int nx = length.x > 0.0f, ny = length.y > 0.0f, nz = length.z > 0.0f;
+        for (int x = -nx; x <= nx; ++x)
+            for (int y = -ny; y <= ny; ++y)
+                for (int z = -nz; z <= nz; ++z) fn(float3{x * length.x, y * length.y, z * length.z});
+    }
+
+private:
+    template <class F>
+    GB_FN static F one(const F& v, float length) {
+        const float half = length > 0.0f ? 0.5f * length : infinity();
+        return select(v > F(half), v - F(length), select(v < F(-half), v + F(length), v));
+    }
+};
+
+/// Squared distances that float32 cannot tell from the support's: these pairs are decided in float64.
+inline constexpr float kDoubt = 4e-6f;
+
+/// A packet's candidates are collected from the tree in its order; then one row after the other looks at a vector of them at a time.
+template <class Tree, class Packet>
+struct FindLists {
+    static constexpr int kCandidates = 384;  ///< at once; there may be more
+    template <class Group>
+    struct Scratch {
+        float x[kCandidates + Group::width], y[kCandidates + Group::width], z[kCandidates + Group::width];
+        std::uint32_t slot[kCandidates + Group::width], found[kCandidates + Group::width];
+    };
+
+    Tree tree;
+    SortedParticles particles;
+    Lists<Packet> lists;
+    const Quad* place;
+    float support;         ///< of the smoothing kernel; the tree's boxes hold it
+    Period period;
+    std::uint32_t* most_count;
+
+    template <class Group>
+    GB_FN void operator()(Group& g, Scratch<Group>& near, std::size_t tile) const {
+        using F = typename Group::F;
+        using B = typename Group::B;
+        Rows<Group> rows;
+        const std::size_t first = tile * Group::width;
+        Group::for_lanes([&](int lane) {
+            const std::uint32_t s = lists.rows[first + g.lane_number(lane)];
+            const Quad p = place[s];
+            Group::put(rows.slot, lane, s);
+            Group::put(rows.count, lane, 0u);
+            Group::put(rows.x, lane, p.x);
+            Group::put(rows.y, lane, p.y);
+            Group::put(rows.z, lane, p.z);
+        });
+        std::uint32_t* out = lists.index + lists.at(first);
+        const F& x = rows.x;
+        const F& y = rows.y;
+        const F& z = rows.z;
+        // Where the curve jumps, a packet's rows are far apart: a walk of the tree for each place.
+        B pending = x < F(morton::kFarthest);
+        while (g.any(pending)) {
+            const int leader = g.first_from(pending, 0);
+            const F cx = F(g.pick(x, leader)), cy = F(g.pick(y, leader)), cz = F(g.pick(z, leader)), spread = F(2.0f * support), inf = F(infinity());
+            const B together = pending & (abs(x - cx) < spread) & (abs(y - cy) < spread) & (abs(z - cz) < spread);
+            pending = pending & !together;
+            const float3 lo{g.smallest(select(together, x, inf)), g.smallest(select(together, y, inf)), g.smallest(select(together, z, inf))};
+            const float3 hi{g.largest(select(together, x, -inf)), g.largest(select(together, y, -inf)), g.largest(select(together, z, -inf))};
+            const std::uint32_t set = g.set_of(together);
+            int n_near = 0;
+            period.each_image([&](const float3& shift) {
+                const float3 from = lo - shift, to = hi - shift;
+                std::uint32_t begin = 0, end = 0;  // leaves that follow each other in memory are one run
+                const auto take = [&] {
+                    for (; begin < end; begin += Group::width) {
+                        if (n_near > kCandidates - Group::width) {
+                            look(g, near, n_near, rows, set, out);
+                            n_near = 0;
+                        }
+                        n_near = collect(g, near, n_near, begin, g.first_lanes(int(end - begin)), from, to, shift);
+                    }
+                };
+                for_each_leaf(g, tree, from, to, [&](std::uint32_t first, std::uint32_t n) {
+                    if (first != end) {
+                        take();
+                        begin = first;
+                    }
+                    end = first + n;
+                });
+                take();
+            });
+            look(g, near, n_near, rows, set, out);
+        }
+        finish(g, first, out, rows.count);
+    }
+
+private:
+    template <class Group>
+    struct Rows {
+        typename Group::F x, y, z;
+        typename Group::U slot, count;
+    };
+
+    /// Of a group's worth of particles those that some row in the box may reach.
+    template <class Group>
+    GB_FN int collect(Group& g, Scratch<Group>& near, int n_near, std::uint32_t begin, typename Group::B present, const float3& from, const float3& to,
+                      const float3& shift) const {
+        using F = typename Group::F;
+        const F zero = F(0.0f), x = g.load_run(particles.x + begin), y = g.load_run(particles.y + begin), z = g.load_run(particles.z + begin);
+        const F ex = max(max(F(from.x) - x, x - F(to.x)), zero), ey = max(max(F(from.y) - y, y - F(to.y)), zero),
+                ez = max(max(F(from.z) - z, z - F(to.z)), zero);
+        const typename Group::B may = present & (ex * ex + ey * ey + ez * ez < F(1.0002f * support * support));
+        g.keep(may, x + F(shift.x), near.x + n_near);
+        g.keep(may, y + F(shift.y), near.y + n_near);
+        g.keep(may, z + F(shift.z), near.z + n_near);
+        g.keep(may, g.numbers(begin), near.slot + n_near);
+        return n_near + g.count(may);
+    }
+
+    /// The rows of `set` take up those of the candidates that are theirs.
+    template <class Group>
+    GB_FN void look(Group& g, Scratch<Group>& near, int n_near, Rows<Group>& rows, std::uint32_t set, std::uint32_t* out) const {
+        using F = typename Group::F;
+        const float h2 = support * support;
+        const F sure = F(h2 * (1.0f - kDoubt)), possible = F(h2 * (1.0f + kDoubt));
+        g.sync();
+        for (; set; set &= set - 1) {
+            const int row = trailing_zeros(set);
+            const float x = g.pick(rows.x, row), y = g.pick(rows.y, row), z = g.pick(rows.z, row);
+            const std::uint32_t slot = g.pick(rows.slot, row), before = g.pick(rows.count, row);
+            int n = 0;
+            for (int k = 0; k < n_near; k += Group::width) {
+                const F dx = F(x) - g.load_run(near.x + k), dy = F(y) - g.load_run(near.y + k), dz = F(z) - g.load_run(near.z + k);
+                const F r2 = dx * dx + dy * dy + dz * dz;
+                typename Group::B mine = g.first_lanes(n_near - k) & (r2 < possible) & g.differ(near.slot + k, slot);
+                const typename Group::B doubtful = mine & !(r2 < sure);
+                if (g.any(doubtful))
+                    g.per_lane(doubtful, [&](int lane) {
+                        const int j = k + g.lane_number(lane);
+                        const double ex = double(x) - near.x[j], ey = double(y) - near.y[j], ez = double(z) - near.z[j];
+                        Group::put(mine, lane, ex * ex + ey * ey + ez * ez < double(support) * support);
+                    });
+                g.keep(mine, g.load_run(near.slot + k), near.found + n);
+                n += g.count(mine);
+            }
+            g.sync();
+            const int room = max(int(lists.places) - int(before), 0);
+            g.share(min(n, room), [&](int k) { out[std::size_t(before + k) * Packet::stride + row] = near.found[k]; });
+            g.per_lane(g.only(row), [&](int lane) { Group::put(rows.count, lane, before + std::uint32_t(n)); });
+        }
+        g.sync();
+    }
+
+    /// Rows of one packet all get the length of the longest.
+    template <class Group, class U>
+    GB_FN void finish(Group& g, std::size_t first, std::uint32_t* out, const U& count) const {
+        std::uint32_t longest = 0;
+        Group::for_lanes([&](int lane) { longest = max(longest, Group::get(count, lane)); });
+        Group::for_lanes([&](int lane) {
+            const int l = g.lane_number(lane);
+            const std::uint32_t mine = Group::get(count, lane);
+            lists.count[first + l] = min(mine, lists.places);
+            for (std::uint32_t k = mine; k < min(longest, lists.places); ++k) out[std::size_t(k) * Packet::stride + l] = lists.n;
+        });
+        if (longest > *most_count) atomic_most(most_count, longest);
+    }
+};
+
+}  // namespace globule::core::sim

@@ -1,0 +1,144 @@
+// Boundaries that move as a whole: by key frames, or as rigid bodies that fluids push (Akinci 2012).
+// Their particles know their place in the body's own frame, by id, so that nothing drifts.
+#pragma once
+#include "sim/pressure.hpp"
+
+namespace globule::core::sim {
+
+/// world_from_body: columns of a rotation, then the origin.
+struct Pose {
+    float3 x{1, 0, 0}, y{0, 1, 0}, z{0, 0, 1}, origin{0, 0, 0};
+    GB_FN float3 to_world(const float3& p) const { return origin + x * p.x + y * p.y + z * p.z; }
+    GB_FN float3 to_body(const float3& p) const {
+        const float3 v = p - origin;
+        return {dot(v, x), dot(v, y), dot(v, z)};
+    }
+};
+
+/// Where a phase's particles are in its body.
+struct Capture {
+    State state;
+    std::uint8_t phase;
+    Pose pose;
+    Quad* home;  ///< by id
+    GB_FN void operator()(std::size_t i) const {
+        if (state.phase[i] != phase) return;
+        const float3 p = pose.to_body(state.place[i].xyz());
+        home[state.id[i]] = {p.x, p.y, p.z, 0.0f};
+    }
+};
+
+/// Velocities that take a phase's particles to its next pose within dt.
+struct Carry {
+    State state;
+    std::uint8_t phase;
+    Pose pose;
+    const Quad* home;
+    float dt;
+    GB_FN void operator()(std::size_t i) const {
+        if (state.phase[i] != phase) return;
+        const Quad at = state.place[i];
+        const float3 v = (pose.to_world(home[state.id[i]].xyz()) - at.xyz()) * (1.0f / dt);
+        state.velocity[i] = {v.x, v.y, v.z, state.velocity[i].w};
+    }
+};
+
+/// Impulse and its moment about a point; float64, added in an order that no thread count changes.
+struct Impulse {
+    double p[3] = {}, l[3] = {};
+};
+struct AddImpulse {
+    GB_FN Impulse operator()(Impulse a, const Impulse& b) const {
+        for (int k = 0; k < 3; ++k) {
+            a.p[k] += b.p[k];
+            a.l[k] += b.l[k];
+        }
+        return a;
+    }
+};
+
+/// What the pressure of one row's fluid does to a body: V P g of each pair, at the body's particle.
+template <class Packet>
+struct PressureImpulse {
+    Lists<Packet> lists;
+    State state;
+    const float* nearest;
+    std::uint8_t phase;
+    Period period;
+    float volume, support, dt, flux;
+    float3 center;
+    GB_FN Impulse operator()(std::size_t row) const {
+        Impulse sum;
+        if (nearest[row] >= support) return sum;
+        const std::uint32_t slot = lists.rows[row];
+        if (!(state.place[slot].w < 0.0f)) return sum;
+        const float s = volume * dt * state.pressure[slot] / (flux * support);
+        if (!(s > 0.0f)) return sum;
+        for (std::uint32_t k = 0; k < lists.count[row]; ++k) {
+            const std::size_t at = lists.at(row, k);
+            const std::uint32_t j = lists.index[at];
+            if (state.phase[j] != phase || j >= state.n) continue;
+            const float3 g{Packet::one(lists.gx + at), Packet::one(lists.gy + at), Packet::one(lists.gz + at)};
+            const float3 f = g * s;
+            const float3 arm = period.template shortest<true>(state.place[j].xyz() - center), l = cross(arm, f);
+            sum.p[0] += f.x;
+            sum.p[1] += f.y;
+            sum.p[2] += f.z;
+            sum.l[0] += l.x;
+            sum.l[1] += l.y;
+            sum.l[2] += l.z;
+        }
+        return sum;
+    }
+};
+
+/// How deep a body's particles are in other boundaries: at most one point stands for all of them.
+struct Touch {
+    double weight = 0, point[3] = {}, normal[3] = {}, velocity[3] = {};
+    double depth = 0;
+};
+struct AddTouch {
+    GB_FN Touch operator()(Touch a, const Touch& b) const {
+        a.weight += b.weight;
+        for (int k = 0; k < 3; ++k) {
+            a.point[k] += b.point[k];
+            a.normal[k] += b.normal[k];
+            a.velocity[k] += b.velocity[k];
+        }
+        a.depth = a.depth > b.depth ? a.depth : b.depth;
+        return a;
+    }
+};
+template <class Packet>
+struct TouchOf {
+    Lists<Packet> lists;
+    State state;
+    std::uint8_t phase;
+    Period period;
+    float spacing;
+    GB_FN Touch operator()(std::size_t row) const {
+        Touch sum;
+        const std::uint32_t slot = lists.rows[row];
+        if (state.phase[slot] != phase) return sum;
+        const float3 p = state.place[slot].xyz();
+        for (std::uint32_t k = 0; k < lists.count[row]; ++k) {
+            const std::uint32_t j = lists.index[lists.at(row, k)];
+            if (j >= state.n || state.phase[j] == phase || !(state.place[j].w > 0.0f)) continue;
+            const float3 away = period.template shortest<true>(p - state.place[j].xyz());
+            const float r = length(away), deep = spacing - r;
+            if (!(deep > 0.0f) || !(r > 0.0f)) continue;
+            const float3 v = state.velocity[j].xyz();
+            sum.weight += deep;
+            sum.depth = sum.depth > deep ? sum.depth : double(deep);
+            const float pv[3] = {p.x, p.y, p.z}, av[3] = {away.x / r, away.y / r, away.z / r}, vv[3] = {v.x, v.y, v.z};
+            for (int c = 0; c < 3; ++c) {
+                sum.point[c] += double(deep) * pv[c];
+                sum.normal[c] += double(deep) * av[c];
+                sum.velocity[c] += double(deep) * vv[c];
+            }
+        }
+        return sum;
+    }
+};
+
+}  // namespace globule::core::sim

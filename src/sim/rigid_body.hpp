@@ -1,0 +1,118 @@
+// One rigid body on the host: mass, pose, momenta.  float64; a handful of numbers a step.
+#pragma once
+#include <array>
+#include <cmath>
+
+#include "sim/rigid.hpp"
+
+namespace globule::core {
+
+class RigidBody {
+public:
+    using V = std::array<double, 3>;
+    using M = std::array<double, 9>;
+
+    /// center: of mass, world; inertia: about it, in the axes of the world now.
+    RigidBody(double mass, const V& center, const M& inertia) : mass_(mass), center_(center), inertia_(inertia) {}
+
+    V velocity{}, spin{};  ///< world
+
+    double mass() const { return mass_; }
+    const V& center() const { return center_; }
+    float3 center_float() const { return {float(center_[0]), float(center_[1]), float(center_[2])}; }
+    sim::Pose pose() const { return pose_of(center_, rotation_); }
+
+    void push(const double p[3], const double l[3]) {
+        const V dw = turn({l[0], l[1], l[2]});
+        for (int k = 0; k < 3; ++k) {
+            velocity[k] += p[k] / mass_;
+            spin[k] += dw[k];
+        }
+    }
+    /// No nearer to what it touches; deep places are left slowly.
+    void meet(const sim::Touch& t, double dt) {
+        if (!(t.weight > 0)) return;
+        V n{}, arm{}, other{};
+        double size = 0;
+        for (int k = 0; k < 3; ++k) size += t.normal[k] * t.normal[k];
+        if (!(size > 0)) return;
+        for (int k = 0; k < 3; ++k) {
+            n[k] = t.normal[k] / std::sqrt(size);
+            arm[k] = t.point[k] / t.weight - center_[k];
+            other[k] = t.velocity[k] / t.weight;
+        }
+        const V at = cross3(spin, arm);
+        double approach = 0;
+        for (int k = 0; k < 3; ++k) approach += (velocity[k] + at[k] - other[k]) * n[k];
+        const double wanted = 0.1 * t.depth / dt;
+        if (approach >= wanted) return;
+        const V arm_n = cross3(arm, n), turned = cross3(turn(arm_n), arm);
+        double give = 1.0 / mass_;
+        for (int k = 0; k < 3; ++k) give += turned[k] * n[k];
+        const double j = (wanted - approach) / give;
+        const V p{n[0] * j, n[1] * j, n[2] * j}, l = cross3(arm, p);
+        push(p.data(), l.data());
+    }
+    void advance(double dt) {
+        for (int k = 0; k < 3; ++k) center_[k] += dt * velocity[k];
+        // Rotation by the spin's angle about its axis (Rodrigues), then the axes made orthonormal again.
+        const double w = std::sqrt(spin[0] * spin[0] + spin[1] * spin[1] + spin[2] * spin[2]);
+        if (!(w * dt > 0)) return;
+        const V axis{spin[0] / w, spin[1] / w, spin[2] / w};
+        const double c = std::cos(w * dt), s = std::sin(w * dt);
+        for (int column = 0; column < 3; ++column) {
+            const V v{rotation_[column], rotation_[3 + column], rotation_[6 + column]};
+            const V x = cross3(axis, v);
+            const double d = (axis[0] * v[0] + axis[1] * v[1] + axis[2] * v[2]) * (1 - c);
+            for (int k = 0; k < 3; ++k) rotation_[3 * k + column] = c * v[k] + s * x[k] + d * axis[k];
+        }
+        orthonormalize();
+    }
+
+private:
+    static V cross3(const V& a, const V& b) { return {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]}; }
+    static sim::Pose pose_of(const V& c, const M& r) {
+        return {{float(r[0]), float(r[3]), float(r[6])}, {float(r[1]), float(r[4]), float(r[7])}, {float(r[2]), float(r[5]), float(r[8])},
+                {float(c[0]), float(c[1]), float(c[2])}};
+    }
+    /// Inverse of the inertia as it is turned now, applied to a moment.
+    V turn(const V& l) const {
+        V body{}, w{}, out{};
+        for (int k = 0; k < 3; ++k)
+            for (int i = 0; i < 3; ++i) body[k] += rotation_[3 * i + k] * l[i];
+        const M& m = inertia_;
+        const double det = m[0] * (m[4] * m[8] - m[5] * m[7]) - m[1] * (m[3] * m[8] - m[5] * m[6]) + m[2] * (m[3] * m[7] - m[4] * m[6]);
+        if (!(det > 0)) return out;
+        const M inverse{(m[4] * m[8] - m[5] * m[7]) / det, (m[2] * m[7] - m[1] * m[8]) / det, (m[1] * m[5] - m[2] * m[4]) / det,
+                        (m[5] * m[6] - m[3] * m[8]) / det, (m[0] * m[8] - m[2] * m[6]) / det, (m[2] * m[3] - m[0] * m[5]) / det,
+                        (m[3] * m[7] - m[4] * m[6]) / det, (m[1] * m[6] - m[0] * m[7]) / det, (m[0] * m[4] - m[1] * m[3]) / det};
+        for (int k = 0; k < 3; ++k)
+            for (int i = 0; i < 3; ++i) w[k] += inverse[3 * k + i] * body[i];
+        for (int k = 0; k < 3; ++k)
+            for (int i = 0; i < 3; ++i) out[k] += rotation_[3 * k + i] * w[i];
+        return out;
+    }
+    void orthonormalize() {
+        V x{rotation_[0], rotation_[3], rotation_[6]}, y{rotation_[1], rotation_[4], rotation_[7]};
+        const auto unit = [](V v) {
+            const double n = std::sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
+            return V{v[0] / n, v[1] / n, v[2] / n};
+        };
+        x = unit(x);
+        const double along = x[0] * y[0] + x[1] * y[1] + x[2] * y[2];
+        y = unit({y[0] - along * x[0], y[1] - along * x[1], y[2] - along * x[2]});
+        const V z = cross3(x, y);
+        for (int k = 0; k < 3; ++k) {
+            rotation_[3 * k] = x[k];
+            rotation_[3 * k + 1] = y[k];
+            rotation_[3 * k + 2] = z[k];
+        }
+    }
+
+    double mass_;
+    V center_;
+    M inertia_;
+    M rotation_{1, 0, 0, 0, 1, 0, 0, 0, 1};
+};
+
+}  // namespace globule::core

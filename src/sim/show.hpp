@@ -1,0 +1,35 @@
+// What a picture needs: particles known by their rank among the ids that are left, phases as colours.
+#pragma once
+#include "sim/state.hpp"
+
+namespace globule::core::sim {
+
+struct IsThere {
+    const std::uint32_t* slot_of;
+    std::uint32_t n;
+    std::uint32_t* flags;
+    GB_FN void operator()(std::size_t id) const { flags[id] = id < n && slot_of[id] != kGone; }
+};
+
+struct Show {
+    State state;
+    const Phase* phases;
+    const std::uint32_t* rank;    ///< of each id
+    std::uint32_t* index;         ///< per slot
+    float* weight;                ///< per slot; null: all are shown
+    float* color;                 ///< by rank
+    float *reflection, *refraction;
+    GB_FN void operator()(std::size_t i) const {
+        const Phase& p = phases[state.phase[i]];
+        const std::uint32_t r = rank[state.id[i]];
+        index[i] = r;
+        if (weight) weight[i] = p.shown ? 1.0f : 0.0f;
+        for (int k = 0; k < 3; ++k) color[3 * std::size_t(r) + k] = p.color[k];
+        if (reflection) {
+            reflection[r] = p.reflection;
+            refraction[r] = p.refraction;
+        }
+    }
+};
+
+}  // namespace globule::core::sim

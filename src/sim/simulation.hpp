@@ -1,0 +1,395 @@
+// The one implementation of Simulation, over any Exec.
+//
+// The order of a step (each a named call below; dt is known before it begins, from the speeds that the
+// last step ended with):
+//   1  find_lists    neighbour lists, from the octree of the present positions
+//                    -> pairs whose bond is cut are nobody's neighbours
+//   2  densities     delta, G, alpha of every row; V grad W of every pair is kept
+//   3  solve         velocities free of divergence
+//   4  forces        gravity, viscosity, tension, what the user asked for
+//                    and bonds, which take their substeps on State::velocity
+//   5  solve         velocities that lead to rest density after dt
+//   6  move          x += dt v (boundaries by their own velocities); guards
+//                    -> fluid that fills its space (filled.hpp): no 3, 5 looks at the divergence, 6 shifts
+//                    -> here instruments get the velocities of the next step, emitters emit, sinks remove
+//   7  settle        octree of the new positions, state in its order, rows, what the host needs to know
+// Between two steps, the tree is that of the positions: a picture of it takes no copy.
+#pragma once
+#include "sim/bodies.hpp"
+#include "sim/fluid.hpp"
+#include "sim/show.hpp"
+#include "backends/scene_access.hpp"
+#include "sim/tissue.hpp"
+
+namespace globule::core {
+
+template <class Exec>
+class SimulationOf final : public Simulation {
+public:
+    using Packet = typename Exec::Packet;
+
+    explicit SimulationOf(std::shared_ptr<Scene> scene)
+        : scene_(std::move(scene)), access_(scene_->share()), exec_(*static_cast<Exec*>(access_.exec)),
+          state_(exec_, *static_cast<Octree<Exec>*>(access_.octree)), fluid_(exec_, state_, settings_), bodies_(exec_, state_, settings_),
+          tissue_(exec_), forces_(exec_), sinks_(exec_), totals_(exec_), color_(exec_), reflection_(exec_), weight_(exec_),
+          rank_(exec_), ids_(exec_) {}
+
+    void configure(const SimulationSettings& settings) override {
+        settings_ = settings;
+        disturbed();
+        state_.configure(settings);
+        tissue_.set_spacing(settings.spacing);
+    }
+    void set_phase(int which, const sim::Phase& phase) override {
+        state_.set_phase(which, phase);
+        stale_ = true;
+        disturbed();
+        exec_.for_each(state_.n, sim::SetMaterial{state_.view(), std::uint8_t(which), state_.w_of(which), phase.viscosity});
+    }
+
+    std::uint32_t add(std::size_t m, const float* positions, const float* velocities, float3 velocity, int phase) override {
+        const std::uint32_t first = state_.append(m, positions, velocities, velocity, phase);
+        settle();
+        return first;
+    }
+    void remove(std::size_t m, const std::uint32_t* ids) override {
+        std::uint32_t* gone = ids_.reserve(m);
+        exec_.upload(gone, ids, 4 * m);
+        std::uint32_t* flags = state_.flags();
+        exec_.for_each(state_.n, sim::Fill{flags, 1u});
+        exec_.clear(flags + state_.n, 4);
+        exec_.for_each(m, sim::FlagGone{gone, state_.slot_of(), flags});
+        state_.keep(flags);
+        settle();
+    }
+
+    std::uint32_t emit(std::size_t m, const float* positions, const float* velocities, int phase) override {
+        std::uint32_t first = state_.next_id;
+        for (const Emitted& e : emitted_) first += std::uint32_t(e.positions.size() / 3);
+        emitted_.push_back({{positions, positions + 3 * m}, {velocities, velocities + 3 * m}, phase});
+        return first;
+    }
+    void set_sinks(const std::vector<sim::Sink>& sinks) override {
+        n_sinks_ = int(sinks.size());
+        exec_.upload(sinks_.reserve(sim::kMaxSinks), sinks.data(), sinks.size() * sizeof(sim::Sink));
+    }
+
+    void capture(int phase, const sim::Pose& now) override { bodies_.capture(phase, now); }
+    void move_to(int phase, const sim::Pose& next) override { bodies_.move_to(phase, next); }
+    void make_body(int phase, double mass, const double center[3], const double inertia[9], const double velocity[3], const double spin[3]) override {
+        bodies_.make_body(phase, mass, center, inertia, velocity, spin);
+    }
+    std::vector<double> body(int phase) override { return bodies_.body(phase); }
+
+    std::vector<char> motion() override { return bodies_.save(); }
+    void set_motion(const std::vector<char>& bytes) override { bodies_.load(bytes); }
+
+    sim::Totals totals() override {
+        sim::Totals* out = totals_.reserve(1);
+        exec_.reduce_in_order(state_.n_rows, sim::TotalsOf{state_.view(), state_.rows(), state_.volume(), settings_.gravity}, sim::AddTotals{},
+                              sim::Totals{}, out);
+        sim::Totals t;
+        exec_.download(&t, out, sizeof t);
+        return t;
+    }
+
+    double next_dt() override {
+        // v dt + g dt^2 <= far: at rest, gravity limits the first step.
+        const double v = std::sqrt(double(state_.summary.speeds.limiting2)), far = farthest_move();
+        const double g = std::sqrt(double(dot(settings_.gravity, settings_.gravity)));
+        double dt = longest_step();
+        if (settings_.weakly_compressible) dt = std::min(dt, far / (settings_.sound_speed + v));
+        if (v > 0 || g > 0) dt = std::min(dt, 2 * far / (v + std::sqrt(v * v + 4 * g * far)));
+        return dt;
+    }
+
+    StepReport step(double asked) override {
+        StepReport r;
+        r.dt = asked > 0 ? asked : next_dt();
+        const float dt = float(r.dt);
+        mark("");
+        if (bodies_.carry(dt)) tissue_.moved();
+        gather_tissue();
+        r.n_solved = state_.n_rows;
+        tissue_.bleed(state_.tree().sparse(), state_.tree().particles(), dt);
+        const bool begun = fluid_.has_started_lists();
+        if (state_.n_rows > 0) find_lists();
+        const double earlier = begun ? exec_.elapsed(kListMark, kListMark + 1) : 0.0;
+        take_blood(dt);
+        if (state_.n_rows > 0) {
+            tissue_.change(fluid_.lists(), state_.view(), dt);
+            mark("neighbors");
+            fluid_.densities();
+            mark("density");
+            if (settings_.weakly_compressible) {
+                push(dt, r);
+                fluid_.push_by_density(dt);
+                mark("pressure");
+            } else if (tissue_.n() == 0 && fluid_.fills_its_space()) {
+                push(dt, r);
+                const sim::Progress divergence = fluid_.correct_filled(dt);
+                mark("pressure");
+                r.iterations = int(divergence.iterations);
+                r.error = divergence.error;
+            } else {
+                const sim::Progress divergence = fluid_.correct_divergence(dt);
+                mark("divergence");
+                push(dt, r);
+                const sim::Progress density = fluid_.correct_density(dt);
+                mark("pressure");
+                r.iterations = int(density.iterations);
+                r.error = density.error;
+                r.divergence_iterations = int(divergence.iterations);
+                r.divergence_error = divergence.error;
+            }
+            tissue_.hold_on(state_.view(), dt);
+        }
+        bodies_.turn(fluid_, dt);
+        move(dt);
+        const bool others = take_and_give(r);
+        mark("move");
+        if (others) state_.settle();
+        else state_.settle_positions();
+        tissue_.moved();
+        summarize(r.n_solved > 0 ? fluid_.compression() : nullptr);
+        mark("octree");
+        if (Exec::on_device && state_.n_rows > 0) {
+            exec_.mark(kListMark);
+            fluid_.start_lists();
+            exec_.mark(kListMark + 1);
+        }
+        time_ += r.dt;
+        ++n_steps_;
+        stale_ = true;
+        report(r, earlier);
+        return r;
+    }
+
+    std::size_t size() override { return state_.n; }
+    double time() override { return time_; }
+    std::uint64_t n_steps() override { return n_steps_; }
+    std::uint32_t next_id() override { return state_.next_id; }
+
+    void read(const std::string& name, void* out) override {
+        const auto [data, bytes] = array(name);
+        exec_.download(out, data, bytes * state_.n);
+    }
+    void write(const std::string& name, const void* in) override {
+        const auto [data, bytes] = array(name);
+        exec_.upload(data, in, bytes * state_.n);
+        exec_.synchronize();
+        disturbed();
+    }
+    void resize(std::size_t n, std::uint32_t next_id, double time, std::uint64_t n_steps) override {
+        state_.resize(n);
+        state_.next_id = next_id;
+        time_ = time;
+        n_steps_ = n_steps;
+    }
+    void settle() override {
+        disturbed();
+        state_.settle();
+        summarize();
+        stale_ = true;
+    }
+
+    void set_forces(const float* forces) override {
+        has_forces_ = forces != nullptr;
+        if (!forces) return;
+        exec_.upload(forces_.reserve(3 * state_.n), forces, 12 * state_.n);
+        exec_.synchronize();
+    }
+
+    void neighbors(std::vector<std::uint32_t>& rows, Neighbors& out) override {
+        gather_tissue();
+        find_lists();
+        fluid_.read_lists(rows, out);
+    }
+
+    Tissue& tissue() override {
+        gather_tissue();
+        return tissue_;
+    }
+
+    void show() override {
+        if (!stale_) return;
+        stale_ = false;
+        const std::size_t n = state_.n;
+        if (n == 0) state_.settle();  // no step builds the octree of nothing
+        // Scenes know particles by their rank among the ids that are left.
+        std::uint32_t* rank = rank_.reserve(state_.next_id + 1 + n);
+        std::uint32_t* index = rank + state_.next_id + 1;
+        exec_.for_each(state_.next_id + 1, sim::IsThere{state_.slot_of(), state_.next_id, rank});
+        exec_.exclusive_scan(std::size_t(state_.next_id) + 1, rank);
+        bool all_shown = true, mirrors = false;
+        for (const sim::Phase& p : state_.phase_table) {
+            all_shown &= p.shown != 0;
+            mirrors |= p.reflection > 0.0f || p.refraction > 0.0f;
+        }
+        float* weight = all_shown ? nullptr : weight_.reserve(n + 64);
+        float* reflection = mirrors ? reflection_.reserve(2 * n) : nullptr;
+        exec_.for_each(n, sim::Show{state_.view(), state_.phases(), rank, index, weight, color_.reserve(3 * n), reflection,
+                                    reflection ? reflection + n : nullptr});
+        if (!tissue_.vessels().empty()) tissue_.stain(rank, state_.slot_of(), state_.phase_table[tissue_.phase_of_blood(1)].color, color_.data());
+        state_.tree().relabel(index, {weight, 1.0f});
+        access_.rebuilt(color_.data(), reflection, reflection ? reflection + n : nullptr);
+    }
+
+private:
+    double farthest_move() const { return 0.4 * settings_.cfl * settings_.spacing; }
+    /// That forces other than pressure allow, whatever the speeds.
+    double longest_step() const {
+        const double d = settings_.spacing;
+        double dt = settings_.longest_step;
+        for (const sim::Phase& p : state_.phase_table) {
+            if (p.kind != sim::Kind::fluid && p.kind != sim::Kind::tissue) continue;
+            if (p.tension > 0) dt = std::min(dt, 0.4 * std::sqrt(p.density * d * d * d / (2 * 3.14159265358979 * p.tension)));
+            const double mu = p.viscosity + settings_.extra_viscosity;
+            if (mu > 0 && !p.implicit_viscosity) dt = std::min(dt, 0.125 * d * d * p.density / mu);
+        }
+        return dt;
+    }
+    /// Beside tissue, whose every step is dear, a fluid in free fall does not shorten the steps.
+    void summarize(const sim::Compression* compression = nullptr) {
+        const sim::Ahead ahead{float(longest_step()), float(farthest_move())};
+        const bool by_approach = tissue_.n() > 0 && !settings_.weakly_compressible && !state_.period().any();
+        state_.summarize(by_approach ? &ahead : nullptr, compression);
+    }
+
+    /// Somebody other than a step changed something: what is known of the particles may be wrong.
+    void disturbed() {
+        tissue_.disturbed();
+        fluid_.forget_lists();
+    }
+    void find_lists() {
+        fluid_.find_lists();
+        tissue_.veto(fluid_.lists(), state_.view());
+    }
+    /// What acts on velocities beside pressure: forces, then bonds.
+    void push(float dt, StepReport& r) {
+        tissue_.take_velocities(state_.view());
+        r.viscosity_iterations = fluid_.forces(dt, has_forces_ ? forces_.data() : nullptr);
+        has_forces_ = false;
+        mark("forces");
+        tissue_.push(state_.view(), dt);
+        mark("tissue");
+    }
+
+    void gather_tissue() {
+        if (tissue_.gather(state_.view(), state_.phases(), state_.slot_of(), state_.volume())) {
+            state_.find_rows();
+            fluid_.forget_lists();
+        }
+    }
+
+    /// Blood comes in at the end of the step, where its velocity will have led it.
+    void take_blood(float dt) {
+        for (const tissue::Drop& d : tissue_.drops()) {
+            const float3 at = d.at + d.velocity * dt;
+            const int phase = tissue_.phase_of_blood(d.vessel);
+            if (emitted_.empty() || emitted_.back().phase != phase) emitted_.push_back({{}, {}, phase});
+            emitted_.back().positions.insert(emitted_.back().positions.end(), {at.x, at.y, at.z});
+            emitted_.back().velocities.insert(emitted_.back().velocities.end(), {d.velocity.x, d.velocity.y, d.velocity.z});
+        }
+    }
+
+    /// Sinks take fluid out, emitted particles come in; whether there are others now, whose positions are in the state then.
+    bool take_and_give(StepReport& r) {
+        if (n_sinks_ == 0 && emitted_.empty()) return false;
+        exec_.for_each(state_.n, sim::TakePositions{state_.positions(), state_.view().place});
+        if (n_sinks_ > 0) {
+            std::uint32_t* flags = state_.flags();
+            exec_.for_each(state_.n + 1, sim::FlagKept{state_.view(), state_.phases(), state_.positions(), sinks_.data(), n_sinks_, flags});
+            r.n_removed = state_.keep(flags);
+        }
+        const bool others = r.n_removed > 0 || !emitted_.empty();
+        for (const Emitted& e : emitted_) state_.append(e.positions.size() / 3, e.positions.data(), e.velocities.data(), {}, e.phase);
+        emitted_.clear();
+        return others;
+    }
+
+    void move(float dt) {
+        if (state_.n_rows > 0) exec_.for_each(state_.n_rows, sim::Contact<Packet>{fluid_.lists(), fluid_.rows().boundary, state_.view(), state_.period(), settings_.spacing});
+        fluid_.shift(dt);
+        float* positions = state_.positions();
+        exec_.for_each(state_.n, sim::Move{state_.view(), dt, state_.tree().sparse().header, state_.period(), settings_.lo, positions, state_.not_a_number()});
+        fluid_.end_shift();
+        if (state_.n_rows > 0) tissue_.add_rest(state_.view());
+    }
+
+    /// `earlier`: seconds that the step's lists had taken before it began.
+    void report(StepReport& r, double earlier) {
+        const sim::Compression& c = state_.summary.compression;
+        r.compression = c.n > 0 ? c.sum / c.n : 0.0;
+        r.most_compression = c.most;
+        r.time = time_;
+        r.step = n_steps_;
+        r.n = state_.n;
+        r.n_escaped = state_.summary.n_outside;
+        r.most_speed = std::sqrt(double(state_.summary.speeds.most2));
+        for (int i = 1; i < n_marks_; ++i) r.seconds.push_back({stage_[i], exec_.elapsed(kFirstMark + i - 1, kFirstMark + i)});
+        if (earlier > 0.0) r.seconds.front().second += earlier;
+        n_marks_ = 0;
+        if (state_.summary.not_a_number) tell_not_a_number(state_.summary.not_a_number - 1);
+    }
+
+    /// Stops with the story of a particle whose velocity is not a number.
+    void tell_not_a_number(std::uint32_t id) {
+        std::uint32_t slot;
+        exec_.download(&slot, state_.slot_of() + id, 4);
+        Quad at;
+        std::uint8_t phase;
+        exec_.download(&at, state_.view().place + slot, sizeof at);
+        exec_.download(&phase, state_.view().phase + slot, 1);
+        exec_.clear(state_.not_a_number(), 4);
+        throw SimulationError{id, phase, {at.x, at.y, at.z}, time_, n_steps_};
+    }
+
+    void mark(const char* stage) {
+        stage_[n_marks_] = stage;
+        exec_.mark(kFirstMark + n_marks_++);
+    }
+
+    std::pair<char*, std::size_t> array(const std::string& name) {
+        const sim::State s = state_.view();
+        const auto of = [](auto* p) { return std::pair<char*, std::size_t>{reinterpret_cast<char*>(p), sizeof *p}; };
+        if (name == "place") return of(s.place);
+        if (name == "velocity") return of(s.velocity);
+        if (name == "id") return of(s.id);
+        if (name == "phase") return of(s.phase);
+        if (name == "pressure") return of(s.pressure);
+        if (name == "impulse") return of(s.impulse);
+        if (name == "divergence_impulse") return of(s.divergence_impulse);
+        throw std::invalid_argument("simulation: no array named " + name);
+    }
+
+    struct Emitted {
+        std::vector<float> positions, velocities;
+        int phase;
+    };
+
+    static constexpr int kFirstMark = 4, kListMark = 14;  // the scene has those before
+
+    std::shared_ptr<Scene> scene_;
+    SceneAccess access_;
+    Exec& exec_;
+    SimulationSettings settings_;
+    SimulationState<Exec> state_;
+    FluidOf<Exec> fluid_;
+    BodiesOf<Exec> bodies_;
+    TissueOf<Exec> tissue_;
+    Buffer<float, Exec> forces_;
+    Buffer<sim::Sink, Exec> sinks_;
+    Buffer<sim::Totals, Exec> totals_;
+    std::vector<Emitted> emitted_;
+    int n_sinks_ = 0;
+    Buffer<float, Exec> color_, reflection_, weight_;
+    Buffer<std::uint32_t, Exec> rank_, ids_;
+    bool stale_ = true, has_forces_ = false;
+    double time_ = 0.0;
+    std::uint64_t n_steps_ = 0;
+    int n_marks_ = 0;
+    const char* stage_[16] = {};
+};
+
+}  // namespace globule::core

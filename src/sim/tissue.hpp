@@ -1,0 +1,495 @@
+// Tissue over any Exec: where its arrays lie, and the order of its stages.
+#pragma once
+#include <cmath>
+#include <cstring>
+
+#include "exec/buffer.hpp"
+#include "sim/ablate.hpp"
+#include "sim/bleed.hpp"
+#include "sim/pieces.hpp"
+#include "sim/pressure.hpp"
+#include "sim/tissue_bonds.hpp"
+
+namespace globule::core {
+
+template <class Exec>
+class TissueOf : public Tissue {
+public:
+    explicit TissueOf(Exec& exec)
+        : exec_(exec), at_(exec), next_(exec), velocity_(exec), acceleration_(exec), pull_(exec), before_(exec), rest_(exec), id_(exec),
+          slot_(exec), hold_(exec), phase_(exec), scarred_(exec), touched_(exec), first_(exec), other_(exec), length_(exec), stiffness_(exec), vessel_(exec),
+          volume_(exec), wetness_(exec), lambda_(exec), label_(exec), least_id_(exec), piece_(exec), count_(exec), of_id_(exec),
+          vertices_(exec), triangles_(exec), asking_(exec), found_(exec), spent_(exec), energy_(exec) {}
+
+    void add(const TissueArrays& in) override {
+        if (in.n == 0) return;
+        disturbed();
+        contact_ = in.contact;
+        const std::uint32_t before = ceil_div<std::uint32_t>(n_, tissue::kBlock) * tissue::kBlock, old = n_;
+        const BondBlocks blocks(in, before, n_entries_);
+        std::vector<Quad> at(in.n), velocity(in.n);
+        for (std::uint32_t t = 0; t < in.n; ++t) {
+            const float* p = in.positions + 3 * std::size_t(t);
+            at[t] = {p[0], p[1], p[2], in.inverse_mass[t] * in.bound[t]};
+            velocity[t] = {0, 0, 0, in.inverse_mass[t]};
+        }
+        extend(at_, old, before, at.data(), in.n, Quad{0, 0, 0, 0});
+        extend(velocity_, old, before, velocity.data(), in.n, Quad{0, 0, 0, 0});
+        extend(id_, old, before, in.ids, in.n, tissue::kNobody);
+        extend(hold_, old, before, in.hold, in.n, tissue::kGone);
+        extend(phase_, old, before, in.phase, in.n, std::uint8_t(0));
+        const std::vector<float> none(in.n, 0.0f);
+        extend(volume_, old, before, none.data(), in.n, 0.0f);
+        extend(wetness_, old, before, none.data(), in.n, 0.0f);
+        const std::vector<std::uint8_t> whole(in.n, 0);
+        extend(scarred_, old, before, whole.data(), in.n, std::uint8_t(0));
+        const std::uint32_t n_blocks = before / tissue::kBlock;
+        extend(first_, n_blocks, n_blocks, blocks.first.data(), blocks.first.size(), 0u);
+        extend(other_, n_entries_, n_entries_, blocks.other.data(), blocks.other.size(), 0u);
+        extend(length_, n_entries_, n_entries_, blocks.length.data(), blocks.length.size(), 0.0f);
+        extend(stiffness_, n_entries_, n_entries_, blocks.stiffness.data(), blocks.stiffness.size(), 0.0f);
+        extend(vessel_, n_entries_, n_entries_, blocks.vessel.data(), blocks.vessel.size(), std::uint8_t(0));
+        n_ = before + in.n;
+        n_entries_ += std::uint32_t(blocks.other.size());
+        make_room();
+        follow();
+    }
+
+    void set_materials(const tissue::Materials& materials) override {
+        materials_ = materials;
+        tears_ = false;
+        for (int k = 0; k < tissue::kMaxPhases; ++k) tears_ |= materials.tear_strain[k] > 0.0f || materials.yield_strain[k] > 0.0f;
+    }
+    void set_instruments(const tissue::Motions& motions, const tissue::Shapes& shapes) override {
+        motions_ = motions;
+        shapes_ = shapes;
+    }
+    int substeps(float dt) override { return std::max(1, int(std::ceil(double(dt) * fastest_))); }
+
+    /// Moves the tissue by its own forces alone.
+    int advance(const TissueStep& step) override {
+        if (n_ == 0) return 0;
+        exec_.for_each(n_, tissue::Accelerate{acceleration_.data(), pulled_ ? pull_.data() : nullptr, step.gravity});
+        return take_substeps(step.dt, step.substeps, step.iterations);
+    }
+
+    std::uint32_t tear(float dt) override {
+        return counted([&](std::uint32_t* n_torn) {
+            exec_.for_each(n_, tissue::TearAndCreep{bonds(), at_.data(), phase_.data(), materials_, dt, n_torn});
+        });
+    }
+
+    void follow() override {
+        exec_.for_each(n_, tissue::Remember{at_.data(), before_.data()});
+    }
+
+    std::uint32_t cut(const BladeSweep& blade) override {
+        if (n_ == 0 || blade.n_triangles == 0) return 0;
+        const tissue::Sweep sweep = on_grid(blade);
+        const float3* before = blade.n_moving ? before_.data() : nullptr;
+        return counted([&](std::uint32_t* n_cut) { exec_.for_each(n_, tissue::Cut{bonds(), at_.data(), before, sweep, n_cut}); });
+    }
+
+    /// Their number; the labels are then in piece_.
+    std::uint32_t pieces() override {
+        if (pieces_known_) return n_pieces_;
+        std::uint32_t* label = label_.reserve(n_);
+        exec_.for_each(n_, tissue::OwnLabel{label});
+        for (std::uint32_t changed = n_ > 0; changed;) {
+            std::uint32_t* flag = count_.reserve(1);
+            exec_.clear(flag, sizeof *flag);
+            exec_.for_each(n_, tissue::Hook{bonds(), label, flag});
+            exec_.for_each(n_, tissue::Jump{label});
+            exec_.download(&changed, flag, sizeof changed);
+        }
+        std::uint32_t* least_id = least_id_.reserve(n_);
+        exec_.for_each(n_, sim::Fill{least_id, ~0u});
+        n_pieces_ = count([&](std::uint32_t* n) {
+            exec_.for_each(n_, tissue::LeastId{label, id_.data(), hold_.data(), least_id, n});
+        });
+        exec_.for_each(n_, tissue::TakeLeastId{label, least_id, piece_.reserve(n_)});
+        pieces_known_ = true;
+        return n_pieces_;
+    }
+
+    void grasp(const float3& center, float radius, int number) override {
+        disturbed();
+        exec_.for_each(n_, tissue::Grasp<Quad>{at_.data(), hold_.data(), center, radius, std::uint8_t(number)});
+    }
+
+    /// Takes the particles inside the shape away, with all their bonds.
+    std::uint32_t remove(const tissue::Shape& region) override {
+        disturbed();
+        const std::uint32_t n_removed = counted([&](std::uint32_t* n) {
+            exec_.for_each(n_, tissue::TakeAway{at_.data(), hold_.data(), region, n});
+        });
+        if (n_removed) exec_.for_each(n_, tissue::DropBonds{bonds(), hold_.data()});
+        return n_removed;
+    }
+
+    std::uint32_t n() override { return n_; }
+    std::uint32_t n_bonds() override {
+        return count([&](std::uint32_t* n) { exec_.for_each(n_, tissue::CountBonds{bonds(), n}); });
+    }
+
+    double elastic_energy() override {
+        if (n_ == 0) return 0.0;
+        double sum, *out = energy_.reserve(1);
+        exec_.reduce_in_order(n_, tissue::EnergyOf{bonds(), at_.data()}, sim::AddDouble{}, 0.0, out);
+        exec_.download(&sum, out, sizeof sum);
+        return sum;
+    }
+
+    void get(float* positions, float* velocities, std::uint32_t* piece, std::uint8_t* hold, std::uint32_t* ids) override {
+        take_out(at_, positions);
+        take_out(velocity_, velocities);
+        if (piece) {
+            pieces();
+            exec_.download(piece, piece_.data(), n_ * sizeof *piece);
+        }
+        if (hold) exec_.download(hold, hold_.data(), n_);
+        if (ids) exec_.download(ids, id_.data(), n_ * sizeof *ids);
+    }
+    void set(const float* positions, const float* velocities) override {
+        disturbed();
+        put_in(at_, positions);
+        put_in(velocity_, velocities);
+    }
+    void accelerate(const float* accelerations) override {
+        pulled_ = accelerations != nullptr;
+        if (pulled_) put(pull_, reinterpret_cast<const float3*>(accelerations), n_);
+        exec_.synchronize();
+    }
+    std::vector<BloodVessel>& vessels() override { return vessels_; }
+
+    std::vector<std::pair<std::string, std::size_t>> arrays() override {
+        std::vector<std::pair<std::string, std::size_t>> out;
+        each_array([&](const char* name, auto& buffer, std::size_t n) { out.push_back({name, n * sizeof *buffer.data()}); });
+        return out;
+    }
+    void read(const std::string& name, void* out) override {
+        each_array([&](const char* its, auto& buffer, std::size_t n) {
+            if (name == its) exec_.download(out, buffer.data(), n * sizeof *buffer.data());
+        });
+    }
+    /// `hold` first, then `other`: from their lengths follow the others'.
+    void write(const std::string& name, const void* in, std::size_t bytes) override {
+        disturbed();
+        if (name == "hold") n_ = std::uint32_t(bytes);
+        if (name == "other") n_entries_ = std::uint32_t(bytes / 4);
+        each_array([&](const char* its, auto& buffer, std::size_t n) {
+            if (name == its) exec_.upload(buffer.reserve(n), in, n * sizeof *buffer.data());
+        });
+        exec_.synchronize();
+        if (name == "id") {
+            make_room();
+            n_scars_ = 1;  // as if there were some
+        }
+    }
+    void set_spacing(float spacing) { contact_ = spacing; }
+
+    // In a simulation, in this order.
+
+    /// A step moved the particles: the next gather looks at them anew.
+    void moved() { gathered_ = false; }
+    /// Something else did: some may be gone, or be held otherwise.
+    void disturbed() { gathered_ = settled_ = false; }
+    /// Where the particles are now; whether other particles are held than before, which takes waiting for the device.
+    bool gather(const sim::State& state, const sim::Phase* phases, const std::uint32_t* slot_of, float volume) {
+        if (n_ == 0 || gathered_) return false;
+        gathered_ = true;
+        std::uint32_t n[2], *counters = count_.reserve(2);
+        if (!settled_) exec_.clear(counters, sizeof n);
+        exec_.for_each(n_, tissue::Gather{state, phases, id_.data(), slot_of, slot_.data(), at_.data(), velocity_.data(), hold_.data(), volume,
+                                          counters, counters + 1});
+        if (settled_) return false;
+        settled_ = true;
+        exec_.download(n, counters, sizeof n);
+        scar(n[0]);
+        if (n[0]) exec_.for_each(n_, tissue::DropBonds{bonds(), hold_.data()});
+        return n[1] > 0;
+    }
+    /// No density across cuts.
+    template <class Packet>
+    void veto(const sim::Lists<Packet>& lists, const sim::State& state) {
+        if (n_ > 0 && n_scars_ > 0) exec_.for_each(lists.n_rows, tissue::Veto<Packet>{lists, state, members(), bonds(), slot_.data()});
+    }
+    /// What happens to tissue once a step, while its particles stand: it tears, and gets wet.
+    template <class Packet>
+    void change(const sim::Lists<Packet>& lists, const sim::State& state, float dt) {
+        if (n_ == 0) return;
+        if (tears_) tear(dt);
+        follow();
+        std::uint32_t stains = 0;
+        for (const BloodVessel& v : vessels_) stains |= 1u << v.phase;
+        if (!stains) return;
+        std::uint8_t* touched = touched_.reserve(n_);
+        exec_.clear(touched, n_);
+        exec_.for_each(lists.n_rows, tissue::Touch<Packet>{lists, state, members(), stains, 1.3f * contact_, touched});
+        exec_.for_each(n_, tissue::Wet{touched, dt, wetness_.data()});
+    }
+    /// Before the forces.
+    void take_velocities(const sim::State& state) {
+        exec_.for_each(n_, tissue::TakeVelocity{state, slot_.data(), hold_.data(), velocity_.data()});
+    }
+    /// After the forces: the bonds' substeps, into the state's velocities.
+    void push(const sim::State& state, float dt) {
+        if (n_ == 0) return;
+        exec_.for_each(n_, tissue::TakeAcceleration{state, slot_.data(), velocity_.data(), 1.0f / dt, acceleration_.data()});
+        take_substeps(dt, 0, 1);
+        exec_.for_each(n_, tissue::GiveVelocity{state, slot_.data(), at_.data(), velocity_.data(), 1.0f / dt, rest_.data()});
+    }
+    /// After the density solve, before particles move.
+    void hold_on(const sim::State& state, float dt) {
+        exec_.for_each(n_, tissue::HoldOn{state, slot_.data(), at_.data(), hold_.data(), 1.0f / dt});
+    }
+    /// After they moved.
+    void add_rest(const sim::State& state) { exec_.for_each(n_, tissue::AddRest{state, slot_.data(), rest_.data()}); }
+
+    /// Blood that comes out of cut ends: the device looks for room, while the tree is that of the positions.  After gather.
+    template <class Tree>
+    void bleed(const Tree& tree, const SortedParticles& particles, float dt) {
+        tissue::Vessels flowing;
+        bleeds_ = false;
+        for (std::size_t v = 0; v < vessels_.size(); ++v)
+            if (vessels_[v].pool >= drop_volume()) bleeds_ = true, flowing.speed[v + 1] = vessels_[v].speed;
+        bleeds_ &= n_scars_ > 0;
+        if (!bleeds_) return;
+        tissue::Drop *asking = asking_.reserve(n_), *found = found_.reserve(n_ + 1);
+        exec_.clear(found, sizeof *found);
+        exec_.for_each(n_, tissue::Bleed{bonds(), at_.data(), hold_.data(), flowing, contact_, dt, volume_.data(), &found->vessel, asking});
+        exec_.for_each_tile_of(&found->vessel, tissue::FindRoom<Tree>{tree, particles, asking, velocity_.data(), flowing, contact_, &found->t, found + 1});
+    }
+    /// The drops that it found, in the order of the tissue, not too close to each other, as long as the pools last.
+    std::vector<tissue::Drop> drops() {
+        std::vector<tissue::Drop> out;
+        if (!bleeds_) return out;
+        std::vector<tissue::Drop> found(std::min<std::size_t>(kDropsToBegin, n_ + 1));  // first of all, how many there are
+        exec_.download(found.data(), found_.data(), found.size() * sizeof found[0]);
+        const std::size_t read = found.size(), n_found = found[0].t;
+        found.resize(n_found + 1);
+        if (n_found + 1 > read) exec_.download(&found[read], found_.data() + read, (n_found + 1 - read) * sizeof found[0]);
+        found.erase(found.begin());
+        std::sort(found.begin(), found.end(), [](const tissue::Drop& a, const tissue::Drop& b) { return a.t < b.t; });
+        if (n_found > kDropsAtOnce) found.resize(kDropsAtOnce);
+        std::vector<std::uint32_t> who;
+        const float apart = 0.81f * contact_ * contact_;
+        for (const tissue::Drop& d : found) {
+            BloodVessel& v = vessels_[d.vessel - 1];
+            const auto near = [&](const tissue::Drop& o) { return dot(o.at - d.at, o.at - d.at) < apart; };
+            if (v.pool < drop_volume() || std::any_of(out.begin(), out.end(), near)) continue;
+            v.pool -= drop_volume();
+            out.push_back(d);
+            who.push_back(d.t);
+        }
+        put(spent_, who.data(), who.size());
+        exec_.for_each(who.size(), tissue::Spend{spent_.data(), volume_.data(), float(drop_volume())});
+        return out;
+    }
+    int phase_of_blood(std::uint32_t vessel) const { return vessels_[vessel - 1].phase; }
+
+    /// Blood shows on what it wetted; colours by rank of the ids.
+    void stain(const std::uint32_t* rank, const std::uint32_t* slot_of, const float* blood, float* color) {
+        exec_.for_each(n_, tissue::Stain{id_.data(), slot_of, rank, wetness_.data(), {blood[0], blood[1], blood[2]}, color});
+    }
+
+private:
+    static constexpr std::size_t kDropsAtOnce = 2048;  ///< compared pairwise
+    static constexpr std::size_t kDropsToBegin = 64;   ///< that come together with their number
+
+    tissue::Bonds bonds() {
+        return {n_, first_.data(), other_.data(), length_.data(), stiffness_.data(), vessel_.data(), scarred_.data()};
+    }
+    tissue::Members members() { return {of_id_.data(), n_ids_}; }
+    double drop_volume() const { return std::pow(double(contact_), 3); }
+
+    int take_substeps(float whole_dt, int asked, int iterations) {
+        moved();
+        const int n_substeps = asked > 0 ? asked : substeps(whole_dt);
+        const float dt = whole_dt / float(n_substeps);
+        exec_.for_each(n_, tissue::Predict{at_.data(), velocity_.data(), acceleration_.data(), hold_.data(), motions_, dt});
+        float* lambda = iterations > 1 ? lambda_.reserve(n_entries_) : nullptr;
+        Quad *at = at_.data(), *next = next_.data();
+        const auto relax = [&]<bool single>(std::bool_constant<single>, int s, int k) {
+            exec_.for_each_packet(n_, tissue::Relax<single>{bonds(), at, next, velocity_.data(), acceleration_.data(), hold_.data(), phase_.data(),
+                                                         lambda, materials_, motions_, shapes_, dt, contact_, k == 0, k + 1 == iterations,
+                                                         s + 1 < n_substeps});
+            std::swap(at, next);
+        };
+        for (int s = 0; s < n_substeps; ++s) {
+            shapes_.move(dt);
+            if (iterations == 1) relax(std::true_type{}, s, 0);
+            else
+                for (int k = 0; k < iterations; ++k) relax(std::false_type{}, s, k);
+        }
+        if (at != at_.data()) at_.swap(next_);
+        return n_substeps;
+    }
+
+    /// The grid is a power of two times finer than float32 positions of that size need, and the same for
+    /// every sweep through this tissue.
+    tissue::Sweep on_grid(const BladeSweep& blade) {
+        tissue::Sweep sweep;
+        sweep.grid.cells_per_unit = std::exp2(std::floor(std::log2(65536.0 / contact_)));
+        std::vector<tissue::GridPoint> vertices(blade.n_vertices);
+        double lo[3] = {1e300, 1e300, 1e300}, hi[3] = {-1e300, -1e300, -1e300};
+        for (std::uint32_t v = 0; v < blade.n_vertices; ++v) {
+            const double* p = blade.vertices + 3 * std::size_t(v);
+            vertices[v] = {sweep.grid.snap(p[0], 0), sweep.grid.snap(p[1], 1), sweep.grid.snap(p[2], 2)};
+            for (int k = 0; k < 3; ++k) lo[k] = std::min(lo[k], p[k]), hi[k] = std::max(hi[k], p[k]);
+        }
+        const double margin = 1e-3 * contact_;
+        sweep.lo = {float(lo[0] - margin), float(lo[1] - margin), float(lo[2] - margin)};
+        sweep.hi = {float(hi[0] + margin), float(hi[1] + margin), float(hi[2] + margin)};
+        put(vertices_, vertices.data(), vertices.size());
+        put(triangles_, blade.triangles, 3 * std::size_t(blade.n_triangles));
+        sweep.vertices = vertices_.data();
+        sweep.triangles = triangles_.data();
+        sweep.n = blade.n_triangles;
+        sweep.n_moving = blade.n_moving;
+        return sweep;
+    }
+
+    template <class Launch>
+    std::uint32_t count(const Launch& launch) {
+        if (n_ == 0) return 0;
+        std::uint32_t n = 0, *counter = count_.reserve(1);
+        exec_.clear(counter, sizeof n);
+        launch(counter);
+        exec_.download(&n, counter, sizeof n);
+        return n;
+    }
+    /// Bonds that went change the pieces.
+    template <class Launch>
+    std::uint32_t counted(const Launch& launch) {
+        const std::uint32_t n = count(launch);
+        scar(n);
+        return n;
+    }
+    void scar(std::uint32_t n) {
+        n_scars_ += n;
+        if (n) pieces_known_ = false;
+    }
+
+    /// Everything that lasts, with the number of its items.
+    template <class Fn>
+    void each_array(const Fn& fn) {
+        fn("hold", hold_, n_);
+        fn("other", other_, n_entries_);
+        fn("at", at_, n_);
+        fn("velocity", velocity_, n_);
+        fn("phase", phase_, n_);
+        fn("scarred", scarred_, n_);
+        fn("volume", volume_, n_);
+        fn("wetness", wetness_, n_);
+        fn("first", first_, n_ ? ceil_div<std::size_t>(n_, tissue::kBlock) + 1 : 0);
+        fn("length", length_, n_entries_);
+        fn("stiffness", stiffness_, n_entries_);
+        fn("vessel", vessel_, n_entries_);
+        fn("before", before_, n_);
+        fn("id", id_, n_);
+    }
+
+    /// What follows from the particles' number and ids.
+    void make_room() {
+        for (auto* b : {&acceleration_, &rest_}) b->reserve(n_);
+        next_.reserve(n_);
+        slot_.reserve(n_);
+        before_.reserve(n_);
+        std::vector<std::uint32_t> ids(n_);
+        exec_.download(ids.data(), id_.data(), n_ * sizeof ids[0]);
+        n_ids_ = 0;
+        for (std::uint32_t id : ids)
+            if (id != tissue::kNobody) n_ids_ = std::max(n_ids_, id + 1);
+        std::vector<std::uint32_t> of_id(n_ids_, tissue::kNobody);
+        for (std::uint32_t t = 0; t < n_; ++t)
+            if (ids[t] != tissue::kNobody) of_id[ids[t]] = t;
+        put(of_id_, of_id.data(), of_id.size());
+        exec_.synchronize();
+        pieces_known_ = pulled_ = false;
+        fastest_ = fastest_bond();
+    }
+    /// Square root of the largest κ / α, from what is stored.
+    double fastest_bond() {
+        std::vector<Quad> at(n_);
+        std::vector<std::uint32_t> first(ceil_div<std::size_t>(n_, tissue::kBlock) + 1), other(n_entries_);
+        std::vector<float> stiffness(n_entries_);
+        exec_.download(at.data(), at_.data(), n_ * sizeof at[0]);
+        exec_.download(first.data(), first_.data(), first.size() * sizeof first[0]);
+        exec_.download(other.data(), other_.data(), n_entries_ * sizeof other[0]);
+        exec_.download(stiffness.data(), stiffness_.data(), n_entries_ * sizeof stiffness[0]);
+        double fastest2 = 0.0;
+        for (std::uint32_t t = 0; t < n_; ++t)
+            for (std::uint32_t e = first[t / tissue::kBlock] + t % tissue::kBlock; e < first[t / tissue::kBlock + 1]; e += tissue::kBlock)
+                fastest2 = std::max(fastest2, double(stiffness[e]) * (double(at[t].w) + at[other[e]].w));
+        return std::sqrt(fastest2);
+    }
+
+    template <class T>
+    void put(Buffer<T, Exec>& buffer, const T* from, std::size_t n) {
+        if (n) exec_.upload(buffer.reserve(n), from, n * sizeof(T));
+    }
+    /// n_old items stay, `between` fills up to place `begin`, then come m new ones.
+    template <class T>
+    void extend(Buffer<T, Exec>& buffer, std::size_t n_old, std::size_t begin, const T* more, std::size_t m, const T& between) {
+        std::vector<T> all(begin + m, between);
+        if (n_old) exec_.download(all.data(), buffer.data(), n_old * sizeof(T));
+        if (m) std::memcpy(all.data() + begin, more, m * sizeof(T));
+        put(buffer, all.data(), all.size());
+        exec_.synchronize();
+    }
+    void take_out(const Buffer<Quad, Exec>& buffer, float* to) {
+        if (!to) return;
+        std::vector<Quad> all(n_);
+        exec_.download(all.data(), buffer.data(), n_ * sizeof(Quad));
+        for (std::size_t t = 0; t < n_; ++t) std::memcpy(to + 3 * t, &all[t], 3 * sizeof(float));
+    }
+    void put_in(Buffer<Quad, Exec>& buffer, const float* from) {
+        if (!from) return;
+        std::vector<Quad> all(n_);
+        exec_.download(all.data(), buffer.data(), n_ * sizeof(Quad));
+        for (std::size_t t = 0; t < n_; ++t) std::memcpy(&all[t], from + 3 * t, 3 * sizeof(float));
+        put(buffer, all.data(), n_);
+        exec_.synchronize();
+    }
+
+    Exec& exec_;
+    std::uint32_t n_ = 0, n_entries_ = 0, n_pieces_ = 0, n_ids_ = 0;
+    std::uint64_t n_scars_ = 0;  ///< bonds that went; 0: none
+    float contact_ = 0.0f;
+    double fastest_ = 0.0;       ///< 1/s: substeps a second
+    bool pieces_known_ = false, pulled_ = false, tears_ = false, bleeds_ = false;
+    bool gathered_ = false, settled_ = false;  ///< as the state has the particles; nobody since a gather has changed who is held
+    tissue::Materials materials_;
+    tissue::Motions motions_;
+    tissue::Shapes shapes_;
+    std::vector<BloodVessel> vessels_;
+    Buffer<Quad, Exec> at_, next_, velocity_;
+    Buffer<float3, Exec> acceleration_, pull_, before_, rest_;
+    Buffer<std::uint32_t, Exec> id_, slot_;
+    Buffer<std::uint8_t, Exec> hold_, phase_, scarred_, touched_;
+    Buffer<std::uint32_t, Exec> first_, other_;
+    Buffer<float, Exec> length_, stiffness_;
+    Buffer<std::uint8_t, Exec> vessel_;
+    Buffer<float, Exec> volume_, wetness_, lambda_;
+    Buffer<std::uint32_t, Exec> label_, least_id_, piece_, count_, of_id_;
+    Buffer<tissue::GridPoint, Exec> vertices_;
+    Buffer<std::uint32_t, Exec> triangles_;
+    Buffer<tissue::Drop, Exec> asking_, found_;  ///< the first of found: how many are found (t) and ask (vessel)
+    Buffer<std::uint32_t, Exec> spent_;
+    Buffer<double, Exec> energy_;
+};
+
+/// Tissue alone, with its own means.
+template <class Exec>
+struct OwnExec {
+    Exec exec;
+};
+template <class Exec>
+class TissueAlone final : private OwnExec<Exec>, public TissueOf<Exec> {
+public:
+    template <class... Args>
+    explicit TissueAlone(Args&&... args) : OwnExec<Exec>{Exec(std::forward<Args>(args)...)}, TissueOf<Exec>(this->exec) {}
+};
+
+}  // namespace globule::core

@@ -1,0 +1,85 @@
+// Reconstruction by Bezier curves (Huang et al., IEEE Trans. Human-Machine Systems 45, 2015): the
+// pixels at one image position in four consecutive frames are the control points of a cubic, both in
+// space and in value; voxels along it take the mean of its samples.  Consecutive curves share a frame.
+#pragma once
+#include <cmath>
+
+#include "sweep/bin.hpp"
+
+namespace globule::core::sweep {
+
+template <class T>
+struct BezierRows {
+    Frames<T> frames;
+    Grid grid;
+    double scale;                 ///< samples are summed as rint(value * scale)
+    const std::uint32_t* slots;
+    std::uint32_t* wanted;        ///< first run: blocks that samples need
+    std::uint64_t* bins;          ///< second run: (slots, 64, 2) sums and counts
+
+    /// Row `i % height` of curve `i / height`.
+    GB_FN void operator()(std::size_t i) const {
+        const int row = int(i % frames.height), start = 3 * int(i / frames.height);
+        const int degree = min(3, frames.n - 1 - start);
+        for (int column = 0; column < frames.width; ++column)
+            if (!frames.mask || frames.mask[std::size_t(row) * frames.width + column]) curve(start, degree, row, column);
+    }
+    GB_FN void curve(int start, int degree, int row, int column) const {
+        double p[4][3] = {}, v[4] = {};
+        double length = 0;
+        for (int f = 0; f <= degree; ++f) {
+            const Pose& pose = frames.poses[start + f];
+            v[f] = frames.values[(std::size_t(start + f) * frames.height + row) * frames.width + column];
+            double step = 0;
+            for (int k = 0; k < 3; ++k) {
+                p[f][k] = double(pose.origin[k] + row * pose.y[k] + column * pose.x[k]) * 0x1p-32;
+                if (f) step = max(step, abs(p[f][k] - p[f - 1][k]));
+            }
+            length += step;
+        }
+        const int n = int(min(length, 1e6)) + 1;  // steps of at most a voxel
+        for (int s = 0; s < n + (start + degree == frames.n - 1); ++s) {
+            double b[4];
+            bernstein(degree, double(s) / n, b);
+            double at[3] = {}, value = 0;
+            for (int f = 0; f <= degree; ++f) {
+                value += b[f] * v[f];
+                for (int k = 0; k < 3; ++k) at[k] += b[f] * p[f][k];
+            }
+            put(at, value);
+        }
+    }
+    GB_FN static void bernstein(int degree, double t, double* b) {
+        const double u = 1 - t;
+        if (degree == 3) {
+            b[0] = u * u * u;
+            b[1] = 3 * u * u * t;
+            b[2] = 3 * u * t * t;
+            b[3] = t * t * t;
+        } else if (degree == 2) {
+            b[0] = u * u;
+            b[1] = 2 * u * t;
+            b[2] = t * t;
+        } else {
+            b[0] = degree ? u : 1;
+            b[1] = t;
+        }
+    }
+    GB_FN void put(const double* at, double value) const {
+        int c[3];
+        for (int k = 0; k < 3; ++k) {
+            if (!(at[k] >= 0 && at[k] < grid.size[k])) return;
+            c[k] = int(at[k]);
+        }
+        const std::size_t block = grid.block(c[0] >> 2, c[1] >> 2, c[2] >> 2);
+        if (wanted) {
+            if (slots[block] == kNone) wanted[block] = 1;
+            return;
+        }
+        const std::size_t bin = std::size_t(slots[block]) * kVoxels + voxel_in_block(c[0], c[1], c[2]);
+        atomic_add(bins + 2 * bin, std::uint64_t(std::int64_t(rint(value * scale))));
+        atomic_add(bins + 2 * bin + 1, 1);
+    }
+};
+
+}  // namespace globule::core::sweep

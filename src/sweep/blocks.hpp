@@ -1,0 +1,186 @@
+// The sparse grid: blocks of 4 x 4 x 4 voxels, stored where pixels fell.  A block is the octree's
+// node two levels above its leaves, the voxels; inside it z y x are the two high, middle and low bits.
+#pragma once
+#include <cstring>
+
+#include "exec/bits.hpp"
+#include "sweep/walk.hpp"
+
+namespace globule::core::sweep {
+
+inline constexpr int kBlock = 4, kVoxels = kBlock * kBlock * kBlock;
+inline constexpr std::uint32_t kNone = ~std::uint32_t(0);
+
+struct Grid {
+    int size[3];    ///< voxels
+    int blocks[3];  ///< blocks, rounded up
+
+    GB_FN std::size_t n_blocks() const { return std::size_t(blocks[0]) * blocks[1] * blocks[2]; }
+    GB_FN std::size_t n_voxels() const { return std::size_t(size[0]) * size[1] * size[2]; }
+    GB_FN std::size_t block(int x, int y, int z) const { return (std::size_t(z) * blocks[1] + y) * blocks[0] + x; }
+    GB_FN bool has_block(int x, int y, int z) const {
+        return x >= 0 && x < blocks[0] && y >= 0 && y < blocks[1] && z >= 0 && z < blocks[2];
+    }
+    GB_FN std::size_t voxel(int x, int y, int z) const { return (std::size_t(z) * size[1] + y) * size[0] + x; }
+};
+
+GB_FN int voxel_in_block(int x, int y, int z) { return (z & 3) << 4 | (y & 3) << 2 | (x & 3); }
+
+/// Calls visit(block, voxel in block, column) for the pixels of a row, in order.
+template <class T, class Visit>
+GB_FN void for_each_pixel(const Frames<T>& frames, std::size_t row, const Grid& grid, const Visit& visit) {
+    const Row r = row_inside(frames, row, grid.size);
+    const std::uint8_t* mask = frames.mask ? frames.mask + row % frames.height * frames.width : nullptr;
+    Fix x = r.at[0], y = r.at[1], z = r.at[2];
+    const Fix dx = r.step[0], dy = r.step[1], dz = r.step[2];
+    for (int column = r.first; column <= r.last; ++column, x += dx, y += dy, z += dz) {
+        if (mask && !mask[column]) continue;
+        const std::uint32_t i = std::uint32_t(x >> kFraction), j = std::uint32_t(y >> kFraction), k = std::uint32_t(z >> kFraction);
+        visit(grid.block(i >> 2, j >> 2, k >> 2), voxel_in_block(i, j, k), column);
+    }
+}
+
+/// Calls visit(block, voxel in block, column) for pixel i of all, if it lies inside.
+template <class T, class Visit>
+GB_FN void visit_pixel(const Frames<T>& frames, std::size_t i, const Grid& grid, const Visit& visit) {
+    const std::uint32_t row = std::uint32_t(i) / std::uint32_t(frames.width), column = std::uint32_t(i) % std::uint32_t(frames.width);
+    const std::uint32_t f = row / std::uint32_t(frames.height), j = row % std::uint32_t(frames.height);
+    if (frames.mask && !frames.mask[std::size_t(j) * frames.width + column]) return;
+    const Pose& pose = frames.poses[f];
+    std::uint32_t v[3];
+    for (int k = 0; k < 3; ++k) {
+        const Fix p = pose.origin[k] + Fix(j) * pose.y[k] + Fix(column) * pose.x[k];
+        if (p < 0 || (p >> kFraction) >= grid.size[k]) return;
+        v[k] = std::uint32_t(p >> kFraction);
+    }
+    visit(grid.block(v[0] >> 2, v[1] >> 2, v[2] >> 2), voxel_in_block(v[0], v[1], v[2]));
+}
+
+/// Calls visit(block, voxel in block, first column, column past the last) for the runs of a row's
+/// pixels that share a voxel; 64 pixels at a time as vectors, so a run may come in two pieces.
+template <class T, class Visit>
+GB_FN void for_each_run(const Frames<T>& frames, std::size_t row, const Grid& grid, const Visit& visit) {
+    constexpr int n = 64;
+    const Row r = row_inside(frames, row, grid.size);
+    const std::uint8_t* mask = frames.mask ? frames.mask + row % frames.height * frames.width : nullptr;
+    Fix at[3] = {r.at[0], r.at[1], r.at[2]};
+    for (int first = r.first; first <= r.last; first += n) {
+        const int count = min(n, r.last + 1 - first);
+        alignas(64) std::uint32_t v[3][n], block[n], voxel[n];
+        for (int k = 0; k < 3; ++k) {
+            Fix p = at[k];
+            for (int l = 0; l < n; ++l, p += r.step[k]) v[k][l] = std::uint32_t(std::uint64_t(p) >> kFraction);
+            at[k] = p;
+        }
+        const std::uint32_t nx = grid.blocks[0], ny = grid.blocks[1];
+        for (int l = 0; l < n; ++l) {
+            block[l] = ((v[2][l] >> 2) * ny + (v[1][l] >> 2)) * nx + (v[0][l] >> 2);
+            voxel[l] = (v[2][l] & 3) << 4 | (v[1][l] & 3) << 2 | (v[0][l] & 3);
+        }
+        if (mask)
+            for (int l = 0; l < count; ++l) voxel[l] |= mask[first + l] ? 0 : kVoxels;
+        alignas(64) std::uint8_t change[n];
+        change[0] = 1;
+        for (int l = 1; l < n; ++l) change[l] = ((block[l] ^ block[l - 1]) | (voxel[l] ^ voxel[l - 1])) != 0;
+        std::uint64_t starts = 0;
+        for (int l = 0; l < n; l += 8) {
+            std::uint64_t eight;
+            memcpy(&eight, change + l, 8);
+            starts |= (eight * 0x0102040810204080ull >> 56) << l;
+        }
+        starts &= ~std::uint64_t(0) >> (n - count);
+        while (starts) {
+            const int l = trailing_zeros(starts);
+            starts &= starts - 1;
+            const int end = starts ? trailing_zeros(starts) : count;
+            if (voxel[l] < kVoxels) visit(std::size_t(block[l]), int(voxel[l]), first + l, first + end);
+        }
+    }
+}
+
+/// Marks the blocks that pixels fall into as changed, and those that have no place yet as wanted.
+template <class T>
+struct TouchBlocks {
+    Frames<T> frames;
+    Grid grid;
+    const std::uint32_t* slots;
+    std::uint32_t* wanted;  ///< or null
+    std::uint32_t* changed;
+    GB_FN void operator()(std::size_t row) const {
+        for_each_run(frames, row, grid, [&](std::size_t block, int, int, int) { mark(block); });
+    }
+    GB_FN void mark(std::size_t block) const {
+        changed[block] = 1;
+        if (wanted && slots[block] == kNone) wanted[block] = 1;
+    }
+};
+/// The same, a pixel a thread.
+template <class T>
+struct TouchPixels {
+    TouchBlocks<T> rows;
+    GB_FN void operator()(std::size_t i) const {
+        visit_pixel(rows.frames, i, rows.grid, [&](std::size_t block, int) { rows.mark(block); });
+    }
+};
+
+/// Places in order of the blocks, after those given before; `wanted` has been summed up.
+struct PlaceBlocks {
+    const std::uint32_t* first;  ///< exclusive sums of wanted, one more than blocks
+    std::uint32_t n_before;
+    std::uint32_t* slots;
+    std::uint32_t* block_of_slot;
+    GB_FN void operator()(std::size_t block) const {
+        if (first[block + 1] == first[block]) return;
+        slots[block] = n_before + first[block];
+        block_of_slot[n_before + first[block]] = std::uint32_t(block);
+    }
+};
+
+/// A table of cells, larger than another that it holds `shift` cells inside.
+struct Growth {
+    int from[3], to[3], shift[3];
+
+    GB_FN std::size_t moved(std::size_t cell) const {
+        const std::size_t x = cell % from[0], y = cell / from[0] % from[1], z = cell / from[0] / from[1];
+        return ((z + shift[2]) * to[1] + y + shift[1]) * to[0] + x + shift[0];
+    }
+    std::size_t n_cells() const { return std::size_t(to[0]) * to[1] * to[2]; }
+};
+struct MoveSlots {
+    Growth growth;
+    std::uint32_t* block_of_slot;
+    GB_FN void operator()(std::size_t slot) const { block_of_slot[slot] = std::uint32_t(growth.moved(block_of_slot[slot])); }
+};
+/// A row of a table, for the larger one.
+template <class U>
+struct MoveTableRow {
+    Growth growth;
+    const U* from;
+    U* to;
+    U outside;
+    GB_FN void operator()(std::size_t row) const {
+        const int y = int(row % growth.to[1]) - growth.shift[1], z = int(row / growth.to[1]) - growth.shift[2];
+        const bool inside = y >= 0 && y < growth.from[1] && z >= 0 && z < growth.from[2];
+        const int first = growth.shift[0], last = inside ? first + growth.from[0] : first;
+        const U* old = from + (std::ptrdiff_t(z) * growth.from[1] + y) * growth.from[0];
+        U* out = to + row * growth.to[0];
+        for (int x = 0; x < first; ++x) out[x] = outside;
+        for (int x = first; x < last; ++x) out[x] = old[x - first];
+        for (int x = last; x < growth.to[0]; ++x) out[x] = outside;
+    }
+};
+
+template <class T>
+struct Copy {
+    const T* from;
+    T* to;
+    GB_FN void operator()(std::size_t i) const { to[i] = from[i]; }
+};
+template <class T>
+struct Set {
+    T* to;
+    T value;
+    GB_FN void operator()(std::size_t i) const { to[i] = value; }
+};
+
+}  // namespace globule::core::sweep

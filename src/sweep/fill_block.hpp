@@ -1,0 +1,164 @@
+// The holes of one block by a group of lanes, for the GPU: the occupied voxels around it are brought
+// together once, then the radius of each hole's cube is known without looking into the cubes one by one.
+//
+// A row of 12 voxels, the block's four and four on either side, is 12 bits.  Rows are joined over the
+// y and then the z that a cube spans; a cube of radius r holds something where the joined row meets 2 r + 1 bits.
+//
+// What it holds lies on its surface, where a distance belongs to voxels at (+-a, +-b, +-r) in any order, a <= b <= r:
+// integers are added up by distance before they are weighted.  Sums of floats depend on their order, which is that
+// of holes.hpp.
+#pragma once
+#include "sweep/holes.hpp"
+
+namespace globule::core::sweep {
+
+template <class T>
+struct FillBlock {
+    static constexpr int kReach = kBlock, kWide = 3 * kBlock;  ///< largest radius; voxels of a row
+
+    static constexpr int kSumBits = 24;  ///< of up to 48 values of 16 bits; their number lies above
+
+    FillVoxel<T> each;
+
+    struct Room {
+        std::uint64_t masks[27];
+        std::uint32_t slots[27];
+        std::uint16_t rows[kWide][kWide];             ///< [z][y]
+        std::uint16_t strips[kReach][kWide][kBlock];  ///< [radius - 1][z][y], joined over y
+        std::uint16_t cubes[kReach][kBlock][kBlock];  ///< and over z
+        std::uint32_t values[is_real<T> ? 1 : kWide * kWide * kWide];  ///< (z, y, x); of integers: 1 << kSumBits | value, or 0
+    };
+    template <class Group>
+    using Scratch = Room;
+
+    template <class Group>
+    GB_FN void operator()(Group& group, Room& s, std::size_t block) const {
+        const Bins<T>& bins = each.filler.bins;
+        const Grid& grid = bins.grid;
+        if (each.dirty && !each.dirty[block]) return;
+        const int b[3] = {int(block % grid.blocks[0]), int(block / grid.blocks[0] % grid.blocks[1]),
+                          int(block / grid.blocks[0] / grid.blocks[1])};
+        if (!each.near[block]) {
+            if (each.dirty) group.share(kVoxels, [&](int place) { each.one(b, block, place); });
+            return;
+        }
+        group.share(27, [&](int i) {
+            const int x = b[0] + i % 3 - 1, y = b[1] + i / 3 % 3 - 1, z = b[2] + i / 9 - 1;
+            const bool inside = grid.has_block(x, y, z);
+            const std::size_t at = inside ? grid.block(x, y, z) : block;
+            s.masks[i] = inside ? bins.masks[at] : 0;
+            s.slots[i] = bins.slots[at];
+        });
+        group.share(kWide * kWide, [&](int i) {
+            const int y = i % kWide, z = i / kWide, shift = (z & 3) << 4 | (y & 3) << 2;
+            const std::uint64_t* m = s.masks + (z / kBlock * 3 + y / kBlock) * 3;
+            s.rows[z][y] = std::uint16_t((m[0] >> shift & 15) | (m[1] >> shift & 15) << 4 | (m[2] >> shift & 15) << 8);
+        });
+        group.share(kWide * kBlock, [&](int i) {
+            const int y = i % kBlock + kBlock, z = i / kBlock;
+            std::uint16_t row = s.rows[z][y];
+            for (int r = 1; r <= kReach; ++r) s.strips[r - 1][z][y - kBlock] = row |= s.rows[z][y - r] | s.rows[z][y + r];
+        });
+        group.share(kBlock * kBlock * kReach, [&](int i) {
+            const int y = i % kBlock, z = i / kBlock % kBlock + kBlock, r = i / (kBlock * kBlock) + 1;
+            std::uint16_t row = 0;
+            for (int d = -r; d <= r; ++d) row |= s.strips[r - 1][z + d][y];
+            s.cubes[r - 1][z - kBlock][y] = row;
+        });
+        if constexpr (!is_real<T>)
+            group.share(27 * kVoxels, [&](int i) {
+                const int at = i / kVoxels, v = i % kVoxels;
+                std::uint32_t value = 0;
+                if (s.masks[at] >> v & 1) value = 1u << kSumBits | bins.values[std::size_t(s.slots[at]) * kVoxels + v];
+                const int x = at % 3 * kBlock + (v & 3), y = at / 3 % 3 * kBlock + (v >> 2 & 3), z = at / 9 * kBlock + (v >> 4);
+                s.values[(z * kWide + y) * kWide + x] = value;
+            });
+        group.share(kVoxels, [&](int place) { fill(s, b, block, place); });
+    }
+
+    GB_FN void fill(const Room& s, const int* b, std::size_t block, int place) const {
+        const HoleFiller<T>& filler = each.filler;
+        const Grid& grid = filler.bins.grid;
+        const int l[3] = {place & 3, place >> 2 & 3, place >> 4};
+        const int x = 4 * b[0] + l[0], y = 4 * b[1] + l[1], z = 4 * b[2] + l[2];
+        if (x >= grid.size[0] || y >= grid.size[1] || z >= grid.size[2]) return;
+        const std::size_t at = grid.voxel(x, y, z);
+        T value{};
+        std::uint8_t radius = kFar;
+        if (filler.bins.masks[block] >> place & 1) {
+            value = filler.bins.values[std::size_t(filler.bins.slots[block]) * kVoxels + place];
+            radius = 0;
+        } else {
+            int r = 1;
+            while (r <= filler.tables.cubes.reach && !(s.cubes[r - 1][l[2]][l[1]] >> (kBlock + l[0] - r) & ((2u << 2 * r) - 1))) ++r;
+            if (r <= filler.tables.cubes.reach) {
+                radius = std::uint8_t(r);
+                if constexpr (is_real<T>) {
+                    filler.weigh(l, value, [&](const auto& visit) { for_each_hit(s, l, r, visit); });
+                } else {
+                    const std::uint32_t* middle = s.values + ((l[2] + kBlock) * kWide + l[1] + kBlock) * kWide + l[0] + kBlock;
+                    if (r == 1) value = weighted<1>(middle);
+                    else if (r == 2) value = weighted<2>(middle);
+                    else if (r == 3) value = weighted<3>(middle);
+                    else value = weighted<4>(middle);
+                }
+            }
+        }
+        each.out.values[at] = value;
+        each.out.radius[at] = radius;
+    }
+    /// Values at (+-x, +-y, +-z).
+    GB_FN static std::uint32_t mirrored(const std::uint32_t* v, int x, int y, int z) {
+        std::uint32_t sum = 0;
+#pragma unroll
+        for (int signs = 0; signs < 8; ++signs) {
+            if ((signs & 1 && !x) || (signs & 2 && !y) || (signs & 4 && !z)) continue;
+            sum += v[((signs & 4 ? -z : z) * kWide + (signs & 2 ? -y : y)) * kWide + (signs & 1 ? -x : x)];
+        }
+        return sum;
+    }
+    template <int r>
+    GB_FN T weighted(const std::uint32_t* v) const {
+        constexpr int n = (r + 1) * (r + 2) / 2;
+        std::uint32_t sums[n];
+        int sigma2 = 0;
+#pragma unroll
+        for (int b = 0; b <= r; ++b)
+#pragma unroll
+            for (int a = 0; a <= b; ++a) {
+                std::uint32_t sum = mirrored(v, a, b, r);
+                if (b != r) sum += mirrored(v, a, r, b) + mirrored(v, r, a, b);
+                if (a != b) sum += mirrored(v, b, a, r) + (b != r ? mirrored(v, b, r, a) + mirrored(v, r, b, a) : mirrored(v, r, r, a));
+                sums[b * (b + 1) / 2 + a] = sum;
+                if (sum) sigma2 = max(sigma2, a * a + b * b + r * r);
+            }
+        const HoleTables& tables = each.filler.tables;
+        std::uint64_t total = 0, weight = 0, known = 0;
+#pragma unroll
+        for (int b = 0; b <= r; ++b)
+#pragma unroll
+            for (int a = 0; a <= b; ++a) {
+                const std::uint32_t sum = sums[b * (b + 1) / 2 + a];
+                if (!sum) continue;
+                const std::uint64_t w = tables.weight(sigma2, a * a + b * b + r * r);
+                total += w * (sum & ((1u << kSumBits) - 1));
+                weight += w * (sum >> kSumBits);
+                known += sum >> kSumBits;
+            }
+        return Sums<T>::quotient(total, tables.kind == HoleWeights::normalized ? weight : known << 24);
+    }
+    template <class Visit>
+    GB_FN void for_each_hit(const Room& s, const int* l, int r, const Visit& visit) const {
+        const CubeMasks& cubes = each.filler.tables.cubes;
+        const std::uint64_t *mx = cubes.of(0, r, l[0]), *my = cubes.of(1, r, l[1]), *mz = cubes.of(2, r, l[2]);
+        for (int dz = (l[2] - r) >> 2; dz <= (l[2] + r) >> 2; ++dz)
+            for (int dy = (l[1] - r) >> 2; dy <= (l[1] + r) >> 2; ++dy)
+                for (int dx = (l[0] - r) >> 2; dx <= (l[0] + r) >> 2; ++dx) {
+                    const int i = ((dz + 1) * 3 + dy + 1) * 3 + dx + 1;
+                    const std::uint64_t hits = s.masks[i] & mx[dx] & my[dy] & mz[dz];
+                    if (hits) visit(dx, dy, dz, s.slots[i], hits);
+                }
+    }
+};
+
+}  // namespace globule::core::sweep

@@ -1,0 +1,45 @@
+// The one implementation of Reconstructor, over any Exec.
+#pragma once
+#include "backends/backend.hpp"
+#include "sweep/grid.hpp"
+#include "sweep/plus.hpp"
+
+namespace globule::core {
+
+template <class Exec>
+class ReconstructorOf final : public Reconstructor {
+public:
+    template <class... Args>
+    explicit ReconstructorOf(Args&&... args) : exec_(std::forward<Args>(args)...), plus_(exec_) {}
+
+    void plus(PlusRequest& request) override {
+        plus_.run(request);
+        check_cancelled();
+    }
+
+    SweepGrid& grid(ScalarType type) override {
+        if (!grid_ || type != type_) {
+            grid_.reset();
+            type_ = type;
+            if (type == ScalarType::u8) grid_ = std::make_unique<GridOf<Exec, std::uint8_t>>(exec_);
+            else if (type == ScalarType::u16) grid_ = std::make_unique<GridOf<Exec, std::uint16_t>>(exec_);
+            else grid_ = std::make_unique<GridOf<Exec, float>>(exec_);
+        }
+        return *grid_;
+    }
+    std::uint64_t free_bytes() override { return exec_.free_bytes(); }
+
+private:
+    void check_cancelled() {
+        if (!exec_.cancelled()) return;
+        exec_.reset_cancelled();
+        throw Cancelled{};
+    }
+
+    Exec exec_;
+    PlusOf<Exec> plus_;
+    ScalarType type_{};
+    std::unique_ptr<SweepGrid> grid_;
+};
+
+}  // namespace globule::core

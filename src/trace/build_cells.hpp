@@ -1,0 +1,340 @@
+// The cells of trace/cells.hpp, from the octree: a group a brick gathers the particles that reach it
+// and bounds the field in each cell from their nearest and farthest points.
+#pragma once
+#include "exec/bits.hpp"
+#include "exec/buffer.hpp"
+#include "field/kernels.hpp"
+#include "trace/cells.hpp"
+#include "trace/gather.hpp"
+
+namespace globule::core {
+
+inline constexpr float kCloseBy = 0.2f;     ///< in supports: particles no farther away tell a full brick (docs/design/cells.md)
+inline constexpr float kCellEdge = 0.4f;  ///< in typical supports: fewest particles a ray (docs/design/cells.md)
+
+/// Grid over the octree's root box, which holds all supports.
+template <class Tree>
+struct PlanCells {
+    Tree tree;
+    CellGrid* grid;
+    GB_FN void operator()(std::size_t) const {
+        CellGrid g{};
+        if (!tree.empty()) {
+            const Node box = tree.node(0);
+            const float3 size = box.hi - box.lo;
+            g.edge = kCellEdge * tree.header->typical_support;
+            // Past this a cell would not move a ray on in float32.
+            g.edge = max(g.edge, 2e-6f * (length(box.lo) + length(box.hi)));
+            for (;; g.edge *= 1.25f) {
+                const float per = 1.0f / (g.edge * kBrick);
+                const float bricks = ceilf(size.x * per + 0.01f) * ceilf(size.y * per + 0.01f) * ceilf(size.z * per + 0.01f);
+                if (!(bricks <= float(kMaxBricks))) continue;
+                g.nx = int(ceilf(size.x * per + 0.01f));
+                g.ny = int(ceilf(size.y * per + 0.01f));
+                g.nz = int(ceilf(size.z * per + 0.01f));
+                break;
+            }
+            g.lo = box.lo;
+            g.per = 1.0f / g.edge;
+            g.scale = 1.0f / tree.header->typical_support;
+            g.n_bricks = std::uint32_t(g.nx) * g.ny * g.nz;
+        }
+        *grid = g;
+    }
+};
+
+/// Marks the bricks that a leaf's supports may reach, so that empty space costs no walk of the tree.
+template <class Tree>
+struct MarkBricks {
+    Tree tree;
+    std::size_t n_nodes;
+    const CellGrid* grid;
+    std::uint32_t* bricks;   ///< cleared
+    GB_FN void operator()(std::size_t i) const {
+        if (grid->n_bricks == 0 || !tree.holds(i)) return;
+        const Node node = tree.node(std::uint32_t(i));
+        if (!Node::is_leaf(node.meta) || Node::count(node.meta) == 0) return;
+        const float per = 1.0f / (grid->edge * kBrick);
+        const int x0 = place(node.lo.x - grid->lo.x, per, -1, grid->nx), x1 = place(node.hi.x - grid->lo.x, per, 1, grid->nx);
+        const int y0 = place(node.lo.y - grid->lo.y, per, -1, grid->ny), y1 = place(node.hi.y - grid->lo.y, per, 1, grid->ny);
+        const int z0 = place(node.lo.z - grid->lo.z, per, -1, grid->nz), z1 = place(node.hi.z - grid->lo.z, per, 1, grid->nz);
+        for (int z = z0; z <= z1; ++z)
+            for (int y = y0; y <= y1; ++y)
+                for (int x = x0; x <= x1; ++x) raise_flag(bricks + (std::size_t(z) * grid->ny + y) * grid->nx + x);
+    }
+
+private:
+    /// A brick's number along one axis, a little further on to `side`.
+    GB_FN static int place(float v, float per, int side, int n) {
+        return int(max(0.0f, min(floorf(v * per + 1e-3f * side), float(n - 1))));
+    }
+};
+
+template <class Lanes, class Tree, class Kernel, bool PerParticle>
+struct BuildCells {
+    template <class Group>
+    struct Scratch : TileScratch<Group, PerParticle> {
+        CellList cell[kBrickCells];  ///< n: particles that reach; first: state until lists have places
+    };
+    static constexpr int kStride = block_stride(PerParticle);
+
+    Tree tree;
+    SortedParticles particles;
+    Kernel kernel;
+    float tau;               ///< over the common weight unless PerParticle
+    CellGrid* grid;
+    std::uint32_t* bricks;
+    CellList* lists;
+    float* blocks;
+    std::uint32_t max_lists, max_blocks;
+
+    template <class Group>
+    GB_FN void operator()(Group& g, Scratch<Group>& scratch, std::size_t brick) const {
+        if (brick >= grid->n_bricks || bricks[brick] == kEmpty) return;  // not marked
+        g.sync();
+        const int bx = int(brick % grid->nx), by = int(brick / grid->nx % grid->ny), bz = int(brick / grid->nx / grid->ny);
+        const float span = kBrick * grid->edge;
+        const float3 lo{grid->lo.x + bx * span, grid->lo.y + by * span, grid->lo.z + bz * span};
+        if constexpr (!PerParticle) {
+            // Deep inside, the particles in the brick and close to it fill it.
+            const int n = collect(g, scratch, lo, span, kCloseBy);
+            if (n > 0 && classify(g, scratch, kBrick, n) == kFull) {
+                if (g.is_first()) bricks[brick] = kFull;
+                return;
+            }
+        }
+        std::uint32_t place = kUnlisted;
+        // Where more particles reach the brick than the scratch holds, by parts of it.
+        int size = kBrick;
+        for (int part = 0; part < cube(kBrick / size); ++part) {
+            const int per = kBrick / size;
+            const int px = part % per * size, py = part / per % per * size, pz = part / (per * per) * size;
+            const float3 corner{lo.x + px * grid->edge, lo.y + py * grid->edge, lo.z + pz * grid->edge};
+            const int n = collect(g, scratch, corner, size * grid->edge);
+            if (n < 0 && size > 1) {
+                size /= 2;
+                part = -1;
+                continue;
+            }
+            const std::uint32_t alike = n < 0 ? kUnlisted : classify(g, scratch, size, n);
+            if (size == kBrick && alike <= kFull) {
+                place = alike;
+                break;
+            }
+            if (place == kUnlisted) place = kListed + take(g, &grid->n_lists, 1);
+            if (place - kListed >= max_lists) {
+                place = kUnlisted;
+                break;
+            }
+            CellList* mine = lists + std::size_t(place - kListed) * kBrickCells;
+            for (int c = 0; c < cube(size); ++c) {
+                const int x = c % size, y = c / size % size, z = c / (size * size);
+                const int at = ((pz + z) * kBrick + py + y) * kBrick + px + x;
+                const CellList found = n < 0 ? CellList{kUnlisted, 0, 0, 0} : scratch.cell[c];
+                const CellList written = found.first == kListed ? list(g, scratch, size, c, n, found.n) : CellList{found.first, 0, 0, 0};
+                if (g.is_first()) mine[at] = written;
+            }
+        }
+        if (g.is_first()) bricks[brick] = place;
+    }
+
+private:
+    GB_FN static constexpr int cube(int v) { return v * v * v; }
+
+    /// One lane takes n from the counter; all lanes know where it begins.
+    template <class Group>
+    GB_FN static std::uint32_t take(Group& g, std::uint32_t* counter, std::uint32_t n) {
+        return g.from_first([&] { return atomic_take(counter, n); });
+    }
+
+    /// Particles whose support, or with `share` the inner part of it, meets the cube at `corner`, relative to its
+    /// middle, scaled; -1: too many.
+    template <class Group>
+    GB_FN int collect(Group& g, Scratch<Group>& scratch, const float3& corner, float edge, float share = 1.0f) const {
+        using F = typename Group::F;
+        using B = typename Group::B;
+        const float scale = 1.0f / tree.header->typical_support;
+        const F half(0.5f * edge);
+        const float3 at{corner.x + 0.5f * edge, corner.y + 0.5f * edge, corner.z + 0.5f * edge};
+        const float slack = 1e-4f * edge;
+        // Nodes' boxes hold whole supports.
+        const float more = slack - (PerParticle ? 0.0f : (1.0f - share) * particles.support.uniform);
+        const float3 lo = corner - float3{more, more, more}, hi = corner + float3{edge + more, edge + more, edge + more};
+        int n = 0;
+        bool full = false;
+        walk_tree(
+            g, scratch.stack, tree,
+            [&](const B& lanes, const Boxes<Group>& b) {
+                return lanes & (b.lo[0] <= F(hi.x)) & (b.hi[0] >= F(lo.x)) & (b.lo[1] <= F(hi.y)) & (b.hi[1] >= F(lo.y)) &
+                       (b.lo[2] <= F(hi.z)) & (b.hi[2] >= F(lo.z));
+            },
+            [&](const B& leaves, const Boxes<Group>& boxes) {
+                g.each(leaves, [&](int lane) {
+                    const std::uint32_t begin = Group::pick(boxes.first, lane);
+                    const std::uint32_t end = begin + Node::count(Group::pick(boxes.meta, lane));
+                    for (std::uint32_t j = begin; j < end && !full; j += Group::width) {
+                        if (n + Group::width > Group::list_capacity) {
+                            full = true;
+                            break;
+                        }
+                        const B present = g.first_lanes(int(min<std::uint32_t>(end - j, Group::width)));
+                        const F x = g.load_run(particles.x + j) - F(at.x);
+                        const F y = g.load_run(particles.y + j) - F(at.y);
+                        const F z = g.load_run(particles.z + j) - F(at.z);
+                        const F a = PerParticle && particles.support.data ? g.load_run(particles.support.data + j)
+                                                                          : F(particles.support.uniform);
+                        const F reach = (PerParticle ? a : a * F(share)) + F(slack);
+                        const F nx = max(abs(x) - half, F(0.0f)), ny = max(abs(y) - half, F(0.0f)),
+                                nz = max(abs(z) - half, F(0.0f));
+                        const B near = present & (a > F(0.0f)) & (nx * nx + ny * ny + nz * nz < reach * reach);
+                        n = g.append(near, n, [&](int k, int place) {
+                            scratch.list.set(place, {Group::get(x, k) * scale, Group::get(y, k) * scale,
+                                                     Group::get(z, k) * scale}, j + std::uint32_t(k));
+                            if constexpr (PerParticle) {
+                                const float support = Group::get(a, k) * scale;
+                                scratch.shape[place] = {1.0f / (support * support), particles.weight[j + k]};
+                            }
+                        });
+                    }
+                });
+                return !full;
+            });
+        g.sync();
+        return full ? -1 : n;
+    }
+
+    /// Bounds the field in each of size^3 cells.  Returns kEmpty or kFull where all are, else kListed.
+    template <class Group>
+    GB_FN std::uint32_t classify(Group& g, Scratch<Group>& scratch, int size, int n) const {
+        using F = typename Group::F;
+        using B = typename Group::B;
+        const float edge = grid->edge / tree.header->typical_support, half = 0.5f * edge;
+        const float margin = 1e-4f * (tau + 1.0f);
+        bool all_empty = true, all_full = true;
+        for (int first = 0; first < cube(size); first += Group::width) {
+            F cx(0.0f), cy(0.0f), cz(0.0f);
+            const B cells = g.first_lanes(min(cube(size) - first, int(Group::width)));
+            g.for_lanes([&](int lane) {
+                const int c = first + g.lane_number(lane);
+                Group::put(cx, lane, (float(c % size) + 0.5f - 0.5f * size) * edge);
+                Group::put(cy, lane, (float(c / size % size) + 0.5f - 0.5f * size) * edge);
+                Group::put(cz, lane, (float(c / (size * size)) + 0.5f - 0.5f * size) * edge);
+            });
+            F low(0.0f), high(0.0f), count(0.0f);
+            // Every eighth particle, eight times: cells deep inside are full long before the last.
+            for (int turn = 0; turn < 8; ++turn) {
+                for (int j = turn; j < n; j += 8) {
+                    const float3 q = scratch.list.point(j);
+                    const F near = bound(low, high, F(q.x) - cx, F(q.y) - cy, F(q.z) - cz, half, PerParticle ? scratch.shape[j].inverse_a2 : 1.0f,
+                                         PerParticle ? scratch.shape[j].weight : 1.0f, scratch.list.number(j));
+                    count += select(near < F(1.0002f), F(1.0f), F(0.0f));
+                }
+                if (!PerParticle && !g.any(cells & (low <= F(tau + margin)))) break;
+            }
+            const B empty = cells & (high < F(tau - margin)), full = cells & (low > F(tau + margin));
+            g.per_lane(cells, [&](int lane) {
+                const std::uint32_t state = Group::get(empty, lane) ? kEmpty : Group::get(full, lane) ? kFull : kListed;
+                scratch.cell[first + g.lane_number(lane)] = {state, std::uint32_t(Group::get(count, lane)), 0, 0};
+            });
+            all_empty = all_empty && !g.any(cells & !empty);
+            all_full = all_full && !g.any(cells & !full);
+        }
+        g.sync();
+        return all_empty ? kEmpty : all_full ? kFull : kListed;
+    }
+
+    /// Writes cell c's particles to blocks of their own.
+    template <class Group>
+    GB_FN CellList list(Group& g, Scratch<Group>& scratch, int size, int c, int n, std::uint32_t wanted) const {
+        using F = typename Group::F;
+        using B = typename Group::B;
+        constexpr int W = Lanes::width;
+        const std::uint32_t n_blocks = ceil_div<std::uint32_t>(wanted, W * Lanes::list_unit) * Lanes::list_unit;
+        const std::uint32_t first = take(g, &grid->n_blocks, n_blocks);
+        if (first + n_blocks > max_blocks || wanted == 0) return {kUnlisted, 0, 0, 0};
+        float* to = blocks + std::size_t(first) * (W * kStride);
+        const float edge = grid->edge / tree.header->typical_support, half = 0.5f * edge;
+        const float3 at{(float(c % size) + 0.5f - 0.5f * size) * edge, (float(c / size % size) + 0.5f - 0.5f * size) * edge,
+                        (float(c / (size * size)) + 0.5f - 0.5f * size) * edge};
+        int filled = 0;
+        for (int j = 0; j < n; j += Group::width) {
+            const Vec3<F> q = scratch.list.points(g, j);
+            const F x = q.x - F(at.x), y = q.y - F(at.y), z = q.z - F(at.z);
+            const F nx = max(abs(x) - F(half), F(0.0f)), ny = max(abs(y) - F(half), F(0.0f)),
+                    nz = max(abs(z) - F(half), F(0.0f));
+            const F i2 = PerParticle ? g.map([&](int k) { return j + k < n ? scratch.shape[j + k].inverse_a2 : 0.0f; }) : F(1.0f);
+            F least_x = (nx * nx + ny * ny + nz * nz) * i2;
+            if constexpr (Kernel::stretched) {
+                F m[6], most_x;
+                for (int c = 0; c < 6; ++c) m[c] = g.map([&](int k) { return j + k < n ? kernel.component(scratch.list.number(j + k), c) : 0.0f; });
+                range_in_cube(Sym3<F>{m[0], m[1], m[2], m[3], m[4], m[5]}, Vec3<F>{x, y, z}, half, least_x, most_x);
+            }
+            const B near = g.first_lanes(min(n - j, int(Group::width))) & (least_x < F(1.0002f));
+            filled = g.append(near, filled, [&](int k, int place) {
+                if (place >= int(n_blocks) * W) return;  // rounding: it only just does not reach
+                float* block = to + std::size_t(place / W) * (W * kStride) + place % W;
+                const int from = j + g.lane_number(k);
+                Lanes::store(block, Group::get(x, k), Group::get(y, k), Group::get(z, k), scratch.list.number(from));
+                if constexpr (PerParticle) {
+                    block[4 * W] = scratch.shape[from].inverse_a2;
+                    block[5 * W] = scratch.shape[from].weight;
+                }
+            });
+        }
+        filled = min(filled, int(n_blocks) * W);
+        // The last blocks are filled up with particles that reach nothing.
+        for (int place = filled; place % (W * Lanes::list_unit); ++place) {
+            float* block = to + std::size_t(place / W) * (W * kStride) + place % W;
+            Lanes::store(block, 64.0f, 64.0f, 64.0f, 0);
+            if constexpr (PerParticle) {
+                block[4 * W] = 1.0f;
+                block[5 * W] = 0.0f;
+            }
+        }
+        if (filled == 0) return {kEmpty, 0, 0, 0};
+        CellList made{first, std::uint32_t(filled), 0, 0};
+        octants(g, to, edge, made);
+        return made;
+    }
+
+    /// Bounds the field in the octants of a listed cell.
+    template <class Group>
+    GB_FN void octants(Group& g, const float* of, float edge, CellList& made) const {
+        using F = typename Group::F;
+        constexpr int W = Lanes::width;
+        const float quarter = 0.25f * edge, margin = 1e-4f * (tau + 1.0f);
+        g.sync();
+        for (int first = 0; first < 8; first += Group::width) {
+            const F cx = g.map([&](int lane) { return (first + lane) & 1 ? quarter : -quarter; });
+            const F cy = g.map([&](int lane) { return (first + lane) & 2 ? quarter : -quarter; });
+            const F cz = g.map([&](int lane) { return (first + lane) & 4 ? quarter : -quarter; });
+            F low(0.0f), high(0.0f);
+            for (int j = 0; j < int(made.n); ++j) {
+                const float* block = of + std::size_t(j / W) * (W * kStride);
+                const float* p = block + j % W;
+                bound(low, high, F(p[0]) - cx, F(p[W]) - cy, F(p[2 * W]) - cz, quarter, PerParticle ? p[4 * W] : 1.0f,
+                      PerParticle ? p[5 * W] : 1.0f, Lanes::slot(block, j % W));
+            }
+            const typename Group::B eight = g.first_lanes(8 - first);
+            made.empty |= g.set_of(eight & (high < F(tau - margin))) << first;
+            made.full |= g.set_of(eight & (low > F(tau + margin))) << first;
+        }
+    }
+
+    /// Adds one particle's bounds over cubes, it being (x, y, z) away from their centres; returns how near they come, in supports squared.
+    template <class F>
+    GB_FN F bound(F& low, F& high, const F& x, const F& y, const F& z, float half, float i2, float c, std::uint32_t slot) const {
+        const F dx = abs(x), dy = abs(y), dz = abs(z);
+        const F nx = max(dx - F(half), F(0.0f)), ny = max(dy - F(half), F(0.0f)), nz = max(dz - F(half), F(0.0f));
+        const F fx = dx + F(half), fy = dy + F(half), fz = dz + F(half);
+        F near = (nx * nx + ny * ny + nz * nz) * F(i2), far = (fx * fx + fy * fy + fz * fz) * F(i2);
+        if constexpr (Kernel::stretched) range_in_cube(kernel.template matrix<F>(slot), {x, y, z}, half, near, far);
+        F most_b, least_b;
+        kernel.range(min(near, F(1.0f)), min(far, F(1.0f)), least_b, most_b);
+        low += F(c) * (c > 0.0f ? least_b : most_b);
+        high += F(c) * (c > 0.0f ? most_b : least_b);
+        return near;
+    }
+};
+
+}  // namespace globule::core

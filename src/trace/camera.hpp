@@ -1,0 +1,80 @@
+// Where rays come from: a camera's pixel centres, or arrays.
+#pragma once
+#include "trace/random.hpp"
+
+namespace globule::core {
+
+/// Pinhole (fov > 0) or orthographic.  Row 0 is the top of the image; the centre of pixel (0, 0) is
+/// half a pixel inside the top left corner.
+struct CameraRays {
+    float3 eye;
+    float3 forward, right, up;  ///< right and up span the image plane at distance 1: half its size
+    int width, height;
+    bool orthographic;
+
+    template <class F>
+    GB_FN void operator()(F column, F row, Vec3<F>& o, Vec3<F>& d) const {
+        const F sx = (column + F(0.5f)) * F(2.0f / float(width)) - F(1.0f);
+        const F sy = F(1.0f) - (row + F(0.5f)) * F(2.0f / float(height));
+        const Vec3<F> across{F(right.x) * sx + F(up.x) * sy, F(right.y) * sx + F(up.y) * sy,
+                             F(right.z) * sx + F(up.z) * sy};
+        const Vec3<F> ahead{F(forward.x), F(forward.y), F(forward.z)};
+        const Vec3<F> at{F(eye.x), F(eye.y), F(eye.z)};
+        o = orthographic ? at + across : at;
+        d = orthographic ? ahead : normalize(ahead + across);
+    }
+};
+
+/// The rays of one trace: from `camera`, or (n, 3) origins and unit directions.
+struct RaySource {
+    CameraRays camera;
+    const float* origins = nullptr;
+    const float* directions = nullptr;
+    std::size_t n = 0;  ///< rays, or pixels
+    std::uint32_t first_row = 0;  ///< of the camera's picture; ray 0 is its first pixel
+    std::uint32_t pass = 0;       ///< 0: through the pixels' centres; else anywhere in the pixel
+
+    /// Work items: the pixels in Morton order within squares of 64, so that neighbours in memory, and
+    /// the rays that they send on, see the same places.
+    GB_FN std::size_t n_items() const {
+        return origins ? n : std::size_t(ceil_div(camera.width, 64)) * ceil_div(rows(), 64) * 4096;
+    }
+    /// The ray of work item k; n: none.
+    GB_FN std::size_t swizzled(std::size_t k) const {
+        if (origins) return k;
+        const std::uint32_t square = std::uint32_t(k / 4096), in = std::uint32_t(k % 4096), across = ceil_div(camera.width, 64);
+        const std::uint32_t x = square % across * 64 + every_other(in), y = square / across * 64 + every_other(in >> 1);
+        return x < std::uint32_t(camera.width) ? min(std::size_t(y) * camera.width + x, n) : n;
+    }
+    /// Bits 0, 2, 4 … of 12, side by side.
+    GB_FN static std::uint32_t every_other(std::uint32_t v) {
+        v &= 0x555;
+        v = (v | v >> 1) & 0x333;
+        v = (v | v >> 2) & 0x70f;
+        return (v | v >> 4) & 0x3f;
+    }
+    GB_FN int rows() const { return int(n / std::size_t(camera.width)); }
+    /// Where ray i passes through the picture.
+    GB_FN void on_picture(std::size_t i, float& column, float& row) const {
+        const std::uint32_t width = std::uint32_t(camera.width), pixel = std::uint32_t(i) + first_row * width;
+        column = float(pixel % width);
+        row = float(pixel / width);
+        if (!pass) return;
+        const Pair at = sample(pixel, 0, pass);
+        column += at.u - 0.5f;
+        row += at.v - 0.5f;
+    }
+
+    GB_FN void get(std::size_t i, float3& o, float3& d) const {
+        if (origins) {
+            o = {origins[3 * i], origins[3 * i + 1], origins[3 * i + 2]};
+            d = {directions[3 * i], directions[3 * i + 1], directions[3 * i + 2]};
+        } else {
+            float column, row;
+            on_picture(i, column, row);
+            camera(column, row, o, d);
+        }
+    }
+};
+
+}  // namespace globule::core

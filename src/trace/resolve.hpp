@@ -1,0 +1,233 @@
+// The last word on rays that float32 could not decide: those that graze the surface within 1e-5 of
+// the threshold, and those in places where more supports overlap than a list holds.  A whole group
+// works on one such ray at a time, its lanes sharing out the candidates, all sums in float64.  Passing
+// over all rays, it also clears the images where nothing was hit.
+#pragma once
+#include "trace/clip.hpp"
+#include "trace/tile.hpp"
+
+namespace globule::core {
+
+/// The list's particles in float64 and world units, shared out among the lanes.
+template <bool PerParticle, class Group>
+struct SharedListSource {
+    Group& g;
+    const TileScratch<Group, PerParticle>& scratch;
+    int n;
+    const SortedParticles& particles;
+    AnyKernel kernel;
+    Vec3<double> o, d;
+    GB_FN bool any(bool active) const { return active; }
+    template <bool Bounds>
+    GB_FN Along<double> at(double t, const Limits<double>& lim, bool = true) const {
+        Along<double> sum{0, 0, 0, 0};
+        const Vec3<double> p = o + d * t;
+        g.share(n, [&](int j) { add_exact<Bounds>(sum, particles, kernel, scratch.list.number(j), p, d, lim); });
+        sum = {g.total(sum.f), 2 * g.total(sum.slope), Bounds ? g.total(sum.rise) : 0, Bounds ? g.total(sum.fall) : 0};
+        return sum;
+    }
+};
+
+/// Straight from the tree: where even the thinnest slab holds more than a list can.
+template <class Tree, class Group>
+struct TreeSource {
+    Group& g;
+    const Tree& tree;
+    const SortedParticles& particles;
+    AnyKernel kernel;
+    Vec3<double> o, d;
+    GB_FN bool any(bool active) const { return active; }
+    template <bool Bounds>
+    GB_FN Along<double> at(double t, const Limits<double>& lim, bool = true) const {
+        Along<double> sum{0, 0, 0, 0};
+        const Vec3<double> p = o + d * t, q = p + d * (Bounds ? lim.window : 0.0);
+        const float3 lo{float(min(p.x, q.x)), float(min(p.y, q.y)), float(min(p.z, q.z))};
+        const float3 hi{float(max(p.x, q.x)), float(max(p.y, q.y)), float(max(p.z, q.z))};
+        for_each_leaf(tree, lo, hi, [&](std::uint32_t first, std::uint32_t count) {
+            g.share(count, [&](int j) { add_exact<Bounds>(sum, particles, kernel, first + j, p, d, lim); });
+        });
+        sum = {g.total(sum.f), 2 * g.total(sum.slope), Bounds ? g.total(sum.rise) : 0, Bounds ? g.total(sum.fall) : 0};
+        return sum;
+    }
+};
+
+template <class Tree, bool PerParticle>
+struct ResolveRays {
+    template <class Group>
+    using Scratch = TileScratch<Group, PerParticle>;
+
+    Tree tree;
+    SortedParticles particles;
+    AnyKernel kernel;
+    float tau;
+    const float* color;
+    float3 one_color;
+    RaySource rays;
+    Hits out;                          ///< normal null: distances alone
+    Clips clips{};
+    std::int8_t* sign = nullptr;       ///< +1 or -1: the side where each ray is at its undecided t; 0 or null: to be found
+    std::int32_t* cap = nullptr;       ///< with clips: where a cut face is met, its clip
+
+    template <class Group>
+    std::size_t n_tiles() const { return ceil_div<std::size_t>(rays.n, Group::width); }
+
+    template <class Group>
+    GB_FN void operator()(Group& g, Scratch<Group>& scratch, std::size_t tile) const {
+        typename Group::B open = g.none();
+        g.per_lane(g.first_lanes(Group::width), [&](int lane) {
+            const std::size_t i = tile * Group::width + lane;
+            if (i >= rays.n) return;
+            Group::put(open, lane, out.t[i] < 0.0f);
+            if (out.t[i] < infinity() || !out.normal) return;
+            write3(out.normal, i, {0, 0, 0});
+            write3(out.albedo, i, {0, 0, 0});
+        });
+        g.each(open, [&](int lane) { resolve(g, scratch, tile * Group::width + lane); });
+    }
+
+    template <class Group>
+    GB_FN void resolve(Group& g, Scratch<Group>& scratch, std::size_t i) const {
+        float3 o, d;
+        rays.get(i, o, d);
+        int n = 0;
+        const double t = solve_kept(g, scratch, o, d, i, n);
+        g.sync();
+        if (!out.normal) {
+            if (g.is_first()) out.t[i] = float(t);
+            return;
+        }
+        const Vec3<double> p{o.x + t * d.x, o.y + t * d.y, o.z + t * d.z};
+        const bool hit = t < infinity();
+        double s[7] = {};  // gradient, colour, influence
+        if (hit && n > 0)
+            g.share(n, [&](int j) { influence(s, scratch.list.number(j), p); });
+        else if (hit)
+            for_each_leaf(tree, point(p), point(p), [&](std::uint32_t first, std::uint32_t count) {
+                g.share(count, [&](int j) { influence(s, first + j, p); });
+            });
+        for (double& v : s) v = g.total(v);
+        if (!g.is_first()) return;  // one lane writes
+        out.t[i] = float(t);
+        if (!hit) {
+            write3(out.normal, i, {0, 0, 0});
+            write3(out.albedo, i, {0, 0, 0});
+            return;
+        }
+        const Vec3<double> normal = normalize(Vec3<double>{s[0], s[1], s[2]});
+        write3(out.normal, i, point(normal * -1.0));
+        write3(out.albedo, i, color ? point(Vec3<double>{s[3], s[4], s[5]} * (1.0 / max(s[6], 1e-30))) : one_color);
+    }
+
+    GB_FN static float3 point(const Vec3<double>& p) { return {float(p.x), float(p.y), float(p.z)}; }
+
+    /// Adds one particle's share of the gradient and the blended colour at p.
+    GB_FN void influence(double* s, std::uint32_t slot, const Vec3<double>& p) const {
+        const Vec3<double> v{p.x - particles.x[slot], p.y - particles.y[slot], p.z - particles.z[slot]};
+        const double x = particles.x_at(slot, v);
+        if (!(x < 1.0)) return;
+        double b, slope;
+        kernel(x, b, slope);
+        const double c = particles.weight[slot], w = max(c * b, 0.0);
+        const Vec3<double> pull = particles.half_gradient(slot, v) * (c * slope);
+        s[0] += pull.x;
+        s[1] += pull.y;
+        s[2] += pull.z;
+        s[6] += w;
+        if (!color) return;
+        const float* own = color + std::size_t(3) * particles.index[slot];
+        for (int k = 0; k < 3; ++k) s[3 + k] += w * own[k];
+    }
+
+    /// First root or cut face of ray i, from where it is undecided, through what the clips keep.
+    template <class Group>
+    GB_FN double solve_kept(Group& g, Scratch<Group>& scratch, const float3& o, const float3& d, std::size_t i, int& n) const {
+        double side = sign ? double(sign[i]) : 0.0;
+        float from = undecided(out.t[i]), begin, end;
+        int at_begin, at_end;
+        g.sync();  // all have read t
+        const TreeSource<Tree, Group> straight{g, tree, particles, kernel, {o.x, o.y, o.z}, {d.x, d.y, d.z}};
+        if (sign && side == 0.0) {
+            side = straight.template at<false>(from, {}).f > tau ? -1.0 : 1.0;
+            if (g.is_first()) sign[i] = std::int8_t(side);
+        }
+        if (clips.n == 0) return solve(g, scratch, o, d, from, infinity(), side, n);
+        for (bool first = true; clips.next(o, d, from, begin, end, at_begin, at_end); first = false) {
+            if (!first && begin > from) {
+                if (straight.template at<false>(begin, {}).f > tau) {
+                    if (g.is_first()) cap[i] = at_begin;
+                    return begin;
+                }
+                side = 1.0;
+            }
+            const double t = solve(g, scratch, o, d, begin, end, side, n);
+            if (t < end) return t;
+            n = 0;
+            if (side < 0.0 && end < infinity()) {
+                if (g.is_first()) cap[i] = at_end;
+                return end;
+            }
+            from = end;
+            if (!(from < infinity())) break;
+        }
+        return infinity();
+    }
+
+    /// First root in [from, to), or infinity; side: +1 outside there, -1 inside, 0 to be found; n: candidates in the list that found it, 0 if none did.
+    template <class Group>
+    GB_FN double solve(Group& g, Scratch<Group>& scratch, const float3& o, const float3& d, double from, double to,
+                       double side, int& n) const {
+        const float typical = tree.header->typical_support, scale = 1.0f / typical;
+        const Vec3<double> o2{o.x, o.y, o.z}, d2{d.x, d.y, d.z};
+        const TreeSource<Tree, Group> straight{g, tree, particles, kernel, o2, d2};
+        const double size = double(tau) + tree.header->most_weight;
+        Limits<double> lim{tau, kWindow * typical, 1e-13 * size, 1e-12 * typical, 1.0};
+        const Node box = tree.node(0);
+        if (side != 0.0) lim.sign = side;
+        else if (morton::is_inside(o, box.lo, box.hi) && straight.template at<false>(0.0, lim).f > tau) lim.sign = -1.0;
+        const Bundle ray = bundle_of(o, d, 0.0f, 0.0f);
+        float z = float(from), dz = typical;
+        while (z < to) {
+            dz = max(dz, least_advance(z));
+            const float3 at{o.x + z * d.x, o.y + z * d.y, o.z + z * d.z};
+            Walk<PerParticle, Group, Tree> walk(g, scratch, tree, particles, ray, z, at);
+            const Gathered found = gather(walk, dz, scale);
+            if (found.n < 0 && dz > max(typical * (1.0f / 64.0f), 2.0f * least_advance(z))) {
+                dz *= 0.5f;
+                continue;
+            }
+            if (found.n == 0) {
+                z = found.next;
+                dz = typical;
+                continue;
+            }
+            const float smallest = found.n > 0 ? typical / found.sharpest : typical;
+            if (dz > max(kMaxWindows * smallest, least_advance(z))) {
+                dz = 0.5f * kMaxWindows * smallest;
+                continue;
+            }
+            lim.window = kWindow * smallest;
+            lim.least_step = 1e-12 * smallest;
+            double t = max(from, double(z));
+            bool hit;
+            if (found.n > 0)
+                hit = search(SharedListSource<PerParticle, Group>{g, scratch, found.n, particles, kernel, o2, d2}, lim, t, z + dz);
+            else
+                hit = search(straight, lim, t, z + dz);
+            n = max(found.n, 0);
+            if (hit) return t < to ? t : infinity();
+            z += dz;
+            dz = min(max(typical, smallest), 2.0f * dz);
+        }
+        return infinity();
+    }
+
+    /// A root between t and end; a place where f comes within rounding of the threshold counts as one.
+    template <class Source>
+    GB_FN bool search(const Source& source, const Limits<double>& lim, double& t, double end) const {
+        bool hit = false, unsure = false;
+        march(source, lim, end, true, t, hit, unsure);
+        return hit || (unsure && abs(source.template at<false>(t, lim).f - lim.tau) < 1e4 * lim.error);
+    }
+};
+
+}  // namespace globule::core
