@@ -7,35 +7,56 @@
 #include <cstdint>
 #include <tuple>
 
-#include "backends/backend.hpp"
+#include "api/guard.hpp"
 
 namespace globule::core {
+
+namespace nb = nanobind;
 
 using Address = std::uintptr_t;
 template <class T>
 T* at(Address a) { return reinterpret_cast<T*>(a); }
 
-/// (address, is it device memory); address 0 stands for an absent array.
-using Array = std::tuple<Address, bool>;
+/// (address, device, stream) as in base/device.hpp; address 0 stands for an absent array.
+using Array = std::tuple<Address, int, std::uintptr_t>;
+template <class T = const float>
+ArrayAt<T> array(const Array& a) { return {at<T>(std::get<0>(a)), std::get<1>(a), std::get<2>(a)}; }
 
 template <class T>
-T item(const nanobind::dict& d, const char* name) { return nanobind::cast<T>(d[name]); }
+T item(const nb::dict& d, const char* name) { return nb::cast<T>(d[name]); }
 
 /// Ctrl-C during long work: true once Python has a pending signal's exception.
 inline bool poll_signals() {
-    nanobind::gil_scoped_acquire gil;
+    nb::gil_scoped_acquire gil;
     return PyErr_CheckSignals() != 0;
 }
 
-/// Runs without the GIL; a cancelled call leaves Python's own exception set.
+/// As the Python exception of its kind.
+[[noreturn]] inline void raise(const Error& e) {
+    if (e.code() == ErrorCode::cancelled && PyErr_Occurred()) throw nb::python_error();
+    PyObject* kind = e.code() == ErrorCode::invalid     ? PyExc_ValueError
+                     : e.code() == ErrorCode::memory    ? PyExc_MemoryError
+                     : e.code() == ErrorCode::cancelled ? PyExc_KeyboardInterrupt
+                                                        : PyExc_RuntimeError;
+    PyErr_SetString(kind, e.what());
+    throw nb::python_error();
+}
+
+/// Runs without the GIL.
 template <class Fn>
 decltype(auto) work(const Fn& fn) {
     try {
-        nanobind::gil_scoped_release release;
+        nb::gil_scoped_release release;
         return fn();
-    } catch (const Cancelled&) {
-        throw nanobind::python_error();
+    } catch (const Error& e) {
+        raise(e);
     }
+}
+
+/// Calls an entry of a handle without the GIL.
+template <auto Method, class O, class... A>
+auto call(const Handle<O>& object, const A&... arguments) {
+    return work([&] { return object.template call<Method>(arguments...); });
 }
 
 }  // namespace globule::core

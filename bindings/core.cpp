@@ -10,13 +10,37 @@
 #include "backends/open.hpp"
 #include "oracle/field.hpp"
 #include "picture.hpp"
-#include "scene_handle.hpp"
 
 using namespace globule::core;
 
 namespace {
 
-FloatArray floats(const Array& a) { return {at<const float>(std::get<0>(a)), std::get<1>(a)}; }
+struct PyFrame {
+    Handle<Frame> core;
+};
+struct PyScene {
+    Handle<Scene> core;
+};
+
+/// Reads an image of (pixels, channels) items.
+template <Image image, class T>
+auto read_image() {
+    return [](PyFrame& f, Address out) { work([&] { f.core.read<&Frame::read>(image, ArrayAt<void>{at<void>(out)}); }); };
+}
+
+/// What a question takes of the field.
+FieldRequest field_of(int kernel, float threshold = 0.0f) { return {KernelName(kernel), threshold, {}}; }
+
+ThesisRequest thesis(const nb::tuple& t) {
+    const auto [root, step, n_thresholds, ghosts, face_rule, exterior, refine, averaged_normals, count] =
+        nb::cast<std::tuple<int, float, int, bool, bool, bool, bool, bool, bool>>(t);
+    return {ThesisRoot(root), step, n_thresholds, ghosts, face_rule, exterior, refine, averaged_normals, count};
+}
+FieldRequest field_of(int kernel, float threshold, const nb::object& traced_like) {
+    FieldRequest field = field_of(kernel, threshold);
+    if (!traced_like.is_none()) field.thesis = thesis(nb::cast<nb::tuple>(traced_like));
+    return field;
+}
 
 CameraRays camera(const std::vector<float>& v, int width, int height, bool orthographic) {
     auto part = [&](int i) { return float3{v.at(3 * i), v.at(3 * i + 1), v.at(3 * i + 2)}; };

@@ -1,6 +1,7 @@
-// What a compiled backend offers to the bindings.  Each backend (one CPU library per SIMD level, one
+// What a compiled backend offers.  Each backend (one CPU library per SIMD level, one
 // CUDA library) is a shared library of its own, opened when asked for: code compiled for AVX-512
 // never mixes with the baseline's, and a machine without an NVIDIA driver never loads CUDA.
+// Methods may throw; they are called through the entries at the end of this file, which do not.
 #pragma once
 #include <cstdint>
 #include <memory>
@@ -8,22 +9,21 @@
 #include <string>
 #include <vector>
 
+#include "backends/entry.hpp"
+#include "backends/object.hpp"
+#include "backends/reconstructor.hpp"
+#include "backends/scene_access.hpp"
+#include "backends/simulation.hpp"
+#include "backends/tissue.hpp"
+#include "base/device.hpp"
 #include "field/kernels.hpp"
 #include "octree/types.hpp"
 #include "trace/camera.hpp"
 #include "trace/clip.hpp"
 #include "trace/thesis/request.hpp"
 #include "trace/wave.hpp"
-#include "backends/reconstructor.hpp"
-#include "backends/scene_access.hpp"
 
 namespace globule::core {
-
-/// Floats in host memory, or in the backend's device memory.
-struct FloatArray {
-    const float* data = nullptr;
-    bool on_device = false;
-};
 
 struct SceneArrays {
     std::size_t n = 0;
@@ -41,6 +41,8 @@ struct TreeRequest {
     int key_bits = 32, depth = 10;
     bool dense = false, fixed_space = false;
     float3 lo{0, 0, 0}, hi{0, 0, 0};
+    // Of all particles, where this scene is one piece of several; 0: of its own.
+    float typical_support = 0.0f, most_weight = 0.0f;
 };
 
 struct TreeFacts {
@@ -53,24 +55,22 @@ struct TreeFacts {
 struct FieldRequest {
     KernelName kernel;
     float threshold;
+    std::optional<ThesisRequest> thesis;  ///< traced the thesis's way (dense octree only); none: exactly
 };
 
-/// A finished picture in the backend's memory; taken out piece by piece.
-struct Frame {
-    virtual ~Frame() = default;
-    virtual void depth(float* out) = 0;              // (h, w)
-    virtual void normal(float* out) = 0;             // (h, w, 3)
-    virtual void albedo(float* out) = 0;
-    virtual void color(float* out) = 0;
-    virtual void position(float* out) = 0;
-    virtual void picture(std::uint8_t* out) = 0;     // (h, w, 3)
-    virtual void layer(std::uint8_t* out) = 0;       // (h, w): of what is hit; other than a layer's number: the ground
+/// The images of a frame: (h, w) floats, (h, w, 3) floats or bytes, (h, w) bytes.
+enum class Image : int { depth, normal, albedo, color, position, picture, layer };
+
+/// A finished picture in the backend's memory.  It never changes, and may be read by several threads at once.
+struct Frame : Object {
+    /// out: host memory, or of this device (complete in the order of its stream).
+    /// layer: of what is hit; other than a layer's number: the ground.
+    virtual void read(Image image, const ArrayAt<void>& out) = 0;
     virtual double trace_seconds() = 0;
     virtual int passes() = 0;
 };
 
 struct Scene;
-struct Tissue;
 
 /// One scene of a picture.
 struct LayerRequest {
@@ -88,47 +88,83 @@ struct PictureRequest {
     int passes = 1;
 };
 
-struct Neighbors {
-    std::vector<std::uint64_t> offsets;
-    std::vector<std::uint32_t> indices;
-};
-
-struct Scene {
-    virtual ~Scene() = default;
+struct Scene : Object {
     virtual void build(const SceneArrays& arrays, const TreeRequest& request) = 0;
     virtual TreeFacts facts(bool with_hashes) = 0;
     virtual float spacing() = 0;  // of the particles built last; 0 where there are too few
     virtual void sorted(std::uint64_t* keys, std::uint32_t* index) = 0;
-    /// The picture; passes are added to those of `before`, a frame of the same size, if given.
-    virtual std::shared_ptr<Frame> render(const PictureRequest& request, std::shared_ptr<Frame> before) = 0;
-    virtual void intersect(const FieldRequest& field, std::size_t n, FloatArray origins, FloatArray directions,
+    /// The picture; passes are added to those of `before`, a frame of the same size, if given, which stays as it is.
+    virtual std::shared_ptr<Frame> render(const PictureRequest& request, const std::shared_ptr<Frame>& before) = 0;
+    virtual void intersect(const FieldRequest& field, std::size_t n, const FloatArray& origins, const FloatArray& directions,
                            float* t, float* normal, float* albedo) = 0;
-    virtual void evaluate(const FieldRequest& field, std::size_t n, FloatArray points, float* value, float* gradient) = 0;
-    virtual void blend(const FieldRequest& field, std::size_t n, FloatArray points, FloatArray values, int channels, float* out) = 0;
-    virtual Neighbors neighbors(std::size_t n, FloatArray points, float radius) = 0;
+    virtual void evaluate(const FieldRequest& field, std::size_t n, const FloatArray& points, float* value, float* gradient) = 0;
+    /// values: (n_rows, channels), a row a particle.
+    virtual void blend(const FieldRequest& field, std::size_t n, const FloatArray& points, const FloatArray& values, std::size_t n_rows,
+                       int channels, float* out) = 0;
+    virtual Neighbors neighbors(std::size_t n, const FloatArray& points, float radius) = 0;
     virtual void synchronize() = 0;
-    /// How the rays that follow are traced: the thesis's way (dense octree only), or ours.
-    virtual void trace_like(const std::optional<ThesisRequest>& thesis) = 0;
     /// For a simulation that works on this scene's octree.
     virtual SceneAccess share() = 0;
     /// Of the n rays traced last, by a request that counts.
     virtual void thesis_work(std::size_t n, ThesisWork* out) = 0;
 };
 
-/// Polled during long work; true asks to stop (then the call throws Cancelled).
-using Poll = bool (*)();
-struct Cancelled {};
-
-struct Simulation;
+using SceneEntries = EntryTable<&Scene::build, &Scene::facts, &Scene::spacing, &Scene::sorted, &Scene::render, &Scene::intersect, &Scene::evaluate,
+                                &Scene::blend, &Scene::neighbors, &Scene::synchronize, &Scene::thesis_work>;
+using FrameEntries = EntryTable<&Frame::read, &Frame::trace_seconds, &Frame::passes>;
 
 /// Exported by every backend library as "globule_backend".
 struct BackendApi {
-    std::unique_ptr<Scene> (*make_scene)(int device_index, int threads, Poll poll);
+    std::uint64_t abi;  ///< first, so that a library of any version can be asked
+    Status (*make_scene)(int device, int threads, Poll poll, std::shared_ptr<Scene>* out) noexcept;
     /// One line naming the device, or why it cannot be used (then ok is false).
-    std::string (*describe)(int device_index, bool& ok);
-    std::unique_ptr<Reconstructor> (*make_reconstructor)(int device_index, int threads, Poll poll);
-    std::unique_ptr<Simulation> (*make_simulation)(std::shared_ptr<Scene> scene);
-    std::unique_ptr<Tissue> (*make_tissue)(int device_index, int threads, Poll poll);
+    Status (*describe)(int device, bool* ok, std::string* out) noexcept;
+    Status (*make_reconstructor)(int device, int threads, Poll poll, std::shared_ptr<Reconstructor>* out) noexcept;
+    Status (*make_simulation)(const std::shared_ptr<Scene>& scene, std::shared_ptr<Simulation>* out) noexcept;
+    Status (*make_tissue)(int device, int threads, Poll poll, std::shared_ptr<Tissue>* out) noexcept;
+    /// Whose memory an address is: a GPU's number, or kHost.
+    Status (*locate)(const void* address, int* device) noexcept;
+    /// A GPU's array to host memory; complete when it returns.
+    Status (*fetch)(void* to, const AnyArray& from, std::size_t bytes) noexcept;
+    SceneEntries scene;
+    FrameEntries frame;
+    ReconstructorEntries reconstructor;
+    GridEntries grid;
+    SimulationEntries simulation;
+    TissueEntries tissue;
+
+    template <class O>
+    const auto& entries() const {
+        if constexpr (std::is_same_v<O, Scene>) return scene;
+        else if constexpr (std::is_same_v<O, Frame>) return frame;
+        else if constexpr (std::is_same_v<O, Reconstructor>) return reconstructor;
+        else if constexpr (std::is_same_v<O, SweepGrid>) return grid;
+        else if constexpr (std::is_same_v<O, Simulation>) return simulation;
+        else return tissue;
+    }
 };
+
+/// Raised by hand when what the structures mean changes; what they look like counts by itself.
+inline constexpr std::uint64_t kBackendAbi = [] {
+    std::uint64_t h = 2;
+    for (std::uint64_t size : {sizeof(BackendApi), sizeof(SceneArrays), sizeof(TreeRequest), sizeof(TreeFacts), sizeof(PictureRequest),
+                               sizeof(Lighting), sizeof(SimulationSettings), sizeof(StepReport), sizeof(PlusRequest), sizeof(GridRequest),
+                               sizeof(FramesView), sizeof(FillRequest), sizeof(TissueArrays), sizeof(std::string)})
+        h = h * 1099511628211ull + size;
+    return h;
+}();
+
+/// The table of a backend, its entries on devices of this kind.
+template <class DeviceScope>
+constexpr BackendApi with_entries(BackendApi api) {
+    api.abi = kBackendAbi;
+    fill_entries<DeviceScope>(api.scene);
+    fill_entries<DeviceScope>(api.frame);
+    fill_entries<DeviceScope>(api.reconstructor);
+    fill_entries<DeviceScope>(api.grid);
+    fill_entries<DeviceScope>(api.simulation);
+    fill_entries<DeviceScope>(api.tissue);
+    return api;
+}
 
 }  // namespace globule::core

@@ -1,20 +1,44 @@
 // The CPU backend; compiled once per SIMD level.
+#include <omp.h>
+
+#include "backends/make.hpp"
 #include "exec/cpu.hpp"
 #include "pipeline/scene.hpp"
-#include "backends/simulation.hpp"
-#include "backends/sweep.hpp"
 
+namespace globule::core {
 namespace {
 
-std::unique_ptr<globule::core::Scene> make_scene(int, int threads, globule::core::Poll poll) {
-    return std::make_unique<globule::core::SceneOf<globule::core::Cpu>>(threads, poll);
+using Scope = Cpu::DeviceScope;
+
+Status scene(int device, int threads, Poll poll, std::shared_ptr<Scene>* out) noexcept {
+    return caught([&] { *out = std::make_shared<SceneImpl<Cpu>>(device, threads, poll); });
 }
-std::string describe(int, bool& ok) {
-    ok = true;
-    return "CPU, " + std::to_string(omp_get_max_threads()) + " threads, " + std::to_string(GB_WIDTH) + " lanes (" GB_ISA ")";
+Status reconstructor(int device, int threads, Poll poll, std::shared_ptr<Reconstructor>* out) noexcept {
+    return caught([&] { *out = make_reconstructor(device, threads, poll); });
 }
+Status tissue(int device, int threads, Poll poll, std::shared_ptr<Tissue>* out) noexcept {
+    return caught([&] { *out = make_tissue(device, threads, poll); });
+}
+Status simulation(const std::shared_ptr<Scene>& of, std::shared_ptr<Simulation>* out) noexcept {
+    return caught([&] { *out = make_simulation(of); });
+}
+Status describe(int, bool* ok, std::string* out) noexcept {
+    return caught([&] {
+        *ok = true;
+        *out = "CPU, " + std::to_string(omp_get_max_threads()) + " threads, " + std::to_string(GB_WIDTH) + " lanes (" GB_ISA ")";
+    });
+}
+Status locate(const void*, int* device) noexcept {
+    *device = kHost;
+    return {};
+}
+Status fetch(void*, const AnyArray&, std::size_t) noexcept {
+    return caught([] { throw Refused("the CPU backend reads no GPU memory"); });
+}
+
+constexpr BackendApi kApi = with_entries<Scope>({0, scene, describe, reconstructor, simulation, tissue, locate, fetch, {}, {}, {}, {}, {}, {}});
 
 }  // namespace
+}  // namespace globule::core
 
-extern "C" __attribute__((visibility("default"))) const globule::core::BackendApi globule_backend{
-    make_scene, describe, globule::core::make_reconstructor, globule::core::make_simulation, globule::core::make_tissue};
+extern "C" __attribute__((visibility("default"))) const globule::core::BackendApi globule_backend = globule::core::kApi;

@@ -2,6 +2,6 @@
 #include "exec/cpu.hpp"
 #include "sim/simulation.hpp"
 
-std::unique_ptr<globule::core::Simulation> globule::core::make_simulation(std::shared_ptr<Scene> scene) {
-    return std::make_unique<SimulationOf<Cpu>>(std::move(scene));
+std::shared_ptr<globule::core::Simulation> globule::core::make_simulation(const std::shared_ptr<Scene>& scene) {
+    return std::make_shared<SimulationImpl<Cpu>>(scene);
 }

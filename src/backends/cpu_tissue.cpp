@@ -1,8 +1,8 @@
 // Tissue on the CPU; compiled once per SIMD level.
+#include "backends/make.hpp"
 #include "exec/cpu.hpp"
-#include "backends/sweep.hpp"
 #include "sim/tissue.hpp"
 
-std::unique_ptr<globule::core::Tissue> globule::core::make_tissue(int, int threads, Poll poll) {
-    return std::make_unique<TissueAlone<Cpu>>(threads, poll);
+std::shared_ptr<globule::core::Tissue> globule::core::make_tissue(int device, int threads, Poll poll) {
+    return std::make_shared<TissueAlone<Cpu>>(device, threads, poll);
 }

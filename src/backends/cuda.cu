@@ -1,17 +1,39 @@
-// The CUDA backend: the same kernels, for the GPU.
+// The CUDA backend: the same functors, for the GPU.
+#include "backends/make.hpp"
 #include "exec/cuda.hpp"
 #include "pipeline/scene.hpp"
-#include "backends/simulation.hpp"
-#include "backends/sweep.hpp"
 
+namespace globule::core {
 namespace {
 
-std::unique_ptr<globule::core::Scene> make_scene(int device_index, int, globule::core::Poll) {
-    return std::make_unique<globule::core::SceneOf<globule::core::Cuda>>(device_index);
-}
+using Scope = Cuda::DeviceScope;
 
+Status scene(int device, int threads, Poll poll, std::shared_ptr<Scene>* out) noexcept {
+    return caught([&] {
+        const Scope scope(device);
+        *out = std::make_shared<SceneImpl<Cuda>>(device, threads, poll);
+    });
+}
+Status reconstructor(int device, int threads, Poll poll, std::shared_ptr<Reconstructor>* out) noexcept {
+    return caught([&] {
+        const Scope scope(device);
+        *out = make_reconstructor(device, threads, poll);
+    });
+}
+Status tissue(int device, int threads, Poll poll, std::shared_ptr<Tissue>* out) noexcept {
+    return caught([&] {
+        const Scope scope(device);
+        *out = make_tissue(device, threads, poll);
+    });
+}
+Status simulation(const std::shared_ptr<Scene>& of, std::shared_ptr<Simulation>* out) noexcept {
+    return caught([&] {
+        const Scope scope(of->device());
+        *out = make_simulation(of);
+    });
+}
 /// Tries the device for real: a driver, a device of that number, and code that it can run.
-std::string describe(int index, bool& ok) {
+std::string description(int index, bool& ok) {
     ok = false;
     int driver = 0, count = 0;
     if (cudaDriverGetVersion(&driver) != cudaSuccess || driver == 0) return "no NVIDIA driver found";
@@ -25,8 +47,8 @@ std::string describe(int index, bool& ok) {
     cudaDeviceProp properties;
     if (cudaGetDeviceProperties(&properties, index) != cudaSuccess) return "the GPU does not answer";
     cudaFuncAttributes attributes;
-    cudaSetDevice(index);
-    if (cudaFuncGetAttributes(&attributes, globule::core::run_each<globule::core::Shade>) != cudaSuccess) {
+    const Scope scope(index);
+    if (cudaFuncGetAttributes(&attributes, run_each<Shade>) != cudaSuccess) {
         cudaGetLastError();
         return std::string("no code for ") + properties.name + " (compute capability " + std::to_string(properties.major) +
                "." + std::to_string(properties.minor) + ") in this build; set CMAKE_CUDA_ARCHITECTURES";
@@ -34,8 +56,29 @@ std::string describe(int index, bool& ok) {
     ok = true;
     return std::string(properties.name) + ", " + std::to_string(properties.totalGlobalMem >> 30) + " GiB";
 }
+Status describe(int index, bool* ok, std::string* out) noexcept {
+    return caught([&] { *out = description(index, *ok); });
+}
+Status locate(const void* address, int* device) noexcept {
+    return caught([&] {
+        cudaPointerAttributes attributes;
+        check(cudaPointerGetAttributes(&attributes, address));
+        const bool on_device = attributes.type == cudaMemoryTypeDevice || attributes.type == cudaMemoryTypeManaged;
+        *device = on_device ? attributes.device : kHost;
+    });
+}
+Status fetch(void* to, const AnyArray& from, std::size_t bytes) noexcept {
+    return caught([&] {
+        const Scope scope(from.device);
+        const auto stream = reinterpret_cast<cudaStream_t>(from.stream);
+        check(cudaMemcpyAsync(to, from.data, bytes, cudaMemcpyDeviceToHost, stream));
+        check(cudaStreamSynchronize(stream));
+    });
+}
+
+constexpr BackendApi kApi = with_entries<Scope>({0, scene, describe, reconstructor, simulation, tissue, locate, fetch, {}, {}, {}, {}, {}, {}});
 
 }  // namespace
+}  // namespace globule::core
 
-extern "C" __attribute__((visibility("default"))) const globule::core::BackendApi globule_backend{
-    make_scene, describe, globule::core::make_reconstructor, globule::core::make_simulation, globule::core::make_tissue};
+extern "C" __attribute__((visibility("default"))) const globule::core::BackendApi globule_backend = globule::core::kApi;

@@ -1,7 +1,7 @@
-// Simulation on CUDA: the same kernels.
+// Simulation on the GPU.
 #include "exec/cuda.hpp"
 #include "sim/simulation.hpp"
 
-std::unique_ptr<globule::core::Simulation> globule::core::make_simulation(std::shared_ptr<Scene> scene) {
-    return std::make_unique<SimulationOf<Cuda>>(std::move(scene));
+std::shared_ptr<globule::core::Simulation> globule::core::make_simulation(const std::shared_ptr<Scene>& scene) {
+    return std::make_shared<SimulationImpl<Cuda>>(scene);
 }

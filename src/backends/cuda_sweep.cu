@@ -1,8 +1,8 @@
-// Sweeps on CUDA: the same kernels; compiled without contraction into fused multiply-add.
+// Sweeps on the GPU, without contraction into fused multiply-add.
+#include "backends/make.hpp"
 #include "exec/cuda.hpp"
 #include "sweep/reconstructor.hpp"
-#include "backends/sweep.hpp"
 
-std::unique_ptr<globule::core::Reconstructor> globule::core::make_reconstructor(int device_index, int, Poll) {
-    return std::make_unique<ReconstructorOf<Cuda>>(device_index);
+std::shared_ptr<globule::core::Reconstructor> globule::core::make_reconstructor(int device, int threads, Poll poll) {
+    return std::make_shared<ReconstructorImpl<Cuda>>(device, threads, poll);
 }

@@ -1,8 +1,8 @@
-// Tissue on CUDA: the same kernels.
+// Tissue on the GPU.
+#include "backends/make.hpp"
 #include "exec/cuda.hpp"
-#include "backends/sweep.hpp"
 #include "sim/tissue.hpp"
 
-std::unique_ptr<globule::core::Tissue> globule::core::make_tissue(int device_index, int, Poll) {
-    return std::make_unique<TissueAlone<Cuda>>(device_index);
+std::shared_ptr<globule::core::Tissue> globule::core::make_tissue(int device, int threads, Poll poll) {
+    return std::make_shared<TissueAlone<Cuda>>(device, threads, poll);
 }

@@ -5,7 +5,8 @@
 #include <filesystem>
 #include <map>
 #include <mutex>
-#include <stdexcept>
+
+#include "globule/error.hpp"
 
 namespace globule::core {
 namespace {
@@ -15,7 +16,12 @@ std::filesystem::path folder() {
     dladdr(reinterpret_cast<void*>(&folder), &info);
     return std::filesystem::path(info.dli_fname).parent_path();
 }
-std::filesystem::path file_of(const std::string& name) { return folder() / ("libglobule_" + name + ".so"); }
+/// Beside this library, as in a Python package, or in a folder of their own.
+std::filesystem::path file_of(const std::string& name) {
+    const std::string file = "libglobule_" + name + ".so";
+    const std::filesystem::path beside = folder() / file;
+    return std::filesystem::exists(beside) ? beside : folder() / "globule" / file;
+}
 
 bool runs_here(const std::string& level) {
 #if defined(__x86_64__)
@@ -42,11 +48,14 @@ const BackendApi& open_backend(const std::string& name) {
     const std::lock_guard lock(mutex);
     if (auto it = open.find(name); it != open.end()) return *it->second;
     const std::filesystem::path path = file_of(name);
-    if (!std::filesystem::exists(path)) throw std::runtime_error("built without the " + name + " backend");
+    if (!std::filesystem::exists(path)) throw Error(ErrorCode::device, "built without the " + name + " backend");
     void* library = dlopen(path.c_str(), RTLD_NOW | RTLD_LOCAL);
-    if (!library) throw std::runtime_error(std::string("cannot load the ") + name + " backend: " + dlerror());
+    if (!library) throw Error(ErrorCode::device, "cannot load the " + name + " backend: " + dlerror());
     const auto* api = static_cast<const BackendApi*>(dlsym(library, "globule_backend"));
-    if (!api) throw std::runtime_error("the " + name + " backend library exports nothing");
+    if (!api) throw Error(ErrorCode::device, "the " + name + " backend library exports nothing");
+    if (api->abi != kBackendAbi)
+        throw Error(ErrorCode::device, "the " + name + " backend library is of another version (interface " + std::to_string(api->abi) + ", expected " +
+                                           std::to_string(kBackendAbi) + "): install globule again");
     return *(open[name] = api);
 }
 

@@ -1,15 +1,17 @@
-// Finds and opens the compiled backends beside this library.
+// The backend libraries that lie beside this one.
 #pragma once
 #include <string>
 #include <vector>
 
 #include "backends/backend.hpp"
+#include "globule/version.hpp"
 
 namespace globule::core {
 
-/// SIMD levels that were built and that this processor runs, best last: "cpu_v2" ...
-std::vector<std::string> cpu_backends();
-/// Opens "cpu_v3", "cuda" ...; throws std::runtime_error saying why it cannot.
-const BackendApi& open_backend(const std::string& name);
+/// Names of the CPU libraries that are here and that this processor runs, best last: "cpu_v2", ...
+GLOBULE_API std::vector<std::string> cpu_backends();
+
+/// Opens a library once; throws Error saying why it cannot be used.
+GLOBULE_API const BackendApi& open_backend(const std::string& name);
 
 }  // namespace globule::core

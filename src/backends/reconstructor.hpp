@@ -4,15 +4,13 @@
 #include <string>
 #include <vector>
 
+#include "backends/entry.hpp"
+#include "backends/object.hpp"
+#include "base/device.hpp"
+
 namespace globule::core {
 
 enum class ScalarType { u8, u16, f32 };
-
-/// An array in host memory, or in the backend's device memory.
-struct AnyArray {
-    const void* data = nullptr;
-    bool on_device = false;
-};
 
 /// A reconstruction as the PLUS toolkit does it; numbers of the enumerations as in sweep/plus_*.hpp.
 struct PlusRequest {
@@ -80,8 +78,7 @@ struct VolumeFacts {
 };
 
 /// The sparse grid of one volume.
-struct SweepGrid {
-    virtual ~SweepGrid() = default;
+struct SweepGrid : Object {
     /// Forgets all frames; the grid is empty.
     virtual void start(const GridRequest& request) = 0;
     /// A larger grid that holds the old one `shift` blocks of 4 voxels inside, along x a multiple of 16. What is kept
@@ -103,13 +100,17 @@ struct SweepGrid {
     virtual VolumeFacts facts() = 0;
 };
 
-struct Reconstructor {
-    virtual ~Reconstructor() = default;
+struct Reconstructor : Object {
     virtual void plus(PlusRequest& request) = 0;
     /// The grid for frames of a type; the one of another type is dropped.
-    virtual SweepGrid& grid(ScalarType type) = 0;
+    virtual SweepGrid* grid(ScalarType type) = 0;
     /// Memory that may still be taken, bytes; 0 where unknown.
     virtual std::uint64_t free_bytes() = 0;
 };
+
+using GridEntries = EntryTable<&SweepGrid::start, &SweepGrid::grow, &SweepGrid::add, &SweepGrid::median, &SweepGrid::bezier, &SweepGrid::fill,
+                               &SweepGrid::filled, &SweepGrid::read_filled, &SweepGrid::count_map, &SweepGrid::variance_map,
+                               &SweepGrid::source_map, &SweepGrid::facts>;
+using ReconstructorEntries = EntryTable<&Reconstructor::plus, &Reconstructor::grid, &Reconstructor::free_bytes>;
 
 }  // namespace globule::core

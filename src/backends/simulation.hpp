@@ -2,10 +2,12 @@
 #pragma once
 #include <functional>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
-#include "backends/backend.hpp"
+#include "backends/entry.hpp"
+#include "backends/object.hpp"
 #include "sim/emit.hpp"
 #include "sim/energy.hpp"
 #include "sim/rigid.hpp"
@@ -29,6 +31,13 @@ struct SimulationSettings {
     float extra_viscosity = 0.0f;    ///< dynamic, between all fluids
 };
 
+/// A particle whose velocity is not a number any more.
+struct LostParticle {
+    std::uint32_t id;
+    int phase;
+    float3 position;  ///< the last one
+};
+
 struct StepReport {
     double dt = 0, time = 0;
     std::uint64_t step = 0;
@@ -39,19 +48,18 @@ struct StepReport {
     std::uint64_t n_removed = 0;                   ///< by sinks, in this step
     double most_speed = 0;
     std::vector<std::pair<std::string, double>> seconds;  ///< per stage
+    std::optional<LostParticle> lost;              ///< the step was made, but cannot be trusted
 };
 
-/// A particle whose velocity is not a number any more.
-struct SimulationError {
-    std::uint32_t id;
-    int phase;
-    float3 position;  ///< the last one
-    double time;
-    std::uint64_t step;
+/// Rows of neighbours, compressed.
+struct Neighbors {
+    std::vector<std::uint64_t> offsets;
+    std::vector<std::uint32_t> indices;
 };
 
-struct Simulation {
-    virtual ~Simulation() = default;
+struct Scene;
+
+struct Simulation : Object {
     virtual void configure(const SimulationSettings& settings) = 0;
     virtual void set_phase(int which, const sim::Phase& phase) = 0;
     /// The first of the m new ids; velocities may be null.
@@ -86,15 +94,20 @@ struct Simulation {
     /// Lists of neighbours as compressed rows of slots, one for each solved particle.
     virtual void neighbors(std::vector<std::uint32_t>& rows, Neighbors& out) = 0;
     /// The tissue, as the particles are now.
-    virtual Tissue& tissue() = 0;
-    /// Brings the scene up to date: which particles are seen, in which colour.
-    virtual void show() = 0;
+    virtual Tissue* tissue() = 0;
     virtual double time() = 0;
     virtual std::uint64_t n_steps() = 0;
     virtual std::uint32_t next_id() = 0;
 };
 
+using SimulationEntries = EntryTable<&Simulation::configure, &Simulation::set_phase, &Simulation::add, &Simulation::remove, &Simulation::emit,
+                                     &Simulation::set_sinks, &Simulation::capture, &Simulation::move_to, &Simulation::make_body, &Simulation::body,
+                                     &Simulation::motion, &Simulation::set_motion, &Simulation::totals, &Simulation::step, &Simulation::next_dt,
+                                     &Simulation::size, &Simulation::read, &Simulation::write, &Simulation::resize, &Simulation::settle,
+                                     &Simulation::set_forces, &Simulation::neighbors, &Simulation::tissue, &Simulation::time, &Simulation::n_steps,
+                                     &Simulation::next_id>;
+
 /// A simulation whose octree is the scene's.
-std::unique_ptr<Simulation> make_simulation(std::shared_ptr<Scene> scene);
+std::shared_ptr<Simulation> make_simulation(const std::shared_ptr<Scene>& scene);
 
 }  // namespace globule::core

@@ -6,6 +6,8 @@
 #include <utility>
 #include <vector>
 
+#include "backends/entry.hpp"
+#include "backends/object.hpp"
 #include "sim/blade.hpp"
 #include "sim/bonds.hpp"
 
@@ -49,8 +51,7 @@ struct BloodVessel {
     int phase;                           ///< of the blood
 };
 
-struct Tissue {
-    virtual ~Tissue() = default;
+struct Tissue : Object {
     /// One more body; bonds' numbers count from its own first particle.
     virtual void add(const TissueArrays& body) = 0;
     virtual void set_materials(const tissue::Materials& materials) = 0;
@@ -70,11 +71,18 @@ struct Tissue {
     virtual void set(const float* positions, const float* velocities) = 0;
     /// (n, 3) m/s², beside gravity, until others are set; null: none.
     virtual void accelerate(const float* accelerations) = 0;
-    virtual std::vector<BloodVessel>& vessels() = 0;
+    /// number: from 1; vessels before it that were never set do not bleed.
+    virtual void set_vessel(std::size_t number, const BloodVessel& vessel) = 0;
+    virtual std::vector<BloodVessel> vessels() = 0;
     /// All that a checkpoint needs: arrays by name, with their bytes.
     virtual std::vector<std::pair<std::string, std::size_t>> arrays() = 0;
     virtual void read(const std::string& name, void* out) = 0;
     virtual void write(const std::string& name, const void* in, std::size_t bytes) = 0;
 };
+
+using TissueEntries = EntryTable<&Tissue::add, &Tissue::set_materials, &Tissue::set_instruments, &Tissue::advance, &Tissue::tear, &Tissue::follow,
+                                 &Tissue::cut, &Tissue::pieces, &Tissue::grasp, &Tissue::remove, &Tissue::n, &Tissue::n_bonds,
+                                 &Tissue::elastic_energy, &Tissue::substeps, &Tissue::get, &Tissue::set, &Tissue::accelerate,
+                                 &Tissue::set_vessel, &Tissue::vessels, &Tissue::arrays, &Tissue::read, &Tissue::write>;
 
 }  // namespace globule::core

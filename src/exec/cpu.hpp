@@ -1,5 +1,5 @@
 // The CPU backend's means: OpenMP loops, a stable radix sort, a scan.  Nothing here depends on the
-// number of threads but the time it takes.
+// number of threads but the time it takes.  A loop that was stopped throws Cancelled when all threads have left it.
 #pragma once
 #include <omp.h>
 #ifdef __linux__
@@ -15,14 +15,13 @@
 #include <new>
 #include <vector>
 
+#include "base/device.hpp"
 #include "base/scalar.hpp"
 #include "exec/cpu_group.hpp"
 #include "exec/cpu_packet.hpp"
+#include "exec/interrupt.hpp"
 
 namespace globule::core {
-
-/// Called now and then during long work; true asks to stop.
-using Poll = bool (*)();
 
 class Cpu {
 public:
@@ -33,9 +32,17 @@ public:
     static constexpr std::size_t wave_size = 1 << 17;       ///< pixels at a time
     static constexpr std::size_t n_streams = 1;             ///< that work side by side
 
-    Cpu(int threads, Poll poll) : threads_(threads > 0 ? threads : omp_get_max_threads()), poll_(poll) {}
-    bool cancelled() const { return cancelled_; }
-    void reset_cancelled() { cancelled_ = false; }
+    Cpu(int, int threads, Poll poll) : Cpu(threads, std::make_shared<Interrupt>(poll)) {}
+    Interrupt& interrupt() const { return *interrupt_; }
+
+    /// Host memory has no device to be set and no streams to wait for.
+    struct DeviceScope {
+        explicit DeviceScope(int) {}
+    };
+    int device() const { return kHost; }
+    void wait_for_caller(std::uintptr_t) {}
+    void let_caller_wait(std::uintptr_t) {}
+    void copy_peer(void* to, const void* from, const AnyArray&, std::size_t bytes) { std::memcpy(to, from, bytes); }
 
     /// Large arrays lie in large pages, where the system has them: a page of 4 KiB costs as much as filling it.
     void* allocate(std::size_t bytes) {
@@ -56,6 +63,12 @@ public:
     }
     void upload(void* to, const void* from, std::size_t bytes) { std::memcpy(to, from, bytes); }
     void download(void* to, const void* from, std::size_t bytes) { std::memcpy(to, from, bytes); }
+    void copy(void* to, const void* from, std::size_t bytes) {
+        constexpr std::size_t part = 1 << 18;
+#pragma omp parallel for schedule(static) num_threads(threads_) if (bytes > 4 * part)
+        for (std::size_t at = 0; at < bytes; at += part)
+            std::memcpy(static_cast<char*>(to) + at, static_cast<const char*>(from) + at, min(part, bytes - at));
+    }
     void clear(void* p, std::size_t bytes) {
         constexpr std::size_t part = 1 << 18;
         if (bytes <= part) {
@@ -67,13 +80,37 @@ public:
     }
     void synchronize() {}
     /// Another stream of the same device, and what is given to it from now on waits for another's work so far.
-    std::shared_ptr<Cpu> sibling() const { return std::make_shared<Cpu>(threads_, poll_); }
-    void follow(Cpu&) {}
+    std::shared_ptr<Cpu> sibling() const { return std::shared_ptr<Cpu>(new Cpu(threads_, interrupt_)); }
+    /// One that may be used beside this, by another thread; nothing stops it.
+    std::shared_ptr<Cpu> reader() const { return std::shared_ptr<Cpu>(new Cpu(threads_, std::make_shared<Interrupt>())); }
+    void follow(Cpu&, int = 0) {}
     /// Memory that may still be taken; 0: not known here.
     std::uint64_t free_bytes() const { return 0; }
     /// Time marks, so that a stage's duration can be asked for afterwards.
     void mark(int i) { marks_[i] = now(); }
     double elapsed(int from, int to) const { return marks_[to] - marks_[from]; }
+    /// A value of the device's that is asked for now and looked at later, without waiting.
+    template <class T>
+    class Answer {
+    public:
+        void ask(Cpu&, const T* from) { value_ = *from; }
+        const T* look() const { return &value_; }
+
+    private:
+        T value_{};
+    };
+    /// The time that some work takes.
+    class Timer {
+    public:
+        void begin(Cpu&) { begin_ = now(); }
+        void end(Cpu&) { end_ = now(); }
+        double seconds() const { return end_ - begin_; }
+        /// What is given to exec from now on finds the work done.
+        void let_follow(Cpu&) const {}
+
+    private:
+        double begin_ = 0.0, end_ = 0.0;
+    };
     static double now() {
         return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
     }
@@ -82,6 +119,7 @@ public:
     void for_each(std::size_t n, const Kernel& kernel) {
 #pragma omp parallel for schedule(static) num_threads(threads_) if (n > 2048)
         for (std::size_t i = 0; i < n; ++i) kernel(i);
+        interrupt_->check();
     }
 
     /// Rows in packets of SIMD lanes; the last packet's lanes go past n, into padding.
@@ -89,6 +127,7 @@ public:
     void for_each_packet(std::size_t n, const Kernel& kernel) {
 #pragma omp parallel for schedule(static) num_threads(threads_) if (n > 256)
         for (std::size_t i = 0; i < n; i += Packet::width) kernel.template run<Packet>(i);
+        interrupt_->check();
     }
 
     /// As for_each, for items of very different length.
@@ -97,14 +136,14 @@ public:
         constexpr std::size_t chunk = 256;
 #pragma omp parallel num_threads(threads_) if (n > chunk)
         {
-            double next_poll = now() + 0.05;
 #pragma omp for schedule(dynamic)
             for (std::size_t c = 0; c < ceil_div(n, chunk); ++c) {
-                if (cancelled_.load(std::memory_order_relaxed)) continue;
+                if (interrupt_->stopped()) continue;
                 for (std::size_t i = c * chunk; i < std::min(n, (c + 1) * chunk); ++i) kernel(i);
-                poll_now(next_poll);
+                poll();
             }
         }
+        interrupt_->check();
     }
 
     /// Few pieces of much and uneven work each; dealt out as threads become free.
@@ -112,14 +151,14 @@ public:
     void for_each_task(std::size_t n, const Kernel& kernel) {
 #pragma omp parallel num_threads(threads_)
         {
-            double next_poll = now() + 0.05;
 #pragma omp for schedule(dynamic, 1)
             for (std::size_t i = 0; i < n; ++i) {
-                if (cancelled_.load(std::memory_order_relaxed)) continue;
+                if (interrupt_->stopped()) continue;
                 kernel(i);
-                poll_now(next_poll);
+                poll();
             }
         }
+        interrupt_->check();
     }
 
     /// Items that take a number of steps known to none beforehand: begin(i, state), where that is true
@@ -141,14 +180,14 @@ public:
         {
             auto scratch = std::make_unique<Scratch>();
             Group group;
-            double next_poll = now() + 0.05;
 #pragma omp for schedule(dynamic, 4)
             for (std::size_t i = 0; i < n; ++i) {
-                if (cancelled_.load(std::memory_order_relaxed)) continue;
+                if (interrupt_->stopped()) continue;
                 kernel(group, *scratch, i);
-                if (i % 4 == 3) poll_now(next_poll);  // a look at the clock takes as long as a small tile
+                if (i % 4 == 3) poll();  // a look at the clock takes as long as a small tile
             }
         }
+        interrupt_->check();
     }
 
     /// out[0] = combine over map(0) ... map(n - 1); combine must not depend on the order.
@@ -165,6 +204,7 @@ public:
         T all = identity;
         for (const T& p : partial) all = combine(all, p);
         *out = all;
+        interrupt_->check();
     }
 
     /// As reduce, for a combine such as a sum of floats: parts of fixed size, combined in order.
@@ -182,6 +222,7 @@ public:
         T all = identity;
         for (const T& p : partial) all = combine(all, p);
         *out = all;
+        interrupt_->check();
     }
 
     template <class T>
@@ -204,6 +245,7 @@ public:
                 sum += v;
             }
         }
+        interrupt_->check();
     }
 
     /// Stable least-significant-digit radix sort by the low `bits`; the result ends in keys, values.
@@ -235,6 +277,7 @@ public:
                 }
                 largest = std::max(largest, sum - before);
             }
+            interrupt_->check();
             if (largest == n) continue;  // all share this digit
 #pragma omp parallel for num_threads(threads_) schedule(static, 1)
             for (int t = 0; t < threads_; ++t) {
@@ -265,18 +308,18 @@ private:
             walk.end(state);
         }
     };
-    void poll_now(double& next_poll) {
-        if (!poll_ || omp_get_thread_num() != 0 || now() <= next_poll) return;
-        if (poll_()) cancelled_ = true;
-        next_poll = now() + 0.05;
+    void poll() {
+        if (omp_get_thread_num() == 0) interrupt_->poll();
     }
+
+    Cpu(int threads, std::shared_ptr<Interrupt> interrupt)
+        : threads_(threads > 0 ? threads : omp_get_max_threads()), interrupt_(std::move(interrupt)) {}
 
     static constexpr std::size_t kLargePage = 2 << 20;
 
     int threads_;
-    Poll poll_;
+    std::shared_ptr<Interrupt> interrupt_;
     double marks_[16] = {};
-    std::atomic<bool> cancelled_{false};
 };
 
 }  // namespace globule::core

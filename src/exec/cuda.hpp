@@ -8,11 +8,13 @@
 
 #include <memory>
 
+#include "base/device.hpp"
 #include "base/scalar.hpp"
 #include "exec/buffer.hpp"
 #include "exec/cuda_group.hpp"
 #include "exec/cuda_packet.hpp"
 #include "exec/cuda_staging.hpp"
+#include "exec/interrupt.hpp"
 
 namespace globule::core {
 
@@ -105,37 +107,75 @@ public:
     static constexpr std::size_t wave_size = 1 << 22;       ///< pixels at a time
     static constexpr std::size_t n_streams = 4;             ///< that work side by side
 
-    /// urgent: its work goes before that of other streams.
-    explicit Cuda(int device, bool urgent = false) : device_(device), temporary_(*this), next_(*this) {
-        check(cudaSetDevice(device_));
-        check(cudaDeviceGetAttribute(&n_processors_, cudaDevAttrMultiProcessorCount, device_));
-        set_pool();
-        int least_priority = 0, greatest_priority = 0;
-        check(cudaDeviceGetStreamPriorityRange(&least_priority, &greatest_priority));
-        // Ordered with the default stream of other libraries.
-        check(cudaStreamCreateWithPriority(&stream_, cudaStreamDefault, urgent ? greatest_priority : least_priority));
-        for (cudaEvent_t& e : marks_) check(cudaEventCreate(&e));
-        check(cudaEventCreateWithFlags(&done_, cudaEventDisableTiming));
-    }
+    explicit Cuda(int device, int, Poll poll) : Cuda(device, std::make_shared<Interrupt>(poll)) {}
     ~Cuda() {
+        const DeviceScope scope(device_);
         cudaStreamSynchronize(stream_);  // copies from and to page-locked memory may be under way
         cudaEventDestroy(done_);
         for (cudaEvent_t& e : marks_) cudaEventDestroy(e);
         cudaStreamDestroy(stream_);
     }
-    bool cancelled() const { return false; }
-    void reset_cancelled() {}
+    Interrupt& interrupt() const { return *interrupt_; }
+
+    /// The device is current while it lives, then the caller's is again.
+    class DeviceScope {
+    public:
+        explicit DeviceScope(int device) {
+            if (cudaGetDevice(&before_) != cudaSuccess) before_ = device;
+            if (before_ != device) check(cudaSetDevice(device));
+            else before_ = -1;
+        }
+        ~DeviceScope() {
+            if (before_ >= 0) cudaSetDevice(before_);
+        }
+        DeviceScope(const DeviceScope&) = delete;
+        DeviceScope& operator=(const DeviceScope&) = delete;
+
+    private:
+        int before_ = -1;
+    };
+    int device() const { return device_; }
+
+    /// What follows waits for what the caller gave to its stream.  The default stream waits for ours, and ours for it.
+    void wait_for_caller(std::uintptr_t stream) {
+        if (stream <= kLegacyStream) return;
+        check(cudaEventRecord(done_, reinterpret_cast<cudaStream_t>(stream)));
+        check(cudaStreamWaitEvent(stream_, done_));
+    }
+    /// What the caller gives to its stream from now on waits for what was given to this one.
+    void let_caller_wait(std::uintptr_t stream) {
+        if (stream <= kLegacyStream) return;
+        check(cudaEventRecord(done_, stream_));
+        check(cudaStreamWaitEvent(reinterpret_cast<cudaStream_t>(stream), done_));
+    }
+    /// From another GPU's memory, after what was given to that GPU's stream.
+    void copy_peer(void* to, const void* from, const ArrayAt<const void>& where, std::size_t bytes) {
+        cudaEvent_t written;
+        {
+            const DeviceScope other(where.device);
+            check(cudaEventCreateWithFlags(&written, cudaEventDisableTiming));
+            check(cudaEventRecord(written, reinterpret_cast<cudaStream_t>(where.stream)));
+        }
+        check(cudaStreamWaitEvent(stream_, written));
+        check(cudaMemcpyPeerAsync(to, device_, from, where.device, bytes, stream_));
+        check(cudaEventDestroy(written));
+        check(cudaEventRecord(done_, stream_));
+        const DeviceScope other(where.device);
+        check(cudaStreamWaitEvent(reinterpret_cast<cudaStream_t>(where.stream), done_));  // it may write again
+    }
 
     /// From the device's pool, which keeps some of what is released: asking the driver for the memory of a
     /// large volume takes as long as filling it.  The default stream waits for all others, and they for it.
     void* allocate(std::size_t bytes) {
-        check(cudaSetDevice(device_));
+        interrupt_->check();
         void* p = nullptr;
         check(cudaMallocAsync(&p, bytes, nullptr));
         return p;
     }
     void release(void* p) {
-        if (p) cudaFreeAsync(p, nullptr);
+        if (!p) return;
+        const DeviceScope scope(device_);
+        cudaFreeAsync(p, nullptr);
     }
     /// More room, with the first `used` bytes of what was there.
     void* extend(void* p, std::size_t used, std::size_t bytes) {
@@ -153,15 +193,20 @@ public:
         staging_.upload(to, from, bytes, stream_, arrived);
     }
     void download(void* to, const void* from, std::size_t bytes) {
+        interrupt_->check();
         staging_.download(to, from, bytes, stream_);
     }
     void download(void* to, const void* from, std::size_t bytes, void* to2, const void* from2, std::size_t bytes2) {
         staging_.download(to, from, bytes, to2, from2, bytes2, stream_);
     }
+    void copy(void* to, const void* from, std::size_t bytes) { check(cudaMemcpyAsync(to, from, bytes, cudaMemcpyDeviceToDevice, stream_)); }
     void clear(void* p, std::size_t bytes) { check(cudaMemsetAsync(p, 0, bytes, stream_)); }
     void synchronize() { check(cudaStreamSynchronize(stream_)); }
     /// Another stream of the same device, and what is given to it from now on waits for another's work so far, or up to a mark.
-    std::shared_ptr<Cuda> sibling(bool urgent = false) const { return std::make_shared<Cuda>(device_, urgent); }
+    /// urgent: its work goes before that of other streams.
+    std::shared_ptr<Cuda> sibling(bool urgent = false) const { return std::shared_ptr<Cuda>(new Cuda(device_, interrupt_, urgent)); }
+    /// One that may be used beside this, by another thread; nothing stops it.
+    std::shared_ptr<Cuda> reader() const { return std::shared_ptr<Cuda>(new Cuda(device_, std::make_shared<Interrupt>())); }
     void follow(Cuda& other, int mark) { check(cudaStreamWaitEvent(stream_, other.marks_[mark])); }
     void follow(Cuda& other) {
         check(cudaEventRecord(other.done_, other.stream_));
@@ -189,8 +234,64 @@ public:
         return ms * 1e-3;
     }
 
+    /// A value of the device's that is asked for now and looked at later, without waiting.
+    template <class T>
+    class Answer {
+    public:
+        Answer() = default;
+        ~Answer() {
+            if (room_) cudaFreeHost(room_);
+            if (there_) cudaEventDestroy(there_);
+        }
+        Answer(const Answer&) = delete;
+        Answer& operator=(const Answer&) = delete;
+        void ask(Cuda& exec, const T* from) {
+            if (!room_) check(cudaHostAlloc(reinterpret_cast<void**>(&room_), sizeof(T), cudaHostAllocPortable));
+            if (!there_) check(cudaEventCreateWithFlags(&there_, cudaEventDisableTiming));
+            check(cudaMemcpyAsync(room_, from, sizeof(T), cudaMemcpyDeviceToHost, exec.stream_));
+            check(cudaEventRecord(there_, exec.stream_));
+            asked_ = true;
+        }
+        /// Null while it is on its way.
+        const T* look() const { return asked_ && cudaEventQuery(there_) == cudaSuccess ? room_ : nullptr; }
+
+    private:
+        T* room_ = nullptr;
+        cudaEvent_t there_ = nullptr;
+        bool asked_ = false;
+    };
+    /// The time that some work takes.
+    class Timer {
+    public:
+        Timer() {
+            check(cudaEventCreate(&begin_));
+            check(cudaEventCreate(&end_));
+        }
+        ~Timer() {
+            cudaEventDestroy(begin_);
+            cudaEventDestroy(end_);
+        }
+        Timer(const Timer&) = delete;
+        Timer& operator=(const Timer&) = delete;
+        void begin(Cuda& exec) { check(cudaEventRecord(begin_, exec.stream_)); }
+        void end(Cuda& exec) { check(cudaEventRecord(end_, exec.stream_)); }
+        /// Waits for the end.
+        double seconds() const {
+            float ms = 0;
+            check(cudaEventSynchronize(end_));
+            check(cudaEventElapsedTime(&ms, begin_, end_));
+            return ms * 1e-3;
+        }
+        /// What is given to exec from now on finds the work done.
+        void let_follow(Cuda& exec) const { check(cudaStreamWaitEvent(exec.stream_, end_)); }
+
+    private:
+        cudaEvent_t begin_ = nullptr, end_ = nullptr;
+    };
+
     template <class Kernel>
     void for_each(std::size_t n, const Kernel& kernel) {
+        interrupt_->check();
         if (n == 0) return;
         const unsigned threads = n < 4096 ? 32 : 256;
         run_each<<<unsigned(ceil_div<std::size_t>(n, threads)), threads, 0, stream_>>>(n, kernel);
@@ -198,6 +299,7 @@ public:
     }
     template <class Kernel>
     void for_each_task(std::size_t n, const Kernel& kernel) {
+        interrupt_->check();
         if (n == 0) return;
         constexpr unsigned threads = 64;
         run_each<<<unsigned(ceil_div<std::size_t>(n, threads)), threads, 0, stream_>>>(n, kernel);
@@ -205,6 +307,7 @@ public:
     }
     template <class Kernel>
     void for_each_tile(std::size_t n, const Kernel& kernel) {
+        interrupt_->check();
         if (n == 0) return;
         run_tiles<<<unsigned(ceil_div<std::size_t>(n, kWarpsPerBlock)), 32 * kWarpsPerBlock, 0, stream_>>>(n, kernel);
         check(cudaGetLastError());
@@ -212,12 +315,14 @@ public:
 
     template <class Kernel>
     void for_each_uneven(std::size_t n, const Kernel& kernel) {
+        interrupt_->check();
         if (n == 0) return;
         run_uneven<<<unsigned(ceil_div<std::size_t>(n, 128)), 128, 0, stream_>>>(n, kernel);
         check(cudaGetLastError());
     }
     template <class Walk>
     void for_each_walk(std::size_t n, const Walk& walk) {
+        interrupt_->check();
         if (n == 0) return;
         unsigned long long* next = next_.reserve(1);
         clear(next, sizeof *next);
@@ -227,6 +332,7 @@ public:
     }
     template <class Kernel>
     void for_each_tile_of(const std::uint32_t* n, const Kernel& kernel) {
+        interrupt_->check();
         run_tiles_of<<<16 * n_processors_, 32 * kWarpsPerBlock, 0, stream_>>>(n, kernel);
         check(cudaGetLastError());
     }
@@ -234,6 +340,7 @@ public:
     /// One thread a row.
     template <class Kernel>
     void for_each_packet(std::size_t n, const Kernel& kernel) {
+        interrupt_->check();
         if (n == 0) return;
         run_packets<<<unsigned(ceil_div<std::size_t>(n, 128)), 128, 0, stream_>>>(n, kernel);
         check(cudaGetLastError());
@@ -260,6 +367,7 @@ public:
     template <class Key>
     void sort_pairs(std::size_t n, Key* keys, Key* keys_spare, std::uint32_t* values, std::uint32_t* values_spare,
                     int bits) {
+        interrupt_->check();
         if (n == 0) return;
         cub::DoubleBuffer<Key> k(keys, keys_spare);
         cub::DoubleBuffer<std::uint32_t> v(values, values_spare);
@@ -272,6 +380,19 @@ public:
     }
 
 private:
+    Cuda(int device, std::shared_ptr<Interrupt> interrupt, bool urgent = false)
+        : device_(device), interrupt_(std::move(interrupt)), temporary_(*this), next_(*this) {
+        const DeviceScope scope(device_);
+        check(cudaDeviceGetAttribute(&n_processors_, cudaDevAttrMultiProcessorCount, device_));
+        set_pool();
+        int least_priority = 0, greatest_priority = 0;
+        check(cudaDeviceGetStreamPriorityRange(&least_priority, &greatest_priority));
+        // Ordered with the default stream of other libraries.
+        check(cudaStreamCreateWithPriority(&stream_, cudaStreamDefault, urgent ? greatest_priority : least_priority));
+        for (cudaEvent_t& e : marks_) check(cudaEventCreate(&e));
+        check(cudaEventCreateWithFlags(&done_, cudaEventDisableTiming));
+    }
+
     void set_pool() {
         check(cudaDeviceGetDefaultMemPool(&pool_, device_));
         std::uint64_t kept = 0;
@@ -295,9 +416,11 @@ private:
         check(call(room, bytes));
     }
 
+    static constexpr std::uintptr_t kLegacyStream = 1;  ///< as 0: the default stream
     static constexpr std::uint64_t kPoolShare = 16;  ///< of the device's memory that released memory may keep
 
     int device_;
+    std::shared_ptr<Interrupt> interrupt_;
     int n_processors_ = 1;
     cudaMemPool_t pool_ = nullptr;
     cudaStream_t stream_ = nullptr;

@@ -1,12 +1,15 @@
 // positions -> bounds -> keys -> sort -> nodes, all on the device, nothing read back.
 //
-// Sparse nodes from sorted keys alone.  A cell of level k starts at particle i when key i and key
+// Sparse nodes from sorted keys alone (the idea is Karras 2012's, without his binary tree in between).  A cell of level k starts at particle i when key i and key
 // i - 1 share fewer than k triplets; it is split when key i and key i + kLeafSize share at least k.
 // So each chunk of particles can list the nodes that start in it.  One exclusive scan over the
 // counts, level by level and chunk by chunk, gives every node its place in level order; children of
 // one parent come out side by side.  A last pass lets every leaf carry its box towards the root:
 // whoever arrives last at a parent goes on.
 #pragma once
+#include <stdexcept>
+#include <string>
+
 #include "exec/buffer.hpp"
 #include "octree/dense.hpp"
 #include "octree/sparse.hpp"
@@ -29,6 +32,7 @@ struct TreeParams {
     bool dense = false;
     bool fixed_space = false; ///< otherwise the bounding cube of the particles
     float3 lo{0, 0, 0}, hi{0, 0, 0};
+    float typical_support = 0.0f, most_weight = 0.0f;  ///< of all pieces, where this is one of several; 0: of these particles
 };
 
 namespace build {
@@ -72,7 +76,9 @@ struct SpaceOf {
         const float extent = max(max(h.x - l.x, h.y - l.y), h.z - l.z);
         return {l, extent > 0.0f ? extent : 0.0f};
     }
+    GB_FN float most_weight() const { return params.most_weight > 0.0f ? params.most_weight : bounds->most_weight; }
     GB_FN float typical_support() const {
+        if (params.typical_support > 0.0f) return params.typical_support;
         return bounds->most_support > 0.0f ? sqrt(bounds->least_support) * sqrt(bounds->most_support) : 1.0f;
     }
 };
@@ -173,7 +179,7 @@ struct WriteHeader {
         TreeHeader h{};
         h.space = space();
         h.typical_support = space.typical_support();
-        h.most_weight = space.bounds->most_weight;
+        h.most_weight = space.most_weight();
         h.n_wanted = offsets[(depth + 1) * n_chunks];
         // Never more nodes than there is room for: the tree is cut at the level that still fits,
         // its leaves then hold more particles.  The owner grows the room before the next build.
@@ -376,6 +382,10 @@ public:
                 reinterpret_cast<std::uint32_t*>(p + 6 * c), reinterpret_cast<std::uint32_t*>(p + 7 * c)};
     }
     const DenseNode* dense_nodes() const { return dense_.data(); }
+    /// Memory that n particles take at least, one support and weight for all: keys, positions, index, counts.
+    static std::uint64_t least_bytes(std::size_t n, int key_bits, int depth) {
+        return n * (key_bits / 8 + 3 * sizeof(float) + sizeof(std::uint32_t)) + (depth + 2) * ceil_div<std::uint64_t>(n, kChunk) * sizeof(std::uint32_t);
+    }
     std::size_t bytes() const {
         return bounds_.bytes() + keys_.bytes() + positions_.bytes() + index_.bytes() + support_.bytes() +
                weight_.bytes() + stretch_.bytes() + counts_.bytes() + scratch_.bytes() + nodes_.bytes() + dense_.bytes();
@@ -421,24 +431,35 @@ private:
         if (!params_.dense) make_room(counts, n_chunks, n);
         const std::size_t capacity = params_.dense ? ~std::size_t(0) : capacity_;
         exec_.for_each(1, WriteHeader{space, n_chunks, counts, depth, capacity, header});
+        if (Exec::on_device && !params_.dense) last_.ask(exec_, header);
         if (params_.dense) return build_dense(reinterpret_cast<const std::uint32_t*>(keys), n);
         std::uint32_t* scratch = scratch_.reserve(3 * capacity);
         exec_.for_each(n_chunks, EmitNodes<Key>{starts, n_chunks, counts, header, node_arrays(), scratch,
                                                 scratch + capacity, scratch + 2 * capacity});
-        exec_.for_each_tile(capacity, BoxLeaves<Key>{starts, header, sorted_, node_arrays()});
-        exec_.for_each(capacity, CarryBoxes{header, node_arrays(), scratch, scratch + capacity, scratch + 2 * capacity});
+        const std::size_t n_nodes = Exec::on_device ? capacity : header->n_nodes;
+        exec_.for_each_tile(n_nodes, BoxLeaves<Key>{starts, header, sorted_, node_arrays()});
+        exec_.for_each(n_nodes, CarryBoxes{header, node_arrays(), scratch, scratch + capacity, scratch + 2 * capacity});
     }
 
-    /// Room for the nodes.  Asked of the device only when the number of particles has outgrown what
-    /// was seen before, or after a build that had to stop short; otherwise there is slack.
+    /// Room for the nodes.  A device is asked, and waited for, only when the number of particles has left the range that was
+    /// seen before, or when an earlier build is known not to have fitted its room; otherwise there is slack.
     void make_room(const std::uint32_t* counts, std::size_t n_chunks, std::size_t n) {
-        if (n > seen_) {
-            std::uint32_t wanted;
-            exec_.download(&wanted, counts + (params_.depth + 1) * n_chunks, sizeof wanted);
-            capacity_ = max(capacity_, ceil_div<std::size_t>(wanted + wanted / 4, 64) * 64 + 64);
-            nodes_.reserve(8 * capacity_ + 64);  // siblings are loaded as vectors, past the last too
-            seen_ = n + n / 4;
+        if (Exec::on_device && n <= seen_ && n >= seen_ / 4 && fitted()) return;
+        std::uint32_t wanted;
+        exec_.download(&wanted, counts + (params_.depth + 1) * n_chunks, sizeof wanted);
+        if (wanted > kMaxNodes) throw std::length_error("octree: expected at most 2^29 nodes, got " + std::to_string(wanted) + ": lower `depth`");
+        if (wanted > capacity_ || wanted < capacity_ / 4) {
+            const std::size_t room = ceil_div<std::size_t>(wanted + wanted / 4, 64) * 64 + 64;
+            capacity_ = 0;
+            nodes_.reserve(8 * room + 64);  // siblings are loaded as vectors, past the last too
+            capacity_ = room;
         }
+        seen_ = n + n / 4;
+    }
+    /// Whether the last build, as far as it is known without waiting, neither stopped short nor left most of its room empty.
+    bool fitted() {
+        const TreeHeader* h = last_.look();
+        return !h || (h->n_wanted <= h->n_nodes && h->n_nodes >= capacity_ / 8);
     }
 
     void build_dense(const std::uint32_t* keys, std::size_t n) {
@@ -464,6 +485,7 @@ private:
     TreeParams params_;
     std::size_t n_ = 0, capacity_ = 0;
     mutable std::size_t seen_ = 0;
+    typename Exec::template Answer<TreeHeader> last_;  ///< what the last build found out
 };
 
 }  // namespace globule::core

@@ -79,6 +79,7 @@ struct NodeArrays {
 };
 
 inline constexpr int kMaxLevels = 21;
+inline constexpr std::uint32_t kMaxNodes = 1u << 29;
 inline constexpr int kLeafSize = 32;   ///< a cell with more particles is split
 inline constexpr int kChunk = 8;       ///< consecutive particles that one thread turns into nodes
 

@@ -56,7 +56,7 @@ public:
 
     /// To the next generation; false where there is none.
     bool go_on(const Lighting& lighting) {
-        if (generation_ >= lighting.depth || exec_->cancelled()) return false;
+        if (generation_ >= lighting.depth) return false;
         const std::size_t items = rays_.source.n_items();
         std::uint32_t* place = n_children_.data();
         std::uint32_t total;

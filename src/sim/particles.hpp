@@ -72,7 +72,7 @@ public:
 
     /// Behind the others, in no order yet: settle() follows.
     std::uint32_t append(std::size_t m, const float* positions, const float* velocities, float3 velocity, int phase) {
-        if (n + m > 0x7fffffffull) throw std::length_error("simulation: expected fewer than 2^31 particles");
+        if (n + m > 0x7fffffffull) throw Refused("simulation: expected fewer than 2^31 particles");
         make_room(n + m);
         float* p = new_positions_.reserve(3 * m);
         exec_.upload(p, positions, 12 * m);

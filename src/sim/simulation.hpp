@@ -18,21 +18,36 @@
 #include "sim/bodies.hpp"
 #include "sim/fluid.hpp"
 #include "sim/show.hpp"
-#include "backends/scene_access.hpp"
+#include "backends/backend.hpp"
 #include "sim/tissue.hpp"
 
 namespace globule::core {
 
 template <class Exec>
-class SimulationOf final : public Simulation {
+class SimulationImpl final : public Simulation {
 public:
     using Packet = typename Exec::Packet;
 
-    explicit SimulationOf(std::shared_ptr<Scene> scene)
+    explicit SimulationImpl(std::shared_ptr<Scene> scene)
         : scene_(std::move(scene)), access_(scene_->share()), exec_(*static_cast<Exec*>(access_.exec)),
           state_(exec_, *static_cast<Octree<Exec>*>(access_.octree)), fluid_(exec_, state_, settings_), bodies_(exec_, state_, settings_),
           tissue_(exec_), forces_(exec_), sinks_(exec_), totals_(exec_), color_(exec_), reflection_(exec_), weight_(exec_),
-          rank_(exec_), ids_(exec_) {}
+          rank_(exec_), ids_(exec_) {
+        access_.before_use([this] { show(); });
+        tissue_.before_use([this] {
+            begin();
+            gather_tissue();
+        });
+    }
+    ~SimulationImpl() override { access_.before_use(nullptr); }
+
+    int device() const noexcept override { return exec_.device(); }
+    Interrupt* whole() noexcept override { return &exec_.interrupt(); }
+    void begin() override {
+        if (broken_) throw Stale("simulation: an earlier call failed half way: make it anew, or load a checkpoint");
+    }
+    void invalidate() noexcept override { broken_ = true; }
+    void cancel() noexcept override {}
 
     void configure(const SimulationSettings& settings) override {
         settings_ = settings;
@@ -206,14 +221,17 @@ public:
         fluid_.read_lists(rows, out);
     }
 
-    Tissue& tissue() override {
+    Tissue* tissue() override {
         gather_tissue();
-        return tissue_;
+        return &tissue_;
     }
 
-    void show() override {
+private:
+    /// Brings the scene up to date: which particles are seen, in which colour.
+    void show() {
+        begin();
         if (!stale_) return;
-        stale_ = false;
+        const Interrupt::Hold hold(exec_.interrupt());
         const std::size_t n = state_.n;
         if (n == 0) state_.settle();  // no step builds the octree of nothing
         // Scenes know particles by their rank among the ids that are left.
@@ -230,12 +248,12 @@ public:
         float* reflection = mirrors ? reflection_.reserve(2 * n) : nullptr;
         exec_.for_each(n, sim::Show{state_.view(), state_.phases(), rank, index, weight, color_.reserve(3 * n), reflection,
                                     reflection ? reflection + n : nullptr});
-        if (!tissue_.vessels().empty()) tissue_.stain(rank, state_.slot_of(), state_.phase_table[tissue_.phase_of_blood(1)].color, color_.data());
+        if (tissue_.has_vessels()) tissue_.stain(rank, state_.slot_of(), state_.phase_table[tissue_.phase_of_blood(1)].color, color_.data());
         state_.tree().relabel(index, {weight, 1.0f});
         access_.rebuilt(color_.data(), reflection, reflection ? reflection + n : nullptr);
+        stale_ = false;
     }
 
-private:
     double farthest_move() const { return 0.4 * settings_.cfl * settings_.spacing; }
     /// That forces other than pressure allow, whatever the speeds.
     double longest_step() const {
@@ -330,11 +348,11 @@ private:
         for (int i = 1; i < n_marks_; ++i) r.seconds.push_back({stage_[i], exec_.elapsed(kFirstMark + i - 1, kFirstMark + i)});
         if (earlier > 0.0) r.seconds.front().second += earlier;
         n_marks_ = 0;
-        if (state_.summary.not_a_number) tell_not_a_number(state_.summary.not_a_number - 1);
+        if (state_.summary.not_a_number) r.lost = lost_particle(state_.summary.not_a_number - 1);
     }
 
-    /// Stops with the story of a particle whose velocity is not a number.
-    void tell_not_a_number(std::uint32_t id) {
+    /// A particle whose velocity is not a number.
+    LostParticle lost_particle(std::uint32_t id) {
         std::uint32_t slot;
         exec_.download(&slot, state_.slot_of() + id, 4);
         Quad at;
@@ -342,7 +360,7 @@ private:
         exec_.download(&at, state_.view().place + slot, sizeof at);
         exec_.download(&phase, state_.view().phase + slot, 1);
         exec_.clear(state_.not_a_number(), 4);
-        throw SimulationError{id, phase, {at.x, at.y, at.z}, time_, n_steps_};
+        return {id, phase, {at.x, at.y, at.z}};
     }
 
     void mark(const char* stage) {
@@ -360,7 +378,7 @@ private:
         if (name == "pressure") return of(s.pressure);
         if (name == "impulse") return of(s.impulse);
         if (name == "divergence_impulse") return of(s.divergence_impulse);
-        throw std::invalid_argument("simulation: no array named " + name);
+        throw Refused("simulation: no array named " + name);
     }
 
     struct Emitted {
@@ -377,7 +395,7 @@ private:
     SimulationState<Exec> state_;
     FluidOf<Exec> fluid_;
     BodiesOf<Exec> bodies_;
-    TissueOf<Exec> tissue_;
+    TissueImpl<Exec> tissue_;
     Buffer<float, Exec> forces_;
     Buffer<sim::Sink, Exec> sinks_;
     Buffer<sim::Totals, Exec> totals_;
@@ -385,7 +403,7 @@ private:
     int n_sinks_ = 0;
     Buffer<float, Exec> color_, reflection_, weight_;
     Buffer<std::uint32_t, Exec> rank_, ids_;
-    bool stale_ = true, has_forces_ = false;
+    bool stale_ = true, has_forces_ = false, broken_ = false;
     double time_ = 0.0;
     std::uint64_t n_steps_ = 0;
     int n_marks_ = 0;

@@ -1,5 +1,6 @@
 // Tissue over any Exec: where its arrays lie, and the order of its stages.
 #pragma once
+#include <functional>
 #include <cmath>
 #include <cstring>
 
@@ -13,13 +14,23 @@
 namespace globule::core {
 
 template <class Exec>
-class TissueOf : public Tissue {
+class TissueImpl : public Tissue {
 public:
-    explicit TissueOf(Exec& exec)
+    explicit TissueImpl(Exec& exec)
         : exec_(exec), at_(exec), next_(exec), velocity_(exec), acceleration_(exec), pull_(exec), before_(exec), rest_(exec), id_(exec),
           slot_(exec), hold_(exec), phase_(exec), scarred_(exec), touched_(exec), first_(exec), other_(exec), length_(exec), stiffness_(exec), vessel_(exec),
           volume_(exec), wetness_(exec), lambda_(exec), label_(exec), least_id_(exec), piece_(exec), count_(exec), of_id_(exec),
           vertices_(exec), triangles_(exec), asking_(exec), found_(exec), spent_(exec), energy_(exec) {}
+
+    int device() const noexcept override { return exec_.device(); }
+    Interrupt* whole() noexcept override { return &exec_.interrupt(); }
+    void begin() override {
+        if (broken_) throw Stale("tissue: an earlier call failed half way: make it anew");
+        if (before_use_) before_use_();
+    }
+    void invalidate() noexcept override { broken_ = true; }
+    /// Called before each use from outside; a simulation has its particles gathered there.
+    void before_use(std::function<void()> call) { before_use_ = std::move(call); }
 
     void add(const TissueArrays& in) override {
         if (in.n == 0) return;
@@ -160,7 +171,13 @@ public:
         if (pulled_) put(pull_, reinterpret_cast<const float3*>(accelerations), n_);
         exec_.synchronize();
     }
-    std::vector<BloodVessel>& vessels() override { return vessels_; }
+    void set_vessel(std::size_t number, const BloodVessel& vessel) override {
+        if (number < 1 || number > 255) throw Refused("vessel: expected a number from 1 to 255, got " + std::to_string(number));
+        if (number > vessels_.size()) vessels_.resize(number);
+        vessels_[number - 1] = vessel;
+    }
+    std::vector<BloodVessel> vessels() override { return vessels_; }
+    bool has_vessels() const { return !vessels_.empty(); }
 
     std::vector<std::pair<std::string, std::size_t>> arrays() override {
         std::vector<std::pair<std::string, std::size_t>> out;
@@ -478,6 +495,8 @@ private:
     Buffer<tissue::Drop, Exec> asking_, found_;  ///< the first of found: how many are found (t) and ask (vessel)
     Buffer<std::uint32_t, Exec> spent_;
     Buffer<double, Exec> energy_;
+    std::function<void()> before_use_;
+    bool broken_ = false;
 };
 
 /// Tissue alone, with its own means.
@@ -486,10 +505,10 @@ struct OwnExec {
     Exec exec;
 };
 template <class Exec>
-class TissueAlone final : private OwnExec<Exec>, public TissueOf<Exec> {
+class TissueAlone final : private OwnExec<Exec>, public TissueImpl<Exec> {
 public:
     template <class... Args>
-    explicit TissueAlone(Args&&... args) : OwnExec<Exec>{Exec(std::forward<Args>(args)...)}, TissueOf<Exec>(this->exec) {}
+    explicit TissueAlone(Args&&... args) : OwnExec<Exec>{Exec(std::forward<Args>(args)...)}, TissueImpl<Exec>(this->exec) {}
 };
 
 }  // namespace globule::core

@@ -1,6 +1,8 @@
 // Reconstruction from frames of one type, over any Exec.
 #pragma once
 #include <algorithm>
+#include <exception>
+#include <optional>
 #include <vector>
 
 #include "exec/buffer.hpp"
@@ -9,22 +11,32 @@
 #include "sweep/maps.hpp"
 #include "sweep/plain.hpp"
 #include "sweep/tile.hpp"
-#include "backends/backend.hpp"
+#include "backends/reconstructor.hpp"
+#include "pipeline/arrays.hpp"
 
 namespace globule::core {
 
 template <class Exec, class T>
-class GridOf final : public SweepGrid {
+class GridImpl final : public SweepGrid {
     template <class U>
     using Room = Buffer<U, Exec>;
 
 public:
-    explicit GridOf(Exec& exec)
+    explicit GridImpl(Exec& exec)
         : exec_(exec), frames_(exec), mask_(exec), poses_(exec), slots_(exec), wanted_(exec), changed_(exec), blocks_(exec), bins_(exec),
           squares_(exec), values_(exec), masks_(exec), near_(exec), tiles_(exec), tables_(exec), weights_(exec), out_(exec), radius_(exec),
           keys_(exec), pixels_(exec), places_(exec), point_values_(exec), runs_(exec) {}
 
+    int device() const noexcept override { return exec_.device(); }
+    void begin() override { exec_.interrupt().clear(); }
+    void invalidate() noexcept override {
+        all_changed_ = true;  // the dense volume is half written
+        broken_ |= changing_;
+    }
+
     void start(const GridRequest& r) override {
+        broken_ = false;
+        const Change change(*this);
         coding_ = {sweep::Compounding(r.compounding), r.wide, r.scale};
         n_slots_ = 0;
         taken_ = false;
@@ -38,6 +50,7 @@ public:
 
     void grow(const int size[3], const int shift[3]) override {
         using namespace sweep;
+        const Change change(*this);
         const Grid old = grid_;
         resize(size);
         const Growth growth{{old.blocks[0], old.blocks[1], old.blocks[2]}, {grid_.blocks[0], grid_.blocks[1], grid_.blocks[2]},
@@ -62,6 +75,7 @@ public:
     }
 
     void add(const FramesView& view, int sign) override {
+        const Change change(*this);
         const sweep::Frames<T> frames = bring(view, false);
         exec_.mark(0);
         std::uint32_t* wanted = sign > 0 ? wanted_list() : nullptr;
@@ -70,13 +84,15 @@ public:
         BinArrived arrived{*this, frames, wanted, sign};
         const std::size_t bytes = std::size_t(frames.n) * frames.height * frames.width * sizeof(T);
         if constexpr (Exec::on_device)
-            if (!view.values.on_device) exec_.upload(frames_.data(), view.values.data, bytes, arrived);
+            if (view.values.device == kHost) exec_.upload(frames_.data(), view.values.data, bytes, arrived);
         arrived(bytes);
         exec_.mark(1);
+        let_callers_go_on(exec_, view.values);
     }
 
     void median(const FramesView& view) override {
         using namespace sweep;
+        const Change change(*this, true);
         const Frames<T> frames = bring(view);
         exec_.mark(0);
         std::uint32_t* wanted = wanted_list();
@@ -93,6 +109,7 @@ public:
 
     void bezier(const FramesView& view) override {
         using namespace sweep;
+        const Change change(*this, true);
         const Frames<T> frames = bring(view);
         exec_.mark(0);
         const std::size_t n = std::size_t(std::max(1, ceil_div(frames.n - 1, 3))) * frames.height;
@@ -106,9 +123,11 @@ public:
 
     void fill(FillMethod method, const FramesView& view, const FillRequest& r) override {
         using namespace sweep;
+        check_whole();
         exec_.mark(2);
         const HoleTables tables = bring_tables(r);
         if (method == FillMethod::bins) return fill_bins(tables, r);
+        const Change change(*this, true);
         const DenseVolume<T> out = dense(r);
         if (method == FillMethod::points) fill_points(bring(view), tables, out);
         else if (method == FillMethod::plain_bins) fill_plain_bins(bring(view), tables, out);
@@ -155,6 +174,26 @@ public:
     }
 
 private:
+    /// While it lives, what was binned is changed: if that fails the bins are lost, and unless it is long nothing stops it half way.
+    class Change {
+    public:
+        explicit Change(GridImpl& grid, bool is_long = false) : grid_(grid) {
+            grid.check_whole();
+            if (!is_long) hold_.emplace(grid.exec_.interrupt());
+            grid.changing_ = true;
+        }
+        ~Change() {
+            if (std::uncaught_exceptions() == 0) grid_.changing_ = false;
+        }
+
+    private:
+        GridImpl& grid_;
+        std::optional<Interrupt::Hold> hold_;
+    };
+    void check_whole() const {
+        if (broken_) throw Stale("reconstruction: an earlier call failed half way: start again");
+    }
+
     void resize(const int size[3]) {
         for (int k = 0; k < 3; ++k) {
             grid_.size[k] = size[k];
@@ -181,7 +220,7 @@ private:
 
     /// Bins frames as their pixels become available; the first time their blocks get places.
     struct BinArrived {
-        GridOf& grid;
+        GridImpl& grid;
         sweep::Frames<T> frames;
         std::uint32_t* wanted;  ///< null: none are without a place
         int sign;
@@ -216,8 +255,10 @@ private:
         const std::size_t image = std::size_t(view.height) * view.width;
         const auto* poses = reinterpret_cast<const sweep::Pose*>(view.poses);
         sweep::Frames<T> out{static_cast<const T*>(view.values.data), poses, view.mask, view.n, view.height, view.width, view.first_order};
-        if (view.values.on_device != Exec::on_device)
-            out.values = pixels ? upload(frames_, out.values, view.n * image) : frames_.reserve(view.n * image);
+        if (pixels || view.values.device == exec_.device() || view.values.device != kHost)
+            out.values = ::globule::core::bring<Exec, T>(exec_, frames_, {out.values, view.values.device, view.values.stream}, view.n * image);
+        else
+            out.values = frames_.reserve(view.n * image);
         if (Exec::on_device) {
             out.poses = upload(poses_, poses, view.n);
             if (view.mask) out.mask = upload(mask_, view.mask, image);
@@ -281,7 +322,6 @@ private:
     sweep::DenseVolume<T> kept() { return {out_.data(), radius_.data(), Exec::on_device ? nullptr : tiles_.data()}; }
     void deliver(const FillRequest& r) {
         exec_.mark(3);
-        check_cancelled();
         if constexpr (Exec::on_device) {
             if (!r.values) return;
             download({r.values, r.radius}, kept(), grid_);
@@ -452,13 +492,6 @@ private:
         exec_.for_each_task(n_bins, GatherPlain<T>{grid_, tables.cubes.reach, tables.kind, points, first, first + n_bins, out});
     }
 
-    void check_cancelled() {
-        if (!exec_.cancelled()) return;
-        exec_.reset_cancelled();
-        all_changed_ = true;  // the dense volume is half written
-        throw Cancelled{};
-    }
-
     template <class Out, class Of>
     void scatter(Out* host, Out empty, const Of& of) {
         Room<Out> room(exec_);
@@ -473,6 +506,7 @@ private:
     sweep::Coding coding_{};
     std::size_t n_slots_ = 0;
     bool taken_ = false;              ///< values came from a median, not from bins
+    bool changing_ = false, broken_ = false;
     bool all_changed_ = true;        ///< nothing of the last finished bins may be used
     std::size_t n_finished_ = 0;      ///< slots that had values then
     std::size_t n_tiles_ = 0;        ///< of the volume that is kept, on the CPU

@@ -7,6 +7,7 @@
 #include "exec/buffer.hpp"
 #include "sweep/plus_fill.hpp"
 #include "backends/reconstructor.hpp"
+#include "pipeline/arrays.hpp"
 
 namespace globule::core {
 
@@ -41,9 +42,8 @@ private:
         slices.mask_of_frame = bring(masks_, r.mask_of_frame, r.n_frames);
         slices.importance = r.importance ? bring(importance_, r.importance, image) : nullptr;
         const T* frames = static_cast<const T*>(r.frames.data);
-        if (r.frames.on_device != Exec::on_device)
-            frames = reinterpret_cast<const T*>(
-                bring(frames_, static_cast<const char*>(r.frames.data), r.n_frames * image * sizeof(T)));
+        frames = reinterpret_cast<const T*>(::globule::core::bring<Exec, char>(
+            exec_, frames_, {static_cast<const char*>(r.frames.data), r.frames.device, r.frames.stream}, r.n_frames * image * sizeof(T)));
 
         exec_.mark(0);
         T* values = reinterpret_cast<T*>(values_.reserve(grid.size() * sizeof(T)));
@@ -79,7 +79,7 @@ private:
     template <class T>
     T* fill(const PlusRequest& r, const plus::Grid& grid, const T* values, const std::uint16_t* acc, std::uint8_t* origin) {
         using namespace plus;
-        if (r.fillers.size() > kMaxFillers) throw std::invalid_argument("HoleFilling: expected at most 16 elements");
+        if (r.fillers.size() > kMaxFillers) throw Refused("HoleFilling: expected at most 16 elements");
         const int n_words = ceil_div(grid.n[0], 64);
         const std::size_t n = std::size_t(n_words) * grid.n[1] * grid.n[2];
         std::uint64_t* words = words_.reserve(n);

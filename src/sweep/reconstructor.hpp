@@ -7,35 +7,32 @@
 namespace globule::core {
 
 template <class Exec>
-class ReconstructorOf final : public Reconstructor {
+class ReconstructorImpl final : public Reconstructor {
 public:
     template <class... Args>
-    explicit ReconstructorOf(Args&&... args) : exec_(std::forward<Args>(args)...), plus_(exec_) {}
+    explicit ReconstructorImpl(Args&&... args) : exec_(std::forward<Args>(args)...), plus_(exec_) {}
+
+    int device() const noexcept override { return exec_.device(); }
+    void begin() override { exec_.interrupt().clear(); }
+    void cancel() noexcept override { exec_.interrupt().request(); }
 
     void plus(PlusRequest& request) override {
         plus_.run(request);
-        check_cancelled();
     }
 
-    SweepGrid& grid(ScalarType type) override {
+    SweepGrid* grid(ScalarType type) override {
         if (!grid_ || type != type_) {
             grid_.reset();
             type_ = type;
-            if (type == ScalarType::u8) grid_ = std::make_unique<GridOf<Exec, std::uint8_t>>(exec_);
-            else if (type == ScalarType::u16) grid_ = std::make_unique<GridOf<Exec, std::uint16_t>>(exec_);
-            else grid_ = std::make_unique<GridOf<Exec, float>>(exec_);
+            if (type == ScalarType::u8) grid_ = std::make_unique<GridImpl<Exec, std::uint8_t>>(exec_);
+            else if (type == ScalarType::u16) grid_ = std::make_unique<GridImpl<Exec, std::uint16_t>>(exec_);
+            else grid_ = std::make_unique<GridImpl<Exec, float>>(exec_);
         }
-        return *grid_;
+        return grid_.get();
     }
     std::uint64_t free_bytes() override { return exec_.free_bytes(); }
 
 private:
-    void check_cancelled() {
-        if (!exec_.cancelled()) return;
-        exec_.reset_cancelled();
-        throw Cancelled{};
-    }
-
     Exec exec_;
     PlusOf<Exec> plus_;
     ScalarType type_{};

@@ -1,0 +1,114 @@
+// The octree of the present particles, and what they look like.  On a device the next frame's is built beside it, on a
+// stream of its own, while the present one is still being traced: a build is many short steps that leave most of the
+// device idle.  Frames then take turns on two streams, so that one begins while another's last rays are on their way.
+#pragma once
+#include <memory>
+#include <vector>
+
+#include "backends/backend.hpp"
+#include "octree/build.hpp"
+#include "pipeline/arrays.hpp"
+#include "trace/looks.hpp"
+
+namespace globule::core {
+
+/// One build: sorted particles, tree, and their attributes in the caller's order.
+template <class Exec>
+struct Built {
+    Octree<Exec> octree;
+    Attributes attributes{};
+    Buffer<float, Exec> color, reflection, refraction;
+
+    explicit Built(Exec& exec) : octree(exec), color(exec), reflection(exec), refraction(exec) {}
+};
+
+template <class Exec>
+class Builder {
+public:
+    explicit Builder(std::shared_ptr<Exec> exec)
+        : lanes_{exec}, builder_(exec), positions_(*exec), support_(*exec), weight_(*exec), stretch_(*exec) {
+        built_[0] = std::make_unique<Built<Exec>>(*exec);
+    }
+
+    bool is_whole() const { return whole_; }
+    Built<Exec>& now() const { return *built_[now_]; }
+
+    /// The stream for the next frame.
+    Exec& next_lane() { return *lanes_[turn_++ % lanes_.size()]; }
+
+    void build(const SceneArrays& in, const TreeRequest& request) {
+        whole_ = false;
+        if (n_builds_ == 1) build_beside();
+        const bool beside = builder_ != lanes_[0];
+        if (beside) {
+            for (auto& lane : lanes_) {
+                builder_->follow(*lane, kRead);  // what reads the older tree was asked for before the last build
+                lane->mark(kRead);
+            }
+            now_ = 1 - now_;
+        }
+        Exec& exec = *builder_;
+        ParticleInput input;
+        input.n = in.n;
+        input.positions = bring(exec, positions_, in.positions, 3 * in.n);
+        input.support = {bring(exec, support_, in.support, in.n), in.one_support};
+        input.weight = {bring(exec, weight_, in.weight, in.n), in.one_weight};
+        input.stretch = bring(exec, stretch_, in.stretch, 6 * in.n);
+        input.most_stretch = in.most_stretch;
+        Built<Exec>& b = now();
+        b.attributes.color = bring(exec, b.color, in.color, 3 * in.n);
+        b.attributes.one_color = in.one_color;
+        b.attributes.reflection = {bring(exec, b.reflection, in.reflection, in.n), in.one_reflection};
+        b.attributes.refraction = {bring(exec, b.refraction, in.refraction, in.n), in.one_refraction};
+        exec.mark(0);
+        b.octree.build(input, {request.key_bits, request.depth, request.dense, request.fixed_space, request.lo, request.hi,
+                               request.typical_support, request.most_weight});
+        exec.mark(1);
+        let_callers_go_on(exec, in.positions, in.support, in.weight, in.stretch);
+        if (beside)
+            for (auto& lane : lanes_) lane->follow(exec);
+        ++n_builds_;
+        whole_ = true;
+    }
+    void synchronize() {
+        for (auto& lane : lanes_) lane->synchronize();
+    }
+    std::uint64_t bytes() const { return built_[0]->octree.bytes() + (built_[1] ? built_[1]->octree.bytes() : 0); }
+    /// Waits for the last build.
+    double build_seconds() { return builder_->elapsed(0, 1); }
+
+    /// Somebody else builds the tree, on the scene's own stream.
+    Octree<Exec>& share() {
+        shared_ = whole_ = true;
+        return now().octree;
+    }
+
+private:
+    /// From the second build on there are two trees, where memory allows: a scene that is built once needs but one.
+    void build_beside() {
+        if constexpr (Exec::on_device) {
+            Exec& first = *lanes_[0];
+            if (shared_ || builder_ != lanes_[0] || first.free_bytes() / 4 <= now().octree.bytes()) return;
+            std::shared_ptr<Exec> builder = first.sibling(true), lane = first.sibling();
+            built_[1] = std::make_unique<Built<Exec>>(*builder);
+            builder->follow(first);
+            lane->follow(first);
+            for (Exec* exec : {&first, lane.get()}) exec->mark(kRead);
+            lanes_.push_back(std::move(lane));
+            builder_ = std::move(builder);
+        }
+    }
+
+    static constexpr int kRead = 4;  ///< marks 0 and 1: build
+
+    std::vector<std::shared_ptr<Exec>> lanes_;  ///< the first is the scene's own
+    std::shared_ptr<Exec> builder_;
+    std::unique_ptr<Built<Exec>> built_[2];
+    Buffer<float, Exec> positions_, support_, weight_, stretch_;  ///< copies of what lies elsewhere, in use until the build is done
+    std::size_t n_builds_ = 0;
+    unsigned turn_ = 0;
+    int now_ = 0;
+    bool whole_ = false, shared_ = false;
+};
+
+}  // namespace globule::core

@@ -1,0 +1,122 @@
+// The memory of frames, which goes round: a frame that nobody holds any more gives its images to the next one.
+#pragma once
+#include <algorithm>
+#include <memory>
+#include <mutex>
+#include <vector>
+
+#include "backends/backend.hpp"
+#include "exec/buffer.hpp"
+#include "trace/camera.hpp"
+#include "trace/shade.hpp"
+
+namespace globule::core {
+
+/// The images of one frame, and when it was made.
+template <class Exec>
+struct FrameImages {
+    Buffer<float, Exec> block;      ///< per pixel: depth, normal, albedo, colour, then bytes: picture, layer
+    Buffer<float, Exec> sums;       ///< over passes: light, and as displayed
+    typename Exec::Timer timer;
+    RaySource rays{};
+    int n_passes = 0;
+    bool plain = false;             ///< made in one go, without sums
+
+    explicit FrameImages(Exec& exec) : block(exec), sums(exec) {}
+
+    void resize(const RaySource& source) {
+        rays = source;
+        block.reserve(11 * rays.n);
+    }
+    Hits hits() const { return {block.data(), block.data() + rays.n, block.data() + 4 * rays.n}; }
+    float* color() const { return block.data() + 7 * rays.n; }
+    std::uint8_t* picture() const { return reinterpret_cast<std::uint8_t*>(block.data() + 10 * rays.n); }
+    std::uint8_t* layer() const { return picture() + 3 * rays.n; }
+};
+
+template <class Exec>
+class FramePool {
+public:
+    explicit FramePool(std::shared_ptr<Exec> exec) : exec_(std::move(exec)), reader_(exec_->reader()), room_(*reader_), answer_(*reader_) {
+        free_.reserve(kKept);
+    }
+
+    std::unique_ptr<FrameImages<Exec>> take() {
+        {
+            const std::lock_guard lock(mutex_);
+            if (!free_.empty()) {
+                std::unique_ptr<FrameImages<Exec>> images = std::move(free_.back());
+                free_.pop_back();
+                return images;
+            }
+        }
+        return std::make_unique<FrameImages<Exec>>(*exec_);
+    }
+    void give_back(std::unique_ptr<FrameImages<Exec>> images) {
+        const std::lock_guard lock(mutex_);
+        if (free_.size() < kKept) free_.push_back(std::move(images));
+    }
+
+    /// Copies an image of a finished frame out, beside whatever the scene is doing.
+    void read(const FrameImages<Exec>& images, Image image, const ArrayAt<void>& out) {
+        const std::lock_guard lock(reading_);
+        images.timer.let_follow(*reader_);
+        const std::size_t n = images.rays.n;
+        switch (image) {
+            case Image::depth: return copy(out, images.hits().t, n * sizeof(float));
+            case Image::normal: return copy(out, images.hits().normal, 3 * n * sizeof(float));
+            case Image::albedo: return copy(out, images.hits().albedo, 3 * n * sizeof(float));
+            case Image::color: return copy(out, images.color(), 3 * n * sizeof(float));
+            case Image::picture: return copy(out, images.picture(), 3 * n);
+            case Image::position: {
+                float* p = room_.reserve(3 * n);
+                reader_->for_each(n, HitPositions{images.rays, images.hits().t, p});
+                return copy(out, p, 3 * n * sizeof(float));
+            }
+            case Image::layer: {
+                if (!images.plain) return copy(out, images.layer(), n);
+                std::uint8_t* zeros = answer_.reserve(n);
+                reader_->clear(zeros, n);
+                return copy(out, zeros, n);
+            }
+        }
+    }
+
+private:
+    void copy(const ArrayAt<void>& out, const void* from, std::size_t bytes) {
+        if (out.device == kHost) return reader_->download(out.data, from, bytes);
+        reader_->wait_for_caller(out.stream);
+        reader_->copy(out.data, from, bytes);
+        reader_->let_caller_wait(out.stream);
+        reader_->synchronize();  // the images may go to another frame as soon as this one is let go
+    }
+
+    static constexpr std::size_t kKept = 4;  ///< that wait for their turn
+
+    std::shared_ptr<Exec> exec_, reader_;
+    std::mutex mutex_, reading_;
+    std::vector<std::unique_ptr<FrameImages<Exec>>> free_;
+    Buffer<float, Exec> room_;
+    Buffer<std::uint8_t, Exec> answer_;
+};
+
+/// A frame as it leaves the scene: its images stay until it is let go.
+template <class Exec>
+class FinishedFrame final : public Frame {
+public:
+    FinishedFrame(std::shared_ptr<FramePool<Exec>> pool, int device) : pool_(std::move(pool)), images_(pool_->take()), device_(device) {}
+    ~FinishedFrame() override { pool_->give_back(std::move(images_)); }
+
+    int device() const noexcept override { return device_; }
+    void read(Image image, const ArrayAt<void>& out) override { pool_->read(*images_, image, out); }
+    double trace_seconds() override { return images_->timer.seconds(); }
+    int passes() override { return images_->n_passes; }
+    FrameImages<Exec>& images() const { return *images_; }
+
+private:
+    std::shared_ptr<FramePool<Exec>> pool_;
+    std::unique_ptr<FrameImages<Exec>> images_;
+    int device_;
+};
+
+}  // namespace globule::core

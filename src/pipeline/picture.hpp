@@ -1,0 +1,130 @@
+// Frames in which light makes several turns: waves of rays (pipeline/waves.hpp) through all layers, band by band, pass after pass.
+#pragma once
+#include <deque>
+#include <vector>
+
+#include "pipeline/frame_pool.hpp"
+#include "pipeline/trace.hpp"
+#include "pipeline/waves.hpp"
+
+namespace globule::core {
+
+/// One scene of the picture, ready to be traced.
+template <class Exec>
+struct PictureLayer {
+    Traced<Exec> scene;
+    FieldRequest field;
+    Clips clips;
+};
+
+/// What pictures of one scene keep from frame to frame.
+template <class Exec>
+class PictureMaker {
+public:
+    explicit PictureMaker(std::shared_ptr<Exec> exec) : exec_(std::move(exec)), sky_(*exec_), spare_(*exec_) {}
+
+    /// The clips of layer k where rays can read them.
+    Clips bring_clips(std::size_t k, const std::vector<Clip>& clips) {
+        while (clips_.size() <= k) clips_.emplace_back(*exec_);
+        Clip* room = clips_[k].reserve(clips.size() + 1);
+        if (!clips.empty()) exec_->upload(room, clips.data(), clips.size() * sizeof(Clip));
+        return {room, int(clips.size())};
+    }
+    /// The sky's image, sent once.
+    const float* bring_sky(const PictureRequest& request) {
+        if (!request.sky_image) return nullptr;
+        const std::size_t floats = std::size_t(request.lighting.sky.width) * request.lighting.sky.height * 3;
+        if (request.sky_id != sky_id_) {
+            sky_id_ = 0;
+            exec_->upload(sky_.reserve(floats), request.sky_image, floats * sizeof(float));
+            sky_id_ = request.sky_id;
+        }
+        return sky_.data();
+    }
+
+    void add_passes(const std::vector<PictureLayer<Exec>>& layers, const Lighting& lighting, FrameImages<Exec>& frame, int passes) {
+        const std::size_t n = frame.rays.n;
+        frame.sums.reserve(6 * n);
+        // Some bands at once, so that one works while another's last rays are on their way.
+        while (waves_.size() < Exec::n_streams) waves_.emplace_back(waves_.empty() ? exec_ : exec_->sibling());
+        for (auto& waves : waves_)
+            if (&waves.exec() != exec_.get()) waves.exec().follow(*exec_);
+        for (int p = 0; p < passes; ++p) {
+            const int pass = frame.n_passes++;
+            float* spare = pass ? spare_.reserve(7 * n) : nullptr;  // later passes must not change depth and normals
+            add_pass(layers, lighting, frame, pass, pass ? Hits{spare, spare + n, spare + 4 * n} : frame.hits());
+        }
+        for (auto& waves : waves_)
+            if (&waves.exec() != exec_.get()) exec_->follow(waves.exec());
+    }
+
+private:
+    void add_pass(const std::vector<PictureLayer<Exec>>& layers, const Lighting& lighting, FrameImages<Exec>& frame, int pass, const Hits& first) {
+        const CameraRays& camera = frame.rays.camera;
+        const std::size_t n_streams = layers[0].field.thesis ? 1 : Exec::n_streams;
+        const std::uint32_t height = std::uint32_t(camera.height), band = rows_of_band(camera, n_streams);
+        const int n_layers = int(layers.size());
+        const auto turn = [&](Waves<Exec>& waves) { trace(layers, lighting, waves, n_layers); };
+        std::uint32_t next_row = 0;
+        while (next_row < height) {
+            std::vector<Band> bands;
+            for (std::size_t k = 0; k < n_streams && next_row < height; ++k) {
+                const std::uint32_t rows = min(band, height - next_row);
+                const std::size_t at = std::size_t(next_row) * camera.width;
+                waves_[k].start(camera, next_row, rows, std::uint32_t(pass), {first.t + at, first.normal + 3 * at, first.albedo + 3 * at});
+                turn(waves_[k]);
+                bands.push_back({&waves_[k], at, std::size_t(rows) * camera.width});
+                next_row += rows;
+            }
+            while (!bands.empty())
+                std::erase_if(bands, [&](const Band& b) {
+                    if (b.waves->go_on(lighting)) {
+                        turn(*b.waves);
+                        return false;
+                    }
+                    finish(b, lighting, frame);
+                    return true;
+                });
+        }
+    }
+
+    /// Rows whose waves are in memory at one time.
+    struct Band {
+        Waves<Exec>* waves;
+        std::size_t at, n;  ///< pixels
+    };
+    /// So that the waves' memory does not grow with the picture; whole tiles high.
+    static std::uint32_t rows_of_band(const CameraRays& camera, std::size_t n_streams) {
+        constexpr std::size_t kRows = 16;
+        const std::size_t most_rows = Exec::wave_size / n_streams / camera.width, share = ceil_div<std::size_t>(camera.height, n_streams);
+        return std::uint32_t(max(kRows, min(most_rows / kRows, ceil_div<std::size_t>(share, kRows)) * kRows));
+    }
+
+    static void trace(const std::vector<PictureLayer<Exec>>& layers, const Lighting& lighting, Waves<Exec>& waves, int n_layers) {
+        waves.trace(
+            lighting, n_layers,
+            [&](Exec& exec, const WaveRays& rays, int k, LayerHits& found) {
+                layers[k].scene.march(exec, layers[k].field, layers[k].clips, rays, k, found, n_layers == 1);
+            },
+            [&](Exec& exec, const WaveRays& rays, int k, const LayerHits& found, const WaveHits& hits) {
+                layers[k].scene.keep(exec, layers[k].field, layers[k].clips, rays, k, found, hits);
+            },
+            [&](Exec& exec, const WaveRays& rays, const WaveHits& hits, int k, float* visibility) {
+                layers[k].scene.occlude(exec, layers[k].field, layers[k].clips, lighting, rays, hits, k, visibility);
+            });
+    }
+    void finish(const Band& b, const Lighting& lighting, FrameImages<Exec>& frame) {
+        const std::size_t n = frame.rays.n;
+        float* sums = frame.sums.data();
+        b.waves->exec().for_each(b.n, Finish{b.waves->sum(), b.waves->first_hits().layer, b.at, lighting.exposure, frame.n_passes, sums, sums + 3 * n,
+                                            frame.color(), frame.picture(), frame.layer()});
+    }
+
+    std::shared_ptr<Exec> exec_;
+    std::deque<Waves<Exec>> waves_;  ///< one a stream
+    std::deque<Buffer<Clip, Exec>> clips_;
+    Buffer<float, Exec> sky_, spare_;
+    std::uint64_t sky_id_ = 0;
+};
+
+}  // namespace globule::core

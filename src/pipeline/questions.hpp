@@ -1,0 +1,155 @@
+// Questions at points: the field, attributes, neighbours, the particles' spacing; and facts about the octree itself.
+#pragma once
+#include <algorithm>
+#include <vector>
+
+#include "octree/query.hpp"
+#include "pipeline/trace.hpp"
+
+namespace globule::core {
+
+inline std::uint64_t hash_bytes(const void* data, std::size_t n, std::uint64_t h = 1469598103934665603ull) {
+    const unsigned char* p = static_cast<const unsigned char*>(data);  // FNV-1a, 64 bit
+    for (std::size_t i = 0; i < n; ++i) h = (h ^ p[i]) * 1099511628211ull;
+    return h;
+}
+
+template <class Tree>
+struct CountLeaf {
+    Tree tree;
+    GB_FN std::uint32_t operator()(std::size_t i) const { return Node::is_leaf(tree.node(std::uint32_t(i)).meta); }
+};
+struct Add {
+    GB_FN std::uint32_t operator()(std::uint32_t a, std::uint32_t b) const { return a + b; }
+};
+
+template <class Exec>
+class Questions {
+public:
+    explicit Questions(Exec& exec)
+        : exec_(exec), points_(exec), more_points_(exec), values_(exec), results_(exec), offsets_(exec), indices_(exec), count_(exec) {}
+
+    TreeFacts facts(const Octree<Exec>& octree, bool with_hashes) {
+        TreeFacts f{};
+        f.header = octree.header();
+        f.n_inside = octree.size() - f.header.n_outside;
+        f.n_nodes = octree.params().dense ? octree.n_dense_nodes() : f.header.n_nodes;
+        std::uint32_t* count = count_.reserve(1);
+        with_tree(octree, [&](auto tree) { exec_.reduce(f.n_nodes, CountLeaf<decltype(tree)>{tree}, Add{}, 0u, count); });
+        std::uint32_t leaves;
+        exec_.download(&leaves, count, sizeof leaves);
+        f.n_leaves = leaves;
+        f.bytes = octree.bytes();
+        if (with_hashes) hash(octree, f);
+        return f;
+    }
+
+    /// Median distance to the nearest neighbours, around up to 1024 particles; 0 where there are too few.
+    float spacing(const Octree<Exec>& octree) {
+        const std::size_t begin = octree.header().n_outside, n_inside = octree.size() - begin;
+        if (n_inside == 0) return 0.0f;
+        const std::size_t stride = max<std::size_t>(1, n_inside / 1024);
+        const std::size_t samples = ceil_div<std::size_t>(n_inside, stride);
+        float* out = results_.reserve(samples);
+        with_tree(octree, [&](auto tree) {
+            exec_.for_each(samples, LocalSpacing<decltype(tree)>{tree, octree.particles(), begin, octree.size(), stride, out});
+        });
+        std::vector<float> all(samples);
+        exec_.download(all.data(), out, samples * sizeof(float));
+        all.erase(std::remove_if(all.begin(), all.end(), [](float s) { return !(s > 0.0f); }), all.end());
+        if (all.empty()) return 0.0f;
+        std::nth_element(all.begin(), all.begin() + all.size() / 2, all.end());
+        return all[all.size() / 2];
+    }
+
+    void sorted(const Octree<Exec>& octree, std::uint64_t* keys, std::uint32_t* index) {
+        const std::size_t n = octree.size();
+        if (octree.params().key_bits == 64) {
+            exec_.download(keys, octree.keys(), n * 8);
+        } else {
+            std::vector<std::uint32_t> narrow(n);
+            exec_.download(narrow.data(), octree.keys(), n * 4);
+            std::copy(narrow.begin(), narrow.end(), keys);
+        }
+        exec_.download(index, octree.particles().index, n * 4);
+    }
+
+    void intersect(const Traced<Exec>& scene, const FieldRequest& field, std::size_t n, const FloatArray& origins, const FloatArray& directions,
+                   float* t, float* normal, float* albedo) {
+        const RaySource rays{{}, bring(exec_, points_, origins, 3 * n), bring(exec_, more_points_, directions, 3 * n), n};
+        float* out = results_.reserve(7 * n);
+        const Hits hits{out, out + n, out + 4 * n};
+        scene.trace(exec_, field, rays, hits);
+        scene.resolve(exec_, field, rays, hits);
+        exec_.download(t, hits.t, n * sizeof(float));
+        exec_.download(normal, hits.normal, 3 * n * sizeof(float));
+        exec_.download(albedo, hits.albedo, 3 * n * sizeof(float));
+    }
+
+    void evaluate(const Octree<Exec>& octree, KernelName kernel, std::size_t n, const FloatArray& points, float* value, float* gradient) {
+        const float* p = bring(exec_, points_, points, 3 * n);
+        float* out = results_.reserve(4 * n);
+        with_tree(octree, [&](auto tree) {
+            exec_.for_each(n, EvaluateField<decltype(tree)>{tree, octree.particles(), {kernel}, p, value ? out : nullptr,
+                                                           gradient ? out + n : nullptr});
+        });
+        if (value) exec_.download(value, out, n * sizeof(float));
+        if (gradient) exec_.download(gradient, out + n, 3 * n * sizeof(float));
+    }
+
+    void blend(const Octree<Exec>& octree, KernelName kernel, std::size_t n, const FloatArray& points, const FloatArray& values, int channels,
+               float* result) {
+        const float* p = bring(exec_, points_, points, 3 * n);
+        const float* v = bring(exec_, values_, values, octree.size() * channels);
+        float* out = results_.reserve(n * channels);
+        with_tree(octree, [&](auto tree) {
+            exec_.for_each(n, Blend<decltype(tree)>{tree, octree.particles(), {kernel}, p, v, channels, out});
+        });
+        exec_.download(result, out, n * channels * sizeof(float));
+    }
+
+    Neighbors neighbors(const Octree<Exec>& octree, std::size_t n, const FloatArray& points, float radius) {
+        const float* p = bring(exec_, points_, points, 3 * n);
+        std::uint64_t* offsets = offsets_.reserve(n + 1);
+        exec_.clear(offsets, (n + 1) * sizeof(std::uint64_t));
+        Neighbors out;
+        out.offsets.resize(n + 1);
+        with_tree(octree, [&](auto tree) {
+            FindNeighbors<decltype(tree)> find{tree, octree.particles(), p, radius, offsets, nullptr};
+            exec_.for_each(n, find);
+            exec_.exclusive_scan(n + 1, offsets);
+            exec_.download(out.offsets.data(), offsets, (n + 1) * sizeof(std::uint64_t));
+            out.indices.resize(out.offsets[n]);
+            find.indices = indices_.reserve(out.indices.size());
+            exec_.for_each(n, find);
+        });
+        exec_.download(out.indices.data(), indices_.data(), out.indices.size() * sizeof(std::uint32_t));
+        return out;
+    }
+
+private:
+    void hash(const Octree<Exec>& octree, TreeFacts& f) {
+        f.key_hash = hash_device(octree.keys(), octree.size() * octree.params().key_bits / 8);
+        f.key_hash = hash_device(octree.particles().index, octree.size() * 4, f.key_hash);
+        if (octree.params().dense) {
+            f.node_hash = hash_device(octree.dense_nodes(), f.n_nodes * sizeof(DenseNode));
+            return;
+        }
+        const NodeArrays nodes = octree.node_arrays();
+        f.node_hash = hash_device(nodes.first, f.n_nodes * 4);
+        f.node_hash = hash_device(nodes.meta, f.n_nodes * 4, f.node_hash);
+        for (float* side : nodes.box) f.node_hash = hash_device(side, f.n_nodes * 4, f.node_hash);
+    }
+    std::uint64_t hash_device(const void* data, std::size_t bytes, std::uint64_t h = 1469598103934665603ull) {
+        std::vector<char> host(bytes);
+        exec_.download(host.data(), data, bytes);
+        return hash_bytes(host.data(), bytes, h);
+    }
+
+    Exec& exec_;
+    Buffer<float, Exec> points_, more_points_, values_, results_;
+    Buffer<std::uint64_t, Exec> offsets_;
+    Buffer<std::uint32_t, Exec> indices_, count_;
+};
+
+}  // namespace globule::core

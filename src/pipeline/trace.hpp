@@ -1,0 +1,124 @@
+// Rays to the surface: which tracer fits the tree, the kernel and the particles, and its launches.
+#pragma once
+#include <type_traits>
+
+#include "pipeline/build.hpp"
+#include "pipeline/cells.hpp"
+#include "pipeline/thesis.hpp"
+#include "trace/resolve.hpp"
+#include "trace/tile.hpp"
+#include "trace/wave.hpp"
+
+namespace globule::core {
+
+/// fn(tree, kernel, std::bool_constant<PerParticle>): particles that are all alike have faster code.
+template <class Exec, class Fn>
+void with_kinds(const Octree<Exec>& octree, KernelName name, const Fn& fn) {
+    const SortedParticles& p = octree.particles();
+    const bool alike = !p.support.data && !p.weight.data && p.weight.uniform > 0.0f;
+    if (octree.params().dense) fn(octree.dense(), AnyKernel{name}, std::true_type{});
+    else if (p.stretch) fn(octree.sparse(), StretchedKernel{{name}, p.stretch, octree.sparse().header}, std::true_type{});
+    else if (alike && name == KernelName::murakami) fn(octree.sparse(), Murakami{}, std::false_type{});
+    else fn(octree.sparse(), AnyKernel{name}, std::true_type{});
+}
+template <class Exec, class Fn>
+void with_tree(const Octree<Exec>& octree, const Fn& fn) {
+    if (octree.params().dense) fn(octree.dense());
+    else fn(octree.sparse());
+}
+/// Without clips rays have code of their own.
+template <class Fn>
+void with_clips(const Clips& clips, const Fn& fn) {
+    if (clips.n) fn(std::true_type{});
+    else fn(std::false_type{});
+}
+/// The threshold over the common weight, where there is one.
+inline float scaled_threshold(const FieldRequest& field, const SortedParticles& p, bool per_particle) {
+    return per_particle ? field.threshold : field.threshold / p.weight.uniform;
+}
+
+/// One scene as rays see it.
+template <class Exec>
+struct Traced {
+    Builder<Exec>& builder;
+    CellStore<Exec>& cells;
+    Buffer<std::uint8_t, Exec>& near;      ///< the thesis's tracer keeps its room from frame to frame
+    Buffer<ThesisWork, Exec>& work;
+
+    Octree<Exec>& octree() const { return builder.now().octree; }
+    const Attributes& attributes() const { return builder.now().attributes; }
+
+    /// Nearly all rays: tile by tile through the octree, in float32.
+    void trace(Exec& exec, const FieldRequest& field, const RaySource& rays, const Hits& hits) const {
+        if (field.thesis)
+            return ThesisTracer<Exec>{exec, octree(), near, work, *field.thesis, field, attributes().color, attributes().one_color}(rays, hits);
+        with_kinds(octree(), field.kernel, [&]<class Tree, class Kernel, bool PerParticle>(const Tree& tree, const Kernel& kernel, std::bool_constant<PerParticle>) {
+            const SortedParticles& p = octree().particles();
+            const TraceTiles<Tree, Kernel, PerParticle> tiles{tree, p, kernel, scaled_threshold(field, p, PerParticle), attributes().color,
+                                                              attributes().one_color, rays, hits};
+            exec.for_each_tile(tiles.template n_tiles<typename Exec::Group>(), tiles);
+        });
+    }
+    /// The few rays that float32 could not decide, in float64.
+    void resolve(Exec& exec, const FieldRequest& field, const RaySource& rays, const Hits& hits) const {
+        if (field.thesis) return;
+        with_kinds(octree(), field.kernel, [&]<class Tree, class Kernel, bool PerParticle>(const Tree& tree, const Kernel&, std::bool_constant<PerParticle>) {
+            const ResolveRays<Tree, PerParticle> rest{tree, octree().particles(), {field.kernel}, field.threshold, attributes().color,
+                                                      attributes().one_color, rays, hits};
+            exec.for_each_tile(rest.template n_tiles<typename Exec::Group>(), rest);
+        });
+    }
+
+    /// fn(tracer) with the tracer through cells.
+    template <class Fn>
+    void with_tracer(const FieldRequest& field, const Fn& fn) const {
+        with_kinds(octree(), field.kernel, [&]<class Tree, class Kernel, bool PerParticle>(const Tree& tree, const Kernel& kernel, std::bool_constant<PerParticle>) {
+            const SortedParticles& p = octree().particles();
+            fn(CellTracer<typename Exec::Lanes, Tree, Kernel, PerParticle>{tree, p, kernel, scaled_threshold(field, p, PerParticle), cells.view()});
+        });
+    }
+    void prepare_cells(Exec& exec, const FieldRequest& field) const {
+        with_tracer(field, [&](const auto& tracer) { cells.prepare(exec, field, tracer, octree().max_nodes()); });
+    }
+    /// Distances to the first crossing of rays that light sent on, through the cells.
+    void march(Exec& exec, const FieldRequest& field, const Clips& clips, const WaveRays& rays, int layer, LayerHits& found, bool alone) const {
+        if (alone && rays.primary() && clips.n == 0) {  // neighbours: by tiles
+            found.sign = nullptr;
+            found.cap = nullptr;
+            const Hits distances{found.t, nullptr, nullptr};
+            trace(exec, field, rays.source, distances);
+            return resolve(exec, field, rays.source, distances);
+        }
+        with_tracer(field, [&](const auto& tracer) {
+            using Tracer = std::decay_t<decltype(tracer)>;
+            with_clips(clips, [&]<bool clipped>(std::bool_constant<clipped>) {
+                exec.for_each_walk(rays.source.n_items(), March<Tracer, clipped>{{tracer, clips}, rays, layer, found});
+            });
+            using Tree = std::decay_t<decltype(tracer.tree)>;
+            const ResolveRays<Tree, Tracer::PerParticle> rest{tracer.tree, octree().particles(), {field.kernel}, field.threshold, nullptr, {},
+                                                             rays.source, {found.t, nullptr, nullptr}, clips, found.sign, found.cap};
+            exec.for_each_tile(rest.template n_tiles<typename Exec::Group>(), rest);
+        });
+    }
+    /// What is nearest of this layer and those before.
+    void keep(Exec& exec, const FieldRequest& field, const Clips& clips, const WaveRays& rays, int layer, const LayerHits& found,
+              const WaveHits& hits) const {
+        with_tracer(field, [&](const auto& tracer) {
+            using Tracer = std::decay_t<decltype(tracer)>;
+            exec.for_each_uneven(rays.source.n_items(), Keep<Tracer>{tracer, clips, attributes(), rays, layer, found, hits});
+        });
+    }
+    /// Light that this layer lets through to the hits.
+    void occlude(Exec& exec, const FieldRequest& field, const Clips& clips, const Lighting& lighting, const WaveRays& rays, const WaveHits& hits,
+                 int layer, float* visibility) const {
+        with_tracer(field, [&](const auto& tracer) {
+            using Tracer = std::decay_t<decltype(tracer)>;
+            with_clips(clips, [&]<bool clipped>(std::bool_constant<clipped>) {
+                exec.for_each_walk(rays.source.n_items() * lighting.n_visibilities(),
+                                   Occlude<Tracer, clipped>{{tracer, clips}, attributes(), lighting, rays, hits, layer, visibility});
+            });
+        });
+    }
+};
+
+}  // namespace globule::core
