@@ -42,11 +42,6 @@ FieldRequest field_of(int kernel, float threshold, const nb::object& traced_like
     return field;
 }
 
-CameraRays camera(const std::vector<float>& v, int width, int height, bool orthographic) {
-    auto part = [&](int i) { return float3{v.at(3 * i), v.at(3 * i + 1), v.at(3 * i + 2)}; };
-    return {part(0), part(1), part(2), part(3), width, height, orthographic};
-}
-
 /// Address, shape, bytes an item and type code of any DLPack array, and the object that keeps it alive.
 nb::tuple dlpack_view(nb::ndarray<nb::ro> a) {
     nb::list shape, strides;
@@ -68,6 +63,7 @@ NB_MODULE(_core, m) {
     nb::set_leak_warnings(false);  // an exception that ends the program may still hold frames
     bind_sweep(m);
     bind_tissue(m);
+    bind_picture(m);
     m.def("cpu_backends", &cpu_backends);
     m.def("dlpack_view", &dlpack_view);
     m.def("describe", [](const std::string& backend, int index) {
@@ -156,26 +152,15 @@ NB_MODULE(_core, m) {
         .def("sorted", [](PyScene& s, Address keys, Address index) {
             work([&] { s.scene->sorted(at<std::uint64_t>(keys), at<std::uint32_t>(index)); });
         })
-        .def("render", [](PyScene& s, nb::list layers, std::vector<float> view, int width, int height, bool orthographic,
-                          nb::dict look, int passes, nb::object before) {
-            PictureRequest request;
-            request.camera = camera(view, width, height, orthographic);
-            request.lighting = lighting(look);
-            request.lighting.sky = sky(nb::cast<nb::dict>(look["sky"]), request.sky_image, request.sky_id);
-            request.passes = passes;
-            for (nb::handle h : layers) {
-                const auto [scene, kernel, threshold, of_layer, clips] =
-                    nb::cast<std::tuple<PyScene*, int, float, nb::dict, nb::list>>(h);
-                LayerRequest layer{scene->scene.get(), {KernelName(kernel), threshold}, {}};
-                for (nb::handle c : clips) layer.clips.push_back(clip(nb::cast<nb::dict>(c)));
-                request.lighting.materials[request.layers.size()] = material(of_layer);
-                request.layers.push_back(std::move(layer));
-            }
-            std::shared_ptr<Frame> frame;
-            if (!before.is_none()) frame = nb::cast<std::shared_ptr<Frame>>(before);
-            return work([&] { return s.scene->render(request, frame); });
-        }, nb::arg("layers"), nb::arg("view"), nb::arg("width"), nb::arg("height"), nb::arg("orthographic"), nb::arg("look"),
-           nb::arg("passes"), nb::arg("before").none())
+        .def("render", [](PyScene& s, const std::vector<Layer>& layers, const CameraRays& view, const Look& look,
+                          const ThesisRequest* thesis, int passes, std::shared_ptr<Frame> before) {
+            const PictureRequest request = picture(layers, view, look, passes);
+            const std::optional<ThesisRequest> way = thesis ? std::optional(*thesis) : std::nullopt;
+            return work([&] {
+                for (const LayerRequest& layer : request.layers) layer.scene->trace_like(way);
+                return s.scene->render(request, before);
+            });
+        }, nb::arg("layers"), nb::arg("view"), nb::arg("look"), nb::arg("thesis").none(), nb::arg("passes"), nb::arg("before").none())
         .def("intersect", [](PyScene& s, int kernel, float threshold, std::size_t n, Array origins, Array directions,
                              Address t, Address normal, Address albedo) {
             work([&] { s.scene->intersect({KernelName(kernel), threshold}, n, floats(origins), floats(directions),

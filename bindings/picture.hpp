@@ -1,4 +1,5 @@
-// What a picture is asked for with, from Python's dictionaries.  Python has checked every value.
+// What a picture is asked for with: made of Python's dictionaries once, and kept on the object that they describe.
+// Python has checked every value.
 #pragma once
 #include <nanobind/nanobind.h>
 #include <nanobind/stl/string.h>
@@ -6,6 +7,7 @@
 #include <nanobind/stl/vector.h>
 
 #include "backends/backend.hpp"
+#include "scene_handle.hpp"
 
 namespace globule::core {
 
@@ -21,20 +23,25 @@ inline Material material(const nb::dict& d) {
             vec(d, "color"), vec(d, "absorption"), value<float>(d, "specular"), value<float>(d, "shininess")};
 }
 
-inline Clip clip(const nb::dict& d) { return {ClipKind(value<int>(d, "kind")), value<bool>(d, "keep"), vec(d, "a"), vec(d, "b")}; }
+/// How hits are turned into light.
+struct Look {
+    Lighting lighting;
+    const float* sky_image = nullptr;
+    std::uint64_t sky_id = 0;
+    nb::object sky_owner;        ///< of the image
+    float specular, shininess;   ///< of layers whose material has none of its own
+};
 
-inline Sky sky(const nb::dict& d, const float*& image, std::uint64_t& id) {
+inline Sky sky(const nb::dict& d) {
     Sky s;
     s.zenith = vec(d, "zenith");
     s.horizon = vec(d, "horizon");
     s.ground = vec(d, "ground");
     s.up = vec(d, "up");
     s.east = vec(d, "east");
-    image = reinterpret_cast<const float*>(value<std::uintptr_t>(d, "image"));
     s.width = value<int>(d, "width");
     s.height = value<int>(d, "height");
     s.strength = value<float>(d, "strength");
-    id = value<std::uint64_t>(d, "id");
     return s;
 }
 
@@ -59,7 +66,58 @@ inline Lighting lighting(const nb::dict& d) {
         s.ground = {true, vec(g, "normal"), value<float>(g, "offset"), vec(g, "color"), vec(g, "other"), value<float>(g, "field"),
                     value<float>(g, "reflection")};
     }
+    s.sky = sky(nb::cast<nb::dict>(d["sky"]));
     return s;
+}
+
+inline Look look(const nb::dict& d) {
+    const nb::dict s = nb::cast<nb::dict>(d["sky"]);
+    return {lighting(d), reinterpret_cast<const float*>(value<std::uintptr_t>(s, "image")), value<std::uint64_t>(s, "id"),
+            s["owner"], value<float>(d, "specular"), value<float>(d, "shininess")};
+}
+
+inline CameraRays view(const std::vector<float>& v, int width, int height, bool orthographic) {
+    auto part = [&](int i) { return float3{v.at(3 * i), v.at(3 * i + 1), v.at(3 * i + 2)}; };
+    return {part(0), part(1), part(2), part(3), width, height, orthographic};
+}
+
+/// What Python passes for one scene of a picture: the scene, its kernel and threshold, material, cuts.
+using Layer = std::tuple<PyScene*, int, float, Material*, std::vector<Clip*>>;
+
+inline PictureRequest picture(const std::vector<Layer>& layers, const CameraRays& view, const Look& look, int passes) {
+    PictureRequest request{{}, view, look.lighting, look.sky_image, look.sky_id, passes};
+    for (const auto& [scene, kernel, threshold, of_layer, clips] : layers) {
+        Material& material = request.lighting.materials[request.layers.size()] = *of_layer;
+        if (material.specular < 0.0f) material.specular = look.specular;
+        if (material.shininess < 0.0f) material.shininess = look.shininess;
+        LayerRequest layer{scene->scene.get(), {KernelName(kernel), threshold}, {}};
+        for (const Clip* clip : clips) layer.clips.push_back(*clip);
+        request.layers.push_back(std::move(layer));
+    }
+    return request;
+}
+
+inline void bind_picture(nb::module_& m) {
+    nb::class_<Look>(m, "Look")
+        .def("__init__", [](Look* self, const nb::dict& d) { new (self) Look(look(d)); })
+        .def("reaching", [](Look look, float distance) {  // whose ambient rays end there
+            look.lighting.ambient_distance = distance;
+            return look;
+        });
+    nb::class_<Material>(m, "Material").def("__init__", [](Material* self, const nb::dict& d) { new (self) Material(material(d)); });
+    nb::class_<CameraRays>(m, "View")
+        .def("__init__", [](CameraRays* self, const std::vector<float>& frame, int width, int height, bool orthographic) {
+            new (self) CameraRays(view(frame, width, height, orthographic));
+        });
+    nb::class_<Clip>(m, "Clip")
+        .def("__init__", [](Clip* self, int kind, bool keep, const std::vector<float>& a, const std::vector<float>& b) {
+            new (self) Clip{ClipKind(kind), keep, vec(a), vec(b)};
+        });
+    nb::class_<ThesisRequest>(m, "Thesis")
+        .def("__init__", [](ThesisRequest* self, int root, float step, int n_thresholds, bool ghosts, bool face_rule, bool exterior,
+                            bool refine, bool averaged_normals) {
+            new (self) ThesisRequest{ThesisRoot(root), step, n_thresholds, ghosts, face_rule, exterior, refine, averaged_normals};
+        });
 }
 
 }  // namespace globule::core

@@ -1,6 +1,7 @@
 """What nobody should pass, and what will be passed: a clear result or a clear error, no hang."""
 
 import functools
+import re
 import subprocess
 import sys
 
@@ -452,6 +453,33 @@ def test_a_failed_update_keeps_the_scene(backend):
         scene.update(weight=np.ones(51))
     np.testing.assert_array_equal(gb.render(scene, size=SIZE).picture, before)
     assert len(scene) == 50
+
+
+def test_an_update_checks_what_is_new(backend):
+    n = 50
+    support = np.linspace(0.3, 0.5, n, dtype=np.float32)
+    scene = gb.Scene(gb.Particles(cloud(n), support=support, color=(1, 0, 0)), **backend)
+    scene.update(positions=cloud(n, 7).tolist())
+    np.testing.assert_array_equal(scene.particles.positions, np.float32(cloud(n, 7)))
+    assert scene.particles.support is support and scene.support is support
+    was = scene.particles
+    for name, fields, got in [
+        ("support", {"positions": cloud(n + 1)}, f"({n},)"),
+        ("support", {"support": -support}, "-0.3"),
+        ("support", {"support": support * np.logspace(-9, 0, n)}, "3e-10"),
+        ("color", {"positions": cloud(n, 8), "color": (0, 0, 2)}, "2"),
+        ("anisotropy", {"anisotropy": np.zeros((n, 3, 3))}, "[[0.0, 0.0"),
+    ]:
+        with pytest.raises(ValueError, match=f"^{name}: expected .*got .*{re.escape(got)}"):
+            scene.update(**fields)
+        assert scene.particles is was
+    was.weight = [1.0]  # set by hand, so not known to be right
+    with pytest.raises(ValueError, match="^weight: expected a number or shape"):
+        scene.update(positions=cloud(n))
+    was.weight = None
+    scene.update(positions=cloud(n + 1), support=0.4)
+    assert len(scene) == n + 1 and scene.support == 0.4
+    assert look(scene).mask.any()
 
 
 def test_simd_level_by_hand(monkeypatch):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -108,7 +110,7 @@ def device_array(name: str, value: Any, dtypes: tuple[str, ...]) -> DeviceArray:
     """What lies on the GPU, of one of these types and C-contiguous; it is used where it is."""
     interface = getattr(value, "__cuda_array_interface__", None)
     if interface is not None:
-        shape, kind = tuple(interface["shape"]), np.dtype(interface["typestr"]).name
+        shape, kind = tuple(interface["shape"]), dtype_name(interface["typestr"])
         strides = interface.get("strides")
         address = interface["data"][0] or 0
     else:
@@ -118,10 +120,16 @@ def device_array(name: str, value: Any, dtypes: tuple[str, ...]) -> DeviceArray:
     if kind not in dtypes:
         raise TypeError(f"{name}: expected {' or '.join(dtypes)} on the device, got {kind}")
     item = np.dtype(kind).itemsize
-    packed = tuple(item * int(np.prod(shape[i + 1 :])) for i in range(len(shape)))
+    packed = tuple(item * math.prod(shape[i + 1 :]) for i in range(len(shape)))
     if strides is not None and tuple(strides) != packed and 0 not in shape:
         raise TypeError(f"{name}: expected a C-contiguous device array, got strides {strides}")
     return DeviceArray(address, tuple(shape), kind, value)
+
+
+@functools.cache  # NumPy takes 3 µs to name one
+def dtype_name(typestr: str) -> str:
+    """The name of an array interface's type: "float32" of "<f4"."""
+    return np.dtype(typestr).name
 
 
 def _check_shape(name: str, shape: tuple[int, ...], columns: int | None) -> None:

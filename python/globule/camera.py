@@ -8,9 +8,12 @@ from typing import Any
 
 import numpy as np
 
+from . import _core
+from .fixed import Fixed
+
 
 @dataclass(frozen=True)
-class Camera:
+class Camera(Fixed):
     """A pinhole camera, or an orthographic one.
 
     World frames are right-handed; image rows go from top to bottom, and the centre of pixel (0, 0)
@@ -101,6 +104,15 @@ class Camera:
         right, up = _axes(forward, np.asarray(self.up))
         half = math.tan(math.radians(self.fov) / 2) if self.height is None else self.height / 2
         return np.stack([eye, forward, right * half * size[0] / size[1], up * half])
+
+    def _view(self, size: tuple[int, int]) -> Any:
+        """What the core takes; that of the last size is kept."""
+        kept = vars(self).get("_packed")
+        if kept is None or kept[0] != size:
+            view = _core.View(self.frame(size).ravel().tolist(), *size, self.height is not None)
+            kept = size, view
+            object.__setattr__(self, "_packed", kept)
+        return kept[1]
 
     def towards(self, points: Any) -> np.ndarray:
         """Unit directions of the rays that go through points (N, 3), world: (N, 3)."""

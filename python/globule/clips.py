@@ -4,15 +4,18 @@ medium the cut face shows the blended colours inside."""
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
+from . import _core
 from .checks import number, three
+from .fixed import Fixed
 
 
 @dataclass(frozen=True)
-class ClipPlane:
+class ClipPlane(Fixed):
     """Takes away what lies on the normal's side: points x with normal · x > offset."""
 
     normal: Any
@@ -22,17 +25,18 @@ class ClipPlane:
         """Which of the points (N, 3) it takes away."""
         return points @ np.asarray(self.normal, np.float64) > self.offset
 
-    def _pack(self) -> dict:
+    @cached_property
+    def _packed(self) -> Any:
         normal = np.asarray(three("normal", self.normal), np.float64)
         length = float(np.linalg.norm(normal))
         if length == 0:
             raise ValueError(f"normal: expected a direction, got {self.normal!r}")
         offset = number("offset", self.offset) / length
-        return {"kind": 0, "keep": False, "a": (normal / length).tolist(), "b": [offset, 0.0, 0.0]}
+        return _core.Clip(0, False, (normal / length).tolist(), [offset, 0.0, 0.0])
 
 
 @dataclass(frozen=True)
-class ClipBox:
+class ClipBox(Fixed):
     """Takes away what lies inside the box [lo, hi], or with keep=True what lies outside: a crop."""
 
     lo: Any
@@ -44,15 +48,16 @@ class ClipBox:
         inside = (points > np.asarray(self.lo)) & (points < np.asarray(self.hi))
         return inside.all(axis=1) != self.keep
 
-    def _pack(self) -> dict:
+    @cached_property
+    def _packed(self) -> Any:
         lo, hi = three("lo", self.lo), three("hi", self.hi)
         if not all(a < b for a, b in zip(lo, hi, strict=True)):
             raise ValueError(f"hi: expected above lo in each axis, got {self.hi!r}")
-        return {"kind": 1, "keep": bool(self.keep), "a": lo, "b": hi}
+        return _core.Clip(1, bool(self.keep), lo, hi)
 
 
 @dataclass(frozen=True)
-class ClipSphere:
+class ClipSphere(Fixed):
     """Takes away what lies inside the ball, or with keep=True what lies outside."""
 
     center: Any
@@ -64,13 +69,9 @@ class ClipSphere:
         away = np.linalg.norm(points - np.asarray(self.center), axis=1)
         return (away < self.radius) != self.keep
 
-    def _pack(self) -> dict:
+    @cached_property
+    def _packed(self) -> Any:
         radius = number("radius", self.radius, 0.0)
         if radius == 0:
             raise ValueError("radius: expected a positive number, got 0")
-        return {
-            "kind": 2,
-            "keep": bool(self.keep),
-            "a": three("center", self.center),
-            "b": [radius, 0.0, 0.0],
-        }
+        return _core.Clip(2, bool(self.keep), three("center", self.center), [radius, 0.0, 0.0])

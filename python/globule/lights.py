@@ -11,12 +11,13 @@ import numpy as np
 
 from .arrays import address
 from .checks import number, three, unit
+from .fixed import Fixed, fixed
 
 MAX_LIGHTS = 8
 
 
 @dataclass(frozen=True)
-class Headlight:
+class Headlight(Fixed):
     """Light from the eye; it casts no visible shadow."""
 
     radiance: Any = (0.35, 0.35, 0.35)
@@ -26,7 +27,7 @@ class Headlight:
 
 
 @dataclass(frozen=True)
-class DirectionalLight:
+class DirectionalLight(Fixed):
     """Light from far away.
 
     direction: (3,) world, towards the light. angle: angular diameter, degrees (the sun: 0.53);
@@ -44,7 +45,7 @@ class DirectionalLight:
 
 
 @dataclass(frozen=True)
-class PointLight:
+class PointLight(Fixed):
     """Light from a ball, without fall-off. position: (3,) world; radius: world, 0 gives hard
     shadows."""
 
@@ -58,7 +59,7 @@ class PointLight:
 
 
 @dataclass(frozen=True)
-class Sky:
+class Sky(Fixed):
     """What rays see that meet nothing: a gradient from the ground's colour to the zenith's."""
 
     zenith: Any = (0.30, 0.48, 0.80)
@@ -79,6 +80,7 @@ class Sky:
             "height": 0,
             "strength": 1.0,
             "id": 0,
+            "owner": None,
         }
 
 
@@ -91,7 +93,7 @@ _ids = itertools.count(1)
 
 
 @dataclass(frozen=True, eq=False)
-class Environment:
+class Environment(Fixed):
     """A sky from an image: equirectangular, (H, W, 3) linear radiance, row 0 at the zenith.
 
     strength multiplies it; turn rotates it about `up`, degrees.
@@ -109,6 +111,7 @@ class Environment:
         if not (np.isfinite(image).all() and (image >= 0).all()):
             raise ValueError("image: expected finite radiance >= 0")
         object.__setattr__(self, "image", image)
+        object.__setattr__(self, "up", fixed(self.up))
         object.__setattr__(self, "_id", next(_ids))
 
     def mean(self) -> tuple[float, float, float]:
@@ -135,11 +138,12 @@ class Environment:
             "height": height,
             "strength": strength,
             "id": self._id,
+            "owner": self.image,
         }
 
 
 @dataclass(frozen=True)
-class Ground:
+class Ground(Fixed):
     """A plane under the scene. height: where it crosses `normal`, world; check: edge of its
     checkerboard's fields, world, 0 for one colour."""
 

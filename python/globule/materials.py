@@ -9,14 +9,18 @@ each of these for a whole scene instead.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
+from . import _core
 from .checks import number, three
+from .fixed import Fixed
 
 
 @dataclass(frozen=True)
-class Material:
+class Material(Fixed):
     """What None leaves to the particles.
 
     reflection: mirror's weight at normal incidence, [0, 1]
@@ -38,25 +42,25 @@ class Material:
     specular: float | None = None
     shininess: float | None = None
 
-    def _pack(self, specular: float, shininess: float) -> dict:
-        def share(name: str) -> float:
-            value = getattr(self, name)
-            return -1.0 if value is None else number(name, value, 0.0, 1.0)
+    @cached_property
+    def _packed(self) -> Any:
+        """What the core takes; below 0 (index: 0) what is left to others."""
 
-        own = [-1.0, -1.0, -1.0]
-        return {
-            "reflection": share("reflection"),
-            "transmission": share("transmission"),
+        def given(name: str, most: float = math.inf) -> float:
+            value = getattr(self, name)
+            return -1.0 if value is None else number(name, value, 0.0, most)
+
+        def colors(name: str) -> list[float]:
+            value = getattr(self, name)
+            return [-1.0, -1.0, -1.0] if value is None else three(name, value, 0.0)
+
+        return _core.Material({
+            "reflection": given("reflection", 1.0),
+            "transmission": given("transmission", 1.0),
             "index": 0.0 if self.index is None else number("index", self.index, 1.0, 4.0),
             "roughness": number("roughness", self.roughness, 0.0, 1.0),
-            "color": own if self.color is None else three("color", self.color, 0.0),
-            "absorption": own
-            if self.absorption is None
-            else three("absorption", self.absorption, 0.0),
-            "specular": number(
-                "specular", specular if self.specular is None else self.specular, 0.0
-            ),
-            "shininess": number(
-                "shininess", shininess if self.shininess is None else self.shininess, 0.0
-            ),
-        }
+            "color": colors("color"),
+            "absorption": colors("absorption"),
+            "specular": given("specular"),
+            "shininess": given("shininess"),
+        })

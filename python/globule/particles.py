@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+
+from .arrays import dtype_name
 
 SCALAR_FIELDS = ("support", "weight", "reflection", "refraction", "rigidity")
 FIELDS = ("positions", *SCALAR_FIELDS, "color", "anisotropy")
@@ -47,16 +50,30 @@ class Particles:
     attributes: dict[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        self._check({})
+        self.attributes = {
+            name: _attribute(name, array, len(self))
+            for name, array in dict(self.attributes).items()
+        }
+
+    def _check(self, known: dict[str, Any]) -> None:
+        """Check all fields, but those that are the very objects in `known`, which passed."""
         self.positions = _positions(self.positions)
         n = len(self)
-        for name in SCALAR_FIELDS:
-            least = 0.0 if name == "support" else -math.inf
-            setattr(self, name, _scalar_field(name, getattr(self, name), n, least))
-        self.color = _color(self.color, n)
-        self.anisotropy = _anisotropy(self.anisotropy, n)
-        self.attributes = {
-            name: _attribute(name, array, n) for name, array in dict(self.attributes).items()
-        }
+        if known and n != known["positions"].shape[0]:
+            known = {}
+        for name, check in _CHECKS.items():
+            value = getattr(self, name)
+            if value is not None and value is not known.get(name):
+                setattr(self, name, check(name, value, n))
+
+    def _with(self, fields: dict[str, Any], known: dict[str, Any]) -> Particles:
+        """With other arrays for some fields, and without attributes; `known` as for `_check`."""
+        new = object.__new__(Particles)
+        vars(new).update(vars(self), attributes={})
+        vars(new).update(fields)
+        new._check(known)
+        return new
 
     def __len__(self) -> int:
         return int(self.positions.shape[0])
@@ -140,50 +157,49 @@ def _positions(value: Any) -> Any:
     return _float32(array)
 
 
-def _scalar_field(name: str, value: Any, n: int, least: float) -> Any:
-    if value is None:
-        return None
+def _scalar_field(name: str, value: Any, n: int) -> Any:
     if on_gpu(value):
         return _checked_on_gpu(name, value, (n,))
     array = _numbers(name, value)
     if array.shape not in ((), (n,)):
         raise ValueError(f"{name}: expected a number or shape ({n},), got shape {array.shape}")
     result = _float32(array)
-    _check_range(name, result, least, math.inf)
+    _check_range(name, result, 0.0 if name == "support" else -math.inf, math.inf)
     return float(array) if array.ndim == 0 else result
 
 
-def _color(value: Any, n: int) -> Any:
-    if value is None:
-        return None
+def _color(name: str, value: Any, n: int) -> Any:
     if on_gpu(value):
-        return _checked_on_gpu("color", value, (n, 3))
-    array = _numbers("color", value)
+        return _checked_on_gpu(name, value, (n, 3))
+    array = _numbers(name, value)
     if array.shape not in ((3,), (n, 3)):
-        raise ValueError(f"color: expected shape (3,) or ({n}, 3), got {array.shape}")
+        raise ValueError(f"{name}: expected shape (3,) or ({n}, 3), got {array.shape}")
     if array.dtype == np.uint8:
         return array.astype(np.float32) / np.float32(255)
     result = _float32(array)
-    _check_range("color", result, 0.0, 1.0)
+    _check_range(name, result, 0.0, 1.0)
     return result
 
 
-def _anisotropy(value: Any, n: int) -> np.ndarray | None:
-    if value is None:
-        return None
-    array = _float32(_numbers("anisotropy", to_host(value)))
+def _anisotropy(name: str, value: Any, n: int) -> np.ndarray:
+    array = _float32(_numbers(name, to_host(value)))
     if array.shape != (n, 3, 3):
-        raise ValueError(f"anisotropy: expected shape ({n}, 3, 3), got {array.shape}")
+        raise ValueError(f"{name}: expected shape ({n}, 3, 3), got {array.shape}")
     good = np.isfinite(array).all(axis=(1, 2))
     size = np.abs(np.where(good[:, None, None], array, 1)).max(axis=(1, 2))
     good &= (np.abs(array - array.transpose(0, 2, 1)).max(axis=(1, 2), initial=0) <= 1e-4 * size)
     good[good] = np.linalg.eigvalsh(array[good])[:, 0] > 0
     if not good.all():
         raise ValueError(
-            "anisotropy: expected symmetric positive definite matrices, "
+            f"{name}: expected symmetric positive definite matrices, "
             f"got {array[np.argmin(good)].tolist()} (particle {np.argmin(good)})"
         )
     return array
+
+
+_CHECKS: dict[str, Callable[[str, Any, int], Any]] = {
+    **dict.fromkeys(SCALAR_FIELDS, _scalar_field), "color": _color, "anisotropy": _anisotropy,
+}  # fmt: skip
 
 
 def _attribute(name: Any, value: Any, n: int) -> Any:
@@ -215,6 +231,8 @@ def _numbers(name: str, value: Any) -> np.ndarray:
 
 
 def _float32(array: np.ndarray) -> np.ndarray:
+    if array.dtype == np.float32 and array.flags.c_contiguous:
+        return array
     with np.errstate(over="ignore", invalid="ignore"):  # too large becomes inf, checked after
         return np.asarray(array, dtype=np.float32, order="C")
 
@@ -239,7 +257,7 @@ def _checked_on_gpu(name: str, array: Any, shape: tuple[int, ...]) -> Any:
     if interface is None:
         dtype, strides = str(array.dtype), None
     else:
-        dtype, strides = np.dtype(interface["typestr"]).name, interface.get("strides")
+        dtype, strides = dtype_name(interface["typestr"]), interface.get("strides")
     if not dtype.endswith("float32"):
         raise TypeError(f"{name}: expected float32 on the GPU, got {dtype}")
     if tuple(array.shape) != shape:

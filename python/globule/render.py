@@ -4,15 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
+from . import _core
 from .arrays import address
 from .camera import Camera
 from .checks import number, three, whole
 from .clips import ClipBox, ClipPlane, ClipSphere
 from .files import atomic_write
+from .fixed import Fixed
 from .lights import (
     MAX_LIGHTS,
     DirectionalLight,
@@ -26,7 +29,7 @@ from .lights import (
 from .materials import Material
 from .particles import to_host
 from .scene import Scene
-from .thesis import Thesis, choose_tracing
+from .thesis import Thesis, check_tracing
 
 MAX_PIXELS = 2**28
 MAX_LAYERS = 4
@@ -45,7 +48,7 @@ REACH = {
 
 
 @dataclass(frozen=True)
-class RenderSettings:
+class RenderSettings(Fixed):
     """How hits are turned into light. Colours and radiances are linear, [0, 1] for white.
 
     lights: up to 8
@@ -80,10 +83,13 @@ class RenderSettings:
     cutoff: float = 1 / 32
     samples: int = 1
 
-    def _pack(self, scene: Scene) -> dict:
-        if len(_items("lights", self.lights, "a list of lights")) > MAX_LIGHTS:
-            raise ValueError(f"lights: expected at most {MAX_LIGHTS}, got {len(self.lights)}")
-        for light in self.lights:
+    @cached_property
+    def _packed(self) -> Any:
+        """What the core takes; how far ambient rays look in no scene in particular: 0."""
+        lights = _items("lights", self.lights, "a list of lights")
+        if len(lights) > MAX_LIGHTS:
+            raise ValueError(f"lights: expected at most {MAX_LIGHTS}, got {len(lights)}")
+        for light in lights:
             if not isinstance(light, (Headlight, DirectionalLight, PointLight)):
                 raise TypeError(
                     f"lights: expected Headlight, DirectionalLight or PointLight, got {light!r}"
@@ -96,13 +102,11 @@ class RenderSettings:
         if sky_light and self.ambient != "sky":
             raise ValueError(f'ambient: expected a colour or "sky", got {self.ambient!r}')
         rays = whole("ambient_rays", self.ambient_rays, 0, 256)
-        if self.ambient_distance is not None:
-            distance = number("ambient_distance", self.ambient_distance, 0.0)
-        else:
-            distance = 0.1 * scene.octree.extent if rays else 0.0
+        far = 0.0 if self.ambient_distance is None else self.ambient_distance
+        distance = number("ambient_distance", far, 0.0)
         background = three("background", self.background, 0.0)
-        return {
-            "lights": [light._pack() for light in self.lights],
+        return _core.Look({
+            "lights": [light._pack() for light in lights],
             "ambient": [0.0, 0.0, 0.0] if sky_light else three("ambient", self.ambient, 0.0),
             "sky_light": sky_light,
             "background": background,
@@ -115,7 +119,18 @@ class RenderSettings:
             "ground": self.ground._pack() if self.ground else None,
             "depth": whole("depth", self.depth, 0, 32),
             "cutoff": number("cutoff", self.cutoff, 0.0, 1.0),
-        }
+            "specular": number("specular", self.specular, 0.0),
+            "shininess": number("shininess", self.shininess, 0.0),
+        })
+
+    def _look(self, scene: Scene) -> Any:
+        """What the core takes for a picture of `scene`."""
+        if self.ambient_distance is None and self.ambient_rays:
+            return self._packed.reaching(0.1 * scene.octree.extent)
+        return self._packed
+
+
+_DEFAULT = RenderSettings()
 
 
 @dataclass(frozen=True)
@@ -304,7 +319,7 @@ def render(
         raise TypeError(f"size: expected (width, height), got {size!r}") from None
     if width < 1 or height < 1 or width * height > MAX_PIXELS:
         raise ValueError(f"size: expected 1 to {MAX_PIXELS:,} pixels, got {width}x{height}")
-    settings = RenderSettings() if settings is None else settings
+    settings = _DEFAULT if settings is None else settings
     if not isinstance(settings, RenderSettings):
         raise TypeError(f"settings: expected RenderSettings, got {settings!r}")
     layers = _layers(scene, clips, settings.material)
@@ -313,31 +328,24 @@ def render(
     first = layers[0].scene
     if camera is None:
         camera = fit_camera(first, (width, height))
-    view = [float(v) for v in camera.frame((width, height)).ravel()]
-    look = settings._pack(first)
-    packed = [
-        (
-            layer.scene._scene,
-            layer.scene._kernel,
-            layer.scene.threshold,
-            layer.material._pack(settings.specular, settings.shininess),
-            [clip._pack() for clip in layer.clips],
-        )
-        for layer in layers
-    ]
+    elif not isinstance(camera, Camera):
+        raise TypeError(f"camera: expected Camera, got {camera!r}")
+    view, look = camera._view((width, height)), settings._look(first)
+    kinds = [(layer.material._packed, [c._packed for c in layer.clips]) for layer in layers]
+    for layer in layers:
+        check_tracing(layer.scene, thesis)
+    way = None if thesis is None else thesis._packed
     builds = [(layer.scene.builds, layer.scene.threshold) for layer in layers]
 
     def trace(passes: int, before: Any) -> Any:
         if builds != [(layer.scene.builds, layer.scene.threshold) for layer in layers]:
             raise ValueError("refine: expected the scene as it was rendered, got another frame's")
-        for layer in layers:
-            choose_tracing(layer.scene, thesis)
-        return first._scene.render(
-            packed, view, width, height, camera.height is not None, look, passes, before
-        )
+        packed = [
+            (layer.scene._scene, layer.scene._kernel, layer.scene.threshold, *kind)
+            for layer, kind in zip(layers, kinds, strict=True)
+        ]
+        return packed[0][0].render(packed, view, look, way, passes, before)
 
-    # What the packed settings point to must live as long as the frame can be refined.
-    trace.keep = settings  # type: ignore[attr-defined]
     frame = trace(whole("samples", settings.samples, 1, MAX_SAMPLES), None)
     return Frame((width, height), frame, layers, trace)
 

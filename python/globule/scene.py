@@ -10,7 +10,7 @@ from . import _core
 from .arrays import ABSENT, View, address, is_device_array, view
 from .device import choose
 from .octree import Octree
-from .particles import Particles
+from .particles import FIELDS, Particles
 
 KERNELS = ("murakami", "nishimura", "wyvill", "blinn", "cubic_spline", "wendland_c2", "solid")
 
@@ -94,8 +94,8 @@ class Scene:
             self.device.backend, self.device.index, _count("threads", threads)
         )
         self._support = None if support is None else _positive("support", support)
-        self.particles = particles if isinstance(particles, Particles) else Particles(particles)
-        self._build(measure=True)
+        self._known: dict[str, Any] = {}  # the particles' fields when the octree was built
+        self._build(particles if isinstance(particles, Particles) else Particles(particles))
 
     def update(self, particles: Particles | None = None, **fields: Any) -> None:
         """The next frame: new particles, or new arrays for some of their fields.
@@ -104,31 +104,17 @@ class Scene:
         any device. The octree is rebuilt; the support found at the start stays.
         """
         if particles is None:
-            old = self.particles
-            names = (
-                "positions",
-                "support",
-                "weight",
-                "color",
-                "reflection",
-                "refraction",
-                "rigidity",
-                "anisotropy",
-            )
-            unknown = set(fields) - set(names)
+            unknown = fields.keys() - set(FIELDS)
             if unknown:
                 raise TypeError(
-                    f"update: unknown field {sorted(unknown)[0]!r}, expected {', '.join(names)}"
+                    f"update: unknown field {sorted(unknown)[0]!r}, expected {', '.join(FIELDS)}"
                 )
-            given = {name: fields.get(name, getattr(old, name)) for name in names}
-            particles = Particles(**given)
+            particles = self.particles._with(fields, self._known)
         elif fields:
             raise TypeError("update: expected particles or fields, got both")
-        self.particles = particles
-        self._build(measure=False)
+        self._build(particles)
 
-    def _build(self, measure: bool) -> None:
-        p = self.particles
+    def _build(self, p: Particles) -> None:
         positions = view("positions", p.positions, 3)
         n = positions.shape[0]
         if n > MAX_PARTICLES:
@@ -150,6 +136,7 @@ class Scene:
         arrays = [positions, weight, color, reflection, refraction, stretch]
 
         def build(one: float) -> None:
+            self.particles, self._known = p, dict(vars(p))
             self._scene.build(
                 n,
                 positions.pair,
@@ -165,8 +152,7 @@ class Scene:
                 float(one_refraction or 0.0),
                 stretch.pair,
                 most_stretch,
-                *self._tree[:3],
-                self._tree[3],
+                *self._tree,
             )
 
         if support is ABSENT and one_support is None:
@@ -177,7 +163,8 @@ class Scene:
             one_support = _positive("support", one_support)
         if one_support is not None and one_support > MAX_SUPPORT:
             raise ValueError(f"support: expected at most {MAX_SUPPORT:g}, got {one_support:g}")
-        if support is not ABSENT and not support.on_device:
+        checked = support is ABSENT or support.owner is self._known.get("support")
+        if not (checked or support.on_device):
             _check_supports(support.owner)
         build(1.0 if one_support is None else float(one_support))
         own = p.support if p.anisotropy is None else support.owner

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from . import _core
 from .arrays import address, view
+from .fixed import Fixed
 
 if TYPE_CHECKING:
     from .scene import Scene
@@ -18,7 +21,7 @@ MAX_THRESHOLDS = 16
 
 
 @dataclass(frozen=True)
-class Thesis:
+class Thesis(Fixed):
     """How rays are traced in the thesis, §5.2-5.4; the scene's octree must be dense.
 
     Leaves are visited by each ray for itself, with a stack. A leaf sees its own particles and its
@@ -62,11 +65,26 @@ class Thesis:
                 f"thresholds: expected a number from 0 to {MAX_THRESHOLDS}, got {self.thresholds!r}"
             )
 
+    def _choices(self) -> tuple[int, float, int, bool, bool, bool, bool, bool]:
+        return (
+            ROOTS.index(self.root),
+            float(self.step),
+            int(self.thresholds),
+            bool(self.ghosts),
+            bool(self.face_rule),
+            bool(self.exterior),
+            bool(self.refine),
+            bool(self.averaged_normals),
+        )
 
-def choose_tracing(scene: Scene, thesis: Thesis | None, count: bool = False) -> None:
-    """Rays that `scene` traces from now on go the thesis's way, or ours."""
+    @cached_property
+    def _packed(self) -> Any:
+        return _core.Thesis(*self._choices())
+
+
+def check_tracing(scene: Scene, thesis: Thesis | None) -> None:
+    """Whether `scene` can be traced so."""
     if thesis is None:
-        scene._scene.trace_exactly()
         return
     if not isinstance(thesis, Thesis):
         raise TypeError(f"thesis: expected a Thesis, got {thesis!r}")
@@ -77,17 +95,15 @@ def choose_tracing(scene: Scene, thesis: Thesis | None, count: bool = False) -> 
             f"kernel: expected {' or '.join(POLYNOMIAL_KERNELS)} for Bézier clipping, "
             f"got {scene.kernel!r}"
         )
-    scene._scene.trace_like_thesis(
-        ROOTS.index(thesis.root),
-        float(thesis.step),
-        int(thesis.thresholds),
-        bool(thesis.ghosts),
-        bool(thesis.face_rule),
-        bool(thesis.exterior),
-        bool(thesis.refine),
-        bool(thesis.averaged_normals),
-        count,
-    )
+
+
+def choose_tracing(scene: Scene, thesis: Thesis | None, count: bool = False) -> None:
+    """Rays that `scene` is asked for next go the thesis's way, or ours."""
+    check_tracing(scene, thesis)
+    if thesis is None:
+        scene._scene.trace_exactly()
+    else:
+        scene._scene.trace_like_thesis(*thesis._choices(), count)
 
 
 def work(

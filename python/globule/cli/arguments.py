@@ -90,7 +90,7 @@ def _numbers(text: str, n: int) -> list[float]:
 
 def _checked(clip: Any) -> Any:
     try:
-        clip._pack()
+        clip._packed  # noqa: B018  checks it
     except ValueError as error:
         raise argparse.ArgumentTypeError(str(error)) from None
     return clip

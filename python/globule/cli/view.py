@@ -157,8 +157,8 @@ def _settings(options: argparse.Namespace) -> tuple:
         changes |= {"color__automatic": False, "color__low": options.range[0],
                     "color__high": options.range[1]}
     if options.clip:
-        normal = np.asarray(options.clip.normal) / np.linalg.norm(options.clip.normal)
-        offset = options.clip._pack()["b"][0]
+        length = np.linalg.norm(options.clip.normal)
+        normal, offset = np.asarray(options.clip.normal) / length, options.clip.offset / length
         changes |= {"cuts__plane": True, "cuts__normal": tuple(normal.tolist()),
                     "cuts__point": tuple((normal * offset).tolist())}
     state.set(**{name: value for name, value in changes.items() if value is not None})
