@@ -15,31 +15,14 @@ using namespace globule::core;
 
 namespace {
 
-struct PyFrame {
-    Handle<Frame> core;
-};
-struct PyScene {
-    Handle<Scene> core;
-};
-
-/// Reads an image of (pixels, channels) items.
-template <Image image, class T>
-auto read_image() {
-    return [](PyFrame& f, Address out) { work([&] { f.core.read<&Frame::read>(image, ArrayAt<void>{at<void>(out)}); }); };
+/// Reads one image.
+template <Image image>
+void read_image(PyFrame& f, Address out) {
+    work([&] { f.core.read<&Frame::read>(image, ArrayAt<void>{at<void>(out)}); });
 }
 
-/// What a question takes of the field.
-FieldRequest field_of(int kernel, float threshold = 0.0f) { return {KernelName(kernel), threshold, {}}; }
-
-ThesisRequest thesis(const nb::tuple& t) {
-    const auto [root, step, n_thresholds, ghosts, face_rule, exterior, refine, averaged_normals, count] =
-        nb::cast<std::tuple<int, float, int, bool, bool, bool, bool, bool, bool>>(t);
-    return {ThesisRoot(root), step, n_thresholds, ghosts, face_rule, exterior, refine, averaged_normals, count};
-}
-FieldRequest field_of(int kernel, float threshold, const nb::object& traced_like) {
-    FieldRequest field = field_of(kernel, threshold);
-    if (!traced_like.is_none()) field.thesis = thesis(nb::cast<nb::tuple>(traced_like));
-    return field;
+FieldRequest field_of(int kernel, float threshold = 0.0f, const ThesisRequest* thesis = nullptr) {
+    return {KernelName(kernel), threshold, thesis ? std::optional(*thesis) : std::nullopt};
 }
 
 /// Address, shape, bytes an item and type code of any DLPack array, and the object that keeps it alive.
@@ -68,7 +51,7 @@ NB_MODULE(_core, m) {
     m.def("dlpack_view", &dlpack_view);
     m.def("describe", [](const std::string& backend, int index) {
         bool ok = false;
-        const std::string text = open_backend(backend).describe(index, ok);
+        const std::string text = work([&] { return describe(open_backend(backend), index, ok); });
         return nb::make_tuple(ok, text);
     });
     m.def("oracle_field", [](std::size_t n, Address positions, Address matrices, Address weight, int kernel,
@@ -105,35 +88,41 @@ NB_MODULE(_core, m) {
         return bits == 64 ? run(std::uint64_t()) : run(std::uint32_t());
     });
 
-    nb::class_<Frame>(m, "Frame")
-        .def("depth", [](Frame& f, Address out) { work([&] { f.depth(at<float>(out)); }); })
-        .def("normal", [](Frame& f, Address out) { work([&] { f.normal(at<float>(out)); }); })
-        .def("albedo", [](Frame& f, Address out) { work([&] { f.albedo(at<float>(out)); }); })
-        .def("color", [](Frame& f, Address out) { work([&] { f.color(at<float>(out)); }); })
-        .def("position", [](Frame& f, Address out) { work([&] { f.position(at<float>(out)); }); })
-        .def("picture", [](Frame& f, Address out) { work([&] { f.picture(at<std::uint8_t>(out)); }); })
-        .def("layer", [](Frame& f, Address out) { work([&] { f.layer(at<std::uint8_t>(out)); }); })
-        .def("passes", [](Frame& f) { return f.passes(); })
-        .def("trace_seconds", [](Frame& f) { return work([&] { return f.trace_seconds(); }); });
+    nb::class_<PyFrame>(m, "Frame")
+        .def("depth", &read_image<Image::depth>)
+        .def("normal", &read_image<Image::normal>)
+        .def("albedo", &read_image<Image::albedo>)
+        .def("color", &read_image<Image::color>)
+        .def("position", &read_image<Image::position>)
+        .def("picture", &read_image<Image::picture>)
+        .def("layer", &read_image<Image::layer>)
+        .def("passes", [](PyFrame& f) { return work([&] { return f.core.read<&Frame::passes>(); }); })
+        .def("trace_seconds", [](PyFrame& f) { return work([&] { return f.core.read<&Frame::trace_seconds>(); }); });
 
     nb::class_<PyScene>(m, "Scene")
         .def("__init__", [](PyScene* self, const std::string& backend, int index, int threads) {
-            new (self) PyScene{open_backend(backend).make_scene(index, threads, poll_signals)};
+            new (self) PyScene{work([&] { return make_scene(open_backend(backend), index, threads, poll_signals); })};
         })
         .def("build", [](PyScene& s, std::size_t n, Array positions, Array support, float one_support, Array weight,
                          float one_weight, Array color, std::vector<float> one_color, Array reflection, float one_reflection,
                          Array refraction, float one_refraction, Array stretch, float most_stretch, int key_bits, int depth, bool dense, std::vector<float> space) {
-            SceneArrays arrays{n, floats(positions), floats(support), floats(weight), floats(color), floats(reflection),
-                               floats(refraction), floats(stretch), most_stretch, one_support, one_weight, vec(one_color), one_reflection, one_refraction};
             TreeRequest request{key_bits, depth, dense, !space.empty(), {}, {}};
             if (!space.empty()) {
                 request.lo = {space.at(0), space.at(1), space.at(2)};
                 request.hi = {space.at(3), space.at(4), space.at(5)};
             }
-            work([&] { s.scene->build(arrays, request); });
+            work([&] {
+                Arrays all(s.core.device());
+                const SceneArrays arrays{n, all.reach("positions", array(positions), 3 * n), all.reach("support", array(support), n),
+                                         all.reach("weight", array(weight), n), all.reach("color", array(color), 3 * n),
+                                         all.reach("reflection", array(reflection), n), all.reach("refraction", array(refraction), n),
+                                         all.reach("anisotropy", array(stretch), 6 * n), most_stretch, one_support, one_weight, vec(one_color),
+                                         one_reflection, one_refraction};
+                s.core.call<&Scene::build>(arrays, request);
+            });
         })
         .def("facts", [](PyScene& s, bool with_hashes) {
-            const TreeFacts f = work([&] { return s.scene->facts(with_hashes); });
+            const TreeFacts f = call<&Scene::facts>(s.core, with_hashes);
             nb::dict d;
             d["n_nodes"] = f.n_nodes;
             d["n_leaves"] = f.n_leaves;
@@ -148,46 +137,51 @@ NB_MODULE(_core, m) {
             d["extent"] = f.header.space.extent;
             return d;
         })
-        .def("spacing", [](PyScene& s) { return work([&] { return s.scene->spacing(); }); })
+        .def("spacing", [](PyScene& s) { return call<&Scene::spacing>(s.core); })
         .def("sorted", [](PyScene& s, Address keys, Address index) {
-            work([&] { s.scene->sorted(at<std::uint64_t>(keys), at<std::uint32_t>(index)); });
+            call<&Scene::sorted>(s.core, at<std::uint64_t>(keys), at<std::uint32_t>(index));
         })
-        .def("render", [](PyScene& s, const std::vector<Layer>& layers, const CameraRays& view, const Look& look,
-                          const ThesisRequest* thesis, int passes, std::shared_ptr<Frame> before) {
-            const PictureRequest request = picture(layers, view, look, passes);
-            const std::optional<ThesisRequest> way = thesis ? std::optional(*thesis) : std::nullopt;
-            return work([&] {
-                for (const LayerRequest& layer : request.layers) layer.scene->trace_like(way);
-                return s.scene->render(request, before);
-            });
+        .def("render", [](PyScene&, const std::vector<Layer>& layers, const CameraRays& view, const Look& look,
+                          const ThesisRequest* thesis, int passes, const PyFrame* before) {
+            const PictureRequest request = picture(layers, view, look, thesis, passes);
+            std::vector<Handle<Scene>> scenes;
+            for (const Layer& layer : layers) scenes.push_back(std::get<0>(layer)->core);
+            return PyFrame{work([&] { return render(scenes, request, before ? before->core : Handle<Frame>()); })};
         }, nb::arg("layers"), nb::arg("view"), nb::arg("look"), nb::arg("thesis").none(), nb::arg("passes"), nb::arg("before").none())
-        .def("intersect", [](PyScene& s, int kernel, float threshold, std::size_t n, Array origins, Array directions,
+        .def("intersect", [](PyScene& s, int kernel, float threshold, const ThesisRequest* thesis, std::size_t n, Array origins, Array directions,
                              Address t, Address normal, Address albedo) {
-            work([&] { s.scene->intersect({KernelName(kernel), threshold}, n, floats(origins), floats(directions),
-                                          at<float>(t), at<float>(normal), at<float>(albedo)); });
-        })
+            work([&] {
+                Arrays all(s.core.device());
+                s.core.call<&Scene::intersect>(field_of(kernel, threshold, thesis), n, all.reach("origins", array(origins), 3 * n),
+                                               all.reach("directions", array(directions), 3 * n), at<float>(t), at<float>(normal), at<float>(albedo));
+            });
+        }, nb::arg("kernel"), nb::arg("threshold"), nb::arg("thesis").none(), nb::arg("n"), nb::arg("origins"), nb::arg("directions"), nb::arg("t"),
+           nb::arg("normal"), nb::arg("albedo"))
         .def("evaluate", [](PyScene& s, int kernel, std::size_t n, Array points, Address value, Address gradient) {
-            work([&] { s.scene->evaluate({KernelName(kernel), 0.0f}, n, floats(points), at<float>(value), at<float>(gradient)); });
+            work([&] {
+                Arrays all(s.core.device());
+                s.core.call<&Scene::evaluate>(field_of(kernel), n, all.reach("points", array(points), 3 * n), at<float>(value), at<float>(gradient));
+            });
         })
-        .def("blend", [](PyScene& s, int kernel, std::size_t n, Array points, Array values, int channels, Address out) {
-            work([&] { s.scene->blend({KernelName(kernel), 0.0f}, n, floats(points), floats(values), channels, at<float>(out)); });
+        .def("blend", [](PyScene& s, int kernel, std::size_t n, Array points, Array values, std::size_t n_rows, int channels, Address out) {
+            work([&] {
+                Arrays all(s.core.device());
+                s.core.call<&Scene::blend>(field_of(kernel), n, all.reach("points", array(points), 3 * n),
+                                           all.reach("values", array(values), n_rows * channels), n_rows, channels, at<float>(out));
+            });
         })
         .def("neighbors", [](PyScene& s, std::size_t n, Array points, float radius) {
-            auto* found = new Neighbors(work([&] { return s.scene->neighbors(n, floats(points), radius); }));
+            auto* found = new Neighbors(work([&] {
+                Arrays all(s.core.device());
+                return s.core.call<&Scene::neighbors>(n, all.reach("points", array(points), 3 * n), radius);
+            }));
             nb::capsule owner(found, [](void* p) noexcept { delete static_cast<Neighbors*>(p); });
             return nb::make_tuple(
                 nb::ndarray<nb::numpy, std::uint64_t>(found->offsets.data(), {found->offsets.size()}, owner),
                 nb::ndarray<nb::numpy, std::uint32_t>(found->indices.data(), {found->indices.size()}, owner));
         })
-        .def("synchronize", [](PyScene& s) { work([&] { s.scene->synchronize(); }); })
-        .def("trace_like_thesis", [](PyScene& s, int root, float step, int n_thresholds, bool ghosts, bool face_rule,
-                                     bool exterior, bool refine, bool averaged_normals, bool count) {
-            s.scene->trace_like(ThesisRequest{ThesisRoot(root), step, n_thresholds, ghosts, face_rule, exterior, refine,
-                                              averaged_normals, count});
-        })
-        .def("thesis_work", [](PyScene& s, std::size_t n, Address out) {
-            work([&] { s.scene->thesis_work(n, at<ThesisWork>(out)); });
-        })
-        .def("trace_exactly", [](PyScene& s) { s.scene->trace_like({}); });
+        .def("synchronize", [](PyScene& s) { call<&Scene::synchronize>(s.core); })
+        .def("cancel", [](PyScene& s) { s.core.object()->cancel(); })
+        .def("thesis_work", [](PyScene& s, std::size_t n, Address out) { call<&Scene::thesis_work>(s.core, n, at<ThesisWork>(out)); });
     bind_simulation(m);
 }

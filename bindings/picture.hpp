@@ -6,12 +6,10 @@
 #include <nanobind/stl/tuple.h>
 #include <nanobind/stl/vector.h>
 
-#include "backends/backend.hpp"
-#include "scene_handle.hpp"
+#include "arguments.hpp"
+#include "handles.hpp"
 
 namespace globule::core {
-
-namespace nb = nanobind;
 
 inline float3 vec(const std::vector<float>& v) { return {v.at(0), v.at(1), v.at(2)}; }
 template <class T>
@@ -84,13 +82,13 @@ inline CameraRays view(const std::vector<float>& v, int width, int height, bool 
 /// What Python passes for one scene of a picture: the scene, its kernel and threshold, material, cuts.
 using Layer = std::tuple<PyScene*, int, float, Material*, std::vector<Clip*>>;
 
-inline PictureRequest picture(const std::vector<Layer>& layers, const CameraRays& view, const Look& look, int passes) {
+inline PictureRequest picture(const std::vector<Layer>& layers, const CameraRays& view, const Look& look, const ThesisRequest* thesis, int passes) {
     PictureRequest request{{}, view, look.lighting, look.sky_image, look.sky_id, passes};
     for (const auto& [scene, kernel, threshold, of_layer, clips] : layers) {
         Material& material = request.lighting.materials[request.layers.size()] = *of_layer;
         if (material.specular < 0.0f) material.specular = look.specular;
         if (material.shininess < 0.0f) material.shininess = look.shininess;
-        LayerRequest layer{scene->scene.get(), {KernelName(kernel), threshold}, {}};
+        LayerRequest layer{scene->core.object().get(), {KernelName(kernel), threshold, thesis ? std::optional(*thesis) : std::nullopt}, {}};
         for (const Clip* clip : clips) layer.clips.push_back(*clip);
         request.layers.push_back(std::move(layer));
     }
@@ -115,8 +113,8 @@ inline void bind_picture(nb::module_& m) {
         });
     nb::class_<ThesisRequest>(m, "Thesis")
         .def("__init__", [](ThesisRequest* self, int root, float step, int n_thresholds, bool ghosts, bool face_rule, bool exterior,
-                            bool refine, bool averaged_normals) {
-            new (self) ThesisRequest{ThesisRoot(root), step, n_thresholds, ghosts, face_rule, exterior, refine, averaged_normals};
+                            bool refine, bool averaged_normals, bool count) {
+            new (self) ThesisRequest{ThesisRoot(root), step, n_thresholds, ghosts, face_rule, exterior, refine, averaged_normals, count};
         });
 }
 

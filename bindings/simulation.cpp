@@ -6,18 +6,16 @@
 #include <nanobind/stl/vector.h>
 
 #include "arguments.hpp"
-#include "backends/open.hpp"
 #include "picture.hpp"
-#include "scene_handle.hpp"
-#include "backends/simulation.hpp"
-#include "tissue_handle.hpp"
+#include "handles.hpp"
+#include "tissue.hpp"
 
 using namespace globule::core;
 
 namespace {
 
 struct PySimulation {
-    std::unique_ptr<Simulation> core;
+    Handle<Simulation> core;
 };
 
 SimulationSettings settings(const nb::dict& d) {
@@ -85,30 +83,32 @@ nb::dict report(const StepReport& r) {
 }
 
 nb::dict step(PySimulation& s, double dt) {
-    try {
-        return report(work([&] { return s.core->step(dt); }));
-    } catch (const SimulationError& e) {
-        nb::dict d;
-        d["lost"] = nb::make_tuple(e.id, e.phase, nb::make_tuple(e.position.x, e.position.y, e.position.z), e.time, e.step);
-        return d;
-    }
+    const StepReport r = call<&Simulation::step>(s.core, dt);
+    nb::dict d = report(r);
+    if (r.lost)
+        d["lost"] = nb::make_tuple(r.lost->id, r.lost->phase, nb::make_tuple(r.lost->position.x, r.lost->position.y, r.lost->position.z));
+    return d;
 }
+
+/// A method that takes and gives plain values.
+template <auto Method, class... A>
+auto plain(PySimulation& s, A... arguments) { return call<Method>(s.core, arguments...); }
 
 }  // namespace
 
 void bind_simulation(nb::module_& m) {
     nb::class_<PySimulation>(m, "Simulation")
-        .def("__init__", [](PySimulation* self, const std::string& backend, PyScene& scene) {
-            new (self) PySimulation{open_backend(backend).make_simulation(scene.scene)};
+        .def("__init__", [](PySimulation* self, PyScene& scene) {
+            new (self) PySimulation{work([&] { return make_simulation(scene.core); })};
         })
-        .def("configure", [](PySimulation& s, const nb::dict& d) { s.core->configure(settings(d)); })
-        .def("set_phase", [](PySimulation& s, int which, const nb::dict& d) { s.core->set_phase(which, phase(d)); })
+        .def("configure", [](PySimulation& s, const nb::dict& d) { call<&Simulation::configure>(s.core, settings(d)); })
+        .def("set_phase", [](PySimulation& s, int which, const nb::dict& d) { call<&Simulation::set_phase>(s.core, which, phase(d)); })
         .def("add", [](PySimulation& s, std::size_t n, Address positions, Address velocities, std::vector<float> velocity, int phase) {
-            return work([&] { return s.core->add(n, at<float>(positions), at<float>(velocities), vec(velocity), phase); });
+            return call<&Simulation::add>(s.core, n, at<float>(positions), at<float>(velocities), vec(velocity), phase);
         })
-        .def("remove", [](PySimulation& s, std::size_t n, Address ids) { work([&] { s.core->remove(n, at<std::uint32_t>(ids)); }); })
+        .def("remove", [](PySimulation& s, std::size_t n, Address ids) { call<&Simulation::remove>(s.core, n, at<std::uint32_t>(ids)); })
         .def("emit", [](PySimulation& s, std::size_t n, Address positions, Address velocities, int phase) {
-            return s.core->emit(n, at<float>(positions), at<float>(velocities), phase);
+            return call<&Simulation::emit>(s.core, n, at<float>(positions), at<float>(velocities), phase);
         })
         .def("set_sinks", [](PySimulation& s, const nb::list& sinks) {
             std::vector<sim::Sink> all;
@@ -116,22 +116,26 @@ void bind_simulation(nb::module_& m) {
                 const auto v = nb::cast<std::vector<float>>(h);  // lo, hi, center, radius
                 all.push_back({{v.at(0), v.at(1), v.at(2)}, {v.at(3), v.at(4), v.at(5)}, {v.at(6), v.at(7), v.at(8)}, v.at(9)});
             }
-            s.core->set_sinks(all);
+            call<&Simulation::set_sinks>(s.core, all);
         })
-        .def("capture", [](PySimulation& s, int phase, std::vector<float> m) { s.core->capture(phase, pose(m)); })
-        .def("move_to", [](PySimulation& s, int phase, std::vector<float> m) { s.core->move_to(phase, pose(m)); })
+        .def("capture", [](PySimulation& s, int phase, std::vector<float> m) { call<&Simulation::capture>(s.core, phase, pose(m)); })
+        .def("move_to", [](PySimulation& s, int phase, std::vector<float> m) { call<&Simulation::move_to>(s.core, phase, pose(m)); })
         .def("make_body", [](PySimulation& s, int phase, double mass, std::vector<double> v) {
             if (v.size() != 18) throw nb::value_error("make_body: expected center, inertia, velocity and spin");
-            s.core->make_body(phase, mass, v.data(), v.data() + 3, v.data() + 12, v.data() + 15);
+            const double* p = v.data();
+            call<&Simulation::make_body>(s.core, phase, mass, p, p + 3, p + 12, p + 15);
         })
-        .def("body", [](PySimulation& s, int phase) { return s.core->body(phase); })
+        .def("body", [](PySimulation& s, int phase) { return call<&Simulation::body>(s.core, phase); })
         .def("motion", [](PySimulation& s) {
-            const std::vector<char> bytes = s.core->motion();
+            const std::vector<char> bytes = call<&Simulation::motion>(s.core);
             return nb::bytes(bytes.data(), bytes.size());
         })
-        .def("set_motion", [](PySimulation& s, nb::bytes b) { s.core->set_motion({b.c_str(), b.c_str() + b.size()}); })
+        .def("set_motion", [](PySimulation& s, nb::bytes b) {
+            const std::vector<char> bytes(b.c_str(), b.c_str() + b.size());
+            call<&Simulation::set_motion>(s.core, bytes);
+        })
         .def("totals", [](PySimulation& s) {
-            const sim::Totals t = work([&] { return s.core->totals(); });
+            const sim::Totals t = call<&Simulation::totals>(s.core);
             nb::dict d;
             d["mass"] = t.mass;
             d["kinetic"] = t.kinetic;
@@ -142,29 +146,32 @@ void bind_simulation(nb::module_& m) {
             return d;
         })
         .def("step", &step)
-        .def("next_dt", [](PySimulation& s) { return s.core->next_dt(); })
-        .def("size", [](PySimulation& s) { return s.core->size(); })
-        .def("time", [](PySimulation& s) { return s.core->time(); })
-        .def("n_steps", [](PySimulation& s) { return s.core->n_steps(); })
-        .def("next_id", [](PySimulation& s) { return s.core->next_id(); })
-        .def("read", [](PySimulation& s, const std::string& name, Address out) { work([&] { s.core->read(name, at<void>(out)); }); })
-        .def("write", [](PySimulation& s, const std::string& name, Address in) { work([&] { s.core->write(name, at<void>(in)); }); })
+        .def("next_dt", &plain<&Simulation::next_dt>)
+        .def("size", &plain<&Simulation::size>)
+        .def("time", &plain<&Simulation::time>)
+        .def("n_steps", &plain<&Simulation::n_steps>)
+        .def("next_id", &plain<&Simulation::next_id>)
+        .def("read", [](PySimulation& s, const std::string& name, Address out) { call<&Simulation::read>(s.core, name, at<void>(out)); })
+        .def("write", [](PySimulation& s, const std::string& name, Address in) { call<&Simulation::write>(s.core, name, at<const void>(in)); })
         .def("resize", [](PySimulation& s, std::size_t n, std::uint32_t next_id, double time, std::uint64_t n_steps) {
-            s.core->resize(n, next_id, time, n_steps);
+            call<&Simulation::resize>(s.core, n, next_id, time, n_steps);
         })
-        .def("settle", [](PySimulation& s) { work([&] { s.core->settle(); }); })
-        .def("set_forces", [](PySimulation& s, Address forces) { s.core->set_forces(at<float>(forces)); })
+        .def("settle", [](PySimulation& s) { call<&Simulation::settle>(s.core); })
+        .def("set_forces", [](PySimulation& s, Address forces) { call<&Simulation::set_forces>(s.core, at<const float>(forces)); })
         .def("neighbors", [](PySimulation& s) {
             auto* rows = new std::vector<std::uint32_t>();
             nb::capsule row_owner(rows, [](void* p) noexcept { delete static_cast<std::vector<std::uint32_t>*>(p); });
             auto* found = new Neighbors();
             nb::capsule owner(found, [](void* p) noexcept { delete static_cast<Neighbors*>(p); });
-            work([&] { s.core->neighbors(*rows, *found); });
+            work([&] { s.core.call<&Simulation::neighbors>(*rows, *found); });
             return nb::make_tuple(
                 nb::ndarray<nb::numpy, std::uint32_t>(rows->data(), {rows->size()}, row_owner),
                 nb::ndarray<nb::numpy, std::uint64_t>(found->offsets.data(), {found->offsets.size()}, owner),
                 nb::ndarray<nb::numpy, std::uint32_t>(found->indices.data(), {found->indices.size()}, owner));
         })
-        .def("tissue", [](PySimulation& s) { return PyTissue{nullptr, &work([&]() -> Tissue& { return s.core->tissue(); })}; }, nb::keep_alive<0, 1>())
-        .def("show", [](PySimulation& s) { work([&] { s.core->show(); }); });
+        .def("tissue", [](PySimulation& s) {
+            Tissue* tissue = call<&Simulation::tissue>(s.core);
+            // Alive as long as its simulation.
+            return PyTissue{{s.core.backend(), std::shared_ptr<Tissue>(s.core.object(), tissue), s.core.gate()}};
+        });
 }

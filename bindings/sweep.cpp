@@ -9,21 +9,42 @@
 #include "backends/open.hpp"
 #include "oracle/sweep.hpp"
 
-namespace nb = nanobind;
 using namespace globule::core;
 
 namespace {
 
 struct PyReconstructor {
-    std::unique_ptr<Reconstructor> core;
+    Handle<Reconstructor> core;
     ScalarType type = ScalarType::u8;
-    SweepGrid& grid() { return core->grid(type); }
+
+    /// Calls a method of the grid for frames of the present type.
+    template <auto Method, class... A>
+    auto grid(const A&... arguments) const {
+        return work([&] {
+            const Gates inside({core.gate().get()});
+            SweepGrid* grid = core.call_inside<&Reconstructor::grid>(inside, type);
+            const Handle<SweepGrid> handle(core.backend(), std::shared_ptr<SweepGrid>(core.object(), grid), nullptr);
+            return handle.call_inside<Method>(inside, arguments...);
+        });
+    }
+};
+
+/// Frames where the reconstructor can use them.
+struct Frames {
+    Arrays arrays;
+    FramesView view;
+
+    Frames(const PyReconstructor& s, const Array& values, Address poses, Address mask, int n, int height, int width, std::uint32_t first_order)
+        : arrays(s.core.device()) {
+        const std::size_t item = s.type == ScalarType::u8 ? 1 : s.type == ScalarType::u16 ? 2 : 4;
+        const AnyArray reached = work([&] { return arrays.reach_bytes("frames", array<const void>(values), item * n * height * width); });
+        view = {reached, at<const std::int64_t>(poses), at<const std::uint8_t>(mask), n, height, width, first_order};
+    }
 };
 
 nb::tuple plus(PyReconstructor& self, const nb::dict& d, const nb::list& fillers) {
     PlusRequest r{};
-    const Array frames = item<Array>(d, "frames");
-    r.frames = {at<const void>(std::get<0>(frames)), std::get<1>(frames)};
+    const AnyArray frames = array<const void>(item<Array>(d, "frames"));
     r.type = ScalarType(item<int>(d, "type"));
     r.n_frames = item<int>(d, "n_frames");
     r.height = item<int>(d, "height");
@@ -48,13 +69,13 @@ nb::tuple plus(PyReconstructor& self, const nb::dict& d, const nb::list& fillers
         auto [type, length, n_sticks, ratio, weights] = nb::cast<std::tuple<int, int, int, float, std::vector<float>>>(h);
         r.fillers.push_back({type, length, n_sticks, ratio, std::move(weights)});
     }
-    work([&] { self.core->plus(r); });
+    work([&] {
+        Arrays arrays(self.core.device());
+        const std::size_t item_bytes = r.type == ScalarType::u8 ? 1 : r.type == ScalarType::u16 ? 2 : 4;
+        r.frames = arrays.reach_bytes("frames", frames, item_bytes * r.n_frames * r.height * r.width);
+        self.core.call<&Reconstructor::plus>(r);
+    });
     return nb::make_tuple(r.insert_seconds, r.fill_seconds);
-}
-
-FramesView view(Array values, Address poses, Address mask, int n, int height, int width, std::uint32_t first_order) {
-    return {{at<const void>(std::get<0>(values)), std::get<1>(values)}, at<const std::int64_t>(poses), at<const std::uint8_t>(mask),
-            n, height, width, first_order};
 }
 
 using Three = std::array<int, 3>;  ///< along x, y, z
@@ -81,47 +102,43 @@ void bind_sweep(nb::module_& m) {
     m.def("oracle_sweep", &oracle_sweep);
     nb::class_<PyReconstructor>(m, "Reconstructor")
         .def("__init__", [](PyReconstructor* self, const std::string& backend, int index, int threads) {
-            new (self) PyReconstructor{open_backend(backend).make_reconstructor(index, threads, poll_signals)};
+            new (self) PyReconstructor{work([&] { return make_reconstructor(open_backend(backend), index, threads, poll_signals); })};
         })
         .def("start", [](PyReconstructor& s, int type, int compounding, bool wide, double scale, int nx, int ny, int nz) {
             s.type = ScalarType(type);
-            work([&] { s.grid().start({s.type, compounding, wide, scale, {nx, ny, nz}}); });
+            s.grid<&SweepGrid::start>(GridRequest{s.type, compounding, wide, scale, {nx, ny, nz}});
         })
-        .def("grow", [](PyReconstructor& s, Three size, Three shift) {
-            work([&] { s.grid().grow(size.data(), shift.data()); });
-        })
+        .def("grow", [](PyReconstructor& s, Three size, Three shift) { s.grid<&SweepGrid::grow>(size.data(), shift.data()); })
         .def("add", [](PyReconstructor& s, Array values, Address poses, Address mask, int n, int h, int w, std::uint32_t order, int sign) {
-            work([&] { s.grid().add(view(values, poses, mask, n, h, w, order), sign); });
+            s.grid<&SweepGrid::add>(Frames(s, values, poses, mask, n, h, w, order).view, sign);
         })
         .def("median", [](PyReconstructor& s, Array values, Address poses, Address mask, int n, int h, int w) {
-            work([&] { s.grid().median(view(values, poses, mask, n, h, w, 0)); });
+            s.grid<&SweepGrid::median>(Frames(s, values, poses, mask, n, h, w, 0).view);
         })
         .def("bezier", [](PyReconstructor& s, Array values, Address poses, Address mask, int n, int h, int w) {
-            work([&] { s.grid().bezier(view(values, poses, mask, n, h, w, 0)); });
+            s.grid<&SweepGrid::bezier>(Frames(s, values, poses, mask, n, h, w, 0).view);
         })
-        .def("fill", [](PyReconstructor& s, int method, Array frames, Address poses, Address mask, int n, int h, int w, int reach,
-                        Address weights, int kind, Address values, Address radius) {
-            work([&] {
-                s.grid().fill(FillMethod(method), view(frames, poses, mask, n, h, w, 0),
-                             {reach, at<const std::uint32_t>(weights), kind, at<void>(values), at<std::uint8_t>(radius)});
-            });
+        .def("fill", [](PyReconstructor& s, int method, Array values, Address poses, Address mask, int n, int h, int w, int reach,
+                        Address weights, int kind, Address out, Address radius) {
+            s.grid<&SweepGrid::fill>(FillMethod(method), Frames(s, values, poses, mask, n, h, w, 0).view,
+                                     FillRequest{reach, at<const std::uint32_t>(weights), kind, at<void>(out), at<std::uint8_t>(radius)});
         })
         .def("filled", [](PyReconstructor& s) {
-            const DenseArrays a = s.grid().filled();
+            const DenseArrays a = s.grid<&SweepGrid::filled>();
             return nb::make_tuple(reinterpret_cast<Address>(a.values), reinterpret_cast<Address>(a.radius));
         })
         .def("read_filled", [](PyReconstructor& s, Three first, Three size, Address values, Address radius) {
-            work([&] { s.grid().read_filled(first.data(), size.data(), {at<void>(values), at<std::uint8_t>(radius)}); });
+            s.grid<&SweepGrid::read_filled>(first.data(), size.data(), DenseArrays{at<void>(values), at<std::uint8_t>(radius)});
         })
-        .def("count_map", [](PyReconstructor& s, Address out) { work([&] { s.grid().count_map(at<std::uint32_t>(out)); }); })
+        .def("count_map", [](PyReconstructor& s, Address out) { s.grid<&SweepGrid::count_map>(at<std::uint32_t>(out)); })
         .def("variance_map", [](PyReconstructor& s, Array values, Address poses, Address mask, int n, int h, int w, Address out) {
-            work([&] { s.grid().variance_map(view(values, poses, mask, n, h, w, 0), at<float>(out)); });
+            s.grid<&SweepGrid::variance_map>(Frames(s, values, poses, mask, n, h, w, 0).view, at<float>(out));
         })
         .def("source_map", [](PyReconstructor& s, std::uint32_t pixels, Address out) {
-            work([&] { s.grid().source_map(pixels, at<std::int32_t>(out)); });
+            s.grid<&SweepGrid::source_map>(pixels, at<std::int32_t>(out));
         })
         .def("facts", [](PyReconstructor& s) {
-            const VolumeFacts f = work([&] { return s.grid().facts(); });
+            const VolumeFacts f = s.grid<&SweepGrid::facts>();
             nb::dict d;
             d["n_blocks"] = f.n_blocks;
             d["bytes"] = f.bytes;
@@ -129,6 +146,6 @@ void bind_sweep(nb::module_& m) {
             d["fill_seconds"] = f.fill_seconds;
             return d;
         })
-        .def("free_bytes", [](PyReconstructor& s) { return s.core->free_bytes(); })
+        .def("free_bytes", [](PyReconstructor& s) { return call<&Reconstructor::free_bytes>(s.core); })
         .def("plus", &plus);
 }

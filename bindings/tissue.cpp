@@ -1,5 +1,5 @@
 // Tissue, by itself or of a simulation: addresses in, addresses out, as in arguments.hpp.
-#include "tissue_handle.hpp"
+#include "tissue.hpp"
 
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/vector.h>
@@ -9,7 +9,6 @@
 #include "arguments.hpp"
 #include "backends/open.hpp"
 
-namespace nb = nanobind;
 using namespace globule::core;
 
 namespace {
@@ -28,9 +27,7 @@ tissue::Shape shape(nb::handle h) {
 void bind_tissue(nb::module_& m) {
     nb::class_<PyTissue>(m, "Tissue")
         .def("__init__", [](PyTissue* self, const std::string& backend, int index, int threads) {
-            auto own = open_backend(backend).make_tissue(index, threads, poll_signals);
-            Tissue* core = own.get();
-            new (self) PyTissue{std::move(own), core};
+            new (self) PyTissue{work([&] { return make_tissue(open_backend(backend), index, threads, poll_signals); })};
         })
         .def("add", [](PyTissue& s, const nb::dict& d) {
             TissueArrays a{};
@@ -46,7 +43,7 @@ void bind_tissue(nb::module_& m) {
             a.length = at<const float>(item<Address>(d, "length"));
             a.stiffness = at<const float>(item<Address>(d, "stiffness"));
             a.contact = item<float>(d, "contact");
-            work([&] { s.core->add(a); });
+            call<&Tissue::add>(s.core, a);
         })
         .def("materials", [](PyTissue& s, std::vector<float> damping, std::vector<float> tear, std::vector<float> yield,
                              std::vector<float> creep) {
@@ -58,7 +55,7 @@ void bind_tissue(nb::module_& m) {
             copy(tear, m.tear_strain);
             copy(yield, m.yield_strain);
             copy(creep, m.creep_rate);
-            s.core->set_materials(m);
+            call<&Tissue::set_materials>(s.core, m);
         })
         .def("instruments", [](PyTissue& s, nb::list motions, nb::list shapes) {
             tissue::Motions all;
@@ -70,55 +67,52 @@ void bind_tissue(nb::module_& m) {
             tissue::Shapes solid;
             for (nb::handle h : shapes)
                 if (solid.n < tissue::kMaxShapes) solid.shape[solid.n++] = shape(h);
-            s.core->set_instruments(all, solid);
+            call<&Tissue::set_instruments>(s.core, all, solid);
         })
         .def("advance", [](PyTissue& s, float dt, int substeps, int iterations, nb::handle gravity) {
             const TissueStep step{dt, substeps, iterations, vec(gravity)};
-            return work([&] { return s.core->advance(step); });
+            return call<&Tissue::advance>(s.core, step);
         })
-        .def("tear", [](PyTissue& s, float dt) { return work([&] { return s.core->tear(dt); }); })
-        .def("follow", [](PyTissue& s) { work([&] { s.core->follow(); }); })
+        .def("tear", [](PyTissue& s, float dt) { return call<&Tissue::tear>(s.core, dt); })
+        .def("follow", [](PyTissue& s) { call<&Tissue::follow>(s.core); })
         .def("cut", [](PyTissue& s, Address vertices, std::uint32_t n_vertices, std::uint32_t n_moving, Address triangles, std::uint32_t n) {
-            return work([&] { return s.core->cut({at<const double>(vertices), n_vertices, n_moving, at<const std::uint32_t>(triangles), n}); });
+            return call<&Tissue::cut>(s.core, BladeSweep{at<const double>(vertices), n_vertices, n_moving, at<const std::uint32_t>(triangles), n});
         })
-        .def("pieces", [](PyTissue& s) { return work([&] { return s.core->pieces(); }); })
+        .def("pieces", [](PyTissue& s) { return call<&Tissue::pieces>(s.core); })
         .def("grasp", [](PyTissue& s, nb::handle center, float radius, int number) {
             const float3 c = vec(center);
-            work([&] { s.core->grasp(c, radius, number); });
+            call<&Tissue::grasp>(s.core, c, radius, number);
         })
         .def("remove", [](PyTissue& s, nb::handle region) {
             const tissue::Shape r = shape(region);
-            return work([&] { return s.core->remove(r); });
+            return call<&Tissue::remove>(s.core, r);
         })
-        .def("n", [](PyTissue& s) { return s.core->n(); })
-        .def("n_bonds", [](PyTissue& s) { return work([&] { return s.core->n_bonds(); }); })
-        .def("elastic_energy", [](PyTissue& s) { return work([&] { return s.core->elastic_energy(); }); })
-        .def("substeps", [](PyTissue& s, float dt) { return s.core->substeps(dt); })
+        .def("n", [](PyTissue& s) { return call<&Tissue::n>(s.core); })
+        .def("n_bonds", [](PyTissue& s) { return call<&Tissue::n_bonds>(s.core); })
+        .def("elastic_energy", [](PyTissue& s) { return call<&Tissue::elastic_energy>(s.core); })
+        .def("substeps", [](PyTissue& s, float dt) { return call<&Tissue::substeps>(s.core, dt); })
         .def("get", [](PyTissue& s, Address positions, Address velocities, Address piece, Address hold, Address ids) {
-            work([&] {
-                s.core->get(at<float>(positions), at<float>(velocities), at<std::uint32_t>(piece), at<std::uint8_t>(hold), at<std::uint32_t>(ids));
-            });
+            call<&Tissue::get>(s.core, at<float>(positions), at<float>(velocities), at<std::uint32_t>(piece), at<std::uint8_t>(hold), at<std::uint32_t>(ids));
         })
-        .def("accelerate", [](PyTissue& s, Address a) { work([&] { s.core->accelerate(at<const float>(a)); }); })
+        .def("accelerate", [](PyTissue& s, Address a) { call<&Tissue::accelerate>(s.core, at<const float>(a)); })
         .def("set", [](PyTissue& s, Address positions, Address velocities) {
-            work([&] { s.core->set(at<const float>(positions), at<const float>(velocities)); });
+            call<&Tissue::set>(s.core, at<const float>(positions), at<const float>(velocities));
         })
         .def("set_vessel", [](PyTissue& s, std::size_t number, float speed, double pool, int phase) {
-            if (number > s.core->vessels().size()) s.core->vessels().resize(number);
-            s.core->vessels().at(number - 1) = {speed, pool, phase};
+            call<&Tissue::set_vessel>(s.core, number, BloodVessel{speed, pool, phase});
         })
         .def("pools", [](PyTissue& s) {
             std::vector<double> all;
-            for (const BloodVessel& v : s.core->vessels()) all.push_back(v.pool);
+            for (const BloodVessel& v : call<&Tissue::vessels>(s.core)) all.push_back(v.pool);
             return all;
         })
         .def("arrays", [](PyTissue& s) {
             nb::dict all;
-            for (const auto& [name, bytes] : s.core->arrays()) all[name.c_str()] = bytes;
+            for (const auto& [name, bytes] : call<&Tissue::arrays>(s.core)) all[name.c_str()] = bytes;
             return all;
         })
-        .def("read", [](PyTissue& s, const std::string& name, Address out) { work([&] { s.core->read(name, at<void>(out)); }); })
+        .def("read", [](PyTissue& s, const std::string& name, Address out) { call<&Tissue::read>(s.core, name, at<void>(out)); })
         .def("write", [](PyTissue& s, const std::string& name, Address in, std::size_t bytes) {
-            work([&] { s.core->write(name, at<const void>(in), bytes); });
+            call<&Tissue::write>(s.core, name, at<const void>(in), bytes);
         });
 }

@@ -73,7 +73,7 @@ public:
 
     template <auto Method, class... A>
     auto call(A&&... arguments) const {
-        return call_inside<Method>(Gates({gate_.get()}), std::forward<A>(arguments)...);
+        return call_inside<Method>(Gates(gate_ ? std::vector<Gate*>{gate_.get()} : std::vector<Gate*>{}), std::forward<A>(arguments)...);
     }
     /// Where other objects' gates were taken with this one's.
     template <auto Method, class... A>

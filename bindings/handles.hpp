@@ -1,0 +1,14 @@
+// The Python objects that several files of bindings know.
+#pragma once
+#include "api/guard.hpp"
+
+namespace globule::core {
+
+struct PyFrame {
+    Handle<Frame> core;
+};
+struct PyScene {
+    Handle<Scene> core;
+};
+
+}  // namespace globule::core
