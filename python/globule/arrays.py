@@ -11,33 +11,53 @@ import numpy as np
 
 from . import _core
 
-_CUDA = (2, 3, 13)  # DLPack device types: CUDA, pinned host, managed
+# Where an array lies, as in the core: host memory, or a GPU's by number.
+HOST = -1
+_SOME_GPU = -2  # memory of a GPU; the core asks the driver which
+_CPU, _CUDA, _PINNED = 1, 2, 3  # DLPack device types; pinned memory is read as the host's
 
 
 class View(NamedTuple):
     """What the core needs of an array: where it is, and something that keeps it there."""
 
     address: int
-    on_device: bool
+    device: int
+    stream: int
     shape: tuple[int, ...]
     owner: Any
 
     @property
-    def pair(self) -> tuple[int, bool]:
-        return self.address, self.on_device
+    def place(self) -> tuple[int, int, int]:
+        """Address, device and stream."""
+        return self[:3]
 
 
-ABSENT = View(0, False, (), None)
+ABSENT = View(0, HOST, 0, (), None)
+NOWHERE = ABSENT.place
 
 
-def is_device_array(value: Any) -> bool:
-    """True for an array in GPU memory."""
-    if isinstance(value, np.ndarray) or value is None or np.isscalar(value):
+def on_gpu(array: Any) -> bool:
+    """Whether an array's memory is on a GPU."""
+    if isinstance(array, np.ndarray) or array is None or np.isscalar(array):
         return False
-    if hasattr(value, "__cuda_array_interface__"):
+    if hasattr(array, "__cuda_array_interface__"):
         return True
-    device = getattr(value, "__dlpack_device__", None)
-    return device is not None and device()[0] in _CUDA
+    if not hasattr(array, "__dlpack_device__"):
+        return False
+    return int(array.__dlpack_device__()[0]) not in (_CPU, _PINNED)
+
+
+def to_host(array: Any) -> np.ndarray:
+    """The array as NumPy, copied from the GPU if it is there."""
+    if not on_gpu(array):
+        return np.asarray(array)
+    for method in ("cpu", "get"):  # torch and cupy
+        if hasattr(array, method):
+            return np.asarray(getattr(array, method)())
+    try:
+        return np.asarray(array)  # jax and warp copy by themselves
+    except (TypeError, ValueError):
+        return np.from_dlpack(array, device="cpu", copy=True)
 
 
 def view(name: str, value: Any, columns: int | None) -> View:
@@ -46,20 +66,20 @@ def view(name: str, value: Any, columns: int | None) -> View:
     NumPy arrays of other types are converted; device arrays must already be float32 and
     C-contiguous, and are never copied.
     """
-    if is_device_array(value):
+    if on_gpu(value):
         return _device_view(name, value, columns)
     try:
         array = np.ascontiguousarray(value, dtype=np.float32)
     except (TypeError, ValueError):
         raise TypeError(f"{name}: expected numbers, got {type(value).__name__}") from None
     _check_shape(name, array.shape, columns)
-    return View(array.__array_interface__["data"][0], False, array.shape, array)
+    return View(array.__array_interface__["data"][0], HOST, 0, array.shape, array)
 
 
 def _device_view(name: str, value: Any, columns: int | None) -> View:
     found = device_array(name, value, ("float32",))
     _check_shape(name, found.shape, columns)
-    return View(found.address, True, found.shape, found.owner)
+    return View(*found.place, found.shape, found.owner)
 
 
 class DeviceArray:
@@ -70,19 +90,19 @@ class DeviceArray:
 
     def __init__(
         self, address: int, shape: tuple[int, ...], dtype: Any, owner: Any,
-        fetch: Callable[[], np.ndarray] | None = None,
+        fetch: Callable[[], np.ndarray] | None = None, device: int = _SOME_GPU, stream: int = 1,
     ):  # fmt: skip
         self.address, self.shape, self.dtype, self.owner = address, shape, np.dtype(dtype), owner
+        self.place = (address, device, stream)
         self._fetch = fetch
 
     @property
     def __cuda_array_interface__(self) -> dict[str, Any]:
+        # The core's streams and the default stream wait for each other.
         return {"version": 3, "shape": self.shape, "typestr": self.dtype.str, "strides": None,
-                "data": (self.address, False)}  # fmt: skip
+                "data": (self.address, False), "stream": self.place[2] or 1}  # fmt: skip
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
-        from .particles import to_host
-
         array = self._fetch() if self._fetch else to_host(self.owner)
         return array if dtype is None else array.astype(dtype, copy=False)
 
@@ -109,12 +129,15 @@ class DeviceArray:
 def device_array(name: str, value: Any, dtypes: tuple[str, ...]) -> DeviceArray:
     """What lies on the GPU, of one of these types and C-contiguous; it is used where it is."""
     interface = getattr(value, "__cuda_array_interface__", None)
-    if interface is not None:
+    # DLPack orders the data for us; version 2 of the interface says nothing of streams (torch).
+    if interface is not None and ("stream" in interface or not hasattr(value, "__dlpack__")):
         shape, kind = tuple(interface["shape"]), dtype_name(interface["typestr"])
         strides = interface.get("strides")
-        address = interface["data"][0] or 0
+        address, device = interface["data"][0] or 0, _SOME_GPU
+        stream = interface.get("stream") or 0
     else:
-        address, shape, steps, code, bits, _, _, value = _core.dlpack_view(value)
+        address, shape, steps, code, bits, kind, device, value = _core.dlpack_view(value)
+        device, stream = device if kind == _CUDA else _SOME_GPU, 0  # ordered for the default one
         kind = {0: "int", 1: "uint", 2: "float"}.get(code, f"DLPack type {code}, ") + str(bits)
         strides = tuple(bits // 8 * s for s in steps)
     if kind not in dtypes:
@@ -123,7 +146,7 @@ def device_array(name: str, value: Any, dtypes: tuple[str, ...]) -> DeviceArray:
     packed = tuple(item * math.prod(shape[i + 1 :]) for i in range(len(shape)))
     if strides is not None and tuple(strides) != packed and 0 not in shape:
         raise TypeError(f"{name}: expected a C-contiguous device array, got strides {strides}")
-    return DeviceArray(address, tuple(shape), kind, value)
+    return DeviceArray(address, tuple(shape), kind, value, None, device, stream)
 
 
 @functools.cache  # NumPy takes 3 µs to name one
@@ -144,8 +167,6 @@ def address(array: np.ndarray) -> int:
     return array.__array_interface__["data"][0]
 
 
-def located(array: np.ndarray | DeviceArray) -> tuple[int, bool]:
-    """Where an array's data lies, and whether that is on a GPU."""
-    if isinstance(array, DeviceArray):
-        return array.address, True
-    return address(array), False
+def located(array: np.ndarray | DeviceArray) -> tuple[int, int, int]:
+    """Address, device and stream of an array's data."""
+    return array.place if isinstance(array, DeviceArray) else (address(array), HOST, 0)

@@ -173,7 +173,7 @@ def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 def _outline(particles: Any) -> tuple[np.ndarray, np.ndarray]:
     """Points that stand for all particles, relative to the middle of their box, and that middle:
     the positions, or the box's corners where they are many or on a GPU."""
-    from .arrays import is_device_array
+    from .arrays import on_gpu
     from .particles import Particles
 
     owner = getattr(particles, "particles", particles)
@@ -183,7 +183,7 @@ def _outline(particles: Any) -> tuple[np.ndarray, np.ndarray]:
     except ValueError:  # no finite position
         return np.zeros((1, 3)), np.zeros(3)
     middle = (lo + hi) / 2
-    if is_device_array(owner.positions) or len(owner) > 1_000_000:
+    if on_gpu(owner.positions) or len(owner) > 1_000_000:
         corners = np.array(np.meshgrid(*zip(lo, hi, strict=True))).reshape(3, -1).T
         return corners - middle, middle
     return owner.finite_positions() - middle, middle

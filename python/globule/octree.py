@@ -9,7 +9,7 @@ import numpy as np
 
 from . import _core
 from .arrays import address, view
-from .thesis import Thesis, choose_tracing
+from .thesis import Thesis, check_tracing
 
 if TYPE_CHECKING:
     from .scene import Scene
@@ -68,7 +68,7 @@ def field(scene: Scene, points: Any) -> np.ndarray:
     """
     p = view("points", points, 3)
     out = np.empty(p.shape[0], np.float32)
-    scene._scene.evaluate(scene._kernel, p.shape[0], p.pair, address(out), 0)
+    scene._scene.evaluate(scene._kernel, p.shape[0], p.place, address(out), 0)
     return out
 
 
@@ -76,7 +76,7 @@ def gradient(scene: Scene, points: Any) -> np.ndarray:
     """The field's gradient at points, (M, 3) float32, per world unit; it points inwards."""
     p = view("points", points, 3)
     out = np.empty((p.shape[0], 3), np.float32)
-    scene._scene.evaluate(scene._kernel, p.shape[0], p.pair, 0, address(out))
+    scene._scene.evaluate(scene._kernel, p.shape[0], p.place, 0, address(out))
     return out
 
 
@@ -99,13 +99,14 @@ def intersect(
     n = o.shape[0]
     depth = np.empty(n, np.float32)
     normal, color = np.empty((n, 3), np.float32), np.empty((n, 3), np.float32)
-    choose_tracing(scene, thesis)
+    check_tracing(scene, thesis)
     scene._scene.intersect(
         scene._kernel,
         scene.threshold,
+        None if thesis is None else thesis._packed,
         n,
-        o.pair,
-        d.pair,
+        o.place,
+        d.place,
         address(depth),
         address(normal),
         address(color),

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from .arrays import dtype_name
+from .arrays import dtype_name, on_gpu, to_host
 
 SCALAR_FIELDS = ("support", "weight", "reflection", "refraction", "rigidity")
 FIELDS = ("positions", *SCALAR_FIELDS, "color", "anisotropy")
@@ -119,29 +119,6 @@ class Particles:
         """The positions that the octree takes: (M, 3) float32, M <= N, in NumPy."""
         positions = to_host(self.positions)
         return positions[(np.abs(positions) <= FARTHEST).all(axis=1)]
-
-
-def on_gpu(array: Any) -> bool:
-    """Whether an array's memory is on a GPU."""
-    if hasattr(array, "__cuda_array_interface__"):
-        return True
-    if isinstance(array, np.ndarray) or not hasattr(array, "__dlpack_device__"):
-        return False
-    cpu, cuda_pinned = 1, 3  # DLPack's device types that a CPU can read
-    return int(array.__dlpack_device__()[0]) not in (cpu, cuda_pinned)
-
-
-def to_host(array: Any) -> np.ndarray:
-    """The array as NumPy, copied from the GPU if it is there."""
-    if not on_gpu(array):
-        return np.asarray(array)
-    for method in ("cpu", "get"):  # torch and cupy
-        if hasattr(array, method):
-            return np.asarray(getattr(array, method)())
-    try:
-        return np.asarray(array)  # jax and warp copy by themselves
-    except (TypeError, ValueError):
-        return np.from_dlpack(array, device="cpu", copy=True)
 
 
 def _positions(value: Any) -> Any:

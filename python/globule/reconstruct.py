@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from . import _core
-from .arrays import DeviceArray, address, located
+from .arrays import NOWHERE, DeviceArray, address, located
 from .device import choose
 from .memory import free_bytes as free_host_bytes
 from .scene import _count
@@ -195,7 +195,7 @@ def fill(
 
 def update(core: Any, grid: VoxelGrid, options: Options) -> None:
     """Fill the volume that `core` keeps, where binned frames have changed it."""
-    _fill(core, grid, options, ((0, False), 0, 0, 0, 0, 0), 0, 0)
+    _fill(core, grid, options, (NOWHERE, 0, 0, 0, 0, 0), 0, 0)
 
 
 def read_kept(

@@ -9,8 +9,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from . import _core
-from .arrays import address
+from .arrays import address, located
 from .device import choose
+from .interrupts import whole
 from .memory import free_bytes as free_host_bytes
 from .particles import to_host
 from .reconstruct import (
@@ -105,6 +106,7 @@ class Reconstructor:
         # Blocks around all pixels: what the grid grows by lies beyond the reach of what is in it.
         self._margin = -(-self._options.reach(self.spacing) // _BLOCK)
 
+    @whole
     def add(self, frames: Any, poses: Any) -> None:
         """Add a frame, or several.
 
@@ -135,6 +137,7 @@ class Reconstructor:
             self.n_frames += len(frames)
             self._forget()
 
+    @whole
     def undo(self) -> None:
         """Take out what the last call to `add` put in."""
         with self._lock:
@@ -278,7 +281,7 @@ class Reconstructor:
         poses = self._grid.poses(added.world_from_image)
         mask = 0 if self._used is None else address(self._used)
         self._core.add(
-            (address(added.frames), False),
+            located(added.frames),
             address(poses),
             mask,
             *added.frames.shape,

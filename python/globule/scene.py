@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import threading
 from typing import Any
 
 import numpy as np
 
 from . import _core
-from .arrays import ABSENT, View, address, is_device_array, view
+from .arrays import ABSENT, HOST, View, address, on_gpu, view
 from .device import choose
 from .octree import Octree
 from .particles import FIELDS, Particles
@@ -90,9 +91,11 @@ class Scene:
         self.builds = 0  # how often the octree has been built
         self._kernel = KERNELS.index(kernel)
         self._tree = (key_bits, int(depth), octree == "dense", _space(bounds))
-        self._scene = _core.Scene(
+        self._raw = _core.Scene(
             self.device.backend, self.device.index, _count("threads", threads)
         )
+        self._lock = threading.RLock()
+        self._stale = False
         self._support = None if support is None else _positive("support", support)
         self._known: dict[str, Any] = {}  # the particles' fields when the octree was built
         self._build(particles if isinstance(particles, Particles) else Particles(particles))
@@ -112,14 +115,26 @@ class Scene:
             particles = self.particles._with(fields, self._known)
         elif fields:
             raise TypeError("update: expected particles or fields, got both")
-        self._build(particles)
+        with self._lock:
+            self._build(particles)
+
+    @property
+    def _scene(self) -> Any:
+        """The core's scene; built again first where an update was interrupted half way."""
+        if self._stale:
+            with self._lock:
+                if self._stale:
+                    self._build(self.particles)
+        return self._raw
 
     def _build(self, p: Particles) -> None:
+        """Sort them into the octree. If that stops half way, the scene keeps its particles and
+        builds them again when it is next used."""
         positions = view("positions", p.positions, 3)
         n = positions.shape[0]
         if n > MAX_PARTICLES:
             raise ValueError(f"positions: expected at most {MAX_PARTICLES:,} particles, got {n:,}")
-        stretch, most_stretch = ABSENT, 1.0
+        stretch, most_stretch, found = ABSENT, 1.0, self._support
         if p.anisotropy is not None:
             stretch, longest, most_stretch = self._stretch(p.anisotropy)
             support, one_support = view("support", longest, None), None
@@ -136,41 +151,47 @@ class Scene:
         arrays = [positions, weight, color, reflection, refraction, stretch]
 
         def build(one: float) -> None:
-            self.particles, self._known = p, dict(vars(p))
-            self._scene.build(
+            self._stale = True
+            self._raw.build(
                 n,
-                positions.pair,
-                support.pair,
+                positions.place,
+                support.place,
                 one,
-                weight.pair,
+                weight.place,
                 float(one_weight),
-                color.pair,
+                color.place,
                 list(DEFAULT_COLOR if one_color is None else one_color),
-                reflection.pair,
+                reflection.place,
                 float(one_reflection or 0.0),
-                refraction.pair,
+                refraction.place,
                 float(one_refraction or 0.0),
-                stretch.pair,
+                stretch.place,
                 most_stretch,
                 *self._tree,
             )
 
         if support is ABSENT and one_support is None:
             build(0.0)
-            spacing = self.spacing or _guess_spacing(p, n)
-            one_support = self._support = DEFAULTS[self.kernel][0] * spacing
+            spacing = self._raw.spacing() or _guess_spacing(p, n)
+            one_support = found = DEFAULTS[self.kernel][0] * spacing
         elif support is ABSENT:
             one_support = _positive("support", one_support)
         if one_support is not None and one_support > MAX_SUPPORT:
             raise ValueError(f"support: expected at most {MAX_SUPPORT:g}, got {one_support:g}")
         checked = support is ABSENT or support.owner is self._known.get("support")
-        if not (checked or support.on_device):
+        if not checked and support.device == HOST:
             _check_supports(support.owner)
         build(1.0 if one_support is None else float(one_support))
         own = p.support if p.anisotropy is None else support.owner
-        self.support = one_support if support is ABSENT else own
-        self.builds += 1
-        self._arrays = arrays + [support]  # the core reads them again when it gathers colours
+        self.__dict__.update(  # in one go
+            particles=p,
+            support=one_support if support is ABSENT else own,
+            builds=self.builds + 1,
+            _known=dict(vars(p)),
+            _support=found,
+            _arrays=[*arrays, support],  # the core reads them again when it gathers colours
+            _stale=False,
+        )
 
     def _stretch(self, matrices: np.ndarray) -> tuple[View, np.ndarray, float]:
         """For the core: six numbers a matrix; the longest axes; the largest ratio of axes."""
@@ -205,7 +226,7 @@ class Scene:
             indices[offsets[i]:offsets[i + 1]], in Morton order, the same on every backend.
         """
         p = view("points", points, 3)
-        return self._scene.neighbors(p.shape[0], p.pair, _positive("radius", radius))
+        return self._scene.neighbors(p.shape[0], p.place, _positive("radius", radius))
 
     def blend(self, points: Any, values: Any) -> np.ndarray:
         """Attribute values at points: sum w v / sum w with w = weight * b(r), §6.0.2.
@@ -220,11 +241,11 @@ class Scene:
         p = view("points", points, 3)
         flat = len(values.shape) == 1
         v = view("values", values, None) if flat else view("values", values, values.shape[1])
-        if v.shape[0] != len(self.particles):
-            raise ValueError(f"values: expected {len(self.particles)} rows, got {v.shape[0]}")
         channels = 1 if flat else v.shape[1]
         out = np.empty((p.shape[0], channels), np.float32)
-        self._scene.blend(self._kernel, p.shape[0], p.pair, v.pair, channels, address(out))
+        self._scene.blend(
+            self._kernel, p.shape[0], p.place, v.place, v.shape[0], channels, address(out)
+        )
         return out[:, 0] if flat else out
 
     def __len__(self) -> int:
@@ -293,7 +314,7 @@ def _space(bounds: Any) -> list[float]:
 def _guess_spacing(particles: Particles, n: int) -> float:
     """Where neighbours tell nothing (a dozen particles or fewer, or all at one place): the box's
     edge shared out among the particles, or 1."""
-    if is_device_array(particles.positions) or len(particles.finite_positions()) == 0:
+    if on_gpu(particles.positions) or len(particles.finite_positions()) == 0:
         return 1.0
     lo, hi = particles.bounds()
     extent = float(np.max(hi - lo))

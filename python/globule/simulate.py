@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import threading
 from dataclasses import asdict
 from typing import Any
 
@@ -12,6 +13,7 @@ import numpy as np
 from . import _core
 from .arrays import address
 from .device import choose
+from .interrupts import whole
 from .particles import Particles, to_host
 from .scene import DEFAULTS, KERNELS, Scene, _count
 from .sim.arrays import Arrays, check_finite, numbers
@@ -42,7 +44,6 @@ class _SimulationScene(Scene):
 
     @property
     def _scene(self) -> Any:
-        self._simulation._core.show()
         return self._own
 
     @property
@@ -98,6 +99,7 @@ class Simulation(Run, Operable, Moving, Arrays):
         threads: int = 0,
         spacing: float | None = None,
     ):
+        self._lock = threading.RLock()
         file = read_scene(scene, spacing) if is_scene(scene) else None
         found = bodies(file) if file else []
         if file:
@@ -116,7 +118,7 @@ class Simulation(Run, Operable, Moving, Arrays):
         chosen = choose(device)
         d = float(self.settings.spacing)
         self.scene = _SimulationScene(self, chosen, _count("threads", threads), 2.0 * d)
-        self._core = _core.Simulation(chosen.backend, self.scene._own)
+        self._core = _core.Simulation(self.scene._own)
         self._forces = np.empty(0, np.uint32), np.empty((0, 3), np.float32)  # of these ids
         self._moving: set[int] = set()
         self.emitters: dict[str, Emitter] = Named("emitters", Emitter)
@@ -134,6 +136,7 @@ class Simulation(Run, Operable, Moving, Arrays):
         if file:
             self._set_up(file, added)
 
+    @whole
     def add_phase(self, phase: Phase) -> None:
         """One more material."""
         if not isinstance(phase, Phase):
@@ -145,6 +148,7 @@ class Simulation(Run, Operable, Moving, Arrays):
         self.phases[phase.name] = phase
         self._names.append(phase.name)
 
+    @whole
     def add(self, positions: Any, phase: str | None = None, velocities: Any = 0.0) -> np.ndarray:
         """New particles: positions (M, 3) m, velocities (M, 3), (3,) or 0, m/s. Returns ids."""
         which = self._phase(phase)
@@ -164,6 +168,7 @@ class Simulation(Run, Operable, Moving, Arrays):
         first = self._core.add(len(p), address(p), 0 if each is None else address(each), one, which)
         return np.arange(first, first + len(p), dtype=np.uint32)
 
+    @whole
     def remove(self, ids: Any) -> None:
         """Take particles out, by id."""
         given = np.asarray(ids).reshape(-1)
@@ -176,6 +181,7 @@ class Simulation(Run, Operable, Moving, Arrays):
             self._core.remove(len(gone), address(gone))
             self.n_removed += n_before - len(self)
 
+    @whole
     def apply_force(self, force: Any, ids: Any = None) -> None:
         """A force on each particle (or those of `ids`) during the next step: (3,) or (M, 3), N."""
         known = self.ids
@@ -199,11 +205,12 @@ class Simulation(Run, Operable, Moving, Arrays):
         """One step of dt seconds; by default of what the speeds allow."""
         if dt is not None and not 0 < dt < math.inf:
             raise ValueError(f"dt: expected a finite number above 0, got {dt}")
-        self._send()
-        return self._step(self._next_dt() if dt is None else float(dt))
+        return self._step(dt)
 
-    def _step(self, dt: float) -> StepReport:
-        """One step of dt, with settings and materials sent."""
+    @whole
+    def _step(self, dt: float | None) -> StepReport:
+        self._send()
+        dt = self._next_dt() if dt is None else float(dt)
         self._prepare(dt)
         for emitter in self.emitters.values():
             emitter._emit(self, dt)
@@ -213,7 +220,8 @@ class Simulation(Run, Operable, Moving, Arrays):
             self._forces = self._forces[0][:0], self._forces[1][:0]
         done = self._core.step(dt)
         if "lost" in done:
-            id_, phase, position, time, step = done["lost"]
+            id_, phase, position = done["lost"]
+            time, step = done["time"], done["step"]
             where = ", ".join(f"{x:g}" for x in position)
             raise ArithmeticError(
                 f"particle {id_} ({self._names[phase]}) at ({where}) got a velocity that is not a "

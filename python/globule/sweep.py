@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from .arrays import DeviceArray, device_array, is_device_array
+from .arrays import DeviceArray, device_array, on_gpu
 
 DTYPES = ("uint8", "uint16", "float32")
 SPACES = ("LPS", "RAS")
@@ -119,7 +119,7 @@ class Sweep:
 
 def checked_frames(value: Any) -> np.ndarray | DeviceArray:
     """Images as (F, H, W) uint8, uint16 or float32; other numbers become what holds them."""
-    if is_device_array(value):
+    if on_gpu(value):
         if not isinstance(value, DeviceArray):
             value = device_array("frames", value, ("uint8", "uint16"))
         if value.ndim != 3 or 0 in value.shape[1:]:

@@ -79,7 +79,7 @@ class Thesis(Fixed):
 
     @cached_property
     def _packed(self) -> Any:
-        return _core.Thesis(*self._choices())
+        return _core.Thesis(*self._choices(), False)
 
 
 def check_tracing(scene: Scene, thesis: Thesis | None) -> None:
@@ -95,15 +95,6 @@ def check_tracing(scene: Scene, thesis: Thesis | None) -> None:
             f"kernel: expected {' or '.join(POLYNOMIAL_KERNELS)} for Bézier clipping, "
             f"got {scene.kernel!r}"
         )
-
-
-def choose_tracing(scene: Scene, thesis: Thesis | None, count: bool = False) -> None:
-    """Rays that `scene` is asked for next go the thesis's way, or ours."""
-    check_tracing(scene, thesis)
-    if thesis is None:
-        scene._scene.trace_exactly()
-    else:
-        scene._scene.trace_like_thesis(*thesis._choices(), count)
 
 
 def work(
@@ -122,12 +113,12 @@ def work(
     if o.shape != d.shape:
         raise ValueError(f"directions: expected {o.shape[0]} rows, got {d.shape[0]}")
     n = o.shape[0]
-    choose_tracing(scene, thesis, count=True)
+    check_tracing(scene, thesis)
     t, counts = np.empty(n, np.float32), np.empty((n, 2), np.uint32)
     normal, color = np.empty((n, 3), np.float32), np.empty((n, 3), np.float32)
     scene._scene.intersect(
-        scene._kernel, scene.threshold, n, o.pair, d.pair, address(t), address(normal),
-        address(color),
+        scene._kernel, scene.threshold, _core.Thesis(*thesis._choices(), True), n, o.place,
+        d.place, address(t), address(normal), address(color),
     )  # fmt: skip
     scene._scene.thesis_work(n, address(counts))
     return counts[:, 0], counts[:, 1]

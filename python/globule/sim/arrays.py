@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..arrays import address
+from ..interrupts import whole
 from ..particles import Particles, to_host
 from .schema import shown
 
@@ -45,16 +46,19 @@ class Arrays:
     """The part of `Simulation` that reads and writes its particles."""
 
     @property
+    @whole
     def ids(self) -> np.ndarray:
         """(N,) uint32, ascending; the order of all arrays here."""
         return np.sort(self._read("id"))
 
     @property
+    @whole
     def positions(self) -> np.ndarray:
         """(N, 3) float32, m."""
         return np.ascontiguousarray(self._read("place")[self._order(), :3])
 
     @positions.setter
+    @whole
     def positions(self, value: Any) -> None:
         place = self._read("place")
         place[self._order(), :3] = numbers("positions", value, (len(self), 3))
@@ -62,11 +66,13 @@ class Arrays:
         self._core.settle()
 
     @property
+    @whole
     def velocities(self) -> np.ndarray:
         """(N, 3) float32, m/s."""
         return np.ascontiguousarray(self._read("velocity")[self._order(), :3])
 
     @velocities.setter
+    @whole
     def velocities(self, value: Any) -> None:
         velocity = self._read("velocity")
         velocity[self._order(), :3] = numbers("velocities", value, (len(self), 3), (3,), ())
@@ -74,16 +80,19 @@ class Arrays:
         self._core.settle()
 
     @property
+    @whole
     def pressure(self) -> np.ndarray:
         """(N,) float32, Pa, of the last step."""
         return self._read("pressure")[self._order()]
 
     @property
+    @whole
     def phase(self) -> np.ndarray:
         """(N,) uint8: which of `phases`, by their order."""
         return self._read("phase")[self._order()]
 
     @property
+    @whole
     def particles(self) -> Particles:
         """All particles in id order, as they are rendered."""
         order = self._order()
@@ -102,6 +111,7 @@ class Arrays:
             },
         )
 
+    @whole
     def neighbors(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The solver's lists: ids of the moved particles, and as compressed rows (offsets, ids)
         their neighbours within two spacings."""
@@ -109,6 +119,7 @@ class Arrays:
         rows, offsets, indices = self._core.neighbors()
         return ids[rows], offsets, ids[indices]
 
+    @whole
     def totals(self) -> dict[str, Any]:
         """Of fluid and tissue: mass, kinetic and potential energy, momentum, angular_momentum
         (about the origin), center; SI."""
@@ -116,6 +127,7 @@ class Arrays:
         mass = t["mass"] or 1.0
         return {**t, "center": tuple(c / mass for c in t["center"])}
 
+    @whole
     def hash(self) -> str:
         """Of the state's bits; equal for equal runs."""
         h = hashlib.sha256()
@@ -137,6 +149,7 @@ class Arrays:
     def _order(self) -> np.ndarray:
         return np.argsort(self._read("id"))
 
+    @whole
     def state(self) -> dict[str, np.ndarray]:
         """Everything that `set_state` needs to go on bit by bit (on the CPU)."""
         arrays = {name: self._read(name) for name in _ARRAYS}
@@ -171,6 +184,7 @@ class Arrays:
         if n and int(np.max(state["phase"])) >= len(self._names):
             raise ValueError(f"phase: expected numbers below {len(self._names)}")
 
+    @whole
     def set_state(self, state: Mapping[str, np.ndarray]) -> None:
         """Go on from what `state` gave."""
         self._check(state)

@@ -6,10 +6,13 @@ from typing import Any
 
 import numpy as np
 
+from ..interrupts import whole
+
 
 class Moving:
     """The part of `Simulation` that is about what moves as a whole, and about sinks."""
 
+    @whole
     def move_boundary(self, phase: str, pose: Any) -> None:
         """Where a boundary's phase will be at the end of the next step: (4, 4) world_from_body.
 
@@ -23,6 +26,7 @@ class Moving:
             self._core.capture(which, numbers)
             self._moving.add(which)
 
+    @whole
     def make_rigid(
         self, phase: str, density: float, velocity: Any = (0, 0, 0), spin: Any = (0, 0, 0)
     ) -> None:
@@ -42,6 +46,7 @@ class Moving:
         numbers = np.concatenate([center, inertia.ravel(), velocity, spin]).astype(float)
         self._core.make_body(which, each * len(at), numbers.tolist())
 
+    @whole
     def body(self, phase: str) -> dict[str, np.ndarray]:
         """A rigid body's center, velocity, spin (3,) and rotation (3, 3), world."""
         v = np.array(self._core.body(self._phase(phase)))
@@ -52,6 +57,7 @@ class Moving:
             "rotation": v[9:].reshape(3, 3),
         }
 
+    @whole
     def set_sinks(self, sinks: Any) -> None:
         """Regions that take fluid out: (lo, hi) corners of a box, (center, radius) of a ball, …"""
         packed = []

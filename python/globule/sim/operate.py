@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..arrays import address
+from ..interrupts import whole
 from .blade import as_blade
 from .bonds import add_body, along, build_bonds, morton_order
 from .tissue import BALL, FIXED, FREE, GONE, HALF_SPACE, cut
@@ -39,6 +40,7 @@ class Vessel:
 class Operable:
     """The part of `Simulation` that is about tissue; the solver is in the subclass."""
 
+    @whole
     def bond(self, ids: Any, modulus: Any, fixed: Any = None) -> None:
         """Make particles of tissue one elastic body: bonds between all closer than 1.5 spacings.
 
@@ -71,6 +73,7 @@ class Operable:
             (density * d**3)[order], d,
         )  # fmt: skip
 
+    @whole
     def cut(self, blade: Any, relative: bool = False) -> int:
         """Cut all bonds that cross a blade; the number of them.
 
@@ -82,6 +85,7 @@ class Operable:
         blade = as_blade(blade)
         return cut(self._core.tissue(), blade if relative else replace(blade, n_moving=0))
 
+    @whole
     def ablate(self, center: Any, radius: float) -> np.ndarray:
         """Take away the tissue within a ball; the ids that went. Fixed particles stay."""
         center = [float(v) for v in center]
@@ -96,15 +100,18 @@ class Operable:
         self.remove(gone)
         return gone
 
+    @whole
     def grasp(self, center: Any, radius: float, number: int = 0) -> None:
         """Take hold of the free tissue within a ball; it then moves as `move_grasp` says. What
         this number (0 to 7) held before is let go."""
         self._core.tissue().grasp([float(v) for v in center], float(radius), _grasp_number(number))
 
+    @whole
     def release(self, number: int = 0) -> None:
         """Let go."""
         self.grasp((1e9, 1e9, 1e9), 0.0, number)
 
+    @whole
     def move_grasp(
         self, number: int = 0, velocity: Any = (0, 0, 0), spin: Any = (0, 0, 0),
         center: Any = (0, 0, 0),
@@ -116,6 +123,7 @@ class Operable:
             motions[number] = motion
             self._send_instruments()
 
+    @whole
     def set_pushers(self, shapes: Any) -> None:
         """Solid instruments that tissue cannot enter, at most 8, where they are now.
 
@@ -143,6 +151,7 @@ class Operable:
             ]
             self._send_instruments()
 
+    @whole
     def add_vessel(self, vessel: Vessel) -> int:
         """A vessel through the tissue that is bonded by now; its number, from 1."""
         self._send()
@@ -189,6 +198,7 @@ class Operable:
         return self._core.tissue().pieces()
 
     @property
+    @whole
     def piece(self) -> np.ndarray:
         """(N,) uint32 in id order: the least id of each piece; NOBODY for what is not tissue."""
         core = self._core.tissue()

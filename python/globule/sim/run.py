@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from ..interrupts import whole
 from ..particles import Particles
 from . import checkpoint
 from .bodies import Body
@@ -173,6 +174,7 @@ class Run:
                 "gap) and particles that do not overlap"
             )
 
+    @whole
     def measure(self) -> dict[str, float]:
         """Energies (J), momentum (kg m/s) and counts of what moves, now; also added to the last row
         of the diagnostics."""
@@ -210,11 +212,13 @@ class Run:
         return self._core.next_id()
 
     @property
+    @whole
     def shown_particles(self) -> Particles:
         """The particles that pictures show, in id order."""
         particles = self.particles
         return particles[np.asarray(particles.weight) > 0]
 
+    @whole
     def save(self, name: str | os.PathLike) -> None:
         """Write the whole state to NAME.npz, for `load`; the file appears whole or not at all."""
         facts = {
@@ -291,6 +295,7 @@ class Run:
                 self.add_phase(Phase(**values))
             self.phases[values["name"]]._begin(values)
 
+    @whole
     def reset(self) -> None:
         """Back to the start."""
         if self.file is None:
@@ -316,7 +321,7 @@ class Run:
             raise ValueError(f"end: expected a finite number of seconds, got {end}")
         report = None
         while (rest := end - self.time) > 1e-9 * max(end, 1e-3):
-            dt = self.dt  # sends what was changed
+            dt = self.dt
             report = self._step(rest if rest <= dt else rest / 2 if rest < 2 * dt else dt)
             if stop is not None and stop():
                 break
