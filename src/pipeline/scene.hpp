@@ -39,7 +39,7 @@ public:
           support_(*exec_), weight_(*exec_), stretch_(*exec_), color_(*exec_), points_(*exec_), more_points_(*exec_),
           values_(*exec_), results_(*exec_), offsets_(*exec_), indices_(*exec_), count_(*exec_),
           hits_(*exec_), reflection_(*exec_), refraction_(*exec_), sky_(*exec_), spare_(*exec_), grid_(*exec_), bricks_(*exec_),
-          lists_(*exec_), blocks_(*exec_), near_(*exec_), work_(*exec_) {}
+          lists_(*exec_), blocks_(*exec_), near_(*exec_), work_(*exec_), undecided_(*exec_) {}
 
     void build(const SceneArrays& in, const TreeRequest& request) override {
         ParticleInput input;
@@ -357,17 +357,18 @@ private:
         if (alone && rays.primary() && clips.n == 0) {  // neighbours: by tiles
             found.sign = nullptr;
             found.cap = nullptr;
-            return trace_with(exec, field, rays.source, {found.t, nullptr, nullptr});
+            return trace_with(exec, field, rays.source, {found.t, nullptr, nullptr, found.undecided});
         }
         with_tracer(field, [&](const auto& tracer) {
             using Tracer = std::decay_t<decltype(tracer)>;
+            exec.clear(found.undecided.n, sizeof *found.undecided.n);
             with_clips(clips, [&]<bool clipped>(std::bool_constant<clipped>) {
                 exec.for_each_walk(rays.source.n_items(), March<Tracer, clipped>{{tracer, clips}, rays, layer, found});
             });
             using Tree = std::decay_t<decltype(tracer.tree)>;
             const ResolveRays<Tree, Tracer::PerParticle> rest{tracer.tree, octree().particles(), {field.kernel}, field.threshold, nullptr, {},
-                                                             rays.source, {found.t, nullptr, nullptr}, clips, found.sign, found.cap};
-            exec.for_each_tile(rest.template n_tiles<typename Exec::Group>(), rest);
+                                                             rays.source, {found.t, nullptr, nullptr, found.undecided}, clips, found.sign, found.cap};
+            exec.for_each_tile_of(found.undecided.n, rest);
         });
     }
 
@@ -442,7 +443,11 @@ private:
         else fn(octree().sparse());
     }
 
-    void trace(const FieldRequest& field, const RaySource& rays, const Hits& hits) { trace_with(*exec_, field, rays, hits); }
+    void trace(const FieldRequest& field, const RaySource& rays, Hits hits) {
+        std::uint32_t* undecided = undecided_.reserve(rays.n + 1);
+        hits.undecided = {undecided, undecided + 1};
+        trace_with(*exec_, field, rays, hits);
+    }
     void trace_with(Exec& exec, const FieldRequest& field, const RaySource& rays, const Hits& hits) {
         if (thesis_)
             return ThesisTracer<Exec>{exec, octree(), near_, work_, *thesis_, field, attributes_.color, attributes_.one_color}(rays, hits);
@@ -450,9 +455,10 @@ private:
             const SortedParticles& p = octree().particles();
             const float tau = PerParticle ? field.threshold : field.threshold / p.weight.uniform;
             const TraceTiles<Tree, Kernel, PerParticle> tiles{tree, p, kernel, tau, attributes_.color, attributes_.one_color, rays, hits};
+            exec.clear(hits.undecided.n, sizeof *hits.undecided.n);
             exec.for_each_tile(tiles.template n_tiles<typename Exec::Group>(), tiles);
             const ResolveRays<Tree, PerParticle> rest{tree, p, {field.kernel}, field.threshold, attributes_.color, attributes_.one_color, rays, hits};
-            exec.for_each_tile(rest.template n_tiles<typename Exec::Group>(), rest);
+            exec.for_each_tile_of(hits.undecided.n, rest);
         });
     }
 
@@ -492,6 +498,7 @@ private:
     std::optional<ThesisRequest> thesis_;
     Buffer<std::uint8_t, Exec> near_;
     Buffer<ThesisWork, Exec> work_;
+    Buffer<std::uint32_t, Exec> undecided_;
 };
 
 }  // namespace globule::core

@@ -1,7 +1,6 @@
 // The last word on rays that float32 could not decide: those that graze the surface within 1e-5 of
 // the threshold, and those in places where more supports overlap than a list holds.  A whole group
-// works on one such ray at a time, its lanes sharing out the candidates, all sums in float64.  Passing
-// over all rays, it also clears the images where nothing was hit.
+// works on one such ray at a time, its lanes sharing out the candidates, all sums in float64.
 #pragma once
 #include "trace/clip.hpp"
 #include "trace/tile.hpp"
@@ -51,6 +50,7 @@ struct TreeSource {
     }
 };
 
+/// Tile k is the k-th of out.undecided.
 template <class Tree, bool PerParticle>
 struct ResolveRays {
     template <class Group>
@@ -69,24 +69,8 @@ struct ResolveRays {
     std::int32_t* cap = nullptr;       ///< with clips: where a cut face is met, its clip
 
     template <class Group>
-    std::size_t n_tiles() const { return ceil_div<std::size_t>(rays.n, Group::width); }
-
-    template <class Group>
-    GB_FN void operator()(Group& g, Scratch<Group>& scratch, std::size_t tile) const {
-        typename Group::B open = g.none();
-        g.per_lane(g.first_lanes(Group::width), [&](int lane) {
-            const std::size_t i = tile * Group::width + lane;
-            if (i >= rays.n) return;
-            Group::put(open, lane, out.t[i] < 0.0f);
-            if (out.t[i] < infinity() || !out.normal) return;
-            write3(out.normal, i, {0, 0, 0});
-            write3(out.albedo, i, {0, 0, 0});
-        });
-        g.each(open, [&](int lane) { resolve(g, scratch, tile * Group::width + lane); });
-    }
-
-    template <class Group>
-    GB_FN void resolve(Group& g, Scratch<Group>& scratch, std::size_t i) const {
+    GB_FN void operator()(Group& g, Scratch<Group>& scratch, std::size_t k) const {
+        const std::size_t i = out.undecided.ray[k];
         float3 o, d;
         rays.get(i, o, d);
         int n = 0;

@@ -53,6 +53,7 @@ struct TraceTiles {
         F sign[V];
         B pending[V];
         B fresh[V];      ///< not known yet whether it begins inside
+        B missed[V];     ///< neither hit nor left undecided so far
     };
 
     template <class Group>
@@ -78,7 +79,6 @@ struct TraceTiles {
                 const std::size_t i = ray_index<Group>(tile, v * Group::width + lane);
                 Group::put(valid, lane, i < rays.n);
                 if (i >= rays.n) return;
-                out.t[i] = infinity();
                 if (rays.origins) {
                     Group::put(ox, lane, rays.origins[3 * i]);
                     Group::put(oy, lane, rays.origins[3 * i + 1]);
@@ -111,6 +111,7 @@ struct TraceTiles {
             lanes.t[v] = max(enter * F(0.99999f) - F(1e-3f * typical), F(0.0f));
             lanes.fresh[v] = !(lanes.t[v] > F(0.0f));
             lanes.sign[v] = F(1.0f);
+            lanes.missed[v] = valid;
         }
     }
 
@@ -200,6 +201,7 @@ struct TraceTiles {
                     const B done = found.n > 0 ? march_lanes(g, scratch, lanes, v, group[v], found, at, z, dz, tile)
                                                : leave(g, lanes, v, group[v], lanes.t[v], tile);
                     lanes.pending[v] = lanes.pending[v] & !done;
+                    lanes.missed[v] = lanes.missed[v] & !done;
                     group[v] = group[v] & !done;
                     lanes.t[v] = select(group[v], max(lanes.t[v], F(z + dz)), lanes.t[v]);
                     more = g.any(group[v]) || more;
@@ -210,9 +212,17 @@ struct TraceTiles {
             }
             for (int v = 0; v < V; ++v) lanes.pending[v] = lanes.pending[v] & !group[v];
         }
+        for (int v = 0; v < V; ++v) g.per_lane(lanes.missed[v], [&](int lane) { miss(ray_index<Group>(tile, v * Group::width + lane)); });
     }
 
 private:
+    GB_FN void miss(std::size_t i) const {
+        out.t[i] = infinity();
+        if (!out.normal) return;
+        write3(out.normal, i, {0, 0, 0});
+        write3(out.albedo, i, {0, 0, 0});
+    }
+
     /// Nothing reaches these lanes before z: they are outside there, and no root lies before.
     template <class Group>
     GB_FN static void advance(Lanes<Group>& lanes, const typename Group::B* group, float z) {
@@ -229,7 +239,9 @@ private:
     GB_FN typename Group::B leave(Group& g, Lanes<Group>&, int v, const typename Group::B& which,
                                   const typename Group::F& t, std::size_t tile) const {
         g.per_lane(which, [&](int lane) {
-            out.t[ray_index<Group>(tile, v * Group::width + lane)] = undecided(Group::get(t, lane));
+            const std::size_t i = ray_index<Group>(tile, v * Group::width + lane);
+            out.t[i] = undecided(Group::get(t, lane));
+            out.undecided.add(i);
         });
         return which;
     }
