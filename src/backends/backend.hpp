@@ -13,7 +13,9 @@
 #include "trace/camera.hpp"
 #include "trace/clip.hpp"
 #include "trace/thesis/request.hpp"
-#include "trace/wave.hpp"
+#include "trace/camera.hpp"
+#include "trace/clip.hpp"
+#include "trace/lighting.hpp"
 #include "backends/reconstructor.hpp"
 #include "backends/scene_access.hpp"
 

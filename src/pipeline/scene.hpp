@@ -9,6 +9,7 @@
 #include "trace/build_cells.hpp"
 #include "trace/resolve.hpp"
 #include "trace/shade.hpp"
+#include "trace/tile.hpp"
 #include "pipeline/frame_trees.hpp"
 #include "pipeline/waves.hpp"
 #include "pipeline/thesis.hpp"

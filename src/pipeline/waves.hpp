@@ -52,12 +52,12 @@ public:
         exec_->clear(place + 2 * items, sizeof *place);
         const std::uint32_t first_pixel = rays_.source.first_row * std::uint32_t(rays_.source.camera.width);
         exec_->for_each(items, Lit{lighting, rays_, hits_now_, visibility, generation_, sum_.data(), first_pixel, place});
-        if (generation_ < lighting.depth) exec_->exclusive_scan(2 * items + 1, place);
+        if (generation_ < lighting.bounces) exec_->exclusive_scan(2 * items + 1, place);
     }
 
     /// To the next generation; false where there is none.
     bool go_on(const Lighting& lighting) {
-        if (generation_ >= lighting.depth || exec_->cancelled()) return false;
+        if (generation_ >= lighting.bounces || exec_->cancelled()) return false;
         const std::size_t items = rays_.source.n_items();
         std::uint32_t* place = n_children_.data();
         std::uint32_t total;
