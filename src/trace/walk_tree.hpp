@@ -48,7 +48,15 @@ GB_FN void load_boxes(Group& g, const DenseTree& tree, const typename Group::Run
     });
 }
 
-/// Depth first from the root, a group's worth of nodes at a time.  go(lanes, boxes) says which of the
+/// Where a walk begins: with the root's children, if there are any, which spares it a batch of one node.
+template <class Tree>
+GB_FN Siblings topmost(const Tree& tree) {
+    const Node root = tree.node(0);
+    const std::uint32_t n = Node::is_leaf(root.meta) ? 0 : Node::count(root.meta);
+    return n ? Siblings::of(root.first, n) : Siblings::of(0, 1);
+}
+
+/// Depth first from the top, a group's worth of nodes at a time.  go(lanes, boxes) says which of the
 /// nodes to open; leaf(lanes, boxes) takes the leaves among them and says whether to go on.
 template <class Group, class Tree, class Go, class Leaf>
 GB_FN void walk_tree(Group& g, Siblings* stack, const Tree& tree, const Go& go, const Leaf& leaf) {
@@ -57,7 +65,7 @@ GB_FN void walk_tree(Group& g, Siblings* stack, const Tree& tree, const Go& go, 
     // one entry at a time, 7 a level.
     constexpr int reserve = 8 * (kMaxLevels + 1);
     int top = 1;
-    stack[0] = Siblings::of(0, 1);
+    stack[0] = topmost(tree);
     g.sync();
     while (top > 0) {
         const int room = (Group::stack_capacity - reserve - top) / 8;
