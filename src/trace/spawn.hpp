@@ -1,5 +1,6 @@
 // The rays of the next wave: mirrored and transmitted ones.
 #pragma once
+#include "trace/hits.hpp"
 #include "trace/lit.hpp"
 
 namespace globule::core {
