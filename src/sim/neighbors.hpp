@@ -201,7 +201,7 @@ private:
             lists.count[first + l] = min(mine, lists.places);
             for (std::uint32_t k = mine; k < min(longest, lists.places); ++k) out[std::size_t(k) * Packet::stride + l] = lists.n;
         });
-        if (longest > *most_count) atomic_most(most_count, longest);
+        if (longest > *most_count) atomic_max(most_count, longest);
     }
 };
 
