@@ -71,12 +71,13 @@ struct BezierRows {
             if (!(at[k] >= 0 && at[k] < grid.size[k])) return;
             c[k] = int(at[k]);
         }
-        const std::size_t block = grid.block(c[0] >> 2, c[1] >> 2, c[2] >> 2);
+        const Cell v{c[0], c[1], c[2]};
+        const std::size_t block = grid.block(Block::of(v));
         if (wanted) {
             if (slots[block] == kNone) wanted[block] = 1;
             return;
         }
-        const std::size_t bin = std::size_t(slots[block]) * kVoxels + voxel_in_block(c[0], c[1], c[2]);
+        const std::size_t bin = std::size_t(slots[block]) * kVoxels + Block::place(v);
         atomic_add(bins + 2 * bin, std::uint64_t(std::int64_t(rint(value * scale))));
         atomic_add(bins + 2 * bin + 1, 1);
     }

@@ -264,12 +264,7 @@ private:
         if (some) values_.keep(n_finished_ * sweep::kVoxels, n_slots_ * sweep::kVoxels);
         else reserve_values();
         const sweep::FinishBlock<T> blocks{coding_, blocks_.data(), bins_.data(), some ? changed_.data() : nullptr, values_.data(), masks_.data()};
-        if constexpr (Exec::on_device) {
-            exec_.for_each(n_slots_, sweep::ClearMask<T>{blocks});
-            exec_.for_each(n_slots_ * sweep::kVoxels, sweep::FinishVoxel<T>{blocks});
-        } else {
-            exec_.for_each(n_slots_, blocks);
-        }
+        exec_.for_each_tile(n_slots_, blocks);
     }
 
     /// What is to be filled: on the CPU the arrays that are asked for, or what is kept.
@@ -316,8 +311,7 @@ private:
     std::uint32_t* spread(int span, std::uint32_t* a, std::uint32_t* b) {
         for (int axis = 0; axis < 3; ++axis) {
             const sweep::SpreadNear each{grid_, axis, span, a, b};
-            if constexpr (Exec::on_device) exec_.for_each(grid_.n_blocks(), each);
-            else exec_.for_each(std::size_t(grid_.blocks[1]) * grid_.blocks[2], sweep::SpreadNearRow{each});
+            exec_.for_each_tile(std::size_t(grid_.blocks[1]) * grid_.blocks[2], each);
             std::swap(a, b);
         }
         return a;
@@ -363,7 +357,7 @@ private:
         using namespace sweep;
         if constexpr (Exec::on_device) {
             const int reach = each.filler.tables.cubes.reach;
-            if (reach == 0 || reach > FillBlock<T>::kReach) return exec_.for_each(grid_.n_blocks() * kVoxels, each);
+            if (reach == 0 || reach > FillBlock<T>::kReach) return exec_.for_each_tile(grid_.n_blocks(), EachVoxel<FillVoxel<T>>{grid_, each});
             if (!each.dirty) set_empty(each.out, 0, grid_.n_voxels());
             exec_.for_each_tile(grid_.n_blocks(), FillBlock<T>{each});
         } else {
@@ -376,7 +370,7 @@ private:
                     exec_.for_each_tile(std::size_t(tile_columns(grid_)) * grid_.blocks[1] * grid_.blocks[2], FillTile<T>{each});
                     return;
                 }
-            exec_.for_each_task(std::size_t(grid_.blocks[1]) * grid_.blocks[2], FillBlockRow<T>{each});
+            exec_.for_each_tile(grid_.n_blocks(), EachVoxel<FillVoxel<T>>{grid_, each});
         }
     }
 
@@ -420,8 +414,7 @@ private:
         exec_.for_each(n, MarkRuns{n, keys_.data(), grid_, false, slots_.data(), first, first + n_bins, masks_.data()});
         const std::uint32_t* near = spread_near(tables.cubes.span);
         const GatherVoxel<T> each{{{{grid_, slots_.data(), masks_.data(), nullptr}, tables}, points, first, first + n_bins}, out, near};
-        if constexpr (Exec::on_device) exec_.for_each(grid_.n_blocks() * kVoxels, each);
-        else exec_.for_each_task(grid_.n_blocks(), BlockTask<GatherVoxel<T>>{each});
+        exec_.for_each_tile(grid_.n_blocks(), EachVoxel<GatherVoxel<T>>{grid_, each});
     }
 
     void fill_plain_bins(const sweep::Frames<T>& frames, const sweep::HoleTables& tables, const sweep::DenseVolume<T>& out) {

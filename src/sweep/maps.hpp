@@ -29,10 +29,8 @@ struct ScatterMap {
     Out* out;
     GB_FN void operator()(std::size_t i) const {
         const std::size_t block = block_of_slot[i / kVoxels];
-        const int v = int(i % kVoxels);
-        const int x = 4 * int(block % grid.blocks[0]) + (v & 3), y = 4 * int(block / grid.blocks[0] % grid.blocks[1]) + (v >> 2 & 3),
-                  z = 4 * int(block / grid.blocks[0] / grid.blocks[1]) + (v >> 4);
-        if (x < grid.size[0] && y < grid.size[1] && z < grid.size[2]) out[grid.voxel(x, y, z)] = of(i);
+        const Cell v = Block::voxel(grid.block(block), int(i % kVoxels));
+        if (grid.has_voxel(v)) out[grid.voxel(v)] = of(i);
     }
 };
 struct CountOf {

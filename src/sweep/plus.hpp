@@ -11,11 +11,11 @@
 namespace globule::core {
 
 template <class Exec>
-class PlusOf {
+class Plus {
 public:
-    explicit PlusOf(Exec& exec)
+    explicit Plus(Exec& exec)
         : exec_(exec), frames_(exec), values_(exec), filled_(exec), acc_(exec), poses_(exec), sources_(exec),
-          masks_(exec), importance_(exec), origin_(exec), words_(exec), near_(exec), kernels_(exec) {}
+          masks_(exec), importance_(exec), origin_(exec), words_(exec), near_(exec), weights_(exec) {}
 
     void run(PlusRequest& r) {
         if (r.type == ScalarType::u8) run_as<std::uint8_t>(r);
@@ -69,11 +69,11 @@ private:
     void insert(const PlusRequest& r, const plus::Slices& slices, const T* frames, const plus::Grid& grid, T* values,
                 std::uint16_t* acc) {
         using namespace plus;
-        InsertBrick<T, F> kernel{slices, frames, grid, Exec::on_device ? 4 : 32, {}, Interpolation(r.interpolation),
+        InsertBrick<T, F> task{slices, frames, grid, Exec::on_device ? 4 : 32, {}, Interpolation(r.interpolation),
                                  Optimization(r.optimization), Compounding(r.compounding), values, acc};
         std::size_t n = 1;
-        for (int k = 0; k < 3; ++k) n *= kernel.n_bricks[k] = ceil_div(grid.n[k], kernel.edge);
-        exec_.for_each_task(n, kernel);
+        for (int k = 0; k < 3; ++k) n *= task.n_bricks[k] = ceil_div(grid.n[k], task.edge);
+        exec_.for_each_task(n, task);
     }
 
     template <class T>
@@ -85,20 +85,20 @@ private:
         std::uint64_t* words = words_.reserve(n);
         std::uint64_t* near = near_.reserve(2 * n);
         T* out = reinterpret_cast<T*>(filled_.reserve(grid.size() * sizeof(T)));
-        FillRow<T> kernel{{grid, values, acc}, {words, n_words, grid.n[1], grid.n[2]}, near, int(r.fillers.size()), {}, out, origin};
+        FillRow<T> task{{grid, values, acc}, {words, n_words, grid.n[1], grid.n[2]}, near, int(r.fillers.size()), {}, out, origin};
 
         std::vector<float> weights;
         for (const PlusRequest::Filler& f : r.fillers) weights.insert(weights.end(), f.weights.begin(), f.weights.end());
-        const float* room = bring(kernels_, weights.data(), weights.size());
+        const float* room = bring(weights_, weights.data(), weights.size());
         int reach = 0;
         for (std::size_t i = 0; i < r.fillers.size(); ++i) {
             const PlusRequest::Filler& f = r.fillers[i];
-            kernel.fillers[i] = {FillerType(f.type), f.size, f.n_sticks, f.least_ratio, room};
+            task.fillers[i] = {FillerType(f.type), f.size, f.n_sticks, f.least_ratio, room};
             room += f.weights.size();
-            reach = max(reach, kernel.fillers[i].reach());
+            reach = max(reach, task.fillers[i].reach());
         }
         exec_.for_each(n, MarkOccupied{grid, n_words, acc, words});
-        MarkNear mark{kernel.known, reach, 0, near};
+        MarkNear mark{task.known, reach, 0, near};
         exec_.for_each(n, mark);
         mark.rows.words = near;
         mark.out = near + n;
@@ -108,7 +108,7 @@ private:
         mark.out = near;
         mark.axis = 2;
         exec_.for_each(n, mark);
-        exec_.for_each_task(n, kernel);
+        exec_.for_each_task(n, task);
         return out;
     }
 
@@ -162,7 +162,7 @@ private:
     Buffer<std::uint32_t, Exec> masks_;
     Buffer<std::uint8_t, Exec> importance_, origin_;
     Buffer<std::uint64_t, Exec> words_, near_;
-    Buffer<float, Exec> kernels_;
+    Buffer<float, Exec> weights_;
 };
 
 }  // namespace globule::core
