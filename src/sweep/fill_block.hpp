@@ -108,7 +108,7 @@ struct FillBlock {
     /// Values at (+-x, +-y, +-z).
     GB_FN static std::uint32_t mirrored(const std::uint32_t* v, int x, int y, int z) {
         std::uint32_t sum = 0;
-#pragma unroll
+        GB_UNROLL
         for (int signs = 0; signs < 8; ++signs) {
             if ((signs & 1 && !x) || (signs & 2 && !y) || (signs & 4 && !z)) continue;
             sum += v[((signs & 4 ? -z : z) * kWide + (signs & 2 ? -y : y)) * kWide + (signs & 1 ? -x : x)];
@@ -120,9 +120,9 @@ struct FillBlock {
         constexpr int n = (r + 1) * (r + 2) / 2;
         std::uint32_t sums[n];
         int sigma2 = 0;
-#pragma unroll
+        GB_UNROLL
         for (int b = 0; b <= r; ++b)
-#pragma unroll
+            GB_UNROLL
             for (int a = 0; a <= b; ++a) {
                 std::uint32_t sum = mirrored(v, a, b, r);
                 if (b != r) sum += mirrored(v, a, r, b) + mirrored(v, r, a, b);
@@ -132,9 +132,9 @@ struct FillBlock {
             }
         const HoleTables& tables = each.filler.tables;
         std::uint64_t total = 0, weight = 0, known = 0;
-#pragma unroll
+        GB_UNROLL
         for (int b = 0; b <= r; ++b)
-#pragma unroll
+            GB_UNROLL
             for (int a = 0; a <= b; ++a) {
                 const std::uint32_t sum = sums[b * (b + 1) / 2 + a];
                 if (!sum) continue;

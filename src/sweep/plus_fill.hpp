@@ -109,10 +109,15 @@ struct FillRow {
     GB_FN std::uint64_t fill(const Filler& filler, const Word& at, std::uint64_t todo) const {
         if (filler.type == FillerType::stick && filler.n_sticks == 1 && filler.size <= kLongest + 1) return shortest_sticks(filler.size, at, todo);
         if (!Scalar<T>::is_float && filler.type == FillerType::nearest_neighbor && filler.size <= 2 * kWidest + 2) return smallest_cubes(filler, at, todo);
+        return one_by_one(filler, at, todo);
+    }
+    GB_FN std::uint64_t one_by_one(const Filler& filler, Word at, std::uint64_t todo) const {
         std::uint64_t done = 0;
         for (; todo; todo &= todo - 1) {
             const int k = trailing_zeros(todo);
-            if (holes.fill(filler, 64 * at.w + k, at.y, at.z, out[at.base + k])) done |= kOne << k;
+            T value;  // not out[] itself: for all the compiler knows, that changes what is read here
+            if (holes.fill(filler, 64 * at.w + k, at.y, at.z, value)) done |= kOne << k;
+            out[at.base + k] = value;
         }
         return done;
     }

@@ -54,12 +54,11 @@ struct Holes {
     /// Sums are taken in PLUS' order, x outermost: their doubles depend on it.
     GB_FN bool window(const Filler& filler, int x, int y, int z, T& out) const {
         const int size = filler.size, range = (size - 1) / 2;
-        const Span xs = around(x, range, 0), ys = around(y, range, 1), zs = around(z, range, 2);
         double sum = 0, weight_sum = 0;
         int known = 0;
-        for (int i = xs.first; i <= xs.last; ++i)
-            for (int j = ys.first; j <= ys.last; ++j)
-                for (int k = zs.first; k <= zs.last; ++k) {
+        for (int i = max(x - range, 0); i <= min(x + range, grid.n[0] - 1); ++i)
+            for (int j = max(y - range, 0); j <= min(y + range, grid.n[1] - 1); ++j)
+                for (int k = max(z - range, 0); k <= min(z + range, grid.n[2] - 1); ++k) {
                     const std::size_t at = grid.index(i, j, k);
                     const std::uint16_t a = acc[at];
                     if (!a) continue;
