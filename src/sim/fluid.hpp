@@ -10,13 +10,13 @@
 namespace globule::core {
 
 template <class Exec>
-class FluidOf {
+class Fluid {
 public:
     using Tree = SparseTree;
     using Packet = typename Exec::Packet;
     using Lists = sim::Lists<Packet>;
 
-    FluidOf(Exec& exec, SimulationState<Exec>& state, const SimulationSettings& settings)
+    Fluid(Exec& exec, SimulationState<Exec>& state, const SimulationSettings& settings)
         : exec_(exec), state_(state), settings_(settings), list_counts_(exec), list_index_(exec), gradients_(exec), row_values_(exec),
           change_(exec), error_(exec), accelerations_(exec), progress_(exec), error_sum_(exec), compression_(exec), most_count_(exec),
           cohesion_(exec), diagonal_(exec), residual_(exec), direction_(exec), applied_(exec), skin_quads_(exec), facets_(exec), directions_(exec), conjugate_(exec) {}
