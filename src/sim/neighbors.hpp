@@ -2,6 +2,8 @@
 // candidates every row of the packet then tests.  The lists of a packet's rows are interleaved (sliced
 // ELLPACK), a fixed number of places each, so that lanes and warps read them as vectors.
 #pragma once
+#include <type_traits>
+
 #include "octree/query.hpp"
 #include "sim/state.hpp"
 
@@ -55,6 +57,13 @@ private:
         return select(v > F(half), v - F(length), select(v < F(-half), v + F(length), v));
     }
 };
+
+/// fn(std::bool_constant: does any axis repeat).
+template <class Fn>
+void with_period(const Period& period, const Fn& fn) {
+    if (period.any()) fn(std::true_type{});
+    else fn(std::false_type{});
+}
 
 /// Squared distances that float32 cannot tell from the support's: these pairs are decided in float64.
 inline constexpr float kDoubt = 4e-6f;
