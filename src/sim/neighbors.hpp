@@ -86,7 +86,7 @@ struct FindLists {
     SortedParticles particles;
     Lists<Packet> lists;
     const Quad* place;
-    float support;         ///< of the smoothing kernel; the tree's boxes hold it
+    float support;         ///< of the kernel; the tree's boxes hold it
     Period period;
     std::uint32_t* most_count;
 

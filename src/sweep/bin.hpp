@@ -48,7 +48,7 @@ inline constexpr bool is_real = sizeof(T) == 4;
 /// Sums over the run of pixels of a row that fall into one voxel; then one addition to memory.
 template <class T>
 struct BinRows {
-    Frames<T> frames;
+    Images<T> images;
     Grid grid;
     Coding coding;
     const std::uint32_t* slots;
@@ -56,9 +56,9 @@ struct BinRows {
     int sign;             ///< -1 takes pixels out again (mean only)
 
     GB_FN void operator()(std::size_t row) const {
-        const T* values = frames.values + row * frames.width;
-        const std::uint32_t order = frames.first_order + std::uint32_t(row) * frames.width;
-        for_each_run(frames, row, grid, [&](std::size_t block, int voxel, int from, int to) {
+        const T* values = images.values + row * images.width;
+        const std::uint32_t order = images.first_order + std::uint32_t(row) * images.width;
+        for_each_run(images, row, grid, [&](std::size_t block, int voxel, int from, int to) {
             const std::size_t at = std::size_t(slots[block]) * kVoxels + voxel;
             if (coding.mode == Compounding::mean) {
                 std::int64_t sum = 0;
@@ -92,11 +92,11 @@ template <class T>
 struct BinPixels {
     BinRows<T> rows;
     GB_FN void operator()(std::size_t i) const {
-        visit_pixel(rows.frames, i, rows.grid, [&](std::size_t block, int voxel) {
+        visit_pixel(rows.images, i, rows.grid, [&](std::size_t block, int voxel) {
             const std::size_t at = std::size_t(rows.slots[block]) * kVoxels + voxel;
-            const T value = rows.frames.values[i];
+            const T value = rows.images.values[i];
             if (rows.coding.mode == Compounding::mean) rows.deposit(at, quantized(value, rows.coding.scale), 1);
-            else atomic_max(rows.bins + at, rows.ranked(value, rows.frames.first_order + std::uint32_t(i)));
+            else atomic_max(rows.bins + at, rows.ranked(value, rows.images.first_order + std::uint32_t(i)));
         });
     }
 };

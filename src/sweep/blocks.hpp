@@ -4,7 +4,7 @@
 #include <cstring>
 
 #include "exec/bits.hpp"
-#include "sweep/walk.hpp"
+#include "sweep/images.hpp"
 
 namespace globule::core::sweep {
 
@@ -54,9 +54,9 @@ struct Grid {
 
 /// Calls visit(block, voxel in block, column) for the pixels of a row, in order.
 template <class T, class Visit>
-GB_FN void for_each_pixel(const Frames<T>& frames, std::size_t row, const Grid& grid, const Visit& visit) {
-    const Row r = row_inside(frames, row, grid.size);
-    const std::uint8_t* mask = frames.mask ? frames.mask + row % frames.height * frames.width : nullptr;
+GB_FN void for_each_pixel(const Images<T>& images, std::size_t row, const Grid& grid, const Visit& visit) {
+    const Row r = row_inside(images, row, grid.size);
+    const std::uint8_t* mask = images.mask ? images.mask + row % images.height * images.width : nullptr;
     Fix x = r.at[0], y = r.at[1], z = r.at[2];
     const Fix dx = r.step[0], dy = r.step[1], dz = r.step[2];
     for (int column = r.first; column <= r.last; ++column, x += dx, y += dy, z += dz) {
@@ -68,11 +68,11 @@ GB_FN void for_each_pixel(const Frames<T>& frames, std::size_t row, const Grid& 
 
 /// Calls visit(block, voxel in block, column) for pixel i of all, if it lies inside.
 template <class T, class Visit>
-GB_FN void visit_pixel(const Frames<T>& frames, std::size_t i, const Grid& grid, const Visit& visit) {
-    const std::uint32_t row = std::uint32_t(i) / std::uint32_t(frames.width), column = std::uint32_t(i) % std::uint32_t(frames.width);
-    const std::uint32_t f = row / std::uint32_t(frames.height), j = row % std::uint32_t(frames.height);
-    if (frames.mask && !frames.mask[std::size_t(j) * frames.width + column]) return;
-    const Pose& pose = frames.poses[f];
+GB_FN void visit_pixel(const Images<T>& images, std::size_t i, const Grid& grid, const Visit& visit) {
+    const std::uint32_t row = std::uint32_t(i) / std::uint32_t(images.width), column = std::uint32_t(i) % std::uint32_t(images.width);
+    const std::uint32_t f = row / std::uint32_t(images.height), j = row % std::uint32_t(images.height);
+    if (images.mask && !images.mask[std::size_t(j) * images.width + column]) return;
+    const Pose& pose = images.poses[f];
     int at[3];
     for (int k = 0; k < 3; ++k) {
         const Fix p = pose.origin[k] + Fix(j) * pose.y[k] + Fix(column) * pose.x[k];
@@ -86,10 +86,10 @@ GB_FN void visit_pixel(const Frames<T>& frames, std::size_t i, const Grid& grid,
 /// Calls visit(block, voxel in block, first column, column past the last) for the runs of a row's
 /// pixels that share a voxel; 64 pixels at a time as vectors, so a run may come in two pieces.
 template <class T, class Visit>
-GB_FN void for_each_run(const Frames<T>& frames, std::size_t row, const Grid& grid, const Visit& visit) {
+GB_FN void for_each_run(const Images<T>& images, std::size_t row, const Grid& grid, const Visit& visit) {
     constexpr int n = 64;
-    const Row r = row_inside(frames, row, grid.size);
-    const std::uint8_t* mask = frames.mask ? frames.mask + row % frames.height * frames.width : nullptr;
+    const Row r = row_inside(images, row, grid.size);
+    const std::uint8_t* mask = images.mask ? images.mask + row % images.height * images.width : nullptr;
     Fix at[3] = {r.at[0], r.at[1], r.at[2]};
     for (int first = r.first; first <= r.last; first += n) {
         const int count = min(n, r.last + 1 - first);
@@ -130,13 +130,13 @@ GB_FN void for_each_run(const Frames<T>& frames, std::size_t row, const Grid& gr
 /// Marks the blocks that pixels fall into as changed, and those that have no place yet as wanted.
 template <class T>
 struct TouchBlocks {
-    Frames<T> frames;
+    Images<T> images;
     Grid grid;
     const std::uint32_t* slots;
     std::uint32_t* wanted;  ///< or null
     std::uint32_t* changed;
     GB_FN void operator()(std::size_t row) const {
-        for_each_run(frames, row, grid, [&](std::size_t block, int, int, int) { mark(block); });
+        for_each_run(images, row, grid, [&](std::size_t block, int, int, int) { mark(block); });
     }
     GB_FN void mark(std::size_t block) const {
         changed[block] = 1;
@@ -148,7 +148,7 @@ template <class T>
 struct TouchPixels {
     TouchBlocks<T> rows;
     GB_FN void operator()(std::size_t i) const {
-        visit_pixel(rows.frames, i, rows.grid, [&](std::size_t block, int) { rows.mark(block); });
+        visit_pixel(rows.images, i, rows.grid, [&](std::size_t block, int) { rows.mark(block); });
     }
 };
 

@@ -8,7 +8,7 @@
 #include "sweep/fill_block.hpp"
 #include "sweep/maps.hpp"
 #include "sweep/plain.hpp"
-#include "sweep/tile.hpp"
+#include "sweep/fill_tile.hpp"
 #include "backends/backend.hpp"
 
 namespace globule::core {

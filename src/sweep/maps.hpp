@@ -1,4 +1,4 @@
-// Records of where a value came from: how many pixels, how much they differ, the latest frame.
+// Records of where a value came from: how many pixels, how much they differ, the latest image.
 #pragma once
 #include "sweep/bin.hpp"
 
@@ -7,14 +7,14 @@ namespace globule::core::sweep {
 /// Squares of the values, summed per voxel.
 template <class T>
 struct SquareRows {
-    Frames<T> frames;
+    Images<T> images;
     Grid grid;
     double scale;
     const std::uint32_t* slots;
     std::uint64_t* squares;  ///< (slots, 64)
     GB_FN void operator()(std::size_t row) const {
-        for_each_pixel(frames, row, grid, [&](std::size_t block, int voxel, int column) {
-            const std::int64_t v = quantized(frames.values[row * frames.width + column], scale);
+        for_each_pixel(images, row, grid, [&](std::size_t block, int voxel, int column) {
+            const std::int64_t v = quantized(images.values[row * images.width + column], scale);
             atomic_add(squares + std::size_t(slots[block]) * kVoxels + voxel, std::uint64_t(v * v));
         });
     }
@@ -49,7 +49,7 @@ struct VarianceOf {
 };
 struct SourceOf {
     const std::uint64_t* latest;
-    std::uint32_t pixels;  ///< of a frame
+    std::uint32_t pixels;  ///< of an image
     GB_FN std::int32_t operator()(std::size_t i) const {
         return latest[i] ? std::int32_t((std::uint32_t(latest[i] >> 32) - 1) / pixels) : -1;
     }

@@ -23,14 +23,14 @@ struct Cube {
 /// Sum and count of every voxel of the dense grid.
 template <class T>
 struct BinPlain {
-    Frames<T> frames;
+    Images<T> images;
     Grid grid;
     double scale;
     std::uint64_t* bins;  ///< (voxels, 2)
     GB_FN void operator()(std::size_t row) const {
-        for_each_pixel(frames, row, grid, [&](std::size_t b, int v, int column) {
+        for_each_pixel(images, row, grid, [&](std::size_t b, int v, int column) {
             const std::size_t at = grid.voxel(Block::voxel(grid.block(b), v));
-            atomic_add(bins + 2 * at, std::uint64_t(quantized(frames.values[row * frames.width + column], scale)));
+            atomic_add(bins + 2 * at, std::uint64_t(quantized(images.values[row * images.width + column], scale)));
             atomic_add(bins + 2 * at + 1, 1);
         });
     }

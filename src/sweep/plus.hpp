@@ -14,7 +14,7 @@ template <class Exec>
 class Plus {
 public:
     explicit Plus(Exec& exec)
-        : exec_(exec), frames_(exec), values_(exec), filled_(exec), acc_(exec), poses_(exec), sources_(exec),
+        : exec_(exec), images_(exec), values_(exec), filled_(exec), acc_(exec), poses_(exec), sources_(exec),
           masks_(exec), importance_(exec), origin_(exec), words_(exec), near_(exec), weights_(exec) {}
 
     void run(PlusRequest& r) {
@@ -30,7 +30,7 @@ private:
         const std::size_t image = std::size_t(r.height) * r.width;
         const Grid grid{{r.size[0], r.size[1], r.size[2]}};
         Slices slices{};
-        slices.n_frames = r.n_frames;
+        slices.n_images = r.n_frames;
         slices.height = r.height;
         slices.width = r.width;
         slices.rejects = r.rejects;
@@ -38,12 +38,12 @@ private:
         slices.slack = 0.02 + (r.width + r.height) * 0x1p-15;
         slices.poses = bring(poses_, poses(r).data(), r.n_frames);
         slices.sources = bring(sources_, r.sources, r.n_masks * image);
-        slices.mask_of_frame = bring(masks_, r.mask_of_frame, r.n_frames);
+        slices.mask_of_image = bring(masks_, r.mask_of_frame, r.n_frames);
         slices.importance = r.importance ? bring(importance_, r.importance, image) : nullptr;
         const T* frames = static_cast<const T*>(r.frames.data);
         if (r.frames.on_device != Exec::on_device)
             frames = reinterpret_cast<const T*>(
-                bring(frames_, static_cast<const char*>(r.frames.data), r.n_frames * image * sizeof(T)));
+                bring(images_, static_cast<const char*>(r.frames.data), r.n_frames * image * sizeof(T)));
 
         exec_.mark(0);
         T* values = reinterpret_cast<T*>(values_.reserve(grid.size() * sizeof(T)));
@@ -113,11 +113,11 @@ private:
     }
 
     /// Image coordinates of a voxel: the inverse of the columns x, y and x cross y.
-    static std::vector<plus::FramePose> poses(const PlusRequest& r) {
-        std::vector<plus::FramePose> all(r.n_frames);
+    static std::vector<plus::ImagePose> poses(const PlusRequest& r) {
+        std::vector<plus::ImagePose> all(r.n_frames);
         for (int f = 0; f < r.n_frames; ++f) {
             const double* m = r.voxel_from_image + 12 * f;
-            plus::FramePose& pose = all[f];
+            plus::ImagePose& pose = all[f];
             for (int k = 0; k < 3; ++k) {
                 pose.x[k] = m[4 * k];
                 pose.y[k] = m[4 * k + 1];
@@ -147,7 +147,7 @@ private:
 
     template <class T>
     const T* bring(Buffer<T, Exec>& room, const T* host, std::size_t n) {
-        if constexpr (!Exec::on_device && !std::is_same_v<T, plus::FramePose>) return host;
+        if constexpr (!Exec::on_device && !std::is_same_v<T, plus::ImagePose>) return host;
         T* to = room.reserve(n ? n : 1);
         exec_.upload(to, host, n * sizeof(T));
         exec_.synchronize();
@@ -155,9 +155,9 @@ private:
     }
 
     Exec& exec_;
-    Buffer<char, Exec> frames_, values_, filled_;
+    Buffer<char, Exec> images_, values_, filled_;
     Buffer<std::uint16_t, Exec> acc_;
-    Buffer<plus::FramePose, Exec> poses_;
+    Buffer<plus::ImagePose, Exec> poses_;
     Buffer<std::int32_t, Exec> sources_;
     Buffer<std::uint32_t, Exec> masks_;
     Buffer<std::uint8_t, Exec> importance_, origin_;

@@ -13,19 +13,19 @@ enum class Keying { morton, plain, bins };
 
 template <class T>
 struct CountRow {
-    Frames<T> frames;
+    Images<T> images;
     Grid grid;
     std::uint32_t* counts;
     GB_FN void operator()(std::size_t row) const {
         std::uint32_t n = 0;
-        for_each_pixel(frames, row, grid, [&](std::size_t, int, int) { ++n; });
+        for_each_pixel(images, row, grid, [&](std::size_t, int, int) { ++n; });
         counts[row] = n;
     }
 };
 
 template <class T>
 struct EmitPoints {
-    Frames<T> frames;
+    Images<T> images;
     Grid grid;
     Keying keying;
     const std::uint32_t* slots;   ///< keying bins: key = place in the bins, then the value
@@ -34,14 +34,14 @@ struct EmitPoints {
     std::uint32_t* pixels;
     GB_FN void operator()(std::size_t row) const {
         std::uint32_t at = offsets[row];
-        for_each_pixel(frames, row, grid, [&](std::size_t block, int voxel, int column) {
-            const std::size_t pixel = row * frames.width + column;
+        for_each_pixel(images, row, grid, [&](std::size_t block, int voxel, int column) {
+            const std::size_t pixel = row * images.width + column;
             keys[at] = key(block, voxel, pixel);
             pixels[at++] = std::uint32_t(pixel);
         });
     }
     GB_FN std::uint64_t key(std::size_t block, int voxel, std::size_t pixel) const {
-        if (keying == Keying::bins) return (std::uint64_t(slots[block]) * kVoxels + voxel) << 32 | ordered_bits(frames.values[pixel]);
+        if (keying == Keying::bins) return (std::uint64_t(slots[block]) * kVoxels + voxel) << 32 | ordered_bits(images.values[pixel]);
         const Cell v = Block::voxel(grid.block(block), voxel);
         return keying == Keying::morton ? morton::encode(std::uint64_t(v.x), std::uint64_t(v.y), std::uint64_t(v.z)) : grid.voxel(v);
     }
@@ -75,21 +75,21 @@ struct SortedPoints {
 };
 template <class T>
 struct GatherPoints {
-    Frames<T> frames;
+    Images<T> images;
     const std::uint32_t* pixels;
     SortedPoints<T> points;
     GB_FN void operator()(std::size_t i) const {
-        const std::size_t pixel = pixels[i], row = pixel / frames.width;
-        const Pose& pose = frames.poses[row / frames.height];
+        const std::size_t pixel = pixels[i], row = pixel / images.width;
+        const Pose& pose = images.poses[row / images.height];
         float place[3];
         for (int k = 0; k < 3; ++k) {
-            const Fix p = pose.origin[k] + Fix(row % frames.height) * pose.y[k] + Fix(pixel % frames.width) * pose.x[k];
+            const Fix p = pose.origin[k] + Fix(row % images.height) * pose.y[k] + Fix(pixel % images.width) * pose.x[k];
             place[k] = float(std::uint32_t(p) >> 8) * 0x1p-24f;
         }
         points.x[i] = place[0];
         points.y[i] = place[1];
         points.z[i] = place[2];
-        points.values[i] = frames.values[pixel];
+        points.values[i] = images.values[pixel];
     }
 };
 
@@ -184,7 +184,7 @@ struct Sphere {
     }
 };
 
-/// VVN-OM: the kernel grows from 3^3 until its inscribed sphere, rho = half its edge, holds a point.
+/// VVN-OM: the cube grows from 3^3 until its inscribed sphere, rho = half its edge, holds a point.
 template <class T>
 struct GatherSphere {
     HoleFiller<T> filler;  ///< for its masks; its values are not used
