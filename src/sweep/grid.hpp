@@ -357,7 +357,7 @@ private:
         using namespace sweep;
         if constexpr (Exec::on_device) {
             const int reach = each.filler.tables.cubes.reach;
-            if (reach == 0 || reach > FillBlock<T>::kReach) return exec_.for_each_tile(grid_.n_blocks(), EachVoxel<FillVoxel<T>>{grid_, each});
+            if (reach == 0 || reach > FillBlock<T>::kReach) return exec_.for_each(grid_.n_blocks() * kVoxels, EachVoxel<FillVoxel<T>>{grid_, each});
             if (!each.dirty) set_empty(each.out, 0, grid_.n_voxels());
             exec_.for_each_tile(grid_.n_blocks(), FillBlock<T>{each});
         } else {
@@ -414,7 +414,9 @@ private:
         exec_.for_each(n, MarkRuns{n, keys_.data(), grid_, false, slots_.data(), first, first + n_bins, masks_.data()});
         const std::uint32_t* near = spread_near(tables.cubes.span);
         const GatherVoxel<T> each{{{{grid_, slots_.data(), masks_.data(), nullptr}, tables}, points, first, first + n_bins}, out, near};
-        exec_.for_each_tile(grid_.n_blocks(), EachVoxel<GatherVoxel<T>>{grid_, each});
+        const EachVoxel<GatherVoxel<T>> all{grid_, each};
+        if constexpr (Exec::on_device) exec_.for_each(grid_.n_blocks() * kVoxels, all);
+        else exec_.for_each_tile(grid_.n_blocks(), all);
     }
 
     void fill_plain_bins(const sweep::Frames<T>& frames, const sweep::HoleTables& tables, const sweep::DenseVolume<T>& out) {
