@@ -51,9 +51,9 @@ public:
     std::unique_ptr<FrameImages<Exec>> take() {
         {
             const std::lock_guard lock(mutex_);
-            if (!free_.empty()) {
-                std::unique_ptr<FrameImages<Exec>> images = std::move(free_.back());
-                free_.pop_back();
+            if (free_.size() >= kInTurn || (!free_.empty() && !Exec::on_device)) {  // the one that was let go first
+                std::unique_ptr<FrameImages<Exec>> images = std::move(free_.front());
+                free_.erase(free_.begin());
                 return images;
             }
         }
@@ -98,7 +98,8 @@ private:
         reader_->synchronize();  // the images may go to another frame as soon as this one is let go
     }
 
-    static constexpr std::size_t kKept = 4;  ///< that wait for their turn
+    static constexpr std::size_t kKept = 4;    ///< that wait for their turn
+    static constexpr std::size_t kInTurn = 2;  ///< a device may still be at work for those that were let go last
 
     std::shared_ptr<Exec> exec_, reader_;
     std::mutex mutex_, reading_;
