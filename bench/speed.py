@@ -2,8 +2,8 @@
 
 Every frame rebuilds the octree from positions that moved, then traces one ray a pixel. Prints a
 table and writes CSV; times are medians over frames of one run, fps is a whole loop over wall time.
-fps_in_flight is the same with three scenes in turn: one is built while another is traced. fps_to_host
-copies every picture to the host before the next frame is asked for; overlapped: after that.
+fps_in_flight is the same with three scenes in turn: one is built while another is traced.
+fps_to_host copies every picture out before the next frame is asked for; overlapped: after that.
 """
 
 from __future__ import annotations
