@@ -1,6 +1,7 @@
 """Settings, cameras, materials and cuts are what they were when made, however often they serve."""
 
 import copy
+import gc
 import pickle
 
 import globule as gb
@@ -41,6 +42,16 @@ def test_copies_of_what_was_used(copied):
     before = picture(settings, clips=[cut])
     after = picture(copied(settings), copied(CAMERA), clips=[copied(cut)])
     np.testing.assert_array_equal(after, before)
+
+
+def test_a_frame_keeps_its_environment():
+    def frame():
+        image = np.random.default_rng(0).random((64, 128, 3))
+        return gb.render(ball(), CAMERA, SIZE, gb.RenderSettings(sky=gb.Environment(image)))
+
+    kept, other = frame(), frame()
+    gc.collect()
+    np.testing.assert_array_equal(kept.refine(2).color, other.refine(2).color)
 
 
 def test_one_camera_for_several_sizes():

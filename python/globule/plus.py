@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from . import _core
-from .arrays import address
+from .arrays import address, located
 from .device import choose
 from .memory import free_bytes as free_host_bytes
 from .plus_config import (
@@ -101,7 +101,7 @@ def reconstruct_plus(
     radius = np.empty(size[::-1], np.uint8)
     seconds = core.plus(
         {
-            "frames": (address(picked), False),
+            "frames": located(picked),
             "type": _TYPES[frames.dtype],
             "n_frames": len(kept),
             "height": h,

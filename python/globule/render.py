@@ -335,11 +335,11 @@ def render(
     for layer in layers:
         check_tracing(layer.scene, thesis)
     way = None if thesis is None else thesis._packed
-    builds = [(layer.scene.builds, layer.scene.threshold) for layer in layers]
+    thresholds = [layer.scene.threshold for layer in layers]
 
     def trace(passes: int, before: Any) -> Any:
-        if builds != [(layer.scene.builds, layer.scene.threshold) for layer in layers]:
-            raise ValueError("refine: expected the scene as it was rendered, got another frame's")
+        if before and thresholds != [layer.scene.threshold for layer in layers]:
+            raise ValueError("refine: expected the scene as it was rendered, got another threshold")
         packed = [
             (layer.scene._scene, layer.scene._kernel, layer.scene.threshold, *kind)
             for layer, kind in zip(layers, kinds, strict=True)

@@ -21,6 +21,7 @@ struct FrameImages {
     RaySource rays{};
     int n_passes = 0;
     bool plain = false;             ///< made in one go, without sums
+    std::vector<std::uint64_t> states;  ///< of the layers' scenes, each another number after it has changed
 
     explicit FrameImages(Exec& exec) : block(exec), sums(exec) {}
 

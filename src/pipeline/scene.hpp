@@ -29,6 +29,7 @@ public:
         if (shared_) throw Refused("update: the scene of a simulation follows its particles");
         check_room(in.n, request);
         cells_.forget();
+        ++state_;
         builder_.build(in, request);
     }
 
@@ -58,16 +59,18 @@ public:
     }
 
     std::shared_ptr<Frame> render(const PictureRequest& request, const std::shared_ptr<Frame>& before) override {
-        octree();
         auto frame = std::make_shared<FinishedFrame<Exec>>(frames_, device());
         FrameImages<Exec>& images = frame->images();
         const auto* older = before ? &static_cast<const FinishedFrame<Exec>&>(*before).images() : nullptr;
+        const std::vector<std::uint64_t> states = states_of(request);
+        if (older && older->states != states) throw Refused("refine: expected the scene as it was rendered, got another frame's");
         const bool plain = !older && request.passes == 1 && is_plain(request, traced().attributes());
         Exec& exec = plain ? builder_.next_lane() : *exec_;
         images.timer.let_follow(exec);  // another frame had this memory
         images.resize({request.camera, nullptr, nullptr, std::size_t(request.camera.width) * request.camera.height});
         images.n_passes = plain ? 1 : 0;
         images.plain = plain;
+        images.states = states;
         images.timer.begin(exec);
         if (plain) {
             make_frame(exec, traced(), request.layers[0].field, request.lighting, images);
@@ -92,6 +95,7 @@ public:
                     a.reflection = {reflection, 0.0f};
                     a.refraction = {refraction, 0.0f};
                     cells_.forget();
+                    ++state_;
                 },
                 [this](std::function<void()> before_use) {
                     if (before_use) before_use_ = std::move(before_use);
@@ -129,6 +133,18 @@ private:
         return std::to_string(tenths / 10) + "." + std::to_string(tenths % 10) + " GiB";
     }
 
+    /// Other layers' scenes are brought up to date here, where their gates are held.
+    std::vector<std::uint64_t> states_of(const PictureRequest& request) {
+        std::vector<std::uint64_t> states;
+        for (const LayerRequest& layer : request.layers) {
+            SceneImpl& scene = *static_cast<SceneImpl*>(layer.scene);
+            if (&scene != this) scene.begin();
+            scene.octree();
+            states.push_back(scene.state_);
+        }
+        return states;
+    }
+
     void copy(const FrameImages<Exec>& from, FrameImages<Exec>& to) {
         const std::size_t n = to.rays.n;
         if (from.rays.n != n) throw Refused("refine: expected a frame of the same size");
@@ -144,8 +160,6 @@ private:
         for (std::size_t k = 0; k < request.layers.size(); ++k) {
             const LayerRequest& layer = request.layers[k];
             SceneImpl& scene = *static_cast<SceneImpl*>(layer.scene);
-            if (&scene != this) scene.begin();
-            scene.octree();
             layers.push_back({scene.traced(), layer.field, pictures_.bring_clips(k, layer.clips)});
             scene.traced().prepare_cells(*scene.exec_, layer.field);
             if (&scene != this) exec_->follow(*scene.exec_);
@@ -168,6 +182,7 @@ private:
     PictureMaker<Exec> pictures_;
     std::shared_ptr<FramePool<Exec>> frames_;
     std::function<void()> before_use_;
+    std::uint64_t state_ = 0;  ///< counts what changes the picture
     bool shared_ = false;
 };
 

@@ -5,6 +5,7 @@
 #include <stdexcept>
 #include <vector>
 
+#include "backends/status.hpp"
 #include "sim/rigid_body.hpp"
 
 namespace globule::core {
@@ -24,12 +25,12 @@ template <class T>
 std::vector<T> take(const std::vector<char>& in, std::size_t& at, const T& blank) {
     std::uint64_t n = 0;
     const auto bytes = [&](void* to, std::size_t size) {
-        if (in.size() - at < size) throw std::invalid_argument("checkpoint: expected all of the bodies that move, got a part");
+        if (in.size() - at < size) throw Refused("checkpoint: expected all of the bodies that move, got a part");
         if (size > 0) std::memcpy(to, in.data() + at, size);
         at += size;
     };
     bytes(&n, sizeof n);
-    if (n > in.size() / sizeof(T)) throw std::invalid_argument("checkpoint: expected all of the bodies that move, got a part");
+    if (n > in.size() / sizeof(T)) throw Refused("checkpoint: expected all of the bodies that move, got a part");
     std::vector<T> items(n, blank);
     bytes(items.data(), n * sizeof(T));
     return items;
@@ -49,7 +50,7 @@ template <class T>
 void take_map(const std::vector<char>& in, std::size_t& at, std::map<int, T>& map, const T& blank) {
     const std::vector<int> keys = take<int>(in, at, 0);
     const std::vector<T> values = take<T>(in, at, blank);
-    if (keys.size() != values.size()) throw std::invalid_argument("checkpoint: expected as many bodies as names of them");
+    if (keys.size() != values.size()) throw Refused("checkpoint: expected as many bodies as names of them");
     map.clear();
     for (std::size_t k = 0; k < keys.size(); ++k) map.insert_or_assign(keys[k], values[k]);
 }

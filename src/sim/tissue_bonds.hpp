@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <stdexcept>
 
+#include "backends/status.hpp"
 #include "backends/tissue.hpp"
 
 namespace globule::core {
@@ -23,7 +24,7 @@ struct BondBlocks {
             for (std::uint32_t t = b * kBlock; t < std::min(in.n, (b + 1) * kBlock); ++t)
                 widest = std::max(widest, in.offsets[t + 1] - in.offsets[t]);
             const std::uint64_t end = first[b] + widest * kBlock;
-            if (end > 0xffffffffull) throw std::runtime_error("bonds: expected fewer than 2^31 bonds");
+            if (end > 0xffffffffull) throw Refused("bonds: expected fewer than 2^31 bonds");
             first[b + 1] = std::uint32_t(end);
         }
         const std::size_t n_entries = first[n_blocks] - entries_before;

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from .. import _core, phantoms
-from ..arrays import address
+from ..arrays import address, located
 from ..device import choose
 from ..plus import reconstruct_plus
 from ..plus_config import Filler, PlusConfig
@@ -88,7 +88,7 @@ def _binning_cores(setting: Setting, sweep: Sweep, size: int) -> float:
     for _ in range(_RUNS):
         start(core, grid, frames, Options(), crowded(poses, frames.shape[1:]))
         begun = time.process_time()
-        core.add((address(frames), False), address(poses), 0, *frames.shape, 0, 1)
+        core.add(located(frames), address(poses), 0, *frames.shape, 0, 1)
         seconds.append(time.process_time() - begun)
     return min(seconds)
 

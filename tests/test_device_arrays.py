@@ -1,0 +1,133 @@
+"""Arrays know where they lie and on which stream: used there, copied, or refused with the reason."""
+
+from __future__ import annotations
+
+import globule as gb
+import numpy as np
+import pytest
+from globule import device
+
+SIZE = (64, 48)
+
+
+class Pretender:
+    """Says that it lies on a GPU."""
+
+    def __init__(self, array):
+        self.array, self.shape, self.dtype = array, array.shape, array.dtype
+
+    @property
+    def __cuda_array_interface__(self):
+        return {
+            "version": 3, "shape": self.shape, "typestr": "<f4", "strides": None,
+            "data": (self.array.ctypes.data, False), "stream": 7,
+        }  # fmt: skip
+
+
+def has_cuda() -> bool:
+    try:
+        device.choose("cuda")
+    except RuntimeError:
+        return False
+    return True
+
+
+@pytest.mark.skipif(has_cuda(), reason="there is a GPU here")
+def test_gpu_memory_is_never_read_as_the_hosts():
+    points = np.random.default_rng(1).random((500, 3)).astype(np.float32)
+    with pytest.raises(ValueError, match=r"^positions: expected memory that can be reached"):
+        gb.Scene(Pretender(points), device="cpu", support=0.2)
+    scene = gb.Scene(points, device="cpu", support=0.2)
+    with pytest.raises(ValueError, match=r"^points: expected memory that can be reached"):
+        gb.field(scene, Pretender(points))
+
+
+@pytest.fixture
+def cupy():
+    if not has_cuda():
+        pytest.skip("no GPU")
+    return pytest.importorskip("cupy")
+
+
+def points_of(n=4000, seed=1):
+    return np.random.default_rng(seed).random((n, 3)).astype(np.float32)
+
+
+def test_cpu_scene_takes_gpu_arrays(cupy):
+    points = points_of()
+    scene = gb.Scene(cupy.asarray(points), device="cpu", support=0.1)
+    right = gb.Scene(points, device="cpu", support=0.1)
+    assert scene.octree.key_hash == right.octree.key_hash
+    assert (gb.field(scene, cupy.asarray(points)) == gb.field(right, points)).all()
+
+
+def test_pinned_memory_is_the_hosts(cupy):
+    points = points_of()
+    pinned = np.frombuffer(cupy.cuda.alloc_pinned_memory(points.nbytes), np.float32, points.size)
+    pinned = pinned.reshape(points.shape)
+    pinned[:] = points
+    scene = gb.Scene(pinned, device="cuda", support=0.1)
+    assert scene.octree.key_hash == gb.Scene(points, device="cpu", support=0.1).octree.key_hash
+
+
+def test_build_waits_for_the_callers_stream(cupy):
+    """Positions that are still being written on a stream of the caller's own."""
+    points = points_of(200_000)
+    right = gb.Scene(points, device="cpu", support=0.02).octree.key_hash
+    scene = gb.Scene(cupy.zeros((4, 3), "f4"), device="cuda", support=0.02)
+    slow = cupy.ones((3000, 3000), "f4")
+    with cupy.cuda.Stream(non_blocking=True):
+        for _ in range(3):
+            positions = cupy.zeros((200_000, 3), "f4")
+            for _ in range(20):
+                slow = slow @ slow / 3000
+            positions += cupy.asarray(points)
+            scene.update(positions=positions)
+            positions[:] = 0  # given to the stream after the call: read before
+            assert scene.octree.key_hash == right
+
+
+def test_two_gpus(cupy):
+    if cupy.cuda.runtime.getDeviceCount() < 2:
+        pytest.skip("one GPU")
+    points, camera = points_of(50_000), gb.Camera.fit(points_of(50_000), size=SIZE)
+    right = gb.render(gb.Scene(points, device="cuda:0", support=0.05), camera, SIZE).picture
+    for current in (0, 1):
+        with cupy.cuda.Device(current):
+            for here in (0, 1):
+                with cupy.cuda.Device(here):
+                    positions = cupy.asarray(points)
+                for there in (0, 1):
+                    scene = gb.Scene(positions, device=f"cuda:{there}", support=0.05)
+                    assert cupy.cuda.runtime.getDevice() == current
+                    for _ in range(3):
+                        scene.update(positions=positions)
+                        assert cupy.cuda.runtime.getDevice() == current
+                    frame = gb.render(scene, camera, SIZE)
+                    assert (frame.picture == right).all()
+                    assert (gb.field(scene, positions[:100]) > 0).all()
+                    del scene, frame
+                    assert cupy.cuda.runtime.getDevice() == current
+
+
+def test_the_current_gpu_stays(cupy):
+    before = cupy.cuda.runtime.getDevice()
+    scene = gb.Scene(points_of(), device="cuda", support=0.1)
+    gb.render(scene, size=SIZE).picture  # noqa: B018
+    assert cupy.cuda.runtime.getDevice() == before
+
+
+def test_update_after_the_particles_spread_is_as_good_as_new(backend):
+    """Room for nodes follows the particles, so that the octree is never cut for long."""
+    n = 24
+    lattice = ((np.indices((n, n, n)).reshape(3, -1).T + 0.5) / n).astype(np.float32)
+    later = np.random.default_rng(5).random(lattice.shape).astype(np.float32)
+    later[:, 2] *= 1 / 16
+    scene = gb.Scene(lattice, support=0.06, **backend)
+    fresh = gb.Scene(later, support=0.06, **backend).octree
+    for _ in range(3):
+        scene.update(positions=later)
+    assert (scene.octree.n_nodes, scene.octree.depth) == (fresh.n_nodes, fresh.depth)
+    scene.update(positions=lattice[:100])
+    scene.update(positions=lattice[:100])
+    assert scene.octree.n_nodes == gb.Scene(lattice[:100], support=0.06, **backend).octree.n_nodes
