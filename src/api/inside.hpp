@@ -62,20 +62,17 @@ struct Scene::Impl {
     double own_support = 0;       ///< of the options; 0: none
     double measured_support = 0;  ///< for particles that come without one; 0: not yet known
     bool whole = false;         ///< an update went through and nothing broke since
-    std::uint64_t n_updates = 0;
     std::size_t n = 0;
     double support = 0, largest_support = 0;  ///< of all; 0 where each has its own, or where an array on a GPU tells it
     std::unique_ptr<Inputs> held;             ///< copies that the scene still reads
 
-    /// Of a simulation: counts its changes, behind the same gate.
-    std::shared_ptr<const std::uint64_t> n_changes;
-    std::shared_ptr<void> owner;              ///< keeps the simulation alive
+    /// Of a simulation, which it keeps alive: its number of particles, behind the same gate.
     std::shared_ptr<const std::size_t> n_of_owner;
 
     void update(const Particles& particles);
     /// Throws unless there is something to ask.
     void check_whole() const;
-    std::uint64_t state() const { return n_changes ? *n_changes : n_updates; }
+    std::size_t size() const { return n_of_owner ? *n_of_owner : n; }
     core::FieldRequest field() const { return {kernel, float(threshold), {}}; }
     core::Gates gates() const { return core::Gates({core.gate().get()}); }
 
@@ -94,7 +91,6 @@ struct Frame::Impl {
     int device_number = core::kHost;
     int width = 0, height = 0;
     std::vector<std::shared_ptr<Inside::SceneImpl>> scenes;
-    std::vector<std::uint64_t> states;   ///< of the scenes when they were rendered
     core::PictureRequest request;        ///< its passes are not used
     std::shared_ptr<const void> sky;     ///< keeps the request's image alive
 };

@@ -173,11 +173,11 @@ const KernelDefaults& defaults_of(core::KernelName kernel) {
 }
 
 void Scene::Impl::check_whole() const {
-    if (!n_changes && !whole) throw Error(ErrorCode::stale, "scene: its octree was not finished: update the scene first");
+    if (!n_of_owner && !whole) throw Error(ErrorCode::stale, "scene: its octree was not finished: update the scene first");
 }
 
 void Scene::Impl::update(const Particles& p) {
-    if (n_changes) throw Error(ErrorCode::invalid, "update: the scene of a simulation follows its particles");
+    if (n_of_owner) throw Error(ErrorCode::invalid, "update: the scene of a simulation follows its particles");
     const core::Gates inside = gates();
     Update u = checked(p, core.device(), tree.dense, own_support, measured_support);
     const bool was_whole = whole;
@@ -206,7 +206,6 @@ void Scene::Impl::update(const Particles& p) {
     n = u.arrays.n;
     support = u.one_support.value_or(0);
     largest_support = u.one_support.value_or(u.largest_support);
-    ++n_updates;
     whole = true;
 }
 
@@ -317,7 +316,7 @@ void Scene::sorted_keys(std::vector<std::uint64_t>& keys, std::vector<std::uint3
     const Impl& s = Inside::of(*this, "scene");
     const core::Gates inside = s.gates();
     s.check_whole();
-    const std::size_t n = s.n_of_owner ? *s.n_of_owner : s.n;
+    const std::size_t n = s.size();
     std::vector<std::uint64_t> k(n);
     std::vector<std::uint32_t> i(n);
     s.core.call_inside<&core::Scene::sorted>(inside, k.data(), i.data());
@@ -328,7 +327,7 @@ void Scene::sorted_keys(std::vector<std::uint64_t>& keys, std::vector<std::uint3
 std::size_t Scene::size() const {
     const Impl& s = Inside::of(*this, "scene");
     const core::Gates inside = s.gates();
-    return s.n_of_owner ? *s.n_of_owner : s.n;
+    return s.size();
 }
 double Scene::threshold() const { return Inside::of(*this, "scene").threshold; }
 double Scene::support() const {
@@ -340,7 +339,7 @@ double Scene::margin() const {
     const Impl& s = Inside::of(*this, "scene");
     const core::Gates inside = s.gates();
     double largest = s.largest_support;
-    if (!(largest > 0) && s.n > 0) {
+    if (!(largest > 0) && s.size() > 0) {
         s.check_whole();
         largest = s.core.call_inside<&core::Scene::facts>(inside, false).header.typical_support;
     }
@@ -355,7 +354,7 @@ void Scene::synchronize() const { Inside::of(*this, "scene").core.call<&core::Sc
 
 namespace {
 
-/// The picture's next samples; its scenes are locked, and as they were when it was asked for first.
+/// The picture's next samples; its scenes are locked.
 std::shared_ptr<const Inside::FrameImpl> traced(Inside::FrameImpl f, const core::Gates& inside, int samples, const core::Handle<core::Frame>& before) {
     f.request.passes = samples;
     const core::Handle<core::Scene>& first = f.scenes[0]->core;
@@ -397,10 +396,7 @@ Frame render(const std::vector<Layer>& layers, const Camera& camera, int width, 
     f.device = f.scenes[0]->chosen.device.name;
     f.device_number = f.scenes[0]->core.device();
     const core::Gates inside = gates_of(f);
-    for (const auto& scene : f.scenes) {
-        scene->check_whole();
-        f.states.push_back(scene->state());
-    }
+    for (const auto& scene : f.scenes) scene->check_whole();
     if (settings.ambient_rays && !settings.ambient_distance)
         f.request.lighting.ambient_distance = float(0.1 * double(f.scenes[0]->core.call_inside<&core::Scene::facts>(inside, false).header.space.extent));
     return Inside::frame(traced(std::move(f), inside, samples, {}));
@@ -412,10 +408,7 @@ Frame Frame::refine(int samples) const {
     if (f.core.read<&core::Frame::passes>() + samples > kMaxSamples)
         refuse("samples", "at most " + std::to_string(kMaxSamples) + " in all", std::to_string(samples) + " more");
     const core::Gates inside = gates_of(f);
-    for (std::size_t k = 0; k < f.scenes.size(); ++k) {
-        f.scenes[k]->check_whole();
-        if (f.scenes[k]->state() != f.states[k]) throw Error(ErrorCode::invalid, "refine: expected the scene as it was rendered, got another state of it");
-    }
+    for (const auto& scene : f.scenes) scene->check_whole();
     return Inside::frame(traced(f, inside, samples, f.core));
 }
 
