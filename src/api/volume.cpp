@@ -186,7 +186,7 @@ Volume reconstruct(const Sweep& sweep, const ReconstructOptions& o) {
     const std::uint8_t* valid = nullptr;
     if (sweep.valid.given()) {
         if (sweep.valid.where().device != Location::host || sweep.valid.dtype() != DType::uint8 || !(sweep.valid.shape() == Shape(frames.n)))
-            refuse("valid", "(" + std::to_string(frames.n) + ",) uint8 in host memory", text(sweep.valid.shape()) + " " + name_of(sweep.valid.dtype()));
+            refuse("valid", text(Shape(frames.n)) + " uint8 in host memory", text(sweep.valid.shape()) + " " + name_of(sweep.valid.dtype()));
         valid = static_cast<const std::uint8_t*>(sweep.valid.data());
     }
     std::vector<std::size_t> which;
