@@ -56,7 +56,7 @@ inline Lighting lighting(const nb::dict& d) {
     s.ambient = vec(d, "ambient");
     s.background = vec(d, "background");
     s.show_sky = value<bool>(d, "show_sky");
-    s.depth = value<int>(d, "depth");
+    s.bounces = value<int>(d, "depth");
     s.cutoff = value<float>(d, "cutoff");
     s.exposure = value<float>(d, "exposure");
     if (!d["ground"].is_none()) {

@@ -21,7 +21,7 @@
 #include "trace/camera.hpp"
 #include "trace/clip.hpp"
 #include "trace/thesis/request.hpp"
-#include "trace/wave.hpp"
+#include "trace/lighting.hpp"
 
 namespace globule::core {
 

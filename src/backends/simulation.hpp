@@ -8,7 +8,7 @@
 
 #include "backends/entry.hpp"
 #include "backends/object.hpp"
-#include "sim/emit.hpp"
+#include "sim/sinks.hpp"
 #include "sim/energy.hpp"
 #include "sim/rigid.hpp"
 #include "backends/tissue.hpp"

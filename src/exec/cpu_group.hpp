@@ -1,5 +1,5 @@
 // A group of lanes on the CPU: one thread working on `vectors` SIMD registers of `width` lanes.
-// exec/cuda_group.hpp gives a warp the same face, so that a tile kernel is written once.
+// exec/cuda_group.hpp gives a warp the same face, so that what works on a tile is written once.
 #pragma once
 #include "base/quad.hpp"
 #include "base/vec.hpp"
@@ -151,7 +151,7 @@ struct CpuGroup {
     /// Returns the lanes that hold a node.
     template <class Entry>
     B lay_out(const Entries<Entry>& e, int part, Runs& runs) const {
-        B lanes;
+        B lanes = none();
         for (int r = 0; r < n_runs; ++r) {
             const int count = r < e.n ? int(e.run[r].count()) - part * run_width : 0;
             runs.first[r] = e.run[r].first() + part * run_width;

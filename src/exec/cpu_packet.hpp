@@ -1,4 +1,4 @@
-// A packet of rows on the CPU: one SIMD lane a row, so that a kernel that walks the lists of many
+// A packet of rows on the CPU: one SIMD lane a row, so that a functor that walks the lists of many
 // particles is written once.  exec/cuda_packet.hpp gives one GPU thread the same face.
 #pragma once
 #include <cstring>

@@ -2,6 +2,7 @@
 #pragma once
 #include "base/quad.hpp"
 #include "base/vec.hpp"
+#include "exec/warp_teams.hpp"
 
 namespace globule::core {
 
@@ -113,29 +114,18 @@ struct CudaGroup {
     /// half of the lanes are active, two to eight of them share out each active lane's ray.
     template <bool Bounds, class Sum, class Part>
     __device__ void share_rays(LaneOf& lane_of, B active, const Vec3<float>& p, const Vec3<float>& d, float sign, Sum& sum, const Part& part) const {
-        const unsigned set = __ballot_sync(all, active);
-        const int n = __popc(set);
-        if (n > width / 2) return part(p, d, sign, 0, 1, sum);
-        const int log_team = n > 8 ? 1 : n > 4 ? 2 : 3, team = 1 << log_team;
-        const int rank = __popc(set & ((1u << lane()) - 1)), ray = lane() >> log_team;
-        if (active) lane_of[rank] = std::uint8_t(lane());
+        const RanksInWarp rays(active);
+        if (rays.n > width / 2) return part(p, d, sign, 0, 1, sum);
+        const WarpTeams teams{rays.n > 8 ? 1 : rays.n > 4 ? 2 : 3, 0};
+        if (active) lane_of[rays.rank] = std::uint8_t(lane());
         __syncwarp();
-        const int from = ray < n ? lane_of[ray] : 0;
-        const Vec3<float> of_p{pick(p.x, from), pick(p.y, from), pick(p.z, from)}, of_d{pick(d.x, from), pick(d.y, from), pick(d.z, from)};
+        const bool busy = teams.ray() < rays.n;
+        const int from = busy ? lane_of[teams.ray()] : 0;
+        const Vec3<float> of_p = teams.pick(p, from), of_d = teams.pick(d, from);
         const float of_sign = pick(sign, from);
-        if (ray < n) part(of_p, of_d, of_sign, lane() & (team - 1), team, sum);
+        if (busy) part(of_p, of_d, of_sign, teams.member(), teams.size(), sum);
         __syncwarp();
-        const int back = rank << log_team & (width - 1);
-        const auto whole = [&](float& v) {
-            for (int s = team / 2; s; s >>= 1) v += __shfl_xor_sync(all, v, s);
-            v = pick(v, back);
-        };
-        whole(sum.f);
-        whole(sum.slope);
-        if constexpr (Bounds) {
-            whole(sum.rise);
-            whole(sum.fall);
-        }
+        sum = teams.template total<Bounds>(sum, rays.rank);
     }
     __device__ std::uint32_t set_of(B m) const { return __ballot_sync(all, m); }
     template <class Fn>
@@ -205,45 +195,32 @@ private:
     /// Whatever the team, a ray's particles are added up in eight parts, and these in the same order.
     template <bool Bounds, class Source, class Limits>
     __device__ static auto by_teams(const Source& source, float t, const Limits& lim, bool active) {
-        const int lane = threadIdx.x & 31;
-        const unsigned set = __ballot_sync(all, active);
-        const int n_active = __popc(set), rank = __popc(set & ((1u << lane) - 1));
+        const RanksInWarp rays(active);
         const float3 point = source.point(t);
         __shared__ std::uint8_t lanes[128];
         std::uint8_t* lane_of = lanes + (threadIdx.x & 96);
-        if (active) lane_of[rank] = std::uint8_t(lane);
+        if (active) lane_of[rays.rank] = std::uint8_t(threadIdx.x & 31);
         __syncwarp();
         using Sum = decltype(source.template at<Bounds>(t, lim));
         Sum result{0.0f, 0.0f, 0.0f, 0.0f};
-        for (int first = 0, n_teams; first < n_active; first += n_teams) {
-            const int log_team = n_active - first > 4 ? 2 : 3, size = 1 << log_team;
-            n_teams = 32 >> log_team;
-            const int ray = first + (lane >> log_team), n = ray < n_active;  // this team's ray; none: a list of no length
-            const int from = n ? lane_of[ray] : 0;
+        for (WarpTeams teams{0, 0}; teams.first < rays.n; teams.first += teams.n_teams()) {
+            teams.log_size = rays.n - teams.first > 4 ? 2 : 3;
+            const bool busy = teams.ray() < rays.n;  // else the team has a list of no length
+            const int from = busy ? lane_of[teams.ray()] : 0;
             Source of = source;
             of.first = __shfl_sync(all, source.first, from);
-            of.n_blocks = n * __shfl_sync(all, source.n_blocks, from);
-            const float3 of_point{__shfl_sync(all, point.x, from), __shfl_sync(all, point.y, from), __shfl_sync(all, point.z, from)};
-            of.d = {__shfl_sync(all, source.d.x, from), __shfl_sync(all, source.d.y, from), __shfl_sync(all, source.d.z, from)};
+            of.n_blocks = busy * __shfl_sync(all, source.n_blocks, from);
+            of.d = teams.pick(source.d, from);
+            const float3 of_point = teams.pick(point, from);
             Limits of_lim = lim;
             if (Bounds) of_lim.window = __shfl_sync(all, lim.window, from);
             of_lim.sign = __shfl_sync(all, lim.sign, from);
             Sum sum{0.0f, 0.0f, 0.0f, 0.0f};
-            if (size == 4) of.template add_pairs<Bounds>(sum, lane & 3, of_point, of_lim);
-            else of.template add_blocks<Bounds>(sum, lane & 7, 8, of_point, of_lim);
+            if (teams.size() == 4) of.template add_pairs<Bounds>(sum, teams.member(), of_point, of_lim);
+            else of.template add_blocks<Bounds>(sum, teams.member(), 8, of_point, of_lim);
             __syncwarp();
-            for (int s = size / 2; s; s >>= 1) {
-                sum.f += __shfl_xor_sync(all, sum.f, s);
-                sum.slope += __shfl_xor_sync(all, sum.slope, s);
-                if (Bounds) {
-                    sum.rise += __shfl_xor_sync(all, sum.rise, s);
-                    sum.fall += __shfl_xor_sync(all, sum.fall, s);
-                }
-            }
-            const int back = (rank - first) << log_team & 31;
-            sum = {__shfl_sync(all, sum.f, back), __shfl_sync(all, sum.slope, back), Bounds ? __shfl_sync(all, sum.rise, back) : 0.0f,
-                   Bounds ? __shfl_sync(all, sum.fall, back) : 0.0f};
-            if (rank >= first && rank < first + n_teams) result = source.template finished<Bounds>(sum);
+            sum = teams.template total<Bounds>(sum, rays.rank);
+            if (teams.holds(rays.rank)) result = source.template finished<Bounds>(sum);
         }
         __syncwarp();
         return result;

@@ -86,15 +86,15 @@ GB_FN Key parent(Key key, int level) { return ancestor(key, level - 1); }
 template <class Key>
 GB_FN Key child(Key key, int level, int octant) { return key | Key(octant) << shift_of<Key>(level + 1); }
 
-/// How many leading triplets two keys share, at most `depth`; -1 where either lies outside.
+/// How many leading triplets two keys share, at most `levels`; -1 where either lies outside.
 template <class Key>
-GB_FN int common_levels(Key a, Key b, int depth) {
+GB_FN int common_levels(Key a, Key b, int levels) {
     if (!(a & b & Traits<Key>::inside)) return -1;
     const Key diff = a ^ b;
-    if (!diff) return depth;
+    if (!diff) return levels;
     const int spare = int(8 * sizeof(Key)) - 3 * Traits<Key>::levels;
     const int shared = (leading_zeros(diff) - spare) / 3;
-    return shared < depth ? shared : depth;
+    return shared < levels ? shared : levels;
 }
 
 /// Masked addition on the dilated coordinate: the code one cell further along an axis (0 x, 1 y,

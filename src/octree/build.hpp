@@ -1,7 +1,8 @@
 // positions -> bounds -> keys -> sort -> nodes, all on the device, nothing read back.
 //
-// Sparse nodes from sorted keys alone (the idea is Karras 2012's, without his binary tree in between).  A cell of level k starts at particle i when key i and key
-// i - 1 share fewer than k triplets; it is split when key i and key i + kLeafSize share at least k.
+// Sparse nodes from sorted keys alone, as Karras (2012) builds hierarchies, but octree cells at once instead of a
+// binary tree first.  A cell of level k starts at particle i when key i and key i - 1 share fewer than k triplets;
+// it is split when key i and key i + kLeafSize share at least k.
 // So each chunk of particles can list the nodes that start in it.  One exclusive scan over the
 // counts, level by level and chunk by chunk, gives every node its place in level order; children of
 // one parent come out side by side.  A last pass lets every leaf carry its box towards the root:

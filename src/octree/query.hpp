@@ -1,6 +1,7 @@
 // Questions at a point: who reaches it, who is near it.  One traversal, one thread a point; the
 // float64 last word of the tracer and the public field, gradient and neighbour calls use it.
 #pragma once
+#include "field/influence.hpp"
 #include "field/kernels.hpp"
 #include "octree/dense.hpp"
 #include "octree/sparse.hpp"
@@ -90,6 +91,32 @@ GB_FN void for_each_touching(const Tree& tree, const float3& lo, const float3& h
     });
 }
 
+/// A sorted particle's shape, as field/influence.hpp asks for it.
+template <class F>
+struct SortedShape {
+    const SortedParticles& particles;
+    std::uint32_t slot;
+    GB_FN F x(const Vec3<F>& v) const { return particles.x_at(slot, v); }
+    GB_FN Vec3<F> half_gradient(const Vec3<F>& v, F slope, F c) const { return particles.half_gradient(slot, v) * (slope * c); }
+};
+
+/// visit(v, shape) if the particle reaches p; v: from its centre to p.
+template <class F, class Visit>
+GB_FN void if_reaching(const SortedParticles& particles, std::uint32_t slot, const Vec3<F>& p, const Visit& visit) {
+    const Vec3<F> v{p.x - F(particles.x[slot]), p.y - F(particles.y[slot]), p.z - F(particles.z[slot])};
+    const SortedShape<F> shape{particles, slot};
+    if (shape.x(v) < F(1)) visit(v, shape);
+}
+
+/// visit(slot, v, shape) for each particle that reaches p.
+template <class F, class Tree, class Visit>
+GB_FN void for_each_reaching(const Tree& tree, const SortedParticles& particles, const Vec3<F>& p, const Visit& visit) {
+    const float3 at{float(p.x), float(p.y), float(p.z)};
+    for_each_touching(tree, at, at, [&](std::uint32_t j) {
+        if_reaching(particles, j, p, [&](const Vec3<F>& v, const SortedShape<F>& shape) { visit(j, v, shape); });
+    });
+}
+
 /// Field and gradient at points, float64 sums: f = sum c b(r), grad f.
 template <class Tree>
 struct EvaluateField {
@@ -100,25 +127,19 @@ struct EvaluateField {
     float* field;         ///< (m,) or null
     float* gradient;      ///< (m, 3) or null
     GB_FN void operator()(std::size_t i) const {
-        const float3 p{points[3 * i], points[3 * i + 1], points[3 * i + 2]};
-        double f = 0, gx = 0, gy = 0, gz = 0;
-        for_each_touching(tree, p, p, [&](std::uint32_t j) {
-            const Vec3<double> v{double(p.x) - particles.x[j], double(p.y) - particles.y[j], double(p.z) - particles.z[j]};
-            const double x = particles.x_at(j, v);
-            if (!(x < 1.0)) return;
-            double b, slope;
-            kernel(x, b, slope);
-            f += particles.weight[j] * b;
-            const Vec3<double> s = particles.half_gradient(j, v) * (particles.weight[j] * slope * 2.0);
-            gx += s.x;
-            gy += s.y;
-            gz += s.z;
+        const Vec3<double> p{points[3 * i], points[3 * i + 1], points[3 * i + 2]};
+        double f = 0;
+        Vec3<double> half{0, 0, 0};
+        for_each_reaching(tree, particles, p, [&](std::uint32_t j, const Vec3<double>& v, const SortedShape<double>& shape) {
+            const Influence<double> s = influence(kernel, shape, v, double(particles.weight[j]));
+            f += s.value;
+            half = half + s.half_gradient;
         });
         if (field) field[i] = float(f);
         if (gradient) {
-            gradient[3 * i] = float(gx);
-            gradient[3 * i + 1] = float(gy);
-            gradient[3 * i + 2] = float(gz);
+            gradient[3 * i] = float(2.0 * half.x);
+            gradient[3 * i + 1] = float(2.0 * half.y);
+            gradient[3 * i + 2] = float(2.0 * half.z);
         }
     }
 };
@@ -139,12 +160,8 @@ struct Blend {
         float* mine = out + i * channels;
         for (int c = 0; c < channels; ++c) mine[c] = 0.0f;
         float total = 0.0f;
-        for_each_touching(tree, p, p, [&](std::uint32_t j) {
-            const float x = particles.x_at(j, p - particles.position(j));
-            if (!(x < 1.0f)) return;
-            float b, slope;
-            kernel(x, b, slope);
-            const float w = max(particles.weight[j] * b, 0.0f);
+        for_each_reaching(tree, particles, p, [&](std::uint32_t j, const float3& v, const SortedShape<float>& shape) {
+            const float w = max(influence(kernel, shape, v, particles.weight[j]).value, 0.0f);
             total += w;
             for (int c = 0; c < channels; ++c) mine[c] += w * values[std::size_t(particles.index[j]) * channels + c];
         });

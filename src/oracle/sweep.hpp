@@ -4,7 +4,7 @@
 
 namespace globule::core::oracle {
 
-/// Frames as float64, with the poses that the fast paths use (32 fractional bits).
+/// Images as float64, with the poses that the fast paths use (32 fractional bits).
 struct SweepInput {
     int n, height, width;
     const double* values;        ///< (n, height, width)
@@ -16,7 +16,7 @@ struct SweepInput {
 
 /// One value a voxel, NaN where no pixel falls; compounding as sweep::Compounding.
 void bin(const SweepInput& in, int compounding, double* out);
-/// Mean of samples along Bezier curves through pixels of four frames.
+/// Mean of samples along Bezier curves through pixels of four images.
 void bezier(const SweepInput& in, double* out);
 /// Fills NaN voxels from the smallest cube with a value; radius 0 measured, 255 still empty (value 0).
 void fill(const int size[3], bool whole, const double* bins, int reach, bool printed, double* out, std::uint8_t* radius);

@@ -46,6 +46,7 @@ public:
                 lane->mark(kRead);
             }
             now_ = 1 - now_;
+            if (n_builds_ <= 2) built_[now_] = std::make_unique<Built<Exec>>(*builder_);  // both work on the builder's stream now
         }
         Exec& exec = *builder_;
         ParticleInput input;
@@ -90,7 +91,6 @@ private:
             Exec& first = *lanes_[0];
             if (shared_ || builder_ != lanes_[0] || first.free_bytes() / 4 <= now().octree.bytes()) return;
             std::shared_ptr<Exec> builder = first.sibling(true), lane = first.sibling();
-            built_[1] = std::make_unique<Built<Exec>>(*builder);
             builder->follow(first);
             lane->follow(first);
             for (Exec* exec : {&first, lane.get()}) exec->mark(kRead);

@@ -23,16 +23,22 @@ struct FrameImages {
     bool plain = false;             ///< made in one go, without sums
     std::vector<std::uint64_t> states;  ///< of the layers' scenes, each another number after it has changed
 
-    explicit FrameImages(Exec& exec) : block(exec), sums(exec) {}
+    explicit FrameImages(Exec& exec) : block(exec), sums(exec), undecided_(exec) {}
 
     void resize(const RaySource& source) {
         rays = source;
         block.reserve(11 * rays.n);
+        undecided_.reserve(rays.n + 1);
     }
-    Hits hits() const { return {block.data(), block.data() + rays.n, block.data() + 4 * rays.n}; }
+    Hits hits() const {
+        return {block.data(), block.data() + rays.n, block.data() + 4 * rays.n, {undecided_.data(), undecided_.data() + 1}};
+    }
     float* color() const { return block.data() + 7 * rays.n; }
     std::uint8_t* picture() const { return reinterpret_cast<std::uint8_t*>(block.data() + 10 * rays.n); }
     std::uint8_t* layer() const { return picture() + 3 * rays.n; }
+
+private:
+    Buffer<std::uint32_t, Exec> undecided_;  ///< their number, then the rays that float64 finishes
 };
 
 template <class Exec>
@@ -45,9 +51,9 @@ public:
     std::unique_ptr<FrameImages<Exec>> take() {
         {
             const std::lock_guard lock(mutex_);
-            if (!free_.empty()) {
-                std::unique_ptr<FrameImages<Exec>> images = std::move(free_.back());
-                free_.pop_back();
+            if (free_.size() >= kInTurn || (!free_.empty() && !Exec::on_device)) {  // the one that was let go first
+                std::unique_ptr<FrameImages<Exec>> images = std::move(free_.front());
+                free_.erase(free_.begin());
                 return images;
             }
         }
@@ -92,7 +98,8 @@ private:
         reader_->synchronize();  // the images may go to another frame as soon as this one is let go
     }
 
-    static constexpr std::size_t kKept = 4;  ///< that wait for their turn
+    static constexpr std::size_t kKept = 4;    ///< that wait for their turn
+    static constexpr std::size_t kInTurn = 2;  ///< a device may still be at work for those that were let go last
 
     std::shared_ptr<Exec> exec_, reader_;
     std::mutex mutex_, reading_;

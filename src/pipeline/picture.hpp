@@ -52,7 +52,7 @@ public:
         for (int p = 0; p < passes; ++p) {
             const int pass = frame.n_passes++;
             float* spare = pass ? spare_.reserve(7 * n) : nullptr;  // later passes must not change depth and normals
-            add_pass(layers, lighting, frame, pass, pass ? Hits{spare, spare + n, spare + 4 * n} : frame.hits());
+            add_pass(layers, lighting, frame, pass, pass ? Hits{spare, spare + n, spare + 4 * n, {}} : frame.hits());
         }
         for (auto& waves : waves_)
             if (&waves.exec() != exec_.get()) exec_->follow(waves.exec());
@@ -71,7 +71,7 @@ private:
             for (std::size_t k = 0; k < n_streams && next_row < height; ++k) {
                 const std::uint32_t rows = min(band, height - next_row);
                 const std::size_t at = std::size_t(next_row) * camera.width;
-                waves_[k].start(camera, next_row, rows, std::uint32_t(pass), {first.t + at, first.normal + 3 * at, first.albedo + 3 * at});
+                waves_[k].start(camera, next_row, rows, std::uint32_t(pass), {first.t + at, first.normal + 3 * at, first.albedo + 3 * at, {}});
                 turn(waves_[k]);
                 bands.push_back({&waves_[k], at, std::size_t(rows) * camera.width});
                 next_row += rows;

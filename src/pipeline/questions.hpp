@@ -78,7 +78,8 @@ public:
                    float* t, float* normal, float* albedo) {
         const RaySource rays{{}, bring(exec_, points_, origins, 3 * n), bring(exec_, more_points_, directions, 3 * n), n};
         float* out = results_.reserve(7 * n);
-        const Hits hits{out, out + n, out + 4 * n};
+        std::uint32_t* undecided = indices_.reserve(n + 1);
+        const Hits hits{out, out + n, out + 4 * n, {undecided, undecided + 1}};
         scene.trace(exec_, field, rays, hits);
         scene.resolve(exec_, field, rays, hits);
         exec_.download(t, hits.t, n * sizeof(float));

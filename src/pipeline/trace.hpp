@@ -56,6 +56,7 @@ struct Traced {
             const SortedParticles& p = octree().particles();
             const TraceTiles<Tree, Kernel, PerParticle> tiles{tree, p, kernel, scaled_threshold(field, p, PerParticle), attributes().color,
                                                               attributes().one_color, rays, hits};
+            exec.clear(hits.undecided.n, sizeof *hits.undecided.n);
             exec.for_each_tile(tiles.template n_tiles<typename Exec::Group>(), tiles);
         });
     }
@@ -65,7 +66,7 @@ struct Traced {
         with_kinds(octree(), field.kernel, [&]<class Tree, class Kernel, bool PerParticle>(const Tree& tree, const Kernel&, std::bool_constant<PerParticle>) {
             const ResolveRays<Tree, PerParticle> rest{tree, octree().particles(), {field.kernel}, field.threshold, attributes().color,
                                                       attributes().one_color, rays, hits};
-            exec.for_each_tile(rest.template n_tiles<typename Exec::Group>(), rest);
+            exec.for_each_tile_of(hits.undecided.n, rest);
         });
     }
 
@@ -85,19 +86,20 @@ struct Traced {
         if (alone && rays.primary() && clips.n == 0) {  // neighbours: by tiles
             found.sign = nullptr;
             found.cap = nullptr;
-            const Hits distances{found.t, nullptr, nullptr};
+            const Hits distances{found.t, nullptr, nullptr, found.undecided};
             trace(exec, field, rays.source, distances);
             return resolve(exec, field, rays.source, distances);
         }
         with_tracer(field, [&](const auto& tracer) {
             using Tracer = std::decay_t<decltype(tracer)>;
+            exec.clear(found.undecided.n, sizeof *found.undecided.n);
             with_clips(clips, [&]<bool clipped>(std::bool_constant<clipped>) {
                 exec.for_each_walk(rays.source.n_items(), March<Tracer, clipped>{{tracer, clips}, rays, layer, found});
             });
             using Tree = std::decay_t<decltype(tracer.tree)>;
             const ResolveRays<Tree, Tracer::PerParticle> rest{tracer.tree, octree().particles(), {field.kernel}, field.threshold, nullptr, {},
-                                                             rays.source, {found.t, nullptr, nullptr}, clips, found.sign, found.cap};
-            exec.for_each_tile(rest.template n_tiles<typename Exec::Group>(), rest);
+                                                             rays.source, {found.t, nullptr, nullptr, found.undecided}, clips, found.sign, found.cap};
+            exec.for_each_tile_of(found.undecided.n, rest);
         });
     }
     /// What is nearest of this layer and those before.

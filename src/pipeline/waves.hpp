@@ -14,7 +14,7 @@ class Waves {
 public:
     explicit Waves(std::shared_ptr<Exec> exec)
         : exec_(std::move(exec)), sides_{Side(*exec_), Side(*exec_)}, hits_(*exec_), first_(*exec_), layer_(*exec_), found_(*exec_),
-          cap_(*exec_), sign_(*exec_), visibility_(*exec_), n_children_(*exec_), sum_(*exec_) {}
+          cap_(*exec_), sign_(*exec_), visibility_(*exec_), n_children_(*exec_), sum_(*exec_), undecided_(*exec_) {}
 
     Exec& exec() { return *exec_; }
 
@@ -37,7 +37,8 @@ public:
     template <class March, class Keep, class Occlude>
     void trace(const Lighting& lighting, int n_layers, const March& march, const Keep& keep, const Occlude& occlude) {
         const std::size_t n = rays_.source.n, items = rays_.source.n_items();
-        const LayerHits found{found_.reserve(n), cap_.reserve(n), sign_.reserve(n)};
+        std::uint32_t* undecided = undecided_.reserve(n + 1);
+        const LayerHits found{found_.reserve(n), cap_.reserve(n), sign_.reserve(n), {undecided, undecided + 1}};
         for (int layer = 0; layer < n_layers; ++layer) {
             LayerHits of_layer = found;
             march(*exec_, rays_, layer, of_layer);
@@ -51,12 +52,12 @@ public:
         exec_->clear(place + 2 * items, sizeof *place);
         const std::uint32_t first_pixel = rays_.source.first_row * std::uint32_t(rays_.source.camera.width);
         exec_->for_each(items, Lit{lighting, rays_, hits_now_, visibility, generation_, sum_.data(), first_pixel, place});
-        if (generation_ < lighting.depth) exec_->exclusive_scan(2 * items + 1, place);
+        if (generation_ < lighting.bounces) exec_->exclusive_scan(2 * items + 1, place);
     }
 
     /// To the next generation; false where there is none.
     bool go_on(const Lighting& lighting) {
-        if (generation_ >= lighting.depth) return false;
+        if (generation_ >= lighting.bounces) return false;
         const std::size_t items = rays_.source.n_items();
         std::uint32_t* place = n_children_.data();
         std::uint32_t total;
@@ -98,6 +99,7 @@ private:
     Buffer<float, Exec> visibility_;
     Buffer<std::uint32_t, Exec> n_children_;
     Buffer<std::uint64_t, Exec> sum_;
+    Buffer<std::uint32_t, Exec> undecided_;
 };
 
 }  // namespace globule::core

@@ -1,5 +1,5 @@
 // How fast a fluid meets what is around it: a drop that falls through the air, or moves along with its stream, needs no shorter
-// steps for that.  Speeds alone cannot tell, since they change with the frame of reference.
+// steps for that.  Speeds alone cannot tell, since they change with the coordinate frame.
 #pragma once
 #include "exec/bits.hpp"
 #include "octree/query.hpp"

@@ -4,7 +4,7 @@
 // slip through between two triangles.  Ties are broken by moving all tissue by (ε, ε², ε³) against the blade
 // (simulation of simplicity, Edelsbrunner & Mücke 1990, for a translation): then no particle lies on a plane
 // and no bond meets an edge, and of two triangles that share an edge, exactly one is crossed by a bond
-// that passes there -- also where one triangle belongs to this sweep and the other to the next.
+// that passes there -- also where one triangle belongs to this swept surface and the other to the next.
 #pragma once
 #include "exec/bits.hpp"
 #include "sim/bonds.hpp"
@@ -68,7 +68,7 @@ GB_FN bool crosses(const Triangle& t, const GridPoint& p, const GridPoint& q) {
 
 /// A blade's triangles.  The first n_moving vertices are those of the pose before this step: they are seen
 /// from where each bond was then, so that what counts is the motion of the edge against the bond.
-struct Sweep {
+struct SweptSurface {
     Grid grid;
     const GridPoint* vertices = nullptr;
     const std::uint32_t* triangles = nullptr;  ///< (n, 3)
@@ -94,12 +94,12 @@ struct Sweep {
     }
 };
 
-/// Cuts the bonds that the sweep crosses.  A bond belongs to its lesser end.
+/// Cuts the bonds that the swept surface crosses.  A bond belongs to its lesser end.
 struct Cut {
     Bonds bonds;
     const Quad* at;
     const float3* before;  ///< where particles were at the blade's last pose; null: where they are
-    Sweep sweep;
+    SweptSurface surface;
     std::uint32_t* n_cut;
     GB_FN void operator()(std::size_t i) const {
         const std::uint32_t t = std::uint32_t(i);
@@ -109,16 +109,16 @@ struct Cut {
             if (o <= t || bonds.length[e] <= 0.0f) continue;
             const float3 there = at[o].xyz();
             const float3 moved = before ? (here + there - before[t] - before[o]) * 0.5f : float3{0, 0, 0};
-            if (!near(here.x, there.x, moved.x, sweep.lo.x, sweep.hi.x) || !near(here.y, there.y, moved.y, sweep.lo.y, sweep.hi.y) ||
-                !near(here.z, there.z, moved.z, sweep.lo.z, sweep.hi.z))
+            if (!near(here.x, there.x, moved.x, surface.lo.x, surface.hi.x) || !near(here.y, there.y, moved.y, surface.lo.y, surface.hi.y) ||
+                !near(here.z, there.z, moved.z, surface.lo.z, surface.hi.z))
                 continue;
-            const GridPoint p = sweep.grid.snap(here), q = sweep.grid.snap(there);
+            const GridPoint p = surface.grid.snap(here), q = surface.grid.snap(there);
             GridPoint shift{0, 0, 0};
             if (before) {
-                shift = (p + q) - (sweep.grid.snap(before[t]) + sweep.grid.snap(before[o]));
+                shift = (p + q) - (surface.grid.snap(before[t]) + surface.grid.snap(before[o]));
                 shift = {shift.x / 2, shift.y / 2, shift.z / 2};
             }
-            if (!sweep.crossed(p, q, shift)) continue;
+            if (!surface.crossed(p, q, shift)) continue;
             bonds.set_length(t, e, -bonds.length[e]);
             atomic_take(n_cut, 1);
         }

@@ -6,11 +6,11 @@
 namespace globule::core {
 
 template <class Exec>
-class BodiesOf {
+class Bodies {
 public:
     using Packet = typename Exec::Packet;
 
-    BodiesOf(Exec& exec, SimulationState<Exec>& state, const SimulationSettings& settings)
+    Bodies(Exec& exec, SimulationState<Exec>& state, const SimulationSettings& settings)
         : exec_(exec), state_(state), settings_(settings), home_(exec), impulse_(exec), touch_(exec) {}
 
     void capture(int phase, const sim::Pose& now) {
@@ -66,7 +66,7 @@ public:
     }
 
     /// Rigid bodies: what the fluid's pressure did to them, gravity, contact; then their particles' next places.
-    void turn(const FluidOf<Exec>& fluid, float dt) {
+    void turn(const Fluid<Exec>& fluid, float dt) {
         const sim::State s = state_.view();
         for (auto& [phase, body] : bodies_) {
             double p[3], none[3] = {};

@@ -1,10 +1,17 @@
 // The facets of a fluid's free surface (sim/surface.hpp), from each particle's neighbours.
+//
+// For each particle that may be at the surface, a group of lanes:
+//   collect   its neighbours, and of these the ones that a ball may touch together with it: each a lane
+//   balls     two balls of the given radius touch it and two neighbours, one on either side: each pair of neighbours a lane
+//   open      most are told to be full by a neighbour that lies deep in them: three multiplications each
+//   take      what is left is decided by the numbers that all three particles share; an empty ball is a facet
+//   finish    facets in the order of the neighbours, and the particle's normal
 #pragma once
 #include "sim/surface.hpp"
 
 namespace globule::core::sim {
 
-/// The facets around every row's particle, and its normal.  A group's lanes are neighbours, then pairs of them.
+/// The facets around every row's particle, and its normal.
 template <class Packet, bool periodic>
 struct FindFacets {
     static constexpr float kSurely = 1e-4f;  ///< of the squared radius: deeper in a ball than that is within, whatever the rounding
@@ -17,9 +24,18 @@ struct FindFacets {
         std::uint32_t kept[kMostNear + Group::width];
         Quad near[kMostNear];  ///< place, and tension, of those that a facet may have, in the slots' order
         std::uint32_t near_slot[kMostNear];
-        std::uint32_t found[kMostFacets];  ///< whether the ball is below the facet, then its neighbours in `near`, a byte each
+        std::uint32_t found[kMostFacets];  ///< balls
         Quad normal[kMostFacets];  ///< of a facet, and what it is taken by
         float angle[kMostFacets];
+    };
+    /// A ball of a pair of neighbours as a number: whether it is below the facet, then the two in `near`, a byte each.
+    struct Ball {
+        std::uint32_t code;
+        GB_FN static std::uint32_t of(std::uint32_t below, std::uint32_t i, std::uint32_t k) { return below << 16 | i << 8 | k; }
+        GB_FN int i() const { return int(code >> 8 & 255u); }
+        GB_FN int k() const { return int(code & 255u); }
+        GB_FN bool below() const { return code >> 16; }
+        GB_FN std::uint32_t rank() const { return (code << 1 | code >> 16) & 0x1ffffu; }  ///< by pair, the one above first
     };
     /// Circle through three particles, as seen from the first of them.
     template <class F>
@@ -45,17 +61,13 @@ struct FindFacets {
         const int n = int(lists.count[row]);
         g.sync();
         list_slots(g, lists, row, n, s.slot);
-        float3 outwards;
-        const int n_near = collect(g, s, row, n, mine.xyz(), outwards);
+        const int n_near = collect(g, s, row, n, mine.xyz());
+        const float3 outwards = open_side(row);
         const int before = count_before(s, n_near, slot), n_pairs = n_near * (n_near - 1) / 2;
         int n_found = 0;
         for (int p = 0; p < n_pairs; p += Group::width) {
-            const Four<F> i = g.gather(s.near, directions->pair_i + p), k = g.gather(s.near, directions->pair_k + p);
-            const B i_first = g.before(directions->pair_i + p, std::uint32_t(before)), k_first = g.before(directions->pair_k + p, std::uint32_t(before));
-            const Circle<F> c = circle(wide<F>(mine.xyz()), i.xyz(), k.xyz(), i_first, k_first);
-            const Vec3<F> between = period.template shortest<periodic>(k.xyz() - i.xyz());
-            const B held = (i.w * k.w > F(0.0f)) | (dot(between, between) < F(kReach * kReach * radius * radius));
-            const B may = g.first_lanes(n_pairs - p) & held & (c.height2 > F(0.0f));
+            Circle<F> c;
+            const B may = balls(g, s, p, n_pairs, mine.xyz(), before, c);
             if (!g.any(may)) continue;
             const Vec3<F> up = c.up(), middle = c.middle + period.template shortest<periodic>(c.first - wide<F>(mine.xyz()));
             // Balls on the fluid's side go together: a few neighbours close them all.
@@ -73,19 +85,25 @@ private:
     template <class B, class F>
     GB_FN static Vec3<F> choose(const B& m, const Vec3<F>& p, const Vec3<F>& q) { return {select(m, p.x, q.x), select(m, p.y, q.y), select(m, p.z, q.z)}; }
 
-    /// The neighbours, those that a facet may have, and where there are none.
+    /// fn(number) for the directions in which there may be nobody.
+    template <class Fn>
+    GB_FN void each_open(std::size_t row, const Fn& fn) const {
+        for (int v = 0; v < kDirections / 32; ++v)
+            for (std::uint32_t set = skin.open[v * skin.padded + row]; set; set &= set - 1) fn(32 * v + trailing_zeros(set));
+    }
+    /// Where there is nobody: the sum of those directions.
+    GB_FN float3 open_side(std::size_t row) const {
+        float3 sum{0, 0, 0};
+        each_open(row, [&](int i) { sum = sum + float3{directions->x[i], directions->y[i], directions->z[i]}; });
+        return sum;
+    }
+
+    /// The neighbours as seen from the particle, and in `near` those that a facet may have; how many these are.
     template <class Group>
-    GB_FN int collect(Group& g, Scratch<Group>& s, std::size_t row, int n, const float3& at, float3& outwards) const {
+    GB_FN int collect(Group& g, Scratch<Group>& s, std::size_t row, int n, const float3& at) const {
         using F = typename Group::F;
         using B = typename Group::B;
-        constexpr float low = kSurelyEmpty * kSurelyEmpty, high = (2.0f - kSurelyEmpty) * (2.0f - kSurelyEmpty);
         int n_near = 0;
-        outwards = {0, 0, 0};
-        for (int v = 0; v < kDirections / 32; ++v)
-            for (std::uint32_t set = skin.open[v * skin.padded + row]; set; set &= set - 1) {
-                const int i = 32 * v + trailing_zeros(set);
-                outwards = outwards + float3{directions->x[i], directions->y[i], directions->z[i]};
-            }
         for (int k = 0; k < n; k += Group::width) {
             const Four<F> p = g.gather(skin.place, s.slot + k);
             const Vec3<F> d = period.template shortest<periodic>(p.xyz() - wide<F>(at));
@@ -95,22 +113,31 @@ private:
             g.store_run(d.z, s.z + k);
             g.store_run(F(0.5f) * d2, s.reach + k);
             const B reaches = (p.w > F(0.0f)) | ((p.w < F(0.0f)) & (d2 < F(kReach * kReach * radius * radius)));
-            // A ball that touches the particle in an open direction may touch the neighbour, too.
-            const Vec3<F> unit = d * F(1.0f / radius);
-            const F both2 = dot(unit, unit) + F(1.0f), least_along = F(0.5f) * (both2 - F(high)), most_along = F(0.5f) * (both2 - F(low));
-            B touched = g.none();
-            for (int v = 0; v < kDirections / 32; ++v)
-                for (std::uint32_t set = skin.open[v * skin.padded + row]; set; set &= set - 1) {
-                    const int i = 32 * v + trailing_zeros(set);
-                    const F along = unit.x * F(directions->x[i]) + unit.y * F(directions->y[i]) + unit.z * F(directions->z[i]);
-                    touched = touched | ((along >= least_along) & (along <= most_along));
-                }
-            const B taken = reaches & touched;
+            const B taken = reaches & may_touch(g, row, d * F(1.0f / radius));
             if (n_near < kMostNear) g.keep(taken, g.numbers(std::uint32_t(k)), s.kept + n_near);
             n_near += g.count(taken);
         }
         g.sync();
         n_near = min(n_near, kMostNear);
+        keep_near(g, s, n_near);
+        return n_near;
+    }
+    /// Whether a ball that touches the particle in an open direction may touch a neighbour that is `away`, in radii, too.
+    template <class Group>
+    GB_FN typename Group::B may_touch(Group& g, std::size_t row, const Vec3<typename Group::F>& away) const {
+        using F = typename Group::F;
+        constexpr float low = kSurelyEmpty * kSurelyEmpty, high = (2.0f - kSurelyEmpty) * (2.0f - kSurelyEmpty);
+        const F both2 = dot(away, away) + F(1.0f), least_along = F(0.5f) * (both2 - F(high)), most_along = F(0.5f) * (both2 - F(low));
+        typename Group::B touched = g.none();
+        each_open(row, [&](int i) {
+            const F along = away.x * F(directions->x[i]) + away.y * F(directions->y[i]) + away.z * F(directions->z[i]);
+            touched = touched | ((along >= least_along) & (along <= most_along));
+        });
+        return touched;
+    }
+    /// Those kept, side by side in the slots' order.
+    template <class Group>
+    GB_FN void keep_near(Group& g, Scratch<Group>& s, int n_near) const {
         g.share(n_near, [&](int i) {
             const std::uint32_t j = s.slot[s.kept[i]];
             int place = i;
@@ -122,8 +149,8 @@ private:
             s.near_slot[place] = j;
         });
         g.sync();
-        return n_near;
     }
+    /// How many of `near` come before a slot.
     template <class S>
     GB_FN static int count_before(const S& s, int n_near, std::uint32_t slot) {
         int n = 0;
@@ -146,9 +173,20 @@ private:
         return c;
     }
     template <class S>
-    GB_FN Circle<float> circle_of(const S& s, std::uint32_t ball, const float3& at, int before) const {
-        const int i = int(ball >> 8 & 255u), k = int(ball & 255u);
-        return circle(at, s.near[i].xyz(), s.near[k].xyz(), i < before, k < before);
+    GB_FN Circle<float> circle(const S& s, Ball ball, const float3& at, int before) const {
+        return circle(at, s.near[ball.i()].xyz(), s.near[ball.k()].xyz(), ball.i() < before, ball.k() < before);
+    }
+    /// Circles of the pairs from p on, a lane each; the lanes that have one, of which a facet may be.
+    template <class Group>
+    GB_FN typename Group::B balls(Group& g, const Scratch<Group>& s, int p, int n_pairs, const float3& at, int before, Circle<typename Group::F>& c) const {
+        using F = typename Group::F;
+        using B = typename Group::B;
+        const Four<F> i = g.gather(s.near, directions->pair_i + p), k = g.gather(s.near, directions->pair_k + p);
+        const B i_first = g.before(directions->pair_i + p, std::uint32_t(before)), k_first = g.before(directions->pair_k + p, std::uint32_t(before));
+        c = circle(wide<F>(at), i.xyz(), k.xyz(), i_first, k_first);
+        const Vec3<F> between = period.template shortest<periodic>(k.xyz() - i.xyz());
+        const B held = (i.w * k.w > F(0.0f)) | (dot(between, between) < F(kReach * kReach * radius * radius));
+        return g.first_lanes(n_pairs - p) & held & (c.height2 > F(0.0f));
     }
 
     /// Those of the balls that nobody is deep in; their centers are seen from the particle.
@@ -164,23 +202,23 @@ private:
     }
     /// Adds those of the balls that hold nobody.
     template <class Group>
-    GB_FN int take(Group& g, Scratch<Group>& s, int n, const typename Group::B& which, int p, std::uint32_t side, const float3& at,
+    GB_FN int take(Group& g, Scratch<Group>& s, int n, const typename Group::B& which, int p, std::uint32_t below, const float3& at,
                    int before, int n_found) const {
         g.each(which, [&](int lane) {
-            const std::uint32_t ball = side << 16 | directions->pair_i[p + lane] << 8 | directions->pair_k[p + lane];
+            const Ball ball{Ball::of(below, directions->pair_i[p + lane], directions->pair_k[p + lane])};
             if (n_found == kMostFacets || !empty(g, s, n, ball, at, before)) return;
-            if (g.is_first()) s.found[n_found] = ball;
+            if (g.is_first()) s.found[n_found] = ball.code;
             ++n_found;
         });
         return n_found;
     }
     /// Nobody is in the ball but the three it touches.
     template <class Group>
-    GB_FN bool empty(Group& g, const Scratch<Group>& s, int n, std::uint32_t ball, const float3& at, int before) const {
+    GB_FN bool empty(Group& g, const Scratch<Group>& s, int n, Ball ball, const float3& at, int before) const {
         using F = typename Group::F;
-        const Circle<float> c = circle_of(s, ball, at, before);
-        const float3 center = ball >> 16 ? c.middle - c.up() : c.middle + c.up();
-        const std::uint32_t i = s.near_slot[ball >> 8 & 255u], k = s.near_slot[ball & 255u];
+        const Circle<float> c = circle(s, ball, at, before);
+        const float3 center = ball.below() ? c.middle - c.up() : c.middle + c.up();
+        const std::uint32_t i = s.near_slot[ball.i()], k = s.near_slot[ball.k()];
         for (int m = 0; m < n; m += Group::width) {
             const Vec3<F> d = period.template shortest<periodic>(g.gather(skin.place, s.slot + m).xyz() - wide<F>(c.first)) - wide<F>(center);
             if (g.any((dot(d, d) < F(radius * radius)) & g.differ(s.slot + m, i) & g.differ(s.slot + m, k))) return false;
@@ -191,18 +229,18 @@ private:
     /// Writes the facets and the normal, in the order of the neighbours.
     template <class Group>
     GB_FN void finish(Group& g, Scratch<Group>& s, std::size_t row, std::uint32_t slot, const Quad& mine, int before, int n_found) const {
-        const auto key = [&](int f) { return (s.found[f] << 1 | s.found[f] >> 16) & 0x1ffffu; };
         g.share(n_found, [&](int f) {
+            const Ball ball{s.found[f]};
+            const int j = ball.i(), k = ball.k();
             int place = 0;
-            for (int i = 0; i < n_found; ++i) place += key(i) < key(f);
-            const std::uint32_t ball = s.found[f], j = ball >> 8 & 255u, k = ball & 255u;
+            for (int i = 0; i < n_found; ++i) place += Ball{s.found[i]}.rank() < ball.rank();
             const std::size_t at = std::size_t(place) * 2 * skin.padded + row;
             skin.facets[at] = s.near_slot[j];
             skin.facets[at + skin.padded] = s.near_slot[k];
-            const Circle<float> c = circle_of(s, ball, mine.xyz(), before);
+            const Circle<float> c = circle(s, ball, mine.xyz(), before);
             const float3 e = period.template shortest<periodic>(s.near[j].xyz() - mine.xyz()), o = period.template shortest<periodic>(s.near[k].xyz() - mine.xyz());
             const float angle = atan2f(length(cross(e, o)), dot(e, o));
-            s.normal[place] = {c.across.x, c.across.y, c.across.z, (ball >> 16 ? -angle : angle) / sqrt(c.n2)};
+            s.normal[place] = {c.across.x, c.across.y, c.across.z, (ball.below() ? -angle : angle) / sqrt(c.n2)};
             s.angle[place] = angle;
         });
         g.sync();

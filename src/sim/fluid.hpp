@@ -1,8 +1,15 @@
-// The fluid solver's stages over any Exec, in the order in which a step calls them: lists of neighbours, densities, the solve for
-// velocities without divergence or with rest density, forces between pairs.
+// The fluid solver's stages over any Exec, in the order in which a step calls them:
+//
+//   find_lists           neighbours of every row (start_lists begins early, while the host has other things to do)
+//   densities            densities, gradients, the free surface
+//   correct_divergence   velocities without divergence
+//   forces               gravity, viscosity, tension, what the user asks for
+//   correct_density      velocities that lead to rest density; or correct_filled, alone, where there is no free surface
+//
+// Arrays by row are `padded` to full packets, those by slot have room for 64 more: packets read past the end.
 #pragma once
-#include "sim/facets.hpp"
 #include "sim/filled.hpp"
+#include "sim/fluid_surface.hpp"
 #include "sim/viscosity.hpp"
 #include "sim/wcsph.hpp"
 #include "sim/particles.hpp"
@@ -10,16 +17,16 @@
 namespace globule::core {
 
 template <class Exec>
-class FluidOf {
+class Fluid {
 public:
     using Tree = SparseTree;
     using Packet = typename Exec::Packet;
     using Lists = sim::Lists<Packet>;
 
-    FluidOf(Exec& exec, SimulationState<Exec>& state, const SimulationSettings& settings)
+    Fluid(Exec& exec, SimulationState<Exec>& state, const SimulationSettings& settings)
         : exec_(exec), state_(state), settings_(settings), list_counts_(exec), list_index_(exec), gradients_(exec), row_values_(exec),
           change_(exec), error_(exec), accelerations_(exec), progress_(exec), error_sum_(exec), compression_(exec), most_count_(exec),
-          cohesion_(exec), diagonal_(exec), residual_(exec), direction_(exec), applied_(exec), skin_quads_(exec), facets_(exec), directions_(exec), conjugate_(exec) {}
+          cohesion_(exec), diagonal_(exec), residual_(exec), direction_(exec), applied_(exec), conjugate_(exec), surface_(exec, state, settings) {}
 
     const Lists& lists() const { return lists_; }
     const sim::Rows& rows() const { return rows_; }
@@ -36,8 +43,8 @@ public:
         lists_.count = list_counts_.reserve(padded);
         lists_.index = list_index_.reserve(padded * places_);
         const float h = state_.spline().support;
-        exec_.for_each_tile(ceil_div<std::size_t>(state_.n_rows, Exec::Group::width),
-                            sim::FindLists<Tree, Packet>{state_.tree().sparse(), state_.tree().particles(), lists_, state_.view().place, h, state_.period(), longest});
+        const sim::FindLists<Tree, Packet> find{state_.tree().sparse(), state_.tree().particles(), lists_, state_.view().place, h, state_.period(), longest};
+        exec_.for_each_tile(ceil_div<std::size_t>(state_.n_rows, Exec::Group::width), find);
         started_ = true;
     }
     /// Positions, rows or the support are others than when lists were begun.
@@ -76,32 +83,24 @@ public:
     }
 
     void densities() {
-        const std::size_t padded = padded_rows();
-        float* v = row_values_.reserve(8 * padded);
-        float** arrays[] = {&rows_.density, &rows_.gx, &rows_.gy, &rows_.gz, &rows_.inverse_rho,
-                            &rows_.alpha, &rows_.alpha_divergence, &rows_.boundary};
-        for (float** array : arrays) {
-            *array = v;
-            v += padded;
-        }
-        const sim::State s = state_.view();
-        const auto sum = [&]<bool periodic>(std::bool_constant<periodic>) {
-            exec_.for_each_packet(state_.n_rows, sim::Densities<Packet, periodic>{lists_, s.place, rows_, state_.spline(), state_.period(),
-                                                                                  state_.volume(), state_.lattice_squares()});
-        };
-        with_period(sum);
-        find_surface();
-        exec_.reduce_in_order(state_.n_rows, sim::CompressionOf{rows_, 2.0f * sim::kFreeGradient}, sim::AddCompression{}, sim::Compression{}, compression_.reserve(1));
+        reserve_rows();
+        const std::size_t n = state_.n_rows;
+        const Quad* place = state_.view().place;
+        sim::with_period(state_.period(), [&]<bool periodic>(std::bool_constant<periodic>) {
+            exec_.for_each_packet(n, sim::Densities<Packet, periodic>{lists_, place, rows_, state_.spline(), state_.period(), state_.volume(), state_.lattice_squares()});
+        });
+        surface_.find(lists_, rows_, padded_rows());
+        exec_.reduce_in_order(n, sim::CompressionOf{rows_, 2.0f * sim::kFreeGradient}, sim::AddCompression{}, sim::Compression{}, compression_.reserve(1));
     }
 
     /// Of the positions that densities() saw, where the device has it.
     const sim::Compression* compression() const { return compression_.data(); }
 
     sim::Progress correct_divergence(float dt) {
-        return solve(rows_.alpha_divergence, state_.view().divergence_impulse, dt, 0.0f, settings_.divergence_error, 1, divergence_took_);
+        return solve({rows_.alpha_divergence, state_.view().divergence_impulse, 0.0f, settings_.divergence_error, 1, false}, dt, divergence_took_);
     }
     sim::Progress correct_density(float dt) {
-        return solve(rows_.alpha, state_.view().impulse, dt, infinity(), kAim * settings_.density_error, settings_.least_iterations, density_took_);
+        return solve({rows_.alpha, state_.view().impulse, infinity(), kAim * settings_.density_error, settings_.least_iterations, false}, dt, density_took_);
     }
 
     /// Whether it has no free surface, of the positions that densities() saw.
@@ -118,12 +117,12 @@ public:
         Quad* rest = applied_.reserve(state_.n + 64);
         Quad* plain = accelerations_.reserve(state_.n_rows + 64);
         exec_.for_each(state_.n + 1, sim::NoCorrection{diagonal, rest});
-        with_period([&]<bool periodic>(std::bool_constant<periodic>) {
+        sim::with_period(state_.period(), [&]<bool periodic>(std::bool_constant<periodic>) {
             exec_.for_each_packet(state_.n_rows, sim::InverseMoments<Packet, periodic>{lists_, s.place, state_.period(), state_.spline().inverse, diagonal, rest});
         });
         exec_.for_each_packet(state_.n_rows, sim::CorrectGradients<Packet>{lists_, s.place, diagonal, rest, rows_, plain, state_.spline().support, state_.lattice_squares()});
         exec_.clear(s.impulse, 4 * state_.n);
-        return solve(rows_.alpha, s.divergence_impulse, dt, 0.0f, sim::kFilledAim * settings_.divergence_error, settings_.least_iterations, divergence_took_, true);
+        return solve({rows_.alpha, s.divergence_impulse, 0.0f, sim::kFilledAim * settings_.divergence_error, settings_.least_iterations, true}, dt, divergence_took_);
     }
     /// Velocities that lead particles from where they are dense, for one move; what was theirs is kept.
     void shift(float dt) {
@@ -162,7 +161,7 @@ public:
         }
         const Quad* acceleration = nullptr;
         if ((viscous && !implicit) || sticks) acceleration = pair_forces(implicit ? 0.0f : 1.0f, sticks, nullptr);
-        if (has_surface_) acceleration = pull_surface(acceleration != nullptr);
+        if (surface_.is_there()) acceleration = pull_surface(acceleration != nullptr);
         exec_.for_each(n, sim::Kick{lists_.rows, rows_.inverse_rho, acceleration, settings_.gravity, dt, s.velocity});
         if (user) {
             Quad* a = accelerations_.reserve(n + 64);
@@ -174,50 +173,36 @@ public:
 
 private:
     std::size_t padded_rows() const { return ceil_div<std::size_t>(state_.n_rows, 64) * 64; }
-
-    /// Facets of the surface of fluids with tension, of the positions that densities() saw.
-    void find_surface() {
-        has_surface_ = false;
-        for (const sim::Phase& p : state_.phase_table) has_surface_ |= p.kind == sim::Kind::fluid && p.tension > 0;
-        if (!has_surface_) return;
-        const std::size_t n = state_.n_rows, padded = padded_rows();
-        const sim::State s = state_.view();
-        Quad* quads = skin_quads_.reserve(2 * (state_.n + 64));
-        constexpr std::size_t words = 2 * sim::kMostFacets + 2 + sim::kDirections / 32;
-        std::uint32_t* skin = facets_.reserve(words * padded + 1);
-        const auto take = [&](std::size_t n) {
-            std::uint32_t* taken = skin;
-            skin += n * padded;
-            return taken;
-        };
-        skin_ = {quads, quads + state_.n + 64, take(2 * sim::kMostFacets), take(1), take(sim::kDirections / 32), take(1), skin, padded};
-        if (!directions_.data()) {
-            const sim::Directions directions;
-            exec_.upload(directions_.reserve(1), &directions, sizeof directions);
+    void reserve_rows() {
+        const std::size_t padded = padded_rows();
+        float* v = row_values_.reserve(8 * padded);
+        for (float** array : {&rows_.density, &rows_.gx, &rows_.gy, &rows_.gz, &rows_.inverse_rho, &rows_.alpha, &rows_.alpha_divergence, &rows_.boundary}) {
+            *array = v;
+            v += padded;
         }
-        const float d = settings_.spacing, h = state_.spline().support;
-        exec_.clear(skin_.n_rows, 4);
-        exec_.for_each(state_.n + 1, sim::MarkSkin{s, state_.phases(), skin_, d});
-        exec_.for_each(n, sim::ListSteep{lists_.rows, lists_.count, s, state_.phases(), rows_, sim::kSurfaceGradient * h / d, skin_});
-        with_period([&]<bool periodic>(std::bool_constant<periodic>) {
-            exec_.for_each_tile_of(skin_.n_rows, sim::MarkTension<Packet, periodic>{lists_, s, state_.period(), directions_.data(), 1.0f / d, state_.phases(), skin_});
-            exec_.for_each_tile_of(skin_.n_rows, sim::FindFacets<Packet, periodic>{lists_, skin_, state_.period(), directions_.data(), d});
-        });
     }
+
     /// Tension's accelerations, added to those that are there.
     const Quad* pull_surface(bool add) {
         Quad* out = accelerations_.reserve(state_.n_rows + 64);
         if (!add) exec_.clear(out, state_.n_rows * sizeof(Quad));
-        with_period([&]<bool periodic>(std::bool_constant<periodic>) {
-            exec_.for_each(state_.n_rows, sim::PullSurface<Packet, periodic>{lists_, state_.view().place, skin_, rows_.inverse_rho, state_.period(),
-                                                                            sim::kSurfaceOffset * settings_.spacing, 1.0f / state_.volume(), out});
-        });
+        surface_.pull(lists_, rows_, out);
         return out;
     }
 
+    /// What a solve asks of the velocities.
+    struct Aim {
+        const float* alpha;
+        float* impulse;     ///< P, which it starts from
+        float most_excess;  ///< of the density that counts: none, where the divergence alone is to vanish
+        double tolerance;
+        int least;          ///< iterations
+        bool both_signs;    ///< of pressures
+    };
     /// `took`: iterations of the last solve of this kind; on the device the host looks at the progress only after as many.
-    sim::Progress solve(const float* alpha, float* impulse, float dt, float most_excess, double tolerance, int least, int& took, bool both_signs = false) {
+    sim::Progress solve(const Aim& aim, float dt, int& took) {
         const std::size_t n = state_.n_rows;
+        const sim::State s = state_.view();
         const float inverse_support = state_.spline().inverse;
         float* change = change_.reserve(state_.n + 64);
         float* error = error_.reserve(n + 64);
@@ -225,23 +210,27 @@ private:
         sim::Progress* progress = progress_.reserve(1);
         exec_.clear(progress, sizeof *progress);
         exec_.clear(change, 4 * (state_.n + 64));
-        exec_.for_each(n, sim::WarmStart{lists_.rows, alpha, impulse, change, kWarmShare});
-        const sim::State s = state_.view();
+        exec_.for_each(n, sim::WarmStart{lists_.rows, aim.alpha, aim.impulse, change, kWarmShare});
+
+        const float least_excess = aim.both_signs ? 0.0f : -infinity(), least_impulse = aim.both_signs ? -infinity() : 0.0f;
+        const sim::Push<Packet> push{lists_, rows_, change, s.velocity, progress, inverse_support};
+        const sim::Relax<Packet> relax{lists_, rows_, aim.alpha, s.velocity, aim.impulse, change, error, progress, inverse_support, 1.0f / dt,
+                                       aim.most_excess, least_excess, least_impulse, kOmega};
+        const sim::Judge judge{sum, double(dt) / double(n), aim.tolerance, std::uint32_t(aim.least), progress};
         sim::Progress p{};
-        const float least_excess = both_signs ? 0.0f : -infinity(), least_impulse = both_signs ? -infinity() : 0.0f;
-        int at_once = Exec::on_device ? max(took, least) : 1;
+        int at_once = Exec::on_device ? max(took, aim.least) : 1;
         do {
             for (int i = 0; i < at_once; ++i) {
-                exec_.for_each_packet(n, sim::Push<Packet>{lists_, rows_, change, s.velocity, progress, inverse_support});
-                exec_.for_each_packet(n, sim::Relax<Packet>{lists_, rows_, alpha, s.velocity, impulse, change, error, progress, inverse_support, 1.0f / dt, most_excess, least_excess, least_impulse, kOmega});
+                exec_.for_each_packet(n, push);
+                exec_.for_each_packet(n, relax);
                 exec_.reduce_in_order(n, sim::ErrorOf{error}, sim::AddDouble{}, 0.0, sum);
-                exec_.for_each(1, sim::Judge{sum, double(dt) / double(n), tolerance, std::uint32_t(least), progress});
+                exec_.for_each(1, judge);
             }
             exec_.download(&p, progress, sizeof p);
             at_once = max(1, int(p.iterations) / 4);
         } while (!p.done && int(p.iterations) < settings_.most_iterations);
         took = int(p.iterations);
-        exec_.for_each(n, sim::Applied{lists_.rows, impulse, change, 1.0f / dt, most_excess > 0.0f, flux(), s.pressure});
+        exec_.for_each(n, sim::Applied{lists_.rows, aim.impulse, change, 1.0f / dt, aim.most_excess > 0.0f, flux(), s.pressure});
         return p;
     }
 
@@ -253,13 +242,13 @@ private:
         Quad* out = accelerations_.reserve(state_.n_rows + 64);
         float* cohesion = cohesion_.reserve(state_.n + 64);
         if (sticks) exec_.for_each(state_.n + 1, sim::CohesionOf{s, state_.phases(), cohesion});
-        const auto run = [&]<bool periodic, bool sticky>(std::bool_constant<periodic>, std::bool_constant<sticky>) {
-            exec_.for_each_packet(state_.n_rows, sim::PairForces<Packet, periodic, sticky>{lists_, s.place, s.velocity, rows_, interaction(viscous_share),
-                                                                                                  cohesion, diagonal, out});
+        const auto add = [&]<bool periodic, bool sticky>(std::bool_constant<periodic>, std::bool_constant<sticky>) {
+            const sim::PairForces<Packet, periodic, sticky> forces{lists_, s.place, s.velocity, rows_, interaction(viscous_share), cohesion, diagonal, out};
+            exec_.for_each_packet(state_.n_rows, forces);
         };
-        with_period([&](auto periodic) {
-            if (sticks) run(periodic, std::true_type{});
-            else run(periodic, std::false_type{});
+        sim::with_period(state_.period(), [&](auto periodic) {
+            if (sticks) add(periodic, std::true_type{});
+            else add(periodic, std::false_type{});
         });
         return out;
     }
@@ -283,7 +272,7 @@ private:
         constexpr int at_once = Exec::on_device ? 4 : 1;
         do {
             for (int i = 0; i < at_once; ++i) {
-                with_period([&]<bool periodic>(std::bool_constant<periodic>) {
+                sim::with_period(state_.period(), [&]<bool periodic>(std::bool_constant<periodic>) {
                     exec_.for_each_packet(n, sim::ApplyViscosity<Packet, periodic>{lists_, s.place, direction, rows_, interaction(1.0f), c, dt, applied});
                 });
                 exec_.reduce_in_order(n, sim::DirectionSquare{lists_.rows, direction, applied}, sim::AddDouble{}, 0.0, &c->pq);
@@ -297,13 +286,6 @@ private:
         return int(state.iterations) - 1;
     }
 
-    /// fn(std::bool_constant: is any axis periodic).
-    template <class Fn>
-    void with_period(const Fn& fn) {
-        if (state_.period().any()) fn(std::true_type{});
-        else fn(std::false_type{});
-    }
-
     static constexpr double kAim = 0.8;  // the error is predicted along straight lines: what comes is a fifth more
     static constexpr float kWarmShare = 0.5f, kOmega = 0.5f;
 
@@ -313,9 +295,8 @@ private:
     Lists lists_{};
     sim::Rows rows_{};
     std::uint32_t places_ = 64, longest_list_ = 0;
-    bool filled_ = false, started_ = false, has_surface_ = false;
+    bool filled_ = false, started_ = false;
     int divergence_took_ = 1, density_took_ = 1;
-    sim::Skin skin_{};
     Buffer<std::uint32_t, Exec> list_counts_, list_index_;
     Buffer<typename Packet::Short, Exec> gradients_;
     Buffer<float, Exec> row_values_, change_, error_;
@@ -325,10 +306,9 @@ private:
     Buffer<sim::Compression, Exec> compression_;
     Buffer<std::uint32_t, Exec> most_count_;
     Buffer<float, Exec> cohesion_, diagonal_;
-    Buffer<Quad, Exec> residual_, direction_, applied_, skin_quads_;
-    Buffer<std::uint32_t, Exec> facets_;
-    Buffer<sim::Directions, Exec> directions_;
+    Buffer<Quad, Exec> residual_, direction_, applied_;
     Buffer<sim::Conjugate, Exec> conjugate_;
+    FluidSurface<Exec> surface_;
 };
 
 }  // namespace globule::core

@@ -65,7 +65,7 @@ struct Move {
             to = {Period::wrap(p.x + dt * v.x, lo.x, period.length.x), Period::wrap(p.y + dt * v.y, lo.y, period.length.y),
                   Period::wrap(p.z + dt * v.z, lo.z, period.length.z)};
             if (!(abs(to.x) + abs(to.y) + abs(to.z) < infinity())) {
-                atomic_most(not_a_number, state.id[i] + 1);
+                atomic_max(not_a_number, state.id[i] + 1);
                 to = p.xyz();
             }
         }

@@ -2,6 +2,8 @@
 // candidates every row of the packet then tests.  The lists of a packet's rows are interleaved (sliced
 // ELLPACK), a fixed number of places each, so that lanes and warps read them as vectors.
 #pragma once
+#include <type_traits>
+
 #include "octree/query.hpp"
 #include "sim/state.hpp"
 
@@ -56,10 +58,21 @@ private:
     }
 };
 
+/// fn(std::bool_constant: does any axis repeat).
+template <class Fn>
+void with_period(const Period& period, const Fn& fn) {
+    if (period.any()) fn(std::true_type{});
+    else fn(std::false_type{});
+}
+
 /// Squared distances that float32 cannot tell from the support's: these pairs are decided in float64.
 inline constexpr float kDoubt = 4e-6f;
 
-/// A packet's candidates are collected from the tree in its order; then one row after the other looks at a vector of them at a time.
+/// For each packet of rows:
+///   bunch    rows that lie together (where the curve jumps, a packet's are far apart), and the box around them
+///   gather   the leaves that the box, enlarged by the support, meets; of their particles those near the box are the bunch's candidates
+///   look     one row after the other tests a vector of candidates at a time, and writes the near ones to its list
+///   finish   lists are filled up to the longest of the packet
 template <class Tree, class Packet>
 struct FindLists {
     static constexpr int kCandidates = 384;  ///< at once; there may be more
@@ -73,16 +86,43 @@ struct FindLists {
     SortedParticles particles;
     Lists<Packet> lists;
     const Quad* place;
-    float support;         ///< of the smoothing kernel; the tree's boxes hold it
+    float support;         ///< of the kernel; the tree's boxes hold it
     Period period;
     std::uint32_t* most_count;
 
     template <class Group>
     GB_FN void operator()(Group& g, Scratch<Group>& near, std::size_t tile) const {
-        using F = typename Group::F;
-        using B = typename Group::B;
-        Rows<Group> rows;
         const std::size_t first = tile * Group::width;
+        std::uint32_t* out = lists.index + lists.at(first);
+        Rows<Group> rows;
+        load(g, first, rows);
+        typename Group::B pending = rows.x < F<Group>(morton::kFarthest);
+        while (g.any(pending)) {
+            const Bunch b = bunch(g, rows, pending);
+            int n_near = 0;
+            period.each_image([&](const float3& shift) { gather(g, near, n_near, rows, b, shift, out); });
+            look(g, near, n_near, rows, b.set, out);
+        }
+        finish(g, first, out, rows.count);
+    }
+
+private:
+    template <class Group>
+    using F = typename Group::F;
+
+    template <class Group>
+    struct Rows {
+        typename Group::F x, y, z;
+        typename Group::U slot, count;
+    };
+    /// Rows that share a walk of the tree.
+    struct Bunch {
+        std::uint32_t set;
+        float3 lo, hi;
+    };
+
+    template <class Group>
+    GB_FN void load(Group& g, std::size_t first, Rows<Group>& rows) const {
         Group::for_lanes([&](int lane) {
             const std::uint32_t s = lists.rows[first + g.lane_number(lane)];
             const Quad p = place[s];
@@ -92,66 +132,57 @@ struct FindLists {
             Group::put(rows.y, lane, p.y);
             Group::put(rows.z, lane, p.z);
         });
-        std::uint32_t* out = lists.index + lists.at(first);
-        const F& x = rows.x;
-        const F& y = rows.y;
-        const F& z = rows.z;
-        // Where the curve jumps, a packet's rows are far apart: a walk of the tree for each place.
-        B pending = x < F(morton::kFarthest);
-        while (g.any(pending)) {
-            const int leader = g.first_from(pending, 0);
-            const F cx = F(g.pick(x, leader)), cy = F(g.pick(y, leader)), cz = F(g.pick(z, leader)), spread = F(2.0f * support), inf = F(infinity());
-            const B together = pending & (abs(x - cx) < spread) & (abs(y - cy) < spread) & (abs(z - cz) < spread);
-            pending = pending & !together;
-            const float3 lo{g.smallest(select(together, x, inf)), g.smallest(select(together, y, inf)), g.smallest(select(together, z, inf))};
-            const float3 hi{g.largest(select(together, x, -inf)), g.largest(select(together, y, -inf)), g.largest(select(together, z, -inf))};
-            const std::uint32_t set = g.set_of(together);
-            int n_near = 0;
-            period.each_image([&](const float3& shift) {
-                const float3 from = lo - shift, to = hi - shift;
-                std::uint32_t begin = 0, end = 0;  // leaves that follow each other in memory are one run
-                const auto take = [&] {
-                    for (; begin < end; begin += Group::width) {
-                        if (n_near > kCandidates - Group::width) {
-                            look(g, near, n_near, rows, set, out);
-                            n_near = 0;
-                        }
-                        n_near = collect(g, near, n_near, begin, g.first_lanes(int(end - begin)), from, to, shift);
-                    }
-                };
-                for_each_leaf(g, tree, from, to, [&](std::uint32_t first, std::uint32_t n) {
-                    if (first != end) {
-                        take();
-                        begin = first;
-                    }
-                    end = first + n;
-                });
-                take();
-            });
-            look(g, near, n_near, rows, set, out);
-        }
-        finish(g, first, out, rows.count);
     }
 
-private:
+    /// The first of the rows that are left, and who is near it; they are not left any more.
     template <class Group>
-    struct Rows {
-        typename Group::F x, y, z;
-        typename Group::U slot, count;
-    };
+    GB_FN Bunch bunch(Group& g, const Rows<Group>& rows, typename Group::B& left) const {
+        using V = F<Group>;
+        const int leader = g.first_from(left, 0);
+        const V cx = V(g.pick(rows.x, leader)), cy = V(g.pick(rows.y, leader)), cz = V(g.pick(rows.z, leader)), spread = V(2.0f * support), inf = V(infinity());
+        const typename Group::B together = left & (abs(rows.x - cx) < spread) & (abs(rows.y - cy) < spread) & (abs(rows.z - cz) < spread);
+        left = left & !together;
+        return {g.set_of(together),
+                {g.smallest(select(together, rows.x, inf)), g.smallest(select(together, rows.y, inf)), g.smallest(select(together, rows.z, inf))},
+                {g.largest(select(together, rows.x, -inf)), g.largest(select(together, rows.y, -inf)), g.largest(select(together, rows.z, -inf))}};
+    }
+
+    /// Candidates of a bunch in one copy of the domain; whenever there is no room for more, its rows look at them.
+    template <class Group>
+    GB_FN void gather(Group& g, Scratch<Group>& near, int& n_near, Rows<Group>& rows, const Bunch& b, const float3& shift, std::uint32_t* out) const {
+        const float3 from = b.lo - shift, to = b.hi - shift;
+        std::uint32_t begin = 0, end = 0;  // leaves that follow each other in memory are one run
+        const auto take = [&] {
+            for (; begin < end; begin += Group::width) {
+                if (n_near > kCandidates - Group::width) {
+                    look(g, near, n_near, rows, b.set, out);
+                    n_near = 0;
+                }
+                n_near = collect(g, near, n_near, begin, g.first_lanes(int(end - begin)), from, to, shift);
+            }
+        };
+        for_each_leaf(g, tree, from, to, [&](std::uint32_t first, std::uint32_t n) {
+            if (first != end) {
+                take();
+                begin = first;
+            }
+            end = first + n;
+        });
+        take();
+    }
 
     /// Of a group's worth of particles those that some row in the box may reach.
     template <class Group>
     GB_FN int collect(Group& g, Scratch<Group>& near, int n_near, std::uint32_t begin, typename Group::B present, const float3& from, const float3& to,
                       const float3& shift) const {
-        using F = typename Group::F;
-        const F zero = F(0.0f), x = g.load_run(particles.x + begin), y = g.load_run(particles.y + begin), z = g.load_run(particles.z + begin);
-        const F ex = max(max(F(from.x) - x, x - F(to.x)), zero), ey = max(max(F(from.y) - y, y - F(to.y)), zero),
-                ez = max(max(F(from.z) - z, z - F(to.z)), zero);
-        const typename Group::B may = present & (ex * ex + ey * ey + ez * ez < F(1.0002f * support * support));
-        g.keep(may, x + F(shift.x), near.x + n_near);
-        g.keep(may, y + F(shift.y), near.y + n_near);
-        g.keep(may, z + F(shift.z), near.z + n_near);
+        using V = F<Group>;
+        const V zero = V(0.0f), x = g.load_run(particles.x + begin), y = g.load_run(particles.y + begin), z = g.load_run(particles.z + begin);
+        const V ex = max(max(V(from.x) - x, x - V(to.x)), zero), ey = max(max(V(from.y) - y, y - V(to.y)), zero),
+                ez = max(max(V(from.z) - z, z - V(to.z)), zero);
+        const typename Group::B may = present & (ex * ex + ey * ey + ez * ez < V(1.0002f * support * support));
+        g.keep(may, x + V(shift.x), near.x + n_near);
+        g.keep(may, y + V(shift.y), near.y + n_near);
+        g.keep(may, z + V(shift.z), near.z + n_near);
         g.keep(may, g.numbers(begin), near.slot + n_near);
         return n_near + g.count(may);
     }
@@ -159,35 +190,40 @@ private:
     /// The rows of `set` take up those of the candidates that are theirs.
     template <class Group>
     GB_FN void look(Group& g, Scratch<Group>& near, int n_near, Rows<Group>& rows, std::uint32_t set, std::uint32_t* out) const {
-        using F = typename Group::F;
-        const float h2 = support * support;
-        const F sure = F(h2 * (1.0f - kDoubt)), possible = F(h2 * (1.0f + kDoubt));
         g.sync();
         for (; set; set &= set - 1) {
             const int row = trailing_zeros(set);
-            const float x = g.pick(rows.x, row), y = g.pick(rows.y, row), z = g.pick(rows.z, row);
-            const std::uint32_t slot = g.pick(rows.slot, row), before = g.pick(rows.count, row);
-            int n = 0;
-            for (int k = 0; k < n_near; k += Group::width) {
-                const F dx = F(x) - g.load_run(near.x + k), dy = F(y) - g.load_run(near.y + k), dz = F(z) - g.load_run(near.z + k);
-                const F r2 = dx * dx + dy * dy + dz * dz;
-                typename Group::B mine = g.first_lanes(n_near - k) & (r2 < possible) & g.differ(near.slot + k, slot);
-                const typename Group::B doubtful = mine & !(r2 < sure);
-                if (g.any(doubtful))
-                    g.per_lane(doubtful, [&](int lane) {
-                        const int j = k + g.lane_number(lane);
-                        const double ex = double(x) - near.x[j], ey = double(y) - near.y[j], ez = double(z) - near.z[j];
-                        Group::put(mine, lane, ex * ex + ey * ey + ez * ez < double(support) * support);
-                    });
-                g.keep(mine, g.load_run(near.slot + k), near.found + n);
-                n += g.count(mine);
-            }
+            const std::uint32_t before = g.pick(rows.count, row);
+            const int n = find(g, near, n_near, {g.pick(rows.x, row), g.pick(rows.y, row), g.pick(rows.z, row)}, g.pick(rows.slot, row));
             g.sync();
             const int room = max(int(lists.places) - int(before), 0);
             g.share(min(n, room), [&](int k) { out[std::size_t(before + k) * Packet::stride + row] = near.found[k]; });
             g.per_lane(g.only(row), [&](int lane) { Group::put(rows.count, lane, before + std::uint32_t(n)); });
         }
         g.sync();
+    }
+    /// Puts the candidates within the support of a place, but for the one in `slot`, into near.found; how many.
+    template <class Group>
+    GB_FN int find(Group& g, Scratch<Group>& near, int n_near, const float3& at, std::uint32_t slot) const {
+        using V = F<Group>;
+        const float h2 = support * support;
+        const V sure = V(h2 * (1.0f - kDoubt)), possible = V(h2 * (1.0f + kDoubt));
+        int n = 0;
+        for (int k = 0; k < n_near; k += Group::width) {
+            const V dx = V(at.x) - g.load_run(near.x + k), dy = V(at.y) - g.load_run(near.y + k), dz = V(at.z) - g.load_run(near.z + k);
+            const V r2 = dx * dx + dy * dy + dz * dz;
+            typename Group::B mine = g.first_lanes(n_near - k) & (r2 < possible) & g.differ(near.slot + k, slot);
+            const typename Group::B doubtful = mine & !(r2 < sure);
+            if (g.any(doubtful))
+                g.per_lane(doubtful, [&](int lane) {
+                    const int j = k + g.lane_number(lane);
+                    const double ex = double(at.x) - near.x[j], ey = double(at.y) - near.y[j], ez = double(at.z) - near.z[j];
+                    Group::put(mine, lane, ex * ex + ey * ey + ez * ez < double(support) * support);
+                });
+            g.keep(mine, g.load_run(near.slot + k), near.found + n);
+            n += g.count(mine);
+        }
+        return n;
     }
 
     /// Rows of one packet all get the length of the longest.
@@ -201,7 +237,7 @@ private:
             lists.count[first + l] = min(mine, lists.places);
             for (std::uint32_t k = mine; k < min(longest, lists.places); ++k) out[std::size_t(k) * Packet::stride + l] = lists.n;
         });
-        if (longest > *most_count) atomic_most(most_count, longest);
+        if (longest > *most_count) atomic_max(most_count, longest);
     }
 };
 

@@ -1,5 +1,5 @@
 // Boundaries that move as a whole: by key frames, or as rigid bodies that fluids push (Akinci 2012).
-// Their particles know their place in the body's own frame, by id, so that nothing drifts.
+// Their particles know their place in the body's own coordinate frame, by id, so that nothing drifts.
 #pragma once
 #include "sim/pressure.hpp"
 

@@ -20,7 +20,7 @@ public:
     double mass() const { return mass_; }
     const V& center() const { return center_; }
     float3 center_float() const { return {float(center_[0]), float(center_[1]), float(center_[2])}; }
-    sim::Pose pose() const { return pose_of(center_, rotation_); }
+    sim::Pose pose() const { return pose(center_, rotation_); }
 
     void push(const double p[3], const double l[3]) {
         const V dw = turn({l[0], l[1], l[2]});
@@ -71,7 +71,7 @@ public:
 
 private:
     static V cross3(const V& a, const V& b) { return {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]}; }
-    static sim::Pose pose_of(const V& c, const M& r) {
+    static sim::Pose pose(const V& c, const M& r) {
         return {{float(r[0]), float(r[3]), float(r[6])}, {float(r[1]), float(r[4]), float(r[7])}, {float(r[2]), float(r[5]), float(r[8])},
                 {float(c[0]), float(c[1]), float(c[2])}};
     }

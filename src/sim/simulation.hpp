@@ -393,8 +393,8 @@ private:
     Exec& exec_;
     SimulationSettings settings_;
     SimulationState<Exec> state_;
-    FluidOf<Exec> fluid_;
-    BodiesOf<Exec> bodies_;
+    Fluid<Exec> fluid_;
+    Bodies<Exec> bodies_;
     TissueImpl<Exec> tissue_;
     Buffer<float, Exec> forces_;
     Buffer<sim::Sink, Exec> sinks_;

@@ -31,7 +31,7 @@ struct Phase {
 /// Whether particles of a phase are rows of the solver: they have lists of neighbours.
 GB_FN bool is_solved(Kind k) { return k != Kind::boundary; }
 
-/// Everything that a kernel may need to read or write of the particles.
+/// Everything that a functor may need to read or write of the particles.
 /// place.w tells who takes part in the density solve: below 0 minus the inverse rest density of fluid or
 /// tissue, whose volume is the same for all; above 0 the volume that a boundary's particle stands for.
 struct State {

@@ -9,7 +9,7 @@
 #include "sim/bleed.hpp"
 #include "sim/pieces.hpp"
 #include "sim/pressure.hpp"
-#include "sim/tissue_bonds.hpp"
+#include "sim/bond_blocks.hpp"
 
 namespace globule::core {
 
@@ -96,7 +96,7 @@ public:
 
     std::uint32_t cut(const BladeSweep& blade) override {
         if (n_ == 0 || blade.n_triangles == 0) return 0;
-        const tissue::Sweep sweep = on_grid(blade);
+        const tissue::SweptSurface sweep = on_grid(blade);
         const float3* before = blade.n_moving ? before_.data() : nullptr;
         return counted([&](std::uint32_t* n_cut) { exec_.for_each(n_, tissue::Cut{bonds(), at_.data(), before, sweep, n_cut}); });
     }
@@ -345,8 +345,8 @@ private:
 
     /// The grid is a power of two times finer than float32 positions of that size need, and the same for
     /// every sweep through this tissue.
-    tissue::Sweep on_grid(const BladeSweep& blade) {
-        tissue::Sweep sweep;
+    tissue::SweptSurface on_grid(const BladeSweep& blade) {
+        tissue::SweptSurface sweep;
         sweep.grid.cells_per_unit = std::exp2(std::floor(std::log2(65536.0 / contact_)));
         std::vector<tissue::GridPoint> vertices(blade.n_vertices);
         double lo[3] = {1e300, 1e300, 1e300}, hi[3] = {-1e300, -1e300, -1e300};

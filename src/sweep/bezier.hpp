@@ -1,6 +1,6 @@
 // Reconstruction by Bezier curves (Huang et al., IEEE Trans. Human-Machine Systems 45, 2015): the
-// pixels at one image position in four consecutive frames are the control points of a cubic, both in
-// space and in value; voxels along it take the mean of its samples.  Consecutive curves share a frame.
+// pixels at one image position in four consecutive images are the control points of a cubic, both in
+// space and in value; voxels along it take the mean of its samples.  Consecutive curves share an image.
 #pragma once
 #include <cmath>
 
@@ -10,7 +10,7 @@ namespace globule::core::sweep {
 
 template <class T>
 struct BezierRows {
-    Frames<T> frames;
+    Images<T> images;
     Grid grid;
     double scale;                 ///< samples are summed as rint(value * scale)
     const std::uint32_t* slots;
@@ -19,17 +19,17 @@ struct BezierRows {
 
     /// Row `i % height` of curve `i / height`.
     GB_FN void operator()(std::size_t i) const {
-        const int row = int(i % frames.height), start = 3 * int(i / frames.height);
-        const int degree = min(3, frames.n - 1 - start);
-        for (int column = 0; column < frames.width; ++column)
-            if (!frames.mask || frames.mask[std::size_t(row) * frames.width + column]) curve(start, degree, row, column);
+        const int row = int(i % images.height), start = 3 * int(i / images.height);
+        const int degree = min(3, images.n - 1 - start);
+        for (int column = 0; column < images.width; ++column)
+            if (!images.mask || images.mask[std::size_t(row) * images.width + column]) curve(start, degree, row, column);
     }
     GB_FN void curve(int start, int degree, int row, int column) const {
         double p[4][3] = {}, v[4] = {};
         double length = 0;
         for (int f = 0; f <= degree; ++f) {
-            const Pose& pose = frames.poses[start + f];
-            v[f] = frames.values[(std::size_t(start + f) * frames.height + row) * frames.width + column];
+            const Pose& pose = images.poses[start + f];
+            v[f] = images.values[(std::size_t(start + f) * images.height + row) * images.width + column];
             double step = 0;
             for (int k = 0; k < 3; ++k) {
                 p[f][k] = double(pose.origin[k] + row * pose.y[k] + column * pose.x[k]) * 0x1p-32;
@@ -38,7 +38,7 @@ struct BezierRows {
             length += step;
         }
         const int n = int(min(length, 1e6)) + 1;  // steps of at most a voxel
-        for (int s = 0; s < n + (start + degree == frames.n - 1); ++s) {
+        for (int s = 0; s < n + (start + degree == images.n - 1); ++s) {
             double b[4];
             bernstein(degree, double(s) / n, b);
             double at[3] = {}, value = 0;
@@ -71,12 +71,13 @@ struct BezierRows {
             if (!(at[k] >= 0 && at[k] < grid.size[k])) return;
             c[k] = int(at[k]);
         }
-        const std::size_t block = grid.block(c[0] >> 2, c[1] >> 2, c[2] >> 2);
+        const Cell v{c[0], c[1], c[2]};
+        const std::size_t block = grid.block(Block::of(v));
         if (wanted) {
             if (slots[block] == kNone) wanted[block] = 1;
             return;
         }
-        const std::size_t bin = std::size_t(slots[block]) * kVoxels + voxel_in_block(c[0], c[1], c[2]);
+        const std::size_t bin = std::size_t(slots[block]) * kVoxels + Block::place(v);
         atomic_add(bins + 2 * bin, std::uint64_t(std::int64_t(rint(value * scale))));
         atomic_add(bins + 2 * bin + 1, 1);
     }

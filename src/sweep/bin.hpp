@@ -48,7 +48,7 @@ inline constexpr bool is_real = sizeof(T) == 4;
 /// Sums over the run of pixels of a row that fall into one voxel; then one addition to memory.
 template <class T>
 struct BinRows {
-    Frames<T> frames;
+    Images<T> images;
     Grid grid;
     Coding coding;
     const std::uint32_t* slots;
@@ -56,9 +56,9 @@ struct BinRows {
     int sign;             ///< -1 takes pixels out again (mean only)
 
     GB_FN void operator()(std::size_t row) const {
-        const T* values = frames.values + row * frames.width;
-        const std::uint32_t order = frames.first_order + std::uint32_t(row) * frames.width;
-        for_each_run(frames, row, grid, [&](std::size_t block, int voxel, int from, int to) {
+        const T* values = images.values + row * images.width;
+        const std::uint32_t order = images.first_order + std::uint32_t(row) * images.width;
+        for_each_run(images, row, grid, [&](std::size_t block, int voxel, int from, int to) {
             const std::size_t at = std::size_t(slots[block]) * kVoxels + voxel;
             if (coding.mode == Compounding::mean) {
                 std::int64_t sum = 0;
@@ -92,16 +92,16 @@ template <class T>
 struct BinPixels {
     BinRows<T> rows;
     GB_FN void operator()(std::size_t i) const {
-        visit_pixel(rows.frames, i, rows.grid, [&](std::size_t block, int voxel) {
+        visit_pixel(rows.images, i, rows.grid, [&](std::size_t block, int voxel) {
             const std::size_t at = std::size_t(rows.slots[block]) * kVoxels + voxel;
-            const T value = rows.frames.values[i];
+            const T value = rows.images.values[i];
             if (rows.coding.mode == Compounding::mean) rows.deposit(at, quantized(value, rows.coding.scale), 1);
-            else atomic_max(rows.bins + at, rows.ranked(value, rows.frames.first_order + std::uint32_t(i)));
+            else atomic_max(rows.bins + at, rows.ranked(value, rows.images.first_order + std::uint32_t(i)));
         });
     }
 };
 
-/// Bins of one block become values and a mask of the voxels that have one.
+/// Bins of one block become values and a mask of the voxels that have one.  A group takes a block, its lanes are voxels.
 template <class T>
 struct FinishBlock {
     Coding coding;
@@ -110,17 +110,25 @@ struct FinishBlock {
     const std::uint32_t* changed;  ///< per block, or null: all did
     T* values;            ///< (slots, 64)
     std::uint64_t* masks; ///< per block of the grid
-    GB_FN bool skips(std::size_t slot) const { return changed && !changed[block_of_slot[slot]]; }
-    GB_FN void operator()(std::size_t slot) const {
-        if (skips(slot)) return;
+    struct Nothing {};
+    template <class Group>
+    using Scratch = Nothing;
+    template <class Group>
+    GB_FN void operator()(Group& g, Nothing&, std::size_t slot) const {
+        const std::size_t block = block_of_slot[slot];
+        if (changed && !changed[block]) return;
         std::uint64_t mask = 0;
-        for (int v = 0; v < kVoxels; ++v) {
-            const std::size_t at = slot * kVoxels + v;
-            T value{};
-            mask |= std::uint64_t(finish(at, value)) << v;
-            values[at] = value;
+        for (int first = 0; first < kVoxels; first += Group::width) {
+            typename Group::B known = g.none();
+            Group::for_lanes([&](int lane) {
+                const std::size_t at = slot * kVoxels + first + g.lane_number(lane);
+                T value{};
+                Group::put(known, lane, finish(at, value));
+                values[at] = value;
+            });
+            mask |= std::uint64_t(g.set_of(known)) << first;
         }
-        masks[block_of_slot[slot]] = mask;
+        if (g.is_first()) masks[block] = mask;
     }
     GB_FN bool finish(std::size_t at, T& value) const {
         if (coding.mode != Compounding::mean) {
@@ -138,25 +146,6 @@ struct FinishBlock {
     }
     /// To nearest, halves up.
     GB_FN static T rounded(std::uint64_t sum, std::uint64_t count) { return T((sum + count / 2) / count); }
-};
-/// The same, a voxel a thread; masks are cleared first.
-template <class T>
-struct ClearMask {
-    FinishBlock<T> blocks;
-    GB_FN void operator()(std::size_t slot) const {
-        if (!blocks.skips(slot)) blocks.masks[blocks.block_of_slot[slot]] = 0;
-    }
-};
-template <class T>
-struct FinishVoxel {
-    FinishBlock<T> blocks;
-    GB_FN void operator()(std::size_t i) const {
-        const std::size_t slot = i / kVoxels;
-        if (blocks.skips(slot)) return;
-        T value{};
-        if (blocks.finish(i, value)) atomic_or(blocks.masks + blocks.block_of_slot[slot], std::uint64_t(1) << i % kVoxels);
-        blocks.values[i] = value;
-    }
 };
 
 }  // namespace globule::core::sweep

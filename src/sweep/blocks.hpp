@@ -1,81 +1,110 @@
 // The sparse grid: blocks of 4 x 4 x 4 voxels, stored where pixels fell.  A block is the octree's
-// node two levels above its leaves, the voxels; inside it z y x are the two high, middle and low bits.
+// node two levels above its leaves, the voxels.
 #pragma once
 #include <cstring>
 
 #include "exec/bits.hpp"
-#include "sweep/walk.hpp"
+#include "sweep/images.hpp"
 
 namespace globule::core::sweep {
 
 inline constexpr int kBlock = 4, kVoxels = kBlock * kBlock * kBlock;
 inline constexpr std::uint32_t kNone = ~std::uint32_t(0);
 
+/// Counts along x, y and z: a voxel of a grid, a block of it, or how far one is from another.
+struct Cell {
+    int x, y, z;
+    GB_FN friend Cell operator+(Cell a, Cell b) { return {a.x + b.x, a.y + b.y, a.z + b.z}; }
+    GB_FN friend Cell operator-(Cell a, Cell b) { return {a.x - b.x, a.y - b.y, a.z - b.z}; }
+};
+GB_FN int square(Cell d) { return d.x * d.x + d.y * d.y + d.z * d.z; }
+
+/// The one coder of voxels: a voxel is place 0 to 63 of a block; bits zzyyxx of the place are the low two of its coordinates.
+struct Block {
+    GB_FN static Cell of(Cell voxel) { return {voxel.x >> 2, voxel.y >> 2, voxel.z >> 2}; }
+    GB_FN static int place(Cell voxel) { return (voxel.z & 3) << 4 | (voxel.y & 3) << 2 | (voxel.x & 3); }
+    GB_FN static Cell first(Cell block) { return {kBlock * block.x, kBlock * block.y, kBlock * block.z}; }
+    GB_FN static Cell inside(int place) { return {place & 3, place >> 2 & 3, place >> 4}; }
+    GB_FN static Cell voxel(Cell block, int place) { return first(block) + inside(place); }
+};
+
+/// Numbers of blocks (32 bits) and voxels count x first, then y, then z.
 struct Grid {
     int size[3];    ///< voxels
     int blocks[3];  ///< blocks, rounded up
 
     GB_FN std::size_t n_blocks() const { return std::size_t(blocks[0]) * blocks[1] * blocks[2]; }
     GB_FN std::size_t n_voxels() const { return std::size_t(size[0]) * size[1] * size[2]; }
-    GB_FN std::size_t block(int x, int y, int z) const { return (std::size_t(z) * blocks[1] + y) * blocks[0] + x; }
-    GB_FN bool has_block(int x, int y, int z) const {
-        return x >= 0 && x < blocks[0] && y >= 0 && y < blocks[1] && z >= 0 && z < blocks[2];
+    GB_FN std::size_t block(Cell b) const { return (std::uint32_t(b.z) * blocks[1] + b.y) * blocks[0] + b.x; }
+    GB_FN Cell block(std::size_t number) const {
+        const std::uint32_t n = std::uint32_t(number), nx = blocks[0], ny = blocks[1], row = n / nx;
+        return {int(n - row * nx), int(row % ny), int(row / ny)};
     }
-    GB_FN std::size_t voxel(int x, int y, int z) const { return (std::size_t(z) * size[1] + y) * size[0] + x; }
+    GB_FN bool has_block(Cell b) const {
+        return b.x >= 0 && b.x < blocks[0] && b.y >= 0 && b.y < blocks[1] && b.z >= 0 && b.z < blocks[2];
+    }
+    GB_FN std::size_t voxel(Cell v) const { return (std::size_t(v.z) * size[1] + v.y) * size[0] + v.x; }
+    GB_FN Cell voxel(std::size_t number) const {
+        const std::size_t row = number / size[0];
+        return {int(number % size[0]), int(row % size[1]), int(row / size[1])};
+    }
+    /// The last blocks along an axis may go past it.
+    GB_FN bool has_voxel(Cell v) const { return v.x < size[0] && v.y < size[1] && v.z < size[2]; }
 };
-
-GB_FN int voxel_in_block(int x, int y, int z) { return (z & 3) << 4 | (y & 3) << 2 | (x & 3); }
 
 /// Calls visit(block, voxel in block, column) for the pixels of a row, in order.
 template <class T, class Visit>
-GB_FN void for_each_pixel(const Frames<T>& frames, std::size_t row, const Grid& grid, const Visit& visit) {
-    const Row r = row_inside(frames, row, grid.size);
-    const std::uint8_t* mask = frames.mask ? frames.mask + row % frames.height * frames.width : nullptr;
+GB_FN void for_each_pixel(const Images<T>& images, std::size_t row, const Grid& grid, const Visit& visit) {
+    const Row r = row_inside(images, row, grid.size);
+    const std::uint8_t* mask = images.mask ? images.mask + row % images.height * images.width : nullptr;
     Fix x = r.at[0], y = r.at[1], z = r.at[2];
     const Fix dx = r.step[0], dy = r.step[1], dz = r.step[2];
     for (int column = r.first; column <= r.last; ++column, x += dx, y += dy, z += dz) {
         if (mask && !mask[column]) continue;
-        const std::uint32_t i = std::uint32_t(x >> kFraction), j = std::uint32_t(y >> kFraction), k = std::uint32_t(z >> kFraction);
-        visit(grid.block(i >> 2, j >> 2, k >> 2), voxel_in_block(i, j, k), column);
+        const Cell v{int(x >> kFraction), int(y >> kFraction), int(z >> kFraction)};
+        visit(grid.block(Block::of(v)), Block::place(v), column);
     }
 }
 
 /// Calls visit(block, voxel in block, column) for pixel i of all, if it lies inside.
 template <class T, class Visit>
-GB_FN void visit_pixel(const Frames<T>& frames, std::size_t i, const Grid& grid, const Visit& visit) {
-    const std::uint32_t row = std::uint32_t(i) / std::uint32_t(frames.width), column = std::uint32_t(i) % std::uint32_t(frames.width);
-    const std::uint32_t f = row / std::uint32_t(frames.height), j = row % std::uint32_t(frames.height);
-    if (frames.mask && !frames.mask[std::size_t(j) * frames.width + column]) return;
-    const Pose& pose = frames.poses[f];
-    std::uint32_t v[3];
+GB_FN void visit_pixel(const Images<T>& images, std::size_t i, const Grid& grid, const Visit& visit) {
+    const std::uint32_t row = std::uint32_t(i) / std::uint32_t(images.width), column = std::uint32_t(i) % std::uint32_t(images.width);
+    const std::uint32_t f = row / std::uint32_t(images.height), j = row % std::uint32_t(images.height);
+    if (images.mask && !images.mask[std::size_t(j) * images.width + column]) return;
+    const Pose& pose = images.poses[f];
+    int at[3];
     for (int k = 0; k < 3; ++k) {
         const Fix p = pose.origin[k] + Fix(j) * pose.y[k] + Fix(column) * pose.x[k];
         if (p < 0 || (p >> kFraction) >= grid.size[k]) return;
-        v[k] = std::uint32_t(p >> kFraction);
+        at[k] = int(p >> kFraction);
     }
-    visit(grid.block(v[0] >> 2, v[1] >> 2, v[2] >> 2), voxel_in_block(v[0], v[1], v[2]));
+    const Cell v{at[0], at[1], at[2]};
+    visit(grid.block(Block::of(v)), Block::place(v));
 }
 
 /// Calls visit(block, voxel in block, first column, column past the last) for the runs of a row's
 /// pixels that share a voxel; 64 pixels at a time as vectors, so a run may come in two pieces.
 template <class T, class Visit>
-GB_FN void for_each_run(const Frames<T>& frames, std::size_t row, const Grid& grid, const Visit& visit) {
+GB_FN void for_each_run(const Images<T>& images, std::size_t row, const Grid& grid, const Visit& visit) {
     constexpr int n = 64;
-    const Row r = row_inside(frames, row, grid.size);
-    const std::uint8_t* mask = frames.mask ? frames.mask + row % frames.height * frames.width : nullptr;
+    const Row r = row_inside(images, row, grid.size);
+    const std::uint8_t* mask = images.mask ? images.mask + row % images.height * images.width : nullptr;
     Fix at[3] = {r.at[0], r.at[1], r.at[2]};
     for (int first = r.first; first <= r.last; first += n) {
         const int count = min(n, r.last + 1 - first);
-        alignas(64) std::uint32_t v[3][n], block[n], voxel[n];
+        alignas(64) std::int32_t v[3][n];
+        alignas(64) std::uint32_t block[n], voxel[n];
         for (int k = 0; k < 3; ++k) {
             Fix p = at[k];
-            for (int l = 0; l < n; ++l, p += r.step[k]) v[k][l] = std::uint32_t(std::uint64_t(p) >> kFraction);
+            for (int l = 0; l < n; ++l, p += r.step[k]) v[k][l] = std::int32_t(std::uint64_t(p) >> kFraction);
             at[k] = p;
         }
-        const std::uint32_t nx = grid.blocks[0], ny = grid.blocks[1];
+        const Grid here = grid;  // nothing that is written below can change it, so that the loop becomes vectors
         for (int l = 0; l < n; ++l) {
-            block[l] = ((v[2][l] >> 2) * ny + (v[1][l] >> 2)) * nx + (v[0][l] >> 2);
-            voxel[l] = (v[2][l] & 3) << 4 | (v[1][l] & 3) << 2 | (v[0][l] & 3);
+            const Cell c{v[0][l], v[1][l], v[2][l]};
+            block[l] = std::uint32_t(here.block(Block::of(c)));
+            voxel[l] = std::uint32_t(Block::place(c));
         }
         if (mask)
             for (int l = 0; l < count; ++l) voxel[l] |= mask[first + l] ? 0 : kVoxels;
@@ -101,13 +130,13 @@ GB_FN void for_each_run(const Frames<T>& frames, std::size_t row, const Grid& gr
 /// Marks the blocks that pixels fall into as changed, and those that have no place yet as wanted.
 template <class T>
 struct TouchBlocks {
-    Frames<T> frames;
+    Images<T> images;
     Grid grid;
     const std::uint32_t* slots;
     std::uint32_t* wanted;  ///< or null
     std::uint32_t* changed;
     GB_FN void operator()(std::size_t row) const {
-        for_each_run(frames, row, grid, [&](std::size_t block, int, int, int) { mark(block); });
+        for_each_run(images, row, grid, [&](std::size_t block, int, int, int) { mark(block); });
     }
     GB_FN void mark(std::size_t block) const {
         changed[block] = 1;
@@ -119,7 +148,7 @@ template <class T>
 struct TouchPixels {
     TouchBlocks<T> rows;
     GB_FN void operator()(std::size_t i) const {
-        visit_pixel(rows.frames, i, rows.grid, [&](std::size_t block, int) { rows.mark(block); });
+        visit_pixel(rows.images, i, rows.grid, [&](std::size_t block, int) { rows.mark(block); });
     }
 };
 

@@ -12,8 +12,9 @@ inline constexpr std::size_t kTileVoxels = kTile * kBlock * kBlock;
 
 /// Tiles of a grid along x; along y and z they are its blocks.
 GB_FN int tile_columns(const Grid& grid) { return ceil_div(grid.size[0], kTile); }
-GB_FN std::size_t tile(const Grid& grid, int x, int y, int z) {
-    return (std::size_t(z / kBlock) * grid.blocks[1] + y / kBlock) * tile_columns(grid) + x / kTile;
+GB_FN std::size_t tile(const Grid& grid, Cell voxel) {
+    const Cell b = Block::of(voxel);
+    return (std::size_t(b.z) * grid.blocks[1] + b.y) * tile_columns(grid) + voxel.x / kTile;
 }
 
 /// Values and radii of a whole grid.
@@ -23,10 +24,10 @@ struct DenseVolume {
     std::uint8_t* radius;
     const std::uint32_t* tiles = nullptr;  ///< null: (z, y, x); else where each tile lies, kNone if it is far from all data
 
-    GB_FN bool holds(const Grid& grid, int x, int y, int z) const { return !tiles || tiles[tile(grid, x, y, z)] != kNone; }
-    GB_FN std::size_t at(const Grid& grid, int x, int y, int z) const {
-        if (!tiles) return grid.voxel(x, y, z);
-        return tiles[tile(grid, x, y, z)] * kTileVoxels + (z % kBlock * kBlock + y % kBlock) * kTile + x % kTile;
+    GB_FN bool holds(const Grid& grid, Cell v) const { return !tiles || tiles[tile(grid, v)] != kNone; }
+    GB_FN std::size_t at(const Grid& grid, Cell v) const {
+        if (!tiles) return grid.voxel(v);
+        return tiles[tile(grid, v)] * kTileVoxels + (v.z % kBlock * kBlock + v.y % kBlock) * kTile + v.x % kTile;
     }
 };
 
@@ -45,19 +46,19 @@ struct CopyRow {
     int size[3];
     GB_FN void operator()(std::size_t row) const {
         const int y = int(row % size[1]), z = int(row / size[1]);
-        const int j = from.first[1] + y, k = from.first[2] + z;
-        std::size_t out = to.grid.voxel(to.first[0], to.first[1] + y, to.first[2] + z);
-        for (int x = from.first[0], last = x + size[0]; x < last;) {
-            const int n = from.volume.tiles ? min(last - x, kTile - x % kTile) : last - x;
-            if (from.volume.holds(from.grid, x, j, k)) {
-                const std::size_t in = from.volume.at(from.grid, x, j, k);
+        std::size_t out = to.grid.voxel(Cell{to.first[0], to.first[1] + y, to.first[2] + z});
+        Cell v{from.first[0], from.first[1] + y, from.first[2] + z};
+        for (const int last = v.x + size[0]; v.x < last;) {
+            const int n = from.volume.tiles ? min(last - v.x, kTile - v.x % kTile) : last - v.x;
+            if (from.volume.holds(from.grid, v)) {
+                const std::size_t in = from.volume.at(from.grid, v);
                 if (to.volume.values) memcpy(to.volume.values + out, from.volume.values + in, n * sizeof(T));
                 if (to.volume.radius) memcpy(to.volume.radius + out, from.volume.radius + in, n);
             } else {
                 if (to.volume.values) memset(to.volume.values + out, 0, n * sizeof(T));
                 if (to.volume.radius) memset(to.volume.radius + out, kFar, n);
             }
-            x += n;
+            v.x += n;
             out += n;
         }
     }

@@ -35,22 +35,21 @@ struct FillBlock {
     GB_FN void operator()(Group& group, Room& s, std::size_t block) const {
         const Bins<T>& bins = each.filler.bins;
         const Grid& grid = bins.grid;
-        if (each.dirty && !each.dirty[block]) return;
-        const int b[3] = {int(block % grid.blocks[0]), int(block / grid.blocks[0] % grid.blocks[1]),
-                          int(block / grid.blocks[0] / grid.blocks[1])};
+        if (each.skips(block)) return;
+        const Cell b = grid.block(block);
         if (!each.near[block]) {
-            if (each.dirty) group.share(kVoxels, [&](int place) { each.one(b, block, place); });
+            if (each.dirty) group.share(kVoxels, [&](int place) { each(b, block, place); });
             return;
         }
         group.share(27, [&](int i) {
-            const int x = b[0] + i % 3 - 1, y = b[1] + i / 3 % 3 - 1, z = b[2] + i / 9 - 1;
-            const bool inside = grid.has_block(x, y, z);
-            const std::size_t at = inside ? grid.block(x, y, z) : block;
+            const Cell other = b + Cell{i % 3 - 1, i / 3 % 3 - 1, i / 9 - 1};
+            const bool inside = grid.has_block(other);
+            const std::size_t at = inside ? grid.block(other) : block;
             s.masks[i] = inside ? bins.masks[at] : 0;
             s.slots[i] = bins.slots[at];
         });
         group.share(kWide * kWide, [&](int i) {
-            const int y = i % kWide, z = i / kWide, shift = (z & 3) << 4 | (y & 3) << 2;
+            const int y = i % kWide, z = i / kWide, shift = Block::place({0, y, z});
             const std::uint64_t* m = s.masks + (z / kBlock * 3 + y / kBlock) * 3;
             s.rows[z][y] = std::uint16_t((m[0] >> shift & 15) | (m[1] >> shift & 15) << 4 | (m[2] >> shift & 15) << 8);
         });
@@ -70,19 +69,18 @@ struct FillBlock {
                 const int at = i / kVoxels, v = i % kVoxels;
                 std::uint32_t value = 0;
                 if (s.masks[at] >> v & 1) value = 1u << kSumBits | bins.values[std::size_t(s.slots[at]) * kVoxels + v];
-                const int x = at % 3 * kBlock + (v & 3), y = at / 3 % 3 * kBlock + (v >> 2 & 3), z = at / 9 * kBlock + (v >> 4);
-                s.values[(z * kWide + y) * kWide + x] = value;
+                const Cell c = Block::voxel({at % 3, at / 3 % 3, at / 9}, v);
+                s.values[(c.z * kWide + c.y) * kWide + c.x] = value;
             });
         group.share(kVoxels, [&](int place) { fill(s, b, block, place); });
     }
 
-    GB_FN void fill(const Room& s, const int* b, std::size_t block, int place) const {
+    GB_FN void fill(const Room& s, Cell b, std::size_t block, int place) const {
         const HoleFiller<T>& filler = each.filler;
         const Grid& grid = filler.bins.grid;
-        const int l[3] = {place & 3, place >> 2 & 3, place >> 4};
-        const int x = 4 * b[0] + l[0], y = 4 * b[1] + l[1], z = 4 * b[2] + l[2];
-        if (x >= grid.size[0] || y >= grid.size[1] || z >= grid.size[2]) return;
-        const std::size_t at = grid.voxel(x, y, z);
+        const Cell l = Block::inside(place), v = Block::voxel(b, place);
+        if (!grid.has_voxel(v)) return;
+        const std::size_t at = grid.voxel(v);
         T value{};
         std::uint8_t radius = kFar;
         if (filler.bins.masks[block] >> place & 1) {
@@ -90,13 +88,13 @@ struct FillBlock {
             radius = 0;
         } else {
             int r = 1;
-            while (r <= filler.tables.cubes.reach && !(s.cubes[r - 1][l[2]][l[1]] >> (kBlock + l[0] - r) & ((2u << 2 * r) - 1))) ++r;
+            while (r <= filler.tables.cubes.reach && !(s.cubes[r - 1][l.z][l.y] >> (kBlock + l.x - r) & ((2u << 2 * r) - 1))) ++r;
             if (r <= filler.tables.cubes.reach) {
                 radius = std::uint8_t(r);
                 if constexpr (is_real<T>) {
                     filler.weigh(l, value, [&](const auto& visit) { for_each_hit(s, l, r, visit); });
                 } else {
-                    const std::uint32_t* middle = s.values + ((l[2] + kBlock) * kWide + l[1] + kBlock) * kWide + l[0] + kBlock;
+                    const std::uint32_t* middle = s.values + ((l.z + kBlock) * kWide + l.y + kBlock) * kWide + l.x + kBlock;
                     if (r == 1) value = weighted<1>(middle);
                     else if (r == 2) value = weighted<2>(middle);
                     else if (r == 3) value = weighted<3>(middle);
@@ -110,7 +108,7 @@ struct FillBlock {
     /// Values at (+-x, +-y, +-z).
     GB_FN static std::uint32_t mirrored(const std::uint32_t* v, int x, int y, int z) {
         std::uint32_t sum = 0;
-#pragma unroll
+        GB_UNROLL
         for (int signs = 0; signs < 8; ++signs) {
             if ((signs & 1 && !x) || (signs & 2 && !y) || (signs & 4 && !z)) continue;
             sum += v[((signs & 4 ? -z : z) * kWide + (signs & 2 ? -y : y)) * kWide + (signs & 1 ? -x : x)];
@@ -122,9 +120,9 @@ struct FillBlock {
         constexpr int n = (r + 1) * (r + 2) / 2;
         std::uint32_t sums[n];
         int sigma2 = 0;
-#pragma unroll
+        GB_UNROLL
         for (int b = 0; b <= r; ++b)
-#pragma unroll
+            GB_UNROLL
             for (int a = 0; a <= b; ++a) {
                 std::uint32_t sum = mirrored(v, a, b, r);
                 if (b != r) sum += mirrored(v, a, r, b) + mirrored(v, r, a, b);
@@ -134,9 +132,9 @@ struct FillBlock {
             }
         const HoleTables& tables = each.filler.tables;
         std::uint64_t total = 0, weight = 0, known = 0;
-#pragma unroll
+        GB_UNROLL
         for (int b = 0; b <= r; ++b)
-#pragma unroll
+            GB_UNROLL
             for (int a = 0; a <= b; ++a) {
                 const std::uint32_t sum = sums[b * (b + 1) / 2 + a];
                 if (!sum) continue;
@@ -148,16 +146,12 @@ struct FillBlock {
         return Sums<T>::quotient(total, tables.kind == HoleWeights::normalized ? weight : known << 24);
     }
     template <class Visit>
-    GB_FN void for_each_hit(const Room& s, const int* l, int r, const Visit& visit) const {
-        const CubeMasks& cubes = each.filler.tables.cubes;
-        const std::uint64_t *mx = cubes.of(0, r, l[0]), *my = cubes.of(1, r, l[1]), *mz = cubes.of(2, r, l[2]);
-        for (int dz = (l[2] - r) >> 2; dz <= (l[2] + r) >> 2; ++dz)
-            for (int dy = (l[1] - r) >> 2; dy <= (l[1] + r) >> 2; ++dy)
-                for (int dx = (l[0] - r) >> 2; dx <= (l[0] + r) >> 2; ++dx) {
-                    const int i = ((dz + 1) * 3 + dy + 1) * 3 + dx + 1;
-                    const std::uint64_t hits = s.masks[i] & mx[dx] & my[dy] & mz[dz];
-                    if (hits) visit(dx, dy, dz, s.slots[i], hits);
-                }
+    GB_FN void for_each_hit(const Room& s, Cell l, int r, const Visit& visit) const {
+        each.filler.tables.cubes.for_each_block(l, r, [&](Cell away, std::uint64_t cube) {
+            const int i = ((away.z + 1) * 3 + away.y + 1) * 3 + away.x + 1;
+            const std::uint64_t hits = s.masks[i] & cube;
+            if (hits) visit(away, s.slots[i], hits);
+        });
     }
 };
 

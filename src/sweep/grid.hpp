@@ -10,7 +10,7 @@
 #include "sweep/fill_block.hpp"
 #include "sweep/maps.hpp"
 #include "sweep/plain.hpp"
-#include "sweep/tile.hpp"
+#include "sweep/fill_tile.hpp"
 #include "backends/reconstructor.hpp"
 #include "pipeline/arrays.hpp"
 
@@ -76,7 +76,7 @@ public:
 
     void add(const FramesView& view, int sign) override {
         const Change change(*this);
-        const sweep::Frames<T> frames = bring(view, false);
+        const sweep::Images<T> frames = bring(view, false);
         exec_.mark(0);
         std::uint32_t* wanted = sign > 0 ? wanted_list() : nullptr;
         touch(frames, wanted);
@@ -93,7 +93,7 @@ public:
     void median(const FramesView& view) override {
         using namespace sweep;
         const Change change(*this, true);
-        const Frames<T> frames = bring(view);
+        const Images<T> frames = bring(view);
         exec_.mark(0);
         std::uint32_t* wanted = wanted_list();
         touch(frames, wanted);
@@ -110,7 +110,7 @@ public:
     void bezier(const FramesView& view) override {
         using namespace sweep;
         const Change change(*this, true);
-        const Frames<T> frames = bring(view);
+        const Images<T> frames = bring(view);
         exec_.mark(0);
         const std::size_t n = std::size_t(std::max(1, ceil_div(frames.n - 1, 3))) * frames.height;
         std::uint32_t* wanted = wanted_list();
@@ -156,7 +156,7 @@ public:
         scatter(out, 0u, sweep::CountOf{bins_.data()});
     }
     void variance_map(const FramesView& view, float* out) override {
-        const sweep::Frames<T> frames = bring(view);
+        const sweep::Images<T> frames = bring(view);
         std::uint64_t* squares = squares_.reserve(n_slots_ * sweep::kVoxels);
         exec_.clear(squares, n_slots_ * sweep::kVoxels * sizeof *squares);
         exec_.for_each(rows(frames), sweep::SquareRows<T>{frames, grid_, coding_.scale, slots_.data(), squares});
@@ -216,12 +216,12 @@ private:
         if (out.values) exec_.download(out.values, from.values, n * sizeof(T));
         if (out.radius) exec_.download(out.radius, from.radius, n);
     }
-    static std::size_t rows(const sweep::Frames<T>& frames) { return std::size_t(frames.n) * frames.height; }
+    static std::size_t rows(const sweep::Images<T>& frames) { return std::size_t(frames.n) * frames.height; }
 
     /// Bins frames as their pixels become available; the first time their blocks get places.
     struct BinArrived {
         GridImpl& grid;
-        sweep::Frames<T> frames;
+        sweep::Images<T> frames;
         std::uint32_t* wanted;  ///< null: none are without a place
         int sign;
         int binned = 0;
@@ -232,7 +232,7 @@ private:
             if (n == binned || (n < frames.n && (n - binned) * image * sizeof(T) < kGroup)) return;
             if (wanted) grid.place(wanted, grid.coding_.words());
             wanted = nullptr;
-            sweep::Frames<T> some = frames;
+            sweep::Images<T> some = frames;
             some.n = n - binned;
             some.values += binned * image;
             some.poses += binned;
@@ -243,18 +243,18 @@ private:
     };
     static constexpr std::size_t kGroup = 4 << 20;  ///< bytes of frames that are worth a kernel while others are on their way
 
-    void bin(const sweep::Frames<T>& frames, int sign) {
+    void bin(const sweep::Images<T>& frames, int sign) {
         const sweep::BinRows<T> bin{frames, grid_, coding_, slots_.data(), bins_.data(), sign};
         if constexpr (Exec::on_device) exec_.for_each(rows(frames) * frames.width, sweep::BinPixels<T>{bin});
         else exec_.for_each(rows(frames), bin);
     }
 
     /// Poses and mask, and the pixels unless only room for them is asked for, where kernels can read them.
-    sweep::Frames<T> bring(const FramesView& view, bool pixels = true) {
+    sweep::Images<T> bring(const FramesView& view, bool pixels = true) {
         static_assert(sizeof(sweep::Pose) == 9 * sizeof(std::int64_t));
         const std::size_t image = std::size_t(view.height) * view.width;
         const auto* poses = reinterpret_cast<const sweep::Pose*>(view.poses);
-        sweep::Frames<T> out{static_cast<const T*>(view.values.data), poses, view.mask, view.n, view.height, view.width, view.first_order};
+        sweep::Images<T> out{static_cast<const T*>(view.values.data), poses, view.mask, view.n, view.height, view.width, view.first_order};
         if (pixels || view.values.device == exec_.device() || view.values.device != kHost)
             out.values = ::globule::core::bring<Exec, T>(exec_, frames_, {out.values, view.values.device, view.values.stream}, view.n * image);
         else
@@ -288,7 +288,7 @@ private:
         exec_.for_each(grid_.n_blocks(), sweep::PlaceBlocks{wanted, std::uint32_t(n_slots_), slots_.data(), blocks_.data()});
         n_slots_ += n_new;
     }
-    void touch(const sweep::Frames<T>& frames, std::uint32_t* wanted) {
+    void touch(const sweep::Images<T>& frames, std::uint32_t* wanted) {
         const sweep::TouchBlocks<T> touch{frames, grid_, slots_.data(), wanted, changed_.data()};
         if constexpr (Exec::on_device) exec_.for_each(rows(frames) * frames.width, sweep::TouchPixels<T>{touch});
         else exec_.for_each(rows(frames), touch);
@@ -305,12 +305,7 @@ private:
         if (some) values_.keep(n_finished_ * sweep::kVoxels, n_slots_ * sweep::kVoxels);
         else reserve_values();
         const sweep::FinishBlock<T> blocks{coding_, blocks_.data(), bins_.data(), some ? changed_.data() : nullptr, values_.data(), masks_.data()};
-        if constexpr (Exec::on_device) {
-            exec_.for_each(n_slots_, sweep::ClearMask<T>{blocks});
-            exec_.for_each(n_slots_ * sweep::kVoxels, sweep::FinishVoxel<T>{blocks});
-        } else {
-            exec_.for_each(n_slots_, blocks);
-        }
+        exec_.for_each_tile(n_slots_, blocks);
     }
 
     /// What is to be filled: on the CPU the arrays that are asked for, or what is kept.
@@ -356,8 +351,7 @@ private:
     std::uint32_t* spread(int span, std::uint32_t* a, std::uint32_t* b) {
         for (int axis = 0; axis < 3; ++axis) {
             const sweep::SpreadNear each{grid_, axis, span, a, b};
-            if constexpr (Exec::on_device) exec_.for_each(grid_.n_blocks(), each);
-            else exec_.for_each(std::size_t(grid_.blocks[1]) * grid_.blocks[2], sweep::SpreadNearRow{each});
+            exec_.for_each_tile(std::size_t(grid_.blocks[1]) * grid_.blocks[2], each);
             std::swap(a, b);
         }
         return a;
@@ -403,7 +397,7 @@ private:
         using namespace sweep;
         if constexpr (Exec::on_device) {
             const int reach = each.filler.tables.cubes.reach;
-            if (reach == 0 || reach > FillBlock<T>::kReach) return exec_.for_each(grid_.n_blocks() * kVoxels, each);
+            if (reach == 0 || reach > FillBlock<T>::kReach) return exec_.for_each(grid_.n_blocks() * kVoxels, EachVoxel<FillVoxel<T>>{grid_, each});
             if (!each.dirty) set_empty(each.out, 0, grid_.n_voxels());
             exec_.for_each_tile(grid_.n_blocks(), FillBlock<T>{each});
         } else {
@@ -416,12 +410,12 @@ private:
                     exec_.for_each_tile(std::size_t(tile_columns(grid_)) * grid_.blocks[1] * grid_.blocks[2], FillTile<T>{each});
                     return;
                 }
-            exec_.for_each_task(std::size_t(grid_.blocks[1]) * grid_.blocks[2], FillBlockRow<T>{each});
+            exec_.for_each_tile(grid_.n_blocks(), EachVoxel<FillVoxel<T>>{grid_, each});
         }
     }
 
     /// Points of all frames with keys, sorted; how many.
-    std::size_t emit(const sweep::Frames<T>& frames, sweep::Keying keying, int bits) {
+    std::size_t emit(const sweep::Images<T>& frames, sweep::Keying keying, int bits) {
         using namespace sweep;
         const std::size_t n_rows = rows(frames);
         std::uint32_t* offsets = runs_.reserve(n_rows + 1);
@@ -436,14 +430,14 @@ private:
         exec_.sort_pairs(n, keys, keys + n, pixels, pixels + n, bits);
         return n;
     }
-    sweep::SortedPoints<T> gather_places(const sweep::Frames<T>& frames, std::size_t n) {
+    sweep::SortedPoints<T> gather_places(const sweep::Images<T>& frames, std::size_t n) {
         float* p = places_.reserve(3 * n + 1);
         const sweep::SortedPoints<T> points{p, p + n, p + 2 * n, point_values_.reserve(n + 1)};
         exec_.for_each(n, sweep::GatherPoints<T>{frames, pixels_.data(), points});
         return points;
     }
 
-    void fill_points(const sweep::Frames<T>& frames, const sweep::HoleTables& tables, const sweep::DenseVolume<T>& out) {
+    void fill_points(const sweep::Images<T>& frames, const sweep::HoleTables& tables, const sweep::DenseVolume<T>& out) {
         using namespace sweep;
         std::uint32_t* wanted = wanted_list();
         touch(frames, wanted);
@@ -460,11 +454,12 @@ private:
         exec_.for_each(n, MarkRuns{n, keys_.data(), grid_, false, slots_.data(), first, first + n_bins, masks_.data()});
         const std::uint32_t* near = spread_near(tables.cubes.span);
         const GatherVoxel<T> each{{{{grid_, slots_.data(), masks_.data(), nullptr}, tables}, points, first, first + n_bins}, out, near};
-        if constexpr (Exec::on_device) exec_.for_each(grid_.n_blocks() * kVoxels, each);
-        else exec_.for_each_task(grid_.n_blocks(), BlockTask<GatherVoxel<T>>{each});
+        const EachVoxel<GatherVoxel<T>> all{grid_, each};
+        if constexpr (Exec::on_device) exec_.for_each(grid_.n_blocks() * kVoxels, all);
+        else exec_.for_each_tile(grid_.n_blocks(), all);
     }
 
-    void fill_plain_bins(const sweep::Frames<T>& frames, const sweep::HoleTables& tables, const sweep::DenseVolume<T>& out) {
+    void fill_plain_bins(const sweep::Images<T>& frames, const sweep::HoleTables& tables, const sweep::DenseVolume<T>& out) {
         using namespace sweep;
         const std::size_t n = grid_.n_voxels();
         std::uint64_t* bins = bins_.reserve(2 * n);
@@ -479,7 +474,7 @@ private:
     }
     std::uint8_t* mask_room(std::size_t n) { return reinterpret_cast<std::uint8_t*>(near_.reserve(n / 4 + 1)); }
 
-    void fill_plain_points(const sweep::Frames<T>& frames, const sweep::HoleTables& tables, const sweep::DenseVolume<T>& out) {
+    void fill_plain_points(const sweep::Images<T>& frames, const sweep::HoleTables& tables, const sweep::DenseVolume<T>& out) {
         using namespace sweep;
         int bits = 1;
         while (grid_.n_voxels() >> bits) ++bits;

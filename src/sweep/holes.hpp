@@ -48,6 +48,15 @@ struct CubeMasks {
     GB_FN const std::uint64_t* of(int axis, int radius, int place) const {
         return masks + ((std::size_t(axis) * (reach + 1) + radius) * kBlock + place) * (2 * span + 1) + span;
     }
+    /// visit(blocks away, bits of that block in the cube) for the blocks that the cube of radius r around voxel l of a block meets.
+    template <class Visit>
+    GB_FN void for_each_block(Cell l, int r, const Visit& visit) const {
+        const std::uint64_t *mx = of(0, r, l.x), *my = of(1, r, l.y), *mz = of(2, r, l.z);
+        const Cell from = Block::of({l.x - r, l.y - r, l.z - r}), to = Block::of({l.x + r, l.y + r, l.z + r});
+        for (int z = from.z; z <= to.z; ++z)
+            for (int y = from.y; y <= to.y; ++y)
+                for (int x = from.x; x <= to.x; ++x) visit(Cell{x, y, z}, mx[x] & my[y] & mz[z]);
+    }
 };
 
 inline std::vector<std::uint64_t> cube_masks(int reach, int span) {
@@ -76,60 +85,51 @@ struct HoleTables {
     }
 };
 
-/// Fills voxel `place` of block (bx, by, bz); returns the radius, kFar where nothing is in reach.
+/// Fills voxel `place` of a block; returns the radius, kFar where nothing is in reach.
 template <class T>
 struct HoleFiller {
     Bins<T> bins;
     HoleTables tables;
 
-    /// visit(block offset x, y, z, block, bits) for blocks with voxels in the cube; how many bits.
+    /// visit(blocks away, block, bits) for blocks with voxels in the cube around voxel l of a block.
     template <class Visit>
-    GB_FN void for_each_hit(const int* b, const int* l, int r, const Visit& visit) const {
-        const std::uint64_t *mx = tables.cubes.of(0, r, l[0]), *my = tables.cubes.of(1, r, l[1]), *mz = tables.cubes.of(2, r, l[2]);
-        for (int dz = (l[2] - r) >> 2; dz <= (l[2] + r) >> 2; ++dz)
-            for (int dy = (l[1] - r) >> 2; dy <= (l[1] + r) >> 2; ++dy)
-                for (int dx = (l[0] - r) >> 2; dx <= (l[0] + r) >> 2; ++dx) {
-                    if (!bins.grid.has_block(b[0] + dx, b[1] + dy, b[2] + dz)) continue;
-                    const std::size_t block = bins.grid.block(b[0] + dx, b[1] + dy, b[2] + dz);
-                    const std::uint64_t hits = bins.masks[block] & mx[dx] & my[dy] & mz[dz];
-                    if (hits) visit(dx, dy, dz, block, hits);
-                }
+    GB_FN void for_each_hit(Cell around, Cell l, int r, const Visit& visit) const {
+        tables.cubes.for_each_block(l, r, [&](Cell away, std::uint64_t cube) {
+            if (!bins.grid.has_block(around + away)) return;
+            const std::size_t block = bins.grid.block(around + away);
+            const std::uint64_t hits = bins.masks[block] & cube;
+            if (hits) visit(away, block, hits);
+        });
     }
 
-    GB_FN std::uint8_t fill(const int* b, int place, T& out) const {
-        const int l[3] = {place & 3, place >> 2 & 3, place >> 4};
+    GB_FN std::uint8_t fill(Cell around, int place, T& out) const {
+        const Cell l = Block::inside(place);
         for (int r = 1; r <= tables.cubes.reach; ++r)
             if (weigh(l, out, [&](const auto& visit) {
-                    for_each_hit(b, l, r, [&](int dx, int dy, int dz, std::size_t block, std::uint64_t hits) {
-                        visit(dx, dy, dz, bins.slots[block], hits);
-                    });
+                    for_each_hit(around, l, r, [&](Cell away, std::size_t block, std::uint64_t hits) { visit(away, bins.slots[block], hits); });
                 }))
                 return std::uint8_t(r);
         out = T{};
         return kFar;
     }
     /// The weighted mean of the hits around voxel l; false where there is none.  for_each calls
-    /// visit(block offset x, y, z, slot, bits), the same way each time.
+    /// visit(blocks away, slot, bits), the same way each time.
     template <class ForEach>
-    GB_FN bool weigh(const int* l, T& out, const ForEach& for_each) const {
+    GB_FN bool weigh(Cell l, T& out, const ForEach& for_each) const {
         int sigma2 = 0;
-        for_each([&](int dx, int dy, int dz, std::uint32_t, std::uint64_t hits) {
-            const int x = 4 * dx - l[0], y = 4 * dy - l[1], z = 4 * dz - l[2];
-            for (; hits; hits &= hits - 1) {
-                const int u = trailing_zeros(hits);
-                sigma2 = max(sigma2, square(x + (u & 3)) + square(y + (u >> 2 & 3)) + square(z + (u >> 4)));
-            }
+        for_each([&](Cell away, std::uint32_t, std::uint64_t hits) {
+            const Cell d = Block::first(away) - l;
+            for (; hits; hits &= hits - 1) sigma2 = max(sigma2, square(d + Block::inside(trailing_zeros(hits))));
         });
         if (!sigma2) return false;
         typename Sums<T>::Total sum{};
         std::uint64_t weight = 0, n = 0;
-        for_each([&](int dx, int dy, int dz, std::uint32_t slot, std::uint64_t hits) {
-            const int x = 4 * dx - l[0], y = 4 * dy - l[1], z = 4 * dz - l[2];
+        for_each([&](Cell away, std::uint32_t slot, std::uint64_t hits) {
+            const Cell d = Block::first(away) - l;
             const T* values = bins.values + std::size_t(slot) * kVoxels;
             for (; hits; hits &= hits - 1) {
                 const int u = trailing_zeros(hits);
-                const std::uint32_t w =
-                    tables.weight(sigma2, square(x + (u & 3)) + square(y + (u >> 2 & 3)) + square(z + (u >> 4)));
+                const std::uint32_t w = tables.weight(sigma2, square(d + Block::inside(u)));
                 sum += Sums<T>::term(w, values[u]);
                 weight += w;
                 ++n;
@@ -138,30 +138,21 @@ struct HoleFiller {
         out = Sums<T>::quotient(sum, tables.kind == HoleWeights::normalized ? weight : n << 24);
         return true;
     }
-    GB_FN static int square(int v) { return v * v; }
 };
 
-/// A voxel of the dense volume, block by block; on the CPU a row of blocks is one task.
+/// A voxel of the dense volume, block by block.
 template <class T>
 struct FillVoxel {
     HoleFiller<T> filler;
     DenseVolume<T> out;
     const std::uint32_t* near;   ///< per block: 0 where no data is in reach
     const std::uint32_t* dirty;  ///< per block: 0 where nothing changed since; null: all may have
-    GB_FN void operator()(std::size_t i) const {
+    GB_FN bool skips(std::size_t block) const { return dirty && !dirty[block]; }
+    GB_FN void operator()(Cell b, std::size_t block, int place) const {
         const Grid& grid = filler.bins.grid;
-        const std::size_t block = i / kVoxels;
-        if (dirty && !dirty[block]) return;
-        const int b[3] = {int(block % grid.blocks[0]), int(block / grid.blocks[0] % grid.blocks[1]),
-                          int(block / grid.blocks[0] / grid.blocks[1])};
-        one(b, block, int(i % kVoxels));
-    }
-    GB_FN void one(const int* b, std::size_t block, int place) const {
-        const Grid& grid = filler.bins.grid;
-        const int x = 4 * b[0] + (place & 3), y = 4 * b[1] + (place >> 2 & 3), z = 4 * b[2] + (place >> 4);
-        if (x >= grid.size[0] || y >= grid.size[1] || z >= grid.size[2]) return;
-        if (!out.holds(grid, x, y, z)) return;
-        const std::size_t at = out.at(grid, x, y, z);
+        const Cell v = Block::voxel(b, place);
+        if (!grid.has_voxel(v) || !out.holds(grid, v)) return;
+        const std::size_t at = out.at(grid, v);
         if (filler.bins.masks[block] >> place & 1) {
             out.values[at] = filler.bins.values[std::size_t(filler.bins.slots[block]) * kVoxels + place];
             out.radius[at] = 0;
@@ -175,17 +166,24 @@ struct FillVoxel {
         }
     }
 };
-template <class T>
-struct FillBlockRow {
-    FillVoxel<T> each;
-    GB_FN void operator()(std::size_t i) const {
-        const Grid& grid = each.filler.bins.grid;
-        for (int x = 0; x < grid.blocks[0]; ++x) {
-            const int b[3] = {x, int(i % grid.blocks[1]), int(i / grid.blocks[1])};
-            const std::size_t block = grid.block(x, b[1], b[2]);
-            if (each.dirty && !each.dirty[block]) continue;
-            for (int place = 0; place < kVoxels; ++place) each.one(b, block, place);
-        }
+/// Each voxel for itself: any radius, any type.  A block a tile on the CPU; a thread a voxel on the GPU, where tiles of so
+/// much code get half as many registers again (92 instead of 64 for VVN-OM), and so fewer warps at a time.
+template <class Each>
+struct EachVoxel {
+    Grid grid;
+    Each each;
+    GB_FN void operator()(std::size_t voxel) const {
+        const std::size_t block = voxel / kVoxels;
+        if (!each.skips(block)) each(grid.block(block), block, int(voxel % kVoxels));
+    }
+    struct Nothing {};
+    template <class Group>
+    using Scratch = Nothing;
+    template <class Group>
+    GB_FN void operator()(Group& g, Nothing&, std::size_t block) const {
+        if (each.skips(block)) return;
+        const Cell b = grid.block(block);
+        g.share(kVoxels, [&](int place) { each(b, block, place); });
     }
 };
 
@@ -199,17 +197,18 @@ struct CopyBlockRow {
         const int y = int(i % grid.blocks[1]), z = int(i / grid.blocks[1]);
         for (int k = 4 * z; k < min(4 * z + 4, grid.size[2]); ++k)
             for (int j = 4 * y; j < min(4 * y + 4, grid.size[1]); ++j) {
-                const std::size_t at = grid.voxel(0, j, k);
+                const std::size_t at = grid.voxel(Cell{0, j, k});
                 memset(each.out.values + at, 0, grid.size[0] * sizeof(T));
                 memset(each.out.radius + at, kFar, grid.size[0]);
             }
         for (int x = 0; x < grid.blocks[0]; ++x) {
-            const std::size_t block = grid.block(x, y, z);
+            const Cell b{x, y, z};
+            const std::size_t block = grid.block(b);
             if (!bins.masks[block]) continue;
             const T* values = bins.values + std::size_t(bins.slots[block]) * kVoxels;
             for (std::uint64_t mask = bins.masks[block]; mask; mask &= mask - 1) {
                 const int place = trailing_zeros(mask);
-                const std::size_t at = grid.voxel(4 * x + (place & 3), 4 * y + (place >> 2 & 3), 4 * z + (place >> 4));
+                const std::size_t at = grid.voxel(Block::voxel(b, place));
                 each.out.values[at] = values[place];
                 each.out.radius[at] = 0;
             }
@@ -217,34 +216,26 @@ struct CopyBlockRow {
     }
 };
 
-/// Blocks within `span` blocks of one with data, one axis at a time.
+/// Blocks within `span` blocks of one with data, one axis at a time.  A group takes a row of blocks, its lanes go along x.
 struct SpreadNear {
     Grid grid;
     int axis, span;
     const std::uint32_t* from;
     std::uint32_t* to;
-    GB_FN void operator()(std::size_t i) const {
-        const std::size_t step = axis == 0 ? 1 : axis == 1 ? grid.blocks[0] : std::size_t(grid.blocks[0]) * grid.blocks[1];
-        const int at = int(i / step % grid.blocks[axis]);
-        std::uint32_t any = 0;
-        for (int d = max(-span, -at); d <= min(span, grid.blocks[axis] - 1 - at); ++d) any |= from[i + d * step];
-        to[i] = any;
-    }
-};
-/// The same, a row of blocks a task.
-struct SpreadNearRow {
-    SpreadNear each;
-    GB_FN void operator()(std::size_t i) const {
-        const Grid& grid = each.grid;
-        const int n = grid.blocks[0], at[3] = {0, int(i % grid.blocks[1]), int(i / grid.blocks[1])};
-        const std::uint32_t* from = each.from + i * n;
-        std::uint32_t* to = each.to + i * n;
-        memcpy(to, from, n * sizeof *to);
-        const std::ptrdiff_t step = each.axis == 0 ? 1 : each.axis == 1 ? n : std::ptrdiff_t(n) * grid.blocks[1];
-        for (int d = -each.span; d <= each.span; ++d) {
-            if (each.axis != 0 && (at[each.axis] + d < 0 || at[each.axis] + d >= grid.blocks[each.axis])) continue;
-            const int first = each.axis == 0 ? max(0, -d) : 0, last = each.axis == 0 ? n - max(0, d) : n;
-            for (int x = first; x < last; ++x) to[x] |= from[x + d * step];
+    struct Nothing {};
+    template <class Group>
+    using Scratch = Nothing;
+    template <class Group>
+    GB_FN void operator()(Group& g, Nothing&, std::size_t row) const {
+        const int n = grid.blocks[0], at[3] = {0, int(row % grid.blocks[1]), int(row / grid.blocks[1])};
+        const std::uint32_t* in = from + row * n;
+        std::uint32_t* out = to + row * n;
+        const std::ptrdiff_t step = axis == 0 ? 1 : axis == 1 ? n : std::ptrdiff_t(n) * grid.blocks[1];
+        g.share(n, [&](int x) { out[x] = in[x]; });
+        for (int d = -span; d <= span; ++d) {
+            if (axis != 0 && (at[axis] + d < 0 || at[axis] + d >= grid.blocks[axis])) continue;
+            const int first = axis == 0 ? max(0, -d) : 0, last = axis == 0 ? n - max(0, d) : n;
+            g.share(last - first, [&](int x) { out[first + x] |= in[first + x + d * step]; });
         }
     }
 };

@@ -1,4 +1,4 @@
-// Records of where a value came from: how many pixels, how much they differ, the latest frame.
+// Records of where a value came from: how many pixels, how much they differ, the latest image.
 #pragma once
 #include "sweep/bin.hpp"
 
@@ -7,14 +7,14 @@ namespace globule::core::sweep {
 /// Squares of the values, summed per voxel.
 template <class T>
 struct SquareRows {
-    Frames<T> frames;
+    Images<T> images;
     Grid grid;
     double scale;
     const std::uint32_t* slots;
     std::uint64_t* squares;  ///< (slots, 64)
     GB_FN void operator()(std::size_t row) const {
-        for_each_pixel(frames, row, grid, [&](std::size_t block, int voxel, int column) {
-            const std::int64_t v = quantized(frames.values[row * frames.width + column], scale);
+        for_each_pixel(images, row, grid, [&](std::size_t block, int voxel, int column) {
+            const std::int64_t v = quantized(images.values[row * images.width + column], scale);
             atomic_add(squares + std::size_t(slots[block]) * kVoxels + voxel, std::uint64_t(v * v));
         });
     }
@@ -29,10 +29,8 @@ struct ScatterMap {
     Out* out;
     GB_FN void operator()(std::size_t i) const {
         const std::size_t block = block_of_slot[i / kVoxels];
-        const int v = int(i % kVoxels);
-        const int x = 4 * int(block % grid.blocks[0]) + (v & 3), y = 4 * int(block / grid.blocks[0] % grid.blocks[1]) + (v >> 2 & 3),
-                  z = 4 * int(block / grid.blocks[0] / grid.blocks[1]) + (v >> 4);
-        if (x < grid.size[0] && y < grid.size[1] && z < grid.size[2]) out[grid.voxel(x, y, z)] = of(i);
+        const Cell v = Block::voxel(grid.block(block), int(i % kVoxels));
+        if (grid.has_voxel(v)) out[grid.voxel(v)] = of(i);
     }
 };
 struct CountOf {
@@ -51,7 +49,7 @@ struct VarianceOf {
 };
 struct SourceOf {
     const std::uint64_t* latest;
-    std::uint32_t pixels;  ///< of a frame
+    std::uint32_t pixels;  ///< of an image
     GB_FN std::int32_t operator()(std::size_t i) const {
         return latest[i] ? std::int32_t((std::uint32_t(latest[i] >> 32) - 1) / pixels) : -1;
     }

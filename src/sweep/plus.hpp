@@ -12,11 +12,11 @@
 namespace globule::core {
 
 template <class Exec>
-class PlusOf {
+class Plus {
 public:
-    explicit PlusOf(Exec& exec)
-        : exec_(exec), frames_(exec), values_(exec), filled_(exec), acc_(exec), poses_(exec), sources_(exec),
-          masks_(exec), importance_(exec), origin_(exec), words_(exec), near_(exec), kernels_(exec) {}
+    explicit Plus(Exec& exec)
+        : exec_(exec), images_(exec), values_(exec), filled_(exec), acc_(exec), poses_(exec), sources_(exec),
+          masks_(exec), importance_(exec), origin_(exec), words_(exec), near_(exec), weights_(exec) {}
 
     void run(PlusRequest& r) {
         if (r.type == ScalarType::u8) run_as<std::uint8_t>(r);
@@ -31,7 +31,7 @@ private:
         const std::size_t image = std::size_t(r.height) * r.width;
         const Grid grid{{r.size[0], r.size[1], r.size[2]}};
         Slices slices{};
-        slices.n_frames = r.n_frames;
+        slices.n_images = r.n_frames;
         slices.height = r.height;
         slices.width = r.width;
         slices.rejects = r.rejects;
@@ -39,11 +39,11 @@ private:
         slices.slack = 0.02 + (r.width + r.height) * 0x1p-15;
         slices.poses = bring(poses_, poses(r).data(), r.n_frames);
         slices.sources = bring(sources_, r.sources, r.n_masks * image);
-        slices.mask_of_frame = bring(masks_, r.mask_of_frame, r.n_frames);
+        slices.mask_of_image = bring(masks_, r.mask_of_frame, r.n_frames);
         slices.importance = r.importance ? bring(importance_, r.importance, image) : nullptr;
         const T* frames = static_cast<const T*>(r.frames.data);
         frames = reinterpret_cast<const T*>(::globule::core::bring<Exec, char>(
-            exec_, frames_, {static_cast<const char*>(r.frames.data), r.frames.device, r.frames.stream}, r.n_frames * image * sizeof(T)));
+            exec_, images_, {static_cast<const char*>(r.frames.data), r.frames.device, r.frames.stream}, r.n_frames * image * sizeof(T)));
 
         exec_.mark(0);
         T* values = reinterpret_cast<T*>(values_.reserve(grid.size() * sizeof(T)));
@@ -69,11 +69,11 @@ private:
     void insert(const PlusRequest& r, const plus::Slices& slices, const T* frames, const plus::Grid& grid, T* values,
                 std::uint16_t* acc) {
         using namespace plus;
-        InsertBrick<T, F> kernel{slices, frames, grid, Exec::on_device ? 4 : 32, {}, Interpolation(r.interpolation),
+        InsertBrick<T, F> task{slices, frames, grid, Exec::on_device ? 4 : 32, {}, Interpolation(r.interpolation),
                                  Optimization(r.optimization), Compounding(r.compounding), values, acc};
         std::size_t n = 1;
-        for (int k = 0; k < 3; ++k) n *= kernel.n_bricks[k] = ceil_div(grid.n[k], kernel.edge);
-        exec_.for_each_task(n, kernel);
+        for (int k = 0; k < 3; ++k) n *= task.n_bricks[k] = ceil_div(grid.n[k], task.edge);
+        exec_.for_each_task(n, task);
     }
 
     template <class T>
@@ -85,20 +85,20 @@ private:
         std::uint64_t* words = words_.reserve(n);
         std::uint64_t* near = near_.reserve(2 * n);
         T* out = reinterpret_cast<T*>(filled_.reserve(grid.size() * sizeof(T)));
-        FillRow<T> kernel{{grid, values, acc}, {words, n_words, grid.n[1], grid.n[2]}, near, int(r.fillers.size()), {}, out, origin};
+        FillRow<T> task{{grid, values, acc}, {words, n_words, grid.n[1], grid.n[2]}, near, int(r.fillers.size()), {}, out, origin};
 
         std::vector<float> weights;
         for (const PlusRequest::Filler& f : r.fillers) weights.insert(weights.end(), f.weights.begin(), f.weights.end());
-        const float* room = bring(kernels_, weights.data(), weights.size());
+        const float* room = bring(weights_, weights.data(), weights.size());
         int reach = 0;
         for (std::size_t i = 0; i < r.fillers.size(); ++i) {
             const PlusRequest::Filler& f = r.fillers[i];
-            kernel.fillers[i] = {FillerType(f.type), f.size, f.n_sticks, f.least_ratio, room};
+            task.fillers[i] = {FillerType(f.type), f.size, f.n_sticks, f.least_ratio, room};
             room += f.weights.size();
-            reach = max(reach, kernel.fillers[i].reach());
+            reach = max(reach, task.fillers[i].reach());
         }
         exec_.for_each(n, MarkOccupied{grid, n_words, acc, words});
-        MarkNear mark{kernel.known, reach, 0, near};
+        MarkNear mark{task.known, reach, 0, near};
         exec_.for_each(n, mark);
         mark.rows.words = near;
         mark.out = near + n;
@@ -108,16 +108,16 @@ private:
         mark.out = near;
         mark.axis = 2;
         exec_.for_each(n, mark);
-        exec_.for_each_task(n, kernel);
+        exec_.for_each_task(n, task);
         return out;
     }
 
     /// Image coordinates of a voxel: the inverse of the columns x, y and x cross y.
-    static std::vector<plus::FramePose> poses(const PlusRequest& r) {
-        std::vector<plus::FramePose> all(r.n_frames);
+    static std::vector<plus::ImagePose> poses(const PlusRequest& r) {
+        std::vector<plus::ImagePose> all(r.n_frames);
         for (int f = 0; f < r.n_frames; ++f) {
             const double* m = r.voxel_from_image + 12 * f;
-            plus::FramePose& pose = all[f];
+            plus::ImagePose& pose = all[f];
             for (int k = 0; k < 3; ++k) {
                 pose.x[k] = m[4 * k];
                 pose.y[k] = m[4 * k + 1];
@@ -147,7 +147,7 @@ private:
 
     template <class T>
     const T* bring(Buffer<T, Exec>& room, const T* host, std::size_t n) {
-        if constexpr (!Exec::on_device && !std::is_same_v<T, plus::FramePose>) return host;
+        if constexpr (!Exec::on_device && !std::is_same_v<T, plus::ImagePose>) return host;
         T* to = room.reserve(n ? n : 1);
         exec_.upload(to, host, n * sizeof(T));
         exec_.synchronize();
@@ -155,14 +155,14 @@ private:
     }
 
     Exec& exec_;
-    Buffer<char, Exec> frames_, values_, filled_;
+    Buffer<char, Exec> images_, values_, filled_;
     Buffer<std::uint16_t, Exec> acc_;
-    Buffer<plus::FramePose, Exec> poses_;
+    Buffer<plus::ImagePose, Exec> poses_;
     Buffer<std::int32_t, Exec> sources_;
     Buffer<std::uint32_t, Exec> masks_;
     Buffer<std::uint8_t, Exec> importance_, origin_;
     Buffer<std::uint64_t, Exec> words_, near_;
-    Buffer<float, Exec> kernels_;
+    Buffer<float, Exec> weights_;
 };
 
 }  // namespace globule::core

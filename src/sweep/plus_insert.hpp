@@ -1,5 +1,5 @@
 // Pixels into voxels as the PLUS toolkit does it.  Its result depends on the order of insertion
-// (frame, row, column), so one worker owns a brick of voxels and walks all pixels that reach it in
+// (image, row, column), so one worker owns a brick of voxels and walks all pixels that reach it in
 // that order: exact at any number of workers, without a lock or a sort.
 #pragma once
 #include "base/vec.hpp"
@@ -17,7 +17,7 @@ inline constexpr int kThreshold = kFullest - kWhole;
 
 /// voxel = origin + column * x + row * y, in voxels; image_from_voxel maps back to column, row and
 /// distance from the plane (in units of |x cross y|).
-struct FramePose {
+struct ImagePose {
     double origin[3], x[3], y[3];
     double image_from_voxel[3][4];
     double inverse_scale[3];  ///< of the three rows above: sum of magnitudes, for half a voxel's reach
@@ -33,10 +33,10 @@ struct Grid {
 inline constexpr std::int32_t kTwice = 1 << 30;
 
 struct Slices {
-    int n_frames, height, width;
-    const FramePose* poses;
+    int n_images, height, width;
+    const ImagePose* poses;
     const std::int32_t* sources;        ///< (n_masks, height, width)
-    const std::uint32_t* mask_of_frame; ///< (n_frames,)
+    const std::uint32_t* mask_of_image; ///< (n_images,)
     const std::uint8_t* importance;     ///< (height, width) or null
     bool rejects;
     double rejection;                   ///< darker pixels are left out
@@ -127,7 +127,7 @@ GB_FN void insert_linear(F f, T pixel, int importance, T& out, std::uint16_t& ac
 template <class T, class F>
 struct InsertBrick {
     Slices slices;
-    const T* frames;  ///< (n_frames, height, width)
+    const T* images;  ///< (n_images, height, width)
     Grid grid;
     int edge;         ///< of a brick, voxels
     int n_bricks[3];
@@ -151,12 +151,12 @@ struct InsertBrick {
             box.lo[k] = int(at[k]) * edge;
             box.hi[k] = min(box.lo[k] + edge, grid.n[k]);
         }
-        for (int f = 0; f < slices.n_frames; ++f) insert_frame(f, box);
+        for (int k = 0; k < slices.n_images; ++k) insert_image(k, box);
     }
 
     /// Rows and columns whose pixels may reach the box: image coordinates are linear in the voxel.
-    GB_FN void insert_frame(int f, const Box& box) const {
-        const FramePose& pose = slices.poses[f];
+    GB_FN void insert_image(int number, const Box& box) const {
+        const ImagePose& pose = slices.poses[number];
         double from[3], to[3];
         for (int r = 0; r < 3; ++r) {
             const double* m = pose.image_from_voxel[r];
@@ -172,10 +172,10 @@ struct InsertBrick {
         const int first_row = int(max(from[1], 0.0)), last_row = int(min(to[1], slices.height - 1.0));
         const int first = int(max(from[0], 0.0)), last = int(min(to[0], slices.width - 1.0));
         if (to[1] < 0 || to[0] < 0) return;
-        for (int row = first_row; row <= last_row; ++row) insert_row(f, pose, row, first, last, box);
+        for (int row = first_row; row <= last_row; ++row) insert_row(number, pose, row, first, last, box);
     }
 
-    GB_FN void insert_row(int f, const FramePose& pose, int row, int first, int last, const Box& box) const {
+    GB_FN void insert_row(int number, const ImagePose& pose, int row, int first, int last, const Box& box) const {
         F start[3], step[3];
         double lo = first, hi = last;
         for (int k = 0; k < 3; ++k) {
@@ -193,15 +193,15 @@ struct InsertBrick {
             hi = min(hi, max(a, b));
         }
         if (!(lo <= hi)) return;
-        const std::size_t image = std::size_t(slices.height) * slices.width;
-        const T* frame = frames + f * image;
-        const std::int32_t* sources = slices.sources + slices.mask_of_frame[f] * image + std::size_t(row) * slices.width;
+        const std::size_t pixels = std::size_t(slices.height) * slices.width;
+        const T* image = images + number * pixels;
+        const std::int32_t* sources = slices.sources + slices.mask_of_image[number] * pixels + std::size_t(row) * slices.width;
         for (int column = int(lo); column <= int(hi); ++column) {
             std::int32_t source = sources[column];
             if (source < 0) continue;
             const bool twice = source & kTwice;
             source &= ~kTwice;
-            const T pixel = frame[source];
+            const T pixel = image[source];
             if (slices.rejects && pixel < slices.rejection) continue;
             const int importance = slices.importance ? slices.importance[source] : 0;
             F p[3];
@@ -213,8 +213,8 @@ struct InsertBrick {
         }
     }
 
-    GB_FN Fixed place(const FramePose&, int, Fixed start, Fixed step, int, int column) const { return start + column * step; }
-    GB_FN double place(const FramePose& pose, int k, double start, double step, int row, int column) const {
+    GB_FN Fixed place(const ImagePose&, int, Fixed start, Fixed step, int, int column) const { return start + column * step; }
+    GB_FN double place(const ImagePose& pose, int k, double start, double step, int row, int column) const {
         if (optimization == Optimization::partial) return start + column * step;
         return pose.x[k] * column + pose.y[k] * row + pose.origin[k];
     }

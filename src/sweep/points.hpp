@@ -13,24 +13,19 @@ enum class Keying { morton, plain, bins };
 
 template <class T>
 struct CountRow {
-    Frames<T> frames;
+    Images<T> images;
     Grid grid;
     std::uint32_t* counts;
     GB_FN void operator()(std::size_t row) const {
         std::uint32_t n = 0;
-        for_each_pixel(frames, row, grid, [&](std::size_t, int, int) { ++n; });
+        for_each_pixel(images, row, grid, [&](std::size_t, int, int) { ++n; });
         counts[row] = n;
     }
 };
 
-GB_FN std::uint64_t morton_of_voxel(std::size_t block, int voxel, const Grid& grid) {
-    const std::uint64_t x = block % grid.blocks[0], y = block / grid.blocks[0] % grid.blocks[1], z = block / grid.blocks[0] / grid.blocks[1];
-    return morton::encode(x << 2 | (voxel & 3), y << 2 | (voxel >> 2 & 3), z << 2 | (voxel >> 4));
-}
-
 template <class T>
 struct EmitPoints {
-    Frames<T> frames;
+    Images<T> images;
     Grid grid;
     Keying keying;
     const std::uint32_t* slots;   ///< keying bins: key = place in the bins, then the value
@@ -39,18 +34,16 @@ struct EmitPoints {
     std::uint32_t* pixels;
     GB_FN void operator()(std::size_t row) const {
         std::uint32_t at = offsets[row];
-        for_each_pixel(frames, row, grid, [&](std::size_t block, int voxel, int column) {
-            const std::size_t pixel = row * frames.width + column;
-            if (keying == Keying::bins)
-                keys[at] = (std::uint64_t(slots[block]) * kVoxels + voxel) << 32 | ordered_bits(frames.values[pixel]);
-            else if (keying == Keying::morton)
-                keys[at] = morton_of_voxel(block, voxel, grid);
-            else
-                keys[at] = grid.voxel(4 * int(block % grid.blocks[0]) + (voxel & 3),
-                                      4 * int(block / grid.blocks[0] % grid.blocks[1]) + (voxel >> 2 & 3),
-                                      4 * int(block / grid.blocks[0] / grid.blocks[1]) + (voxel >> 4));
+        for_each_pixel(images, row, grid, [&](std::size_t block, int voxel, int column) {
+            const std::size_t pixel = row * images.width + column;
+            keys[at] = key(block, voxel, pixel);
             pixels[at++] = std::uint32_t(pixel);
         });
+    }
+    GB_FN std::uint64_t key(std::size_t block, int voxel, std::size_t pixel) const {
+        if (keying == Keying::bins) return (std::uint64_t(slots[block]) * kVoxels + voxel) << 32 | ordered_bits(images.values[pixel]);
+        const Cell v = Block::voxel(grid.block(block), voxel);
+        return keying == Keying::morton ? morton::encode(std::uint64_t(v.x), std::uint64_t(v.y), std::uint64_t(v.z)) : grid.voxel(v);
     }
 };
 
@@ -82,21 +75,21 @@ struct SortedPoints {
 };
 template <class T>
 struct GatherPoints {
-    Frames<T> frames;
+    Images<T> images;
     const std::uint32_t* pixels;
     SortedPoints<T> points;
     GB_FN void operator()(std::size_t i) const {
-        const std::size_t pixel = pixels[i], row = pixel / frames.width;
-        const Pose& pose = frames.poses[row / frames.height];
+        const std::size_t pixel = pixels[i], row = pixel / images.width;
+        const Pose& pose = images.poses[row / images.height];
         float place[3];
         for (int k = 0; k < 3; ++k) {
-            const Fix p = pose.origin[k] + Fix(row % frames.height) * pose.y[k] + Fix(pixel % frames.width) * pose.x[k];
+            const Fix p = pose.origin[k] + Fix(row % images.height) * pose.y[k] + Fix(pixel % images.width) * pose.x[k];
             place[k] = float(std::uint32_t(p) >> 8) * 0x1p-24f;
         }
         points.x[i] = place[0];
         points.y[i] = place[1];
         points.z[i] = place[2];
-        points.values[i] = frames.values[pixel];
+        points.values[i] = images.values[pixel];
     }
 };
 
@@ -114,9 +107,10 @@ struct MarkRuns {
         if (!begins && !ends) return;
         std::size_t at = keys[i];
         if (!plain) {
-            const auto v = morton::decode(keys[i]);
-            const std::size_t block = grid.block(int(v.x >> 2), int(v.y >> 2), int(v.z >> 2));
-            const int place = voxel_in_block(int(v.x), int(v.y), int(v.z));
+            const auto m = morton::decode(keys[i]);
+            const Cell v{int(m.x), int(m.y), int(m.z)};
+            const std::size_t block = grid.block(Block::of(v));
+            const int place = Block::place(v);
             at = std::size_t(slots[block]) * kVoxels + place;
             if (begins) atomic_or(masks + block, std::uint64_t(1) << place);
         }
@@ -140,7 +134,7 @@ GB_FN float exp_of_share(float q) {
     return s * 0.60653066f;
 }
 
-/// Weighted mean of the points within rho of a voxel's centre, given voxel by voxel; twice over the
+/// Weighted mean of the points within rho of a voxel's centre, given voxel by voxel, each d voxels away; twice over the
 /// same points, first for the farthest.  Weights have 24 bits: sums of integers are exact.
 template <class T>
 struct Sphere {
@@ -151,15 +145,15 @@ struct Sphere {
     std::uint64_t weight = 0;
     typename Sums<T>::Total sum = 0;
 
-    GB_FN float distance2(std::uint32_t i, int dx, int dy, int dz) const {
-        const float x = dx + (points.x[i] - 0.5f), y = dy + (points.y[i] - 0.5f), z = dz + (points.z[i] - 0.5f);
+    GB_FN float distance2(std::uint32_t i, Cell d) const {
+        const float x = d.x + (points.x[i] - 0.5f), y = d.y + (points.y[i] - 0.5f), z = d.z + (points.z[i] - 0.5f);
         return x * x + y * y + z * z;
     }
-    GB_FN void look(std::uint32_t from, std::uint32_t to, int dx, int dy, int dz) {
+    GB_FN void look(std::uint32_t from, std::uint32_t to, Cell d) {
         std::int32_t most_bits = 0;
         std::uint32_t count = 0;
         for (std::uint32_t i = from; i < to; ++i) {
-            const float d2 = distance2(i, dx, dy, dz);
+            const float d2 = distance2(i, d);
             std::int32_t bits;
             memcpy(&bits, &d2, 4);
             const bool inside = d2 <= rho2;
@@ -169,14 +163,14 @@ struct Sphere {
         farthest = max(farthest, most_bits);
         n += count;
     }
-    GB_FN void add(std::uint32_t from, std::uint32_t to, int dx, int dy, int dz) {
+    GB_FN void add(std::uint32_t from, std::uint32_t to, Cell d) {
         float sigma2;
         memcpy(&sigma2, &farthest, 4);
         const float share = sigma2 > 0 ? 1.0f / sigma2 : 0.0f;
         std::uint64_t weights = 0;
         typename Sums<T>::Total total = 0;
         for (std::uint32_t i = from; i < to; ++i) {
-            const float d2 = distance2(i, dx, dy, dz);
+            const float d2 = distance2(i, d);
             const float w = exp_of_share(d2 * share) * 0x1p24f;
             const std::uint32_t whole = d2 <= rho2 ? std::uint32_t(std::int32_t(w)) : 0;
             weights += whole;
@@ -190,20 +184,20 @@ struct Sphere {
     }
 };
 
-/// VVN-OM: the kernel grows from 3^3 until its inscribed sphere, rho = half its edge, holds a point.
+/// VVN-OM: the cube grows from 3^3 until its inscribed sphere, rho = half its edge, holds a point.
 template <class T>
 struct GatherSphere {
     HoleFiller<T> filler;  ///< for its masks; its values are not used
     SortedPoints<T> points;
     const std::uint32_t *first, *last;
 
-    GB_FN std::uint8_t at(const int* b, int place, T& out) const {
-        const int l[3] = {place & 3, place >> 2 & 3, place >> 4};
+    GB_FN std::uint8_t at(Cell block, int place, T& out) const {
+        const Cell l = Block::inside(place);
         for (int r = 1; r <= filler.tables.cubes.reach; ++r) {
             Sphere<T> sphere{points, (r + 0.5f) * (r + 0.5f)};
-            for_each_run(b, l, r, [&](std::uint32_t from, std::uint32_t to, int x, int y, int z) { sphere.look(from, to, x, y, z); });
+            for_each_run(block, l, r, [&](std::uint32_t from, std::uint32_t to, Cell d) { sphere.look(from, to, d); });
             if (!sphere.n) continue;
-            for_each_run(b, l, r, [&](std::uint32_t from, std::uint32_t to, int x, int y, int z) { sphere.add(from, to, x, y, z); });
+            for_each_run(block, l, r, [&](std::uint32_t from, std::uint32_t to, Cell d) { sphere.add(from, to, d); });
             out = sphere.value(filler.tables.kind);
             return std::uint8_t(r);
         }
@@ -211,12 +205,12 @@ struct GatherSphere {
         return kFar;
     }
     template <class Visit>
-    GB_FN void for_each_run(const int* b, const int* l, int r, const Visit& visit) const {
-        filler.for_each_hit(b, l, r, [&](int dx, int dy, int dz, std::size_t block, std::uint64_t hits) {
+    GB_FN void for_each_run(Cell around, Cell l, int r, const Visit& visit) const {
+        filler.for_each_hit(around, l, r, [&](Cell away, std::size_t block, std::uint64_t hits) {
             for (; hits; hits &= hits - 1) {
                 const int u = trailing_zeros(hits);
                 const std::size_t bin = std::size_t(filler.bins.slots[block]) * kVoxels + u;
-                visit(first[bin], last[bin], 4 * dx - l[0] + (u & 3), 4 * dy - l[1] + (u >> 2 & 3), 4 * dz - l[2] + (u >> 4));
+                visit(first[bin], last[bin], Block::voxel(away, u) - l);
             }
         });
     }
@@ -227,28 +221,16 @@ struct GatherVoxel {
     GatherSphere<T> gather;
     DenseVolume<T> out;
     const std::uint32_t* near;
-    GB_FN void operator()(std::size_t i) const {
+    GB_FN bool skips(std::size_t) const { return false; }
+    GB_FN void operator()(Cell b, std::size_t block, int place) const {
         const Grid& grid = gather.filler.bins.grid;
-        const std::size_t block = i / kVoxels;
-        const int place = int(i % kVoxels);
-        const int b[3] = {int(block % grid.blocks[0]), int(block / grid.blocks[0] % grid.blocks[1]),
-                          int(block / grid.blocks[0] / grid.blocks[1])};
-        const int x = 4 * b[0] + (place & 3), y = 4 * b[1] + (place >> 2 & 3), z = 4 * b[2] + (place >> 4);
-        if (x >= grid.size[0] || y >= grid.size[1] || z >= grid.size[2]) return;
-        const std::size_t at = grid.voxel(x, y, z);
+        const Cell v = Block::voxel(b, place);
+        if (!grid.has_voxel(v)) return;
+        const std::size_t at = grid.voxel(v);
         T value{};
         const std::uint8_t r = near[block] ? gather.at(b, place, value) : kFar;
         out.values[at] = value;
         out.radius[at] = gather.filler.bins.masks[block] >> place & 1 ? 0 : r;
     }
 };
-/// 64 voxels a task.
-template <class Each>
-struct BlockTask {
-    Each each;
-    GB_FN void operator()(std::size_t block) const {
-        for (int place = 0; place < kVoxels; ++place) each(block * kVoxels + place);
-    }
-};
-
 }  // namespace globule::core::sweep

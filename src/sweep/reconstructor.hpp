@@ -34,7 +34,7 @@ public:
 
 private:
     Exec exec_;
-    PlusOf<Exec> plus_;
+    Plus<Exec> plus_;
     ScalarType type_{};
     std::unique_ptr<SweepGrid> grid_;
 };

@@ -2,73 +2,14 @@
 // and bounds the field in each cell from their nearest and farthest points.
 #pragma once
 #include "exec/bits.hpp"
-#include "exec/buffer.hpp"
 #include "field/kernels.hpp"
-#include "trace/cells.hpp"
 #include "trace/gather.hpp"
+#include "trace/plan_cells.hpp"
+#include "trace/stretched.hpp"
 
 namespace globule::core {
 
 inline constexpr float kCloseBy = 0.2f;     ///< in supports: particles no farther away tell a full brick (docs/design/cells.md)
-inline constexpr float kCellEdge = 0.4f;  ///< in typical supports: fewest particles a ray (docs/design/cells.md)
-
-/// Grid over the octree's root box, which holds all supports.
-template <class Tree>
-struct PlanCells {
-    Tree tree;
-    CellGrid* grid;
-    GB_FN void operator()(std::size_t) const {
-        CellGrid g{};
-        if (!tree.empty()) {
-            const Node box = tree.node(0);
-            const float3 size = box.hi - box.lo;
-            g.edge = kCellEdge * tree.header->typical_support;
-            // Past this a cell would not move a ray on in float32.
-            g.edge = max(g.edge, 2e-6f * (length(box.lo) + length(box.hi)));
-            for (;; g.edge *= 1.25f) {
-                const float per = 1.0f / (g.edge * kBrick);
-                const float bricks = ceilf(size.x * per + 0.01f) * ceilf(size.y * per + 0.01f) * ceilf(size.z * per + 0.01f);
-                if (!(bricks <= float(kMaxBricks))) continue;
-                g.nx = int(ceilf(size.x * per + 0.01f));
-                g.ny = int(ceilf(size.y * per + 0.01f));
-                g.nz = int(ceilf(size.z * per + 0.01f));
-                break;
-            }
-            g.lo = box.lo;
-            g.per = 1.0f / g.edge;
-            g.scale = 1.0f / tree.header->typical_support;
-            g.n_bricks = std::uint32_t(g.nx) * g.ny * g.nz;
-        }
-        *grid = g;
-    }
-};
-
-/// Marks the bricks that a leaf's supports may reach, so that empty space costs no walk of the tree.
-template <class Tree>
-struct MarkBricks {
-    Tree tree;
-    std::size_t n_nodes;
-    const CellGrid* grid;
-    std::uint32_t* bricks;   ///< cleared
-    GB_FN void operator()(std::size_t i) const {
-        if (grid->n_bricks == 0 || !tree.holds(i)) return;
-        const Node node = tree.node(std::uint32_t(i));
-        if (!Node::is_leaf(node.meta) || Node::count(node.meta) == 0) return;
-        const float per = 1.0f / (grid->edge * kBrick);
-        const int x0 = place(node.lo.x - grid->lo.x, per, -1, grid->nx), x1 = place(node.hi.x - grid->lo.x, per, 1, grid->nx);
-        const int y0 = place(node.lo.y - grid->lo.y, per, -1, grid->ny), y1 = place(node.hi.y - grid->lo.y, per, 1, grid->ny);
-        const int z0 = place(node.lo.z - grid->lo.z, per, -1, grid->nz), z1 = place(node.hi.z - grid->lo.z, per, 1, grid->nz);
-        for (int z = z0; z <= z1; ++z)
-            for (int y = y0; y <= y1; ++y)
-                for (int x = x0; x <= x1; ++x) raise_flag(bricks + (std::size_t(z) * grid->ny + y) * grid->nx + x);
-    }
-
-private:
-    /// A brick's number along one axis, a little further on to `side`.
-    GB_FN static int place(float v, float per, int side, int n) {
-        return int(max(0.0f, min(floorf(v * per + 1e-3f * side), float(n - 1))));
-    }
-};
 
 template <class Lanes, class Tree, class Kernel, bool PerParticle>
 struct BuildCells {
@@ -92,54 +33,67 @@ struct BuildCells {
     GB_FN void operator()(Group& g, Scratch<Group>& scratch, std::size_t brick) const {
         if (brick >= grid->n_bricks || bricks[brick] == kEmpty) return;  // not marked
         g.sync();
-        const int bx = int(brick % grid->nx), by = int(brick / grid->nx % grid->ny), bz = int(brick / grid->nx / grid->ny);
+        const float3 lo = corner(brick);
+        const std::uint32_t state = is_deep_inside(g, scratch, lo) ? kFull : lay_out(g, scratch, lo);
+        if (g.is_first()) bricks[brick] = state;
+    }
+
+private:
+    GB_FN static constexpr int cube(int v) { return v * v * v; }
+
+    GB_FN float3 corner(std::size_t brick) const {
+        const int x = int(brick % grid->nx), y = int(brick / grid->nx % grid->ny), z = int(brick / grid->nx / grid->ny);
         const float span = kBrick * grid->edge;
-        const float3 lo{grid->lo.x + bx * span, grid->lo.y + by * span, grid->lo.z + bz * span};
-        if constexpr (!PerParticle) {
-            // Deep inside, the particles in the brick and close to it fill it.
-            const int n = collect(g, scratch, lo, span, kCloseBy);
-            if (n > 0 && classify(g, scratch, kBrick, n) == kFull) {
-                if (g.is_first()) bricks[brick] = kFull;
-                return;
-            }
+        return {grid->lo.x + x * span, grid->lo.y + y * span, grid->lo.z + z * span};
+    }
+
+    /// Whether the particles in the brick and close to it alone fill it: most bricks need no others.
+    template <class Group>
+    GB_FN bool is_deep_inside(Group& g, Scratch<Group>& scratch, const float3& lo) const {
+        if constexpr (PerParticle) {
+            return false;
+        } else {
+            const int n = collect(g, scratch, lo, kBrick * grid->edge, kCloseBy);
+            return n > 0 && classify(g, scratch, kBrick, n) == kFull;
         }
+    }
+
+    /// Cells and lists of the brick at lo; returns its state.  Where more particles reach it than the scratch holds,
+    /// by parts of it.
+    template <class Group>
+    GB_FN std::uint32_t lay_out(Group& g, Scratch<Group>& scratch, const float3& lo) const {
         std::uint32_t place = kUnlisted;
-        // Where more particles reach the brick than the scratch holds, by parts of it.
-        int size = kBrick;
+        int size = kBrick;  // of a part, in cells
         for (int part = 0; part < cube(kBrick / size); ++part) {
             const int per = kBrick / size;
-            const int px = part % per * size, py = part / per % per * size, pz = part / (per * per) * size;
-            const float3 corner{lo.x + px * grid->edge, lo.y + py * grid->edge, lo.z + pz * grid->edge};
-            const int n = collect(g, scratch, corner, size * grid->edge);
+            const int x = part % per * size, y = part / per % per * size, z = part / (per * per) * size;
+            const float3 from{lo.x + x * grid->edge, lo.y + y * grid->edge, lo.z + z * grid->edge};
+            const int n = collect(g, scratch, from, size * grid->edge);
             if (n < 0 && size > 1) {
                 size /= 2;
                 part = -1;
                 continue;
             }
             const std::uint32_t alike = n < 0 ? kUnlisted : classify(g, scratch, size, n);
-            if (size == kBrick && alike <= kFull) {
-                place = alike;
-                break;
-            }
+            if (size == kBrick && alike <= kFull) return alike;
             if (place == kUnlisted) place = kListed + take(g, &grid->n_lists, 1);
-            if (place - kListed >= max_lists) {
-                place = kUnlisted;
-                break;
-            }
-            CellList* mine = lists + std::size_t(place - kListed) * kBrickCells;
-            for (int c = 0; c < cube(size); ++c) {
-                const int x = c % size, y = c / size % size, z = c / (size * size);
-                const int at = ((pz + z) * kBrick + py + y) * kBrick + px + x;
-                const CellList found = n < 0 ? CellList{kUnlisted, 0, 0, 0} : scratch.cell[c];
-                const CellList written = found.first == kListed ? list(g, scratch, size, c, n, found.n) : CellList{found.first, 0, 0, 0};
-                if (g.is_first()) mine[at] = written;
-            }
+            if (place - kListed >= max_lists) return kUnlisted;
+            CellList* first = lists + std::size_t(place - kListed) * kBrickCells + (z * kBrick + y) * kBrick + x;
+            write_cells(g, scratch, first, size, n);
         }
-        if (g.is_first()) bricks[brick] = place;
+        return place;
     }
 
-private:
-    GB_FN static constexpr int cube(int v) { return v * v * v; }
+    /// A part's cells, the first of which is `first`, as classify() left them in the scratch; n < 0: it could not be told.
+    template <class Group>
+    GB_FN void write_cells(Group& g, Scratch<Group>& scratch, CellList* first, int size, int n) const {
+        for (int c = 0; c < cube(size); ++c) {
+            const CellList found = n < 0 ? CellList{kUnlisted, 0, 0, 0} : scratch.cell[c];
+            const CellList written = found.first == kListed ? list(g, scratch, size, c, n, found.n) : CellList{found.first, 0, 0, 0};
+            const int x = c % size, y = c / size % size, z = c / (size * size);
+            if (g.is_first()) first[(z * kBrick + y) * kBrick + x] = written;
+        }
+    }
 
     /// One lane takes n from the counter; all lanes know where it begins.
     template <class Group>
@@ -161,7 +115,7 @@ private:
         const float more = slack - (PerParticle ? 0.0f : (1.0f - share) * particles.support.uniform);
         const float3 lo = corner - float3{more, more, more}, hi = corner + float3{edge + more, edge + more, edge + more};
         int n = 0;
-        bool full = false;
+        bool room = true;
         walk_tree(
             g, scratch.stack, tree,
             [&](const B& lanes, const Boxes<Group>& b) {
@@ -169,38 +123,16 @@ private:
                        (b.lo[2] <= F(hi.z)) & (b.hi[2] >= F(lo.z));
             },
             [&](const B& leaves, const Boxes<Group>& boxes) {
-                g.each(leaves, [&](int lane) {
-                    const std::uint32_t begin = Group::pick(boxes.first, lane);
-                    const std::uint32_t end = begin + Node::count(Group::pick(boxes.meta, lane));
-                    for (std::uint32_t j = begin; j < end && !full; j += Group::width) {
-                        if (n + Group::width > Group::list_capacity) {
-                            full = true;
-                            break;
-                        }
-                        const B present = g.first_lanes(int(min<std::uint32_t>(end - j, Group::width)));
-                        const F x = g.load_run(particles.x + j) - F(at.x);
-                        const F y = g.load_run(particles.y + j) - F(at.y);
-                        const F z = g.load_run(particles.z + j) - F(at.z);
-                        const F a = PerParticle && particles.support.data ? g.load_run(particles.support.data + j)
-                                                                          : F(particles.support.uniform);
-                        const F reach = (PerParticle ? a : a * F(share)) + F(slack);
-                        const F nx = max(abs(x) - half, F(0.0f)), ny = max(abs(y) - half, F(0.0f)),
-                                nz = max(abs(z) - half, F(0.0f));
-                        const B near = present & (a > F(0.0f)) & (nx * nx + ny * ny + nz * nz < reach * reach);
-                        n = g.append(near, n, [&](int k, int place) {
-                            scratch.list.set(place, {Group::get(x, k) * scale, Group::get(y, k) * scale,
-                                                     Group::get(z, k) * scale}, j + std::uint32_t(k));
-                            if constexpr (PerParticle) {
-                                const float support = Group::get(a, k) * scale;
-                                scratch.shape[place] = {1.0f / (support * support), particles.weight[j + k]};
-                            }
-                        });
-                    }
+                room = list_particles(g, scratch, particles, at, scale, leaves, boxes, n,
+                                      [&](const B& present, const F& x, const F& y, const F& z, const F& a) {
+                    const F reach = (PerParticle ? a : a * F(share)) + F(slack);
+                    const F nx = max(abs(x) - half, F(0.0f)), ny = max(abs(y) - half, F(0.0f)), nz = max(abs(z) - half, F(0.0f));
+                    return present & (a > F(0.0f)) & (nx * nx + ny * ny + nz * nz < reach * reach);
                 });
-                return !full;
+                return room;
             });
         g.sync();
-        return full ? -1 : n;
+        return room ? n : -1;
     }
 
     /// Bounds the field in each of size^3 cells.  Returns kEmpty or kFull where all are, else kListed.

@@ -91,7 +91,8 @@ struct CellWalk {
     GB_FN float leave() const {
         return max(t, min(min(side(x, 1, at.x, inv.x), side(y, 1, at.y, inv.y)), side(z, 1, at.z, inv.z)));
     }
-    /// To the next cell (size 1) or past the brick (size kBrick) that holds this one.
+    /// The grid walk of Amanatides & Woo 1987, but sides are found from their planes instead of being added up, so that no
+    /// error grows on a long way, and cells come in two sizes.  To the next cell (size 1) or past the brick (size kBrick) that holds this one.
     GB_FN void step(int size) {
         const float bx = side(x, size, at.x, inv.x), by = side(y, size, at.y, inv.y), bz = side(z, size, at.z, inv.z);
         const float next = min(min(bx, by), bz), per = grid->per;

@@ -1,7 +1,7 @@
 // Rays through what the clips keep of a layer, to its surface or to a cut face.
 #pragma once
 #include "trace/clip.hpp"
-#include "trace/first_hit.hpp"
+#include "trace/cell_tracer.hpp"
 
 namespace globule::core {
 
@@ -12,9 +12,10 @@ struct LayerHits {
     float* t;               ///< infinity: nowhere; undecided(t): only float64 can tell from t on
     std::int32_t* cap;      ///< the clip whose cut face it is, -1: the surface itself; null: never
     std::int8_t* sign;      ///< +1: outside before t, or where it is undecided; -1: inside; 0: only float64 can tell; null: not kept
+    UndecidedRays undecided{};
 };
 
-/// A tracer that goes through what the clips keep; rays that meet none have kernels of their own, with fewer registers.
+/// A tracer that goes through what the clips keep; rays that meet none have launches of their own, with fewer registers.
 template <class Tracer, bool clipped>
 struct Cut {
     Tracer tracer;
@@ -33,20 +34,15 @@ struct Cut {
     }
     GB_FN bool holds_by_tree(const float3& p) const {
         float f = 0.0f;
-        for_each_touching(tracer.tree, p, p, [&](std::uint32_t j) {
-            const float3 r = p - tracer.particles.position(j);
-            const float x = tracer.particles.x_at(j, r);
-            if (!(x < 1.0f)) return;
-            float b, slope;
-            tracer.kernel(x, b, slope);
-            f += (Tracer::PerParticle ? tracer.particles.weight[j] : 1.0f) * b;
+        for_each_reaching(tracer.tree, tracer.particles, p, [&](std::uint32_t j, const float3& v, const SortedShape<float>& shape) {
+            f += influence(tracer.kernel, shape, v, Tracer::PerParticle ? tracer.particles.weight[j] : 1.0f).value;
         });
         return f > tracer.tau;
     }
 
     /// A ray's way through the kept intervals.
     struct State {
-        RayState ray;
+        CellRay ray;
         float to, end;     ///< of the whole ray, of the present interval
         std::int32_t cap;  ///< where a cut face was met, its clip, else -1; on the way, the clip at the interval's end
     };

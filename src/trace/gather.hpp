@@ -2,9 +2,9 @@
 // z1, found by the whole group together, a batch of nodes at a time, and kept relative to the axis
 // point at z0 in units of the support, where float32 is precise whatever the scene's coordinates.
 #pragma once
-#include "octree/dense.hpp"
-#include "octree/sparse.hpp"
+#include "exec/bits.hpp"
 #include "trace/bundle.hpp"
+#include "trace/walk_tree.hpp"
 
 namespace globule::core {
 
@@ -12,15 +12,6 @@ namespace globule::core {
 struct CandidateShape {
     float inverse_a2;  ///< 1 / support^2, scaled
     float weight;
-};
-
-/// Siblings waiting to be looked at: first node and their number, 1 to 8, in 32 bits.
-struct Siblings {
-    std::uint32_t packed = 0;
-    static constexpr std::uint32_t max_first = (1u << 29) - 8;
-    GB_FN static Siblings of(std::uint32_t first, std::uint32_t n) { return {first | (n - 1) << 29}; }
-    GB_FN std::uint32_t first() const { return packed & ((1u << 29) - 1); }
-    GB_FN std::uint32_t count() const { return (packed >> 29) + 1; }
 };
 
 template <class Group, bool PerParticle>
@@ -32,79 +23,13 @@ struct TileScratch {
     typename Group::LaneOf lane_of;
 };
 
-/// A group's worth of nodes.
-template <class Group>
-struct Boxes {
-    typename Group::F lo[3], hi[3];
-    typename Group::U first, meta;
-};
-template <class Group>
-GB_FN void load_boxes(Group& g, const SparseTree& tree, const typename Group::Runs& runs, const typename Group::B&,
-                      Boxes<Group>& out) {
-    for (int k = 0; k < 3; ++k) {
-        out.lo[k] = g.load(tree.nodes.box[k], runs);
-        out.hi[k] = g.load(tree.nodes.box[k + 3], runs);
-    }
-    out.first = g.load(tree.nodes.first, runs);
-    out.meta = g.load(tree.nodes.meta, runs);
-}
-template <class Group>
-GB_FN void load_boxes(Group& g, const DenseTree& tree, const typename Group::Runs& runs, const typename Group::B& lanes,
-                      Boxes<Group>& out) {
-    using F = typename Group::F;
-    for (int k = 0; k < 3; ++k) out.lo[k] = out.hi[k] = F(0.0f);
-    g.per_lane(lanes, [&](int lane) {
-        const Node node = tree.node(Group::index(runs, lane));
-        Group::put(out.lo[0], lane, node.lo.x);
-        Group::put(out.lo[1], lane, node.lo.y);
-        Group::put(out.lo[2], lane, node.lo.z);
-        Group::put(out.hi[0], lane, node.hi.x);
-        Group::put(out.hi[1], lane, node.hi.y);
-        Group::put(out.hi[2], lane, node.hi.z);
-        Group::put(out.first, lane, node.first);
-        Group::put(out.meta, lane, node.meta);
-    });
-}
-
+/// What a slab's list turned out to be.
 struct Gathered {
     int n = 0;          ///< candidates; -1: more than the list holds
     float next = 0;     ///< nearest distance past z0 + dz where something begins
     float nearest = 0;  ///< distance where the list's first support begins
     float sharpest = 1; ///< largest 1 / support in the list, scaled
 };
-
-/// Depth first from the root, a group's worth of nodes at a time.  go(lanes, boxes) says which of the
-/// nodes to open; leaf(lanes, boxes) takes the leaves among them and says whether to go on.
-template <class Group, class Tree, class Go, class Leaf>
-GB_FN void walk_tree(Group& g, Siblings* stack, const Tree& tree, const Go& go, const Leaf& leaf) {
-    using B = typename Group::B;
-    // A batch may push a group's worth of entries; what stays below still needs room to go down
-    // one entry at a time, 7 a level.
-    constexpr int reserve = 8 * (kMaxLevels + 1);
-    int top = 1;
-    stack[0] = Siblings::of(0, 1);
-    g.sync();
-    while (top > 0) {
-        const int room = (Group::stack_capacity - reserve - top) / 8;
-        const int take = min(min(top, int(Group::n_runs)), max(1, room));
-        top -= take;
-        const auto entries = g.take(stack + top, take);
-        g.sync();
-        for (int part = 0; part * Group::run_width < 8; ++part) {
-            typename Group::Runs runs;
-            const B lanes = g.lay_out(entries, part, runs);
-            Boxes<Group> boxes;
-            load_boxes(g, tree, runs, lanes, boxes);
-            const B open = go(lanes, boxes);
-            const B is_leaf = g.is_leaf(boxes.meta);
-            top = g.append(open & !is_leaf, top, [&](int lane, int place) {
-                stack[place] = Siblings::of(Group::get(boxes.first, lane), Group::get(boxes.meta, lane));
-            });
-            g.sync();
-            if (!leaf(open & is_leaf, boxes)) return;
-        }
-    }
-}
 
 /// Walks the tree along the bundle from distance z0 on; `at` is the axis point there.
 template <bool PerParticle, class Group, class Tree>
@@ -168,17 +93,64 @@ GB_FN float seek(Walk<PerParticle, Group, Tree>& walk) {
     return walk.z0 + max(best, 0.0f);
 }
 
+/// Goes through the leaves' particles, a group's worth at a time, and lists those that takes(present, x, y, z, a)
+/// chooses; x y z: from `at`; a: support.  n: listed so far.  False: the list cannot hold any more.
+template <bool PerParticle, class Group, class Takes>
+GB_FN bool list_particles(Group& g, TileScratch<Group, PerParticle>& scratch, const SortedParticles& particles, const float3& at,
+                          float scale, const typename Group::B& leaves, const Boxes<Group>& boxes, int& n, const Takes& takes) {
+    using F = typename Group::F;
+    using B = typename Group::B;
+    bool full = false;
+    g.each(leaves, [&](int leaf) {
+        const std::uint32_t begin = Group::pick(boxes.first, leaf);
+        const std::uint32_t end = begin + Node::count(Group::pick(boxes.meta, leaf));
+        for (std::uint32_t j = begin; j < end && !full; j += Group::width) {
+            if (n + Group::width > Group::list_capacity) {
+                full = true;
+                break;
+            }
+            const B present = g.first_lanes(int(min<std::uint32_t>(end - j, Group::width)));
+            const F x = g.load_run(particles.x + j) - F(at.x);
+            const F y = g.load_run(particles.y + j) - F(at.y);
+            const F z = g.load_run(particles.z + j) - F(at.z);
+            const F a = PerParticle && particles.support.data ? g.load_run(particles.support.data + j) : F(particles.support.uniform);
+            n = g.append(takes(present, x, y, z, a), n, [&](int k, int place) {
+                scratch.list.set(place, {Group::get(x, k) * scale, Group::get(y, k) * scale, Group::get(z, k) * scale},
+                                 j + std::uint32_t(k));
+                if constexpr (PerParticle) {
+                    const float support = Group::get(a, k) * scale;
+                    scratch.shape[place] = {1.0f / (support * support), particles.weight[j + k]};
+                }
+            });
+        }
+    });
+    return !full;
+}
+
 /// All candidates between z0 and z0 + dz into the list.
 template <bool PerParticle, class Group, class Tree>
 GB_FN Gathered gather(Walk<PerParticle, Group, Tree>& walk, float dz, float scale) {
     using F = typename Group::F;
     using B = typename Group::B;
     Group& g = walk.g;
-    const float3 at = walk.at, d = walk.bundle.d;
-    const SortedParticles& particles = walk.particles;
+    const float3 d = walk.bundle.d;
     F next = F(infinity()), nearest = next, sharpest = F(0.0f);
+    // The chord that the grown sphere cuts from the axis.
+    const auto meets = [&](const B& present, const F& x, const F& y, const F& z, const F& a) {
+        const F s = x * F(d.x) + y * F(d.y) + z * F(d.z);
+        const F grown = a + radius_at(walk.bundle, F(walk.z0) + s + a);
+        const F chord2 = grown * grown - (x * x + y * y + z * z - s * s);
+        const F chord = quick_root(max(chord2, F(0.0f)));
+        const B hit = present & (chord2 >= F(0.0f)) & (s + chord >= F(0.0f)) & (a > F(0.0f));
+        const B far = s - chord > F(dz);
+        next = select(hit & far, min(next, s - chord), next);
+        const B take = hit & !far;
+        nearest = select(take, min(nearest, s - chord), nearest);
+        if constexpr (PerParticle) sharpest = max(sharpest, select(take, F(1.0f) / (a * F(scale)), F(0.0f)));
+        return take;
+    };
     int n = 0;
-    bool full = false;
+    bool room = true;
     walk(
         [&](const F& enter, const B& met) {
             const B near = enter <= F(dz);
@@ -186,46 +158,13 @@ GB_FN Gathered gather(Walk<PerParticle, Group, Tree>& walk, float dz, float scal
             return met & near;
         },
         [&](const B& leaves, const F&, const Boxes<Group>& boxes) {
-            g.each(leaves, [&](int lane) {
-                const std::uint32_t begin = Group::pick(boxes.first, lane);
-                const std::uint32_t end = begin + Node::count(Group::pick(boxes.meta, lane));
-                for (std::uint32_t j = begin; j < end && !full; j += Group::width) {
-                    if (n + Group::width > Group::list_capacity) {
-                        full = true;
-                        break;
-                    }
-                    const B present = g.first_lanes(int(min<std::uint32_t>(end - j, Group::width)));
-                    const F x = g.load_run(particles.x + j) - F(at.x);
-                    const F y = g.load_run(particles.y + j) - F(at.y);
-                    const F z = g.load_run(particles.z + j) - F(at.z);
-                    const F a = PerParticle && particles.support.data ? g.load_run(particles.support.data + j)
-                                                                      : F(particles.support.uniform);
-                    // The chord that the grown sphere cuts from the axis.
-                    const F s = x * F(d.x) + y * F(d.y) + z * F(d.z);
-                    const F grown = a + radius_at(walk.bundle, F(walk.z0) + s + a);
-                    const F chord2 = grown * grown - (x * x + y * y + z * z - s * s);
-                    const F chord = quick_root(max(chord2, F(0.0f)));
-                    const B hit = present & (chord2 >= F(0.0f)) & (s + chord >= F(0.0f)) & (a > F(0.0f));
-                    const B far = s - chord > F(dz);
-                    next = select(hit & far, min(next, s - chord), next);
-                    const B take = hit & !far;
-                    nearest = select(take, min(nearest, s - chord), nearest);
-                    if constexpr (PerParticle) sharpest = max(sharpest, select(take, F(1.0f) / (a * F(scale)), F(0.0f)));
-                    n = g.append(take, n, [&](int k, int place) {
-                        walk.scratch.list.set(place, {Group::get(x, k) * scale, Group::get(y, k) * scale,
-                                                      Group::get(z, k) * scale}, j + std::uint32_t(k));
-                        if constexpr (PerParticle) {
-                            const float support = Group::get(a, k) * scale;
-                            walk.scratch.shape[place] = {1.0f / (support * support), particles.weight[j + k]};
-                        }
-                    });
-                }
-            });
-            return !full;
+            room = list_particles(g, walk.scratch, walk.particles, walk.at, scale, leaves, boxes, n, meets);
+            return room;
         });
     g.sync();
-    if (full) return {-1};
-    return {n, walk.z0 + g.smallest(next), walk.z0 + g.smallest(nearest), PerParticle ? g.largest(sharpest) * particles.most_stretch : 1.0f};
+    if (!room) return {-1};
+    return {n, walk.z0 + g.smallest(next), walk.z0 + g.smallest(nearest),
+            PerParticle ? g.largest(sharpest) * walk.particles.most_stretch : 1.0f};
 }
 
 }  // namespace globule::core

@@ -1,14 +1,23 @@
 // What the tracers write.
 #pragma once
 #include "base/vec.hpp"
+#include "exec/bits.hpp"
 
 namespace globule::core {
+
+/// The rays that a trace leaves to trace/resolve.hpp, in no particular order: each is decided by itself.
+struct UndecidedRays {
+    std::uint32_t* n = nullptr;     ///< how many so far; cleared by the caller
+    std::uint32_t* ray = nullptr;   ///< room for all rays of the trace
+    GB_FN void add(std::size_t i) const { ray[atomic_take(n, 1)] = std::uint32_t(i); }
+};
 
 /// Per ray, caller's memory; t is infinite where nothing is hit.
 struct Hits {
     float* t;        ///< distance along the ray; undecided(t): no root before t, the rest is open
     float* normal;   ///< (n, 3) -grad f / |grad f|; null: distances alone are wanted
     float* albedo;   ///< (n, 3) blended colour
+    UndecidedRays undecided{};
 };
 
 /// Marks a ray that only float64 can decide, from t on; its own inverse.

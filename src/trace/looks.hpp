@@ -1,7 +1,7 @@
 // What a point of the surface, or of a cut face, looks like: gradient and blended attributes.
 #pragma once
 #include "octree/query.hpp"
-#include "trace/first_hit.hpp"
+#include "trace/cell_tracer.hpp"
 
 namespace globule::core {
 
@@ -13,83 +13,74 @@ struct Attributes {
     GB_FN bool uniform() const { return !color && !reflection.data && !refraction.data; }
 };
 
-/// At a point: gradient of the field over 1 / typical support, and attributes blended by influence:
-/// sum w v / sum w, w = max(c b, 0) (§6.0.2).
+/// At a point: half the gradient of the field, over 1 / typical support or the world's unit of length, and attributes
+/// blended by influence.
 struct Looks {
     float3 gradient{0, 0, 0}, color{0, 0, 0};
     float reflection = 0, refraction = 0;
-    float total = 0;
+};
 
-    GB_FN void add(const Attributes& a, std::uint32_t particle, float w) {
-        total += w;
-        if (a.color) {
-            const float* own = a.color + std::size_t(3) * particle;
-            color = color + float3{own[0], own[1], own[2]} * w;
-        }
-        if (a.reflection.data) reflection += w * a.reflection.data[particle];
-        if (a.refraction.data) refraction += w * a.refraction.data[particle];
+/// The sums that give a point's attributes.
+struct BlendedAttributes {
+    const Attributes& of;
+    BlendedColor<float> color;
+    float reflection = 0, refraction = 0;
+
+    GB_FN explicit BlendedAttributes(const Attributes& attributes) : of(attributes) {}
+    GB_FN void add(std::uint32_t particle, float w) {
+        color.add(of.color, particle, w);
+        if (of.reflection.data) reflection += w * of.reflection.data[particle];
+        if (of.refraction.data) refraction += w * of.refraction.data[particle];
     }
-    GB_FN void finish(const Attributes& a) {
-        const float scale = 1.0f / max(total, 1e-30f);
-        color = a.color ? color * scale : a.one_color;
-        reflection = a.reflection.data ? reflection * scale : a.reflection.uniform;
-        refraction = a.refraction.data ? refraction * scale : a.refraction.uniform;
+    GB_FN Looks with(const float3& gradient) const {
+        const float scale = color.scale();
+        return {gradient, of.color ? color.sum * scale : of.one_color, of.reflection.data ? reflection * scale : of.reflection.uniform,
+                of.refraction.data ? refraction * scale : of.refraction.uniform};
     }
 };
 
+/// From a cell's list, whose particles the lanes share out.
 template <class Tracer>
-GB_FN Looks looks_at(const Tracer& tracer, const Attributes& attributes, const float3& o, const float3& d, float t) {
+GB_FN Looks looks_in_cell(const Tracer& tracer, const Attributes& attributes, const typename Tracer::Source& source) {
     using Lanes = typename Tracer::Lanes;
     using F = typename Lanes::F;
-    constexpr bool PerParticle = Tracer::PerParticle;
-    Looks out;
+    BlendedAttributes blended(attributes);
+    const Vec3<F> p{F(source.p0.x), F(source.p0.y), F(source.p0.z)};
+    Vec3<F> gradient{F(0.0f), F(0.0f), F(0.0f)};
+    for (int j = 0; j < source.n_blocks; ++j) {
+        const float* block = source.block(j);
+        Vec3<F> q;
+        Lanes::load(block, q.x, q.y, q.z);
+        const Influence<F> of = source.influence_at(block, p - q);
+        gradient = gradient + of.half_gradient;
+        if (!attributes.uniform())
+            Lanes::where_positive(of.value, [&](int lane) {
+                blended.add(tracer.particles.index[Lanes::slot(block, lane)], Lanes::get(of.value, lane));
+            });
+    }
+    return blended.with({Lanes::sum(gradient.x), Lanes::sum(gradient.y), Lanes::sum(gradient.z)});
+}
+
+/// From the octree: where a cell has no list because the medium fills it, at a cut face.
+template <class Tracer>
+GB_FN Looks looks_by_tree(const Tracer& tracer, const Attributes& attributes, const float3& p) {
+    BlendedAttributes blended(attributes);
+    float3 gradient{0, 0, 0};
+    for_each_reaching(tracer.tree, tracer.particles, p, [&](std::uint32_t j, const float3& v, const SortedShape<float>& shape) {
+        const Influence<float> of = influence(tracer.kernel, shape, v, tracer.particles.weight[j]);
+        gradient = gradient + of.half_gradient;
+        blended.add(tracer.particles.index[j], max(of.value, 0.0f));
+    });
+    return blended.with(gradient);
+}
+
+template <class Tracer>
+GB_FN Looks looks_at(const Tracer& tracer, const Attributes& attributes, const float3& o, const float3& d, float t) {
     const CellWalk walk(*tracer.cells.grid, o, d, t);
     bool whole_brick = true;
     const CellList list = walk.inside() ? tracer.list_of(walk, whole_brick) : CellList{kEmpty, 0, 0, 0};
-    if (list.n) {
-        const auto source = tracer.source(list, tracer.in_cell(walk, o, t), d);
-        const Vec3<F> p{F(source.p0.x), F(source.p0.y), F(source.p0.z)};
-        Vec3<F> gradient{F(0.0f), F(0.0f), F(0.0f)};
-        for (int j = 0; j < source.n_blocks; ++j) {
-            const float* block = source.block(j);
-            Vec3<F> q;
-            Lanes::load(block, q.x, q.y, q.z);
-            const Vec3<F> r = p - q;
-            F i2(1.0f), c(1.0f), b, slope;
-            if constexpr (PerParticle) {
-                i2 = Lanes::load(block + 4 * Lanes::width);
-                c = Lanes::load(block + 5 * Lanes::width);
-            }
-            if constexpr (Tracer::Kernel::stretched) {
-                const Sym3<F> m = source.matrix(block);
-                const Vec3<F> w = m * r;
-                tracer.kernel(min(dot(w, w), F(1.0f)), b, slope);
-                gradient = gradient + (m * w) * (slope * c);
-            } else {
-                tracer.kernel(min(dot(r, r) * i2, F(1.0f)), b, slope);
-                gradient = gradient + r * (slope * c * i2);
-            }
-            if (!attributes.uniform())
-                Lanes::where_positive(b * c, [&](int lane) {
-                    out.add(attributes, tracer.particles.index[Lanes::slot(block, lane)], Lanes::get(b * c, lane));
-                });
-        }
-        out.gradient = {Lanes::sum(gradient.x), Lanes::sum(gradient.y), Lanes::sum(gradient.z)};
-    } else {
-        // No list where the medium fills the cell: a cut face.
-        const float3 p = o + d * t;
-        for_each_touching(tracer.tree, p, p, [&](std::uint32_t j) {
-            const float3 r = p - tracer.particles.position(j);
-            const float c = tracer.particles.weight[j], x = tracer.particles.x_at(j, r);
-            if (!(x < 1.0f)) return;
-            float b, slope;
-            tracer.kernel(x, b, slope);
-            out.gradient = out.gradient + tracer.particles.half_gradient(j, r) * (slope * c);
-            out.add(attributes, tracer.particles.index[j], max(c * b, 0.0f));
-        });
-    }
-    out.finish(attributes);
-    return out;
+    if (list.n == 0) return looks_by_tree(tracer, attributes, o + d * t);
+    return looks_in_cell(tracer, attributes, tracer.source(list, tracer.in_cell(walk, o, t), d));
 }
 
 }  // namespace globule::core

@@ -8,6 +8,9 @@
 // quadratic, as Newton's; near a tangency the steps shrink and grow again with sqrt(g).  A ray whose
 // gap falls inside float32's own error without a certain crossing is finished in float64.
 //
+// Guaranteed roots from bounds: Kalra & Barr (1989) bound f' and f'' to halve a ray into pieces with one root
+// at most, Hart (1996) makes a bound on |f'| a step.  Here the bound on f'' is the step, so that it heeds the slope.
+//
 // Rays that begin inside (f > tau) look for the exit by the same walk with the sign turned.
 #pragma once
 #include "octree/query.hpp"
@@ -80,6 +83,7 @@ GB_FN void add_stretched(Along<F>& sum, const Kernel& kernel, const Sym3<F>& m, 
     const F speed2 = dot(e, e);
     add_along<true, Bounds, Tight>(sum, kernel, dot(w, w), dot(w, e) / speed2, speed2, c, lim);
 }
+
 /// Candidates from the tile's list.
 template <bool PerParticle, class Group, class Kernel>
 struct ListSource {

@@ -1,6 +1,6 @@
-// Numbers for sampling: the additive recurrence of the plastic number, its order shuffled and its start
-// shifted by a hash of pixel and stream, so that any power of two of a pixel's samples is well spread,
-// streams are independent of one another, and every backend gets the same.
+// Numbers for sampling: the additive recurrence of the plastic number (R2, Roberts 2018), its order shuffled
+// and its start shifted by a hash of pixel and stream, so that any power of two of a pixel's samples is well
+// spread, streams are independent of one another, and every backend gets the same.
 #pragma once
 #include "base/vec.hpp"
 
@@ -41,8 +41,8 @@ GB_FN Pair sample(std::uint32_t pixel, std::uint32_t stream, std::uint32_t k) {
     return {float((a + k * 3242174889u) >> 8) * 0x1p-24f, float((b + k * 2447445414u) >> 8) * 0x1p-24f};
 }
 
-/// Two unit vectors that make a right-handed frame with n.  Duff et al. 2017
-GB_FN void frame_of(const float3& n, float3& s, float3& t) {
+/// Two unit vectors that with n make a right-handed set of axes.  Duff et al. 2017
+GB_FN void tangents(const float3& n, float3& s, float3& t) {
     const float sign = n.z >= 0.0f ? 1.0f : -1.0f, a = -1.0f / (sign + n.z), b = n.x * n.y * a;
     s = {1.0f + sign * n.x * n.x * a, sign * b, -sign * n.x};
     t = {b, sign + n.y * n.y * a, -n.y};
@@ -51,7 +51,7 @@ GB_FN void frame_of(const float3& n, float3& s, float3& t) {
 /// Direction about n, density cosine / pi.
 GB_FN float3 cosine_direction(const float3& n, const Pair& at) {
     float3 s, t;
-    frame_of(n, s, t);
+    tangents(n, s, t);
     const float r = sqrt(at.u), angle = 6.2831853f * at.v;
     return normalize(s * (r * cosf(angle)) + t * (r * sinf(angle)) + n * sqrt(max(1.0f - at.u, 0.0f)));
 }

@@ -1,10 +1,11 @@
 // The last word on rays that float32 could not decide: those that graze the surface within 1e-5 of
 // the threshold, and those in places where more supports overlap than a list holds.  A whole group
-// works on one such ray at a time, its lanes sharing out the candidates, all sums in float64.  Passing
-// over all rays, it also clears the images where nothing was hit.
+// works on one such ray at a time, its lanes sharing out the candidates, all sums in float64.
 #pragma once
+#include "trace/camera.hpp"
 #include "trace/clip.hpp"
-#include "trace/tile.hpp"
+#include "trace/march.hpp"
+#include "trace/slab.hpp"
 
 namespace globule::core {
 
@@ -51,6 +52,7 @@ struct TreeSource {
     }
 };
 
+/// Tile k is the k-th of out.undecided.
 template <class Tree, bool PerParticle>
 struct ResolveRays {
     template <class Group>
@@ -69,24 +71,8 @@ struct ResolveRays {
     std::int32_t* cap = nullptr;       ///< with clips: where a cut face is met, its clip
 
     template <class Group>
-    std::size_t n_tiles() const { return ceil_div<std::size_t>(rays.n, Group::width); }
-
-    template <class Group>
-    GB_FN void operator()(Group& g, Scratch<Group>& scratch, std::size_t tile) const {
-        typename Group::B open = g.none();
-        g.per_lane(g.first_lanes(Group::width), [&](int lane) {
-            const std::size_t i = tile * Group::width + lane;
-            if (i >= rays.n) return;
-            Group::put(open, lane, out.t[i] < 0.0f);
-            if (out.t[i] < infinity() || !out.normal) return;
-            write3(out.normal, i, {0, 0, 0});
-            write3(out.albedo, i, {0, 0, 0});
-        });
-        g.each(open, [&](int lane) { resolve(g, scratch, tile * Group::width + lane); });
-    }
-
-    template <class Group>
-    GB_FN void resolve(Group& g, Scratch<Group>& scratch, std::size_t i) const {
+    GB_FN void operator()(Group& g, Scratch<Group>& scratch, std::size_t k) const {
+        const std::size_t i = out.undecided.ray[k];
         float3 o, d;
         rays.get(i, o, d);
         int n = 0;
@@ -98,14 +84,23 @@ struct ResolveRays {
         }
         const Vec3<double> p{o.x + t * d.x, o.y + t * d.y, o.z + t * d.z};
         const bool hit = t < infinity();
-        double s[7] = {};  // gradient, colour, influence
+        Vec3<double> gradient{0, 0, 0};
+        BlendedColor<double> blended;
+        const auto add = [&](std::uint32_t slot) {
+            if_reaching(particles, slot, p, [&](const Vec3<double>& v, const SortedShape<double>& shape) {
+                const Influence<double> of = influence(kernel, shape, v, double(particles.weight[slot]));
+                gradient = gradient + of.half_gradient;
+                blended.add(color, particles.index[slot], max(of.value, 0.0));
+            });
+        };
         if (hit && n > 0)
-            g.share(n, [&](int j) { influence(s, scratch.list.number(j), p); });
+            g.share(n, [&](int j) { add(scratch.list.number(j)); });
         else if (hit)
             for_each_leaf(tree, point(p), point(p), [&](std::uint32_t first, std::uint32_t count) {
-                g.share(count, [&](int j) { influence(s, first + j, p); });
+                g.share(count, [&](int j) { add(first + j); });
             });
-        for (double& v : s) v = g.total(v);
+        gradient = total(g, gradient);
+        blended = {total(g, blended.sum), g.total(blended.total)};
         if (!g.is_first()) return;  // one lane writes
         out.t[i] = float(t);
         if (!hit) {
@@ -113,30 +108,13 @@ struct ResolveRays {
             write3(out.albedo, i, {0, 0, 0});
             return;
         }
-        const Vec3<double> normal = normalize(Vec3<double>{s[0], s[1], s[2]});
-        write3(out.normal, i, point(normal * -1.0));
-        write3(out.albedo, i, color ? point(Vec3<double>{s[3], s[4], s[5]} * (1.0 / max(s[6], 1e-30))) : one_color);
+        write3(out.normal, i, point(normalize(gradient) * -1.0));
+        write3(out.albedo, i, color ? point(blended.mean()) : one_color);
     }
 
     GB_FN static float3 point(const Vec3<double>& p) { return {float(p.x), float(p.y), float(p.z)}; }
-
-    /// Adds one particle's share of the gradient and the blended colour at p.
-    GB_FN void influence(double* s, std::uint32_t slot, const Vec3<double>& p) const {
-        const Vec3<double> v{p.x - particles.x[slot], p.y - particles.y[slot], p.z - particles.z[slot]};
-        const double x = particles.x_at(slot, v);
-        if (!(x < 1.0)) return;
-        double b, slope;
-        kernel(x, b, slope);
-        const double c = particles.weight[slot], w = max(c * b, 0.0);
-        const Vec3<double> pull = particles.half_gradient(slot, v) * (c * slope);
-        s[0] += pull.x;
-        s[1] += pull.y;
-        s[2] += pull.z;
-        s[6] += w;
-        if (!color) return;
-        const float* own = color + std::size_t(3) * particles.index[slot];
-        for (int k = 0; k < 3; ++k) s[3 + k] += w * own[k];
-    }
+    template <class Group>
+    GB_FN static Vec3<double> total(const Group& g, const Vec3<double>& v) { return {g.total(v.x), g.total(v.y), g.total(v.z)}; }
 
     /// First root or cut face of ray i, from where it is undecided, through what the clips keep.
     template <class Group>
@@ -176,7 +154,7 @@ struct ResolveRays {
     template <class Group>
     GB_FN double solve(Group& g, Scratch<Group>& scratch, const float3& o, const float3& d, double from, double to,
                        double side, int& n) const {
-        const float typical = tree.header->typical_support, scale = 1.0f / typical;
+        const float typical = tree.header->typical_support;
         const Vec3<double> o2{o.x, o.y, o.z}, d2{d.x, d.y, d.z};
         const TreeSource<Tree, Group> straight{g, tree, particles, kernel, o2, d2};
         const double size = double(tau) + tree.header->most_weight;
@@ -184,39 +162,26 @@ struct ResolveRays {
         const Node box = tree.node(0);
         if (side != 0.0) lim.sign = side;
         else if (morton::is_inside(o, box.lo, box.hi) && straight.template at<false>(0.0, lim).f > tau) lim.sign = -1.0;
-        const Bundle ray = bundle_of(o, d, 0.0f, 0.0f);
-        float z = float(from), dz = typical;
-        while (z < to) {
-            dz = max(dz, least_advance(z));
-            const float3 at{o.x + z * d.x, o.y + z * d.y, o.z + z * d.z};
-            Walk<PerParticle, Group, Tree> walk(g, scratch, tree, particles, ray, z, at);
-            const Gathered found = gather(walk, dz, scale);
-            if (found.n < 0 && dz > max(typical * (1.0f / 64.0f), 2.0f * least_advance(z))) {
-                dz *= 0.5f;
-                continue;
-            }
+        const Bundle ray = bundle_around(o, d, 0.0f, 0.0f);
+        Slab slab(float(from), typical, 1.0f);
+        while (slab.z < to) {
+            const Gathered found = gather_slab(g, scratch, tree, particles, ray, slab, [] { return false; });
             if (found.n == 0) {
-                z = found.next;
-                dz = typical;
+                slab.skip_to(found.next);
                 continue;
             }
-            const float smallest = found.n > 0 ? typical / found.sharpest : typical;
-            if (dz > max(kMaxWindows * smallest, least_advance(z))) {
-                dz = 0.5f * kMaxWindows * smallest;
-                continue;
-            }
+            const float smallest = typical / found.sharpest;
             lim.window = kWindow * smallest;
             lim.least_step = 1e-12 * smallest;
-            double t = max(from, double(z));
+            double t = max(from, double(slab.z));
             bool hit;
             if (found.n > 0)
-                hit = search(SharedListSource<PerParticle, Group>{g, scratch, found.n, particles, kernel, o2, d2}, lim, t, z + dz);
+                hit = search(SharedListSource<PerParticle, Group>{g, scratch, found.n, particles, kernel, o2, d2}, lim, t, slab.end());
             else
-                hit = search(straight, lim, t, z + dz);
+                hit = search(straight, lim, t, slab.end());
             n = max(found.n, 0);
             if (hit) return t < to ? t : infinity();
-            z += dz;
-            dz = min(max(typical, smallest), 2.0f * dz);
+            slab.step(smallest, true);
         }
         return infinity();
     }

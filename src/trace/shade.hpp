@@ -1,7 +1,9 @@
-// The picture where light makes no more turns: Lambert and Blinn-Phong, no shadows.  One kernel over
+// The picture where light makes no more turns: Lambert and Blinn-Phong, no shadows.  One pass over
 // the hits; trace/wave.hpp does everything else.
 #pragma once
-#include "trace/wave.hpp"
+#include "trace/camera.hpp"
+#include "trace/hits.hpp"
+#include "trace/lighting.hpp"
 
 namespace globule::core {
 

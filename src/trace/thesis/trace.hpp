@@ -4,7 +4,7 @@
 #include "trace/thesis/bezier.hpp"
 #include "trace/thesis/march_thresholds.hpp"
 #include "trace/thesis/normals.hpp"
-#include "trace/tile.hpp"
+#include "trace/tile_rays.hpp"
 
 namespace globule::core::thesis {
 
@@ -52,35 +52,22 @@ struct TraceRays {
     struct Nothing {};
     template <class Group>
     using Scratch = Nothing;
-    static constexpr int kTileWidth = 4;  ///< no wider than the narrowest group
+    template <class Group>
+    using Layout = TileLayout<4, Group::width>;  ///< no wider than the narrowest group
 
     template <class Group>
-    std::size_t n_tiles() const {
-        if (rays.origins) return ceil_div<std::size_t>(rays.n, Group::width);
-        return std::size_t(ceil_div(rays.camera.width, kTileWidth)) *
-               ceil_div(rays.rows(), ceil_div(Group::width, kTileWidth));
-    }
+    std::size_t n_tiles() const { return Layout<Group>{rays}.n_tiles(); }
 
     /// Tiles of pixels are only how rays are dealt out: each lane traces its own, alone.
     template <class Group>
     GB_FN void operator()(Group& g, Nothing&, std::size_t tile) const {
         g.per_lane(g.first_lanes(Group::width), [&](int lane) {
-            const std::size_t i = ray_index<Group>(tile, lane);
+            const std::size_t i = Layout<Group>{rays}.ray(tile, lane);
             if (i < rays.n) trace_ray(i);
         });
     }
 
 private:
-    template <class Group>
-    GB_FN std::size_t ray_index(std::size_t tile, int lane) const {
-        if (rays.origins) return tile * Group::width + lane;
-        const int across = ceil_div(rays.camera.width, kTileWidth);
-        const int x = int(tile % across) * kTileWidth + lane % kTileWidth;
-        const int y = int(tile / across) * ceil_div(Group::width, kTileWidth) + lane / kTileWidth;
-        const bool valid = x < rays.camera.width && y < rays.rows();
-        return valid ? std::size_t(y) * rays.camera.width + x : rays.n;
-    }
-
     GB_FN void trace_ray(std::size_t i) const {
         out.t[i] = infinity();
         if (work) work[i] = {};

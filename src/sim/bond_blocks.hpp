@@ -1,4 +1,4 @@
-// From compressed rows of bonds to the interleaved blocks that kernels read.
+// From compressed rows of bonds to the interleaved blocks that functors read.
 #pragma once
 #include <algorithm>
 #include <stdexcept>

@@ -1,4 +1,4 @@
-// From frames and poses to the voxels that their pixels fall into.
+// From images and poses to the voxels that their pixels fall into.
 //
 // A pose is a fixed-point affine map with 32 fractional bits, so that a pixel's voxel is found by
 // integer additions alone: no drift, no rounding, the same voxel on every machine.
@@ -21,7 +21,7 @@ GB_FN Fix floor_divide(Fix a, Fix b) {
 }
 
 template <class T>
-struct Frames {
+struct Images {
     const T* values;           ///< (n, height, width)
     const Pose* poses;         ///< (n,)
     const std::uint8_t* mask;  ///< (height, width), or null: all pixels
@@ -36,10 +36,10 @@ struct Row {
 };
 
 template <class T>
-GB_FN Row row_inside(const Frames<T>& frames, std::size_t i, const int* size) {
-    const Pose& pose = frames.poses[i / frames.height];
-    const Fix row = Fix(i % frames.height);
-    Fix first = 0, last = frames.width - 1;
+GB_FN Row row_inside(const Images<T>& images, std::size_t i, const int* size) {
+    const Pose& pose = images.poses[i / images.height];
+    const Fix row = Fix(i % images.height);
+    Fix first = 0, last = images.width - 1;
     Row out;
     for (int k = 0; k < 3; ++k) {
         const Fix start = pose.origin[k] + row * pose.y[k], step = pose.x[k];
@@ -56,7 +56,7 @@ GB_FN Row row_inside(const Frames<T>& frames, std::size_t i, const int* size) {
             last = -1;
         }
     }
-    out.first = int(min(first, Fix(frames.width)));
+    out.first = int(min(first, Fix(images.width)));
     out.last = int(max(last, Fix(-1)));
     for (int k = 0; k < 3; ++k) out.at[k] += out.first * out.step[k];
     return out;

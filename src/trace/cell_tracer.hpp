@@ -1,93 +1,16 @@
-// First crossing of the threshold on one ray, cell by cell (trace/cells.hpp), by the safe steps of
-// trace/march.hpp.  One thread a ray; on the CPU its SIMD lanes share out a cell's particles.
+// First crossing of the threshold on one ray that has no neighbours, cell by cell (trace/cells.hpp), by the safe
+// steps of trace/march.hpp.  One thread a ray; its evaluations are shared out by Lanes (exec/).
 #pragma once
-#include "trace/cells.hpp"
-#include "trace/march.hpp"
+#include "trace/block_source.hpp"
 
 namespace globule::core {
-
-/// A cell's particles along a ray: p0 + t d, relative to the cell's centre, scaled.
-template <class Lanes, class Kernel, bool PerParticle>
-struct BlockSource {
-    using F = typename Lanes::F;
-    static constexpr int kFloats = Lanes::width * block_stride(PerParticle);
-    const float* blocks;  ///< of all cells
-    std::uint32_t first;  ///< of this one's
-    int n_blocks;
-    Kernel kernel;
-    float3 p0, d;
-
-    /// f and slope at t, and with Bounds the bounds of f'' over the window from there.
-    template <bool Bounds>
-    GB_FN Along<float> at(float t, const Limits<float>& lim) const {
-        Along<F> sum{F(0.0f), F(0.0f), F(0.0f), F(0.0f)};
-        add_blocks<Bounds>(sum, 0, 1, point(t), lim);
-        return finished<Bounds>({Lanes::sum(sum.f), Lanes::sum(sum.slope), Bounds ? Lanes::sum(sum.rise) : 0.0f,
-                                 Bounds ? Lanes::sum(sum.fall) : 0.0f});
-    }
-    GB_FN float3 point(float t) const { return {p0.x + t * d.x, p0.y + t * d.y, p0.z + t * d.z}; }
-    GB_FN const float* block(int j) const { return blocks + std::size_t(first + j) * kFloats; }
-    /// Adds every `stride`th block from the `begin`th on, as seen from a point of the ray.
-    template <bool Bounds>
-    GB_FN void add_blocks(Along<F>& sum, int begin, int stride, const float3& at, const Limits<float>& lim) const {
-        const Vec3<F> p{F(at.x), F(at.y), F(at.z)}, along{F(d.x), F(d.y), F(d.z)};
-        const Limits<F> wide{F(lim.tau), F(lim.window), F(lim.error), F(lim.least_step), F(lim.sign)};
-        const float* from = block(begin);
-        for (int j = begin; j < n_blocks; j += stride, from += stride * kFloats) add_block<Bounds>(sum, from, p, along, wide);
-    }
-    /// As add_blocks of `begin` and of `begin` + 4, every eighth, each in a sum of its own, and then the two.
-    template <bool Bounds>
-    GB_FN void add_pairs(Along<F>& sum, int begin, const float3& at, const Limits<float>& lim) const {
-        const Vec3<F> p{F(at.x), F(at.y), F(at.z)}, along{F(d.x), F(d.y), F(d.z)};
-        const Limits<F> wide{F(lim.tau), F(lim.window), F(lim.error), F(lim.least_step), F(lim.sign)};
-        Along<F> other{F(0.0f), F(0.0f), F(0.0f), F(0.0f)};
-        const float* from = block(begin);
-        for (int j = begin; j < n_blocks; j += 8, from += 8 * kFloats) {
-            add_block<Bounds>(sum, from, p, along, wide);
-            add_block<Bounds>(other, from + 4 * kFloats, p, along, wide);
-        }
-        sum = {sum.f + other.f, sum.slope + other.slope, sum.rise + other.rise, sum.fall + other.fall};
-    }
-    template <bool Bounds>
-    GB_FN void add_block(Along<F>& sum, const float* from, const Vec3<F>& p, const Vec3<F>& along, const Limits<F>& wide) const {
-        Vec3<F> q;
-        Lanes::load(from, q.x, q.y, q.z);
-        if constexpr (Kernel::stretched)
-            add_stretched<Bounds, true>(sum, kernel, matrix(from), p - q, along, Lanes::load(from + 5 * Lanes::width), wide);
-        else if constexpr (PerParticle)
-            add<true, Bounds, true>(sum, kernel, p - q, along, Lanes::load(from + 4 * Lanes::width),
-                              Lanes::load(from + 5 * Lanes::width), wide);
-        else
-            add<false, Bounds, true>(sum, kernel, p - q, along, F(1.0f), F(1.0f), wide);
-    }
-    /// Matrices of a block's particles.
-    GB_FN Sym3<F> matrix(const float* block) const {
-        F m[6];
-        for (int k = 0; k < 6; ++k) m[k] = Lanes::map([&](int lane) { return kernel.component(Lanes::slot(block, lane), k); });
-        return {m[0], m[1], m[2], m[3], m[4], m[5]};
-    }
-    template <bool Bounds>
-    GB_FN Along<float> finished(Along<float> total) const {
-        total.slope *= 2.0f;
-        if constexpr (!PerParticle && Bounds) total.fall *= max(8.0f, kernel.max_fall());  // as in ListSource
-        return total;
-    }
-    /// Largest 1 / support.
-    GB_FN float sharpest() const {
-        if constexpr (!PerParticle) return 1.0f;
-        float most_i2 = 0.0f;
-        for (int j = 0; j < n_blocks; ++j)
-            most_i2 = max(most_i2, Lanes::largest(Lanes::load(block(j) + 4 * Lanes::width)));
-        return sqrt(most_i2);
-    }
-};
 
 /// How far a ray has come.
 enum class Way { on, crossed, doubtful, missed };
 
 /// A ray on its way, between two evaluations of the field: rays of a warp that are done can be replaced
 /// while others go on.
-struct RayState {
+struct CellRay {
     CellWalk walk;
     float3 o;
     float to;                      ///< how far it looks
@@ -156,7 +79,7 @@ struct CellTracer {
     }
 
     /// A ray that looks for a crossing in [from, to] and begins on a known side, or, with sign 0, anywhere.
-    GB_FN void start(RayState& ray, const float3& o, const float3& d, float from, float to, float sign) const {
+    GB_FN void start(CellRay& ray, const float3& o, const float3& d, float from, float to, float sign) const {
         ray.walk = CellWalk(*cells.grid, o, d, from);
         ray.o = o;
         ray.to = to;
@@ -167,10 +90,10 @@ struct CellTracer {
     /// One evaluation further, or some cells.  crossed, doubtful: ray.t has become the distance along the
     /// ray; doubtful: float32 cannot tell from there on.  The rays of a warp go together, those not
     /// `active` too: they lend their hands.
-    GB_FN Way advance(RayState& ray, bool active) const {
+    GB_FN Way advance(CellRay& ray, bool active) const {
         const float typical = tree.header->typical_support;
         Way way = Way::on;
-        if (active && ray.list.n == 0) way = walk_on(ray, typical);
+        if (active && ray.list.n == 0) way = walk_on(ray);
         const bool here = active && way == Way::on && ray.list.n > 0;
         Source src{cells.blocks, 0, 0, kernel, {0, 0, 0}, {0, 0, 0}};  // lanes that only help need the kernel too
         Limits<float> lim{};
@@ -200,7 +123,7 @@ struct CellTracer {
 
 private:
     /// On to a cell with a list, if there is one a few steps on.
-    GB_FN Way walk_on(RayState& ray, float typical) const {
+    GB_FN Way walk_on(CellRay& ray) const {
         CellWalk& walk = ray.walk;
         for (int k = 0; k < Lanes::cells_at_once; ++k) {
             if (!walk.inside() || !(walk.t < ray.to)) return Way::missed;

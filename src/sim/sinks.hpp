@@ -1,4 +1,4 @@
-// Where fluid leaves: regions whose fluid is taken out.
+// Sinks: regions whose fluid is taken out.
 #pragma once
 #include "sim/state.hpp"
 

@@ -1,0 +1,73 @@
+// The free surface of fluids with tension over any Exec: who is at it, its facets, and what they pull.
+#pragma once
+#include "sim/facets.hpp"
+#include "sim/particles.hpp"
+
+namespace globule::core {
+
+template <class Exec>
+class FluidSurface {
+public:
+    using Packet = typename Exec::Packet;
+    using Lists = sim::Lists<Packet>;
+
+    FluidSurface(Exec& exec, SimulationState<Exec>& state, const SimulationSettings& settings)
+        : exec_(exec), state_(state), settings_(settings), quads_(exec), words_(exec), directions_(exec) {}
+
+    /// Whether any fluid has tension.
+    bool is_there() const { return is_there_; }
+
+    /// Facets of the positions that the lists and the densities in `rows` belong to; rows are padded to so many.
+    void find(const Lists& lists, const sim::Rows& rows, std::size_t padded) {
+        is_there_ = false;
+        for (const sim::Phase& p : state_.phase_table) is_there_ |= p.kind == sim::Kind::fluid && p.tension > 0;
+        if (!is_there_) return;
+        reserve(padded);
+        const sim::State s = state_.view();
+        const float d = settings_.spacing, h = state_.spline().support;
+        exec_.clear(skin_.n_rows, 4);
+        exec_.for_each(state_.n + 1, sim::MarkSkin{s, state_.phases(), skin_, d});
+        exec_.for_each(state_.n_rows, sim::ListSteep{lists.rows, lists.count, s, state_.phases(), rows, sim::kSurfaceGradient * h / d, skin_});
+        sim::with_period(state_.period(), [&]<bool periodic>(std::bool_constant<periodic>) {
+            const sim::MarkTension<Packet, periodic> mark{lists, s, state_.period(), directions_.data(), 1.0f / d, state_.phases(), skin_};
+            const sim::FindFacets<Packet, periodic> facets{lists, skin_, state_.period(), directions_.data(), d};
+            exec_.for_each_tile_of(skin_.n_rows, mark);
+            exec_.for_each_tile_of(skin_.n_rows, facets);
+        });
+    }
+    /// Adds tension's accelerations to those of the rows.
+    void pull(const Lists& lists, const sim::Rows& rows, Quad* acceleration) {
+        sim::with_period(state_.period(), [&]<bool periodic>(std::bool_constant<periodic>) {
+            const sim::PullSurface<Packet, periodic> pull{lists, state_.view().place, skin_, rows.inverse_rho, state_.period(),
+                                                          sim::kSurfaceOffset * settings_.spacing, 1.0f / state_.volume(), acceleration};
+            exec_.for_each(state_.n_rows, pull);
+        });
+    }
+
+private:
+    void reserve(std::size_t padded) {
+        Quad* quads = quads_.reserve(2 * (state_.n + 64));
+        constexpr std::size_t words = 2 * sim::kMostFacets + 2 + sim::kDirections / 32;
+        std::uint32_t* word = words_.reserve(words * padded + 1);
+        const auto take = [&](std::size_t n) {
+            std::uint32_t* taken = word;
+            word += n * padded;
+            return taken;
+        };
+        skin_ = {quads, quads + state_.n + 64, take(2 * sim::kMostFacets), take(1), take(sim::kDirections / 32), take(1), word, padded};
+        if (directions_.data()) return;
+        const sim::Directions directions;
+        exec_.upload(directions_.reserve(1), &directions, sizeof directions);
+    }
+
+    Exec& exec_;
+    SimulationState<Exec>& state_;
+    const SimulationSettings& settings_;
+    bool is_there_ = false;
+    sim::Skin skin_{};
+    Buffer<Quad, Exec> quads_;
+    Buffer<std::uint32_t, Exec> words_;
+    Buffer<sim::Directions, Exec> directions_;
+};
+
+}  // namespace globule::core

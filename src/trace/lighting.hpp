@@ -1,0 +1,70 @@
+// What a picture's light is made of: lights, sky, ground, and how surfaces send it on.
+#pragma once
+#include "trace/light.hpp"
+#include "trace/material.hpp"
+#include "trace/random.hpp"
+#include "trace/sky.hpp"
+
+namespace globule::core {
+
+inline constexpr int kMaxLayers = 4;
+inline constexpr std::uint32_t kBelowGround = 1u << 31;  ///< among a ray's `inside`
+
+/// A plane below the scene.
+struct Ground {
+    bool present;
+    float3 normal;
+    float offset;           ///< points with dot(normal, p) == offset
+    float3 color, other;    ///< of a checkerboard's two kinds of field
+    float field;            ///< edge of one, world
+    float reflection;
+
+    /// Where a ray that begins above or below it meets it.  It lets nothing through: the side is the primary ray's,
+    /// and no rounding lets a ray meet it where that has been mirrored, or pass where a cut face lies in it.
+    GB_FN float meet(const float3& o, const float3& d, std::uint32_t inside) const {
+        const float speed = dot(normal, d);
+        return (inside & kBelowGround ? speed > 0.0f : speed < 0.0f) ? max((offset - dot(normal, o)) / speed, 0.0f) : infinity();
+    }
+};
+
+/// Everything that says how light goes on.
+struct Lighting {
+    Light lights[kMaxLights];
+    int n_lights;
+    bool shadows;
+    int ambient_rays;         ///< per sample
+    float ambient_distance;   ///< world
+    bool sky_light;           ///< ambient light is the sky's, else `ambient`
+    float3 ambient;
+    float3 background;
+    bool show_sky;            ///< behind the scene, instead of the background
+    Sky sky;
+    Ground ground;
+    Material materials[kMaxLayers];
+    int bounces;              ///< mirrored and transmitted generations
+    float cutoff;             ///< smallest weight that is followed
+    float exposure;
+
+    GB_FN bool casts(int k) const { return shadows && lights[k].kind != LightKind::head; }
+    GB_FN int n_visibilities() const {
+        int n = ambient_rays;
+        for (int k = 0; k < n_lights; ++k) n += casts(k);
+        return n;
+    }
+    /// Direction and distance from p to light k, somewhere on its face.
+    GB_FN void towards(int k, const float3& p, const Pair& at, float3& l, float& distance) const {
+        const Light& light = lights[k];
+        float3 to = light.kind == LightKind::point ? light.place - p : light.place;
+        distance = light.kind == LightKind::point ? length(to) : infinity();
+        l = normalize(to);
+        if (light.size > 0.0f) {
+            float3 s, t;
+            tangents(l, s, t);
+            const Pair on = disc(at);
+            const float radius = light.kind == LightKind::point ? light.size / max(distance, 1e-20f) : light.size;
+            l = normalize(l + s * (on.u * radius) + t * (on.v * radius));
+        }
+    }
+};
+
+}  // namespace globule::core

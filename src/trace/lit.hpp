@@ -1,0 +1,91 @@
+// The light that a wave's hits send to their pixels.
+#pragma once
+#include "exec/bits.hpp"
+#include "trace/wave_rays.hpp"
+
+namespace globule::core {
+
+/// Radiance of a pixel in units of 2^-32, so that the order of additions cannot change a bit.
+GB_FN void accumulate(std::uint64_t* sum, std::uint32_t pixel, const float3& c) {
+    const float v[3] = {c.x, c.y, c.z};
+    for (int k = 0; k < 3; ++k)
+        if (v[k] > 0.0f) atomic_add(sum + std::size_t(3) * pixel + k, std::uint64_t(min(v[k], 1048576.0f) * 4294967296.0f));
+}
+
+/// The light that leaves each hit towards its ray, and how many rays go on from there.
+struct Lit {
+    Lighting lighting;
+    WaveRays rays;
+    WaveHits hits;
+    const float* visibility;
+    int generation;
+    std::uint64_t* sum;
+    std::uint32_t first_pixel;   ///< that `sum` begins with
+    std::uint32_t* n_children;   ///< (2 items,) mirrored, then transmitted: rays of a kind stay together
+
+    GB_FN void operator()(std::size_t item) const {
+        const std::size_t i = rays.source.swizzled(item), items = rays.source.n_items();
+        n_children[item] = n_children[items + item] = 0;
+        if (i >= rays.source.n) return;
+        float3 o, d;
+        rays.source.get(i, o, d);
+        float3 weight = rays.throughput_of(i);
+        const std::uint32_t pixel = rays.pixel_of(i) - first_pixel;
+        if (hits.layer[i] == kMissed) {
+            accumulate(sum, pixel, weight * (rays.primary() && !lighting.show_sky ? lighting.background : lighting.sky(d)));
+            return;
+        }
+        const Point h = point_of(lighting, rays, hits, i);
+        weight = weight * attenuation(lighting, rays, hits, i);
+        accumulate(sum, pixel, weight * matte(h, i));
+        if (h.split.mirror > 0.0f) go_on(weight * h.split.mirror, mirrored(h.d, h.normal), pixel, item);
+        if (largest(h.split.through) > 0.0f)
+            go_on(weight * h.split.through, refracted(h.d, h.normal, h.split.eta), pixel, items + item);
+    }
+
+    /// What Beer's law leaves of the light on the way to the hit.
+    GB_FN static float3 attenuation(const Lighting& lighting, const WaveRays& rays, const WaveHits& hits, std::size_t i) {
+        float3 left{1, 1, 1};
+        for (int k = 0; k < kMaxLayers; ++k) {
+            if (rays.inside[i] >> k & 1) left = left * beer(lighting.materials[k], hits.t[i]);
+        }
+        return left;
+    }
+
+private:
+    GB_FN float3 matte(const Point& h, std::size_t i) const {
+        const std::size_t n = rays.source.n;
+        const std::uint32_t pixel = rays.pixel_of(i);
+        const bool ground = hits.layer[i] == kGround;
+        const float specular = ground ? 0.0f : h.material->specular, share = h.split.matte;
+        float3 c{0, 0, 0};
+        int which = 0;
+        if (lighting.ambient_rays == 0) c = (lighting.sky_light ? lighting.sky.blurred(h.normal) : lighting.ambient) * h.albedo * share;
+        for (; which < lighting.ambient_rays; ++which) {
+            float3 light = lighting.ambient;
+            if (lighting.sky_light)
+                light = lighting.sky(cosine_direction(h.normal, sample(pixel, 8, rays.source.pass * std::uint32_t(lighting.ambient_rays) + which)));
+            c = c + light * h.albedo * (share * visibility[which * n + i] / float(lighting.ambient_rays));
+        }
+        for (int k = 0; k < lighting.n_lights; ++k) {
+            float3 l = h.d * -1.0f;
+            float seen = 1.0f, distance;
+            if (lighting.lights[k].kind != LightKind::head) {
+                lighting.towards(k, h.p, sample(pixel, 16 + which, rays.source.pass), l, distance);
+            } else if (!rays.primary()) {
+                const CameraRays& camera = rays.source.camera;
+                l = camera.orthographic ? camera.forward * -1.0f : normalize(camera.eye - h.p);
+            }
+            if (lighting.casts(k)) seen = visibility[which++ * n + i];
+            c = c + reflected_light(h.albedo * share, specular, h.material->shininess, h.normal, h.d, l, lighting.lights[k].radiance) * seen;
+        }
+        return c;
+    }
+    /// Counts a child, or where it is not worth following ends it in the sky.
+    GB_FN void go_on(const float3& weight, const float3& d, std::uint32_t pixel, std::size_t child) const {
+        if (generation < lighting.bounces && largest(weight) >= lighting.cutoff) n_children[child] = 1;
+        else accumulate(sum, pixel, weight * lighting.sky(d));
+    }
+};
+
+}  // namespace globule::core

@@ -1,0 +1,111 @@
+// From a wave's rays to its hits: the nearest of all layers and the ground, and what it looks like.
+#pragma once
+#include "trace/cut.hpp"
+#include "trace/looks.hpp"
+#include "trace/wave_rays.hpp"
+
+namespace globule::core {
+
+/// Rays to their first crossing of one layer.
+template <class Tracer, bool clipped>
+struct March {
+    Cut<Tracer, clipped> cut;
+    WaveRays rays;
+    int layer;
+    LayerHits out;
+    struct State {
+        typename Cut<Tracer, clipped>::State of;
+        Way way;
+        std::size_t i;
+    };
+    GB_FN bool begin(std::size_t k, State& s) const {
+        s.i = rays.source.swizzled(k);
+        if (s.i >= rays.source.n) return false;
+        float3 o, d;
+        rays.source.get(s.i, o, d);
+        const float sign = rays.primary() ? 0.0f : rays.inside[s.i] >> layer & 1 ? -1.0f : 1.0f;
+        s.of.ray.sign = 1.0f;
+        s.way = cut.start(s.of, o, d, rays.primary() ? 0.0f : kStart * cut.tracer.tree.header->typical_support, infinity(), sign);
+        return true;
+    }
+    GB_FN bool advance(State& s, bool active) const {
+        const Way way = cut.advance(s.of, active && s.way == Way::on);
+        if (active && s.way == Way::on) s.way = way;
+        return active && s.way == Way::on;
+    }
+    GB_FN void end(const State& s) const {
+        const float t = s.of.ray.t;
+        out.t[s.i] = s.way == Way::missed ? infinity() : s.way == Way::doubtful ? undecided(t) : t;
+        if (s.way == Way::doubtful) out.undecided.add(s.i);
+        out.cap[s.i] = s.way == Way::crossed ? s.of.cap : -1;
+        out.sign[s.i] = std::int8_t((s.of.ray.sign > 0.0f) - (s.of.ray.sign < 0.0f));
+    }
+};
+
+/// The nearest of the layers so far, and what it looks like.
+template <class Tracer>
+struct Keep {
+    Tracer tracer;
+    Clips clips;
+    Attributes attributes;
+    WaveRays rays;
+    int layer;
+    LayerHits found;
+    WaveHits out;
+    GB_FN void operator()(std::size_t k) const {
+        const std::size_t i = rays.source.swizzled(k);
+        if (i >= rays.source.n) return;
+        if (rays.primary() && layer == 0) rays.inside[i] = 0;
+        const float t = found.t[i];
+        // A camera may stand inside.
+        if (rays.primary() && found.sign && t < infinity() && found.sign[i] < 0) rays.inside[i] |= 1u << layer;
+        if (layer == 0) {
+            out.t[i] = infinity();
+            out.layer[i] = kMissed;
+            if (!(t < infinity())) {
+                write3(out.normal, i, {0, 0, 0});
+                write3(out.albedo, i, {0, 0, 0});
+            }
+        }
+        if (!(t < out.t[i])) return;
+        float3 o, d;
+        rays.source.get(i, o, d);
+        const Looks looks = looks_at(tracer, attributes, o, d, t);
+        const std::int32_t cap = found.cap ? found.cap[i] : -1;
+        const float3 normal = cap < 0 ? normalize(looks.gradient) * -1.0f : clips.clips[cap].normal(o + d * t);
+        if (rays.primary() && !found.sign && dot(normal, d) > 0.0f) rays.inside[i] |= 1u << layer;
+        out.t[i] = t;
+        out.layer[i] = std::uint32_t(layer);
+        write3(out.normal, i, normal);
+        write3(out.albedo, i, looks.color);
+        out.reflection[i] = looks.reflection;
+        out.refraction[i] = looks.refraction;
+    }
+};
+
+/// The ground, which lies behind all layers in the order of tests.
+struct MeetGround {
+    Ground ground;
+    WaveRays rays;
+    WaveHits out;
+    GB_FN void operator()(std::size_t i) const {
+        float3 o, d;
+        rays.source.get(i, o, d);
+        if (rays.primary() && dot(ground.normal, o) < ground.offset) rays.inside[i] |= kBelowGround;
+        const float t = ground.meet(o, d, rays.inside[i]);
+        if (!(t < out.t[i])) return;
+        const float3 p = o + d * t;
+        float3 s, u;
+        tangents(ground.normal, s, u);
+        const bool odd = ground.field > 0.0f &&
+                         (int(floorf(dot(p, s) / ground.field)) + int(floorf(dot(p, u) / ground.field))) & 1;
+        out.t[i] = t;
+        out.layer[i] = kGround;
+        write3(out.normal, i, ground.normal);
+        write3(out.albedo, i, odd ? ground.other : ground.color);
+        out.reflection[i] = ground.reflection;
+        out.refraction[i] = 0.0f;
+    }
+};
+
+}  // namespace globule::core

@@ -1,0 +1,107 @@
+// How much of each light comes through to a wave's hits.
+#pragma once
+#include "trace/cut.hpp"
+#include "trace/looks.hpp"
+#include "trace/wave_rays.hpp"
+
+namespace globule::core {
+
+inline constexpr int kMaxCrossings = 64;  ///< of a shadow ray through clear media
+
+/// Shadow and ambient rays through one layer: what part of the light comes through, (n_visibilities, n).
+template <class Tracer, bool clipped>
+struct Occlude {
+    Cut<Tracer, clipped> cut;
+    Attributes attributes;
+    Lighting lighting;
+    WaveRays rays;
+    WaveHits hits;
+    int layer;
+    float* visibility;
+    struct State {
+        typename Cut<Tracer, clipped>::State of;
+        Way way;
+        float distance, left, from;
+        int crossings;
+        float* out;
+    };
+    GB_FN bool begin(std::size_t k, State& s) const {
+        const std::size_t n = rays.source.n, items = rays.source.n_items();
+        const std::size_t i = rays.source.swizzled(k % items);
+        if (i >= n) return false;
+        int which = int(k / items);
+        s.out = visibility + std::size_t(which) * n + i;
+        if (layer == 0) *s.out = 1.0f;
+        if (hits.layer[i] == kMissed || *s.out == 0.0f) return false;
+        const Point h = point_of(lighting, rays, hits, i);
+        const std::uint32_t pixel = rays.pixel_of(i), stream = 16 + std::uint32_t(which);
+        float3 l;
+        if (which < lighting.ambient_rays) {
+            if (h.split.matte * largest(rays.throughput_of(i)) < 0.25f * lighting.cutoff) return false;
+            l = cosine_direction(h.normal, sample(pixel, 8, rays.source.pass * std::uint32_t(lighting.ambient_rays) + which));
+            s.distance = lighting.ambient_distance;
+        } else {
+            which -= lighting.ambient_rays;
+            int light = 0;
+            for (;; ++light)
+                if (lighting.casts(light) && which-- == 0) break;
+            lighting.towards(light, h.p, sample(pixel, stream, rays.source.pass), l, s.distance);
+            // From behind, or too little to matter even in full view.
+            const float specular = hits.layer[i] == kGround ? 0.0f : h.material->specular;
+            const float3 full = rays.throughput_of(i) * reflected_light(h.albedo * h.split.matte, specular, h.material->shininess,
+                                                                        h.normal, h.d, l, lighting.lights[light].radiance);
+            if (largest(full) * lighting.exposure < 0.125f * lighting.cutoff) return false;
+        }
+        if (dot(l, h.normal) <= 0.0f) return false;
+        if (layer == 0 && lighting.ground.present && lighting.ground.meet(h.p, l, rays.inside[i]) < s.distance) {
+            *s.out = 0.0f;
+            return false;
+        }
+        s.left = 1.0f;
+        s.crossings = 0;
+        s.from = kStart * cut.tracer.tree.header->typical_support;
+        s.of.ray.sign = 1.0f;
+        s.way = cut.start(s.of, h.p, l, s.from, s.distance, rays.inside[i] >> layer & 1 ? -1.0f : 1.0f);
+        return true;
+    }
+    GB_FN bool advance(State& s, bool active) const {
+        const Way way = cut.advance(s.of, active && s.way == Way::on);
+        if (!active) return false;
+        if (s.way == Way::on) s.way = way;
+        if (s.way == Way::on) return true;
+        const CellRay& ray = s.of.ray;
+        const float3 o = ray.o, l = ray.walk.d;
+        const float typical = cut.tracer.tree.header->typical_support;
+        const float sign = ray.sign;
+        float t = ray.t;
+        if (s.way == Way::doubtful) {  // a graze, or a cell without a list
+            t += 0.05f * typical;
+            if (cut.holds_by_tree(o + l * t) == (sign < 0.0f)) return go_on(s, o, l, t, sign);
+        }
+        const bool ends = s.way == Way::missed || !(t < s.distance);
+        if (ends) t = s.distance;
+        const Material& m = lighting.materials[layer];
+        if (sign < 0.0f && m.absorption.x >= 0.0f && t < infinity())
+            s.left *= expf(-(m.absorption.x + m.absorption.y + m.absorption.z) * (1.0f / 3.0f) * (t - s.from));
+        if (ends) return false;
+        s.left *= m.transmission >= 0.0f       ? m.transmission
+                  : attributes.refraction.data ? looks_at(cut.tracer, attributes, o, l, t).refraction
+                                               : attributes.refraction.uniform;
+        if (s.left < 0.004f) {
+            s.left = 0.0f;
+            return false;
+        }
+        return go_on(s, o, l, t + kStart * typical, -sign);
+    }
+    GB_FN void end(const State& s) const { *s.out *= s.left; }
+
+private:
+    GB_FN bool go_on(State& s, const float3& o, const float3& l, float from, float sign) const {
+        s.from = from;
+        if (++s.crossings > kMaxCrossings) return false;
+        s.way = from < s.distance ? cut.start(s.of, o, l, from, s.distance, sign) : Way::missed;
+        return s.way != Way::missed;
+    }
+};
+
+}  // namespace globule::core

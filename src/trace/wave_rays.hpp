@@ -1,0 +1,62 @@
+// The rays of one wave, and what they meet.
+#pragma once
+#include "trace/camera.hpp"
+#include "trace/lighting.hpp"
+
+namespace globule::core {
+
+inline constexpr std::uint32_t kMissed = 0xff, kGround = 0xfe;
+
+/// The rays of one wave; origins and directions null in the first, whose rays are the camera's.
+struct WaveRays {
+    RaySource source;
+    float* throughput;          ///< (n, 3); null: 1
+    std::uint32_t* pixel;       ///< of the picture; null: the ray's own number
+    std::uint32_t* inside;      ///< bit k: begins inside layer k; kBelowGround
+    GB_FN bool primary() const { return !source.origins; }
+    GB_FN std::uint32_t pixel_of(std::size_t i) const {
+        return pixel ? pixel[i] : std::uint32_t(i) + source.first_row * std::uint32_t(source.camera.width);
+    }
+    GB_FN float3 throughput_of(std::size_t i) const {
+        return throughput ? float3{throughput[3 * i], throughput[3 * i + 1], throughput[3 * i + 2]} : float3{1, 1, 1};
+    }
+};
+
+/// What they meet first.
+struct WaveHits {
+    float* t;
+    float *normal, *albedo;           ///< (n, 3)
+    float *reflection, *refraction;   ///< (n,) blended factors
+    std::uint32_t* layer;             ///< kMissed, kGround, or the layer
+};
+
+/// A hit, as light sees it.
+struct Point {
+    float3 d, p, normal;  ///< normal against d
+    bool entering;
+    float3 albedo;
+    Split split;
+    const Material* material;
+};
+GB_FN Point point_of(const Lighting& lighting, const WaveRays& rays, const WaveHits& hits, std::size_t i) {
+    Point h;
+    float3 o;
+    rays.source.get(i, o, h.d);
+    h.p = o + h.d * hits.t[i];
+    const float3 n{hits.normal[3 * i], hits.normal[3 * i + 1], hits.normal[3 * i + 2]};
+    h.entering = dot(n, h.d) < 0.0f;
+    h.normal = h.entering ? n : n * -1.0f;
+    const std::uint32_t layer = hits.layer[i];
+    h.material = &lighting.materials[layer < kMaxLayers ? layer : 0];
+    h.albedo = {hits.albedo[3 * i], hits.albedo[3 * i + 1], hits.albedo[3 * i + 2]};
+    const float cosine = min(abs(dot(h.normal, h.d)), 1.0f);
+    if (layer == kGround) {
+        h.split = {hits.reflection[i], {0, 0, 0}, 1.0f - hits.reflection[i], 1.0f};
+    } else {
+        if (h.material->color.x >= 0.0f) h.albedo = h.material->color;
+        h.split = split(*h.material, h.albedo, hits.reflection[i], hits.refraction[i], cosine, h.entering);
+    }
+    return h;
+}
+
+}  // namespace globule::core
