@@ -81,8 +81,8 @@ struct ReconstructorOptions {
 /// Bins images as they come (PVN-OM); the volume equals that of all images at once.  Voxels lie on a lattice that the first
 /// image, or the region, fixes.  Copies are handles of the same object.
 ///
-/// Any thread may call any method; calls on one object wait for each other.  Errors are those of `reconstruct`.  After a call
-/// that was cancelled or failed for lack of memory half way, volume() and add() throw Error: stale.
+/// Any thread may call any method; calls on one object wait for each other.  Errors are those of `reconstruct`, and stale where an
+/// earlier call to add failed half way: the images must then be added to a new object.  A cancelled volume() changes nothing.
 class GLOBULE_API Reconstructor {
 public:
     /// An empty handle.

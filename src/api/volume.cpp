@@ -248,13 +248,9 @@ struct Reconstructor::Impl {
     double scale = 1;
     std::uint64_t order = 0;
     std::size_t n_frames = 0;
-    bool broken = false;
 
     FrameShape shape() const { return {height, width, options.mask.empty() ? nullptr : options.mask.data()}; }
     int reach() const { return reach_of(options.max_kernel, options.max_distance, options.spacing); }
-    void check() const {
-        if (broken) throw Error(ErrorCode::stale, "reconstructor: an earlier call was interrupted or failed half way: make it anew");
-    }
     Box lattice(const VoxelGrid& g, const Box& box) const {
         Box out;
         for (int k = 0; k < 3; ++k) {
@@ -335,7 +331,6 @@ void Reconstructor::Impl::make_room(const Poses& poses, const core::Gates& insid
 
 void Reconstructor::Impl::add(const ArrayView& frames_view, const ArrayView& world_from_image) {
     const core::Gates inside({core.gate().get()});
-    check();
     const Frames frames(frames_view, core.device());
     const Poses poses = poses_of(world_from_image, std::size_t(frames.n));
     for (std::size_t f = 0; f < poses.size(); ++f) check_pose(poses[f], f);
@@ -354,22 +349,16 @@ void Reconstructor::Impl::add(const ArrayView& frames_view, const ArrayView& wor
     }
     const bool ordered = options.compounding == Compounding::latest || options.compounding == Compounding::first;
     if (ordered && order + frames.pixels() >= std::uint64_t(1) << 32) refuse("frames", "fewer than 2^32 pixels in all", "more");
-    try {
-        make_room(poses, inside);
-        const std::vector<FixedPose> fixed = grid->poses(poses);
-        const core::FramesView view{frames.at, fixed[0].data(), shape().mask, frames.n, height, width, std::uint32_t(order)};
-        Grid(core, type, inside).call<&core::SweepGrid::add>(view, 1);
-    } catch (const Error& e) {
-        broken = e.code() != ErrorCode::invalid;
-        throw;
-    }
+    make_room(poses, inside);
+    const std::vector<FixedPose> fixed = grid->poses(poses);
+    const core::FramesView view{frames.at, fixed[0].data(), shape().mask, frames.n, height, width, std::uint32_t(order)};
+    Grid(core, type, inside).call<&core::SweepGrid::add>(view, 1);
     order += frames.pixels();
     n_frames += std::size_t(frames.n);
 }
 
 Volume Reconstructor::Impl::volume() {
     const core::Gates inside({core.gate().get()});
-    check();
     if (!grid) throw Error(ErrorCode::invalid, "volume: expected frames to be added first, got none");
     const Grid core_grid(core, type, inside);
     VoxelGrid part{low, options.spacing, {}};
@@ -381,13 +370,9 @@ Volume Reconstructor::Impl::volume() {
     }
     const std::vector<std::uint32_t> weights = hole_weights(reach());
     Volume v = made(part, dtype);
-    try {
-        core_grid.call<&core::SweepGrid::fill>(core::FillMethod::bins, core::FramesView{}, core::FillRequest{reach(), weights.empty() ? nullptr : weights.data(), 0, nullptr, nullptr});
-        core_grid.call<&core::SweepGrid::read_filled>(first, size, core::DenseArrays{v.bytes.data(), v.radius.data()});
-    } catch (const Error& e) {
-        broken = e.code() != ErrorCode::invalid;
-        throw;
-    }
+    core_grid.call<&core::SweepGrid::fill>(core::FillMethod::bins, core::FramesView{},
+                                           core::FillRequest{reach(), weights.empty() ? nullptr : weights.data(), 0, nullptr, nullptr});
+    core_grid.call<&core::SweepGrid::read_filled>(first, size, core::DenseArrays{v.bytes.data(), v.radius.data()});
     return v;
 }
 
