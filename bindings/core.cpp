@@ -65,6 +65,7 @@ NB_MODULE(_core, m) {
     bind_sweep(m);
     bind_tissue(m);
     bind_picture(m);
+    m.attr("version") = globule::version();
     m.def("cpu_backends", &cpu_backends);
     m.def("dlpack_view", &dlpack_view);
     m.def("describe", [](const std::string& backend, int index) {

@@ -57,4 +57,4 @@ target_link_libraries(globule_cuda PRIVATE globule_headers CUDA::cudart_static O
 set_target_properties(globule_cuda PROPERTIES CUDA_STANDARD 20 CUDA_RUNTIME_LIBRARY Static CUDA_VISIBILITY_PRESET hidden)
 # A host function called on the device would be no error but do nothing there.
 target_compile_options(globule_cuda PRIVATE $<$<COMPILE_LANGUAGE:CUDA>:-O3 --expt-relaxed-constexpr -Werror=cross-execution-space-call -Xcompiler=-Wno-psabi,-fopenmp>)
-install(TARGETS globule_cuda LIBRARY DESTINATION globule)
+install(TARGETS globule_cuda LIBRARY DESTINATION ${GLOBULE_BACKENDS_DIR})

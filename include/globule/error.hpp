@@ -15,7 +15,8 @@ enum class ErrorCode {
     forked,     ///< this process was forked from one that had used globule
     memory,     ///< not enough memory, of the host or of the device
     device,     ///< the device, its driver or its backend library cannot be used
-    internal    ///< anything else; the message says what
+    internal,   ///< anything else; the message says what
+    diverged    ///< a simulation's step made a velocity that is not a number
 };
 
 /// The only exception that leaves globule's calls. what(): one line that names the argument, what was expected and what came.

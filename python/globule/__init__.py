@@ -20,6 +20,7 @@ from . import phantoms  # noqa: E402
 from .camera import Camera  # noqa: E402
 from .camera_path import CameraPath, orbit  # noqa: E402
 from .clips import ClipBox, ClipPlane, ClipSphere  # noqa: E402
+from .cpp import cmake_dir, include_dir  # noqa: E402
 from .environment import read_environment  # noqa: E402
 from .formats import (  # noqa: E402
     FormatError,
@@ -58,7 +59,7 @@ from .viewer import view  # noqa: E402
 from .volume import Volume  # noqa: E402
 from .volume_io import read_volume, write_volume  # noqa: E402
 
-__version__ = "0.1.0"
+__version__ = _core.version
 __all__ = [
     "Camera",
     "CameraPath",
@@ -88,8 +89,10 @@ __all__ = [
     "Volume",
     "add_legend",
     "anisotropy",
+    "cmake_dir",
     "field",
     "gradient",
+    "include_dir",
     "intersect",
     "layers_by",
     "local_spacing",

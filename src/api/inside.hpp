@@ -1,0 +1,105 @@
+// What the handles hold.
+#pragma once
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "api/checks.hpp"
+#include "api/device.hpp"
+#include "globule/frame.hpp"
+#include "globule/scene.hpp"
+
+namespace globule {
+
+/// Everything of a Lighting but the materials, and what materials take from the settings.
+struct Look {
+    core::Lighting lighting{};
+    const float* sky_image = nullptr;
+    std::uint64_t sky_id = 0;
+    float specular = 0, shininess = 0;
+};
+/// Checked; ambient rays without a distance have 0.
+Look look(const RenderSettings& settings);
+core::Material material(const Material& m, const Look& look);
+core::Clip clip(const Clip& c);
+core::CameraRays rays(const Camera& camera, int width, int height);
+
+/// The way into the handles.
+struct Inside {
+    using SceneImpl = Scene::Impl;
+    using FrameImpl = Frame::Impl;
+
+    template <class H>
+    static const auto& of(const H& handle, const char* what) {
+        if (!handle.impl_) refuse(what, std::string("a ") + what, "an empty handle (default-made or moved from)");
+        return *handle.impl_;
+    }
+    static const std::shared_ptr<SceneImpl>& shared(const Scene& scene) {
+        of(scene, "scene");
+        return scene.impl_;
+    }
+    static Scene scene(std::shared_ptr<SceneImpl> impl) {
+        Scene s;
+        s.impl_ = std::move(impl);
+        return s;
+    }
+    static Frame frame(std::shared_ptr<const FrameImpl> impl) {
+        Frame f;
+        f.impl_ = std::move(impl);
+        return f;
+    }
+};
+
+struct Scene::Impl {
+    core::Handle<core::Scene> core;
+    Chosen chosen;
+    core::KernelName kernel{};
+    double threshold = 0;
+
+    // Behind the gate.
+    core::TreeRequest tree;
+    double own_support = 0;       ///< of the options; 0: none
+    double measured_support = 0;  ///< for particles that come without one; 0: not yet known
+    bool whole = false;         ///< an update went through and nothing broke since
+    std::size_t n = 0;
+    double support = 0, largest_support = 0;  ///< of all; 0 where each has its own, or where an array on a GPU tells it
+    std::unique_ptr<Inputs> held;             ///< copies that the scene still reads
+
+    /// Of a simulation, which it keeps alive: its number of particles, behind the same gate.
+    std::shared_ptr<const std::size_t> n_of_owner;
+
+    void update(const Particles& particles);
+    /// Throws unless there is something to ask.
+    void check_whole() const;
+    std::size_t size() const { return n_of_owner ? *n_of_owner : n; }
+    core::FieldRequest field() const { return {kernel, float(threshold), {}}; }
+    core::Gates gates() const { return core::Gates({core.gate().get()}); }
+
+    template <auto Method, class... A>
+    auto ask(A&&... arguments) const {
+        const core::Gates inside({core.gate().get()});
+        check_whole();
+        return core.call_inside<Method>(inside, std::forward<A>(arguments)...);
+    }
+};
+
+/// A frame, and what refines it.
+struct Frame::Impl {
+    core::Handle<core::Frame> core;
+    std::string device;
+    int device_number = core::kHost;
+    int width = 0, height = 0;
+    std::vector<std::shared_ptr<Inside::SceneImpl>> scenes;
+    core::PictureRequest request;        ///< its passes are not used
+    std::shared_ptr<const void> sky;     ///< keeps the request's image alive
+};
+
+/// Support in spacings and iso-value, by kernel.
+struct KernelDefaults {
+    double spacings, threshold;
+    double reach;  ///< in supports: where b is an eighth of the threshold
+};
+const KernelDefaults& defaults_of(core::KernelName kernel);
+
+}  // namespace globule

@@ -1,0 +1,154 @@
+// Handles from several threads; calls that are stopped.
+#include <atomic>
+#include <chrono>
+#include <thread>
+
+#include "helpers.hpp"
+
+using namespace globule;
+
+namespace {
+
+/// Runs fn(k) on n threads; what they throw fails the test.
+template <class Fn>
+void on_threads(int n, const Fn& fn) {
+    std::vector<std::thread> threads;
+    std::atomic<int> n_failed{0};
+    for (int k = 0; k < n; ++k)
+        threads.emplace_back([&, k] {
+            try {
+                fn(k);
+            } catch (const std::exception& e) {
+                ++n_failed;
+                MESSAGE(e.what());
+            }
+        });
+    for (std::thread& t : threads) t.join();
+    CHECK(n_failed == 0);
+}
+
+}  // namespace
+
+TEST_CASE("threads on one scene wait for each other; frames are read by any") {
+    const std::vector<float> small = cube(6), large = cube(9);
+    const Camera camera = Camera::fit(large);
+    const auto of_small = Scene({.positions = small}, on_cpu).render(camera, 64, 48).picture();
+    Scene s({.positions = small}, {.support = 0.2, .device = "cpu"});
+    const auto expected_small = s.render(camera, 64, 48).picture(), expected_large = Scene({.positions = large}, {.support = 0.2, .device = "cpu"}).render(camera, 64, 48).picture();
+    const Frame shared = s.render(camera, 64, 48);
+    std::atomic<int> wrong{0};
+    on_threads(4, [&](int k) {
+        Scene mine = s;  // a handle each
+        for (int i = 0; i < 20; ++i) {
+            if (k == 0) mine.update({.positions = i % 2 ? small : large});
+            const auto picture = mine.render(camera, 64, 48).picture();
+            wrong += picture != expected_small && picture != expected_large;
+            wrong += shared.picture() != expected_small;
+            wrong += mine.field(small).size() != small.size() / 3;
+        }
+    });
+    CHECK(wrong == 0);
+    CHECK(of_small.size() == expected_small.size());
+}
+
+TEST_CASE("scenes of their own run in parallel") {
+    const std::vector<float> p = cube(6);
+    const Camera camera = Camera::fit(p);
+    const auto expected = Scene({.positions = p}, on_cpu).render(camera, 64, 48).picture();
+    std::atomic<int> wrong{0};
+    on_threads(4, [&](int) {
+        for (int i = 0; i < 5; ++i) wrong += Scene({.positions = p}, on_cpu).render(camera, 64, 48).picture() != expected;
+    });
+    CHECK(wrong == 0);
+}
+
+TEST_CASE("two threads draw layers in opposite orders") {
+    const std::vector<float> p = cube(5);
+    const Camera camera = Camera::fit(p);
+    const Scene a({.positions = p}, on_cpu), b({.positions = cube(4)}, on_cpu);
+    on_threads(2, [&](int k) {
+        for (int i = 0; i < 10; ++i) render(k ? std::vector<Layer>{{a}, {b}} : std::vector<Layer>{{b}, {a}}, camera, 32, 24);
+    });
+}
+
+TEST_CASE("a call that is stopped leaves its scene right or asks for an update") {
+    const std::vector<float> p = cube(30);
+    const Camera camera = Camera::fit(p);
+    RenderSettings settings;
+    settings.shadows = true;
+    settings.ambient_rays = 2;
+    Scene s({.positions = p}, {.support = 0.2, .device = "cpu"});
+    const auto picture = [&] { return s.render(camera, 96, 72, settings).picture(); };
+    const auto expected = picture();
+    int n_cancelled = 0, n_stale = 0, wrong = 0;
+    for (int i = 0; i < 40; ++i) {
+        std::thread stopper([&, i] {
+            std::this_thread::sleep_for(std::chrono::milliseconds(i / 2));
+            s.cancel();
+        });
+        bool cancelled = false;
+        try {
+            if (i % 2) s.update({.positions = p});
+            else wrong += picture() != expected;
+        } catch (const Error& e) {
+            CHECK(int(e.code()) == int(ErrorCode::cancelled));
+            cancelled = true;
+        }
+        stopper.join();
+        n_cancelled += cancelled;
+        try {
+            wrong += picture() != expected;
+        } catch (const Error& e) {
+            CHECK(int(e.code()) == int(ErrorCode::stale));
+            CHECK((cancelled && i % 2));
+            ++n_stale;
+            s.update({.positions = p});
+            wrong += picture() != expected;
+        }
+    }
+    CHECK(wrong == 0);
+    MESSAGE(n_cancelled << " of 40 calls were stopped, " << n_stale << " left the scene to be updated");
+    CHECK(n_cancelled > 0);
+}
+
+TEST_CASE("a reconstruction that is stopped is right at the next call, or says that it cannot be") {
+    const int n = 8, edge = 160;
+    const std::vector<std::uint8_t> frames(std::size_t(n) * edge * edge, 100);
+    std::vector<double> poses;
+    for (int f = 0; f < n; ++f) {
+        const Matrix4 m{0.25, 0, 0, 0, 0, 0.25, 0, 0, 0, 0, 1, 2.0 * f, 0, 0, 0, 1};
+        poses.insert(poses.end(), m.begin(), m.end());
+    }
+    const ArrayView images(frames.data(), {n, edge, edge}), places(poses.data(), {n, 4, 4});
+    const ReconstructorOptions options{.spacing = 0.25, .device = "cpu"};
+    Reconstructor reference(options);
+    reference.add(images, places);
+    const Volume expected = reference.volume();
+    int n_stopped = 0, n_stale = 0, wrong = 0;
+    for (int i = 0; i < 15; ++i) {
+        Reconstructor r(options);
+        std::thread stopper([&, i] {
+            std::this_thread::sleep_for(std::chrono::milliseconds(6 * i));
+            r.cancel();
+        });
+        bool added = false;
+        try {
+            r.add(images, places);
+            added = true;
+            wrong += r.volume().bytes != expected.bytes;
+        } catch (const Error& e) {
+            CHECK(int(e.code()) == int(ErrorCode::cancelled));
+            ++n_stopped;
+        }
+        stopper.join();
+        try {
+            if (!added) r.add(images, places);
+            wrong += r.volume().bytes != expected.bytes;
+        } catch (const Error& e) {
+            CHECK(int(e.code()) == int(ErrorCode::stale));
+            ++n_stale;
+        }
+    }
+    CHECK(wrong == 0);
+    MESSAGE(n_stopped << " of 15 reconstructions were stopped, " << n_stale << " have to be made anew");
+}

@@ -1,0 +1,320 @@
+"""The C++ interface: built outside of the tree against the installed package, and equal to Python's."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import globule as gb
+import numpy as np
+import pytest
+from globule.render import fit_camera
+
+ROOT = Path(__file__).resolve().parents[1]
+DRAWN = (160, 120)
+
+
+def run(*command, **options):
+    return subprocess.run(
+        [str(c) for c in command], capture_output=True, text=True, timeout=300, **options
+    )
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory):
+    """Tests and examples, configured once."""
+    cmake = shutil.which("cmake", path=f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}")
+    if cmake is None:
+        pytest.skip("cmake is missing: sudo apt-get install cmake")
+    if shutil.which(os.environ.get("CXX", "g++")) is None and shutil.which("c++") is None:
+        pytest.skip("a C++ compiler is missing: sudo apt-get install g++")
+    try:
+        config = gb.cmake_dir()
+    except FileNotFoundError as error:
+        pytest.skip(str(error))
+    folder = tmp_path_factory.mktemp("cpp")
+    project = "cmake_minimum_required(VERSION 3.22)\nproject(all CXX)\n"
+    for name in ("tests", "examples"):
+        project += f'add_subdirectory("{ROOT / name / "cpp"}" {name})\n'
+    (folder / "CMakeLists.txt").write_text(project)
+    ninja = ["-G", "Ninja"] if shutil.which("ninja") else []
+    done = run(cmake, "-S", folder, "-B", folder / "build", *ninja, f"-Dglobule_DIR={config}")
+    if done.returncode != 0 and "CMAKE_MAKE_PROGRAM" in done.stderr:
+        pytest.skip("neither ninja nor make is there: sudo apt-get install make")
+    assert done.returncode == 0, done.stderr
+    done = run(cmake, "--build", folder / "build", "--parallel", os.cpu_count() or 1)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return folder / "build"
+
+
+@pytest.fixture(scope="module")
+def made(built, tmp_path_factory):
+    """What make_images writes, and what it was given."""
+    folder = tmp_path_factory.mktemp("made")
+    rng = np.random.default_rng(7)
+    grid = np.stack(np.meshgrid(*[np.arange(9)] * 3, indexing="ij"), -1).reshape(-1, 3)
+    positions = (0.125 * grid + 0.03 * rng.random((len(grid), 3))).astype(np.float32)
+    frames = rng.integers(0, 256, (24, 40, 48), np.uint8)
+    positions.tofile(folder / "positions")
+    frames.tofile(folder / "sweep")
+    done = run(built / "tests" / "make_images", folder / "positions", folder / "sweep", folder)
+    assert done.returncode == 0, done.stderr
+    return folder, positions, frames
+
+
+def same(folder, name, array):
+    """Whether a file's bytes are an array's."""
+    found = np.frombuffer((folder / name).read_bytes(), array.dtype)
+    assert found.size == array.size, name
+    different = np.count_nonzero(found != np.ravel(array))
+    assert found.tobytes() == np.ravel(array).tobytes(), f"{name}: {different} differ"
+
+
+def test_folders():
+    assert Path(gb.include_dir(), "globule", "globule.hpp").is_file()
+    assert Path(gb.cmake_dir(), "globuleConfig.cmake").is_file()
+    for file in Path(gb.cmake_dir()).iterdir():  # the package can be moved
+        assert str(ROOT) not in file.read_text() and "/tmp" not in file.read_text(), file
+
+
+def test_one_version():
+    header = (ROOT / "include/globule/version.hpp").read_text()
+    version = ".".join(re.findall(r"VERSION_(?:MAJOR|MINOR|PATCH) (\d+)", header))
+    assert gb.__version__ == version
+    assert re.search(r"^version: (.+)$", (ROOT / "CITATION.cff").read_text(), re.M)[1] == version
+    installed = Path(gb.cmake_dir(), "globuleConfigVersion.cmake").read_text()
+    assert re.search(r'PACKAGE_VERSION "(.+)"', installed)[1] == version
+
+
+def test_handles(built):
+    program = built / "tests" / "cpp_tests"
+    if not program.exists():
+        pytest.skip("doctest.h is missing: sudo apt-get install doctest-dev")
+    done = run(program, env={**os.environ, "OMP_WAIT_POLICY": "passive"})
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+@pytest.mark.parametrize("kernel", gb.scene.KERNELS)
+def test_default_images(made, kernel):
+    folder, positions, _ = made
+    bits = 64 if gb.scene.KERNELS.index(kernel) % 2 else 32
+    frame = gb.render(gb.Scene(positions, kernel=kernel, key_bits=bits, device="cpu"), size=DRAWN)
+    same(folder, f"kernel_{kernel}", frame.picture)
+    same(folder, f"depth_{kernel}", frame.depth)
+
+
+def test_rich_images(made):
+    folder, p, _ = made
+    i = np.arange(len(p))
+    color = ((i[:, None] + 7 * np.arange(3)) % 32 / 32).astype(np.float32)
+    support = (0.2 + 0.0625 * (i % 3)).astype(np.float32)
+    support = (np.float32(0.2) + np.float32(0.0625) * (i % 3).astype(np.float32))
+    weight = np.where(i % 5, 1.0, 0.5).astype(np.float32)
+    particles = gb.Particles(p, support, weight, color, reflection=0.25, refraction=0.5)
+    scene = gb.Scene(particles, octree="dense", device="cpu")
+    flat = fit_camera(
+        scene, DRAWN, direction=(-1, 0.5, 0.25), up=(0, 0, 1), orthographic=True
+    )
+    cut = [gb.ClipPlane((1, 0.5, 0), 0.5)]
+    same(folder, "orthographic", gb.render(scene, flat, DRAWN, clips=cut).picture)
+
+    rich = gb.RenderSettings(
+        lights=(
+            gb.DirectionalLight((1, 2, 0.5), angle=2),
+            gb.PointLight((2, 3, 4), radius=0.25),
+        ),
+        ambient="sky", sky=gb.Sky(), ground=gb.Ground(-0.25, check=0.5, reflection=0.25),
+        shadows=True, ambient_rays=3, samples=2,
+    )  # fmt: skip
+    camera = gb.Camera.fit(p, size=DRAWN)
+    clips = [
+        gb.ClipSphere((0.5, 0.5, 0.5), 0.25), gb.ClipBox((-9, -9, -9), (9, 9, 0.75), keep=True)
+    ]  # fmt: skip
+    frame = gb.render(scene, camera, DRAWN, rich, clips)
+    same(folder, "rich", frame.picture)
+    same(folder, "rich_normal", frame.normal)
+    same(folder, "rich_refined", frame.refine(2).picture)
+
+    image = (np.arange(8 * 16 * 3) % 11 / 8).astype(np.float32).reshape(8, 16, 3)
+    mirror = gb.RenderSettings(
+        sky=gb.Environment(image, strength=0.75, turn=30),
+        material=gb.Material(reflection=0.5, color=(0.25, 0.5, 0.75), specular=0.5),
+    )
+    other = gb.Particles(p + np.float32(0.3), color=(0.75, 0.25, 0.125))
+    glass = gb.Material(transmission=0.75, index=1.25, absorption=(1, 2, 3))
+    layers = [
+        gb.Layer(scene, clips=[gb.ClipPlane((0, 1, 0), 0.5)]),
+        gb.Layer(gb.Scene(other, support=0.25, device="cpu"), glass),
+    ]
+    same(folder, "layers", gb.render(layers, camera, DRAWN, mirror).picture)
+
+
+def test_simulation(made):
+    folder, _, _ = made
+    sim = gb.Simulation(
+        {
+            "spacing": 0.05,
+            "domain": ((0, 0, 0), (1, 0.75, 0.5)),
+            "periodic": (False, False, True),
+            "phases": [
+                {"name": "water", "viscosity": 0.5},
+                {"name": "oil", "density": 800.0, "color": (0.75, 0.5, 0.25)},
+            ],
+        },
+        device="cpu",
+    )
+    index = np.stack(np.meshgrid(*map(np.arange, (6, 10, 10)), indexing="ij"), -1).reshape(-1, 3)
+    places = (index.astype(np.float32) + np.float32(0.5)) * np.float32(0.05)
+    below = index[:, 1] < 6
+    sim.add(places[below], "water")
+    sim.add(places[~below], "oil", (0.5, 0.0, 0.0))
+    for _ in range(5):
+        sim.step()
+    sim.advance(0.05)
+    same(folder, "sim_ids", sim.ids)
+    same(folder, "sim_positions", sim.positions)
+    same(folder, "sim_velocities", sim.velocities)
+    camera = gb.Camera((0.5, 0.5, 2.5), (0.5, 0.25, 0.25))
+    same(folder, "sim_image", gb.render(sim.scene, camera, DRAWN).picture)
+
+
+def pose(f):
+    tilt = 0.015625 * f
+    return np.array([[0.5, 0, 0, 1], [0, 0.5, 0, 2], [tilt, 0.03125, 1, 0.75 * f], [0, 0, 0, 1]])
+
+
+def same_volume(folder, name, volume):
+    same(folder, name, np.concatenate([volume.values.ravel().view(np.uint8), volume.radius.ravel()]))
+    same(folder, f"{name}.matrix", volume.world_from_voxel)
+
+
+def test_volumes(made):
+    folder, _, frames = made
+    poses = np.stack([pose(f) for f in range(len(frames))])
+    poses[5, 0, 3] = np.nan
+    mask = np.ones((40, 48), bool)
+    mask[[0, 3]] = False
+    sweep = gb.Sweep(frames, poses, mask=mask)
+    for method in ("pvn-om", "vvn-om", "pvn", "vvn", "bezier"):
+        volume = gb.reconstruct(sweep, method, 0.7, device="cpu")
+        same_volume(folder, f"volume_{method}", volume)
+    for compounding in ("mean", "maximum", "latest", "first", "median"):
+        volume = gb.reconstruct(
+            sweep, size=31, max_kernel=5, compounding=compounding, max_distance=1.5, device="cpu"
+        )
+        same_volume(folder, f"compound_{compounding}", volume)
+    floats = frames.astype(np.float32) * np.float32(0.37) - np.float32(5)
+    box = ((2, 3, 1), (20, 15, 12))
+    volume = gb.reconstruct(gb.Sweep(floats, poses), spacing=0.6, region=box, device="cpu")
+    same_volume(folder, "volume_float", volume)
+    live = gb.Reconstructor(0.7, mask=mask, device="cpu")
+    for f in (12, 3, 20, 8, 0, 23, 16):
+        live.add(frames[f], pose(f))
+    same_volume(folder, "live", live.volume())
+
+
+def ppm(path):
+    """(H, W, 3) uint8 of a file as the examples write it."""
+    head, size, most, data = path.read_bytes().split(b"\n", 3)
+    assert (head, most) == (b"P6", b"255")
+    width, height = map(int, size.split())
+    return np.frombuffer(data, np.uint8).reshape(height, width, 3)
+
+
+def test_load_and_draw(built, made, tmp_path):
+    _, p, _ = made
+    np.save(tmp_path / "p.npy", p)
+    p.tofile(tmp_path / "p.raw")
+    np.savetxt(tmp_path / "p.xyz", p, fmt="%.9g")
+    expected = gb.render(gb.Scene(p, device="cpu"), size=(640, 480)).picture
+    program = built / "examples" / "load_and_draw"
+    for name in ("p.npy", "p.raw", "p.xyz"):
+        done = run(program, name, "image.ppm", "cpu", cwd=tmp_path)
+        assert done.returncode == 0 and "729 particles" in done.stdout, done.stderr
+        assert np.array_equal(ppm(tmp_path / "image.ppm"), expected), name
+    done = run(program, "missing.npy", cwd=tmp_path)
+    assert done.returncode == 1 and done.stderr == "missing.npy: cannot be read\n"
+    done = run(program, "p.npy", "image.ppm", "gpu", cwd=tmp_path)
+    assert done.returncode == 1 and done.stderr.startswith("device: expected auto, cpu")
+
+
+def toy(folder, name, spacing, counts, green):
+    """The last image of a toy simulation, from where its particles ended."""
+    p = np.fromfile(folder / f"{name}.raw", np.float32).reshape(-1, 3)
+    i = np.arange(len(p))
+    layer = i // counts[0] % counts[1]
+    color = np.float32([0.1, 0.3, 0.8]) * np.ones((len(p), 1), np.float32)
+    color[:, 1] += np.float32(green) * layer.astype(np.float32)
+    support = float(np.float32(2) * np.float32(spacing))
+    return gb.Scene(gb.Particles(p, support=support, color=color), device="cpu")
+
+
+def test_toy_sph(built, tmp_path):
+    done = run(built / "examples" / "toy_sph", 40, "cpu", cwd=tmp_path)
+    assert done.returncode == 0 and "1200 particles after 40 steps" in done.stdout, done.stderr
+    scene = toy(tmp_path, "toy_sph", 0.05, (10, 12), 0.05)
+    camera = gb.Camera((0.5, 0.9, 2.2), (0.5, 0.3, 0.25))
+    expected = gb.render(scene, camera, (320, 240)).picture
+    found = ppm(tmp_path / "toy_sph.ppm")
+    assert np.array_equal(found, expected)
+    assert found.std() > 5
+
+
+def test_toy_sph_cuda(built, tmp_path):
+    program = built / "examples" / "toy_sph_cuda"
+    if not program.exists():
+        pytest.skip("no CUDA compiler was found")
+    try:
+        gb.device.choose("cuda")
+    except RuntimeError as error:
+        pytest.skip(f"cuda: {error}")
+    done = run(program, 30, cwd=tmp_path)
+    assert done.returncode == 0 and "after 30 steps" in done.stdout, done.stderr
+    p = np.fromfile(tmp_path / "toy_sph_cuda.raw", np.float32).reshape(-1, 3)
+    color = np.tile(np.float32([0.1, 0, 0.8]), (len(p), 1))
+    # nvcc contracts the sum of the colour into one rounding
+    layer = np.arange(len(p)) // 20 % 24
+    color[:, 1] = np.float32(np.float64(np.float32(0.3)) + np.float64(np.float32(0.02)) * layer)
+    particles = gb.Particles(p, support=float(np.float32(0.05)), color=color)
+    camera = gb.Camera((0.5, 0.9, 2.2), (0.5, 0.3, 0.25))
+    expected = gb.render(gb.Scene(particles, device="cuda"), camera, (640, 480)).picture
+    assert np.array_equal(ppm(tmp_path / "toy_sph_cuda.ppm"), expected)
+
+
+def test_volume_from_sweep(built, tmp_path):
+    done = run(built / "examples" / "volume_from_sweep", "cpu", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    f, row, column = np.ogrid[:60, :80, :96]
+    tilt = 0.002 * f
+    x, y, z = 0.5 * column - 24, 0.5 * row - 20, tilt * row + 0.5 * f - 15
+    square = x * x + y * y + z * z
+    speckle = 60 + (7 * row + 3 * column) % 20
+    frames = np.where(square < 16, 40, np.where(square < 144, 220, speckle)).astype(np.uint8)
+    poses = np.zeros((60, 4, 4))
+    poses[:] = np.diag([0.5, 0.5, 1, 1])
+    poses[:, 2, 1], poses[:, 2, 3] = 0.002 * np.arange(60), 0.5 * np.arange(60)
+    sweep = gb.Sweep(frames, poses)
+    volume = gb.reconstruct(sweep, spacing=0.75, compounding="maximum", device="cpu")
+    same(tmp_path, "volume.raw", volume.values)
+    live = gb.Reconstructor(0.75, device="cpu")
+    for image, place in zip(frames, poses, strict=True):
+        live.add(image, place)
+    same(tmp_path, "volume_live.raw", live.volume().values)
+
+
+def test_a_backend_of_another_version_is_refused(built, made, tmp_path):
+    library = Path(gb.__file__).parent / "libglobule.so"
+    shutil.copy(library, tmp_path)
+    for level in ("v2", "v3", "v4"):
+        shutil.copy(built / "tests" / "libother_abi.so", tmp_path / f"libglobule_cpu_{level}.so")
+    np.save(tmp_path / "p.npy", made[1])
+    env = {**os.environ, "LD_LIBRARY_PATH": str(tmp_path)}
+    env.pop("GLOBULE_SIMD", None)
+    done = run(built / "examples" / "load_and_draw", "p.npy", "x.ppm", "cpu", cwd=tmp_path, env=env)
+    assert done.returncode == 1
+    assert "backend library is of another version (interface 1, expected" in done.stderr
+    assert not (tmp_path / "x.ppm").exists()
