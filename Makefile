@@ -1,6 +1,7 @@
 # make demo    set everything up, then render the embedded data set to demo/splash.png
 # make test    set everything up, then run the tests on the installed package
 # make bench   speed of build and trace; against POV-Ray too where that is installed
+# make sanitize  the C++ tests and a part of the others under AddressSanitizer, UBSan and ThreadSanitizer
 # make check   lint
 # make docs    check the documentation's links
 # make clean   remove what these made
@@ -22,7 +23,7 @@ BUILT := $(VENV)/built-$(GLOBULE_CUDA)
 SOURCES := $(shell find CMakeLists.txt pyproject.toml README.md LICENSE cmake include src bindings \
 	python -type f ! -name '*.so' ! -name '*.pyc')
 
-.PHONY: demo test bench check docs clean
+.PHONY: demo test bench sanitize check docs clean
 
 demo: $(BUILT)
 	@$(VENV)/bin/globule demo
@@ -36,6 +37,9 @@ bench: $(BUILT)
 	  $(VENV)/bin/globule demo > /dev/null && \
 	  $(PY) bench/peers/povray.py demo/splash.npz --threshold 0.6 -o build/povray; \
 	else echo "povray is not installed, so not compared: sudo apt-get install povray"; fi
+
+sanitize: $(VENV)/has-test $(VENV)/has-build
+	@tests/sanitize.sh $(PY)
 
 check: $(VENV)/has-dev
 	@$(PY) -m ruff check python tests bench examples
@@ -68,6 +72,11 @@ $(BUILT): $(SOURCES) | $(PY)
 	@rm -f $(VENV)/built-*
 	@$(PIP) install -v . > $(LOG) 2>&1 || { tail -n 40 $(LOG); echo "the build failed: $(LOG) has it all"; exit 1; }
 	@grep -o 'globule: C.*' $(LOG) | head -n 1
+	@touch $@
+
+# What builds outside of pip need.
+$(VENV)/has-build: $(PY)
+	@$(PIP) install -q "nanobind>=2.4" "cmake>=3.26" ninja
 	@touch $@
 
 # globule is there already, so that pip only adds what its extra "test" (or "dev") names.

@@ -73,6 +73,13 @@ NB_MODULE(_core, m) {
         const std::string text = work([&] { return describe(open_backend(backend), index, ok); });
         return nb::make_tuple(ok, text);
     });
+    m.def("let_wait", [](int device, std::uintptr_t stream) {
+        work([&] { check_status(open_backend("cuda").let_wait(device, stream)); });
+    });
+    m.def("gpu_array", [](Address data, const std::vector<std::size_t>& shape, int code, int bits, int device, nb::object owner) {
+        const nb::dlpack::dtype dtype{std::uint8_t(code), std::uint8_t(bits), 1};
+        return nb::ndarray<>(at<void>(data), shape.size(), shape.data(), owner, nullptr, dtype, nb::device::cuda::value, device);
+    });
     m.def("oracle_field", [](std::size_t n, Address positions, Address matrices, Address weight, int kernel,
                              std::size_t m, Address points, Address value, Address gradient) {
         work([&] { oracle::field({n, at<float>(positions), at<double>(matrices), at<double>(weight), {KernelName(kernel)}},

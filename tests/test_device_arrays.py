@@ -6,6 +6,7 @@ import globule as gb
 import numpy as np
 import pytest
 from globule import device
+from sweep_helpers import small_sweep
 
 SIZE = (64, 48)
 
@@ -131,3 +132,21 @@ def test_update_after_the_particles_spread_is_as_good_as_new(backend):
     scene.update(positions=lattice[:100])
     scene.update(positions=lattice[:100])
     assert scene.octree.n_nodes == gb.Scene(lattice[:100], support=0.06, **backend).octree.n_nodes
+
+
+def test_results_on_the_gpu_are_ordered_for_the_consumers_stream(cupy):
+    sweep = small_sweep()
+    right = gb.reconstruct(sweep, spacing=0.5, device="cpu")
+    sweep.frames = cupy.asarray(sweep.frames)
+    volume = gb.reconstruct(sweep, spacing=0.5, device="cuda")
+    with cupy.cuda.Stream(non_blocking=True) as stream:
+        for array in (cupy.asarray(volume.device_values), cupy.from_dlpack(volume.device_values)):
+            assert (cupy.asnumpy(array + 0, stream=stream) == right.values).all()
+
+
+def test_images_may_be_kept_after_their_frames():
+    scene = gb.Scene(points_of(), device="auto", support=0.1)
+    kept = [gb.render(scene, size=SIZE).picture for _ in range(12)]
+    assert all((picture == kept[0]).all() for picture in kept)
+    kept[0][:] = 0
+    assert not (kept[1] == kept[0]).all()

@@ -102,6 +102,19 @@ class DeviceArray:
         return {"version": 3, "shape": self.shape, "typestr": self.dtype.str, "strides": None,
                 "data": (self.address, False), "stream": self.place[2] or 1}  # fmt: skip
 
+    def __dlpack_device__(self) -> tuple[int, int]:
+        return _CUDA, max(self.place[1], 0)
+
+    def __dlpack__(self, *, stream: Any = None, **_: Any) -> Any:
+        device = self.__dlpack_device__()[1]
+        if stream not in (None, -1, 0, 1):  # the default stream waits for the core's by itself
+            _core.let_wait(device, stream)
+        code = {"i": 0, "u": 1, "f": 2}[self.dtype.kind]
+        array = _core.gpu_array(
+            self.address, list(self.shape), code, 8 * self.itemsize, device, self.owner
+        )
+        return array.__dlpack__()
+
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
         array = self._fetch() if self._fetch else to_host(self.owner)
         return array if dtype is None else array.astype(dtype, copy=False)

@@ -129,8 +129,10 @@ def reconstruct(
     elif options.method == "pvn-om":
         core.median(*whole) if options.compounding == "median" else core.add(*whole, 0, 1)
     on_device = isinstance(frames, DeviceArray)
-    into = filled_on_device if on_device else fill
-    values, radius = into(core, grid, frames.dtype, options, whole)
+    if on_device:
+        values, radius = filled_on_device(core, grid, frames.dtype, options, whole, chosen.index)
+    else:
+        values, radius = fill(core, grid, frames.dtype, options, whole)
     info = {
         **core.facts(),
         "estimated_bytes": needed,
@@ -208,7 +210,7 @@ def read_kept(
 
 
 def filled_on_device(
-    core: Any, grid: VoxelGrid, dtype: Any, options: Options, whole: tuple
+    core: Any, grid: VoxelGrid, dtype: Any, options: Options, whole: tuple, device: int
 ) -> tuple[DeviceArray, DeviceArray]:
     """The same, left in the GPU's memory."""
     _fill(core, grid, options, whole, 0, 0)
@@ -221,7 +223,7 @@ def filled_on_device(
             core.read_filled((0, 0, 0), grid.size, *places)
             return out
 
-        arrays.append(DeviceArray(place, grid.size[::-1], kind, core, fetch))
+        arrays.append(DeviceArray(place, grid.size[::-1], kind, core, fetch, device))
     return tuple(arrays)
 
 

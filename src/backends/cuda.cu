@@ -76,6 +76,16 @@ Status fetch(void* to, const AnyArray& from, std::size_t bytes) noexcept {
     });
 }
 
+Status let_wait(int device, std::uintptr_t stream) noexcept {
+    return caught([&] {
+        const Scope scope(device);
+        cudaEvent_t done;
+        check(cudaEventCreateWithFlags(&done, cudaEventDisableTiming));
+        check(cudaEventRecord(done, cudaStreamLegacy));  // which waits for the streams of all objects
+        check(cudaStreamWaitEvent(reinterpret_cast<cudaStream_t>(stream), done));
+        check(cudaEventDestroy(done));
+    });
+}
 void* take_pinned(std::size_t bytes) noexcept {
     void* room = nullptr;
     caught([&] { room = PinnedImages::take(bytes); });
@@ -85,7 +95,7 @@ void give_pinned_back(void* room, std::size_t bytes) noexcept {
     caught([&] { PinnedImages::give_back(room, bytes); });
 }
 
-constexpr BackendApi kApi = with_entries<Scope>({0, scene, describe, reconstructor, simulation, tissue, locate, fetch, take_pinned, give_pinned_back, {}, {}, {}, {}, {}, {}});
+constexpr BackendApi kApi = with_entries<Scope>({0, scene, describe, reconstructor, simulation, tissue, locate, fetch, let_wait, take_pinned, give_pinned_back, {}, {}, {}, {}, {}, {}});
 
 }  // namespace
 }  // namespace globule::core

@@ -4,6 +4,7 @@
 #include <cub/device/device_reduce.cuh>
 #include <cub/device/device_scan.cuh>
 #include <cuda_runtime.h>
+#include <nvtx3/nvToolsExt.h>
 #include <thrust/iterator/counting_iterator.h>
 
 #include <memory>
@@ -245,6 +246,14 @@ public:
         return ms * 1e-3;
     }
 
+    /// While it lives, a profiler shows what is asked for under this name.
+    class Stage {
+    public:
+        explicit Stage(const char* name) { nvtxRangePushA(name); }
+        ~Stage() { nvtxRangePop(); }
+        Stage(const Stage&) = delete;
+        Stage& operator=(const Stage&) = delete;
+    };
     /// A value of the device's that is asked for now and looked at later, without waiting.
     template <class T>
     class Answer {

@@ -38,6 +38,7 @@ public:
     Exec& next_lane() { return *lanes_[turn_++ % lanes_.size()]; }
 
     void build(const SceneArrays& in, const TreeRequest& request) {
+        const typename Exec::Stage stage("build");
         whole_ = false;
         if (n_builds_ == 1) build_beside();
         const bool beside = builder_ != lanes_[0];

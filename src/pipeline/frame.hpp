@@ -10,6 +10,7 @@ namespace globule::core {
 /// The particles have been built (pipeline/build.hpp); work goes to `exec`, nothing is waited for.
 template <class Exec>
 void make_frame(Exec& exec, const Traced<Exec>& scene, const FieldRequest& field, const Lighting& lighting, FrameImages<Exec>& frame) {
+    const typename Exec::Stage stage("frame");
     const RaySource& rays = frame.rays;
     const Hits hits = frame.hits();
     scene.trace(exec, field, rays, hits);

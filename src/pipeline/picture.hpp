@@ -43,6 +43,7 @@ public:
     }
 
     void add_passes(const std::vector<PictureLayer<Exec>>& layers, const Lighting& lighting, FrameImages<Exec>& frame, int passes) {
+        const typename Exec::Stage stage("frame of waves");
         const std::size_t n = frame.rays.n;
         frame.sums.reserve(6 * n);
         // Some bands at once, so that one works while another's last rays are on their way.

@@ -50,6 +50,7 @@ struct Traced {
 
     /// Nearly all rays: tile by tile through the octree, in float32.
     void trace(Exec& exec, const FieldRequest& field, const RaySource& rays, const Hits& hits) const {
+        const typename Exec::Stage stage("trace");
         if (field.thesis)
             return ThesisTracer<Exec>{exec, octree(), near, work, *field.thesis, field, attributes().color, attributes().one_color}(rays, hits);
         with_kinds(octree(), field.kernel, [&]<class Tree, class Kernel, bool PerParticle>(const Tree& tree, const Kernel& kernel, std::bool_constant<PerParticle>) {
@@ -62,6 +63,7 @@ struct Traced {
     }
     /// The few rays that float32 could not decide, in float64.
     void resolve(Exec& exec, const FieldRequest& field, const RaySource& rays, const Hits& hits) const {
+        const typename Exec::Stage stage("resolve");
         if (field.thesis) return;
         with_kinds(octree(), field.kernel, [&]<class Tree, class Kernel, bool PerParticle>(const Tree& tree, const Kernel&, std::bool_constant<PerParticle>) {
             const ResolveRays<Tree, PerParticle> rest{tree, octree().particles(), {field.kernel}, field.threshold, attributes().color,
@@ -79,10 +81,12 @@ struct Traced {
         });
     }
     void prepare_cells(Exec& exec, const FieldRequest& field) const {
+        const typename Exec::Stage stage("cells");
         with_tracer(field, [&](const auto& tracer) { cells.prepare(exec, field, tracer, octree().max_nodes()); });
     }
     /// Distances to the first crossing of rays that light sent on, through the cells.
     void march(Exec& exec, const FieldRequest& field, const Clips& clips, const WaveRays& rays, int layer, LayerHits& found, bool alone) const {
+        const typename Exec::Stage stage("march");
         if (alone && rays.primary() && clips.n == 0) {  // neighbours: by tiles
             found.sign = nullptr;
             found.cap = nullptr;
@@ -113,6 +117,7 @@ struct Traced {
     /// Light that this layer lets through to the hits.
     void occlude(Exec& exec, const FieldRequest& field, const Clips& clips, const Lighting& lighting, const WaveRays& rays, const WaveHits& hits,
                  int layer, float* visibility) const {
+        const typename Exec::Stage stage("occlude");
         with_tracer(field, [&](const auto& tracer) {
             using Tracer = std::decay_t<decltype(tracer)>;
             with_clips(clips, [&]<bool clipped>(std::bool_constant<clipped>) {

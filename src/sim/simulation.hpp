@@ -119,6 +119,7 @@ public:
     }
 
     StepReport step(double asked) override {
+        const typename Exec::Stage stage("step");
         StepReport r;
         r.dt = asked > 0 ? asked : next_dt();
         const float dt = float(r.dt);

@@ -75,6 +75,7 @@ public:
     }
 
     void add(const FramesView& view, int sign) override {
+        const typename Exec::Stage stage("bin images");
         const Change change(*this);
         const sweep::Images<T> frames = bring(view, false);
         exec_.mark(0);
@@ -123,6 +124,7 @@ public:
 
     void fill(FillMethod method, const FramesView& view, const FillRequest& r) override {
         using namespace sweep;
+        const typename Exec::Stage stage("fill holes");
         check_whole();
         exec_.mark(2);
         const HoleTables tables = bring_tables(r);
