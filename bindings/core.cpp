@@ -15,10 +15,28 @@ using namespace globule::core;
 
 namespace {
 
-/// Reads one image.
-template <Image image>
-void read_image(PyFrame& f, Address out) {
-    work([&] { f.core.read<&Frame::read>(image, ArrayAt<void>{at<void>(out)}); });
+/// One image of a frame as a new NumPy array (height, width[, channels]).
+template <Image image, class T, int channels>
+nb::ndarray<nb::numpy, T> read_image(PyFrame& f, std::size_t height, std::size_t width) {
+    struct Room {
+        const BackendApi* backend;  ///< null: ordinary memory
+        void* data;
+        std::size_t bytes;
+        ~Room() {
+            if (backend) backend->give_pinned_back(data, bytes);
+            else std::free(data);
+        }
+    };
+    const std::size_t bytes = height * width * channels * sizeof(T);
+    const BackendApi& backend = f.core.backend();
+    void* pinned = backend.take_pinned(bytes);
+    std::unique_ptr<Room> room(pinned ? new Room{&backend, pinned, bytes} : new Room{nullptr, std::malloc(bytes), bytes});
+    if (!room->data) throw std::bad_alloc();
+    work([&] { f.core.read<&Frame::read>(image, ArrayAt<void>{room->data, pinned ? kPinned : kHost}); });
+    T* data = static_cast<T*>(room->data);
+    nb::capsule owner(room.release(), [](void* p) noexcept { delete static_cast<Room*>(p); });
+    const std::size_t shape[] = {height, width, std::size_t(channels)};
+    return {data, std::size_t(channels > 1 ? 3 : 2), shape, owner};
 }
 
 FieldRequest field_of(int kernel, float threshold = 0.0f, const ThesisRequest* thesis = nullptr) {
@@ -90,13 +108,13 @@ NB_MODULE(_core, m) {
     });
 
     nb::class_<PyFrame>(m, "Frame")
-        .def("depth", &read_image<Image::depth>)
-        .def("normal", &read_image<Image::normal>)
-        .def("albedo", &read_image<Image::albedo>)
-        .def("color", &read_image<Image::color>)
-        .def("position", &read_image<Image::position>)
-        .def("picture", &read_image<Image::picture>)
-        .def("layer", &read_image<Image::layer>)
+        .def("depth", &read_image<Image::depth, float, 1>)
+        .def("normal", &read_image<Image::normal, float, 3>)
+        .def("albedo", &read_image<Image::albedo, float, 3>)
+        .def("color", &read_image<Image::color, float, 3>)
+        .def("position", &read_image<Image::position, float, 3>)
+        .def("picture", &read_image<Image::picture, std::uint8_t, 3>)
+        .def("layer", &read_image<Image::layer, std::uint8_t, 1>)
         .def("passes", [](PyFrame& f) { return work([&] { return f.core.read<&Frame::passes>(); }); })
         .def("trace_seconds", [](PyFrame& f) { return work([&] { return f.core.read<&Frame::trace_seconds>(); }); });
 

@@ -1,4 +1,4 @@
-"""Arrays know where they lie and on which stream: used there, copied, or refused with the reason."""
+"""Arrays know where they lie and on which stream: used there, copied, or refused with a reason."""
 
 from __future__ import annotations
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import os
 import time
+from functools import partial
 
 import globule as gb
 import numpy as np
@@ -181,8 +182,8 @@ def test_live():
     for _ in range(max(1, N // len(sweep))):
         live = gb.Reconstructor(0.5, **CPU)
         while (i := live.n_frames) < len(sweep):
-            delay = rng.uniform(0, 0.002)
-            interrupted(lambda i=i: live.add(sweep.frames[i], sweep.world_from_image[i]), delay)
+            add = partial(live.add, sweep.frames[i], sweep.world_from_image[i])
+            interrupted(add, rng.uniform(0, 0.002))
             if rng.random() < 0.2 and live.n_frames:
                 interrupted(live.volume, rng.uniform(0, 0.01))
         volume = live.volume()

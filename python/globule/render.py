@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from . import _core
-from .arrays import address
 from .camera import Camera
 from .checks import number, three, whole
 from .clips import ClipBox, ClipPlane, ClipSphere
@@ -213,40 +212,37 @@ class Frame:
         attributes = {n: to_host(a)[particle] for n, a in particles.attributes.items()}
         return Picked(position, normal, float(self.depth[row, column]), layer, particle, attributes)
 
-    def _take(self, name: str, channels: int, dtype: Any = np.float32) -> np.ndarray:
-        shape = (self.size[1], self.size[0]) + ((channels,) if channels > 1 else ())
-        out = np.empty(shape, dtype)
-        getattr(self._frame, name)(address(out))
-        return out
+    def _take(self, name: str) -> np.ndarray:
+        return getattr(self._frame, name)(self.size[1], self.size[0])
 
     @property
     def color(self) -> np.ndarray:
-        return self._take("color", 3)
+        return self._take("color")
 
     @property
     def picture(self) -> np.ndarray:
-        return self._take("picture", 3, np.uint8)
+        return self._take("picture")
 
     @property
     def depth(self) -> np.ndarray:
-        return self._take("depth", 1)
+        return self._take("depth")
 
     @property
     def position(self) -> np.ndarray:
-        return self._take("position", 3)
+        return self._take("position")
 
     @property
     def normal(self) -> np.ndarray:
-        return self._take("normal", 3)
+        return self._take("normal")
 
     @property
     def albedo(self) -> np.ndarray:
-        return self._take("albedo", 3)
+        return self._take("albedo")
 
     @property
     def _layer(self) -> np.ndarray:
         """(H, W) uint8, what was hit: a layer's number, or a larger one for the ground."""
-        return self._take("layer", 1, np.uint8)
+        return self._take("layer")
 
     @property
     def mask(self) -> np.ndarray:

@@ -126,6 +126,9 @@ struct BackendApi {
     Status (*locate)(const void* address, int* device) noexcept;
     /// A GPU's array to host memory; complete when it returns.
     Status (*fetch)(void* to, const AnyArray& from, std::size_t bytes) noexcept;
+    /// Host memory that this backend's devices write by themselves, null where there is none; kept for the next that wants it.
+    void* (*take_pinned)(std::size_t bytes) noexcept;
+    void (*give_pinned_back)(void* room, std::size_t bytes) noexcept;
     SceneEntries scene;
     FrameEntries frame;
     ReconstructorEntries reconstructor;

@@ -36,7 +36,10 @@ Status fetch(void*, const AnyArray&, std::size_t) noexcept {
     return caught([] { throw Refused("the CPU backend reads no GPU memory"); });
 }
 
-constexpr BackendApi kApi = with_entries<Scope>({0, scene, describe, reconstructor, simulation, tissue, locate, fetch, {}, {}, {}, {}, {}, {}});
+void* take_pinned(std::size_t) noexcept { return nullptr; }
+void give_pinned_back(void*, std::size_t) noexcept {}
+
+constexpr BackendApi kApi = with_entries<Scope>({0, scene, describe, reconstructor, simulation, tissue, locate, fetch, take_pinned, give_pinned_back, {}, {}, {}, {}, {}, {}});
 
 }  // namespace
 }  // namespace globule::core

@@ -76,7 +76,16 @@ Status fetch(void* to, const AnyArray& from, std::size_t bytes) noexcept {
     });
 }
 
-constexpr BackendApi kApi = with_entries<Scope>({0, scene, describe, reconstructor, simulation, tissue, locate, fetch, {}, {}, {}, {}, {}, {}});
+void* take_pinned(std::size_t bytes) noexcept {
+    void* room = nullptr;
+    caught([&] { room = PinnedImages::take(bytes); });
+    return room;
+}
+void give_pinned_back(void* room, std::size_t bytes) noexcept {
+    caught([&] { PinnedImages::give_back(room, bytes); });
+}
+
+constexpr BackendApi kApi = with_entries<Scope>({0, scene, describe, reconstructor, simulation, tissue, locate, fetch, take_pinned, give_pinned_back, {}, {}, {}, {}, {}, {}});
 
 }  // namespace
 }  // namespace globule::core

@@ -63,6 +63,8 @@ public:
     }
     void upload(void* to, const void* from, std::size_t bytes) { std::memcpy(to, from, bytes); }
     void download(void* to, const void* from, std::size_t bytes) { std::memcpy(to, from, bytes); }
+    /// To memory that the device writes by itself; here there is none.
+    void download_direct(void* to, const void* from, std::size_t bytes) { std::memcpy(to, from, bytes); }
     void copy(void* to, const void* from, std::size_t bytes) {
         constexpr std::size_t part = 1 << 18;
 #pragma omp parallel for schedule(static) num_threads(threads_) if (bytes > 4 * part)

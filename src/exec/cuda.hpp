@@ -199,6 +199,11 @@ public:
     void download(void* to, const void* from, std::size_t bytes, void* to2, const void* from2, std::size_t bytes2) {
         staging_.download(to, from, bytes, to2, from2, bytes2, stream_);
     }
+    /// To page-locked memory, which the device writes by itself.
+    void download_direct(void* to, const void* from, std::size_t bytes) {
+        check(cudaMemcpyAsync(to, from, bytes, cudaMemcpyDeviceToHost, stream_));
+        check(cudaStreamSynchronize(stream_));
+    }
     void copy(void* to, const void* from, std::size_t bytes) { check(cudaMemcpyAsync(to, from, bytes, cudaMemcpyDeviceToDevice, stream_)); }
     void clear(void* p, std::size_t bytes) { check(cudaMemsetAsync(p, 0, bytes, stream_)); }
     void synchronize() { check(cudaStreamSynchronize(stream_)); }

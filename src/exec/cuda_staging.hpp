@@ -4,6 +4,7 @@
 #pragma once
 #include <cstring>
 #include <mutex>
+#include <utility>
 #include <vector>
 
 #include "base/scalar.hpp"
@@ -43,6 +44,52 @@ private:
     }
     std::mutex mutex_;
     std::vector<char*> free_;
+};
+
+/// Page-locked memory of any size for images on their way to the caller, who keeps it for as long as he likes.  What
+/// comes back waits for the next of its size; when too much is out, the caller uses memory of his own.
+class PinnedImages {
+public:
+    /// Null where there is none to be had.
+    static void* take(std::size_t bytes) {
+        PinnedImages& all = instance();
+        const std::lock_guard lock(all.mutex_);
+        for (auto it = all.free_.begin(); it != all.free_.end(); ++it)
+            if (it->second == bytes) {
+                void* room = it->first;
+                all.free_.erase(it);
+                return room;
+            }
+        while (all.bytes_ + bytes > kMost && !all.free_.empty()) {
+            cudaFreeHost(all.free_.back().first);
+            all.bytes_ -= all.free_.back().second;
+            all.free_.pop_back();
+        }
+        if (all.bytes_ + bytes > kMost) return nullptr;
+        void* room = nullptr;
+        if (cudaHostAlloc(&room, bytes, cudaHostAllocPortable) != cudaSuccess) {
+            cudaGetLastError();
+            return nullptr;
+        }
+        all.bytes_ += bytes;
+        return room;
+    }
+    static void give_back(void* room, std::size_t bytes) {
+        PinnedImages& all = instance();
+        const std::lock_guard lock(all.mutex_);
+        all.free_.emplace_back(room, bytes);
+    }
+
+private:
+    static constexpr std::size_t kMost = 512u << 20;
+    /// Never destroyed: the driver may be gone before static objects are.
+    static PinnedImages& instance() {
+        static PinnedImages* all = new PinnedImages;
+        return *all;
+    }
+    std::mutex mutex_;
+    std::vector<std::pair<void*, std::size_t>> free_;
+    std::size_t bytes_ = 0;  ///< all that was taken from the system
 };
 
 /// What has to be copied between host and device, cut so that it fits a room.

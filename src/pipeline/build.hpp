@@ -1,6 +1,7 @@
 // The octree of the present particles, and what they look like.  On a device the next frame's is built beside it, on a
 // stream of its own, while the present one is still being traced: a build is many short steps that leave most of the
-// device idle.  Frames then take turns on two streams, so that one begins while another's last rays are on their way.
+// device idle.  Frames then take turns on two streams, so that one begins while another's last rays are on their way; a
+// build waits for the frame that reads its tree, so there are three.
 #pragma once
 #include <memory>
 #include <vector>
@@ -41,12 +42,10 @@ public:
         if (n_builds_ == 1) build_beside();
         const bool beside = builder_ != lanes_[0];
         if (beside) {
-            for (auto& lane : lanes_) {
-                builder_->follow(*lane, kRead);  // what reads the older tree was asked for before the last build
-                lane->mark(kRead);
-            }
-            now_ = 1 - now_;
-            if (n_builds_ <= 2) built_[now_] = std::make_unique<Built<Exec>>(*builder_);  // both work on the builder's stream now
+            for (auto& lane : lanes_) lane->mark(kRead + now_);  // what reads the present tree has been asked for
+            now_ = (now_ + 1) % kTrees;
+            if (n_builds_ <= kTrees) built_[now_] = std::make_unique<Built<Exec>>(*builder_);  // the first one was on another stream
+            for (auto& lane : lanes_) builder_->follow(*lane, kRead + now_);
         }
         Exec& exec = *builder_;
         ParticleInput input;
@@ -74,7 +73,11 @@ public:
     void synchronize() {
         for (auto& lane : lanes_) lane->synchronize();
     }
-    std::uint64_t bytes() const { return built_[0]->octree.bytes() + (built_[1] ? built_[1]->octree.bytes() : 0); }
+    std::uint64_t bytes() const {
+        std::uint64_t sum = 0;
+        for (const auto& b : built_) sum += b ? b->octree.bytes() : 0;
+        return sum;
+    }
     /// Waits for the last build.
     double build_seconds() { return builder_->elapsed(0, 1); }
 
@@ -85,25 +88,25 @@ public:
     }
 
 private:
-    /// From the second build on there are two trees, where memory allows: a scene that is built once needs but one.
+    /// From the second build on there are more trees, where memory allows: a scene that is built once needs but one.
     void build_beside() {
         if constexpr (Exec::on_device) {
             Exec& first = *lanes_[0];
-            if (shared_ || builder_ != lanes_[0] || first.free_bytes() / 4 <= now().octree.bytes()) return;
+            if (shared_ || builder_ != lanes_[0] || first.free_bytes() / 8 <= now().octree.bytes()) return;
             std::shared_ptr<Exec> builder = first.sibling(true), lane = first.sibling();
             builder->follow(first);
             lane->follow(first);
-            for (Exec* exec : {&first, lane.get()}) exec->mark(kRead);
             lanes_.push_back(std::move(lane));
             builder_ = std::move(builder);
         }
     }
 
-    static constexpr int kRead = 4;  ///< marks 0 and 1: build
+    static constexpr int kTrees = 3;
+    static constexpr int kRead = 4;  ///< and the marks behind, one a tree; marks 0 and 1: build
 
     std::vector<std::shared_ptr<Exec>> lanes_;  ///< the first is the scene's own
     std::shared_ptr<Exec> builder_;
-    std::unique_ptr<Built<Exec>> built_[2];
+    std::unique_ptr<Built<Exec>> built_[kTrees];
     Buffer<float, Exec> positions_, support_, weight_, stretch_;  ///< copies of what lies elsewhere, in use until the build is done
     std::size_t n_builds_ = 0;
     unsigned turn_ = 0;

@@ -92,6 +92,7 @@ public:
 private:
     void copy(const ArrayAt<void>& out, const void* from, std::size_t bytes) {
         if (out.device == kHost) return reader_->download(out.data, from, bytes);
+        if (out.device == kPinned) return reader_->download_direct(out.data, from, bytes);
         reader_->wait_for_caller(out.stream);
         reader_->copy(out.data, from, bytes);
         reader_->let_caller_wait(out.stream);
