@@ -65,7 +65,7 @@ def measure(sweep: gb.Sweep, size: int, method: str, device: str, threads: int, 
     region = np.array([middle - half, middle + half])
     grid = make_grid(low, high, None, (size, size, size), region)
     poses = grid.poses(sweep.world_from_image)
-    whole = ((address(frames), False), address(poses), 0, *frames.shape)
+    whole = (located(frames), address(poses), 0, *frames.shape)
     core = _core.Reconstructor(chosen.backend, chosen.index, threads)
     best = {"bin_ms": np.inf, "fill_ms": np.inf, "total_ms": np.inf}
     dense = None

@@ -117,31 +117,31 @@ public:
         return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
     }
 
-    template <class Kernel>
-    void for_each(std::size_t n, const Kernel& kernel) {
+    template <class Functor>
+    void for_each(std::size_t n, const Functor& functor) {
 #pragma omp parallel for schedule(static) num_threads(threads_) if (n > 2048)
-        for (std::size_t i = 0; i < n; ++i) kernel(i);
+        for (std::size_t i = 0; i < n; ++i) functor(i);
         interrupt_->check();
     }
 
     /// Rows in packets of SIMD lanes; the last packet's lanes go past n, into padding.
-    template <class Kernel>
-    void for_each_packet(std::size_t n, const Kernel& kernel) {
+    template <class Functor>
+    void for_each_packet(std::size_t n, const Functor& functor) {
 #pragma omp parallel for schedule(static) num_threads(threads_) if (n > 256)
-        for (std::size_t i = 0; i < n; i += Packet::width) kernel.template run<Packet>(i);
+        for (std::size_t i = 0; i < n; i += Packet::width) functor.template run<Packet>(i);
         interrupt_->check();
     }
 
     /// As for_each, for items of very different length.
-    template <class Kernel>
-    void for_each_uneven(std::size_t n, const Kernel& kernel) {
+    template <class Functor>
+    void for_each_uneven(std::size_t n, const Functor& functor) {
         constexpr std::size_t chunk = 256;
 #pragma omp parallel num_threads(threads_) if (n > chunk)
         {
 #pragma omp for schedule(dynamic)
             for (std::size_t c = 0; c < ceil_div(n, chunk); ++c) {
                 if (interrupt_->stopped()) continue;
-                for (std::size_t i = c * chunk; i < std::min(n, (c + 1) * chunk); ++i) kernel(i);
+                for (std::size_t i = c * chunk; i < std::min(n, (c + 1) * chunk); ++i) functor(i);
                 poll();
             }
         }
@@ -149,14 +149,14 @@ public:
     }
 
     /// Few pieces of much and uneven work each; dealt out as threads become free.
-    template <class Kernel>
-    void for_each_task(std::size_t n, const Kernel& kernel) {
+    template <class Functor>
+    void for_each_task(std::size_t n, const Functor& functor) {
 #pragma omp parallel num_threads(threads_)
         {
 #pragma omp for schedule(dynamic, 1)
             for (std::size_t i = 0; i < n; ++i) {
                 if (interrupt_->stopped()) continue;
-                kernel(i);
+                functor(i);
                 poll();
             }
         }
@@ -171,13 +171,13 @@ public:
     }
 
     /// One group of lanes a tile, as many tiles as *n says.
-    template <class Kernel>
-    void for_each_tile_of(const std::uint32_t* n, const Kernel& kernel) { for_each_tile(*n, kernel); }
+    template <class Functor>
+    void for_each_tile_of(const std::uint32_t* n, const Functor& functor) { for_each_tile(*n, functor); }
 
     /// One group of lanes a tile; tiles are dealt out as threads become free.
-    template <class Kernel>
-    void for_each_tile(std::size_t n, const Kernel& kernel) {
-        using Scratch = typename Kernel::template Scratch<Group>;
+    template <class Functor>
+    void for_each_tile(std::size_t n, const Functor& functor) {
+        using Scratch = typename Functor::template Scratch<Group>;
 #pragma omp parallel num_threads(threads_)
         {
             auto scratch = std::make_unique<Scratch>();
@@ -185,7 +185,7 @@ public:
 #pragma omp for schedule(dynamic, 4)
             for (std::size_t i = 0; i < n; ++i) {
                 if (interrupt_->stopped()) continue;
-                kernel(group, *scratch, i);
+                functor(group, *scratch, i);
                 if (i % 4 == 3) poll();  // a look at the clock takes as long as a small tile
             }
         }

@@ -18,36 +18,42 @@
 
 namespace globule::core {
 
-template <class Kernel>
-__global__ void run_each(std::size_t n, Kernel kernel) {
+template <class Functor>
+__global__ void run_each(std::size_t n, Functor functor) {
     const std::size_t i = std::size_t(blockIdx.x) * blockDim.x + threadIdx.x;
-    if (i < n) kernel(i);
+    if (i < n) functor(i);
 }
 
-template <class Kernel>
-__global__ void __launch_bounds__(128) run_packets(std::size_t n, Kernel kernel) {
+template <class Functor>
+__global__ void __launch_bounds__(128) run_packets(std::size_t n, Functor functor) {
     const std::size_t i = std::size_t(blockIdx.x) * blockDim.x + threadIdx.x;
-    if (i < n) kernel.template run<CudaPacket>(i);
+    if (i < n) functor.template run<CudaPacket>(i);
 }
 
 inline constexpr int kWarpsPerBlock = 4;
 inline constexpr int kWalkBlocks = 5;  ///< of 128 threads to a processor, in run_walks: 96 registers a thread
 
-template <class Kernel>
-__global__ void __launch_bounds__(32 * kWarpsPerBlock, 4)  // at most 128 registers
-    run_tiles(std::size_t n, Kernel kernel) {
-    using Scratch = typename Kernel::template Scratch<CudaGroup>;
+/// Blocks of tiles that a processor holds at one time: 4 leaves 128 registers a thread; a functor that does with 96 says 5.
+template <class Functor>
+constexpr int tile_blocks() {
+    if constexpr (requires { Functor::tile_blocks; }) return Functor::tile_blocks;
+    else return 4;
+}
+
+template <class Functor>
+__global__ void __launch_bounds__(32 * kWarpsPerBlock, tile_blocks<Functor>()) run_tiles(std::size_t n, Functor functor) {
+    using Scratch = typename Functor::template Scratch<CudaGroup>;
     __shared__ Scratch scratch[kWarpsPerBlock];
     const int warp = threadIdx.x / 32;
     const std::size_t tile = std::size_t(blockIdx.x) * kWarpsPerBlock + warp;
     CudaGroup group;
-    if (tile < n) kernel(group, scratch[warp], tile);
+    if (tile < n) functor(group, scratch[warp], tile);
 }
 
-template <class Kernel>
-__global__ void __launch_bounds__(128) run_uneven(std::size_t n, Kernel kernel) {
+template <class Functor>
+__global__ void __launch_bounds__(128) run_uneven(std::size_t n, Functor functor) {
     const std::size_t i = std::size_t(blockIdx.x) * blockDim.x + threadIdx.x;
-    if (i < n) kernel(i);
+    if (i < n) functor(i);
 }
 
 /// Lanes that are done with their item take the next ones, some at a time, so that a warp stays full
@@ -86,14 +92,14 @@ __global__ void __launch_bounds__(128, kWalkBlocks) run_walks(unsigned long long
 }
 
 /// As run_tiles, the number of tiles known on the device only: warps take every n-th.
-template <class Kernel>
-__global__ void __launch_bounds__(32 * kWarpsPerBlock, 4) run_tiles_of(const std::uint32_t* n, Kernel kernel) {
-    using Scratch = typename Kernel::template Scratch<CudaGroup>;
+template <class Functor>
+__global__ void __launch_bounds__(32 * kWarpsPerBlock, 4) run_tiles_of(const std::uint32_t* n, Functor functor) {
+    using Scratch = typename Functor::template Scratch<CudaGroup>;
     __shared__ Scratch scratch[kWarpsPerBlock];
     const int warp = threadIdx.x / 32;
     CudaGroup group;
     for (std::uint32_t tile = blockIdx.x * kWarpsPerBlock + warp; tile < *n; tile += gridDim.x * kWarpsPerBlock) {
-        kernel(group, scratch[warp], tile);
+        functor(group, scratch[warp], tile);
         __syncwarp();
     }
 }
@@ -294,35 +300,35 @@ public:
         cudaEvent_t begin_ = nullptr, end_ = nullptr;
     };
 
-    template <class Kernel>
-    void for_each(std::size_t n, const Kernel& kernel) {
+    template <class Functor>
+    void for_each(std::size_t n, const Functor& functor) {
         interrupt_->check();
         if (n == 0) return;
         const unsigned threads = n < 4096 ? 32 : 256;
-        run_each<<<unsigned(ceil_div<std::size_t>(n, threads)), threads, 0, stream_>>>(n, kernel);
+        run_each<<<unsigned(ceil_div<std::size_t>(n, threads)), threads, 0, stream_>>>(n, functor);
         check(cudaGetLastError());
     }
-    template <class Kernel>
-    void for_each_task(std::size_t n, const Kernel& kernel) {
+    template <class Functor>
+    void for_each_task(std::size_t n, const Functor& functor) {
         interrupt_->check();
         if (n == 0) return;
         constexpr unsigned threads = 64;
-        run_each<<<unsigned(ceil_div<std::size_t>(n, threads)), threads, 0, stream_>>>(n, kernel);
+        run_each<<<unsigned(ceil_div<std::size_t>(n, threads)), threads, 0, stream_>>>(n, functor);
         check(cudaGetLastError());
     }
-    template <class Kernel>
-    void for_each_tile(std::size_t n, const Kernel& kernel) {
+    template <class Functor>
+    void for_each_tile(std::size_t n, const Functor& functor) {
         interrupt_->check();
         if (n == 0) return;
-        run_tiles<<<unsigned(ceil_div<std::size_t>(n, kWarpsPerBlock)), 32 * kWarpsPerBlock, 0, stream_>>>(n, kernel);
+        run_tiles<<<unsigned(ceil_div<std::size_t>(n, kWarpsPerBlock)), 32 * kWarpsPerBlock, 0, stream_>>>(n, functor);
         check(cudaGetLastError());
     }
 
-    template <class Kernel>
-    void for_each_uneven(std::size_t n, const Kernel& kernel) {
+    template <class Functor>
+    void for_each_uneven(std::size_t n, const Functor& functor) {
         interrupt_->check();
         if (n == 0) return;
-        run_uneven<<<unsigned(ceil_div<std::size_t>(n, 128)), 128, 0, stream_>>>(n, kernel);
+        run_uneven<<<unsigned(ceil_div<std::size_t>(n, 128)), 128, 0, stream_>>>(n, functor);
         check(cudaGetLastError());
     }
     template <class Walk>
@@ -335,19 +341,19 @@ public:
         run_walks<<<blocks, 128, 0, stream_>>>(n, next, walk);
         check(cudaGetLastError());
     }
-    template <class Kernel>
-    void for_each_tile_of(const std::uint32_t* n, const Kernel& kernel) {
+    template <class Functor>
+    void for_each_tile_of(const std::uint32_t* n, const Functor& functor) {
         interrupt_->check();
-        run_tiles_of<<<16 * n_processors_, 32 * kWarpsPerBlock, 0, stream_>>>(n, kernel);
+        run_tiles_of<<<16 * n_processors_, 32 * kWarpsPerBlock, 0, stream_>>>(n, functor);
         check(cudaGetLastError());
     }
 
     /// One thread a row.
-    template <class Kernel>
-    void for_each_packet(std::size_t n, const Kernel& kernel) {
+    template <class Functor>
+    void for_each_packet(std::size_t n, const Functor& functor) {
         interrupt_->check();
         if (n == 0) return;
-        run_packets<<<unsigned(ceil_div<std::size_t>(n, 128)), 128, 0, stream_>>>(n, kernel);
+        run_packets<<<unsigned(ceil_div<std::size_t>(n, 128)), 128, 0, stream_>>>(n, functor);
         check(cudaGetLastError());
     }
 

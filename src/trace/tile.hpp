@@ -13,6 +13,7 @@ inline constexpr float kSpread = 8.0f;  ///< of a flock to begin with, likewise
 
 template <class Tree, class Kernel, bool PerParticle>
 struct TraceTiles {
+    static constexpr int tile_blocks = PerParticle ? 4 : 5;  ///< of tiles at one time on a GPU's processor
     template <class Group>
     using Scratch = TileScratch<Group, PerParticle>;
 
