@@ -1,4 +1,4 @@
-"""The C++ interface: built outside of the tree against the installed package, and equal to Python's."""
+"""The C++ interface: built outside of the tree against the installed package, equal to Python's."""
 
 from __future__ import annotations
 
@@ -27,7 +27,8 @@ def run(*command, **options):
 @pytest.fixture(scope="module")
 def built(tmp_path_factory):
     """Tests and examples, configured once."""
-    cmake = shutil.which("cmake", path=f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}")
+    beside = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    cmake = shutil.which("cmake", path=beside)
     if cmake is None:
         pytest.skip("cmake is missing: sudo apt-get install cmake")
     if shutil.which(os.environ.get("CXX", "g++")) is None and shutil.which("c++") is None:
@@ -111,8 +112,7 @@ def test_rich_images(made):
     folder, p, _ = made
     i = np.arange(len(p))
     color = ((i[:, None] + 7 * np.arange(3)) % 32 / 32).astype(np.float32)
-    support = (0.2 + 0.0625 * (i % 3)).astype(np.float32)
-    support = (np.float32(0.2) + np.float32(0.0625) * (i % 3).astype(np.float32))
+    support = np.float32(0.2) + np.float32(0.0625) * (i % 3).astype(np.float32)
     weight = np.where(i % 5, 1.0, 0.5).astype(np.float32)
     particles = gb.Particles(p, support, weight, color, reflection=0.25, refraction=0.5)
     scene = gb.Scene(particles, octree="dense", device="cpu")
@@ -188,7 +188,8 @@ def pose(f):
 
 
 def same_volume(folder, name, volume):
-    same(folder, name, np.concatenate([volume.values.ravel().view(np.uint8), volume.radius.ravel()]))
+    values = volume.values.ravel().view(np.uint8)
+    same(folder, name, np.concatenate([values, volume.radius.ravel()]))
     same(folder, f"{name}.matrix", volume.world_from_voxel)
 
 

@@ -1,7 +1,7 @@
 // As toy_sph, but the particles live on the GPU and never leave it:   toy_sph_cuda [steps]
 //
 // globule reads positions and colours where they lie, after what the toy's own stream was given before, and copies each image
-// into the toy's device memory; the stream goes on after that.  Nothing waits for the host.
+// into the toy's device memory; the stream goes on after that.  No particle and no pixel passes through host memory.
 #include <globule/globule.hpp>
 
 #include <cuda_runtime.h>

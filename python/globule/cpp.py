@@ -10,7 +10,7 @@ _HERE = Path(__file__).resolve().parent
 def cmake_dir() -> str:
     """The folder of globuleConfig.cmake, for `find_package(globule)`:
 
-        cmake -S . -B build -Dglobule_DIR="$(python -c 'import globule; print(globule.cmake_dir())')"
+        cmake -B build -Dglobule_DIR="$(python -c 'import globule as g; print(g.cmake_dir())')"
 
     Raises FileNotFoundError where this package was installed without it.
     """

@@ -78,12 +78,12 @@ TEST_CASE("a call that is stopped leaves its scene right or asks for an update")
     settings.shadows = true;
     settings.ambient_rays = 2;
     Scene s({.positions = p}, {.support = 0.2, .device = "cpu"});
-    const auto picture = [&] { return s.render(camera, 96, 72, settings).picture(); };
+    const auto picture = [&] { return s.render(camera, 64, 48, settings).picture(); };
     const auto expected = picture();
     int n_cancelled = 0, n_stale = 0, wrong = 0;
     for (int i = 0; i < 40; ++i) {
         std::thread stopper([&, i] {
-            std::this_thread::sleep_for(std::chrono::milliseconds(i / 2));
+            std::this_thread::sleep_for(std::chrono::microseconds(250 * i));
             s.cancel();
         });
         bool cancelled = false;
