@@ -139,12 +139,14 @@ NB_MODULE(_core, m) {
             }
             work([&] {
                 Arrays all(s.core.device());
+                auto held = std::make_shared<Arrays>(s.core.device());
                 const SceneArrays arrays{n, all.reach("positions", array(positions), 3 * n), all.reach("support", array(support), n),
-                                         all.reach("weight", array(weight), n), all.reach("color", array(color), 3 * n),
-                                         all.reach("reflection", array(reflection), n), all.reach("refraction", array(refraction), n),
+                                         all.reach("weight", array(weight), n), held->reach("color", array(color), 3 * n),
+                                         held->reach("reflection", array(reflection), n), held->reach("refraction", array(refraction), n),
                                          all.reach("anisotropy", array(stretch), 6 * n), most_stretch, one_support, one_weight, vec(one_color),
                                          one_reflection, one_refraction};
                 s.core.call<&Scene::build>(arrays, request);
+                s.held = std::move(held);
             });
         })
         .def("facts", [](PyScene& s, bool with_hashes) {

@@ -9,6 +9,7 @@ struct PyFrame {
 };
 struct PyScene {
     Handle<Scene> core;
+    std::shared_ptr<Arrays> held;  ///< copies of attributes that pictures read until the next build
 };
 
 }  // namespace globule::core

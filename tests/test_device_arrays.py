@@ -62,6 +62,17 @@ def test_cpu_scene_takes_gpu_arrays(cupy):
     assert (gb.field(scene, cupy.asarray(points)) == gb.field(right, points)).all()
 
 
+def test_colours_on_a_gpu_outlive_the_update_of_a_cpu_scene(cupy):
+    points = points_of()
+    color = np.random.default_rng(2).random(points.shape).astype(np.float32)
+    given = gb.Particles(cupy.asarray(points), support=0.1, color=cupy.asarray(color))
+    scene = gb.Scene(given, device="cpu")
+    right = gb.Scene(gb.Particles(points, support=0.1, color=color), device="cpu")
+    camera = gb.Camera.fit(points, size=SIZE)
+    picture = gb.render(right, camera, SIZE).picture
+    assert (gb.render(scene, camera, SIZE).picture == picture).all()
+
+
 def test_pinned_memory_is_the_hosts(cupy):
     points = points_of()
     pinned = np.frombuffer(cupy.cuda.alloc_pinned_memory(points.nbytes), np.float32, points.size)
