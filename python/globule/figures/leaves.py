@@ -11,7 +11,7 @@ from ..octree import morton
 from ..scene import Scene
 from .style import BLUE, INK, Figure, bare, draw_cubes
 
-LEAF_SIZE = 32  # a cell with more particles is split (include/globule/octree/types.hpp)
+LEAF_SIZE = 32  # a cell with more particles is split (src/octree/types.hpp)
 LEVELS = 10  # of a 32-bit key
 N_PARTICLES = 20_000
 
