@@ -71,7 +71,7 @@ struct Intersections {
 /// Any thread may call any method.  Calls on one scene wait for each other; calls on different scenes run in parallel.
 ///
 /// All methods throw Error: invalid for an argument (nothing was changed), cancelled, memory, device; stale where an update was
-/// cancelled or failed and no other one has succeeded since.
+/// cancelled or failed and no other one has succeeded since.  (An update that is refused only when its nodes were counted is stale, too.)
 class GLOBULE_API Scene {
 public:
     /// An empty handle.

@@ -124,36 +124,34 @@ class Reconstructor:
             raise ValueError(
                 f"poses: expected {len(frames)}, one a frame, got {len(world_from_image)}"
             )
-        with self._lock:
-            if self._type is None:
-                self._begin(frames)
-            self._check_alike(frames)
-            box = bounds(world_from_image, self._used, self._shape)
-            before = None if self._grid is None else (self._low, self._high)
-            added = _Added(frames.copy(), world_from_image, *box, before)
-            self._make_room(added)
-            self._bin(added, 1)
-            self._added.append(added)
-            self.n_frames += len(frames)
-            self._forget()
+        if self._type is None:
+            self._begin(frames)
+        self._check_alike(frames)
+        box = bounds(world_from_image, self._used, self._shape)
+        before = None if self._grid is None else (self._low, self._high)
+        added = _Added(frames.copy(), world_from_image, *box, before)
+        self._make_room(added)
+        self._bin(added, 1)
+        self._added.append(added)
+        self.n_frames += len(frames)
+        self._forget()
 
     @whole
     def undo(self) -> None:
         """Take out what the last call to `add` put in."""
-        with self._lock:
-            if not self._added:
-                raise ValueError("undo: expected frames that are still remembered, got none")
-            last = self._added.pop()
-            self.n_frames -= len(last.frames)
-            self._low, self._high = last.before or (self._low, self._high)
-            if self._options.compounding == "mean":
-                self._bin(last, -1)
-                self._order -= last.frames.size
-                return
-            self._order = 0
-            self._start()
-            for added in self._added:
-                self._bin(added, 1)
+        if not self._added:
+            raise ValueError("undo: expected frames that are still remembered, got none")
+        last = self._added.pop()
+        self.n_frames -= len(last.frames)
+        self._low, self._high = last.before or (self._low, self._high)
+        if self._options.compounding == "mean":
+            self._bin(last, -1)
+            self._order -= last.frames.size
+            return
+        self._order = 0
+        self._start()
+        for added in self._added:
+            self._bin(added, 1)
 
     def volume(self) -> Volume:
         """The volume of all frames so far; a copy, later frames do not change it."""

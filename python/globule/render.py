@@ -181,8 +181,12 @@ class Frame:
         return self._frame.passes()
 
     def refine(self, samples: int = 1) -> Frame:
-        """Adds samples to each pixel of this picture, in place: edges, soft shadows and rough
-        mirrors get smooth. Depth, normals and positions stay those of the pixels' centres."""
+        """Add samples to each pixel: edges, soft shadows and rough mirrors get smooth.
+
+        The images that follow are those of all samples; arrays taken before stay as they are. Depth,
+        normals and positions stay those of the pixels' centres. Returns the frame itself.
+        Raises ValueError where the scene has changed since the frame was rendered.
+        """
         if self.samples + whole("samples", samples, 1, MAX_SAMPLES) > MAX_SAMPLES:
             raise ValueError(f"samples: expected at most {MAX_SAMPLES} in all, got {samples} more")
         self._frame = self._more(samples, self._frame)

@@ -1,6 +1,7 @@
-// The guard: the one way into a backend's objects.  In this order, for each call: a forked process is refused, the object's
-// lock is taken, the backend's entry sets the device, forgets earlier requests to stop, orders arrays after the caller's
-// streams, runs, marks what was half made, gives the device back (backends/entry.hpp), and what failed is thrown as one Error.
+// The guard: the one way into a backend's objects.  In this order, for each call: a forked process is refused; the object's
+// lock is taken; the backend's entry (backends/entry.hpp) sets the device, forgets earlier requests to stop, runs, which orders
+// arrays after the caller's streams (pipeline/arrays.hpp), gives the caller's device back and marks what was left half made;
+// what failed is thrown as one Error.
 #pragma once
 #include <algorithm>
 #include <atomic>

@@ -154,7 +154,7 @@ inline constexpr std::uint64_t kBackendAbi = [] {
     std::uint64_t h = 2;
     for (std::uint64_t size : {sizeof(BackendApi), sizeof(SceneArrays), sizeof(TreeRequest), sizeof(TreeFacts), sizeof(PictureRequest),
                                sizeof(Lighting), sizeof(SimulationSettings), sizeof(StepReport), sizeof(PlusRequest), sizeof(GridRequest),
-                               sizeof(FramesView), sizeof(FillRequest), sizeof(TissueArrays), sizeof(std::string)})
+                               sizeof(FramesView), sizeof(FillRequest), sizeof(LayerRequest), sizeof(FieldRequest), sizeof(Clip), sizeof(BloodVessel), sizeof(BladeSweep), sizeof(TissueArrays), sizeof(std::string)})
         h = h * 1099511628211ull + size;
     return h;
 }();

@@ -1,4 +1,4 @@
-// A particle simulation as the bindings see it; simulation_of.hpp has the one implementation.
+// A particle simulation as the bindings see it; sim/simulation.hpp has the one implementation.
 #pragma once
 #include <functional>
 #include <memory>

@@ -1,5 +1,5 @@
 // What a compiled backend offers for tissue: bonds, the knife, pieces, vessels.  It runs by itself, or
-// as a part of a simulation (simulation_of.hpp).
+// as a part of a simulation (sim/simulation.hpp).
 #pragma once
 #include <cstdint>
 #include <string>

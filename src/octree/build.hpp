@@ -8,9 +8,9 @@
 // one parent come out side by side.  A last pass lets every leaf carry its box towards the root:
 // whoever arrives last at a parent goes on.
 #pragma once
-#include <stdexcept>
 #include <string>
 
+#include "backends/status.hpp"
 #include "exec/buffer.hpp"
 #include "octree/dense.hpp"
 #include "octree/sparse.hpp"
@@ -448,7 +448,7 @@ private:
         if (Exec::on_device && n <= seen_ && n >= seen_ / 4 && fitted()) return;
         std::uint32_t wanted;
         exec_.download(&wanted, counts + (params_.depth + 1) * n_chunks, sizeof wanted);
-        if (wanted > kMaxNodes) throw std::length_error("octree: expected at most 2^29 nodes, got " + std::to_string(wanted) + ": lower `depth`");
+        if (wanted > kMaxNodes) throw Refused("octree: expected at most 2^29 nodes, got " + std::to_string(wanted) + ": lower `depth`");
         if (wanted > capacity_ || wanted < capacity_ / 4) {
             const std::size_t room = ceil_div<std::size_t>(wanted + wanted / 4, 64) * 64 + 64;
             capacity_ = 0;

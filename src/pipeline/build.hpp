@@ -68,7 +68,8 @@ public:
         let_callers_go_on(exec, in.positions, in.support, in.weight, in.stretch);
         if (beside)
             for (auto& lane : lanes_) lane->follow(exec);
-        ++n_builds_;
+        const bool measures = !in.support.data && in.one_support == 0.0f;  // another build follows at once
+        if (!measures) ++n_builds_;
         whole_ = true;
     }
     void synchronize() {

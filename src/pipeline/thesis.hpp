@@ -1,4 +1,4 @@
-// Runs the thesis's own tracing (globule/trace/thesis) on a dense octree.
+// Runs the thesis's own tracing (trace/thesis) on a dense octree.
 #pragma once
 #include <limits>
 
