@@ -183,7 +183,7 @@ class Frame:
     def refine(self, samples: int = 1) -> Frame:
         """Add samples to each pixel: edges, soft shadows and rough mirrors get smooth.
 
-        The images that follow are those of all samples; arrays taken before stay as they are. Depth,
+        The images that follow are of all samples; arrays taken before stay as they are. Depth,
         normals and positions stay those of the pixels' centres. Returns the frame itself.
         Raises ValueError where the scene has changed since the frame was rendered.
         """
