@@ -16,6 +16,7 @@ from cli_helpers import cube  # noqa: E402
 from globule import device  # noqa: E402
 
 LEVELS = device.cpu_levels()
+SOAK = float(os.environ.get("GLOBULE_SOAK", 0))  # what test_concurrency.py takes on purpose
 BACKENDS = [f"{LEVELS[-1]}-1thread", *(f"{level}-threads" for level in LEVELS), "cuda"]
 
 
@@ -72,7 +73,7 @@ def hang_guard(request, real_stderr):
     if getattr(request.module, "BROWSERS", False):
         yield
         return
-    faulthandler.dump_traceback_later(60, exit=True, file=real_stderr)
+    faulthandler.dump_traceback_later(60 + SOAK, exit=True, file=real_stderr)
     yield
     faulthandler.cancel_dump_traceback_later()
 

@@ -28,7 +28,10 @@ if [ "$only" != thread ]; then
   rm -rf build/asan/site && mkdir -p build/asan/site && cp -r python/globule build/asan/site/ && rm -f build/asan/site/globule/*.so
   cmake --install build/asan --prefix build/asan/site > /dev/null
   cpp_tests build/asan-cpp "$PWD/build/asan/site/globule/cmake" address,undefined
-  export ASAN_OPTIONS=detect_leaks=0 UBSAN_OPTIONS=print_stacktrace=1
+  # Python keeps memory to its end; reports go to files, since pytest holds back what a test that ends the process wrote.
+  export ASAN_OPTIONS=detect_leaks=0:log_path=$PWD/build/asan-report UBSAN_OPTIONS=halt_on_error=1:print_stacktrace=1:log_path=$PWD/build/asan-report
+  rm -f build/asan-report.*
+  trap 'head -n 30 build/asan-report.* 2> /dev/null || true' EXIT
   build/asan-cpp/cpp_tests
   LD_PRELOAD="$(gcc -print-file-name=libasan.so) $(gcc -print-file-name=libubsan.so)" PYTHONPATH=build/asan/site PYTHONMALLOC=malloc \
     "$python" -m pytest -q -p no:cacheprovider -k "not cuda and not interpreter_is_free" tests/test_interrupts.py tests/test_concurrency.py \

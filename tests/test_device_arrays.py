@@ -148,8 +148,8 @@ def test_update_after_the_particles_spread_is_as_good_as_new(backend):
 def test_results_on_the_gpu_are_ordered_for_the_consumers_stream(cupy):
     sweep = small_sweep()
     right = gb.reconstruct(sweep, spacing=0.5, device="cpu")
-    sweep.frames = cupy.asarray(sweep.frames)
-    volume = gb.reconstruct(sweep, spacing=0.5, device="cuda")
+    there = gb.Sweep(cupy.asarray(sweep.frames), sweep.world_from_image)
+    volume = gb.reconstruct(there, spacing=0.5, device="cuda")
     with cupy.cuda.Stream(non_blocking=True) as stream:
         for array in (cupy.asarray(volume.device_values), cupy.from_dlpack(volume.device_values)):
             assert (cupy.asnumpy(array + 0, stream=stream) == right.values).all()

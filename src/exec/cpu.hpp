@@ -61,10 +61,12 @@ public:
         if (!moved) throw std::bad_alloc();
         return moved;
     }
-    void upload(void* to, const void* from, std::size_t bytes) { std::memcpy(to, from, bytes); }
-    void download(void* to, const void* from, std::size_t bytes) { std::memcpy(to, from, bytes); }
+    void upload(void* to, const void* from, std::size_t bytes) {
+        if (bytes) std::memcpy(to, from, bytes);  // of nothing there may be no address
+    }
+    void download(void* to, const void* from, std::size_t bytes) { upload(to, from, bytes); }
     /// To memory that the device writes by itself; here there is none.
-    void download_direct(void* to, const void* from, std::size_t bytes) { std::memcpy(to, from, bytes); }
+    void download_direct(void* to, const void* from, std::size_t bytes) { upload(to, from, bytes); }
     void copy(void* to, const void* from, std::size_t bytes) {
         constexpr std::size_t part = 1 << 18;
 #pragma omp parallel for schedule(static) num_threads(threads_) if (bytes > 4 * part)
@@ -74,7 +76,7 @@ public:
     void clear(void* p, std::size_t bytes) {
         constexpr std::size_t part = 1 << 18;
         if (bytes <= part) {
-            std::memset(p, 0, bytes);
+            if (bytes) std::memset(p, 0, bytes);
             return;
         }
 #pragma omp parallel for schedule(static) num_threads(threads_)
