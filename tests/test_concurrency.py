@@ -18,6 +18,7 @@ from test_interrupts import water
 
 SECONDS = float(os.environ.get("GLOBULE_SOAK", "4"))
 SIZE = (48, 36)
+CPU = {"device": "cpu", "threads": 2}
 
 
 def point_sets() -> list[np.ndarray]:
@@ -67,7 +68,7 @@ def test_shared_scene():
 
 
 def test_shared_simulation_and_reconstructor():
-    plain, sim = water(), water()
+    plain, sim = water(CPU), water(CPU)
     right, pictures = {0: plain.hash()}, set()
     for _ in range(400):
         pictures.add(gb.render(plain.scene, camera := gb.Camera((2, 2, 2), (0.5, 0.2, 0.5)), SIZE)

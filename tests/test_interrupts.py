@@ -10,13 +10,25 @@ from functools import partial
 import globule as gb
 import numpy as np
 import pytest
+from globule.device import choose
 from interrupts import interrupted
 from sweep_helpers import small_sweep
 
 N = int(os.environ.get("GLOBULE_INTERRUPTS", "20"))
-CPU = {"device": "cpu", "threads": 2}
 SIZE = (64, 48)
 LIGHT = gb.RenderSettings(shadows=True, ambient_rays=2, samples=2)
+
+
+@pytest.fixture(params=["cpu", "cuda"])
+def on(request):
+    """Keyword arguments that choose the device."""
+    if request.param == "cpu":
+        return {"device": "cpu", "threads": 2}
+    try:
+        choose("cuda")
+    except RuntimeError as error:
+        pytest.skip(f"cuda: {error}")
+    return {"device": "cuda"}
 
 
 def lattice(n: int, seed: int = 1) -> np.ndarray:
@@ -35,9 +47,9 @@ def timed(call) -> float:
     return time.perf_counter() - start
 
 
-def test_build():
+def test_build(on):
     a, b = lattice(40), lattice(40, 2)
-    scene = gb.Scene(a, support=2.0, **CPU)
+    scene = gb.Scene(a, support=2.0, **on)
     camera = gb.Camera.fit(a, size=SIZE)
 
     def picture():
@@ -62,10 +74,10 @@ def test_build():
 
 
 @pytest.mark.parametrize("look", [gb.RenderSettings(), LIGHT], ids=["plain", "light"])
-def test_render(look):
+def test_render(look, on):
     points = lattice(40)
     camera = gb.Camera.fit(points, size=SIZE)
-    scene = gb.Scene(points, support=2.0, **CPU)
+    scene = gb.Scene(points, support=2.0, **on)
 
     def render():
         return gb.render(scene, camera, SIZE, look)
@@ -81,10 +93,10 @@ def test_render(look):
     assert n_came > 0
 
 
-def test_refine():
+def test_refine(on):
     points = lattice(30)
     camera = gb.Camera.fit(points, size=SIZE)
-    scene = gb.Scene(points, support=2.0, **CPU)
+    scene = gb.Scene(points, support=2.0, **on)
     frame = gb.render(scene, camera, SIZE)
     seconds = timed(lambda: frame.refine(2))
     right = {n: gb.render(scene, camera, SIZE, gb.RenderSettings(samples=n)).picture.tobytes()
@@ -97,25 +109,25 @@ def test_refine():
         assert frame.picture.tobytes() == right[frame.samples]
 
 
-def water():
+def water(on):
     return gb.Simulation(
         {
             "spacing": 0.05,
             "domain": {"lo": [0, 0, 0], "hi": [1, 1, 1], "walls": True},
             "fluids": [{"name": "water", "box": {"lo": [0, 0, 0], "hi": [0.5, 0.5, 0.5]}}],
         },
-        **CPU,
+        **on,
     )
 
 
-def test_step():
-    plain, sim = water(), water()
+def test_step(on):
+    plain, sim = water(on), water(on)
     right = {0: plain.hash()}
     for _ in range(2 * N):
         plain.step()
         right[plain.n_steps] = plain.hash()
     n_came = 0
-    for delay in delays(timed(lambda: water().step()) / 2):
+    for delay in delays(timed(lambda: water(on).step()) / 2):
         n_came += interrupted(sim.step, delay)
         assert sim.hash() == right[sim.n_steps]
     sim.step()
@@ -123,8 +135,8 @@ def test_step():
     assert n_came > 0
 
 
-def test_picture_of_a_simulation():
-    sim = water()
+def test_picture_of_a_simulation(on):
+    sim = water(on)
     sim.step()
     right = gb.render(sim.scene, size=SIZE).picture.tobytes()
     for delay in delays(0.02):
@@ -132,8 +144,8 @@ def test_picture_of_a_simulation():
         assert gb.render(sim.scene, size=SIZE).picture.tobytes() == right
 
 
-def test_cut():
-    sim = gb.Simulation("cut-block", spacing=0.005, **CPU)
+def test_cut(on):
+    sim = gb.Simulation("cut-block", spacing=0.005, **on)
     sim.step()
     state, before = sim.state(), sim.n_bonds
     low, high = sim.positions.min(0), sim.positions.max(0)
@@ -157,11 +169,11 @@ def test_cut():
 
 
 @pytest.mark.parametrize("method", ["pvn-om", "vvn-om", "bezier"])
-def test_reconstruct(method):
+def test_reconstruct(method, on):
     sweep = small_sweep()
 
     def make():
-        return gb.reconstruct(sweep, method=method, spacing=0.5, **CPU)
+        return gb.reconstruct(sweep, method=method, spacing=0.5, **on)
 
     right = make()
     right = right.values.tobytes(), right.radius.tobytes()
@@ -172,15 +184,15 @@ def test_reconstruct(method):
         assert (again.values.tobytes(), again.radius.tobytes()) == right
 
 
-def test_live():
+def test_live(on):
     sweep = small_sweep()
-    whole = gb.Reconstructor(0.5, **CPU)
+    whole = gb.Reconstructor(0.5, **on)
     for i in range(len(sweep)):
         whole.add(sweep.frames[i], sweep.world_from_image[i])
     right = whole.volume()
     rng = np.random.default_rng(3)
     for _ in range(max(1, N // len(sweep))):
-        live = gb.Reconstructor(0.5, **CPU)
+        live = gb.Reconstructor(0.5, **on)
         while (i := live.n_frames) < len(sweep):
             add = partial(live.add, sweep.frames[i], sweep.world_from_image[i])
             interrupted(add, rng.uniform(0, 0.002))

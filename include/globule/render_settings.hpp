@@ -110,7 +110,7 @@ struct RenderSettings {
     std::optional<double> ambient_distance{};                    ///< their length, world; default: a tenth of the scene
     std::variant<std::monostate, Sky, Environment> sky{};        ///< also seen behind the scene; monostate: the background
     std::optional<Ground> ground{};
-    int depth = 4;                                               ///< reflected and refracted generations, at most 32
+    int bounces = 4;                                             ///< reflected and refracted generations, at most 32
     double cutoff = 1.0 / 32;                                    ///< a ray with a smaller share of a pixel's light ends in the sky
     int samples = 1;                                             ///< rays per pixel, at most 65536; the first through its centre
 };

@@ -27,7 +27,7 @@ struct SceneOptions {
     /// number of spacings, measured at the first update and kept.
     std::optional<double> support{};
     int key_bits = 32;                      ///< 32 (10 levels) or 64 (21 levels)
-    std::optional<int> depth{};             ///< deepest level; default: all that the keys have (dense: 6 of at most 8)
+    std::optional<int> level{};             ///< deepest level; default: all that the keys have (dense: 6 of at most 8)
     OctreeKind octree = OctreeKind::sparse;
     std::string device = "auto";            ///< "auto", "cpu", "cuda" or "cuda:N"
     int threads = 0;                        ///< of the CPU; 0: all
@@ -43,7 +43,7 @@ struct SceneOptions {
 struct OctreeFacts {
     std::uint64_t n_nodes = 0, n_leaves = 0;
     std::uint64_t n_inside = 0;                ///< particles in the octree's space
-    int depth = 0;                             ///< deepest level with a node
+    int level = 0;                             ///< deepest level with a node
     std::uint64_t bytes = 0;
     Vec3 low{0, 0, 0};                         ///< corner of the cube that keys refer to, world
     double extent = 0;                         ///< its edge, world

@@ -112,7 +112,7 @@ Look look(const RenderSettings& s) {
         out.sky_id = environment->image().id;
     } else l.sky = packed(Sky{s.background, s.background, s.background});
     if (s.ground) l.ground = packed(*s.ground);
-    l.bounces = whole("depth", s.depth, 0, 32);
+    l.bounces = whole("bounces", s.bounces, 0, 32);
     l.cutoff = number("cutoff", s.cutoff, 0, 1);
     l.exposure = number("exposure", s.exposure, 0);
     out.specular = number("specular", s.specular, 0);

@@ -219,7 +219,7 @@ Scene::Scene(const SceneOptions& o) : impl_(std::make_shared<Impl>()) {
     impl_->threshold = o.threshold ? positive("threshold", *o.threshold) : defaults_of(impl_->kernel).threshold;
     core::TreeRequest& tree = impl_->tree;
     tree.key_bits = o.key_bits;
-    tree.depth = whole("depth", o.depth.value_or(dense ? 6 : deepest), 0, deepest);
+    tree.depth = whole("level", o.level.value_or(dense ? 6 : deepest), 0, deepest);
     tree.dense = dense;
     tree.typical_support = number("typical_support", o.typical_support, 0);
     tree.most_weight = number("most_weight", o.most_weight, 0);
@@ -302,7 +302,7 @@ OctreeFacts Scene::octree(bool with_hashes) const {
     out.n_nodes = f.n_nodes;
     out.n_leaves = f.n_leaves;
     out.n_inside = f.n_inside;
-    out.depth = f.header.deepest;
+    out.level = f.header.deepest;
     out.bytes = f.bytes;
     out.low = {f.header.space.lo.x, f.header.space.lo.y, f.header.space.lo.z};
     out.extent = f.header.space.extent;

@@ -55,7 +55,7 @@ TEST_CASE("options are checked") {
     CHECK_SAYS(Scene(SceneOptions{.threshold = -1, .device = "cpu"}), "threshold: expected a positive number");
     CHECK_SAYS(Scene(SceneOptions{.key_bits = 48}), "key_bits: expected 32 or 64, got 48");
     CHECK_SAYS(Scene(SceneOptions{.key_bits = 64, .octree = OctreeKind::dense}), "key_bits: expected 32");
-    CHECK_SAYS(Scene(SceneOptions{.depth = 11}), "depth: expected 0 to 10, got 11");
+    CHECK_SAYS(Scene(SceneOptions{.level = 11}), "level: expected 0 to 10, got 11");
     CHECK_SAYS(Scene(SceneOptions{.threads = -1}), "threads: expected 0 to 4096");
     CHECK_SAYS(Scene(SceneOptions{.bounds = Box{{1, 0, 0}, {0, 1, 1}}}), "bounds: expected");
     if (devices().size() == 1) {
@@ -71,7 +71,7 @@ TEST_CASE("settings, cameras and layers are checked") {
     const Camera c = Camera::fit(p);
     const auto draw = [&](const RenderSettings& settings, const std::vector<Clip>& clips = {}) { s.render(c, 8, 8, settings, clips); };
     CHECK_SAYS(draw({.samples = 0}), "samples: expected 1 to 65536, got 0");
-    CHECK_SAYS(draw({.depth = 33}), "depth: expected 0 to 32");
+    CHECK_SAYS(draw({.bounces = 33}), "bounces: expected 0 to 32");
     CHECK_SAYS(draw({.exposure = NAN}), "exposure: expected a number >= 0");
     CHECK_SAYS(draw({.lights = std::vector<Light>(9, Headlight{})}), "lights: expected at most 8, got 9");
     CHECK_SAYS(draw({.lights = {DirectionalLight{.direction = {0, 0, 0}}}}), "direction: expected a direction");
