@@ -323,6 +323,24 @@ def test_rays_that_are_none(backend):
         assert depth[7] == pytest.approx(expected, abs=1e-4)  # good rays beside them stay good
 
 
+def test_directions_are_unit_vectors_or_none():
+    scene = gb.Scene(cloud(200, 95), support=0.4, device="cpu")
+    inside = scene.particles.positions[:1]
+    assert np.isinf(gb.intersect(scene, inside, [[0, 0, 0]])[0]).all(), "nowhere to go"
+    with pytest.raises(ValueError, match=r"directions: expected unit vectors, got length 2 \("):
+        gb.intersect(scene, inside, [[0, 0, -2]])
+
+
+def test_the_support_is_measured_as_soon_as_there_are_particles():
+    cube = (np.indices((6, 6, 6)).reshape(3, -1).T * 0.05).astype(np.float32)
+    scene = gb.Scene(np.zeros((1, 3)), device="cpu")
+    scene.update(positions=cube)
+    measured = scene.support
+    assert measured == gb.Scene(cube, device="cpu").support
+    scene.update(positions=2 * cube)
+    assert scene.support == measured, "and stays"
+
+
 def test_points_that_are_none(backend):
     scene = gb.Scene(cloud(200, 96), support=0.4, **backend)
     bad = np.array([[np.nan] * 3, [np.inf, 0, 0], [1e30, 0, 0], [-3e38] * 3], np.float32)

@@ -37,7 +37,8 @@ using Colors = Property<Vec3>;
 ///
 /// Scene::update reads positions, support, weight and anisotropy during the call.  On a GPU this reading is ordered by the
 /// arrays' streams.  It uses color, reflection and refraction later: these arrays must stay alive and unchanged until the next
-/// update returns, and the images of frames asked for before it were read or Scene::synchronize returned.
+/// update returns, and the images of frames asked for before it were read or Scene::synchronize returned.  (float64 and uint8 in
+/// host memory are converted, and so copied.)
 struct Particles {
     ArrayView positions{}; ///< (N, 3), or flat (3 N,), world; a particle with a NaN is outside of everything
     Scalars support{};     ///< (N,) radius at which a particle's kernel vanishes, world, >= 0; default: by the measured spacing

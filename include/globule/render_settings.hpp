@@ -44,6 +44,9 @@ class GLOBULE_API Environment {
 public:
     /// image: (H, W, 3) linear radiance >= 0, equirectangular, row 0 at the zenith; it is copied.  Throws Error: invalid.
     explicit Environment(const ArrayView& image);
+    // Copies share the image; there is nothing that a move could leave behind.
+    Environment(const Environment&) = default;
+    Environment& operator=(const Environment&) = default;
 
     double strength = 1;   ///< factor of the image
     Vec3 up{0, 1, 0};

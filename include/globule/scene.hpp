@@ -98,7 +98,8 @@ public:
     std::vector<float> blend(const ArrayView& points, const ArrayView& values) const;
     /// Particles within a radius (world, inclusive) of each point.
     Neighbors neighbors(const ArrayView& points, double radius) const;
-    /// First intersections of rays with the surface; origins (M, 3) world, directions (M, 3) unit vectors.
+    /// First intersections of rays with the surface; origins (M, 3) world, directions (M, 3) unit vectors; one that is zero or
+    /// not finite meets nothing.
     Intersections intersect(const ArrayView& origins, const ArrayView& directions) const;
 
     /// Median spacing of the particles, world, measured around up to 1024 of them; 0 where there are too few.
@@ -116,7 +117,7 @@ public:
     double margin() const;
     const std::string& device() const;  ///< "cpu" or "cuda:N"
 
-    /// From any thread, without waiting: the call that is running on this scene, if any, is to stop; it throws Error: cancelled
+    /// From any thread, without waiting: the call that is running on this scene (of several layers: on the first one), if any, is to stop; it throws Error: cancelled
     /// soon.  A cancelled update leaves the scene stale.  Calls that begin later are not affected.
     void cancel() const noexcept;
     /// Waits until the device has finished all that it was asked for.

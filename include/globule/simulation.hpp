@@ -87,6 +87,8 @@ public:
     StepReport step(std::optional<double> dt = {});
     /// Whole steps until so many seconds have passed, the last two alike; returns the last report.
     std::optional<StepReport> advance(double seconds);
+    /// From any thread, without waiting: an advance that is running stops after its present step and throws Error: cancelled.
+    void cancel() const noexcept;
 
     /// Settings and materials between steps; spacing and domain stay.
     void configure(const SimulationSettings& settings);

@@ -167,6 +167,23 @@ def dtype_name(typestr: str) -> str:
     return np.dtype(typestr).name
 
 
+def unit_vectors(directions: View) -> View:
+    """Host directions (M, 3) of rays, whose steps are distances: refused unless they are unit
+    vectors; those that are not finite or zero become NaN, rays that meet nothing."""
+    if directions.device != HOST:
+        return directions
+    with np.errstate(all="ignore"):
+        length = np.linalg.norm(directions.owner.astype(np.float64), axis=1)
+    none = ~np.isfinite(length) | (length == 0)
+    wrong = ~none & (np.abs(length - 1) > 5e-4)
+    if wrong.any():
+        i = int(np.argmax(wrong))
+        raise ValueError(f"directions: expected unit vectors, got length {length[i]:g} (ray {i})")
+    if not none.any():
+        return directions
+    return view("directions", np.where(none[:, None], np.float32(np.nan), directions.owner), 3)
+
+
 def _check_shape(name: str, shape: tuple[int, ...], columns: int | None) -> None:
     good = len(shape) == 1 if columns is None else len(shape) == 2 and shape[1] == columns
     if not good:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from . import _core
-from .arrays import address, view
+from .arrays import address, unit_vectors, view
 from .thesis import Thesis, check_tracing
 
 if TYPE_CHECKING:
@@ -96,6 +96,7 @@ def intersect(
     o, d = view("origins", origins, 3), view("directions", directions, 3)
     if o.shape != d.shape:
         raise ValueError(f"directions: expected {o.shape[0]} rows, got {d.shape[0]}")
+    d = unit_vectors(d)
     n = o.shape[0]
     depth = np.empty(n, np.float32)
     normal, color = np.empty((n, 3), np.float32), np.empty((n, 3), np.float32)

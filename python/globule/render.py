@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -314,7 +315,7 @@ def render(
             exactly.
     """
     try:
-        width, height = (int(v) for v in size)
+        width, height = (operator.index(v) for v in size)
     except (TypeError, ValueError):
         raise TypeError(f"size: expected (width, height), got {size!r}") from None
     if width < 1 or height < 1 or width * height > MAX_PIXELS:

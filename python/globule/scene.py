@@ -104,7 +104,9 @@ class Scene:
         """The next frame: new particles, or new arrays for some of their fields.
 
         `scene.update(positions=p)` keeps everything else; arrays may be of another length and on
-        any device. The octree is rebuilt; the support found at the start stays.
+        any device. The octree is rebuilt; a support that was measured on the particles stays.
+        Images read color, reflection and refraction where they lie: arrays of float32 have to stay
+        unchanged until the next update. An interrupted update leaves the particles as they were.
         """
         if particles is None:
             unknown = fields.keys() - set(FIELDS)
@@ -172,8 +174,9 @@ class Scene:
 
         if support is ABSENT and one_support is None:
             build(0.0)
-            spacing = self._raw.spacing() or _guess_spacing(p, n)
-            one_support = found = DEFAULTS[self.kernel][0] * spacing
+            spacing = self._raw.spacing()
+            one_support = DEFAULTS[self.kernel][0] * (spacing or _guess_spacing(p, n))
+            found = one_support if spacing else None  # too few particles: found anew next time
         elif support is ABSENT:
             one_support = _positive("support", one_support)
         if one_support is not None and one_support > MAX_SUPPORT:

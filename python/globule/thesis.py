@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from . import _core
-from .arrays import address, view
+from .arrays import address, unit_vectors, view
 from .fixed import Fixed
 
 if TYPE_CHECKING:
@@ -112,6 +112,7 @@ def work(
     o, d = view("origins", origins, 3), view("directions", directions, 3)
     if o.shape != d.shape:
         raise ValueError(f"directions: expected {o.shape[0]} rows, got {d.shape[0]}")
+    d = unit_vectors(d)
     n = o.shape[0]
     check_tracing(scene, thesis)
     t, counts = np.empty(n, np.float32), np.empty((n, 2), np.uint32)

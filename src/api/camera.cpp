@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <numbers>
 
-#include "api/inside.hpp"
+#include "api/impl.hpp"
 
 namespace globule {
 namespace {

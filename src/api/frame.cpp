@@ -1,6 +1,6 @@
 #include "globule/frame.hpp"
 
-#include "api/inside.hpp"
+#include "api/impl.hpp"
 
 namespace globule {
 namespace {

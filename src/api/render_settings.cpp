@@ -3,7 +3,7 @@
 #include <atomic>
 #include <numbers>
 
-#include "api/inside.hpp"
+#include "api/impl.hpp"
 
 namespace globule {
 

@@ -1,8 +1,9 @@
 #include "globule/scene.hpp"
 
+#include <cmath>
 #include <algorithm>
 
-#include "api/inside.hpp"
+#include "api/impl.hpp"
 
 namespace globule {
 namespace {
@@ -193,15 +194,17 @@ void Scene::Impl::update(const Particles& p) {
         changed = true;
         whole = false;
     };
+    bool keep = false;  // a guess for too few particles is made anew
     if (u.measured) {
         build(0);
         const double found = core.call_inside<&core::Scene::spacing>(inside);
+        keep = found > 0;
         const double support_found = defaults_of(kernel).spacings * (found > 0 ? found : guessed_spacing(u.arrays.positions, u.arrays.n));
         if (support_found > kMaxSupport) refuse("support", "at most " + text(kMaxSupport), text(support_found));
         u.one_support = support_found;
     }
     build(u.one_support.value_or(1.0));
-    if (u.measured) measured_support = *u.one_support;
+    if (keep) measured_support = *u.one_support;
     held = std::move(u.inputs);
     n = u.arrays.n;
     support = u.one_support.value_or(0);
@@ -286,7 +289,20 @@ Intersections Scene::intersect(const ArrayView& origins, const ArrayView& direct
     const Impl& s = Inside::of(*this, "scene");
     Inputs in(s.core.device());
     std::size_t m;
-    const core::FloatArray o = in.rows("origins", origins, 3, m), d = in.floats("directions", directions, 3, m);
+    const core::FloatArray o = in.rows("origins", origins, 3, m);
+    core::FloatArray d = in.floats("directions", directions, 3, m);
+    std::vector<float> checked;  // of a GPU's arrays only the GPU could tell
+    if (d.device == core::kHost && m) {
+        checked.assign(d.data, d.data + 3 * m);
+        d.data = checked.data();
+    }
+    for (std::size_t i = 0; 3 * i < checked.size(); ++i) {
+        float* v = &checked[3 * i];
+        const double length = std::sqrt(double(v[0]) * v[0] + double(v[1]) * v[1] + double(v[2]) * v[2]);
+        if (!std::isfinite(length) || length == 0) std::fill_n(v, 3, NAN);  // a ray that meets nothing
+        else if (std::abs(length - 1) > 5e-4)
+            refuse("directions", "unit vectors", "length " + text(length) + " (ray " + std::to_string(i) + ")");
+    }
     Intersections out;
     out.depth.resize(m);
     out.normal.resize(3 * m);

@@ -1,10 +1,11 @@
 #include "globule/simulation.hpp"
 
+#include <atomic>
 #include <algorithm>
 #include <numbers>
 #include <numeric>
 
-#include "api/inside.hpp"
+#include "api/impl.hpp"
 
 namespace globule {
 namespace {
@@ -114,6 +115,8 @@ struct Simulation::Impl {
     Chosen chosen;
     core::Handle<core::Scene> scene;
     core::Handle<core::Simulation> core;
+
+    std::atomic<bool> stop{false};
 
     // Behind the gate.
     SimulationSettings settings;
@@ -251,14 +254,22 @@ StepReport Simulation::step(std::optional<double> dt) {
 std::optional<StepReport> Simulation::advance(double seconds) {
     Inside::of(*this, "simulation");
     number("seconds", seconds, 0);
-    const core::Gates inside = impl_->gates();
-    const double end = impl_->call<&core::Simulation::time>(inside) + seconds;
+    impl_->stop = false;
+    const double end = time() + seconds;
     std::optional<StepReport> report;
-    for (double rest; (rest = end - impl_->call<&core::Simulation::time>(inside)) > 1e-9 * std::max(end, 1e-3);) {
+    for (;;) {
+        const core::Gates inside = impl_->gates();  // for each step: others may look between two
+        if (impl_->stop) throw Error(ErrorCode::cancelled, "advance: cancelled at " + text(impl_->call<&core::Simulation::time>(inside)) + " s");
+        const double rest = end - impl_->call<&core::Simulation::time>(inside);
+        if (!(rest > 1e-9 * std::max(end, 1e-3))) break;
         const double dt = impl_->next_dt(inside);
         report = impl_->step(inside, rest <= dt ? rest : rest < 2 * dt ? rest / 2 : dt);
     }
     return report;
+}
+
+void Simulation::cancel() const noexcept {
+    if (impl_) impl_->stop = true;
 }
 
 void Simulation::configure(const SimulationSettings& settings) {

@@ -4,7 +4,7 @@
 #include <cstring>
 
 #include "api/device.hpp"
-#include "api/inside.hpp"
+#include "api/impl.hpp"
 #include "api/sweep_grid.hpp"
 
 namespace globule {
@@ -61,7 +61,8 @@ Poses poses_of(const ArrayView& view, std::size_t n) {
     if (view.dtype() != DType::float64) refuse("world_from_image", "float64", name_of(view.dtype()));
     const Shape& s = view.shape();
     const bool shaped = s == Shape(n, 4, 4) || s == Shape(n, 16) || s == Shape(16 * n) || (n == 1 && s == Shape(4, 4));
-    if (!shaped || (n && !view.data())) refuse("world_from_image", "shape (" + std::to_string(n) + ", 4, 4)", text(s));
+    if (n && !view.data()) refuse("world_from_image", "an address", "null");
+    if (!shaped) refuse("world_from_image", "shape (" + std::to_string(n) + ", 4, 4)", text(s));
     Poses poses(n);
     if (n) std::memcpy(poses.data(), view.data(), n * sizeof(Matrix4));
     return poses;
@@ -72,7 +73,7 @@ bool finite(const Matrix4& m) {
 void check_pose(const Matrix4& m, std::size_t i) {
     const std::string frame = " (frame " + std::to_string(i) + ")";
     if (!finite(m)) refuse("world_from_image", "finite numbers up to 1e9 mm", "another" + frame);
-    if (m[12] != 0 || m[13] != 0 || m[14] != 0 || m[15] != 1) refuse("world_from_image", "last row 0 0 0 1", "another" + frame);
+    if (m[12] != 0 || m[13] != 0 || m[14] != 0 || m[15] != 1) refuse("world_from_image", "last row 0 0 0 1", text(m[12]) + " " + text(m[13]) + " " + text(m[14]) + " " + text(m[15]) + frame);
     const Vec3 x{m[0], m[4], m[8]}, y{m[1], m[5], m[9]};
     if (!(norm(cross(x, y)) > 1e-9 * (dot(x, x) + dot(y, y)))) refuse("world_from_image", "columns 0 and 1 that span a plane", "a singular matrix" + frame);
 }
@@ -89,7 +90,7 @@ struct Frames {
 
     Frames(const ArrayView& view, int device) : here(device) {
         const Shape& s = view.shape();
-        if ((s.rank() != 3 && s.rank() != 2) || s.size() == 0) refuse("frames", "shape (F, H, W)", text(s));
+        if ((s.rank() != 3 && s.rank() != 2) || s.size() == 0) refuse("frames", "shape (F, H, W), none of them 0", text(s));
         if (!view.data()) refuse("frames", "an address", "null");
         if (s.size() >= std::size_t(1) << 32) refuse("frames", "fewer than 2^32 pixels in all", std::to_string(s.size()));
         const int first = s.rank() - 2;

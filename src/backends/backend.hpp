@@ -88,6 +88,7 @@ struct PictureRequest {
     int passes = 1;
 };
 
+/// Particles as rays see them; implemented by SceneImpl, pipeline/scene.hpp.
 struct Scene : Object {
     virtual void build(const SceneArrays& arrays, const TreeRequest& request) = 0;
     virtual TreeFacts facts(bool with_hashes) = 0;

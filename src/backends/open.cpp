@@ -48,7 +48,7 @@ const BackendApi& open_backend(const std::string& name) {
     const std::lock_guard lock(mutex);
     if (auto it = open.find(name); it != open.end()) return *it->second;
     const std::filesystem::path path = file_of(name);
-    if (!std::filesystem::exists(path)) throw Error(ErrorCode::device, "built without the " + name + " backend");
+    if (!std::filesystem::exists(path)) throw Error(ErrorCode::device, "this build has no " + name + " backend (" + path.filename().string() + ")");
     void* library = dlopen(path.c_str(), RTLD_NOW | RTLD_LOCAL);
     if (!library) throw Error(ErrorCode::device, "cannot load the " + name + " backend: " + dlerror());
     const auto* api = static_cast<const BackendApi*>(dlsym(library, "globule_backend"));

@@ -350,8 +350,8 @@ public:
     void build(const ParticleInput& in, const TreeParams& params) {
         n_ = in.n;
         params_ = params;
-        if (params.key_bits == 64) build_keys<std::uint64_t>(in);
-        else build_keys<std::uint32_t>(in);
+        if (params.key_bits == 64) sort_and_build<std::uint64_t>(in);
+        else sort_and_build<std::uint32_t>(in);
     }
 
     /// Other names and weights for the sorted particles, in memory that outlives their use.
@@ -394,7 +394,7 @@ public:
 
 private:
     template <class Key>
-    void build_keys(const ParticleInput& in) {
+    void sort_and_build(const ParticleInput& in) {
         using namespace build;
         const std::size_t n = in.n, padded = ceil_div<std::size_t>(n, 64) * 64 + 64;
         Bounds* bounds = bounds_.reserve(1);

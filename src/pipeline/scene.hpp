@@ -63,7 +63,7 @@ public:
         FrameImages<Exec>& images = frame->images();
         const auto* older = before ? &static_cast<const FinishedFrame<Exec>&>(*before).images() : nullptr;
         const std::vector<std::uint64_t> states = states_of(request);
-        if (older && older->states != states) throw Refused("refine: expected the scene as it was rendered, got another frame's");
+        if (older && older->states != states) throw Refused("refine: expected the scene as it was rendered, but it was updated since: render it again");
         const bool plain = !older && request.passes == 1 && is_plain(request, traced().attributes());
         Exec& exec = plain ? builder_.next_lane() : *exec_;
         images.timer.let_follow(exec);  // another frame had this memory
