@@ -36,7 +36,7 @@ if [ "$only" != thread ]; then
   LD_PRELOAD="$(gcc -print-file-name=libasan.so) $(gcc -print-file-name=libubsan.so)" PYTHONPATH=build/asan/site PYTHONMALLOC=malloc \
     "$python" -m pytest -q -p no:cacheprovider -k "not cuda and not interpreter_is_free" tests/test_interrupts.py tests/test_concurrency.py \
     tests/test_device_arrays.py tests/test_octree.py tests/test_field.py tests/test_anisotropy.py tests/test_light_cuts.py \
-    tests/test_light_frames.py tests/test_sim_fluid.py tests/test_sim_tissue_cut.py tests/test_thesis.py tests/test_live.py
+    tests/test_sim_fluid.py tests/test_sim_tissue_cut.py tests/test_thesis.py tests/test_live.py
 fi
 if [ "$only" != address ]; then
   echo "thread: building"

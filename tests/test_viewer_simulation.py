@@ -100,7 +100,7 @@ def test_recording_a_simulation_shows_it_moving(dam, tmp_path):
                         (160, 96), 20.0)
     viewer.source.play(True)
     viewer.engine.notify()
-    until(lambda: viewer.source.simulation.time > 0.2)
+    until(lambda: viewer.source.simulation.time > 0.2 and recorder.n_pictures > 5)
     recorder.stop()
     with av.open(str(tmp_path / "dam.mp4")) as movie:
         pictures = [f.to_ndarray(format="rgb24").astype(int) for f in movie.decode(video=0)]
