@@ -103,10 +103,10 @@ template <class Key>
 GB_FN bool face_neighbor(Key key, int level, int axis, int direction, Key& out) {
     const Key all = (Traits<Key>::inside - 1) & ~Key(0);
     const Key lanes = spread(Key(~Key(0))) << axis;
-    const Key unit = Key(1) << (shift_of<Key>(level) + axis);
     const Key mine = key & lanes;
     const Key edge = lanes >> (shift_of<Key>(level)) << (shift_of<Key>(level)) & lanes & all;
     if (direction > 0 ? (mine & edge) == edge : (mine & edge) == 0) return false;
+    const Key unit = Key(1) << (shift_of<Key>(level) + axis);  // level 0, where that is too far, has no neighbours
     const Key moved = direction > 0 ? ((mine | ~lanes) + unit) & lanes : (mine - unit) & lanes;
     out = (key & ~lanes) | moved;
     return true;
