@@ -161,3 +161,12 @@ def test_images_may_be_kept_after_their_frames():
     assert all((picture == kept[0]).all() for picture in kept)
     kept[0][:] = 0
     assert not (kept[1] == kept[0]).all()
+
+
+def test_rays_of_a_gpu_without_length_meet_nothing(cupy):
+    scene = gb.Scene(points_of(), support=0.1, device="cuda")
+    origins = cupy.zeros((3, 3), cupy.float32) + cupy.asarray([0.5, 0.5, 9], cupy.float32)
+    directions = cupy.asarray([[0, 0, 0], [0, 0, -1e-6], [0, 0, -1]], cupy.float32)
+    depth, _, _ = gb.intersect(scene, origins, directions)
+    assert np.isinf(depth[:2]).all()
+    assert depth[2] < 9

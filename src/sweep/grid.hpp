@@ -31,21 +31,19 @@ public:
     void begin() override { exec_.interrupt().clear(); }
     void invalidate() noexcept override {
         all_changed_ = true;  // the dense volume is half written
-        broken_ |= changing_;
+        if (!changing_) return;
+        changing_ = false;
+        (first_ ? emptied_ : broken_) = true;
     }
 
     void start(const GridRequest& r) override {
-        broken_ = false;
+        broken_ = emptied_ = false;
         const Change change(*this);
         coding_ = {sweep::Compounding(r.compounding), r.wide, r.scale};
-        n_slots_ = 0;
         taken_ = false;
         for (int i = 0; i < 4; ++i) exec_.mark(i);
         resize(r.size);
-        all_changed_ = true;
-        changed_.reserve(grid_.n_blocks());
-        std::uint32_t* slots = slots_.reserve(grid_.n_blocks());
-        exec_.for_each(grid_.n_blocks(), sweep::Set<std::uint32_t>{slots, sweep::kNone});
+        empty();
     }
 
     void grow(const int size[3], const int shift[3]) override {
@@ -76,7 +74,7 @@ public:
 
     void add(const FramesView& view, int sign) override {
         const typename Exec::Stage stage("bin images");
-        const Change change(*this);
+        const Change change(*this, n_slots_ == 0);  // what is added first can be dropped
         const sweep::Images<T> frames = bring(view, false);
         exec_.mark(0);
         std::uint32_t* wanted = sign > 0 ? wanted_list() : nullptr;
@@ -176,12 +174,13 @@ public:
     }
 
 private:
-    /// While it lives, what was binned is changed: if that fails the bins are lost, and unless it is long nothing stops it half way.
+    /// While it lives, what was binned is changed: if that fails the bins are lost. Only what comes first may be stopped half way.
     class Change {
     public:
-        explicit Change(GridImpl& grid, bool is_long = false) : grid_(grid) {
+        explicit Change(GridImpl& grid, bool is_first = false) : grid_(grid) {
             grid.check_whole();
-            if (!is_long) hold_.emplace(grid.exec_.interrupt());
+            if (!is_first) hold_.emplace(grid.exec_.interrupt());
+            grid.first_ = is_first;
             grid.changing_ = true;
         }
         ~Change() {
@@ -192,8 +191,17 @@ private:
         GridImpl& grid_;
         std::optional<Interrupt::Hold> hold_;
     };
-    void check_whole() const {
+    void check_whole() {
         if (broken_) throw Stale("reconstruction: an earlier call failed half way: start again");
+        if (emptied_) empty();
+        emptied_ = false;
+    }
+    void empty() {
+        n_slots_ = 0;
+        all_changed_ = true;
+        changed_.reserve(grid_.n_blocks());
+        std::uint32_t* slots = slots_.reserve(grid_.n_blocks());
+        exec_.for_each(grid_.n_blocks(), sweep::Set<std::uint32_t>{slots, sweep::kNone});
     }
 
     void resize(const int size[3]) {
@@ -504,6 +512,7 @@ private:
     std::size_t n_slots_ = 0;
     bool taken_ = false;              ///< values came from a median, not from bins
     bool changing_ = false, broken_ = false;
+    bool first_ = false, emptied_ = false;  ///< the change found no bins; it failed and there are none again
     bool all_changed_ = true;        ///< nothing of the last finished bins may be used
     std::size_t n_finished_ = 0;      ///< slots that had values then
     std::size_t n_tiles_ = 0;        ///< of the volume that is kept, on the CPU

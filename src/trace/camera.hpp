@@ -69,6 +69,7 @@ struct RaySource {
         if (origins) {
             o = {origins[3 * i], origins[3 * i + 1], origins[3 * i + 2]};
             d = {directions[3 * i], directions[3 * i + 1], directions[3 * i + 2]};
+            if (!(dot(d, d) > 0.5f)) d.x = NAN;  // such a ray would make no way; this one meets nothing
         } else {
             float column, row;
             on_picture(i, column, row);
