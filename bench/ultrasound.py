@@ -21,11 +21,11 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parent))
 import globule as gb
 from globule import _core
-from globule.arrays import address, located
+from globule._base.arrays import address, located
+from globule._base.device import choose
 from globule.bench.sweep_speed import placed
-from globule.device import choose
-from globule.reconstruct import METHODS, Options, crowded, fill, start
-from globule.sweep_grid import bounds, make_grid
+from globule.ultrasound.grid import bounds, make_grid
+from globule.ultrasound.reconstruct import METHODS, Options, crowded, fill, start
 from speed import write_csv
 
 THESIS = {  # seconds on a GTX 1080, 131 frames

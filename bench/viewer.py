@@ -23,8 +23,8 @@ from collections.abc import Callable
 
 import globule as gb
 import numpy as np
-from globule.camera_path import orbit
-from globule.render import fit_camera
+from globule.render.camera_path import orbit
+from globule.render.frame import fit_camera
 from globule.viewer.encode import jpeg
 from globule.viewer.engine import Client, Engine
 from globule.viewer.source import SceneSource
@@ -278,7 +278,7 @@ def of_browser(options: argparse.Namespace) -> list[tuple[str, str]]:
 
 def of_soak(options: argparse.Namespace) -> list[tuple[str, str]]:
     """The dam break, again and again, with a client that comes and goes."""
-    from globule.memory import resident_bytes
+    from globule._base.memory import resident_bytes
     from globule.viewer.simulation_source import SimulationSource
 
     simulation = gb.Simulation("dam-break", device=options.device)

@@ -26,7 +26,7 @@ SIZE = {"width": 1180, "height": 760}
 
 def splash() -> gb.Particles:
     """The embedded splash."""
-    from globule import demo_data
+    from globule._demo import data as demo_data
 
     positions, colors, spacing = demo_data.splash(30_000)
     return gb.Particles(positions, support=2 * spacing, color=colors)

@@ -4,7 +4,7 @@ Writes splash.png. The file is made first, so that the example needs no data.
 """
 
 import globule as gb
-from globule.demo_data import splash
+from globule._demo.data import splash
 
 positions, color, _ = splash()
 gb.write("splash.ply", gb.Particles(positions, color=color))

@@ -5,7 +5,7 @@ Writes near.png, and depth.png with what is nearer shown lighter.
 
 import globule as gb
 import numpy as np
-from globule.demo_data import splash
+from globule._demo.data import splash
 from PIL import Image
 
 positions, color, spacing = splash()

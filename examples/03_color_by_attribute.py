@@ -6,8 +6,8 @@ Writes speed.png. The command line does the first part too:
 
 import globule as gb
 import numpy as np
-from globule.colormaps import colorize
-from globule.demo_data import splash
+from globule._base.colormaps import colorize
+from globule._demo.data import splash
 
 positions, _, spacing = splash()
 radius = np.hypot(positions[:, 0], positions[:, 2])

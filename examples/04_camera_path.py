@@ -6,7 +6,7 @@ pictures only. The same keys may stand in a TOML file:
 """
 
 import globule as gb
-from globule.demo_data import splash
+from globule._demo.data import splash
 
 positions, color, spacing = splash(20_000)
 particles = gb.Particles(positions, color=color, support=2 * spacing)

@@ -5,7 +5,7 @@ Prints what it finds.
 
 import globule as gb
 import numpy as np
-from globule.demo_data import splash
+from globule._demo.data import splash
 
 positions, _, spacing = splash(20_000)
 scene = gb.Scene(gb.Particles(positions, support=2 * spacing))

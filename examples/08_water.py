@@ -7,7 +7,7 @@ Writes water.png and blood.png. The command line does the same:
 import dataclasses
 
 import globule as gb
-from globule.demo_data import splash
+from globule._demo.data import splash
 
 positions, _, spacing = splash(30_000)
 scene = gb.Scene(gb.Particles(positions, support=2 * spacing))

@@ -6,7 +6,7 @@ Writes balls.png and ellipsoids.png. The command line does the same:
 
 import globule as gb
 import numpy as np
-from globule.demo_data import splash
+from globule._demo.data import splash
 
 positions, _, spacing = splash(30_000)
 # Particles of a simulation lie less evenly than the demo's.

@@ -6,7 +6,7 @@ Writes dam_break.png, four moments of it. On the command line, with frames and a
 
 import globule as gb
 import numpy as np
-from globule.render import save_png
+from globule.render.frame import save_png
 
 sim = gb.Simulation("dam-break", spacing=0.04)  # coarser than the scene's own 0.02 m
 camera = gb.Camera(eye=(0.9, -3.0, 1.1), look_at=(0.8, 0.2, 0.5), up=(0, 0, 1), fov=38)

@@ -5,7 +5,7 @@ Writes steer.png, before and after.
 
 import globule as gb
 import numpy as np
-from globule.render import save_png
+from globule.render.frame import save_png
 
 sim = gb.Simulation({
     "spacing": 0.02,  # m

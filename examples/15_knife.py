@@ -5,7 +5,7 @@ Writes knife.png: before the cut, after it, and the piece that slid away.
 
 import globule as gb
 import numpy as np
-from globule.render import save_png
+from globule.render.frame import save_png
 
 sim = gb.Simulation({
     "spacing": 0.0025,  # m

@@ -13,7 +13,7 @@ import globule as gb  # noqa: E402
 import numpy as np  # noqa: E402
 import pytest  # noqa: E402
 from cli_helpers import cube  # noqa: E402
-from globule import device  # noqa: E402
+from globule._base import device  # noqa: E402
 
 LEVELS = device.cpu_levels()
 SOAK = float(os.environ.get("GLOBULE_SOAK", 0))  # what test_concurrency.py takes on purpose

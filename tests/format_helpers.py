@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 from globule import formats
-from globule.particles import Particles
+from globule.scene.particles import Particles
 
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data" / "particles"
 FULL = [e for e in formats.EXTENSIONS if e not in (".txt", ".dat", ".npy")]

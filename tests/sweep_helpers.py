@@ -6,15 +6,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from globule import phantoms
-from globule.calibration import Calibration, write_calibration
-from globule.sweep import Sweep
-from globule.sweep_io import write_sweep
-from globule.sweeps import igs
-from globule.sweeps.poses import PoseTable, rotation, write_csv
-from globule.sweeps.transforms import format_matrix
-from globule.volume import Volume
-from globule.volume_io import write_volume
+from globule.formats.sweeps import igs
+from globule.formats.sweeps.poses import PoseTable, rotation, write_csv
+from globule.formats.sweeps.transforms import format_matrix
+from globule.ultrasound import phantoms
+from globule.ultrasound.calibration import Calibration, write_calibration
+from globule.ultrasound.files import write_sweep
+from globule.ultrasound.sweep import Sweep
+from globule.volumes.files import write_volume
+from globule.volumes.volume import Volume
 
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data" / "ultrasound"
 

@@ -4,7 +4,7 @@ import globule as gb
 import numpy as np
 import pytest
 from globule.cli import main
-from globule.oracle import field, first_hit
+from globule.scene.oracle import field, first_hit
 from PIL import Image
 from scenes import case, cloud, lattice, stretched_matrices
 

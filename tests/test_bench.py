@@ -14,7 +14,7 @@ from globule.bench import sweep_speed, ultrasound
 from globule.bench.cylinders import measure_cylinders
 from globule.bench.table import Setting, Table
 from globule.cli import main
-from globule.volume import Volume
+from globule.volumes.volume import Volume
 
 
 @pytest.fixture(autouse=True)

@@ -7,7 +7,7 @@ from pathlib import Path
 import globule as gb
 import numpy as np
 import pytest
-from globule.calibration import (
+from globule.ultrasound.calibration import (
     Calibration,
     calibrate_point_target,
     read_calibration,

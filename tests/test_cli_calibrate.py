@@ -8,10 +8,10 @@ from pathlib import Path
 import globule as gb
 import numpy as np
 import pytest
-from globule.calibration import Calibration, read_calibration, write_calibration
 from globule.cli import main
-from globule.sweeps import igs
-from globule.sweeps.transforms import format_matrix
+from globule.formats.sweeps import igs
+from globule.formats.sweeps.transforms import format_matrix
+from globule.ultrasound.calibration import Calibration, read_calibration, write_calibration
 from sweep_helpers import spine_data
 from test_calibration import TARGET, TRUTH, observations
 

@@ -10,7 +10,7 @@ import globule as gb
 import numpy as np
 import pytest
 from globule.cli import main
-from globule.presets import PRESETS, ground_height
+from globule.render.presets import PRESETS, ground_height
 from PIL import Image
 
 SMALL = ["--size", "48x36", "--device", "cpu"]

@@ -9,9 +9,9 @@ import globule as gb
 import numpy as np
 import pytest
 from cli_helpers import run_json
-from globule.calibration import Calibration, write_calibration
 from globule.cli import main
-from globule.volume_io import read_volume
+from globule.ultrasound.calibration import Calibration, write_calibration
+from globule.volumes.files import read_volume
 from PIL import Image
 from sweep_helpers import same, small_sweep, spine_data
 

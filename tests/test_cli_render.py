@@ -10,8 +10,8 @@ import globule as gb
 import numpy as np
 import pytest
 from cli_helpers import SMALL, cube, refused, run
+from globule._base.colormaps import NAMES, colorize
 from globule.cli import main
-from globule.colormaps import NAMES, colorize
 from PIL import Image
 
 pytestmark = pytest.mark.usefixtures("folder")

@@ -12,7 +12,7 @@ from pathlib import Path
 import globule as gb
 import numpy as np
 import pytest
-from globule.render import fit_camera
+from globule.render.frame import fit_camera
 
 ROOT = Path(__file__).resolve().parents[1]
 DRAWN = (160, 120)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import globule as gb
 import numpy as np
 import pytest
-from globule import device
+from globule._base import device
 from sweep_helpers import small_sweep
 
 SIZE = (64, 48)

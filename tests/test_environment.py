@@ -7,10 +7,10 @@ import builtins
 import globule as gb
 import numpy as np
 import pytest
-from globule import environment
-from globule.environment import read_environment
-from globule.exr import write_exr
 from globule.formats import FormatError
+from globule.formats.pictures import environment
+from globule.formats.pictures.environment import read_environment
+from globule.formats.pictures.exr import write_exr
 from PIL import Image
 
 HEAD = b"#?RADIANCE\n# made by hand\nFORMAT=32-bit_rle_rgbe\n"

@@ -3,7 +3,7 @@
 import globule as gb
 import numpy as np
 import pytest
-from globule import oracle
+from globule.scene import oracle
 from scenes import KERNELS, Case, cloud, lattice
 
 # b(q), q = r / a, as in spec/2 with its errata; blinn is cut where it has fallen to 1e-5.

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from globule.cli import main
 from globule.figures import FIGURES, caption
-from globule.scene import KERNELS
+from globule.scene.scene import KERNELS
 from PIL import Image
 
 needs_matplotlib = pytest.mark.skipif(

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from format_helpers import FULL, assert_same, sample
 from globule import formats
-from globule.files import atomic_write
+from globule._base.files import atomic_write
 from globule.formats import FormatError
-from globule.particles import Particles
+from globule.scene.particles import Particles
 
 
 @pytest.mark.parametrize("extension", FULL)

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from globule import formats
 from globule.formats import FormatError
-from globule.particles import Particles
+from globule.scene.particles import Particles
 
 N = 25
 

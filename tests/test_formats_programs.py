@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from format_helpers import DATA, N, assert_same, sample
 from globule import formats
-from globule.particles import Particles
+from globule.scene.particles import Particles
 
 
 @pytest.mark.parametrize(

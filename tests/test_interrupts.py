@@ -10,7 +10,7 @@ from functools import partial
 import globule as gb
 import numpy as np
 import pytest
-from globule.device import choose
+from globule._base.device import choose
 from interrupts import interrupted
 from sweep_helpers import small_sweep
 

@@ -7,9 +7,9 @@ import os
 import globule as gb
 import numpy as np
 import pytest
+from globule._base.colormaps import NAMES, colorize, map_colors, to_linear
 from globule.cli import main
-from globule.colormaps import NAMES, colorize, map_colors, to_linear
-from globule.legend import add_legend, tick_labels
+from globule.render.legend import add_legend, tick_labels
 from PIL import Image
 
 

@@ -17,10 +17,10 @@ import numpy as np
 import pytest
 from cli_helpers import run_json
 from globule.cli import main
-from globule.sweeps import igs
-from globule.sweeps.live import LiveFrame, parse_address, receive, receive_sweep
-from globule.sweeps.recorder import Recorder
-from globule.volume_io import read_volume
+from globule.formats.sweeps import igs
+from globule.ultrasound.live import LiveFrame, parse_address, receive, receive_sweep
+from globule.ultrasound.recorder import Recorder
+from globule.volumes.files import read_volume
 from PIL import Image
 from sweep_helpers import small_sweep, spine_data
 

@@ -8,11 +8,11 @@ import json
 import globule as gb
 import numpy as np
 import pytest
-from globule import spacing, surface
+from globule._base.colormaps import to_linear
 from globule.cli import main
-from globule.colormaps import to_linear
 from globule.formats import FormatError
 from globule.formats import mesh as mesh_format
+from globule.scene import spacing, surface
 
 TETRAHEDRON = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], np.float32)
 FACES = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])

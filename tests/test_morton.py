@@ -4,7 +4,7 @@ import itertools
 import random
 
 import pytest
-from globule.octree import morton
+from globule.scene.octree import morton
 
 LEVELS = {32: 10, 64: 21}
 INSIDE = {32: 1 << 30, 64: 1 << 63}

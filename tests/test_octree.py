@@ -5,7 +5,7 @@ import functools
 import globule as gb
 import numpy as np
 import pytest
-from globule import oracle
+from globule.scene import oracle
 from scenes import Case, cloud, lattice
 
 LEVELS = {32: 10, 64: 21}

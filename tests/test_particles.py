@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from format_helpers import N, sample
-from globule.particles import Particles
+from globule.scene.particles import Particles
 
 
 def test_particles_convert_once_and_do_not_copy():

@@ -6,7 +6,7 @@ import hashlib
 
 import numpy as np
 import pytest
-from globule import phantoms
+from globule.ultrasound import phantoms
 
 
 def digest(sweep) -> str:

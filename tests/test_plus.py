@@ -11,10 +11,10 @@ import plus_reference
 import pytest
 from globule.cli import main
 from globule.formats import FormatError
-from globule.plus import _box, _voxel_from_image, reconstruct_plus
-from globule.plus_config import Filler, PlusConfig, read_plus_config
-from globule.plus_fan import detect_fan
-from globule.plus_region import pixel_sources
+from globule.ultrasound.plus.config import Filler, PlusConfig, read_plus_config
+from globule.ultrasound.plus.fan import detect_fan
+from globule.ultrasound.plus.reconstruct import _box, _voxel_from_image, reconstruct_plus
+from globule.ultrasound.plus.region import pixel_sources
 from test_reconstruct import make_sweep
 
 DATA = Path(__file__).parents[2] / "shared" / "data" / "ultrasound"

@@ -10,12 +10,12 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from globule import sweep_oracle
-from globule.device import choose
-from globule.reconstruct import METHODS, reconstruct
-from globule.reconstructor import Reconstructor
-from globule.sweep import Sweep
-from globule.sweep_grid import VoxelGrid
+from globule._base.device import choose
+from globule.ultrasound import oracle as sweep_oracle
+from globule.ultrasound.grid import VoxelGrid
+from globule.ultrasound.reconstruct import METHODS, reconstruct
+from globule.ultrasound.reconstructor import Reconstructor
+from globule.ultrasound.sweep import Sweep
 
 
 @dataclass
@@ -386,7 +386,7 @@ def test_incremental_refuses():
 
 @pytest.mark.parametrize("method", ["pvn-om", "pvn", "vvn-om"])
 def test_the_spacing_that_would_fit_does(monkeypatch, method):
-    module = importlib.import_module("globule.reconstruct")
+    module = importlib.import_module("globule.ultrasound.reconstruct")
     monkeypatch.setattr(module, "free_host_bytes", lambda: 30 * 2**20)
     sweep = make_sweep(n=6, shape=(40, 50))
     with pytest.raises(MemoryError, match="mm would fit") as caught:

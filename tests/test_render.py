@@ -3,7 +3,7 @@
 import globule as gb
 import numpy as np
 import pytest
-from globule import oracle
+from globule.scene import oracle
 from scenes import KERNELS, Case, case, cloud
 from test_field import FORMULAS
 

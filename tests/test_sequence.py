@@ -14,7 +14,7 @@ import globule as gb
 import numpy as np
 import pytest
 from globule.cli import main
-from globule.sequence import find_files, is_whole, natural, read_ahead
+from globule.render.sequence import find_files, is_whole, natural, read_ahead
 from PIL import Image
 
 try:

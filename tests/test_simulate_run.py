@@ -198,7 +198,7 @@ def test_pictures_and_a_movie(folder, capsys):
 
 
 def movie_pictures(path):
-    from globule.video import read_movie
+    from globule.formats.pictures.video import read_movie
 
     return [picture.astype(int) for picture in read_movie(path)]
 

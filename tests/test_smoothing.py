@@ -5,8 +5,8 @@ from __future__ import annotations
 import globule as gb
 import numpy as np
 import pytest
-from globule import smoothing
-from globule.smoothing import anisotropy, without_strays
+from globule.scene import smoothing
+from globule.scene.smoothing import anisotropy, without_strays
 
 
 def lattice(*shape: int) -> np.ndarray:

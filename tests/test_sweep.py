@@ -10,12 +10,19 @@ from pathlib import Path
 import globule as gb
 import numpy as np
 import pytest
-from globule.calibration import Calibration, write_calibration
-from globule.sweep import Sweep
-from globule.sweep_io import is_sweep, read_sweep, write_sweep
-from globule.sweeps.poses import PoseTable, interpolate, quaternion, read_poses, rotation, write_csv
-from globule.sweeps.region import Clip, Fan, region_mask
-from globule.trust import check_poses
+from globule.formats.sweeps.poses import (
+    PoseTable,
+    interpolate,
+    quaternion,
+    read_poses,
+    rotation,
+    write_csv,
+)
+from globule.ultrasound.calibration import Calibration, write_calibration
+from globule.ultrasound.files import is_sweep, read_sweep, write_sweep
+from globule.ultrasound.region import Clip, Fan, region_mask
+from globule.ultrasound.sweep import Sweep
+from globule.ultrasound.trust import check_poses
 from PIL import Image
 from sweep_helpers import random_poses, same, small_sweep, spine_data
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from globule.bench import thesis as tables
 from globule.cli import main
-from globule.thesis import Thesis, default_support, work
+from globule.scene.thesis import Thesis, default_support, work
 from scenes import Case, case, cloud, lattice, unit
 
 BEZIER = ["one", "sheet", "sheet_edge", "hundred", "orthographic", "inside", "carved", "mixed",

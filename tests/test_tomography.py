@@ -10,8 +10,8 @@ import struct
 import globule as gb
 import numpy as np
 import pytest
+from globule._base.colormaps import categorical
 from globule.cli import main
-from globule.colormaps import categorical
 from globule.formats import FormatError, tomography
 
 sitk = pytest.importorskip("SimpleITK", reason="SimpleITK is not installed")

@@ -7,7 +7,7 @@ import sys
 
 import numpy as np
 import pytest
-from globule.video import need_av, write_movie
+from globule.formats.pictures.video import need_av, write_movie
 
 try:
     import av

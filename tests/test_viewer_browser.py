@@ -161,7 +161,7 @@ def test_reload_and_kill_leave_nothing_behind(chromium):
 
 
 def test_memory_stays_when_browsers_come_and_go(chromium):
-    from globule.memory import resident_bytes
+    from globule._base.memory import resident_bytes
 
     if "GLOBULE_TEST_ALONE" not in os.environ:  # in a process whose memory no other test has used
         name = f"{__file__}::test_memory_stays_when_browsers_come_and_go"

@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import globule as gb
 import numpy as np
 import pytest
-from globule.camera import Camera
+from globule.render.camera import Camera
 
 pytest.importorskip("viser")
 from globule.viewer.app import FIRST_SIZE, first_camera, for_window, left_out  # noqa: E402

@@ -347,7 +347,7 @@ def test_a_saved_picture_is_the_servers(watched, tmp_path):
     with page.expect_download() as download:
         page.get_by_role("button", name="Save a picture").click()
     download.value.save_as(tmp_path / "picture.exr")
-    from globule.exr import read_exr
+    from globule.formats.pictures.exr import read_exr
 
     assert read_exr(tmp_path / "picture.exr", 10**6).shape == (200, 320, 3)
 

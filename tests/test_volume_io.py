@@ -10,10 +10,10 @@ import globule as gb
 import numpy as np
 import pytest
 from globule.formats.errors import FormatError
-from globule.slices import reslice, reslice_frame, save_three_view, three_view
-from globule.volume import EMPTY, FILLED, MEASURED, Volume
-from globule.volume_io import WRITABLE, map_path, read_volume, write_volume
-from globule.volumes import metaimage, nrrd
+from globule.formats.volumes import metaimage, nrrd
+from globule.volumes.files import WRITABLE, map_path, read_volume, write_volume
+from globule.volumes.slices import reslice, reslice_frame, save_three_view, three_view
+from globule.volumes.volume import EMPTY, FILLED, MEASURED, Volume
 from PIL import Image
 from sweep_helpers import random_poses, spine_data
 
@@ -277,7 +277,7 @@ def test_maps_appear_with_their_volume_or_not_at_all(monkeypatch, stop):
         if calls["n"] == 3:
             raise KeyboardInterrupt
 
-    name = {"write": "globule.volumes.metaimage.write", "place": "os.replace"}[stop]
+    name = {"write": "globule.formats.volumes.metaimage.write", "place": "os.replace"}[stop]
     monkeypatch.setattr(name, third)
     with pytest.raises(KeyboardInterrupt):
         write_volume("a.mha", volume(), maps=True)

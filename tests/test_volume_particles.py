@@ -8,8 +8,8 @@ import globule as gb
 import numpy as np
 import pytest
 from globule.cli import main
-from globule.volume import Volume
-from globule.volume_particles import iso_surface, otsu
+from globule.volumes.iso_surface import iso_surface, otsu
+from globule.volumes.volume import Volume
 from PIL import Image
 
 

@@ -41,8 +41,8 @@ import numpy as np
 sys.path[:0] = [str(Path(__file__).parent)]
 import globule as gb  # noqa: E402
 import povray  # noqa: E402
-from globule.demo_data import splash  # noqa: E402
-from globule.render import save_png  # noqa: E402
+from globule._demo.data import splash  # noqa: E402
+from globule.render.frame import save_png  # noqa: E402
 
 SUN = np.array([0.45, 1.0, 0.35]) / math.sqrt(0.45**2 + 1 + 0.35**2)
 SUN_LIGHT, AMBIENT = 0.6, 0.15

@@ -2,7 +2,7 @@
 
 import os
 
-from .starting import quiet_interrupts
+from ._base.starting import quiet_interrupts
 
 quiet_interrupts()  # before what takes a while to load
 
@@ -16,12 +16,7 @@ from . import _core  # noqa: E402, F401
 if _set:
     del os.environ["OMP_WAIT_POLICY"]
 
-from . import phantoms  # noqa: E402
-from .camera import Camera  # noqa: E402
-from .camera_path import CameraPath, orbit  # noqa: E402
-from .clips import ClipBox, ClipPlane, ClipSphere  # noqa: E402
-from .cpp import cmake_dir, include_dir  # noqa: E402
-from .environment import read_environment  # noqa: E402
+from ._base.cpp import cmake_dir, include_dir  # noqa: E402
 from .formats import (  # noqa: E402
     FormatError,
     mesh_particles,
@@ -29,9 +24,14 @@ from .formats import (  # noqa: E402
     tomography_particles,
     write,
 )
-from .layers import layers_by  # noqa: E402
-from .legend import add_legend  # noqa: E402
-from .lights import (  # noqa: E402
+from .formats.pictures.environment import read_environment  # noqa: E402
+from .render.camera import Camera  # noqa: E402
+from .render.camera_path import CameraPath, orbit  # noqa: E402
+from .render.clips import ClipBox, ClipPlane, ClipSphere  # noqa: E402
+from .render.frame import Frame, Layer, Picked, RenderSettings, render  # noqa: E402
+from .render.layers import layers_by  # noqa: E402
+from .render.legend import add_legend  # noqa: E402
+from .render.lights import (  # noqa: E402
     DirectionalLight,
     Environment,
     Ground,
@@ -39,25 +39,25 @@ from .lights import (  # noqa: E402
     PointLight,
     Sky,
 )
-from .materials import Material  # noqa: E402
-from .octree import field, gradient, intersect  # noqa: E402
-from .particles import Particles  # noqa: E402
-from .plus import reconstruct_plus  # noqa: E402
-from .presets import preset  # noqa: E402
-from .reconstruct import reconstruct  # noqa: E402
-from .reconstructor import Reconstructor  # noqa: E402
-from .render import Frame, Layer, Picked, RenderSettings, render  # noqa: E402
-from .scene import Scene  # noqa: E402
-from .sequence import read_ahead, render_sequence, value_range  # noqa: E402
-from .simulate import Phase, Simulation, StepReport  # noqa: E402
-from .smoothing import anisotropy, without_strays  # noqa: E402
-from .spacing import local_spacing  # noqa: E402
-from .sweep import Sweep  # noqa: E402
-from .sweep_io import read_sweep, write_sweep  # noqa: E402
-from .thesis import Thesis  # noqa: E402
+from .render.materials import Material  # noqa: E402
+from .render.presets import preset  # noqa: E402
+from .render.sequence import read_ahead, render_sequence, value_range  # noqa: E402
+from .scene.particles import Particles  # noqa: E402
+from .scene.query import field, gradient, intersect  # noqa: E402
+from .scene.scene import Scene  # noqa: E402
+from .scene.smoothing import anisotropy, without_strays  # noqa: E402
+from .scene.spacing import local_spacing  # noqa: E402
+from .scene.thesis import Thesis  # noqa: E402
+from .sim.simulation import Phase, Simulation, StepReport  # noqa: E402
+from .ultrasound import phantoms  # noqa: E402
+from .ultrasound.files import read_sweep, write_sweep  # noqa: E402
+from .ultrasound.plus.reconstruct import reconstruct_plus  # noqa: E402
+from .ultrasound.reconstruct import reconstruct  # noqa: E402
+from .ultrasound.reconstructor import Reconstructor  # noqa: E402
+from .ultrasound.sweep import Sweep  # noqa: E402
 from .viewer import view  # noqa: E402
-from .volume import Volume  # noqa: E402
-from .volume_io import read_volume, write_volume  # noqa: E402
+from .volumes.files import read_volume, write_volume  # noqa: E402
+from .volumes.volume import Volume  # noqa: E402
 
 __version__ = _core.version
 __all__ = [

@@ -6,7 +6,7 @@ import signal
 import sys
 from typing import Any
 
-from .starting import usual_interrupts
+from ._base.starting import usual_interrupts
 
 
 def main() -> int:

@@ -1,4 +1,4 @@
-// The grid that a sweep is reconstructed on: where its voxels lie, and whether they fit in memory.  As python/globule/sweep_grid.py
+// The grid that a sweep is reconstructed on: where its voxels lie, and whether they fit in memory.  As python/globule/ultrasound/grid.py
 // has it, operation by operation, so that volumes are equal bit by bit.
 #pragma once
 #include <array>

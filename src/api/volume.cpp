@@ -233,7 +233,7 @@ Volume reconstruct(const Sweep& sweep, const ReconstructOptions& o) {
     return volume;
 }
 
-/// As python/globule/reconstructor.py has it: the grid grows by whole blocks around what comes.
+/// As python/globule/ultrasound/reconstructor.py has it: the grid grows by whole blocks around what comes.
 struct Reconstructor::Impl {
     ReconstructorOptions options;
     Chosen chosen;

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..volume import Volume
+from ..volumes.volume import Volume
 
 _REACH = 2.0  # of the neighbourhood in which a circle is looked for, in expected radii
 

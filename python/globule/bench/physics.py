@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from ..device import choose
-from ..files import atomic_write
-from ..simulate import Simulation
+from .._base.device import choose
+from .._base.files import atomic_write
+from ..sim.simulation import Simulation
 from . import physics_fluid, physics_tissue
 from .report import machine, write_csv
 from .table import shown

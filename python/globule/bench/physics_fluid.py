@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..sim.emitter import Emitter
-from ..simulate import Simulation
+from ..sim.simulation import Simulation
 
 GRAVITY = 9.81
 # Martin & Moyce 1952, a column twice as high as wide: T = t sqrt(2 g / a) -> front Z = x / a.

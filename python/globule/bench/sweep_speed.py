@@ -8,15 +8,16 @@ from typing import Any
 
 import numpy as np
 
-from .. import _core, phantoms
-from ..arrays import address, located
-from ..device import choose
-from ..plus import reconstruct_plus
-from ..plus_config import Filler, PlusConfig
-from ..reconstruct import Options, crowded, reconstruct, start
-from ..reconstructor import Reconstructor
-from ..sweep import Sweep
-from ..sweep_grid import bounds, make_grid
+from .. import _core
+from .._base.arrays import address, located
+from .._base.device import choose
+from ..ultrasound import phantoms
+from ..ultrasound.grid import bounds, make_grid
+from ..ultrasound.plus.config import Filler, PlusConfig
+from ..ultrasound.plus.reconstruct import reconstruct_plus
+from ..ultrasound.reconstruct import Options, crowded, reconstruct, start
+from ..ultrasound.reconstructor import Reconstructor
+from ..ultrasound.sweep import Sweep
 from .table import Setting, Table
 
 FRAMES, SIZE, APART = 21, (820, 616), 1.5  # mm between frames, as in PLUS' SpinePhantomFreehand

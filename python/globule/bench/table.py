@@ -7,7 +7,7 @@ import io
 import os
 from typing import Any, NamedTuple
 
-from ..files import atomic_write
+from .._base.files import atomic_write
 
 
 class Table(NamedTuple):

@@ -16,12 +16,12 @@ from typing import Any
 
 import numpy as np
 
-from ..camera import Camera
-from ..octree import Octree
-from ..particles import Particles
-from ..render import render
-from ..scene import Scene
-from ..thesis import ROOTS, Thesis, default_support
+from ..render.camera import Camera
+from ..render.frame import render
+from ..scene.octree import Octree
+from ..scene.particles import Particles
+from ..scene.scene import Scene
+from ..scene.thesis import ROOTS, Thesis, default_support
 from .report import Row, machine, print_table, write_csv
 from .scenes import pool
 

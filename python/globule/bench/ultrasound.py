@@ -11,12 +11,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .. import phantoms
-from ..device import choose
-from ..reconstruct import reconstruct
-from ..sweep import Sweep
-from ..volume import Volume
-from ..volume_io import read_volume
+from .._base.device import choose
+from ..ultrasound import phantoms
+from ..ultrasound.reconstruct import reconstruct
+from ..ultrasound.sweep import Sweep
+from ..volumes.files import read_volume
+from ..volumes.volume import Volume
 from .cylinders import measure_cylinders
 from .sweep_speed import placed, sweep_speed
 from .table import Setting, Table

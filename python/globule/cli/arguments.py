@@ -7,8 +7,8 @@ import os
 from collections.abc import Callable
 from typing import Any
 
-from ..clips import ClipBox, ClipPlane, ClipSphere
-from ..presets import GROUNDS
+from ..render.clips import ClipBox, ClipPlane, ClipSphere
+from ..render.presets import GROUNDS
 from . import look
 from .shared import number
 

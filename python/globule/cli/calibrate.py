@@ -14,14 +14,14 @@ from typing import Any
 
 import numpy as np
 
-from ..calibration import (
+from ..ultrasound.calibration import (
     Calibration,
     calibrate_point_target,
     read_calibration,
     temporal_offset,
     write_calibration,
 )
-from ..sweeps.marks import Tracked, read_marks, read_tracked
+from ..ultrasound.marks import Tracked, read_marks, read_tracked
 from .shared import UserError, check_output, count, mistakes, positive, print_json, warn
 
 SUMMARY = "marked pixels and poses to a probe's calibration"

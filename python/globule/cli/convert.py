@@ -10,9 +10,9 @@ import argparse
 
 import numpy as np
 
-from .. import medical_files
 from ..formats import EXTENSIONS, READABLE, write
-from ..particles import SCALAR_FIELDS, Particles
+from ..scene.particles import SCALAR_FIELDS, Particles
+from ..ultrasound import kinds as medical_files
 from . import medical
 from .shared import (
     add_reading,

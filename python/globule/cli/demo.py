@@ -29,12 +29,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> None:
-    from ..camera import Camera
-    from ..demo_data import dam_break
+    from .._demo.data import dam_break
     from ..formats import write
-    from ..particles import Particles
-    from ..render import render
-    from ..scene import Scene
+    from ..render.camera import Camera
+    from ..render.frame import render
+    from ..scene.particles import Particles
+    from ..scene.scene import Scene
 
     check_device(options)
     make_folder("-o", options.output)

@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from .. import medical_files
 from ..formats import READABLE, _format_of, tomography
-from ..particles import SCALAR_FIELDS, Particles
+from ..scene.particles import SCALAR_FIELDS, Particles
+from ..ultrasound import kinds as medical_files
 from . import medical
 from .shared import (
     add_reading,
@@ -83,7 +83,7 @@ def run(options: argparse.Namespace) -> None:
 
 def describe(path: str, particles: Particles) -> dict[str, Any]:
     """All that is known of a file's particles, as JSON has it."""
-    from ..scene import Scene
+    from ..scene.scene import Scene
 
     finite = np.isfinite(particles.positions).all(axis=1)
     facts: dict[str, Any] = {

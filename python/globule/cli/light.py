@@ -9,14 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from ..colormaps import categorical
-from ..environment import read_environment
+from .._base.colormaps import categorical
 from ..formats import FormatError
-from ..lights import Environment, Ground, Sky, uniform_sky
-from ..materials import Material
-from ..presets import GROUNDS, PRESETS, ground_height, preset
-from ..render import MAX_LAYERS, MAX_SAMPLES, Frame, Layer, RenderSettings
-from ..scene import Scene
+from ..formats.pictures.environment import read_environment
+from ..render.frame import MAX_LAYERS, MAX_SAMPLES, Frame, Layer, RenderSettings
+from ..render.lights import Environment, Ground, Sky, uniform_sky
+from ..render.materials import Material
+from ..render.presets import GROUNDS, PRESETS, ground_height, preset
+from ..scene.scene import Scene
 from . import look
 from .arguments import ball, beside, between, box, ground, pixel, plane, share, whole
 from .shared import UserError, check_input, mistakes, positive, read_particles

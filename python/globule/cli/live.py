@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from ..sweep import Sweep
-from ..sweeps.live import LiveFrame, parse_address, receive_sweep
-from ..volume import Volume
+from ..ultrasound.live import LiveFrame, parse_address, receive_sweep
+from ..ultrasound.sweep import Sweep
+from ..volumes.volume import Volume
 from .pictures import draw, wanted
 from .shared import Progress, UserError, check_folder, mistakes, positive, warn
 
@@ -70,7 +70,7 @@ class Live:
             try:
                 with mistakes():
                     if options.record:
-                        from ..sweeps.recorder import Recorder
+                        from ..ultrasound.recorder import Recorder
 
                         self.recorder = Recorder(options.record)
                     earlier = self.recorder.kept if self.recorder else []
@@ -145,8 +145,8 @@ class Live:
         self.n_drawn += 1
 
     def _reconstructor(self, frame: LiveFrame) -> Any:
-        from ..reconstructor import Reconstructor
-        from ..sweeps.setup import Setup
+        from ..ultrasound.reconstructor import Reconstructor
+        from ..ultrasound.setup import Setup
 
         options = self.options
         setup = Setup(

@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from ..attributes import attribute_values
-from ..colormaps import colorize, hex_color, to_linear
-from ..lights import MAX_LIGHTS, DirectionalLight, Headlight, PointLight
-from ..particles import Particles
-from ..scene import Scene
-from ..smoothing import anisotropy
+from .._base.colormaps import colorize, hex_color, to_linear
+from ..render.lights import MAX_LIGHTS, DirectionalLight, Headlight, PointLight
+from ..scene.attributes import attribute_values
+from ..scene.particles import Particles
+from ..scene.scene import Scene
+from ..scene.smoothing import anisotropy
 from .shared import UserError, count, number, vector
 
 Color = tuple[float, float, float]

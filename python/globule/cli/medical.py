@@ -7,16 +7,16 @@ from typing import Any
 
 import numpy as np
 
-from .. import medical_files
 from ..formats.errors import FormatError
-from ..slices import save_three_view
-from ..sweep_io import WRITABLE as SWEEPS
-from ..sweep_io import write_sweep
-from ..sweeps import igs, stack
-from ..sweeps.transforms import WORLDS, find_path
-from ..trust import check_poses
-from ..volume_io import WRITABLE as WRITABLE_VOLUMES
-from ..volume_io import write_volume
+from ..formats.sweeps import igs, stack
+from ..formats.sweeps.transforms import WORLDS, find_path
+from ..ultrasound import kinds as medical_files
+from ..ultrasound.files import WRITABLE as SWEEPS
+from ..ultrasound.files import write_sweep
+from ..ultrasound.trust import check_poses
+from ..volumes.files import WRITABLE as WRITABLE_VOLUMES
+from ..volumes.files import write_volume
+from ..volumes.slices import save_three_view
 from .shared import UserError, check_output, count, mistakes, read_sweep_file, read_volume_file
 
 

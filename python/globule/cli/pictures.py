@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from ..volume import Volume
+from ..volumes.volume import Volume
 
 
 def wanted(options: argparse.Namespace) -> bool:
@@ -14,11 +14,11 @@ def wanted(options: argparse.Namespace) -> bool:
 def draw(volume: Volume, options: argparse.Namespace, messages: list[str]) -> None:
     """Draw what is asked for; a volume without a surface gets a message instead."""
     if options.three_view:
-        from ..slices import save_three_view
+        from ..volumes.slices import save_three_view
 
         save_three_view(options.three_view, volume)
     if options.surface:
-        from ..volume_particles import save_surface
+        from ..volumes.iso_surface import save_surface
 
         try:
             save_surface(

@@ -19,9 +19,9 @@ from typing import Any
 
 import numpy as np
 
-from ..sweep import Sweep
-from ..volume import Volume
-from ..volume_io import WRITABLE, write_volume
+from ..ultrasound.sweep import Sweep
+from ..volumes.files import WRITABLE, write_volume
+from ..volumes.volume import Volume
 from . import live
 from .pictures import draw
 from .shared import (
@@ -229,7 +229,7 @@ def _sweep(options: argparse.Namespace) -> Sweep:
 
 def _without_outliers(sweep: Sweep, options: argparse.Namespace, messages: list[str]) -> list[int]:
     """Take frames whose pose jumps out of the sweep; their numbers."""
-    from ..trust import check_poses
+    from ..ultrasound.trust import check_poses
 
     if options.keep_outliers or _exact(options):
         return []
@@ -305,7 +305,7 @@ def _fitting() -> Iterator[None]:
 
 
 def _cross_validate(sweep: Sweep, options: argparse.Namespace) -> dict[str, Any]:
-    from ..trust import compare_methods
+    from ..ultrasound.trust import compare_methods
 
     methods = (options.method,) if options.method else COMPARED
     with _fitting():
@@ -315,12 +315,12 @@ def _cross_validate(sweep: Sweep, options: argparse.Namespace) -> dict[str, Any]
 def _volume(sweep: Sweep, options: argparse.Namespace) -> Volume:
     with _fitting():
         if _exact(options):
-            from ..plus import reconstruct_plus
+            from ..ultrasound.plus.reconstruct import reconstruct_plus
 
             return reconstruct_plus(
                 sweep, options.plus, device=options.device, threads=options.threads
             )
-        from ..reconstruct import reconstruct
+        from ..ultrasound.reconstruct import reconstruct
 
         return reconstruct(sweep, method=_method(options), **_options_of(options))
 
@@ -353,7 +353,7 @@ def _facts(volume: Volume, options: argparse.Namespace) -> dict[str, Any]:
 
 
 def _device(options: argparse.Namespace) -> str:
-    from ..device import choose
+    from .._base.device import choose
 
     return choose(options.device).description
 

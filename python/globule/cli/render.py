@@ -17,12 +17,12 @@ from typing import Any
 
 import numpy as np
 
-from ..camera import Camera, view_axes
-from ..colormaps import NAMES as COLORMAPS
-from ..legend import LEAST_SIDE, add_legend
-from ..render import MAX_PIXELS, Frame, fit_camera, render, save_png
-from ..scene import KERNELS, Scene
-from ..thesis import Thesis
+from .._base.colormaps import NAMES as COLORMAPS
+from ..render.camera import Camera, view_axes
+from ..render.frame import MAX_PIXELS, Frame, fit_camera, render, save_png
+from ..render.legend import LEAST_SIDE, add_legend
+from ..scene.scene import KERNELS, Scene
+from ..scene.thesis import Thesis
 from . import light, look, sequence, tracing
 from .shared import (
     Progress,
@@ -362,7 +362,7 @@ def _together(reports: list[dict[str, Any]]) -> dict[str, Any]:
 
 def why_empty(scene: Scene, clips: Sequence[Any]) -> str:
     """Why a picture of particles has no surface in it, and what to do."""
-    from ..octree import field
+    from ..scene.query import field
 
     positions = scene.particles.positions
     taken = np.zeros(len(positions), bool)

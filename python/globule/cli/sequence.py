@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from ..camera import Camera
-from ..camera_path import CameraPath
-from ..particles import Particles
-from ..scene import Scene
-from ..sequence import KeptScene, MovieFrames, find_files, is_whole, read_ahead
-from ..video import need_av
+from ..formats.pictures.video import need_av
+from ..render.camera import Camera
+from ..render.camera_path import CameraPath
+from ..render.sequence import KeptScene, MovieFrames, find_files, is_whole, read_ahead
+from ..scene.particles import Particles
+from ..scene.scene import Scene
 from . import look
 from .shared import (
     Progress,

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from ..formats import FormatError, read
-from ..particles import Particles
+from ..scene.particles import Particles
 
 
 class UserError(Exception):
@@ -97,7 +97,7 @@ def add_device(parser: argparse.ArgumentParser) -> None:
 
 def check_device(options: argparse.Namespace) -> None:
     """Refuse a device that cannot be used, before any work."""
-    from ..device import choose
+    from .._base.device import choose
 
     if not 0 <= options.threads <= 4096:
         raise UserError(f"--threads: expected 0 to 4096, got {options.threads}")
@@ -181,7 +181,7 @@ def read_particles(path: str, may_be_empty: bool = False, **given: Any) -> Parti
 def stem(path: str) -> str:
     """A file's name without folder and extension."""
     from ..formats import READABLE
-    from ..volume_io import WRITABLE
+    from ..volumes.files import WRITABLE
 
     name = os.path.basename(os.path.normpath(path))
     endings = [end for end in (*READABLE, *WRITABLE) if name.lower().endswith(end)]
@@ -190,7 +190,7 @@ def stem(path: str) -> str:
 
 def read_sweep_file(path: str, **options: Any) -> Any:
     """The tracked frames of a file or folder; what is wrong with them is the user's mistake."""
-    from ..sweep_io import read_sweep
+    from ..ultrasound.files import read_sweep
 
     try:
         with mistakes():
@@ -202,7 +202,7 @@ def read_sweep_file(path: str, **options: Any) -> Any:
 
 def read_volume_file(path: str) -> Any:
     """The volume of a file; what is wrong with it is the user's mistake."""
-    from ..volume_io import read_volume
+    from ..volumes.files import read_volume
 
     try:
         with mistakes():

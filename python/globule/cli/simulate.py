@@ -34,7 +34,7 @@ from .shared import (
 
 if TYPE_CHECKING:
     from ..sim.scene_file import Output, SceneFile
-    from ..simulate import Simulation
+    from ..sim.simulation import Simulation
 
 SUMMARY = "fluids, tissue and the knife, from a scene file"
 EXAMPLES = """\
@@ -99,7 +99,7 @@ def run(options: argparse.Namespace) -> None:
 
 def _view(options: argparse.Namespace) -> None:
     """Live in the browser."""
-    from ..simulate import Simulation
+    from ..sim.simulation import Simulation
     from ..viewer.simulation_source import SimulationSource
 
     for name in ("seconds", "fps", "format", "no_frames", "video", "pictures", "size",
@@ -137,7 +137,7 @@ class _Job:
 
     def __init__(self, options: argparse.Namespace):
         from ..sim.pictures import Pictures
-        from ..simulate import Simulation
+        from ..sim.simulation import Simulation
 
         self.options, self.folder = options, options.output
         if options.video:

@@ -6,10 +6,10 @@ import argparse
 
 import numpy as np
 
-from .. import presets as looks
-from ..particles import Particles
-from ..scene import Scene
-from ..thesis import POLYNOMIAL_KERNELS, ROOTS, Thesis, default_support, fitting_depth
+from ..render import presets as looks
+from ..scene.particles import Particles
+from ..scene.scene import Scene
+from ..scene.thesis import POLYNOMIAL_KERNELS, ROOTS, Thesis, default_support, fitting_depth
 from .shared import UserError, mistakes, positive
 
 # Options that a preset sets where the user has not; looks set fields of RenderSettings instead.

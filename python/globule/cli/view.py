@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..camera import Camera
-from ..colormaps import NAMES as COLORMAPS
+from .._base.colormaps import NAMES as COLORMAPS
 from ..formats import FormatError
-from ..presets import PRESETS
-from ..scene import KERNELS
+from ..render.camera import Camera
+from ..render.presets import PRESETS
+from ..scene.scene import KERNELS
 from . import look
 from .arguments import plane
 from .shared import UserError, add_device, add_reading, check_device, mistakes, positive, vector

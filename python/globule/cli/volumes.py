@@ -9,9 +9,9 @@ from __future__ import annotations
 import argparse
 import os
 
-from ..medical_files import has_surface
-from ..particles import Particles
-from ..scene import DEFAULTS
+from ..scene.particles import Particles
+from ..scene.scene import DEFAULTS
+from ..ultrasound.kinds import has_surface
 from .shared import UserError, read_volume_file
 
 
@@ -25,7 +25,7 @@ def check_surface(path: str, options: argparse.Namespace) -> None:
     for name in ("threshold", "support"):
         if getattr(options, name) is not None:
             raise UserError(f"--{name}: expected --level for the volume {path}, got --{name}")
-    from ..sweep_io import is_sweep
+    from ..ultrasound.files import is_sweep
 
     try:
         with open(path, "rb"):
@@ -39,7 +39,7 @@ def check_surface(path: str, options: argparse.Namespace) -> None:
 
 def read_surface(path: str, options: argparse.Namespace) -> tuple[Particles, list[str]]:
     """The surface's particles, made for the kernel's own threshold; and what to say of them."""
-    from ..volume_particles import iso_surface
+    from ..volumes.iso_surface import iso_surface
 
     volume = read_volume_file(path)
     try:

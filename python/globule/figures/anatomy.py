@@ -11,13 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from ..clips import ClipBox
-from ..colormaps import colorize
-from ..particles import Particles
-from ..presets import preset
-from ..render import fit_camera, render
-from ..scene import Scene
-from ..surface import vertex_particles
+from .._base.colormaps import colorize
+from ..render.clips import ClipBox
+from ..render.frame import fit_camera, render
+from ..render.presets import preset
+from ..scene.particles import Particles
+from ..scene.scene import Scene
+from ..scene.surface import vertex_particles
 from .style import GRAY, Figure, show_frame
 
 LEVEL = 0.35  # least intensity of tissue

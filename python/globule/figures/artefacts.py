@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from ..camera import Camera
-from ..particles import Particles
-from ..render import DirectionalLight, Headlight, RenderSettings, fit_camera, render
-from ..scene import Scene
-from ..thesis import Thesis
+from ..render.camera import Camera
+from ..render.frame import DirectionalLight, Headlight, RenderSettings, fit_camera, render
+from ..scene.particles import Particles
+from ..scene.scene import Scene
+from ..scene.thesis import Thesis
 from .style import INK, Figure, box_edges, draw_boxes, show_frame
 
 COLOR = (0.20, 0.45, 0.75)

@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from ..camera import Camera
-from ..octree import field
-from ..particles import Particles
-from ..render import RenderSettings, render
-from ..scene import Scene
+from ..render.camera import Camera
+from ..render.frame import RenderSettings, render
+from ..scene.particles import Particles
+from ..scene.query import field
+from ..scene.scene import Scene
 from .style import BLUE, GRAY, ORANGE, Figure, show_frame
 
 DISTANCES = (1.65, 1.44, 1.38, 1.1, 0.6)  # of the centres, in supports

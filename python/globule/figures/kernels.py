@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from ..octree import field, gradient, intersect
-from ..particles import Particles
-from ..scene import KERNELS, Scene
+from ..scene.particles import Particles
+from ..scene.query import field, gradient, intersect
+from ..scene.scene import KERNELS, Scene
 from .style import BLUE, GRAY, GREEN, INK, ORANGE, PURPLE, RED, SKY, Figure, bare
 
 COLORS = dict(zip(KERNELS, (BLUE, ORANGE, GREEN, RED, PURPLE, INK, SKY), strict=True))

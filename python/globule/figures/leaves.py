@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from ..demo_data import splash
-from ..octree import morton
-from ..scene import Scene
+from .._demo.data import splash
+from ..scene.octree import morton
+from ..scene.scene import Scene
 from .style import BLUE, INK, Figure, bare, draw_cubes
 
 LEAF_SIZE = 32  # a cell with more particles is split (src/octree/types.hpp)

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from ..octree import morton
-from ..scene import Scene
+from ..scene.octree import morton
+from ..scene.scene import Scene
 from .style import AXES, BLUE, GRAY, GREEN, INK, ORANGE, PALE, RED, Figure, bare
 
 LEVELS = 10  # of a 32-bit key

@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from ..octree import field, intersect
-from ..particles import Particles
-from ..scene import Scene
+from ..scene.particles import Particles
+from ..scene.query import field, intersect
+from ..scene.scene import Scene
 from .kernels import radius
 from .style import BLUE, GRAY, GREEN, INK, ORANGE, PURPLE, RED, SKY, Figure, bare
 

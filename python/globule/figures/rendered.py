@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from ..camera import Camera
-from ..colormaps import colorize
-from ..particles import Particles
-from ..render import DirectionalLight, Headlight, RenderSettings, fit_camera, render
-from ..scene import Scene
+from .._base.colormaps import colorize
+from ..render.camera import Camera
+from ..render.frame import DirectionalLight, Headlight, RenderSettings, fit_camera, render
+from ..scene.particles import Particles
+from ..scene.scene import Scene
 from .style import INK, ORANGE, Figure, box_edges, draw_boxes, show_frame
 
 ON_WHITE = RenderSettings(background=(1, 1, 1))

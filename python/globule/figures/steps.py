@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from ..octree import field, morton
+from ..scene.octree import morton
+from ..scene.query import field
 from .rays import CENTRES, THRESHOLD, flat_scene, plane_field
 from .style import (
     BLUE,

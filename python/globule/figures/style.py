@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from ..camera import Camera
-from ..files import atomic_write
+from .._base.files import atomic_write
+from ..render.camera import Camera
 
 # Distinguishable with any colour vision (after Okabe and Ito 2008).
 BLUE, ORANGE, GREEN, RED, PURPLE = "#1f6fb2", "#e0861a", "#178a5f", "#c8452d", "#8a4fa3"

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ..octree import morton
+from ..scene.octree import morton
 from .style import AXES, GRAY, INK, PALE, Figure, bare
 
 

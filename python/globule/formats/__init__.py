@@ -23,7 +23,7 @@ import os
 from types import ModuleType
 from typing import Any
 
-from ..particles import Particles
+from ..scene.particles import Particles
 from . import bgeo, mesh, numpy_format, ply, table, text, tomography, vtk_legacy, vtk_xml
 from .errors import FormatError
 from .mesh import mesh_particles

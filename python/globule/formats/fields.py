@@ -23,7 +23,8 @@ from typing import Any
 
 import numpy as np
 
-from ..particles import FIELDS, SCALAR_FIELDS, Particles, to_host
+from .._base.arrays import to_host
+from ..scene.particles import FIELDS, SCALAR_FIELDS, Particles
 from .errors import bad
 
 _POSITION_NAMES = ("positions", "position", "pos", "points", "p", "coordinates", "x")

@@ -14,10 +14,10 @@ from typing import IO, Any
 
 import numpy as np
 
-from ..colormaps import to_linear
-from ..particles import Particles
-from ..spacing import local_spacing
-from ..surface import MOST_SAMPLES, sampled_particles, vertex_particles
+from .._base.colormaps import to_linear
+from ..scene.particles import Particles
+from ..scene.spacing import local_spacing
+from ..scene.surface import MOST_SAMPLES, sampled_particles, vertex_particles
 from .errors import FormatError, bad
 
 EXTENSIONS = (".obj", ".stl", ".glb", ".ply")

@@ -11,8 +11,9 @@ from typing import IO, Any
 
 import numpy as np
 
-from ..files import atomic_write
-from ..particles import SCALAR_FIELDS, Particles, to_host
+from .._base.arrays import to_host
+from .._base.files import atomic_write
+from ..scene.particles import SCALAR_FIELDS, Particles
 from .errors import bad, shown
 from .fields import check_lengths, find_positions, particles_from
 

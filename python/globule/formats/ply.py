@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from ..colormaps import to_linear
-from ..files import atomic_write
-from ..particles import Particles
-from ..surface import vertex_particles
+from .._base.colormaps import to_linear
+from .._base.files import atomic_write
+from ..scene.particles import Particles
+from ..scene.surface import vertex_particles
 from .errors import bad, shown
 from .fields import find_positions, join_columns, particles_from, split_columns
 from .mesh import mesh_particles

@@ -16,8 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from ..files import atomic_write
-from ..particles import Particles
+from .._base.files import atomic_write
+from ..scene.particles import Particles
 from .asciinum import format_rows, parse_rows, text_lines
 from .errors import bad, shown
 from .fields import find_positions, join_columns, particles_from, split_columns

@@ -12,8 +12,9 @@ from pathlib import Path
 
 import numpy as np
 
-from ..files import atomic_write
-from ..particles import Particles, to_host
+from .._base.arrays import to_host
+from .._base.files import atomic_write
+from ..scene.particles import Particles
 from .asciinum import format_rows, parse_rows, text_lines
 from .errors import bad, shown
 from .fields import per_particle

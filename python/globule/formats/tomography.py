@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from ..colormaps import categorical, colorize
-from ..particles import Particles
+from .._base.colormaps import categorical, colorize
+from ..scene.particles import Particles
 from .errors import bad
 from .volume_length import check_length
 

@@ -13,8 +13,9 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from ..files import atomic_write
-from ..particles import Particles, to_host
+from .._base.arrays import to_host
+from .._base.files import atomic_write
+from ..scene.particles import Particles
 from .asciinum import end_of_tokens, parse_numbers
 from .errors import bad, shown
 from .fields import particles_from, per_particle

@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..files import atomic_write
-from ..particles import Particles, to_host
+from .._base.arrays import to_host
+from .._base.files import atomic_write
+from ..scene.particles import Particles
 from .asciinum import parse_numbers
 from .errors import FormatError, bad, shown
 from .fields import particles_from, per_particle

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from ..arrays import address
-from ..interrupts import whole
-from ..particles import Particles, to_host
+from .._base.arrays import address, to_host
+from .._base.interrupts import whole
+from ..scene.particles import Particles
 from .schema import shown
 
 _ARRAYS = {

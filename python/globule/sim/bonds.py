@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from ..arrays import address
-from ..particles import Particles
-from ..scene import Scene
+from .._base.arrays import address
+from ..scene.particles import Particles
+from ..scene.scene import Scene
 
 REACH = 1.5  # spacings: 18 neighbours on a cubic lattice
 _LATTICE_SQUARES = 30.0  # Σ L² / d² over those 18

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ..files import atomic_write
+from .._base.files import atomic_write
 
 VERSION = 3
 

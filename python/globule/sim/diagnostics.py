@@ -8,7 +8,7 @@ import os
 from collections.abc import Sequence
 from typing import Any
 
-from ..files import atomic_write
+from .._base.files import atomic_write
 
 PANELS = (
     ("energy, J", ("kinetic", "potential", "elastic")),

@@ -6,13 +6,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..arrays import address
+from .._base.arrays import address
 from .scene_file import Emitter as Table
 from .schema import number, switch
 from .steered import Steered, checked, checks_of
 
 if TYPE_CHECKING:
-    from ..simulate import Simulation
+    from .simulation import Simulation
 
 
 CHECKS = {"rate": number(least=0.0), "on": switch}

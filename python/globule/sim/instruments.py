@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ..rotations import matrix
+from .._base.rotations import matrix
 from .schema import Problem, choice, direction, each, key, number, place, positive, switch, text
 
 

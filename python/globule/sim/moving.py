@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ..interrupts import whole
+from .._base.interrupts import whole
 
 
 class Moving:

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from ..arrays import address
-from ..interrupts import whole
+from .._base.arrays import address
+from .._base.interrupts import whole
 from .blade import as_blade
 from .bonds import add_body, along, build_bonds, morton_order
 from .tissue import BALL, FIXED, FREE, GONE, HALF_SPACE, cut

@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from ..camera import Camera
-from ..colormaps import colorize
-from ..presets import preset
-from ..render import Frame, RenderSettings, fit_camera, render
-from ..scene import Scene
-from ..sequence import KeptScene, MovieFrames
-from ..video import need_av
+from .._base.colormaps import colorize
+from ..formats.pictures.video import need_av
+from ..render.camera import Camera
+from ..render.frame import Frame, RenderSettings, fit_camera, render
+from ..render.presets import preset
+from ..render.sequence import KeptScene, MovieFrames
+from ..scene.scene import Scene
 from .scene_file import SceneFile
 
 

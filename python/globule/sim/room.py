@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..memory import free_bytes
+from .._base.memory import free_bytes
 from .limits import n_places
 from .schema import SceneError
 from .shapes import Box, Plane

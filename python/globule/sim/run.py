@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from ..interrupts import whole
-from ..particles import Particles
+from .._base.interrupts import whole
+from ..scene.particles import Particles
 from . import checkpoint
 from .bodies import Body
 from .emitter import Emitter

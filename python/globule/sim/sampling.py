@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from ..particles import Particles
-from ..scene import Scene
+from ..scene.particles import Particles
+from ..scene.scene import Scene
 from .shapes import Box, Cylinder, Grid, Mesh, Plane, Sphere, gradient, joined
 
 MOST_PARTICLES = 50_000_000
@@ -164,7 +164,7 @@ def _plane_surface(plane: Plane, d: float, offset: float, domain: Any) -> np.nda
 
 
 def _mesh_surface(mesh: Mesh, d: float, offset: float) -> np.ndarray:
-    from ..surface import sample_triangles
+    from ..scene.surface import sample_triangles
 
     corners = mesh.triangles
     triangle, barycentric, _ = sample_triangles(corners, d / 3)

@@ -158,7 +158,7 @@ def direction(value: Any) -> tuple[float, ...]:
 def color(value: Any) -> tuple[float, ...]:
     """Linear RGB in [0, 1], or #rrggbb, sRGB."""
     if isinstance(value, str):
-        from ..colormaps import hex_color, to_linear
+        from .._base.colormaps import hex_color, to_linear
 
         digits = value[1:]
         if (

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..checks import how_to_install
+from .._base.checks import how_to_install
 from .sampling import MOST_PARTICLES
 from .schema import Problem, choice, each, key, number, place, positive, text, whole
 from .shapes import Grid, Mesh
@@ -43,7 +43,7 @@ class DistanceFile:
     move: tuple = key(place, (0.0, 0.0, 0.0))
 
     def load(self) -> Grid:
-        from ..volume_io import read_volume
+        from ..volumes.files import read_volume
 
         volume = read_volume(self.file)
         world_from_voxel = np.array(volume.world_from_voxel)

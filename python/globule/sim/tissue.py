@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from .. import _core
-from ..arrays import address
-from ..device import choose
+from .._base.arrays import address
+from .._base.device import choose
 from .blade import Blade, as_blade
 from .bonds import add_body, build_bonds, morton_order
 

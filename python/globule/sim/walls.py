@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from ..particles import Particles
-from ..spacing import local_spacing
+from ..scene.particles import Particles
+from ..scene.spacing import local_spacing
 from .sampling import BEHIND, FACES, shell
 
 

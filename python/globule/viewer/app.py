@@ -16,10 +16,10 @@ from typing import Any
 
 import numpy as np
 
-from ..camera import Camera
-from ..checks import how_to_install
-from ..particles import on_gpu
-from ..render import fit_camera
+from .._base.arrays import on_gpu
+from .._base.checks import how_to_install
+from ..render.camera import Camera
+from ..render.frame import fit_camera
 from .engine import Client, Engine
 from .equivalent import command_line, python_code
 from .guard import Guard, limit_messages, quiet_tasks
@@ -378,7 +378,7 @@ def left_out(scene: Any) -> list[str]:
 def first_camera(scene: Any, up: Any, around: Any, like: Camera | None = None) -> Camera:
     """All is seen, from the side that `like` is on; else from the front, a little right and above,
     whatever axis is upwards."""
-    from ..camera import view_axes
+    from ..render.camera import view_axes
 
     if scene.octree.n_inside == 0 and around is None:
         return Camera((1.2, 0.9, 2.0), (0, 0, 0), up)

@@ -11,8 +11,8 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from ..camera import Camera
-from ..render import Frame
+from ..render.camera import Camera
+from ..render.frame import Frame
 from .encode import jpeg
 from .overlay import Mark, finish
 from .pacer import Pacer, Plan, limited

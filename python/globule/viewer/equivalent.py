@@ -6,8 +6,8 @@ import dataclasses
 import shlex
 from typing import Any
 
-from ..camera import Camera
-from ..clips import ClipBox, ClipPlane
+from ..render.camera import Camera
+from ..render.clips import ClipBox, ClipPlane
 from .picture import clips_of, preset_look, seen_settings, sun_direction
 from .scenes import scene_options
 from .source import Source

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..camera import Camera
+from ..render.camera import Camera
 from .app import first_camera
 from .engine import Engine
 from .open import open_source

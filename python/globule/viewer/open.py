@@ -8,15 +8,16 @@ from typing import Any
 
 import numpy as np
 
+from .._base.arrays import on_gpu, to_host
 from ..formats import read
-from ..particles import Particles, on_gpu, to_host
-from ..render import Layer
-from ..scene import Scene
+from ..render.frame import Layer
+from ..scene.particles import Particles
+from ..scene.scene import Scene
 from ..sim.scene_file import SHIPPED
-from ..sweep import Sweep
-from ..sweeps.setup import Setup
-from ..volume import Volume
-from ..volume_io import READABLE as VOLUMES
+from ..ultrasound.setup import Setup
+from ..ultrasound.sweep import Sweep
+from ..volumes.files import READABLE as VOLUMES
+from ..volumes.volume import Volume
 from .sequence_source import SequenceSource
 from .simulation_source import SimulationSource
 from .source import SceneSource, Source
@@ -69,7 +70,7 @@ def open_source(what: Any, device: str = "auto", threads: int = 0, **reading: An
 
 
 def _open_files(names: list[str], common: dict, reading: dict) -> Source:
-    from ..sequence import find_files
+    from ..render.sequence import find_files
 
     if len(names) == 1:
         return _open_name(names[0], common, reading)
@@ -88,13 +89,13 @@ def _open_name(name: str, common: dict, reading: dict) -> Source:
         source.files, source.reading = [name], reading
         return source
     if simulation_name(name):
-        from ..simulate import Simulation
+        from ..sim.simulation import Simulation
 
         source = SimulationSource(title, Simulation(name, **common), **common)
         source.files = [name]
         return source
     if not os.path.exists(name):
-        from ..sequence import find_files
+        from ..render.sequence import find_files
 
         files = find_files([name])  # a pattern; what is no file is said by the reader
         if files != [name]:
@@ -115,9 +116,9 @@ def _open_name(name: str, common: dict, reading: dict) -> Source:
 def _medical(name: str, common: dict, reading: dict) -> Source | None:
     """The source of a sweep or volume; None for other files, and for a volume of which only the
     voxels of some values are wanted."""
-    from ..medical_files import kind_of
-    from ..sweep_io import read_sweep
-    from ..volume_io import read_volume
+    from ..ultrasound.files import read_sweep
+    from ..ultrasound.kinds import kind_of
+    from ..volumes.files import read_volume
 
     title = os.path.basename(os.path.normpath(name))
     kind = kind_of(name) if os.path.exists(name) else None

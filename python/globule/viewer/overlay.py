@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from ..camera import Camera
-from ..legend import LEAST_SIDE, add_legend
+from ..render.camera import Camera
+from ..render.legend import LEAST_SIDE, add_legend
 from .state import State
 
 ON_SCREEN = 0.65  # of the legend that a saved picture has

@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from ..camera import Camera, view_axes
-from ..clips import ClipBox, ClipPlane, ClipSphere
-from ..lights import DirectionalLight, Ground, Headlight, Sky
-from ..presets import GROUNDS, ground_height
-from ..render import Frame, RenderSettings, render
-from ..scene import Scene
+from ..render.camera import Camera, view_axes
+from ..render.clips import ClipBox, ClipPlane, ClipSphere
+from ..render.frame import Frame, RenderSettings, render
+from ..render.lights import DirectionalLight, Ground, Headlight, Sky
+from ..render.presets import GROUNDS, ground_height
+from ..scene.scene import Scene
 from .scenes import thesis_of
 from .source import Source
 from .state import Cuts, Look, State

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ..camera import Camera
+from ..render.camera import Camera
 
 GROWTH = 0.25  # of what is shown, until all of it is fitted into the picture again
 

@@ -14,13 +14,13 @@ from typing import Any
 
 import numpy as np
 
-from ..camera import Camera
-from ..camera_path import orbit
-from ..exr import frame_channels, write_exr
-from ..files import atomic_write
-from ..memory import free_bytes
-from ..render import MAX_PIXELS, save_png
-from ..video import need_av, write_movie
+from .._base.files import atomic_write
+from .._base.memory import free_bytes
+from ..formats.pictures.exr import frame_channels, write_exr
+from ..formats.pictures.video import need_av, write_movie
+from ..render.camera import Camera
+from ..render.camera_path import orbit
+from ..render.frame import MAX_PIXELS, save_png
 from .engine import Engine
 from .overlay import Mark, finish
 from .picture import trace

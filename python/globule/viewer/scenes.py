@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from ..attributes import attribute_names, attribute_values
-from ..colormaps import colorize
-from ..particles import Particles
-from ..scene import DEFAULTS, Scene
-from ..thesis import POLYNOMIAL_KERNELS, Thesis, fitting_depth
+from .._base.colormaps import colorize
+from ..scene.attributes import attribute_names, attribute_values
+from ..scene.particles import Particles
+from ..scene.scene import DEFAULTS, Scene
+from ..scene.thesis import POLYNOMIAL_KERNELS, Thesis, fitting_depth
 from .state import State
 
 

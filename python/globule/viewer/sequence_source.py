@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from ..formats import read
-from ..particles import Particles
-from ..render import Layer
+from ..render.frame import Layer
+from ..scene.particles import Particles
 from .scenes import SceneMaker
 from .source import Origin, Source, box_corners
 from .state import State

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from ..camera import Camera
-from ..particles import Particles
-from ..render import Layer, RenderSettings
-from ..scene import Scene
+from ..render.camera import Camera
+from ..render.frame import Layer, RenderSettings
+from ..scene.particles import Particles
+from ..scene.scene import Scene
 from .overlay import STEEL, Mark
 from .scenes import SceneMaker
 from .source import Origin, Source, box_corners

@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from ..camera import Camera
-from ..particles import Particles
-from ..presets import preset
-from ..render import Layer, RenderSettings
-from ..scene import Scene
+from ..render.camera import Camera
+from ..render.frame import Layer, RenderSettings
+from ..render.presets import preset
+from ..scene.particles import Particles
+from ..scene.scene import Scene
 from .locks import FairLock
 from .overlay import Mark, Plate
 from .scenes import SceneMaker, color_names

@@ -10,11 +10,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from ..camera import Camera
-from ..colormaps import NAMES as COLORMAPS
-from ..files import atomic_write
-from ..presets import PRESETS
-from ..scene import KERNELS
+from .._base.colormaps import NAMES as COLORMAPS
+from .._base.files import atomic_write
+from ..render.camera import Camera
+from ..render.presets import PRESETS
+from ..scene.scene import KERNELS
 from .fields import checked, choice, real, switch, triple, whole
 
 FAR = 1e18  # the largest coordinate of a scene

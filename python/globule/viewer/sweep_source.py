@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from ..reconstruct import reconstruct
-from ..reconstructor import Reconstructor
-from ..sweep import Sweep
-from ..volume import Volume
+from ..ultrasound.reconstruct import reconstruct
+from ..ultrasound.reconstructor import Reconstructor
+from ..ultrasound.sweep import Sweep
+from ..volumes.volume import Volume
 from .locks import FairLock
 from .overlay import Mark
 from .source import Origin
@@ -195,7 +195,7 @@ def played(sweep: Sweep, rate: float = 20.0) -> Callable[[], Iterator[tuple[Any,
 
 def received(address: str, edges: Any) -> Callable[[], Iterator[tuple[Any, Any]]]:
     """Frames of an OpenIGTLink server. Raises ValueError for a bad address or without pyigtl."""
-    from ..sweeps.live import need_pyigtl, parse_address, receive
+    from ..ultrasound.live import need_pyigtl, parse_address, receive
 
     parse_address(address)
     need_pyigtl()

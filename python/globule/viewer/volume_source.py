@@ -6,15 +6,15 @@ from typing import Any
 
 import numpy as np
 
-from ..camera import Camera, view_axes
-from ..clips import ClipBox
-from ..medical_files import SURFACES
-from ..particles import Particles
-from ..render import Layer
-from ..slices import reslice
-from ..sweep import Sweep
-from ..volume import EMPTY, FILLED, Volume
-from ..volume_particles import iso_surface, otsu
+from ..render.camera import Camera, view_axes
+from ..render.clips import ClipBox
+from ..render.frame import Layer
+from ..scene.particles import Particles
+from ..ultrasound.kinds import SURFACES
+from ..ultrasound.sweep import Sweep
+from ..volumes.iso_surface import iso_surface, otsu
+from ..volumes.slices import reslice
+from ..volumes.volume import EMPTY, FILLED, Volume
 from .overlay import Plate
 from .scenes import SceneMaker
 from .source import Origin, Probed, Source, box_corners

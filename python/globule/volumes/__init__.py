@@ -1,1 +1,0 @@
-"""Volume files, one module per format; `globule.volume_io` chooses."""

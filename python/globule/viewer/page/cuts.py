@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ...rotations import matrix
+from ..._base.rotations import matrix
 from .panel import Panel
 
 HANDLE = 0.45  # page units

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from ...rotations import matrix
-from ...sweeps.poses import quaternion
+from ..._base.rotations import matrix
+from ...formats.sweeps.poses import quaternion
 from ..sweep_source import COMPOUNDING
 from .panel import Panel
 from .widgets import bounded

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ...memory import resident_bytes
+from ..._base.memory import resident_bytes
 from .panel import Panel
 
 EVERY = 0.5  # s

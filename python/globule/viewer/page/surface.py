@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...particles import to_host
-from ...scene import DEFAULTS
+from ..._base.arrays import to_host
+from ...scene.scene import DEFAULTS
 from .panel import Panel
 
 

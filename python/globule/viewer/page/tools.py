@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ...render import Picked
+from ...render.frame import Picked
 from ..engine import Client
 from ..overlay import AMBER, RED, Mark
 from ..source import Probed

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from ...camera import Camera, view_axes
-from ...render import fit_camera
+from ...render.camera import Camera, view_axes
+from ...render.frame import fit_camera
 from ..state import MOST_BOOKMARKS
 from .panel import Panel
 

@@ -1,0 +1,76 @@
+"""Checks of single arguments; each message names the argument, what was expected and what came."""
+
+from __future__ import annotations
+
+import math
+import os
+import shlex
+import sys
+from typing import Any
+
+import numpy as np
+
+
+def three(name: str, value: Any, least: float = -math.inf) -> list[float]:
+    """Three finite numbers; one number stands for all three."""
+    try:
+        array = np.asarray(value, dtype=np.float32)
+    except (TypeError, ValueError):
+        raise TypeError(f"{name}: expected three numbers, got {value!r}") from None
+    if array.shape == ():
+        array = np.repeat(array, 3)
+    values = array.tolist()
+    if array.shape != (3,) or not all(math.isfinite(v) and v >= least for v in values):
+        expected = "three finite numbers" + (f" >= {least:g}" if least > -math.inf else "")
+        raise ValueError(f"{name}: expected {expected}, got {value!r}")
+    return values
+
+
+def unit(name: str, value: Any) -> list[float]:
+    """A direction, made of unit length."""
+    v = np.asarray(three(name, value), np.float64)
+    length = np.linalg.norm(v)
+    if length == 0:
+        raise ValueError(f"{name}: expected a direction, got {value!r}")
+    return [float(x) for x in v / length]
+
+
+def number(name: str, value: Any, least: float = -math.inf, most: float = math.inf) -> float:
+    """A finite number in [least, most]."""
+    try:
+        v = float(value)
+    except (TypeError, ValueError):
+        raise TypeError(f"{name}: expected a number, got {value!r}") from None
+    if not (math.isfinite(v) and least <= v <= most):
+        raise ValueError(f"{name}: expected {_range(least, most)}, got {value!r}")
+    return v
+
+
+def whole(name: str, value: Any, least: int, most: int) -> int:
+    """A whole number in [least, most]."""
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)):
+        raise TypeError(f"{name}: expected a whole number, got {value!r}")
+    if not least <= value <= most:
+        raise ValueError(f"{name}: expected {least} to {most}, got {value!r}")
+    return int(value)
+
+
+def thread_count(value: Any) -> int:
+    """How many CPU threads are asked for; 0 takes all."""
+    return whole("threads", value, 0, 4096)
+
+
+def _range(least: float, most: float) -> str:
+    if least == -math.inf and most == math.inf:
+        return "a finite number"
+    if most == math.inf:
+        return f"a number >= {least:g}"
+    return f"{least:g} to {most:g}"
+
+
+def how_to_install(extra: str) -> str:
+    """The command that adds an extra where this Python looks for it: not every `pip` is its own."""
+    python = sys.executable
+    if python.startswith(os.getcwd() + os.sep):
+        python = os.path.relpath(python)
+    return f'{shlex.quote(python)} -m pip install "globule[{extra}]"'

@@ -1,0 +1,178 @@
+"""Tracked sweeps of PLUS / IGSIO: .igs.mha and .igs.nrrd (or plain .mha and .nrrd).
+
+Frame i's fields are called Seq_Frame0000_NAME: transforms `ProbeToTrackerTransform` (16 numbers)
+with `…TransformStatus`, `Timestamp` and `ImageStatus`. All are kept as text, so that what is read
+can be written again to the letter.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..errors import bad, shown
+from ..volumes import metaimage, nrrd
+from ..volumes.raw import RawImage
+from .transforms import Edges, Transform, parse_matrix, split_name
+
+EXTENSIONS = (".igs.mha", ".igs.nrrd", ".mha", ".mhd", ".nrrd", ".nhdr")
+_FRAME_FIELD = re.compile(r"Seq_Frame(\d{1,9})_(.+)")
+_TRANSFORM = "Transform"
+_ORIENTATION = "UltrasoundImageOrientation"
+
+
+class Recording(NamedTuple):
+    """A file of frames as it is.
+
+    frames         (F, H, W), in MF orientation: column 0 at the marked side, row 0 at the probe
+    times          (F,) s, or None where a frame has none
+    edges          transforms by (source, target), one matrix per frame
+    ok             (F,) bool: the image's own status
+    fields         the file's fields as text
+    frame_fields   each frame's fields as text
+    """
+
+    frames: np.ndarray
+    times: np.ndarray | None
+    edges: Edges
+    ok: np.ndarray
+    fields: dict[str, str]
+    frame_fields: list[dict[str, str]]
+
+
+def read(path: str | os.PathLike) -> Recording:
+    """Read frames and all that is said of them. Raises FormatError naming the field."""
+    is_nrrd = _is_nrrd(path)
+    image = (nrrd if is_nrrd else metaimage).read(path)
+    frames = _planes(path, image)
+    n = len(frames)
+    fields: dict[str, str] = {}
+    frame_fields: list[dict[str, str]] = [{} for _ in range(n)]
+    for name, text in image.fields.items():
+        plain = name.removesuffix(nrrd.KEY_VALUE) if is_nrrd else name
+        match = _FRAME_FIELD.fullmatch(plain)
+        if not match:
+            fields[name] = text
+        elif int(match[1]) < n:
+            frame_fields[int(match[1])][match[2]] = text
+        else:
+            raise bad(path, plain, f"expected fields of {n} frames (0 to {n - 1})")
+    down, right = _flips(path, _get(fields, _ORIENTATION))
+    frames = np.ascontiguousarray(frames[:, ::down, ::right])
+    ok = np.array([f.get("ImageStatus", "OK") == "OK" for f in frame_fields])
+    return Recording(
+        frames, _times(path, frame_fields), _edges(path, frame_fields), ok, fields, frame_fields
+    )
+
+
+def write(path: str | os.PathLike, recording: Recording) -> None:
+    """Write a recording, in the orientation that its fields name."""
+    down, right = _flips(path, _get(recording.fields, _ORIENTATION))
+    frames = recording.frames[:, ::down, ::right]
+    is_nrrd = _is_nrrd(path)
+    suffix = nrrd.KEY_VALUE if is_nrrd else ""
+    header = _translated(recording.fields, is_nrrd)
+    for i, fields in enumerate(recording.frame_fields):
+        header |= {f"Seq_Frame{i:04d}_{name}{suffix}": text for name, text in fields.items()}
+    (nrrd if is_nrrd else metaimage).write(path, frames, header)
+
+
+def _is_nrrd(path: str | os.PathLike) -> bool:
+    return os.fspath(path).lower().endswith((".nrrd", ".nhdr"))
+
+
+def _get(fields: dict[str, str], name: str) -> str:
+    return fields.get(name, fields.get(name + nrrd.KEY_VALUE, "MF"))
+
+
+def _translated(fields: dict[str, str], to_nrrd: bool) -> dict[str, str]:
+    """The file's fields in the words of the format that is written."""
+    from_nrrd = "dimension" in fields
+    fixed = {"kinds": "domain domain list"} if to_nrrd else {
+        "BinaryData": "True", "TransformMatrix": "1 0 0 0 1 0 0 0 1", "Offset": "0 0 0",
+        "ElementSpacing": "1 1 1", "Kinds": "domain domain list",
+    }  # fmt: skip
+    if from_nrrd == to_nrrd and fields:
+        kept = dict(fields)
+        for name in fixed:  # per axis: a file of four axes is written with three
+            if len(kept.get(name, fixed[name]).split()) != len(fixed[name].split()):
+                kept[name] = fixed[name]
+        return kept
+    own = {_ORIENTATION: _get(fields, _ORIENTATION)}
+    for name, text in fields.items():
+        if name.endswith(nrrd.KEY_VALUE) or name.startswith("Ultrasound"):
+            own[name.removesuffix(nrrd.KEY_VALUE)] = text
+    suffix = nrrd.KEY_VALUE if to_nrrd else ""
+    return fixed | {name + suffix: text for name, text in own.items()}
+
+
+def _planes(path: Any, image: RawImage) -> np.ndarray:
+    """The frames, (F, H, W); colours become grey (ITU-R BT.601)."""
+    array = image.array
+    if array.ndim == 2:
+        array = array[None]
+    if array.ndim == 4 and array.shape[1] == 1 and array.shape[-1] != 3:
+        array = array[:, 0]
+    if array.ndim == 4 and array.shape[-1] == 3:
+        array = to_grey(array)
+    if array.ndim != 3:
+        raise bad(path, "sizes", f"expected a sequence of 2D frames, got shape {array.shape}")
+    return array
+
+
+def to_grey(array: np.ndarray) -> np.ndarray:
+    """(..., 3) RGB to (...), ITU-R BT.601, rounded where the type is an integer."""
+    grey = array @ np.array([0.299, 0.587, 0.114])
+    return (np.rint(grey) if array.dtype.kind in "iu" else grey).astype(array.dtype)
+
+
+def _flips(path: Any, orientation: str) -> tuple[int, int]:
+    """Steps along rows and columns that lead to MF: U columns and N rows run the other way."""
+    if orientation[:2] not in ("MF", "UF", "MN", "UN"):
+        expected = "MF, UF, MN or UN"
+        raise bad(path, _ORIENTATION, f"expected {expected}, got {shown(orientation)}")
+    return (-1 if orientation[1] == "N" else 1), (-1 if orientation[0] == "U" else 1)
+
+
+def _times(path: Any, frame_fields: list[dict[str, str]]) -> np.ndarray | None:
+    times = []
+    for i, fields in enumerate(frame_fields):
+        text = fields.get("Timestamp")
+        if text is None:
+            return None
+        try:
+            times.append(float(text))
+        except ValueError:
+            times.append(np.nan)
+        if not np.isfinite(times[-1]):
+            raise bad(path, _name(i, "Timestamp"), f"expected a time, got {shown(text)}")
+    return np.array(times)
+
+
+def _edges(path: Any, frame_fields: list[dict[str, str]]) -> Edges:
+    n = len(frame_fields)
+    edges: Edges = {}
+    for i, fields in enumerate(frame_fields):
+        for name, text in fields.items():
+            key = split_name(name.removesuffix(_TRANSFORM)) if name.endswith(_TRANSFORM) else None
+            if key is None:
+                continue
+            if key not in edges:
+                missing = np.tile(np.full((4, 4), np.nan), (n, 1, 1))
+                edges[key] = Transform(missing, np.zeros(n, bool))
+            try:
+                matrix = parse_matrix(text)
+            except ValueError as error:
+                problem = f"expected 16 numbers, got {error}"
+                raise bad(path, _name(i, name), problem) from None
+            edges[key].matrices[i] = matrix
+            status = fields.get(name + "Status", "OK") == "OK"
+            edges[key].ok[i] = status and bool(np.isfinite(matrix).all())
+    return edges
+
+
+def _name(i: int, name: str) -> str:
+    return f"Seq_Frame{i:04d}_{name}"

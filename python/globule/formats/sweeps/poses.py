@@ -1,0 +1,241 @@
+"""Pose tables (.csv, .json) and poses between their times.
+
+A row of a table is a time in seconds and a pose, and may have a status:
+
+    time  x y z  qx qy qz qw            position in mm and quaternion
+    time  m00 m01 … m23 [m30 … m33]     the rows of a 4x4 matrix
+    status                              OK or 1; anything else is a pose that is missing
+
+JSON is a list of objects with `time`, and `matrix` or `position` and `quaternion` [x, y, z, w], or
+an object with that list under `poses`. A table without times has one row per frame.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+import os
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..._base import rotations
+from ..errors import bad, shown
+
+_TIME = ("time", "timestamp", "t")
+_POSITION = ("x", "y", "z")
+_QUATERNION = ("qx", "qy", "qz", "qw")
+_MATRIX = tuple(f"m{row}{column}" for row in range(4) for column in range(4))
+_MOST_GAP = 5.0  # median intervals between poses; a longer silence of the tracker is a gap
+
+
+class PoseTable(NamedTuple):
+    """times (N,) s or None; matrices (N, 4, 4) float64, NaN where missing; ok (N,) bool. In the
+    order of the file, which need not be that of the times."""
+
+    times: np.ndarray | None
+    matrices: np.ndarray
+    ok: np.ndarray
+
+
+def read_poses(path: str | os.PathLike) -> PoseTable:
+    """Read a pose table. Raises FormatError naming the row."""
+    name = os.fspath(path).lower()
+    if not name.endswith((".csv", ".json")):
+        raise bad(path, "", "expected a pose table, .csv or .json")
+    rows = _json_rows(path) if name.endswith(".json") else _csv_rows(path)
+    if not rows:
+        raise bad(path, "", "expected poses, got none")
+    times, matrices, ok = [], [], []
+    for where, time, matrix, status in rows:
+        if time is not None and not math.isfinite(time):
+            raise bad(path, where, f"expected a finite time, got {time}")
+        good = status and bool(np.isfinite(matrix).all())
+        if good and not np.array_equal(matrix[3], (0, 0, 0, 1)):
+            raise bad(path, where, f"expected 0 0 0 1 as the last row, got {matrix[3].tolist()}")
+        if good and abs(np.linalg.det(matrix[:3, :3])) < 1e-12:
+            raise bad(path, where, "expected a pose that can be inverted, got a singular matrix")
+        times.append(time)
+        matrices.append(matrix)
+        ok.append(good)
+    timed = [time is not None for time in times]
+    if any(timed) and not all(timed):
+        raise bad(path, rows[timed.index(False)][0], "expected a time in every row, got none")
+    if not any(timed):
+        return PoseTable(None, np.array(matrices), np.array(ok))
+    return PoseTable(np.array(times), np.array(matrices), np.array(ok))
+
+
+def write_csv(path: str | os.PathLike, table: PoseTable) -> None:
+    """Write times, 4x4 matrices and statuses; every number survives exactly."""
+    with open(path, "w", encoding="utf-8", newline="\n") as file:
+        timed = table.times is not None
+        file.write(",".join((*(["time"] if timed else []), *_MATRIX, "status")) + "\n")
+        for i, (matrix, ok) in enumerate(zip(table.matrices, table.ok, strict=True)):
+            numbers = [float(table.times[i])] if timed else []
+            numbers += matrix.ravel().tolist()
+            file.write(",".join(map(repr, numbers)) + (",OK\n" if ok else ",INVALID\n"))
+
+
+def interpolate(table: PoseTable, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Poses at other times: translation (and scale) linear, rotation slerp.
+
+    times   (M,) s; the table must have times. Returns matrices (M, 4, 4) float64 and ok (M,): False
+    outside of the table's times and where the tracker was silent for longer than 5 median
+    intervals. A time that the table has gives exactly the table's pose, missing ones included.
+    """
+    n = len(times)
+    matrices, ok = np.tile(np.full((4, 4), np.nan), (n, 1, 1)), np.zeros(n, bool)
+    known, poses = table.times[table.ok], table.matrices[table.ok]
+    known, first = np.unique(known, return_index=True)
+    poses = poses[first]
+    if len(known) == 0:
+        return matrices, ok
+    after = np.clip(np.searchsorted(known, times), 1, max(1, len(known) - 1))
+    before = after - 1
+    after = np.minimum(after, len(known) - 1)
+    longest = _MOST_GAP * np.median(np.diff(known)) if len(known) > 1 else 0.0
+    span = known[after] - known[before]
+    inside = (times >= known[0]) & (times <= known[-1]) & (span <= longest * (1 + 1e-9))
+    share = np.divide(times - known[before], span, out=np.zeros(n), where=span > 0)
+    for i in np.flatnonzero(inside):
+        matrices[i] = _between(poses[before[i]], poses[after[i]], float(share[i]))
+    for source in (before, after):  # exactly, whatever became of a long gap beside it
+        same = np.isfinite(times) & (known[source] == times)
+        matrices[same] = poses[source[same]]
+        inside |= same
+    lost = table.times[~table.ok]
+    inside &= ~np.isin(times, lost[~np.isin(lost, known)])
+    return matrices, inside
+
+
+def _between(a: np.ndarray, b: np.ndarray, share: float) -> np.ndarray:
+    scale_a, scale_b = (np.linalg.norm(m[:3, :3], axis=0) for m in (a, b))
+    p, q = quaternion(a[:3, :3] / scale_a), quaternion(b[:3, :3] / scale_b)
+    cosine = float(p @ q)
+    if cosine < 0:
+        q, cosine = -q, -cosine
+    angle = math.acos(min(cosine, 1.0))
+    if angle < 1e-7:  # slerp's limit, without 0/0
+        between = (1 - share) * p + share * q
+    else:
+        between = math.sin((1 - share) * angle) * p + math.sin(share * angle) * q
+    result = np.eye(4)
+    result[:3, :3] = rotation(between) * ((1 - share) * scale_a + share * scale_b)
+    result[:3, 3] = (1 - share) * a[:3, 3] + share * b[:3, 3]
+    return result
+
+
+def quaternion(matrix: np.ndarray) -> np.ndarray:
+    """The unit quaternion (x, y, z, w) of the rotation nearest to a 3x3 matrix (Bar-Itzhack 2000).
+
+    A mirrored frame is refused: no rotation leads there.
+    """
+    if np.linalg.det(matrix) <= 0:
+        raise ValueError("pose: expected a right-handed rotation, got a mirrored one")
+    (a, b, c), (d, e, f), (g, h, i) = matrix
+    symmetric = np.array([
+        [a - e - i, b + d, c + g, h - f],
+        [b + d, e - a - i, f + h, c - g],
+        [c + g, f + h, i - a - e, d - b],
+        [h - f, c - g, d - b, a + e + i],
+    ])
+    return np.linalg.eigh(symmetric)[1][:, -1]
+
+
+def rotation(q: np.ndarray) -> np.ndarray:
+    """The 3x3 rotation of a quaternion (x, y, z, w) of any length above 0."""
+    return rotations.matrix(np.roll(q / np.linalg.norm(q), 1))
+
+
+_Row = tuple[str, "float | None", np.ndarray, bool]
+
+
+def _csv_rows(path: Any) -> list[_Row]:
+    try:
+        text = Path(path).read_text(encoding="utf-8-sig")
+        lines = [line for line in csv.reader(text.splitlines()) if line]
+    except (UnicodeError, csv.Error) as error:
+        raise bad(path, "", f"expected a text table, got {error}") from None
+    if not lines:
+        raise bad(path, "", "expected a line of column names, got an empty file")
+    names = [name.strip().lower() for name in lines[0]]
+    time_column = next((names.index(name) for name in _TIME if name in names), None)
+    status_column = names.index("status") if "status" in names else None
+    if set(_MATRIX[:12]) <= set(names):
+        wanted = _MATRIX if set(_MATRIX) <= set(names) else _MATRIX[:12]
+    else:
+        wanted = (*_POSITION, *_QUATERNION)
+    missing = [name for name in wanted if name not in names]
+    if missing:
+        expected = "columns x y z qx qy qz qw, or m00 to m23"
+        raise bad(path, "line 1", f"expected {expected}, got {shown(','.join(names))}")
+    columns = [names.index(name) for name in wanted]
+    rows = []
+    for number, line in enumerate(lines[1:], 2):
+        where = f"row {number}"
+        if len(line) != len(names):
+            raise bad(path, where, f"expected {len(names)} values, got {len(line)}")
+        values = np.array([_number(path, where, line[column]) for column in columns])
+        matrix = _matrix(path, where, values)
+        time = None if time_column is None else _number(path, where, line[time_column])
+        status = status_column is None or line[status_column].strip().upper() in ("OK", "1", "TRUE")
+        rows.append((where, time, matrix, status))
+    return rows
+
+
+def _number(path: Any, where: str, text: str) -> float:
+    if not text.strip():
+        return math.nan
+    try:
+        return float(text)
+    except ValueError:
+        raise bad(path, where, f"expected a number, got {shown(text)}") from None
+
+
+def _json_rows(path: Any) -> list[_Row]:
+    try:
+        content = json.loads(Path(path).read_text(encoding="utf-8-sig"))
+    except (ValueError, RecursionError) as error:
+        raise bad(path, "", f"expected JSON, got {error}") from None
+    entries = content.get("poses") if isinstance(content, dict) else content
+    if not isinstance(entries, list):
+        raise bad(path, "", "expected a list of poses, or an object with one under `poses`")
+    rows = []
+    for i, entry in enumerate(entries):
+        where = f"pose {i}"
+        if not isinstance(entry, dict):
+            raise bad(path, where, f"expected an object, got {shown(str(entry))}")
+        time = next((entry[name] for name in _TIME if name in entry), None)
+        status = entry.get("status", "OK") in ("OK", 1, True)
+        try:
+            if "matrix" in entry:
+                values = np.array(entry["matrix"], np.float64).ravel()
+            else:
+                values = np.array([*entry["position"], *entry["quaternion"]], np.float64)
+            time = None if time is None else float(time)
+        except KeyError as error:
+            problem = f"expected matrix, or position and quaternion, got no {error}"
+            raise bad(path, where, problem) from None
+        except (TypeError, ValueError):
+            raise bad(path, where, f"expected numbers, got {shown(str(entry))}") from None
+        rows.append((where, time, _matrix(path, where, values), status))
+    return rows
+
+
+def _matrix(path: Any, where: str, values: np.ndarray) -> np.ndarray:
+    """A 4x4 of 16 or 12 entries, or of position and quaternion."""
+    result = np.eye(4)
+    if len(values) in (12, 16):
+        result.ravel()[: len(values)] = values
+    elif len(values) == 7:
+        length = np.linalg.norm(values[3:])
+        if np.isfinite(length) and abs(length - 1) > 0.01:
+            raise bad(path, where, f"expected a quaternion of length 1, got {length:g}")
+        result[:3, 3] = values[:3]
+        result[:3, :3] = rotation(values[3:]) if np.isfinite(length) else np.nan
+    else:
+        raise bad(path, where, f"expected 7, 12 or 16 numbers, got {len(values)}")
+    return result

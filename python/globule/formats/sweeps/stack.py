@@ -1,0 +1,124 @@
+"""Frames without poses: a folder of PNG files, MetaImage, NRRD, DICOM multi-frame, NumPy."""
+
+from __future__ import annotations
+
+import os
+import re
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..errors import bad, shown
+from ..numpy_format import _archive, _array
+from . import igs
+
+FRAME_PICTURES = (".png", ".tif", ".tiff", ".bmp", ".jpg", ".jpeg")
+DICOM = (".dcm", ".dicom")
+MASK = "mask.png"  # of a folder: not a frame
+
+
+class Stack(NamedTuple):
+    """frames (F, H, W); times (F,) s or None; other arrays of a NumPy archive by name."""
+
+    frames: np.ndarray
+    times: np.ndarray | None
+    arrays: dict[str, np.ndarray]
+
+
+def read_folder(path: str | os.PathLike) -> Stack:
+    """The pictures of a folder in the order of the numbers in their names."""
+    from PIL import Image
+
+    names = [name for name in os.listdir(path) if name.lower().endswith(FRAME_PICTURES)]
+    names = sorted((name for name in names if name.lower() != MASK), key=_by_numbers)
+    if not names:
+        raise bad(path, "", f"expected pictures ({' '.join(FRAME_PICTURES)}), got none")
+    frames: np.ndarray | None = None
+    for i, name in enumerate(names):
+        try:
+            with Image.open(Path(path) / name) as image:
+                colored = image.mode in ("P", "PA", "LA", "RGB", "RGBA", "CMYK", "YCbCr")
+                picture = np.asarray(image.convert("RGB") if colored else image)
+        except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
+            raise bad(path, name, f"expected a picture, got {error}") from None
+        if picture.ndim == 3:
+            picture = igs.to_grey(picture[..., :3])
+        if picture.dtype == np.int32:  # Pillow's mode I: 16-bit PNG
+            picture = picture.astype(np.uint16)
+        if frames is None:
+            frames = np.empty((len(names), *picture.shape), picture.dtype)
+        if picture.shape != frames.shape[1:] or picture.dtype != frames.dtype:
+            expected = f"{frames.dtype} {frames.shape[1:]} as the first"
+            raise bad(path, name, f"expected {expected}, got {picture.dtype} {picture.shape}")
+        frames[i] = picture
+    return Stack(frames, None, {})
+
+
+def read_numpy(path: str | os.PathLike) -> Stack:
+    """.npy: frames (F, H, W); .npz: frames, perhaps timestamps, and whatever else it holds."""
+    with open(path, "rb") as file:
+        if os.fspath(path).lower().endswith(".npy"):
+            arrays = {"frames": _array(path, "array", file, os.fstat(file.fileno()).st_size)}
+        else:
+            arrays = _archive(path, file)
+    frames = arrays.pop("frames", None)
+    if frames is None or frames.ndim != 3 or frames.dtype.kind not in "biuf":
+        got = "none" if frames is None else f"{frames.dtype} {frames.shape}"
+        raise bad(path, "frames", f"expected an array (F, H, W) of numbers, got {got}")
+    times = arrays.pop("timestamps", None)
+    if times is not None and (times.shape != frames.shape[:1] or times.dtype.kind not in "iuf"):
+        expected = f"{len(frames)} numbers"
+        raise bad(path, "timestamps", f"expected {expected}, got {times.dtype} {times.shape}")
+    return Stack(frames, times, arrays)
+
+
+def read_dicom(path: str | os.PathLike) -> Stack:
+    """A DICOM multi-frame file, by SimpleITK; times from Frame Time or Frame Time Vector (ms)."""
+    try:
+        import SimpleITK
+    except ImportError:
+        raise bad(path, "", "expected SimpleITK for DICOM: pip install globule[medical]") from None
+
+    with open(path, "rb"):  # the usual OSErrors
+        pass
+    reader = SimpleITK.ImageFileReader()
+    SimpleITK.ProcessObject.GlobalWarningDisplayOff()  # a library does not print
+    reader.SetFileName(os.fspath(path))
+    reader.SetImageIO("GDCMImageIO")
+    try:
+        image = reader.Execute()
+    except RuntimeError as error:
+        reason = str(error).strip().splitlines()[-1]
+        raise bad(path, "", f"expected DICOM, got: {reason}") from None
+    frames = SimpleITK.GetArrayFromImage(image)
+    if image.GetNumberOfComponentsPerPixel() >= 3:
+        frames = igs.to_grey(frames[..., :3])
+    if frames.ndim == 2:
+        frames = frames[None]
+    if frames.ndim != 3:
+        raise bad(path, "", f"expected a sequence of 2D frames, got shape {frames.shape}")
+    return Stack(frames, _dicom_times(path, image, len(frames)), {})
+
+
+def _dicom_times(path: Any, image: Any, n: int) -> np.ndarray | None:
+    for tag, what in (("0018|1065", "Frame Time Vector"), ("0018|1063", "Frame Time")):
+        if not image.HasMetaDataKey(tag):
+            continue
+        text = image.GetMetaData(tag).strip("\0 ")
+        try:
+            steps = np.array([float(word) for word in text.split("\\")]) / 1000
+        except ValueError:
+            steps = np.empty(0)
+        if len(steps) == 1:
+            return np.arange(n) * steps[0]
+        if len(steps) != n:
+            raise bad(path, what, f"expected 1 or {n} numbers, got {shown(text)}")
+        return np.cumsum(steps) - steps[0]
+    return None
+
+
+def _by_numbers(name: str) -> tuple[Any, ...]:
+    """frame_2 before frame_10."""
+    parts = re.split(r"(\d+)", name)
+    return tuple(int(part) if i % 2 else part for i, part in enumerate(parts))

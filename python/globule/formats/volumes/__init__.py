@@ -1,0 +1,1 @@
+"""Volume files, one module per format; `globule.volume_io` chooses."""

@@ -1,0 +1,58 @@
+"""What every volume format says: values, where they lie, and maps of the same shape."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..errors import bad
+
+LPS_FROM_RAS = np.diag([-1.0, -1.0, 1.0, 1.0])  # its own inverse
+
+
+class VolumeData(NamedTuple):
+    """What a file holds.
+
+    values             (Z, Y, X)
+    world_from_voxel   (4, 4) float64, mm: voxel index (x, y, z, 1) of a voxel's centre to the world
+    space              "LPS" or "RAS": what the world's axes mean
+    maps               arrays (Z, Y, X) by name
+    """
+
+    values: np.ndarray
+    world_from_voxel: np.ndarray
+    space: str = "LPS"
+    maps: dict[str, np.ndarray] = {}
+
+
+def spacing_and_directions(world_from_voxel: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Steps of x, y and z in mm, (3,), and their unit directions as columns, (3, 3)."""
+    steps = world_from_voxel[:3, :3]
+    spacing = np.linalg.norm(steps, axis=0)
+    return spacing, steps / spacing
+
+
+def place(steps: np.ndarray, origin: np.ndarray) -> np.ndarray:
+    """The 4x4 of three steps (columns) and an origin."""
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = steps, origin
+    return matrix
+
+
+def checked(path: Any, data: VolumeData) -> VolumeData:
+    """`data`, if it is a volume of numbers at a place that can be inverted."""
+    values, matrix = data.values, data.world_from_voxel
+    if values.ndim != 3 or 0 in values.shape or values.dtype.kind not in "biuf":
+        got = f"{values.dtype} {values.shape}"
+        raise bad(path, "values", f"expected numbers of shape (Z, Y, X), got {got}")
+    matrix = np.array(matrix, np.float64)
+    if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
+        raise bad(path, "geometry", "expected 4x4 finite numbers")
+    if abs(np.linalg.det(matrix[:3, :3])) < 1e-30:
+        raise bad(path, "geometry", "expected axes that span space, got a singular matrix")
+    for name, array in data.maps.items():
+        if array.shape != values.shape:
+            expected = f"shape {values.shape} as the values"
+            raise bad(path, name, f"expected {expected}, got {array.shape}")
+    return data._replace(world_from_voxel=matrix)

@@ -1,0 +1,73 @@
+"""What MetaImage and NRRD have in common: a text header, then numbers, here or in a file beside."""
+
+from __future__ import annotations
+
+import math
+import os
+import zlib
+from typing import IO, Any, NamedTuple
+
+import numpy as np
+
+from ..errors import bad, shown
+
+LONGEST_HEADER = 256 * 2**20  # bytes: some hundred thousand frames
+LONGEST_LINE = 65536
+MOST_DEFLATE_CAN_EXPAND = 1032  # times
+
+
+class RawImage(NamedTuple):
+    """What a file holds: array (..., z, y, x) or (..., z, y, x, channels), and its header."""
+
+    array: np.ndarray
+    fields: dict[str, str]
+
+
+def beside(path: str | os.PathLike, field: str, name: str) -> IO[bytes]:
+    """Open the data's file that a header names in `field`."""
+    if not name or os.path.basename(name) != name or name.upper().startswith("LIST"):
+        raise bad(path, field, f"expected one file of the same folder, got {shown(name)}")
+    try:
+        return open(os.path.join(os.path.dirname(os.fspath(path)), name), "rb")
+    except FileNotFoundError:
+        problem = f"expected the data beside it, got no file {shown(name)}"
+        raise bad(path, field, problem) from None
+
+
+def numbers_of(
+    path: Any, file: IO[bytes], shape: tuple[int, ...], dtype: np.dtype, window_bits: int | None
+) -> np.ndarray:
+    """The numbers that the rest of the file holds, deflated if zlib's `window_bits` are given."""
+    size = math.prod(shape) * dtype.itemsize
+    left = os.fstat(file.fileno()).st_size - file.tell()
+    if window_bits is not None:
+        raw = _inflate(path, file, size, left, window_bits)
+    elif left != size:
+        raise bad(path, "data", f"expected {size} bytes, got {left}")
+    else:
+        raw = file.read(size)
+    array = np.frombuffer(raw, dtype).reshape(shape)
+    return np.array(array, dtype.newbyteorder("="), order="C")
+
+
+def _inflate(path: Any, file: IO[bytes], size: int, left: int, window_bits: int) -> bytes:
+    """The `size` bytes that the rest of the file, `left` bytes, unpacks to."""
+    if size > MOST_DEFLATE_CAN_EXPAND * left + 64:
+        raise bad(path, "data", f"expected {size} bytes, got {left} compressed ones")
+    unpacker = zlib.decompressobj(window_bits)
+    try:
+        raw = unpacker.decompress(file.read(), size)
+        while len(raw) < size and unpacker.unconsumed_tail:
+            raw += unpacker.decompress(unpacker.unconsumed_tail, size - len(raw))
+        more = unpacker.decompress(unpacker.unconsumed_tail, 1)  # reads the checksum
+    except zlib.error as error:
+        raise bad(path, "data", f"expected zlib data, got {error}") from None
+    if len(raw) < size:
+        raise bad(path, "data", f"expected {size} bytes, got {len(raw)}")
+    if more or not unpacker.eof:
+        got = "more" if more else "data without an end"
+        raise bad(path, "data", f"expected {size} bytes, got {got}")
+    if unpacker.unused_data:
+        n = len(unpacker.unused_data)
+        raise bad(path, "data", f"expected the end of the file after the data, got {n} bytes more")
+    return raw

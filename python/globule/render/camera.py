@@ -1,0 +1,189 @@
+"""The camera: where rays come from."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from .. import _core
+from .._base.fixed import Fixed
+
+
+@dataclass(frozen=True)
+class Camera(Fixed):
+    """A pinhole camera, or an orthographic one.
+
+    World frames are right-handed; image rows go from top to bottom, and the centre of pixel (0, 0)
+    is half a pixel inside the top left corner.
+
+    Args:
+        eye: (3,) world.
+        look_at: (3,) world, seen in the middle of the image.
+        up: (3,) direction that is upwards in the image.
+        fov: vertical field of view, degrees.
+        height: world units from the bottom to the top of the image; makes the camera
+            orthographic, and `fov` is then not used.
+    """
+
+    eye: Any
+    look_at: Any
+    up: Any = (0.0, 1.0, 0.0)
+    fov: float = 40.0
+    height: float | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("eye", "look_at", "up"):
+            value = np.asarray(getattr(self, name), dtype=np.float64)
+            if value.shape != (3,) or not np.isfinite(value).all():
+                raise ValueError(
+                    f"{name}: expected three finite numbers, got {getattr(self, name)!r}"
+                )
+            object.__setattr__(self, name, tuple(float(v) for v in value))
+        if not 0 < self.fov < 180:
+            raise ValueError(f"fov: expected degrees between 0 and 180, got {self.fov!r}")
+        if self.height is not None and not (self.height > 0 and math.isfinite(self.height)):
+            raise ValueError(f"height: expected a positive number, got {self.height!r}")
+        if np.linalg.norm(np.subtract(self.look_at, self.eye)) == 0:
+            raise ValueError(f"look_at: expected a point other than eye, got {self.look_at!r}")
+
+    @classmethod
+    def fit(
+        cls,
+        particles: Any,
+        direction: Any = (0.6, 0.45, 1.0),
+        up: Any = (0.0, 1.0, 0.0),
+        fov: float = 40.0,
+        size: tuple[int, int] = (1024, 782),
+        margin: float = 0.0,
+        orthographic: bool = False,
+    ) -> Camera:
+        """A camera that sees all particles, from `direction` as seen from their middle.
+
+        Args:
+            particles: `Particles`, `Scene`, or (N, 3) positions.
+            size: (width, height) of the image, for its aspect.
+            margin: world units added around the particles, e.g. their support.
+        """
+        points, middle = _outline(particles)
+        back = np.asarray(direction, dtype=np.float64)
+        back = back / np.linalg.norm(back)
+        right, true_up = _axes(-back, np.asarray(up, dtype=np.float64))
+        x, y, z = (points @ axis for axis in (right, true_up, back))
+        aspect = size[0] / size[1]
+        grown = 1.15 * margin + 1e-6 * float(np.abs(middle).max())
+        if not (grown > 0 or np.ptp(points) > 0):  # one point at the origin
+            grown = 0.5
+
+        def span(v: np.ndarray, slope: float) -> tuple[float, float]:
+            """Where to stand across the view, and how far back, to see all v within +-slope."""
+            plus, minus = float(np.max(v + slope * z)), float(np.max(slope * z - v))
+            return (plus - minus) / 2, (plus + minus + 2 * grown) / (2 * slope)
+
+        depth = float(np.max(z)) + 2 * grown
+        if orthographic:
+            (cx, width), (cy, height) = (
+                (float(v.max() + v.min()) / 2, float(np.ptp(v))) for v in (x, y)
+            )
+            target = middle + right * cx + true_up * cy
+            size_y = 1.05 * max(height + 2 * grown, (width + 2 * grown) / aspect)
+            return cls(tuple(target + back * (depth + size_y)), tuple(target), up, fov, size_y)
+        slope = math.tan(math.radians(fov) / 2) / 1.05
+        (cx, far_x), (cy, far_y) = span(x, slope * aspect), span(y, slope)
+        target = middle + right * cx + true_up * cy
+        return cls(tuple(target + back * max(far_x, far_y, depth)), tuple(target), up, fov)
+
+    def frame(self, size: tuple[int, int]) -> np.ndarray:
+        """Rows eye, forward, right, up, float64 (4, 3); right and up span half the image at
+        distance 1 (orthographic: half the image)."""
+        eye = np.asarray(self.eye)
+        forward = np.asarray(self.look_at) - eye
+        forward = forward / np.linalg.norm(forward)
+        right, up = _axes(forward, np.asarray(self.up))
+        half = math.tan(math.radians(self.fov) / 2) if self.height is None else self.height / 2
+        return np.stack([eye, forward, right * half * size[0] / size[1], up * half])
+
+    def _view(self, size: tuple[int, int]) -> Any:
+        """What the core takes; that of the last size is kept."""
+        kept = vars(self).get("_packed")
+        if kept is None or kept[0] != size:
+            view = _core.View(self.frame(size).ravel().tolist(), *size, self.height is not None)
+            kept = size, view
+            object.__setattr__(self, "_packed", kept)
+        return kept[1]
+
+    def towards(self, points: Any) -> np.ndarray:
+        """Unit directions of the rays that go through points (N, 3), world: (N, 3)."""
+        points = np.asarray(points, np.float64)
+        ahead = np.subtract(self.look_at, self.eye)
+        away = points - np.asarray(self.eye) if self.height is None else np.broadcast_to(
+            ahead, points.shape)
+        return away / np.linalg.norm(away, axis=1, keepdims=True)
+
+    def ray(self, size: tuple[int, int], screen: Any) -> tuple[np.ndarray, np.ndarray]:
+        """Origin and unit direction of the ray through a place (x, y) of an image, (0, 0) its top
+        left and (1, 1) its lower right corner."""
+        eye, forward, right, up = self.frame(size)
+        across = (2 * screen[0] - 1) * right + (1 - 2 * screen[1]) * up
+        if self.height is not None:
+            return eye + across, forward
+        return eye, (forward + across) / np.linalg.norm(forward + across)
+
+    def rays(self, size: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
+        """Origins and unit directions of all pixels' rays, (H, W, 3) float32."""
+        eye, forward, right, up = self.frame(size)
+        x = (np.arange(size[0]) + 0.5) * 2 / size[0] - 1
+        y = 1 - (np.arange(size[1]) + 0.5) * 2 / size[1]
+        across = x[None, :, None] * right + y[:, None, None] * up
+        if self.height is not None:
+            directions = np.broadcast_to(forward, across.shape)
+            return (eye + across).astype(np.float32), directions.astype(np.float32)
+        directions = forward + across
+        directions = directions / np.linalg.norm(directions, axis=-1, keepdims=True)
+        return np.broadcast_to(eye, across.shape).astype(np.float32), directions.astype(np.float32)
+
+
+def view_axes(up: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Unit vectors to the right, upwards and towards the viewer, whatever axis is upwards: x, y, z
+    where it is y."""
+    above = np.array(up, dtype=np.float64) / (np.linalg.norm(up) or 1.0)
+    right = np.eye(3)[1 if abs(above[0]) > 0.7 else 0]
+    front = np.cross(right, above)
+    front = front / (np.linalg.norm(front) or 1.0)
+    return np.cross(above, front), above, front
+
+
+def _axes(forward: np.ndarray, up: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Unit right and up vectors of an image seen along `forward`; an `up` along it is replaced."""
+    right = _cross(forward, up)
+    if np.linalg.norm(right) <= 1e-9 * max(np.linalg.norm(up), 1e-300):
+        right = _cross(forward, np.eye(3)[int(np.argmin(np.abs(forward)))])
+    right = right / np.linalg.norm(right)
+    return right, _cross(right, forward)
+
+
+def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """numpy's own takes 20 µs, and every picture needs two."""
+    (ax, ay, az), (bx, by, bz) = a.tolist(), b.tolist()
+    return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
+
+
+def _outline(particles: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Points that stand for all particles, relative to the middle of their box, and that middle:
+    the positions, or the box's corners where they are many or on a GPU."""
+    from .._base.arrays import on_gpu
+    from ..scene.particles import Particles
+
+    owner = getattr(particles, "particles", particles)
+    owner = owner if isinstance(owner, Particles) else Particles(owner)
+    try:
+        lo, hi = (v.astype(np.float64) for v in owner.bounds())
+    except ValueError:  # no finite position
+        return np.zeros((1, 3)), np.zeros(3)
+    middle = (lo + hi) / 2
+    if on_gpu(owner.positions) or len(owner) > 1_000_000:
+        corners = np.array(np.meshgrid(*zip(lo, hi, strict=True))).reshape(3, -1).T
+        return corners - middle, middle
+    return owner.finite_positions() - middle, middle

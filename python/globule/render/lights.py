@@ -1,0 +1,173 @@
+"""Lights, the sky and the ground. Colours and radiances are linear, [0, 1] for white."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from .._base.arrays import address
+from .._base.checks import number, three, unit
+from .._base.fixed import Fixed, fixed
+
+MAX_LIGHTS = 8
+
+
+@dataclass(frozen=True)
+class Headlight(Fixed):
+    """Light from the eye; it casts no visible shadow."""
+
+    radiance: Any = (0.35, 0.35, 0.35)
+
+    def _pack(self) -> tuple:
+        return 0, [0.0, 0.0, 1.0], three("radiance", self.radiance, 0.0), 0.0
+
+
+@dataclass(frozen=True)
+class DirectionalLight(Fixed):
+    """Light from far away.
+
+    direction: (3,) world, towards the light. angle: angular diameter, degrees (the sun: 0.53);
+    0 gives hard shadows, more gives soft ones, which get smooth over several samples a pixel.
+    """
+
+    direction: Any = (-0.4, 1.0, 0.6)
+    radiance: Any = (0.75, 0.73, 0.70)
+    angle: float = 0.0
+
+    def _pack(self) -> tuple:
+        half = math.radians(number("angle", self.angle, 0.0, 170.0) / 2)
+        direction = unit("direction", self.direction)
+        return 1, direction, three("radiance", self.radiance, 0.0), math.tan(half)
+
+
+@dataclass(frozen=True)
+class PointLight(Fixed):
+    """Light from a ball, without fall-off. position: (3,) world; radius: world, 0 gives hard
+    shadows."""
+
+    position: Any
+    radiance: Any = (0.75, 0.75, 0.75)
+    radius: float = 0.0
+
+    def _pack(self) -> tuple:
+        radius = number("radius", self.radius, 0.0)
+        return 2, three("position", self.position), three("radiance", self.radiance, 0.0), radius
+
+
+@dataclass(frozen=True)
+class Sky(Fixed):
+    """What rays see that meet nothing: a gradient from the ground's colour to the zenith's."""
+
+    zenith: Any = (0.30, 0.48, 0.80)
+    horizon: Any = (0.85, 0.90, 0.95)
+    ground: Any = (0.30, 0.28, 0.26)
+    up: Any = (0.0, 1.0, 0.0)
+
+    def _pack(self) -> dict:
+        up = unit("up", self.up)
+        return {
+            "zenith": three("zenith", self.zenith, 0.0),
+            "horizon": three("horizon", self.horizon, 0.0),
+            "ground": three("ground", self.ground, 0.0),
+            "up": up,
+            "east": _across(up),
+            "image": 0,
+            "width": 0,
+            "height": 0,
+            "strength": 1.0,
+            "id": 0,
+            "owner": None,
+        }
+
+
+def uniform_sky(color: Any) -> Sky:
+    """The same radiance from everywhere."""
+    return Sky(color, color, color)
+
+
+_ids = itertools.count(1)
+
+
+@dataclass(frozen=True, eq=False)
+class Environment(Fixed):
+    """A sky from an image: equirectangular, (H, W, 3) linear radiance, row 0 at the zenith.
+
+    strength multiplies it; turn rotates it about `up`, degrees.
+    """
+
+    image: Any = field(repr=False)
+    strength: float = 1.0
+    up: Any = (0.0, 1.0, 0.0)
+    turn: float = 0.0
+
+    def __post_init__(self) -> None:
+        image = np.ascontiguousarray(self.image, np.float32)
+        if image.ndim != 3 or image.shape[2] != 3 or 0 in image.shape or max(image.shape) > 32768:
+            raise ValueError(f"image: expected shape (H, W, 3), got {image.shape}")
+        if not (np.isfinite(image).all() and (image >= 0).all()):
+            raise ValueError("image: expected finite radiance >= 0")
+        object.__setattr__(self, "image", image)
+        object.__setattr__(self, "up", fixed(self.up))
+        object.__setattr__(self, "_id", next(_ids))
+
+    def mean(self) -> tuple[float, float, float]:
+        """Mean radiance over all directions."""
+        height = len(self.image)
+        weight = np.sin((np.arange(height) + 0.5) / height * np.pi)
+        rows = self.image.mean(axis=1, dtype=np.float64)
+        red, green, blue = self.strength * (weight @ rows) / weight.sum()
+        return float(red), float(green), float(blue)
+
+    def _pack(self) -> dict:
+        up = np.asarray(unit("up", self.up))
+        east = np.asarray(_across(up))
+        angle = math.radians(number("turn", self.turn))
+        east = east * math.cos(angle) + np.cross(up, east) * math.sin(angle)
+        height, width, _ = self.image.shape
+        strength = number("strength", self.strength, 0.0)
+        return {
+            **uniform_sky(self.mean())._pack(),  # seen all at once, by a matte surface
+            "up": up.tolist(),
+            "east": east.tolist(),
+            "image": address(self.image),
+            "width": width,
+            "height": height,
+            "strength": strength,
+            "id": self._id,
+            "owner": self.image,
+        }
+
+
+@dataclass(frozen=True)
+class Ground(Fixed):
+    """A plane under the scene. height: where it crosses `normal`, world; check: edge of its
+    checkerboard's fields, world, 0 for one colour."""
+
+    height: float
+    normal: Any = (0.0, 1.0, 0.0)
+    color: Any = (0.75, 0.75, 0.75)
+    other: Any = (0.55, 0.55, 0.55)
+    check: float = 0.0
+    reflection: float = 0.0
+
+    def _pack(self) -> dict:
+        return {
+            "normal": unit("normal", self.normal),
+            "offset": number("height", self.height),
+            "color": three("color", self.color, 0.0),
+            "other": three("other", self.other, 0.0),
+            "field": number("check", self.check, 0.0),
+            "reflection": number("reflection", self.reflection, 0.0, 1.0),
+        }
+
+
+def _across(up: Any) -> list[float]:
+    """A unit vector across `up`: x, or z where up is along x."""
+    up = np.asarray(up, np.float64)
+    axis = np.eye(3)[2 if abs(up[0]) > 0.9 else 0]
+    across = axis - up * (axis @ up)
+    return (across / np.linalg.norm(across)).tolist()

@@ -1,0 +1,158 @@
+"""Ready-made looks: matter, light and surroundings that go together, scaled to a scene."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from .._base.arrays import to_host
+from ..scene.scene import Scene
+from .camera import view_axes
+from .frame import REACH, RenderSettings
+from .lights import DirectionalLight, Ground, Headlight, Sky
+from .materials import Material
+
+GROUNDS = {"plain": 0.0, "checker": 1 / 4}  # edges of their squares, of the scene's extent
+PRESETS = ("blood", "water", "glass", "tissue", "clay")
+
+
+def preset(name: str, scene: Scene, up: Any = (0.0, 1.0, 0.0)) -> RenderSettings:
+    """How a scene looks as blood, water, glass, tissue or clay.
+
+    Blood, water and glass have colours of their own; tissue and clay show the particles'.
+    Absorption is scaled to the scene's extent (blood: to the supports), so that a model of a
+    river and one of a drop look alike. A part of it is changed by `dataclasses.replace`.
+
+    Args:
+        name: one of `PRESETS`.
+        scene: its size counts, and where it ends at the bottom; it may be shown beside others.
+        up: (3,) direction to the sky, away from the ground.
+    """
+    if name not in PRESETS:
+        raise ValueError(f"name: expected one of {', '.join(PRESETS)}, got {name!r}")
+    extent = float(scene.octree.extent) or 1.0
+    support = float(np.max(to_host(scene.support), initial=0.0)) or extent
+    return _MAKE[name](_Stage(scene, up), extent, support)
+
+
+def ground_height(scene: Scene, up: Any = (0.0, 1.0, 0.0)) -> float:
+    """Height along `up` of a ground that touches the scene's surface from below."""
+    _, up, _ = view_axes(up)
+    positions = scene.particles.finite_positions()
+    support = float(np.max(to_host(scene.support), initial=0.0))
+    lowest = float((positions @ up).min()) if len(positions) else 0.0
+    return lowest - REACH[scene.kernel] * support
+
+
+def _per(length: float, *values: float) -> tuple[float, ...]:
+    return tuple(value / length for value in values)
+
+
+class _Stage:
+    """Where things are, whatever direction is up."""
+
+    def __init__(self, scene: Scene, up: Any):
+        self.right, self.up, self.front = view_axes(up)
+        self.height = ground_height(scene, self.up)
+        self.colored = scene.particles.color is not None
+
+    def sun(self, radiance: Any, angle: float, right: float = -0.5) -> DirectionalLight:
+        """From above and a little in front, as seen with `view_axes`, and from the right."""
+        towards = right * self.right + 1.0 * self.up + 0.45 * self.front
+        return DirectionalLight(towards, radiance, angle)
+
+    def own_color(self, color: Any) -> Any:
+        """None where the particles have colours, for a material to show them."""
+        return None if self.colored else color
+
+    def ground(self, color: Any, other: Any = None, check: float = 0.0) -> Ground:
+        return Ground(self.height, self.up, color, color if other is None else other, check)
+
+    def sky(self, zenith: Any, horizon: Any, ground: Any) -> Sky:
+        return Sky(zenith, horizon, ground, self.up)
+
+
+def _blood(stage: _Stage, extent: float, support: float) -> RenderSettings:
+    return RenderSettings(
+        lights=(Headlight((0.12,) * 3), stage.sun((0.78, 0.75, 0.72), 6.0)),
+        ambient="sky",
+        material=Material(
+            reflection=0.0, transmission=0.75, index=1.36, color=(0.30, 0.004, 0.005),
+            absorption=_per(support, 0.5, 4.5, 5.0), specular=1.0, shininess=250.0,
+        ),
+        shadows=True,
+        sky=stage.sky((0.50, 0.52, 0.55), (0.90, 0.90, 0.89), (0.45, 0.45, 0.45)),
+        ground=stage.ground(0.68),
+        depth=5,
+        samples=4,
+    )  # fmt: skip
+
+
+def _water(stage: _Stage, extent: float, support: float) -> RenderSettings:
+    return RenderSettings(
+        lights=(stage.sun((0.58, 0.54, 0.46), 3.0),),
+        ambient="sky",
+        material=Material(
+            reflection=0.0, transmission=1.0, index=1.33,
+            absorption=_per(extent, 5.5, 1.3, 0.55), specular=0.8, shininess=250.0,
+        ),
+        shadows=True,
+        sky=stage.sky((0.28, 0.46, 0.72), (0.90, 0.93, 0.96), (0.36, 0.34, 0.30)),
+        ground=stage.ground((0.56, 0.53, 0.47), (0.46, 0.43, 0.38), extent / 4),
+        depth=6,
+        samples=4,
+    )  # fmt: skip
+
+
+def _glass(stage: _Stage, extent: float, support: float) -> RenderSettings:
+    return RenderSettings(
+        lights=(stage.sun((0.70,) * 3, 4.0),),
+        ambient="sky",
+        material=Material(
+            reflection=0.0, transmission=1.0, index=1.5,
+            absorption=_per(extent, 0.45, 0.16, 0.24), specular=1.0, shininess=400.0,
+        ),
+        shadows=True,
+        sky=stage.sky((0.16, 0.20, 0.28), (0.88, 0.90, 0.92), (0.12, 0.12, 0.14)),
+        ground=stage.ground((0.40, 0.41, 0.43), (0.24, 0.25, 0.28), extent / 3),
+        depth=8,
+        samples=4,
+    )  # fmt: skip
+
+
+def _tissue(stage: _Stage, extent: float, support: float) -> RenderSettings:
+    # Warm light makes flesh of gray intensities, and keeps the differences between them.
+    return RenderSettings(
+        lights=(Headlight((0.38, 0.27, 0.24)), stage.sun((0.74, 0.51, 0.44), 10.0, 0.5)),
+        ambient=(0.38, 0.25, 0.23),
+        background=(0.012, 0.016, 0.024),
+        material=Material(
+            reflection=0.0, transmission=0.0, color=stage.own_color((0.62, 0.38, 0.35)),
+            specular=0.35, shininess=35.0,
+        ),
+        shadows=True,
+        ambient_rays=6,
+        ambient_distance=0.12 * extent,
+        samples=4,
+    )  # fmt: skip
+
+
+def _clay(stage: _Stage, extent: float, support: float) -> RenderSettings:
+    return RenderSettings(
+        lights=(stage.sun((0.58, 0.55, 0.50), 12.0),),
+        ambient="sky",
+        material=Material(
+            reflection=0.0, transmission=0.0, color=stage.own_color((0.50, 0.25, 0.14)),
+            specular=0.0,
+        ),
+        shadows=True,
+        ambient_rays=8,
+        ambient_distance=0.25 * extent,
+        sky=stage.sky((0.60, 0.64, 0.70), (0.80, 0.80, 0.79), (0.5, 0.5, 0.5)),
+        ground=stage.ground(0.66),
+        samples=4,
+    )  # fmt: skip
+
+
+_MAKE = {"blood": _blood, "water": _water, "glass": _glass, "tissue": _tissue, "clay": _clay}

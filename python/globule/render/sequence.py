@@ -1,0 +1,345 @@
+"""Sequences: many files, or a simulation's frames, as pictures or as a movie.
+
+What one frame hands to the next: the scene, so that nothing is reallocated and the support measured
+at the start stays, the camera, and the range of the colours. So nothing jumps.
+"""
+
+from __future__ import annotations
+
+import glob
+import itertools
+import os
+import queue
+import re
+import threading
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import Any
+
+import numpy as np
+
+from .._base.files import atomic_write
+from ..formats import read
+from ..formats.pictures.video import movie_facts, need_av, read_movie, write_movie
+from ..scene.particles import Particles
+from ..scene.scene import Scene
+from .camera import Camera
+from .camera_path import CameraPath
+from .frame import RenderSettings, fit_camera, render, save_png
+
+
+def natural(name: str) -> list[Any]:
+    """Key that sorts numbers inside names by value: frame_2 before frame_10."""
+    return [int(part) if part.isdecimal() else part for part in re.split(r"(\d+)", name)]
+
+
+def find_files(names: Sequence[str]) -> list[str]:
+    """The files that names and patterns stand for: `frame_*.vtk`, `frame_%04d.vtk`.
+
+    A pattern's files come in natural order. Names given one by one keep their order, unless they
+    are sorted by characters, as a shell does it: then they come in natural order too.
+
+    Raises ValueError for a pattern without files.
+    """
+    plain = all(os.path.exists(name) for name in names)
+    if plain and list(names) == sorted(names):
+        return sorted(names, key=natural)
+    found: list[str] = []
+    for name in names:
+        number = re.search(r"%0?(\d*)d", os.path.basename(name))
+        if os.path.exists(name) or not (number or glob.has_magic(name)):
+            found.append(name)
+            continue
+        if number:
+            start, end = name[: -len(os.path.basename(name))], os.path.basename(name)
+            before, after = end[: number.start()], end[number.end() :]
+            digits = f"\\d{{{int(number[1] or 1)},}}"
+            wanted = re.compile(re.escape(before) + digits + re.escape(after))
+            folder = os.listdir(start or ".") if os.path.isdir(start or ".") else []
+            matches = [start + file for file in folder if wanted.fullmatch(file)]
+        else:
+            matches = glob.glob(name)
+        if not matches:
+            raise ValueError(f"{name}: expected a pattern that matches files, got none")
+        found += sorted(matches, key=natural)
+    return found
+
+
+def read_ahead(items: Iterable[Any], n_ahead: int = 1) -> Iterator[Any]:
+    """The same items, fetched by another thread while the caller works on the one before.
+
+    At most `n_ahead` finished items wait. An error comes out at its item's place. Use it for a
+    generator that reads; each item must have arrays of its own.
+    """
+    ready: queue.Queue = queue.Queue(n_ahead)
+    stopped = threading.Event()
+
+    def put(item: Any) -> bool:
+        while not stopped.is_set():
+            try:
+                ready.put(item, timeout=0.1)
+                return True
+            except queue.Full:
+                pass
+        return False
+
+    def fetch() -> None:
+        try:
+            for item in items:
+                if not put((item, None)):
+                    return
+            put((None, StopIteration()))
+        except BaseException as error:
+            put((None, error))
+
+    threading.Thread(target=fetch, name="read ahead", daemon=True).start()
+    try:
+        while True:
+            item, error = ready.get()
+            if isinstance(error, StopIteration):
+                return
+            if error is not None:
+                raise error
+            yield item
+    finally:
+        stopped.set()
+
+
+def value_range(
+    frames: Iterable[Particles | str | os.PathLike], name: str
+) -> tuple[float, float]:
+    """Lowest and highest finite value of an attribute over all frames (a vector's length)."""
+    lo, hi = np.inf, -np.inf
+    for frame in frames:
+        particles = frame if isinstance(frame, Particles) else read(frame)
+        if name not in particles.attributes:
+            known = ", ".join(particles.attributes) or "no attributes at all"
+            raise ValueError(f"name: expected one of {known}, got {name!r}")
+        values = np.asarray(particles.attributes[name], np.float64)
+        values = values if values.ndim == 1 else np.linalg.norm(values, axis=1)
+        values = values[np.isfinite(values)]
+        lo, hi = min(lo, values.min(initial=np.inf)), max(hi, values.max(initial=-np.inf))
+    return (float(lo), float(hi)) if lo <= hi else (0.0, 1.0)
+
+
+class KeptScene:
+    """One scene for all frames of a sequence."""
+
+    def __init__(self) -> None:
+        self.scene: Scene | None = None
+        self.first = True  # whether the scene was made for the frame that it shows now
+
+    def show(self, particles: Particles, make: Callable[[Particles], Scene]) -> Scene:
+        """The scene with these particles: made at the first frame that has any, updated after."""
+        # Without particles no support could be measured, and no camera found.
+        self.first = self.scene is None or self.scene.octree.n_inside == 0
+        if self.first:
+            self.scene = make(particles)
+        else:
+            self.scene.update(particles)
+        return self.scene
+
+
+def is_whole(path: str, size: tuple[int, int]) -> bool:
+    """Whether a file is a PNG of this size that can be decoded to its end."""
+    from PIL import Image
+
+    try:
+        with Image.open(path) as image:
+            image.load()
+            return image.format == "PNG" and image.size == tuple(size)
+    except (OSError, SyntaxError, ValueError):
+        return False
+
+
+class MovieFrames:
+    """The finished pictures of a movie in the making, in a folder beside it.
+
+    They stay when the run is interrupted, so that another goes on from there, and are deleted when
+    the movie is whole.
+    """
+
+    def __init__(self, movie: str, resume: bool):
+        self.movie, self.folder = movie, f"{movie}.frames"
+        self._stale = not resume
+        self._whole = False
+
+    def path(self, i: int) -> str:
+        return os.path.join(self.folder, f"{i:06d}.png")
+
+    def finished(self) -> list[str]:
+        """The pictures that are there."""
+        return sorted(glob.glob(os.path.join(glob.escape(self.folder), "[0-9]" * 6 + ".png")))
+
+    def remove(self) -> None:
+        """Delete the pictures, and the folder unless somebody keeps other files there."""
+        for file in self.finished():
+            os.unlink(file)
+        if os.path.isdir(self.folder) and not os.listdir(self.folder):
+            os.rmdir(self.folder)
+
+    def open(self) -> None:
+        """Make the folder; late, so that a mistake in the first file changes nothing."""
+        if self._stale:
+            self.remove()
+            self._stale = False
+        os.makedirs(self.folder, exist_ok=True)
+
+    def restore(
+        self, n_done: int, n: int, size: tuple[int, int], kept: Callable[[int], str] | None = None
+    ) -> None:
+        """See that pictures 0 to n_done - 1 of n are there. Where the movie was whole before, they
+        come from the PNGs that `kept` names, or are decoded from the movie.
+
+        Raises ValueError where they cannot be had; nothing is written then.
+        """
+        missing = [i for i in range(n_done) if not is_whole(self.path(i), size)]
+        sources = {i: kept(i) for i in missing if kept and is_whole(kept(i), size)}
+        decoded = sorted(set(missing) - set(sources))
+        if decoded:
+            n_had, had = movie_facts(self.movie)
+            if n_had <= decoded[-1] or had != (size[0] + size[0] % 2, size[1] + size[1] % 2):
+                raise ValueError(
+                    f"expected the run's first {n_done} pictures of {size[0]}x{size[1]} in "
+                    f"{self.movie} or {self.folder}, got none of number {decoded[0]}"
+                )
+            self._whole = n_had == n_done == n
+        if self._whole or not missing:
+            return
+        self.open()
+        for i, source in sources.items():
+            with open(source, "rb") as old, atomic_write(self.path(i)) as new:
+                new.write(old.read())
+        for i, picture in enumerate(read_movie(self.movie)) if decoded else ():
+            if i in decoded:
+                save_png(self.path(i), picture[: size[1], : size[0]])
+
+    def encode(self, n: int, fps: float) -> None:
+        """Write the movie of pictures 0 to n - 1, then delete them."""
+        from PIL import Image
+
+        if self._whole:
+            return
+
+        def pictures() -> Iterator[np.ndarray]:
+            for i in range(n):
+                with Image.open(self.path(i)) as image:
+                    yield np.asarray(image.convert("RGB"))
+
+        write_movie(self.movie, pictures(), fps)
+        self.remove()
+
+
+def render_sequence(
+    source: Any,
+    output: str | os.PathLike,
+    camera: Camera | CameraPath | Sequence[Any] | None = None,
+    size: tuple[int, int] = (1024, 782),
+    settings: RenderSettings | None = None,
+    fps: float = 30.0,
+    n_frames: int | None = None,
+    resume: bool = False,
+    **scene_options: Any,
+) -> list[str]:
+    """Render a sequence to PNG files or to one MP4 file.
+
+    Args:
+        source: a file pattern ("frame_*.vtk", "frame_%04d.vtk") or a list of files, which are read
+            ahead by another thread; an iterable of `Particles`; an object with `.particles` and
+            `.step()`, called between two frames; or one `Particles`, which stands still.
+        output: "movie.mp4", or a name with %d (%04d) for the frame's number, from 0, ending in
+            .png. Each file appears whole or not at all.
+        camera: for all frames, or a `CameraPath`, its list of key frames, or one `Camera` a frame.
+            Default: all particles of the first frame are seen, and the camera stays there.
+        size: (width, height) pixels.
+        fps: frames per second of a movie, and of key frames that have a time.
+        n_frames: how many frames at most. Needed for an endless source, unless a path or list of
+            cameras says it.
+        resume: keep the pictures of an earlier, interrupted run with the same arguments.
+        scene_options: as for `Scene`.
+
+    Returns:
+        The files: pictures, or the one movie.
+
+    Raises:
+        TypeError, ValueError: naming the argument, expected and got.
+        ImportError: a movie without PyAV.
+        FormatError, OSError: a file that cannot be read; pictures finished before it stay.
+    """
+    output = os.fspath(output)
+    as_movie = output.lower().endswith(".mp4")
+    if as_movie:
+        need_av()
+    elif not (output.lower().endswith(".png") and re.search(r"%0?\d?d", output)):
+        raise ValueError(f"output: expected a name ending in .mp4, or with %d and .png: {output}")
+    view, n_views = _views(camera, fps)
+    if n_frames is None and (isinstance(source, Particles) or hasattr(source, "step")):
+        if n_views is None:
+            raise ValueError("n_frames: expected a number for an endless source, got None")
+        n_frames = n_views
+    movie = MovieFrames(output, resume) if as_movie else None
+    kept = KeptScene()
+    names: list[str] = []
+
+    def name(i: int) -> str:
+        return movie.path(i) if movie else output % i
+
+    def finished(i: int) -> bool:
+        return resume and is_whole(name(i), size)
+
+    # The first frame is always read: support and camera come from it.
+    for i, particles in _frames(source, n_frames, lambda i: i == 0 or not finished(i)):
+        names.append(name(i))
+        if particles is None:
+            continue
+        scene = kept.show(particles, lambda p: Scene(p, **scene_options))
+        if camera is None and kept.first:
+            view, _ = _views(fit_camera(scene, size), fps)
+        if finished(i):
+            continue
+        frame = render(scene, view(i), size, settings)
+        if movie:
+            movie.open()
+        frame.save(name(i))
+    if movie and names:
+        movie.encode(len(names), fps)
+        return [output]
+    return names
+
+
+def _views(camera: Any, fps: float) -> tuple[Callable[[int], Camera], int | None]:
+    """The camera of each frame, and how many frames there are if it says so."""
+    if camera is None or isinstance(camera, Camera):
+        return lambda i: camera, None
+    if not isinstance(camera, CameraPath):
+        cameras = list(camera)
+        if cameras and all(isinstance(c, Camera) for c in cameras):
+            return lambda i: cameras[min(i, len(cameras) - 1)], len(cameras)
+        camera = CameraPath(cameras, fps)
+    return camera, camera.n_frames
+
+
+def _frames(
+    source: Any, n_frames: int | None, wanted: Callable[[int], bool]
+) -> Iterator[tuple[int, Particles | None]]:
+    """The frames of any source; files that are not wanted are not read, and give None."""
+    if isinstance(source, Particles):
+        source = itertools.repeat(source)
+    elif hasattr(source, "step"):
+        source = _steps(source)
+    elif isinstance(source, (str, os.PathLike)):
+        source = find_files([os.fspath(source)])
+    if isinstance(source, Sequence) and all(isinstance(f, (str, os.PathLike)) for f in source):
+        files = list(source)[:n_frames]
+        yield from read_ahead((i, read(f) if wanted(i) else None) for i, f in enumerate(files))
+        return
+    for i, particles in enumerate(itertools.islice(source, n_frames)):
+        if not isinstance(particles, Particles):
+            particles = Particles(particles)
+        yield i, particles if wanted(i) else None
+
+
+def _steps(simulation: Any) -> Iterator[Particles]:
+    """Its state now, and after each step; not ahead of time: it may overwrite its arrays."""
+    while True:
+        yield simulation.particles
+        simulation.step()

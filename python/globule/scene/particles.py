@@ -1,0 +1,245 @@
+"""Particles: positions with optional per-particle properties."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from .._base.arrays import dtype_name, on_gpu, to_host
+
+SCALAR_FIELDS = ("support", "weight", "reflection", "refraction", "rigidity")
+FIELDS = ("positions", *SCALAR_FIELDS, "color", "anisotropy")
+
+
+FARTHEST = np.float32(1e18)  # past it a coordinate's square overflows float32
+
+
+@dataclass(eq=False, repr=False)
+class Particles:
+    """A set of N particles.
+
+    Arrays may be anything NumPy understands, or live on a GPU (`__cuda_array_interface__`, or
+    DLPack with a GPU device). Host data become C-contiguous float32, without a copy where they
+    already are; GPU arrays are kept as they are and must be C-contiguous float32.
+
+    positions   (N, 3) float32, world; NaN allowed (such a particle is outside of everything)
+    support     radius at which a particle's kernel vanishes: float or (N,) float32, world, >= 0
+    weight      factor of the kernel: float or (N,) float32; may be negative
+    anisotropy  (N, 3, 3) float32, 1 / world: symmetric positive definite matrices G that make the
+                kernel b(|G (x - position)|), in place of the support; `anisotropy` finds them
+    color       (3,) or (N, 3) float32, RGB in [0, 1]; uint8 input is divided by 255
+    reflection, refraction, rigidity    float or (N,) float32
+    attributes  name -> (N,) or (N, k) array of any real numeric dtype
+
+    None means "not given". Raises TypeError for what is not numeric or not float32 on the GPU,
+    ValueError for a wrong shape or value; both name the argument, what was expected and what came.
+    """
+
+    positions: Any
+    support: Any = None
+    weight: Any = None
+    color: Any = None
+    reflection: Any = None
+    refraction: Any = None
+    rigidity: Any = None
+    anisotropy: Any = None
+    attributes: dict[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self._check({})
+        self.attributes = {
+            name: _attribute(name, array, len(self))
+            for name, array in dict(self.attributes).items()
+        }
+
+    def _check(self, known: dict[str, Any]) -> None:
+        """Check all fields, but those that are the very objects in `known`, which passed."""
+        self.positions = _positions(self.positions)
+        n = len(self)
+        if known and n != known["positions"].shape[0]:
+            known = {}
+        for name, check in _CHECKS.items():
+            value = getattr(self, name)
+            if value is not None and value is not known.get(name):
+                setattr(self, name, check(name, value, n))
+
+    def _with(self, fields: dict[str, Any], known: dict[str, Any]) -> Particles:
+        """With other arrays for some fields, and without attributes; `known` as for `_check`."""
+        new = object.__new__(Particles)
+        vars(new).update(vars(self), attributes={})
+        vars(new).update(fields)
+        new._check(known)
+        return new
+
+    def __len__(self) -> int:
+        return int(self.positions.shape[0])
+
+    def __repr__(self) -> str:
+        parts = [f"{len(self)}"]
+        for name in (*SCALAR_FIELDS, "color", "anisotropy"):
+            value = getattr(self, name)
+            if isinstance(value, float):
+                parts.append(f"{name}={value:g}")
+            elif value is not None:
+                parts.append(f"{name} {tuple(value.shape)}")
+        parts += [f"{name} {tuple(array.shape)}" for name, array in self.attributes.items()]
+        return f"Particles({', '.join(parts)})"
+
+    def __getitem__(self, index: Any) -> Particles:
+        """The particles selected by an integer, slice, integer array or boolean mask."""
+        if isinstance(index, (int, np.integer)):
+            i = range(len(self))[index]
+            index = slice(i, i + 1)
+
+        picked = {}
+        for name in (*SCALAR_FIELDS, "color", "anisotropy"):
+            value = getattr(self, name)
+            one_color = name == "color" and value is not None and len(value.shape) == 1
+            shared = value is None or isinstance(value, float) or one_color
+            picked[name] = value if shared else value[index]
+        attributes = {name: array[index] for name, array in self.attributes.items()}
+        return Particles(self.positions[index], **picked, attributes=attributes)
+
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """(lowest, highest) corner of the finite positions: two (3,) float32, world.
+
+        Coordinates past 1e18 count as infinite, as in the octree. Raises ValueError if there is no
+        finite position.
+        """
+        finite = self.finite_positions()
+        if len(finite) == 0:
+            raise ValueError(f"bounds: expected a finite position, got none in {len(self)}")
+        return finite.min(axis=0), finite.max(axis=0)
+
+    def finite_positions(self) -> np.ndarray:
+        """The positions that the octree takes: (M, 3) float32, M <= N, in NumPy."""
+        positions = to_host(self.positions)
+        return positions[(np.abs(positions) <= FARTHEST).all(axis=1)]
+
+
+def _positions(value: Any) -> Any:
+    if on_gpu(value):
+        if len(value.shape) != 2 or value.shape[1] != 3:
+            raise ValueError(f"positions: expected shape (N, 3), got {tuple(value.shape)}")
+        return _checked_on_gpu("positions", value, tuple(value.shape))
+    array = _numbers("positions", value)
+    if array.shape == (0,):
+        array = array.reshape(0, 3)
+    if array.ndim != 2 or array.shape[1] != 3:
+        raise ValueError(f"positions: expected shape (N, 3), got {array.shape}")
+    return _float32(array)
+
+
+def _scalar_field(name: str, value: Any, n: int) -> Any:
+    if on_gpu(value):
+        return _checked_on_gpu(name, value, (n,))
+    array = _numbers(name, value)
+    if array.shape not in ((), (n,)):
+        raise ValueError(f"{name}: expected a number or shape ({n},), got shape {array.shape}")
+    result = _float32(array)
+    _check_range(name, result, 0.0 if name == "support" else -math.inf, math.inf)
+    return float(array) if array.ndim == 0 else result
+
+
+def _color(name: str, value: Any, n: int) -> Any:
+    if on_gpu(value):
+        return _checked_on_gpu(name, value, (n, 3))
+    array = _numbers(name, value)
+    if array.shape not in ((3,), (n, 3)):
+        raise ValueError(f"{name}: expected shape (3,) or ({n}, 3), got {array.shape}")
+    if array.dtype == np.uint8:
+        return array.astype(np.float32) / np.float32(255)
+    result = _float32(array)
+    _check_range(name, result, 0.0, 1.0)
+    return result
+
+
+def _anisotropy(name: str, value: Any, n: int) -> np.ndarray:
+    array = _float32(_numbers(name, to_host(value)))
+    if array.shape != (n, 3, 3):
+        raise ValueError(f"{name}: expected shape ({n}, 3, 3), got {array.shape}")
+    good = np.isfinite(array).all(axis=(1, 2))
+    size = np.abs(np.where(good[:, None, None], array, 1)).max(axis=(1, 2))
+    good &= (np.abs(array - array.transpose(0, 2, 1)).max(axis=(1, 2), initial=0) <= 1e-4 * size)
+    good[good] = np.linalg.eigvalsh(array[good])[:, 0] > 0
+    if not good.all():
+        raise ValueError(
+            f"{name}: expected symmetric positive definite matrices, "
+            f"got {array[np.argmin(good)].tolist()} (particle {np.argmin(good)})"
+        )
+    return array
+
+
+_CHECKS: dict[str, Callable[[str, Any, int], Any]] = {
+    **dict.fromkeys(SCALAR_FIELDS, _scalar_field), "color": _color, "anisotropy": _anisotropy,
+}  # fmt: skip
+
+
+def _attribute(name: Any, value: Any, n: int) -> Any:
+    if not isinstance(name, str):
+        raise TypeError(f"attributes: expected names of type str, got {type(name).__name__}")
+    if name in FIELDS or not name:
+        raise ValueError(f"attributes: expected a name of its own, got {name!r}")
+    array = value if on_gpu(value) else _numbers(f"attributes[{name!r}]", value)
+    shape = tuple(array.shape)
+    if len(shape) not in (1, 2) or shape[0] != n or 0 in shape[1:]:
+        raise ValueError(f"attributes[{name!r}]: expected shape ({n},) or ({n}, k), got {shape}")
+    if array is not value or isinstance(array, np.ndarray):
+        array = np.ascontiguousarray(array, dtype=array.dtype.newbyteorder("="))
+    return array
+
+
+def _numbers(name: str, value: Any) -> np.ndarray:
+    """A host array of real numbers, in whatever dtype it came."""
+    if hasattr(value, "__dlpack__") and not hasattr(value, "__array__"):
+        array = np.from_dlpack(value)
+    else:
+        try:
+            array = np.asarray(value)
+        except ValueError as error:  # ragged lists
+            raise TypeError(f"{name}: expected an array of numbers, got {error}") from None
+    if array.dtype.kind not in "biuf":
+        raise TypeError(f"{name}: expected numbers, got dtype {array.dtype}")
+    return array
+
+
+def _float32(array: np.ndarray) -> np.ndarray:
+    if array.dtype == np.float32 and array.flags.c_contiguous:
+        return array
+    with np.errstate(over="ignore", invalid="ignore"):  # too large becomes inf, checked after
+        return np.asarray(array, dtype=np.float32, order="C")
+
+
+def _check_range(name: str, array: np.ndarray, least: float, most: float) -> None:
+    good = np.isfinite(array) & (array >= least) & (array <= most)
+    if good.all():
+        return
+    if math.isinf(least):
+        expected = "finite numbers"
+    else:
+        expected = f"numbers >= {least:g}" if math.isinf(most) else f"[{least:g}, {most:g}]"
+    first = np.argmin(good.reshape(-1))
+    got = array.reshape(-1)[first]
+    where = f" (particle {first // max(1, array.shape[-1] if array.ndim == 2 else 1)})"
+    raise ValueError(f"{name}: expected {expected}, got {got:g}{where if array.ndim else ''}")
+
+
+def _checked_on_gpu(name: str, array: Any, shape: tuple[int, ...]) -> Any:
+    """GPU memory is used where it lies, so that it must have the final layout already."""
+    interface = getattr(array, "__cuda_array_interface__", None)
+    if interface is None:
+        dtype, strides = str(array.dtype), None
+    else:
+        dtype, strides = dtype_name(interface["typestr"]), interface.get("strides")
+    if not dtype.endswith("float32"):
+        raise TypeError(f"{name}: expected float32 on the GPU, got {dtype}")
+    if tuple(array.shape) != shape:
+        raise ValueError(f"{name}: expected shape {shape}, got {tuple(array.shape)}")
+    packed = (12, 4) if len(shape) == 2 else (4,)
+    if strides is not None and tuple(strides) != packed and 0 not in shape:
+        raise TypeError(f"{name}: expected a C-contiguous array on the GPU, got strides {strides}")
+    return array

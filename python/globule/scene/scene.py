@@ -1,0 +1,319 @@
+"""A scene: particles, their octree on one device, and the field that they make."""
+
+from __future__ import annotations
+
+import threading
+from typing import Any
+
+import numpy as np
+
+from .. import _core
+from .._base.arrays import ABSENT, HOST, View, address, on_gpu, view
+from .._base.checks import thread_count
+from .._base.device import choose
+from .octree import Octree
+from .particles import FIELDS, Particles
+
+KERNELS = ("murakami", "nishimura", "wyvill", "blinn", "cubic_spline", "wendland_c2", "solid")
+
+# Default support in spacings and default threshold, by kernel. One particle alone is a ball, a
+# flat face of a lattice is flat to a few hundredths of the spacing (docs/conventions.md).
+DEFAULTS = {
+    "murakami": (2.0, 0.6),
+    "nishimura": (2.5, 0.6),
+    "wyvill": (2.0, 0.6),
+    "blinn": (3.5, 0.6),
+    "cubic_spline": (2.75, 0.6),
+    "wendland_c2": (2.75, 0.6),
+    "solid": (2.2, 0.1),
+}
+DEFAULT_COLOR = (0.28, 0.52, 0.80)
+MAX_PARTICLES = 2**31 - 64
+MAX_SUPPORT = 1e18  # past it squares overflow float32
+MAX_RATIO = 1e6  # between the largest and the smallest support
+
+
+class Scene:
+    """Particles sorted into an octree, ready to be traced.
+
+    Args:
+        particles: `Particles`, or (N, 3) positions, world units.
+        kernel: one of `KERNELS`.
+        threshold: iso-value, compared with the raw sum of weight * b(r); default by kernel.
+        support: support radius for all particles, world units, instead of `particles.support`.
+            Without either it is the kernel's default number of spacings, the spacing being
+            measured on the particles.
+        key_bits: 32 (10 levels) or 64 (21 levels).
+        depth: deepest level of the octree; default: all the key has (dense: 6).
+        octree: "sparse" (occupied cells only) or "dense" (the array L, at most 8 levels).
+        device: "auto", "cpu", "cuda" or "cuda:N".
+        threads: CPU threads; 0 takes all.
+        bounds: ((x, y, z), (x, y, z)) the octree's space; default: the particles' own box, found
+            anew at each update. Particles outside are marked and counted, and have no influence.
+
+    Raises:
+        TypeError, ValueError: naming the argument, what was expected and what came.
+        RuntimeError: the device cannot be used.
+    """
+
+    def __init__(
+        self,
+        particles: Particles | Any,
+        kernel: str = "murakami",
+        threshold: float | None = None,
+        support: float | None = None,
+        key_bits: int = 32,
+        depth: int | None = None,
+        octree: str = "sparse",
+        device: str = "auto",
+        threads: int = 0,
+        bounds: Any = None,
+    ):
+        if kernel not in KERNELS:
+            raise ValueError(f"kernel: expected one of {', '.join(KERNELS)}, got {kernel!r}")
+        if octree not in ("sparse", "dense"):
+            raise ValueError(f"octree: expected sparse or dense, got {octree!r}")
+        if key_bits not in (32, 64):
+            raise ValueError(f"key_bits: expected 32 or 64, got {key_bits!r}")
+        if octree == "dense" and key_bits != 32:
+            raise ValueError("key_bits: the dense octree uses 32-bit keys, got 64")
+        deepest = 8 if octree == "dense" else 10 if key_bits == 32 else 21
+        if depth is None:
+            depth = 6 if octree == "dense" else deepest
+        if not isinstance(depth, (int, np.integer)) or not 0 <= depth <= deepest:
+            raise ValueError(
+                f"depth: expected 0 to {deepest} ({octree}, {key_bits}-bit keys), got {depth!r}"
+            )
+        self.kernel = kernel
+        self.threshold = (
+            DEFAULTS[kernel][1] if threshold is None else _positive("threshold", threshold)
+        )
+        self.device = choose(device)
+        self.builds = 0  # how often the octree has been built
+        self._kernel = KERNELS.index(kernel)
+        self._tree = (key_bits, int(depth), octree == "dense", _space(bounds))
+        self._raw = _core.Scene(
+            self.device.backend, self.device.index, thread_count(threads)
+        )
+        self._lock = threading.RLock()
+        self._stale = False
+        self._support = None if support is None else _positive("support", support)
+        self._known: dict[str, Any] = {}  # the particles' fields when the octree was built
+        self._build(particles if isinstance(particles, Particles) else Particles(particles))
+
+    def update(self, particles: Particles | None = None, **fields: Any) -> None:
+        """The next frame: new particles, or new arrays for some of their fields.
+
+        `scene.update(positions=p)` keeps everything else; arrays may be of another length and on
+        any device. The octree is rebuilt; a support that was measured on the particles stays.
+        Images read color, reflection and refraction where they lie: arrays of float32 have to stay
+        unchanged until the next update. An interrupted update leaves the particles as they were.
+        """
+        if particles is None:
+            unknown = fields.keys() - set(FIELDS)
+            if unknown:
+                raise TypeError(
+                    f"update: unknown field {sorted(unknown)[0]!r}, expected {', '.join(FIELDS)}"
+                )
+            particles = self.particles._with(fields, self._known)
+        elif fields:
+            raise TypeError("update: expected particles or fields, got both")
+        with self._lock:
+            self._build(particles)
+
+    @property
+    def _scene(self) -> Any:
+        """The core's scene; built again first where an update was interrupted half way."""
+        if self._stale:
+            with self._lock:
+                if self._stale:
+                    self._build(self.particles)
+        return self._raw
+
+    def _build(self, p: Particles) -> None:
+        """Sort them into the octree. If that stops half way, the scene keeps its particles and
+        builds them again when it is next used."""
+        positions = view("positions", p.positions, 3)
+        n = positions.shape[0]
+        if n > MAX_PARTICLES:
+            raise ValueError(f"positions: expected at most {MAX_PARTICLES:,} particles, got {n:,}")
+        stretch, most_stretch, found = ABSENT, 1.0, self._support
+        if p.anisotropy is not None:
+            stretch, longest, most_stretch = self._stretch(p.anisotropy)
+            support, one_support = view("support", longest, None), None
+        elif self._support:
+            support, one_support = ABSENT, self._support
+        else:
+            support, one_support = _field("support", p.support, None, n)
+        weight, one_weight = _field("weight", p.weight, None, n)
+        color, one_color = _field("color", p.color, 3, n)
+        reflection, one_reflection = _field("reflection", p.reflection, None, n)
+        refraction, one_refraction = _field("refraction", p.refraction, None, n)
+        if one_weight is None:
+            one_weight = 1.0
+        arrays = [positions, weight, color, reflection, refraction, stretch]
+
+        def build(one: float) -> None:
+            self._stale = True
+            self._raw.build(
+                n,
+                positions.place,
+                support.place,
+                one,
+                weight.place,
+                float(one_weight),
+                color.place,
+                list(DEFAULT_COLOR if one_color is None else one_color),
+                reflection.place,
+                float(one_reflection or 0.0),
+                refraction.place,
+                float(one_refraction or 0.0),
+                stretch.place,
+                most_stretch,
+                *self._tree,
+            )
+
+        if support is ABSENT and one_support is None:
+            build(0.0)
+            spacing = self._raw.spacing()
+            one_support = DEFAULTS[self.kernel][0] * (spacing or _guess_spacing(p, n))
+            found = one_support if spacing else None  # too few particles: found anew next time
+        elif support is ABSENT:
+            one_support = _positive("support", one_support)
+        if one_support is not None and one_support > MAX_SUPPORT:
+            raise ValueError(f"support: expected at most {MAX_SUPPORT:g}, got {one_support:g}")
+        checked = support is ABSENT or support.owner is self._known.get("support")
+        if not checked and support.device == HOST:
+            _check_supports(support.owner)
+        build(1.0 if one_support is None else float(one_support))
+        own = p.support if p.anisotropy is None else support.owner
+        self.__dict__.update(  # in one go
+            particles=p,
+            support=one_support if support is ABSENT else own,
+            builds=self.builds + 1,
+            _known=dict(vars(p)),
+            _support=found,
+            _arrays=[*arrays, support],  # the core reads them again when it gathers colours
+            _stale=False,
+        )
+
+    def _stretch(self, matrices: np.ndarray) -> tuple[View, np.ndarray, float]:
+        """For the core: six numbers a matrix; the longest axes; the largest ratio of axes."""
+        if self._tree[2]:
+            raise ValueError("anisotropy: expected the sparse octree, got dense")
+        short = np.linalg.eigvalsh(matrices.astype(np.float64))  # ascending, 1 / axes
+        six = matrices[:, (0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2)]
+        longest = np.float32(1.0001 / short[:, 0])  # rounding must not cut off what it reaches
+        ratio = float(np.max(short[:, 2] / short[:, 0], initial=1.0))
+        return view("anisotropy", six, 6), longest, 1.0001 * ratio
+
+    @property
+    def spacing(self) -> float:
+        """Median spacing of the particles, world units, measured around up to 1024 of them; 0 where
+        there are too few."""
+        return self._scene.spacing()
+
+    @property
+    def octree(self) -> Octree:
+        """The octree as built last: depth, nodes, leaves, bytes, hashes, build time."""
+        return Octree(self._scene)
+
+    def neighbors(self, points: Any, radius: float) -> tuple[np.ndarray, np.ndarray]:
+        """Particles within `radius` of each point, as compressed rows.
+
+        Args:
+            points: (M, 3) world.
+            radius: world units, inclusive.
+
+        Returns:
+            offsets (M + 1,) uint64 and indices uint32 into the particles; row i is
+            indices[offsets[i]:offsets[i + 1]], in Morton order, the same on every backend.
+        """
+        p = view("points", points, 3)
+        return self._scene.neighbors(p.shape[0], p.place, _positive("radius", radius))
+
+    def blend(self, points: Any, values: Any) -> np.ndarray:
+        """Attribute values at points: sum w v / sum w with w = weight * b(r), §6.0.2.
+
+        Args:
+            points: (M, 3) world.
+            values: (N,) or (N, K), one row a particle.
+
+        Returns:
+            (M,) or (M, K) float32; NaN where no particle reaches.
+        """
+        p = view("points", points, 3)
+        flat = len(values.shape) == 1
+        v = view("values", values, None) if flat else view("values", values, values.shape[1])
+        channels = 1 if flat else v.shape[1]
+        out = np.empty((p.shape[0], channels), np.float32)
+        self._scene.blend(
+            self._kernel, p.shape[0], p.place, v.place, v.shape[0], channels, address(out)
+        )
+        return out[:, 0] if flat else out
+
+    def __len__(self) -> int:
+        return len(self.particles)
+
+    def __repr__(self) -> str:
+        return (
+            f"Scene({len(self)} particles, {self.kernel}, threshold {self.threshold:g}, "
+            f"{self.device.name})"
+        )
+
+
+def _field(name: str, value: Any, columns: int | None, n: int) -> tuple[View, Any]:
+    """A particle field as (array, None) or (ABSENT, one value for all)."""
+    if value is None:
+        return ABSENT, None
+    shape = getattr(value, "shape", ())
+    if shape == () or (columns is not None and shape == (columns,)):
+        return ABSENT, value
+    v = view(name, value, columns)
+    if v.shape[0] != n:
+        raise ValueError(f"{name}: expected {n} particles, got {v.shape[0]}")
+    return v, None
+
+
+def _positive(name: str, value: Any) -> float:
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        raise TypeError(f"{name}: expected a number, got {value!r}") from None
+    if not (number > 0 and np.isfinite(number)):
+        raise ValueError(f"{name}: expected a positive number, got {value!r}")
+    return number
+
+
+def _check_supports(support: np.ndarray) -> None:
+    """Rays are walked in steps of the supports nearby, so those must be of comparable size."""
+    largest = float(np.max(support, initial=0.0))
+    smallest = float(np.min(support, initial=np.inf, where=support > 0))
+    if largest > MAX_SUPPORT:
+        raise ValueError(f"support: expected at most {MAX_SUPPORT:g}, got {largest:g}")
+    if largest > MAX_RATIO * smallest:
+        raise ValueError(
+            f"support: expected all within a factor of {MAX_RATIO:g}, "
+            f"got {smallest:g} to {largest:g}"
+        )
+
+
+def _space(bounds: Any) -> list[float]:
+    if bounds is None:
+        return []
+    box = np.asarray(bounds, dtype=np.float32)
+    if box.shape != (2, 3) or not np.isfinite(box).all() or (box[0] > box[1]).any():
+        raise ValueError(
+            f"bounds: expected two finite corners ((x, y, z), (x, y, z)), got {bounds!r}"
+        )
+    return [float(x) for x in box.ravel()]
+
+
+def _guess_spacing(particles: Particles, n: int) -> float:
+    """Where neighbours tell nothing (a dozen particles or fewer, or all at one place): the box's
+    edge shared out among the particles, or 1."""
+    if on_gpu(particles.positions) or len(particles.finite_positions()) == 0:
+        return 1.0
+    lo, hi = particles.bounds()
+    extent = float(np.max(hi - lo))
+    return extent / n ** (1 / 3) if extent > 0 else 1.0

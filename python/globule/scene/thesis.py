@@ -1,0 +1,153 @@
+"""The source thesis's own way of tracing, beside the exact one: for its figures, and to compare."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .. import _core
+from .._base.arrays import address, unit_vectors, view
+from .._base.fixed import Fixed
+
+if TYPE_CHECKING:
+    from .scene import Scene
+
+ROOTS = ("march", "bezier")
+POLYNOMIAL_KERNELS = ("murakami", "wyvill")  # polynomials along a ray
+MAX_THRESHOLDS = 16
+
+
+@dataclass(frozen=True)
+class Thesis(Fixed):
+    """How rays are traced in the thesis, §5.2-5.4; the scene's octree must be dense.
+
+    Leaves are visited by each ray for itself, with a stack. A leaf sees its own particles and its
+    26 neighbours', which is right only while no support is larger than a leaf's edge.
+
+    Args:
+        root: "march" (points along the ray, Fig. 5.5) or "bezier" (Bézier clipping, Nishita &
+            Nakamae 1994; kernels murakami and wyvill).
+        step: of the march, in supports, where no threshold is passed. What is thinner may be
+            missed.
+        thresholds: how many of them below the scene's own, evenly; each one passed halves the step.
+        ghosts: neighbours' particles are seen, and leaves beside occupied ones are visited.
+            Without: the artefacts of Fig. 5.6.
+        face_rule: the nine neighbours across the face of entry are not fetched again (Fig. 5.7);
+            the picture is the same.
+        exterior: the spheres of radius a bound the search, and one met alone needs none (Figs 5.3,
+            5.4).
+        refine: the march's sign change is refined. Without: the terraces of Fig. 5.1.
+        averaged_normals: normals away from the mean of the centres that reach the hit (Fig. 5.8a)
+            instead of the gradient's.
+    """
+
+    root: str = "march"
+    step: float = 0.25
+    thresholds: int = 4
+    ghosts: bool = True
+    face_rule: bool = True
+    exterior: bool = True
+    refine: bool = True
+    averaged_normals: bool = False
+
+    def __post_init__(self) -> None:
+        if self.root not in ROOTS:
+            raise ValueError(f"root: expected {' or '.join(ROOTS)}, got {self.root!r}")
+        number = isinstance(self.step, (int, float, np.number)) and not isinstance(self.step, bool)
+        if not number or not 1e-4 <= self.step <= 1e4:
+            raise ValueError(f"step: expected 0.0001 to 10000 supports, got {self.step!r}")
+        whole = isinstance(self.thresholds, (int, np.integer))
+        if not whole or not 0 <= self.thresholds <= MAX_THRESHOLDS:
+            raise ValueError(
+                f"thresholds: expected a number from 0 to {MAX_THRESHOLDS}, got {self.thresholds!r}"
+            )
+
+    def _choices(self) -> tuple[int, float, int, bool, bool, bool, bool, bool]:
+        return (
+            ROOTS.index(self.root),
+            float(self.step),
+            int(self.thresholds),
+            bool(self.ghosts),
+            bool(self.face_rule),
+            bool(self.exterior),
+            bool(self.refine),
+            bool(self.averaged_normals),
+        )
+
+    @cached_property
+    def _packed(self) -> Any:
+        return _core.Thesis(*self._choices(), False)
+
+
+def check_tracing(scene: Scene, thesis: Thesis | None) -> None:
+    """Whether `scene` can be traced so."""
+    if thesis is None:
+        return
+    if not isinstance(thesis, Thesis):
+        raise TypeError(f"thesis: expected a Thesis, got {thesis!r}")
+    if not scene._tree[2]:
+        raise ValueError('octree: expected a scene with octree="dense" for the thesis, got sparse')
+    if thesis.root == "bezier" and scene.kernel not in POLYNOMIAL_KERNELS:
+        raise ValueError(
+            f"kernel: expected {' or '.join(POLYNOMIAL_KERNELS)} for Bézier clipping, "
+            f"got {scene.kernel!r}"
+        )
+
+
+def work(
+    scene: Scene, origins: Any, directions: Any, thesis: Thesis
+) -> tuple[np.ndarray, np.ndarray]:
+    """What rays cost up to their first hit.
+
+    Args:
+        origins, directions: (M, 3) world, as for `intersect`.
+
+    Returns:
+        leaves (M,) uint32 visited; sums (M,) uint32 over the candidates: evaluations of the field
+        when marching, polynomials when clipping.
+    """
+    o, d = view("origins", origins, 3), view("directions", directions, 3)
+    if o.shape != d.shape:
+        raise ValueError(f"directions: expected {o.shape[0]} rows, got {d.shape[0]}")
+    d = unit_vectors(d)
+    n = o.shape[0]
+    check_tracing(scene, thesis)
+    t, counts = np.empty(n, np.float32), np.empty((n, 2), np.uint32)
+    normal, color = np.empty((n, 3), np.float32), np.empty((n, 3), np.float32)
+    scene._scene.intersect(
+        scene._kernel, scene.threshold, _core.Thesis(*thesis._choices(), True), n, o.place,
+        d.place, address(t), address(normal), address(color),
+    )  # fmt: skip
+    scene._scene.thesis_work(n, address(counts))
+    return counts[:, 0], counts[:, 1]
+
+
+def default_support(positions: Any, depth: int) -> float:
+    """The thesis's support (§3.6): half the edge of a leaf of the octree around `positions`.
+
+    Args:
+        positions: (N, 3) world, or `Particles`.
+        depth: of the octree, 0 to 8.
+
+    Raises:
+        ValueError: the positions have no extent, so a leaf has no edge.
+    """
+    from .particles import Particles
+
+    if not isinstance(depth, (int, np.integer)) or not 0 <= depth <= 8:
+        raise ValueError(f"depth: expected 0 to 8, got {depth!r}")
+    particles = positions if isinstance(positions, Particles) else Particles(positions)
+    lo, hi = particles.bounds()
+    extent = float(np.max(hi - lo))
+    if not extent > 0:
+        raise ValueError(f"positions: expected some extent, got {extent:g}")
+    return 0.5 * extent / 2**depth
+
+
+def fitting_depth(extent: float, largest: float) -> int:
+    """Deepest level of an octree of this extent, 0 to 8, with cells no smaller than the largest
+    support."""
+    return int(np.clip(np.floor(np.log2(extent / largest)), 0, 8))

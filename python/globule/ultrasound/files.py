@@ -1,0 +1,391 @@
+"""Sweeps from files, and back: `read_sweep` and `write_sweep`."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..formats.errors import FormatError, bad
+from ..formats.sweeps import igs, stack
+from ..formats.sweeps.poses import PoseTable, interpolate, read_poses, write_csv
+from ..formats.sweeps.transforms import (
+    WORLDS,
+    Edges,
+    Transform,
+    chain,
+    find_path,
+    format_matrix,
+    parse_matrix,
+    split_name,
+)
+from .calibration import Calibration
+from .setup import Setup
+from .sweep import Sweep, checked_frames
+
+EXTENSIONS = (*igs.EXTENSIONS, ".npz", ".npy", *stack.DICOM)
+WRITABLE = (".igs.mha", ".mha", ".igs.nrrd", ".nrrd", ".npz")
+_POSES_BESIDE = "poses.csv"  # of a folder of pictures
+
+
+def read_sweep(
+    path: str | os.PathLike,
+    calibration: Calibration | str | os.PathLike | None = None,
+    plus: str | os.PathLike | None = None,
+    poses: str | os.PathLike | None = None,
+    temporal_offset: float | None = None,
+    clip: Any = None,
+    fan: Any = None,
+    mask: Any = None,
+    frame_times: Any = None,
+) -> Sweep:
+    """Read a tracked sweep.
+
+    Args:
+        path: PLUS/IGSIO .igs.mha or .igs.nrrd; .npz with frames and world_from_image; or a stack of
+            images (folder of pictures, .mha, .nrrd, .npy, .npz, DICOM) with `poses`.
+        calibration: probe_from_image and region: a Calibration or its .toml.
+        plus: PLUS configuration (.xml) with transforms and region.
+        poses: table (.csv, .json) of world_from_probe, or of world_from_image (with its scale)
+            where no calibration is given; interpolated to the times of the frames.
+        temporal_offset: s, a frame at time t takes the pose at t + offset; default: the
+            calibration's, or 0.
+        clip: (column, row, width, height) in pixels; fan: see `Fan`; mask: (H, W) or an image's
+            path. They combine, and replace what calibration and configuration say of the same.
+        frame_times: (F,) s, or frames per second, for a stack that does not know its times.
+
+    A frame counts if its image and every transform on the way to the world have the status OK, and
+    if poses surround its time. Raises FormatError or ValueError with one line that says what is
+    wrong; FileNotFoundError and other OSErrors pass unchanged.
+    """
+    setup = Setup(calibration, plus, clip, fan, mask)
+    if temporal_offset is None:
+        temporal_offset = setup.temporal_offset
+    if not np.isfinite(temporal_offset):
+        raise ValueError(f"temporal_offset: expected a finite number, got {temporal_offset}")
+    recording, arrays = _recording(path)
+    if frame_times is not None:
+        times = _frame_times(frame_times, len(recording.frames))
+        recording = recording._replace(times=times)
+    edges = dict(setup.edges)
+    if poses is None and os.path.isdir(path) and (Path(path) / _POSES_BESIDE).is_file():
+        poses = Path(path) / _POSES_BESIDE
+    metadata: dict[str, Any] = {"fields": recording.fields}
+    if poses is not None:
+        table = read_poses(poses)
+        recording, name = _posed(poses, recording, table, temporal_offset, setup)
+        edges |= {name: recording.edges[name]}
+        temporal_offset = 0.0  # the table has been asked with it
+    else:
+        if "world_from_image" in arrays:
+            recording.edges["Image", _text(arrays.get("world"), "Reference")] = _from_arrays(
+                path, arrays, len(recording.frames)
+            )
+        edges |= recording.edges
+        metadata["frame_fields"] = recording.frame_fields
+    if setup.calibration:  # it counts, whatever the file says of the image
+        edges = {key: edge for key, edge in edges.items() if "Image" not in key}
+        edges["Image", "Probe"] = setup.edges["Image", "Probe"]
+    sweep = _assembled(path, recording, edges, setup, temporal_offset, metadata)
+    sweep.space = _space(path, arrays)
+    sweep.mask = setup.mask(sweep.frames.shape[1:], _mask_beside(path, arrays))
+    return sweep
+
+
+def write_sweep(path: str | os.PathLike, sweep: Sweep) -> None:
+    """Write a sweep: .igs.mha, .igs.nrrd, .npz, or a new folder of PNG files with poses.csv.
+
+    Fields that a file had are written again as they were, with the calibration beside them; poses
+    that were changed since replace those they came from. The .igs formats cannot hold the mask.
+    """
+    if not isinstance(sweep, Sweep):
+        raise TypeError(f"sweep: expected Sweep, got {type(sweep).__name__}")
+    name = os.fspath(path).lower()
+    if name.endswith(".npz"):
+        _write_npz(path, sweep)
+    elif name.endswith(WRITABLE):
+        igs.write(path, _as_recording(sweep))
+    elif "." not in os.path.basename(name.rstrip("/")):
+        _write_folder(path, sweep)
+    else:
+        raise FormatError(f"{path}: expected a folder or {' '.join(WRITABLE)}")
+
+
+def is_sweep(path: str | os.PathLike) -> bool:
+    """Whether a file or folder holds tracked frames, by name and, where needed, by header."""
+    name = os.fspath(path).lower()
+    if name.endswith((".igs.mha", ".igs.nrrd", *stack.DICOM)) or os.path.isdir(path):
+        return True
+    if name.endswith((".mha", ".nrrd")):
+        with open(path, "rb") as file:
+            head = file.read(65536).split(b"ElementDataFile")[0].split(b"\n\n")[0]
+        return b"Seq_Frame0000_" in head and b"Transform" in head.replace(b"TransformMatrix", b"")
+    if name.endswith(".npz"):
+        import zipfile
+
+        try:
+            with zipfile.ZipFile(path) as archive:
+                return {"frames.npy", "world_from_image.npy"} <= set(archive.namelist())
+        except zipfile.BadZipFile:
+            return False
+    return False
+
+
+def _recording(path: str | os.PathLike) -> tuple[igs.Recording, dict[str, np.ndarray]]:
+    """Frames and what their file says; the other arrays of a NumPy archive."""
+    name = os.fspath(path).lower()
+    if name.endswith(igs.EXTENSIONS):
+        recording, arrays = igs.read(path), {}
+    else:
+        if os.path.isdir(path):
+            images = stack.read_folder(path)
+        elif name.endswith((".npz", ".npy")):
+            images = stack.read_numpy(path)
+        elif name.endswith(stack.DICOM):
+            images = stack.read_dicom(path)
+        else:
+            raise FormatError(f"{path}: expected a folder or one of {' '.join(EXTENSIONS)}")
+        ok = np.ones(len(images.frames), bool)
+        fields = [{} for _ in ok]
+        recording = igs.Recording(images.frames, images.times, {}, ok, {}, fields)
+        arrays = images.arrays
+    try:
+        return recording._replace(frames=checked_frames(recording.frames)), arrays
+    except (TypeError, ValueError) as error:
+        raise bad(path, "", str(error)) from None
+
+
+def _frame_times(value: Any, n: int) -> np.ndarray:
+    try:
+        times = np.asarray(value, np.float64)
+    except (TypeError, ValueError):
+        raise TypeError(f"frame_times: expected numbers, got {value!r}") from None
+    if times.ndim == 0 and np.isfinite(times) and times > 0:
+        return np.arange(n) / float(times)
+    if times.shape != (n,) or not np.isfinite(times).all():
+        expected = f"frames per second or {n} finite times"
+        raise ValueError(f"frame_times: expected {expected}, got shape {times.shape}")
+    return times
+
+
+def _posed(
+    path: Any, recording: igs.Recording, table: PoseTable, offset: float, setup: Setup
+) -> tuple[igs.Recording, tuple[str, str]]:
+    """The recording with the table's poses at its frames, and between which frames they lead."""
+    n = len(recording.frames)
+    if not table.ok.any():
+        raise bad(path, "", f"expected a pose with status OK, got none in {len(table.ok)}")
+    times = recording.times
+    if times is None and len(table.ok) == n:
+        times = table.times  # one row a frame; None if the table has no times either
+    if table.times is None or times is None:
+        if len(table.ok) != n:
+            problem = f"expected {n} poses, one a frame, or times in the table and of the frames"
+            raise bad(path, "", f"{problem}, got {len(table.ok)} poses")
+        if offset:
+            raise bad(path, "", "expected times in the table, for a temporal offset")
+        matrices, ok = table.matrices, table.ok
+    else:
+        try:
+            matrices, ok = interpolate(table, times + offset)
+        except ValueError as error:
+            raise bad(path, "", str(error)) from None
+    scales = np.linalg.norm(table.matrices[table.ok][:, :3, :2], axis=1)
+    if not setup.calibrated and np.allclose(scales, 1, atol=1e-3):
+        problem = "expected a calibration (mm per pixel) beside poses without scale, got none"
+        raise bad(path, "", problem)
+    if setup.calibrated and not np.allclose(scales, 1, atol=0.1):
+        problem = "expected poses without scale beside a calibration (clip, fan, mask may be)"
+        raise bad(path, "", f"{problem}, got {np.median(scales):.4g} mm per pixel")
+    name = ("Probe" if setup.calibrated else setup.image, "Reference")
+    edges = {name: Transform(matrices, ok)}
+    return recording._replace(times=times, edges=edges), name
+
+
+def _assembled(
+    path: Any, recording: igs.Recording, edges: Edges, setup: Setup, offset: float,
+    metadata: dict[str, Any],
+) -> Sweep:  # fmt: skip
+    n = len(recording.frames)
+    image = setup.image
+    wanted = (setup.world,) if setup.world else WORLDS
+    found = {world: find_path(edges, image, world) for world in wanted}
+    world = next((world for world in wanted if found[world]), None)
+    if world is None:
+        names = " ".join(sorted(f"{a}To{b}" for a, b in edges)) or "no transform"
+        problem = f"expected a way from {image} to {' or '.join(wanted)}, got {names}"
+        raise bad(path, "poses", f"{problem}; give a calibration, PLUS configuration or poses")
+    way = found[world]
+    if offset:
+        edges = _shifted(path, recording, edges, way, offset)
+    placed = chain(edges, way, n)
+    valid = placed.ok & recording.ok
+    if not valid.any():
+        raise bad(path, "poses", f"expected a frame with image and pose OK, got none in {n}")
+    matrices = np.where(placed.ok[:, None, None], placed.matrices, np.nan)
+    # What writing needs: the way, and the transforms on it that no frame holds.
+    metadata |= {
+        "way": way,
+        "constant": {
+            key: edges[key].matrices
+            for key in (*way, *((b, a) for a, b in way))
+            if key in edges and edges[key].matrices.ndim == 2
+        },
+    }
+    try:
+        return Sweep(recording.frames, matrices, recording.times, valid, world=world,
+                     metadata=metadata)  # fmt: skip
+    except ValueError as error:
+        raise bad(path, "", str(error)) from None
+
+
+def _shifted(
+    path: Any, recording: igs.Recording, edges: Edges, way: list[tuple[str, str]], offset: float
+) -> Edges:
+    """The tracker's transforms on the way, each at offset later than its frame."""
+    if recording.times is None:
+        raise bad(path, "Timestamp", "expected a time in every frame, for a temporal offset")
+    order = np.argsort(recording.times, kind="stable")
+    shifted = dict(edges)
+    for key in (*way, *((b, a) for a, b in way)):
+        if key in edges and edges[key].matrices.ndim == 3:
+            edge = edges[key]
+            table = PoseTable(recording.times[order], edge.matrices[order], edge.ok[order])
+            shifted[key] = Transform(*interpolate(table, recording.times + offset))
+    return shifted
+
+
+def _from_arrays(path: Any, arrays: dict[str, np.ndarray], n: int) -> Transform:
+    matrices = arrays["world_from_image"]
+    if matrices.shape != (n, 4, 4) or matrices.dtype.kind not in "iuf":
+        got = f"{matrices.dtype} {matrices.shape}"
+        raise bad(path, "world_from_image", f"expected numbers ({n}, 4, 4), got {got}")
+    ok = arrays.get("valid", np.ones(n, bool))
+    if ok.shape != (n,) or ok.dtype != bool:
+        raise bad(path, "valid", f"expected ({n},) bool, got {ok.dtype} {ok.shape}")
+    return Transform(matrices.astype(np.float64), ok & np.isfinite(matrices).all(axis=(1, 2)))
+
+
+def _text(array: np.ndarray | None, default: str) -> str:
+    return str(array) if array is not None and array.shape == () else default
+
+
+def _space(path: Any, arrays: dict[str, np.ndarray]) -> str:
+    space = _text(arrays.get("space"), "LPS")
+    if space not in ("LPS", "RAS"):
+        raise bad(path, "space", f"expected LPS or RAS, got {space[:20]!r}")
+    return space
+
+
+def _mask_beside(path: Any, arrays: dict[str, np.ndarray]) -> Any:
+    if os.path.isdir(path) and (Path(path) / stack.MASK).is_file():
+        return Path(path) / stack.MASK
+    return arrays.get("mask")
+
+
+def _as_recording(sweep: Sweep) -> igs.Recording:
+    """The sweep as PLUS has it: the file's own fields, and poses where those do not give them."""
+    if sweep.space != "LPS":
+        raise ValueError(f"space: expected LPS for .mha and .nrrd, got {sweep.space}")
+    kept = sweep.metadata.get("frame_fields") or [{} for _ in sweep.frames]
+    kept = [dict(fields) for fields in kept]
+    way = sweep.metadata.get("way", [])
+    constant = sweep.metadata.get("constant", {})
+    if any(kept):
+        for (source, target), matrix in constant.items():
+            for fields in kept:
+                fields.setdefault(f"{source}To{target}Transform", format_matrix(matrix))
+                fields.setdefault(f"{source}To{target}TransformStatus", "OK")
+    if not all(_gives_pose(sweep, i, fields, way) for i, fields in enumerate(kept)):
+        kept = [_with_direct_pose(sweep, i, fields, way) for i, fields in enumerate(kept)]
+    for i, fields in enumerate(kept):
+        if sweep.timestamps is not None:
+            text = fields.get("Timestamp")
+            if text is None or float(text) != sweep.timestamps[i]:
+                fields["Timestamp"] = repr(float(sweep.timestamps[i]))
+        if sweep.valid[i]:
+            fields["ImageStatus"] = "OK"
+        elif fields.get("ImageStatus", "OK") == "OK" and _statuses_ok(fields, way):
+            fields["ImageStatus"] = "INVALID"
+    fields = sweep.metadata.get("fields", {})
+    return igs.Recording(sweep.frames, sweep.timestamps, {}, sweep.valid, fields, kept)
+
+
+def _steps(way: list[tuple[str, str]]) -> list[str]:
+    """The names under which a file may hold the transforms of a way."""
+    return [f"{a}To{b}Transform" for a, b in (*way, *((b, a) for a, b in way))]
+
+
+def _statuses_ok(fields: dict[str, str], way: list[tuple[str, str]]) -> bool:
+    return all(fields.get(f"{name}Status", "OK") == "OK" for name in _steps(way))
+
+
+def _gives_pose(sweep: Sweep, i: int, fields: dict[str, str], way: list[tuple[str, str]]) -> bool:
+    """Whether frame i is not valid, or its fields give exactly its pose."""
+    if not way:
+        return False
+    if not sweep.valid[i]:
+        return True
+    edges: Edges = {}
+    for name in _steps(way):
+        if name in fields:
+            matrix = parse_matrix(fields[name])
+            edges[split_name(name.removesuffix("Transform"))] = Transform(matrix, np.array(True))
+    if not all(step in edges or step[::-1] in edges for step in way):
+        return False
+    placed = chain(edges, way, 1)
+    exact = np.array_equal(placed.matrices[0], sweep.world_from_image[i])
+    return exact and _statuses_ok(fields, way)
+
+
+def _with_direct_pose(
+    sweep: Sweep, i: int, fields: dict[str, str], way: list[tuple[str, str]]
+) -> dict[str, str]:
+    """The fields with the pose as one transform: PLUS allows one way between two frames."""
+    replaced = [name + end for name in _steps(way) for end in ("", "Status")]
+    fields = {name: text for name, text in fields.items() if name not in replaced}
+    name = f"ImageTo{sweep.world}Transform"
+    known = np.isfinite(sweep.world_from_image[i]).all()
+    fields[name] = format_matrix(sweep.world_from_image[i] if known else np.eye(4))
+    fields[name + "Status"] = "OK" if sweep.valid[i] else "INVALID"
+    return fields
+
+
+def _write_npz(path: str | os.PathLike, sweep: Sweep) -> None:
+    from ..formats.volumes.npz import write_arrays
+
+    arrays = {
+        "frames": sweep.frames, "world_from_image": sweep.world_from_image, "valid": sweep.valid,
+        "world": np.array(sweep.world), "space": np.array(sweep.space),
+    }  # fmt: skip
+    if sweep.timestamps is not None:
+        arrays["timestamps"] = sweep.timestamps
+    if sweep.mask is not None:
+        arrays["mask"] = sweep.mask
+    write_arrays(path, arrays)
+
+
+def _write_folder(path: str | os.PathLike, sweep: Sweep) -> None:
+    from PIL import Image
+
+    if sweep.frames.dtype == np.float32:
+        raise ValueError("frames: expected uint8 or uint16 for PNG, got float32")
+    folder = Path(path)
+    if folder.exists():
+        raise ValueError(f"{path}: expected the name of a new folder, got one that exists")
+    temporary = folder.with_name(f".{folder.name}.{os.urandom(6).hex()}.tmp")
+    temporary.mkdir()
+    try:
+        for i, frame in enumerate(sweep.frames):
+            Image.fromarray(frame).save(temporary / f"frame_{i:04d}.png")
+        if sweep.mask is not None:
+            Image.fromarray(sweep.mask.astype(np.uint8) * 255).save(temporary / stack.MASK)
+        table = PoseTable(sweep.timestamps, sweep.world_from_image, sweep.valid)
+        write_csv(temporary / _POSES_BESIDE, table)
+        temporary.rename(folder)
+    except BaseException:
+        shutil.rmtree(temporary)
+        raise

@@ -1,0 +1,105 @@
+"""Marked pixels of a calibration target, and where the probe was when each was seen.
+
+A table (.csv) of `column` and `row`, in pixels, and of each mark either its pose (the columns of a
+pose table, see sweeps/poses.py) or the number of its `frame` in a tracked recording, from 0.
+"""
+
+from __future__ import annotations
+
+import csv
+import os
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..formats.errors import bad, shown
+from ..formats.sweeps.poses import _csv_rows, _number, interpolate, read_poses
+from ..formats.sweeps.transforms import WORLDS, chain, find_path
+from .files import _frame_times, _recording
+
+
+class Tracked(NamedTuple):
+    """A recording of which no calibration is needed.
+
+    frames (F, H, W), times (F,) s or None; poses (N, 4, 4) world_from_probe, mm, with ok (N,) and
+    their times (N,) s or None; by_frame (F, 4, 4) and by_frame_ok (F,): the poses of the frames.
+    """
+
+    frames: np.ndarray
+    times: np.ndarray | None
+    poses: np.ndarray
+    ok: np.ndarray
+    pose_times: np.ndarray | None
+    by_frame: np.ndarray
+    by_frame_ok: np.ndarray
+
+
+def read_tracked(path: Any, poses: Any = None, frame_times: Any = None) -> Tracked:
+    """Frames and poses of the probe: of a PLUS file, or of a stack of images and a table."""
+    recording, _ = _recording(path)
+    n = len(recording.frames)
+    times = recording.times if frame_times is None else _frame_times(frame_times, n)
+    if poses is None:
+        ways = [find_path(recording.edges, "Probe", world) for world in WORLDS]
+        way = next((way for way in ways if way), None)
+        if way is None:
+            got = " ".join(f"{a}To{b}" for a, b in recording.edges) or "no transforms"
+            raise bad(path, "", f"expected a way from Probe to {' or '.join(WORLDS)}, got {got}")
+        placed = chain(recording.edges, way, n)
+        ok = placed.ok & recording.ok
+        return Tracked(recording.frames, times, placed.matrices, ok, times, placed.matrices, ok)
+    table = read_poses(poses)
+    if table.times is None:
+        if len(table.matrices) != n:
+            expected = f"a time in each row, or {n} rows as there are frames"
+            raise bad(poses, "", f"expected {expected}, got {len(table.matrices)} rows")
+        return Tracked(recording.frames, times, *table[1:], times, *table[1:])
+    if times is None:
+        raise bad(path, "", "expected frames that know their times; give them (frame_times)")
+    by_frame = interpolate(table, times)
+    return Tracked(recording.frames, times, *table[1:], table.times, *by_frame)
+
+
+def read_marks(
+    path: str | os.PathLike, recording: Tracked | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Pixels (N, 2) and world_from_probe (N, 4, 4) of a table. Raises FormatError with the row."""
+    if not os.fspath(path).lower().endswith(".csv"):
+        raise bad(path, "", "expected a table of marks, .csv")
+    try:
+        lines = list(csv.reader(Path(path).read_text(encoding="utf-8-sig").splitlines()))
+    except (UnicodeError, csv.Error) as error:
+        raise bad(path, "", f"expected a text table, got {error}") from None
+    names = [name.strip().lower() for name in lines[0]] if lines else []
+    wanted = ["column", "row", *(["frame"] if recording else [])]
+    if not set(wanted) <= set(names):
+        expected = f"columns {' '.join(wanted)}"
+        raise bad(path, "line 1", f"expected {expected}, got {shown(','.join(names))}")
+    marks = []
+    for number, line in enumerate(filter(None, lines[1:]), 2):
+        if len(line) != len(names):
+            where = f"row {number}"
+            raise bad(path, where, f"expected {len(names)} values, got {len(line)}")
+        marks.append([_number(path, f"row {number}", line[names.index(name)]) for name in wanted])
+    table = np.array(marks, np.float64).reshape(-1, len(wanted))
+    if not np.isfinite(table).all():
+        where = f"row {int(np.argmin(np.isfinite(table).all(axis=1))) + 2}"
+        raise bad(path, where, "expected numbers, got an empty or infinite one")
+    if recording is None:
+        rows = _csv_rows(path)
+        poses, ok = np.array([row[2] for row in rows]), np.array([row[3] for row in rows])
+    else:
+        frames = table[:, 2].astype(int)
+        n = len(recording.frames)
+        strange = (frames != table[:, 2]) | (frames < 0) | (frames >= n)
+        if strange.any():
+            i = int(np.argmax(strange))
+            expected = f"expected a frame of 0 to {n - 1}"
+            raise bad(path, f"row {i + 2}", f"{expected}, got {table[i, 2]:g}")
+        poses, ok = recording.by_frame[frames], recording.by_frame_ok[frames]
+    ok = ok & np.isfinite(poses).all(axis=(1, 2)) if len(ok) else ok
+    if not ok.all():
+        where = f"row {int(np.argmin(ok)) + 2}"
+        raise bad(path, where, "expected a mark with a valid pose, got one without")
+    return table[:, :2], poses

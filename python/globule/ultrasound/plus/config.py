@@ -1,0 +1,220 @@
+"""A PLUS toolkit configuration, as far as it steers volume reconstruction."""
+
+from __future__ import annotations
+
+import os
+import xml.etree.ElementTree as ElementTree
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from ...formats import FormatError
+
+INTERPOLATIONS = ("NEAREST_NEIGHBOR", "LINEAR")
+OPTIMIZATIONS = ("NONE", "PARTIAL", "FULL")
+COMPOUNDINGS = ("LATEST", "MAXIMUM", "MEAN", "IMPORTANCE_MASK")
+FILLERS = (
+    "GAUSSIAN",
+    "GAUSSIAN_ACCUMULATION",
+    "DISTANCE_WEIGHT_INVERSE",
+    "NEAREST_NEIGHBOR",
+    "STICK",
+)
+
+
+@dataclass
+class Filler:
+    """One HoleFillingElement; `size` is the kernel's edge or the longest stick, in voxels."""
+
+    type: str
+    size: int
+    n_sticks: int = 1
+    deviation: float = 0.0
+    least_ratio: float = 0.0
+
+    def weights(self) -> np.ndarray:
+        """The kernel (size, size, size) float32, as PLUS computes it; empty where there is none."""
+        n = self.size
+        if self.type in ("STICK", "NEAREST_NEIGHBOR"):
+            return np.empty(0, np.float32)
+        offset = np.arange(n, dtype=np.float64) - np.float32((n - 1) / 2)
+        if self.type == "DISTANCE_WEIGHT_INVERSE":
+            o = offset.astype(np.float32) ** 2
+            distance = np.sqrt(o[None, None, :] + o[None, :, None] + o[:, None, None])
+            with np.errstate(divide="ignore"):
+                inverse = np.float32(1) / distance
+            return np.where(distance > 0, inverse, np.float32(0)).astype(np.float32)
+        deviation = np.float32(self.deviation)
+        divisor = float(np.float32(float(deviation * deviation) * 2.0))
+        term = np.float32((2 * np.pi) ** 1.5 * float(deviation) ** 3)
+        e = offset**2 / divisor
+        exponent = -((e[None, None, :] + e[None, :, None]) + e[:, None, None])
+        return (float(np.float32(1) / term) * np.exp(exponent)).astype(np.float32)
+
+
+@dataclass
+class PlusConfig:
+    """The VolumeReconstruction element; lengths are pixels but for the spacing, mm."""
+
+    spacing: tuple[float, float, float]
+    interpolation: str = "NEAREST_NEIGHBOR"
+    optimization: str = "FULL"
+    compounding: str = "MEAN"
+    clip_origin: tuple[int, int] = (0, 0)
+    clip_size: tuple[int, int] = (0, 0)
+    fan_angles: tuple[float, float] = (0.0, 0.0)
+    fan_origin: tuple[float, float] = (0.0, 0.0)
+    fan_start: float = 0.0
+    fan_stop: float = 500.0
+    detect_fan: bool = False
+    detect_brightness: float = 30.0
+    detect_radius: int = 10
+    rejection: float | None = None
+    skip: int = 1
+    recompute_spacing: bool = False
+    fill_holes: bool = False
+    fillers: list[Filler] = field(default_factory=list)
+    importance_file: str | None = None
+
+
+def read_plus_config(path: str | os.PathLike) -> PlusConfig:
+    """Read the VolumeReconstruction element of a PLUS XML.
+
+    Raises:
+        FormatError: the file is no XML, lacks the element or a value has a wrong form.
+    """
+    path = Path(path)
+    try:
+        root = ElementTree.parse(path).getroot()
+    except ElementTree.ParseError as error:
+        raise FormatError(f"{path}: not well-formed XML: {error}") from None
+    found = [e for e in root.iter() if e.tag.lower() == "volumereconstruction"]
+    if not found:
+        raise FormatError(f"{path}: expected a VolumeReconstruction element, found none")
+    read = _Attributes(path, found[0])
+    spacing = read.numbers("OutputSpacing", 3)
+    if spacing is None:
+        raise FormatError(f"{path}: VolumeReconstruction: expected OutputSpacing, found none")
+    if min(spacing) <= 0:
+        raise FormatError(f"{path}: OutputSpacing: expected positive numbers, got {spacing}")
+    config = PlusConfig(spacing)
+    read.into(config, "interpolation", read.choice("Interpolation", INTERPOLATIONS))
+    read.into(config, "optimization", read.choice("Optimization", OPTIMIZATIONS))
+    config.compounding = _compounding(read)
+    for name, attribute in (
+        ("clip_origin", "ClipRectangleOrigin"),
+        ("clip_size", "ClipRectangleSize"),
+    ):
+        value = read.numbers(attribute, 2)
+        read.into(config, name, value and tuple(int(v) for v in value))
+    read.into(config, "fan_angles", read.numbers("FanAngles", 2))
+    read.into(config, "fan_angles", read.numbers("FanAnglesDeg", 2))
+    read.into(config, "fan_origin", read.numbers("FanOrigin", 2))
+    read.into(config, "fan_origin", read.numbers("FanOriginPixel", 2))
+    read.into(config, "fan_stop", read.number("FanDepth"))
+    read.into(config, "fan_start", read.number("FanRadiusStartPixel"))
+    read.into(config, "fan_stop", read.number("FanRadiusStopPixel"))
+    read.into(config, "detect_fan", read.flag("EnableFanAnglesAutoDetect", "TRUE", "FALSE"))
+    read.into(config, "detect_brightness", read.number("FanAnglesAutoDetectBrightnessThreshold"))
+    read.into(config, "detect_radius", read.integer("FanAnglesAutoDetectFilterRadiusPixel"))
+    read.into(config, "rejection", read.number("PixelRejectionThreshold"))
+    config.skip = max(read.integer("SkipInterval") or 1, 1)
+    read.into(config, "recompute_spacing", read.flag("RecomputeOutputSpacing", "TRUE", "FALSE"))
+    read.into(config, "fill_holes", read.flag("FillHoles", "ON", "OFF"))
+    if config.fill_holes:
+        config.fillers = [
+            _filler(path, e) for e in found[0].iter() if e.tag.lower() == "holefillingelement"
+        ]
+        if not config.fillers:
+            raise FormatError(f"{path}: FillHoles is ON: expected a HoleFillingElement, found none")
+    name = found[0].get("ImportanceMaskFilename")
+    if name:
+        config.importance_file = str(path.parent / name)
+    return config
+
+
+class _Attributes:
+    """Attributes of one element, checked."""
+
+    def __init__(self, path: Path, element: ElementTree.Element):
+        self.path, self.element = path, element
+
+    @staticmethod
+    def into(target: object, name: str, value: object) -> None:
+        if value is not None:
+            setattr(target, name, value)
+
+    def numbers(self, name: str, n: int) -> tuple | None:
+        text = self.element.get(name)
+        if text is None:
+            return None
+        try:
+            values = tuple(float(v) for v in text.split())
+        except ValueError:
+            values = ()
+        if len(values) != n or not np.isfinite(values).all():
+            raise FormatError(f"{self.path}: {name}: expected {n} numbers, got {text!r}")
+        return values
+
+    def number(self, name: str) -> float | None:
+        values = self.numbers(name, 1)
+        return None if values is None else values[0]
+
+    def integer(self, name: str) -> int | None:
+        value = self.number(name)
+        if value is not None and value != int(value):
+            raise FormatError(f"{self.path}: {name}: expected an integer, got {value:g}")
+        return None if value is None else int(value)
+
+    def choice(self, name: str, names: tuple[str, ...]) -> str | None:
+        text = self.element.get(name)
+        if text is None:
+            return None
+        if text.upper() not in names:
+            raise FormatError(f"{self.path}: {name}: expected {', '.join(names)}, got {text!r}")
+        return text.upper()
+
+    def flag(self, name: str, yes: str, no: str) -> bool | None:
+        text = self.choice(name, (yes, no))
+        return None if text is None else text == yes
+
+
+def _compounding(read: _Attributes) -> str:
+    """CompoundingMode, or what the attributes that it replaced say."""
+    mode = read.choice("CompoundingMode", COMPOUNDINGS)
+    if mode is not None:
+        return mode
+    if read.choice("Calculation", ("WEIGHTED_AVERAGE", "MAXIMUM")) == "MAXIMUM":
+        return "MAXIMUM"
+    return "LATEST" if read.choice("Compounding", ("ON", "OFF")) == "OFF" else "MEAN"
+
+
+def _filler(path: Path, element: ElementTree.Element) -> Filler:
+    read = _Attributes(path, element)
+    kind = read.choice("Type", FILLERS)
+
+    def needed(name: str, get: object) -> float:
+        value = get(name)
+        if value is None:
+            raise FormatError(f"{path}: HoleFillingElement {kind}: expected {name}, found none")
+        return value
+
+    if kind is None:
+        raise FormatError(f"{path}: HoleFillingElement: expected Type, found none")
+    if kind == "STICK":
+        filler = Filler(
+            kind,
+            needed("StickLengthLimit", read.integer),
+            needed("NumberOfSticksToUse", read.integer),
+        )
+    else:
+        filler = Filler(kind, needed("Size", read.integer))
+        filler.least_ratio = needed("MinimumKnownVoxelsRatio", read.number)
+        if kind.startswith("GAUSSIAN"):
+            filler.deviation = needed("Stdev", read.number)
+    if not 1 <= filler.size <= 255:
+        raise FormatError(
+            f"{path}: HoleFillingElement {kind}: expected a size of 1 to 255, got {filler.size}"
+        )
+    return filler

@@ -1,0 +1,93 @@
+"""What a PLUS configuration (.xml) says about a sweep: calibration and region.
+
+https://plustoolkit.github.io, <CoordinateDefinitions> and <VolumeReconstruction>.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..formats.errors import bad, shown
+from ..formats.sweeps.transforms import Edges, Transform, parse_matrix
+from ..formats.vtk_xml import parse_xml
+from .region import Clip, Fan, checked_clip, checked_fan
+
+
+class PlusGeometry(NamedTuple):
+    """transforms between named frames, region, and the names of the image's and world's frame."""
+
+    edges: Edges
+    clip: Clip | None
+    fan: Fan | None
+    image: str
+    world: str | None
+
+
+def read_plus(path: str | os.PathLike) -> PlusGeometry:
+    """Read transforms and region. Raises FormatError naming the element."""
+    root = _root(path)
+    edges: Edges = {}
+    for element in root.iter("Transform"):
+        if element.get("Matrix") is None:
+            continue
+        names = element.get("From"), element.get("To")
+        where = f"Transform {names[0]} to {names[1]}"
+        if not all(names):
+            raise bad(path, "Transform", "expected From and To, got neither or one")
+        try:
+            matrix = parse_matrix(element.get("Matrix"))
+        except ValueError as error:
+            raise bad(path, where, f"expected 16 numbers, got {error}") from None
+        if not np.isfinite(matrix).all() or abs(np.linalg.det(matrix)) < 1e-12:
+            raise bad(path, where, "expected a matrix that can be inverted, got a singular one")
+        edges[names] = Transform(matrix, np.array(True))
+    region = root.find(".//VolumeReconstruction")
+    clip = fan = None
+    image, world = "Image", None
+    if region is not None:
+        image = region.get("ImageCoordinateFrame", "Image")
+        world = region.get("ReferenceCoordinateFrame")
+        origin = _numbers(path, region, "ClipRectangleOrigin", 2)
+        size = _numbers(path, region, "ClipRectangleSize", 2)
+        angles = _either(path, region, ("FanAnglesDeg", "FanAngles"), [0.0, 0.0])
+        apex = _either(path, region, ("FanOriginPixel", "FanOrigin"), [0.0, 0.0])
+        start = _either(path, region, ("FanRadiusStartPixel",), [0.0])
+        stop = _either(path, region, ("FanRadiusStopPixel", "FanDepth"), [500.0])
+        try:
+            if origin and size and min(size) > 0:  # other sizes mean the whole image
+                clip = checked_clip([*origin, *size])
+            if angles[0] != angles[1]:
+                fan = checked_fan([*apex, *angles, *start, *stop])
+        except ValueError as error:
+            raise bad(path, "VolumeReconstruction", str(error)) from None
+    return PlusGeometry(edges, clip, fan, image, world)
+
+
+def _root(path: str | os.PathLike) -> Any:
+    root = parse_xml(path, Path(path).read_bytes())
+    if root.tag != "PlusConfiguration":
+        raise bad(path, "", f"expected <PlusConfiguration>, got {shown(root.tag)}")
+    return root
+
+
+def _either(path: Any, element: Any, names: tuple[str, ...], default: list[float]) -> list[float]:
+    """The first attribute that is there; later names are older."""
+    found = (_numbers(path, element, name, len(default)) for name in names)
+    return next((values for values in found if values is not None), default)
+
+
+def _numbers(path: Any, element: Any, name: str, n: int) -> list[float] | None:
+    text = element.get(name)
+    if text is None:
+        return None
+    try:
+        values = [float(word) for word in text.split()]
+    except ValueError:
+        values = []
+    if len(values) != n:
+        raise bad(path, name, f"expected {n} numbers, got {shown(text)}")
+    return values

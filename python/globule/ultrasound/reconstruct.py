@@ -1,0 +1,365 @@
+"""From a tracked sweep to a volume: pixel-based, voxel-based and Bezier methods."""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from .. import _core
+from .._base.arrays import NOWHERE, DeviceArray, address, located
+from .._base.checks import thread_count
+from .._base.device import choose
+from .._base.memory import free_bytes as free_host_bytes
+from ..volumes.volume import Volume
+from .grid import (
+    VoxelGrid,
+    areas,
+    bounds,
+    check_memory,
+    estimate_bytes,
+    make_grid,
+)
+
+METHODS = ("pvn-om", "vvn-om", "pvn", "vvn", "bezier")
+COMPOUNDINGS = ("mean", "maximum", "latest", "first", "median")
+HOLE_WEIGHTS = ("normalized", "printed")
+MAX_KERNEL = 255
+_TYPES = {np.dtype(np.uint8): 0, np.dtype(np.uint16): 1, np.dtype(np.float32): 2}
+_FILL = {"pvn-om": 0, "bezier": 0, "vvn-om": 1, "pvn": 2, "vvn": 3}
+_LARGEST_TABLE = 31  # radius up to which hole weights come from a table
+
+
+class Options(NamedTuple):
+    """What is done with the pixels; checked by `check_options`."""
+
+    method: str = "pvn-om"
+    max_kernel: int = 9
+    compounding: str = "mean"
+    hole_weights: str = "normalized"
+    max_distance: float | None = None
+
+    def reach(self, spacing: float) -> int:
+        """Largest radius of a hole's kernel, voxels."""
+        reach = (self.max_kernel - 1) // 2
+        if self.max_distance is not None:
+            reach = min(reach, math.floor(self.max_distance / spacing + 1e-9))
+        return reach
+
+
+def reconstruct(
+    sweep: Any,
+    method: str = "pvn-om",
+    spacing: float | None = None,
+    size: Any = None,
+    max_kernel: int = 9,
+    compounding: str = "mean",
+    hole_weights: str = "normalized",
+    region: Any = None,
+    max_distance: float | None = None,
+    device: str = "auto",
+    threads: int = 0,
+) -> Volume:
+    """Reconstruct a volume from all valid frames of a sweep.
+
+    Args:
+        sweep: `Sweep`: frames (F, H, W) uint8, uint16 or float32, and their poses, mm. If they
+            lie on the GPU that is to reconstruct, the volume stays there too until it is read.
+        method: "pvn-om" bins pixels into voxels and fills holes from a growing kernel; "vvn-om"
+            averages, for every voxel, the pixels in a growing sphere; "pvn" and "vvn" are the same
+            without octree, for comparison; "bezier" lays curves through pixels of four frames.
+        spacing: edge of a voxel, mm. Or
+        size: voxels along the longest axis, or three numbers x, y, z.
+        max_kernel: edge of the largest kernel, odd, voxels; 1 leaves all holes.
+        compounding: of several pixels in a voxel (pvn-om): mean, maximum, latest, first, median.
+        hole_weights: "normalized", or "printed": as the source's (4.3) has it, too dark.
+        region: ((x, y, z), (x, y, z)) low and high corner, mm, world; default: all pixels.
+        max_distance: holes farther than this along an axis from any pixel stay empty, mm.
+        device: "auto", "cpu", "cuda" or "cuda:N". threads: of the CPU; 0 takes all.
+
+    Returns:
+        Volume of the frames' type. The mean is rounded to nearest; the same bits on any device.
+
+    Raises:
+        TypeError, ValueError: naming the argument, what was expected and what came.
+        MemoryError: the volume cannot fit; names the spacing that would.
+    """
+    options = check_options(method, max_kernel, compounding, hole_weights, max_distance)
+    chosen = choose(device)
+    frames = sweep.frames
+    if isinstance(frames, DeviceArray) and chosen.name == "cpu":
+        frames = np.asarray(frames)
+    frames = check_frames(frames)
+    valid = np.flatnonzero(sweep.valid)
+    if len(valid) == 0:
+        raise ValueError("sweep: expected at least one valid frame, got none")
+    world_from_image = np.asarray(sweep.world_from_image, np.float64)[valid]
+    check_poses(world_from_image)
+    if len(valid) < len(frames):
+        frames = np.ascontiguousarray(frames[valid])  # also of device frames: on the host from here
+    mask = check_mask(getattr(sweep, "mask", None), frames.shape[1:])
+    low, high = bounds(world_from_image, mask, frames.shape[1:])
+    grid = make_grid(low, high, spacing, size, region)
+    if (grid.low > high).any() or (grid.low + grid.spacing * np.array(grid.size) < low).any():
+        corners = (", ".join(f"{v:.6g}" for v in corner) for corner in (low, high))
+        box = " to ".join(f"({corner})" for corner in corners)
+        raise ValueError(f"region: expected a box that meets the frames', {box} mm, got {region!r}")
+    poses = grid.poses(world_from_image)
+
+    core = _core.Reconstructor(chosen.backend, chosen.index, thread_count(threads))
+    needed = check_memory(
+        lambda times: estimate_bytes(
+            grid.coarser(times), poses / times, frames.shape[1:], frames.itemsize, options.method
+        ),
+        core.free_bytes() or free_host_bytes(),
+        grid,
+    )
+    whole = (
+        located(frames),
+        address(poses),
+        0 if mask is None else address(mask),
+        *frames.shape,
+    )
+    start(core, grid, frames, options, crowded(poses, frames.shape[1:]))
+    if options.method == "bezier":
+        core.bezier(*whole)
+    elif options.method == "pvn-om":
+        core.median(*whole) if options.compounding == "median" else core.add(*whole, 0, 1)
+    on_device = isinstance(frames, DeviceArray)
+    if on_device:
+        values, radius = filled_on_device(core, grid, frames.dtype, options, whole, chosen.index)
+    else:
+        values, radius = fill(core, grid, frames.dtype, options, whole)
+    info = {
+        **core.facts(),
+        "estimated_bytes": needed,
+        "device": chosen.name,
+        "method": options.method,
+    }
+    source = FrameMaps(chosen, threads, grid, frames, poses, mask, valid)
+    return Volume(
+        values, grid.world_from_voxel, radius, getattr(sweep, "space", "LPS"), info, source.make
+    )
+
+
+def start(
+    core: Any,
+    grid: VoxelGrid,
+    frames: np.ndarray,
+    options: Options,
+    wide: bool = True,
+    scale: float | None = None,
+) -> None:
+    """An empty grid in `core`; not `wide`: no voxel may hold 2^24 pixels or more."""
+    compounding = COMPOUNDINGS.index(options.compounding)
+    wide = wide or frames.dtype == np.float32 or options.method == "bezier"
+    if scale is None:
+        scale = value_scale(frames, options.method)
+    core.start(_TYPES[frames.dtype], compounding, wide, scale, *grid.size)
+
+
+def crowded(poses: np.ndarray, shape: tuple[int, int]) -> bool:
+    """Whether a voxel may hold 2^24 pixels or more. A plane meets it in a disc of diameter sqrt 3
+    at most; rows and columns of pixels fit into that as their distances allow."""
+    x, y = (poses[:, k : k + 3] / 2.0**32 for k in (3, 6))
+    column = np.linalg.norm(x, axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        row = areas(x, y) / column
+        bound = (np.sqrt(3) / column + 1) * (np.sqrt(3) / row + 1)
+    most = np.where(np.isfinite(bound), np.minimum(bound, math.prod(shape)), math.prod(shape))
+    return bool(most.sum() >= 2**24)
+
+
+def value_scale(frames: np.ndarray, method: str = "pvn-om") -> float:
+    """What values are multiplied with before they are summed as integers."""
+    if frames.dtype != np.float32:
+        return 65536.0 if method == "bezier" else 1.0
+    largest = float(np.abs(frames).max(initial=0.0))
+    return 2.0 ** (30 - math.frexp(largest)[1]) if largest > 0 else 1.0
+
+
+def fill(
+    core: Any,
+    grid: VoxelGrid,
+    dtype: Any,
+    options: Options,
+    whole: tuple,
+    last: tuple | None = None,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Dense values and kernel radii (Z, Y, X), in the arrays `last` of a call before if given."""
+    values, radius = last if last is not None else empty_volume(grid.size, dtype)
+    _fill(core, grid, options, whole, address(values), address(radius))
+    return values, radius
+
+
+def update(core: Any, grid: VoxelGrid, options: Options) -> None:
+    """Fill the volume that `core` keeps, where binned frames have changed it."""
+    _fill(core, grid, options, (NOWHERE, 0, 0, 0, 0, 0), 0, 0)
+
+
+def read_kept(
+    core: Any, first: Sequence[int], size: Sequence[int], dtype: Any
+) -> tuple[np.ndarray, np.ndarray]:
+    """Values and radii of a box of the volume that `core` keeps; voxels x, y, z."""
+    values, radius = empty_volume(size, dtype)
+    core.read_filled(first, size, address(values), address(radius))
+    return values, radius
+
+
+def filled_on_device(
+    core: Any, grid: VoxelGrid, dtype: Any, options: Options, whole: tuple, device: int
+) -> tuple[DeviceArray, DeviceArray]:
+    """The same, left in the GPU's memory."""
+    _fill(core, grid, options, whole, 0, 0)
+    arrays = []
+    for k, (place, kind) in enumerate(zip(core.filled(), (dtype, np.uint8), strict=True)):
+
+        def fetch(k: int = k, kind: Any = kind) -> np.ndarray:
+            out = np.empty(grid.size[::-1], kind)
+            places = (address(out) if k == i else 0 for i in (0, 1))
+            core.read_filled((0, 0, 0), grid.size, *places)
+            return out
+
+        arrays.append(DeviceArray(place, grid.size[::-1], kind, core, fetch, device))
+    return tuple(arrays)
+
+
+def _fill(
+    core: Any, grid: VoxelGrid, options: Options, whole: tuple, values: int, radius: int
+) -> None:
+    reach = options.reach(grid.spacing)
+    weights = hole_weight_table(reach) if reach <= _LARGEST_TABLE else None
+    core.fill(
+        _FILL[options.method],
+        *whole,
+        reach,
+        0 if weights is None else address(weights),
+        HOLE_WEIGHTS.index(options.hole_weights),
+        values,
+        radius,
+    )
+
+
+def empty_volume(size: Sequence[int], dtype: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Room for dense values and kernel radii (Z, Y, X) of so many voxels x, y, z."""
+    return np.empty(size[::-1], dtype), np.empty(size[::-1], np.uint8)
+
+
+@functools.lru_cache(maxsize=8)
+def hole_weight_table(reach: int) -> np.ndarray:
+    """exp(-d2 / sigma2) as integers of 24 bits: [sigma2, d2], both up to 3 reach^2, voxels^2."""
+    n = 3 * reach * reach + 1
+    d2 = np.arange(n, dtype=np.float64)
+    return np.rint(np.exp(-d2[None, :] / np.maximum(d2, 1)[:, None]) * 2**24).astype(np.uint32)
+
+
+class FrameMaps:
+    """Maps of a volume, made from its frames when they are asked for."""
+
+    def __init__(
+        self,
+        chosen: Any,
+        threads: int,
+        grid: VoxelGrid,
+        frames: np.ndarray,
+        poses: np.ndarray,
+        mask: np.ndarray | None,
+        index: np.ndarray,
+    ):
+        self.chosen, self.threads, self.grid = chosen, threads, grid
+        self.frames, self.poses, self.mask, self.index = frames, poses, mask, index
+
+    def make(self, name: str) -> np.ndarray:
+        """ "count" uint32, "variance" float32 or "source" int32, (Z, Y, X)."""
+        core = _core.Reconstructor(self.chosen.backend, self.chosen.index, self.threads)
+        whole = (
+            located(self.frames),
+            address(self.poses),
+            0 if self.mask is None else address(self.mask),
+            *self.frames.shape,
+        )
+        kind = {"count": np.uint32, "variance": np.float32, "source": np.int32}[name]
+        out = np.empty(self.grid.size[::-1], kind)
+        if name == "source":
+            start(core, self.grid, self.frames, Options(compounding="latest"))
+            core.add(*whole, 0, 1)
+            core.source_map(self.frames.shape[1] * self.frames.shape[2], address(out))
+            return np.where(out >= 0, self.index[out].astype(np.int32), -1)
+        scale = value_scale(self.frames)
+        if self.frames.dtype == np.float32:
+            scale /= 2.0**15  # so that squares fit
+        core.start(_TYPES[self.frames.dtype], 0, True, scale, *self.grid.size)
+        core.add(*whole, 0, 1)
+        if name == "count":
+            core.count_map(address(out))
+        else:
+            core.variance_map(*whole, address(out))
+        return out
+
+
+def check_options(
+    method: str, max_kernel: Any, compounding: str, hole_weights: str, max_distance: Any
+) -> Options:
+    """The options, or ValueError naming the one that is wrong."""
+    for name, value, names in (
+        ("method", method, METHODS),
+        ("compounding", compounding, COMPOUNDINGS),
+        ("hole_weights", hole_weights, HOLE_WEIGHTS),
+    ):
+        if value not in names:
+            raise ValueError(f"{name}: expected one of {', '.join(names)}, got {value!r}")
+    if method != "pvn-om" and compounding != "mean":
+        raise ValueError(f"compounding: expected mean for method {method}, got {compounding!r}")
+    odd = isinstance(max_kernel, (int, np.integer)) and max_kernel % 2 == 1
+    if not odd or not 1 <= max_kernel <= MAX_KERNEL:
+        raise ValueError(
+            f"max_kernel: expected an odd number of 1 to {MAX_KERNEL} voxels, got {max_kernel!r}"
+        )
+    if max_distance is not None and not (
+        isinstance(max_distance, (int, float)) and max_distance >= 0
+    ):
+        raise ValueError(f"max_distance: expected 0 mm or more, got {max_distance!r}")
+    return Options(method, int(max_kernel), compounding, hole_weights, max_distance)
+
+
+def check_frames(frames: Any) -> np.ndarray | DeviceArray:
+    """Frames (F, H, W), C-contiguous."""
+    if not isinstance(frames, DeviceArray):
+        frames = np.ascontiguousarray(frames)
+    if frames.ndim != 3 or 0 in frames.shape:
+        raise ValueError(f"frames: expected shape (F, H, W), got {frames.shape}")
+    if frames.dtype not in _TYPES:
+        raise TypeError(f"frames: expected uint8, uint16 or float32, got {frames.dtype}")
+    if frames.size >= 2**32:
+        raise ValueError(f"frames: expected fewer than 2^32 pixels in all, got {frames.size:,}")
+    if frames.dtype == np.float32 and not np.isfinite(frames).all():
+        raise ValueError("frames: expected finite values, got NaN or infinity")
+    return frames
+
+
+def check_poses(world_from_image: np.ndarray) -> None:
+    """ValueError for poses that are no finite, regular affine maps."""
+    if world_from_image.ndim != 3 or world_from_image.shape[1:] != (4, 4):
+        raise ValueError(
+            f"world_from_image: expected shape (F, 4, 4), got {world_from_image.shape}"
+        )
+    if not np.isfinite(world_from_image).all():
+        raise ValueError("world_from_image: expected finite numbers, got NaN or infinity")
+    x, y = world_from_image[:, :3, 0], world_from_image[:, :3, 1]
+    if not (areas(x, y) > 1e-12 * np.linalg.norm(x, axis=1) * np.linalg.norm(y, axis=1)).all():
+        raise ValueError(
+            "world_from_image: expected axes that span a plane, got a singular calibration"
+        )
+
+
+def check_mask(mask: Any, shape: tuple[int, int]) -> np.ndarray | None:
+    """(H, W) uint8 or None."""
+    if mask is None:
+        return None
+    mask = np.ascontiguousarray(np.asarray(mask) != 0, np.uint8)
+    if mask.shape != shape:
+        raise ValueError(f"mask: expected shape {shape} as the frames, got {mask.shape}")
+    return mask

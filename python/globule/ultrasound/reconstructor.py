@@ -1,0 +1,297 @@
+"""A volume that grows while frames come in, and can be read at any time."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from .. import _core
+from .._base.arrays import address, located, to_host
+from .._base.checks import thread_count
+from .._base.device import choose
+from .._base.interrupts import whole
+from .._base.memory import free_bytes as free_host_bytes
+from ..volumes.volume import Volume
+from .grid import (
+    MAX_AXIS,
+    VoxelGrid,
+    bounds,
+    check_memory,
+    estimate_bytes,
+    make_grid,
+)
+from .reconstruct import (
+    FrameMaps,
+    check_frames,
+    check_mask,
+    check_options,
+    check_poses,
+    read_kept,
+    start,
+    update,
+    value_scale,
+)
+
+_BLOCK = 4  # voxels; the grid grows by whole blocks
+_TILE = 16  # blocks of x; along x the grid grows by whole tiles
+
+
+class _Added(NamedTuple):
+    """Frames of one call to `add`, the box of their pixels, and the volume's before them, mm."""
+
+    frames: np.ndarray
+    world_from_image: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+    before: tuple[np.ndarray, np.ndarray] | None
+
+
+class Reconstructor:
+    """Bins frames as they come (PVN-OM); the volume equals that of all frames at once.
+
+    Voxels lie on a lattice fixed by the first frame, or by `region`; without a region the volume
+    grows with the frames. One thread may add frames while others read the volume.
+
+    Args:
+        spacing: edge of a voxel, mm.
+        mask: (H, W) bool: pixels that are used; default: all.
+        history: frames that are kept so that `undo` can take them out of a mean; None keeps all,
+            as other compoundings do. The volume has the maps of count, variance and latest frame
+            while all its frames are kept.
+        max_kernel, compounding (not median), hole_weights, max_distance, region, device, threads:
+            as for `globule.reconstruct`.
+
+    Raises:
+        TypeError, ValueError: naming the argument, what was expected and what came.
+    """
+
+    def __init__(
+        self,
+        spacing: float,
+        max_kernel: int = 9,
+        compounding: str = "mean",
+        hole_weights: str = "normalized",
+        max_distance: float | None = None,
+        region: Any = None,
+        mask: Any = None,
+        history: int | None = 64,
+        device: str = "auto",
+        threads: int = 0,
+        space: str = "LPS",
+    ):
+        self._options = check_options("pvn-om", max_kernel, compounding, hole_weights, max_distance)
+        if compounding == "median":
+            raise ValueError(
+                "compounding: a median needs all frames at once, use globule.reconstruct"
+            )
+        self._lock = threading.RLock()
+        self._region = region
+        self._mask = mask
+        self._history = history if compounding == "mean" else None
+        self._space = space
+        self._chosen, self._threads = choose(device), thread_count(threads)
+        self._core = _core.Reconstructor(self._chosen.backend, self._chosen.index, self._threads)
+        self._grid: VoxelGrid | None = None
+        self._added: list[_Added] = []
+        self._type: Any = None
+        self._shape: tuple[int, int] = (0, 0)
+        self._scale = 1.0
+        self._order = 0
+        self.n_frames = 0
+        self.spacing = make_grid(np.zeros(3), np.zeros(3), spacing, None, None).spacing
+        # Blocks around all pixels: what the grid grows by lies beyond the reach of what is in it.
+        self._margin = -(-self._options.reach(self.spacing) // _BLOCK)
+
+    @whole
+    def add(self, frames: Any, poses: Any) -> None:
+        """Add a frame, or several.
+
+        Args:
+            frames: (H, W) or (F, H, W), of the same type and size as those before.
+            poses: (4, 4) or (F, 4, 4) world_from_image, mm.
+        """
+        frames = to_host(frames)
+        frames = check_frames(frames[None] if frames.ndim == 2 else frames)
+        world_from_image = np.array(poses, np.float64)
+        if world_from_image.ndim == 2:
+            world_from_image = world_from_image[None]
+        check_poses(world_from_image)
+        if len(world_from_image) != len(frames):
+            raise ValueError(
+                f"poses: expected {len(frames)}, one a frame, got {len(world_from_image)}"
+            )
+        if self._type is None:
+            self._begin(frames)
+        self._check_alike(frames)
+        box = bounds(world_from_image, self._used, self._shape)
+        before = None if self._grid is None else (self._low, self._high)
+        added = _Added(frames.copy(), world_from_image, *box, before)
+        self._make_room(added)
+        self._bin(added, 1)
+        self._added.append(added)
+        self.n_frames += len(frames)
+        self._forget()
+
+    @whole
+    def undo(self) -> None:
+        """Take out what the last call to `add` put in."""
+        if not self._added:
+            raise ValueError("undo: expected frames that are still remembered, got none")
+        last = self._added.pop()
+        self.n_frames -= len(last.frames)
+        self._low, self._high = last.before or (self._low, self._high)
+        if self._options.compounding == "mean":
+            self._bin(last, -1)
+            self._order -= last.frames.size
+            return
+        self._order = 0
+        self._start()
+        for added in self._added:
+            self._bin(added, 1)
+
+    def volume(self) -> Volume:
+        """The volume of all frames so far; a copy, later frames do not change it."""
+        with self._lock:
+            if self._grid is None:
+                raise ValueError("volume: expected frames to be added first, got none")
+            update(self._core, self._grid, self._options)
+            first = np.rint((self._low - self._grid.low) / self.spacing).astype(int)
+            size = np.rint((self._high - self._low) / self.spacing).astype(int)
+            grid = VoxelGrid(self._low, self.spacing, tuple(int(v) for v in size))
+            values, radius = read_kept(self._core, first.tolist(), grid.size, self._type)
+            return Volume(
+                values, grid.world_from_voxel, radius, self._space, self._core.facts(),
+                self._maps(grid),
+            )  # fmt: skip
+
+    def _maps(self, grid: VoxelGrid) -> Callable[[str], np.ndarray] | None:
+        """Maps of the frames as they are now, if all of them are kept."""
+        added = tuple(self._added)
+        if sum(len(a.frames) for a in added) < self.n_frames:
+            return None
+
+        def make(name: str) -> np.ndarray:
+            frames = np.concatenate([a.frames for a in added])
+            poses = grid.poses(np.concatenate([a.world_from_image for a in added]))
+            index = np.arange(len(frames))
+            return FrameMaps(
+                self._chosen, self._threads, grid, frames, poses, self._used, index
+            ).make(name)
+
+        return make
+
+    def _begin(self, frames: np.ndarray) -> None:
+        self._type, self._shape = frames.dtype, frames.shape[1:]
+        self._used = check_mask(self._mask, self._shape)
+        self._scale = value_scale(frames)
+
+    def _check_alike(self, frames: np.ndarray) -> None:
+        if frames.dtype != self._type or frames.shape[1:] != self._shape:
+            h, w = self._shape
+            raise ValueError(
+                f"frames: expected {h} x {w} {self._type} as before, "
+                f"got {frames.shape[1]} x {frames.shape[2]} {frames.dtype}"
+            )
+        if self._type == np.float32 and np.abs(frames).max(initial=0.0) * self._scale > 2.0**38:
+            raise ValueError("frames: values are more than 256 times those of the first frames")
+        if self._order + frames.size >= 2**32 and self._options.compounding in ("latest", "first"):
+            raise ValueError("frames: expected fewer than 2^32 pixels in all")
+
+    def _make_room(self, added: _Added) -> None:
+        """Let the grid hold the frames' box; what is stored moves with it. Nothing changes if it
+        cannot."""
+        if self._grid is None:
+            if self._region is not None:
+                grid = make_grid(added.low, added.high, self.spacing, None, self._region)
+                box = grid.low, grid.low + self.spacing * np.array(grid.size)
+            else:
+                edge = _BLOCK * self.spacing
+                low = (np.floor(added.low / edge) - self._margin) * edge
+                n = _BLOCK * (np.floor((added.high - low) / edge) + 1 + self._margin).astype(int)
+                grid = VoxelGrid(low, self.spacing, tuple(int(v) for v in n))
+                box = self._lattice(grid, added)
+            self._reserve(grid, added)
+            self._grid, (self._low, self._high) = grid, box
+            self._start()
+            return
+        if self._region is not None:
+            return
+        low, high = self._lattice(self._grid, added)
+        low, high = np.minimum(self._low, low), np.maximum(self._high, high)
+        edge = _BLOCK * self.spacing
+        margin = self._margin
+        before = np.maximum(np.ceil((self._grid.low - low) / edge - 1e-9) + margin, 0)
+        top = self._grid.low + self.spacing * np.array(self._grid.size)
+        after = np.maximum(np.ceil((high - top) / edge - 1e-9) + margin, 0)
+        if before.any() or after.any():
+            # An eighth more than needed on each side that grows, so that few calls grow.
+            slack = np.ceil(np.array(self._grid.size) / _BLOCK / 8)
+            before = np.where(before > 0, before + slack, 0).astype(int)
+            before[0] = -(-before[0] // _TILE) * _TILE
+            after = np.where(after > 0, after + slack, 0).astype(int)
+            n = np.array(self._grid.size) + _BLOCK * (before + after)
+            grid = VoxelGrid(
+                self._grid.low - before * edge, self.spacing, tuple(int(v) for v in n)
+            )
+            self._reserve(grid, added)
+            self._core.grow(grid.size, before.tolist())
+            self._grid = grid
+        self._low, self._high = low, high
+
+    def _lattice(self, grid: VoxelGrid, added: _Added) -> tuple[np.ndarray, np.ndarray]:
+        """The frames' box, on voxel faces."""
+        low = np.floor((added.low - grid.low) / self.spacing + 1e-9)
+        high = np.floor((added.high - grid.low) / self.spacing + 1e-9) + 1
+        return grid.low + low * self.spacing, grid.low + high * self.spacing
+
+    def _reserve(self, grid: VoxelGrid, added: _Added) -> None:
+        if max(grid.size) > MAX_AXIS:
+            raise ValueError(
+                f"poses: expected at most {MAX_AXIS} voxels along an axis, got {max(grid.size)}"
+            )
+        shape, itemsize = self._shape, self._type.itemsize
+        poses = grid.poses(added.world_from_image)
+        check_memory(
+            lambda times: estimate_bytes(
+                grid.coarser(times), poses / times, shape, itemsize, "pvn-om"
+            ),
+            self._core.free_bytes() or free_host_bytes(),
+            grid,
+        )
+
+    def _start(self) -> None:
+        assert self._grid is not None
+        start(
+            self._core,
+            self._grid,
+            np.empty(0, self._type),
+            self._options,
+            wide=True,
+            scale=self._scale,
+        )
+
+    def _bin(self, added: _Added, sign: int) -> None:
+        assert self._grid is not None
+        poses = self._grid.poses(added.world_from_image)
+        mask = 0 if self._used is None else address(self._used)
+        self._core.add(
+            located(added.frames),
+            address(poses),
+            mask,
+            *added.frames.shape,
+            self._order % 2**32,
+            sign,
+        )
+        if sign > 0:
+            self._order += added.frames.size
+
+    def _forget(self) -> None:
+        """Drop frames beyond the history."""
+        if self._history is None:
+            return
+        kept = sum(len(a.frames) for a in self._added)
+        while kept - len(self._added[0].frames) >= self._history:
+            kept -= len(self._added.pop(0).frames)

@@ -1,0 +1,159 @@
+"""How far a sweep and its volume can be trusted: poses that jump, frames predicted from others."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..volumes.slices import reslice_frame
+from ..volumes.volume import EMPTY, MEASURED
+from .sweep import Sweep
+
+_MOST_SPEED, _MOST_ACCELERATION = 6.0, 8.0  # times the sweep's median
+
+
+class PoseCheck(NamedTuple):
+    """outliers (F,) bool; speed (F,) mm/s and acceleration (F,) mm/s², NaN for frames not valid."""
+
+    outliers: np.ndarray
+    speed: np.ndarray
+    acceleration: np.ndarray
+
+
+def check_poses(
+    sweep: Sweep, most_speed: float | None = None, most_acceleration: float | None = None
+) -> PoseCheck:
+    """Frames whose pose no hand could have reached.
+
+    Speed is that of the fastest of the image's four corners, so that rotation counts. A frame's
+    acceleration compares it with its neighbours: a single wrong pose is fast to reach and fast to
+    leave. An outlier exceeds both limits, mm/s and mm/s²; the default limits are 6 and 8 times the
+    median of the sweep. The worst is taken out first, then its neighbours are judged without it.
+    Without time stamps a frame counts as a second.
+    """
+    n = len(sweep)
+    times = np.arange(n, dtype=float) if sweep.timestamps is None else sweep.timestamps
+    corners = sweep.corners()
+    kept = np.flatnonzero(sweep.valid)
+    speed, acceleration = _motion(corners, times, kept, n)
+    outliers = np.zeros(n, bool)
+    if len(kept) < 3:
+        return PoseCheck(outliers, speed, acceleration)
+    limits = [
+        factor * float(np.nanmedian(values)) if given is None else given
+        for factor, values, given in (
+            (_MOST_SPEED, speed, most_speed),
+            (_MOST_ACCELERATION, acceleration, most_acceleration),
+        )
+    ]
+    now = speed, acceleration
+    while len(kept) >= 3:
+        wrong = (now[0] > limits[0]) & (now[1] > limits[1])
+        if not wrong.any():
+            break
+        worst = int(np.argmax(np.where(wrong, now[1], -1)))
+        outliers[worst] = True
+        kept = kept[kept != worst]
+        now = _motion(corners, times, kept, n)
+    return PoseCheck(outliers, speed, acceleration)
+
+
+def _motion(
+    corners: np.ndarray, times: np.ndarray, kept: np.ndarray, n: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Each kept frame's speed (to the slower neighbour) and acceleration; NaN for others."""
+    speed, acceleration = np.full(n, np.nan), np.full(n, np.nan)
+    if len(kept) < 2:
+        return speed, acceleration
+    spans = np.maximum(np.diff(times[kept]), 1e-9)
+    steps = np.diff(corners[kept], axis=0) / spans[:, None, None]
+    speeds = np.linalg.norm(steps, axis=2).max(axis=1)
+    # The slower of both sides: a good frame beside a wrong one is fast on one side only.
+    speed[kept] = np.minimum(np.append(speeds, np.inf), np.append(np.inf, speeds))
+    turns = np.linalg.norm(np.diff(steps, axis=0), axis=2).max(axis=1)
+    acceleration[kept[1:-1]] = turns / ((spans[1:] + spans[:-1]) / 2)
+    if len(turns):
+        acceleration[kept[[0, -1]]] = acceleration[kept[[1, -2]]]
+    return speed, acceleration
+
+
+class Validation(NamedTuple):
+    """How well a volume from the other frames predicts the frames left out, in grey levels.
+
+    mean_error       mean of |predicted - seen|
+    rms_error        root of the mean square
+    bias             mean of predicted - seen
+    coverage         share of the frames' pixels that the volume predicts at all
+    measured         share of the predicted pixels whose voxel was measured, the rest was filled
+    n_frames         frames left out and predicted
+    n_pixels         pixels predicted
+    """
+
+    mean_error: float
+    rms_error: float
+    bias: float
+    coverage: float
+    measured: float
+    n_frames: int
+    n_pixels: int
+
+
+def cross_validate(
+    sweep: Sweep,
+    k: int,
+    method: str = "pvn-om",
+    reconstruct: Callable[..., Any] | None = None,
+    **options: Any,
+) -> Validation:
+    """Leave frames out, reconstruct without them, predict them, and compare.
+
+    Args:
+        sweep: at least 2 k valid frames.
+        k: folds: the valid frames are dealt out in turn, so that every k-th is left out at a time
+            and each is predicted once, but for the first and the last, which nothing encloses.
+        method, options: those of `globule.reconstruct.reconstruct`.
+        reconstruct: another function of that form.
+
+    Raises ValueError if there are too few frames for k folds.
+    """
+    if reconstruct is None:
+        from .reconstruct import reconstruct
+    indices = np.flatnonzero(sweep.valid)
+    if not isinstance(k, (int, np.integer)) or k < 2:
+        raise ValueError(f"k: expected 2 folds or more, got {k!r}")
+    if len(indices) < 2 * k:
+        raise ValueError(f"k: expected at most half of the {len(indices)} valid frames, got {k}")
+    inside = np.ones(sweep.frames.shape[1:], bool) if sweep.mask is None else sweep.mask
+    sums = np.zeros(3)
+    n_pixels = n_measured = n_frames = 0
+    for fold in range(k):
+        left_out = [i for rank, i in enumerate(indices[1:-1]) if rank % k == fold]
+        rest = Sweep(
+            sweep.frames, sweep.world_from_image, sweep.timestamps,
+            sweep.valid & ~np.isin(np.arange(len(sweep)), left_out), sweep.mask, sweep.world,
+            sweep.space,
+        )  # fmt: skip
+        volume = reconstruct(rest, method=method, **options)
+        for i in left_out:
+            predicted = reslice_frame(volume, sweep, i)
+            known = inside & (predicted.origin != EMPTY)
+            error = predicted.values[known].astype(np.float64) - sweep.frames[i][known]
+            sums += np.abs(error).sum(), (error**2).sum(), error.sum()
+            n_pixels += error.size
+            n_measured += int((predicted.origin[known] == MEASURED).sum())
+            n_frames += 1
+    if n_pixels == 0:
+        raise ValueError("sweep: expected frames that overlap those left out, got no common voxel")
+    return Validation(
+        float(sums[0] / n_pixels), float(np.sqrt(sums[1] / n_pixels)), float(sums[2] / n_pixels),
+        n_pixels / (n_frames * int(inside.sum())), n_measured / n_pixels, n_frames, n_pixels,
+    )  # fmt: skip
+
+
+def compare_methods(
+    sweep: Sweep, k: int, methods: Sequence[str], **options: Any
+) -> dict[str, Validation]:
+    """`cross_validate` for each method."""
+    return {method: cross_validate(sweep, k, method, **options) for method in methods}

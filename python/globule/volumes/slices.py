@@ -1,0 +1,210 @@
+"""Looking at volumes: slices along any plane, back onto the frames, and three-view pictures.
+
+Where a value came from is shown with it: measured, filled from its neighbours, or empty.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from .._base.files import atomic_write
+from .plane_axes import with_axes
+from .volume import EMPTY, FILLED, MEASURED, Volume
+
+FAR = 255  # of a volume's kernel radii: empty
+AXES = [("x", "y"), ("x", "z"), ("y", "z")]  # of the three planes, to the right and down
+_ROWS = 64  # of a slice at once: bounds the memory
+
+
+class Slice(NamedTuple):
+    """values (H, W) float32; origin (H, W) uint8: 0 empty or outside, 1 measured, 2 filled."""
+
+    values: np.ndarray
+    origin: np.ndarray
+
+
+def reslice(
+    volume: Volume, world_from_plane: Any, size: tuple[int, int], linear: bool = True
+) -> Slice:
+    """A volume's values on a plane.
+
+    Args:
+        volume: what to look at.
+        world_from_plane: (4, 4), maps (column, row, 0, 1) to mm in the world.
+        size: columns and rows.
+        linear: between the eight voxels around a point, without those that are empty; else the
+            nearest voxel's value.
+
+    The origin is that of the nearest voxel.
+    """
+    matrix = np.asarray(world_from_plane, np.float64)
+    if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
+        raise ValueError(f"world_from_plane: expected 4x4 finite numbers, got shape {matrix.shape}")
+    width, height = (int(n) for n in size)
+    if width < 1 or height < 1:
+        raise ValueError(f"size: expected at least 1x1, got {width}x{height}")
+    voxel_from_plane = np.linalg.inv(volume.world_from_voxel) @ matrix
+    values = np.zeros((height, width), np.float32)
+    origin = np.zeros((height, width), np.uint8)
+    columns = np.arange(width, dtype=np.float64)
+    for start in range(0, height, _ROWS):
+        rows = np.arange(start, min(height, start + _ROWS), dtype=np.float64)
+        points = (
+            voxel_from_plane[:3, 0] * columns[None, :, None]
+            + voxel_from_plane[:3, 1] * rows[:, None, None]
+            + voxel_from_plane[:3, 3]
+        )
+        part = slice(start, start + len(rows))
+        values[part], origin[part] = sample(volume.values, volume.radius, points, linear)
+    return Slice(values, origin)
+
+
+def reslice_frame(volume: Volume, sweep: Any, i: int, linear: bool = True) -> Slice:
+    """What the volume says where frame `i` of a sweep was taken, pixel for pixel."""
+    height, width = sweep.frames.shape[1:]
+    if not sweep.valid[i]:
+        raise ValueError(f"i: expected a valid frame, got {i}, which has no pose")
+    return reslice(volume, sweep.world_from_image[i], (width, height), linear)
+
+
+def sample(
+    values: np.ndarray, radius: np.ndarray, points: np.ndarray, linear: bool
+) -> tuple[np.ndarray, np.ndarray]:
+    """Values (...) float32 and origins (...) uint8 at voxel coordinates (..., 3), x first.
+
+    values, radius (Z, Y, X): those of a Volume.
+    """
+    sizes = np.array(values.shape[::-1])
+    nearest = np.floor(points + 0.5).astype(np.int64)
+    inside = ((nearest >= 0) & (nearest < sizes)).all(axis=-1)
+    steps = np.array([1, sizes[0], sizes[0] * sizes[1]])
+    values, radius = values.reshape(-1), radius.reshape(-1)
+    at = nearest[inside] @ steps
+    origin = np.full(inside.shape, EMPTY, np.uint8)
+    origin[inside] = _origin(radius[at])
+    out = np.zeros(inside.shape, np.float32)
+    if not linear:
+        out[inside] = np.where(radius[at] != FAR, values[at], 0)
+        return out, origin
+    low = np.clip(np.floor(points[inside]).astype(np.int64), 0, np.maximum(sizes - 2, 0))
+    share = np.clip(points[inside] - low, 0, 1).astype(np.float32)
+    far = np.where(sizes > 1, steps, 0)  # to the next voxel, where there is one
+    low = low @ steps
+    total, weights = np.zeros(len(low), np.float32), np.zeros(len(low), np.float32)
+    for corner in np.ndindex(2, 2, 2):
+        index = low + far @ corner
+        weight = (radius[index] != FAR).astype(np.float32)
+        for axis in range(3):
+            weight *= share[:, axis] if corner[axis] else 1 - share[:, axis]
+        total += weight * values[index]
+        weights += weight
+    known = (origin[inside] != EMPTY) & (weights > 0)
+    out[inside] = np.where(known, total / np.where(known, weights, 1), 0)
+    return out, origin
+
+
+def three_view(volume: Volume, center: Any = None, overlay: bool = False) -> np.ndarray:
+    """The three planes along the volume's axes, side by side: (H, W, 3) uint8.
+
+    Args:
+        volume: what to look at.
+        center: (x, y, z) mm, world, where the planes meet; default: the middle of what is known.
+        overlay: tint what was filled (orange) and what is empty (blue) over the grey of what was
+            measured.
+
+    From left to right the planes of x and y, of x and z, of y and z, in the volume's own axes and
+    with square pixels; each plane's row 0 is the axis' beginning.
+    """
+    pictures, _ = _planes(volume, center, overlay)
+    return _beside(pictures)
+
+
+def save_three_view(path: str | os.PathLike, volume: Volume, center: Any = None) -> None:
+    """Write a three-view picture (.png): the values above, the same with the overlay below. Arrows
+    beside the planes name the volume's axes and tell how long some millimetres are."""
+    from PIL import Image
+
+    rows = []
+    for overlay in (False, True):
+        pictures, step = _planes(volume, center, overlay)
+        rows.append(with_axes(pictures, AXES, step))
+    packed = io.BytesIO()
+    Image.fromarray(np.concatenate(rows)).save(packed, "PNG")
+    with atomic_write(path) as file:
+        file.write(packed.getvalue())
+
+
+def _planes(volume: Volume, center: Any, overlay: bool) -> tuple[list[np.ndarray], float]:
+    """The three planes' pictures and the side of their pixels, mm."""
+    values, radius = volume.values, volume.radius
+    sizes = np.array(values.shape[::-1])
+    if center is None:
+        middle = _middle(radius != FAR)
+    else:
+        place = np.append(np.asarray(center, np.float64), 1.0)
+        middle = np.floor(np.linalg.solve(volume.world_from_voxel, place)[:3] + 0.5).astype(int)
+        if place.shape != (4,) or (middle < 0).any() or (middle >= sizes).any():
+            raise ValueError(f"center: expected a place inside of the volume, got {center!r}")
+    x, y, z = middle
+    spacing = np.linalg.norm(volume.world_from_voxel[:3, :3], axis=0)
+    planes = [
+        (values[z], _origin(radius[z]), spacing[1], spacing[0]),
+        (values[:, y], _origin(radius[:, y]), spacing[2], spacing[0]),
+        (values[:, :, x], _origin(radius[:, :, x]), spacing[2], spacing[1]),
+    ]
+    shown = [plane for plane, *_ in planes]
+    measured = np.concatenate([plane[origin > 0] for plane, origin, *_ in planes])
+    low, high = (0.0, 1.0) if measured.size == 0 else (
+        min(0.0, float(measured.min())), float(np.percentile(measured, 99.9)))  # fmt: skip
+    if values.dtype == np.uint8:
+        low, high = 0.0, max(high, 1.0)
+    pictures = []
+    for plane, (_, origin, down, right) in zip(shown, planes, strict=True):
+        grey = np.clip((plane - low) / max(high - low, 1e-12), 0, 1)
+        color = np.repeat((255 * grey)[..., None], 3, axis=2)
+        if overlay:
+            color[origin == FILLED] = 0.6 * color[origin == FILLED] + (102, 51, 0)
+            color[origin == EMPTY] = (24, 40, 72)
+        pictures.append(_square(color.astype(np.uint8), down, right, spacing.min()))
+    return pictures, float(spacing.min())
+
+
+def _origin(radius: np.ndarray) -> np.ndarray:
+    """Kernel radii as origins: empty, measured or filled."""
+    other = np.where(radius == 0, np.uint8(MEASURED), np.uint8(FILLED))
+    return np.where(radius == FAR, np.uint8(EMPTY), other)
+
+
+def _middle(known: np.ndarray) -> np.ndarray:
+    """The middle, x first, of the box around everything that is known, (Z, Y, X) bool."""
+    middle = []
+    for axis in (2, 1, 0):
+        others = tuple(a for a in range(3) if a != axis)
+        found = np.flatnonzero(known.any(axis=others))
+        middle.append((found[0] + found[-1]) // 2 if len(found) else known.shape[axis] // 2)
+    return np.array(middle)
+
+
+def _square(color: np.ndarray, down: float, right: float, step: float) -> np.ndarray:
+    """The picture with square pixels of `step` mm."""
+    height, width = color.shape[:2]
+    rows = np.arange(max(1, round(height * down / step))) * step / down
+    columns = np.arange(max(1, round(width * right / step))) * step / right
+    rows, columns = (np.minimum(a.astype(int), n - 1)
+                     for a, n in ((rows, height), (columns, width)))  # fmt: skip
+    return color[rows][:, columns]
+
+
+def _beside(pictures: list[np.ndarray]) -> np.ndarray:
+    height = max(picture.shape[0] for picture in pictures)
+    width = sum(picture.shape[1] for picture in pictures) + 8 * (len(pictures) - 1)
+    sheet = np.full((height, width, 3), 255, np.uint8)
+    left = 0
+    for picture in pictures:
+        sheet[: picture.shape[0], left : left + picture.shape[1]] = picture
+        left += picture.shape[1] + 8
+    return sheet

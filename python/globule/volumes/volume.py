@@ -1,0 +1,156 @@
+"""A volume of voxels in millimetres, with a record of where each value came from."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from .._base.arrays import DeviceArray
+
+EMPTY, MEASURED, FILLED = 0, 1, 2
+_FAR = 255  # in the map of kernel radii: no data within reach
+
+
+class Volume:
+    """Voxels of one size along each axis, and their origin.
+
+    Args:
+        values: (Z, Y, X) uint8, uint16 or float32; 0 where empty. Values and radius may lie on a
+            GPU; they are copied when they are read.
+        world_from_voxel: (4, 4) float64, mm: voxel index (x, y, z, 1) to the voxel's centre.
+        radius: (Z, Y, X) uint8: 0 measured, k filled from a cube of (2 k + 1)^3, 255 empty.
+        space: what the world's axes mean, "LPS" or "RAS".
+        info: figures of the reconstruction: times in seconds, bytes, counts.
+        maps: makes a map by name ("count", "variance", "source") when it is asked for.
+    """
+
+    def __init__(
+        self,
+        values: np.ndarray | DeviceArray,
+        world_from_voxel: np.ndarray,
+        radius: np.ndarray | DeviceArray | None = None,
+        space: str = "LPS",
+        info: dict[str, Any] | None = None,
+        maps: Callable[[str], np.ndarray] | None = None,
+    ):
+        self._values, self._radius = values, radius
+        if radius is None:
+            self._radius = np.zeros(values.shape, np.uint8)
+        self.device_values = values if isinstance(values, DeviceArray) else None
+        self.device_radius = radius if isinstance(radius, DeviceArray) else None
+        self.world_from_voxel = np.asarray(world_from_voxel, np.float64)
+        self.space = space
+        self.info = dict(info or {})
+        self._make_map = maps
+        self._maps: dict[str, np.ndarray] = {}
+
+    @property
+    def values(self) -> np.ndarray:
+        """(Z, Y, X); 0 where empty. `device_values` is what lies on a GPU, or None."""
+        self._values = np.asarray(self._values)
+        return self._values
+
+    @values.setter
+    def values(self, values: np.ndarray) -> None:
+        self._values, self.device_values = values, None
+
+    @property
+    def radius(self) -> np.ndarray:
+        """(Z, Y, X) uint8: 0 measured, k filled from a cube of (2 k + 1)^3, 255 empty."""
+        self._radius = np.asarray(self._radius)
+        return self._radius
+
+    @radius.setter
+    def radius(self, radius: np.ndarray) -> None:
+        self._radius, self.device_radius = radius, None
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """Voxels (Z, Y, X)."""
+        return self._values.shape
+
+    @property
+    def spacing(self) -> np.ndarray:
+        """(3,) mm along x, y and z."""
+        return np.linalg.norm(self.world_from_voxel[:3, :3], axis=0)
+
+    @property
+    def measured(self) -> np.ndarray:
+        """(Z, Y, X) bool: voxels that hold at least one pixel."""
+        return self.radius == 0
+
+    @property
+    def empty(self) -> np.ndarray:
+        """(Z, Y, X) bool: voxels too far from any data; their value is 0 and means nothing."""
+        return self.radius == _FAR
+
+    @property
+    def filled(self) -> np.ndarray:
+        """(Z, Y, X) uint8, where each value came from: EMPTY 0, MEASURED 1, or FILLED 2,
+        interpolated from measured voxels nearby."""
+        out = np.full(self.shape, FILLED, np.uint8)
+        out[self.radius == 0] = MEASURED
+        out[self.radius == _FAR] = EMPTY
+        return out
+
+    @property
+    def hole_distance(self) -> np.ndarray:
+        """(Z, Y, X) float32, mm: the largest of the distances along x, y and z to the nearest
+        measured voxel; 0 where measured, infinite where none is within reach."""
+        reach = self.radius.astype(np.float32) * np.float32(self.spacing.max())
+        reach[self.radius == _FAR] = np.inf
+        return reach
+
+    @property
+    def n_measured(self) -> int:
+        return int(np.count_nonzero(self.radius == 0))
+
+    @property
+    def n_empty(self) -> int:
+        return int(np.count_nonzero(self.radius == _FAR))
+
+    @property
+    def n_filled(self) -> int:
+        return self.values.size - self.n_measured - self.n_empty
+
+    @property
+    def count(self) -> np.ndarray:
+        """(Z, Y, X) uint32: pixels that fell into each voxel."""
+        return self._map("count")
+
+    @property
+    def variance(self) -> np.ndarray:
+        """(Z, Y, X) float32: variance of those pixels' values; 0 for one or none."""
+        return self._map("variance")
+
+    @property
+    def source(self) -> np.ndarray:
+        """(Z, Y, X) int32: the latest frame with a pixel in the voxel; -1 where there is none."""
+        return self._map("source")
+
+    def _map(self, name: str) -> np.ndarray:
+        if name not in self._maps:
+            if self._make_map is None:
+                raise ValueError(
+                    f"{name}: this volume was not made from a sweep here, it has no such map"
+                )
+            self._maps[name] = self._make_map(name)
+        return self._maps[name]
+
+    def save(self, path: str | os.PathLike) -> None:
+        """Write the volume in the format that the path's ending names."""
+        from .files import write_volume
+
+        write_volume(path, self)
+
+    def __repr__(self) -> str:
+        z, y, x = self.shape
+        spacing = " x ".join(f"{s:.4g}" for s in self.spacing)
+        return (
+            f"Volume({x} x {y} x {z} {self.values.dtype}, {spacing} mm, "
+            f"{self.n_measured} measured, "
+            f"{self.n_filled} filled, {self.n_empty} empty)"
+        )
