@@ -49,7 +49,9 @@ def main() -> None:
         sets = [cupy.asarray(positions)]
         sets.append(sets[0] + cupy.float32(0.1 * spacing))
     scene = gb.Scene(
-        gb.Particles(sets[0], support=2 * spacing), threshold=0.6, device=options.device,
+        gb.Particles(sets[0], support=2 * spacing),
+        threshold=0.6,
+        device=options.device,
         threads=options.threads,
     )
     rows: list[dict] = []

@@ -71,8 +71,11 @@ def main() -> int:
             return 1
         if wall - told > 20:
             told = wall
-            print(f"{wall:9.0f} {sim.time:9.2f} {n_cuts:8d} {n_bonds_cut:10d} {sim.n_pieces:8d} "
-                  f"{counts['fluid']:8d} {counts['escaped']:8d} {resident():10.0f}", flush=True)
+            print(
+                f"{wall:9.0f} {sim.time:9.2f} {n_cuts:8d} {n_bonds_cut:10d} {sim.n_pieces:8d} "
+                f"{counts['fluid']:8d} {counts['escaped']:8d} {resident():10.0f}",
+                flush=True,
+            )
     print(f"{n_cuts} cuts, {n_bonds_cut} bonds, {sim.n_pieces} pieces, {sim.time:.1f} s: sound")
     return 0
 

@@ -94,8 +94,14 @@ def _read(end: socket.socket, n: int) -> bytes | None:
 class Session:
     """An engine with one client whose camera can be turned."""
 
-    def __init__(self, particles: gb.Particles, size: tuple[int, int], device: str,
-                 through: Callable[[int], int] = lambda port: port, rate: float = 20.0):
+    def __init__(
+        self,
+        particles: gb.Particles,
+        size: tuple[int, int],
+        device: str,
+        through: Callable[[int], int] = lambda port: port,
+        rate: float = 20.0,
+    ):
         state = State()
         state.set(quality__rate=rate, quality__width=max(160, size[0]))
         self.size = size
@@ -116,8 +122,9 @@ class Session:
 
         def acknowledge(now: float, number: int) -> None:
             before = [one for one in pacer.in_flight if one.number <= number]
-            done.extend((now, now - one.seen, now - one.sent, one.n_bytes, one.still)
-                        for one in before)
+            done.extend(
+                (now, now - one.seen, now - one.sent, one.n_bytes, one.still) for one in before
+            )
             keep(now, number)
 
         pacer.acknowledge = acknowledge
@@ -129,15 +136,22 @@ class Session:
         self.i = i
         pacer.acknowledge = keep
         rows = np.array([row for row in done if not row[4]], float).reshape(-1, 5)
-        return {"at": rows[:, 0], "latency": rows[:, 1], "transfer": rows[:, 2],
-                "bytes": rows[:, 3]}
+        return {
+            "at": rows[:, 0],
+            "latency": rows[:, 1],
+            "transfer": rows[:, 2],
+            "bytes": rows[:, 3],
+        }
 
     def until_sharp(self) -> float:
         """Seconds from a last change until a picture of full size has arrived."""
         began, number = time.monotonic(), self.client.number
         self.client.look(self.cameras[(self.i + 7) % len(self.cameras)], self.size)
-        while not (self.client.pacer._samples and not self.client.pacer.in_flight
-                   and self.client.number > number):
+        while not (
+            self.client.pacer._samples
+            and not self.client.pacer.in_flight
+            and self.client.number > number
+        ):
             time.sleep(0.002)
         return time.monotonic() - began
 
@@ -149,11 +163,16 @@ class Session:
 def cloud(n: int) -> gb.Particles:
     """A wavy pool of about n particles on a jittered lattice."""
     edge = round((2.6 * n) ** (1 / 3))
-    x, z, y = (a.reshape(-1) for a in np.meshgrid(
-        np.arange(edge), np.arange(edge), np.arange(max(1, edge // 2)), indexing="ij"))
+    x, z, y = (
+        a.reshape(-1)
+        for a in np.meshgrid(
+            np.arange(edge), np.arange(edge), np.arange(max(1, edge // 2)), indexing="ij"
+        )
+    )
     top = edge / 2 * (0.75 + 0.25 * np.sin(7 * x / edge) * np.cos(5 * z / edge))
     positions = np.stack([x, y, z], 1)[y <= top] + np.random.default_rng(1).uniform(
-        -0.15, 0.15, (int((y <= top).sum()), 3))
+        -0.15, 0.15, (int((y <= top).sum()), 3)
+    )
     return gb.Particles(positions / edge, support=2 / edge)
 
 
@@ -167,11 +186,13 @@ def of_rate(options: argparse.Namespace) -> list[tuple[str, str]]:
     scale = pacer.scale
     sharp = np.median([session.until_sharp() for _ in range(3)])
     rows = [
-        ("device", session.device), ("particles", f"{len(particles):,}"),
+        ("device", session.device),
+        ("particles", f"{len(particles):,}"),
         ("size", f"{options.size[0]}x{options.size[1]}"),
         ("pictures / s while moving", f"{rate:.1f}"),
         ("share of the width while moving", f"{scale:.2f}"),
-        ("latency, median", _ms(found["latency"])), ("sharp when still after", f"{sharp:.2f} s"),
+        ("latency, median", _ms(found["latency"])),
+        ("sharp when still after", f"{sharp:.2f} s"),
         ("trace", f"{1e3 * session.engine.trace_seconds:.1f} ms (the last)"),
     ]
     session.close()
@@ -202,8 +223,12 @@ def of_transfer(options: argparse.Namespace) -> list[tuple[str, str]]:
         times.append(time.perf_counter() - began)
     sink.close()
     both = np.add(encode, times)
-    return [("encode 720p", _ms(encode)), ("transfer there and back", _ms(times)),
-            ("encode + transfer", _ms(both)), ("bytes", f"{len(data):,}")]
+    return [
+        ("encode 720p", _ms(encode)),
+        ("transfer there and back", _ms(times)),
+        ("encode + transfer", _ms(both)),
+        ("bytes", f"{len(data):,}"),
+    ]
 
 
 def of_slow_link(options: argparse.Namespace) -> list[tuple[str, str]]:
@@ -218,7 +243,8 @@ def of_slow_link(options: argparse.Namespace) -> list[tuple[str, str]]:
     found = session.turn(options.link_seconds)
     half = len(found["at"]) // 2
     rows = [
-        ("link", "8 Mbit/s, 20 ms each way"), ("seconds", f"{options.link_seconds:g}"),
+        ("link", "8 Mbit/s, 20 ms each way"),
+        ("seconds", f"{options.link_seconds:g}"),
         ("pictures / s", f"{len(found['at']) / options.link_seconds:.1f}"),
         ("latency, median", _ms(found["latency"])),
         ("latency, first half", _ms(found["latency"][:half])),
@@ -235,22 +261,27 @@ def of_browser(options: argparse.Namespace) -> list[tuple[str, str]]:
     """The same through Chromium without a graphics card, directly and over the slow link."""
     from playwright.sync_api import sync_playwright
 
-    flags = ["--headless=new", "--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader",
-             "--enable-unsafe-swiftshader"]
+    flags = [
+        "--headless=new",
+        "--no-sandbox",
+        "--use-gl=angle",
+        "--use-angle=swiftshader",
+        "--enable-unsafe-swiftshader",
+    ]
     rows = []
     began = time.perf_counter()
-    viewer = gb.view(cloud(options.particles), port=0, browser=False, block=False,
-                     device=options.device)
+    viewer = gb.view(
+        cloud(options.particles), port=0, browser=False, block=False, device=options.device
+    )
     rows.append(("start of the viewer", f"{time.perf_counter() - began:.2f} s"))
     with sync_playwright() as playwright, Throttle(viewer.port, 8e6, 0.02) as slow:
-        chromium = playwright.chromium.launch(
-            executable_path=shutil.which("chromium"), args=flags)
+        chromium = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=flags)
         for name, port in (("direct", viewer.port), ("8 Mbit/s, 20 ms", slow.port)):
             page = chromium.new_page(viewport={"width": 1280, "height": 720})
             page.goto(f"http://127.0.0.1:{port}/", timeout=120_000)
             while not viewer.clients:
                 page.wait_for_timeout(100)
-            client = list(viewer.clients.values())[0]
+            client = next(iter(viewer.clients.values()))
             page.wait_for_timeout(6000)
             page.mouse.move(400, 300)
             page.mouse.down()
@@ -307,27 +338,39 @@ def of_soak(options: argparse.Namespace) -> list[tuple[str, str]]:
     threads = threading.active_count()
     engine.close()
     warm = sizes[len(sizes) // 5]
-    return [("seconds", f"{options.soak_seconds:g}"), ("visits", str(visits)),
-            ("steps", f"{steps + simulation.n_steps:,}"), ("memory at a fifth", f"{warm:.0f} MB"),
-            ("memory at the end", f"{sizes[-1]:.0f} MB"), ("threads at the end", str(threads)),
-            ("errors", "; ".join(errors) or "none")]
+    return [
+        ("seconds", f"{options.soak_seconds:g}"),
+        ("visits", str(visits)),
+        ("steps", f"{steps + simulation.n_steps:,}"),
+        ("memory at a fifth", f"{warm:.0f} MB"),
+        ("memory at the end", f"{sizes[-1]:.0f} MB"),
+        ("threads at the end", str(threads)),
+        ("errors", "; ".join(errors) or "none"),
+    ]
 
 
 def _ms(values: object) -> str:
     return f"{1e3 * float(np.median(values)):.2f} ms" if len(values) else "-"
 
 
-PARTS = {"rate": of_rate, "transfer": of_transfer, "link": of_slow_link, "browser": of_browser,
-         "soak": of_soak}
+PARTS = {
+    "rate": of_rate,
+    "transfer": of_transfer,
+    "link": of_slow_link,
+    "browser": of_browser,
+    "soak": of_soak,
+}
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__,
-                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--device", default="auto")
     parser.add_argument("--particles", type=int, default=25_000)
-    parser.add_argument("--size", default="1280x720",
-                        type=lambda text: tuple(int(n) for n in text.split("x")))
+    parser.add_argument(
+        "--size", default="1280x720", type=lambda text: tuple(int(n) for n in text.split("x"))
+    )
     parser.add_argument("--rate", type=float, default=20.0, help="pictures per second aimed at")
     parser.add_argument("--seconds", type=float, default=10.0)
     parser.add_argument("--link-seconds", type=float, default=60.0)

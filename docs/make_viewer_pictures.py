@@ -1,6 +1,6 @@
 """Makes the pictures of docs/viewer.md, with a real browser: docs/images/viewer/*.jpg.
 
-    python docs/make_viewer_pictures.py [NAME …]
+python docs/make_viewer_pictures.py [NAME …]
 """
 
 from __future__ import annotations
@@ -19,8 +19,13 @@ from PIL import Image
 from playwright.sync_api import sync_playwright
 
 FOLDER = Path(__file__).parent / "images/viewer"
-FLAGS = ["--headless=new", "--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader",
-         "--enable-unsafe-swiftshader"]
+FLAGS = [
+    "--headless=new",
+    "--no-sandbox",
+    "--use-gl=angle",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+]
 SIZE = {"width": 1180, "height": 760}
 
 
@@ -158,8 +163,12 @@ def sweep(page: Any, viewer: Any) -> None:
 
 def a_sequence() -> list[gb.Particles]:
     base = splash()
-    return [gb.Particles(np.asarray(base.positions) * (1 + 0.02 * i, 1 - 0.02 * i, 1),
-                         support=base.support) for i in range(24)]
+    return [
+        gb.Particles(
+            np.asarray(base.positions) * (1 + 0.02 * i, 1 - 0.02 * i, 1), support=base.support
+        )
+        for i in range(24)
+    ]
 
 
 def sequence(page: Any, viewer: Any) -> None:
@@ -178,8 +187,11 @@ def phantom_sweep() -> gb.Sweep:
         pose[:3, 1] = 0.5 * np.array([0, np.sin(angle), -np.cos(angle)])
         pose[:3, 2] = np.cross(pose[:3, 0], pose[:3, 1]) / 0.25
         pose[:3, 3] = (-27, 0.9 * (i - 30), 22)
-        world = (pose[:3, :1] * (2 * u.reshape(1, -1)) + pose[:3, 1:2] * (2 * v.reshape(1, -1))
-                 + pose[:3, 3:4])
+        world = (
+            pose[:3, :1] * (2 * u.reshape(1, -1))
+            + pose[:3, 1:2] * (2 * v.reshape(1, -1))
+            + pose[:3, 3:4]
+        )
         x, y, z = world
         ball = x * x + y * y + (z + 2) ** 2 < 13**2
         tube = (x - 12) ** 2 + (z - 10) ** 2 < 5**2
@@ -196,27 +208,36 @@ def phantom_volume() -> tuple[gb.Volume, gb.Sweep]:
 
 
 PICTURES: dict[str, tuple[Callable[[], Any], Callable[[Any, Any], None]]] = {
-    "first": (splash, first), "cut": (splash, cut), "stroke": (splash, stroke),
-    "colour": (splash, colour), "light": (splash, light), "surface": (splash, surface),
-    "measure": (splash, measure), "record": (splash, record), "equivalent": (splash, equivalent),
-    "help": (splash, help_panel), "sequence": (a_sequence, sequence),
+    "first": (splash, first),
+    "cut": (splash, cut),
+    "stroke": (splash, stroke),
+    "colour": (splash, colour),
+    "light": (splash, light),
+    "surface": (splash, surface),
+    "measure": (splash, measure),
+    "record": (splash, record),
+    "equivalent": (splash, equivalent),
+    "help": (splash, help_panel),
+    "sequence": (a_sequence, sequence),
     "simulation": (lambda: "dam-break", run),
-    "scalpel": (lambda: "cut-block", scalpel), "slices": (phantom_volume, slices),
-    "overlay": (phantom_volume, overlay), "sweep": (phantom_sweep, sweep),
+    "scalpel": (lambda: "cut-block", scalpel),
+    "slices": (phantom_volume, slices),
+    "overlay": (phantom_volume, overlay),
+    "sweep": (phantom_sweep, sweep),
 }
 
 
 def settled(viewer: Any, samples: int) -> bool:
     pacers = [client.pacer for client in viewer.clients.values()]
-    return bool(pacers) and all(p._samples >= samples and not p.in_flight and not p.making
-                                for p in pacers)
+    return bool(pacers) and all(
+        p._samples >= samples and not p.in_flight and not p.making for p in pacers
+    )
 
 
 def main() -> None:
     FOLDER.mkdir(parents=True, exist_ok=True)
     with sync_playwright() as playwright:
-        chromium = playwright.chromium.launch(
-            executable_path=shutil.which("chromium"), args=FLAGS)
+        chromium = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=FLAGS)
         for name in sys.argv[1:] or PICTURES:
             what, act = PICTURES[name]
             viewer = gb.view(what(), port=0, browser=False, block=False)

@@ -18,8 +18,10 @@ depth, normal, _ = gb.intersect(scene, origins, down)
 hit = np.isfinite(depth)
 points = origins[hit] + depth[hit, None] * down[hit]
 off = np.abs(gb.field(scene, points) - scene.threshold).max()
-print(f"{hit.sum()} of {len(hit)} rays hit; heights {points[:, 1].min():.3f} to "
-      f"{points[:, 1].max():.3f}; the field is off the threshold by {off:.1e} at most")
+print(
+    f"{hit.sum()} of {len(hit)} rays hit; heights {points[:, 1].min():.3f} to "
+    f"{points[:, 1].max():.3f}; the field is off the threshold by {off:.1e} at most"
+)
 
 # The normal is the gradient, turned outwards.
 gradient = gb.gradient(scene, points)

@@ -47,5 +47,7 @@ for step in range(30):
     positions[:, 1] = 0.1 * package.sin(12 * radius - 0.3 * step)
     scene.update(positions=positions)
 gb.render(scene, gb.Camera((1.5, 1.2, 2.0), (0, 0, 0)), (800, 600)).save("wave.png")
-print(f"{len(scene):,} particles from {package.__name__}, built in "
-      f"{1e3 * scene.octree.build_seconds:.2f} ms")
+print(
+    f"{len(scene):,} particles from {package.__name__}, built in "
+    f"{1e3 * scene.octree.build_seconds:.2f} ms"
+)

@@ -9,11 +9,11 @@ import os
 # Threads that wait should not spin: beside another busy process that costs ten times the time.
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 
-import globule as gb  # noqa: E402
-import numpy as np  # noqa: E402
-import pytest  # noqa: E402
-from cli_helpers import cube  # noqa: E402
-from globule._base import device  # noqa: E402
+import globule as gb
+import numpy as np
+import pytest
+from cli_helpers import cube
+from globule._base import device
 
 LEVELS = device.cpu_levels()
 SOAK = float(os.environ.get("GLOBULE_SOAK", 0))  # what test_concurrency.py takes on purpose

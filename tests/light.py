@@ -6,12 +6,13 @@ import dataclasses
 
 import globule as gb
 import numpy as np
+from globule.render.lights import uniform_sky
 
 CENTRE = np.array([0.2, -0.1, 0.4])
 SUPPORT = 1.3
 RADIUS = SUPPORT * np.sqrt(1 - np.sqrt(0.6))  # of one murakami metaball at threshold 0.6
 CAMERA = gb.Camera((1.6, 1.1, 2.9), CENTRE, fov=30)
-ONE_SKY = gb.lights.uniform_sky((1.0, 1.0, 1.0))
+ONE_SKY = uniform_sky((1.0, 1.0, 1.0))
 # Nothing but what the materials mirror, let through and scatter; every ray is followed to the end.
 QUIET = gb.RenderSettings(lights=(), ambient=0.0, background=0.0, specular=0.0, cutoff=0.0)
 CLEAR = gb.Material(reflection=0.0, transmission=1.0, absorption=0.0)
@@ -132,7 +133,7 @@ def glass_ball(o, d, index: float, depth: int, inside=False, absorption=0.0) -> 
 
 def spans(clip, o, d):
     """The rays' part inside a clip's shape."""
-    inf = np.full(d.shape[:-1] + (1,), np.inf)
+    inf = np.full((*d.shape[:-1], 1), np.inf)
     with np.errstate(divide="ignore", invalid="ignore"):
         if isinstance(clip, gb.ClipPlane):
             n = unit(clip.normal)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import globule as gb
 import numpy as np
+from globule.render.lights import uniform_sky
 from light import dot, fresnel, mirrored, rays, refracted, unit
 from reference_medium import SAMPLES, Medium
 
@@ -14,7 +15,7 @@ GROUND = 254
 
 
 def sky_of(settings, d):
-    sky = settings.sky or gb.lights.uniform_sky(settings.background)
+    sky = settings.sky or uniform_sky(settings.background)
     s = dot(d, unit(sky.up))
     w = np.sqrt(np.abs(s))
     pole = np.where(s > 0, color(sky.zenith), color(sky.ground))
@@ -37,7 +38,7 @@ def meet_ground(ground, o, d, below):
 
 def ground_color(ground, p):
     n = unit(ground.normal)
-    sign = 1.0 if n[2] >= 0 else -1.0   # axes along the plane: Duff et al. 2017
+    sign = 1.0 if n[2] >= 0 else -1.0  # axes along the plane: Duff et al. 2017
     a = -1 / (sign + n[2])
     s = np.array([1 + sign * n[0] ** 2 * a, sign * n[0] * n[1] * a, -sign * n[0]])
     t = np.array([n[0] * n[1] * a, sign + n[1] ** 2 * a, -n[1]])

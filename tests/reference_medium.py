@@ -6,11 +6,12 @@ from __future__ import annotations
 
 import globule as gb
 import numpy as np
+from globule.scene.scene import DEFAULT_COLOR
 from light import dot, unit
 
-EPS = 1e-6      # how far beside a surface its two sides are looked at
-SAMPLES = 300   # of a ray's way through all supports
-KERNELS = {     # b of q = distance / support, 0 <= q <= 1
+EPS = 1e-6  # how far beside a surface its two sides are looked at
+SAMPLES = 300  # of a ray's way through all supports
+KERNELS = {  # b of q = distance / support, 0 <= q <= 1
     "murakami": lambda q: (1 - q**2) ** 2,
     "wyvill": lambda q: 1 - 22 / 9 * q**2 + 17 / 9 * q**4 - 4 / 9 * q**6,
     "cubic_spline": lambda q: np.where(q < 0.5, 1 - 6 * q**2 + 6 * q**3, 2 * (1 - q) ** 3),
@@ -38,7 +39,7 @@ class Medium:
         else:
             self.matrices = np.eye(3) / support[:, None, None]
         self.weights = per_particle(p.weight, n, 1.0)
-        self.colors = per_particle(p.color, n, gb.scene.DEFAULT_COLOR, (3,))
+        self.colors = per_particle(p.color, n, DEFAULT_COLOR, (3,))
         self.reflections = per_particle(p.reflection, n, 0.0)
         self.refractions = per_particle(p.refraction, n, 0.0)
         self.clips = [*layer.clips, *clips]
@@ -75,8 +76,10 @@ class Medium:
         """Out of the medium, at points of its surface where rays cross it along d; cut faces', of
         the clip that keeps one side of the point and not the other."""
         h = 1e-5 * self.reach
-        f = [self.shares(points + h * e).sum(1) - self.shares(points - h * e).sum(1)
-             for e in np.eye(3)]
+        f = [
+            self.shares(points + h * e).sum(1) - self.shares(points - h * e).sum(1)
+            for e in np.eye(3)
+        ]
         gradient = np.stack(f, -1)
         out = -unit(np.where(np.linalg.norm(gradient, axis=1, keepdims=True) > 0, gradient, 1.0))
         changes = self.kept(points - EPS * d) != self.kept(points + EPS * d)

@@ -43,7 +43,12 @@ class Case:
 
     def first_hit(self, origins, directions) -> np.ndarray:
         return oracle.first_hit(
-            self.positions, self.shape(), self.weight, self.kernel, self.threshold, origins,
+            self.positions,
+            self.shape(),
+            self.weight,
+            self.kernel,
+            self.threshold,
+            origins,
             directions,
         )
 
@@ -88,10 +93,12 @@ def with_camera(case: Case, camera: gb.Camera, pixels: int, pairs: int, halvings
     far = 1e9  # stands for a miss
     t = np.minimum(depth[0], far)
     number = np.arange(pixels * pixels).reshape(pixels, pixels)
-    ends = np.concatenate([
-        np.stack([number[:, :-1].ravel(), number[:, 1:].ravel()], 1),
-        np.stack([number[:-1].ravel(), number[1:].ravel()], 1),
-    ])
+    ends = np.concatenate(
+        [
+            np.stack([number[:, :-1].ravel(), number[:, 1:].ravel()], 1),
+            np.stack([number[:-1].ravel(), number[1:].ravel()], 1),
+        ]
+    )
     jump = np.abs(t[ends[:, 0]] - t[ends[:, 1]])
     ends = ends[jump > 0.5 * np.median(np.asarray(case.support))]
     ends = rng.permutation(ends)[:pairs]
@@ -108,7 +115,9 @@ def with_camera(case: Case, camera: gb.Camera, pixels: int, pairs: int, halvings
         a, ta = np.where(to_a[:, None], middle, a), np.where(to_a, tm, ta)
         b, tb = np.where(to_a[:, None], b, middle), np.where(to_a, tb, tm)
     return dataclasses.replace(
-        case, origins=np.concatenate(origins), directions=np.concatenate(directions),
+        case,
+        origins=np.concatenate(origins),
+        directions=np.concatenate(directions),
         depth=np.concatenate(depth),
     )
 
@@ -232,20 +241,29 @@ def stretched(kernel: str, weights: bool) -> Case:
     axes = 0.5 * np.random.default_rng(10).uniform(0.3, 1.6, (150, 3))
     return with_camera(
         dataclasses.replace(case, support=float(axes.min()), matrices=stretched_matrices(axes, 11)),
-        gb.Camera((1.5, 1, 2.5), (0, 0, 0)), 24, 80, 12,
+        gb.Camera((1.5, 1, 2.5), (0, 0, 0)),
+        24,
+        80,
+        12,
     )
 
 
-CASES = {f.__name__: f for f in (
-    one, mixed, carved, sheet, sheet_edge, hundred, orthographic, inside, splash
-)}
+CASES = {
+    f.__name__: f
+    for f in (one, mixed, carved, sheet, sheet_edge, hundred, orthographic, inside, splash)
+}
 CASES |= {f"one {k}": functools.partial(one, kernel=k) for k in KERNELS[1:]}
 CASES |= {f"cloud {k}": functools.partial(of_kernel, k, False) for k in KERNELS}
 CASES |= {f"weights {k}": functools.partial(of_kernel, k, True) for k in KERNELS}
 CASES |= {
     f"stretched {k} {w}": functools.partial(stretched, k, w)
-    for k, w in (("murakami", False), ("murakami", True), ("blinn", False), ("cubic_spline", True),
-                 ("solid", False))
+    for k, w in (
+        ("murakami", False),
+        ("murakami", True),
+        ("blinn", False),
+        ("cubic_spline", True),
+        ("solid", False),
+    )
 }
 
 

@@ -45,7 +45,8 @@ def test_rays_through_the_cells(backend, kernel):
     camera, size = gb.Camera((1.4, 1.1, 3.0), (0, 0, 0)), (72, 60)
     far = gb.ClipPlane((1, 0, 0), 50)
     whole, cut = gb.render(scene, camera, size), gb.render(scene, camera, size, clips=[far])
-    assert (whole.mask == cut.mask).all() and 0.1 < whole.mask.mean() < 0.9
+    assert (whole.mask == cut.mask).all()
+    assert 0.1 < whole.mask.mean() < 0.9
     m = whole.mask
     np.testing.assert_allclose(whole.depth[m], cut.depth[m], atol=1e-4)
     assert ((whole.normal * cut.normal).sum(-1)[m] > 0.999).mean() > 0.995
@@ -57,7 +58,8 @@ def test_rays_through_the_cells(backend, kernel):
     start = (whole.position[m] + 0.01 * n).astype(np.float32)
     again = gb.intersect(scene, start, mirrored)[0]
     expected = first_hit(p, g, 1.0, kernel, 0.45, start, mirrored)
-    assert (np.isfinite(again) == np.isfinite(expected)).all() and np.isfinite(again).any()
+    assert (np.isfinite(again) == np.isfinite(expected)).all()
+    assert np.isfinite(again).any()
 
 
 def test_a_cut_face_shows_the_blend(backend):
@@ -117,7 +119,7 @@ def test_selection_and_update(backend):
 
 
 @pytest.mark.parametrize(
-    "bad, why",
+    ("bad", "why"),
     [
         (np.eye(3), "shape"),
         (np.tile(np.diag([1.0, 1, -1]), (N, 1, 1)), "positive definite"),
@@ -153,7 +155,8 @@ def test_the_command(tmp_path, monkeypatch, capsys):
     p = lattice(8, 8, 8, 0.3)
     gb.write("p.npz", gb.Particles(p, support=2.0))
     line = ["render", "p.npz", "--size", "64x48", "--device", "cpu", "-o"]
-    assert main([*line, "plain.png"]) == 0 and main([*line, "smooth.png", "--anisotropic"]) == 0
+    assert main([*line, "plain.png"]) == 0
+    assert main([*line, "smooth.png", "--anisotropic"]) == 0
     plain, smooth = (np.asarray(Image.open(f"{n}.png"), float) for n in ("plain", "smooth"))
     assert np.abs(plain - smooth).mean() > 2
     gb.write("each.npz", gb.Particles(p, support=np.linspace(1.5, 2, len(p))))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import itertools
 import json
 import subprocess
 import sys
@@ -43,11 +44,12 @@ def rods(diameter: float, blur: int = 0, noise: float = 0.0, spacing: float = 0.
 
 
 @pytest.mark.parametrize("diameter", [1.5, 3.0])
-@pytest.mark.parametrize("blur, noise", [(0, 0), (2, 0), (0, 40), (1, 25)])
+@pytest.mark.parametrize(("blur", "noise"), [(0, 0), (2, 0), (0, 40), (1, 25)])
 def test_rods_are_measured_without_bias(diameter, blur, noise):
     places = [(-12.6, 5), (0, 5), (12.6, 5)]
     found = measure_cylinders(rods(diameter, blur, noise), places, diameter)
-    assert found.diameters.shape == (2, 3) and found.separations.shape == (2, 2)
+    assert found.diameters.shape == (2, 3)
+    assert found.separations.shape == (2, 2)
     assert found.diameters.mean() == pytest.approx(diameter, abs=0.05)
     assert found.separations.mean(axis=0) == pytest.approx([12.67, 12.63], abs=0.04)
 
@@ -62,22 +64,27 @@ def test_removed_slices():
     curves = ultrasound.removed_slices(reference, ("pvn-om", "vvn-om"), 2, device="cpu")
     for method in ("pvn-om", "vvn-om"):
         means = curves.means[method]
-        assert means[-1] == 1.0 and curves.empty[method][-1] == 1.0
-        assert all(a <= b + 1e-9 for a, b in zip(means, means[1:], strict=False))
+        assert means[-1] == 1.0
+        assert curves.empty[method][-1] == 1.0
+        assert all(a <= b + 1e-9 for a, b in itertools.pairwise(means))
     assert curves.means["pvn-om"][0] == 0.0  # nothing removed: every voxel is its own pixel
 
 
 def test_reference_volume_is_there_without_optional_packages(monkeypatch):
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     values, name = ultrasound.reference_volume(quick=True)
-    assert "phantom" in name and values.ndim == 3 and values.max() > 100
+    assert "phantom" in name
+    assert values.ndim == 3
+    assert values.max() > 100
 
 
 def test_command(capsys, monkeypatch):
     monkeypatch.setattr(ultrasound, "CYLINDER_METHODS", ("pvn-om",))  # the fast one
     assert main(["bench", "4.3", "--quick", "-o", "out", "--device", "cpu"]) == 0
     out = capsys.readouterr().out
-    assert out.startswith("4.3  cylinder phantom") and "source" in out and "ours" in out
+    assert out.startswith("4.3  cylinder phantom")
+    assert "source" in out
+    assert "ours" in out
     with open("out/4.3.csv") as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == 4
@@ -106,10 +113,12 @@ def test_times_and_memory(monkeypatch):
     )
     times, memory = ultrasound.times_and_memory(Setting("out", device="cpu"))
     assert (times.name, memory.name) == ("4.1", "4.2")
-    assert len(times.rows) == 36 and len(memory.rows) == 18
+    assert len(times.rows) == 36
+    assert len(memory.rows) == 18
     assert {(131, "pvn-om", (512,) * 3), (51, "vvn", (128,) * 3)} <= set(asked)
     first = dict(zip(times.columns, times.rows[0], strict=True))
-    assert first["source s"] == 0.72 and first["octree, source"] == pytest.approx(4.98 / 0.72)
+    assert first["source s"] == 0.72
+    assert first["octree, source"] == pytest.approx(4.98 / 0.72)
     assert first["on device s"] == 0.75
     assert first["source/ours"] == pytest.approx(0.72 / first["ours s"])
     assert memory.rows[0][3:5] == (1390, 1.0)
@@ -117,7 +126,8 @@ def test_times_and_memory(monkeypatch):
 
 def test_mistakes(capsys):
     assert main(["bench", "9.9"]) == 2
-    assert "4.3" in capsys.readouterr().err and not Path("bench").exists()
+    assert "4.3" in capsys.readouterr().err
+    assert not Path("bench").exists()
     Path("file").write_text("")
     assert main(["bench", "4.3", "-o", "file"]) == 2
 
@@ -155,5 +165,8 @@ def test_tables_go_into_the_page(tmp_path):
     (tmp_path / "bench.json").write_text(json.dumps(tables))
     subprocess.run([sys.executable, str(script), f"gpu={tmp_path}"], check=True)
     text = page.read_text()
-    assert "kept" in text and "old" not in text and text.endswith("c\n")
-    assert "**a GPU**" in text and "| 131 | 128³ | 0.5 | 0.5 | 0.5 | 0.5 | 0.25 | – | – |" in text
+    assert "kept" in text
+    assert "old" not in text
+    assert text.endswith("c\n")
+    assert "**a GPU**" in text
+    assert "| 131 | 128³ | 0.5 | 0.5 | 0.5 | 0.5 | 0.25 | – | – |" in text

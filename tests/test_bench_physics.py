@@ -18,13 +18,15 @@ def test_a_page_says_what_is_not_met(tmp_path, monkeypatch, capsys):
     found = list(csv.DictReader(open(tmp_path / "physics.csv")))
     assert [row["measured"] for row in found] == ["1.9", "0.5"]
     text = (tmp_path / "physics.md").read_text()
-    assert "2 truths, 1 met" in text and "Not met: drift." in text
+    assert "2 truths, 1 met" in text
+    assert "Not met: drift." in text
     assert "| drift | 0 | 0.5 | **not met** |" in text
 
 
 def test_neighbours_equal_brute_force():
     first, second = physics.neighbors("cpu")
-    assert first.ok and second.ok
+    assert first.ok
+    assert second.ok
 
 
 def test_a_plot_is_drawn(tmp_path):

@@ -35,7 +35,8 @@ def test_exact_marks_give_the_exact_calibration():
     result = calibrate_point_target(*observations(8))
     assert np.allclose(result.calibration.probe_from_image, TRUTH, atol=1e-8)
     assert np.allclose(result.target, TARGET, atol=1e-7)
-    assert result.calibration.rms < 1e-9 and result.residuals.shape == (8, 3)
+    assert result.calibration.rms < 1e-9
+    assert result.residuals.shape == (8, 3)
     assert result.calibration.spacing == pytest.approx((0.085, 0.079))
 
 
@@ -50,7 +51,7 @@ def test_noise_shows_in_the_residuals():
     assert abs(u @ v) < 1e-12  # rows and columns stay at right angles
 
 
-@pytest.mark.parametrize("change, what", [
+@pytest.mark.parametrize(("change", "what"), [
     (lambda p, t: (p[:5], t[:5]), "N >= 6"),
     (lambda p, t: (p, t[:4]), "world_from_probe: expected shape"),
     (lambda p, t: (p * np.nan, t), "observation 0"),
@@ -79,7 +80,7 @@ def test_file_round_trip(tmp_path):
             assert getattr(again, name) == getattr(calibration, name)
 
 
-@pytest.mark.parametrize("text, what", [
+@pytest.mark.parametrize(("text", "what"), [
     ("", "4x4 matrix"),
     ("probe_from_image = ", "TOML"),
     ("probe_from_image = 3", "4x4"),
@@ -101,7 +102,8 @@ def test_bad_files(tmp_path, text, what):
     path.write_text(text.replace("{}", good))
     with pytest.raises(ValueError, match=what) as caught:
         read_calibration(path)
-    assert str(path) in str(caught.value) and "\n" not in str(caught.value)
+    assert str(path) in str(caught.value)
+    assert "\n" not in str(caught.value)
 
 
 def test_a_file_that_is_no_text(tmp_path):

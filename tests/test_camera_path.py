@@ -26,7 +26,8 @@ def test_a_path_goes_through_its_keys(interpolation):
         at = path(key["frame"])
         for name in ("eye", "look_at", "up", "fov"):
             assert getattr(at, name) == pytest.approx(state[name])
-    assert path(-3) == path(0) and path(99) == path(50)
+    assert path(-3) == path(0)
+    assert path(99) == path(50)
 
 
 def test_linear_is_straight_and_two_keys_are_too():
@@ -67,13 +68,14 @@ def test_times_and_files(tmp_path):
         "[[key]]\ntime = 2\neye = [4, 0, 5]\n"
     )
     path = CameraPath.load(toml, fps=25)
-    assert path.n_frames == 51 and path(25).eye == pytest.approx((2, 0, 5))
+    assert path.n_frames == 51
+    assert path(25).eye == pytest.approx((2, 0, 5))
     listed.write_text(json.dumps(KEYS))
     assert CameraPath.load(listed)(20) == CameraPath(KEYS)(20)
 
 
 @pytest.mark.parametrize(
-    "keys, parts",
+    ("keys", "parts"),
     [
         ([], ["key", "list"]),
         ([{"eye": [0, 0, 1], "look_at": [0, 0, 0]}], ["key 1", "frame or time"]),
@@ -101,7 +103,8 @@ def test_wrong_keys(tmp_path, keys, parts):
 
 
 @pytest.mark.parametrize(
-    "name, text", [("p.toml", "key ="), ("p.json", "{"), ("p.txt", ""), ("p.json", '{"keys": []}')]
+    ("name", "text"),
+    [("p.toml", "key ="), ("p.json", "{"), ("p.txt", ""), ("p.json", '{"keys": []}')],
 )
 def test_wrong_files(tmp_path, name, text):
     (tmp_path / name).write_text(text)
@@ -113,8 +116,10 @@ def test_orbit_is_a_circle_that_closes():
     start = Camera((3, 2, 0), (0, 1, 0), fov=30)
     cameras = orbit(start, 1, 8)
     eyes = np.array([c.eye for c in cameras])
-    assert cameras[0] == start and len(cameras) == 8
-    assert np.hypot(eyes[:, 0], eyes[:, 2]) == pytest.approx(3) and (eyes[:, 1] == 2).all()
+    assert cameras[0] == start
+    assert len(cameras) == 8
+    assert np.hypot(eyes[:, 0], eyes[:, 2]) == pytest.approx(3)
+    assert (eyes[:, 1] == 2).all()
     assert eyes[2] == pytest.approx((0, 2, -3))  # anticlockwise from above
     steps = np.linalg.norm(np.roll(eyes, -1, axis=0) - eyes, axis=1)
     assert steps == pytest.approx(steps[0])

@@ -29,7 +29,8 @@ def test_mistakes_of_the_command(capsys, words):
 def test_no_command_shows_help(capsys):
     assert main([]) == 2
     out, err = capsys.readouterr()
-    assert "render" in out and "expected a command" in err
+    assert "render" in out
+    assert "expected a command" in err
 
 
 @pytest.mark.parametrize("by", [signal.SIGINT, signal.SIGTERM])
@@ -49,7 +50,8 @@ def test_interrupted(particles, folder, by):
     process.send_signal(by)
     out, err = process.communicate(timeout=60)
     assert process.returncode == 128 + by
-    assert out == "" and err == "globule: interrupted\n"
+    assert out == ""
+    assert err == "globule: interrupted\n"
     assert sorted(os.listdir()) == before
 
 
@@ -69,7 +71,9 @@ def test_interrupted_while_it_loads(folder, script):
     assert process.stdout.readline() == "loading\n"
     process.send_signal(signal.SIGINT)
     out, err = process.communicate(timeout=60)
-    assert process.returncode == 130 and out == "" and err == "globule: interrupted\n"
+    assert process.returncode == 130
+    assert out == ""
+    assert err == "globule: interrupted\n"
 
 
 def test_closed_pipe(particles):
@@ -84,8 +88,10 @@ def test_closed_pipe(particles):
 
 def test_pipes_get_no_progress_bar(particles):
     done = run("render", particles, "-o", "a.png", *SMALL)
-    assert done.returncode == 0 and done.stderr == ""
-    assert "\r" not in done.stdout and "\033" not in done.stdout
+    assert done.returncode == 0
+    assert done.stderr == ""
+    assert "\r" not in done.stdout
+    assert "\033" not in done.stdout
 
 
 def test_a_terminal_gets_a_progress_bar(particles):
@@ -93,7 +99,9 @@ def test_a_terminal_gets_a_progress_bar(particles):
     ours, theirs = pty.openpty()
     done = subprocess.run(
         [*COMMAND, "render", particles, "-o", "a.png", *SMALL],
-        stdout=subprocess.PIPE, stderr=theirs, timeout=100,
+        stdout=subprocess.PIPE,
+        stderr=theirs,
+        timeout=100,
     )
     os.close(theirs)
     shown = os.read(ours, 100_000).decode()
@@ -105,12 +113,15 @@ def test_a_terminal_gets_a_progress_bar(particles):
 
 
 @pytest.mark.parametrize(
-    "error, status, line",
+    ("error", "status", "line"),
     [
         (MemoryError(), 1, "globule: error: not enough memory\n"),
         (KeyError("inside"), 1, "globule: error: 'inside'\n"),
-        (OSError(28, "No space left on device", "a.png"), 1,
-         "globule: error: [Errno 28] No space left on device: 'a.png'\n"),
+        (
+            OSError(28, "No space left on device", "a.png"),
+            1,
+            "globule: error: [Errno 28] No space left on device: 'a.png'\n",
+        ),
         (KeyboardInterrupt(), 130, "globule: interrupted\n"),
     ],
 )
@@ -149,14 +160,22 @@ def test_a_file_that_finds_no_room_is_named(folder, words, name):
 def test_info(particles, capsys):
     assert main(["info", particles]) == 0
     out = capsys.readouterr().out
-    assert "216" in out and "speed: float64 216, 0 to 215" in out and "flow" in out
+    assert "216" in out
+    assert "speed: float64 216, 0 to 215" in out
+    assert "flow" in out
     assert main(["info", particles, "--json"]) == 0
     facts = json.loads(capsys.readouterr().out)
-    assert facts["particles"] == 216 and facts["format"] == "NumPy archive"
+    assert facts["particles"] == 216
+    assert facts["format"] == "NumPy archive"
     assert facts["bounds"]["lo"] == [0, 0, 0]
     assert facts["spacing"] == pytest.approx(1 / 6, rel=0.02)
     assert facts["attributes"]["speed"] == {
-        "dtype": "float64", "shape": [216], "min": 0, "max": 215, "nan": 0, "inf": 0
+        "dtype": "float64",
+        "shape": [216],
+        "min": 0,
+        "max": 215,
+        "nan": 0,
+        "inf": 0,
     }
 
 
@@ -167,9 +186,11 @@ def test_info_of_troubled_particles(capsys):
     gb.write("none.npz", gb.Particles(np.zeros((0, 3))))
     assert main(["info", "a.npz", "--json"]) == 0
     facts = json.loads(capsys.readouterr().out)
-    assert facts["not_finite"] == 2 and facts["spacing"] is None
+    assert facts["not_finite"] == 2
+    assert facts["spacing"] is None
     assert facts["fields"]["positions"]["nan"] == facts["fields"]["positions"]["inf"] == 1
-    assert facts["attributes"]["v"]["min"] is None and facts["attributes"]["v"]["nan"] == 3
+    assert facts["attributes"]["v"]["min"] is None
+    assert facts["attributes"]["v"]["nan"] == 3
     for file in ("a.npz", "none.npz"):
         assert main(["info", file]) == 0
         assert "particles" in capsys.readouterr().out
@@ -177,12 +198,18 @@ def test_info_of_troubled_particles(capsys):
 
 def test_convert_says_what_is_lost(folder, capsys):
     p = cube(2, support=0.5, color=(1, 0, 0))
-    gb.write("a.npz", gb.Particles(
-        p.positions, support=0.5, color=(1, 0, 0), attributes={"t": np.arange(8.0)}
-    ))
+    gb.write(
+        "a.npz",
+        gb.Particles(p.positions, support=0.5, color=(1, 0, 0), attributes={"t": np.arange(8.0)}),
+    )
     lost = {
-        "b.vtk": [], "b.ply": [], "b.csv": [], "b.npz": [],
-        "b.txt": ["support", "t"], "b.npy": ["support", "color", "t"], "b.bgeo": ["t"],
+        "b.vtk": [],
+        "b.ply": [],
+        "b.csv": [],
+        "b.npz": [],
+        "b.txt": ["support", "t"],
+        "b.npy": ["support", "color", "t"],
+        "b.bgeo": ["t"],
     }
     for output, names in lost.items():
         assert main(["convert", "a.npz", output]) == 0
@@ -204,7 +231,8 @@ def test_demo_and_what_it_says_to_type_next(folder):
     done = run("demo")
     assert done.returncode == 0, done.stderr
     assert time.perf_counter() - start < 60  # hangs and the like; speed is bench's business
-    assert done.stdout.startswith("demo/splash.png") and done.stderr == ""
+    assert done.stdout.startswith("demo/splash.png")
+    assert done.stderr == ""
     assert Image.open("demo/splash.png").size == (1024, 782)
     following = [line.strip() for line in done.stdout.splitlines() if line.startswith("  ")]
     assert len(following) == 4
@@ -272,4 +300,5 @@ def test_a_place_that_cannot_be_written_is_refused_before_the_work(particles, ca
         pytest.importorskip("matplotlib")
     said = refused(capsys, *words)
     expected = "expected a folder" if words[-1] == "cube.npz" else "expected a place"
-    assert expected in said and words[-1] in said
+    assert expected in said
+    assert words[-1] in said

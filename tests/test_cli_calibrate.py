@@ -58,7 +58,8 @@ def report(capsys, *words: str) -> dict:
 def test_marks_with_poses(capsys):
     write_marks(*observations(12))
     facts = report(capsys, "marks.csv", "-o", "probe.toml")
-    assert len(facts["residuals"]) == 12 and max(facts["residuals"]) < 1e-6
+    assert len(facts["residuals"]) == 12
+    assert max(facts["residuals"]) < 1e-6
     assert facts["target"] == pytest.approx(TARGET)
     assert facts["warnings"] == []
     assert np.allclose(read_calibration("probe.toml").probe_from_image, TRUTH, atol=1e-7)
@@ -83,7 +84,9 @@ def test_marks_in_a_recording(capsys):
         Path("marks.csv").write_text("\n".join(["frame,column,row", *lines, row]) + "\n")
         assert main(["calibrate", *words]) == 2
         error = capsys.readouterr().err
-        assert what in error and "row 14" in error and error.count("\n") == 1
+        assert what in error
+        assert "row 14" in error
+        assert error.count("\n") == 1
 
 
 def test_a_wrong_mark_is_named(capsys):
@@ -133,7 +136,8 @@ def test_delay(capsys):
     assert facts["temporal_offset"]["offset"] == pytest.approx(0.1, abs=0.015)
     found = read_calibration("new.toml")
     assert found.temporal_offset == facts["temporal_offset"]["offset"]
-    assert np.array_equal(found.probe_from_image, TRUTH) and found.clip == (1, 1, 9, 9)
+    assert np.array_equal(found.probe_from_image, TRUTH)
+    assert found.clip == (1, 1, 9, 9)
 
 
 def test_an_uncertain_delay_is_said_and_not_written(capsys):
@@ -144,7 +148,7 @@ def test_an_uncertain_delay_is_said_and_not_written(capsys):
     assert read_calibration("new.toml").temporal_offset == 0.0
 
 
-@pytest.mark.parametrize("words, what", [
+@pytest.mark.parametrize(("words", "what"), [
     ([], "MARKS"),
     (["nowhere.csv"], "nowhere.csv"),
     (["marks.toml"], "marks.toml"),
@@ -164,5 +168,6 @@ def test_mistakes(words, what, capsys):
     Path("poses.csv").write_text("column,row\n1,2\n")
     assert main(["calibrate", *words]) == 2
     error = capsys.readouterr().err
-    assert what in error and error.count("\n") == 1
+    assert what in error
+    assert error.count("\n") == 1
     assert not Path("p.toml").exists()

@@ -54,24 +54,30 @@ def test_a_clip_takes_away_and_shows_the_inside():
     assert 0 < cut["mask"].sum() < whole["mask"].sum()
     assert np.nanmax(cut["position"][..., 2]) < 0.25 + 1e-4
     face = np.abs(cut["position"][..., 2] - 0.25) < 1e-4
-    assert face.sum() > 100 and np.allclose(cut["normal"][face], [0, 0, 1])
+    assert face.sum() > 100
+    assert np.allclose(cut["normal"][face], [0, 0, 1])
     blend = gb.Scene(ball(), device="cpu").blend(cut["position"][face], ball().color)
     assert np.allclose(cut["albedo"][face], blend, atol=1e-3)
 
 
-@pytest.mark.parametrize("words, gone", [
-    ("--clip -1,0,2,0", lambda p: 2 * p[:, 2] > p[:, 0]),
-    ("--clip-box -9,-9,0,9,9,9", lambda p: p[:, 2] > 0),
-    ("--clip-sphere 0,0,1,1", lambda p: np.linalg.norm(p - [0, 0, 1], axis=1) < 1),
-    ("--crop -9,-9,-9,9,0,9", lambda p: p[:, 1] > 0),
-    ("--clip 1,0,0,0 --clip 0,1,0,0", lambda p: (p[:, 0] > 0) | (p[:, 1] > 0)),
-])
+@pytest.mark.parametrize(
+    ("words", "gone"),
+    [
+        ("--clip -1,0,2,0", lambda p: 2 * p[:, 2] > p[:, 0]),
+        ("--clip-box -9,-9,0,9,9,9", lambda p: p[:, 2] > 0),
+        ("--clip-sphere 0,0,1,1", lambda p: np.linalg.norm(p - [0, 0, 1], axis=1) < 1),
+        ("--crop -9,-9,-9,9,0,9", lambda p: p[:, 1] > 0),
+        ("--clip 1,0,0,0 --clip 0,1,0,0", lambda p: (p[:, 0] > 0) | (p[:, 1] > 0)),
+    ],
+)
 def test_every_cut(words, gone):
     seen = arrays(*words.split())["position"].reshape(-1, 3)
     seen = seen[np.isfinite(seen[:, 0])]
     outside = seen + 1e-3 * (np.float32([1, 1.2, 3]) - seen)  # towards the eye
     inside = seen - 1e-3 * (np.float32([1, 1.2, 3]) - seen)
-    assert not gone(inside).any() and gone(outside).any() and len(seen) > 100
+    assert not gone(inside).any()
+    assert gone(outside).any()
+    assert len(seen) > 100
 
 
 # Presets
@@ -81,12 +87,14 @@ def test_every_cut(words, gone):
 def test_presets(name):
     plain = picture()
     seen = picture("--preset", name, "--samples", "1", "--json")
-    assert seen.std() > 8 and (seen != plain).any()
+    assert seen.std() > 8
+    assert (seen != plain).any()
     scene = gb.Scene(ball(), device="cpu")
     settings = gb.preset(name, scene)
     assert isinstance(settings, gb.RenderSettings)
-    frame = gb.render(scene, gb.Camera((1, 1.2, 3), (0, 0, 0)), (48, 36),
-                      dataclasses.replace(settings, samples=1))
+    frame = gb.render(
+        scene, gb.Camera((1, 1.2, 3), (0, 0, 0)), (48, 36), dataclasses.replace(settings, samples=1)
+    )
     assert (np.abs(frame.picture.astype(int) - seen) <= 1).all()
 
 
@@ -111,7 +119,8 @@ def test_options_win_over_the_preset():
     assert (white != picture("--preset", "blood", "--samples", "1", "--eye", "0,9,0.1")).any()
     bare = picture("--preset", "tissue", "--samples", "1")
     lit = picture("--preset", "tissue", "--samples", "1", "--background", "0,1,0")
-    assert (bare[0, 0] != [0, 255, 0]).any() and (lit[0, 0] == [0, 255, 0]).all()
+    assert (bare[0, 0] != [0, 255, 0]).any()
+    assert (lit[0, 0] == [0, 255, 0]).all()
 
 
 def test_the_ground_is_where_the_surface_ends():
@@ -132,10 +141,17 @@ def test_unknown_preset():
 
 def test_light_options_reach_the_picture():
     plain = picture()
-    for words in ("--transmission 1 --index 1.5", "--reflection 0.8 --sky gradient",
-                  "--sky 0.2,0.4,0.6", "--ground", "--ground -2", "--samples 3",
-                  "--light dir:0,1,0", "--ambient-rays 4 --ambient 0.5",
-                  "--transmission 0.9 --absorption 3,1,0"):
+    for words in (
+        "--transmission 1 --index 1.5",
+        "--reflection 0.8 --sky gradient",
+        "--sky 0.2,0.4,0.6",
+        "--ground",
+        "--ground -2",
+        "--samples 3",
+        "--light dir:0,1,0",
+        "--ambient-rays 4 --ambient 0.5",
+        "--transmission 0.9 --absorption 3,1,0",
+    ):
         assert (picture(*words.split()) != plain).any(), words
     light = ["--light", "dir:1,1,0", "--ground"]
     assert picture(*light, "--shadows").sum() < picture(*light).sum()
@@ -156,7 +172,8 @@ def test_a_sky_from_a_file():
     image[:4] = [255, 0, 0]
     Image.fromarray(image).save("sky.png")
     seen = picture("--sky", "sky.png", "--eye", "0,0,4")
-    assert seen[0, 0, 0] > 200 > seen[-1, 0, 0] and seen[0, 0, 1] == 0
+    assert seen[0, 0, 0] > 200 > seen[-1, 0, 0]
+    assert seen[0, 0, 1] == 0
 
 
 def test_the_mean_of_a_sky():
@@ -195,13 +212,17 @@ def test_a_scene_beside_shows_through():
 def test_pick(capsys):
     picture("--pick", "24,18")
     line = capsys.readouterr().out.splitlines()[-1]
-    assert line.startswith("pixel 24,18: position ") and "particle " in line and "side " in line
+    assert line.startswith("pixel 24,18: position ")
+    assert "particle " in line
+    assert "side " in line
     picture("--pick", "0,0")
     assert capsys.readouterr().out.endswith("pixel 0,0: nothing\n")
     picture("--pick", "24,18", "--clip", "0,0,1,0", "--json")
     picked = json.loads(capsys.readouterr().out)["picked"]
-    assert picked["position"][2] == pytest.approx(0, abs=1e-4) and picked["normal"] == [0, 0, 1]
-    assert set(picked["attributes"]) == {"side"} and picked["depth"] > 2
+    assert picked["position"][2] == pytest.approx(0, abs=1e-4)
+    assert picked["normal"] == [0, 0, 1]
+    assert set(picked["attributes"]) == {"side"}
+    assert picked["depth"] > 2
     picture("--json")
     assert "picked" not in json.loads(capsys.readouterr().out)
 
@@ -215,55 +236,63 @@ def test_a_sequence_keeps_what_was_found_first():
     assert main(["render", "ball.npz", "moved.npz", "-o", "p_%d.png", *words]) == 0
     assert main(["render", "moved.npz", "-o", "alone.png", *words]) == 0
     one, two, alone = (np.asarray(Image.open(f"{n}.png")) for n in ("p_0", "p_1", "alone"))
-    assert (one != two).any() and (two != alone).any()  # alone, the ground rises with the ball
+    assert (one != two).any()
+    assert (two != alone).any()
 
 
 def test_a_picked_particle_is_the_file_s(capsys):
     holes = ball()
     positions = np.insert(holes.positions, 0, [[np.nan] * 3] * 7, axis=0)
     gb.write("holes.npz", gb.Particles(positions, support=0.5))
-    assert main(["render", "holes.npz", "-o", "a.png", *SMALL, *CAMERA, "--pick", "24,18",
-                 "--json"]) == 0
+    assert (
+        main(["render", "holes.npz", "-o", "a.png", *SMALL, *CAMERA, "--pick", "24,18", "--json"])
+        == 0
+    )
     picked = json.loads(capsys.readouterr().out)["picked"]
     away = np.linalg.norm(positions - picked["position"], axis=1)
     assert picked["particle"] == np.nanargmin(away)
 
 
-@pytest.mark.parametrize("words, named", [
-    ("--clip 0,0,0,1", "--clip"),
-    ("--clip 1,0,0", "--clip"),
-    ("--clip-box 0,0,0,1,1,0", "--clip-box"),
-    ("--clip-sphere 0,0,0,-1", "--clip-sphere"),
-    ("--crop 1,2", "--crop"),
-    ("--sky blue", "--sky"),
-    ("--sky missing.hdr", "missing.hdr"),
-    ("--ground low", "--ground"),
-    ("--reflection 1.5", "--reflection"),
-    ("--index 0.5", "--index"),
-    ("--roughness -1", "--roughness"),
-    ("--absorption -1,0,0", "--absorption"),
-    ("--opacity 2", "--opacity"),
-    ("--opacity 0.5 --transmission 1", "--opacity"),
-    ("--samples 0", "--samples"),
-    ("--bounces 99", "--bounces"),
-    ("--ambient-rays 1.5", "--ambient-rays"),
-    ("--light dir:0,0,0", "--light"),
-    ("--light dir:1,0,0,500", "--light"),
-    ("--light point:1,0,0,-2", "--light"),
-    ("--pick 48,0", "--pick"),
-    ("--pick 1", "--pick"),
-    ("--with missing.npz", "missing.npz"),
-    ("--with a.npz --with a.npz --with a.npz --with a.npz", "--with"),
-    ("--with ball.npz:#zz", "--with: expected FILE or FILE:COLOR, COLOR being R,G,B"),
-    ("--preset thesis --with ball.npz", "--with: expected none beside --preset thesis, which"),
-    ("--root march --with ball.npz", "--with: expected none beside --root march, which"),
-    ("--preset jelly", "--preset"),
-    ("--preset thesis --clip 1,0,0,0", "clips"),
-])
+@pytest.mark.parametrize(
+    ("words", "named"),
+    [
+        ("--clip 0,0,0,1", "--clip"),
+        ("--clip 1,0,0", "--clip"),
+        ("--clip-box 0,0,0,1,1,0", "--clip-box"),
+        ("--clip-sphere 0,0,0,-1", "--clip-sphere"),
+        ("--crop 1,2", "--crop"),
+        ("--sky blue", "--sky"),
+        ("--sky missing.hdr", "missing.hdr"),
+        ("--ground low", "--ground"),
+        ("--reflection 1.5", "--reflection"),
+        ("--index 0.5", "--index"),
+        ("--roughness -1", "--roughness"),
+        ("--absorption -1,0,0", "--absorption"),
+        ("--opacity 2", "--opacity"),
+        ("--opacity 0.5 --transmission 1", "--opacity"),
+        ("--samples 0", "--samples"),
+        ("--bounces 99", "--bounces"),
+        ("--ambient-rays 1.5", "--ambient-rays"),
+        ("--light dir:0,0,0", "--light"),
+        ("--light dir:1,0,0,500", "--light"),
+        ("--light point:1,0,0,-2", "--light"),
+        ("--pick 48,0", "--pick"),
+        ("--pick 1", "--pick"),
+        ("--with missing.npz", "missing.npz"),
+        ("--with a.npz --with a.npz --with a.npz --with a.npz", "--with"),
+        ("--with ball.npz:#zz", "--with: expected FILE or FILE:COLOR, COLOR being R,G,B"),
+        ("--preset thesis --with ball.npz", "--with: expected none beside --preset thesis, which"),
+        ("--root march --with ball.npz", "--with: expected none beside --root march, which"),
+        ("--preset jelly", "--preset"),
+        ("--preset thesis --clip 1,0,0,0", "clips"),
+    ],
+)
 def test_mistakes(words, named, capsys):
     assert main(["render", "ball.npz", "-o", "a.png", *SMALL, *words.split()]) == 2
     out, err = capsys.readouterr()
-    assert out == "" and err.count("\n") == 1 and named in err
+    assert out == ""
+    assert err.count("\n") == 1
+    assert named in err
     assert os.listdir() == ["ball.npz"]
 
 

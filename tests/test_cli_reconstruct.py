@@ -32,7 +32,10 @@ def test_a_volume_and_its_figures(sweep, capsys):
     words = ["reconstruct", "phantom.igs.mha", "-o", "v.npz", "--spacing", "1", *CPU]
     assert main(words) == 0
     out, err = capsys.readouterr()
-    assert out.startswith("v.npz: ") and "24 frames" in out and "measured" in out and err == ""
+    assert out.startswith("v.npz: ")
+    assert "24 frames" in out
+    assert "measured" in out
+    assert err == ""
     facts = run_json(capsys, *words, "--three-view", "v.png")
     volume = read_volume("v.npz")
     assert facts["volume"]["size"] == list(volume.values.shape[::-1])
@@ -40,7 +43,8 @@ def test_a_volume_and_its_figures(sweep, capsys):
     assert facts["counts"]["filled"] == volume.n_filled
     assert sum(facts["counts"][k] for k in ("measured", "filled", "empty")) == volume.values.size
     assert set(facts["times"]) == {"read", "reconstruct", "write", "total"}
-    assert facts["frames"]["used"] == 24 and facts["method"] == "pvn-om"
+    assert facts["frames"]["used"] == 24
+    assert facts["method"] == "pvn-om"
     assert Image.open("v.png").size[0] > 50
     low, high = sweep.bounds()
     origin = volume.world_from_voxel[:3, 3]
@@ -56,14 +60,16 @@ def test_every_format(sweep, capsys, extension):
     assert max(facts["volume"]["size"]) == 32
     assert list(read_volume(name).values.shape[::-1]) == facts["volume"]["size"]
     about = run_json(capsys, "info", name)
-    assert about["kind"] == "volume" and about["size"] == facts["volume"]["size"]
+    assert about["kind"] == "volume"
+    assert about["size"] == facts["volume"]["size"]
 
 
 @pytest.mark.parametrize("method", ["pvn-om", "vvn-om", "pvn", "vvn", "bezier"])
 def test_every_method(sweep, capsys, method):
     words = ["--method", method, "--spacing", "1.5", "--max-kernel", "5"]
     facts = run_json(capsys, "reconstruct", "phantom.igs.mha", "-o", "v.npz", *words, *CPU)
-    assert facts["method"] == method and facts["counts"]["measured"] > 0
+    assert facts["method"] == method
+    assert facts["counts"]["measured"] > 0
     seen = read_volume("v.npz")
     assert 40 < seen.values[seen.measured].mean() < 130
 
@@ -83,11 +89,14 @@ def test_cross_validation(sweep, capsys):
     facts = run_json(capsys, "reconstruct", *words)
     assert set(facts["cross_validation"]) == {"pvn-om", "vvn-om", "bezier"}
     for result in facts["cross_validation"].values():
-        assert result["n_frames"] == 22 and 0.5 < result["coverage"] <= 1
+        assert result["n_frames"] == 22
+        assert 0.5 < result["coverage"] <= 1
         assert 0 < result["mean_error"] < result["rms_error"] < 60
     assert main(["reconstruct", *words, "--method", "vvn-om"]) == 0
     out = capsys.readouterr().out
-    assert out.count("\n") == 1 and "vvn-om" in out and "22 frames left out" in out
+    assert out.count("\n") == 1
+    assert "vvn-om" in out
+    assert "22 frames left out" in out
 
 
 def test_jumping_poses_are_left_out_with_a_warning(sweep, capsys):
@@ -138,8 +147,10 @@ def test_mistakes_get_one_line(sweep, capsys):
         (["phantom.igs.mha", "-o", "v.nrrd", "--spacing", "0.0001"], "spacing"),
         (["phantom.igs.mha", "-o", "v.nrrd", "--three-view", "v.bmp"], "--three-view"),
         (["phantom.igs.mha", "-o", "./phantom.igs.mha"], "-o: expected a name of its own"),
-        (["phantom.igs.mha", "-o", "v.nrrd", "--surface", "a.png", "--three-view", "a.png"],
-         "expected a name of its own"),
+        (
+            ["phantom.igs.mha", "-o", "v.nrrd", "--surface", "a.png", "--three-view", "a.png"],
+            "expected a name of its own",
+        ),
         (["phantom.igs.mha", "--cross-validate", "1"], "--cross-validate"),
         (["phantom.igs.mha", "--cross-validate", "20"], "at most half"),
         (["--live", "igtl://127.0.0.1:1", "-o", "v.nrrd", "--idle", "0.3"], "expected a server"),
@@ -156,16 +167,21 @@ def test_mistakes_get_one_line(sweep, capsys):
 def test_info_of_a_sweep(sweep, capsys):
     assert main(["info", "phantom.igs.mha"]) == 0
     out = capsys.readouterr().out
-    assert "24 frames of 64x60" in out and "Reference" in out
+    assert "24 frames of 64x60" in out
+    assert "Reference" in out
     facts = run_json(capsys, "info", "phantom.igs.mha")
-    assert facts["kind"] == "sweep" and facts["frames"] == 24 and facts["valid"] == 24
+    assert facts["kind"] == "sweep"
+    assert facts["frames"] == 24
+    assert facts["valid"] == 24
     assert facts["spacing"] == pytest.approx([0.8, 0.8])
 
 
 def test_info_of_a_recording_without_calibration(capsys):
     data = spine_data()
     facts = run_json(capsys, "info", str(data / "SpinePhantomFreehand.igs.mha"))
-    assert facts["kind"] == "sweep" and facts["frames"] == 21 and facts["spacing"] is None
+    assert facts["kind"] == "sweep"
+    assert facts["frames"] == 21
+    assert facts["spacing"] is None
     assert facts["transforms"] == ["ProbeToTracker", "ReferenceToTracker", "StylusToTracker"]
 
 

@@ -20,7 +20,8 @@ pytestmark = pytest.mark.usefixtures("folder")
 def test_render_writes_a_picture(particles, capsys):
     assert main(["render", particles, "-o", "a.png", *SMALL]) == 0
     out, err = capsys.readouterr()
-    assert out.startswith("a.png: 216 particles") and out.count("\n") == 1
+    assert out.startswith("a.png: 216 particles")
+    assert out.count("\n") == 1
     assert err == ""
     picture = np.asarray(Image.open("a.png"))
     assert picture.shape == (30, 40, 3)
@@ -30,20 +31,25 @@ def test_render_writes_a_picture(particles, capsys):
 def test_render_json(particles, capsys):
     assert main(["render", particles, "-o", "a.png", "--json", "--aov", "a.npz", *SMALL]) == 0
     facts = json.loads(capsys.readouterr().out)
-    assert facts["images"] == ["a.png"] and facts["aov"] == "a.npz"
+    assert facts["images"] == ["a.png"]
+    assert facts["aov"] == "a.npz"
     assert set(facts["times"]) == {"read", "build", "trace", "write", "total"}
     assert all(t >= 0 for t in facts["times"].values())
     assert facts["memory"]["octree"] > 0
     counts = facts["counts"]
-    assert counts["particles"] == counts["inside"] == 216 and counts["outside"] == 0
-    assert counts["leaves"] <= counts["nodes"] and 0 < counts["hits"] < 40 * 30
+    assert counts["particles"] == counts["inside"] == 216
+    assert counts["outside"] == 0
+    assert counts["leaves"] <= counts["nodes"]
+    assert 0 < counts["hits"] < 40 * 30
     assert "CPU" in facts["device"]
-    assert facts["kernel"] == "murakami" and facts["threshold"] == 0.6
+    assert facts["kernel"] == "murakami"
+    assert facts["threshold"] == 0.6
     assert facts["support"] == pytest.approx(2 * facts["spacing"])
     assert facts["spacing"] == pytest.approx(1 / 6, rel=0.02)
     scene = gb.Scene(gb.read(particles), device="cpu")
     assert facts["hashes"] == {
-        "key_hash": scene.octree.key_hash, "node_hash": scene.octree.node_hash
+        "key_hash": scene.octree.key_hash,
+        "node_hash": scene.octree.node_hash,
     }
     with np.load("a.npz") as arrays:
         assert {"color", "depth", "position", "normal", "mask"} <= set(arrays)
@@ -86,7 +92,10 @@ def test_fit_shows_all_whatever_is_upwards(particles, up):
     assert main(["render", particles, "-o", "a.png", "--up", up, *SMALL, "--aov", "a.npz"]) == 0
     with np.load("a.npz") as arrays:
         mask = arrays["mask"]
-    assert mask.any() and not (mask[0].any() or mask[-1].any() or mask[:, 0].any())
+    assert mask.any()
+    assert not (mask[0].any())
+    assert not (mask[-1].any())
+    assert not (mask[:, 0].any())
 
 
 def test_color_by(particles, capsys):
@@ -102,7 +111,9 @@ def test_color_by(particles, capsys):
     assert np.allclose(albedo, colorize([1.0], "magma", 0, 1), atol=1e-3)
     capsys.readouterr()
     err = refused(capsys, "render", particles, "-o", "b.png", "--color-by", "sped")
-    assert "speed" in err and "flow" in err and "sped" in err
+    assert "speed" in err
+    assert "flow" in err
+    assert "sped" in err
     assert "flow:2" in refused(capsys, "render", particles, "-o", "b.png", "--color-by", "flow:3")
 
 
@@ -116,7 +127,8 @@ def test_color_by_values_that_are_not_finite(folder, capsys):
 @pytest.mark.parametrize("name", NAMES)
 def test_colormaps(name):
     ends = colorize([0.0, 1.0], name, 0, 1)
-    assert ends.dtype == np.float32 and ((0 <= ends) & (ends <= 1)).all()
+    assert ends.dtype == np.float32
+    assert ((ends >= 0) & (ends <= 1)).all()
     assert (colorize([-5.0, np.inf], name, 0, 1) == ends).all()
     assert np.isfinite(colorize([3.0, np.nan], name, 3, 3)).all()
     assert np.isfinite(colorize([-1e308, 1e308], name, -1e308, 1e308)).all()
@@ -126,7 +138,7 @@ def test_colormaps(name):
 
 
 @pytest.mark.parametrize(
-    "output, names",
+    ("output", "names"),
     [
         ("pictures", ["pictures/a.png", "pictures/b.c.png"]),
         ("pictures/", ["pictures/a.png", "pictures/b.c.png"]),
@@ -140,7 +152,8 @@ def test_several_files(folder, capsys, output, names):
     gb.write("b.c.bgeo.gz", cube())
     assert main(["render", "a.ply", "b.c.bgeo.gz", "-o", output, "--json", *SMALL]) == 0
     facts = json.loads(capsys.readouterr().out)
-    assert facts["images"] == names and len(facts["frames"]) == 2
+    assert facts["images"] == names
+    assert len(facts["frames"]) == 2
     assert all(os.path.getsize(name) for name in names)
     assert facts["counts"]["particles"] == 432
 
@@ -156,7 +169,7 @@ def test_several_files_need_a_pattern(particles, capsys):
 
 
 @pytest.mark.parametrize(
-    "words, part",
+    ("words", "part"),
     [
         (["-o", "a.exr"], ".png"),
         (["-o", "a"], ".png"),
@@ -240,7 +253,8 @@ def test_no_particles_make_a_picture_of_the_background(positions, aim):
     facts = json.loads(done.stdout)
     assert facts["counts"]["particles"] == len(positions)
     assert facts["counts"]["inside"] == facts["counts"]["hits"] == 0
-    assert "warning: " in done.stderr and done.stderr.count("\n") == 1
+    assert "warning: " in done.stderr
+    assert done.stderr.count("\n") == 1
     picture = np.asarray(Image.open("a.png"))
     assert (picture == picture[0, 0]).all()
 

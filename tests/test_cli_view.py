@@ -18,30 +18,43 @@ def cloud(tmp_path):
     return str(path)
 
 
-@pytest.mark.parametrize("options, message", [
-    (["missing.vtk"], "missing.vtk: cannot be read: No such file or directory"),
-    (["frame_*.vtk"], "frame_*.vtk"),
-    (["no-such-scene.toml"], "no-such-scene.toml"),
-    (["CLOUD", "--port", "99999"], "--port: expected a port, 0 to 65535, got '99999'"),
-    (["CLOUD", "--eye", "1,2,3"], "--eye: expected --look-at beside it"),
-    (["CLOUD", "--ortho", "2"], "--ortho: expected --eye and --look-at beside it"),
-    (["CLOUD", "--color-by", "speed"], "--color-by: expected one of x, y, z, support, got speed"),
-    (["CLOUD", "--state", "none.toml"], "none.toml: cannot be read"),
-    (["CLOUD", "--device", "tpu"], "--device"),
-    (["CLOUD", "--preset", "lava"], "--preset"),
-    (["CLOUD", "--kernel", "cubic"], "--kernel"),
-    (["CLOUD", "--host", "203.0.113.7"], "host: expected an address of this machine"),
-    (["CLOUD", "--host", "nowhere.invalid"], "host: expected an address of this machine"),
-    (["CLOUD", "--up", "0,0,0"], "up: expected a direction, got (0.0, 0.0, 0.0)"),
-    (["igtl://"], "live: expected igtl://host:port, got 'igtl://'"),
-])
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["missing.vtk"], "missing.vtk: cannot be read: No such file or directory"),
+        (["frame_*.vtk"], "frame_*.vtk"),
+        (["no-such-scene.toml"], "no-such-scene.toml"),
+        (["CLOUD", "--port", "99999"], "--port: expected a port, 0 to 65535, got '99999'"),
+        (["CLOUD", "--eye", "1,2,3"], "--eye: expected --look-at beside it"),
+        (["CLOUD", "--ortho", "2"], "--ortho: expected --eye and --look-at beside it"),
+        (
+            ["CLOUD", "--color-by", "speed"],
+            "--color-by: expected one of x, y, z, support, got speed",
+        ),
+        (["CLOUD", "--state", "none.toml"], "none.toml: cannot be read"),
+        (["CLOUD", "--device", "tpu"], "--device"),
+        (["CLOUD", "--preset", "lava"], "--preset"),
+        (["CLOUD", "--kernel", "cubic"], "--kernel"),
+        (["CLOUD", "--host", "203.0.113.7"], "host: expected an address of this machine"),
+        (["CLOUD", "--host", "nowhere.invalid"], "host: expected an address of this machine"),
+        (["CLOUD", "--up", "0,0,0"], "up: expected a direction, got (0.0, 0.0, 0.0)"),
+        (["igtl://"], "live: expected igtl://host:port, got 'igtl://'"),
+    ],
+)
 def test_mistakes(cloud, options, message, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     words = [cloud if word == "CLOUD" else word for word in options]
-    assert main(["view", *words, "--no-browser", "--port", "0"] if "--port" not in words
-                else ["view", *words, "--no-browser"]) == 2
+    assert (
+        main(
+            ["view", *words, "--no-browser", "--port", "0"]
+            if "--port" not in words
+            else ["view", *words, "--no-browser"]
+        )
+        == 2
+    )
     error = capsys.readouterr().err
-    assert message in error and error.count("\n") == 1
+    assert message in error
+    assert error.count("\n") == 1
 
 
 def test_a_scanner_without_pyigtl_is_refused_at_the_start(monkeypatch, capsys):
@@ -49,7 +62,8 @@ def test_a_scanner_without_pyigtl_is_refused_at_the_start(monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "pyigtl.messages", None)
     assert main(["view", "igtl://127.0.0.1:18944", "--no-browser", "--port", "0"]) == 2
     error = capsys.readouterr().err
-    assert 'expected pyigtl, got none' in error and '-m pip install "globule[live]"' in error
+    assert "expected pyigtl, got none" in error
+    assert '-m pip install "globule[live]"' in error
     assert error.count("\n") == 1
 
 
@@ -57,7 +71,8 @@ def test_brain_surgery_without_its_atlas_names_the_command(monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "nilearn", None)
     assert main(["view", "brain-surgery", "--no-browser", "--port", "0"]) == 2
     error = capsys.readouterr().err
-    assert '-m pip install "globule[atlas]"' in error and error.count("\n") == 1
+    assert '-m pip install "globule[atlas]"' in error
+    assert error.count("\n") == 1
 
 
 def test_a_bad_state_file_names_the_key(cloud, tmp_path, capsys):
@@ -80,16 +95,40 @@ def test_options_become_settings(cloud, monkeypatch, tmp_path):
     monkeypatch.setattr(viewer, "show", show)
     state = tmp_path / "view.toml"
     state.write_text("[quality]\nsamples = 3\n")
-    assert main([
-        "view", cloud, "--state", str(state), "--threshold", "0.8", "--color-by", "y", "--range",
-        "-1,2", "--clip", "0,2,0,1", "--eye", "0,0,5", "--look-at", "0,0,0", "--port", "8123",
-        "--no-browser",
-    ]) == 130
+    assert (
+        main(
+            [
+                "view",
+                cloud,
+                "--state",
+                str(state),
+                "--threshold",
+                "0.8",
+                "--color-by",
+                "y",
+                "--range",
+                "-1,2",
+                "--clip",
+                "0,2,0,1",
+                "--eye",
+                "0,0,5",
+                "--look-at",
+                "0,0,0",
+                "--port",
+                "8123",
+                "--no-browser",
+            ]
+        )
+        == 130
+    )
     settings = seen["state"]
-    assert settings.quality.samples == 3 and settings.surface.threshold == 0.8
+    assert settings.quality.samples == 3
+    assert settings.surface.threshold == 0.8
     assert (settings.color.by, settings.color.low, settings.color.high) == ("y", -1.0, 2.0)
-    assert settings.cuts.plane and settings.cuts.point == pytest.approx((0, 0.5, 0))
-    assert seen["camera"].eye == (0.0, 0.0, 5.0) and seen["port"] == 8123
+    assert settings.cuts.plane
+    assert settings.cuts.point == pytest.approx((0, 0.5, 0))
+    assert seen["camera"].eye == (0.0, 0.0, 5.0)
+    assert seen["port"] == 8123
     assert not seen["browser"]
 
 
@@ -109,7 +148,8 @@ def test_simulate_opens_the_viewer(served, tmp_path, monkeypatch, capsys):
     words = ["simulate", "dam-break", "--spacing", "0.08", "--port", "0"]
     assert main([*words, "--view", "--no-browser"]) == 0
     (viewer,) = served
-    assert viewer.source.simulation.n_steps == 0 and viewer.state.look.preset == "water"
+    assert viewer.source.simulation.n_steps == 0
+    assert viewer.state.look.preset == "water"
     assert viewer.source.simulation.settings.spacing == 0.08
     assert not list(tmp_path.iterdir())
     assert main([*words, "--seconds", "0.05", "--no-frames"]) == 0

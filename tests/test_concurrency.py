@@ -186,7 +186,8 @@ print(gb.render(scene, size=(32, 24)).mask.any())
         [sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True
     )
     lines = ran.stdout.splitlines()
-    assert len(lines) == 3 and lines[-1] == "True"
+    assert len(lines) == 3
+    assert lines[-1] == "True"
     assert all("forked" in line and "spawn" in line for line in lines[:2])
 
 

@@ -12,7 +12,9 @@ from pathlib import Path
 import globule as gb
 import numpy as np
 import pytest
+from globule._base.device import choose
 from globule.render.frame import fit_camera
+from globule.scene.scene import KERNELS
 
 ROOT = Path(__file__).resolve().parents[1]
 DRAWN = (160, 120)
@@ -99,10 +101,10 @@ def test_handles(built):
     assert done.returncode == 0, done.stdout + done.stderr
 
 
-@pytest.mark.parametrize("kernel", gb.scene.KERNELS)
+@pytest.mark.parametrize("kernel", KERNELS)
 def test_default_images(made, kernel):
     folder, positions, _ = made
-    bits = 64 if gb.scene.KERNELS.index(kernel) % 2 else 32
+    bits = 64 if KERNELS.index(kernel) % 2 else 32
     frame = gb.render(gb.Scene(positions, kernel=kernel, key_bits=bits, device="cpu"), size=DRAWN)
     same(folder, f"kernel_{kernel}", frame.picture)
     same(folder, f"depth_{kernel}", frame.depth)
@@ -116,9 +118,7 @@ def test_rich_images(made):
     weight = np.where(i % 5, 1.0, 0.5).astype(np.float32)
     particles = gb.Particles(p, support, weight, color, reflection=0.25, refraction=0.5)
     scene = gb.Scene(particles, octree="dense", device="cpu")
-    flat = fit_camera(
-        scene, DRAWN, direction=(-1, 0.5, 0.25), up=(0, 0, 1), orthographic=True
-    )
+    flat = fit_camera(scene, DRAWN, direction=(-1, 0.5, 0.25), up=(0, 0, 1), orthographic=True)
     cut = [gb.ClipPlane((1, 0.5, 0), 0.5)]
     same(folder, "orthographic", gb.render(scene, flat, DRAWN, clips=cut).picture)
 
@@ -238,9 +238,11 @@ def test_load_and_draw(built, made, tmp_path):
         assert done.returncode == 0 and "729 particles" in done.stdout, done.stderr
         assert np.array_equal(ppm(tmp_path / "image.ppm"), expected), name
     done = run(program, "missing.npy", cwd=tmp_path)
-    assert done.returncode == 1 and done.stderr == "missing.npy: cannot be read\n"
+    assert done.returncode == 1
+    assert done.stderr == "missing.npy: cannot be read\n"
     done = run(program, "p.npy", "image.ppm", "gpu", cwd=tmp_path)
-    assert done.returncode == 1 and done.stderr.startswith("device: expected auto, cpu")
+    assert done.returncode == 1
+    assert done.stderr.startswith("device: expected auto, cpu")
 
 
 def toy(folder, name, spacing, counts, green):
@@ -270,7 +272,7 @@ def test_toy_sph_cuda(built, tmp_path):
     if not program.exists():
         pytest.skip("no CUDA compiler was found")
     try:
-        gb.device.choose("cuda")
+        choose("cuda")
     except RuntimeError as error:
         pytest.skip(f"cuda: {error}")
     done = run(program, 30, cwd=tmp_path)

@@ -79,7 +79,8 @@ def hdr(image: np.ndarray, coding: str, head: bytes = HEAD) -> bytes:
 def test_hdr(coding, tmp_path):
     (tmp_path / "a.hdr").write_bytes(hdr(bright(), coding))
     image = read_environment(tmp_path / "a.hdr")
-    assert image.dtype == np.float32 and image.shape == (7, 300, 3)
+    assert image.dtype == np.float32
+    assert image.shape == (7, 300, 3)
     largest = bright().max(axis=2, keepdims=True)
     assert (np.abs(image - bright()) <= largest / 256 + 1e-30).all()
     assert (image[1] == 0).all()
@@ -133,7 +134,8 @@ def test_pictures_become_linear(extension, tmp_path):
     picture[:, 8:] = 188
     Image.fromarray(picture).save(tmp_path / f"a{extension}", quality=100)
     image = read_environment(tmp_path / f"a{extension}")
-    assert image.shape == (8, 16, 3) and (image[:, :7] < 1e-3).all()
+    assert image.shape == (8, 16, 3)
+    assert (image[:, :7] < 1e-3).all()
     assert np.allclose(image[:, 10:], 0.5, atol=0.01)  # sRGB 188 is half of white
 
 
@@ -165,7 +167,8 @@ def test_bad_hdr(data, what, tmp_path):
     (tmp_path / "a.hdr").write_bytes(data)
     with pytest.raises(FormatError, match=what) as caught:
         read_environment(tmp_path / "a.hdr")
-    assert "\n" not in str(caught.value) and "a.hdr" in str(caught.value)
+    assert "\n" not in str(caught.value)
+    assert "a.hdr" in str(caught.value)
 
 
 def broken(data: bytes, tries: int = 60):
@@ -193,7 +196,8 @@ def test_broken_files(kind, tmp_path, capfd):
         try:
             assert np.isfinite(read_environment(path)).all()
         except FormatError as error:
-            assert "\n" not in str(error) and path.name in str(error)
+            assert "\n" not in str(error)
+            assert path.name in str(error)
     if kind != ".exr":  # OpenEXR prints what is wrong
         assert capfd.readouterr() == ("", "")
 

@@ -4,6 +4,7 @@ import globule as gb
 import numpy as np
 import pytest
 from globule.scene import oracle
+from globule.scene import scene as scene_module
 from scenes import KERNELS, Case, cloud, lattice
 
 # b(q), q = r / a, as in spec/2 with its errata; blinn is cut where it has fallen to 1e-5.
@@ -41,8 +42,8 @@ def scale(case: Case, points: np.ndarray) -> np.ndarray:
 
 
 def test_kernel_names():
-    assert gb.scene.KERNELS == KERNELS
-    assert set(gb.scene.DEFAULTS) == set(KERNELS) == set(FORMULAS)
+    assert scene_module.KERNELS == KERNELS
+    assert set(scene_module.DEFAULTS) == set(KERNELS) == set(FORMULAS)
 
 
 @pytest.mark.parametrize("kernel", KERNELS)
@@ -61,7 +62,8 @@ def test_formula(backend, kernel):
     for edge in (1 / 3, 0.5, 1):
         x = np.array([[1 + a * (edge + s * 1e-3), 0, 0] for s in (-1, 1)], np.float32)
         f, g = gb.field(scene, x), gb.gradient(scene, x)[:, 0]
-        assert abs(f[1] - f[0]) < 5e-3 * a and abs(g[1] - g[0]) < 0.05
+        assert abs(f[1] - f[0]) < 5e-3 * a
+        assert abs(g[1] - g[0]) < 0.05
 
 
 @pytest.mark.parametrize("kernel", KERNELS)
@@ -108,13 +110,15 @@ def test_default_support_closes_a_lattice(backend, kernel):
     """No flag given: a block is solid inside, ends within two spacings, and nearly flat."""
     spacing = np.float32(0.37)
     scene = gb.Scene(lattice(12, 12, 12) * spacing, kernel=kernel, **backend)
-    assert scene.support == pytest.approx(gb.scene.DEFAULTS[kernel][0] * spacing, rel=0.15)
+    assert scene.support == pytest.approx(scene_module.DEFAULTS[kernel][0] * spacing, rel=0.15)
     assert (gb.field(scene, cloud(500, 56, 4 * spacing)) > scene.threshold).all()
     y, z = np.random.default_rng(57).uniform(-3 * spacing, 3 * spacing, (2, 400))
     rays = np.stack([np.full(400, 20 * spacing), y, z], 1)
     depth = gb.intersect(scene, rays, np.tile([-1.0, 0, 0], (400, 1)))[0]
     face = 20 - depth / spacing  # in spacings from the middle; the last layer is at 5.5
-    assert (5.5 < face).all() and (face < 7.25).all() and np.ptp(face) < 0.15
+    assert (face > 5.5).all()
+    assert (face < 7.25).all()
+    assert np.ptp(face) < 0.15
 
 
 def test_shapes(backend):

@@ -27,12 +27,16 @@ def test_figure(name, tmp_path):
     FIGURES[name](path, "cpu", 40)
     picture = np.asarray(Image.open(path).convert("RGB"), np.float32)
     height, width = picture.shape[:2]
-    assert 170 <= width <= 400 and 110 <= height <= 300
-    assert picture.std() > 4 and (picture.min(axis=(0, 1)) < 120).all()
+    assert 170 <= width <= 400
+    assert 110 <= height <= 300
+    assert picture.std() > 4
+    assert (picture.min(axis=(0, 1)) < 120).all()
     ink = (picture < 200).any(axis=2)
     assert ink.mean() > 0.01
     words = caption(name)
-    assert words.endswith(".") and "\n" not in words and "  " not in words
+    assert words.endswith(".")
+    assert "\n" not in words
+    assert "  " not in words
 
 
 @needs_matplotlib
@@ -50,7 +54,9 @@ def test_mistakes(tmp_path, monkeypatch, capsys):
     (tmp_path / "file").write_text("")
     assert main(["figures", "9.9"]) == 2
     err = capsys.readouterr().err
-    assert "9.9" in err and "2.1" in err and err.count("\n") == 1
+    assert "9.9" in err
+    assert "2.1" in err
+    assert err.count("\n") == 1
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     assert main(["figures", "2.1"]) == 2
     assert "globule[figures]" in capsys.readouterr().err
@@ -69,14 +75,16 @@ def test_the_gallery_is_complete():
 # What the figures state.
 
 
-@pytest.mark.parametrize("level, n_axes", [(1, 2), (3, 2), (1, 3), (2, 3)])
+@pytest.mark.parametrize(("level", "n_axes"), [(1, 2), (3, 2), (1, 3), (2, 3)])
 def test_the_curve_visits_every_cell_once(level, n_axes):
     from globule.figures.z_order import z_order
 
     cells = z_order(level, n_axes)
     n = 2**level
-    assert len(cells) == n**n_axes and len({tuple(c) for c in cells}) == len(cells)
-    assert cells.min() == 0 and cells.max() == n - 1
+    assert len(cells) == n**n_axes
+    assert len({tuple(c) for c in cells}) == len(cells)
+    assert cells.min() == 0
+    assert cells.max() == n - 1
     # Each block of 2^n_axes steps stays within one cell of the level above.
     blocks = (cells // 2).reshape(-1, 2**n_axes, n_axes)
     assert (blocks == blocks[:, :1]).all()
@@ -99,11 +107,14 @@ def test_profiles(kernel):
 
     r = np.linspace(0, 1, 200)
     value, slope = profile(kernel, r, "cpu")
-    assert value[0] == pytest.approx(1, abs=3e-4) and value[-1] == pytest.approx(0, abs=1e-6)
+    assert value[0] == pytest.approx(1, abs=3e-4)
+    assert value[-1] == pytest.approx(0, abs=1e-6)
     # All fall; solid has a dip of 1/27, from where it comes back to 0.
     falls = r[1:] < (np.sqrt(2 / 3) if kernel == "solid" else 2)
-    assert (np.diff(value)[falls] <= 1e-6).all() and (np.diff(value)[~falls] >= -1e-6).all()
-    assert value.min() > -1.0001 / 27 and abs(slope[-1]) < 1e-4
+    assert (np.diff(value)[falls] <= 1e-6).all()
+    assert (np.diff(value)[~falls] >= -1e-6).all()
+    assert value.min() > -1.0001 / 27
+    assert abs(slope[-1]) < 1e-4
     assert np.gradient(value, r)[2:-2] == pytest.approx(slope[2:-2], abs=0.02)
     assert profile(kernel, np.array([radius(kernel, 0.6, "cpu")]), "cpu")[0] == pytest.approx(
         0.6, abs=1e-4
@@ -113,18 +124,19 @@ def test_profiles(kernel):
 def test_two_metaballs_fuse_where_the_figure_says():
     from globule.figures.fusing import DISTANCES, THRESHOLD, two
 
-    middle = [
-        float(gb.field(two(d, "cpu"), np.zeros((1, 3), np.float32))[0]) for d in DISTANCES
-    ]
-    assert middle[0] < THRESHOLD and middle[1] < THRESHOLD < middle[2]
+    middle = [float(gb.field(two(d, "cpu"), np.zeros((1, 3), np.float32))[0]) for d in DISTANCES]
+    assert middle[0] < THRESHOLD
+    assert middle[1] < THRESHOLD < middle[2]
     assert middle == sorted(middle)
 
 
 def test_octree_coordinates_are_cut_off():
     from globule.figures.levels import octree_coordinate
 
-    assert [octree_coordinate(u, extent, "cpu") for u, extent in ((200, 400), (520, 600), (50, 300),
-            (300, 300))] == [512, 887, 170, 1023]
+    assert [
+        octree_coordinate(u, extent, "cpu")
+        for u, extent in ((200, 400), (520, 600), (50, 300), (300, 300))
+    ] == [512, 887, 170, 1023]
 
 
 def test_no_hit_outside_of_the_supports():
@@ -134,10 +146,12 @@ def test_no_hit_outside_of_the_supports():
     origin, direction = np.array([-3.2, 0, 0]), np.array([1.0, 0, 0])
     events = sphere_events(origin, direction, ON_A_RAY)
     entered = [i for _, i, enters in events if enters]
-    assert entered == [0, 1, 2, 3] and len(events) == 8
+    assert entered == [0, 1, 2, 3]
+    assert len(events) == 8
     rays = np.float32([origin, [-3.2, -2.5, 0]]), np.float32([direction, direction])
     depth = gb.intersect(scene, *rays)[0]
-    assert events[2][0] < depth[0] < events[-1][0] and np.isinf(depth[1])
+    assert events[2][0] < depth[0] < events[-1][0]
+    assert np.isinf(depth[1])
 
 
 def test_samples_crowd_near_the_surface():
@@ -150,7 +164,8 @@ def test_samples_crowd_near_the_surface():
     t = march(scene, origin, direction, 5.0)
     hit = float(gb.intersect(scene, np.float32([origin]), np.float32([direction]))[0][0])
     last = gb.field(scene, np.float32([origin + t[-1] * direction]))[0]
-    assert t[-1] == pytest.approx(hit, abs=0.003) and last == pytest.approx(THRESHOLD, abs=0.01)
+    assert t[-1] == pytest.approx(hit, abs=0.003)
+    assert last == pytest.approx(THRESHOLD, abs=0.01)
     assert (np.abs(t - hit) < 0.05).sum() > 5 > (t < hit - 0.5).sum() >= 3
 
 
@@ -160,7 +175,9 @@ def test_one_metaball_apart_stays_a_sphere():
     scene, cells = nine_leaves("cpu")
     positions = scene.particles.positions
     inside = [((positions >= c) & (positions < c + 1)).all(axis=1).sum() for c in cells]
-    assert sum(inside) == 100 and min(inside) > 0 and inside[-1] == 1
+    assert sum(inside) == 100
+    assert min(inside) > 0
+    assert inside[-1] == 1
     offsets, _ = scene.neighbors(positions[-1:], 1.0)
     assert offsets[-1] == 1  # nobody near
 
@@ -183,7 +200,8 @@ def test_solid_mode_has_flatter_faces_and_sharper_edges():
         reach = 20 - gb.intersect(scene, corner, d)[0][0] / np.sqrt(2)
         recession[kernel] = height[:3].mean() - reach
     assert abs(fall["solid"]) < 0.04 < 0.1 < fall["murakami"]
-    assert recession["solid"] < 0.3 and recession["murakami"] > 0.45
+    assert recession["solid"] < 0.3
+    assert recession["murakami"] > 0.45
 
 
 def test_clusters_and_voids():
@@ -200,10 +218,11 @@ def test_nothing_is_clipped_or_doubled_at_the_border():
     from globule.figures.rendered import at_the_border
 
     tight, box = at_the_border("cpu")
-    wide, _ = at_the_border("cpu", bounds=box + [[-1], [1]])
+    wide, _ = at_the_border("cpu", bounds=[*box, [-1], [1]])
     camera = gb.Camera((2.2, 1.7, 3.0), (0.5, 0.5, 0.5))
     a, b = (gb.render(scene, camera, (160, 120)) for scene in (tight, wide))
-    assert (a.mask == b.mask).all() and a.mask.mean() > 0.05
+    assert (a.mask == b.mask).all()
+    assert a.mask.mean() > 0.05
     assert np.abs(a.depth[a.mask] - b.depth[a.mask]).max() < 1e-4
     beyond = a.position[a.mask]
     assert ((beyond < -0.01) | (beyond > 1.01)).any()
@@ -220,7 +239,8 @@ def test_a_large_step_makes_terraces():
         both = frame.mask & exact.mask
         away.append(np.median(frame.depth[both] - exact.depth[both]) / scene.support)
         assert both.sum() > 0.9 * exact.mask.sum()
-    assert 0.3 * LARGE_STEP < away[0] < LARGE_STEP and 0 < away[1] < SMALL_STEP
+    assert 0.3 * LARGE_STEP < away[0] < LARGE_STEP
+    assert 0 < away[1] < SMALL_STEP
 
 
 @pytest.mark.parametrize("centres", ["ALONE", "PAIR"])
@@ -233,7 +253,8 @@ def test_without_ghosts_the_surface_is_torn(centres):
         gb.render(scene, camera, (120, 90), thesis=thesis).mask
         for thesis in (None, gb.Thesis(ghosts=False), gb.Thesis())
     )
-    assert (seen == right).all() and not (torn & ~right).any()
+    assert (seen == right).all()
+    assert not (torn & ~right).any()
     assert 0.4 * right.sum() < torn.sum() < 0.98 * right.sum()
 
 
@@ -255,12 +276,16 @@ def test_without_nilearn_shapes_stand_in(monkeypatch):
 
     monkeypatch.setitem(sys.modules, "nilearn.datasets", None)
     values, world_from_voxel, name = anatomy.tomography(6)
-    assert "phantom" in name and {0.12, 0.62, 0.95} <= set(np.unique(values))
+    assert "phantom" in name
+    assert {0.12, 0.62, 0.95} <= set(np.unique(values))
     particles = anatomy.metaballs(values, world_from_voxel)
-    assert particles.support == pytest.approx(12) and 3000 < len(particles) < 9000
+    assert particles.support == pytest.approx(12)
+    assert 3000 < len(particles) < 9000
     assert np.abs(np.mean(particles.bounds(), axis=0)).max() < 10
     vertices, faces, depth, name = anatomy.surface_mesh()
-    assert "knot" in name and len(vertices) == len(depth) and faces.max() < len(vertices)
+    assert "knot" in name
+    assert len(vertices) == len(depth)
+    assert faces.max() < len(vertices)
     edges = np.linalg.norm(vertices[faces] - np.roll(vertices[faces], 1, axis=1), axis=2)
     assert edges.max() < 6  # closed: no face spans the tube
 
@@ -273,4 +298,5 @@ def test_a_slab_shows_intensities_inside():
     cut = gb.ClipPlane((0, 0, 1), 25)
     frame = gb.render(scene, gb.Camera((0, 1, 400), (0, 0, 0)), (80, 80), clips=[cut])
     face = np.abs(frame.position[..., 2] - 25) < 1e-3
-    assert face.sum() > 500 and np.ptp(frame.albedo[face]) > 0.3
+    assert face.sum() > 500
+    assert np.ptp(frame.albedo[face]) > 0.3

@@ -114,7 +114,8 @@ def test_depth_counts_the_direction(backend):
 def test_no_rays(backend):
     scene = gb.Scene(cloud(10), **backend)
     depth, normal, color = gb.intersect(scene, np.zeros((0, 3)), np.zeros((0, 3)))
-    assert depth.shape == (0,) and normal.shape == color.shape == (0, 3)
+    assert depth.shape == (0,)
+    assert normal.shape == color.shape == (0, 3)
 
 
 # The oracle itself.
@@ -151,6 +152,6 @@ def test_the_oracle_by_dense_sampling(kernel):
         other_side = np.nonzero((f > 0.3) != (f[0] > 0.3))[0]
         if len(other_side):
             after = t[other_side[0]] - found[i]
-            assert 0 <= after <= t[1] or found[i] < t[other_side[0]] and f.max() - 0.3 < 1e-6
+            assert 0 <= after <= t[1] or (found[i] < t[other_side[0]] and f.max() - 0.3 < 1e-6)
         else:  # at most grazed between two samples
             assert np.isinf(found[i]) or abs(np.interp(found[i], t, f) - 0.3) < 1e-6

@@ -27,7 +27,8 @@ def test_what_is_given_may_change_afterwards():
     lights.clear()
     radiance[:], color[1], low[:] = 0, 0, -9
     np.testing.assert_array_equal(picture(settings, clips=[cut]), before)
-    assert settings.lights == (gb.Headlight(), light) and light.position == (3, 3, 3)
+    assert settings.lights == (gb.Headlight(), light)
+    assert light.position == (3, 3, 3)
     with pytest.raises(ValueError, match="read-only"):
         light.radiance[0] = 1
 

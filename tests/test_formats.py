@@ -29,7 +29,8 @@ def test_round_trip_of_stretched_kernels(extension, tmp_path):
     path = tmp_path / f"p{extension}"
     formats.write(path, Particles(rng.random((5, 3)), anisotropy=matrices))
     read = formats.read(path)
-    assert np.array_equal(read.anisotropy, matrices) and not read.attributes
+    assert np.array_equal(read.anisotropy, matrices)
+    assert not read.attributes
 
 
 def test_matrices_that_stretch_nothing_are_refused(tmp_path):
@@ -81,7 +82,8 @@ def test_dtypes_survive(extension, dtype, tmp_path):
     path = tmp_path / f"p{extension}"
     formats.write(path, Particles(np.eye(3), attributes={"a b%/&<\"'é": array}))
     read = formats.read(path).attributes["a b%/&<\"'é"]
-    assert read.dtype == array.dtype and np.array_equal(read, array)
+    assert read.dtype == array.dtype
+    assert np.array_equal(read, array)
 
 
 def test_npy_holds_positions(tmp_path):
@@ -115,7 +117,8 @@ def test_a_failed_write_leaves_the_old_file(tmp_path):
     with pytest.raises(KeyboardInterrupt), atomic_write(path) as file:
         file.write(b"half")
         raise KeyboardInterrupt
-    assert path.read_text() == "old" and [file.name for file in tmp_path.iterdir()] == ["p.ply"]
+    assert path.read_text() == "old"
+    assert [file.name for file in tmp_path.iterdir()] == ["p.ply"]
 
 
 def test_atomic_write_follows_links(tmp_path):
@@ -123,7 +126,8 @@ def test_atomic_write_follows_links(tmp_path):
     (tmp_path / "link.txt").symlink_to("real.txt")
     with atomic_write(tmp_path / "link.txt", "w") as file:
         file.write("new")
-    assert (tmp_path / "real.txt").read_text() == "new" and (tmp_path / "link.txt").is_symlink()
+    assert (tmp_path / "real.txt").read_text() == "new"
+    assert (tmp_path / "link.txt").is_symlink()
     with atomic_write("/dev/null") as file:
         file.write(b"gone")
     assert Path("/dev/null").is_char_device()

@@ -124,12 +124,16 @@ def reads_or_refuses(path: Path) -> str:
         particles = formats.read(path)
     except FormatError as error:
         text = str(error)
-        assert path.name in text and "\n" not in text and len(text) < 500
+        assert path.name in text
+        assert "\n" not in text
+        assert len(text) < 500
         assert "expected" in text
         return text
-    assert particles.positions.dtype == np.float32 and particles.positions.shape[1:] == (3,)
+    assert particles.positions.dtype == np.float32
+    assert particles.positions.shape[1:] == (3,)
     for array in particles.attributes.values():
-        assert len(array) == len(particles) and array.dtype.kind in "biuf"
+        assert len(array) == len(particles)
+        assert array.dtype.kind in "biuf"
     return ""
 
 
@@ -414,4 +418,5 @@ def test_npz_arrays_that_are_about_something_else_are_left_out(tmp_path):
     about = {"support": 0.5, "color": (1, 0, 0), "box": [1, 2]}
     np.savez(tmp_path / "p.npz", positions=np.ones((N, 3)), **about)
     particles = formats.read(tmp_path / "p.npz")
-    assert particles.attributes == {} and particles.support == 0.5
+    assert particles.attributes == {}
+    assert particles.support == 0.5

@@ -23,8 +23,10 @@ def test_nine_columns(tmp_path):
     p = read_text(tmp_path, "p.txt", "2\n0.45 0.4 0.45 0.4 0.6 0.1 0.6 0.2 1\n1 2 3 0 0 0 0 0 0\n")
     assert np.allclose(p.positions, [[0.45, 0.4, 0.45], [1, 2, 3]])
     assert np.allclose(p.color[0], [0.4, 0.6, 0.1])
-    assert np.allclose(p.reflection, [0.6, 0]) and np.allclose(p.refraction, [0.2, 0])
-    assert np.allclose(p.rigidity, [1, 0]) and p.support is None
+    assert np.allclose(p.reflection, [0.6, 0])
+    assert np.allclose(p.refraction, [0.2, 0])
+    assert np.allclose(p.rigidity, [1, 0])
+    assert p.support is None
     formats.write(tmp_path / "q.dat", p)
     assert_same(formats.read(tmp_path / "q.dat"), p)
 
@@ -153,7 +155,8 @@ def test_vtp_pieces(tmp_path):
         + "</PolyData></VTKFile>",
     )
     assert np.array_equal(p.positions, np.arange(1, 10).reshape(3, 3))
-    assert list(p.attributes) == ["id"] and np.array_equal(p.attributes["id"], [5, 6, 7])
+    assert list(p.attributes) == ["id"]
+    assert np.array_equal(p.attributes["id"], [5, 6, 7])
 
 
 def test_bgeo_of_houdini(tmp_path):
@@ -210,7 +213,8 @@ def test_ply_big_endian_with_lists(tmp_path):
     )
     faces = struct.pack(">B2hB", 2, 0, 1, 0)
     p = read_text(tmp_path, "p.ply", header.encode() + faces + struct.pack(">ddBid", 1, 2, 1, 9, 3))
-    assert np.array_equal(p.positions, [[1, 2, 3]]) and not p.attributes
+    assert np.array_equal(p.positions, [[1, 2, 3]])
+    assert not p.attributes
 
 
 def test_xyz(tmp_path):
@@ -231,7 +235,8 @@ def test_csv(tmp_path):
     )
     assert np.array_equal(p.positions, [[1, 2, 3], [4, 5, 6]])
     assert np.array_equal(p.attributes["v"], [[0.5, 0.25], [1, 2]])
-    assert p.attributes["id"].dtype == np.int64 and "kind" not in p.attributes
+    assert p.attributes["id"].dtype == np.int64
+    assert "kind" not in p.attributes
     assert np.array_equal(p.support, [1, 2])
     p = read_text(tmp_path, "p.csv", "X,Y,Z,vx,vy,vz\n1,2,3,4,5,6\n")
     assert np.array_equal(p.attributes["velocity"], [[4, 5, 6]])
@@ -252,12 +257,14 @@ def test_npz_names(tmp_path):
         names=np.array(["a", "b"]),
     )
     p = formats.read(path)
-    assert p.support == 1 and set(p.attributes) == {"velocities", "stress"}
+    assert p.support == 1
+    assert set(p.attributes) == {"velocities", "stress"}
     assert p.attributes["stress"].shape == (2, 9)
     assert np.array_equal(p.color, np.float32([[1, 0, 0], [0, 0, 0.2]]))
     np.savez(path, positions=np.eye(3)[:2], radius=0.25, support=0.5, weight=np.ones((2, 2)))
     p = formats.read(path)
-    assert p.support == 0.5 and p.weight is None
+    assert p.support == 0.5
+    assert p.weight is None
     assert p.attributes["weight_attribute"].shape == (2, 2)
 
 

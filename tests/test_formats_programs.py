@@ -26,7 +26,8 @@ def test_data_files(name, n, attributes):
     if not (DATA / name).exists():
         pytest.skip(f"no {DATA / name}")
     p = formats.read(DATA / name)
-    assert len(p) == n and set(p.attributes) == attributes
+    assert len(p) == n
+    assert set(p.attributes) == attributes
     assert np.isfinite(p.positions).all()
     for key in ("id", "index"):
         if key in attributes:
@@ -178,8 +179,10 @@ def test_plyfile_agrees(order, tmp_path):
     data = plyfile.PlyData(elements, text=ascii, byte_order="=" if ascii else order)
     data.write(str(tmp_path / "p.ply"))
     p = formats.read(tmp_path / "p.ply")
-    assert np.array_equal(p.positions[:, 0], rows["x"]) and np.all(p.positions[:, 2] == 0.25)
-    assert np.array_equal(p.attributes["q"], rows["q"]) and p.attributes["q"].dtype == np.uint16
+    assert np.array_equal(p.positions[:, 0], rows["x"])
+    assert np.all(p.positions[:, 2] == 0.25)
+    assert np.array_equal(p.attributes["q"], rows["q"])
+    assert p.attributes["q"].dtype == np.uint16
 
     formats.write(tmp_path / "q.ply", sample())
     vertices = plyfile.PlyData.read(str(tmp_path / "q.ply"))["vertex"]

@@ -22,12 +22,14 @@ def gray(width: int, height: int, value: int = 240) -> np.ndarray:
 def test_the_bar_has_the_maps_colors(size, value):
     before = gray(*size, value)
     after = add_legend(before, "viridis", -1.5, 22.25, "speed")
-    assert after.shape == before.shape and after.dtype == np.uint8
+    assert after.shape == before.shape
+    assert after.dtype == np.uint8
     assert (before == value).all()
     changed = (after != before).any(axis=2)
     rows, columns = np.nonzero(changed)
     assert rows.min() > size[1] * 0.3 or size[1] < 200 or size[0] < size[1]
-    assert columns.max() < size[0] and columns.min() > 0.2 * size[0]
+    assert columns.max() < size[0]
+    assert columns.min() > 0.2 * size[0]
     ends = map_colors("viridis", 2)
     for color in ends:
         assert (after == color).all(axis=2).sum() >= 3
@@ -49,7 +51,11 @@ def test_text_stands_out():
         (-1.234567, 8.9, ["-1.23", "0", "2", "4", "6", "8.9"]),
         (1, 0, ["1", "0.8", "0.6", "0.4", "0.2", "0"]),
         (5, 5, ["5"]),
-        (101325.2, 101327.9, "101325.2 101325.5 101326 101326.5 101327 101327.5 101327.9".split()),
+        (
+            101325.2,
+            101327.9,
+            ["101325.2", "101325.5", "101326", "101326.5", "101327", "101327.5", "101327.9"],
+        ),
     ],
 )
 def test_ticks(lo, hi, texts):
@@ -60,7 +66,10 @@ def test_ticks(lo, hi, texts):
 def test_ticks_of_extreme_ranges(ends):
     ticks = tick_labels(*ends, 6)
     shares = [share for share, _ in ticks]
-    assert shares[0] == 0 and shares[-1] == 1 and sorted(shares) == shares and len(ticks) <= 8
+    assert shares[0] == 0
+    assert shares[-1] == 1
+    assert sorted(shares) == shares
+    assert len(ticks) <= 8
 
 
 @pytest.mark.parametrize(
@@ -80,7 +89,8 @@ def test_wrong_arguments(arguments, what):
 
 def test_long_labels_are_shortened():
     after = add_legend(gray(200, 150), "gray", 0, 1, "many words\n" * 100)
-    assert after.shape == (150, 200, 3) and (after[:, :3] == 240).all()
+    assert after.shape == (150, 200, 3)
+    assert (after[:, :3] == 240).all()
 
 
 @pytest.mark.parametrize("name", [n for n in NAMES if n != "gray"])
@@ -106,4 +116,5 @@ def test_command(tmp_path, monkeypatch, capsys):
     small = [*color, "--legend", "--size", "60x60"]
     for wrong, what in ((["--legend"], "--color-by"), (small, "64 pixels")):
         assert main([*words, *wrong, "-o", "no.png"]) == 2
-        assert what in capsys.readouterr().err and not os.path.exists("no.png")
+        assert what in capsys.readouterr().err
+        assert not os.path.exists("no.png")

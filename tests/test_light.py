@@ -3,6 +3,7 @@
 import globule as gb
 import numpy as np
 import pytest
+from globule.render.lights import uniform_sky
 from light import (
     CAMERA,
     CENTRE,
@@ -60,14 +61,14 @@ def test_glass_ball(backend, index, depth):
     away = meet_ball(o, d)[2][..., 0]
     clear = np.abs(away - RADIUS) > 0.01 * RADIUS
     error = np.abs(frame.color - glass_ball(o, d, index, depth)).max(-1)[clear]
-    assert error.max() < 0.01 and error.mean() < 4e-4
+    assert error.max() < 0.01
+    assert error.mean() < 4e-4
 
 
 def test_glass_ball_moves_the_checkerboard(backend):
     """Refracted positions, not only directions: a checkered ground seen through the ball."""
     ground = gb.Ground(-1.2, color=1.0, other=0.0, check=0.23)
-    look = quiet(sky=gb.lights.uniform_sky(0.5), ambient=1.0, ground=ground, material=glass(1.5),
-                 depth=8)
+    look = quiet(sky=uniform_sky(0.5), ambient=1.0, ground=ground, material=glass(1.5), depth=8)
     camera, size = gb.Camera((0.9, 3.5, 1.5), CENTRE, fov=22), (64, 48)
     frame = gb.render(ball(**backend), camera, size, look)
     o, d = rays(camera, size)
@@ -89,10 +90,12 @@ def test_glass_ball_moves_the_checkerboard(backend):
         white = (np.floor(a) + np.floor(b)) % 2 == 0
         sure = (edge > 0.03) & (t > 0) & (t < 20) & (through > 0.85) & (away < 0.9 * RADIUS)
         sure = sure[..., 0]
-    assert sure.sum() > 300 and 0.3 < white[..., 0][sure].mean() < 0.7
+    assert sure.sum() > 300
+    assert 0.3 < white[..., 0][sure].mean() < 0.7
     difference = frame.color[sure][:, 0] - (through * white)[sure][:, 0]
     # The rest is light by other ways: reflections outside and inside, each at most what is lost.
-    assert difference.min() > -2e-3 and (difference < 1 - through[sure][:, 0] + 2e-3).all()
+    assert difference.min() > -2e-3
+    assert (difference < 1 - through[sure][:, 0] + 2e-3).all()
 
 
 def plane_axes():
@@ -104,7 +107,7 @@ def test_total_internal_reflection(backend):
     """From inside, directions past the critical angle see the ball's inside mirrored."""
     index = 1.5
     eye = CENTRE + np.array([0.75 * RADIUS, 0, 0])
-    camera = gb.Camera(eye, eye + (0.1, 0.2, 1.0), fov=100)
+    camera = gb.Camera(eye, (*eye, 0.1, 0.2, 1.0), fov=100)
     for depth in (0, 1, 6):
         look = quiet(sky=SKY, material=glass(index), depth=depth)
         frame = gb.render(ball(**backend), camera, SIZE, look)
@@ -116,30 +119,33 @@ def test_total_internal_reflection(backend):
         np.testing.assert_allclose(frame.depth, far[..., 0], atol=3e-5)
         error = np.abs(frame.color - glass_ball(o, d, index, depth, inside=True)).max(-1)
         clear = np.abs(sine - 1 / index) > 0.01
-        assert error[clear].max() < 0.012 and error[clear].mean() < 5e-4
+        assert error[clear].max() < 0.012
+        assert error[clear].mean() < 5e-4
 
 
 @pytest.mark.parametrize("index", [1.2, 1.5, 2.0, 4.0])
 def test_fresnel(backend, index):
     """Straight on ((n - 1) / (n + 1))^2, at a glance 1, in between the two polarisations' mean."""
     look = quiet(sky=ONE_SKY, depth=1, material=gb.Material(0.0, 0.0, index))
-    camera = gb.Camera(CENTRE + (0, 0, 6), CENTRE, height=2 * RADIUS)
+    camera = gb.Camera((*CENTRE, 0, 0, 6), CENTRE, height=2 * RADIUS)
     color = gb.render(ball(**backend), camera, (201, 201), look).color
     assert color[100, 100, 0] == pytest.approx(((index - 1) / (index + 1)) ** 2, abs=1e-4)
     x = (np.arange(201) + 0.5) / 201 * 2 - 1
     cosine = np.sqrt(1 - x**2)
     np.testing.assert_allclose(color[100, :, 0], fresnel(cosine, index), atol=4e-3)
-    rim = CENTRE + (RADIUS, 0, 0)
-    camera = gb.Camera(rim + (0, 0, 6), rim, height=1e-5 * RADIUS)
+    rim = (*CENTRE, RADIUS, 0, 0)
+    camera = gb.Camera((*rim, 0, 0, 6), rim, height=1e-5 * RADIUS)
     frame = gb.render(ball(**backend), camera, (99, 1), look)
     glance = frame.color[frame.mask][:, 0]
-    assert 30 < len(glance) < 70 and glance.max() > 0.93 and 0.7 < glance.min() < 0.9
+    assert 30 < len(glance) < 70
+    assert glance.max() > 0.93
+    assert 0.7 < glance.min() < 0.9
 
 
 def test_schlick(backend):
     """A reflection factor without an index grows towards grazing angles by Schlick's rule."""
     look = quiet(sky=ONE_SKY, material=gb.Material(reflection=0.3, transmission=0.0))
-    camera = gb.Camera(CENTRE + (0, 0, 6), CENTRE, height=2 * RADIUS)
+    camera = gb.Camera((*CENTRE, 0, 0, 6), CENTRE, height=2 * RADIUS)
     color = gb.render(ball(**backend), camera, (101, 101), look).color[50, :, 0]
     cosine = np.sqrt(1 - ((np.arange(101) + 0.5) / 101 * 2 - 1) ** 2)
     np.testing.assert_allclose(color, 0.3 + 0.7 * (1 - cosine) ** 5, atol=3e-3)
@@ -163,13 +169,24 @@ MATTERS = {
 def test_furnace(backend, matter):
     """Where all around is 1 and nothing absorbs, everything is 1: no energy comes or goes."""
     rng = np.random.default_rng(60)
-    particles = gb.Particles(cloud(60, 60), support=0.6, color=(1, 1, 1),
-                             reflection=rng.uniform(0, 1, 60), refraction=rng.uniform(0, 1, 60))
+    particles = gb.Particles(
+        cloud(60, 60),
+        support=0.6,
+        color=(1, 1, 1),
+        reflection=rng.uniform(0, 1, 60),
+        refraction=rng.uniform(0, 1, 60),
+    )
     scene = gb.Scene(particles, threshold=0.6, **backend)
     camera = gb.Camera((1.5, 1, 2.5), (0, 0, 0), fov=45)
     for depth, cutoff in ((0, 0.0), (3, 1 / 128), (12, 0.0)):
-        look = quiet(sky=ONE_SKY, ambient="sky", material=MATTERS[matter], depth=depth,
-                     cutoff=cutoff, samples=2)
+        look = quiet(
+            sky=ONE_SKY,
+            ambient="sky",
+            material=MATTERS[matter],
+            depth=depth,
+            cutoff=cutoff,
+            samples=2,
+        )
         color = gb.render(scene, camera, (40, 30), look).color
         assert color.max() < 1.01
         assert color.min() > 0.99
@@ -177,13 +194,19 @@ def test_furnace(backend, matter):
 
 def test_furnace_with_ambient_rays(backend):
     """A ball alone hides nothing from itself; in a cloud light can only be lost."""
-    look = quiet(sky=ONE_SKY, ambient="sky", ambient_rays=16, ambient_distance=9.0,
-                 material=gb.Material(0.0, 0.0))
+    look = quiet(
+        sky=ONE_SKY,
+        ambient="sky",
+        ambient_rays=16,
+        ambient_distance=9.0,
+        material=gb.Material(0.0, 0.0),
+    )
     color = gb.render(ball(color=(1, 1, 1), **backend), CAMERA, SIZE, look).color
     np.testing.assert_allclose(color, 1, atol=1e-2)
     many = gb.Scene(gb.Particles(cloud(60, 60), support=0.6, color=(1, 1, 1)), **backend)
     color = gb.render(many, size=SIZE, settings=look).color
-    assert color.max() < 1.01 and color.min() < 0.5
+    assert color.max() < 1.01
+    assert color.min() < 0.5
 
 
 def test_beer_through_a_ball(backend):
@@ -204,7 +227,8 @@ def test_beer_in_glass(backend):
     o, d = rays(CAMERA, SIZE)
     clear = np.abs(meet_ball(o, d)[2][..., 0] - RADIUS) > 0.01 * RADIUS
     error = np.abs(frame.color - glass_ball(o, d, 1.5, 6, absorption=1.2)).max(-1)[clear]
-    assert error.max() < 0.01 and error.mean() < 4e-4
+    assert error.max() < 0.01
+    assert error.mean() < 4e-4
 
 
 @pytest.mark.parametrize("index", [1.0, 1.5])
@@ -240,8 +264,9 @@ def test_factors_of_particles_blend(backend):
     n = 40
     rho = rng.uniform(0, 0.5, n).astype(np.float32)
     kappa = rng.uniform(0, 0.6, n).astype(np.float32)
-    particles = gb.Particles(cloud(n, 61, 0.8), support=0.7, color=(1, 1, 1), reflection=rho,
-                             refraction=kappa)
+    particles = gb.Particles(
+        cloud(n, 61, 0.8), support=0.7, color=(1, 1, 1), reflection=rho, refraction=kappa
+    )
     scene = gb.Scene(particles, threshold=0.6, **backend)
     # Depth 0: all that goes on sees the sky, 1; scattered light is black, so the picture is the
     # share that goes on.
@@ -254,7 +279,8 @@ def test_factors_of_particles_blend(backend):
     mirror = r + (1 - r) * (1 - cosine) ** 5
     mirror = mirror + (1 - mirror) * fresnel(cosine, 1 + k / 3)
     np.testing.assert_allclose(frame.color[m][:, :1], mirror + (1 - mirror) * k, atol=3e-3)
-    assert np.ptp(r) > 0.1 and np.ptp(k) > 0.1
+    assert np.ptp(r) > 0.1
+    assert np.ptp(k) > 0.1
 
 
 @pytest.mark.parametrize("kernel", KERNELS)
@@ -266,7 +292,7 @@ def test_mirror_and_glass_of_every_kernel(backend, kernel, octree):
     q = np.linspace(0, 1, 200_001)
     radius = SUPPORT * np.interp(-0.6, -FORMULAS[kernel](q), q)
     scene = ball(kernel=kernel, octree=octree, **backend)
-    camera = gb.Camera(CENTRE + (0, 0, 5), CENTRE, height=2.2 * radius)
+    camera = gb.Camera((*CENTRE, 0, 0, 5), CENTRE, height=2.2 * radius)
     o, d = rays(camera, (24, 24))
     near, _, away = meet_ball(o, d, radius=radius)
     seen = (away < 0.98 * radius)[..., 0]

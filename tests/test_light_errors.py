@@ -19,7 +19,8 @@ def refuse(error, name, got, **options):
     message = str(caught.value)
     assert message.startswith(f"{name}: expected "), message
     assert f", got {got}" in message, message
-    assert "\n" not in message and len(message) < 300
+    assert "\n" not in message
+    assert len(message) < 300
 
 
 SETTINGS = [
@@ -83,23 +84,34 @@ def test_other_things_than_expected(name, options):
 
 
 MATERIALS = [
-    (ValueError, {"reflection": 1.5}), (ValueError, {"reflection": -0.5}),
-    (ValueError, {"reflection": NAN}), (TypeError, {"reflection": "shiny"}),
-    (ValueError, {"transmission": 2}), (ValueError, {"transmission": -1}),
-    (ValueError, {"index": 0.9}), (ValueError, {"index": 5}), (ValueError, {"index": NAN}),
-    (TypeError, {"index": "glass"}), (ValueError, {"roughness": 1.1}),
-    (ValueError, {"roughness": -0.1}), (ValueError, {"color": (1, 2)}),
-    (ValueError, {"color": (1, NAN, 0)}), (ValueError, {"color": (-1, 0, 0)}),
-    (TypeError, {"color": "red"}), (ValueError, {"absorption": -1.0}),
-    (ValueError, {"absorption": (0, 0, INF)}), (ValueError, {"absorption": (1, 2, 3, 4)}),
-    (ValueError, {"specular": -0.1}), (ValueError, {"shininess": -2}),
+    (ValueError, {"reflection": 1.5}),
+    (ValueError, {"reflection": -0.5}),
+    (ValueError, {"reflection": NAN}),
+    (TypeError, {"reflection": "shiny"}),
+    (ValueError, {"transmission": 2}),
+    (ValueError, {"transmission": -1}),
+    (ValueError, {"index": 0.9}),
+    (ValueError, {"index": 5}),
+    (ValueError, {"index": NAN}),
+    (TypeError, {"index": "glass"}),
+    (ValueError, {"roughness": 1.1}),
+    (ValueError, {"roughness": -0.1}),
+    (ValueError, {"color": (1, 2)}),
+    (ValueError, {"color": (1, NAN, 0)}),
+    (ValueError, {"color": (-1, 0, 0)}),
+    (TypeError, {"color": "red"}),
+    (ValueError, {"absorption": -1.0}),
+    (ValueError, {"absorption": (0, 0, INF)}),
+    (ValueError, {"absorption": (1, 2, 3, 4)}),
+    (ValueError, {"specular": -0.1}),
+    (ValueError, {"shininess": -2}),
     (TypeError, {"shininess": "very"}),
 ]
 
 
 @pytest.mark.parametrize(("error", "field"), MATERIALS, ids=str)
 def test_materials(error, field):
-    (name, value), = field.items()
+    ((name, value),) = field.items()
     material = gb.Material(**field)
     refuse(error, name, repr(value), settings=dataclasses.replace(QUIET, material=material))
     refuse(error, name, repr(value), scene=gb.Layer(ball(), material))
@@ -151,8 +163,12 @@ def test_sky_and_ground(error, name, setting, got):
 
 @pytest.mark.parametrize(
     ("image", "got"),
-    [(np.ones((2, 3)), "(2, 3)"), (np.ones((2, 3, 4)), "(2, 3, 4)"), (np.ones((0, 3, 3)), "(0,"),
-     (np.ones((1, 40_000, 3)), "(1, 40000, 3)")],
+    [
+        (np.ones((2, 3)), "(2, 3)"),
+        (np.ones((2, 3, 4)), "(2, 3, 4)"),
+        (np.ones((0, 3, 3)), "(0,"),
+        (np.ones((1, 40_000, 3)), "(1, 40000, 3)"),
+    ],
     ids=["flat", "four channels", "empty", "wide"],
 )
 def test_environment_shapes(image, got):
@@ -202,9 +218,14 @@ def test_layers():
 
 @pytest.mark.parametrize(
     ("error", "size", "got"),
-    [(ValueError, (0, 3), "0x3"), (ValueError, (3, -1), "3x-1"), (TypeError, "big", "'big'"),
-     (TypeError, 5, "5"), (TypeError, (1, 2, 3), "(1, 2, 3)"),
-     (ValueError, (2**20, 2**20), "1048576x")],
+    [
+        (ValueError, (0, 3), "0x3"),
+        (ValueError, (3, -1), "3x-1"),
+        (TypeError, "big", "'big'"),
+        (TypeError, 5, "5"),
+        (TypeError, (1, 2, 3), "(1, 2, 3)"),
+        (ValueError, (2**20, 2**20), "1048576x"),
+    ],
     ids=str,
 )
 def test_sizes(error, size, got):

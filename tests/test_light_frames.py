@@ -5,6 +5,7 @@ import dataclasses
 import globule as gb
 import numpy as np
 import pytest
+from globule.render.lights import uniform_sky
 from light import CENTRE, ONE_SKY, ball, direction_sky, quiet
 from scenes import CASES, SPLASH, case, cloud
 
@@ -15,8 +16,15 @@ LIGHTS = (
     gb.PointLight((1.5, 2, 1), (0.3, 0.3, 0.4), radius=0.2),
 )
 EVERYTHING = gb.RenderSettings(
-    lights=LIGHTS, shadows=True, ambient="sky", ambient_rays=3, ambient_distance=1.0, sky=gb.Sky(),
-    ground=gb.Ground(-1.2, check=0.4, reflection=0.2), material=gb.Material(roughness=0.1), depth=5,
+    lights=LIGHTS,
+    shadows=True,
+    ambient="sky",
+    ambient_rays=3,
+    ambient_distance=1.0,
+    sky=gb.Sky(),
+    ground=gb.Ground(-1.2, check=0.4, reflection=0.2),
+    material=gb.Material(roughness=0.1),
+    depth=5,
 )
 CUTS = [gb.ClipPlane((1, 1, 0), 0.8), gb.ClipSphere((0.3, 0.4, 0.8), 0.45)]
 VIEW = gb.Camera((1.6, 1.3, 2.6), (0, 0, 0), fov=35)  # the horizon is above the picture
@@ -25,8 +33,13 @@ VIEW = gb.Camera((1.6, 1.3, 2.6), (0, 0, 0), fov=35)  # the horizon is above the
 def busy(n=400, seed=64, alike=False, **fields) -> gb.Particles:
     rng = np.random.default_rng(seed)
     support = 0.3 if alike else rng.uniform(0.05, 0.5, n)
-    given = {"support": support, "color": rng.uniform(0, 1, (n, 3)),
-             "reflection": rng.uniform(0, 0.6, n), "refraction": rng.uniform(0, 0.9, n), **fields}
+    given = {
+        "support": support,
+        "color": rng.uniform(0, 1, (n, 3)),
+        "reflection": rng.uniform(0, 0.6, n),
+        "refraction": rng.uniform(0, 0.9, n),
+        **fields,
+    }
     positions = given.pop("positions", None)
     return gb.Particles(cloud(n, seed) if positions is None else positions, **given)
 
@@ -67,7 +80,7 @@ def test_one_plain_sample_is_the_first_of_several(backend):
     scene = gb.Scene(busy(reflection=None, refraction=None), **backend)
     plain = gb.RenderSettings(specular=0.4)
     short = look(scene, settings=plain, clips=())
-    sky = gb.lights.uniform_sky(plain.background)
+    sky = uniform_sky(plain.background)
     waves = look(scene, settings=dataclasses.replace(plain, sky=sky), clips=())
     np.testing.assert_allclose(short.color, waves.color, atol=2e-4)
     assert np.abs(short.picture.astype(int) - waves.picture).max() <= 1
@@ -146,7 +159,8 @@ def test_two_runs_give_the_same_bits(backend):
 def test_odd_sizes(backend, size):
     frame = look(gb.Scene(busy(60), **backend), size)
     assert frame.color.shape == (size[1], size[0], 3)
-    assert np.isfinite(frame.color).all() and (frame.color >= 0).all()
+    assert np.isfinite(frame.color).all()
+    assert (frame.color >= 0).all()
     assert np.isfinite(frame.normal).all()
     if size == (1, 1):
         # The one pixel is the middle one of any odd picture.
@@ -157,11 +171,12 @@ def test_odd_sizes(backend, size):
 
 def test_rows_do_not_depend_on_the_band_they_are_in(backend):
     """A tall picture is traced in bands of rows; the sky and depth go on across them."""
-    camera = gb.Camera(CENTRE + (0, 0, 9), CENTRE, height=40.0)
+    camera = gb.Camera((*CENTRE, 0, 0, 9), CENTRE, height=40.0)
     frame = gb.render(ball(**backend), camera, (3, 2000), quiet(sky=direction_sky(64)))
     y = (0.5 - (np.arange(2000) + 0.5) / 2000) * 40
     seen = np.abs(y) < 0.6
-    assert frame.mask[seen, 1].all() and not frame.mask[np.abs(y) > 0.7].any()
+    assert frame.mask[seen, 1].all()
+    assert not frame.mask[np.abs(y) > 0.7].any()
     np.testing.assert_allclose(frame.position[seen, 1, 1], y[seen] + CENTRE[1], atol=1e-4)
 
 
@@ -185,9 +200,15 @@ def test_pictures_agree_between_backends(backend, reference, alike, kind):
 FAR_PLANE = [gb.ClipPlane((0.3, 0.2, 1), 1e5)]
 
 
-@pytest.mark.parametrize("octree, name", [  # ellipsoids: in the sparse octree only
-    (octree, name) for octree in ("sparse", "dense") for name in CASES
-    if name != "splash" and not (octree == "dense" and name.startswith("stretched"))])
+@pytest.mark.parametrize(
+    ("octree", "name"),
+    [  # ellipsoids: in the sparse octree only
+        (octree, name)
+        for octree in ("sparse", "dense")
+        for name in CASES
+        if name != "splash" and not (octree == "dense" and name.startswith("stretched"))
+    ],
+)
 def test_waves_meet_what_the_oracle_meets(backend, name, octree):
     """A plane that cuts nothing sends the camera's rays the way of secondary ones, cell by cell."""
     c = case(name)
@@ -209,7 +230,8 @@ def test_waves_meet_what_the_oracle_meets(backend, name, octree):
 
 @pytest.mark.parametrize("octree", ["sparse", "dense"])
 @pytest.mark.parametrize(
-    "kind", ["none", "one", "NaN", "all NaN", "negative", "mixed", "coincident", "64-bit keys"])
+    "kind", ["none", "one", "NaN", "all NaN", "negative", "mixed", "coincident", "64-bit keys"]
+)
 def test_hard_particles_under_all_lights(backend, kind, octree):
     options = {"octree": octree, "threshold": 0.5}
     if kind == "none":
@@ -229,12 +251,19 @@ def test_hard_particles_under_all_lights(backend, kind, octree):
         else:
             p.positions[:: 1 if kind == "all NaN" else 3] = np.nan
     frame = look(gb.Scene(p, **options, **backend), (40, 30)).refine(1)
-    assert np.isfinite(frame.color).all() and (frame.color >= 0).all() and (frame.color < 20).all()
-    assert np.isfinite(frame.normal).all() and np.isfinite(frame.albedo).all()
+    assert np.isfinite(frame.color).all()
+    assert (frame.color >= 0).all()
+    assert (frame.color < 20).all()
+    assert np.isfinite(frame.normal).all()
+    assert np.isfinite(frame.albedo).all()
     length = np.linalg.norm(frame.normal, axis=-1)
     np.testing.assert_allclose(length[frame.mask], 1, atol=1e-4)
-    furnace = quiet(sky=ONE_SKY, ambient="sky", material=gb.Material(0.3, 0.5, color=1.0),
-                    ground=gb.Ground(-1.2, color=1.0, other=1.0))
+    furnace = quiet(
+        sky=ONE_SKY,
+        ambient="sky",
+        material=gb.Material(0.3, 0.5, color=1.0),
+        ground=gb.Ground(-1.2, color=1.0, other=1.0),
+    )
     color = look(gb.Scene(p, **options, **backend), (40, 30), furnace).color
     np.testing.assert_allclose(color, 1, atol=1e-2)
 
@@ -272,8 +301,13 @@ def test_pick(backend):
 def test_picking_on_a_cut_face(backend):
     p = cloud(500, 66)
     scene = gb.Scene(gb.Particles(p, support=0.5), **backend)
-    frame = gb.render(scene, gb.Camera((0, 0, 5), (0, 0, 0), fov=25), (21, 21), quiet(),
-                      [gb.ClipPlane((0, 0, 1), 0.1)])
+    frame = gb.render(
+        scene,
+        gb.Camera((0, 0, 5), (0, 0, 0), fov=25),
+        (21, 21),
+        quiet(),
+        [gb.ClipPlane((0, 0, 1), 0.1)],
+    )
     for column, row in ((10, 10), (5, 8), (14, 12)):
         found = frame.pick(column, row)
         assert found.position[2] == pytest.approx(0.1, abs=1e-5)
@@ -288,6 +322,13 @@ def test_everything_on_the_splash(backend):
     particles = gb.Particles(positions, support=0.04, reflection=0.05, refraction=0.8)
     scene = gb.Scene(particles, **backend)
     camera = gb.Camera.fit(scene)
-    frame = gb.render(scene, camera, (64, 48), dataclasses.replace(
-        EVERYTHING, ambient_distance=0.2, ground=gb.Ground(-0.05, reflection=0.1)))
-    assert np.isfinite(frame.color).all() and frame.color.max() < 3
+    frame = gb.render(
+        scene,
+        camera,
+        (64, 48),
+        dataclasses.replace(
+            EVERYTHING, ambient_distance=0.2, ground=gb.Ground(-0.05, reflection=0.1)
+        ),
+    )
+    assert np.isfinite(frame.color).all()
+    assert frame.color.max() < 3

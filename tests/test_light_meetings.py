@@ -3,6 +3,7 @@
 import globule as gb
 import numpy as np
 import pytest
+from globule.render.lights import uniform_sky
 from light import CENTRE, ONE_SKY, RADIUS, ball, block, quiet, rays
 
 C, R = CENTRE, RADIUS
@@ -28,8 +29,11 @@ def test_layers_cut_by_the_same_planes(backend, shadow):
     look = quiet(sky=ONE_SKY, depth=6)
     camera = DOWN
     if shadow:
-        look = quiet(lights=[gb.DirectionalLight((0, 0, 1), (1, 1, 1))], shadows=True,
-                     ground=gb.Ground(-1.6, (0, 0, 1), color=1.0))
+        look = quiet(
+            lights=[gb.DirectionalLight((0, 0, 1), (1, 1, 1))],
+            shadows=True,
+            ground=gb.Ground(-1.6, (0, 0, 1), color=1.0),
+        )
         camera = gb.Camera((0, 0, -1), (0.1, 0, -2), fov=20)
     frame = gb.render(layers, camera, (9, 9), look, between(-0.5, 0.7))
     expected = (0.9 * 0.8 * 0.7) ** 2 * np.exp(-0.6 * 1.2)
@@ -38,8 +42,12 @@ def test_layers_cut_by_the_same_planes(backend, shadow):
 
 def test_matter_beyond_a_hollow_throws_a_shadow(backend):
     hollow = gb.ClipBox((-3, -3, -0.25), (3, 3, 0.25))
-    look = quiet(lights=[gb.DirectionalLight((0, 0, 1), (1, 1, 1))], shadows=True,
-                 material=veil(0.9, 0.5), ground=gb.Ground(-1.6, (0, 0, 1), color=1.0))
+    look = quiet(
+        lights=[gb.DirectionalLight((0, 0, 1), (1, 1, 1))],
+        shadows=True,
+        material=veil(0.9, 0.5),
+        ground=gb.Ground(-1.6, (0, 0, 1), color=1.0),
+    )
     camera = gb.Camera((0, 0, -1), (0.1, 0, -2), fov=20)
     frame = gb.render(block(**backend), camera, (9, 9), look, [hollow, *between(-0.5, 0.7)])
     np.testing.assert_allclose(frame.color, 0.9**4 * np.exp(-0.5 * 0.7), rtol=2e-3)
@@ -49,11 +57,16 @@ def test_matter_beyond_a_hollow_throws_a_shadow(backend):
 def test_a_light_inside_the_medium_is_absorbed(backend, inside):
     """On the ground, and on the surface seen from inside."""
     k, a = 0.6, 1.5
-    look = quiet(lights=[gb.PointLight(C, (1, 1, 1))], shadows=True, material=veil(k, a), depth=0,
-                 ground=gb.Ground(C[1] - 2 * R, color=1.0))
+    look = quiet(
+        lights=[gb.PointLight(C, (1, 1, 1))],
+        shadows=True,
+        material=veil(k, a),
+        depth=0,
+        ground=gb.Ground(C[1] - 2 * R, color=1.0),
+    )
     camera = gb.Camera(C - (0, 1.5 * R, 0), C - (0.01, 3, 0.02), up=(0, 0, 1), fov=50)
     if inside:
-        camera = gb.Camera(C + (0.01, 0.02, 0), C - (0.01, 3, 0.02), up=(0, 0, 1), fov=50)
+        camera = gb.Camera((*C, 0.01, 0.02, 0), C - (0.01, 3, 0.02), up=(0, 0, 1), fov=50)
     frame = gb.render(ball(color=(1, 1, 1), **backend), camera, (9, 9), look)
     p = frame.position.astype(np.float64) - C
     if inside:
@@ -67,7 +80,7 @@ def test_a_light_inside_the_medium_is_absorbed(backend, inside):
 def test_an_opaque_medium_seen_from_inside_absorbs(backend):
     """With and without what makes a picture more than plain."""
     a = np.array([0.5, 1.0, 2.0])
-    camera = gb.Camera(C + (0.1, 0.05, 0.02), C + (1, 2, 3), fov=70)
+    camera = gb.Camera((*C, 0.1, 0.05, 0.02), (*C, 1, 2, 3), fov=70)
     for sky in (None, ONE_SKY):
         look = quiet(ambient=1.0, sky=sky, material=gb.Material(0.0, 0.0, color=1.0, absorption=a))
         frame = gb.render(ball(**backend), camera, (9, 9), look)
@@ -84,15 +97,21 @@ def test_a_ground_never_mirrors_itself(backend):
     frame = gb.render(ball((90, 90, 90), **backend), camera, (48, 48), look)
     _, d = rays(camera, (48, 48))
     down = d @ n < -1e-6
-    assert down.mean() > 0.6 and frame.depth[down].max() > 1000
+    assert down.mean() > 0.6
+    assert frame.depth[down].max() > 1000
     np.testing.assert_allclose(frame.color[down], 1, atol=1e-5)
 
 
 def test_the_ground_shows_through_a_cut_that_lies_in_it(backend):
-    black = gb.lights.uniform_sky((0, 0, 0))
-    look = quiet(ambient=1.0, sky=black, material=veil(0.9),
-                 lights=[gb.DirectionalLight((0, 0, 1), (1, 1, 1))], shadows=True,
-                 ground=gb.Ground(-0.5, (0, 0, 1), color=(0.2, 0.4, 0.6)))
+    black = uniform_sky((0, 0, 0))
+    look = quiet(
+        ambient=1.0,
+        sky=black,
+        material=veil(0.9),
+        lights=[gb.DirectionalLight((0, 0, 1), (1, 1, 1))],
+        shadows=True,
+        ground=gb.Ground(-0.5, (0, 0, 1), color=(0.2, 0.4, 0.6)),
+    )
     for camera in (DOWN, gb.Camera((0.3, 0.2, 6), (0.1, 0, 0), fov=10)):
         scene = block(color=(0, 0, 0), **backend)
         frame = gb.render(scene, camera, (9, 9), look, between(-0.5, 0.7))
@@ -103,6 +122,7 @@ def test_the_ground_shows_through_a_cut_that_lies_in_it(backend):
 
 def test_picking_takes_the_layer_that_is_seen(backend):
     """Though particles of another are nearer, whose matter is cut away; and never the ground."""
+
     def one(z, kind):
         p = np.array([[0, 0, z]], np.float32)
         particles = gb.Particles(p, support=2.0, attributes={"kind": np.array([kind])})
@@ -127,10 +147,16 @@ def test_camera_inside_where_more_overlap_than_a_list_holds(backend):
     near = np.random.default_rng(5).normal(scale=0.01, size=(3000, 3))
     scene = gb.Scene(gb.Particles(near, support=1.0), threshold=2700, **backend)
     camera = gb.Camera((0.03, 0.02, 0.01), (1, 0, 0), fov=60)
-    clear = gb.render(scene, camera, (5, 4), quiet(sky=ONE_SKY, material=veil(0.8, 0.5), depth=1),
-                      [gb.ClipPlane((0, 0, 1), 9.0)])
+    clear = gb.render(
+        scene,
+        camera,
+        (5, 4),
+        quiet(sky=ONE_SKY, material=veil(0.8, 0.5), depth=1),
+        [gb.ClipPlane((0, 0, 1), 9.0)],
+    )
     plain = gb.render(scene, camera, (5, 4))
-    assert plain.mask.all() and (plain.depth < 0.3).all()
+    assert plain.mask.all()
+    assert (plain.depth < 0.3).all()
     np.testing.assert_allclose(clear.depth, plain.depth, atol=1e-5)
     left = 0.8 * np.exp(-0.5 * clear.depth)
     np.testing.assert_allclose(clear.color, np.repeat(left[..., None], 3, -1), atol=1e-4)

@@ -14,8 +14,32 @@ SIZE = (12, 9)
 TOLERANCE = {"color": 6e-3, "depth": 1e-3, "normal": 5e-3, "albedo": 5e-3}
 IMAGES = tuple(TOLERANCE)
 # Found among some thousand: each with a feature that others lack, most of them once wrong.
-SEEDS = (5, 6, 10, 19, 39, 42, 46, 48, 49, 59, 61, 64, 68, 72, 73, 94, 135, 175, 182, 184, 197, 205,
-         1225, 2359)
+SEEDS = (
+    5,
+    6,
+    10,
+    19,
+    39,
+    42,
+    46,
+    48,
+    49,
+    59,
+    61,
+    64,
+    68,
+    72,
+    73,
+    94,
+    135,
+    175,
+    182,
+    184,
+    197,
+    205,
+    1225,
+    2359,
+)
 
 
 def direction(rng):
@@ -115,8 +139,17 @@ def random_picture(seed):
     shadows = bool(rng.random() < 0.7)
     sky = gb.Sky(up=direction(rng)) if rng.random() < 0.7 else None
     depth, cutoff = int(rng.integers(6)), float(rng.choice([0.0, 1 / 128]))
-    settings = gb.RenderSettings(lights, ambient, background, material, shadows=shadows, sky=sky,
-                                 ground=ground, depth=depth, cutoff=cutoff)
+    settings = gb.RenderSettings(
+        lights,
+        ambient,
+        background,
+        material,
+        shadows=shadows,
+        sky=sky,
+        ground=ground,
+        depth=depth,
+        cutoff=cutoff,
+    )
     eye = direction(rng) * rng.choice([rng.uniform(0, 1.2), rng.uniform(3, 6)])
     look_at, up, fov = rng.normal(0, 0.3, 3), direction(rng), float(rng.uniform(20, 70))
     height = float(rng.uniform(1.5, 5)) if rng.random() < 0.25 else None
@@ -124,8 +157,10 @@ def random_picture(seed):
 
 
 def build(layers, **backend):
-    return [gb.Layer(gb.Scene(particles, **options, **backend), material, clips)
-            for particles, options, material, clips in layers]
+    return [
+        gb.Layer(gb.Scene(particles, **options, **backend), material, clips)
+        for particles, options, material, clips in layers
+    ]
 
 
 def differences(frame, truth, pixels=None):
@@ -146,8 +181,10 @@ def unsure(layers, camera, settings, clips, pixels):
     """The reference at some pixels, finely, and by image where it differs for rays a little aside:
     edges."""
     shifts = 1e-3 * np.concatenate([np.zeros((1, 3)), np.eye(3), -np.eye(3), 0.1 * np.eye(3)])
-    some = [light_reference.render(layers, camera, SIZE, settings, clips, pixels, shift, 1200)
-            for shift in shifts]
+    some = [
+        light_reference.render(layers, camera, SIZE, settings, clips, pixels, shift, 1200)
+        for shift in shifts
+    ]
     out = {}
     for k in IMAGES:
         with np.errstate(invalid="ignore"):

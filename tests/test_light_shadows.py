@@ -34,7 +34,8 @@ def test_terminator(backend, shadows):
     near, _, away = meet_ball(o, d)
     inner = (away < 0.99 * RADIUS)[..., 0]
     cosine = (o + near * d - CENTRE) @ sun / RADIUS
-    assert (cosine[inner] < -0.1).sum() > 30 and (cosine[inner] > 0.1).sum() > 30
+    assert (cosine[inner] < -0.1).sum() > 30
+    assert (cosine[inner] > 0.1).sum() > 30
     expected = np.maximum(cosine, 0)[..., None] * (1, 0.5, 0.25)
     np.testing.assert_allclose(frame.color[inner], expected[inner], atol=1e-3)
     assert (frame.color[inner & (cosine < -1e-3)] == 0).all()
@@ -99,7 +100,8 @@ def test_penumbra(backend, name):
         expected += np.where(hidden, 0, to[..., 1]) / n
     assert (ground & (expected > 0.1) & (expected < 0.7)).sum() > 30
     error = (frame.color[..., 0] - expected)[ground]
-    assert np.abs(error).mean() < 0.006 and abs(error.mean()) < 0.002
+    assert np.abs(error).mean() < 0.006
+    assert abs(error.mean()) < 0.002
     assert np.abs(error).max() < 0.05
 
 
@@ -107,8 +109,9 @@ def test_ambient_occlusion_of_an_open_half_space(backend):
     """Over the flat face of a cut block nothing is hidden."""
     look = quiet(ambient=1.0, ambient_rays=16, ambient_distance=50.0, material=CLAY, samples=2)
     camera = gb.Camera((0.5, 6, 1), (0, 0, 0), fov=20)
-    frame = gb.render(block(color=(1, 1, 1), **backend), camera, SIZE, look,
-                      [gb.ClipPlane((0, 1, 0), 0.5)])
+    frame = gb.render(
+        block(color=(1, 1, 1), **backend), camera, SIZE, look, [gb.ClipPlane((0, 1, 0), 0.5)]
+    )
     np.testing.assert_allclose(frame.depth * -rays(camera, SIZE)[1][..., 1], 5.5, rtol=1e-5)
     np.testing.assert_allclose(frame.color, 1, atol=1e-5)
 
@@ -127,15 +130,17 @@ def test_ambient_occlusion_in_a_corner(backend, reach):
     c = np.minimum(np.abs(h) / reach, 1)
     expected = 1 - (np.arccos(c) - c * np.sqrt(1 - c**2)) / np.pi
     error = (frame.color[..., 0] - expected)[floor]
-    assert np.abs(error).max() < 0.04 and abs(error.mean()) < 0.005
-    assert expected[floor].min() < 0.6 and expected[floor].max() == 1
+    assert np.abs(error).max() < 0.04
+    assert abs(error.mean()) < 0.005
+    assert expected[floor].min() < 0.6
+    assert expected[floor].max() == 1
 
 
 def test_ambient_rays_from_the_sky(backend):
     """Light from a gradient of a sky: its integral over the half space, weighted by cosines."""
     sky = gb.Sky(zenith=1.0, horizon=0.5, ground=0.0)
     look = quiet(sky=sky, ambient="sky", ambient_rays=64, material=CLAY, ambient_distance=9.0)
-    camera = gb.Camera(CENTRE + (4, 1, 3), CENTRE, fov=20)
+    camera = gb.Camera((*CENTRE, 4, 1, 3), CENTRE, fov=20)
     frame = gb.render(ball(color=(1, 1, 1), **backend), camera, (24, 20), look)
     seen = meet_ball(*rays(camera, (24, 20)))[2][..., 0] < 0.97 * RADIUS
     n = frame.normal[seen].astype(np.float64)
@@ -145,7 +150,8 @@ def test_ambient_rays_from_the_sky(backend):
     value = 0.5 + 0.5 * np.sign(y) * np.sqrt(np.abs(y))
     expected = np.mean(np.maximum(n @ to.T, 0) * value, 1) * 4
     error = frame.color[seen][:, 0] - expected
-    assert np.abs(error).max() < 0.05 and abs(error.mean()) < 0.005
+    assert np.abs(error).max() < 0.05
+    assert abs(error.mean()) < 0.005
 
 
 def test_sunlight_through_a_clear_ball(backend):
@@ -165,8 +171,7 @@ def test_sunlight_through_a_clear_ball(backend):
 
 @pytest.mark.parametrize(
     "absorption",
-    [(1.0, 1.0, 1.0), (2.0, 0.5, 0.5),
-     (0.0, 2.0, 2.0)],
+    [(1.0, 1.0, 1.0), (2.0, 0.5, 0.5), (0.0, 2.0, 2.0)],
 )
 def test_sunlight_through_a_ball_that_absorbs(backend, absorption):
     """Shadows are grey: the mean of the three absorptions counts."""
@@ -179,8 +184,9 @@ def test_sunlight_through_a_ball_that_absorbs(backend, absorption):
     axis = np.linalg.norm(p[..., [0, 2]] - CENTRE[[0, 2]], axis=-1)
     inner = (np.abs(p[..., 1] + 1) < 1e-4) & (axis < 0.95 * RADIUS)
     chord = 2 * np.sqrt(RADIUS**2 - axis[inner] ** 2)
-    np.testing.assert_allclose(frame.color[inner][:, 0], np.exp(-np.mean(absorption) * chord),
-                               rtol=5e-3)
+    np.testing.assert_allclose(
+        frame.color[inner][:, 0], np.exp(-np.mean(absorption) * chord), rtol=5e-3
+    )
 
 
 def test_the_nearest_layer_wins(backend):
@@ -195,7 +201,8 @@ def test_the_nearest_layer_wins(backend):
     np.testing.assert_allclose(both.depth, np.minimum(*alone), atol=5e-5)
     np.testing.assert_array_equal(both.depth, swapped.depth)
     first = alone[0] < alone[1]
-    assert (first & both.mask).sum() > 100 and (~first & both.mask).sum() > 100
+    assert (first & both.mask).sum() > 100
+    assert (~first & both.mask).sum() > 100
     expected = np.where(first[..., None], (1, 0, 0), (0, 1, 0))
     np.testing.assert_array_equal(both.color[both.mask], expected[both.mask])
     np.testing.assert_array_equal(both.color, swapped.color)
@@ -217,29 +224,31 @@ def test_translucent_over_opaque(backend):
     front = (1 - k) * veil_color * 0.5
     inner = k * veil_color * core_color * 0.5
     back = k * veil_color * (1 - k) * veil_color * 0.5  # the veil's far side, seen from inside
-    assert on_core.sum() > 100 and off_core.sum() > 100
+    assert on_core.sum() > 100
+    assert off_core.sum() > 100
     np.testing.assert_allclose(frame.color[on_core], [front + inner] * on_core.sum(), atol=1e-5)
     np.testing.assert_allclose(frame.color[off_core], [front + back] * off_core.sum(), atol=1e-5)
 
 
 @pytest.mark.parametrize(
     "from_middle",
-    [(2, 2, 3), (-0.4, -0.2, -0.2),
-     (0.2, 0.1, 0.2)],
+    [(2, 2, 3), (-0.4, -0.2, -0.2), (0.2, 0.1, 0.2)],
     ids=["outside", "inside one", "inside both"],
 )
 def test_a_ray_inside_both_layers(backend, from_middle):
     """Where two media overlap, both absorb."""
     a, b = np.array((0.4, 1.0, 0.0)), np.array((1.0, 0.0, 0.7))
-    place = CENTRE + (0.3, 0.2, 0.1)
+    place = (*CENTRE, 0.3, 0.2, 0.1)
     layers = [
         gb.Layer(ball(**backend), glass(1.0, absorption=a)),
         gb.Layer(ball(place, **backend), glass(1.0, absorption=b)),
     ]
     camera = gb.Camera(CENTRE + from_middle, place, fov=40)
     o, d = rays(camera, SIZE)
-    path = [np.nan_to_num(np.maximum(far, 0) - np.maximum(near, 0))
-            for near, far, _ in (meet_ball(o, d), meet_ball(o, d, place))]
+    path = [
+        np.nan_to_num(np.maximum(far, 0) - np.maximum(near, 0))
+        for near, far, _ in (meet_ball(o, d), meet_ball(o, d, place))
+    ]
     frame = gb.render(layers, camera, SIZE, quiet(sky=ONE_SKY, depth=8))
     expected = np.exp(-a * path[0] - b * path[1])
     clear = np.ones(frame.mask.shape, bool)
@@ -268,13 +277,18 @@ def test_ground_mirrors(backend):
 def test_lights_of_all_kinds_add_up(backend):
     """Light is linear: a picture with all of them is the sum of the pictures with one each."""
     lights = [
-        gb.Headlight((0.2, 0.1, 0.3)), gb.DirectionalLight((0.2, 1, 0.5), (0.5, 0.4, 0.3)),
+        gb.Headlight((0.2, 0.1, 0.3)),
+        gb.DirectionalLight((0.2, 1, 0.5), (0.5, 0.4, 0.3)),
         gb.DirectionalLight((-1, 0.4, 0.5), (0.3, 0.4, 0.5)),
         gb.PointLight((1, 2, 1.5), (0.2, 0.3, 0.1)),
     ]
     scene = ball(**backend)
-    options = {"shadows": True, "ground": GROUND, "specular": 0.3,
-               "material": gb.Material(0.2, 0.5, 1.3, absorption=0.5)}
+    options = {
+        "shadows": True,
+        "ground": GROUND,
+        "specular": 0.3,
+        "material": gb.Material(0.2, 0.5, 1.3, absorption=0.5),
+    }
     every = gb.render(scene, ABOVE, SIZE, quiet(lights=lights, **options)).color
     one = [gb.render(scene, ABOVE, SIZE, quiet(lights=[k], **options)).color for k in lights]
     np.testing.assert_allclose(every, np.sum(one, 0), atol=1e-5)
@@ -301,7 +315,7 @@ def test_no_light_from_below_the_ground(backend, kind):
         look = quiet(lights=[light], shadows=True, ground=ground)
     else:
         look = quiet(ambient=1.0, ambient_rays=32, ambient_distance=9.0, ground=ground)
-    camera = gb.Camera(CENTRE + (0, 0, 5), CENTRE, height=2 * RADIUS)
+    camera = gb.Camera((*CENTRE, 0, 0, 5), CENTRE, height=2 * RADIUS)
     frame = gb.render(ball(color=(1, 1, 1), **backend), camera, (21, 21), look)
     below = frame.mask & (frame.normal[..., 1] < -0.8)
     assert below.sum() > 10

@@ -131,12 +131,14 @@ def test_the_real_sweep_replayed(capsys):
         return server.address
 
     live = receive_sweep(replay(), plus=plus, idle=1.0)
-    assert np.array_equal(live.frames, sweep.frames) and live.world == "Reference"
+    assert np.array_equal(live.frames, sweep.frames)
+    assert live.world == "Reference"
     assert np.allclose(live.world_from_image, sweep.world_from_image, rtol=1e-5, atol=1e-3)
     words = ["--plus", str(plus), "--method", "pvn-om", "--spacing", "0.5", *CPU]
     words += ["--live", replay(), "--idle", "1", "-o", "v.npz"]
     facts = run_json(capsys, "reconstruct", *words)
-    assert facts["frames"]["used"] == 21 and facts["live"]["grew"]
+    assert facts["frames"]["used"] == 21
+    assert facts["live"]["grew"]
     file = gb.reconstruct(sweep, spacing=0.5, device="cpu")
     assert facts["counts"]["measured"] == pytest.approx(file.n_measured, rel=0.02)
 
@@ -164,7 +166,8 @@ def test_live_reconstruct(sweep, capsys):
     server.serve(slice(None))
     words = ["reconstruct", "--live", server.address, "--idle", "0.5", "-o", "v.npz", *CPU]
     facts = run_json(capsys, *words, "--spacing", "1")
-    assert facts["frames"]["used"] == 24 and facts["live"]["grew"]
+    assert facts["frames"]["used"] == 24
+    assert facts["live"]["grew"]
     live = read_volume("v.npz")
     low, high = sweep.bounds()
     first = live.world_from_voxel[:3, 3]
@@ -201,12 +204,14 @@ def test_a_killed_run_goes_on_with_all_that_it_recorded(sweep, capsys):
         process.send_signal(signal.SIGKILL)
         process.communicate()
     n = table.read_bytes().count(b"\n") - 1
-    assert 6 <= n < 24 and not Path("v.npz").exists()
+    assert 6 <= n < 24
+    assert not Path("v.npz").exists()
     server = Server(sweep)
     server.serve(slice(n - 3, None))
     facts = run_json(capsys, *words, "--live", server.address, "--record", "kept")
     assert facts["frames"]["used"] == 24
-    assert facts["live"]["grew"] and facts["live"]["recorded"] == 24
+    assert facts["live"]["grew"]
+    assert facts["live"]["recorded"] == 24
     # The same as of a stream that was never cut.
     server = Server(sweep)
     server.serve(slice(None))
@@ -244,8 +249,10 @@ def test_a_recording_that_was_cut_anywhere():
         recorder.close()
         assert table.read_bytes() == whole
     for ours, theirs in zip(Recorder("kept").kept, frames, strict=True):
-        assert ours.time == theirs.time and ours.world == theirs.world
-        assert np.array_equal(ours.image, theirs.image) and ours.image.dtype == theirs.image.dtype
+        assert ours.time == theirs.time
+        assert ours.world == theirs.world
+        assert np.array_equal(ours.image, theirs.image)
+        assert ours.image.dtype == theirs.image.dtype
         assert np.array_equal(ours.world_from_image, theirs.world_from_image)
     # Times that run backwards: frames and rows still belong together.
     assert np.array_equal(gb.read_sweep("kept").world_from_image[2], frames[2].world_from_image)
@@ -287,7 +294,8 @@ def test_live_maps(sweep, capsys):
     run_json(capsys, *words, "--spacing", "1", "--maps")
     volume = read_volume("v.npz")
     assert volume.count.sum() == sweep.frames.size
-    assert volume.source.max() == len(sweep) - 1 and volume.variance.max() > 0
+    assert volume.source.max() == len(sweep) - 1
+    assert volume.variance.max() > 0
 
 
 def test_frames_with_a_useless_pose_do_not_end_the_stream(sweep):

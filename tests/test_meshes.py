@@ -48,7 +48,8 @@ def test_local_spacing_of_troubled_particles():
     assert np.allclose(spacing.local_spacing(twice)[:50], spacing.local_spacing(points))
     points[7] = np.nan
     found = spacing.local_spacing(points)
-    assert found[7] == np.median(np.delete(found, 7)) and np.isfinite(found).all()
+    assert found[7] == np.median(np.delete(found, 7))
+    assert np.isfinite(found).all()
     assert (spacing.local_spacing(np.zeros((5, 3))) == 1).all()
     assert spacing.local_spacing(np.zeros((0, 3))).shape == (0,)
     far = np.concatenate([points[:7], [[1e15, 0, 0]], points[8:] * 1e-9])
@@ -107,12 +108,14 @@ def test_samples_are_even(trimesh):
     grid = np.array([[0, 0, 0], [2, 0, 0], [2, 2, 0], [0, 2, 0], [0.9, 0.2, 0]], float)
     faces = [[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]]
     particles = gb.mesh_particles(trimesh.Trimesh(grid, faces, process=False), 0.05)
-    assert particles.support == pytest.approx(0.1) and particles.weight.max() <= 1 + 1e-6
+    assert particles.support == pytest.approx(0.1)
+    assert particles.weight.max() <= 1 + 1e-6
     assert particles.weight.sum() == pytest.approx(4 / (3**0.5 / 2 * 0.05**2), rel=1e-4)
     points = np.random.default_rng(3).uniform(0.3, 1.7, (500, 3)).astype("f4")
     points[:, 2] = 0.05
     values = gb.field(gb.Scene(particles, device="cpu"), points)
-    assert values.std() < 0.08 * values.mean() and values.min() > 0.6
+    assert values.std() < 0.08 * values.mean()
+    assert values.min() > 0.6
     assert (particles.positions[:, 2] == 0).all()
 
 
@@ -163,14 +166,16 @@ def test_ply_ascii_polygons_and_lone_vertices(tmp_path):
         "0 0 0 1\n2 0 0 2\n2 1 0 3\n0 1 0 4\n9 9 9 5\n0 0 1 6\n4 0 1 2 3\n3 0 1 5\n"
     )
     particles = gb.read(tmp_path / "a.ply")
-    assert len(particles) == 5 and 5 not in particles.attributes["quality"]
+    assert len(particles) == 5
+    assert 5 not in particles.attributes["quality"]
     assert np.allclose(particles.support, [5**0.5, 5**0.5, 5**0.5, 2, 5**0.5])
 
 
 def test_ply_without_faces_stays_particles(tmp_path):
     gb.write(tmp_path / "a.ply", gb.Particles(TETRAHEDRON, color=(1, 0.5, 0)))
     particles = gb.read(tmp_path / "a.ply")
-    assert particles.support is None and np.allclose(particles.color[0], [1, 0.5, 0])
+    assert particles.support is None
+    assert np.allclose(particles.color[0], [1, 0.5, 0])
 
 
 def test_support_of_the_file_wins(tmp_path):
@@ -213,7 +218,8 @@ def test_scene_of_several_meshes(trimesh):
     scene.add_geometry(left)
     scene.add_geometry(right, transform=trimesh.transformations.translation_matrix([5, 0, 0]))
     particles = gb.mesh_particles(scene)
-    assert len(particles) == 16 and particles.positions[:, 0].max() == pytest.approx(5.5)
+    assert len(particles) == 16
+    assert particles.positions[:, 0].max() == pytest.approx(5.5)
     assert np.allclose(particles.color[particles.positions[:, 0] < 1], [1, 0, 0])
 
 
@@ -252,7 +258,8 @@ def test_bad_faces(face, n_faces, what, tmp_path):
     (tmp_path / "a.ply").write_bytes(binary_ply(face, n_faces))
     with pytest.raises(FormatError, match=what) as caught:
         gb.read(tmp_path / "a.ply")
-    assert "\n" not in str(caught.value) and "a.ply" in str(caught.value)
+    assert "\n" not in str(caught.value)
+    assert "a.ply" in str(caught.value)
 
 
 @pytest.mark.parametrize("extension", [".obj", ".stl", ".glb"])
@@ -269,7 +276,8 @@ def test_broken_files(trimesh, extension, tmp_path):
         try:
             gb.read(path)
         except FormatError as error:
-            assert "\n" not in str(error) and path.name in str(error)
+            assert "\n" not in str(error)
+            assert path.name in str(error)
 
 
 @pytest.mark.parametrize(
@@ -290,7 +298,8 @@ def test_a_command_warns_of_a_mesh_without_faces(trimesh, tmp_path, capsys):
     (tmp_path / "a.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\n")
     assert main(["info", str(tmp_path / "a.obj")]) == 0
     said = capsys.readouterr().err
-    assert said.startswith("globule: warning: ") and "got none: its 3 vertices" in said
+    assert said.startswith("globule: warning: ")
+    assert "got none: its 3 vertices" in said
     assert said.count("\n") == 1
 
 

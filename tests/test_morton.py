@@ -93,7 +93,9 @@ def test_parent_and_children(bits):
         for octant in range(8):
             child = morton.child(key, level, octant, bits)
             assert cell(child, level + 1, bits) == (
-                2 * x + (octant & 1), 2 * y + (octant >> 1 & 1), 2 * z + (octant >> 2)
+                2 * x + (octant & 1),
+                2 * y + (octant >> 1 & 1),
+                2 * z + (octant >> 2),
             )
             assert morton.parent(child, level + 1, bits) == key
 

@@ -11,8 +11,13 @@ from scenes import Case, cloud, lattice
 LEVELS = {32: 10, 64: 21}
 LEAF = 32  # a cell with more particles is split
 COMBINATIONS = (
-    {"key_bits": 32}, {"key_bits": 64}, {"key_bits": 32, "depth": 4}, {"key_bits": 64, "depth": 13},
-    {"octree": "dense"}, {"octree": "dense", "depth": 3}, {"depth": 0},
+    {"key_bits": 32},
+    {"key_bits": 64},
+    {"key_bits": 32, "depth": 4},
+    {"key_bits": 64, "depth": 13},
+    {"octree": "dense"},
+    {"octree": "dense", "depth": 3},
+    {"depth": 0},
 )
 ids = [" ".join(f"{k}={v}" for k, v in c.items()) for c in COMBINATIONS]
 
@@ -113,7 +118,7 @@ def test_fixed_space(backend, bits):
     assert scene.octree.n_inside == np.count_nonzero(numpy_keys(p * np.float32(0.5), bits, bounds))
 
 
-@pytest.mark.parametrize("bits,depth", [(32, 10), (64, 21), (32, 4), (32, 0), (64, 13)])
+@pytest.mark.parametrize(("bits", "depth"), [(32, 10), (64, 21), (32, 4), (32, 0), (64, 13)])
 @pytest.mark.parametrize("name", NAMES)
 def test_sparse_nodes(backend, name, bits, depth):
     p = points(name)
@@ -173,8 +178,10 @@ def test_the_octree_does_not_change_the_surface(backend, options):
 
 def rows(found) -> list[np.ndarray]:
     offsets, indices = found
-    assert offsets.dtype == np.uint64 and indices.dtype == np.uint32
-    assert offsets[0] == 0 and offsets[-1] == len(indices)
+    assert offsets.dtype == np.uint64
+    assert indices.dtype == np.uint32
+    assert offsets[0] == 0
+    assert offsets[-1] == len(indices)
     return np.split(indices, offsets[1:-1].astype(np.int64))
 
 
@@ -199,7 +206,8 @@ def test_neighbors_exactly_at_the_radius(backend):
     found = rows(scene.neighbors(np.zeros((1, 3)), 1.0))[0]
     assert len(found) == 7
     offsets, indices = scene.neighbors(np.zeros((0, 3)), 1.0)
-    assert len(offsets) == 1 and len(indices) == 0
+    assert len(offsets) == 1
+    assert len(indices) == 0
 
 
 @pytest.mark.parametrize("octree", ["sparse", "dense"])
@@ -209,7 +217,8 @@ def test_update(backend, octree):
     for n, seed in ((1000, 34), (5000, 35), (3, 36), (0, 37), (1500, 38), (1, 39), (40_000, 40)):
         p = cloud(n, seed, 1 + seed % 3)
         scene.update(positions=p)
-        assert len(scene) == n and scene.octree.n_inside == n
+        assert len(scene) == n
+        assert scene.octree.n_inside == n
         fresh = gb.Scene(p, support=0.2, octree=octree, **backend)
         assert scene.octree.key_hash == fresh.octree.key_hash
         assert scene.octree.node_hash == fresh.octree.node_hash

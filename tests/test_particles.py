@@ -11,11 +11,15 @@ from globule.scene.particles import Particles
 def test_particles_convert_once_and_do_not_copy():
     positions, support = np.zeros((4, 3), np.float32), np.ones(4, np.float32)
     p = Particles(positions, support=support, weight=2, color=[1, 0.5, 0])
-    assert p.positions is positions and p.support is support
-    assert p.weight == 2.0 and isinstance(p.weight, float)
-    assert p.color.dtype == np.float32 and p.color.shape == (3,)
+    assert p.positions is positions
+    assert p.support is support
+    assert p.weight == 2.0
+    assert isinstance(p.weight, float)
+    assert p.color.dtype == np.float32
+    assert p.color.shape == (3,)
     p = Particles(np.zeros((4, 3)), color=np.zeros((4, 3), np.uint8) + 255)
-    assert p.positions.dtype == np.float32 and np.all(p.color == 1)
+    assert p.positions.dtype == np.float32
+    assert np.all(p.color == 1)
     assert len(Particles([])) == 0
 
 
@@ -46,16 +50,16 @@ def test_selection_and_bounds():
     p = Particles(sample().positions, support=sample().support, color=(1, 0, 0), weight=3)
     picked = p[p.positions[:, 0] > 0]
     assert np.array_equal(picked.support, p.support[p.positions[:, 0] > 0])
-    assert picked.weight == 3 and np.array_equal(picked.color, [1, 0, 0])
-    assert (
-        len(p[::2]) == N // 2
-        and len(p[-1]) == 1
-        and np.array_equal(p[-1].positions[0], p.positions[-1])
-    )
+    assert picked.weight == 3
+    assert np.array_equal(picked.color, [1, 0, 0])
+    assert len(p[::2]) == N // 2
+    assert len(p[-1]) == 1
+    assert np.array_equal(p[-1].positions[0], p.positions[-1])
     with pytest.raises(IndexError):
         p[N]
     low, high = Particles([[0, 1, 2], [np.nan, -9, 9], [1, -1, 5]]).bounds()
-    assert np.array_equal(low, [0, -1, 2]) and np.array_equal(high, [1, 1, 5])
+    assert np.array_equal(low, [0, -1, 2])
+    assert np.array_equal(high, [1, 1, 5])
     with pytest.raises(ValueError, match="finite"):
         Particles([]).bounds()
     assert repr(p[:2]) == "Particles(2, support (2,), weight=3, color (3,))"
@@ -78,7 +82,9 @@ class OnGpu:
 def test_gpu_arrays_stay_where_they_are():
     positions, support = OnGpu((4, 3)), OnGpu((4,))
     p = Particles(positions, support=support, color=(1, 0, 0), attributes={"a": OnGpu((4, 2))})
-    assert p.positions is positions and p.support is support and len(p) == 4
+    assert p.positions is positions
+    assert p.support is support
+    assert len(p) == 4
     with pytest.raises(TypeError, match="positions: expected float32 on the GPU, got float64"):
         Particles(OnGpu((4, 3), "<f8"))
     with pytest.raises(TypeError, match="C-contiguous"):

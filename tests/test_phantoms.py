@@ -21,10 +21,11 @@ def test_the_same_seed_gives_the_same_bytes():
         assert digest(make(seed=4, **options)) != digest(make(seed=5, **options))
 
 
-@pytest.mark.parametrize("diameter, n_frames", [(1.5, 66), (3.0, 51)])
+@pytest.mark.parametrize(("diameter", "n_frames"), [(1.5, 66), (3.0, 51)])
 def test_cylinders_are_as_thick_and_as_far_apart_as_asked(diameter, n_frames):
     sweep = phantoms.cylinders(diameter, speckle=0.0)
-    assert sweep.frames.shape == (n_frames, 400, 387) and sweep.valid.all()
+    assert sweep.frames.shape == (n_frames, 400, 387)
+    assert sweep.valid.all()
     i = n_frames // 2
     dark = np.argwhere(sweep.frames[i] < 40)
     world = sweep.world_from_image[i] @ np.stack(
@@ -76,7 +77,8 @@ def test_noise_moves_the_poses_and_not_the_images():
 
 def test_gaps_are_frames_without_a_pose():
     sweep = phantoms.cylinders(n_frames=60, size=(10, 10), gaps=0.4)
-    assert 25 < sweep.n_valid < 48 and sweep.valid[[0, -1]].all()
+    assert 25 < sweep.n_valid < 48
+    assert sweep.valid[[0, -1]].all()
     assert np.isnan(sweep.world_from_image[~sweep.valid]).all()
 
 

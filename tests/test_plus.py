@@ -151,7 +151,8 @@ def test_fan_detection():
     frame = np.where((angle > -30) & (angle < 25), 120, 5).astype(np.uint8)
     low, high = detect_fan(config, frame)
     # The window, 20 pixels long, opens early and closes late; then 3 degrees are taken off.
-    assert -42 < low < -26 and 21 < high < 36
+    assert -42 < low < -26
+    assert 21 < high < 36
     assert detect_fan(config, np.zeros((200, 200), np.uint8)) is None
 
 
@@ -237,9 +238,12 @@ def test_what_the_command_makes_of_a_configuration(
     status = main(words)
     err = capsys.readouterr().err
     if message:
-        assert status == 2 and message in err and err.count("\n") == 1
+        assert status == 2
+        assert message in err
+        assert err.count("\n") == 1
         assert not Path("v.mha").exists()
         return
-    assert status == 0 and err == ""
+    assert status == 0
+    assert err == ""
     values, _ = expected(gb.read_sweep("s.igs.mha", plus="c.xml"), read_plus_config("c.xml"))
     np.testing.assert_array_equal(gb.read_volume("v.mha").values, values)

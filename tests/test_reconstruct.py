@@ -56,7 +56,8 @@ def agree(volume, expected, radius):
     if volume.values.dtype.kind == "u":
         # Weights of 24 bits against float64: a value next to a half may round the other way.
         off = np.abs(volume.values.astype(np.int64) - expected.astype(np.int64))
-        assert off.max() <= 1 and np.count_nonzero(off) <= 1e-3 * off.size
+        assert off.max() <= 1
+        assert np.count_nonzero(off) <= 1e-3 * off.size
         assert not off[volume.measured].any() or volume.info["method"] not in ("pvn-om", "pvn")
     else:
         np.testing.assert_allclose(volume.values, expected, rtol=2e-6, atol=2e-5)
@@ -69,7 +70,9 @@ def test_equals_reference(backend, method, dtype):
     volume = reconstruct(sweep, method, spacing=0.6, max_kernel=7, **backend)
     agree(volume, *sweep_oracle.reconstruct(sweep, grid_of(volume), method, 7))
     assert volume.values.dtype == dtype
-    assert volume.n_filled and volume.n_empty and volume.n_measured
+    assert volume.n_filled
+    assert volume.n_empty
+    assert volume.n_measured
 
 
 @pytest.mark.parametrize("compounding", ["maximum", "latest", "first", "median"])
@@ -99,7 +102,8 @@ def test_kernel_beyond_the_table_of_weights(backend):
     sweep = make_sweep(n=2, shape=(6, 6), gap=25.0)
     volume = reconstruct(sweep, spacing=0.7, max_kernel=67, **backend)
     agree(volume, *sweep_oracle.reconstruct(sweep, grid_of(volume), max_kernel=67))
-    assert volume.n_empty == 0 and volume.radius.max() > 15
+    assert volume.n_empty == 0
+    assert volume.radius.max() > 15
 
 
 def test_mask_region_and_invalid_frames(backend):
@@ -429,7 +433,8 @@ def test_frames_on_a_gpu_are_copied_for_the_cpu():
     assert set(volume.values[volume.measured]) == {7}
     live = Reconstructor(0.6, device="cpu")
     live.add(sweep.frames, sweep.world_from_image)
-    assert live.volume().n_measured and volume.device_values is None
+    assert live.volume().n_measured
+    assert volume.device_values is None
 
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16])

@@ -19,16 +19,20 @@ def look(scene: gb.Scene, camera: gb.Camera | None = None) -> gb.Frame:
     frame = gb.render(scene, camera, SIZE)
     for image in ("picture", "color", "depth", "position", "normal", "albedo", "mask"):
         assert getattr(frame, image).shape[:2] == SIZE[::-1]
-    assert np.isfinite(frame.color).all() and np.isfinite(frame.normal).all()
-    assert not (frame.depth < 0).any() and not np.isnan(frame.depth).any()
+    assert np.isfinite(frame.color).all()
+    assert np.isfinite(frame.normal).all()
+    assert not (frame.depth < 0).any()
+    assert not np.isnan(frame.depth).any()
     points = cloud(20)
     assert np.isfinite(gb.field(scene, points)).all()
     assert np.isfinite(gb.gradient(scene, points)).all()
     offsets, indices = scene.neighbors(points, 0.5)
-    assert offsets[-1] == len(indices) and (indices < max(len(scene), 1)).all()
+    assert offsets[-1] == len(indices)
+    assert (indices < max(len(scene), 1)).all()
     assert len(scene.octree.key_hash) == len(scene.octree.node_hash) == 16
     assert scene.octree.n_inside <= len(scene)
-    assert repr(scene) and repr(scene.octree)
+    assert repr(scene)
+    assert repr(scene.octree)
     return frame
 
 
@@ -62,14 +66,16 @@ OPTIONS = ({}, {"key_bits": 64}, {"octree": "dense", "depth": 4}, {"depth": 0})
 def test_no_particles(backend, options):
     scene = gb.Scene(np.zeros((0, 3)), **options, **backend)
     frame = look(scene)
-    assert not frame.mask.any() and scene.octree.n_inside == 0
+    assert not frame.mask.any()
+    assert scene.octree.n_inside == 0
     assert np.isinf(hits(scene, [[0, 0, 5]], AHEAD)).all()
     assert (gb.field(scene, cloud(5)) == 0).all()
     assert frame.attribute(np.zeros(0, np.float32)).shape == SIZE[::-1]
     assert np.isnan(scene.blend(cloud(3), np.zeros((0, 2), np.float32))).all()
     assert len(scene.neighbors(cloud(3), 1.0)[1]) == 0
     scene.update(positions=cloud(100))
-    assert scene.octree.n_inside == 100 and look(scene).mask.any()
+    assert scene.octree.n_inside == 100
+    assert look(scene).mask.any()
 
 
 @pytest.mark.parametrize("kernel", KERNELS)
@@ -121,14 +127,27 @@ def test_a_hundred_thousand_at_one_place(backend, alike, octree):
 def test_what_is_not_finite_has_no_influence(backend, options):
     rng = np.random.default_rng(81)
     good = cloud(400, 81)
-    bad = np.array([
-        [np.nan, 0, 0], [0, np.nan, 0], [0, 0, np.nan], [np.inf, 0, 0], [0, -np.inf, 0],
-        [np.nan] * 3, [np.inf] * 3, [1e30, 0, 0], [0, 0, -1e30], [3e38] * 3, [1e19, 0, 0],
-    ], np.float32)
+    bad = np.array(
+        [
+            [np.nan, 0, 0],
+            [0, np.nan, 0],
+            [0, 0, np.nan],
+            [np.inf, 0, 0],
+            [0, -np.inf, 0],
+            [np.nan] * 3,
+            [np.inf] * 3,
+            [1e30, 0, 0],
+            [0, 0, -1e30],
+            [3e38] * 3,
+            [1e19, 0, 0],
+        ],
+        np.float32,
+    )
     p = np.concatenate([good, bad, bad])[rng.permutation(422)]
     scene = gb.Scene(p, support=0.4, **options, **backend)
     clean = gb.Scene(good, support=0.4, **options, **backend)
-    assert scene.octree.n_inside == 400 and scene.octree.extent < 3
+    assert scene.octree.n_inside == 400
+    assert scene.octree.extent < 3
     at = cloud(100, 82)
     np.testing.assert_allclose(gb.field(scene, at), gb.field(clean, at), rtol=1e-6, atol=1e-7)
     assert look(scene, gb.Camera((0, 0, 5), (0, 0, 0))).mask.any()
@@ -150,7 +169,8 @@ def test_the_fitted_camera_looks_at_what_is_inside(backend):
 
 def test_nothing_finite_at_all(backend):
     scene = gb.Scene(np.full((50, 3), np.nan), **backend)
-    assert scene.octree.n_inside == 0 and not look(scene).mask.any()
+    assert scene.octree.n_inside == 0
+    assert not look(scene).mask.any()
 
 
 @pytest.mark.parametrize("options", OPTIONS, ids=str)
@@ -238,7 +258,8 @@ def test_tiny_threshold(backend, kernel, threshold):
     assert look(scene).mask.any()
     one = gb.Scene(np.zeros((1, 3)), support=1.0, threshold=threshold, kernel=kernel, **backend)
     depth = hits(one, [[0, 0, 5], [0, 1.001, 5]], [[0, 0, -1]] * 2)
-    assert 4 - 1e-4 <= depth[0] < 4.6 and np.isinf(depth[1])
+    assert 4 - 1e-4 <= depth[0] < 4.6
+    assert np.isinf(depth[1])
 
 
 @pytest.mark.parametrize("octree", ["sparse", "dense"])
@@ -403,24 +424,27 @@ SCENE_MISTAKES = [
 ]
 
 
-@pytest.mark.parametrize("error,name,options", SCENE_MISTAKES, ids=str)
+@pytest.mark.parametrize(("error", "name", "options"), SCENE_MISTAKES, ids=str)
 def test_mistakes_in_a_scene(error, name, options):
     options = {"particles": cloud(5), "device": "cpu", **options}
     with pytest.raises(error, match=f"^{name}: expected|^{name}.*(got|uses)"):
         gb.Scene(options.pop("particles"), **options)
 
 
-@pytest.mark.parametrize("error,name,fields", [
-    (ValueError, "support", {"support": np.ones(4)}),
-    (ValueError, "support", {"support": -1}),
-    (ValueError, "support", {"support": np.full(5, np.nan)}),
-    (ValueError, "weight", {"weight": np.ones((5, 1))}),
-    (ValueError, "weight", {"weight": [1, 2, 3, 4, np.inf]}),
-    (TypeError, "weight", {"weight": "heavy"}),
-    (ValueError, "color", {"color": np.ones((5, 4))}),
-    (ValueError, "color", {"color": (2, 0, 0)}),
-    (ValueError, "attributes", {"attributes": {"a": np.ones(4)}}),
-])
+@pytest.mark.parametrize(
+    ("error", "name", "fields"),
+    [
+        (ValueError, "support", {"support": np.ones(4)}),
+        (ValueError, "support", {"support": -1}),
+        (ValueError, "support", {"support": np.full(5, np.nan)}),
+        (ValueError, "weight", {"weight": np.ones((5, 1))}),
+        (ValueError, "weight", {"weight": [1, 2, 3, 4, np.inf]}),
+        (TypeError, "weight", {"weight": "heavy"}),
+        (ValueError, "color", {"color": np.ones((5, 4))}),
+        (ValueError, "color", {"color": (2, 0, 0)}),
+        (ValueError, "attributes", {"attributes": {"a": np.ones(4)}}),
+    ],
+)
 def test_mistakes_in_particles(error, name, fields):
     with pytest.raises(error, match=f"^{name}.*: expected"):
         gb.Particles(cloud(5), **fields)
@@ -450,12 +474,23 @@ def test_mistakes_in_questions(backend):
         (ValueError, "look_at", lambda: gb.Camera((0, 0, 1), (0, 0, 1))),
         (ValueError, "fov", lambda: gb.Camera((0, 0, 1), (0, 0, 0), fov=180)),
         (ValueError, "height", lambda: gb.Camera((0, 0, 1), (0, 0, 0), height=0)),
-        (ValueError, "lights", lambda: gb.render(
-            scene, size=SIZE, settings=gb.RenderSettings(lights=[gb.Headlight()] * 9))),
-        (TypeError, "lights", lambda: gb.render(
-            scene, size=SIZE, settings=gb.RenderSettings(lights=["sun"]))),
-        (ValueError, "background", lambda: gb.render(
-            scene, size=SIZE, settings=gb.RenderSettings(background=(1, 2)))),
+        (
+            ValueError,
+            "lights",
+            lambda: gb.render(
+                scene, size=SIZE, settings=gb.RenderSettings(lights=[gb.Headlight()] * 9)
+            ),
+        ),
+        (
+            TypeError,
+            "lights",
+            lambda: gb.render(scene, size=SIZE, settings=gb.RenderSettings(lights=["sun"])),
+        ),
+        (
+            ValueError,
+            "background",
+            lambda: gb.render(scene, size=SIZE, settings=gb.RenderSettings(background=(1, 2))),
+        ),
     ]:
         with pytest.raises(error, match=f"^{name}: expected|^{name}: unknown"):
             call()
@@ -479,7 +514,8 @@ def test_an_update_checks_what_is_new(backend):
     scene = gb.Scene(gb.Particles(cloud(n), support=support, color=(1, 0, 0)), **backend)
     scene.update(positions=cloud(n, 7).tolist())
     np.testing.assert_array_equal(scene.particles.positions, np.float32(cloud(n, 7)))
-    assert scene.particles.support is support and scene.support is support
+    assert scene.particles.support is support
+    assert scene.support is support
     was = scene.particles
     for name, fields, got in [
         ("support", {"positions": cloud(n + 1)}, f"({n},)"),
@@ -496,7 +532,8 @@ def test_an_update_checks_what_is_new(backend):
         scene.update(positions=cloud(n))
     was.weight = None
     scene.update(positions=cloud(n + 1), support=0.4)
-    assert len(scene) == n + 1 and scene.support == 0.4
+    assert len(scene) == n + 1
+    assert scene.support == 0.4
     assert look(scene).mask.any()
 
 

@@ -126,7 +126,10 @@ def test_a_pattern_makes_pictures(files, capsys):
     assert len(supports) == 1  # measured on the first, although the block grows
     masks = [(p != p[0, 0]).any(axis=2) for p in pictures()]
     for mask in masks:  # the camera sees all of them
-        assert mask.any() and not (mask[0].any() or mask[:, 0].any() or mask[:, -1].any())
+        assert mask.any()
+        assert not (mask[0].any())
+        assert not (mask[:, 0].any())
+        assert not (mask[:, -1].any())
     middles = [np.argwhere(mask).mean(axis=0)[1] for mask in masks]
     assert (np.diff(middles) > 1).all()  # and the block moves through a view that stands still
 
@@ -145,7 +148,8 @@ def test_empty_first_files_do_not_decide(files):
     gb.write("f_0.npz", gb.Particles(np.zeros((0, 3))))
     assert main(["render", *files, "-o", "p_%d.png", *SMALL]) == 0
     n_seen = [int((p != p[0, 0]).any(axis=2).sum()) for p in pictures()]
-    assert n_seen[0] == 0 and min(n_seen[1:]) > 50
+    assert n_seen[0] == 0
+    assert min(n_seen[1:]) > 50
 
 
 def test_a_path_around_one_file(files):
@@ -169,7 +173,9 @@ def test_wrong_paths_take_one_line(files, capsys, folder):
     (folder / "path.toml").write_text("[[key]]\nframe = 0\neye = [1, 2]\nlook_at = [0, 0, 0]\n")
     command = ["render", *files, "-o", "p_%d.png", *SMALL, "--camera-path"]
     err = refused(capsys, *command, "path.toml")
-    assert "path.toml" in err and "key 1" in err and "eye" in err
+    assert "path.toml" in err
+    assert "key 1" in err
+    assert "eye" in err
     assert "no.toml" in refused(capsys, *command, "no.toml")
     assert "--eye" in refused(capsys, *command, "path.toml", "--eye", "1,2,3")
     assert not list(folder.glob("p_*.png"))
@@ -203,7 +209,9 @@ def test_resume(files, folder, capsys):
     assert main([*command, "--resume"]) == 0
     assert capsys.readouterr().out.count("\n") == 2
     after = {i: (folder / f"p_{i}.png").stat().st_mtime_ns for i in (0, 1, 2)}
-    assert after[0] == before[0] and after[2] == before[2] and after[1] != before[1]
+    assert after[0] == before[0]
+    assert after[2] == before[2]
+    assert after[1] != before[1]
     for a, b in zip(whole, pictures(), strict=True):
         assert (a == b).all()
     assert main([*command, "--resume"]) == 0  # all there
@@ -224,7 +232,8 @@ def test_resume_needs_the_arrays_too(files, folder):
 def test_a_movie(files, folder, capsys):
     assert main(["render", "f_*.npz", "-o", "m.mp4", "--fps", "12", "--size", "41x30"]) == 0
     out, err = capsys.readouterr()
-    assert out.startswith("m.mp4: 4 frames") and err == ""
+    assert out.startswith("m.mp4: 4 frames")
+    assert err == ""
     assert not (folder / "m.mp4.frames").exists()
     with av.open("m.mp4") as movie:
         shown = list(movie.decode(video=0))
@@ -232,7 +241,8 @@ def test_a_movie(files, folder, capsys):
     assert [(f.width, f.height) for f in shown] == [(42, 30)] * N
     assert main(["render", "f_*.npz", "-o", "m.mp4", "--json", *SMALL]) == 0
     facts = json.loads(capsys.readouterr().out)
-    assert facts["images"] == ["m.mp4"] and facts["counts"] == {"pictures": 4, "kept": 0}
+    assert facts["images"] == ["m.mp4"]
+    assert facts["counts"] == {"pictures": 4, "kept": 0}
 
 
 @needs_av
@@ -243,12 +253,14 @@ def test_a_movie_goes_on_where_it_stopped(files, folder, capsys):
     command += ["--eye", "1,0.5,6", "--look-at", "1,0.5,0"]
     assert main(command) == 2
     err = capsys.readouterr().err
-    assert "f_2.npz" in err and "2 finished pictures are in m.mp4.frames" in err
+    assert "f_2.npz" in err
+    assert "2 finished pictures are in m.mp4.frames" in err
     assert not (folder / "m.mp4").exists()
     (folder / "f_2.npz").write_bytes(good)
     assert main([*command, "--resume"]) == 0
     assert "4 frames, 2 of them there already" in capsys.readouterr().out
-    assert (folder / "m.mp4").exists() and not (folder / "m.mp4.frames").exists()
+    assert (folder / "m.mp4").exists()
+    assert not (folder / "m.mp4.frames").exists()
 
 
 def test_a_movie_without_pyav(files, folder, monkeypatch, capsys):
@@ -268,8 +280,10 @@ def test_interrupted_in_the_middle(files, folder):
         time.sleep(0.01)
     process.send_signal(signal.SIGINT)
     out, err = process.communicate(timeout=60)
-    assert process.returncode == 130 and out == ""
-    assert err.endswith("globule: interrupted\n") and "--resume goes on" in err
+    assert process.returncode == 130
+    assert out == ""
+    assert err.endswith("globule: interrupted\n")
+    assert "--resume goes on" in err
     kept = sorted(frames.iterdir())
     assert 6 <= len(kept) < 800
     assert all(is_whole(str(path), (40, 30)) for path in kept)
@@ -285,7 +299,8 @@ def test_a_terminal_gets_a_progress_bar(files):
     shown = os.read(ours, 100_000).decode()
     os.close(ours)
     assert done.returncode == 0
-    assert "/16 " in shown and shown.endswith("\r\033[K")
+    assert "/16 " in shown
+    assert shown.endswith("\r\033[K")
 
 
 # the library

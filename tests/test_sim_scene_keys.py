@@ -35,8 +35,11 @@ def sections() -> dict[str, list[list[str]]]:
 
 
 def required(kind) -> set[str]:
-    return {f.name for f in dataclasses.fields(kind)
-            if f.default is f.default_factory is dataclasses.MISSING}
+    return {
+        f.name
+        for f in dataclasses.fields(kind)
+        if f.default is f.default_factory is dataclasses.MISSING
+    }
 
 
 @pytest.mark.parametrize("title", TABLES)

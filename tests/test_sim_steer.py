@@ -102,10 +102,12 @@ def test_reset_forgets_what_was_said(said):
     said(one)
     one.emitters.pop("second", None)
     one.reset()
-    assert one.hash() == other.hash() and one.emitters["tap"].on
+    assert one.hash() == other.hash()
+    assert one.emitters["tap"].on
     for sim in (one, other):
         sim.advance(0.02)
-    assert len(one) == len(other) and one.hash() == other.hash()
+    assert len(one) == len(other)
+    assert one.hash() == other.hash()
 
 
 def test_a_force_stays_with_its_particle(sim):
@@ -117,7 +119,8 @@ def test_a_force_stays_with_its_particle(sim):
     sim.step(0.0005)
     gained = (sim.velocities - before)[:, 2]
     at = np.searchsorted(sim.ids, [*ids[2:], *more])
-    assert (gained[at[:3]] > 0.01).all() and gained[at[3]] < 0
+    assert (gained[at[:3]] > 0.01).all()
+    assert gained[at[3]] < 0
 
 
 WATER = "density, viscosity, implicit, surface_tension, color, reflection, refraction, shown"
@@ -217,13 +220,12 @@ def test_values_are_checked_as_a_scene_files_are(sim, mistake, expected):
         (lambda s: setattr(s.emitters["tap"], "rate", 1e6), "emitters['tap'].rate: expected what"),
     ],
 )  # fmt: skip
-def test_what_would_take_a_million_steps_a_frame_is_refused_at_the_next_step(
-    sim, change, expected
-):
+def test_what_would_take_a_million_steps_a_frame_is_refused_at_the_next_step(sim, change, expected):
     change(sim)
     with pytest.raises(ValueError) as caught:
         sim.advance(0.01)
-    assert expected in str(caught.value) and "a millionth of a frame" in str(caught.value)
+    assert expected in str(caught.value)
+    assert "a millionth of a frame" in str(caught.value)
     sim.phases["water"].implicit = True  # as thick as that, but solved for
     sim.emitters["tap"].rate = 1e-4
     sim.step()

@@ -28,7 +28,8 @@ def test_truths(backend, experiment):
 def test_a_lattice_has_18_neighbours_of_one_stiffness():
     bonds = build_bonds(truths.lattice(5, 5, 5), D, 2500.0)
     counts = np.diff(bonds.offsets.astype(int))
-    assert counts.max() == 18 and (counts == 18).sum() == 27
+    assert counts.max() == 18
+    assert (counts == 18).sum() == 27
     assert np.allclose(bonds.stiffness, 0.4 * 2500 * D)
     assert set(np.round(100 * bonds.length / D).astype(int)) == {100, 141}
 
@@ -38,7 +39,8 @@ def test_every_bond_stands_at_both_ends():
     x = truths.lattice(6, 6, 6) + rng.uniform(-0.2, 0.2, (216, 3)).astype("f4") * D
     b = build_bonds(x, D, 2500.0)
     pairs = set(zip(b.first_ends.tolist(), b.other.tolist(), strict=True))
-    assert len(pairs) == len(b.other) and all((o, t) in pairs for t, o in pairs)
+    assert len(pairs) == len(b.other)
+    assert all((o, t) in pairs for t, o in pairs)
     distance = np.linalg.norm(x[:, None] - x[None], axis=2)
     close = (distance <= np.float32(1.5 * D)) & ~np.eye(216, dtype=bool)
     assert len(pairs) == close.sum()
@@ -88,7 +90,8 @@ def test_grasp_carries_and_lets_go(backend):
     tissue = Tissue(x, D, 2500.0, fixed=x[:, 2] < D / 2, damping=5.0, **backend)
     tissue.grasp(x[-1], 1.1 * D, 2)
     held = tissue.hold == GRASPED + 2
-    assert held.sum() == 4 and held[-1]
+    assert held.sum() == 4
+    assert held[-1]
     tissue.instruments([((0, 0, 0),) * 3] * 2 + [((0.0, 0.0, 0.1), (0, 0, 0), (0, 0, 0))])
     tissue.advance(0.02)
     assert np.allclose(tissue.positions[held] - x[held], [0, 0, 0.002], atol=1e-6)
@@ -96,7 +99,8 @@ def test_grasp_carries_and_lets_go(backend):
     neighbour = ~held & (np.linalg.norm(x - x[-1], axis=1) < 2.1 * D)
     assert (tissue.positions[neighbour, 2] > x[neighbour, 2] + 1e-4).all()
     tissue.grasp((9, 9, 9), D, 2)
-    assert not (tissue.hold >= GRASPED).any() and (tissue.hold[held] == FREE).all()
+    assert not (tissue.hold >= GRASPED).any()
+    assert (tissue.hold[held] == FREE).all()
 
 
 def test_a_moving_ball_pushes(backend):
@@ -114,12 +118,14 @@ def test_a_moving_ball_pushes(backend):
 def test_removed_particles_leave_no_bonds(backend):
     x = truths.lattice(5, 5, 9)
     tissue = Tissue(x, D, 2500.0, **backend)
-    assert tissue.remove(x[112], 0.5 * D) == 1 and (tissue.hold == GONE).sum() == 1
+    assert tissue.remove(x[112], 0.5 * D) == 1
+    assert (tissue.hold == GONE).sum() == 1
     assert tissue.n_pieces == 1
     before = tissue.n_bonds
     for i in np.flatnonzero(truths.layers(x) == 4):
         tissue.remove(x[i], 0.1 * D)
-    assert (tissue.hold == GONE).sum() == 25 and tissue.n_pieces == 2
+    assert (tissue.hold == GONE).sum() == 25
+    assert tissue.n_pieces == 2
     # 25 particles of a layer: 2 (5n² - 4n) bonds to the layers beside, 2n(n-1) + 2(n-1)² inside.
     whole = 2 * 105 + 2 * 5 * 4 + 2 * 16
     assert build_bonds(x, D, 2500.0).other.size // 2 - tissue.n_bonds == whole

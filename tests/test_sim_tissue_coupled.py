@@ -35,7 +35,7 @@ def block(nx, ny, nz):
 
 def stroke(height, start, end):
     edge = np.array([[0, -0.5, height * D], [0, 0.5, height * D]])
-    return edge + [start * D, 0, 0], edge + [end * D, 0, 0]
+    return [*edge, start * D, 0, 0], [*edge, end * D, 0, 0]
 
 
 def test_hanging_tissue_stays_and_its_cut_piece_falls(backend):
@@ -47,10 +47,12 @@ def test_hanging_tissue_stays_and_its_cut_piece_falls(backend):
         sim.step(0.004)
     assert np.array_equal(sim.positions[top], x[top])
     assert np.abs(sim.positions - x).max() < 0.3 * D
-    assert sim.cut(stroke(5.5, -3, 8)) == 5 * 16 - 4 * 4 and sim.n_pieces == 2
+    assert sim.cut(stroke(5.5, -3, 8)) == 5 * 16 - 4 * 4
+    assert sim.n_pieces == 2
     sim.phases["tissue"].damping = 0.0
     lower = sim.piece == 0
-    assert lower.sum() == 4 * 4 * 6 and (sim.piece[~lower] == 6).all()
+    assert lower.sum() == 4 * 4 * 6
+    assert (sim.piece[~lower] == 6).all()
     at, v = sim.positions[lower].mean(0), sim.velocities[lower].mean(0)
     for _ in range(20):
         sim.step(0.004)
@@ -110,7 +112,7 @@ def test_tissue_on_a_boundary_that_moves(backend):
     x = block(4, 4, 6)
     low = x[:, 2] < 0.5 * D
     sim = make(backend, x[~low], gravity=(0, 0, 0), damping=5.0)
-    sim.add_phase(gb.simulate.Phase("plate", kind="boundary"))
+    sim.add_phase(gb.Phase("plate", kind="boundary"))
     plate = sim.add(x[low], "plate")
     sim.bond(np.concatenate([plate, np.arange(80)]), 2500.0)
     pose = np.eye(4)
@@ -166,9 +168,11 @@ def test_ablation_counts_and_separates(backend):
     sim = make(backend, x, gravity=(0, 0, 0))
     n = len(sim)
     gone = sim.ablate((D, D, 4 * D), 1.5 * D)
-    assert len(gone) == 19 and len(sim) == n - 19
+    assert len(gone) == 19
+    assert len(sim) == n - 19
     gone = sum(len(sim.ablate(p, 0.1 * D)) for p in x[np.abs(x[:, 2] - 4 * D) < 0.1 * D])
-    assert gone == 0 and sim.n_pieces == 2
+    assert gone == 0
+    assert sim.n_pieces == 2
     sim.step(0.001)
     assert len(sim) == n - 19
     sim.remove(sim.ids[:3])
@@ -187,12 +191,13 @@ def test_a_cut_vessel_bleeds_its_pool_and_no_more(backend):
     assert len(sim) == len(x)
     # A gap, so that blood has room.
     edge = np.array([[3.5 * D, -0.1, 2 * D], [3.5 * D, 0.1, 2 * D]])
-    assert sim.cut((edge, edge + [0, 0, 4 * D])) > 0
+    assert sim.cut((edge, [*edge, 0, 0, 4 * D])) > 0
     counts = []
     for _ in range(60):
         sim.step(0.002)
         counts.append((sim.phase == 1).sum())
-    assert counts[0] <= counts[-1] == 12 and (np.diff(counts) >= 0).all()
+    assert counts[0] <= counts[-1] == 12
+    assert (np.diff(counts) >= 0).all()
     assert sim.pools == [pytest.approx(0.4 * D**3)]
     assert len(sim) == len(x) + 12
     blood = sim.positions[sim.phase == 1]
@@ -205,13 +210,14 @@ def test_blood_stains_tissue(backend):
     sim.add_vessel(Vessel([[0, 0, 0], [D, 0, 0]], 0.1 * D, 2000.0, 1e-6, "blood"))
     sim.phases["blood"].color = (1.0, 0.0, 0.0)
     clean = gb.render(sim.scene, gb.Camera((0.01, 0.01, 0.1), (0.01, 0.01, 0)), size=(32, 32))
-    drop = sim.add(x[-1:] + [0, 0, 1.0 * D], "blood")
+    drop = sim.add([*x[-1:], 0, 0, 1.0 * D], "blood")
     for _ in range(30):
         sim.step(0.004)
     sim.remove(drop)
     red = gb.render(sim.scene, gb.Camera((0.01, 0.01, 0.1), (0.01, 0.01, 0)), size=(32, 32))
     change = (red.albedo - clean.albedo)[clean.mask & red.mask]
-    assert change[:, 0].max() > 0.1 and change[:, 2].min() < -0.1
+    assert change[:, 0].max() > 0.1
+    assert change[:, 2].min() < -0.1
 
 
 def test_free_fall_does_not_shorten_steps_but_landing_does(backend):
@@ -287,7 +293,7 @@ def test_steps_read_only_what_was_written():
         used = [np.full(rng.integers(100, 200000), np.nan, np.float32) for _ in range(30)]
         del used
         sim = make({"device": "cpu", "threads": 1}, x, fixed=x[:, 2] < 0.5 * D)
-        sim.add(x[-1:] + [0, 0, D], "blood")
+        sim.add([*x[-1:], 0, 0, D], "blood")
         for _ in range(2):
             sim.step(0.004)
         assert np.isfinite(sim.velocities).all()

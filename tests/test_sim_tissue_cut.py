@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from fractions import Fraction
 
 import numpy as np
@@ -80,13 +81,10 @@ def test_sweeps_in_parts_cut_as_one(backend):
         return np.stack([0 * y + at, y, 3.0 + np.rint(np.sin(at + y))], 1) * D
 
     parts = Tissue(x, D, 2500.0, **backend)
-    n_parts = sum(
-        parts.cut(blade.sweep(edge(a), edge(b)))
-        for a, b in zip(places[:-1], places[1:], strict=True)
-    )
+    n_parts = sum(parts.cut(blade.sweep(edge(a), edge(b))) for a, b in itertools.pairwise(places))
     sheet = [
         t
-        for a, b in zip(places[:-1], places[1:], strict=True)
+        for a, b in itertools.pairwise(places)
         for t in (lambda s: s.vertices[s.triangles])(blade.sweep(edge(a), edge(b)))
     ]
     whole = Tissue(x, D, 2500.0, **backend)
@@ -106,7 +104,7 @@ def test_a_sheet_through_random_particles_always_separates(backend):
         places = np.linspace(-3, 10, 6)
         heights = rng.uniform(2, 4, (6, 9))
         edges = [np.stack([0 * y + a, y, h], 1) * D for a, h in zip(places, heights, strict=True)]
-        for a, b in zip(edges[:-1], edges[1:], strict=True):
+        for a, b in itertools.pairwise(edges):
             tissue.cut(blade.sweep(a, b))
         # Lone particles in the folds may be pieces of their own, but top and bottom part.
         top, bottom = x[:, 2].argmax(), x[:, 2].argmin()
@@ -137,7 +135,8 @@ def test_the_knife_cuts_where_it_stands_too():
     lower = pose.copy()
     lower[2, 3] = 9.4 * D
     n_cut = tissue.cut(knife.sweep(pose, lower))
-    assert n_cut > 0 and tissue.n_pieces == 1
+    assert n_cut > 0
+    assert tissue.n_pieces == 1
     assert tissue.cut(knife.sweep(lower, lower)) == 0
 
 
@@ -147,7 +146,7 @@ def test_degenerate_blades_cut_nothing():
     line = np.array([[[0, D, D], [3 * D, D, D], [D, D, D]]])
     assert tissue.cut(point) == tissue.cut(line) == 0
     along = np.array([[0, D, D], [3 * D, D, D]])
-    assert tissue.cut(blade.sweep(along, along + [D, 0, 0])) == 0
+    assert tissue.cut(blade.sweep(along, [*along, D, 0, 0])) == 0
 
 
 @pytest.mark.parametrize(

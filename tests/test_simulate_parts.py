@@ -34,9 +34,11 @@ def simulation(**changes):
 def test_a_blade_along_its_keys_cuts_exactly():
     sim = simulation()
     sim.advance_to(0.01)
-    assert sim.n_cut == 0 and sim.n_pieces == 1
+    assert sim.n_cut == 0
+    assert sim.n_pieces == 1
     sim.advance_to(0.04)
-    assert sim.n_cut == 5 * 6 * 6 - 4 * 6 and sim.n_pieces == 2
+    assert sim.n_cut == 5 * 6 * 6 - 4 * 6
+    assert sim.n_pieces == 2
     assert sim.diagnostics[-1]["n_cut"] == sim.n_cut
     sim.measure()
     assert sim.diagnostics[-1]["n_pieces"] == 2
@@ -62,7 +64,8 @@ def test_restart_in_the_middle_of_a_cut_is_bit_identical(tmp_path):
     again = gb.Simulation.load(tmp_path / "state", device="cpu")
     for one in (sim, again):
         one.advance_to(0.035)
-    assert again.hash() == sim.hash() and again.n_cut == sim.n_cut > 0
+    assert again.hash() == sim.hash()
+    assert again.n_cut == sim.n_cut > 0
 
 
 def test_a_cut_vessel_bleeds_from_its_pool():
@@ -71,7 +74,8 @@ def test_a_cut_vessel_bleeds_from_its_pool():
     assert sim.counts["fluid"] == 0
     sim.advance_to(0.1)  # the lower half falls: blood comes where there is room
     n = sim.counts["fluid"]
-    assert n > 0 and sim.pools[0] == pytest.approx(4e-7 - n * D**3, rel=1e-3)
+    assert n > 0
+    assert sim.pools[0] == pytest.approx(4e-7 - n * D**3, rel=1e-3)
     assert sim.n_born == len(sim) + sim.n_removed
 
 
@@ -83,7 +87,8 @@ def test_a_grasper_takes_tissue_along():
     held = np.linalg.norm(sim.positions - [0.006, 0.006, 0.002], axis=1) < 0.003
     before = sim.positions[held]
     sim.advance_to(0.05)
-    assert held.any() and np.allclose(sim.positions[held] - before, [0.004, 0, 0], atol=2e-5)
+    assert held.any()
+    assert np.allclose(sim.positions[held] - before, [0.004, 0, 0], atol=2e-5)
 
 
 def test_what_comes_in_and_what_goes_adds_up():
@@ -96,7 +101,8 @@ def test_what_comes_in_and_what_goes_adds_up():
     assert len(sim) == 0
     sim.advance_to(0.25)
     assert sim.n_born == pytest.approx(0.1 * 2e-5 / D**3, rel=0.06)
-    assert sim.n_removed > 0 and sim.n_born == len(sim) + sim.n_removed
+    assert sim.n_removed > 0
+    assert sim.n_born == len(sim) + sim.n_removed
 
 
 def test_a_drop_sticks_to_what_it_adheres_to():
@@ -109,7 +115,8 @@ def test_a_drop_sticks_to_what_it_adheres_to():
                          boundaries=[plate | {"adhesion": adhesion}])  # fmt: skip
         sim.advance_to(0.02)
         least.append(sim.positions[sim.phase == list(sim.phases).index("water"), 2].min())
-    assert least[0] > 0.001 and least[1] < 0
+    assert least[0] > 0.001
+    assert least[1] < 0
 
 
 def test_suction_takes_fluid_where_it_works():
@@ -121,7 +128,8 @@ def test_suction_takes_fluid_where_it_works():
     assert sim.n_removed == 0
     sim.advance_to(0.02)
     near = np.linalg.norm(sim.positions - [0.01, 0.01, 0.01], axis=1) < 0.0045
-    assert sim.n_removed > 0 and not near.any()
+    assert sim.n_removed > 0
+    assert not near.any()
 
 
 def test_a_boundary_follows_its_keys():

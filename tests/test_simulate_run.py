@@ -49,7 +49,8 @@ def test_frames_are_read_again_in_every_format(folder, capsys):
     for kind in ("vtp", "bgeo", "npz", "txt"):
         run("dam.toml", "-o", kind, "--format", kind, "--seconds", 0.1)
     files = sorted(os.listdir("vtp"))
-    assert files[-3:] == [f"frame_{k:05d}.vtp" for k in range(3)] and "checkpoint.npz" in files
+    assert files[-3:] == [f"frame_{k:05d}.vtp" for k in range(3)]
+    assert "checkpoint.npz" in files
     last = [gb.read(f"{kind}/frame_00002.{kind}") for kind in ("vtp", "bgeo", "npz", "txt")]
     for particles in last:
         assert len(particles) == 8**3  # no boundaries
@@ -66,7 +67,8 @@ def test_restart_is_bit_identical(folder, capsys):
     run("dam.toml", "-o", "parts", "--resume", "--json")
     parts = json.loads(capsys.readouterr().out)
     assert parts["steps"] == whole["steps"] == whole["new_steps"] > parts["new_steps"] > 0
-    assert parts["hash"] == whole["hash"] and parts["time"] == pytest.approx(0.3)
+    assert parts["hash"] == whole["hash"]
+    assert parts["time"] == pytest.approx(0.3)
     for k in range(7):
         a, b = (gb.read(f"{f}/frame_{k:05d}.vtp").positions for f in ("whole", "parts"))
         assert (a == b).all()
@@ -84,7 +86,8 @@ def interrupted(awaited, *words, by=signal.SIGINT):
         time.sleep(0.02)
     process.send_signal(by)
     _, said = process.communicate(timeout=60)
-    assert process.returncode == 128 + by and said.endswith("globule: interrupted\n")
+    assert process.returncode == 128 + by
+    assert said.endswith("globule: interrupted\n")
     assert "--resume goes on from" in said
 
 
@@ -93,7 +96,8 @@ def test_ctrl_c_leaves_whole_files_and_a_checkpoint(folder, by):
     interrupted("frames/frame_00004.vtp", "dam.toml", "--seconds", "1000", by=by)
     assert not [name for name in os.listdir("frames") if name.endswith(".tmp")]
     sim = gb.Simulation.load("frames/checkpoint.npz", device="cpu")
-    assert sim.time > 0.15 and len(gb.read("frames/frame_00004.vtp")) == 512
+    assert sim.time > 0.15
+    assert len(gb.read("frames/frame_00004.vtp")) == 512
 
 
 FALLING = """\
@@ -108,7 +112,9 @@ fps = 20
 [view]
 look = "water"
 """
-LATE = FALLING.replace("box = { lo = [0, 0.4, 1], hi = [0.4, 0.8, 1.4] }", """\
+LATE = FALLING.replace(
+    "box = { lo = [0, 0.4, 1], hi = [0.4, 0.8, 1.4] }",
+    """\
 [[emitters]]
 name = "tap"
 fluid = "water"
@@ -116,18 +122,29 @@ center = [0.5, 0.5, 1]
 direction = [1, 0, 0]
 radius = 0.2
 rate = 1.0
-start = 0.06""")
+start = 0.06""",
+)
 
 
-@pytest.mark.parametrize("scene", [FALLING, FALLING + "speeds = [0, 3]\n", LATE],
-                         ids=["light", "speeds", "empty"])
+@pytest.mark.parametrize(
+    "scene", [FALLING, FALLING + "speeds = [0, 3]\n", LATE], ids=["light", "speeds", "empty"]
+)
 def test_pictures_after_a_restart_are_those_of_one_run(folder, scene):
     """Camera, light and ground are found with the first picture, which a resumed run has not."""
     (folder / "drop.toml").write_text(scene)
     small = ["--size", "96x72"]
     run("drop.toml", "-o", "whole", "--pictures", "whole", *small)
-    interrupted("parts/00003.png", "drop.toml", "-o", "parts", "--pictures", "parts", *small,
-                "--seconds", "2")
+    interrupted(
+        "parts/00003.png",
+        "drop.toml",
+        "-o",
+        "parts",
+        "--pictures",
+        "parts",
+        *small,
+        "--seconds",
+        "2",
+    )
     run("drop.toml", "-o", "parts", "--pictures", "parts", "--resume", *small)
     names = [f"{k:05d}.png" for k in range(9)] + [f"frame_{k:05d}.vtp" for k in range(9)]
     for name in names:
@@ -158,7 +175,8 @@ def test_diagnostics_add_up():
     assert 0.5 * gain < later["kinetic"] <= 1.02 * gain
     assert sim.diagnostics[-1]["kinetic"] == later["kinetic"]
     times = [row["time"] for row in sim.diagnostics]
-    assert times == sorted(times) and times[-1] == pytest.approx(0.1)
+    assert times == sorted(times)
+    assert times[-1] == pytest.approx(0.1)
 
 
 def test_reset_starts_again():
@@ -167,7 +185,9 @@ def test_reset_starts_again():
     sim.advance(0.05)
     end = sim.hash()
     sim.reset()
-    assert sim.hash() == start and sim.time == 0 and sim.diagnostics == []
+    assert sim.hash() == start
+    assert sim.time == 0
+    assert sim.diagnostics == []
     sim.advance(0.05)
     assert sim.hash() == end
 
@@ -193,7 +213,8 @@ def test_pictures_and_a_movie(folder, capsys):
     run("dam.toml", "--no-frames", "--video", "dam.mp4", "--pictures", "p", "--size", "64x48",
         "--seconds", 0.1)  # fmt: skip
     assert sorted(os.listdir("p")) == ["00000.png", "00001.png", "00002.png"]
-    assert os.path.getsize("dam.mp4") > 1000 and not os.path.exists("dam.mp4.frames")
+    assert os.path.getsize("dam.mp4") > 1000
+    assert not os.path.exists("dam.mp4.frames")
     assert not [name for name in os.listdir("frames") if name.startswith("frame_")]
 
 
@@ -232,7 +253,8 @@ def test_a_movie_without_its_first_pictures_is_refused_before_the_work(folder, c
     assert said.count("\n") == 1
     assert "--video: expected the run's first 3 pictures of 640x480 in late.mp4" in said
     assert "globule render 'out/frame_*.vtp' -o late.mp4" in said
-    assert sorted(os.listdir("out")) == before and not os.path.exists("late.mp4.frames")
+    assert sorted(os.listdir("out")) == before
+    assert not os.path.exists("late.mp4.frames")
 
 
 def test_curves_are_drawn(tmp_path):
@@ -277,7 +299,8 @@ def test_a_curve_of_one_point_is_seen(tmp_path):
 def test_mistakes_are_one_line(folder, capsys, words, expected):
     assert main(["simulate", *words]) == 2
     said = capsys.readouterr().err
-    assert said.count("\n") == 1 and expected in said
+    assert said.count("\n") == 1
+    assert expected in said
     assert not os.path.exists("frames")
 
 
@@ -285,7 +308,8 @@ def test_a_frame_at_whose_time_one_stops_is_written(folder, capsys):
     words = ["simulate", "dam.toml", "-o", "out", "--seconds", "0.2", "--device", "cpu"]
     job = simulate._Job(build_parser().parse_args(words))
     assert not job.run(lambda: job.sim.time > 2 / 20 - 1e-9)
-    assert os.path.exists("out/frame_00002.vtp") and not os.path.exists("out/frame_00003.vtp")
+    assert os.path.exists("out/frame_00002.vtp")
+    assert not os.path.exists("out/frame_00003.vtp")
     run(*words[1:-2], "--resume")
     assert sorted(os.listdir("out"))[-5:] == [f"frame_{k:05d}.vtp" for k in range(5)]
 
@@ -314,7 +338,9 @@ def test_a_checkpoint_that_cannot_be_is_refused(folder, capsys, name, change, ex
     capsys.readouterr()
     assert main(["simulate", "dam.toml", "-o", "out", "--resume", "--device", "cpu"]) == 2
     said = capsys.readouterr().err
-    assert said.count("\n") == 1 and "checkpoint.npz" in said and expected in said
+    assert said.count("\n") == 1
+    assert "checkpoint.npz" in said
+    assert expected in said
 
 
 def test_resuming_another_scene_is_refused(folder, capsys):
@@ -327,7 +353,8 @@ def test_resuming_another_scene_is_refused(folder, capsys):
     capsys.readouterr()
     assert main(["simulate", "other.toml", "-o", "out", "--resume"]) == 2
     said = capsys.readouterr().err
-    assert said.count("\n") == 1 and "got one with another gravity" in said
+    assert said.count("\n") == 1
+    assert "got one with another gravity" in said
     with open("out/checkpoint.npz", "rb") as file:
         assert file.read() == before
 

@@ -52,7 +52,8 @@ def mistake(tmp_path, text):
     with pytest.raises(SceneError) as caught:
         read_scene(scene(tmp_path, text))
     message = str(caught.value)
-    assert message.startswith(str(tmp_path / "scene.toml")) and "\n" not in message
+    assert message.startswith(str(tmp_path / "scene.toml"))
+    assert "\n" not in message
     return message[len(str(tmp_path / "scene.toml")) :]
 
 
@@ -60,7 +61,8 @@ def test_a_scene_and_its_defaults(tmp_path):
     found = read_scene(scene(tmp_path, SCENE))
     assert found.fluids[0].box.hi == (0.5, 0.5, 0.5)
     assert found.solids[0].sphere.radius == 0.2
-    assert found.solver.max_error == 0.001 and found.output.fps == 30
+    assert found.solver.max_error == 0.001
+    assert found.output.fps == 30
     assert read_scene(scene(tmp_path, SCENE), spacing=0.05).spacing == 0.05
 
 
@@ -118,8 +120,10 @@ v = 1979-05-27 07:32:00
 z = {}
 '''
     lines = key_lines(text)
-    assert lines[("a",)] == 1 and lines[("b",)] == lines[("b", "c")] == 4
-    assert lines[("t", "quo.ted", "l", 0)] == 7 and lines[("t", "quo.ted", "l", 1, "k")] == 8
+    assert lines[("a",)] == 1
+    assert lines[("b",)] == lines[("b", "c")] == 4
+    assert lines[("t", "quo.ted", "l", 0)] == 7
+    assert lines[("t", "quo.ted", "l", 1, "k")] == 8
     assert lines[("t", "quo.ted", "l", 1, "k", 1)] == 9
     assert (lines[("u", 0)], lines[("u", 1)], lines[("u", 1, "v")]) == (10, 11, 12)
     assert (lines[("u", 1, "w")], lines[("u", 1, "w", "z")]) == (13, 14)
@@ -132,8 +136,10 @@ def test_bodies_of_a_scene(tmp_path):
     assert np.allclose(found["water"].positions.min(axis=0), 0.05)
     walls = found["walls"].positions
     ends = [-0.1 * BEHIND, 1 + 0.1 * BEHIND]
-    assert len(walls) == 12**3 - 10**3 and np.allclose([walls.min(), walls.max()], ends)
-    assert (found["jelly"].young == 3000).all() and not found["jelly"].fixed.any()
+    assert len(walls) == 12**3 - 10**3
+    assert np.allclose([walls.min(), walls.max()], ends)
+    assert (found["jelly"].young == 3000).all()
+    assert not found["jelly"].fixed.any()
 
 
 def test_rigidity_of_the_nine_columns_is_obeyed(tmp_path):
@@ -165,7 +171,8 @@ def test_shipped_scenes_are_sound(name):
     if name == "brain-surgery":
         pytest.importorskip("nilearn")
     made = bodies(found)
-    assert made and found.title
+    assert made
+    assert found.title
     for body in made:
         if body.kind != "boundary":
             assert ((body.positions > lo) & (body.positions < hi)).all()

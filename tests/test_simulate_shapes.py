@@ -56,18 +56,21 @@ def test_layer_is_dense_enough_and_has_no_twins():
         points = surface(shape, D)
         gaps = np.linalg.norm(points[:, None] - points[None, ::7], axis=2)
         gaps[gaps == 0] = np.inf
-        assert 0.45 * D < gaps.min() and gaps.min(axis=0).max() < 1.45 * D
+        assert gaps.min() > 0.45 * D
+        assert gaps.min(axis=0).max() < 1.45 * D
 
 
 def test_open_faces_of_a_box():
     points = surface(Box((0, 0, 0), (1, 1, 1)), 0.1, hollow=True, open_faces=["+z"])
-    assert points[:, 2].min() == pytest.approx(-0.1 * BEHIND) and points[:, 2].max() < 1
+    assert points[:, 2].min() == pytest.approx(-0.1 * BEHIND)
+    assert points[:, 2].max() < 1
     assert len(points) == 12**3 - 10**3 - 12**2
 
 
 def test_plane_spans_the_domain():
     points = surface(Plane((0, 0, 0.5), (0, 0, 1)), 0.1, domain=((0, 0, 0), (1, 1, 1)))
-    assert np.allclose(points[:, 2], 0.5 - 0.1 * BEHIND) and len(points) >= 100
+    assert np.allclose(points[:, 2], 0.5 - 0.1 * BEHIND)
+    assert len(points) >= 100
     with pytest.raises(ValueError, match="got a plane"):
         fill(Plane((0, 0, 0), (0, 0, 1)), 0.1)
     with pytest.raises(ValueError, match=r"got 1,000,000,000; a spacing of 0.00274 m would fit"):

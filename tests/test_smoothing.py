@@ -77,7 +77,8 @@ def test_at_a_face_kernels_are_flat(scale):
     found = anisotropy(points, support=2.0 * scale)
     face = at(points, (4 * scale, 4 * scale, 8 * scale))
     axes = 1 / np.diag(found.G[face]) / (2 * scale)  # by the support
-    assert axes[2] < 0.5 and axes[:2] == pytest.approx(1, abs=0.1)
+    assert axes[2] < 0.5
+    assert axes[:2] == pytest.approx(1, abs=0.1)
     assert np.allclose(found.G[face], np.diag(np.diag(found.G[face])), atol=1e-4 / scale)
     assert found.centers[face, 2] < points[face, 2]  # inwards
     unsmoothed = anisotropy(points, support=2.0 * scale, smoothing=0)
@@ -172,4 +173,5 @@ def test_wrong_arguments(options, what):
 
 def test_no_particles():
     found = anisotropy(np.zeros((0, 3)), 1.0)
-    assert found.G.shape == (0, 3, 3) and found.centers.shape == (0, 3)
+    assert found.G.shape == (0, 3, 3)
+    assert found.centers.shape == (0, 3)

@@ -50,8 +50,11 @@ def refused(*args, **kwargs) -> str:
 def test_real_sweep_with_its_plus_configuration():
     data = spine_data()
     sweep = read_sweep(data / "SpinePhantomFreehand.igs.mha", plus=data / "NNMEAN.xml")
-    assert sweep.frames.shape == (21, 616, 820) and sweep.frames.dtype == np.uint8
-    assert sweep.valid.all() and sweep.mask is None and sweep.world == "Reference"
+    assert sweep.frames.shape == (21, 616, 820)
+    assert sweep.frames.dtype == np.uint8
+    assert sweep.valid.all()
+    assert sweep.mask is None
+    assert sweep.world == "Reference"
     # The published reference volume starts where the lowest corner of all frames lies.
     low, high = sweep.bounds()
     assert low == pytest.approx([-74.5217, 165.573, 29.072], abs=5e-4)  # six digits
@@ -136,7 +139,8 @@ def write_igs(path: str, edges: dict, n: int = 4, orientation: str = "MFA", **fi
 
 
 @pytest.mark.parametrize(
-    "orientation, rows, columns", [("MFA", 1, 1), ("UFA", 1, -1), ("MN", -1, 1), ("UND", -1, -1)]
+    ("orientation", "rows", "columns"),
+    [("MFA", 1, 1), ("UFA", 1, -1), ("MN", -1, 1), ("UND", -1, -1)],
 )
 def test_orientation(orientation, rows, columns):
     stored = write_igs("a.mha", {"ImageToReference": [PIXEL] * 4}, orientation=orientation)
@@ -220,7 +224,8 @@ def test_folder_with_poses_at_other_times(stack):
         temporal_offset=0.02,
     )  # fmt: skip
     assert np.array_equal(sweep.frames, stack)
-    assert sweep.valid.all() and sweep.timestamps == pytest.approx(0.1 * np.arange(12))
+    assert sweep.valid.all()
+    assert sweep.timestamps == pytest.approx(0.1 * np.arange(12))
     pose = sweep.world_from_image[3] @ np.linalg.inv(PIXEL)
     assert pose[2, 3] == pytest.approx(10 * 0.32)
     assert np.arctan2(pose[1, 0], pose[0, 0]) == pytest.approx(0.32)
@@ -236,9 +241,14 @@ def test_pose_table_kinds_agree(stack):
         entries.append({"time": time, "position": place.tolist(), "quaternion": q.tolist()})
     Path("q.csv").write_text("\n".join(rows))
     Path("q.json").write_text(json.dumps({"poses": entries}))
-    Path("m.json").write_text(json.dumps(
-        [{"t": t, "matrix": m.tolist()} for t, m in zip(table.times, table.matrices, strict=True)]
-    ))
+    Path("m.json").write_text(
+        json.dumps(
+            [
+                {"t": t, "matrix": m.tolist()}
+                for t, m in zip(table.times, table.matrices, strict=True)
+            ]
+        )
+    )
     for name in ("q.csv", "q.json", "m.json"):
         other = read_poses(name)
         assert np.array_equal(other.times, table.times)
@@ -273,7 +283,8 @@ def test_poses_with_scale_need_no_calibration(stack):
     line = refused("frames", poses="poses.csv", frame_times=10)
     assert "calibration" in line
     line = refused("frames", poses="scaled.csv", frame_times=10, calibration="calibration.toml")
-    assert "without scale" in line and "0.375 mm" in line
+    assert "without scale" in line
+    assert "0.375 mm" in line
 
 
 # Regions
@@ -290,7 +301,8 @@ def test_regions_combine():
     assert np.array_equal(both, np.logical_and.reduce(alone))
     assert alone[0].sum() == 600
     row, column = 25, 25 + round(35 * np.tan(np.radians(29)))
-    assert alone[1][row, column] and not alone[1][row, column + 2]  # angles grow with the column
+    assert alone[1][row, column]
+    assert not alone[1][row, column + 2]
     assert region_mask(shape) is None
     with pytest.raises(ValueError, match="got none"):
         region_mask(shape, Clip(100, 0, 5, 5))
@@ -335,7 +347,7 @@ def test_sweep_checks_its_fields():
 
 
 @pytest.mark.parametrize(
-    "table, what",
+    ("table", "what"),
     [
         ("", "empty file"),
         ("a,b\n1,2\n", "columns"),

@@ -109,7 +109,8 @@ def test_terraces(backend):
         return gb.intersect(scene, o, d, Thesis(exterior=False, **choice))[0] - expected
 
     terraces = late(step=0.2, thresholds=0, refine=False)
-    assert -1e-4 < terraces.min() and 0.15 < terraces.max() <= 0.2 + 1e-4
+    assert terraces.min() > -1e-4
+    assert 0.15 < terraces.max() <= 0.2 + 1e-4
     assert np.abs(late(step=0.2, thresholds=0)).max() < 1e-4
     fine = late(step=0.2, thresholds=5, refine=False)
     assert np.abs(fine).max() < 0.1 * terraces.max()
@@ -210,7 +211,8 @@ def test_work(backend):
     scene = dense(c, **backend)
     leaves, sums = work(scene, c.origins, c.directions, Thesis())
     more = work(scene, c.origins, c.directions, Thesis(exterior=False))[1]
-    assert leaves.max() > 2 and 0 < sums.sum() < 0.9 * more.sum()
+    assert leaves.max() > 2
+    assert 0 < sums.sum() < 0.9 * more.sum()
     assert (sums[leaves == 0] == 0).all()
     assert work(scene, c.origins, c.directions, Thesis(step=0.05))[1].sum() > 2 * sums.sum()
     ball = dense(case("one"), **backend)
@@ -260,7 +262,7 @@ def test_default_support():
         default_support(p[:1], 3)
 
 
-@pytest.mark.parametrize("choice, message", [
+@pytest.mark.parametrize(("choice", "message"), [
     ({"root": "newton"}, "root: expected march or bezier, got 'newton'"),
     ({"step": 0}, "step: expected 0.0001 to 10000 supports, got 0"),
     ({"step": float("nan")}, "step: expected"),
@@ -276,7 +278,7 @@ def test_refused_choices(choice, message):
 def test_refused_scenes():
     o = np.zeros((1, 3), np.float32)
     with pytest.raises(ValueError, match='octree: expected a scene with octree="dense"'):
-        gb.intersect(gb.Scene(cloud(9)), o, o + (0, 0, 1), Thesis())
+        gb.intersect(gb.Scene(cloud(9)), o, (*o, 0, 0, 1), Thesis())
     with pytest.raises(ValueError, match="kernel: expected murakami or wyvill .* got 'nishimura'"):
         gb.render(gb.Scene(cloud(9), "nishimura", octree="dense"), thesis=Thesis("bezier"))
     with pytest.raises(TypeError, match="thesis: expected a Thesis, got 'march'"):
@@ -304,7 +306,8 @@ def test_roots_on_the_command_line(folder, capsys):
     exact = picture(capsys, "ball.npz")[1]
     for root in ("march", "bezier"):
         report, mask, err = picture(capsys, "ball.npz", "--root", root)
-        assert report["root"] == root and not err
+        assert report["root"] == root
+        assert not err
         assert (mask != exact).mean() < 0.01
     coarse = picture(capsys, "ball.npz", "--root", "march", "--step", "1")[1]
     assert coarse.sum() < exact.sum()
@@ -315,21 +318,26 @@ def test_the_preset(folder, capsys):
     """Half a leaf's edge where the file has no support; the file's own otherwise."""
     extent = float(np.ptp(cloud(500, 75), axis=0).max())
     report, _, err = picture(capsys, "plain.npz", "--preset", "thesis", "--depth", "3")
-    assert report["support"] == pytest.approx(extent / 16) and report["root"] == "march" and not err
+    assert report["support"] == pytest.approx(extent / 16)
+    assert report["root"] == "march"
+    assert not err
     report = picture(capsys, "ball.npz", "--preset", "thesis", "--root", "bezier")[0]
-    assert report["support"] == pytest.approx(0.2) and report["root"] == "bezier"
+    assert report["support"] == pytest.approx(0.2)
+    assert report["root"] == "bezier"
 
 
 def test_supports_of_the_preset_that_make_dust_are_told(folder, capsys):
     _, dust, err = picture(capsys, "plain.npz", "--preset", "thesis")
-    assert err.count("\n") == 1 and "globule: warning: supports are half a leaf, " in err
+    assert err.count("\n") == 1
+    assert "globule: warning: supports are half a leaf, " in err
     depth, support = err.split("--depth ")[1].split()[0], err.split("--support ")[1].strip()
     for more in (["--depth", depth], ["--support", support]):
         _, mask, err = picture(capsys, "plain.npz", "--preset", "thesis", *more)
-        assert not err and mask.sum() > 4 * dust.sum()
+        assert not err
+        assert mask.sum() > 4 * dust.sum()
 
 
-@pytest.mark.parametrize("words, message", [
+@pytest.mark.parametrize(("words", "message"), [
     (["--step", "1"], "--step: expected --root march beside it, got exact"),
     (["--root", "bezier", "--step", "1"], "--step: expected --root march"),
     (["--root", "march", "--step", "1e9"], "step: expected 0.0001 to 10000 supports"),
@@ -341,13 +349,17 @@ def test_supports_of_the_preset_that_make_dust_are_told(folder, capsys):
 def test_refused_options(folder, capsys, words, message):
     assert main(["render", "plain.npz", "-o", "a.png", *words]) == 2
     err = capsys.readouterr().err
-    assert err.startswith("globule: error: ") and message in err and err.count("\n") == 1
+    assert err.startswith("globule: error: ")
+    assert message in err
+    assert err.count("\n") == 1
 
 
 def test_the_tables(tmp_path, capsys):
     path = tmp_path / "tables.csv"
     rows = tables.run(device="cpu", frames=1, particles=(100,), depths=(2,), output=str(path))
-    assert rows[0]["dense nodes"] == 73 and rows[0]["hit differs"] < 1e-3 and rows[0]["hit"] > 0.01
+    assert rows[0]["dense nodes"] == 73
+    assert rows[0]["hit differs"] < 1e-3
+    assert rows[0]["hit"] > 0.01
     assert len(path.read_text().splitlines()) == 2
     assert "Table 6.2" in capsys.readouterr().out
 
@@ -360,4 +372,5 @@ def test_bench_command(tmp_path, capsys, monkeypatch):
     assert main(["bench", "--list"]) == 0
     assert "thesis  Tables 6.1 and 6.2" in capsys.readouterr().out
     assert main(["bench", "9.9"]) == 2
-    assert "expected thesis, " in capsys.readouterr().err and len(asked) == 1
+    assert "expected thesis, " in capsys.readouterr().err
+    assert len(asked) == 1

@@ -36,7 +36,7 @@ def ramp(dtype="i2") -> np.ndarray:
 
 
 def ball(n: int = 24) -> np.ndarray:
-    x, y, z = np.mgrid[-1:1:n * 1j, -1:1:n * 1j, -1:1:n * 1j]
+    x, y, z = np.mgrid[-1 : 1 : n * 1j, -1 : 1 : n * 1j, -1 : 1 : n * 1j]
     return (1000 * (x * x + y * y + z * z < 0.5)).astype("i2")
 
 
@@ -45,9 +45,7 @@ def test_voxels_lie_where_the_file_says(extension, tmp_path):
     sitk.WriteImage(image(ramp()), str(tmp_path / f"a{extension}"))
     particles = gb.read(tmp_path / f"a{extension}", level=50)
     assert sorted(particles.attributes["intensity"]) == list(range(50, 60))
-    for position, value in zip(
-        particles.positions, particles.attributes["intensity"], strict=True
-    ):
+    for position, value in zip(particles.positions, particles.attributes["intensity"], strict=True):
         index = np.unravel_index(int(value), (3, 4, 5))
         expected = np.array(ORIGIN) + ROTATION @ (np.array(SPACING) * index)
         assert np.allclose(position, expected, atol=1e-4)
@@ -97,7 +95,8 @@ def test_labels_have_their_colors():
     values[0], values[1], values[2] = 1, 2, 13
     particles = gb.tomography_particles(image(values), labels=[2, 13])
     found = particles.attributes["label"]
-    assert (np.bincount(found)[[2, 13]] == 16).all() and len(found) == 32
+    assert (np.bincount(found)[[2, 13]] == 16).all()
+    assert len(found) == 32
     assert np.allclose(particles.color, categorical(found))
     assert not np.allclose(categorical([1]), categorical([2]))
     assert len(gb.tomography_particles(image(values), labels=1)) == 16
@@ -107,8 +106,10 @@ def test_labels_have_their_colors():
 def test_grays_follow_the_intensity():
     particles = gb.tomography_particles(image(ramp("f4")), level=10)
     gray = particles.color[np.argsort(particles.attributes["intensity"])]
-    assert (np.ptp(gray, axis=1) == 0).all() and (np.diff(gray[:, 0]) >= 0).all()
-    assert gray[0, 0] < 0.12 and gray[-1, 0] == 1
+    assert (np.ptp(gray, axis=1) == 0).all()
+    assert (np.diff(gray[:, 0]) >= 0).all()
+    assert gray[0, 0] < 0.12
+    assert gray[-1, 0] == 1
 
 
 def test_otsu_parts_two_peaks():
@@ -126,7 +127,8 @@ def test_nan_and_infinity_are_no_trouble():
     values = ramp("f4")
     values[0, 0, 0], values[2, 3, 4] = np.nan, np.inf
     particles = gb.tomography_particles(image(values), level=30)
-    assert len(particles) == 30 and np.isfinite(particles.color).all()
+    assert len(particles) == 30
+    assert np.isfinite(particles.color).all()
 
 
 def test_resampling():
@@ -220,7 +222,8 @@ def test_sizes_are_checked_before_memory_is_taken(size, tmp_path):
     (tmp_path / "a.mha").write_bytes(data.replace(b"= 3 4 5", f"= {size}".encode()))
     with pytest.raises(FormatError) as caught:
         gb.read(tmp_path / "a.mha")
-    assert "a.mha" in str(caught.value) and "\n" not in str(caught.value)
+    assert "a.mha" in str(caught.value)
+    assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize("extension", EXTENSIONS)
@@ -237,7 +240,8 @@ def test_broken_files(extension, tmp_path):
         try:
             gb.read(path)
         except FormatError as error:
-            assert "\n" not in str(error) and path.name in str(error)
+            assert "\n" not in str(error)
+            assert path.name in str(error)
 
 
 @pytest.mark.parametrize("extension", EXTENSIONS)
@@ -290,7 +294,8 @@ def test_commands(head, capsys):
     assert "24x24x24 voxels of 1 1 1 mm, 16-bit signed integer" in capsys.readouterr().out
     assert main(["info", head, "--json", "--label", "1000"]) == 0
     facts = json.loads(capsys.readouterr().out)
-    assert facts["format"] == "NIfTI volume, gzipped" and facts["volume"]["size"] == [24, 24, 24]
+    assert facts["format"] == "NIfTI volume, gzipped"
+    assert facts["volume"]["size"] == [24, 24, 24]
     assert facts["attributes"]["label"]["min"] == 1000
 
 
@@ -309,4 +314,5 @@ def test_mistakes_of_the_commands(head, capsys):
     ]:
         assert main(words) == 2
         error = capsys.readouterr().err
-        assert what in error and error.count("\n") == 1
+        assert what in error
+        assert error.count("\n") == 1

@@ -35,7 +35,8 @@ def test_a_movie_holds_its_pictures(tmp_path, size):
     assert write_movie(tmp_path / "a.mp4", iter(made), 25) == 7
     shown = decoded(tmp_path / "a.mp4")
     width, height = (v + v % 2 for v in size)
-    assert len(shown) == 7 and all(p.shape == (height, width, 3) for p in shown)
+    assert len(shown) == 7
+    assert all(p.shape == (height, width, 3) for p in shown)
     for before, after in zip(made, shown, strict=True):
         assert np.abs(after.mean((0, 1)) - before.mean((0, 1))).max() < 4
     assert os.listdir(tmp_path) == ["a.mp4"]

@@ -92,8 +92,12 @@ def test_dragging_moves_the_servers_camera(watched):
     second = page.client.camera
     page.mouse.move(330, 380)
     page.mouse.wheel(0, -300)
-    until(lambda: np.linalg.norm(np.subtract(page.client.camera.eye, second.look_at))
-          < 0.97 * distance[1], "for the wheel to zoom")
+    until(
+        lambda: (
+            np.linalg.norm(np.subtract(page.client.camera.eye, second.look_at)) < 0.97 * distance[1]
+        ),
+        "for the wheel to zoom",
+    )
     drag(page, 60, 0, button="right")
     until(lambda: page.client.camera.look_at != pytest.approx(first.look_at, abs=1e-3))
 
@@ -167,8 +171,11 @@ def test_memory_stays_when_browsers_come_and_go(chromium):
         name = f"{__file__}::test_memory_stays_when_browsers_come_and_go"
         done = subprocess.run(
             [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", name],
-            env=dict(os.environ, GLOBULE_TEST_ALONE="1"), capture_output=True, text=True,
-            timeout=55)
+            env=dict(os.environ, GLOBULE_TEST_ALONE="1"),
+            capture_output=True,
+            text=True,
+            timeout=55,
+        )
         assert done.returncode == 0, done.stdout + done.stderr
         return
 
@@ -239,12 +246,17 @@ def started(*words: str, **options):
     pytest.importorskip("viser")
     with subprocess.Popen(
         [sys.executable, "-m", "globule", "view", *words, "--no-browser", "--port", "0"],
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=os.environ.copy(),
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler), **options,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=os.environ.copy(),
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+        **options,
     ) as process:
         try:
             lines = [process.stdout.readline() for _ in range(3)]
-            assert "http://127.0.0.1:" in lines[0] and "ssh -L" in lines[1]
+            assert "http://127.0.0.1:" in lines[0]
+            assert "ssh -L" in lines[1]
             yield process, lines[0].split()[-1]
         finally:
             process.kill()
@@ -307,7 +319,8 @@ def test_ctrl_c_keeps_what_is_being_recorded(chromium, tmp_path):
         assert not page.get_by_text("stops it").count()
         page.close()
     (movie,) = tmp_path.glob("movie-*.mp4")
-    assert process.returncode == 130 and str(movie) in errors
+    assert process.returncode == 130
+    assert str(movie) in errors
     assert len(errors.splitlines()) <= 3  # one more where the movie's end takes long
     with av.open(str(movie)) as opened:
         assert sum(1 for _ in opened.decode(video=0)) > 10

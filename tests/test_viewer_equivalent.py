@@ -20,25 +20,50 @@ from PIL import Image
 
 STATES = {
     "plain": {},
-    "surface": {"surface__threshold": 0.9, "surface__support": 0.5,
-                "surface__kernel": "wendland_c2"},
+    "surface": {
+        "surface__threshold": 0.9,
+        "surface__support": 0.5,
+        "surface__kernel": "wendland_c2",
+    },
     "colour": {"color__by": "speed", "color__colormap": "turbo", "color__legend": True},
     "range": {"color__by": "y", "color__automatic": False, "color__low": -1.0, "color__high": 0.5},
-    "cuts": {"cuts__plane": True, "cuts__normal": (0.3, 0.1, 1.0), "cuts__point": (0.0, 0.0, 0.1),
-             "cuts__box": True, "cuts__lo": (0.0, -2.0, -2.0), "cuts__hi": (2.0, 0.0, 2.0)},
+    "cuts": {
+        "cuts__plane": True,
+        "cuts__normal": (0.3, 0.1, 1.0),
+        "cuts__point": (0.0, 0.0, 0.1),
+        "cuts__box": True,
+        "cuts__lo": (0.0, -2.0, -2.0),
+        "cuts__hi": (2.0, 0.0, 2.0),
+    },
     "sphere": {"cuts__sphere": True, "cuts__center": (0.5, 0.0, 0.2), "cuts__radius": 0.6},
     "water": {"look__preset": "water", "look__shadows": True, "look__depth": 6},
-    "own": {"look__lights": "own", "look__azimuth": 40.0, "look__matter": "own",
-            "look__reflection": 0.4, "look__sky": "gradient", "look__ambient_rays": 2},
+    "own": {
+        "look__lights": "own",
+        "look__azimuth": 40.0,
+        "look__matter": "own",
+        "look__reflection": 0.4,
+        "look__sky": "gradient",
+        "look__ambient_rays": 2,
+    },
     "thesis": {"surface__root": "march"},
-    "bright": {"look__preset": "water", "look__exposure": 1.7, "look__sky": "none",
-               "look__background": (0.1, 0.2, 0.3)},
+    "bright": {
+        "look__preset": "water",
+        "look__exposure": 1.7,
+        "look__sky": "none",
+        "look__background": (0.1, 0.2, 0.3),
+    },
     "bare": {"look__preset": "clay", "look__ground": "none", "look__background": (1.0, 0.0, 0.0)},
     "checks": {"look__preset": "clay", "look__ground": "checker", "look__ambient_rays": 2},
     "plain ground": {"look__preset": "glass", "look__ground": "plain", "look__depth": 2},
-    "crops": {"cuts__sphere": True, "cuts__keep_sphere": True, "cuts__radius": 0.7,
-              "cuts__box": True, "cuts__keep_box": True, "cuts__lo": (0.0, -2.0, -2.0),
-              "cuts__hi": (2.0, 2.0, 2.0)},
+    "crops": {
+        "cuts__sphere": True,
+        "cuts__keep_sphere": True,
+        "cuts__radius": 0.7,
+        "cuts__box": True,
+        "cuts__keep_box": True,
+        "cuts__lo": (0.0, -2.0, -2.0),
+        "cuts__hi": (2.0, 2.0, 2.0),
+    },
     "coloured clay": {"look__preset": "clay", "color__by": "speed", "color__legend": False},
 }
 
@@ -48,8 +73,7 @@ def engine(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     rng = np.random.default_rng(4)
     positions = (rng.normal(size=(200, 3)) * 0.4).astype(np.float32)
-    np.savez("some cloud.npz", positions=positions, support=np.float32(0.4),
-             speed=positions[:, 1])
+    np.savez("some cloud.npz", positions=positions, support=np.float32(0.4), speed=positions[:, 1])
     made = Engine(open_source("some cloud.npz"), State())
     yield made
     made.close()
@@ -117,8 +141,9 @@ def test_a_volume_s_surface(tmp_path, monkeypatch):
         if name == "v.nii.gz":
             pytest.importorskip("SimpleITK")
         gb.write_volume(name, volume)
-        with engine_of(name, slices__shown=False, slices__level=120.0,
-                       surface__kernel="wendland_c2") as engine:
+        with engine_of(
+            name, slices__shown=False, slices__level=120.0, surface__kernel="wendland_c2"
+        ) as engine:
             camera, size = gb.Camera((60, 40, 80), engine.source.bounds()[1] / 2), (80, 60)
             shot = Shot(engine, camera, size, 1)
             assert shot.frame.mask.mean() > 0.03
@@ -157,8 +182,7 @@ domain = { lo = [0, 0, 0], hi = [1, 0.4, 0.8], walls = true }
 name = "water"
 box = { lo = [0, 0, 0], hi = [0.4, 0.4, 0.4] }
 """)
-    with engine_of("dam.toml", look__preset="water", look__shadows=True,
-                   look__depth=6) as engine:
+    with engine_of("dam.toml", look__preset="water", look__shadows=True, look__depth=6) as engine:
         for _ in range(5):
             engine.source.simulation.step()
         camera, size = gb.Camera((0.5, -2, 1), (0.5, 0.2, 0.2), (0, 0, 1)), (80, 60)
@@ -169,8 +193,9 @@ box = { lo = [0, 0, 0], hi = [0.4, 0.4, 0.4] }
         engine.source.by_hand = True
         engine.state.set(cuts__plane=True)
         command = command_line(engine.source, engine.state, camera, size, engine.up)
-        assert command.endswith(f"# without: {passed}, what was done by hand, "
-                                "light, cuts and samples")
+        assert command.endswith(
+            f"# without: {passed}, what was done by hand, light, cuts and samples"
+        )
 
 
 def test_particles_of_a_program_are_said_to_be(tmp_path, monkeypatch):
@@ -180,7 +205,8 @@ def test_particles_of_a_program_are_said_to_be(tmp_path, monkeypatch):
         camera, size = gb.Camera((1.6, 1.2, 6.0), (0.1, 0.0, 0.0)), (80, 60)
         shot = Shot(engine, camera, size, 1)
         assert 'gb.write("particles.npz", particles)' in python_code(
-            engine.source, engine.state, camera, size, engine.up)
+            engine.source, engine.state, camera, size, engine.up
+        )
         gb.write("particles.npz", particles)
         check(engine, camera, size, shot.picture)
 
@@ -195,11 +221,14 @@ def test_plates_and_marks_stand_where_they_are(height):
     pose = np.diag([0.05, 0.05, 1.0, 1.0])
     pose[:3, 3] = (-1.5, -1.0, 0.3)
     depth = np.full(size[::-1], np.inf, np.float32)
-    drawn = draw_plates(np.full((*size[::-1], 3), 9, np.uint8), depth, camera,
-                        [Plate(texture, pose)])
+    drawn = draw_plates(
+        np.full((*size[::-1], 3), 9, np.uint8), depth, camera, [Plate(texture, pose)]
+    )
     rows, columns = np.nonzero(drawn[..., 0] == 255)
     x, y = project(camera, size, pose[:3] @ (45, 30, 0, 1))
-    assert len(rows) and abs(columns.mean() + 0.5 - x) < 0.6 and abs(rows.mean() + 0.5 - y) < 0.6
+    assert len(rows)
+    assert abs(columns.mean() + 0.5 - x) < 0.6
+    assert abs(rows.mean() + 0.5 - y) < 0.6
     origin, direction = camera.ray(size, (x / size[0], y / size[1]))
     away = pose[:3] @ (45, 30, 0, 1) - origin
     assert np.linalg.norm(np.cross(away, direction)) < 1e-6

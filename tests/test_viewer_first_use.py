@@ -13,14 +13,14 @@ import pytest
 from globule.render.camera import Camera
 
 pytest.importorskip("viser")
-from globule.viewer.app import FIRST_SIZE, first_camera, for_window, left_out  # noqa: E402
-from globule.viewer.guard import Guard  # noqa: E402
-from globule.viewer.open import open_source  # noqa: E402
-from globule.viewer.overlay import Mark, draw_marks, finish, free_below, project  # noqa: E402
-from globule.viewer.page import LONGEST_NAME, shortened  # noqa: E402
-from globule.viewer.simulation_source import SimulationSource  # noqa: E402
-from globule.viewer.state import State  # noqa: E402
-from viewer_helpers import Watched, blob, choose, open_folder, until  # noqa: E402
+from globule.viewer.app import FIRST_SIZE, first_camera, for_window, left_out
+from globule.viewer.guard import Guard
+from globule.viewer.open import open_source
+from globule.viewer.overlay import Mark, draw_marks, finish, free_below, project
+from globule.viewer.page import LONGEST_NAME, shortened
+from globule.viewer.simulation_source import SimulationSource
+from globule.viewer.state import State
+from viewer_helpers import Watched, blob, choose, open_folder, until
 
 CAMERA = Camera((0, 0, 5), (0, 0, 0))
 
@@ -30,9 +30,12 @@ def test_names_and_legend_are_as_sharp_in_a_moving_picture():
     state.set(color__by="y")
     marks = [Mark(((0.0, 0.5, 0.0),), "scalpel")]
     small, large = (np.full((h, w, 3), 200, np.uint8) for h, w in ((60, 80), (600, 800)))
-    seen = [finish(picture, state, CAMERA, marks, [], None, (0.0, 1.0), (800, 600))
-            for picture in (small, large)]
-    assert np.array_equal(*seen) and (seen[0] != large).any()
+    seen = [
+        finish(picture, state, CAMERA, marks, [], None, (0.0, 1.0), (800, 600))
+        for picture in (small, large)
+    ]
+    assert np.array_equal(*seen)
+    assert (seen[0] != large).any()
     assert finish(small, state, CAMERA, [], [], None, (0.0, 1.0)).shape == small.shape
 
 
@@ -66,14 +69,17 @@ def test_a_stroke_says_what_it_did_and_is_undone(block):
     with pytest.raises(ValueError, match="undo: expected a cut"):
         block.undo()
     said = block.cut_along(*across(0.025))
-    assert said.startswith(f"**Cut {block.n_cut} bonds**, 1 piece.") and block.n_cut > 10
+    assert said.startswith(f"**Cut {block.n_cut} bonds**, 1 piece.")
+    assert block.n_cut > 10
     shallow = sim.n_bonds
     block.cut_depth = None
     assert "2 pieces" in block.cut_along(*across(0.0251))
     for _ in range(3):
         sim.step()
     assert "0.0000 s" in block.undo()
-    assert sim.n_steps == 0 and sim.n_bonds == shallow and sim.n_pieces == 1
+    assert sim.n_steps == 0
+    assert sim.n_bonds == shallow
+    assert sim.n_pieces == 1
     block.undo()
     assert sim.hash() == before
 
@@ -94,16 +100,18 @@ def test_a_simulation_says_how_it_stands(block):
     block.play(True)
     assert block.status().startswith("**running, first step …**")
     block.advance(State())
-    assert block.status().startswith("**running** · 0.0") and "1 steps" in block.status()
+    assert block.status().startswith("**running** · 0.0")
+    assert "1 steps" in block.status()
     block.play(False)
     assert block.status().startswith("**paused**")
-    assert block.has_tissue and 0.04 < block.tissue_extent() < 0.06
+    assert block.has_tissue
+    assert 0.04 < block.tissue_extent() < 0.06
     water = SimulationSource("dam-break", gb.Simulation("dam-break", spacing=0.08))
     assert not water.has_tissue
 
 
-@pytest.mark.parametrize("aspect", (0.6, 1.2, 2.5))
-@pytest.mark.parametrize("name", ("dam-break", "cut-block"))
+@pytest.mark.parametrize("aspect", [0.6, 1.2, 2.5])
+@pytest.mark.parametrize("name", ["dam-break", "cut-block"])
 def test_the_first_view_shows_all_of_a_scene(name, aspect):
     source = SimulationSource(name, gb.Simulation(name, spacing=0.08 if name[0] == "d" else 0.004))
     around = source.outline()
@@ -112,21 +120,24 @@ def test_the_first_view_shows_all_of_a_scene(name, aspect):
     size = (round(500 * aspect), 500)
     for view, shape in ((camera, FIRST_SIZE), (for_window(camera, aspect, around), size)):
         seen = np.array([project(view, shape, corner) for corner in around]) / shape
-        assert (seen > 0).all() and (seen < 1).all()
+        assert (seen > 0).all()
+        assert (seen < 1).all()
         assert np.ptp(seen, axis=0).max() > 0.6
     if name == "dam-break":  # the dry floor, but not the air above the water
-        assert around[:, 0].max() > 1.5 and around[:, 2].max() < 0.7
+        assert around[:, 0].max() > 1.5
+        assert around[:, 2].max() < 0.7
 
 
 def test_a_sequence_is_fitted_to_its_ends():
     base = np.random.default_rng(1).uniform(0, 1, (50, 3))
-    frames = [gb.Particles(base + (0.5 * i, 0, 0), support=0.3) for i in range(5)]
+    frames = [gb.Particles((*base, 0.5 * i, 0, 0), support=0.3) for i in range(5)]
     source = open_source(frames)
-    assert source.outline()[:, 0].max() > 2.9 and source.outline()[:, 0].min() < 0.1
+    assert source.outline()[:, 0].max() > 2.9
+    assert source.outline()[:, 0].min() < 0.1
     source.close()
 
 
-@pytest.mark.parametrize("positions", (np.zeros((0, 3)), np.full((4, 3), 1e30), [[np.nan] * 3]))
+@pytest.mark.parametrize("positions", [np.zeros((0, 3)), np.full((4, 3), 1e30), [[np.nan] * 3]])
 def test_nothing_to_show_is_said_in_one_line(tmp_path, positions):
     path = tmp_path / "nothing.npz"
     np.savez(path, positions=np.asarray(positions, np.float32))
@@ -138,9 +149,14 @@ def test_the_command_ends_with_2_where_there_is_nothing(tmp_path):
     pytest.importorskip("viser")
     path = tmp_path / "empty.csv"
     path.write_text("x,y,z\n")
-    done = subprocess.run([sys.executable, "-m", "globule", "view", str(path), "--no-browser"],
-                          capture_output=True, text=True, timeout=60)
-    assert done.returncode == 2 and "empty.csv" in done.stderr
+    done = subprocess.run(
+        [sys.executable, "-m", "globule", "view", str(path), "--no-browser"],
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert done.returncode == 2
+    assert "empty.csv" in done.stderr
     assert len(done.stderr.strip().splitlines()) == 1
 
 
@@ -165,7 +181,8 @@ def test_a_slice_says_its_voxel():
     assert "**28.0** of 54.0 mm" in source.places(state)
     camera = Camera((28, 24, 200), (28, 24, 20), (0, 1, 0))
     found = source.probe(state, camera, (400, 400), (0.5, 0.5), np.inf)
-    assert found.words["value"] == "77" and found.words["voxel"] == "14, 12, 10"
+    assert found.words["value"] == "77"
+    assert found.words["voxel"] == "14, 12, 10"
     assert found.words["position"].endswith("mm")
     assert source.probe(state, camera, (400, 400), (0.5, 0.5), 100.0) is None
 
@@ -174,13 +191,14 @@ def test_the_surface_is_open_before_the_slices():
     source, state = open_source(head()), State()
     closed = State()
     closed.set(slices__open=False)
-    corner, = source.layers(state)[0].clips
+    (corner,) = source.layers(state)[0].clips
     assert source.layers(closed)[0].clips == []
     towards = first_camera(source.layers(state)[0].scene, source.up, source.outline()).eye
     middle = np.array([28.0, 24.0, 20.0])
     step = np.sign(np.subtract(towards, middle))
     inside = middle + 3 * step
-    assert (np.array(corner.lo) < inside).all() and (inside < corner.hi).all()
+    assert (np.array(corner.lo) < inside).all()
+    assert (inside < corner.hi).all()
     assert not ((np.array(corner.lo) < middle - 3 * step) & (middle - 3 * step < corner.hi)).any()
 
 
@@ -189,7 +207,8 @@ def test_a_sweep_says_what_to_do():
     poses = np.repeat(np.eye(4)[None], 3, axis=0)
     poses[:, 2, 3] = np.arange(3)
     source, state = open_source(gb.Sweep(frames, poses)), State()
-    assert "Press Start" in source.status() and "press Start" in source.marks()[0].text
+    assert "Press Start" in source.status()
+    assert "press Start" in source.marks()[0].text
     source.start()
     assert source.marks() == []
     while source.advance(state) is not None:
@@ -204,9 +223,14 @@ def test_the_tab_has_the_sources_name():
     page = b"<html><head><title>Viser</title></head></html>"
     for packed in (False, True):
         kind = "gzip" if packed else "identity"
-        answer = SimpleNamespace(body=gzip.compress(page) if packed else page, headers={
-            "Content-Type": "text/html; charset=utf-8", "Content-Encoding": kind,
-            "Content-Length": "0"})
+        answer = SimpleNamespace(
+            body=gzip.compress(page) if packed else page,
+            headers={
+                "Content-Type": "text/html; charset=utf-8",
+                "Content-Encoding": kind,
+                "Content-Length": "0",
+            },
+        )
         guard._give_title(answer)
         body = gzip.decompress(answer.body) if packed else answer.body
         assert "<title>a &lt;b&gt; · globule</title>".encode() in body

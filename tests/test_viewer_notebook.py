@@ -64,8 +64,9 @@ def test_a_cell_that_does_not_answer_gets_two_pictures(made):
 
 
 def test_a_camera_that_is_none_is_said_in_the_cell(made):
-    say(made, type="camera", size=[160, 120], eye=[0, 0, 0], look_at=[0, 0, 0], up=[0, 1, 0],
-        fov=40)
+    say(
+        made, type="camera", size=[160, 120], eye=[0, 0, 0], look_at=[0, 0, 0], up=[0, 1, 0], fov=40
+    )
     assert made.sent[-1][0]["type"] == "error"
 
 
@@ -102,20 +103,23 @@ def test_the_widget_in_a_browser():
         page.wait_for_function("window.ready")
         page.wait_for_function("window.sent.some(m => m.type == 'camera')")
         first = page.evaluate("window.sent.at(-1)")
-        assert first["size"] == [400, 200] and first["eye"] == [0, 0, 5]
+        assert first["size"] == [400, 200]
+        assert first["eye"] == [0, 0, 5]
         picture = np.zeros((20, 40, 3), np.uint8)
         picture[..., 0] = 250
         page.evaluate("([n, bytes]) => window.show(n, bytes)", [7, list(jpeg(picture, 95))])
         page.wait_for_function("window.sent.some(m => m.type == 'ack' && m.number == 7)")
         with Image.open(io.BytesIO(page.locator("img").screenshot())) as image:
             shown = np.asarray(image.convert("RGB"))
-        assert shown[100, 200, 0] > 230 and shown[100, 200, 1] < 20
+        assert shown[100, 200, 0] > 230
+        assert shown[100, 200, 1] < 20
         page.mouse.move(200, 100)
         page.mouse.down()
         page.mouse.move(300, 100, steps=4)
         page.mouse.up()
         turned = page.evaluate("window.sent.at(-1)")
-        assert turned["eye"][0] < -1 and abs(np.hypot(*turned["eye"][::2]) - 5) < 1e-6
+        assert turned["eye"][0] < -1
+        assert abs(np.hypot(*turned["eye"][::2]) - 5) < 1e-6
         page.mouse.wheel(0, 500)
         page.wait_for_function("Math.hypot(...window.sent.at(-1).eye) > 6")
         page.mouse.down(button="right")

@@ -89,8 +89,10 @@ def test_stillness_brings_one_sharp_picture_and_then_smoother_ones():
     link.plans.clear()
     link.run(3, lambda now: "still")
     plans = [plan for _, plan in link.plans]
-    assert not plans[0].still and plans[1].still
-    assert plans[1].size == (1280, 720) and not plans[1].refine
+    assert not plans[0].still
+    assert plans[1].still
+    assert plans[1].size == (1280, 720)
+    assert not plans[1].refine
     assert [p.samples for p in plans[1:]] == [1, 2, 4, 8]
     assert all(p.refine for p in plans[2:])
     at = link.plans[1][0] - link.plans[0][0]
@@ -123,8 +125,13 @@ def test_what_failed_is_not_tried_again_until_something_changes():
 
 def test_settings_become_a_file_and_come_back():
     state = State()
-    state.set(surface__threshold=0.75, look__preset="water", cuts__normal=(0.0, 1.0, 0.0),
-              color__by='a "name" \\ with\nall', time__frame=3)
+    state.set(
+        surface__threshold=0.75,
+        look__preset="water",
+        cuts__normal=(0.0, 1.0, 0.0),
+        color__by='a "name" \\ with\nall',
+        time__frame=3,
+    )
     state.bookmarks["left.side"] = gb.Camera((1, 2, 3), (0, 0, 0))
     camera = gb.Camera((3, 2, 1), (0, 0, 0.5), (0, 0, 1), 35.0)
     text = state.to_toml(camera)
@@ -136,26 +143,30 @@ def test_settings_become_a_file_and_come_back():
         assert dataclasses.asdict(getattr(other, name)) == dataclasses.asdict(getattr(state, name))
 
 
-@pytest.mark.parametrize("text, message", [
-    ("[surface]\nthreshold = -1.0", "surface.threshold: expected 0.001 to 1000, got -1.0"),
-    ("[surface]\nkernel = 'cubic'", "surface.kernel: expected one of murakami"),
-    ("[surface]\ncolour = 1", "surface.colour: expected one of kernel, threshold"),
-    ("[look]\nshadows = 1", "look.shadows: expected true or false, got 1"),
-    ("[cuts]\nnormal = [1, 2]", "normal: expected three numbers"),
-    ("[cuts]\nnormal = [1, nan, 0]", "normal: expected -1 to 1, got nan"),
-    ("[quality]\nsamples = 2.5", "quality.samples: expected a whole number, got 2.5"),
-    ("lights = 3", "lights: expected one of surface"),
-    ("[camera]\neye = [0, 0, 1]", "camera: expected eye, look_at"),
-    ("surface = 1", "surface: expected a table, got 1"),
-    ("[surface\n", "line 1"),
-])
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("[surface]\nthreshold = -1.0", "surface.threshold: expected 0.001 to 1000, got -1.0"),
+        ("[surface]\nkernel = 'cubic'", "surface.kernel: expected one of murakami"),
+        ("[surface]\ncolour = 1", "surface.colour: expected one of kernel, threshold"),
+        ("[look]\nshadows = 1", "look.shadows: expected true or false, got 1"),
+        ("[cuts]\nnormal = [1, 2]", "normal: expected three numbers"),
+        ("[cuts]\nnormal = [1, nan, 0]", "normal: expected -1 to 1, got nan"),
+        ("[quality]\nsamples = 2.5", "quality.samples: expected a whole number, got 2.5"),
+        ("lights = 3", "lights: expected one of surface"),
+        ("[camera]\neye = [0, 0, 1]", "camera: expected eye, look_at"),
+        ("surface = 1", "surface: expected a table, got 1"),
+        ("[surface\n", "line 1"),
+    ],
+)
 def test_mistakes_in_a_file_name_the_key_and_change_nothing(text, message):
     state = State()
     state.set(surface__threshold=0.9)
     version = state.version
     with pytest.raises(ValueError, match=".*".join(map(__import__("re").escape, [message]))):
         state.load_toml(text)
-    assert state.version == version and state.surface.threshold == 0.9
+    assert state.version == version
+    assert state.surface.threshold == 0.9
 
 
 def test_files_of_settings_have_a_limit():
@@ -178,7 +189,8 @@ def test_this_machines_address_is_for_this_machine():
     assert guard.refusal("/", own) is None
     assert guard.refusal("/", headers(Host="evil.example")) is not None
     assert guard.refusal("/", headers(Host="localhost:8080", Origin="http://evil.example"))
-    assert is_local("[::1]:80") and not is_local("127.0.0.1.evil.example")
+    assert is_local("[::1]:80")
+    assert not is_local("127.0.0.1.evil.example")
 
 
 def test_other_addresses_demand_the_token():
@@ -193,8 +205,9 @@ def test_other_addresses_demand_the_token():
 @pytest.fixture
 def guarded():
     pytest.importorskip("viser")
-    viewer = gb.view(np.zeros((1, 3), np.float32), host="0.0.0.0", port=0, browser=False,
-                     block=False)
+    viewer = gb.view(
+        np.zeros((1, 3), np.float32), host="0.0.0.0", port=0, browser=False, block=False
+    )
     yield viewer
     viewer.close()
 
@@ -206,7 +219,9 @@ def ask(port: int, path: str = "/", **given) -> http.client.HTTPResponse:
 
 
 UPGRADE = {
-    "Upgrade": "websocket", "Connection": "Upgrade", "Sec_WebSocket_Version": "13",
+    "Upgrade": "websocket",
+    "Connection": "Upgrade",
+    "Sec_WebSocket_Version": "13",
     "Sec_WebSocket_Key": "dGhlIHNhbXBsZSBub25jZQ==",
 }
 
@@ -221,7 +236,8 @@ def test_without_the_token_neither_page_nor_messages(guarded, capfd):
     assert good.status == 200
     assert "default-src 'self'" in good.headers["Content-Security-Policy"]
     cookie = good.headers["Set-Cookie"]
-    assert "HttpOnly" in cookie and "SameSite=Strict" in cookie
+    assert "HttpOnly" in cookie
+    assert "SameSite=Strict" in cookie
     name = cookie.split(";")[0]
     assert ask(guarded.port, "/", Cookie=name).status == 200
     import viser
@@ -254,15 +270,29 @@ def test_what_is_no_message_gets_one_line(guarded, capfd):
 
     url = f"ws://127.0.0.1:{guarded.port}/?token={guarded.token}"
     pack = msgspec.msgpack.encode
-    camera = {"type": "ViewerCameraMessage", "wxyz": [1.0, 0.0, 0.0, 0.0], "fov": 1.0,
-              "position": [0.0, 0.0, 3.0], "look_at": [0.0] * 3, "up_direction": [0.0, 1.0, 0.0],
-              "near": 0.1, "far": 9.0, "image_height": 90, "image_width": 120}
+    camera = {
+        "type": "ViewerCameraMessage",
+        "wxyz": [1.0, 0.0, 0.0, 0.0],
+        "fov": 1.0,
+        "position": [0.0, 0.0, 3.0],
+        "look_at": [0.0] * 3,
+        "up_direction": [0.0, 1.0, 0.0],
+        "near": 0.1,
+        "far": 9.0,
+        "image_height": 90,
+        "image_width": 120,
+    }
     nowhere = camera | {"position": [float("nan")] * 3, "image_height": 0, "image_width": 10**9}
     box = guarded.page.binder.widgets["cuts.plane"]._impl.uuid
     update = {"type": "GuiUpdateMessage", "uuid": box, "updates": {"nothing": "/etc/passwd"}}
     for messages in (
-        [b"\x00garbage"], ["text"], [pack({"type": "Nope"})], [pack([camera])], [pack(nowhere)],
-        [pack(camera), pack(nowhere)], [pack(camera), pack(update)],
+        [b"\x00garbage"],
+        ["text"],
+        [pack({"type": "Nope"})],
+        [pack([camera])],
+        [pack(nowhere)],
+        [pack(camera), pack(nowhere)],
+        [pack(camera), pack(update)],
     ):
         with connect(url, subprotocols=[f"viser-v{viser.__version__}"], max_size=None) as one:
             for message in messages:

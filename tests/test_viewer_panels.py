@@ -68,7 +68,8 @@ def test_numbers_end_as_they_are_typed(watched):
     open_folder(page, "Material and light")
     for label, key, texts in (
         ("Support", "surface.support", ("0.5", "0.109", "1.05")),
-        ("Threshold", "surface.threshold", ("0.35",)), ("Exposure", "look.exposure", ("0.5",)),
+        ("Threshold", "surface.threshold", ("0.35",)),
+        ("Exposure", "look.exposure", ("0.5",)),
         ("Largest width", "quality.width", ("1200",)),
         ("JPEG quality when still", "quality.sharpness", ("85",)),
     ):
@@ -80,8 +81,12 @@ def test_numbers_end_as_they_are_typed(watched):
             page.keyboard.press("Control+A")
             page.keyboard.type(text, delay=60)
             page.keyboard.press("Tab")
-            until(lambda settings=settings, name=name, text=text:
-                  getattr(settings, name) == float(text), f"{label} {text}")
+            until(
+                lambda settings=settings, name=name, text=text: (
+                    getattr(settings, name) == float(text)
+                ),
+                f"{label} {text}",
+            )
             assert box.input_value() == text
     assert not page.get_by_text("Not possible").count()
 
@@ -245,8 +250,11 @@ def test_click_says_what_is_there_and_two_clicks_measure(watched):
     assert "speed" in hand.text.content
     box = page.locator("canvas").first.bounding_box()
     with watched.viewer.source.lock:
-        frame = gb.render(watched.viewer.source.layers(watched.viewer.state)[0],
-                          page.client.camera, (round(box["width"]), round(box["height"])))
+        frame = gb.render(
+            watched.viewer.source.layers(watched.viewer.state)[0],
+            page.client.camera,
+            (round(box["width"]), round(box["height"])),
+        )
     direct = frame.pick(330, 400)
     assert np.linalg.norm(direct.position - found.position) < 0.05
     marked = watched.still(page)
@@ -391,17 +399,21 @@ def test_a_turntable_goes_once_around(watched, tmp_path):
     open_folder(page, "Save and record")
     type_text(page, "Size", "96x64")
     type_number(page, "Turntable, seconds", 1)
-    until(lambda: viewer.page.panels[-3].size.value == "96x64"
-          and viewer.page.panels[-3].seconds.value == 1)
+    until(
+        lambda: (
+            viewer.page.panels[-3].size.value == "96x64"
+            and viewer.page.panels[-3].seconds.value == 1
+        )
+    )
     with page.expect_download() as download:
         page.get_by_role("button", name="Turntable movie").click()
     download.value.save_as(tmp_path / "turntable.mp4")
     with av.open(str(tmp_path / "turntable.mp4")) as movie:
-        pictures = [frame.to_ndarray(format="rgb24").astype(int)
-                    for frame in movie.decode(video=0)]
+        pictures = [frame.to_ndarray(format="rgb24").astype(int) for frame in movie.decode(video=0)]
     assert len(pictures) == 30
     away = [np.abs(p - pictures[0]).mean() for p in pictures]
-    assert away[15] > 3 and away[-1] < away[15]
+    assert away[15] > 3
+    assert away[-1] < away[15]
 
 
 def test_a_turntable_is_cancelled_and_not_started_twice(watched):
@@ -477,5 +489,9 @@ def test_seen_is_what_the_panels_say(watched):
     """The browser's own picture follows the settings too."""
     page = watched.pages[0]
     watched.viewer.state.set(look__background=(0.0, 0.6, 0.0))
-    until(lambda: seen(page)[650:740, 20:60].reshape(-1, 3).mean(axis=0)[1]
-          > 60 + seen(page)[650:740, 20:60].reshape(-1, 3).mean(axis=0)[0])
+    until(
+        lambda: (
+            seen(page)[650:740, 20:60].reshape(-1, 3).mean(axis=0)[1]
+            > 60 + seen(page)[650:740, 20:60].reshape(-1, 3).mean(axis=0)[0]
+        )
+    )

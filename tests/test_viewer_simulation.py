@@ -96,8 +96,9 @@ def test_recording_a_simulation_shows_it_moving(dam, tmp_path):
     from globule.viewer.recording import Recorder
 
     viewer = dam.viewer
-    recorder = Recorder(viewer.engine, lambda: viewer.first_camera, tmp_path / "dam.mp4",
-                        (160, 96), 20.0)
+    recorder = Recorder(
+        viewer.engine, lambda: viewer.first_camera, tmp_path / "dam.mp4", (160, 96), 20.0
+    )
     viewer.source.play(True)
     viewer.engine.notify()
     until(lambda: viewer.source.simulation.time > 0.2 and recorder.n_pictures > 5)
@@ -252,7 +253,8 @@ def test_an_emitter_is_switched_off_and_on(chromium, tmp_path):
         until(lambda: not sim.emitters["tap"].on)
         press(page, "Reset")
         until(lambda: sim.emitters["tap"].on and box.is_checked(), "for the start")
-        assert not source.by_hand and sim.emitters["tap"].emitted == 0
+        assert not source.by_hand
+        assert sim.emitters["tap"].emitted == 0
     finally:
         watched.close()
 
@@ -316,7 +318,8 @@ def test_suction_follows_a_stroke_on_the_surface(pool):
     removed = until(lambda: tool.pose[2, 3] > 0.25 and sim.n_removed)
     at = sim.n_steps
     until(lambda: sim.n_steps > at + 5)
-    assert sim.n_removed == removed and page.client.camera == camera
+    assert sim.n_removed == removed
+    assert page.client.camera == camera
 
 
 def test_suction_follows_its_handle(pool):
@@ -328,7 +331,7 @@ def test_suction_follows_its_handle(pool):
     time.sleep(1.0)
     camera, scale = page.client.camera, pool.viewer.placement.scale
     tip = np.array([0.2, 0.15, 0.3])
-    arrow, middle = (project(camera, window(page), tip + (0, 0, up)) for up in (0.2 / scale, 0.0))
+    arrow, middle = (project(camera, window(page), (*tip, 0, 0, up)) for up in (0.2 / scale, 0.0))
     below = project(camera, window(page), tip - (0, 0, 0.2))
     page.mouse.move(*arrow)
     page.mouse.down()

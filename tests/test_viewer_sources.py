@@ -147,8 +147,9 @@ def test_a_sweep_comes_in_and_is_undone(chromium):
         until(lambda: source.compounding == "maximum")
         page.get_by_role("button", name="Clear").click()
         until(lambda: source._reconstructor.n_frames == 0)
-        watched.still(page, lambda p: p.shape == empty.shape and np.abs(
-            p.astype(int) - empty).mean() < 1)
+        watched.still(
+            page, lambda p: p.shape == empty.shape and np.abs(p.astype(int) - empty).mean() < 1
+        )
         page.get_by_role("button", name="Start", exact=True).click()
         until(lambda: source._reconstructor.n_frames > 0)
         page.get_by_role("button", name="Stop", exact=True).click()
@@ -170,10 +171,14 @@ def replaying(sweep: gb.Sweep) -> tuple[int, Any]:
             time.sleep(0.01)
         for i in range(len(sweep)):
             when = 1000 + float(i)
-            server.send_message(igtl.ImageMessage(sweep.frames[i][None], timestamp=when,
-                                                  device_name="Image"))
-            server.send_message(igtl.TransformMessage(
-                sweep.world_from_image[i], timestamp=when, device_name="ImageToReference"))
+            server.send_message(
+                igtl.ImageMessage(sweep.frames[i][None], timestamp=when, device_name="Image")
+            )
+            server.send_message(
+                igtl.TransformMessage(
+                    sweep.world_from_image[i], timestamp=when, device_name="ImageToReference"
+                )
+            )
             time.sleep(0.05)
 
     threading.Thread(target=replay, daemon=True).start()
@@ -188,8 +193,20 @@ def test_a_live_scanner_from_the_command_line(chromium):
     poses[:, 2, 3] = np.arange(20)
     port, server = replaying(gb.Sweep(frames, poses))
     process = subprocess.Popen(
-        [sys.executable, "-m", "globule", "view", f"igtl://127.0.0.1:{port}", "--no-browser",
-         "--port", "0"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        [
+            sys.executable,
+            "-m",
+            "globule",
+            "view",
+            f"igtl://127.0.0.1:{port}",
+            "--no-browser",
+            "--port",
+            "0",
+        ],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
     page = chromium.new_page(viewport={"width": 1000, "height": 760})
     page.set_default_timeout(60_000)
     try:
@@ -197,15 +214,18 @@ def test_a_live_scanner_from_the_command_line(chromium):
         page.get_by_role("button", name="Start", exact=True).click()
         open_folder(page, "Statistics")
         page.get_by_role("cell", name="frames", exact=True).locator(
-            "xpath=following-sibling::td[text()='20']").wait_for()
+            "xpath=following-sibling::td[text()='20']"
+        ).wait_for()
         page.get_by_role("button", name="Stop", exact=True).click()
         until(lambda: np.ptp(seen(page)[250:500, 200:450].mean(axis=2)) > 60, "for the slices")
         page.get_by_role("button", name="Undo").click()
         page.get_by_role("cell", name="frames", exact=True).locator(
-            "xpath=following-sibling::td[text()='19']").wait_for()
+            "xpath=following-sibling::td[text()='19']"
+        ).wait_for()
     finally:
         page.close()
         process.send_signal(signal.SIGINT)
         _, errors = process.communicate(timeout=60)
         server.stop()
-    assert process.returncode == 130 and errors.strip() == "globule: interrupted"
+    assert process.returncode == 130
+    assert errors.strip() == "globule: interrupted"

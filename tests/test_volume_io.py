@@ -10,8 +10,8 @@ import globule as gb
 import numpy as np
 import pytest
 from globule.formats.errors import FormatError
-from globule.formats.volumes import metaimage, nrrd
-from globule.volumes.files import WRITABLE, map_path, read_volume, write_volume
+from globule.formats.volumes import WRITABLE, map_path, metaimage, nrrd
+from globule.volumes.files import read_volume, write_volume
 from globule.volumes.slices import reslice, reslice_frame, save_three_view, three_view
 from globule.volumes.volume import EMPTY, FILLED, MEASURED, Volume
 from PIL import Image
@@ -53,7 +53,8 @@ def test_round_trip(extension, dtype):
         before = volume(dtype, turned, space)
         write_volume("a" + extension, before)
         after = read_volume("a" + extension)
-        assert after.values.dtype == dtype and np.array_equal(after.values, before.values)
+        assert after.values.dtype == dtype
+        assert np.array_equal(after.values, before.values)
         expected = before.world_from_voxel
         if after.space != before.space:  # MetaImage is always LPS, NIfTI always RAS
             expected = np.diag([-1, -1, 1, 1]) @ expected
@@ -132,7 +133,8 @@ def test_nifti_as_nibabel_sees_it():
 
 def test_published_reference_volume():
     reference = read_volume(spine_data() / "NNMEAN.reference.mha")
-    assert reference.values.shape == (105, 106, 147) and reference.space == "LPS"
+    assert reference.values.shape == (105, 106, 147)
+    assert reference.space == "LPS"
     assert reference.spacing.tolist() == [0.5, 0.5, 0.5]
     assert reference.world_from_voxel[:3, 3].tolist() == [-74.5217, 165.573, 29.072]
 
@@ -146,7 +148,8 @@ def test_other_numbers_become_ours():
     ]:
         np.savez("a.npz", values=values, world_from_voxel=np.eye(4))
         found = read_volume("a.npz")
-        assert found.values.dtype == expected and np.isfinite(found.values).all()
+        assert found.values.dtype == expected
+        assert np.isfinite(found.values).all()
     assert found.empty.tolist() == [[[False, True]]]
 
 
@@ -197,7 +200,8 @@ def test_altered_files_never_end_in_a_traceback(extension):
         try:
             read_volume("bad" + extension)
         except ValueError as error:
-            assert "\n" not in str(error) and str(error).startswith("bad")
+            assert "\n" not in str(error)
+            assert str(error).startswith("bad")
 
 
 def test_hostile_headers():
@@ -299,7 +303,8 @@ def test_a_linear_field_is_resliced_exactly():
     at = 2 * (plane[:3, 0, None, None] * column + plane[:3, 1, None, None] * row
               + plane[:3, 3, None, None])  # fmt: skip
     inside = ((at > 0) & (at < np.array([21, 20, 19])[:, None, None])).all(axis=0)
-    assert inside.all() and (seen.origin == MEASURED).all()
+    assert inside.all()
+    assert (seen.origin == MEASURED).all()
     assert np.allclose(seen.values, 2 * at[0] + 3 * at[1] - at[2] + 50, atol=1e-4)
 
 
@@ -312,7 +317,8 @@ def test_emptiness_is_not_interpolated():
     plane[2, 3] = 2
     seen = reslice(Volume(values, np.eye(4), radius), plane, (18, 10))
     assert np.unique(seen.values).tolist() == [0, 10]
-    assert seen.origin[4, 0] == MEASURED and seen.origin[4, 8] == FILLED
+    assert seen.origin[4, 0] == MEASURED
+    assert seen.origin[4, 8] == FILLED
     assert seen.origin[4, 14] == EMPTY
     outside = plane.copy()
     outside[2, 3] = 100
@@ -324,7 +330,8 @@ def test_back_onto_the_frames():
     box = Volume(np.full((40, 40, 40), 9, np.uint8), np.array(
         [[2, 0, 0, -40], [0, 2, 0, -40], [0, 0, 2, -40], [0, 0, 0, 1.0]]))  # fmt: skip
     seen = reslice_frame(box, sweep, 0)
-    assert seen.values.shape == (30, 20) and np.allclose(seen.values, 9)
+    assert seen.values.shape == (30, 20)
+    assert np.allclose(seen.values, 9)
     lost = int(np.argmin(sweep.valid))
     with pytest.raises(ValueError, match="valid frame"):
         reslice_frame(box, sweep, lost)
@@ -332,7 +339,8 @@ def test_back_onto_the_frames():
 
 def test_three_view():
     shown = three_view(volume(), overlay=False)
-    assert shown.dtype == np.uint8 and shown.ndim == 3
+    assert shown.dtype == np.uint8
+    assert shown.ndim == 3
     plain = Volume(np.full((10, 20, 30), 200, np.uint8), np.diag([1.0, 2, 3, 1]))
     picture = three_view(plain)
     assert picture.shape == (40, 30 + 30 + 40 + 16, 3)  # square pixels of 1 mm
@@ -357,7 +365,8 @@ def test_axes_of_the_planes_have_names_and_lengths():
         assert np.array_equal(row[margin : margin + 80, margin : margin + 200], picture[:, :200])
         right, down = row[margin // 2, margin:], row[margin:, margin // 2]
         for line in (right, down):
-            assert (line[:40] < 255).all() and (line[41:43] == 255).all()  # 20 mm
+            assert (line[:40] < 255).all()
+            assert (line[41:43] == 255).all()
     names = [sheet[: margin - 1, a + 41 : a + 60] for a in (18, 236)]
     assert np.array_equal(*names)  # x and x
     assert not np.array_equal(names[0], sheet[: margin - 1, 454 + 41 : 454 + 60])  # y

@@ -16,7 +16,10 @@ import pytest
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 FLAGS = [
-    "--headless=new", "--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader",
+    "--headless=new",
+    "--no-sandbox",
+    "--use-gl=angle",
+    "--use-angle=swiftshader",
     "--enable-unsafe-swiftshader",
 ]
 WINDOW = {"width": 1000, "height": 760}
@@ -95,8 +98,9 @@ class Watched:
         self.still(page)
         return page
 
-    def still(self, page: Any, changed: Callable[[np.ndarray], bool] = lambda picture: True
-              ) -> np.ndarray:
+    def still(
+        self, page: Any, changed: Callable[[np.ndarray], bool] = lambda picture: True
+    ) -> np.ndarray:
         """The next sharp picture of a page that is as asked, and has arrived."""
         client = page.client
 

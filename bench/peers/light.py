@@ -166,7 +166,8 @@ def theirs(
     texture, interior = {
         "clay": ("pigment { rgb 0 }", ""),  # each component has its own
         "mirror": (
-            "pigment { rgb 0 } finish { ambient 0 diffuse 0 reflection { 0.6, 1 falloff 5 } }", ""
+            "pigment { rgb 0 } finish { ambient 0 diffuse 0 reflection { 0.6, 1 falloff 5 } }",
+            "",
         ),
         "glass": (f"pigment {{ rgb 1 transmit 1 }} {glass}", "interior { ior 1.5 }"),
         "beer": (f"pigment {{ rgb 1 transmit 1 }} {glass}", f"interior {{ ior 1.5 {fade} }}"),

@@ -347,17 +347,11 @@ def main(arguments: list[str] | None = None) -> int:
     width, height = (int(v) for v in options.size.split("x"))
     data = np.load(options.particles)
     positions = data["positions"]
-    support = (
-        options.support
-        if options.support is not None
-        else data["support"]
-        if "support" in data
-        else None
-    )
+    support = options.support if options.support is not None else data.get("support", None)
     if support is None:
         parser.error("--support is needed: the file has none")
-    weight = data["weight"] if "weight" in data else 1.0
-    color = data["color"] if "color" in data else None
+    weight = data.get("weight", 1.0)
+    color = data.get("color", None)
     camera = fit_camera(positions, options.fov)
     if options.eye is not None:
         camera["eye"] = options.eye

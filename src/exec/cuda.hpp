@@ -236,13 +236,8 @@ public:
     void mark(int i) { check(cudaEventRecord(marks_[i], stream_)); }
     double elapsed(int from, int to) {
         float ms = 0;
-        cudaError_t known = cudaEventElapsedTime(&ms, marks_[from], marks_[to]);
-        if (known == cudaErrorNotReady) {
-            cudaGetLastError();
-            check(cudaEventSynchronize(marks_[to]));
-            known = cudaEventElapsedTime(&ms, marks_[from], marks_[to]);
-        }
-        check(known);
+        check(cudaEventSynchronize(marks_[to]));
+        check(cudaEventElapsedTime(&ms, marks_[from], marks_[to]));
         return ms * 1e-3;
     }
 

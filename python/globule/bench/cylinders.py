@@ -104,9 +104,7 @@ def _radius(x: np.ndarray, y: np.ndarray, grey: np.ndarray, about: float) -> flo
     return float(np.sqrt(max(missing, 0.0) / np.pi))
 
 
-def _split(
-    x: np.ndarray, y: np.ndarray, grey: np.ndarray, expected: float
-) -> tuple[float, float]:
+def _split(x: np.ndarray, y: np.ndarray, grey: np.ndarray, expected: float) -> tuple[float, float]:
     """Variance between inside and outside of the best circle around 0, and its radius."""
     distance = np.hypot(x, y)
     order = np.argsort(distance, kind="stable")

@@ -33,9 +33,7 @@ _RUNS = 3
 
 def sweep_speed(setting: Setting) -> Iterable[Table]:
     """Seconds of each step, and of a frame that enters a volume which is read after each."""
-    sweep = phantoms.breast(
-        n_frames=FRAMES, length=FRAMES * APART, size=SIZE, spacing=0.08
-    )
+    sweep = phantoms.breast(n_frames=FRAMES, length=FRAMES * APART, size=SIZE, spacing=0.08)
     machine = choose(setting.device)
     rows: list[tuple[Any, ...]] = []
     for size in (256,) if setting.quick else (256, 512):
@@ -108,9 +106,7 @@ def _best(run: Callable[[], Any]) -> tuple[float, float, Any]:
 
 def _live(setting: Setting) -> Iterable[tuple[str, float, float]]:
     """From a frame to the volume with it, in a preset region and in a volume that grows."""
-    sweep = phantoms.breast(
-        n_frames=LIVE_FRAMES, length=LIVE_LENGTH, size=SIZE, spacing=0.08
-    )
+    sweep = phantoms.breast(n_frames=LIVE_FRAMES, length=LIVE_LENGTH, size=SIZE, spacing=0.08)
     low, high = sweep.bounds()
     for name, region in (("in a region", (low, high)), ("growing", None)):
         live = Reconstructor(

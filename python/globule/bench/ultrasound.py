@@ -80,9 +80,7 @@ def _gain(seconds: Sequence[float | None], k: int) -> float | None:
     return seconds[k + 2] / seconds[k] if k < 2 and seconds[k] else None
 
 
-def _on_device(
-    setting: Setting, sweep: Sweep, method: str, size: int, volume: Volume
-) -> float:
+def _on_device(setting: Setting, sweep: Sweep, method: str, size: int, volume: Volume) -> float:
     """Seconds from frames to a volume that are both in the memory of the device."""
 
     def spent(volume: Volume) -> float:
@@ -92,8 +90,7 @@ def _on_device(
     if there is sweep:
         return spent(volume)
     return min(
-        spent(reconstruct(there, method, size=(size,) * 3, device=setting.device))
-        for _ in range(5)
+        spent(reconstruct(there, method, size=(size,) * 3, device=setting.device)) for _ in range(5)
     )
 
 

@@ -15,6 +15,7 @@ from .shared import number
 
 def whole(least: int, most: int) -> Callable[[str], int]:
     """A parser of whole numbers in [least, most]."""
+
     def parse(text: str) -> int:
         if not text.isdecimal() or not least <= int(text[:10]) <= most:
             expected = f"a whole number from {least} to {most}"
@@ -26,6 +27,7 @@ def whole(least: int, most: int) -> Callable[[str], int]:
 
 def between(least: float, most: float) -> Callable[[str], float]:
     """A parser of numbers in [least, most]."""
+
     def parse(text: str) -> float:
         value = number(text)
         if not least <= value <= most:

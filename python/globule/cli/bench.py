@@ -23,10 +23,16 @@ RUNS = {"thesis": "globule.bench.thesis", "physics": "globule.bench.physics"}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("tables", nargs="*", metavar="TABLE",
-                        help=f"{', '.join((*RUNS, *MODULES))}, 4.1 …")
-    parser.add_argument("-o", "--output", default="bench", metavar="DIR",
-                        help="folder for .csv and .png, made if it is not there (default: bench)")
+    parser.add_argument(
+        "tables", nargs="*", metavar="TABLE", help=f"{', '.join((*RUNS, *MODULES))}, 4.1 …"
+    )
+    parser.add_argument(
+        "-o",
+        "--output",
+        default="bench",
+        metavar="DIR",
+        help="folder for .csv and .png, made if it is not there (default: bench)",
+    )
     parser.add_argument("--quick", action="store_true", help="small sizes only: a minute")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     parser.add_argument("--list", action="store_true", help="say what there is")
@@ -57,9 +63,7 @@ def run(options: argparse.Namespace) -> None:
                 progress.done -= 1
                 progress.step(text)
 
-            setting = Setting(
-                options.output, options.device, options.threads, options.quick, say
-            )
+            setting = Setting(options.output, options.device, options.threads, options.quick, say)
             for table in function(setting):
                 if table.name in wanted:
                     path = table.write(options.output)

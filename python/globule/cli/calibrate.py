@@ -41,13 +41,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("-o", "--output", metavar="FILE.toml", help="calibration to write")
     add("--sweep", metavar="SWEEP", help="the recording: PLUS file, or stack of images and --poses")
     add("--poses", metavar="TABLE", help="the probe's poses for a stack, .csv or .json")
-    add("--frame-times", type=positive, metavar="FPS",
-        help="frames per second of a stack that does not know its times")
+    add(
+        "--frame-times",
+        type=positive,
+        metavar="FPS",
+        help="frames per second of a stack that does not know its times",
+    )
     add("--delay", action="store_true", help="find the temporal offset of the --sweep")
-    add("--most", type=positive, default=0.5, metavar="S",
-        help="largest offset that --delay looks for (default: 0.5)")
-    add("--calibration", metavar="FILE.toml",
-        help="an earlier calibration: what is not found anew is taken from it")
+    add(
+        "--most",
+        type=positive,
+        default=0.5,
+        metavar="S",
+        help="largest offset that --delay looks for (default: 0.5)",
+    )
+    add(
+        "--calibration",
+        metavar="FILE.toml",
+        help="an earlier calibration: what is not found anew is taken from it",
+    )
     add("--json", action="store_true", help="print one JSON object: matrix, residuals, offset")
 
 

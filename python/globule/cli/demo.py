@@ -22,7 +22,10 @@ EYE, LOOK_AT = (-1.0, 1.15, 2.3), (-0.13, 0.40, 0.0)  # closer than --fit
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        "-o", "--output", default="demo", metavar="FOLDER",
+        "-o",
+        "--output",
+        default="demo",
+        metavar="FOLDER",
         help="folder to write to, made if it is not there (default: demo)",
     )
     add_device(parser)
@@ -63,8 +66,10 @@ def run(options: argparse.Namespace) -> None:
     program = _program()
     near = os.path.join(options.output, "near.png")
     print("next, for instance:")
-    print(f"  {program} render {shlex.quote(data)} -o {shlex.quote(near)} "
-          "--eye 0.1,0.7,0.9 --look-at 0.5,0.25,0")
+    print(
+        f"  {program} render {shlex.quote(data)} -o {shlex.quote(near)} "
+        "--eye 0.1,0.7,0.9 --look-at 0.5,0.25,0"
+    )
     water = shlex.quote(os.path.join(options.output, "water.png"))
     print(f"  {program} render {shlex.quote(data)} -o {water} --preset water --size 512x391")
     print(f"  {program} info {shlex.quote(data)}")

@@ -24,12 +24,23 @@ EXAMPLES = "  globule figures 2.1 5.4 -o drawn\n  globule figures --list"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("names", nargs="*", metavar="NAME",
-                        help=f"which: {' '.join(FIGURES)} (default: all)")
-    parser.add_argument("-o", "--output", default="figures", metavar="FOLDER",
-                        help="folder to write to, made if it is not there (default: figures)")
-    parser.add_argument("--dpi", type=positive, default=110.0, metavar="N",
-                        help="pixels per inch; figures are 5 to 10 inches wide (default: 110)")
+    parser.add_argument(
+        "names", nargs="*", metavar="NAME", help=f"which: {' '.join(FIGURES)} (default: all)"
+    )
+    parser.add_argument(
+        "-o",
+        "--output",
+        default="figures",
+        metavar="FOLDER",
+        help="folder to write to, made if it is not there (default: figures)",
+    )
+    parser.add_argument(
+        "--dpi",
+        type=positive,
+        default=110.0,
+        metavar="N",
+        help="pixels per inch; figures are 5 to 10 inches wide (default: 110)",
+    )
     parser.add_argument("--list", action="store_true", help="say what each one shows")
     add_device(parser)
 

@@ -57,8 +57,12 @@ _FORMATS = {
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("file", metavar="FILE", help=f"particles: {' '.join(READABLE)}; "
-                        f"sweeps, volumes: {' '.join(medical_files.EXTENSIONS)}")
+    parser.add_argument(
+        "file",
+        metavar="FILE",
+        help=f"particles: {' '.join(READABLE)}; "
+        f"sweeps, volumes: {' '.join(medical_files.EXTENSIONS)}",
+    )
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     add_reading(parser)
 

@@ -28,44 +28,110 @@ IMAGES = (".hdr", ".exr", ".png", ".jpg", ".jpeg")
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument_group("light").add_argument
     add("--shadows", action=argparse.BooleanOptionalAction, help="lights throw shadows")
-    add("--ambient-rays", type=whole(0, 256), metavar="N",
-        help="rays per sample that look how open a place is (ambient occlusion)")
-    add("--sky", metavar="SKY",
+    add(
+        "--ambient-rays",
+        type=whole(0, 256),
+        metavar="N",
+        help="rays per sample that look how open a place is (ambient occlusion)",
+    )
+    add(
+        "--sky",
+        metavar="SKY",
         help="gradient, an image (.hdr .exr .png .jpg), a colour or none; seen behind, mirrored "
-        "and bent")
-    add("--ground", type=ground, nargs="?", const=np.nan, metavar="GROUND",
+        "and bent",
+    )
+    add(
+        "--ground",
+        type=ground,
+        nargs="?",
+        const=np.nan,
+        metavar="GROUND",
         help="a plane at this height along --up (default: where the surface ends), plain or "
-        "checker there, or none")
+        "checker there, or none",
+    )
     add("--exposure", type=positive, metavar="E", help="factor of the picture's light")
-    add("--bounces", type=whole(0, 32), metavar="N",
-        help="how often light is followed where it is mirrored or goes through (default: 4)")
-    add("--samples", type=whole(1, MAX_SAMPLES), metavar="N",
-        help="rays per pixel: smooth edges and soft shadows (default: 1, with a preset 4)")
+    add(
+        "--bounces",
+        type=whole(0, 32),
+        metavar="N",
+        help="how often light is followed where it is mirrored or goes through (default: 4)",
+    )
+    add(
+        "--samples",
+        type=whole(1, MAX_SAMPLES),
+        metavar="N",
+        help="rays per pixel: smooth edges and soft shadows (default: 1, with a preset 4)",
+    )
     add = parser.add_argument_group("matter, instead of the particles' own").add_argument
     add("--reflection", type=share, metavar="V", help="mirror's weight straight on, 0 to 1")
     add("--transmission", type=share, metavar="V", help="share of the rest that goes through")
-    add("--opacity", type=share, metavar="V",
-        help="1 - transmission, of what neither bends nor colours light: shows the inside")
-    add("--index", type=between(1, 4), metavar="N",
-        help="of refraction, 1 to 4 (water 1.33, glass 1.5)")
+    add(
+        "--opacity",
+        type=share,
+        metavar="V",
+        help="1 - transmission, of what neither bends nor colours light: shows the inside",
+    )
+    add(
+        "--index",
+        type=between(1, 4),
+        metavar="N",
+        help="of refraction, 1 to 4 (water 1.33, glass 1.5)",
+    )
     add("--roughness", type=share, metavar="V", help="of mirrored and transmitted light, 0 to 1")
     add("--absorption", type=look.color, metavar="V", help="R,G,B or V per world unit (Beer's law)")
-    add("--with", dest="beside", type=beside, action="append", default=[], metavar="FILE[:COLOR]",
+    add(
+        "--with",
+        dest="beside",
+        type=beside,
+        action="append",
+        default=[],
+        metavar="FILE[:COLOR]",
         help="a second scene in the same picture, as it is: matter, cuts and supports given here "
-        "are not for it; up to 3 times")
+        "are not for it; up to 3 times",
+    )
     add = parser.add_argument_group("cuts; the face shows what is inside").add_argument
-    add("--clip", type=plane, action="append", default=[], metavar="NX,NY,NZ,D",
-        help="take away the side where nx x + ny y + nz z > d; may be given several times")
-    add("--clip-box", type=box, action="append", default=[], metavar="X0,Y0,Z0,X1,Y1,Z1",
-        help="take away a box")
-    add("--clip-sphere", type=ball, action="append", default=[], metavar="X,Y,Z,R",
-        help="take away a ball")
-    add("--crop", type=functools.partial(box, keep=True), metavar="X0,Y0,Z0,X1,Y1,Z1",
-        help="keep only what is in a box")
-    add("--crop-sphere", type=functools.partial(ball, keep=True), metavar="X,Y,Z,R",
-        help="keep only what is in a ball")
-    add("--pick", type=pixel, metavar="COLUMN,ROW",
-        help="say what this pixel shows: position, particle, attributes")
+    add(
+        "--clip",
+        type=plane,
+        action="append",
+        default=[],
+        metavar="NX,NY,NZ,D",
+        help="take away the side where nx x + ny y + nz z > d; may be given several times",
+    )
+    add(
+        "--clip-box",
+        type=box,
+        action="append",
+        default=[],
+        metavar="X0,Y0,Z0,X1,Y1,Z1",
+        help="take away a box",
+    )
+    add(
+        "--clip-sphere",
+        type=ball,
+        action="append",
+        default=[],
+        metavar="X,Y,Z,R",
+        help="take away a ball",
+    )
+    add(
+        "--crop",
+        type=functools.partial(box, keep=True),
+        metavar="X0,Y0,Z0,X1,Y1,Z1",
+        help="keep only what is in a box",
+    )
+    add(
+        "--crop-sphere",
+        type=functools.partial(ball, keep=True),
+        metavar="X,Y,Z,R",
+        help="keep only what is in a ball",
+    )
+    add(
+        "--pick",
+        type=pixel,
+        metavar="COLUMN,ROW",
+        help="say what this pixel shows: position, particle, attributes",
+    )
 
 
 class Light:
@@ -136,8 +202,13 @@ class Light:
         if particles.color is None and color is None:
             color = categorical(np.array([i + 1]))[0]
         with mistakes():
-            scene = Scene(particles, options.kernel, options.threshold, device=options.device,
-                          threads=options.threads)
+            scene = Scene(
+                particles,
+                options.kernel,
+                options.threshold,
+                device=options.device,
+                threads=options.threads,
+            )
         return Layer(scene, Material(color=color))
 
     def picked(self, frame: Frame, kept: np.ndarray) -> dict[str, Any] | None:
@@ -156,8 +227,12 @@ def say_picked(options: argparse.Namespace, seen: dict[str, Any] | None) -> str:
     where = f"pixel {options.pick[0]},{options.pick[1]}"
     if seen is None:
         return f"{where}: nothing"
-    words = [f"position {_text(seen['position'])}", f"depth {seen['depth']:.6g}",
-             f"normal {_text(seen['normal'])}", f"particle {seen['particle']:,}"]
+    words = [
+        f"position {_text(seen['position'])}",
+        f"depth {seen['depth']:.6g}",
+        f"normal {_text(seen['normal'])}",
+        f"particle {seen['particle']:,}",
+    ]
     words += [f"{name} {_text(value)}" for name, value in seen["attributes"].items()]
     return f"{where}: {', '.join(words)}" + (f" of {seen['file']}" if "file" in seen else "")
 
@@ -180,8 +255,13 @@ def _matter(options: argparse.Namespace) -> dict[str, Any]:
 
 def _given(options: argparse.Namespace) -> dict[str, Any]:
     """The fields of RenderSettings that are given, without those that need a scene."""
-    names = {"shadows": "shadows", "ambient_rays": "ambient_rays", "bounces": "depth",
-             "samples": "samples", "exposure": "exposure"}
+    names = {
+        "shadows": "shadows",
+        "ambient_rays": "ambient_rays",
+        "bounces": "depth",
+        "samples": "samples",
+        "exposure": "exposure",
+    }
     given = {field: getattr(options, name) for name, field in names.items()}
     given = {name: value for name, value in given.items() if value is not None}
     return given if options.sky is None else given | {"sky": _sky(options)}

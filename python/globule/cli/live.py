@@ -20,15 +20,31 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument_group(
         "live", "With --spacing the volume grows with the frames, and --three-view and --surface "
         "are drawn again while they come.").add_argument  # fmt: skip
-    add("--live", metavar="igtl://HOST:PORT",
-        help="take frames from an OpenIGTLink server instead of SWEEP, until it stops or Ctrl-C")
-    add("--record", metavar="FOLDER",
+    add(
+        "--live",
+        metavar="igtl://HOST:PORT",
+        help="take frames from an OpenIGTLink server instead of SWEEP, until it stops or Ctrl-C",
+    )
+    add(
+        "--record",
+        metavar="FOLDER",
         help="keep the frames, each as it comes, in a folder that is a SWEEP of its own; after a "
-        "crash the same command goes on with it")
-    add("--idle", type=positive, default=5.0, metavar="S",
-        help="seconds of silence that end --live (default: 5)")
-    add("--refresh", type=positive, default=1.0, metavar="S",
-        help="seconds between two drawings of the pictures (default: 1)")
+        "crash the same command goes on with it",
+    )
+    add(
+        "--idle",
+        type=positive,
+        default=5.0,
+        metavar="S",
+        help="seconds of silence that end --live (default: 5)",
+    )
+    add(
+        "--refresh",
+        type=positive,
+        default=1.0,
+        metavar="S",
+        help="seconds between two drawings of the pictures (default: 1)",
+    )
 
 
 def check(options: argparse.Namespace) -> None:
@@ -149,7 +165,5 @@ class Live:
         from ..ultrasound.setup import Setup
 
         options = self.options
-        setup = Setup(
-            options.calibration, options.plus, options.clip, options.fan, options.mask
-        )
+        setup = Setup(options.calibration, options.plus, options.clip, options.fan, options.mask)
         return Reconstructor(mask=setup.mask(frame.image.shape), **self.growing)

@@ -56,9 +56,7 @@ def light(text: str) -> Headlight | DirectionalLight | PointLight:
         expected = "head, dir:X,Y,Z[,ANGLE] or point:X,Y,Z[,RADIUS]"
         raise argparse.ArgumentTypeError(f"expected {expected}, got {text!r}")
     where, size = vector(",".join(words[:3])), number(words[3]) if len(words) == 4 else 0.0
-    made = (
-        DirectionalLight(where, angle=size) if kind == "dir" else PointLight(where, radius=size)
-    )
+    made = DirectionalLight(where, angle=size) if kind == "dir" else PointLight(where, radius=size)
     try:
         made._pack()
     except ValueError as error:
@@ -89,8 +87,9 @@ def stretched(options: argparse.Namespace, particles: Particles) -> Particles:
     if support is not None and np.ndim(support):  # a file has one each, also where all are equal
         support = float(support[0]) if np.ptp(support) == 0 else support
     if support is not None and not isinstance(support, float):
-        raise UserError("--anisotropic: expected one support for all particles, got one each; "
-                        "give --support")
+        raise UserError(
+            "--anisotropic: expected one support for all particles, got one each; give --support"
+        )
     found = anisotropy(particles, support or 1.0)
     return replace(particles, positions=found.centers, anisotropy=found.G)
 

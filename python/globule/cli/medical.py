@@ -10,11 +10,11 @@ import numpy as np
 from ..formats.errors import FormatError
 from ..formats.sweeps import igs, stack
 from ..formats.sweeps.transforms import WORLDS, find_path
+from ..formats.volumes import WRITABLE as WRITABLE_VOLUMES
 from ..ultrasound import kinds as medical_files
 from ..ultrasound.files import WRITABLE as SWEEPS
 from ..ultrasound.files import write_sweep
 from ..ultrasound.trust import check_poses
-from ..volumes.files import WRITABLE as WRITABLE_VOLUMES
 from ..volumes.files import write_volume
 from ..volumes.slices import save_three_view
 from .shared import UserError, check_output, count, mistakes, read_sweep_file, read_volume_file

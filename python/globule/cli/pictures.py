@@ -21,8 +21,6 @@ def draw(volume: Volume, options: argparse.Namespace, messages: list[str]) -> No
         from ..volumes.iso_surface import save_surface
 
         try:
-            save_surface(
-                options.surface, volume, device=options.device, threads=options.threads
-            )
+            save_surface(options.surface, volume, device=options.device, threads=options.threads)
         except ValueError as error:
             messages.append(f"--surface: not drawn: {error}")

@@ -19,8 +19,9 @@ from typing import Any
 
 import numpy as np
 
+from ..formats.volumes import WRITABLE
 from ..ultrasound.sweep import Sweep
-from ..volumes.files import WRITABLE, write_volume
+from ..volumes.files import write_volume
 from ..volumes.volume import Volume
 from . import live
 from .pictures import draw
@@ -67,39 +68,86 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--three-view", metavar="PNG", help="also write three planes, and where values came from")
     add("--surface", metavar="PNG", help="also draw the iso-surface, as `globule render` does")
     add("--json", action="store_true", help="print one JSON object: times, counts, memory, hashes")
-    add("--cross-validate", type=int, metavar="K",
-        help="leave every K-th frame out, predict it from the rest, report the error per method")
+    add(
+        "--cross-validate",
+        type=int,
+        metavar="K",
+        help="leave every K-th frame out, predict it from the rest, report the error per method",
+    )
     method = parser.add_argument_group("method")
-    method.add_argument("--method", choices=METHODS, metavar="NAME",
-                        help=f"{', '.join(METHODS)} (default: pvn-om)")
+    method.add_argument(
+        "--method", choices=METHODS, metavar="NAME", help=f"{', '.join(METHODS)} (default: pvn-om)"
+    )
     grid = method.add_mutually_exclusive_group()
     grid.add_argument("--spacing", type=positive, metavar="MM", help="voxel size, mm")
-    grid.add_argument("--size", type=int, metavar="N",
-                      help=f"voxels along the longest axis (default: {DEFAULT_SIZE})")
-    method.add_argument("--region", type=numbers, metavar="X,Y,Z,X,Y,Z",
-                        help="lowest and highest corner, mm, world (default: all pixels)")
-    method.add_argument("--max-distance", type=number, metavar="MM",
-                        help="holes farther than this from any pixel stay empty")
-    method.add_argument("--max-kernel", type=int, default=9, metavar="N",
-                        help="side of the largest kernel that fills holes, voxels (default: 9)")
-    method.add_argument("--compounding", choices=COMPOUNDINGS, default="mean", metavar="NAME",
-                        help=f"{', '.join(COMPOUNDINGS)} (default: mean)")
-    method.add_argument("--hole-weights", choices=("normalized", "printed"), default="normalized",
-                        metavar="NAME", help="normalized (default), or printed as in the source")
+    grid.add_argument(
+        "--size",
+        type=int,
+        metavar="N",
+        help=f"voxels along the longest axis (default: {DEFAULT_SIZE})",
+    )
+    method.add_argument(
+        "--region",
+        type=numbers,
+        metavar="X,Y,Z,X,Y,Z",
+        help="lowest and highest corner, mm, world (default: all pixels)",
+    )
+    method.add_argument(
+        "--max-distance",
+        type=number,
+        metavar="MM",
+        help="holes farther than this from any pixel stay empty",
+    )
+    method.add_argument(
+        "--max-kernel",
+        type=int,
+        default=9,
+        metavar="N",
+        help="side of the largest kernel that fills holes, voxels (default: 9)",
+    )
+    method.add_argument(
+        "--compounding",
+        choices=COMPOUNDINGS,
+        default="mean",
+        metavar="NAME",
+        help=f"{', '.join(COMPOUNDINGS)} (default: mean)",
+    )
+    method.add_argument(
+        "--hole-weights",
+        choices=("normalized", "printed"),
+        default="normalized",
+        metavar="NAME",
+        help="normalized (default), or printed as in the source",
+    )
     place = parser.add_argument_group("where pixels lie")
     place.add_argument("--calibration", metavar="FILE.toml", help="probe_from_image and region")
     place.add_argument("--plus", metavar="CONFIG.xml", help="PLUS configuration")
     place.add_argument("--poses", metavar="TABLE", help="pose table for a stack, .csv or .json")
-    place.add_argument("--frame-times", type=positive, metavar="FPS",
-                       help="frames per second of a stack that does not know its times")
-    place.add_argument("--temporal-offset", type=number, metavar="S",
-                       help="added to a frame's time to find its pose (default: the calibration's)")
+    place.add_argument(
+        "--frame-times",
+        type=positive,
+        metavar="FPS",
+        help="frames per second of a stack that does not know its times",
+    )
+    place.add_argument(
+        "--temporal-offset",
+        type=number,
+        metavar="S",
+        help="added to a frame's time to find its pose (default: the calibration's)",
+    )
     place.add_argument("--clip", type=numbers, metavar="COLUMN,ROW,WIDTH,HEIGHT", help="pixels")
-    place.add_argument("--fan", type=numbers, metavar="COLUMN,ROW,FIRST,LAST,START,STOP",
-                       help="apex in pixels, angles in degrees, radii in pixels")
+    place.add_argument(
+        "--fan",
+        type=numbers,
+        metavar="COLUMN,ROW,FIRST,LAST,START,STOP",
+        help="apex in pixels, angles in degrees, radii in pixels",
+    )
     place.add_argument("--mask", metavar="IMAGE", help="picture, not 0 where tissue is")
-    place.add_argument("--keep-outliers", action="store_true",
-                       help="take frames whose pose jumps too (default: leave them out and say so)")
+    place.add_argument(
+        "--keep-outliers",
+        action="store_true",
+        help="take frames whose pose jumps too (default: leave them out and say so)",
+    )
     live.add_arguments(parser)
     add_device(parser.add_argument_group("machine"))
 
@@ -117,8 +165,10 @@ def run(options: argparse.Namespace) -> None:
         outliers = _without_outliers(sweep, options, messages)
         n_lost = len(sweep) - sweep.n_valid - len(outliers)
         if n_lost:
-            messages.append(f"{n_lost:,} of {count(len(sweep), 'frame')} without a valid pose or "
-                            "image, left out")
+            messages.append(
+                f"{n_lost:,} of {count(len(sweep), 'frame')} without a valid pose or "
+                "image, left out"
+            )
         validations = {}
         if options.cross_validate:
             progress.step("predicting frames from the others")
@@ -237,8 +287,10 @@ def _without_outliers(sweep: Sweep, options: argparse.Namespace, messages: list[
     sweep.valid[found] = False
     if found:
         which = ", ".join(map(str, found[:8])) + (" …" if len(found) > 8 else "")
-        messages.append(f"{count(len(found), 'frame')} left out, the pose jumps: {which} "
-                        "(--keep-outliers takes them)")
+        messages.append(
+            f"{count(len(found), 'frame')} left out, the pose jumps: {which} "
+            "(--keep-outliers takes them)"
+        )
     return found
 
 

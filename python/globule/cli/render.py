@@ -67,8 +67,12 @@ def size(text: str) -> tuple[int, int]:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
-    add("particles", nargs="+", metavar="PARTICLES",
-        help="files of particles, meshes or volumes, or folders with a DICOM series")
+    add(
+        "particles",
+        nargs="+",
+        metavar="PARTICLES",
+        help="files of particles, meshes or volumes, or folders with a DICOM series",
+    )
     add("-o", "--output", required=True, metavar="IMAGE", help="picture (.png) or movie (.mp4)")
     add("--size", type=size, default=(1024, 782), metavar="WxH", help="pixels (default: 1024x782)")
     add("--aov", metavar="FILE.npz", help="also write color, depth, position, normal, albedo, mask")
@@ -77,42 +81,90 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     camera.add_argument("--fit", action="store_true", help="see all particles (default)")
     camera.add_argument("--eye", type=vector, metavar="X,Y,Z", help="where the camera is")
     camera.add_argument("--look-at", type=vector, metavar="X,Y,Z", help="middle of the picture")
-    camera.add_argument("--up", type=vector, default=(0, 1, 0), metavar="X,Y,Z",
-                        help="upwards in the picture (default: 0,1,0)")
-    camera.add_argument("--fov", type=positive, default=40.0, metavar="DEG",
-                        help="vertical field of view (default: 40)")
-    camera.add_argument("--ortho", type=positive, metavar="HEIGHT",
-                        help="orthographic, HEIGHT world units from bottom to top")
+    camera.add_argument(
+        "--up",
+        type=vector,
+        default=(0, 1, 0),
+        metavar="X,Y,Z",
+        help="upwards in the picture (default: 0,1,0)",
+    )
+    camera.add_argument(
+        "--fov",
+        type=positive,
+        default=40.0,
+        metavar="DEG",
+        help="vertical field of view (default: 40)",
+    )
+    camera.add_argument(
+        "--ortho",
+        type=positive,
+        metavar="HEIGHT",
+        help="orthographic, HEIGHT world units from bottom to top",
+    )
     surface = parser.add_argument_group("surface")
-    surface.add_argument("--kernel", choices=KERNELS, default="murakami", metavar="NAME",
-                         help=f"{', '.join(KERNELS)} (default: murakami)")
-    surface.add_argument("--support", type=positive, metavar="A",
-                         help="radius of every particle's kernel, instead of the file's")
-    surface.add_argument("--threshold", type=positive, metavar="T",
-                         help="iso-value of the summed field (default: by kernel)")
-    surface.add_argument("--anisotropic", action="store_true",
-                         help="smooth the particles and stretch their kernels along the surface "
-                         "(Yu and Turk 2013)")
+    surface.add_argument(
+        "--kernel",
+        choices=KERNELS,
+        default="murakami",
+        metavar="NAME",
+        help=f"{', '.join(KERNELS)} (default: murakami)",
+    )
+    surface.add_argument(
+        "--support",
+        type=positive,
+        metavar="A",
+        help="radius of every particle's kernel, instead of the file's",
+    )
+    surface.add_argument(
+        "--threshold",
+        type=positive,
+        metavar="T",
+        help="iso-value of the summed field (default: by kernel)",
+    )
+    surface.add_argument(
+        "--anisotropic",
+        action="store_true",
+        help="smooth the particles and stretch their kernels along the surface (Yu and Turk 2013)",
+    )
     tree = parser.add_argument_group("octree")
     tree.add_argument("--octree", choices=("sparse", "dense"))
     tracing.add_arguments(parser)
     tree.add_argument("--depth", type=int, metavar="N", help="deepest level")
     tree.add_argument("--key-bits", type=int, choices=(32, 64), default=32)
     colors = parser.add_argument_group("looks; colours and radiances are linear, 1 is white")
-    colors.add_argument("--color-by", metavar="NAME",
-                        help="colour by a field or attribute; a vector's length, or NAME:0 …")
-    colors.add_argument("--colormap", choices=COLORMAPS, default="viridis", metavar="MAP",
-                        help=f"{', '.join(COLORMAPS)} (default: viridis)")
-    colors.add_argument("--range", type=look.interval, metavar="LO,HI",
-                        help="values of the map's ends (default: the lowest and highest)")
-    colors.add_argument("--legend", action="store_true",
-                        help="draw the colour map with its range into the picture")
-    colors.add_argument("--light", type=look.light, action="append", metavar="LIGHT",
-                        help="head, dir:X,Y,Z[,ANGLE] (towards the light) or point:X,Y,Z[,RADIUS], "
-                        "up to 8 times; ANGLE (degrees) and RADIUS make shadows soft; they share a "
-                        "radiance of 1 (default: a headlight and a sun)")
-    colors.add_argument("--ambient", type=look.color, metavar="COLOR",
-                        help="R,G,B or V, or #rrggbb in sRGB")
+    colors.add_argument(
+        "--color-by",
+        metavar="NAME",
+        help="colour by a field or attribute; a vector's length, or NAME:0 …",
+    )
+    colors.add_argument(
+        "--colormap",
+        choices=COLORMAPS,
+        default="viridis",
+        metavar="MAP",
+        help=f"{', '.join(COLORMAPS)} (default: viridis)",
+    )
+    colors.add_argument(
+        "--range",
+        type=look.interval,
+        metavar="LO,HI",
+        help="values of the map's ends (default: the lowest and highest)",
+    )
+    colors.add_argument(
+        "--legend", action="store_true", help="draw the colour map with its range into the picture"
+    )
+    colors.add_argument(
+        "--light",
+        type=look.light,
+        action="append",
+        metavar="LIGHT",
+        help="head, dir:X,Y,Z[,ANGLE] (towards the light) or point:X,Y,Z[,RADIUS], "
+        "up to 8 times; ANGLE (degrees) and RADIUS make shadows soft; they share a "
+        "radiance of 1 (default: a headlight and a sun)",
+    )
+    colors.add_argument(
+        "--ambient", type=look.color, metavar="COLOR", help="R,G,B or V, or #rrggbb in sRGB"
+    )
     colors.add_argument("--background", type=look.color, metavar="COLOR", help="as --ambient")
     light.add_arguments(parser)
     add_reading(parser)
@@ -213,9 +265,15 @@ def camera(options: argparse.Namespace, scene: Scene | None, around: Any = None)
     if not options.eye:
         base = DEFAULT_VIEW
         if not nothing:
-            base = fit_camera(scene, options.size, around, direction=_direction(options.up),
-                              up=options.up, fov=options.fov,
-                              orthographic=options.ortho is not None)
+            base = fit_camera(
+                scene,
+                options.size,
+                around,
+                direction=_direction(options.up),
+                up=options.up,
+                fov=options.fov,
+                orthographic=options.ortho is not None,
+            )
         return Camera(base.eye, base.look_at, options.up, options.fov, options.ortho)
     middle = options.look_at
     if not middle:
@@ -233,8 +291,15 @@ def _direction(up: tuple[float, float, float]) -> np.ndarray:
 
 
 def _picture(
-    options: argparse.Namespace, lit: light.Light, thesis: Thesis | None,
-    progress: Progress, series: sequence.Series, i: int, path: str, image: str, aov: str | None,
+    options: argparse.Namespace,
+    lit: light.Light,
+    thesis: Thesis | None,
+    progress: Progress,
+    series: sequence.Series,
+    i: int,
+    path: str,
+    image: str,
+    aov: str | None,
 ) -> dict[str, Any] | None:
     """One file's picture, and what there is to report of it; None where it is there already."""
     start = time.perf_counter()
@@ -257,18 +322,33 @@ def _picture(
         support, depth = tracing.support_and_depth(options, particles)
         if options.anisotropic:
             particles, support = look.stretched(options, particles), None
-        scene = series.scene(particles, lambda particles: Scene(
-            particles, options.kernel, options.threshold, support, options.key_bits, depth,
-            options.octree, options.device, options.threads,
-        ))
+        scene = series.scene(
+            particles,
+            lambda particles: Scene(
+                particles,
+                options.kernel,
+                options.threshold,
+                support,
+                options.key_bits,
+                depth,
+                options.octree,
+                options.device,
+                options.threads,
+            ),
+        )
         view = series.camera(i, scene, lambda scene, box: camera(options, scene, box))
     if series.finished(image, aov):
         return None
     progress.step(f"tracing {path}")
     with mistakes():
         settings = lit.settings(scene)
-        frame = render(lit.layers(scene), view, options.size,
-                       dataclasses.replace(settings, samples=1), thesis=thesis)
+        frame = render(
+            lit.layers(scene),
+            view,
+            options.size,
+            dataclasses.replace(settings, samples=1),
+            thesis=thesis,
+        )
         trace_seconds = frame.trace_seconds
         for k in range(2, settings.samples + 1):  # one by one, so that it shows and can be stopped
             progress.show(f"tracing {path}: sample {k} of {settings.samples}")

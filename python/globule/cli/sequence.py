@@ -50,13 +50,24 @@ Key frames of the camera, in TOML:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("sequence", NOTES)
-    group.add_argument("--camera-path", metavar="FILE",
-                       help="key frames, .toml or .json; one particle file is shown in as many "
-                       "pictures as the path has")
-    group.add_argument("--fps", type=positive, default=30.0, metavar="N",
-                       help="frames per second of a movie and of key frames (default: 30)")
-    group.add_argument("--resume", action="store_true",
-                       help="go on after an interruption: finished pictures are not made again")
+    group.add_argument(
+        "--camera-path",
+        metavar="FILE",
+        help="key frames, .toml or .json; one particle file is shown in as many "
+        "pictures as the path has",
+    )
+    group.add_argument(
+        "--fps",
+        type=positive,
+        default=30.0,
+        metavar="N",
+        help="frames per second of a movie and of key frames (default: 30)",
+    )
+    group.add_argument(
+        "--resume",
+        action="store_true",
+        help="go on after an interruption: finished pictures are not made again",
+    )
 
 
 class Series:
@@ -202,8 +213,14 @@ class Series:
         if options.json:
             device = reports[0]["device"] if reports else None
             counts = {"pictures": n, "kept": n_kept}
-            facts = {"images": made, "device": device, "size": options.size, "counts": counts,
-                     "times": {"total": seconds}, "frames": reports}
+            facts = {
+                "images": made,
+                "device": device,
+                "size": options.size,
+                "counts": counts,
+                "times": {"total": seconds},
+                "frames": reports,
+            }
             print_json(facts | {"fps": options.fps} if self.movie else facts)
             return
         kept = f", {n_kept} of them there already" if n_kept else ""

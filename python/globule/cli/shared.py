@@ -87,7 +87,9 @@ def vector(text: str) -> tuple[float, float, float]:
 def add_device(parser: argparse.ArgumentParser) -> None:
     """The options that say where to compute."""
     parser.add_argument(
-        "--device", default="auto", metavar="DEVICE",
+        "--device",
+        default="auto",
+        metavar="DEVICE",
         help="auto, cpu, cuda or cuda:N (default: auto, a GPU where there is one)",
     )
     parser.add_argument(
@@ -115,13 +117,26 @@ def check_device(options: argparse.Namespace) -> None:
 def add_reading(parser: argparse.ArgumentParser) -> None:
     """The options that say what to take from volumes and meshes."""
     group = parser.add_argument_group("volumes and meshes")
-    group.add_argument("--level", type=number, metavar="L",
-                       help="a volume's voxels of at least this intensity (default: Otsu's level)")
-    group.add_argument("--label", type=int, action="append", metavar="N",
-                       help="a volume's voxels of this value; may be given several times")
-    group.add_argument("--resample", type=positive, metavar="LENGTH",
-                       help="resample a volume to voxels of this edge, or sample a mesh's "
-                       "triangles at points this far apart")
+    group.add_argument(
+        "--level",
+        type=number,
+        metavar="L",
+        help="a volume's voxels of at least this intensity (default: Otsu's level)",
+    )
+    group.add_argument(
+        "--label",
+        type=int,
+        action="append",
+        metavar="N",
+        help="a volume's voxels of this value; may be given several times",
+    )
+    group.add_argument(
+        "--resample",
+        type=positive,
+        metavar="LENGTH",
+        help="resample a volume to voxels of this edge, or sample a mesh's "
+        "triangles at points this far apart",
+    )
 
 
 def reading(options: argparse.Namespace) -> dict[str, Any]:
@@ -170,8 +185,9 @@ def read_particles(path: str, may_be_empty: bool = False, **given: Any) -> Parti
         raise UserError(f"{path}: cannot be read: {error.strerror or error}") from error
     if not len(particles) and not may_be_empty:
         if "level" in given:
-            raise UserError(f"{path}: --level: expected one that voxels reach, got "
-                            f"{given['level']:g}")
+            raise UserError(
+                f"{path}: --level: expected one that voxels reach, got {given['level']:g}"
+            )
         if "labels" in given:
             labels = ", ".join(map(str, given["labels"]))
             raise UserError(f"{path}: --label: expected a value that voxels have, got {labels}")
@@ -181,7 +197,7 @@ def read_particles(path: str, may_be_empty: bool = False, **given: Any) -> Parti
 def stem(path: str) -> str:
     """A file's name without folder and extension."""
     from ..formats import READABLE
-    from ..volumes.files import WRITABLE
+    from ..formats.volumes import WRITABLE
 
     name = os.path.basename(os.path.normpath(path))
     endings = [end for end in (*READABLE, *WRITABLE) if name.lower().endswith(end)]
@@ -257,7 +273,7 @@ def _check_place(option: str, path: str, folder: str) -> None:
 
 
 def count(n: int, noun: str = "particle") -> str:
-    """"1 particle", "1,000 particles"."""
+    """ "1 particle", "1,000 particles"."""
     return f"{n:,} {noun}{'' if n == 1 else 's'}"
 
 

@@ -53,27 +53,51 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     formats = [extension[1:] for extension in EXTENSIONS]
     add = parser.add_argument
     add("scene", metavar="SCENE", help=f"a .toml file, or one of: {', '.join(SHIPPED)}")
-    add("-o", "--output", default="frames", metavar="FOLDER",
+    add(
+        "-o",
+        "--output",
+        default="frames",
+        metavar="FOLDER",
         help="folder for frames, diagnostics and checkpoint, made if it is not there "
-        "(default: frames)")
-    add("--seconds", type=positive, metavar="S",
-        help="how long it runs, in whole frames (default: the scene's)")
+        "(default: frames)",
+    )
+    add(
+        "--seconds",
+        type=positive,
+        metavar="S",
+        help="how long it runs, in whole frames (default: the scene's)",
+    )
     add("--fps", type=positive, metavar="N", help="frames a second (default: the scene's, else 30)")
-    add("--format", choices=formats, metavar="NAME",
-        help=f"of the frames: {', '.join(formats)} (default: the scene's, else vtp)")
+    add(
+        "--format",
+        choices=formats,
+        metavar="NAME",
+        help=f"of the frames: {', '.join(formats)} (default: the scene's, else vtp)",
+    )
     add("--no-frames", action="store_true", help="write no frames of particles")
     add("--video", metavar="FILE.mp4", help="a movie of the frames, as the scene's view says")
     add("--pictures", metavar="FOLDER", help="keep the frames' pictures there, as PNG")
     add("--size", type=size, metavar="WxH", help="of pictures (default: the scene's)")
-    add("--spacing", type=positive, metavar="METRES",
-        help="between particles, instead of the scene's")
-    add("--checkpoint", type=positive, metavar="S",
-        help="write one every S simulated seconds, too (always: at the end and at Ctrl-C)")
+    add(
+        "--spacing",
+        type=positive,
+        metavar="METRES",
+        help="between particles, instead of the scene's",
+    )
+    add(
+        "--checkpoint",
+        type=positive,
+        metavar="S",
+        help="write one every S simulated seconds, too (always: at the end and at Ctrl-C)",
+    )
     add("--resume", action="store_true", help="go on from the folder's checkpoint")
     add("--json", action="store_true", help="print one JSON object: times, counts, device, hash")
-    add("--view", action="store_true",
+    add(
+        "--view",
+        action="store_true",
         help="run it live in the browser instead, with --resume from the folder's checkpoint; "
-        "nothing is written")
+        "nothing is written",
+    )
     view.add_page(parser)
     add_device(parser)
 
@@ -102,8 +126,17 @@ def _view(options: argparse.Namespace) -> None:
     from ..sim.simulation import Simulation
     from ..viewer.simulation_source import SimulationSource
 
-    for name in ("seconds", "fps", "format", "no_frames", "video", "pictures", "size",
-                 "checkpoint", "json"):
+    for name in (
+        "seconds",
+        "fps",
+        "format",
+        "no_frames",
+        "video",
+        "pictures",
+        "size",
+        "checkpoint",
+        "json",
+    ):
         if getattr(options, name):
             option = name.replace("_", "-")
             raise UserError(f"--view: expected no --{option} beside it, as nothing is written")

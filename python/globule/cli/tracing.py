@@ -13,21 +13,30 @@ from ..scene.thesis import POLYNOMIAL_KERNELS, ROOTS, Thesis, default_support, f
 from .shared import UserError, mistakes, positive
 
 # Options that a preset sets where the user has not; looks set fields of RenderSettings instead.
-PRESETS = {"thesis": {"root": "march", "octree": "dense"}, **dict.fromkeys(looks.PRESETS, {})}
+PRESETS = {"thesis": {"root": "march", "octree": "dense"}, **{key: {} for key in looks.PRESETS}}
 PRESET_DEPTH = 7  # where no support asks for another
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("tracing")
-    group.add_argument("--root", choices=("exact", *ROOTS), metavar="NAME",
-                       help="exact, or as in the source thesis, on the dense octree: march "
-                       "(points with thresholds), bezier (clipping) (default: exact)")
-    group.add_argument("--step", type=positive, metavar="S",
-                       help="of --root march, in supports (default: 0.25)")
-    group.add_argument("--preset", choices=tuple(PRESETS), metavar="NAME",
-                       help=f"{', '.join(looks.PRESETS)}: matter, light and surroundings; thesis: "
-                       "its tracing on a dense octree, and supports of half a leaf where the file "
-                       "has none; options beside it win")
+    group.add_argument(
+        "--root",
+        choices=("exact", *ROOTS),
+        metavar="NAME",
+        help="exact, or as in the source thesis, on the dense octree: march "
+        "(points with thresholds), bezier (clipping) (default: exact)",
+    )
+    group.add_argument(
+        "--step", type=positive, metavar="S", help="of --root march, in supports (default: 0.25)"
+    )
+    group.add_argument(
+        "--preset",
+        choices=tuple(PRESETS),
+        metavar="NAME",
+        help=f"{', '.join(looks.PRESETS)}: matter, light and surroundings; thesis: "
+        "its tracing on a dense octree, and supports of half a leaf where the file "
+        "has none; options beside it win",
+    )
 
 
 def settle(options: argparse.Namespace) -> Thesis | None:
@@ -43,8 +52,10 @@ def settle(options: argparse.Namespace) -> Thesis | None:
         return None
     if options.beside:
         asked = "--preset thesis" if options.preset == "thesis" else f"--root {options.root}"
-        raise UserError(f"--with: expected none beside {asked}, which shows one scene, got "
-                        f"{options.beside[0][0]}")
+        raise UserError(
+            f"--with: expected none beside {asked}, which shows one scene, got "
+            f"{options.beside[0][0]}"
+        )
     options.octree = options.octree or "dense"
     if options.octree != "dense":
         raise UserError(f"--octree: expected dense with --root {options.root}, got sparse")

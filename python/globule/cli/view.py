@@ -44,38 +44,65 @@ def port(text: str) -> int:
 def add_page(parser: argparse.ArgumentParser) -> None:
     """Options that say where the page is."""
     page = parser.add_argument_group("page")
-    page.add_argument("--host", default="127.0.0.1", metavar="HOST",
-                      help="where to listen; another than this machine's own (0.0.0.0) puts a "
-                      "token into the address, without which nobody gets in (default: 127.0.0.1)")
-    page.add_argument("--port", type=port, default=8080, metavar="N",
-                      help="the first free one from here on (default: 8080)")
+    page.add_argument(
+        "--host",
+        default="127.0.0.1",
+        metavar="HOST",
+        help="where to listen; another than this machine's own (0.0.0.0) puts a "
+        "token into the address, without which nobody gets in (default: 127.0.0.1)",
+    )
+    page.add_argument(
+        "--port",
+        type=port,
+        default=8080,
+        metavar="N",
+        help="the first free one from here on (default: 8080)",
+    )
     page.add_argument("--no-browser", action="store_true", help="do not open one")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
-    add("what", nargs="+", metavar="WHAT",
+    add(
+        "what",
+        nargs="+",
+        metavar="WHAT",
         help="files of particles, meshes, volumes or sweeps (several: a sequence), a simulation's "
-        "name or .toml, or igtl://host:port")
+        "name or .toml, or igtl://host:port",
+    )
     add("--state", metavar="FILE.toml", help="settings saved from the page")
     add_page(parser)
     first = parser.add_argument_group("to begin with; the page can change all of it")
     first.add_argument("--eye", type=vector, metavar="X,Y,Z", help="where the camera is")
     first.add_argument("--look-at", type=vector, metavar="X,Y,Z", help="middle of the picture")
-    first.add_argument("--fov", type=positive, default=40.0, metavar="DEG",
-                       help="vertical field of view (default: 40)")
-    first.add_argument("--ortho", type=positive, metavar="HEIGHT",
-                       help="orthographic, HEIGHT world units from bottom to top, with --eye")
-    first.add_argument("--up", type=vector, metavar="X,Y,Z",
-                       help="direction to the sky (default: 0,1,0; for volumes and sweeps 0,0,1)")
+    first.add_argument(
+        "--fov",
+        type=positive,
+        default=40.0,
+        metavar="DEG",
+        help="vertical field of view (default: 40)",
+    )
+    first.add_argument(
+        "--ortho",
+        type=positive,
+        metavar="HEIGHT",
+        help="orthographic, HEIGHT world units from bottom to top, with --eye",
+    )
+    first.add_argument(
+        "--up",
+        type=vector,
+        metavar="X,Y,Z",
+        help="direction to the sky (default: 0,1,0; for volumes and sweeps 0,0,1)",
+    )
     first.add_argument("--preset", choices=PRESETS, metavar="NAME", help=", ".join(PRESETS))
     first.add_argument("--kernel", choices=KERNELS, metavar="NAME", help=", ".join(KERNELS))
     first.add_argument("--support", type=positive, metavar="A")
     first.add_argument("--threshold", type=positive, metavar="T")
     first.add_argument("--color-by", metavar="NAME", help="colour by a field or attribute")
     first.add_argument("--colormap", choices=COLORMAPS, metavar="MAP", help=", ".join(COLORMAPS))
-    first.add_argument("--range", type=look.interval, metavar="LO,HI",
-                       help="values of the map's ends")
+    first.add_argument(
+        "--range", type=look.interval, metavar="LO,HI", help="values of the map's ends"
+    )
     first.add_argument("--clip", type=plane, metavar="NX,NY,NZ,D", help="a cutting plane")
     add_reading(parser)
     sweep = parser.add_argument_group("sweeps")
@@ -127,13 +154,28 @@ def check_viewer() -> None:
         raise UserError(str(error)) from error
 
 
-def serve(source: Source, options: argparse.Namespace, up: Any = None, camera: Camera | None = None,
-          state: State | None = None, preset: str | None = None) -> Viewer:
+def serve(
+    source: Source,
+    options: argparse.Namespace,
+    up: Any = None,
+    camera: Camera | None = None,
+    state: State | None = None,
+    preset: str | None = None,
+) -> Viewer:
     """The viewer of a source, where the options of `add_page` say."""
     from ..viewer import show
 
-    return show(source, options.host, options.port, up, camera, state, preset,
-                not options.no_browser, block=False)
+    return show(
+        source,
+        options.host,
+        options.port,
+        up,
+        camera,
+        state,
+        preset,
+        not options.no_browser,
+        block=False,
+    )
 
 
 def _settings(options: argparse.Namespace) -> tuple:
@@ -148,18 +190,29 @@ def _settings(options: argparse.Namespace) -> tuple:
             except ValueError as error:
                 raise UserError(f"{options.state}: {error}") from error
     if options.eye:
-        camera = Camera(options.eye, options.look_at, options.up or (0, 1, 0), options.fov,
-                        options.ortho)
-    changes = {"surface__kernel": options.kernel, "surface__support": options.support,
-               "surface__threshold": options.threshold, "color__by": options.color_by,
-               "color__colormap": options.colormap}
+        camera = Camera(
+            options.eye, options.look_at, options.up or (0, 1, 0), options.fov, options.ortho
+        )
+    changes = {
+        "surface__kernel": options.kernel,
+        "surface__support": options.support,
+        "surface__threshold": options.threshold,
+        "color__by": options.color_by,
+        "color__colormap": options.colormap,
+    }
     if options.range:
-        changes |= {"color__automatic": False, "color__low": options.range[0],
-                    "color__high": options.range[1]}
+        changes |= {
+            "color__automatic": False,
+            "color__low": options.range[0],
+            "color__high": options.range[1],
+        }
     if options.clip:
         length = np.linalg.norm(options.clip.normal)
         normal, offset = np.asarray(options.clip.normal) / length, options.clip.offset / length
-        changes |= {"cuts__plane": True, "cuts__normal": tuple(normal.tolist()),
-                    "cuts__point": tuple((normal * offset).tolist())}
+        changes |= {
+            "cuts__plane": True,
+            "cuts__normal": tuple(normal.tolist()),
+            "cuts__point": tuple((normal * offset).tolist()),
+        }
     state.set(**{name: value for name, value in changes.items() if value is not None})
     return state, camera

@@ -47,9 +47,7 @@ def phantom(resolution: int = 2) -> tuple[np.ndarray, np.ndarray]:
     below = 66 * (1 - ellipsoid) - fissure + 3.5 * folds  # mm under the surface, about
     side = np.abs(x) - 9 - 0.06 * (y + 40)
     hollow = np.sqrt((side / 6) ** 2 + (y / 34) ** 2 + ((z - 6 + y * y / 160) / 9) ** 2)
-    values = np.select(
-        [below < 0, hollow < 1, below < 9 + 3 * folds], [AIR, 0.12, 0.62], 0.95
-    )
+    values = np.select([below < 0, hollow < 1, below < 9 + 3 * folds], [AIR, 0.12, 0.62], 0.95)
     world_from_voxel = np.diag([resolution, resolution, resolution, 1.0])
     world_from_voxel[:3, 3] = [axis[0] for axis in axes]
     return values, world_from_voxel
@@ -72,9 +70,7 @@ def brain(path: Any, device: str = "auto", dpi: float = 110) -> None:
     scene = Scene(metaballs(values, world_from_voxel), device=device)
     lo, hi = scene.particles.bounds()
     middle = (lo + hi) / 2
-    slab = ClipBox(
-        (middle[0] - 1, lo[1] - 99, middle[2] - 8), (hi[0] + 99, hi[1] + 99, hi[2] + 99)
-    )
+    slab = ClipBox((middle[0] - 1, lo[1] - 99, middle[2] - 8), (hi[0] + 99, hi[1] + 99, hi[2] + 99))
     size = (int(6 * dpi * 1.5), int(4.8 * dpi * 1.5))
     camera = fit_camera(scene, size, direction=(0.95, 0.75, 0.7), up=UP, fov=30)
     with Figure(path, 6, 4.8, dpi) as figure:
@@ -98,7 +94,8 @@ def surface_mesh() -> tuple[np.ndarray, np.ndarray, np.ndarray, str]:
 def knot(around: int = 400, across: int = 26) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """A tube along a trefoil knot: vertices, faces, the angle across it."""
     t, a = np.meshgrid(
-        np.arange(around) / around * 2 * np.pi, np.arange(across) / across * 2 * np.pi,
+        np.arange(around) / around * 2 * np.pi,
+        np.arange(across) / across * 2 * np.pi,
         indexing="ij",
     )
 
@@ -119,9 +116,7 @@ def knot(around: int = 400, across: int = 26) -> tuple[np.ndarray, np.ndarray, n
     i, j = (grid.ravel() for grid in np.indices((around, across)))
     i1, j1 = (i + 1) % around, (j + 1) % across
     corners = [k * across + m for k, m in ((i, j), (i1, j), (i1, j1), (i, j1))]
-    faces = np.concatenate(
-        [np.stack(corners[:3], 1), np.stack([corners[0], *corners[2:]], 1)]
-    )
+    faces = np.concatenate([np.stack(corners[:3], 1), np.stack([corners[0], *corners[2:]], 1)])
     return 20 * vertices.reshape(-1, 3), faces, np.cos(a + 2 * t).ravel()
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import Any
 
 import numpy as np
@@ -36,7 +37,7 @@ def leaf_cells(codes: np.ndarray) -> np.ndarray:
             continue
         prefix = codes[first:last] >> 3 * (LEVELS - level - 1)
         ends = [0, *(np.flatnonzero(np.diff(prefix)) + 1), last - first]
-        todo += [(level + 1, first + a, first + b) for a, b in zip(ends, ends[1:], strict=False)]
+        todo += [(level + 1, first + a, first + b) for a, b in itertools.pairwise(ends)]
     return np.array(cells)
 
 
@@ -63,12 +64,13 @@ def in_the_plane(path: Any, device: str = "auto", dpi: float = 110) -> None:
     near = np.abs(positions[:, 2] - z) < 0.02
     with Figure(path, 9, 4.6, dpi) as figure:
         ax = figure.subplots()
-        bare(ax, f"{met.sum()} of {len(cells):,} leaves, levels {cells[met, 0].min()} to "
-             f"{cells[met, 0].max()}; in blank places there are none")
+        bare(
+            ax,
+            f"{met.sum()} of {len(cells):,} leaves, levels {cells[met, 0].min()} to "
+            f"{cells[met, 0].max()}; in blank places there are none",
+        )
         ax.plot(*positions[near, :2].T, ".", color=BLUE, ms=2.6, zorder=1)
-        squares = [
-            Rectangle(c[:2], s, s) for c, s in zip(corner[met], side[met], strict=True)
-        ]
+        squares = [Rectangle(c[:2], s, s) for c, s in zip(corner[met], side[met], strict=True)]
         ax.add_collection(PatchCollection(squares, facecolor="none", edgecolor=INK, lw=0.7))
         top = float((corner + side[:, None])[met, 1].max())
         ax.set_xlim(tree.lo[0] - 0.01, tree.lo[0] + tree.extent + 0.01)

@@ -44,15 +44,24 @@ def keys_and_neighbours(path: Any, device: str = "auto", dpi: float = 110) -> No
             cell = np.array(morton.decode(key - INSIDE)) >> (LEVELS - 3)
             side = 8 / 2**level
             x, y = float(cell[0]), float(cell[1])
-            left.add_patch(Rectangle((x, y), side, side, facecolor=shades[level - 1],
-                                     edgecolor=BLUE, lw=1.8))
+            left.add_patch(
+                Rectangle((x, y), side, side, facecolor=shades[level - 1], edgecolor=BLUE, lw=1.8)
+            )
         places = (((6, 0.9), None), ((6.9, 5.2), (5, 3.5)), ((1.9, 1.0), (5.3, 2.4)))
         for level, (place, tip) in enumerate(places, 1):
             node = key >> 3 * (LEVELS - level) << 3 * (LEVELS - level)
             arrow = {"arrowstyle": "->", "color": INK} if tip else None
             label = f"level {level}\n{triplets(node, level)}"
-            left.annotate(label, tip or place, place, ha="center", va="center", fontsize=10.5,
-                          family="DejaVu Sans Mono", arrowprops=arrow)
+            left.annotate(
+                label,
+                tip or place,
+                place,
+                ha="center",
+                va="center",
+                fontsize=10.5,
+                family="DejaVu Sans Mono",
+                arrowprops=arrow,
+            )
         bare(right, "a cell of level 3 and its neighbours in that layer")
         middle = INSIDE + (morton.encode(3, 5, 0) << 3 * (LEVELS - 3))
         for dx in (-1, 0, 1):
@@ -62,10 +71,17 @@ def keys_and_neighbours(path: Any, device: str = "auto", dpi: float = 110) -> No
                 right.add_patch(Rectangle((dx, dy), 1, 1, facecolor=face, edgecolor=GRAY, lw=1.2))
                 _changed_bits(right, dx + 0.5, dy + 0.56, middle, node)
                 cell = np.array(morton.decode(node - INSIDE)) >> (LEVELS - 3)
-                right.text(dx + 0.5, dy + 0.26, f"x = {cell[0]}, y = {cell[1]}", ha="center",
-                           color=INK if dx == dy == 0 else GRAY, fontsize=9)
-        right.text(0.5, -1.28, "red: bits of x, green: bits of y that changed", ha="center",
-                   color=GRAY)
+                right.text(
+                    dx + 0.5,
+                    dy + 0.26,
+                    f"x = {cell[0]}, y = {cell[1]}",
+                    ha="center",
+                    color=INK if dx == dy == 0 else GRAY,
+                    fontsize=9,
+                )
+        right.text(
+            0.5, -1.28, "red: bits of x, green: bits of y that changed", ha="center", color=GRAY
+        )
         right.set_xlim(-1.05, 2.05)
         right.set_ylim(-1.4, 2.05)
 
@@ -85,9 +101,13 @@ def quantised_positions(path: Any, device: str = "auto", dpi: float = 110) -> No
                 left.plot([128 * i] * 2, [y - 0.06, y + 0.06], color=color, lw=1)
             exact = u / extent * 1024
             left.plot(exact, y, "o", color=color, ms=8)
-            left.text(exact, y + 0.15, f"{u} / {extent} · 1024 = {exact:.2f} → cell {cell}",
-                      ha="center" if 200 < exact < 800 else "left" if exact < 200 else "right",
-                      color=color)
+            left.text(
+                exact,
+                y + 0.15,
+                f"{u} / {extent} · 1024 = {exact:.2f} → cell {cell}",
+                ha="center" if 200 < exact < 800 else "left" if exact < 200 else "right",
+                color=color,
+            )
             left.text(-25, y, "xyz"[row], ha="right", va="center", color=color, fontsize=13)
             left.text(0, y - 0.24, "0", ha="center", color=GRAY, fontsize=9)
             left.text(1024, y - 0.24, "1024", ha="center", color=GRAY, fontsize=9)
@@ -103,10 +123,18 @@ def quantised_positions(path: Any, device: str = "auto", dpi: float = 110) -> No
         for y, chosen in ((0.68, cells), (0.28, np.round(values).astype(int))):
             colors = np.array([BLUE, ORANGE, GREEN, RED, INK])[chosen - 169]
             right.scatter(values, np.full(len(values), y), c=colors, s=18)
-        for y, name in ((0.75, "cut off: a point is in the cell it lies in"),
-                        (0.35, "rounded: half of them are not")):
-            right.text(171, y, name, ha="center", zorder=4,
-                       bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.85, "pad": 1})
+        for y, name in (
+            (0.75, "cut off: a point is in the cell it lies in"),
+            (0.35, "rounded: half of them are not"),
+        ):
+            right.text(
+                171,
+                y,
+                name,
+                ha="center",
+                zorder=4,
+                bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.85, "pad": 1},
+            )
         right.plot([50 / 300 * 1024] * 2, [0.2, 0.95], color=AXES[2], lw=1.2, ls=":")
         right.text(50 / 300 * 1024, 0.13, "z = 50", ha="center", color=AXES[2])
         right.set_xlim(169, 173)
@@ -136,8 +164,13 @@ def dense_array(path: Any, device: str = "auto", dpi: float = 110) -> None:
                 at = x + width * i / n
                 ax.plot([at, at], [0, 1], color=INK, lw=0.8 if level < 2 else 0.3)
             last = first + n - 1
-            ax.text(x + width / 2, -0.3, f"{first}" if not level else f"{first} … {last}",
-                    ha="center", va="center")
+            ax.text(
+                x + width / 2,
+                -0.3,
+                f"{first}" if not level else f"{first} … {last}",
+                ha="center",
+                va="center",
+            )
             ax.text(x + width / 2, -0.72, f"level {level}", ha="center", va="center", color=GRAY)
             starts.append((x, width, first, n))
             first, x = first + n, x + width
@@ -155,10 +188,18 @@ def dense_array(path: Any, device: str = "auto", dpi: float = 110) -> None:
             (target, 2.1, f"001 011 → (8² − 1)/7 + 11 = {place}", BLUE),
             (target3, 2.8, f"{other} − (8³ − 1)/7 = {other - first3} → {triplets(key, 3)}", RED),
         ):
-            ax.annotate("", (at, 1.02), (at, top - 0.15),
-                        arrowprops={"arrowstyle": "->", "color": color})
-            ax.text(at, top, label, color=color, ha="left" if at > 0.5 else "center",
-                    va="center", bbox={"facecolor": "white", "edgecolor": "none", "pad": 1})
+            ax.annotate(
+                "", (at, 1.02), (at, top - 0.15), arrowprops={"arrowstyle": "->", "color": color}
+            )
+            ax.text(
+                at,
+                top,
+                label,
+                color=color,
+                ha="left" if at > 0.5 else "center",
+                va="center",
+                bbox={"facecolor": "white", "edgecolor": "none", "pad": 1},
+            )
         ax.text(x, 0.5, " …", va="center", fontsize=14)
         ax.set_xlim(-0.4, x + 0.6)
         ax.set_ylim(-1, 3.8)
@@ -177,5 +218,13 @@ def _changed_bits(ax: Any, x: float, y: float, middle: int, node: int) -> None:
     text, known = triplets(node, 3), triplets(middle, 3)
     for i, (bit, old) in enumerate(zip(text, known, strict=True)):
         color = INK if bit == old else AXES[2 - i % 4]
-        ax.text(x + (i - 5) * 0.078, y, bit, ha="center", color=color, family="DejaVu Sans Mono",
-                fontsize=10.5, weight="bold" if bit != old else "normal")
+        ax.text(
+            x + (i - 5) * 0.078,
+            y,
+            bit,
+            ha="center",
+            color=color,
+            family="DejaVu Sans Mono",
+            fontsize=10.5,
+            weight="bold" if bit != old else "normal",
+        )

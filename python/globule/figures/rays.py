@@ -13,10 +13,19 @@ from .kernels import radius
 from .style import BLUE, GRAY, GREEN, INK, ORANGE, PURPLE, RED, SKY, Figure, bare
 
 THRESHOLD = 0.5
-CENTRES = np.array([
-    [-2.3, 0.25], [-1.6, -0.3], [-0.95, 0.2], [-0.25, -0.25], [0.4, 0.3], [1.1, 0.0], [1.75, 0.5],
-    [0.75, 1.05], [3.1, -0.35],
-])
+CENTRES = np.array(
+    [
+        [-2.3, 0.25],
+        [-1.6, -0.3],
+        [-0.95, 0.2],
+        [-0.25, -0.25],
+        [0.4, 0.3],
+        [1.1, 0.0],
+        [1.75, 0.5],
+        [0.75, 1.05],
+        [3.1, -0.35],
+    ]
+)
 
 
 # Of figure 5.4: the ray along y = 0 passes the first two without a hit, and the last not at all.
@@ -62,9 +71,14 @@ def exterior_spheres(path: Any, device: str = "auto", dpi: float = 110) -> None:
         alone, d = CENTRES[-1], radius("murakami", THRESHOLD, device)
         _circle(ax, *alone, d, ORANGE, "-", 2.4)
         tip = alone + d * np.array([0.8, 0.6])
-        ax.annotate("", tip, alone, zorder=6, arrowprops={
-            "arrowstyle": "->", "color": ORANGE, "shrinkA": 0, "shrinkB": 0, "lw": 1.6})
-        ax.text(*(alone + [0.12, 0.3]), "d", color=ORANGE, fontsize=13)
+        ax.annotate(
+            "",
+            tip,
+            alone,
+            zorder=6,
+            arrowprops={"arrowstyle": "->", "color": ORANGE, "shrinkA": 0, "shrinkB": 0, "lw": 1.6},
+        )
+        ax.text(*([*alone, 0.12, 0.3]), "d", color=ORANGE, fontsize=13)
         for y, slope, shift, color, text in (
             (1.84, 0.0, 0.08, GREEN, "meets one sphere: searched there, nothing found"),
             (-1.05, 0.11, -0.25, RED, "meets spheres: hit"),
@@ -74,8 +88,18 @@ def exterior_spheres(path: Any, device: str = "auto", dpi: float = 110) -> None:
             direction /= np.linalg.norm(direction)
             depth = float(intersect(scene, origin[None], direction[None])[0][0])
             end = (origin + min(depth, 8.3) * direction)[:2]
-            ax.annotate("", end, origin[:2], arrowprops={
-                "arrowstyle": "->", "color": color, "lw": 1.8, "shrinkA": 0, "shrinkB": 0})
+            ax.annotate(
+                "",
+                end,
+                origin[:2],
+                arrowprops={
+                    "arrowstyle": "->",
+                    "color": color,
+                    "lw": 1.8,
+                    "shrinkA": 0,
+                    "shrinkB": 0,
+                },
+            )
             ax.text(-3.8, y + shift, text, color=color)
         ax.text(3.95, -1.2, "supports", color=GRAY)
         ax.set_xlim(-3.9, 4.6)
@@ -99,8 +123,12 @@ def ordered_events(path: Any, device: str = "auto", dpi: float = 110) -> None:
         for i, (x, y) in enumerate(ON_A_RAY):
             _circle(above, x, y, 1, colors.get(i, GRAY), "-" if i in names else "--", 1.6)
             above.plot(x, y, "o", color=colors.get(i, GRAY), ms=4)
-        above.annotate("", (3.9, 0), origin[:2], arrowprops={
-            "arrowstyle": "->", "color": INK, "lw": 1.6, "shrinkA": 0})
+        above.annotate(
+            "",
+            (3.9, 0),
+            origin[:2],
+            arrowprops={"arrowstyle": "->", "color": INK, "lw": 1.6, "shrinkA": 0},
+        )
         for t, i, entered in events:
             at = origin[0] + t
             face = colors[i] if entered else "white"
@@ -108,8 +136,16 @@ def ordered_events(path: Any, device: str = "auto", dpi: float = 110) -> None:
             below.axvline(at, color=colors[i], lw=1.1, ls="-" if entered else ":")
             if entered:
                 for ax, x, y in ((above, at - 0.08, 0.1), (below, at - 0.04, 0.88)):
-                    ax.text(x, y, names[i], color=colors[i], fontsize=13, ha="right",
-                            weight="bold", zorder=6)
+                    ax.text(
+                        x,
+                        y,
+                        names[i],
+                        color=colors[i],
+                        fontsize=13,
+                        ha="right",
+                        weight="bold",
+                        zorder=6,
+                    )
         x = np.linspace(-3.2, 4.05, 600)
         f = plane_field(scene, x, 0 * x)
         below.plot(x, f, color=INK, lw=2)
@@ -132,5 +168,4 @@ def _surface(ax: Any, scene: Scene) -> None:
 def _circle(ax: Any, x: float, y: float, r: float, color: str, style: str, width: float) -> None:
     from matplotlib.patches import Circle
 
-    ax.add_patch(Circle((x, y), r, fill=False, edgecolor=color, ls=style, lw=width,
-                        zorder=4))
+    ax.add_patch(Circle((x, y), r, fill=False, edgecolor=color, ls=style, lw=width, zorder=4))

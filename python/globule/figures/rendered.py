@@ -117,8 +117,10 @@ def at_the_border(
     box = np.array([[0, 0, 0], [1, 1, 1]], float)
     color = colorize(rng.uniform(0, 1, n), "viridis", -0.1, 1.05)
     scene = Scene(
-        Particles(np.clip(positions, 0, 1), support=0.12, color=color), threshold=0.4,
-        device=device, bounds=box if bounds is None else bounds,
+        Particles(np.clip(positions, 0, 1), support=0.12, color=color),
+        threshold=0.4,
+        device=device,
+        bounds=box if bounds is None else bounds,
     )
     return scene, box
 

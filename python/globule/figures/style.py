@@ -17,16 +17,28 @@ AXES = (RED, GREEN, BLUE)  # x, y, z
 LARGE = 148_000  # bytes
 # Rows right, up and towards the eye, of the parallel projection of drawings in space.
 _TURN, _TILT = np.radians(-32), np.radians(24)
-VIEW = np.array([
-    [np.cos(_TURN), 0, np.sin(_TURN)],
-    [np.sin(_TILT) * np.sin(_TURN), np.cos(_TILT), -np.sin(_TILT) * np.cos(_TURN)],
-    [-np.cos(_TILT) * np.sin(_TURN), np.sin(_TILT), np.cos(_TILT) * np.cos(_TURN)],
-])
+VIEW = np.array(
+    [
+        [np.cos(_TURN), 0, np.sin(_TURN)],
+        [np.sin(_TILT) * np.sin(_TURN), np.cos(_TILT), -np.sin(_TILT) * np.cos(_TURN)],
+        [-np.cos(_TILT) * np.sin(_TURN), np.sin(_TILT), np.cos(_TILT) * np.cos(_TURN)],
+    ]
+)
 
-_FONT = {"font.family": "DejaVu Sans", "font.size": 10.5, "axes.titlesize": 11.5,
-         "axes.edgecolor": GRAY, "axes.labelcolor": INK, "text.color": INK,
-         "xtick.color": GRAY, "ytick.color": GRAY, "axes.spines.top": False,
-         "axes.spines.right": False, "legend.frameon": False, "axes.titlelocation": "left"}
+_FONT = {
+    "font.family": "DejaVu Sans",
+    "font.size": 10.5,
+    "axes.titlesize": 11.5,
+    "axes.edgecolor": GRAY,
+    "axes.labelcolor": INK,
+    "text.color": INK,
+    "xtick.color": GRAY,
+    "ytick.color": GRAY,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "legend.frameon": False,
+    "axes.titlelocation": "left",
+}
 
 
 class Figure:
@@ -87,7 +99,12 @@ def box_edges(lo: Any, hi: Any) -> np.ndarray:
 
 
 def draw_cubes(
-    ax: Any, corners: np.ndarray, side: float, colors: Any, alpha: float = 1.0, width: float = 0.6,
+    ax: Any,
+    corners: np.ndarray,
+    side: float,
+    colors: Any,
+    alpha: float = 1.0,
+    width: float = 0.6,
     edge: str = "#33506b",
 ) -> None:
     """Cubes (M, 3) of one grid, y upwards, seen from the front, the right and above; the far ones
@@ -99,15 +116,25 @@ def draw_cubes(
     each = np.array([to_rgb(c) for c in ([colors] if isinstance(colors, str) else colors)])
     each = np.broadcast_to(each, (len(corners), 3))[order]
     # The sides towards the eye: +y, +z and +x, the top lightest.
-    faces = np.array([[[0, 1, 0], [1, 1, 0], [1, 1, 1], [0, 1, 1]],
-                      [[0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]],
-                      [[1, 0, 0], [1, 1, 0], [1, 1, 1], [1, 0, 1]]])
+    faces = np.array(
+        [
+            [[0, 1, 0], [1, 1, 0], [1, 1, 1], [0, 1, 1]],
+            [[0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]],
+            [[1, 0, 0], [1, 1, 0], [1, 1, 1], [1, 0, 1]],
+        ]
+    )
     points = corners[order][:, None, None] + side * faces
     shade = np.array([1.0, 0.86, 0.72])[:, None]
-    ax.add_collection(PolyCollection(
-        flattened(points).reshape(-1, 4, 2), facecolors=(each[:, None] * shade).reshape(-1, 3),
-        edgecolors=edge, linewidths=width, alpha=alpha, joinstyle="round",
-    ))
+    ax.add_collection(
+        PolyCollection(
+            flattened(points).reshape(-1, 4, 2),
+            facecolors=(each[:, None] * shade).reshape(-1, 3),
+            edgecolors=edge,
+            linewidths=width,
+            alpha=alpha,
+            joinstyle="round",
+        )
+    )
     ax.autoscale_view()
 
 
@@ -137,7 +164,12 @@ def show_frame(ax: Any, picture: np.ndarray) -> None:
 
 
 def draw_boxes(
-    ax: Any, camera: Camera, frame: Any, edges: np.ndarray, color: str, width: float = 1.2,
+    ax: Any,
+    camera: Camera,
+    frame: Any,
+    edges: np.ndarray,
+    color: str,
+    width: float = 1.2,
     hidden: float = 0.15,
 ) -> None:
     """Edges (M, 2, 3) over a rendered frame; what the surface hides is drawn faintly, with

@@ -34,10 +34,18 @@ def in_the_plane(path: Any, device: str = "auto", dpi: float = 110) -> None:
             for i, (x, y) in enumerate(cells):
                 label = f"{i:0{2 * level}b}" if level < 3 else str(i)
                 shift = 0.3 if level < 3 else 0.27
-                ax.text(x + 0.5, y + 0.5 - shift, label, ha="center", va="center", color=INK,
-                        fontsize=(13, 9.5, 6.5)[level - 1],
-                        family="DejaVu Sans Mono" if level < 3 else None, zorder=4,
-                        bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.6})
+                ax.text(
+                    x + 0.5,
+                    y + 0.5 - shift,
+                    label,
+                    ha="center",
+                    va="center",
+                    color=INK,
+                    fontsize=(13, 9.5, 6.5)[level - 1],
+                    family="DejaVu Sans Mono" if level < 3 else None,
+                    zorder=4,
+                    bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.6},
+                )
             _axes_arrows(ax, n)
 
 
@@ -60,8 +68,9 @@ def in_space(path: Any, device: str = "auto", dpi: float = 110) -> None:
             _curve(ax, cells, 3.2 if level == 1 else 2.2)
             if level == 1:
                 for j, cell in enumerate(cells):
-                    ax.text(*(cell + [0.06, 0, 0.1]), f"{j:03b}", fontsize=11,
-                            family="DejaVu Sans Mono")
+                    ax.text(
+                        *([*cell, 0.06, 0, 0.1]), f"{j:03b}", fontsize=11, family="DejaVu Sans Mono"
+                    )
             ax.set_box_aspect((1, 1, 1), zoom=1.12)
             for name, color in zip("xyz", AXES, strict=True):
                 getattr(ax, f"set_{name}label")(name, color=color, labelpad=-10)
@@ -88,8 +97,13 @@ def interleaving(path: Any, device: str = "auto", dpi: float = 110) -> None:
             x, color = place * 0.95 + 0.25 * level, AXES[axis]
             _bit(ax, x, 0, key >> (3 * n_bits - 1 - place) & 1, color)
             start = (3.3 + level, 4.4 - 1.1 * axis - 0.42)
-            ax.annotate("", (x, 0.46), start, zorder=0, arrowprops={
-                "arrowstyle": "->", "color": color, "alpha": 0.45, "lw": 1.1})
+            ax.annotate(
+                "",
+                (x, 0.46),
+                start,
+                zorder=0,
+                arrowprops={"arrowstyle": "->", "color": color, "alpha": 0.45, "lw": 1.1},
+            )
         for level in range(n_bits):
             x = 3 * level * 0.95 + 0.25 * level
             ax.plot([x - 0.4, x + 2.3], [-0.62, -0.62], color=GRAY, lw=1)
@@ -114,10 +128,19 @@ def _bit(ax: Any, x: float, y: float, value: int, color: str) -> None:
     from matplotlib.patches import Rectangle
 
     face = color if value else "white"
-    ax.add_patch(Rectangle((x - 0.42, y - 0.42), 0.84, 0.84, facecolor=face,
-                           edgecolor=color, lw=1.4))
-    ax.text(x, y - 0.02, str(value), ha="center", va="center", fontsize=13,
-            color="white" if value else color, family="DejaVu Sans Mono")
+    ax.add_patch(
+        Rectangle((x - 0.42, y - 0.42), 0.84, 0.84, facecolor=face, edgecolor=color, lw=1.4)
+    )
+    ax.text(
+        x,
+        y - 0.02,
+        str(value),
+        ha="center",
+        va="center",
+        fontsize=13,
+        color="white" if value else color,
+        family="DejaVu Sans Mono",
+    )
 
 
 def _axes_arrows(ax: Any, n: int) -> None:

@@ -179,8 +179,16 @@ def _resampled(sitk: Any, image: Any, spacing: float, smooth: bool) -> Any:
     origin = image.GetOrigin() + direction @ ((spacing - edges) / 2)
     interpolator = sitk.sitkLinear if smooth else sitk.sitkNearestNeighbor
     return sitk.Resample(
-        image, [int(n) for n in size], sitk.Transform(), interpolator, origin.tolist(),
-        [spacing] * 3, image.GetDirection(), 0.0, image.GetPixelID(), True,
+        image,
+        [int(n) for n in size],
+        sitk.Transform(),
+        interpolator,
+        origin.tolist(),
+        [spacing] * 3,
+        image.GetDirection(),
+        0.0,
+        image.GetPixelID(),
+        True,
     )
 
 

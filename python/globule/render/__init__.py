@@ -1,0 +1,1 @@
+"""From a scene to an image: cameras, light, materials, clips, layers, sequences."""

@@ -118,8 +118,11 @@ class Camera(Fixed):
         """Unit directions of the rays that go through points (N, 3), world: (N, 3)."""
         points = np.asarray(points, np.float64)
         ahead = np.subtract(self.look_at, self.eye)
-        away = points - np.asarray(self.eye) if self.height is None else np.broadcast_to(
-            ahead, points.shape)
+        away = (
+            points - np.asarray(self.eye)
+            if self.height is None
+            else np.broadcast_to(ahead, points.shape)
+        )
         return away / np.linalg.norm(away, axis=1, keepdims=True)
 
     def ray(self, size: tuple[int, int], screen: Any) -> tuple[np.ndarray, np.ndarray]:

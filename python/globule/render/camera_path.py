@@ -66,7 +66,7 @@ class CameraPath:
     @property
     def n_frames(self) -> int:
         """Frames up to and with the last key."""
-        return int(math.floor(self.frames[-1] + 1e-6)) + 1
+        return math.floor(self.frames[-1] + 1e-6) + 1
 
     def __call__(self, frame: float) -> Camera:
         """The camera of a frame, counted from 0."""
@@ -174,17 +174,21 @@ def _checked(keys: Any, fps: float) -> tuple[list[float], list[Camera]]:
                 raise ValueError(f"expected {wanted}, got {' and '.join(given) or 'none'}")
             unit = given[0]
             frame = _number(unit, key[unit]) * (fps if unit == "time" else 1)
-            if frame < 0 or frames and frame <= frames[-1]:
+            if frame < 0 or (frames and frame <= frames[-1]):
                 least = "at least 0" if not frames else "more than in the key before"
                 raise ValueError(f"{unit}: expected {least}, got {key[unit]!r}")
             state.update({name: value for name, value in key.items() if name != unit})
             missing = {"eye", "look_at"} - set(state)
             if missing:
                 raise ValueError(f"{sorted(missing)[0]}: expected in the first key, got none")
-            cameras.append(Camera(
-                _vector("eye", state["eye"]), _vector("look_at", state["look_at"]),
-                _vector("up", state["up"]), _number("fov", state["fov"]),
-            ))
+            cameras.append(
+                Camera(
+                    _vector("eye", state["eye"]),
+                    _vector("look_at", state["look_at"]),
+                    _vector("up", state["up"]),
+                    _number("fov", state["fov"]),
+                )
+            )
             frames.append(frame)
         except ValueError as error:
             raise ValueError(f"key {number}: {error}") from None

@@ -105,23 +105,25 @@ class RenderSettings(Fixed):
         far = 0.0 if self.ambient_distance is None else self.ambient_distance
         distance = number("ambient_distance", far, 0.0)
         background = three("background", self.background, 0.0)
-        return _core.Look({
-            "lights": [light._pack() for light in lights],
-            "ambient": [0.0, 0.0, 0.0] if sky_light else three("ambient", self.ambient, 0.0),
-            "sky_light": sky_light,
-            "background": background,
-            "exposure": number("exposure", self.exposure, 0.0),
-            "shadows": bool(self.shadows),
-            "ambient_rays": rays,
-            "ambient_distance": distance,
-            "sky": (self.sky or uniform_sky(background))._pack(),
-            "show_sky": self.sky is not None,
-            "ground": self.ground._pack() if self.ground else None,
-            "depth": whole("depth", self.depth, 0, 32),
-            "cutoff": number("cutoff", self.cutoff, 0.0, 1.0),
-            "specular": number("specular", self.specular, 0.0),
-            "shininess": number("shininess", self.shininess, 0.0),
-        })
+        return _core.Look(
+            {
+                "lights": [light._pack() for light in lights],
+                "ambient": [0.0, 0.0, 0.0] if sky_light else three("ambient", self.ambient, 0.0),
+                "sky_light": sky_light,
+                "background": background,
+                "exposure": number("exposure", self.exposure, 0.0),
+                "shadows": bool(self.shadows),
+                "ambient_rays": rays,
+                "ambient_distance": distance,
+                "sky": (self.sky or uniform_sky(background))._pack(),
+                "show_sky": self.sky is not None,
+                "ground": self.ground._pack() if self.ground else None,
+                "depth": whole("depth", self.depth, 0, 32),
+                "cutoff": number("cutoff", self.cutoff, 0.0, 1.0),
+                "specular": number("specular", self.specular, 0.0),
+                "shininess": number("shininess", self.shininess, 0.0),
+            }
+        )
 
     def _look(self, scene: Scene) -> Any:
         """What the core takes for a picture of `scene`."""
@@ -264,9 +266,9 @@ class Frame:
         points = self.position.reshape(-1, 3)
         hit = np.isfinite(points[:, 0]) & (self._layer.reshape(-1) == 0)
         blended = self._scene.blend(points[hit], values)
-        out = np.full((len(points),) + blended.shape[1:], np.nan, np.float32)
+        out = np.full((len(points), *blended.shape[1:]), np.nan, np.float32)
         out[hit] = blended
-        return out.reshape((self.size[1], self.size[0]) + blended.shape[1:])
+        return out.reshape((self.size[1], self.size[0], *blended.shape[1:]))
 
     def save(self, path: Any) -> None:
         """Write the picture (.png) or every image (.npz, .exr); whole or not at all."""

@@ -54,13 +54,15 @@ class Material(Fixed):
             value = getattr(self, name)
             return [-1.0, -1.0, -1.0] if value is None else three(name, value, 0.0)
 
-        return _core.Material({
-            "reflection": given("reflection", 1.0),
-            "transmission": given("transmission", 1.0),
-            "index": 0.0 if self.index is None else number("index", self.index, 1.0, 4.0),
-            "roughness": number("roughness", self.roughness, 0.0, 1.0),
-            "color": colors("color"),
-            "absorption": colors("absorption"),
-            "specular": given("specular"),
-            "shininess": given("shininess"),
-        })
+        return _core.Material(
+            {
+                "reflection": given("reflection", 1.0),
+                "transmission": given("transmission", 1.0),
+                "index": 0.0 if self.index is None else number("index", self.index, 1.0, 4.0),
+                "roughness": number("roughness", self.roughness, 0.0, 1.0),
+                "color": colors("color"),
+                "absorption": colors("absorption"),
+                "specular": given("specular"),
+                "shininess": given("shininess"),
+            }
+        )

@@ -104,9 +104,7 @@ def read_ahead(items: Iterable[Any], n_ahead: int = 1) -> Iterator[Any]:
         stopped.set()
 
 
-def value_range(
-    frames: Iterable[Particles | str | os.PathLike], name: str
-) -> tuple[float, float]:
+def value_range(frames: Iterable[Particles | str | os.PathLike], name: str) -> tuple[float, float]:
     """Lowest and highest finite value of an attribute over all frames (a vector's length)."""
     lo, hi = np.inf, -np.inf
     for frame in frames:

@@ -1,0 +1,1 @@
+"""Particles, their octree, the field that they make, and questions about it."""

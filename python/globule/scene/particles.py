@@ -164,7 +164,7 @@ def _anisotropy(name: str, value: Any, n: int) -> np.ndarray:
         raise ValueError(f"{name}: expected shape ({n}, 3, 3), got {array.shape}")
     good = np.isfinite(array).all(axis=(1, 2))
     size = np.abs(np.where(good[:, None, None], array, 1)).max(axis=(1, 2))
-    good &= (np.abs(array - array.transpose(0, 2, 1)).max(axis=(1, 2), initial=0) <= 1e-4 * size)
+    good &= np.abs(array - array.transpose(0, 2, 1)).max(axis=(1, 2), initial=0) <= 1e-4 * size
     good[good] = np.linalg.eigvalsh(array[good])[:, 0] > 0
     if not good.all():
         raise ValueError(

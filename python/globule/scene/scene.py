@@ -92,9 +92,7 @@ class Scene:
         self.builds = 0  # how often the octree has been built
         self._kernel = KERNELS.index(kernel)
         self._tree = (key_bits, int(depth), octree == "dense", _space(bounds))
-        self._raw = _core.Scene(
-            self.device.backend, self.device.index, thread_count(threads)
-        )
+        self._raw = _core.Scene(self.device.backend, self.device.index, thread_count(threads))
         self._lock = threading.RLock()
         self._stale = False
         self._support = None if support is None else _positive("support", support)

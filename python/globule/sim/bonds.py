@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from typing import Any
 
@@ -114,7 +115,7 @@ def along(course: Any, radius: float, points: np.ndarray) -> np.ndarray:
     """(M,) bool: points (M, 3) within `radius` of a polyline (K, 3)."""
     course = np.asarray(course, np.float64)
     inside = np.zeros(len(points), bool)
-    for a, b in zip(course[:-1], course[1:], strict=True):
+    for a, b in itertools.pairwise(course):
         axis = b - a
         share = np.clip((points - a) @ axis / max(float(axis @ axis), 1e-300), 0, 1)
         inside |= np.linalg.norm(points - a - share[:, None] * axis, axis=1) <= radius

@@ -1,0 +1,1 @@
+"""From a tracked sweep to a volume, live or from files; calibration; trust."""

@@ -237,8 +237,9 @@ def _observations(pixels: Any, world_from_probe: Any) -> tuple[np.ndarray, np.nd
     for name, array in (("pixels", pixels), ("world_from_probe", poses)):
         good = np.isfinite(array).reshape(len(array), -1).all(axis=1)
         if not good.all():
-            raise ValueError(f"{name}: expected finite numbers, got NaN or inf "
-                             f"(observation {np.argmin(good)})")
+            raise ValueError(
+                f"{name}: expected finite numbers, got NaN or inf (observation {np.argmin(good)})"
+            )
     return pixels, poses
 
 

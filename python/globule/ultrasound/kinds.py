@@ -6,7 +6,7 @@ import os
 import zipfile
 
 from ..formats.sweeps import stack
-from ..volumes.files import READABLE as VOLUMES
+from ..formats.volumes import READABLE as VOLUMES
 from .files import WRITABLE as SWEEPS
 from .files import is_sweep
 
@@ -15,7 +15,7 @@ SURFACES = (".nrrd", ".nhdr", ".mha", ".mhd", ".vti")  # and .npz that hold a vo
 
 
 def kind_of(path: str) -> str | None:
-    """"sweep", "volume", or None for everything else, which may be particles. Raises OSError."""
+    """ "sweep", "volume", or None for everything else, which may be particles. Raises OSError."""
     name = path.lower()
     if not os.path.isdir(path) and not name.endswith(EXTENSIONS):
         return None

@@ -233,9 +233,7 @@ class Reconstructor:
             before[0] = -(-before[0] // _TILE) * _TILE
             after = np.where(after > 0, after + slack, 0).astype(int)
             n = np.array(self._grid.size) + _BLOCK * (before + after)
-            grid = VoxelGrid(
-                self._grid.low - before * edge, self.spacing, tuple(int(v) for v in n)
-            )
+            grid = VoxelGrid(self._grid.low - before * edge, self.spacing, tuple(int(v) for v in n))
             self._reserve(grid, added)
             self._core.grow(grid.size, before.tolist())
             self._grid = grid

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -49,16 +50,20 @@ def temporal_offset(
     places = np.asarray(poses, np.float64)[:, :3, 3]
     if len(frames) != len(frame_times) or len(places) != len(pose_times):
         raise ValueError("times: expected one per frame and one per pose")
-    image = _speed(frame_times, [
-        float(np.abs(np.subtract(b, a, dtype=np.float32)).mean())
-        for a, b in zip(frames, frames[1:], strict=False)
-    ])
+    image = _speed(
+        frame_times,
+        [
+            float(np.abs(np.subtract(b, a, dtype=np.float32)).mean())
+            for a, b in itertools.pairwise(frames)
+        ],
+    )
     probe = _speed(pose_times, np.linalg.norm(np.diff(places, axis=0), axis=1))
     step = min(np.median(np.diff(image[0])), np.median(np.diff(probe[0]))) / 4
     first, last = image[0][0] + most, image[0][-1] - most
     if last - first < 8 * step:
-        raise ValueError(f"frame_times: expected more than {2 * most:g} s, got "
-                         f"{np.ptp(frame_times):g} s")
+        raise ValueError(
+            f"frame_times: expected more than {2 * most:g} s, got {np.ptp(frame_times):g} s"
+        )
     grid = np.arange(first, last, step)
     seen = _normal("frames", np.interp(grid, *image))
     n_lags = int(most / step)

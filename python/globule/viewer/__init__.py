@@ -63,8 +63,15 @@ def widget(what: Any, **options: Any) -> Any:
 
 
 def show(
-    source: Any, host: str, port: int, up: Any, camera: Any = None, state: Any = None,
-    preset: str | None = None, browser: bool = True, block: bool | None = None,
+    source: Any,
+    host: str,
+    port: int,
+    up: Any,
+    camera: Any = None,
+    state: Any = None,
+    preset: str | None = None,
+    browser: bool = True,
+    block: bool | None = None,
 ) -> Viewer:
     """A viewer of a source; see `view`."""
     from .app import Viewer

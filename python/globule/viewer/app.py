@@ -54,8 +54,13 @@ class Viewer:
     """
 
     def __init__(
-        self, source: Source, state: State | None = None, host: str = "127.0.0.1",
-        port: int = 8080, up: Any = None, camera: Camera | None = None,
+        self,
+        source: Source,
+        state: State | None = None,
+        host: str = "127.0.0.1",
+        port: int = 8080,
+        up: Any = None,
+        camera: Camera | None = None,
         title: str | None = None,
     ):
         viser = need_viser()
@@ -113,11 +118,15 @@ class Viewer:
         if self._asked_port and self.port != self._asked_port:
             lines.append(f"globule: port {self._asked_port} is taken, so this is {self.port}")
         if self.token is None:
-            lines.append(f"globule: from another machine: ssh -L {self.port}:localhost:{self.port} "
-                         f"{socket.gethostname()}, then the same address there")
+            lines.append(
+                f"globule: from another machine: ssh -L {self.port}:localhost:{self.port} "
+                f"{socket.gethostname()}, then the same address there"
+            )
         else:
-            lines.append("globule: whoever has this address can look and steer; it is not "
-                         "encrypted, so better stay with ssh where others can listen")
+            lines.append(
+                "globule: whoever has this address can look and steer; it is not "
+                "encrypted, so better stay with ssh where others can listen"
+            )
         return [*lines, "globule: Ctrl-C ends it"]
 
     def open_browser(self) -> None:
@@ -136,8 +145,9 @@ class Viewer:
         from .viser_sink import ViserSink
 
         if len(self.clients) >= MOST_CLIENTS:
-            browser.add_notification("Not possible", f"expected at most {MOST_CLIENTS} browsers",
-                                     color="red")
+            browser.add_notification(
+                "Not possible", f"expected at most {MOST_CLIENTS} browsers", color="red"
+            )
             return
         sink = ViserSink(browser, lambda number: client.acknowledge(number))
         client = self.engine.add(sink, self.first_camera)
@@ -147,8 +157,9 @@ class Viewer:
 
         async def moved(camera: Any) -> None:
             try:
-                size = tuple(min(int(v), MOST_WINDOW)
-                             for v in (camera.image_width, camera.image_height))
+                size = tuple(
+                    min(int(v), MOST_WINDOW) for v in (camera.image_width, camera.image_height)
+                )
                 if first and min(size) > 0 and abs(size[0] / size[1] / first["aspect"] - 1) > 0.01:
                     self._fit_window(browser, first, size[0] / size[1])
                 client.look(self.camera_of(camera), size)
@@ -180,8 +191,9 @@ class Viewer:
 
     def camera_of(self, camera: Any) -> Camera:
         """The world's camera of a browser's."""
-        return self.placement.camera(camera.position, camera.look_at, camera.up_direction,
-                                     camera.fov)
+        return self.placement.camera(
+            camera.position, camera.look_at, camera.up_direction, camera.fov
+        )
 
     def move(self, browser: Any, camera: Camera) -> None:
         """Put a browser's camera somewhere."""
@@ -199,8 +211,9 @@ class Viewer:
         self._frame_callbacks.append(called)
         return called
 
-    def _on_picture(self, client: Client, number: int, picture: np.ndarray, plan: Plan
-                    ) -> np.ndarray:
+    def _on_picture(
+        self, client: Client, number: int, picture: np.ndarray, plan: Plan
+    ) -> np.ndarray:
         for called in self._frame_callbacks:
             changed = called(ShownFrame(number, picture, client.camera, plan.still, self))
             if changed is not None:
@@ -236,25 +249,37 @@ class Viewer:
         _, _, right, up = camera.frame((1, 1))
         normal = normal / np.linalg.norm(normal)
         normal = normal if normal @ (right + up) > 0 else -normal
-        self.state.set(cuts__plane=True, cuts__normal=tuple(normal.tolist()),
-                       cuts__point=tuple(((first + last) / 2).tolist()))
+        self.state.set(
+            cuts__plane=True,
+            cuts__normal=tuple(normal.tolist()),
+            cuts__point=tuple(((first + last) / 2).tolist()),
+        )
         return "A cutting plane along the stroke; *No cuts* in the panel Cut takes it away."
 
-    def screenshot(self, path: Any, size: tuple[int, int] = FIRST_SIZE, samples: int | None = None,
-                   camera: Camera | None = None) -> Shot:
+    def screenshot(
+        self,
+        path: Any,
+        size: tuple[int, int] = FIRST_SIZE,
+        samples: int | None = None,
+        camera: Camera | None = None,
+    ) -> Shot:
         """Write what is seen (.png, .exr); by default from where viewers begin."""
-        shot = Shot(self.engine, camera or self.first_camera, size,
-                    samples or self.state.quality.samples)
+        shot = Shot(
+            self.engine, camera or self.first_camera, size, samples or self.state.quality.samples
+        )
         shot.save(path)
         return shot
 
-    def equivalent(self, camera: Camera | None = None, size: tuple[int, int] = FIRST_SIZE
-                   ) -> tuple[str, str]:
+    def equivalent(
+        self, camera: Camera | None = None, size: tuple[int, int] = FIRST_SIZE
+    ) -> tuple[str, str]:
         """A command line and a Python program that make this picture."""
         state, camera = self.state.snapshot(), camera or self.first_camera
         with self.source.lock:
-            return (command_line(self.source, state, camera, size, self.up),
-                    python_code(self.source, state, camera, size, self.up))
+            return (
+                command_line(self.source, state, camera, size, self.up),
+                python_code(self.source, state, camera, size, self.up),
+            )
 
     def save_state(self, path: Any) -> None:
         """All settings and where viewers begin, as TOML."""
@@ -310,8 +335,9 @@ class ShownFrame:
     """A picture on its way: `number`, `picture` (H, W, 3) uint8, `camera`, `still`, `viewer`, and
     `time` in seconds of the clock."""
 
-    def __init__(self, number: int, picture: np.ndarray, camera: Camera, still: bool,
-                 viewer: Viewer):
+    def __init__(
+        self, number: int, picture: np.ndarray, camera: Camera, still: bool, viewer: Viewer
+    ):
         self.number, self.picture, self.camera, self.still = number, picture, camera, still
         self.viewer, self.time = viewer, time.time()
 
@@ -345,8 +371,9 @@ def check_host(host: str) -> None:
         with socket.socket(family, kind) as tried:
             tried.bind(address)
     except OSError as error:
-        raise ValueError(f"host: expected an address of this machine, got {host!r}: "
-                         f"{error.strerror}") from None
+        raise ValueError(
+            f"host: expected an address of this machine, got {host!r}: {error.strerror}"
+        ) from None
 
 
 def outermost(source: Source) -> np.ndarray:
@@ -371,8 +398,10 @@ def left_out(scene: Any) -> list[str]:
     n_lost = len(scene) - scene.octree.n_inside
     if not n_lost:
         return []
-    return [f"{n_lost:,} of {len(scene):,} particles {'is' if n_lost == 1 else 'are'} not shown: "
-            "expected finite positions below 1e18, got others"]
+    return [
+        f"{n_lost:,} of {len(scene):,} particles {'is' if n_lost == 1 else 'are'} not shown: "
+        "expected finite positions below 1e18, got others"
+    ]
 
 
 def first_camera(scene: Any, up: Any, around: Any, like: Camera | None = None) -> Camera:

@@ -198,8 +198,9 @@ class Engine:
             for i in range(len(self.clients)):
                 client = self.clients[(self._turn + i) % len(self.clients)]
                 what = self._what(client)
-                plan = client.pacer.plan(now, what, quality.samples, quality.sharpness,
-                                         quality.width)
+                plan = client.pacer.plan(
+                    now, what, quality.samples, quality.sharpness, quality.width
+                )
                 if plan is not None:
                     self._turn = (self._turn + i + 1) % len(self.clients)
                     return client, plan, client.pacer.started(), what
@@ -234,9 +235,14 @@ class Engine:
             else:
                 frame = trace(source, state, camera, plan.size, self.up, moving=not plan.still)
             plates = source.plates(state)
-            more = {"state": state, "camera": camera, "plates": plates,
-                    "marks": client.marks + source.marks(),
-                    "depth": frame.depth if plates else None, "ends": source.maker.range}
+            more = {
+                "state": state,
+                "camera": camera,
+                "plates": plates,
+                "marks": client.marks + source.marks(),
+                "depth": frame.depth if plates else None,
+                "ends": source.maker.range,
+            }
             picture = frame.picture
         with self.wake:
             if client not in self.clients:  # it left meanwhile

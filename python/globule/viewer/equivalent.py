@@ -14,8 +14,9 @@ from .source import Source
 from .state import State
 
 
-def command_line(source: Source, state: State, camera: Camera, size: tuple[int, int], up: Any
-                 ) -> str:
+def command_line(
+    source: Source, state: State, camera: Camera, size: tuple[int, int], up: Any
+) -> str:
     """`globule render …`, or `globule view …` of what lives; what the command cannot say follows
     as a comment. With the source's lock held."""
     origin = source.origin(state)
@@ -25,8 +26,16 @@ def command_line(source: Source, state: State, camera: Camera, size: tuple[int, 
         words = ["globule", "view", *origin.words, *words]
         left += ["light, cuts and samples"] if _lit(source, state, up) else []
     else:
-        words = ["globule", "render", *origin.words, "-o", "picture.png",
-                 "--size", f"{size[0]}x{size[1]}", *words]
+        words = [
+            "globule",
+            "render",
+            *origin.words,
+            "-o",
+            "picture.png",
+            "--size",
+            f"{size[0]}x{size[1]}",
+            *words,
+        ]
         words += _light_words(state, up) + _cut_words(state)
         settings = seen_settings(source, state, source.layers(state)[0].scene, up)
         seen = settings.sky is None and state.look.background != type(state.look)().background
@@ -40,10 +49,17 @@ def command_line(source: Source, state: State, camera: Camera, size: tuple[int, 
 def _first_words(state: State, camera: Camera, unsaid: tuple[str, ...]) -> list[str]:
     """What `render` and `view` have in common."""
     surface, color = state.surface, state.color
-    words = ["--eye", _three(camera.eye), "--look-at", _three(camera.look_at),
-             "--up", _three(camera.up)]
-    words += ["--fov", _text(camera.fov)] if camera.height is None else [
-        "--ortho", _text(camera.height)]
+    words = [
+        "--eye",
+        _three(camera.eye),
+        "--look-at",
+        _three(camera.look_at),
+        "--up",
+        _three(camera.up),
+    ]
+    words += (
+        ["--fov", _text(camera.fov)] if camera.height is None else ["--ortho", _text(camera.height)]
+    )
     words += ["--kernel", surface.kernel] if surface.kernel != "murakami" else []
     for name in ("threshold", "support"):
         value = getattr(surface, name)
@@ -84,23 +100,32 @@ def _cut_words(state: State) -> list[str]:
         if isinstance(clip, ClipPlane):
             words += ["--clip", f"{_three(clip.normal)},{_text(clip.offset)}"]
         elif isinstance(clip, ClipBox):
-            words += ["--crop" if clip.keep else "--clip-box",
-                      f"{_three(clip.lo)},{_three(clip.hi)}"]
+            words += [
+                "--crop" if clip.keep else "--clip-box",
+                f"{_three(clip.lo)},{_three(clip.hi)}",
+            ]
         else:
-            words += ["--crop-sphere" if clip.keep else "--clip-sphere",
-                      f"{_three(clip.center)},{_text(clip.radius)}"]
+            words += [
+                "--crop-sphere" if clip.keep else "--clip-sphere",
+                f"{_three(clip.center)},{_text(clip.radius)}",
+            ]
     return words
 
 
-def python_code(source: Source, state: State, camera: Camera, size: tuple[int, int], up: Any
-                ) -> str:
+def python_code(
+    source: Source, state: State, camera: Camera, size: tuple[int, int], up: Any
+) -> str:
     """A program that makes the picture; with the source's lock held."""
     origin, surface, color = source.origin(state), state.surface, state.color
     scene = source.layers(state)[0].scene
-    options = {"kernel": surface.kernel, "threshold": float(scene.threshold),
-               **scene_options(source.particles(), surface.kernel, surface.support, surface.root)}
-    settings = dataclasses.replace(seen_settings(source, state, scene, up),
-                                   samples=state.quality.samples)
+    options = {
+        "kernel": surface.kernel,
+        "threshold": float(scene.threshold),
+        **scene_options(source.particles(), surface.kernel, surface.support, surface.root),
+    }
+    settings = dataclasses.replace(
+        seen_settings(source, state, scene, up), samples=state.quality.samples
+    )
     plain = type(settings)()
     changes = [
         f"    {field.name}={_code(getattr(settings, field.name))},"
@@ -111,17 +136,26 @@ def python_code(source: Source, state: State, camera: Camera, size: tuple[int, i
     lines = ["import globule as gb", *_imports(state), "", *origin.code]
     if color.by:
         ends = "values.min(), values.max()" if color.automatic else f"{color.low!r}, {color.high!r}"
-        lines += [f"values = attribute_values(particles, {color.by!r})", f"ends = {ends}",
-                  f"particles.color = colorize(values, {color.colormap!r}, *ends)"]
+        lines += [
+            f"values = attribute_values(particles, {color.by!r})",
+            f"ends = {ends}",
+            f"particles.color = colorize(values, {color.colormap!r}, *ends)",
+        ]
     words = ", ".join(f"{name}={_code(value)}" for name, value in options.items())
-    lines += [f"scene = gb.Scene(particles, {words})",
-              f"camera = {_code(camera)}",
-              "settings = gb.RenderSettings(", *changes, ")",
-              f"clips = [{', '.join(_code(clip) for clip in clips_of(state.cuts))}]",
-              f"frame = gb.render(scene, camera, {tuple(size)}, settings, clips{thesis})"]
+    lines += [
+        f"scene = gb.Scene(particles, {words})",
+        f"camera = {_code(camera)}",
+        "settings = gb.RenderSettings(",
+        *changes,
+        ")",
+        f"clips = [{', '.join(_code(clip) for clip in clips_of(state.cuts))}]",
+        f"frame = gb.render(scene, camera, {tuple(size)}, settings, clips{thesis})",
+    ]
     if color.by and color.legend:
-        lines += [f"picture = add_legend(frame.picture, {color.colormap!r}, *ends, {color.by!r})",
-                  'save_png("picture.png", picture)']
+        lines += [
+            f"picture = add_legend(frame.picture, {color.colormap!r}, *ends, {color.by!r})",
+            'save_png("picture.png", picture)',
+        ]
     else:
         lines += ['frame.save("picture.png")']
     lines += [f"# without: {', '.join(origin.left)}"] if origin.left else []
@@ -131,10 +165,15 @@ def python_code(source: Source, state: State, camera: Camera, size: tuple[int, i
 def _imports(state: State) -> list[str]:
     if not state.color.by:
         return []
-    lines = ["from globule.attributes import attribute_values",
-             "from globule.colormaps import colorize"]
-    return lines + ["from globule.legend import add_legend",
-                    "from globule.render import save_png"] * state.color.legend
+    lines = [
+        "from globule.attributes import attribute_values",
+        "from globule.colormaps import colorize",
+    ]
+    return (
+        lines
+        + ["from globule.legend import add_legend", "from globule.render import save_png"]
+        * state.color.legend
+    )
 
 
 def _code(value: Any) -> str:

@@ -72,7 +72,5 @@ def _number(name: str, value: Any, facts: Any) -> float:
         raise ValueError(f"{name}: expected a number, got {value!r}")
     number = float(value)
     if not (math.isfinite(number) and facts["least"] <= number <= facts["most"]):
-        raise ValueError(
-            f"{name}: expected {facts['least']:g} to {facts['most']:g}, got {value!r}"
-        )
+        raise ValueError(f"{name}: expected {facts['least']:g} to {facts['most']:g}, got {value!r}")
     return number

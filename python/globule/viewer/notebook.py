@@ -26,15 +26,21 @@ def need_anywidget() -> Any:
         import anywidget
     except ImportError as error:
         raise ImportError(
-            'the notebook viewer needs anywidget, which is not installed: '
+            "the notebook viewer needs anywidget, which is not installed: "
             'pip install "globule[notebook]"'
         ) from error
     return anywidget
 
 
 def widget(
-    what: Any, height: int = 480, up: Any = None, camera: Camera | None = None,
-    state: State | None = None, device: str = "auto", threads: int = 0, **reading: Any,
+    what: Any,
+    height: int = 480,
+    up: Any = None,
+    camera: Camera | None = None,
+    state: State | None = None,
+    device: str = "auto",
+    threads: int = 0,
+    **reading: Any,
 ) -> Any:
     """A widget that shows something; drag rotates, the wheel zooms, a right drag moves.
 
@@ -54,8 +60,9 @@ def widget(
         height = traitlets.Int(480).tag(sync=True)
         view = traitlets.Dict().tag(sync=True)
 
-        def screenshot(self, path: Any, size: tuple[int, int] = (1280, 720),
-                       samples: int = 16) -> None:
+        def screenshot(
+            self, path: Any, size: tuple[int, int] = (1280, 720), samples: int = 16
+        ) -> None:
             """Write what is seen (.png, .exr)."""
             Shot(self.engine, self.client.camera, size, samples).save(path)
 

@@ -10,13 +10,13 @@ import numpy as np
 
 from .._base.arrays import on_gpu, to_host
 from ..formats import read
+from ..formats.volumes import READABLE as VOLUMES
 from ..render.frame import Layer
 from ..scene.particles import Particles
 from ..scene.scene import Scene
 from ..sim.scene_file import SHIPPED
 from ..ultrasound.setup import Setup
 from ..ultrasound.sweep import Sweep
-from ..volumes.files import READABLE as VOLUMES
 from ..volumes.volume import Volume
 from .sequence_source import SequenceSource
 from .simulation_source import SimulationSource
@@ -106,8 +106,10 @@ def _open_name(name: str, common: dict, reading: dict) -> Source:
         places = to_host(particles.positions)
         if not (np.abs(places) < FAR).all(axis=1).any():  # no number is below anything
             got = f"{len(places):,} with others" if len(places) else "none"
-            raise ValueError(f"{name}: nothing to show: expected particles with finite positions "
-                             f"below {FAR:g}, got {got}")
+            raise ValueError(
+                f"{name}: nothing to show: expected particles with finite positions "
+                f"below {FAR:g}, got {got}"
+            )
         source = SceneSource(title, particles, **common)
     source.files, source.reading = [name], reading
     return source

@@ -37,8 +37,14 @@ class Plate:
 
 
 def finish(
-    picture: np.ndarray, state: State, camera: Camera, marks: list[Mark], plates: list[Plate],
-    depth: np.ndarray | None, ends: tuple[float, float], size: tuple[int, int] | None = None,
+    picture: np.ndarray,
+    state: State,
+    camera: Camera,
+    marks: list[Mark],
+    plates: list[Plate],
+    depth: np.ndarray | None,
+    ends: tuple[float, float],
+    size: tuple[int, int] | None = None,
 ) -> np.ndarray:
     """The picture (H, W, 3) uint8 sRGB with all that is to be seen over it.
 
@@ -83,8 +89,9 @@ def draw_plates(
     y = 1 - (np.arange(height, dtype=np.float32) + 0.5) * 2 / height
     lengths: Any = 1.0
     if camera.height is None:
-        lengths = np.sqrt(1 + (x * np.linalg.norm(right))[None, :] ** 2
-                          + (y * np.linalg.norm(up))[:, None] ** 2).reshape(-1)
+        lengths = np.sqrt(
+            1 + (x * np.linalg.norm(right))[None, :] ** 2 + (y * np.linalg.norm(up))[:, None] ** 2
+        ).reshape(-1)
     for plate in plates:
         rows, columns = plate.texture.shape[:2]
         plate_from_world = np.linalg.inv(plate.world_from_plate)
@@ -92,8 +99,11 @@ def draw_plates(
         # + t forward: in the plate's frame linear in x and y.
         start = plate_from_world[:3, :3] @ eye + plate_from_world[:3, 3]
         axes = plate_from_world[:3, :3] @ np.stack([forward, right, up], axis=1)
-        across = (axes[:, 1, None, None] * x[None, None, :]
-                  + axes[:, 2, None, None] * y[None, :, None]).astype(np.float32).reshape(3, -1)
+        across = (
+            (axes[:, 1, None, None] * x[None, None, :] + axes[:, 2, None, None] * y[None, :, None])
+            .astype(np.float32)
+            .reshape(3, -1)
+        )
         begin, way = start[:, None].astype(np.float32), axes[:, :1].astype(np.float32)
         begin, way = (begin, way + across) if camera.height is None else (begin + across, way)
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -131,16 +141,26 @@ def draw_marks(picture: np.ndarray, camera: Camera, marks: list[Mark]) -> np.nda
             draw.line(seen, fill=mark.color, width=round(2 * unit))
         for px, py in seen if len(seen) < 3 and not mark.thin else ():
             r = 4 * unit
-            draw.ellipse((px - r, py - r, px + r, py + r), fill=mark.color, outline=(255,) * 3,
-                         width=max(1, round(unit)))
+            draw.ellipse(
+                (px - r, py - r, px + r, py + r),
+                fill=mark.color,
+                outline=(255,) * 3,
+                width=max(1, round(unit)),
+            )
         if mark.text and seen:
             place = seen[-1][0] + 9 * unit, seen[-1][1] - 9 * unit
             rim = max(1, round(1.5 * unit))
             box = draw.multiline_textbbox(place, mark.text, font, stroke_width=rim)
             down = free_below(box, taken)
             taken.append((box[0], box[1] + down, box[2], box[3] + down + 2 * unit))
-            draw.multiline_text((place[0], place[1] + down), mark.text, (20, 24, 30), font,
-                                stroke_width=rim, stroke_fill=(255,) * 3)
+            draw.multiline_text(
+                (place[0], place[1] + down),
+                mark.text,
+                (20, 24, 30),
+                font,
+                stroke_width=rim,
+                stroke_fill=(255,) * 3,
+            )
     return np.asarray(image)
 
 

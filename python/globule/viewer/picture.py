@@ -21,7 +21,11 @@ MOST_MOVING_AMBIENT = 2  # rays that look for openness while something moves
 
 
 def trace(
-    source: Source, state: State, camera: Camera, size: tuple[int, int], up: Any,
+    source: Source,
+    state: State,
+    camera: Camera,
+    size: tuple[int, int],
+    up: Any,
     moving: bool = False,
 ) -> Frame:
     """One sample per pixel; with the source's lock held. Refine it for more.
@@ -41,7 +45,8 @@ def seen_settings(source: Source, state: State, scene: Scene, up: Any) -> Render
     if not state.color.by:
         return settings
     return dataclasses.replace(
-        settings, material=dataclasses.replace(settings.material, color=None))
+        settings, material=dataclasses.replace(settings.material, color=None)
+    )
 
 
 def settings_of(look: Look, source: Source, scene: Scene, up: Any) -> RenderSettings:
@@ -57,8 +62,11 @@ def settings_of(look: Look, source: Source, scene: Scene, up: Any) -> RenderSett
     }
     if look.matter == "own":
         changes["material"] = dataclasses.replace(
-            base.material, reflection=look.reflection, transmission=look.transmission,
-            index=look.index, roughness=look.roughness,
+            base.material,
+            reflection=look.reflection,
+            transmission=look.transmission,
+            index=look.index,
+            roughness=look.roughness,
         )
     if look.lights == "own":
         changes["lights"] = own_lights(look, up)
@@ -76,8 +84,13 @@ def preset_look(source: Source, state: State, name: str, up: Any) -> Look:
     settings = RenderSettings()
     if name != "plain":
         settings = source.preset_settings(name, source.layers(state)[0].scene, up)
-    return Look(preset=name, shadows=settings.shadows, depth=settings.depth,
-                ambient_rays=settings.ambient_rays, exposure=settings.exposure)
+    return Look(
+        preset=name,
+        shadows=settings.shadows,
+        depth=settings.depth,
+        ambient_rays=settings.ambient_rays,
+        exposure=settings.exposure,
+    )
 
 
 def background(look: Look, base: RenderSettings) -> Any:
@@ -122,5 +135,3 @@ def clips_of(cuts: Cuts) -> list[ClipPlane | ClipBox | ClipSphere]:
     if cuts.sphere:
         clips.append(ClipSphere(cuts.center, cuts.radius, cuts.keep_sphere))
     return clips
-
-

@@ -34,9 +34,10 @@ BYTES_PER_PIXEL = 200  # that tracing and saving a picture take
 def checked_size(size: Any) -> tuple[int, int]:
     """(width, height). Raises ValueError."""
     width, height = (int(v) for v in size)
-    if not (LEAST_SIDE <= min(width, height) and max(width, height) <= MOST_SIDE):
-        raise ValueError(f"size: expected sides of {LEAST_SIDE} to {MOST_SIDE} pixels, "
-                         f"got {width}x{height}")
+    if not (min(width, height) >= LEAST_SIDE and max(width, height) <= MOST_SIDE):
+        raise ValueError(
+            f"size: expected sides of {LEAST_SIDE} to {MOST_SIDE} pixels, got {width}x{height}"
+        )
     if width * height > MAX_PIXELS:
         raise ValueError(f"size: expected at most {MAX_PIXELS:,} pixels, got {width}x{height}")
     free = free_bytes()
@@ -52,9 +53,15 @@ class Shot:
     progress: called with the share that is done.
     """
 
-    def __init__(self, engine: Engine, camera: Camera, size: tuple[int, int], samples: int,
-                 marks: list[Mark] | None = None,
-                 progress: Callable[[float], Any] = lambda share: None):
+    def __init__(
+        self,
+        engine: Engine,
+        camera: Camera,
+        size: tuple[int, int],
+        samples: int,
+        marks: list[Mark] | None = None,
+        progress: Callable[[float], Any] = lambda share: None,
+    ):
         self._engine, self._camera, self._size = engine, camera, checked_size(size)
         self._marks, self._samples, self._progress = marks or [], samples, progress
         lock = engine.source.lock
@@ -107,8 +114,15 @@ class Recorder:
     """Records what a camera sees until `stop`, as it happens: a picture that took longer is shown
     longer. Give it the camera of each moment."""
 
-    def __init__(self, engine: Engine, camera: Callable[[], Camera], path: str | os.PathLike,
-                 size: tuple[int, int] = (1280, 720), fps: float = 30.0, samples: int = 1):
+    def __init__(
+        self,
+        engine: Engine,
+        camera: Callable[[], Camera],
+        path: str | os.PathLike,
+        size: tuple[int, int] = (1280, 720),
+        fps: float = 30.0,
+        samples: int = 1,
+    ):
         need_av()
         self.engine, self.camera, self.path = engine, camera, path
         self.size, self.fps, self.samples = checked_size(size), float(fps), samples
@@ -150,8 +164,13 @@ class Recorder:
 
 
 def turntable(
-    engine: Engine, camera: Camera, path: str | os.PathLike, size: tuple[int, int] = (1280, 720),
-    seconds: float = 8.0, fps: float = 30.0, samples: int = 4,
+    engine: Engine,
+    camera: Camera,
+    path: str | os.PathLike,
+    size: tuple[int, int] = (1280, 720),
+    seconds: float = 8.0,
+    fps: float = 30.0,
+    samples: int = 4,
     progress: Callable[[float], Any] = lambda share: None,
 ) -> None:
     """A movie once around, from server frames."""
@@ -161,8 +180,13 @@ def turntable(
     def pictures() -> Iterator[np.ndarray]:
         for i, one in enumerate(cameras):
             progress(i / len(cameras))
-            yield Shot(engine, one, size, samples, progress=lambda share, i=i: progress(
-                (i + share) / len(cameras))).picture
+            yield Shot(
+                engine,
+                one,
+                size,
+                samples,
+                progress=lambda share, i=i: progress((i + share) / len(cameras)),
+            ).picture
 
     write_movie(path, pictures(), fps)
     progress(1.0)

@@ -91,11 +91,14 @@ class SceneMaker:
         if color.automatic:
             lo, hi = (known.min(), known.max()) if known.size else (0.0, 1.0)
         self.range = float(lo), float(hi)
-        fields = {name: getattr(particles, name) for name in (
-            "support", "weight", "reflection", "refraction", "rigidity")}
+        fields = {
+            name: getattr(particles, name)
+            for name in ("support", "weight", "reflection", "refraction", "rigidity")
+        }
         colors = colorize(values, color.colormap, *self.range)
-        return Particles(particles.positions, color=colors, attributes=particles.attributes,
-                         **fields)
+        return Particles(
+            particles.positions, color=colors, attributes=particles.attributes, **fields
+        )
 
 
 def scene_options(
@@ -119,8 +122,9 @@ def thesis_of(state: State) -> Thesis | None:
         return None
     if surface.root == "bezier" and surface.kernel not in POLYNOMIAL_KERNELS:
         known = " or ".join(POLYNOMIAL_KERNELS)
-        raise ValueError(f"kernel: expected {known} with the root method bezier, "
-                         f"got {surface.kernel}")
+        raise ValueError(
+            f"kernel: expected {known} with the root method bezier, got {surface.kernel}"
+        )
     return Thesis(root=surface.root)
 
 

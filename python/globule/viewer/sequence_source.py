@@ -25,8 +25,14 @@ class SequenceSource(Source):
 
     kind = "sequence"
 
-    def __init__(self, name: str, frames: Sequence[Any], device: str = "auto", threads: int = 0,
-                 read_frame: Callable[[Any], Particles] = read):
+    def __init__(
+        self,
+        name: str,
+        frames: Sequence[Any],
+        device: str = "auto",
+        threads: int = 0,
+        read_frame: Callable[[Any], Particles] = read,
+    ):
         super().__init__(name)
         if not len(frames):
             raise ValueError("frames: expected at least one, got none")
@@ -110,8 +116,11 @@ class SequenceSource(Source):
 
 
 def _bytes(particles: Particles) -> int:
-    arrays = [particles.positions, particles.support, particles.weight, particles.color,
-              *particles.attributes.values()]
+    arrays = [
+        particles.positions,
+        particles.support,
+        particles.weight,
+        particles.color,
+        *particles.attributes.values(),
+    ]
     return sum(getattr(array, "nbytes", 0) for array in arrays) if arrays else 0
-
-

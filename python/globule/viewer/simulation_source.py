@@ -67,8 +67,12 @@ class SimulationSource(Source):
             self.up, self.preset, self._ground = tuple(view.up), view.look, view.ground
             if view.speeds is not None:
                 low, high = view.speeds
-                self.settings = {"color__by": "velocity", "color__automatic": False,
-                                 "color__low": low, "color__high": high}
+                self.settings = {
+                    "color__by": "velocity",
+                    "color__automatic": False,
+                    "color__low": low,
+                    "color__high": high,
+                }
             if view.eye is not None:
                 self.camera = Camera(view.eye, view.look_at, view.up, view.fov)
 
@@ -104,8 +108,9 @@ class SimulationSource(Source):
             code += [f"for _ in range({n}):", "    simulation.step()"]
             passed = [f"the {self.simulation.time:.4g} s that have passed"]
         left = ["what was done by hand"] if self.by_hand else []
-        return Origin([name], [*code, "particles = simulation.particles"],
-                      left=passed + left, lives=True)
+        return Origin(
+            [name], [*code, "particles = simulation.particles"], left=passed + left, lives=True
+        )
 
     def tissue_extent(self) -> float:
         """m, the longest side of the box around all tissue; 0 where there is none."""
@@ -173,13 +178,22 @@ class SimulationSource(Source):
 
     def _facts(self) -> dict[str, Any]:
         sim, facts = self.simulation, {"running": "yes" if self.running else "no"}
-        for label, name, form in (("time", "time", "{:.4f} s"), ("steps", "n_steps", "{:,}"),
-                                  ("time step", "dt", "{:.3g} s"), ("pieces", "n_pieces", "{:,}")):
+        for label, name, form in (
+            ("time", "time", "{:.4f} s"),
+            ("steps", "n_steps", "{:,}"),
+            ("time step", "dt", "{:.3g} s"),
+            ("pieces", "n_pieces", "{:,}"),
+        ):
             value = getattr(sim, name, None)
             if value is not None:
                 facts[label] = form.format(value)
-        for label, name in (("iterations", "iterations"), ("compression", "compression"),
-                            ("bonds", "n_bonds"), ("cut", "n_cut"), ("escaped", "n_escaped")):
+        for label, name in (
+            ("iterations", "iterations"),
+            ("compression", "compression"),
+            ("bonds", "n_bonds"),
+            ("cut", "n_cut"),
+            ("escaped", "n_escaped"),
+        ):
             value = getattr(self.report, name, None)
             if value is not None:
                 facts[label] = f"{value:.3g}" if isinstance(value, float) else str(value)
@@ -242,18 +256,25 @@ class SimulationSource(Source):
             self.by_hand = True
             self.version += 1
             pieces = getattr(self.simulation, "n_pieces", 1)
-        return (f"**Cut {self.n_cut:,} bonds**, {pieces:,} {'piece' if pieces == 1 else 'pieces'}."
-                + ("" if self.running else " Run to see it open."))
+        return (
+            f"**Cut {self.n_cut:,} bonds**, {pieces:,} {'piece' if pieces == 1 else 'pieces'}."
+            + ("" if self.running else " Run to see it open.")
+        )
 
     def _state(self) -> dict[str, Any]:
         """What `undo` goes back to."""
         sim = self.simulation
         if not hasattr(sim, "state"):
             return {}
-        emitters = {name: (e.emitted, e._volume)
-                    for name, e in getattr(sim, "emitters", {}).items()}
-        return {"arrays": sim.state(), "rows": len(sim.diagnostics), "emitters": emitters,
-                "counts": (sim.n_removed, sim.n_cut)}
+        emitters = {
+            name: (e.emitted, e._volume) for name, e in getattr(sim, "emitters", {}).items()
+        }
+        return {
+            "arrays": sim.state(),
+            "rows": len(sim.diagnostics),
+            "emitters": emitters,
+            "counts": (sim.n_removed, sim.n_cut),
+        }
 
     def _keep(self, state: dict[str, Any]) -> None:
         self._before = [*self._before, state][-MOST_UNDONE:] if state else []
@@ -265,11 +286,12 @@ class SimulationSource(Source):
         """Back to just before the last stroke that cut something; in words what that did."""
         with self.lock:
             if not self._before:
-                raise ValueError("undo: expected a cut made with the tool Cut, got none "
-                                 "(the last 5 are kept)")
+                raise ValueError(
+                    "undo: expected a cut made with the tool Cut, got none (the last 5 are kept)"
+                )
             state, sim = self._before.pop(), self.simulation
             sim.set_state(state["arrays"])
-            del sim.diagnostics[state["rows"]:]
+            del sim.diagnostics[state["rows"] :]
             sim.n_removed, sim.n_cut = state["counts"]
             for tool in sim.instruments.values():
                 tool.start(sim.time)

@@ -44,8 +44,13 @@ class Probed:
     words: dict[str, str]
 
 
-OPTIONS = {"level": "--level", "labels": "--label", "spacing": "--resample",
-           "calibration": "--calibration", "plus": "--plus"}
+OPTIONS = {
+    "level": "--level",
+    "labels": "--label",
+    "spacing": "--resample",
+    "calibration": "--calibration",
+    "plus": "--plus",
+}
 
 
 class Source:
@@ -88,11 +93,17 @@ class Source:
 
     def _read_from(self, file: str | None) -> Origin:
         if file is None:
-            return Origin(["particles.npz"], [
-                '# in your program before: gb.write("particles.npz", particles)',
-                'particles = gb.read("particles.npz")'])
-        return Origin([file, *self.option_words()],
-                      [f"particles = gb.read({', '.join([repr(file), *self.option_code()])})"])
+            return Origin(
+                ["particles.npz"],
+                [
+                    '# in your program before: gb.write("particles.npz", particles)',
+                    'particles = gb.read("particles.npz")',
+                ],
+            )
+        return Origin(
+            [file, *self.option_words()],
+            [f"particles = gb.read({', '.join([repr(file), *self.option_code()])})"],
+        )
 
     def option_words(self) -> list[str]:
         """How it was read, as options of commands."""
@@ -145,8 +156,9 @@ class Source:
         """What it does now, in a line for the page; waits for nobody."""
         return ""
 
-    def probe(self, state: State, camera: Camera, size: tuple[int, int], screen: Any,
-              nearest: float) -> Probed | None:
+    def probe(
+        self, state: State, camera: Camera, size: tuple[int, int], screen: Any, nearest: float
+    ) -> Probed | None:
         """What else than the surface is seen at a place of the picture, nearer than so far; with
         `lock` held."""
         return None
@@ -162,15 +174,21 @@ class Source:
 class SceneSource(Source):
     """Particles, a scene, or layers, that stand still unless the user's program changes them."""
 
-    def __init__(self, name: str, shown: Particles | Scene | list[Layer], device: str = "auto",
-                 threads: int = 0):
+    def __init__(
+        self,
+        name: str,
+        shown: Particles | Scene | list[Layer],
+        device: str = "auto",
+        threads: int = 0,
+    ):
         super().__init__(name)
         self._beside: list[Layer] = []
         self._material = None
         self._clips: tuple = ()
         if isinstance(shown, list):
-            first, *self._beside = (item if isinstance(item, Layer) else Layer(item)
-                                    for item in shown)
+            first, *self._beside = (
+                item if isinstance(item, Layer) else Layer(item) for item in shown
+            )
             shown, self._material, self._clips = first.scene, first.material, tuple(first.clips)
         given = shown if isinstance(shown, Scene) else None
         self._scene = given

@@ -25,11 +25,20 @@ MOST_BYTES = 256 * 1024  # of a state file
 @dataclass
 class Surface:
     kernel: str = choice("murakami", KERNELS, "Kernel", "Shape of each particle's influence")
-    threshold: float | None = real(None, 1e-3, 1e3, "Threshold", "The surface is where the field "
-                                   "has this value: higher is thinner")
+    threshold: float | None = real(
+        None,
+        1e-3,
+        1e3,
+        "Threshold",
+        "The surface is where the field has this value: higher is thinner",
+    )
     support: float | None = real(None, 0.0, FAR, "Support", "Radius of each particle's influence")
-    root: str = choice("exact", ("exact", "march", "bezier"), "Root method",
-                       "How the surface is found along a ray; march and bezier as in the thesis")
+    root: str = choice(
+        "exact",
+        ("exact", "march", "bezier"),
+        "Root method",
+        "How the surface is found along a ray; march and bezier as in the thesis",
+    )
 
 
 @dataclass
@@ -47,8 +56,9 @@ class Look:
     headlight: bool = switch(True, "Headlight", "A lamp at the eye")
     exposure: float = real(1.0, 0.05, 20.0, "Exposure", "Factor of the picture's light")
     sky: str = choice("preset", ("preset", "none", "gradient"), "Sky", "Seen behind and mirrored")
-    ground: str = choice("preset", ("preset", "none", "plain", "checker"), "Ground",
-                         "A plane under the scene")
+    ground: str = choice(
+        "preset", ("preset", "none", "plain", "checker"), "Ground", "A plane under the scene"
+    )
     background: tuple = triple((0.93, 0.94, 0.96), 0.0, 1e3, "Background", "Where there is no sky")
     shadows: bool = switch(False, "Shadows", "Lights throw shadows")
     ambient_rays: int = whole(0, 0, 64, "Ambient occlusion", "Rays that look how open a place is")
@@ -110,8 +120,15 @@ class Time:
     rate: float = real(24.0, 0.1, 1000.0, "Frames per second")
 
 
-GROUPS = {"surface": Surface, "look": Look, "color": Coloring, "cuts": Cuts, "quality": Quality,
-          "slices": Slices, "time": Time}
+GROUPS = {
+    "surface": Surface,
+    "look": Look,
+    "color": Coloring,
+    "cuts": Cuts,
+    "quality": Quality,
+    "slices": Slices,
+    "time": Time,
+}
 
 
 class State:
@@ -198,8 +215,9 @@ class State:
             parts.append("\n".join([title, *lines]))
         return "\n\n".join(parts) + "\n"
 
-    def load_toml(self, text: str, taken: Callable[[str, Any], Any] = lambda key, value: value
-                  ) -> Camera | None:
+    def load_toml(
+        self, text: str, taken: Callable[[str, Any], Any] = lambda key, value: value
+    ) -> Camera | None:
         """Become what the text says, and the defaults elsewhere; the camera that it names.
 
         taken: gives what is to become of a setting, of its name as `set` has it and its value.
@@ -273,8 +291,6 @@ def _toml(value: Any) -> str:
     if isinstance(value, (tuple, list)):
         return f"[{', '.join(_toml(float(v)) for v in value)}]"
     if isinstance(value, str):
-        escaped = "".join(
-            f"\\u{ord(c):04x}" if ord(c) < 32 or c in '"\\\x7f' else c for c in value
-        )
+        escaped = "".join(f"\\u{ord(c):04x}" if ord(c) < 32 or c in '"\\\x7f' else c for c in value)
         return f'"{escaped}"'
     return repr(value)

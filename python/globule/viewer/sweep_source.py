@@ -34,9 +34,15 @@ class SweepSource(VolumeSource):
     kind = "sweep"
     grows = True
 
-    def __init__(self, name: str, open_frames: Callable[[], Iterator[tuple[Any, Any]]],
-                 spacing: float = 1.0, device: str = "auto", threads: int = 0,
-                 sweep: Sweep | None = None):
+    def __init__(
+        self,
+        name: str,
+        open_frames: Callable[[], Iterator[tuple[Any, Any]]],
+        spacing: float = 1.0,
+        device: str = "auto",
+        threads: int = 0,
+        sweep: Sweep | None = None,
+    ):
         super().__init__(name, _nothing(), sweep, device, threads)
         self._open, self._device, self._threads = open_frames, device, threads
         self._region = None if sweep is None else sweep.bounds()
@@ -61,8 +67,11 @@ class SweepSource(VolumeSource):
         self.running = False
         with self._binning:
             self._reconstructor = Reconstructor(
-                self.spacing, compounding=self.compounding, device=self._device,
-                threads=self._threads)
+                self.spacing,
+                compounding=self.compounding,
+                device=self._device,
+                threads=self._threads,
+            )
             self._frames, self._taken = None, []
         with self.lock:
             self._take(_nothing())
@@ -117,8 +126,13 @@ class SweepSource(VolumeSource):
         mask = None if self.sweep is None else self.sweep.mask
         self._making = method
         try:
-            volume = reconstruct(Sweep(frames, poses, mask=mask), method=method,
-                                 spacing=self.spacing, device=self._device, threads=self._threads)
+            volume = reconstruct(
+                Sweep(frames, poses, mask=mask),
+                method=method,
+                spacing=self.spacing,
+                device=self._device,
+                threads=self._threads,
+            )
         finally:
             self._making = None
         with self.lock:
@@ -157,16 +171,31 @@ class SweepSource(VolumeSource):
         file = self.files[0] if self.files else "sweep.igs.mha"
         read = f"gb.read_sweep({', '.join([repr(file), *self.option_code()])})"
         if self._method is not None:
-            before = ["globule", "reconstruct", file, *self.option_words(), "--method",
-                      self._method, "--spacing", f"{self.spacing:.9g}", "-o", "volume.npz"]
-            code = [f"sweep = {read}", f"volume = gb.reconstruct(sweep, method={self._method!r}, "
-                    f"spacing={self.spacing!r})"]
+            before = [
+                "globule",
+                "reconstruct",
+                file,
+                *self.option_words(),
+                "--method",
+                self._method,
+                "--spacing",
+                f"{self.spacing:.9g}",
+                "-o",
+                "volume.npz",
+            ]
+            code = [
+                f"sweep = {read}",
+                f"volume = gb.reconstruct(sweep, method={self._method!r}, "
+                f"spacing={self.spacing!r})",
+            ]
             return self.surface_of("volume.npz", before, code, state)
-        code = [f"sweep = {read}",
-                f"grown = gb.Reconstructor({self.spacing!r}, compounding={self.compounding!r})",
-                f"for i in sweep.valid.nonzero()[0][:{len(self._taken)}]:",
-                "    grown.add(sweep.frames[i], sweep.world_from_image[i])",
-                "volume = grown.volume()"]
+        code = [
+            f"sweep = {read}",
+            f"grown = gb.Reconstructor({self.spacing!r}, compounding={self.compounding!r})",
+            f"for i in sweep.valid.nonzero()[0][:{len(self._taken)}]:",
+            "    grown.add(sweep.frames[i], sweep.world_from_image[i])",
+            "volume = grown.volume()",
+        ]
         found = self.surface_of("volume.npz", [], code, state)
         found.words, found.lives = [file, *self.option_words()], True
         found.left.insert(0, "the frames that came")

@@ -39,8 +39,9 @@ class ViserSink:
             return
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            self.client.add_notification("Not possible", message, color="red",
-                                         auto_close_seconds=12.0)
+            self.client.add_notification(
+                "Not possible", message, color="red", auto_close_seconds=12.0
+            )
 
     def _answered(self, client_id: int, message: Any) -> None:
         name, _, number = message.request_uuid.partition("-")

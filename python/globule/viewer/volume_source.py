@@ -31,8 +31,14 @@ class VolumeSource(Source):
     up = (0.0, 0.0, 1.0)
     unit = "mm"
 
-    def __init__(self, name: str, volume: Volume, sweep: Sweep | None = None,
-                 device: str = "auto", threads: int = 0):
+    def __init__(
+        self,
+        name: str,
+        volume: Volume,
+        sweep: Sweep | None = None,
+        device: str = "auto",
+        threads: int = 0,
+    ):
         super().__init__(name)
         self.sweep = sweep
         self.n_sweep_frames = 0 if sweep is None else len(sweep)
@@ -58,19 +64,31 @@ class VolumeSource(Source):
         file = self.files[0] if self.files else "volume.npz"
         plain = not file.lower().endswith((*SURFACES, ".npz"))  # which would be a tomography
         before = ["globule", "convert", file, "volume.nrrd"] if plain else []
-        return self.surface_of("volume.nrrd" if plain else file, before,
-                               [f"volume = gb.read_volume({file!r})"], state)
+        return self.surface_of(
+            "volume.nrrd" if plain else file, before, [f"volume = gb.read_volume({file!r})"], state
+        )
 
     def surface_of(self, file: str, before: list[str], code: list[str], state: State) -> Origin:
         """The iso-surface of a volume's file, for which `code` makes `volume`."""
         shown = state.slices
         level = float(shown.level or self.level)
-        code = ["from globule.volume_particles import iso_surface", *code,
-                f"particles = iso_surface(volume, {level!r}, {state.surface.kernel!r}).particles"]
-        left = [word for word, on in (("slices", shown.shown), ("the sweep's frame", shown.frame),
-                                      ("hiding the surface", not shown.surface)) if on]
-        return Origin([file, "--level", f"{level:.9g}"], code, before, left,
-                      unsaid=("threshold", "support"))
+        code = [
+            "from globule.volume_particles import iso_surface",
+            *code,
+            f"particles = iso_surface(volume, {level!r}, {state.surface.kernel!r}).particles",
+        ]
+        left = [
+            word
+            for word, on in (
+                ("slices", shown.shown),
+                ("the sweep's frame", shown.frame),
+                ("hiding the surface", not shown.surface),
+            )
+            if on
+        ]
+        return Origin(
+            [file, "--level", f"{level:.9g}"], code, before, left, unsaid=("threshold", "support")
+        )
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         sizes = np.array(self.volume.values.shape[::-1]) - 1
@@ -123,8 +141,10 @@ class VolumeSource(Source):
         edges = np.linalg.norm(self.volume.world_from_voxel[:3, :3], axis=0)
         at = self._at(state.slices) * edges
         most = (np.array(self.volume.values.shape[::-1]) - 1) * edges
-        return "  \n".join(f"{axis} slice at **{here:.1f}** of {whole:.1f} mm"
-                           for axis, here, whole in zip("xyz", at, most, strict=True))
+        return "  \n".join(
+            f"{axis} slice at **{here:.1f}** of {whole:.1f} mm"
+            for axis, here, whole in zip("xyz", at, most, strict=True)
+        )
 
     def _corner(self, shown: Slices) -> list[ClipBox]:
         """What lies before all three slices as seen from where viewers begin; nothing for volumes
@@ -143,8 +163,9 @@ class VolumeSource(Source):
         hi = np.where(seen, hi + room, at + behind)
         return [ClipBox(tuple(lo.tolist()), tuple(hi.tolist()))]
 
-    def probe(self, state: State, camera: Camera, size: tuple[int, int], screen: Any,
-              nearest: float) -> Probed | None:
+    def probe(
+        self, state: State, camera: Camera, size: tuple[int, int], screen: Any, nearest: float
+    ) -> Probed | None:
         """The voxel that a slice shows."""
         eye, direction = camera.ray(size, screen)
         found = None
@@ -170,13 +191,23 @@ class VolumeSource(Source):
 
     def plates(self, state: State) -> list[Plate]:
         shown = state.slices
-        key = (self.version, shown.shown, shown.x, shown.y, shown.z, shown.overlay, shown.frame,
-               shown.number)
+        key = (
+            self.version,
+            shown.shown,
+            shown.x,
+            shown.y,
+            shown.z,
+            shown.overlay,
+            shown.frame,
+            shown.number,
+        )
         if self._plates is None or self._plates[0] != key:
             plates = []
             if shown.shown:
-                plates = [self.slice(axis, getattr(shown, "xyz"[axis]), shown.overlay)
-                          for axis in range(3)]
+                plates = [
+                    self.slice(axis, getattr(shown, "xyz"[axis]), shown.overlay)
+                    for axis in range(3)
+                ]
             if shown.frame and self.sweep is not None:
                 plates += self._frame(min(shown.number, len(self.sweep) - 1))
             self._plates = key, plates
@@ -221,7 +252,8 @@ class VolumeSource(Source):
 
     def facts(self) -> dict[str, Any]:
         volume = self.volume
-        return {"voxels": " x ".join(str(n) for n in volume.values.shape[::-1]),
-                "measured": f"{volume.n_measured:,}", "filled": f"{volume.n_filled:,}"}
-
-
+        return {
+            "voxels": " x ".join(str(n) for n in volume.values.shape[::-1]),
+            "measured": f"{volume.n_measured:,}",
+            "filled": f"{volume.n_filled:,}",
+        }

@@ -1,0 +1,1 @@
+"""Volumes of voxels: their files, slices and iso-surfaces."""

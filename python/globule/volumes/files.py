@@ -13,39 +13,14 @@ A volume's place survives exactly in .mha, .nrrd, .vti (if its axes are the worl
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 
-from .._base.files import all_or_none
-from ..formats.errors import FormatError, bad
-from ..formats.volumes import medical, npz, vti
-from ..formats.volumes.geometry import VolumeData, checked
-from .volume import Volume
+from ..formats import volumes as formats
+from ..formats.errors import bad
+from .volume import MAPS, Volume
 
-MAPS = ("count", "variance", "source")  # besides `radius`, which says measured, filled or empty
 _FAR = 255  # of radius: empty
-_READERS: dict[str, Callable[[Any], VolumeData]] = {
-    ".mha": medical.read_metaimage,
-    ".mhd": medical.read_metaimage,
-    ".nrrd": medical.read_nrrd,
-    ".nhdr": medical.read_nrrd,
-    ".nii": medical.read_nifti,
-    ".nii.gz": medical.read_nifti,
-    ".vti": vti.read,
-    ".npz": npz.read,
-}
-_WRITERS: dict[str, Callable[[Any, VolumeData], None]] = {
-    ".mha": medical.write_metaimage,
-    ".nrrd": medical.write_nrrd,
-    ".nii": medical.write_nifti,
-    ".nii.gz": medical.write_nifti,
-    ".vti": vti.write,
-    ".npz": npz.write,
-}
-READABLE, WRITABLE = tuple(_READERS), (*_WRITERS, ".sparse.npz")
-_HOLD_MAPS = (".vti", ".npz")
 
 
 def read_volume(path: str | os.PathLike) -> Volume:
@@ -55,8 +30,7 @@ def read_volume(path: str | os.PathLike) -> Volume:
     else as measured, and `info["origin"]` is "assumed". Raises FormatError (a ValueError) naming
     the place; FileNotFoundError and other OSErrors pass unchanged.
     """
-    extension = _extension(path, READABLE)
-    data = checked(path, _READERS[extension](path))
+    data = formats.read(path)
     values, missing = _plain(data.values)
     radius = data.maps.get("radius")
     if radius is not None and radius.dtype != np.uint8:
@@ -75,50 +49,10 @@ def read_volume(path: str | os.PathLike) -> Volume:
 
 
 def write_volume(path: str | os.PathLike, volume: Volume, maps: bool = False) -> None:
-    """Write a volume, whole or not at all, its maps included.
-
-    .npz, .sparse.npz and .vti hold where values came from (`radius`), and with `maps` also count,
-    variance and source. For other formats `maps` writes each as a file beside: NAME.count.nrrd.
-    """
-    extension = _extension(path, tuple(_WRITERS))
+    """Write a volume, whole or not at all, its maps included: `volume.save(path, maps)`."""
     if not isinstance(volume, Volume):
         raise TypeError(f"volume: expected Volume, got {type(volume).__name__}")
-    data = VolumeData(volume.values, volume.world_from_voxel, volume.space)
-    found = {"radius": volume.radius, **(_maps(volume) if maps else {})}
-    if extension in _HOLD_MAPS:
-        _WRITERS[extension](path, data._replace(maps=found))
-        return
-    with all_or_none():
-        _WRITERS[extension](path, data)
-        if maps:
-            for name, array in found.items():
-                _WRITERS[extension](map_path(path, name), data._replace(values=array))
-
-
-def map_path(path: str | os.PathLike, name: str) -> str:
-    """Where the map of a volume's file lies, for formats that hold values only."""
-    text = os.fspath(path)
-    extension = _extension(path, tuple(_WRITERS))
-    return f"{text[: -len(extension)]}.{name}{text[-len(extension) :]}"
-
-
-def _maps(volume: Volume) -> dict[str, np.ndarray]:
-    found = {}
-    for name in MAPS:
-        try:
-            found[name] = getattr(volume, name)
-        except ValueError:  # a volume from a file or another program has none
-            continue
-    return found
-
-
-def _extension(path: str | os.PathLike, known: tuple[str, ...]) -> str:
-    name = os.path.basename(os.fspath(path)).lower()
-    # The longest first, for .nii.gz.
-    for extension in sorted(known, key=len, reverse=True):
-        if name.endswith(extension):
-            return extension
-    raise FormatError(f"{path}: expected one of the extensions {' '.join(known)}")
+    volume.save(path, maps)
 
 
 def _plain(values: np.ndarray) -> tuple[np.ndarray, np.ndarray | bool]:

@@ -37,9 +37,7 @@ class IsoSurface(NamedTuple):
     level: float
 
 
-def iso_surface(
-    volume: Volume, level: float | None = None, kernel: str = "murakami"
-) -> IsoSurface:
+def iso_surface(volume: Volume, level: float | None = None, kernel: str = "murakami") -> IsoSurface:
     """Particles whose field is the threshold where the volume, smoothed by the kernel, is `level`.
 
     Every voxel is a particle of weight value / level; a lattice of unit weights has the field

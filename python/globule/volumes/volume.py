@@ -9,8 +9,11 @@ from typing import Any
 import numpy as np
 
 from .._base.arrays import DeviceArray
+from ..formats import volumes as formats
+from ..formats.volumes.geometry import VolumeData
 
 EMPTY, MEASURED, FILLED = 0, 1, 2
+MAPS = ("count", "variance", "source")  # besides `radius`, which says measured, filled or empty
 _FAR = 255  # in the map of kernel radii: no data within reach
 
 
@@ -140,11 +143,25 @@ class Volume:
             self._maps[name] = self._make_map(name)
         return self._maps[name]
 
-    def save(self, path: str | os.PathLike) -> None:
-        """Write the volume in the format that the path's ending names."""
-        from .files import write_volume
+    def save(self, path: str | os.PathLike, maps: bool = False) -> None:
+        """Write the volume in the format that the path's ending names, whole or not at all.
 
-        write_volume(path, self)
+        .npz, .sparse.npz and .vti hold where values came from (`radius`), and with `maps` also
+        count, variance and source. For other formats `maps` writes each as a file beside:
+        NAME.count.nrrd.
+        """
+        formats.extension(path, formats.WRITABLE)  # before maps are made
+        data = VolumeData(self.values, self.world_from_voxel, self.space)
+        formats.write(path, data, self.radius, self._known_maps() if maps else None)
+
+    def _known_maps(self) -> dict[str, np.ndarray]:
+        found = {}
+        for name in MAPS:
+            try:
+                found[name] = self._map(name)
+            except ValueError:  # a volume from a file or another program has none
+                continue
+        return found
 
     def __repr__(self) -> str:
         z, y, x = self.shape

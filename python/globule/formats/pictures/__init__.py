@@ -1,0 +1,1 @@
+"""Picture files: environments, OpenEXR, movies."""

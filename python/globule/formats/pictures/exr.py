@@ -72,8 +72,9 @@ def read_exr(path: str | os.PathLike, most_pixels: int) -> np.ndarray:
             lo, hi = file.header()["dataWindow"]
         width, height = (int(n) for n in np.asarray(hi, np.int64) - lo + 1)
         if width * height > most_pixels:
-            raise bad(path, "header", f"expected at most {most_pixels:,} pixels, "
-                      f"got {width}x{height}")
+            raise bad(
+                path, "header", f"expected at most {most_pixels:,} pixels, got {width}x{height}"
+            )
         with openexr.File(path, separate_channels=True) as file:
             planes = {name: channel.pixels for name, channel in file.channels().items()}
     except (RuntimeError, ValueError, KeyError, TypeError) as error:

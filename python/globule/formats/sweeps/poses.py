@@ -136,12 +136,14 @@ def quaternion(matrix: np.ndarray) -> np.ndarray:
     if np.linalg.det(matrix) <= 0:
         raise ValueError("pose: expected a right-handed rotation, got a mirrored one")
     (a, b, c), (d, e, f), (g, h, i) = matrix
-    symmetric = np.array([
-        [a - e - i, b + d, c + g, h - f],
-        [b + d, e - a - i, f + h, c - g],
-        [c + g, f + h, i - a - e, d - b],
-        [h - f, c - g, d - b, a + e + i],
-    ])
+    symmetric = np.array(
+        [
+            [a - e - i, b + d, c + g, h - f],
+            [b + d, e - a - i, f + h, c - g],
+            [c + g, f + h, i - a - e, d - b],
+            [h - f, c - g, d - b, a + e + i],
+        ]
+    )
     return np.linalg.eigh(symmetric)[1][:, -1]
 
 

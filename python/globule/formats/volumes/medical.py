@@ -139,8 +139,9 @@ def write_nifti(path: str | os.PathLike, data: VolumeData) -> None:
     if kind not in _NIFTI_CODES:
         raise ValueError(f"values: expected a type that .nii can hold, got {values.dtype}")
     if max(values.shape) > 32767:
-        raise ValueError(f"values: expected at most 32767 voxels a side for .nii, "
-                         f"got {values.shape}")
+        raise ValueError(
+            f"values: expected at most 32767 voxels a side for .nii, got {values.shape}"
+        )
     matrix = data.world_from_voxel if data.space == "RAS" else LPS_FROM_RAS @ data.world_from_voxel
     spacing, _ = spacing_and_directions(matrix)
     header = bytearray(_NIFTI_HEADER + 4)
@@ -199,11 +200,13 @@ def _nifti_place(path: Any, raw: bytes, order: str) -> np.ndarray:
     if not rest > -1e-5:
         raise bad(path, "quatern", f"expected a length up to 1, got {b:g} {c:g} {d:g}")
     a = math.sqrt(max(rest, 0.0))
-    rotation = np.array([
-        [a * a + b * b - c * c - d * d, 2 * (b * c - a * d), 2 * (b * d + a * c)],
-        [2 * (b * c + a * d), a * a + c * c - b * b - d * d, 2 * (c * d - a * b)],
-        [2 * (b * d - a * c), 2 * (c * d + a * b), a * a + d * d - c * c - b * b],
-    ])
+    rotation = np.array(
+        [
+            [a * a + b * b - c * c - d * d, 2 * (b * c - a * d), 2 * (b * d + a * c)],
+            [2 * (b * c + a * d), a * a + c * c - b * b - d * d, 2 * (c * d - a * b)],
+            [2 * (b * d - a * c), 2 * (c * d + a * b), a * a + d * d - c * c - b * b],
+        ]
+    )
     handed = -1.0 if pixdim[0] < 0 else 1.0
     return place(rotation * pixdim[1:4] * (1, 1, handed), np.array(origin))
 

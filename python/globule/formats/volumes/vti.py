@@ -45,7 +45,7 @@ def write(path: str | os.PathLike, data: VolumeData) -> None:
         '<FieldData>\n<DataArray type="String" Name="space" NumberOfTuples="1" format="ascii">'
         f"{' '.join(str(ord(c)) for c in data.space)} 0</DataArray>\n</FieldData>\n"
         f'<Piece Extent="{extent}">\n<PointData Scalars="values">\n'
-        f'{"".join(elements)}</PointData>\n'
+        f"{''.join(elements)}</PointData>\n"
         '</Piece>\n</ImageData>\n<AppendedData encoding="raw">\n_'
     )
     with atomic_write(path) as file:

@@ -1,0 +1,1 @@
+"""PLUS's volume reconstruction, voxel by voxel the same."""

@@ -27,8 +27,12 @@ class Page:
     def __init__(self, viewer: Any):
         self.viewer = viewer
         self.server = server = viewer.server
-        server.gui.configure_theme(show_logo=False, show_share_button=False,
-                                   control_width="medium", brand_color=(38, 99, 168))
+        server.gui.configure_theme(
+            show_logo=False,
+            show_share_button=False,
+            control_width="medium",
+            brand_color=(38, 99, 168),
+        )
         server.gui.main_panel.dock_right()
         server.gui.set_panel_label(shortened(viewer.title))
         server.scene.set_up_direction(viewer.up)
@@ -40,9 +44,16 @@ class Page:
             server.gui.add_markdown(f"**{line}**")
         self.tools = tools.Tools(self)
         self.panels = [
-            play.Play(self), volume.VolumePanel(self), view_panel.View(self), cuts.CutPanel(self),
-            color.Color(self), look.LookPanel(self), surface.SurfacePanel(self), save.Save(self),
-            statistics.Statistics(self), help.Help(self),
+            play.Play(self),
+            volume.VolumePanel(self),
+            view_panel.View(self),
+            cuts.CutPanel(self),
+            color.Color(self),
+            look.LookPanel(self),
+            surface.SurfacePanel(self),
+            save.Save(self),
+            statistics.Statistics(self),
+            help.Help(self),
         ]
         threading.Thread(target=self._keep_ticking, name="globule page", daemon=True).start()
 
@@ -79,6 +90,4 @@ def shortened(name: str) -> str:
     if len(name) <= LONGEST_NAME:
         return name
     end = LONGEST_NAME // 2
-    return f"{name[:LONGEST_NAME - end - 1]}…{name[-end:]}"
-
-
+    return f"{name[: LONGEST_NAME - end - 1]}…{name[-end:]}"

@@ -23,7 +23,8 @@ class CutPanel(Panel):
         self.gui.add_markdown("Switch one on, then drag its handles in the picture.")
         self.add("cuts", "plane")
         self.gui.add_button_group("Faces", ("x", "y", "z", "view", "flip")).on_click(
-            self.safe(self._face))
+            self.safe(self._face)
+        )
         self.add("cuts", "normal", step=0.05)
         self.add("cuts", "point", step=extent / 100)
         self.add("cuts", "box")
@@ -31,10 +32,13 @@ class CutPanel(Panel):
         self.add("cuts", "sphere")
         self.add("cuts", "keep_sphere")
         self.radius = self.add("cuts", "radius", least=extent / 100, most=extent)
-        self.button("No cuts", lambda browser: self.state.set(
-            cuts__plane=False, cuts__box=False, cuts__sphere=False))
-        self.gui.add_command("Cutting plane on and off", hotkey="C").on_trigger(self.safe(
-            lambda event: self.state.set(cuts__plane=not self.state.cuts.plane)))
+        self.button(
+            "No cuts",
+            lambda browser: self.state.set(cuts__plane=False, cuts__box=False, cuts__sphere=False),
+        )
+        self.gui.add_command("Cutting plane on and off", hotkey="C").on_trigger(
+            self.safe(lambda event: self.state.set(cuts__plane=not self.state.cuts.plane))
+        )
         self._handles()
         self.state.listen(self._follow)
         self._follow({"cuts."})
@@ -46,8 +50,13 @@ class CutPanel(Panel):
         extent = self.viewer.placement.extent
         middle = tuple(((lo + hi) / 2).tolist())
         near, far = (lo + hi) / 2, hi + 0.05 * extent
-        self.state.set(cuts__point=middle, cuts__center=middle, cuts__radius=extent / 4,
-                       cuts__lo=tuple(near.tolist()), cuts__hi=tuple(far.tolist()))
+        self.state.set(
+            cuts__point=middle,
+            cuts__center=middle,
+            cuts__radius=extent / 4,
+            cuts__lo=tuple(near.tolist()),
+            cuts__hi=tuple(far.tolist()),
+        )
 
     def grew(self, moved: bool) -> None:
         if not moved:
@@ -103,8 +112,10 @@ class CutPanel(Panel):
             return
         cuts, place = self.state.cuts, self.viewer.placement.to_page
         for handle, on, at in (
-            (self.plane, cuts.plane, cuts.point), (self.lo, cuts.box, cuts.lo),
-            (self.hi, cuts.box, cuts.hi), (self.ball, cuts.sphere, cuts.center),
+            (self.plane, cuts.plane, cuts.point),
+            (self.lo, cuts.box, cuts.lo),
+            (self.hi, cuts.box, cuts.hi),
+            (self.ball, cuts.sphere, cuts.center),
         ):
             if handle.visible != on:
                 handle.visible = on

@@ -36,6 +36,15 @@ def use_preset(viewer: Any, name: str) -> None:
     """A preset with all that belongs to it, instead of what was set before."""
     with viewer.source.lock:
         look = preset_look(viewer.source, viewer.state.snapshot(), name, viewer.up)
-    names = ("preset", "matter", "lights", "sky", "ground", "shadows", "depth", "ambient_rays",
-             "exposure")
+    names = (
+        "preset",
+        "matter",
+        "lights",
+        "sky",
+        "ground",
+        "shadows",
+        "depth",
+        "ambient_rays",
+        "exposure",
+    )
     viewer.state.set(**{f"look__{name}": getattr(look, name) for name in names})

@@ -33,7 +33,8 @@ class Play(Panel):
         kind = self.viewer.source.kind
         {"sequence": self._sequence, "simulation": self._simulation, "sweep": self._sweep}[kind]()
         self.gui.add_command("Play or pause", hotkey="space").on_trigger(
-            self.safe(lambda event: self.toggle()))
+            self.safe(lambda event: self.toggle())
+        )
 
     def tick(self) -> None:
         """The button and the line below it say how it stands."""
@@ -87,22 +88,45 @@ class Play(Panel):
         self._run_and_status("Run")
         buttons = gui.add_button_group("Time", ("Step", "Reset"))
         buttons.on_click(self.safe(self._time))
-        speed = gui.add_slider("Speed", 0.01, 2.0, 0.01, source.speed,
-                               hint="Seconds of the simulation a second, where it can")
+        speed = gui.add_slider(
+            "Speed",
+            0.01,
+            2.0,
+            0.01,
+            source.speed,
+            hint="Seconds of the simulation a second, where it can",
+        )
         speed.on_update(self.safe(lambda event: setattr(source, "speed", bounded(speed))))
         longest = float(f"{source.tissue_extent():.2g}")
         if longest:
             gui.add_markdown("**Cut**: choose the tool *Cut* and draw on the surface.")
             step = longest / 50
             source.cut_depth = source.cut_depth or 10 * step
-            depth = gui.add_slider("Cut depth, m", step, longest, step, source.cut_depth,
-                                   hint="Below the surface; at its end all through")
-            depth.on_update(self.safe(lambda event: setattr(
-                source, "cut_depth", bounded(depth) if bounded(depth) < 0.99 * longest else None)))
-            self.button("Undo the cut", self._undo, "Back to just before the last stroke; "
-                        "the last 5 are kept (key U)")
+            depth = gui.add_slider(
+                "Cut depth, m",
+                step,
+                longest,
+                step,
+                source.cut_depth,
+                hint="Below the surface; at its end all through",
+            )
+            depth.on_update(
+                self.safe(
+                    lambda event: setattr(
+                        source,
+                        "cut_depth",
+                        bounded(depth) if bounded(depth) < 0.99 * longest else None,
+                    )
+                )
+            )
+            self.button(
+                "Undo the cut",
+                self._undo,
+                "Back to just before the last stroke; the last 5 are kept (key U)",
+            )
             self.gui.add_command("Undo the cut of tissue", hotkey="U").on_trigger(
-                self.safe(lambda event: self._undo(event.client)))
+                self.safe(lambda event: self._undo(event.client))
+            )
         for name, emitter in _named(sim, "emitters"):
             self._switch(f"Emitter {name}", emitter, lambda emitter=emitter: emitter.on)
         for name, instrument in _named(sim, "instruments"):
@@ -148,7 +172,8 @@ class Play(Panel):
         """A handle in the picture that moves a scalpel or a sucker."""
         source, place = self.viewer.source, self.viewer.placement
         handle = self.page.server.scene.add_transform_controls(
-            f"/instruments/{name}", scale=0.35, depth_test=False, visible=False)
+            f"/instruments/{name}", scale=0.35, depth_test=False, visible=False
+        )
         shown = self.gui.add_checkbox(f"Move {name} by hand", False)
 
         def changed(event: Any) -> None:
@@ -181,15 +206,28 @@ class Play(Panel):
         self._run_and_status("Start")
         buttons = gui.add_button_group("Frames", ("Undo", "Clear"))
         buttons.on_click(self.safe(self._record))
-        spacing = gui.add_number("Spacing, mm", source.spacing, min=0.01, max=100.0, step=0.1,
-                                 hint="Edge of a voxel; counts from the next Clear")
-        way = gui.add_dropdown("Compounding", COMPOUNDING, initial_value=source.compounding,
-                               hint="Of values in one voxel; counts from the next Clear")
+        spacing = gui.add_number(
+            "Spacing, mm",
+            source.spacing,
+            min=0.01,
+            max=100.0,
+            step=0.1,
+            hint="Edge of a voxel; counts from the next Clear",
+        )
+        way = gui.add_dropdown(
+            "Compounding",
+            COMPOUNDING,
+            initial_value=source.compounding,
+            hint="Of values in one voxel; counts from the next Clear",
+        )
         spacing.on_update(self.safe(lambda event: setattr(source, "spacing", bounded(spacing))))
         way.on_update(self.safe(lambda event: setattr(source, "compounding", way.value)))
         self.method = gui.add_dropdown("Method", METHODS, initial_value=METHODS[0])
-        self.button("Make the volume by this method", lambda browser: self._finish(),
-                    "Stops, and makes the volume again from all frames that came")
+        self.button(
+            "Make the volume by this method",
+            lambda browser: self._finish(),
+            "Stops, and makes the volume again from all frames that came",
+        )
 
     def _record(self, event: Any) -> None:
         source = self.viewer.source

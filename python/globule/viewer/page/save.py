@@ -42,18 +42,22 @@ class Save(Panel):
         self.record_button = self.button("Record", self.record, "Starts and stops; key R")
         self.seconds = gui.add_slider("Turntable, seconds", 1, 60, 1, 8)
         self.button("Turntable movie", self.turntable, "Once around what is seen")
-        self.cancel_button = self.button("Cancel", self.cancel, "Ends the picture or turntable "
-                                         "that is being made")
+        self.cancel_button = self.button(
+            "Cancel", self.cancel, "Ends the picture or turntable that is being made"
+        )
         self.cancel_button.visible = False
         with gui.add_folder("All settings", expand_by_default=False):
             self.button("Save settings", self.save_state, "As a TOML file")
             self.upload = gui.add_upload_button("Load settings", mime_type=".toml,text/plain")
             self.upload.on_upload(self.safe(self._load))
             self.button("As a command, and as Python", self.show_equivalent)
-        for key, label, called in (("P", "Save a picture", self.picture),
-                                   ("R", "Record", self.record)):
+        for key, label, called in (
+            ("P", "Save a picture", self.picture),
+            ("R", "Record", self.record),
+        ):
             gui.add_command(label, hotkey=key).on_trigger(
-                self.safe(lambda event, called=called: called(event.client)))
+                self.safe(lambda event, called=called: called(event.client))
+            )
 
     def chosen_size(self) -> tuple[int, int]:
         match = re.fullmatch(r"\s*(\d{1,5})\s*[x×,]\s*(\d{1,5})\s*", self.size.value)
@@ -74,9 +78,14 @@ class Save(Panel):
     def picture(self, browser: Any) -> None:
         extension, client = self.chosen_extension(), self._client(browser)
         size, samples = self.chosen_size(), int(bounded(self.samples))
-        self._make(browser, "Picture", f"globule{extension}", lambda progress: Shot(
-            self.viewer.engine, client.camera, size, samples, client.marks, progress
-        ).encoded(extension))
+        self._make(
+            browser,
+            "Picture",
+            f"globule{extension}",
+            lambda progress: Shot(
+                self.viewer.engine, client.camera, size, samples, client.marks, progress
+            ).encoded(extension),
+        )
 
     def turntable(self, browser: Any) -> None:
         camera, size = self._client(browser).camera, self.chosen_size()
@@ -91,8 +100,9 @@ class Save(Panel):
 
         self._make(browser, "Turntable", "turntable.mp4", made)
 
-    def _make(self, browser: Any, title: str, name: str,
-              made: Callable[[Callable[[float], None]], bytes]) -> None:
+    def _make(
+        self, browser: Any, title: str, name: str, made: Callable[[Callable[[float], None]], bytes]
+    ) -> None:
         """Make a file's bytes, with a note of how far they are, and give them to the browser."""
         key = browser.client_id
         with self._lock:
@@ -131,8 +141,9 @@ class Save(Panel):
                 client, size, fps = self._client(browser), self.chosen_size(), bounded(self.fps)
                 path = os.path.join(tempfile.mkdtemp(prefix="globule-"), "movie.mp4")
                 recorder = Recorder(self.viewer.engine, lambda: client.camera, path, size, fps)
-                note = browser.add_notification("Recording", "R, or the button, stops it",
-                                                loading=True, with_close_button=False)
+                note = browser.add_notification(
+                    "Recording", "R, or the button, stops it", loading=True, with_close_button=False
+                )
                 self._recorders[browser.client_id] = recorder, path, note
                 self.record_button.label, self.record_button.color = "Stop recording", "red"
                 return
@@ -161,8 +172,10 @@ class Save(Panel):
         content = self.upload.value.content
         if len(content) > MOST_BYTES:
             raise ValueError(f"settings: expected at most {MOST_BYTES} bytes, got {len(content)}")
-        camera = self.state.load_toml(content.decode("utf-8"), lambda key, value:
-                                      self.page.binder.nearest(event.client, key, value))
+        camera = self.state.load_toml(
+            content.decode("utf-8"),
+            lambda key, value: self.page.binder.nearest(event.client, key, value),
+        )
         if camera is not None:
             self.viewer.move(event.client, camera)
 

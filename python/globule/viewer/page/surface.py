@@ -17,11 +17,23 @@ class SurfacePanel(Panel):
         with viewer.source.lock:
             scene = viewer.source.layers(viewer.state.snapshot())[0].scene
         support = float(np.median(to_host(scene.support))) if len(scene) else 1.0
-        self.threshold = self.add("surface", "threshold", least=0.02, most=max(
-            2.0, 3 * scene.threshold), step=0.01, usual=scene.threshold)
+        self.threshold = self.add(
+            "surface",
+            "threshold",
+            least=0.02,
+            most=max(2.0, 3 * scene.threshold),
+            step=0.01,
+            usual=scene.threshold,
+        )
         unit = viewer.source.unit and f", {viewer.source.unit}"
-        self.add("surface", "support", label=f"Support{unit}", least=0.25 * support,
-                 most=4 * support, usual=support)
+        self.add(
+            "surface",
+            "support",
+            label=f"Support{unit}",
+            least=0.25 * support,
+            most=4 * support,
+            usual=support,
+        )
         self.add("surface", "kernel")
         self.add("surface", "root")
         self.button("Default surface", self.defaults)
@@ -32,6 +44,10 @@ class SurfacePanel(Panel):
         self.add("quality", "width")
 
     def defaults(self, browser) -> None:
-        self.state.set(surface__threshold=None, surface__support=None, surface__kernel="murakami",
-                       surface__root="exact")
+        self.state.set(
+            surface__threshold=None,
+            surface__support=None,
+            surface__kernel="murakami",
+            surface__root="exact",
+        )
         self.threshold.value = DEFAULTS["murakami"][1]

@@ -61,7 +61,8 @@ class Hand:
         self._seen: tuple[Any, np.ndarray] | None = None
         with tools.folder:
             self.choice = browser.gui.add_dropdown(
-                "With the mouse", tools.choices, initial_value=ROTATE, hint="Key T changes it")
+                "With the mouse", tools.choices, initial_value=ROTATE, hint="Key T changes it"
+            )
             self.text = browser.gui.add_markdown(HINT)
         caught = safe(self.page)
         self.choice.on_update(caught(lambda event: self.take(self.choice.value)))
@@ -81,7 +82,8 @@ class Hand:
         self.picked = []
         self.client.mark([])
         self.text.content = {
-            ROTATE: HINT, MEASURE: "Click two points.",
+            ROTATE: HINT,
+            MEASURE: "Click two points.",
             CUT: "Draw a line across what is to be cut.",
             GRASP: "Drag a piece of the surface while it runs.",
             SUCTION: "Drag over what is to be taken away while it runs.",
@@ -107,8 +109,9 @@ class Hand:
         if self.tool == MEASURE and len(self.picked) == 2:
             a, b = (np.asarray(p.position, np.float64) for p in self.picked)
             distance = float(np.linalg.norm(b - a))
-            self.text.content = (f"**Distance {distance:.6g}{self.unit}**  \n"
-                                 f"from {_words(a)} to {_words(b)}")
+            self.text.content = (
+                f"**Distance {distance:.6g}{self.unit}**  \nfrom {_words(a)} to {_words(b)}"
+            )
             points = (tuple(a.tolist()), tuple(b.tolist()))
             self.client.mark([Mark(points, f"{distance:.4g}{self.unit}", AMBER)])
             return
@@ -128,15 +131,21 @@ class Hand:
         with self.viewer.source.lock:
             found = frame.pick(column, row)
             before = self.viewer.source.probe(
-                self.viewer.state.snapshot(), self.client.camera, frame.size, screen,
-                np.inf if found is None else found.depth)
+                self.viewer.state.snapshot(),
+                self.client.camera,
+                frame.size,
+                screen,
+                np.inf if found is None else found.depth,
+            )
             return before or found
 
     @staticmethod
     def _pixel(frame: Any, screen: tuple[float, float]) -> tuple[int, int]:
         width, height = frame.size
-        return (int(np.clip(screen[0] * width, 0, width - 1)),
-                int(np.clip(screen[1] * height, 0, height - 1)))
+        return (
+            int(np.clip(screen[0] * width, 0, width - 1)),
+            int(np.clip(screen[1] * height, 0, height - 1)),
+        )
 
     # Strokes
 
@@ -144,18 +153,36 @@ class Hand:
         """Strokes are drags on something that is everywhere and cannot be seen."""
         edge = 400.0
         corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
-        faces = np.array([[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1],
-                          [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3]])
+        faces = np.array(
+            [
+                [0, 1, 3],
+                [0, 3, 2],
+                [4, 6, 7],
+                [4, 7, 5],
+                [0, 4, 5],
+                [0, 5, 1],
+                [2, 3, 7],
+                [2, 7, 6],
+                [0, 2, 6],
+                [0, 6, 4],
+                [1, 5, 7],
+                [1, 7, 3],
+            ]
+        )
         self._catcher = self.browser.scene.add_mesh_simple(
-            "/strokes", edge * corners, faces, opacity=0.0, side="double", cast_shadow=False,
+            "/strokes",
+            edge * corners,
+            faces,
+            opacity=0.0,
+            side="double",
+            cast_shadow=False,
             receive_shadow=False,
         )
 
         @self._catcher.on_drag("left")
         async def _(event: Any) -> None:  # awaited in order, so kept short
             try:
-                self._drawn(event.phase, tuple(event.start_screen_pos),
-                            tuple(event.end_screen_pos))
+                self._drawn(event.phase, tuple(event.start_screen_pos), tuple(event.end_screen_pos))
             except Exception as error:
                 self.page.complain(self.browser, str(error) or type(error).__name__)
 
@@ -210,8 +237,11 @@ class Hand:
         found = np.array([depth[row, column] for column, row in pixels], np.float64)
         hit = np.isfinite(found)
         camera = self.client.camera
-        usual = float(np.median(found[hit])) if hit.any() else float(
-            np.linalg.norm(np.subtract(camera.look_at, camera.eye)))
+        usual = (
+            float(np.median(found[hit]))
+            if hit.any()
+            else float(np.linalg.norm(np.subtract(camera.look_at, camera.eye)))
+        )
         points = []
         for screen, far in zip(screens, np.where(hit, found, usual), strict=True):
             origin, direction = camera.ray(frame.size, screen)
@@ -227,8 +257,12 @@ class Hand:
 
 def describe(found: Picked, unit: str = "") -> str:
     """What was picked, for the panel."""
-    rows = {"position": _words(found.position) + unit, "normal": _words(found.normal),
-            "distance": f"{found.depth:.6g}{unit}", "particle": f"{found.particle:,}"}
+    rows = {
+        "position": _words(found.position) + unit,
+        "normal": _words(found.normal),
+        "distance": f"{found.depth:.6g}{unit}",
+        "particle": f"{found.particle:,}",
+    }
     if found.layer:
         rows["layer"] = str(found.layer)
     for name, value in list(found.attributes.items())[:LONGEST]:

@@ -24,8 +24,11 @@ class View(Panel):
         self.button("Fit all", self.fit, "See everything from here (key F)")
         self.gui.add_button_group("Look from", VIEWS[:3]).on_click(self.safe(self._stand))
         self.gui.add_button_group("", VIEWS[3:]).on_click(self.safe(self._stand))
-        self.button("Perspective / parallel", self.flatten,
-                    "Parallel rays (orthographic): nothing looks smaller far away (key O)")
+        self.button(
+            "Perspective / parallel",
+            self.flatten,
+            "Parallel rays (orthographic): nothing looks smaller far away (key O)",
+        )
         with self.gui.add_folder("Bookmarks", expand_by_default=False):
             self.name = self.gui.add_text("Name", "view 1")
             self.button("Keep this view", self.keep)
@@ -40,7 +43,8 @@ class View(Panel):
 
     def _command(self, label: str, key: str, called: Any) -> None:
         self.gui.add_command(label, hotkey=key).on_trigger(
-            self.safe(lambda event: called(event.client)))
+            self.safe(lambda event: called(event.client))
+        )
 
     def _stand(self, event: Any) -> None:
         self.stand(event.client, event.target.value)
@@ -48,8 +52,14 @@ class View(Panel):
     def stand(self, browser: Any, name: str) -> None:
         """Look at everything along an axis."""
         right, above, front = view_axes(self.viewer.up)
-        towards = {"front": front, "back": -front, "left": -right, "right": right,
-                   "top": above, "bottom": -above}[name]
+        towards = {
+            "front": front,
+            "back": -front,
+            "left": -right,
+            "right": right,
+            "top": above,
+            "bottom": -above,
+        }[name]
         # Orbit controls cannot look straight along their own axis.
         if name in ("top", "bottom"):
             towards = towards + 1e-3 * front
@@ -87,8 +97,15 @@ class View(Panel):
             if scene.octree.n_inside == 0 and around is None:
                 raise ValueError("fit: expected particles to look at, got none")
             now = viewer.camera_of(browser.camera)
-            camera = fit_camera(scene, size, around, direction=towards, up=viewer.up,
-                                fov=now.fov, orthographic=now.height is not None)
+            camera = fit_camera(
+                scene,
+                size,
+                around,
+                direction=towards,
+                up=viewer.up,
+                fov=now.fov,
+                orthographic=now.height is not None,
+            )
         viewer.move(browser, camera)
 
     # Bookmarks
@@ -118,5 +135,3 @@ class View(Panel):
     def _follow(self, changed: set[str]) -> None:
         if "bookmarks" in changed and self.names.options != self._names():
             self.names.options = self._names()
-
-

@@ -88,8 +88,7 @@ class Binder:
         if kind == "switch":
             return gui.add_checkbox(label, value, hint=hint)
         if kind == "choice":
-            return gui.add_dropdown(
-                label, facts["options"], initial_value=value, hint=hint)
+            return gui.add_dropdown(label, facts["options"], initial_value=value, hint=hint)
         if kind == "triple":
             return gui.add_vector3(label, value, step=facts.get("step", 0.01), hint=hint)
         least, most = facts["least"], facts["most"]
@@ -162,8 +161,7 @@ def within(widget: Any, facts: dict, value: Any) -> Any:
 
 def outside(label: str, least: float, most: float, value: Any, taken: Any) -> str:
     """The sentence for a value that is not between its ends."""
-    return (f"{label}: expected {least:g} to {most:g}, got {_words(value)}: "
-            f"{_words(taken)} is taken")
+    return f"{label}: expected {least:g} to {most:g}, got {_words(value)}: {_words(taken)} is taken"
 
 
 def _words(value: Any) -> str:
