@@ -1,35 +1,44 @@
 # make demo    set everything up, then render the embedded data set to demo/splash.png
-# make test    set everything up, then run the tests on the installed package
+# make test    set everything up, then run the tests on the installed package: the best CPU level, the GPU if there is one
+# make test-all  the whole matrix: every CPU level, one thread and all, slow tests, CUDA compiled where nvcc is
 # make bench   speed of build and trace; against POV-Ray too where that is installed
 # make sanitize  the C++ tests and a part of the others under AddressSanitizer, UBSan and ThreadSanitizer
-# make check   lint
+# make check   lint, format, types
 # make docs    check the documentation's links
 # make clean   remove what these made
 #
-# GLOBULE_CUDA=AUTO|ON|OFF says whether the CUDA backend is built; PYTHON and CXX are honoured.
+# What is built is for this machine: GLOBULE_LEVELS=native|all|"v2;v3" says for which x86-64 levels, GLOBULE_CUDA=AUTO|ON|OFF
+# whether for GPUs (AUTO: where one is visible). PYTHON and CXX are honoured.
 # All paths are relative, so that the folder's own path may hold blanks.
 
 PYTHON ?= python3
 GLOBULE_CUDA ?= AUTO
-export GLOBULE_CUDA
+GLOBULE_LEVELS ?= native
+export GLOBULE_CUDA GLOBULE_LEVELS
 
 VENV := .venv
 PY := $(VENV)/bin/python
 PIP := $(PY) -m pip --disable-pip-version-check
 LOG := $(VENV)/build.log
-BUILT := $(VENV)/built-$(GLOBULE_CUDA)
+BUILT := $(VENV)/built-$(GLOBULE_LEVELS)-$(GLOBULE_CUDA)
 # CMake before 3.26 does not know nvcc's C++20; pip brings a newer one where the system's is older.
 
 SOURCES := $(shell find CMakeLists.txt pyproject.toml README.md LICENSE cmake include src bindings \
 	python -type f ! -name '*.so' ! -name '*.pyc')
 
-.PHONY: demo test bench sanitize check docs clean
+.PHONY: demo test test-all matrix bench sanitize check docs clean
 
 demo: $(BUILT)
 	@$(VENV)/bin/globule demo
 
 test: $(VENV)/has-test
 	@$(PY) -m pytest -q tests
+
+test-all:
+	@$(MAKE) --no-print-directory matrix GLOBULE_LEVELS=all GLOBULE_CUDA=$(if $(shell command -v nvcc),ON,AUTO)
+
+matrix: $(VENV)/has-interop
+	@$(PY) -m pytest -q tests --matrix $(MATRIX_OPTIONS)
 
 bench: $(BUILT)
 	@$(PY) bench/speed.py
@@ -42,7 +51,9 @@ sanitize: $(VENV)/has-test $(VENV)/has-build
 	@tests/sanitize.sh $(PY)
 
 check: $(VENV)/has-dev
-	@$(PY) -m ruff check python tests bench examples
+	@$(PY) -m ruff check python tests bench examples docs
+	@$(PY) -m ruff format --check -q python tests bench examples docs
+	@$(PY) -m mypy
 
 docs:
 	@$(PYTHON) docs/check_links.py
@@ -80,6 +91,9 @@ $(VENV)/has-build: $(PY)
 	@touch $@
 
 # globule is there already, so that pip only adds what its extra "test" (or "dev") names.
-$(VENV)/has-test $(VENV)/has-dev: $(VENV)/has-%: $(BUILT)
+$(VENV)/has-test $(VENV)/has-dev $(VENV)/has-docs: $(VENV)/has-%: $(BUILT)
 	@$(PIP) install -q "globule[$*]"
+	@touch $@
+$(VENV)/has-interop: $(BUILT)
+	@$(PIP) install -q "globule[test,interop]"
 	@touch $@

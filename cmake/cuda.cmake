@@ -1,4 +1,4 @@
-# CUDA is optional: AUTO takes a working nvcc if there is one, ON insists, OFF does not look.
+# CUDA is optional: AUTO builds it where a GPU and a working nvcc are there, ON insists on nvcc alone, OFF does not look.
 set(GLOBULE_CUDA AUTO CACHE STRING "build the CUDA backend: AUTO, ON or OFF")
 set_property(CACHE GLOBULE_CUDA PROPERTY STRINGS AUTO ON OFF)
 
@@ -12,6 +12,15 @@ endfunction()
 if(GLOBULE_CUDA STREQUAL "OFF")
   globule_no_cuda("GLOBULE_CUDA=OFF")
   return()
+endif()
+execute_process(COMMAND nvidia-smi --query-gpu=compute_cap --format=csv,noheader
+                OUTPUT_VARIABLE seen RESULT_VARIABLE status ERROR_QUIET OUTPUT_STRIP_TRAILING_WHITESPACE)
+if(NOT status EQUAL 0 OR NOT seen MATCHES "^[0-9]+\\.[0-9]+")
+  set(seen "")
+  if(GLOBULE_CUDA STREQUAL "AUTO")
+    globule_no_cuda("no GPU is visible; GLOBULE_CUDA=ON builds for other machines")
+    return()
+  endif()
 endif()
 include(CheckLanguage)
 check_language(CUDA)
@@ -32,9 +41,7 @@ endif()
 # Architectures: the user's own value wins; else the visible GPU's; else one PTX, quick to build,
 # compiled by the driver at its first run on any GPU since 2018.
 if(NOT CMAKE_CUDA_ARCHITECTURES)
-  execute_process(COMMAND nvidia-smi --query-gpu=compute_cap --format=csv,noheader
-                  OUTPUT_VARIABLE seen RESULT_VARIABLE status ERROR_QUIET OUTPUT_STRIP_TRAILING_WHITESPACE)
-  if(status EQUAL 0 AND seen MATCHES "^[0-9]+\\.[0-9]+")
+  if(seen)
     string(REGEX MATCHALL "[0-9]+\\.[0-9]+" seen "${seen}")
     list(REMOVE_DUPLICATES seen)
     string(REPLACE "." "" seen "${seen}")

@@ -1,9 +1,15 @@
-"""Every test that takes `backend` runs on each CPU level, with one and all threads, and CUDA."""
+"""Options of the tests, and what they share.
+
+A test that takes `backend` runs on the best CPU level with all threads, and on the GPU where there
+is one. With --matrix it runs on every CPU level, with one thread and with all, and on CUDA; tests
+marked `slow` run too.
+"""
 
 from __future__ import annotations
 
 import contextlib
 import faulthandler
+import functools
 import os
 
 # Threads that wait should not spin: beside another busy process that costs ten times the time.
@@ -17,7 +23,70 @@ from globule._base import device
 
 LEVELS = device.cpu_levels()
 SOAK = float(os.environ.get("GLOBULE_SOAK", 0))  # what test_concurrency.py takes on purpose
-BACKENDS = [f"{LEVELS[-1]}-1thread", *(f"{level}-threads" for level in LEVELS), "cuda"]
+MATRIX = [f"{LEVELS[-1]}-1thread", *(f"{level}-threads" for level in LEVELS), "cuda"]
+
+
+def pytest_addoption(parser):
+    group = parser.getgroup("globule")
+    group.addoption("--matrix", action="store_true", help="every CPU level and slow tests too")
+    group.addoption(
+        "--expected-skips", metavar="FILE", help="fail on a skip whose reason no line of FILE has"
+    )
+
+
+def pytest_generate_tests(metafunc):
+    if "backend" in metafunc.fixturenames:
+        few = [f"{LEVELS[-1]}-threads", *(["cuda"] if has_gpu() else [])]
+        names = MATRIX if metafunc.config.getoption("--matrix") else few
+        metafunc.parametrize("backend", names, indirect=True)
+
+
+@functools.cache
+def has_gpu() -> bool:
+    try:
+        device.choose("cuda")
+    except RuntimeError:
+        return False
+    return True
+
+
+def pytest_collection_modifyitems(config, items):
+    for item in items:
+        if getattr(item.module, "BROWSERS", False):
+            item.add_marker("browser")
+        params = getattr(getattr(item, "callspec", None), "params", {})
+        if any(isinstance(value, str) and value == "cuda" for value in params.values()):
+            item.add_marker("gpu")
+    if not config.getoption("--matrix"):
+        slow = [item for item in items if item.get_closest_marker("slow")]
+        config.hook.pytest_deselected(items=slow)
+        items[:] = [item for item in items if item not in slow]
+
+
+def pytest_terminal_summary(terminalreporter, config):
+    for line in config.stash.get(UNEXPECTED, ()):
+        terminalreporter.write_line(f"unexpected skip: {line}", red=True)
+
+
+def pytest_sessionfinish(session, exitstatus):
+    """A skip that nobody expects is a failure: something is not installed, or has gone."""
+    file = session.config.getoption("--expected-skips")
+    if not file:
+        return
+    with open(file) as lines:
+        expected = [line.strip() for line in lines if line.strip() and line[0] != "#"]
+    reporter = session.config.pluginmanager.getplugin("terminalreporter")
+    found = set()
+    for report in reporter.stats.get("skipped", ()):
+        reason = report.longrepr[2] if isinstance(report.longrepr, tuple) else str(report.longrepr)
+        if not any(part in reason for part in expected):
+            found.add(f"{report.nodeid}: {reason}")
+    session.config.stash[UNEXPECTED] = sorted(found)
+    if found and exitstatus == 0:
+        session.exitstatus = pytest.ExitCode.TESTS_FAILED
+
+
+UNEXPECTED = pytest.StashKey[list[str]]()
 
 
 @contextlib.contextmanager
@@ -33,7 +102,7 @@ def simd(level: str):
             os.environ["GLOBULE_SIMD"] = before
 
 
-@pytest.fixture(params=BACKENDS)
+@pytest.fixture
 def backend(request):
     """Keyword arguments for gb.Scene."""
     if request.param == "cuda":
