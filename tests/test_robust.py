@@ -417,7 +417,7 @@ SCENE_MISTAKES = [
     (ValueError, "device", {"device": "gpu"}),
     (ValueError, "device", {"device": "cuda:x"}),
     (ValueError, "threads", {"threads": -1}),
-    (ValueError, "threads", {"threads": 1.5}),
+    (TypeError, "threads", {"threads": 1.5}),
     (ValueError, "bounds", {"bounds": (0, 1)}),
     (ValueError, "bounds", {"bounds": ((1, 1, 1), (0, 0, 0))}),
     (ValueError, "bounds", {"bounds": ((0, 0, 0), (1, 1, np.nan))}),
