@@ -18,7 +18,7 @@ int main(int n_arguments, char** arguments) {
         const auto camera = globule::Camera::fit(positions, {.width = width, .height = height, .margin = scene.margin()});
         const globule::Frame frame = scene.render(camera, width, height);
 
-        write_ppm(image, frame.picture(), width, height);
+        write_ppm(image, frame.image(), width, height);
         std::printf("%s: %zu particles, %d octree levels, traced in %.1f ms on %s\n", image.c_str(), scene.size(), scene.octree().level,
                     1e3 * frame.trace_seconds(), scene.device().c_str());
     } catch (const std::exception& e) {  // globule::Error is one

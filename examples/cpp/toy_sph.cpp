@@ -83,7 +83,7 @@ int main(int n_arguments, char** arguments) {
             scene.update(particles);  // the same views, whose contents have changed
             frame = scene.render(camera, width, height);
         }
-        if (steps > 0) write_ppm("toy_sph.ppm", frame.picture(), width, height);
+        if (steps > 0) write_ppm("toy_sph.ppm", frame.image(), width, height);
         write_raw("toy_sph.raw", toy.positions.data(), toy.positions.size());
         std::printf("toy_sph.ppm: %zu particles after %d steps, on %s\n", scene.size(), steps, scene.device().c_str());
     } catch (const globule::Error& e) {

@@ -84,7 +84,7 @@ int main(int n_arguments, char** arguments) {
             push<<<blocks, 128, 0, stream>>>(position, velocity, pressure, next);
             move<<<blocks, 128, 0, stream>>>(position, velocity, next, pressure);
             scene.update(particles);
-            scene.render(camera, width, height).picture(globule::MutableArrayView(picture, {height, width, 3}, on_stream));
+            scene.render(camera, width, height).image(globule::MutableArrayView(picture, {height, width, 3}, on_stream));
             // Here a program would show `picture`, or encode it, on the same stream.
         }
         std::vector<std::uint8_t> image(3 * width * height);

@@ -34,24 +34,24 @@ public:
     const std::string& device() const;
 
     std::vector<float> color() const;             ///< (H, W, 3) linear
-    std::vector<std::uint8_t> picture() const;    ///< (H, W, 3) sRGB
-    std::vector<float> depth() const;             ///< (H, W) distance along the ray, world; infinite where missed
+    std::vector<std::uint8_t> image() const;      ///< (H, W, 3) sRGB
+    std::vector<float> distance() const;          ///< (H, W) along the ray, world; infinite where missed
     std::vector<float> normal() const;            ///< (H, W, 3) world, out of the medium; 0 where missed
     std::vector<float> position() const;          ///< (H, W, 3) world; NaN where missed
-    std::vector<float> albedo() const;            ///< (H, W, 3) blended colour of the surface
+    std::vector<float> albedo() const;            ///< (H, W, 3) blended color of the surface
     std::vector<std::uint8_t> mask() const;       ///< (H, W) 1 where something was hit, else 0
     std::vector<std::uint8_t> layer() const;      ///< (H, W) number of the layer that was hit; larger: the ground, or nothing
 
     void color(const MutableArrayView& out) const;     ///< (H, W, 3) float32
-    void picture(const MutableArrayView& out) const;   ///< (H, W, 3) uint8
-    void depth(const MutableArrayView& out) const;     ///< (H, W) float32
+    void image(const MutableArrayView& out) const;     ///< (H, W, 3) uint8
+    void distance(const MutableArrayView& out) const;  ///< (H, W) float32
     void normal(const MutableArrayView& out) const;    ///< (H, W, 3) float32
     void position(const MutableArrayView& out) const;  ///< (H, W, 3) float32
     void albedo(const MutableArrayView& out) const;    ///< (H, W, 3) float32
     void mask(const MutableArrayView& out) const;      ///< (H, W) uint8, host memory only
     void layer(const MutableArrayView& out) const;     ///< (H, W) uint8
 
-    /// A new frame with more samples per pixel: edges, soft shadows and rough reflections get smooth.  Depth, normals and
+    /// A new frame with more samples per pixel: edges, soft shadows and rough reflections get smooth.  Distances, normals and
     /// positions stay those of the pixels' centres.  Throws Error: invalid if a scene has changed since it was rendered.
     Frame refine(int samples = 1) const;
 

@@ -1,4 +1,4 @@
-// globule: particles in, smooth exact surfaces and volumes out.  This header includes all others; docs/cpp.md begins with
+// globule: particles in, smooth exact surfaces and volumes out.  This header includes all others; docs/reference/cpp.md begins with
 // examples.
 #pragma once
 #include "globule/array.hpp"

@@ -16,7 +16,7 @@
 
 namespace globule {
 
-/// The basis function b(r); docs/conventions.md has their formulas and defaults.
+/// The basis function b(r); docs/understand/conventions.md has their formulas and defaults.
 enum class Kernel : int { murakami, nishimura, wyvill, blinn, cubic_spline, wendland_c2, solid };
 enum class OctreeKind : int { sparse, dense };
 
@@ -61,7 +61,7 @@ struct Neighbors {
 
 /// Where rays meet the surface.
 struct Intersections {
-    std::vector<float> depth{}; ///< (M,) along the ray, world; infinite where missed
+    std::vector<float> distance{}; ///< (M,) along the ray, world; infinite where missed
     std::vector<float> normal{}; ///< (M, 3)
     std::vector<float> albedo{}; ///< (M, 3)
 };

@@ -77,8 +77,8 @@ public:
     explicit Simulation(const SimulationSettings& settings, const SimulationOptions& options = {});
     explicit operator bool() const noexcept { return impl_ != nullptr; }
 
-    /// New particles: positions (M, 3) or flat, m; velocities of the same shape, or one, m/s.  Returns the first of their ids,
-    /// which follow each other.
+    /// Adds particles of a phase, by default the first: positions (M, 3) or flat, m; velocities of the same shape, or one for all,
+    /// m/s.  Returns the first of their ids, which are consecutive.
     std::uint32_t add(const ArrayView& positions, const std::string& phase = "", const Property<Vec3>& velocities = {});
     /// Removes particles by id.
     void remove(const std::vector<std::uint32_t>& ids);
@@ -94,20 +94,21 @@ public:
     void configure(const SimulationSettings& settings);
     void set_phase(const Phase& phase);
 
-    std::size_t size() const;
+    std::size_t size() const;                   ///< particles, those of walls and other boundaries included
     double time() const;                        ///< s
     std::uint64_t n_steps() const;
     double next_dt() const;                     ///< of the step that comes next, s
     const std::string& device() const;
 
-    // Particles in id order, which is ascending.
+    // All particles, those of boundaries included, in ascending order of their ids.
     std::vector<std::uint32_t> ids() const;     ///< (N,)
     std::vector<float> positions() const;       ///< (N, 3), m
     std::vector<float> velocities() const;      ///< (N, 3), m/s
     std::vector<float> pressure() const;        ///< (N,), Pa, of the last step
     std::vector<std::uint8_t> phase() const;    ///< (N,) number of the phase
 
-    /// The particles as they are at each call, to be rendered and asked, not updated.  It keeps the simulation alive.
+    /// The simulation's particles as a scene, always in their present state: it can be rendered and queried, but not updated.
+    /// Kernel murakami, its default threshold, support of two spacings.  The scene keeps the simulation alive.
     Scene scene() const;
 
 private:

@@ -119,7 +119,7 @@ double guessed_spacing(const core::FloatArray& p, std::size_t n) {
     return extent > 0 ? extent / std::pow(double(n), 1.0 / 3.0) : 1;
 }
 
-Update checked(const Particles& p, int device, bool dense, double own_support, double measured_support) {
+Update check_update(const Particles& p, int device, bool dense, double own_support, double measured_support) {
     Update u;
     u.inputs = std::make_unique<Inputs>(device);
     core::SceneArrays& a = u.arrays;
@@ -180,7 +180,7 @@ void Scene::Impl::check_whole() const {
 void Scene::Impl::update(const Particles& p) {
     if (n_of_owner) throw Error(ErrorCode::invalid, "update: the scene of a simulation follows its particles");
     const core::Gates inside = gates();
-    Update u = checked(p, core.device(), tree.dense, own_support, measured_support);
+    Update u = check_update(p, core.device(), tree.dense, own_support, measured_support);
     const bool was_whole = whole;
     bool changed = false;
     const auto build = [&](double one) {
@@ -291,23 +291,23 @@ Intersections Scene::intersect(const ArrayView& origins, const ArrayView& direct
     std::size_t m;
     const core::FloatArray o = in.rows("origins", origins, 3, m);
     core::FloatArray d = in.floats("directions", directions, 3, m);
-    std::vector<float> checked;  // of a GPU's arrays only the GPU could tell
+    std::vector<float> unit;  // of a GPU's arrays only the GPU could tell
     if (d.device == core::kHost && m) {
-        checked.assign(d.data, d.data + 3 * m);
-        d.data = checked.data();
+        unit.assign(d.data, d.data + 3 * m);
+        d.data = unit.data();
     }
-    for (std::size_t i = 0; 3 * i < checked.size(); ++i) {
-        float* v = &checked[3 * i];
+    for (std::size_t i = 0; 3 * i < unit.size(); ++i) {
+        float* v = &unit[3 * i];
         const double length = std::sqrt(double(v[0]) * v[0] + double(v[1]) * v[1] + double(v[2]) * v[2]);
         if (!std::isfinite(length) || length == 0) std::fill_n(v, 3, NAN);  // a ray that meets nothing
         else if (std::abs(length - 1) > 5e-4)
             refuse("directions", "unit vectors", "length " + text(length) + " (ray " + std::to_string(i) + ")");
     }
     Intersections out;
-    out.depth.resize(m);
+    out.distance.resize(m);
     out.normal.resize(3 * m);
     out.albedo.resize(3 * m);
-    s.ask<&core::Scene::intersect>(s.field(), m, o, d, out.depth.data(), out.normal.data(), out.albedo.data());
+    s.ask<&core::Scene::intersect>(s.field(), m, o, d, out.distance.data(), out.normal.data(), out.albedo.data());
     return out;
 }
 
@@ -371,7 +371,7 @@ void Scene::synchronize() const { Inside::of(*this, "scene").core.call<&core::Sc
 namespace {
 
 /// The picture's next samples; its scenes are locked.
-std::shared_ptr<const Inside::FrameImpl> traced(Inside::FrameImpl f, const core::Gates& inside, int samples, const core::Handle<core::Frame>& before) {
+std::shared_ptr<const Inside::FrameImpl> trace(Inside::FrameImpl f, const core::Gates& inside, int samples, const core::Handle<core::Frame>& before) {
     f.request.passes = samples;
     const core::Handle<core::Scene>& first = f.scenes[0]->core;
     f.core = {first.backend(), first.call_inside<&core::Scene::render>(inside, f.request, before.object()), nullptr};
@@ -415,7 +415,7 @@ Frame render(const std::vector<Layer>& layers, const Camera& camera, int width, 
     for (const auto& scene : f.scenes) scene->check_whole();
     if (settings.ambient_rays && !settings.ambient_distance)
         f.request.lighting.ambient_distance = float(0.1 * double(f.scenes[0]->core.call_inside<&core::Scene::facts>(inside, false).header.space.extent));
-    return Inside::frame(traced(std::move(f), inside, samples, {}));
+    return Inside::frame(trace(std::move(f), inside, samples, {}));
 }
 
 Frame Frame::refine(int samples) const {
@@ -425,7 +425,7 @@ Frame Frame::refine(int samples) const {
         refuse("samples", "at most " + std::to_string(kMaxSamples) + " in all", std::to_string(samples) + " more");
     const core::Gates inside = gates_of(f);
     for (const auto& scene : f.scenes) scene->check_whole();
-    return Inside::frame(traced(f, inside, samples, f.core));
+    return Inside::frame(trace(f, inside, samples, f.core));
 }
 
 }  // namespace globule

@@ -171,18 +171,18 @@ struct Simulation::Impl {
         if (n) call<&core::Simulation::read>(inside, std::string(name), static_cast<void*>(out.data()));
         return out;
     }
-    /// In id order, the first `taken` of `columns` numbers.
+    /// In id order, the first `wanted` of `columns` numbers.
     template <class T>
-    std::vector<T> in_order(const char* name, std::size_t columns, std::size_t taken) const {
+    std::vector<T> in_order(const char* name, std::size_t columns, std::size_t wanted) const {
         const core::Gates inside = gates();
         const std::vector<std::uint32_t> ids = read<std::uint32_t>(inside, "id", 1);
         const std::vector<T> all = read<T>(inside, name, columns);
         std::vector<std::uint32_t> order(n);
         std::iota(order.begin(), order.end(), 0u);
         std::sort(order.begin(), order.end(), [&](std::uint32_t a, std::uint32_t b) { return ids[a] < ids[b]; });
-        std::vector<T> out(n * taken);
+        std::vector<T> out(n * wanted);
         for (std::size_t i = 0; i < n; ++i)
-            for (std::size_t k = 0; k < taken; ++k) out[taken * i + k] = all[columns * order[i] + k];
+            for (std::size_t k = 0; k < wanted; ++k) out[wanted * i + k] = all[columns * order[i] + k];
         return out;
     }
 };

@@ -126,14 +126,14 @@ double estimate(const VoxelGrid& grid, const std::vector<FixedPose>& poses, doub
 void check_memory(const VoxelGrid& grid, const std::vector<FixedPose>& poses, const FrameShape& shape, std::size_t item, ReconstructionMethod method,
                   std::uint64_t available) {
     const auto needed = [&](double times) { return estimate(times == 1 ? grid : grid.coarser(times), poses, times, shape, item, method); };
-    const double taken = needed(1), there = double(available);
-    if (!available || taken <= there) return;
+    const double least = needed(1), there = double(available);
+    if (!available || least <= there) return;
     constexpr double kMostTimes = 1e5;
-    double times = std::cbrt(taken / there);
+    double times = std::cbrt(least / there);
     while (needed(times) > 0.95 * there && times < kMostTimes) times *= 1.05;
     std::string size;
     for (const std::int64_t k : grid.size) size += (size.empty() ? "" : " x ") + std::to_string(k);
-    throw Error(ErrorCode::memory, "spacing: " + size + " voxels at " + text(grid.spacing) + " mm need up to " + text(taken / 1073741824.0) + " GiB, " +
+    throw Error(ErrorCode::memory, "spacing: " + size + " voxels at " + text(grid.spacing) + " mm need up to " + text(least / 1073741824.0) + " GiB, " +
                                        text(there / 1073741824.0) + " GiB are free; " +
                                        (times >= kMostTimes ? std::string("no spacing would fit, take fewer frames") : text(grid.spacing * times * 1.005) + " mm would fit"));
 }

@@ -26,9 +26,9 @@ TEST_CASE("positions may be flat, rows, or float64") {
     std::vector<std::array<double, 3>> rows;
     for (std::size_t i = 0; i < flat.size(); i += 3) rows.push_back({flat[i], flat[i + 1], flat[i + 2]});
     const Camera camera = Camera::fit(flat);
-    const auto a = Scene({.positions = flat}, on_cpu).render(camera, 64, 48).picture();
-    CHECK(a == Scene({.positions = ArrayView(flat.data(), {flat.size() / 3, 3})}, on_cpu).render(camera, 64, 48).picture());
-    CHECK(a == Scene({.positions = rows}, on_cpu).render(Camera::fit(rows), 64, 48).picture());
+    const auto a = Scene({.positions = flat}, on_cpu).render(camera, 64, 48).image();
+    CHECK(a == Scene({.positions = ArrayView(flat.data(), {flat.size() / 3, 3})}, on_cpu).render(camera, 64, 48).image());
+    CHECK(a == Scene({.positions = rows}, on_cpu).render(Camera::fit(rows), 64, 48).image());
 }
 
 TEST_CASE("converted colours outlive the caller's") {
@@ -36,7 +36,7 @@ TEST_CASE("converted colours outlive the caller's") {
     const Camera camera = Camera::fit(p);
     std::vector<float> red;
     for (std::size_t i = 0; i < p.size() / 3; ++i) red.insert(red.end(), {1, 0, 0});
-    const auto expected = Scene({.positions = p, .color = red}, on_cpu).render(camera, 64, 48).picture();
+    const auto expected = Scene({.positions = p, .color = red}, on_cpu).render(camera, 64, 48).image();
     Scene bytes, doubles;
     {
         std::vector<std::uint8_t> of_bytes;
@@ -46,9 +46,9 @@ TEST_CASE("converted colours outlive the caller's") {
         doubles = Scene({.positions = p, .color = of_doubles}, on_cpu);
         for (double& v : of_doubles) v = 0.5;
     }
-    CHECK(bytes.render(camera, 64, 48).picture() == expected);
-    CHECK(doubles.render(camera, 64, 48).picture() == expected);
-    CHECK(Scene({.positions = p, .color = {1, 0, 0}}, on_cpu).render(camera, 64, 48).picture() == expected);
+    CHECK(bytes.render(camera, 64, 48).image() == expected);
+    CHECK(doubles.render(camera, 64, 48).image() == expected);
+    CHECK(Scene({.positions = p, .color = {1, 0, 0}}, on_cpu).render(camera, 64, 48).image() == expected);
 }
 
 TEST_CASE("what is wrong with an array is named") {
@@ -93,7 +93,7 @@ TEST_CASE("rows of an image go from top to bottom, and positions lie on the rays
     const int w = 40, h = 30;
     const Frame f = s.render(camera, w, h);
     const auto mask = f.mask();
-    const auto depth = f.depth(), position = f.position(), normal = f.normal();
+    const auto depth = f.distance(), position = f.position(), normal = f.normal();
     int top = 0, bottom = 0;
     for (int y = 0; y < h; ++y)
         for (int x = 0; x < w; ++x) {
@@ -110,10 +110,10 @@ TEST_CASE("rows of an image go from top to bottom, and positions lie on the rays
     CHECK(bottom == 0);
 
     std::vector<float> into(std::size_t(w) * h);
-    f.depth(MutableArrayView(into.data(), {h, w}));
+    f.distance(MutableArrayView(into.data(), {h, w}));
     CHECK(into == depth);
-    CHECK_SAYS(f.depth(MutableArrayView(into.data(), {w, h})), "depth: expected shape (30, 40), got (40, 30)");
-    CHECK_SAYS(f.picture(MutableArrayView(into.data(), {h, w, 3})), "picture: expected an array of uint8, got float32");
+    CHECK_SAYS(f.distance(MutableArrayView(into.data(), {w, h})), "distance: expected shape (30, 40), got (40, 30)");
+    CHECK_SAYS(f.image(MutableArrayView(into.data(), {h, w, 3})), "picture: expected an array of uint8, got float32");
 }
 
 TEST_CASE("neighbours are rows, and the field is the sum of kernels") {
@@ -135,7 +135,7 @@ TEST_CASE("neighbours are rows, and the field is the sum of kernels") {
     std::vector<float> speed(p.size() / 3, 3.0f);
     CHECK(s.blend(points, speed)[0] == doctest::Approx(3));
     const Intersections hits = s.intersect(std::vector<float>{0.15f, 0.15f, 3}, std::vector<float>{0, 0, -1});
-    CHECK(hits.depth[0] == doctest::Approx(2.6).epsilon(0.05));
+    CHECK(hits.distance[0] == doctest::Approx(2.6).epsilon(0.05));
     std::vector<std::uint64_t> keys;
     std::vector<std::uint32_t> index;
     s.sorted_keys(keys, index);

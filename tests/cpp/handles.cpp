@@ -46,7 +46,7 @@ TEST_CASE("moved-from handles are empty, copies are the same scene") {
     CHECK_SAYS(f.width(), "frame: expected");
     b = {};
     a = {};
-    CHECK(g.picture().size() == 192);  // a frame outlives the handles of its scene
+    CHECK(g.image().size() == 192);  // a frame outlives the handles of its scene
 }
 
 TEST_CASE("options are checked") {
@@ -83,7 +83,7 @@ TEST_CASE("settings, cameras and layers are checked") {
     CHECK_SAYS(s.render({.fov = 180}), "fov: expected");
     CHECK_SAYS(render({}, c), "layers: expected 1 to 4, got 0");
     CHECK_SAYS(Environment(std::vector<float>(6)), "image: expected shape (H, W, 3)");
-    CHECK(render({{s}, {s, Material{.transmission = 0.5}}}, c, 8, 8).picture().size() == 192);
+    CHECK(render({{s}, {s, Material{.transmission = 0.5}}}, c, 8, 8).image().size() == 192);
 }
 
 TEST_CASE("a scene without particles asks for them") {
@@ -120,18 +120,18 @@ TEST_CASE("a frame is refined only of the scene that it shows") {
     const std::vector<float> p = cube(4);
     Scene s({.positions = p}, on_cpu);
     const Frame one = s.render(Camera::fit(p), 32, 24);
-    const auto before = one.picture();
+    const auto before = one.image();
     const Frame four = one.refine(3);
     CHECK(one.samples() == 1);
     CHECK(four.samples() == 4);
-    CHECK(one.picture() == before);
-    CHECK(four.depth() == one.depth());
+    CHECK(one.image() == before);
+    CHECK(four.distance() == one.distance());
     RenderSettings settings;
     settings.samples = 4;
-    CHECK(four.picture() == s.render(Camera::fit(p), 32, 24, settings).picture());
+    CHECK(four.image() == s.render(Camera::fit(p), 32, 24, settings).image());
     s.update({.positions = p});
     CHECK_SAYS(one.refine(), "refine: expected the scene as it was rendered");
-    CHECK(one.picture() == before);
+    CHECK(one.image() == before);
 }
 
 TEST_CASE("a simulation, its arrays and its scene") {
@@ -164,7 +164,7 @@ TEST_CASE("a simulation, its arrays and its scene") {
     CHECK_SAYS(before.refine(), "refine: expected the scene as it was rendered");
     CHECK(sim.advance(0.05)->time == doctest::Approx(0.05 + report.time));
     CHECK(scene.size() == sim.size());
-    CHECK(scene.render(camera, 64, 48).depth() != before.depth());
+    CHECK(scene.render(camera, 64, 48).distance() != before.distance());
     const auto ids = sim.ids();
     CHECK(std::is_sorted(ids.begin(), ids.end()));
     sim.remove({first});

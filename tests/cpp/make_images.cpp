@@ -36,8 +36,8 @@ void draw(const std::vector<float>& p) {
         const Scene s({.positions = p}, {.kernel = Kernel(k), .key_bits = k % 2 ? 64 : 32, .device = "cpu"});
         const Camera camera = Camera::fit(p, {.width = w, .height = h, .margin = s.margin()});
         const Frame f = s.render(camera, w, h);
-        save(std::string("kernel_") + kernels[k], f.picture());
-        save(std::string("depth_") + kernels[k], f.depth());
+        save(std::string("kernel_") + kernels[k], f.image());
+        save(std::string("depth_") + kernels[k], f.distance());
     }
     const std::size_t n = p.size() / 3;
     std::vector<float> color, support, weight;
@@ -49,7 +49,7 @@ void draw(const std::vector<float>& p) {
     const Particles particles{.positions = p, .support = support, .weight = weight, .color = color, .reflection = 0.25, .refraction = 0.5};
     const Scene s(particles, {.octree = OctreeKind::dense, .device = "cpu"});
     const Camera flat = Camera::fit(p, {.direction = {-1, 0.5, 0.25}, .up = {0, 0, 1}, .width = w, .height = h, .margin = s.margin(), .orthographic = true});
-    save("orthographic", s.render(flat, w, h, {}, {ClipPlane{{1, 0.5, 0}, 0.5}}).picture());
+    save("orthographic", s.render(flat, w, h, {}, {ClipPlane{{1, 0.5, 0}, 0.5}}).image());
 
     RenderSettings rich;
     rich.lights = {DirectionalLight{.direction = {1, 2, 0.5}, .angle = 2}, PointLight{.position = {2, 3, 4}, .radius = 0.25}};
@@ -61,8 +61,8 @@ void draw(const std::vector<float>& p) {
     rich.samples = 2;
     const Camera camera = Camera::fit(p, {.width = w, .height = h});
     const Frame f = s.render(camera, w, h, rich, {ClipSphere{{0.5, 0.5, 0.5}, 0.25}, ClipBox{{-9, -9, -9}, {9, 9, 0.75}, true}});
-    save("rich", f.picture());
-    save("rich_refined", f.refine(2).picture());
+    save("rich", f.image());
+    save("rich_refined", f.refine(2).image());
     save("rich_normal", f.normal());
 
     std::vector<float> image;
@@ -76,7 +76,7 @@ void draw(const std::vector<float>& p) {
     std::vector<float> shifted = p;
     for (float& v : shifted) v += 0.3f;
     const Scene other({.positions = shifted, .color = {0.75, 0.25, 0.125}}, {.support = 0.25, .device = "cpu"});
-    save("layers", render({{s, {}, {ClipPlane{{0, 1, 0}, 0.5}}}, {other, Material{.transmission = 0.75, .index = 1.25, .absorption = Vec3{1, 2, 3}}}}, camera, w, h, mirror).picture());
+    save("layers", render({{s, {}, {ClipPlane{{0, 1, 0}, 0.5}}}, {other, Material{.transmission = 0.75, .index = 1.25, .absorption = Vec3{1, 2, 3}}}}, camera, w, h, mirror).image());
 }
 
 void simulate() {
@@ -94,7 +94,7 @@ void simulate() {
     save("sim_positions", sim.positions());
     save("sim_velocities", sim.velocities());
     save("sim_ids", sim.ids());
-    save("sim_image", sim.scene().render({.eye = {0.5, 0.5, 2.5}, .look_at = {0.5, 0.25, 0.25}}, 160, 120).picture());
+    save("sim_image", sim.scene().render({.eye = {0.5, 0.5, 2.5}, .look_at = {0.5, 0.25, 0.25}}, 160, 120).image());
 }
 
 Matrix4 pose(int f) {

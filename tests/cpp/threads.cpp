@@ -32,18 +32,18 @@ void on_threads(int n, const Fn& fn) {
 TEST_CASE("threads on one scene wait for each other; frames are read by any") {
     const std::vector<float> small = cube(6), large = cube(9);
     const Camera camera = Camera::fit(large);
-    const auto of_small = Scene({.positions = small}, on_cpu).render(camera, 64, 48).picture();
+    const auto of_small = Scene({.positions = small}, on_cpu).render(camera, 64, 48).image();
     Scene s({.positions = small}, {.support = 0.2, .device = "cpu"});
-    const auto expected_small = s.render(camera, 64, 48).picture(), expected_large = Scene({.positions = large}, {.support = 0.2, .device = "cpu"}).render(camera, 64, 48).picture();
+    const auto expected_small = s.render(camera, 64, 48).image(), expected_large = Scene({.positions = large}, {.support = 0.2, .device = "cpu"}).render(camera, 64, 48).image();
     const Frame shared = s.render(camera, 64, 48);
     std::atomic<int> wrong{0};
     on_threads(4, [&](int k) {
         Scene mine = s;  // a handle each
         for (int i = 0; i < 20; ++i) {
             if (k == 0) mine.update({.positions = i % 2 ? small : large});
-            const auto picture = mine.render(camera, 64, 48).picture();
+            const auto picture = mine.render(camera, 64, 48).image();
             wrong += picture != expected_small && picture != expected_large;
-            wrong += shared.picture() != expected_small;
+            wrong += shared.image() != expected_small;
             wrong += mine.field(small).size() != small.size() / 3;
         }
     });
@@ -54,10 +54,10 @@ TEST_CASE("threads on one scene wait for each other; frames are read by any") {
 TEST_CASE("scenes of their own run in parallel") {
     const std::vector<float> p = cube(6);
     const Camera camera = Camera::fit(p);
-    const auto expected = Scene({.positions = p}, on_cpu).render(camera, 64, 48).picture();
+    const auto expected = Scene({.positions = p}, on_cpu).render(camera, 64, 48).image();
     std::atomic<int> wrong{0};
     on_threads(4, [&](int) {
-        for (int i = 0; i < 5; ++i) wrong += Scene({.positions = p}, on_cpu).render(camera, 64, 48).picture() != expected;
+        for (int i = 0; i < 5; ++i) wrong += Scene({.positions = p}, on_cpu).render(camera, 64, 48).image() != expected;
     });
     CHECK(wrong == 0);
 }
@@ -78,7 +78,7 @@ TEST_CASE("a call that is stopped leaves its scene right or asks for an update")
     settings.shadows = true;
     settings.ambient_rays = 2;
     Scene s({.positions = p}, {.support = 0.2, .device = "cpu"});
-    const auto picture = [&] { return s.render(camera, 64, 48, settings).picture(); };
+    const auto picture = [&] { return s.render(camera, 64, 48, settings).image(); };
     const auto expected = picture();
     int n_cancelled = 0, n_stale = 0, wrong = 0;
     for (int i = 0; i < 40; ++i) {
