@@ -256,3 +256,17 @@ def test_the_page_of_particles(chromium):
         until(lambda: watched.viewer.state.color.high == pytest.approx(float(hi)))
     finally:
         watched.close()
+
+
+def test_saved_settings_open_the_same_view(tmp_path):
+    path = tmp_path / "view.toml"
+    viewer = gb.view(blob(), block=False, browser=False)
+    viewer.state.set(surface__threshold=0.7)
+    viewer.save_state(path)
+    viewer.close()
+    again = gb.view(blob(), state=path, block=False, browser=False)
+    try:
+        assert again.state.surface.threshold == 0.7
+        assert again.first_camera == viewer.first_camera
+    finally:
+        again.close()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -82,7 +83,7 @@ def show(
     if state is None:
         settings.set(**source.settings)
     elif settings is not state:
-        with open(state, encoding="utf-8") as file:
+        with Path(state).open(encoding="utf-8") as file:  # `open` is this package's module
             camera = settings.load_toml(file.read(MOST_BYTES + 1)) or camera
     viewer = Viewer(source, settings, host, port, up, camera)
     preset = preset or (source.preset if state is None else None)
