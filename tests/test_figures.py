@@ -65,10 +65,10 @@ def test_mistakes(tmp_path, monkeypatch, capsys):
 
 def test_the_gallery_is_complete():
     docs = Path(__file__).resolve().parents[1] / "docs"
-    page = (docs / "figures.md").read_text(encoding="utf-8")
+    page = (docs / "understand/figures.md").read_text(encoding="utf-8")
     for name in FIGURES:
         assert caption(name) in page.replace("\n", " ")
-        assert f"(images/figures/{name}.png)" in page
+        assert f"(../images/figures/{name}.png)" in page
         assert (docs / "images/figures" / f"{name}.png").stat().st_size < 150_000
 
 
