@@ -1,4 +1,4 @@
-"""docs/reference/scene-keys.md names every key of a scene and no other, bold where it must be given."""
+"""The page of scene keys names every key of a scene and no other, bold where it must be given."""
 
 import dataclasses
 import re
