@@ -13,7 +13,7 @@ import numpy as np
 
 from ..formats.errors import bad, shown
 from ..formats.sweeps.transforms import Edges, Transform, parse_matrix
-from ..formats.vtk_xml import parse_xml
+from ..formats.xml import parse_xml
 from .region import Clip, Fan, checked_clip, checked_fan
 
 
