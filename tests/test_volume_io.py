@@ -248,8 +248,9 @@ def test_hostile_headers():
 def test_names():
     with pytest.raises(ValueError, match="extensions"):
         write_volume("a.stl", volume())
-    with pytest.raises(ValueError, match="extensions"):
-        read_volume("a.stl")
+    gb.write("particles.npz", gb.Particles(np.eye(3)))
+    with pytest.raises(FormatError, match=r"particles \(npz\): read it with globule.read$"):
+        read_volume("particles.npz")
     with pytest.raises(FileNotFoundError):
         read_volume("a.nrrd")
     with pytest.raises(TypeError):

@@ -25,7 +25,6 @@ from .formats import (  # noqa: E402
     FormatError,
     mesh_particles,
     read,
-    tomography_particles,
     write,
 )
 from .formats.pictures.environment import read_environment  # noqa: E402
@@ -64,6 +63,7 @@ from .viewer import view  # noqa: E402
 from .volumes.files import read_volume, write_volume  # noqa: E402
 from .volumes.iso_surface import iso_surface  # noqa: E402
 from .volumes.slices import reslice  # noqa: E402
+from .volumes.tomography import tomography_particles  # noqa: E402
 from .volumes.volume import Volume  # noqa: E402
 
 __version__ = _core.version

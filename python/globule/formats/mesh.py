@@ -14,14 +14,15 @@ from typing import IO, Any
 
 import numpy as np
 
+from .._base.checks import missing
 from .._base.colormaps import to_linear
 from ..scene.particles import Particles
 from ..scene.spacing import local_spacing
 from ..scene.surface import MOST_SAMPLES, sampled_particles, vertex_particles
 from .errors import FormatError, bad
+from .kind import kind_of, wrong_kind
 
-EXTENSIONS = (".obj", ".stl", ".glb", ".ply")
-OPTIONS = ("spacing",)
+FORMATS = ("obj", "stl", "glb", "ply")
 
 
 def read(path: str | os.PathLike, spacing: float | None = None) -> Particles:
@@ -44,8 +45,8 @@ def mesh_particles(mesh: Any, spacing: float | None = None) -> Particles:
         mesh: path of an .obj, .stl, .glb or .ply file, or a trimesh.Trimesh or trimesh.Scene.
         spacing: world units, > 0.
 
-    Raises FormatError for a file that holds no mesh; ValueError for another extension, a spacing
-    that would make more than 50 million points, or where trimesh is missing.
+    Raises FormatError for a file that holds no mesh; ValueError for a spacing that would make more
+    than 50 million points; MissingPackageError without trimesh.
     """
     if spacing is not None and not (spacing > 0 and np.isfinite(spacing)):
         raise ValueError(f"spacing: expected a positive number, got {spacing!r}")
@@ -53,10 +54,11 @@ def mesh_particles(mesh: Any, spacing: float | None = None) -> Particles:
     name, linear = "mesh", False
     if isinstance(mesh, (str, os.PathLike)):
         name = os.fspath(mesh)
-        if not name.lower().endswith(EXTENSIONS):
-            raise FormatError(f"{name}: expected one of the extensions {' '.join(EXTENSIONS)}")
-        linear = name.lower().endswith(".glb")
-        mesh = _load(trimesh, name)
+        kind = kind_of(name, "mesh")
+        if kind.format not in FORMATS:
+            raise wrong_kind(name, f"a mesh ({', '.join(FORMATS)})", kind)
+        linear = kind.format == "glb"
+        mesh = _load(trimesh, name, kind.format)
     scene = trimesh.Scene(mesh) if isinstance(mesh, trimesh.Trimesh) else mesh
     if not isinstance(scene, trimesh.Scene):
         raise TypeError(f"mesh: expected a path, Trimesh or Scene, got {type(mesh).__name__}")
@@ -130,14 +132,17 @@ def _points(name: str, parts: list[Any]) -> Particles:
     return Particles(positions, support=2 * local_spacing(positions))
 
 
-def _load(trimesh: Any, path: str) -> Any:
+def _load(trimesh: Any, path: str, form: str) -> Any:
     with open(path, "rb") as file:  # what is no readable file is an OSError like everywhere
-        if path.lower().endswith(".glb"):
+        if form == "glb":
             _check_glb(path, file)
-        elif path.lower().endswith(".obj"):
+        elif form == "obj":
             _check_obj(path, file)
     with _errors_of(path):
-        return trimesh.load_scene(path, process=False)
+        if path.lower().endswith(f".{form}"):
+            return trimesh.load_scene(path, process=False)  # which finds textures beside it
+        with open(path, "rb") as file:
+            return trimesh.load_scene(file, file_type=form, process=False)
 
 
 def _check_obj(path: str, file: IO[bytes]) -> None:
@@ -185,7 +190,5 @@ def _trimesh() -> Any:
     try:
         import trimesh
     except ImportError:
-        raise ValueError(
-            "meshes: expected the package trimesh, got none: pip install 'globule[formats]'"
-        ) from None
+        raise missing("trimesh", "formats") from None
     return trimesh

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..formats.errors import FormatError, bad
+from ..formats.kind import kind_of, kind_or_none, wrong_kind
 from ..formats.sweeps import igs, stack
 from ..formats.sweeps.poses import PoseTable, interpolate, read_poses, write_csv
 from ..formats.sweeps.transforms import (
@@ -26,7 +27,7 @@ from .calibration import Calibration
 from .setup import Setup
 from .sweep import Sweep, checked_frames
 
-EXTENSIONS = (*igs.EXTENSIONS, ".npz", ".npy", *stack.DICOM)
+EXTENSIONS = (*igs.EXTENSIONS, ".npz", ".npy", *stack.DICOM)  # usual ones; the content counts
 WRITABLE = (".igs.mha", ".mha", ".igs.nrrd", ".nrrd", ".npz")
 _POSES_BESIDE = "poses.csv"  # of a folder of pictures
 
@@ -115,39 +116,25 @@ def write_sweep(path: str | os.PathLike, sweep: Sweep) -> None:
 
 
 def is_sweep(path: str | os.PathLike) -> bool:
-    """Whether a file or folder holds tracked frames, by name and, where needed, by header."""
-    name = os.fspath(path).lower()
-    if name.endswith((".igs.mha", ".igs.nrrd", *stack.DICOM)) or os.path.isdir(path):
-        return True
-    if name.endswith((".mha", ".nrrd")):
-        with open(path, "rb") as file:
-            head = file.read(65536).split(b"ElementDataFile")[0].split(b"\n\n")[0]
-        return b"Seq_Frame0000_" in head and b"Transform" in head.replace(b"TransformMatrix", b"")
-    if name.endswith(".npz"):
-        import zipfile
-
-        try:
-            with zipfile.ZipFile(path) as archive:
-                return {"frames.npy", "world_from_image.npy"} <= set(archive.namelist())
-        except zipfile.BadZipFile:
-            return False
-    return False
+    """Whether a file or folder holds tracked frames or a stack of images, by its content."""
+    found = kind_or_none(path)
+    return found is not None and found.kind == "sweep"
 
 
 def _recording(path: str | os.PathLike) -> tuple[igs.Recording, dict[str, np.ndarray]]:
     """Frames and what their file says; the other arrays of a NumPy archive."""
-    name = os.fspath(path).lower()
-    if name.endswith(igs.EXTENSIONS):
+    kind = kind_of(path, "sweep")
+    if kind.format in ("metaimage", "nrrd"):
         recording, arrays = igs.read(path), {}
     else:
-        if os.path.isdir(path):
+        if kind.format == "pictures":
             images = stack.read_folder(path)
-        elif name.endswith((".npz", ".npy")):
+        elif kind == ("sweep", "npz") or kind.format == "npy":
             images = stack.read_numpy(path)
-        elif name.endswith(stack.DICOM):
+        elif kind == ("sweep", "dicom"):
             images = stack.read_dicom(path)
         else:
-            raise FormatError(f"{path}: expected a folder or one of {' '.join(EXTENSIONS)}")
+            raise wrong_kind(path, "a sweep or a stack of images", kind)
         ok = np.ones(len(images.frames), bool)
         fields = [{} for _ in ok]
         recording = igs.Recording(images.frames, images.times, {}, ok, {}, fields)

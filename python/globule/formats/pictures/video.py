@@ -14,19 +14,18 @@ from typing import Any
 
 import numpy as np
 
+from ..._base.checks import missing
 from ..._base.files import atomic_write
 
 CRF = "18"  # x264's constant quality: differences are hardly visible, about 1 MB a second at 720p
 
 
 def need_av() -> Any:
-    """PyAV, or ImportError that says how to get it."""
+    """PyAV. Raises MissingPackageError without it."""
     try:
         import av
-    except ImportError as error:
-        raise ImportError(
-            'a movie needs PyAV, which is not installed: pip install "globule[video]"'
-        ) from error
+    except ImportError:
+        raise missing("PyAV", "video") from None
     return av
 
 
@@ -44,7 +43,7 @@ def write_movie(path: str | os.PathLike, pictures: Iterable[Any], fps: float = 3
         The number of frames.
 
     Raises:
-        ImportError: PyAV is not installed.
+        MissingPackageError: PyAV is not installed.
         ValueError: no pictures, or of several sizes.
     """
     av = need_av()

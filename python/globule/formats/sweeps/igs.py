@@ -45,7 +45,8 @@ class Recording(NamedTuple):
 
 def read(path: str | os.PathLike) -> Recording:
     """Read frames and all that is said of them. Raises FormatError naming the field."""
-    is_nrrd = _is_nrrd(path)
+    with open(path, "rb") as file:
+        is_nrrd = file.read(4) == b"NRRD"
     image = (nrrd if is_nrrd else metaimage).read(path)
     frames = _planes(path, image)
     n = len(frames)

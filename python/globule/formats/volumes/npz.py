@@ -18,7 +18,7 @@ import numpy as np
 
 from ..._base.files import atomic_write
 from ..errors import bad
-from ..numpy_format import _archive
+from ..numpy_format import read_archive
 from .geometry import VolumeData
 
 BLOCK = 8
@@ -29,8 +29,7 @@ _OWN = ("values", "world_from_voxel", "space", "shape", "blocks")
 
 def read(path: str | os.PathLike) -> VolumeData:
     """Read either form."""
-    with open(path, "rb") as file:
-        arrays = _archive(path, file)
+    arrays = read_archive(path)
     for name in ("values", "world_from_voxel"):
         if name not in arrays:
             raise bad(path, name, f"expected an array, got {', '.join(arrays) or 'none'}")
