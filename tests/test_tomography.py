@@ -315,7 +315,10 @@ def test_mistakes_of_the_commands(head, capsys):
         (["convert", "a.npz", "b.npz", "--resample", "1"], "--resample: expected a volume or mesh"),
         (["info", head, "--level", "1", "--label", "1"], "--level: expected none beside --label"),
         (["convert", head, "b.nii", "--level", "1"], "OUT: expected a name ending in"),
-        (["render", head, "-o", "b.png", "--level", "1e9"], "level: expected at most the highest value, 1000"),
+        (
+            ["render", head, "-o", "b.png", "--level", "1e9"],
+            "level: expected at most the highest value, 1000",
+        ),
         (["render", head, "-o", "b.png", "--label", "77"], "nii.gz: --label: expected a value"),
         (["info", head, "--label", "77", "--label", "78"], "that voxels have, got 77, 78"),
         (["info", ".", "--level", "1"], "expected pictures or a DICOM series"),

@@ -159,10 +159,13 @@ def _by_content(path: str | os.PathLike, wanted: str | None) -> Kind | None:
     if head[:2] == b"\x1f\x8b":
         head, size = _unpacked(head), -1  # how many bytes it unpacks to is not known
     found = _by_magic(head, size)
-    if found or b"\0" in head[:4096]:
+    if found:
         return found
     text = head.removeprefix(b"\xef\xbb\xbf").decode("utf-8", "replace")
-    return _in_text(text, _by_ending(path))
+    if text.lstrip().startswith("<"):  # XML, in which VTK has raw data
+        vtk = re.search(r"<VTKFile\b[^>]*?\btype *= *[\"'](\w+)", text)
+        return _XML.get(vtk[1]) if vtk else None
+    return None if "\0" in text[:4096] else _in_text(text, _by_ending(path))
 
 
 def _unpacked(head: bytes) -> bytes:
@@ -229,9 +232,6 @@ def _in_folder(path: str | os.PathLike) -> Kind:
 
 
 def _in_text(text: str, ending: Kind | None) -> Kind | None:
-    if text.lstrip().startswith("<"):
-        vtk = re.search(r"<VTKFile\b[^>]*?\btype *= *[\"'](\w+)", text)
-        return _XML.get(vtk[1]) if vtk else None
     lines = [line.strip() for line in text.splitlines()[:_LINES]]
     lines = [line for line in lines if line and not line.startswith("#")]
     if not lines:
