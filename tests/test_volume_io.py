@@ -274,11 +274,11 @@ def test_maps_appear_with_their_volume_or_not_at_all(monkeypatch, stop):
     calls = {"n": 0}
     kept = {"write": metaimage.write, "place": os.replace}
 
-    def third(*arguments):
+    def third(*arguments, **options):
         calls["n"] += 1
         if calls["n"] == 3 and stop == "write":
             raise KeyboardInterrupt
-        kept[stop](*arguments)
+        kept[stop](*arguments, **options)
         if calls["n"] == 3:
             raise KeyboardInterrupt
 

@@ -55,6 +55,17 @@ def whole(name: str, value: Any, least: int, most: int) -> int:
     return int(value)
 
 
+def positive(name: str, value: Any) -> float:
+    """A finite number above 0."""
+    try:
+        v = number(name, value)
+    except ValueError:
+        v = 0.0
+    if v <= 0:
+        raise ValueError(f"{name}: expected a positive number, got {value!r}")
+    return v
+
+
 def thread_count(value: Any) -> int:
     """How many CPU threads are asked for; 0 takes all."""
     return whole("threads", value, 0, 4096)

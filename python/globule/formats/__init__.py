@@ -85,12 +85,12 @@ def read(path: str | os.PathLike, **options: Any) -> Particles:
     OSErrors pass unchanged.
     """
     kind = kind_of(path, "particles")
-    if kind.kind == "volume" and options and options.keys() <= set(_VOLUME_OPTIONS):
-        if volume_particles is not None:
-            new = "globule.tomography_particles"
-            message = f"globule.read of a volume goes with the next version; use {new}"
-            warnings.warn(message, DeprecationWarning, stacklevel=2)
-            return volume_particles(path, **options)
+    of_volumes = bool(options) and options.keys() <= set(_VOLUME_OPTIONS)
+    if kind.kind == "volume" and of_volumes and volume_particles is not None:
+        new = "globule.tomography_particles"
+        message = f"globule.read of a volume goes with the next version; use {new}"
+        warnings.warn(message, DeprecationWarning, stacklevel=2)
+        return volume_particles(path, **options)
     if kind.kind not in ("particles", "mesh"):
         raise wrong_kind(path, "particles or a mesh", kind)
     for name in options:

@@ -14,7 +14,7 @@ from typing import IO, Any
 
 import numpy as np
 
-from .._base.checks import missing
+from .._base.checks import missing, positive
 from .._base.colormaps import to_linear
 from ..scene.particles import Particles
 from ..scene.spacing import local_spacing
@@ -48,8 +48,8 @@ def mesh_particles(mesh: Any, spacing: float | None = None) -> Particles:
     Raises FormatError for a file that holds no mesh; ValueError for a spacing that would make more
     than 50 million points; MissingPackageError without trimesh.
     """
-    if spacing is not None and not (spacing > 0 and np.isfinite(spacing)):
-        raise ValueError(f"spacing: expected a positive number, got {spacing!r}")
+    if spacing is not None:
+        spacing = positive("spacing", spacing)
     trimesh = _trimesh()
     name, linear = "mesh", False
     if isinstance(mesh, (str, os.PathLike)):
@@ -71,7 +71,7 @@ def mesh_particles(mesh: Any, spacing: float | None = None) -> Particles:
         corners = np.concatenate([part.vertices[part.faces] for part in meshes])
         colors = _Colors(name, meshes, linear)
     if spacing is not None:
-        return sampled_particles(corners, float(spacing), colors)
+        return sampled_particles(corners, spacing, colors)
     color = colors(np.repeat(np.arange(len(corners)), 3), np.tile(np.eye(3), (len(corners), 1)))
     vertices = Particles(corners.reshape(-1, 3), color=color)
     return vertex_particles(vertices, np.arange(len(vertices)).reshape(-1, 3))

@@ -23,6 +23,7 @@ class Element:
 
     @property
     def has_lists(self) -> bool:
+        """Whether a property is a list, as the corners of a face are."""
         return any(length for _, _, length in self.properties)
 
 

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import os
 import shutil
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from .._base.checks import number
 from ..formats.errors import FormatError, bad
 from ..formats.kind import kind_of, kind_or_none, wrong_kind
 from ..formats.sweeps import igs, stack
@@ -23,6 +25,7 @@ from ..formats.sweeps.transforms import (
     parse_matrix,
     split_name,
 )
+from ..formats.volumes.raw import Progress
 from .calibration import Calibration
 from .setup import Setup
 from .sweep import Sweep, checked_frames
@@ -42,6 +45,7 @@ def read_sweep(
     fan: Any = None,
     mask: Any = None,
     frame_times: Any = None,
+    progress: Callable[[int, int], None] | None = None,
 ) -> Sweep:
     """Read a tracked sweep.
 
@@ -57,6 +61,8 @@ def read_sweep(
         clip: (column, row, width, height) in pixels; fan: see `Fan`; mask: (H, W) or an image's
             path. They combine, and replace what calibration and configuration say of the same.
         frame_times: (F,) s, or frames per second, for a stack that does not know its times.
+        progress: called as progress(done, total): bytes of .mha and .nrrd, pictures of a folder, 1
+            of 1 at the end of other formats.
 
     A frame counts if its image and every transform on the way to the world have the status OK, and
     if poses surround its time. Raises FormatError or ValueError with one line that says what is
@@ -65,9 +71,8 @@ def read_sweep(
     setup = Setup(calibration, plus, clip, fan, mask)
     if temporal_offset is None:
         temporal_offset = setup.temporal_offset
-    if not np.isfinite(temporal_offset):
-        raise ValueError(f"temporal_offset: expected a finite number, got {temporal_offset}")
-    recording, arrays = _recording(path)
+    number("temporal_offset", temporal_offset)
+    recording, arrays = _recording(path, progress)
     if frame_times is not None:
         times = _frame_times(frame_times, len(recording.frames))
         recording = recording._replace(times=times)
@@ -96,21 +101,34 @@ def read_sweep(
     return sweep
 
 
-def write_sweep(path: str | os.PathLike, sweep: Sweep) -> None:
+def write_sweep(
+    path: str | os.PathLike, sweep: Sweep, progress: Callable[[int, int], None] | None = None
+) -> None:
     """Write a sweep: .igs.mha, .igs.nrrd, .npz, or a new folder of PNG files with poses.csv.
 
     Fields that a file had are written again as they were, with the calibration beside them; poses
     that were changed since replace those they came from. The .igs formats cannot hold the mask.
+
+    Args:
+        path: with one of these endings, or without an ending for a folder.
+        sweep: (F, H, W) frames and their poses; LPS for .mha and .nrrd.
+        progress: called as progress(done, total): bytes of .mha and .nrrd, pictures of a folder, 1
+            of 1 at the end of .npz.
+
+    Raises FormatError for another ending, TypeError for anything but a Sweep, ValueError for what
+    the format cannot hold; OSErrors pass unchanged.
     """
     if not isinstance(sweep, Sweep):
         raise TypeError(f"sweep: expected Sweep, got {type(sweep).__name__}")
     name = os.fspath(path).lower()
     if name.endswith(".npz"):
         _write_npz(path, sweep)
+        if progress:
+            progress(1, 1)
     elif name.endswith(WRITABLE):
-        igs.write(path, _as_recording(sweep))
+        igs.write(path, _as_recording(sweep), progress)
     elif "." not in os.path.basename(name.rstrip("/")):
-        _write_folder(path, sweep)
+        _write_folder(path, sweep, progress)
     else:
         raise FormatError(f"{path}: expected a folder or {' '.join(WRITABLE)}")
 
@@ -121,20 +139,24 @@ def is_sweep(path: str | os.PathLike) -> bool:
     return found is not None and found.kind == "sweep"
 
 
-def _recording(path: str | os.PathLike) -> tuple[igs.Recording, dict[str, np.ndarray]]:
+def _recording(
+    path: str | os.PathLike, progress: Progress
+) -> tuple[igs.Recording, dict[str, np.ndarray]]:
     """Frames and what their file says; the other arrays of a NumPy archive."""
     kind = kind_of(path, "sweep")
     if kind.format in ("metaimage", "nrrd"):
-        recording, arrays = igs.read(path), {}
+        recording, arrays = igs.read(path, progress), {}
     else:
         if kind.format == "pictures":
-            images = stack.read_folder(path)
+            images = stack.read_folder(path, progress)
         elif kind == ("sweep", "npz") or kind.format == "npy":
             images = stack.read_numpy(path)
         elif kind == ("sweep", "dicom"):
             images = stack.read_dicom(path)
         else:
             raise wrong_kind(path, "a sweep or a stack of images", kind)
+        if progress and kind.format != "pictures":
+            progress(1, 1)
         ok = np.ones(len(images.frames), bool)
         fields = [{} for _ in ok]
         recording = igs.Recording(images.frames, images.times, {}, ok, {}, fields)
@@ -355,7 +377,7 @@ def _write_npz(path: str | os.PathLike, sweep: Sweep) -> None:
     write_arrays(path, arrays)
 
 
-def _write_folder(path: str | os.PathLike, sweep: Sweep) -> None:
+def _write_folder(path: str | os.PathLike, sweep: Sweep, progress: Progress) -> None:
     from PIL import Image
 
     if sweep.frames.dtype == np.float32:
@@ -368,6 +390,8 @@ def _write_folder(path: str | os.PathLike, sweep: Sweep) -> None:
     try:
         for i, frame in enumerate(sweep.frames):
             Image.fromarray(frame).save(temporary / f"frame_{i:04d}.png")
+            if progress:
+                progress(i + 1, len(sweep))
         if sweep.mask is not None:
             Image.fromarray(sweep.mask.astype(np.uint8) * 255).save(temporary / stack.MASK)
         table = PoseTable(sweep.timestamps, sweep.world_from_image, sweep.valid)

@@ -12,12 +12,13 @@ import itertools
 import socket
 import time
 import zlib
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from .._base.checks import how_to_install
+from .._base.checks import missing
 from ..formats.sweeps.transforms import WORLDS, Edges, Transform, chain, find_path, split_name
 from .setup import Setup
 from .sweep import Sweep, usable
@@ -35,7 +36,7 @@ class _Pending(NamedTuple):
     time: float
     image: np.ndarray | None = None
     place: Any = np.eye(4)
-    edges: Edges = {}
+    edges: Mapping[tuple[str, str], Transform] = MappingProxyType({})
 
 
 class LiveFrame(NamedTuple):
@@ -60,11 +61,11 @@ def parse_address(address: str) -> tuple[str, int]:
 
 
 def need_pyigtl() -> Any:
-    """pyigtl's base of messages, or ValueError that says how to get it."""
+    """pyigtl's base of messages. Raises MissingPackageError without pyigtl."""
     try:
         from pyigtl.messages import MessageBase
     except ImportError:
-        raise ValueError(f"live: expected pyigtl, got none: {how_to_install('live')}") from None
+        raise missing("pyigtl", "live") from None
     return MessageBase
 
 

@@ -37,7 +37,8 @@ def read_plus(path: str | os.PathLike) -> PlusGeometry:
         names = element.get("From"), element.get("To")
         where = f"line {element.line}, Transform {names[0]} to {names[1]}"
         if not all(names):
-            raise bad(path, f"line {element.line}, Transform", "expected From and To, got neither or one")
+            where = f"line {element.line}, Transform"
+            raise bad(path, where, "expected From and To, got neither or one")
         try:
             matrix = parse_matrix(element.get("Matrix"))
         except ValueError as error:

@@ -105,6 +105,15 @@ class Reconstructor:
         # Blocks around all pixels: what the grid grows by lies beyond the reach of what is in it.
         self._margin = -(-self._options.reach(self.spacing) // _BLOCK)
 
+    def __repr__(self) -> str:
+        with self._lock:
+            if self._grid is None:
+                what = "no frames yet"
+            else:
+                x, y, z = (round(n) for n in (self._high - self._low) / self.spacing)
+                what = f"{self.n_frames} frames, {x} x {y} x {z} {self._type}"
+        return f"Reconstructor({what}, {self.spacing:.4g} mm, {self._space}, {self._chosen.name})"
+
     @whole
     def add(self, frames: Any, poses: Any) -> None:
         """Add a frame, or several.

@@ -15,6 +15,7 @@ What is read lies in LPS, whatever the file's frame. A volume's place survives e
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 
 import numpy as np
 
@@ -24,7 +25,9 @@ from ..formats.volumes.geometry import VolumeData
 from .volume import FAR, MAPS, Volume
 
 
-def read_volume(path: str | os.PathLike, space: str = "LPS") -> Volume:
+def read_volume(
+    path: str | os.PathLike, space: str = "LPS", progress: Callable[[int, int], None] | None = None
+) -> Volume:
     """Read a volume; values become uint8, uint16 or float32, whichever holds them.
 
     Formats without maps do not say what was measured: there, NaN counts as empty, and so does 0
@@ -34,6 +37,8 @@ def read_volume(path: str | os.PathLike, space: str = "LPS") -> Volume:
         path: of a file, whatever its ending, or of a folder with a DICOM series (of several, the
             one with most slices).
         space: "LPS" or "RAS": what the axes of the volume's world mean, whatever the file's do.
+        progress: called as progress(done, total): bytes of MetaImage and NRRD, 1 of 1 at the end of
+            other formats.
 
     Returns:
         Volume; values (Z, Y, X), world_from_voxel in mm.
@@ -42,7 +47,7 @@ def read_volume(path: str | os.PathLike, space: str = "LPS") -> Volume:
     kind; MissingPackageError for NIfTI without nibabel and DICOM without SimpleITK;
     FileNotFoundError and other OSErrors pass unchanged.
     """
-    data = formats.read(path, space)
+    data = formats.read(path, space, progress)
     radius = data.maps.get("radius")
     if radius is None:
         return volume_of(data)
@@ -68,11 +73,21 @@ def volume_of(data: VolumeData) -> Volume:
     return Volume(values, data.world_from_voxel, radius, data.space, {"origin": "assumed"})
 
 
-def write_volume(path: str | os.PathLike, volume: Volume, maps: bool = False) -> None:
-    """Write a volume, whole or not at all, its maps included: `volume.save(path, maps)`."""
+def write_volume(
+    path: str | os.PathLike,
+    volume: Volume,
+    maps: bool = False,
+    progress: Callable[[int, int], None] | None = None,
+) -> None:
+    """Write a volume in the format that the path's ending names, whole or not at all.
+
+    The same as `volume.save(path, maps, progress)`. Raises FormatError for another ending,
+    TypeError for anything but a Volume, ValueError for values that the format cannot hold,
+    MissingPackageError for NIfTI without nibabel; OSErrors pass unchanged.
+    """
     if not isinstance(volume, Volume):
         raise TypeError(f"volume: expected Volume, got {type(volume).__name__}")
-    volume.save(path, maps)
+    volume.save(path, maps, progress)
 
 
 def _plain(values: np.ndarray) -> tuple[np.ndarray, np.ndarray | bool]:

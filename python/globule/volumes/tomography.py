@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from .. import formats
-from .._base.checks import number
+from .._base.checks import number, positive
 from .._base.colormaps import categorical, colorize
 from ..formats.volumes.dicom import from_itk, simpleitk
 from ..formats.volumes.geometry import VolumeData
@@ -102,8 +102,8 @@ def _volume(
 ) -> tuple[Volume, np.ndarray | None]:
     """The volume, resampled if a spacing is given, and the labels as an array."""
     wanted = _labels(level, labels)
-    if spacing is not None and not (spacing > 0 and math.isfinite(spacing)):
-        raise ValueError(f"spacing: expected a positive number of mm, got {spacing!r}")
+    if spacing is not None:
+        spacing = positive("spacing", spacing)
     if isinstance(image, (str, os.PathLike)):
         volume = read_volume(image)
     elif isinstance(image, Volume):
@@ -114,7 +114,7 @@ def _volume(
         expected = "a path, Volume or SimpleITK.Image"
         raise TypeError(f"image: expected {expected}, got {type(image).__name__}")
     if spacing is not None:
-        volume = _resampled(volume, float(spacing), smooth=wanted is None)
+        volume = _resampled(volume, spacing, smooth=wanted is None)
     return volume, wanted
 
 

@@ -109,14 +109,17 @@ class Volume:
 
     @property
     def n_measured(self) -> int:
+        """Voxels that hold at least one pixel."""
         return int(np.count_nonzero(self.radius == 0))
 
     @property
     def n_empty(self) -> int:
+        """Voxels too far from any data."""
         return int(np.count_nonzero(self.radius == FAR))
 
     @property
     def n_filled(self) -> int:
+        """Voxels interpolated from measured ones nearby."""
         return self.values.size - self.n_measured - self.n_empty
 
     @property
@@ -155,16 +158,23 @@ class Volume:
             return self
         return Volume(self.values, matrix, self.radius, space, self.info, self._map)
 
-    def save(self, path: str | os.PathLike, maps: bool = False) -> None:
+    def save(
+        self,
+        path: str | os.PathLike,
+        maps: bool = False,
+        progress: Callable[[int, int], None] | None = None,
+    ) -> None:
         """Write the volume in the format that the path's ending names, whole or not at all.
 
         .npz, .sparse.npz and .vti hold where values came from (`radius`), and with `maps` also
         count, variance and source. For other formats `maps` writes each as a file beside:
-        NAME.count.nrrd.
+        NAME.count.nrrd. `progress(done, total)` is called with bytes for .mha and .nrrd, and with
+        1, 1 at the end for other formats.
         """
         formats.extension(path, formats.WRITABLE)  # before maps are made
         data = VolumeData(self.values, self.world_from_voxel, self.space)
-        formats.write(path, data, self.radius, self._known_maps() if maps else None)
+        known = self._known_maps() if maps else None
+        formats.write(path, data, self.radius, known, progress)
 
     def _known_maps(self) -> dict[str, np.ndarray]:
         found = {}

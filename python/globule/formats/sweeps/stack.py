@@ -13,6 +13,7 @@ from ..._base.checks import missing
 from ..errors import bad, shown
 from ..kind import PICTURE_ENDINGS
 from ..numpy_format import read_archive, read_array
+from ..volumes.raw import Progress
 from . import igs
 
 DICOM = (".dcm", ".dicom")
@@ -27,8 +28,8 @@ class Stack(NamedTuple):
     arrays: dict[str, np.ndarray]
 
 
-def read_folder(path: str | os.PathLike) -> Stack:
-    """The pictures of a folder in the order of the numbers in their names."""
+def read_folder(path: str | os.PathLike, progress: Progress = None) -> Stack:
+    """The pictures of a folder in the order of the numbers in their names; progress in pictures."""
     from PIL import Image
 
     names = [name for name in os.listdir(path) if name.lower().endswith(PICTURE_ENDINGS)]
@@ -53,6 +54,8 @@ def read_folder(path: str | os.PathLike) -> Stack:
             expected = f"{frames.dtype} {frames.shape[1:]} as the first"
             raise bad(path, name, f"expected {expected}, got {picture.dtype} {picture.shape}")
         frames[i] = picture
+        if progress:
+            progress(i + 1, len(names))
     return Stack(frames, None, {})
 
 

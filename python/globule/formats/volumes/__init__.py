@@ -13,8 +13,9 @@ from ..errors import FormatError
 from ..kind import kind_of, wrong_kind
 from . import dicom, medical, nifti, npz, vti
 from .geometry import VolumeData, checked, in_space
+from .raw import Progress
 
-_READERS: dict[str, Callable[[Any], VolumeData]] = {
+_READERS: dict[str, Callable[..., VolumeData]] = {
     "metaimage": medical.read_metaimage,
     "nrrd": medical.read_nrrd,
     "nifti": nifti.read,
@@ -22,7 +23,7 @@ _READERS: dict[str, Callable[[Any], VolumeData]] = {
     "npz": npz.read,
     "dicom": dicom.read,
 }
-_WRITERS: dict[str, Callable[[Any, VolumeData], None]] = {
+_WRITERS: dict[str, Callable[..., None]] = {
     ".mha": medical.write_metaimage,
     ".nrrd": medical.write_nrrd,
     ".nii": nifti.write,
@@ -33,15 +34,18 @@ _WRITERS: dict[str, Callable[[Any, VolumeData], None]] = {
 }
 READABLE = (".mha", ".mhd", ".nrrd", ".nhdr", ".nii", ".nii.gz", ".vti", ".npz")
 WRITABLE = tuple(_WRITERS)
+_IN_PIECES = (".mha", ".nrrd", "metaimage", "nrrd")  # what reports its progress in bytes
 HOLD_MAPS = (".vti", ".npz", ".sparse.npz")
 
 
-def read(path: str | os.PathLike, space: str = "LPS") -> VolumeData:
+def read(path: str | os.PathLike, space: str = "LPS", progress: Progress = None) -> VolumeData:
     """The volume in a file of any ending, or in a folder with a DICOM series, checked.
 
     Args:
         path: of the file or folder.
         space: "LPS" or "RAS": what the axes of the result's world mean, whatever the file's do.
+        progress: called as progress(done, total), with bytes for MetaImage and NRRD; with 1, 1 at
+            the end for other formats.
 
     Raises FormatError naming the place; its message names the function that reads a file of
     another kind. FileNotFoundError and other OSErrors pass unchanged.
@@ -49,7 +53,8 @@ def read(path: str | os.PathLike, space: str = "LPS") -> VolumeData:
     kind = kind_of(path, "volume")
     if kind.format not in _READERS or (kind.kind != "volume" and kind.format != "dicom"):
         raise wrong_kind(path, "a volume", kind)
-    return in_space(checked(path, _READERS[kind.format](path)), space)
+    data = _done(kind.format, _READERS[kind.format], progress, path)
+    return in_space(checked(path, data), space)
 
 
 def write(
@@ -57,18 +62,30 @@ def write(
     data: VolumeData,
     radius: np.ndarray,
     maps: dict[str, np.ndarray] | None,
+    progress: Progress = None,
 ) -> None:
     """Write a volume and its maps, all or nothing: in one file where the format holds maps, else
-    `maps`, if not None, as files beside it, with `radius`."""
+    `maps`, if not None, as files beside it, with `radius`. Progress as for `read`."""
     ending = extension(path, WRITABLE)
     writer = _WRITERS[ending]
     if ending in HOLD_MAPS:
-        writer(path, data._replace(maps={"radius": radius, **(maps or {})}))
+        whole = data._replace(maps={"radius": radius, **(maps or {})})
+        _done(ending, writer, progress, path, whole)
         return
     with all_or_none():
-        writer(path, data)
+        _done(ending, writer, progress, path, data)
         for name, array in ({} if maps is None else {"radius": radius, **maps}).items():
             writer(map_path(path, name), data._replace(values=array))
+
+
+def _done(form: str, work: Callable[..., Any], progress: Progress, *arguments: Any) -> Any:
+    """What reads or writes, called with the progress that its format reports."""
+    if form in _IN_PIECES:
+        return work(*arguments, progress)
+    result = work(*arguments)
+    if progress:
+        progress(1, 1)
+    return result
 
 
 def map_path(path: str | os.PathLike, name: str) -> str:

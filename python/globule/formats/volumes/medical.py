@@ -10,6 +10,7 @@ import numpy as np
 from ..errors import bad, shown
 from . import metaimage, nrrd
 from .geometry import VolumeData, in_space, place, plain, spacing_and_directions
+from .raw import Progress
 
 _NRRD_SPACES = {
     "left-posterior-superior": "LPS", "lps": "LPS",
@@ -17,9 +18,9 @@ _NRRD_SPACES = {
 }  # fmt: skip
 
 
-def read_metaimage(path: str | os.PathLike) -> VolumeData:
+def read_metaimage(path: str | os.PathLike, progress: Progress = None) -> VolumeData:
     """Read a .mha or .mhd; ITK's world is LPS (MetaImage calls that RAI)."""
-    image = metaimage.read(path)
+    image = metaimage.read(path, progress)
     array = image.array[0] if image.array.ndim == 4 and len(image.array) == 1 else image.array
     fields = image.fields
     n = len(fields["DimSize"].split())
@@ -41,7 +42,7 @@ def read_metaimage(path: str | os.PathLike) -> VolumeData:
     return VolumeData(array, place(directions * spacing, origin))
 
 
-def write_metaimage(path: str | os.PathLike, data: VolumeData) -> None:
+def write_metaimage(path: str | os.PathLike, data: VolumeData, progress: Progress = None) -> None:
     """Write a .mha in LPS."""
     matrix = in_space(data, "LPS").world_from_voxel
     spacing, directions = spacing_and_directions(matrix)
@@ -53,12 +54,12 @@ def write_metaimage(path: str | os.PathLike, data: VolumeData) -> None:
         "AnatomicalOrientation": "RAI",
         "ElementSpacing": _text(spacing),
     }
-    metaimage.write(path, plain(data.values), fields)
+    metaimage.write(path, plain(data.values), fields, progress=progress)
 
 
-def read_nrrd(path: str | os.PathLike) -> VolumeData:
+def read_nrrd(path: str | os.PathLike, progress: Progress = None) -> VolumeData:
     """Read a .nrrd or .nhdr of three axes; its space may be LPS or RAS."""
-    image = nrrd.read(path)
+    image = nrrd.read(path, progress)
     fields = image.fields
     named = fields.get("space", "left-posterior-superior").lower()
     if named not in _NRRD_SPACES:
@@ -77,7 +78,7 @@ def read_nrrd(path: str | os.PathLike) -> VolumeData:
     return VolumeData(image.array, place(steps, origin), _NRRD_SPACES[named])
 
 
-def write_nrrd(path: str | os.PathLike, data: VolumeData) -> None:
+def write_nrrd(path: str | os.PathLike, data: VolumeData, progress: Progress = None) -> None:
     """Write a .nrrd in the volume's own space."""
     names = {short: long for long, short in _NRRD_SPACES.items() if "-" in long}
     matrix = data.world_from_voxel
@@ -88,7 +89,7 @@ def write_nrrd(path: str | os.PathLike, data: VolumeData) -> None:
         "kinds": "domain domain domain",
         "space origin": _bracketed(matrix[:3, 3]),
     }
-    nrrd.write(path, plain(data.values), fields)
+    nrrd.write(path, plain(data.values), fields, progress=progress)
 
 
 def _text(values: Any) -> str:

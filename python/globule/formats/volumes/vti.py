@@ -69,7 +69,7 @@ def read(path: str | os.PathLike) -> VolumeData:
         raise bad(path, f"line {image.line}", f"expected one <Piece>, got {len(pieces)}")
     extent = _numbers(path, pieces[0], "Extent", "", 6)
     low, high = extent[::2], extent[1::2]
-    if not (0 <= high - low).all() or (high - low).max() > 2**31:
+    if not (high >= low).all() or (high - low).max() > 2**31:
         got = shown(pieces[0].get("Extent", ""))
         raise bad(path, f"line {pieces[0].line}", f"expected Extent with sizes from 1, got {got}")
     shape = tuple((high - low + 1).astype(np.int64).tolist()[::-1])
