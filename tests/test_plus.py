@@ -188,7 +188,11 @@ def test_configuration(tmp_path):
         ('OutputSpacing="1 1"', "", "OutputSpacing: expected 3 numbers"),
         ('OutputSpacing="1 1 0"', "", "OutputSpacing: expected positive numbers"),
         ('OutputSpacing="1 1 1" Interpolation="CUBIC"', "", "Interpolation: expected NEAREST"),
-        ('OutputSpacing="1 1 1" FillHoles="ON"', "", "expected a HoleFillingElement for ON, got none"),
+        (
+            'OutputSpacing="1 1 1" FillHoles="ON"',
+            "",
+            "expected a HoleFillingElement for ON, got none",
+        ),
         (
             'OutputSpacing="1 1 1" FillHoles="ON"',
             '<HoleFillingElement Type="STICK" NumberOfSticksToUse="1"/>',
