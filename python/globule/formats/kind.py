@@ -283,7 +283,7 @@ def _is_toml(text: str) -> bool:
     try:
         import tomllib
     except ImportError:  # Python 3.10
-        import tomli as tomllib
+        import tomli as tomllib  # type: ignore[no-redef]
     try:
         return bool(tomllib.loads(text))
     except ValueError:

@@ -168,7 +168,7 @@ def _equal_faces(
             at += count.itemsize
         if not 0 <= size <= 255:
             return None
-        fields.append((f"f{i}", order + kind, (size,)))
+        fields.append((f"f{i}", order + kind, (size,)))  # type: ignore[arg-type]
         at += np.dtype(kind).itemsize * size
     row = np.dtype(fields)
     if element.count * row.itemsize > len(data) - position:

@@ -20,7 +20,7 @@ from ..scene.particles import Particles
 from .asciinum import parse_numbers
 from .errors import FormatError, bad, shown
 from .fields import particles_from, per_particle
-from .xml import Element, parse_xml
+from .xml import parse_xml
 
 TYPES = {
     "Int8": "i1",
@@ -152,7 +152,7 @@ class VtkXml:
         positions = arrays.pop(("", 3))
         return particles_from(self.path, positions, {name: a for (name, _), a in arrays.items()})
 
-    def piece(self, element: Element) -> dict[tuple[str, int], np.ndarray]:
+    def piece(self, element: Any) -> dict[tuple[str, int], np.ndarray]:
         """Arrays by name and number of components; the points have the name ""."""
         n = self.count(element, "NumberOfPoints")
         arrays: dict[tuple[str, int], np.ndarray] = {}
@@ -172,14 +172,14 @@ class VtkXml:
                 arrays[name, 1 if values.ndim == 1 else values.shape[1]] = values
         return arrays
 
-    def count(self, element: Element, attribute: str, default: str = "") -> int:
+    def count(self, element: Any, attribute: str, default: str = "") -> int:
         """A count, >= 0, in an attribute."""
         text = element.get(attribute, default).strip()
         if not (text.isascii() and text.isdigit() and len(text) <= 18):
             raise self.bad(element.tag, f"expected {attribute} as a count, got {shown(text)}")
         return int(text)
 
-    def array(self, element: Element, n: int) -> np.ndarray:
+    def array(self, element: Any, n: int) -> np.ndarray:
         """A data array, (n,) or (n, k), in native byte order and memory of its own."""
         name = f"DataArray {element.get('Name', '')}"
         k = self.count(element, "NumberOfComponents", "1")
@@ -206,7 +206,7 @@ class VtkXml:
             raise self.bad(name, f"expected format ascii, binary or appended, got {encoding!r}")
         return values if k == 1 else values.reshape(n, k)
 
-    def _ascii(self, element: Element, name: str, n: int, dtype: np.dtype) -> np.ndarray:
+    def _ascii(self, element: Any, name: str, n: int, dtype: np.dtype) -> np.ndarray:
         try:
             values = parse_numbers(_text(element).encode(), dtype)
         except ValueError:
@@ -240,7 +240,7 @@ class VtkXml:
         return _inflate(stream.rest(sum(packed_sizes)), packed_sizes, sizes, stream)
 
 
-def _text(element: Element) -> str:
+def _text(element: Any) -> str:
     """The text of an element without that of its children (VTK's information keys)."""
     return (element.text or "") + "".join(child.tail or "" for child in element)
 

@@ -17,13 +17,13 @@ class Element(ElementTree.Element):
     line = 0
 
 
-def parse_xml(path: Any, text: bytes) -> Element:
-    """The root element of an XML text.
+def parse_xml(path: Any, text: bytes) -> Any:
+    """The root `Element` of an XML text.
 
     Raises FormatError naming the line: for text that is not XML, a document type definition
     (DOCTYPE), and more than 32 nested elements.
     """
-    builder = ElementTree.TreeBuilder(element_factory=Element)
+    builder: Any = ElementTree.TreeBuilder(element_factory=Element)
     parser = expat.ParserCreate()
     parser.buffer_text = True
     depth = 0

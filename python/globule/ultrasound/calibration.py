@@ -35,7 +35,7 @@ __all__ = [
 try:
     import tomllib
 except ImportError:  # Python 3.10
-    import tomli as tomllib
+    import tomli as tomllib  # type: ignore[no-redef]
 
 _KEYS = ("probe_from_image", "temporal_offset", "clip", "fan", "rms", "target")
 

@@ -140,7 +140,7 @@ def is_sweep(path: str | os.PathLike) -> bool:
 
 
 def _recording(
-    path: str | os.PathLike, progress: Progress
+    path: str | os.PathLike, progress: Progress = None
 ) -> tuple[igs.Recording, dict[str, np.ndarray]]:
     """Frames and what their file says; the other arrays of a NumPy archive."""
     kind = kind_of(path, "sweep")
@@ -158,11 +158,11 @@ def _recording(
         if progress and kind.format != "pictures":
             progress(1, 1)
         ok = np.ones(len(images.frames), bool)
-        fields = [{} for _ in ok]
+        fields: list[dict[str, str]] = [{} for _ in ok]
         recording = igs.Recording(images.frames, images.times, {}, ok, {}, fields)
         arrays = images.arrays
     try:
-        return recording._replace(frames=checked_frames(recording.frames)), arrays
+        return recording._replace(frames=np.asarray(checked_frames(recording.frames))), arrays
     except (TypeError, ValueError) as error:
         raise bad(path, "", str(error)) from None
 
@@ -222,12 +222,11 @@ def _assembled(
     image = setup.image
     wanted = (setup.world,) if setup.world else WORLDS
     found = {world: find_path(edges, image, world) for world in wanted}
-    world = next((world for world in wanted if found[world]), None)
-    if world is None:
+    world, way = next(((world, found[world]) for world in wanted if found[world]), (None, None))
+    if world is None or way is None:
         names = " ".join(sorted(f"{a}To{b}" for a, b in edges)) or "no transform"
         problem = f"expected a way from {image} to {' or '.join(wanted)}, got {names}"
         raise bad(path, "poses", f"{problem}; give a calibration, PLUS configuration or poses")
-    way = found[world]
     if offset:
         edges = _shifted(path, recording, edges, way, offset)
     placed = chain(edges, way, n)
@@ -342,7 +341,9 @@ def _gives_pose(sweep: Sweep, i: int, fields: dict[str, str], way: list[tuple[st
     for name in _steps(way):
         if name in fields:
             matrix = parse_matrix(fields[name])
-            edges[split_name(name.removesuffix("Transform"))] = Transform(matrix, np.array(True))
+            key = split_name(name.removesuffix("Transform"))
+            if key is not None:
+                edges[key] = Transform(matrix, np.array(True))
     if not all(step in edges or step[::-1] in edges for step in way):
         return False
     placed = chain(edges, way, 1)

@@ -23,7 +23,7 @@ class VoxelGrid:
 
     low: np.ndarray
     spacing: float
-    size: tuple[int, int, int]
+    size: tuple[int, ...]
 
     @property
     def n_voxels(self) -> int:

@@ -127,7 +127,7 @@ def receive_sweep(
                 raise ValueError(f"live: expected images of {expected} as the first, got {got}")
             if not usable(frame.world_from_image):
                 continue
-            key = (frame.time, zlib.crc32(frame.image), frame.world_from_image.tobytes())
+            key = (frame.time, zlib.crc32(frame.image.data), frame.world_from_image.tobytes())
             if key in known:
                 continue
             known.add(key)
@@ -215,7 +215,7 @@ class _Assembler:
             name = split_name(message.device_name.removesuffix("Transform"))
             if name is not None:
                 matrix = Transform(np.array(message.matrix, np.float64), np.array(True))
-                new = new._replace(edges=new.edges | {name: matrix})
+                new = new._replace(edges={**new.edges, name: matrix})
         self.pending[when] = new
         worlds = (self.world,) if self.world else WORLDS[:1]
         for time_stamp, pending in sorted(self.pending.items()):
@@ -232,7 +232,7 @@ class _Assembler:
         if not self.any_transform and not np.array_equal(pending.place, np.eye(4)):
             place = np.array(pending.place, np.float64)
             return LiveFrame(pending.time, pending.image, place, WORLDS[0])
-        known = self.constant | pending.edges
+        known = {**self.constant, **pending.edges}
         for world in worlds:
             way = find_path(known, "Image", world)
             if way:

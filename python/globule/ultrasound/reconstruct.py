@@ -134,8 +134,9 @@ def reconstruct(
             core.median(*whole)
         else:
             _add(core, whole, frames.itemsize, poses, progress)
-    on_device = isinstance(frames, DeviceArray)
-    if on_device:
+    values: Any
+    radius: Any
+    if isinstance(frames, DeviceArray):
         values, radius = filled_on_device(core, grid, frames.dtype, options, whole, chosen.index)
     else:
         values, radius = fill(core, grid, frames.dtype, options, whole)
@@ -253,7 +254,7 @@ def filled_on_device(
             return out
 
         arrays.append(DeviceArray(place, grid.size[::-1], kind, core, fetch, device))
-    return tuple(arrays)
+    return arrays[0], arrays[1]
 
 
 def _fill(

@@ -95,6 +95,7 @@ class Reconstructor:
         self._chosen, self._threads = choose(device), thread_count(threads)
         self._core = _core.Reconstructor(self._chosen.backend, self._chosen.index, self._threads)
         self._grid: VoxelGrid | None = None
+        self._low, self._high = np.zeros(3), np.zeros(3)  # of the volume, once there are frames
         self._added: list[_Added] = []
         self._type: Any = None
         self._shape: tuple[int, int] = (0, 0)

@@ -73,7 +73,8 @@ class Volume:
     @property
     def shape(self) -> tuple[int, int, int]:
         """Voxels (Z, Y, X)."""
-        return self._values.shape
+        z, y, x = self._values.shape
+        return z, y, x
 
     @property
     def spacing(self) -> np.ndarray:

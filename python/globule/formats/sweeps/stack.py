@@ -36,7 +36,7 @@ def read_folder(path: str | os.PathLike, progress: Progress = None) -> Stack:
     names = sorted((name for name in names if name.lower() != MASK), key=_by_numbers)
     if not names:
         raise bad(path, "", f"expected pictures ({' '.join(PICTURE_ENDINGS)}), got none")
-    frames: np.ndarray | None = None
+    frames = np.empty(0)
     for i, name in enumerate(names):
         try:
             with Image.open(Path(path) / name) as image:
@@ -48,7 +48,7 @@ def read_folder(path: str | os.PathLike, progress: Progress = None) -> Stack:
             picture = igs.to_grey(picture[..., :3])
         if picture.dtype == np.int32:  # Pillow's mode I: 16-bit PNG
             picture = picture.astype(np.uint16)
-        if frames is None:
+        if not i:
             frames = np.empty((len(names), *picture.shape), picture.dtype)
         if picture.shape != frames.shape[1:] or picture.dtype != frames.dtype:
             expected = f"{frames.dtype} {frames.shape[1:]} as the first"

@@ -63,7 +63,12 @@ def write(
     }
     if compressed:
         fixed["CompressedDataSize"] = str(len(packed))
-    absent = ("ElementDataFile", "ElementByteOrderMSB", "ElementNumberOfChannels", "HeaderSize")
+    absent: tuple[str, ...] = (
+        "ElementDataFile",
+        "ElementByteOrderMSB",
+        "ElementNumberOfChannels",
+        "HeaderSize",
+    )
     if not compressed:
         absent += ("CompressedDataSize",)
     kept = {name: text for name, text in fields.items() if name not in absent}

@@ -70,7 +70,7 @@ def numbers_of(
 def deflated(array: np.ndarray, window_bits: int, progress: Progress = None) -> Iterator[bytes]:
     """A C-contiguous array's bytes, deflated, in pieces; `progress(done, total)` in its bytes."""
     packer = zlib.compressobj(6, wbits=window_bits)
-    data = array.reshape(-1).view(np.uint8)
+    data = array.reshape(-1).view(np.uint8).data
     for start in range(0, len(data), PIECE):
         yield packer.compress(data[start : start + PIECE])
         if progress:

@@ -16,7 +16,6 @@ import numpy as np
 from ..._base.files import atomic_write
 from ..errors import bad, shown
 from ..vtk_xml import TYPES, VtkXml
-from ..xml import Element
 from .geometry import VolumeData, place, spacing_and_directions
 
 _NAMES = {code: name for name, code in TYPES.items()}
@@ -92,7 +91,7 @@ def read(path: str | os.PathLike) -> VolumeData:
     return VolumeData(values, place(steps, origin), _space(image), arrays)
 
 
-def _space(image: Element) -> str:
+def _space(image: Any) -> str:
     for element in image.iterfind("FieldData/DataArray"):
         if element.get("Name") == "space" and (element.text or "").split() == [
             *(str(ord(c)) for c in "RAS"), "0",
@@ -101,7 +100,7 @@ def _space(image: Element) -> str:
     return "LPS"
 
 
-def _numbers(path: Any, element: Element, name: str, default: str, n: int) -> np.ndarray:
+def _numbers(path: Any, element: Any, name: str, default: str, n: int) -> np.ndarray:
     text = element.get(name, default)
     try:
         values = np.array([float(word) for word in text.split()])

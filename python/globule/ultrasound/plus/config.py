@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ...formats.errors import FormatError, bad, shown
-from ...formats.xml import Element, parse_xml
+from ...formats.xml import parse_xml
 
 INTERPOLATIONS = ("NEAREST_NEIGHBOR", "LINEAR")
 OPTIMIZATIONS = ("NONE", "PARTIAL", "FULL")
@@ -138,7 +138,7 @@ def read_plus_config(path: str | os.PathLike) -> PlusConfig:
 class _Attributes:
     """Attributes of one element, checked."""
 
-    def __init__(self, path: Path, element: Element):
+    def __init__(self, path: Path, element: Any):
         self.path, self.element = path, element
 
     def bad(self, name: str, problem: str) -> FormatError:
@@ -194,7 +194,7 @@ def _compounding(read: _Attributes) -> str:
     return "LATEST" if read.choice("Compounding", ("ON", "OFF")) == "OFF" else "MEAN"
 
 
-def _filler(path: Path, element: Element) -> Filler:
+def _filler(path: Path, element: Any) -> Filler:
     read = _Attributes(path, element)
     kind = read.choice("Type", FILLERS)
     if kind is None:
