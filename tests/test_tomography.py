@@ -339,7 +339,7 @@ def test_gb_read_names_the_door_of_a_volume(tmp_path):
         gb.read(tmp_path / "a.nrrd")
     with pytest.warns(DeprecationWarning, match="use globule.tomography_particles"):
         assert len(gb.read(tmp_path / "a.nrrd", level=500))
-    with pytest.warns(DeprecationWarning, match=r"moved to globule.volumes.tomography"):
+    with pytest.warns(DeprecationWarning, match="tomography_particles has moved to globule"):
         assert gb.formats.tomography_particles is gb.tomography_particles
 
 

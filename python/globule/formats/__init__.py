@@ -17,6 +17,7 @@ Which array of a file becomes which field of Particles is the same for all of th
 
 from __future__ import annotations
 
+import importlib
 import os
 import warnings
 from collections.abc import Callable
@@ -65,8 +66,6 @@ EXTENSIONS = tuple(_WRITERS)  # read and written
 READABLE = (*EXTENSIONS, ".obj", ".stl", ".glb")
 _WITH_SPACING = ("ply", "obj", "stl", "glb")
 _VOLUME_OPTIONS = ("level", "labels", "spacing")
-# What makes particles of a volume: a later room, `globule.volumes`, sets it.
-volume_particles: Callable[..., Particles] | None = None
 
 
 def read(path: str | os.PathLike, **options: Any) -> Particles:
@@ -85,12 +84,9 @@ def read(path: str | os.PathLike, **options: Any) -> Particles:
     OSErrors pass unchanged.
     """
     kind = kind_of(path, "particles")
-    of_volumes = bool(options) and options.keys() <= set(_VOLUME_OPTIONS)
-    if kind.kind == "volume" and of_volumes and volume_particles is not None:
-        new = "globule.tomography_particles"
-        message = f"globule.read of a volume goes with the next version; use {new}"
-        warnings.warn(message, DeprecationWarning, stacklevel=2)
-        return volume_particles(path, **options)
+    if kind.kind == "volume" and options and options.keys() <= set(_VOLUME_OPTIONS):
+        message = "globule.read of a volume goes with the next version; use "
+        return _moved(message + "globule.tomography_particles")(path, **options)
     if kind.kind not in ("particles", "mesh"):
         raise wrong_kind(path, "particles or a mesh", kind)
     for name in options:
@@ -120,10 +116,13 @@ def _writer(path: str | os.PathLike) -> ModuleType:
     raise FormatError(f"{path}: expected one of the extensions {' '.join(_WRITERS)}")
 
 
+def _moved(message: str) -> Callable[..., Particles]:
+    """tomography_particles under its old names; it belongs to a later room."""
+    warnings.warn(message, DeprecationWarning, stacklevel=3)
+    return importlib.import_module("globule.volumes.tomography").tomography_particles
+
+
 def __getattr__(name: str) -> Any:
-    if name == "tomography_particles" and volume_particles is not None:
-        new = "globule.volumes.tomography"
-        message = f"globule.formats.tomography_particles has moved to {new}"
-        warnings.warn(message, DeprecationWarning, stacklevel=2)
-        return volume_particles
+    if name == "tomography_particles":
+        return _moved("globule.formats.tomography_particles has moved to globule")
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -54,11 +54,8 @@ def mesh_particles(mesh: Any, spacing: float | None = None) -> Particles:
     name, linear = "mesh", False
     if isinstance(mesh, (str, os.PathLike)):
         name = os.fspath(mesh)
-        kind = kind_of(name, "mesh")
-        if kind.format not in FORMATS:
-            raise wrong_kind(name, f"a mesh ({', '.join(FORMATS)})", kind)
-        linear = kind.format == "glb"
-        mesh = _load(trimesh, name, kind.format)
+        linear = kind_of(name, "mesh").format == "glb"
+        mesh = _load(trimesh, name)
     scene = trimesh.Scene(mesh) if isinstance(mesh, trimesh.Trimesh) else mesh
     if not isinstance(scene, trimesh.Scene):
         raise TypeError(f"mesh: expected a path, Trimesh or Scene, got {type(mesh).__name__}")
@@ -132,7 +129,11 @@ def _points(name: str, parts: list[Any]) -> Particles:
     return Particles(positions, support=2 * local_spacing(positions))
 
 
-def _load(trimesh: Any, path: str, form: str) -> Any:
+def _load(trimesh: Any, path: str) -> Any:
+    kind = kind_of(path, "mesh")
+    if kind.format not in FORMATS:
+        raise wrong_kind(path, f"a mesh ({', '.join(FORMATS)})", kind)
+    form = kind.format
     with open(path, "rb") as file:  # what is no readable file is an OSError like everywhere
         if form == "glb":
             _check_glb(path, file)

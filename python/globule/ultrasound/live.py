@@ -12,13 +12,12 @@ import itertools
 import socket
 import time
 import zlib
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from types import MappingProxyType
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from .._base.checks import missing
+from .._base.checks import how_to_install
 from ..formats.sweeps.transforms import WORLDS, Edges, Transform, chain, find_path, split_name
 from .setup import Setup
 from .sweep import Sweep, usable
@@ -36,7 +35,7 @@ class _Pending(NamedTuple):
     time: float
     image: np.ndarray | None = None
     place: Any = np.eye(4)
-    edges: Mapping[tuple[str, str], Transform] = MappingProxyType({})
+    edges: Edges = {}
 
 
 class LiveFrame(NamedTuple):
@@ -61,11 +60,11 @@ def parse_address(address: str) -> tuple[str, int]:
 
 
 def need_pyigtl() -> Any:
-    """pyigtl's base of messages. Raises MissingPackageError without pyigtl."""
+    """pyigtl's base of messages, or ValueError that says how to get it."""
     try:
         from pyigtl.messages import MessageBase
     except ImportError:
-        raise missing("pyigtl", "live") from None
+        raise ValueError(f"live: expected pyigtl, got none: {how_to_install('live')}") from None
     return MessageBase
 
 
@@ -127,7 +126,7 @@ def receive_sweep(
                 raise ValueError(f"live: expected images of {expected} as the first, got {got}")
             if not usable(frame.world_from_image):
                 continue
-            key = (frame.time, zlib.crc32(frame.image.data), frame.world_from_image.tobytes())
+            key = (frame.time, zlib.crc32(frame.image), frame.world_from_image.tobytes())
             if key in known:
                 continue
             known.add(key)
@@ -215,7 +214,7 @@ class _Assembler:
             name = split_name(message.device_name.removesuffix("Transform"))
             if name is not None:
                 matrix = Transform(np.array(message.matrix, np.float64), np.array(True))
-                new = new._replace(edges={**new.edges, name: matrix})
+                new = new._replace(edges=new.edges | {name: matrix})
         self.pending[when] = new
         worlds = (self.world,) if self.world else WORLDS[:1]
         for time_stamp, pending in sorted(self.pending.items()):
@@ -232,7 +231,7 @@ class _Assembler:
         if not self.any_transform and not np.array_equal(pending.place, np.eye(4)):
             place = np.array(pending.place, np.float64)
             return LiveFrame(pending.time, pending.image, place, WORLDS[0])
-        known = {**self.constant, **pending.edges}
+        known = self.constant | pending.edges
         for world in worlds:
             way = find_path(known, "Image", world)
             if way:

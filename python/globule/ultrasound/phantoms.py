@@ -58,17 +58,14 @@ def breast(n_frames: int = 131, seed: int = 0, **options: Any) -> Sweep:
     """A breast-like phantom: skin, fat lobules, glandular tissue and a dark lesion of 9 mm at
     (4, 22, 0) with a brighter rim. Options are those of `scan`."""
     fat, corner, step = _lobules(seed)
+    middle, axes = np.array([4, 22, 0], np.float32), np.array([1, 0.8, 1], np.float32)
 
     def echo(points: np.ndarray) -> np.ndarray:
         p = points.astype(np.float32)
         cells = np.clip(np.rint((p - corner) / step).astype(np.int32), 0, np.array(fat.shape) - 1)
         value = np.where(fat[cells[..., 0], cells[..., 1], cells[..., 2]], 0.38, 0.62)
         value[p[..., 1] < 2] = 0.85
-        lesion = np.sqrt(
-            (((p - np.array([4, 22, 0], np.float32)) / np.array([1, 0.8, 1], np.float32)) ** 2).sum(
-                -1
-            )
-        )
+        lesion = np.sqrt((((p - middle) / axes) ** 2).sum(-1))
         value[lesion < 5.2] = 0.75
         value[lesion < 4.5] = 0.12
         return value

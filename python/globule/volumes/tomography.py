@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from .. import formats
 from .._base.checks import number, positive
 from .._base.colormaps import categorical, colorize
 from ..formats.volumes.dicom import from_itk, simpleitk
@@ -181,6 +180,3 @@ def _resampled(volume: Volume, spacing: float, smooth: bool) -> Volume:
     matrix = np.eye(4)
     matrix[:3, :3], matrix[:3, 3] = direction * spacing, origin
     return volume_of(VolumeData(sitk.GetArrayFromImage(image), matrix))
-
-
-formats.volume_particles = tomography_particles

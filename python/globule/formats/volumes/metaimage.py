@@ -63,14 +63,9 @@ def write(
     }
     if compressed:
         fixed["CompressedDataSize"] = str(len(packed))
-    absent: tuple[str, ...] = (
-        "ElementDataFile",
-        "ElementByteOrderMSB",
-        "ElementNumberOfChannels",
-        "HeaderSize",
-    )
+    absent = ["ElementDataFile", "ElementByteOrderMSB", "ElementNumberOfChannels", "HeaderSize"]
     if not compressed:
-        absent += ("CompressedDataSize",)
+        absent.append("CompressedDataSize")
     kept = {name: text for name, text in fields.items() if name not in absent}
     # NDims decides how the others are read, so it stays in front of them.
     header = {"ObjectType": "Image", "NDims": "", **kept, **fixed, "ElementDataFile": "LOCAL"}
