@@ -211,8 +211,12 @@ def test_not_finite(openexr, tmp_path):
 
 
 def test_other_files(tmp_path, monkeypatch):
-    with pytest.raises(FormatError, match="expected one of the extensions"):
-        read_environment(tmp_path / "a.tif")
+    Image.new("RGB", (3, 3)).save(tmp_path / "a.png", "TIFF")
+    with pytest.raises(FormatError, match=r"expected an environment image .*, got tiff"):
+        read_environment(tmp_path / "a.png")
+    Image.new("RGB", (3, 3)).save(tmp_path / "no-ending", "PNG")
+    assert read_environment(tmp_path / "no-ending").shape == (3, 3, 3)
+    (tmp_path / "a.png").unlink()
     for name in ("a.hdr", "a.png"):
         with pytest.raises(FileNotFoundError):
             read_environment(tmp_path / name)
@@ -231,9 +235,10 @@ def test_without_openexr(monkeypatch, tmp_path):
         return real(name, *args, **kwargs)
 
     monkeypatch.setattr(builtins, "__import__", without)
+    (tmp_path / "a.exr").write_bytes(b"\x76\x2f\x31\x01")
     for work in (
         lambda: read_environment(tmp_path / "a.exr"),
         lambda: write_exr(tmp_path / "a.exr", {"Z": np.zeros((2, 2))}),
     ):
-        with pytest.raises(ValueError, match=r"OpenEXR, got none: pip install 'globule\[formats"):
+        with pytest.raises(gb.MissingPackageError, match=r'OpenEXR .* install "globule\[formats'):
             work()

@@ -170,7 +170,7 @@ def test_plyfile_agrees(order, tmp_path):
     rows = np.zeros(5, [("x", "f4"), ("y", "f4"), ("z", "f8"), ("q", "u2"), ("red", "u1")])
     rows["x"], rows["q"], rows["z"] = np.arange(5) / 3, np.arange(5), 0.25
     faces = np.empty(2, [("vertex_indices", "i4", (3,))])
-    faces["vertex_indices"] = [[0, 1, 2], [1, 2, 3]]
+    faces["vertex_indices"] = [[0, 1, 2], [2, 3, 4]]
     elements = [
         plyfile.PlyElement.describe(faces, "face"),
         plyfile.PlyElement.describe(rows, "vertex"),

@@ -184,15 +184,19 @@ def test_configuration(tmp_path):
 @pytest.mark.parametrize(
     ("attributes", "inside", "message"),
     [
-        ("", "", "expected OutputSpacing, found none"),
+        ("", "", "expected OutputSpacing, got none"),
         ('OutputSpacing="1 1"', "", "OutputSpacing: expected 3 numbers"),
         ('OutputSpacing="1 1 0"', "", "OutputSpacing: expected positive numbers"),
         ('OutputSpacing="1 1 1" Interpolation="CUBIC"', "", "Interpolation: expected NEAREST"),
-        ('OutputSpacing="1 1 1" FillHoles="ON"', "", "expected a HoleFillingElement, found none"),
+        (
+            'OutputSpacing="1 1 1" FillHoles="ON"',
+            "",
+            "expected a HoleFillingElement for ON, got none",
+        ),
         (
             'OutputSpacing="1 1 1" FillHoles="ON"',
             '<HoleFillingElement Type="STICK" NumberOfSticksToUse="1"/>',
-            "STICK: expected StickLengthLimit, found none",
+            "STICK: expected StickLengthLimit, got none",
         ),
     ],
 )
@@ -201,6 +205,33 @@ def test_wrong_configuration(tmp_path, attributes, inside, message):
     path.write_text(XML.format(attributes, inside))
     with pytest.raises(FormatError, match=message):
         read_plus_config(path)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ('<!DOCTYPE x [<!ENTITY a "b">]>\n<PlusConfiguration/>', "line 1: expected no DOCTYPE"),
+        ("<PlusConfiguration>\n<a>\n</PlusConfiguration>", "line 3, column 3: expected XML"),
+        ("\n<PlusConfiguration/>", "line 2: expected an element VolumeReconstruction, got none"),
+        (
+            '<PlusConfiguration>\n<VolumeReconstruction\nOutputSpacing="1 1 x"/>\n'
+            "</PlusConfiguration>",
+            "line 2, OutputSpacing: expected 3 numbers, got '1 1 x'",
+        ),
+        (
+            '<PlusConfiguration>\n<VolumeReconstruction OutputSpacing="1 1 1" FillHoles="ON">\n'
+            '<HoleFilling>\n<HoleFillingElement Type="STICK"/></HoleFilling>\n'
+            "</VolumeReconstruction></PlusConfiguration>",
+            "line 4, HoleFillingElement STICK: expected StickLengthLimit, got none",
+        ),
+    ],
+)
+def test_mistakes_name_the_line(text, message, tmp_path):
+    path = tmp_path / "c.xml"
+    path.write_text(text)
+    with pytest.raises(FormatError) as caught:
+        read_plus_config(path)
+    assert str(caught.value).startswith(f"{path}: {message}")
 
 
 def test_importance_mask_is_needed():

@@ -386,7 +386,8 @@ def test_bad_times_and_sizes(stack):
     assert "99.png" in refused("frames", frame_times=10, **words)
     Path("empty").mkdir()
     assert "pictures" in refused("empty", **words)
-    assert "folder or one of" in refused("frames.bmp", **words)
+    Path("frames.bmp").write_bytes(b"BM\0\0")
+    assert "no known format" in refused("frames.bmp", **words)
     with pytest.raises(FileNotFoundError):
         read_sweep("nowhere.igs.mha")
 

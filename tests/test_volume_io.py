@@ -248,8 +248,9 @@ def test_hostile_headers():
 def test_names():
     with pytest.raises(ValueError, match="extensions"):
         write_volume("a.stl", volume())
-    with pytest.raises(ValueError, match="extensions"):
-        read_volume("a.stl")
+    gb.write("particles.npz", gb.Particles(np.eye(3)))
+    with pytest.raises(FormatError, match=r"particles \(npz\): read it with globule.read$"):
+        read_volume("particles.npz")
     with pytest.raises(FileNotFoundError):
         read_volume("a.nrrd")
     with pytest.raises(TypeError):
@@ -273,11 +274,11 @@ def test_maps_appear_with_their_volume_or_not_at_all(monkeypatch, stop):
     calls = {"n": 0}
     kept = {"write": metaimage.write, "place": os.replace}
 
-    def third(*arguments):
+    def third(*arguments, **options):
         calls["n"] += 1
         if calls["n"] == 3 and stop == "write":
             raise KeyboardInterrupt
-        kept[stop](*arguments)
+        kept[stop](*arguments, **options)
         if calls["n"] == 3:
             raise KeyboardInterrupt
 

@@ -18,13 +18,13 @@ from . import _core  # noqa: E402
 if _set:
     del os.environ["OMP_WAIT_POLICY"]
 
+from ._base.checks import MissingPackageError  # noqa: E402
 from ._base.colormaps import colorize  # noqa: E402
 from ._base.cpp import cmake_dir, include_dir  # noqa: E402
 from .formats import (  # noqa: E402
     FormatError,
     mesh_particles,
     read,
-    tomography_particles,
     write,
 )
 from .formats.pictures.environment import read_environment  # noqa: E402
@@ -63,6 +63,7 @@ from .viewer import view  # noqa: E402
 from .volumes.files import read_volume, write_volume  # noqa: E402
 from .volumes.iso_surface import iso_surface  # noqa: E402
 from .volumes.slices import reslice  # noqa: E402
+from .volumes.tomography import tomography_particles  # noqa: E402
 from .volumes.volume import Volume  # noqa: E402
 
 __version__ = _core.version
@@ -80,6 +81,7 @@ __all__ = [
     "Headlight",
     "Layer",
     "Material",
+    "MissingPackageError",
     "Particles",
     "Phase",
     "Picked",

@@ -55,6 +55,17 @@ def whole(name: str, value: Any, least: int, most: int) -> int:
     return int(value)
 
 
+def positive(name: str, value: Any) -> float:
+    """A finite number above 0."""
+    try:
+        v = number(name, value)
+    except ValueError:
+        v = 0.0
+    if v <= 0:
+        raise ValueError(f"{name}: expected a positive number, got {value!r}")
+    return v
+
+
 def thread_count(value: Any) -> int:
     """How many CPU threads are asked for; 0 takes all."""
     return whole("threads", value, 0, 4096)
@@ -74,3 +85,19 @@ def how_to_install(extra: str) -> str:
     if python.startswith(os.getcwd() + os.sep):
         python = os.path.relpath(python)
     return f'{shlex.quote(python)} -m pip install "globule[{extra}]"'
+
+
+class MissingPackageError(ImportError):
+    """An optional package is not installed; the message gives the pip command that adds it."""
+
+
+def missing(package: str, extra: str) -> MissingPackageError:
+    """The error to raise where an optional package cannot be imported.
+
+    Args:
+        package: its name, as users know it ("PyAV").
+        extra: the extra of globule that installs it ("video").
+    """
+    return MissingPackageError(
+        f"{package} is not installed. Install it with: {how_to_install(extra)}", name=package
+    )

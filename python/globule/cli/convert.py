@@ -12,8 +12,8 @@ import numpy as np
 
 from ..formats import EXTENSIONS, READABLE, write
 from ..scene.particles import SCALAR_FIELDS, Particles
-from ..ultrasound import kinds as medical_files
 from . import medical
+from . import medical as medical_files
 from .shared import (
     add_reading,
     check_input,

@@ -11,10 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from ..formats import READABLE, _format_of, tomography
+from ..formats import READABLE
+from ..formats.kind import kind_of
 from ..scene.particles import SCALAR_FIELDS, Particles
-from ..ultrasound import kinds as medical_files
 from . import medical
+from . import medical as medical_files
 from .shared import (
     add_reading,
     check_input,
@@ -100,8 +101,9 @@ def describe(path: str, particles: Particles) -> dict[str, Any]:
         "spacing": None,
         "default_support": None,
     }
-    if _format_of(path) is tomography:
-        facts["volume"] = tomography.describe(path)
+    if kind_of(path).kind == "volume":
+        volume = medical.describe(path, "volume")
+        facts["volume"] = {name: volume[name] for name in ("size", "spacing", "dtype", "space")}
     if finite.any():
         lo, hi = particles.bounds()
         with mistakes():
@@ -119,8 +121,9 @@ def describe(path: str, particles: Particles) -> dict[str, Any]:
 
 
 def _format_name(path: str) -> str:
-    folder = "folder with a DICOM series"
-    return next((t for e, t in _FORMATS.items() if path.lower().endswith(e)), folder)
+    found = kind_of(path)
+    plain = f"{found.kind} ({found.format})"
+    return next((t for e, t in _FORMATS.items() if path.lower().endswith(e)), plain)
 
 
 def _size(path: str) -> int:
@@ -152,7 +155,7 @@ def _lines(facts: dict[str, Any]) -> list[str]:
         volume = facts["volume"]
         size = "x".join(map(str, volume["size"]))
         edges = " ".join(f"{edge:.6g}" for edge in volume["spacing"])
-        lines.insert(1, f"  volume     {size} voxels of {edges} mm, {volume['pixel']}")
+        lines.insert(1, f"  volume     {size} voxels of {edges} mm, {volume['dtype']}")
     if facts["not_finite"]:
         lines[-1] += f", {facts['not_finite']:,} without a finite position"
     if facts["bounds"]:

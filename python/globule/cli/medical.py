@@ -8,10 +8,12 @@ from typing import Any
 import numpy as np
 
 from ..formats.errors import FormatError
+from ..formats.kind import kind_or_none
 from ..formats.sweeps import igs, stack
 from ..formats.sweeps.transforms import WORLDS, find_path
+from ..formats.volumes import READABLE as READABLE_VOLUMES
 from ..formats.volumes import WRITABLE as WRITABLE_VOLUMES
-from ..ultrasound import kinds as medical_files
+from ..ultrasound.files import EXTENSIONS as READABLE_SWEEPS
 from ..ultrasound.files import WRITABLE as SWEEPS
 from ..ultrasound.files import write_sweep
 from ..ultrasound.trust import check_poses
@@ -20,10 +22,15 @@ from ..volumes.slices import save_three_view
 from .shared import UserError, check_output, count, mistakes, read_sweep_file, read_volume_file
 
 
+EXTENSIONS = tuple(dict.fromkeys((*SWEEPS, *READABLE_SWEEPS, *READABLE_VOLUMES)))
+
+
 def kind_of(path: str) -> str | None:
-    """As `medical_files.kind_of`; a file that cannot be read is the user's mistake."""
+    """ "sweep", "volume", or None for everything else; a file that cannot be read is the user's
+    mistake."""
     try:
-        return medical_files.kind_of(path)
+        found = kind_or_none(path)
+        return found.kind if found and found.kind in ("sweep", "volume") else None
     except OSError as error:
         raise UserError(f"{path}: expected a file to read, got: {error.strerror}") from error
 
@@ -76,8 +83,9 @@ def convert(path: str, output: str, kind: str) -> str:
     """Write a sweep or volume in another format of its kind; what was written, in words."""
     check_output("OUT", output, SWEEPS if kind == "sweep" else (*WRITABLE_VOLUMES, ".png"))
     if kind == "sweep":
-        both = (path.lower(), output.lower())
-        if all(name.endswith((".mha", ".nrrd")) for name in both):
+        found = kind_or_none(path)
+        images = found is not None and found.format in ("metaimage", "nrrd")
+        if images and output.lower().endswith((".mha", ".nrrd")):
             with mistakes():  # as it is: a recording may be without a calibration
                 recording = igs.read(path)
                 igs.write(output, recording)
@@ -100,7 +108,8 @@ def convert(path: str, output: str, kind: str) -> str:
 def _sweep(path: str) -> dict[str, Any]:
     facts: dict[str, Any] = {"transforms": [], "seconds": None, "spacing": None}
     sweep = None
-    if path.lower().endswith(igs.EXTENSIONS):
+    found = kind_or_none(path)
+    if found is not None and found.format in ("metaimage", "nrrd"):
         try:
             with mistakes():
                 recording = igs.read(path)
@@ -110,7 +119,7 @@ def _sweep(path: str) -> dict[str, Any]:
         facts["transforms"] = sorted(f"{a}To{b}" for a, b in recording.edges)
         if any(find_path(recording.edges, "Image", world) for world in WORLDS):
             sweep = read_sweep_file(path)
-    elif path.lower().endswith(stack.DICOM):
+    elif found is not None and found.format == "dicom":
         with mistakes():
             frames, times, _ = stack.read_dicom(path)
     else:

@@ -15,8 +15,11 @@ from typing import Any
 
 import numpy as np
 
+from .._base.checks import MissingPackageError
 from ..formats import FormatError, read
+from ..formats.kind import kind_of
 from ..scene.particles import Particles
+from ..volumes.tomography import tomography_particles
 
 
 class UserError(Exception):
@@ -28,7 +31,7 @@ def mistakes() -> Iterator[None]:
     """What the library refuses in this block is the user's mistake."""
     try:
         yield
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, MissingPackageError) as error:
         raise UserError(str(error)) from error
 
 
@@ -153,31 +156,26 @@ def reading(options: argparse.Namespace) -> dict[str, Any]:
 def check_input(path: str, given: Sequence[str] = ()) -> None:
     """Refuse what is no readable file of a known format, or of one without the options given,
     before any work."""
-    from ..formats import _format_of
-
-    with mistakes():
-        module = _format_of(path)
+    try:
+        with mistakes():
+            found = kind_of(path)
+    except OSError as error:
+        raise UserError(f"{path}: expected a file to read, got: {error.strerror}") from error
+    known = {"volume": ("level", "labels", "spacing"), "mesh": ("spacing",)}.get(found.kind, ())
     for name in given:
-        if name not in getattr(module, "OPTIONS", ()):
+        if name not in known and (name, found.format) != ("spacing", "ply"):
             option = {"labels": "--label", "spacing": "--resample"}.get(name, f"--{name}")
             kind = "volume or mesh" if name == "spacing" else "volume"
             raise UserError(f"{option}: expected a {kind} to read, got {path}")
-    try:
-        if os.path.isdir(path) and module.__name__.endswith("tomography"):
-            os.listdir(path)
-        else:
-            with open(path, "rb"):
-                pass
-    except OSError as error:
-        raise UserError(f"{path}: expected a file to read, got: {error.strerror}") from error
 
 
 def read_particles(path: str, may_be_empty: bool = False, **given: Any) -> Particles:
     """The particles of a file; what is wrong with it is the user's mistake, and so is a level or
     label that no voxel has, unless it may be empty as one of many."""
     try:
-        particles = read(path, **given)
-    except FormatError as error:
+        volume = kind_of(path).kind == "volume"
+        particles = tomography_particles(path, **given) if volume else read(path, **given)
+    except (FormatError, MissingPackageError) as error:
         raise UserError(str(error)) from error
     except ValueError as error:
         raise UserError(f"{path}: {error}") from error

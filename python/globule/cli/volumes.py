@@ -1,7 +1,6 @@
 """Volumes among the files of `render`: shown as the surface where their values have a level.
 
-NIfTI and DICOM are tomographies, one metaball per voxel of a tissue; so are the other formats when
-labels or resampling are asked for.
+With labels or resampling they are shown as `globule.tomography_particles` makes them.
 """
 
 from __future__ import annotations
@@ -9,15 +8,22 @@ from __future__ import annotations
 import argparse
 import os
 
+from ..formats.volumes import READABLE
+from ..formats.kind import kind_or_none
 from ..scene.particles import Particles
 from ..scene.scene import DEFAULTS
-from ..ultrasound.kinds import has_surface
 from .shared import UserError, read_volume_file
 
 
 def is_surface(path: str, options: argparse.Namespace) -> bool:
     """Whether a file is a volume that is shown by its surface."""
-    return not options.label and not options.resample and has_surface(path)
+    if options.label or options.resample:
+        return False
+    try:
+        found = kind_or_none(path)
+    except OSError:
+        return path.lower().endswith(READABLE)
+    return found is not None and (found.kind == "volume" or found.format in ("metaimage", "nrrd"))
 
 
 def check_surface(path: str, options: argparse.Namespace) -> None:
@@ -28,8 +34,9 @@ def check_surface(path: str, options: argparse.Namespace) -> None:
     from ..ultrasound.files import is_sweep
 
     try:
-        with open(path, "rb"):
-            pass
+        if not os.path.isdir(path):
+            with open(path, "rb"):
+                pass
         tracked = is_sweep(path)
     except OSError as error:
         raise UserError(f"{path}: expected a file to read, got: {error.strerror}") from error

@@ -1,6 +1,6 @@
 """Particle files, one module per format.
 
-`read` and `write` choose the format by the file name's extension, whatever its case:
+`read` chooses the format by the file's content, `write` by the name's ending, whatever its case:
 
     .txt .dat         nine columns: x y z  r g b  reflection refraction rigidity
     .vtk              legacy VTK (POLYDATA, UNSTRUCTURED_GRID), ASCII and binary
@@ -10,8 +10,6 @@
     .xyz .csv         tables with named or unnamed columns
     .npz .npy         NumPy
     .obj .stl .glb    triangle meshes, read only; so is a .ply with faces
-    .nii .nii.gz .nrrd .nhdr .mha .mhd, or a folder with a DICOM series
-                      tomographies, read only
 
 Which array of a file becomes which field of Particles is the same for all of them; see
 `globule.formats.fields`.
@@ -19,27 +17,38 @@ Which array of a file becomes which field of Particles is the same for all of th
 
 from __future__ import annotations
 
+import importlib
 import os
+import warnings
+from collections.abc import Callable
 from types import ModuleType
 from typing import Any
 
 from ..scene.particles import Particles
-from . import bgeo, mesh, numpy_format, ply, table, text, tomography, vtk_legacy, vtk_xml
+from . import bgeo, mesh, numpy_format, ply, table, text, vtk_legacy, vtk_xml
 from .errors import FormatError
+from .kind import Kind, kind_of, wrong_kind
 from .mesh import mesh_particles
-from .tomography import tomography_particles
 
-__all__ = [
-    "EXTENSIONS",
-    "READABLE",
-    "FormatError",
-    "mesh_particles",
-    "read",
-    "tomography_particles",
-    "write",
-]
+__all__ = ["EXTENSIONS", "READABLE", "FormatError", "Kind", "kind_of", "mesh_particles", "read",
+           "write"]  # fmt: skip
 
-_FORMATS: dict[str, ModuleType] = {
+_READERS: dict[str, Callable[..., Particles]] = {
+    "text": text.read,
+    "vtk": vtk_legacy.read,
+    "vtp": vtk_xml.read,
+    "vtu": vtk_xml.read,
+    "bgeo": bgeo.read,
+    "ply": ply.read,
+    "xyz": table.read_xyz,
+    "csv": table.read_csv,
+    "npz": numpy_format.read_npz,
+    "npy": numpy_format.read_npy,
+    "obj": mesh.read,
+    "stl": mesh.read,
+    "glb": mesh.read,
+}
+_WRITERS: dict[str, ModuleType] = {
     ".txt": text,
     ".dat": text,
     ".vtk": vtk_legacy,
@@ -53,36 +62,38 @@ _FORMATS: dict[str, ModuleType] = {
     ".npz": numpy_format,
     ".npy": numpy_format,
 }
-EXTENSIONS = tuple(_FORMATS)  # read and written
-_READ_ONLY: dict[str, ModuleType] = {
-    ".obj": mesh,
-    ".stl": mesh,
-    ".glb": mesh,
-    ".nii": tomography,
-    ".nii.gz": tomography,
-    ".nrrd": tomography,
-    ".nhdr": tomography,
-    ".mha": tomography,
-    ".mhd": tomography,
-}
-READABLE = (*EXTENSIONS, *_READ_ONLY)
+EXTENSIONS = tuple(_WRITERS)  # read and written
+READABLE = (*EXTENSIONS, ".obj", ".stl", ".glb")
+_WITH_SPACING = ("ply", "obj", "stl", "glb")
+_VOLUME_OPTIONS = ("level", "labels", "spacing")
 
 
 def read(path: str | os.PathLike, **options: Any) -> Particles:
-    """Read particles from a file.
+    """Read particles, or a mesh as particles, from a file of any ending.
 
-    Options are for meshes (`spacing`, see mesh_particles) and tomographies (`level`, `labels`,
-    `spacing`, see tomography_particles).
+    Args:
+        path: of the file.
+        spacing: world units, for meshes only; see mesh_particles.
 
-    Raises FormatError (a ValueError) if the extension is unknown or the file cannot be read as
-    what its extension says, ValueError for an option that the format does not have or a package
-    that is missing; FileNotFoundError and other OSErrors pass unchanged.
+    Returns:
+        Particles; positions (N, 3) float32 in the file's units.
+
+    Raises FormatError (a ValueError) if the file is of no known format, of another kind (the
+    message names the function that reads it) or damaged; ValueError for an option that the format
+    does not have; MissingPackageError for a mesh without trimesh; FileNotFoundError and other
+    OSErrors pass unchanged.
     """
-    module = _format_of(path)
+    kind = kind_of(path, "particles")
+    if kind.kind == "volume" and options and options.keys() <= set(_VOLUME_OPTIONS):
+        message = "globule.read of a volume goes with the next version; use "
+        return _moved(message + "globule.tomography_particles")(path, **options)
+    if kind.kind not in ("particles", "mesh"):
+        raise wrong_kind(path, "particles or a mesh", kind)
     for name in options:
-        if name not in getattr(module, "OPTIONS", ()):
-            raise ValueError(f"{name}: expected none for {os.fspath(path)}, whose format has none")
-    return module.read(path, **options)
+        if name != "spacing" or kind.format not in _WITH_SPACING:
+            raise ValueError(f"{name}: expected no such option for {os.fspath(path)}, "
+                             f"which holds {kind.kind} ({kind.format}), got one")  # fmt: skip
+    return _READERS[kind.format](path, **options)
 
 
 def write(path: str | os.PathLike, particles: Particles) -> None:
@@ -91,18 +102,27 @@ def write(path: str | os.PathLike, particles: Particles) -> None:
     Numbers that hold for all particles are repeated per particle, except in .npz. Raises
     FormatError if the extension is unknown, ValueError if the format cannot hold an attribute.
     """
-    module = _format_of(path, writing=True)
+    module = _writer(path)
     if not isinstance(particles, Particles):
         raise TypeError(f"particles: expected Particles, got {type(particles).__name__}")
     module.write(path, particles)
 
 
-def _format_of(path: str | os.PathLike, writing: bool = False) -> ModuleType:
+def _writer(path: str | os.PathLike) -> ModuleType:
     name = os.path.basename(os.fspath(path)).lower()
-    formats = _FORMATS if writing else {**_FORMATS, **_READ_ONLY}
-    for extension, module in formats.items():
+    for extension, module in _WRITERS.items():
         if name.endswith(extension):
             return module
-    if os.path.isdir(path) and not writing:
-        return tomography
-    raise FormatError(f"{path}: expected one of the extensions {' '.join(formats)}")
+    raise FormatError(f"{path}: expected one of the extensions {' '.join(_WRITERS)}")
+
+
+def _moved(message: str) -> Callable[..., Particles]:
+    """tomography_particles under its old names; it belongs to a later room."""
+    warnings.warn(message, DeprecationWarning, stacklevel=3)
+    return importlib.import_module("globule.volumes.tomography").tomography_particles
+
+
+def __getattr__(name: str) -> Any:
+    if name == "tomography_particles":
+        return _moved("globule.formats.tomography_particles has moved to globule")
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -14,14 +14,15 @@ from typing import IO, Any
 
 import numpy as np
 
+from .._base.checks import missing, positive
 from .._base.colormaps import to_linear
 from ..scene.particles import Particles
 from ..scene.spacing import local_spacing
 from ..scene.surface import MOST_SAMPLES, sampled_particles, vertex_particles
 from .errors import FormatError, bad
+from .kind import kind_of, wrong_kind
 
-EXTENSIONS = (".obj", ".stl", ".glb", ".ply")
-OPTIONS = ("spacing",)
+FORMATS = ("obj", "stl", "glb", "ply")
 
 
 def read(path: str | os.PathLike, spacing: float | None = None) -> Particles:
@@ -44,18 +45,16 @@ def mesh_particles(mesh: Any, spacing: float | None = None) -> Particles:
         mesh: path of an .obj, .stl, .glb or .ply file, or a trimesh.Trimesh or trimesh.Scene.
         spacing: world units, > 0.
 
-    Raises FormatError for a file that holds no mesh; ValueError for another extension, a spacing
-    that would make more than 50 million points, or where trimesh is missing.
+    Raises FormatError for a file that holds no mesh; ValueError for a spacing that would make more
+    than 50 million points; MissingPackageError without trimesh.
     """
-    if spacing is not None and not (spacing > 0 and np.isfinite(spacing)):
-        raise ValueError(f"spacing: expected a positive number, got {spacing!r}")
+    if spacing is not None:
+        spacing = positive("spacing", spacing)
     trimesh = _trimesh()
     name, linear = "mesh", False
     if isinstance(mesh, (str, os.PathLike)):
         name = os.fspath(mesh)
-        if not name.lower().endswith(EXTENSIONS):
-            raise FormatError(f"{name}: expected one of the extensions {' '.join(EXTENSIONS)}")
-        linear = name.lower().endswith(".glb")
+        linear = kind_of(name, "mesh").format == "glb"
         mesh = _load(trimesh, name)
     scene = trimesh.Scene(mesh) if isinstance(mesh, trimesh.Trimesh) else mesh
     if not isinstance(scene, trimesh.Scene):
@@ -69,7 +68,7 @@ def mesh_particles(mesh: Any, spacing: float | None = None) -> Particles:
         corners = np.concatenate([part.vertices[part.faces] for part in meshes])
         colors = _Colors(name, meshes, linear)
     if spacing is not None:
-        return sampled_particles(corners, float(spacing), colors)
+        return sampled_particles(corners, spacing, colors)
     color = colors(np.repeat(np.arange(len(corners)), 3), np.tile(np.eye(3), (len(corners), 1)))
     vertices = Particles(corners.reshape(-1, 3), color=color)
     return vertex_particles(vertices, np.arange(len(vertices)).reshape(-1, 3))
@@ -131,13 +130,20 @@ def _points(name: str, parts: list[Any]) -> Particles:
 
 
 def _load(trimesh: Any, path: str) -> Any:
+    kind = kind_of(path, "mesh")
+    if kind.format not in FORMATS:
+        raise wrong_kind(path, f"a mesh ({', '.join(FORMATS)})", kind)
+    form = kind.format
     with open(path, "rb") as file:  # what is no readable file is an OSError like everywhere
-        if path.lower().endswith(".glb"):
+        if form == "glb":
             _check_glb(path, file)
-        elif path.lower().endswith(".obj"):
+        elif form == "obj":
             _check_obj(path, file)
     with _errors_of(path):
-        return trimesh.load_scene(path, process=False)
+        if path.lower().endswith(f".{form}"):
+            return trimesh.load_scene(path, process=False)  # which finds textures beside it
+        with open(path, "rb") as file:
+            return trimesh.load_scene(file, file_type=form, process=False)
 
 
 def _check_obj(path: str, file: IO[bytes]) -> None:
@@ -185,7 +191,5 @@ def _trimesh() -> Any:
     try:
         import trimesh
     except ImportError:
-        raise ValueError(
-            "meshes: expected the package trimesh, got none: pip install 'globule[formats]'"
-        ) from None
+        raise missing("trimesh", "formats") from None
     return trimesh

@@ -20,17 +20,19 @@ from .fields import check_lengths, find_positions, particles_from
 _MOST_DEFLATE_CAN_EXPAND = 1032  # times
 
 
-def read(path: str | os.PathLike) -> Particles:
+def read_npy(path: str | os.PathLike) -> Particles:
+    """Read .npy, (N, 3) or wider: the first three columns are the positions, the others become
+    attributes `column4` and so on."""
+    with open(path, "rb") as file:
+        return _from_columns(path, read_array(path, "array", file, os.fstat(file.fileno()).st_size))
+
+
+def read_npz(path: str | os.PathLike) -> Particles:
     """Read .npz: positions (N, 3), fields per particle or as scalars, attributes (N, ...).
 
-    Other arrays that do not belong to N particles are left out. Of .npy, (N, 3) or wider,
-    the first three columns are the positions and the others attributes `column4` and so on.
+    Other arrays that do not belong to N particles are left out.
     """
-    with open(path, "rb") as file:
-        size = os.fstat(file.fileno()).st_size
-        if not _is_npz(path):
-            return _from_columns(path, _array(path, "array", file, size))
-        arrays = _archive(path, file)
+    arrays = read_archive(path)
     positions = find_positions(arrays)
     if positions is None:
         found = shown(", ".join(arrays))
@@ -69,15 +71,15 @@ def _is_npz(path: str | os.PathLike) -> bool:
     return os.fspath(path).lower().endswith(".npz")
 
 
-def _archive(path: Any, file: IO[bytes]) -> dict[str, np.ndarray]:
-    """The numeric arrays of an .npz."""
+def read_archive(path: str | os.PathLike) -> dict[str, np.ndarray]:
+    """The numeric arrays of an .npz by name."""
     import zipfile
     import zlib
 
     arrays = {}
     name = "archive"
     try:
-        with zipfile.ZipFile(file) as archive:
+        with open(path, "rb") as file, zipfile.ZipFile(file) as archive:
             for info in archive.infolist():
                 if not info.filename.endswith(".npy"):
                     continue
@@ -86,7 +88,7 @@ def _archive(path: Any, file: IO[bytes]) -> dict[str, np.ndarray]:
                     problem = f"expected at most {info.compress_size} bytes packed 1032 times"
                     raise bad(path, name, f"{problem}, got {info.file_size}")
                 with archive.open(info) as member:
-                    arrays[name] = _array(path, name, member, info.file_size)
+                    arrays[name] = read_array(path, name, member, info.file_size)
                     member.read()  # to the end, where the checksum is
     except (
         zipfile.BadZipFile,
@@ -102,7 +104,7 @@ def _archive(path: Any, file: IO[bytes]) -> dict[str, np.ndarray]:
     return arrays
 
 
-def _array(path: Any, name: str, file: IO[bytes], file_size: int) -> np.ndarray:
+def read_array(path: Any, name: str, file: IO[bytes], file_size: int) -> np.ndarray:
     """One .npy stream of `file_size` bytes, checked before memory is taken."""
     try:
         version = np.lib.format.read_magic(file)

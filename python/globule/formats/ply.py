@@ -52,7 +52,6 @@ _WRITTEN = {
 }
 _ORDERS = {b"ascii": "", b"binary_little_endian": "<", b"binary_big_endian": ">"}
 _LONGEST_HEADER = 1 << 20
-OPTIONS = ("spacing",)
 
 
 def read(path: str | os.PathLike, spacing: float | None = None) -> Particles:

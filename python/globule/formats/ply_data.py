@@ -23,6 +23,7 @@ class Element:
 
     @property
     def has_lists(self) -> bool:
+        """Whether a property is a list, as the corners of a face are."""
         return any(length for _, _, length in self.properties)
 
 
@@ -167,7 +168,7 @@ def _equal_faces(
             at += count.itemsize
         if not 0 <= size <= 255:
             return None
-        fields.append((f"f{i}", order + kind, (size,)))
+        fields.append((f"f{i}", order + kind, (size,)))  # type: ignore[arg-type]
         at += np.dtype(kind).itemsize * size
     row = np.dtype(fields)
     if element.count * row.itemsize > len(data) - position:

@@ -23,10 +23,14 @@ from .errors import bad, shown
 from .fields import find_positions, join_columns, particles_from, split_columns
 
 
-def read(path: str | os.PathLike) -> Particles:
-    """Read a table. Columns of whole numbers without a point become int64, others float64."""
-    lines = text_lines(Path(path).read_bytes())
-    return _read_csv(path, lines) if _is_csv(path) else _read_xyz(path, lines)
+def read_csv(path: str | os.PathLike) -> Particles:
+    """Read a .csv. Columns of whole numbers without a point become int64, others float64."""
+    return _read_csv(path, text_lines(Path(path).read_bytes()))
+
+
+def read_xyz(path: str | os.PathLike) -> Particles:
+    """Read an .xyz. Columns of whole numbers without a point become int64, others float64."""
+    return _read_xyz(path, text_lines(Path(path).read_bytes()))
 
 
 def write(path: str | os.PathLike, particles: Particles) -> None:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import os
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -20,11 +20,9 @@ from ..scene.particles import Particles
 from .asciinum import parse_numbers
 from .errors import FormatError, bad, shown
 from .fields import particles_from, per_particle
+from .xml import parse_xml
 
-if TYPE_CHECKING:
-    from xml.etree.ElementTree import Element
-
-_TYPES = {
+TYPES = {
     "Int8": "i1",
     "UInt8": "u1",
     "Int16": "i2",
@@ -36,13 +34,13 @@ _TYPES = {
     "Float32": "f4",
     "Float64": "f8",
 }
-_WRITTEN = {code: name for name, code in _TYPES.items()} | {"b1": "UInt8"}
+_WRITTEN = {code: name for name, code in TYPES.items()} | {"b1": "UInt8"}
 _MOST_ZLIB_CAN_EXPAND = 1032  # times, from the format of deflate
 
 
 def read(path: str | os.PathLike) -> Particles:
     """Read the points and point data of a .vtp or .vtu file."""
-    return _Reader(path, Path(path).read_bytes()).read()
+    return VtkXml(path, Path(path).read_bytes()).particles()
 
 
 def write(path: str | os.PathLike, particles: Particles) -> None:
@@ -92,49 +90,12 @@ def write(path: str | os.PathLike, particles: Particles) -> None:
         file.write(b"\n</AppendedData>\n</VTKFile>\n")
 
 
-def parse_xml(path: Any, text: bytes) -> Element:
-    """An XML tree. Refuses document type definitions, hence entities, and deep nesting."""
-    from xml.etree.ElementTree import TreeBuilder
-    from xml.parsers import expat
+class VtkXml:
+    """A VTK XML file: its tree, and the data arrays in it, whatever their encoding.
 
-    builder = TreeBuilder()
-    parser = expat.ParserCreate()
-    parser.buffer_text = True
-    depth = 0
+    Raises FormatError for another root, byte order, header type or compressor.
+    """
 
-    def refuse(*_: Any) -> None:
-        raise bad(path, f"line {parser.CurrentLineNumber}", "expected no DOCTYPE, got one")
-
-    def start(tag: str, attributes: dict[str, str]) -> None:
-        nonlocal depth
-        depth += 1
-        if depth > 32:
-            where = f"line {parser.CurrentLineNumber}"
-            raise bad(path, where, "expected at most 32 nested elements, got more")
-        builder.start(tag, attributes)
-
-    def end(tag: str) -> None:
-        nonlocal depth
-        depth -= 1
-        builder.end(tag)
-
-    parser.StartDoctypeDeclHandler = refuse
-    parser.StartElementHandler = start
-    parser.EndElementHandler = end
-    parser.CharacterDataHandler = builder.data
-    try:
-        parser.Parse(text, True)
-    except expat.ExpatError as error:
-        where = f"line {error.lineno}, column {error.offset + 1}"
-        raise bad(path, where, f"expected XML, got {expat.ErrorString(error.code)}") from None
-    except (LookupError, ValueError) as error:  # an encoding that Python does not know
-        if isinstance(error, FormatError):
-            raise
-        raise bad(path, "line 1", f"expected XML, got {error}") from None
-    return builder.close()
-
-
-class _Reader:
     def __init__(self, path: Any, data: bytes) -> None:
         self.path = path
         self.appended = memoryview(b"")
@@ -158,6 +119,7 @@ class _Reader:
         return choices[value]
 
     def bad(self, element: str, problem: str) -> FormatError:
+        """A FormatError at an element."""
         return bad(self.path, f"<{element}>", problem)
 
     def cut_appended(self, data: bytes) -> bytes:
@@ -172,7 +134,8 @@ class _Reader:
         self.appended_is_base64 = b"raw" not in tag[1]
         return data[: tag.end()] + data[end:]
 
-    def read(self) -> Particles:
+    def particles(self) -> Particles:
+        """The points and point data of PolyData or UnstructuredGrid, all pieces together."""
         kind = self.root.get("type", "")
         grid = self.root.find(kind) if kind in ("PolyData", "UnstructuredGrid") else None
         if grid is None:
@@ -189,7 +152,7 @@ class _Reader:
         positions = arrays.pop(("", 3))
         return particles_from(self.path, positions, {name: a for (name, _), a in arrays.items()})
 
-    def piece(self, element: Element) -> dict[tuple[str, int], np.ndarray]:
+    def piece(self, element: Any) -> dict[tuple[str, int], np.ndarray]:
         """Arrays by name and number of components; the points have the name ""."""
         n = self.count(element, "NumberOfPoints")
         arrays: dict[tuple[str, int], np.ndarray] = {}
@@ -204,30 +167,31 @@ class _Reader:
             arrays["", 3] = np.empty((0, 3), np.float32)
         for data_array in element.iterfind("PointData/DataArray"):
             name = data_array.get("Name", "")
-            if data_array.get("type") in _TYPES and name:
+            if data_array.get("type") in TYPES and name:
                 values = self.array(data_array, n)
                 arrays[name, 1 if values.ndim == 1 else values.shape[1]] = values
         return arrays
 
-    def count(self, element: Element, attribute: str, default: str = "") -> int:
+    def count(self, element: Any, attribute: str, default: str = "") -> int:
+        """A count, >= 0, in an attribute."""
         text = element.get(attribute, default).strip()
         if not (text.isascii() and text.isdigit() and len(text) <= 18):
             raise self.bad(element.tag, f"expected {attribute} as a count, got {shown(text)}")
         return int(text)
 
-    def array(self, element: Element, n: int) -> np.ndarray:
+    def array(self, element: Any, n: int) -> np.ndarray:
         """A data array, (n,) or (n, k), in native byte order and memory of its own."""
         name = f"DataArray {element.get('Name', '')}"
         k = self.count(element, "NumberOfComponents", "1")
         kind = element.get("type", "")
-        if k == 0 or kind not in _TYPES:
+        if k == 0 or kind not in TYPES:
             raise self.bad(name, f"expected numbers, got {k} components of type {shown(kind)}")
-        dtype = np.dtype(_TYPES[kind])
+        dtype = np.dtype(TYPES[kind])
         encoding = element.get("format", "ascii")
         if n == 0:
             values = np.empty(0, dtype)
         elif encoding == "ascii":
-            values = self.ascii(element, name, n * k, dtype)
+            values = self._ascii(element, name, n * k, dtype)
         elif encoding in ("binary", "appended"):
             is_base64, start = True, 0
             if encoding == "binary":
@@ -242,7 +206,7 @@ class _Reader:
             raise self.bad(name, f"expected format ascii, binary or appended, got {encoding!r}")
         return values if k == 1 else values.reshape(n, k)
 
-    def ascii(self, element: Element, name: str, n: int, dtype: np.dtype) -> np.ndarray:
+    def _ascii(self, element: Any, name: str, n: int, dtype: np.dtype) -> np.ndarray:
         try:
             values = parse_numbers(_text(element).encode(), dtype)
         except ValueError:
@@ -276,7 +240,7 @@ class _Reader:
         return _inflate(stream.rest(sum(packed_sizes)), packed_sizes, sizes, stream)
 
 
-def _text(element: Element) -> str:
+def _text(element: Any) -> str:
     """The text of an element without that of its children (VTK's information keys)."""
     return (element.text or "") + "".join(child.tail or "" for child in element)
 

@@ -98,10 +98,9 @@ class Tomography:
         if self.atlas:
             positions = _atlas(spacing / self.scale)
         else:
-            from ..formats import tomography_particles
+            from ..volumes.tomography import tissue_voxels
 
-            found = tomography_particles(self.file, self.level, self.labels, spacing / self.scale)
-            positions = np.asarray(found.positions, np.float64)
+            positions = tissue_voxels(self.file, self.level, self.labels, spacing / self.scale)
         if not len(positions):
             raise ValueError(f"{self.file or self.atlas}: expected tissue, got no voxel of it")
         middle = (positions.min(axis=0) + positions.max(axis=0)) / 2

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from .._base.checks import number
 from .._base.files import atomic_write
 from ..formats.errors import bad
 from ..formats.sweeps.transforms import check_pixel_matrix
@@ -34,7 +35,7 @@ __all__ = [
 try:
     import tomllib
 except ImportError:  # Python 3.10
-    import tomli as tomllib
+    import tomli as tomllib  # type: ignore[no-redef]
 
 _KEYS = ("probe_from_image", "temporal_offset", "clip", "fan", "rms", "target")
 
@@ -58,14 +59,14 @@ class Calibration:
     def __post_init__(self) -> None:
         matrix = check_pixel_matrix("probe_from_image", self.probe_from_image)
         object.__setattr__(self, "probe_from_image", matrix)
-        offset = _finite("temporal_offset", self.temporal_offset)
+        offset = number("temporal_offset", self.temporal_offset)
         object.__setattr__(self, "temporal_offset", offset)
         if self.clip is not None:
             object.__setattr__(self, "clip", checked_clip(self.clip))
         if self.fan is not None:
             object.__setattr__(self, "fan", checked_fan(self.fan))
         if self.rms is not None:
-            object.__setattr__(self, "rms", _finite("rms", self.rms))
+            object.__setattr__(self, "rms", number("rms", self.rms))
 
     @property
     def spacing(self) -> tuple[float, float]:
@@ -241,13 +242,3 @@ def _observations(pixels: Any, world_from_probe: Any) -> tuple[np.ndarray, np.nd
                 f"{name}: expected finite numbers, got NaN or inf (observation {np.argmin(good)})"
             )
     return pixels, poses
-
-
-def _finite(name: str, value: Any) -> float:
-    try:
-        number = float(value)
-    except (TypeError, ValueError):
-        number = np.nan
-    if not np.isfinite(number):
-        raise ValueError(f"{name}: expected a finite number, got {value!r}")
-    return number

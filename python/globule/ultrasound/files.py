@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import os
 import shutil
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from .._base.checks import number
 from ..formats.errors import FormatError, bad
+from ..formats.kind import kind_of, kind_or_none, wrong_kind
 from ..formats.sweeps import igs, stack
 from ..formats.sweeps.poses import PoseTable, interpolate, read_poses, write_csv
 from ..formats.sweeps.transforms import (
@@ -22,11 +25,12 @@ from ..formats.sweeps.transforms import (
     parse_matrix,
     split_name,
 )
+from ..formats.volumes.raw import Progress
 from .calibration import Calibration
 from .setup import Setup
 from .sweep import Sweep, checked_frames
 
-EXTENSIONS = (*igs.EXTENSIONS, ".npz", ".npy", *stack.DICOM)
+EXTENSIONS = (*igs.EXTENSIONS, ".npz", ".npy", *stack.DICOM)  # usual ones; the content counts
 WRITABLE = (".igs.mha", ".mha", ".igs.nrrd", ".nrrd", ".npz")
 _POSES_BESIDE = "poses.csv"  # of a folder of pictures
 
@@ -41,6 +45,7 @@ def read_sweep(
     fan: Any = None,
     mask: Any = None,
     frame_times: Any = None,
+    progress: Callable[[int, int], None] | None = None,
 ) -> Sweep:
     """Read a tracked sweep.
 
@@ -56,6 +61,8 @@ def read_sweep(
         clip: (column, row, width, height) in pixels; fan: see `Fan`; mask: (H, W) or an image's
             path. They combine, and replace what calibration and configuration say of the same.
         frame_times: (F,) s, or frames per second, for a stack that does not know its times.
+        progress: called as progress(done, total): bytes of .mha and .nrrd, pictures of a folder, 1
+            of 1 at the end of other formats.
 
     A frame counts if its image and every transform on the way to the world have the status OK, and
     if poses surround its time. Raises FormatError or ValueError with one line that says what is
@@ -64,9 +71,8 @@ def read_sweep(
     setup = Setup(calibration, plus, clip, fan, mask)
     if temporal_offset is None:
         temporal_offset = setup.temporal_offset
-    if not np.isfinite(temporal_offset):
-        raise ValueError(f"temporal_offset: expected a finite number, got {temporal_offset}")
-    recording, arrays = _recording(path)
+    number("temporal_offset", temporal_offset)
+    recording, arrays = _recording(path, progress)
     if frame_times is not None:
         times = _frame_times(frame_times, len(recording.frames))
         recording = recording._replace(times=times)
@@ -95,65 +101,68 @@ def read_sweep(
     return sweep
 
 
-def write_sweep(path: str | os.PathLike, sweep: Sweep) -> None:
+def write_sweep(
+    path: str | os.PathLike, sweep: Sweep, progress: Callable[[int, int], None] | None = None
+) -> None:
     """Write a sweep: .igs.mha, .igs.nrrd, .npz, or a new folder of PNG files with poses.csv.
 
     Fields that a file had are written again as they were, with the calibration beside them; poses
     that were changed since replace those they came from. The .igs formats cannot hold the mask.
+
+    Args:
+        path: with one of these endings, or without an ending for a folder.
+        sweep: (F, H, W) frames and their poses; LPS for .mha and .nrrd.
+        progress: called as progress(done, total): bytes of .mha and .nrrd, pictures of a folder, 1
+            of 1 at the end of .npz.
+
+    Raises FormatError for another ending, TypeError for anything but a Sweep, ValueError for what
+    the format cannot hold; OSErrors pass unchanged.
     """
     if not isinstance(sweep, Sweep):
         raise TypeError(f"sweep: expected Sweep, got {type(sweep).__name__}")
     name = os.fspath(path).lower()
     if name.endswith(".npz"):
         _write_npz(path, sweep)
+        if progress:
+            progress(1, 1)
     elif name.endswith(WRITABLE):
-        igs.write(path, _as_recording(sweep))
+        igs.write(path, _as_recording(sweep), progress)
     elif "." not in os.path.basename(name.rstrip("/")):
-        _write_folder(path, sweep)
+        _write_folder(path, sweep, progress)
     else:
         raise FormatError(f"{path}: expected a folder or {' '.join(WRITABLE)}")
 
 
 def is_sweep(path: str | os.PathLike) -> bool:
-    """Whether a file or folder holds tracked frames, by name and, where needed, by header."""
-    name = os.fspath(path).lower()
-    if name.endswith((".igs.mha", ".igs.nrrd", *stack.DICOM)) or os.path.isdir(path):
-        return True
-    if name.endswith((".mha", ".nrrd")):
-        with open(path, "rb") as file:
-            head = file.read(65536).split(b"ElementDataFile")[0].split(b"\n\n")[0]
-        return b"Seq_Frame0000_" in head and b"Transform" in head.replace(b"TransformMatrix", b"")
-    if name.endswith(".npz"):
-        import zipfile
-
-        try:
-            with zipfile.ZipFile(path) as archive:
-                return {"frames.npy", "world_from_image.npy"} <= set(archive.namelist())
-        except zipfile.BadZipFile:
-            return False
-    return False
+    """Whether a file or folder holds tracked frames or a stack of images, by its content."""
+    found = kind_or_none(path)
+    return found is not None and found.kind == "sweep"
 
 
-def _recording(path: str | os.PathLike) -> tuple[igs.Recording, dict[str, np.ndarray]]:
+def _recording(
+    path: str | os.PathLike, progress: Progress = None
+) -> tuple[igs.Recording, dict[str, np.ndarray]]:
     """Frames and what their file says; the other arrays of a NumPy archive."""
-    name = os.fspath(path).lower()
-    if name.endswith(igs.EXTENSIONS):
-        recording, arrays = igs.read(path), {}
+    kind = kind_of(path, "sweep")
+    if kind.format in ("metaimage", "nrrd"):
+        recording, arrays = igs.read(path, progress), {}
     else:
-        if os.path.isdir(path):
-            images = stack.read_folder(path)
-        elif name.endswith((".npz", ".npy")):
+        if kind.format == "pictures":
+            images = stack.read_folder(path, progress)
+        elif kind == ("sweep", "npz") or kind.format == "npy":
             images = stack.read_numpy(path)
-        elif name.endswith(stack.DICOM):
+        elif kind == ("sweep", "dicom"):
             images = stack.read_dicom(path)
         else:
-            raise FormatError(f"{path}: expected a folder or one of {' '.join(EXTENSIONS)}")
+            raise wrong_kind(path, "a sweep or a stack of images", kind)
+        if progress and kind.format != "pictures":
+            progress(1, 1)
         ok = np.ones(len(images.frames), bool)
-        fields = [{} for _ in ok]
+        fields: list[dict[str, str]] = [{} for _ in ok]
         recording = igs.Recording(images.frames, images.times, {}, ok, {}, fields)
         arrays = images.arrays
     try:
-        return recording._replace(frames=checked_frames(recording.frames)), arrays
+        return recording._replace(frames=np.asarray(checked_frames(recording.frames))), arrays
     except (TypeError, ValueError) as error:
         raise bad(path, "", str(error)) from None
 
@@ -213,12 +222,11 @@ def _assembled(
     image = setup.image
     wanted = (setup.world,) if setup.world else WORLDS
     found = {world: find_path(edges, image, world) for world in wanted}
-    world = next((world for world in wanted if found[world]), None)
-    if world is None:
+    world, way = next(((world, found[world]) for world in wanted if found[world]), (None, None))
+    if world is None or way is None:
         names = " ".join(sorted(f"{a}To{b}" for a, b in edges)) or "no transform"
         problem = f"expected a way from {image} to {' or '.join(wanted)}, got {names}"
         raise bad(path, "poses", f"{problem}; give a calibration, PLUS configuration or poses")
-    way = found[world]
     if offset:
         edges = _shifted(path, recording, edges, way, offset)
     placed = chain(edges, way, n)
@@ -333,7 +341,9 @@ def _gives_pose(sweep: Sweep, i: int, fields: dict[str, str], way: list[tuple[st
     for name in _steps(way):
         if name in fields:
             matrix = parse_matrix(fields[name])
-            edges[split_name(name.removesuffix("Transform"))] = Transform(matrix, np.array(True))
+            key = split_name(name.removesuffix("Transform"))
+            if key is not None:
+                edges[key] = Transform(matrix, np.array(True))
     if not all(step in edges or step[::-1] in edges for step in way):
         return False
     placed = chain(edges, way, 1)
@@ -368,7 +378,7 @@ def _write_npz(path: str | os.PathLike, sweep: Sweep) -> None:
     write_arrays(path, arrays)
 
 
-def _write_folder(path: str | os.PathLike, sweep: Sweep) -> None:
+def _write_folder(path: str | os.PathLike, sweep: Sweep, progress: Progress) -> None:
     from PIL import Image
 
     if sweep.frames.dtype == np.float32:
@@ -381,6 +391,8 @@ def _write_folder(path: str | os.PathLike, sweep: Sweep) -> None:
     try:
         for i, frame in enumerate(sweep.frames):
             Image.fromarray(frame).save(temporary / f"frame_{i:04d}.png")
+            if progress:
+                progress(i + 1, len(sweep))
         if sweep.mask is not None:
             Image.fromarray(sweep.mask.astype(np.uint8) * 255).save(temporary / stack.MASK)
         table = PoseTable(sweep.timestamps, sweep.world_from_image, sweep.valid)

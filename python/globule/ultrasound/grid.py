@@ -10,6 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from .._base.checks import positive
+
 log = logging.getLogger("globule")
 MAX_AXIS = 2**20
 _MOST_TIMES = 1e5  # larger voxels than asked for: then it is not the voxels that need memory
@@ -21,10 +23,11 @@ class VoxelGrid:
 
     low: np.ndarray
     spacing: float
-    size: tuple[int, int, int]
+    size: tuple[int, ...]
 
     @property
     def n_voxels(self) -> int:
+        """How many voxels the box has."""
         return math.prod(self.size)
 
     @property
@@ -92,7 +95,7 @@ def make_grid(
             raise ValueError("size: all pixels lie at one place, give a spacing")
         n = wanted if np.ndim(size) else np.maximum(np.ceil(extent / spacing - 1e-9), 1)
     else:
-        spacing = _positive("spacing", spacing)
+        spacing = positive("spacing", spacing)
         steps = extent / spacing
         n = np.maximum(np.rint(steps), 1) if region is not None else np.floor(steps + 1e-6) + 1
     if (n > MAX_AXIS).any():
@@ -120,16 +123,6 @@ def _sizes(size: Any) -> np.ndarray:
             f"size: expected voxels along the longest axis, or three numbers x, y, z, got {size!r}"
         )
     return n.astype(np.float64)
-
-
-def _positive(name: str, value: Any) -> float:
-    try:
-        number = float(value)
-    except (TypeError, ValueError):
-        raise TypeError(f"{name}: expected a number of mm, got {value!r}") from None
-    if not (number > 0 and math.isfinite(number)):
-        raise ValueError(f"{name}: expected a positive number of mm, got {value!r}")
-    return number
 
 
 def estimate_bytes(

@@ -58,13 +58,14 @@ def breast(n_frames: int = 131, seed: int = 0, **options: Any) -> Sweep:
     """A breast-like phantom: skin, fat lobules, glandular tissue and a dark lesion of 9 mm at
     (4, 22, 0) with a brighter rim. Options are those of `scan`."""
     fat, corner, step = _lobules(seed)
+    middle, axes = np.array([4, 22, 0], np.float32), np.array([1, 0.8, 1], np.float32)
 
     def echo(points: np.ndarray) -> np.ndarray:
         p = points.astype(np.float32)
         cells = np.clip(np.rint((p - corner) / step).astype(np.int32), 0, np.array(fat.shape) - 1)
         value = np.where(fat[cells[..., 0], cells[..., 1], cells[..., 2]], 0.38, 0.62)
         value[p[..., 1] < 2] = 0.85
-        lesion = np.sqrt((((p - np.float32([4, 22, 0])) / np.float32([1, 0.8, 1])) ** 2).sum(-1))
+        lesion = np.sqrt((((p - middle) / axes) ** 2).sum(-1))
         value[lesion < 5.2] = 0.75
         value[lesion < 4.5] = 0.12
         return value
@@ -72,10 +73,10 @@ def breast(n_frames: int = 131, seed: int = 0, **options: Any) -> Sweep:
     return scan(echo, n_frames, seed=seed, **options)
 
 
-def _lobules(seed: int) -> tuple[np.ndarray, np.ndarray, np.float32]:
+def _lobules(seed: int) -> tuple[np.ndarray, np.ndarray, Any]:
     """Balls of fat in a grid (x, y, z) of bool, the place of its first cell and the cells' size."""
     rng = np.random.default_rng((seed, 1))
-    corner, step = np.float32([-30, -4, -36]), np.float32(0.4)
+    corner, step = np.array([-30, -4, -36], np.float32), np.float32(0.4)
     fat = np.zeros((150, 140, 180), bool)
     for _ in range(60):
         center, radius = rng.uniform((-26, 6, -32), (26, 44, 32)), rng.uniform(3, 7)

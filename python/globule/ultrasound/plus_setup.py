@@ -13,7 +13,7 @@ import numpy as np
 
 from ..formats.errors import bad, shown
 from ..formats.sweeps.transforms import Edges, Transform, parse_matrix
-from ..formats.vtk_xml import parse_xml
+from ..formats.xml import parse_xml
 from .region import Clip, Fan, checked_clip, checked_fan
 
 
@@ -35,9 +35,10 @@ def read_plus(path: str | os.PathLike) -> PlusGeometry:
         if element.get("Matrix") is None:
             continue
         names = element.get("From"), element.get("To")
-        where = f"Transform {names[0]} to {names[1]}"
+        where = f"line {element.line}, Transform {names[0]} to {names[1]}"
         if not all(names):
-            raise bad(path, "Transform", "expected From and To, got neither or one")
+            where = f"line {element.line}, Transform"
+            raise bad(path, where, "expected From and To, got neither or one")
         try:
             matrix = parse_matrix(element.get("Matrix"))
         except ValueError as error:
@@ -63,14 +64,15 @@ def read_plus(path: str | os.PathLike) -> PlusGeometry:
             if angles[0] != angles[1]:
                 fan = checked_fan([*apex, *angles, *start, *stop])
         except ValueError as error:
-            raise bad(path, "VolumeReconstruction", str(error)) from None
+            where = f"line {region.line}, VolumeReconstruction"
+            raise bad(path, where, str(error)) from None
     return PlusGeometry(edges, clip, fan, image, world)
 
 
 def _root(path: str | os.PathLike) -> Any:
     root = parse_xml(path, Path(path).read_bytes())
     if root.tag != "PlusConfiguration":
-        raise bad(path, "", f"expected <PlusConfiguration>, got {shown(root.tag)}")
+        raise bad(path, f"line {root.line}", f"expected <PlusConfiguration>, got {shown(root.tag)}")
     return root
 
 
@@ -89,5 +91,5 @@ def _numbers(path: Any, element: Any, name: str, n: int) -> list[float] | None:
     except ValueError:
         values = []
     if len(values) != n:
-        raise bad(path, name, f"expected {n} numbers, got {shown(text)}")
+        raise bad(path, f"line {element.line}, {name}", f"expected {n} numbers, got {shown(text)}")
     return values

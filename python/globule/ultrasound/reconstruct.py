@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -30,6 +30,7 @@ HOLE_WEIGHTS = ("normalized", "printed")
 MAX_KERNEL = 255
 _TYPES = {np.dtype(np.uint8): 0, np.dtype(np.uint16): 1, np.dtype(np.float32): 2}
 _FILL = {"pvn-om": 0, "bezier": 0, "vvn-om": 1, "pvn": 2, "vvn": 3}
+_PIECES = 32  # in which frames are binned where progress is reported
 _LARGEST_TABLE = 31  # radius up to which hole weights come from a table
 
 
@@ -62,6 +63,7 @@ def reconstruct(
     max_distance: float | None = None,
     device: str = "auto",
     threads: int = 0,
+    progress: Callable[[int, int], None] | None = None,
 ) -> Volume:
     """Reconstruct a volume from all valid frames of a sweep.
 
@@ -79,6 +81,7 @@ def reconstruct(
         region: ((x, y, z), (x, y, z)) low and high corner, mm, world; default: all pixels.
         max_distance: holes farther than this along an axis from any pixel stay empty, mm.
         device: "auto", "cpu", "cuda" or "cuda:N". threads: of the CPU; 0 takes all.
+        progress: called as progress(done, total) in frames, while pvn-om bins them, and at the end.
 
     Returns:
         Volume of the frames' type. The mean is rounded to nearest; the same bits on any device.
@@ -127,9 +130,13 @@ def reconstruct(
     if options.method == "bezier":
         core.bezier(*whole)
     elif options.method == "pvn-om":
-        core.median(*whole) if options.compounding == "median" else core.add(*whole, 0, 1)
-    on_device = isinstance(frames, DeviceArray)
-    if on_device:
+        if options.compounding == "median":
+            core.median(*whole)
+        else:
+            _add(core, whole, frames.itemsize, poses, progress)
+    values: Any
+    radius: Any
+    if isinstance(frames, DeviceArray):
         values, radius = filled_on_device(core, grid, frames.dtype, options, whole, chosen.index)
     else:
         values, radius = fill(core, grid, frames.dtype, options, whole)
@@ -139,10 +146,33 @@ def reconstruct(
         "device": chosen.name,
         "method": options.method,
     }
+    if progress:
+        progress(len(frames), len(frames))
     source = FrameMaps(chosen, threads, grid, frames, poses, mask, valid)
     return Volume(
         values, grid.world_from_voxel, radius, getattr(sweep, "space", "LPS"), info, source.make
     )
+
+
+def _add(
+    core: Any,
+    whole: tuple,
+    itemsize: int,
+    poses: np.ndarray,
+    progress: Callable[[int, int], None] | None,
+) -> None:
+    """Bin all frames, in pieces if somebody wants to hear of them; the bits are the same."""
+    if progress is None:
+        core.add(*whole, 0, 1)
+        return
+    (place, *where), _, mask, n, h, w = whole
+    step = -(-n // _PIECES)
+    for first in range(0, n, step):
+        part = min(step, n - first)
+        at = (place + first * h * w * itemsize, *where)
+        core.add(at, address(poses[first:]), mask, part, h, w, first * h * w, 1)
+        if first + part < n:  # the last ones count when holes are filled
+            progress(first + part, n)
 
 
 def start(
@@ -224,7 +254,7 @@ def filled_on_device(
             return out
 
         arrays.append(DeviceArray(place, grid.size[::-1], kind, core, fetch, device))
-    return tuple(arrays)
+    return arrays[0], arrays[1]
 
 
 def _fill(

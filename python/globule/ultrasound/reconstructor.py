@@ -95,6 +95,7 @@ class Reconstructor:
         self._chosen, self._threads = choose(device), thread_count(threads)
         self._core = _core.Reconstructor(self._chosen.backend, self._chosen.index, self._threads)
         self._grid: VoxelGrid | None = None
+        self._low, self._high = np.zeros(3), np.zeros(3)  # of the volume, once there are frames
         self._added: list[_Added] = []
         self._type: Any = None
         self._shape: tuple[int, int] = (0, 0)
@@ -104,6 +105,15 @@ class Reconstructor:
         self.spacing = make_grid(np.zeros(3), np.zeros(3), spacing, None, None).spacing
         # Blocks around all pixels: what the grid grows by lies beyond the reach of what is in it.
         self._margin = -(-self._options.reach(self.spacing) // _BLOCK)
+
+    def __repr__(self) -> str:
+        with self._lock:
+            if self._grid is None:
+                what = "no frames yet"
+            else:
+                x, y, z = (round(n) for n in (self._high - self._low) / self.spacing)
+                what = f"{self.n_frames} frames, {x} x {y} x {z} {self._type}"
+        return f"Reconstructor({what}, {self.spacing:.4g} mm, {self._space}, {self._chosen.name})"
 
     @whole
     def add(self, frames: Any, poses: Any) -> None:

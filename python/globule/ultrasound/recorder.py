@@ -60,6 +60,7 @@ class Recorder:
         self.n_frames += 1
 
     def close(self) -> None:
+        """Close the table of poses."""
         self._rows.close()
 
     def _picture(self, i: int) -> Path:

@@ -109,7 +109,7 @@ def _read_mask(path: str | os.PathLike) -> np.ndarray:
     from PIL import Image, UnidentifiedImageError
 
     try:
-        with Image.open(path) as image:
+        with Image.open(os.fspath(path)) as image:
             return np.asarray(image.convert("L"))
     except (UnidentifiedImageError, Image.DecompressionBombError, SyntaxError) as error:
         raise bad(path, "mask", f"expected an image, got {error}") from None

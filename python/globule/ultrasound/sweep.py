@@ -66,9 +66,12 @@ class Sweep:
 
     def __repr__(self) -> str:
         n, height, width = self.frames.shape
+        spacing = "no spacing"
+        if self.n_valid:
+            spacing = " x ".join(f"{step:.4g}" for step in self.spacing) + " mm"
         return (
-            f"Sweep({n} frames {width}x{height} {self.frames.dtype}, {self.n_valid} valid, "
-            f"{self.world}, {self.space})"
+            f"Sweep({n} frames, {width} x {height} {self.frames.dtype}, {spacing}, "
+            f"{self.n_valid} valid, {self.world}, {self.space})"
         )
 
     def __getitem__(self, index: Any) -> Sweep:

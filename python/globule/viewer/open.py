@@ -10,7 +10,6 @@ import numpy as np
 
 from .._base.arrays import on_gpu, to_host
 from ..formats import read
-from ..formats.volumes import READABLE as VOLUMES
 from ..render.frame import Layer
 from ..scene.particles import Particles
 from ..scene.scene import Scene
@@ -116,17 +115,20 @@ def _open_name(name: str, common: dict, reading: dict) -> Source:
 
 
 def _medical(name: str, common: dict, reading: dict) -> Source | None:
-    """The source of a sweep or volume; None for other files, and for a volume of which only the
-    voxels of some values are wanted."""
+    """The source of a sweep or volume; None for other files."""
+    from ..formats.kind import kind_or_none
     from ..ultrasound.files import read_sweep
-    from ..ultrasound.kinds import kind_of
     from ..volumes.files import read_volume
+    from ..volumes.tomography import tomography_particles
 
     title = os.path.basename(os.path.normpath(name))
-    kind = kind_of(name) if os.path.exists(name) else None
+    found = kind_or_none(name) if os.path.exists(name) else None
+    kind = found.kind if found else None
     if kind == "sweep":
         return _sweep(title, read_sweep(name, **reading), common)
-    if kind == "volume" and not reading and name.lower().endswith(tuple(VOLUMES)):
+    if kind == "volume" and reading:
+        return SceneSource(title, tomography_particles(name, **reading), **common)
+    if kind == "volume":
         return VolumeSource(title, read_volume(name), **common)
     return None
 

@@ -10,9 +10,8 @@ from ..render.camera import Camera, view_axes
 from ..render.clips import ClipBox
 from ..render.frame import Layer
 from ..scene.particles import Particles
-from ..ultrasound.kinds import SURFACES
 from ..ultrasound.sweep import Sweep
-from ..volumes.iso_surface import iso_surface, otsu
+from ..volumes.iso_surface import default_level, iso_surface
 from ..volumes.slices import reslice
 from ..volumes.volume import EMPTY, FILLED, Volume
 from .overlay import Plate
@@ -52,7 +51,7 @@ class VolumeSource(Source):
         """Show this volume from now on; with `lock` held."""
         self.volume = volume
         known = volume.values[~volume.empty & (volume.values > 0)]
-        self.level = otsu(known) if known.size else 1.0
+        self.level = default_level(volume) if known.size else 1.0
         highest = 255 if volume.values.dtype == np.uint8 else volume.values.max(initial=0)
         self.most_level = float(max(highest, 1))
         self.least_level = self.most_level / 100
@@ -62,11 +61,7 @@ class VolumeSource(Source):
 
     def origin(self, state: State) -> Origin:
         file = self.files[0] if self.files else "volume.npz"
-        plain = not file.lower().endswith((*SURFACES, ".npz"))  # which would be a tomography
-        before = ["globule", "convert", file, "volume.nrrd"] if plain else []
-        return self.surface_of(
-            "volume.nrrd" if plain else file, before, [f"volume = gb.read_volume({file!r})"], state
-        )
+        return self.surface_of(file, [], [f"volume = gb.read_volume({file!r})"], state)
 
     def surface_of(self, file: str, before: list[str], code: list[str], state: State) -> Origin:
         """The iso-surface of a volume's file, for which `code` makes `volume`."""

@@ -1,43 +1,58 @@
-"""Volume files: `read_volume` and `write_volume` choose the format by the name's extension.
+"""Volume files: `read_volume` chooses the format by content, `write_volume` by the name's ending.
 
     .mha .mhd            MetaImage, LPS
     .nrrd .nhdr          NRRD, LPS or RAS
-    .nii .nii.gz         NIfTI-1, RAS, geometry in float32
+    .nii .nii.gz         NIfTI (nibabel), RAS, geometry in float32
     .vti                 VTK XML image data, with all maps
     .npz                 NumPy, with all maps
     .sparse.npz          NumPy, occupied blocks only, with all maps
+    DICOM                a file, or a folder with a series (SimpleITK), read only
 
-A volume's place survives exactly in .mha, .nrrd, .vti (if its axes are the world's) and .npz.
+What is read lies in LPS, whatever the file's frame. A volume's place survives exactly in .mha,
+.nrrd, .vti (if its axes are the world's) and .npz.
 """
 
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 
 import numpy as np
 
 from ..formats import volumes as formats
 from ..formats.errors import bad
-from .volume import MAPS, Volume
+from ..formats.volumes.geometry import VolumeData
+from .volume import FAR, MAPS, Volume
 
-_FAR = 255  # of radius: empty
 
-
-def read_volume(path: str | os.PathLike) -> Volume:
+def read_volume(
+    path: str | os.PathLike, space: str = "LPS", progress: Callable[[int, int], None] | None = None
+) -> Volume:
     """Read a volume; values become uint8, uint16 or float32, whichever holds them.
 
-    Formats without maps do not say what was measured: there, 0 and NaN count as empty, everything
-    else as measured, and `info["origin"]` is "assumed". Raises FormatError (a ValueError) naming
-    the place; FileNotFoundError and other OSErrors pass unchanged.
+    Formats without maps do not say what was measured: there, NaN counts as empty, and so does 0
+    unless the volume has negative values; `info["origin"]` is "assumed".
+
+    Args:
+        path: of a file, whatever its ending, or of a folder with a DICOM series (of several, the
+            one with most slices).
+        space: "LPS" or "RAS": what the axes of the volume's world mean, whatever the file's do.
+        progress: called as progress(done, total): bytes of MetaImage and NRRD, 1 of 1 at the end of
+            other formats.
+
+    Returns:
+        Volume; values (Z, Y, X), world_from_voxel in mm.
+
+    Raises FormatError (a ValueError) naming the place, or the function that reads a file of another
+    kind; MissingPackageError for NIfTI without nibabel and DICOM without SimpleITK;
+    FileNotFoundError and other OSErrors pass unchanged.
     """
-    data = formats.read(path)
-    values, missing = _plain(data.values)
+    data = formats.read(path, space, progress)
     radius = data.maps.get("radius")
-    if radius is not None and radius.dtype != np.uint8:
-        raise bad(path, "radius", f"expected uint8, got {radius.dtype}")
-    info = {"origin": "assumed" if radius is None else "stored"}
     if radius is None:
-        radius = np.where((values == 0) | missing, _FAR, 0).astype(np.uint8)
+        return volume_of(data)
+    if radius.dtype != np.uint8:
+        raise bad(path, "radius", f"expected uint8, got {radius.dtype}")
     held = {name: data.maps[name] for name in MAPS if name in data.maps}
 
     def one_map(name: str) -> np.ndarray:
@@ -45,14 +60,34 @@ def read_volume(path: str | os.PathLike) -> Volume:
             raise ValueError(f"{name}: {path} does not hold this map")
         return held[name]
 
-    return Volume(values, data.world_from_voxel, radius, data.space, info, one_map)
+    values, _ = _plain(data.values)
+    return Volume(values, data.world_from_voxel, radius, data.space, {"origin": "stored"}, one_map)
 
 
-def write_volume(path: str | os.PathLike, volume: Volume, maps: bool = False) -> None:
-    """Write a volume, whole or not at all, its maps included: `volume.save(path, maps)`."""
+def volume_of(data: VolumeData) -> Volume:
+    """The volume of values of any type, where nothing says which of them were measured."""
+    values, missing = _plain(data.values)
+    background = values == 0 if values.min() >= 0 else False
+    radius = np.where(background | missing, FAR, 0).astype(np.uint8)
+    radius = np.broadcast_to(radius, values.shape).copy()
+    return Volume(values, data.world_from_voxel, radius, data.space, {"origin": "assumed"})
+
+
+def write_volume(
+    path: str | os.PathLike,
+    volume: Volume,
+    maps: bool = False,
+    progress: Callable[[int, int], None] | None = None,
+) -> None:
+    """Write a volume in the format that the path's ending names, whole or not at all.
+
+    The same as `volume.save(path, maps, progress)`. Raises FormatError for another ending,
+    TypeError for anything but a Volume, ValueError for values that the format cannot hold,
+    MissingPackageError for NIfTI without nibabel; OSErrors pass unchanged.
+    """
     if not isinstance(volume, Volume):
         raise TypeError(f"volume: expected Volume, got {type(volume).__name__}")
-    volume.save(path, maps)
+    volume.save(path, maps, progress)
 
 
 def _plain(values: np.ndarray) -> tuple[np.ndarray, np.ndarray | bool]:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 import os
 from typing import NamedTuple
 
 import numpy as np
 
+from .._base.checks import number
 from ..render.camera import Camera
 from ..render.frame import render
 from ..scene.particles import Particles
@@ -26,6 +28,9 @@ VOXELS = {
     "solid": 2.6,
 }
 _MOST_RATIO = 30  # of a voxel's longest edge to its shortest
+MOST_PARTICLES = 50_000_000
+_SAMPLE = 2_000_000  # values that stand for all where percentiles and the level are looked for
+_MIDDLE = (0.1, 99.9)  # percentiles between which Otsu's bins lie
 _REACH = 3  # voxels around the inside that can still touch the surface
 
 
@@ -47,17 +52,19 @@ def iso_surface(volume: Volume, level: float | None = None, kernel: str = "murak
 
     Args:
         volume: with different values somewhere.
-        level: default: Otsu's, which splits the values best into two.
+        level: iso-value, in the units of the volume's values; default: `default_level(volume)`.
         kernel: one of `globule.scene.KERNELS`.
 
-    Raises ValueError if no value reaches the level.
+    Returns:
+        IsoSurface; positions in mm in the volume's world, attribute `value` (N,) float32.
+
+    Raises ValueError if no value reaches the level, for voxels whose edges differ more than 30
+    times, and for more than 50 million particles.
     """
     if kernel not in KERNELS:
         raise ValueError(f"kernel: expected one of {', '.join(KERNELS)}, got {kernel!r}")
-    lowest = min(0.0, float(volume.values.min()))
-    known = ~volume.empty & (volume.values > lowest)
-    if level is None:
-        level = otsu(volume.values[known])
+    level = default_level(volume) if level is None else number("level", level)
+    lowest, known = _known(volume)
     if not level > lowest:
         raise ValueError(f"level: expected a number above {lowest:g}, got {level:g}")
     near = volume.values >= level
@@ -66,21 +73,52 @@ def iso_surface(volume: Volume, level: float | None = None, kernel: str = "murak
         raise ValueError(f"level: expected at most the highest value, {most:g}, got {level:g}")
     for axis in range(3):
         near = _dilated(near, axis)
+    near &= known
     edges = volume.spacing
     if not (np.isfinite(edges).all() and 0 < edges.max() <= _MOST_RATIO * edges.min()):
         got = " x ".join(f"{edge:g}" for edge in edges)
         raise ValueError(f"spacing: expected edges within a factor of {_MOST_RATIO}, got {got} mm")
-    index = np.argwhere(near & known)
+    check_count(volume, int(np.count_nonzero(near)))
+    index = np.argwhere(near)
     values = volume.values[tuple(index.T)].astype(np.float32)
     matrix = volume.world_from_voxel
     positions = index[:, ::-1] @ matrix[:3, :3].T + matrix[:3, 3]
-    spacing = float(volume.spacing.max())
-    support = VOXELS[kernel] * spacing
+    support = VOXELS[kernel] * float(edges.max())
     particles = Particles(
         positions, support=support, weight=(values - lowest) / np.float32(level - lowest),
         attributes={"value": values},
     )  # fmt: skip
-    return IsoSurface(particles, _lattice_field(volume, support, kernel), float(level))
+    return IsoSurface(particles, _lattice_field(volume, support, kernel), level)
+
+
+def default_level(volume: Volume) -> float:
+    """The iso-value where none is given: Otsu's, of the measured values above the background.
+
+    The background is 0, or the lowest value if that is negative. If all others are equal, as in
+    a mask, the level lies halfway. Raises ValueError for a volume of one value.
+    """
+    lowest, known = _known(volume)
+    values = volume.values[known]
+    if not values.size:
+        raise ValueError("level: expected different values, got one only in the volume")
+    low, high = float(values.min()), float(values.max())
+    return otsu(values) if low < high else (lowest + high) / 2
+
+
+def check_count(volume: Volume, n: int) -> None:
+    """Refuse more than MOST_PARTICLES particles of a volume, and name a spacing that would do."""
+    if n > MOST_PARTICLES:
+        edge = 1.05 * math.prod(volume.spacing) ** (1 / 3) * (n / MOST_PARTICLES) ** (1 / 3)
+        raise ValueError(
+            f"volume: expected at most {MOST_PARTICLES:,} voxels to show, got {n:,}; "
+            f"resample to {edge:.3g} mm"
+        )
+
+
+def _known(volume: Volume) -> tuple[float, np.ndarray]:
+    """The background's value, and where there is something else."""
+    lowest = min(0.0, float(volume.values.min()))
+    return lowest, ~volume.empty & (volume.values > lowest)
 
 
 def save_surface(
@@ -95,16 +133,40 @@ def save_surface(
 
 
 def otsu(values: np.ndarray) -> float:
-    """The level that splits values into two groups with the largest variance between them."""
-    if values.size == 0:
-        raise ValueError("level: expected different values, got one only in the volume")
-    counts, edges = np.histogram(values, 256)
-    middles = (edges[:-1] + edges[1:]) / 2
-    below, total = np.cumsum(counts), counts.sum()
-    sums = np.cumsum(counts * middles)
+    """The level that splits values into two classes of least variance (Otsu 1979), of 256 bins.
+
+    Args:
+        values: numbers of any shape. NaN and infinite ones are left out; of more than two million,
+            a part evenly taken stands for all.
+
+    Returns:
+        The lowest value of the upper class; the value itself where all are equal. Raises ValueError
+        where no value is finite.
+    """
+    sample = evenly(values)
+    if not sample.size:
+        raise ValueError("values: expected finite numbers, got none")
+    low, high = np.percentile(sample, _MIDDLE)  # a few bright voxels must not stretch the bins
+    if not low < high:
+        low, high = sample.min(), sample.max()
+    if not low < high:
+        return float(low)
+    count, ends = np.histogram(np.clip(sample, low, high), 256, (low, high))
+    middle = (ends[1:] + ends[:-1]) / 2
+    below, above = np.cumsum(count)[:-1], np.cumsum(count[::-1])[-2::-1]
+    mass = count * middle
     with np.errstate(invalid="ignore", divide="ignore"):
-        split = (sums[-1] * below / total - sums) ** 2 / (below * (total - below))
-    return float(edges[int(np.nanargmax(np.where(np.isfinite(split), split, -1))) + 1])
+        mean_below = np.cumsum(mass)[:-1] / below
+        mean_above = np.cumsum(mass[::-1])[-2::-1] / above
+        between = below * above * (mean_above - mean_below) ** 2
+    return float(ends[1 + np.nanargmax(between)])
+
+
+def evenly(values: np.ndarray) -> np.ndarray:
+    """Finite values, float64, at most about two million of them, evenly taken."""
+    flat = values.reshape(-1)
+    sample = flat[:: 1 + len(flat) // _SAMPLE].astype(np.float64)
+    return sample[np.isfinite(sample)]
 
 
 def _dilated(mask: np.ndarray, axis: int) -> np.ndarray:

@@ -13,9 +13,8 @@ import numpy as np
 
 from .._base.files import atomic_write
 from .plane_axes import with_axes
-from .volume import EMPTY, FILLED, MEASURED, Volume
+from .volume import EMPTY, FAR, FILLED, MEASURED, Volume
 
-FAR = 255  # of a volume's kernel radii: empty
 AXES = [("x", "y"), ("x", "z"), ("y", "z")]  # of the three planes, to the right and down
 _ROWS = 64  # of a slice at once: bounds the memory
 

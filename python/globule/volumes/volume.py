@@ -10,11 +10,11 @@ import numpy as np
 
 from .._base.arrays import DeviceArray
 from ..formats import volumes as formats
-from ..formats.volumes.geometry import VolumeData
+from ..formats.volumes.geometry import VolumeData, in_space
 
 EMPTY, MEASURED, FILLED = 0, 1, 2
 MAPS = ("count", "variance", "source")  # besides `radius`, which says measured, filled or empty
-_FAR = 255  # in the map of kernel radii: no data within reach
+FAR = 255  # in the map of kernel radii: no data within reach
 
 
 class Volume:
@@ -73,7 +73,8 @@ class Volume:
     @property
     def shape(self) -> tuple[int, int, int]:
         """Voxels (Z, Y, X)."""
-        return self._values.shape
+        z, y, x = self._values.shape
+        return z, y, x
 
     @property
     def spacing(self) -> np.ndarray:
@@ -88,7 +89,7 @@ class Volume:
     @property
     def empty(self) -> np.ndarray:
         """(Z, Y, X) bool: voxels too far from any data; their value is 0 and means nothing."""
-        return self.radius == _FAR
+        return self.radius == FAR
 
     @property
     def filled(self) -> np.ndarray:
@@ -96,7 +97,7 @@ class Volume:
         interpolated from measured voxels nearby."""
         out = np.full(self.shape, FILLED, np.uint8)
         out[self.radius == 0] = MEASURED
-        out[self.radius == _FAR] = EMPTY
+        out[self.radius == FAR] = EMPTY
         return out
 
     @property
@@ -104,19 +105,22 @@ class Volume:
         """(Z, Y, X) float32, mm: the largest of the distances along x, y and z to the nearest
         measured voxel; 0 where measured, infinite where none is within reach."""
         reach = self.radius.astype(np.float32) * np.float32(self.spacing.max())
-        reach[self.radius == _FAR] = np.inf
+        reach[self.radius == FAR] = np.inf
         return reach
 
     @property
     def n_measured(self) -> int:
+        """Voxels that hold at least one pixel."""
         return int(np.count_nonzero(self.radius == 0))
 
     @property
     def n_empty(self) -> int:
-        return int(np.count_nonzero(self.radius == _FAR))
+        """Voxels too far from any data."""
+        return int(np.count_nonzero(self.radius == FAR))
 
     @property
     def n_filled(self) -> int:
+        """Voxels interpolated from measured ones nearby."""
         return self.values.size - self.n_measured - self.n_empty
 
     @property
@@ -143,16 +147,35 @@ class Volume:
             self._maps[name] = self._make_map(name)
         return self._maps[name]
 
-    def save(self, path: str | os.PathLike, maps: bool = False) -> None:
+    def in_space(self, space: str) -> Volume:
+        """The same volume with the world's axes in `space`, "LPS" or "RAS"; it shares the arrays.
+
+        Voxels keep their order, only `world_from_voxel` changes. Raises ValueError for another
+        space.
+        """
+        place = VolumeData(self.values, self.world_from_voxel, self.space)
+        matrix = in_space(place, space).world_from_voxel
+        if space == self.space:
+            return self
+        return Volume(self.values, matrix, self.radius, space, self.info, self._map)
+
+    def save(
+        self,
+        path: str | os.PathLike,
+        maps: bool = False,
+        progress: Callable[[int, int], None] | None = None,
+    ) -> None:
         """Write the volume in the format that the path's ending names, whole or not at all.
 
         .npz, .sparse.npz and .vti hold where values came from (`radius`), and with `maps` also
         count, variance and source. For other formats `maps` writes each as a file beside:
-        NAME.count.nrrd.
+        NAME.count.nrrd. `progress(done, total)` is called with bytes for .mha and .nrrd, and with
+        1, 1 at the end for other formats.
         """
         formats.extension(path, formats.WRITABLE)  # before maps are made
         data = VolumeData(self.values, self.world_from_voxel, self.space)
-        formats.write(path, data, self.radius, self._known_maps() if maps else None)
+        known = self._known_maps() if maps else None
+        formats.write(path, data, self.radius, known, progress)
 
     def _known_maps(self) -> dict[str, np.ndarray]:
         found = {}
@@ -167,7 +190,6 @@ class Volume:
         z, y, x = self.shape
         spacing = " x ".join(f"{s:.4g}" for s in self.spacing)
         return (
-            f"Volume({x} x {y} x {z} {self.values.dtype}, {spacing} mm, "
-            f"{self.n_measured} measured, "
-            f"{self.n_filled} filled, {self.n_empty} empty)"
+            f"Volume({x} x {y} x {z} {self.values.dtype}, {spacing} mm, {self.space}, "
+            f"{self.n_measured} measured, {self.n_filled} filled, {self.n_empty} empty)"
         )

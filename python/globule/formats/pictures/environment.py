@@ -12,6 +12,7 @@ import numpy as np
 
 from ..._base.colormaps import to_linear
 from ..errors import FormatError, bad, shown
+from ..kind import kind_of
 from .exr import read_exr
 
 MOST_PIXELS = 2**27  # 16384 x 8192
@@ -24,19 +25,19 @@ def read_environment(path: str | os.PathLike) -> np.ndarray:
     .hdr is Radiance's RGBE, divided by the file's exposure; .exr its R G B (or Y), negative values
     taken as 0; .png, .jpg and .jpeg are turned from sRGB to linear, 1 being white.
 
-    Raises FormatError for another extension, a file that is none of these, more than 134 million
-    pixels or values that are not finite; ValueError for .exr where OpenEXR is missing; OSErrors
-    pass unchanged.
+    The file's content counts, not its ending. Raises FormatError for a file that is none of these,
+    more than 134 million pixels or values that are not finite; MissingPackageError for .exr without
+    OpenEXR; OSErrors pass unchanged.
     """
-    name = os.fspath(path).lower()
-    if name.endswith(".hdr"):
+    form = kind_of(path, "picture").format
+    if form == "hdr":
         image = _read_hdr(path)
-    elif name.endswith(".exr"):
+    elif form == "exr":
         image = np.maximum(read_exr(path, MOST_PIXELS), 0)
-    elif name.endswith((".png", ".jpg", ".jpeg")):
+    elif form in ("png", "jpeg"):
         return _read_picture(path)
     else:
-        raise FormatError(f"{path}: expected one of the extensions .hdr .exr .png .jpg .jpeg")
+        raise bad(path, "", f"expected an environment image (hdr, exr, png or jpeg), got {form}")
     if not np.isfinite(image).all():
         row, column = np.argwhere(~np.isfinite(image).all(axis=2))[0]
         got = image[row, column]

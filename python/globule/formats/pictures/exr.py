@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from ..._base.checks import missing
 from ..._base.files import atomic_write
 from ..errors import FormatError, bad
 
@@ -98,7 +99,5 @@ def _openexr() -> Any:
     try:
         import OpenEXR
     except ImportError:
-        raise ValueError(
-            ".exr: expected the package OpenEXR, got none: pip install 'globule[formats]'"
-        ) from None
+        raise missing("OpenEXR", "formats") from None
     return OpenEXR

@@ -6,7 +6,6 @@ links it.
 
 from __future__ import annotations
 
-import math
 import os
 from collections.abc import Iterable, Iterator
 from fractions import Fraction
@@ -14,19 +13,18 @@ from typing import Any
 
 import numpy as np
 
+from ..._base.checks import missing, positive
 from ..._base.files import atomic_write
 
 CRF = "18"  # x264's constant quality: differences are hardly visible, about 1 MB a second at 720p
 
 
 def need_av() -> Any:
-    """PyAV, or ImportError that says how to get it."""
+    """PyAV. Raises MissingPackageError without it."""
     try:
         import av
-    except ImportError as error:
-        raise ImportError(
-            'a movie needs PyAV, which is not installed: pip install "globule[video]"'
-        ) from error
+    except ImportError:
+        raise missing("PyAV", "video") from None
     return av
 
 
@@ -44,12 +42,11 @@ def write_movie(path: str | os.PathLike, pictures: Iterable[Any], fps: float = 3
         The number of frames.
 
     Raises:
-        ImportError: PyAV is not installed.
+        MissingPackageError: PyAV is not installed.
         ValueError: no pictures, or of several sizes.
     """
     av = need_av()
-    if not (fps > 0 and math.isfinite(fps)):
-        raise ValueError(f"fps: expected a positive number, got {fps!r}")
+    fps = positive("fps", fps)
     n = 0
     with atomic_write(path) as file, av.open(file, "w", format="mp4") as movie:
         stream = None

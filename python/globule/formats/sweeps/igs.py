@@ -15,7 +15,7 @@ import numpy as np
 
 from ..errors import bad, shown
 from ..volumes import metaimage, nrrd
-from ..volumes.raw import RawImage
+from ..volumes.raw import Progress, RawImage
 from .transforms import Edges, Transform, parse_matrix, split_name
 
 EXTENSIONS = (".igs.mha", ".igs.nrrd", ".mha", ".mhd", ".nrrd", ".nhdr")
@@ -43,10 +43,11 @@ class Recording(NamedTuple):
     frame_fields: list[dict[str, str]]
 
 
-def read(path: str | os.PathLike) -> Recording:
+def read(path: str | os.PathLike, progress: Progress = None) -> Recording:
     """Read frames and all that is said of them. Raises FormatError naming the field."""
-    is_nrrd = _is_nrrd(path)
-    image = (nrrd if is_nrrd else metaimage).read(path)
+    with open(path, "rb") as file:
+        is_nrrd = file.read(4) == b"NRRD"
+    image = (nrrd if is_nrrd else metaimage).read(path, progress)
     frames = _planes(path, image)
     n = len(frames)
     fields: dict[str, str] = {}
@@ -68,7 +69,7 @@ def read(path: str | os.PathLike) -> Recording:
     )
 
 
-def write(path: str | os.PathLike, recording: Recording) -> None:
+def write(path: str | os.PathLike, recording: Recording, progress: Progress = None) -> None:
     """Write a recording, in the orientation that its fields name."""
     down, right = _flips(path, _get(recording.fields, _ORIENTATION))
     frames = recording.frames[:, ::down, ::right]
@@ -77,7 +78,7 @@ def write(path: str | os.PathLike, recording: Recording) -> None:
     header = _translated(recording.fields, is_nrrd)
     for i, fields in enumerate(recording.frame_fields):
         header |= {f"Seq_Frame{i:04d}_{name}{suffix}": text for name, text in fields.items()}
-    (nrrd if is_nrrd else metaimage).write(path, frames, header)
+    (nrrd if is_nrrd else metaimage).write(path, frames, header, progress=progress)
 
 
 def _is_nrrd(path: str | os.PathLike) -> bool:

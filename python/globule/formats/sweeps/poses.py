@@ -71,10 +71,10 @@ def read_poses(path: str | os.PathLike) -> PoseTable:
 def write_csv(path: str | os.PathLike, table: PoseTable) -> None:
     """Write times, 4x4 matrices and statuses; every number survives exactly."""
     with open(path, "w", encoding="utf-8", newline="\n") as file:
-        timed = table.times is not None
+        times, timed = table.times, table.times is not None
         file.write(",".join((*(["time"] if timed else []), *_MATRIX, "status")) + "\n")
         for i, (matrix, ok) in enumerate(zip(table.matrices, table.ok, strict=True)):
-            numbers = [float(table.times[i])] if timed else []
+            numbers = [] if times is None else [float(times[i])]
             numbers += matrix.ravel().tolist()
             file.write(",".join(map(repr, numbers)) + (",OK\n" if ok else ",INVALID\n"))
 
@@ -88,6 +88,8 @@ def interpolate(table: PoseTable, times: np.ndarray) -> tuple[np.ndarray, np.nda
     """
     n = len(times)
     matrices, ok = np.tile(np.full((4, 4), np.nan), (n, 1, 1)), np.zeros(n, bool)
+    if table.times is None:
+        raise ValueError("poses: expected times in the table, got none")
     known, poses = table.times[table.ok], table.matrices[table.ok]
     known, first = np.unique(known, return_index=True)
     poses = poses[first]

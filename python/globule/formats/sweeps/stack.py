@@ -9,11 +9,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..._base.checks import missing
 from ..errors import bad, shown
-from ..numpy_format import _archive, _array
+from ..kind import PICTURE_ENDINGS
+from ..numpy_format import read_archive, read_array
+from ..volumes.raw import Progress
 from . import igs
 
-FRAME_PICTURES = (".png", ".tif", ".tiff", ".bmp", ".jpg", ".jpeg")
 DICOM = (".dcm", ".dicom")
 MASK = "mask.png"  # of a folder: not a frame
 
@@ -26,15 +28,15 @@ class Stack(NamedTuple):
     arrays: dict[str, np.ndarray]
 
 
-def read_folder(path: str | os.PathLike) -> Stack:
-    """The pictures of a folder in the order of the numbers in their names."""
+def read_folder(path: str | os.PathLike, progress: Progress = None) -> Stack:
+    """The pictures of a folder in the order of the numbers in their names; progress in pictures."""
     from PIL import Image
 
-    names = [name for name in os.listdir(path) if name.lower().endswith(FRAME_PICTURES)]
+    names = [name for name in os.listdir(path) if name.lower().endswith(PICTURE_ENDINGS)]
     names = sorted((name for name in names if name.lower() != MASK), key=_by_numbers)
     if not names:
-        raise bad(path, "", f"expected pictures ({' '.join(FRAME_PICTURES)}), got none")
-    frames: np.ndarray | None = None
+        raise bad(path, "", f"expected pictures ({' '.join(PICTURE_ENDINGS)}), got none")
+    frames = np.empty(0)
     for i, name in enumerate(names):
         try:
             with Image.open(Path(path) / name) as image:
@@ -46,22 +48,25 @@ def read_folder(path: str | os.PathLike) -> Stack:
             picture = igs.to_grey(picture[..., :3])
         if picture.dtype == np.int32:  # Pillow's mode I: 16-bit PNG
             picture = picture.astype(np.uint16)
-        if frames is None:
+        if not i:
             frames = np.empty((len(names), *picture.shape), picture.dtype)
         if picture.shape != frames.shape[1:] or picture.dtype != frames.dtype:
             expected = f"{frames.dtype} {frames.shape[1:]} as the first"
             raise bad(path, name, f"expected {expected}, got {picture.dtype} {picture.shape}")
         frames[i] = picture
+        if progress:
+            progress(i + 1, len(names))
     return Stack(frames, None, {})
 
 
 def read_numpy(path: str | os.PathLike) -> Stack:
     """.npy: frames (F, H, W); .npz: frames, perhaps timestamps, and whatever else it holds."""
     with open(path, "rb") as file:
-        if os.fspath(path).lower().endswith(".npy"):
-            arrays = {"frames": _array(path, "array", file, os.fstat(file.fileno()).st_size)}
-        else:
-            arrays = _archive(path, file)
+        is_array = file.read(6) == b"\x93NUMPY"
+        file.seek(0)
+        size = os.fstat(file.fileno()).st_size
+        arrays = {"frames": read_array(path, "array", file, size)} if is_array else {}
+    arrays = arrays or read_archive(path)
     frames = arrays.pop("frames", None)
     if frames is None or frames.ndim != 3 or frames.dtype.kind not in "biuf":
         got = "none" if frames is None else f"{frames.dtype} {frames.shape}"
@@ -78,7 +83,7 @@ def read_dicom(path: str | os.PathLike) -> Stack:
     try:
         import SimpleITK
     except ImportError:
-        raise bad(path, "", "expected SimpleITK for DICOM: pip install globule[medical]") from None
+        raise missing("SimpleITK", "medical") from None
 
     with open(path, "rb"):  # the usual OSErrors
         pass

@@ -1,4 +1,4 @@
-"""Volume formats: which reader and writer belongs to which extension."""
+"""Volume formats: `read` chooses the format by the file's content, `write` by the name's ending."""
 
 from __future__ import annotations
 
@@ -10,34 +10,51 @@ import numpy as np
 
 from ..._base.files import all_or_none
 from ..errors import FormatError
-from . import medical, npz, vti
-from .geometry import VolumeData, checked
+from ..kind import kind_of, wrong_kind
+from . import dicom, medical, nifti, npz, vti
+from .geometry import VolumeData, checked, in_space
+from .raw import Progress
 
-_READERS: dict[str, Callable[[Any], VolumeData]] = {
-    ".mha": medical.read_metaimage,
-    ".mhd": medical.read_metaimage,
-    ".nrrd": medical.read_nrrd,
-    ".nhdr": medical.read_nrrd,
-    ".nii": medical.read_nifti,
-    ".nii.gz": medical.read_nifti,
-    ".vti": vti.read,
-    ".npz": npz.read,
+_READERS: dict[str, Callable[..., VolumeData]] = {
+    "metaimage": medical.read_metaimage,
+    "nrrd": medical.read_nrrd,
+    "nifti": nifti.read,
+    "vti": vti.read,
+    "npz": npz.read,
+    "dicom": dicom.read,
 }
-_WRITERS: dict[str, Callable[[Any, VolumeData], None]] = {
+_WRITERS: dict[str, Callable[..., None]] = {
     ".mha": medical.write_metaimage,
     ".nrrd": medical.write_nrrd,
-    ".nii": medical.write_nifti,
-    ".nii.gz": medical.write_nifti,
+    ".nii": nifti.write,
+    ".nii.gz": nifti.write,
     ".vti": vti.write,
     ".npz": npz.write,
+    ".sparse.npz": npz.write,
 }
-READABLE, WRITABLE = tuple(_READERS), (*_WRITERS, ".sparse.npz")
-HOLD_MAPS = (".vti", ".npz")
+READABLE = (".mha", ".mhd", ".nrrd", ".nhdr", ".nii", ".nii.gz", ".vti", ".npz")
+WRITABLE = tuple(_WRITERS)
+_IN_PIECES = (".mha", ".nrrd", "metaimage", "nrrd")  # what reports its progress in bytes
+HOLD_MAPS = (".vti", ".npz", ".sparse.npz")
 
 
-def read(path: str | os.PathLike) -> VolumeData:
-    """The volume in a file, by the path's extension, checked."""
-    return checked(path, _READERS[extension(path, READABLE)](path))
+def read(path: str | os.PathLike, space: str = "LPS", progress: Progress = None) -> VolumeData:
+    """The volume in a file of any ending, or in a folder with a DICOM series, checked.
+
+    Args:
+        path: of the file or folder.
+        space: "LPS" or "RAS": what the axes of the result's world mean, whatever the file's do.
+        progress: called as progress(done, total), with bytes for MetaImage and NRRD; with 1, 1 at
+            the end for other formats.
+
+    Raises FormatError naming the place; its message names the function that reads a file of
+    another kind. FileNotFoundError and other OSErrors pass unchanged.
+    """
+    kind = kind_of(path, "volume")
+    if kind.format not in _READERS or (kind.kind != "volume" and kind.format != "dicom"):
+        raise wrong_kind(path, "a volume", kind)
+    data = _done(kind.format, _READERS[kind.format], progress, path)
+    return in_space(checked(path, data), space)
 
 
 def write(
@@ -45,17 +62,30 @@ def write(
     data: VolumeData,
     radius: np.ndarray,
     maps: dict[str, np.ndarray] | None,
+    progress: Progress = None,
 ) -> None:
     """Write a volume and its maps, all or nothing: in one file where the format holds maps, else
-    `maps`, if not None, as files beside it, with `radius`."""
-    writer = _WRITERS[extension(path, WRITABLE)]
-    if extension(path, WRITABLE) in HOLD_MAPS:
-        writer(path, data._replace(maps={"radius": radius, **(maps or {})}))
+    `maps`, if not None, as files beside it, with `radius`. Progress as for `read`."""
+    ending = extension(path, WRITABLE)
+    writer = _WRITERS[ending]
+    if ending in HOLD_MAPS:
+        whole = data._replace(maps={"radius": radius, **(maps or {})})
+        _done(ending, writer, progress, path, whole)
         return
     with all_or_none():
-        writer(path, data)
+        _done(ending, writer, progress, path, data)
         for name, array in ({} if maps is None else {"radius": radius, **maps}).items():
             writer(map_path(path, name), data._replace(values=array))
+
+
+def _done(form: str, work: Callable[..., Any], progress: Progress, *arguments: Any) -> Any:
+    """What reads or writes, called with the progress that its format reports."""
+    if form in _IN_PIECES:
+        return work(*arguments, progress)
+    result = work(*arguments)
+    if progress:
+        progress(1, 1)
+    return result
 
 
 def map_path(path: str | os.PathLike, name: str) -> str:
@@ -66,9 +96,9 @@ def map_path(path: str | os.PathLike, name: str) -> str:
 
 
 def extension(path: str | os.PathLike, known: tuple[str, ...]) -> str:
+    """The longest of the known endings that a path has. Raises FormatError if it has none."""
     name = os.path.basename(os.fspath(path)).lower()
-    # The longest first, for .nii.gz.
-    for extension in sorted(known, key=len, reverse=True):
-        if name.endswith(extension):
-            return extension
+    for ending in sorted(known, key=len, reverse=True):
+        if name.endswith(ending):
+            return ending
     raise FormatError(f"{path}: expected one of the extensions {' '.join(known)}")

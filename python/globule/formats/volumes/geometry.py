@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..errors import bad
 
+SPACES = ("LPS", "RAS")
 LPS_FROM_RAS = np.diag([-1.0, -1.0, 1.0, 1.0])  # its own inverse
 
 
@@ -23,7 +26,17 @@ class VolumeData(NamedTuple):
     values: np.ndarray
     world_from_voxel: np.ndarray
     space: str = "LPS"
-    maps: dict[str, np.ndarray] = {}
+    maps: Mapping[str, np.ndarray] = MappingProxyType({})
+
+
+def in_space(data: VolumeData, space: str) -> VolumeData:
+    """The same volume with the world's axes in `space`, "LPS" or "RAS"; the voxels keep their
+    order."""
+    if space not in SPACES:
+        raise ValueError(f"space: expected LPS or RAS, got {space!r}")
+    if data.space == space:
+        return data
+    return data._replace(world_from_voxel=LPS_FROM_RAS @ data.world_from_voxel, space=space)
 
 
 def spacing_and_directions(world_from_voxel: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -31,6 +44,13 @@ def spacing_and_directions(world_from_voxel: np.ndarray) -> tuple[np.ndarray, np
     steps = world_from_voxel[:3, :3]
     spacing = np.linalg.norm(steps, axis=0)
     return spacing, steps / spacing
+
+
+def plain(values: np.ndarray) -> np.ndarray:
+    """Types that medical formats know: bool becomes uint8, half becomes float32."""
+    if values.dtype == bool:
+        return values.astype(np.uint8)
+    return values.astype(np.float32) if values.dtype == np.float16 else values
 
 
 def place(steps: np.ndarray, origin: np.ndarray) -> np.ndarray:

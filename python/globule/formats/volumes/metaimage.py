@@ -13,7 +13,7 @@ import numpy as np
 
 from ..._base.files import atomic_write
 from ..errors import bad, shown
-from .raw import LONGEST_HEADER, LONGEST_LINE, RawImage, beside, numbers_of
+from .raw import LONGEST_HEADER, LONGEST_LINE, Progress, RawImage, beside, deflated, numbers_of
 
 _TYPES = {
     "MET_UCHAR": "u1", "MET_CHAR": "i1", "MET_USHORT": "u2", "MET_SHORT": "i2",
@@ -23,20 +23,24 @@ _TYPES = {
 _NAMES = {code: name for name, code in _TYPES.items()}
 
 
-def read(path: str | os.PathLike) -> RawImage:
+def read(path: str | os.PathLike, progress: Progress = None) -> RawImage:
     """Read header and data. Raises FormatError naming the field that is wrong."""
     with open(path, "rb") as file:
         fields = _header(path, file)
         shape, dtype = _layout(path, fields)
         name = fields.get("ElementDataFile", "")
         if name.upper() == "LOCAL":
-            return RawImage(_data(path, file, fields, shape, dtype), fields)
+            return RawImage(_data(path, file, fields, shape, dtype, progress), fields)
     with beside(path, "ElementDataFile", name) as file:
-        return RawImage(_data(path, file, fields, shape, dtype), fields)
+        return RawImage(_data(path, file, fields, shape, dtype, progress), fields)
 
 
 def write(
-    path: str | os.PathLike, array: np.ndarray, fields: dict[str, str], compressed: bool = True
+    path: str | os.PathLike,
+    array: np.ndarray,
+    fields: dict[str, str],
+    compressed: bool = True,
+    progress: Progress = None,
 ) -> None:
     """Write a .mha: `fields` in their order, those that describe the data made anew.
 
@@ -47,7 +51,7 @@ def write(
     if code not in _NAMES:
         raise ValueError(f"values: expected a type that .mha can hold, got {dtype}")
     data = np.ascontiguousarray(array, dtype.newbyteorder("<"))
-    packed = zlib.compress(data, 6) if compressed else data
+    packed = b"".join(deflated(data, zlib.MAX_WBITS, progress)) if compressed else data
     fixed = {
         "ObjectType": "Image",
         "NDims": str(array.ndim),
@@ -59,9 +63,9 @@ def write(
     }
     if compressed:
         fixed["CompressedDataSize"] = str(len(packed))
-    absent = ("ElementDataFile", "ElementByteOrderMSB", "ElementNumberOfChannels", "HeaderSize")
+    absent = ["ElementDataFile", "ElementByteOrderMSB", "ElementNumberOfChannels", "HeaderSize"]
     if not compressed:
-        absent += ("CompressedDataSize",)
+        absent.append("CompressedDataSize")
     kept = {name: text for name, text in fields.items() if name not in absent}
     # NDims decides how the others are read, so it stays in front of them.
     header = {"ObjectType": "Image", "NDims": "", **kept, **fixed, "ElementDataFile": "LOCAL"}
@@ -126,10 +130,15 @@ def _layout(path: Any, fields: dict[str, str]) -> tuple[tuple[int, ...], np.dtyp
 
 
 def _data(
-    path: Any, file: IO[bytes], fields: dict[str, str], shape: tuple[int, ...], dtype: np.dtype
+    path: Any,
+    file: IO[bytes],
+    fields: dict[str, str],
+    shape: tuple[int, ...],
+    dtype: np.dtype,
+    progress: Progress,
 ) -> np.ndarray:
     skip = fields.get("HeaderSize", "0")
     if skip not in ("0", "-1"):
         raise bad(path, "HeaderSize", f"expected none, got {shown(skip)}")
     compressed = fields.get("CompressedData", "False").lower() == "true"
-    return numbers_of(path, file, shape, dtype, zlib.MAX_WBITS if compressed else None)
+    return numbers_of(path, file, shape, dtype, zlib.MAX_WBITS if compressed else None, progress)

@@ -18,7 +18,7 @@ import numpy as np
 
 from ..._base.files import atomic_write
 from ..errors import bad
-from ..numpy_format import _archive
+from ..numpy_format import read_archive
 from .geometry import VolumeData
 
 BLOCK = 8
@@ -29,8 +29,7 @@ _OWN = ("values", "world_from_voxel", "space", "shape", "blocks")
 
 def read(path: str | os.PathLike) -> VolumeData:
     """Read either form."""
-    with open(path, "rb") as file:
-        arrays = _archive(path, file)
+    arrays = read_archive(path)
     for name in ("values", "world_from_voxel"):
         if name not in arrays:
             raise bad(path, name, f"expected an array, got {', '.join(arrays) or 'none'}")
@@ -87,11 +86,11 @@ def _sparse(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
 def _dense(
     path: Any, arrays: dict[str, np.ndarray], held: dict[str, np.ndarray]
 ) -> dict[str, np.ndarray]:
-    shape, blocks = arrays.get("shape", np.empty(0)), arrays["blocks"]
-    good = shape.shape == (3,) and shape.dtype.kind in "iu" and (shape > 0).all()
-    if not good or np.prod(shape.astype(float)) > _MOST_VOXELS:
+    sizes, blocks = arrays.get("shape", np.empty(0)), arrays["blocks"]
+    good = sizes.shape == (3,) and sizes.dtype.kind in "iu" and (sizes > 0).all()
+    if not good or np.prod(sizes.astype(float)) > _MOST_VOXELS:
         raise bad(path, "shape", f"expected three sizes of at most {_MOST_VOXELS} voxels")
-    shape = tuple(shape.tolist())
+    shape = tuple(sizes.tolist())
     counts = [-(-n // BLOCK) for n in shape]
     if blocks.ndim != 1 or blocks.dtype.kind not in "iu":
         raise bad(path, "blocks", f"expected integers (B,), got {blocks.dtype} {blocks.shape}")

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..._base.files import atomic_write
 from ..errors import bad, shown
-from .raw import LONGEST_HEADER, LONGEST_LINE, RawImage, beside, numbers_of
+from .raw import LONGEST_HEADER, LONGEST_LINE, Progress, RawImage, beside, deflated, numbers_of
 
 _TYPES = {
     "u1": ("uint8", "uchar", "unsigned char", "uint8_t"),
@@ -25,23 +25,28 @@ _TYPES = {
     "f8": ("double",),
 }
 _CODES = {name: code for code, names in _TYPES.items() for name in names}
+_GZIP = zlib.MAX_WBITS + 16  # zlib's word for gzip, without a date in it
 KEY_VALUE = ":="  # fields of the user's own are stored under their name and this
 
 
-def read(path: str | os.PathLike) -> RawImage:
+def read(path: str | os.PathLike, progress: Progress = None) -> RawImage:
     """Read header and data: fields by name, those of `key:=value` lines as "key:="."""
     with open(path, "rb") as file:
         fields = _header(path, file)
         shape, dtype = _layout(path, fields)
         name = fields.get("data file", fields.get("datafile"))
         if name is None:
-            return RawImage(_data(path, file, fields, shape, dtype), fields)
+            return RawImage(_data(path, file, fields, shape, dtype, progress), fields)
     with beside(path, "data file", name) as file:
-        return RawImage(_data(path, file, fields, shape, dtype), fields)
+        return RawImage(_data(path, file, fields, shape, dtype, progress), fields)
 
 
 def write(
-    path: str | os.PathLike, array: np.ndarray, fields: dict[str, str], compressed: bool = True
+    path: str | os.PathLike,
+    array: np.ndarray,
+    fields: dict[str, str],
+    compressed: bool = True,
+    progress: Progress = None,
 ) -> None:
     """Write a .nrrd: `fields` in their order, those that describe the data made anew.
 
@@ -72,9 +77,7 @@ def write(
         if not compressed:
             file.write(data)
             return
-        packer = zlib.compressobj(6, wbits=zlib.MAX_WBITS + 16)  # 16: gzip, without a date in it
-        file.write(packer.compress(data))
-        file.write(packer.flush())
+        file.writelines(deflated(data, _GZIP, progress))
 
 
 def _header(path: Any, file: IO[bytes]) -> dict[str, str]:
@@ -126,7 +129,12 @@ def _layout(path: Any, fields: dict[str, str]) -> tuple[tuple[int, ...], np.dtyp
 
 
 def _data(
-    path: Any, file: IO[bytes], fields: dict[str, str], shape: tuple[int, ...], dtype: np.dtype
+    path: Any,
+    file: IO[bytes],
+    fields: dict[str, str],
+    shape: tuple[int, ...],
+    dtype: np.dtype,
+    progress: Progress,
 ) -> np.ndarray:
     for name in ("byte skip", "byteskip", "line skip", "lineskip"):
         if fields.get(name, "0") != "0":
@@ -134,5 +142,5 @@ def _data(
     encoding = fields.get("encoding", "").lower()
     if encoding not in ("gzip", "gz", "raw"):
         raise bad(path, "encoding", f"expected raw or gzip, got {shown(encoding)}")
-    window_bits = None if encoding == "raw" else zlib.MAX_WBITS + 16
-    return numbers_of(path, file, shape, dtype, window_bits)
+    window_bits = None if encoding == "raw" else _GZIP
+    return numbers_of(path, file, shape, dtype, window_bits, progress)

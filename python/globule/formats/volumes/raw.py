@@ -5,12 +5,15 @@ from __future__ import annotations
 import math
 import os
 import zlib
+from collections.abc import Callable, Iterator
 from typing import IO, Any, NamedTuple
 
 import numpy as np
 
 from ..errors import bad, shown
 
+Progress = Callable[[int, int], None] | None
+PIECE = 1 << 24  # bytes that are read, packed and unpacked at once
 LONGEST_HEADER = 256 * 2**20  # bytes: some hundred thousand frames
 LONGEST_LINE = 65536
 MOST_DEFLATE_CAN_EXPAND = 1032  # times
@@ -35,31 +38,66 @@ def beside(path: str | os.PathLike, field: str, name: str) -> IO[bytes]:
 
 
 def numbers_of(
-    path: Any, file: IO[bytes], shape: tuple[int, ...], dtype: np.dtype, window_bits: int | None
+    path: Any,
+    file: IO[bytes],
+    shape: tuple[int, ...],
+    dtype: np.dtype,
+    window_bits: int | None,
+    progress: Progress = None,
 ) -> np.ndarray:
-    """The numbers that the rest of the file holds, deflated if zlib's `window_bits` are given."""
+    """The numbers that the rest of the file holds, deflated if zlib's `window_bits` are given.
+
+    `progress(done, total)` is called with bytes of the numbers.
+    """
     size = math.prod(shape) * dtype.itemsize
     left = os.fstat(file.fileno()).st_size - file.tell()
     if window_bits is not None:
-        raw = _inflate(path, file, size, left, window_bits)
+        raw = _inflate(path, file, size, left, window_bits, progress)
     elif left != size:
         raise bad(path, "data", f"expected {size} bytes, got {left}")
     else:
-        raw = file.read(size)
+        raw = bytearray()
+        while len(raw) < size and (piece := file.read(min(PIECE, size - len(raw)))):
+            raw += piece
+            if progress:
+                progress(len(raw), size)
+        if len(raw) < size:  # it has become shorter
+            raise bad(path, "data", f"expected {size} bytes, got {len(raw)}")
     array = np.frombuffer(raw, dtype).reshape(shape)
     return np.array(array, dtype.newbyteorder("="), order="C")
 
 
-def _inflate(path: Any, file: IO[bytes], size: int, left: int, window_bits: int) -> bytes:
+def deflated(array: np.ndarray, window_bits: int, progress: Progress = None) -> Iterator[bytes]:
+    """A C-contiguous array's bytes, deflated, in pieces; `progress(done, total)` in its bytes."""
+    packer = zlib.compressobj(6, wbits=window_bits)
+    data = array.reshape(-1).view(np.uint8).data
+    for start in range(0, len(data), PIECE):
+        yield packer.compress(data[start : start + PIECE])
+        if progress:
+            progress(min(start + PIECE, len(data)), len(data))
+    yield packer.flush()
+
+
+def _inflate(
+    path: Any, file: IO[bytes], size: int, left: int, window_bits: int, progress: Progress
+) -> bytearray:
     """The `size` bytes that the rest of the file, `left` bytes, unpacks to."""
     if size > MOST_DEFLATE_CAN_EXPAND * left + 64:
         raise bad(path, "data", f"expected {size} bytes, got {left} compressed ones")
+    end = file.tell() + left
     unpacker = zlib.decompressobj(window_bits)
+    raw, more = bytearray(), b""
     try:
-        raw = unpacker.decompress(file.read(), size)
-        while len(raw) < size and unpacker.unconsumed_tail:
-            raw += unpacker.decompress(unpacker.unconsumed_tail, size - len(raw))
-        more = unpacker.decompress(unpacker.unconsumed_tail, 1)  # reads the checksum
+        while not unpacker.eof and not more:
+            piece = unpacker.unconsumed_tail or file.read(PIECE)
+            if not piece:
+                break
+            if len(raw) < size:
+                raw += unpacker.decompress(piece, size - len(raw))
+                if progress:
+                    progress(len(raw), size)
+            else:  # to the end, where the checksum is
+                more = unpacker.decompress(piece, 1)
     except zlib.error as error:
         raise bad(path, "data", f"expected zlib data, got {error}") from None
     if len(raw) < size:
@@ -67,7 +105,7 @@ def _inflate(path: Any, file: IO[bytes], size: int, left: int, window_bits: int)
     if more or not unpacker.eof:
         got = "more" if more else "data without an end"
         raise bad(path, "data", f"expected {size} bytes, got {got}")
-    if unpacker.unused_data:
-        n = len(unpacker.unused_data)
+    n = len(unpacker.unused_data) + end - file.tell()
+    if n:
         raise bad(path, "data", f"expected the end of the file after the data, got {n} bytes more")
     return raw

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 import os
-import re
 from pathlib import Path
 from typing import Any
 from xml.sax.saxutils import quoteattr
@@ -16,10 +15,10 @@ import numpy as np
 
 from ..._base.files import atomic_write
 from ..errors import bad, shown
-from ..vtk_xml import _TYPES, parse_xml
+from ..vtk_xml import TYPES, VtkXml
 from .geometry import VolumeData, place, spacing_and_directions
 
-_NAMES = {code: name for name, code in _TYPES.items()}
+_NAMES = {code: name for name, code in TYPES.items()}
 
 
 def write(path: str | os.PathLike, data: VolumeData) -> None:
@@ -57,64 +56,39 @@ def write(path: str | os.PathLike, data: VolumeData) -> None:
 
 
 def read(path: str | os.PathLike) -> VolumeData:
-    """Read a .vti of one piece with appended raw data, as `write` and VTK (uncompressed) make."""
-    text = Path(path).read_bytes()
-    match = re.search(rb'<AppendedData\s+encoding="raw"\s*>\s*_', text)
-    if not match:
-        raise bad(path, "AppendedData", "expected appended raw data, got none")
-    root = parse_xml(path, text[: match.start()] + b"</VTKFile>")
-    image = root.find("ImageData")
-    if root.get("type") != "ImageData" or image is None:
-        raise bad(path, "", "expected <VTKFile> with <ImageData>")
-    if root.get("compressor"):
-        raise bad(path, "compressor", f"expected none, got {shown(root.get('compressor'))}")
+    """Read a .vti of one piece: point data with one component, ascii, binary (base64) or appended
+    (raw or base64), plain or compressed with zlib, which is VTK's default."""
+    file = VtkXml(path, Path(path).read_bytes())
+    image = file.root.find("ImageData")
+    if file.root.get("type") != "ImageData" or image is None:
+        kind = shown(file.root.get("type", ""))
+        raise bad(path, "<VTKFile>", f"expected ImageData, got {kind}")
     pieces = image.findall("Piece")
     if len(pieces) != 1:
-        raise bad(path, "Piece", f"expected one, got {len(pieces)}")
-    extent = _numbers(path, "Extent", pieces[0].get("Extent", ""), 6)
+        raise bad(path, f"line {image.line}", f"expected one <Piece>, got {len(pieces)}")
+    extent = _numbers(path, pieces[0], "Extent", "", 6)
     low, high = extent[::2], extent[1::2]
+    if not (high >= low).all() or (high - low).max() > 2**31:
+        got = shown(pieces[0].get("Extent", ""))
+        raise bad(path, f"line {pieces[0].line}", f"expected Extent with sizes from 1, got {got}")
     shape = tuple((high - low + 1).astype(np.int64).tolist()[::-1])
-    if min(shape) < 1 or max(shape) > 2**31:
-        raise bad(path, "Extent", f"expected sizes from 1, got {shown(pieces[0].get('Extent'))}")
-    order = ">" if root.get("byte_order") == "BigEndian" else "<"
-    size = np.dtype("u8" if root.get("header_type") == "UInt64" else "u4").newbyteorder(order)
     arrays = {}
     for element in pieces[0].iterfind("PointData/DataArray"):
         name = element.get("Name", "")
-        arrays[name] = _appended(path, element, name, text, match.end(), shape, order, size)
+        array = file.array(element, math.prod(shape))
+        if array.ndim > 1:
+            raise bad(path, name, f"expected one component, got {array.shape[1]}")
+        arrays[name] = array.reshape(shape)
     if not arrays:
-        raise bad(path, "PointData", "expected an array, got none")
+        where = f"line {pieces[0].line}"
+        raise bad(path, where, "expected an array of point data, got none")
     scalars = pieces[0].find("PointData").get("Scalars", "values")
     values = arrays.pop(scalars if scalars in arrays else next(iter(arrays)))
-    spacing = _numbers(path, "Spacing", image.get("Spacing", "1 1 1"), 3)
-    directions = _numbers(path, "Direction", image.get("Direction", "1 0 0 0 1 0 0 0 1"), 9)
+    spacing = _numbers(path, image, "Spacing", "1 1 1", 3)
+    directions = _numbers(path, image, "Direction", "1 0 0 0 1 0 0 0 1", 9)
     steps = directions.reshape(3, 3) * spacing
-    origin = _numbers(path, "Origin", image.get("Origin", "0 0 0"), 3) + steps @ low
+    origin = _numbers(path, image, "Origin", "0 0 0", 3) + steps @ low
     return VolumeData(values, place(steps, origin), _space(image), arrays)
-
-
-def _appended(
-    path: Any, element: Any, name: str, text: bytes, start: int, shape: tuple[int, ...],
-    order: str, size: np.dtype,
-) -> np.ndarray:  # fmt: skip
-    kind = element.get("type", "")
-    if kind not in _TYPES or element.get("format") != "appended":
-        raise bad(path, name, f"expected appended numbers, got {shown(kind)}")
-    if element.get("NumberOfComponents", "1") != "1":
-        raise bad(path, name, "expected one component, got several")
-    offset = element.get("offset", "")
-    if not offset.isascii() or not offset.isdigit() or len(offset) > 18:
-        raise bad(path, name, f"expected an offset, got {shown(offset)}")
-    begin = start + int(offset)
-    dtype = np.dtype(_TYPES[kind]).newbyteorder(order)
-    wanted = math.prod(shape) * dtype.itemsize
-    head = text[begin : begin + size.itemsize]
-    got = int(np.frombuffer(head, size)[0]) if len(head) == size.itemsize else 0
-    begin += size.itemsize
-    if got != wanted or begin + wanted > len(text):
-        raise bad(path, name, f"expected {wanted} bytes, got {min(got, len(text) - begin)}")
-    array = np.frombuffer(text, dtype, math.prod(shape), begin).reshape(shape)
-    return np.array(array, dtype.newbyteorder("="), order="C")
 
 
 def _space(image: Any) -> str:
@@ -126,13 +100,15 @@ def _space(image: Any) -> str:
     return "LPS"
 
 
-def _numbers(path: Any, name: str, text: str, n: int) -> np.ndarray:
+def _numbers(path: Any, element: Any, name: str, default: str, n: int) -> np.ndarray:
+    text = element.get(name, default)
     try:
         values = np.array([float(word) for word in text.split()])
     except ValueError:
         values = np.empty(0)
     if len(values) != n or not np.isfinite(values).all():
-        raise bad(path, name, f"expected {n} numbers, got {shown(text)}")
+        where = f"line {element.line}"
+        raise bad(path, where, f"expected {name} of {n} numbers, got {shown(text)}")
     return values
 
 

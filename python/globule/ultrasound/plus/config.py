@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import os
-import xml.etree.ElementTree as ElementTree
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from ...formats import FormatError
+from ...formats.errors import FormatError, bad, shown
+from ...formats.xml import parse_xml
 
 INTERPOLATIONS = ("NEAREST_NEIGHBOR", "LINEAR")
 OPTIMIZATIONS = ("NONE", "PARTIAL", "FULL")
@@ -79,25 +81,24 @@ class PlusConfig:
 
 
 def read_plus_config(path: str | os.PathLike) -> PlusConfig:
-    """Read the VolumeReconstruction element of a PLUS XML.
+    """Read the VolumeReconstruction element of a PLUS configuration (.xml).
 
     Raises:
-        FormatError: the file is no XML, lacks the element or a value has a wrong form.
+        FormatError: naming the line: the file is not XML, has a document type (DOCTYPE), lacks the
+            element, or a value has a wrong form.
+        OSError: the file cannot be read.
     """
     path = Path(path)
-    try:
-        root = ElementTree.parse(path).getroot()
-    except ElementTree.ParseError as error:
-        raise FormatError(f"{path}: not well-formed XML: {error}") from None
+    root = parse_xml(path, path.read_bytes())
     found = [e for e in root.iter() if e.tag.lower() == "volumereconstruction"]
     if not found:
-        raise FormatError(f"{path}: expected a VolumeReconstruction element, found none")
+        raise bad(path, f"line {root.line}", "expected an element VolumeReconstruction, got none")
     read = _Attributes(path, found[0])
     spacing = read.numbers("OutputSpacing", 3)
     if spacing is None:
-        raise FormatError(f"{path}: VolumeReconstruction: expected OutputSpacing, found none")
+        raise read.bad("VolumeReconstruction", "expected OutputSpacing, got none")
     if min(spacing) <= 0:
-        raise FormatError(f"{path}: OutputSpacing: expected positive numbers, got {spacing}")
+        raise read.bad("OutputSpacing", f"expected positive numbers, got {spacing}")
     config = PlusConfig(spacing)
     read.into(config, "interpolation", read.choice("Interpolation", INTERPOLATIONS))
     read.into(config, "optimization", read.choice("Optimization", OPTIMIZATIONS))
@@ -127,7 +128,7 @@ def read_plus_config(path: str | os.PathLike) -> PlusConfig:
             _filler(path, e) for e in found[0].iter() if e.tag.lower() == "holefillingelement"
         ]
         if not config.fillers:
-            raise FormatError(f"{path}: FillHoles is ON: expected a HoleFillingElement, found none")
+            raise read.bad("FillHoles", "expected a HoleFillingElement for ON, got none")
     name = found[0].get("ImportanceMaskFilename")
     if name:
         config.importance_file = str(path.parent / name)
@@ -137,8 +138,11 @@ def read_plus_config(path: str | os.PathLike) -> PlusConfig:
 class _Attributes:
     """Attributes of one element, checked."""
 
-    def __init__(self, path: Path, element: ElementTree.Element):
+    def __init__(self, path: Path, element: Any):
         self.path, self.element = path, element
+
+    def bad(self, name: str, problem: str) -> FormatError:
+        return bad(self.path, f"line {self.element.line}, {name}", problem)
 
     @staticmethod
     def into(target: object, name: str, value: object) -> None:
@@ -154,7 +158,7 @@ class _Attributes:
         except ValueError:
             values = ()
         if len(values) != n or not np.isfinite(values).all():
-            raise FormatError(f"{self.path}: {name}: expected {n} numbers, got {text!r}")
+            raise self.bad(name, f"expected {n} numbers, got {shown(text)}")
         return values
 
     def number(self, name: str) -> float | None:
@@ -164,7 +168,7 @@ class _Attributes:
     def integer(self, name: str) -> int | None:
         value = self.number(name)
         if value is not None and value != int(value):
-            raise FormatError(f"{self.path}: {name}: expected an integer, got {value:g}")
+            raise self.bad(name, f"expected a whole number, got {value:g}")
         return None if value is None else int(value)
 
     def choice(self, name: str, names: tuple[str, ...]) -> str | None:
@@ -172,7 +176,7 @@ class _Attributes:
         if text is None:
             return None
         if text.upper() not in names:
-            raise FormatError(f"{self.path}: {name}: expected {', '.join(names)}, got {text!r}")
+            raise self.bad(name, f"expected {' or '.join(names)}, got {shown(text)}")
         return text.upper()
 
     def flag(self, name: str, yes: str, no: str) -> bool | None:
@@ -190,31 +194,27 @@ def _compounding(read: _Attributes) -> str:
     return "LATEST" if read.choice("Compounding", ("ON", "OFF")) == "OFF" else "MEAN"
 
 
-def _filler(path: Path, element: ElementTree.Element) -> Filler:
+def _filler(path: Path, element: Any) -> Filler:
     read = _Attributes(path, element)
     kind = read.choice("Type", FILLERS)
+    if kind is None:
+        raise read.bad("HoleFillingElement", "expected Type, got none")
 
-    def needed(name: str, get: object) -> float:
+    def needed(name: str, get: Callable[[str], Any]) -> Any:
         value = get(name)
         if value is None:
-            raise FormatError(f"{path}: HoleFillingElement {kind}: expected {name}, found none")
+            raise read.bad(f"HoleFillingElement {kind}", f"expected {name}, got none")
         return value
 
-    if kind is None:
-        raise FormatError(f"{path}: HoleFillingElement: expected Type, found none")
     if kind == "STICK":
-        filler = Filler(
-            kind,
-            needed("StickLengthLimit", read.integer),
-            needed("NumberOfSticksToUse", read.integer),
-        )
+        size = needed("StickLengthLimit", read.integer)
+        filler = Filler(kind, size, needed("NumberOfSticksToUse", read.integer))
     else:
         filler = Filler(kind, needed("Size", read.integer))
         filler.least_ratio = needed("MinimumKnownVoxelsRatio", read.number)
         if kind.startswith("GAUSSIAN"):
             filler.deviation = needed("Stdev", read.number)
     if not 1 <= filler.size <= 255:
-        raise FormatError(
-            f"{path}: HoleFillingElement {kind}: expected a size of 1 to 255, got {filler.size}"
-        )
+        problem = f"expected a size of 1 to 255, got {filler.size}"
+        raise read.bad(f"HoleFillingElement {kind}", problem)
     return filler

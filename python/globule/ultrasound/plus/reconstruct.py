@@ -61,7 +61,8 @@ def reconstruct_plus(
         config = read_plus_config(config)
     if extent not in ("round", "floor"):
         raise ValueError(f"extent: expected round or floor, got {extent!r}")
-    frames, h, w = np.asarray(sweep.frames), *sweep.frames.shape[1:]
+    frames = np.asarray(sweep.frames)
+    h, w = frames.shape[1:]
     if frames.dtype not in _TYPES:
         raise TypeError(f"sweep: expected frames uint8, uint16 or float32, got {frames.dtype}")
     valid = np.flatnonzero(sweep.valid)
@@ -83,11 +84,11 @@ def reconstruct_plus(
     )
 
     kept = [f for f in range(0, len(frames), config.skip) if sweep.valid[f]]
-    angles = [
+    found = [
         detect_fan(config, frames[f]) if config.detect_fan else config.fan_angles for f in kept
     ]
-    kept = [f for f, a in zip(kept, angles, strict=True) if a is not None]
-    angles = [a for a in angles if a is not None]
+    kept = [f for f, a in zip(kept, found, strict=True) if a is not None]
+    angles = [a for a in found if a is not None]
     distinct = sorted(set(angles)) or [config.fan_angles]
     sources = np.stack([pixel_sources(config, (h, w), a, mask) for a in distinct])
     mask_of_frame = np.array([distinct.index(a) for a in angles], np.uint32)

@@ -35,6 +35,7 @@ def pixel_sources(
     sources = np.full(shape, -1, np.int32)
     runs = [_row_runs(config, shape, angles, y) for y in range(shape[0])]
     if config.compounding == "IMPORTANCE_MASK" and config.interpolation == "NEAREST_NEIGHBOR":
+        assert importance is not None
         _slipping(sources, runs, importance)
         return sources
     width = shape[1]

@@ -1,0 +1,290 @@
+"""What a file holds, by its content: magic numbers, archive members, roots of XML, lines of text.
+
+The ending decides only between formats that the content does not tell apart, and for content that
+is of no known format, so that the reader of that format says what is wrong with it.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import zipfile
+import zlib
+from typing import NamedTuple
+
+from .errors import FormatError, bad
+
+_HEAD = 1 << 16  # bytes that are looked at
+_LINES = 60  # of text
+_MOST_OPENED = 20  # files of a folder
+_FEWEST_COLUMNS = 3
+_TEXT_COLUMNS = 9
+
+PICTURE_ENDINGS = (".png", ".tif", ".tiff", ".bmp", ".jpg", ".jpeg")
+
+
+class Kind(NamedTuple):
+    """What a file holds.
+
+    kind     "particles", "mesh", "volume", "sweep", "picture" or "scene"
+    format   name of the format in lower case: "vtp", "ply", "nifti", "metaimage", …
+    """
+
+    kind: str
+    format: str
+
+
+_BY_ENDING = {
+    ".txt": Kind("particles", "text"),
+    ".dat": Kind("particles", "text"),
+    ".vtk": Kind("particles", "vtk"),
+    ".vtp": Kind("particles", "vtp"),
+    ".vtu": Kind("particles", "vtu"),
+    ".bgeo": Kind("particles", "bgeo"),
+    ".bgeo.gz": Kind("particles", "bgeo"),
+    ".ply": Kind("particles", "ply"),
+    ".xyz": Kind("particles", "xyz"),
+    ".csv": Kind("particles", "csv"),
+    ".npz": Kind("particles", "npz"),
+    ".npy": Kind("particles", "npy"),
+    ".obj": Kind("mesh", "obj"),
+    ".stl": Kind("mesh", "stl"),
+    ".glb": Kind("mesh", "glb"),
+    ".nii": Kind("volume", "nifti"),
+    ".nii.gz": Kind("volume", "nifti"),
+    ".nrrd": Kind("volume", "nrrd"),
+    ".nhdr": Kind("volume", "nrrd"),
+    ".mha": Kind("volume", "metaimage"),
+    ".mhd": Kind("volume", "metaimage"),
+    ".vti": Kind("volume", "vti"),
+    ".sparse.npz": Kind("volume", "npz"),
+    ".igs.mha": Kind("sweep", "metaimage"),
+    ".igs.nrrd": Kind("sweep", "nrrd"),
+    ".dcm": Kind("sweep", "dicom"),
+    ".dicom": Kind("sweep", "dicom"),
+    ".toml": Kind("scene", "toml"),
+    ".hdr": Kind("picture", "hdr"),
+    ".exr": Kind("picture", "exr"),
+    ".png": Kind("picture", "png"),
+    ".jpg": Kind("picture", "jpeg"),
+    ".jpeg": Kind("picture", "jpeg"),
+}
+_MAGIC = (  # at the file's beginning
+    (b"# vtk DataFile", Kind("particles", "vtk")),
+    (b"BgeoV", Kind("particles", "bgeo")),
+    (b"glTF", Kind("mesh", "glb")),
+    (b"\x89PNG\r\n", Kind("picture", "png")),
+    (b"\xff\xd8\xff", Kind("picture", "jpeg")),
+    (b"II*\0", Kind("picture", "tiff")),
+    (b"MM\0*", Kind("picture", "tiff")),
+    (b"GIF8", Kind("picture", "gif")),
+    (b"\x76\x2f\x31\x01", Kind("picture", "exr")),
+    (b"#?", Kind("picture", "hdr")),
+    (b"\x1a\x45\xdf\xa3", Kind("picture", "video")),
+)
+_XML = {
+    "PolyData": Kind("particles", "vtp"),
+    "UnstructuredGrid": Kind("particles", "vtu"),
+    "ImageData": Kind("volume", "vti"),
+}
+_SHARED = {  # formats that hold several kinds
+    "npz": ("particles", "volume", "sweep"),
+    "npy": ("particles", "sweep"),
+    "nrrd": ("volume", "sweep"),
+    "metaimage": ("volume", "sweep"),
+    "dicom": ("volume", "sweep"),
+}
+_OBJ_WORDS = {"v", "vn", "vt", "f", "o", "g", "s", "l", "p", "mtllib", "usemtl"}
+_READERS = {  # who reads a kind, for error messages
+    "particles": "globule.read",
+    "mesh": "globule.read",
+    "volume": "globule.read_volume, or globule.tomography_particles for metaballs",
+    "sweep": "globule.read_sweep",
+    "scene": "globule.Simulation",
+    "picture": "globule.read_environment",
+}
+
+
+def kind_of(path: str | os.PathLike, wanted: str | None = None) -> Kind:
+    """What a file, or a folder of pictures or of a DICOM series, holds.
+
+    Args:
+        path: of a file or folder.
+        wanted: a kind that counts where neither content nor ending tells it from others: an .npz
+            that is cut off may have been particles, a volume or a sweep.
+
+    Raises FormatError if neither the content nor the ending says it; FileNotFoundError and other
+    OSErrors pass unchanged.
+    """
+    found = _in_folder(path) if os.path.isdir(path) else _by_content(path, wanted)
+    found = found or _by_ending(path, wanted)
+    if found is None:
+        expected = "particles, a mesh, a volume, a sweep, a picture or a scene"
+        raise bad(path, "", f"expected {expected}, got data of no known format")
+    return found
+
+
+def kind_or_none(path: str | os.PathLike) -> Kind | None:
+    """As `kind_of`, but None where that raises FormatError."""
+    try:
+        return kind_of(path)
+    except FormatError:
+        return None
+
+
+def wrong_kind(path: str | os.PathLike, expected: str, got: Kind) -> FormatError:
+    """The error of a reader that was given a file of another kind: it names the right function."""
+    what = got.kind if got.kind == "particles" else f"a {got.kind}"
+    problem = f"expected {expected}, got {what} ({got.format}): read it with {_READERS[got.kind]}"
+    return FormatError(f"{os.fspath(path)}: {problem}")
+
+
+def _by_ending(path: str | os.PathLike, wanted: str | None = None) -> Kind | None:
+    name = os.path.basename(os.fspath(path)).lower()
+    endings = [ending for ending in _BY_ENDING if name.endswith(ending)]
+    if not endings:
+        return None
+    found = _BY_ENDING[max(endings, key=len)]
+    if wanted in _SHARED.get(found.format, ()):
+        return found._replace(kind=wanted)
+    return found
+
+
+def _by_content(path: str | os.PathLike, wanted: str | None) -> Kind | None:
+    with open(path, "rb") as file:
+        head = file.read(_HEAD)
+        size = os.fstat(file.fileno()).st_size
+    if head[:4] == b"PK\3\4":
+        return _in_archive(path, wanted)
+    if head[:2] == b"\x1f\x8b":
+        head, size = _unpacked(head), -1  # how many bytes it unpacks to is not known
+    found = _by_magic(head, size)
+    if found:
+        return found
+    text = head.removeprefix(b"\xef\xbb\xbf").decode("utf-8", "replace")
+    if text.lstrip().startswith("<"):  # XML, in which VTK has raw data
+        vtk = re.search(r"<VTKFile\b[^>]*?\btype *= *[\"'](\w+)", text)
+        return _XML.get(vtk[1]) if vtk else None
+    return None if "\0" in text[:4096] else _in_text(text, _by_ending(path))
+
+
+def _unpacked(head: bytes) -> bytes:
+    try:
+        return zlib.decompressobj(zlib.MAX_WBITS + 16).decompress(head, _HEAD)
+    except zlib.error:
+        return b""
+
+
+def _by_magic(head: bytes, size: int) -> Kind | None:
+    if head.startswith(b"\x93NUMPY"):  # frames (F, H, W), or particles (N, 3)
+        shape = re.search(rb"'shape': *\(([^)]*)\)", head[:1024])
+        return Kind("sweep" if shape and shape[1].count(b",") == 2 else "particles", "npy")
+    for magic, kind in _MAGIC:
+        if head.startswith(magic):
+            return kind
+    if head[344:348] in (b"n+1\0", b"ni1\0") or head[4:8] in (b"n+2\0", b"ni2\0"):
+        return Kind("volume", "nifti")
+    if head[128:132] == b"DICM":
+        return Kind("sweep", "dicom")
+    if head[4:8] == b"ftyp" or (head[:4] == b"RIFF" and head[8:12] == b"AVI "):
+        return Kind("picture", "video")
+    if head[:2] == b"BM" and int.from_bytes(head[2:6], "little") == size:
+        return Kind("picture", "bmp")
+    if head[:7] == b"NRRD000":
+        return Kind(_tracked(head.split(b"\n\n")[0]), "nrrd")
+    if re.match(rb"\s*(ObjectType|NDims|Comment)\s*=", head) and b"DimSize" in head:
+        return Kind(_tracked(head.split(b"ElementDataFile")[0]), "metaimage")
+    if head[:4] in (b"ply\n", b"ply\r"):
+        faces = re.search(rb"^element face +0*[1-9]", head.split(b"end_header")[0], re.MULTILINE)
+        return Kind("mesh" if faces else "particles", "ply")
+    if len(head) >= 84 and size == 84 + 50 * int.from_bytes(head[80:84], "little"):
+        return Kind("mesh", "stl")
+    return None
+
+
+def _tracked(header: bytes) -> str:
+    """Whether the header of an image is that of a tracked sweep or of a volume."""
+    return "sweep" if re.search(rb"Seq_Frame\d+_\w*Transform\b", header) else "volume"
+
+
+def _in_archive(path: str | os.PathLike, wanted: str | None) -> Kind | None:
+    try:
+        with zipfile.ZipFile(path) as archive:
+            names = {name.removesuffix(".npy") for name in archive.namelist()}
+    except (zipfile.BadZipFile, OSError, NotImplementedError, UnicodeError):
+        return None  # its reader says what is wrong
+    if "positions" in names:
+        return Kind("particles", "npz")
+    if {"values", "world_from_voxel"} <= names:
+        return Kind("volume", "npz")
+    return Kind("sweep" if "frames" in names else wanted or "particles", "npz")
+
+
+def _in_folder(path: str | os.PathLike) -> Kind:
+    names = sorted(os.listdir(path))
+    if any(name.lower().endswith(PICTURE_ENDINGS) for name in names):
+        return Kind("sweep", "pictures")
+    files = [os.path.join(path, name) for name in names if not name.startswith(".")]
+    for file in [file for file in files if os.path.isfile(file)][:_MOST_OPENED]:
+        if kind_or_none(file) == Kind("sweep", "dicom"):
+            return Kind("volume", "dicom")
+    raise bad(path, "", "expected pictures or a DICOM series in this folder, got neither")
+
+
+def _in_text(text: str, ending: Kind | None) -> Kind | None:
+    lines = [line.strip() for line in text.splitlines()[:_LINES]]
+    lines = [line for line in lines if line and not line.startswith("#")]
+    if not lines:
+        return None
+    if lines[0].split()[0].lower() == "solid" and "facet" in text:
+        return Kind("mesh", "stl")
+    words = {line.split()[0] for line in lines}
+    if "v" in words and words <= _OBJ_WORDS:
+        return Kind("mesh", "obj")
+    if "=" in lines[0] or lines[0].startswith("["):
+        return Kind("scene", "toml") if _is_toml(text) else None
+    return _in_table(lines, ending)
+
+
+def _in_table(lines: list[str], ending: Kind | None) -> Kind | None:
+    """The format of a table of numbers."""
+    rows = [line.split("#")[0].split() for line in lines[:3]]
+    named = ending.format if ending else ""
+    if any("," in line for line in lines[:2]):
+        cells = [line.split(",") for line in lines[:2]]
+        return Kind("particles", "csv") if _n_numbers(cells[-1]) >= _FEWEST_COLUMNS else None
+    if len(rows[0]) == 1 and rows[0][0].isdigit():  # a count: nine columns follow, or a title
+        nine = len(rows) > 1 and len(rows[1]) == _n_numbers(rows[1]) == _TEXT_COLUMNS
+        if nine and named != "xyz":
+            return Kind("particles", "text")
+        rows = rows[2:]
+    elif len(rows[0]) == _TEXT_COLUMNS and named == "text":
+        return ending  # without its count: the reader says so
+    if not rows:
+        return None
+    row = rows[0] if _n_numbers(rows[0][:1]) else rows[0][1:]  # an element's symbol
+    if len(row) >= _FEWEST_COLUMNS and _n_numbers(row) == len(row):
+        return Kind("particles", "xyz")
+    return None
+
+
+def _n_numbers(words: list[str]) -> int:
+    n = 0
+    for word in words:
+        try:
+            float(word)
+            n += 1
+        except ValueError:
+            pass
+    return n
+
+
+def _is_toml(text: str) -> bool:
+    try:
+        import tomllib
+    except ImportError:  # Python 3.10
+        import tomli as tomllib  # type: ignore[no-redef]
+    try:
+        return bool(tomllib.loads(text))
+    except ValueError:
+        return False

@@ -1,0 +1,104 @@
+"""Long calls say how far they are, and what they make is the same; objects say what they hold."""
+
+from __future__ import annotations
+
+import os
+
+import globule as gb
+import numpy as np
+import pytest
+from globule.formats.volumes import raw
+from globule.volumes.volume import Volume
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(raw, "PIECE", 1000)
+
+
+def sweep() -> gb.Sweep:
+    return gb.phantoms.cylinders(n_frames=40, size=(12, 9), spacing=3.0)
+
+
+def heard(calls: list[tuple[int, int]], least: int) -> None:
+    """At least so many calls, growing, to the end."""
+    done, totals = zip(*calls, strict=True)
+    assert len(calls) >= least
+    assert len(set(totals)) == 1
+    assert list(done) == sorted(done)
+    assert done[-1] == totals[0]
+
+
+@pytest.mark.parametrize(
+    ("name", "least"), [("a.igs.mha", 4), ("a.igs.nrrd", 4), ("a.npz", 1), ("frames", 40)]
+)
+def test_sweep_files(name, least):
+    for work in (
+        lambda report: gb.write_sweep(name, sweep(), progress=report),
+        lambda report: gb.read_sweep(name, progress=report),
+    ):
+        calls: list[tuple[int, int]] = []
+        result = work(lambda *call: calls.append(call))
+        heard(calls, least)
+    assert np.array_equal(result.frames, sweep().frames)
+
+
+@pytest.mark.parametrize(
+    ("name", "least"), [("a.mha", 8), ("a.nrrd", 8), ("a.nii.gz", 1), ("a.vti", 1), ("a.npz", 1)]
+)
+def test_volume_files(name, least):
+    volume = Volume(np.arange(20 * 21 * 20, dtype=np.uint16).reshape(20, 21, 20), np.eye(4))
+    for work in (
+        lambda report: gb.write_volume(name, volume, progress=report),
+        lambda report: gb.read_volume(name, progress=report),
+    ):
+        calls: list[tuple[int, int]] = []
+        result = work(lambda *call: calls.append(call))
+        heard(calls, least)
+    assert np.array_equal(result.values, volume.values)
+
+
+@pytest.mark.parametrize("compounding", ["mean", "maximum", "latest", "first", "median"])
+@pytest.mark.parametrize("dtype", ["uint8", "uint16", "float32"])
+def test_reconstruction(compounding, dtype):
+    """In pieces it has the bits that it has at once, maps included."""
+    made = sweep()
+    made.frames = made.frames.astype(dtype)
+    calls: list[tuple[int, int]] = []
+    options = {"spacing": 4.0, "compounding": compounding, "device": "cpu"}
+    found = gb.reconstruct(made, **options, progress=lambda *call: calls.append(call))
+    heard(calls, 1 if compounding == "median" else 20)
+    expected = gb.reconstruct(made, **options)
+    assert np.array_equal(found.values, expected.values)
+    assert np.array_equal(found.radius, expected.radius)
+
+
+def test_stopped_from_progress():
+    """What the callback raises ends the call; no part of a file stays."""
+
+    def stop(done: int, total: int) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        gb.reconstruct(sweep(), spacing=4.0, device="cpu", progress=stop)
+    for name in ("a.igs.mha", "frames"):
+        with pytest.raises(KeyboardInterrupt):
+            gb.write_sweep(name, sweep(), progress=stop)
+    assert os.listdir() == []
+
+
+def test_reprs_are_one_line_with_shape_type_spacing_and_frame():
+    volume = Volume(np.zeros((3, 4, 5), np.uint16), np.diag([0.5, 0.5, 2, 1]), space="RAS")
+    assert repr(volume) == (
+        "Volume(5 x 4 x 3 uint16, 0.5 x 0.5 x 2 mm, RAS, 60 measured, 0 filled, 0 empty)"
+    )
+    made = sweep()
+    assert repr(made) == "Sweep(40 frames, 12 x 9 uint8, 3 x 3 mm, 40 valid, Reference, LPS)"
+    made.valid[:] = False
+    assert "no spacing, 0 valid" in repr(made)
+    live = gb.Reconstructor(4.0, device="cpu")
+    assert repr(live).startswith("Reconstructor(no frames yet, 4 mm, LPS, cpu")
+    live.add(sweep().frames, sweep().world_from_image)
+    x, y, z = live.volume().shape[::-1]
+    assert repr(live).startswith(f"Reconstructor(40 frames, {x} x {y} x {z} uint8, 4 mm, LPS, cpu")
