@@ -23,9 +23,9 @@ settings = gb.RenderSettings(
 frame = gb.render(scene, camera, (800, 600), settings)
 frame.save("near.png")
 
-depth = frame.depth  # along the ray, world units, infinite where nothing was hit
-seen = depth[frame.mask]
-shade = np.where(frame.mask, (seen.max() - depth) / np.ptp(seen), 0)
+distance = frame.distance  # along the ray, world units, infinite where nothing was hit
+seen = distance[frame.mask]
+shade = np.where(frame.mask, (seen.max() - distance) / np.ptp(seen), 0)
 Image.fromarray((255 * shade).astype(np.uint8)).save("depth.png")
 print(f"nearest {seen.min():.3f}, farthest {seen.max():.3f} from the eye")
 print(f"{(frame.normal[frame.mask][:, 1] > 0.9).mean():.0%} of what is seen faces upwards")

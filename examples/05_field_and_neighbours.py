@@ -14,9 +14,9 @@ scene = gb.Scene(gb.Particles(positions, support=2 * spacing))
 x, z = np.meshgrid(np.linspace(-0.8, 0.8, 9), np.linspace(-0.8, 0.8, 9))
 origins = np.stack([x.ravel(), np.full(x.size, 2.0), z.ravel()], axis=1).astype(np.float32)
 down = np.broadcast_to(np.float32([0, -1, 0]), origins.shape).copy()
-depth, normal, _ = gb.intersect(scene, origins, down)
-hit = np.isfinite(depth)
-points = origins[hit] + depth[hit, None] * down[hit]
+distance, normal, _ = gb.intersect(scene, origins, down)
+hit = np.isfinite(distance)
+points = origins[hit] + distance[hit, None] * down[hit]
 off = np.abs(gb.field(scene, points) - scene.threshold).max()
 print(
     f"{hit.sum()} of {len(hit)} rays hit; heights {points[:, 1].min():.3f} to "

@@ -33,7 +33,7 @@ settings = gb.RenderSettings(
     ambient=(0.35, 0.37, 0.40),
     sky=sky,
     ground=gb.Ground(-1.25, color=(0.62, 0.62, 0.62), other=(0.34, 0.35, 0.38), check=1.2),
-    depth=6,
+    bounces=6,
 )
 frame = gb.render(layers, gb.Camera((0.6, 1.5, 7.5), (0, -0.15, 0), fov=34), (540, 290), settings)
 for _ in range(5):  # a window would show each of these

@@ -5,7 +5,6 @@ Writes steer.png, before and after.
 
 import globule as gb
 import numpy as np
-from globule.render.frame import save_png
 
 sim = gb.Simulation({
     "spacing": 0.02,  # m
@@ -36,6 +35,6 @@ sim.velocities = velocities
 sim.advance(0.1)
 
 after = gb.render(sim.scene, camera, size=(360, 260)).picture
-save_png("steer.png", np.hstack([before, after]))
+gb.save_png("steer.png", np.hstack([before, after]))
 found = np.linalg.norm(sim.velocities[np.searchsorted(sim.ids, ids)], axis=1)
 print(f"{len(sim):,} particles after {sim.n_steps} steps; the milk moves at {found.mean():.2f} m/s")

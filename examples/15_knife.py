@@ -5,7 +5,6 @@ Writes knife.png: before the cut, after it, and the piece that slid away.
 
 import globule as gb
 import numpy as np
-from globule.render.frame import save_png
 
 sim = gb.Simulation({
     "spacing": 0.0025,  # m
@@ -33,4 +32,4 @@ sim.advance(0.08)
 fallen = height - sim.positions[free, 2].mean()
 print(f"the free piece fell {1e3 * fallen:.1f} mm in 0.08 s")
 pictures.append(gb.render(sim.scene, camera, size=(260, 220)).picture)
-save_png("knife.png", np.hstack(pictures))
+gb.save_png("knife.png", np.hstack(pictures))

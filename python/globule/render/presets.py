@@ -84,7 +84,7 @@ def _blood(stage: _Stage, extent: float, support: float) -> RenderSettings:
         shadows=True,
         sky=stage.sky((0.50, 0.52, 0.55), (0.90, 0.90, 0.89), (0.45, 0.45, 0.45)),
         ground=stage.ground(0.68),
-        depth=5,
+        bounces=5,
         samples=4,
     )  # fmt: skip
 
@@ -100,7 +100,7 @@ def _water(stage: _Stage, extent: float, support: float) -> RenderSettings:
         shadows=True,
         sky=stage.sky((0.28, 0.46, 0.72), (0.90, 0.93, 0.96), (0.36, 0.34, 0.30)),
         ground=stage.ground((0.56, 0.53, 0.47), (0.46, 0.43, 0.38), extent / 4),
-        depth=6,
+        bounces=6,
         samples=4,
     )  # fmt: skip
 
@@ -116,7 +116,7 @@ def _glass(stage: _Stage, extent: float, support: float) -> RenderSettings:
         shadows=True,
         sky=stage.sky((0.16, 0.20, 0.28), (0.88, 0.90, 0.92), (0.12, 0.12, 0.14)),
         ground=stage.ground((0.40, 0.41, 0.43), (0.24, 0.25, 0.28), extent / 3),
-        depth=8,
+        bounces=8,
         samples=4,
     )  # fmt: skip
 

@@ -162,6 +162,7 @@ class MovieFrames:
         self._whole = False
 
     def path(self, i: int) -> str:
+        """The file of frame i, counted from 0."""
         return os.path.join(self.folder, f"{i:06d}.png")
 
     def finished(self) -> list[str]:

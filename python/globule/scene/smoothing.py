@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .._base.arrays import to_host
+from .._base.checks import number, positive
 from .particles import FARTHEST, Particles
 from .scene import Scene
 
@@ -48,7 +49,7 @@ def without_strays(
         if len(scene) != len(particles):
             raise ValueError(f"scene: expected {len(particles)} particles, got {len(scene)}")
     else:
-        radius = _positive("radius", scene_or_radius)
+        radius = positive("radius", scene_or_radius)
         scene = Scene(particles, support=radius, device="cpu") if len(particles) else None
     if min_neighbors < 0:
         raise ValueError(f"min_neighbors: expected 0 or more, got {min_neighbors!r}")
@@ -95,13 +96,11 @@ def anisotropy(
         if not isinstance(particles.support, float):
             raise ValueError("support: expected one number for all particles, got none")
         support = particles.support
-    support = _positive("support", support)
-    radius = 2 * support if radius is None else _positive("radius", radius)
-    if not 0 <= smoothing <= 1:
-        raise ValueError(f"smoothing: expected 0 to 1, got {smoothing!r}")
-    if not most_stretch >= 1:
-        raise ValueError(f"most_stretch: expected 1 or more, got {most_stretch!r}")
-    few_size = _positive("few_size", few_size)
+    support = positive("support", support)
+    radius = 2 * support if radius is None else positive("radius", radius)
+    smoothing = number("smoothing", smoothing, 0, 1)
+    most_stretch = number("most_stretch", most_stretch, 1)
+    few_size = positive("few_size", few_size)
 
     positions = to_host(particles.positions)
     centers = positions.copy()
@@ -161,10 +160,3 @@ def _neighbor_blocks(scene: Scene, positions: np.ndarray, radius: float):
         begin += size
         # The next block by this one's neighbours, growing slowly: the density may change.
         size = min(4 * size, max(1, BLOCK_PAIRS * len(rows) // max(1, len(index))))
-
-
-def _positive(name: str, value: Any) -> float:
-    number = float(value)
-    if not (number > 0 and np.isfinite(number)):
-        raise ValueError(f"{name}: expected a positive number, got {value!r}")
-    return number
