@@ -376,7 +376,7 @@ def camera_and_size(camera: Any, size: Any) -> tuple[Camera | None, tuple[int, i
     elif isinstance(camera, (tuple, list)) and len(camera) == 2:
         camera, size = None, camera
     if isinstance(camera, (RenderSettings, Mapping)):
-        raise TypeError(f"camera: expected Camera, got settings; write settings={camera!r}")
+        raise TypeError("camera: expected Camera, got settings; write settings=... for settings")
     if camera is not None and not isinstance(camera, Camera):
         raise TypeError(f"camera: expected Camera or a size (width, height), got {camera!r}")
     try:
@@ -442,12 +442,15 @@ def _own_scene(item: Any) -> Scene | None:
 
 def _colored(item: Any, color: tuple) -> Scene:
     """The scene of an item, colored by (name, colormap, range) where a name is given."""
-    own = _own_scene(item)
     if color[0] is None:
         return as_scene(item)
+    own = _own_scene(item)
+    particles = attributes.color_by(as_particles("scene", own or item), *color)
     if own is None:
-        return Scene(attributes.color_by(as_particles("scene", item), *color))
-    own.update(color=attributes.color_by(own.particles, *color).color)
+        return Scene(particles)
+    if own is not item:  # a simulation's, which nobody else updates
+        return Scene(particles, own.kernel, own.threshold, device=own.device.name)
+    own.update(particles)
     return own
 
 
