@@ -1,4 +1,4 @@
-"""A camera, lights and a background of one's own; and what a picture knows besides its colours.
+"""A camera, lights and a background of one's own; and what a picture knows besides its colors.
 
 Writes near.png, and depth.png with what is nearer shown lighter.
 """
@@ -17,7 +17,7 @@ settings = gb.RenderSettings(
         gb.DirectionalLight(direction=(-1, 1.5, 0.5), radiance=(0.9, 0.85, 0.75)),
         gb.PointLight(position=(0.5, 0.6, 0.9), radiance=(0.10, 0.15, 0.30)),
     ),
-    background=(0.02, 0.03, 0.05),  # colours are linear, 1 is white
+    background=(0.02, 0.03, 0.05),  # colors are linear, 1 is white
     specular=0.5,
 )
 frame = gb.render(scene, camera, (800, 600), settings)

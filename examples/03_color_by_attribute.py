@@ -1,4 +1,4 @@
-"""Colours from an attribute: a colour map on the particles, and exact values at every pixel.
+"""Colors from an attribute: a color map on the particles, and exact values at every pixel.
 
 Writes speed.png. The command line does the first part too:
     globule render splash.npz -o speed.png --color-by speed --colormap magma

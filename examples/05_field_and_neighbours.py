@@ -1,4 +1,4 @@
-"""Questions to the octree: the field and its gradient anywhere, rays, and neighbours.
+"""Questions to the octree: the field and its gradient anywhere, rays, and neighbors.
 
 Prints what it finds.
 """
@@ -28,10 +28,10 @@ gradient = gb.gradient(scene, points)
 outwards = -gradient / np.linalg.norm(gradient, axis=1, keepdims=True)
 print(f"normals and gradients differ by {np.abs(outwards - normal[hit]).max():.1e} at most")
 
-# Neighbours within a radius, as compressed rows.
+# Neighbors within a radius, as compressed rows.
 offsets, indices = scene.neighbors(positions, 2 * spacing)
 n_neighbors = np.diff(offsets.astype(np.int64)) - 1  # a particle finds itself too
-print(f"{n_neighbors.mean():.1f} neighbours within two spacings; {(n_neighbors == 0).sum()} alone")
+print(f"{n_neighbors.mean():.1f} neighbors within two spacings; {(n_neighbors == 0).sum()} alone")
 row = indices[offsets[0] : offsets[1]]
 distance = np.linalg.norm(positions[row] - positions[0], axis=1)
 print(f"the first particle's are at most {distance.max() / spacing:.2f} spacings away")

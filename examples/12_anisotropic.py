@@ -15,7 +15,7 @@ positions = positions + rng.uniform(-0.35, 0.35, positions.shape) * spacing
 particles = gb.Particles(positions, support=2 * spacing)
 
 # Each kernel flattened across the surface and stretched along it, each position moved to where its
-# neighbours are; what is alone gets small.
+# neighbors are; what is alone gets small.
 found = gb.anisotropy(particles)
 smooth = gb.Particles(found.centers, anisotropy=found.G)
 

@@ -17,7 +17,7 @@ _waiting: ContextVar[list[tuple[str, str]] | None] = ContextVar("waiting", defau
 
 @contextmanager
 def all_or_none() -> Iterator[None]:
-    """What `atomic_write` writes in this block appears at its end; nothing of it if it raises."""
+    """Files that `atomic_write` writes in this block appear at its end, or not at all if it raises."""
     waiting: list[tuple[str, str]] = []
     token = _waiting.set(waiting)
     try:

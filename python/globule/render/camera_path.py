@@ -131,7 +131,7 @@ def _curve(x: np.ndarray, y: np.ndarray, slopes: np.ndarray | None, at: float) -
 
 
 def _catmull_rom_slopes(x: np.ndarray, y: np.ndarray) -> np.ndarray | None:
-    """Slopes (K, C) of the parabola through each point and its neighbours; at the ends of the
+    """Slopes (K, C) of the parabola through each point and its neighbors; at the ends of the
     chord."""
     if len(x) < 3:
         return None

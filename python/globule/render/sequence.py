@@ -217,7 +217,7 @@ class MovieFrames:
             n_had, had = movie_facts(self.movie)
             if n_had <= decoded[-1] or had != (size[0] + size[0] % 2, size[1] + size[1] % 2):
                 raise ValueError(
-                    f"expected the run's first {n_done} pictures of {size[0]}x{size[1]} in "
+                    f"expected the run's first {n_done} images of {size[0]}x{size[1]} in "
                     f"{self.movie} or {self.folder}, got none of number {decoded[0]}"
                 )
             self._whole = n_had == n_done == n

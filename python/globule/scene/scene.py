@@ -125,10 +125,17 @@ class Scene:
     ) -> None:
         """The next frame: new particles, or new arrays for some of their fields.
 
-        `scene.update(positions=p)` keeps everything else; arrays may be of another length and on
-        any device. The octree is rebuilt; a support that was measured on the particles stays.
-        Images read color, reflection and refraction where they lie: arrays of float32 have to stay
-        unchanged until the next update. An interrupted update leaves the particles as they were.
+        `scene.update(positions=p)` keeps everything but the attributes; arrays may be of another
+        length and on any device. The octree is rebuilt; a support that was measured on the
+        particles stays. Images read color, reflection and refraction where they lie: arrays of
+        float32 have to stay unchanged until the next update. An interrupted update leaves the
+        particles as they were.
+
+        Args:
+            particles: as for `Scene`.
+            fields: arrays by their names in `Particles`.
+
+        Raises TypeError and ValueError: the field, what was expected and what came.
         """
         if particles is None:
             unknown = fields.keys() - set(FIELDS)
@@ -216,7 +223,7 @@ class Scene:
             builds=self.builds + 1,
             _known=dict(vars(p)),
             _support=found,
-            _arrays=[*arrays, support],  # the core reads them again when it gathers colours
+            _arrays=[*arrays, support],  # the core reads them again when it gathers colors
             _stale=False,
         )
 
@@ -242,7 +249,7 @@ class Scene:
     @property
     def spacing(self) -> float:
         """Median spacing of the particles, world units, measured around up to 1024 of them; 0 where
-        there are too few."""
+        the scene has too few."""
         return self._scene.spacing()
 
     @property
@@ -396,8 +403,8 @@ def _space(bounds: Any) -> list[float]:
 
 
 def _guess_spacing(particles: Particles, n: int) -> float:
-    """Where neighbours tell nothing (a dozen particles or fewer, or all at one place): the box's
-    edge shared out among the particles, or 1."""
+    """The spacing where neighbors tell nothing (a dozen particles or fewer, or all at one place):
+    the box's edge divided by the cube root of the number of particles, or 1."""
     if on_gpu(particles.positions) or len(particles.finite_positions()) == 0:
         return 1.0
     lo, hi = particles.bounds()

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .._base.arrays import to_host
-from .._base.checks import number, positive
+from .._base.checks import number, positive, whole
 from .particles import FARTHEST, Particles
 from .scene import Scene
 
@@ -20,7 +20,7 @@ BLOCK_PAIRS = 2_000_000  # pairs of neighbors handled together: bounds the memor
 
 
 class Anisotropy(NamedTuple):
-    """What `anisotropy` finds.
+    """The result of `anisotropy`.
 
     centers  (N, 3) float32, world: the particles' positions, smoothed
     G        (N, 3, 3) float32, 1 / world: symmetric, positive definite; particle j's field at x is
@@ -48,6 +48,11 @@ def without_strays(
         progress: called as progress(done, total) with counts of particles; may raise to stop.
 
     Particles without a finite position are left out too, as they have no neighbors.
+
+    Returns:
+        The particles that stay, with their fields and attributes.
+
+    Raises TypeError and ValueError: the argument, what was expected and what came.
     """
     if isinstance(scene_or_radius, Scene):
         scene, radius = scene_or_radius, 2.1 * scene_or_radius.spacing
@@ -56,8 +61,7 @@ def without_strays(
     else:
         radius = positive("radius", scene_or_radius)
         scene = Scene(particles, support=radius, device="cpu") if len(particles) else None
-    if min_neighbors < 0:
-        raise ValueError(f"min_neighbors: expected 0 or more, got {min_neighbors!r}")
+    whole("min_neighbors", min_neighbors, 0, 2**31)
     if not len(particles) or radius == 0:  # a scene of so few particles that it has no spacing
         return particles
     keep = np.zeros(len(particles), bool)
@@ -97,6 +101,11 @@ def anisotropy(
         few: N_ε, number of neighbors, itself aside.
         few_size: k_n.
         progress: called as progress(done, total) with counts of particles; may raise to stop.
+
+    Returns:
+        `Anisotropy`: smoothed positions (N, 3) and matrices G (N, 3, 3), for `Particles`.
+
+    Raises TypeError and ValueError: the argument, what was expected and what came.
     """
     if not isinstance(particles, Particles):
         particles = Particles(particles)
@@ -130,7 +139,7 @@ def anisotropy(
 def _kernels(covariance: np.ndarray, most_stretch: float) -> np.ndarray:
     """R diag(1 / s̃) Rᵀ of covariances (M, 3, 3), which are 1 where the neighbors lie evenly."""
     values, axes = np.linalg.eigh(covariance)  # ascending; the SVD of a symmetric matrix
-    # Neighbours that all are at one place have no extent at all; G must stay finite.
+    # Neighbors that all are at one place have no extent at all; G must stay finite.
     largest = np.maximum(values[:, 2:], 1e-6)
     stretched = np.maximum(values, largest / most_stretch)
     return np.einsum("mik,mk,mjk->mij", axes, 1 / stretched, axes)
@@ -143,7 +152,7 @@ def _moments(
     own = np.repeat(positions[rows], np.diff(offsets), axis=0).astype(np.float64)
     d = positions[index] - own
     w = np.maximum(1 - (np.sqrt(np.einsum("ij,ij->i", d, d)) / radius) ** 3, 0)
-    starts = offsets[:-1]  # no row is empty: each particle is its own neighbour
+    starts = offsets[:-1]  # no row is empty: each particle is its own neighbor
     total = np.add.reduceat(w, starts)
     mean = np.add.reduceat(w[:, None] * d, starts) / total[:, None]
     covariance = np.empty((len(rows), 3, 3))

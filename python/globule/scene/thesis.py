@@ -1,4 +1,4 @@
-"""The source thesis's own way of tracing, beside the exact one: for its figures, and to compare."""
+"""The tracing of the source thesis, beside the exact one: for its figures, and to compare."""
 
 from __future__ import annotations
 
@@ -28,24 +28,27 @@ MAX_THRESHOLDS = 16
 class Thesis(Fixed):
     """How rays are traced in the thesis, §5.2-5.4; the scene's octree must be dense.
 
-    Leaves are visited by each ray for itself, with a stack. A leaf sees its own particles and its
-    26 neighbours', which is right only while no support is larger than a leaf's edge.
+    Each ray visits leaves by itself, with a stack. A leaf sees its own particles and those of its
+    26 neighbors. That is right only while no support is larger than a leaf's edge.
 
     Args:
         root: "march" (points along the ray, Fig. 5.5) or "bezier" (Bézier clipping, Nishita &
             Nakamae 1994; kernels murakami and wyvill).
-        step: of the march, in supports, where no threshold is passed. What is thinner may be
-            missed.
-        thresholds: how many of them below the scene's own, evenly; each one passed halves the step.
-        ghosts: neighbours' particles are seen, and leaves beside occupied ones are visited.
-            Without: the artefacts of Fig. 5.6.
-        face_rule: the nine neighbours across the face of entry are not fetched again (Fig. 5.7);
-            the picture is the same.
-        exterior: the spheres of radius a bound the search, and one met alone needs none (Figs 5.3,
-            5.4).
+        step: of the march, in supports, where no threshold is passed, 0.0001 to 10000. The march
+            may miss thinner parts.
+        thresholds: number of thresholds below the scene's own, evenly spaced, 0 to 16; each one
+            that is passed halves the step.
+        ghosts: leaves see the particles of their neighbors (ghost particles), and leaves beside
+            occupied ones are visited. Without: the artefacts of Fig. 5.6.
+        face_rule: the nine neighbors across the face of entry are not fetched again (Fig. 5.7); the
+            image is the same.
+        exterior: the spheres of radius a bound the search; a sphere that is met alone needs no
+            search (Figs. 5.3, 5.4).
         refine: the march's sign change is refined. Without: the terraces of Fig. 5.1.
-        averaged_normals: normals away from the mean of the centres that reach the hit (Fig. 5.8a)
+        averaged_normals: normals away from the mean of the centers that reach the hit (Fig. 5.8a)
             instead of the gradient's.
+
+    Raises TypeError and ValueError: the field, what was expected and what came.
     """
 
     root: str = "march"
@@ -83,7 +86,10 @@ class Thesis(Fixed):
 
 
 def check_tracing(scene: Scene, thesis: Thesis | None) -> None:
-    """Whether `scene` can be traced so."""
+    """Refuse choices with which `scene` cannot be traced.
+
+    Raises TypeError and ValueError: the argument, what was expected and what came.
+    """
     if thesis is None:
         return
     if not isinstance(thesis, Thesis):
@@ -100,7 +106,7 @@ def check_tracing(scene: Scene, thesis: Thesis | None) -> None:
 def work(
     scene: Scene, origins: Any, directions: Any, thesis: Thesis
 ) -> tuple[np.ndarray, np.ndarray]:
-    """What rays cost up to their first hit.
+    """The cost of rays up to their first hit.
 
     Args:
         origins, directions: (M, 3) world, as for `intersect`.
