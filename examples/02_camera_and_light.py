@@ -1,6 +1,6 @@
-"""A camera, lights and a background of one's own; and what a picture knows besides its colors.
+"""Your own camera, lights and background; and the distances and normals that a frame has.
 
-Writes near.png, and depth.png with what is nearer shown lighter.
+Writes near.png, and depth.png, where nearer surfaces are lighter.
 """
 
 import globule as gb
@@ -23,9 +23,9 @@ settings = gb.RenderSettings(
 frame = gb.render(scene, camera, (800, 600), settings)
 frame.save("near.png")
 
-distance = frame.distance  # along the ray, world units, infinite where nothing was hit
+distance = frame.distance  # along the ray, world units, infinite where missed
 seen = distance[frame.mask]
 shade = np.where(frame.mask, (seen.max() - distance) / np.ptp(seen), 0)
 Image.fromarray((255 * shade).astype(np.uint8)).save("depth.png")
 print(f"nearest {seen.min():.3f}, farthest {seen.max():.3f} from the eye")
-print(f"{(frame.normal[frame.mask][:, 1] > 0.9).mean():.0%} of what is seen faces upwards")
+print(f"{(frame.normal[frame.mask][:, 1] > 0.9).mean():.0%} of the visible surface faces upwards")

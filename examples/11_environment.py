@@ -36,7 +36,6 @@ settings = gb.RenderSettings(
     bounces=6,
 )
 frame = gb.render(layers, gb.Camera((0.6, 1.5, 7.5), (0, -0.15, 0), fov=34), (540, 290), settings)
-for _ in range(5):  # a window would show each of these
-    frame.refine(2)
+frame.refine(10, progress=lambda done, total: print(f"sample {done} of {total}"))
 frame.save("studio.png")
 print(f"{frame.samples} samples a pixel")

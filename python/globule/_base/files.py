@@ -17,7 +17,7 @@ _waiting: ContextVar[list[tuple[str, str]] | None] = ContextVar("waiting", defau
 
 @contextmanager
 def all_or_none() -> Iterator[None]:
-    """Files that `atomic_write` writes in this block appear at its end, or not at all if it raises."""
+    """Files that `atomic_write` writes in this block appear at its end; none do if it raises."""
     waiting: list[tuple[str, str]] = []
     token = _waiting.set(waiting)
     try:
