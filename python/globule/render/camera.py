@@ -189,7 +189,7 @@ def view_axes(up: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 def _axes(forward: np.ndarray, up: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Unit right and up vectors of an image seen along `forward`; an `up` along it is replaced."""
     right = _cross(forward, up)
-    if np.linalg.norm(right) <= 1e-9 * max(np.linalg.norm(up), 1e-300):
+    if np.linalg.norm(right) <= 1e-9 * max(float(np.linalg.norm(up)), 1e-300):
         right = _cross(forward, np.eye(3)[int(np.argmin(np.abs(forward)))])
     right = right / np.linalg.norm(right)
     return right, _cross(right, forward)

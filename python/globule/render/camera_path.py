@@ -217,7 +217,7 @@ def _parsed(path: str | os.PathLike) -> dict[str, Any]:
         try:
             import tomllib
         except ImportError:  # Python 3.10
-            import tomli as tomllib
+            import tomli as tomllib  # type: ignore[no-redef]
         facts = tomllib.loads(data.decode("utf-8"))
     elif name.endswith(".json"):
         facts = json.loads(data)

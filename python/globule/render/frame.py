@@ -464,8 +464,6 @@ def _clips(clips: Any) -> tuple[ClipPlane | ClipBox | ClipSphere, ...]:
 
 def fit_camera(scene: Scene, size: tuple[int, int], around: Any = None, **options: Any) -> Camera:
     """`Camera.fit` with room for the surface around the particles, or around the points (M, 3)."""
-    support = scene.support
-    largest = support if np.isscalar(support) else np.max(to_host(support), initial=0.0)
-    margin = REACH[scene.kernel] * float(largest)
+    margin = REACH[scene.kernel] * float(np.max(to_host(scene.support), initial=0.0))
     seen = scene.particles if around is None else around
     return Camera.fit(seen, size=size, margin=margin if np.isfinite(margin) else 0.0, **options)

@@ -188,7 +188,7 @@ class Environment(Fixed):
             "width": width,
             "height": height,
             "strength": float(self.strength),
-            "id": self._id,
+            "id": vars(self)["_id"],
             "owner": self.image,
         }
 

@@ -148,12 +148,13 @@ class KeptScene:
     def show(self, particles: Particles, make: Callable[[Particles], Scene]) -> Scene:
         """The scene with these particles: made at the first frame that has any, updated after."""
         # Without particles no support could be measured, and no camera found.
-        self.first = self.scene is None or self.scene.octree.n_inside == 0
-        if self.first:
-            self.scene = make(particles)
+        scene = self.scene
+        self.first = scene is None or scene.octree.n_inside == 0
+        if scene is None or self.first:
+            self.scene = scene = make(particles)
         else:
-            self.scene.update(particles)
-        return self.scene
+            scene.update(particles)
+        return scene
 
 
 def is_whole(path: str, size: tuple[int, int]) -> bool:

@@ -11,7 +11,7 @@ import numpy as np
 from .. import _core
 from .._base.arrays import ABSENT, HOST, View, address, on_gpu, unit_vectors, view
 from .._base.checks import positive, thread_count, whole
-from .._base.device import choose
+from .._base.device import Device, choose
 from .._base.old_names import renamed
 from .octree import Octree
 from .particles import FIELDS, Particles
@@ -78,6 +78,12 @@ class Scene:
         RuntimeError: the device cannot be used.
     """
 
+    particles: Particles  # as given last, with arrays converted
+    support: Any  # world units: a float for all, or (N,) as in the particles
+    kernel: str
+    device: Device
+    builds: int  # how often the octree has been built
+
     @renamed(depth="level")
     def __init__(
         self,
@@ -110,7 +116,7 @@ class Scene:
         self.kernel = kernel
         self.threshold = DEFAULTS[kernel][1] if threshold is None else threshold
         self.device = choose(device)
-        self.builds = 0  # how often the octree has been built
+        self.builds = 0
         self._kernel = KERNELS.index(kernel)
         self._tree = (key_bits, int(level), octree == "dense", _space(bounds))
         self._raw = _core.Scene(self.device.backend, self.device.index, thread_count(threads))
@@ -143,13 +149,13 @@ class Scene:
                 raise TypeError(
                     f"update: unknown field {sorted(unknown)[0]!r}, expected {', '.join(FIELDS)}"
                 )
-            particles = self.particles._with(fields, self._known)
+            found = self.particles._with(fields, self._known)
         elif fields:
             raise TypeError("update: expected particles or fields, got both")
         else:
-            particles = as_particles("particles", particles)
+            found = as_particles("particles", particles)
         with self._lock:
-            self._build(particles)
+            self._build(found)
 
     @property
     def _scene(self) -> Any:
@@ -235,7 +241,7 @@ class Scene:
         six = matrices[:, (0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2)]
         longest = np.float32(1.0001 / short[:, 0])  # rounding must not cut off what it reaches
         ratio = float(np.max(short[:, 2] / short[:, 0], initial=1.0))
-        return view("anisotropy", six, 6), longest, 1.0001 * ratio
+        return view("anisotropy", six, 6), np.asarray(longest), 1.0001 * ratio
 
     @property
     def threshold(self) -> float:
@@ -358,7 +364,8 @@ class Scene:
         return len(self.particles)
 
     def __repr__(self) -> str:
-        support = f"{self.support:.4g}" if np.isscalar(self.support) else "of each particle"
+        one = isinstance(self.support, (int, float))
+        support = f"{self.support:.4g}" if one else "of each particle"
         return (
             f"Scene({len(self)} particles, {self.kernel}, threshold {self.threshold:g}, "
             f"support {support}, {self.device.name})"

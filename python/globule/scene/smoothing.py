@@ -54,6 +54,7 @@ def without_strays(
 
     Raises TypeError and ValueError: the argument, what was expected and what came.
     """
+    scene: Scene | None
     if isinstance(scene_or_radius, Scene):
         scene, radius = scene_or_radius, 2.1 * scene_or_radius.spacing
         if len(scene) != len(particles):
@@ -62,7 +63,9 @@ def without_strays(
         radius = positive("radius", scene_or_radius)
         scene = Scene(particles, support=radius, device="cpu") if len(particles) else None
     whole("min_neighbors", min_neighbors, 0, 2**31)
-    if not len(particles) or radius == 0:  # a scene of so few particles that it has no spacing
+    if (
+        scene is None or not len(particles) or radius == 0
+    ):  # a scene of so few particles that it has no spacing
         return particles
     keep = np.zeros(len(particles), bool)
     blocks = _neighbor_blocks(scene, to_host(particles.positions), radius, progress)
