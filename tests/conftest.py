@@ -89,6 +89,11 @@ def pytest_sessionfinish(session, exitstatus):
 UNEXPECTED = pytest.StashKey[list[str]]()
 
 
+def pytest_configure(config):
+    """Nothing of our own uses a name that has been replaced; tests of old names catch the warning."""
+    config.addinivalue_line("filterwarnings", "error:globule:DeprecationWarning")
+
+
 @contextlib.contextmanager
 def simd(level: str):
     """Scenes made inside use this SIMD level."""

@@ -14,9 +14,13 @@ import numpy as np
 def three(name: str, value: Any, least: float = -math.inf) -> list[float]:
     """Three finite numbers; one number stands for all three."""
     try:
-        array = np.asarray(value, dtype=np.float32)
-    except (TypeError, ValueError):
-        raise TypeError(f"{name}: expected three numbers, got {value!r}") from None
+        array = np.asarray(value)
+    except (TypeError, ValueError):  # ragged
+        array = np.asarray(None)
+    if array.dtype.kind not in "iuf":
+        raise TypeError(f"{name}: expected three numbers, got {value!r}")
+    with np.errstate(over="ignore"):  # too large becomes infinite
+        array = array.astype(np.float32)
     if array.shape == ():
         array = np.repeat(array, 3)
     values = array.tolist()
@@ -38,6 +42,8 @@ def unit(name: str, value: Any) -> list[float]:
 def number(name: str, value: Any, least: float = -math.inf, most: float = math.inf) -> float:
     """A finite number in [least, most]."""
     try:
+        if isinstance(value, (str, bytes, bool, np.bool_)):
+            raise TypeError
         v = float(value)
     except (TypeError, ValueError):
         raise TypeError(f"{name}: expected a number, got {value!r}") from None
@@ -64,6 +70,13 @@ def positive(name: str, value: Any) -> float:
     if v <= 0:
         raise ValueError(f"{name}: expected a positive number, got {value!r}")
     return v
+
+
+def flag(name: str, value: Any) -> bool:
+    """True or False, also as NumPy has them."""
+    if not isinstance(value, (bool, np.bool_)):
+        raise TypeError(f"{name}: expected True or False, got {value!r}")
+    return bool(value)
 
 
 def thread_count(value: Any) -> int:

@@ -24,6 +24,7 @@ from collections.abc import Callable
 from types import ModuleType
 from typing import Any
 
+from ..scene import sources
 from ..scene.particles import Particles
 from . import bgeo, mesh, numpy_format, ply, table, text, vtk_legacy, vtk_xml
 from .errors import FormatError
@@ -126,3 +127,6 @@ def __getattr__(name: str) -> Any:
     if name == "tomography_particles":
         return _moved("globule.formats.tomography_particles has moved to globule")
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+sources.readers.insert(0, read)
