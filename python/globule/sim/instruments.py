@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 
 from .._base.rotations import matrix
-from .schema import Problem, choice, direction, each, key, number, place, positive, switch, text
+from .schema import Problem, Table, choice, direction, each, key, number, place, positive, switch, text
 
 
 @dataclass(kw_only=True)
-class Key:
+class Key(Table):
     """Where an instrument is at a time; what is left out stays as in the key before."""
 
     time: float = key(number(least=0.0))
@@ -24,6 +24,7 @@ class Key:
     on: bool | None = key(switch, None)
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if (self.axis is None) != (self.angle is None):
             raise ValueError("expected axis and angle together, got one of them")
 
@@ -102,7 +103,7 @@ def slerp(a: np.ndarray, b: np.ndarray, share: float) -> np.ndarray:
 
 
 @dataclass(kw_only=True)
-class Instrument:
+class Instrument(Table):
     """A tool: what it is, and its key frames.
 
     Its own frame: the origin is the tip. Whatever a scalpel's moving edge sweeps over is cut. With
@@ -120,6 +121,7 @@ class Instrument:
     ablates: bool = key(switch, False)  # suction, of tissue
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if self.kind == "scalpel":
             if (self.edge is None) == (self.length is None):
                 raise ValueError("a scalpel: expected edge or length, got both or none")

@@ -16,6 +16,7 @@ from .sampling import ENDS, FACES
 from .schema import (
     Problem,
     SceneError,
+    Table,
     choice,
     color,
     density,
@@ -44,7 +45,7 @@ SOLID_SHAPES = ("box", "sphere", "cylinder", "mesh")
 
 
 @dataclass(kw_only=True)
-class Solver:
+class Solver(Table):
     """How time goes on."""
 
     method: str = key(choice("dfsph", "wcsph"), "dfsph")
@@ -54,7 +55,7 @@ class Solver:
 
 
 @dataclass(kw_only=True)
-class Domain:
+class Domain(Table):
     """Where the simulation is; what leaves is counted as outside."""
 
     lo: tuple = key(place)
@@ -64,6 +65,7 @@ class Domain:
     periodic: list = key(distinct(choice("x", "y", "z")), [])  # axes without end
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         Box(self.lo, self.hi)
         for i, face in enumerate(self.open):
             if face[1] in self.periodic:
@@ -72,7 +74,7 @@ class Domain:
 
 
 @dataclass(kw_only=True)
-class Shape:
+class Shape(Table):
     """One of several shapes; where fixed parts of tissue and sinks are."""
 
     box: Box | None = key(Box, None)
@@ -80,6 +82,7 @@ class Shape:
     cylinder: Cylinder | None = key(Cylinder, None)
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         exactly_one(self, ("box", "sphere", "cylinder"))
 
     @property
@@ -88,7 +91,7 @@ class Shape:
 
 
 @dataclass(kw_only=True)
-class Fluid:
+class Fluid(Table):
     """A liquid and where it is at the start."""
 
     name: str = key(text)
@@ -107,13 +110,14 @@ class Fluid:
     refraction: float = key(number(0.0, 1.0), 0.0)
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         _at_most_one(self, ("box", "sphere", "cylinder", "mesh", "particles"))
         if self.implicit is None:
             self.implicit = self.viscosity >= 1.0
 
 
 @dataclass(kw_only=True)
-class Solid:
+class Solid(Table):
     """Elastic tissue: particles with bonds."""
 
     name: str = key(text)
@@ -137,13 +141,14 @@ class Solid:
     refraction: float = key(number(0.0, 1.0), 0.0)
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         exactly_one(self, ("box", "sphere", "cylinder", "mesh", "tomography", "particles"))
         if self.young is not None and self.rigidity is not None:
             raise ValueError("expected young or rigidity, got both")
 
 
 @dataclass(kw_only=True)
-class Boundary:
+class Boundary(Table):
     """A wall: sampled to one layer of particles, standing or moved by key frames."""
 
     name: str = key(text)
@@ -161,6 +166,7 @@ class Boundary:
     color: tuple = key(color, (0.5, 0.5, 0.5))
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         exactly_one(self, ("box", "sphere", "cylinder", "plane", "mesh", "distance"))
         try:
             self.motion = Motion(self.keys) if self.keys else None
@@ -169,7 +175,7 @@ class Boundary:
 
 
 @dataclass(kw_only=True)
-class Rigid:
+class Rigid(Table):
     """A body that keeps its shape, and moves as what it touches and gravity push it."""
 
     name: str = key(text)
@@ -184,11 +190,12 @@ class Rigid:
     color: tuple = key(color, (0.6, 0.5, 0.3))
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         exactly_one(self, SOLID_SHAPES)
 
 
 @dataclass(kw_only=True)
-class Emitter:
+class Emitter(Table):
     """A disc that lets fluid in at a rate."""
 
     name: str = key(text)
@@ -202,7 +209,7 @@ class Emitter:
 
 
 @dataclass(kw_only=True)
-class Sink:
+class Sink(Table):
     """Where fluid is taken away."""
 
     name: str = key(text)
@@ -210,6 +217,7 @@ class Sink:
     sphere: Sphere | None = key(Sphere, None)
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         exactly_one(self, ("box", "sphere"))
 
     @property
@@ -221,7 +229,7 @@ class Sink:
 
 
 @dataclass(kw_only=True)
-class Vessel:
+class Vessel(Table):
     """A tube inside tissue that bleeds where it is cut."""
 
     name: str = key(text)
@@ -234,7 +242,7 @@ class Vessel:
 
 
 @dataclass(kw_only=True)
-class View:
+class View(Table):
     """How pictures of the scene are made."""
 
     eye: tuple | None = key(place, None)
@@ -247,6 +255,7 @@ class View:
     size: tuple = key(vector(2, least=1, most=16384), (640.0, 480.0))
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if (self.eye is None) != (self.look_at is None):
             raise ValueError("expected eye and look_at together, got one of them")
         if self.eye is not None and self.eye == self.look_at:
@@ -256,13 +265,13 @@ class View:
 
 
 @dataclass(kw_only=True)
-class Output:
+class Output(Table):
     fps: float = key(number(above=0.0, most=1e6), 30.0)
     format: str = key(choice(*(name[1:] for name in EXTENSIONS)), "vtp")
 
 
 @dataclass(kw_only=True)
-class SceneFile:
+class SceneFile(Table):
     """A scene: all lengths in metres, SI units throughout."""
 
     spacing: float = key(positive)  # of the particles
@@ -283,6 +292,7 @@ class SceneFile:
     output: Output = key(Output, Output)
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if not (self.fluids or self.solids or self.rigids):
             raise ValueError("expected fluids, solids or rigids, got none")
         names: set[str] = set()

@@ -12,6 +12,7 @@ import sys
 from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
 
+from .._base.colormaps import hex_color, to_linear
 from .toml_lines import Path
 
 T = TypeVar("T")
@@ -39,26 +40,42 @@ def key(check: Check, default: Any = dataclasses.MISSING) -> Any:
     return dataclasses.field(default=default, metadata={"check": check})
 
 
-def read_table(kind: type[T], value: Any, path: Path = ()) -> T:
-    """A TOML table as the dataclass `kind`.
+class Table:
+    """Base of the tables: what a key takes is checked when a table is made, from TOML, a dict or
+    in Python alike. A subclass with a `__post_init__` of its own calls this one first.
 
-    Raises Problem for an unknown or missing key and a value that the key's check refuses.
+    Raises:
+        Problem: a value that the check of its key refuses.
     """
+
+    def __post_init__(self) -> None:
+        for field in dataclasses.fields(self):  # type: ignore[arg-type]
+            value = getattr(self, field.name)
+            if field.metadata and value is not field.default:
+                checked = _checked(field.metadata["check"], value, (field.name,))
+                object.__setattr__(self, field.name, checked)  # a shape is frozen
+
+
+def read_table(kind: type[T], value: Any, path: Path = ()) -> T:
+    """A table as the dataclass `kind`: a dict as TOML has it, or a table of that kind already.
+
+    Raises:
+        Problem: an unknown or missing key, or a value that the key's check refuses.
+    """
+    if isinstance(value, kind):
+        return value
     if not isinstance(value, dict):
         raise Problem(path, f"expected a table of names with values, got {shown(value)}")
-    fields = {field.name: field for field in dataclasses.fields(kind) if field.metadata}
+    fields = {f.name: f for f in dataclasses.fields(kind) if f.metadata}  # type: ignore[arg-type]
     for name in value:
         if name not in fields:
             known = ", ".join(fields)
             raise Problem((*path, name), f"expected one of {known}, got an unknown key")
-    given = {}
     for name, field in fields.items():
-        if name in value:
-            given[name] = _checked(field.metadata["check"], value[name], (*path, name))
-        elif field.default is field.default_factory is dataclasses.MISSING:
+        if name not in value and field.default is field.default_factory is dataclasses.MISSING:
             raise Problem(path, f"expected the key {name}, got none")
     try:
-        return kind(**given)
+        return kind(**value)
     except Problem as problem:
         raise Problem((*path, *problem.path), problem.message) from None
     except ValueError as error:
@@ -66,8 +83,10 @@ def read_table(kind: type[T], value: Any, path: Path = ()) -> T:
 
 
 def _checked(check: Any, value: Any, path: Path) -> Any:
+    """What `check` makes of a value; NumPy's numbers and arrays count as numbers and lists."""
     if isinstance(check, type) and dataclasses.is_dataclass(check):
         return read_table(check, value, path)
+    value = value.tolist() if hasattr(value, "tolist") else value
     try:
         return check(value)
     except Problem as problem:
@@ -158,8 +177,6 @@ def direction(value: Any) -> tuple[float, ...]:
 def color(value: Any) -> tuple[float, ...]:
     """Linear RGB in [0, 1], or #rrggbb, sRGB."""
     if isinstance(value, str):
-        from .._base.colormaps import hex_color, to_linear
-
         digits = value[1:]
         if (
             len(value) == 7

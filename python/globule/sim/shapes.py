@@ -10,17 +10,18 @@ from typing import Any
 
 import numpy as np
 
-from .schema import direction, key, place, positive
+from .schema import Table, direction, key, place, positive
 
 
 @dataclass(frozen=True)
-class Box:
+class Box(Table):
     """Between two corners."""
 
     lo: tuple = key(place)
     hi: tuple = key(place)
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if not all(a < b for a, b in zip(self.lo, self.hi, strict=True)):
             raise ValueError(f"expected lo below hi in each axis, got {self.lo} and {self.hi}")
 
@@ -42,7 +43,7 @@ class Box:
 
 
 @dataclass(frozen=True)
-class Sphere:
+class Sphere(Table):
     center: tuple = key(place)
     radius: float = key(positive)
 
@@ -61,7 +62,7 @@ class Sphere:
 
 
 @dataclass(frozen=True)
-class Cylinder:
+class Cylinder(Table):
     """Round, with flat ends at `start` and `end`."""
 
     start: tuple = key(place)
@@ -69,6 +70,7 @@ class Cylinder:
     radius: float = key(positive)
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if self.start == self.end:
             raise ValueError(f"expected start and end apart, got {self.start} twice")
 
@@ -101,7 +103,7 @@ class Cylinder:
 
 
 @dataclass(frozen=True)
-class Plane:
+class Plane(Table):
     """The half space behind a plane: the normal shows to its free side."""
 
     point: tuple = key(place)

@@ -10,7 +10,7 @@ import numpy as np
 
 from .._base.checks import how_to_install
 from .sampling import MOST_PARTICLES
-from .schema import Problem, choice, each, key, number, place, positive, text, whole
+from .schema import Problem, Table, choice, each, key, number, place, positive, text, whole
 from .shapes import Grid, Mesh
 
 ATLASES = ("mni152",)
@@ -18,7 +18,7 @@ ATLAS_VOLUME = 197 * 233 * 189  # mm³, of its voxels
 
 
 @dataclass(kw_only=True)
-class MeshFile:
+class MeshFile(Table):
     """A closed triangle mesh (.obj .stl .glb .ply)."""
 
     file: str = key(text)
@@ -35,7 +35,7 @@ class MeshFile:
 
 
 @dataclass(kw_only=True)
-class DistanceFile:
+class DistanceFile(Table):
     """A grid of signed distances, negative inside (.nrrd .nii .mha .vti .npz)."""
 
     file: str = key(text)
@@ -53,7 +53,7 @@ class DistanceFile:
 
 
 @dataclass(kw_only=True)
-class ParticleFile:
+class ParticleFile(Table):
     """Particles of any format; the nine-column text's rigidity says what each one is."""
 
     file: str = key(text)
@@ -79,7 +79,7 @@ class ParticleFile:
 
 
 @dataclass(kw_only=True)
-class Tomography:
+class Tomography(Table):
     """Tissue of a tomography, resampled to the simulation's spacing: one particle per voxel."""
 
     file: str | None = key(text, None)
@@ -90,6 +90,7 @@ class Tomography:
     center: tuple = key(place, (0.0, 0.0, 0.0))  # metres: where the middle of the tissue goes
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if (self.file is None) == (self.atlas is None):
             raise ValueError("expected file or atlas, got both or none")
 
