@@ -11,7 +11,7 @@ import numpy as np
 
 from .._base.files import atomic_write
 
-VERSION = 3
+VERSION = 4
 
 
 def path_of(name: str | os.PathLike) -> str:

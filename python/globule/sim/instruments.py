@@ -10,7 +10,19 @@ from typing import Any
 import numpy as np
 
 from .._base.rotations import matrix
-from .schema import Problem, Table, choice, direction, each, key, number, place, positive, switch, text
+from .schema import (
+    Problem,
+    Table,
+    choice,
+    direction,
+    each,
+    key,
+    number,
+    place,
+    positive,
+    switch,
+    text,
+)
 
 
 @dataclass(kw_only=True)

@@ -5,9 +5,11 @@ from __future__ import annotations
 import math
 import os
 import re
-from dataclasses import dataclass, fields, is_dataclass, replace
+from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path as File
 from typing import Any
+
+import numpy as np
 
 from ..formats import EXTENSIONS
 from . import limits
@@ -34,6 +36,7 @@ from .schema import (
     text,
     vector,
     velocity,
+    whole,
 )
 from .shapes import Box, Cylinder, Plane, Sphere
 from .sources import DistanceFile, MeshFile, ParticleFile, Tomography, check_files
@@ -41,24 +44,33 @@ from .toml_lines import key_lines
 
 SHIPPED = ("dam-break", "droplet", "poiseuille", "beam", "cut-block", "brain-surgery")
 FOLDER = File(__file__).parent / "scenes"
-SOLID_SHAPES = ("box", "sphere", "cylinder", "mesh")
+SOLID_SHAPES = ("box", "sphere", "cylinder", "mesh", "tomography", "particles")
+BOUNDARY_SHAPES = ("box", "sphere", "cylinder", "plane", "mesh", "distance")
+RIGID_SHAPES = ("box", "sphere", "cylinder", "mesh")
+IMPLICIT_FROM = 1.0  # Pa s
 
 
 @dataclass(kw_only=True)
 class Solver(Table):
-    """How time goes on."""
+    """How the solver steps through time."""
 
     method: str = key(choice("dfsph", "wcsph"), "dfsph")
     max_error: float = key(number(1e-6, 0.1), 0.001)  # mean compression, a share
+    divergence_error: float | None = key(number(1e-6, 0.1), None)  # default: max_error
+    viscosity_error: float = key(number(1e-9, 0.1), 1e-4)  # residual of implicit viscosity
+    min_iterations: int = key(whole(0, 1_000_000), 2)
+    max_iterations: int = key(whole(1, 1_000_000), 100)
     cfl: float = key(number(1e-3, 2.0), 1.0)
-    max_dt: float = key(positive, 0.005)  # seconds
+    max_dt: float = key(positive, 0.005)  # s
+    sound_speed: float | None = key(positive, None)  # of wcsph, m/s
+    extra_viscosity: float = key(number(0.0, 1e9), 0.0)  # of wcsph, Pa s
 
 
 @dataclass(kw_only=True)
 class Domain(Table):
-    """Where the simulation is; what leaves is counted as outside."""
+    """The box that is simulated; particles that leave it are counted and no longer simulated."""
 
-    lo: tuple = key(place)
+    lo: tuple = key(place)  # m
     hi: tuple = key(place)
     walls: bool = key(switch, False)  # whether its faces are boundaries
     open: list = key(distinct(choice(*FACES)), [])
@@ -71,6 +83,10 @@ class Domain(Table):
             if face[1] in self.periodic:
                 expected = f"expected faces of axes that end, got {face!r} with periodic"
                 raise Problem(("open", i), f"{expected} {shown(self.periodic)}")
+
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Its two corners, (3,) float64 m each."""
+        return np.asarray(self.lo), np.asarray(self.hi)
 
 
 @dataclass(kw_only=True)
@@ -108,12 +124,13 @@ class Fluid(Table):
     color: tuple = key(color, (0.05, 0.25, 0.5))
     reflection: float = key(number(0.0, 1.0), 0.0)  # factors of the picture, as of particles
     refraction: float = key(number(0.0, 1.0), 0.0)
+    shown: bool = key(switch, True)  # in pictures
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        _at_most_one(self, ("box", "sphere", "cylinder", "mesh", "particles"))
+        at_most_one(self, ("box", "sphere", "cylinder", "mesh", "particles"))
         if self.implicit is None:
-            self.implicit = self.viscosity >= 1.0
+            self.implicit = self.viscosity >= IMPLICIT_FROM
 
 
 @dataclass(kw_only=True)
@@ -130,6 +147,9 @@ class Solid(Table):
     density: float = key(density, 1040.0)
     young: float | None = key(number(1e-3, 1e13), None)  # Pa
     rigidity: float | None = key(number(above=0.0, most=0.999), None)
+    viscosity: float = key(number(0.0, 1e9), 0.0)  # Pa s
+    implicit: bool | None = key(switch, None)
+    surface_tension: float = key(number(0.0, 1e3), 0.0)  # N/m: fluids stick to it
     damping: float = key(number(0.0, 1e6), 0.0)  # of the bonds, 1/s
     tear: float = key(number(0.0, 1e6), 0.0)  # strain at which a bond breaks; 0: never
     plastic: float = key(number(0.0, 1e6), 0.0)  # strain beyond which some stays; 0: never
@@ -139,10 +159,13 @@ class Solid(Table):
     color: tuple = key(color, (0.62, 0.38, 0.35))
     reflection: float = key(number(0.0, 1.0), 0.0)
     refraction: float = key(number(0.0, 1.0), 0.0)
+    shown: bool = key(switch, True)
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        exactly_one(self, ("box", "sphere", "cylinder", "mesh", "tomography", "particles"))
+        at_most_one(self, SOLID_SHAPES)
+        if self.implicit is None:
+            self.implicit = self.viscosity >= IMPLICIT_FROM
         if self.young is not None and self.rigidity is not None:
             raise ValueError("expected young or rigidity, got both")
 
@@ -164,10 +187,12 @@ class Boundary(Table):
     adhesion: float = key(number(0.0, 1e3), 0.0)  # of fluids with a tension, N/m
     shown: bool = key(switch, False)
     color: tuple = key(color, (0.5, 0.5, 0.5))
+    reflection: float = key(number(0.0, 1.0), 0.0)
+    refraction: float = key(number(0.0, 1.0), 0.0)
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        exactly_one(self, ("box", "sphere", "cylinder", "plane", "mesh", "distance"))
+        at_most_one(self, BOUNDARY_SHAPES)
         try:
             self.motion = Motion(self.keys) if self.keys else None
         except Problem as problem:
@@ -188,10 +213,13 @@ class Rigid(Table):
     spin: tuple = key(vector(least=-1e6, most=1e6), (0.0, 0.0, 0.0))  # rad/s
     adhesion: float = key(number(0.0, 1e3), 0.0)  # as a boundary's
     color: tuple = key(color, (0.6, 0.5, 0.3))
+    reflection: float = key(number(0.0, 1.0), 0.0)
+    refraction: float = key(number(0.0, 1.0), 0.0)
+    shown: bool = key(switch, True)
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        exactly_one(self, SOLID_SHAPES)
+        at_most_one(self, RIGID_SHAPES)
 
 
 @dataclass(kw_only=True)
@@ -293,8 +321,6 @@ class SceneFile(Table):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not (self.fluids or self.solids or self.rigids):
-            raise ValueError("expected fluids, solids or rigids, got none")
         names: set[str] = set()
         for kind in LISTS:
             for i, item in enumerate(getattr(self, kind)):
@@ -321,10 +347,29 @@ LISTS = (
 )  # fmt: skip
 
 
-def _at_most_one(table: Any, names: tuple[str, ...]) -> None:
+def at_most_one(table: Any, names: tuple[str, ...]) -> None:
+    """Refuse a table with more than one of these keys."""
     given = [name for name in names if getattr(table, name) is not None]
     if len(given) > 1:
         raise ValueError(f"expected one of {', '.join(names)}, got {' and '.join(given)}")
+
+
+def check_places(scene: SceneFile) -> None:
+    """Refuse a scene file whose particles come from nowhere; in Python, `add` may bring them.
+
+    Raises:
+        Problem: a scene without bodies, or a body without a shape.
+    """
+    if not (scene.fluids or scene.solids or scene.rigids):
+        raise Problem((), "expected fluids, solids or rigids, got none")
+    for kind, shapes in (
+        ("solids", SOLID_SHAPES), ("boundaries", BOUNDARY_SHAPES), ("rigids", RIGID_SHAPES),
+    ):  # fmt: skip
+        for i, table in enumerate(getattr(scene, kind)):
+            try:
+                exactly_one(table, shapes)
+            except ValueError as error:
+                raise Problem((kind, i), str(error)) from None
 
 
 def shipped(name: str) -> File:
@@ -332,18 +377,23 @@ def shipped(name: str) -> File:
     return FOLDER / f"{name}.toml"
 
 
-def read_scene(scene: Any, spacing: float | None = None) -> SceneFile:
-    """A scene from the name of a shipped one, the path of a TOML file, or a dict as TOML has it.
+def read_scene(scene: Any, spacing: float | None = None, **keys: Any) -> SceneFile:
+    """A scene with all its values checked.
 
     Args:
-        spacing: metres, instead of the scene's own.
+        scene: the name of a shipped scene, the path of a TOML file, a dict as TOML has it, or a
+            `SceneFile`.
+        spacing: m, instead of the scene's own.
+        keys: other keys of a scene, instead of the scene's own, as in a dict or as tables.
 
     Raises:
-        SceneError: `scene.toml:12: fluids[0].viscosity: expected …, got …`
+        SceneError: what is wrong with a key, with file and line where there is a file.
         OSError: a file that cannot be read.
     """
-    if spacing is not None and not (math.isfinite(spacing) and spacing > 0):
-        raise SceneError(f"spacing: expected a number above 0, got {spacing}")
+    if spacing is not None:
+        if not (math.isfinite(spacing) and spacing > 0):
+            raise SceneError(f"spacing: expected a number above 0, got {spacing}")
+        keys["spacing"] = spacing
     name, lines, folder = "", {}, ""
     if not isinstance(scene, (dict, SceneFile)):
         path = shipped(scene) if scene in SHIPPED else File(scene)
@@ -355,9 +405,11 @@ def read_scene(scene: Any, spacing: float | None = None) -> SceneFile:
             got = f"{os.fspath(path)}: {error.strerror}"
             raise type(error)(f"SCENE: {expected}, got {got}") from None
     try:
-        found = scene if isinstance(scene, SceneFile) else read_table(SceneFile, scene)
-        if spacing is not None:
-            found = replace(found, spacing=spacing)
+        if isinstance(scene, SceneFile):
+            scene = {f.name: getattr(scene, f.name) for f in fields(scene)}
+        found = read_table(SceneFile, {**scene, **keys})
+        if name:
+            check_places(found)
         for kind in LISTS:
             for i, item in enumerate(getattr(found, kind)):
                 for source in ("mesh", "tomography", "particles", "distance"):
@@ -368,11 +420,12 @@ def read_scene(scene: Any, spacing: float | None = None) -> SceneFile:
                         raise Problem(path, problem.message) from None
         return found
     except Problem as problem:
+        lines = {place: line for place, line in lines.items() if place[0] not in keys}
         raise SceneError(f"{_located(name, lines, problem.path)}{problem}") from None
 
 
 def as_dict(table: Any) -> Any:
-    """A checked table as TOML had it, for `read_scene` to read again."""
+    """A checked table as a dict in TOML's words, which `read_scene` reads again."""
     if isinstance(table, (list, tuple)):
         return [as_dict(item) for item in table]
     if not is_dataclass(table):
