@@ -24,7 +24,7 @@ before = gb.render(sim.scene, camera, size=(360, 260)).picture
 while sim.time < 0.25:
     if sim.time > 0.1:  # wind, on whatever is above the water
         high = sim.ids[sim.positions[:, 2] > 0.14]
-        sim.apply_force((0.02, 0, 0), ids=high)  # N on each
+        sim.steer.apply_force((0.02, 0, 0), ids=high)  # N on each
     sim.step()
 
 sim.phases["water"].viscosity = 5.0  # Pa s; any material's value may change between steps
@@ -33,7 +33,7 @@ sim.phases["water"].color = (0.75, 0.4, 0.05)
 velocities = sim.velocities
 velocities *= 0.5
 sim.velocities = velocities
-sim.advance(0.1)
+sim.run(0.1)
 
 after = gb.render(sim.scene, camera, size=(360, 260)).picture
 save_png("steer.png", np.hstack([before, after]))

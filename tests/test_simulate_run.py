@@ -164,17 +164,17 @@ def test_a_scene_without_particles_is_an_empty_picture(folder):
 
 def test_diagnostics_add_up():
     sim = gb.Simulation(SCENE, device="cpu")
-    first = sim.measure()
-    sim.advance(0.1)
-    later = sim.measure()
+    first = sim.record.measure()
+    sim.run(0.1)
+    later = sim.record.measure()
     mass = 512 * 1000 * 0.05**3
     assert first["kinetic"] == 0
     assert first["potential"] == pytest.approx(mass * 9.81 * 0.2, rel=1e-3)
     assert later["potential"] < first["potential"]
     gain = first["potential"] - later["potential"]
     assert 0.5 * gain < later["kinetic"] <= 1.02 * gain
-    assert sim.diagnostics[-1]["kinetic"] == later["kinetic"]
-    times = [row["time"] for row in sim.diagnostics]
+    assert sim.record.diagnostics[-1]["kinetic"] == later["kinetic"]
+    times = [row["time"] for row in sim.record.diagnostics]
     assert times == sorted(times)
     assert times[-1] == pytest.approx(0.1)
 
@@ -182,13 +182,13 @@ def test_diagnostics_add_up():
 def test_reset_starts_again():
     sim = gb.Simulation(SCENE, device="cpu")
     start = sim.hash()
-    sim.advance(0.05)
+    sim.run(0.05)
     end = sim.hash()
     sim.reset()
     assert sim.hash() == start
     assert sim.time == 0
-    assert sim.diagnostics == []
-    sim.advance(0.05)
+    assert sim.record.diagnostics == []
+    sim.run(0.05)
     assert sim.hash() == end
 
 
@@ -196,16 +196,18 @@ def test_a_dict_a_file_and_a_name_are_the_same_scene(folder):
     hashes = {gb.Simulation(scene, device="cpu").hash() for scene in (SCENE, "dam.toml")}
     assert len(hashes) == 1
     coarse = gb.Simulation("dam-break", device="cpu", spacing=0.1)
-    assert coarse.counts["fluid"] == 4 * 4 * 6
+    assert coarse.record.counts["fluid"] == 4 * 4 * 6
 
 
 def test_a_nan_stops_with_the_particles_story(folder, capsys):
     sim = gb.Simulation(SCENE, device="cpu")
-    velocities = sim._read("velocity")
-    velocities[np.flatnonzero(sim._read("phase") == list(sim.phases).index("water"))[7]] = np.nan
-    sim._write("velocity", velocities)  # assigning them is refused
+    velocities = sim.arrays._read("velocity")
+    velocities[np.flatnonzero(sim.arrays._read("phase") == list(sim.phases).index("water"))[7]] = (
+        np.nan
+    )
+    sim.arrays._write("velocity", velocities)  # assigning them is refused
     with pytest.raises(ArithmeticError, match=r"particle \d+ \(water\) at \(.*\) .* not a number"):
-        sim.advance(0.1)
+        sim.run(0.1)
 
 
 def test_pictures_and_a_movie(folder, capsys):

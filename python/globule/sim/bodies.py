@@ -14,7 +14,7 @@ from ..scene.spacing import local_spacing
 from .limits import shape_of
 from .rigidity import young_of_rigidity
 from .room import check_room
-from .sampling import fill, surface
+from .sampling import FACES, fill, surface
 from .scene_file import Boundary, SceneFile
 from .schema import SceneError
 from .shapes import Box
@@ -67,7 +67,8 @@ def bodies(scene: SceneFile) -> list[Body]:
         with _named(name):
             given = shapes[id(table)] is not None or _source(table) is not None
             found += maker(scene, table, shapes[id(table)]) if given else [_empty(table, maker)]
-    if scene.domain.walls:
+    closed = any(axis not in scene.domain.periodic for axis in "xyz")
+    if scene.domain.walls and closed and len(scene.domain.open) < len(FACES):
         walls = Boundary(
             name="walls",
             box=Box(scene.domain.lo, scene.domain.hi),

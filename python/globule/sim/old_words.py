@@ -61,7 +61,7 @@ def with_old_keys(scene: Any) -> Any:
     anything else as it is."""
     if not isinstance(scene, dict):
         return scene
-    corners = not isinstance(scene.get("domain", {}), dict) and not hasattr(scene["domain"], "lo")
+    corners = hasattr(scene.get("domain"), "__len__") and not isinstance(scene["domain"], dict)
     if not corners and not _OLD_KEYS & set(scene):
         return scene
     warn("a dict with `phases`, `walls` or two corners as `domain` is now a scene's dict", 4)

@@ -98,7 +98,7 @@ class Pictures:
         frame = 0
         while not self.eye.settled(sim) and (frame + 1) / fps <= until:
             frame += 1
-            sim.advance_to(frame / fps)
+            sim.run_to(frame / fps)
 
     def add(self, number: int, sim: Any) -> list[str]:
         """Take frame `number`'s picture; the files that stay."""

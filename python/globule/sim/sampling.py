@@ -84,13 +84,15 @@ def surface(
 
 def _box_surface(box: Box, d: float, offset: float, open_faces: Any) -> np.ndarray:
     _check_open(open_faces, FACES)
-    lo, hi = np.asarray(box.lo) - offset, np.asarray(box.hi) + offset
+    opened = np.array([face in open_faces for face in FACES]).reshape(3, 2)
+    # Where both faces of an axis are open, the walls beside them go on as a lattice would.
+    away = np.where(opened.all(1), -d / 2, offset)
+    lo, hi = np.asarray(box.lo) - away, np.asarray(box.hi) + away
     n = np.maximum(2, np.round((hi - lo) / d).astype(int) + 1)
     index = shell(n, [face for face in FACES if face not in open_faces])
     keep = np.ones(len(index), bool)
-    for number, face in enumerate(FACES):  # the walls beside an open face end with the box
-        axis, end = number // 2, number % 2
-        if face in open_faces and offset > 0:
+    for axis, end in np.argwhere(opened & ~opened.all(1, keepdims=True)):
+        if offset > 0:  # the walls beside an open face end with the box
             keep &= index[:, axis] != (n[axis] - 1 if end else 0)
     return lo + index[keep] * ((hi - lo) / (n - 1))
 
