@@ -49,15 +49,16 @@ def lattice(lo: Any, hi: Any, spacing: float) -> np.ndarray:
 
 def tank(
     spacing: float, hi: Any, fluid: dict[str, Any], device: str, threads: int, periodic: str = "",
-    walls: bool = True, gravity: Any = (0, -GRAVITY, 0), **solver: Any,
+    settled: bool = False, gravity: Any = (0, -GRAVITY, 0), **solver: Any,
 ) -> Simulation:  # fmt: skip
     """A simulation without particles but those of its walls, from the origin to `hi`; y is up.
 
     A wall's layer is BEHIND spacings behind its face, where a lattice starts at rest. Fluid that
-    has moved comes as close as if the layer were half a spacing behind, which is where it is here.
+    has settled comes as close as if the layer were half a spacing behind: `settled` has it there.
     """
-    inset = [0.0 if axis in periodic else (BEHIND - 0.5) * spacing for axis in "xyz"]
-    domain = {"lo": inset, "hi": np.subtract(hi, inset), "walls": walls, "periodic": [*periodic]}
+    gap = (BEHIND - 0.5) * spacing if settled else 0.0
+    inset = [0.0 if axis in periodic else gap for axis in "xyz"]
+    domain = {"lo": inset, "hi": np.subtract(hi, inset), "walls": True, "periodic": [*periodic]}
     fluids = [{"viscosity": 0.0, "implicit": False, **fluid}]
     scene = {"spacing": spacing, "domain": domain, "gravity": gravity, "solver": solver}
     return Simulation({**scene, "fluids": fluids}, device, threads)
@@ -67,7 +68,7 @@ def hydrostatic(device: str = "cpu", threads: int = 0, seconds: float = 5.0) -> 
     """A tank at rest: pressure grows with depth, the surface stays where it was."""
     d, height, wide = 0.05, 0.6, 0.5
     water = {"name": "water", "viscosity": 1.0}
-    sim = tank(d, (wide, 1.5 * height, wide), water, device, threads)
+    sim = tank(d, (wide, 1.5 * height, wide), water, device, threads, settled=True)
     ids = sim.add(lattice((0, 0, 0), (wide, height, wide), d), "water")
     sim.run(seconds)
     n, p, at = 40, np.zeros(len(ids)), np.zeros((len(ids), 3))
@@ -128,7 +129,7 @@ def poiseuille(device: str = "cpu", threads: int = 0, implicit: bool = False) ->
     water = {"name": "oil", "viscosity": 1000 * nu, "implicit": implicit}
     stretch = np.array([1.04, 1.0, 1.0])
     hi = stretch * (8 * d, height, 8 * d)
-    sim = tank(d, hi, water, device, threads, "xz", gravity=(force, 0, 0), max_dt=0.02)
+    sim = tank(d, hi, water, device, threads, "xz", True, gravity=(force, 0, 0), max_dt=0.02)
     at = lattice((0, 0, 0), (8 * d, height, 8 * d), d) * stretch
     start = 0.9 * 4 * top * at[:, 1] * (height - at[:, 1]) / height**2
     ids = sim.add(at, "oil", np.stack([start, 0 * start, 0 * start], 1))

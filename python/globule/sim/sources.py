@@ -110,7 +110,7 @@ class Tomography(Table):
 
 
 def _atlas(millimetres: float) -> np.ndarray:
-    """The MNI152 brain, where gray and white matter together are most of a voxel: mm, RAS."""
+    """The MNI152 brain, where gray and white matter together are most of a voxel: mm, LPS."""
     try:
         from nilearn import datasets, image
     except ImportError:
@@ -129,7 +129,7 @@ def _atlas(millimetres: float) -> np.ndarray:
         both, np.diag([millimetres] * 3), force_resample=True, copy_header=True
     )
     index = np.argwhere(both.get_fdata() > 0.5)
-    return index @ both.affine[:3, :3].T + both.affine[:3, 3]
+    return (index @ both.affine[:3, :3].T + both.affine[:3, 3]) * (-1, -1, 1)  # RAS to LPS
 
 
 def check_files(table: Any, folder: str) -> None:
