@@ -224,7 +224,7 @@ def test_values_are_checked_as_a_scene_files_are(sim, mistake, expected):
     ("change", "expected"),
     [
         (lambda s: setattr(s.phases["water"], "viscosity", 1e9), "phases['water'].viscosity: exp"),
-        (lambda s: setattr(s.emitters["tap"], "rate", 1e6), "emitters['tap'].rate: expected what"),
+        (lambda s: setattr(s.emitters["tap"], "rate", 1e6), "emitters['tap'].rate: expected ste"),
     ],
 )  # fmt: skip
 def test_what_would_take_a_million_steps_a_frame_is_refused_at_the_next_step(sim, change, expected):

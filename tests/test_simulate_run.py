@@ -285,7 +285,7 @@ def test_a_curve_of_one_point_is_seen(tmp_path):
     [
         (["nowhere.toml"], "expected a .toml file or one of dam-break"),
         (["dam.toml", "--resume"], "--resume: expected frames/checkpoint.npz"),
-        (["dam.toml", "--spacing", "9"], "spacing: expected less than half the domain, got 9"),
+        (["dam.toml", "--spacing", "9"], "spacing: expected less than half the domain, 0.2 m, got 9"),
         (["dam.toml", "--video", "a.avi"], "--video: expected a name ending in .mp4"),
         (["dam.toml", "--format", "xls"], "argument --format"),
         (["dam.toml", "--fps", "1e300"], "--seconds: expected at most 1,000,000 frames"),

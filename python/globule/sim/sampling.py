@@ -14,6 +14,7 @@ import numpy as np
 
 from ..scene.particles import Particles
 from ..scene.scene import Scene
+from ..scene.surface import sample_triangles
 from .shapes import Box, Cylinder, Grid, Mesh, Plane, Sphere, gradient, joined
 
 MOST_PARTICLES = 50_000_000
@@ -166,8 +167,6 @@ def _plane_surface(plane: Plane, d: float, offset: float, domain: Any) -> np.nda
 
 
 def _mesh_surface(mesh: Mesh, d: float, offset: float) -> np.ndarray:
-    from ..scene.surface import sample_triangles
-
     corners = mesh.triangles
     triangle, barycentric, _ = sample_triangles(corners, d / 3)
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])

@@ -1,4 +1,4 @@
-"""Scene files: TOML to a checked `SceneFile`, or one line that says what is wrong and where."""
+"""Scenes: TOML, a dict or Python to a checked `SceneFile`, or one line that says what is wrong."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ class Domain(Table):
 
 @dataclass(kw_only=True)
 class Shape(Table):
-    """One of several shapes; where fixed parts of tissue and sinks are."""
+    """One of several shapes: where tissue is fixed."""
 
     box: Box | None = key(Box, None)
     sphere: Sphere | None = key(Sphere, None)
@@ -103,6 +103,7 @@ class Shape(Table):
 
     @property
     def shape(self) -> Any:
+        """The shape that is given."""
         return self.box or self.sphere or self.cylinder
 
 
@@ -122,7 +123,7 @@ class Fluid(Table):
     surface_tension: float = key(number(0.0, 1e3), 0.0)  # N/m
     velocity: tuple = key(velocity, (0.0, 0.0, 0.0))  # m/s
     color: tuple = key(color, (0.05, 0.25, 0.5))
-    reflection: float = key(number(0.0, 1.0), 0.0)  # factors of the picture, as of particles
+    reflection: float = key(number(0.0, 1.0), 0.0)  # shares of light
     refraction: float = key(number(0.0, 1.0), 0.0)
     shown: bool = key(switch, True)  # in pictures
 
@@ -172,7 +173,7 @@ class Solid(Table):
 
 @dataclass(kw_only=True)
 class Boundary(Table):
-    """A wall: sampled to one layer of particles, standing or moved by key frames."""
+    """A wall: one layer of particles, which stands or follows key frames."""
 
     name: str = key(text)
     box: Box | None = key(Box, None)
@@ -184,7 +185,7 @@ class Boundary(Table):
     hollow: bool = key(switch, False)  # whether things move inside it
     open: list = key(distinct(choice(*FACES, *ENDS)), [])
     keys: list = key(each(Key), [])
-    adhesion: float = key(number(0.0, 1e3), 0.0)  # of fluids with a tension, N/m
+    adhesion: float = key(number(0.0, 1e3), 0.0)  # N/m: fluids with a surface tension stick to it
     shown: bool = key(switch, False)
     color: tuple = key(color, (0.5, 0.5, 0.5))
     reflection: float = key(number(0.0, 1.0), 0.0)
@@ -201,7 +202,7 @@ class Boundary(Table):
 
 @dataclass(kw_only=True)
 class Rigid(Table):
-    """A body that keeps its shape, and moves as what it touches and gravity push it."""
+    """A body that keeps its shape; gravity and what it touches move it."""
 
     name: str = key(text)
     box: Box | None = key(Box, None)
@@ -211,7 +212,7 @@ class Rigid(Table):
     density: float = key(density, 1000.0)
     velocity: tuple = key(velocity, (0.0, 0.0, 0.0))
     spin: tuple = key(vector(least=-1e6, most=1e6), (0.0, 0.0, 0.0))  # rad/s
-    adhesion: float = key(number(0.0, 1e3), 0.0)  # as a boundary's
+    adhesion: float = key(number(0.0, 1e3), 0.0)  # N/m
     color: tuple = key(color, (0.6, 0.5, 0.3))
     reflection: float = key(number(0.0, 1.0), 0.0)
     refraction: float = key(number(0.0, 1.0), 0.0)
@@ -224,7 +225,7 @@ class Rigid(Table):
 
 @dataclass(kw_only=True)
 class Emitter(Table):
-    """A disc that lets fluid in at a rate."""
+    """A disc that fluid comes out of at a rate."""
 
     name: str = key(text)
     fluid: str = key(text)
@@ -238,7 +239,7 @@ class Emitter(Table):
 
 @dataclass(kw_only=True)
 class Sink(Table):
-    """Where fluid is taken away."""
+    """A region that removes fluid."""
 
     name: str = key(text)
     box: Box | None = key(Box, None)
@@ -250,7 +251,7 @@ class Sink(Table):
 
     @property
     def region(self) -> tuple:
-        """Corners of the box, or centre and radius of the ball."""
+        """Corners (lo, hi) of the box, or center and radius of the ball, m."""
         if self.box:
             return self.box.lo, self.box.hi
         return self.sphere.center, self.sphere.radius
@@ -271,7 +272,7 @@ class Vessel(Table):
 
 @dataclass(kw_only=True)
 class View(Table):
-    """How pictures of the scene are made."""
+    """Camera and look of the scene's images."""
 
     eye: tuple | None = key(place, None)
     look_at: tuple | None = key(place, None)
@@ -279,7 +280,7 @@ class View(Table):
     fov: float = key(number(above=0.0, most=170.0), 40.0)
     look: str | None = key(choice("water", "blood", "glass", "tissue", "clay"), None)
     ground: float | None = key(number(-1e6, 1e6), None)  # of a look, height along `up`
-    speeds: tuple | None = key(vector(2, least=0), None)  # m/s at the ends of a colour map
+    speeds: tuple | None = key(vector(2, least=0), None)  # m/s at the ends of a color map
     size: tuple = key(vector(2, least=1, most=16384), (640.0, 480.0))
 
     def __post_init__(self) -> None:
@@ -294,13 +295,15 @@ class View(Table):
 
 @dataclass(kw_only=True)
 class Output(Table):
+    """Frames that a run writes."""
+
     fps: float = key(number(above=0.0, most=1e6), 30.0)
     format: str = key(choice(*(name[1:] for name in EXTENSIONS)), "vtp")
 
 
 @dataclass(kw_only=True)
 class SceneFile(Table):
-    """A scene: all lengths in metres, SI units throughout."""
+    """A scene with all its keys, in SI units; docs/scene-keys.md describes each."""
 
     spacing: float = key(positive)  # of the particles
     domain: Domain = key(Domain)

@@ -468,6 +468,7 @@ class Simulation:
             ValueError: a state that could not be loaded again; a file that is there stays.
             OSError: a file that cannot be written.
         """
+        self._send()
         facts = {
             "scene": as_dict(self.file),
             "record": self.record._facts(),
@@ -547,6 +548,7 @@ class Simulation:
         self._core.set_sinks(self.steer._sinks)
         self.tissue._take_up(by_hand)
         self.tools._take_up(by_hand)
+        self._send()
 
 
 def _values(phase: Phase) -> dict[str, Any]:
