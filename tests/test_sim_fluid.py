@@ -370,3 +370,11 @@ def test_tension_keeps_momentum_and_gathers_a_block():
     spread = sim.positions.std(0)
     assert sim.n_steps > 50
     assert spread.max() < 1.5 * spread.min()
+
+
+def test_walls_go_on_across_a_periodic_axis():
+    sim = gb.Simulation(column(hi=(0.5, 0.5, 0.5), periodic=["x"]), device="cpu")
+    x = np.unique(sim.positions[:, 0].round(4))
+    np.testing.assert_allclose(x, D * (np.arange(10) + 0.5), atol=1e-4)
+    y = np.unique(sim.positions[:, 1].round(4))
+    np.testing.assert_allclose([y[0], y[-1]], [-0.555 * D, 0.5 + 0.555 * D], atol=1e-4)

@@ -61,7 +61,7 @@ class Motion:
         self.positions, self.turns, self.switches = [], [], []
         for k in keys:
             position = k.position if k.position is not None else position
-            turn = quaternion(k.axis, k.angle) if k.axis is not None else turn
+            turn = quaternion(k.axis, k.angle or 0.0) if k.axis is not None else turn
             on = k.on if k.on is not None else on
             self.positions.append(np.asarray(position, float))
             self.turns.append(turn)

@@ -82,7 +82,7 @@ def with_old_keys(scene: Any) -> Any:
         solver[OLD_SETTINGS.get(name, name)] = old.pop(name)
     for phase in old.pop("phases", [{"name": "fluid"}]):
         table = dict(phase)
-        kind = table.pop("kind", "fluid")
+        kind = str(table.pop("kind", "fluid"))
         if kind == "fluid":
             table = {"viscosity": 0.0, "implicit": False, **table}
         new.setdefault(_LISTS.get(kind, kind), []).append(table)

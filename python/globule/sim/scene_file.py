@@ -445,7 +445,7 @@ def _parsed(path: File) -> tuple[dict[str, Any], dict]:
     try:
         import tomllib
     except ImportError:  # Python 3.10
-        import tomli as tomllib
+        import tomli as tomllib  # type: ignore[no-redef]
     try:
         words = path.read_bytes().decode("utf-8")
         return tomllib.loads(words), key_lines(words.replace("\r\n", "\n"))

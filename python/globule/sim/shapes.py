@@ -215,7 +215,8 @@ class Grid:
 
     def area(self) -> float:
         """Of its box, which is more than that of most surfaces in it."""
-        return Box(*self.bounds()).area()
+        lo, hi = self.bounds()
+        return Box(tuple(lo), tuple(hi)).area()
 
     def distance(self, points: np.ndarray) -> np.ndarray:
         """(N,) m, negative inside, of points (N, 3) m."""
