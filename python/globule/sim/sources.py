@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from .._base.checks import how_to_install
+from .._base.checks import missing
 from ..formats import read
 from ..formats.mesh import _load, _trimesh
 from ..volumes.files import read_volume
@@ -109,6 +109,7 @@ class Tomography(Table):
 
         Raises:
             ValueError: no voxel of tissue.
+            MissingPackageError: an atlas without nilearn.
         """
         if self.atlas:
             positions = _atlas(spacing / self.scale)
@@ -128,9 +129,7 @@ def _atlas(millimetres: float) -> np.ndarray:
     try:
         from nilearn import datasets, image
     except ImportError:
-        raise ValueError(
-            f"atlas: expected the package nilearn, got none: {how_to_install('atlas')}"
-        ) from None
+        raise missing("nilearn", "atlas") from None
     if ATLAS_VOLUME / millimetres**3 > MOST_PARTICLES:
         least = (ATLAS_VOLUME / MOST_PARTICLES) ** (1 / 3)
         raise ValueError(f"atlas: expected at least {least:.2g} mm, got {millimetres:g} mm")
