@@ -19,17 +19,18 @@ import time
 
 import globule as gb
 import numpy as np
-from globule.sim.walls import box_walls
+from globule.sim.sampling import surface
+from globule.sim.shapes import Box
 
 
 def splash(path: str, error: float, device: str, threads: int) -> gb.Simulation:
     data = np.load(path)
     d = float(data["spacing"])
-    # Their boundary particles stand on the box's faces, ours half a spacing outside of them.
+    # Their boundary particles stand on the box's faces, ours 0.555 spacings outside of them.
     lo, hi = data["box_min"] + d / 2, data["box_max"] - d / 2
     hi[1] = data["box_max"][1] + 1.0
     sim = scene(d, lo, hi, error, device, threads)
-    box = box_walls(data["obstacle_min"] + d / 2, data["obstacle_max"] - d / 2, d)
+    box = surface(Box(data["obstacle_min"], data["obstacle_max"]), d)
     sim.add(box[box[:, 1] > lo[1]], "walls")
     sim.add(data["positions"], "water", data["velocities"])
     return sim
@@ -50,10 +51,10 @@ def column(n: int, error: float, device: str, threads: int) -> gb.Simulation:
 def scene(d, lo, hi, error, device, threads) -> gb.Simulation:
     description = {
         "spacing": d,
-        "domain": (lo, hi),
-        "density_error": error,
-        "divergence_error": error,
-        "phases": [{"name": "water", "density": 1000.0}],
+        "domain": {"lo": lo, "hi": hi, "walls": True},
+        "gravity": (0, -9.81, 0),
+        "solver": {"max_error": error},
+        "fluids": [{"name": "water", "viscosity": 0.0}],
     }
     return gb.Simulation(description, device, threads)
 

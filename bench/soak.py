@@ -52,14 +52,14 @@ def main() -> int:
         share = max(wall, sim.time) / (60 * options.minutes)
         if share >= 1:
             break
-        sim.advance(BETWEEN_CUTS)  # a NaN raises here
-        tissue = sim.positions[sim.phase == list(sim.phases).index("brain")]
+        sim.run(BETWEEN_CUTS)  # a NaN raises here
+        tissue = sim.positions[sim.arrays.phase == list(sim.phases).index("brain")]
         tissue = tissue[np.isfinite(tissue).all(axis=1)]
-        n_bonds_cut += sim.cut(stroke(rng, tissue))
+        n_bonds_cut += sim.tissue.cut(stroke(rng, tissue))
         n_cuts += 1
-        counts = sim.counts
-        if sim.n_born != len(sim) + counts["removed"]:
-            print(f"particles do not add up: {sim.n_born} born, {counts}")
+        counts = sim.record.counts
+        if sim.record.n_born != len(sim) + counts["removed"]:
+            print(f"particles do not add up: {sim.record.n_born} born, {counts}")
             return 1
         if not np.isfinite(sim.positions).all() or not np.isfinite(sim.velocities).all():
             print("not a number among positions or velocities")
@@ -72,11 +72,14 @@ def main() -> int:
         if wall - told > 20:
             told = wall
             print(
-                f"{wall:9.0f} {sim.time:9.2f} {n_cuts:8d} {n_bonds_cut:10d} {sim.n_pieces:8d} "
+                f"{wall:9.0f} {sim.time:9.2f} {n_cuts:8d} {n_bonds_cut:10d} "
+                f"{sim.tissue.n_pieces:8d} "
                 f"{counts['fluid']:8d} {counts['escaped']:8d} {resident():10.0f}",
                 flush=True,
             )
-    print(f"{n_cuts} cuts, {n_bonds_cut} bonds, {sim.n_pieces} pieces, {sim.time:.1f} s: sound")
+    print(
+        f"{n_cuts} cuts, {n_bonds_cut} bonds, {sim.tissue.n_pieces} pieces, {sim.time:.1f} s: sound"
+    )
     return 0
 
 

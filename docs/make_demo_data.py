@@ -13,7 +13,7 @@ SPACING, SECONDS = 0.4 / 27, 1.3
 TARGET = Path(__file__).resolve().parents[1] / "python/globule/dam_break.npz"
 
 sim = gb.Simulation("dam-break", spacing=SPACING)
-sim.advance(SECONDS)
+sim.run(SECONDS)
 fluid = sim.shown_particles
 scene = gb.Scene(fluid, device="cpu")
 _, order = scene.octree.sorted_keys(len(fluid))

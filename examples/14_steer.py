@@ -23,7 +23,7 @@ before = gb.render(sim.scene, camera, size=(360, 260)).image
 while sim.time < 0.25:
     if sim.time > 0.1:  # wind on the particles above the water
         high = sim.ids[sim.positions[:, 2] > 0.14]
-        sim.apply_force((0.02, 0, 0), ids=high)  # N on each
+        sim.steer.apply_force((0.02, 0, 0), ids=high)  # N on each
     sim.step()
 
 sim.phases["water"].viscosity = 5.0  # Pa s; any value may change between steps
@@ -32,7 +32,7 @@ sim.phases["water"].color = (0.75, 0.4, 0.05)
 velocities = sim.velocities
 velocities *= 0.5
 sim.velocities = velocities
-sim.advance(0.1)
+sim.run(0.1)
 
 after = gb.render(sim.scene, camera, size=(360, 260)).image
 gb.save_png("steer.png", np.hstack([before, after]))

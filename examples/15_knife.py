@@ -20,15 +20,16 @@ sim = gb.Simulation({
 camera = gb.Camera(eye=(0.08, -0.12, 0.06), look_at=(0.02, 0.01, 0.0), up=(0, 0, 1), fov=35)
 
 images = [gb.render(sim.scene, camera, size=(260, 220)).image]
-before = sim.n_bonds
+before = sim.tissue.n_bonds
 edge = np.array([[0.0212, -0.01, 0.04], [0.0212, 0.03, 0.04]])  # (K, 3) m, a line of points
-n_cut = sim.cut((edge, edge - [0, 0, 0.08]))  # all bonds between the line's two places
-print(f"{n_cut} of {before:,} bonds cut; {sim.n_pieces} pieces")
+n_cut = sim.tissue.cut((edge, edge - [0, 0, 0.08]))  # all that lies between its two places
+print(f"{n_cut} of {before:,} bonds cut; {sim.tissue.n_pieces} pieces")
 images.append(gb.render(sim.scene, camera, size=(260, 220)).image)
 
-free = sim.piece == np.unique(sim.piece)[1]  # a piece has the number of its first particle
+piece = sim.tissue.piece  # of each particle; a piece is named by its least particle
+free = piece == np.unique(piece)[1]
 height = sim.positions[free, 2].mean()
-sim.advance(0.08)
+sim.run(0.08)
 fallen = height - sim.positions[free, 2].mean()
 print(f"the free piece fell {1e3 * fallen:.1f} mm in 0.08 s")
 images.append(gb.render(sim.scene, camera, size=(260, 220)).image)

@@ -158,15 +158,20 @@ def test_simulation(made):
     sim = gb.Simulation(
         {
             "spacing": 0.05,
-            "domain": ((0, 0, 0), (1, 0.75, 0.5)),
-            "periodic": (False, False, True),
-            "phases": [
-                {"name": "water", "viscosity": 0.5},
-                {"name": "oil", "density": 800.0, "color": (0.75, 0.5, 0.25)},
+            "gravity": (0, -9.81, 0),
+            "domain": {"lo": (0, 0, 0), "hi": (1, 0.75, 0.5), "periodic": ["z"]},
+            "fluids": [
+                {"name": "water", "viscosity": 0.5, "color": (0.28, 0.52, 0.80)},
+                {"name": "oil", "viscosity": 0, "density": 800.0, "color": (0.75, 0.5, 0.25)},
             ],
+            "boundaries": [{"name": "walls"}],
         },
         device="cpu",
     )
+    # The C++ interface has its own walls, half a spacing outside of the domain.
+    index = np.stack(np.meshgrid(range(22), range(17), range(10), indexing="ij"), -1).reshape(-1, 3)
+    outside = ((index[:, :2] == 0) | (index[:, :2] == (21, 16))).any(1)
+    sim.add((index[outside] - (1, 1, 0) + 0.5) * (1 / 20, 0.75 / 15, 0.5 / 10), "walls")
     index = np.stack(np.meshgrid(*map(np.arange, (6, 10, 10)), indexing="ij"), -1).reshape(-1, 3)
     places = (index.astype(np.float32) + np.float32(0.5)) * np.float32(0.05)
     below = index[:, 1] < 6
@@ -174,7 +179,7 @@ def test_simulation(made):
     sim.add(places[~below], "oil", (0.5, 0.0, 0.0))
     for _ in range(5):
         sim.step()
-    sim.advance(0.05)
+    sim.run(0.05)
     same(folder, "sim_ids", sim.ids)
     same(folder, "sim_positions", sim.positions)
     same(folder, "sim_velocities", sim.velocities)

@@ -147,23 +147,23 @@ def test_picture_of_a_simulation(on):
 def test_cut(on):
     sim = gb.Simulation("cut-block", spacing=0.005, **on)
     sim.step()
-    state, before = sim.state(), sim.n_bonds
+    state, before = sim.arrays.state(), sim.tissue.n_bonds
     low, high = sim.positions.min(0), sim.positions.max(0)
     middle, far = (low + high) / 2, 2 * (high - low)
     edge = np.array([[middle[0], low[1] - far[1], 0], [middle[0], high[1] + far[1], 0]])
     blade = edge + [0, 0, low[2] - far[2]], edge + [0, 0, high[2] + far[2]]
-    sim.cut(blade)
-    after = sim.n_bonds
+    sim.tissue.cut(blade)
+    after = sim.tissue.n_bonds
     sim.step()
     right = sim.hash()
     assert after < before
     for delay in delays(0.002):
-        sim.set_state(state)
-        assert sim.n_bonds == before
-        interrupted(lambda: sim.cut(blade), delay)
-        assert sim.n_bonds in (before, after)
-        sim.cut(blade)
-        assert sim.n_bonds == after
+        sim.arrays.set_state(state)
+        assert sim.tissue.n_bonds == before
+        interrupted(lambda: sim.tissue.cut(blade), delay)
+        assert sim.tissue.n_bonds in (before, after)
+        sim.tissue.cut(blade)
+        assert sim.tissue.n_bonds == after
         sim.step()
         assert sim.hash() == right
 

@@ -53,10 +53,10 @@ rate = 0.01
         (BOX, "{ lo = [0, 0, 0], hi = [1e-9, 1, 1] }", r"box: expected at least a spacing, 0.05 m"),
         (BOX, BOX + "\ndensity = 1e300", r":6: fluids\[0\].density: expected a number from 0.001"),
         (BOX, BOX + "\nvelocity = [1e300, 0, 0]", r":6: fluids\[0\].velocity\[0\]: expected a num"),
-        (BOX, BOX + "\nviscosity = 1e9\nimplicit = false", r"viscosity: expected what allows"),
-        ("0.01", "1e6", r"emitters\[0\].rate: expected what allows steps of .* got what allows"),
+        (BOX, BOX + "\nviscosity = 1e9\nimplicit = false", r"viscosity: expected steps of .* or set implicit"),
+        ("0.01", "1e6", r"emitters\[0\].rate: expected steps of .* got a value that needs .* s; lower it"),
         ("domain", "gravity = [0, -1e99, 0]\ndomain", r":2: gravity\[1\]: expected a number from"),
-        ("domain", "solver.max_dt = 1e-30\ndomain", r":2: solver.max_dt: expected what allows"),
+        ("domain", "solver.max_dt = 1e-30\ndomain", r":2: solver.max_dt: expected steps of .*; raise it"),
         ("domain", "seconds = 0.01\ndomain", r":2: seconds: expected at least a frame, 0.0333333"),
         ("walls = true", "walls = true, open = ['+x', '-z'], periodic = ['z']",
          r":2: domain.open\[1\]: expected faces of axes that end, got '-z' with periodic \['z'\]"),
@@ -133,9 +133,9 @@ def test_the_spacing_that_would_fit_does(tmp_path, monkeypatch):
 
 def test_steps_that_vanish_stop_with_their_reason():
     sim = gb.Simulation("dam-break", spacing=0.1, device="cpu")
-    sim.settings.gravity = (0.0, 0.0, -1e300)
-    with pytest.raises(ArithmeticError, match=r"steps come to 0 s .* less gravity .*1e\+300"):
-        sim.advance(0.1)
+    sim.velocities = (0.0, 0.0, 1e30)
+    with pytest.raises(ArithmeticError, match=r"steps come to 0 s .* lower speeds .*1e\+30"):
+        sim.run(0.1)
 
 
 def test_a_mesh_out_of_the_domain_is_refused(tmp_path):

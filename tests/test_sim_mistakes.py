@@ -24,12 +24,12 @@ def sim():
         (lambda sim: sim.add([[0.5, 0.5, 0.5]], "water", (0, np.inf, 0)), "velocities"),
         (lambda sim: setattr(sim, "positions", sim.positions * NAN), "positions"),
         (lambda sim: sim.remove([-1]), "ids"),
-        (lambda sim: sim.apply_force((0, 0, 1), ids=[999_999]), "ids"),
+        (lambda sim: sim.steer.apply_force((0, 0, 1), ids=[999_999]), "ids"),
         (lambda sim: sim.step(NAN), "dt"),
         (lambda sim: sim.step(-0.1), "dt"),
-        (lambda sim: sim.advance(NAN), "seconds"),
-        (lambda sim: sim.advance(-1), "seconds"),
-        (lambda sim: sim.advance_to(np.inf), "end"),
+        (lambda sim: sim.run(NAN), "seconds"),
+        (lambda sim: sim.run(-1), "seconds"),
+        (lambda sim: sim.run_to(np.inf), "end"),
     ],
 )
 def test_mistakes_change_nothing(sim, mistake, named):
@@ -45,7 +45,7 @@ def test_ablating_nowhere_is_refused():
     sim = gb.Simulation("beam", device="cpu")
     n = len(sim)
     with pytest.raises(ValueError, match="finite"):
-        sim.ablate((0, 0, NAN), 1.0)
+        sim.tissue.ablate((0, 0, NAN), 1.0)
     assert len(sim) == n
 
 
@@ -76,7 +76,7 @@ def test_the_scene_in_the_documentation_runs(tmp_path):
     path.write_text(re.search(r"```toml\n(.*?)```", DOCS.read_text("utf-8"), re.S)[1], "utf-8")
     sim = gb.Simulation(path, device="cpu")
     sim.step()
-    assert sim.n_bonds > 0
+    assert sim.tissue.n_bonds > 0
     assert sim.time > 0
 
 

@@ -3,7 +3,7 @@
 import globule as gb
 import numpy as np
 import pytest
-from globule.sim.operate import Vessel
+from globule.sim.scene_file import Domain, Vessel
 from globule.sim.tissue import BALL, HALF_SPACE
 
 SCENE = {
@@ -34,14 +34,14 @@ def sim():
 
 
 def off(sim):
-    sim.advance(0.012)
-    sim.instruments["scalpel"].on = False
+    sim.run(0.012)
+    sim.tools["scalpel"].on = False
 
 
 def about_to_pass(sim):
-    sim.instruments["scalpel"].move_to((-0.02, -0.03, 0.012))
-    sim.advance(0.005)
-    sim.instruments["scalpel"].move_to((-0.02, 0, 0.012))
+    sim.tools["scalpel"].move_to((-0.02, -0.03, 0.012))
+    sim.run(0.005)
+    sim.tools["scalpel"].move_to((-0.02, 0, 0.012))
 
 
 def passing(sim):
@@ -50,38 +50,40 @@ def passing(sim):
     turned = np.eye(4)
     turned[:3, :3] = [[0, -1, 0], [1, 0, 0], [0, 0, 1]]
     turned[:3, 3] = (-0.02, 0.01, 0.012)
-    sim.instruments["scalpel"].move_to(turned)
+    sim.tools["scalpel"].move_to(turned)
 
 
 def pushed(sim):
-    sim.advance(0.005)
-    sim.apply_force((1e-3, 0, 0), sim.ids[:50])
-    sim.apply_force((0, 0, 1e-3))
+    sim.run(0.005)
+    sim.steer.apply_force((1e-3, 0, 0), sim.ids[:50])
+    sim.steer.apply_force((0, 0, 1e-3))
 
 
 def held(sim):
-    sim.instruments["grip"].on = True
-    sim.advance(0.005)
-    sim.instruments["grip"].move_to((-0.01, 0, 0.03))
-    sim.instruments["sucker"].radius = 0.005
-    sim.instruments["sucker"].on = True
+    sim.tools["grip"].on = True
+    sim.run(0.005)
+    sim.tools["grip"].move_to((-0.01, 0, 0.03))
+    sim.tools["sucker"].radius = 0.005
+    sim.tools["sucker"].on = True
     sim.step(0.001)
 
 
 def drained(sim):
-    sim.set_sinks([((0.04, 0.0, 0.02), 0.005)])
-    sim.grasp((-0.03, 0, 0.02), 0.006, 5)
-    sim.move_grasp(5, (0, 0, 0.1))
+    sim.steer.set_sinks([((0.04, 0.0, 0.02), 0.005)])
+    sim.tools.grasp((-0.03, 0, 0.02), 0.006, 5)
+    sim.tools.move_grasp(5, (0, 0, 0.1))
     sim.emitters["second"] = type(sim.emitters["tap"])((0, 0.04, 0.05), (1, 2, -3), 0.006, 1e-4)
     sim.emitters["tap"].rate = 2e-4
     sim.phases["water"].viscosity = 0.5
 
 
 def pressed(sim):
-    sim.set_pushers([(BALL, (-0.02, 0, 0.03), (0, 0, 0), 0.006, (0, 0, -0.1)),
+    sim.tools.set_pushers([(BALL, (-0.02, 0, 0.03), (0, 0, 0), 0.006, (0, 0, -0.1)),
                      (HALF_SPACE, (-0.043, 0, 0), (1, 0, 0), 0, (0.1, 0, 0))])  # fmt: skip
-    sim.add_vessel(Vessel([[-0.04, 0, 0.012], [0, 0, 0.012]], 0.005, 2000.0, 1e-6, "water"))
-    sim.advance(0.012)
+    path = [[-0.04, 0, 0.012], [0, 0, 0.012]]
+    vein = Vessel(name="vein", solid="jelly", fluid="water", path=path, radius=0.005, pool=1e-6)
+    sim.tissue.add_vessel(vein)
+    sim.run(0.012)
 
 
 @pytest.mark.parametrize("said", [off, about_to_pass, passing, pushed, held, drained, pressed])
@@ -90,8 +92,12 @@ def test_what_was_said_goes_on_after_loading(sim, tmp_path, said):
     sim.save(tmp_path / "state")
     again = gb.Simulation.load(tmp_path / "state", device="cpu")
     for one in (sim, again):
-        one.advance(0.02)
-    assert (again.n_bonds, again.n_cut, len(again)) == (sim.n_bonds, sim.n_cut, len(sim))
+        one.run(0.02)
+    assert (again.tissue.n_bonds, again.record.n_cut, len(again)) == (
+        sim.tissue.n_bonds,
+        sim.record.n_cut,
+        len(sim),
+    )
     assert again.hash() == sim.hash()
 
 
@@ -105,14 +111,14 @@ def test_reset_forgets_what_was_said(said):
     assert one.hash() == other.hash()
     assert one.emitters["tap"].on
     for sim in (one, other):
-        sim.advance(0.02)
+        sim.run(0.02)
     assert len(one) == len(other)
     assert one.hash() == other.hash()
 
 
 def test_a_force_stays_with_its_particle(sim):
-    ids = sim.ids[sim.phase == 0][:5]
-    sim.apply_force((0, 0, 0.01), ids)
+    ids = sim.ids[sim.arrays.phase == 0][:5]
+    sim.steer.apply_force((0, 0, 0.01), ids)
     sim.remove(ids[:2])
     more = sim.add([[0.02, -0.02, 0.03]], "water")
     before = sim.velocities
@@ -138,10 +144,10 @@ WATER = "density, viscosity, implicit, surface_tension, color, reflection, refra
         (lambda sim: sim.phases["jelly"], "density", "cannot be changed after the start"),
         (lambda sim: sim.emitters["tap"], "speed", "emitters['tap'].speed: expected one of rate, "),
         (lambda sim: sim.emitters["tap"], "radius", "cannot be changed after the start"),
-        (lambda sim: sim.instruments["scalpel"], "radius", "instruments['scalpel'].radius: "
+        (lambda sim: sim.tools["scalpel"], "radius", "tools['scalpel'].radius: "
          "cannot be changed after the start, expected one of on"),
-        (lambda sim: sim.instruments["sucker"], "of", "expected one of on, radius, ablates, got"),
-        (lambda sim: sim.settings, "gravty", "settings.gravty: expected one of periodic, grav"),
+        (lambda sim: sim.tools["sucker"], "of", "expected one of on, radius, ablates, got"),
+        (lambda sim: sim.settings, "gravty", "settings.gravty: expected one of gravity, meth"),
     ],
 )  # fmt: skip
 def test_other_names_are_refused(sim, thing, name, expected):
@@ -161,13 +167,14 @@ def test_names_are_those_of_a_scene_file(sim):
     jelly.plastic, jelly.creep, jelly.damping, jelly.tear = 0.01, 20, 3, 0.4
     plain = gb.Simulation(SCENE, device="cpu")
     for one in (sim, told, plain):
-        one.advance(0.02)
+        one.run(0.02)
     assert sim.hash() == told.hash() != plain.hash()
     water.color = "#ff0000"
     assert tuple(water.color) == (1, 0, 0)
 
 
 NAN = float("nan")
+DOMAIN = {"lo": [0, 0, 0], "hi": [1, 1, 1]}
 MIRROR = np.diag([-1.0, 1, 1, 1])
 
 
@@ -186,16 +193,16 @@ MIRROR = np.diag([-1.0, 1, 1, 1])
         (lambda s: setattr(s.emitters["tap"], "rate", NAN), "rate: expected a number of at least"),
         (lambda s: setattr(s.emitters["tap"], "rate", "x"), "rate: expected a number of at least"),
         (lambda s: setattr(s.emitters["tap"], "on", "no"), "on: expected true or false, got 'no'"),
-        (lambda s: setattr(s.instruments["grip"], "on", 2), "on: expected true or false, got 2"),
-        (lambda s: setattr(s.instruments["grip"], "radius", 0), "radius: expected a number above"),
-        (lambda s: s.apply_force((0, NAN, 0)), "force: expected finite numbers, got a NaN"),
-        (lambda s: s.apply_force((0, 1)), "force: expected shape (3,) or ("),
-        (lambda s: s.apply_force("up"), "force: expected numbers, got 'up'"),
-        (lambda s: s.instruments["grip"].move_to(np.diag([5.0, 1, 1, 1])),
-         "instruments['grip'].move_to: expected a rotation and a place, got [[5.0, 0.0,"),
-        (lambda s: s.instruments["grip"].move_to(MIRROR), "expected a rotation and a place"),
-        (lambda s: s.instruments["grip"].move_to("here"), "move_to: expected numbers (4, 4) or"),
-        (lambda s: s.instruments["grip"].move_to((0, 0)), "move_to: expected shape (4, 4) or (3,)"),
+        (lambda s: setattr(s.tools["grip"], "on", 2), "on: expected true or false, got 2"),
+        (lambda s: setattr(s.tools["grip"], "radius", 0), "radius: expected a number above"),
+        (lambda s: s.steer.apply_force((0, NAN, 0)), "force: expected finite numbers, got a NaN"),
+        (lambda s: s.steer.apply_force((0, 1)), "force: expected shape (3,) or ("),
+        (lambda s: s.steer.apply_force("up"), "force: expected numbers, got 'up'"),
+        (lambda s: s.tools["grip"].move_to(np.diag([5.0, 1, 1, 1])),
+         "tools['grip'].move_to: expected a rotation and a place, got [[5.0, 0.0,"),
+        (lambda s: s.tools["grip"].move_to(MIRROR), "expected a rotation and a place"),
+        (lambda s: s.tools["grip"].move_to("here"), "move_to: expected numbers (4, 4) or"),
+        (lambda s: s.tools["grip"].move_to((0, 0)), "move_to: expected shape (4, 4) or (3,)"),
         (lambda s: setattr(s, "velocities", s.velocities * NAN), "velocities: expected finite"),
         (lambda s: setattr(s, "positions", s.positions[1:]), "positions: expected shape ("),
         (lambda s: setattr(s, "velocities", s.velocities[1:]), "velocities: expected shape ("),
@@ -217,13 +224,13 @@ def test_values_are_checked_as_a_scene_files_are(sim, mistake, expected):
     ("change", "expected"),
     [
         (lambda s: setattr(s.phases["water"], "viscosity", 1e9), "phases['water'].viscosity: exp"),
-        (lambda s: setattr(s.emitters["tap"], "rate", 1e6), "emitters['tap'].rate: expected what"),
+        (lambda s: setattr(s.emitters["tap"], "rate", 1e6), "emitters['tap'].rate: expected ste"),
     ],
 )  # fmt: skip
 def test_what_would_take_a_million_steps_a_frame_is_refused_at_the_next_step(sim, change, expected):
     change(sim)
     with pytest.raises(ValueError) as caught:
-        sim.advance(0.01)
+        sim.run(0.01)
     assert expected in str(caught.value)
     assert "a millionth of a frame" in str(caught.value)
     sim.phases["water"].implicit = True  # as thick as that, but solved for
@@ -237,26 +244,30 @@ def test_what_would_take_a_million_steps_a_frame_is_refused_at_the_next_step(sim
         (lambda s: s.phases["x"], KeyError, "phases: expected one of water, jelly, wall, walls, "
          "got 'x'"),
         (lambda s: s.emitters["x"], KeyError, "emitters: expected one of tap, got 'x'"),
-        (lambda s: s.instruments["x"], KeyError, "instruments: expected one of scalpel, grip, s"),
+        (lambda s: s.tools["x"], KeyError, "tools: expected one of scalpel, grip, s"),
         (lambda s: s.phases.__setitem__("water", 3), TypeError, "phases['water']: expected Phase"),
         (lambda s: gb.Simulation(3), TypeError, "scene: expected a name, a path, a dict or"),
         (lambda s: gb.Simulation("dam-brek"), FileNotFoundError, "expected a .toml file or one of "
          "dam-break, droplet"),
         (lambda s: gb.Simulation({"spacing": 0.1, "domian": {}}), ValueError, "domian: expected "
-         "one of spacing, domain, periodic"),
-        (lambda s: gb.Simulation({"spacing": 0.1}), ValueError, "domain: expected this key, got"),
+         "one of spacing, domain, title"),
+        (lambda s: gb.Simulation(spacing=0.1), ValueError, "expected the key domain, got none"),
         (lambda s: gb.Simulation({"spacing": 0.1, "fluids": []}), ValueError, "key domain"),
-        (lambda s: gb.Simulation({"spacing": "x", "domain": [[0, 0, 0], [1, 1, 1]]}), ValueError,
-         "settings.spacing: expected a number above 0, got 'x'"),
+        (lambda s: gb.Simulation(spacing=0.1, domain=Domain(lo=(0, 0, 0), hi=(1, 1, 0))),
+         ValueError, "expected lo below hi in each axis"),
+        (lambda s: gb.Simulation({"spacing": "x", "domain": DOMAIN}), ValueError,
+         "spacing: expected a number above 0, got 'x'"),
         (lambda s: gb.Simulation({"spacing": 0.1, "domain": 3}), ValueError,
-         "settings.domain: expected two corners, (lo, hi), got 3"),
+         "domain: expected a table of names with values, got 3"),
         (lambda s: setattr(s.settings, "gravity", "down"), ValueError,
          "settings.gravity: expected three numbers, got 'down'"),
         (lambda s: setattr(s.settings, "domain", 3), AttributeError, "cannot be changed after"),
         (lambda s: s.add_phase("x"), TypeError, "phase: expected a gb.Phase, got 'x'"),
-        (lambda s: gb.Simulation({"spacing": 0.1, "domain": [[0, 0, 0], [1, 1, 1]],
-                                  "phases": [{"name": "a", "colour": 1}]}), ValueError,
-         "phases[0].colour: expected one of name, kind"),
+        (lambda s: gb.Simulation({"spacing": 0.1, "domain": DOMAIN,
+                                  "fluids": [{"name": "a", "colour": 1}]}), ValueError,
+         "fluids[0].colour: expected one of name, box"),
+        (lambda s: gb.Simulation(spacing=0.1, domain=DOMAIN).add([(0, 0, 0)]), ValueError,
+         "phase: expected one of none, as the scene has no fluids or other bodies, got"),
     ],
 )  # fmt: skip
 def test_messages_say_what_there_is(sim, mistake, kind, expected):
@@ -268,9 +279,9 @@ def test_messages_say_what_there_is(sim, mistake, kind, expected):
 def test_a_state_that_cannot_be_loaded_does_not_replace_one_that_can(sim, tmp_path):
     sim.save(tmp_path / "good")
     before = (tmp_path / "good.npz").read_bytes()
-    velocity = sim._read("velocity")
+    velocity = sim.arrays._read("velocity")
     velocity[0] = NAN
-    sim._write("velocity", velocity)
+    sim.arrays._write("velocity", velocity)
     with pytest.raises(ValueError, match="good.npz: expected a state .* velocity: expected finite"):
         sim.save(tmp_path / "good")
     assert (tmp_path / "good.npz").read_bytes() == before

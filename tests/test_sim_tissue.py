@@ -153,12 +153,12 @@ def test_what_lies_along_a_polyline():
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"modulus": 0.0}, "modulus"),
-        ({"modulus": np.nan}, "modulus"),
+        ({"young": 0.0}, "young"),
+        ({"young": np.nan}, "young"),
         ({"positions": np.zeros((3, 3))}, "positions: expected particles about"),
     ],
 )
 def test_wrong_bonds_are_named(change, message):
-    good = {"positions": truths.lattice(2, 2, 2), "spacing": D, "modulus": 2500.0}
+    good = {"positions": truths.lattice(2, 2, 2), "spacing": D, "young": 2500.0}
     with pytest.raises(ValueError, match=message):
         build_bonds(**{**good, **change})

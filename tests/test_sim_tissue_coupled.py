@@ -7,26 +7,30 @@ import numpy as np
 import pytest
 from globule.bench import physics_tissue as truths
 from globule.sim import blade
-from globule.sim.operate import NOBODY, Vessel
+from globule.sim.operate import NOBODY
+from globule.sim.scene_file import Vessel
 
 D = 0.004
 
 
 def make(backend, positions, modulus=2500.0, fixed=None, gravity=(0, 0, -9.81), **tissue):
-    phases = [
-        {"name": "tissue", "kind": "tissue", **tissue},
-        {"name": "blood", "density": 1060.0, "viscosity": 0.0035},
-    ]
     sim = gb.Simulation(
         {
-            "spacing": D, "domain": ((-0.1, -0.1, -0.1), (0.1, 0.1, 0.1)), "gravity": gravity,
-            "phases": phases, "walls": False, "density_error": 0.01,
+            "spacing": D, "domain": {"lo": (-0.1, -0.1, -0.1), "hi": (0.1, 0.1, 0.1)},
+            "gravity": gravity, "solver": {"max_error": 0.01, "divergence_error": 0.001},
+            "fluids": [{"name": "blood", "density": 1060.0, "viscosity": 0.0035}],
+            "solids": [{"name": "tissue", "density": 1000.0, **tissue}],
         },
         **backend,
     )  # fmt: skip
     ids = sim.add(positions, "tissue")
-    sim.bond(ids, modulus, fixed)
+    sim.tissue.bond(ids, modulus, fixed)
     return sim
+
+
+def vessel(path, radius, pressure, pool, fluid="blood"):
+    return Vessel(name="vein", solid="tissue", fluid=fluid, path=path, radius=radius,
+                  pressure=pressure, pool=pool)  # fmt: skip
 
 
 def block(nx, ny, nz):
@@ -42,17 +46,17 @@ def test_hanging_tissue_stays_and_its_cut_piece_falls(backend):
     x = block(4, 4, 12)
     top = x[:, 2] > 10.5 * D
     sim = make(backend, x, 2e4, fixed=top, damping=20.0)
-    assert sim.n_pieces == 1
+    assert sim.tissue.n_pieces == 1
     for _ in range(25):
         sim.step(0.004)
     assert np.array_equal(sim.positions[top], x[top])
     assert np.abs(sim.positions - x).max() < 0.3 * D
-    assert sim.cut(stroke(5.5, -3, 8)) == 5 * 16 - 4 * 4
-    assert sim.n_pieces == 2
+    assert sim.tissue.cut(stroke(5.5, -3, 8)) == 5 * 16 - 4 * 4
+    assert sim.tissue.n_pieces == 2
     sim.phases["tissue"].damping = 0.0
-    lower = sim.piece == 0
+    lower = sim.tissue.piece == 0
     assert lower.sum() == 4 * 4 * 6
-    assert (sim.piece[~lower] == 6).all()
+    assert (sim.tissue.piece[~lower] == 6).all()
     at, v = sim.positions[lower].mean(0), sim.velocities[lower].mean(0)
     for _ in range(20):
         sim.step(0.004)
@@ -71,7 +75,7 @@ def test_momentum_stays_through_steps_and_cuts(backend):
     for k in range(8):
         sim.step(0.004)
         if k == 3:
-            assert sim.cut(stroke(4.5, -3, 9)) > 0
+            assert sim.tissue.cut(stroke(4.5, -3, 9)) > 0
     drift = np.abs(sim.velocities.sum(0, dtype="f8") - before).max()
     assert drift < 1e-5 * np.abs(sim.velocities).sum()
 
@@ -81,7 +85,7 @@ def test_cut_pairs_leave_the_neighbour_lists(backend):
     sim = make(backend, x, gravity=(0, 0, 0))
 
     def across():
-        rows, offsets, other = sim.neighbors()
+        rows, offsets, other = sim.arrays.neighbors()
         first = np.repeat(rows, np.diff(offsets).astype(int))
         layer = truths.layers(x * np.float32(truths.SPACING / D))
         r = np.linalg.norm(x[first] - x[other], axis=1)
@@ -89,7 +93,7 @@ def test_cut_pairs_leave_the_neighbour_lists(backend):
         return (crossing & (r < 1.45 * D)).sum()
 
     assert across() == 2 * (5 * 16 - 16)
-    sim.cut(stroke(3.5, -3, 8))
+    sim.tissue.cut(stroke(3.5, -3, 8))
     sim.step(1e-5)
     assert across() == 0
 
@@ -98,7 +102,7 @@ def test_pieces_do_not_pass_through_each_other(backend):
     x = block(5, 5, 8)
     upper = x[:, 2] > 3.5 * D
     sim = make(backend, x, gravity=(0, 0, 0))
-    sim.cut(stroke(3.5, -3, 9))
+    sim.tissue.cut(stroke(3.5, -3, 9))
     sim.velocities = np.where(upper, -0.05, 0.05)[:, None] * np.array([0, 0, 1.0])
     for _ in range(25):
         sim.step(0.002)
@@ -114,12 +118,12 @@ def test_tissue_on_a_boundary_that_moves(backend):
     sim = make(backend, x[~low], gravity=(0, 0, 0), damping=5.0)
     sim.add_phase(gb.Phase("plate", kind="boundary"))
     plate = sim.add(x[low], "plate")
-    sim.bond(np.concatenate([plate, np.arange(80)]), 2500.0)
+    sim.tissue.bond(np.concatenate([plate, np.arange(80)]), 2500.0)
     pose = np.eye(4)
-    sim.move_boundary("plate", pose)
+    sim.steer.move_boundary("plate", pose)
     for k in range(40):
         pose[0, 3] = 0.1 * 0.002 * (k + 1)
-        sim.move_boundary("plate", pose)
+        sim.steer.move_boundary("plate", pose)
         sim.step(0.002)
     y = sim.positions
     assert np.allclose(y[plate] - x[low], [0.008, 0, 0], atol=2e-5)
@@ -129,12 +133,12 @@ def test_tissue_on_a_boundary_that_moves(backend):
 def test_grasp_lifts_and_releases(backend):
     x = block(5, 5, 5)
     sim = make(backend, x, fixed=x[:, 2] < 0.5 * D, gravity=(0, 0, 0), damping=10.0)
-    sim.grasp(x[-1], 1.2 * D, 3)
-    sim.move_grasp(3, velocity=(0, 0, 0.05))
+    sim.tools.grasp(x[-1], 1.2 * D, 3)
+    sim.tools.move_grasp(3, velocity=(0, 0, 0.05))
     for _ in range(20):
         sim.step(0.002)
     assert np.allclose(sim.positions[-1] - x[-1], [0, 0, 0.002], atol=2e-5)
-    sim.release(3)
+    sim.tools.release(3)
     for _ in range(100):
         sim.step(0.004)
     assert np.abs(sim.positions[-1] - x[-1]).max() < 0.1 * D
@@ -145,18 +149,18 @@ def test_a_step_sees_what_was_changed_before_it(backend):
     x = block(6, 5, 8)
     sims = [make(backend, x, 2500.0, fixed=x[:, 2] < 0.5 * D) for _ in range(2)]
     changes = [
-        lambda sim: sim.grasp(x[-1], 2 * D),
-        lambda sim: sim.cut(stroke(3.5, -3, 3)),
-        lambda sim: sim.ablate(x[len(x) // 2], 1.6 * D),
+        lambda sim: sim.tools.grasp(x[-1], 2 * D),
+        lambda sim: sim.tissue.cut(stroke(3.5, -3, 3)),
+        lambda sim: sim.tissue.ablate(x[len(x) // 2], 1.6 * D),
         lambda sim: sim.remove(sim.ids[100:104]),
         lambda sim: sim.add([(0.0, 0.0, 9.5 * D)], "blood"),
-        lambda sim: sim.release(),
+        lambda sim: sim.tools.release(),
         lambda sim: setattr(sim, "positions", sim.positions + np.float32(0.3 * D)),
     ]
     for change in changes:
         sims[0].step(0.002)
         change(sims[0])
-        sims[1].set_state(sims[0].state())
+        sims[1].arrays.set_state(sims[0].arrays.state())
         for sim in sims:
             sim.step(0.002)
         np.testing.assert_allclose(sims[1].positions, sims[0].positions, atol=1e-6 * D)
@@ -167,17 +171,17 @@ def test_ablation_counts_and_separates(backend):
     x = block(3, 3, 9)
     sim = make(backend, x, gravity=(0, 0, 0))
     n = len(sim)
-    gone = sim.ablate((D, D, 4 * D), 1.5 * D)
+    gone = sim.tissue.ablate((D, D, 4 * D), 1.5 * D)
     assert len(gone) == 19
     assert len(sim) == n - 19
-    gone = sum(len(sim.ablate(p, 0.1 * D)) for p in x[np.abs(x[:, 2] - 4 * D) < 0.1 * D])
+    gone = sum(len(sim.tissue.ablate(p, 0.1 * D)) for p in x[np.abs(x[:, 2] - 4 * D) < 0.1 * D])
     assert gone == 0
-    assert sim.n_pieces == 2
+    assert sim.tissue.n_pieces == 2
     sim.step(0.001)
     assert len(sim) == n - 19
     sim.remove(sim.ids[:3])
     sim.step(0.001)
-    assert (sim.piece != NOBODY).sum() == len(sim) == n - 22
+    assert (sim.tissue.piece != NOBODY).sum() == len(sim) == n - 22
 
 
 def test_a_cut_vessel_bleeds_its_pool_and_no_more(backend):
@@ -185,29 +189,29 @@ def test_a_cut_vessel_bleeds_its_pool_and_no_more(backend):
     sim = make(backend, x, fixed=x[:, 2] < 0.5 * D, damping=20.0)
     course = [[-D, 3 * D, 3 * D], [8 * D, 3 * D, 3 * D]]
     pool = 12.4 * D**3
-    sim.add_vessel(Vessel(course, 0.6 * D, 2e5, pool, "blood"))
+    sim.tissue.add_vessel(vessel(course, 0.6 * D, 2e5, pool))
     for _ in range(5):
         sim.step(0.004)
     assert len(sim) == len(x)
     # A gap, so that blood has room.
     edge = np.array([[3.5 * D, -0.1, 2 * D], [3.5 * D, 0.1, 2 * D]])
-    assert sim.cut((edge, edge + [0, 0, 4 * D])) > 0
+    assert sim.tissue.cut((edge, edge + [0, 0, 4 * D])) > 0
     counts = []
     for _ in range(60):
         sim.step(0.002)
-        counts.append((sim.phase == 1).sum())
+        counts.append((sim.arrays.phase == 0).sum())
     assert counts[0] <= counts[-1] == 12
     assert (np.diff(counts) >= 0).all()
-    assert sim.pools == [pytest.approx(0.4 * D**3)]
+    assert sim.tissue.pools == [pytest.approx(0.4 * D**3)]
     assert len(sim) == len(x) + 12
-    blood = sim.positions[sim.phase == 1]
+    blood = sim.positions[sim.arrays.phase == 0]
     assert np.isfinite(blood).all()
 
 
 def test_blood_stains_tissue(backend):
     x = block(6, 6, 3)
-    sim = make(backend, x, fixed=x[:, 2] < 0.5 * D)
-    sim.add_vessel(Vessel([[0, 0, 0], [D, 0, 0]], 0.1 * D, 2000.0, 1e-6, "blood"))
+    sim = make(backend, x, fixed=x[:, 2] < 0.5 * D, color=(0.3, 0.5, 0.8))
+    sim.tissue.add_vessel(vessel([[0, 0, 0], [D, 0, 0]], 0.1 * D, 2000.0, 1e-6))
     sim.phases["blood"].color = (1.0, 0.0, 0.0)
     clean = gb.render(sim.scene, gb.Camera((0.01, 0.01, 0.1), (0.01, 0.01, 0)), size=(32, 32))
     drop = sim.add(x[-1:] + [0, 0, 1.0 * D], "blood")
@@ -243,8 +247,8 @@ def test_checkpoints_go_on_bit_by_bit():
 
     def new():
         sim = make({"device": "cpu"}, x, fixed=x[:, 2] < 0.5 * D, damping=3.0, tear=0.5)
-        sim.add_vessel(
-            Vessel([[-D, 2 * D, 3 * D], [6 * D, 2 * D, 3 * D]], 0.6 * D, 1e5, 1e-5, "blood")
+        sim.tissue.add_vessel(
+            vessel([[-D, 2 * D, 3 * D], [6 * D, 2 * D, 3 * D]], 0.6 * D, 1e5, 1e-5)
         )
         return sim
 
@@ -252,14 +256,14 @@ def test_checkpoints_go_on_bit_by_bit():
         for k in range(6):
             sim.step(0.004)
             low, high = stroke(3.5 + 0.1 * k, 1, 4)
-            sim.cut(blade.sweep(low, high), relative=True)
-        return sim.hash(), sim.n_bonds, sim.pools, sim.piece.tolist()
+            sim.tissue.cut(blade.sweep(low, high), relative=True)
+        return sim.hash(), sim.tissue.n_bonds, sim.tissue.pools, sim.tissue.piece.tolist()
 
     first = new()
     go_on(first)
-    state = first.state()
+    state = first.arrays.state()
     second = new()
-    second.set_state(state)
+    second.arrays.set_state(state)
     assert go_on(first) == go_on(second)
 
 
@@ -270,19 +274,19 @@ def test_same_bits_whatever_the_threads():
         sim = make({"device": "cpu", "threads": threads}, x, fixed=x[:, 2] < 0.5 * D)
         for k in range(4):
             sim.step(0.004)
-            sim.cut(stroke(2.5 + k, -2, 5))
-        found.add((sim.hash(), sim.n_bonds, sim.n_pieces))
+            sim.tissue.cut(stroke(2.5 + k, -2, 5))
+        found.add((sim.hash(), sim.tissue.n_bonds, sim.tissue.n_pieces))
     assert len(found) == 1
 
 
 def test_wrong_use_is_named(backend):
     sim = make(backend, block(2, 2, 2))
     with pytest.raises(ValueError, match="ids: expected particles"):
-        sim.bond([99], 2500.0)
+        sim.tissue.bond([99], 2500.0)
     with pytest.raises(ValueError, match="number: expected 0 to 7"):
-        sim.grasp((0, 0, 0), D, 8)
+        sim.tools.grasp((0, 0, 0), D, 8)
     with pytest.raises(ValueError, match="phase: expected one of"):
-        sim.add_vessel(Vessel([[0, 0, 0], [D, 0, 0]], D, 1.0, 1.0, "ichor"))
+        sim.tissue.add_vessel(vessel([[0, 0, 0], [D, 0, 0]], D, 1.0, 1.0, "ichor"))
 
 
 def test_steps_read_only_what_was_written():

@@ -33,50 +33,50 @@ def simulation(**changes):
 
 def test_a_blade_along_its_keys_cuts_exactly():
     sim = simulation()
-    sim.advance_to(0.01)
-    assert sim.n_cut == 0
-    assert sim.n_pieces == 1
-    sim.advance_to(0.04)
-    assert sim.n_cut == 5 * 6 * 6 - 4 * 6
-    assert sim.n_pieces == 2
-    assert sim.diagnostics[-1]["n_cut"] == sim.n_cut
-    sim.measure()
-    assert sim.diagnostics[-1]["n_pieces"] == 2
+    sim.run_to(0.01)
+    assert sim.record.n_cut == 0
+    assert sim.tissue.n_pieces == 1
+    sim.run_to(0.04)
+    assert sim.record.n_cut == 5 * 6 * 6 - 4 * 6
+    assert sim.tissue.n_pieces == 2
+    assert sim.record.diagnostics[-1]["n_cut"] == sim.record.n_cut
+    sim.record.measure()
+    assert sim.record.diagnostics[-1]["n_pieces"] == 2
 
 
 def test_a_blade_by_hand():
     sim = simulation(instruments=[BLOCK["instruments"][0] | {"keys": [{"time": 99}]}])
-    knife = sim.instruments["knife"]
+    knife = sim.tools["knife"]
     knife.move_to((-0.01, -0.01, 0.0121))
     knife.on = False
     sim.step(0.001)
-    assert sim.n_cut == 0
+    assert sim.record.n_cut == 0
     knife.on = True
     knife.move_to((0.03, -0.01, 0.0121))
     sim.step(0.001)
-    assert sim.n_pieces == 2
+    assert sim.tissue.n_pieces == 2
 
 
 def test_restart_in_the_middle_of_a_cut_is_bit_identical(tmp_path):
     sim = simulation(vessels=[VEIN], fluids=[{"name": "blood"}])
-    sim.advance_to(0.02)
+    sim.run_to(0.02)
     sim.save(tmp_path / "state")
     again = gb.Simulation.load(tmp_path / "state", device="cpu")
     for one in (sim, again):
-        one.advance_to(0.035)
+        one.run_to(0.035)
     assert again.hash() == sim.hash()
-    assert again.n_cut == sim.n_cut > 0
+    assert again.record.n_cut == sim.record.n_cut > 0
 
 
 def test_a_cut_vessel_bleeds_from_its_pool():
     sim = simulation(vessels=[VEIN], fluids=[{"name": "blood"}], gravity=[0, 0, -9.81])
-    sim.advance_to(0.01)
-    assert sim.counts["fluid"] == 0
-    sim.advance_to(0.1)  # the lower half falls: blood comes where there is room
-    n = sim.counts["fluid"]
+    sim.run_to(0.01)
+    assert sim.record.counts["fluid"] == 0
+    sim.run_to(0.1)  # the lower half falls: blood comes where there is room
+    n = sim.record.counts["fluid"]
     assert n > 0
-    assert sim.pools[0] == pytest.approx(4e-7 - n * D**3, rel=1e-3)
-    assert sim.n_born == len(sim) + sim.n_removed
+    assert sim.tissue.pools[0] == pytest.approx(4e-7 - n * D**3, rel=1e-3)
+    assert sim.record.n_born == len(sim) + sim.record.n_removed
 
 
 def test_a_grasper_takes_tissue_along():
@@ -86,7 +86,7 @@ def test_a_grasper_takes_tissue_along():
     sim = simulation(instruments=[grasper])
     held = np.linalg.norm(sim.positions - [0.006, 0.006, 0.002], axis=1) < 0.003
     before = sim.positions[held]
-    sim.advance_to(0.05)
+    sim.run_to(0.05)
     assert held.any()
     assert np.allclose(sim.positions[held] - before, [0.004, 0, 0], atol=2e-5)
 
@@ -97,12 +97,12 @@ def test_what_comes_in_and_what_goes_adds_up():
     drain = {"name": "drain", "box": {"lo": [-0.05, -0.05, -0.05], "hi": [0.07, 0.07, 0]}}
     sim = simulation(gravity=[0, 0, -9.81], solids=[], instruments=[], emitters=[tap],
                      sinks=[drain], fluids=[{"name": "water"}])  # fmt: skip
-    sim.advance_to(0.02)
+    sim.run_to(0.02)
     assert len(sim) == 0
-    sim.advance_to(0.25)
-    assert sim.n_born == pytest.approx(0.1 * 2e-5 / D**3, rel=0.06)
-    assert sim.n_removed > 0
-    assert sim.n_born == len(sim) + sim.n_removed
+    sim.run_to(0.25)
+    assert sim.record.n_born == pytest.approx(0.1 * 2e-5 / D**3, rel=0.06)
+    assert sim.record.n_removed > 0
+    assert sim.record.n_born == len(sim) + sim.record.n_removed
 
 
 def test_a_drop_sticks_to_what_it_adheres_to():
@@ -113,8 +113,8 @@ def test_a_drop_sticks_to_what_it_adheres_to():
     for adhesion in (0.0, 0.07):
         sim = simulation(solids=[], instruments=[], fluids=[drop],
                          boundaries=[plate | {"adhesion": adhesion}])  # fmt: skip
-        sim.advance_to(0.02)
-        least.append(sim.positions[sim.phase == list(sim.phases).index("water"), 2].min())
+        sim.run_to(0.02)
+        least.append(sim.positions[sim.arrays.phase == list(sim.phases).index("water"), 2].min())
     assert least[0] > 0.001
     assert least[1] < 0
 
@@ -124,11 +124,11 @@ def test_suction_takes_fluid_where_it_works():
     suction = {"name": "s", "kind": "suction", "radius": 0.0045,
                "keys": [{"time": 0.01, "position": [0.01, 0.01, 0.01]}]}  # fmt: skip
     sim = simulation(solids=[], instruments=[suction], fluids=[pool])
-    sim.advance_to(0.009)
-    assert sim.n_removed == 0
-    sim.advance_to(0.02)
+    sim.run_to(0.009)
+    assert sim.record.n_removed == 0
+    sim.run_to(0.02)
     near = np.linalg.norm(sim.positions - [0.01, 0.01, 0.01], axis=1) < 0.0045
-    assert sim.n_removed > 0
+    assert sim.record.n_removed > 0
     assert not near.any()
 
 
@@ -137,9 +137,9 @@ def test_a_boundary_follows_its_keys():
               "keys": [{"time": 0, "position": [0, 0, 0]},
                        {"time": 0.1, "position": [0.02, 0, 0]}]}  # fmt: skip
     sim = simulation(instruments=[], boundaries=[paddle])
-    mine = sim.phase == list(sim.phases).index("paddle")
+    mine = sim.arrays.phase == list(sim.phases).index("paddle")
     before = sim.positions[mine]
-    sim.advance_to(0.1)
+    sim.run_to(0.1)
     assert np.allclose(sim.positions[mine] - before, [0.02, 0, 0], atol=1e-6)
 
 

@@ -164,17 +164,17 @@ def test_a_scene_without_particles_is_an_empty_picture(folder):
 
 def test_diagnostics_add_up():
     sim = gb.Simulation(SCENE, device="cpu")
-    first = sim.measure()
-    sim.advance(0.1)
-    later = sim.measure()
+    first = sim.record.measure()
+    sim.run(0.1)
+    later = sim.record.measure()
     mass = 512 * 1000 * 0.05**3
     assert first["kinetic"] == 0
     assert first["potential"] == pytest.approx(mass * 9.81 * 0.2, rel=1e-3)
     assert later["potential"] < first["potential"]
     gain = first["potential"] - later["potential"]
     assert 0.5 * gain < later["kinetic"] <= 1.02 * gain
-    assert sim.diagnostics[-1]["kinetic"] == later["kinetic"]
-    times = [row["time"] for row in sim.diagnostics]
+    assert sim.record.diagnostics[-1]["kinetic"] == later["kinetic"]
+    times = [row["time"] for row in sim.record.diagnostics]
     assert times == sorted(times)
     assert times[-1] == pytest.approx(0.1)
 
@@ -182,13 +182,13 @@ def test_diagnostics_add_up():
 def test_reset_starts_again():
     sim = gb.Simulation(SCENE, device="cpu")
     start = sim.hash()
-    sim.advance(0.05)
+    sim.run(0.05)
     end = sim.hash()
     sim.reset()
     assert sim.hash() == start
     assert sim.time == 0
-    assert sim.diagnostics == []
-    sim.advance(0.05)
+    assert sim.record.diagnostics == []
+    sim.run(0.05)
     assert sim.hash() == end
 
 
@@ -196,16 +196,18 @@ def test_a_dict_a_file_and_a_name_are_the_same_scene(folder):
     hashes = {gb.Simulation(scene, device="cpu").hash() for scene in (SCENE, "dam.toml")}
     assert len(hashes) == 1
     coarse = gb.Simulation("dam-break", device="cpu", spacing=0.1)
-    assert coarse.counts["fluid"] == 4 * 4 * 6
+    assert coarse.record.counts["fluid"] == 4 * 4 * 6
 
 
 def test_a_nan_stops_with_the_particles_story(folder, capsys):
     sim = gb.Simulation(SCENE, device="cpu")
-    velocities = sim._read("velocity")
-    velocities[np.flatnonzero(sim._read("phase") == list(sim.phases).index("water"))[7]] = np.nan
-    sim._write("velocity", velocities)  # assigning them is refused
+    velocities = sim.arrays._read("velocity")
+    velocities[np.flatnonzero(sim.arrays._read("phase") == list(sim.phases).index("water"))[7]] = (
+        np.nan
+    )
+    sim.arrays._write("velocity", velocities)  # assigning them is refused
     with pytest.raises(ArithmeticError, match=r"particle \d+ \(water\) at \(.*\) .* not a number"):
-        sim.advance(0.1)
+        sim.run(0.1)
 
 
 def test_pictures_and_a_movie(folder, capsys):
@@ -283,7 +285,10 @@ def test_a_curve_of_one_point_is_seen(tmp_path):
     [
         (["nowhere.toml"], "expected a .toml file or one of dam-break"),
         (["dam.toml", "--resume"], "--resume: expected frames/checkpoint.npz"),
-        (["dam.toml", "--spacing", "9"], "spacing: expected less than half the domain, got 9"),
+        (
+            ["dam.toml", "--spacing", "9"],
+            "spacing: expected less than half the domain, 0.2 m, got 9",
+        ),
         (["dam.toml", "--video", "a.avi"], "--video: expected a name ending in .mp4"),
         (["dam.toml", "--format", "xls"], "argument --format"),
         (["dam.toml", "--fps", "1e300"], "--seconds: expected at most 1,000,000 frames"),
@@ -371,3 +376,46 @@ def test_frames_of_another_number_or_format_do_not_go_on(folder, capsys, option,
     assert said.count("\n") == 1
     assert f"--resume: expected {option} {had}, as the run had, got {asked}" in said
     assert sorted(os.listdir("out")) == before
+
+
+def test_a_simulation_and_a_step_are_one_line(folder):
+    sim = gb.Simulation(SCENE, device="cpu")
+    assert repr(sim).startswith("Simulation(512 water, ")
+    assert repr(sim).endswith(" walls; 0 s in 0 steps; cpu)")
+    report = sim.step(0.001)
+    assert repr(sim).endswith("0.001 s in 1 step; cpu)")
+    assert repr(report).startswith(f"StepReport(step 1: 0.001 s, dt 0.001 s; {len(sim):,} partic")
+    assert "\n" not in repr(report)
+
+
+def test_progress_is_told_of_every_step_up_to_the_end():
+    sim = gb.Simulation(SCENE | {"seconds": 0.05}, device="cpu")
+    told = []
+    sim.run(progress=lambda done, total: told.append((done, total)))
+    assert sim.time == pytest.approx(0.05)
+    assert len(told) == sim.n_steps
+    assert told == sorted(told)
+    assert told[-1] == (1000, 1000)
+    assert told[0][0] > 0
+    assert sim.run() is None  # the scene has ended
+    assert sim.run(0.02, stop=lambda: True).step == sim.n_steps == len(told) + 1
+
+
+def test_the_log_says_what_was_made_and_saved(tmp_path, caplog, capsys):
+    with caplog.at_level("INFO", "globule"):
+        gb.Simulation(SCENE, device="cpu").save(tmp_path / "state")
+    assert caplog.records[0].message.startswith("Simulation(512 water")
+    assert caplog.records[1].message == f"{tmp_path / 'state'}.npz: checkpoint at 0 s"
+    assert capsys.readouterr() == ("", "")
+
+
+def test_tissue_bonded_by_hand_is_not_forgotten_by_reset():
+    sim = gb.Simulation(spacing=0.01, domain={"lo": (0, 0, 0), "hi": (0.1, 0.1, 0.1)},
+                        solids=[{"name": "jelly"}], device="cpu")  # fmt: skip
+    at = np.indices((3, 3, 3)).reshape(3, -1).T * 0.01 + 0.03
+    sim.tissue.bond(sim.add(at))
+    assert sim.tissue.n_bonds == 126
+    with pytest.raises(ValueError, match="reset: expected a scene's own tissue"):
+        sim.reset()
+    sim.step()
+    assert len(sim) == 27

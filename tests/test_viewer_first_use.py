@@ -71,15 +71,15 @@ def test_a_stroke_says_what_it_did_and_is_undone(block):
     said = block.cut_along(*across(0.025))
     assert said.startswith(f"**Cut {block.n_cut} bonds**, 1 piece.")
     assert block.n_cut > 10
-    shallow = sim.n_bonds
+    shallow = sim.tissue.n_bonds
     block.cut_depth = None
     assert "2 pieces" in block.cut_along(*across(0.0251))
     for _ in range(3):
         sim.step()
     assert "0.0000 s" in block.undo()
     assert sim.n_steps == 0
-    assert sim.n_bonds == shallow
-    assert sim.n_pieces == 1
+    assert sim.tissue.n_bonds == shallow
+    assert sim.tissue.n_pieces == 1
     block.undo()
     assert sim.hash() == before
 

@@ -133,7 +133,7 @@ def outline(watched, page) -> np.ndarray:
     size = (round(box["width"]), round(box["height"]))
     with source.lock:
         phase = list(source.simulation.phases).index("block")
-        where = source.simulation.positions[source.simulation.phase == phase]
+        where = source.simulation.positions[source.simulation.arrays.phase == phase]
     from globule.viewer.overlay import project
 
     return np.array([project(page.client.camera, size, p) for p in where])
@@ -141,7 +141,7 @@ def outline(watched, page) -> np.ndarray:
 
 def test_a_scalpel_stroke_leaves_two_pieces(block):
     page, sim = block.page(), block.viewer.source.simulation
-    assert sim.n_pieces == 1
+    assert sim.tissue.n_pieces == 1
     block.viewer.source.cut_depth = None  # all through
     choose(page, "With the mouse", "Cut")
     page.get_by_text("Draw a line across what is to be cut.", exact=True).wait_for()
@@ -149,7 +149,7 @@ def test_a_scalpel_stroke_leaves_two_pieces(block):
     where = outline(block, page)
     middle = where.mean(axis=0)
     stroke(page, (middle[0], where[:, 1].min() - 40), (middle[0], where[:, 1].max() + 40))
-    until(lambda: sim.n_pieces == 2, "for the cut")
+    until(lambda: sim.tissue.n_pieces == 2, "for the cut")
     assert block.viewer.source.n_cut > 20
     open_folder(page, "Statistics")
     page.get_by_text("pieces", exact=True).wait_for()
@@ -165,7 +165,7 @@ def test_a_shallow_stroke_leaves_one_piece(block):
     middle = where.mean(axis=0)
     stroke(page, (middle[0], where[:, 1].min() - 40), (middle[0], where[:, 1].max() + 40))
     until(lambda: source.n_cut > 0, "for the cut")
-    assert source.simulation.n_pieces == 1
+    assert source.simulation.tissue.n_pieces == 1
 
 
 def test_grasping_pulls_tissue(block):
@@ -175,7 +175,7 @@ def test_grasping_pulls_tissue(block):
     page.get_by_text("Drag a piece of the surface while it runs.", exact=True).wait_for()
     time.sleep(1.0)
     phase = list(sim.phases).index("block")
-    before = sim.positions[sim.phase == phase]
+    before = sim.positions[sim.arrays.phase == phase]
     where = outline(block, page)
     source.play(True)
     block.viewer.engine.notify()
@@ -188,7 +188,7 @@ def test_grasping_pulls_tissue(block):
 
     def moved() -> bool:
         with source.lock:
-            now = sim.positions[sim.phase == phase]
+            now = sim.positions[sim.arrays.phase == phase]
         return np.linalg.norm(now - before, axis=1).max() > 0.006
 
     until(moved, "for the tissue to follow")
@@ -198,7 +198,7 @@ def test_grasping_pulls_tissue(block):
 
 def test_instruments_move_by_hand(block):
     page, source = block.page(), block.viewer.source
-    name, tool = next(iter(source.simulation.instruments.items()))
+    name, tool = next(iter(source.simulation.tools.items()))
     page.get_by_label(f"Move {name} by hand", exact=True).check()
     began = tool.pose.copy()
     pose = began.copy()
@@ -301,7 +301,7 @@ def test_suction_follows_a_stroke_on_the_surface(pool):
     time.sleep(1.0)
     press(page, "Run")
     until(lambda: sim.n_steps > 3)
-    assert sim.n_removed == 0
+    assert sim.record.n_removed == 0
     camera = page.client.camera
     begin, end = (project(camera, window(page), (x, 0.15, 0.1)) for x in (0.1, 0.3))
     page.mouse.move(*begin)
@@ -309,16 +309,16 @@ def test_suction_follows_a_stroke_on_the_surface(pool):
     for i in range(1, 13):
         page.mouse.move(*(np.asarray(begin) + np.subtract(end, begin) * i / 12))
         time.sleep(0.06)
-    until(lambda: sim.n_removed > 30, "for water to go")
-    tool = sim.instruments["sucker"]
+    until(lambda: sim.record.n_removed > 30, "for water to go")
+    tool = sim.tools["sucker"]
     until(lambda: abs(tool.pose[0, 3] - 0.3) < 0.08, "for the tip to come to the pointer")
     assert tool.pose[2, 3] < 0.2
     page.mouse.up()
     until(lambda: tool._wanted is None, "for the stroke to end")
-    removed = until(lambda: tool.pose[2, 3] > 0.25 and sim.n_removed)
+    removed = until(lambda: tool.pose[2, 3] > 0.25 and sim.record.n_removed)
     at = sim.n_steps
     until(lambda: sim.n_steps > at + 5)
-    assert sim.n_removed == removed
+    assert sim.record.n_removed == removed
     assert page.client.camera == camera
 
 
@@ -339,10 +339,10 @@ def test_suction_follows_its_handle(pool):
         page.mouse.move(*(np.asarray(arrow) + np.subtract(below, middle) * i / 10))
         time.sleep(0.05)
     page.mouse.up()
-    tool = sim.instruments["sucker"]
+    tool = sim.tools["sucker"]
     until(lambda: tool._wanted is not None and tool._wanted[2, 3] < 0.15, "for the handle to move")
     assert np.allclose(tool._wanted[:2, 3], tip[:2], atol=0.01)
     press(page, "Run")
-    until(lambda: sim.n_removed > 20, "for water to go")
+    until(lambda: sim.record.n_removed > 20, "for water to go")
     page.get_by_label("Move sucker by hand", exact=True).uncheck()
-    until(lambda: sim.instruments["sucker"].pose[2, 3] > 0.25)
+    until(lambda: sim.tools["sucker"].pose[2, 3] > 0.25)

@@ -73,8 +73,8 @@ def experiments(quick: bool) -> Iterator[Callable[[str, int], Any]]:
 def neighbors(device: str = "cpu", threads: int = 0) -> list[physics_fluid.Row]:
     """The solver's lists against brute force, before and after particles come and go."""
     rng = np.random.default_rng(1)
-    description = {"spacing": 0.05, "domain": ((0, 0, 0), (1, 1, 1)), "walls": False}
-    sim = Simulation(description, device, threads)
+    domain, fluids = {"lo": (0, 0, 0), "hi": (1, 1, 1)}, [{"name": "water"}]
+    sim = Simulation({"spacing": 0.05, "domain": domain, "fluids": fluids}, device, threads)
     sim.add(rng.random((2000, 3)).astype(np.float32))
     wrong = [_wrong_lists(sim)]
     sim.add(0.5 * rng.random((500, 3)).astype(np.float32))
@@ -86,7 +86,7 @@ def neighbors(device: str = "cpu", threads: int = 0) -> list[physics_fluid.Row]:
 
 def _wrong_lists(sim: Simulation) -> int:
     """How many particles have other neighbours than those nearer than two spacings."""
-    ids, offsets, found = sim.neighbors()
+    ids, offsets, found = sim.arrays.neighbors()
     known, positions = sim.ids, sim.positions
     squared = np.float32(2 * sim.settings.spacing) ** 2
     n_wrong = 0

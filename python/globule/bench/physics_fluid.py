@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..sim.emitter import Emitter
+from ..sim.sampling import BEHIND
 from ..sim.simulation import Simulation
 
 GRAVITY = 9.81
@@ -46,18 +47,34 @@ def lattice(lo: Any, hi: Any, spacing: float) -> np.ndarray:
     return np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3)
 
 
+def tank(
+    spacing: float, hi: Any, fluid: dict[str, Any], device: str, threads: int, periodic: str = "",
+    settled: bool = False, gravity: Any = (0, -GRAVITY, 0), **solver: Any,
+) -> Simulation:  # fmt: skip
+    """A simulation without particles but those of its walls, from the origin to `hi`; y is up.
+
+    A wall's layer is BEHIND spacings behind its face, where a lattice starts at rest. Fluid that
+    has settled comes as close as if the layer were half a spacing behind: `settled` has it there.
+    """
+    gap = (BEHIND - 0.5) * spacing if settled else 0.0
+    inset = [0.0 if axis in periodic else gap for axis in "xyz"]
+    domain = {"lo": inset, "hi": np.subtract(hi, inset), "walls": True, "periodic": [*periodic]}
+    fluids = [{"viscosity": 0.0, "implicit": False, **fluid}]
+    scene = {"spacing": spacing, "domain": domain, "gravity": gravity, "solver": solver}
+    return Simulation({**scene, "fluids": fluids}, device, threads)
+
+
 def hydrostatic(device: str = "cpu", threads: int = 0, seconds: float = 5.0) -> list[Row]:
     """A tank at rest: pressure grows with depth, the surface stays where it was."""
     d, height, wide = 0.05, 0.6, 0.5
-    domain = ((0, 0, 0), (wide, 1.5 * height, wide))
     water = {"name": "water", "viscosity": 1.0}
-    sim = Simulation({"spacing": d, "domain": domain, "phases": [water]}, device, threads)
+    sim = tank(d, (wide, 1.5 * height, wide), water, device, threads, settled=True)
     ids = sim.add(lattice((0, 0, 0), (wide, height, wide), d), "water")
-    sim.advance(seconds)
+    sim.run(seconds)
     n, p, at = 40, np.zeros(len(ids)), np.zeros((len(ids), 3))
     for _ in range(n):
         sim.step()
-        p += sim.pressure[ids] / n
+        p += sim.arrays.pressure[ids] / n
         at += sim.positions[ids] / n
     layer = round((wide / d) ** 2)
     top = np.sort(at[:, 1])[-layer:].mean() + d / 2
@@ -78,9 +95,7 @@ def dam_break(device: str = "cpu", threads: int = 0, cells: int = 16) -> list[Ro
     """A column twice as high as wide falls: its front, and how much it is compressed."""
     a = 0.5
     d = a / cells
-    domain = ((0, 0, 0), (5.5 * a, 2.2 * a, 8 * d))
-    description = {"spacing": d, "domain": domain, "periodic": (False, False, True)}
-    sim = Simulation({**description, "phases": [{"name": "water"}]}, device, threads)
+    sim = tank(d, (5.5 * a, 2.2 * a, 8 * d), {"name": "water"}, device, threads, "z")
     ids = sim.add(lattice((0, 0, 0), (a, 2 * a, 8 * d), d), "water")
     scale = np.sqrt(2 * GRAVITY / a)
     times, fronts, compression = [], [], []
@@ -113,14 +128,12 @@ def poiseuille(device: str = "cpu", threads: int = 0, implicit: bool = False) ->
     force = 8 * nu * top / height**2
     water = {"name": "oil", "viscosity": 1000 * nu, "implicit": implicit}
     stretch = np.array([1.04, 1.0, 1.0])
-    domain = ((0, 0, 0), stretch * (8 * d, height, 8 * d))
-    description = {"spacing": d, "domain": domain, "periodic": (True, False, True)}
-    description |= {"gravity": (force, 0, 0), "longest_step": 0.02, "phases": [water]}
-    sim = Simulation(description, device, threads)
+    hi = stretch * (8 * d, height, 8 * d)
+    sim = tank(d, hi, water, device, threads, "xz", True, gravity=(force, 0, 0), max_dt=0.02)
     at = lattice((0, 0, 0), (8 * d, height, 8 * d), d) * stretch
     start = 0.9 * 4 * top * at[:, 1] * (height - at[:, 1]) / height**2
     ids = sim.add(at, "oil", np.stack([start, 0 * start, 0 * start], 1))
-    sim.advance(0.3 * height**2 / nu)
+    sim.run(0.3 * height**2 / nu)
     y, u = sim.positions[ids][:, 1], sim.velocities[ids][:, 0]
     fit = np.polyfit(y - height / 2, u, 2)
     kind = "implicit" if implicit else "explicit"
@@ -135,11 +148,9 @@ def taylor_green(device: str = "cpu", threads: int = 0, n: int = 32) -> list[Row
     """
     size, nu, seconds = 1.0, 0.01, 1.0
     d = size / n
-    domain = ((0, 0, 0), (size, size, 8 * d))
-    description = {"spacing": d, "domain": domain, "periodic": (True, True, True)}
-    description |= {"gravity": (0, 0, 0), "phases": [{"name": "water", "viscosity": 1000 * nu}]}
-    sim = Simulation(description | {"longest_step": 0.002}, device, threads)
-    at = lattice(*domain, d)
+    hi, water = (size, size, 8 * d), {"name": "water", "viscosity": 1000 * nu}
+    sim = tank(d, hi, water, device, threads, "xyz", gravity=(0, 0, 0), max_dt=0.002)
+    at = lattice((0, 0, 0), hi, d)
     at += np.random.default_rng(1).normal(0, 0.1 * d, at.shape)
 
     def flow(p: np.ndarray) -> np.ndarray:
@@ -147,7 +158,7 @@ def taylor_green(device: str = "cpu", threads: int = 0, n: int = 32) -> list[Row
         return np.stack([np.sin(x) * np.cos(y), -np.cos(x) * np.sin(y), 0 * x], 1)
 
     sim.add(at, "water", flow(at))
-    sim.advance(seconds)
+    sim.run(seconds)
     mode = flow(sim.positions)
     amplitude = (sim.velocities * mode).sum() / (mode**2).sum()
     expected = np.exp(-8 * np.pi**2 * nu * seconds / size**2)
@@ -157,29 +168,26 @@ def taylor_green(device: str = "cpu", threads: int = 0, n: int = 32) -> list[Row
 def momentum(device: str = "cpu", threads: int = 0) -> list[Row]:
     """Fluid thrown about in a box that repeats, without gravity."""
     d, size = 0.05, 0.6
-    domain = ((0, 0, 0), (size, size, size))
-    description = {"spacing": d, "domain": domain, "periodic": (True, True, True)}
-    description |= {"gravity": (0, 0, 0), "phases": [{"name": "water", "viscosity": 1.0}]}
-    sim = Simulation(description, device, threads)
+    hi, water = (size, size, size), {"name": "water", "viscosity": 1.0}
+    sim = tank(d, hi, water, device, threads, "xyz", gravity=(0, 0, 0))
     random = np.random.default_rng(1)
-    at = lattice(*domain, d)
+    at = lattice((0, 0, 0), hi, d)
     at = at[random.random(len(at)) < 0.8]
     sim.add(at, "water", random.normal(0, 1, at.shape))
-    before, size = sim.totals(), np.abs(sim.velocities).sum() * 1000 * d**3
+    before, size = sim.record.totals(), np.abs(sim.velocities).sum() * 1000 * d**3
     for _ in range(50):
         sim.step()
-    drift = np.abs(np.subtract(sim.totals()["momentum"], before["momentum"])).sum() / size
+    drift = np.abs(np.subtract(sim.record.totals()["momentum"], before["momentum"])).sum() / size
     return [at_most("momentum drift, closed, no gravity", 1e-5, drift)]
 
 
 def free_fall(device: str = "cpu", threads: int = 0) -> list[Row]:
     """A block that meets nothing: its speed is g t, and it keeps its shape."""
     d = 0.05
-    description = {"spacing": d, "domain": ((0, 0, 0), (1, 4, 1)), "phases": [{"name": "water"}]}
-    sim = Simulation(description, device, threads)
+    sim = tank(d, (1, 4, 1), {"name": "water"}, device, threads)
     at = lattice((0.3, 3.2, 0.3), (0.7, 3.6, 0.7), d)
     ids = sim.add(at, "water")
-    sim.advance(0.5)
+    sim.run(0.5)
     v, moved = sim.velocities[ids], sim.positions[ids] - at
     return [
         near("free fall: speed", GRAVITY * sim.time, -v[:, 1].mean(), 1e-5),
@@ -192,15 +200,10 @@ def free_fall(device: str = "cpu", threads: int = 0) -> list[Row]:
 def emitter(device: str = "cpu", threads: int = 0) -> list[Row]:
     """Exactly rate * time / volume particles come out, and none get lost."""
     d, rate = 0.02, 2e-4
-    description = {
-        "spacing": d,
-        "domain": ((0, 0, 0), (0.6, 0.6, 0.6)),
-        "phases": [{"name": "water"}],
-    }
-    sim = Simulation(description, device, threads)
+    sim = tank(d, (0.6, 0.6, 0.6), {"name": "water"}, device, threads)
     walls = len(sim)
     sim.emitters["tap"] = Emitter((0.3, 0.5, 0.3), (0, -1, 0), 0.05, rate, "water")
-    sim.advance(1.0)
+    sim.run(1.0)
     expected = rate * sim.time / d**3
     count = len(sim) - walls
     return [
@@ -221,11 +224,10 @@ def ball(radius: float, spacing: float) -> np.ndarray:
 
 
 def drop(radius: float, d: float, sigma: float, mu: float, device: str, threads: int) -> Simulation:
-    reach = 2 * radius
-    description = {"spacing": d, "domain": ((-reach,) * 3, (reach,) * 3), "walls": False}
     water = {"name": "water", "surface_tension": sigma, "viscosity": mu}
-    description |= {"gravity": (0, 0, 0), "phases": [water]}
-    sim = Simulation(description, device, threads)
+    domain = {"lo": (-2 * radius,) * 3, "hi": (2 * radius,) * 3}
+    scene = {"spacing": d, "domain": domain, "gravity": (0, 0, 0), "fluids": [water]}
+    sim = Simulation(scene, device, threads)
     sim.add(ball(radius, d), "water")
     return sim
 
@@ -237,12 +239,12 @@ def laplace(device: str = "cpu", threads: int = 0) -> list[Row]:
     for cells in (5, 7, 10):
         radius = cells * d
         sim = drop(radius, d, sigma, 0.02, device, threads)
-        sim.advance(0.05)
+        sim.run(0.05)
         p = 0.0
         for _ in range(n):
             sim.step()
-            r = np.linalg.norm(sim.positions - np.array(sim.totals()["center"]), axis=1)
-            p += sim.pressure[r < 0.5 * radius].mean() / n
+            r = np.linalg.norm(sim.positions - np.array(sim.record.totals()["center"]), axis=1)
+            p += sim.arrays.pressure[r < 0.5 * radius].mean() / n
         name = f"drop of {cells} spacings: pressure over 2 sigma / R"
         rows.append(near(name, 1.0, p * radius / (2 * sigma), 0.05))
     return rows
@@ -257,15 +259,15 @@ def oscillation(device: str = "cpu", threads: int = 0, cells: int = 8) -> list[R
     d, sigma = 0.001, 0.07
     radius = cells * d
     sim = drop(radius, d, sigma, 0.0005, device, threads)
-    sim.advance(0.01)
+    sim.run(0.01)
     v = 0.1 * np.sqrt(8 * sigma / (1000 * radius**3))
-    x = sim.positions - np.array(sim.totals()["center"])
+    x = sim.positions - np.array(sim.record.totals()["center"])
     sim.velocities = v * x * (1.0, -0.5, -0.5)
     omega = np.sqrt(8 * sigma / (1000 * radius**3))
     times, shape = [], []
     while sim.time < 0.01 + 2.2 * 2 * np.pi / omega:
         sim.step()
-        x = sim.positions - np.array(sim.totals()["center"])
+        x = sim.positions - np.array(sim.record.totals()["center"])
         q = (x**2).mean(0)
         times.append(sim.time)
         shape.append(q[0] - 0.5 * (q[1] + q[2]))

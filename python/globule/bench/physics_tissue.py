@@ -235,7 +235,7 @@ def tearing(device: str, threads: int = 0) -> list[Row]:
     rows = []
     for strain, torn in ((0.19, False), (0.21, True)):
         x = lattice(3, 3, 10)
-        tissue = Tissue(x, SPACING, MODULUS, tear_strain=0.2, device=device, threads=threads)
+        tissue = Tissue(x, SPACING, MODULUS, tear=0.2, device=device, threads=threads)
         tissue.positions = x * [1, 1, 1 + strain]
         n_torn = tissue.tear(0.01)
         # Only the bonds along z reach the whole strain: 9 of them a layer.
@@ -251,8 +251,8 @@ def creep(device: str, threads: int = 0) -> list[Row]:
     rows = []
     for strain, kept in ((0.04, 0.0), (0.25, (0.25 - 0.05) * (1 - np.exp(-2.0)))):
         tissue = Tissue(
-            np.array([[0, 0, 0], [0, 0, SPACING]]), SPACING, MODULUS, yield_strain=0.05,
-            creep_rate=10.0, damping=50.0, device=device, threads=threads,
+            np.array([[0, 0, 0], [0, 0, SPACING]]), SPACING, MODULUS, plastic=0.05,
+            creep=10.0, damping=50.0, device=device, threads=threads,
         )  # fmt: skip
         tissue.positions = np.array([[0, 0, 0], [0, 0, (1 + strain) * SPACING]])
         tissue.tear(0.2)

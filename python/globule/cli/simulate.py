@@ -252,7 +252,7 @@ class _Job:
             if self.options.resume and self._is_before(k):
                 continue  # written before the checkpoint was
             with self._timed("simulation"):
-                self.sim.advance_to(k / self.fps, stop=interrupted)
+                self.sim.run_to(k / self.fps, stop=interrupted)
             reached = self.sim.time > k / self.fps - 1e-9
             if reached:  # told to stop or not: --resume counts on it
                 self._write(k)
@@ -269,7 +269,7 @@ class _Job:
     def _write(self, k: int) -> None:
         from ..formats import write
 
-        self.sim.measure()
+        self.sim.record.measure()
         if not self.options.no_frames:
             with self._timed("frames"):
                 path = os.path.join(self.folder, f"frame_{k:05d}.{self.format}")
@@ -294,7 +294,7 @@ class _Job:
         """diagnostics.csv, and .png where there is matplotlib."""
         from ..sim import diagnostics
 
-        rows = self.sim.diagnostics
+        rows = self.sim.record.diagnostics
         if rows:
             diagnostics.write_csv(os.path.join(self.folder, "diagnostics.csv"), rows)
             title = self.scene.title or self.options.scene
@@ -308,13 +308,13 @@ class _Job:
             print_json({
                 "scene": self.options.scene, "whole": whole, "device": sim.scene.device.name,
                 "time": sim.time, "steps": sim.n_steps, "new_steps": n_steps,
-                "hash": sim.hash(), "counts": sim.counts,
-                "times": {**self.seconds, "total": total}, "stages": sim.seconds,
+                "hash": sim.hash(), "counts": sim.record.counts,
+                "times": {**self.seconds, "total": total}, "stages": sim.record.seconds,
                 "files": self.files, "checkpoint": self.checkpoint,
             })  # fmt: skip
             return
         per_step = 1e3 * self.seconds["simulation"] / max(1, n_steps)
-        counts = ", ".join(f"{n:,} {name}" for name, n in sim.counts.items() if n)
+        counts = ", ".join(f"{n:,} {name}" for name, n in sim.record.counts.items() if n)
         print(f"{self.scene.title or self.options.scene}: {sim.time:.4g} s in {n_steps:,} steps of "
               f"{per_step:.1f} ms, {counts}")  # fmt: skip
         written = {name: s for name, s in self.seconds.items() if s}
@@ -341,7 +341,7 @@ def _resumed(
         raise UserError(f"--resume: expected {checkpoint}, got: {error.strerror}") from error
     free = ("title", "seconds", "view", "output")
     now = as_dict(read_scene(as_dict(scene)))  # read back, as what was saved is
-    before = {} if simulation.file is None else as_dict(simulation.file)
+    before = as_dict(simulation.file)
     for key in (*now, *before):
         if key not in free and now.get(key) != before.get(key):
             raise UserError(

@@ -1,1 +1,1 @@
-"""What surrounds the solver of `globule.Simulation`: scenes, instruments, tissue, diagnostics."""
+"""Fluids, tissue and the knife: simulations whose octree is also traced."""

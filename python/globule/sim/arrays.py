@@ -1,4 +1,4 @@
-"""A simulation's particles as arrays, in id order, and its whole state in the solver's order."""
+"""A simulation's particles as arrays, in id order; its whole state, in the solver's order."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import numpy as np
 from .._base.arrays import address, to_host
 from .._base.interrupts import whole
 from ..scene.particles import Particles
+from .part import Part
 from .schema import shown
 
 _ARRAYS = {
@@ -25,12 +26,13 @@ _ARRAYS = {
 
 
 def check_finite(name: str, values: np.ndarray) -> None:
+    """Raise ValueError for a NaN or an infinity."""
     if not np.isfinite(values).all():
         raise ValueError(f"{name}: expected finite numbers, got a NaN or an infinity")
 
 
 def numbers(name: str, values: Any, *shapes: tuple[int, ...]) -> np.ndarray:
-    """Finite float32 of one of these shapes."""
+    """Finite float32 of one of these shapes; anything else is a ValueError."""
     try:
         found = np.asarray(to_host(values), np.float32)
     except (TypeError, ValueError):
@@ -42,42 +44,47 @@ def numbers(name: str, values: Any, *shapes: tuple[int, ...]) -> np.ndarray:
     return found
 
 
-class Arrays:
-    """The part of `Simulation` that reads and writes its particles."""
+class Arrays(Part):
+    """A simulation's particles as arrays, all in id order, and its whole state.
+
+    `Simulation` has `ids`, `positions` and `velocities` of its own as well.
+    """
 
     @property
     @whole
     def ids(self) -> np.ndarray:
-        """(N,) uint32, ascending; the order of all arrays here."""
+        """(N,) uint32, ascending: the order of all arrays here."""
         return np.sort(self._read("id"))
 
     @property
     @whole
     def positions(self) -> np.ndarray:
-        """(N, 3) float32, m."""
+        """(N, 3) float32, m. Assigning other shapes or values that are not finite is a
+        ValueError."""
         return np.ascontiguousarray(self._read("place")[self._order(), :3])
 
     @positions.setter
     @whole
     def positions(self, value: Any) -> None:
         place = self._read("place")
-        place[self._order(), :3] = numbers("positions", value, (len(self), 3))
+        place[self._order(), :3] = numbers("positions", value, (len(self._sim), 3))
         self._write("place", place)
-        self._core.settle()
+        self._sim._core.settle()
 
     @property
     @whole
     def velocities(self) -> np.ndarray:
-        """(N, 3) float32, m/s."""
+        """(N, 3) float32, m/s. (3,) or a number may be assigned, too; errors as of positions."""
         return np.ascontiguousarray(self._read("velocity")[self._order(), :3])
 
     @velocities.setter
     @whole
     def velocities(self, value: Any) -> None:
         velocity = self._read("velocity")
-        velocity[self._order(), :3] = numbers("velocities", value, (len(self), 3), (3,), ())
+        shapes = (len(self._sim), 3), (3,), ()
+        velocity[self._order(), :3] = numbers("velocities", value, *shapes)
         self._write("velocity", velocity)
-        self._core.settle()
+        self._sim._core.settle()
 
     @property
     @whole
@@ -88,20 +95,19 @@ class Arrays:
     @property
     @whole
     def phase(self) -> np.ndarray:
-        """(N,) uint8: which of `phases`, by their order."""
+        """(N,) uint8: the number of each particle's phase in the order of `Simulation.phases`."""
         return self._read("phase")[self._order()]
 
-    @property
     @whole
     def particles(self) -> Particles:
-        """All particles in id order, as they are rendered."""
-        order = self._order()
+        """All particles in id order, with colors, and the attributes velocity, phase and id."""
+        sim, order = self._sim, self._order()
         phase = self._read("phase")[order]
-        colors = np.array([self.phases[n].color for n in self._names], np.float32)
-        shown = np.array([bool(self.phases[n].shown) for n in self._names], np.float32)
+        colors = np.array([p.color for p in sim.phases.values()], np.float32).reshape(-1, 3)
+        shown = np.array([bool(p.shown) for p in sim.phases.values()], np.float32)
         return Particles(
             self._read("place")[order, :3],
-            support=2.0 * self.settings.spacing,
+            support=2.0 * sim.settings.spacing,
             color=colors[phase],
             weight=shown[phase],
             attributes={
@@ -113,23 +119,19 @@ class Arrays:
 
     @whole
     def neighbors(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The solver's lists: ids of the moved particles, and as compressed rows (offsets, ids)
-        their neighbours within two spacings."""
+        """The solver's neighbor lists as compressed rows.
+
+        Returns:
+            ids (R,) uint32 of the particles that the solver moves, offsets (R + 1,), and ids (M,)
+            uint32 of their neighbors within two spacings.
+        """
         ids = self._read("id")
-        rows, offsets, indices = self._core.neighbors()
+        rows, offsets, indices = self._sim._core.neighbors()
         return ids[rows], offsets, ids[indices]
 
     @whole
-    def totals(self) -> dict[str, Any]:
-        """Of fluid and tissue: mass, kinetic and potential energy, momentum, angular_momentum
-        (about the origin), center; SI."""
-        t = self._core.totals()
-        mass = t["mass"] or 1.0
-        return {**t, "center": tuple(c / mass for c in t["center"])}
-
-    @whole
     def hash(self) -> str:
-        """Of the state's bits; equal for equal runs."""
+        """16 hexadecimal digits of the state's bits: equal for equal runs."""
         h = hashlib.sha256()
         for name in ("id", "place", "velocity"):
             h.update(self._read(name).tobytes())
@@ -137,35 +139,38 @@ class Arrays:
 
     def _read(self, name: str) -> np.ndarray:
         dtype, columns = _ARRAYS[name]
-        out = np.empty((len(self), columns) if columns > 1 else len(self), dtype)
-        if len(self):
-            self._core.read(name, address(out))
+        n = len(self._sim)
+        out = np.empty((n, columns) if columns > 1 else n, dtype)
+        if n:
+            self._sim._core.read(name, address(out))
         return out
 
     def _write(self, name: str, values: np.ndarray) -> None:
-        if len(self):
-            self._core.write(name, address(np.ascontiguousarray(values, _ARRAYS[name][0])))
+        if len(self._sim):
+            self._sim._core.write(name, address(np.ascontiguousarray(values, _ARRAYS[name][0])))
 
     def _order(self) -> np.ndarray:
         return np.argsort(self._read("id"))
 
     @whole
     def state(self) -> dict[str, np.ndarray]:
-        """Everything that `set_state` needs to go on bit by bit (on the CPU)."""
+        """Everything that `set_state` needs to go on, bit by bit on the CPU: arrays by name, in
+        the solver's order."""
+        sim = self._sim
         arrays = {name: self._read(name) for name in _ARRAYS}
-        counts = [self._core.next_id(), self.n_steps]
-        clock = {"time": np.array(self.time), "counts": np.array(counts, np.uint64)}
+        counts = [sim._core.next_id(), sim.n_steps]
+        clock = {"time": np.array(sim.time), "counts": np.array(counts, np.uint64)}
         motion = {
-            "motion": np.frombuffer(self._core.motion(), np.uint8),
-            "moving": np.array(sorted(self._moving), np.uint8),
+            "motion": np.frombuffer(sim._core.motion(), np.uint8),
+            "moving": np.array(sorted(sim.steer._moving), np.uint8),
         }
-        ids, force = self._forces
+        ids, force = sim.steer._forces
         forces = {"force_ids": ids, "force": force}
-        return {**arrays, **motion, **forces, **self._tissue_state(), **clock}
+        return {**arrays, **motion, **forces, **sim.tissue._state(), **clock}
 
     def _check(self, state: Mapping[str, np.ndarray]) -> None:
-        """Refuse what would be read past its end, or could be no state of this simulation."""
-        n = np.shape(state["id"])[0]
+        """Refuse arrays that would be read past their end, or are no state of this simulation."""
+        n, n_phases = np.shape(state["id"])[0], len(self._sim.phases)
         for name, (dtype, columns) in _ARRAYS.items():
             shape = (n, columns) if columns > 1 else (n,)
             values = np.asarray(state[name])
@@ -181,20 +186,26 @@ class Arrays:
         if n and (int(np.max(state["id"])) >= int(state["counts"][0])
                   or len(np.unique(state["id"])) != n):  # fmt: skip
             raise ValueError("id: expected each once and below the number of ids given")
-        if n and int(np.max(state["phase"])) >= len(self._names):
-            raise ValueError(f"phase: expected numbers below {len(self._names)}")
+        if n and int(np.max(state["phase"])) >= n_phases:
+            raise ValueError(f"phase: expected numbers below {n_phases}")
 
     @whole
     def set_state(self, state: Mapping[str, np.ndarray]) -> None:
-        """Go on from what `state` gave."""
+        """Go on from what `state` returned, of this simulation or one of the same phases.
+
+        Raises:
+            ValueError: arrays that do not fit together, before anything changes.
+            KeyError: an array that is missing.
+        """
         self._check(state)
+        sim = self._sim
         next_id, n_steps = (int(c) for c in state["counts"])
-        self._core.resize(len(state["id"]), next_id, float(state["time"]), n_steps)
+        sim._core.resize(len(state["id"]), next_id, float(state["time"]), n_steps)
         for name in _ARRAYS:
             self._write(name, state[name])
-        self._core.settle()
-        self._core.set_motion(np.asarray(state["motion"], np.uint8).tobytes())
-        self._moving = {int(phase) for phase in state["moving"]}
-        self._forces = state["force_ids"], state["force"]
-        self._set_tissue_state(state)
-        self._core.tissue()  # particles learn what is held now
+        sim._core.settle()
+        sim._core.set_motion(np.asarray(state["motion"], np.uint8).tobytes())
+        sim.steer._moving = {int(phase) for phase in state["moving"]}
+        sim.steer._forces = state["force_ids"], state["force"]
+        sim.tissue._set_state(state)
+        sim._core.tissue()  # particles learn what is held now

@@ -1,4 +1,4 @@
-"""The bodies of a scene as particles: what the solver starts from."""
+"""The bodies of a scene as particles, from which the solver starts."""
 
 from __future__ import annotations
 
@@ -9,10 +9,12 @@ from typing import Any
 
 import numpy as np
 
+from ..scene.particles import Particles
+from ..scene.spacing import local_spacing
 from .limits import shape_of
 from .rigidity import young_of_rigidity
 from .room import check_room
-from .sampling import fill, surface
+from .sampling import FACES, fill, surface
 from .scene_file import Boundary, SceneFile
 from .schema import SceneError
 from .shapes import Box
@@ -63,8 +65,10 @@ def bodies(scene: SceneFile) -> list[Body]:
     found: list[Body] = []
     for table, name, maker in tables:
         with _named(name):
-            found += maker(scene, table, shapes[id(table)])
-    if scene.domain.walls:
+            given = shapes[id(table)] is not None or _source(table) is not None
+            found += maker(scene, table, shapes[id(table)]) if given else [_empty(table, maker)]
+    closed = any(axis not in scene.domain.periodic for axis in "xyz")
+    if scene.domain.walls and closed and len(scene.domain.open) < len(FACES):
         walls = Boundary(
             name="walls",
             box=Box(scene.domain.lo, scene.domain.hi),
@@ -90,10 +94,19 @@ def _fluid(scene: SceneFile, table: Any, shape: Any) -> list[Body]:
         if rigidity is not None and (rigidity > 0).any():
             raise ValueError(f"{table.particles.file}: expected rigidity 0 in a fluid, got others")
         return [_body(scene, table, "fluid", positions, velocities)]
-    if shape is not None:
-        return [_body(scene, table, "fluid", fill(shape, scene.spacing))]
-    nowhere = np.empty((0, 3))  # a fluid that only emitters and vessels bring
-    return [Body(name=table.name, kind="fluid", table=table, positions=nowhere, velocities=nowhere)]
+    return [_body(scene, table, "fluid", fill(shape, scene.spacing))]
+
+
+def _source(table: Any) -> Any:
+    """The file of particles or voxels that a table has instead of a shape."""
+    return getattr(table, "particles", None) or getattr(table, "tomography", None)
+
+
+def _empty(table: Any, maker: Any) -> Body:
+    """A phase whose particles emitters, vessels or `Simulation.add` bring."""
+    kind = {_fluid: "fluid", _solid: "tissue", _rigid: "rigid", _boundary: "boundary"}[maker]
+    nowhere = np.empty((0, 3))
+    return Body(name=table.name, kind=kind, table=table, positions=nowhere, velocities=nowhere)
 
 
 def _solid(scene: SceneFile, table: Any, shape: Any) -> list[Body]:
@@ -168,3 +181,13 @@ def _shape(table: Any) -> Any:
     """The one shape of a body, loaded where it is a file's."""
     _, shape = shape_of(table)
     return shape.load() if hasattr(shape, "load") else shape
+
+
+def scene_of_particles(particles: Particles) -> dict[str, Any]:
+    """A scene of a fluid in its own box with walls, and as much room again above it: fluid that
+    fills its box cannot flow. The particles themselves are not in it."""
+    d = float(np.median(local_spacing(particles.positions, k=3)))
+    lo, hi = (corner.astype(float) for corner in particles.bounds())
+    hi[2] += hi[2] - lo[2] + d
+    domain = {"lo": lo - d / 2, "hi": hi + d / 2, "walls": True}
+    return {"spacing": d, "domain": domain, "fluids": [{"name": "fluid"}]}

@@ -41,7 +41,7 @@ class Bonds:
         return np.repeat(np.arange(len(self.offsets) - 1), np.diff(self.offsets).astype(np.int64))
 
 
-def build_bonds(positions: Any, spacing: float, modulus: Any, body: Any = None) -> Bonds:
+def build_bonds(positions: Any, spacing: float, young: Any, body: Any = None) -> Bonds:
     """Bonds between all particles closer than 1.5 spacings, as stiff as a solid of that modulus.
 
     A solid whose bonds have stiffness k and length L, Σ over half of each particle's bonds, has
@@ -51,15 +51,15 @@ def build_bonds(positions: Any, spacing: float, modulus: Any, body: Any = None) 
     Args:
         positions: (N, 3) m, at rest.
         spacing: m.
-        modulus: Pa, Young's modulus: one or (N,); a bond between two has the compliance of half
+        young: Young's modulus, Pa, one or (N,); a bond between two has the compliance of half
             of each.
         body: (N,) numbers; particles of different bodies are not bonded.
     """
     positions = np.ascontiguousarray(positions, np.float32)
     n = len(positions)
-    soft = np.broadcast_to(np.asarray(modulus, np.float64), (n,))
+    soft = np.broadcast_to(np.asarray(young, np.float64), (n,))
     if not (np.isfinite(soft).all() and (soft > 0).all()):
-        raise ValueError("modulus: expected positive numbers of Pa")
+        raise ValueError("young: expected positive numbers of Pa")
     first, other = _pairs(positions, spacing)
     if body is not None:
         keep = np.asarray(body)[first] == np.asarray(body)[other]

@@ -11,11 +11,11 @@ import numpy as np
 
 from .._base.files import atomic_write
 
-VERSION = 3
+VERSION = 4
 
 
 def path_of(name: str | os.PathLike) -> str:
-    """The file that a state's name stands for: with .npz at its end."""
+    """The path of a state's file: its name, with .npz at the end."""
     name = os.fspath(name)
     return name if name.lower().endswith(".npz") else f"{name}.npz"
 
@@ -24,13 +24,15 @@ def save(name: str | os.PathLike, arrays: dict[str, np.ndarray], facts: dict[str
     """Write arrays and facts (what JSON can hold); the file appears whole or not at all."""
     words = json.dumps({"version": VERSION, **facts})
     with atomic_write(path_of(name)) as file:
-        np.savez(file, _facts=np.frombuffer(words.encode(), np.uint8), **arrays)
+        np.savez(file, _facts=np.frombuffer(words.encode(), np.uint8), **arrays)  # type: ignore[arg-type]
 
 
 def load(name: str | os.PathLike) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
     """The arrays and facts of a checkpoint.
 
-    Raises OSError for a file that cannot be read, ValueError for one that is no checkpoint.
+    Raises:
+        OSError: a file that cannot be read.
+        ValueError: a file that is no checkpoint, or one of another version.
     """
     path = path_of(name)
     try:
@@ -40,5 +42,7 @@ def load(name: str | os.PathLike) -> tuple[dict[str, np.ndarray], dict[str, Any]
     except (ValueError, KeyError, TypeError, zipfile.BadZipFile, EOFError) as error:
         raise ValueError(f"{path}: expected a checkpoint of a simulation, got {error}") from None
     if facts.pop("version", None) != VERSION:
-        raise ValueError(f"{path}: expected a checkpoint of version {VERSION}, got another")
+        raise ValueError(
+            f"{path}: expected version {VERSION} of a checkpoint, got another; run it again"
+        )
     return arrays, facts

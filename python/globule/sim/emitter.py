@@ -2,32 +2,45 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from .._base.arrays import address
 from .scene_file import Emitter as Table
 from .schema import number, switch
 from .steered import Steered, checked, checks_of
-
-if TYPE_CHECKING:
-    from .simulation import Simulation
-
 
 CHECKS = {"rate": number(least=0.0), "on": switch}
 
 
 class Emitter(Steered):
-    """A disc that fluid comes out of: `rate` m^3/s, `radius` m, at `center`, along `direction`.
+    """A disc that fluid comes out of, with the names and limits of a scene's `[[emitters]]`.
 
     The k-th particle leaves when rate * time reaches k times a particle's volume, spacing cubed:
     after t seconds there are rate * t / spacing^3 of them, to within one. `on` and `rate` may be
-    changed at any time; `emitted` counts.
+    changed at any time.
+
+    Args:
+        center: (3,) m.
+        direction: (3,), where fluid flows.
+        radius: m.
+        rate: m³/s.
+        fluid: name of the fluid's phase; None: the first fluid.
+        start, end: s, when it runs; None: without end.
+
+    Raises:
+        ValueError: a value that the scene's check refuses.
     """
 
     def __init__(
-        self, center: Any, direction: Any, radius: float, rate: float, phase: str | None = None
+        self,
+        center: Any,
+        direction: Any,
+        radius: float,
+        rate: float,
+        fluid: str | None = None,
+        start: float = 0.0,
+        end: float | None = None,
     ):
         checks = checks_of(Table) | CHECKS
         checked("emitter", "direction", checks["direction"], direction)
@@ -36,7 +49,9 @@ class Emitter(Steered):
         self.center = np.array(checked("emitter", "center", checks["center"], center))
         self.radius = checked("emitter", "radius", checks["radius"], radius)
         self.rate = checked("emitter", "rate", checks["rate"], rate)
-        self.phase = phase
+        self.fluid = fluid
+        self.start = checked("emitter", "start", checks["start"], start)
+        self.end = None if end is None else checked("emitter", "end", checks["end"], end)
         self.on = True
         self._emitted = 0
         self._volume = 0.0
@@ -45,14 +60,14 @@ class Emitter(Steered):
 
     @property
     def emitted(self) -> int:
-        """Particles that came out of it."""
+        """Number of particles that came out of it."""
         return self._emitted
 
     def _checks(self) -> dict[str, Any]:
         return CHECKS
 
     def _at_start(self) -> set[str]:
-        return {"phase", *checks_of(Table)}
+        return set(checks_of(Table))
 
     def _state(self) -> dict[str, Any]:
         """All of it, as JSON holds it."""
@@ -65,29 +80,35 @@ class Emitter(Steered):
         for name in ("center", "direction"):
             vars(self)[name] = np.array(state[name])
 
-    def _emit(self, simulation: Simulation, dt: float) -> None:
-        """What leaves during the next step, placed where it will be at its end."""
-        if not self.on or self.rate <= 0:
-            return
-        d = simulation.settings.spacing
+    def emit(self, spacing: float, time: float, dt: float) -> tuple[np.ndarray, np.ndarray]:
+        """The particles that leave during a step, placed where they are at its end.
+
+        Args:
+            spacing: of particles, m.
+            time: s, when the step begins.
+            dt: its length, s.
+
+        Returns:
+            positions (M, 3) float32 m and velocities (M, 3) float32 m/s.
+        """
+        none = np.empty((0, 3), np.float32)
+        ended = self.end is not None and time >= self.end
+        if not self.on or self.rate <= 0 or time < self.start or ended:
+            return none, none
         if self._places is None:
-            self._places = self._disc(d)
-        before, each = self._volume, d**3
+            self._places = self._disc(spacing)
+        before, each = self._volume, spacing**3
         self._volume += self.rate * dt
         first = int(np.floor(before / each + 1e-9)) + 1
         last = int(np.floor(self._volume / each + 1e-9))
         k = np.arange(first, last + 1)
-        if len(k) == 0:
-            return
         n = len(self._places)
-        speed = self.rate / (n * d * d)
+        speed = self.rate / (n * spacing * spacing)
         age = (self._volume - k * each) / self.rate
         positions = self._places[k % n] + self.direction * (speed * age)[:, None]
-        positions = np.ascontiguousarray(positions, np.float32)
         velocities = np.tile(np.asarray(speed * self.direction, np.float32), (len(k), 1))
-        which = simulation._phase(self.phase)
-        simulation._core.emit(len(k), address(positions), address(velocities), which)
         self._emitted += len(k)
+        return np.ascontiguousarray(positions, np.float32), velocities
 
     def _disc(self, d: float) -> np.ndarray:
         """A square lattice in the disc, row by row there and back, so that those that leave one

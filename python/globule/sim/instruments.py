@@ -10,11 +10,23 @@ from typing import Any
 import numpy as np
 
 from .._base.rotations import matrix
-from .schema import Problem, choice, direction, each, key, number, place, positive, switch, text
+from .schema import (
+    Problem,
+    Table,
+    choice,
+    direction,
+    each,
+    key,
+    number,
+    place,
+    positive,
+    switch,
+    text,
+)
 
 
 @dataclass(kw_only=True)
-class Key:
+class Key(Table):
     """Where an instrument is at a time; what is left out stays as in the key before."""
 
     time: float = key(number(least=0.0))
@@ -24,6 +36,7 @@ class Key:
     on: bool | None = key(switch, None)
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if (self.axis is None) != (self.angle is None):
             raise ValueError("expected axis and angle together, got one of them")
 
@@ -48,7 +61,7 @@ class Motion:
         self.positions, self.turns, self.switches = [], [], []
         for k in keys:
             position = k.position if k.position is not None else position
-            turn = quaternion(k.axis, k.angle) if k.axis is not None else turn
+            turn = quaternion(k.axis, k.angle or 0.0) if k.axis is not None else turn
             on = k.on if k.on is not None else on
             self.positions.append(np.asarray(position, float))
             self.turns.append(turn)
@@ -102,7 +115,7 @@ def slerp(a: np.ndarray, b: np.ndarray, share: float) -> np.ndarray:
 
 
 @dataclass(kw_only=True)
-class Instrument:
+class Instrument(Table):
     """A tool: what it is, and its key frames.
 
     Its own frame: the origin is the tip. Whatever a scalpel's moving edge sweeps over is cut. With
@@ -120,6 +133,7 @@ class Instrument:
     ablates: bool = key(switch, False)  # suction, of tissue
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if self.kind == "scalpel":
             if (self.edge is None) == (self.length is None):
                 raise ValueError("a scalpel: expected edge or length, got both or none")

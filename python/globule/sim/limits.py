@@ -1,5 +1,5 @@
-"""What keys of a scene allow one by one but not together: bodies out of the domain or too small for
-a particle, lengths that single precision cannot tell apart, runs that would never end.
+"""Checks of a scene's keys together: bodies outside of the domain or too small for a particle,
+lengths that single precision cannot tell apart, runs that would never end.
 """
 
 from __future__ import annotations
@@ -15,17 +15,18 @@ from .schema import Path, Problem
 
 MOST_REACH = 2**17  # spacings from the origin: there a float32 tells 1/128 of one
 MOST_STEPS = 1_000_000  # a frame
+_REMEDIES = {"max_dt": "raise it", "viscosity": "lower it or set implicit = true"}
 
 
 def check(scene: Any) -> None:
-    """Raise Problem at the key that is to blame."""
+    """Raise Problem at the key that is wrong."""
     frame = 1 / scene.output.fps
     if scene.seconds < frame * (1 - 1e-6):
         expected = f"expected at least a frame, {frame:g} s"
         raise Problem(("seconds",), f"{expected}, got {scene.seconds:g}")
     lo, hi = np.asarray(scene.domain.lo), np.asarray(scene.domain.hi)
     if (hi - lo).min() < 2 * scene.spacing:
-        expected = "expected less than half the domain"
+        expected = f"expected less than half the domain, {(hi - lo).min() / 2:g} m"
         raise Problem(("spacing",), f"{expected}, got {scene.spacing:g}")
     far = float(np.abs([lo, hi]).max())
     if far > MOST_REACH * scene.spacing:
@@ -52,19 +53,21 @@ def check(scene: Any) -> None:
 def _check_step(path: Path, step: float, frame: float) -> None:
     least = frame / MOST_STEPS
     if step < least:
-        expected = f"expected what allows steps of {least:.3g} s, a millionth of a frame"
-        raise Problem(path, f"{expected}, got what allows {step:.3g} s")
+        expected = f"expected steps of at least {least:.3g} s, a millionth of a frame"
+        remedy = _REMEDIES.get(path[-1], "lower it")
+        raise Problem(path, f"{expected}, got a value that needs {step:.3g} s; {remedy}")
 
 
 def check_material(phase: Any, spacing: float, frame: float) -> None:
-    """Raise Problem where a phase of a running simulation asks for steps that never end."""
+    """Raise Problem where a phase of a running simulation needs steps that are too short. frame: s
+    between two images."""
     if phase.kind in ("fluid", "tissue"):
         for name, step in _steps_of_material(phase, spacing):
             _check_step((f"phases[{phase.name!r}]", name), step, frame)
 
 
 def check_emitter(name: str, emitter: Any, spacing: float, frame: float) -> None:
-    """As `check_material`."""
+    """As `check_material`, for an emitter."""
     step = _step_of_emitter(emitter, spacing, 0.4 * spacing)
     _check_step((f"emitters[{name!r}]", "rate"), step, frame)
 
@@ -114,7 +117,7 @@ def _point(at: Any) -> str:
 
 
 def shape_of(table: Any) -> tuple[str, Any]:
-    """The key and the shape of a table that is one, a file's included; else "" and None."""
+    """The key and the shape of a body's table, which may be a file; "" and None without one."""
     for name in ("box", "sphere", "cylinder", "plane", "mesh", "distance"):
         if getattr(table, name, None) is not None:
             return name, getattr(table, name)
@@ -174,6 +177,6 @@ def _steps_of_material(material: Any, d: float) -> Iterator[tuple[str, float]]:
 
 
 def _step_of_emitter(emitter: Any, d: float, far: float) -> float:
-    """Until what leaves has gone as far as a step may take it."""
+    """The step in which what leaves goes as far as a step may take it."""
     speed = emitter.rate / (n_places(emitter.radius, d) * d * d)
     return far / speed if speed > 0 else math.inf

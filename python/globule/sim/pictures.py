@@ -1,4 +1,4 @@
-"""Pictures of a running simulation, as its scene's view says."""
+"""Images of a running simulation, with the camera and look of its scene's view."""
 
 from __future__ import annotations
 
@@ -19,10 +19,14 @@ from .scene_file import SceneFile
 
 
 class Eye:
-    """The camera and light of a scene's pictures.
+    """The camera and light of a scene's images.
 
-    What depends on how the scene looks (a camera that sees all, the ground's height, how far a
-    colour reaches) is found with the first picture and stays.
+    The first image that shows particles decides what depends on them (a camera that sees all, the
+    ground's height, the reach of light), and it stays.
+
+    Args:
+        scene: its `view` is used.
+        size: (width, height) pixels, instead of the view's own.
     """
 
     def __init__(self, scene: SceneFile, size: tuple[int, int] | None = None):
@@ -35,7 +39,7 @@ class Eye:
             self._camera = Camera(self.view.eye, self.view.look_at, self.view.up, self.view.fov)
 
     def picture(self, sim: Any) -> Frame:
-        """What is there now."""
+        """An image of the simulation as it is now."""
         scene = self._shown(sim)
         if self._settings is None:  # nothing yet to scale light or camera by
             camera = self._camera or Camera((0, -1, 0), (0, 0, 0), self.view.up)
@@ -43,7 +47,7 @@ class Eye:
         return render(scene, self._camera, self.size, self._settings)
 
     def settled(self, sim: Any) -> bool:
-        """Whether there is something to scale light and camera by, which is then done."""
+        """Whether camera and light are decided, which happens where there are particles."""
         self._shown(sim)
         return self._settings is not None
 
@@ -63,7 +67,7 @@ class Eye:
         return replace(settings, ground=replace(settings.ground, height=self.view.ground))
 
     def _by_speed(self, sim: Any) -> Scene:
-        """The particles coloured by how fast they are."""
+        """The particles colored by their speed."""
         particles = sim.shown_particles
         speed = np.linalg.norm(particles.attributes["velocity"], axis=1)
         particles.color = colorize(speed, "viridis", *self.view.speeds)
@@ -71,7 +75,18 @@ class Eye:
 
 
 class Pictures:
-    """Every frame's picture, into a folder or a movie."""
+    """Every frame's image, into a folder or a movie.
+
+    Args:
+        scene: its `view` is used.
+        folder: for 00000.png and so on; None: no files.
+        movie: an .mp4; None: no movie.
+        size: (width, height) pixels, instead of the view's own.
+        resume: go on with the frames of a movie that is there.
+
+    Raises:
+        ImportError: a movie without PyAV.
+    """
 
     def __init__(
         self,
@@ -90,18 +105,20 @@ class Pictures:
 
     @property
     def wanted(self) -> bool:
+        """Whether there is a folder or a movie to write to."""
         return bool(self.folder or self.movie)
 
     def begin_again(self, sim: Any, fps: float, until: float) -> None:
-        """See a resumed run as an uninterrupted one would: light and camera of its first picture
-        that shows something. sim: the scene at its start, which goes on while it is empty."""
+        """Decide light and camera as an uninterrupted run does, by its first image that shows
+        particles. sim: the scene at its start; it runs while it is empty, until at most `until`, s,
+        at `fps` frames per second."""
         frame = 0
         while not self.eye.settled(sim) and (frame + 1) / fps <= until:
             frame += 1
-            sim.advance_to(frame / fps)
+            sim.run_to(frame / fps)
 
     def add(self, number: int, sim: Any) -> list[str]:
-        """Take frame `number`'s picture; the files that stay."""
+        """Take the image of frame `number`; returns the paths of the files that stay."""
         if not self.wanted:
             return []
         frame = self.eye.picture(sim)
@@ -116,7 +133,7 @@ class Pictures:
         return kept
 
     def finish(self, n_frames: int, fps: float) -> list[Any]:
-        """Make the movie; its file."""
+        """Encode the movie of `n_frames` at `fps`; returns its path in a list."""
         if not self.movie:
             return []
         self.movie.encode(n_frames, fps)

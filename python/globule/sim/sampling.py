@@ -14,6 +14,7 @@ import numpy as np
 
 from ..scene.particles import Particles
 from ..scene.scene import Scene
+from ..scene.surface import sample_triangles
 from .shapes import Box, Cylinder, Grid, Mesh, Plane, Sphere, gradient, joined
 
 MOST_PARTICLES = 50_000_000
@@ -84,13 +85,15 @@ def surface(
 
 def _box_surface(box: Box, d: float, offset: float, open_faces: Any) -> np.ndarray:
     _check_open(open_faces, FACES)
-    lo, hi = np.asarray(box.lo) - offset, np.asarray(box.hi) + offset
+    opened = np.array([face in open_faces for face in FACES]).reshape(3, 2)
+    # Where both faces of an axis are open, the walls beside them go on as a lattice would.
+    away = np.where(opened.all(1), -d / 2, offset)
+    lo, hi = np.asarray(box.lo) - away, np.asarray(box.hi) + away
     n = np.maximum(2, np.round((hi - lo) / d).astype(int) + 1)
     index = shell(n, [face for face in FACES if face not in open_faces])
     keep = np.ones(len(index), bool)
-    for number, face in enumerate(FACES):  # the walls beside an open face end with the box
-        axis, end = number // 2, number % 2
-        if face in open_faces and offset > 0:
+    for axis, end in np.argwhere(opened & ~opened.all(1, keepdims=True)):
+        if offset > 0:  # the walls beside an open face end with the box
             keep &= index[:, axis] != (n[axis] - 1 if end else 0)
     return lo + index[keep] * ((hi - lo) / (n - 1))
 
@@ -164,8 +167,6 @@ def _plane_surface(plane: Plane, d: float, offset: float, domain: Any) -> np.nda
 
 
 def _mesh_surface(mesh: Mesh, d: float, offset: float) -> np.ndarray:
-    from ..scene.surface import sample_triangles
-
     corners = mesh.triangles
     triangle, barycentric, _ = sample_triangles(corners, d / 3)
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])

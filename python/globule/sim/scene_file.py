@@ -1,13 +1,15 @@
-"""Scene files: TOML to a checked `SceneFile`, or one line that says what is wrong and where."""
+"""Scenes: TOML, a dict or Python to a checked `SceneFile`, or one line that says what is wrong."""
 
 from __future__ import annotations
 
 import math
 import os
 import re
-from dataclasses import dataclass, fields, is_dataclass, replace
+from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path as File
 from typing import Any
+
+import numpy as np
 
 from ..formats import EXTENSIONS
 from . import limits
@@ -16,6 +18,7 @@ from .sampling import ENDS, FACES
 from .schema import (
     Problem,
     SceneError,
+    Table,
     choice,
     color,
     density,
@@ -33,6 +36,7 @@ from .schema import (
     text,
     vector,
     velocity,
+    whole,
 )
 from .shapes import Box, Cylinder, Plane, Sphere
 from .sources import DistanceFile, MeshFile, ParticleFile, Tomography, check_files
@@ -40,55 +44,71 @@ from .toml_lines import key_lines
 
 SHIPPED = ("dam-break", "droplet", "poiseuille", "beam", "cut-block", "brain-surgery")
 FOLDER = File(__file__).parent / "scenes"
-SOLID_SHAPES = ("box", "sphere", "cylinder", "mesh")
+SOLID_SHAPES = ("box", "sphere", "cylinder", "mesh", "tomography", "particles")
+BOUNDARY_SHAPES = ("box", "sphere", "cylinder", "plane", "mesh", "distance")
+RIGID_SHAPES = ("box", "sphere", "cylinder", "mesh")
+IMPLICIT_FROM = 1.0  # Pa s
 
 
 @dataclass(kw_only=True)
-class Solver:
-    """How time goes on."""
+class Solver(Table):
+    """How the solver steps through time."""
 
     method: str = key(choice("dfsph", "wcsph"), "dfsph")
     max_error: float = key(number(1e-6, 0.1), 0.001)  # mean compression, a share
+    divergence_error: float | None = key(number(1e-6, 0.1), None)  # default: max_error
+    viscosity_error: float = key(number(1e-9, 0.1), 1e-4)  # residual of implicit viscosity
+    min_iterations: int = key(whole(0, 1_000_000), 2)
+    max_iterations: int = key(whole(1, 1_000_000), 100)
     cfl: float = key(number(1e-3, 2.0), 1.0)
-    max_dt: float = key(positive, 0.005)  # seconds
+    max_dt: float = key(positive, 0.005)  # s
+    sound_speed: float | None = key(positive, None)  # of wcsph, m/s
+    extra_viscosity: float = key(number(0.0, 1e9), 0.0)  # of wcsph, Pa s
 
 
 @dataclass(kw_only=True)
-class Domain:
-    """Where the simulation is; what leaves is counted as outside."""
+class Domain(Table):
+    """The box that is simulated; particles that leave it are counted and no longer simulated."""
 
-    lo: tuple = key(place)
+    lo: tuple = key(place)  # m
     hi: tuple = key(place)
     walls: bool = key(switch, False)  # whether its faces are boundaries
     open: list = key(distinct(choice(*FACES)), [])
     periodic: list = key(distinct(choice("x", "y", "z")), [])  # axes without end
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         Box(self.lo, self.hi)
         for i, face in enumerate(self.open):
             if face[1] in self.periodic:
                 expected = f"expected faces of axes that end, got {face!r} with periodic"
                 raise Problem(("open", i), f"{expected} {shown(self.periodic)}")
 
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Its two corners, (3,) float64 m each."""
+        return np.asarray(self.lo), np.asarray(self.hi)
+
 
 @dataclass(kw_only=True)
-class Shape:
-    """One of several shapes; where fixed parts of tissue and sinks are."""
+class Shape(Table):
+    """One of several shapes: where tissue is fixed."""
 
     box: Box | None = key(Box, None)
     sphere: Sphere | None = key(Sphere, None)
     cylinder: Cylinder | None = key(Cylinder, None)
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         exactly_one(self, ("box", "sphere", "cylinder"))
 
     @property
     def shape(self) -> Any:
+        """The shape that is given."""
         return self.box or self.sphere or self.cylinder
 
 
 @dataclass(kw_only=True)
-class Fluid:
+class Fluid(Table):
     """A liquid and where it is at the start."""
 
     name: str = key(text)
@@ -103,17 +123,19 @@ class Fluid:
     surface_tension: float = key(number(0.0, 1e3), 0.0)  # N/m
     velocity: tuple = key(velocity, (0.0, 0.0, 0.0))  # m/s
     color: tuple = key(color, (0.05, 0.25, 0.5))
-    reflection: float = key(number(0.0, 1.0), 0.0)  # factors of the picture, as of particles
+    reflection: float = key(number(0.0, 1.0), 0.0)  # shares of light
     refraction: float = key(number(0.0, 1.0), 0.0)
+    shown: bool = key(switch, True)  # in pictures
 
     def __post_init__(self) -> None:
-        _at_most_one(self, ("box", "sphere", "cylinder", "mesh", "particles"))
+        super().__post_init__()
+        at_most_one(self, ("box", "sphere", "cylinder", "mesh", "particles"))
         if self.implicit is None:
-            self.implicit = self.viscosity >= 1.0
+            self.implicit = self.viscosity >= IMPLICIT_FROM
 
 
 @dataclass(kw_only=True)
-class Solid:
+class Solid(Table):
     """Elastic tissue: particles with bonds."""
 
     name: str = key(text)
@@ -126,6 +148,9 @@ class Solid:
     density: float = key(density, 1040.0)
     young: float | None = key(number(1e-3, 1e13), None)  # Pa
     rigidity: float | None = key(number(above=0.0, most=0.999), None)
+    viscosity: float = key(number(0.0, 1e9), 0.0)  # Pa s
+    implicit: bool | None = key(switch, None)
+    surface_tension: float = key(number(0.0, 1e3), 0.0)  # N/m: fluids stick to it
     damping: float = key(number(0.0, 1e6), 0.0)  # of the bonds, 1/s
     tear: float = key(number(0.0, 1e6), 0.0)  # strain at which a bond breaks; 0: never
     plastic: float = key(number(0.0, 1e6), 0.0)  # strain beyond which some stays; 0: never
@@ -135,16 +160,20 @@ class Solid:
     color: tuple = key(color, (0.62, 0.38, 0.35))
     reflection: float = key(number(0.0, 1.0), 0.0)
     refraction: float = key(number(0.0, 1.0), 0.0)
+    shown: bool = key(switch, True)
 
     def __post_init__(self) -> None:
-        exactly_one(self, ("box", "sphere", "cylinder", "mesh", "tomography", "particles"))
+        super().__post_init__()
+        at_most_one(self, SOLID_SHAPES)
+        if self.implicit is None:
+            self.implicit = self.viscosity >= IMPLICIT_FROM
         if self.young is not None and self.rigidity is not None:
             raise ValueError("expected young or rigidity, got both")
 
 
 @dataclass(kw_only=True)
-class Boundary:
-    """A wall: sampled to one layer of particles, standing or moved by key frames."""
+class Boundary(Table):
+    """A wall: one layer of particles, which stands or follows key frames."""
 
     name: str = key(text)
     box: Box | None = key(Box, None)
@@ -156,12 +185,15 @@ class Boundary:
     hollow: bool = key(switch, False)  # whether things move inside it
     open: list = key(distinct(choice(*FACES, *ENDS)), [])
     keys: list = key(each(Key), [])
-    adhesion: float = key(number(0.0, 1e3), 0.0)  # of fluids with a tension, N/m
+    adhesion: float = key(number(0.0, 1e3), 0.0)  # N/m: fluids with a surface tension stick to it
     shown: bool = key(switch, False)
     color: tuple = key(color, (0.5, 0.5, 0.5))
+    reflection: float = key(number(0.0, 1.0), 0.0)
+    refraction: float = key(number(0.0, 1.0), 0.0)
 
     def __post_init__(self) -> None:
-        exactly_one(self, ("box", "sphere", "cylinder", "plane", "mesh", "distance"))
+        super().__post_init__()
+        at_most_one(self, BOUNDARY_SHAPES)
         try:
             self.motion = Motion(self.keys) if self.keys else None
         except Problem as problem:
@@ -169,8 +201,8 @@ class Boundary:
 
 
 @dataclass(kw_only=True)
-class Rigid:
-    """A body that keeps its shape, and moves as what it touches and gravity push it."""
+class Rigid(Table):
+    """A body that keeps its shape; gravity and what it touches move it."""
 
     name: str = key(text)
     box: Box | None = key(Box, None)
@@ -180,16 +212,20 @@ class Rigid:
     density: float = key(density, 1000.0)
     velocity: tuple = key(velocity, (0.0, 0.0, 0.0))
     spin: tuple = key(vector(least=-1e6, most=1e6), (0.0, 0.0, 0.0))  # rad/s
-    adhesion: float = key(number(0.0, 1e3), 0.0)  # as a boundary's
+    adhesion: float = key(number(0.0, 1e3), 0.0)  # N/m
     color: tuple = key(color, (0.6, 0.5, 0.3))
+    reflection: float = key(number(0.0, 1.0), 0.0)
+    refraction: float = key(number(0.0, 1.0), 0.0)
+    shown: bool = key(switch, True)
 
     def __post_init__(self) -> None:
-        exactly_one(self, SOLID_SHAPES)
+        super().__post_init__()
+        at_most_one(self, RIGID_SHAPES)
 
 
 @dataclass(kw_only=True)
-class Emitter:
-    """A disc that lets fluid in at a rate."""
+class Emitter(Table):
+    """A disc that fluid comes out of at a rate."""
 
     name: str = key(text)
     fluid: str = key(text)
@@ -202,26 +238,27 @@ class Emitter:
 
 
 @dataclass(kw_only=True)
-class Sink:
-    """Where fluid is taken away."""
+class Sink(Table):
+    """A region that removes fluid."""
 
     name: str = key(text)
     box: Box | None = key(Box, None)
     sphere: Sphere | None = key(Sphere, None)
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         exactly_one(self, ("box", "sphere"))
 
     @property
     def region(self) -> tuple:
-        """Corners of the box, or centre and radius of the ball."""
+        """Corners (lo, hi) of the box, or center and radius of the ball, m."""
         if self.box:
             return self.box.lo, self.box.hi
         return self.sphere.center, self.sphere.radius
 
 
 @dataclass(kw_only=True)
-class Vessel:
+class Vessel(Table):
     """A tube inside tissue that bleeds where it is cut."""
 
     name: str = key(text)
@@ -234,8 +271,8 @@ class Vessel:
 
 
 @dataclass(kw_only=True)
-class View:
-    """How pictures of the scene are made."""
+class View(Table):
+    """Camera and look of the scene's images."""
 
     eye: tuple | None = key(place, None)
     look_at: tuple | None = key(place, None)
@@ -243,10 +280,11 @@ class View:
     fov: float = key(number(above=0.0, most=170.0), 40.0)
     look: str | None = key(choice("water", "blood", "glass", "tissue", "clay"), None)
     ground: float | None = key(number(-1e6, 1e6), None)  # of a look, height along `up`
-    speeds: tuple | None = key(vector(2, least=0), None)  # m/s at the ends of a colour map
+    speeds: tuple | None = key(vector(2, least=0), None)  # m/s at the ends of a color map
     size: tuple = key(vector(2, least=1, most=16384), (640.0, 480.0))
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if (self.eye is None) != (self.look_at is None):
             raise ValueError("expected eye and look_at together, got one of them")
         if self.eye is not None and self.eye == self.look_at:
@@ -256,14 +294,16 @@ class View:
 
 
 @dataclass(kw_only=True)
-class Output:
+class Output(Table):
+    """Frames that a run writes."""
+
     fps: float = key(number(above=0.0, most=1e6), 30.0)
     format: str = key(choice(*(name[1:] for name in EXTENSIONS)), "vtp")
 
 
 @dataclass(kw_only=True)
-class SceneFile:
-    """A scene: all lengths in metres, SI units throughout."""
+class SceneFile(Table):
+    """A scene with all its keys, in SI units; docs/scene-keys.md describes each."""
 
     spacing: float = key(positive)  # of the particles
     domain: Domain = key(Domain)
@@ -283,8 +323,7 @@ class SceneFile:
     output: Output = key(Output, Output)
 
     def __post_init__(self) -> None:
-        if not (self.fluids or self.solids or self.rigids):
-            raise ValueError("expected fluids, solids or rigids, got none")
+        super().__post_init__()
         names: set[str] = set()
         for kind in LISTS:
             for i, item in enumerate(getattr(self, kind)):
@@ -311,10 +350,29 @@ LISTS = (
 )  # fmt: skip
 
 
-def _at_most_one(table: Any, names: tuple[str, ...]) -> None:
+def at_most_one(table: Any, names: tuple[str, ...]) -> None:
+    """Refuse a table with more than one of these keys."""
     given = [name for name in names if getattr(table, name) is not None]
     if len(given) > 1:
         raise ValueError(f"expected one of {', '.join(names)}, got {' and '.join(given)}")
+
+
+def check_places(scene: SceneFile) -> None:
+    """Refuse a scene file whose particles come from nowhere; in Python, `add` may bring them.
+
+    Raises:
+        Problem: a scene without bodies, or a body without a shape.
+    """
+    if not (scene.fluids or scene.solids or scene.rigids):
+        raise Problem((), "expected fluids, solids or rigids, got none")
+    for kind, shapes in (
+        ("solids", SOLID_SHAPES), ("boundaries", BOUNDARY_SHAPES), ("rigids", RIGID_SHAPES),
+    ):  # fmt: skip
+        for i, table in enumerate(getattr(scene, kind)):
+            try:
+                exactly_one(table, shapes)
+            except ValueError as error:
+                raise Problem((kind, i), str(error)) from None
 
 
 def shipped(name: str) -> File:
@@ -322,18 +380,23 @@ def shipped(name: str) -> File:
     return FOLDER / f"{name}.toml"
 
 
-def read_scene(scene: Any, spacing: float | None = None) -> SceneFile:
-    """A scene from the name of a shipped one, the path of a TOML file, or a dict as TOML has it.
+def read_scene(scene: Any, spacing: float | None = None, **keys: Any) -> SceneFile:
+    """A scene with all its values checked.
 
     Args:
-        spacing: metres, instead of the scene's own.
+        scene: the name of a shipped scene, the path of a TOML file, a dict as TOML has it, or a
+            `SceneFile`.
+        spacing: m, instead of the scene's own.
+        keys: other keys of a scene, instead of the scene's own, as in a dict or as tables.
 
     Raises:
-        SceneError: `scene.toml:12: fluids[0].viscosity: expected …, got …`
+        SceneError: what is wrong with a key, with file and line where there is a file.
         OSError: a file that cannot be read.
     """
-    if spacing is not None and not (math.isfinite(spacing) and spacing > 0):
-        raise SceneError(f"spacing: expected a number above 0, got {spacing}")
+    if spacing is not None:
+        if not (math.isfinite(spacing) and spacing > 0):
+            raise SceneError(f"spacing: expected a number above 0, got {spacing}")
+        keys["spacing"] = spacing
     name, lines, folder = "", {}, ""
     if not isinstance(scene, (dict, SceneFile)):
         path = shipped(scene) if scene in SHIPPED else File(scene)
@@ -345,9 +408,11 @@ def read_scene(scene: Any, spacing: float | None = None) -> SceneFile:
             got = f"{os.fspath(path)}: {error.strerror}"
             raise type(error)(f"SCENE: {expected}, got {got}") from None
     try:
-        found = scene if isinstance(scene, SceneFile) else read_table(SceneFile, scene)
-        if spacing is not None:
-            found = replace(found, spacing=spacing)
+        if isinstance(scene, SceneFile):
+            scene = {f.name: getattr(scene, f.name) for f in fields(scene)}
+        found = read_table(SceneFile, {**scene, **keys})
+        if name:
+            check_places(found)
         for kind in LISTS:
             for i, item in enumerate(getattr(found, kind)):
                 for source in ("mesh", "tomography", "particles", "distance"):
@@ -358,11 +423,12 @@ def read_scene(scene: Any, spacing: float | None = None) -> SceneFile:
                         raise Problem(path, problem.message) from None
         return found
     except Problem as problem:
+        lines = {place: line for place, line in lines.items() if place[0] not in keys}
         raise SceneError(f"{_located(name, lines, problem.path)}{problem}") from None
 
 
 def as_dict(table: Any) -> Any:
-    """A checked table as TOML had it, for `read_scene` to read again."""
+    """A checked table as a dict in TOML's words, which `read_scene` reads again."""
     if isinstance(table, (list, tuple)):
         return [as_dict(item) for item in table]
     if not is_dataclass(table):
@@ -379,7 +445,7 @@ def _parsed(path: File) -> tuple[dict[str, Any], dict]:
     try:
         import tomllib
     except ImportError:  # Python 3.10
-        import tomli as tomllib
+        import tomli as tomllib  # type: ignore[no-redef]
     try:
         words = path.read_bytes().decode("utf-8")
         return tomllib.loads(words), key_lines(words.replace("\r\n", "\n"))

@@ -1,7 +1,7 @@
-"""Tables of a scene file as dataclasses: which keys there are, and what values each takes.
+"""Tables of a scene as dataclasses: the keys there are, and a check of each key's value.
 
-A check takes a value as TOML has it and returns it as the simulation wants it, or raises
-ValueError with what it expected.
+A check takes a value as TOML has it and returns it as the simulation needs it, or raises a
+ValueError that says what it expected.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import sys
 from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
 
+from .._base.colormaps import hex_color, to_linear
 from .toml_lines import Path
 
 T = TypeVar("T")
@@ -19,11 +20,12 @@ Check = Callable[[Any], Any]
 
 
 class SceneError(ValueError):
-    """What is wrong with a scene: file and line where there is a file, key, expected and got."""
+    """A mistake in a scene. The message names the file and the line where there is a file, the
+    key, what was expected and what came."""
 
 
 class Problem(ValueError):
-    """A mistake at a key; `read_table` of the tables around it prepends theirs."""
+    """A mistake at a key; the tables around it prepend their own keys to `path`."""
 
     def __init__(self, path: Path, message: str):
         super().__init__(f"{spell(path)}: {message}" if path else message)
@@ -31,7 +33,8 @@ class Problem(ValueError):
 
 
 def key(check: Check, default: Any = dataclasses.MISSING) -> Any:
-    """A key of a table; without a default it must be given. A class makes the default anew."""
+    """A key of a table; without a default it is required. A class as default makes a new one for
+    each table."""
     if isinstance(default, list):
         default = list
     if isinstance(default, type):
@@ -39,26 +42,42 @@ def key(check: Check, default: Any = dataclasses.MISSING) -> Any:
     return dataclasses.field(default=default, metadata={"check": check})
 
 
-def read_table(kind: type[T], value: Any, path: Path = ()) -> T:
-    """A TOML table as the dataclass `kind`.
+class Table:
+    """Base of the tables: what a key takes is checked when a table is made, from TOML, a dict or
+    in Python alike. A subclass with a `__post_init__` of its own calls this one first.
 
-    Raises Problem for an unknown or missing key and a value that the key's check refuses.
+    Raises:
+        Problem: a value that the check of its key refuses.
     """
+
+    def __post_init__(self) -> None:
+        for field in dataclasses.fields(self):  # type: ignore[arg-type]
+            value = getattr(self, field.name)
+            if field.metadata and value is not field.default:
+                checked = _checked(field.metadata["check"], value, (field.name,))
+                object.__setattr__(self, field.name, checked)  # a shape is frozen
+
+
+def read_table(kind: type[T], value: Any, path: Path = ()) -> T:
+    """A table as the dataclass `kind`: a dict as TOML has it, or a table of that kind already.
+
+    Raises:
+        Problem: an unknown or missing key, or a value that the key's check refuses.
+    """
+    if isinstance(value, kind):
+        return value
     if not isinstance(value, dict):
         raise Problem(path, f"expected a table of names with values, got {shown(value)}")
-    fields = {field.name: field for field in dataclasses.fields(kind) if field.metadata}
+    fields = {f.name: f for f in dataclasses.fields(kind) if f.metadata}  # type: ignore[arg-type]
     for name in value:
         if name not in fields:
             known = ", ".join(fields)
             raise Problem((*path, name), f"expected one of {known}, got an unknown key")
-    given = {}
     for name, field in fields.items():
-        if name in value:
-            given[name] = _checked(field.metadata["check"], value[name], (*path, name))
-        elif field.default is field.default_factory is dataclasses.MISSING:
+        if name not in value and field.default is field.default_factory is dataclasses.MISSING:
             raise Problem(path, f"expected the key {name}, got none")
     try:
-        return kind(**given)
+        return kind(**value)
     except Problem as problem:
         raise Problem((*path, *problem.path), problem.message) from None
     except ValueError as error:
@@ -66,8 +85,10 @@ def read_table(kind: type[T], value: Any, path: Path = ()) -> T:
 
 
 def _checked(check: Any, value: Any, path: Path) -> Any:
+    """What `check` makes of a value; NumPy's numbers and arrays count as numbers and lists."""
     if isinstance(check, type) and dataclasses.is_dataclass(check):
         return read_table(check, value, path)
+    value = value.tolist() if hasattr(value, "tolist") else value
     try:
         return check(value)
     except Problem as problem:
@@ -77,7 +98,7 @@ def _checked(check: Any, value: Any, path: Path) -> Any:
 
 
 def spell(path: Path) -> str:
-    """`fluids[0].box.lo`"""
+    """A path in words: `fluids[0].box.lo`."""
     words = ""
     for part in path:
         words += f"[{part}]" if isinstance(part, int) else f"{'.' if words else ''}{part}"
@@ -85,7 +106,7 @@ def spell(path: Path) -> str:
 
 
 def shown(value: Any) -> str:
-    """A value in a message: short, as TOML has it."""
+    """A value for a message: at most 60 characters, as TOML writes it."""
     if isinstance(value, bool):
         return str(value).lower()
     words = repr(value)
@@ -118,6 +139,8 @@ positive = number(above=0.0)
 
 
 def whole(least: int, most: int) -> Check:
+    """A whole number in [least, most]."""
+
     def check(value: Any) -> int:
         if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
             raise ValueError(f"expected a whole number from {least} to {most}, got {shown(value)}")
@@ -139,15 +162,15 @@ def vector(n: int = 3, least: float = -math.inf, most: float = math.inf) -> Chec
     return check
 
 
-# Quantities, in SI units: what there is, and some orders of magnitude more, so that slips are seen
-# and single precision holds.
+# Quantities in SI units. The limits are some orders of magnitude beyond what occurs: they show
+# slips and keep values within single precision.
 place = vector(least=-1e6, most=1e6)
 velocity = vector(least=-1e5, most=1e5)
 density = number(1e-3, 1e6)
 
 
 def direction(value: Any) -> tuple[float, ...]:
-    """Three numbers, made a unit vector."""
+    """Three numbers, normalized to a unit vector."""
     v = vector()(value)
     length = math.sqrt(sum(x * x for x in v))
     if length == 0:
@@ -158,8 +181,6 @@ def direction(value: Any) -> tuple[float, ...]:
 def color(value: Any) -> tuple[float, ...]:
     """Linear RGB in [0, 1], or #rrggbb, sRGB."""
     if isinstance(value, str):
-        from .._base.colormaps import hex_color, to_linear
-
         digits = value[1:]
         if (
             len(value) == 7
@@ -173,18 +194,22 @@ def color(value: Any) -> tuple[float, ...]:
 
 
 def switch(value: Any) -> bool:
+    """True or false."""
     if not isinstance(value, bool):
         raise ValueError(f"expected true or false, got {shown(value)}")
     return value
 
 
 def text(value: Any) -> str:
+    """A string that is not empty."""
     if not isinstance(value, str) or not value:
         raise ValueError(f"expected a text, got {shown(value)}")
     return value
 
 
 def choice(*names: str) -> Check:
+    """One of these strings."""
+
     def check(value: Any) -> str:
         if value not in names:
             raise ValueError(f"expected {' or '.join(names)}, got {shown(value)}")
@@ -219,7 +244,7 @@ def distinct(check: Any) -> Check:
 
 
 def exactly_one(table: Any, names: Sequence[str]) -> str:
-    """The one of these keys that is given."""
+    """The one of these keys that is given; none or several are a ValueError."""
     given = [name for name in names if getattr(table, name) is not None]
     if len(given) != 1:
         raise ValueError(f"expected one of {', '.join(names)}, got {' and '.join(given) or 'none'}")

@@ -1,20 +1,24 @@
-"""What a simulation is told before it runs, materials and settings, and what a step tells."""
+"""Materials and settings of a simulation, and the report of a step.
+
+Their names, limits and defaults are those of a scene's tables (scene_file.py).
+"""
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-from .scene_file import Boundary, Fluid, Rigid, Solid
-from .schema import number, positive, shown, switch, vector, whole
+from .old_words import OLD_SETTINGS, renamed
+from .scene_file import IMPLICIT_FROM, Boundary, Domain, Fluid, Rigid, SceneFile, Solid, Solver
 from .steered import Steered, checked, checks_of
 
 KINDS = ("fluid", "tissue", "boundary", "rigid")
 MAX_PHASES = 32
 TABLES = dict(zip(KINDS, (Fluid, Solid, Boundary, Rigid), strict=True))
-CHECKS = {"shown": switch}
+CHECKS: dict[str, Any] = {}
 for _table in TABLES.values():
     CHECKS |= checks_of(_table)
 PICTURE = ("color", "reflection", "refraction", "shown")
@@ -29,45 +33,63 @@ CHANGEABLE = {
 
 @dataclass
 class Phase(Steered):
-    """A material of a simulation, with the names and limits of a scene file; SI units. What
-    CHANGEABLE has of its kind may be changed between steps.
+    """A material of a simulation, with the names, limits and defaults of a scene's table.
 
-    kind: fluid, tissue, boundary (fixed or moved by key frames) or rigid (a floating body).
-    surface_tension: of a fluid, N/m; adhesion: of a boundary or rigid body, N/m: a fluid sticks
-    to it with the geometric mean of both, as it does to tissue with a surface_tension. implicit:
-    viscosity that does not shorten the steps. Of tissue: damping, 1/s; tear: strain beyond which
-    bonds break, 0: never; plastic: strain beyond which the share creep, 1/s, of the strain becomes
-    permanent, 0: never.
+    A value that is not given has the default of the kind's table: `[[fluids]]`, `[[solids]]` for
+    tissue, `[[boundaries]]` or `[[rigids]]`. `CHANGEABLE` lists what may change between steps.
+
+    Attributes:
+        name: of the phase; each has its own.
+        kind: "fluid", "tissue", "boundary" (stands, or moves along key frames) or "rigid" (floats).
+        density: kg/m³.
+        viscosity: Pa s.
+        implicit: whether viscosity is solved for, which does not shorten the steps; None: from
+            1 Pa s up.
+        surface_tension: N/m, of a fluid; of tissue: fluids stick to it.
+        adhesion: N/m, of a boundary or rigid body: a fluid sticks to it with the geometric mean of
+            this and its own surface tension.
+        color: linear RGB from 0 to 1, or "#rrggbb" in sRGB.
+        reflection, refraction: shares of light from 0 to 1, as in `Particles`.
+        shown: whether images show it.
+        damping: 1/s, of tissue's bonds.
+        tear: strain at which a bond breaks; 0: never.
+        plastic: strain beyond which a part stays; 0: never.
+        creep: share of that strain that stays, 1/s.
+
+    Raises:
+        ValueError: a value that the table's check refuses.
+        AttributeError: an assignment to a name that cannot be changed.
     """
 
     name: str
     kind: str = "fluid"
-    density: float = 1000.0
-    viscosity: float = 0.0
-    implicit: bool = False
-    surface_tension: float = 0.0
-    adhesion: float = 0.0
-    color: Any = (0.28, 0.52, 0.80)
-    reflection: float = 0.0
-    refraction: float = 0.0
+    density: float | None = None
+    viscosity: float | None = None
+    implicit: bool | None = None
+    surface_tension: float | None = None
+    adhesion: float | None = None
+    color: Any = None
+    reflection: float | None = None
+    refraction: float | None = None
     shown: bool | None = None
-    damping: float = 0.0
-    tear: float = 0.0
-    plastic: float = 0.0
-    creep: float = 1.0
+    damping: float | None = None
+    tear: float | None = None
+    plastic: float | None = None
+    creep: float | None = None
 
     def __post_init__(self) -> None:
         if self.kind not in KINDS:
             raise ValueError(f"kind: expected one of {', '.join(KINDS)}, got {self.kind!r}")
-        if self.shown is None:
-            self.shown = self.kind != "boundary"
         self._label = f"phases[{self.name!r}]"
-        self._begin(vars(self))
+        defaults = _BARE | {f.name: f.default for f in dataclasses.fields(TABLES[self.kind])}
+        self._begin({k: defaults.get(k) if v is None else v for k, v in vars(self).items()})
 
     def _begin(self, values: dict[str, Any]) -> None:
-        """Values that it has from the start."""
+        """Set the values that it starts with."""
         for name in self.__dataclass_fields__:
-            if name in CHECKS:
+            if name == "implicit" and values[name] is None:
+                vars(self)[name] = vars(self)["viscosity"] >= IMPLICIT_FROM
+            elif name in CHECKS:
                 vars(self)[name] = checked(self._label, name, CHECKS[name], values[name])
         self._begun = True
 
@@ -85,70 +107,78 @@ class Phase(Steered):
         return packed
 
 
-def _corners(value: Any) -> Any:
-    try:
-        lo, hi = np.asarray(value, float).reshape(2, 3)
-    except (TypeError, ValueError):
-        raise ValueError(f"expected two corners, (lo, hi), got {shown(value)}") from None
-    if not (np.isfinite([lo, hi]).all() and (lo < hi).all()):
-        raise ValueError(f"expected finite corners, lo below hi in each axis, got {shown(value)}")
-    return value
+# Of kinds whose tables do not have these keys.
+_BARE = {"density": 1000.0, "viscosity": 0.0, "surface_tension": 0.0, "adhesion": 0.0,
+         "damping": 0.0, "tear": 0.0, "plastic": 0.0, "creep": 1.0}  # fmt: skip
 
 
-def _axes(value: Any) -> tuple[bool, ...]:
-    if not isinstance(value, (list, tuple)) or len(value) != 3:
-        raise ValueError(f"expected three of true or false, got {shown(value)}")
-    return tuple(bool(v) for v in value)
+def phase_of(kind: str, table: Any) -> Phase:
+    """The material of a scene's table."""
+    known = {f.name for f in dataclasses.fields(Phase)} & set(checks_of(type(table)))
+    return Phase(kind=kind, **{name: getattr(table, name) for name in known})
 
 
-SETTINGS = {
-    "periodic": _axes,
-    "gravity": vector(),
-    "cfl": positive,
-    "longest_step": positive,
-    "density_error": positive,
-    "divergence_error": positive,
-    "least_iterations": whole(0, 1_000_000),
-    "most_iterations": whole(1, 1_000_000),
-    "viscosity_error": positive,
-    "weakly_compressible": switch,
-    "sound_speed": lambda value: None if value is None else positive(value),
-    "extra_viscosity": number(least=0.0),
-}
+SETTINGS = {"gravity": checks_of(SceneFile)["gravity"], **checks_of(Solver)}
+
+
+def _maybe(check: Any) -> Any:
+    return lambda value: None if value is None else check(value)
+
+
+for _name in ("divergence_error", "sound_speed"):
+    SETTINGS[_name] = _maybe(SETTINGS[_name])
 
 
 @dataclass
 class Settings(Steered):
-    """How a simulation is run; any value but spacing and domain may be changed between steps.
+    """How a simulation runs: a scene's spacing, domain and gravity, and the keys of its [solver].
 
-    spacing: of particles, m. domain: two corners, m; who leaves it is no longer simulated.
-    gravity: m/s^2. cfl: dt = 0.4 cfl spacing / v_max, at most longest_step (s). density_error,
-    divergence_error: mean and relative, what the solvers reach. viscosity_error: relative residual
-    of implicit viscosity. weakly_compressible: Tait's equation instead of a pressure solve, with a
-    sound_speed (m/s; default 10 times that of a fall through the domain) and, to stay calm, an
-    extra_viscosity (Pa s).
+    Every value but spacing and domain may be changed between steps.
+
+    Attributes:
+        spacing: of particles, m.
+        domain: `Domain`; particles that leave it are counted and no longer simulated.
+        gravity: (3,) m/s².
+        method: "dfsph", or "wcsph": Tait's equation instead of a pressure solve.
+        max_error: mean compression that the density solver leaves, a share.
+        divergence_error: the same of the divergence solver; None: max_error.
+        viscosity_error: relative residual of implicit viscosity.
+        min_iterations, max_iterations: of both solvers.
+        cfl: a step is at most 0.4 cfl spacing / fastest speed.
+        max_dt: longest step, s.
+        sound_speed: of wcsph, m/s; None: 10 times the speed of a fall through the domain.
+        extra_viscosity: of wcsph, Pa s; damps its waves.
+
+    Raises:
+        ValueError: a value that the scene's check refuses.
+        AttributeError: an assignment to a name that cannot be changed.
     """
 
     spacing: float
-    domain: Any
-    periodic: Any = (False, False, False)
-    gravity: Any = (0.0, -9.81, 0.0)
-    cfl: float = 1.0
-    longest_step: float = 0.005
-    density_error: float = 0.001
-    divergence_error: float = 0.001
-    least_iterations: int = 2
-    most_iterations: int = 100
-    viscosity_error: float = 1e-4
-    weakly_compressible: bool = False
-    sound_speed: float | None = None
-    extra_viscosity: float = 0.0
+    domain: Domain
+    gravity: Any
+    method: str
+    max_error: float
+    divergence_error: float | None
+    viscosity_error: float
+    min_iterations: int
+    max_iterations: int
+    cfl: float
+    max_dt: float
+    sound_speed: float | None
+    extra_viscosity: float
 
     def __post_init__(self) -> None:
         self._label = "settings"
-        for name, check in {"spacing": positive, "domain": _corners, **SETTINGS}.items():
-            setattr(self, name, checked(self._label, name, check, getattr(self, name)))
         self._begun = True
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self, renamed("settings", OLD_SETTINGS, name))
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if name in OLD_SETTINGS:
+            name = renamed("settings", OLD_SETTINGS, name)
+        super().__setattr__(name, value)
 
     def _checks(self) -> dict[str, Any]:
         return SETTINGS
@@ -157,26 +187,49 @@ class Settings(Steered):
         return {"spacing", "domain"}
 
     def _pack(self) -> dict[str, Any]:
-        packed = dict(vars(self))
-        lo, hi = np.asarray(packed.pop("domain"), float)
-        packed["lo"], packed["hi"] = lo.tolist(), hi.tolist()
-        packed["periodic"] = [bool(p) for p in self.periodic]
-        short = [hi[k] - lo[k] < 8 * self.spacing and packed["periodic"][k] for k in range(3)]
-        if any(short):
-            raise ValueError("periodic: expected an axis at least 8 spacings long")
-        if not self.weakly_compressible:
-            packed["sound_speed"] = 0.0
-        elif self.sound_speed is None:
-            fall = abs(np.dot(self.gravity, hi - lo))
-            packed["sound_speed"] = 10.0 * float(np.sqrt(2.0 * fall))
-        packed["gravity"] = [float(g) for g in self.gravity]
-        return packed
+        lo, hi = self.domain.bounds()
+        periodic = ["xyz"[k] in self.domain.periodic for k in range(3)]
+        if any(hi[k] - lo[k] < 8 * self.spacing and periodic[k] for k in range(3)):
+            raise ValueError("domain.periodic: expected axes at least 8 spacings long")
+        sound_speed, wcsph = self.sound_speed, self.method == "wcsph"
+        if sound_speed is None:
+            sound_speed = 10.0 * float(np.sqrt(2.0 * abs(np.dot(self.gravity, hi - lo))))
+        return {
+            "spacing": self.spacing, "lo": lo.tolist(), "hi": hi.tolist(), "periodic": periodic,
+            "gravity": list(self.gravity), "cfl": self.cfl, "longest_step": self.max_dt,
+            "density_error": self.max_error,
+            "divergence_error": self.divergence_error or self.max_error,
+            "least_iterations": self.min_iterations, "most_iterations": self.max_iterations,
+            "viscosity_error": self.viscosity_error, "weakly_compressible": wcsph,
+            "sound_speed": sound_speed if wcsph else 0.0, "extra_viscosity": self.extra_viscosity,
+        }  # fmt: skip
+
+
+def settings_of(scene: SceneFile) -> Settings:
+    """The settings of a scene."""
+    solver = {name: getattr(scene.solver, name) for name in checks_of(Solver)}
+    return Settings(scene.spacing, scene.domain, scene.gravity, **solver)
 
 
 @dataclass
 class StepReport:
-    """What a step did. `error`: mean compression that the density solver left, predicted;
-    `compression`: mean of max(density / rest density - 1, 0) of the positions it began with.
+    """What a step did.
+
+    Attributes:
+        time: s since the start, after the step.
+        step: its number, from 1.
+        dt: its length, s.
+        iterations, divergence_iterations, viscosity_iterations: of the solvers.
+        error: mean compression that the density solver left, predicted, a share.
+        divergence_error: what the divergence solver left, a share.
+        compression: mean of max(density / rest density - 1, 0) of the positions it began with.
+        most_compression: its largest.
+        n: particles there are.
+        n_solved: fluid particles that the pressure solve moved.
+        n_escaped: particles outside of the domain.
+        n_removed: particles that sinks took out in this step.
+        most_speed: the fastest particle's, m/s.
+        seconds: of the clock, in each of the solver's stages.
     """
 
     time: float
@@ -195,3 +248,11 @@ class StepReport:
     n_removed: int
     most_speed: float
     seconds: dict[str, float] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        escaped = f", {self.n_escaped:,} escaped" if self.n_escaped else ""
+        return (
+            f"StepReport(step {self.step:,}: {self.time:.4g} s, dt {self.dt:.3g} s; {self.n:,} "
+            f"particles{escaped}; {self.iterations} + {self.divergence_iterations} iterations, "
+            f"compression {100 * self.compression:.2g} %, fastest {self.most_speed:.3g} m/s)"
+        )

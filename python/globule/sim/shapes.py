@@ -1,6 +1,6 @@
-"""Shapes by signed distance: what scenes fill with particles, wall in or hold fixed.
+"""Shapes by signed distance, which scenes fill with particles, wall in or hold fixed.
 
-`distance` is negative inside, in metres; near the surface it is exact or close to it.
+`distance` is negative inside, in m; near the surface it is exact or close to it.
 """
 
 from __future__ import annotations
@@ -10,75 +10,88 @@ from typing import Any
 
 import numpy as np
 
-from .schema import direction, key, place, positive
+from .schema import Table, direction, key, place, positive
 
 
 @dataclass(frozen=True)
-class Box:
-    """Between two corners."""
+class Box(Table):
+    """The box between two corners."""
 
-    lo: tuple = key(place)
+    lo: tuple = key(place)  # m
     hi: tuple = key(place)
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if not all(a < b for a, b in zip(self.lo, self.hi, strict=True)):
             raise ValueError(f"expected lo below hi in each axis, got {self.lo} and {self.hi}")
 
     def distance(self, points: np.ndarray) -> np.ndarray:
+        """(N,) m, negative inside, of points (N, 3) m."""
         lo, hi = np.asarray(self.lo), np.asarray(self.hi)
         away = np.maximum(lo - points, points - hi)
         outside = np.linalg.norm(np.maximum(away, 0), axis=1)
         return outside + np.minimum(away.max(axis=1), 0)
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Corners (3,) m of the box around it."""
         return np.asarray(self.lo), np.asarray(self.hi)
 
     def volume(self) -> float:
+        """m³."""
         return float(np.prod(np.subtract(self.hi, self.lo)))
 
     def area(self) -> float:
+        """m², of the surface."""
         a, b, c = np.subtract(self.hi, self.lo)
         return 2 * float(a * b + b * c + c * a)
 
 
 @dataclass(frozen=True)
-class Sphere:
+class Sphere(Table):
+    """A ball."""
+
     center: tuple = key(place)
     radius: float = key(positive)
 
     def distance(self, points: np.ndarray) -> np.ndarray:
+        """(N,) m, negative inside, of points (N, 3) m."""
         return np.linalg.norm(points - np.asarray(self.center), axis=1) - self.radius
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Corners (3,) m of the box around it."""
         center = np.asarray(self.center)
         return center - self.radius, center + self.radius
 
     def volume(self) -> float:
+        """m³."""
         return 4 / 3 * np.pi * self.radius**3
 
     def area(self) -> float:
+        """m², of the surface."""
         return 4 * np.pi * self.radius**2
 
 
 @dataclass(frozen=True)
-class Cylinder:
-    """Round, with flat ends at `start` and `end`."""
+class Cylinder(Table):
+    """A round cylinder with flat ends at `start` and `end`."""
 
     start: tuple = key(place)
     end: tuple = key(place)
     radius: float = key(positive)
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if self.start == self.end:
             raise ValueError(f"expected start and end apart, got {self.start} twice")
 
     def axis(self) -> tuple[np.ndarray, float]:
-        """Direction and length."""
+        """Unit direction (3,) and length, m."""
         along = np.subtract(self.end, self.start)
         length = float(np.linalg.norm(along))
         return along / length, length
 
     def distance(self, points: np.ndarray) -> np.ndarray:
+        """(N,) m, negative inside, of points (N, 3) m."""
         axis, length = self.axis()
         offset = points - np.asarray(self.start)
         along = offset @ axis
@@ -88,48 +101,56 @@ class Cylinder:
         return outside + np.minimum(np.maximum(beside, beyond), 0)
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Corners (3,) m of the box around it."""
         axis, _ = self.axis()
         reach = self.radius * np.sqrt(np.maximum(0, 1 - axis * axis))
         ends = np.array([self.start, self.end])
         return ends.min(axis=0) - reach, ends.max(axis=0) + reach
 
     def volume(self) -> float:
+        """m³."""
         return np.pi * self.radius**2 * self.axis()[1]
 
     def area(self) -> float:
+        """m², of the surface."""
         return 2 * np.pi * self.radius * (self.radius + self.axis()[1])
 
 
 @dataclass(frozen=True)
-class Plane:
-    """The half space behind a plane: the normal shows to its free side."""
+class Plane(Table):
+    """The half space behind a plane; the normal points to its free side."""
 
     point: tuple = key(place)
     normal: tuple = key(direction)
 
     def distance(self, points: np.ndarray) -> np.ndarray:
+        """(N,) m, negative inside, of points (N, 3) m."""
         return (points - np.asarray(self.point)) @ np.asarray(self.normal)
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Corners (3,) m of the box around it."""
         return np.full(3, -np.inf), np.full(3, np.inf)
 
 
 class Mesh:
-    """A closed triangle mesh: triangles (F, 3, 3), metres. Inside is where a line upwards crosses
-    the surface an odd number of times."""
+    """A closed triangle mesh: triangles (F, 3, 3), m. A point is inside where a line upwards from
+    it crosses the surface an odd number of times."""
 
     def __init__(self, triangles: np.ndarray):
         self.triangles = np.asarray(triangles, np.float64)
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Corners (3,) m of the box around it."""
         corners = self.triangles.reshape(-1, 3)
         return corners.min(axis=0), corners.max(axis=0)
 
     def volume(self) -> float:
+        """m³."""
         a, b, c = np.moveaxis(self.triangles, 1, 0)
         return abs(float(np.einsum("ik,ik", a, np.cross(b, c)))) / 6
 
     def area(self) -> float:
+        """m², of the surface."""
         a, b, c = np.moveaxis(self.triangles, 1, 0)
         return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum()) / 2
 
@@ -173,11 +194,12 @@ class Mesh:
 
 
 def joined(parts: list[np.ndarray], kind: Any) -> np.ndarray:
+    """Arrays one after the other; of none, an empty array of that kind."""
     return np.concatenate(parts) if parts else np.empty(0, kind)
 
 
 class Grid:
-    """A signed distance on voxels: values (X, Y, Z) metres, linear between their centres."""
+    """A signed distance on voxels: values (X, Y, Z) m, linear between their centers."""
 
     def __init__(self, values: np.ndarray, world_from_voxel: np.ndarray):
         self.values = np.asarray(values, np.float64)
@@ -185,6 +207,7 @@ class Grid:
         self.voxel_from_world = np.linalg.inv(self.world_from_voxel)
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Corners (3,) m of the box around it."""
         top = np.array(self.values.shape) - 1
         corners = np.array(np.meshgrid(*[(0, t) for t in top])).reshape(3, -1).T
         world = corners @ self.world_from_voxel[:3, :3].T + self.world_from_voxel[:3, 3]
@@ -192,9 +215,11 @@ class Grid:
 
     def area(self) -> float:
         """Of its box, which is more than that of most surfaces in it."""
-        return Box(*self.bounds()).area()
+        lo, hi = self.bounds()
+        return Box(tuple(lo), tuple(hi)).area()
 
     def distance(self, points: np.ndarray) -> np.ndarray:
+        """(N,) m, negative inside, of points (N, 3) m."""
         at = points @ self.voxel_from_world[:3, :3].T + self.voxel_from_world[:3, 3]
         top = np.array(self.values.shape) - 1
         inside = ((at >= -1e-9) & (at <= top + 1e-9)).all(axis=1)

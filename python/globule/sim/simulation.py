@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import json
+import logging
 import math
+import operator
+import os
 import threading
-from dataclasses import asdict
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -17,22 +20,26 @@ from .._base.device import choose
 from .._base.interrupts import whole
 from ..scene.particles import Particles
 from ..scene.scene import DEFAULTS, KERNELS, Scene
-from .arrays import Arrays, check_finite, numbers
-from .bodies import bodies
+from . import checkpoint
+from .arrays import Arrays, check_finite
+from .bodies import Body, bodies, scene_of_particles
 from .emitter import Emitter
 from .limits import check_emitter, check_material
-from .moving import Moving
-from .operate import Operable
-from .run import Run, description, is_scene
-from .scene_file import read_scene
-from .settings import MAX_PHASES, Phase, Settings, StepReport
-from .steered import Named, made
-from .tools import Tool
-from .walls import box_walls, of_particles
+from .old_words import OLD_NAMES, renamed, with_old_keys
+from .operate import BondedTissue
+from .record import Record
+from .scene_file import SceneFile, as_dict, read_scene
+from .settings import MAX_PHASES, SETTINGS, Phase, StepReport, phase_of, settings_of
+from .steer import Steer
+from .steered import Named
+from .tools import Tool, Tools
+
+PARTS = 1000  # of a run, that progress counts
+_log = logging.getLogger(__name__)
 
 
 class _SimulationScene(Scene):
-    """The scene of a simulation: the same octree, brought up to date when it is looked at."""
+    """The scene of a simulation: the same octree, brought up to date when it is traced."""
 
     def __init__(self, simulation: Simulation, device: Any, threads: int, support: float):
         self._simulation = simulation
@@ -66,92 +73,148 @@ class _SimulationScene(Scene):
         raise TypeError("update: the scene of a simulation follows its particles")
 
 
-def settings_of(scene: Any) -> dict[str, Any]:
-    """A dict of `Settings`, `phases` and `walls`."""
-    if not isinstance(scene, dict):
-        raise TypeError(f"scene: expected a name, a path, a dict or Particles, got {scene!r}")
-    return dict(scene)
+class Simulation:
+    """A simulation of fluids, tissue and rigid bodies.
 
+    A scene means the same from a file, in a dict and in Python, with the keys and defaults of
+    docs/scene-keys.md:
 
-def phases_of(values: Any) -> list[Phase]:
-    """The `phases` of such a dict."""
-    if not isinstance(values, (list, tuple)):
-        raise ValueError(f"phases: expected a list of dicts, got {values!r}")
-    return [made(Phase, of_one, f"phases[{i}]") for i, of_one in enumerate(values)]
-
-
-class Simulation(Run, Operable, Moving, Arrays):
-    """A simulation of fluids.
+        gb.Simulation("scene.toml")
+        gb.Simulation({"spacing": 0.02, "domain": {...}, "fluids": [{"name": "water", ...}]})
+        gb.Simulation(spacing=0.02, domain=Domain(...), fluids=[Fluid(name="water", ...)])
 
     Args:
-        scene: the name of a scene that ships, the path of a .toml file, or a dict as TOML has it
-            (docs/simulation.md); or a dict with `spacing`, `domain` and what else `Settings` has,
-            `phases` (a list of dicts, see `Phase`) and `walls` (True: the domain's box is a
-            boundary); or `Particles`, a fluid in its box.
+        scene: the name of a scene that ships, the path of a .toml file, or a dict as TOML has it;
+            or `Particles`, a fluid in its box; None: all of it in keywords.
         device: "auto", "cpu", "cuda" or "cuda:N".
         threads: CPU threads; 0 takes all.
-        spacing: of particles, m, instead of a scene file's own.
+        spacing: of particles, m, instead of the scene's own.
+        keys: other keys of a scene, instead of the scene's own: dicts and lists, or the tables of
+            `globule.sim.scene_file`.
+
+    Attributes:
+        scene: a `gb.Scene` of the same memory, as the particles are now.
+        settings: `Settings`: gravity, and how the solver steps.
+        phases: the materials, `Phase`s by name.
+        emitters: `Emitter`s by name.
+        arrays: ids, positions, velocities, pressure, phase, neighbors; the whole state.
+        tissue: bonds, cuts, pieces and vessels.
+        tools: the scene's instruments by name; grasps and pushers.
+        steer: forces, moved boundaries, rigid bodies, sinks.
+        record: diagnostics, counts, energies and times.
+        file: the scene with all its values, a `SceneFile`.
+
+    Raises:
+        SceneError: what is wrong with the scene, in one line, with file and line where there is a
+            file. It is a ValueError.
+        TypeError: a scene of another type.
+        OSError: a file that cannot be read.
     """
 
     def __init__(
         self,
-        scene: Any,
+        scene: Any = None,
         device: str = "auto",
         threads: int = 0,
         spacing: float | None = None,
+        **keys: Any,
     ):
         self._lock = threading.RLock()
-        file = read_scene(scene, spacing) if is_scene(scene) else None
-        found = bodies(file) if file else []
-        if file:
-            facts = description(file, found)
-        else:
-            facts = of_particles(scene) if isinstance(scene, Particles) else settings_of(scene)
-        phases = phases_of(facts.pop("phases", [{"name": "fluid"}]))
-        walls = facts.pop("walls", True)
-        self.settings = made(Settings, facts, others=("phases", "walls"))
-        self._begin(file)
-        self.instruments: dict[str, Tool] = Named("instruments", Tool)
-        self._sinks: list[list[float]] = []
+        fluid = scene if isinstance(scene, Particles) else None
+        if fluid is not None:
+            scene = scene_of_particles(fluid)
+        scene = with_old_keys({} if scene is None else scene)
+        if not isinstance(scene, (str, os.PathLike, dict, SceneFile)):
+            raise TypeError(f"scene: expected a name, a path, a dict or Particles, got {scene!r}")
+        self.file = read_scene(scene, spacing, **keys)
+        found = bodies(self.file)
+        self.settings = settings_of(self.file)
         self.phases: dict[str, Phase] = Named("phases", Phase)
-        self._names: list[str] = []
-        self._sent: list[dict[str, Any]] = []
-        chosen = choose(device)
-        d = float(self.settings.spacing)
-        self.scene = _SimulationScene(self, chosen, thread_count(threads), 2.0 * d)
-        self._core = _core.Simulation(self.scene._own)
-        self._forces = np.empty(0, np.uint32), np.empty((0, 3), np.float32)  # of these ids
-        self._moving: set[int] = set()
         self.emitters: dict[str, Emitter] = Named("emitters", Emitter)
-        for phase in phases:
-            self.add_phase(phase)
+        self._sent: list[dict[str, Any]] = []
+        self._settings_sent: dict[str, Any] = {}
+        self._had_sinks = False
+        chosen = choose(device)
+        support = 2.0 * self.settings.spacing
+        self.scene = _SimulationScene(self, chosen, thread_count(threads), support)
+        self._core = _core.Simulation(self.scene._own)
+        self.arrays, self.tissue, self.tools = Arrays(self), BondedTissue(self), Tools(self)
+        self.steer, self.record = Steer(self), Record(self)
+        for body in found:
+            if body.name not in self.phases:
+                self.add_phase(phase_of(body.kind, body.table))
         self._send()
-        if walls:
-            if "walls" not in self.phases:
-                self.add_phase(Phase("walls", kind="boundary"))
-            lo, hi = np.asarray(self.settings.domain, float)
-            self.add(box_walls(lo, hi, d, self.settings.periodic), phase="walls")
-        if isinstance(scene, Particles):
-            self.add(scene.positions, self._names[0], scene.attributes.get("velocity", 0.0))
         added = [(body, self.add(body.positions, body.name, body.velocities)) for body in found]
-        if file:
-            self._set_up(file, added)
+        if fluid is not None:
+            self.add(fluid.positions, "fluid", fluid.attributes.get("velocity", 0.0))
+        self._set_up(added)
+        _log.info("%r", self)
+
+    def _set_up(self, added: list[tuple[Body, np.ndarray]]) -> None:
+        """What the scene has beside its particles, which are added already, with these ids."""
+        scene = self.file
+        for body, ids in added:
+            if body.kind == "tissue":
+                self.tissue.bond(ids, body.young, body.fixed)
+        for vessel in scene.vessels:
+            self.tissue.add_vessel(vessel)
+        empty = {body.name for body, ids in added if not len(ids)}
+        for table in scene.rigids:
+            if table.name not in empty:
+                self.steer.make_rigid(table.name, table.density, table.velocity, table.spin)
+        for table in scene.emitters:
+            self.emitters[table.name] = Emitter(
+                table.center, table.direction, table.radius, table.rate, table.fluid, table.start,
+                table.end,
+            )  # fmt: skip
+        for number, table in enumerate(scene.instruments):
+            self.tools[table.name] = Tool(table, number, 0.0)
+        self._prepare(0.0)
+        self._first = self.arrays.state(), self._by_hand()
+
+    @whole
+    def __repr__(self) -> str:
+        """Particles of each phase, the time and the device, in one line."""
+        counts = np.bincount(self.arrays.phase, minlength=len(self.phases))
+        listed = ", ".join(f"{n:,} {name}" for name, n in zip(self.phases, counts, strict=True))
+        steps = f"{self.n_steps:,} step{'' if self.n_steps == 1 else 's'}"
+        where = self.scene.device.name
+        return f"Simulation({listed or 'no phases'}; {self.time:.4g} s in {steps}; {where})"
+
+    def __getattr__(self, name: str) -> Any:
+        return operator.attrgetter(renamed("Simulation", OLD_NAMES, name))(self)
 
     @whole
     def add_phase(self, phase: Phase) -> None:
-        """One more material."""
+        """One more material, whose particles `add` brings.
+
+        Raises:
+            TypeError: anything but a `Phase`.
+            ValueError: a name that there is already, or a 33rd phase.
+        """
         if not isinstance(phase, Phase):
             raise TypeError(f"phase: expected a gb.Phase, got {phase!r}")
-        if len(self._names) == MAX_PHASES:
+        if len(self.phases) == MAX_PHASES:
             raise ValueError(f"phases: expected at most {MAX_PHASES}")
         if phase.name in self.phases:
             raise ValueError(f"phases: expected different names, got {phase.name!r} twice")
         self.phases[phase.name] = phase
-        self._names.append(phase.name)
 
     @whole
     def add(self, positions: Any, phase: str | None = None, velocities: Any = 0.0) -> np.ndarray:
-        """New particles: positions (M, 3) m, velocities (M, 3), (3,) or 0, m/s. Returns ids."""
+        """Add particles.
+
+        Args:
+            positions: (M, 3) m.
+            phase: name of their material; None: the first phase that is no boundary.
+            velocities: (M, 3), (3,) or a number, m/s.
+
+        Returns:
+            ids (M,) uint32, ascending; no id is given twice.
+
+        Raises:
+            ValueError: another shape, values that are not finite, or a phase that there is not.
+        """
         which = self._phase(phase)
         self._send()
         p = np.ascontiguousarray(to_host(positions), np.float32)
@@ -171,7 +234,12 @@ class Simulation(Run, Operable, Moving, Arrays):
 
     @whole
     def remove(self, ids: Any) -> None:
-        """Take particles out, by id."""
+        """Take particles out; ids (M,) that `add` returned. Those that are gone already are
+        skipped.
+
+        Raises:
+            ValueError: an id that `add` never returned.
+        """
         given = np.asarray(ids).reshape(-1)
         unknown = given[(given < 0) | (given >= self._core.next_id())]
         if len(unknown):
@@ -180,30 +248,16 @@ class Simulation(Run, Operable, Moving, Arrays):
         if len(gone):
             n_before = len(self)
             self._core.remove(len(gone), address(gone))
-            self.n_removed += n_before - len(self)
-
-    @whole
-    def apply_force(self, force: Any, ids: Any = None) -> None:
-        """A force on each particle (or those of `ids`) during the next step: (3,) or (M, 3), N."""
-        known = self.ids
-        chosen = known if ids is None else np.asarray(ids).reshape(-1)
-        unknown = np.setdiff1d(chosen, known)
-        if len(unknown):
-            raise ValueError(f"ids: expected particles of this simulation, got {unknown[0]}")
-        total = self._forces_of(known)
-        more = np.zeros_like(total)
-        more[np.searchsorted(known, chosen)] = numbers("force", force, (3,), (len(chosen), 3))
-        self._forces = known, total + more
-
-    def _forces_of(self, ids: np.ndarray) -> np.ndarray:
-        """What acts on each during the next step."""
-        found = np.zeros((len(ids), 3), np.float32)
-        _, here, there = np.intersect1d(ids, self._forces[0], return_indices=True)
-        found[here] = self._forces[1][there]
-        return found
+            self.record.n_removed += n_before - len(self)
 
     def step(self, dt: float | None = None) -> StepReport:
-        """One step of dt seconds; by default of what the speeds allow."""
+        """One step of dt seconds; by default as long as the speeds allow.
+
+        Raises:
+            ValueError: a dt that is not above 0; a material that asks for steps without end.
+            ArithmeticError: a velocity that is not a number, steps that come to nothing, or fluid
+                without room.
+        """
         if dt is not None and not 0 < dt < math.inf:
             raise ValueError(f"dt: expected a finite number above 0, got {dt}")
         return self._step(dt)
@@ -214,37 +268,115 @@ class Simulation(Run, Operable, Moving, Arrays):
         dt = self._next_dt() if dt is None else float(dt)
         self._prepare(dt)
         for emitter in self.emitters.values():
-            emitter._emit(self, dt)
-        if len(self._forces[0]):
-            forces = self._forces_of(self._read("id"))
+            positions, velocities = emitter.emit(self.settings.spacing, self.time, dt)
+            if n := len(positions):
+                which = self._phase(emitter.fluid)
+                self._core.emit(n, address(positions), address(velocities), which)
+        if len(self.steer._forces[0]):
+            forces = self.steer._forces_of(self.arrays._read("id"))
             self._core.set_forces(address(forces))
-            self._forces = self._forces[0][:0], self._forces[1][:0]
+            self.steer._forces = self.steer._forces[0][:0], self.steer._forces[1][:0]
         done = self._core.step(dt)
         if "lost" in done:
             id_, phase, position = done["lost"]
             time, step = done["time"], done["step"]
             where = ", ".join(f"{x:g}" for x in position)
             raise ArithmeticError(
-                f"particle {id_} ({self._names[phase]}) at ({where}) got a velocity that is not a "
-                f"number in step {step} at {time:g} s"
+                f"particle {id_} ({list(self.phases)[phase]}) at ({where}) got a velocity that is "
+                f"not a number in step {step} at {time:g} s"
             )
         report = StepReport(**done)
-        self._move_pushers(dt)
-        self._operate()
-        self._note(report)
+        self.tools._move_pushers(dt)
+        for tool in self.tools.values():
+            self.record.n_cut += tool.operate(self)
+        self.record._note(report)
+        return report
+
+    def _prepare(self, dt: float) -> None:
+        """What a step of dt needs to know of the scene's moving parts."""
+        time = self.time
+        for table in self.file.boundaries:
+            if table.motion is not None:
+                self.steer.move_boundary(table.name, table.motion.pose(time + dt))
+        sinks = [table.region for table in self.file.sinks]
+        for tool in self.tools.values():
+            tool.prepare(self, dt)
+            if (sink := tool.sink(time)) is not None:
+                sinks.append(sink)
+        if sinks or self._had_sinks:
+            self.steer.set_sinks(sinks)
+        self._had_sinks = bool(sinks)
+
+    def run(
+        self,
+        seconds: float | None = None,
+        stop: Callable[[], bool] | None = None,
+        progress: Callable[[int, int], Any] | None = None,
+    ) -> StepReport | None:
+        """Step until some seconds have passed; the last two steps are alike rather than one a
+        sliver.
+
+        Args:
+            seconds: s from now; None: up to the scene's `seconds`.
+            stop: is called after every step; True ends the run there.
+            progress: is called after every step as progress(done, total), in thousandths of the
+                run.
+
+        Returns:
+            the last step's report; None where there was no step.
+
+        Raises:
+            ValueError: seconds below 0.
+            ArithmeticError: as of `step`.
+        """
+        if seconds is None:
+            return self.run_to(self.file.seconds, stop, progress)
+        if not seconds >= 0:
+            raise ValueError(f"seconds: expected a number >= 0, got {seconds}")
+        return self.run_to(self.time + seconds, stop, progress)
+
+    def run_to(
+        self,
+        end: float,
+        stop: Callable[[], bool] | None = None,
+        progress: Callable[[int, int], Any] | None = None,
+    ) -> StepReport | None:
+        """`run` up to a time, s since the start; a time that has passed needs no step.
+
+        Raises:
+            ValueError: a time that is not finite.
+            ArithmeticError: as of `step`.
+        """
+        if not math.isfinite(end):
+            raise ValueError(f"end: expected a finite number of seconds, got {end}")
+        report, begin = None, self.time
+        while (rest := end - self.time) > 1e-9 * max(end, 1e-3):
+            dt = self.dt
+            report = self._step(rest if rest <= dt else rest / 2 if rest < 2 * dt else dt)
+            if progress is not None:
+                share = (self.time - begin) / (end - begin)
+                progress(min(PARTS, int(PARTS * share + 1e-6)), PARTS)
+            if stop is not None and stop():
+                break
         return report
 
     @property
     def time(self) -> float:
+        """Seconds since the start."""
         return self._core.time()
 
     @property
     def n_steps(self) -> int:
+        """Steps since the start."""
         return self._core.n_steps()
 
     @property
     def dt(self) -> float:
-        """The step that comes next, s."""
+        """Length of the next step, s.
+
+        Raises:
+            ArithmeticError: steps that come to nothing.
+        """
         self._send()
         return self._next_dt()
 
@@ -252,7 +384,7 @@ class Simulation(Run, Operable, Moving, Arrays):
         dt = self._core.next_dt()
         if not self.time + dt > self.time:
             gravity = math.hypot(*self.settings.gravity)
-            speed = np.linalg.norm(self.velocities, axis=1).max(initial=0)
+            speed = np.linalg.norm(self.velocities.astype(float), axis=1).max(initial=0)
             raise ArithmeticError(
                 f"the steps come to {dt:g} s at {self.time:g} s: expected less gravity "
                 f"(it is {gravity:g} m/s²), lower speeds (up to {speed:g} m/s), or other materials"
@@ -262,37 +394,162 @@ class Simulation(Run, Operable, Moving, Arrays):
     def __len__(self) -> int:
         return self._core.size()
 
+    @property
+    def ids(self) -> np.ndarray:
+        """(N,) uint32, ascending: the order of all arrays of particles."""
+        return self.arrays.ids
+
+    @property
+    def positions(self) -> np.ndarray:
+        """(N, 3) float32 m, in id order; may be assigned, as `Arrays` says."""
+        return self.arrays.positions
+
+    @positions.setter
+    def positions(self, value: Any) -> None:
+        self.arrays.positions = value
+
+    @property
+    def velocities(self) -> np.ndarray:
+        """(N, 3) float32 m/s, in id order; may be assigned, as `Arrays` says."""
+        return self.arrays.velocities
+
+    @velocities.setter
+    def velocities(self, value: Any) -> None:
+        self.arrays.velocities = value
+
+    @property
+    def particles(self) -> Particles:
+        """All particles in id order, with colors, and the attributes velocity, phase and id."""
+        return self.arrays.particles()
+
+    @property
+    def shown_particles(self) -> Particles:
+        """Those of `particles` that images show."""
+        particles = self.particles
+        return particles[np.asarray(particles.weight) > 0]
+
+    def hash(self) -> str:
+        """16 hexadecimal digits of the state's bits: equal for equal runs."""
+        return self.arrays.hash()
+
     def _phase(self, name: str | None) -> int:
+        """The number of a phase; None: the first that is no boundary."""
         if name is None:
-            return 0
+            name = next((n for n, p in self.phases.items() if p.kind != "boundary"), "")
         if name not in self.phases:
-            raise ValueError(f"phase: expected one of {', '.join(self._names)}, got {name!r}")
-        return self._names.index(name)
+            listed = ", ".join(self.phases) or "none, as the scene has no fluids or other bodies"
+            raise ValueError(f"phase: expected one of {listed}, got {name!r}")
+        return list(self.phases).index(name)
 
     def _send(self) -> None:
         """Settings and materials that were changed."""
         settings = self.settings._pack()
-        if getattr(self, "_settings_sent", None) != settings:
+        if self._settings_sent != settings:
             self._core.configure(settings)
             self._settings_sent = settings
-        for i, name in enumerate(self._names):
-            packed = self.phases[name]._pack()
+        frame, spacing = 1 / self.file.output.fps, self.settings.spacing
+        for i, phase in enumerate(self.phases.values()):
+            packed = phase._pack()
             if i >= len(self._sent):
                 self._sent.append({})
             if packed != self._sent[i]:
-                check_material(self.phases[name], self.settings.spacing, self._frame)
+                check_material(phase, spacing, frame)
                 self._core.set_phase(i, packed)
                 self._sent[i] = packed
         for name, emitter in self.emitters.items():
-            check_emitter(name, emitter, self.settings.spacing, self._frame)
-        self._send_tissue()
+            check_emitter(name, emitter, spacing, frame)
+        self.tissue._send()
 
-    @property
-    def _frame(self) -> float:
-        """Seconds between two pictures, as far as anything says."""
-        return 1 / self.file.output.fps if self.file else 1 / 30
+    @whole
+    def save(self, name: str | os.PathLike) -> None:
+        """Write the whole state to NAME.npz, for `load`; the file appears whole or not at all.
 
-    def _describe(self) -> dict[str, Any]:
-        phases = [asdict(self.phases[name]) for name in self._names]
-        described = {**asdict(self.settings), "phases": phases, "walls": False}
-        return json.loads(json.dumps(described, default=lambda v: np.asarray(v).tolist()))
+        Raises:
+            ValueError: a state that could not be loaded again; a file that is there stays.
+            OSError: a file that cannot be written.
+        """
+        self._send()
+        facts = {
+            "scene": as_dict(self.file),
+            "record": self.record._facts(),
+            "by_hand": self._by_hand(),
+        }
+        state = self.arrays.state()
+        try:
+            self.arrays._check(state)
+        except ValueError as error:
+            expected = f"{checkpoint.path_of(name)}: expected a state that can be loaded again"
+            raise ValueError(f"{expected}, {error}") from None
+        checkpoint.save(name, state, facts)
+        _log.info("%s: checkpoint at %g s", checkpoint.path_of(name), self.time)
+
+    @classmethod
+    def load(cls, name: str | os.PathLike, device: str = "auto", threads: int = 0) -> Simulation:
+        """A simulation that goes on where `save` left it: on the CPU with the same bits.
+
+        Raises:
+            OSError: a file that cannot be read.
+            ValueError: a file that is no checkpoint.
+        """
+        arrays, facts = checkpoint.load(name)
+        try:
+            sim = cls(facts["scene"], device=device, threads=threads)
+            sim._take_up(facts["by_hand"])
+            sim.arrays.set_state(arrays)
+            vars(sim.record).update(facts["record"])
+            return sim
+        except (ValueError, KeyError, TypeError, AttributeError, IndexError) as error:
+            what = f"{error} is missing" if isinstance(error, KeyError) else error
+            raise ValueError(
+                f"{checkpoint.path_of(name)}: expected a checkpoint of a simulation, {what}"
+            ) from error
+
+    @whole
+    def reset(self) -> None:
+        """Go back to the start, with its materials, emitters and instruments.
+
+        Raises:
+            ValueError: tissue that was bonded since the start of a scene without tissue.
+        """
+        state, by_hand = self._first
+        if self._core.tissue().n() and "tissue_at" not in state:
+            raise ValueError("reset: expected a scene's own tissue, got tissue bonded in Python")
+        self.record._clear()
+        self._take_up(by_hand)
+        self.arrays.set_state(state)
+
+    def _by_hand(self) -> dict[str, Any]:
+        """What may be changed between steps beside the state's arrays, as JSON holds it."""
+        kept = {
+            "settings": {name: getattr(self.settings, name) for name in SETTINGS},
+            "phases": [_values(phase) for phase in self.phases.values()],
+            "emitters": {name: emitter._state() for name, emitter in self.emitters.items()},
+            "sinks": self.steer._sinks,
+            "had_sinks": self._had_sinks,
+            **self.tissue._by_hand(),
+            **self.tools._by_hand(),
+        }
+        return json.loads(json.dumps(kept))
+
+    def _take_up(self, by_hand: dict[str, Any]) -> None:
+        """What `_by_hand` gave."""
+        for name, value in by_hand["settings"].items():
+            setattr(self.settings, name, value)
+        for values in by_hand["phases"]:
+            if values["name"] not in self.phases:
+                self.add_phase(Phase(**values))
+            self.phases[values["name"]]._begin(values)
+        for name, state in by_hand["emitters"].items():
+            if name not in self.emitters:
+                keys = ("center", "direction", "radius", "rate", "fluid", "start", "end")
+                self.emitters[name] = Emitter(*(state[key] for key in keys))
+            self.emitters[name]._go_on(state)
+        self.steer._sinks, self._had_sinks = by_hand["sinks"], by_hand["had_sinks"]
+        self._core.set_sinks(self.steer._sinks)
+        self.tissue._take_up(by_hand)
+        self.tools._take_up(by_hand)
+        self._send()
+
+
+def _values(phase: Phase) -> dict[str, Any]:
+    return {name: getattr(phase, name) for name in Phase.__dataclass_fields__}

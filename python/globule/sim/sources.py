@@ -1,4 +1,4 @@
-"""Bodies of a scene that come from files: meshes, tomographies, particle files, distance grids."""
+"""Bodies of a scene from files: meshes, tomographies, particles, grids of distances."""
 
 from __future__ import annotations
 
@@ -8,9 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from .._base.checks import how_to_install
+from .._base.checks import missing
+from ..formats import read
+from ..formats.mesh import _load, _trimesh
+from ..volumes.files import read_volume
 from .sampling import MOST_PARTICLES
-from .schema import Problem, choice, each, key, number, place, positive, text, whole
+from .schema import Problem, Table, choice, each, key, number, place, positive, text, whole
 from .shapes import Grid, Mesh
 
 ATLASES = ("mni152",)
@@ -18,16 +21,20 @@ ATLAS_VOLUME = 197 * 233 * 189  # mm³, of its voxels
 
 
 @dataclass(kw_only=True)
-class MeshFile:
+class MeshFile(Table):
     """A closed triangle mesh (.obj .stl .glb .ply)."""
 
     file: str = key(text)
-    scale: float = key(positive, 1.0)  # metres a unit of the file
-    move: tuple = key(place, (0.0, 0.0, 0.0))  # metres, after scaling
+    scale: float = key(positive, 1.0)  # m per unit of the file
+    move: tuple = key(place, (0.0, 0.0, 0.0))  # m, after scaling
 
     def load(self) -> Mesh:
-        from ..formats.mesh import _load, _trimesh
+        """The mesh in m.
 
+        Raises:
+            FormatError, OSError, ValueError: a file that cannot be read or has no triangles.
+            ImportError: trimesh is missing.
+        """
         mesh = _load(_trimesh(), self.file).to_geometry()
         if not len(mesh.faces):
             raise ValueError(f"{self.file}: expected a mesh with triangles, got none")
@@ -35,7 +42,7 @@ class MeshFile:
 
 
 @dataclass(kw_only=True)
-class DistanceFile:
+class DistanceFile(Table):
     """A grid of signed distances, negative inside (.nrrd .nii .mha .vti .npz)."""
 
     file: str = key(text)
@@ -43,8 +50,7 @@ class DistanceFile:
     move: tuple = key(place, (0.0, 0.0, 0.0))
 
     def load(self) -> Grid:
-        from ..volumes.files import read_volume
-
+        """The grid in m; the errors are those of `read_volume`."""
         volume = read_volume(self.file)
         world_from_voxel = np.array(volume.world_from_voxel)
         world_from_voxel[:3] *= self.scale
@@ -53,17 +59,21 @@ class DistanceFile:
 
 
 @dataclass(kw_only=True)
-class ParticleFile:
-    """Particles of any format; the nine-column text's rigidity says what each one is."""
+class ParticleFile(Table):
+    """Particles of any format. A rigidity says what each particle is: 0 fluid, 1 fixed, tissue
+    between."""
 
     file: str = key(text)
     scale: float = key(positive, 1.0)
     move: tuple = key(place, (0.0, 0.0, 0.0))
 
     def load(self) -> tuple[np.ndarray, np.ndarray | None, np.ndarray | None]:
-        """Positions (N, 3), metres; velocities (N, 3) and rigidity (N,), if the file has them."""
-        from ..formats import read
+        """Positions (N, 3) m; velocities (N, 3) m/s and rigidity (N,), or None where the file has
+        none.
 
+        Raises:
+            ValueError: positions that are not finite, or rigidity outside of 0 to 1.
+        """
         particles = read(self.file)
         positions = np.asarray(particles.positions, np.float64) * self.scale + np.asarray(self.move)
         if not np.isfinite(positions).all():
@@ -79,22 +89,28 @@ class ParticleFile:
 
 
 @dataclass(kw_only=True)
-class Tomography:
+class Tomography(Table):
     """Tissue of a tomography, resampled to the simulation's spacing: one particle per voxel."""
 
     file: str | None = key(text, None)
     atlas: str | None = key(choice(*ATLASES), None)
     level: float | None = key(number(), None)
     labels: list | None = key(each(whole(-(2**31), 2**31)), None)
-    scale: float = key(positive, 0.001)  # metres a unit of the file: mm
-    center: tuple = key(place, (0.0, 0.0, 0.0))  # metres: where the middle of the tissue goes
+    scale: float = key(positive, 0.001)  # m per unit of the file: mm
+    center: tuple = key(place, (0.0, 0.0, 0.0))  # m: where the middle of the tissue goes
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if (self.file is None) == (self.atlas is None):
             raise ValueError("expected file or atlas, got both or none")
 
     def load(self, spacing: float) -> np.ndarray:
-        """Positions (N, 3), metres, on a cubic lattice of the spacing."""
+        """Positions (N, 3) m on a cubic lattice of the spacing, m.
+
+        Raises:
+            ValueError: no voxel of tissue.
+            MissingPackageError: an atlas without nilearn.
+        """
         if self.atlas:
             positions = _atlas(spacing / self.scale)
         else:
@@ -108,13 +124,11 @@ class Tomography:
 
 
 def _atlas(millimetres: float) -> np.ndarray:
-    """The MNI152 brain, where gray and white matter together are most of a voxel: mm, RAS."""
+    """The MNI152 brain, where gray and white matter together are most of a voxel: mm, LPS."""
     try:
         from nilearn import datasets, image
     except ImportError:
-        raise ValueError(
-            f"atlas: expected the package nilearn, got none: {how_to_install('atlas')}"
-        ) from None
+        raise missing("nilearn", "atlas") from None
     if ATLAS_VOLUME / millimetres**3 > MOST_PARTICLES:
         least = (ATLAS_VOLUME / MOST_PARTICLES) ** (1 / 3)
         raise ValueError(f"atlas: expected at least {least:.2g} mm, got {millimetres:g} mm")
@@ -127,11 +141,11 @@ def _atlas(millimetres: float) -> np.ndarray:
         both, np.diag([millimetres] * 3), force_resample=True, copy_header=True
     )
     index = np.argwhere(both.get_fdata() > 0.5)
-    return index @ both.affine[:3, :3].T + both.affine[:3, 3]
+    return (index @ both.affine[:3, :3].T + both.affine[:3, 3]) * (-1, -1, 1)  # RAS to LPS
 
 
 def check_files(table: Any, folder: str) -> None:
-    """Make a table's `file` a path from here, and refuse one that is not there."""
+    """Make a table's `file` an absolute path; a file that does not exist is a Problem."""
     name = getattr(table, "file", None)
     if name is None:
         return

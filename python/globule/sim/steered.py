@@ -1,24 +1,22 @@
-"""What Python changes in a running simulation: by a scene file's names, and checked as there."""
+"""Values that Python changes in a running simulation, with a scene's names and checks."""
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Iterable
-from typing import Any, TypeVar
+from typing import Any
 
 from .schema import shown, spell
 
-T = TypeVar("T")
-
 
 class Unknown(KeyError):
-    """A name that nothing has; its message is shown as it is."""
+    """A name that there is not; unlike a KeyError it shows its message without quotes."""
 
     __str__ = Exception.__str__
 
 
 class Named(dict):
-    """Things of one class by their names."""
+    """Things of one class by their names; an unknown name is a KeyError that lists the names."""
 
     def __init__(self, what: str, kind: type):
         super().__init__()
@@ -29,25 +27,25 @@ class Named(dict):
         raise Unknown(f"{self._what}: expected one of {listed}, got {name!r}")
 
     def __setitem__(self, name: str, thing: Any) -> None:
+        label = f"{self._what}[{name!r}]"
         if not isinstance(thing, self._kind):
-            expected = f"{self._what}[{name!r}]: expected {self._kind.__name__}"
-            raise TypeError(f"{expected}, got {shown(thing)}")
-        thing._label = f"{self._what}[{name!r}]"
+            raise TypeError(f"{label}: expected {self._kind.__name__}, got {shown(thing)}")
+        setattr(thing, "_label", label)  # noqa: B010  # its messages begin with it
         super().__setitem__(name, thing)
 
 
 class Steered:
-    """Attributes that may be set once it has begun, and are checked then; no others."""
+    """Base of objects that check what is assigned to them; other names are AttributeErrors."""
 
     _begun = False
     _label = ""
 
     def _checks(self) -> dict[str, Callable[[Any], Any]]:
-        """Of what may be set."""
+        """The check of each name that may be assigned."""
         raise NotImplementedError
 
     def _at_start(self) -> Iterable[str]:
-        """Names that only a scene file or the making of it sets."""
+        """Names that are set when it is made, and not afterwards."""
         raise NotImplementedError
 
     def __setattr__(self, name: str, value: Any) -> None:
@@ -64,7 +62,11 @@ class Steered:
 
 
 def checked(label: str, name: str, check: Callable[[Any], Any], value: Any) -> Any:
-    """A value that a scene file's check takes; NumPy's numbers and arrays count as lists."""
+    """What a scene's check makes of a value; NumPy's numbers and arrays count as lists.
+
+    Raises:
+        ValueError: the check's message after `label` and `name`.
+    """
     value = value.tolist() if hasattr(value, "tolist") else value
     try:
         return check(value)
@@ -74,22 +76,5 @@ def checked(label: str, name: str, check: Callable[[Any], Any], value: Any) -> A
 
 
 def checks_of(table: type) -> dict[str, Callable[[Any], Any]]:
-    """A scene file's table: what each of its keys takes."""
+    """The check of each key of a scene's table."""
     return {f.name: f.metadata["check"] for f in dataclasses.fields(table) if f.metadata}
-
-
-def made(kind: type[T], values: Any, label: str = "", others: tuple[str, ...] = ()) -> T:
-    """A dataclass of these values. label: what stands before their names in messages; others: keys
-    that stand beside them."""
-    fields = dataclasses.fields(kind)
-    if not isinstance(values, dict):
-        raise ValueError(f"{label}: expected a dict of names with values, got {shown(values)}")
-    dot = "." if label else ""
-    for name in values:
-        if name not in (known := [f.name for f in fields]):
-            listed = ", ".join([*known, *others])
-            raise ValueError(f"{label}{dot}{name}: expected one of {listed}, got an unknown key")
-    for f in fields:
-        if f.name not in values and f.default is f.default_factory is dataclasses.MISSING:
-            raise ValueError(f"{label}{dot}{f.name}: expected this key, got none")
-    return kind(**values)

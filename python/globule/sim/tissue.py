@@ -1,4 +1,4 @@
-"""Elastic tissue by itself, without fluid: bonds, knife, grasps, pieces."""
+"""Elastic tissue by itself, without fluid: bonds, cuts, grasps, pieces."""
 
 from __future__ import annotations
 
@@ -22,26 +22,31 @@ class Tissue:
     Args:
         positions: (N, 3) m, at rest.
         spacing: m.
-        modulus: Young's, Pa; one or (N,).
+        young: Young's modulus, Pa, one or (N,).
         density: kg/m³.
-        fixed: (N,) bool; what stays where it is.
+        fixed: (N,) bool; which particles stay where they are.
         damping: 1/s; velocities fall by exp(-damping t).
-        tear_strain: beyond which bonds break; 0: never.
-        yield_strain, creep_rate: beyond the first, a share (1/s) of the strain becomes permanent.
+        tear: strain beyond which bonds break; 0: never.
+        plastic: strain beyond which a part stays; 0: never.
+        creep: share of that strain that stays, 1/s.
         body: (N,) numbers; particles of different bodies are not bonded.
+        device, threads: as of `Simulation`.
+
+    Raises:
+        ValueError: particles that nearly coincide, or a modulus that is not positive.
     """
 
     def __init__(
         self,
         positions: Any,
         spacing: float,
-        modulus: Any,
+        young: Any,
         density: float = 1000.0,
         fixed: Any = None,
         damping: float = 0.0,
-        tear_strain: float = 0.0,
-        yield_strain: float = 0.0,
-        creep_rate: float = 0.0,
+        tear: float = 0.0,
+        plastic: float = 0.0,
+        creep: float = 0.0,
         body: Any = None,
         device: str = "auto",
         threads: int = 0,
@@ -50,9 +55,9 @@ class Tissue:
         n = self._n = len(positions)
         self.order = morton_order(positions, spacing)
         self._place = np.argsort(self.order)
-        modulus = np.broadcast_to(np.asarray(modulus, np.float64), (n,))[self.order]
+        young = np.broadcast_to(np.asarray(young, np.float64), (n,))[self.order]
         body = None if body is None else np.asarray(body)[self.order]
-        bonds = build_bonds(positions[self.order], spacing, modulus, body)
+        bonds = build_bonds(positions[self.order], spacing, young, body)
         hold = np.zeros(n, np.uint8)
         if fixed is not None:
             hold[np.asarray(fixed, bool)[self.order]] = FIXED
@@ -62,13 +67,13 @@ class Tissue:
             self._core, positions[self.order], self.order, bonds, hold, np.zeros(n),
             density * spacing**3, spacing,
         )  # fmt: skip
-        self._core.materials([damping], [tear_strain], [yield_strain], [creep_rate])
+        self._core.materials([damping], [tear], [plastic], [creep])
 
     def __len__(self) -> int:
         return self._n
 
     def instruments(self, motions: Any = (), shapes: Any = ()) -> None:
-        """What holds and what pushes, from now on.
+        """Replace what holds and what pushes.
 
         Args:
             motions: (velocity, spin, center) of each grasp, by number.
@@ -80,27 +85,27 @@ class Tissue:
     def advance(
         self, dt: float, gravity: Any = (0, 0, 0), substeps: int = 0, iterations: int = 1
     ) -> int:
-        """Move by dt seconds; the number of substeps done."""
+        """Move by dt seconds under gravity (3,) m/s²; returns the number of substeps."""
         return self._core.advance(dt, substeps, iterations, [float(g) for g in gravity])
 
     def tear(self, dt: float) -> int:
-        """Break what is overstretched, let creep what yields; the number of torn bonds."""
+        """Break overstretched bonds and let others creep for dt seconds; returns how many broke."""
         return self._core.tear(dt)
 
     def follow(self) -> None:
-        """Remember where the tissue is; the next sweep's first pose is seen from there."""
+        """Remember where the tissue is: a swept blade's first pose is seen from there."""
         self._core.follow()
 
     def cut(self, blade: Any) -> int:
-        """Cut the bonds that a blade crosses; their number."""
+        """Cut the bonds that a blade crosses, as `BondedTissue.cut`; returns their number."""
         return cut(self._core, as_blade(blade))
 
     def grasp(self, center: Any, radius: float, number: int = 0) -> None:
-        """Hold the free particles within a ball, and let go of what `number` held before."""
+        """Hold the free particles within a ball (m), and let go what `number` held before."""
         self._core.grasp([float(v) for v in center], radius, number)
 
     def remove(self, center: Any, radius: float) -> int:
-        """Take away the particles within a ball; their number."""
+        """Take away the particles within a ball (m); returns their number."""
         center = [float(v) for v in center]
         return self._core.remove((BALL, center, center, radius, [0.0, 0.0, 0.0]))
 
@@ -116,6 +121,7 @@ class Tissue:
 
     @property
     def n_pieces(self) -> int:
+        """Pieces that the tissue is in."""
         return self._core.pieces()
 
     @property
@@ -142,7 +148,7 @@ class Tissue:
 
     @property
     def piece(self) -> np.ndarray:
-        """(N,) uint32: the least particle of the piece that each belongs to."""
+        """(N,) uint32: the least particle of each particle's piece."""
         return self._get(np.empty(self._n, np.uint32), 2)
 
     @property
@@ -161,7 +167,7 @@ class Tissue:
 
 
 def cut(core: Any, blade: Blade) -> int:
-    """The number of bonds cut."""
+    """Cut bonds of a core's tissue; returns their number."""
     vertices = np.ascontiguousarray(blade.vertices, np.float64)
     corners = np.ascontiguousarray(blade.triangles, np.uint32)
     return core.cut(

@@ -10,6 +10,7 @@ from typing import Any
 
 Path = tuple[Any, ...]  # ("fluids", 0, "box", "lo")
 
+_BLANK = re.compile(r"(?:\s|#[^\n]*)*")
 _BARE = re.compile(r"[A-Za-z0-9_-]+")
 _SCALAR = re.compile(r"[^,\]}#\n]+")
 _STRINGS = re.compile(
@@ -42,8 +43,15 @@ class _Scanner:
 
     def _skip_blank(self) -> bool:
         """Past white space and comments; whether anything is left."""
-        self.at = re.compile(r"(?:\s|#[^\n]*)*").match(self.text, self.at).end()
+        self._match(_BLANK)
         return self.at < len(self.text)
+
+    def _match(self, pattern: re.Pattern[str]) -> str:
+        """What a pattern matches here, which is passed."""
+        found = pattern.match(self.text, self.at)
+        assert found  # the text is TOML
+        self.at = found.end()
+        return found[0]
 
     def _skip(self, characters: str) -> None:
         while self.text[self.at] in characters:
@@ -81,10 +89,9 @@ class _Scanner:
             self._skip(" \t.")
             if self.text[self.at] == end:
                 return tuple(keys)
-            quoted = _STRINGS.match(self.text, self.at)
-            found = quoted or _BARE.match(self.text, self.at)
-            keys.append(found[0][1:-1] if quoted else found[0])
-            self.at = found.end()
+            quoted = self.text[self.at] in "\"'"
+            word = self._match(_STRINGS if quoted else _BARE)
+            keys.append(word[1:-1] if quoted else word)
 
     def _key_value(self, table: Path) -> None:
         start = self.at
@@ -99,8 +106,7 @@ class _Scanner:
         self._skip_blank()
         opening = self.text[self.at]
         if opening not in "[{":
-            found = _STRINGS.match(self.text, self.at) or _SCALAR.match(self.text, self.at)
-            self.at = found.end()
+            self._match(_STRINGS if opening in "\"'" else _SCALAR)
             return
         self.at += 1
         index = 0

@@ -1,15 +1,23 @@
-"""Instruments at work: along their key frames, or wherever somebody moves them."""
+"""Instruments at work: along their key frames, or moved from Python; grasps and pushers."""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .._base.interrupts import whole
 from .blade import Knife, check_rigid, scalpel
 from .instruments import Instrument
 from .schema import switch
-from .steered import Steered, checks_of
+from .steered import Named, Steered, checks_of
+from .tissue import HALF_SPACE
+
+if TYPE_CHECKING:
+    from .simulation import Simulation
+
+MOST_GRASPS = MOST_PUSHERS = 8
+_AT_REST = ((0.0,) * 3,) * 3
 
 BELLY = 0.3  # of a scalpel's length: how far its edge stands below the tip
 
@@ -18,6 +26,12 @@ class Tool(Steered):
     """An instrument of a running simulation.
 
     Its key frames say where it is and whether it works, until `move_to` and `on` say otherwise.
+    `on`, of suction and graspers `radius` (m) and of suction `ablates` may be assigned.
+
+    Args:
+        table: the instrument as a scene has it.
+        number: of the grasp that a grasper uses.
+        time: s, when it starts.
     """
 
     def __init__(self, table: Instrument, number: int, time: float):
@@ -60,19 +74,25 @@ class Tool(Steered):
 
     @property
     def pose(self) -> np.ndarray:
-        """Where it is, world from instrument (4, 4)."""
+        """Where it is: (4, 4) world_from_instrument, m."""
         return self._pose
 
     def start(self, time: float) -> None:
-        """Where it is at a time; what was said by hand is forgotten. After the start a grasper that
-        is on holds something already."""
+        """Follow the key frames again from a time, s, and forget `move_to` and `on`. After the
+        start a grasper that is on holds something already."""
         self._wanted = self._on = None
         self._pose = self._motion.pose(time)
         self._holds = time > 0 and self.kind == "grasper" and self._motion.on(time)
 
     def move_to(self, pose: Any) -> None:
-        """Where it will be at the end of the next step, and stays: (4, 4) world from instrument, or
-        a position (3,), with which it keeps its rotation."""
+        """Say where it is at the end of the next step, and stays.
+
+        Args:
+            pose: (4, 4) world_from_instrument, m; or a position (3,), which keeps the rotation.
+
+        Raises:
+            ValueError: a pose that is not a rotation and a place.
+        """
         wanted = check_rigid(f"{self._label}.move_to", pose)
         if np.shape(pose) == (3,):
             wanted[:3, :3] = self.pose[:3, :3]
@@ -88,43 +108,44 @@ class Tool(Steered):
         self._on = value
 
     def works(self, time: float) -> bool:
+        """Whether it cuts, takes away or holds at a time, s."""
         if self._on is not None:
             return self._on
         return self._wanted is not None or self._motion.on(time)
 
-    def prepare(self, sim: Any, dt: float) -> None:
-        """Before a step of dt: where it goes, and what it holds."""
+    def prepare(self, sim: Simulation, dt: float) -> None:
+        """Before a step of dt seconds: decide where it goes and what it holds."""
         time = sim.time
         self._next = self._motion.pose(time + dt) if self._wanted is None else self._wanted
         if self.kind != "grasper":
             return
         works = self.works(time)
         if works and not self._holds:
-            sim.grasp(self.pose[:3, 3], self.radius, self._number)
+            sim.tools.grasp(self.pose[:3, 3], self.radius, self._number)
         elif self._holds and not works:
-            sim.release(self._number)
+            sim.tools.release(self._number)
         self._holds = works
         if works and dt > 0:
             velocity = spin = (0.0, 0.0, 0.0)
             if not np.array_equal(self._next, self.pose):
                 velocity = (self._next[:3, 3] - self.pose[:3, 3]) / dt
                 spin = _spin(self._next[:3, :3] @ self.pose[:3, :3].T) / dt
-            sim.move_grasp(self._number, velocity, spin, self.pose[:3, 3])
+            sim.tools.move_grasp(self._number, velocity, spin, self.pose[:3, 3])
 
     def sink(self, time: float) -> tuple[np.ndarray, float] | None:
-        """The ball that suction takes fluid out of."""
+        """Center (3,) and radius, m, of the ball that suction empties; None where it does not."""
         if self.kind == "suction" and self.works(time):
             return self._next[:3, 3], self.radius
         return None
 
-    def operate(self, sim: Any) -> int:
-        """After a step: cut or take away what was passed; the number of bonds cut."""
+    def operate(self, sim: Simulation) -> int:
+        """After a step: cut or ablate what it passed; returns the number of bonds cut."""
         n_cut = 0
         if self.works(sim.time):
             if self.knife is not None:
-                n_cut = sim.cut(self.knife.sweep(self.pose, self._next), relative=True)
+                n_cut = sim.tissue.cut(self.knife.sweep(self.pose, self._next), relative=True)
             elif self.kind == "suction" and self.ablates:
-                sim.ablate(self._next[:3, 3], self.radius)
+                sim.tissue.ablate(self._next[:3, 3], self.radius)
         self._pose = self._next
         return n_cut
 
@@ -135,3 +156,104 @@ def _spin(turn: np.ndarray) -> np.ndarray:
     sine = float(np.linalg.norm(axis))
     angle = np.arctan2(sine, (np.trace(turn) - 1) / 2)
     return axis * (angle / sine) if sine > 1e-12 else np.zeros(3)
+
+
+class Tools(Named):
+    """A simulation's instruments by their names; grasps and pushers beside them.
+
+    `sim.tools["scalpel"].move_to(pose)` moves an instrument of the scene. `grasp` and
+    `set_pushers` hold and push tissue without one.
+    """
+
+    def __init__(self, sim: Simulation):
+        super().__init__("tools", Tool)
+        self._sim, self._lock = sim, sim._lock
+        self._motions: list[Any] = [_AT_REST] * MOST_GRASPS
+        self._pushers: list[Any] = []
+
+    @whole
+    def grasp(self, center: Any, radius: float, number: int = 0) -> None:
+        """Take hold of the free tissue within a ball; `move_grasp` moves it.
+
+        Args:
+            center: (3,) m.
+            radius: m.
+            number: 0 to 7, of the grasp; what it held before is let go. Graspers of a scene use
+                the number of their instrument.
+
+        Raises:
+            ValueError: another number.
+        """
+        core = self._sim._core.tissue()
+        core.grasp([float(v) for v in center], float(radius), _grasp_number(number))
+
+    @whole
+    def release(self, number: int = 0) -> None:
+        """Let go what a grasp holds; errors as of `grasp`."""
+        self.grasp((1e9, 1e9, 1e9), 0.0, number)
+
+    @whole
+    def move_grasp(
+        self, number: int = 0, velocity: Any = (0, 0, 0), spin: Any = (0, 0, 0),
+        center: Any = (0, 0, 0),
+    ) -> None:  # fmt: skip
+        """Say how a grasp moves from now on: velocity m/s, and spin rad/s about center m, (3,)
+        each; errors as of `grasp`."""
+        motion = tuple(tuple(float(v) for v in part) for part in (velocity, spin, center))
+        if self._motions[_grasp_number(number)] != motion:
+            self._motions[number] = motion
+            self._send()
+
+    @whole
+    def set_pushers(self, shapes: Any) -> None:
+        """Replace the solid shapes that tissue cannot enter.
+
+        Args:
+            shapes: at most 8 of (kind, a, b, radius, velocity): kind tissue.BALL with center a,
+                CAPSULE from a to b, or HALF_SPACE with a point a and an outward normal b; m, m/s.
+
+        Raises:
+            ValueError: more than 8.
+        """
+        shapes = list(shapes)
+        if len(shapes) > MOST_PUSHERS:
+            raise ValueError(f"shapes: expected at most {MOST_PUSHERS}, got {len(shapes)}")
+        self._pushers = [
+            (int(k), [float(v) for v in a], [float(v) for v in b], float(r), [float(v) for v in u])
+            for k, a, b, r, u in shapes
+        ]
+        self._send()
+
+    def _move_pushers(self, dt: float) -> None:
+        """Where they are after a step, as its substeps left them but for rounding: what comes next
+        depends on what is known here, which a checkpoint keeps."""
+        if any(any(velocity) for *_, velocity in self._pushers):
+            self._pushers = [
+                (kind, _shifted(a, u, dt), b if kind == HALF_SPACE else _shifted(b, u, dt), r, u)
+                for kind, a, b, r, u in self._pushers
+            ]
+            self._send()
+
+    def _send(self) -> None:
+        self._sim._core.tissue().instruments(self._motions, self._pushers)
+
+    def _by_hand(self) -> dict[str, Any]:
+        tools = {name: tool._state() for name, tool in self.items()}
+        return {"tools": tools, "motions": self._motions, "pushers": self._pushers}
+
+    def _take_up(self, by_hand: dict[str, Any]) -> None:
+        for name, state in by_hand["tools"].items():
+            self[name]._go_on(state)
+        self._motions = [tuple(tuple(part) for part in motion) for motion in by_hand["motions"]]
+        self._pushers = [tuple(pusher) for pusher in by_hand["pushers"]]
+        self._send()
+
+
+def _shifted(point: list[float], velocity: list[float], dt: float) -> list[float]:
+    return [x + v * dt for x, v in zip(point, velocity, strict=True)]
+
+
+def _grasp_number(number: int) -> int:
+    if not 0 <= number < MOST_GRASPS:
+        raise ValueError(f"number: expected 0 to {MOST_GRASPS - 1}, got {number!r}")
+    return int(number)

@@ -52,9 +52,12 @@ class SimulationSource(Source):
         self._target: np.ndarray | None = None  # where the pointer is, world
         self._ground: float | None = None  # height, where the scene says it
         self.maker = SceneMaker(device, threads)
-        self.has_tissue = bool(getattr(simulation, "n_bonds", 0))
+        self.has_tissue = self._has_bonds()
         self._look()
         self._note()
+
+    def _has_bonds(self) -> bool:
+        return bool(getattr(getattr(self.simulation, "tissue", None), "n_bonds", 0))
 
     def _look(self) -> None:
         """As the simulation's scene file has it."""
@@ -118,14 +121,13 @@ class SimulationSource(Source):
         if not self.has_tissue:
             return 0.0
         tissue = [p.kind == "tissue" for p in sim.phases.values()]
-        return float(np.ptp(sim.positions[np.asarray(tissue)[sim.phase]], axis=0).max())
+        return float(np.ptp(sim.positions[np.asarray(tissue)[sim.arrays.phase]], axis=0).max())
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         domain = getattr(getattr(self.simulation, "settings", None), "domain", None)
         if domain is None:
             return super().bounds()
-        lo, hi = np.asarray(domain, np.float64)
-        return lo, hi
+        return domain.bounds()
 
     def outline(self) -> np.ndarray:
         """Around what is shown and the instruments; where there is only fluid, which runs, all the
@@ -135,7 +137,7 @@ class SimulationSource(Source):
         if shown is None or not len(shown):
             return box_corners(*self.bounds())
         lo, hi = shown.bounds()
-        tools = [tool.pose[:3, 3] for tool in getattr(sim, "instruments", {}).values()]
+        tools = [tool.pose[:3, 3] for tool in getattr(sim, "tools", {}).values()]
         lo, hi = np.min([lo, *tools], axis=0), np.max([hi, *tools], axis=0)
         if not self.has_tissue:
             first, last = (np.array(corner) for corner in self.bounds())
@@ -151,7 +153,7 @@ class SimulationSource(Source):
     def marks(self) -> list[Mark]:
         """The edges of scalpels, and the tips of other instruments."""
         marks = []
-        for name, tool in getattr(self.simulation, "instruments", {}).items():
+        for name, tool in getattr(self.simulation, "tools", {}).items():
             knife = getattr(tool, "knife", None)
             points = knife.at(tool.pose) if knife is not None else tool.pose[None, :3, 3]
             marks.append(Mark(tuple(map(tuple, points.tolist())), name, STEEL))
@@ -182,11 +184,12 @@ class SimulationSource(Source):
             ("time", "time", "{:.4f} s"),
             ("steps", "n_steps", "{:,}"),
             ("time step", "dt", "{:.3g} s"),
-            ("pieces", "n_pieces", "{:,}"),
         ):
             value = getattr(sim, name, None)
             if value is not None:
                 facts[label] = form.format(value)
+        if (tissue := getattr(sim, "tissue", None)) is not None:
+            facts["pieces"] = f"{tissue.n_pieces:,}"
         for label, name in (
             ("iterations", "iterations"),
             ("compression", "compression"),
@@ -249,13 +252,13 @@ class SimulationSource(Source):
         with self.lock:
             blade = ribbon(points, camera, self.cut_depth or through, 0.05 * through)
             before = self._state()
-            self.n_cut = self.simulation.cut(blade)
+            self.n_cut = self.simulation.tissue.cut(blade)
             if not self.n_cut:
                 return "The stroke met no tissue."
             self._keep(before)
             self.by_hand = True
             self.version += 1
-            pieces = getattr(self.simulation, "n_pieces", 1)
+            pieces = self.simulation.tissue.n_pieces
         return (
             f"**Cut {self.n_cut:,} bonds**, {pieces:,} {'piece' if pieces == 1 else 'pieces'}."
             + ("" if self.running else " Run to see it open.")
@@ -264,16 +267,16 @@ class SimulationSource(Source):
     def _state(self) -> dict[str, Any]:
         """What `undo` goes back to."""
         sim = self.simulation
-        if not hasattr(sim, "state"):
+        if not hasattr(sim, "arrays"):
             return {}
         emitters = {
             name: (e.emitted, e._volume) for name, e in getattr(sim, "emitters", {}).items()
         }
         return {
-            "arrays": sim.state(),
-            "rows": len(sim.diagnostics),
+            "arrays": sim.arrays.state(),
+            "rows": len(sim.record.diagnostics),
             "emitters": emitters,
-            "counts": (sim.n_removed, sim.n_cut),
+            "counts": (sim.record.n_removed, sim.record.n_cut),
         }
 
     def _keep(self, state: dict[str, Any]) -> None:
@@ -290,10 +293,10 @@ class SimulationSource(Source):
                     "undo: expected a cut made with the tool Cut, got none (the last 5 are kept)"
                 )
             state, sim = self._before.pop(), self.simulation
-            sim.set_state(state["arrays"])
-            del sim.diagnostics[state["rows"] :]
-            sim.n_removed, sim.n_cut = state["counts"]
-            for tool in sim.instruments.values():
+            sim.arrays.set_state(state["arrays"])
+            del sim.record.diagnostics[state["rows"] :]
+            sim.record.n_removed, sim.record.n_cut = state["counts"]
+            for tool in sim.tools.values():
                 tool.start(sim.time)
             for name, (emitted, volume) in state["emitters"].items():
                 sim.emitters[name]._emitted, sim.emitters[name]._volume = emitted, volume
@@ -306,17 +309,17 @@ class SimulationSource(Source):
         """Put an instrument somewhere: (4, 4) world_from_instrument, or its tip (3,); the next step
         goes there."""
         with self.lock:
-            self.simulation.instruments[name].move_to(pose)
+            self.simulation.tools[name].move_to(pose)
             self.by_hand = True
 
     def follow_keys(self, name: str) -> None:
         """Let an instrument move as its scene says again."""
         with self.lock:
-            self.simulation.instruments[name].start(self.simulation.time)
+            self.simulation.tools[name].start(self.simulation.time)
 
     def suction(self) -> str | None:
         """The name of the instrument that takes fluid away, where the scene has one."""
-        tools = getattr(self.simulation, "instruments", {})
+        tools = getattr(self.simulation, "tools", {})
         return next((name for name, tool in tools.items() if tool.kind == "suction"), None)
 
     def suck(self, hand: Any, phase: str, here: tuple) -> None:
@@ -347,8 +350,8 @@ class SimulationSource(Source):
         """Before a step: move what is held towards the pointer, or let it go."""
         sim, target = self.simulation, self._target
         if target is None:
-            if self._held is not None and getattr(sim, "n_bonds", 0):
-                sim.release(GRASP)
+            if self._held is not None and self._has_bonds():
+                sim.tools.release(GRASP)
             self._held = None
             return
         spacing = float(sim.settings.spacing)
@@ -356,14 +359,14 @@ class SimulationSource(Source):
             self.by_hand = True
             near = np.linalg.norm(sim.positions - self._hold, axis=1) < 3 * spacing
             self._held = sim.ids[near]
-            if getattr(sim, "n_bonds", 0):
-                sim.grasp(self._hold, 3 * spacing, GRASP)
-        if getattr(sim, "n_bonds", 0):
+            if self._has_bonds():
+                sim.tools.grasp(self._hold, 3 * spacing, GRASP)
+        if self._has_bonds():
             dt = sim.dt
             most = self._extent() * FASTEST
             velocity = (target - self._hold) / PULL_TIME
             velocity *= min(1.0, most / max(float(np.linalg.norm(velocity)), 1e-30))
-            sim.move_grasp(GRASP, velocity, (0.0, 0.0, 0.0), self._hold)
+            sim.tools.move_grasp(GRASP, velocity, (0.0, 0.0, 0.0), self._hold)
             self._hold = self._hold + velocity * dt
             return
         ids = np.intersect1d(self._held, sim.ids)
@@ -374,7 +377,7 @@ class SimulationSource(Source):
         speed = sim.velocities[at].mean(axis=0)
         mass = np.median([p.density for p in sim.phases.values()]) * spacing**3
         force = mass * (away / PULL_TIME - speed) / PULL_TIME
-        sim.apply_force(np.broadcast_to(force, (len(ids), 3)).astype(np.float32), ids=ids)
+        sim.steer.apply_force(np.broadcast_to(force, (len(ids), 3)).astype(np.float32), ids=ids)
 
     def _extent(self) -> float:
         lo, hi = self.bounds()

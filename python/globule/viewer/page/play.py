@@ -129,7 +129,7 @@ class Play(Panel):
             )
         for name, emitter in _named(sim, "emitters"):
             self._switch(f"Emitter {name}", emitter, lambda emitter=emitter: emitter.on)
-        for name, instrument in _named(sim, "instruments"):
+        for name, instrument in _named(sim, "tools"):
             self._instrument(name, instrument)
 
     def _run_and_status(self, label: str) -> None:

@@ -1,0 +1,126 @@
+"""The record of a run: a row a step, counts, energies; and a stop where fluid has no room."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .._base.interrupts import whole
+from .part import Part
+from .settings import StepReport
+
+if TYPE_CHECKING:
+    from .simulation import Simulation
+
+# Mean compression that tells that there is no room: in so many steps, and at once.
+CROWDED, CROWDED_STEPS, OVERFULL = 0.03, 10, 0.1
+MOST_ROWS = 20_000  # of diagnostics; of more, every second one goes
+
+
+class Record(Part):
+    """What a simulation's run has been: diagnostics, counts, times and energies.
+
+    Attributes:
+        diagnostics: a dict a step: time, dt, iterations, errors, compression, counts.
+        seconds: of the clock, in each of the solver's stages.
+        n_removed: particles that sinks, suction, ablation or `remove` took out.
+        n_cut: bonds that the scene's instruments cut.
+    """
+
+    def __init__(self, sim: Simulation):
+        super().__init__(sim)
+        self._clear()
+
+    def _clear(self) -> None:
+        self.diagnostics: list[dict[str, Any]] = []
+        self.seconds: dict[str, float] = {}
+        self.n_removed = self.n_cut = 0
+        self._n_crowded = 0
+
+    def _note(self, report: StepReport) -> None:
+        """One step more in the record."""
+        for stage, seconds in report.seconds.items():
+            self.seconds[stage] = self.seconds.get(stage, 0.0) + seconds
+        self.n_removed += report.n_removed
+        self.diagnostics.append({
+            "time": report.time, "step": report.step, "dt": report.dt,
+            "iterations": report.iterations,
+            "divergence_iterations": report.divergence_iterations,
+            "error": report.error, "compression": report.compression,
+            "max_compression": report.most_compression, "max_speed": report.most_speed,
+            "n": report.n, "n_escaped": report.n_escaped, "n_removed": self.n_removed,
+            "n_cut": self.n_cut,
+        })  # fmt: skip
+        if len(self.diagnostics) > MOST_ROWS:
+            del self.diagnostics[1::2]
+        self._refuse_crowds(report)
+
+    def _refuse_crowds(self, report: StepReport) -> None:
+        """Fluid without room: its density cannot be what the solver asks for, which throws it
+        about faster and faster. A start that settles within a few steps may pass."""
+        settings = self._sim.settings
+        tissue = any(phase.kind == "tissue" for phase in self._sim.phases.values())
+        if tissue or settings.method == "wcsph":  # bonds may hold what is compressed
+            return
+        solved = report.divergence_iterations > 0  # for density, and by walls or a free surface
+        limit = 10 * settings.max_error
+        crowded = solved and report.compression > max(CROWDED, limit)
+        self._n_crowded = self._n_crowded + 1 if crowded else 0
+        if self._n_crowded == CROWDED_STEPS or report.compression > max(OVERFULL, limit):
+            raise ArithmeticError(
+                f"fluid is compressed by {100 * report.compression:.1f} % on average in step "
+                f"{report.step}: expected room for it (in a box with walls a free surface or a "
+                "gap) and particles that do not overlap"
+            )
+
+    @whole
+    def totals(self) -> dict[str, Any]:
+        """Of fluid and tissue: mass kg, kinetic and potential energy J, momentum kg m/s,
+        angular_momentum kg m²/s about the origin, center of mass m."""
+        t = self._sim._core.totals()
+        mass = t["mass"] or 1.0
+        return {**t, "center": tuple(c / mass for c in t["center"])}
+
+    @whole
+    def measure(self) -> dict[str, float]:
+        """Energies (J), momentum (kg m/s) and counts of what moves, now; also added to the last row
+        of the diagnostics."""
+        totals = self.totals()
+        momentum = totals["momentum"]
+        found = {
+            "kinetic": totals["kinetic"],
+            "potential": totals["potential"],
+            "momentum_x": momentum[0],
+            "momentum_y": momentum[1],
+            "momentum_z": momentum[2],
+            **{f"n_{kind}": n for kind, n in self.counts.items()},
+        }
+        if found["n_tissue"]:
+            tissue = self._sim.tissue
+            found |= {"n_bonds": tissue.n_bonds, "n_pieces": tissue.n_pieces}
+        if self.diagnostics:
+            self.diagnostics[-1].update(found)
+        return found
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """Particles of each kind; "escaped": those outside of the domain; "removed": those taken
+        out since the start."""
+        kinds = [phase.kind for phase in self._sim.phases.values()]
+        per_phase = np.bincount(self._sim.arrays.phase, minlength=len(kinds))
+        found = {kind: 0 for kind in ("fluid", "tissue", "rigid", "boundary")}
+        for kind, n in zip(kinds, per_phase, strict=True):
+            found[kind] += int(n)
+        n_escaped = self.diagnostics[-1]["n_escaped"] if self.diagnostics else 0
+        return {**found, "escaped": n_escaped, "removed": self.n_removed}
+
+    @property
+    def n_born(self) -> int:
+        """Particles that there ever were: those there are and those removed."""
+        return self._sim._core.next_id()
+
+    def _facts(self) -> dict[str, Any]:
+        """What a checkpoint keeps of it."""
+        names = ("diagnostics", "seconds", "n_removed", "n_cut")
+        return {name: getattr(self, name) for name in names}

@@ -1,0 +1,142 @@
+"""Steering: forces, boundaries that follow poses, rigid bodies, and sinks."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .._base.interrupts import whole
+from .arrays import numbers
+from .part import Part
+
+if TYPE_CHECKING:
+    from .simulation import Simulation
+
+MOST_SINKS = 32
+
+
+class Steer(Part):
+    """What acts on a simulation from outside: forces, moved boundaries, rigid bodies, sinks."""
+
+    def __init__(self, sim: Simulation):
+        super().__init__(sim)
+        self._forces = np.empty(0, np.uint32), np.empty((0, 3), np.float32)  # of these ids
+        self._moving: set[int] = set()  # phases of boundaries that have a pose
+        self._sinks: list[list[float]] = []
+
+    @whole
+    def apply_force(self, force: Any, ids: Any = None) -> None:
+        """Apply a force to each particle during the next step; several calls add up.
+
+        Args:
+            force: N on each particle: (3,), or (M, 3) for M ids.
+            ids: (M,) of the particles; None: all, in id order.
+
+        Raises:
+            ValueError: a force that is not finite or of another shape; ids that there are not.
+        """
+        known = self._sim.ids
+        chosen = known if ids is None else np.asarray(ids).reshape(-1)
+        unknown = np.setdiff1d(chosen, known)
+        if len(unknown):
+            raise ValueError(f"ids: expected particles of this simulation, got {unknown[0]}")
+        total = self._forces_of(known)
+        more = np.zeros_like(total)
+        more[np.searchsorted(known, chosen)] = numbers("force", force, (3,), (len(chosen), 3))
+        self._forces = known, total + more
+
+    def _forces_of(self, ids: np.ndarray) -> np.ndarray:
+        """(N, 3) N: what acts on each of these ids during the next step."""
+        found = np.zeros((len(ids), 3), np.float32)
+        _, here, there = np.intersect1d(ids, self._forces[0], return_indices=True)
+        found[here] = self._forces[1][there]
+        return found
+
+    @whole
+    def move_boundary(self, phase: str, pose: Any) -> None:
+        """Say where a boundary is at the end of the next step.
+
+        The first call says where it is now.
+
+        Args:
+            phase: name of a phase of kind "boundary".
+            pose: (4, 4) world_from_body, m.
+
+        Raises:
+            ValueError: a phase that there is not, or a pose of another shape.
+        """
+        which = self._sim._phase(phase)
+        values = np.asarray(pose, float).reshape(16).tolist()
+        if which in self._moving:
+            self._sim._core.move_to(which, values)
+        else:
+            self._sim._core.capture(which, values)
+            self._moving.add(which)
+
+    @whole
+    def make_rigid(
+        self, phase: str, density: float, velocity: Any = (0, 0, 0), spin: Any = (0, 0, 0)
+    ) -> None:
+        """Make the particles of a phase one rigid body, which they fill.
+
+        Args:
+            phase: name of a phase of kind "rigid".
+            density: kg/m³.
+            velocity: (3,) m/s.
+            spin: (3,) rad/s.
+
+        Raises:
+            ValueError: a phase of another kind, or one without particles.
+        """
+        sim = self._sim
+        which = sim._phase(phase)
+        if sim.phases[phase].kind != "rigid":
+            raise ValueError(f"phase: expected one of kind rigid, got {phase!r}")
+        at = sim.positions[sim.arrays.phase == which].astype(float)
+        if len(at) == 0:
+            raise ValueError(f"phase: expected particles of {phase!r} to be added first")
+        each = density * sim.settings.spacing**3
+        center = at.mean(0)
+        x = at - center
+        # A particle's own cube keeps the inertia of a few from being singular.
+        own = each * sim.settings.spacing**2 / 6
+        inertia = np.eye(3) * (each * (x**2).sum() + own * len(x)) - each * x.T @ x
+        values = np.concatenate([center, inertia.ravel(), velocity, spin]).astype(float)
+        sim._core.make_body(which, each * len(at), values.tolist())
+
+    @whole
+    def body(self, phase: str) -> dict[str, np.ndarray]:
+        """Where a rigid body is: center m, velocity m/s, spin rad/s, (3,) each, and rotation
+        (3, 3), world_from_body.
+
+        Raises:
+            ValueError: a phase that there is not.
+        """
+        v = np.array(self._sim._core.body(self._sim._phase(phase)))
+        return {
+            "center": v[:3],
+            "velocity": v[3:6],
+            "spin": v[6:9],
+            "rotation": v[9:].reshape(3, 3),
+        }
+
+    @whole
+    def set_sinks(self, sinks: Any) -> None:
+        """Replace the regions that take fluid out.
+
+        Args:
+            sinks: at most 32 of (lo, hi), corners of a box, or (center, radius) of a ball, m.
+
+        Raises:
+            ValueError: more than 32.
+        """
+        packed = []
+        for a, b in sinks:
+            ball = np.ndim(b) == 0
+            lo, hi, center = (np.zeros(3), np.zeros(3), a) if ball else (a, b, np.zeros(3))
+            packed.append([*map(float, (*lo, *hi, *center)), float(b) if ball else 0.0])
+        if len(packed) > MOST_SINKS:
+            raise ValueError(f"sinks: expected at most {MOST_SINKS}, got {len(packed)}")
+        self._sinks = packed
+        self._sim._core.set_sinks(packed)
