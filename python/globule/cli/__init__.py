@@ -1,53 +1,83 @@
 """The command line: `globule COMMAND …`, one module per command.
 
-Exit status: 0 done; 2 the user's mistake (one line naming it, nothing written); 130 interrupted,
-143 by SIGTERM; 1 anything else.
+Exit status: 0 done; 2 the user's mistake (one line that names it, nothing written);
+130 interrupted, 143 by SIGTERM; 1 anything else.
 """
 
 from __future__ import annotations
 
-import argparse
 import os
 import sys
 import warnings
 from collections.abc import Sequence
 from typing import Any
 
-from . import bench, calibrate, convert, demo, figures, info, reconstruct, render, simulate, view
+from . import bench, calibrate, convert, demo, info, reconstruct, render, simulate, view
+from .completion import SHELLS, script
+from .parser import Parser
 from .shared import UserError, join_negative, say, warn
 
-COMMANDS = (render, view, simulate, reconstruct, calibrate, convert, info, figures, bench, demo)
+# Who uses them: the title in `globule --help`, and the commands' modules.
+GROUPS = {
+    "everyone": (render, view, convert, info),
+    "simulation": (simulate,),
+    "tracked ultrasound": (reconstruct, calibrate),
+    "measurements": (bench,),
+    "to try it out": (demo,),
+}
+COMMANDS = tuple(module for modules in GROUPS.values() for module in modules)
 
 
-class _Parser(argparse.ArgumentParser):
-    def error(self, message: str) -> None:  # type: ignore[override]
-        raise UserError(f"{message} (`{self.prog} --help` shows how)")
+class _Overview(Parser):
+    """The parser of `globule` itself, whose help groups the commands by who uses them."""
+
+    def _sections(self, everything: bool) -> list[tuple[str | None, str | None, list[Any]]]:
+        places, options = self._action_groups[0]._group_actions, self._action_groups[1]
+        known = {action.dest: action for action in places[0]._choices_actions}
+        parts: list[tuple[str | None, str | None, list[Any]]] = [
+            (title, None, [known[_name(module)] for module in modules])
+            for title, modules in GROUPS.items()
+        ]
+        return [*parts, (options.title, None, options._group_actions)]
 
 
-def build_parser() -> argparse.ArgumentParser:
+def build_parser() -> Parser:
     """The parser of all commands."""
-    parser = _Parser(
+    parser = _Overview(
         prog="globule",
+        usage="globule COMMAND [options]\n       globule COMMAND --help",
         description="Mesh-free visualization: particles in, smooth exact surfaces out.",
-        epilog="example:\n  globule demo",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        allow_abbrev=False,
     )
-    parser.add_argument("--version", action="store_true", help="print the version and leave")
-    commands = parser.add_subparsers(metavar="COMMAND", dest="command")
+    parser.examples = "  globule demo\n  globule render splash.npz -o splash.png"
+    parser.add_argument("--version", action="store_true", help="print the version and exit")
+    parser.add_argument(
+        "--print-completion",
+        choices=SHELLS,
+        metavar="SHELL",
+        help=f"print the completion script of a shell and exit: {', '.join(SHELLS)}",
+    )
+    commands = parser.add_subparsers(
+        metavar="COMMAND", dest="command", parser_class=Parser, prog="globule"
+    )
     for module in COMMANDS:
-        name = module.__name__.rpartition(".")[2]
+        name = _name(module)
         command = commands.add_parser(
             name,
             help=module.SUMMARY,
-            description=module.__doc__,
-            epilog=f"examples:\n{module.EXAMPLES}",
-            formatter_class=argparse.RawDescriptionHelpFormatter,
-            allow_abbrev=False,
+            usage=" ".join(f"globule {name} {module.USAGE} [options]".split()),
+            description=module.__doc__.partition("\n\n")[0],
         )
+        command.notes = module.__doc__.partition("\n\n")[2]
+        command.examples = module.EXAMPLES
+        command.has_short_help()
+        command.set_defaults(run=module.run, parser=command)
         module.add_arguments(command)
-        command.set_defaults(run=module.run)
+        command.essential = getattr(module, "ESSENTIAL", ())
     return parser
+
+
+def _name(module: Any) -> str:
+    return module.__name__.rpartition(".")[2]
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -77,16 +107,25 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _run(argv: list[str]) -> None:
     parser = build_parser()
-    options = parser.parse_args(join_negative(argv))
+    argv = bench.with_name(join_negative(argv))
+    options = parser.parse_args(argv)
     if options.version:
         from .. import __version__
 
         print(f"globule {__version__}")
-    elif options.command is None:
+        return
+    if options.print_completion:
+        print(script(parser, options.print_completion))
+        return
+    if options.command is None:
         parser.print_help()
         raise UserError("expected a command, got none")
-    else:
-        options.run(options)
+    for old, new in getattr(options, "renamed", {}).items():
+        say(f"note: {old} is now {new}; the next version refuses {old}")
+    if hasattr(options, "prepare"):
+        options.parser.set_defaults(**options.prepare(options))
+        options = parser.parse_args(argv)
+    options.run(options)
 
 
 def _show_warning(message: Warning | str, kind: type[Warning], *place: Any) -> None:
@@ -104,7 +143,7 @@ def _fail(status: int, problem: object) -> int:
 
 
 def _drop_stdout() -> None:
-    """Whoever read our output has left: the interpreter must not complain when it flushes."""
+    """The reader of our output has left: the interpreter must not complain when it flushes."""
     try:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     except (AttributeError, OSError, ValueError):

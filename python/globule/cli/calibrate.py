@@ -1,10 +1,10 @@
-"""Calibrate a tracked probe: where its image's pixels lie, and how late its poses are.
+"""Calibrate a tracked probe: where the pixels of its image lie, and the delay of its poses.
 
-MARKS is a table (.csv) of a fixed point's `column` and `row` in images, a crossing of two wires or
-a bead; each row also has the probe's pose (x y z qx qy qz qw, or m00 to m23), or with --sweep the
-number of its `frame` there, from 0. With --delay the temporal offset between image and tracker is
-found from a --sweep in which the probe changes its speed. What is written is a calibration (.toml),
-as `reconstruct --calibration` takes it."""
+MARKS is a table (.csv) of the image positions `column` and `row` of a fixed point, such as a
+crossing of two wires or a bead. Each row also has the pose of the probe (x y z qx qy qz qw, or m00
+to m23), or with --sweep the number of its `frame` in the sweep, from 0. --delay finds the temporal
+offset between image and tracker from a --sweep in which the probe changes its speed. The result is
+a calibration (.toml) for `globule reconstruct --calibration`."""
 
 from __future__ import annotations
 
@@ -22,9 +22,12 @@ from ..ultrasound.calibration import (
     write_calibration,
 )
 from ..ultrasound.marks import Tracked, read_marks, read_tracked
+from . import flags
+from .parser import Parser
 from .shared import UserError, check_output, count, mistakes, positive, print_json, warn
 
-SUMMARY = "marked pixels and poses to a probe's calibration"
+SUMMARY = "marked pixels and poses to the calibration of a probe"
+USAGE = "[MARKS]"
 EXAMPLES = """\
   globule calibrate marks.csv -o probe.toml
   globule calibrate marks.csv --sweep wires.igs.mha -o probe.toml
@@ -35,35 +38,35 @@ _STRIKING = 3.0  # times the rms
 _UNLIKELY = 20.0  # pixels: nobody marks so badly
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: Parser) -> None:
+    """The arguments of `globule calibrate`."""
     add = parser.add_argument
     add("marks", nargs="?", metavar="MARKS", help="table of marked pixels, .csv")
-    add("-o", "--output", metavar="FILE.toml", help="calibration to write")
-    add("--sweep", metavar="SWEEP", help="the recording: PLUS file, or stack of images and --poses")
-    add("--poses", metavar="TABLE", help="the probe's poses for a stack, .csv or .json")
+    flags.add(parser, "--output", "calibration .toml; default: none, only print the result")
     add(
-        "--frame-times",
-        type=positive,
-        metavar="FPS",
-        help="frames per second of a stack that does not know its times",
+        "--sweep",
+        metavar="SWEEP",
+        help="recording of the marked frames: PLUS file, or stack of images with --poses "
+        "(default: none)",
     )
+    flags.add(parser, "--poses", "default: none")
+    flags.add(parser, "--frame-times", "default: none")
     add("--delay", action="store_true", help="find the temporal offset of the --sweep")
     add(
-        "--most",
+        "--max-delay",
+        dest="most",
         type=positive,
         default=0.5,
         metavar="S",
-        help="largest offset that --delay looks for (default: 0.5)",
+        help="largest temporal offset that --delay considers, seconds (default: 0.5)",
     )
-    add(
-        "--calibration",
-        metavar="FILE.toml",
-        help="an earlier calibration: what is not found anew is taken from it",
-    )
-    add("--json", action="store_true", help="print one JSON object: matrix, residuals, offset")
+    parser.renamed(parser, "--most", "--max-delay")
+    flags.add(parser, "--calibration", "keeps what this run does not find; default: none")
+    flags.add(parser, "--json")
 
 
 def run(options: argparse.Namespace) -> None:
+    """Run `globule calibrate`."""
     _check(options)
     try:
         with mistakes():

@@ -1,8 +1,7 @@
-"""Convert particles, tracked sweeps or volumes to another file format; the names' extensions say
-which.
+"""Convert particles, tracked sweeps or volumes to another file format.
 
-Meshes, and with --level or --label volumes, become particles. A volume as .png is its three-view
-picture."""
+The extensions of the names give the formats. Meshes become particles, and so do volumes with
+--level or --label. A volume as .png becomes an image of three planes."""
 
 from __future__ import annotations
 
@@ -13,9 +12,9 @@ import numpy as np
 from ..formats import EXTENSIONS, READABLE, write
 from ..scene.particles import SCALAR_FIELDS, Particles
 from ..ultrasound import kinds as medical_files
-from . import medical
+from . import flags, medical
+from .parser import Parser
 from .shared import (
-    add_reading,
     check_input,
     check_output,
     count,
@@ -25,7 +24,8 @@ from .shared import (
     say,
 )
 
-SUMMARY = "from one format to another"
+SUMMARY = "files from one format to another"
+USAGE = "IN OUT"
 EXAMPLES = """\
   globule convert splash.npz splash.vtk
   globule convert volume.npz volume.nii.gz
@@ -41,15 +41,17 @@ _KEPT = {
 _FLOAT32_ONLY = (".bgeo", ".bgeo.gz")
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: Parser) -> None:
+    """The arguments of `globule convert`."""
     formats = " ".join(dict.fromkeys((*READABLE, *medical_files.EXTENSIONS)))
     parser.add_argument("input", metavar="IN", help=f"file to read: {formats}")
     formats = " ".join(dict.fromkeys((*EXTENSIONS, *medical_files.EXTENSIONS)))
     parser.add_argument("output", metavar="OUT", help=f"file to write: {formats}")
-    add_reading(parser)
+    flags.add_reading(parser)
 
 
 def run(options: argparse.Namespace) -> None:
+    """Run `globule convert`."""
     given = reading(options)
     kind = medical.kind_of(options.input)
     if kind and not given:

@@ -1,7 +1,8 @@
-"""Say what is in a file of particles, a tracked sweep or a volume: how many, where, how far apart,
-and every field's range.
+"""Print what is in a file of particles, a tracked sweep or a volume.
 
-A mesh, or with --level or --label a volume, is described as the particles that it is shown as."""
+`globule info` prints the number of particles, frames or voxels, their bounds and spacing, and the
+range of every field. A mesh is described as particles, and so is a volume with --level or
+--label."""
 
 from __future__ import annotations
 
@@ -14,9 +15,9 @@ import numpy as np
 from ..formats import READABLE, _format_of, tomography
 from ..scene.particles import SCALAR_FIELDS, Particles
 from ..ultrasound import kinds as medical_files
-from . import medical
+from . import flags, medical
+from .parser import Parser
 from .shared import (
-    add_reading,
     check_input,
     count,
     mistakes,
@@ -26,6 +27,7 @@ from .shared import (
 )
 
 SUMMARY = "what is in a file"
+USAGE = "FILE"
 EXAMPLES = """\
   globule info splash.npz
   globule info sweep.igs.mha --json
@@ -56,18 +58,20 @@ _FORMATS = {
 }
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: Parser) -> None:
+    """The arguments of `globule info`."""
     parser.add_argument(
         "file",
         metavar="FILE",
         help=f"particles: {' '.join(READABLE)}; "
-        f"sweeps, volumes: {' '.join(medical_files.EXTENSIONS)}",
+        f"sweeps and volumes: {' '.join(medical_files.EXTENSIONS)}",
     )
-    parser.add_argument("--json", action="store_true", help="print one JSON object")
-    add_reading(parser)
+    flags.add(parser, "--json")
+    flags.add_reading(parser)
 
 
 def run(options: argparse.Namespace) -> None:
+    """Run `globule info`."""
     given = reading(options)
     kind = medical.kind_of(options.file)
     if kind and not given:

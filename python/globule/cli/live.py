@@ -17,33 +17,35 @@ from .shared import Progress, UserError, check_folder, mistakes, positive, warn
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    add = parser.add_argument_group(
-        "live", "With --spacing the volume grows with the frames, and --three-view and --surface "
-        "are drawn again while they come.").add_argument  # fmt: skip
-    add(
+    """The flags of live reconstruction."""
+    group = parser.add_argument_group(
+        "live", "With --voxel-size, the volume grows with the frames, and --three-view and "
+        "--surface are written again while frames come.")  # fmt: skip
+    group.add_argument(
         "--live",
         metavar="igtl://HOST:PORT",
-        help="take frames from an OpenIGTLink server instead of SWEEP, until it stops or Ctrl-C",
+        help="read frames from an OpenIGTLink server instead of SWEEP, until the server stops or "
+        "Ctrl-C (default: none)",
     )
-    add(
+    group.add_argument(
         "--record",
         metavar="FOLDER",
-        help="keep the frames, each as it comes, in a folder that is a SWEEP of its own; after a "
-        "crash the same command goes on with it",
+        help="also store each frame in this folder, which is a SWEEP; after a crash, the same "
+        "command continues the folder (default: none)",
     )
-    add(
+    group.add_argument(
         "--idle",
         type=positive,
         default=5.0,
         metavar="S",
-        help="seconds of silence that end --live (default: 5)",
+        help="silence of the server that ends --live, seconds (default: 5)",
     )
-    add(
+    group.add_argument(
         "--refresh",
         type=positive,
         default=1.0,
         metavar="S",
-        help="seconds between two drawings of the pictures (default: 1)",
+        help="time between two versions of --three-view and --surface, seconds (default: 1)",
     )
 
 

@@ -1,4 +1,4 @@
-"""Options and work of `render` that several pictures of one run share."""
+"""Flags and work of `render` that several images of one run share."""
 
 from __future__ import annotations
 
@@ -16,14 +16,13 @@ from ..render.camera_path import CameraPath
 from ..render.sequence import KeptScene, MovieFrames, find_files, is_whole, read_ahead
 from ..scene.particles import Particles
 from ..scene.scene import Scene
-from . import look
+from . import flags, look
 from .shared import (
     Progress,
     UserError,
     check_output,
     count,
     mistakes,
-    positive,
     print_json,
     read_particles,
     reading,
@@ -32,42 +31,17 @@ from .shared import (
 )
 from .volumes import is_surface, read_surface
 
-NOTES = """\
-Several files, or a quoted pattern ('frame_*.vtk', frame_%04d.vtk; numbers count by value), are one
-sequence: support, camera and colours are the same in all pictures. Without --eye the camera sees
-the particles of all files, and --color-by spans the values of all files; for both, every file is
-read once more beforehand, which --eye and --range save. A movie needs PyAV:
-pip install "globule[video]" (its wheel brings FFmpeg with x264, under the GPL).
-Key frames of the camera, in TOML:
-  [[key]]
-  time = 0                # seconds; or frame = 0
-  eye = [3, 1, 0]
-  look_at = [0, 0, 0]
-  [[key]]                 # look_at, up and fov stay unless given again
-  time = 2.5
-  eye = [0, 1, 3]"""
-
-
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    group = parser.add_argument_group("sequence", NOTES)
+    """The flags of sequences and movies."""
+    group = parser.add_argument_group("sequence")
     group.add_argument(
         "--camera-path",
         metavar="FILE",
-        help="key frames, .toml or .json; one particle file is shown in as many "
-        "pictures as the path has",
+        help="key frames of the camera, .toml or .json; a single input file is shown along the "
+        "whole path (default: none)",
     )
-    group.add_argument(
-        "--fps",
-        type=positive,
-        default=30.0,
-        metavar="N",
-        help="frames per second of a movie and of key frames (default: 30)",
-    )
-    group.add_argument(
-        "--resume",
-        action="store_true",
-        help="go on after an interruption: finished pictures are not made again",
-    )
+    flags.add(group, "--fps", "also of --camera-path; default: 30", default=30.0)
+    flags.add(group, "--resume", "finished images are kept")
 
 
 class Series:

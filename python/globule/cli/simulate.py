@@ -1,8 +1,8 @@
-"""Simulate a scene: fluids, tissue and instruments, from a TOML file or one that ships by name.
+"""Simulate fluids, tissue and instruments, from a scene file or a shipped scene.
 
-Writes frames of particles, diagnostics.csv and .png, and checkpoint.npz into a folder, and a movie
-if asked. Ctrl-C or SIGTERM ends the step at hand and writes the checkpoint; --resume goes on from
-there, bit by bit as if nothing had happened."""
+`globule simulate` writes frames of particles, diagnostics.csv and .png, and checkpoint.npz into a
+folder, and a movie on request. Ctrl-C or SIGTERM ends the current step and writes the checkpoint.
+--resume continues from the checkpoint, bit by bit as without the interruption."""
 
 from __future__ import annotations
 
@@ -15,12 +15,11 @@ from contextlib import contextmanager
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from . import view
-from .render import size
+from . import flags, view
+from .parser import Parser
 from .shared import (
     Progress,
     UserError,
-    add_device,
     check_device,
     check_folder,
     check_output,
@@ -36,73 +35,80 @@ if TYPE_CHECKING:
     from ..sim.scene_file import Output, SceneFile
     from ..sim.simulation import Simulation
 
-SUMMARY = "fluids, tissue and the knife, from a scene file"
+SUMMARY = "fluids, tissue and instruments, from a scene file"
+USAGE = "SCENE"
 EXAMPLES = """\
   globule simulate dam-break -o dam --spacing 0.04 --seconds 0.2
+  globule simulate dam-break --view
   globule simulate dam-break -o dam --spacing 0.04 --seconds 0.3 --resume --json
-  globule simulate dam-break -o dry --spacing 0.05 --seconds 0.1 --no-frames --pictures dry
-  globule simulate dam-break --view"""
+  globule simulate dam-break -o dry --spacing 0.05 --seconds 0.1 --no-frames --images dry"""
+ESSENTIAL = ("--output", "--seconds", "--spacing", "--video", "--size", "--format", "--resume",
+             "--view", "--device")  # fmt: skip
 CHECKPOINT = "checkpoint.npz"
 MOST_FRAMES = 1_000_000
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: Parser) -> None:
+    """The arguments of `globule simulate`."""
     from ..formats import EXTENSIONS
     from ..sim.scene_file import SHIPPED
 
     formats = [extension[1:] for extension in EXTENSIONS]
     add = parser.add_argument
-    add("scene", metavar="SCENE", help=f"a .toml file, or one of: {', '.join(SHIPPED)}")
-    add(
-        "-o",
-        "--output",
-        default="frames",
-        metavar="FOLDER",
-        help="folder for frames, diagnostics and checkpoint, made if it is not there "
-        "(default: frames)",
-    )
+    add("scene", metavar="SCENE", help=f"scene file .toml, or one of {', '.join(SHIPPED)}")
+    flags.add(parser, "--output", "folder; default: frames", default="frames")
     add(
         "--seconds",
         type=positive,
         metavar="S",
-        help="how long it runs, in whole frames (default: the scene's)",
+        help="simulated time, seconds, in whole frames (default: the scene's)",
     )
-    add("--fps", type=positive, metavar="N", help="frames a second (default: the scene's, else 30)")
+    flags.add(parser, "--fps", "default: the scene's, else 30")
     add(
         "--format",
         choices=formats,
         metavar="NAME",
-        help=f"of the frames: {', '.join(formats)} (default: the scene's, else vtp)",
+        help=f"file format of the frames: {', '.join(formats)} (default: the scene's, else vtp)",
     )
     add("--no-frames", action="store_true", help="write no frames of particles")
-    add("--video", metavar="FILE.mp4", help="a movie of the frames, as the scene's view says")
-    add("--pictures", metavar="FOLDER", help="keep the frames' pictures there, as PNG")
-    add("--size", type=size, metavar="WxH", help="of pictures (default: the scene's)")
+    add(
+        "--video",
+        metavar="FILE.mp4",
+        help="also write a movie, with the camera and look of the scene's view (default: none)",
+    )
+    add(
+        "--images",
+        metavar="FOLDER",
+        help="also keep the image of every frame in this folder, .png (default: none)",
+    )
+    parser.renamed(parser, "--pictures", "--images")
+    flags.add(parser, "--size", "of --video and --images; default: the scene's")
     add(
         "--spacing",
         type=positive,
-        metavar="METRES",
-        help="between particles, instead of the scene's",
+        metavar="M",
+        help="distance between neighboring particles, meters (default: the scene's)",
     )
     add(
         "--checkpoint",
         type=positive,
         metavar="S",
-        help="write one every S simulated seconds, too (always: at the end and at Ctrl-C)",
+        help="also write a checkpoint every S simulated seconds (default: only at the end and at "
+        "Ctrl-C)",
     )
-    add("--resume", action="store_true", help="go on from the folder's checkpoint")
-    add("--json", action="store_true", help="print one JSON object: times, counts, device, hash")
+    flags.add(parser, "--resume", "from the checkpoint in the folder of -o")
+    flags.add(parser, "--json")
     add(
         "--view",
         action="store_true",
-        help="run it live in the browser instead, with --resume from the folder's checkpoint; "
-        "nothing is written",
+        help="run live in the browser and write nothing; with --resume from the checkpoint",
     )
-    view.add_page(parser)
-    add_device(parser)
+    flags.add_page(parser)
+    flags.add_device(parser.add_argument_group("machine"))
 
 
 def run(options: argparse.Namespace) -> None:
+    """Run `globule simulate`."""
     start = time.perf_counter()
     check_device(options)
     if options.view:
@@ -132,7 +138,7 @@ def _view(options: argparse.Namespace) -> None:
         "format",
         "no_frames",
         "video",
-        "pictures",
+        "images",
         "size",
         "checkpoint",
         "json",
@@ -176,8 +182,8 @@ class _Job:
         if options.video:
             check_output("--video", options.video, [".mp4"])
         check_folder("-o", self.folder)
-        if options.pictures:
-            check_folder("--pictures", options.pictures)
+        if options.images:
+            check_folder("--images", options.images)
         scene = _read(options)
         self.fps = options.fps or scene.output.fps
         self.format = options.format or scene.output.format
@@ -195,7 +201,7 @@ class _Job:
         self.checkpoint = os.path.join(self.folder, CHECKPOINT)
         try:
             self.pictures = Pictures(
-                self.scene, options.pictures, options.video, options.size, options.resume
+                self.scene, options.images, options.video, options.size, options.resume
             )
         except ImportError as error:
             raise UserError(f"--video: {error}") from error
@@ -232,7 +238,7 @@ class _Job:
         """A movie that goes on begins with the pictures that it had."""
         if not self.pictures.movie:
             return
-        folder = self.options.pictures
+        folder = self.options.images
         kept = (lambda k: os.path.join(folder, f"{k:05d}.png")) if folder else None
         n_done = sum(map(self._is_before, range(self.n_frames)))
         try:

@@ -1,4 +1,4 @@
-"""Options of `render` that say how rays are traced, and presets of options."""
+"""Flags of `render` that say how rays are traced, and presets of flags."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from ..render import presets as looks
 from ..scene.particles import Particles
 from ..scene.scene import Scene
 from ..scene.thesis import POLYNOMIAL_KERNELS, ROOTS, Thesis, default_support, fitting_depth
+from . import flags
 from .shared import UserError, mistakes, positive
 
 # Options that a preset sets where the user has not; looks set fields of RenderSettings instead.
@@ -18,24 +19,26 @@ PRESET_DEPTH = 7  # where no support asks for another
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The flags that say how rays are traced."""
     group = parser.add_argument_group("tracing")
     group.add_argument(
         "--root",
         choices=("exact", *ROOTS),
         metavar="NAME",
-        help="exact, or as in the source thesis, on the dense octree: march "
-        "(points with thresholds), bezier (clipping) (default: exact)",
+        help="how the surface is found along a ray: exact, or as in the source thesis on the dense "
+        "octree, march (points with thresholds) or bezier (clipping) (default: exact)",
     )
     group.add_argument(
-        "--step", type=positive, metavar="S", help="of --root march, in supports (default: 0.25)"
+        "--step",
+        type=positive,
+        metavar="S",
+        help="step of --root march, in supports (default: 0.25)",
     )
-    group.add_argument(
+    flags.add(
+        group,
         "--preset",
+        "or thesis; default: none",
         choices=tuple(PRESETS),
-        metavar="NAME",
-        help=f"{', '.join(looks.PRESETS)}: matter, light and surroundings; thesis: "
-        "its tracing on a dense octree, and supports of half a leaf where the file "
-        "has none; options beside it win",
     )
 
 
@@ -97,7 +100,7 @@ def why_dust(options: argparse.Namespace, particles: Particles, scene: Scene) ->
     fitting = int(np.clip(np.floor(np.log2(extent / (2 * spacing))), 0, 8))
     return (
         f"supports are half a leaf, {support:.3g}, which is less than a third of the particles' "
-        f"spacing, {spacing:.3g}, so they show as dust; try --depth {fitting} or "
+        f"spacing, {spacing:.3g}, so the particles look like dust; try --octree-level {fitting} or "
         f"--support {2 * spacing:.2g}"
     )
 
@@ -110,5 +113,5 @@ def why_cut(scene: Scene) -> str | None:
         return None
     return (
         f"supports of up to {largest:.3g} are larger than a leaf's edge, {edge:.3g}, so parts of "
-        f"the surface may be missing; try --depth {fitting_depth(extent, largest)}"
+        f"the surface may be missing; try --octree-level {fitting_depth(extent, largest)}"
     )
