@@ -35,8 +35,9 @@ ABOUT = {
 
 def add_arguments(parser: Parser) -> None:
     """The parsers of all names below `globule bench`."""
+    flags.add(parser, "--list")
     names = parser.add_subparsers(
-        metavar="NAME", dest="name", required=True, parser_class=Parser, prog="globule bench"
+        metavar="NAME", dest="name", parser_class=Parser, prog="globule bench"
     )
     for name, (usage, add, run, examples) in _NAMES.items():
         command = names.add_parser(
@@ -67,7 +68,10 @@ def with_name(words: Sequence[str]) -> list[str]:
 
 
 def run(options: argparse.Namespace) -> None:
-    """Run `globule bench` without a name: a mistake."""
+    """Run `globule bench` without a name."""
+    if options.list:
+        print("\n".join(f"{name:<10}  {about}" for name, about in ABOUT.items()))
+        return
     raise UserError(f"NAME: expected one of {', '.join(_NAMES)}, got none")
 
 

@@ -46,7 +46,9 @@ from .shared import (
 SUMMARY = "tracked ultrasound sweeps to volumes"
 USAGE = "SWEEP -o PATH"
 EXAMPLES = """\
-  globule reconstruct sweep.igs.mha --calibration probe.toml -o volume.nrrd --voxel-size 0.5
+  globule reconstruct sweep.igs.mha --calibration probe.toml -o volume.nrrd
+  globule reconstruct sweep.igs.mha --plus config.xml -o volume.mha
+  globule reconstruct sweep.igs.mha --calibration probe.toml -o fine.nrrd --voxel-size 0.5
   globule reconstruct sweep.igs.mha --plus config.xml -o volume.mha --three-view volume.png
   globule reconstruct frames/ --poses poses.csv --frame-times 25 --calibration probe.toml -o v.npz
   globule reconstruct sweep.igs.mha --calibration probe.toml --cross-validate 3"""
@@ -69,7 +71,7 @@ def add_arguments(parser: Parser) -> None:
     """The arguments of `globule reconstruct`."""
     add = parser.add_argument
     add("sweep", nargs="?", metavar="SWEEP", help="file or folder of tracked frames")
-    flags.add(parser, "--output", "volume")
+    flags.add(parser, "--output", "volume; default: none")
     add("--maps", action="store_true", help="also write pixel count, variance and latest frame")
     add(
         "--three-view",

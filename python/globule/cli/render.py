@@ -42,6 +42,7 @@ import numpy as np
 from ..render.camera import Camera, view_axes
 from ..render.frame import Frame, fit_camera, render, save_png
 from ..render.legend import LEAST_SIDE, add_legend
+from ..scene.particles import Particles
 from ..scene.scene import Scene
 from ..scene.thesis import Thesis
 from . import flags, light, look, sequence, state, tracing
@@ -64,8 +65,9 @@ SUMMARY = "particles, meshes and volumes to images and movies"
 USAGE = "FILE [FILE ...] -o PATH"
 EXAMPLES = """\
   globule render splash.npz -o splash.png
-  globule render splash.npz -o water.png --preset water --size 512x391 --pick 256,195
+  globule render splash.npz -o water.png --preset water --size 512x391
   globule render splash.npz -o above.png --eye 0,4,0.1 --look-at 0,0,0 --color-by y --json
+  globule render splash.npz -o small.png --size 512x391 --pick 256,195
   globule render splash.npz -o again.png --state view.toml
   globule render head.nii.gz -o head.png --level 90 --resample 2 --up 0,0,1
   globule render head.nii.gz -o cut.png --level 90 --preset tissue --up 0,0,1 --clip 1,0,0,5
@@ -325,20 +327,7 @@ def _picture(
         support, depth = tracing.support_and_depth(options, particles)
         if options.anisotropic:
             particles, support = look.stretched(options, particles), None
-        scene = series.scene(
-            particles,
-            lambda particles: Scene(
-                particles,
-                options.kernel,
-                options.threshold,
-                support,
-                options.key_bits,
-                depth,
-                options.octree,
-                options.device,
-                options.threads,
-            ),
-        )
+        scene = series.scene(particles, functools.partial(_scene, options, support, depth))
         view = series.camera(i, scene, lambda scene, box: camera(options, scene, box))
     if series.finished(image, aov):
         return None
@@ -409,6 +398,17 @@ def _picture(
     if options.json:
         report["hashes"] = {"key_hash": tree.key_hash, "node_hash": tree.node_hash}
     return report
+
+
+def _scene(
+    options: argparse.Namespace, support: float | None, depth: int | None, particles: Particles
+) -> Scene:
+    """The scene of the particles, as the options ask for."""
+    with tracing.octree_mistakes():
+        return Scene(
+            particles, options.kernel, options.threshold, support, options.key_bits, depth,
+            options.octree, options.device, options.threads,
+        )  # fmt: skip
 
 
 def _save(frame: Frame, image: str, aov: str | None, legend: tuple | None) -> None:

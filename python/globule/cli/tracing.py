@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import argparse
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 import numpy as np
 
@@ -70,6 +73,15 @@ def settle(options: argparse.Namespace) -> Thesis | None:
         return Thesis(root=options.root, **given)
 
 
+@contextmanager
+def octree_mistakes() -> Iterator[None]:
+    """Turn what an octree refuses into a UserError; its level is --octree-level here."""
+    try:
+        yield
+    except (TypeError, ValueError) as error:
+        raise UserError(re.sub(r"^(depth|level):", "--octree-level:", str(error))) from error
+
+
 def support_and_depth(
     options: argparse.Namespace, particles: Particles
 ) -> tuple[float | None, int | None]:
@@ -85,7 +97,7 @@ def support_and_depth(
     if options.preset != "thesis":
         return None, options.depth
     depth = PRESET_DEPTH if options.depth is None else options.depth
-    with mistakes():
+    with octree_mistakes():
         return default_support(particles, depth), depth
 
 
