@@ -23,7 +23,9 @@ def refused(capsys, *words: str) -> str:
     before = sorted(os.listdir())
     assert main(["reconstruct", *words]) == 2
     out, err = capsys.readouterr()
-    assert out == "" and err.startswith("globule: error: ") and err.count("\n") == 1, err
+    assert out == ""
+    assert err.startswith("globule: error: "), err
+    assert err.count("\n") == 1, err
     assert sorted(os.listdir()) == before
     return err
 

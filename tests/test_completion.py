@@ -61,7 +61,8 @@ printf '%s\\n' "${{COMPREPLY[@]}}"
     done = subprocess.run(
         ["bash", "--norc", "-c", script], capture_output=True, text=True, timeout=30
     )
-    assert done.returncode == 0 and done.stderr == "", done.stderr
+    assert done.stderr == ""
+    assert done.returncode == 0
     found = {word.strip() for word in done.stdout.splitlines()}
     assert expected <= found
     assert not absent & found

@@ -88,7 +88,7 @@ def interrupted(awaited, *words, by=signal.SIGINT):
     _, said = process.communicate(timeout=60)
     assert process.returncode == 128 + by
     assert said.endswith("globule: interrupted\n")
-    assert "--resume goes on from" in said
+    assert "--resume continues from" in said
 
 
 @pytest.mark.parametrize("by", [signal.SIGINT, signal.SIGTERM])

@@ -338,7 +338,7 @@ def test_supports_of_the_preset_that_make_dust_are_told(folder, capsys):
 
 
 @pytest.mark.parametrize(("words", "message"), [
-    (["--step", "1"], "--step: expected --root march beside it, got exact"),
+    (["--step", "1"], "--step: expected --root march beside --step, got --root exact"),
     (["--root", "bezier", "--step", "1"], "--step: expected --root march"),
     (["--root", "march", "--step", "1e9"], "step: expected 0.0001 to 10000 supports"),
     (["--root", "march", "--octree", "sparse"], "--octree: expected dense with --root march"),

@@ -6,6 +6,7 @@ Exit status: 0 done; 2 the user's mistake (one line that names it, nothing writt
 
 from __future__ import annotations
 
+import contextlib
 import os
 import sys
 import warnings
@@ -144,7 +145,5 @@ def _fail(status: int, problem: object) -> int:
 
 def _drop_stdout() -> None:
     """The reader of our output has left: the interpreter must not complain when it flushes."""
-    try:
+    with contextlib.suppress(AttributeError, OSError, ValueError):  # stdout is no file
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-    except (AttributeError, OSError, ValueError):
-        pass  # stdout is no file

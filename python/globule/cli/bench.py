@@ -1,7 +1,7 @@
 """Make the source's tables and figures again, and check the simulation against known answers.
 
-Each NAME has flags of its own: `globule bench NAME --help`. All write CSV files, and PNG files where
-matplotlib is installed, into the folder of -o."""
+Each NAME has flags of its own: `globule bench NAME --help`. All names write CSV files into the
+folder of -o, and PNG files if matplotlib is installed."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from . import figures, flags
 from .parser import Parser
 from .shared import Progress, UserError, check_device, make_folder, print_json, say
 
-SUMMARY = "tables and figures of the source, and known answers of the physics"
+SUMMARY = "the thesis's numbers again, and the physics against known answers"
 USAGE = "NAME"
 EXAMPLES = """\
   globule bench ultrasound --list
@@ -58,10 +58,9 @@ def with_name(words: Sequence[str]) -> list[str]:
     old = ""
     if words[:1] == ["figures"]:
         old, new, words = "globule figures", "globule bench figures", ["bench", *words]
-    elif words[:1] == ["bench"] and words[1:2] and words[1] not in _NAMES:
-        if set(words) & set(TABLES):
-            old, new = "globule bench TABLE", "globule bench ultrasound TABLE"
-            words.insert(1, "ultrasound")
+    elif words[:1] == ["bench"] and not set(words[:2]) & set(_NAMES) and set(words) & set(TABLES):
+        old, new = "globule bench TABLE", "globule bench ultrasound TABLE"
+        words.insert(1, "ultrasound")
     if old:
         say(f"note: {old} is now {new}; the next version refuses {old}")
     return words

@@ -33,9 +33,9 @@ EXAMPLES = """\
   globule calibrate marks.csv --sweep wires.igs.mha -o probe.toml
   globule calibrate --delay --sweep wires.igs.mha --calibration probe.toml -o timed.toml"""
 
-CERTAIN = 0.05  # a larger chance that random motion fits as well, and the offset is not written
+CERTAIN = 0.05  # largest chance of a fit by random motion for the offset to be written
 _STRIKING = 3.0  # times the rms
-_UNLIKELY = 20.0  # pixels: nobody marks so badly
+_UNLIKELY = 20.0  # pixels; larger residuals are no inaccuracy of marking
 
 
 def add_arguments(parser: Parser) -> None:
@@ -88,12 +88,13 @@ def run(options: argparse.Namespace) -> None:
 
 def _check(options: argparse.Namespace) -> None:
     if not options.marks and not options.delay:
-        raise UserError("MARKS: expected a table of marks, or --delay, got neither")
+        raise UserError("MARKS: expected a table of marks or --delay, got neither")
     if options.delay and not options.sweep:
-        raise UserError("--delay: expected --sweep beside it, got none")
+        raise UserError("--delay: expected --sweep beside --delay, got none")
     for name in ("poses", "frame_times"):
         if getattr(options, name) is not None and not options.sweep:
-            raise UserError(f"--{name.replace('_', '-')}: expected --sweep beside it, got none")
+            option = f"--{name.replace('_', '-')}"
+            raise UserError(f"{option}: expected --sweep beside {option}, got none")
     if options.output:
         check_output("-o", options.output, [".toml"])
         if not options.marks and not options.calibration:
@@ -103,7 +104,7 @@ def _check(options: argparse.Namespace) -> None:
 def _calibrated(
     options: argparse.Namespace, earlier: Calibration | None, tracked: Tracked | None
 ) -> dict[str, Any]:
-    """What there is to report; the calibration is written."""
+    """Calibrate, write the calibration, and return the report."""
     messages: list[str] = []
     report: dict[str, Any] = {"output": options.output, "warnings": messages}
     calibration = earlier
@@ -121,20 +122,22 @@ def _calibrated(
         wild = np.flatnonzero(lengths > _STRIKING * np.median(lengths) + 1e-9)
         if len(wild):
             which = ", ".join(f"{i + 1} ({lengths[i]:.2f} mm)" for i in wild[:5])
-            messages.append(f"{options.marks}: far from the others, look at them: mark {which}")
+            messages.append(
+                f"{options.marks}: check these marks, which lie far from the others: {which}"
+            )
         pixels = calibration.rms / max(calibration.spacing[:2])
         if pixels > _UNLIKELY:
-            messages.append(f"{options.marks}: residuals of {pixels:.0f} pixels, expected marks of "
-                            "one point and the poses of this sweep")  # fmt: skip
+            messages.append(f"{options.marks}: residuals of {pixels:.0f} pixels; expected marks of "
+                            "one point, and the poses of this sweep")  # fmt: skip
     if options.delay:
         delay = _delay(options, tracked)
         report["temporal_offset"] = delay._asdict()
         if delay.chance > CERTAIN or not np.isfinite(delay.uncertainty):
             why = f"{100 * delay.chance:.0f} % of random motions fit as well"
             if not np.isfinite(delay.uncertainty):
-                why = f"the best fit is at the edge of what was looked for, and {why}"
+                why = f"the best fit is at the limit of --max-delay, and {why}"
             messages.append(
-                f"{options.sweep}: the temporal offset is not certain and not written: {why}"
+                f"{options.sweep}: the temporal offset is uncertain and was not written: {why}"
             )
         elif calibration is not None:
             calibration = dataclasses.replace(calibration, temporal_offset=delay.offset)
@@ -173,10 +176,10 @@ def _lines(report: dict[str, Any]) -> list[str]:
     if "temporal_offset" in report:
         found = report["temporal_offset"]
         apart = found["uncertainty"]
-        within = f"± {apart:.4f}" if np.isfinite(apart) else "(how exact is not known)"
+        within = f"± {apart:.4f}" if np.isfinite(apart) else "(of unknown accuracy)"
         lines.append(
             f"temporal offset {found['offset']:+.4f} s {within}, correlation "
-            f"{found['correlation']:.2f}, by chance in {100 * found['chance']:.0f} %"
+            f"{found['correlation']:.2f}, reached by chance in {100 * found['chance']:.0f} %"
         )
     if report["output"]:
         lines.append(f"{report['output']}: written")

@@ -32,7 +32,7 @@ EXAMPLES = """\
   globule convert volume.npz three-view.png
   globule convert head.nii.gz head.npz --level 90"""
 
-# Formats that keep some of the fields only; all others keep everything.
+# Formats that keep only some of the fields; all other formats keep all fields.
 _KEPT = {
     ".txt": ("color", "reflection", "refraction", "rigidity"),
     ".dat": ("color", "reflection", "refraction", "rigidity"),
@@ -68,17 +68,19 @@ def run(options: argparse.Namespace) -> None:
 
 
 def losses(particles: Particles, output: str) -> list[str]:
-    """What a file of the output's format does not keep, one line per field."""
+    """The losses of the output's format, one line per field."""
     extension = next(e for e in EXTENSIONS if output.lower().endswith(e))
     lost = []
     if extension in _KEPT:
         given = [n for n in (*SCALAR_FIELDS, "color") if getattr(particles, n) is not None]
         for name in [*given, *particles.attributes]:
             if name not in _KEPT[extension]:
-                lost.append(f"{name} is dropped: {extension} has no place for it")
+                lost.append(f"{name} is dropped: {extension} cannot store {name}")
     elif extension in _FLOAT32_ONLY:
         for name, array in particles.attributes.items():
             dtype = np.dtype(array.dtype)
             if dtype.kind == "f" and dtype.itemsize > 4:
-                lost.append(f"{name} is rounded from {dtype} to float32, the most of {extension}")
+                lost.append(
+                    f"{name} is rounded from {dtype} to float32, the longest type of {extension}"
+                )
     return lost

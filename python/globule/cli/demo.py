@@ -65,7 +65,7 @@ def run(options: argparse.Namespace) -> None:
     )
     program = _program()
     near = os.path.join(options.output, "near.png")
-    print("next, for instance:")
+    print("next, try:")
     print(
         f"  {program} render {shlex.quote(data)} -o {shlex.quote(near)} "
         "--eye 0.1,0.7,0.9 --look-at 0.5,0.25,0"
@@ -77,7 +77,7 @@ def run(options: argparse.Namespace) -> None:
 
 
 def _program() -> str:
-    """How this program is called from here."""
+    """The words that start this program."""
     name = sys.argv[0]
     if os.path.basename(name) != "globule":
         return f"{shlex.quote(sys.executable)} -m globule"

@@ -90,7 +90,7 @@ def run(options: argparse.Namespace) -> None:
 
 
 def describe(path: str, particles: Particles) -> dict[str, Any]:
-    """All that is known of a file's particles, as JSON has it."""
+    """All facts about the particles of a file, for JSON."""
     from ..scene.scene import Scene
 
     finite = np.isfinite(particles.positions).all(axis=1)
@@ -163,7 +163,9 @@ def _lines(facts: dict[str, Any]) -> list[str]:
         lo, hi = (" ".join(f"{v:.6g}" for v in facts["bounds"][end]) for end in ("lo", "hi"))
         lines.append(f"  bounds     {lo}  to  {hi}")
         spacing = facts["spacing"]
-        text = f"{spacing:.4g}" if spacing else "unknown (too few particles, or all at one place)"
+        text = (
+            f"{spacing:.4g}" if spacing else "unknown (too few particles, or all at one position)"
+        )
         lines.append(f"  spacing    {text}")
     for kind in ("fields", "attributes"):
         for name, about in facts[kind].items():

@@ -18,7 +18,7 @@ from ..render.materials import Material
 from ..render.presets import GROUNDS, PRESETS, ground_height, preset
 from ..scene.scene import Scene
 from . import flags, look
-from .arguments import ball, beside, between, box, ground, pixel, plane, share, whole
+from .arguments import ball, beside, between, box, ground, pixel, share, whole
 from .shared import UserError, check_input, mistakes, positive, read_particles
 
 MATTER = ("reflection", "transmission", "index", "roughness", "absorption")
@@ -42,8 +42,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add(
         "--sky",
         metavar="SKY",
-        help="light from all around, visible behind the surface, reflected and refracted: gradient, "
-        "an image (.hdr .exr .png .jpg), a color, or none (default: none, or the preset's)",
+        help="light from all around, visible behind the surface, reflected and refracted: "
+        "gradient, an image (.hdr .exr .png .jpg), a color, or none (default: none, or the "
+        "preset's)",
     )
     add(
         "--ground",
@@ -186,12 +187,12 @@ class Light:
             raise UserError(f"--pick: expected a pixel, {most}, got {column},{row}")
         if len(options.beside) >= MAX_LAYERS:
             most = MAX_LAYERS - 1
-            raise UserError(f"--with: expected at most {most}, got {len(options.beside)}")
+            raise UserError(f"--with: expected at most {most} files, got {len(options.beside)}")
         for path, _ in options.beside:
             check_input(path)
 
     def settings(self, scene: Scene) -> RenderSettings:
-        """The preset's, with what the options say in its place."""
+        """The preset's settings, changed by the options."""
         if self._settings is None:
             options, own = self.options, dict(self._own)
             looks = options.preset in PRESETS
@@ -199,7 +200,7 @@ class Light:
             if options.ground is not None:
                 own["ground"] = self._ground(base, scene)
             if options.background is not None:
-                own.setdefault("sky", None)  # what is given is to be seen
+                own.setdefault("sky", None)  # a sky would hide the background
             sky = own.get("sky")
             rays = own.get("ambient_rays", base.ambient_rays)
             if isinstance(sky, Environment) and base.ambient == "sky" and not rays:
@@ -222,7 +223,7 @@ class Light:
         return dataclasses.replace(ground, height=height)
 
     def layers(self, scene: Scene) -> list[Layer]:
-        """The scene with its cuts, and those beside it."""
+        """The scene with its cuts, and the scenes of --with."""
         if not self._beside:
             self._beside = [self._read(i) for i in range(len(self.options.beside))]
         return [Layer(scene, clips=self.clips), *self._beside]
@@ -244,7 +245,7 @@ class Light:
         return Layer(scene, Material(color=color))
 
     def picked(self, frame: Frame, kept: np.ndarray) -> dict[str, Any] | None:
-        """What --pick's pixel shows; `kept`: which of the file's particles the scene has."""
+        """What the pixel of --pick shows. kept: (K,) the particles' indices in the file."""
         seen = frame.pick(*self.options.pick)
         if seen is None:
             return None
@@ -255,13 +256,13 @@ class Light:
 
 
 def say_picked(options: argparse.Namespace, seen: dict[str, Any] | None) -> str:
-    """One line about what was picked."""
+    """One line about the picked pixel."""
     where = f"pixel {options.pick[0]},{options.pick[1]}"
     if seen is None:
         return f"{where}: nothing"
     words = [
         f"position {_text(seen['position'])}",
-        f"depth {seen['depth']:.6g}",
+        f"distance {seen.get('distance', seen.get('depth')):.6g}",
         f"normal {_text(seen['normal'])}",
         f"particle {seen['particle']:,}",
     ]
@@ -274,19 +275,19 @@ def _text(value: Any) -> str:
 
 
 def _matter(options: argparse.Namespace) -> dict[str, Any]:
-    """The fields of Material that are given."""
+    """The fields of Material that the options set."""
     matter = {name: getattr(options, name) for name in MATTER}
     matter = {name: value for name, value in matter.items() if value is not None}
     if options.opacity is None:
         return matter
     if options.transmission is not None:
-        raise UserError("--opacity: expected no --transmission beside it, got both")
+        raise UserError("--opacity: expected no --transmission beside --opacity, got both")
     clear = {"index": 1.0, "reflection": 0.0, "absorption": 0.0}
     return {"transmission": 1 - options.opacity} | clear | matter
 
 
 def _given(options: argparse.Namespace) -> dict[str, Any]:
-    """The fields of RenderSettings that are given, without those that need a scene."""
+    """The fields of RenderSettings that the options set, without those that need a scene."""
     names = {
         "shadows": "shadows",
         "ambient_rays": "ambient_rays",

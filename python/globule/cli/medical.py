@@ -1,4 +1,4 @@
-"""What `info` and `convert` do with tracked sweeps and volumes."""
+"""The part of `info` and `convert` for tracked sweeps and volumes."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from .shared import UserError, check_output, count, mistakes, read_sweep_file, r
 
 
 def kind_of(path: str) -> str | None:
-    """As `medical_files.kind_of`; a file that cannot be read is the user's mistake."""
+    """As `medical_files.kind_of`. Raises UserError for a file that cannot be read."""
     try:
         return medical_files.kind_of(path)
     except OSError as error:
@@ -29,7 +29,7 @@ def kind_of(path: str) -> str | None:
 
 
 def describe(path: str, kind: str) -> dict[str, Any]:
-    """All that is known of a sweep or volume, as JSON has it."""
+    """All facts about a sweep or volume, for JSON."""
     facts: dict[str, Any] = {"file": path, "kind": kind}
     if os.path.isfile(path):
         facts["bytes"] = os.path.getsize(path)
@@ -37,12 +37,12 @@ def describe(path: str, kind: str) -> dict[str, Any]:
 
 
 def lines(facts: dict[str, Any]) -> list[str]:
-    """The same in words."""
+    """The facts in words."""
     if facts["kind"] == "volume":
         size = "x".join(map(str, facts["size"]))
         spacing = " x ".join(f"{s:.6g}" for s in facts["spacing"])
         counts = facts["counts"]
-        known = "" if facts["origin_known"] else " (assumed: the format does not say)"
+        known = "" if facts["origin_known"] else " (assumed: the format does not store them)"
         return [
             f"{facts['file']}: volume, {size} voxels {facts['dtype']}, {facts['space']}",
             f"  spacing    {spacing} mm",
@@ -59,7 +59,10 @@ def lines(facts: dict[str, Any]) -> list[str]:
     if facts["seconds"] is not None:
         found.append(f"  duration   {facts['seconds']:.3f} s")
     if facts["spacing"] is None:
-        return [*found, "  poses      need a calibration: no transform leads to the image"]
+        return [
+            *found,
+            "  poses      need a calibration: no transform leads from the image to the world",
+        ]
     spacing = " x ".join(f"{s:.6g}" for s in facts["spacing"])
     jumps = list(facts["outliers"])
     which = ", ".join(map(str, jumps[:8])) + (" …" if len(jumps) > 8 else "")
@@ -73,12 +76,12 @@ def lines(facts: dict[str, Any]) -> list[str]:
 
 
 def convert(path: str, output: str, kind: str) -> str:
-    """Write a sweep or volume in another format of its kind; what was written, in words."""
+    """Write a sweep or volume in another format; return a line about the result."""
     check_output("OUT", output, SWEEPS if kind == "sweep" else (*WRITABLE_VOLUMES, ".png"))
     if kind == "sweep":
         both = (path.lower(), output.lower())
         if all(name.endswith((".mha", ".nrrd")) for name in both):
-            with mistakes():  # as it is: a recording may be without a calibration
+            with mistakes():  # unchanged: a recording may have no calibration
                 recording = igs.read(path)
                 igs.write(output, recording)
             return f"{output}: {count(len(recording.frames), 'frame')}"
@@ -87,12 +90,12 @@ def convert(path: str, output: str, kind: str) -> str:
             write_sweep(output, sweep)
         return f"{output}: {count(len(sweep), 'frame')}"
     if output.lower().endswith((".igs.mha", ".igs.nrrd")):
-        raise UserError(f"OUT: expected a name of a volume's format, got {output}")
+        raise UserError(f"OUT: expected the extension of a volume format, got {output}")
     volume = read_volume_file(path)
     with mistakes():
         if output.lower().endswith(".png"):
             save_three_view(output, volume)
-            return f"{output}: three planes through the middle, and where values came from"
+            return f"{output}: three planes through the middle, and the sources of the values"
         write_volume(output, volume, maps=output.lower().endswith((".npz", ".vti")))
     return f"{output}: {'x'.join(map(str, volume.values.shape[::-1]))} voxels"
 
@@ -119,7 +122,7 @@ def _sweep(path: str) -> dict[str, Any]:
         except UserError as error:
             if not isinstance(error.__cause__, FormatError) or not os.path.isdir(path):
                 raise
-            with mistakes():  # pictures alone
+            with mistakes():  # images without poses
                 frames, times, _ = stack.read_folder(path)
     if sweep is not None:
         frames, times = sweep.frames, sweep.timestamps

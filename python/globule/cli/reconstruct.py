@@ -5,8 +5,8 @@ The volume is .nrrd, .mha, .nii, .nii.gz, .vti, .npz, or .sparse.npz (the occupi
 .vti and .npz also store where each value came from.
 
 With --plus, the volume equals, voxel for voxel, the volume that PLUS reconstructs from the same
-configuration. With --plus and --method, calibration and image region come from the configuration,
-and the method is globule's."""
+configuration. With --plus and --method, calibration and image region come from the
+configuration, and the method is globule's."""
 
 from __future__ import annotations
 
@@ -52,14 +52,14 @@ EXAMPLES = """\
   globule reconstruct sweep.igs.mha --plus config.xml -o volume.mha --three-view volume.png
   globule reconstruct frames/ --poses poses.csv --frame-times 25 --calibration probe.toml -o v.npz
   globule reconstruct sweep.igs.mha --calibration probe.toml --cross-validate 3"""
-ESSENTIAL = ("--output", "--calibration", "--plus", "--poses", "--voxel-size", "--voxels", "--method",
-             "--three-view", "--surface", "--live", "--device")  # fmt: skip
+ESSENTIAL = ("--output", "--calibration", "--plus", "--poses", "--voxel-size", "--voxels",
+             "--method", "--three-view", "--surface", "--live", "--device")  # fmt: skip
 
 METHODS = ("pvn-om", "vvn-om", "pvn", "vvn", "bezier")
 COMPARED = ("pvn-om", "vvn-om", "bezier")  # pvn and vvn give the same volumes, slower
 COMPOUNDINGS = ("mean", "maximum", "latest", "first", "median")
 DEFAULT_SIZE = 256
-LARGE = 2048  # MiB that are worth a line before they are taken, also in a pipe
+LARGE = 2048  # MiB; above, the command prints the size before it takes the memory
 
 
 def numbers(text: str) -> tuple[float, ...]:
@@ -205,8 +205,7 @@ def run(options: argparse.Namespace) -> None:
         n_lost = len(sweep) - sweep.n_valid - len(outliers)
         if n_lost:
             messages.append(
-                f"{n_lost:,} of {count(len(sweep), 'frame')} without a valid pose or "
-                "image, left out"
+                f"{n_lost:,} of {count(len(sweep), 'frame')} left out: no valid pose or image"
             )
         validations = {}
         if options.cross_validate:
@@ -252,7 +251,7 @@ def run(options: argparse.Namespace) -> None:
 
 
 def _check_apart(options: argparse.Namespace) -> None:
-    """No output may replace an input or another output."""
+    """Refuse an output that would replace an input or another output."""
     names = {"-o": options.output, "--three-view": options.three_view, "--surface": options.surface}
     taken = {"SWEEP": options.sweep, "--mask": options.mask, "--poses": options.poses,
              "--plus": options.plus, "--calibration": options.calibration}  # fmt: skip
@@ -261,12 +260,14 @@ def _check_apart(options: argparse.Namespace) -> None:
             continue
         for other, path in taken.items():
             if path and os.path.realpath(path) == os.path.realpath(name):
-                raise UserError(f"{option}: expected a name of its own, got {other}'s, {name}")
+                raise UserError(
+                    f"{option}: expected a name of its own, got that of {other}, {name}"
+                )
         taken[option] = name
 
 
 def _check(options: argparse.Namespace) -> None:
-    """Refuse what cannot be, before any work."""
+    """Refuse options that contradict each other, before any work."""
     if bool(options.sweep) == bool(options.live):
         got = "both" if options.sweep else "neither"
         raise UserError(f"SWEEP: expected a sweep or --live, got {got}")
@@ -277,12 +278,12 @@ def _check(options: argparse.Namespace) -> None:
     for option in ("--three-view", "--surface"):
         picture = getattr(options, option[2:].replace("-", "_"))
         if picture and not options.output:
-            raise UserError(f"{option}: expected -o beside it, got none")
+            raise UserError(f"{option}: expected -o beside {option}, got none")
         if picture:
             check_output(option, picture, [".png"])
     _check_apart(options)
     if options.calibration and options.plus:
-        raise UserError("--plus: expected no --calibration beside it")
+        raise UserError("--plus: expected no --calibration beside --plus, got both")
     live.check(options)
     if options.cross_validate is not None and options.cross_validate < 2:
         raise UserError(f"--cross-validate: expected 2 or more, got {options.cross_validate}")
@@ -304,7 +305,7 @@ def _check(options: argparse.Namespace) -> None:
 
 
 def _exact(options: argparse.Namespace) -> bool:
-    """Whether the volume is to be what PLUS makes."""
+    """Whether the volume must equal the volume of PLUS."""
     return options.plus is not None and options.method is None
 
 
@@ -321,7 +322,7 @@ def _sweep(options: argparse.Namespace) -> Sweep:
 
 
 def _without_outliers(sweep: Sweep, options: argparse.Namespace, messages: list[str]) -> list[int]:
-    """Take frames whose pose jumps out of the sweep; their numbers."""
+    """Mark frames whose pose jumps as invalid, and return their numbers."""
     from ..ultrasound.trust import check_poses
 
     if options.keep_outliers or _exact(options):
@@ -331,15 +332,17 @@ def _without_outliers(sweep: Sweep, options: argparse.Namespace, messages: list[
     if found:
         which = ", ".join(map(str, found[:8])) + (" …" if len(found) > 8 else "")
         messages.append(
-            f"{count(len(found), 'frame')} left out, the pose jumps: {which} "
-            "(--keep-outliers takes them)"
+            f"{count(len(found), 'frame')} left out because the pose jumps: {which} "
+            "(--keep-outliers keeps these frames)"
         )
     return found
 
 
 def _growing(options: argparse.Namespace) -> dict[str, Any] | None:
-    """What a volume that grows with the frames is made with; None where it cannot grow: a size is
-    known only when all frames are there, and a median needs them all."""
+    """The arguments of `Reconstructor`, which adds frame after frame.
+
+    None if the volume cannot grow: --voxels needs the bounds of all frames, a median all values.
+    """
     method = _method(options)
     if options.spacing is None or method != METHODS[0] or options.compounding == "median":
         return None
@@ -366,7 +369,7 @@ def _options_of(options: argparse.Namespace) -> dict[str, Any]:
 
 @contextmanager
 def _stating(progress: Progress) -> Iterator[None]:
-    """Show what the library says of the volume, its voxels and memory, before it takes them."""
+    """Show the voxels and memory of the volume, which the library logs before the work."""
 
     def show(record: logging.LogRecord) -> None:
         if record.args and record.args[-1] >= LARGE:
@@ -389,7 +392,7 @@ def _stating(progress: Progress) -> Iterator[None]:
 
 @contextmanager
 def _fitting() -> Iterator[None]:
-    """What the library refuses is the user's mistake, and so is a volume that cannot fit."""
+    """Turn what the library refuses, and a volume larger than the memory, into a UserError."""
     try:
         with mistakes():
             yield

@@ -3,9 +3,9 @@
 The surface is where the summed field of the particles equals the threshold. By default the image
 shows all particles, and support and threshold follow from the particles' spacing.
 
-Flags win over the settings of --state, and over those of --preset. --preset thesis takes the source's
-tracing, and supports of half a leaf where the file has none. --color-by takes the length of a
-vector; NAME:0 takes its first component.
+Flags win over the settings of --state and of --preset. --preset thesis traces as the source thesis
+does, with supports of half a leaf if the file has no supports. --color-by shows the length of a
+vector; NAME:0 shows its first component.
 
 Each input file gives one image. For several files, -o is a folder, a name with {} (replaced by the
 input's name) or %d or %04d (replaced by the number, from 0), or a movie.mp4 that shows them all.
@@ -95,7 +95,8 @@ def add_arguments(parser: Parser) -> None:
     add(
         "--aov",
         metavar="FILE.npz",
-        help="also write the arrays color, depth, position, normal, albedo and mask (default: none)",
+        help="also write the arrays color, depth, position, normal, albedo and mask (default: "
+        "none)",
     )
     flags.add(parser, "--json")
     camera = parser.add_argument_group("camera")
@@ -180,16 +181,16 @@ def run(options: argparse.Namespace) -> None:
     """Run `globule render`."""
     start = time.perf_counter()
     if options.fit and (options.eye or options.look_at):
-        raise UserError("--fit: expected no --eye and --look-at beside it")
+        raise UserError("--fit: expected no --eye and no --look-at beside --fit")
     if options.look_at and not options.eye:
-        raise UserError("--look-at: expected --eye beside it, got none")
+        raise UserError("--look-at: expected --eye beside --look-at, got none")
     if options.legend and not options.color_by:
-        raise UserError("--legend: expected --color-by beside it, got none")
+        raise UserError("--legend: expected --color-by beside --legend, got none")
     if options.legend and min(options.size) < LEAST_SIDE:
         raise UserError(f"--legend: expected a --size of at least {LEAST_SIDE} pixels a side")
     series = sequence.Series(options)
     with mistakes():
-        # All but the particles is known already: what is wrong with it shows before any work.
+        # Mistakes in everything but the particles show before any work.
         lit = light.Light(options)
         thesis = tracing.settle(options)
         camera(options, None)
@@ -222,8 +223,8 @@ def run(options: argparse.Namespace) -> None:
 def outputs(
     options: argparse.Namespace, images: list[str] | None
 ) -> tuple[list[str], list[str | None]]:
-    """The files to write, one image and perhaps one .npz per input, all checked to be writable;
-    the images are given where they are a movie's."""
+    """The files to write, one image and perhaps one .npz per input, all checked to be writable.
+    images: those of a movie."""
     for path in options.particles:
         if is_surface(path, options):
             check_surface(path, options)
@@ -263,8 +264,10 @@ def _names(option: str, pattern: str, inputs: list[str], extension: str) -> list
 
 
 def camera(options: argparse.Namespace, scene: Scene | None, around: Any = None) -> Camera:
-    """The camera that the options ask for; without a scene as far as that is known. It is to see
-    the points `around` (M, 3), by default the scene's particles."""
+    """The camera that the options ask for; without a scene, only the options are checked.
+
+    around: (M, 3) points to show, world units; default: the scene's particles.
+    """
     nothing = scene is None or scene.octree.n_inside == 0
     fov = options.fov or FOV
     if not options.eye:
@@ -290,7 +293,7 @@ def camera(options: argparse.Namespace, scene: Scene | None, around: Any = None)
 
 
 def _direction(up: tuple[float, float, float]) -> np.ndarray:
-    """Towards the eye: in front, a little to the right and above, whatever axis is upwards."""
+    """Towards the eye: in front, a little to the right and above, for any `up`."""
     right, above, front = view_axes(up)
     return 0.6 * right + 0.45 * above + 1.0 * front
 
@@ -306,7 +309,7 @@ def _picture(
     image: str,
     aov: str | None,
 ) -> dict[str, Any] | None:
-    """One file's picture, and what there is to report of it; None where it is there already."""
+    """Make the image of one file, and return its report; None if the image is there already."""
     start = time.perf_counter()
     progress.step(f"reading {path}")
     particles, messages = series.read()
@@ -315,7 +318,7 @@ def _picture(
     finite = np.isfinite(particles.positions).all(axis=1)
     n, n_lost = len(particles), int((~finite).sum())
     if n == 0:
-        messages.append(f"{path} holds no particles: the picture is all background")
+        messages.append(f"{path} holds no particles: the image is all background")
     if n_lost:
         left_out = "have" if n_lost > 1 else "has"
         messages.append(f"{n_lost:,} of {count(n)} {left_out} no finite position, left out")
@@ -342,7 +345,7 @@ def _picture(
             thesis=thesis,
         )
         trace_seconds = frame.trace_seconds
-        for k in range(2, settings.samples + 1):  # one by one, so that it shows and can be stopped
+        for k in range(2, settings.samples + 1):  # one by one, for progress and Ctrl-C
             progress.show(f"tracing {path}: sample {k} of {settings.samples}")
             trace_seconds += frame.refine().trace_seconds
     if thesis:
@@ -412,7 +415,7 @@ def _scene(
 
 
 def _save(frame: Frame, image: str, aov: str | None, legend: tuple | None) -> None:
-    """Write what was asked for; the legend (map, lowest, highest, name) is in the picture only."""
+    """Write the files; the legend (map, lowest, highest, name) is in the image only."""
     picture = add_legend(frame.picture, *legend) if legend else frame.picture
     if aov:
         frame.save(aov)
@@ -420,14 +423,14 @@ def _save(frame: Frame, image: str, aov: str | None, legend: tuple | None) -> No
 
 
 def _one_number(support: Any) -> Any:
-    """A support for all, or the smallest and largest of many."""
+    """The support of all particles, or the smallest and the largest."""
     if np.isscalar(support):
         return float(support)
     return [float(support.min()), float(support.max())] if len(support) else None
 
 
 def _together(reports: list[dict[str, Any]]) -> dict[str, Any]:
-    """Several pictures' reports as one object: what they share, sums, and each one."""
+    """The reports of several images as one: common facts, sums, and each report."""
     times = {key: sum(report["times"][key] for report in reports) for key in reports[0]["times"]}
     counts = {key: sum(report["counts"][key] for report in reports) for key in reports[0]["counts"]}
     return {
@@ -444,7 +447,7 @@ def _together(reports: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 def why_empty(scene: Scene, clips: Sequence[Any]) -> str:
-    """Why a picture of particles has no surface in it, and what to do."""
+    """Why the image shows no surface, and how to fix that."""
     from ..scene.query import field
 
     positions = scene.particles.positions

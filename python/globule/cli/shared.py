@@ -98,14 +98,14 @@ def check_device(options: argparse.Namespace) -> None:
     except RuntimeError as error:
         if options.device == "auto":
             raise
-        message = f"--device: expected one that works here, got {options.device}: {error}"
+        message = f"--device: expected a device that works here, got {options.device}: {error}"
         raise UserError(message) from error
 
 
 def reading(options: argparse.Namespace) -> dict[str, Any]:
     """The arguments of `formats.read` that the flags of `flags.add_reading` give."""
     if options.level is not None and options.label:
-        raise UserError("--level: expected none beside --label, got both")
+        raise UserError("--level: expected no --label beside --level, got both")
     given = {"level": options.level, "labels": options.label, "spacing": options.resample}
     return {name: value for name, value in given.items() if value is not None}
 
@@ -152,7 +152,7 @@ def read_particles(path: str, may_be_empty: bool = False, **given: Any) -> Parti
     if not len(particles) and not may_be_empty:
         if "level" in given:
             raise UserError(
-                f"{path}: --level: expected one that voxels reach, got {given['level']:g}"
+                f"{path}: --level: expected an iso-value that voxels reach, got {given['level']:g}"
             )
         if "labels" in given:
             labels = ", ".join(map(str, given["labels"]))

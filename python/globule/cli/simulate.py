@@ -119,7 +119,7 @@ def run(options: argparse.Namespace) -> None:
     with job.progress, _interrupts() as interrupted:
         try:
             whole = job.run(interrupted)
-        finally:  # what stopped a run shows in its diagnostics
+        finally:  # the diagnostics show why a run stopped
             job.write_diagnostics()
     job.report(whole, time.perf_counter() - start)
     if not whole:
@@ -128,7 +128,7 @@ def run(options: argparse.Namespace) -> None:
 
 
 def _view(options: argparse.Namespace) -> None:
-    """Live in the browser."""
+    """Run live in the browser."""
     from ..sim.simulation import Simulation
     from ..viewer.simulation_source import SimulationSource
 
@@ -145,7 +145,7 @@ def _view(options: argparse.Namespace) -> None:
     ):
         if getattr(options, name):
             option = name.replace("_", "-")
-            raise UserError(f"--view: expected no --{option} beside it, as nothing is written")
+            raise UserError(f"--view: expected no --{option} beside --view, which writes nothing")
     view.check_viewer()
     with mistakes():
         scene = _read(options)
@@ -162,7 +162,7 @@ def _view(options: argparse.Namespace) -> None:
 
 
 def _read(options: argparse.Namespace) -> SceneFile:
-    """The scene that is asked for."""
+    """The scene of the options."""
     from ..sim.scene_file import read_scene
 
     try:
@@ -172,7 +172,7 @@ def _read(options: argparse.Namespace) -> SceneFile:
 
 
 class _Job:
-    """One run: the simulation, and what is written of it."""
+    """One run: the simulation, and the files that it writes."""
 
     def __init__(self, options: argparse.Namespace):
         from ..sim.pictures import Pictures
@@ -192,8 +192,8 @@ class _Job:
             own = not (options.seconds or options.fps)
             key = f"{options.scene}: seconds" if own else "--seconds"
             raise UserError(
-                f"{key}: expected at most {MOST_FRAMES:,} frames, got {seconds:g} s of "
-                f"{self.fps:g} frames a second"
+                f"{key}: expected at most {MOST_FRAMES:,} frames, got {seconds:g} s at "
+                f"{self.fps:g} frames per second"
             )
         output = replace(scene.output, fps=self.fps, format=self.format)
         self.scene = replace(scene, seconds=seconds, output=output)
@@ -224,18 +224,20 @@ class _Job:
         self.seconds = {"simulation": 0.0, "frames": 0.0, "pictures": 0.0}
 
     def _check_output(self, before: Output) -> None:
-        """Frames that go on are numbered and written as those before them."""
+        """Refuse frames that --resume would number or write otherwise than before."""
         for name in ("fps", "format"):
             had, asked = getattr(before, name), getattr(self, name)
             if had != asked:
-                raise UserError(f"--resume: expected --{name} {had}, as the run had, got {asked}")
+                raise UserError(
+                    f"--resume: expected --{name} {had}, as before the interruption, got {asked}"
+                )
 
     def _is_before(self, k: int) -> bool:
-        """Whether frame k's time is not after that of the checkpoint one goes on from."""
+        """Whether the time of frame k is not after the time of the checkpoint."""
         return k / self.fps < self.start_time + 1e-9
 
     def _restore_pictures(self) -> None:
-        """A movie that goes on begins with the pictures that it had."""
+        """Begin a continued movie with the images from before the interruption."""
         if not self.pictures.movie:
             return
         folder = self.options.images
@@ -246,21 +248,21 @@ class _Job:
         except ValueError as error:
             frames = os.path.join(self.folder, f"frame_*.{self.format}")
             raise UserError(
-                f"--video: {error}; go on without --video, then: globule render '{frames}' -o "
+                f"--video: {error}; resume without --video, then: globule render '{frames}' -o "
                 f"{self.options.video}"
             ) from error
 
     def run(self, interrupted: Callable[[], int]) -> bool:
-        """All frames; False if it was told to stop before."""
+        """Make all frames; False if a signal stopped the run before the end."""
         whole = True
         for k in range(self.n_frames):
             self.progress.step(f"{self.sim.time:.3f} s, {count(len(self.sim))}")
             if self.options.resume and self._is_before(k):
-                continue  # written before the checkpoint was
+                continue  # written before the checkpoint
             with self._timed("simulation"):
                 self.sim.advance_to(k / self.fps, stop=interrupted)
             reached = self.sim.time > k / self.fps - 1e-9
-            if reached:  # told to stop or not: --resume counts on it
+            if reached:  # also after a signal: --resume relies on this frame
                 self._write(k)
             if interrupted():
                 whole = reached and k == self.n_frames - 1
@@ -297,7 +299,7 @@ class _Job:
             self.seconds[what] += time.perf_counter() - start
 
     def write_diagnostics(self) -> None:
-        """diagnostics.csv, and .png where there is matplotlib."""
+        """Write diagnostics.csv, and .png if matplotlib is installed."""
         from ..sim import diagnostics
 
         rows = self.sim.diagnostics
@@ -307,7 +309,7 @@ class _Job:
             diagnostics.plot(os.path.join(self.folder, "diagnostics.png"), rows, title)
 
     def report(self, whole: bool, total: float) -> None:
-        """What came of it, in words or as JSON."""
+        """Print the results, in words or as JSON."""
         sim = self.sim
         n_steps = sim.n_steps - self.first_step
         if self.options.json:
@@ -330,14 +332,14 @@ class _Job:
             last = f" … {self.files[-1]}" if len(self.files) > 1 else ""
             print(f"{count(len(self.files), 'file')}: {self.files[0]}{last}")
         if not whole:
-            say(f"note: stopped at {sim.time:.4g} s; --resume goes on from {self.checkpoint}")
+            say(f"note: stopped at {sim.time:.4g} s; --resume continues from {self.checkpoint}")
 
 
 def _resumed(
     kind: type[Simulation], folder: str, scene: SceneFile, name: str, where: dict[str, Any]
 ) -> Simulation:
-    """Where the folder's checkpoint left it. What is resumed is this scene; only how long it runs
-    and what is shown may differ."""
+    """The simulation of the folder's checkpoint. Only duration, view and output of the scene may
+    differ from those of the checkpoint."""
     from ..sim.scene_file import as_dict, read_scene
 
     checkpoint = os.path.join(folder, CHECKPOINT)
@@ -346,21 +348,21 @@ def _resumed(
     except OSError as error:
         raise UserError(f"--resume: expected {checkpoint}, got: {error.strerror}") from error
     free = ("title", "seconds", "view", "output")
-    now = as_dict(read_scene(as_dict(scene)))  # read back, as what was saved is
+    now = as_dict(read_scene(as_dict(scene)))  # read back, as the saved scene was
     before = {} if simulation.file is None else as_dict(simulation.file)
     for key in (*now, *before):
         if key not in free and now.get(key) != before.get(key):
             raise UserError(
-                f"--resume: expected {checkpoint} of {name} as it is now, got one with another "
-                f"{key}"
+                f"--resume: expected {checkpoint} of the present {name}, got a checkpoint with "
+                f"another {key}"
             )
     return simulation
 
 
 @contextmanager
 def _interrupts() -> Iterator[Callable[[], int]]:
-    """The signal, Ctrl-C's or SIGTERM, that has come, or 0: once, and the step at hand is ended;
-    twice breaks it off."""
+    """A function that gives the signal that came, SIGINT or SIGTERM, or 0. The first signal lets
+    the current step end; the second signal breaks it off."""
     signals = (signal.SIGINT, signal.SIGTERM)
     came = 0
 

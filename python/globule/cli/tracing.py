@@ -16,9 +16,9 @@ from ..scene.thesis import POLYNOMIAL_KERNELS, ROOTS, Thesis, default_support, f
 from . import flags
 from .shared import UserError, mistakes, positive
 
-# Options that a preset sets where the user has not; looks set fields of RenderSettings instead.
+# Options that a preset sets if no flag does; looks set fields of RenderSettings instead.
 PRESETS = {"thesis": {"root": "march", "octree": "dense"}, **{key: {} for key in looks.PRESETS}}
-PRESET_DEPTH = 7  # where no support asks for another
+PRESET_DEPTH = 7  # if no support asks for another level
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -46,20 +46,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def settle(options: argparse.Namespace) -> Thesis | None:
-    """Fill in what preset and root leave open, and refuse what does not fit together."""
+    """Fill in the options that preset and root leave open; refuse contradictions."""
     for name, value in PRESETS.get(options.preset, {}).items():
         if getattr(options, name) is None:
             setattr(options, name, value)
     options.root = options.root or "exact"
     if options.step is not None and options.root != "march":
-        raise UserError(f"--step: expected --root march beside it, got {options.root}")
+        raise UserError(f"--step: expected --root march beside --step, got --root {options.root}")
     if options.root == "exact":
         options.octree = options.octree or "sparse"
         return None
     if options.beside:
         asked = "--preset thesis" if options.preset == "thesis" else f"--root {options.root}"
         raise UserError(
-            f"--with: expected none beside {asked}, which shows one scene, got "
+            f"--with: expected no --with beside {asked}, which shows one scene, got "
             f"{options.beside[0][0]}"
         )
     options.octree = options.octree or "dense"
@@ -85,8 +85,11 @@ def octree_mistakes() -> Iterator[None]:
 def support_and_depth(
     options: argparse.Namespace, particles: Particles
 ) -> tuple[float | None, int | None]:
-    """What goes together: the deepest octree with leaves no smaller than the supports, or, by the
-    preset for particles without supports, half a leaf's edge (§3.6). What is given wins."""
+    """The support and the octree's level that fit together (§3.6); given flags win.
+
+    The octree is as deep as leaves no smaller than the supports allow. With --preset thesis and
+    without supports, the support is half a leaf's edge.
+    """
     given = options.support or particles.support
     extent = float(np.ptp(particles.bounds(), axis=0).max()) if len(particles) else 0.0
     if options.root == "exact" or not extent:
@@ -102,7 +105,7 @@ def support_and_depth(
 
 
 def why_dust(options: argparse.Namespace, particles: Particles, scene: Scene) -> str | None:
-    """What is wrong with the preset's supports where they are too small for neighbours to meet."""
+    """A message if the preset's supports are too small for neighbors to meet."""
     if options.preset != "thesis" or (options.support or particles.support) is not None:
         return None
     support, spacing = scene.support, scene.spacing
@@ -112,18 +115,18 @@ def why_dust(options: argparse.Namespace, particles: Particles, scene: Scene) ->
     fitting = int(np.clip(np.floor(np.log2(extent / (2 * spacing))), 0, 8))
     return (
         f"supports are half a leaf, {support:.3g}, which is less than a third of the particles' "
-        f"spacing, {spacing:.3g}, so the particles look like dust; try --octree-level {fitting} or "
+        f"spacing, {spacing:.3g}: the particles look like dust; try --octree-level {fitting} or "
         f"--support {2 * spacing:.2g}"
     )
 
 
 def why_cut(scene: Scene) -> str | None:
-    """What is wrong with supports larger than a leaf: its neighbours are all that it sees."""
+    """A message if supports are larger than a leaf, which only meets its neighbors."""
     extent = scene.octree.extent
     edge, largest = extent / 2 ** scene._tree[1], float(np.max(scene.support, initial=0.0))
     if largest <= edge or not extent:
         return None
     return (
-        f"supports of up to {largest:.3g} are larger than a leaf's edge, {edge:.3g}, so parts of "
+        f"supports of up to {largest:.3g} are larger than a leaf's edge, {edge:.3g}: parts of "
         f"the surface may be missing; try --octree-level {fitting_depth(extent, largest)}"
     )

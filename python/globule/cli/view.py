@@ -3,8 +3,7 @@
 `globule view` traces the image on this machine and sends the image to the browser. The browser may
 run on another machine: `globule view` prints the ssh command for that. Ctrl-C ends the command.
 
---eye and --look-at go together. Flags win over the settings of --state. Volumes and sweeps have 0,0,1
-as their --up."""
+--eye and --look-at go together. Flags win over the settings of --state."""
 
 from __future__ import annotations
 
@@ -74,9 +73,9 @@ def add_arguments(parser: Parser) -> None:
 def run(options: argparse.Namespace) -> None:
     """Run `globule view`."""
     if (options.eye is None) != (options.look_at is None):
-        raise UserError("--eye: expected --look-at beside it, or neither")
+        raise UserError("--eye: expected --eye and --look-at together, got one of the two")
     if options.ortho and not options.eye:
-        raise UserError("--ortho: expected --eye and --look-at beside it, got none")
+        raise UserError("--ortho: expected --eye and --look-at beside --ortho, got none")
     check_device(options)
     check_viewer()
     from ..viewer.open import open_source
@@ -106,7 +105,7 @@ def run(options: argparse.Namespace) -> None:
 
 
 def check_viewer() -> None:
-    """Refuse a machine without the viewer's libraries, and name the command that installs them."""
+    """Refuse to start without the viewer's packages; name the command that installs them."""
     from ..viewer.app import need_viser
 
     try:

@@ -1,7 +1,6 @@
-"""Volumes among the files of `render`: shown as the surface where their values have a level.
+"""Volumes among the files of `render`: their iso-surface.
 
-NIfTI and DICOM are tomographies, one metaball per voxel of a tissue; so are the other formats when
-labels or resampling are asked for.
+NIfTI, DICOM, and any volume with --label or --resample become one metaball per voxel instead.
 """
 
 from __future__ import annotations
@@ -16,12 +15,12 @@ from .shared import UserError, read_volume_file
 
 
 def is_surface(path: str, options: argparse.Namespace) -> bool:
-    """Whether a file is a volume that is shown by its surface."""
+    """Whether `render` shows the iso-surface of this file."""
     return not options.label and not options.resample and has_surface(path)
 
 
 def check_surface(path: str, options: argparse.Namespace) -> None:
-    """Refuse what a surface cannot have, before any work."""
+    """Refuse the flags that an iso-surface does not have, before any work."""
     for name in ("threshold", "support"):
         if getattr(options, name) is not None:
             raise UserError(f"--{name}: expected --level for the volume {path}, got --{name}")
@@ -34,11 +33,13 @@ def check_surface(path: str, options: argparse.Namespace) -> None:
     except OSError as error:
         raise UserError(f"{path}: expected a file to read, got: {error.strerror}") from error
     if tracked:
-        raise UserError(f"{path}: expected a volume, got a sweep: globule reconstruct makes one")
+        raise UserError(
+            f"{path}: expected a volume, got a sweep; globule reconstruct makes a volume of it"
+        )
 
 
 def read_surface(path: str, options: argparse.Namespace) -> tuple[Particles, list[str]]:
-    """The surface's particles, made for the kernel's own threshold; and what to say of them."""
+    """The particles of the iso-surface, for the kernel's own threshold; and messages."""
     from ..volumes.iso_surface import iso_surface
 
     volume = read_volume_file(path)
@@ -49,4 +50,6 @@ def read_surface(path: str, options: argparse.Namespace) -> tuple[Particles, lis
     particles.weight = particles.weight * (DEFAULTS[options.kernel][1] / threshold)
     if options.level is not None:
         return particles, []
-    return particles, [f"{os.path.basename(path)}: surface at {level:.4g}, --level takes another"]
+    return particles, [
+        f"{os.path.basename(path)}: surface at {level:.4g}; --level sets another iso-value"
+    ]
