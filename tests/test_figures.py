@@ -42,7 +42,8 @@ def test_figure(name, tmp_path):
 @needs_matplotlib
 def test_the_command(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    assert main(["bench", "figures", "3.4", "2.4", "-o", "a/b", "--dpi", "30", "--device", "cpu"]) == 0
+    words = ["bench", "figures", "3.4", "2.4", "-o", "a/b", "--dpi", "30", "--device", "cpu"]
+    assert main(words) == 0
     assert capsys.readouterr().out.startswith("a/b: 2 figures")
     assert sorted(p.name for p in (tmp_path / "a/b").iterdir()) == ["2.4.png", "3.4.png"]
     assert main(["bench", "figures", "--list"]) == 0

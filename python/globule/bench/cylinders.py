@@ -9,11 +9,11 @@ import numpy as np
 
 from ..volumes.volume import Volume
 
-_REACH = 2.0  # of the neighbourhood in which a circle is looked for, in expected radii
+_REACH = 2.0  # half width of the window that is searched for a circle, in expected radii
 
 
 class Cylinders(NamedTuple):
-    """diameters (S, C) mm and separations (S, C - 1) mm of C cylinders in S slabs."""
+    """Diameters (S, C) and separations (S, C - 1) of C cylinders in S slabs, mm."""
 
     diameters: np.ndarray
     separations: np.ndarray
@@ -26,16 +26,17 @@ def measure_cylinders(
     """Measure cylinders that run along z, in one slab after the other.
 
     Args:
-        volume: axes along the world's.
-        places: (x, y) mm near each axis, in order; separations are between neighbours.
-        diameter: mm, about what is expected: bounds where a circle is looked for.
-        slab: mm, along z: voxels are averaged over it, so that speckle does not hide the edge.
+        volume: its axes are the world's.
+        places: (x, y) near each cylinder's axis, in order, mm; separations are between neighbors.
+        diameter: about the expected diameter, mm; bounds the search.
+        slab: length along z over which voxels are averaged, mm; hides speckle.
         margin: share of the slices left out at each end.
 
-    In every slab the circle is the one that splits its neighbourhood into the two most uniform
-    parts (largest variance between inside and outside), which gives its centre without any
-    threshold; its radius then is that of the disc which holds the grey that is missing. Empty
-    voxels do not count.
+    Raises ValueError if no slab has all cylinders.
+
+    In every slab, the circle with the largest variance between its inside and its outside gives
+    the center, without a threshold. The radius is that of the disc with the missing sum of grays.
+    Empty voxels do not count.
     """
     spacing, origin = volume.spacing, volume.world_from_voxel[:3, 3]
     n = volume.values.shape[0]
@@ -63,7 +64,7 @@ def measure_cylinders(
 def _circle(
     values: np.ndarray, known: np.ndarray, place: list[float], radius: float
 ) -> tuple[float, float, float] | None:
-    """Column, row and radius of the circle around about `place`, voxels; None if it is cut off."""
+    """Column, row and radius of the circle near `place`, voxels; None if its window is cut off."""
     reach = int(np.ceil(_REACH * radius)) + 1
     column, row = (round(v) for v in place)
     top, left = row - reach, column - reach
@@ -89,9 +90,9 @@ def _circle(
 
 
 def _radius(x: np.ndarray, y: np.ndarray, grey: np.ndarray, about: float) -> float:
-    """The radius whose disc, of the core's grey in the surroundings' grey, holds what is missing.
+    """The radius of the disc that, in the gray of the core, explains the missing sum of grays.
 
-    Blur moves grey across the edge and speckle makes it ragged; neither changes the sum.
+    Blur and speckle change the edge, but not the sum.
     """
     distance = np.hypot(x, y)
     core, around = distance < 0.6 * about, distance > 1.3 * about

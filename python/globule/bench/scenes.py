@@ -1,6 +1,6 @@
 """Particle scenes of any size for benchmarks, made by formulas.
 
-Axes are right-handed with y up, lengths in metres. The same arguments give the same bytes.
+Axes are right-handed with y up, lengths in meters. The same arguments give the same bytes.
 """
 
 from __future__ import annotations
@@ -14,10 +14,9 @@ DROPLET_SHARE = 0.004
 def pool(n: int = 302_751, seed: int = 1, spacing: float = 0.02) -> tuple[np.ndarray, float]:
     """A square pool with gentle waves and some droplets above, exactly `n` particles.
 
-    The water is a slightly jittered lattice about three times as wide as it is deep, its columns
-    stretched by a few per cent so that each ends at the wave's height. What the whole columns leave
-    over becomes droplets, small balls of the same lattice. Written slab by slab, so that the peak
-    of memory is little more than the result's 12 bytes a particle.
+    The water is a jittered lattice, about three times as wide as deep. Its columns are stretched
+    by a few percent to end at the wave's height. The particles left over become droplets, small balls of
+    the same lattice. Slab by slab, peak memory stays near the result's 12 bytes per particle.
 
     Returns `positions` (n, 3) float32, m, and the lattice `spacing`, m. Support of two spacings and
     a threshold of 0.6 give a closed surface.
@@ -45,8 +44,8 @@ def pool(n: int = 302_751, seed: int = 1, spacing: float = 0.02) -> tuple[np.nda
 
 
 def _columns(n: int) -> tuple[np.ndarray, np.ndarray]:
-    """Particles in each column of the lattice, (X, Z) int64 with a sum of at most `n` and close to
-    it, and the columns' heights in spacings, (X, Z) float64."""
+    """Number of particles of each column, (X, Z) int64, at most and about `n` in all, and the
+    heights of the columns in spacings, (X, Z) float64."""
     width = max(1, round((3 * n) ** (1 / 3)))
     u = np.arange(width) / width * (2 * np.pi)
     x, z = u[:, None], u[None, :]

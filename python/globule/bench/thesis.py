@@ -1,10 +1,11 @@
 """Tables 6.1 and 6.2 of the thesis, made again: `python -m globule.bench.thesis [--device cuda]`.
 
-Frames per second by number of particles and depth of the octree, 1024x782 = 800,768 rays, and the
-octree's memory. Every frame moves the particles, rebuilds the octree and traces a ray a pixel. The
-source's preset (dense octree, marching) and our default (sparse octree, exact roots) show the same
-particles with the same supports, half a leaf's edge (§3.6): the same picture, but for what marching
-misses. `smooth` is our default with supports of two spacings instead: one closed surface.
+Frames per second by number of particles and level of the octree, 1024x782 = 800,768 rays, and the
+octree's memory. Every frame moves the particles, rebuilds the octree and traces one ray per pixel.
+The source's preset (dense octree, marching) and globule's default (sparse octree, exact roots) show
+the same particles with the same supports, half a leaf's edge (§3.6). The images are equal except
+for the hits that marching misses. `smooth` is the default with supports of two spacings: one closed
+surface.
 """
 
 from __future__ import annotations
@@ -25,7 +26,6 @@ from ..scene.thesis import ROOTS, Thesis, default_support
 from .report import Row, machine, print_table, write_csv
 from .scenes import pool
 
-SUMMARY = "Tables 6.1 and 6.2: frames per second and memory, the source's way and ours"
 COUNTS = (100, 1_432, 21_822, 145_777, 302_751)
 DEPTHS = (6, 7, 8)
 SIZE = (1024, 782)
@@ -41,7 +41,7 @@ SOURCE_FPS = {
 
 
 def scene_of(n: int) -> tuple[np.ndarray, float]:
-    """Positions (n, 3) float32, m, and their spacing: scattered where few, else a pool."""
+    """Positions (n, 3) float32 and their spacing, m; scattered for n < 1000, else a pool."""
     if n >= 1000:
         return pool(n)
     return np.random.default_rng(1).uniform(-1, 1, (n, 3)).astype(np.float32), 2 / n ** (1 / 3)
@@ -59,8 +59,8 @@ def run(
     """Measure, print both tables, write Table 6.1's rows, with memory, to `output` (CSV).
 
     Args:
-        frames: to average over; 0: 3 on the CPU, 100 on a GPU.
-        root: of the source's preset, "march" or "bezier".
+        frames: number of frames to average; 0: 3 on the CPU, 100 on a GPU.
+        root: root method of the source's preset, "march" or "bezier".
     """
     rows: list[Row] = []
     smooth: dict[int, float] = {}
@@ -118,6 +118,7 @@ def run(
 
 
 def nodes(kind: str, octree: Octree) -> Row:
+    """Number of nodes, and their memory in MiB, of a "dense" or "sparse" octree."""
     mib = octree.n_nodes * NODE_BYTES[kind] / 2**20
     return {f"{kind} nodes": octree.n_nodes, f"{kind} MiB": mib}
 
@@ -125,7 +126,7 @@ def nodes(kind: str, octree: Octree) -> Row:
 def measure(
     scene: Scene, positions: np.ndarray, shift: float, thesis: Thesis | None, frames: int
 ) -> dict[str, Any]:
-    """Frames per second over wall time, the last frame's build and trace in ms, what was hit."""
+    """Frames per second of wall time, build and trace of the last frame in ms, and its hits."""
     frames = frames or (3 if scene.device.name == "cpu" else 100)
     sets: list[Any] = [positions, positions + np.float32(shift)]
     if scene.device.name != "cpu":
@@ -156,6 +157,7 @@ def measure(
 
 
 def main() -> None:
+    """Run as a program."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--device", default="auto")
     parser.add_argument("--threads", type=int, default=0)

@@ -123,7 +123,7 @@ def _calibrated(
         if len(wild):
             which = ", ".join(f"{i + 1} ({lengths[i]:.2f} mm)" for i in wild[:5])
             messages.append(
-                f"{options.marks}: check these marks, which lie far from the others: {which}"
+                f"{options.marks}: far from the other marks: mark {which}; check these marks"
             )
         pixels = calibration.rms / max(calibration.spacing[:2])
         if pixels > _UNLIKELY:
