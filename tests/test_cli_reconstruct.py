@@ -137,8 +137,13 @@ def test_mistakes_get_one_line(sweep, capsys):
         (["phantom.igs.mha", "-o", "v.nrrd", "--calibration", "singular.toml"], "singular"),
         (["phantom.igs.mha", "-o", "v.nrrd", "--calibration", "probe.toml"], "a way from Image"),
         (["phantom.igs.mha", "-o", "v.nrrd", "--plus", "probe.toml"], "probe.toml"),
-        (["phantom.igs.mha", "-o", "v.nrrd", "--image-region", "1,2"], "clip"),
+        (
+            ["phantom.igs.mha", "-o", "v.nrrd", "--image-region", "1,2"],
+            "--image-region: expected 4",
+        ),
         (["phantom.igs.mha", "-o", "v.nrrd", "--image-region", "900,0,5,5"], "region"),
+        (["phantom.igs.mha", "-o", "v.nrrd", "--bounds", "1,1,1,0,0,0"], "--bounds: expected two"),
+        (["phantom.igs.mha", "-o", "v.nrrd", "--max-distance", "-1"], "--max-distance: expected 0"),
         (["phantom.igs.mha", "-o", "v.nrrd", "--fan", "1,2,3,4,5,x"], "number"),
         (["phantom.igs.mha", "-o", "v.nrrd", "--mask", "nowhere.png"], "nowhere.png"),
         (["phantom.igs.mha", "-o", "v.nrrd", "--voxel-size", "0"], "--voxel-size"),
@@ -146,7 +151,7 @@ def test_mistakes_get_one_line(sweep, capsys):
         (["phantom.igs.mha", "-o", "v.nrrd", "--max-kernel", "4"], "--max-kernel"),
         (["phantom.igs.mha", "-o", "v.nrrd", "--method", "magic"], "--method"),
         (["phantom.igs.mha", "-o", "v.nrrd", "--device", "tpu"], "device"),
-        (["phantom.igs.mha", "-o", "v.nrrd", "--voxel-size", "0.0001"], "spacing"),
+        (["phantom.igs.mha", "-o", "v.nrrd", "--voxel-size", "0.0001"], "--voxel-size: 5"),
         (["phantom.igs.mha", "-o", "v.nrrd", "--three-view", "v.bmp"], "--three-view"),
         (["phantom.igs.mha", "-o", "./phantom.igs.mha"], "-o: expected a name of its own"),
         (

@@ -37,7 +37,7 @@ def cloud(tmp_path):
         (["CLOUD", "--kernel", "cubic"], "--kernel"),
         (["CLOUD", "--host", "203.0.113.7"], "host: expected an address of this machine"),
         (["CLOUD", "--host", "nowhere.invalid"], "host: expected an address of this machine"),
-        (["CLOUD", "--up", "0,0,0"], "up: expected a direction, got (0.0, 0.0, 0.0)"),
+        (["CLOUD", "--up", "0,0,0"], "--up: expected a direction other than 0,0,0, got '0,0,0'"),
         (["igtl://"], "live: expected igtl://host:port, got 'igtl://'"),
     ],
 )

@@ -15,8 +15,8 @@ def pool(n: int = 302_751, seed: int = 1, spacing: float = 0.02) -> tuple[np.nda
     """A square pool with gentle waves and some droplets above, exactly `n` particles.
 
     The water is a jittered lattice, about three times as wide as deep. Its columns are stretched
-    by a few percent to end at the wave's height. The particles left over become droplets, small balls of
-    the same lattice. Slab by slab, peak memory stays near the result's 12 bytes per particle.
+    by a few percent to end at the wave's height. The particles left over become droplets, small
+    balls of the same lattice. Slab by slab, peak memory stays near the result's 12 bytes per particle.
 
     Returns `positions` (n, 3) float32, m, and the lattice `spacing`, m. Support of two spacings and
     a threshold of 0.6 give a closed surface.

@@ -6,6 +6,7 @@ Exit status: 0 done; 2 the user's mistake (one line that names it, nothing writt
 
 from __future__ import annotations
 
+import argparse
 import contextlib
 import os
 import sys
@@ -126,7 +127,23 @@ def _run(argv: list[str]) -> None:
     if hasattr(options, "prepare"):
         options.parser.set_defaults(**options.prepare(options))
         options = parser.parse_args(argv)
-    options.run(options)
+    try:
+        options.run(options)
+    except UserError as error:
+        raise UserError(_with_flag(options, error)) from error
+
+
+def _with_flag(options: argparse.Namespace, error: UserError) -> str:
+    """The message of an error; the library's name of a value becomes the flag that gave it."""
+    word, _, rest = str(error).partition(": ")
+    if isinstance(error.__cause__, (TypeError, ValueError)):
+        for action in options.parser._actions:
+            name = next((n for n in action.option_strings if n.startswith("--")), "")
+            given = getattr(options, action.dest, None) != action.default
+            known = action.help != argparse.SUPPRESS
+            if name and given and known and word in (action.dest, name[2:].replace("-", "_")):
+                return f"{name}: {rest}"
+    return str(error)
 
 
 def _show_warning(message: Warning | str, kind: type[Warning], *place: Any) -> None:

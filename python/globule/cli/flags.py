@@ -12,7 +12,7 @@ from ..render.presets import PRESETS
 from ..scene.scene import KERNELS
 from . import look
 from .arguments import plane
-from .shared import number, positive, vector
+from .shared import direction, number, positive, vector
 
 
 def size(text: str) -> tuple[int, int]:
@@ -58,7 +58,7 @@ FLAGS: dict[str, dict[str, Any]] = {
         "help": "point in the middle of the image, world units",
     },
     "--up": {
-        "type": vector,
+        "type": direction,
         "metavar": "X,Y,Z",
         "help": "direction that points up in the image",
     },

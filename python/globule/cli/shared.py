@@ -85,6 +85,14 @@ def vector(text: str) -> tuple[float, float, float]:
     return number(words[0]), number(words[1]), number(words[2])
 
 
+def direction(text: str) -> tuple[float, float, float]:
+    """X,Y,Z, not all 0."""
+    found = vector(text)
+    if not any(found):
+        raise argparse.ArgumentTypeError(f"expected a direction other than 0,0,0, got {text!r}")
+    return found
+
+
 def check_device(options: argparse.Namespace) -> None:
     """Refuse a device that cannot be used, before any work."""
     from .._base.device import choose
