@@ -1,6 +1,7 @@
 """`globule bench physics`: rows become a table, a page and a plot; what is not met is said."""
 
 import csv
+import json
 
 import pytest
 from globule.bench import physics, physics_fluid
@@ -22,6 +23,16 @@ def test_a_page_says_what_is_not_met(tmp_path, monkeypatch, capsys):
     assert "2 truths, 1 met" in text
     assert "Not met: drift." in text
     assert "| drift | 0 | 0.5 | **not met** |" in text
+
+
+def test_json_has_the_rows(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(physics, "experiments", lambda quick: [rows])
+    assert main(["bench", "physics", "--json", "-o", str(tmp_path), "--device", "cpu"]) == 0
+    out, err = capsys.readouterr()
+    found = json.loads(out)
+    assert [row["measured"] for row in found["physics"]] == [1.9, 0.5]
+    assert found["csv"] == str(tmp_path / "physics.csv")
+    assert "drift" in err
 
 
 def test_neighbours_equal_brute_force():

@@ -354,7 +354,7 @@ def test_resuming_another_scene_is_refused(folder, capsys):
     assert main(["simulate", "other.toml", "-o", "out", "--resume"]) == 2
     said = capsys.readouterr().err
     assert said.count("\n") == 1
-    assert "got one with another gravity" in said
+    assert "got a checkpoint with another gravity" in said
     with open("out/checkpoint.npz", "rb") as file:
         assert file.read() == before
 
@@ -369,5 +369,5 @@ def test_frames_of_another_number_or_format_do_not_go_on(folder, capsys, option,
     assert main(["simulate", "dam.toml", "-o", "out", "--resume", option, asked]) == 2
     said = capsys.readouterr().err
     assert said.count("\n") == 1
-    assert f"--resume: expected {option} {had}, as the run had, got {asked}" in said
+    assert f"--resume: expected {option} {had}, as before the interruption, got {asked}" in said
     assert sorted(os.listdir("out")) == before

@@ -16,7 +16,7 @@ def pool(n: int = 302_751, seed: int = 1, spacing: float = 0.02) -> tuple[np.nda
 
     The water is a jittered lattice, about three times as wide as deep. Its columns are stretched
     by a few percent to end at the wave's height. The particles left over become droplets, small
-    balls of the same lattice. Slab by slab, peak memory stays near the result's 12 bytes per particle.
+    balls of the same lattice. Slab by slab, peak memory stays near 12 bytes per particle.
 
     Returns `positions` (n, 3) float32, m, and the lattice `spacing`, m. Support of two spacings and
     a threshold of 0.6 give a closed surface.

@@ -136,7 +136,7 @@ def _run(argv: list[str]) -> None:
 def _with_flag(options: argparse.Namespace, error: UserError) -> str:
     """The message of an error; the library's name of a value becomes the flag that gave it."""
     word, _, rest = str(error).partition(": ")
-    if isinstance(error.__cause__, (TypeError, ValueError)):
+    if isinstance(error.__cause__, (TypeError, ValueError, MemoryError)):
         for action in options.parser._actions:
             name = next((n for n in action.option_strings if n.startswith("--")), "")
             given = getattr(options, action.dest, None) != action.default

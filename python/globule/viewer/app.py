@@ -160,7 +160,7 @@ class Viewer:
                 size = tuple(
                     min(int(v), MOST_WINDOW) for v in (camera.image_width, camera.image_height)
                 )
-                if first and min(size) > 0:
+                if first and min(size) > 0 and abs(size[0] / size[1] / first["aspect"] - 1) > 0.01:
                     self._fit_window(browser, first, size[0] / size[1])
                 client.look(self.camera_of(camera), size)
             except (OverflowError, ValueError) as error:  # not of a page of ours
