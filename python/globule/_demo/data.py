@@ -240,7 +240,7 @@ def _disc(radius: float, s: float, phase: float = 0.0) -> tuple[np.ndarray, np.n
     return ring * step, (j + (ring * 0.618 + phase) % 1.0) / counts[ring] * TAU
 
 
-def _ball(centre, radius: float, s: float) -> np.ndarray:
+def _ball(center, radius: float, s: float) -> np.ndarray:
     """A ball of nested spheres, each an even spiral; a single particle where the radius is about
     one spacing."""
     n_shells = max(0, round(radius / s - 0.5))
@@ -252,7 +252,7 @@ def _ball(centre, radius: float, s: float) -> np.ndarray:
         turn = np.arange(n) * (np.pi * (3 - np.sqrt(5))) + k
         flat = np.sqrt(1 - z * z)
         shells.append(np.stack([flat * np.cos(turn), z, flat * np.sin(turn)], axis=1) * (k * step))
-    return np.concatenate(shells) + np.asarray(centre, float)
+    return np.concatenate(shells) + np.asarray(center, float)
 
 
 def _from_polar(r: np.ndarray, y: np.ndarray, angle: np.ndarray) -> np.ndarray:

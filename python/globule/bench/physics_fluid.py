@@ -99,8 +99,10 @@ def dam_break(device: str = "cpu", threads: int = 0, cells: int = 16) -> list[Ro
         for s in delays
     ]
     return [
-        at_most("dam break: front against Martin & Moyce, largest error", 0.1, np.min(errors)),
-        at_most("dam break: mean compression", 0.001, np.mean(compression)),
+        at_most(
+            "dam break: front against Martin & Moyce, largest error", 0.1, float(np.min(errors))
+        ),
+        at_most("dam break: mean compression", 0.001, float(np.mean(compression))),
         at_most("dam break: particles lost", 0, report.n_escaped),
     ]
 

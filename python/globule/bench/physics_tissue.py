@@ -31,7 +31,7 @@ def row(truth: str, expected: float, measured: float, ok: bool) -> Row:
 
 def lattice(nx: int, ny: int, nz: int, spacing: float = SPACING) -> np.ndarray:
     """Points of a cubic lattice, (nx ny nz, 3) float32, m."""
-    axes = [np.arange(k, dtype=np.float64) for k in (nx, ny, nz)]
+    axes: list[np.ndarray] = [np.arange(k, dtype=np.float64) for k in (nx, ny, nz)]
     return (np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3) * spacing).astype("f4")
 
 
@@ -258,7 +258,7 @@ def creep(device: str, threads: int = 0) -> list[Row]:
         tissue.positions = np.array([[0, 0, 0], [0, 0, (1 + strain) * SPACING]])
         tissue.tear(0.2)
         a, b = settle(tissue, 0.5)
-        left = np.linalg.norm(b - a) / SPACING - 1
+        left = float(np.linalg.norm(b - a)) / SPACING - 1
         truth = f"stretched by {strain:g}, yield 0.05: strain that stays"
         rows.append(row(truth, kept, left, abs(left - kept) < 1e-3))
     return rows

@@ -25,7 +25,7 @@ def pool(n: int = 302_751, seed: int = 1, spacing: float = 0.02) -> tuple[np.nda
         raise ValueError(f"n: expected at least 1, got {n}")
     rng = np.random.default_rng(seed)
     counts, heights = _columns(int(n * (1 - DROPLET_SHARE)))
-    positions = np.empty((n, 3), np.float32)
+    positions: np.ndarray = np.empty((n, 3), np.float32)
     filled = 0
     for i, (row, height) in enumerate(
         zip(counts, heights, strict=True)
@@ -34,7 +34,7 @@ def pool(n: int = 302_751, seed: int = 1, spacing: float = 0.02) -> tuple[np.nda
         slab = positions[filled : filled + m]
         slab[:, 0] = i
         slab[:, 2] = np.repeat(np.arange(row.size, dtype=np.float32), row)
-        starts = np.repeat(np.cumsum(row) - row, row)
+        starts: np.ndarray = np.repeat(np.cumsum(row) - row, row)
         slab[:, 1] = (np.arange(m) - starts + 0.5) * np.repeat(height / np.maximum(row, 1), row)
         slab += rng.random((m, 3), np.float32) * np.float32(0.1) - np.float32(0.05)
         filled += m
@@ -44,8 +44,10 @@ def pool(n: int = 302_751, seed: int = 1, spacing: float = 0.02) -> tuple[np.nda
 
 
 def _columns(n: int) -> tuple[np.ndarray, np.ndarray]:
-    """Number of particles of each column, (X, Z) int64, at most and about `n` in all, and the
-    heights of the columns in spacings, (X, Z) float64."""
+    """Number of particles of each column, (X, Z) int64, and heights in spacings, (X, Z) float64.
+
+    The sum is at most `n`, and near `n`.
+    """
     width = max(1, round((3 * n) ** (1 / 3)))
     u = np.arange(width) / width * (2 * np.pi)
     x, z = u[:, None], u[None, :]
@@ -64,7 +66,7 @@ def _columns(n: int) -> tuple[np.ndarray, np.ndarray]:
 
 def _droplets(out: np.ndarray, counts: np.ndarray, rng: np.random.Generator) -> None:
     """Fill `out` (M, 3) with balls of lattice points above the columns, in units of the spacing."""
-    g = np.arange(-3, 4, dtype=np.float32)
+    g: np.ndarray = np.arange(-3, 4, dtype=np.float32)
     ball = np.stack(np.meshgrid(g, g, g, indexing="ij"), -1).reshape(-1, 3)
     r2 = (ball**2).sum(1)
     ball = ball[np.argsort(r2, kind="stable")]  # any prefix is a ball
@@ -73,9 +75,9 @@ def _droplets(out: np.ndarray, counts: np.ndarray, rng: np.random.Generator) -> 
     filled = 0
     while filled < len(out):
         m = min(int(rng.choice(sizes)), len(out) - filled)
-        centre = np.array(
+        center = np.array(
             [rng.uniform(0, width), top + 4 + rng.exponential(0.12 * width), rng.uniform(0, width)],
             np.float32,
         )
-        out[filled : filled + m] = ball[:m] + centre + rng.uniform(-0.05, 0.05, (m, 3))
+        out[filled : filled + m] = ball[:m] + center + rng.uniform(-0.05, 0.05, (m, 3))
         filled += m

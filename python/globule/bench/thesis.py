@@ -2,10 +2,10 @@
 
 Frames per second by number of particles and level of the octree, 1024x782 = 800,768 rays, and the
 octree's memory. Every frame moves the particles, rebuilds the octree and traces one ray per pixel.
-The source's preset (dense octree, marching) and globule's default (sparse octree, exact roots) show
-the same particles with the same supports, half a leaf's edge (§3.6). The images are equal except
-for the hits that marching misses. `smooth` is the default with supports of two spacings: one closed
-surface.
+The source's preset has a dense octree and marches; globule's default has a sparse octree and exact
+roots. Both show the same particles with supports of half a leaf's edge (§3.6). The images are
+equal except for the hits that marching misses. `smooth` is the default with supports of two
+spacings: one closed surface.
 """
 
 from __future__ import annotations

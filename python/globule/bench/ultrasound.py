@@ -7,6 +7,7 @@ import importlib.util
 import os
 import time
 from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -59,7 +60,8 @@ def _sweep(n_frames: int) -> Sweep:
 
 def _best(run: Callable[[], Volume], quick: bool) -> tuple[float, float, Volume]:
     """Seconds, CPU seconds of all threads, and volume of the shortest of several runs."""
-    best, spent, n = None, 0.0, 0
+    best: tuple[float, float, Volume] | None = None
+    spent, n = 0.0, 0
     while n < 3 or (spent < 0.1 and n < 20):
         start, cpu = time.perf_counter(), time.process_time()
         volume = run()
@@ -70,12 +72,16 @@ def _best(run: Callable[[], Volume], quick: bool) -> tuple[float, float, Volume]
         n += 1
         if spent > (1.0 if quick else 3.0):
             break
+    assert best is not None
     return best
 
 
 def _gain(seconds: Sequence[float | None], k: int) -> float | None:
     """Time of method k without octree over its time with octree; None for other methods."""
-    return seconds[k + 2] / seconds[k] if k < 2 and seconds[k] else None
+    if k >= 2:
+        return None
+    slow, fast = seconds[k + 2], seconds[k]
+    return slow / fast if slow and fast else None
 
 
 def _on_device(setting: Setting, sweep: Sweep, method: str, size: int, volume: Volume) -> float:
@@ -104,8 +110,13 @@ def times_and_memory(setting: Setting) -> Iterable[Table]:
             for k, method in enumerate(METHODS):
                 setting.say(f"4.1: {n_frames} frames, {size}³, {method}")
                 spent, cores, volume = _best(
-                    lambda s=sweep, m=method, n=size: reconstruct(
-                        s, m, size=(n, n, n), device=setting.device, threads=setting.threads
+                    partial(
+                        reconstruct,
+                        sweep,
+                        method,
+                        size=(size,) * 3,
+                        device=setting.device,
+                        threads=setting.threads,
                     ),
                     setting.quick,
                 )
@@ -121,7 +132,8 @@ def times_and_memory(setting: Setting) -> Iterable[Table]:
                                    known / mib if known else None))  # fmt: skip
             source = SOURCE_SECONDS.get((n_frames, size), (None,) * 4)
             for k, method in enumerate(METHODS):
-                ratio = source[k] / seconds[k] if source[k] else None
+                theirs = source[k]
+                ratio = theirs / seconds[k] if theirs else None
                 gains = [_gain(s, k) for s in (source, seconds)]
                 times.append((n_frames, size, method, source[k], seconds[k], ratio, inside[k],
                               threads[k], *gains, *shares[k]))  # fmt: skip
@@ -193,7 +205,7 @@ def removed_slices(
     poses = np.tile(np.eye(4), (n, 1, 1))
     poses[:, 2, 3] = np.arange(n)
     box = ((-0.5, -0.5, -0.5), (width - 0.5, height - 0.5, n - 0.5))
-    truth = reference.astype(np.float64)
+    truth: np.ndarray = reference.astype(np.float64)
     nothing = float((truth**2).mean())
     errors = {m: np.ones((len(SHARES), repeats)) for m in methods}
     empty = {m: np.ones((len(SHARES), repeats)) for m in methods}
@@ -228,8 +240,8 @@ def reference_volume(quick: bool) -> tuple[np.ndarray, str]:
         for path in sorted(glob.glob(pattern)):
             values = read_volume(path).values.astype(np.float32)
             step = 2 if quick else 1
-            grey = np.rint(255 / values.max() * values[::step, ::step, ::step]).astype(np.uint8)
-            return grey, "MNI152 brain (nilearn), slices along z"
+            gray = np.rint(255 / values.max() * values[::step, ::step, ::step]).astype(np.uint8)
+            return gray, "MNI152 brain (nilearn), slices along z"
     sweep = phantoms.breast(n_frames=60, length=24.0, size=(160, 160), spacing=0.3)
     volume = reconstruct(sweep, spacing=0.6, device="cpu")
     return volume.values, "breast phantom (nilearn is not installed), slices along z"

@@ -34,8 +34,9 @@ class _Overview(Parser):
     """The parser of `globule` itself, whose help groups the commands by who uses them."""
 
     def _sections(self, everything: bool) -> list[tuple[str | None, str | None, list[Any]]]:
-        places, options = self._action_groups[0]._group_actions, self._action_groups[1]
-        known = {action.dest: action for action in places[0]._choices_actions}
+        commands: Any = self._action_groups[0]._group_actions[0]
+        options = self._action_groups[1]
+        known = {action.dest: action for action in commands._choices_actions}
         parts: list[tuple[str | None, str | None, list[Any]]] = [
             (title, None, [known[_name(module)] for module in modules])
             for title, modules in GROUPS.items()
@@ -62,14 +63,14 @@ def build_parser() -> Parser:
         metavar="COMMAND", dest="command", parser_class=Parser, prog="globule"
     )
     for module in COMMANDS:
-        name = _name(module)
+        name, about = _name(module), module.__doc__ or ""
         command = commands.add_parser(
             name,
             help=module.SUMMARY,
             usage=" ".join(f"globule {name} {module.USAGE} [options]".split()),
-            description=module.__doc__.partition("\n\n")[0],
+            description=about.partition("\n\n")[0],
         )
-        command.notes = module.__doc__.partition("\n\n")[2]
+        command.notes = about.partition("\n\n")[2]
         command.examples = module.EXAMPLES
         command.has_short_help()
         command.set_defaults(run=module.run, parser=command)
@@ -86,7 +87,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run one command and return its exit status; never exits by itself."""
     try:
         with warnings.catch_warnings():
-            warnings.showwarning = _show_warning
+            warnings.showwarning = _show_warning  # type: ignore[assignment]
             _run(sys.argv[1:] if argv is None else list(argv))
         if sys.stdout:
             sys.stdout.flush()  # here, so that a closed pipe is noticed here

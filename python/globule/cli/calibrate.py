@@ -1,8 +1,10 @@
 """Calibrate a tracked probe: where the pixels of its image lie, and the delay of its poses.
 
-MARKS is a table (.csv) of the image positions `column` and `row` of a fixed point, such as a
-crossing of two wires or a bead. Each row also has the pose of the probe (x y z qx qy qz qw, or m00
-to m23), or with --sweep the number of its `frame` in the sweep, from 0. --delay finds the temporal
+MARKS is a table (.csv) with the positions `column` and `row` of a fixed point in images. A bead or
+a crossing of two wires is such a point. Each row also has the pose of the probe: x y z qx qy qz qw,
+or m00 to m23. With --sweep, the number of the `frame` in the sweep, from 0, replaces the pose.
+
+--delay finds the temporal
 offset between image and tracker from a --sweep in which the probe changes its speed. The result is
 a calibration (.toml) for `globule reconstruct --calibration`."""
 

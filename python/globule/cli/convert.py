@@ -45,7 +45,7 @@ def add_arguments(parser: Parser) -> None:
     """The arguments of `globule convert`."""
     formats = " ".join(dict.fromkeys((*READABLE, *medical_files.EXTENSIONS)))
     parser.add_argument("input", metavar="IN", help=f"file to read: {formats}")
-    formats = " ".join(dict.fromkeys((*EXTENSIONS, *medical_files.EXTENSIONS)))
+    formats = " ".join(dict.fromkeys((*EXTENSIONS, *medical.WRITABLE)))
     parser.add_argument("output", metavar="OUT", help=f"file to write: {formats}")
     flags.add_reading(parser)
 

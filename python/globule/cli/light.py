@@ -316,5 +316,5 @@ def _sky(options: argparse.Namespace) -> Sky | Environment | None:
     try:
         return uniform_sky(look.color(text))
     except argparse.ArgumentTypeError as error:
-        known = f"gradient, none, a colour or a file ending in {' '.join(IMAGES)}"
+        known = f"gradient, none, a color or a file ending in {' '.join(IMAGES)}"
         raise UserError(f"--sky: expected {known}, got {text!r}") from error

@@ -168,4 +168,4 @@ class Live:
 
         options = self.options
         setup = Setup(options.calibration, options.plus, options.clip, options.fan, options.mask)
-        return Reconstructor(mask=setup.mask(frame.image.shape), **self.growing)
+        return Reconstructor(mask=setup.mask(frame.image.shape), **(self.growing or {}))

@@ -19,6 +19,8 @@ from ..volumes.files import write_volume
 from ..volumes.slices import save_three_view
 from .shared import UserError, check_output, count, mistakes, read_sweep_file, read_volume_file
 
+WRITABLE = (*SWEEPS, *WRITABLE_VOLUMES, ".png")
+
 
 def kind_of(path: str) -> str | None:
     """As `medical_files.kind_of`. Raises UserError for a file that cannot be read."""

@@ -21,9 +21,9 @@ class Parser(argparse.ArgumentParser):
         notes: paragraphs that only `--help-all` shows.
     """
 
-    def __init__(self, *arguments: Any, **named: Any):
+    def __init__(self, **named: Any):
         named |= {"add_help": False, "allow_abbrev": False}
-        super().__init__(*arguments, formatter_class=_Formatter, **named)
+        super().__init__(formatter_class=_Formatter, **named)
         self._positionals.title = "arguments"
         self.essential: tuple[str, ...] = ()
         self.examples = self.notes = ""
@@ -116,9 +116,10 @@ class _Renamed(argparse.Action):
     def __init__(
         self, option_strings: Sequence[str], dest: str, new: argparse.Action, kind: Any = None
     ):
+        read: Any = kind or new.type
         super().__init__(
             option_strings, f"_old_{dest}", new.nargs, default=argparse.SUPPRESS,
-            type=kind or new.type, choices=new.choices, help=argparse.SUPPRESS,
+            type=read, choices=new.choices, help=argparse.SUPPRESS,
             metavar=new.metavar,
         )  # fmt: skip
         self.new = new

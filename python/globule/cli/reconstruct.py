@@ -372,13 +372,14 @@ def _stating(progress: Progress) -> Iterator[None]:
     """Show the voxels and memory of the volume, which the library logs before the work."""
 
     def show(record: logging.LogRecord) -> None:
-        if record.args and record.args[-1] >= LARGE:
+        facts: Any = record.args
+        if facts and facts[-1] >= LARGE:
             progress.clear()
             say(f"note: {record.getMessage()}")
         progress.show(f"reconstructing {record.getMessage()}")
 
     handler = logging.Handler(logging.INFO)
-    handler.emit = show
+    handler.emit = show  # type: ignore[method-assign]
     log = logging.getLogger("globule")
     level = log.level
     log.addHandler(handler)
@@ -479,6 +480,6 @@ def _lines(report: dict[str, Any]) -> list[str]:
         lines.append(
             f"  {name:<7} predicts {count(result['n_frames'], 'frame')} left out: mean error "
             f"{result['mean_error']:.2f}, rms {result['rms_error']:.2f}, "
-            f"bias {result['bias']:+.2f} grey levels, {100 * result['coverage']:.1f} % of pixels"
+            f"bias {result['bias']:+.2f} gray levels, {100 * result['coverage']:.1f} % of pixels"
         )
     return lines

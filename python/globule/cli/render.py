@@ -7,8 +7,8 @@ Flags win over the settings of --state and of --preset. --preset thesis traces a
 does, with supports of half a leaf if the file has no supports. --color-by shows the length of a
 vector; NAME:0 shows its first component.
 
-Each input file gives one image. For several files, -o is a folder, a name with {} (replaced by the
-input's name) or %d or %04d (replaced by the number, from 0), or a movie.mp4 that shows them all.
+Each input file gives one image. For several files, -o is a folder, a movie.mp4, or a name with {}
+or %04d. The input's name replaces {}, the number of the file, from 0, replaces %04d.
 Finished images stay when a later file turns out to be broken.
 
 Several files, or a quoted pattern ('frame_*.vtk', frame_%04d.vtk; numbers count by value), are one
@@ -285,8 +285,9 @@ def camera(options: argparse.Namespace, scene: Scene | None, around: Any = None)
         return Camera(base.eye, base.look_at, options.up, fov, options.ortho)
     middle = options.look_at
     if not middle:
-        seen = scene.particles.bounds() if around is None and not nothing else around
-        middle = np.zeros(3) if nothing else np.mean(seen, axis=0)
+        middle = np.zeros(3)
+        if scene is not None and not nothing:
+            middle = np.mean(scene.particles.bounds() if around is None else around, axis=0)
         if scene is None or np.array_equal(middle, options.eye):
             middle = np.add(options.eye, (0, 0, -1))
     return Camera(options.eye, middle, options.up, fov, options.ortho)
@@ -424,7 +425,7 @@ def _save(frame: Frame, image: str, aov: str | None, legend: tuple | None) -> No
 
 def _one_number(support: Any) -> Any:
     """The support of all particles, or the smallest and the largest."""
-    if np.isscalar(support):
+    if np.ndim(support) == 0:
         return float(support)
     return [float(support.min()), float(support.max())] if len(support) else None
 
@@ -451,7 +452,7 @@ def why_empty(scene: Scene, clips: Sequence[Any]) -> str:
     from ..scene.query import field
 
     positions = scene.particles.positions
-    taken = np.zeros(len(positions), bool)
+    taken: np.ndarray = np.zeros(len(positions), bool)
     for clip in clips:
         taken |= clip.takes(positions)
     if taken.all():

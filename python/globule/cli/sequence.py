@@ -206,8 +206,7 @@ class Series:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        n = len(self.movie.finished()) if kind and self.movie else 0
-        if n:
+        if kind and self.movie and (n := len(self.movie.finished())):
             say(f"note: {n} finished images are in {self.movie.folder}; --resume continues")
 
 
