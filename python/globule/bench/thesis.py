@@ -1,4 +1,4 @@
-"""Tables 6.1 and 6.2 of the thesis, made again: `python -m globule.bench.thesis [--device cuda]`.
+"""Tables 6.1 and 6.2 of the thesis, made again: `globule bench thesis`.
 
 Frames per second by number of particles and level of the octree, 1024x782 = 800,768 rays, and the
 octree's memory. Every frame moves the particles, rebuilds the octree and traces one ray per pixel.
@@ -10,7 +10,6 @@ spacings: one closed surface.
 
 from __future__ import annotations
 
-import argparse
 import time
 from collections.abc import Sequence
 from typing import Any
@@ -22,7 +21,7 @@ from ..render.frame import render
 from ..scene.octree import Octree
 from ..scene.particles import Particles
 from ..scene.scene import Scene
-from ..scene.thesis import ROOTS, Thesis, default_support
+from ..scene.thesis import Thesis, default_support
 from .report import Row, machine, print_table, write_csv
 from .scenes import pool
 
@@ -154,24 +153,3 @@ def measure(
         "mask": mask,
         "hit": float(mask.mean()),
     }
-
-
-def main() -> None:
-    """Run as a program."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--device", default="auto")
-    parser.add_argument("--threads", type=int, default=0)
-    parser.add_argument("--frames", type=int, default=0, help="0: 3 on the CPU, 100 on a GPU")
-    parser.add_argument("--particles", type=_numbers, default=COUNTS, metavar="N,…")
-    parser.add_argument("--depths", type=_numbers, default=DEPTHS, metavar="D,…")
-    parser.add_argument("--root", choices=ROOTS, default="march")
-    parser.add_argument("-o", "--output", metavar="FILE.csv")
-    run(**vars(parser.parse_args()))
-
-
-def _numbers(text: str) -> tuple[int, ...]:
-    return tuple(int(word) for word in text.split(","))
-
-
-if __name__ == "__main__":
-    main()
