@@ -21,7 +21,7 @@ def test_a_script_for_each_shell(shell, capsys):
     assert "globule" in out
     assert "reconstruct" in out
     if shutil.which(shell):
-        (done,) = [subprocess.run([shell, "-n"], input=out, text=True, capture_output=True)]
+        done = subprocess.run([shell, "-n"], input=out, text=True, capture_output=True)
         assert done.returncode == 0, done.stderr
 
 

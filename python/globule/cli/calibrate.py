@@ -63,7 +63,7 @@ def add_arguments(parser: Parser) -> None:
         help="largest temporal offset that --delay considers, seconds (default: 0.5)",
     )
     parser.renamed(parser, "--most", "--max-delay")
-    flags.add(parser, "--calibration", "keeps what this run does not find; default: none")
+    flags.add(parser, "--calibration", "the result keeps its other values; default: none")
     flags.add(parser, "--json")
 
 

@@ -10,7 +10,7 @@ from .shared import UserError
 SHELLS = ("bash", "zsh", "tcsh")
 # Metavars of arguments that name a file or folder, which the shell completes.
 PATHS = ("PATH", "FILE", "FILE.toml", "FILE.npz", "FILE.mp4", "CONFIG.xml", "TABLE", "IMAGE.png",
-         "IMAGE", "FOLDER", "SWEEP", "MARKS", "WHAT", "SCENE", "IN", "OUT")  # fmt: skip
+         "IMAGE", "FOLDER", "SWEEP", "MARKS", "SCENE", "IN", "OUT")  # fmt: skip
 
 
 def script(parser: argparse.ArgumentParser, shell: str) -> str:
