@@ -40,7 +40,8 @@ def refused(capsys, *words: str) -> str:
     assert main(list(words)) == 2
     out, err = capsys.readouterr()
     assert out == ""
-    assert err.startswith("globule: error: ") and err.count("\n") == 1, err
+    assert err.startswith("globule: error: "), err
+    assert err.count("\n") == 1, err
     assert sorted(os.listdir()) == before
     return err
 

@@ -80,7 +80,7 @@ def test_reference_volume_is_there_without_optional_packages(monkeypatch):
 
 def test_command(capsys, monkeypatch):
     monkeypatch.setattr(ultrasound, "CYLINDER_METHODS", ("pvn-om",))  # the fast one
-    assert main(["bench", "4.3", "--quick", "-o", "out", "--device", "cpu"]) == 0
+    assert main(["bench", "ultrasound", "4.3", "--quick", "-o", "out", "--device", "cpu"]) == 0
     out = capsys.readouterr().out
     assert out.startswith("4.3  cylinder phantom")
     assert "source" in out
@@ -98,7 +98,7 @@ def test_json(capsys, monkeypatch):
         yield Table("4.3", "t", ("a", "b"), [(1, None)])
 
     monkeypatch.setitem(ultrasound.TABLES, "4.3", one)
-    assert main(["bench", "4.3", "-o", "out", "--json", "--device", "cpu"]) == 0
+    assert main(["bench", "ultrasound", "4.3", "-o", "out", "--json", "--device", "cpu"]) == 0
     assert json.loads(capsys.readouterr().out)["4.3"]["rows"] == [[1, None]]
     assert Path("out/4.3.csv").read_text() == "a,b\n1,\n"
 
@@ -125,11 +125,11 @@ def test_times_and_memory(monkeypatch):
 
 
 def test_mistakes(capsys):
-    assert main(["bench", "9.9"]) == 2
+    assert main(["bench", "ultrasound", "9.9"]) == 2
     assert "4.3" in capsys.readouterr().err
     assert not Path("bench").exists()
     Path("file").write_text("")
-    assert main(["bench", "4.3", "-o", "file"]) == 2
+    assert main(["bench", "ultrasound", "4.3", "-o", "file"]) == 2
 
 
 def test_table_text():

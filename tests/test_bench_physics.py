@@ -1,6 +1,7 @@
 """`globule bench physics`: rows become a table, a page and a plot; what is not met is said."""
 
 import csv
+import json
 
 import pytest
 from globule.bench import physics, physics_fluid
@@ -15,12 +16,23 @@ def test_a_page_says_what_is_not_met(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(physics, "experiments", lambda quick: [rows])
     assert main(["bench", "physics", "-o", str(tmp_path), "--device", "cpu"]) == 0
     assert "drift" in capsys.readouterr().out
-    found = list(csv.DictReader(open(tmp_path / "physics.csv")))
+    with open(tmp_path / "physics.csv") as file:
+        found = list(csv.DictReader(file))
     assert [row["measured"] for row in found] == ["1.9", "0.5"]
     text = (tmp_path / "physics.md").read_text()
     assert "2 truths, 1 met" in text
     assert "Not met: drift." in text
     assert "| drift | 0 | 0.5 | **not met** |" in text
+
+
+def test_json_has_the_rows(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(physics, "experiments", lambda quick: [rows])
+    assert main(["bench", "physics", "--json", "-o", str(tmp_path), "--device", "cpu"]) == 0
+    out, err = capsys.readouterr()
+    found = json.loads(out)
+    assert [row["measured"] for row in found["physics"]] == [1.9, 0.5]
+    assert found["csv"] == str(tmp_path / "physics.csv")
+    assert "drift" in err
 
 
 def test_neighbours_equal_brute_force():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -247,6 +248,19 @@ def test_demo_mistakes(folder, capsys):
     refused(capsys, "demo", "--device", "tpu")
 
 
+def test_examples_of_bench_work(folder, capsys, monkeypatch):
+    pytest.importorskip("matplotlib")
+    monkeypatch.setattr("globule.bench.ultrasound.CYLINDER_METHODS", ("pvn-om",))  # the fast one
+    for name in ("thesis", "ultrasound", "physics", "figures"):
+        assert main(["bench", name, "--help"]) == 0
+        shown = capsys.readouterr().out
+        for line in re.findall(r"^  globule (.*)$", shown, re.MULTILINE):
+            assert line.startswith(f"bench {name} ")
+            assert main(line.split()) == 0
+    assert (folder / "tables" / "4.3.csv").exists()
+    assert (folder / "drawn" / "5.4.png").exists()
+
+
 @pytest.mark.parametrize("module", COMMANDS, ids=lambda m: m.__name__.rpartition(".")[2])
 def test_examples_in_the_help_work(module, folder, capsys, monkeypatch):
     monkeypatch.setattr("globule.bench.ultrasound.CYLINDER_METHODS", ("pvn-om",))  # the fast one
@@ -255,13 +269,13 @@ def test_examples_in_the_help_work(module, folder, capsys, monkeypatch):
     if has_itk := find_spec("SimpleITK") is not None:
         volume(folder / "head.nii.gz")
     example_files()
+    (folder / "view.toml").write_text("[surface]\nthreshold = 0.7\n[quality]\nsamples = 1\n")
     name = module.__name__.rpartition(".")[2]
     if name in ("view", "simulate"):  # pages would go on until Ctrl-C
         pytest.importorskip("viser")
-        (folder / "view.toml").write_text("[surface]\nthreshold = 0.7\n")
         monkeypatch.setattr("globule.viewer.app.Viewer.wait", lambda viewer: viewer.close())
         monkeypatch.setattr("globule.viewer.app.Viewer.open_browser", lambda viewer: None)
-    assert main([name, "--help"]) == 0
+    assert main([name, "--help-all"]) == 0
     shown = capsys.readouterr().out
     examples = [line.split() for line in module.EXAMPLES.splitlines()]
     assert examples
@@ -274,7 +288,12 @@ def test_examples_in_the_help_work(module, folder, capsys, monkeypatch):
 
 def test_help_and_version(capsys):
     assert main(["--help"]) == 0
-    assert "example" in capsys.readouterr().out
+    shown = capsys.readouterr().out
+    titles = ["everyone", "simulation", "tracked ultrasound", "measurements", "to try it out"]
+    places = [shown.index(f"{word}:\n") for word in titles]
+    assert places == sorted(places)
+    for name, title in (("info", 0), ("simulate", 1), ("calibrate", 2), ("bench", 3), ("demo", 4)):
+        assert places[title] < shown.index(f"\n  {name} ") < [*places, 9999][title + 1]
     assert main(["--version"]) == 0
     assert capsys.readouterr().out == f"globule {gb.__version__}\n"
 
@@ -288,15 +307,15 @@ def test_help_and_version(capsys):
         ["reconstruct", "--live", "igtl://h:1", "-o", "a.nrrd", "--record", "/proc/a"],
         ["calibrate", "cube.npz", "-o", "/proc/a.toml"],
         ["simulate", "dam-break", "-o", "/proc/a"],
-        ["simulate", "dam-break", "--pictures", "cube.npz"],
-        ["figures", "2.1", "-o", "cube.npz"],
+        ["simulate", "dam-break", "--images", "cube.npz"],
+        ["bench", "figures", "2.1", "-o", "cube.npz"],
         ["bench", "thesis", "-o", "/proc/a"],
         ["demo", "-o", "/proc/a/b"],
     ],
     ids=lambda words: f"{words[0]} {words[-1]}",
 )
 def test_a_place_that_cannot_be_written_is_refused_before_the_work(particles, capsys, words):
-    if words[0] == "figures":
+    if words[1] == "figures":
         pytest.importorskip("matplotlib")
     said = refused(capsys, *words)
     expected = "expected a folder" if words[-1] == "cube.npz" else "expected a place"

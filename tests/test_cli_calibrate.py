@@ -144,7 +144,7 @@ def test_an_uncertain_delay_is_said_and_not_written(capsys):
     write_calibration("old.toml", Calibration(TRUTH))
     words = ["--delay", "--sweep", str(spine_data() / "SpinePhantomFreehand.igs.mha")]
     facts = report(capsys, *words, "--calibration", "old.toml", "-o", "new.toml")
-    assert "not certain" in facts["warnings"][0]
+    assert "uncertain" in facts["warnings"][0]
     assert read_calibration("new.toml").temporal_offset == 0.0
 
 

@@ -132,7 +132,7 @@ def test_the_ground_is_where_the_surface_ends():
 
 
 def test_unknown_preset():
-    with pytest.raises(ValueError, match="name: expected one of blood, .*got 'jelly'"):
+    with pytest.raises(ValueError, match=r"name: expected one of blood, .*got 'jelly'"):
         gb.preset("jelly", gb.Scene(ball(), device="cpu"))
 
 
@@ -281,8 +281,11 @@ def test_a_picked_particle_is_the_file_s(capsys):
         ("--with missing.npz", "missing.npz"),
         ("--with a.npz --with a.npz --with a.npz --with a.npz", "--with"),
         ("--with ball.npz:#zz", "--with: expected FILE or FILE:COLOR, COLOR being R,G,B"),
-        ("--preset thesis --with ball.npz", "--with: expected none beside --preset thesis, which"),
-        ("--root march --with ball.npz", "--with: expected none beside --root march, which"),
+        (
+            "--preset thesis --with ball.npz",
+            "--with: expected no --with beside --preset thesis, which",
+        ),
+        ("--root march --with ball.npz", "--with: expected no --with beside --root march, which"),
         ("--preset jelly", "--preset"),
         ("--preset thesis --clip 1,0,0,0", "clips"),
     ],

@@ -79,10 +79,10 @@ def test_render_is_what_the_library_makes(particles):
 
 
 def test_orthographic_and_octree_options(particles, capsys):
-    words = ["--ortho", "4", "--octree", "dense", "--depth", "4", "--threads", "1", "--json"]
+    words = ["--ortho", "4", "--octree", "dense", "--octree-level", "4", "--threads", "1", "--json"]
     assert main(["render", particles, "-o", "a.png", *SMALL, *words]) == 0
     wide = json.loads(capsys.readouterr().out)["counts"]["hits"]
-    words = ["--ortho", "2", "--key-bits", "64", "--depth", "18", "--json"]
+    words = ["--ortho", "2", "--key-bits", "64", "--octree-level", "18", "--json"]
     assert main(["render", particles, "-o", "a.png", *SMALL, *words]) == 0
     assert json.loads(capsys.readouterr().out)["counts"]["hits"] > 3 * wide
 
@@ -185,15 +185,16 @@ def test_several_files_need_a_pattern(particles, capsys):
         (["-o", "a.png", "--threshold", "-1"], "--threshold"),
         (["-o", "a.png", "--eye", "1,2"], "X,Y,Z"),
         (["-o", "a.png", "--eye", "1,2,x"], "'x'"),
-        (["-o", "a.png", "--eye", "1,2,3", "--look-at", "1,2,3"], "look_at"),
+        (["-o", "a.png", "--eye", "1,2,3", "--look-at", "1,2,3"], "--look-at"),
         (["-o", "a.png", "--look-at", "1,2,3"], "--eye"),
         (["-o", "a.png", "--fit", "--eye", "1,2,3"], "--fit"),
-        (["-o", "a.png", "--fov", "180"], "fov"),
+        (["-o", "a.png", "--fov", "180"], "--fov: expected degrees"),
         (["-o", "a.png", "--ortho", "-2"], "--ortho"),
+        (["-o", "a.png", "--up", "0,0,0"], "--up: expected a direction"),
         (["-o", "a.png", "--octree", "loose"], "sparse"),
-        (["-o", "a.png", "--depth", "11"], "level"),
+        (["-o", "a.png", "--octree-level", "11"], "--octree-level: expected 0 to 10"),
         (["-o", "a.png", "--key-bits", "48"], "--key-bits"),
-        (["-o", "a.png", "--octree", "dense", "--key-bits", "64"], "key_bits"),
+        (["-o", "a.png", "--octree", "dense", "--key-bits", "64"], "--key-bits: the dense"),
         (["-o", "a.png", "--colormap", "jet"], "viridis"),
         (["-o", "a.png", "--color-by", "x", "--range", "1"], "LO,HI"),
         (["-o", "a.png", "--color-by", "x", "--range", "0,0"], "LO,HI apart"),

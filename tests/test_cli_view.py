@@ -25,8 +25,8 @@ def cloud(tmp_path):
         (["frame_*.vtk"], "frame_*.vtk"),
         (["no-such-scene.toml"], "no-such-scene.toml"),
         (["CLOUD", "--port", "99999"], "--port: expected a port, 0 to 65535, got '99999'"),
-        (["CLOUD", "--eye", "1,2,3"], "--eye: expected --look-at beside it"),
-        (["CLOUD", "--ortho", "2"], "--ortho: expected --eye and --look-at beside it"),
+        (["CLOUD", "--eye", "1,2,3"], "--eye: expected --eye and --look-at together"),
+        (["CLOUD", "--ortho", "2"], "--ortho: expected --eye and --look-at beside --ortho"),
         (
             ["CLOUD", "--color-by", "speed"],
             "--color-by: expected one of x, y, z, support, got speed",
@@ -37,7 +37,7 @@ def cloud(tmp_path):
         (["CLOUD", "--kernel", "cubic"], "--kernel"),
         (["CLOUD", "--host", "203.0.113.7"], "host: expected an address of this machine"),
         (["CLOUD", "--host", "nowhere.invalid"], "host: expected an address of this machine"),
-        (["CLOUD", "--up", "0,0,0"], "up: expected a direction, got (0.0, 0.0, 0.0)"),
+        (["CLOUD", "--up", "0,0,0"], "--up: expected a direction other than 0,0,0, got '0,0,0'"),
         (["igtl://"], "live: expected igtl://host:port, got 'igtl://'"),
     ],
 )
@@ -161,7 +161,7 @@ def test_simulate_opens_the_viewer(served, tmp_path, monkeypatch, capsys):
     assert main([*words, "--view", "--video", "dam.mp4"]) == 2
     assert main([*words, "--view", "--resume", "-o", "none"]) == 2
     error = capsys.readouterr().err
-    assert "--view: expected no --video beside it" in error
+    assert "--view: expected no --video beside --view" in error
     assert "--resume: expected none/checkpoint.npz" in error
 
 

@@ -215,7 +215,7 @@ def test_resume(files, folder, capsys):
     for a, b in zip(whole, pictures(), strict=True):
         assert (a == b).all()
     assert main([*command, "--resume"]) == 0  # all there
-    assert "4 pictures, 4 of them there already" in capsys.readouterr().out
+    assert "4 images, 4 of them finished before" in capsys.readouterr().out
     assert not is_whole("p_0.png", (41, 30))
 
 
@@ -254,11 +254,11 @@ def test_a_movie_goes_on_where_it_stopped(files, folder, capsys):
     assert main(command) == 2
     err = capsys.readouterr().err
     assert "f_2.npz" in err
-    assert "2 finished pictures are in m.mp4.frames" in err
+    assert "2 finished images are in m.mp4.frames" in err
     assert not (folder / "m.mp4").exists()
     (folder / "f_2.npz").write_bytes(good)
     assert main([*command, "--resume"]) == 0
-    assert "4 frames, 2 of them there already" in capsys.readouterr().out
+    assert "4 frames, 2 of them finished before" in capsys.readouterr().out
     assert (folder / "m.mp4").exists()
     assert not (folder / "m.mp4.frames").exists()
 
@@ -283,7 +283,7 @@ def test_interrupted_in_the_middle(files, folder):
     assert process.returncode == 130
     assert out == ""
     assert err.endswith("globule: interrupted\n")
-    assert "--resume goes on" in err
+    assert "--resume continues" in err
     kept = sorted(frames.iterdir())
     assert 6 <= len(kept) < 800
     assert all(is_whole(str(path), (40, 30)) for path in kept)

@@ -88,7 +88,7 @@ def interrupted(awaited, *words, by=signal.SIGINT):
     _, said = process.communicate(timeout=60)
     assert process.returncode == 128 + by
     assert said.endswith("globule: interrupted\n")
-    assert "--resume goes on from" in said
+    assert "--resume continues from" in said
 
 
 @pytest.mark.parametrize("by", [signal.SIGINT, signal.SIGTERM])
@@ -133,19 +133,19 @@ def test_pictures_after_a_restart_are_those_of_one_run(folder, scene):
     """Camera, light and ground are found with the first picture, which a resumed run has not."""
     (folder / "drop.toml").write_text(scene)
     small = ["--size", "96x72"]
-    run("drop.toml", "-o", "whole", "--pictures", "whole", *small)
+    run("drop.toml", "-o", "whole", "--images", "whole", *small)
     interrupted(
         "parts/00003.png",
         "drop.toml",
         "-o",
         "parts",
-        "--pictures",
+        "--images",
         "parts",
         *small,
         "--seconds",
         "2",
     )
-    run("drop.toml", "-o", "parts", "--pictures", "parts", "--resume", *small)
+    run("drop.toml", "-o", "parts", "--images", "parts", "--resume", *small)
     names = [f"{k:05d}.png" for k in range(9)] + [f"frame_{k:05d}.vtp" for k in range(9)]
     for name in names:
         a, b = (open(f"{part}/{name}", "rb").read() for part in ("whole", "parts"))
@@ -212,7 +212,7 @@ def test_a_nan_stops_with_the_particles_story(folder, capsys):
 
 def test_pictures_and_a_movie(folder, capsys):
     pytest.importorskip("av")
-    run("dam.toml", "--no-frames", "--video", "dam.mp4", "--pictures", "p", "--size", "64x48",
+    run("dam.toml", "--no-frames", "--video", "dam.mp4", "--images", "p", "--size", "64x48",
         "--seconds", 0.1)  # fmt: skip
     assert sorted(os.listdir("p")) == ["00000.png", "00001.png", "00002.png"]
     assert os.path.getsize("dam.mp4") > 1000
@@ -226,7 +226,7 @@ def movie_pictures(path):
     return [picture.astype(int) for picture in read_movie(path)]
 
 
-@pytest.mark.parametrize("more", [[], ["--pictures", "p"]], ids=["decoded", "kept"])
+@pytest.mark.parametrize("more", [[], ["--images", "p"]], ids=["decoded", "kept"])
 def test_a_finished_movie_goes_on(folder, more):
     pytest.importorskip("av")
     video = ["--video", "dam.mp4", "--size", "65x48", *more]
@@ -297,7 +297,7 @@ def test_a_curve_of_one_point_is_seen(tmp_path):
         (["dam.toml", "--seconds", "0.01"], "seconds: expected at least a frame, 0.05 s, got 0.01"),
         (["dam.toml", "-o", "dam.toml"], "-o: expected a folder, got dam.toml: "),
         (["dam.toml", "-o", "/proc/a/b"], "-o: expected a place that may be written, got /proc/a/"),
-        (["dam.toml", "--pictures", "dam.toml"], "--pictures: expected a folder, got dam.toml"),
+        (["dam.toml", "--images", "dam.toml"], "--images: expected a folder, got dam.toml"),
         (["dam.toml", "--video", "/proc/a.mp4"], "--video: expected a place that may be written"),
     ],
 )
@@ -359,7 +359,7 @@ def test_resuming_another_scene_is_refused(folder, capsys):
     assert main(["simulate", "other.toml", "-o", "out", "--resume"]) == 2
     said = capsys.readouterr().err
     assert said.count("\n") == 1
-    assert "got one with another gravity" in said
+    assert "got a checkpoint with another gravity" in said
     with open("out/checkpoint.npz", "rb") as file:
         assert file.read() == before
 
@@ -374,7 +374,7 @@ def test_frames_of_another_number_or_format_do_not_go_on(folder, capsys, option,
     assert main(["simulate", "dam.toml", "-o", "out", "--resume", option, asked]) == 2
     said = capsys.readouterr().err
     assert said.count("\n") == 1
-    assert f"--resume: expected {option} {had}, as the run had, got {asked}" in said
+    assert f"--resume: expected {option} {had}, as before the interruption, got {asked}" in said
     assert sorted(os.listdir("out")) == before
 
 

@@ -313,7 +313,10 @@ def test_mistakes_of_the_commands(head, capsys):
     for words, what in [
         (["convert", "a.npz", "b.npz", "--level", "1"], "--level: expected a volume to read"),
         (["convert", "a.npz", "b.npz", "--resample", "1"], "--resample: expected a volume or mesh"),
-        (["info", head, "--level", "1", "--label", "1"], "--level: expected none beside --label"),
+        (
+            ["info", head, "--level", "1", "--label", "1"],
+            "--level: expected no --label beside --level",
+        ),
         (["convert", head, "b.nii", "--level", "1"], "OUT: expected a name ending in"),
         (
             ["render", head, "-o", "b.png", "--level", "1e9"],

@@ -10,10 +10,10 @@ from ._base.starting import usual_interrupts
 
 
 def main() -> int:
-    """Run one command and return its exit status."""
+    """Run one command of `sys.argv` and return its exit status."""
     stopped = 130
 
-    def terminate(*_: Any) -> None:  # as Ctrl-C does, so that checkpoints are written
+    def terminate(*_: Any) -> None:  # like Ctrl-C: commands write their checkpoints
         nonlocal stopped
         stopped = 128 + signal.SIGTERM
         raise KeyboardInterrupt
@@ -21,7 +21,7 @@ def main() -> int:
     try:
         signal.signal(signal.SIGTERM, terminate)
         usual_interrupts()
-        from .cli import main as run  # takes a while, in which one may press Ctrl-C
+        from .cli import main as run  # slow enough for a Ctrl-C
 
         status = run()
     except KeyboardInterrupt:
@@ -33,7 +33,7 @@ def main() -> int:
 
 
 def leave(status: int) -> None:
-    """End now. Python's own way waits for threads, and crashes where one is inside a kernel."""
+    """Exit now. Python's own exit waits for threads, and crashes if a thread runs a kernel."""
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.SIG_IGN)
     for stream in (sys.stdout, sys.stderr):

@@ -1,12 +1,12 @@
-"""Data sets for a first picture, without a download: a frame of a simulated dam break that comes
-with the package, and a splash of any size made by formulas.
+"""Data sets for a first image, without a download.
 
-The splash: a drop has fallen into a round pool: ripples run outwards, a crown of water stands up
-and breaks into jets and droplets at its rim, and a column rises in the middle with a drop above it.
-Each piece is laid out in rings or layers that follow its own surface, with a spacing close to one
-value throughout; that, and not a cubic lattice cut to shape, keeps the summed metaballs smooth.
+`dam_break` is a frame of a simulation that comes with the package. `splash` is made by formulas for
+any number of particles: a drop has fallen into a round pool. Ripples run outwards, a crown of water
+breaks into jets and droplets, and a column rises in the middle with a drop above.
 
-y is up, lengths are in units of the pool's radius. The same arguments give the same bytes.
+Each piece of the splash has rings or layers along its own surface, of one spacing. That keeps the
+summed metaballs smooth, unlike a cubic lattice cut to shape. y is up, the unit of length is the
+pool's radius. The same arguments give the same bytes.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ N_JETS = 17
 JITTER = 0.05  # of the spacing
 TAU = 2 * np.pi
 
-#: Colours from the pool's floor to the highest drop: height, r, g, b (linear).
+#: Colors from the pool's floor to the highest drop: height, r, g, b (linear).
 RAMP = np.array(
     [
         [-0.13, 0.010, 0.050, 0.150],
@@ -36,15 +36,15 @@ RAMP = np.array(
 )
 
 
-#: Colours from standing to fast water (linear).
+#: Colors from standing to fast water (linear).
 SPEEDS = np.array([[0.006, 0.06, 0.22], [0.02, 0.17, 0.46], [0.14, 0.46, 0.78], [0.8, 0.92, 0.97]])
 
 
 def dam_break() -> tuple[np.ndarray, np.ndarray, float]:
-    """The scene dam-break after 1.3 s: the wave that climbed the wall falls back.
+    """The scene dam-break after 1.3 s: the wave at the wall falls back.
 
-    Returns `positions` (29160, 3) float32, m, y up; `color` (29160, 3) float32 by speed; and the
-    particles' `spacing`. docs/make_demo_data.py makes the file.
+    Returns positions (29160, 3) float32, m, y up; colors by speed (29160, 3) float32, linear; and
+    the spacing of the particles, m. docs/make_demo_data.py makes the file.
     """
     with np.load(Path(__file__).with_name("dam_break.npz")) as file:
         spacing = float(file["spacing"])
@@ -55,11 +55,12 @@ def dam_break() -> tuple[np.ndarray, np.ndarray, float]:
 
 
 def splash(n_target: int = 60_000) -> tuple[np.ndarray, np.ndarray, float]:
-    """A splash of about `n_target` particles; from some thousands upwards the pieces keep their
-    shapes.
+    """A splash of about `n_target` particles, best of some thousands or more.
 
-    Returns `positions` (N, 3) float32, `color` (N, 3) float32 in [0, 1], linear, and the particles'
-    `spacing`. Show it with support = 2 * spacing, kernel murakami and a threshold of 0.6.
+    Returns positions (N, 3) float32, colors (N, 3) float32 in [0, 1], linear, and the spacing of
+    the particles. Render with support = 2 * spacing, kernel murakami and a threshold of 0.6.
+
+    Raises ValueError for n_target < 1.
     """
     if n_target < 1:
         raise ValueError(f"n_target: expected at least 1, got {n_target}")
@@ -239,7 +240,7 @@ def _disc(radius: float, s: float, phase: float = 0.0) -> tuple[np.ndarray, np.n
     return ring * step, (j + (ring * 0.618 + phase) % 1.0) / counts[ring] * TAU
 
 
-def _ball(centre, radius: float, s: float) -> np.ndarray:
+def _ball(center, radius: float, s: float) -> np.ndarray:
     """A ball of nested spheres, each an even spiral; a single particle where the radius is about
     one spacing."""
     n_shells = max(0, round(radius / s - 0.5))
@@ -251,7 +252,7 @@ def _ball(centre, radius: float, s: float) -> np.ndarray:
         turn = np.arange(n) * (np.pi * (3 - np.sqrt(5))) + k
         flat = np.sqrt(1 - z * z)
         shells.append(np.stack([flat * np.cos(turn), z, flat * np.sin(turn)], axis=1) * (k * step))
-    return np.concatenate(shells) + np.asarray(centre, float)
+    return np.concatenate(shells) + np.asarray(center, float)
 
 
 def _from_polar(r: np.ndarray, y: np.ndarray, angle: np.ndarray) -> np.ndarray:

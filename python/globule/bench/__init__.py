@@ -1,1 +1,1 @@
-"""The source's tables and figures, made again; `globule bench` runs them."""
+"""Benchmarks: the source's tables and figures made again; `globule bench` runs them."""

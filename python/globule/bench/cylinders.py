@@ -9,11 +9,11 @@ import numpy as np
 
 from ..volumes.volume import Volume
 
-_REACH = 2.0  # of the neighbourhood in which a circle is looked for, in expected radii
+_REACH = 2.0  # half width of the window that is searched for a circle, in expected radii
 
 
 class Cylinders(NamedTuple):
-    """diameters (S, C) mm and separations (S, C - 1) mm of C cylinders in S slabs."""
+    """Diameters (S, C) and separations (S, C - 1) of C cylinders in S slabs, mm."""
 
     diameters: np.ndarray
     separations: np.ndarray
@@ -26,16 +26,17 @@ def measure_cylinders(
     """Measure cylinders that run along z, in one slab after the other.
 
     Args:
-        volume: axes along the world's.
-        places: (x, y) mm near each axis, in order; separations are between neighbours.
-        diameter: mm, about what is expected: bounds where a circle is looked for.
-        slab: mm, along z: voxels are averaged over it, so that speckle does not hide the edge.
+        volume: its axes are the world's.
+        places: (x, y) near each cylinder's axis, in order, mm; separations are between neighbors.
+        diameter: about the expected diameter, mm; bounds the search.
+        slab: length along z over which voxels are averaged, mm; hides speckle.
         margin: share of the slices left out at each end.
 
-    In every slab the circle is the one that splits its neighbourhood into the two most uniform
-    parts (largest variance between inside and outside), which gives its centre without any
-    threshold; its radius then is that of the disc which holds the grey that is missing. Empty
-    voxels do not count.
+    Raises ValueError if no slab has all cylinders.
+
+    In every slab, the circle with the largest variance between its inside and its outside gives
+    the center, without a threshold. The radius is that of the disc with the missing sum of grays.
+    Empty voxels do not count.
     """
     spacing, origin = volume.spacing, volume.world_from_voxel[:3, 3]
     n = volume.values.shape[0]
@@ -45,13 +46,14 @@ def measure_cylinders(
         known = ~volume.empty[z : z + thick]
         sums = (volume.values[z : z + thick] * known).sum(axis=0, dtype=np.float64)
         counts = known.sum(axis=0)
-        grey = sums / np.maximum(counts, 1)
-        found = []
-        for x, y in places:
-            place = ((np.array([x, y]) - origin[:2]) / spacing[:2]).tolist()
-            radius = diameter / 2 / float(spacing[0])
-            found.append(_circle(grey, counts > 0, place, radius))
-        if all(found):
+        gray = sums / np.maximum(counts, 1)
+        radius = diameter / 2 / float(spacing[0])
+        tried = [
+            _circle(gray, counts > 0, ((np.array(at) - origin[:2]) / spacing[:2]).tolist(), radius)
+            for at in places
+        ]
+        found = [circle for circle in tried if circle]
+        if len(found) == len(tried):
             diameters.append([2 * r * spacing[0] for _, _, r in found])
             centers.append([(x * spacing[0], y * spacing[1]) for x, y, _ in found])
     if not centers:
@@ -63,7 +65,7 @@ def measure_cylinders(
 def _circle(
     values: np.ndarray, known: np.ndarray, place: list[float], radius: float
 ) -> tuple[float, float, float] | None:
-    """Column, row and radius of the circle around about `place`, voxels; None if it is cut off."""
+    """Column, row and radius of the circle near `place`, voxels; None if its window is cut off."""
     reach = int(np.ceil(_REACH * radius)) + 1
     column, row = (round(v) for v in place)
     top, left = row - reach, column - reach
@@ -71,48 +73,48 @@ def _circle(
         return None
     window = (slice(top, row + reach + 1), slice(left, column + reach + 1))
     rows, columns = np.nonzero(known[window])
-    grey = values[window][rows, columns].astype(np.float64)
-    if len(grey) < 16:
+    gray = values[window][rows, columns].astype(np.float64)
+    if len(gray) < 16:
         return None
     x, y = place[0] - left, place[1] - top
     best = (-np.inf, 0.0)
     step = 0.5 * radius
-    while step > 0.02:  # a finer and finer search around the best centre
+    while step > 0.02:  # a finer and finer search around the best center
         tried = [(x + i * step, y + j * step) for i in (-1, 0, 1) for j in (-1, 0, 1)]
-        splits = [_split(columns - u, rows - v, grey, radius) for u, v in tried]
+        splits = [_split(columns - u, rows - v, gray, radius) for u, v in tried]
         found = max(range(len(tried)), key=lambda k: splits[k][0])
         if splits[found][0] > best[0]:
             best, (x, y) = splits[found], tried[found]
         if found == 4 or splits[found][0] <= best[0]:
             step /= 2
-    return x + left, y + top, _radius(columns - x, rows - y, grey, best[1])
+    return x + left, y + top, _radius(columns - x, rows - y, gray, best[1])
 
 
-def _radius(x: np.ndarray, y: np.ndarray, grey: np.ndarray, about: float) -> float:
-    """The radius whose disc, of the core's grey in the surroundings' grey, holds what is missing.
+def _radius(x: np.ndarray, y: np.ndarray, gray: np.ndarray, about: float) -> float:
+    """The radius of the disc that, in the gray of the core, explains the missing sum of grays.
 
-    Blur moves grey across the edge and speckle makes it ragged; neither changes the sum.
+    Blur and speckle change the edge, but not the sum.
     """
     distance = np.hypot(x, y)
     core, around = distance < 0.6 * about, distance > 1.3 * about
     if not core.any() or not around.any():
         return about
-    inside, outside = grey[core].mean(), grey[around].mean()
+    inside, outside = gray[core].mean(), gray[around].mean()
     if inside == outside:
         return about
-    missing = ((outside - grey[~around]) / (outside - inside)).sum()
+    missing = ((outside - gray[~around]) / (outside - inside)).sum()
     return float(np.sqrt(max(missing, 0.0) / np.pi))
 
 
-def _split(x: np.ndarray, y: np.ndarray, grey: np.ndarray, expected: float) -> tuple[float, float]:
+def _split(x: np.ndarray, y: np.ndarray, gray: np.ndarray, expected: float) -> tuple[float, float]:
     """Variance between inside and outside of the best circle around 0, and its radius."""
     distance = np.hypot(x, y)
     order = np.argsort(distance, kind="stable")
-    distance, grey = distance[order], grey[order]
-    inside = np.arange(1, len(grey))
-    sums = np.cumsum(grey)[:-1]
-    between = (sums / inside - (grey.sum() - sums) / (len(grey) - inside)) ** 2
-    between *= inside * (len(grey) - inside)
+    distance, gray = distance[order], gray[order]
+    inside = np.arange(1, len(gray))
+    sums = np.cumsum(gray)[:-1]
+    between = (sums / inside - (gray.sum() - sums) / (len(gray) - inside)) ** 2
+    between *= inside * (len(gray) - inside)
     allowed = (distance[1:] > 0.4 * expected) & (distance[:-1] < 1.7 * expected)
     if not allowed.any():
         return -np.inf, 0.0

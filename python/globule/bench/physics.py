@@ -1,4 +1,4 @@
-"""What the simulation must meet: expected against measured, as a table, CSV, a page and a plot."""
+"""Simulations with known answers: a table, a CSV file, a page and a plot."""
 
 from __future__ import annotations
 
@@ -17,7 +17,6 @@ from . import physics_fluid, physics_tissue
 from .report import machine, write_csv
 from .table import shown
 
-SUMMARY = "the simulation's truths: expected against measured"
 PAGE = """\
 # Physics, checked
 
@@ -36,8 +35,13 @@ A truth with a limit instead of a value (compression, drift) lists the limit as 
 def run(
     device: str = "auto", threads: int = 0, output: str | None = None, quick: bool = False
 ) -> list[dict[str, Any]]:
-    """Run all experiments and print their rows; with `output`, FOLDER/NAME.csv, write that, and
-    NAME.md and images/NAME.png beside it. `quick` leaves the slow ones out."""
+    """Run all experiments, print their rows, and return them.
+
+    Args:
+        device, threads: as for `Simulation`.
+        output: FOLDER/NAME.csv to write, with FOLDER/NAME.md and FOLDER/images/NAME.png.
+        quick: skip the slow experiments.
+    """
     description = machine(choose(device).description)
     rows: list[dict[str, Any]] = []
     width = 58
@@ -63,7 +67,7 @@ def run(
 
 
 def experiments(quick: bool) -> Iterator[Callable[[str, int], Any]]:
-    """Functions of device and threads; rows have truth, expected, measured and ok."""
+    """Functions (device, threads) that return rows of truth, expected, measured and ok."""
     yield neighbors
     yield from physics_fluid.EXPERIMENTS
     yield partial(physics_fluid.poiseuille, implicit=True)
@@ -71,7 +75,7 @@ def experiments(quick: bool) -> Iterator[Callable[[str, int], Any]]:
 
 
 def neighbors(device: str = "cpu", threads: int = 0) -> list[physics_fluid.Row]:
-    """The solver's lists against brute force, before and after particles come and go."""
+    """Neighbor lists of the solver against brute force, before and after adding and removing."""
     rng = np.random.default_rng(1)
     domain, fluids = {"lo": (0, 0, 0), "hi": (1, 1, 1)}, [{"name": "water"}]
     sim = Simulation({"spacing": 0.05, "domain": domain, "fluids": fluids}, device, threads)
@@ -85,7 +89,7 @@ def neighbors(device: str = "cpu", threads: int = 0) -> list[physics_fluid.Row]:
 
 
 def _wrong_lists(sim: Simulation) -> int:
-    """How many particles have other neighbours than those nearer than two spacings."""
+    """Number of particles whose list differs from the particles within two spacings."""
     ids, offsets, found = sim.arrays.neighbors()
     known, positions = sim.ids, sim.positions
     squared = np.float32(2 * sim.settings.spacing) ** 2
@@ -98,7 +102,7 @@ def _wrong_lists(sim: Simulation) -> int:
 
 
 def page(rows: list[dict[str, Any]], description: str) -> str:
-    """The documentation's page."""
+    """The page of the documentation, Markdown."""
     lines = ["| truth | expected | measured | |", "|---|---|---|---|"]
     for row in rows:
         met = "" if row["ok"] else "**not met**"
@@ -113,7 +117,7 @@ def page(rows: list[dict[str, Any]], description: str) -> str:
 
 
 def plot(path: str, rows: list[dict[str, Any]]) -> None:
-    """Measured over expected, where that is a number other than 0; needs matplotlib."""
+    """Plot measured over expected to a PNG, if matplotlib is installed."""
     try:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure

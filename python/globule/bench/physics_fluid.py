@@ -18,7 +18,7 @@ MARTIN_MOYCE = np.array(
 
 
 class Row(NamedTuple):
-    """One line of the table: what must hold, what was expected, what came, and whether it holds."""
+    """One line of the table: statement, expected and measured value, and whether it holds."""
 
     truth: str
     expected: float
@@ -27,20 +27,23 @@ class Row(NamedTuple):
 
 
 def near(truth: str, expected: float, measured: float, relative: float) -> Row:
+    """A row that holds if the relative error is at most `relative`."""
     ok = abs(measured - expected) <= relative * abs(expected)
     return Row(truth, expected, float(measured), bool(ok))
 
 
 def at_most(truth: str, limit: float, measured: float) -> Row:
+    """A row that holds up to a limit."""
     return Row(truth, limit, float(measured), bool(measured <= limit))
 
 
 def at_least(truth: str, limit: float, measured: float) -> Row:
+    """A row that holds from a limit on."""
     return Row(truth, limit, float(measured), bool(measured >= limit))
 
 
 def lattice(lo: Any, hi: Any, spacing: float) -> np.ndarray:
-    """(M, 3): the centres of the cubes of that edge that fill a box."""
+    """Centers (M, 3) of the cubes of edge `spacing` that fill the box from `lo` to `hi`, m."""
     lo, hi = np.asarray(lo, float), np.asarray(hi, float)
     n = np.maximum(np.rint((hi - lo) / spacing).astype(int), 1)
     axes = [lo[k] + (np.arange(n[k]) + 0.5) * spacing for k in range(3)]
@@ -65,7 +68,7 @@ def tank(
 
 
 def hydrostatic(device: str = "cpu", threads: int = 0, seconds: float = 5.0) -> list[Row]:
-    """A tank at rest: pressure grows with depth, the surface stays where it was."""
+    """A tank at rest: pressure grows with depth, the surface keeps its height."""
     d, height, wide = 0.05, 0.6, 0.5
     water = {"name": "water", "viscosity": 1.0}
     sim = tank(d, (wide, 1.5 * height, wide), water, device, threads, settled=True)
@@ -92,7 +95,7 @@ def hydrostatic(device: str = "cpu", threads: int = 0, seconds: float = 5.0) -> 
 
 
 def dam_break(device: str = "cpu", threads: int = 0, cells: int = 16) -> list[Row]:
-    """A column twice as high as wide falls: its front, and how much it is compressed."""
+    """A column twice as high as wide falls: position of its front, and compression."""
     a = 0.5
     d = a / cells
     sim = tank(d, (5.5 * a, 2.2 * a, 8 * d), {"name": "water"}, device, threads, "z")
@@ -111,8 +114,10 @@ def dam_break(device: str = "cpu", threads: int = 0, cells: int = 16) -> list[Ro
         for s in delays
     ]
     return [
-        at_most("dam break: front against Martin & Moyce, largest error", 0.1, np.min(errors)),
-        at_most("dam break: mean compression", 0.001, np.mean(compression)),
+        at_most(
+            "dam break: front against Martin & Moyce, largest error", 0.1, float(np.min(errors))
+        ),
+        at_most("dam break: mean compression", 0.001, float(np.mean(compression))),
         at_most("dam break: particles lost", 0, report.n_escaped),
     ]
 
@@ -120,8 +125,8 @@ def dam_break(device: str = "cpu", threads: int = 0, cells: int = 16) -> list[Ro
 def poiseuille(device: str = "cpu", threads: int = 0, implicit: bool = False) -> list[Row]:
     """Flow between two plates, driven by a body force.
 
-    The lattice is stretched by 4 % along the flow: particles that slide past each other need a
-    little more room than in the lattice, and a full channel jams.
+    The lattice is stretched by 4 % along the flow: particles that slide past each other need more
+    space than in the lattice, and a full channel jams.
     """
     height, n, nu, top = 1.0, 20, 0.05, 0.5
     d = height / n
@@ -141,10 +146,10 @@ def poiseuille(device: str = "cpu", threads: int = 0, implicit: bool = False) ->
 
 
 def taylor_green(device: str = "cpu", threads: int = 0, n: int = 32) -> list[Row]:
-    """Vortices that fade: their amplitude falls as exp(-8 pi^2 nu t / L^2).
+    """Vortices that decay: their amplitude falls as exp(-8 pi^2 nu t / L^2).
 
-    Particles start a tenth of a spacing off their lattice: where a perfect one is strained, every
-    particle is pushed as much from one side as from the other until they are half as far apart.
+    Particles start a tenth of a spacing off their lattice: in a perfect lattice under strain, the
+    forces on every particle cancel until neighbors are half as far apart.
     """
     size, nu, seconds = 1.0, 0.01, 1.0
     d = size / n
@@ -166,7 +171,7 @@ def taylor_green(device: str = "cpu", threads: int = 0, n: int = 32) -> list[Row
 
 
 def momentum(device: str = "cpu", threads: int = 0) -> list[Row]:
-    """Fluid thrown about in a box that repeats, without gravity."""
+    """Fluid with random velocities in a periodic box, without gravity."""
     d, size = 0.05, 0.6
     hi, water = (size, size, size), {"name": "water", "viscosity": 1.0}
     sim = tank(d, hi, water, device, threads, "xyz", gravity=(0, 0, 0))
@@ -182,7 +187,7 @@ def momentum(device: str = "cpu", threads: int = 0) -> list[Row]:
 
 
 def free_fall(device: str = "cpu", threads: int = 0) -> list[Row]:
-    """A block that meets nothing: its speed is g t, and it keeps its shape."""
+    """A block in free fall: its speed is g t, and its shape stays."""
     d = 0.05
     sim = tank(d, (1, 4, 1), {"name": "water"}, device, threads)
     at = lattice((0.3, 3.2, 0.3), (0.7, 3.6, 0.7), d)
@@ -198,7 +203,7 @@ def free_fall(device: str = "cpu", threads: int = 0) -> list[Row]:
 
 
 def emitter(device: str = "cpu", threads: int = 0) -> list[Row]:
-    """Exactly rate * time / volume particles come out, and none get lost."""
+    """An emitter adds exactly rate * time / volume particles, and all of them stay."""
     d, rate = 0.02, 2e-4
     sim = tank(d, (0.6, 0.6, 0.6), {"name": "water"}, device, threads)
     walls = len(sim)
@@ -217,13 +222,14 @@ def emitter(device: str = "cpu", threads: int = 0) -> list[Row]:
 
 
 def ball(radius: float, spacing: float) -> np.ndarray:
-    """A lattice's points within a radius of the origin, as many as the volume asks for."""
+    """Lattice points nearest to the origin, as many as the ball's volume holds, (M, 3) m."""
     at = lattice((-radius - spacing,) * 3, (radius + spacing,) * 3, spacing)
     n = round(4 / 3 * np.pi * radius**3 / spacing**3)
     return at[np.argsort((at**2).sum(1), kind="stable")[:n]]
 
 
 def drop(radius: float, d: float, sigma: float, mu: float, device: str, threads: int) -> Simulation:
+    """A ball of fluid with surface tension `sigma`, N/m, and viscosity `mu`, Pa s, no gravity."""
     water = {"name": "water", "surface_tension": sigma, "viscosity": mu}
     domain = {"lo": (-2 * radius,) * 3, "hi": (2 * radius,) * 3}
     scene = {"spacing": d, "domain": domain, "gravity": (0, 0, 0), "fluids": [water]}
@@ -233,7 +239,7 @@ def drop(radius: float, d: float, sigma: float, mu: float, device: str, threads:
 
 
 def laplace(device: str = "cpu", threads: int = 0) -> list[Row]:
-    """Pressure in drops of three sizes that have come to rest."""
+    """Pressure in drops of three sizes at rest."""
     d, sigma, n = 0.001, 0.07, 100
     rows = []
     for cells in (5, 7, 10):
@@ -251,10 +257,10 @@ def laplace(device: str = "cpu", threads: int = 0) -> list[Row]:
 
 
 def oscillation(device: str = "cpu", threads: int = 0, cells: int = 8) -> list[Row]:
-    """A stretched drop swings at omega^2 = 8 sigma / (rho R^3) (Rayleigh 1879).
+    """A stretched drop oscillates at omega^2 = 8 sigma / (rho R^3) (Rayleigh 1879).
 
-    The law is that of small swings; one whose axis grows by a quarter is slower by 7 % in omega^2
-    (Tsamopoulos & Brown 1983), by a tenth 1 %.
+    The law holds for small amplitudes. An axis longer by a quarter lowers omega^2 by 7 %, an axis
+    longer by a tenth by 1 % (Tsamopoulos & Brown 1983).
     """
     d, sigma = 0.001, 0.07
     radius = cells * d

@@ -1,7 +1,7 @@
-"""Truths about tissue and the knife, expected against measured.
+"""Experiments on tissue and the knife with known answers.
 
-Every experiment takes a device and a number of threads and returns rows (truth, expected,
-measured, ok). The tests run the small ones; `globule bench physics` runs them all.
+Every experiment takes a device and a number of threads, and returns rows (truth, expected,
+measured, ok). The tests run the small experiments, `globule bench physics` runs all.
 """
 
 from __future__ import annotations
@@ -25,29 +25,30 @@ CANTILEVER = {5: 1.42, 9: 1.20, 13: 1.12}
 
 
 def row(truth: str, expected: float, measured: float, ok: bool) -> Row:
+    """A row of the table."""
     return {"truth": truth, "expected": expected, "measured": measured, "ok": bool(ok)}
 
 
 def lattice(nx: int, ny: int, nz: int, spacing: float = SPACING) -> np.ndarray:
-    """(nx ny nz, 3) float32 m."""
-    axes = [np.arange(k, dtype=np.float64) for k in (nx, ny, nz)]
+    """Points of a cubic lattice, (nx ny nz, 3) float32, m."""
+    axes: list[np.ndarray] = [np.arange(k, dtype=np.float64) for k in (nx, ny, nz)]
     return (np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3) * spacing).astype("f4")
 
 
 def layers(positions: np.ndarray) -> np.ndarray:
-    """(N,) the layer along z of each particle of a lattice."""
+    """Layer along z of each particle of a lattice, (N,) int."""
     return np.rint(positions[:, 2] / SPACING).astype(int)
 
 
 def settle(tissue: Tissue, seconds: float, **how: Any) -> np.ndarray:
-    """The positions after some seconds with damping."""
+    """Positions (N, 3) float64 after `seconds` of damped motion, m."""
     for _ in range(round(60 * seconds)):
         tissue.advance(1 / 60, **how)
     return tissue.positions.astype(np.float64)
 
 
 def column(device: str, threads: int = 0, across: int = 5, **how: Any) -> list[Row]:
-    """A column pulled at its end stretches as its modulus says, measured in its middle third."""
+    """A column pulled at its end has the strain of its modulus, measured in its middle third."""
     x = lattice(across, across, 6 * across)
     z, strain = layers(x), 0.003
     tissue = Tissue(
@@ -158,13 +159,13 @@ def partial_cut(device: str, threads: int = 0) -> list[Row]:
 
 
 def _stroke(height: float, start: float, end: float) -> tuple[np.ndarray, np.ndarray]:
-    """A straight edge along y at z = height d, before and after it moved along x; spacings."""
+    """A straight edge along y at z = height, before and after a motion along x, in spacings."""
     edge = np.array([[0, -1e3, height], [0, 1e3, height]])
     return (edge + [start, 0, 0]) * SPACING, (edge + [end, 0, 0]) * SPACING
 
 
 def momentum(device: str, threads: int = 0) -> list[Row]:
-    """Bonds and cuts leave momentum alone: a body that trembles and is cut, without gravity."""
+    """Bonds and cuts keep the momentum of a trembling body without gravity."""
     x = lattice(8, 8, 16)
     tissue = Tissue(x, SPACING, MODULUS, DENSITY, device=device, threads=threads)
     rng = np.random.default_rng(3)
@@ -181,7 +182,7 @@ def momentum(device: str, threads: int = 0) -> list[Row]:
 
 
 def free_fall(device: str, threads: int = 0) -> list[Row]:
-    """The piece that a cut frees falls g t² / 2; what hangs stays one piece."""
+    """The piece that a cut frees falls g t² / 2; the hanging part stays one piece."""
     x = lattice(5, 5, 16)
     z = layers(x)
     tissue = Tissue(x, SPACING, 1e4, DENSITY, fixed=z == z.max(), device=device, threads=threads)
@@ -257,7 +258,7 @@ def creep(device: str, threads: int = 0) -> list[Row]:
         tissue.positions = np.array([[0, 0, 0], [0, 0, (1 + strain) * SPACING]])
         tissue.tear(0.2)
         a, b = settle(tissue, 0.5)
-        left = np.linalg.norm(b - a) / SPACING - 1
+        left = float(np.linalg.norm(b - a)) / SPACING - 1
         truth = f"stretched by {strain:g}, yield 0.05: strain that stays"
         rows.append(row(truth, kept, left, abs(left - kept) < 1e-3))
     return rows

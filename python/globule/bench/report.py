@@ -1,4 +1,4 @@
-"""How benchmarks say what they found: a table on the terminal, a CSV file, the machine."""
+"""Results of benchmarks: a table on the terminal, a CSV file, the name of the machine."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ Row = dict[str, Any]
 
 
 def write_csv(path: str, rows: list[Row]) -> None:
+    """Write rows of equal keys as CSV."""
     with open(path, "w", newline="") as file:
         writer = csv.DictWriter(file, rows[0].keys())
         writer.writeheader()
@@ -18,7 +19,7 @@ def write_csv(path: str, rows: list[Row]) -> None:
 
 
 def print_table(title: str, rows: list[Row]) -> None:
-    """Columns as wide as they need to be; None as a dash, floats with three digits."""
+    """Print rows of equal keys; None becomes a dash, floats get three digits."""
     lines = [list(rows[0]), *([_text(v) for v in row.values()] for row in rows)]
     widths = [max(len(line[i]) for line in lines) for i in range(len(lines[0]))]
     print(f"\n{title}")
@@ -35,7 +36,7 @@ def _text(value: Any) -> str:
 
 
 def machine(device: str) -> str:
-    """`device` is a scene's `device.description`."""
+    """One line about the machine. device: a scene's `device.description`."""
     return (
         f"{platform.machine()}, {os.cpu_count()} cores, {device}, "
         f"Python {platform.python_version()}"

@@ -1,6 +1,6 @@
 """Particle scenes of any size for benchmarks, made by formulas.
 
-Axes are right-handed with y up, lengths in metres. The same arguments give the same bytes.
+Axes are right-handed with y up, lengths in meters. The same arguments give the same bytes.
 """
 
 from __future__ import annotations
@@ -14,10 +14,9 @@ DROPLET_SHARE = 0.004
 def pool(n: int = 302_751, seed: int = 1, spacing: float = 0.02) -> tuple[np.ndarray, float]:
     """A square pool with gentle waves and some droplets above, exactly `n` particles.
 
-    The water is a slightly jittered lattice about three times as wide as it is deep, its columns
-    stretched by a few per cent so that each ends at the wave's height. What the whole columns leave
-    over becomes droplets, small balls of the same lattice. Written slab by slab, so that the peak
-    of memory is little more than the result's 12 bytes a particle.
+    The water is a jittered lattice, about three times as wide as deep. Its columns are stretched
+    by a few percent to end at the wave's height. The particles left over become droplets, small
+    balls of the same lattice. Slab by slab, peak memory stays near 12 bytes per particle.
 
     Returns `positions` (n, 3) float32, m, and the lattice `spacing`, m. Support of two spacings and
     a threshold of 0.6 give a closed surface.
@@ -26,7 +25,7 @@ def pool(n: int = 302_751, seed: int = 1, spacing: float = 0.02) -> tuple[np.nda
         raise ValueError(f"n: expected at least 1, got {n}")
     rng = np.random.default_rng(seed)
     counts, heights = _columns(int(n * (1 - DROPLET_SHARE)))
-    positions = np.empty((n, 3), np.float32)
+    positions: np.ndarray = np.empty((n, 3), np.float32)
     filled = 0
     for i, (row, height) in enumerate(
         zip(counts, heights, strict=True)
@@ -35,7 +34,7 @@ def pool(n: int = 302_751, seed: int = 1, spacing: float = 0.02) -> tuple[np.nda
         slab = positions[filled : filled + m]
         slab[:, 0] = i
         slab[:, 2] = np.repeat(np.arange(row.size, dtype=np.float32), row)
-        starts = np.repeat(np.cumsum(row) - row, row)
+        starts: np.ndarray = np.repeat(np.cumsum(row) - row, row)
         slab[:, 1] = (np.arange(m) - starts + 0.5) * np.repeat(height / np.maximum(row, 1), row)
         slab += rng.random((m, 3), np.float32) * np.float32(0.1) - np.float32(0.05)
         filled += m
@@ -45,8 +44,10 @@ def pool(n: int = 302_751, seed: int = 1, spacing: float = 0.02) -> tuple[np.nda
 
 
 def _columns(n: int) -> tuple[np.ndarray, np.ndarray]:
-    """Particles in each column of the lattice, (X, Z) int64 with a sum of at most `n` and close to
-    it, and the columns' heights in spacings, (X, Z) float64."""
+    """Number of particles of each column, (X, Z) int64, and heights in spacings, (X, Z) float64.
+
+    The sum is at most `n`, and near `n`.
+    """
     width = max(1, round((3 * n) ** (1 / 3)))
     u = np.arange(width) / width * (2 * np.pi)
     x, z = u[:, None], u[None, :]
@@ -65,7 +66,7 @@ def _columns(n: int) -> tuple[np.ndarray, np.ndarray]:
 
 def _droplets(out: np.ndarray, counts: np.ndarray, rng: np.random.Generator) -> None:
     """Fill `out` (M, 3) with balls of lattice points above the columns, in units of the spacing."""
-    g = np.arange(-3, 4, dtype=np.float32)
+    g: np.ndarray = np.arange(-3, 4, dtype=np.float32)
     ball = np.stack(np.meshgrid(g, g, g, indexing="ij"), -1).reshape(-1, 3)
     r2 = (ball**2).sum(1)
     ball = ball[np.argsort(r2, kind="stable")]  # any prefix is a ball
@@ -74,9 +75,9 @@ def _droplets(out: np.ndarray, counts: np.ndarray, rng: np.random.Generator) -> 
     filled = 0
     while filled < len(out):
         m = min(int(rng.choice(sizes)), len(out) - filled)
-        centre = np.array(
+        center = np.array(
             [rng.uniform(0, width), top + 4 + rng.exponential(0.12 * width), rng.uniform(0, width)],
             np.float32,
         )
-        out[filled : filled + m] = ball[:m] + centre + rng.uniform(-0.05, 0.05, (m, 3))
+        out[filled : filled + m] = ball[:m] + center + rng.uniform(-0.05, 0.05, (m, 3))
         filled += m

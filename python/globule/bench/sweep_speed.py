@@ -1,4 +1,4 @@
-"""Speed on a tracked sweep of 21 frames of 820x616, beside the PLUS toolkit's (two EPYC cores)."""
+"""Speed on a tracked sweep of 21 frames of 820x616, compared with PLUS (two EPYC cores)."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _RUNS = 3
 
 
 def sweep_speed(setting: Setting) -> Iterable[Table]:
-    """Seconds of each step, and of a frame that enters a volume which is read after each."""
+    """Seconds of each step, and from a frame to the volume that has the frame."""
     sweep = phantoms.breast(n_frames=FRAMES, length=FRAMES * APART, size=SIZE, spacing=0.08)
     machine = choose(setting.device)
     rows: list[tuple[Any, ...]] = []
@@ -68,7 +68,7 @@ def _steps(setting: Setting, sweep: Sweep, size: int) -> Iterable[tuple[str, flo
 
 
 def placed(sweep: Sweep, device: str) -> Sweep:
-    """The sweep with its frames in the memory of the device that reconstructs."""
+    """The sweep with its frames in the memory of the device."""
     if choose(device).name == "cpu":
         return sweep
     import cupy
@@ -105,7 +105,7 @@ def _best(run: Callable[[], Any]) -> tuple[float, float, Any]:
 
 
 def _live(setting: Setting) -> Iterable[tuple[str, float, float]]:
-    """From a frame to the volume with it, in a preset region and in a volume that grows."""
+    """Rows: seconds from a frame to the volume, with given bounds and in a growing volume."""
     sweep = phantoms.breast(n_frames=LIVE_FRAMES, length=LIVE_LENGTH, size=SIZE, spacing=0.08)
     low, high = sweep.bounds()
     for name, region in (("in a region", (low, high)), ("growing", None)):

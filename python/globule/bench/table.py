@@ -11,7 +11,7 @@ from .._base.files import atomic_write
 
 
 class Table(NamedTuple):
-    """name as in the source ("4.1"), title, names of columns, rows, and notes for the reader."""
+    """A table: its name in the source ("4.1"), title, names of columns, rows and notes."""
 
     name: str
     title: str
@@ -20,7 +20,7 @@ class Table(NamedTuple):
     notes: tuple[str, ...] = ()
 
     def text(self) -> str:
-        """The table for a terminal."""
+        """The table as text for a terminal."""
         cells = [[shown(value) for value in row] for row in (self.columns, *self.rows)]
         widths = [max(len(row[k]) for row in cells) for k in range(len(self.columns))]
         lines = ["  ".join(c.rjust(w) for c, w in zip(row, widths, strict=True)) for row in cells]
@@ -28,14 +28,14 @@ class Table(NamedTuple):
         return "\n".join([f"{self.name}  {self.title}", *lines, *self.notes])
 
     def markdown(self) -> str:
-        """The table for the documentation."""
+        """The table in Markdown."""
         cells = [[shown(value) for value in row] for row in (self.columns, *self.rows)]
         lines = ["| " + " | ".join(row) + " |" for row in cells]
         lines.insert(1, "|" + "---|" * len(self.columns))
         return "\n".join(lines)
 
     def write(self, folder: str) -> str:
-        """Write FOLDER/NAME.csv, every number in full; the file's path."""
+        """Write FOLDER/NAME.csv with all digits, and return its path."""
         path = os.path.join(folder, f"{self.name}.csv")
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
@@ -47,7 +47,7 @@ class Table(NamedTuple):
 
 
 def shown(value: Any) -> str:
-    """A cell: four significant digits, a dash for nothing."""
+    """The text of a cell: four significant digits, a dash for None."""
     if value is None:
         return "-"
     if isinstance(value, float):
@@ -56,7 +56,7 @@ def shown(value: Any) -> str:
 
 
 class Setting(NamedTuple):
-    """folder to write to; device and threads; quick: small sizes only; say(text) tells progress."""
+    """Folder to write to, device, threads, quick (small sizes only), say(text) for progress."""
 
     folder: str
     device: str = "auto"

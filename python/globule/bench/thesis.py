@@ -1,15 +1,15 @@
-"""Tables 6.1 and 6.2 of the thesis, made again: `python -m globule.bench.thesis [--device cuda]`.
+"""Tables 6.1 and 6.2 of the thesis, made again: `globule bench thesis`.
 
-Frames per second by number of particles and depth of the octree, 1024x782 = 800,768 rays, and the
-octree's memory. Every frame moves the particles, rebuilds the octree and traces a ray a pixel. The
-source's preset (dense octree, marching) and our default (sparse octree, exact roots) show the same
-particles with the same supports, half a leaf's edge (§3.6): the same picture, but for what marching
-misses. `smooth` is our default with supports of two spacings instead: one closed surface.
+Frames per second by number of particles and level of the octree, 1024x782 = 800,768 rays, and the
+octree's memory. Every frame moves the particles, rebuilds the octree and traces one ray per pixel.
+The source's preset has a dense octree and marches; globule's default has a sparse octree and exact
+roots. Both show the same particles with supports of half a leaf's edge (§3.6). The images are
+equal except for the hits that marching misses. `smooth` is the default with supports of two
+spacings: one closed surface.
 """
 
 from __future__ import annotations
 
-import argparse
 import time
 from collections.abc import Sequence
 from typing import Any
@@ -21,11 +21,10 @@ from ..render.frame import render
 from ..scene.octree import Octree
 from ..scene.particles import Particles
 from ..scene.scene import Scene
-from ..scene.thesis import ROOTS, Thesis, default_support
+from ..scene.thesis import Thesis, default_support
 from .report import Row, machine, print_table, write_csv
 from .scenes import pool
 
-SUMMARY = "Tables 6.1 and 6.2: frames per second and memory, the source's way and ours"
 COUNTS = (100, 1_432, 21_822, 145_777, 302_751)
 DEPTHS = (6, 7, 8)
 SIZE = (1024, 782)
@@ -41,7 +40,7 @@ SOURCE_FPS = {
 
 
 def scene_of(n: int) -> tuple[np.ndarray, float]:
-    """Positions (n, 3) float32, m, and their spacing: scattered where few, else a pool."""
+    """Positions (n, 3) float32 and their spacing, m; scattered for n < 1000, else a pool."""
     if n >= 1000:
         return pool(n)
     return np.random.default_rng(1).uniform(-1, 1, (n, 3)).astype(np.float32), 2 / n ** (1 / 3)
@@ -59,8 +58,8 @@ def run(
     """Measure, print both tables, write Table 6.1's rows, with memory, to `output` (CSV).
 
     Args:
-        frames: to average over; 0: 3 on the CPU, 100 on a GPU.
-        root: of the source's preset, "march" or "bezier".
+        frames: number of frames to average; 0: 3 on the CPU, 100 on a GPU.
+        root: root method of the source's preset, "march" or "bezier".
     """
     rows: list[Row] = []
     smooth: dict[int, float] = {}
@@ -118,6 +117,7 @@ def run(
 
 
 def nodes(kind: str, octree: Octree) -> Row:
+    """Number of nodes, and their memory in MiB, of a "dense" or "sparse" octree."""
     mib = octree.n_nodes * NODE_BYTES[kind] / 2**20
     return {f"{kind} nodes": octree.n_nodes, f"{kind} MiB": mib}
 
@@ -125,7 +125,7 @@ def nodes(kind: str, octree: Octree) -> Row:
 def measure(
     scene: Scene, positions: np.ndarray, shift: float, thesis: Thesis | None, frames: int
 ) -> dict[str, Any]:
-    """Frames per second over wall time, the last frame's build and trace in ms, what was hit."""
+    """Frames per second of wall time, build and trace of the last frame in ms, and its hits."""
     frames = frames or (3 if scene.device.name == "cpu" else 100)
     sets: list[Any] = [positions, positions + np.float32(shift)]
     if scene.device.name != "cpu":
@@ -153,23 +153,3 @@ def measure(
         "mask": mask,
         "hit": float(mask.mean()),
     }
-
-
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--device", default="auto")
-    parser.add_argument("--threads", type=int, default=0)
-    parser.add_argument("--frames", type=int, default=0, help="0: 3 on the CPU, 100 on a GPU")
-    parser.add_argument("--particles", type=_numbers, default=COUNTS, metavar="N,…")
-    parser.add_argument("--depths", type=_numbers, default=DEPTHS, metavar="D,…")
-    parser.add_argument("--root", choices=ROOTS, default="march")
-    parser.add_argument("-o", "--output", metavar="FILE.csv")
-    run(**vars(parser.parse_args()))
-
-
-def _numbers(text: str) -> tuple[int, ...]:
-    return tuple(int(word) for word in text.split(","))
-
-
-if __name__ == "__main__":
-    main()

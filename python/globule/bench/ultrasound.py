@@ -1,4 +1,4 @@
-"""Thesis ch. 4: Tables 4.1 to 4.3 and Figures 4.6 and 4.7, the source's column beside ours."""
+"""Thesis ch. 4: Tables 4.1 to 4.3 and Figures 4.6 and 4.7, of the source and of globule."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import importlib.util
 import os
 import time
 from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,7 +22,6 @@ from .cylinders import measure_cylinders
 from .sweep_speed import placed, sweep_speed
 from .table import Setting, Table
 
-SUMMARY = "freehand ultrasound: times, memory, cylinders, removed slices"
 METHODS = ("pvn-om", "vvn-om", "pvn", "vvn")
 
 # Seconds on a GTX 1080 by frames and side of the volume, in the order of METHODS (Table 4.1).
@@ -59,9 +59,9 @@ def _sweep(n_frames: int) -> Sweep:
 
 
 def _best(run: Callable[[], Volume], quick: bool) -> tuple[float, float, Volume]:
-    """The shortest run: seconds, those of all threads together, its volume. Of three runs, of up
-    to 20 in a tenth of a second, or of one that takes long."""
-    best, spent, n = None, 0.0, 0
+    """Seconds, CPU seconds of all threads, and volume of the shortest of several runs."""
+    best: tuple[float, float, Volume] | None = None
+    spent, n = 0.0, 0
     while n < 3 or (spent < 0.1 and n < 20):
         start, cpu = time.perf_counter(), time.process_time()
         volume = run()
@@ -72,16 +72,20 @@ def _best(run: Callable[[], Volume], quick: bool) -> tuple[float, float, Volume]
         n += 1
         if spent > (1.0 if quick else 3.0):
             break
+    assert best is not None
     return best
 
 
 def _gain(seconds: Sequence[float | None], k: int) -> float | None:
-    """Time without octree over time with it, of method k; None for those without."""
-    return seconds[k + 2] / seconds[k] if k < 2 and seconds[k] else None
+    """Time of method k without octree over its time with octree; None for other methods."""
+    if k >= 2:
+        return None
+    slow, fast = seconds[k + 2], seconds[k]
+    return slow / fast if slow and fast else None
 
 
 def _on_device(setting: Setting, sweep: Sweep, method: str, size: int, volume: Volume) -> float:
-    """Seconds from frames to a volume that are both in the memory of the device."""
+    """Seconds from frames to a volume, both in the memory of the device."""
 
     def spent(volume: Volume) -> float:
         return sum(volume.info[f"{step}_seconds"] for step in ("bin", "fill"))
@@ -95,7 +99,7 @@ def _on_device(setting: Setting, sweep: Sweep, method: str, size: int, volume: V
 
 
 def times_and_memory(setting: Setting) -> Iterable[Table]:
-    """Tables 4.1 and 4.2."""
+    """Tables 4.1 and 4.2: times and memory of every method, sweep and size."""
     machine = choose(setting.device).description
     sizes = (128,) if setting.quick else (128, 256, 512)
     times, memory = [], []
@@ -106,8 +110,13 @@ def times_and_memory(setting: Setting) -> Iterable[Table]:
             for k, method in enumerate(METHODS):
                 setting.say(f"4.1: {n_frames} frames, {size}³, {method}")
                 spent, cores, volume = _best(
-                    lambda s=sweep, m=method, n=size: reconstruct(
-                        s, m, size=(n, n, n), device=setting.device, threads=setting.threads
+                    partial(
+                        reconstruct,
+                        sweep,
+                        method,
+                        size=(size,) * 3,
+                        device=setting.device,
+                        threads=setting.threads,
                     ),
                     setting.quick,
                 )
@@ -123,7 +132,8 @@ def times_and_memory(setting: Setting) -> Iterable[Table]:
                                    known / mib if known else None))  # fmt: skip
             source = SOURCE_SECONDS.get((n_frames, size), (None,) * 4)
             for k, method in enumerate(METHODS):
-                ratio = source[k] / seconds[k] if source[k] else None
+                theirs = source[k]
+                ratio = theirs / seconds[k] if theirs else None
                 gains = [_gain(s, k) for s in (source, seconds)]
                 times.append((n_frames, size, method, source[k], seconds[k], ratio, inside[k],
                               threads[k], *gains, *shares[k]))  # fmt: skip
@@ -145,7 +155,7 @@ def times_and_memory(setting: Setting) -> Iterable[Table]:
 
 
 def cylinders(setting: Setting) -> Iterable[Table]:
-    """Table 4.3."""
+    """Table 4.3: diameters and separations of the cylinder phantoms, mm."""
     rows = []
     spacing = 0.3 if setting.quick else 0.2
     separation = 12.6
@@ -186,16 +196,16 @@ class Removal(NamedTuple):
 def removed_slices(
     reference: np.ndarray, methods: Sequence[str], repeats: int, seed: int = 0, **options: Any
 ) -> Removal:
-    """Take slices away at random, reconstruct the volume from the rest, compare (Figs 4.6, 4.7).
+    """Remove random slices, reconstruct the volume from the rest, and compare (Figs 4.6, 4.7).
 
-    reference (Z, Y, X) uint8; its slices along z are the frames, 1 mm apart. MSE_0 is the error
-    when all slices are removed, so that a curve ends at 1. All methods lose the same slices.
+    reference: (Z, Y, X) uint8; its slices along z are the frames, 1 mm apart. MSE_0 is the error
+    without any slice, so every curve ends at 1. All methods lose the same slices.
     """
     n, height, width = reference.shape
     poses = np.tile(np.eye(4), (n, 1, 1))
     poses[:, 2, 3] = np.arange(n)
     box = ((-0.5, -0.5, -0.5), (width - 0.5, height - 0.5, n - 0.5))
-    truth = reference.astype(np.float64)
+    truth: np.ndarray = reference.astype(np.float64)
     nothing = float((truth**2).mean())
     errors = {m: np.ones((len(SHARES), repeats)) for m in methods}
     empty = {m: np.ones((len(SHARES), repeats)) for m in methods}
@@ -223,27 +233,27 @@ def removed_slices(
 
 
 def reference_volume(quick: bool) -> tuple[np.ndarray, str]:
-    """A real volume (Z, Y, X) uint8 and what it is: nilearn's brain, or a phantom without it."""
+    """A volume (Z, Y, X) uint8 and its name: nilearn's brain, or a phantom without nilearn."""
     found = importlib.util.find_spec("nilearn")
     if found is not None and found.origin:
         pattern = os.path.join(os.path.dirname(found.origin), "datasets/data/mni*_t1_*.nii.gz")
         for path in sorted(glob.glob(pattern)):
             values = read_volume(path).values.astype(np.float32)
             step = 2 if quick else 1
-            grey = np.rint(255 / values.max() * values[::step, ::step, ::step]).astype(np.uint8)
-            return grey, "MNI152 brain (nilearn), slices along z"
+            gray = np.rint(255 / values.max() * values[::step, ::step, ::step]).astype(np.uint8)
+            return gray, "MNI152 brain (nilearn), slices along z"
     sweep = phantoms.breast(n_frames=60, length=24.0, size=(160, 160), spacing=0.3)
     volume = reconstruct(sweep, spacing=0.6, device="cpu")
     return volume.values, "breast phantom (nilearn is not installed), slices along z"
 
 
 def methods_compared(setting: Setting) -> Iterable[Table]:
-    """Figure 4.6."""
+    """Figure 4.6: error by removed slices of pvn-om and vvn-om."""
     return _removal(setting, "4.6", ("pvn-om", "vvn-om"), 5)
 
 
 def octree_compared(setting: Setting) -> Iterable[Table]:
-    """Figure 4.7."""
+    """Figure 4.7: error by removed slices of pvn and pvn-om."""
     return _removal(setting, "4.7", ("pvn", "pvn-om"), 2)
 
 
@@ -276,7 +286,7 @@ def _removal(
 def _plot(
     setting: Setting, figure: str, curves: Removal, methods: Sequence[str], name: str
 ) -> None:
-    """FOLDER/FIGURE.png, if matplotlib is there."""
+    """Write FOLDER/FIGURE.png, if matplotlib is installed."""
     try:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure

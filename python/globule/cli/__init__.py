@@ -1,60 +1,93 @@
 """The command line: `globule COMMAND …`, one module per command.
 
-Exit status: 0 done; 2 the user's mistake (one line naming it, nothing written); 130 interrupted,
-143 by SIGTERM; 1 anything else.
+Exit status: 0 done; 2 the user's mistake (one line that names it, nothing written);
+130 interrupted, 143 by SIGTERM; 1 anything else.
 """
 
 from __future__ import annotations
 
 import argparse
+import contextlib
 import os
 import sys
 import warnings
 from collections.abc import Sequence
 from typing import Any
 
-from . import bench, calibrate, convert, demo, figures, info, reconstruct, render, simulate, view
+from . import bench, calibrate, convert, demo, info, reconstruct, render, simulate, view
+from .completion import SHELLS, script
+from .parser import Parser
 from .shared import UserError, join_negative, say, warn
 
-COMMANDS = (render, view, simulate, reconstruct, calibrate, convert, info, figures, bench, demo)
+# Who uses them: the title in `globule --help`, and the commands' modules.
+GROUPS = {
+    "everyone": (render, view, convert, info),
+    "simulation": (simulate,),
+    "tracked ultrasound": (reconstruct, calibrate),
+    "measurements": (bench,),
+    "to try it out": (demo,),
+}
+COMMANDS = tuple(module for modules in GROUPS.values() for module in modules)
 
 
-class _Parser(argparse.ArgumentParser):
-    def error(self, message: str) -> None:  # type: ignore[override]
-        raise UserError(f"{message} (`{self.prog} --help` shows how)")
+class _Overview(Parser):
+    """The parser of `globule` itself, whose help groups the commands by who uses them."""
+
+    def _sections(self, everything: bool) -> list[tuple[str | None, str | None, list[Any]]]:
+        commands: Any = self._action_groups[0]._group_actions[0]
+        options = self._action_groups[1]
+        known = {action.dest: action for action in commands._choices_actions}
+        parts: list[tuple[str | None, str | None, list[Any]]] = [
+            (title, None, [known[_name(module)] for module in modules])
+            for title, modules in GROUPS.items()
+        ]
+        return [*parts, (options.title, None, options._group_actions)]
 
 
-def build_parser() -> argparse.ArgumentParser:
+def build_parser() -> Parser:
     """The parser of all commands."""
-    parser = _Parser(
+    parser = _Overview(
         prog="globule",
+        usage="globule COMMAND [options]\n       globule COMMAND --help",
         description="Mesh-free visualization: particles in, smooth exact surfaces out.",
-        epilog="example:\n  globule demo",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        allow_abbrev=False,
     )
-    parser.add_argument("--version", action="store_true", help="print the version and leave")
-    commands = parser.add_subparsers(metavar="COMMAND", dest="command")
+    parser.examples = "  globule demo\n  globule render splash.npz -o splash.png"
+    parser.add_argument("--version", action="store_true", help="print the version and exit")
+    parser.add_argument(
+        "--print-completion",
+        choices=SHELLS,
+        metavar="SHELL",
+        help=f"print the completion script of a shell and exit: {', '.join(SHELLS)}",
+    )
+    commands = parser.add_subparsers(
+        metavar="COMMAND", dest="command", parser_class=Parser, prog="globule"
+    )
     for module in COMMANDS:
-        name = module.__name__.rpartition(".")[2]
+        name, about = _name(module), module.__doc__ or ""
         command = commands.add_parser(
             name,
             help=module.SUMMARY,
-            description=module.__doc__,
-            epilog=f"examples:\n{module.EXAMPLES}",
-            formatter_class=argparse.RawDescriptionHelpFormatter,
-            allow_abbrev=False,
+            usage=" ".join(f"globule {name} {module.USAGE} [options]".split()),
+            description=about.partition("\n\n")[0],
         )
+        command.notes = about.partition("\n\n")[2]
+        command.examples = module.EXAMPLES
+        command.has_short_help()
+        command.set_defaults(run=module.run, parser=command)
         module.add_arguments(command)
-        command.set_defaults(run=module.run)
+        command.essential = getattr(module, "ESSENTIAL", ())
     return parser
+
+
+def _name(module: Any) -> str:
+    return module.__name__.rpartition(".")[2]
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command and return its exit status; never exits by itself."""
     try:
         with warnings.catch_warnings():
-            warnings.showwarning = _show_warning
+            warnings.showwarning = _show_warning  # type: ignore[assignment]
             _run(sys.argv[1:] if argv is None else list(argv))
         if sys.stdout:
             sys.stdout.flush()  # here, so that a closed pipe is noticed here
@@ -77,16 +110,41 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _run(argv: list[str]) -> None:
     parser = build_parser()
-    options = parser.parse_args(join_negative(argv))
+    argv = bench.with_name(join_negative(argv))
+    options = parser.parse_args(argv)
     if options.version:
         from .. import __version__
 
         print(f"globule {__version__}")
-    elif options.command is None:
+        return
+    if options.print_completion:
+        print(script(parser, options.print_completion))
+        return
+    if options.command is None:
         parser.print_help()
         raise UserError("expected a command, got none")
-    else:
+    for old, new in getattr(options, "renamed", {}).items():
+        say(f"note: {old} is now {new}; the next version refuses {old}")
+    if hasattr(options, "prepare"):
+        options.parser.set_defaults(**options.prepare(options))
+        options = parser.parse_args(argv)
+    try:
         options.run(options)
+    except UserError as error:
+        raise UserError(_with_flag(options, error)) from error
+
+
+def _with_flag(options: argparse.Namespace, error: UserError) -> str:
+    """The message of an error; the library's name of a value becomes the flag that gave it."""
+    word, _, rest = str(error).partition(": ")
+    if isinstance(error.__cause__, (TypeError, ValueError, MemoryError)):
+        for action in options.parser._actions:
+            name = next((n for n in action.option_strings if n.startswith("--")), "")
+            given = getattr(options, action.dest, None) != action.default
+            known = action.help != argparse.SUPPRESS
+            if name and given and known and word in (action.dest, name[2:].replace("-", "_")):
+                return f"{name}: {rest}"
+    return str(error)
 
 
 def _show_warning(message: Warning | str, kind: type[Warning], *place: Any) -> None:
@@ -104,8 +162,6 @@ def _fail(status: int, problem: object) -> int:
 
 
 def _drop_stdout() -> None:
-    """Whoever read our output has left: the interpreter must not complain when it flushes."""
-    try:
+    """The reader of our output has left: the interpreter must not complain when it flushes."""
+    with contextlib.suppress(AttributeError, OSError, ValueError):  # stdout is no file
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-    except (AttributeError, OSError, ValueError):
-        pass  # stdout is no file

@@ -1,4 +1,4 @@
-"""Parsers of what follows the options of cli/light.py; argparse adds the option to errors."""
+"""Parsers of the words after a flag; argparse puts the flag's name before their errors."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def ball(text: str, keep: bool = False) -> ClipSphere:
 
 
 def ground(text: str) -> float | str:
-    """A height, or which ground."""
+    """A height, or the name of a ground."""
     return text if text in ("none", *GROUNDS) else number(text)
 
 

@@ -1,69 +1,130 @@
-"""Make the source's tables again: its numbers, ours and the ratio, as text and CSV, figures as PNG.
+"""Make the source's tables and figures again, and check the simulation against known answers.
 
-TABLE is a chapter (`ultrasound`) or a table's or figure's number; without any, all are made."""
+Each NAME has flags of its own: `globule bench NAME --help`. All names write CSV files into the
+folder of -o, and PNG files if matplotlib is installed."""
 
 from __future__ import annotations
 
 import argparse
+import contextlib
 import importlib
 import os
-from collections.abc import Callable
+import sys
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from ..bench.table import Setting
-from .shared import Progress, UserError, add_device, check_device, make_folder, print_json
+from ..bench.ultrasound import TABLES
+from . import figures, flags
+from .parser import Parser
+from .shared import Progress, UserError, check_device, make_folder, print_json, say
 
-SUMMARY = "the source's tables, made again"
-EXAMPLES = "  globule bench --list"
+SUMMARY = "the thesis's numbers again, and the physics against known answers"
+USAGE = "NAME"
+EXAMPLES = """\
+  globule bench ultrasound --list
+  globule bench figures 2.1 -o drawn"""
 
-# A module has TABLES: number -> function of a Setting that yields Tables.
-MODULES = {"ultrasound": "globule.bench.ultrasound"}
-# A module has SUMMARY and run().
-RUNS = {"thesis": "globule.bench.thesis", "physics": "globule.bench.physics"}
+ABOUT = {
+    "thesis": "Tables 6.1 and 6.2: frames per second and memory of the octree",
+    "ultrasound": "Tables 4.1 to 4.3, Figures 4.6 and 4.7: time, memory and accuracy",
+    "physics": "the simulation against known answers",
+    "figures": figures.SUMMARY,
+}
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "tables", nargs="*", metavar="TABLE", help=f"{', '.join((*RUNS, *MODULES))}, 4.1 …"
+def add_arguments(parser: Parser) -> None:
+    """The parsers of all names below `globule bench`."""
+    flags.add(parser, "--list")
+    names = parser.add_subparsers(
+        metavar="NAME", dest="name", parser_class=Parser, prog="globule bench"
     )
-    parser.add_argument(
-        "-o",
-        "--output",
-        default="bench",
-        metavar="DIR",
-        help="folder for .csv and .png, made if it is not there (default: bench)",
-    )
-    parser.add_argument("--quick", action="store_true", help="small sizes only: a minute")
-    parser.add_argument("--json", action="store_true", help="print one JSON object")
-    parser.add_argument("--list", action="store_true", help="say what there is")
-    add_device(parser)
+    for name, (usage, add, run, examples) in _NAMES.items():
+        command = names.add_parser(
+            name,
+            usage=f"globule bench {name}{usage} [options]",
+            description=f"{ABOUT[name][0].upper()}{ABOUT[name][1:]}.",
+            help=ABOUT[name],
+        )
+        command.examples = examples
+        command.has_short_help()
+        add(command)
+        command.set_defaults(run=run, parser=command)
+
+
+def with_name(words: Sequence[str]) -> list[str]:
+    """The words of a command, in today's spelling; an old spelling gets a note on stderr."""
+    words = list(words)
+    old = ""
+    if words[:1] == ["figures"]:
+        old, new, words = "globule figures", "globule bench figures", ["bench", *words]
+    elif words[:1] == ["bench"] and not set(words[:2]) & set(_NAMES) and set(words) & set(TABLES):
+        old, new = "globule bench TABLE", "globule bench ultrasound TABLE"
+        words.insert(1, "ultrasound")
+    if old:
+        say(f"note: {old} is now {new}; the next version refuses {old}")
+    return words
 
 
 def run(options: argparse.Namespace) -> None:
-    names = options.tables or [*RUNS, *MODULES]
-    jobs = _jobs([name for name in names if name not in RUNS])
-    runs = {name: importlib.import_module(RUNS[name]) for name in RUNS if name in names}
+    """Run `globule bench` without a name."""
     if options.list:
-        for name, module in runs.items():
-            print(f"{name}  {module.SUMMARY}")
-        print("\n".join(sorted(f"{number}  ultrasound" for _, wanted in jobs for number in wanted)))
+        print("\n".join(f"{name:<10}  {about}" for name, about in ABOUT.items()))
+        return
+    raise UserError(f"NAME: expected one of {', '.join(_NAMES)}, got none")
+
+
+def _add_common(parser: Parser, quick: bool = True) -> None:
+    flags.add(parser, "--output", "folder; default: bench", default="bench")
+    flags.add(parser, "--json")
+    if quick:
+        flags.add(parser, "--quick")
+    flags.add_device(parser)
+
+
+def _add_thesis(parser: Parser) -> None:
+    _add_common(parser, quick=False)
+
+
+def _add_ultrasound(parser: Parser) -> None:
+    parser.add_argument(
+        "tables", nargs="*", metavar="TABLE", help=f"tables: {' '.join(TABLES)} (default: all)"
+    )
+    flags.add(parser, "--list")
+    _add_common(parser)
+
+
+def _run_rows(options: argparse.Namespace) -> None:
+    """Run a benchmark that prints its rows itself: with --json on stderr."""
+    check_device(options)
+    make_folder("-o", options.output)
+    name = options.name
+    given = {"quick": options.quick} if name == "physics" else {}
+    given["output"] = os.path.join(options.output, f"{name}.csv")
+    module = importlib.import_module(f"globule.bench.{name}")
+    with contextlib.redirect_stdout(sys.stderr if options.json else sys.stdout):
+        rows = module.run(options.device, options.threads, **given)
+    if options.json:
+        print_json({name: rows, "csv": given["output"]})
+
+
+def _run_ultrasound(options: argparse.Namespace) -> None:
+    jobs = _jobs(options.tables or list(TABLES))
+    if options.list:
+        print("\n".join(sorted(name for _, wanted in jobs for name in wanted)))
         return
     check_device(options)
     make_folder("-o", options.output)
-    for name, module in runs.items():
-        output = os.path.join(options.output, f"{name}.csv")
-        given = {"quick": options.quick} if name == "physics" else {}
-        module.run(options.device, options.threads, output=output, **given)
     made = []
     with Progress(len(jobs)) as progress:
         for function, wanted in jobs:
             progress.step(", ".join(sorted(wanted)))
 
-            def say(text: str, progress: Progress = progress) -> None:
+            def show(text: str, progress: Progress = progress) -> None:
                 progress.done -= 1
                 progress.step(text)
 
-            setting = Setting(options.output, options.device, options.threads, options.quick, say)
+            setting = Setting(options.output, options.device, options.threads, options.quick, show)
             for table in function(setting):
                 if table.name in wanted:
                     path = table.write(options.output)
@@ -77,16 +138,19 @@ def run(options: argparse.Namespace) -> None:
 
 def _jobs(names: list[str]) -> list[tuple[Callable[[Setting], Any], set[str]]]:
     """The functions to run, each once, and which of their tables are wanted."""
-    known = {}
-    for module in MODULES:
-        for number, function in importlib.import_module(MODULES[module]).TABLES.items():
-            known[number] = (module, function)
     jobs: dict[Any, set[str]] = {}
     for name in names:
-        found = {number for number, (module, _) in known.items() if name in (number, module)}
-        if not found:
-            expected = ", ".join((*RUNS, *MODULES, *sorted(known)))
-            raise UserError(f"TABLE: expected {expected}, got {name!r}")
-        for number in sorted(found):
-            jobs.setdefault(known[number][1], set()).add(number)
+        if name not in TABLES:
+            raise UserError(f"TABLE: expected {', '.join(TABLES)}, got {name!r}")
+        jobs.setdefault(TABLES[name], set()).add(name)
     return list(jobs.items())
+
+
+_NAMES: dict[str, tuple[Any, ...]] = {
+    "thesis": ("", _add_thesis, _run_rows, ""),
+    "ultrasound": (" [TABLE ...]", _add_ultrasound, _run_ultrasound,
+                   "  globule bench ultrasound --list\n"
+                   "  globule bench ultrasound 4.3 --quick -o tables"),
+    "physics": ("", _add_common, _run_rows, ""),
+    "figures": (" [NAME ...]", figures.add_arguments, figures.run, figures.EXAMPLES),
+}  # fmt: skip

@@ -1,10 +1,12 @@
-"""Calibrate a tracked probe: where its image's pixels lie, and how late its poses are.
+"""Calibrate a tracked probe: where the pixels of its image lie, and the delay of its poses.
 
-MARKS is a table (.csv) of a fixed point's `column` and `row` in images, a crossing of two wires or
-a bead; each row also has the probe's pose (x y z qx qy qz qw, or m00 to m23), or with --sweep the
-number of its `frame` there, from 0. With --delay the temporal offset between image and tracker is
-found from a --sweep in which the probe changes its speed. What is written is a calibration (.toml),
-as `reconstruct --calibration` takes it."""
+MARKS is a table (.csv) with the positions `column` and `row` of a fixed point in images. A bead or
+a crossing of two wires is such a point. Each row also has the pose of the probe: x y z qx qy qz qw,
+or m00 to m23. With --sweep, the number of the `frame` in the sweep, from 0, replaces the pose.
+
+--delay finds the temporal
+offset between image and tracker from a --sweep in which the probe changes its speed. The result is
+a calibration (.toml) for `globule reconstruct --calibration`."""
 
 from __future__ import annotations
 
@@ -22,48 +24,51 @@ from ..ultrasound.calibration import (
     write_calibration,
 )
 from ..ultrasound.marks import Tracked, read_marks, read_tracked
+from . import flags
+from .parser import Parser
 from .shared import UserError, check_output, count, mistakes, positive, print_json, warn
 
-SUMMARY = "marked pixels and poses to a probe's calibration"
+SUMMARY = "marked pixels and poses to the calibration of a probe"
+USAGE = "[MARKS]"
 EXAMPLES = """\
   globule calibrate marks.csv -o probe.toml
   globule calibrate marks.csv --sweep wires.igs.mha -o probe.toml
   globule calibrate --delay --sweep wires.igs.mha --calibration probe.toml -o timed.toml"""
 
-CERTAIN = 0.05  # a larger chance that random motion fits as well, and the offset is not written
+CERTAIN = 0.05  # largest chance of a fit by random motion for the offset to be written
 _STRIKING = 3.0  # times the rms
-_UNLIKELY = 20.0  # pixels: nobody marks so badly
+_UNLIKELY = 20.0  # pixels; larger residuals are no inaccuracy of marking
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: Parser) -> None:
+    """The arguments of `globule calibrate`."""
     add = parser.add_argument
     add("marks", nargs="?", metavar="MARKS", help="table of marked pixels, .csv")
-    add("-o", "--output", metavar="FILE.toml", help="calibration to write")
-    add("--sweep", metavar="SWEEP", help="the recording: PLUS file, or stack of images and --poses")
-    add("--poses", metavar="TABLE", help="the probe's poses for a stack, .csv or .json")
+    flags.add(parser, "--output", "calibration .toml; default: none, only print the result")
     add(
-        "--frame-times",
-        type=positive,
-        metavar="FPS",
-        help="frames per second of a stack that does not know its times",
+        "--sweep",
+        metavar="SWEEP",
+        help="recording of the marked frames: PLUS file, or stack of images with --poses "
+        "(default: none)",
     )
+    flags.add(parser, "--poses", "default: none")
+    flags.add(parser, "--frame-times", "default: none")
     add("--delay", action="store_true", help="find the temporal offset of the --sweep")
     add(
-        "--most",
+        "--max-delay",
+        dest="most",
         type=positive,
         default=0.5,
         metavar="S",
-        help="largest offset that --delay looks for (default: 0.5)",
+        help="largest temporal offset that --delay considers, seconds (default: 0.5)",
     )
-    add(
-        "--calibration",
-        metavar="FILE.toml",
-        help="an earlier calibration: what is not found anew is taken from it",
-    )
-    add("--json", action="store_true", help="print one JSON object: matrix, residuals, offset")
+    parser.renamed(parser, "--most", "--max-delay")
+    flags.add(parser, "--calibration", "the result keeps its other values; default: none")
+    flags.add(parser, "--json")
 
 
 def run(options: argparse.Namespace) -> None:
+    """Run `globule calibrate`."""
     _check(options)
     try:
         with mistakes():
@@ -85,12 +90,13 @@ def run(options: argparse.Namespace) -> None:
 
 def _check(options: argparse.Namespace) -> None:
     if not options.marks and not options.delay:
-        raise UserError("MARKS: expected a table of marks, or --delay, got neither")
+        raise UserError("MARKS: expected a table of marks or --delay, got neither")
     if options.delay and not options.sweep:
-        raise UserError("--delay: expected --sweep beside it, got none")
+        raise UserError("--delay: expected --sweep beside --delay, got none")
     for name in ("poses", "frame_times"):
         if getattr(options, name) is not None and not options.sweep:
-            raise UserError(f"--{name.replace('_', '-')}: expected --sweep beside it, got none")
+            option = f"--{name.replace('_', '-')}"
+            raise UserError(f"{option}: expected --sweep beside {option}, got none")
     if options.output:
         check_output("-o", options.output, [".toml"])
         if not options.marks and not options.calibration:
@@ -100,7 +106,7 @@ def _check(options: argparse.Namespace) -> None:
 def _calibrated(
     options: argparse.Namespace, earlier: Calibration | None, tracked: Tracked | None
 ) -> dict[str, Any]:
-    """What there is to report; the calibration is written."""
+    """Calibrate, write the calibration, and return the report."""
     messages: list[str] = []
     report: dict[str, Any] = {"output": options.output, "warnings": messages}
     calibration = earlier
@@ -118,20 +124,22 @@ def _calibrated(
         wild = np.flatnonzero(lengths > _STRIKING * np.median(lengths) + 1e-9)
         if len(wild):
             which = ", ".join(f"{i + 1} ({lengths[i]:.2f} mm)" for i in wild[:5])
-            messages.append(f"{options.marks}: far from the others, look at them: mark {which}")
+            messages.append(
+                f"{options.marks}: far from the other marks: mark {which}; check these marks"
+            )
         pixels = calibration.rms / max(calibration.spacing[:2])
         if pixels > _UNLIKELY:
-            messages.append(f"{options.marks}: residuals of {pixels:.0f} pixels, expected marks of "
-                            "one point and the poses of this sweep")  # fmt: skip
+            messages.append(f"{options.marks}: residuals of {pixels:.0f} pixels; expected marks of "
+                            "one point, and the poses of this sweep")  # fmt: skip
     if options.delay:
         delay = _delay(options, tracked)
         report["temporal_offset"] = delay._asdict()
         if delay.chance > CERTAIN or not np.isfinite(delay.uncertainty):
             why = f"{100 * delay.chance:.0f} % of random motions fit as well"
             if not np.isfinite(delay.uncertainty):
-                why = f"the best fit is at the edge of what was looked for, and {why}"
+                why = f"the best fit is at the limit of --max-delay, and {why}"
             messages.append(
-                f"{options.sweep}: the temporal offset is not certain and not written: {why}"
+                f"{options.sweep}: the temporal offset is uncertain and was not written: {why}"
             )
         elif calibration is not None:
             calibration = dataclasses.replace(calibration, temporal_offset=delay.offset)
@@ -170,10 +178,10 @@ def _lines(report: dict[str, Any]) -> list[str]:
     if "temporal_offset" in report:
         found = report["temporal_offset"]
         apart = found["uncertainty"]
-        within = f"± {apart:.4f}" if np.isfinite(apart) else "(how exact is not known)"
+        within = f"± {apart:.4f}" if np.isfinite(apart) else "(of unknown accuracy)"
         lines.append(
             f"temporal offset {found['offset']:+.4f} s {within}, correlation "
-            f"{found['correlation']:.2f}, by chance in {100 * found['chance']:.0f} %"
+            f"{found['correlation']:.2f}, reached by chance in {100 * found['chance']:.0f} %"
         )
     if report["output"]:
         lines.append(f"{report['output']}: written")

@@ -1,8 +1,7 @@
-"""Convert particles, tracked sweeps or volumes to another file format; the names' extensions say
-which.
+"""Convert particles, tracked sweeps or volumes to another file format.
 
-Meshes, and with --level or --label volumes, become particles. A volume as .png is its three-view
-picture."""
+The extensions of the names give the formats. Meshes become particles, and so do volumes with
+--level or --label. A volume as .png becomes an image of three planes."""
 
 from __future__ import annotations
 
@@ -12,10 +11,10 @@ import numpy as np
 
 from ..formats import EXTENSIONS, READABLE, write
 from ..scene.particles import SCALAR_FIELDS, Particles
-from . import medical
+from . import flags, medical
 from . import medical as medical_files
+from .parser import Parser
 from .shared import (
-    add_reading,
     check_input,
     check_output,
     count,
@@ -25,14 +24,15 @@ from .shared import (
     say,
 )
 
-SUMMARY = "from one format to another"
+SUMMARY = "files from one format to another"
+USAGE = "IN OUT"
 EXAMPLES = """\
   globule convert splash.npz splash.vtk
   globule convert volume.npz volume.nii.gz
   globule convert volume.npz three-view.png
   globule convert head.nii.gz head.npz --level 90"""
 
-# Formats that keep some of the fields only; all others keep everything.
+# Formats that keep only some of the fields; all other formats keep all fields.
 _KEPT = {
     ".txt": ("color", "reflection", "refraction", "rigidity"),
     ".dat": ("color", "reflection", "refraction", "rigidity"),
@@ -41,15 +41,17 @@ _KEPT = {
 _FLOAT32_ONLY = (".bgeo", ".bgeo.gz")
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: Parser) -> None:
+    """The arguments of `globule convert`."""
     formats = " ".join(dict.fromkeys((*READABLE, *medical_files.EXTENSIONS)))
     parser.add_argument("input", metavar="IN", help=f"file to read: {formats}")
-    formats = " ".join(dict.fromkeys((*EXTENSIONS, *medical_files.EXTENSIONS)))
+    formats = " ".join(dict.fromkeys((*EXTENSIONS, *medical.WRITABLE)))
     parser.add_argument("output", metavar="OUT", help=f"file to write: {formats}")
-    add_reading(parser)
+    flags.add_reading(parser)
 
 
 def run(options: argparse.Namespace) -> None:
+    """Run `globule convert`."""
     given = reading(options)
     kind = medical.kind_of(options.input)
     if kind and not given:
@@ -66,17 +68,19 @@ def run(options: argparse.Namespace) -> None:
 
 
 def losses(particles: Particles, output: str) -> list[str]:
-    """What a file of the output's format does not keep, one line per field."""
+    """The losses of the output's format, one line per field."""
     extension = next(e for e in EXTENSIONS if output.lower().endswith(e))
     lost = []
     if extension in _KEPT:
         given = [n for n in (*SCALAR_FIELDS, "color") if getattr(particles, n) is not None]
         for name in [*given, *particles.attributes]:
             if name not in _KEPT[extension]:
-                lost.append(f"{name} is dropped: {extension} has no place for it")
+                lost.append(f"{name} is dropped: {extension} cannot store {name}")
     elif extension in _FLOAT32_ONLY:
         for name, array in particles.attributes.items():
             dtype = np.dtype(array.dtype)
             if dtype.kind == "f" and dtype.itemsize > 4:
-                lost.append(f"{name} is rounded from {dtype} to float32, the most of {extension}")
+                lost.append(
+                    f"{name} is rounded from {dtype} to float32, the longest type of {extension}"
+                )
     return lost

@@ -1,6 +1,7 @@
-"""Render the embedded data set, a frame of the scene dam-break: no file and no download needed.
+"""Render an embedded data set: no file and no download needed.
 
-Writes splash.png, and the particles as splash.npz, to FOLDER."""
+The data set is a frame of the scene dam-break. `globule demo` writes splash.png, and the particles
+as splash.npz, into a folder."""
 
 from __future__ import annotations
 
@@ -11,27 +12,26 @@ import shutil
 import sys
 import time
 
-from .shared import Progress, add_device, check_device, count, make_folder, mistakes
+from . import flags
+from .parser import Parser
+from .shared import Progress, check_device, count, make_folder, mistakes
 
-SUMMARY = "the main job on an embedded data set"
+SUMMARY = "an image of an embedded data set"
+USAGE = ""
 EXAMPLES = "  globule demo"
 
 SIZE = (1024, 782)
 EYE, LOOK_AT = (-1.0, 1.15, 2.3), (-0.13, 0.40, 0.0)  # closer than --fit
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "-o",
-        "--output",
-        default="demo",
-        metavar="FOLDER",
-        help="folder to write to, made if it is not there (default: demo)",
-    )
-    add_device(parser)
+def add_arguments(parser: Parser) -> None:
+    """The arguments of `globule demo`."""
+    flags.add(parser, "--output", "folder; default: demo", default="demo")
+    flags.add_device(parser)
 
 
 def run(options: argparse.Namespace) -> None:
+    """Run `globule demo`."""
     from .._demo.data import dam_break
     from ..formats import write
     from ..render.camera import Camera
@@ -65,7 +65,7 @@ def run(options: argparse.Namespace) -> None:
     )
     program = _program()
     near = os.path.join(options.output, "near.png")
-    print("next, for instance:")
+    print("next, try:")
     print(
         f"  {program} render {shlex.quote(data)} -o {shlex.quote(near)} "
         "--eye 0.1,0.7,0.9 --look-at 0.5,0.25,0"
@@ -77,7 +77,7 @@ def run(options: argparse.Namespace) -> None:
 
 
 def _program() -> str:
-    """How this program is called from here."""
+    """The words that start this program."""
     name = sys.argv[0]
     if os.path.basename(name) != "globule":
         return f"{shlex.quote(sys.executable)} -m globule"

@@ -1,6 +1,7 @@
-"""Draw the thesis's figures anew, as PNG files, from what this code computes.
+"""Draw the thesis's figures again, as PNG files, from the results of this code.
 
-Without a NAME all of them. Needs matplotlib: pip install "globule[figures]"."""
+Without a NAME, `globule bench figures` draws all figures. The figures need matplotlib:
+pip install "globule[figures]"."""
 
 from __future__ import annotations
 
@@ -9,43 +10,43 @@ import os
 import time
 
 from ..figures import FIGURES, caption
+from . import flags
+from .parser import Parser
 from .shared import (
     Progress,
     UserError,
-    add_device,
     check_device,
     count,
     make_folder,
     positive,
 )
 
-SUMMARY = "the thesis's figures, made again"
-EXAMPLES = "  globule figures 2.1 5.4 -o drawn\n  globule figures --list"
+SUMMARY = "the figures of the thesis, drawn again"
+USAGE = "[NAME ...]"
+EXAMPLES = """\
+  globule bench figures 2.1 5.4 -o drawn
+  globule bench figures --list"""
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: Parser) -> None:
+    """The arguments of `globule bench figures`."""
     parser.add_argument(
-        "names", nargs="*", metavar="NAME", help=f"which: {' '.join(FIGURES)} (default: all)"
+        "names", nargs="*", metavar="NAME", help=f"figures: {' '.join(FIGURES)} (default: all)"
     )
-    parser.add_argument(
-        "-o",
-        "--output",
-        default="figures",
-        metavar="FOLDER",
-        help="folder to write to, made if it is not there (default: figures)",
-    )
+    flags.add(parser, "--output", "folder; default: figures", default="figures")
     parser.add_argument(
         "--dpi",
         type=positive,
         default=110.0,
         metavar="N",
-        help="pixels per inch; figures are 5 to 10 inches wide (default: 110)",
+        help="resolution, pixels per inch; figures are 5 to 10 inches wide (default: 110)",
     )
-    parser.add_argument("--list", action="store_true", help="say what each one shows")
-    add_device(parser)
+    flags.add(parser, "--list")
+    flags.add_device(parser)
 
 
 def run(options: argparse.Namespace) -> None:
+    """Run `globule bench figures`."""
     names = list(dict.fromkeys(options.names)) or list(FIGURES)
     for name in names:
         if name not in FIGURES:

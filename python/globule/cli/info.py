@@ -1,7 +1,8 @@
-"""Say what is in a file of particles, a tracked sweep or a volume: how many, where, how far apart,
-and every field's range.
+"""Print what is in a file of particles, a tracked sweep or a volume.
 
-A mesh, or with --level or --label a volume, is described as the particles that it is shown as."""
+`globule info` prints the number of particles, frames or voxels, their bounds and spacing, and the
+range of every field. A mesh is described as particles, and so is a volume with --level or
+--label."""
 
 from __future__ import annotations
 
@@ -14,10 +15,10 @@ import numpy as np
 from ..formats import READABLE
 from ..formats.kind import kind_of
 from ..scene.particles import SCALAR_FIELDS, Particles
-from . import medical
+from . import flags, medical
 from . import medical as medical_files
+from .parser import Parser
 from .shared import (
-    add_reading,
     check_input,
     count,
     mistakes,
@@ -27,6 +28,7 @@ from .shared import (
 )
 
 SUMMARY = "what is in a file"
+USAGE = "FILE"
 EXAMPLES = """\
   globule info splash.npz
   globule info sweep.igs.mha --json
@@ -57,18 +59,20 @@ _FORMATS = {
 }
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: Parser) -> None:
+    """The arguments of `globule info`."""
     parser.add_argument(
         "file",
         metavar="FILE",
         help=f"particles: {' '.join(READABLE)}; "
-        f"sweeps, volumes: {' '.join(medical_files.EXTENSIONS)}",
+        f"sweeps and volumes: {' '.join(medical_files.EXTENSIONS)}",
     )
-    parser.add_argument("--json", action="store_true", help="print one JSON object")
-    add_reading(parser)
+    flags.add(parser, "--json")
+    flags.add_reading(parser)
 
 
 def run(options: argparse.Namespace) -> None:
+    """Run `globule info`."""
     given = reading(options)
     kind = medical.kind_of(options.file)
     if kind and not given:
@@ -87,7 +91,7 @@ def run(options: argparse.Namespace) -> None:
 
 
 def describe(path: str, particles: Particles) -> dict[str, Any]:
-    """All that is known of a file's particles, as JSON has it."""
+    """All facts about the particles of a file, for JSON."""
     from ..scene.scene import Scene
 
     finite = np.isfinite(particles.positions).all(axis=1)
@@ -162,7 +166,9 @@ def _lines(facts: dict[str, Any]) -> list[str]:
         lo, hi = (" ".join(f"{v:.6g}" for v in facts["bounds"][end]) for end in ("lo", "hi"))
         lines.append(f"  bounds     {lo}  to  {hi}")
         spacing = facts["spacing"]
-        text = f"{spacing:.4g}" if spacing else "unknown (too few particles, or all at one place)"
+        text = (
+            f"{spacing:.4g}" if spacing else "unknown (too few particles, or all at one position)"
+        )
         lines.append(f"  spacing    {text}")
     for kind in ("fields", "attributes"):
         for name, about in facts[kind].items():

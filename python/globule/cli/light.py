@@ -1,4 +1,4 @@
-"""Options of `render` that say how light goes on: matter, cuts, sky, ground, a second scene."""
+"""Flags of `render` for light, material, cuts, sky, ground and a second scene."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from ..render.lights import Environment, Ground, Sky, uniform_sky
 from ..render.materials import Material
 from ..render.presets import GROUNDS, PRESETS, ground_height, preset
 from ..scene.scene import Scene
-from . import look
-from .arguments import ball, beside, between, box, ground, pixel, plane, share, whole
+from . import flags, look
+from .arguments import ball, beside, between, box, ground, pixel, share, whole
 from .shared import UserError, check_input, mistakes, positive, read_particles
 
 MATTER = ("reflection", "transmission", "index", "roughness", "absorption")
@@ -26,19 +26,25 @@ IMAGES = (".hdr", ".exr", ".png", ".jpg", ".jpeg")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The flags of light, material and cuts."""
     add = parser.add_argument_group("light").add_argument
-    add("--shadows", action=argparse.BooleanOptionalAction, help="lights throw shadows")
+    add(
+        "--shadows",
+        action=argparse.BooleanOptionalAction,
+        help="lights cast shadows (default: off, or the preset's)",
+    )
     add(
         "--ambient-rays",
         type=whole(0, 256),
         metavar="N",
-        help="rays per sample that look how open a place is (ambient occlusion)",
+        help="ambient occlusion: number of rays per sample, 0 to 256 (default: 0, or the preset's)",
     )
     add(
         "--sky",
         metavar="SKY",
-        help="gradient, an image (.hdr .exr .png .jpg), a colour or none; seen behind, mirrored "
-        "and bent",
+        help="light from all around, visible behind the surface, reflected and refracted: "
+        "gradient, an image (.hdr .exr .png .jpg), a color, or none (default: none, or the "
+        "preset's)",
     )
     add(
         "--ground",
@@ -46,39 +52,69 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         nargs="?",
         const=np.nan,
         metavar="GROUND",
-        help="a plane at this height along --up (default: where the surface ends), plain or "
-        "checker there, or none",
+        help="ground plane: its height along --up in world units, plain or checker (where the "
+        "surface ends), or none (default: none, or the preset's)",
     )
-    add("--exposure", type=positive, metavar="E", help="factor of the picture's light")
+    add(
+        "--exposure",
+        type=positive,
+        metavar="E",
+        help="factor of the image's radiance, without unit (default: 1)",
+    )
     add(
         "--bounces",
         type=whole(0, 32),
         metavar="N",
-        help="how often light is followed where it is mirrored or goes through (default: 4)",
+        help="number of reflections and refractions that a ray follows, 0 to 32 (default: 4, or "
+        "the preset's)",
     )
     add(
         "--samples",
         type=whole(1, MAX_SAMPLES),
         metavar="N",
-        help="rays per pixel: smooth edges and soft shadows (default: 1, with a preset 4)",
+        help="number of rays per pixel (default: 1, with a preset 4)",
     )
-    add = parser.add_argument_group("matter, instead of the particles' own").add_argument
-    add("--reflection", type=share, metavar="V", help="mirror's weight straight on, 0 to 1")
-    add("--transmission", type=share, metavar="V", help="share of the rest that goes through")
+    add = parser.add_argument_group("material, instead of the particles' own").add_argument
+    add(
+        "--reflection",
+        type=share,
+        metavar="V",
+        help="specular reflectance at normal incidence, 0 to 1 (default: the particles', else 0)",
+    )
+    add(
+        "--transmission",
+        type=share,
+        metavar="V",
+        help="share of the light not reflected that enters the surface, 0 to 1 (default: the "
+        "particles', else 0)",
+    )
     add(
         "--opacity",
         type=share,
         metavar="V",
-        help="1 - transmission, of what neither bends nor colours light: shows the inside",
+        help="1 - transmission of a surface that neither refracts nor colors light, 0 to 1; shows "
+        "the inside (default: --transmission counts)",
     )
     add(
         "--index",
         type=between(1, 4),
         metavar="N",
-        help="of refraction, 1 to 4 (water 1.33, glass 1.5)",
+        help="index of refraction, 1 to 4: water 1.33, glass 1.5 (default: the preset's, else "
+        "the particles')",
     )
-    add("--roughness", type=share, metavar="V", help="of mirrored and transmitted light, 0 to 1")
-    add("--absorption", type=look.color, metavar="V", help="R,G,B or V per world unit (Beer's law)")
+    add(
+        "--roughness",
+        type=share,
+        metavar="V",
+        help="roughness of reflection and refraction, 0 to 1 (default: 0)",
+    )
+    add(
+        "--absorption",
+        type=look.color,
+        metavar="V",
+        help="absorption after Beer's law, R,G,B or V per world unit (default: the preset's, else "
+        "the surface's color filters the light that enters)",
+    )
     add(
         "--with",
         dest="beside",
@@ -86,25 +122,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="FILE[:COLOR]",
-        help="a second scene in the same picture, as it is: matter, cuts and supports given here "
-        "are not for it; up to 3 times",
+        help="particles of a second scene in the same image; material, cuts and support flags do "
+        "not apply to the second scene; may be repeated up to 3 times (default: none)",
     )
-    add = parser.add_argument_group("cuts; the face shows what is inside").add_argument
-    add(
-        "--clip",
-        type=plane,
-        action="append",
-        default=[],
-        metavar="NX,NY,NZ,D",
-        help="take away the side where nx x + ny y + nz z > d; may be given several times",
-    )
+    group = parser.add_argument_group("cuts; the cut face shows what is inside")
+    add = group.add_argument
+    flags.add(group, "--clip", "may be repeated; default: none", action="append", default=[])
     add(
         "--clip-box",
         type=box,
         action="append",
         default=[],
         metavar="X0,Y0,Z0,X1,Y1,Z1",
-        help="take away a box",
+        help="cut away a box, given by its lowest and highest corner, world units; may be repeated "
+        "(default: none)",
     )
     add(
         "--clip-sphere",
@@ -112,32 +143,34 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="X,Y,Z,R",
-        help="take away a ball",
+        help="cut away a ball, given by center and radius, world units; may be repeated "
+        "(default: none)",
     )
     add(
         "--crop",
         type=functools.partial(box, keep=True),
         metavar="X0,Y0,Z0,X1,Y1,Z1",
-        help="keep only what is in a box",
+        help="keep only the inside of a box, world units (default: all)",
     )
     add(
         "--crop-sphere",
         type=functools.partial(ball, keep=True),
         metavar="X,Y,Z,R",
-        help="keep only what is in a ball",
+        help="keep only the inside of a ball, world units (default: all)",
     )
     add(
         "--pick",
         type=pixel,
         metavar="COLUMN,ROW",
-        help="say what this pixel shows: position, particle, attributes",
+        help="print what a pixel shows: position, particle, attributes; pixels from the top left "
+        "corner (default: none)",
     )
 
 
 class Light:
-    """What the options ask for; what is wrong with them shows before any work.
+    """Settings, layers and clips that the options ask for; mistakes show before any work.
 
-    Settings and scenes beside are found with the first picture's scene and stay for all pictures.
+    Settings and the scenes of --with are made with the first image's scene and stay for all images.
     """
 
     def __init__(self, options: argparse.Namespace):
@@ -154,12 +187,12 @@ class Light:
             raise UserError(f"--pick: expected a pixel, {most}, got {column},{row}")
         if len(options.beside) >= MAX_LAYERS:
             most = MAX_LAYERS - 1
-            raise UserError(f"--with: expected at most {most}, got {len(options.beside)}")
+            raise UserError(f"--with: expected at most {most} files, got {len(options.beside)}")
         for path, _ in options.beside:
             check_input(path)
 
     def settings(self, scene: Scene) -> RenderSettings:
-        """The preset's, with what the options say in its place."""
+        """The preset's settings, changed by the options."""
         if self._settings is None:
             options, own = self.options, dict(self._own)
             looks = options.preset in PRESETS
@@ -167,7 +200,7 @@ class Light:
             if options.ground is not None:
                 own["ground"] = self._ground(base, scene)
             if options.background is not None:
-                own.setdefault("sky", None)  # what is given is to be seen
+                own.setdefault("sky", None)  # a sky would hide the background
             sky = own.get("sky")
             rays = own.get("ambient_rays", base.ambient_rays)
             if isinstance(sky, Environment) and base.ambient == "sky" and not rays:
@@ -190,7 +223,7 @@ class Light:
         return dataclasses.replace(ground, height=height)
 
     def layers(self, scene: Scene) -> list[Layer]:
-        """The scene with its cuts, and those beside it."""
+        """The scene with its cuts, and the scenes of --with."""
         if not self._beside:
             self._beside = [self._read(i) for i in range(len(self.options.beside))]
         return [Layer(scene, clips=self.clips), *self._beside]
@@ -212,7 +245,7 @@ class Light:
         return Layer(scene, Material(color=color))
 
     def picked(self, frame: Frame, kept: np.ndarray) -> dict[str, Any] | None:
-        """What --pick's pixel shows; `kept`: which of the file's particles the scene has."""
+        """What the pixel of --pick shows. kept: (K,) the particles' indices in the file."""
         seen = frame.pick(*self.options.pick)
         if seen is None:
             return None
@@ -223,7 +256,7 @@ class Light:
 
 
 def say_picked(options: argparse.Namespace, seen: dict[str, Any] | None) -> str:
-    """One line about what was picked."""
+    """One line about the picked pixel."""
     where = f"pixel {options.pick[0]},{options.pick[1]}"
     if seen is None:
         return f"{where}: nothing"
@@ -242,19 +275,19 @@ def _text(value: Any) -> str:
 
 
 def _matter(options: argparse.Namespace) -> dict[str, Any]:
-    """The fields of Material that are given."""
+    """The fields of Material that the options set."""
     matter = {name: getattr(options, name) for name in MATTER}
     matter = {name: value for name, value in matter.items() if value is not None}
     if options.opacity is None:
         return matter
     if options.transmission is not None:
-        raise UserError("--opacity: expected no --transmission beside it, got both")
+        raise UserError("--opacity: expected no --transmission beside --opacity, got both")
     clear = {"index": 1.0, "reflection": 0.0, "absorption": 0.0}
     return {"transmission": 1 - options.opacity} | clear | matter
 
 
 def _given(options: argparse.Namespace) -> dict[str, Any]:
-    """The fields of RenderSettings that are given, without those that need a scene."""
+    """The fields of RenderSettings that the options set, without those that need a scene."""
     names = {
         "shadows": "shadows",
         "ambient_rays": "ambient_rays",
@@ -283,5 +316,5 @@ def _sky(options: argparse.Namespace) -> Sky | Environment | None:
     try:
         return uniform_sky(look.color(text))
     except argparse.ArgumentTypeError as error:
-        known = f"gradient, none, a colour or a file ending in {' '.join(IMAGES)}"
+        known = f"gradient, none, a color or a file ending in {' '.join(IMAGES)}"
         raise UserError(f"--sky: expected {known}, got {text!r}") from error

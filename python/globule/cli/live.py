@@ -1,4 +1,4 @@
-"""`reconstruct --live`: frames of a server, binned as they come, recorded and shown."""
+"""`reconstruct --live`: frames of a server, binned at arrival, recorded and shown."""
 
 from __future__ import annotations
 
@@ -17,41 +17,43 @@ from .shared import Progress, UserError, check_folder, mistakes, positive, warn
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    add = parser.add_argument_group(
-        "live", "With --spacing the volume grows with the frames, and --three-view and --surface "
-        "are drawn again while they come.").add_argument  # fmt: skip
-    add(
+    """The flags of live reconstruction."""
+    group = parser.add_argument_group(
+        "live", "With --voxel-size, the volume grows with the frames, and --three-view and "
+        "--surface are written again while frames come.")  # fmt: skip
+    group.add_argument(
         "--live",
         metavar="igtl://HOST:PORT",
-        help="take frames from an OpenIGTLink server instead of SWEEP, until it stops or Ctrl-C",
+        help="read frames from an OpenIGTLink server instead of SWEEP, until the server stops or "
+        "Ctrl-C (default: none)",
     )
-    add(
+    group.add_argument(
         "--record",
         metavar="FOLDER",
-        help="keep the frames, each as it comes, in a folder that is a SWEEP of its own; after a "
-        "crash the same command goes on with it",
+        help="also store each frame in this folder, which is a SWEEP; after a crash, the same "
+        "command continues the folder (default: none)",
     )
-    add(
+    group.add_argument(
         "--idle",
         type=positive,
         default=5.0,
         metavar="S",
-        help="seconds of silence that end --live (default: 5)",
+        help="silence of the server that ends --live, seconds (default: 5)",
     )
-    add(
+    group.add_argument(
         "--refresh",
         type=positive,
         default=1.0,
         metavar="S",
-        help="seconds between two drawings of the pictures (default: 1)",
+        help="time between two versions of --three-view and --surface, seconds (default: 1)",
     )
 
 
 def check(options: argparse.Namespace) -> None:
-    """Refuse what cannot be, before any work."""
+    """Refuse options that contradict each other, before any work."""
     if not options.live:
         if options.record:
-            raise UserError("--record: expected --live beside it, got none")
+            raise UserError("--record: expected --live beside --record, got none")
         return
     with mistakes():
         parse_address(options.live)
@@ -65,7 +67,7 @@ def check(options: argparse.Namespace) -> None:
 class Live:
     """The frames of one run.
 
-    growing   arguments of `Reconstructor`; None where the volume cannot grow
+    growing   arguments of `Reconstructor`; None if the volume cannot grow
     """
 
     def __init__(
@@ -80,7 +82,7 @@ class Live:
         self._drawing: Future | None = None
 
     def sweep(self) -> Sweep:
-        """All frames, until the server stops; frames recorded by an earlier run come first."""
+        """All frames until the server stops, after the frames that an earlier run recorded."""
         options = self.options
         with ThreadPoolExecutor(1) as self._draughtsman:
             try:
@@ -105,13 +107,13 @@ class Live:
                     self.recorder.close()
 
     def volume(self) -> Volume | None:
-        """The volume of all frames so far; None if they were only collected, or an interruption
-        left the last one half done."""
+        """The volume of all frames so far; None if the run only collects frames, or an
+        interruption left the last frame unfinished."""
         whole = self.reconstructor is not None and self.reconstructor.n_frames == self.n_frames
         return self.reconstructor.volume() if whole else None
 
     def figures(self) -> dict[str, Any]:
-        """Seconds that a frame took until it was in the volume."""
+        """Seconds from the arrival of a frame until the volume has the frame."""
         facts = {"grew": bool(self.seconds), "drawn": self.n_drawn,
                  "recorded": self.recorder.n_frames if self.recorder else 0}  # fmt: skip
         if not self.seconds:
@@ -138,8 +140,8 @@ class Live:
                 self.reconstructor = self._reconstructor(frame)
             self.reconstructor.add(frame.image, frame.world_from_image)
         except (TypeError, ValueError, MemoryError) as error:
-            # The frames stay: what is wrong with one shows when all are there.
-            warn(f"the volume cannot grow any more, frames are only collected: {error}")
+            # The frames stay; the error shows again after the last frame.
+            warn(f"the volume cannot grow; the command only collects frames: {error}")
             self.growing = self.reconstructor = None
             return
         self.seconds.append(time.perf_counter() - begun)
@@ -147,13 +149,13 @@ class Live:
             self._draw()
 
     def _draw(self) -> None:
-        """Draw the volume as it is; the file is written beside, while frames come."""
+        """Draw the current volume; a thread writes the file while frames come."""
         now = time.monotonic()
         busy = self._drawing is not None and not self._drawing.done()
         if busy or now - self._drawn < self.options.refresh:
             return
         if self._drawing is not None:
-            self._drawing.result()  # what went wrong with the last one
+            self._drawing.result()  # raises the error of the last drawing
         self._drawn = now
         self._drawing = self._draughtsman.submit(
             draw, self.reconstructor.volume(), self.options, []
@@ -166,4 +168,4 @@ class Live:
 
         options = self.options
         setup = Setup(options.calibration, options.plus, options.clip, options.fan, options.mask)
-        return Reconstructor(mask=setup.mask(frame.image.shape), **self.growing)
+        return Reconstructor(mask=setup.mask(frame.image.shape), **(self.growing or {}))

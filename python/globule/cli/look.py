@@ -1,4 +1,4 @@
-"""Options of `render` that say how things look: lights, colours, colour maps."""
+"""Words of flags about looks (lights, colors, color maps), and the colors of particles."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def color(text: str) -> Color:
 
 
 def interval(text: str) -> tuple[float, float]:
-    """LO,HI; the other way round colours the other way round."""
+    """LO,HI; HI,LO reverses the color map."""
     words = text.split(",")
     if len(words) != 2:
         raise argparse.ArgumentTypeError(f"expected LO,HI, got {text!r}")
@@ -49,7 +49,7 @@ def interval(text: str) -> tuple[float, float]:
 
 
 def light(text: str) -> Headlight | DirectionalLight | PointLight:
-    """head, dir:X,Y,Z[,ANGLE] or point:X,Y,Z[,RADIUS]; the radiance is not the final one."""
+    """head, dir:X,Y,Z[,ANGLE] or point:X,Y,Z[,RADIUS], of radiance 1; `given` divides it."""
     kind, colon, place = text.partition(":")
     if kind == "head" and not colon:
         return Headlight()
@@ -67,12 +67,12 @@ def light(text: str) -> Headlight | DirectionalLight | PointLight:
 
 
 def given(options: argparse.Namespace) -> dict[str, Any]:
-    """The fields of RenderSettings that the options set."""
+    """The fields of RenderSettings that --light, --ambient and --background set."""
     fields: dict[str, Any] = {}
     if options.light:
         n = len(options.light)
         if n > MAX_LIGHTS:
-            raise UserError(f"--light: expected at most {MAX_LIGHTS}, got {n}")
+            raise UserError(f"--light: expected at most {MAX_LIGHTS} lights, got {n}")
         fields["lights"] = tuple(replace(one, radiance=(1 / n,) * 3) for one in options.light)
     if options.ambient is not None:
         fields["ambient"] = options.ambient
@@ -90,7 +90,8 @@ def stretched(options: argparse.Namespace, particles: Particles) -> Particles:
         support = float(support[0]) if np.ptp(support) == 0 else support
     if support is not None and not isinstance(support, float):
         raise UserError(
-            "--anisotropic: expected one support for all particles, got one each; give --support"
+            "--anisotropic: expected one support for all particles, got a support per particle; "
+            "give --support"
         )
     found = anisotropy(particles, support or 1.0)
     return replace(particles, positions=found.centers, anisotropy=found.G)
@@ -99,8 +100,8 @@ def stretched(options: argparse.Namespace, particles: Particles) -> Particles:
 def color_by(
     options: argparse.Namespace, path: str, particles: Particles, messages: list[str]
 ) -> tuple[np.ndarray, tuple[float, float]]:
-    """Linear colours (N, 3) of the values that --color-by names, and the values of the map's ends;
-    adds to the warnings."""
+    """Linear colors (N, 3) of the values that --color-by names, and the values at the map's ends;
+    adds to the messages."""
     with _names_of(path):
         found = attribute_colors(particles, options.color_by, options.colormap, options.range)
     if found.n_unknown:
@@ -110,7 +111,7 @@ def color_by(
 
 
 def values_of(path: str, particles: Particles, name: str) -> np.ndarray:
-    """The values (N,) float64 that `name` stands for in a file."""
+    """The values (N,) float64 of a field or attribute `name` of a file."""
     with _names_of(path):
         return attribute_values(particles, name)
 

@@ -1,4 +1,4 @@
-"""What `info` and `convert` do with tracked sweeps and volumes."""
+"""The part of `info` and `convert` for tracked sweeps and volumes."""
 
 from __future__ import annotations
 
@@ -21,13 +21,15 @@ from ..volumes.files import write_volume
 from ..volumes.slices import save_three_view
 from .shared import UserError, check_output, count, mistakes, read_sweep_file, read_volume_file
 
+WRITABLE = (*SWEEPS, *WRITABLE_VOLUMES, ".png")
+
 
 EXTENSIONS = tuple(dict.fromkeys((*SWEEPS, *READABLE_SWEEPS, *READABLE_VOLUMES)))
 
 
 def kind_of(path: str) -> str | None:
-    """ "sweep", "volume", or None for everything else; a file that cannot be read is the user's
-    mistake."""
+    """ "sweep", "volume", or None for everything else. Raises UserError for a file that cannot be
+    read."""
     try:
         found = kind_or_none(path)
         return found.kind if found and found.kind in ("sweep", "volume") else None
@@ -36,7 +38,7 @@ def kind_of(path: str) -> str | None:
 
 
 def describe(path: str, kind: str) -> dict[str, Any]:
-    """All that is known of a sweep or volume, as JSON has it."""
+    """All facts about a sweep or volume, for JSON."""
     facts: dict[str, Any] = {"file": path, "kind": kind}
     if os.path.isfile(path):
         facts["bytes"] = os.path.getsize(path)
@@ -44,12 +46,12 @@ def describe(path: str, kind: str) -> dict[str, Any]:
 
 
 def lines(facts: dict[str, Any]) -> list[str]:
-    """The same in words."""
+    """The facts in words."""
     if facts["kind"] == "volume":
         size = "x".join(map(str, facts["size"]))
         spacing = " x ".join(f"{s:.6g}" for s in facts["spacing"])
         counts = facts["counts"]
-        known = "" if facts["origin_known"] else " (assumed: the format does not say)"
+        known = "" if facts["origin_known"] else " (assumed: the format does not store them)"
         return [
             f"{facts['file']}: volume, {size} voxels {facts['dtype']}, {facts['space']}",
             f"  spacing    {spacing} mm",
@@ -66,7 +68,10 @@ def lines(facts: dict[str, Any]) -> list[str]:
     if facts["seconds"] is not None:
         found.append(f"  duration   {facts['seconds']:.3f} s")
     if facts["spacing"] is None:
-        return [*found, "  poses      need a calibration: no transform leads to the image"]
+        return [
+            *found,
+            "  poses      need a calibration: no transform leads from the image to the world",
+        ]
     spacing = " x ".join(f"{s:.6g}" for s in facts["spacing"])
     jumps = list(facts["outliers"])
     which = ", ".join(map(str, jumps[:8])) + (" …" if len(jumps) > 8 else "")
@@ -80,13 +85,13 @@ def lines(facts: dict[str, Any]) -> list[str]:
 
 
 def convert(path: str, output: str, kind: str) -> str:
-    """Write a sweep or volume in another format of its kind; what was written, in words."""
+    """Write a sweep or volume in another format; return a line about the result."""
     check_output("OUT", output, SWEEPS if kind == "sweep" else (*WRITABLE_VOLUMES, ".png"))
     if kind == "sweep":
         found = kind_or_none(path)
         images = found is not None and found.format in ("metaimage", "nrrd")
         if images and output.lower().endswith((".mha", ".nrrd")):
-            with mistakes():  # as it is: a recording may be without a calibration
+            with mistakes():  # unchanged: a recording may have no calibration
                 recording = igs.read(path)
                 igs.write(output, recording)
             return f"{output}: {count(len(recording.frames), 'frame')}"
@@ -95,12 +100,12 @@ def convert(path: str, output: str, kind: str) -> str:
             write_sweep(output, sweep)
         return f"{output}: {count(len(sweep), 'frame')}"
     if output.lower().endswith((".igs.mha", ".igs.nrrd")):
-        raise UserError(f"OUT: expected a name of a volume's format, got {output}")
+        raise UserError(f"OUT: expected the extension of a volume format, got {output}")
     volume = read_volume_file(path)
     with mistakes():
         if output.lower().endswith(".png"):
             save_three_view(output, volume)
-            return f"{output}: three planes through the middle, and where values came from"
+            return f"{output}: three planes through the middle, and the sources of the values"
         write_volume(output, volume, maps=output.lower().endswith((".npz", ".vti")))
     return f"{output}: {'x'.join(map(str, volume.values.shape[::-1]))} voxels"
 
@@ -128,7 +133,7 @@ def _sweep(path: str) -> dict[str, Any]:
         except UserError as error:
             if not isinstance(error.__cause__, FormatError) or not os.path.isdir(path):
                 raise
-            with mistakes():  # pictures alone
+            with mistakes():  # images without poses
                 frames, times, _ = stack.read_folder(path)
     if sweep is not None:
         frames, times = sweep.frames, sweep.timestamps

@@ -1,4 +1,4 @@
-"""The pictures of a volume that `reconstruct` draws: three planes, and the surface."""
+"""The images of a volume that `reconstruct` writes: three planes, and the surface."""
 
 from __future__ import annotations
 
@@ -8,11 +8,12 @@ from ..volumes.volume import Volume
 
 
 def wanted(options: argparse.Namespace) -> bool:
+    """Whether the options ask for an image."""
     return bool(options.three_view or options.surface)
 
 
 def draw(volume: Volume, options: argparse.Namespace, messages: list[str]) -> None:
-    """Draw what is asked for; a volume without a surface gets a message instead."""
+    """Write the images that the options ask for; a volume without a surface adds a message."""
     if options.three_view:
         from ..volumes.slices import save_three_view
 
@@ -23,4 +24,4 @@ def draw(volume: Volume, options: argparse.Namespace, messages: list[str]) -> No
         try:
             save_surface(options.surface, volume, device=options.device, threads=options.threads)
         except ValueError as error:
-            messages.append(f"--surface: not drawn: {error}")
+            messages.append(f"--surface: no image written: {error}")

@@ -1,10 +1,12 @@
 """Reconstruct a volume from a tracked ultrasound sweep.
 
 SWEEP is a PLUS/IGSIO recording (.igs.mha, .igs.nrrd), an .npz, or a stack of images with --poses.
-VOLUME is .nrrd, .mha, .nii, .nii.gz, .vti, .npz, or .sparse.npz for the occupied blocks only; .vti
-and .npz also keep where each value came from. With --plus the volume is, voxel for voxel, the one
-that PLUS makes of the configuration; with --plus and --method, calibration and region come from the
-configuration and the rest is ours."""
+The volume is .nrrd, .mha, .nii, .nii.gz, .vti, .npz, or .sparse.npz (the occupied blocks only).
+.vti and .npz also store where each value came from.
+
+With --plus, the volume equals, voxel for voxel, the volume that PLUS reconstructs from the same
+configuration. With --plus and --method, calibration and image region come from the
+configuration, and the method is globule's."""
 
 from __future__ import annotations
 
@@ -23,12 +25,12 @@ from ..formats.volumes import WRITABLE
 from ..ultrasound.sweep import Sweep
 from ..volumes.files import write_volume
 from ..volumes.volume import Volume
-from . import live
+from . import flags, live
+from .parser import Parser
 from .pictures import draw
 from .shared import (
     Progress,
     UserError,
-    add_device,
     check_device,
     check_output,
     count,
@@ -42,17 +44,22 @@ from .shared import (
 )
 
 SUMMARY = "tracked ultrasound sweeps to volumes"
+USAGE = "SWEEP -o PATH"
 EXAMPLES = """\
-  globule reconstruct sweep.igs.mha --calibration probe.toml -o volume.nrrd --spacing 0.5
+  globule reconstruct sweep.igs.mha --calibration probe.toml -o volume.nrrd
+  globule reconstruct sweep.igs.mha --plus config.xml -o volume.mha
+  globule reconstruct sweep.igs.mha --calibration probe.toml -o fine.nrrd --voxel-size 0.5
   globule reconstruct sweep.igs.mha --plus config.xml -o volume.mha --three-view volume.png
   globule reconstruct frames/ --poses poses.csv --frame-times 25 --calibration probe.toml -o v.npz
   globule reconstruct sweep.igs.mha --calibration probe.toml --cross-validate 3"""
+ESSENTIAL = ("--output", "--calibration", "--plus", "--poses", "--voxel-size", "--voxels",
+             "--method", "--three-view", "--surface", "--live", "--device")  # fmt: skip
 
 METHODS = ("pvn-om", "vvn-om", "pvn", "vvn", "bezier")
 COMPARED = ("pvn-om", "vvn-om", "bezier")  # pvn and vvn give the same volumes, slower
 COMPOUNDINGS = ("mean", "maximum", "latest", "first", "median")
 DEFAULT_SIZE = 256
-LARGE = 2048  # MiB that are worth a line before they are taken, also in a pipe
+LARGE = 2048  # MiB; above, the command prints the size before it takes the memory
 
 
 def numbers(text: str) -> tuple[float, ...]:
@@ -60,99 +67,131 @@ def numbers(text: str) -> tuple[float, ...]:
     return tuple(number(word) for word in text.split(","))
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: Parser) -> None:
+    """The arguments of `globule reconstruct`."""
     add = parser.add_argument
     add("sweep", nargs="?", metavar="SWEEP", help="file or folder of tracked frames")
-    add("-o", "--output", metavar="VOLUME", help=f"volume to write: {' '.join(WRITABLE)}")
+    flags.add(parser, "--output", "volume; default: none")
     add("--maps", action="store_true", help="also write pixel count, variance and latest frame")
-    add("--three-view", metavar="PNG", help="also write three planes, and where values came from")
-    add("--surface", metavar="PNG", help="also draw the iso-surface, as `globule render` does")
-    add("--json", action="store_true", help="print one JSON object: times, counts, memory, hashes")
+    add(
+        "--three-view",
+        metavar="IMAGE.png",
+        help="also write an image of three planes, and of where values came from (default: none)",
+    )
+    add(
+        "--surface",
+        metavar="IMAGE.png",
+        help="also write an image of the iso-surface, as `globule render` does (default: none)",
+    )
+    flags.add(parser, "--json")
     add(
         "--cross-validate",
         type=int,
         metavar="K",
-        help="leave every K-th frame out, predict it from the rest, report the error per method",
+        help="leave out every K-th frame, predict the frame from the others, and print the error "
+        "of each method in gray levels (default: off)",
     )
     method = parser.add_argument_group("method")
     method.add_argument(
-        "--method", choices=METHODS, metavar="NAME", help=f"{', '.join(METHODS)} (default: pvn-om)"
+        "--method",
+        choices=METHODS,
+        metavar="NAME",
+        help=f"reconstruction method: {', '.join(METHODS)} (default: pvn-om)",
     )
     grid = method.add_mutually_exclusive_group()
-    grid.add_argument("--spacing", type=positive, metavar="MM", help="voxel size, mm")
     grid.add_argument(
-        "--size",
+        "--voxel-size",
+        dest="spacing",
+        type=positive,
+        metavar="MM",
+        help="edge of a voxel, mm (default: as --voxels says)",
+    )
+    grid.add_argument(
+        "--voxels",
+        dest="size",
         type=int,
         metavar="N",
-        help=f"voxels along the longest axis (default: {DEFAULT_SIZE})",
+        help=f"number of voxels along the longest axis (default: {DEFAULT_SIZE})",
     )
+    parser.renamed(grid, "--spacing", "--voxel-size")
+    parser.renamed(grid, "--size", "--voxels")
     method.add_argument(
-        "--region",
+        "--bounds",
+        dest="region",
         type=numbers,
-        metavar="X,Y,Z,X,Y,Z",
-        help="lowest and highest corner, mm, world (default: all pixels)",
+        metavar="X0,Y0,Z0,X1,Y1,Z1",
+        help="lowest and highest corner of the volume, mm, world (default: around all pixels)",
     )
+    parser.renamed(method, "--region", "--bounds")
     method.add_argument(
         "--max-distance",
         type=number,
         metavar="MM",
-        help="holes farther than this from any pixel stay empty",
+        help="hole filling: largest distance of a voxel from any pixel, mm (default: no limit)",
     )
     method.add_argument(
         "--max-kernel",
         type=int,
         default=9,
         metavar="N",
-        help="side of the largest kernel that fills holes, voxels (default: 9)",
+        help="hole filling: side of the largest kernel, voxels, odd (default: 9)",
     )
     method.add_argument(
         "--compounding",
         choices=COMPOUNDINGS,
         default="mean",
         metavar="NAME",
-        help=f"{', '.join(COMPOUNDINGS)} (default: mean)",
+        help=f"how pixels of one voxel combine: {', '.join(COMPOUNDINGS)} (default: mean)",
     )
     method.add_argument(
         "--hole-weights",
         choices=("normalized", "printed"),
         default="normalized",
         metavar="NAME",
-        help="normalized (default), or printed as in the source",
+        help="hole filling: weights, normalized or as printed in the source (default: normalized)",
     )
-    place = parser.add_argument_group("where pixels lie")
-    place.add_argument("--calibration", metavar="FILE.toml", help="probe_from_image and region")
-    place.add_argument("--plus", metavar="CONFIG.xml", help="PLUS configuration")
-    place.add_argument("--poses", metavar="TABLE", help="pose table for a stack, .csv or .json")
-    place.add_argument(
-        "--frame-times",
-        type=positive,
-        metavar="FPS",
-        help="frames per second of a stack that does not know its times",
-    )
+    place = parser.add_argument_group("position of the pixels")
+    flags.add(place, "--calibration", "default: the recording's own transforms")
+    flags.add(place, "--plus", "default: none")
+    flags.add(place, "--poses", "default: none")
+    flags.add(place, "--frame-times", "default: none")
     place.add_argument(
         "--temporal-offset",
         type=number,
         metavar="S",
-        help="added to a frame's time to find its pose (default: the calibration's)",
+        help="seconds added to the time of a frame to find its pose (default: the calibration's)",
     )
-    place.add_argument("--clip", type=numbers, metavar="COLUMN,ROW,WIDTH,HEIGHT", help="pixels")
+    place.add_argument(
+        "--image-region",
+        dest="clip",
+        type=numbers,
+        metavar="COLUMN,ROW,WIDTH,HEIGHT",
+        help="rectangle of the image to use, pixels (default: the calibration's, else all)",
+    )
+    parser.renamed(place, "--clip", "--image-region")
     place.add_argument(
         "--fan",
         type=numbers,
         metavar="COLUMN,ROW,FIRST,LAST,START,STOP",
-        help="apex in pixels, angles in degrees, radii in pixels",
+        help="fan of the image to use: apex in pixels, first and last angle in degrees, first and "
+        "last radius in pixels (default: the calibration's, else all)",
     )
-    place.add_argument("--mask", metavar="IMAGE", help="picture, not 0 where tissue is")
+    place.add_argument(
+        "--mask",
+        metavar="IMAGE",
+        help="image whose pixels are not 0 where tissue is (default: all pixels)",
+    )
     place.add_argument(
         "--keep-outliers",
         action="store_true",
-        help="take frames whose pose jumps too (default: leave them out and say so)",
+        help="also use frames whose pose jumps, which are left out with a warning otherwise",
     )
     live.add_arguments(parser)
-    add_device(parser.add_argument_group("machine"))
+    flags.add_device(parser.add_argument_group("machine"))
 
 
 def run(options: argparse.Namespace) -> None:
+    """Run `globule reconstruct`."""
     _check(options)
     check_device(options)
     start = time.perf_counter()
@@ -166,8 +205,7 @@ def run(options: argparse.Namespace) -> None:
         n_lost = len(sweep) - sweep.n_valid - len(outliers)
         if n_lost:
             messages.append(
-                f"{n_lost:,} of {count(len(sweep), 'frame')} without a valid pose or "
-                "image, left out"
+                f"{n_lost:,} of {count(len(sweep), 'frame')} left out: no valid pose or image"
             )
         validations = {}
         if options.cross_validate:
@@ -213,7 +251,7 @@ def run(options: argparse.Namespace) -> None:
 
 
 def _check_apart(options: argparse.Namespace) -> None:
-    """No output may replace an input or another output."""
+    """Refuse an output that would replace an input or another output."""
     names = {"-o": options.output, "--three-view": options.three_view, "--surface": options.surface}
     taken = {"SWEEP": options.sweep, "--mask": options.mask, "--poses": options.poses,
              "--plus": options.plus, "--calibration": options.calibration}  # fmt: skip
@@ -222,12 +260,14 @@ def _check_apart(options: argparse.Namespace) -> None:
             continue
         for other, path in taken.items():
             if path and os.path.realpath(path) == os.path.realpath(name):
-                raise UserError(f"{option}: expected a name of its own, got {other}'s, {name}")
+                raise UserError(
+                    f"{option}: expected a name of its own, got that of {other}, {name}"
+                )
         taken[option] = name
 
 
 def _check(options: argparse.Namespace) -> None:
-    """Refuse what cannot be, before any work."""
+    """Refuse options that contradict each other, before any work."""
     if bool(options.sweep) == bool(options.live):
         got = "both" if options.sweep else "neither"
         raise UserError(f"SWEEP: expected a sweep or --live, got {got}")
@@ -238,30 +278,34 @@ def _check(options: argparse.Namespace) -> None:
     for option in ("--three-view", "--surface"):
         picture = getattr(options, option[2:].replace("-", "_"))
         if picture and not options.output:
-            raise UserError(f"{option}: expected -o beside it, got none")
+            raise UserError(f"{option}: expected -o beside {option}, got none")
         if picture:
             check_output(option, picture, [".png"])
     _check_apart(options)
     if options.calibration and options.plus:
-        raise UserError("--plus: expected no --calibration beside it")
+        raise UserError("--plus: expected no --calibration beside --plus, got both")
     live.check(options)
     if options.cross_validate is not None and options.cross_validate < 2:
         raise UserError(f"--cross-validate: expected 2 or more, got {options.cross_validate}")
     if options.size is not None and not 1 <= options.size <= 65536:
-        raise UserError(f"--size: expected 1 to 65536, got {options.size}")
+        raise UserError(f"--voxels: expected 1 to 65536, got {options.size}")
     if options.region is not None and len(options.region) != 6:
-        raise UserError(f"--region: expected six numbers, got {len(options.region)}")
+        raise UserError(f"--bounds: expected six numbers, got {len(options.region)}")
     if options.max_kernel < 1 or options.max_kernel % 2 == 0:
         raise UserError(f"--max-kernel: expected an odd number from 1, got {options.max_kernel}")
     if _exact(options):
-        for name in ("spacing", "size", "region", "max_distance"):
+        names = {"spacing": "voxel-size", "size": "voxels", "region": "bounds",
+                 "max_distance": "max-distance"}  # fmt: skip
+        for name, option in names.items():
             if getattr(options, name) is not None:
-                option = name.replace("_", "-")
-                raise UserError(f"--{option}: expected --method beside --plus, which says its own")
+                raise UserError(
+                    f"--{option}: expected --method beside --plus, as the configuration gives the "
+                    "grid of PLUS's own method"
+                )
 
 
 def _exact(options: argparse.Namespace) -> bool:
-    """Whether the volume is to be what PLUS makes."""
+    """Whether the volume must equal the volume of PLUS."""
     return options.plus is not None and options.method is None
 
 
@@ -278,7 +322,7 @@ def _sweep(options: argparse.Namespace) -> Sweep:
 
 
 def _without_outliers(sweep: Sweep, options: argparse.Namespace, messages: list[str]) -> list[int]:
-    """Take frames whose pose jumps out of the sweep; their numbers."""
+    """Mark frames whose pose jumps as invalid, and return their numbers."""
     from ..ultrasound.trust import check_poses
 
     if options.keep_outliers or _exact(options):
@@ -288,15 +332,17 @@ def _without_outliers(sweep: Sweep, options: argparse.Namespace, messages: list[
     if found:
         which = ", ".join(map(str, found[:8])) + (" …" if len(found) > 8 else "")
         messages.append(
-            f"{count(len(found), 'frame')} left out, the pose jumps: {which} "
-            "(--keep-outliers takes them)"
+            f"{count(len(found), 'frame')} left out because the pose jumps: {which} "
+            "(--keep-outliers keeps these frames)"
         )
     return found
 
 
 def _growing(options: argparse.Namespace) -> dict[str, Any] | None:
-    """What a volume that grows with the frames is made with; None where it cannot grow: a size is
-    known only when all frames are there, and a median needs them all."""
+    """The arguments of `Reconstructor`, which adds frame after frame.
+
+    None if the volume cannot grow: --voxels needs the bounds of all frames, a median all values.
+    """
     method = _method(options)
     if options.spacing is None or method != METHODS[0] or options.compounding == "median":
         return None
@@ -323,16 +369,17 @@ def _options_of(options: argparse.Namespace) -> dict[str, Any]:
 
 @contextmanager
 def _stating(progress: Progress) -> Iterator[None]:
-    """Show what the library says of the volume, its voxels and memory, before it takes them."""
+    """Show the voxels and memory of the volume, which the library logs before the work."""
 
     def show(record: logging.LogRecord) -> None:
-        if record.args and record.args[-1] >= LARGE:
+        facts: Any = record.args
+        if facts and facts[-1] >= LARGE:
             progress.clear()
             say(f"note: {record.getMessage()}")
         progress.show(f"reconstructing {record.getMessage()}")
 
     handler = logging.Handler(logging.INFO)
-    handler.emit = show
+    handler.emit = show  # type: ignore[method-assign]
     log = logging.getLogger("globule")
     level = log.level
     log.addHandler(handler)
@@ -346,7 +393,7 @@ def _stating(progress: Progress) -> Iterator[None]:
 
 @contextmanager
 def _fitting() -> Iterator[None]:
-    """What the library refuses is the user's mistake, and so is a volume that cannot fit."""
+    """Turn what the library refuses, and a volume larger than the memory, into a UserError."""
     try:
         with mistakes():
             yield
@@ -433,6 +480,6 @@ def _lines(report: dict[str, Any]) -> list[str]:
         lines.append(
             f"  {name:<7} predicts {count(result['n_frames'], 'frame')} left out: mean error "
             f"{result['mean_error']:.2f}, rms {result['rms_error']:.2f}, "
-            f"bias {result['bias']:+.2f} grey levels, {100 * result['coverage']:.1f} % of pixels"
+            f"bias {result['bias']:+.2f} gray levels, {100 * result['coverage']:.1f} % of pixels"
         )
     return lines

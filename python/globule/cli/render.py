@@ -1,14 +1,36 @@
-"""Render particles to a picture, as the smooth surface where the summed field is the threshold.
+"""Render particles, meshes or volumes to images of their smooth surface.
 
-Without any option the picture shows all particles; support and threshold follow from their spacing.
-Of several files each gets a picture of its own: IMAGE is then a folder, or a name with {} for the
-file's name or %d (%04d) for its number, from 0; or one movie.mp4 shows them all. Pictures that are
-finished stay when a later file turns out to be broken."""
+The surface is where the summed field of the particles equals the threshold. By default the image
+shows all particles, and support and threshold follow from the particles' spacing.
+
+Flags win over the settings of --state and of --preset. --preset thesis traces as the source thesis
+does, with supports of half a leaf if the file has no supports. --color-by shows the length of a
+vector; NAME:0 shows its first component.
+
+Each input file gives one image. For several files, -o is a folder, a movie.mp4, or a name with {}
+or %04d. The input's name replaces {}, the number of the file, from 0, replaces %04d.
+Finished images stay when a later file turns out to be broken.
+
+Several files, or a quoted pattern ('frame_*.vtk', frame_%04d.vtk; numbers count by value), are one
+sequence: support, camera and colors are the same in all images. Without --eye the camera shows the
+particles of all files, and --color-by covers the values of all files. For both, `globule render`
+reads every file once more beforehand; --eye and --range avoid that. A movie needs PyAV:
+pip install "globule[video]" (its wheel contains FFmpeg with x264, under the GPL).
+
+--camera-path reads key frames in TOML:
+  [[key]]
+  time = 0                # seconds; or frame = 0
+  eye = [3, 1, 0]
+  look_at = [0, 0, 0]
+  [[key]]                 # look_at, up and fov stay unless given again
+  time = 2.5
+  eye = [0, 1, 3]"""
 
 from __future__ import annotations
 
 import argparse
 import dataclasses
+import functools
 import os
 import re
 import time
@@ -17,175 +39,158 @@ from typing import Any
 
 import numpy as np
 
-from .._base.colormaps import NAMES as COLORMAPS
 from ..render.camera import Camera, view_axes
-from ..render.frame import MAX_PIXELS, Frame, fit_camera, render, save_png
+from ..render.frame import Frame, fit_camera, render, save_png
 from ..render.legend import LEAST_SIDE, add_legend
-from ..scene.scene import KERNELS, Scene
+from ..scene.particles import Particles
+from ..scene.scene import Scene
 from ..scene.thesis import Thesis
-from . import light, look, sequence, tracing
+from . import flags, light, look, sequence, state, tracing
+from .parser import Parser
 from .shared import (
     Progress,
     UserError,
-    add_device,
-    add_reading,
     check_device,
     check_input,
     check_output,
     count,
     mistakes,
-    positive,
     print_json,
     reading,
     stem,
-    vector,
 )
 from .volumes import check_surface, is_surface
 
-SUMMARY = "particles to pictures"
+SUMMARY = "particles, meshes and volumes to images and movies"
+USAGE = "FILE [FILE ...] -o PATH"
 EXAMPLES = """\
   globule render splash.npz -o splash.png
+  globule render splash.npz -o water.png --preset water --size 512x391
   globule render splash.npz -o above.png --eye 0,4,0.1 --look-at 0,0,0 --color-by y --json
-  globule render splash.npz -o water.png --preset water --size 512x391 --pick 256,195
+  globule render splash.npz -o small.png --size 512x391 --pick 256,195
+  globule render splash.npz -o again.png --state view.toml
   globule render head.nii.gz -o head.png --level 90 --resample 2 --up 0,0,1
   globule render head.nii.gz -o cut.png --level 90 --preset tissue --up 0,0,1 --clip 1,0,0,5
   globule render frame_0.ply frame_1.ply -o picture_%04d.png"""
+ESSENTIAL = ("--output", "--size", "--eye", "--look-at", "--up", "--preset", "--color-by",
+             "--legend", "--samples", "--level", "--clip", "--state", "--device")  # fmt: skip
 
 SAMPLES = 20_000  # particles at which the highest field is looked for
+FOV = 40.0  # degrees
 DEFAULT_VIEW = Camera((1.2, 0.9, 2.0), (0, 0, 0))  # where there is nothing to fit
 
 
-def size(text: str) -> tuple[int, int]:
-    """WIDTHxHEIGHT."""
-    match = re.fullmatch(r"(\d{1,9})x(\d{1,9})", text)
-    width, height = (int(match[1]), int(match[2])) if match else (0, 0)
-    if width < 1 or height < 1 or width * height > MAX_PIXELS:
-        expected = f"WIDTHxHEIGHT of 1 to {MAX_PIXELS:,} pixels"
-        raise argparse.ArgumentTypeError(f"expected {expected}, got {text!r}")
-    return width, height
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: Parser) -> None:
+    """The arguments of `globule render`."""
     add = parser.add_argument
     add(
         "particles",
         nargs="+",
-        metavar="PARTICLES",
-        help="files of particles, meshes or volumes, or folders with a DICOM series",
+        metavar="FILE",
+        help="particles, mesh or volume, or a folder with a DICOM series",
     )
-    add("-o", "--output", required=True, metavar="IMAGE", help="picture (.png) or movie (.mp4)")
-    add("--size", type=size, default=(1024, 782), metavar="WxH", help="pixels (default: 1024x782)")
-    add("--aov", metavar="FILE.npz", help="also write color, depth, position, normal, albedo, mask")
-    add("--json", action="store_true", help="print one JSON object: times, counts, hashes")
+    flags.add(parser, "--output", "image.png or movie.mp4", required=True)
+    flags.add(parser, "--size", "default: 1024x782", default=(1024, 782))
+    flags.add(parser, "--state", "default: none")
+    add(
+        "--aov",
+        metavar="FILE.npz",
+        help="also write the arrays color, depth, position, normal, albedo and mask (default: "
+        "none)",
+    )
+    flags.add(parser, "--json")
     camera = parser.add_argument_group("camera")
-    camera.add_argument("--fit", action="store_true", help="see all particles (default)")
-    camera.add_argument("--eye", type=vector, metavar="X,Y,Z", help="where the camera is")
-    camera.add_argument("--look-at", type=vector, metavar="X,Y,Z", help="middle of the picture")
-    camera.add_argument(
-        "--up",
-        type=vector,
-        default=(0, 1, 0),
-        metavar="X,Y,Z",
-        help="upwards in the picture (default: 0,1,0)",
-    )
-    camera.add_argument(
-        "--fov",
-        type=positive,
-        default=40.0,
-        metavar="DEG",
-        help="vertical field of view (default: 40)",
-    )
-    camera.add_argument(
-        "--ortho",
-        type=positive,
-        metavar="HEIGHT",
-        help="orthographic, HEIGHT world units from bottom to top",
-    )
+    camera.add_argument("--fit", action="store_true", help="show all particles (the default)")
+    flags.add(camera, "--eye", "default: all is visible")
+    flags.add(camera, "--look-at", "default: the middle of the particles")
+    flags.add(camera, "--up", "default: 0,1,0", default=(0, 1, 0))
+    flags.add(camera, "--fov", "default: 40")
+    flags.add(camera, "--ortho", "default: none, a perspective camera")
     surface = parser.add_argument_group("surface")
-    surface.add_argument(
-        "--kernel",
-        choices=KERNELS,
-        default="murakami",
-        metavar="NAME",
-        help=f"{', '.join(KERNELS)} (default: murakami)",
-    )
-    surface.add_argument(
-        "--support",
-        type=positive,
-        metavar="A",
-        help="radius of every particle's kernel, instead of the file's",
-    )
-    surface.add_argument(
-        "--threshold",
-        type=positive,
-        metavar="T",
-        help="iso-value of the summed field (default: by kernel)",
-    )
+    flags.add(surface, "--kernel", "default: murakami", default="murakami")
+    flags.add(surface, "--support", "default: the file's, else two spacings")
+    flags.add(surface, "--threshold", "default: by kernel")
     surface.add_argument(
         "--anisotropic",
         action="store_true",
         help="smooth the particles and stretch their kernels along the surface (Yu and Turk 2013)",
     )
     tree = parser.add_argument_group("octree")
-    tree.add_argument("--octree", choices=("sparse", "dense"))
-    tracing.add_arguments(parser)
-    tree.add_argument("--depth", type=int, metavar="N", help="deepest level")
-    tree.add_argument("--key-bits", type=int, choices=(32, 64), default=32)
-    colors = parser.add_argument_group("looks; colours and radiances are linear, 1 is white")
-    colors.add_argument(
-        "--color-by",
+    tree.add_argument(
+        "--octree",
+        choices=("sparse", "dense"),
         metavar="NAME",
-        help="colour by a field or attribute; a vector's length, or NAME:0 …",
+        help="kind of octree: sparse or dense (default: sparse; dense with --root march or bezier)",
     )
-    colors.add_argument(
-        "--colormap",
-        choices=COLORMAPS,
-        default="viridis",
-        metavar="MAP",
-        help=f"{', '.join(COLORMAPS)} (default: viridis)",
+    tree.add_argument(
+        "--octree-level",
+        dest="depth",
+        type=int,
+        metavar="N",
+        help="deepest level of the octree, number of halvings (default: from the particles)",
     )
-    colors.add_argument(
-        "--range",
-        type=look.interval,
-        metavar="LO,HI",
-        help="values of the map's ends (default: the lowest and highest)",
+    tree.add_argument(
+        "--key-bits",
+        type=int,
+        choices=(32, 64),
+        default=32,
+        metavar="N",
+        help="length of a Morton key, bits: 32 or 64 (default: 32)",
     )
+    parser.renamed(tree, "--depth", "--octree-level")
+    tracing.add_arguments(parser)
+    colors = parser.add_argument_group("color and light; radiances are linear, 1 is white")
+    flags.add(colors, "--color-by", "default: the particles' color")
+    flags.add(colors, "--colormap", "default: viridis", default="viridis")
+    flags.add(colors, "--range", "default: the lowest and the highest value")
     colors.add_argument(
-        "--legend", action="store_true", help="draw the colour map with its range into the picture"
+        "--legend", action="store_true", help="draw the color map and its range into the image"
     )
     colors.add_argument(
         "--light",
         type=look.light,
         action="append",
         metavar="LIGHT",
-        help="head, dir:X,Y,Z[,ANGLE] (towards the light) or point:X,Y,Z[,RADIUS], "
-        "up to 8 times; ANGLE (degrees) and RADIUS make shadows soft; they share a "
-        "radiance of 1 (default: a headlight and a sun)",
+        help="light source: head (at the eye), dir:X,Y,Z[,ANGLE] (towards the light, with an "
+        "angular diameter in degrees) or point:X,Y,Z[,RADIUS] (world units); ANGLE and RADIUS make "
+        "soft shadows; may be repeated up to 8 times, and all share a radiance of 1 "
+        "(default: head and a sun)",
     )
     colors.add_argument(
-        "--ambient", type=look.color, metavar="COLOR", help="R,G,B or V, or #rrggbb in sRGB"
+        "--ambient",
+        type=look.color,
+        metavar="COLOR",
+        help="radiance of the ambient light: R,G,B or V (linear), or #rrggbb (sRGB) "
+        "(default: 0.16,0.18,0.21, or the preset's)",
     )
-    colors.add_argument("--background", type=look.color, metavar="COLOR", help="as --ambient")
+    colors.add_argument(
+        "--background",
+        type=look.color,
+        metavar="COLOR",
+        help="radiance of the background: R,G,B or V (linear), or #rrggbb (sRGB) "
+        "(default: 0.93,0.94,0.96, or the preset's)",
+    )
     light.add_arguments(parser)
-    add_reading(parser)
+    flags.add_reading(parser)
     sequence.add_arguments(parser)
-    where = parser.add_argument_group("machine")
-    add_device(where)
+    flags.add_device(parser.add_argument_group("machine"))
+    parser.set_defaults(prepare=functools.partial(state.defaults, parser))
 
 
 def run(options: argparse.Namespace) -> None:
+    """Run `globule render`."""
     start = time.perf_counter()
     if options.fit and (options.eye or options.look_at):
-        raise UserError("--fit: expected no --eye and --look-at beside it")
+        raise UserError("--fit: expected no --eye and no --look-at beside --fit")
     if options.look_at and not options.eye:
-        raise UserError("--look-at: expected --eye beside it, got none")
+        raise UserError("--look-at: expected --eye beside --look-at, got none")
     if options.legend and not options.color_by:
-        raise UserError("--legend: expected --color-by beside it, got none")
+        raise UserError("--legend: expected --color-by beside --legend, got none")
     if options.legend and min(options.size) < LEAST_SIDE:
         raise UserError(f"--legend: expected a --size of at least {LEAST_SIDE} pixels a side")
     series = sequence.Series(options)
     with mistakes():
-        # All but the particles is known already: what is wrong with it shows before any work.
+        # Mistakes in everything but the particles show before any work.
         lit = light.Light(options)
         thesis = tracing.settle(options)
         camera(options, None)
@@ -218,8 +223,8 @@ def run(options: argparse.Namespace) -> None:
 def outputs(
     options: argparse.Namespace, images: list[str] | None
 ) -> tuple[list[str], list[str | None]]:
-    """The files to write, one image and perhaps one .npz per input, all checked to be writable;
-    the images are given where they are a movie's."""
+    """The files to write, one image and perhaps one .npz per input, all checked to be writable.
+    images: those of a movie."""
     for path in options.particles:
         if is_surface(path, options):
             check_surface(path, options)
@@ -259,9 +264,12 @@ def _names(option: str, pattern: str, inputs: list[str], extension: str) -> list
 
 
 def camera(options: argparse.Namespace, scene: Scene | None, around: Any = None) -> Camera:
-    """The camera that the options ask for; without a scene as far as that is known. It is to see
-    the points `around` (M, 3), by default the scene's particles."""
+    """The camera that the options ask for; without a scene, only the options are checked.
+
+    around: (M, 3) points to show, world units; default: the scene's particles.
+    """
     nothing = scene is None or scene.octree.n_inside == 0
+    fov = options.fov or FOV
     if not options.eye:
         base = DEFAULT_VIEW
         if not nothing:
@@ -271,21 +279,22 @@ def camera(options: argparse.Namespace, scene: Scene | None, around: Any = None)
                 around,
                 direction=_direction(options.up),
                 up=options.up,
-                fov=options.fov,
+                fov=fov,
                 orthographic=options.ortho is not None,
             )
-        return Camera(base.eye, base.look_at, options.up, options.fov, options.ortho)
+        return Camera(base.eye, base.look_at, options.up, fov, options.ortho)
     middle = options.look_at
     if not middle:
-        seen = scene.particles.bounds() if around is None and not nothing else around
-        middle = np.zeros(3) if nothing else np.mean(seen, axis=0)
+        middle = np.zeros(3)
+        if scene is not None and not nothing:
+            middle = np.mean(scene.particles.bounds() if around is None else around, axis=0)
         if scene is None or np.array_equal(middle, options.eye):
             middle = np.add(options.eye, (0, 0, -1))
-    return Camera(options.eye, middle, options.up, options.fov, options.ortho)
+    return Camera(options.eye, middle, options.up, fov, options.ortho)
 
 
 def _direction(up: tuple[float, float, float]) -> np.ndarray:
-    """Towards the eye: in front, a little to the right and above, whatever axis is upwards."""
+    """Towards the eye: in front, a little to the right and above, for any `up`."""
     right, above, front = view_axes(up)
     return 0.6 * right + 0.45 * above + 1.0 * front
 
@@ -301,7 +310,7 @@ def _picture(
     image: str,
     aov: str | None,
 ) -> dict[str, Any] | None:
-    """One file's picture, and what there is to report of it; None where it is there already."""
+    """Make the image of one file, and return its report; None if the image is there already."""
     start = time.perf_counter()
     progress.step(f"reading {path}")
     particles, messages = series.read()
@@ -310,7 +319,7 @@ def _picture(
     finite = np.isfinite(particles.positions).all(axis=1)
     n, n_lost = len(particles), int((~finite).sum())
     if n == 0:
-        messages.append(f"{path} holds no particles: the picture is all background")
+        messages.append(f"{path} holds no particles: the image is all background")
     if n_lost:
         left_out = "have" if n_lost > 1 else "has"
         messages.append(f"{n_lost:,} of {count(n)} {left_out} no finite position, left out")
@@ -322,20 +331,7 @@ def _picture(
         support, depth = tracing.support_and_depth(options, particles)
         if options.anisotropic:
             particles, support = look.stretched(options, particles), None
-        scene = series.scene(
-            particles,
-            lambda particles: Scene(
-                particles,
-                options.kernel,
-                options.threshold,
-                support,
-                options.key_bits,
-                depth,
-                options.octree,
-                options.device,
-                options.threads,
-            ),
-        )
+        scene = series.scene(particles, functools.partial(_scene, options, support, depth))
         view = series.camera(i, scene, lambda scene, box: camera(options, scene, box))
     if series.finished(image, aov):
         return None
@@ -350,7 +346,7 @@ def _picture(
             thesis=thesis,
         )
         trace_seconds = frame.trace_seconds
-        for k in range(2, settings.samples + 1):  # one by one, so that it shows and can be stopped
+        for k in range(2, settings.samples + 1):  # one by one, for progress and Ctrl-C
             progress.show(f"tracing {path}: sample {k} of {settings.samples}")
             trace_seconds += frame.refine().trace_seconds
     if thesis:
@@ -408,8 +404,19 @@ def _picture(
     return report
 
 
+def _scene(
+    options: argparse.Namespace, support: float | None, depth: int | None, particles: Particles
+) -> Scene:
+    """The scene of the particles, as the options ask for."""
+    with tracing.octree_mistakes():
+        return Scene(
+            particles, options.kernel, options.threshold, support, options.key_bits, depth,
+            options.octree, options.device, options.threads,
+        )  # fmt: skip
+
+
 def _save(frame: Frame, image: str, aov: str | None, legend: tuple | None) -> None:
-    """Write what was asked for; the legend (map, lowest, highest, name) is in the picture only."""
+    """Write the files; the legend (map, lowest, highest, name) is in the image only."""
     picture = add_legend(frame.picture, *legend) if legend else frame.picture
     if aov:
         frame.save(aov)
@@ -417,14 +424,14 @@ def _save(frame: Frame, image: str, aov: str | None, legend: tuple | None) -> No
 
 
 def _one_number(support: Any) -> Any:
-    """A support for all, or the smallest and largest of many."""
-    if np.isscalar(support):
+    """The support of all particles, or the smallest and the largest."""
+    if np.ndim(support) == 0:
         return float(support)
     return [float(support.min()), float(support.max())] if len(support) else None
 
 
 def _together(reports: list[dict[str, Any]]) -> dict[str, Any]:
-    """Several pictures' reports as one object: what they share, sums, and each one."""
+    """The reports of several images as one: common facts, sums, and each report."""
     times = {key: sum(report["times"][key] for report in reports) for key in reports[0]["times"]}
     counts = {key: sum(report["counts"][key] for report in reports) for key in reports[0]["counts"]}
     return {
@@ -441,11 +448,11 @@ def _together(reports: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 def why_empty(scene: Scene, clips: Sequence[Any]) -> str:
-    """Why a picture of particles has no surface in it, and what to do."""
+    """Why the image shows no surface, and how to fix that."""
     from ..scene.query import field
 
     positions = scene.particles.positions
-    taken = np.zeros(len(positions), bool)
+    taken: np.ndarray = np.zeros(len(positions), bool)
     for clip in clips:
         taken |= clip.takes(positions)
     if taken.all():

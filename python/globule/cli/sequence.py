@@ -1,4 +1,4 @@
-"""Options and work of `render` that several pictures of one run share."""
+"""Flags and work of `render` that several images of one run share."""
 
 from __future__ import annotations
 
@@ -16,14 +16,13 @@ from ..render.camera_path import CameraPath
 from ..render.sequence import KeptScene, MovieFrames, find_files, is_whole, read_ahead
 from ..scene.particles import Particles
 from ..scene.scene import Scene
-from . import look
+from . import flags, look
 from .shared import (
     Progress,
     UserError,
     check_output,
     count,
     mistakes,
-    positive,
     print_json,
     read_particles,
     reading,
@@ -32,48 +31,24 @@ from .shared import (
 )
 from .volumes import is_surface, read_surface
 
-NOTES = """\
-Several files, or a quoted pattern ('frame_*.vtk', frame_%04d.vtk; numbers count by value), are one
-sequence: support, camera and colours are the same in all pictures. Without --eye the camera sees
-the particles of all files, and --color-by spans the values of all files; for both, every file is
-read once more beforehand, which --eye and --range save. A movie needs PyAV:
-pip install "globule[video]" (its wheel brings FFmpeg with x264, under the GPL).
-Key frames of the camera, in TOML:
-  [[key]]
-  time = 0                # seconds; or frame = 0
-  eye = [3, 1, 0]
-  look_at = [0, 0, 0]
-  [[key]]                 # look_at, up and fov stay unless given again
-  time = 2.5
-  eye = [0, 1, 3]"""
-
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    group = parser.add_argument_group("sequence", NOTES)
+    """The flags of sequences and movies."""
+    group = parser.add_argument_group("sequence")
     group.add_argument(
         "--camera-path",
         metavar="FILE",
-        help="key frames, .toml or .json; one particle file is shown in as many "
-        "pictures as the path has",
+        help="key frames of the camera, .toml or .json; a single input file is shown along the "
+        "whole path (default: none)",
     )
-    group.add_argument(
-        "--fps",
-        type=positive,
-        default=30.0,
-        metavar="N",
-        help="frames per second of a movie and of key frames (default: 30)",
-    )
-    group.add_argument(
-        "--resume",
-        action="store_true",
-        help="go on after an interruption: finished pictures are not made again",
-    )
+    flags.add(group, "--fps", "also of --camera-path; default: 30", default=30.0)
+    flags.add(group, "--resume", "finished images are kept")
 
 
 class Series:
-    """The pictures of one run: files read ahead, and one scene, camera and colour range for all.
+    """The images of one run: files read ahead, and one scene, camera and color range for all.
 
-    `options.particles` becomes the list of files, one a picture.
+    `options.particles` becomes the list of files, one per image.
     """
 
     def __init__(self, options: argparse.Namespace):
@@ -101,17 +76,17 @@ class Series:
             self.movie = MovieFrames(options.output, options.resume)
 
     def images(self) -> list[str] | None:
-        """The pictures of a movie, kept beside it until it is whole; None without a movie."""
+        """The images of a movie, kept beside the movie until it is whole; None without a movie."""
         return [self.movie.path(i) for i in range(len(self))] if self.movie else None
 
     def __len__(self) -> int:
         return len(self.options.particles)
 
     def survey(self, progress: Progress) -> None:
-        """One look at all files for what must not change between the pictures.
+        """Read all files once for what must not change between the images.
 
-        A file that cannot be read is passed over: what is wrong with it shows at its turn, when the
-        pictures before it are done.
+        A file that cannot be read is skipped: the error shows later, when the images before are
+        done.
         """
         options = self.options
         fit = not options.eye and not self.path
@@ -145,9 +120,9 @@ class Series:
     def pictures(
         self, images: list[str], arrays: list[str | None]
     ) -> Iterator[tuple[int, str, str, str | None]]:
-        """Number, file and outputs of all pictures to make; `read` then has the particles.
+        """Number, file and outputs of all images to make; `read` then has the particles.
 
-        The first file is always among them: support and camera come from it.
+        The first file always comes first: support and camera come from this file.
         """
         files = self.options.particles
         todo = [i for i in range(len(files)) if not self.finished(images[i], arrays[i])]
@@ -162,21 +137,21 @@ class Series:
             yield i, files[i], images[i], arrays[i]
 
     def read(self) -> tuple[Particles, list[str]]:
-        """The particles of the picture at hand, and what to say of them."""
+        """The particles of the current image, and messages about them."""
         return next(self._ahead)
 
     def finished(self, image: str, aov: str | None) -> bool:
-        """Whether an earlier run has left this picture whole, and going on was asked for."""
+        """Whether --resume is given and an earlier run has finished this image."""
         if not self.options.resume or not is_whole(image, self.options.size):
             return False
         return aov is None or zipfile.is_zipfile(aov)
 
     def scene(self, particles: Particles, make: Callable[[Particles], Scene]) -> Scene:
-        """The one scene, with this picture's particles."""
+        """The scene of all images, with the particles of this image."""
         return self._kept.show(particles, make)
 
     def camera(self, i: int, scene: Scene, find: Callable[[Scene, Any], Camera]) -> Camera:
-        """The camera of picture i: the path's, or the first that `find` found."""
+        """The camera of image i: the path's, or the first that `find` found."""
         if self.path:
             return self.path(i)
         if self._camera is None or self._kept.first:
@@ -184,7 +159,7 @@ class Series:
         return self._camera
 
     def warn(self, messages: list[str], progress: Progress) -> None:
-        """Show what has not been said of an earlier picture."""
+        """Show the messages that no earlier image has had."""
         new = [message for message in messages if message not in self._shown]
         self._shown.update(new)
         if new:
@@ -193,22 +168,22 @@ class Series:
             warn(message)
 
     def finish(self, progress: Progress) -> None:
-        """Make the movie of its pictures."""
+        """Encode the movie from its images."""
         if self.movie:
             progress.show(f"writing {self.options.output}")
             self.movie.encode(len(self), self.options.fps)
 
     def prepare(self) -> None:
-        """Before the first picture is written: so a mistake in the first file leaves nothing."""
+        """Make the movie's folder, just before the first image is written."""
         if self.movie:
             self.movie.open()
 
     def report(self, images: list[str], reports: list[dict[str, Any]], seconds: float) -> None:
-        """Say what came of a movie, or of pictures that were all there."""
+        """Report a movie, or images that were all finished before."""
         options, n = self.options, len(images)
         n_kept = n - len(reports)
         made = [options.output] if self.movie else images
-        if self.movie:  # its pictures are gone
+        if self.movie:  # the images are gone
             reports = [report | {"images": []} for report in reports]
         if options.json:
             device = reports[0]["device"] if reports else None
@@ -223,22 +198,23 @@ class Series:
             }
             print_json(facts | {"fps": options.fps} if self.movie else facts)
             return
-        kept = f", {n_kept} of them there already" if n_kept else ""
-        what = f"{options.output}: {n} frames" if self.movie else f"{count(n, 'picture')}"
+        kept = f", {n_kept} of them finished before" if n_kept else ""
+        what = f"{options.output}: {n} frames" if self.movie else f"{count(n, 'image')}"
         print(f"{what}{kept}, {seconds:.2f} s in all")
 
     def __enter__(self) -> Series:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        n = len(self.movie.finished()) if kind and self.movie else 0
-        if n:
-            say(f"note: {n} finished pictures are in {self.movie.folder}; --resume goes on")
+        if kind and self.movie and (n := len(self.movie.finished())):
+            say(f"note: {n} finished images are in {self.movie.folder}; --resume continues")
 
 
 def _camera_path(options: argparse.Namespace) -> CameraPath:
     if options.eye or options.look_at or options.fit or options.ortho:
-        raise UserError("--camera-path: expected no --fit, --eye, --look-at and --ortho beside it")
+        raise UserError(
+            "--camera-path: expected no --fit, --eye, --look-at or --ortho beside --camera-path"
+        )
     try:
         return CameraPath.load(options.camera_path, options.fps)
     except OSError as error:

@@ -1,4 +1,4 @@
-"""What the commands share: errors, messages, arguments, input and output files."""
+"""What the commands share: errors, messages, words of arguments, input and output files."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ from ..volumes.tomography import tomography_particles
 
 
 class UserError(Exception):
-    """The user's mistake: one line that names the thing, what was expected and what came."""
+    """The user's mistake: one line that says where, what was expected, and what came."""
 
 
 @contextmanager
 def mistakes() -> Iterator[None]:
-    """What the library refuses in this block is the user's mistake."""
+    """Turn what the library refuses in this block into a UserError."""
     try:
         yield
     except (TypeError, ValueError, MissingPackageError) as error:
@@ -42,6 +42,7 @@ def say(message: str) -> None:
 
 
 def warn(message: str) -> None:
+    """One line on stderr that begins with "warning"."""
     say(f"warning: {message}")
 
 
@@ -87,17 +88,12 @@ def vector(text: str) -> tuple[float, float, float]:
     return number(words[0]), number(words[1]), number(words[2])
 
 
-def add_device(parser: argparse.ArgumentParser) -> None:
-    """The options that say where to compute."""
-    parser.add_argument(
-        "--device",
-        default="auto",
-        metavar="DEVICE",
-        help="auto, cpu, cuda or cuda:N (default: auto, a GPU where there is one)",
-    )
-    parser.add_argument(
-        "--threads", type=int, default=0, metavar="N", help="CPU threads (default: all)"
-    )
+def direction(text: str) -> tuple[float, float, float]:
+    """X,Y,Z, not all 0."""
+    found = vector(text)
+    if not any(found):
+        raise argparse.ArgumentTypeError(f"expected a direction other than 0,0,0, got {text!r}")
+    return found
 
 
 def check_device(options: argparse.Namespace) -> None:
@@ -113,39 +109,14 @@ def check_device(options: argparse.Namespace) -> None:
     except RuntimeError as error:
         if options.device == "auto":
             raise
-        message = f"--device: expected one that works here, got {options.device}: {error}"
+        message = f"--device: expected a device that works here, got {options.device}: {error}"
         raise UserError(message) from error
 
 
-def add_reading(parser: argparse.ArgumentParser) -> None:
-    """The options that say what to take from volumes and meshes."""
-    group = parser.add_argument_group("volumes and meshes")
-    group.add_argument(
-        "--level",
-        type=number,
-        metavar="L",
-        help="a volume's voxels of at least this intensity (default: Otsu's level)",
-    )
-    group.add_argument(
-        "--label",
-        type=int,
-        action="append",
-        metavar="N",
-        help="a volume's voxels of this value; may be given several times",
-    )
-    group.add_argument(
-        "--resample",
-        type=positive,
-        metavar="LENGTH",
-        help="resample a volume to voxels of this edge, or sample a mesh's "
-        "triangles at points this far apart",
-    )
-
-
 def reading(options: argparse.Namespace) -> dict[str, Any]:
-    """What `formats.read` needs of the options of add_reading."""
+    """The arguments of `formats.read` that the flags of `flags.add_reading` give."""
     if options.level is not None and options.label:
-        raise UserError("--level: expected none beside --label, got both")
+        raise UserError("--level: expected no --label beside --level, got both")
     given = {"level": options.level, "labels": options.label, "spacing": options.resample}
     return {name: value for name, value in given.items() if value is not None}
 
@@ -154,8 +125,8 @@ def reading(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def check_input(path: str, given: Sequence[str] = ()) -> None:
-    """Refuse what is no readable file of a known format, or of one without the options given,
-    before any work."""
+    """Refuse a file that is not readable, has no known format, or has a format without the options
+    `given`, before any work."""
     try:
         with mistakes():
             found = kind_of(path)
@@ -170,8 +141,11 @@ def check_input(path: str, given: Sequence[str] = ()) -> None:
 
 
 def read_particles(path: str, may_be_empty: bool = False, **given: Any) -> Particles:
-    """The particles of a file; what is wrong with it is the user's mistake, and so is a level or
-    label that no voxel has, unless it may be empty as one of many."""
+    """The particles of a file.
+
+    Raises UserError for a file that cannot be read, and for a level or label that no voxel has,
+    unless the file may be empty.
+    """
     try:
         volume = kind_of(path).kind == "volume"
         particles = tomography_particles(path, **given) if volume else read(path, **given)
@@ -184,7 +158,7 @@ def read_particles(path: str, may_be_empty: bool = False, **given: Any) -> Parti
     if not len(particles) and not may_be_empty:
         if "level" in given:
             raise UserError(
-                f"{path}: --level: expected one that voxels reach, got {given['level']:g}"
+                f"{path}: --level: expected an iso-value that voxels reach, got {given['level']:g}"
             )
         if "labels" in given:
             labels = ", ".join(map(str, given["labels"]))
@@ -203,7 +177,7 @@ def stem(path: str) -> str:
 
 
 def read_sweep_file(path: str, **options: Any) -> Any:
-    """The tracked frames of a file or folder; what is wrong with them is the user's mistake."""
+    """The tracked frames of a file or folder. Raises UserError if they cannot be read."""
     from ..ultrasound.files import read_sweep
 
     try:
@@ -215,7 +189,7 @@ def read_sweep_file(path: str, **options: Any) -> Any:
 
 
 def read_volume_file(path: str) -> Any:
-    """The volume of a file; what is wrong with it is the user's mistake."""
+    """The volume of a file. Raises UserError if the volume cannot be read."""
     from ..volumes.files import read_volume
 
     try:
@@ -261,7 +235,7 @@ def make_folder(option: str, path: str) -> None:
 
 def _check_place(option: str, path: str, folder: str) -> None:
     """Refuse a path that cannot be written to this folder. Only trying tells: root has the
-    permissions to write to /proc, where it cannot."""
+    permission to write to /proc, where no file can be made."""
     try:
         with tempfile.TemporaryFile(dir=folder):
             pass
@@ -293,8 +267,8 @@ def _plain(value: Any) -> Any:
 
 
 class Progress:
-    """A bar on stderr while it is a terminal; silent in a pipe. A context manager: the bar goes
-    when the block ends, so that messages stand alone."""
+    """A bar on stderr if stderr is a terminal; silent in a pipe. A context manager: the bar
+    disappears when the block ends, so that messages stand alone."""
 
     def __init__(self, n_steps: int):
         self.n_steps, self.done = n_steps, 0
@@ -306,7 +280,7 @@ class Progress:
         self.done += 1
 
     def show(self, what: str) -> None:
-        """What is going on, within a step."""
+        """Show what happens within a step."""
         if self.shown:
             filled = 24 * self.done // max(1, self.n_steps)
             bar = "█" * filled + "░" * (24 - filled)
@@ -315,7 +289,7 @@ class Progress:
             print(f"\r\033[K{line}", end="", file=sys.stderr, flush=True)
 
     def clear(self) -> None:
-        """Take the bar away, for a message in its place."""
+        """Remove the bar, for a message in its place."""
         if self.shown:
             print("\r\033[K", end="", file=sys.stderr, flush=True)
 

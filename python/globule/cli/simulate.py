@@ -1,8 +1,8 @@
-"""Simulate a scene: fluids, tissue and instruments, from a TOML file or one that ships by name.
+"""Simulate fluids, tissue and instruments, from a scene file or a shipped scene.
 
-Writes frames of particles, diagnostics.csv and .png, and checkpoint.npz into a folder, and a movie
-if asked. Ctrl-C or SIGTERM ends the step at hand and writes the checkpoint; --resume goes on from
-there, bit by bit as if nothing had happened."""
+`globule simulate` writes frames of particles, diagnostics.csv and .png, and checkpoint.npz into a
+folder, and a movie on request. Ctrl-C or SIGTERM ends the current step and writes the checkpoint.
+--resume continues from the checkpoint, bit by bit as without the interruption."""
 
 from __future__ import annotations
 
@@ -15,12 +15,11 @@ from contextlib import contextmanager
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from . import view
-from .render import size
+from . import flags, view
+from .parser import Parser
 from .shared import (
     Progress,
     UserError,
-    add_device,
     check_device,
     check_folder,
     check_output,
@@ -36,73 +35,80 @@ if TYPE_CHECKING:
     from ..sim.scene_file import Output, SceneFile
     from ..sim.simulation import Simulation
 
-SUMMARY = "fluids, tissue and the knife, from a scene file"
+SUMMARY = "fluids, tissue and instruments, from a scene file"
+USAGE = "SCENE"
 EXAMPLES = """\
   globule simulate dam-break -o dam --spacing 0.04 --seconds 0.2
+  globule simulate dam-break --view
   globule simulate dam-break -o dam --spacing 0.04 --seconds 0.3 --resume --json
-  globule simulate dam-break -o dry --spacing 0.05 --seconds 0.1 --no-frames --pictures dry
-  globule simulate dam-break --view"""
+  globule simulate dam-break -o dry --spacing 0.05 --seconds 0.1 --no-frames --images dry"""
+ESSENTIAL = ("--output", "--seconds", "--spacing", "--video", "--size", "--format", "--resume",
+             "--view", "--device")  # fmt: skip
 CHECKPOINT = "checkpoint.npz"
 MOST_FRAMES = 1_000_000
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: Parser) -> None:
+    """The arguments of `globule simulate`."""
     from ..formats import EXTENSIONS
     from ..sim.scene_file import SHIPPED
 
     formats = [extension[1:] for extension in EXTENSIONS]
     add = parser.add_argument
-    add("scene", metavar="SCENE", help=f"a .toml file, or one of: {', '.join(SHIPPED)}")
-    add(
-        "-o",
-        "--output",
-        default="frames",
-        metavar="FOLDER",
-        help="folder for frames, diagnostics and checkpoint, made if it is not there "
-        "(default: frames)",
-    )
+    add("scene", metavar="SCENE", help=f"scene file .toml, or one of {', '.join(SHIPPED)}")
+    flags.add(parser, "--output", "folder; default: frames", default="frames")
     add(
         "--seconds",
         type=positive,
         metavar="S",
-        help="how long it runs, in whole frames (default: the scene's)",
+        help="simulated time, seconds, in whole frames (default: the scene's)",
     )
-    add("--fps", type=positive, metavar="N", help="frames a second (default: the scene's, else 30)")
+    flags.add(parser, "--fps", "default: the scene's, else 30")
     add(
         "--format",
         choices=formats,
         metavar="NAME",
-        help=f"of the frames: {', '.join(formats)} (default: the scene's, else vtp)",
+        help=f"file format of the frames: {', '.join(formats)} (default: the scene's, else vtp)",
     )
     add("--no-frames", action="store_true", help="write no frames of particles")
-    add("--video", metavar="FILE.mp4", help="a movie of the frames, as the scene's view says")
-    add("--pictures", metavar="FOLDER", help="keep the frames' pictures there, as PNG")
-    add("--size", type=size, metavar="WxH", help="of pictures (default: the scene's)")
+    add(
+        "--video",
+        metavar="FILE.mp4",
+        help="also write a movie, with the camera and look of the scene's view (default: none)",
+    )
+    add(
+        "--images",
+        metavar="FOLDER",
+        help="also keep the image of every frame in this folder, .png (default: none)",
+    )
+    parser.renamed(parser, "--pictures", "--images")
+    flags.add(parser, "--size", "of --video and --images; default: the scene's")
     add(
         "--spacing",
         type=positive,
-        metavar="METRES",
-        help="between particles, instead of the scene's",
+        metavar="M",
+        help="distance between neighboring particles, meters (default: the scene's)",
     )
     add(
         "--checkpoint",
         type=positive,
         metavar="S",
-        help="write one every S simulated seconds, too (always: at the end and at Ctrl-C)",
+        help="also write a checkpoint every S simulated seconds (default: only at the end and at "
+        "Ctrl-C)",
     )
-    add("--resume", action="store_true", help="go on from the folder's checkpoint")
-    add("--json", action="store_true", help="print one JSON object: times, counts, device, hash")
+    flags.add(parser, "--resume", "from the checkpoint in the folder of -o")
+    flags.add(parser, "--json")
     add(
         "--view",
         action="store_true",
-        help="run it live in the browser instead, with --resume from the folder's checkpoint; "
-        "nothing is written",
+        help="run live in the browser and write nothing; with --resume from the checkpoint",
     )
-    view.add_page(parser)
-    add_device(parser)
+    flags.add_page(parser)
+    flags.add_device(parser.add_argument_group("machine"))
 
 
 def run(options: argparse.Namespace) -> None:
+    """Run `globule simulate`."""
     start = time.perf_counter()
     check_device(options)
     if options.view:
@@ -113,7 +119,7 @@ def run(options: argparse.Namespace) -> None:
     with job.progress, _interrupts() as interrupted:
         try:
             whole = job.run(interrupted)
-        finally:  # what stopped a run shows in its diagnostics
+        finally:  # the diagnostics show why a run stopped
             job.write_diagnostics()
     job.report(whole, time.perf_counter() - start)
     if not whole:
@@ -122,7 +128,7 @@ def run(options: argparse.Namespace) -> None:
 
 
 def _view(options: argparse.Namespace) -> None:
-    """Live in the browser."""
+    """Run live in the browser."""
     from ..sim.simulation import Simulation
     from ..viewer.simulation_source import SimulationSource
 
@@ -132,14 +138,14 @@ def _view(options: argparse.Namespace) -> None:
         "format",
         "no_frames",
         "video",
-        "pictures",
+        "images",
         "size",
         "checkpoint",
         "json",
     ):
         if getattr(options, name):
             option = name.replace("_", "-")
-            raise UserError(f"--view: expected no --{option} beside it, as nothing is written")
+            raise UserError(f"--view: expected no --{option} beside --view, which writes nothing")
     view.check_viewer()
     with mistakes():
         scene = _read(options)
@@ -156,7 +162,7 @@ def _view(options: argparse.Namespace) -> None:
 
 
 def _read(options: argparse.Namespace) -> SceneFile:
-    """The scene that is asked for."""
+    """The scene of the options."""
     from ..sim.scene_file import read_scene
 
     try:
@@ -166,7 +172,7 @@ def _read(options: argparse.Namespace) -> SceneFile:
 
 
 class _Job:
-    """One run: the simulation, and what is written of it."""
+    """One run: the simulation, and the files that it writes."""
 
     def __init__(self, options: argparse.Namespace):
         from ..sim.pictures import Pictures
@@ -176,8 +182,8 @@ class _Job:
         if options.video:
             check_output("--video", options.video, [".mp4"])
         check_folder("-o", self.folder)
-        if options.pictures:
-            check_folder("--pictures", options.pictures)
+        if options.images:
+            check_folder("--images", options.images)
         scene = _read(options)
         self.fps = options.fps or scene.output.fps
         self.format = options.format or scene.output.format
@@ -186,8 +192,8 @@ class _Job:
             own = not (options.seconds or options.fps)
             key = f"{options.scene}: seconds" if own else "--seconds"
             raise UserError(
-                f"{key}: expected at most {MOST_FRAMES:,} frames, got {seconds:g} s of "
-                f"{self.fps:g} frames a second"
+                f"{key}: expected at most {MOST_FRAMES:,} frames, got {seconds:g} s at "
+                f"{self.fps:g} frames per second"
             )
         output = replace(scene.output, fps=self.fps, format=self.format)
         self.scene = replace(scene, seconds=seconds, output=output)
@@ -195,7 +201,7 @@ class _Job:
         self.checkpoint = os.path.join(self.folder, CHECKPOINT)
         try:
             self.pictures = Pictures(
-                self.scene, options.pictures, options.video, options.size, options.resume
+                self.scene, options.images, options.video, options.size, options.resume
             )
         except ImportError as error:
             raise UserError(f"--video: {error}") from error
@@ -218,21 +224,23 @@ class _Job:
         self.seconds = {"simulation": 0.0, "frames": 0.0, "pictures": 0.0}
 
     def _check_output(self, before: Output) -> None:
-        """Frames that go on are numbered and written as those before them."""
+        """Refuse frames that --resume would number or write otherwise than before."""
         for name in ("fps", "format"):
             had, asked = getattr(before, name), getattr(self, name)
             if had != asked:
-                raise UserError(f"--resume: expected --{name} {had}, as the run had, got {asked}")
+                raise UserError(
+                    f"--resume: expected --{name} {had}, as before the interruption, got {asked}"
+                )
 
     def _is_before(self, k: int) -> bool:
-        """Whether frame k's time is not after that of the checkpoint one goes on from."""
+        """Whether the time of frame k is not after the time of the checkpoint."""
         return k / self.fps < self.start_time + 1e-9
 
     def _restore_pictures(self) -> None:
-        """A movie that goes on begins with the pictures that it had."""
+        """Begin a continued movie with the images from before the interruption."""
         if not self.pictures.movie:
             return
-        folder = self.options.pictures
+        folder = self.options.images
         kept = (lambda k: os.path.join(folder, f"{k:05d}.png")) if folder else None
         n_done = sum(map(self._is_before, range(self.n_frames)))
         try:
@@ -240,21 +248,21 @@ class _Job:
         except ValueError as error:
             frames = os.path.join(self.folder, f"frame_*.{self.format}")
             raise UserError(
-                f"--video: {error}; go on without --video, then: globule render '{frames}' -o "
+                f"--video: {error}; resume without --video, then: globule render '{frames}' -o "
                 f"{self.options.video}"
             ) from error
 
     def run(self, interrupted: Callable[[], int]) -> bool:
-        """All frames; False if it was told to stop before."""
+        """Make all frames; False if a signal stopped the run before the end."""
         whole = True
         for k in range(self.n_frames):
             self.progress.step(f"{self.sim.time:.3f} s, {count(len(self.sim))}")
             if self.options.resume and self._is_before(k):
-                continue  # written before the checkpoint was
+                continue  # written before the checkpoint
             with self._timed("simulation"):
                 self.sim.run_to(k / self.fps, stop=interrupted)
             reached = self.sim.time > k / self.fps - 1e-9
-            if reached:  # told to stop or not: --resume counts on it
+            if reached:  # also after a signal: --resume relies on this frame
                 self._write(k)
             if interrupted():
                 whole = reached and k == self.n_frames - 1
@@ -291,7 +299,7 @@ class _Job:
             self.seconds[what] += time.perf_counter() - start
 
     def write_diagnostics(self) -> None:
-        """diagnostics.csv, and .png where there is matplotlib."""
+        """Write diagnostics.csv, and .png if matplotlib is installed."""
         from ..sim import diagnostics
 
         rows = self.sim.record.diagnostics
@@ -301,7 +309,7 @@ class _Job:
             diagnostics.plot(os.path.join(self.folder, "diagnostics.png"), rows, title)
 
     def report(self, whole: bool, total: float) -> None:
-        """What came of it, in words or as JSON."""
+        """Print the results, in words or as JSON."""
         sim = self.sim
         n_steps = sim.n_steps - self.first_step
         if self.options.json:
@@ -324,14 +332,14 @@ class _Job:
             last = f" … {self.files[-1]}" if len(self.files) > 1 else ""
             print(f"{count(len(self.files), 'file')}: {self.files[0]}{last}")
         if not whole:
-            say(f"note: stopped at {sim.time:.4g} s; --resume goes on from {self.checkpoint}")
+            say(f"note: stopped at {sim.time:.4g} s; --resume continues from {self.checkpoint}")
 
 
 def _resumed(
     kind: type[Simulation], folder: str, scene: SceneFile, name: str, where: dict[str, Any]
 ) -> Simulation:
-    """Where the folder's checkpoint left it. What is resumed is this scene; only how long it runs
-    and what is shown may differ."""
+    """The simulation of the folder's checkpoint. Only duration, view and output of the scene may
+    differ from those of the checkpoint."""
     from ..sim.scene_file import as_dict, read_scene
 
     checkpoint = os.path.join(folder, CHECKPOINT)
@@ -340,21 +348,21 @@ def _resumed(
     except OSError as error:
         raise UserError(f"--resume: expected {checkpoint}, got: {error.strerror}") from error
     free = ("title", "seconds", "view", "output")
-    now = as_dict(read_scene(as_dict(scene)))  # read back, as what was saved is
+    now = as_dict(read_scene(as_dict(scene)))  # read back, as the saved scene was
     before = as_dict(simulation.file)
     for key in (*now, *before):
         if key not in free and now.get(key) != before.get(key):
             raise UserError(
-                f"--resume: expected {checkpoint} of {name} as it is now, got one with another "
-                f"{key}"
+                f"--resume: expected {checkpoint} of the present {name}, got a checkpoint with "
+                f"another {key}"
             )
     return simulation
 
 
 @contextmanager
 def _interrupts() -> Iterator[Callable[[], int]]:
-    """The signal, Ctrl-C's or SIGTERM, that has come, or 0: once, and the step at hand is ended;
-    twice breaks it off."""
+    """A function that gives the signal that came, SIGINT or SIGTERM, or 0. The first signal lets
+    the current step end; the second signal breaks it off."""
     signals = (signal.SIGINT, signal.SIGTERM)
     came = 0
 

@@ -1,8 +1,11 @@
-"""Options of `render` that say how rays are traced, and presets of options."""
+"""Flags of `render` that say how rays are traced, and presets of flags."""
 
 from __future__ import annotations
 
 import argparse
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 import numpy as np
 
@@ -10,50 +13,53 @@ from ..render import presets as looks
 from ..scene.particles import Particles
 from ..scene.scene import Scene
 from ..scene.thesis import POLYNOMIAL_KERNELS, ROOTS, Thesis, default_support, fitting_level
+from . import flags
 from .shared import UserError, mistakes, positive
 
-# Options that a preset sets where the user has not; looks set fields of RenderSettings instead.
+# Options that a preset sets if no flag does; looks set fields of RenderSettings instead.
 PRESETS = {"thesis": {"root": "march", "octree": "dense"}, **{key: {} for key in looks.PRESETS}}
-PRESET_DEPTH = 7  # where no support asks for another
+PRESET_DEPTH = 7  # if no support asks for another level
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The flags that say how rays are traced."""
     group = parser.add_argument_group("tracing")
     group.add_argument(
         "--root",
         choices=("exact", *ROOTS),
         metavar="NAME",
-        help="exact, or as in the source thesis, on the dense octree: march "
-        "(points with thresholds), bezier (clipping) (default: exact)",
+        help="how the surface is found along a ray: exact, or as in the source thesis on the dense "
+        "octree, march (points with thresholds) or bezier (clipping) (default: exact)",
     )
     group.add_argument(
-        "--step", type=positive, metavar="S", help="of --root march, in supports (default: 0.25)"
+        "--step",
+        type=positive,
+        metavar="S",
+        help="step of --root march, in supports (default: 0.25)",
     )
-    group.add_argument(
+    flags.add(
+        group,
         "--preset",
+        "or thesis; default: none",
         choices=tuple(PRESETS),
-        metavar="NAME",
-        help=f"{', '.join(looks.PRESETS)}: matter, light and surroundings; thesis: "
-        "its tracing on a dense octree, and supports of half a leaf where the file "
-        "has none; options beside it win",
     )
 
 
 def settle(options: argparse.Namespace) -> Thesis | None:
-    """Fill in what preset and root leave open, and refuse what does not fit together."""
+    """Fill in the options that preset and root leave open; refuse contradictions."""
     for name, value in PRESETS.get(options.preset, {}).items():
         if getattr(options, name) is None:
             setattr(options, name, value)
     options.root = options.root or "exact"
     if options.step is not None and options.root != "march":
-        raise UserError(f"--step: expected --root march beside it, got {options.root}")
+        raise UserError(f"--step: expected --root march beside --step, got --root {options.root}")
     if options.root == "exact":
         options.octree = options.octree or "sparse"
         return None
     if options.beside:
         asked = "--preset thesis" if options.preset == "thesis" else f"--root {options.root}"
         raise UserError(
-            f"--with: expected none beside {asked}, which shows one scene, got "
+            f"--with: expected no --with beside {asked}, which shows one scene, got "
             f"{options.beside[0][0]}"
         )
     options.octree = options.octree or "dense"
@@ -67,11 +73,23 @@ def settle(options: argparse.Namespace) -> Thesis | None:
         return Thesis(root=options.root, **given)
 
 
+@contextmanager
+def octree_mistakes() -> Iterator[None]:
+    """Turn what an octree refuses into a UserError; its level is --octree-level here."""
+    try:
+        yield
+    except (TypeError, ValueError) as error:
+        raise UserError(re.sub(r"^(depth|level):", "--octree-level:", str(error))) from error
+
+
 def support_and_depth(
     options: argparse.Namespace, particles: Particles
 ) -> tuple[float | None, int | None]:
-    """What goes together: the deepest octree with leaves no smaller than the supports, or, by the
-    preset for particles without supports, half a leaf's edge (§3.6). What is given wins."""
+    """The support and the octree's level that fit together (§3.6); given flags win.
+
+    The octree is as deep as leaves no smaller than the supports allow. With --preset thesis and
+    without supports, the support is half a leaf's edge.
+    """
     given = options.support or particles.support
     extent = float(np.ptp(particles.bounds(), axis=0).max()) if len(particles) else 0.0
     if options.root == "exact" or not extent:
@@ -82,12 +100,12 @@ def support_and_depth(
     if options.preset != "thesis":
         return None, options.depth
     depth = PRESET_DEPTH if options.depth is None else options.depth
-    with mistakes():
+    with octree_mistakes():
         return default_support(particles, depth), depth
 
 
 def why_dust(options: argparse.Namespace, particles: Particles, scene: Scene) -> str | None:
-    """What is wrong with the preset's supports where they are too small for neighbours to meet."""
+    """A message if the preset's supports are too small for neighbors to meet."""
     if options.preset != "thesis" or (options.support or particles.support) is not None:
         return None
     support, spacing = scene.support, scene.spacing
@@ -97,18 +115,18 @@ def why_dust(options: argparse.Namespace, particles: Particles, scene: Scene) ->
     fitting = int(np.clip(np.floor(np.log2(extent / (2 * spacing))), 0, 8))
     return (
         f"supports are half a leaf, {support:.3g}, which is less than a third of the particles' "
-        f"spacing, {spacing:.3g}, so they show as dust; try --depth {fitting} or "
+        f"spacing, {spacing:.3g}: the particles look like dust; try --octree-level {fitting} or "
         f"--support {2 * spacing:.2g}"
     )
 
 
 def why_cut(scene: Scene) -> str | None:
-    """What is wrong with supports larger than a leaf: its neighbours are all that it sees."""
+    """A message if supports are larger than a leaf, which only meets its neighbors."""
     extent = scene.octree.extent
     edge, largest = extent / 2 ** scene._tree[1], float(np.max(scene.support, initial=0.0))
     if largest <= edge or not extent:
         return None
     return (
-        f"supports of up to {largest:.3g} are larger than a leaf's edge, {edge:.3g}, so parts of "
-        f"the surface may be missing; try --depth {fitting_level(extent, largest)}"
+        f"supports of up to {largest:.3g} are larger than a leaf's edge, {edge:.3g}: parts of "
+        f"the surface may be missing; try --octree-level {fitting_level(extent, largest)}"
     )

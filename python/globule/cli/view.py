@@ -1,7 +1,9 @@
-"""Look at particles, sequences, simulations, volumes and sweeps live in the browser.
+"""Show particles, volumes, sweeps and simulations live in the browser.
 
-The picture is ray-traced here and sent to the browser as it changes; the browser may be far away
-(the line with ssh says how). Ctrl-C ends it."""
+`globule view` traces the image on this machine and sends the image to the browser. The browser may
+run on another machine: `globule view` prints the ssh command for that. Ctrl-C ends the command.
+
+--eye and --look-at go together. Flags win over the settings of --state."""
 
 from __future__ import annotations
 
@@ -10,112 +12,70 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .._base.colormaps import NAMES as COLORMAPS
 from ..formats import FormatError
 from ..render.camera import Camera
 from ..render.presets import PRESETS
-from ..scene.scene import KERNELS
-from . import look
-from .arguments import plane
-from .shared import UserError, add_device, add_reading, check_device, mistakes, positive, vector
+from . import flags
+from .parser import Parser
+from .shared import UserError, check_device, mistakes
 from .shared import reading as reading_of
+from .state import read_state
 
 if TYPE_CHECKING:
     from ..viewer.app import Viewer
     from ..viewer.source import Source
     from ..viewer.state import State
 
-SUMMARY = "live in the browser"
+SUMMARY = "any of these, and simulations, live in the browser"
+USAGE = "FILE [FILE ...]"
 EXAMPLES = """\
   globule view splash.npz
-  globule view frame_*.ply --preset water --no-browser
   globule view dam-break
+  globule view frame_*.ply --preset water --no-browser
   globule view head.nii.gz --up 0,0,1
   globule view splash.npz --state view.toml --host 0.0.0.0"""
+ESSENTIAL = ("--state", "--eye", "--look-at", "--up", "--preset", "--color-by", 
+             "--calibration", "--host", "--port", "--no-browser", "--device")  # fmt: skip
 
 
-def port(text: str) -> int:
-    """A port's number; 0 takes any."""
-    if not text.isdecimal() or not int(text[:6]) < 65536:
-        raise argparse.ArgumentTypeError(f"expected a port, 0 to 65535, got {text!r}")
-    return int(text)
-
-
-def add_page(parser: argparse.ArgumentParser) -> None:
-    """Options that say where the page is."""
-    page = parser.add_argument_group("page")
-    page.add_argument(
-        "--host",
-        default="127.0.0.1",
-        metavar="HOST",
-        help="where to listen; another than this machine's own (0.0.0.0) puts a "
-        "token into the address, without which nobody gets in (default: 127.0.0.1)",
-    )
-    page.add_argument(
-        "--port",
-        type=port,
-        default=8080,
-        metavar="N",
-        help="the first free one from here on (default: 8080)",
-    )
-    page.add_argument("--no-browser", action="store_true", help="do not open one")
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    add = parser.add_argument
-    add(
+def add_arguments(parser: Parser) -> None:
+    """The arguments of `globule view`."""
+    parser.add_argument(
         "what",
         nargs="+",
-        metavar="WHAT",
-        help="files of particles, meshes, volumes or sweeps (several: a sequence), a simulation's "
-        "name or .toml, or igtl://host:port",
+        metavar="FILE",
+        help="particles, mesh, volume or sweep (several: a sequence), a simulation's name or "
+        ".toml, or igtl://host:port",
     )
-    add("--state", metavar="FILE.toml", help="settings saved from the page")
-    add_page(parser)
-    first = parser.add_argument_group("to begin with; the page can change all of it")
-    first.add_argument("--eye", type=vector, metavar="X,Y,Z", help="where the camera is")
-    first.add_argument("--look-at", type=vector, metavar="X,Y,Z", help="middle of the picture")
-    first.add_argument(
-        "--fov",
-        type=positive,
-        default=40.0,
-        metavar="DEG",
-        help="vertical field of view (default: 40)",
-    )
-    first.add_argument(
-        "--ortho",
-        type=positive,
-        metavar="HEIGHT",
-        help="orthographic, HEIGHT world units from bottom to top, with --eye",
-    )
-    first.add_argument(
-        "--up",
-        type=vector,
-        metavar="X,Y,Z",
-        help="direction to the sky (default: 0,1,0; for volumes and sweeps 0,0,1)",
-    )
-    first.add_argument("--preset", choices=PRESETS, metavar="NAME", help=", ".join(PRESETS))
-    first.add_argument("--kernel", choices=KERNELS, metavar="NAME", help=", ".join(KERNELS))
-    first.add_argument("--support", type=positive, metavar="A")
-    first.add_argument("--threshold", type=positive, metavar="T")
-    first.add_argument("--color-by", metavar="NAME", help="colour by a field or attribute")
-    first.add_argument("--colormap", choices=COLORMAPS, metavar="MAP", help=", ".join(COLORMAPS))
-    first.add_argument(
-        "--range", type=look.interval, metavar="LO,HI", help="values of the map's ends"
-    )
-    first.add_argument("--clip", type=plane, metavar="NX,NY,NZ,D", help="a cutting plane")
-    add_reading(parser)
+    flags.add(parser, "--state", "default: none")
+    flags.add_page(parser)
+    first = parser.add_argument_group("start values; the page can change all of them")
+    flags.add(first, "--eye", "default: all is visible")
+    flags.add(first, "--look-at", "default: the middle of the particles")
+    flags.add(first, "--up", "default: 0,1,0; volumes 0,0,1")
+    flags.add(first, "--fov", "default: 40", default=40.0)
+    flags.add(first, "--ortho", "needs --eye; default: none, a perspective camera")
+    flags.add(first, "--preset", "default: the simulation's, else none", choices=PRESETS)
+    flags.add(first, "--kernel", "default: murakami")
+    flags.add(first, "--support", "default: the file's, else two spacings")
+    flags.add(first, "--threshold", "default: by kernel")
+    flags.add(first, "--color-by", "default: the particles' color")
+    flags.add(first, "--colormap", "default: viridis")
+    flags.add(first, "--range", "default: the lowest and the highest value")
+    flags.add(first, "--clip", "default: none")
+    flags.add_reading(parser)
     sweep = parser.add_argument_group("sweeps")
-    sweep.add_argument("--calibration", metavar="FILE.toml", help="of the probe")
-    sweep.add_argument("--plus", metavar="CONFIG.xml", help="configuration of PLUS")
-    add_device(parser.add_argument_group("machine"))
+    flags.add(sweep, "--calibration", "default: the recording's own transforms")
+    flags.add(sweep, "--plus", "default: none")
+    flags.add_device(parser.add_argument_group("machine"))
 
 
 def run(options: argparse.Namespace) -> None:
+    """Run `globule view`."""
     if (options.eye is None) != (options.look_at is None):
-        raise UserError("--eye: expected --look-at beside it, or neither")
+        raise UserError("--eye: expected --eye and --look-at together, got one of the two")
     if options.ortho and not options.eye:
-        raise UserError("--ortho: expected --eye and --look-at beside it, got none")
+        raise UserError("--ortho: expected --eye and --look-at beside --ortho, got none")
     check_device(options)
     check_viewer()
     from ..viewer.open import open_source
@@ -145,7 +105,7 @@ def run(options: argparse.Namespace) -> None:
 
 
 def check_viewer() -> None:
-    """Say what to install where the viewer's libraries are not."""
+    """Refuse to start without the viewer's packages; name the command that installs them."""
     from ..viewer.app import need_viser
 
     try:
@@ -162,7 +122,7 @@ def serve(
     state: State | None = None,
     preset: str | None = None,
 ) -> Viewer:
-    """The viewer of a source, where the options of `add_page` say."""
+    """The viewer of a source, at the address of the flags of `flags.add_page`."""
     from ..viewer import show
 
     return show(
@@ -179,16 +139,10 @@ def serve(
 
 
 def _settings(options: argparse.Namespace) -> tuple:
-    """The state, and the camera where one is given."""
-    from ..viewer.state import MOST_BYTES, State
+    """The state, and the camera if there is one."""
+    from ..viewer.state import State
 
-    state, camera = State(), None
-    if options.state:
-        with open(options.state, encoding="utf-8") as file:
-            try:
-                camera = state.load_toml(file.read(MOST_BYTES + 1))
-            except ValueError as error:
-                raise UserError(f"{options.state}: {error}") from error
+    state, camera = read_state(options.state) if options.state else (State(), None)
     if options.eye:
         camera = Camera(
             options.eye, options.look_at, options.up or (0, 1, 0), options.fov, options.ortho

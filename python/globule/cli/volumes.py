@@ -1,6 +1,6 @@
-"""Volumes among the files of `render`: shown as the surface where their values have a level.
+"""Volumes among the files of `render`: their iso-surface.
 
-With labels or resampling they are shown as `globule.tomography_particles` makes them.
+With --label or --resample a volume becomes one metaball per voxel instead.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ def is_surface(path: str, options: argparse.Namespace) -> bool:
 
 
 def check_surface(path: str, options: argparse.Namespace) -> None:
-    """Refuse what a surface cannot have, before any work."""
+    """Refuse the flags that an iso-surface does not have, before any work."""
     for name in ("threshold", "support"):
         if getattr(options, name) is not None:
             raise UserError(f"--{name}: expected --level for the volume {path}, got --{name}")
@@ -41,11 +41,13 @@ def check_surface(path: str, options: argparse.Namespace) -> None:
     except OSError as error:
         raise UserError(f"{path}: expected a file to read, got: {error.strerror}") from error
     if tracked:
-        raise UserError(f"{path}: expected a volume, got a sweep: globule reconstruct makes one")
+        raise UserError(
+            f"{path}: expected a volume, got a sweep; globule reconstruct makes a volume of it"
+        )
 
 
 def read_surface(path: str, options: argparse.Namespace) -> tuple[Particles, list[str]]:
-    """The surface's particles, made for the kernel's own threshold; and what to say of them."""
+    """The particles of the iso-surface, for the kernel's own threshold; and messages."""
     from ..volumes.iso_surface import iso_surface
 
     volume = read_volume_file(path)
@@ -56,4 +58,6 @@ def read_surface(path: str, options: argparse.Namespace) -> tuple[Particles, lis
     particles.weight = particles.weight * (DEFAULTS[options.kernel][1] / threshold)
     if options.level is not None:
         return particles, []
-    return particles, [f"{os.path.basename(path)}: surface at {level:.4g}, --level takes another"]
+    return particles, [
+        f"{os.path.basename(path)}: surface at {level:.4g}; --level sets another iso-value"
+    ]

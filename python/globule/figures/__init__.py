@@ -1,7 +1,7 @@
-"""The figures of the thesis, drawn anew from what this code computes.
+"""The figures of the thesis, drawn again from the results of this code.
 
-`FIGURES` maps a figure's number to a function (path, device, dpi) that writes it as a PNG; the
-first line of the function's docstring says what to see. All need matplotlib (the extra `figures`).
+`FIGURES` maps the number of a figure to a function (path, device, dpi) that writes a PNG file. The
+first paragraph of its docstring is the caption. The figures need matplotlib, the extra `figures`.
 """
 
 from __future__ import annotations
@@ -50,5 +50,5 @@ FIGURES: dict[str, Callable[..., None]] = {
 
 
 def caption(name: str) -> str:
-    """What a figure shows, in one sentence."""
+    """The caption of a figure, a key of `FIGURES`, in one sentence."""
     return (FIGURES[name].__doc__ or "").partition("\n\n")[0].replace("\n    ", " ")

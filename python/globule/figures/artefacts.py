@@ -41,6 +41,7 @@ def marched(step: float) -> Thesis:
 
 
 def two_fused(device: str = "auto") -> tuple[Scene, Camera]:
+    """Two metaballs that fuse, and a camera that sees both."""
     scene = dense_scene([[-0.62, 0, 0], [0.62, 0.1, 0]], 1.3, 0, device)
     return scene, Camera((0.5, 0.8, 4.2), (0, 0.05, 0), fov=29)
 
@@ -77,6 +78,7 @@ def ghosts(path: Any, device: str = "auto", dpi: float = 110) -> None:
 
 
 def cluster(device: str = "auto") -> Scene:
+    """48 metaballs at random positions."""
     positions = np.random.default_rng(58).normal(0, 0.42, (48, 3))
     return dense_scene(np.clip(positions, -0.9, 0.9), 0.55, 1, device)
 

@@ -1,4 +1,4 @@
-"""What all figures share: colours, axes without clutter, and small PNG files."""
+"""The common part of all figures: colors, plain axes, and small PNG files."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from .._base.files import atomic_write
 from ..render.camera import Camera
 
-# Distinguishable with any colour vision (after Okabe and Ito 2008).
+# Distinguishable with any color vision (after Okabe and Ito 2008).
 BLUE, ORANGE, GREEN, RED, PURPLE = "#1f6fb2", "#e0861a", "#178a5f", "#c8452d", "#8a4fa3"
 SKY, INK, GRAY, PALE = "#9cc9ea", "#222831", "#7d858f", "#dfe3e8"
 AXES = (RED, GREEN, BLUE)  # x, y, z
@@ -42,7 +42,7 @@ _FONT = {
 
 
 class Figure:
-    """A matplotlib figure of `width` x `height` inches that becomes a PNG when the block ends."""
+    """A matplotlib figure of `width` x `height` inches; a PNG file when the block ends."""
 
     def __init__(self, path: Any, width: float, height: float, dpi: float):
         import matplotlib
@@ -69,7 +69,7 @@ class Figure:
         drawn = io.BytesIO()
         self.canvas.savefig(drawn, format="png", dpi=self.dpi)
         picture = Image.open(drawn).convert("RGB")
-        for n_colors in (None, 256, 128, 64):  # a palette only where the file would be large
+        for n_colors in (None, 256, 128, 64):  # a palette only if the file is large
             packed, kept = io.BytesIO(), picture
             if n_colors:
                 kept = picture.quantize(
@@ -107,8 +107,10 @@ def draw_cubes(
     width: float = 0.6,
     edge: str = "#33506b",
 ) -> None:
-    """Cubes (M, 3) of one grid, y upwards, seen from the front, the right and above; the far ones
-    are drawn first. colors: one, or one a cube."""
+    """Draw cubes of one grid, y up, seen from the front, the right and above, far cubes first.
+
+    corners: (M, 3) lowest corners. colors: one for all, or one per cube.
+    """
     from matplotlib.collections import PolyCollection
     from matplotlib.colors import to_rgb
 
@@ -139,7 +141,7 @@ def draw_cubes(
 
 
 def flattened(points: Any) -> np.ndarray:
-    """Drawing coordinates (..., 2) of points in space (..., 3), seen as by `draw_cubes`."""
+    """Drawing coordinates (..., 2) of points (..., 3), in the projection of `draw_cubes`."""
     return np.asarray(points) @ VIEW[:2].T
 
 

@@ -178,7 +178,7 @@ class SweepSource(VolumeSource):
                 *self.option_words(),
                 "--method",
                 self._method,
-                "--spacing",
+                "--voxel-size",
                 f"{self.spacing:.9g}",
                 "-o",
                 "volume.npz",

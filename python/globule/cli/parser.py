@@ -1,0 +1,131 @@
+"""The parser of a command: two lengths of help, mistakes as `UserError`, old spellings."""
+
+from __future__ import annotations
+
+import argparse
+import textwrap
+from collections.abc import Sequence
+from typing import Any
+
+from .shared import UserError
+
+ALWAYS = ("--help", "--help-all", "--version")
+
+
+class Parser(argparse.ArgumentParser):
+    """`--help` lists the essential flags with the first examples, `--help-all` lists everything.
+
+    Attributes:
+        essential: option strings that `--help` lists, in this order; empty: all.
+        examples: commands, one a line; `--help` shows the first two.
+        notes: paragraphs that only `--help-all` shows.
+    """
+
+    def __init__(self, **named: Any):
+        named |= {"add_help": False, "allow_abbrev": False}
+        super().__init__(formatter_class=_Formatter, **named)
+        self._positionals.title = "arguments"
+        self.essential: tuple[str, ...] = ()
+        self.examples = self.notes = ""
+        self.add_argument("-h", "--help", action=_Help, help="print this help and exit")
+
+    def has_short_help(self) -> None:
+        """Add `--help-all`, and print all there."""
+        self.add_argument(
+            "--help-all", action=_Help, dest="help", help="print the help with all options and exit"
+        )
+
+    def error(self, message: str) -> Any:
+        """Raise UserError with the message of argparse."""
+        raise UserError(f"{message} (`{self.prog} --help` lists the options)")
+
+    def format_help(self) -> str:
+        """The text of `--help`."""
+        return self.help_text(not self.essential)
+
+    def help_text(self, everything: bool) -> str:
+        """The text of `--help`, or of `--help-all`."""
+        text = self._get_formatter()
+        text.add_usage(self.usage, self._actions, self._mutually_exclusive_groups)
+        text.add_text(self.description)
+        if everything:
+            text.add_text(self.notes)
+        for title, about, actions in self._sections(everything):
+            text.start_section(title)
+            text.add_text(about)
+            text.add_arguments(actions)
+            text.end_section()
+        lines = self.examples.splitlines()
+        shown = lines if everything else lines[:2]
+        if shown:
+            text.add_text("\n".join(["examples:" if len(shown) > 1 else "example:", *shown]))
+        return text.format_help()
+
+    def _sections(self, everything: bool) -> list[tuple[str | None, str | None, list[Any]]]:
+        """Title, text and arguments of each part of the help."""
+        if everything:
+            return [(g.title, g.description, g._group_actions) for g in self._action_groups]
+        places = [a for a in self._actions if not a.option_strings]
+        known = self._option_string_actions
+        flags = [known[name] for name in (*ALWAYS, *self.essential) if name in known]
+        return [("arguments", None, places), ("options", None, flags)]
+
+    def renamed(self, group: Any, old: str, new: str, kind: Any = None) -> None:
+        """Accept the old spelling of an option for one version, with a note; `kind`: its type,
+        where the old one read other words."""
+        action = self._option_string_actions[new]
+        group.add_argument(old, action=_Renamed, new=action, kind=kind)
+
+
+class _Formatter(argparse.RawDescriptionHelpFormatter):
+    """Names of an option before its value, "-o, --output PATH", and room for them."""
+
+    def __init__(self, prog: str):
+        super().__init__(prog, max_help_position=22)
+
+    def _fill_text(self, text: str, width: int, indent: str) -> str:
+        """Paragraphs as wide as the terminal; those with indented lines as they are."""
+        blocks = text.split("\n\n")
+        return "\n\n".join(
+            block if "\n  " in f"\n{block}" else textwrap.fill(block, width) for block in blocks
+        )
+
+    def _format_action_invocation(self, action: argparse.Action) -> str:
+        if not action.option_strings or action.nargs == 0:
+            return super()._format_action_invocation(action)
+        value = self._format_args(action, self._get_default_metavar_for_optional(action))
+        return f"{', '.join(action.option_strings)} {value}"
+
+
+class _Help(argparse.Action):
+    """Print the help and exit."""
+
+    def __init__(self, option_strings: Sequence[str], dest: str, help: str = ""):
+        super().__init__(
+            option_strings, argparse.SUPPRESS, nargs=0, default=argparse.SUPPRESS, help=help
+        )
+
+    def __call__(self, parser: Any, namespace: Any, values: Any, option: Any = None) -> None:
+        print(parser.help_text(option == "--help-all" or not parser.essential), end="")
+        parser.exit()
+
+
+class _Renamed(argparse.Action):
+    """An option's old spelling: does what the new one does, and remembers the pair of names."""
+
+    def __init__(
+        self, option_strings: Sequence[str], dest: str, new: argparse.Action, kind: Any = None
+    ):
+        read: Any = kind or new.type
+        super().__init__(
+            option_strings, f"_old_{dest}", new.nargs, default=argparse.SUPPRESS,
+            type=read, choices=new.choices, help=argparse.SUPPRESS,
+            metavar=new.metavar,
+        )  # fmt: skip
+        self.new = new
+
+    def __call__(self, parser: Any, namespace: Any, values: Any, option: Any = None) -> None:
+        self.new(parser, namespace, values, self.new.option_strings[0])
+        namespace.renamed = {
+            **getattr(namespace, "renamed", {}), self.option_strings[0]: self.new.option_strings[-1]
+        }  # fmt: skip

@@ -1,0 +1,75 @@
+"""`--state view.toml`: the settings that the viewer saved, for `view` and `render`."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+import numpy as np
+
+from ..render.camera import Camera
+from ..render.presets import preset
+from ..render.sequence import find_files
+from ..scene.scene import Scene
+from ..viewer.equivalent import render_words
+from ..viewer.state import MOST_BYTES, State
+from .shared import UserError, join_negative, mistakes, say
+from .volumes import is_surface
+
+# What a flag that is given beside --state takes the place of: the state's values of these.
+REPLACED = {
+    "fit": ("eye", "look_at", "ortho"),
+    "camera_path": ("eye", "look_at", "ortho"),
+    "fov": ("ortho",),
+    "opacity": ("transmission", "reflection", "index"),
+    "transmission": ("opacity",),
+    "background": ("sky",),
+    "color_by": ("range",),
+}
+
+
+def read_state(path: str) -> tuple[State, Camera | None]:
+    """The settings in a file that the viewer saved, and the camera if the file has one."""
+    state = State()
+    try:
+        with open(path, encoding="utf-8") as file:
+            return state, state.load_toml(file.read(MOST_BYTES + 1))
+    except ValueError as error:
+        raise UserError(f"{path}: {error}") from error
+    except OSError as error:
+        raise UserError(f"{path}: cannot be read: {error.strerror or error}") from error
+
+
+def defaults(parser: argparse.ArgumentParser, options: argparse.Namespace) -> dict[str, Any]:
+    """What --state says of the options of `render` that no flag sets: the options of the command
+    that the viewer prints."""
+    if not options.state:
+        return {}
+    state, camera = read_state(options.state)
+    with mistakes():
+        volumes = [path for path in find_files(options.particles) if is_surface(path, options)]
+    up = options.up if camera is None else camera.up
+    unsaid = ("threshold", "support") if volumes else ()
+    words = render_words(state, camera, up, _no_sky(state, up), unsaid)
+    if volumes:
+        if state.slices.level:
+            words += ["--level", repr(state.slices.level)]
+        if state.slices.shown:
+            say(f"note: {options.state}: the image has no slices, which only the viewer shows")
+    saved = parser.parse_args(["FILE", "-o", "PATH", *join_negative(words)])
+    named = {a.dest for a in parser._actions if any(word in words for word in a.option_strings)}
+    given = {
+        action.dest
+        for action in parser._actions
+        if getattr(options, action.dest, None) != parser.get_default(action.dest)
+    }
+    gone = given.union(*(REPLACED.get(name, ()) for name in given))
+    return {name: getattr(saved, name) for name in named - gone}
+
+
+def _no_sky(state: State, up: Any) -> bool:
+    """Whether the background is visible, as in the viewer."""
+    if state.look.sky != "preset" or state.look.preset == "plain":
+        return state.look.sky != "gradient"
+    point = Scene(np.zeros((1, 3), np.float32), support=1.0, device="cpu", threads=1)
+    return preset(state.look.preset, point, up).sky is None
