@@ -18,6 +18,7 @@ from . import _core  # noqa: E402
 if _set:
     del os.environ["OMP_WAIT_POLICY"]
 
+from ._base.checks import MissingPackageError  # noqa: E402
 from ._base.colormaps import colorize  # noqa: E402
 from ._base.cpp import cmake_dir, include_dir  # noqa: E402
 from .formats import (  # noqa: E402
@@ -80,6 +81,7 @@ __all__ = [
     "Headlight",
     "Layer",
     "Material",
+    "MissingPackageError",
     "Particles",
     "Phase",
     "Picked",

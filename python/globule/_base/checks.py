@@ -74,3 +74,19 @@ def how_to_install(extra: str) -> str:
     if python.startswith(os.getcwd() + os.sep):
         python = os.path.relpath(python)
     return f'{shlex.quote(python)} -m pip install "globule[{extra}]"'
+
+
+class MissingPackageError(ImportError):
+    """An optional package is not installed; the message gives the pip command that adds it."""
+
+
+def missing(package: str, extra: str) -> MissingPackageError:
+    """The error to raise where an optional package cannot be imported.
+
+    Args:
+        package: its name, as users know it ("PyAV").
+        extra: the extra of globule that installs it ("video").
+    """
+    return MissingPackageError(
+        f"{package} is not installed. Install it with: {how_to_install(extra)}", name=package
+    )
