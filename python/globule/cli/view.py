@@ -165,7 +165,7 @@ def serve(
     """The viewer of a source, where the options of `add_page` say."""
     from ..viewer import show
 
-    return show(
+    viewer = show(
         source,
         options.host,
         options.port,
@@ -174,8 +174,10 @@ def serve(
         state,
         preset,
         not options.no_browser,
-        block=False,
     )
+    for line in viewer.greeting():
+        print(f"globule: {line}", flush=True)
+    return viewer
 
 
 def _settings(options: argparse.Namespace) -> tuple:
