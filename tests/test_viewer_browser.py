@@ -202,13 +202,13 @@ def test_memory_stays_when_browsers_come_and_go(chromium):
         watched.close()
 
 
-def test_errors_are_said_in_the_page(watched, capsys):
+def test_errors_are_said_in_the_page(watched, caplog):
     page = watched.page()
     watched.viewer.state.set(surface__kernel="blinn", surface__root="bezier")
     page.get_by_text("root method bezier").first.wait_for()
     watched.viewer.state.set(surface__root="exact")
     watched.still(page)
-    assert "bezier" in capsys.readouterr().err
+    assert "bezier" in caplog.text
 
 
 def test_callbacks_and_own_sliders(watched):

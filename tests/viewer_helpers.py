@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 import threading
 import time
@@ -13,6 +12,7 @@ from typing import Any
 import globule as gb
 import numpy as np
 import pytest
+from waiting import PATIENCE, until
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 FLAGS = [
@@ -23,7 +23,6 @@ FLAGS = [
     "--enable-unsafe-swiftshader",
 ]
 WINDOW = {"width": 1000, "height": 760}
-PATIENCE = float(os.environ.get("GLOBULE_TEST_PATIENCE", 90))  # s; machines may be busy
 CELLS = 24  # of the bar code
 
 
@@ -40,17 +39,6 @@ def browser() -> Iterator[Any]:
             yield opened
         finally:
             opened.close()
-
-
-def until(true: Callable[[], Any], what: str = "") -> Any:
-    """Wait for something to become true, and give it."""
-    deadline = time.monotonic() + PATIENCE
-    while time.monotonic() < deadline:
-        found = true()
-        if found:
-            return found
-        time.sleep(0.05)
-    raise AssertionError(f"waited {PATIENCE:g} s in vain {what}")
 
 
 def blob(n: int = 400, seed: int = 1) -> gb.Particles:

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .._base.checks import how_to_install
+from .._base.checks import missing
 from ..formats.sweeps.transforms import WORLDS, Edges, Transform, chain, find_path, split_name
 from .setup import Setup
 from .sweep import Sweep, usable
@@ -60,11 +60,11 @@ def parse_address(address: str) -> tuple[str, int]:
 
 
 def need_pyigtl() -> Any:
-    """pyigtl's base of messages, or ValueError that says how to get it."""
+    """pyigtl's base class of messages. Raises MissingPackageError."""
     try:
         from pyigtl.messages import MessageBase
-    except ImportError:
-        raise ValueError(f"live: expected pyigtl, got none: {how_to_install('live')}") from None
+    except ImportError as error:
+        raise missing("pyigtl", "live") from error
     return MessageBase
 
 

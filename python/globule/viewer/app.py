@@ -7,7 +7,6 @@ import io
 import secrets
 import signal
 import socket
-import sys
 import threading
 import time
 import webbrowser
@@ -17,12 +16,13 @@ from typing import Any
 import numpy as np
 
 from .._base.arrays import on_gpu
-from .._base.checks import how_to_install
+from .._base.checks import how_to_install, missing
 from ..render.camera import Camera
 from ..render.frame import fit_camera
 from .engine import Client, Engine
 from .equivalent import command_line, python_code
 from .guard import Guard, limit_messages, quiet_tasks
+from .log import log
 from .pacer import Plan
 from .placement import Placement
 from .recording import Shot
@@ -88,11 +88,14 @@ class Viewer:
         self.engine.on_picture = self._on_picture
         self.engine.on_error = self._on_error
         self.engine.on_step = self._keep_in_sight
-        with self._guard.watching(), contextlib.redirect_stdout(io.StringIO()):
-            self.server = viser.ViserServer(host, port, verbose=False)
+        with contextlib.redirect_stdout(io.StringIO()):
+            self.server = self._guard.server(host, port)
         if not self._guard.started:
             self.close()
-            raise RuntimeError("viewer: this version of viser opens its server in another way")
+            raise RuntimeError(
+                f"viewer: viser {viser.__version__} opens its server in an unknown way. Install "
+                f"the version that globule needs: {how_to_install('view')}"
+            )
         limit_messages(self.server, MOST_BYTES)
         quiet_tasks(self.server)
         self.host, self.port = host, self.server.get_port()
@@ -112,22 +115,21 @@ class Viewer:
         return f"http://{host}:{self.port}/" + (f"?token={self.token}" if self.token else "")
 
     def greeting(self) -> list[str]:
-        """What a person needs to know in the terminal."""
-        lines = [f"globule: {line}" for line in self.warnings]
-        lines.append(f"globule: {self.source.name} at {self.address}")
+        """Lines for a person in the terminal: the address, and how to reach it from elsewhere."""
+        lines = [*self.warnings, f"{self.source.name} at {self.address}"]
         if self._asked_port and self.port != self._asked_port:
-            lines.append(f"globule: port {self._asked_port} is taken, so this is {self.port}")
+            lines.append(f"port {self._asked_port} is in use; the viewer uses {self.port}")
         if self.token is None:
             lines.append(
-                f"globule: from another machine: ssh -L {self.port}:localhost:{self.port} "
-                f"{socket.gethostname()}, then the same address there"
+                f"from another machine: run ssh -L {self.port}:localhost:{self.port} "
+                f"{socket.gethostname()} there, then open the same address"
             )
         else:
             lines.append(
-                "globule: whoever has this address can look and steer; it is not "
-                "encrypted, so better stay with ssh where others can listen"
+                "everyone who has this address can see and control the page; the connection is "
+                "not encrypted, so use ssh on networks that you do not trust"
             )
-        return [*lines, "globule: Ctrl-C ends it"]
+        return [*lines, "press Ctrl-C to stop the viewer"]
 
     def open_browser(self) -> None:
         """Open the page where somebody sits in front of this machine."""
@@ -221,7 +223,7 @@ class Viewer:
         return picture
 
     def _on_error(self, message: str) -> None:
-        print(f"globule: {message}", file=sys.stderr)
+        log.warning("%s", message)
         for client in list(self.clients.values()):
             client.sink.error(message)
 
@@ -440,11 +442,9 @@ def narrower(camera: Camera, aspect: float) -> Camera:
 
 
 def need_viser() -> Any:
-    """viser, or ImportError that says how to get it."""
+    """The module viser. Raises MissingPackageError."""
     try:
         import viser
     except ImportError as error:
-        raise ImportError(
-            f"the viewer needs viser, which is not installed: {how_to_install('view')}"
-        ) from error
+        raise missing("viser", "view") from error
     return viser

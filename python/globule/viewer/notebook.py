@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from .._base.checks import missing
 from ..render.camera import Camera
 from .app import first_camera
 from .engine import Engine
@@ -21,14 +22,11 @@ MOST_PIXELS = 8192  # of a side
 
 
 def need_anywidget() -> Any:
-    """anywidget, or ImportError that says how to get it."""
+    """The module anywidget. Raises MissingPackageError."""
     try:
         import anywidget
     except ImportError as error:
-        raise ImportError(
-            "the notebook viewer needs anywidget, which is not installed: "
-            'pip install "globule[notebook]"'
-        ) from error
+        raise missing("anywidget", "notebook") from error
     return anywidget
 
 

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import sys
 import threading
 from typing import Any
 
+from ..log import log
 from . import color, cuts, help, look, play, save, statistics, surface, tools, volume
 from . import view as view_panel
 from .widgets import Binder
@@ -79,7 +79,7 @@ class Page:
 
     def complain(self, browser: Any, message: str) -> None:
         """Say what went wrong where it was asked for, and in the terminal."""
-        print(f"globule: {message}", file=sys.stderr)
+        log.warning("%s", message)
         client = None if browser is None else self.viewer.clients.get(browser.client_id)
         for one in [client] if client is not None else list(self.viewer.clients.values()):
             one.sink.error(message)

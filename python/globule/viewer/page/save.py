@@ -7,13 +7,13 @@ import contextlib
 import os
 import re
 import shutil
-import sys
 import tempfile
 import threading
 import time
 from collections.abc import Callable
 from typing import Any
 
+from ..log import log
 from ..recording import Recorder, Shot, checked_size, keep, turntable
 from ..state import MOST_BYTES
 from .jobs import Cancelled, Job
@@ -22,7 +22,7 @@ from .widgets import bounded
 
 FIRST_SIZE = "1280x720"
 FORMATS = ("PNG", "EXR")
-SLOW = "globule: finishing the recording; Ctrl-C gives it up"
+SLOW = "finishing the recording; press Ctrl-C again to discard it"
 MOST_CANCELLING = 1.0  # s that the viewer's end waits for what is given up
 
 
@@ -181,7 +181,7 @@ class Save(Panel):
 
     def show_equivalent(self, browser: Any) -> None:
         command, code = self.viewer.equivalent(self._client(browser).camera, self.chosen_size())
-        print(f"{command}\n\n{code}")
+        log.info("the same image:\n%s\n\n%s", command, code)
         gui = browser.gui
         with gui.add_modal("The same picture") as modal:
             gui.add_markdown(f"```sh\n{command}\n```\n\n```python\n{code}```")
@@ -202,7 +202,7 @@ class Save(Panel):
 
     def _keep(self, recorder: Recorder, path: str, note: Any) -> None:
         """Nobody will take it any more, so it stays here."""
-        slow = threading.Timer(1.0, print, [SLOW], {"file": sys.stderr})
+        slow = threading.Timer(1.0, log.info, [SLOW])
         slow.start()
         try:
             self._stop(recorder)
@@ -218,7 +218,7 @@ class Save(Panel):
         finally:
             slow.cancel()
             _remove(path)
-        print(f"globule: {said}", file=sys.stderr)
+        log.info("%s", said)
         with contextlib.suppress(Exception):  # the browser may have left
             note.title, note.body, note.loading = "Recording", words, False
             note.with_close_button = True
