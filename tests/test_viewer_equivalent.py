@@ -36,7 +36,7 @@ STATES = {
         "cuts__hi": (2.0, 0.0, 2.0),
     },
     "sphere": {"cuts__sphere": True, "cuts__center": (0.5, 0.0, 0.2), "cuts__radius": 0.6},
-    "water": {"look__preset": "water", "look__shadows": True, "look__depth": 6},
+    "water": {"look__preset": "water", "look__shadows": True, "look__bounces": 6},
     "own": {
         "look__lights": "own",
         "look__azimuth": 40.0,
@@ -54,7 +54,7 @@ STATES = {
     },
     "bare": {"look__preset": "clay", "look__ground": "none", "look__background": (1.0, 0.0, 0.0)},
     "checks": {"look__preset": "clay", "look__ground": "checker", "look__ambient_rays": 2},
-    "plain ground": {"look__preset": "glass", "look__ground": "plain", "look__depth": 2},
+    "plain ground": {"look__preset": "glass", "look__ground": "plain", "look__bounces": 2},
     "crops": {
         "cuts__sphere": True,
         "cuts__keep_sphere": True,
@@ -166,7 +166,7 @@ def test_a_sweep_s_volume(tmp_path, monkeypatch):
         lo, hi = source.bounds()
         camera, size = gb.Camera(hi + 40, (lo + hi) / 2, (0, 0, 1)), (80, 60)
         shot = Shot(engine, camera, size, 1)
-        check(engine, camera, size, shot.picture, "the frames that came")
+        check(engine, camera, size, shot.picture, "the images so far")
         source.finish("vvn")
         shot = Shot(engine, camera, size, 1)
         assert shot.frame.mask.mean() > 0.02
@@ -182,19 +182,19 @@ domain = { lo = [0, 0, 0], hi = [1, 0.4, 0.8], walls = true }
 name = "water"
 box = { lo = [0, 0, 0], hi = [0.4, 0.4, 0.4] }
 """)
-    with engine_of("dam.toml", look__preset="water", look__shadows=True, look__depth=6) as engine:
+    with engine_of("dam.toml", look__preset="water", look__shadows=True, look__bounces=6) as engine:
         for _ in range(5):
             engine.source.simulation.step()
         camera, size = gb.Camera((0.5, -2, 1), (0.5, 0.2, 0.2), (0, 0, 1)), (80, 60)
         engine.up = engine.source.up
         shot = Shot(engine, camera, size, 1)
-        passed = f"the {engine.source.simulation.time:.4g} s that have passed"
+        passed = f"the simulated {engine.source.simulation.time:.4g} s"
         check(engine, camera, size, shot.picture, passed)
         engine.source.by_hand = True
         engine.state.set(cuts__plane=True)
         command = command_line(engine.source, engine.state, camera, size, engine.up)
         assert command.endswith(
-            f"# without: {passed}, what was done by hand, light, cuts and samples"
+            f"# without: {passed}, changes by hand, light, cuts and samples"
         )
 
 
@@ -238,7 +238,7 @@ def test_plates_and_marks_stand_where_they_are(height):
 def test_a_picture_needs_memory_that_is_free(monkeypatch):
     monkeypatch.setattr("globule.viewer.recording.free_bytes", lambda: 200_000_000)
     assert checked_size((1000, 1000)) == (1000, 1000)
-    with pytest.raises(ValueError, match="at most 1,000,000 pixels for the memory that is free"):
+    with pytest.raises(ValueError, match="at most 1,000,000 pixels, which fit into the free memory"):
         checked_size((1001, 1000))
 
 

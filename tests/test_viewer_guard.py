@@ -169,7 +169,7 @@ def test_values_that_no_widget_would_send_are_refused():
     try:
         save = viewer.page.panels[-3]
         save.format._impl.value = "/../../../tmp/x.PNG"
-        with pytest.raises(ValueError, match="Picture as: expected PNG or EXR"):
+        with pytest.raises(ValueError, match="Image format: expected PNG or EXR"):
             save.chosen_extension()
         for size in ("0x10", "99999x99999", "1x1; rm", 7):
             save.size._impl.value = size

@@ -64,8 +64,8 @@ def test_slow_motion_is_slower(dam):
 def test_colours_of_values_follow_the_simulation(dam):
     page = dam.page()
     plain = dam.still(page)
-    open_folder(page, "Colour by value")
-    choose(page, "Colour by", "velocity")
+    open_folder(page, "Color by value")
+    choose(page, "Color by", "velocity")
     dam.viewer.source.play(True)
     dam.viewer.engine.notify()
     until(lambda: dam.viewer.source.simulation.time > 0.1)
@@ -143,8 +143,8 @@ def test_a_scalpel_stroke_leaves_two_pieces(block):
     page, sim = block.page(), block.viewer.source.simulation
     assert sim.n_pieces == 1
     block.viewer.source.cut_depth = None  # all through
-    choose(page, "With the mouse", "Cut")
-    page.get_by_text("Draw a line across what is to be cut.", exact=True).wait_for()
+    choose(page, "Mouse tool", "Cut")
+    page.get_by_text("Draw a line across the surface to cut it.", exact=True).wait_for()
     time.sleep(1.0)
     where = outline(block, page)
     middle = where.mean(axis=0)
@@ -158,8 +158,8 @@ def test_a_scalpel_stroke_leaves_two_pieces(block):
 def test_a_shallow_stroke_leaves_one_piece(block):
     page, source = block.page(), block.viewer.source
     source.cut_depth = 0.012
-    choose(page, "With the mouse", "Cut")
-    page.get_by_text("Draw a line across what is to be cut.", exact=True).wait_for()
+    choose(page, "Mouse tool", "Cut")
+    page.get_by_text("Draw a line across the surface to cut it.", exact=True).wait_for()
     time.sleep(1.0)
     where = outline(block, page)
     middle = where.mean(axis=0)
@@ -171,8 +171,8 @@ def test_a_shallow_stroke_leaves_one_piece(block):
 def test_grasping_pulls_tissue(block):
     page, source = block.page(), block.viewer.source
     sim = source.simulation
-    choose(page, "With the mouse", "Grasp")
-    page.get_by_text("Drag a piece of the surface while it runs.", exact=True).wait_for()
+    choose(page, "Mouse tool", "Grasp")
+    page.get_by_text("Drag a part of the surface while the simulation runs.", exact=True).wait_for()
     time.sleep(1.0)
     phase = list(sim.phases).index("block")
     before = sim.positions[sim.phase == phase]
@@ -296,8 +296,8 @@ def test_suction_follows_a_stroke_on_the_surface(pool):
 
     page, source = pool.page(), pool.viewer.source
     sim = source.simulation
-    choose(page, "With the mouse", "Suction")
-    page.get_by_text("Drag over what is to be taken away while it runs.", exact=True).wait_for()
+    choose(page, "Mouse tool", "Suction")
+    page.get_by_text("Drag over the fluid to remove it while the simulation runs.", exact=True).wait_for()
     time.sleep(1.0)
     press(page, "Run")
     until(lambda: sim.n_steps > 3)

@@ -108,14 +108,14 @@ def test_a_volume_with_slices_surface_and_overlay(chromium):
         assert orange > 200
         check(page, "Show slices", False)
         surface = watched.still(page, differs(both, 0.5))
-        type_number(page, "Surface level", 190)
+        type_number(page, "Iso-value", 190)
         smaller = watched.still(page, lambda p: silhouette(p) < 0.8 * silhouette(surface))
         check(page, "Show surface", False)
         watched.still(page, lambda p: silhouette(p) == 0)
-        check(page, "Show sweep frame")
+        check(page, "Show sweep image")
         frame = watched.still(page, lambda p: (p == 255).all(axis=2).sum() > 500)
         assert frame.shape == smaller.shape
-        check(page, "Show sweep frame", False)
+        check(page, "Show sweep image", False)
         check(page, "Show slices")
         check(page, "Measured / filled", False)
         type_number(page, "x slice", 0.2)
@@ -141,7 +141,7 @@ def test_a_sweep_comes_in_and_is_undone(chromium):
         until(lambda: source._reconstructor.n_frames == 11)
         watched.still(page, lambda p: not np.array_equal(p, full))
         choose(page, "Method", "vvn")
-        page.get_by_role("button", name="Make the volume by this method").click()
+        page.get_by_role("button", name="Reconstruct all images").click()
         until(lambda: "method" not in source.volume.info or source.volume.n_filled >= 0)
         choose(page, "Compounding", "maximum")
         until(lambda: source.compounding == "maximum")
@@ -213,13 +213,13 @@ def test_a_live_scanner_from_the_command_line(chromium):
         page.goto(re.search(r"http://\S+", process.stdout.readline())[0])
         page.get_by_role("button", name="Start", exact=True).click()
         open_folder(page, "Statistics")
-        page.get_by_role("cell", name="frames", exact=True).locator(
+        page.get_by_role("cell", name="images", exact=True).locator(
             "xpath=following-sibling::td[text()='20']"
         ).wait_for()
         page.get_by_role("button", name="Stop", exact=True).click()
         until(lambda: np.ptp(seen(page)[250:500, 200:450].mean(axis=2)) > 60, "for the slices")
         page.get_by_role("button", name="Undo").click()
-        page.get_by_role("cell", name="frames", exact=True).locator(
+        page.get_by_role("cell", name="images", exact=True).locator(
             "xpath=following-sibling::td[text()='19']"
         ).wait_for()
     finally:
