@@ -175,7 +175,7 @@ def serve(
         preset,
         not options.no_browser,
     )
-    for line in viewer.greeting():
+    for line in [*viewer.greeting(), "press Ctrl-C to stop the viewer"]:
         print(f"globule: {line}", flush=True)
     return viewer
 
