@@ -62,6 +62,7 @@ def view(
     for line in viewer.greeting():
         log.info("%s", line)
     if block if block is not None else not hasattr(sys, "ps1") and "ipykernel" not in sys.modules:
+        log.info("press Ctrl-C to stop the viewer")
         viewer.wait()
     return viewer
 

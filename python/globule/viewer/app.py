@@ -137,7 +137,7 @@ class Viewer:
                 "everyone who has this address can see and control the page; the connection is "
                 "not encrypted, so use ssh on networks that you do not trust"
             )
-        return [*lines, "press Ctrl-C to stop the viewer"]
+        return lines
 
     def open_browser(self) -> None:
         """Open the page in a browser of this machine."""

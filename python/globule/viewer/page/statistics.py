@@ -48,7 +48,7 @@ class Statistics(Panel):
         frame = client.frame
         latency = float(np.median(pacer.latency)) if pacer.latency else 0.0
         rows = {
-            "images": f"{pacer.rate:.1f} / s, {client.number:,} in total",
+            "frame rate": f"{pacer.rate:.1f} / s, {client.number:,} images",
             "size": f"{frame.size[0]} x {frame.size[1]}, {frame.samples} samples" if frame else "",
             "trace": f"{1e3 * engine.trace_seconds:.1f} ms",
             "encode": f"{1e3 * engine.encode_seconds:.1f} ms",
@@ -58,7 +58,7 @@ class Statistics(Panel):
         if scene is not None:
             with source.lock:
                 octree, n = scene.octree, len(scene)
-            rows["octree build"] = f"{1e3 * octree.build_seconds:.1f} ms"
+            rows["build"] = f"{1e3 * octree.build_seconds:.1f} ms"
             rows["particles"] = f"{n:,}"
             rows["octree"] = f"{octree.bytes / 1e6:.1f} MB"
             rows["device"] = scene.device.description
