@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import os
 import shlex
-import time
 
 import globule as gb
 import numpy as np
@@ -17,6 +16,7 @@ from globule.viewer.open import open_source
 from globule.viewer.recording import Shot, checked_size
 from globule.viewer.state import State
 from PIL import Image
+from waiting import until
 
 STATES = {
     "plain": {},
@@ -124,8 +124,7 @@ def test_a_sequence_s_frame_of_now(tmp_path, monkeypatch):
     for i in range(3):
         gb.write(f"frame_{i}.npz", gb.Particles(np.eye(3) * (1 + 0.2 * i), support=1.0))
     with engine_of(["frame_*.npz"], time__frame=2) as engine:
-        while engine.source.frame != 2:
-            time.sleep(0.01)
+        until(lambda: engine.source.frame == 2)
         camera, size = gb.Camera((1.6, 1.2, 6.0), (0.1, 0.0, 0.0)), (80, 60)
         shot = Shot(engine, camera, size, 1)
         assert "frame_2.npz" in command_line(engine.source, engine.state, camera, size, engine.up)
@@ -160,8 +159,7 @@ def test_a_sweep_s_volume(tmp_path, monkeypatch):
     with engine_of("sweep.igs.mha", slices__shown=False) as engine:
         source = engine.source
         source.start()
-        while source.running:
-            time.sleep(0.01)
+        until(lambda: not source.running)
         source.stop()  # shows all that came
         lo, hi = source.bounds()
         camera, size = gb.Camera(hi + 40, (lo + hi) / 2, (0, 0, 1)), (80, 60)
@@ -193,9 +191,7 @@ box = { lo = [0, 0, 0], hi = [0.4, 0.4, 0.4] }
         engine.source.by_hand = True
         engine.state.set(cuts__plane=True)
         command = command_line(engine.source, engine.state, camera, size, engine.up)
-        assert command.endswith(
-            f"# without: {passed}, changes by hand, light, cuts and samples"
-        )
+        assert command.endswith(f"# without: {passed}, changes by hand, light, cuts and samples")
 
 
 def test_particles_of_a_program_are_said_to_be(tmp_path, monkeypatch):
@@ -238,7 +234,9 @@ def test_plates_and_marks_stand_where_they_are(height):
 def test_a_picture_needs_memory_that_is_free(monkeypatch):
     monkeypatch.setattr("globule.viewer.recording.free_bytes", lambda: 200_000_000)
     assert checked_size((1000, 1000)) == (1000, 1000)
-    with pytest.raises(ValueError, match="at most 1,000,000 pixels, which fit into the free memory"):
+    with pytest.raises(
+        ValueError, match="at most 1,000,000 pixels, which fit into the free memory"
+    ):
         checked_size((1001, 1000))
 
 

@@ -239,6 +239,7 @@ def test_the_tab_has_the_sources_name():
     assert len(shortened("frame_of_a_very_long_name_00000.vtp")) == LONGEST_NAME
 
 
+@pytest.mark.browser
 def test_the_page_of_particles(chromium):
     particles = blob()
     watched = Watched(particles, chromium)

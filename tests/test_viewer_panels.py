@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import time
 
 import globule as gb
 import numpy as np
@@ -19,12 +18,15 @@ from viewer_helpers import (
     open_folder,
     seen,
     silhouette,
+    stroke,
+    take_tool,
     type_number,
     type_text,
     until,
 )
 
 BROWSERS = True  # see hang_guard
+pytestmark = pytest.mark.browser
 
 
 @pytest.fixture(scope="module")
@@ -208,12 +210,7 @@ def test_the_planes_handle_moves_the_cut(watched):
     tip = np.asarray(begin) + np.array([0.25, 0, 0]) / watched.viewer.placement.scale
     at = project(page.client.camera, (size["width"], size["height"]), tip)
     way = np.subtract(at, middle)
-    page.mouse.move(*at)
-    page.mouse.down()
-    for i in range(1, 8):
-        page.mouse.move(*(np.asarray(at) + way * i / 5))
-        time.sleep(0.05)
-    page.mouse.up()
+    stroke(page, at, np.asarray(at) + way * 7 / 5)
     until(lambda: watched.viewer.state.cuts.point != begin, "for the handle to move")
     watched.still(page, differs(first, 0.2))
     camera = page.client.camera
@@ -223,16 +220,10 @@ def test_the_planes_handle_moves_the_cut(watched):
 def test_a_stroke_with_the_tool_cut_cuts(watched):
     page = watched.pages[0]
     before = watched.still(page)
-    choose(page, "Mouse tool", "Cut")
+    take_tool(page, "Cut")
     page.get_by_text("Draw a line across the surface to cut it.", exact=True).wait_for()
     camera = page.client.camera
-    time.sleep(1.0)
-    page.mouse.move(150, 300)
-    page.mouse.down()
-    for i in range(1, 12):
-        page.mouse.move(150 + 35 * i, 300 + 15 * i)
-        time.sleep(0.06)
-    page.mouse.up()
+    stroke(page, (150, 300), (535, 465))
     until(lambda: watched.viewer.state.cuts.plane, "for the cutting plane")
     assert page.client.camera == camera  # the stroke did not turn the view
     after = watched.still(page, differs(before, 1))
@@ -315,14 +306,8 @@ def test_parallel_rays(watched):
     assert viewer.state.load_toml(text) == left
     size = (320, 200)
     assert f"--ortho {left.height:.9g}" in viewer.equivalent(left, size)[0]
-    choose(page, "Mouse tool", "Cut")
-    time.sleep(1.0)
-    page.mouse.move(150, 380)
-    page.mouse.down()
-    for i in range(1, 12):
-        page.mouse.move(150 + 35 * i, 380)
-        time.sleep(0.06)
-    page.mouse.up()
+    take_tool(page, "Cut")
+    stroke(page, (150, 380), (535, 380))
     until(lambda: viewer.state.cuts.plane, "for the cutting plane")
     assert np.allclose(np.abs(viewer.state.cuts.normal), (0, 1, 0), atol=0.02)
     watched.still(page, lambda p: silhouette(p) < 0.8 * silhouette(picture))
@@ -370,8 +355,11 @@ def test_recordings_are_the_servers_pictures(watched, tmp_path):
     page.get_by_role("button", name="Record", exact=True).click()
     stop = page.get_by_role("button", name="Stop recording")
     stop.wait_for()
+    first = until(lambda: next(iter(viewer.page.panels[-3]._recorders.values()), None))[0]
+    until(lambda: first.n_pictures > 10, "for the recording to begin")
     viewer.state.set(surface__threshold=1.5)
-    time.sleep(1.5)
+    at = first.n_pictures
+    until(lambda: first.n_pictures > at + 40, "for pictures of the other surface")
     with page.expect_download() as download:
         stop.click()
     download.value.save_as(tmp_path / "movie.mp4")
@@ -464,11 +452,14 @@ def test_settings_are_saved_and_loaded(watched, tmp_path):
     page.get_by_text("got 1e+09").first.wait_for()
     too_large = tmp_path / "large.toml"
     too_large.write_text("# " + "x" * 600_000)
-    version = state.version
+    known, save = list(watched.sent), watched.viewer.page.panels[-3]
     with page.expect_file_chooser() as chooser:
         page.get_by_role("button", name="Load settings").click()
     chooser.value.set_files(str(too_large))
-    time.sleep(1.0)
+    until(lambda: any(b"FileTransferStart" in m for m in watched.sent[len(known) :]), "the upload")
+    version = state.version
+    type_number(page, "Samples", 7)  # a later message
+    until(lambda: save.samples.value == 7)
     assert state.version == version
     assert not watched.viewer.server.gui._current_file_upload_states
 

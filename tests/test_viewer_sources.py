@@ -8,13 +8,13 @@ import socket
 import subprocess
 import sys
 import threading
-import time
 from typing import Any
 
 import globule as gb
 import numpy as np
 import pytest
 from viewer_helpers import (
+    PATIENCE,
     Watched,
     blob,
     check,
@@ -28,6 +28,7 @@ from viewer_helpers import (
 )
 
 BROWSERS = True  # see hang_guard
+pytestmark = pytest.mark.browser
 
 
 def frames_that_move(n: int = 5) -> list[gb.Particles]:
@@ -167,8 +168,7 @@ def replaying(sweep: gb.Sweep) -> tuple[int, Any]:
     server = igtl.OpenIGTLinkServer(port=port)
 
     def replay() -> None:
-        while not server.is_connected():
-            time.sleep(0.01)
+        until(server.is_connected)
         for i in range(len(sweep)):
             when = 1000 + float(i)
             server.send_message(
@@ -179,7 +179,6 @@ def replaying(sweep: gb.Sweep) -> tuple[int, Any]:
                     sweep.world_from_image[i], timestamp=when, device_name="ImageToReference"
                 )
             )
-            time.sleep(0.05)
 
     threading.Thread(target=replay, daemon=True).start()
     return port, server
@@ -208,7 +207,7 @@ def test_a_live_scanner_from_the_command_line(chromium):
         text=True,
     )
     page = chromium.new_page(viewport={"width": 1000, "height": 760})
-    page.set_default_timeout(60_000)
+    page.set_default_timeout(1000 * PATIENCE)
     try:
         page.goto(re.search(r"http://\S+", process.stdout.readline())[0])
         page.get_by_role("button", name="Start", exact=True).click()
@@ -225,7 +224,7 @@ def test_a_live_scanner_from_the_command_line(chromium):
     finally:
         page.close()
         process.send_signal(signal.SIGINT)
-        _, errors = process.communicate(timeout=60)
+        _, errors = process.communicate(timeout=PATIENCE)
         server.stop()
     assert process.returncode == 130
     assert errors.strip() == "globule: interrupted"

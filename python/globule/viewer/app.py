@@ -170,7 +170,7 @@ class Viewer:
                 size = tuple(
                     min(int(v), MOST_WINDOW) for v in (camera.image_width, camera.image_height)
                 )
-                if first and min(size) > 0 and abs(size[0] / size[1] / first["aspect"] - 1) > 0.01:
+                if first and min(size) > 0:
                     self._fit_window(browser, first, size[0] / size[1])
                 client.look(self.camera_of(camera), size)
             except (OverflowError, ValueError) as error:  # a value that the page never sends
@@ -183,12 +183,18 @@ class Viewer:
     def _fit_window(self, browser: Any, first: dict[str, Any], aspect: float) -> None:
         """Fit the first view to the shape of the window, unless the person has moved the camera.
 
-        The panel takes its part of the window after the start, which changes the shape.
+        The panel takes its part of the window after the start, which changes the shape. The browser
+        may also go back to the camera of the page's start, which does not know the window.
         """
-        eye = self.camera_of(browser.camera).eye
-        known = first.setdefault("eyes", [eye])
-        if np.linalg.norm(np.subtract(known, eye), axis=1).min() > 1e-3 * self.placement.extent:
+        eye, start = self.camera_of(browser.camera).eye, self.first_camera.eye
+        known = first.setdefault("eyes", [eye, start])
+        near = 1e-3 * self.placement.extent
+        if np.linalg.norm(np.subtract(known, eye), axis=1).min() > near:
             first.clear()
+            return
+        to_start, to_last = (np.linalg.norm(np.subtract(eye, v)) for v in (start, known[-1]))
+        back = to_start <= near < to_last
+        if not back and abs(aspect / first["aspect"] - 1) <= 0.01:
             return
         camera = for_window(self.first_camera, aspect, self._outline)
         # The next message of the browser may be older than this move.
