@@ -32,6 +32,7 @@ from .state import MOST_BYTES, State
 LOCAL = ("127.0.0.1", "localhost", "::1")
 FIRST_SIZE = (1280, 720)
 MOST_CLIENTS = 16
+PAGE_EYE = (3.0, 3.0, 3.0)  # of viser's page before it gets a camera, page units
 MOST_WINDOW = 7680  # pixels of a side of a browser's window
 AT_INTERRUPT = 1.0  # s that Ctrl-C waits for an image in progress
 MOST_POINTS, N_DIRECTIONS = 200_000, 96  # that the first camera is fitted to
@@ -183,11 +184,11 @@ class Viewer:
     def _fit_window(self, browser: Any, first: dict[str, Any], aspect: float) -> None:
         """Fit the first view to the shape of the window, unless the person has moved the camera.
 
-        The panel takes its part of the window after the start, which changes the shape. The browser
-        may also go back to the camera of the page's start, which does not know the window.
+        The panel takes its part of the window after the start, which changes the shape. Meanwhile
+        the browser may report its own first camera, or go back to the page's start camera.
         """
         eye, start = self.camera_of(browser.camera).eye, self.first_camera.eye
-        known = first.setdefault("eyes", [eye, start])
+        known = first.setdefault("eyes", [eye, self.placement.to_world(PAGE_EYE), start])
         near = 1e-3 * self.placement.extent
         if np.linalg.norm(np.subtract(known, eye), axis=1).min() > near:
             first.clear()
