@@ -13,7 +13,6 @@ import warnings
 from collections.abc import Sequence
 from typing import Any
 
-from .._base.checks import MissingPackageError
 from . import bench, calibrate, convert, demo, figures, info, reconstruct, render, simulate, view
 from .shared import UserError, join_negative, say, warn
 
@@ -62,7 +61,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 0
     except SystemExit as stop:  # argparse after --help
         return int(stop.code or 0)
-    except (UserError, MissingPackageError) as error:
+    except UserError as error:
         return _fail(2, error)
     except KeyboardInterrupt:
         say("interrupted")

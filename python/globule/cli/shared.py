@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from .._base.checks import MissingPackageError
 from ..formats import FormatError, read
 from ..scene.particles import Particles
 
@@ -28,7 +29,7 @@ def mistakes() -> Iterator[None]:
     """What the library refuses in this block is the user's mistake."""
     try:
         yield
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, MissingPackageError) as error:
         raise UserError(str(error)) from error
 
 
