@@ -22,46 +22,48 @@ def command_line(
     A comment at the end lists what the command omits. The caller holds the source's lock.
     """
     origin = source.origin(state)
-    words, left = _first_words(state, camera, origin.unsaid), list(origin.left)
+    left = list(origin.left)
     left += [name for name in origin.unsaid if getattr(state.surface, name) is not None]
     if origin.lives:
-        words = ["globule", "view", *origin.words, *words]
+        first = _first_words(state, camera, origin.unsaid)
+        words = ["globule", "view", *origin.words, *first]
         left += ["light, cuts and samples"] if _lit(source, state, up) else []
     else:
-        words = [
-            "globule",
-            "render",
-            *origin.words,
-            "-o",
-            "picture.png",
-            "--size",
-            f"{size[0]}x{size[1]}",
-            *words,
-        ]
-        words += _light_words(state, up) + _cut_words(state)
-        settings = seen_settings(source, state, source.layers(state)[0].scene, up)
-        seen = settings.sky is None and state.look.background != type(state.look)().background
-        words += ["--background", _three(state.look.background)] if seen else []
-        words += ["--legend"] if state.color.by and state.color.legend else []
-        words += ["--samples", str(state.quality.samples)]
+        sky = seen_settings(source, state, source.layers(state)[0].scene, up).sky
+        words = ["globule", "render", *origin.words, "-o", "picture.png"]
+        words += ["--size", f"{size[0]}x{size[1]}"]
+        words += render_words(state, camera, up, sky is None, origin.unsaid)
     before = f"{shlex.join(origin.before)} && " if origin.before else ""
     return before + shlex.join(words) + (f"  # without: {', '.join(left)}" if left else "")
 
 
-def _first_words(state: State, camera: Camera, unsaid: tuple[str, ...]) -> list[str]:
-    """The options that `render` and `view` share."""
+def render_words(
+    state: State, camera: Camera | None, up: Any, no_sky: bool, unsaid: tuple[str, ...] = ()
+) -> list[str]:
+    """The flags of `globule render` for these settings.
+
+    Args:
+        camera: None leaves the camera to `globule render`.
+        up: (3,) direction to the sky.
+        no_sky: whether the background is visible.
+        unsaid: "threshold" and "support", where the input has no such flags.
+    """
+    words = _first_words(state, camera, unsaid) + _light_words(state, up) + _cut_words(state)
+    seen = no_sky and state.look.background != type(state.look)().background
+    words += ["--background", _three(state.look.background)] if seen else []
+    words += ["--legend"] if state.color.by and state.color.legend else []
+    return [*words, "--samples", str(state.quality.samples)]
+
+
+def _first_words(state: State, camera: Camera | None, unsaid: tuple[str, ...]) -> list[str]:
+    """What `render` and `view` have in common."""
     surface, color = state.surface, state.color
-    words = [
-        "--eye",
-        _three(camera.eye),
-        "--look-at",
-        _three(camera.look_at),
-        "--up",
-        _three(camera.up),
-    ]
-    words += (
-        ["--fov", _text(camera.fov)] if camera.height is None else ["--ortho", _text(camera.height)]
-    )
+    words = []
+    if camera is not None:
+        words += ["--eye", _three(camera.eye), "--look-at", _three(camera.look_at)]
+        words += ["--up", _three(camera.up)]
+        angle = ("--fov", camera.fov) if camera.height is None else ("--ortho", camera.height)
+        words += [angle[0], _text(angle[1])]
     words += ["--kernel", surface.kernel] if surface.kernel != "murakami" else []
     for name in ("threshold", "support"):
         value = getattr(surface, name)
@@ -168,14 +170,10 @@ def _imports(state: State) -> list[str]:
     if not state.color.by:
         return []
     lines = [
-        "from globule.attributes import attribute_values",
-        "from globule.colormaps import colorize",
+        "from globule.scene.attributes import attribute_values",
+        "from globule import colorize",
     ]
-    return (
-        lines
-        + ["from globule.legend import add_legend", "from globule.render import save_png"]
-        * state.color.legend
-    )
+    return lines + ["from globule import add_legend, save_png"] * state.color.legend
 
 
 def _code(value: Any) -> str:
