@@ -277,6 +277,15 @@ def started(*words: str, **options):
             process.kill()
 
 
+def connected(chromium, address: str):
+    """A page of another process, which has its own tools."""
+    page = chromium.new_page()
+    page.set_default_timeout(1000 * PATIENCE)
+    page.goto(address)
+    page.get_by_text("Mouse tool").wait_for()
+    return page
+
+
 def test_ctrl_c_ends_it_cleanly(tmp_path):
     path = tmp_path / "blob.npz"
     np.savez(path, positions=blob(50).positions, support=np.float32(0.4))
@@ -292,9 +301,7 @@ def test_ctrl_c_ends_slow_pictures_too(chromium, tmp_path):
     np.savez(path, positions=blob(100_000).positions, support=np.float32(0.1))
     state.write_text("[surface]\nsupport = 100.0\n")  # every ray meets all particles
     with started(str(path), "--state", str(state)) as (process, address):
-        page = chromium.new_page()
-        page.goto(address)
-        page.get_by_text("Help (H)").wait_for()
+        page = connected(chromium, address)
         begun = processor_seconds(process)
         until(lambda: processor_seconds(process) > begun + 0.5, "for a picture to be begun")
         process.send_signal(signal.SIGINT)
@@ -335,10 +342,9 @@ def interrupt(process: subprocess.Popen) -> None:
 
 def test_ctrl_c_twice_while_a_simulation_runs(chromium):
     with started("cut-block") as (process, address):
-        page = chromium.new_page()
-        page.goto(address)
+        page = connected(chromium, address)
         page.get_by_role("button", name="Run", exact=True).click()
-        page.get_by_text(re.compile("^running")).wait_for()
+        page.locator("strong", has_text=re.compile("^running")).wait_for()
         interrupt(process)
         process.send_signal(signal.SIGINT)
         _, errors = process.communicate(timeout=PATIENCE)
@@ -351,9 +357,7 @@ def test_ctrl_c_keeps_what_is_being_recorded(chromium, tmp_path):
     av = pytest.importorskip("av")
     np.savez(tmp_path / "blob.npz", positions=blob(50).positions, support=np.float32(0.4))
     with started("blob.npz", cwd=tmp_path) as (process, address):
-        page = chromium.new_page()
-        page.goto(address)
-        page.get_by_text("Help (H)").wait_for()
+        page = connected(chromium, address)
         page.keyboard.press("r")
         page.get_by_text("button to stop").wait_for()
         began, first = time.monotonic(), seen(page)
