@@ -65,7 +65,7 @@ def cut(page: Any, viewer: Any) -> None:
 
 
 def stroke(page: Any, viewer: Any) -> None:
-    choose(page, "With the mouse", "Cut")
+    choose(page, "Mouse tool", "Cut")
     page.wait_for_timeout(1500)
     page.mouse.move(120, 380)
     page.mouse.down()
@@ -76,9 +76,9 @@ def stroke(page: Any, viewer: Any) -> None:
 
 def colour(page: Any, viewer: Any) -> None:
     folder(page, "View")
-    folder(page, "Colour by value")
-    choose(page, "Colour by", "y")
-    choose(page, "Colour map", "turbo")
+    folder(page, "Color by value")
+    choose(page, "Color by", "y")
+    choose(page, "Color map", "turbo")
 
 
 def light(page: Any, viewer: Any) -> None:
@@ -93,7 +93,7 @@ def surface(page: Any, viewer: Any) -> None:
 
 
 def measure(page: Any, viewer: Any) -> None:
-    choose(page, "With the mouse", "Measure")
+    choose(page, "Mouse tool", "Measure")
     page.mouse.click(250, 520)
     page.wait_for_timeout(1500)
     page.mouse.click(640, 480)
@@ -108,7 +108,7 @@ def record(page: Any, viewer: Any) -> None:
 def equivalent(page: Any, viewer: Any) -> None:
     record(page, viewer)
     viewer.state.set(surface__threshold=0.8, cuts__plane=True)
-    page.get_by_role("button", name="As a command, and as Python").click()
+    page.get_by_role("button", name="As command and Python").click()
 
 
 def help_panel(page: Any, viewer: Any) -> None:
@@ -127,7 +127,7 @@ def run(page: Any, viewer: Any) -> None:
 
 def scalpel(page: Any, viewer: Any) -> None:
     viewer.source.cut_depth = None  # all through
-    choose(page, "With the mouse", "Cut")
+    choose(page, "Mouse tool", "Cut")
     page.wait_for_timeout(1500)
     page.mouse.move(620, 110)
     page.mouse.down()
@@ -150,7 +150,7 @@ def slices(page: Any, viewer: Any) -> None:
 def overlay(page: Any, viewer: Any) -> None:
     folder(page, "View")
     check(page, "Measured / filled")
-    check(page, "Show sweep frame")
+    check(page, "Show sweep image")
     viewer.state.set(slices__number=10)
 
 

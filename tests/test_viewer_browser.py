@@ -4,26 +4,34 @@ from __future__ import annotations
 
 import contextlib
 import gc
+import itertools
 import os
+import re
 import signal
 import subprocess
 import sys
 import threading
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
 from viewer_helpers import (
+    PATIENCE,
     Watched,
     bar_code,
     blob,
+    differs,
+    drag_along,
     our_threads,
     seen,
+    type_number,
     until,
     with_bar_code,
 )
 
 BROWSERS = True  # see hang_guard
+pytestmark = pytest.mark.browser
 
 
 @pytest.fixture
@@ -42,12 +50,8 @@ def close_to(shown: np.ndarray, picture: np.ndarray) -> bool:
     return np.abs(small[middle] - shown[middle].astype(int)).mean() < 4
 
 
-def drag(page, dx: float, dy: float, steps: int = 8, button: str = "left") -> None:
-    page.mouse.move(330, 380)
-    page.mouse.down(button=button)
-    for i in range(1, steps + 1):
-        page.mouse.move(330 + dx * i / steps, 380 + dy * i / steps)
-        time.sleep(0.03)
+def drag(page, dx: float, dy: float, button: str = "left") -> None:
+    drag_along(page, np.linspace((330, 380), (330 + dx, 380 + dy), 9), button)
     page.mouse.up(button=button)
 
 
@@ -67,13 +71,18 @@ def test_pictures_arrive_in_order(watched):
     numbers = []
     page.mouse.move(330, 380)
     page.mouse.down()
-    for i in range(25):
-        page.mouse.move(330 + 6 * i, 380 + 3 * i)
+    turns = itertools.count()
+
+    def several() -> bool:  # while the mouse goes to and fro
+        i = next(turns)
+        page.mouse.move(330 + 6 * (i % 25), 380 + 3 * (i % 25))
         found = bar_code(seen(page))
-        numbers += [] if found is None else [found]
+        numbers.extend([] if found is None else [found])
+        return i > 24 and len(set(numbers)) > 3
+
+    until(several, "for several pictures")
     page.mouse.up()
     assert numbers == sorted(numbers)
-    assert len(set(numbers)) > 3
     watched.still(page)
     last = page.client.number
     until(lambda: bar_code(seen(page)) == last, "for the last picture")
@@ -136,8 +145,16 @@ def test_a_slow_browser_holds_up_nobody(watched):
     drag(one, 100, 30)
     until(lambda: len(one.client.pacer.in_flight) == 2, "for two pictures in flight")
     stuck, before = one.client.number, two.client.number
-    drag(two, 100, 50)
-    until(lambda: two.client.number > before + 4)
+    turns = itertools.count()
+    two.mouse.move(330, 380)
+    two.mouse.down()
+
+    def goes_on() -> bool:
+        two.mouse.move(330 + 5 * (next(turns) % 20), 380)
+        return two.client.number > before + 4
+
+    until(goes_on, "for pictures of the other browser")
+    two.mouse.up()
     assert one.client.number == stuck
 
 
@@ -174,7 +191,7 @@ def test_memory_stays_when_browsers_come_and_go(chromium):
             env=dict(os.environ, GLOBULE_TEST_ALONE="1"),
             capture_output=True,
             text=True,
-            timeout=55,
+            timeout=5 * PATIENCE,
         )
         assert done.returncode == 0, done.stdout + done.stderr
         return
@@ -202,13 +219,13 @@ def test_memory_stays_when_browsers_come_and_go(chromium):
         watched.close()
 
 
-def test_errors_are_said_in_the_page(watched, capsys):
+def test_errors_are_said_in_the_page(watched, caplog):
     page = watched.page()
     watched.viewer.state.set(surface__kernel="blinn", surface__root="bezier")
     page.get_by_text("root method bezier").first.wait_for()
     watched.viewer.state.set(surface__root="exact")
     watched.still(page)
-    assert "bezier" in capsys.readouterr().err
+    assert "bezier" in caplog.text
 
 
 def test_callbacks_and_own_sliders(watched):
@@ -225,8 +242,6 @@ def test_callbacks_and_own_sliders(watched):
         watched.viewer.refresh()
 
     page = watched.page()
-    from viewer_helpers import type_number
-
     type_number(page, "Redness", 250)
     until(lambda: seen(page)[300:500, 200:500, 0].min() > 225, "for a red picture")
 
@@ -262,12 +277,21 @@ def started(*words: str, **options):
             process.kill()
 
 
+def connected(chromium, address: str):
+    """A page of another process, which has its own tools."""
+    page = chromium.new_page()
+    page.set_default_timeout(1000 * PATIENCE)
+    page.goto(address)
+    page.get_by_text("Mouse tool").wait_for()
+    return page
+
+
 def test_ctrl_c_ends_it_cleanly(tmp_path):
     path = tmp_path / "blob.npz"
     np.savez(path, positions=blob(50).positions, support=np.float32(0.4))
     with started(str(path)) as (process, _):
         process.send_signal(signal.SIGINT)
-        _, errors = process.communicate(timeout=60)
+        _, errors = process.communicate(timeout=PATIENCE)
     assert process.returncode == 130
     assert errors.strip() == "globule: interrupted"
 
@@ -277,27 +301,53 @@ def test_ctrl_c_ends_slow_pictures_too(chromium, tmp_path):
     np.savez(path, positions=blob(100_000).positions, support=np.float32(0.1))
     state.write_text("[surface]\nsupport = 100.0\n")  # every ray meets all particles
     with started(str(path), "--state", str(state)) as (process, address):
-        page = chromium.new_page()
-        page.goto(address)
-        page.get_by_text("Help (H)").wait_for()
-        time.sleep(1)
+        page = connected(chromium, address)
+        begun = processor_seconds(process)
+        until(lambda: processor_seconds(process) > begun + 0.5, "for a picture to be begun")
         process.send_signal(signal.SIGINT)
-        _, errors = process.communicate(timeout=60)
+        _, errors = process.communicate(timeout=PATIENCE)
         page.close()
     assert process.returncode == 130
     assert errors.strip() == "globule: interrupted"
 
 
+def processor_seconds(process: subprocess.Popen) -> float:
+    """The processor time that a process has used."""
+    return sum(map(int, process_status(process, "stat").rpartition(")")[2].split()[11:13])) / (
+        os.sysconf("SC_CLK_TCK")
+    )
+
+
+def process_status(process: subprocess.Popen, name: str) -> str:
+    """A file of Linux about a process; "" when the process has ended."""
+    if not sys.platform.startswith("linux"):
+        pytest.skip("needs /proc")
+    try:
+        return Path(f"/proc/{process.pid}/{name}").read_text()
+    except (FileNotFoundError, ProcessLookupError):
+        return ""
+
+
+def interrupt(process: subprocess.Popen) -> None:
+    """Send Ctrl-C, and wait until the process has got it."""
+    process.send_signal(signal.SIGINT)
+    bit = 1 << (signal.SIGINT - 1)
+
+    def got() -> bool:
+        pending = re.search(r"ShdPnd:\s*(\w+)", process_status(process, "status"))
+        return pending is None or not int(pending[1], 16) & bit
+
+    until(got, "for the process to get Ctrl-C")
+
+
 def test_ctrl_c_twice_while_a_simulation_runs(chromium):
     with started("cut-block") as (process, address):
-        page = chromium.new_page()
-        page.goto(address)
+        page = connected(chromium, address)
         page.get_by_role("button", name="Run", exact=True).click()
-        time.sleep(0.5)
+        page.locator("strong", has_text=re.compile("^running")).wait_for()
+        interrupt(process)
         process.send_signal(signal.SIGINT)
-        time.sleep(0.05)
-        process.send_signal(signal.SIGINT)
-        _, errors = process.communicate(timeout=60)
+        _, errors = process.communicate(timeout=PATIENCE)
         page.close()
     assert process.returncode == 130
     assert errors.strip() == "globule: interrupted"
@@ -307,21 +357,23 @@ def test_ctrl_c_keeps_what_is_being_recorded(chromium, tmp_path):
     av = pytest.importorskip("av")
     np.savez(tmp_path / "blob.npz", positions=blob(50).positions, support=np.float32(0.4))
     with started("blob.npz", cwd=tmp_path) as (process, address):
-        page = chromium.new_page()
-        page.goto(address)
-        page.get_by_text("Help (H)").wait_for()
+        page = connected(chromium, address)
         page.keyboard.press("r")
-        page.get_by_text("stops it").wait_for()
-        time.sleep(1)
+        page.get_by_text("button to stop").wait_for()
+        began, first = time.monotonic(), seen(page)
+        drag(page, 150, 40)
+        until(lambda: differs(first)(seen(page)), "for the view to turn")
+        seconds = time.monotonic() - began
         process.send_signal(signal.SIGINT)
-        _, errors = process.communicate(timeout=60)
-        page.get_by_text("the recording is").wait_for()
-        assert not page.get_by_text("stops it").count()
+        _, errors = process.communicate(timeout=PATIENCE)
+        page.get_by_text("The recording is").wait_for()
+        assert not page.get_by_text("button to stop").count()
         page.close()
     (movie,) = tmp_path.glob("movie-*.mp4")
     assert process.returncode == 130
     assert str(movie) in errors
     assert len(errors.splitlines()) <= 3  # one more where the movie's end takes long
     with av.open(str(movie)) as opened:
-        assert sum(1 for _ in opened.decode(video=0)) > 10
+        n_pictures = sum(1 for _ in opened.decode(video=0))
+    assert n_pictures > 10 * seconds  # of 30 a second, begun a little late perhaps
     assert len(list(tmp_path.iterdir())) == 2

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import os
 import shlex
-import time
 
 import globule as gb
 import numpy as np
@@ -17,6 +16,7 @@ from globule.viewer.open import open_source
 from globule.viewer.recording import Shot, checked_size
 from globule.viewer.state import State
 from PIL import Image
+from waiting import until
 
 STATES = {
     "plain": {},
@@ -36,7 +36,7 @@ STATES = {
         "cuts__hi": (2.0, 0.0, 2.0),
     },
     "sphere": {"cuts__sphere": True, "cuts__center": (0.5, 0.0, 0.2), "cuts__radius": 0.6},
-    "water": {"look__preset": "water", "look__shadows": True, "look__depth": 6},
+    "water": {"look__preset": "water", "look__shadows": True, "look__bounces": 6},
     "own": {
         "look__lights": "own",
         "look__azimuth": 40.0,
@@ -54,7 +54,7 @@ STATES = {
     },
     "bare": {"look__preset": "clay", "look__ground": "none", "look__background": (1.0, 0.0, 0.0)},
     "checks": {"look__preset": "clay", "look__ground": "checker", "look__ambient_rays": 2},
-    "plain ground": {"look__preset": "glass", "look__ground": "plain", "look__depth": 2},
+    "plain ground": {"look__preset": "glass", "look__ground": "plain", "look__bounces": 2},
     "crops": {
         "cuts__sphere": True,
         "cuts__keep_sphere": True,
@@ -124,8 +124,7 @@ def test_a_sequence_s_frame_of_now(tmp_path, monkeypatch):
     for i in range(3):
         gb.write(f"frame_{i}.npz", gb.Particles(np.eye(3) * (1 + 0.2 * i), support=1.0))
     with engine_of(["frame_*.npz"], time__frame=2) as engine:
-        while engine.source.frame != 2:
-            time.sleep(0.01)
+        until(lambda: engine.source.frame == 2)
         camera, size = gb.Camera((1.6, 1.2, 6.0), (0.1, 0.0, 0.0)), (80, 60)
         shot = Shot(engine, camera, size, 1)
         assert "frame_2.npz" in command_line(engine.source, engine.state, camera, size, engine.up)
@@ -160,13 +159,12 @@ def test_a_sweep_s_volume(tmp_path, monkeypatch):
     with engine_of("sweep.igs.mha", slices__shown=False) as engine:
         source = engine.source
         source.start()
-        while source.running:
-            time.sleep(0.01)
+        until(lambda: not source.running)
         source.stop()  # shows all that came
         lo, hi = source.bounds()
         camera, size = gb.Camera(hi + 40, (lo + hi) / 2, (0, 0, 1)), (80, 60)
         shot = Shot(engine, camera, size, 1)
-        check(engine, camera, size, shot.picture, "the frames that came")
+        check(engine, camera, size, shot.picture, "the images so far")
         source.finish("vvn")
         shot = Shot(engine, camera, size, 1)
         assert shot.frame.mask.mean() > 0.02
@@ -182,20 +180,18 @@ domain = { lo = [0, 0, 0], hi = [1, 0.4, 0.8], walls = true }
 name = "water"
 box = { lo = [0, 0, 0], hi = [0.4, 0.4, 0.4] }
 """)
-    with engine_of("dam.toml", look__preset="water", look__shadows=True, look__depth=6) as engine:
+    with engine_of("dam.toml", look__preset="water", look__shadows=True, look__bounces=6) as engine:
         for _ in range(5):
             engine.source.simulation.step()
         camera, size = gb.Camera((0.5, -2, 1), (0.5, 0.2, 0.2), (0, 0, 1)), (80, 60)
         engine.up = engine.source.up
         shot = Shot(engine, camera, size, 1)
-        passed = f"the {engine.source.simulation.time:.4g} s that have passed"
+        passed = f"the simulated {engine.source.simulation.time:.4g} s"
         check(engine, camera, size, shot.picture, passed)
         engine.source.by_hand = True
         engine.state.set(cuts__plane=True)
         command = command_line(engine.source, engine.state, camera, size, engine.up)
-        assert command.endswith(
-            f"# without: {passed}, what was done by hand, light, cuts and samples"
-        )
+        assert command.endswith(f"# without: {passed}, changes by hand, light, cuts and samples")
 
 
 def test_particles_of_a_program_are_said_to_be(tmp_path, monkeypatch):
@@ -238,7 +234,9 @@ def test_plates_and_marks_stand_where_they_are(height):
 def test_a_picture_needs_memory_that_is_free(monkeypatch):
     monkeypatch.setattr("globule.viewer.recording.free_bytes", lambda: 200_000_000)
     assert checked_size((1000, 1000)) == (1000, 1000)
-    with pytest.raises(ValueError, match="at most 1,000,000 pixels for the memory that is free"):
+    with pytest.raises(
+        ValueError, match="at most 1,000,000 pixels, which fit into the free memory"
+    ):
         checked_size((1001, 1000))
 
 

@@ -213,9 +213,9 @@ def test_a_sweep_says_what_to_do():
     assert source.marks() == []
     while source.advance(state) is not None:
         pass
-    assert "3 frames" in source.status()
+    assert "3 images" in source.status()
     source.finish("pvn-om")
-    assert source.status().startswith("**volume by pvn-om** of 3 frames")
+    assert source.status().startswith("**volume by pvn-om** from 3 images")
 
 
 def test_the_tab_has_the_sources_name():
@@ -239,14 +239,15 @@ def test_the_tab_has_the_sources_name():
     assert len(shortened("frame_of_a_very_long_name_00000.vtp")) == LONGEST_NAME
 
 
+@pytest.mark.browser
 def test_the_page_of_particles(chromium):
     particles = blob()
     watched = Watched(particles, chromium)
     try:
         page = watched.page()
         assert page.title() == "400 particles · globule"
-        open_folder(page, "Colour by value")
-        choose(page, "Colour by", "speed")
+        open_folder(page, "Color by value")
+        choose(page, "Color by", "speed")
         lo, hi = np.min(particles.attributes["speed"]), np.max(particles.attributes["speed"])
         widgets = watched.viewer.page.binder.widgets
         until(lambda: abs(widgets["color.low"].value - lo) < 0.01, "for the automatic range")

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import io
 import json
-import time
 from pathlib import Path
 
 import globule as gb
 import numpy as np
 import pytest
 from PIL import Image
-from viewer_helpers import blob, browser, our_threads, until
+from viewer_helpers import blob, browser, our_threads
+from waiting import until
 
 anywidget = pytest.importorskip("anywidget")
 
@@ -36,7 +36,7 @@ def say(one, **content) -> None:
 
 
 def test_pictures_come_once_the_cell_knows_its_size(made):
-    time.sleep(0.3)
+    until(lambda: made.client.pacer._wanted, "for the engine to look at the cell")
     assert not made.sent
     view = made.view
     say(made, type="camera", size=[300, 200], **view)
@@ -59,7 +59,9 @@ def test_a_cell_that_does_not_answer_gets_two_pictures(made):
     for i in range(8):
         view = dict(made.view, eye=np.add(made.view["eye"], (0.1 * i, 0, 0)).tolist())
         say(made, type="camera", size=[160, 120], **view)
-        time.sleep(0.2)
+        camera = made.client.camera
+        until(lambda camera=camera: made.client.pacer._wanted[0] == camera, "for the engine")
+    until(lambda: len(made.sent) == 2 and not made.client.pacer.making)
     assert [c["number"] for c, _ in made.sent] == [1, 2]
 
 
@@ -92,6 +94,7 @@ window.ready = true;
 """
 
 
+@pytest.mark.browser
 def test_the_widget_in_a_browser():
     from globule.viewer import notebook
     from globule.viewer.encode import jpeg

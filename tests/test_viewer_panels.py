@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import time
 
 import globule as gb
 import numpy as np
@@ -19,12 +18,15 @@ from viewer_helpers import (
     open_folder,
     seen,
     silhouette,
+    stroke,
+    take_tool,
     type_number,
     type_text,
     until,
 )
 
 BROWSERS = True  # see hang_guard
+pytestmark = pytest.mark.browser
 
 
 @pytest.fixture(scope="module")
@@ -150,18 +152,18 @@ def test_own_material_is_seen(watched):
     before = watched.still(page)
     open_folder(page, "Material and light")
     open_folder(page, "Own material")
-    choose(page, "Matter", "own")
+    choose(page, "Material", "own")
     type_number(page, "Reflection", 1.0)
     mirror = watched.still(page, differs(before, 3))
-    type_number(page, "Reflection depth", 0)
+    type_number(page, "Bounces", 0)
     watched.still(page, differs(mirror, 0.5))
 
 
 def test_colours_of_values_with_their_legend(watched):
     page = watched.pages[0]
     before = watched.still(page)
-    open_folder(page, "Colour by value")
-    choose(page, "Colour by", "speed")
+    open_folder(page, "Color by value")
+    choose(page, "Color by", "speed")
     colored = watched.still(page, differs(before, 3))
     height, width = colored.shape[:2]
     corner = np.s_[height // 2 :, int(0.8 * width) :]
@@ -173,7 +175,7 @@ def test_colours_of_values_with_their_legend(watched):
     middle = watched.still(page, differs(without, 1))
     face = np.s_[300:460, 250:430]
     assert middle[face][..., 0].std() < without[face][..., 0].std()
-    choose(page, "Colour map", "gray")
+    choose(page, "Color map", "gray")
     gray = watched.still(page, differs(middle, 1))
     assert np.ptp(gray[face].astype(int), axis=2).max() < 40
 
@@ -208,12 +210,7 @@ def test_the_planes_handle_moves_the_cut(watched):
     tip = np.asarray(begin) + np.array([0.25, 0, 0]) / watched.viewer.placement.scale
     at = project(page.client.camera, (size["width"], size["height"]), tip)
     way = np.subtract(at, middle)
-    page.mouse.move(*at)
-    page.mouse.down()
-    for i in range(1, 8):
-        page.mouse.move(*(np.asarray(at) + way * i / 5))
-        time.sleep(0.05)
-    page.mouse.up()
+    stroke(page, at, np.asarray(at) + way * 7 / 5)
     until(lambda: watched.viewer.state.cuts.point != begin, "for the handle to move")
     watched.still(page, differs(first, 0.2))
     camera = page.client.camera
@@ -223,16 +220,10 @@ def test_the_planes_handle_moves_the_cut(watched):
 def test_a_stroke_with_the_tool_cut_cuts(watched):
     page = watched.pages[0]
     before = watched.still(page)
-    choose(page, "With the mouse", "Cut")
-    page.get_by_text("Draw a line across what is to be cut.", exact=True).wait_for()
+    take_tool(page, "Cut")
+    page.get_by_text("Draw a line across the surface to cut it.", exact=True).wait_for()
     camera = page.client.camera
-    time.sleep(1.0)
-    page.mouse.move(150, 300)
-    page.mouse.down()
-    for i in range(1, 12):
-        page.mouse.move(150 + 35 * i, 300 + 15 * i)
-        time.sleep(0.06)
-    page.mouse.up()
+    stroke(page, (150, 300), (535, 465))
     until(lambda: watched.viewer.state.cuts.plane, "for the cutting plane")
     assert page.client.camera == camera  # the stroke did not turn the view
     after = watched.still(page, differs(before, 1))
@@ -258,7 +249,7 @@ def test_click_says_what_is_there_and_two_clicks_measure(watched):
     direct = frame.pick(330, 400)
     assert np.linalg.norm(direct.position - found.position) < 0.05
     marked = watched.still(page)
-    choose(page, "With the mouse", "Measure")
+    choose(page, "Mouse tool", "Measure")
     page.mouse.click(300, 380)
     until(lambda: len(hand.picked) == 1)
     page.mouse.click(400, 450)
@@ -281,7 +272,7 @@ def test_views_fit_and_bookmarks(watched):
 
     until(from_the_right)
     open_folder(page, "Bookmarks")
-    page.get_by_role("button", name="Keep this view").click()
+    page.get_by_role("button", name="Save view").click()
     kept = until(lambda: viewer.state.bookmarks.get("view 1"))
     page.get_by_role("button", name="front", exact=True).click()
     until(lambda: not from_the_right())
@@ -300,7 +291,7 @@ def test_parallel_rays(watched):
     page, viewer = watched.pages[0], watched.viewer
     near = watched.still(page)
     first = page.client.camera
-    page.get_by_role("button", name="Perspective / parallel").click()
+    page.get_by_role("button", name="Perspective / orthographic").click()
     until(lambda: page.client.camera.height)
     flat, camera = watched.still(page, differs(near, 1)), page.client.camera
     assert 0.7 < silhouette(flat) / silhouette(near) < 1.3
@@ -315,20 +306,14 @@ def test_parallel_rays(watched):
     assert viewer.state.load_toml(text) == left
     size = (320, 200)
     assert f"--ortho {left.height:.9g}" in viewer.equivalent(left, size)[0]
-    choose(page, "With the mouse", "Cut")
-    time.sleep(1.0)
-    page.mouse.move(150, 380)
-    page.mouse.down()
-    for i in range(1, 12):
-        page.mouse.move(150 + 35 * i, 380)
-        time.sleep(0.06)
-    page.mouse.up()
+    take_tool(page, "Cut")
+    stroke(page, (150, 380), (535, 380))
     until(lambda: viewer.state.cuts.plane, "for the cutting plane")
     assert np.allclose(np.abs(viewer.state.cuts.normal), (0, 1, 0), atol=0.02)
     watched.still(page, lambda p: silhouette(p) < 0.8 * silhouette(picture))
     viewer.state.set(cuts__plane=False)
-    choose(page, "With the mouse", "Rotate, pick")
-    page.get_by_role("button", name="Perspective / parallel").click()
+    choose(page, "Mouse tool", "Rotate, pick")
+    page.get_by_role("button", name="Perspective / orthographic").click()
     until(lambda: page.client.camera.height is None)
     assert page.client.camera.fov == pytest.approx(first.fov, abs=0.1)
 
@@ -342,7 +327,7 @@ def test_a_saved_picture_is_the_servers(watched, tmp_path):
     until(lambda: viewer.page.panels[-3].size.value == "320x200")
     until(lambda: viewer.page.panels[-3].samples.value == 2)
     with page.expect_download() as download:
-        page.get_by_role("button", name="Save a picture").click()
+        page.get_by_role("button", name="Save image").click()
     path = tmp_path / "picture.png"
     download.value.save_as(path)
     with Image.open(path) as image:
@@ -351,9 +336,9 @@ def test_a_saved_picture_is_the_servers(watched, tmp_path):
 
     wanted = Shot(viewer.engine, page.client.camera, (320, 200), 2).picture
     assert np.array_equal(got, wanted)
-    choose(page, "Picture as", "EXR")
+    choose(page, "Image format", "EXR")
     with page.expect_download() as download:
-        page.get_by_role("button", name="Save a picture").click()
+        page.get_by_role("button", name="Save image").click()
     download.value.save_as(tmp_path / "picture.exr")
     from globule.formats.pictures.exr import read_exr
 
@@ -370,8 +355,11 @@ def test_recordings_are_the_servers_pictures(watched, tmp_path):
     page.get_by_role("button", name="Record", exact=True).click()
     stop = page.get_by_role("button", name="Stop recording")
     stop.wait_for()
+    first = until(lambda: next(iter(viewer.page.panels[-3]._recorders.values()), None))[0]
+    until(lambda: first.n_pictures > 10, "for the recording to begin")
     viewer.state.set(surface__threshold=1.5)
-    time.sleep(1.5)
+    at = first.n_pictures
+    until(lambda: first.n_pictures > at + 40, "for pictures of the other surface")
     with page.expect_download() as download:
         stop.click()
     download.value.save_as(tmp_path / "movie.mp4")
@@ -388,7 +376,7 @@ def test_a_picture_too_large_for_the_memory_is_refused(watched):
     for size, message in (("99999x99999", "size: expected sides of"), ("wide", "Size: expected")):
         type_text(page, "Size", size)
         until(lambda size=size: watched.viewer.page.panels[-3].size.value == size)
-        page.get_by_role("button", name="Save a picture").click()
+        page.get_by_role("button", name="Save image").click()
         page.get_by_text(message).first.wait_for()
 
 
@@ -398,7 +386,7 @@ def test_a_turntable_goes_once_around(watched, tmp_path):
     viewer = watched.viewer
     open_folder(page, "Save and record")
     type_text(page, "Size", "96x64")
-    type_number(page, "Turntable, seconds", 1)
+    type_number(page, "Turntable, s", 1)
     until(
         lambda: (
             viewer.page.panels[-3].size.value == "96x64"
@@ -420,13 +408,13 @@ def test_a_turntable_is_cancelled_and_not_started_twice(watched):
     page, save = watched.pages[0], watched.viewer.page.panels[-3]
     open_folder(page, "Save and record")
     type_text(page, "Size", "640x480")
-    type_number(page, "Turntable, seconds", 60)
+    type_number(page, "Turntable, s", 60)
     until(lambda: save.size.value == "640x480" and save.seconds.value == 60)
     button = page.get_by_role("button", name="Turntable movie")
     button.click()
     page.get_by_text(re.compile(r"[1-9]\d* %, \d+ s left")).first.wait_for()
     button.click()
-    page.get_by_text("turntable: one is being made").first.wait_for()
+    page.get_by_text("turntable: one movie is in progress").first.wait_for()
     page.get_by_role("button", name="Cancel", exact=True).click()
     until(lambda: not save._jobs, "for the turntable to end")
     page.get_by_text(re.compile("s left")).first.wait_for(state="detached")
@@ -464,11 +452,14 @@ def test_settings_are_saved_and_loaded(watched, tmp_path):
     page.get_by_text("got 1e+09").first.wait_for()
     too_large = tmp_path / "large.toml"
     too_large.write_text("# " + "x" * 600_000)
-    version = state.version
+    known, save = list(watched.sent), watched.viewer.page.panels[-3]
     with page.expect_file_chooser() as chooser:
         page.get_by_role("button", name="Load settings").click()
     chooser.value.set_files(str(too_large))
-    time.sleep(1.0)
+    until(lambda: any(b"FileTransferStart" in m for m in watched.sent[len(known) :]), "the upload")
+    version = state.version
+    type_number(page, "Samples", 7)  # a later message
+    until(lambda: save.samples.value == 7)
     assert state.version == version
     assert not watched.viewer.server.gui._current_file_upload_states
 

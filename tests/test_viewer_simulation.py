@@ -7,9 +7,20 @@ import time
 import globule as gb
 import numpy as np
 import pytest
-from viewer_helpers import Watched, choose, open_folder, until
+from viewer_helpers import (
+    Watched,
+    choose,
+    differs,
+    drag_along,
+    open_folder,
+    seen,
+    stroke,
+    take_tool,
+    until,
+)
 
 BROWSERS = True  # see hang_guard
+pytestmark = pytest.mark.browser
 
 
 @pytest.fixture
@@ -27,17 +38,16 @@ def test_play_advances_time_and_reset_goes_back(dam):
     page, sim = dam.page(), dam.viewer.source.simulation
     first, begin = dam.still(page), sim.hash()
     press(page, "Step")
-    until(lambda: sim.n_steps == 1)
-    time.sleep(0.3)
+    until(lambda: sim.n_steps == 1 and "paused" in dam.viewer.source.status())
+    dam.still(page, differs(first, 0))
     assert sim.n_steps == 1
     press(page, "Run")
     until(lambda: sim.time > 0.15, "for time to pass")
     press(page, "Pause")
-    until(lambda: not dam.viewer.source.running)
-    later = dam.still(page, lambda p: p.shape == first.shape and (p != first).any())
-    assert np.abs(later.astype(int) - first).mean() > 0.5
+    until(lambda: "**paused**" in dam.viewer.source.status(), "for the last step to end")
     at = sim.time
-    time.sleep(0.5)
+    dam.still(page, differs(first, 0.5))
+    page.get_by_text("paused", exact=True).wait_for()
     assert sim.time == at
     press(page, "Reset")
     until(lambda: sim.n_steps == 0 and sim.hash() == begin, "for the state of the start")
@@ -64,8 +74,8 @@ def test_slow_motion_is_slower(dam):
 def test_colours_of_values_follow_the_simulation(dam):
     page = dam.page()
     plain = dam.still(page)
-    open_folder(page, "Colour by value")
-    choose(page, "Colour by", "velocity")
+    open_folder(page, "Color by value")
+    choose(page, "Color by", "velocity")
     dam.viewer.source.play(True)
     dam.viewer.engine.notify()
     until(lambda: dam.viewer.source.simulation.time > 0.1)
@@ -116,16 +126,6 @@ def block(chromium):
     watched.close()
 
 
-def stroke(page, begin, end, steps: int = 12) -> None:
-    """A drag from one place in the window to another."""
-    page.mouse.move(*begin)
-    page.mouse.down()
-    for i in range(1, steps + 1):
-        page.mouse.move(*(np.asarray(begin) + (np.subtract(end, begin)) * i / steps))
-        time.sleep(0.06)
-    page.mouse.up()
-
-
 def outline(watched, page) -> np.ndarray:
     """Where the tissue is in the window: columns and rows of its pixels."""
     source = watched.viewer.source
@@ -143,14 +143,12 @@ def test_a_scalpel_stroke_leaves_two_pieces(block):
     page, sim = block.page(), block.viewer.source.simulation
     assert sim.tissue.n_pieces == 1
     block.viewer.source.cut_depth = None  # all through
-    choose(page, "With the mouse", "Cut")
-    page.get_by_text("Draw a line across what is to be cut.", exact=True).wait_for()
-    time.sleep(1.0)
+    take_tool(page, "Cut")
+    page.get_by_text("Draw a line across the surface to cut it.", exact=True).wait_for()
     where = outline(block, page)
     middle = where.mean(axis=0)
     stroke(page, (middle[0], where[:, 1].min() - 40), (middle[0], where[:, 1].max() + 40))
-    until(lambda: sim.tissue.n_pieces == 2, "for the cut")
-    assert block.viewer.source.n_cut > 20
+    until(lambda: sim.tissue.n_pieces == 2 and block.viewer.source.n_cut > 20, "for the cut")
     open_folder(page, "Statistics")
     page.get_by_text("pieces", exact=True).wait_for()
 
@@ -158,9 +156,8 @@ def test_a_scalpel_stroke_leaves_two_pieces(block):
 def test_a_shallow_stroke_leaves_one_piece(block):
     page, source = block.page(), block.viewer.source
     source.cut_depth = 0.012
-    choose(page, "With the mouse", "Cut")
-    page.get_by_text("Draw a line across what is to be cut.", exact=True).wait_for()
-    time.sleep(1.0)
+    take_tool(page, "Cut")
+    page.get_by_text("Draw a line across the surface to cut it.", exact=True).wait_for()
     where = outline(block, page)
     middle = where.mean(axis=0)
     stroke(page, (middle[0], where[:, 1].min() - 40), (middle[0], where[:, 1].max() + 40))
@@ -171,20 +168,20 @@ def test_a_shallow_stroke_leaves_one_piece(block):
 def test_grasping_pulls_tissue(block):
     page, source = block.page(), block.viewer.source
     sim = source.simulation
-    choose(page, "With the mouse", "Grasp")
-    page.get_by_text("Drag a piece of the surface while it runs.", exact=True).wait_for()
-    time.sleep(1.0)
+    take_tool(page, "Grasp")
+    page.get_by_text("Drag a part of the surface while the simulation runs.", exact=True).wait_for()
     phase = list(sim.phases).index("block")
     before = sim.positions[sim.arrays.phase == phase]
     where = outline(block, page)
     source.play(True)
     block.viewer.engine.notify()
-    page.mouse.move(*where.mean(axis=0))
-    page.mouse.down()
-    page.mouse.move(*(where.mean(axis=0) - (0, 20)))
-    for i in range(12):
-        page.mouse.move(*(where.mean(axis=0) - (0, 20 + 10 * i)))
-        time.sleep(0.1)
+
+    def steps(page) -> None:
+        at = sim.n_steps
+        until(lambda: sim.n_steps > at + 2, "for the simulation to go on")
+
+    middle = where.mean(axis=0)
+    drag_along(page, np.linspace(middle, middle - (0, 130), 14), each=steps)
 
     def moved() -> bool:
         with source.lock:
@@ -296,19 +293,20 @@ def test_suction_follows_a_stroke_on_the_surface(pool):
 
     page, source = pool.page(), pool.viewer.source
     sim = source.simulation
-    choose(page, "With the mouse", "Suction")
-    page.get_by_text("Drag over what is to be taken away while it runs.", exact=True).wait_for()
-    time.sleep(1.0)
+    take_tool(page, "Suction")
+    text = "Drag over the fluid to remove it while the simulation runs."
+    page.get_by_text(text, exact=True).wait_for()
     press(page, "Run")
     until(lambda: sim.n_steps > 3)
     assert sim.record.n_removed == 0
     camera = page.client.camera
     begin, end = (project(camera, window(page), (x, 0.15, 0.1)) for x in (0.1, 0.3))
-    page.mouse.move(*begin)
-    page.mouse.down()
-    for i in range(1, 13):
-        page.mouse.move(*(np.asarray(begin) + np.subtract(end, begin) * i / 12))
-        time.sleep(0.06)
+
+    def steps(page) -> None:
+        at = sim.n_steps
+        until(lambda: sim.n_steps > at, "for the simulation to go on")
+
+    drag_along(page, np.linspace(begin, end, 13), each=steps)
     until(lambda: sim.record.n_removed > 30, "for water to go")
     tool = sim.tools["sucker"]
     until(lambda: abs(tool.pose[0, 3] - 0.3) < 0.08, "for the tip to come to the pointer")
@@ -327,18 +325,14 @@ def test_suction_follows_its_handle(pool):
 
     page, source = pool.page(), pool.viewer.source
     sim = source.simulation
+    without = seen(page)
     page.get_by_label("Move sucker by hand", exact=True).check()
-    time.sleep(1.0)
+    until(lambda: differs(without, 0.05)(seen(page)), "for the handle")
     camera, scale = page.client.camera, pool.viewer.placement.scale
     tip = np.array([0.2, 0.15, 0.3])
     arrow, middle = (project(camera, window(page), tip + (0, 0, up)) for up in (0.2 / scale, 0.0))
     below = project(camera, window(page), tip - (0, 0, 0.2))
-    page.mouse.move(*arrow)
-    page.mouse.down()
-    for i in range(1, 11):
-        page.mouse.move(*(np.asarray(arrow) + np.subtract(below, middle) * i / 10))
-        time.sleep(0.05)
-    page.mouse.up()
+    stroke(page, arrow, np.add(arrow, np.subtract(below, middle)))
     tool = sim.tools["sucker"]
     until(lambda: tool._wanted is not None and tool._wanted[2, 3] < 0.15, "for the handle to move")
     assert np.allclose(tool._wanted[:2, 3], tip[:2], atol=0.01)

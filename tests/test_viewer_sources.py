@@ -8,13 +8,13 @@ import socket
 import subprocess
 import sys
 import threading
-import time
 from typing import Any
 
 import globule as gb
 import numpy as np
 import pytest
 from viewer_helpers import (
+    PATIENCE,
     Watched,
     blob,
     check,
@@ -28,6 +28,7 @@ from viewer_helpers import (
 )
 
 BROWSERS = True  # see hang_guard
+pytestmark = pytest.mark.browser
 
 
 def frames_that_move(n: int = 5) -> list[gb.Particles]:
@@ -108,14 +109,14 @@ def test_a_volume_with_slices_surface_and_overlay(chromium):
         assert orange > 200
         check(page, "Show slices", False)
         surface = watched.still(page, differs(both, 0.5))
-        type_number(page, "Surface level", 190)
+        type_number(page, "Iso-value", 190)
         smaller = watched.still(page, lambda p: silhouette(p) < 0.8 * silhouette(surface))
         check(page, "Show surface", False)
         watched.still(page, lambda p: silhouette(p) == 0)
-        check(page, "Show sweep frame")
+        check(page, "Show sweep image")
         frame = watched.still(page, lambda p: (p == 255).all(axis=2).sum() > 500)
         assert frame.shape == smaller.shape
-        check(page, "Show sweep frame", False)
+        check(page, "Show sweep image", False)
         check(page, "Show slices")
         check(page, "Measured / filled", False)
         type_number(page, "x slice", 0.2)
@@ -141,7 +142,7 @@ def test_a_sweep_comes_in_and_is_undone(chromium):
         until(lambda: source._reconstructor.n_frames == 11)
         watched.still(page, lambda p: not np.array_equal(p, full))
         choose(page, "Method", "vvn")
-        page.get_by_role("button", name="Make the volume by this method").click()
+        page.get_by_role("button", name="Reconstruct all images").click()
         until(lambda: "method" not in source.volume.info or source.volume.n_filled >= 0)
         choose(page, "Compounding", "maximum")
         until(lambda: source.compounding == "maximum")
@@ -167,8 +168,7 @@ def replaying(sweep: gb.Sweep) -> tuple[int, Any]:
     server = igtl.OpenIGTLinkServer(port=port)
 
     def replay() -> None:
-        while not server.is_connected():
-            time.sleep(0.01)
+        until(server.is_connected)
         for i in range(len(sweep)):
             when = 1000 + float(i)
             server.send_message(
@@ -179,7 +179,6 @@ def replaying(sweep: gb.Sweep) -> tuple[int, Any]:
                     sweep.world_from_image[i], timestamp=when, device_name="ImageToReference"
                 )
             )
-            time.sleep(0.05)
 
     threading.Thread(target=replay, daemon=True).start()
     return port, server
@@ -208,24 +207,24 @@ def test_a_live_scanner_from_the_command_line(chromium):
         text=True,
     )
     page = chromium.new_page(viewport={"width": 1000, "height": 760})
-    page.set_default_timeout(60_000)
+    page.set_default_timeout(1000 * PATIENCE)
     try:
         page.goto(re.search(r"http://\S+", process.stdout.readline())[0])
         page.get_by_role("button", name="Start", exact=True).click()
         open_folder(page, "Statistics")
-        page.get_by_role("cell", name="frames", exact=True).locator(
+        page.get_by_role("cell", name="images", exact=True).locator(
             "xpath=following-sibling::td[text()='20']"
         ).wait_for()
         page.get_by_role("button", name="Stop", exact=True).click()
         until(lambda: np.ptp(seen(page)[250:500, 200:450].mean(axis=2)) > 60, "for the slices")
         page.get_by_role("button", name="Undo").click()
-        page.get_by_role("cell", name="frames", exact=True).locator(
+        page.get_by_role("cell", name="images", exact=True).locator(
             "xpath=following-sibling::td[text()='19']"
         ).wait_for()
     finally:
         page.close()
         process.send_signal(signal.SIGINT)
-        _, errors = process.communicate(timeout=60)
+        _, errors = process.communicate(timeout=PATIENCE)
         server.stop()
     assert process.returncode == 130
     assert errors.strip() == "globule: interrupted"

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 import threading
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -13,6 +11,8 @@ from typing import Any
 import globule as gb
 import numpy as np
 import pytest
+from globule.viewer.app import for_window
+from waiting import PATIENCE, until
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 FLAGS = [
@@ -23,7 +23,6 @@ FLAGS = [
     "--enable-unsafe-swiftshader",
 ]
 WINDOW = {"width": 1000, "height": 760}
-PATIENCE = float(os.environ.get("GLOBULE_TEST_PATIENCE", 90))  # s; machines may be busy
 CELLS = 24  # of the bar code
 
 
@@ -42,17 +41,6 @@ def browser() -> Iterator[Any]:
             opened.close()
 
 
-def until(true: Callable[[], Any], what: str = "") -> Any:
-    """Wait for something to become true, and give it."""
-    deadline = time.monotonic() + PATIENCE
-    while time.monotonic() < deadline:
-        found = true()
-        if found:
-            return found
-        time.sleep(0.05)
-    raise AssertionError(f"waited {PATIENCE:g} s in vain {what}")
-
-
 def blob(n: int = 400, seed: int = 1) -> gb.Particles:
     """A cloud that fills the middle of its picture."""
     rng = np.random.default_rng(seed)
@@ -65,12 +53,18 @@ class Watched:
 
     def __init__(self, what: Any, opened: Any, **options: Any):
         self.viewer = gb.view(what, port=0, browser=False, block=False, **options)
+        self.fitted = "camera" not in options
         self.viewer.state.set(quality__samples=1)
         self.shown: list[Any] = []
         self.viewer.on_frame(self._keep)
         self.opened = opened
         self.pages: list[Any] = []
         self.requests: list[str] = []
+        self.sent: list[bytes] = []  # by the pages
+
+    def _opened(self, socket: Any) -> None:
+        self.requests.append(socket.url)
+        socket.on("framesent", lambda data: self.sent.append(bytes(data)))
 
     def _keep(self, frame: Any) -> None:
         self.shown = [*self.shown[-200:], frame]
@@ -81,7 +75,7 @@ class Watched:
         page = self.opened.new_page(viewport=WINDOW, accept_downloads=True)
         page.set_default_timeout(1000 * PATIENCE)
         page.on("request", lambda request: self.requests.append(request.url))
-        page.on("websocket", lambda socket: self.requests.append(socket.url))
+        page.on("websocket", self._opened)
         page.goto(self.viewer.address)
         self.pages.append(page)
         until(lambda: set(self.viewer.clients) - known, "for the page to connect")
@@ -89,14 +83,21 @@ class Watched:
         page.client = self.viewer.clients[max(set(self.viewer.clients) - known)]
         self.still(page)
 
-        def rests() -> bool:  # all is fitted anew when the panel has taken its room
-            view = page.client.camera
-            time.sleep(0.4)
-            return page.client.camera == view
-
-        until(rests, "for the view to rest")
+        if self.fitted:  # once more when the panel has taken its room
+            until(lambda: self._fits(page), "for the view to fit its window")
         self.still(page)
         return page
+
+    def _fits(self, page: Any) -> bool:
+        """Whether the first view suits the size that the browser's picture has now."""
+        next_frame(page)
+        box = page.locator("canvas").first.bounding_box()
+        size = (round(box["width"]), round(box["height"]))
+        viewer, client = self.viewer, page.client
+        fitted = for_window(viewer.first_camera, size[0] / size[1], viewer._outline)
+        return client.pacer.full == size and np.allclose(
+            client.camera.eye, fitted.eye, atol=0.02 * viewer.placement.extent
+        )
 
     def still(
         self, page: Any, changed: Callable[[np.ndarray], bool] = lambda picture: True
@@ -118,6 +119,39 @@ class Watched:
         for page in self.pages:
             page.close()
         self.viewer.close()
+
+
+def next_frame(page: Any) -> None:
+    """Wait until the browser has drawn once more."""
+    page.evaluate("() => new Promise(drawn => requestAnimationFrame(() => drawn()))")
+
+
+def drag_along(page: Any, places: Any, button: str = "left", each: Any = next_frame) -> None:
+    """Drag the mouse along places in the window; `each`, called with the page, follows each move.
+    The button stays down after the last."""
+    begin, *others = (tuple(map(float, place)) for place in places)
+    page.mouse.move(*begin)
+    each(page)
+    page.mouse.down(button=button)
+    for place in others:
+        page.mouse.move(*place)
+        each(page)
+
+
+def stroke(page: Any, begin: Any, end: Any, steps: int = 12) -> None:
+    """A drag from one place in the window to another."""
+    drag_along(page, np.linspace(begin, end, steps + 1))
+    page.mouse.up()
+
+
+def take_tool(page: Any, tool: str) -> None:
+    """Choose a tool with which drags draw, and wait until the browser catches them."""
+    choose(page, "Mouse tool", tool)
+    page.wait_for_function(
+        "() => window.__viserSceneTree?.getState()['/strokes']?.dragBindings?.length"
+        " && window.__viserMutable?.nodeRefFromName?.['/strokes']"
+    )
+    next_frame(page)
 
 
 def silhouette(picture: np.ndarray) -> int:

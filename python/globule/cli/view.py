@@ -125,7 +125,7 @@ def serve(
     """The viewer of a source, at the address of the flags of `flags.add_page`."""
     from ..viewer import show
 
-    return show(
+    viewer = show(
         source,
         options.host,
         options.port,
@@ -134,8 +134,10 @@ def serve(
         state,
         preset,
         not options.no_browser,
-        block=False,
     )
+    for line in [*viewer.greeting(), "press Ctrl-C to stop the viewer"]:
+        print(f"globule: {line}", flush=True)
+    return viewer
 
 
 def _settings(options: argparse.Namespace) -> tuple:

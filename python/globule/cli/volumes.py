@@ -8,8 +8,8 @@ from __future__ import annotations
 import argparse
 import os
 
-from ..formats.volumes import READABLE
 from ..formats.kind import kind_or_none
+from ..formats.volumes import READABLE
 from ..scene.particles import Particles
 from ..scene.scene import DEFAULTS
 from .shared import UserError, read_volume_file

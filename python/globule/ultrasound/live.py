@@ -1,9 +1,10 @@
 """Tracked frames from an OpenIGTLink server, as PLUS sends them.
 
-A frame is an IMAGE message and the TRANSFORM messages of the same time stamp; device names are
-those of the transforms, as ProbeToTracker. Without any transform the image's own matrix counts
-(PLUS: EmbeddedTransformToFrame). Messages are taken from the socket one by one: a slow reader slows
-the server down, and nothing is lost on our side. A broken connection is made again.
+A frame is an IMAGE message and the TRANSFORM messages with the same time stamp. The device name of
+a transform names its coordinate frames: ProbeToTracker. In a stream without transforms, the matrix
+of the image is its pose (PLUS: EmbeddedTransformToFrame). The reader takes messages from the socket
+one by one, so a slow reader slows the server down and loses nothing. The reader reconnects after
+the connection breaks.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .._base.checks import how_to_install
+from .._base.checks import missing
 from ..formats.sweeps.transforms import WORLDS, Edges, Transform, chain, find_path, split_name
 from .setup import Setup
 from .sweep import Sweep, usable
@@ -25,21 +26,28 @@ from .sweep import Sweep, usable
 DEFAULT_PORT = 18944
 _HEADER = 58  # bytes
 _MOST_BODY = 2**30
-_MOST_PENDING = 64  # frames that wait for their transforms
+_MOST_PENDING = 64  # frames that still wait for transforms
 _CONNECT_PAUSE = 0.1  # s between attempts
 
 
 class _Pending(NamedTuple):
-    """What has come so far of one frame."""
+    """The messages of one frame so far."""
 
     time: float
     image: np.ndarray | None = None
     place: Any = np.eye(4)
-    edges: Edges = {}
+    edges: Edges = {}  # noqa: RUF012 never changed
 
 
 class LiveFrame(NamedTuple):
-    """time s, image (H, W), world_from_image (4, 4) mm, and the name of the world's frame."""
+    """One tracked image.
+
+    Attributes:
+        time: s, of the server's clock.
+        image: (H, W).
+        world_from_image: (4, 4), maps the pixel (column, row, 0, 1) to the world, mm.
+        world: name of the world's coordinate frame.
+    """
 
     time: float
     image: np.ndarray
@@ -48,7 +56,7 @@ class LiveFrame(NamedTuple):
 
 
 def parse_address(address: str) -> tuple[str, int]:
-    """Host and port of igtl://host[:port]. Raises ValueError."""
+    """Host and port of igtl://host[:port] (default port: 18944). Raises ValueError."""
     scheme, separator, place = address.partition("://")
     host, colon, port = place.rpartition(":")
     if not colon:
@@ -60,20 +68,26 @@ def parse_address(address: str) -> tuple[str, int]:
 
 
 def need_pyigtl() -> Any:
-    """pyigtl's base of messages, or ValueError that says how to get it."""
+    """pyigtl's base class of messages. Raises MissingPackageError."""
     try:
         from pyigtl.messages import MessageBase
-    except ImportError:
-        raise ValueError(f"live: expected pyigtl, got none: {how_to_install('live')}") from None
+    except ImportError as error:
+        raise missing("pyigtl", "live") from error
     return MessageBase
 
 
 def receive(address: str, constant: Edges, idle: float = 5.0) -> Iterator[LiveFrame]:
-    """Frames as they come, until the server has been silent or gone for `idle` seconds.
+    """Frames as they arrive, until the server has been silent or gone for `idle` seconds.
 
-    constant    transforms that no message brings, as (Image, Probe) of a calibration
-    Raises ValueError for a bad address or without pyigtl, ConnectionError if nobody answers, and
-    ValueError if what comes is no OpenIGTLink.
+    Args:
+        address: igtl://host[:port].
+        constant: transforms that no message brings, such as (Image, Probe) of a calibration.
+        idle: s.
+
+    Raises:
+        MissingPackageError: the extra `live` is not installed.
+        ConnectionError: no server answers.
+        ValueError: a bad address, or bytes that are not OpenIGTLink.
     """
     MessageBase = need_pyigtl()
     host, port = parse_address(address)
@@ -97,7 +111,7 @@ def receive(address: str, constant: Edges, idle: float = 5.0) -> Iterator[LiveFr
                 deadline = time.monotonic() + idle
                 yield from assembler.take(message)
     if not met:
-        raise ConnectionError(f"live: expected a server at {address}, got: {last}")
+        raise ConnectionError(f"live: expected a server at {address}, got none: {last}")
 
 
 def receive_sweep(
@@ -109,12 +123,23 @@ def receive_sweep(
     earlier: Iterable[LiveFrame] = (),
     **region: Any,
 ) -> Sweep:
-    """All frames of a server as one Sweep, until it stops or the user interrupts.
+    """All frames of a server as one `Sweep`, until the server stops or the user interrupts.
 
-    calibration, plus, and clip, fan, mask of `region`: as for `read_sweep`; each(n, frame) is
-    called with the n-th frame when it has come. `earlier` frames, of a run that was cut short, are
-    taken first; what a server that starts again sends a second time is taken once. Raises
-    ValueError if no frame came with its pose.
+    Args:
+        address, idle: as for `receive`.
+        calibration, plus: as for `read_sweep`.
+        each: called with the number of frames so far and the newest frame.
+        earlier: frames of an interrupted run, which come first. Frames that a restarted server
+            sends again are dropped.
+        region: clip, fan, mask; as for `read_sweep`.
+
+    Returns:
+        The sweep, sorted by time.
+
+    Raises:
+        MissingPackageError: the extra `live` is not installed.
+        ConnectionError: no server answers.
+        ValueError: no frame came with its pose, or the images differ in size.
     """
     setup = Setup(calibration, plus, **region)
     frames: list[LiveFrame] = []
@@ -147,7 +172,7 @@ def receive_sweep(
 
 
 def _message(base: Any, connection: socket.socket, deadline: float) -> Any:
-    """The next message, or None if the connection broke or stayed silent."""
+    """The next message; None after the connection broke or stayed silent."""
     header = _read(connection, _HEADER, deadline)
     if header is None:
         return None
@@ -189,7 +214,7 @@ def _read(connection: socket.socket, n: int, deadline: float) -> bytes | None:
 
 
 class _Assembler:
-    """Puts images and transforms of one time together."""
+    """Joins images and transforms with the same time stamp."""
 
     def __init__(self, constant: Edges):
         self.constant = constant
@@ -203,7 +228,7 @@ class _Assembler:
             return
         when = message.timestamp
         if when not in self.pending and self.world is None:
-            # All of the frames before has come: their best world is the stream's.
+            # The earlier frames are complete: the best world that they reach is the stream's.
             reached = {f.world for p in self.pending.values() if (f := self._frame(p, WORLDS))}
             self.world = next((world for world in WORLDS if world in reached), None)
         new = self.pending.get(when) or _Pending(when)
@@ -242,7 +267,7 @@ class _Assembler:
 
 
 def _plane(image: np.ndarray) -> np.ndarray:
-    """(1, H, W) or (1, H, W, 3) to (H, W), in this machine's order of bytes."""
+    """(1, H, W) or (1, H, W, 3) to (H, W), in native byte order."""
     from ..formats.sweeps.igs import to_grey
 
     if image.ndim == 4:

@@ -1,8 +1,8 @@
-"""A stream's frames on disk, each safe as soon as it has come.
+"""The frames of a stream on disk, each safe on arrival.
 
-The folder is a sweep of its own: frame_000000.png … and poses.csv with a row for each, where a
-matrix is world_from_image. A row is written when its picture is whole, so that a frame with a row
-is never lost, whenever the process is killed; what came later is overwritten by the next run.
+The folder is a sweep that `read_sweep` reads: frame_000000.png … and poses.csv, one row per image;
+a row's matrix is world_from_image. The recorder writes a row after its image is complete, so a
+frame with a row survives a killed process. The next run overwrites an image without a row.
 """
 
 from __future__ import annotations
@@ -24,11 +24,18 @@ _COLUMNS = ("time", *_MATRIX, "status", "world")
 
 
 class Recorder:
-    """Appends frames to a folder, and knows those that were there already.
+    """Appends frames to a folder.
 
-    kept    the frames of an earlier run, in the order in which they came
+    Args:
+        folder: new, empty, or the folder of an earlier recording, which goes on.
 
-    Raises ValueError if the folder holds something else.
+    Attributes:
+        kept: the frames of the earlier recording, in order of arrival.
+        n_frames: frames in the folder.
+
+    Raises:
+        ValueError: the folder holds something else.
+        OSError: the folder cannot be written.
     """
 
     def __init__(self, folder: str | os.PathLike):
@@ -47,7 +54,11 @@ class Recorder:
             self._rows.flush()
 
     def add(self, frame: LiveFrame) -> None:
-        """Write a frame; when this returns it survives a killed process."""
+        """Write a frame; on return it survives a killed process.
+
+        Raises:
+            ValueError: the image is neither uint8 nor uint16.
+        """
         if frame.image.dtype not in (np.uint8, np.uint16):
             raise ValueError(f"record: expected uint8 or uint16 images, got {frame.image.dtype}")
         path = self._picture(self.n_frames)
@@ -68,7 +79,7 @@ class Recorder:
 
     def _earlier(self, table: Path) -> list[LiveFrame]:
         content = table.read_bytes()
-        whole = content[: content.rfind(b"\n") + 1]  # a row that was being written is no row
+        whole = content[: content.rfind(b"\n") + 1]  # without a row that was cut short
         if whole != content:
             os.truncate(table, len(whole))
         for leftover in self.folder.glob("frame_*.part"):

@@ -1,4 +1,4 @@
-"""A live viewer in the browser: sources of frames, a pacer for each client, and sinks."""
+"""The interactive viewer: sources of frames, a pacer for each client, and sinks for images."""
 
 from __future__ import annotations
 
@@ -25,39 +25,51 @@ def view(
     threads: int = 0,
     **reading: Any,
 ) -> Viewer:
-    """Show something live in the browser.
+    """Show a scene in the browser and let it be rotated, cut, measured and recorded there.
 
         gb.view("splash.vtk")
         gb.view(gb.Simulation("dam-break"))
-        viewer = gb.view(scene, block=False)        # and go on, e.g. with viewer.on_frame
+        viewer = gb.view(scene, block=False)        # the program goes on
+
+    The address of the page is `viewer.address`; the log `globule.viewer` has it, too.
 
     Args:
-        what: a file or several, `Particles`, positions, a `Scene`, layers, a list of `Particles`,
-            a `Volume` (or (volume, sweep)), a `Sweep`, a simulation, its scene's name or .toml.
-        host: another than this machine's own demands a token, which is in `viewer.address`.
-        port: the first free one from here on.
-        up: (3,) direction to the sky; default: y, for volumes and sweeps z.
-        camera: where browsers begin.
-        state: settings as a TOML file, or a `globule.viewer.state.State`.
-        preset: one of `globule.presets.PRESETS`.
-        browser: open one.
-        block: until Ctrl-C; default: yes in a program, no in an interactive session.
-        device, threads: as for `Scene`; reading: as for `read`, or of sweeps `read_sweep`.
+        what: a file or several, `Particles`, positions (N, 3), a `Scene`, layers, a list of
+            `Particles` (a sequence), a `Volume` or (volume, sweep), a `Sweep`, a simulation, the
+            name of a shipped scene, or a scene's .toml.
+        host: the address to listen on. Any address other than a loopback address demands a token,
+            which is part of `viewer.address`.
+        port: the first port to try; 0 takes any free one.
+        up: (3,) upward direction, world; default: y, for volumes and sweeps z.
+        camera: the `Camera` with which every browser starts; default: everything is visible.
+        state: settings: the path of a TOML file, or a `globule.viewer.state.State`.
+        preset: a name in `globule.presets.PRESETS`.
+        browser: open the page in a browser of this machine.
+        block: wait until Ctrl-C; default: yes in a program, no in an interactive session.
+        device, threads: as for `Scene`.
+        reading: keywords of `read`; for sweeps of `read_sweep`.
 
     Raises:
-        ImportError: without the extra `view`.
-        TypeError, ValueError, FormatError, OSError: naming what cannot be shown.
+        MissingPackageError: the extra `view` is not installed.
+        TypeError, ValueError, FormatError, OSError: the message names what cannot be shown.
     """
     from .app import need_viser
+    from .log import log
     from .open import open_source
 
     need_viser()
     source = open_source(what, device, threads, **reading)
-    return show(source, host, port, up, camera, state, preset, browser, block)
+    viewer = show(source, host, port, up, camera, state, preset, browser)
+    for line in viewer.greeting():
+        log.info("%s", line)
+    if block if block is not None else not hasattr(sys, "ps1") and "ipykernel" not in sys.modules:
+        log.info("press Ctrl-C to stop the viewer")
+        viewer.wait()
+    return viewer
 
 
 def widget(what: Any, **options: Any) -> Any:
-    """The viewer as a notebook's widget; see `globule.viewer.notebook.widget`."""
+    """The viewer as a notebook widget; see `globule.viewer.notebook.widget`."""
     from .notebook import widget as make
 
     return make(what, **options)
@@ -72,13 +84,14 @@ def show(
     state: Any = None,
     preset: str | None = None,
     browser: bool = True,
-    block: bool | None = None,
 ) -> Viewer:
-    """A viewer of a source; see `view`."""
+    """A viewer of a `globule.viewer.source.Source`; the arguments are those of `view`."""
     from .app import Viewer
+    from .log import show_log
     from .page.look import use_preset
     from .state import MOST_BYTES, State
 
+    show_log()
     settings = state if isinstance(state, State) else State()
     if state is None:
         settings.set(**source.settings)
@@ -89,10 +102,6 @@ def show(
     preset = preset or (source.preset if state is None else None)
     if preset is not None:
         use_preset(viewer, preset)
-    for line in viewer.greeting():
-        print(line, flush=True)
     if browser:
         viewer.open_browser()
-    if block if block is not None else not hasattr(sys, "ps1") and "ipykernel" not in sys.modules:
-        viewer.wait()
     return viewer

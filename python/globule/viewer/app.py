@@ -7,7 +7,6 @@ import io
 import secrets
 import signal
 import socket
-import sys
 import threading
 import time
 import webbrowser
@@ -17,12 +16,13 @@ from typing import Any
 import numpy as np
 
 from .._base.arrays import on_gpu
-from .._base.checks import how_to_install
+from .._base.checks import how_to_install, missing
 from ..render.camera import Camera
 from ..render.frame import fit_camera
 from .engine import Client, Engine
 from .equivalent import command_line, python_code
 from .guard import Guard, limit_messages, quiet_tasks
+from .log import log
 from .pacer import Plan
 from .placement import Placement
 from .recording import Shot
@@ -32,25 +32,32 @@ from .state import MOST_BYTES, State
 LOCAL = ("127.0.0.1", "localhost", "::1")
 FIRST_SIZE = (1280, 720)
 MOST_CLIENTS = 16
-MOST_WINDOW = 7680  # pixels of a browser's side
-AT_INTERRUPT = 1.0  # s that Ctrl-C waits for a picture that is being made
-MOST_POINTS, N_DIRECTIONS = 200_000, 96  # looked at for the first view
+PAGE_EYE = (3.0, 3.0, 3.0)  # of viser's page before it gets a camera, page units
+MOST_WINDOW = 7680  # pixels of a side of a browser's window
+AT_INTERRUPT = 1.0  # s that Ctrl-C waits for an image in progress
+MOST_POINTS, N_DIRECTIONS = 200_000, 96  # that the first camera is fitted to
 
 
 class Viewer:
-    """What `gb.view` gives.
+    """A running viewer; `gb.view` makes it.
 
     Args:
-        source: what is shown.
-        state: settings to begin with.
-        host, port: where to listen; another host than this machine's own demands a token.
-        up: (3,) direction to the sky; default: y, for volumes and sweeps z.
-        camera: where every client begins; default: all is seen.
+        source: to show.
+        state: first settings.
+        host: the address to listen on; any but a loopback address demands a token.
+        port: the first port to try; 0 takes any free one.
+        up: (3,) upward direction, world; default: y, for volumes and sweeps z.
+        camera: with which every browser starts; default: everything is visible.
+        title: of the page.
 
     Attributes:
-        address: for the browser.
         state: the settings; `viewer.state.set(surface__threshold=0.5)`.
-        gui: the page's own panel, for sliders and buttons of the user's program (viser's GuiApi).
+        source: what the viewer shows.
+        port: that the server listens on.
+
+    Raises:
+        MissingPackageError: the extra `view` is not installed.
+        ValueError: host or up are not usable.
     """
 
     def __init__(
@@ -88,11 +95,14 @@ class Viewer:
         self.engine.on_picture = self._on_picture
         self.engine.on_error = self._on_error
         self.engine.on_step = self._keep_in_sight
-        with self._guard.watching(), contextlib.redirect_stdout(io.StringIO()):
-            self.server = viser.ViserServer(host, port, verbose=False)
+        with contextlib.redirect_stdout(io.StringIO()):
+            self.server = self._guard.server(host, port)
         if not self._guard.started:
             self.close()
-            raise RuntimeError("viewer: this version of viser opens its server in another way")
+            raise RuntimeError(
+                f"viewer: viser {viser.__version__} opens its server in an unknown way. Install "
+                f"the version that globule needs: {how_to_install('view')}"
+            )
         limit_messages(self.server, MOST_BYTES)
         quiet_tasks(self.server)
         self.host, self.port = host, self.server.get_port()
@@ -104,33 +114,34 @@ class Viewer:
 
     @property
     def gui(self) -> Any:
+        """The panel of the page (`viser.GuiApi`), for sliders and buttons of the program."""
         return self.server.gui
 
     @property
     def address(self) -> str:
+        """The address to open in a browser, with the token if there is one."""
         host = "127.0.0.1" if self.host in LOCAL else socket.gethostname()
         return f"http://{host}:{self.port}/" + (f"?token={self.token}" if self.token else "")
 
     def greeting(self) -> list[str]:
-        """What a person needs to know in the terminal."""
-        lines = [f"globule: {line}" for line in self.warnings]
-        lines.append(f"globule: {self.source.name} at {self.address}")
+        """Lines for a person in the terminal: the address, and how to reach it from elsewhere."""
+        lines = [*self.warnings, f"{self.source.name} at {self.address}"]
         if self._asked_port and self.port != self._asked_port:
-            lines.append(f"globule: port {self._asked_port} is taken, so this is {self.port}")
+            lines.append(f"port {self._asked_port} is in use; the viewer uses {self.port}")
         if self.token is None:
             lines.append(
-                f"globule: from another machine: ssh -L {self.port}:localhost:{self.port} "
-                f"{socket.gethostname()}, then the same address there"
+                f"from another machine: run ssh -L {self.port}:localhost:{self.port} "
+                f"{socket.gethostname()} there, then open the same address"
             )
         else:
             lines.append(
-                "globule: whoever has this address can look and steer; it is not "
-                "encrypted, so better stay with ssh where others can listen"
+                "everyone who has this address can see and control the page; the connection is "
+                "not encrypted, so use ssh on networks that you do not trust"
             )
-        return [*lines, "globule: Ctrl-C ends it"]
+        return lines
 
     def open_browser(self) -> None:
-        """Open the page where somebody sits in front of this machine."""
+        """Open the page in a browser of this machine."""
         threading.Thread(target=webbrowser.open, args=(self.address,), daemon=True).start()
 
     # Clients
@@ -146,7 +157,7 @@ class Viewer:
 
         if len(self.clients) >= MOST_CLIENTS:
             browser.add_notification(
-                "Not possible", f"expected at most {MOST_CLIENTS} browsers", color="red"
+                "Not possible", f"At most {MOST_CLIENTS} browsers can be open", color="red"
             )
             return
         sink = ViserSink(browser, lambda number: client.acknowledge(number))
@@ -160,10 +171,10 @@ class Viewer:
                 size = tuple(
                     min(int(v), MOST_WINDOW) for v in (camera.image_width, camera.image_height)
                 )
-                if first and min(size) > 0 and abs(size[0] / size[1] / first["aspect"] - 1) > 0.01:
+                if first and min(size) > 0:
                     self._fit_window(browser, first, size[0] / size[1])
                 client.look(self.camera_of(camera), size)
-            except (OverflowError, ValueError) as error:  # not of a page of ours
+            except (OverflowError, ValueError) as error:  # a value that the page never sends
                 self.page.complain(browser, str(error))
 
         await moved(browser.camera)
@@ -171,15 +182,23 @@ class Viewer:
         self.page.connected(browser, client)
 
     def _fit_window(self, browser: Any, first: dict[str, Any], aspect: float) -> None:
-        """Show all in a window of this shape, unless somebody has turned or moved the view since
-        `first` was shown: the panel takes its room from the picture only after the start."""
-        eye = self.camera_of(browser.camera).eye
-        known = first.setdefault("eyes", [eye])
-        if np.linalg.norm(np.subtract(known, eye), axis=1).min() > 1e-3 * self.placement.extent:
+        """Fit the first view to the shape of the window, unless the person has moved the camera.
+
+        The panel takes its part of the window after the start, which changes the shape. Meanwhile
+        the browser may report its own first camera, or go back to the page's start camera.
+        """
+        eye, start = self.camera_of(browser.camera).eye, self.first_camera.eye
+        known = first.setdefault("eyes", [eye, self.placement.to_world(PAGE_EYE), start])
+        near = 1e-3 * self.placement.extent
+        if np.linalg.norm(np.subtract(known, eye), axis=1).min() > near:
             first.clear()
             return
+        to_start, to_last = (np.linalg.norm(np.subtract(eye, v)) for v in (start, known[-1]))
+        back = to_start <= near < to_last
+        if not back and abs(aspect / first["aspect"] - 1) <= 0.01:
+            return
         camera = for_window(self.first_camera, aspect, self._outline)
-        # What the browser says may still be of before the latest move.
+        # The next message of the browser may be older than this move.
         first.update(aspect=aspect, eyes=[*known, camera.eye])
         self.move(browser, camera)
 
@@ -190,13 +209,13 @@ class Viewer:
             threading.Thread(target=self.engine.remove, args=(client,), daemon=True).start()
 
     def camera_of(self, camera: Any) -> Camera:
-        """The world's camera of a browser's."""
+        """The camera, world, of a browser's camera."""
         return self.placement.camera(
             camera.position, camera.look_at, camera.up_direction, camera.fov
         )
 
     def move(self, browser: Any, camera: Camera) -> None:
-        """Put a browser's camera somewhere."""
+        """Move a browser's camera; `camera`: world."""
         position, look_at, fov = self.placement.of_page(camera)
         with browser.atomic():
             browser.camera.up_direction = camera.up
@@ -206,8 +225,12 @@ class Viewer:
     # The user's program
 
     def on_frame(self, called: Callable[[Any], Any]) -> Callable[[Any], Any]:
-        """Have `called` with every picture before it is shown: a `ShownFrame`. What it gives, if
-        anything, is shown instead: (H, W, 3) uint8. Usable as a decorator."""
+        """Call a function with each image before it is shown; usable as a decorator.
+
+        Args:
+            called: gets a `ShownFrame`; returns the image to show instead, (H, W, 3) uint8, or
+                None.
+        """
         self._frame_callbacks.append(called)
         return called
 
@@ -221,12 +244,12 @@ class Viewer:
         return picture
 
     def _on_error(self, message: str) -> None:
-        print(f"globule: {message}", file=sys.stderr)
+        log.warning("%s", message)
         for client in list(self.clients.values()):
             client.sink.error(message)
 
     def _keep_in_sight(self) -> None:
-        """A live sweep tells only as it comes where and how large it is."""
+        """Follow a source whose place and size become known only while it grows."""
         if not self.source.grows:
             return
         with self.source.lock:
@@ -238,14 +261,24 @@ class Viewer:
             panel.grew(moved)
 
     def cut_along(self, points: list, camera: Camera) -> str:
-        """What a stroke of the tool Cut does, in words: tissue is cut; else a cutting plane goes
-        through the stroke and the eye, and takes away the side above or right of it."""
+        """Cut along a stroke of the tool Cut; returns a sentence for the page.
+
+        The stroke cuts tissue. Without tissue it sets a cutting plane through the stroke and the
+        eye, which removes the side above or right of the stroke.
+
+        Args:
+            points: (x, y, z) each, world, on the surface.
+            camera: through which the stroke was drawn.
+
+        Raises:
+            ValueError: the stroke is a single point.
+        """
         if self.source.has_tissue:
             return self.source.cut_along(points, camera)
         first, last = (np.asarray(p, float) for p in (points[0], points[-1]))
         normal = np.cross(last - first, camera.towards([first])[0])
         if not np.linalg.norm(normal) > 0:
-            raise ValueError("cut: expected a line, got a point")
+            raise ValueError("cut: expected a stroke between two points, got one point")
         _, _, right, up = camera.frame((1, 1))
         normal = normal / np.linalg.norm(normal)
         normal = normal if normal @ (right + up) > 0 else -normal
@@ -254,7 +287,7 @@ class Viewer:
             cuts__normal=tuple(normal.tolist()),
             cuts__point=tuple(((first + last) / 2).tolist()),
         )
-        return "A cutting plane along the stroke; *No cuts* in the panel Cut takes it away."
+        return "Added a cutting plane along the stroke. *Remove all cuts* in *Cut* removes it."
 
     def screenshot(
         self,
@@ -263,7 +296,17 @@ class Viewer:
         samples: int | None = None,
         camera: Camera | None = None,
     ) -> Shot:
-        """Write what is seen (.png, .exr); by default from where viewers begin."""
+        """Write the image to a file (.png, .exr).
+
+        Args:
+            path: of the file.
+            size: (width, height), pixels.
+            samples: per pixel; default: the setting for still images.
+            camera: world; default: the one with which browsers start.
+
+        Returns:
+            The image with its traced frame.
+        """
         shot = Shot(
             self.engine, camera or self.first_camera, size, samples or self.state.quality.samples
         )
@@ -273,7 +316,12 @@ class Viewer:
     def equivalent(
         self, camera: Camera | None = None, size: tuple[int, int] = FIRST_SIZE
     ) -> tuple[str, str]:
-        """A command line and a Python program that make this picture."""
+        """A command and a Python program that make the same image.
+
+        Args:
+            camera: world; default: the one with which browsers start.
+            size: (width, height), pixels.
+        """
         state, camera = self.state.snapshot(), camera or self.first_camera
         with self.source.lock:
             return (
@@ -282,23 +330,27 @@ class Viewer:
             )
 
     def save_state(self, path: Any) -> None:
-        """All settings and where viewers begin, as TOML."""
+        """Write all settings and the first camera to a TOML file."""
         self.state.save(path, self.first_camera)
 
     def load_state(self, path: Any) -> None:
-        """Raises ValueError that names the key."""
+        """Take all settings and the first camera from a TOML file.
+
+        Raises:
+            ValueError: the message names the key; nothing is changed.
+        """
         with open(path, encoding="utf-8") as file:
             camera = self.state.load_toml(file.read(MOST_BYTES + 1))
         if camera is not None:
             self.first_camera = camera
 
     def refresh(self) -> None:
-        """The source was changed by the user's program: show it."""
+        """Show the source again after the program has changed it."""
         self.source.version += 1
         self.engine.notify()
 
     def wait(self) -> None:
-        """Until Ctrl-C or `close`. A second Ctrl-C does not wait for what is being closed."""
+        """Wait until Ctrl-C or `close`; a second Ctrl-C does not wait for threads to end."""
         with first_interrupt() as asked:
             try:
                 while not asked and not self._closed.wait(0.2):
@@ -309,9 +361,10 @@ class Viewer:
                 raise KeyboardInterrupt
 
     def close(self, seconds: float = 10.0) -> None:
-        """Keep what is being recorded, stop the threads, tell the browsers, free the port.
+        """Keep recordings in progress, stop the threads, tell the browsers, free the port.
 
-        seconds: how long a picture or step that is being made may take to its end.
+        Args:
+            seconds: that an image or a step in progress may still take.
         """
         if self._closed.is_set():
             return
@@ -332,8 +385,16 @@ class Viewer:
 
 
 class ShownFrame:
-    """A picture on its way: `number`, `picture` (H, W, 3) uint8, `camera`, `still`, `viewer`, and
-    `time` in seconds of the clock."""
+    """An image on its way to a browser.
+
+    Attributes:
+        number: counts a browser's images from 1.
+        picture: (H, W, 3) uint8 sRGB.
+        camera: world.
+        still: nothing has changed for a moment.
+        viewer: that made it.
+        time: s, of the system's clock.
+    """
 
     def __init__(
         self, number: int, picture: np.ndarray, camera: Camera, still: bool, viewer: Viewer
@@ -344,7 +405,7 @@ class ShownFrame:
 
 @contextlib.contextmanager
 def first_interrupt() -> Iterator[list[int]]:
-    """The first Ctrl-C in this block is only noted, in what this gives; the second is raised."""
+    """A block in which the first Ctrl-C is only noted in the list it yields; the second raises."""
     asked: list[int] = []
 
     def note(number: int, _: Any) -> None:
@@ -353,7 +414,7 @@ def first_interrupt() -> Iterator[list[int]]:
         asked.append(number)
 
     before = signal.getsignal(signal.SIGINT)
-    usual = before is signal.default_int_handler  # not somebody's own
+    usual = before is signal.default_int_handler  # no handler of the program
     if not usual or threading.current_thread() is not threading.main_thread():
         yield asked
         return
@@ -365,7 +426,7 @@ def first_interrupt() -> Iterator[list[int]]:
 
 
 def check_host(host: str) -> None:
-    """Raise ValueError where nobody can listen at an address: viser would wait for ever."""
+    """Raise ValueError for an address of another machine, where viser would wait forever."""
     try:
         family, kind, *_, address = socket.getaddrinfo(host, 0, type=socket.SOCK_STREAM)[0]
         with socket.socket(family, kind) as tried:
@@ -377,8 +438,10 @@ def check_host(host: str) -> None:
 
 
 def outermost(source: Source) -> np.ndarray:
-    """Points (M, 3) as far out as a source's particles in many directions, with some room for the
-    surface around them; the corners of their box where they are on a GPU."""
+    """The outermost particles (M, 3) in many directions, with some room for the surface.
+
+    For particles on a GPU: the corners of their box.
+    """
     lo, hi = source.bounds()
     particles = source.particles()
     if on_gpu(particles.positions) or not len(particles.finite_positions()):
@@ -394,7 +457,7 @@ def outermost(source: Source) -> np.ndarray:
 
 
 def left_out(scene: Any) -> list[str]:
-    """What is to be said of particles that cannot be shown."""
+    """Warnings about particles that cannot be shown."""
     n_lost = len(scene) - scene.octree.n_inside
     if not n_lost:
         return []
@@ -405,8 +468,15 @@ def left_out(scene: Any) -> list[str]:
 
 
 def first_camera(scene: Any, up: Any, around: Any, like: Camera | None = None) -> Camera:
-    """All is seen, from the side that `like` is on; else from the front, a little right and above,
-    whatever axis is upwards."""
+    """A camera that shows everything.
+
+    Args:
+        scene: to show.
+        up: (3,) upward direction, world.
+        around: (M, 3) points to show; None: the particles with their surface.
+        like: a camera that gives direction and field of view; default: from the front, a little
+            right and above.
+    """
     from ..render.camera import view_axes
 
     if scene.octree.n_inside == 0 and around is None:
@@ -419,8 +489,16 @@ def first_camera(scene: Any, up: Any, around: Any, like: Camera | None = None) -
 
 
 def for_window(camera: Camera, aspect: float, around: np.ndarray | None = None) -> Camera:
-    """So that a window of another shape shows all of what is within some points (M, 3), or farther
-    away where it is narrower than what the camera was made for: whichever is nearer."""
+    """The first camera for a window of another shape.
+
+    Args:
+        camera: for a window of `FIRST_SIZE`.
+        aspect: width / height of the window.
+        around: (M, 3) points to show.
+
+    Returns:
+        The nearer of two cameras: fitted to the points, or moved away for a narrow window.
+    """
     aside = narrower(camera, aspect)
     if around is None or camera.height is not None:
         return aside
@@ -431,7 +509,7 @@ def for_window(camera: Camera, aspect: float, around: np.ndarray | None = None) 
 
 
 def narrower(camera: Camera, aspect: float) -> Camera:
-    """As far away as a window narrower than FIRST_SIZE needs."""
+    """A camera, moved away as far as a window narrower than FIRST_SIZE needs."""
     back = max(1.0, FIRST_SIZE[0] / FIRST_SIZE[1] / max(aspect, 0.1))
     away = np.subtract(camera.eye, camera.look_at) * back
     eye = tuple((np.asarray(camera.look_at) + away).tolist())
@@ -440,11 +518,9 @@ def narrower(camera: Camera, aspect: float) -> Camera:
 
 
 def need_viser() -> Any:
-    """viser, or ImportError that says how to get it."""
+    """The module viser. Raises MissingPackageError."""
     try:
         import viser
     except ImportError as error:
-        raise ImportError(
-            f"the viewer needs viser, which is not installed: {how_to_install('view')}"
-        ) from error
+        raise missing("viser", "view") from error
     return viser

@@ -1,4 +1,4 @@
-"""Pictures as JPEG, by the fastest encoder that is installed."""
+"""Images as JPEG, by the fastest encoder that is installed."""
 
 from __future__ import annotations
 
@@ -8,7 +8,13 @@ import numpy as np
 
 
 def jpeg(picture: np.ndarray, quality: int, sharp: bool = False) -> bytes:
-    """A picture (H, W, 3) uint8 sRGB; sharp: colours of every pixel, not of each four."""
+    """The bytes of a JPEG file.
+
+    Args:
+        picture: (H, W, 3) uint8 sRGB.
+        quality: 1 to 100.
+        sharp: store a color for each pixel (4:4:4) instead of for every four (4:2:0).
+    """
     picture = np.ascontiguousarray(picture)
     try:
         import simplejpeg

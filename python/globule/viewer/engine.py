@@ -1,5 +1,8 @@
-"""Threads that keep pictures coming: one traces for all clients in turn, one a client encodes and
-sends, one lets time go on. What a client shows never holds up another, nor the time."""
+"""The threads of a viewer.
+
+One thread traces for all clients in turn. One thread per client encodes and sends. One thread
+advances the source in time. No client delays another client or the time.
+"""
 
 from __future__ import annotations
 
@@ -20,20 +23,21 @@ from .picture import trace
 from .source import Source
 from .state import State
 
-REPEAT = 5.0  # s until the same error is said again
+REPEAT = 5.0  # s before the same error is reported again
 
 
 class Sink(Protocol):
-    """Where a client's pictures go. It calls `Client.acknowledge` once one is taken in, and raises
-    ConnectionError where nobody is there any more."""
+    """The receiver of a client's images; calls `Client.acknowledge` when an image has arrived."""
 
-    def send(self, number: int, data: bytes, plan: Plan) -> None: ...
+    def send(self, number: int, data: bytes, plan: Plan) -> None:
+        """Send one JPEG. Raises ConnectionError if the receiver has left."""
 
-    def error(self, message: str) -> None: ...
+    def error(self, message: str) -> None:
+        """Show an error to the person."""
 
 
 class Client:
-    """One viewer of the source, with a camera of its own."""
+    """One person who looks at the source, with an own camera; `Engine.add` makes it."""
 
     def __init__(self, engine: Engine, sink: Sink, camera: Camera):
         self.engine, self.sink, self.camera = engine, sink, camera
@@ -41,7 +45,7 @@ class Client:
         self.frame: Frame | None = None  # the last traced; only the tracing thread changes it
         self.frame_version: Any = None
         self.number = 0
-        self.marks: list[Mark] = []  # what is drawn over this client's pictures
+        self.marks: list[Mark] = []  # drawn over this client's images only
         self._job: tuple | None = None
         self._ready = threading.Condition()
         self._gone = False
@@ -49,30 +53,32 @@ class Client:
         self._thread.start()
 
     def look(self, camera: Camera, size: tuple[int, int]) -> None:
-        """The client's camera or window is another."""
+        """Use another camera and window size (width, height) from now on."""
         with self.engine.wake:
             self.camera = camera
             self.pacer.full = (max(1, int(size[0])), max(1, int(size[1])))
             self.engine.wake.notify_all()
 
     def mark(self, marks: list[Mark]) -> None:
-        """Draw these over the client's pictures from now on."""
+        """Draw these marks over the client's images from now on."""
         with self.engine.wake:
             self.marks = marks
             self.engine.wake.notify_all()
 
     def acknowledge(self, number: int) -> None:
+        """Note that an image has arrived."""
         with self.engine.wake:
             self.pacer.acknowledge(time.monotonic(), number)
             self.engine.wake.notify_all()
 
     def hand(self, job: tuple) -> None:
-        """Give a traced picture to the encoding thread, which has none then."""
+        """Give a traced image to the encoding thread."""
         with self._ready:
             self._job = job
             self._ready.notify()
 
     def close(self, seconds: float = 5.0) -> None:
+        """Stop the encoding thread; wait for it at most so long."""
         with self._ready:
             self._gone = True
             self._ready.notify()
@@ -90,9 +96,9 @@ class Client:
                 job, self._job = self._job, None
             try:
                 self._send(*job)
-            except ConnectionError:  # the client died; whoever brought it takes it away
+            except ConnectionError:  # the owner of the sink removes the client
                 return
-            except Exception as error:  # the page says it; the next picture may do better
+            except Exception as error:  # a later image may succeed
                 with self.engine.wake:
                     self.pacer.given_up()
                 self.engine.report(error)
@@ -116,10 +122,19 @@ class Client:
 
 
 class Engine:
-    """Everything between a source with its settings and the clients' sinks.
+    """Everything between a source with its settings and the sinks of the clients.
 
-    on_picture: called in a client's encoding thread with each finished picture, before it is
-    encoded; gives what is shown.
+    Args:
+        source: traced and advanced.
+        state: settings.
+        up: (3,) upward direction, world.
+
+    Attributes:
+        on_picture: called in a client's encoding thread with each finished image; returns the image
+            to show.
+        on_step: called after each step in time.
+        on_error: called with each error message.
+        trace_seconds, encode_seconds, step_seconds: the latest durations.
     """
 
     def __init__(self, source: Source, state: State, up: Any = (0.0, 1.0, 0.0)):
@@ -143,11 +158,12 @@ class Engine:
         atexit.register(self.close)  # threads must not be inside a kernel when Python ends
 
     def notify(self) -> None:
-        """Something is another than before."""
+        """Wake the threads: the settings or the source have changed."""
         with self.wake:
             self.wake.notify_all()
 
     def add(self, sink: Sink, camera: Camera) -> Client:
+        """A new client with a first camera."""
         client = Client(self, sink, camera)
         with self.wake:
             self.clients.append(client)
@@ -155,6 +171,7 @@ class Engine:
         return client
 
     def remove(self, client: Client, seconds: float = 5.0) -> None:
+        """Remove a client; wait for its thread at most so long."""
         with self.wake:
             if client in self.clients:
                 self.clients.remove(client)
@@ -162,7 +179,7 @@ class Engine:
         client.close(seconds)
 
     def close(self, seconds: float = 10.0) -> None:
-        """Stop the threads; each may take so long."""
+        """Stop the threads and close the source; wait for each thread at most so long."""
         with self.wake:
             if not self._running and not self._threads:
                 return
@@ -179,7 +196,7 @@ class Engine:
             atexit.unregister(self.close)
 
     def report(self, error: BaseException) -> None:
-        """Say on all pages what went wrong; the same not again for a while."""
+        """Report an error on all pages, at most every `REPEAT` seconds."""
         message, now = str(error) or type(error).__name__, time.monotonic()
         if self._said.get(message, -REPEAT) <= now - REPEAT:
             self._said = {message: now}
@@ -191,7 +208,7 @@ class Engine:
         return (client.camera, self.state.version, self.source.version, tuple(client.marks))
 
     def _next(self) -> tuple[Client, Plan, float, tuple] | None:
-        """Whose turn it is, and for what; waits for it. With `wake` held."""
+        """The next client and its plan; waits for one. The caller holds `wake`."""
         while self._running:
             now, due = time.monotonic(), []
             quality = self.state.quality
@@ -245,7 +262,7 @@ class Engine:
             }
             picture = frame.picture
         with self.wake:
-            if client not in self.clients:  # it left meanwhile
+            if client not in self.clients:  # it has left
                 return
             client.frame, client.frame_version = frame, what
         seconds = time.monotonic() - started
@@ -257,7 +274,7 @@ class Engine:
     # Time
 
     def _time(self) -> None:
-        """Let the source go on, as fast as it should."""
+        """Advance the source at its own speed."""
         due = time.monotonic()
         while True:
             with self.wake:

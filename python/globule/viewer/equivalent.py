@@ -1,4 +1,4 @@
-"""What gives the same picture without the viewer: a command line, and Python."""
+"""A command and a Python program that make the same image without the viewer."""
 
 from __future__ import annotations
 
@@ -17,8 +17,10 @@ from .state import State
 def command_line(
     source: Source, state: State, camera: Camera, size: tuple[int, int], up: Any
 ) -> str:
-    """`globule render …`, or `globule view …` of what lives; what the command cannot say follows
-    as a comment. With the source's lock held."""
+    """A `globule render` command; for a live source, a `globule view` command.
+
+    A comment at the end lists what the command omits. The caller holds the source's lock.
+    """
     origin = source.origin(state)
     left = list(origin.left)
     left += [name for name in origin.unsaid if getattr(state.surface, name) is not None]
@@ -74,7 +76,7 @@ def _first_words(state: State, camera: Camera | None, unsaid: tuple[str, ...]) -
 
 
 def _lit(source: Source, state: State, up: Any) -> bool:
-    """Whether more is set than `view` has options for."""
+    """Whether there are settings for which `view` has no options."""
     look = preset_look(source, state, state.look.preset, up)
     return look != state.look or bool(clips_of(state.cuts)) or state.surface.root != "exact"
 
@@ -83,7 +85,7 @@ def _light_words(state: State, up: Any) -> list[str]:
     look = state.look
     words = ["--root", state.surface.root] if state.surface.root != "exact" else []
     words += ["--shadows" if look.shadows else "--no-shadows"]
-    words += ["--ambient-rays", str(look.ambient_rays), "--bounces", str(look.depth)]
+    words += ["--ambient-rays", str(look.ambient_rays), "--bounces", str(look.bounces)]
     words += ["--sky", look.sky] if look.sky != "preset" else []
     words += ["--exposure", _text(look.exposure)] if look.exposure != 1 else []
     words += ["--ground", look.ground] if look.ground != "preset" else []
@@ -117,7 +119,7 @@ def _cut_words(state: State) -> list[str]:
 def python_code(
     source: Source, state: State, camera: Camera, size: tuple[int, int], up: Any
 ) -> str:
-    """A program that makes the picture; with the source's lock held."""
+    """A program that makes the image. The caller holds the source's lock."""
     origin, surface, color = source.origin(state), state.surface, state.color
     scene = source.layers(state)[0].scene
     options = {
@@ -175,7 +177,7 @@ def _imports(state: State) -> list[str]:
 
 
 def _code(value: Any) -> str:
-    """A value as Python with `gb.` before our classes, without what is usual."""
+    """A value as Python code, with `gb.` before classes and without defaults."""
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         words = []
         for field in dataclasses.fields(value):

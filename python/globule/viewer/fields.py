@@ -1,5 +1,4 @@
-"""What a setting may be: checked when it comes from a page or a file, and enough to draw a widget
-for it."""
+"""Kinds of settings: how a value from a page or a file is checked, and how its widget looks."""
 
 from __future__ import annotations
 
@@ -9,7 +8,7 @@ from typing import Any
 
 
 def real(default: float | None, least: float, most: float, label: str, hint: str = "") -> Any:
-    """A number in [least, most]; None where the default is None, for "as it comes"."""
+    """A number in [least, most]; where the default is None, None means "automatic"."""
     return _field(default, kind="real", least=least, most=most, label=label, hint=hint)
 
 
@@ -24,7 +23,7 @@ def switch(default: bool, label: str, hint: str = "") -> Any:
 
 
 def choice(default: str, options: tuple[str, ...], label: str, hint: str = "") -> Any:
-    """One of several names; any text where there are no options."""
+    """One of several names; without options any text."""
     return _field(default, kind="choice", options=options, label=label, hint=hint)
 
 
@@ -38,7 +37,7 @@ def _field(default: Any, **facts: Any) -> Any:
 
 
 def checked(field: dataclasses.Field, value: Any) -> Any:
-    """The value as its field wants it. Raises ValueError: name, expected and got."""
+    """The value in the type of its field. Raises ValueError for any other value."""
     facts, name = field.metadata, field.name
     kind = facts["kind"]
     if value is None and field.default is None:

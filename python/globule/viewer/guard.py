@@ -1,9 +1,14 @@
-"""Who may see the page. On this machine's own address everybody on it; on others who knows the
-token. Checked before any file or message goes out, at the HTTP and at the websocket's level.
+"""Access control of the page.
 
-viser has no such check, and opens its server in a thread of its own. While that starts, the
-function with which it opens the socket is replaced by one that adds ours (viser is pinned to the
-versions for which this is tested); `started` says whether that has happened.
+On a loopback address every program of this machine may open the page. On any other address a
+client needs the token. The guard checks each HTTP request and each websocket handshake before the
+server answers.
+
+viser has no such check and opens its socket in a thread of its own. `Guard.server` therefore makes
+viser's server from copies of two of viser's functions, in which the name of the function that opens
+the socket stands for `Guard.serve`. Nothing of viser and websockets is replaced for anyone else.
+pyproject.toml pins the versions of viser for which the tests cover this; `Guard.started` tells
+whether the socket was opened through the guard.
 """
 
 from __future__ import annotations
@@ -14,16 +19,16 @@ import html
 import http
 import ipaddress
 import logging
-import sys
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
+from types import FunctionType
 from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
-REPEAT = 5.0  # s until the same line is said again
-MOST_MESSAGE = 1024 * 1024  # bytes that a client may send at once
-# The page may load and connect to nothing but this server.
+from .log import log
+
+REPEAT = 5.0  # s before the same message is logged again
+MOST_MESSAGE = 1024 * 1024  # bytes of one message from a client
+# The page may load from this server and connect to this server, and to nothing else.
 POLICY = (
     "default-src 'self'; script-src 'self' 'unsafe-inline' 'unsafe-eval' blob:; "
     "style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; font-src 'self' data:; "
@@ -33,27 +38,39 @@ POLICY = (
 
 
 class Guard:
-    """token: what a client must know, or None on this machine's own address. title: of the page,
-    in the browser's tab."""
+    """The access control of one server.
+
+    Args:
+        token: the word that a client must send; None on a loopback address.
+        title: of the page, in the browser's tab.
+
+    Attributes:
+        started: whether the server's socket was opened through this guard.
+    """
 
     def __init__(self, token: str | None, title: str = "globule"):
         self.token, self.title = token, title
         self.started = False
-        self._titled: dict[bytes, bytes] = {}  # the page by viser's own
+        self._titled: dict[bytes, bytes] = {}  # viser's page to ours
 
     def refusal(self, path: str, headers: Any) -> str | None:
-        """Why a request is not answered, if it is not."""
+        """The reason to refuse a request, or None.
+
+        Args:
+            path: of the request, with its query.
+            headers: `websockets.datastructures.Headers`.
+        """
         host, origin = headers.get("Host", ""), headers.get("Origin")
         if origin is not None and urlsplit(origin).netloc != host:
-            return "expected a page of this server, got another"
+            return "expected a page of this server, got a page of another one"
         if self.token is None:
-            return None if is_local(host) else "expected an address of this machine"
+            return None if is_local(host) else "expected a loopback address of this machine"
         given = [*parse_qs(urlsplit(path).query).get("token", []), self._cookie(headers)]
         known = any(hmac.compare_digest(self.token.encode(), word.encode()) for word in given)
         return None if known else "expected the token in the address: ?token=…"
 
     def cookie(self) -> str:
-        """What lets the page's own requests in."""
+        """The cookie that carries the token in the page's own requests."""
         return f"globule={self.token}; Path=/; HttpOnly; SameSite=Strict"
 
     def _cookie(self, headers: Any) -> str:
@@ -65,7 +82,7 @@ class Guard:
         return ""
 
     def _give_title(self, response: Any) -> None:
-        """The page that viser has is called Viser."""
+        """Replace the title in viser's page, which is "Viser"."""
         if not response.headers.get("Content-Type", "").startswith("text/html"):
             return
         body = response.body
@@ -79,82 +96,133 @@ class Guard:
         del response.headers["Content-Length"]
         response.headers["Content-Length"] = str(len(response.body))
 
-    @contextmanager
-    def watching(self) -> Iterator[None]:
-        """Servers that viser opens in this block are guarded."""
-        import websockets.asyncio.server as module
+    def serve(self, handler: Any, host: str, port: int, **options: Any) -> Any:
+        """`websockets.asyncio.server.serve`, with this guard before every answer."""
+        from websockets.asyncio.server import serve
 
-        serve = module.serve
+        inner = options.pop("process_request")
 
-        def guarded(handler: Any, host: str, port: int, **options: Any) -> Any:
-            inner = options.pop("process_request")
+        def check(connection: Any, request: Any) -> Any:
+            why = self.refusal(request.path, request.headers)
+            if why is not None:
+                return connection.respond(http.HTTPStatus.FORBIDDEN, f"globule: {why}\n")
+            response = inner(connection, request)
+            if response is not None:
+                self._give_title(response)
+                response.headers["Content-Security-Policy"] = POLICY
+                response.headers["Referrer-Policy"] = "no-referrer"
+                response.headers["X-Content-Type-Options"] = "nosniff"
+                if self.token is not None:
+                    response.headers["Set-Cookie"] = self.cookie()
+            return response
 
-            def check(connection: Any, request: Any) -> Any:
-                why = self.refusal(request.path, request.headers)
-                if why is not None:
-                    return connection.respond(http.HTTPStatus.FORBIDDEN, f"globule: {why}\n")
-                response = inner(connection, request)
-                if response is not None:
-                    self._give_title(response)
-                    response.headers["Content-Security-Policy"] = POLICY
-                    response.headers["Referrer-Policy"] = "no-referrer"
-                    response.headers["X-Content-Type-Options"] = "nosniff"
-                    if self.token is not None:
-                        response.headers["Set-Cookie"] = self.cookie()
-                return response
+        options["max_size"] = MOST_MESSAGE
+        options["logger"] = connection_logger()
+        self.started = True
+        return serve(handler, host, port, process_request=check, **options)
 
-            options["max_size"] = MOST_MESSAGE
-            options["logger"] = one_line_logger()
-            self.started = True
-            return serve(handler, host, port, process_request=check, **options)
+    def server(self, host: str, port: int) -> Any:
+        """A `viser.ViserServer` whose socket this guard opens.
 
-        module.serve = guarded
-        try:
-            yield
-        finally:
-            module.serve = serve
+        Args:
+            host: the address to listen on.
+            port: the first port to try; 0 takes any free one.
+        """
+        import viser
+        import websockets
+        from viser import _viser, infra
+        from viser.infra import _infra
+
+        opening = Renamed(
+            websockets,
+            asyncio=Renamed(
+                websockets.asyncio, server=Renamed(websockets.asyncio.server, serve=self.serve)
+            ),
+        )
+
+        class Socket(infra.WebsockServer):
+            _background_worker = with_names(
+                infra.WebsockServer._background_worker, _infra, websockets=opening
+            )
+
+        class Server(viser.ViserServer):
+            __init__ = with_names(
+                viser.ViserServer.__init__, _viser, infra=Renamed(infra, WebsockServer=Socket)
+            )
+
+        return Server(host, port, verbose=False)
+
+
+class Renamed:
+    """A module in which a few names mean something else; the module itself stays as it is."""
+
+    def __init__(self, module: Any, **names: Any):
+        self._module = module
+        vars(self).update(names)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._module, name)
+
+
+def with_names(function: Any, module: Any, **names: Any) -> Any:
+    """A copy of a module's function in which some global names mean something else."""
+    copy = FunctionType(
+        function.__code__,
+        {**vars(module), **names},
+        function.__name__,
+        function.__defaults__,
+        function.__closure__,
+    )
+    copy.__kwdefaults__ = function.__kwdefaults__
+    return copy
 
 
 class OneLine(logging.Handler):
-    """What went wrong as one line in the terminal, the same not again for a while: what a stranger
-    sends is no mistake of ours that a traceback would help to find."""
+    """Logs what a client did wrong as one line without a traceback, and not again for a while.
+
+    A stranger's bytes are no error of this program, so a traceback would not help.
+    """
 
     def __init__(self) -> None:
         super().__init__(logging.WARNING)
         self._said: dict[str, float] = {}
 
     def emit(self, record: logging.LogRecord) -> None:
+        """Log a record of websockets."""
         self.say(record.getMessage(), record.exc_info[1] if record.exc_info else None)
 
     def of_task(self, loop: Any, context: dict[str, Any]) -> None:
-        """An event loop's exception handler."""
+        """Log what an event loop could not handle (`loop.set_exception_handler`)."""
         self.say("a message of a browser was refused", context.get("exception"))
 
     def say(self, what: str, error: BaseException | None) -> None:
+        """Log a sentence with the error's first line, at most every `REPEAT` seconds."""
         first = str(error).partition("\n")[0][:200] if error is not None else ""
         why = "" if error is None else f": {type(error).__name__}{first and ': '}{first}"
-        line, now = f"globule: page: {what}{why}", time.monotonic()
+        line, now = f"page: {what}{why}", time.monotonic()
         if self._said.get(line, -REPEAT) <= now - REPEAT:
             self._said = {line: now}
-            print(line, file=sys.stderr)
+            log.warning("%s", line)
 
 
-def one_line_logger() -> logging.Logger:
-    """For the connections of one server."""
-    logger = logging.Logger("globule.viewer", logging.WARNING)
-    logger.addHandler(OneLine())
-    return logger
+def connection_logger() -> logging.Logger:
+    """The logger for the connections of one server; `OneLine` shortens its records."""
+    made = logging.Logger("globule.viewer.connections", logging.WARNING)
+    made.addHandler(OneLine())
+    return made
 
 
 def quiet_tasks(server: Any) -> None:
-    """Have one line, too, for messages that viser cannot make anything of."""
+    """Log one line, too, for messages that a viser server cannot handle."""
     loop = server._websock_server._background_event_loop
     loop.call_soon_threadsafe(loop.set_exception_handler, OneLine().of_task)
 
 
 def is_local(host: str) -> bool:
-    """Whether a Host header names this machine: a name that somebody else's server gives to our
-    address does not (DNS rebinding)."""
+    """Whether a Host header names a loopback address of this machine.
+
+    A name that a foreign name server gives to this address does not count (DNS rebinding).
+    """
     name = urlsplit(f"//{host}").hostname or ""
     if name == "localhost":
         return True
@@ -165,8 +233,14 @@ def is_local(host: str) -> bool:
 
 
 def limit_messages(server: Any, most_bytes: int) -> None:
-    """Refuse uploads above a size, and the request to share the page through viser's own server on
-    the internet, which any browser could send."""
+    """Refuse large uploads and requests to share the page.
+
+    Any browser could ask viser to share the page through viser's own server on the internet.
+
+    Args:
+        server: a `viser.ViserServer`.
+        most_bytes: of one upload.
+    """
     from viser import _messages
 
     gui, websocket = server.gui, server._websock_server

@@ -1,4 +1,4 @@
-"""A lock that whoever waits longest gets next."""
+"""A lock that is granted in the order of the requests."""
 
 from __future__ import annotations
 
@@ -6,8 +6,11 @@ import threading
 
 
 class FairLock:
-    """A simulation that steps without a pause must not keep a picture from being traced, nor the
-    other way round; Python's own lock lets the same thread in again and again."""
+    """A context manager that excludes other threads and lets none of them starve.
+
+    A simulation that steps without a pause must not keep the tracing thread out, nor the other way
+    round. `threading.Lock` may let the same thread in again and again.
+    """
 
     def __init__(self) -> None:
         self._next = threading.Lock()

@@ -1,4 +1,4 @@
-// Shows pictures, says when each one is taken in, and turns the camera.
+// Shows images, acknowledges each on arrival, and moves the camera.
 
 const sub = (a, b) => a.map((v, i) => v - b[i]);
 const add = (a, b, s = 1) => a.map((v, i) => v + s * b[i]);

@@ -1,5 +1,4 @@
-"""The viewer inside of a notebook: a widget that shows the server's pictures, without a port of its
-own. Needs the extra `notebook`."""
+"""The viewer inside a notebook: a widget that needs no port. Needs the extra `notebook`."""
 
 from __future__ import annotations
 
@@ -8,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from .._base.checks import missing
 from ..render.camera import Camera
 from .app import first_camera
 from .engine import Engine
@@ -21,14 +21,11 @@ MOST_PIXELS = 8192  # of a side
 
 
 def need_anywidget() -> Any:
-    """anywidget, or ImportError that says how to get it."""
+    """The module anywidget. Raises MissingPackageError."""
     try:
         import anywidget
     except ImportError as error:
-        raise ImportError(
-            "the notebook viewer needs anywidget, which is not installed: "
-            'pip install "globule[notebook]"'
-        ) from error
+        raise missing("anywidget", "notebook") from error
     return anywidget
 
 
@@ -42,7 +39,7 @@ def widget(
     threads: int = 0,
     **reading: Any,
 ) -> Any:
-    """A widget that shows something; drag rotates, the wheel zooms, a right drag moves.
+    """A notebook widget; drag rotates, the wheel zooms, a right drag pans.
 
         w = widget("splash.vtk")
         w                                             # in a cell
@@ -50,7 +47,11 @@ def widget(
 
     Args:
         what, up, camera, state, device, threads, reading: as for `globule.view`.
-        height: pixels; the width is the cell's.
+        height: pixels; the width is that of the cell.
+
+    Raises:
+        MissingPackageError: the extra `notebook` is not installed.
+        TypeError, ValueError, FormatError, OSError: the message names what cannot be shown.
     """
     anywidget = need_anywidget()
     import traitlets
@@ -63,10 +64,11 @@ def widget(
         def screenshot(
             self, path: Any, size: tuple[int, int] = (1280, 720), samples: int = 16
         ) -> None:
-            """Write what is seen (.png, .exr)."""
+            """Write the image of the current view (.png, .exr); size: (width, height)."""
             Shot(self.engine, self.client.camera, size, samples).save(path)
 
         def close(self) -> None:
+            """Stop the threads and remove the widget."""
             self.engine.close()
             super().close()
 
@@ -86,7 +88,7 @@ def widget(
 
 
 class _Sink:
-    """Pictures as messages of the widget."""
+    """Images as messages of the widget."""
 
     def __init__(self, made: Any):
         self.made = made
@@ -99,7 +101,7 @@ class _Sink:
 
 
 def _heard(made: Any, content: Any) -> None:
-    """What the cell says: a picture was taken in, or the camera is another."""
+    """A message of the cell: an image has arrived, or the camera has changed."""
     if content.get("type") == "ack":
         made.client.acknowledge(int(content["number"]))
     elif content.get("type") == "camera":

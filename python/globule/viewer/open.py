@@ -1,4 +1,4 @@
-"""Anything to a frame source."""
+"""Opens everything that can be shown as a source of frames."""
 
 from __future__ import annotations
 
@@ -31,15 +31,17 @@ EXPECTED = (
 
 
 def open_source(what: Any, device: str = "auto", threads: int = 0, **reading: Any) -> Source:
-    """A source for whatever somebody wants to look at.
+    """The source of frames for an object, a file, or a name.
 
     Args:
-        what: paths (one, or several as a sequence), a shipped simulation's name, a scene's .toml,
+        what: a path, several paths (a sequence), the name of a shipped simulation, a scene's .toml,
             igtl://host:port, or an object.
-        reading: of `globule.read` (level, labels, spacing) or `globule.read_sweep`.
+        device, threads: as for `Scene`.
+        reading: keywords of `globule.read` (level, labels, spacing) or `globule.read_sweep`.
 
     Raises:
-        TypeError, ValueError, FormatError, OSError: naming what cannot be shown.
+        MissingPackageError: a live stream without the extra `live`.
+        TypeError, ValueError, FormatError, OSError: the message names what cannot be shown.
     """
     common = {"device": device, "threads": threads}
     if isinstance(what, (str, os.PathLike)):
@@ -96,14 +98,14 @@ def _open_name(name: str, common: dict, reading: dict) -> Source:
     if not os.path.exists(name):
         from ..render.sequence import find_files
 
-        files = find_files([name])  # a pattern; what is no file is said by the reader
+        files = find_files([name])  # a pattern; the reader reports a missing file
         if files != [name]:
             return _open_files(files, common, reading)
     source = _medical(name, common, reading)
     if source is None:
         particles = read(name, **reading)
         places = to_host(particles.positions)
-        if not (np.abs(places) < FAR).all(axis=1).any():  # no number is below anything
+        if not (np.abs(places) < FAR).all(axis=1).any():  # False for NaN, too
             got = f"{len(places):,} with others" if len(places) else "none"
             raise ValueError(
                 f"{name}: nothing to show: expected particles with finite positions "
@@ -115,7 +117,10 @@ def _open_name(name: str, common: dict, reading: dict) -> Source:
 
 
 def _medical(name: str, common: dict, reading: dict) -> Source | None:
-    """The source of a sweep or volume; None for other files."""
+    """The source of a sweep or a volume.
+
+    None for other files.
+    """
     from ..formats.kind import kind_or_none
     from ..ultrasound.files import read_sweep
     from ..volumes.files import read_volume
@@ -140,7 +145,7 @@ def _sweep(name: str, sweep: Sweep, common: dict) -> SweepSource:
 
 
 def simulation_name(name: str) -> bool:
-    """Whether a name is a simulation's scene: a .toml, or one that is shipped."""
+    """Whether a name is a scene of a simulation: a .toml, or the name of a shipped scene."""
     if name.lower().endswith(".toml"):
         return True
     return name in SHIPPED and not os.path.exists(name)

@@ -1,4 +1,4 @@
-"""What is drawn over a traced picture: slices at their place in space, marks, the legend."""
+"""The overlay of a traced image: slices at their place in space, marks, the legend."""
 
 from __future__ import annotations
 
@@ -11,14 +11,20 @@ from ..render.camera import Camera
 from ..render.legend import LEAST_SIDE, add_legend
 from .state import State
 
-ON_SCREEN = 0.65  # of the legend that a saved picture has
+ON_SCREEN = 0.65  # scale of the legend on the page, relative to saved images
 RED, AMBER, STEEL = (226, 60, 60), (255, 176, 32), (70, 80, 92)
 
 
 @dataclass(frozen=True)
 class Mark:
-    """Points (x, y, z) world joined by lines, with a text beside the last; one or two are dots.
-    thin: a bare line without dots."""
+    """Points joined by lines, with a text beside the last point.
+
+    Attributes:
+        points: (x, y, z) each, world; one or two points get dots.
+        text: label.
+        color: sRGB, 0 to 255.
+        thin: draw a thin line without dots.
+    """
 
     points: tuple[tuple[float, float, float], ...]
     text: str = ""
@@ -28,8 +34,13 @@ class Mark:
 
 @dataclass(frozen=True)
 class Plate:
-    """An image in space. texture: (H, W, 3) uint8 sRGB; world_from_plate: (4, 4), maps pixel
-    (column, row, 0, 1) to the world; mask: (H, W) bool, where there is anything, None: all over."""
+    """A flat image in space.
+
+    Attributes:
+        texture: (H, W, 3) uint8 sRGB.
+        world_from_plate: (4, 4), maps the pixel (column, row, 0, 1) to the world.
+        mask: (H, W) bool, the pixels to draw; None draws all.
+    """
 
     texture: np.ndarray
     world_from_plate: np.ndarray
@@ -46,13 +57,17 @@ def finish(
     ends: tuple[float, float],
     size: tuple[int, int] | None = None,
 ) -> np.ndarray:
-    """The picture (H, W, 3) uint8 sRGB with all that is to be seen over it.
+    """The image (H, W, 3) uint8 sRGB with its overlay.
 
     Args:
-        depth: (H, W) along the rays, where plates are to be drawn.
-        ends: values of the colour map's ends.
-        size: (width, height) at which it is seen: a smaller picture is enlarged before marks and
-            legend are drawn, which stay sharp and where they are.
+        picture: (H, W, 3) uint8 sRGB.
+        state: for the legend.
+        camera: of the image.
+        marks, plates: to draw.
+        depth: (H, W) distance along the rays, world units; needed for plates.
+        ends: values at the two ends of the color map.
+        size: (width, height) at which the browser shows the image. A smaller image is enlarged
+            before marks and legend are drawn, so that they stay sharp.
     """
     if plates and depth is not None:
         picture = draw_plates(picture, depth, camera, plates)
@@ -68,7 +83,7 @@ def finish(
 
 
 def enlarged(picture: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-    """The picture (H, W, 3) uint8 at (width, height), where that is more."""
+    """The image (H, W, 3) uint8, enlarged to (width, height) if it is smaller."""
     from PIL import Image
 
     if size[0] <= picture.shape[1]:
@@ -80,7 +95,7 @@ def enlarged(picture: np.ndarray, size: tuple[int, int]) -> np.ndarray:
 def draw_plates(
     picture: np.ndarray, depth: np.ndarray, camera: Camera, plates: list[Plate]
 ) -> np.ndarray:
-    """Plates where nothing is in front of them."""
+    """The image (H, W, 3) with plates where nothing hides them; `depth`: as for `finish`."""
     height, width = depth.shape
     nearest = depth.reshape(-1).astype(np.float32).copy()
     out = np.array(picture).reshape(-1, 3)
@@ -124,7 +139,7 @@ def draw_plates(
 
 
 def draw_marks(picture: np.ndarray, camera: Camera, marks: list[Mark]) -> np.ndarray:
-    """Lines, dots and texts, over everything."""
+    """The image (H, W, 3) uint8 with lines, dots and texts over everything."""
     from PIL import Image, ImageDraw, ImageFont
 
     image = Image.fromarray(np.ascontiguousarray(picture))
@@ -165,7 +180,7 @@ def draw_marks(picture: np.ndarray, camera: Camera, marks: list[Mark]) -> np.nda
 
 
 def free_below(box: tuple, taken: list[tuple]) -> float:
-    """How far a box (left, top, right, bottom) goes down until it lies over none of others."""
+    """How far down a box (left, top, right, bottom) has to move to be free of others, pixels."""
     down = 0.0
     for left, top, right, bottom in sorted(taken, key=lambda other: other[1]):
         beside = box[2] <= left or right <= box[0]
@@ -175,7 +190,7 @@ def free_below(box: tuple, taken: list[tuple]) -> float:
 
 
 def project(camera: Camera, size: tuple[int, int], point: Any) -> tuple[float, float] | None:
-    """The pixel (column, row) where a point of the world is seen; None behind the eye."""
+    """The pixel (column, row) of a point (3,), world; None for a point behind the camera."""
     eye, forward, right, up = camera.frame(size)
     away = np.asarray(point, np.float64) - eye
     depth = float(away @ forward) if camera.height is None else 1.0

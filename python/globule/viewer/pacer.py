@@ -1,11 +1,11 @@
-"""When a client gets its next picture, and how large and sharp that is.
+"""When a client gets its next image, and with what size and quality.
 
-A client acknowledges each picture once it has taken it in, in order. At most two are on their way,
-so that none waits behind others: what is traced is what the camera sees now, and what it saw before
-is never sent. From what tracing and transfer took, size and quality follow. When nothing has
-changed for a moment, one picture of full size follows, and ever smoother ones after it.
+A client acknowledges each image on arrival, in order. At most two images are in flight, so no image
+waits behind others, and each image shows the current camera. Size and quality follow from the times
+that tracing and transfer took. When nothing has changed for `STILL_AFTER` seconds, an image of full
+size follows. The image then gains samples until something changes.
 
-Times are given in seconds; the pacer has no clock, no thread and no lock of its own.
+Times are in seconds. The pacer has no clock, no thread and no lock of its own.
 """
 
 from __future__ import annotations
@@ -19,14 +19,21 @@ STILL_AFTER = 0.15  # s without a change
 SMALLEST = 160  # pixels of the longer side
 LEAST_QUALITY, MOST_QUALITY = 35, 80  # JPEG, while something moves
 LEAST_SCALE = 1 / 8
-LATENCY = 0.08  # s that the bytes on their way may take
-WINDOW = 64  # pictures in the statistics
+LATENCY = 0.08  # s that the bytes in flight may take
+WINDOW = 64  # images in the statistics
 
 
 @dataclass(frozen=True)
 class Plan:
-    """The next picture: its size, JPEG quality, and samples per pixel in all; `refine` goes on
-    from the client's last picture instead of a new one."""
+    """The next image of a client.
+
+    Attributes:
+        size: (width, height), pixels.
+        quality: of the JPEG, 1 to 100.
+        still: nothing has changed for a moment.
+        samples: per pixel, in total.
+        refine: add samples to the client's last frame instead of tracing a new one.
+    """
 
     size: tuple[int, int]
     quality: int
@@ -38,47 +45,52 @@ class Plan:
 @dataclass
 class _Sent:
     number: int
-    seen: float  # when the change that it shows came
+    seen: float  # time of the change that it shows
     sent: float
     n_bytes: int
     still: bool
-    ahead: int  # bytes of the pictures before it that were still on their way
+    ahead: int  # bytes of earlier images that were in flight then
 
 
 class Pacer:
-    """One client's. The engine asks `plan`, then tells `started`, `traced` and `sent`."""
+    """The pacer of one client.
+
+    The engine calls `plan`; if there is one, it then calls `started`, `traced` and `sent`.
+    """
 
     def __init__(self) -> None:
-        self.full = (640, 360)  # what the client shows, pixels
+        self.full = (640, 360)  # of the client's window, pixels
         self.scale, self.quality = 0.5, 70
         self.in_flight: deque[_Sent] = deque()
         self.making = False
-        self._changed: float | None = None  # the first change that no picture shows
+        self._changed: float | None = None  # the first change that no image shows
         self._last_change = -1e9
         self._wanted: Any = None
         self._hopeless: Any = None
-        self._samples = 0  # of the last picture, 0 while it is a moving one
+        self._samples = 0  # of the last still image; 0 while something moves
         self._still_size: tuple[int, int] | None = None
-        self._ways: deque[tuple[float, float]] = deque(maxlen=32)  # bytes on the way, and s
+        self._ways: deque[tuple[float, float]] = deque(maxlen=32)  # bytes in flight, and s
         self.latency: deque[float] = deque(maxlen=WINDOW)  # s, change to acknowledgement
         self.transfer: deque[float] = deque(maxlen=WINDOW)  # s, sending to acknowledgement
         self.acknowledged: deque[float] = deque(maxlen=WINDOW)  # when
         self.n_bytes = 0
 
     def plan(self, now: float, what: Any, samples: int, sharpness: int, widest: int) -> Plan | None:
-        """What to make now, if anything.
+        """The image to make now, or None.
 
         Args:
-            what: identifies what would be seen: camera, settings and source.
-            samples, sharpness: rays per pixel in the end, and JPEG quality, of still pictures.
-            widest: pixels.
+            now: time.
+            what: identifies the content: camera, settings and source.
+            samples: rays per pixel of a still image, in the end.
+            sharpness: JPEG quality of still images.
+            widest: most pixels in a row.
         """
         if what != self._wanted:
             self._wanted = what
             self.change(now)
         if self.making or len(self.in_flight) >= MOST_IN_FLIGHT or self._hopeless == what:
             return None
-        if min(self.full) < 1:  # not known yet
+        if min(self.full) < 1:  # the window is not known yet
             return None
         full = limited(self.full, widest)
         if now - self._last_change < STILL_AFTER:
@@ -92,29 +104,29 @@ class Pacer:
         return None
 
     def wake_at(self, now: float) -> float | None:
-        """When `plan` may say more without anything happening before; None: never."""
+        """When to call `plan` again if nothing happens before; None: no need."""
         due = self._last_change + STILL_AFTER
         return due if due > now else None
 
     def change(self, now: float) -> None:
-        """What the client would see is another from now on."""
+        """Note that the content changes now."""
         self._last_change = now
         if self._changed is None:
             self._changed = now
 
     def started(self) -> float:
-        """The engine begins with a picture; when the change that it shows came."""
+        """Note that the engine starts an image; returns the time of the change that it shows."""
         self.making = True
         seen = self._changed
         self._changed = None
         return self._last_change if seen is None else seen
 
     def traced(self, plan: Plan, seconds: float, rate: float) -> None:
-        """A picture was traced in so many seconds, of 1 / rate that it may take."""
+        """Note that tracing took some seconds; the target is 1 / rate."""
         self._samples = plan.samples if plan.still else 0
         self._still_size = plan.size if plan.still else self._still_size
         if not plan.still:
-            pressure = seconds * rate / 0.7  # the rest is for encoding, and for others
+            pressure = seconds * rate / 0.7  # the rest is for encoding and for other clients
             if pressure > 1.1:
                 self.scale *= max(0.75, pressure**-0.4)
             elif pressure < 0.8 and self.quality >= MOST_QUALITY - 10:
@@ -122,17 +134,18 @@ class Pacer:
             self.scale = min(1.0, max(LEAST_SCALE, self.scale))
 
     def given_up(self) -> None:
-        """Nothing came of the picture that was started; of the same again nothing would."""
+        """Note that the image failed; the same content is not tried again."""
         self.making, self._changed, self._hopeless = False, None, self._wanted
 
     def sent(self, now: float, number: int, seen: float, n_bytes: int, still: bool) -> None:
+        """Note that an image was sent; `seen`: as `started` returned it."""
         self.making = False
         ahead = sum(one.n_bytes for one in self.in_flight)
         self.in_flight.append(_Sent(number, seen, now, n_bytes, still, ahead))
         self.n_bytes += n_bytes
 
     def acknowledge(self, now: float, number: int) -> None:
-        """The client has taken in this picture, and so all before it."""
+        """Note that an image has arrived, and with it all earlier ones."""
         while self.in_flight and self.in_flight[0].number <= number:
             done = self.in_flight.popleft()
             self.transfer.append(now - done.sent)
@@ -143,8 +156,10 @@ class Pacer:
                 self._adapt(done)
 
     def _adapt(self, done: _Sent) -> None:
-        """Where bytes make the way long, first quality falls, then size. A browser that takes its
-        time for whatever comes is not helped by less."""
+        """If the bytes cause the delay, lower the quality first, then the size.
+
+        Fewer bytes would not help a browser that is slow itself.
+        """
         of_bytes = self.seconds_per_byte * (done.n_bytes + done.ahead)
         pressure = of_bytes / LATENCY
         if pressure > 1.1:
@@ -157,26 +172,26 @@ class Pacer:
 
     @property
     def seconds_per_byte(self) -> float:
-        """The slope of the time from sending to acknowledgement over the bytes on the way."""
+        """The slope of the time from sending to acknowledgement over the bytes in flight."""
         n = len(self._ways)
         if n < 4:
             return 0.0
         mean_x, mean_y = (sum(v[k] for v in self._ways) / n for k in (0, 1))
         spread = sum((x - mean_x) ** 2 for x, _ in self._ways)
-        if spread <= (0.05 * mean_x) ** 2 * n:  # all of one size tell nothing but the most
+        if spread <= (0.05 * mean_x) ** 2 * n:  # sizes that hardly differ give an upper bound only
             return min(y / x for x, y in self._ways if x > 0)
         slope = sum((x - mean_x) * (y - mean_y) for x, y in self._ways) / spread
         return max(0.0, slope)
 
     @property
     def rate(self) -> float:
-        """Pictures per second lately."""
+        """Recent images per second."""
         times = self.acknowledged
         return (len(times) - 1) / (times[-1] - times[0]) if len(times) > 1 else 0.0
 
 
 def limited(size: tuple[int, int], widest: int) -> tuple[int, int]:
-    """The size, or as much of it as is `widest` pixels wide."""
+    """A size, scaled down to at most `widest` pixels per row."""
     return _scaled(size, min(1.0, widest / max(1, size[0])))
 
 

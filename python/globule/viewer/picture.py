@@ -1,4 +1,4 @@
-"""The picture of a source as the page's settings want it."""
+"""The image of a source with the settings of the page."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from .scenes import thesis_of
 from .source import Source
 from .state import Cuts, Look, State
 
-MOST_MOVING_AMBIENT = 2  # rays that look for openness while something moves
+MOST_MOVING_AMBIENT = 2  # rays per sample for ambient occlusion while something moves
 
 
 def trace(
@@ -28,9 +28,18 @@ def trace(
     up: Any,
     moving: bool = False,
 ) -> Frame:
-    """One sample per pixel; with the source's lock held. Refine it for more.
+    """A frame with one sample per pixel; `Frame.refine` adds more.
 
-    Raises ValueError where settings do not go together.
+    The caller holds the source's lock.
+
+    Args:
+        camera: world.
+        size: (width, height), pixels.
+        up: (3,) upward direction, world, for lights and ground.
+        moving: use fewer rays for ambient occlusion.
+
+    Raises:
+        ValueError: settings that exclude each other.
     """
     layers = source.layers(state)
     settings = dataclasses.replace(seen_settings(source, state, layers[0].scene, up), samples=1)
@@ -40,7 +49,7 @@ def trace(
 
 
 def seen_settings(source: Source, state: State, scene: Scene, up: Any) -> RenderSettings:
-    """Light and matter, which lets colours of values be seen."""
+    """Light and material of the page; colors of values replace the color of the material."""
     settings = settings_of(state.look, source, scene, up)
     if not state.color.by:
         return settings
@@ -50,7 +59,7 @@ def seen_settings(source: Source, state: State, scene: Scene, up: Any) -> Render
 
 
 def settings_of(look: Look, source: Source, scene: Scene, up: Any) -> RenderSettings:
-    """The preset's light and matter, with what the page sets in their place."""
+    """The preset's light and material, with the changes of the page."""
     base = RenderSettings()
     if look.preset != "plain":
         base = source.preset_settings(look.preset, scene, up)
@@ -58,7 +67,7 @@ def settings_of(look: Look, source: Source, scene: Scene, up: Any) -> RenderSett
         "exposure": look.exposure,
         "shadows": look.shadows,
         "ambient_rays": look.ambient_rays,
-        "bounces": look.depth,
+        "bounces": look.bounces,
     }
     if look.matter == "own":
         changes["material"] = dataclasses.replace(
@@ -80,33 +89,33 @@ def settings_of(look: Look, source: Source, scene: Scene, up: Any) -> RenderSett
 
 
 def preset_look(source: Source, state: State, name: str, up: Any) -> Look:
-    """What a preset sets, and the defaults elsewhere; with the source's lock held."""
+    """The settings of a preset, with defaults elsewhere. The caller holds the source's lock."""
     settings = RenderSettings()
     if name != "plain":
         settings = source.preset_settings(name, source.layers(state)[0].scene, up)
     return Look(
         preset=name,
         shadows=settings.shadows,
-        depth=settings.bounces,
+        bounces=settings.bounces,
         ambient_rays=settings.ambient_rays,
         exposure=settings.exposure,
     )
 
 
 def background(look: Look, base: RenderSettings) -> Any:
-    """The preset's, unless another than the plain one was chosen."""
+    """The background of the page if it is not the default, otherwise that of the preset."""
     return base.background if look.background == Look().background else look.background
 
 
 def own_lights(look: Look, up: Any) -> tuple:
-    """The sun, and the lamp at the eye; together of radiance 1, as on the command line."""
+    """The sun and, if on, the headlight; their radiances add up to 1, as on the command line."""
     n = 2 if look.headlight else 1
     sun = DirectionalLight(sun_direction(look, up), (1 / n,) * 3, look.angle)
     return (Headlight((1 / n,) * 3), sun) if look.headlight else (sun,)
 
 
 def sun_direction(look: Look, up: Any) -> tuple[float, float, float]:
-    """Towards the sun, world."""
+    """The unit direction to the sun, world; `up`: (3,)."""
     right, above, front = view_axes(up)
     azimuth, elevation = np.radians(look.azimuth), np.radians(look.elevation)
     across = np.sin(azimuth) * right + np.cos(azimuth) * front
@@ -123,7 +132,7 @@ def _ground(look: Look, base: RenderSettings, scene: Scene, up: Any) -> Ground |
 
 
 def clips_of(cuts: Cuts) -> list[ClipPlane | ClipBox | ClipSphere]:
-    """The cuts that are on."""
+    """The clips of the cuts that are switched on."""
     clips: list[ClipPlane | ClipBox | ClipSphere] = []
     if cuts.plane and any(cuts.normal):
         normal = np.asarray(cuts.normal) / np.linalg.norm(cuts.normal)

@@ -1,7 +1,7 @@
-"""Between the world and the page, in which every scene is about two units large.
+"""Conversion between world coordinates and the page's, where every scene is about two units large.
 
-The page's own limits (nearest and farthest distances, speeds, sizes of handles) suit scenes of that
-size; a drop of a millimetre and a head of 200 mm get the same.
+The limits of the page (near and far distances, speeds, sizes of handles) suit scenes of that size.
+A droplet of 1 mm and a head of 200 mm look the same to the page.
 """
 
 from __future__ import annotations
@@ -12,39 +12,48 @@ import numpy as np
 
 from ..render.camera import Camera
 
-GROWTH = 0.25  # of what is shown, until all of it is fitted into the picture again
+GROWTH = 0.25  # of the extent; beyond it the camera is fitted again
 
 
-# An orthographic camera is one of this angle in the page, radians, which knows no other: handles
-# stand within a few percent of where they belong, and the picture is exact.
+# The page has perspective cameras only. This field of view, radians, stands for an orthographic
+# camera: the image is exact, and handles are within a few percent of their place.
 FLAT = float(np.radians(2.0))
 
 
 class Placement:
-    """page = (world - middle) * scale."""
+    """page = (world - middle) * scale.
+
+    Args:
+        lo, hi: (3,) corners of the scene's box, world.
+
+    Attributes:
+        extent: longest side of the box, world units.
+    """
 
     def __init__(self, lo: Any, hi: Any):
         self.put(lo, hi)
 
     def put(self, lo: Any, hi: Any) -> None:
-        """The scene is between these corners of the world from now on."""
+        """Use another box from now on: corners (3,), world."""
         self.lo, self.hi = lo, hi = np.asarray(lo, np.float64), np.asarray(hi, np.float64)
         self.middle = (lo + hi) / 2
         self.extent = float(np.max(hi - lo)) or 1.0
         self.scale = 2.0 / self.extent
 
     def left_by(self, lo: Any, hi: Any) -> bool:
-        """Whether a box sticks out of it so far that this is to be seen."""
+        """Whether another box (corners (3,), world) exceeds this one by more than `GROWTH`."""
         return bool(np.max([self.lo - lo, hi - self.hi]) > GROWTH * self.extent)
 
     def to_page(self, point: Any) -> np.ndarray:
+        """(..., 3) world to page."""
         return (np.asarray(point, np.float64) - self.middle) * self.scale
 
     def to_world(self, point: Any) -> np.ndarray:
+        """(..., 3) page to world."""
         return np.asarray(point, np.float64) / self.scale + self.middle
 
     def of_page(self, camera: Camera) -> tuple[np.ndarray, np.ndarray, float]:
-        """Position, point looked at, and fov in radians, for `camera` to give this one back."""
+        """Position and target (3,), page, and vertical field of view in radians, of a camera."""
         eye, look_at = self.to_page(camera.eye), self.to_page(camera.look_at)
         if camera.height is None:
             return eye, look_at, float(np.radians(camera.fov))
@@ -53,7 +62,7 @@ class Placement:
         return look_at + distance * away, look_at, FLAT
 
     def camera(self, position: Any, look_at: Any, up: Any, fov: float) -> Camera:
-        """The camera of the page's; fov: vertical, radians."""
+        """The world's camera for position and target, page, and a vertical fov in radians."""
         eye, target = self.to_world(position), self.to_world(look_at)
         if not np.linalg.norm(target - eye) > 0:
             target = eye + np.array([0.0, 0.0, -1.0]) / self.scale

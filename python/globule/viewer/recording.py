@@ -1,4 +1,4 @@
-"""Pictures and movies to files, from the server's own frames at any size: never from a browser."""
+"""Images and movies as files, of any size, from frames that the server traces for them."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ from .picture import trace
 MOST_SIDE = 16384
 MOST_SECONDS = 3600.0  # of a recording
 LEAST_SIDE = 16
-BYTES_PER_PIXEL = 200  # that tracing and saving a picture take
+BYTES_PER_PIXEL = 200  # of memory, for tracing and saving an image
 
 
 def checked_size(size: Any) -> tuple[int, int]:
-    """(width, height). Raises ValueError."""
+    """(width, height), pixels. Raises ValueError for sides or a memory need out of range."""
     width, height = (int(v) for v in size)
     if not (min(width, height) >= LEAST_SIDE and max(width, height) <= MOST_SIDE):
         raise ValueError(
@@ -42,15 +42,28 @@ def checked_size(size: Any) -> tuple[int, int]:
         raise ValueError(f"size: expected at most {MAX_PIXELS:,} pixels, got {width}x{height}")
     free = free_bytes()
     if free and width * height * BYTES_PER_PIXEL > free:
-        most = f"{free // BYTES_PER_PIXEL:,} pixels for the memory that is free"
+        most = f"{free // BYTES_PER_PIXEL:,} pixels, which fit into the free memory"
         raise ValueError(f"size: expected at most {most}, got {width}x{height}")
     return width, height
 
 
 class Shot:
-    """A picture, (H, W, 3) uint8 with all that is seen over it, and the traced `frame`.
+    """One image of what the viewer shows.
 
-    progress: called with the share that is done.
+    Args:
+        engine: of the viewer.
+        camera: world.
+        size: (width, height), pixels.
+        samples: per pixel.
+        marks: to draw over the image.
+        progress: called with the finished share, 0 to 1.
+
+    Attributes:
+        picture: (H, W, 3) uint8 sRGB, with slices, marks and legend.
+        frame: the traced `Frame` without them.
+
+    Raises:
+        ValueError: a size out of range, or settings that exclude each other.
     """
 
     def __init__(
@@ -65,14 +78,16 @@ class Shot:
         self._engine, self._camera, self._size = engine, camera, checked_size(size)
         self._marks, self._samples, self._progress = marks or [], samples, progress
         lock = engine.source.lock
-        # Others look and step in between, but where they change what is seen.
+        # Other threads may trace and step between two samples, unless that changes the image.
         if not self._made(lock):
             with lock:
                 self._made(nullcontext())
 
     def _made(self, lock: Any) -> bool:
-        """Trace and finish it, `lock` held for one sample at a time; False where what is seen
-        changed between two."""
+        """Trace and finish it with `lock` held for one sample at a time.
+
+        Returns False if the scene or the settings changed between two samples.
+        """
         engine, source, camera = self._engine, self._engine.source, self._camera
         state = engine.state.snapshot()
         with lock:
@@ -92,17 +107,17 @@ class Shot:
         return True
 
     def save(self, path: str | os.PathLike) -> None:
-        """PNG, or EXR with the light of the traced picture and all that belongs to it."""
+        """Write a .png, or an .exr with linear light and the channels of the frame."""
         name = os.fspath(path).lower()
         if name.endswith(".exr"):
             write_exr(path, frame_channels(self.frame))
         elif name.endswith(".png"):
             save_png(path, self.picture)
         else:
-            raise ValueError(f"{path}: expected a name ending in .png or .exr")
+            raise ValueError(f"{path}: expected a name that ends in .png or .exr")
 
     def encoded(self, extension: str) -> bytes:
-        """The file's bytes."""
+        """The bytes of such a file; extension: ".png" or ".exr"."""
         with tempfile.TemporaryDirectory() as folder:
             path = os.path.join(folder, f"picture{extension}")
             self.save(path)
@@ -111,8 +126,23 @@ class Shot:
 
 
 class Recorder:
-    """Records what a camera sees until `stop`, as it happens: a picture that took longer is shown
-    longer. Give it the camera of each moment."""
+    """Records a movie in real time until `stop`: an image that took longer is shown longer.
+
+    Args:
+        engine: of the viewer.
+        camera: gives the camera of the moment.
+        path: of the .mp4.
+        size: (width, height), pixels.
+        fps: frames per second of the movie.
+        samples: per pixel.
+
+    Attributes:
+        n_pictures: images written so far.
+        error: an exception that ended the recording, or None.
+
+    Raises:
+        MissingPackageError: the extra `video` is not installed.
+    """
 
     def __init__(
         self,
@@ -133,7 +163,7 @@ class Recorder:
         self._thread.start()
 
     def stop(self) -> None:
-        """Finish the file. Raises what went wrong meanwhile."""
+        """Finish the file. Raises the error that ended the recording, if any."""
         self._stopped.set()
         self._thread.join()
         if self.error is not None:
@@ -173,7 +203,13 @@ def turntable(
     samples: int = 4,
     progress: Callable[[float], Any] = lambda share: None,
 ) -> None:
-    """A movie once around, from server frames."""
+    """Write a movie of one turn around the scene.
+
+    Args:
+        engine, camera, path, size, fps, samples: as for `Recorder`; the first camera.
+        seconds: length of the movie.
+        progress: called with the finished share, 0 to 1.
+    """
     need_av()
     cameras = orbit(camera, n=max(2, round(seconds * fps)))
 
@@ -193,7 +229,7 @@ def turntable(
 
 
 def keep(path: str, name: str) -> str:
-    """Put a movie under a name that is free, with a number behind it if need be; its path."""
+    """Copy a movie to `name`.mp4, or `name`-2.mp4 … if that exists; returns the path."""
     for number in itertools.count(1):
         kept = os.path.abspath(f"{name}{f'-{number}' if number > 1 else ''}.mp4")
         if not os.path.exists(kept):

@@ -1,4 +1,4 @@
-"""The scene of some particles as the page's settings want it."""
+"""The scene of some particles with the settings of the page."""
 
 from __future__ import annotations
 
@@ -15,10 +15,17 @@ from .state import State
 
 
 class SceneMaker:
-    """Keeps one scene for all pictures: built anew where a setting asks for it, updated where only
-    the particles or their colours are others.
+    """Keeps one scene for all images.
 
-    given: a scene of the user's, taken as it is while the settings are its own.
+    A change of kernel, support or root method makes a new scene; other particles or colors update
+    the scene.
+
+    Args:
+        device, threads: as for `Scene`.
+        given: a scene of the user, which is traced as it is until a setting differs from it.
+
+    Attributes:
+        range: values at the two ends of the color map.
     """
 
     def __init__(self, device: str = "auto", threads: int = 0, given: Scene | None = None):
@@ -30,14 +37,14 @@ class SceneMaker:
         self._built: Any = None if given is None else self._surface(given.kernel, None, "exact")
         self._shown: Any = None if given is None else (given.particles, "")
         self._other: Scene | None = None
-        self.range = (0.0, 1.0)  # of the colour map
+        self.range = (0.0, 1.0)  # of the color map
 
     @staticmethod
     def _surface(kernel: str, support: float | None, root: str) -> tuple:
         return kernel, support, "exact" if root == "exact" else "thesis"
 
     def scene(self, particles: Particles, state: State, threshold: float | None = None) -> Scene:
-        """The scene; `threshold` counts where the settings leave it open."""
+        """The scene to trace; `threshold` applies where the settings have none."""
         self._other = None
         wanted = self._surface(state.surface.kernel, state.surface.support, state.surface.root)
         colors = self._colors(particles, state)
@@ -58,11 +65,11 @@ class SceneMaker:
 
     @property
     def last_scene(self) -> Scene | None:
-        """The scene of the last picture."""
+        """The scene of the last image."""
         return self._other or self._scene
 
     def show(self, scene: Scene) -> None:
-        """A scene that somebody else keeps was shown."""
+        """Note that a scene of another owner was traced instead."""
         self._other = scene
 
     @property
@@ -104,7 +111,7 @@ class SceneMaker:
 def scene_options(
     particles: Particles, kernel: str, support: float | None, root: str, **machine: Any
 ) -> dict[str, Any]:
-    """What a scene needs beside particles, kernel and threshold, to be traced as settings say."""
+    """Further arguments of `Scene` for a support (None: automatic) and a root method."""
     if root == "exact":
         return {} if support is None else {"support": support}
     if support is None and particles.support is None:
@@ -116,7 +123,7 @@ def scene_options(
 
 
 def thesis_of(state: State) -> Thesis | None:
-    """How rays are traced. Raises ValueError where the settings do not go together."""
+    """The thesis' tracing, or None. Raises ValueError for settings that exclude each other."""
     surface = state.surface
     if surface.root == "exact":
         return None
@@ -129,5 +136,5 @@ def thesis_of(state: State) -> Thesis | None:
 
 
 def color_names(particles: Particles) -> list[str]:
-    """What particles can be coloured by."""
+    """The fields and attributes by which particles can be colored."""
     return attribute_names(particles)

@@ -1,4 +1,4 @@
-"""A sequence: files, or particles in memory, one frame after the other."""
+"""A sequence of frames: files, or particles in memory."""
 
 from __future__ import annotations
 
@@ -16,12 +16,21 @@ from .scenes import SceneMaker
 from .source import Origin, Source, box_corners
 from .state import State
 
-KEPT_BYTES = 1 << 30  # of frames that are kept in memory
+KEPT_BYTES = 1 << 30  # of frames in memory
 
 
 class SequenceSource(Source):
-    """frames: paths or `Particles`. The next frame is read while this one is shown, and frames
-    stay in memory as long as there is room."""
+    """A sequence; the next frame is read while the current one is shown.
+
+    Args:
+        name: for titles.
+        frames: paths or `Particles`. Frames stay in memory up to `KEPT_BYTES`.
+        device, threads: as for `Scene`.
+        read_frame: reads one path.
+
+    Attributes:
+        frame: index of the current frame.
+    """
 
     kind = "sequence"
 
@@ -46,22 +55,24 @@ class SequenceSource(Source):
         self._now = self._fetch(0).result()
 
     def particles(self) -> Particles:
+        """The particles of the current frame."""
         return self._now
 
     def outline(self) -> np.ndarray | None:
-        """Around the first and the last frame, so that what moves stays in the picture."""
+        """The box around the first and the last frame, so that moving particles stay visible."""
         try:
             ends = [self._fetch(i).result().bounds() for i in (0, self.n_frames - 1)]
-        except (ValueError, OSError):  # one is empty, or not written yet
+        except (ValueError, OSError):  # an empty frame, or one that is not written yet
             return None
         lo, hi = (np.array(corners) for corners in zip(*ends, strict=True))
         return box_corners(lo.min(axis=0), hi.max(axis=0))
 
     def layers(self, state: State) -> list[Layer]:
+        """The scene of the current frame. The caller holds `lock`."""
         return [Layer(self.maker.scene(self._now, state))]
 
     def advance(self, state: State) -> float | None:
-        """To the frame that the settings ask for, or the next one while they say play."""
+        """Go to the frame of the settings, or during playback to the next one."""
         time = state.time
         wanted = min(time.frame, self.n_frames - 1)
         if time.playing and wanted == self.frame:
@@ -82,18 +93,23 @@ class SequenceSource(Source):
         return 1 / time.rate
 
     def origin(self, state: State) -> Origin:
+        """The file of the current frame."""
         return self._read_from(self.files[self.frame] if self.files else None)
 
     def facts(self) -> dict[str, Any]:
+        """The number of the current frame."""
         return {"frame": f"{self.frame + 1} of {self.n_frames}"}
 
     def close(self) -> None:
+        """Stop reading."""
         self._pool.shutdown(wait=False, cancel_futures=True)
 
     def _fetch(self, i: int) -> Future:
-        """Begin to read a frame, or find it."""
+        """A frame that is being read or has been read."""
         kept = self._kept.get(i)
-        if kept is not None and not (kept.done() and kept.exception()):  # else it may be mended now
+        if kept is not None and not (
+            kept.done() and kept.exception()
+        ):  # after an error the file may have changed
             self._kept.move_to_end(i)
             return kept
         item = self._frames[i]
@@ -106,7 +122,7 @@ class SequenceSource(Source):
         return self._kept[i]
 
     def _forget(self) -> None:
-        """Make room, oldest first."""
+        """Free memory, oldest frames first."""
         done = [f for f in self._kept.values() if f.done() and f.exception() is None]
         total = sum(_bytes(f.result()) for f in done)
         while total > KEPT_BYTES and len(self._kept) > 2:

@@ -1,4 +1,4 @@
-"""A simulation that runs while it is looked at, cut, pulled and poured into."""
+"""A simulation that runs while a person watches, cuts and pulls."""
 
 from __future__ import annotations
 
@@ -16,18 +16,28 @@ from .scenes import SceneMaker
 from .source import Origin, Source, box_corners
 from .state import State
 
-LONGEST_PAUSE = 0.25  # s of the clock between two pictures of slow motion
-PULL_TIME = 0.05  # s in which what is held comes to the pointer
-FASTEST = 2.0  # extents per second, of what is held
-MOST_UNDONE = 5  # strokes that can be taken back
-UNDO_BYTES = 1 << 30  # of the states kept for that
+LONGEST_PAUSE = 0.25  # s between two steps in slow motion
+PULL_TIME = 0.05  # s in which held matter reaches the pointer
+FASTEST = 2.0  # of held matter, extents of the domain per second
+MOST_UNDONE = 5  # strokes that can be undone
+UNDO_BYTES = 1 << 30  # of the states for undo
 GRASP = 7  # the number of the pointer's grasp; instruments count from 0
 
 
 class SimulationSource(Source):
-    """simulation: `globule.Simulation`, or anything that steps like it and has `particles`.
+    """A running simulation.
 
-    speed: seconds of the simulation per second of the clock, where it is fast enough.
+    Args:
+        name: for titles.
+        simulation: `globule.Simulation`, or an object with `step()` and `particles`.
+        device, threads: as for `Scene`, for colored particles.
+
+    Attributes:
+        running: steps are taken.
+        speed: upper limit of simulated seconds per second.
+        cut_depth: m below the surface that a stroke cuts; None: all through.
+        n_cut: bonds that the last stroke cut.
+        by_hand: the person has cut, pulled, moved or switched something.
     """
 
     kind = "simulation"
@@ -38,19 +48,19 @@ class SimulationSource(Source):
         self.simulation = simulation
         self._device, self._threads = device, threads
         self.running, self.speed = False, 1.0
-        self.cut_depth: float | None = None  # m; None: all through
-        self._before: list[dict[str, Any]] = []  # each of the last strokes
+        self.cut_depth: float | None = None
+        self._before: list[dict[str, Any]] = []  # states before the last strokes
         self._stepping = False
         self.report: Any = None
-        self.n_cut = 0  # bonds, by the last stroke
-        self.by_hand = False  # whether somebody has cut, pulled, moved or switched something
-        self._own: Particles | None = None  # a copy, for colours of values
+        self.n_cut = 0
+        self.by_hand = False
+        self._own: Particles | None = None  # a copy, for colors of values
         self._own_version = -1
         self._wanted_steps = 0
-        self._hold = np.zeros(3)  # where the held matter is, world
+        self._hold = np.zeros(3)  # place of the held matter, world
         self._held: np.ndarray | None = None  # its ids
-        self._target: np.ndarray | None = None  # where the pointer is, world
-        self._ground: float | None = None  # height, where the scene says it
+        self._target: np.ndarray | None = None  # place of the pointer, world
+        self._ground: float | None = None  # height, if the scene has one
         self.maker = SceneMaker(device, threads)
         self.has_tissue = self._has_bonds()
         self._look()
@@ -60,7 +70,7 @@ class SimulationSource(Source):
         return bool(getattr(getattr(self.simulation, "tissue", None), "n_bonds", 0))
 
     def _look(self) -> None:
-        """As the simulation's scene file has it."""
+        """Take direction, preset and camera from the simulation's scene file."""
         settings = getattr(self.simulation, "settings", None)
         gravity = getattr(settings, "gravity", None)
         if gravity is not None and np.linalg.norm(gravity) > 0:
@@ -79,20 +89,23 @@ class SimulationSource(Source):
             if view.eye is not None:
                 self.camera = Camera(view.eye, view.look_at, view.up, view.fov)
 
-    # What is seen
+    # Content
 
     def preset_settings(self, name: str, scene: Scene, up: Any) -> RenderSettings:
+        """The settings of a preset, with the ground of the scene file."""
         settings = super().preset_settings(name, scene, up)
         if self._ground is None or settings.ground is None:
             return settings
         return replace(settings, ground=replace(settings.ground, height=self._ground))
 
     def particles(self) -> Particles:
+        """A copy of the particles of the current step."""
         if self._own_version != self.version or self._own is None:
             self._own, self._own_version = self.simulation.particles, self.version
         return self._own
 
     def layers(self, state: State) -> list[Layer]:
+        """The simulation's own scene if the settings allow. The caller holds `lock`."""
         surface = state.surface
         scene = getattr(self.simulation, "scene", None)
         plain = surface.support is None and surface.root == "exact" and not state.color.by
@@ -104,19 +117,20 @@ class SimulationSource(Source):
         return [Layer(scene)]
 
     def origin(self, state: State) -> Origin:
+        """The scene file, with as many steps as have been taken."""
         name = self.files[0] if self.files else "scene.toml"
         code = [f"simulation = gb.Simulation({name!r})"]
         n, passed = getattr(self.simulation, "n_steps", 0), []
         if n:
             code += [f"for _ in range({n}):", "    simulation.step()"]
-            passed = [f"the {self.simulation.time:.4g} s that have passed"]
-        left = ["what was done by hand"] if self.by_hand else []
+            passed = [f"the simulated {self.simulation.time:.4g} s"]
+        left = ["changes by hand"] if self.by_hand else []
         return Origin(
             [name], [*code, "particles = simulation.particles"], left=passed + left, lives=True
         )
 
     def tissue_extent(self) -> float:
-        """m, the longest side of the box around all tissue; 0 where there is none."""
+        """The longest side of the box around all tissue, m; 0 without tissue."""
         sim = self.simulation
         if not self.has_tissue:
             return 0.0
@@ -124,14 +138,17 @@ class SimulationSource(Source):
         return float(np.ptp(sim.positions[np.asarray(tissue)[sim.arrays.phase]], axis=0).max())
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Lowest and highest corner (3,) of the domain, m."""
         domain = getattr(getattr(self.simulation, "settings", None), "domain", None)
         if domain is None:
             return super().bounds()
         return domain.bounds()
 
     def outline(self) -> np.ndarray:
-        """Around what is shown and the instruments; where there is only fluid, which runs, all the
-        domain up to the fluid's top, or up to the emitters that it comes from."""
+        """Points (M, 3), m, for a camera to show: particles and instruments.
+
+        Without tissue: the whole floor of the domain, up to the top of the fluid or the emitters.
+        """
         sim = self.simulation
         shown = getattr(sim, "shown_particles", None)
         if shown is None or not len(shown):
@@ -151,7 +168,7 @@ class SimulationSource(Source):
         return box_corners(lo, hi)
 
     def marks(self) -> list[Mark]:
-        """The edges of scalpels, and the tips of other instruments."""
+        """The blades of scalpels and the tips of other instruments."""
         marks = []
         for name, tool in getattr(self.simulation, "tools", {}).items():
             knife = getattr(tool, "knife", None)
@@ -160,11 +177,12 @@ class SimulationSource(Source):
         return marks
 
     def _note(self) -> None:
-        """What `status` says; with `lock` held."""
+        """Remember time and steps for `status`. The caller holds `lock`."""
         sim = self.simulation
         self._noted = float(getattr(sim, "time", 0.0)), int(getattr(sim, "n_steps", 0))
 
     def status(self) -> str:
+        """Running or paused, time and steps."""
         time, steps = self._noted
         if not self.running:
             name = "pausing after this step" if self._stepping else "paused"
@@ -175,6 +193,7 @@ class SimulationSource(Source):
         return f"**{name}** · {time:.4f} s · {steps:,} steps"
 
     def facts(self) -> dict[str, Any]:
+        """Time, steps and the report of the last step."""
         with self.lock:
             return self._facts()
 
@@ -205,10 +224,11 @@ class SimulationSource(Source):
     # Time
 
     def advance(self, state: State) -> float | None:
+        """Take one step if the simulation runs or `step` was called."""
         if not self.running and not self._wanted_steps:
             return None
         with self.lock:
-            if not self.running and not self._wanted_steps:  # a reset had the lock
+            if not self.running and not self._wanted_steps:  # after a reset
                 return None
             before = float(getattr(self.simulation, "time", 0.0))
             self._stepping = True
@@ -224,16 +244,19 @@ class SimulationSource(Source):
         return min(passed / self.speed, LONGEST_PAUSE) if self.running else 0.0
 
     def stand_still(self) -> None:
+        """Pause after the current step."""
         self.running, self._wanted_steps = False, 0
 
     def play(self, running: bool) -> None:
+        """Run, or pause after the current step."""
         self.running = running
 
     def step(self) -> None:
-        """One step, and then stand still."""
+        """Take one step and pause."""
         self.running, self._wanted_steps = False, 1
 
     def reset(self) -> None:
+        """Go back to the start and pause."""
         with self.lock:
             self.stand_still()
             self.by_hand = False
@@ -245,8 +268,18 @@ class SimulationSource(Source):
     # Instruments
 
     def cut_along(self, points: list, camera: Camera) -> str:
-        """Cut along a stroke on the surface, away from the eye to `cut_depth`, or all through; in
-        words what that did."""
+        """Cut tissue along a stroke, to `cut_depth`, away from the eye.
+
+        Args:
+            points: (x, y, z) each, m, on the surface.
+            camera: through which the stroke was drawn.
+
+        Returns:
+            A sentence for the page.
+
+        Raises:
+            ValueError: the stroke is a single point.
+        """
         lo, hi = self.bounds()
         through = float(np.linalg.norm(hi - lo))
         with self.lock:
@@ -261,11 +294,11 @@ class SimulationSource(Source):
             pieces = self.simulation.tissue.n_pieces
         return (
             f"**Cut {self.n_cut:,} bonds**, {pieces:,} {'piece' if pieces == 1 else 'pieces'}."
-            + ("" if self.running else " Run to see it open.")
+            + ("" if self.running else " Press Run to see it open.")
         )
 
     def _state(self) -> dict[str, Any]:
-        """What `undo` goes back to."""
+        """The state that `undo` restores."""
         sim = self.simulation
         if not hasattr(sim, "arrays"):
             return {}
@@ -286,11 +319,15 @@ class SimulationSource(Source):
             del sizes[0], self._before[0]
 
     def undo(self) -> str:
-        """Back to just before the last stroke that cut something; in words what that did."""
+        """Go back to the state before the last cut; returns a sentence for the page.
+
+        Raises:
+            ValueError: there is no cut to undo.
+        """
         with self.lock:
             if not self._before:
                 raise ValueError(
-                    "undo: expected a cut made with the tool Cut, got none (the last 5 are kept)"
+                    "undo: expected a cut with the tool Cut, got none (the last 5 can be undone)"
                 )
             state, sim = self._before.pop(), self.simulation
             sim.arrays.set_state(state["arrays"])
@@ -303,27 +340,31 @@ class SimulationSource(Source):
             self._held = self._target = None
             self._note()
             self.version += 1
-            return f"Undone: back at {sim.time:.4f} s, before the cut."
+            return f"Undone: the simulation is at {sim.time:.4f} s, before the cut."
 
     def move(self, name: str, pose: np.ndarray) -> None:
-        """Put an instrument somewhere: (4, 4) world_from_instrument, or its tip (3,); the next step
-        goes there."""
+        """Move an instrument in the next step.
+
+        Args:
+            name: of the instrument.
+            pose: (4, 4) world_from_instrument, or its tip (3,), m.
+        """
         with self.lock:
             self.simulation.tools[name].move_to(pose)
             self.by_hand = True
 
     def follow_keys(self, name: str) -> None:
-        """Let an instrument move as its scene says again."""
+        """Let an instrument move again as the scene file says."""
         with self.lock:
             self.simulation.tools[name].start(self.simulation.time)
 
     def suction(self) -> str | None:
-        """The name of the instrument that takes fluid away, where the scene has one."""
+        """The name of the scene's suction instrument, or None."""
         tools = getattr(self.simulation, "tools", {})
         return next((name for name, tool in tools.items() if tool.kind == "suction"), None)
 
     def suck(self, hand: Any, phase: str, here: tuple) -> None:
-        """Hold the suction's tip at what is under the pointer; afterwards it follows its keys."""
+        """Hold the suction tip at the surface under the pointer while the mouse button is down."""
         name = self.suction()
         if phase == "end":
             self.follow_keys(name)
@@ -333,8 +374,13 @@ class SimulationSource(Source):
             self.move(name, np.asarray(found[0]))
 
     def grasp(self, hand: Any, phase: str, start: tuple, here: tuple) -> None:
-        """Take hold of what is under the pointer, and pull it along the picture's plane; the next
-        step does it."""
+        """Hold the matter under the pointer and pull it parallel to the image plane.
+
+        Args:
+            hand: of the browser.
+            phase: "start", "move" or "end" of the drag.
+            start, here: first and current place, (0, 0) to (1, 1).
+        """
         if phase == "end":
             self._target = None
             return
@@ -347,7 +393,7 @@ class SimulationSource(Source):
         self._target = origin + depth / float(direction @ forward) * direction
 
     def _pull(self) -> None:
-        """Before a step: move what is held towards the pointer, or let it go."""
+        """Before a step: pull the held matter towards the pointer, or release it."""
         sim, target = self.simulation, self._target
         if target is None:
             if self._held is not None and self._has_bonds():
@@ -385,13 +431,22 @@ class SimulationSource(Source):
 
 
 def ribbon(points: list, camera: Camera, depth: float, above: float) -> np.ndarray:
-    """A blade's way as triangles (M, 3, 3), world: a stroke drawn on the surface, swept along the
-    rays of the eye from a little above it to some depth below."""
+    """The swept surface of a blade as triangles (M, 3, 3), world.
+
+    Args:
+        points: (x, y, z) each, world: the stroke on the surface.
+        camera: along whose rays the stroke is swept.
+        depth: below the stroke, world units.
+        above: above the stroke, world units.
+
+    Raises:
+        ValueError: the stroke is a single point.
+    """
     line = np.asarray(points, np.float64)
     keep = np.append(True, np.linalg.norm(np.diff(line, axis=0), axis=1) > 0)
     line = line[keep]
     if len(line) < 2:
-        raise ValueError("cut: expected a line, got a point")
+        raise ValueError("cut: expected a stroke between two points, got one point")
     away = camera.towards(line)
     top, bottom = line - above * away, line + depth * away
     a, b, c, d = top[:-1], top[1:], bottom[:-1], bottom[1:]

@@ -1,8 +1,10 @@
-"""Frame sources: what is shown, and how it goes on."""
+"""Sources of frames: what the viewer shows, and how it changes in time."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -20,12 +22,15 @@ from .state import State
 
 @dataclass
 class Origin:
-    """How what is shown can be had without the viewer.
+    """How to get the same particles without the viewer.
 
-    before: words of a command that makes the file of `words`, if it has to be made. words: what
-    `globule render` reads; of what lives `globule view`, as nobody else can show it. code: Python
-    that makes `particles`. left: what all these leave out. unsaid: options that the command cannot
-    have with such a file.
+    Attributes:
+        words: arguments of `globule render`; for a live source, of `globule view`.
+        code: Python lines that make `particles`.
+        before: a command that makes the file of `words`, if it is needed.
+        left: names of what command and code omit.
+        lives: the source changes in time, and only `globule view` can show it.
+        unsaid: options that the command does not have for such a file.
     """
 
     words: list[str]
@@ -38,7 +43,12 @@ class Origin:
 
 @dataclass
 class Probed:
-    """What was clicked beside the surface. words: its name to its value."""
+    """A clicked point that is not on the surface.
+
+    Attributes:
+        position: (x, y, z), world.
+        words: names to values, for the panel.
+    """
 
     position: tuple[float, float, float]
     words: dict[str, str]
@@ -54,41 +64,54 @@ OPTIONS = {
 
 
 class Source:
-    """Something to look at. Whoever holds `lock` may trace its layers; nobody changes them then.
+    """A source of frames. A thread that holds `lock` may trace its layers; nothing changes them.
 
-    `version` counts the changes of what is shown. `advance` takes one step in time and says how
-    many seconds it should have lasted, None where there is nothing more to do.
+    Args:
+        name: for titles.
+
+    Attributes:
+        lock: see above.
+        version: counts the changes of the content.
+        files: that the source was read from.
+        reading: keywords with which the files were read.
+        maker: of the scene.
+        kind: "scene", "sequence", "simulation", "volume" or "sweep".
+        n_frames: of a sequence.
+        grows: size and place become known in time only.
+        up, camera, preset, settings: how the viewer starts, if nothing else is asked for.
+        has_tissue: strokes of the tool Cut cut tissue.
+        unit: of lengths, "" if unknown.
     """
 
     kind = "scene"
-    n_frames = 0  # of a sequence
-    grows = False  # whether only time shows what it is, and where
-    up: Any = (0.0, 1.0, 0.0)  # towards the sky, where nobody says otherwise
-    camera: Camera | None = None  # where to begin, if the source says so
-    preset: str | None = None  # how it looks, if the source says so
-    settings: dict[str, Any] = {}  # for `State.set`, the same
-    has_tissue = False  # that a stroke of the tool Cut cuts
-    unit = ""  # of lengths, where it is known
+    n_frames = 0
+    grows = False
+    up: Any = (0.0, 1.0, 0.0)
+    camera: Camera | None = None
+    preset: str | None = None
+    settings: Mapping[str, Any] = MappingProxyType({})  # for `State.set`
+    has_tissue = False
+    unit = ""
 
     def __init__(self, name: str) -> None:
         self.name = name
-        self.files: list[str] = []  # that it was read from
-        self.reading: dict[str, Any] = {}  # how: options of `read` or `read_sweep`
+        self.files: list[str] = []
+        self.reading: dict[str, Any] = {}
         self.lock = FairLock()
         self.version = 0
         self.maker = SceneMaker()
         self._preset: tuple | None = None
 
     def layers(self, state: State) -> list[Layer]:
-        """What is to be traced; with `lock` held."""
+        """The layers to trace. The caller holds `lock`."""
         raise NotImplementedError
 
     def particles(self) -> Particles:
-        """Those of the first layer, for colours, statistics and the camera."""
+        """The particles of the first layer, for colors, statistics and the camera."""
         raise NotImplementedError
 
     def origin(self, state: State) -> Origin:
-        """How what is shown can be had without the viewer; with `lock` held."""
+        """How to get the same particles without the viewer. The caller holds `lock`."""
         return self._read_from(self.files[0] if self.files else None)
 
     def _read_from(self, file: str | None) -> Origin:
@@ -106,7 +129,7 @@ class Source:
         )
 
     def option_words(self) -> list[str]:
-        """How it was read, as options of commands."""
+        """`reading` as options of a command."""
         words = []
         for name, value in self.reading.items():
             for one in value if isinstance(value, (list, tuple)) else [value]:
@@ -114,65 +137,78 @@ class Source:
         return words
 
     def option_code(self) -> list[str]:
-        """The same as arguments."""
+        """`reading` as Python keywords."""
         return [f"{name}={value!r}" for name, value in self.reading.items()]
 
     def preset_settings(self, name: str, scene: Scene, up: Any) -> RenderSettings:
-        """A preset scaled to the scene that was first seen with it, so that light and ground stay
-        where they are while particles move."""
+        """The settings of a preset, scaled to the first scene that was shown with it.
+
+        Lights and ground therefore keep their place while particles move.
+        """
         if self._preset is None or self._preset[:2] != (name, tuple(up)):
             self._preset = name, tuple(up), preset(name, scene, up)
         return self._preset[2]
 
     def plates(self, state: State) -> list[Plate]:
-        """Images in space that are seen with it."""
+        """Flat images in space to draw with the layers. The caller holds `lock`."""
         return []
 
     def marks(self) -> list[Mark]:
-        """What is drawn over all pictures of it; with `lock` held."""
+        """Marks to draw over all images. The caller holds `lock`."""
         return []
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        """Lowest and highest corner of what is shown, world."""
+        """Lowest and highest corner (3,) of the content, world."""
         try:
             return self.particles().bounds()
         except ValueError:  # no particles yet
             return np.full(3, -1.0), np.full(3, 1.0)
 
     def outline(self) -> np.ndarray | None:
-        """Points (M, 3) that a camera is to see; None: the particles with their surface."""
+        """Points (M, 3), world, for a camera to show; None: the particles with their surface."""
         return None
 
     def color_names(self) -> list[str]:
+        """The fields and attributes by which particles can be colored."""
         return color_names(self.particles())
 
     def advance(self, state: State) -> float | None:
+        """Take one step in time.
+
+        Returns:
+            The seconds that the step should last; None if there is nothing to do.
+        """
         return None
 
     def stand_still(self) -> None:
-        """No more steps until somebody asks again."""
+        """Take no more steps until the person asks for one."""
 
     def status(self) -> str:
-        """What it does now, in a line for the page; waits for nobody."""
+        """One line for the page about what the source does now; never waits for `lock`."""
         return ""
 
     def probe(
         self, state: State, camera: Camera, size: tuple[int, int], screen: Any, nearest: float
     ) -> Probed | None:
-        """What else than the surface is seen at a place of the picture, nearer than so far; with
-        `lock` held."""
+        """What lies in front of the surface at a place of the image. The caller holds `lock`.
+
+        Args:
+            size: (width, height) of the image.
+            screen: the place, (0, 0) to (1, 1).
+            nearest: distance of the surface along the ray, world units.
+        """
         return None
 
     def facts(self) -> dict[str, Any]:
-        """What the statistics say besides: words to numbers or texts."""
+        """Further rows of the statistics: names to values."""
         return {}
 
     def close(self) -> None:
-        """Give back files and connections."""
+        """Close files and connections."""
 
 
 class SceneSource(Source):
-    """Particles, a scene, or layers, that stand still unless the user's program changes them."""
+    """Particles, a scene, or layers, which only the program changes."""
 
     def __init__(
         self,
@@ -196,14 +232,16 @@ class SceneSource(Source):
         self.maker = SceneMaker(device, threads, given)
 
     def particles(self) -> Particles:
+        """The particles, or those of the scene."""
         return self._particles if self._scene is None else self._scene.particles
 
     def layers(self, state: State) -> list[Layer]:
+        """The layers to trace. The caller holds `lock`."""
         scene = self.maker.scene(self.particles(), state)
         return [Layer(scene, self._material, self._clips), *self._beside]
 
     def update(self, particles: Particles | Any) -> None:
-        """Show other particles from now on."""
+        """Show other `Particles` or positions (N, 3) from now on."""
         if not isinstance(particles, Particles):
             particles = Particles(particles)
         with self.lock:
@@ -212,5 +250,5 @@ class SceneSource(Source):
 
 
 def box_corners(lo: Any, hi: Any) -> np.ndarray:
-    """(8, 3)."""
+    """The corners (8, 3) of the box between two corners (3,)."""
     return np.array(np.meshgrid(*zip(lo, hi, strict=True))).reshape(3, -1).T

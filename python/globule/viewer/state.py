@@ -1,4 +1,4 @@
-"""Everything that a person sets in the viewer, in groups of plain values, as one TOML file."""
+"""All settings of the viewer, in groups of plain values; one TOML file holds them."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import copy
 import dataclasses
 import os
 import threading
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -24,101 +25,142 @@ MOST_BYTES = 256 * 1024  # of a state file
 
 @dataclass
 class Surface:
-    kernel: str = choice("murakami", KERNELS, "Kernel", "Shape of each particle's influence")
+    """The implicit surface of the particles."""
+
+    kernel: str = choice("murakami", KERNELS, "Kernel", "Basis function of the particles")
     threshold: float | None = real(
         None,
         1e-3,
         1e3,
         "Threshold",
-        "The surface is where the field has this value: higher is thinner",
+        "Iso-value of the field; a higher value makes a thinner surface",
     )
-    support: float | None = real(None, 0.0, FAR, "Support", "Radius of each particle's influence")
+    support: float | None = real(None, 0.0, FAR, "Support", "Radius of a particle's influence")
     root: str = choice(
         "exact",
         ("exact", "march", "bezier"),
         "Root method",
-        "How the surface is found along a ray; march and bezier as in the thesis",
+        "How a ray finds the surface; march and bezier as in the thesis",
     )
 
 
 @dataclass
 class Look:
-    preset: str = choice("plain", ("plain", *PRESETS), "Preset", "Matter, light and surroundings")
-    matter: str = choice("preset", ("preset", "own"), "Matter", "own: the four values below")
-    reflection: float = real(0.0, 0.0, 1.0, "Reflection", "Mirror's weight straight on")
-    transmission: float = real(0.0, 0.0, 1.0, "Transmission", "Share of the rest that goes through")
-    index: float = real(1.33, 1.0, 4.0, "Index", "Of refraction: water 1.33, glass 1.5")
-    roughness: float = real(0.0, 0.0, 1.0, "Roughness", "Of mirrored and transmitted light")
-    lights: str = choice("preset", ("preset", "own"), "Lights", "own: the sun and lamp below")
-    azimuth: float = real(-34.0, -180.0, 180.0, "Sun azimuth", "Degrees, from the front")
+    """Material, lights and surroundings."""
+
+    preset: str = choice(
+        "plain", ("plain", *PRESETS), "Preset", "Material, lights and surroundings"
+    )
+    matter: str = choice("preset", ("preset", "own"), "Material", "own: use the four values below")
+    reflection: float = real(
+        0.0, 0.0, 1.0, "Reflection", "Specular reflectance at normal incidence"
+    )
+    transmission: float = real(
+        0.0, 0.0, 1.0, "Transmission", "Share of the unreflected light that is transmitted"
+    )
+    index: float = real(1.33, 1.0, 4.0, "Refractive index", "Water 1.33, glass 1.5")
+    roughness: float = real(0.0, 0.0, 1.0, "Roughness", "Of reflected and transmitted light")
+    lights: str = choice(
+        "preset", ("preset", "own"), "Lights", "own: use the sun and headlight below"
+    )
+    azimuth: float = real(
+        -34.0, -180.0, 180.0, "Sun azimuth", "Degrees from the front, positive to the right"
+    )
     elevation: float = real(54.0, -90.0, 90.0, "Sun elevation", "Degrees above the horizon")
-    angle: float = real(0.5, 0.0, 60.0, "Sun size", "Degrees; larger makes softer shadows")
-    headlight: bool = switch(True, "Headlight", "A lamp at the eye")
-    exposure: float = real(1.0, 0.05, 20.0, "Exposure", "Factor of the picture's light")
-    sky: str = choice("preset", ("preset", "none", "gradient"), "Sky", "Seen behind and mirrored")
+    angle: float = real(0.5, 0.0, 60.0, "Sun size", "Degrees; a larger sun makes softer shadows")
+    headlight: bool = switch(True, "Headlight", "A light at the camera")
+    exposure: float = real(1.0, 0.05, 20.0, "Exposure", "Factor on the brightness of the image")
+    sky: str = choice(
+        "preset", ("preset", "none", "gradient"), "Sky", "Background, and light from all around"
+    )
     ground: str = choice(
         "preset", ("preset", "none", "plain", "checker"), "Ground", "A plane under the scene"
     )
-    background: tuple = triple((0.93, 0.94, 0.96), 0.0, 1e3, "Background", "Where there is no sky")
-    shadows: bool = switch(False, "Shadows", "Lights throw shadows")
-    ambient_rays: int = whole(0, 0, 64, "Ambient occlusion", "Rays that look how open a place is")
-    depth: int = whole(4, 0, 16, "Reflection depth", "How often light is followed")
+    background: tuple = triple(
+        (0.93, 0.94, 0.96), 0.0, 1e3, "Background", "RGB color where there is no sky"
+    )
+    shadows: bool = switch(False, "Shadows", "Lights cast shadows")
+    ambient_rays: int = whole(
+        0, 0, 64, "Ambient occlusion", "Rays per sample that look for occluders; 0: off"
+    )
+    bounces: int = whole(4, 0, 16, "Bounces", "Most reflections and refractions along a ray")
 
 
 @dataclass
 class Coloring:
-    by: str = choice("", (), "Colour by", "A field or attribute; none: the particles' own colours")
-    colormap: str = choice("viridis", COLORMAPS, "Colour map")
-    automatic: bool = switch(True, "Automatic range", "Lowest and highest value")
-    low: float = real(0.0, -1e30, 1e30, "From", "Value of the map's first colour")
-    high: float = real(1.0, -1e30, 1e30, "To", "Value of the map's last colour")
-    legend: bool = switch(True, "Legend", "Draw the colour map into the picture")
+    """Colors by the values of a field or attribute."""
+
+    by: str = choice("", (), "Color by", "A field or attribute of the particles")
+    colormap: str = choice("viridis", COLORMAPS, "Color map")
+    automatic: bool = switch(True, "Automatic range", "From the lowest to the highest value")
+    low: float = real(0.0, -1e30, 1e30, "From", "Value of the first color")
+    high: float = real(1.0, -1e30, 1e30, "To", "Value of the last color")
+    legend: bool = switch(True, "Legend", "Draw the color map into the image")
 
 
 @dataclass
 class Cuts:
-    plane: bool = switch(False, "Plane", "Take away one side of a plane")
-    normal: tuple = triple((1.0, 0.0, 0.0), -1.0, 1.0, "Normal", "Points at what is taken away")
-    point: tuple = triple((0.0, 0.0, 0.0), -FAR, FAR, "Point", "On the plane")
-    box: bool = switch(False, "Box", "Take away a box")
+    """Clips: a plane, a box and a sphere. Coordinates are in world units."""
+
+    plane: bool = switch(False, "Plane", "Remove one side of a plane")
+    normal: tuple = triple(
+        (1.0, 0.0, 0.0), -1.0, 1.0, "Normal", "Points to the side that is removed"
+    )
+    point: tuple = triple((0.0, 0.0, 0.0), -FAR, FAR, "Point", "A point on the plane")
+    box: bool = switch(False, "Box", "Remove the inside of a box")
     lo: tuple = triple((-1.0, -1.0, -1.0), -FAR, FAR, "Low corner")
     hi: tuple = triple((1.0, 1.0, 1.0), -FAR, FAR, "High corner")
-    keep_box: bool = switch(False, "Keep the inside", "Crop: take away what is outside instead")
-    sphere: bool = switch(False, "Sphere", "Take away a ball")
-    center: tuple = triple((0.0, 0.0, 0.0), -FAR, FAR, "Centre")
+    keep_box: bool = switch(False, "Keep the inside", "Remove the outside of the box instead")
+    sphere: bool = switch(False, "Sphere", "Remove the inside of a sphere")
+    center: tuple = triple((0.0, 0.0, 0.0), -FAR, FAR, "Center")
     radius: float = real(1.0, 1e-30, FAR, "Radius")
-    keep_sphere: bool = switch(False, "Keep the inside", "Take away what is outside instead")
+    keep_sphere: bool = switch(False, "Keep the inside", "Remove the outside of the sphere instead")
 
 
 @dataclass
 class Quality:
-    samples: int = whole(16, 1, 256, "Samples when still", "Rays per pixel once nothing moves")
-    rate: float = real(20.0, 1.0, 120.0, "Pictures per second", "Aimed at while something moves")
-    sharpness: int = whole(92, 30, 100, "JPEG quality when still")
-    width: int = whole(1920, 160, 7680, "Largest width", "Pixels")
+    """Samples, size and JPEG quality of the images on the page."""
+
+    samples: int = whole(16, 1, 256, "Samples when still", "Rays per pixel while nothing moves")
+    rate: float = real(
+        20.0, 1.0, 120.0, "Target frame rate", "Images per second while something moves"
+    )
+    sharpness: int = whole(92, 30, 100, "JPEG quality when still", "Of images while nothing moves")
+    width: int = whole(1920, 160, 7680, "Largest width", "Of an image, in pixels")
 
 
 @dataclass
 class Slices:
-    shown: bool = switch(True, "Show slices", "Three planes through the volume")
-    x: float = real(0.5, 0.0, 1.0, "x slice", "Share of the way along the volume's first axis")
-    y: float = real(0.5, 0.0, 1.0, "y slice")
-    z: float = real(0.5, 0.0, 1.0, "z slice")
-    overlay: bool = switch(False, "Measured / filled", "Tint what was filled orange, empty blue")
-    surface: bool = switch(True, "Show surface", "The volume's iso-surface")
-    open: bool = switch(True, "Cut open", "Take the corner before the slices out of the surface")
-    level: float | None = real(None, 1e-6, 1e9, "Surface level", "Values of at least this")
-    frame: bool = switch(False, "Show sweep frame", "A frame of the sweep where it was taken")
-    number: int = whole(0, 0, 1_000_000, "Frame", "Which one")
+    """What a volume shows: slices, the iso-surface, images of its sweep."""
+
+    shown: bool = switch(True, "Show slices", "Three orthogonal planes through the volume")
+    x: float = real(0.5, 0.0, 1.0, "x slice", "Position along the volume's first axis, 0 to 1")
+    y: float = real(0.5, 0.0, 1.0, "y slice", "Position along the volume's second axis, 0 to 1")
+    z: float = real(0.5, 0.0, 1.0, "z slice", "Position along the volume's third axis, 0 to 1")
+    overlay: bool = switch(
+        False, "Measured / filled", "Tint filled voxels orange and empty voxels blue"
+    )
+    surface: bool = switch(True, "Show surface", "The iso-surface of the volume")
+    open: bool = switch(True, "Cut open", "Remove the corner of the surface in front of the slices")
+    level: float | None = real(
+        None, 1e-6, 1e9, "Iso-value", "Of the surface, in the units of the volume"
+    )
+    frame: bool = switch(False, "Show sweep image", "One image of the sweep at its place")
+    number: int = whole(0, 0, 1_000_000, "Sweep image", "Index in the sweep, from 0")
 
 
 @dataclass
 class Time:
-    frame: int = whole(0, 0, 10_000_000, "Frame")
-    playing: bool = switch(False, "Play")
-    loop: bool = switch(True, "Loop")
-    rate: float = real(24.0, 0.1, 1000.0, "Frames per second")
+    """Playback of a sequence."""
 
+    frame: int = whole(0, 0, 10_000_000, "Frame", "Index in the sequence, from 0")
+    playing: bool = switch(False, "Play", "Key: space bar")
+    loop: bool = switch(True, "Loop", "Start again after the last frame")
+    rate: float = real(24.0, 0.1, 1000.0, "Frames per second", "Of the playback")
+
+
+# Settings by their old names; they go with the next version.
+RENAMED = {"look__depth": "look__bounces"}
 
 GROUPS = {
     "surface": Surface,
@@ -132,8 +174,15 @@ GROUPS = {
 
 
 class State:
-    """The groups as attributes: `state.surface.threshold`. Change them with `set`, so that pages
-    and pictures follow; any thread may."""
+    """The groups of settings as attributes: `state.surface.threshold`.
+
+    Change settings with `set`, so that pages and images follow. Any thread may call `set`.
+
+    Attributes:
+        surface, look, color, cuts, quality, slices, time: the groups.
+        bookmarks: cameras by the name that a person gave them.
+        version: counts the changes.
+    """
 
     surface: Surface
     look: Look
@@ -152,14 +201,16 @@ class State:
         self._listeners: list[Callable[[set[str]], None]] = []
 
     def listen(self, called: Callable[[set[str]], None]) -> None:
-        """Have `called` with the names of what changed, as "surface.kernel"."""
+        """Call a function after each change with the names of the settings ("surface.kernel")."""
         self._listeners.append(called)
 
     def set(self, **changes: Any) -> None:
         """Change settings: `state.set(surface__threshold=0.5, cuts__plane=True)`; all or none.
 
-        Raises ValueError: name, expected and got.
+        Raises:
+            ValueError: no such setting, or a value that it cannot have; nothing is changed.
         """
+        changes = {current(key): value for key, value in changes.items()}
         with self._lock:
             good = {}
             for key, value in changes.items():
@@ -177,11 +228,12 @@ class State:
         self.tell(changed)
 
     def tell(self, changed: set[str]) -> None:
+        """Call all listeners with the names of settings that changed."""
         for called in self._listeners:
             called(changed)
 
     def snapshot(self) -> State:
-        """A copy that stays as it is."""
+        """A copy that later changes do not reach."""
         with self._lock:
             other = State()
             for name in GROUPS:
@@ -193,7 +245,7 @@ class State:
     # As a file
 
     def to_toml(self, camera: Camera | None = None) -> str:
-        """All that differs from the defaults, the camera and the bookmarks."""
+        """The settings that differ from their defaults, a camera and the bookmarks, as TOML."""
         state = self.snapshot()
         parts = []
         for name, make in GROUPS.items():
@@ -218,11 +270,17 @@ class State:
     def load_toml(
         self, text: str, taken: Callable[[str, Any], Any] = lambda key, value: value
     ) -> Camera | None:
-        """Become what the text says, and the defaults elsewhere; the camera that it names.
+        """Take the settings of a TOML text, and the defaults for all that it does not name.
 
-        taken: gives what is to become of a setting, of its name as `set` has it and its value.
+        Args:
+            text: as `to_toml` writes it.
+            taken: maps a setting's name (as `set` has it) and value to the value to take.
 
-        Raises ValueError: line or key, expected and got; then nothing is changed.
+        Returns:
+            The camera of the text, or None.
+
+        Raises:
+            ValueError: the message names the line or key; nothing is changed.
         """
         try:
             import tomllib
@@ -238,8 +296,9 @@ class State:
                 raise ValueError(f"{name}: expected a table, got {given!r}")
             for key, value in given.items():
                 try:
-                    full = f"{name}__{key}"
-                    new[full] = taken(full, checked(field_of(name, key), value))
+                    full = current(f"{name}__{key}")
+                    field = field_of(*full.split("__"))
+                    new[full] = taken(full, checked(field, value))
                 except ValueError as error:
                     raise ValueError(f"{name}.{error}") from None
             for f in dataclasses.fields(make):
@@ -258,12 +317,26 @@ class State:
         return camera
 
     def save(self, path: str | os.PathLike, camera: Camera | None = None) -> None:
+        """Write the settings and a camera to a TOML file."""
         with atomic_write(path, "w") as file:
             file.write(self.to_toml(camera))
 
 
+def current(key: str) -> str:
+    """The name of a setting ("look__bounces"), also from its old name, which warns."""
+    if key not in RENAMED:
+        return key
+    old, new = (name.replace("__", ".") for name in (key, RENAMED[key]))
+    warnings.warn(
+        f"the setting {old} is now {new}; the old name goes with the next version",
+        DeprecationWarning,
+        stacklevel=3,
+    )
+    return RENAMED[key]
+
+
 def field_of(group: str, name: str) -> dataclasses.Field:
-    """Raises ValueError for a name that there is not."""
+    """The field of a setting. Raises ValueError for an unknown group or name."""
     if group not in GROUPS:
         raise ValueError(f"{group}: expected one of {', '.join(GROUPS)}")
     for field in dataclasses.fields(GROUPS[group]):

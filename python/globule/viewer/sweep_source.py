@@ -1,4 +1,4 @@
-"""A sweep that is being recorded: the volume grows while frames come in."""
+"""A live sweep: the volume grows while images arrive."""
 
 from __future__ import annotations
 
@@ -24,11 +24,19 @@ SHOWN_EVERY = 0.4  # s
 
 
 class SweepSource(VolumeSource):
-    """Frames that come, put into voxels one by one.
+    """A sweep whose images arrive one by one.
 
-    open_frames: gives an iterator of (image (H, W), world_from_image (4, 4)), and waits in it
-    until the next frame comes; called at each start.
-    spacing: edge of a voxel, mm, to begin with.
+    Args:
+        name: for titles.
+        open_frames: called at each start; gives an iterator of (image (H, W), world_from_image
+            (4, 4)) that waits for the next image.
+        spacing: first voxel edge, mm.
+        device, threads: as for `Reconstructor`.
+        sweep: the recorded sweep that is played, if there is one.
+
+    Attributes:
+        running: images are received.
+        compounding: a name in `COMPOUNDING`; counts from the next `reset`.
     """
 
     kind = "sweep"
@@ -52,15 +60,20 @@ class SweepSource(VolumeSource):
         self._taken: list[tuple[Any, Any]] = []
         self.running = False
         self._last_shown = 0.0
-        self._making: str | None = None  # the method that a volume is being made by
-        self._method: str | None = None  # that the volume which is shown was made by
+        self._making: str | None = None  # of the reconstruction in progress
+        self._method: str | None = None  # of the volume that is shown
         self.reset()
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Lowest and highest corner (3,) of the sweep or the volume, mm."""
         return super().bounds() if self._region is None else self._region
 
     def reset(self) -> None:
-        """Forget all frames; compounding and spacing count from now on."""
+        """Remove all images; changes of compounding and spacing take effect.
+
+        Raises:
+            ValueError: an unknown compounding.
+        """
         if self.compounding not in COMPOUNDING:
             known = ", ".join(COMPOUNDING)
             raise ValueError(f"compounding: expected one of {known}, got {self.compounding!r}")
@@ -78,50 +91,62 @@ class SweepSource(VolumeSource):
             self._method = None
 
     def status(self) -> str:
-        n = f"{len(self._taken):,} frames"
+        """What the source does, and the number of images."""
+        n = f"{len(self._taken):,} images"
         if self._making is not None:
-            return f"**making the volume by {self._making}** of {n} …"
+            return f"**reconstructing by {self._making}** from {n} …"
         if self.running:
-            return f"**frames come in** · {n}" if self._taken else "**waiting for a frame …**"
+            return f"**receiving** · {n}" if self._taken else "**waiting for an image …**"
         if self._method is not None:
-            return f"**volume by {self._method}** of {n}; Clear begins anew"
+            return f"**volume by {self._method}** from {n}; Clear starts again"
         if self._taken:
-            return f"**stopped** · {n}; Start goes on"
-        return "**Press Start**: frames come in, and the volume grows."
+            return f"**stopped** · {n}; Start continues"
+        return "**Press Start** to receive images. The volume grows with each image."
 
     def marks(self) -> list[Mark]:
-        """What to do, where there is nothing to see yet."""
+        """A hint while there is no image."""
         if self._taken or self.running:
             return []
         lo, hi = self.bounds()
         middle = tuple(((np.asarray(lo) + hi) / 2).tolist())
-        return [Mark((middle,), "Nothing yet: press Start, at the right", thin=True)]
+        return [Mark((middle,), "No image yet: press Start in the panel", thin=True)]
 
     def stand_still(self) -> None:
+        """Stop receiving."""
         self.running = False
 
     def start(self) -> None:
+        """Receive images."""
         self.running = True
-        self.version += 1  # what was to be done is done
+        self.version += 1  # the hint goes
 
     def stop(self) -> None:
-        """Take in no more."""
+        """Stop receiving and show the volume."""
         self.running = False
         self._show()
 
     def undo(self) -> None:
-        """Take out the latest frame."""
+        """Remove the latest image."""
         with self._binning:
             self._reconstructor.undo()
             self._taken.pop()
         self._show()
 
     def finish(self, method: str) -> None:
-        """Stop, and make the volume of all frames by another method."""
+        """Stop receiving and reconstruct the volume from all images.
+
+        Args:
+            method: of `gb.reconstruct`.
+
+        Raises:
+            ValueError: there is no image.
+        """
         self.running = False
         with self._binning:
             if not self._taken:
-                raise ValueError("sweep: expected frames, got none yet")
+                raise ValueError(
+                    "sweep: expected images, got none yet. Press Start to receive images."
+                )
             frames, poses = (np.stack(arrays) for arrays in zip(*self._taken, strict=True))
         mask = None if self.sweep is None else self.sweep.mask
         self._making = method
@@ -140,6 +165,7 @@ class SweepSource(VolumeSource):
             self._method = method
 
     def advance(self, state: State) -> float | None:
+        """Wait for the next image and add it to the volume."""
         if not self.running:
             return None
         if self._frames is None:
@@ -150,7 +176,7 @@ class SweepSource(VolumeSource):
             self.stop()
             return None
         with self._binning:
-            if not self.running:  # stopped while it came
+            if not self.running:  # stopped while waiting
                 return None
             self._reconstructor.add(*found)
             self._taken.append(found)
@@ -167,7 +193,7 @@ class SweepSource(VolumeSource):
         self._last_shown = time.monotonic()
 
     def origin(self, state: State) -> Origin:
-        """Of a file, its volume by the same method; while frames come in, what has come so far."""
+        """The volume of the file by the same method, or of the images so far."""
         file = self.files[0] if self.files else "sweep.igs.mha"
         read = f"gb.read_sweep({', '.join([repr(file), *self.option_code()])})"
         if self._method is not None:
@@ -198,21 +224,23 @@ class SweepSource(VolumeSource):
         ]
         found = self.surface_of("volume.npz", [], code, state)
         found.words, found.lives = [file, *self.option_words()], True
-        found.left.insert(0, "the frames that came")
+        found.left.insert(0, "the images so far")
         return found
 
     def facts(self) -> dict[str, Any]:
-        return super().facts() | {"frames": f"{self._reconstructor.n_frames:,}"}
+        """The volume's voxels and the number of images."""
+        return super().facts() | {"images": f"{self._reconstructor.n_frames:,}"}
 
     def close(self) -> None:
+        """Stop receiving and close the stream."""
         self.running = False
         if hasattr(self._frames, "close"):
-            with contextlib.suppress(ValueError):  # it still waits for a frame
+            with contextlib.suppress(ValueError):  # another thread waits in it
                 self._frames.close()
 
 
 def played(sweep: Sweep, rate: float = 20.0) -> Callable[[], Iterator[tuple[Any, Any]]]:
-    """A recorded sweep as if it were coming in now, so many frames a second."""
+    """A recorded sweep as a live one; rate: images per second."""
 
     def frames() -> Iterator[tuple[Any, Any]]:
         for i in np.flatnonzero(sweep.valid):
@@ -223,7 +251,16 @@ def played(sweep: Sweep, rate: float = 20.0) -> Callable[[], Iterator[tuple[Any,
 
 
 def received(address: str, edges: Any) -> Callable[[], Iterator[tuple[Any, Any]]]:
-    """Frames of an OpenIGTLink server. Raises ValueError for a bad address or without pyigtl."""
+    """The images of an OpenIGTLink server.
+
+    Args:
+        address: igtl://host:port.
+        edges: transforms that no message brings; see `live.receive`.
+
+    Raises:
+        ValueError: a bad address.
+        MissingPackageError: the extra `live` is not installed.
+    """
     from ..ultrasound.live import need_pyigtl, parse_address, receive
 
     parse_address(address)

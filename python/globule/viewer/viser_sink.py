@@ -1,4 +1,4 @@
-"""Pictures to a browser through viser, and the browser's camera back."""
+"""Images to a browser through viser."""
 
 from __future__ import annotations
 
@@ -14,8 +14,15 @@ ACKNOWLEDGED = "globule-picture"
 
 
 class ViserSink:
-    """One browser. After each picture comes a question that the browser answers in order: so we
-    know when it has taken the picture in."""
+    """The sink of one browser.
+
+    A question follows each image. The browser answers in order, so the answer tells that the image
+    has arrived.
+
+    Args:
+        client: `viser.ClientHandle`.
+        acknowledge: called with the number of each image that has arrived.
+    """
 
     def __init__(self, client: Any, acknowledge: Callable[[int], None]):
         self.client = client
@@ -26,6 +33,7 @@ class ViserSink:
         )
 
     def send(self, number: int, data: bytes, plan: Plan) -> None:
+        """Send one JPEG; nothing happens after the browser has left."""
         if self._connection.get_message_buffer().done:
             return  # the browser has left
         self._connection.queue_message(_messages.BackgroundImageMessage("jpeg", data, None))
@@ -35,6 +43,7 @@ class ViserSink:
         self.client.flush()
 
     def error(self, message: str) -> None:
+        """Show a message as a notification of the page."""
         if self._connection.get_message_buffer().done:
             return
         with warnings.catch_warnings():

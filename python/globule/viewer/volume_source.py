@@ -1,4 +1,4 @@
-"""A volume: its surface, three slices through it, and frames of its sweep at their place."""
+"""A volume: its iso-surface, three slices, and images of its sweep at their place."""
 
 from __future__ import annotations
 
@@ -24,7 +24,18 @@ MOST_PIXELS = 1024  # of a slice's side
 
 
 class VolumeSource(Source):
-    """volume: what is shown; sweep: the frames that it was made of, if there are any."""
+    """A volume, and the sweep that it was reconstructed from, if there is one.
+
+    Args:
+        name: for titles.
+        volume: to show.
+        sweep: whose images can be shown at their place.
+        device, threads: as for `Scene`.
+
+    Attributes:
+        level: iso-value of the surface where the settings have none (Otsu).
+        least_level, most_level: ends of its slider.
+    """
 
     kind = "volume"
     up = (0.0, 0.0, 1.0)
@@ -48,7 +59,7 @@ class VolumeSource(Source):
         self._take(volume)
 
     def _take(self, volume: Volume) -> None:
-        """Show this volume from now on; with `lock` held."""
+        """Show another volume from now on. The caller holds `lock`."""
         self.volume = volume
         known = volume.values[~volume.empty & (volume.values > 0)]
         self.level = default_level(volume) if known.size else 1.0
@@ -60,11 +71,19 @@ class VolumeSource(Source):
         self.version += 1
 
     def origin(self, state: State) -> Origin:
+        """The file of the volume, with the iso-value."""
         file = self.files[0] if self.files else "volume.npz"
         return self.surface_of(file, [], [f"volume = gb.read_volume({file!r})"], state)
 
     def surface_of(self, file: str, before: list[str], code: list[str], state: State) -> Origin:
-        """The iso-surface of a volume's file, for which `code` makes `volume`."""
+        """The origin of an iso-surface.
+
+        Args:
+            file: of the volume, for the command.
+            before: a command that makes the file.
+            code: Python lines that make `volume`.
+            state: settings.
+        """
         shown = state.slices
         level = float(shown.level or self.level)
         code = [
@@ -76,8 +95,8 @@ class VolumeSource(Source):
             word
             for word, on in (
                 ("slices", shown.shown),
-                ("the sweep's frame", shown.frame),
-                ("hiding the surface", not shown.surface),
+                ("the sweep's image", shown.frame),
+                ("the hidden surface", not shown.surface),
             )
             if on
         ]
@@ -86,6 +105,7 @@ class VolumeSource(Source):
         )
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Lowest and highest corner (3,) of the volume's voxel centers, mm."""
         sizes = np.array(self.volume.values.shape[::-1]) - 1
         corners = np.array([[x, y, z, 1] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
         corners[:, :3] *= sizes
@@ -93,29 +113,33 @@ class VolumeSource(Source):
         return places.min(axis=0), places.max(axis=0)
 
     def outline(self) -> np.ndarray:
+        """The corners (8, 3) of the volume, mm."""
         return box_corners(*self.bounds())
 
     def particles(self) -> Particles:
+        """The particles of the iso-surface."""
         if self._made is None:
             self._surface(self.level, "murakami")
         return self._made[1]
 
     def color_names(self) -> list[str]:
+        """Coordinates and voxel value."""
         return ["x", "y", "z", "value"]
 
     def _surface(self, level: float, kernel: str) -> tuple[Particles, float | None]:
-        """The iso-surface's particles and threshold at a level."""
+        """Particles and threshold of the iso-surface at a level."""
         asked = level, kernel
         if self._made is None or self._made[0] != asked:
             try:
                 surface = iso_surface(self.volume, level, kernel)
                 self._made = asked, surface.particles, surface.threshold
-            except ValueError:  # no voxel is that high
+            except ValueError:  # no voxel reaches the level
                 nothing = Particles(NOTHING, support=1.0, attributes={"value": NOTHING[:, 0]})
                 self._made = asked, nothing, None
         return self._made[1:]
 
     def layers(self, state: State) -> list[Layer]:
+        """The iso-surface, if shown. The caller holds `lock`."""
         shown = state.slices
         if not shown.surface:
             nothing = Particles(NOTHING, support=1.0, attributes={"value": NOTHING[:, 0]})
@@ -127,12 +151,12 @@ class VolumeSource(Source):
         return [Layer(self.maker.scene(particles, state, threshold), None, corner)]
 
     def _at(self, shown: Slices) -> np.ndarray:
-        """(3,) voxel where the slices cross."""
+        """The voxel (3,) in which the slices cross."""
         sizes = np.array(self.volume.values.shape[::-1])
         return np.round(np.array([shown.x, shown.y, shown.z]) * (sizes - 1))
 
     def places(self, state: State) -> str:
-        """Where the slices are, in words."""
+        """The positions of the slices, for the panel."""
         edges = np.linalg.norm(self.volume.world_from_voxel[:3, :3], axis=0)
         at = self._at(state.slices) * edges
         most = (np.array(self.volume.values.shape[::-1]) - 1) * edges
@@ -142,15 +166,17 @@ class VolumeSource(Source):
         )
 
     def _corner(self, shown: Slices) -> list[ClipBox]:
-        """What lies before all three slices as seen from where viewers begin; nothing for volumes
-        that stand askew, as a box has the world's axes."""
+        """The box in front of all three slices, as the first camera sees them.
+
+        Empty for volumes that are not parallel to the world's axes, since a box is.
+        """
         axes = np.abs(self.volume.world_from_voxel[:3, :3])
         if (np.sort(axes, axis=0)[1] > 1e-3 * axes.max(axis=0)).any():
             return []
         at = (self.volume.world_from_voxel @ [*self._at(shown), 1.0])[:3]
         right, above, front = view_axes(self.up)
         seen = right + above + front > 0
-        # Half a voxel behind the slices, so that they are seen and not the cut through the surface.
+        # Half a voxel behind the slices, so that they cover the cut through the surface.
         behind = 0.5 * axes.max(axis=1)
         lo, hi = self.bounds()
         room = hi - lo + 1
@@ -161,7 +187,7 @@ class VolumeSource(Source):
     def probe(
         self, state: State, camera: Camera, size: tuple[int, int], screen: Any, nearest: float
     ) -> Probed | None:
-        """The voxel that a slice shows."""
+        """The voxel of a slice at a place of the image. The caller holds `lock`."""
         eye, direction = camera.ray(size, screen)
         found = None
         for plate in self.plates(state):
@@ -185,6 +211,7 @@ class VolumeSource(Source):
         return Probed(tuple(found.tolist()), words)
 
     def plates(self, state: State) -> list[Plate]:
+        """The slices and the sweep image that are shown. The caller holds `lock`."""
         shown = state.slices
         key = (
             self.version,
@@ -209,7 +236,13 @@ class VolumeSource(Source):
         return self._plates[1]
 
     def slice(self, axis: int, share: float, overlay: bool) -> Plate:
-        """The plane across a voxel axis, at a share of the way along it."""
+        """A slice across a voxel axis.
+
+        Args:
+            axis: 0 (x), 1 (y) or 2 (z).
+            share: position along the axis, 0 to 1.
+            overlay: tint filled and empty voxels.
+        """
         asked = (share, overlay)
         if axis in self._slices and self._slices[axis][0] == asked:
             return self._slices[axis][1]
@@ -230,7 +263,13 @@ class VolumeSource(Source):
         return plate
 
     def tinted(self, values: np.ndarray, origin: np.ndarray, overlay: bool) -> np.ndarray:
-        """Grey values (H, W, 3) uint8; what was filled orange, and what is empty blue, if asked."""
+        """Gray values (H, W, 3) uint8; `overlay` tints filled pixels orange and empty ones blue.
+
+        Args:
+            values: (H, W).
+            origin: (H, W), `FILLED` or `EMPTY` or measured.
+            overlay: tint them.
+        """
         grey = np.clip(255 * values / self._white, 0, 255)
         color = np.repeat(grey[..., None], 3, axis=2)
         if overlay:
@@ -246,6 +285,7 @@ class VolumeSource(Source):
         return [Plate(texture, self.sweep.world_from_image[i])]
 
     def facts(self) -> dict[str, Any]:
+        """Numbers of voxels."""
         volume = self.volume
         return {
             "voxels": " x ".join(str(n) for n in volume.values.shape[::-1]),

@@ -1,28 +1,33 @@
-"""The page: panels beside the picture, each in a file of its own."""
+"""The page: panels beside the image, each in a file of its own."""
 
 from __future__ import annotations
 
-import sys
 import threading
 from typing import Any
 
+from ..log import log
 from . import color, cuts, help, look, play, save, statistics, surface, tools, volume
 from . import view as view_panel
 from .widgets import Binder
 
 WELCOME = (
-    "**Drag** to rotate, **wheel** to zoom, **right-drag** to move.  \n"
-    "**Click** the surface to see what is there. **R** records a movie, **H** helps."
+    "**Drag** to rotate, **wheel** to zoom, **right-drag** to pan.  \n"
+    "**Click** the surface to read its values. **R** records a movie, **H** shows the help."
 )
 
 
 TICK = 0.3  # s
-LONGEST_NAME = 24  # letters that the panel's heading has room for
+LONGEST_NAME = 24  # letters that fit into the panel's heading
 
 
 class Page:
-    """All panels of a viewer. Settings are shared by all browsers; cameras, tools and marks are
-    each one's own."""
+    """All panels of a viewer.
+
+    All browsers share the settings. Each browser has its own camera, tool and marks.
+
+    Args:
+        viewer: `globule.viewer.app.Viewer`.
+    """
 
     def __init__(self, viewer: Any):
         self.viewer = viewer
@@ -68,25 +73,27 @@ class Page:
         first.up = camera.up
 
     def connected(self, browser: Any, client: Any) -> None:
+        """Show the page to a new browser."""
         self.tools.connected(browser, client)
         for panel in self.panels:
             panel.connected(browser, client)
 
     def disconnected(self, browser: Any) -> None:
+        """Forget a browser that has left."""
         self.tools.disconnected(browser)
         for panel in self.panels:
             panel.disconnected(browser)
 
     def complain(self, browser: Any, message: str) -> None:
-        """Say what went wrong where it was asked for, and in the terminal."""
-        print(f"globule: {message}", file=sys.stderr)
+        """Show an error to the browser that caused it (None: to all) and log it."""
+        log.warning("%s", message)
         client = None if browser is None else self.viewer.clients.get(browser.client_id)
         for one in [client] if client is not None else list(self.viewer.clients.values()):
             one.sink.error(message)
 
 
 def shortened(name: str) -> str:
-    """A name with its middle left out, where there is no room for it."""
+    """A name without its middle, if it is too long for the heading."""
     if len(name) <= LONGEST_NAME:
         return name
     end = LONGEST_NAME // 2

@@ -1,4 +1,4 @@
-"""Colours of values."""
+"""The panel Color by value."""
 
 from __future__ import annotations
 
@@ -8,38 +8,42 @@ import numpy as np
 
 from .panel import Panel
 
-NONE = "(own colours)"
+NONE = "(own colors)"
 
 
 class Color(Panel):
-    title = "Colour by value"
+    """Attribute, color map, range and legend."""
+
+    title = "Color by value"
     _before: tuple = ()  # the settings' range while the automatic one is shown
 
     def build(self) -> None:
+        """Make the widgets."""
         names = (NONE, *self.viewer.source.color_names())
         self.add("color", "by", options=names, none=NONE)
         self.add("color", "colormap")
         automatic = self.add("color", "automatic")
         self.ends = {name: self.add("color", name, typed=True) for name in ("low", "high")}
         self.add("color", "legend")
-        self.button("Range of now", self.take_range, "Keep the range that is shown")
+        self.button("Keep this range", self.take_range, "Do not adapt the range to the values")
         automatic.on_update(self.safe(self._switched))
         for name, widget in self.ends.items():
             widget.on_update(self.safe(lambda event, name=name: self._typed(event, name)))
 
     def take_range(self, browser: Any) -> None:
+        """Make the current automatic range the fixed one."""
         low, high = self.viewer.source.maker.range
         self.state.set(color__automatic=False, color__low=low, color__high=high)
 
     def _switched(self, event: Any) -> None:
-        """What was shown is kept from then on, unless somebody has said another range since."""
+        """Keep the range that was shown, unless a person has changed it since."""
         color = self.state.color
-        if event.client is not None and not color.automatic:
-            if (color.low, color.high) == self._before:
-                self.take_range(event.client)
+        shown = (color.low, color.high) == self._before
+        if event.client is not None and not color.automatic and shown:
+            self.take_range(event.client)
 
     def _typed(self, event: Any, name: str) -> None:
-        """One end typed in is kept, and the other as it is shown."""
+        """Keep the end that a person has typed, and the other end as shown."""
         if event.client is None or not self.state.color.automatic:
             return
         ends = dict(zip(("low", "high"), self.viewer.source.maker.range, strict=True))

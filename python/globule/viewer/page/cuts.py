@@ -1,4 +1,4 @@
-"""Cuts: a plane, a box and a ball, moved by handles in the picture."""
+"""The panel Cut: a plane, a box and a sphere, with handles in the image."""
 
 from __future__ import annotations
 
@@ -13,14 +13,19 @@ HANDLE = 0.45  # page units
 
 
 class CutPanel(Panel):
+    """Clips and their handles."""
+
     title = "Cut"
 
     def build(self) -> None:
+        """Make the widgets."""
         extent = self.viewer.placement.extent
         cuts, plain = self.state.cuts, type(self.state.cuts)()
-        if cuts == plain:  # nothing was loaded
+        if cuts == plain:  # no file was loaded
             self._begin()
-        self.gui.add_markdown("Switch one on, then drag its handles in the picture.")
+        self.gui.add_markdown(
+            "Switch on a plane, box or sphere, then drag its handles in the image."
+        )
         self.add("cuts", "plane")
         self.gui.add_button_group("Faces", ("x", "y", "z", "view", "flip")).on_click(
             self.safe(self._face)
@@ -33,7 +38,7 @@ class CutPanel(Panel):
         self.add("cuts", "keep_sphere")
         self.radius = self.add("cuts", "radius", least=extent / 100, most=extent)
         self.button(
-            "No cuts",
+            "Remove all cuts",
             lambda browser: self.state.set(cuts__plane=False, cuts__box=False, cuts__sphere=False),
         )
         self.gui.add_command("Cutting plane on and off", hotkey="C").on_trigger(
@@ -44,7 +49,7 @@ class CutPanel(Panel):
         self._follow({"cuts."})
 
     def _begin(self) -> None:
-        """Where the scene is."""
+        """Start plane, box and sphere in the middle of the scene."""
         with self.viewer.source.lock:
             lo, hi = self.viewer.source.bounds()
         extent = self.viewer.placement.extent
@@ -59,6 +64,7 @@ class CutPanel(Panel):
         )
 
     def grew(self, moved: bool) -> None:
+        """Fit radius and handles to the new extent."""
         if not moved:
             return
         extent, cuts = self.viewer.placement.extent, self.state.cuts
@@ -107,7 +113,7 @@ class CutPanel(Panel):
         follow(self.ball, at="center")
 
     def _follow(self, changed: set[str]) -> None:
-        """Put the handles where the settings say."""
+        """Move the handles to their settings."""
         if not any(name.startswith("cuts.") for name in changed):
             return
         cuts, place = self.state.cuts, self.viewer.placement.to_page
@@ -127,7 +133,7 @@ class CutPanel(Panel):
 
 
 def turn_to(normal: np.ndarray) -> tuple[float, float, float, float]:
-    """A rotation wxyz that puts the x axis along a unit vector."""
+    """The rotation (w, x, y, z) that turns the x axis to a unit vector (3,)."""
     w = 1 + float(normal[0])
     if w < 1e-6:
         return 0.0, 0.0, 1.0, 0.0

@@ -1,4 +1,4 @@
-"""What keys and mouse do."""
+"""The help: mouse and keys."""
 
 from __future__ import annotations
 
@@ -13,38 +13,42 @@ TEXT = """\
 |---|---|
 | left drag | rotate |
 | wheel | zoom |
-| right drag | move |
-| click | what is there |
+| right drag | pan |
+| click | read the values of the surface |
 
 **Keys**
 
 | | |
 |---|---|
 | W A S D, Q E | fly forwards, left, back, right, down, up |
-| arrows | turn |
-| F | fit all |
+| arrows | turn the camera |
+| F | fit the view to the scene |
 | 1 … 6 | front, back, left, right, top, bottom |
-| O | perspective or parallel rays |
+| O | perspective or orthographic |
 | C | cutting plane on and off |
 | Space | play, pause |
-| P | save a picture |
+| P | save an image |
 | R | start and stop a recording |
 | T | next tool |
-| U | undo a cut of tissue |
+| U | undo the last cut of tissue |
 | H | this help |
 | Ctrl-K | all commands |
 
-**Cut**: choose the tool *Cut* and draw a line across the surface, or switch a plane, box or sphere
-on in *Cut* and drag its handles.
+**Cut**: choose the tool *Cut* and draw a line across the surface. Or open *Cut*, switch on a plane,
+box or sphere, and drag its handles.
 
-**Record**: *Save and record*, or R; the movie is downloaded when you stop.
+**Record**: press R, or *Record* in *Save and record*. Press it again to stop; the browser then
+downloads the movie.
 """
 
 
 class Help(Panel):
+    """The help, in the panel and as a dialog."""
+
     title = "Help (H)"
 
     def build(self) -> None:
+        """Make the widgets."""
         self.gui.add_markdown(TEXT)
         self.gui.add_command("Help", hotkey="H").on_trigger(self.safe(self._show))
 

@@ -1,4 +1,4 @@
-"""What takes a while in a page: pictures and turntables that are being made."""
+"""Images and turntable movies in progress, with a note in the browser."""
 
 from __future__ import annotations
 
@@ -8,11 +8,16 @@ from typing import Any
 
 
 class Cancelled(Exception):
-    """Nobody wants any more what is being made."""
+    """The person has cancelled the job."""
 
 
 class Job:
-    """Something that takes a while, and the note in the browser of how far it is."""
+    """A job and its note in the browser.
+
+    Args:
+        browser: `viser.ClientHandle`.
+        title: of the note.
+    """
 
     def __init__(self, browser: Any, title: str):
         self.title, self.cancelled = title, False
@@ -20,16 +25,17 @@ class Job:
         self._started = self._said = time.monotonic()
 
     def progress(self, share: float) -> None:
-        """So much is done. Raises Cancelled."""
+        """Show the finished share, 0 to 1. Raises Cancelled."""
         if self.cancelled:
             raise Cancelled
         now = time.monotonic()
         if now - self._said > 0.3:
             self._said = now
             left = (now - self._started) * (1 - share) / share if share > 0 else 0
-            rest = f", {left:.0f} s left; Cancel is in Save and record" if left > 2 else ""
+            rest = f", {left:.0f} s left. To stop: Cancel in Save and record" if left > 2 else ""
             self._note.body = f"{100 * share:.0f} %{rest}"
 
     def end(self) -> None:
+        """Remove the note."""
         with contextlib.suppress(Exception):  # the browser may have left
             self._note.remove()

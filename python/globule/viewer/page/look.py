@@ -1,4 +1,4 @@
-"""Matter, light and surroundings."""
+"""The panel Material and light."""
 
 from __future__ import annotations
 
@@ -9,13 +9,16 @@ from .panel import Panel
 
 
 class LookPanel(Panel):
+    """Preset, material, lights and surroundings."""
+
     title = "Material and light"
 
     def build(self) -> None:
+        """Make the widgets."""
         self.add("look", "preset").on_update(self.safe(self._preset))
         self.add("look", "shadows")
         self.add("look", "ambient_rays", most=32)
-        self.add("look", "depth")
+        self.add("look", "bounces")
         self.add("look", "exposure", least=0.1, most=4.0, step=0.05)
         self.add("look", "sky")
         self.add("look", "ground")
@@ -33,7 +36,7 @@ class LookPanel(Panel):
 
 
 def use_preset(viewer: Any, name: str) -> None:
-    """A preset with all that belongs to it, instead of what was set before."""
+    """Set a preset with all its settings; `viewer`: `globule.viewer.app.Viewer`."""
     with viewer.source.lock:
         look = preset_look(viewer.source, viewer.state.snapshot(), name, viewer.up)
     names = (
@@ -43,7 +46,7 @@ def use_preset(viewer: Any, name: str) -> None:
         "sky",
         "ground",
         "shadows",
-        "depth",
+        "bounces",
         "ambient_rays",
         "exposure",
     )

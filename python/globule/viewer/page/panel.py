@@ -1,4 +1,4 @@
-"""What all panels share."""
+"""The base class of all panels."""
 
 from __future__ import annotations
 
@@ -8,7 +8,15 @@ from .widgets import safe
 
 
 class Panel:
-    """Part of the page; `title` is its heading, and it may be open from the start."""
+    """A part of the page.
+
+    Args:
+        page: `globule.viewer.page.Page`.
+
+    Attributes:
+        title: heading.
+        opened: the panel is open at the start.
+    """
 
     title = ""
     opened = False
@@ -23,29 +31,29 @@ class Panel:
             self.build()
 
     def wanted(self) -> bool:
-        """Whether the source has any use for it."""
+        """Whether the source needs this panel."""
         return True
 
     def build(self) -> None:
         """Make the widgets."""
 
     def button(self, label: str, called: Any, hint: str = "", icon: Any = None) -> Any:
-        """A button; `called` gets the browser that pressed it."""
+        """A button; `called` gets the browser (`viser.ClientHandle`) in which it was pressed."""
         button = self.gui.add_button(label, hint=hint or None, icon=icon)
         button.on_click(self.safe(lambda event: called(event.client)))
         return button
 
     def grew(self, moved: bool) -> None:
-        """More of what is shown has come; moved: so that the page's units are others now."""
+        """React to a source that has grown; moved: the page's units have changed."""
 
     def tick(self) -> None:
-        """A few times a second."""
+        """Called a few times per second."""
 
     def connected(self, browser: Any, client: Any) -> None:
-        """A browser has come."""
+        """React to a new browser."""
 
     def disconnected(self, browser: Any) -> None:
-        """A browser has left."""
+        """React to a browser that has left."""
 
     def close(self) -> None:
-        """The viewer ends."""
+        """React to the end of the viewer."""

@@ -1,4 +1,4 @@
-"""Time: of sequences, simulations and sweeps that are being recorded."""
+"""The panel of time: playback of sequences, simulations, live sweeps."""
 
 from __future__ import annotations
 
@@ -13,23 +13,28 @@ from ..sweep_source import COMPOUNDING
 from .panel import Panel
 from .widgets import bounded
 
-TITLES = {"sequence": "Play", "simulation": "Simulation", "sweep": "Sweep coming in"}
+TITLES = {"sequence": "Play", "simulation": "Simulation", "sweep": "Live sweep"}
 METHODS = ("pvn-om", "vvn-om", "pvn", "vvn", "bezier")
 
 
 class Play(Panel):
+    """Playback, steps and what else changes in time."""
+
     opened = True
     run_button: Any = None
     status: Any = None
 
     @property
-    def title(self) -> str:
+    def title(self) -> str:  # type: ignore[override]
+        """The heading for the kind of source."""
         return TITLES[self.viewer.source.kind]
 
     def wanted(self) -> bool:
+        """Whether the source changes in time."""
         return self.viewer.source.kind in TITLES
 
     def build(self) -> None:
+        """Make the widgets."""
         kind = self.viewer.source.kind
         {"sequence": self._sequence, "simulation": self._simulation, "sweep": self._sweep}[kind]()
         self.gui.add_command("Play or pause", hotkey="space").on_trigger(
@@ -37,7 +42,7 @@ class Play(Panel):
         )
 
     def tick(self) -> None:
-        """The button and the line below it say how it stands."""
+        """Update the button and the status below it."""
         if self.run_button is None:
             return
         source = self.viewer.source
@@ -50,7 +55,7 @@ class Play(Panel):
             self.status.content = source.status()
 
     def toggle(self) -> None:
-        """Go on, or stand still."""
+        """Run, or pause."""
         source = self.viewer.source
         if source.kind == "sequence":
             self.state.set(time__playing=not self.state.time.playing)
@@ -94,7 +99,7 @@ class Play(Panel):
             2.0,
             0.01,
             source.speed,
-            hint="Seconds of the simulation a second, where it can",
+            hint="Simulated seconds per second, if the machine is fast enough",
         )
         speed.on_update(self.safe(lambda event: setattr(source, "speed", bounded(speed))))
         longest = float(f"{source.tissue_extent():.2g}")
@@ -108,7 +113,7 @@ class Play(Panel):
                 longest,
                 step,
                 source.cut_depth,
-                hint="Below the surface; at its end all through",
+                hint="Depth below the surface; the right end cuts all through",
             )
             depth.on_update(
                 self.safe(
@@ -122,9 +127,9 @@ class Play(Panel):
             self.button(
                 "Undo the cut",
                 self._undo,
-                "Back to just before the last stroke; the last 5 are kept (key U)",
+                "Go back to before the last cut; at most 5 cuts (key U)",
             )
-            self.gui.add_command("Undo the cut of tissue", hotkey="U").on_trigger(
+            self.gui.add_command("Undo the last cut of tissue", hotkey="U").on_trigger(
                 self.safe(lambda event: self._undo(event.client))
             )
         for name, emitter in _named(sim, "emitters"):
@@ -133,7 +138,7 @@ class Play(Panel):
             self._instrument(name, instrument)
 
     def _run_and_status(self, label: str) -> None:
-        self.run_button = self.button(label, lambda browser: self.toggle(), "The space bar, too")
+        self.run_button = self.button(label, lambda browser: self.toggle(), "Key: space bar")
         self.status = self.gui.add_markdown(self.viewer.source.status())
 
     def _time(self, event: Any) -> None:
@@ -153,6 +158,7 @@ class Play(Panel):
         self.viewer.engine.notify()
 
     def run(self, running: bool) -> None:
+        """Run or pause the simulation."""
         self.viewer.source.play(running)
 
     def _switch(self, label: str, thing: Any, on: Callable[[], bool]) -> None:
@@ -160,7 +166,7 @@ class Play(Panel):
         self.switches.append((box, on))
 
         def changed(event: Any) -> None:
-            if event.client is None:  # set after a reset
+            if event.client is None:  # set by the program after a reset
                 return
             with self.viewer.source.lock:
                 thing.on = box.value
@@ -169,7 +175,7 @@ class Play(Panel):
         box.on_update(self.safe(changed))
 
     def _instrument(self, name: str, instrument: Any) -> None:
-        """A handle in the picture that moves a scalpel or a sucker."""
+        """A handle in the image that moves an instrument."""
         source, place = self.viewer.source, self.viewer.placement
         handle = self.page.server.scene.add_transform_controls(
             f"/instruments/{name}", scale=0.35, depth_test=False, visible=False
@@ -204,7 +210,7 @@ class Play(Panel):
     def _sweep(self) -> None:
         gui, source = self.gui, self.viewer.source
         self._run_and_status("Start")
-        buttons = gui.add_button_group("Frames", ("Undo", "Clear"))
+        buttons = gui.add_button_group("Images", ("Undo", "Clear"))
         buttons.on_click(self.safe(self._record))
         spacing = gui.add_number(
             "Spacing, mm",
@@ -212,21 +218,23 @@ class Play(Panel):
             min=0.01,
             max=100.0,
             step=0.1,
-            hint="Edge of a voxel; counts from the next Clear",
+            hint="Edge of a voxel; takes effect after Clear",
         )
         way = gui.add_dropdown(
             "Compounding",
             COMPOUNDING,
             initial_value=source.compounding,
-            hint="Of values in one voxel; counts from the next Clear",
+            hint="How the values in a voxel are combined; takes effect after Clear",
         )
         spacing.on_update(self.safe(lambda event: setattr(source, "spacing", bounded(spacing))))
         way.on_update(self.safe(lambda event: setattr(source, "compounding", way.value)))
-        self.method = gui.add_dropdown("Method", METHODS, initial_value=METHODS[0])
+        self.method = gui.add_dropdown(
+            "Method", METHODS, initial_value=METHODS[0], hint="Reconstruction method"
+        )
         self.button(
-            "Make the volume by this method",
+            "Reconstruct all images",
             lambda browser: self._finish(),
-            "Stops, and makes the volume again from all frames that came",
+            "Stop receiving, and reconstruct the volume by this method",
         )
 
     def _record(self, event: Any) -> None:

@@ -1,5 +1,8 @@
-"""Pictures, movies and the whole state, as downloads: what a browser asks for never becomes a path
-on this machine. Only a recording that the viewer's end interrupts stays here."""
+"""The panel Save and record: images, movies and settings as downloads.
+
+A browser's request never becomes a path on this machine. A recording that the end of the viewer
+interrupts is kept in the working folder.
+"""
 
 from __future__ import annotations
 
@@ -7,13 +10,13 @@ import contextlib
 import os
 import re
 import shutil
-import sys
 import tempfile
 import threading
 import time
 from collections.abc import Callable
 from typing import Any
 
+from ..log import log
 from ..recording import Recorder, Shot, checked_size, keep, turntable
 from ..state import MOST_BYTES
 from .jobs import Cancelled, Job
@@ -22,37 +25,46 @@ from .widgets import bounded
 
 FIRST_SIZE = "1280x720"
 FORMATS = ("PNG", "EXR")
-SLOW = "globule: finishing the recording; Ctrl-C gives it up"
-MOST_CANCELLING = 1.0  # s that the viewer's end waits for what is given up
+SLOW = "finishing the recording; press Ctrl-C again to discard it"
+MOST_CANCELLING = 1.0  # s that the end of the viewer waits for cancelled jobs
 
 
 class Save(Panel):
+    """Downloads of images, movies, settings and commands."""
+
     title = "Save and record"
 
     def build(self) -> None:
+        """Make the widgets."""
         gui = self.gui
-        self._recorders: dict[int, tuple[Recorder, str, Any]] = {}  # and what says so
+        self._recorders: dict[int, tuple[Recorder, str, Any]] = {}  # with path and note
         self._jobs: dict[int, list[Job]] = {}  # by browser
         self._lock = threading.Lock()
-        self.size = gui.add_text("Size", FIRST_SIZE, hint="Width x height in pixels; any")
-        self.samples = gui.add_slider("Samples", 1, 256, 1, 16, hint="Rays per pixel of a picture")
-        self.format = gui.add_dropdown("Picture as", FORMATS)
-        self.button("Save a picture", self.picture, "Key P")
-        self.fps = gui.add_slider("Movie's pictures / s", 5, 60, 1, 30)
-        self.record_button = self.button("Record", self.record, "Starts and stops; key R")
-        self.seconds = gui.add_slider("Turntable, seconds", 1, 60, 1, 8)
-        self.button("Turntable movie", self.turntable, "Once around what is seen")
+        self.size = gui.add_text("Size", FIRST_SIZE, hint="Width x height in pixels")
+        self.samples = gui.add_slider(
+            "Samples", 1, 256, 1, 16, hint="Rays per pixel of a saved image"
+        )
+        self.format = gui.add_dropdown(
+            "Image format", FORMATS, hint="EXR: linear light, distance and normals"
+        )
+        self.button("Save image", self.picture, "Key P")
+        self.fps = gui.add_slider("Movie frame rate", 5, 60, 1, 30, hint="Frames per second")
+        self.record_button = self.button(
+            "Record", self.record, "Start or stop a movie of this view (key R)"
+        )
+        self.seconds = gui.add_slider("Turntable, s", 1, 60, 1, 8, hint="Length of the movie")
+        self.button("Turntable movie", self.turntable, "One turn around the scene")
         self.cancel_button = self.button(
-            "Cancel", self.cancel, "Ends the picture or turntable that is being made"
+            "Cancel", self.cancel, "Stop the image or turntable in progress"
         )
         self.cancel_button.visible = False
         with gui.add_folder("All settings", expand_by_default=False):
             self.button("Save settings", self.save_state, "As a TOML file")
             self.upload = gui.add_upload_button("Load settings", mime_type=".toml,text/plain")
             self.upload.on_upload(self.safe(self._load))
-            self.button("As a command, and as Python", self.show_equivalent)
+            self.button("As command and Python", self.show_equivalent, "Both make the same image")
         for key, label, called in (
-            ("P", "Save a picture", self.picture),
+            ("P", "Save image", self.picture),
             ("R", "Record", self.record),
         ):
             gui.add_command(label, hotkey=key).on_trigger(
@@ -60,27 +72,31 @@ class Save(Panel):
             )
 
     def chosen_size(self) -> tuple[int, int]:
+        """(width, height), pixels. Raises ValueError."""
         match = re.fullmatch(r"\s*(\d{1,5})\s*[x×,]\s*(\d{1,5})\s*", self.size.value)
         if not match:
-            raise ValueError(f"Size: expected WIDTHxHEIGHT, got {self.size.value!r}")
+            raise ValueError(
+                f"Size: expected WIDTHxHEIGHT such as {FIRST_SIZE}, got {self.size.value!r}"
+            )
         return checked_size((match[1], match[2]))
 
     def chosen_extension(self) -> str:
-        """A browser may send anything, and it becomes part of a path."""
+        """The extension, .png or .exr. Raises ValueError, since a browser may send anything."""
         if self.format.value not in FORMATS:
             expected = " or ".join(FORMATS)
-            raise ValueError(f"Picture as: expected {expected}, got {self.format.value!r}")
+            raise ValueError(f"Image format: expected {expected}, got {self.format.value!r}")
         return "." + self.format.value.lower()
 
     def _client(self, browser: Any) -> Any:
         return self.viewer.clients[browser.client_id]
 
     def picture(self, browser: Any) -> None:
+        """Give the browser an image of its view."""
         extension, client = self.chosen_extension(), self._client(browser)
         size, samples = self.chosen_size(), int(bounded(self.samples))
         self._make(
             browser,
-            "Picture",
+            "Image",
             f"globule{extension}",
             lambda progress: Shot(
                 self.viewer.engine, client.camera, size, samples, client.marks, progress
@@ -88,6 +104,7 @@ class Save(Panel):
         )
 
     def turntable(self, browser: Any) -> None:
+        """Give the browser a movie of one turn around its view."""
         camera, size = self._client(browser).camera, self.chosen_size()
         seconds, fps = bounded(self.seconds), bounded(self.fps)
 
@@ -103,11 +120,11 @@ class Save(Panel):
     def _make(
         self, browser: Any, title: str, name: str, made: Callable[[Callable[[float], None]], bytes]
     ) -> None:
-        """Make a file's bytes, with a note of how far they are, and give them to the browser."""
+        """Make the bytes of a file with a note about the progress; give them to the browser."""
         key = browser.client_id
         with self._lock:
             if title == "Turntable" and any(job.title == title for job in self._jobs.get(key, ())):
-                raise ValueError("turntable: one is being made; Cancel ends it")
+                raise ValueError("turntable: one movie is in progress. Press Cancel to stop it.")
             job = Job(browser, title)
             self._jobs.setdefault(key, []).append(job)
             self.cancel_button.visible = True
@@ -125,16 +142,16 @@ class Save(Panel):
         browser.send_file_download(name, data, save_immediately=True)
 
     def cancel(self, browser: Any) -> None:
-        """End what a browser has asked for."""
+        """Cancel the jobs of a browser."""
         with self._lock:
             jobs = list(self._jobs.get(browser.client_id, ()))
         if not jobs:
-            raise ValueError("cancel: nothing is being made for this page")
+            raise ValueError("cancel: expected an image or turntable in progress, got none")
         for job in jobs:
             job.cancelled = True
 
     def record(self, browser: Any) -> None:
-        """Start, or stop and download; each browser its own."""
+        """Start the browser's recording, or stop it and give it to the browser."""
         with self._lock:
             running = self._recorders.pop(browser.client_id, None)
             if running is None:
@@ -142,7 +159,10 @@ class Save(Panel):
                 path = os.path.join(tempfile.mkdtemp(prefix="globule-"), "movie.mp4")
                 recorder = Recorder(self.viewer.engine, lambda: client.camera, path, size, fps)
                 note = browser.add_notification(
-                    "Recording", "R, or the button, stops it", loading=True, with_close_button=False
+                    "Recording",
+                    "Press R or the button to stop",
+                    loading=True,
+                    with_close_button=False,
                 )
                 self._recorders[browser.client_id] = recorder, path, note
                 self.record_button.label, self.record_button.color = "Stop recording", "red"
@@ -165,6 +185,7 @@ class Save(Panel):
     # Settings
 
     def save_state(self, browser: Any) -> None:
+        """Give the browser all settings as TOML."""
         text = self.state.to_toml(self._client(browser).camera)
         browser.send_file_download("globule-view.toml", text.encode(), save_immediately=True)
 
@@ -180,15 +201,16 @@ class Save(Panel):
             self.viewer.move(event.client, camera)
 
     def show_equivalent(self, browser: Any) -> None:
+        """Show and log a command and a program that make the image."""
         command, code = self.viewer.equivalent(self._client(browser).camera, self.chosen_size())
-        print(f"{command}\n\n{code}")
+        log.info("the same image:\n%s\n\n%s", command, code)
         gui = browser.gui
-        with gui.add_modal("The same picture") as modal:
+        with gui.add_modal("The same image") as modal:
             gui.add_markdown(f"```sh\n{command}\n```\n\n```python\n{code}```")
             gui.add_button("Close").on_click(lambda _: modal.close())
 
     def close(self) -> None:
-        """The viewer ends: pictures and turntables are given up, recordings kept."""
+        """Cancel images and turntables, and keep recordings."""
         with self._lock:
             running, self._recorders = self._recorders, {}
             jobs = [job for several in self._jobs.values() for job in several]
@@ -201,24 +223,27 @@ class Save(Panel):
             time.sleep(0.02)
 
     def _keep(self, recorder: Recorder, path: str, note: Any) -> None:
-        """Nobody will take it any more, so it stays here."""
-        slow = threading.Timer(1.0, print, [SLOW], {"file": sys.stderr})
+        """Keep a recording in the working folder, since no browser can take it any more."""
+        slow = threading.Timer(1.0, log.info, [SLOW])
         slow.start()
         try:
             self._stop(recorder)
             name = f"movie-{time.strftime('%Y%m%d-%H%M%S')}"
             try:
                 kept = keep(path, name)
-            except OSError:  # nothing can be written here
+            except OSError:  # the working folder is read-only
                 kept = keep(path, os.path.join(tempfile.gettempdir(), name))
-            said = f"the recording is {kept}"
-            words = f"the viewer has ended; the recording is {os.path.basename(kept)}, where it ran"
+            said = f"the recording is in {kept}"
+            words = (
+                f"The viewer has stopped. The recording is {os.path.basename(kept)} in the folder "
+                "in which it ran."
+            )
         except Exception as error:
-            said = words = f"the viewer has ended and the recording is lost: {error}"
+            said = words = f"the viewer has stopped and the recording is lost: {error}"
         finally:
             slow.cancel()
             _remove(path)
-        print(f"globule: {said}", file=sys.stderr)
+        log.info("%s", said)
         with contextlib.suppress(Exception):  # the browser may have left
             note.title, note.body, note.loading = "Recording", words, False
             note.with_close_button = True
@@ -226,6 +251,7 @@ class Save(Panel):
             time.sleep(0.2)  # until it is there
 
     def disconnected(self, browser: Any) -> None:
+        """Cancel the jobs of a browser that has left, and drop its recording."""
         with self._lock:
             running = self._recorders.pop(browser.client_id, None)
             for job in self._jobs.get(browser.client_id, ()):

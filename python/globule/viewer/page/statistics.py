@@ -1,4 +1,4 @@
-"""How fast it goes, and how much there is."""
+"""The panel Statistics."""
 
 from __future__ import annotations
 
@@ -14,17 +14,22 @@ EVERY = 0.5  # s
 
 
 class Statistics(Panel):
+    """Rates, times, sizes and memory, for each browser."""
+
     title = "Statistics"
 
     def build(self) -> None:
+        """Make the widgets."""
         self._texts: dict[int, tuple[Any, Any]] = {}
         threading.Thread(target=self._keep_saying, name="globule statistics", daemon=True).start()
 
     def connected(self, browser: Any, client: Any) -> None:
+        """Add a table for a browser."""
         with self.folder:
             self._texts[browser.client_id] = browser.gui.add_markdown("…"), client
 
     def disconnected(self, browser: Any) -> None:
+        """Remove the table of a browser."""
         self._texts.pop(browser.client_id, None)
 
     def _keep_saying(self) -> None:
@@ -37,12 +42,13 @@ class Statistics(Panel):
                     text.content = content
 
     def table(self, client: Any) -> str:
+        """The table of a `Client` as Markdown."""
         engine, pacer, source = self.viewer.engine, client.pacer, self.viewer.source
         scene = source.maker.last_scene
         frame = client.frame
         latency = float(np.median(pacer.latency)) if pacer.latency else 0.0
         rows = {
-            "pictures": f"{pacer.rate:.1f} / s, {client.number:,} in all",
+            "frame rate": f"{pacer.rate:.1f} / s, {client.number:,} images",
             "size": f"{frame.size[0]} x {frame.size[1]}, {frame.samples} samples" if frame else "",
             "trace": f"{1e3 * engine.trace_seconds:.1f} ms",
             "encode": f"{1e3 * engine.encode_seconds:.1f} ms",

@@ -1,6 +1,8 @@
-"""What the surface is, and how good its picture."""
+"""The panel Surface and quality."""
 
 from __future__ import annotations
+
+from typing import Any
 
 import numpy as np
 
@@ -10,9 +12,12 @@ from .panel import Panel
 
 
 class SurfacePanel(Panel):
+    """The implicit surface, and the quality of its image."""
+
     title = "Surface and quality"
 
     def build(self) -> None:
+        """Make the widgets."""
         viewer = self.viewer
         with viewer.source.lock:
             scene = viewer.source.layers(viewer.state.snapshot())[0].scene
@@ -36,14 +41,15 @@ class SurfacePanel(Panel):
         )
         self.add("surface", "kernel")
         self.add("surface", "root")
-        self.button("Default surface", self.defaults)
+        self.button("Default surface", self.defaults, "Reset the four settings above")
         self.gui.add_divider()
         self.add("quality", "samples", most=64)
         self.add("quality", "rate", most=60.0, step=1.0)
         self.add("quality", "sharpness", step=1)
         self.add("quality", "width")
 
-    def defaults(self, browser) -> None:
+    def defaults(self, browser: Any) -> None:
+        """Reset kernel, threshold, support and root method."""
         self.state.set(
             surface__threshold=None,
             surface__support=None,

@@ -1,4 +1,4 @@
-"""What clicks and strokes in the picture do: each browser has a tool of its own."""
+"""The mouse tools: clicks and strokes in the image. Each browser has its own tool."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from .widgets import safe
 
 ROTATE, MEASURE, CUT = "Rotate, pick", "Measure", "Cut"
 GRASP, SUCTION = "Grasp", "Suction"
-DRAGGED = (CUT, GRASP, SUCTION)  # with these a drag does not turn the view
-HINT = "*Cut* cuts along a line that you draw, *Measure* between two clicks."
+DRAGGED = (CUT, GRASP, SUCTION)  # tools with which a drag does not rotate the view
+HINT = "*Cut* cuts along a line that you draw. *Measure* gives the distance of two clicks."
 MOST_POINTS = 400  # of a stroke
-STAYS = 4.0  # s that a stroke is seen
+STAYS = 4.0  # s that a stroke is shown
 WOUND = (60, 8, 12)
-LONGEST = 12  # attributes that a mark names
+LONGEST = 12  # attributes in the panel
 
 
 class Tools:
-    """The choice of tool, and the hands of all browsers."""
+    """The tools that the source allows, and the `Hand` of each browser."""
 
     def __init__(self, page: Any):
         self.page, self.hands = page, {}
@@ -41,14 +41,16 @@ class Tools:
         command.on_trigger(lambda event: self.hands[event.client_id].next_tool())
 
     def connected(self, browser: Any, client: Client) -> None:
+        """Add the hand of a browser."""
         self.hands[browser.client_id] = Hand(self, browser, client)
 
     def disconnected(self, browser: Any) -> None:
+        """Remove the hand of a browser."""
         self.hands.pop(browser.client_id, None)
 
 
 class Hand:
-    """One browser's tool, and what it has marked."""
+    """The tool of one browser, and its marks."""
 
     def __init__(self, tools: Tools, browser: Any, client: Client):
         self.tools, self.page, self.browser, self.client = tools, tools.page, browser, client
@@ -61,7 +63,10 @@ class Hand:
         self._seen: tuple[Any, np.ndarray] | None = None
         with tools.folder:
             self.choice = browser.gui.add_dropdown(
-                "With the mouse", tools.choices, initial_value=ROTATE, hint="Key T changes it"
+                "Mouse tool",
+                tools.choices,
+                initial_value=ROTATE,
+                hint="Key T selects the next tool",
             )
             self.text = browser.gui.add_markdown(HINT)
         caught = safe(self.page)
@@ -70,23 +75,25 @@ class Hand:
 
     @property
     def tool(self) -> str:
+        """The name of the current tool."""
         return self.choice.value
 
     def next_tool(self) -> None:
+        """Select the next tool."""
         at = self.tools.choices.index(self.tool)
         self.choice.value = self.tools.choices[(at + 1) % len(self.tools.choices)]
         self.take(self.choice.value)
 
     def take(self, tool: str) -> None:
-        """Begin anew with a tool."""
+        """Select a tool and remove the marks of the last one."""
         self.picked = []
         self.client.mark([])
         self.text.content = {
             ROTATE: HINT,
             MEASURE: "Click two points.",
-            CUT: "Draw a line across what is to be cut.",
-            GRASP: "Drag a piece of the surface while it runs.",
-            SUCTION: "Drag over what is to be taken away while it runs.",
+            CUT: "Draw a line across the surface to cut it.",
+            GRASP: "Drag a part of the surface while the simulation runs.",
+            SUCTION: "Drag over the fluid to remove it while the simulation runs.",
         }[tool]
         if self._catcher is not None:
             self._catcher.remove()
@@ -103,7 +110,7 @@ class Hand:
         if found is None:
             self.picked = []
             self.client.mark([])
-            self.text.content = "Nothing there."
+            self.text.content = "There is no surface."
             return
         self.picked = [*self.picked, found][-2:] if self.tool == MEASURE else [found]
         if self.tool == MEASURE and len(self.picked) == 2:
@@ -123,7 +130,7 @@ class Hand:
         self.client.mark([Mark((where,), "" if self.tool == MEASURE else title, RED)])
 
     def pick(self, screen: tuple[float, float]) -> Picked | Probed | None:
-        """What this browser sees at a place in its picture, (0, 0) to (1, 1)."""
+        """The surface or slice at a place (0, 0) to (1, 1) of this browser's image, or None."""
         frame = self.client.frame
         if frame is None:
             return None
@@ -150,7 +157,7 @@ class Hand:
     # Strokes
 
     def _catch(self) -> None:
-        """Strokes are drags on something that is everywhere and cannot be seen."""
+        """Add an invisible mesh around everything, which catches drags."""
         edge = 400.0
         corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
         faces = np.array(
@@ -180,7 +187,7 @@ class Hand:
         )
 
         @self._catcher.on_drag("left")
-        async def _(event: Any) -> None:  # awaited in order, so kept short
+        async def _(event: Any) -> None:  # runs in the event loop
             try:
                 self._drawn(event.phase, tuple(event.start_screen_pos), tuple(event.end_screen_pos))
             except Exception as error:
@@ -189,7 +196,7 @@ class Hand:
     def _drawn(self, phase: str, start: tuple, here: tuple) -> None:
         if phase == "start":
             self.stroke, self._drawing = [start], True
-        if not self._drawing:  # a move that was held back comes after the end
+        if not self._drawing:  # a late move after the end
             return
         self._drawing = phase != "end"
         if len(self.stroke) < MOST_POINTS:
@@ -211,7 +218,7 @@ class Hand:
             self._leave(Mark(tuple(points), "", WOUND, thin=True))
 
     def _leave(self, mark: Mark) -> None:
-        """Show where a stroke was for a moment."""
+        """Show the stroke for a moment."""
         left = [mark]
         self.client.mark(left)
 
@@ -224,11 +231,14 @@ class Hand:
         timer.start()
 
     def along_stroke(self) -> list[tuple[float, float, float]]:
-        """The stroke's points on the surface."""
+        """The points of the stroke on the surface, (x, y, z) each, world."""
         return self.on_surface(self.stroke)
 
     def on_surface(self, screens: list) -> list[tuple[float, float, float]]:
-        """Where places of the picture are in the world; beside the surface as deep as it is."""
+        """Points, world, at places (0, 0) to (1, 1) of the image.
+
+        Beside the surface, the median distance of the other points applies.
+        """
         frame = self.client.frame
         if frame is None:
             return []
@@ -249,14 +259,14 @@ class Hand:
         return points
 
     def _depth(self, frame: Any) -> np.ndarray:
-        """The picture's depths, fetched once."""
+        """The distances (H, W) of the frame, fetched once."""
         if self._seen is None or self._seen[0] is not frame:
             self._seen = frame, frame.distance
         return self._seen[1]
 
 
 def describe(found: Picked, unit: str = "") -> str:
-    """What was picked, for the panel."""
+    """A picked point as a table for the panel; unit: of lengths."""
     rows = {
         "position": _words(found.position) + unit,
         "normal": _words(found.normal),
@@ -271,7 +281,7 @@ def describe(found: Picked, unit: str = "") -> str:
 
 
 def table(rows: dict[str, str]) -> str:
-    """Names and values, for the panel."""
+    """Names and values as a Markdown table."""
     return "| | |\n|---|---|\n" + "\n".join(f"| {k} | {v} |" for k, v in rows.items())
 
 

@@ -1,4 +1,4 @@
-"""Where the camera is: fit, standard views, bookmarks."""
+"""The panel View: fit, standard views, projection, bookmarks."""
 
 from __future__ import annotations
 
@@ -13,33 +13,36 @@ from .panel import Panel
 
 VIEWS = ("front", "back", "left", "right", "top", "bottom")
 NONE = "(none yet)"
-FOV = 40.0  # degrees, after parallel rays
+FOV = 40.0  # degrees, vertical, after an orthographic view
 
 
 class View(Panel):
+    """The camera of the browser."""
+
     title = "View"
     opened = True
 
     def build(self) -> None:
-        self.button("Fit all", self.fit, "See everything from here (key F)")
+        """Make the widgets."""
+        self.button("Fit all", self.fit, "Show everything from this direction (key F)")
         self.gui.add_button_group("Look from", VIEWS[:3]).on_click(self.safe(self._stand))
         self.gui.add_button_group("", VIEWS[3:]).on_click(self.safe(self._stand))
         self.button(
-            "Perspective / parallel",
+            "Perspective / orthographic",
             self.flatten,
-            "Parallel rays (orthographic): nothing looks smaller far away (key O)",
+            "Orthographic: distance does not make things smaller (key O)",
         )
         with self.gui.add_folder("Bookmarks", expand_by_default=False):
             self.name = self.gui.add_text("Name", "view 1")
-            self.button("Keep this view", self.keep)
+            self.button("Save view", self.keep)
             self.names = self.gui.add_dropdown("Go to", self._names())
             self.button("Go", lambda browser: self.go(browser, self.names.value))
-            self.button("Forget", lambda browser: self.forget(self.names.value))
+            self.button("Delete", lambda browser: self.forget(self.names.value))
         self.state.listen(self._follow)
         for key, name in zip("123456", VIEWS, strict=True):
             self._command(f"Look from: {name}", key, lambda b, name=name: self.stand(b, name))
         self._command("Fit all", "F", self.fit)
-        self._command("Perspective or parallel", "O", self.flatten)
+        self._command("Perspective or orthographic", "O", self.flatten)
 
     def _command(self, label: str, key: str, called: Any) -> None:
         self.gui.add_command(label, hotkey=key).on_trigger(
@@ -50,7 +53,7 @@ class View(Panel):
         self.stand(event.client, event.target.value)
 
     def stand(self, browser: Any, name: str) -> None:
-        """Look at everything along an axis."""
+        """Show everything from a direction in `VIEWS`."""
         right, above, front = view_axes(self.viewer.up)
         towards = {
             "front": front,
@@ -66,16 +69,17 @@ class View(Panel):
         self._see(browser, towards)
 
     def fit(self, browser: Any) -> None:
-        """See everything in the direction of now."""
+        """Show everything from the current direction."""
         camera = self.viewer.camera_of(browser.camera)
         self._see(browser, np.subtract(camera.eye, camera.look_at))
 
     def grew(self, moved: bool) -> None:
+        """Fit all views to the new extent."""
         for browser in self.page.server.get_clients().values() if moved else ():
             self.fit(browser)
 
     def flatten(self, browser: Any) -> None:
-        """Parallel rays instead of a perspective that shows as much, and back."""
+        """Switch between a perspective and an orthographic camera with the same field of view."""
         camera = self.viewer.camera_of(browser.camera)
         away = np.subtract(camera.eye, camera.look_at)
         distance = float(np.linalg.norm(away))
@@ -95,7 +99,7 @@ class View(Panel):
             size = (browser.camera.image_width, browser.camera.image_height)
             around = viewer.source.outline()
             if scene.octree.n_inside == 0 and around is None:
-                raise ValueError("fit: expected particles to look at, got none")
+                raise ValueError("fit: expected particles to show, got none")
             now = viewer.camera_of(browser.camera)
             camera = fit_camera(
                 scene,
@@ -114,6 +118,7 @@ class View(Panel):
         return tuple(self.state.bookmarks) or (NONE,)
 
     def keep(self, browser: Any) -> None:
+        """Save the browser's camera as a bookmark. Raises ValueError."""
         name = self.name.value.strip()[:60]
         if not name:
             raise ValueError("bookmark: expected a name, got none")
@@ -125,10 +130,12 @@ class View(Panel):
         self.name.value = f"view {len(self.state.bookmarks) + 1}"
 
     def go(self, browser: Any, name: str) -> None:
+        """Move the browser's camera to a bookmark."""
         if name in self.state.bookmarks:
             self.viewer.move(browser, self.state.bookmarks[name])
 
     def forget(self, name: str) -> None:
+        """Delete a bookmark."""
         self.state.bookmarks.pop(name, None)
         self.state.tell({"bookmarks"})
 

@@ -1,4 +1,4 @@
-"""Slices through a volume, its surface, and frames of the sweep in place."""
+"""The panel Volume: slices, iso-surface, images of the sweep."""
 
 from __future__ import annotations
 
@@ -6,14 +6,18 @@ from .panel import Panel
 
 
 class VolumePanel(Panel):
+    """Slices, iso-value, and the image of the sweep to show."""
+
     title = "Volume"
     opened = True
-    _found: tuple = ()  # the level that is shown, and the most
+    _found: tuple = ()  # automatic iso-value and largest value
 
     def wanted(self) -> bool:
+        """Whether the source has a volume."""
         return hasattr(self.viewer.source, "volume")
 
     def build(self) -> None:
+        """Make the widgets."""
         self.add("slices", "shown")
         for name in "xyz":
             self.add("slices", name)
@@ -30,14 +34,14 @@ class VolumePanel(Panel):
             self.add("slices", "number", most=max(1, source.n_sweep_frames - 1))
 
     def tick(self) -> None:
-        """Where the slices are."""
+        """Update the positions of the slices."""
         if self.wanted():
             places = self.viewer.source.places(self.state)
             if self.places.content != places:
                 self.places.content = places
 
     def grew(self, moved: bool) -> None:
-        """The level that is found follows the values that come."""
+        """Adapt the automatic iso-value to the volume."""
         source = self.viewer.source
         found = source.level, source.most_level
         if self.state.slices.level is None and found != self._found:

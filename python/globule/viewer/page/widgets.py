@@ -1,4 +1,4 @@
-"""Widgets of settings: what a person changes goes to the state, and what changes there is shown."""
+"""Widgets that set and show the settings."""
 
 from __future__ import annotations
 
@@ -12,15 +12,23 @@ from viser import GuiSliderHandle
 
 from ..state import FAR, State, field_of
 
-PATIENCE = 2.0  # s that a number outside of its ends may stay: it may be the beginning of another
+PATIENCE = 2.0  # s that a person may take to type a number whose first digits are out of range
 
 
 class Binder:
-    """Widgets by the setting that they show, as "surface.kernel".
+    """The widgets of all settings.
 
-    A browser tells every key that is pressed in a field. So nothing is written back into a field
-    whose own change is followed, which would end up between the digits; and what is outside of the
-    ends waits until it stays.
+    A browser sends a message for every key that is pressed in a field. The binder therefore writes
+    nothing back into the field that has just changed, which would disturb typing. A number out of
+    range waits for further digits.
+
+    Args:
+        gui: `viser.GuiApi`.
+        state: whose settings are shown.
+        on_error: called with the browser and a message.
+
+    Attributes:
+        widgets: by setting, such as "surface.kernel".
     """
 
     def __init__(self, gui: Any, state: State, on_error: Callable[[Any, str], None]):
@@ -28,20 +36,25 @@ class Binder:
         self.widgets: dict[str, Any] = {}
         self._shown: dict[str, Callable[[Any], Any]] = {}
         self._waiting: dict[str, threading.Timer] = {}
-        self._lock = threading.RLock()  # what was typed last counts last
-        self._own = threading.local()  # .key: the setting that this thread takes from its widget
+        self._lock = threading.RLock()  # the last key counts
+        self._own = threading.local()  # .key: the setting that this thread reads from its widget
         state.listen(self._follow)
 
     def add(self, group: str, name: str, **given: Any) -> Any:
-        """A widget for a setting; `given` replaces what its field says: label, least, most, step,
-        options; `usual` is shown where the setting is open."""
+        """Add the widget of a setting.
+
+        Args:
+            group, name: of the setting.
+            given: replaces facts of its field: label, least, most, step, options; `usual` is shown
+                while the setting is None; `none` is the option that stands for "".
+        """
         field = field_of(group, name)
         facts = {**field.metadata, **given}
         for end in ("least", "most", "step"):
             if isinstance(facts.get(end), float):
                 facts[end] = float(f"{facts[end]:.3g}")  # short enough to be read on a slider
         value = getattr(getattr(self.state, group), name)
-        if facts["kind"] == "real" and value is not None:  # as the command or a file has it
+        if facts["kind"] == "real" and value is not None:  # a command or a file may exceed them
             facts["least"], facts["most"] = min(facts["least"], value), max(facts["most"], value)
         to_page = self._to_page(facts)
         widget = self._make(facts, to_page(value))
@@ -50,14 +63,13 @@ class Binder:
 
         @widget.on_update
         def _(event: Any) -> None:
-            if event.client is not None:  # else set by us
+            if event.client is not None:  # None: set by the program
                 self._take(key, facts, event.client)
 
         return widget
 
     def _take(self, key: str, facts: dict, browser: Any, stayed: bool = False) -> None:
-        """The setting becomes what its widget says; what is outside of the ends only if it has
-        stayed, and then the nearest there is."""
+        """Set a setting to its widget's value; one that stays out of range: to the nearest end."""
         with self._lock:
             waiting = self._waiting.pop(key, None)
             if waiting is not None:
@@ -122,8 +134,11 @@ class Binder:
         return value
 
     def nearest(self, browser: Any, key: str, value: Any) -> Any:
-        """What a setting in a file that a browser brings becomes: lengths, which have no ends of
-        their own, stay between those of their slider; pictures of others might take for ever."""
+        """The value to take for a setting in a file that a browser uploads.
+
+        A length has no range of its own. It is limited to the range of its slider, since an image
+        with any other value might take forever.
+        """
         group, _, name = key.partition("__")
         widget = self.widgets.get(f"{group}.{name}")
         unlimited = field_of(group, name).metadata.get("most") == FAR
@@ -143,13 +158,13 @@ class Binder:
 
 
 def ends(widget: Any, facts: dict) -> tuple[float, float]:
-    """Least and most of a number's widget: a slider's own, which may have moved."""
+    """Least and most value of a number's widget; those of a slider may have changed."""
     slider = facts["kind"] != "triple" and not facts.get("typed")
     return (widget.min, widget.max) if slider else (facts["least"], facts["most"])
 
 
 def within(widget: Any, facts: dict, value: Any) -> Any:
-    """The nearest value between a widget's ends, which a browser need not keep to."""
+    """The nearest value in the range of a widget; a browser may send any value."""
     if isinstance(value, tuple):
         return tuple(within(widget, facts, v) for v in value)
     number = isinstance(value, (int, float)) and not isinstance(value, bool)
@@ -160,8 +175,9 @@ def within(widget: Any, facts: dict, value: Any) -> Any:
 
 
 def outside(label: str, least: float, most: float, value: Any, taken: Any) -> str:
-    """The sentence for a value that is not between its ends."""
-    return f"{label}: expected {least:g} to {most:g}, got {_words(value)}: {_words(taken)} is taken"
+    """The message about a value out of range."""
+    expected = f"{label}: expected {least:g} to {most:g}, got {_words(value)}."
+    return f"{expected} The viewer uses {_words(taken)}."
 
 
 def _words(value: Any) -> str:
@@ -169,7 +185,7 @@ def _words(value: Any) -> str:
 
 
 def bounded(slider: Any) -> float:
-    """A slider's value within its ends, which a browser need not keep to."""
+    """The nearest value in the range of a slider; a browser may send any value."""
     value = slider.value
     if isinstance(value, bool) or not isinstance(value, (int, float)) or value != value:
         raise ValueError(f"{slider.label}: expected a number, got {value!r}")
@@ -177,7 +193,7 @@ def bounded(slider: Any) -> float:
 
 
 def safe(page: Any) -> Callable[[Callable], Callable]:
-    """A decorator for callbacks: what goes wrong is said in the page that asked."""
+    """A decorator for callbacks, which shows errors in the browser that caused them."""
 
     def wrap(called: Callable) -> Callable:
         @functools.wraps(called)

@@ -1,0 +1,270 @@
+"""Who may see the page, and what browsers may send."""
+
+from __future__ import annotations
+
+import asyncio
+import http.client
+import socket
+import threading
+
+import globule as gb
+import numpy as np
+import pytest
+from globule.viewer.guard import MOST_MESSAGE, Guard, is_local
+from waiting import until
+
+pytest.importorskip("viser")
+
+
+def headers(**given):
+    from websockets.datastructures import Headers
+
+    return Headers({name.replace("_", "-"): value for name, value in given.items()})
+
+
+def test_this_machines_address_is_for_this_machine():
+    guard = Guard(None)
+    assert guard.refusal("/", headers(Host="127.0.0.1:8080")) is None
+    own = headers(Host="localhost:9000", Origin="http://localhost:9000")
+    assert guard.refusal("/", own) is None
+    assert guard.refusal("/", headers(Host="evil.example")) is not None
+    assert guard.refusal("/", headers(Host="localhost:8080", Origin="http://evil.example"))
+    assert is_local("[::1]:80")
+    assert not is_local("127.0.0.1.evil.example")
+
+
+def test_other_addresses_demand_the_token():
+    guard = Guard("secret")
+    assert guard.refusal("/", headers(Host="box:8080")) is not None
+    assert guard.refusal("/?token=wrong", headers(Host="box:8080")) is not None
+    assert guard.refusal("/?token=secret", headers(Host="box:8080")) is None
+    assert guard.refusal("/x.js", headers(Host="box", Cookie="a=b; globule=secret")) is None
+    assert guard.refusal("/x.js", headers(Host="box", Cookie="globule=no")) is not None
+
+
+@pytest.fixture
+def guarded():
+    viewer = gb.view(
+        np.zeros((1, 3), np.float32), host="0.0.0.0", port=0, browser=False, block=False
+    )
+    yield viewer
+    viewer.close()
+
+
+def ask(port: int, path: str = "/", **given) -> http.client.HTTPResponse:
+    connection = http.client.HTTPConnection("127.0.0.1", port, timeout=20)
+    connection.request("GET", path, headers={k.replace("_", "-"): v for k, v in given.items()})
+    return connection.getresponse()
+
+
+UPGRADE = {
+    "Upgrade": "websocket",
+    "Connection": "Upgrade",
+    "Sec_WebSocket_Version": "13",
+    "Sec_WebSocket_Key": "dGhlIHNhbXBsZSBub25jZQ==",
+}
+
+
+def test_without_the_token_neither_page_nor_messages(guarded, capfd):
+    assert f"?token={guarded.token}" in guarded.address
+    for path in ("/", "/index.html", "/?token=x", "/%2e%2e/etc/passwd"):
+        assert ask(guarded.port, path).status == 403
+    assert ask(guarded.port, **UPGRADE).status == 403
+    assert ask(guarded.port, "/?token=x", **UPGRADE).status == 403
+    good = ask(guarded.port, f"/?token={guarded.token}")
+    assert good.status == 200
+    assert "default-src 'self'" in good.headers["Content-Security-Policy"]
+    cookie = good.headers["Set-Cookie"]
+    assert "HttpOnly" in cookie
+    assert "SameSite=Strict" in cookie
+    name = cookie.split(";")[0]
+    assert ask(guarded.port, "/", Cookie=name).status == 200
+    import viser
+
+    protocol = f"viser-v{viser.__version__}"
+    assert ask(guarded.port, Cookie=name, Sec_WebSocket_Protocol=protocol, **UPGRADE).status == 101
+    strange = dict(UPGRADE, Origin="http://evil.example", Cookie=name)
+    assert ask(guarded.port, **strange).status == 403
+
+
+def test_large_messages_end_the_connection(guarded):
+    import viser
+    import websockets.exceptions
+    from websockets.sync.client import connect
+
+    url = f"ws://127.0.0.1:{guarded.port}/?token={guarded.token}"
+    protocol = f"viser-v{viser.__version__}"
+    with connect(url, subprotocols=[protocol], max_size=None) as connection:
+        connection.send(bytes(2 * 1024 * 1024))
+        with pytest.raises(websockets.exceptions.ConnectionClosed) as closed:
+            while True:
+                connection.recv(timeout=20)
+    assert closed.value.rcvd.code == 1009
+
+
+def test_what_is_no_message_gets_one_line(guarded, caplog, capfd):
+    msgspec = pytest.importorskip("msgspec")
+    import viser
+    from websockets.sync.client import connect
+
+    url = f"ws://127.0.0.1:{guarded.port}/?token={guarded.token}"
+    pack = msgspec.msgpack.encode
+    camera = {
+        "type": "ViewerCameraMessage",
+        "wxyz": [1.0, 0.0, 0.0, 0.0],
+        "fov": 1.0,
+        "position": [0.0, 0.0, 3.0],
+        "look_at": [0.0] * 3,
+        "up_direction": [0.0, 1.0, 0.0],
+        "near": 0.1,
+        "far": 9.0,
+        "image_height": 90,
+        "image_width": 120,
+    }
+    nowhere = camera | {"position": [float("nan")] * 3, "image_height": 0, "image_width": 10**9}
+    box = guarded.page.binder.widgets["cuts.plane"]._impl.uuid
+    update = {"type": "GuiUpdateMessage", "uuid": box, "updates": {"nothing": "/etc/passwd"}}
+    for messages in (
+        [b"\x00garbage"],
+        ["text"],
+        [pack({"type": "Nope"})],
+        [pack([camera])],
+        [pack(nowhere)],
+        [pack(camera), pack(nowhere)],
+        [pack(camera), pack(update)],
+    ):
+        known = len(caplog.records)
+        with connect(url, subprotocols=[f"viser-v{viser.__version__}"], max_size=None) as one:
+            for message in messages:
+                one.send(message)
+            until(lambda known=known: len(caplog.records) > known, "for a line in the log")
+    for record in caplog.records:
+        assert record.name == "globule.viewer"
+        assert "\n" not in record.getMessage()
+        assert record.exc_info is None
+    assert not capfd.readouterr().err
+    assert ask(guarded.port, f"/?token={guarded.token}").status == 200
+
+
+def test_the_page_is_bound_to_this_machine_and_cannot_be_shared():
+    from viser import _messages
+
+    viewer = gb.view(np.zeros((1, 3), np.float32), port=0, browser=False, block=False)
+    try:
+        websocket = viewer.server._websock_server
+        assert _messages.ShareUrlRequest not in websocket._incoming_handlers
+        addresses = {info[4][0] for info in socket.getaddrinfo(socket.gethostname(), None)}
+        for address in addresses - {"127.0.0.1", "127.0.1.1", "::1"}:
+            with pytest.raises(OSError):
+                socket.create_connection((address, viewer.port), timeout=5)
+    finally:
+        viewer.close()
+
+
+def test_values_that_no_widget_would_send_are_refused():
+    """A browser may be somebody's own program."""
+    import types
+
+    viewer = gb.view(np.zeros((1, 3), np.float32), port=0, browser=False, block=False)
+    try:
+        save = viewer.page.panels[-3]
+        save.format._impl.value = "/../../../tmp/x.PNG"
+        with pytest.raises(ValueError, match="Image format: expected PNG or EXR"):
+            save.chosen_extension()
+        for size in ("0x10", "99999x99999", "1x1; rm", 7):
+            save.size._impl.value = size
+            with pytest.raises((ValueError, TypeError)):
+                save.chosen_size()
+        from globule.viewer.page.widgets import bounded
+
+        save.samples._impl.value = 10**12
+        assert bounded(save.samples) == 256
+        save.samples._impl.value = "many"
+        with pytest.raises(ValueError, match="expected a number"):
+            bounded(save.samples)
+        heard = []
+        viewer.page.binder.on_error = lambda browser, message: heard.append(message)
+        widget = viewer.page.binder.widgets["quality.samples"]
+        before = viewer.state.quality.samples
+        for value in (float("nan"), "x", None, [1], 10**9):
+            assert viewer.state.quality.samples == before
+            widget._impl.value = value
+            for called in widget._impl.update_cb:
+                called(types.SimpleNamespace(client=object(), target=widget))
+        assert len(heard) == 4
+        until(lambda: len(heard) == 5, "for a number that stays beyond the end")
+        assert "expected 1 to 64, got 1e+09" in heard[4]
+        assert viewer.state.quality.samples == widget.max == 64
+    finally:
+        viewer.close()
+
+
+@pytest.fixture
+def echo():
+    """Another websocket server of this process, which sends back what it gets; its port."""
+    import websockets
+
+    ready, port = threading.Event(), []
+
+    async def answer(connection):
+        async for message in connection:
+            await connection.send(message)
+
+    async def work():
+        async with websockets.serve(answer, "127.0.0.1", 0, max_size=None) as server:
+            port.append(server.sockets[0].getsockname()[1])
+            stop = asyncio.get_running_loop().create_future()
+            end.append((asyncio.get_running_loop(), stop))
+            ready.set()
+            await stop
+
+    end = []
+    thread = threading.Thread(target=lambda: asyncio.run(work()), daemon=True)
+
+    def start() -> int:
+        thread.start()
+        assert ready.wait(20)
+        return port[0]
+
+    yield start
+    loop, stop = end[0]
+    loop.call_soon_threadsafe(stop.set_result, None)
+    thread.join(20)
+
+
+def test_other_servers_of_the_process_are_not_affected(echo, monkeypatch):
+    import viser
+    import websockets
+    from viser import infra
+    from viser.infra import _infra
+    from websockets.asyncio import server as module
+    from websockets.sync.client import connect
+
+    # Every place where something of viser or websockets could be replaced.
+    places = (websockets, module, viser, infra, _infra, infra.WebsockServer, viser.ViserServer)
+    usual = websockets.serve
+    before = [dict(vars(place)) for place in places]
+    refused = []
+    monkeypatch.setattr(Guard, "refusal", lambda *request: refused.append(request))
+    viewer = gb.view(np.zeros((1, 3), np.float32), port=0, browser=False, block=False)
+    try:
+        assert websockets.serve is usual is module.serve
+        for place, names in zip(places, before, strict=True):
+            assert {name: vars(place)[name] for name in names} == names, place
+        port = echo()
+        large = bytes(2 * MOST_MESSAGE)
+        with connect(f"ws://127.0.0.1:{port}", max_size=None, origin="http://any.example") as one:
+            one.send("hello")
+            assert one.recv(timeout=20) == "hello"
+            one.send(large)
+            assert one.recv(timeout=20) == large
+        assert not refused
+        assert ask(port).status == 426  # no page and no guard: this server expects an upgrade
+        assert ask(viewer.port).status == 200
+        assert len(refused) == 1
+        plain = viser.ViserServer("127.0.0.1", 0, verbose=False)  # nor does another of viser's
+        assert "Content-Security-Policy" not in ask(plain.get_port()).headers
+        plain.stop()
+        assert len(refused) == 1
+    finally:
+        viewer.close()
