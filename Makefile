@@ -3,7 +3,7 @@
 # make bench   speed of build and trace; against POV-Ray too where that is installed
 # make sanitize  the C++ tests and a part of the others under AddressSanitizer, UBSan and ThreadSanitizer
 # make check   lint
-# make docs    check the documentation's links
+# make docs    check the documentation's links, and make the site: build/site/index.html
 # make clean   remove what these made
 #
 # GLOBULE_CUDA=AUTO|ON|OFF says whether the CUDA backend is built; PYTHON and CXX are honoured.
@@ -44,8 +44,10 @@ sanitize: $(VENV)/has-test $(VENV)/has-build
 check: $(VENV)/has-dev
 	@$(PY) -m ruff check python tests bench examples
 
-docs:
-	@$(PYTHON) docs/check_links.py
+docs: $(VENV)/has-docs
+	@$(PY) docs/check_links.py
+	@NO_MKDOCS_2_WARNING=1 $(PY) -m mkdocs build --quiet
+	@echo "build/site/index.html"
 
 clean:
 	rm -rf $(VENV) build demo
@@ -79,7 +81,7 @@ $(VENV)/has-build: $(PY)
 	@$(PIP) install -q "nanobind>=2.4" "cmake>=3.26" ninja
 	@touch $@
 
-# globule is there already, so that pip only adds what its extra "test" (or "dev") names.
-$(VENV)/has-test $(VENV)/has-dev: $(VENV)/has-%: $(BUILT)
+# globule is there already, so that pip only adds what its extra "test" ("dev", "docs") names.
+$(VENV)/has-test $(VENV)/has-dev $(VENV)/has-docs: $(VENV)/has-%: $(BUILT)
 	@$(PIP) install -q "globule[$*]"
 	@touch $@
