@@ -1,4 +1,4 @@
-"""Put measured tables into docs/ultrasound.md: python docs/make_ultrasound.py NAME=DIR …
+"""Put measured tables into docs/measured.md: python docs/make_ultrasound.py NAME=DIR …
 
 Each folder is what `globule bench 4.1 4.2 sweep -o DIR --json > DIR/bench.json` left: its tables
 4.1 and 4.2 become one, its table of a sweep another, under the device's name. They replace what
@@ -11,7 +11,7 @@ import json
 import sys
 from pathlib import Path
 
-PAGE = Path(__file__).with_name("ultrasound.md")
+PAGE = Path(__file__).with_name("measured.md")
 METHODS = ("pvn-om", "vvn-om", "pvn", "vvn")
 
 

@@ -1,4 +1,4 @@
-"""Makes the pictures of docs/viewer.md, with a real browser: docs/images/viewer/*.jpg.
+"""Makes the pictures of docs/understand/viewer.md, with a real browser: docs/images/viewer/*.jpg.
 
 python docs/make_viewer_pictures.py [NAME …]
 """

@@ -24,7 +24,7 @@ glass = gb.Material(transmission=1.0, index=1.5, absorption=(0.25, 0.05, 0.12), 
 rng = np.random.default_rng(11)
 layers = []
 for x, material in ((-2.1, chrome), (0.0, glass), (2.1, brushed)):
-    centres = [*np.clip(rng.normal(0, 0.38, (14, 3)), -0.6, 0.6), x, 0, 0]
+    centres = np.clip(rng.normal(0, 0.38, (14, 3)), -0.6, 0.6) + [x, 0, 0]
     layers.append(gb.Layer(gb.Scene(gb.Particles(centres, support=0.85), threshold=0.5), material))
 
 settings = gb.RenderSettings(

@@ -18,7 +18,7 @@ sim = gb.Simulation({
 camera = gb.Camera(eye=(0.3, -1.0, 0.55), look_at=(0.3, 0.15, 0.12), up=(0, 0, 1), fov=38)
 
 corners = np.indices((5, 5, 5)).reshape(3, -1).T * 0.02
-ids = sim.add([*corners, 0.26, 0.11, 0.32], phase="milk", velocities=(0, 0, -1))
+ids = sim.add(corners + [0.26, 0.11, 0.32], phase="milk", velocities=(0, 0, -1))
 before = gb.render(sim.scene, camera, size=(360, 260)).picture
 
 while sim.time < 0.25:

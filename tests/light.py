@@ -133,7 +133,7 @@ def glass_ball(o, d, index: float, depth: int, inside=False, absorption=0.0) -> 
 
 def spans(clip, o, d):
     """The rays' part inside a clip's shape."""
-    inf = np.full((*d.shape[:-1], 1), np.inf)
+    inf = np.full(d.shape[:-1] + (1,), np.inf)
     with np.errstate(divide="ignore", invalid="ignore"):
         if isinstance(clip, gb.ClipPlane):
             n = unit(clip.normal)

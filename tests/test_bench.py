@@ -156,7 +156,7 @@ def test_tables_go_into_the_page(tmp_path):
     source = Path(__file__).parents[1] / "docs" / "make_ultrasound.py"
     script = tmp_path / "make_ultrasound.py"
     script.write_text(source.read_text())
-    page = tmp_path / "ultrasound.md"
+    page = tmp_path / "measured.md"
     page.write_text("<!-- cpu -->\nkept\n<!-- /cpu -->\n<!-- gpu -->\nold\n<!-- /gpu -->\nc\n")
     columns = ["frames", "size", "method", "source s", "ours s", "on device s"]
     rows = [[131, 128, m, None, 0.5, 0.25] for m in ultrasound.METHODS]

@@ -65,10 +65,10 @@ def test_mistakes(tmp_path, monkeypatch, capsys):
 
 def test_the_gallery_is_complete():
     docs = Path(__file__).resolve().parents[1] / "docs"
-    page = (docs / "figures.md").read_text(encoding="utf-8")
+    page = (docs / "understand/figures.md").read_text(encoding="utf-8")
     for name in FIGURES:
         assert caption(name) in page.replace("\n", " ")
-        assert f"(images/figures/{name}.png)" in page
+        assert f"(../images/figures/{name}.png)" in page
         assert (docs / "images/figures" / f"{name}.png").stat().st_size < 150_000
 
 
@@ -218,7 +218,7 @@ def test_nothing_is_clipped_or_doubled_at_the_border():
     from globule.figures.rendered import at_the_border
 
     tight, box = at_the_border("cpu")
-    wide, _ = at_the_border("cpu", bounds=[*box, [-1], [1]])
+    wide, _ = at_the_border("cpu", bounds=box + [[-1], [1]])
     camera = gb.Camera((2.2, 1.7, 3.0), (0.5, 0.5, 0.5))
     a, b = (gb.render(scene, camera, (160, 120)) for scene in (tight, wide))
     assert (a.mask == b.mask).all()

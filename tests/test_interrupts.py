@@ -151,7 +151,7 @@ def test_cut(on):
     low, high = sim.positions.min(0), sim.positions.max(0)
     middle, far = (low + high) / 2, 2 * (high - low)
     edge = np.array([[middle[0], low[1] - far[1], 0], [middle[0], high[1] + far[1], 0]])
-    blade = [*edge, 0, 0, low[2] - far[2]], [*edge, 0, 0, high[2] + far[2]]
+    blade = edge + [0, 0, low[2] - far[2]], edge + [0, 0, high[2] + far[2]]
     sim.cut(blade)
     after = sim.n_bonds
     sim.step()

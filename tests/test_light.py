@@ -107,7 +107,7 @@ def test_total_internal_reflection(backend):
     """From inside, directions past the critical angle see the ball's inside mirrored."""
     index = 1.5
     eye = CENTRE + np.array([0.75 * RADIUS, 0, 0])
-    camera = gb.Camera(eye, (*eye, 0.1, 0.2, 1.0), fov=100)
+    camera = gb.Camera(eye, eye + (0.1, 0.2, 1.0), fov=100)
     for depth in (0, 1, 6):
         look = quiet(sky=SKY, material=glass(index), depth=depth)
         frame = gb.render(ball(**backend), camera, SIZE, look)
@@ -127,14 +127,14 @@ def test_total_internal_reflection(backend):
 def test_fresnel(backend, index):
     """Straight on ((n - 1) / (n + 1))^2, at a glance 1, in between the two polarisations' mean."""
     look = quiet(sky=ONE_SKY, depth=1, material=gb.Material(0.0, 0.0, index))
-    camera = gb.Camera((*CENTRE, 0, 0, 6), CENTRE, height=2 * RADIUS)
+    camera = gb.Camera(CENTRE + (0, 0, 6), CENTRE, height=2 * RADIUS)
     color = gb.render(ball(**backend), camera, (201, 201), look).color
     assert color[100, 100, 0] == pytest.approx(((index - 1) / (index + 1)) ** 2, abs=1e-4)
     x = (np.arange(201) + 0.5) / 201 * 2 - 1
     cosine = np.sqrt(1 - x**2)
     np.testing.assert_allclose(color[100, :, 0], fresnel(cosine, index), atol=4e-3)
-    rim = (*CENTRE, RADIUS, 0, 0)
-    camera = gb.Camera((*rim, 0, 0, 6), rim, height=1e-5 * RADIUS)
+    rim = CENTRE + (RADIUS, 0, 0)
+    camera = gb.Camera(rim + (0, 0, 6), rim, height=1e-5 * RADIUS)
     frame = gb.render(ball(**backend), camera, (99, 1), look)
     glance = frame.color[frame.mask][:, 0]
     assert 30 < len(glance) < 70
@@ -145,7 +145,7 @@ def test_fresnel(backend, index):
 def test_schlick(backend):
     """A reflection factor without an index grows towards grazing angles by Schlick's rule."""
     look = quiet(sky=ONE_SKY, material=gb.Material(reflection=0.3, transmission=0.0))
-    camera = gb.Camera((*CENTRE, 0, 0, 6), CENTRE, height=2 * RADIUS)
+    camera = gb.Camera(CENTRE + (0, 0, 6), CENTRE, height=2 * RADIUS)
     color = gb.render(ball(**backend), camera, (101, 101), look).color[50, :, 0]
     cosine = np.sqrt(1 - ((np.arange(101) + 0.5) / 101 * 2 - 1) ** 2)
     np.testing.assert_allclose(color, 0.3 + 0.7 * (1 - cosine) ** 5, atol=3e-3)
@@ -292,7 +292,7 @@ def test_mirror_and_glass_of_every_kernel(backend, kernel, octree):
     q = np.linspace(0, 1, 200_001)
     radius = SUPPORT * np.interp(-0.6, -FORMULAS[kernel](q), q)
     scene = ball(kernel=kernel, octree=octree, **backend)
-    camera = gb.Camera((*CENTRE, 0, 0, 5), CENTRE, height=2.2 * radius)
+    camera = gb.Camera(CENTRE + (0, 0, 5), CENTRE, height=2.2 * radius)
     o, d = rays(camera, (24, 24))
     near, _, away = meet_ball(o, d, radius=radius)
     seen = (away < 0.98 * radius)[..., 0]

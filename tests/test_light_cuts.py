@@ -31,11 +31,11 @@ CUTS = {
     "plane": [gb.ClipPlane((1, 2, 2), OFF + 0.6 * R)],
     "plane not of unit normal": [gb.ClipPlane((10, 20, 20), 10 * OFF)],
     "half away": [gb.ClipPlane((-1, 0, 0), -C[0])],
-    "box": [gb.ClipBox((*C, 0, 0, 0), (*C, 2, 2, 2))],
+    "box": [gb.ClipBox(C + (0, 0, 0), C + (2, 2, 2))],
     "box inside": [gb.ClipBox(C - 0.3 * R, C + 0.3 * R)],
     "box kept": [gb.ClipBox(C - (0.5, 0.4, 0.3) * np.array(R), C + R * 0.6, keep=True)],
-    "sphere": [gb.ClipSphere((*C, 0.3, 0.4, 0.5), 0.6 * R)],
-    "sphere kept": [gb.ClipSphere((*C, 0.2, 0.1, 0.0), 0.9 * R, keep=True)],
+    "sphere": [gb.ClipSphere(C + (0.3, 0.4, 0.5), 0.6 * R)],
+    "sphere kept": [gb.ClipSphere(C + (0.2, 0.1, 0.0), 0.9 * R, keep=True)],
     "slab": [gb.ClipPlane((0, 0, 1), C[2] + 0.2 * R), gb.ClipPlane((0, 0, -1), 0.1 * R - C[2])],
     "corner": [
         gb.ClipPlane((1, 0, 0), C[0]),
@@ -44,8 +44,8 @@ CUTS = {
     ],
     "many": [
         gb.ClipPlane((1, 2, 2), OFF + 0.8 * R),
-        gb.ClipBox(C, (*C, 2, 2, 2)),
-        gb.ClipSphere((*C, 0.3, -0.4, 0.5), 0.7 * R),
+        gb.ClipBox(C, C + (2, 2, 2)),
+        gb.ClipSphere(C + (0.3, -0.4, 0.5), 0.7 * R),
         gb.ClipBox(C - 0.9 * R, C + 0.9 * R, keep=True),
         gb.ClipSphere(C, 0.98 * R, keep=True),
     ],
@@ -243,7 +243,7 @@ def test_light_falls_into_a_hollow(backend, own):
         depth=0,
         material=gb.Material(*factors, 1.0, absorption=1.5),
     )
-    camera = gb.Camera(C, (*C, 0.02, -1, 0.01), up=(0, 0, 1), fov=70)
+    camera = gb.Camera(C, C + (0.02, -1, 0.01), up=(0, 0, 1), fov=70)
     clips = [gb.ClipSphere(C, 0.5 * R)]
     frame = gb.render(gb.Scene(particles, threshold=0.6, **backend), camera, (15, 11), look, clips)
     p = frame.position.astype(np.float64) - C
@@ -258,7 +258,7 @@ def test_cut_glass_is_glass(backend):
     """A ball of clear glass cut in half refracts at its flat face as at its round one."""
     look = quiet(sky=direction_sky(), material=gb.Material(0.0, 1.0, 1.5, absorption=0.0), depth=1)
     clip = gb.ClipPlane((0, 0, 1), C[2])
-    camera = gb.Camera((*C, 0.4, 0.3, 5), C, height=1.3 * R)
+    camera = gb.Camera(C + (0.4, 0.3, 5), C, height=1.3 * R)
     frame = gb.render(ball(**backend), camera, SIZE, look, [clip])
     o, d = rays(camera, SIZE)
     t = (C[2] - o[..., 2:]) / d[..., 2:]
@@ -281,6 +281,6 @@ def test_cut_glass_is_glass(backend):
 def test_thin_slab_of_a_ball_absorbs_by_its_thickness(backend):
     clips = CUTS["slab"]
     look = quiet(sky=ONE_SKY, material=gb.Material(0.0, 1.0, 1.0, absorption=2.0))
-    camera = gb.Camera((*C, 0, 0, 5), C, height=R)
+    camera = gb.Camera(C + (0, 0, 5), C, height=R)
     frame = gb.render(ball(**backend), camera, (20, 20), look, clips)
     np.testing.assert_allclose(frame.color, np.exp(-2.0 * 0.3 * R), rtol=2e-3)

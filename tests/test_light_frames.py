@@ -171,7 +171,7 @@ def test_odd_sizes(backend, size):
 
 def test_rows_do_not_depend_on_the_band_they_are_in(backend):
     """A tall picture is traced in bands of rows; the sky and depth go on across them."""
-    camera = gb.Camera((*CENTRE, 0, 0, 9), CENTRE, height=40.0)
+    camera = gb.Camera(CENTRE + (0, 0, 9), CENTRE, height=40.0)
     frame = gb.render(ball(**backend), camera, (3, 2000), quiet(sky=direction_sky(64)))
     y = (0.5 - (np.arange(2000) + 0.5) / 2000) * 40
     seen = np.abs(y) < 0.6

@@ -66,7 +66,7 @@ def test_a_light_inside_the_medium_is_absorbed(backend, inside):
     )
     camera = gb.Camera(C - (0, 1.5 * R, 0), C - (0.01, 3, 0.02), up=(0, 0, 1), fov=50)
     if inside:
-        camera = gb.Camera((*C, 0.01, 0.02, 0), C - (0.01, 3, 0.02), up=(0, 0, 1), fov=50)
+        camera = gb.Camera(C + (0.01, 0.02, 0), C - (0.01, 3, 0.02), up=(0, 0, 1), fov=50)
     frame = gb.render(ball(color=(1, 1, 1), **backend), camera, (9, 9), look)
     p = frame.position.astype(np.float64) - C
     if inside:
@@ -80,7 +80,7 @@ def test_a_light_inside_the_medium_is_absorbed(backend, inside):
 def test_an_opaque_medium_seen_from_inside_absorbs(backend):
     """With and without what makes a picture more than plain."""
     a = np.array([0.5, 1.0, 2.0])
-    camera = gb.Camera((*C, 0.1, 0.05, 0.02), (*C, 1, 2, 3), fov=70)
+    camera = gb.Camera(C + (0.1, 0.05, 0.02), C + (1, 2, 3), fov=70)
     for sky in (None, ONE_SKY):
         look = quiet(ambient=1.0, sky=sky, material=gb.Material(0.0, 0.0, color=1.0, absorption=a))
         frame = gb.render(ball(**backend), camera, (9, 9), look)

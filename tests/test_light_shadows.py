@@ -140,7 +140,7 @@ def test_ambient_rays_from_the_sky(backend):
     """Light from a gradient of a sky: its integral over the half space, weighted by cosines."""
     sky = gb.Sky(zenith=1.0, horizon=0.5, ground=0.0)
     look = quiet(sky=sky, ambient="sky", ambient_rays=64, material=CLAY, ambient_distance=9.0)
-    camera = gb.Camera((*CENTRE, 4, 1, 3), CENTRE, fov=20)
+    camera = gb.Camera(CENTRE + (4, 1, 3), CENTRE, fov=20)
     frame = gb.render(ball(color=(1, 1, 1), **backend), camera, (24, 20), look)
     seen = meet_ball(*rays(camera, (24, 20)))[2][..., 0] < 0.97 * RADIUS
     n = frame.normal[seen].astype(np.float64)
@@ -238,7 +238,7 @@ def test_translucent_over_opaque(backend):
 def test_a_ray_inside_both_layers(backend, from_middle):
     """Where two media overlap, both absorb."""
     a, b = np.array((0.4, 1.0, 0.0)), np.array((1.0, 0.0, 0.7))
-    place = (*CENTRE, 0.3, 0.2, 0.1)
+    place = CENTRE + (0.3, 0.2, 0.1)
     layers = [
         gb.Layer(ball(**backend), glass(1.0, absorption=a)),
         gb.Layer(ball(place, **backend), glass(1.0, absorption=b)),
@@ -315,7 +315,7 @@ def test_no_light_from_below_the_ground(backend, kind):
         look = quiet(lights=[light], shadows=True, ground=ground)
     else:
         look = quiet(ambient=1.0, ambient_rays=32, ambient_distance=9.0, ground=ground)
-    camera = gb.Camera((*CENTRE, 0, 0, 5), CENTRE, height=2 * RADIUS)
+    camera = gb.Camera(CENTRE + (0, 0, 5), CENTRE, height=2 * RADIUS)
     frame = gb.render(ball(color=(1, 1, 1), **backend), camera, (21, 21), look)
     below = frame.mask & (frame.normal[..., 1] < -0.8)
     assert below.sum() > 10

@@ -9,7 +9,7 @@ import pytest
 from globule.sim.scene_file import read_scene
 
 NAN = float("nan")
-DOCS = Path(__file__).parents[1] / "docs" / "simulation.md"
+DOCS = Path(__file__).parents[1] / "docs/how-to/simulate-own-scene.md"
 
 
 @pytest.fixture

@@ -1,4 +1,4 @@
-"""docs/scene-keys.md names every key of a scene and no other, bold where it must be given."""
+"""docs/reference/scene-keys.md names every key of a scene and no other, bold where it must be given."""
 
 import dataclasses
 import re
@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from globule.sim import instruments, scene_file, shapes, sources
 
-PAGE = Path(__file__).resolve().parents[1] / "docs/scene-keys.md"
+PAGE = Path(__file__).resolve().parents[1] / "docs/reference/scene-keys.md"
 TABLES = {
     "The scene": scene_file.SceneFile, "[domain]": scene_file.Domain,
     "[solver]": scene_file.Solver, "[[fluids]]": scene_file.Fluid,

@@ -35,7 +35,7 @@ def block(nx, ny, nz):
 
 def stroke(height, start, end):
     edge = np.array([[0, -0.5, height * D], [0, 0.5, height * D]])
-    return [*edge, start * D, 0, 0], [*edge, end * D, 0, 0]
+    return edge + [start * D, 0, 0], edge + [end * D, 0, 0]
 
 
 def test_hanging_tissue_stays_and_its_cut_piece_falls(backend):
@@ -191,7 +191,7 @@ def test_a_cut_vessel_bleeds_its_pool_and_no_more(backend):
     assert len(sim) == len(x)
     # A gap, so that blood has room.
     edge = np.array([[3.5 * D, -0.1, 2 * D], [3.5 * D, 0.1, 2 * D]])
-    assert sim.cut((edge, [*edge, 0, 0, 4 * D])) > 0
+    assert sim.cut((edge, edge + [0, 0, 4 * D])) > 0
     counts = []
     for _ in range(60):
         sim.step(0.002)
@@ -210,7 +210,7 @@ def test_blood_stains_tissue(backend):
     sim.add_vessel(Vessel([[0, 0, 0], [D, 0, 0]], 0.1 * D, 2000.0, 1e-6, "blood"))
     sim.phases["blood"].color = (1.0, 0.0, 0.0)
     clean = gb.render(sim.scene, gb.Camera((0.01, 0.01, 0.1), (0.01, 0.01, 0)), size=(32, 32))
-    drop = sim.add([*x[-1:], 0, 0, 1.0 * D], "blood")
+    drop = sim.add(x[-1:] + [0, 0, 1.0 * D], "blood")
     for _ in range(30):
         sim.step(0.004)
     sim.remove(drop)
@@ -293,7 +293,7 @@ def test_steps_read_only_what_was_written():
         used = [np.full(rng.integers(100, 200000), np.nan, np.float32) for _ in range(30)]
         del used
         sim = make({"device": "cpu", "threads": 1}, x, fixed=x[:, 2] < 0.5 * D)
-        sim.add([*x[-1:], 0, 0, D], "blood")
+        sim.add(x[-1:] + [0, 0, D], "blood")
         for _ in range(2):
             sim.step(0.004)
         assert np.isfinite(sim.velocities).all()

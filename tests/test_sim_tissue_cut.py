@@ -146,7 +146,7 @@ def test_degenerate_blades_cut_nothing():
     line = np.array([[[0, D, D], [3 * D, D, D], [D, D, D]]])
     assert tissue.cut(point) == tissue.cut(line) == 0
     along = np.array([[0, D, D], [3 * D, D, D]])
-    assert tissue.cut(blade.sweep(along, [*along, D, 0, 0])) == 0
+    assert tissue.cut(blade.sweep(along, along + [D, 0, 0])) == 0
 
 
 @pytest.mark.parametrize(

@@ -130,7 +130,7 @@ def test_the_first_view_shows_all_of_a_scene(name, aspect):
 
 def test_a_sequence_is_fitted_to_its_ends():
     base = np.random.default_rng(1).uniform(0, 1, (50, 3))
-    frames = [gb.Particles((*base, 0.5 * i, 0, 0), support=0.3) for i in range(5)]
+    frames = [gb.Particles(base + (0.5 * i, 0, 0), support=0.3) for i in range(5)]
     source = open_source(frames)
     assert source.outline()[:, 0].max() > 2.9
     assert source.outline()[:, 0].min() < 0.1

@@ -331,7 +331,7 @@ def test_suction_follows_its_handle(pool):
     time.sleep(1.0)
     camera, scale = page.client.camera, pool.viewer.placement.scale
     tip = np.array([0.2, 0.15, 0.3])
-    arrow, middle = (project(camera, window(page), (*tip, 0, 0, up)) for up in (0.2 / scale, 0.0))
+    arrow, middle = (project(camera, window(page), tip + (0, 0, up)) for up in (0.2 / scale, 0.0))
     below = project(camera, window(page), tip - (0, 0, 0.2))
     page.mouse.move(*arrow)
     page.mouse.down()

@@ -160,7 +160,7 @@ def partial_cut(device: str, threads: int = 0) -> list[Row]:
 def _stroke(height: float, start: float, end: float) -> tuple[np.ndarray, np.ndarray]:
     """A straight edge along y at z = height d, before and after it moved along x; spacings."""
     edge = np.array([[0, -1e3, height], [0, 1e3, height]])
-    return ([*edge, start, 0, 0]) * SPACING, ([*edge, end, 0, 0]) * SPACING
+    return (edge + [start, 0, 0]) * SPACING, (edge + [end, 0, 0]) * SPACING
 
 
 def momentum(device: str, threads: int = 0) -> list[Row]:

@@ -78,7 +78,7 @@ def exterior_spheres(path: Any, device: str = "auto", dpi: float = 110) -> None:
             zorder=6,
             arrowprops={"arrowstyle": "->", "color": ORANGE, "shrinkA": 0, "shrinkB": 0, "lw": 1.6},
         )
-        ax.text(*([*alone, 0.12, 0.3]), "d", color=ORANGE, fontsize=13)
+        ax.text(*(alone + [0.12, 0.3]), "d", color=ORANGE, fontsize=13)
         for y, slope, shift, color, text in (
             (1.84, 0.0, 0.08, GREEN, "meets one sphere: searched there, nothing found"),
             (-1.05, 0.11, -0.25, RED, "meets spheres: hit"),

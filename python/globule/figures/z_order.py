@@ -69,7 +69,7 @@ def in_space(path: Any, device: str = "auto", dpi: float = 110) -> None:
             if level == 1:
                 for j, cell in enumerate(cells):
                     ax.text(
-                        *([*cell, 0.06, 0, 0.1]), f"{j:03b}", fontsize=11, family="DejaVu Sans Mono"
+                        *(cell + [0.06, 0, 0.1]), f"{j:03b}", fontsize=11, family="DejaVu Sans Mono"
                     )
             ax.set_box_aspect((1, 1, 1), zoom=1.12)
             for name, color in zip("xyz", AXES, strict=True):

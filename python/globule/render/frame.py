@@ -266,9 +266,9 @@ class Frame:
         points = self.position.reshape(-1, 3)
         hit = np.isfinite(points[:, 0]) & (self._layer.reshape(-1) == 0)
         blended = self._scene.blend(points[hit], values)
-        out = np.full((len(points), *blended.shape[1:]), np.nan, np.float32)
+        out = np.full((len(points),) + blended.shape[1:], np.nan, np.float32)
         out[hit] = blended
-        return out.reshape((self.size[1], self.size[0], *blended.shape[1:]))
+        return out.reshape((self.size[1], self.size[0]) + blended.shape[1:])
 
     def save(self, path: Any) -> None:
         """Write the picture (.png) or every image (.npz, .exr); whole or not at all."""

@@ -17,7 +17,7 @@ from .particles import FIELDS, Particles
 KERNELS = ("murakami", "nishimura", "wyvill", "blinn", "cubic_spline", "wendland_c2", "solid")
 
 # Default support in spacings and default threshold, by kernel. One particle alone is a ball, a
-# flat face of a lattice is flat to a few hundredths of the spacing (docs/conventions.md).
+# flat face of a lattice is flat to a few hundredths of the spacing (docs/understand/conventions.md).
 DEFAULTS = {
     "murakami": (2.0, 0.6),
     "nishimura": (2.5, 0.6),

@@ -57,7 +57,7 @@ def edge_spacing(positions: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """Length of the longest edge at each vertex of a triangle mesh.
 
     No point of a triangle is farther from its nearest corner than 0.58 times its longest edge:
-    supports of at least that edge leave no hole (docs/formats.md).
+    supports of at least that edge leave no hole (docs/reference/formats.md).
 
     Args:
         positions: (N, 3) world.

@@ -85,7 +85,7 @@ class Simulation(Run, Operable, Moving, Arrays):
 
     Args:
         scene: the name of a scene that ships, the path of a .toml file, or a dict as TOML has it
-            (docs/simulation.md); or a dict with `spacing`, `domain` and what else `Settings` has,
+            (docs/reference/scene-keys.md); or a dict with `spacing`, `domain` and what else `Settings` has,
             `phases` (a list of dicts, see `Phase`) and `walls` (True: the domain's box is a
             boundary); or `Particles`, a fluid in its box.
         device: "auto", "cpu", "cuda" or "cuda:N".

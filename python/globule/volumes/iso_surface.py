@@ -15,7 +15,7 @@ from ..scene.scene import KERNELS, Scene
 from .volume import Volume
 
 # Supports in voxels at which a lattice's field is nearly even, so that the normals show the lattice
-# least (measured on a ball, docs/ultrasound.md); a scene's default supports suit free particles.
+# least (measured on a ball, docs/measured.md); a scene's default supports suit free particles.
 VOXELS = {
     "murakami": 2.2,
     "nishimura": 3.1,
