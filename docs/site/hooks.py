@@ -1,8 +1,7 @@
-"""What MkDocs calls while it makes the site: generated pages, executed tutorials, the order of the pages."""
+"""What MkDocs calls: generated pages, executed tutorials, the order of the pages."""
 
 from __future__ import annotations
 
-import os
 import posixpath
 import re
 import tempfile
@@ -31,7 +30,11 @@ def navigation() -> list[Any]:
     """Home, Start, How-to, Reference, Understand, Measured and the rest, for `nav`."""
     nav: list[Any] = [
         {"Home": "index.md"},
-        {"Start": _pages("start", first=("install", "first-image", "first-volume", "first-simulation"))},
+        {
+            "Start": _pages(
+                "start", first=("install", "first-image", "first-volume", "first-simulation")
+            )
+        },
         {"How-to": _groups("how-to")},
         {
             "Reference": [
@@ -82,9 +85,13 @@ def _groups(folder: str) -> list[Any]:
     groups: dict[str, list[str]] = {}
     for path in _pages(folder):
         stem = Path(path).stem
-        group = _front_matter(DOCS / path).get("group") or stem.partition("-")[0].capitalize()
+        group = _front_matter(DOCS / path).get("group") or _title(stem.partition("-")[0])
         groups.setdefault("" if stem == "index" else group, []).append(path)
     return [*groups.pop("", []), *({group: groups[group]} for group in sorted(groups))]
+
+
+def _title(word: str) -> str:
+    return "C++" if word == "cpp" else word.capitalize()
 
 
 def _front_matter(path: Path) -> dict[str, Any]:
@@ -142,8 +149,8 @@ def on_page_markdown(markdown: str, page: Any, config: Any, files: Files) -> str
     A link to a file that does not exist stays, so that the strict build names it.
     """
     here = posixpath.dirname(page.file.src_uri)
-    if page.file.src_uri == "changes.md":
-        markdown = markdown.replace("](docs/", "](")
+    if page.file.src_uri == "changes.md":  # names pages as they were called then
+        return re.sub(r"\[([^\]]*)\]\((?![a-z]+:)[^)]*\)", r"\1", markdown)
 
     def mend(match: re.Match[str]) -> str:
         bang, text, link = match.groups()
@@ -164,6 +171,9 @@ def on_page_markdown(markdown: str, page: Any, config: Any, files: Files) -> str
 
 
 # Files outside docs that have a page on the site.
-OUTSIDE = {"CHANGELOG.md": "changes.md", "README.md": "index.md", "examples/cpp": "reference/cpp.md", "examples": "examples.md"}
-
-os.environ.setdefault("NO_MKDOCS_2_WARNING", "1")
+OUTSIDE = {
+    "CHANGELOG.md": "changes.md",
+    "README.md": "index.md",
+    "examples/cpp": "reference/cpp.md",
+    "examples": "examples.md",
+}

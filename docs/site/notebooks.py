@@ -10,7 +10,6 @@ from pathlib import Path
 
 import globule as gb
 import nbformat
-from jupyter_client import AsyncKernelManager
 from nbclient import NotebookClient
 
 FENCE = re.compile(r"^```(python|sh)\n(.*?)^```\n?", re.M | re.S)
@@ -41,15 +40,32 @@ def to_notebook(markdown: str) -> nbformat.NotebookNode:
     for i, cell in enumerate(cells):
         cell["id"] = str(i)  # the same bytes at each build
     notebook = nbformat.v4.new_notebook(cells=cells)
-    notebook.metadata.kernelspec = {"name": "python3", "display_name": "Python 3", "language": "python"}
+    notebook.metadata.kernelspec = {
+        "name": "python3",
+        "display_name": "Python 3",
+        "language": "python",
+    }
     return notebook
 
 
 def execute(notebook: nbformat.NotebookNode, folder: str) -> None:
     """Run all cells in `folder`; raises CellExecutionError at the first that fails."""
-    kernel = AsyncKernelManager(kernel_name="python3", transport="ipc")
-    where = {"metadata": {"path": folder}}
-    NotebookClient(notebook, kernel, timeout=PATIENCE, resources=where).execute(env=environment())
+    where, quiet = {"metadata": {"path": folder}}, ["--log-level=ERROR"]
+    client = NotebookClient(notebook, timeout=PATIENCE, resources=where, extra_arguments=quiet)
+    client.execute(env=environment())
+    for cell in notebook.cells:
+        if cell.cell_type == "code":
+            streams = [output for output in cell.outputs if "text" in output]
+            shown = [output for output in cell.outputs if "text" not in output]
+            for output in streams[:1]:
+                output["text"] = printed("".join(part["text"] for part in streams))
+            cell.outputs = streams[:1] + shown
+
+
+def printed(text: str) -> str:
+    """What a terminal shows in the end: progress lines that were overwritten are gone."""
+    text = re.sub(r"[^\n]*\r(?!\n)", "", text.replace("\r\n", "\n"))
+    return re.sub(r"\x1b\[[0-9;]*[A-Za-z]", "", text)
 
 
 def environment() -> dict[str, str]:
@@ -67,7 +83,7 @@ def to_page(notebook: nbformat.NotebookNode, name: str) -> tuple[str, dict[str, 
             continue
         language = "sh" if cell.source.startswith("!") else "python"
         lines += [f"```{language}", re.sub("^!", "", cell.source, flags=re.M), "```", ""]
-        printed = ""
+        shown = ""
         for output in cell.outputs:
             data = output.get("data", {})
             if "image/png" in data:
@@ -75,7 +91,7 @@ def to_page(notebook: nbformat.NotebookNode, name: str) -> tuple[str, dict[str, 
                 images[file] = base64.b64decode(data["image/png"])
                 lines += [f"![]({file})", ""]
             else:
-                printed += output.get("text") or data.get("text/plain", "")
-        if printed.strip():
-            lines += ["```text", printed.rstrip(), "```", ""]
+                shown += output.get("text") or data.get("text/plain", "")
+        if shown.strip():
+            lines += ["```text", shown.strip("\n"), "```", ""]
     return "\n".join(lines), images

@@ -1,6 +1,7 @@
 """The pages of the reference that are made from the code: Python, commands, C++ headers.
 
-Each function returns {path below docs: Markdown}. mkdocstrings turns the `:::` lines of the Python pages into docstrings.
+Each function returns {path below docs: Markdown}. mkdocstrings turns the `:::` lines of the Python
+pages into docstrings.
 """
 
 from __future__ import annotations
@@ -18,14 +19,30 @@ HEADERS = ROOT / "include" / "globule"
 
 # The rooms of the package: file name, title, what the page is about.
 AREAS = {
-    "scene": ("scene", "Particles and scenes", "Particles, their octree, and the field that they make."),
-    "render": ("render", "Images", "From a scene to an image: camera, light, materials, cuts, movies."),
+    "scene": (
+        "scene",
+        "Particles and scenes",
+        "Particles, their octree, and the field that they make.",
+    ),
+    "render": (
+        "render",
+        "Images",
+        "From a scene to an image: camera, light, materials, cuts, movies.",
+    ),
     "formats": ("files", "Files", "Readers and writers of particles, meshes and tomographies."),
     "volumes": ("volumes", "Volumes", "Regular grids of voxels: files, slices, iso-surfaces."),
-    "ultrasound": ("ultrasound", "Ultrasound", "Tracked sweeps and their reconstruction to a volume."),
+    "ultrasound": (
+        "ultrasound",
+        "Ultrasound",
+        "Tracked sweeps and their reconstruction to a volume.",
+    ),
     "sim": ("simulation", "Simulation", "Fluids, tissue and instruments."),
     "viewer": ("viewer", "Viewer", "The live viewer in the browser."),
-    "_base": ("package", "Package", "Where the installed package keeps its C++ library, and what all parts share."),
+    "_base": (
+        "package",
+        "Package",
+        "Where the installed package keeps its C++ library, and what all parts share.",
+    ),
 }
 ELSEWHERE = {"colorize": "render"}  # names that stand on another page than their module's
 # What calls return and take without being a name of `gb`.
@@ -65,13 +82,26 @@ def python_pages() -> dict[str, str]:
         listed = ", ".join(f"[`{n}`]({file}.md#globule.{n})" for n in names)
         rows.append(f"| [{title}]({file}.md) | {listed} |")
     pages["reference/python/index.md"] = "\n".join(
-        ["# Python", "", "All names of `import globule as gb`.", "", "| area | names |", "|---|---|", *rows, ""]
+        [
+            "# Python",
+            "",
+            "All names of `import globule as gb`.",
+            "",
+            "| area | names |",
+            "|---|---|",
+            *rows,
+            "",
+        ]
     )
     return pages
 
 
 def _directive(path: str, heading: str, level: int = 2) -> list[str]:
-    options = [f"heading: {heading}", f"toc_label: {heading.rpartition('.')[2]}", f"heading_level: {level}"]
+    options = [
+        f"heading: {heading}",
+        f"toc_label: {heading.rpartition('.')[2]}",
+        f"heading_level: {level}",
+    ]
     return [f"::: {path}", "    options:", *(f"      {o}" for o in options), ""]
 
 
@@ -98,7 +128,8 @@ def command_pages() -> dict[str, str]:
         [
             "# Commands",
             "",
-            "`globule COMMAND --help` prints the flags of everyday use, `--help-all` prints all. These pages list all.",
+            "`globule COMMAND --help` prints the flags of everyday use, `--help-all` prints all. "
+            "These pages list all.",
             "",
             "| command | what it does |",
             "|---|---|",
@@ -114,12 +145,22 @@ def _summary(parser: argparse.ArgumentParser) -> str:
 
 
 def _command(words: str, parser: argparse.ArgumentParser) -> str:
-    usage = parser.format_usage().removeprefix("usage: ").strip()
-    lines = [f"# globule {words}", "", (parser.description or "").strip(), "", "```text", usage, "```", ""]
+    lines = [
+        f"# globule {words}",
+        "",
+        (parser.description or "").strip(),
+        "",
+        "```text",
+        _usage(words, parser),
+        "```",
+        "",
+    ]
     for group in parser._action_groups:
         rows = [_row(action) for action in group._group_actions if _shown(action)]
         if rows:
-            title = {"positional arguments": "Arguments", "options": "Options"}.get(group.title or "", group.title)
+            title = {"positional arguments": "Arguments", "options": "Options"}.get(
+                group.title or "", group.title
+            )
             lines += [f"## {title[:1].upper()}{title[1:]}", "", group.description or "", ""]
             lines += ["| flag | meaning |", "|---|---|", *rows, ""]
     if parser.epilog:
@@ -128,15 +169,25 @@ def _command(words: str, parser: argparse.ArgumentParser) -> str:
     return "\n".join(lines)
 
 
+def _usage(words: str, parser: argparse.ArgumentParser) -> str:
+    """The command's words, what must be given, and "[options]"."""
+    needed, options = [], ""
+    for action in parser._actions:
+        if not action.option_strings:
+            needed.append(parser._get_formatter()._format_args(action, action.dest.upper()))
+        elif action.required:
+            needed.append(f"{action.option_strings[0]} {_value(action)}")
+        elif _shown(action):
+            options = "[options]"
+    return " ".join(["globule", words, *needed, options]).strip()
+
+
 def _shown(action: argparse.Action) -> bool:
     return not isinstance(action, (argparse._HelpAction, argparse._SubParsersAction))
 
 
 def _row(action: argparse.Action) -> str:
-    value = action.metavar or (
-        "{" + ",".join(map(str, action.choices)) + "}" if action.choices else action.dest.upper()
-    )
-    value = " ".join(value) if isinstance(value, tuple) else value
+    value = _value(action)
     if action.nargs == 0:
         flags = [f"`{flag}`" for flag in action.option_strings]
     else:
@@ -148,6 +199,12 @@ def _row(action: argparse.Action) -> str:
     return f"| {_cell(', '.join(flags))} | {_cell(text.replace('%%', '%'))} |"
 
 
+def _value(action: argparse.Action) -> str:
+    names = ",".join(map(str, action.choices)) if action.choices else ""
+    value = action.metavar or ("{" + names + "}" if names else action.dest.upper())
+    return " ".join(value) if isinstance(value, tuple) else value
+
+
 def _cell(text: str) -> str:
     return " ".join(text.split()).replace("|", "\\|")
 
@@ -157,7 +214,16 @@ def header_pages() -> dict[str, str]:
     pages, rows = {}, []
     for path in sorted(HEADERS.glob("*.hpp")):
         about, entities = read_header(path.read_text(encoding="utf-8"))
-        lines = [f"# {path.name}", "", about, "", f"```cpp\n#include <globule/{path.name}>\n```", ""]
+        wide = ["---", "hide: [toc]", "---"]
+        lines = [
+            *wide,
+            f"# {path.name}",
+            "",
+            about,
+            "",
+            f"```cpp\n#include <globule/{path.name}>\n```",
+            "",
+        ]
         for name, words, code in entities:
             lines += [f"## {name}", "", words, "", f"```cpp\n{code}\n```", ""]
         pages[f"reference/headers/{path.stem}.md"] = "\n".join(lines)
@@ -172,14 +238,20 @@ def header_pages() -> dict[str, str]:
 def read_header(text: str) -> tuple[str, list[tuple[str, str, str]]]:
     """A header's first comment, and (name, comment, code) of what it declares.
 
-    A declaration ends where its braces are closed and its last line ends in ; or }. The comment lines right above belong to it.
+    A declaration ends where its braces are closed and its last line ends in ; or }. The comment
+    lines right above belong to it.
     """
     about = " ".join(re.match(r"(?://.*\n)*", text)[0].replace("//", "").split())
     body = re.sub(r"^#.*(?:\\\n.*)*\n", "", text, flags=re.M)
-    inside = re.findall(r"^namespace globule(?:::\w+)? \{\n(.*?)^\} +// namespace", body, flags=re.M | re.S)
+    inside = re.findall(
+        r"^namespace globule(?:::\w+)? \{\n(.*?)^\} +// namespace", body, flags=re.M | re.S
+    )
     entities = []
     for words, code in _declarations("\n".join(inside)):
-        kind = re.match(r"(?:template\s*<.*?>\s*)?(class|struct|enum class|enum|union)\s+(?:GLOBULE_API\s+)?(\w+)", code)
+        kind = re.match(
+            r"(?:template\s*<.*?>\s*)?(class|struct|enum(?: class)?)\s+(?:GLOBULE_API\s+)?(\w+)",
+            code,
+        )
         if kind and code.rstrip().endswith("};"):
             public = re.sub(r"^private:.*(?=^};)", "", code, flags=re.M | re.S)
             entities.append((kind[2], words, public))
@@ -212,7 +284,9 @@ def _escaped(words: list[str]) -> str:
 
 def _name(code: str) -> str:
     plain = re.sub(r"//.*|template\s*<[^>]*>|\[\[.*?\]\]", "", code)
-    match = re.search(r"(operator\S+?|~?\w+)\s*\(", plain) or re.search(r"using (\w+)|(\w+)\s*(?:\{|=|;)", plain)
+    match = re.search(r"(operator\S+?|~?\w+)\s*\(", plain) or re.search(
+        r"using (\w+)|(\w+)\s*(?:\{|=|;)", plain
+    )
     return next(group for group in match.groups() if group) if match else plain.split()[-1]
 
 

@@ -27,6 +27,8 @@ if (location.protocol === "file:") {
       })
     }
     postMessage(data) {
+      // The parts of a word with a hyphen must all be on the page: the search would take any of them.
+      if (data.type === 2) data.data = data.data.replace(/\w+(?:-\w+)+/g, (word) => `"${word.replaceAll("-", " ")}"`)
       if (this.waiting) this.waiting.push(data)
       else this.frame.contentWindow.dispatchEvent(new MessageEvent("message", { data }))
     }
