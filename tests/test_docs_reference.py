@@ -37,10 +37,9 @@ def test_every_command_has_a_page_with_every_flag():
     for words, parser in commands.items():
         text = pages[f"reference/commands/{words.replace(' ', '-')}.md"]
         for action in parser._actions:
-            if isinstance(action, (argparse._HelpAction, argparse._SubParsersAction)):
+            if argparse.SUPPRESS in (action.dest, action.help):  # help; an old spelling
                 continue
-            rows = [action.option_strings[-1]] if action.option_strings else []
-            for flag in rows:
+            for flag in action.option_strings[-1:]:
                 assert re.search(rf"^\| .*`{flag}[ `].* \|$", text, flags=re.M), flag
 
 

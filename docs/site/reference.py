@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 import inspect
 import re
+import textwrap
 from pathlib import Path
 
 import globule as gb
@@ -163,9 +164,10 @@ def _command(words: str, parser: argparse.ArgumentParser) -> str:
             )
             lines += [f"## {title[:1].upper()}{title[1:]}", "", group.description or "", ""]
             lines += ["| flag | meaning |", "|---|---|", *rows, ""]
-    if parser.epilog:
-        examples = inspect.cleandoc(parser.epilog.partition("\n")[2])
-        lines += ["## Examples", "", "```sh", examples, "```", ""]
+    lines += [getattr(parser, "notes", ""), ""]
+    examples = getattr(parser, "examples", "") or (parser.epilog or "").partition("\n")[2]
+    if examples:
+        lines += ["## Examples", "", "```sh", textwrap.dedent(examples).strip(), "```", ""]
     return "\n".join(lines)
 
 
@@ -183,7 +185,9 @@ def _usage(words: str, parser: argparse.ArgumentParser) -> str:
 
 
 def _shown(action: argparse.Action) -> bool:
-    return not isinstance(action, (argparse._HelpAction, argparse._SubParsersAction))
+    """Whether it is neither the help, nor a list of commands, nor an old spelling."""
+    kinds = (argparse._HelpAction, argparse._SubParsersAction)
+    return not isinstance(action, kinds) and argparse.SUPPRESS not in (action.dest, action.help)
 
 
 def _row(action: argparse.Action) -> str:
@@ -192,8 +196,7 @@ def _row(action: argparse.Action) -> str:
         flags = [f"`{flag}`" for flag in action.option_strings]
     else:
         flags = [f"`{flag} {value}`" for flag in action.option_strings] or [f"`{value}`"]
-    text = getattr(action, "full_help", None) or action.help or ""
-    text = "" if text == argparse.SUPPRESS else text
+    text = action.help or ""
     if "%(" in text:
         text %= {**vars(action), "prog": "globule"}
     return f"| {_cell(', '.join(flags))} | {_cell(text.replace('%%', '%'))} |"
