@@ -37,7 +37,7 @@ def test_every_command_has_a_page_with_every_flag():
     for words, parser in commands.items():
         text = pages[f"reference/commands/{words.replace(' ', '-')}.md"]
         for action in parser._actions:
-            if argparse.SUPPRESS in (action.dest, action.help):  # help; an old spelling
+            if action.dest == "help" or argparse.SUPPRESS in (action.dest, action.help):
                 continue
             for flag in action.option_strings[-1:]:
                 assert re.search(rf"^\| .*`{flag}[ `].* \|$", text, flags=re.M), flag
