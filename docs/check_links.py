@@ -12,7 +12,12 @@ from pathlib import Path
 from urllib.parse import unquote
 
 ROOT = Path(__file__).resolve().parents[1]
-MADE = ("docs/reference/python/", "docs/reference/commands/", "docs/reference/headers/")
+MADE = (
+    "docs/how-to/index.md",
+    "docs/reference/python/",
+    "docs/reference/commands/",
+    "docs/reference/headers/",
+)
 LINK = re.compile(
     r"!?\[[^\]]*\]\(\s*<?([^)>\s]+)>?(?:\s+\"[^\"]*\")?\s*\)"  # [text](target "title")
     r"|<(?:img|a)\s[^>]*?(?:src|href)=\"([^\"]+)\""

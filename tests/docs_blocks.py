@@ -25,6 +25,12 @@ SHELLS = ("sh", "bash", "console", "shell")
 # What sets the machine up; the tests of the build and of the package run it.
 SET_UP = re.compile(r"(?:\.venv/bin/)?(?:pip|make|sudo|git|python3 -m venv)\b")
 LIVE = ("view", "--view")
+# What readers' images and simulations take is too long for a test: command, what is added, and the
+# options beside which it is not.
+CAPS = (
+    ("render", ("--size", "200x152"), ("--size",)),
+    ("simulate", ("--seconds", "0.1"), ("--seconds", "--resume", "--view")),
+)
 
 
 class Block(NamedTuple):
@@ -81,8 +87,9 @@ def run(path: Path) -> None:
 
 def command(words: list[str]) -> int:
     """`globule` as the blocks see it. What is live is stopped as soon as it says where it is."""
-    if words[:1] == ["render"] and not {"--size", "--help", "--help-all"} & set(words):
-        words = [*words, "--size", "200x152"]  # the size of readers' images takes too long here
+    for name, cap, unless in CAPS:
+        if words[:1] == [name] and not {"--help", "--help-all", *unless} & set(words):
+            words = [*words, *cap]
     program = [sys.executable, "-m", "globule", *words]
     if not any(word in LIVE for word in words) or "--help" in words:
         return subprocess.run(program).returncode

@@ -23,7 +23,7 @@ ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
 PAGES = [ROOT / "README.md", *sorted(DOCS.rglob("*.md"))]
 WITH_CODE = [path for path in PAGES if any(not block.reason for block in blocks(path))]
-PATIENCE = 100  # s a page
+PATIENCE = 180  # s a page
 
 
 def name(path: Path) -> str:
@@ -45,6 +45,11 @@ def data(tmp_path_factory):
         gb.write(folder / f"frame_{i:04d}.vtk", few)
     (folder / "demo").mkdir()
     gb.write(folder / "demo" / "splash.npz", splash)
+    sweep = gb.phantoms.cylinders(n_frames=24, size=(64, 60), spacing=0.8)
+    gb.write_sweep(folder / "sweep.igs.mha", sweep)
+    (folder / "config.xml").write_text(
+        "<PlusConfiguration><VolumeReconstruction OutputSpacing='1 1 1'/></PlusConfiguration>"
+    )
     return folder
 
 

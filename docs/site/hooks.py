@@ -35,7 +35,12 @@ def navigation() -> list[Any]:
                 "start", first=("install", "first-image", "first-volume", "first-simulation")
             )
         },
-        {"How-to": _groups("how-to")},
+        {
+            "How-to": [
+                "how-to/index.md",
+                *({group: pages} for group, pages in _groups("how-to").items()),
+            ]
+        },
         {
             "Reference": [
                 *_pages("reference"),
@@ -80,14 +85,14 @@ def _pages(folder: str, first: Iterable[str] = ()) -> list[str]:
     return [f"{folder}/{stem}.md" for stem in paths]
 
 
-def _groups(folder: str) -> list[Any]:
+def _groups(folder: str) -> dict[str, list[str]]:
     """A folder's pages under the `group` of their front matter, or the first word of their name."""
     groups: dict[str, list[str]] = {}
     for path in _pages(folder):
         stem = Path(path).stem
         group = _front_matter(DOCS / path).get("group") or _title(stem.partition("-")[0])
-        groups.setdefault("" if stem == "index" else group, []).append(path)
-    return [*groups.pop("", []), *({group: groups[group]} for group in sorted(groups))]
+        groups.setdefault(group, []).append(path)
+    return dict(sorted(groups.items()))
 
 
 def _title(word: str) -> str:
@@ -109,6 +114,7 @@ def on_files(files: Files, config: Any) -> Files:
     made: dict[str, str | bytes] = dict(reference.pages())
     made["changes.md"] = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
     made["examples.md"] = examples()
+    made["how-to/index.md"] = tasks()
     for path in sorted((DOCS / "start").glob("*.md")):
         text = path.read_text(encoding="utf-8")
         if notebooks.is_notebook(text):
@@ -131,6 +137,19 @@ def tutorial(name: str, text: str) -> dict[str, str | bytes]:
     content: dict[str, str | bytes] = {f"start/{name}.md": page}
     content[f"start/{name}.ipynb"] = notebooks.nbformat.writes(notebook)
     return content | {f"start/{file}": data for file, data in images.items()}
+
+
+def tasks() -> str:
+    """The how-to pages by group, with what each one begins with."""
+    lines = ["# How-to", "", "One task a page: steps, and what comes out.", ""]
+    for group, paths in _groups("how-to").items():
+        lines += [f"## {group}", ""]
+        for path in paths:
+            text = (DOCS / path).read_text(encoding="utf-8")
+            title = re.search(r"^# (.+)$", text, re.M)
+            lines.append(f"- [{title[1] if title else path}]({Path(path).name})")
+        lines.append("")
+    return "\n".join(lines)
 
 
 def examples() -> str:
