@@ -85,7 +85,7 @@ def main() -> None:
         "render, default settings": (lambda: gb.render(scene, camera, SIZE), traced),
         "render, another camera": (lambda: gb.render(scene, moved(), SIZE, settings), traced),
         "render, other settings": (
-            lambda: gb.render(scene, camera, SIZE, gb.RenderSettings(depth=3)), traced),
+            lambda: gb.render(scene, camera, SIZE, gb.RenderSettings(bounces=3)), traced),
         "render, two layers, a cut": (
             lambda: gb.render(layers, camera, SIZE, settings), traced),
         "update and render": (

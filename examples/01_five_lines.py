@@ -1,6 +1,6 @@
-"""Particles from a file to a picture, in five lines.
+"""From a file of particles to an image, in five lines. `gb.render("splash.ply")` does it in one.
 
-Writes splash.png. The file is made first, so that the example needs no data.
+Writes splash.png. The example makes the file first and needs no data.
 """
 
 import globule as gb
@@ -11,6 +11,6 @@ gb.write("splash.ply", gb.Particles(positions, color=color))
 
 particles = gb.read("splash.ply")  # .vtk .vtp .vtu .bgeo .ply .xyz .csv .npz .npy .txt
 scene = gb.Scene(particles)  # support and threshold from the particles' spacing
-frame = gb.render(scene, size=(800, 600))  # a camera that sees all of them
+frame = gb.render(scene, size=(800, 600))  # the default camera sees all of them
 frame.save("splash.png")
-print(f"{len(particles):,} particles, {frame.mask.mean():.0%} of the picture, {scene.octree}")
+print(f"{len(particles):,} particles, {frame.mask.mean():.0%} of the image, {scene.octree}")

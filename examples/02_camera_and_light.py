@@ -1,6 +1,6 @@
-"""A camera, lights and a background of one's own; and what a picture knows besides its colours.
+"""Your own camera, lights and background; and the distances and normals that a frame has.
 
-Writes near.png, and depth.png with what is nearer shown lighter.
+Writes near.png, and depth.png, where nearer surfaces are lighter.
 """
 
 import globule as gb
@@ -17,15 +17,15 @@ settings = gb.RenderSettings(
         gb.DirectionalLight(direction=(-1, 1.5, 0.5), radiance=(0.9, 0.85, 0.75)),
         gb.PointLight(position=(0.5, 0.6, 0.9), radiance=(0.10, 0.15, 0.30)),
     ),
-    background=(0.02, 0.03, 0.05),  # colours are linear, 1 is white
+    background=(0.02, 0.03, 0.05),  # colors are linear, 1 is white
     specular=0.5,
 )
 frame = gb.render(scene, camera, (800, 600), settings)
 frame.save("near.png")
 
-depth = frame.depth  # along the ray, world units, infinite where nothing was hit
-seen = depth[frame.mask]
-shade = np.where(frame.mask, (seen.max() - depth) / np.ptp(seen), 0)
+distance = frame.distance  # along the ray, world units, infinite where missed
+seen = distance[frame.mask]
+shade = np.where(frame.mask, (seen.max() - distance) / np.ptp(seen), 0)
 Image.fromarray((255 * shade).astype(np.uint8)).save("depth.png")
 print(f"nearest {seen.min():.3f}, farthest {seen.max():.3f} from the eye")
-print(f"{(frame.normal[frame.mask][:, 1] > 0.9).mean():.0%} of what is seen faces upwards")
+print(f"{(frame.normal[frame.mask][:, 1] > 0.9).mean():.0%} of the visible surface faces upwards")

@@ -1,7 +1,7 @@
-"""Particles that move: whatever has `particles` and `step()` can be shown, frame by frame.
+"""Particles that move: any object with `particles` and `step()` can be shown, frame by frame.
 
-Writes fountain_00.png to fountain_11.png. The octree is built anew for every frame; the scene and
-all its memory stay.
+Writes fountain_00.png to fountain_11.png. The octree is rebuilt for every frame; the scene
+keeps its memory.
 """
 
 import globule as gb

@@ -1,6 +1,6 @@
-"""Arrays that live on a GPU are used where they are, from CuPy or PyTorch; nothing is copied.
+"""Arrays on a GPU, from CuPy or PyTorch, are used where they are; nothing is copied.
 
-Writes wave.png. Without a GPU, or without either package, it says so and does nothing.
+Writes wave.png. Without a GPU, or without either package, the example says so and stops.
 """
 
 import globule as gb

@@ -1,4 +1,4 @@
-"""A splash as water and as blood: presets set matter, light and surroundings.
+"""A splash as water and as blood: presets set material, light and surroundings.
 
 Writes water.png and blood.png. The command line does the same:
     globule render splash.npz -o water.png --preset water --samples 8
@@ -17,13 +17,13 @@ water = gb.preset("water", scene)  # a RenderSettings, scaled to the scene
 print(f"water: {water.material}")
 gb.render(scene, camera, (480, 360), water).save("water.png")
 
-# Settings are changed by `dataclasses.replace`, in as many levels as it takes.
+# `dataclasses.replace` changes a part of the settings, or of their material.
 blood = gb.preset("blood", scene)
 thinner = dataclasses.replace(
     blood.material, absorption=tuple(0.6 * a for a in blood.material.absorption)
 )
 blood = dataclasses.replace(blood, material=thinner, samples=2)
 frame = gb.render(scene, camera, (480, 360), blood)
-frame.refine(2)  # two samples a pixel more: what is there already is kept
+frame.refine(2)  # two samples a pixel more; the first two are kept
 frame.save("blood.png")
 print(f"blood: {frame.samples} samples a pixel")

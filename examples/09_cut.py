@@ -1,7 +1,7 @@
-"""A brain from a tomography, one metaball per voxel, cut open; and what a pixel of it shows.
+"""A brain from a tomography, one metaball per voxel, cut open; and the voxel at a pixel.
 
-Writes cut.png. With nilearn it is the MNI152 template, else a phantom made by formulas. With a file
-of one's own:
+Writes cut.png. With nilearn the brain is the MNI152 template, else a phantom made by formulas. With
+a file of your own:
     globule render head.nii.gz -o cut.png --preset tissue --up 0,0,1 --clip-box 0,-999,5,999,999,999
 """
 

@@ -1,6 +1,6 @@
-"""Several scenes in one picture: vessels and a lump in translucent tissue, parted by an attribute.
+"""Several scenes in one image: vessels and a lump in translucent tissue, divided by an attribute.
 
-Writes layers.png, and open.png with the tissue cut away but not what is in it.
+Writes layers.png, and open.png, where only the tissue is cut.
 """
 
 import dataclasses

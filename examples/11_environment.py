@@ -24,8 +24,8 @@ glass = gb.Material(transmission=1.0, index=1.5, absorption=(0.25, 0.05, 0.12), 
 rng = np.random.default_rng(11)
 layers = []
 for x, material in ((-2.1, chrome), (0.0, glass), (2.1, brushed)):
-    centres = np.clip(rng.normal(0, 0.38, (14, 3)), -0.6, 0.6) + [x, 0, 0]
-    layers.append(gb.Layer(gb.Scene(gb.Particles(centres, support=0.85), threshold=0.5), material))
+    centers = np.clip(rng.normal(0, 0.38, (14, 3)), -0.6, 0.6) + [x, 0, 0]
+    layers.append(gb.Layer(gb.Scene(gb.Particles(centers, support=0.85), threshold=0.5), material))
 
 settings = gb.RenderSettings(
     lights=[gb.DirectionalLight((-0.9, 1.2, 0.8), (0.5, 0.5, 0.5), angle=20)],  # the larger lamp
@@ -33,10 +33,9 @@ settings = gb.RenderSettings(
     ambient=(0.35, 0.37, 0.40),
     sky=sky,
     ground=gb.Ground(-1.25, color=(0.62, 0.62, 0.62), other=(0.34, 0.35, 0.38), check=1.2),
-    depth=6,
+    bounces=6,
 )
 frame = gb.render(layers, gb.Camera((0.6, 1.5, 7.5), (0, -0.15, 0), fov=34), (540, 290), settings)
-for _ in range(5):  # a window would show each of these
-    frame.refine(2)
+frame.refine(10, progress=lambda done, total: print(f"sample {done} of {total}"))
 frame.save("studio.png")
 print(f"{frame.samples} samples a pixel")

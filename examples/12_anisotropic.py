@@ -9,13 +9,13 @@ import numpy as np
 from globule._demo.data import splash
 
 positions, _, spacing = splash(30_000)
-# Particles of a simulation lie less evenly than the demo's.
+# The particles of a simulation are less even than the demo's.
 rng = np.random.default_rng(12)
 positions = positions + rng.uniform(-0.35, 0.35, positions.shape) * spacing
 particles = gb.Particles(positions, support=2 * spacing)
 
-# Each kernel flattened across the surface and stretched along it, each position moved to where its
-# neighbours are; what is alone gets small.
+# Each kernel is flattened across the surface and stretched along it. Each position moves towards
+# the mean of its neighbors. Particles with few neighbors get small kernels.
 found = gb.anisotropy(particles)
 smooth = gb.Particles(found.centers, anisotropy=found.G)
 
@@ -24,6 +24,6 @@ settings = gb.RenderSettings(shadows=True, specular=0.4, samples=2)
 for name, shown in (("balls", particles), ("ellipsoids", smooth)):
     frame = gb.render(gb.Scene(shown), camera, (480, 360), settings)
     frame.save(f"{name}.png")
-    print(f"{name}: {frame.mask.mean():.0%} of the picture")
+    print(f"{name}: {frame.mask.mean():.0%} of the image")
 axes = 1 / np.linalg.eigvalsh(found.G)
 print(f"longest over shortest axis: {np.median(axes[:, 0] / axes[:, 2]):.1f} on average")

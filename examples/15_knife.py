@@ -1,11 +1,10 @@
-"""Tissue under the knife: an elastic block, cut through by hand, and what the cut leaves.
+"""Tissue under the knife: an elastic block is cut in two, and the free piece falls.
 
-Writes knife.png: before the cut, after it, and the piece that slid away.
+Writes knife.png: before the cut, after the cut, and after the fall.
 """
 
 import globule as gb
 import numpy as np
-from globule.render.frame import save_png
 
 sim = gb.Simulation({
     "spacing": 0.0025,  # m
@@ -20,17 +19,17 @@ sim = gb.Simulation({
 })  # fmt: skip
 camera = gb.Camera(eye=(0.08, -0.12, 0.06), look_at=(0.02, 0.01, 0.0), up=(0, 0, 1), fov=35)
 
-pictures = [gb.render(sim.scene, camera, size=(260, 220)).picture]
+images = [gb.render(sim.scene, camera, size=(260, 220)).image]
 before = sim.n_bonds
 edge = np.array([[0.0212, -0.01, 0.04], [0.0212, 0.03, 0.04]])  # (K, 3) m, a line of points
-n_cut = sim.cut((edge, edge - [0, 0, 0.08]))  # all that lies between its two places
+n_cut = sim.cut((edge, edge - [0, 0, 0.08]))  # all bonds between the line's two places
 print(f"{n_cut} of {before:,} bonds cut; {sim.n_pieces} pieces")
-pictures.append(gb.render(sim.scene, camera, size=(260, 220)).picture)
+images.append(gb.render(sim.scene, camera, size=(260, 220)).image)
 
-free = sim.piece == np.unique(sim.piece)[1]  # pieces are named by their least particle
+free = sim.piece == np.unique(sim.piece)[1]  # a piece has the number of its first particle
 height = sim.positions[free, 2].mean()
 sim.advance(0.08)
 fallen = height - sim.positions[free, 2].mean()
 print(f"the free piece fell {1e3 * fallen:.1f} mm in 0.08 s")
-pictures.append(gb.render(sim.scene, camera, size=(260, 220)).picture)
-save_png("knife.png", np.hstack(pictures))
+images.append(gb.render(sim.scene, camera, size=(260, 220)).image)
+gb.save_png("knife.png", np.hstack(images))

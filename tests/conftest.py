@@ -20,6 +20,11 @@ SOAK = float(os.environ.get("GLOBULE_SOAK", 0))  # what test_concurrency.py take
 BACKENDS = [f"{LEVELS[-1]}-1thread", *(f"{level}-threads" for level in LEVELS), "cuda"]
 
 
+def pytest_configure(config):
+    """Nothing of our own uses a name that has been replaced; tests of old names catch the warning."""
+    config.addinivalue_line("filterwarnings", "error:globule:DeprecationWarning")
+
+
 @contextlib.contextmanager
 def simd(level: str):
     """Scenes made inside use this SIMD level."""

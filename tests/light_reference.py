@@ -61,7 +61,7 @@ def render(layers, camera, size, settings, clips=(), pixels=None, shift=0.0, sam
     if ground is not None:
         below = o @ unit(ground.normal) < ground.height
     images = {"color": out}
-    for generation in range(settings.depth + 1):
+    for generation in range(settings.bounces + 1):
         # What each ray meets first; of surfaces at the same place, those of the earlier layer.
         t, which = np.full(len(o), np.inf), np.full(len(o), -1)
         for k, m in enumerate(media):
@@ -84,7 +84,7 @@ def render(layers, camera, size, settings, clips=(), pixels=None, shift=0.0, sam
             normal[on_ground] = unit(ground.normal)
             albedo[on_ground] = ground_color(ground, p[on_ground])
         if generation == 0:
-            images |= {"depth": t, "normal": normal.copy(), "albedo": albedo.copy(), "layer": which}
+            images |= {"distance": t, "normal": normal.copy(), "albedo": albedo.copy(), "layer": which}
         behind = sky_of(settings, d)
         if generation == 0 and settings.sky is None:
             behind = np.broadcast_to(color(settings.background), d.shape)
@@ -152,7 +152,7 @@ def render(layers, camera, size, settings, clips=(), pixels=None, shift=0.0, sam
         inside = np.concatenate([inside, passed])
         below, pixel = np.tile(below, 2), np.tile(pixel, 2)
         some = weight.max(1) > 0
-        on = some & (weight.max(1) >= settings.cutoff) & (generation < settings.depth)
+        on = some & (weight.max(1) >= settings.cutoff) & (generation < settings.bounces)
         ends = some & ~on
         np.add.at(out, pixel[ends], (weight * sky_of(settings, d))[ends])
         o, d, inside, below = o[on], d[on], inside[on], below[on]

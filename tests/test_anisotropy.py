@@ -34,7 +34,7 @@ def test_equal_axes_are_a_support(backend):
     same = gb.Scene(gb.Particles(p, anisotropy=g), **backend)
     a, b = (gb.render(s, gb.Camera((7, 5, 12), (0, 0, 0)), (80, 60)) for s in (ball, same))
     assert (a.mask == b.mask).all()
-    np.testing.assert_allclose(a.depth[a.mask], b.depth[a.mask], atol=2e-4)
+    np.testing.assert_allclose(a.distance[a.mask], b.distance[a.mask], atol=2e-4)
 
 
 @pytest.mark.parametrize("kernel", ["murakami", "wendland_c2", "solid"])
@@ -48,7 +48,7 @@ def test_rays_through_the_cells(backend, kernel):
     assert (whole.mask == cut.mask).all()
     assert 0.1 < whole.mask.mean() < 0.9
     m = whole.mask
-    np.testing.assert_allclose(whole.depth[m], cut.depth[m], atol=1e-4)
+    np.testing.assert_allclose(whole.distance[m], cut.distance[m], atol=1e-4)
     assert ((whole.normal * cut.normal).sum(-1)[m] > 0.999).mean() > 0.995
     # What a mirrored ray meets is what the oracle says.
     d = whole.position[m] - np.float32(camera.eye)

@@ -222,7 +222,7 @@ def test_pick(capsys):
     assert picked["position"][2] == pytest.approx(0, abs=1e-4)
     assert picked["normal"] == [0, 0, 1]
     assert set(picked["attributes"]) == {"side"}
-    assert picked["depth"] > 2
+    assert picked["distance"] > 2
     picture("--json")
     assert "picked" not in json.loads(capsys.readouterr().out)
 

@@ -191,7 +191,7 @@ def test_several_files_need_a_pattern(particles, capsys):
         (["-o", "a.png", "--fov", "180"], "fov"),
         (["-o", "a.png", "--ortho", "-2"], "--ortho"),
         (["-o", "a.png", "--octree", "loose"], "sparse"),
-        (["-o", "a.png", "--depth", "11"], "depth"),
+        (["-o", "a.png", "--depth", "11"], "level"),
         (["-o", "a.png", "--key-bits", "48"], "--key-bits"),
         (["-o", "a.png", "--octree", "dense", "--key-bits", "64"], "key_bits"),
         (["-o", "a.png", "--colormap", "jet"], "viridis"),

@@ -114,7 +114,7 @@ def test_frames_are_read_from_any_thread():
     sets = point_sets()
     scene = gb.Scene(sets[1], support=0.08, device="cpu", threads=1)
     frame = gb.render(scene, size=SIZE)
-    names = ("picture", "depth", "normal", "position", "albedo", "color")
+    names = ("picture", "distance", "normal", "position", "albedo", "color")
     right = {name: getattr(frame, name).tobytes() for name in names}
     end = time.monotonic() + 0.3 * SECONDS
 
@@ -136,13 +136,13 @@ def test_layers_in_both_orders_do_not_block_each_other():
     sets = point_sets()
     a, b = (gb.Scene(points, support=0.08, device="cpu", threads=1) for points in sets[:2])
     camera = gb.Camera.fit(sets[0], size=SIZE)
-    right = {order: gb.render(layers, camera, SIZE).depth.tobytes()
+    right = {order: gb.render(layers, camera, SIZE).distance.tobytes()
              for order, layers in (("ab", (a, b)), ("ba", (b, a)))}  # fmt: skip
     end = time.monotonic() + 0.5 * SECONDS
 
     def draw(order, layers):
         while time.monotonic() < end:
-            assert gb.render(layers, camera, SIZE).depth.tobytes() == right[order]
+            assert gb.render(layers, camera, SIZE).distance.tobytes() == right[order]
 
     with running(lambda: draw("ab", (a, b)), lambda: draw("ba", (b, a))):
         pass

@@ -107,7 +107,7 @@ def test_default_images(made, kernel):
     bits = 64 if KERNELS.index(kernel) % 2 else 32
     frame = gb.render(gb.Scene(positions, kernel=kernel, key_bits=bits, device="cpu"), size=DRAWN)
     same(folder, f"kernel_{kernel}", frame.picture)
-    same(folder, f"depth_{kernel}", frame.depth)
+    same(folder, f"depth_{kernel}", frame.distance)
 
 
 def test_rich_images(made):

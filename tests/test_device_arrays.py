@@ -139,7 +139,7 @@ def test_update_after_the_particles_spread_is_as_good_as_new(backend):
     fresh = gb.Scene(later, support=0.06, **backend).octree
     for _ in range(3):
         scene.update(positions=later)
-    assert (scene.octree.n_nodes, scene.octree.depth) == (fresh.n_nodes, fresh.depth)
+    assert (scene.octree.n_nodes, scene.octree.level) == (fresh.n_nodes, fresh.level)
     scene.update(positions=lattice[:100])
     scene.update(positions=lattice[:100])
     assert scene.octree.n_nodes == gb.Scene(lattice[:100], support=0.06, **backend).octree.n_nodes

@@ -114,7 +114,7 @@ def test_exr_of_a_frame(openexr, tmp_path):
     with openexr.File(str(tmp_path / "a.exr"), separate_channels=True) as file:
         planes = {name: channel.pixels for name, channel in file.channels().items()}
     assert np.array_equal(np.stack([planes[c] for c in "RGB"], axis=2), frame.color)
-    assert np.array_equal(planes["Z"], frame.depth)
+    assert np.array_equal(planes["Z"], frame.distance)
     assert np.array_equal(planes["normal.Y"], frame.normal[..., 1])
     assert np.array_equal(planes["albedo.B"], frame.albedo[..., 2])
     assert np.array_equal(planes["position.X"], frame.position[..., 0], equal_nan=True)

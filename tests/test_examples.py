@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import os
 import re
 import subprocess
 import sys
@@ -26,9 +27,11 @@ def test_example(path, tmp_path):
     words = ast.get_docstring(ast.parse(text))
     assert words
     assert text.count("\n") <= 60
+    ours = {"PYTHONWARNINGS": "error:globule:DeprecationWarning"}  # no old names
     done = subprocess.run(
-        [sys.executable, str(path)], cwd=tmp_path, capture_output=True, text=True, timeout=50
-    )
+        [sys.executable, str(path)],
+        cwd=tmp_path, env={**os.environ, **ours}, capture_output=True, text=True, timeout=50,
+    )  # fmt: skip
     assert done.returncode == 0 and done.stderr == "", done.stderr
     if done.stdout.startswith("skipped: "):
         pytest.skip(done.stdout.strip())

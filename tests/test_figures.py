@@ -96,7 +96,7 @@ def test_the_drawn_leaves_are_the_octree_s():
     scene, codes, positions = scene_and_codes("cpu")
     cells = leaf_cells(codes)
     assert len(cells) == scene.octree.n_leaves
-    assert cells[:, 0].max() == scene.octree.depth
+    assert cells[:, 0].max() == scene.octree.level
     grid = np.unique(((positions - scene.octree.lo) / scene.octree.extent * 16).astype(int), axis=0)
     assert {tuple(c) for c in occupied_cells(codes, 4)} == {tuple(np.minimum(c, 15)) for c in grid}
 
@@ -223,7 +223,7 @@ def test_nothing_is_clipped_or_doubled_at_the_border():
     a, b = (gb.render(scene, camera, (160, 120)) for scene in (tight, wide))
     assert (a.mask == b.mask).all()
     assert a.mask.mean() > 0.05
-    assert np.abs(a.depth[a.mask] - b.depth[a.mask]).max() < 1e-4
+    assert np.abs(a.distance[a.mask] - b.distance[a.mask]).max() < 1e-4
     beyond = a.position[a.mask]
     assert ((beyond < -0.01) | (beyond > 1.01)).any()
 
@@ -237,7 +237,7 @@ def test_a_large_step_makes_terraces():
     for step in (LARGE_STEP, SMALL_STEP):
         frame = gb.render(scene, camera, (120, 90), thesis=marched(step))
         both = frame.mask & exact.mask
-        away.append(np.median(frame.depth[both] - exact.depth[both]) / scene.support)
+        away.append(np.median(frame.distance[both] - exact.distance[both]) / scene.support)
         assert both.sum() > 0.9 * exact.mask.sum()
     assert 0.3 * LARGE_STEP < away[0] < LARGE_STEP
     assert 0 < away[1] < SMALL_STEP

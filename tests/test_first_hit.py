@@ -52,7 +52,7 @@ def test_there_are_enough_rays():
 
 @pytest.mark.parametrize("name", ["one", "mixed", "carved", "sheet", "sheet_edge", "inside"])
 @pytest.mark.parametrize(
-    "options", [{"octree": "dense", "depth": 5}, {"key_bits": 64}, {"depth": 2}], ids=str
+    "options", [{"octree": "dense", "level": 5}, {"key_bits": 64}, {"level": 2}], ids=str
 )
 def test_first_hit_in_other_octrees(backend, name, options):
     c = case(name)

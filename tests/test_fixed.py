@@ -59,7 +59,7 @@ def test_one_camera_for_several_sizes():
     scene = ball()
     for size in ((24, 20), (20, 24), (24, 20)):
         fresh = gb.render(scene, gb.Camera((0, 0, 5), (0, 0, 0)), size, QUIET)
-        np.testing.assert_array_equal(gb.render(scene, CAMERA, size, QUIET).depth, fresh.depth)
+        np.testing.assert_array_equal(gb.render(scene, CAMERA, size, QUIET).distance, fresh.distance)
 
 
 def test_one_material_under_several_settings():
@@ -82,5 +82,5 @@ def test_how_far_ambient_rays_look_is_each_scenes_own():
 
 
 def test_what_is_no_camera():
-    with pytest.raises(TypeError, match=r"camera: expected Camera, got \(24, 20\)"):
-        gb.render(ball(), SIZE)
+    with pytest.raises(TypeError, match=r"camera: expected Camera or a size .*, got 'above'"):
+        gb.render(ball(), "above")

@@ -75,9 +75,9 @@ def test_ticks_of_extreme_ranges(ends):
 @pytest.mark.parametrize(
     ("arguments", "what"),
     [
-        ((gray(63, 100), "viridis", 0, 1), "picture: expected at least 64 pixels a side"),
-        ((gray(100, 100)[..., :1], "viridis", 0, 1), "picture: expected"),
-        ((gray(100, 100) / 255, "viridis", 0, 1), "picture: expected .*uint8"),
+        ((gray(63, 100), "viridis", 0, 1), "image: expected at least 64 pixels a side"),
+        ((gray(100, 100)[..., :1], "viridis", 0, 1), "image: expected"),
+        ((gray(100, 100) / 255, "viridis", 0, 1), "image: expected .*uint8"),
         ((gray(100, 100), "jet", 0, 1), "colormap: expected one of"),
         ((gray(100, 100), "viridis", np.nan, 1), "range: expected two finite"),
     ],

@@ -55,7 +55,7 @@ def test_mirror_ball(backend, camera):
 @pytest.mark.parametrize("depth", [0, 1, 2, 5])
 @pytest.mark.parametrize("index", [1.0, 1.33, 1.5, 2.4])
 def test_glass_ball(backend, index, depth):
-    look = quiet(sky=SKY, material=glass(index), depth=depth)
+    look = quiet(sky=SKY, material=glass(index), bounces=depth)
     frame = gb.render(ball(**backend), CAMERA, SIZE, look)
     o, d = rays(CAMERA, SIZE)
     away = meet_ball(o, d)[2][..., 0]
@@ -68,7 +68,7 @@ def test_glass_ball(backend, index, depth):
 def test_glass_ball_moves_the_checkerboard(backend):
     """Refracted positions, not only directions: a checkered ground seen through the ball."""
     ground = gb.Ground(-1.2, color=1.0, other=0.0, check=0.23)
-    look = quiet(sky=uniform_sky(0.5), ambient=1.0, ground=ground, material=glass(1.5), depth=8)
+    look = quiet(sky=uniform_sky(0.5), ambient=1.0, ground=ground, material=glass(1.5), bounces=8)
     camera, size = gb.Camera((0.9, 3.5, 1.5), CENTRE, fov=22), (64, 48)
     frame = gb.render(ball(**backend), camera, size, look)
     o, d = rays(camera, size)
@@ -109,14 +109,14 @@ def test_total_internal_reflection(backend):
     eye = CENTRE + np.array([0.75 * RADIUS, 0, 0])
     camera = gb.Camera(eye, eye + (0.1, 0.2, 1.0), fov=100)
     for depth in (0, 1, 6):
-        look = quiet(sky=SKY, material=glass(index), depth=depth)
+        look = quiet(sky=SKY, material=glass(index), bounces=depth)
         frame = gb.render(ball(**backend), camera, SIZE, look)
         o, d = rays(camera, SIZE)
         far = meet_ball(o, d)[1]
         sine = np.sqrt(1 - dot(d, (o + far * d - CENTRE) / RADIUS) ** 2)[..., 0]
         total = sine > 1 / index
         assert 200 < total.sum() < total.size - 200
-        np.testing.assert_allclose(frame.depth, far[..., 0], atol=3e-5)
+        np.testing.assert_allclose(frame.distance, far[..., 0], atol=3e-5)
         error = np.abs(frame.color - glass_ball(o, d, index, depth, inside=True)).max(-1)
         clear = np.abs(sine - 1 / index) > 0.01
         assert error[clear].max() < 0.012
@@ -126,7 +126,7 @@ def test_total_internal_reflection(backend):
 @pytest.mark.parametrize("index", [1.2, 1.5, 2.0, 4.0])
 def test_fresnel(backend, index):
     """Straight on ((n - 1) / (n + 1))^2, at a glance 1, in between the two polarisations' mean."""
-    look = quiet(sky=ONE_SKY, depth=1, material=gb.Material(0.0, 0.0, index))
+    look = quiet(sky=ONE_SKY, bounces=1, material=gb.Material(0.0, 0.0, index))
     camera = gb.Camera(CENTRE + (0, 0, 6), CENTRE, height=2 * RADIUS)
     color = gb.render(ball(**backend), camera, (201, 201), look).color
     assert color[100, 100, 0] == pytest.approx(((index - 1) / (index + 1)) ** 2, abs=1e-4)
@@ -183,7 +183,7 @@ def test_furnace(backend, matter):
             sky=ONE_SKY,
             ambient="sky",
             material=MATTERS[matter],
-            depth=depth,
+            bounces=depth,
             cutoff=cutoff,
             samples=2,
         )
@@ -222,7 +222,7 @@ def test_beer_through_a_ball(backend):
 
 def test_beer_in_glass(backend):
     """Every internal path loses by its own length."""
-    look = quiet(sky=SKY, material=glass(1.5, absorption=1.2), depth=6)
+    look = quiet(sky=SKY, material=glass(1.5, absorption=1.2), bounces=6)
     frame = gb.render(ball(**backend), CAMERA, SIZE, look)
     o, d = rays(CAMERA, SIZE)
     clear = np.abs(meet_ball(o, d)[2][..., 0] - RADIUS) > 0.01 * RADIUS
@@ -236,7 +236,7 @@ def test_beer_through_a_slab(backend, index):
     """A block cut flat by two planes, seen from all angles; between its faces light bounces."""
     thick, a = 2.6, np.array([0.2, 0.5, 1.0])
     clips = [gb.ClipPlane((0, 0, 1), thick / 2), gb.ClipPlane((0, 0, -1), thick / 2)]
-    look = quiet(sky=ONE_SKY, material=glass(index, absorption=a), depth=12)
+    look = quiet(sky=ONE_SKY, material=glass(index, absorption=a), bounces=12)
     camera = gb.Camera((0.4, 0.3, 12), (0, 0, 0), fov=12)
     frame = gb.render(block(**backend), camera, (24, 20), look, clips)
     _, d = rays(camera, (24, 20))
@@ -245,7 +245,7 @@ def test_beer_through_a_slab(backend, index):
     f, left = fresnel(cosine, index), np.exp(-a * thick / inner)
     through = (1 - f) ** 2 * left / (1 - (f * left) ** 2)
     back = f + f * (1 - f) ** 2 * left**2 / (1 - (f * left) ** 2)
-    np.testing.assert_allclose(frame.depth, (12 - thick / 2) / cosine[..., 0], rtol=1e-5)
+    np.testing.assert_allclose(frame.distance, (12 - thick / 2) / cosine[..., 0], rtol=1e-5)
     np.testing.assert_allclose(frame.color, through + back, rtol=0.005)
 
 
@@ -270,7 +270,7 @@ def test_factors_of_particles_blend(backend):
     scene = gb.Scene(particles, threshold=0.6, **backend)
     # Depth 0: all that goes on sees the sky, 1; scattered light is black, so the picture is the
     # share that goes on.
-    look = quiet(sky=ONE_SKY, depth=0)
+    look = quiet(sky=ONE_SKY, bounces=0)
     camera = gb.Camera((1.5, 1, 2.5), (0, 0, 0))
     frame = gb.render(scene, camera, SIZE, look)
     m = frame.mask

@@ -91,7 +91,7 @@ def test_cut_ball(backend, name, view):
     assert sure.mean() > 0.85
     np.testing.assert_array_equal(frame.mask[sure], np.isfinite(t)[sure])
     seen = sure & np.isfinite(t)
-    np.testing.assert_allclose(frame.depth[seen], t[seen], atol=2e-4)
+    np.testing.assert_allclose(frame.distance[seen], t[seen], atol=2e-4)
     p = o + np.where(np.isfinite(t), t, 0)[..., None] * d
     for k in range(-1, len(clips)):
         here = seen & (which == k)
@@ -140,7 +140,7 @@ def test_camera_in_the_removed_part(backend):
     clip = gb.ClipPlane((0, 0, 1), -0.5)
     frame = gb.render(scene, camera, SIZE, quiet(), [clip])
     _, d = rays(camera, SIZE)
-    np.testing.assert_allclose(frame.depth, 1.5 / -d[..., 2], rtol=1e-5)
+    np.testing.assert_allclose(frame.distance, 1.5 / -d[..., 2], rtol=1e-5)
     np.testing.assert_allclose(frame.normal, np.broadcast_to((0, 0, 1), d.shape), atol=1e-6)
 
 
@@ -151,7 +151,7 @@ def test_camera_in_the_medium_sees_its_hollow(backend):
     frame = gb.render(scene, camera, (9, 9), quiet(), [gb.ClipSphere((0, 0, 0), 1.0)])
     o, d = rays(camera, (9, 9))
     near, _, _ = meet_ball(o, d, np.zeros(3), 1.0)
-    np.testing.assert_allclose(frame.depth, near[..., 0], atol=1e-5)
+    np.testing.assert_allclose(frame.distance, near[..., 0], atol=1e-5)
     out = unit(-(o + near * d))
     np.testing.assert_allclose(frame.normal, out, atol=1e-4)
 
@@ -240,7 +240,7 @@ def test_light_falls_into_a_hollow(backend, own):
     look = quiet(
         lights=[gb.DirectionalLight((0, 1, 0), (1, 1, 1))],
         shadows=True,
-        depth=0,
+        bounces=0,
         material=gb.Material(*factors, 1.0, absorption=1.5),
     )
     camera = gb.Camera(C, C + (0.02, -1, 0.01), up=(0, 0, 1), fov=70)
@@ -256,7 +256,7 @@ def test_light_falls_into_a_hollow(backend, own):
 
 def test_cut_glass_is_glass(backend):
     """A ball of clear glass cut in half refracts at its flat face as at its round one."""
-    look = quiet(sky=direction_sky(), material=gb.Material(0.0, 1.0, 1.5, absorption=0.0), depth=1)
+    look = quiet(sky=direction_sky(), material=gb.Material(0.0, 1.0, 1.5, absorption=0.0), bounces=1)
     clip = gb.ClipPlane((0, 0, 1), C[2])
     camera = gb.Camera(C + (0.4, 0.3, 5), C, height=1.3 * R)
     frame = gb.render(ball(**backend), camera, SIZE, look, [clip])

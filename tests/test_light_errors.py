@@ -14,8 +14,15 @@ CAMERA = gb.Camera((0, 0, 5), (0, 0, 0))
 def refuse(error, name, got, **options):
     """Rendering with these options fails, saying `name: expected ..., got ...`."""
     scene = options.pop("scene") if "scene" in options else ball()
+    refused(
+        error, name, got, lambda: gb.render(scene, **{"camera": CAMERA, "size": (4, 3), **options})
+    )
+
+
+def refused(error, name, got, call):
+    """A call fails, saying `name: expected ..., got ...`."""
     with pytest.raises(error) as caught:
-        gb.render(scene, **{"camera": CAMERA, "size": (4, 3), **options})
+        call()
     message = str(caught.value)
     assert message.startswith(f"{name}: expected "), message
     assert f", got {got}" in message, message
@@ -40,9 +47,9 @@ SETTINGS = [
     (TypeError, "ambient_distance", "far", None),
     (ValueError, "exposure", -1, None),
     (ValueError, "exposure", INF, None),
-    (ValueError, "depth", -1, None),
-    (ValueError, "depth", 33, None),
-    (TypeError, "depth", 2.0, None),
+    (ValueError, "bounces", -1, None),
+    (ValueError, "bounces", 33, None),
+    (TypeError, "bounces", 2.0, None),
     (ValueError, "cutoff", -0.1, None),
     (ValueError, "cutoff", 1.5, None),
     (ValueError, "cutoff", NAN, None),
@@ -60,27 +67,34 @@ SETTINGS = [
 
 @pytest.mark.parametrize(("error", "name", "value", "got"), SETTINGS, ids=str)
 def test_settings(error, name, value, got):
-    settings = dataclasses.replace(QUIET, **{name: value})
-    refuse(error, name, repr(value) if got is None else got, settings=settings)
+    """Refused where they are made, and as a dict."""
+    got = repr(value) if got is None else got
+    refused(error, name, got, lambda: dataclasses.replace(QUIET, **{name: value}))
+    refused(error, name, got, lambda: gb.RenderSettings(**{name: value}))
+    refuse(error, name, got, settings={name: value})
 
 
 @pytest.mark.parametrize(
-    ("name", "options"),
+    ("name", "call"),
     [
-        ("material", {"settings": dataclasses.replace(QUIET, material=None)}),
-        ("material", {"settings": dataclasses.replace(QUIET, material=0.5)}),
-        ("material", {"scene": gb.Layer(ball(), "clay")}),
-        ("lights", {"settings": dataclasses.replace(QUIET, lights=gb.Headlight())}),
-        ("clips", {"clips": gb.ClipPlane((0, 0, 1))}),
-        ("clips", {"scene": gb.Layer(ball(), None, gb.ClipPlane((0, 0, 1)))}),
-        ("settings", {"settings": {"depth": 3}}),
-        ("scene", {"scene": 5}),
+        ("material", lambda: dataclasses.replace(QUIET, material=None)),
+        ("material", lambda: dataclasses.replace(QUIET, material=0.5)),
+        ("material", lambda: gb.Layer(ball(), "clay")),
+        ("lights", lambda: dataclasses.replace(QUIET, lights=gb.Headlight())),
+        ("shadows", lambda: dataclasses.replace(QUIET, shadows="no")),
+        ("keep", lambda: gb.ClipBox((0, 0, 0), (1, 1, 1), keep="yes")),
+        ("image", lambda: gb.Environment("studio.exr")),
+        ("clips", lambda: gb.render(ball(), clips=gb.ClipPlane((0, 0, 1)))),
+        ("clips", lambda: gb.Layer(ball(), None, gb.ClipPlane((0, 0, 1)))),
+        ("settings", lambda: gb.render(ball(), settings={"shadow": True})),
+        ("settings", lambda: gb.render(ball(), settings="water")),
+        ("settings", lambda: gb.render(ball(), settings=3)),
+        ("scene", lambda: gb.render(5)),
     ],
-    ids=str,
 )
-def test_other_things_than_expected(name, options):
+def test_other_things_than_expected(name, call):
     with pytest.raises(TypeError, match=f"{name}: expected .*, got "):
-        gb.render(**{"scene": ball(), "camera": CAMERA, "size": (4, 3), **options})
+        call()
 
 
 MATERIALS = [
@@ -112,53 +126,51 @@ MATERIALS = [
 @pytest.mark.parametrize(("error", "field"), MATERIALS, ids=str)
 def test_materials(error, field):
     ((name, value),) = field.items()
-    material = gb.Material(**field)
-    refuse(error, name, repr(value), settings=dataclasses.replace(QUIET, material=material))
-    refuse(error, name, repr(value), scene=gb.Layer(ball(), material))
+    refused(error, name, repr(value), lambda: gb.Material(**field))
 
 
 LIGHTS = [
-    (ValueError, "radiance", gb.Headlight((1, 2)), "(1, 2)"),
-    (ValueError, "radiance", gb.Headlight(-1), "-1"),
-    (ValueError, "radiance", gb.DirectionalLight((0, 1, 0), NAN), "nan"),
-    (ValueError, "direction", gb.DirectionalLight((0, 0, 0)), "(0, 0, 0)"),
-    (ValueError, "direction", gb.DirectionalLight((0, NAN, 0)), "(0, nan, 0)"),
-    (TypeError, "direction", gb.DirectionalLight("up"), "'up'"),
-    (ValueError, "angle", gb.DirectionalLight(angle=-1), "-1"),
-    (ValueError, "angle", gb.DirectionalLight(angle=180), "180"),
-    (ValueError, "position", gb.PointLight((1, 2)), "(1, 2)"),
-    (ValueError, "position", gb.PointLight((1, INF, 0)), "(1, inf, 0)"),
-    (ValueError, "radius", gb.PointLight((1, 2, 3), radius=-1), "-1"),
-    (ValueError, "radius", gb.PointLight((1, 2, 3), radius=NAN), "nan"),
+    (ValueError, "radiance", lambda: gb.Headlight((1, 2)), "(1, 2)"),
+    (ValueError, "radiance", lambda: gb.Headlight(-1), "-1"),
+    (ValueError, "radiance", lambda: gb.DirectionalLight((0, 1, 0), NAN), "nan"),
+    (ValueError, "direction", lambda: gb.DirectionalLight((0, 0, 0)), "(0, 0, 0)"),
+    (ValueError, "direction", lambda: gb.DirectionalLight((0, NAN, 0)), "(0, nan, 0)"),
+    (TypeError, "direction", lambda: gb.DirectionalLight("up"), "'up'"),
+    (ValueError, "angle", lambda: gb.DirectionalLight(angle=-1), "-1"),
+    (ValueError, "angle", lambda: gb.DirectionalLight(angle=180), "180"),
+    (ValueError, "position", lambda: gb.PointLight((1, 2)), "(1, 2)"),
+    (ValueError, "position", lambda: gb.PointLight((1, INF, 0)), "(1, inf, 0)"),
+    (ValueError, "radius", lambda: gb.PointLight((1, 2, 3), radius=-1), "-1"),
+    (ValueError, "radius", lambda: gb.PointLight((1, 2, 3), radius=NAN), "nan"),
 ]
 
 
 @pytest.mark.parametrize(("error", "name", "light", "got"), LIGHTS, ids=str)
 def test_lights(error, name, light, got):
-    refuse(error, name, got, settings=dataclasses.replace(QUIET, lights=[light]))
+    refused(error, name, got, light)
 
 
 AROUND = [
-    (ValueError, "zenith", {"sky": gb.Sky(zenith=(1, 2))}, "(1, 2)"),
-    (ValueError, "horizon", {"sky": gb.Sky(horizon=-1)}, "-1"),
-    (ValueError, "ground", {"sky": gb.Sky(ground=NAN)}, "nan"),
-    (ValueError, "up", {"sky": gb.Sky(up=(0, 0, 0))}, "(0, 0, 0)"),
-    (ValueError, "turn", {"sky": gb.Environment(np.ones((2, 4, 3)), turn=INF)}, "inf"),
-    (ValueError, "strength", {"sky": gb.Environment(np.ones((2, 4, 3)), strength=-1)}, "-1"),
-    (ValueError, "up", {"sky": gb.Environment(np.ones((2, 4, 3)), up=(1, 2))}, "(1, 2)"),
-    (ValueError, "height", {"ground": gb.Ground(NAN)}, "nan"),
-    (TypeError, "height", {"ground": gb.Ground("low")}, "'low'"),
-    (ValueError, "normal", {"ground": gb.Ground(0, normal=(0, 0, 0))}, "(0, 0, 0)"),
-    (ValueError, "color", {"ground": gb.Ground(0, color=-1)}, "-1"),
-    (ValueError, "other", {"ground": gb.Ground(0, other=(1, 2))}, "(1, 2)"),
-    (ValueError, "check", {"ground": gb.Ground(0, check=-1)}, "-1"),
-    (ValueError, "reflection", {"ground": gb.Ground(0, reflection=1.5)}, "1.5"),
+    (ValueError, "zenith", lambda: gb.Sky(zenith=(1, 2)), "(1, 2)"),
+    (ValueError, "horizon", lambda: gb.Sky(horizon=-1), "-1"),
+    (ValueError, "ground", lambda: gb.Sky(ground=NAN), "nan"),
+    (ValueError, "up", lambda: gb.Sky(up=(0, 0, 0)), "(0, 0, 0)"),
+    (ValueError, "turn", lambda: gb.Environment(np.ones((2, 4, 3)), turn=INF), "inf"),
+    (ValueError, "strength", lambda: gb.Environment(np.ones((2, 4, 3)), strength=-1), "-1"),
+    (ValueError, "up", lambda: gb.Environment(np.ones((2, 4, 3)), up=(1, 2)), "(1, 2)"),
+    (ValueError, "height", lambda: gb.Ground(NAN), "nan"),
+    (TypeError, "height", lambda: gb.Ground("low"), "'low'"),
+    (ValueError, "normal", lambda: gb.Ground(0, normal=(0, 0, 0)), "(0, 0, 0)"),
+    (ValueError, "color", lambda: gb.Ground(0, color=-1), "-1"),
+    (ValueError, "other", lambda: gb.Ground(0, other=(1, 2)), "(1, 2)"),
+    (ValueError, "check", lambda: gb.Ground(0, check=-1), "-1"),
+    (ValueError, "reflection", lambda: gb.Ground(0, reflection=1.5), "1.5"),
 ]
 
 
 @pytest.mark.parametrize(("error", "name", "setting", "got"), AROUND, ids=str)
 def test_sky_and_ground(error, name, setting, got):
-    refuse(error, name, got, settings=dataclasses.replace(QUIET, **setting))
+    refused(error, name, got, setting)
 
 
 @pytest.mark.parametrize(
@@ -186,33 +198,36 @@ def test_environment_values(value):
 
 
 CLIPS = [
-    (ValueError, "normal", gb.ClipPlane((0, 0, 0)), "(0, 0, 0)"),
-    (ValueError, "normal", gb.ClipPlane((0, NAN, 0)), "(0, nan, 0)"),
-    (TypeError, "normal", gb.ClipPlane("up"), "'up'"),
-    (ValueError, "offset", gb.ClipPlane((0, 0, 1), INF), "inf"),
-    (TypeError, "offset", gb.ClipPlane((0, 0, 1), "far"), "'far'"),
-    (ValueError, "lo", gb.ClipBox((0, 0), (1, 1, 1)), "(0, 0)"),
-    (ValueError, "hi", gb.ClipBox((0, 0, 0), (1, 0, 1)), "(1, 0, 1)"),
-    (ValueError, "hi", gb.ClipBox((0, 0, 0), (1, NAN, 1)), "(1, nan, 1)"),
-    (ValueError, "center", gb.ClipSphere((0, 0), 1), "(0, 0)"),
-    (ValueError, "radius", gb.ClipSphere((0, 0, 0), -1), "-1"),
-    (ValueError, "radius", gb.ClipSphere((0, 0, 0), 0), "0"),
-    (ValueError, "radius", gb.ClipSphere((0, 0, 0), NAN), "nan"),
-    (TypeError, "radius", gb.ClipSphere((0, 0, 0), "big"), "'big'"),
-    (TypeError, "clips", "plane", "'p'"),
+    (ValueError, "normal", lambda: gb.ClipPlane((0, 0, 0)), "(0, 0, 0)"),
+    (ValueError, "normal", lambda: gb.ClipPlane((0, NAN, 0)), "(0, nan, 0)"),
+    (TypeError, "normal", lambda: gb.ClipPlane("up"), "'up'"),
+    (ValueError, "offset", lambda: gb.ClipPlane((0, 0, 1), INF), "inf"),
+    (TypeError, "offset", lambda: gb.ClipPlane((0, 0, 1), "far"), "'far'"),
+    (ValueError, "lo", lambda: gb.ClipBox((0, 0), (1, 1, 1)), "(0, 0)"),
+    (ValueError, "hi", lambda: gb.ClipBox((0, 0, 0), (1, 0, 1)), "(1, 0, 1)"),
+    (ValueError, "hi", lambda: gb.ClipBox((0, 0, 0), (1, NAN, 1)), "(1, nan, 1)"),
+    (ValueError, "center", lambda: gb.ClipSphere((0, 0), 1), "(0, 0)"),
+    (ValueError, "radius", lambda: gb.ClipSphere((0, 0, 0), -1), "-1"),
+    (ValueError, "radius", lambda: gb.ClipSphere((0, 0, 0), 0), "0"),
+    (ValueError, "radius", lambda: gb.ClipSphere((0, 0, 0), NAN), "nan"),
+    (TypeError, "radius", lambda: gb.ClipSphere((0, 0, 0), "big"), "'big'"),
 ]
 
 
 @pytest.mark.parametrize(("error", "name", "clip", "got"), CLIPS, ids=str)
 def test_clips(error, name, clip, got):
-    refuse(error, name, got, clips=clip if name == "clips" else [clip])
+    refused(error, name, got, clip)
+
+
+def test_what_is_no_clip():
+    refuse(TypeError, "clips", "'p'", clips="plane")
 
 
 def test_layers():
     refuse(ValueError, "scene", "0", scene=[])
     refuse(ValueError, "scene", "5", scene=[ball() for _ in range(5)])
     refuse(TypeError, "scene", "3", scene=[ball(), 3])
-    refuse(TypeError, "scene", "'x'", scene=[gb.Layer("x")])
+    refused(TypeError, "scene", "4", lambda: gb.Layer(4))
     assert gb.render([ball() for _ in range(4)], CAMERA, (4, 3)).mask.shape == (3, 4)
 
 
@@ -236,7 +251,7 @@ def test_nothing_is_left_behind_by_what_was_refused():
     """The scene goes on as before."""
     scene = ball()
     before = gb.render(scene, CAMERA, (20, 20), QUIET).picture
-    for bad in ({"depth": -1}, {"material": gb.Material(index=9)}, {"lights": [1]}):
+    for bad in ({"bounces": -1}, {"material": 9}, {"lights": [1]}):
         with pytest.raises((TypeError, ValueError)):
-            gb.render(scene, CAMERA, (20, 20), dataclasses.replace(QUIET, **bad))
+            gb.render(scene, CAMERA, (20, 20), bad)
     np.testing.assert_array_equal(gb.render(scene, CAMERA, (20, 20), QUIET).picture, before)

@@ -9,7 +9,7 @@ from globule.render.lights import uniform_sky
 from light import CENTRE, ONE_SKY, ball, direction_sky, quiet
 from scenes import CASES, SPLASH, case, cloud
 
-IMAGES = ("picture", "color", "depth", "position", "normal", "albedo")
+IMAGES = ("picture", "color", "distance", "position", "normal", "albedo")
 LIGHTS = (
     gb.Headlight((0.1, 0.1, 0.1)),
     gb.DirectionalLight((-0.4, 1, 0.6), (0.6, 0.6, 0.5), angle=8),
@@ -24,7 +24,7 @@ EVERYTHING = gb.RenderSettings(
     sky=gb.Sky(),
     ground=gb.Ground(-1.2, check=0.4, reflection=0.2),
     material=gb.Material(roughness=0.1),
-    depth=5,
+    bounces=5,
 )
 CUTS = [gb.ClipPlane((1, 1, 0), 0.8), gb.ClipSphere((0.3, 0.4, 0.8), 0.45)]
 VIEW = gb.Camera((1.6, 1.3, 2.6), (0, 0, 0), fov=35)  # the horizon is above the picture
@@ -88,7 +88,7 @@ def test_one_plain_sample_is_the_first_of_several(backend):
 
 def test_samples_leave_depth_and_normals(backend):
     frame = look(gb.Scene(busy(), **backend))
-    before = {k: getattr(frame, k) for k in ("depth", "position", "normal", "albedo", "mask")}
+    before = {k: getattr(frame, k) for k in ("distance", "position", "normal", "albedo", "mask")}
     color = frame.color
     frame.refine(3)
     for k, v in before.items():
@@ -166,7 +166,7 @@ def test_odd_sizes(backend, size):
         # The one pixel is the middle one of any odd picture.
         many = look(gb.Scene(busy(60), **backend), (5, 5), settings=quiet(ambient=1.0))
         one = look(gb.Scene(busy(60), **backend), size, settings=quiet(ambient=1.0))
-        np.testing.assert_allclose(one.depth[0, 0], many.depth[2, 2], atol=1e-5)
+        np.testing.assert_allclose(one.distance[0, 0], many.distance[2, 2], atol=1e-5)
 
 
 def test_rows_do_not_depend_on_the_band_they_are_in(backend):
@@ -221,7 +221,7 @@ def test_waves_meet_what_the_oracle_meets(backend, name, octree):
     steep = cell.mask & np.isfinite(truth) & (-(cell.normal * d).sum(-1) > 0.1)
     assert steep.sum() > 5
     typical = float(np.sqrt(np.min(c.support) * np.max(c.support)))
-    far = np.abs(cell.depth[steep] - truth[steep]) > 1e-4 * typical + 1e-6 * truth[steep]
+    far = np.abs(cell.distance[steep] - truth[steep]) > 1e-4 * typical + 1e-6 * truth[steep]
     assert np.count_nonzero(far) <= 1
     depth, normal, _ = gb.intersect(scene, o.reshape(-1, 3), d.reshape(-1, 3))
     assert np.count_nonzero(np.isfinite(depth).reshape(30, 40) != cell.mask) <= 2
@@ -287,7 +287,7 @@ def test_pick(backend):
         np.testing.assert_array_equal(found.attributes["name"], name[k])
         radius = 0.8 * np.sqrt(1 - np.sqrt(0.6))
         np.testing.assert_allclose(found.position, (x, y, radius), atol=0.06)
-        assert found.depth == pytest.approx(5 - found.position[2], abs=1e-4)
+        assert found.distance == pytest.approx(5 - found.position[2], abs=1e-4)
         assert found.normal[2] > 0.9
     assert (at(0, -0.8).layer, at(0, -0.8).particle) == (1, 0)
     assert at(1.4, 1.4) is None  # the ground

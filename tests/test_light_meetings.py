@@ -26,7 +26,7 @@ def test_layers_cut_by_the_same_planes(backend, shadow):
     scene = block(**backend)
     veils = veil(0.9, 0.3), veil(0.8, 0.2), veil(0.7, 0.1)
     layers = [gb.Layer(scene, material) for material in veils]
-    look = quiet(sky=ONE_SKY, depth=6)
+    look = quiet(sky=ONE_SKY, bounces=6)
     camera = DOWN
     if shadow:
         look = quiet(
@@ -61,7 +61,7 @@ def test_a_light_inside_the_medium_is_absorbed(backend, inside):
         lights=[gb.PointLight(C, (1, 1, 1))],
         shadows=True,
         material=veil(k, a),
-        depth=0,
+        bounces=0,
         ground=gb.Ground(C[1] - 2 * R, color=1.0),
     )
     camera = gb.Camera(C - (0, 1.5 * R, 0), C - (0.01, 3, 0.02), up=(0, 0, 1), fov=50)
@@ -71,7 +71,7 @@ def test_a_light_inside_the_medium_is_absorbed(backend, inside):
     p = frame.position.astype(np.float64) - C
     if inside:
         np.testing.assert_allclose(np.linalg.norm(p, axis=-1), R, rtol=1e-4)
-        expected = (1 - k) * np.exp(-a * R) * np.exp(-a * frame.depth)
+        expected = (1 - k) * np.exp(-a * R) * np.exp(-a * frame.distance)
     else:
         expected = 2 * R / np.linalg.norm(p, axis=-1) * k * np.exp(-a * R)
     np.testing.assert_allclose(frame.color[..., 0], expected, rtol=2e-3)
@@ -84,7 +84,7 @@ def test_an_opaque_medium_seen_from_inside_absorbs(backend):
     for sky in (None, ONE_SKY):
         look = quiet(ambient=1.0, sky=sky, material=gb.Material(0.0, 0.0, color=1.0, absorption=a))
         frame = gb.render(ball(**backend), camera, (9, 9), look)
-        np.testing.assert_allclose(frame.color, np.exp(-a * frame.depth[..., None]), rtol=1e-4)
+        np.testing.assert_allclose(frame.color, np.exp(-a * frame.distance[..., None]), rtol=1e-4)
 
 
 def test_a_ground_never_mirrors_itself(backend):
@@ -98,7 +98,7 @@ def test_a_ground_never_mirrors_itself(backend):
     _, d = rays(camera, (48, 48))
     down = d @ n < -1e-6
     assert down.mean() > 0.6
-    assert frame.depth[down].max() > 1000
+    assert frame.distance[down].max() > 1000
     np.testing.assert_allclose(frame.color[down], 1, atol=1e-5)
 
 
@@ -151,12 +151,12 @@ def test_camera_inside_where_more_overlap_than_a_list_holds(backend):
         scene,
         camera,
         (5, 4),
-        quiet(sky=ONE_SKY, material=veil(0.8, 0.5), depth=1),
+        quiet(sky=ONE_SKY, material=veil(0.8, 0.5), bounces=1),
         [gb.ClipPlane((0, 0, 1), 9.0)],
     )
     plain = gb.render(scene, camera, (5, 4))
     assert plain.mask.all()
-    assert (plain.depth < 0.3).all()
-    np.testing.assert_allclose(clear.depth, plain.depth, atol=1e-5)
-    left = 0.8 * np.exp(-0.5 * clear.depth)
+    assert (plain.distance < 0.3).all()
+    np.testing.assert_allclose(clear.distance, plain.distance, atol=1e-5)
+    left = 0.8 * np.exp(-0.5 * clear.distance)
     np.testing.assert_allclose(clear.color, np.repeat(left[..., None], 3, -1), atol=1e-4)

@@ -11,7 +11,7 @@ from reference_medium import KERNELS, Medium
 
 SIZE = (12, 9)
 # Shadow rays give up below 0.004.
-TOLERANCE = {"color": 6e-3, "depth": 1e-3, "normal": 5e-3, "albedo": 5e-3}
+TOLERANCE = {"color": 6e-3, "distance": 1e-3, "normal": 5e-3, "albedo": 5e-3}
 IMAGES = tuple(TOLERANCE)
 # Found among some thousand: each with a feature that others lack, most of them once wrong.
 SEEDS = (
@@ -147,7 +147,7 @@ def random_picture(seed):
         shadows=shadows,
         sky=sky,
         ground=ground,
-        depth=depth,
+        bounces=depth,
         cutoff=cutoff,
     )
     eye = direction(rng) * rng.choice([rng.uniform(0, 1.2), rng.uniform(3, 6)])

@@ -112,7 +112,7 @@ def test_ambient_occlusion_of_an_open_half_space(backend):
     frame = gb.render(
         block(color=(1, 1, 1), **backend), camera, SIZE, look, [gb.ClipPlane((0, 1, 0), 0.5)]
     )
-    np.testing.assert_allclose(frame.depth * -rays(camera, SIZE)[1][..., 1], 5.5, rtol=1e-5)
+    np.testing.assert_allclose(frame.distance * -rays(camera, SIZE)[1][..., 1], 5.5, rtol=1e-5)
     np.testing.assert_allclose(frame.color, 1, atol=1e-5)
 
 
@@ -197,9 +197,9 @@ def test_the_nearest_layer_wins(backend):
     both = gb.render([a, gb.Layer(b)], camera, SIZE, quiet(ambient=1.0))
     swapped = gb.render([b, a], camera, SIZE, quiet(ambient=1.0))
     far = [gb.ClipPlane((0, 0, 1), 99)]
-    alone = [gb.render(s, camera, SIZE, quiet(), far).depth for s in (a, b)]
-    np.testing.assert_allclose(both.depth, np.minimum(*alone), atol=5e-5)
-    np.testing.assert_array_equal(both.depth, swapped.depth)
+    alone = [gb.render(s, camera, SIZE, quiet(), far).distance for s in (a, b)]
+    np.testing.assert_allclose(both.distance, np.minimum(*alone), atol=5e-5)
+    np.testing.assert_array_equal(both.distance, swapped.distance)
     first = alone[0] < alone[1]
     assert (first & both.mask).sum() > 100
     assert (~first & both.mask).sum() > 100
@@ -249,7 +249,7 @@ def test_a_ray_inside_both_layers(backend, from_middle):
         np.nan_to_num(np.maximum(far, 0) - np.maximum(near, 0))
         for near, far, _ in (meet_ball(o, d), meet_ball(o, d, place))
     ]
-    frame = gb.render(layers, camera, SIZE, quiet(sky=ONE_SKY, depth=8))
+    frame = gb.render(layers, camera, SIZE, quiet(sky=ONE_SKY, bounces=8))
     expected = np.exp(-a * path[0] - b * path[1])
     clear = np.ones(frame.mask.shape, bool)
     for c in (CENTRE, place):

@@ -13,11 +13,11 @@ LEAF = 32  # a cell with more particles is split
 COMBINATIONS = (
     {"key_bits": 32},
     {"key_bits": 64},
-    {"key_bits": 32, "depth": 4},
-    {"key_bits": 64, "depth": 13},
+    {"key_bits": 32, "level": 4},
+    {"key_bits": 64, "level": 13},
     {"octree": "dense"},
-    {"octree": "dense", "depth": 3},
-    {"depth": 0},
+    {"octree": "dense", "level": 3},
+    {"level": 0},
 )
 ids = [" ".join(f"{k}={v}" for k, v in c.items()) for c in COMBINATIONS]
 
@@ -122,14 +122,14 @@ def test_fixed_space(backend, bits):
 @pytest.mark.parametrize("name", NAMES)
 def test_sparse_nodes(backend, name, bits, depth):
     p = points(name)
-    octree = gb.Scene(p, support=0.1, key_bits=bits, depth=depth, **backend).octree
+    octree = gb.Scene(p, support=0.1, key_bits=bits, level=depth, **backend).octree
     expected = numpy_nodes(numpy_keys(p, bits), bits, depth)
-    assert (octree.n_nodes, octree.n_leaves, octree.depth) == expected
+    assert (octree.n_nodes, octree.n_leaves, octree.level) == expected
 
 
 def test_dense_nodes(backend):
     for depth, total in ((0, 1), (3, 585), (6, 299_593)):
-        scene = gb.Scene(points("cloud"), support=0.1, octree="dense", depth=depth, **backend)
+        scene = gb.Scene(points("cloud"), support=0.1, octree="dense", level=depth, **backend)
         octree = scene.octree
         assert octree.n_nodes == total
         assert octree.n_inside == 6000
@@ -245,7 +245,7 @@ def test_update_of_single_fields(backend):
 
 
 @pytest.mark.parametrize(
-    "options", [{}, {"key_bits": 64}, {"octree": "dense", "depth": 5}], ids=str
+    "options", [{}, {"key_bits": 64}, {"octree": "dense", "level": 5}], ids=str
 )
 def test_steady_state_needs_no_more_memory(backend, options):
     scene = gb.Scene(cloud(20_000, 43), support=0.1, **options, **backend)
@@ -265,4 +265,4 @@ def test_nodes_are_never_lost_when_the_tree_grows(backend):
         scene.update(positions=p)
         np.testing.assert_allclose(gb.field(scene, at), Case(p, 0.1).field(at)[0], rtol=1e-5)
         octree = scene.octree
-    assert (octree.n_nodes, octree.n_leaves, octree.depth) == numpy_nodes(numpy_keys(p, 32), 32, 10)
+    assert (octree.n_nodes, octree.n_leaves, octree.level) == numpy_nodes(numpy_keys(p, 32), 32, 10)

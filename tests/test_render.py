@@ -39,14 +39,14 @@ def test_one_ball(backend, name, size):
     camera = CAMERAS[name]
     frame = gb.render(ball(**backend), camera, size)
     depth, distance = exact(camera, size)
-    assert frame.depth.shape == frame.mask.shape == (size[1], size[0])
+    assert frame.distance.shape == frame.mask.shape == (size[1], size[0])
     clear = np.abs(distance - RADIUS) > 1e-5
     np.testing.assert_array_equal(frame.mask[clear], np.isfinite(depth)[clear])
-    np.testing.assert_array_equal(frame.mask, np.isfinite(frame.depth))
+    np.testing.assert_array_equal(frame.mask, np.isfinite(frame.distance))
     inner = distance < 0.999 * RADIUS
-    np.testing.assert_allclose(frame.depth[inner], depth[inner], atol=3e-5)
+    np.testing.assert_allclose(frame.distance[inner], depth[inner], atol=3e-5)
     o, d = camera.rays(size)
-    position = o + frame.depth[..., None] * d
+    position = o + frame.distance[..., None] * d
     np.testing.assert_allclose(frame.position[inner], position[inner], atol=3e-6)
     normal = (frame.position - BALL[0]) / RADIUS
     np.testing.assert_allclose(frame.normal[inner], normal[inner], atol=2e-4)
@@ -93,7 +93,7 @@ def test_image_orientation(backend, height):
         assert len(xs) > 5
         assert right is None or (xs.mean() > 45 if right else xs.mean() < 35)
         assert low is None or (ys.mean() > 35 if low else ys.mean() < 25)
-    np.testing.assert_array_equal(frame.depth[20:40, 35:45], np.inf)
+    np.testing.assert_array_equal(frame.distance[20:40, 35:45], np.inf)
 
 
 def test_up_turns_the_image(backend):
@@ -115,7 +115,7 @@ def test_render_traces_the_rays_of_the_camera(backend, name):
         assert np.count_nonzero(np.isfinite(depth) != frame.mask.ravel()) <= 1
         steep = np.isfinite(depth) & (-(normal * d.reshape(-1, 3)).sum(1) > 0.1)
         assert steep.sum() > 20
-        np.testing.assert_allclose(frame.depth.ravel()[steep], depth[steep], atol=5e-4)
+        np.testing.assert_allclose(frame.distance.ravel()[steep], depth[steep], atol=5e-4)
         np.testing.assert_allclose(frame.normal.reshape(-1, 3)[steep], normal[steep], atol=5e-3)
 
 
@@ -231,7 +231,7 @@ def test_colors_and_attributes_are_blended_by_influence(backend, name):
     np.testing.assert_allclose(scene.blend(at, speed), expected, atol=1e-3)
 
 
-IMAGES = ("picture", "color", "depth", "position", "normal", "albedo")
+IMAGES = ("picture", "color", "distance", "position", "normal", "albedo")
 
 
 def busy(n: int = 3000, seed: int = 72) -> gb.Particles:
@@ -314,7 +314,7 @@ def test_save(backend, tmp_path):
     np.testing.assert_array_equal(np.asarray(Image.open(tmp_path / "a.png")), frame.picture)
     frame.save(tmp_path / "a.npz")
     with np.load(tmp_path / "a.npz") as images:
-        for name in ("color", "depth", "position", "normal", "albedo", "mask"):
+        for name in ("color", "distance", "position", "normal", "albedo", "mask"):
             np.testing.assert_array_equal(images[name], getattr(frame, name))
     with pytest.raises(ValueError, match="png"):
         frame.save(tmp_path / "a.jpg")

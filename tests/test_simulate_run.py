@@ -251,7 +251,7 @@ def test_a_movie_without_its_first_pictures_is_refused_before_the_work(folder, c
     assert main([*words, "--device", "cpu"]) == 2
     said = capsys.readouterr().err
     assert said.count("\n") == 1
-    assert "--video: expected the run's first 3 pictures of 640x480 in late.mp4" in said
+    assert "--video: expected the run's first 3 images of 640x480 in late.mp4" in said
     assert "globule render 'out/frame_*.vtp' -o late.mp4" in said
     assert sorted(os.listdir("out")) == before
     assert not os.path.exists("late.mp4.frames")

@@ -162,7 +162,7 @@ def test_faces_become_smoother():
         ({"support": 0}, "support: expected a positive number"),
         ({"support": 1, "radius": np.nan}, "radius: expected a positive number"),
         ({"support": 1, "smoothing": 2}, "smoothing: expected 0 to 1"),
-        ({"support": 1, "most_stretch": 0.5}, "most_stretch: expected 1 or more"),
+        ({"support": 1, "most_stretch": 0.5}, "most_stretch: expected a number >= 1"),
         ({"support": 1, "few_size": 0}, "few_size: expected a positive number"),
     ],
 )

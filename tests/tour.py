@@ -19,8 +19,8 @@ def scenes(device: str) -> None:
     color = points.copy()
     camera = gb.Camera.fit(points, size=SIZE)
     water = gb.Material(transmission=0.9, index=1.33)
-    light = gb.RenderSettings(shadows=True, ambient_rays=2, depth=2, samples=2, material=water)
-    for options in ({}, {"octree": "dense", "depth": 4}, {"key_bits": 64}):
+    light = gb.RenderSettings(shadows=True, ambient_rays=2, bounces=2, samples=2, material=water)
+    for options in ({}, {"octree": "dense", "level": 4}, {"key_bits": 64}):
         scene = gb.Scene(gb.Particles(points, color=color), support=0.1, device=device, **options)
         for settings in (gb.RenderSettings(), light):
             gb.render(scene, camera, SIZE, settings).picture  # noqa: B018
@@ -30,7 +30,7 @@ def scenes(device: str) -> None:
         print("scene", options, flush=True)
     frame = gb.render(scene, camera, SIZE, clips=[gb.ClipSphere((0.5, 0.5, 0.5), 0.2)])
     frame.refine(2)
-    dense = gb.Scene(points, support=0.1, device=device, octree="dense", depth=4)
+    dense = gb.Scene(points, support=0.1, device=device, octree="dense", level=4)
     gb.render(dense, camera, SIZE, thesis=gb.Thesis())
     print("pictures", flush=True)
 

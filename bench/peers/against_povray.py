@@ -42,7 +42,7 @@ def measure(name: str, size: tuple[int, int]) -> dict:
         image, cpu, _ = povray.run(depth_scene, size)
         traced = povray.render_seconds()
     mask, depth = povray.hit_mask_and_depth(image, near, far)
-    found = povray.compare(mask, depth, frame.depth)
+    found = povray.compare(mask, depth, frame.distance)
     ours = float(np.median(times))
     return {"scene": name, "particles": len(positions), "ours_cpu_s": ours, "povray_cpu_s": cpu,
             "povray_trace_s": traced, "ratio": cpu / ours, **found,

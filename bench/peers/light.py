@@ -113,7 +113,7 @@ def ours(b: Blob, look: str, camera: gb.Camera, size: tuple[int, int], device: s
         shadows=True,
         sky=direction_sky(),
         ground=ground(b, look),
-        depth=DEPTH,
+        bounces=DEPTH,
         cutoff=CUTOFF,
     )
     return gb.render(scene, camera, size, settings)
@@ -198,7 +198,7 @@ def srgb(linear: np.ndarray) -> np.ndarray:
 
 def one_surface(frame: gb.Frame, support: float) -> np.ndarray:
     """Pixels away from silhouettes: the 3 x 3 around them show one surface, or none."""
-    depth = np.where(np.isfinite(frame.depth), frame.depth, 1e9)
+    depth = np.where(np.isfinite(frame.distance), frame.distance, 1e9)
     p = np.pad(depth, 1, mode="edge")
     h, w = depth.shape
     around = np.stack([p[i : i + h, j : j + w] for i in range(3) for j in range(3)])

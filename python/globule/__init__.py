@@ -1,7 +1,11 @@
 """Mesh-free visualization: particles in, smooth exact surfaces out."""
 
 import os
+from importlib import import_module as _import_module
+from typing import TYPE_CHECKING as _TYPE_CHECKING
+from typing import Any as _Any
 
+from ._base.old_paths import MOVED as _MOVED
 from ._base.old_paths import install
 from ._base.starting import quiet_interrupts
 
@@ -18,22 +22,12 @@ from . import _core  # noqa: E402
 if _set:
     del os.environ["OMP_WAIT_POLICY"]
 
+from ._base.checks import MissingPackageError  # noqa: E402
 from ._base.colormaps import colorize  # noqa: E402
 from ._base.cpp import cmake_dir, include_dir  # noqa: E402
-from .formats import (  # noqa: E402
-    FormatError,
-    mesh_particles,
-    read,
-    tomography_particles,
-    write,
-)
-from .formats.pictures.environment import read_environment  # noqa: E402
 from .render.camera import Camera  # noqa: E402
-from .render.camera_path import CameraPath, orbit  # noqa: E402
 from .render.clips import ClipBox, ClipPlane, ClipSphere  # noqa: E402
-from .render.frame import Frame, Layer, Picked, RenderSettings, render, save_png  # noqa: E402
-from .render.layers import layers_by  # noqa: E402
-from .render.legend import add_legend  # noqa: E402
+from .render.frame import Frame, Layer, Picked, render, save_png  # noqa: E402
 from .render.lights import (  # noqa: E402
     DirectionalLight,
     Environment,
@@ -43,27 +37,83 @@ from .render.lights import (  # noqa: E402
     Sky,
 )
 from .render.materials import Material  # noqa: E402
-from .render.presets import preset  # noqa: E402
-from .render.sequence import read_ahead, render_sequence, value_range  # noqa: E402
+from .render.settings import RenderSettings  # noqa: E402
+from .scene import sources as _sources  # noqa: E402
+from .scene.attributes import color_by  # noqa: E402
 from .scene.particles import Particles  # noqa: E402
-from .scene.query import field, gradient, intersect  # noqa: E402
+from .scene.query import blend, field, gradient, intersect, neighbors  # noqa: E402
 from .scene.scene import Scene  # noqa: E402
-from .scene.smoothing import anisotropy, without_strays  # noqa: E402
-from .scene.spacing import local_spacing  # noqa: E402
 from .scene.thesis import Thesis  # noqa: E402
-from .sim.simulation import Phase, Simulation, StepReport  # noqa: E402
-from .ultrasound import phantoms  # noqa: E402
-from .ultrasound.calibration import calibrate_point_target  # noqa: E402
-from .ultrasound.files import read_sweep, write_sweep  # noqa: E402
-from .ultrasound.plus.reconstruct import reconstruct_plus  # noqa: E402
-from .ultrasound.reconstruct import reconstruct  # noqa: E402
-from .ultrasound.reconstructor import Reconstructor  # noqa: E402
-from .ultrasound.sweep import Sweep  # noqa: E402
-from .viewer import view  # noqa: E402
-from .volumes.files import read_volume, write_volume  # noqa: E402
-from .volumes.iso_surface import iso_surface  # noqa: E402
-from .volumes.slices import reslice  # noqa: E402
-from .volumes.volume import Volume  # noqa: E402
+
+if _TYPE_CHECKING:
+    from .formats import FormatError, mesh_particles, read, tomography_particles, write
+    from .formats.pictures.environment import read_environment
+    from .render.camera_path import CameraPath, orbit
+    from .render.layers import layers_by
+    from .render.legend import add_legend
+    from .render.presets import preset
+    from .render.sequence import read_ahead, render_sequence, value_range
+    from .scene.smoothing import anisotropy, without_strays
+    from .scene.spacing import local_spacing
+    from .sim.simulation import Phase, Simulation, StepReport
+    from .ultrasound import phantoms
+    from .ultrasound.calibration import calibrate_point_target
+    from .ultrasound.files import read_sweep, write_sweep
+    from .ultrasound.plus.reconstruct import reconstruct_plus
+    from .ultrasound.reconstruct import reconstruct
+    from .ultrasound.reconstructor import Reconstructor
+    from .ultrasound.sweep import Sweep
+    from .viewer import view
+    from .volumes.files import read_volume, write_volume
+    from .volumes.iso_surface import iso_surface
+    from .volumes.slices import reslice
+    from .volumes.volume import Volume
+
+# What is imported when it is first asked for, as above: `import globule` stays short.
+_LATER = {
+    "formats": "FormatError mesh_particles read tomography_particles write",
+    "formats.pictures.environment": "read_environment",
+    "render.camera_path": "CameraPath orbit",
+    "render.layers": "layers_by",
+    "render.legend": "add_legend",
+    "render.presets": "preset",
+    "render.sequence": "read_ahead render_sequence value_range",
+    "scene.smoothing": "anisotropy without_strays",
+    "scene.spacing": "local_spacing",
+    "sim.simulation": "Phase Simulation StepReport",
+    "ultrasound": "phantoms",
+    "ultrasound.calibration": "calibrate_point_target",
+    "ultrasound.files": "read_sweep write_sweep",
+    "ultrasound.plus.reconstruct": "reconstruct_plus",
+    "ultrasound.reconstruct": "reconstruct",
+    "ultrasound.reconstructor": "Reconstructor",
+    "ultrasound.sweep": "Sweep",
+    "viewer": "view",
+    "volumes.files": "read_volume write_volume",
+    "volumes.iso_surface": "iso_surface",
+    "volumes.slices": "reslice",
+    "volumes.volume": "Volume",
+}
+_MODULE_OF = {name: module for module, names in _LATER.items() for name in names.split()}
+_ROOMS = ("bench", "cli", "figures", "formats", "sim", "ultrasound", "viewer", "volumes")
+
+
+def __getattr__(name: str) -> _Any:
+    if name in _MODULE_OF:
+        module = _import_module(f".{_MODULE_OF[name]}", __name__)
+        value = getattr(module, name, None) or _import_module(f"{module.__name__}.{name}")
+        globals()[name] = value
+        return value
+    if name in _ROOMS or name in _MOVED:
+        return _import_module(f".{name}", __name__)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})
+
+
+_sources.readers.append(lambda path: __getattr__("read")(path))
 
 __version__ = _core.version
 __all__ = [
@@ -80,6 +130,7 @@ __all__ = [
     "Headlight",
     "Layer",
     "Material",
+    "MissingPackageError",
     "Particles",
     "Phase",
     "Picked",
@@ -95,8 +146,10 @@ __all__ = [
     "Volume",
     "add_legend",
     "anisotropy",
+    "blend",
     "calibrate_point_target",
     "cmake_dir",
+    "color_by",
     "colorize",
     "field",
     "gradient",
@@ -106,6 +159,7 @@ __all__ = [
     "layers_by",
     "local_spacing",
     "mesh_particles",
+    "neighbors",
     "orbit",
     "phantoms",
     "preset",

@@ -1,1 +1,1 @@
-"""What every room uses: arrays, devices, checks, files."""
+"""Parts that every room uses: arrays, devices, checks, files."""

@@ -18,7 +18,7 @@ _CPU, _CUDA, _PINNED = 1, 2, 3  # DLPack device types; pinned memory is read as 
 
 
 class View(NamedTuple):
-    """What the core needs of an array: where it is, and something that keeps it there."""
+    """An array as the core needs it: its place, and an owner that keeps the memory."""
 
     address: int
     device: int
@@ -139,7 +139,7 @@ class DeviceArray:
 
 
 def device_array(name: str, value: Any, dtypes: tuple[str, ...]) -> DeviceArray:
-    """What lies on the GPU, of one of these types and C-contiguous; it is used where it is."""
+    """A C-contiguous array of one of these types on the GPU, which is used where it is."""
     interface = getattr(value, "__cuda_array_interface__", None)
     # DLPack orders the data for us; version 2 of the interface says nothing of streams (torch).
     if interface is not None and ("stream" in interface or not hasattr(value, "__dlpack__")):

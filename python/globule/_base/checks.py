@@ -14,9 +14,13 @@ import numpy as np
 def three(name: str, value: Any, least: float = -math.inf) -> list[float]:
     """Three finite numbers; one number stands for all three."""
     try:
-        array = np.asarray(value, dtype=np.float32)
-    except (TypeError, ValueError):
-        raise TypeError(f"{name}: expected three numbers, got {value!r}") from None
+        array = np.asarray(value)
+    except (TypeError, ValueError):  # ragged
+        array = np.asarray(None)
+    if array.dtype.kind not in "iuf":
+        raise TypeError(f"{name}: expected three numbers, got {value!r}")
+    with np.errstate(over="ignore"):  # too large becomes infinite
+        array = array.astype(np.float32)
     if array.shape == ():
         array = np.repeat(array, 3)
     values = array.tolist()
@@ -38,6 +42,8 @@ def unit(name: str, value: Any) -> list[float]:
 def number(name: str, value: Any, least: float = -math.inf, most: float = math.inf) -> float:
     """A finite number in [least, most]."""
     try:
+        if isinstance(value, (str, bytes, bool, np.bool_)):
+            raise TypeError
         v = float(value)
     except (TypeError, ValueError):
         raise TypeError(f"{name}: expected a number, got {value!r}") from None
@@ -53,6 +59,24 @@ def whole(name: str, value: Any, least: int, most: int) -> int:
     if not least <= value <= most:
         raise ValueError(f"{name}: expected {least} to {most}, got {value!r}")
     return int(value)
+
+
+def positive(name: str, value: Any) -> float:
+    """A finite number above 0."""
+    try:
+        v = number(name, value)
+    except ValueError:
+        v = 0.0
+    if v <= 0:
+        raise ValueError(f"{name}: expected a positive number, got {value!r}")
+    return v
+
+
+def flag(name: str, value: Any) -> bool:
+    """True or False, also as NumPy has them."""
+    if not isinstance(value, (bool, np.bool_)):
+        raise TypeError(f"{name}: expected True or False, got {value!r}")
+    return bool(value)
 
 
 def thread_count(value: Any) -> int:
@@ -74,3 +98,19 @@ def how_to_install(extra: str) -> str:
     if python.startswith(os.getcwd() + os.sep):
         python = os.path.relpath(python)
     return f'{shlex.quote(python)} -m pip install "globule[{extra}]"'
+
+
+class MissingPackageError(ImportError):
+    """An optional package is not installed; the message gives the pip command that adds it."""
+
+
+def missing(package: str, extra: str) -> MissingPackageError:
+    """The error to raise where an optional package cannot be imported.
+
+    Args:
+        package: its name, as users know it ("PyAV").
+        extra: the extra of globule that installs it ("video").
+    """
+    return MissingPackageError(
+        f"{package} is not installed. Install it with: {how_to_install(extra)}", name=package
+    )

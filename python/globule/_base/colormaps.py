@@ -1,7 +1,7 @@
-"""Colour maps: values to colours.
+"""Color maps: values to colors.
 
 Each map is a handful of sRGB anchors, equally spaced, with straight lines between them, nowhere
-more than 6 of 255 from the table of 256 colours that matplotlib has under the same name. viridis,
+more than 6 of 255 from the table of 256 colors that matplotlib has under the same name. viridis,
 magma, inferno and plasma are by Smith and van der Walt; cividis by Nunez, Anderton and Renslow;
 turbo by Mikhailov; coolwarm by Moreland (2009, "Diverging Color Maps for Scientific
 Visualization").
@@ -40,16 +40,24 @@ _ANCHORS = {
     "gray": "000000 ffffff",
 }
 NAMES = tuple(_ANCHORS)
-NO_VALUE = (0.5, 0.5, 0.5)  # sRGB; the colour of NaN
+NO_VALUE = (0.5, 0.5, 0.5)  # sRGB; the color of NaN
 # sRGB, for labels 1, 2, 3 …; the first seven are Okabe and Ito's, told apart by every eye.
 _PALETTE = "e69f00 56b4e9 009e73 d55e00 cc79a7 f0e442 0072b2 8c6bb1 b2df8a 999999 a6761d f4a6a6"
 
 
 def colorize(values: Any, name: str, lo: float, hi: float) -> np.ndarray:
-    """Linear RGB (N, 3) float32 of values (N,): `lo` has the map's first colour, `hi` the last.
+    """Colors of values by a color map.
 
-    Values beyond the two have the end's colour, NaN is gray. Where lo equals hi, everything has
-    the middle colour.
+    Args:
+        values: (N,) numbers.
+        name: viridis, magma, inferno, plasma, cividis, turbo, coolwarm or gray.
+        lo, hi: values of the map's first and last color. Values outside have the end's color, NaN
+            is gray. Where lo equals hi, every value has the middle color.
+
+    Returns:
+        (N, 3) float32, linear RGB.
+
+    Raises ValueError for an unknown map.
     """
     if name not in _ANCHORS:
         raise ValueError(f"colormap: expected one of {', '.join(NAMES)}, got {name!r}")
@@ -64,7 +72,7 @@ def colorize(values: Any, name: str, lo: float, hi: float) -> np.ndarray:
 
 
 def categorical(labels: Any) -> np.ndarray:
-    """Linear RGB (N, 3) float32 of whole numbers (N,): twelve colours that begin anew after 12."""
+    """Linear RGB (N, 3) float32 of whole numbers (N,): twelve colors, which repeat."""
     palette = to_linear([hex_color(word) for word in _PALETTE.split()]).astype(np.float32)
     return palette[(np.asarray(labels, np.int64) - 1) % len(palette)]
 
@@ -76,7 +84,7 @@ def hex_color(text: str) -> tuple[float, float, float]:
 
 
 def map_colors(name: str, n: int) -> np.ndarray:
-    """A map's colours from its first to its last, sRGB (n, 3) uint8."""
+    """A map's colors from its first to its last, sRGB (n, 3) uint8."""
     anchors = np.array([hex_color(word) for word in _ANCHORS[name].split()])
     place, steps = np.linspace(0, 1, n), np.linspace(0, 1, len(anchors))
     color = np.stack([np.interp(place, steps, anchors[:, c]) for c in range(3)], axis=1)

@@ -17,11 +17,12 @@ class Device(NamedTuple):
     """An opened backend: its library's name, the device's number and a line that describes it."""
 
     backend: str
-    index: int
+    index: int  # type: ignore[assignment]  # of the device, not a tuple's method
     description: str
 
     @property
     def name(self) -> str:
+        """Its name as `Scene(device=)` takes it: "cpu" or "cuda:N"."""
         return f"cuda:{self.index}" if self.backend == "cuda" else "cpu"
 
 

@@ -17,7 +17,7 @@ _waiting: ContextVar[list[tuple[str, str]] | None] = ContextVar("waiting", defau
 
 @contextmanager
 def all_or_none() -> Iterator[None]:
-    """What `atomic_write` writes in this block appears at its end; nothing of it if it raises."""
+    """Files that `atomic_write` writes in this block appear at its end; none do if it raises."""
     waiting: list[tuple[str, str]] = []
     token = _waiting.set(waiting)
     try:
@@ -59,7 +59,7 @@ def atomic_write(path: str | os.PathLike, mode: str = "wb") -> Iterator[IO[Any]]
     If the block raises (KeyboardInterrupt included), the temporary file is removed and `path` is
     untouched. Mode is "wb" or "w" (UTF-8, newlines as given).
     """
-    text = {} if "b" in mode else {"encoding": "utf-8", "newline": "\n"}
+    text: dict[str, Any] = {} if "b" in mode else {"encoding": "utf-8", "newline": "\n"}
     target = os.path.realpath(path)  # a link keeps pointing at the file it names
     if os.path.exists(target) and not os.path.isfile(target):
         # A device or pipe (/dev/stdout) must not be replaced; a folder fails here by itself.
@@ -83,7 +83,7 @@ def atomic_write(path: str | os.PathLike, mode: str = "wb") -> Iterator[IO[Any]]
         else:
             waiting.append((temporary, target))
     except BaseException as error:
-        if getattr(error, "errno", None) in _WRITE_ERRORS and not error.filename:
+        if isinstance(error, OSError) and error.errno in _WRITE_ERRORS and not error.filename:
             error.filename = os.fspath(path)
         with suppress(FileNotFoundError):  # interrupted when it had its place already
             os.unlink(temporary)

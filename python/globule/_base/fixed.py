@@ -2,23 +2,46 @@
 
 from __future__ import annotations
 
-from typing import Any
+from dataclasses import FrozenInstanceError, fields
+from typing import Any, TypeVar
 
 import numpy as np
 
+_Class = TypeVar("_Class", bound=type)
+
 
 class Fixed:
-    """Base of frozen dataclasses, whose fields are `fixed`.
+    """Base of frozen dataclasses, whose fields are `fixed` and then checked.
 
     A subclass keeps what was made of it as `_packed`, which stays out of copies and pickles.
     """
 
     def __post_init__(self) -> None:
-        for name, value in vars(self).items():
+        for name, value in list(vars(self).items()):
             object.__setattr__(self, name, fixed(value))
+        self._check()
+
+    def _check(self) -> None:
+        """Refuse wrong fields with an error that names the field, expected and got."""
 
     def __getstate__(self) -> dict[str, Any]:
         return {name: value for name, value in vars(self).items() if name != "_packed"}
+
+
+def read_only(cls: _Class) -> _Class:
+    """Decorate a frozen dataclass so that an assignment says what to write instead."""
+
+    def refuse(self: Any, name: str, *_: Any) -> None:
+        known = [field.name for field in fields(self)]
+        if name not in known:
+            raise AttributeError(f"{cls.__name__}: expected one of {', '.join(known)}, got {name}")
+        raise FrozenInstanceError(
+            f"{cls.__name__}.{name} cannot be assigned; "
+            f"dataclasses.replace({cls.__name__.lower()}, {name}=...) makes a changed copy"
+        )
+
+    cls.__setattr__ = cls.__delattr__ = refuse  # type: ignore[assignment]
+    return cls
 
 
 def fixed(value: Any) -> Any:

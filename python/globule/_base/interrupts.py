@@ -57,7 +57,7 @@ class _Later:
         _Later._inside = False
         self._restore()
         for number, frame in self._came:
-            signal.getsignal(number)(number, frame)  # type: ignore[operator]
+            signal.getsignal(number)(number, frame)  # type: ignore[operator,misc]
 
     def _note(self, number: int, frame: Any) -> None:
         self._came.append((number, frame))

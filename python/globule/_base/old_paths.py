@@ -5,7 +5,6 @@ from __future__ import annotations
 import importlib
 import sys
 import warnings
-from importlib.abc import Loader, MetaPathFinder
 from importlib.machinery import ModuleSpec
 from types import ModuleType
 from typing import Any
@@ -21,7 +20,9 @@ MOVED = {
 }
 
 
-class _Moved(MetaPathFinder, Loader):
+class _Moved:
+    """A finder and loader; `importlib.abc`, whose classes say so, takes 15 ms to import."""
+
     def find_spec(self, name: str, path: Any, target: Any = None) -> ModuleSpec | None:
         package, _, module = name.partition(".")
         return ModuleSpec(name, self) if package == "globule" and module in MOVED else None
@@ -43,4 +44,4 @@ class _Moved(MetaPathFinder, Loader):
 
 def install() -> None:
     """Answer imports of old names from here on."""
-    sys.meta_path.append(_Moved())
+    sys.meta_path.append(_Moved())  # type: ignore[arg-type]

@@ -71,7 +71,7 @@ def run(
             support = default_support(positions, depth)
 
             def show(support: float, thesis: Thesis | None, depth: int = depth, p=positions):
-                options = {"octree": "dense", "depth": depth} if thesis else {}
+                options = {"octree": "dense", "level": depth} if thesis else {}
                 scene = Scene(
                     Particles(p, support=support), threshold=THRESHOLD, device=device,
                     threads=threads, **options,

@@ -51,19 +51,19 @@ def pixel(text: str) -> tuple[int, int]:
 def plane(text: str) -> ClipPlane:
     """NX,NY,NZ,D."""
     *normal, offset = _numbers(text, 4)
-    return _checked(ClipPlane(normal, offset))
+    return _checked(ClipPlane, normal, offset)
 
 
 def box(text: str, keep: bool = False) -> ClipBox:
     """X0,Y0,Z0,X1,Y1,Z1."""
     values = _numbers(text, 6)
-    return _checked(ClipBox(values[:3], values[3:], keep))
+    return _checked(ClipBox, values[:3], values[3:], keep)
 
 
 def ball(text: str, keep: bool = False) -> ClipSphere:
     """X,Y,Z,R."""
     *center, radius = _numbers(text, 4)
-    return _checked(ClipSphere(center, radius, keep))
+    return _checked(ClipSphere, center, radius, keep)
 
 
 def ground(text: str) -> float | str:
@@ -90,9 +90,8 @@ def _numbers(text: str, n: int) -> list[float]:
     return [number(word) for word in words]
 
 
-def _checked(clip: Any) -> Any:
+def _checked(clip: Callable[..., Any], *values: Any) -> Any:
     try:
-        clip._packed  # noqa: B018  checks it
+        return clip(*values)
     except ValueError as error:
         raise argparse.ArgumentTypeError(str(error)) from None
-    return clip

@@ -229,7 +229,7 @@ def say_picked(options: argparse.Namespace, seen: dict[str, Any] | None) -> str:
         return f"{where}: nothing"
     words = [
         f"position {_text(seen['position'])}",
-        f"depth {seen['depth']:.6g}",
+        f"distance {seen['distance']:.6g}",
         f"normal {_text(seen['normal'])}",
         f"particle {seen['particle']:,}",
     ]
@@ -258,7 +258,7 @@ def _given(options: argparse.Namespace) -> dict[str, Any]:
     names = {
         "shadows": "shadows",
         "ambient_rays": "ambient_rays",
-        "bounces": "depth",
+        "bounces": "bounces",
         "samples": "samples",
         "exposure": "exposure",
     }

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import argparse
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from .._base.colormaps import colorize, hex_color, to_linear
+from .._base.colormaps import hex_color, to_linear
 from ..render.lights import MAX_LIGHTS, DirectionalLight, Headlight, PointLight
-from ..scene.attributes import attribute_values
+from ..scene.attributes import attribute_colors, attribute_values
 from ..scene.particles import Particles
 from ..scene.scene import Scene
 from ..scene.smoothing import anisotropy
@@ -56,12 +58,12 @@ def light(text: str) -> Headlight | DirectionalLight | PointLight:
         expected = "head, dir:X,Y,Z[,ANGLE] or point:X,Y,Z[,RADIUS]"
         raise argparse.ArgumentTypeError(f"expected {expected}, got {text!r}")
     where, size = vector(",".join(words[:3])), number(words[3]) if len(words) == 4 else 0.0
-    made = DirectionalLight(where, angle=size) if kind == "dir" else PointLight(where, radius=size)
     try:
-        made._pack()
+        if kind == "dir":
+            return DirectionalLight(where, angle=size)
+        return PointLight(where, radius=size)
     except ValueError as error:
         raise argparse.ArgumentTypeError(f"{error} in {text!r}") from None
-    return made
 
 
 def given(options: argparse.Namespace) -> dict[str, Any]:
@@ -99,21 +101,25 @@ def color_by(
 ) -> tuple[np.ndarray, tuple[float, float]]:
     """Linear colours (N, 3) of the values that --color-by names, and the values of the map's ends;
     adds to the warnings."""
-    values = values_of(path, particles, options.color_by)
-    known = values[np.isfinite(values)]
-    n_unknown = len(values) - len(known)
-    if n_unknown:
-        shown = f"{n_unknown:,} of {count(len(values))} without a finite {options.color_by}"
-        messages.append(f"{shown}: gray, or at an end of the map where infinite")
-    lo, hi = options.range or ((known.min(), known.max()) if known.size else (0.0, 1.0))
-    ends = float(lo), float(hi)
-    return colorize(values, options.colormap, *ends), ends
+    with _names_of(path):
+        found = attribute_colors(particles, options.color_by, options.colormap, options.range)
+    if found.n_unknown:
+        shown = f"{found.n_unknown:,} of {count(len(particles))} without a finite"
+        messages.append(f"{shown} {options.color_by}: gray, or at an end of the map where infinite")
+    return found.color, found.range
 
 
 def values_of(path: str, particles: Particles, name: str) -> np.ndarray:
     """The values (N,) float64 that `name` stands for in a file."""
-    try:
+    with _names_of(path):
         return attribute_values(particles, name)
+
+
+@contextmanager
+def _names_of(path: str) -> Iterator[None]:
+    """An unknown name in this block is the user's mistake."""
+    try:
+        yield
     except ValueError as error:
         expected, comma, got = str(error).rpartition(", got ")
         of = "" if " to " in expected else f" of {path}"

@@ -9,7 +9,7 @@ import numpy as np
 from ..render import presets as looks
 from ..scene.particles import Particles
 from ..scene.scene import Scene
-from ..scene.thesis import POLYNOMIAL_KERNELS, ROOTS, Thesis, default_support, fitting_depth
+from ..scene.thesis import POLYNOMIAL_KERNELS, ROOTS, Thesis, default_support, fitting_level
 from .shared import UserError, mistakes, positive
 
 # Options that a preset sets where the user has not; looks set fields of RenderSettings instead.
@@ -77,7 +77,7 @@ def support_and_depth(
     if options.root == "exact" or not extent:
         return options.support, options.depth
     if given is not None:
-        fitting = fitting_depth(extent, float(np.max(given)))
+        fitting = fitting_level(extent, float(np.max(given)))
         return options.support, fitting if options.depth is None else options.depth
     if options.preset != "thesis":
         return None, options.depth
@@ -110,5 +110,5 @@ def why_cut(scene: Scene) -> str | None:
         return None
     return (
         f"supports of up to {largest:.3g} are larger than a leaf's edge, {edge:.3g}, so parts of "
-        f"the surface may be missing; try --depth {fitting_depth(extent, largest)}"
+        f"the surface may be missing; try --depth {fitting_level(extent, largest)}"
     )

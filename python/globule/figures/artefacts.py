@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 
 from ..render.camera import Camera
-from ..render.frame import DirectionalLight, Headlight, RenderSettings, fit_camera, render
+from ..render.frame import RenderSettings, fit_camera, render
+from ..render.lights import DirectionalLight, Headlight
 from ..scene.particles import Particles
 from ..scene.scene import Scene
 from ..scene.thesis import Thesis
@@ -25,12 +26,12 @@ ALONE, PAIR = [[1.72, 1.45, 1.5]], [[1.5, 1.42, 1.5], [2.42, 1.62, 1.5]]
 
 
 def dense_scene(
-    centres: Any, support: float, depth: int, device: str = "auto", bounds: Any = None
+    centres: Any, support: float, level: int, device: str = "auto", bounds: Any = None
 ) -> Scene:
     """Metaballs of one colour in a dense octree, as the thesis's tracing needs it."""
     particles = Particles(np.float32(centres), support=support, color=np.float32(COLOR))
     return Scene(
-        particles, threshold=0.4, octree="dense", depth=depth, device=device, bounds=bounds
+        particles, threshold=0.4, octree="dense", level=level, device=device, bounds=bounds
     )
 
 

@@ -180,7 +180,7 @@ def draw_boxes(
     at = np.linspace(0, 1, 41)
     points = edges[:, :1] + at[:, None] * (edges[:, 1:] - edges[:, :1])
     pixels, distance = projected(camera, size, points)
-    depth = frame.depth
+    depth = frame.distance
     column = np.clip(pixels[..., 0].astype(int), 0, size[0] - 1)
     row = np.clip(pixels[..., 1].astype(int), 0, size[1] - 1)
     seen = distance <= depth[row, column] * 1.002

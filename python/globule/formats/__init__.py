@@ -23,6 +23,7 @@ import os
 from types import ModuleType
 from typing import Any
 
+from ..scene import sources
 from ..scene.particles import Particles
 from . import bgeo, mesh, numpy_format, ply, table, text, tomography, vtk_legacy, vtk_xml
 from .errors import FormatError
@@ -106,3 +107,6 @@ def _format_of(path: str | os.PathLike, writing: bool = False) -> ModuleType:
     if os.path.isdir(path) and not writing:
         return tomography
     raise FormatError(f"{path}: expected one of the extensions {' '.join(formats)}")
+
+
+sources.readers.insert(0, read)

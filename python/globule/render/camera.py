@@ -9,23 +9,29 @@ from typing import Any
 import numpy as np
 
 from .. import _core
-from .._base.fixed import Fixed
+from .._base.arrays import on_gpu
+from .._base.checks import number, positive, unit
+from .._base.fixed import Fixed, read_only
+from ..scene.sources import as_particles
 
 
+@read_only
 @dataclass(frozen=True)
 class Camera(Fixed):
     """A pinhole camera, or an orthographic one.
 
-    World frames are right-handed; image rows go from top to bottom, and the centre of pixel (0, 0)
+    World frames are right-handed; image rows go from top to bottom, and the center of pixel (0, 0)
     is half a pixel inside the top left corner.
 
     Args:
         eye: (3,) world.
         look_at: (3,) world, seen in the middle of the image.
         up: (3,) direction that is upwards in the image.
-        fov: vertical field of view, degrees.
+        fov: vertical field of view, degrees, above 0 and below 180.
         height: world units from the bottom to the top of the image; makes the camera
             orthographic, and `fov` is then not used.
+
+    Raises TypeError and ValueError: the field, what was expected and what came.
     """
 
     eye: Any
@@ -34,18 +40,20 @@ class Camera(Fixed):
     fov: float = 40.0
     height: float | None = None
 
-    def __post_init__(self) -> None:
+    def _check(self) -> None:
         for name in ("eye", "look_at", "up"):
-            value = np.asarray(getattr(self, name), dtype=np.float64)
+            given = getattr(self, name)
+            try:
+                value = np.asarray(given, dtype=np.float64)
+            except (TypeError, ValueError):
+                raise TypeError(f"{name}: expected three numbers, got {given!r}") from None
             if value.shape != (3,) or not np.isfinite(value).all():
-                raise ValueError(
-                    f"{name}: expected three finite numbers, got {getattr(self, name)!r}"
-                )
-            object.__setattr__(self, name, tuple(float(v) for v in value))
-        if not 0 < self.fov < 180:
+                raise ValueError(f"{name}: expected three finite numbers, got {given!r}")
+            object.__setattr__(self, name, tuple(value.tolist()))
+        if not 0 < number("fov", self.fov) < 180:
             raise ValueError(f"fov: expected degrees between 0 and 180, got {self.fov!r}")
-        if self.height is not None and not (self.height > 0 and math.isfinite(self.height)):
-            raise ValueError(f"height: expected a positive number, got {self.height!r}")
+        if self.height is not None:
+            positive("height", self.height)
         if np.linalg.norm(np.subtract(self.look_at, self.eye)) == 0:
             raise ValueError(f"look_at: expected a point other than eye, got {self.look_at!r}")
 
@@ -63,11 +71,19 @@ class Camera(Fixed):
         """A camera that sees all particles, from `direction` as seen from their middle.
 
         Args:
-            particles: `Particles`, `Scene`, or (N, 3) positions.
+            particles: `Particles`, `Scene`, (N, 3) positions, or the name of a file.
+            direction: (3,) world, from the particles' middle towards the eye.
+            up: (3,) direction that is upwards in the image.
+            fov: vertical field of view, degrees.
             size: (width, height) of the image, for its aspect.
             margin: world units added around the particles, e.g. their support.
+            orthographic: whether rays are parallel.
+
+        Returns:
+            The camera; where no position is finite, one that looks at the origin.
         """
         points, middle = _outline(particles)
+        unit("direction", direction)
         back = np.asarray(direction, dtype=np.float64)
         back = back / np.linalg.norm(back)
         right, true_up = _axes(-back, np.asarray(up, dtype=np.float64))
@@ -96,7 +112,7 @@ class Camera(Fixed):
         return cls(tuple(target + back * max(far_x, far_y, depth)), tuple(target), up, fov)
 
     def frame(self, size: tuple[int, int]) -> np.ndarray:
-        """Rows eye, forward, right, up, float64 (4, 3); right and up span half the image at
+        """Rows eye, forward, right, up, float64 (4, 3), world; right and up span half the image at
         distance 1 (orthographic: half the image)."""
         eye = np.asarray(self.eye)
         forward = np.asarray(self.look_at) - eye
@@ -104,6 +120,14 @@ class Camera(Fixed):
         right, up = _axes(forward, np.asarray(self.up))
         half = math.tan(math.radians(self.fov) / 2) if self.height is None else self.height / 2
         return np.stack([eye, forward, right * half * size[0] / size[1], up * half])
+
+    def __repr__(self) -> str:
+        words = [_short("eye", self.eye), _short("look_at", self.look_at), _short("up", self.up)]
+        if self.height is None:
+            words.append(f"fov={self.fov:.6g}")
+        else:
+            words.append(f"height={self.height:.6g}")
+        return f"Camera({', '.join(words)})"
 
     def _view(self, size: tuple[int, int]) -> Any:
         """What the core takes; that of the last size is kept."""
@@ -115,7 +139,7 @@ class Camera(Fixed):
         return kept[1]
 
     def towards(self, points: Any) -> np.ndarray:
-        """Unit directions of the rays that go through points (N, 3), world: (N, 3)."""
+        """Unit directions (N, 3) float64 of the rays through points (N, 3), world."""
         points = np.asarray(points, np.float64)
         ahead = np.subtract(self.look_at, self.eye)
         away = (
@@ -126,8 +150,8 @@ class Camera(Fixed):
         return away / np.linalg.norm(away, axis=1, keepdims=True)
 
     def ray(self, size: tuple[int, int], screen: Any) -> tuple[np.ndarray, np.ndarray]:
-        """Origin and unit direction of the ray through a place (x, y) of an image, (0, 0) its top
-        left and (1, 1) its lower right corner."""
+        """Origin and unit direction, (3,) float64 each, world, of the ray through a place (x, y) of
+        an image, (0, 0) its top left and (1, 1) its lower right corner."""
         eye, forward, right, up = self.frame(size)
         across = (2 * screen[0] - 1) * right + (1 - 2 * screen[1]) * up
         if self.height is not None:
@@ -135,7 +159,7 @@ class Camera(Fixed):
         return eye, (forward + across) / np.linalg.norm(forward + across)
 
     def rays(self, size: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
-        """Origins and unit directions of all pixels' rays, (H, W, 3) float32."""
+        """Origins and unit directions of all pixels' rays, (H, W, 3) float32 each, world."""
         eye, forward, right, up = self.frame(size)
         x = (np.arange(size[0]) + 0.5) * 2 / size[0] - 1
         y = 1 - (np.arange(size[1]) + 0.5) * 2 / size[1]
@@ -146,6 +170,10 @@ class Camera(Fixed):
         directions = forward + across
         directions = directions / np.linalg.norm(directions, axis=-1, keepdims=True)
         return np.broadcast_to(eye, across.shape).astype(np.float32), directions.astype(np.float32)
+
+
+def _short(name: str, vector: Any) -> str:
+    return f"{name}=({', '.join(f'{v:.6g}' for v in vector)})"
 
 
 def view_axes(up: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -161,14 +189,14 @@ def view_axes(up: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 def _axes(forward: np.ndarray, up: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Unit right and up vectors of an image seen along `forward`; an `up` along it is replaced."""
     right = _cross(forward, up)
-    if np.linalg.norm(right) <= 1e-9 * max(np.linalg.norm(up), 1e-300):
+    if np.linalg.norm(right) <= 1e-9 * max(float(np.linalg.norm(up)), 1e-300):
         right = _cross(forward, np.eye(3)[int(np.argmin(np.abs(forward)))])
     right = right / np.linalg.norm(right)
     return right, _cross(right, forward)
 
 
 def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """numpy's own takes 20 µs, and every picture needs two."""
+    """numpy's own takes 20 µs, and every image needs two."""
     (ax, ay, az), (bx, by, bz) = a.tolist(), b.tolist()
     return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
 
@@ -176,11 +204,7 @@ def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 def _outline(particles: Any) -> tuple[np.ndarray, np.ndarray]:
     """Points that stand for all particles, relative to the middle of their box, and that middle:
     the positions, or the box's corners where they are many or on a GPU."""
-    from .._base.arrays import on_gpu
-    from ..scene.particles import Particles
-
-    owner = getattr(particles, "particles", particles)
-    owner = owner if isinstance(owner, Particles) else Particles(owner)
+    owner = as_particles("particles", particles)
     try:
         lo, hi = (v.astype(np.float64) for v in owner.bounds())
     except ValueError:  # no finite position

@@ -131,7 +131,7 @@ def _curve(x: np.ndarray, y: np.ndarray, slopes: np.ndarray | None, at: float) -
 
 
 def _catmull_rom_slopes(x: np.ndarray, y: np.ndarray) -> np.ndarray | None:
-    """Slopes (K, C) of the parabola through each point and its neighbours; at the ends of the
+    """Slopes (K, C) of the parabola through each point and its neighbors; at the ends of the
     chord."""
     if len(x) < 3:
         return None
@@ -217,7 +217,7 @@ def _parsed(path: str | os.PathLike) -> dict[str, Any]:
         try:
             import tomllib
         except ImportError:  # Python 3.10
-            import tomli as tomllib
+            import tomli as tomllib  # type: ignore[no-redef]
         facts = tomllib.loads(data.decode("utf-8"))
     elif name.endswith(".json"):
         facts = json.loads(data)

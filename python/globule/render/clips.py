@@ -1,5 +1,5 @@
-"""Cuts through the medium. What they take away is gone for every ray; where they pass through the
-medium the cut face shows the blended colours inside."""
+"""Cuts through the medium. No ray meets what a cut takes away; where a cut passes through the
+medium, its face shows the blended colors inside."""
 
 from __future__ import annotations
 
@@ -10,13 +10,19 @@ from typing import Any
 import numpy as np
 
 from .. import _core
-from .._base.checks import number, three
-from .._base.fixed import Fixed
+from .._base.checks import flag, number, positive, three
+from .._base.fixed import Fixed, read_only
 
 
+@read_only
 @dataclass(frozen=True)
 class ClipPlane(Fixed):
-    """Takes away what lies on the normal's side: points x with normal · x > offset."""
+    """Takes away what lies on the normal's side: points x with normal · x > offset.
+
+    Args:
+        normal: (3,) world, of any length above 0.
+        offset: normal · x at the plane.
+    """
 
     normal: Any
     offset: float = 0.0
@@ -24,6 +30,9 @@ class ClipPlane(Fixed):
     def takes(self, points: np.ndarray) -> np.ndarray:
         """Which of the points (N, 3) it takes away."""
         return points @ np.asarray(self.normal, np.float64) > self.offset
+
+    def _check(self) -> None:
+        self._packed  # noqa: B018  making it checks the fields
 
     @cached_property
     def _packed(self) -> Any:
@@ -35,9 +44,15 @@ class ClipPlane(Fixed):
         return _core.Clip(0, False, (normal / length).tolist(), [offset, 0.0, 0.0])
 
 
+@read_only
 @dataclass(frozen=True)
 class ClipBox(Fixed):
-    """Takes away what lies inside the box [lo, hi], or with keep=True what lies outside: a crop."""
+    """Takes away what lies inside a box, or with keep=True what lies outside: a crop.
+
+    Args:
+        lo, hi: (3,) lowest and highest corner, world.
+        keep: keep the inside instead.
+    """
 
     lo: Any
     hi: Any
@@ -48,17 +63,27 @@ class ClipBox(Fixed):
         inside = (points > np.asarray(self.lo)) & (points < np.asarray(self.hi))
         return inside.all(axis=1) != self.keep
 
+    def _check(self) -> None:
+        self._packed  # noqa: B018  making it checks the fields
+
     @cached_property
     def _packed(self) -> Any:
         lo, hi = three("lo", self.lo), three("hi", self.hi)
         if not all(a < b for a, b in zip(lo, hi, strict=True)):
             raise ValueError(f"hi: expected above lo in each axis, got {self.hi!r}")
-        return _core.Clip(1, bool(self.keep), lo, hi)
+        return _core.Clip(1, flag("keep", self.keep), lo, hi)
 
 
+@read_only
 @dataclass(frozen=True)
 class ClipSphere(Fixed):
-    """Takes away what lies inside the ball, or with keep=True what lies outside."""
+    """Takes away what lies inside a ball, or with keep=True what lies outside.
+
+    Args:
+        center: (3,) world.
+        radius: world units, > 0.
+        keep: keep the inside instead.
+    """
 
     center: Any
     radius: float
@@ -69,9 +94,10 @@ class ClipSphere(Fixed):
         away = np.linalg.norm(points - np.asarray(self.center), axis=1)
         return (away < self.radius) != self.keep
 
+    def _check(self) -> None:
+        self._packed  # noqa: B018  making it checks the fields
+
     @cached_property
     def _packed(self) -> Any:
-        radius = number("radius", self.radius, 0.0)
-        if radius == 0:
-            raise ValueError("radius: expected a positive number, got 0")
-        return _core.Clip(2, bool(self.keep), three("center", self.center), [radius, 0.0, 0.0])
+        center, radius = three("center", self.center), positive("radius", self.radius)
+        return _core.Clip(2, flag("keep", self.keep), center, [radius, 0.0, 0.0])

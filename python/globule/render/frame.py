@@ -1,39 +1,33 @@
-"""Pictures of a scene."""
+"""Images of a scene."""
 
 from __future__ import annotations
 
+import inspect
+import io
 import operator
-from collections.abc import Sequence
-from dataclasses import dataclass, field
-from functools import cached_property
+import os
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
 
-from .. import _core
-from .._base.arrays import to_host
-from .._base.checks import number, three, whole
+from .._base.arrays import on_gpu, to_host
+from .._base.checks import whole
 from .._base.files import atomic_write
-from .._base.fixed import Fixed
+from .._base.old_names import old_attribute, renamed
+from ..scene import attributes
+from ..scene.particles import Particles
 from ..scene.scene import Scene
+from ..scene.sources import as_particles
 from ..scene.thesis import Thesis, check_tracing
 from .camera import Camera
 from .clips import ClipBox, ClipPlane, ClipSphere
-from .lights import (
-    MAX_LIGHTS,
-    DirectionalLight,
-    Environment,
-    Ground,
-    Headlight,
-    PointLight,
-    Sky,
-    uniform_sky,
-)
 from .materials import Material
+from .settings import MAX_SAMPLES, NAMES, RenderSettings, as_settings, items
 
 MAX_PIXELS = 2**28
 MAX_LAYERS = 4
-MAX_SAMPLES = 65536
 # How far from a particle, in supports, the surface may lie: where b is an eighth of the default
 # threshold, so that it takes eight particles at one place to reach that.
 REACH = {
@@ -48,131 +42,79 @@ REACH = {
 
 
 @dataclass(frozen=True)
-class RenderSettings(Fixed):
-    """How hits are turned into light. Colours and radiances are linear, [0, 1] for white.
-
-    lights: up to 8
-    ambient: light from everywhere: a colour, or "sky" for the sky's own
-    background: behind the scene, where `sky` is None
-    material: of every scene that has none of its own
-    specular, shininess: highlight of the lights, where the material says nothing
-    exposure: factor of the picture's light
-    shadows: whether directional and point lights throw them
-    ambient_rays: rays per sample that look how open a place is (ambient occlusion); 0: none
-    ambient_distance: how far they look, world; None: a tenth of the scene
-    sky: `Sky` or `Environment`; also seen behind the scene. None: the background all around
-    ground: a plane under the scene
-    depth: mirrored and transmitted generations that are followed, at most
-    cutoff: a ray that carries less than this share of a pixel's light ends in the sky
-    samples: rays per pixel; the first goes through its centre, the others anywhere in it
-    """
-
-    lights: Sequence[Headlight | DirectionalLight | PointLight] = (Headlight(), DirectionalLight())
-    ambient: Any = (0.16, 0.18, 0.21)
-    background: Any = (0.93, 0.94, 0.96)
-    material: Material = Material()
-    specular: float = 0.22
-    shininess: float = 60.0
-    exposure: float = 1.0
-    shadows: bool = False
-    ambient_rays: int = 0
-    ambient_distance: float | None = None
-    sky: Sky | Environment | None = None
-    ground: Ground | None = None
-    depth: int = 4
-    cutoff: float = 1 / 32
-    samples: int = 1
-
-    @cached_property
-    def _packed(self) -> Any:
-        """What the core takes; how far ambient rays look in no scene in particular: 0."""
-        lights = _items("lights", self.lights, "a list of lights")
-        if len(lights) > MAX_LIGHTS:
-            raise ValueError(f"lights: expected at most {MAX_LIGHTS}, got {len(lights)}")
-        for light in lights:
-            if not isinstance(light, (Headlight, DirectionalLight, PointLight)):
-                raise TypeError(
-                    f"lights: expected Headlight, DirectionalLight or PointLight, got {light!r}"
-                )
-        if not isinstance(self.sky, (Sky, Environment, type(None))):
-            raise TypeError(f"sky: expected Sky or Environment, got {self.sky!r}")
-        if not isinstance(self.ground, (Ground, type(None))):
-            raise TypeError(f"ground: expected Ground, got {self.ground!r}")
-        sky_light = isinstance(self.ambient, str)
-        if sky_light and self.ambient != "sky":
-            raise ValueError(f'ambient: expected a colour or "sky", got {self.ambient!r}')
-        rays = whole("ambient_rays", self.ambient_rays, 0, 256)
-        far = 0.0 if self.ambient_distance is None else self.ambient_distance
-        distance = number("ambient_distance", far, 0.0)
-        background = three("background", self.background, 0.0)
-        return _core.Look(
-            {
-                "lights": [light._pack() for light in lights],
-                "ambient": [0.0, 0.0, 0.0] if sky_light else three("ambient", self.ambient, 0.0),
-                "sky_light": sky_light,
-                "background": background,
-                "exposure": number("exposure", self.exposure, 0.0),
-                "shadows": bool(self.shadows),
-                "ambient_rays": rays,
-                "ambient_distance": distance,
-                "sky": (self.sky or uniform_sky(background))._pack(),
-                "show_sky": self.sky is not None,
-                "ground": self.ground._pack() if self.ground else None,
-                "depth": whole("depth", self.depth, 0, 32),
-                "cutoff": number("cutoff", self.cutoff, 0.0, 1.0),
-                "specular": number("specular", self.specular, 0.0),
-                "shininess": number("shininess", self.shininess, 0.0),
-            }
-        )
-
-    def _look(self, scene: Scene) -> Any:
-        """What the core takes for a picture of `scene`."""
-        if self.ambient_distance is None and self.ambient_rays:
-            return self._packed.reaching(0.1 * scene.octree.extent)
-        return self._packed
-
-
-_DEFAULT = RenderSettings()
-
-
-@dataclass(frozen=True)
 class Layer:
-    """One scene of a picture that shows several, with its own material and cuts.
+    """One scene of an image that shows several, with its own material and clips.
 
-    A ray may be inside several at once: vessels in translucent tissue, each its own scene.
+    A ray may be inside several layers at once: vessels in translucent tissue, each its own scene.
+
+    Args:
+        scene: a `Scene`, or what `Scene` takes: `Particles`, positions or a file's name.
+        material: None: that of the settings.
+        clips: cuts through this layer alone.
+
+    Raises TypeError and ValueError: the field, what was expected and what came.
     """
 
     scene: Scene
     material: Material | None = None
     clips: Sequence[ClipPlane | ClipBox | ClipSphere] = ()
 
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "scene", as_scene(self.scene))
+        if not isinstance(self.material, (Material, type(None))):
+            raise TypeError(f"material: expected Material, got {self.material!r}")
+        object.__setattr__(self, "clips", _clips(self.clips))
+
 
 @dataclass(frozen=True)
 class Picked:
-    """What a pixel shows: `position` and `normal` (3,) world, `depth` along the ray, the scene's
-    `layer`, the nearest `particle` and its attributes."""
+    """What a pixel shows.
+
+    position    (3,) float32, world
+    normal      (3,) float32, unit length
+    distance    along the ray, world units
+    layer       number of the layer, from 0
+    particle    index of the particle with the most influence there
+    attributes  that particle's attributes
+    """
 
     position: np.ndarray
     normal: np.ndarray
-    depth: float
+    distance: float
     layer: int
     particle: int
     attributes: dict[str, Any]
 
+    depth = old_attribute("depth", "distance")
 
-@dataclass
+
+@dataclass(repr=False)
 class Frame:
-    """A finished picture. Its images stay on the device until asked for, then are NumPy arrays.
+    """A finished image. Arrays stay on the device until they are asked for, then are NumPy's own.
 
-    `color` (H, W, 3) float32 linear, `picture` (H, W, 3) uint8 sRGB, `depth` (H, W) float32 along
-    the ray, infinite where missed, `position` and `normal` (H, W, 3) float32 world (position NaN
-    and normal 0 where missed), `albedo` (H, W, 3) blended colour, `mask` (H, W) bool.
+    A notebook shows a frame as its image. `color`, `image`, `distance`, `position`, `normal`,
+    `albedo` and `mask` are arrays with one entry a pixel; `size` is (width, height).
     """
 
     size: tuple[int, int]
     _frame: Any = field(repr=False)
     _layers: tuple[Layer, ...] = field(repr=False)
     _more: Any = field(repr=False)
+
+    depth = old_attribute("depth", "distance")
+
+    def __repr__(self) -> str:
+        n = len(self._layers)
+        layers = "" if n == 1 else f", {n} layers"
+        samples = "1 sample" if self.samples == 1 else f"{self.samples} samples"
+        width, height = self.size
+        return f"Frame({width} x {height}, {samples} a pixel{layers}, {self._scene.device.name})"
+
+    def _repr_png_(self) -> bytes:
+        """The image as PNG, for notebooks."""
+        file = io.BytesIO()
+        _write_png(file, self.image)
+        return file.getvalue()
 
     @property
     def _scene(self) -> Scene:
@@ -183,20 +125,33 @@ class Frame:
         """Rays per pixel so far."""
         return self._frame.passes()
 
-    def refine(self, samples: int = 1) -> Frame:
-        """Add samples to each pixel: edges, soft shadows and rough mirrors get smooth.
+    def refine(
+        self, samples: int = 1, progress: Callable[[int, int], object] | None = None
+    ) -> Frame:
+        """Add samples to each pixel: edges, soft shadows and rough reflections get smooth.
 
-        The images that follow are of all samples; arrays taken before stay as they are. Depth,
-        normals and positions stay those of the pixels' centres. Returns the frame itself.
-        Raises ValueError where the scene has changed since the frame was rendered.
+        The arrays that follow are of all samples; arrays taken before stay as they are. Distances,
+        normals and positions stay those of the pixels' centers.
+
+        Args:
+            samples: how many more rays a pixel; at most 65536 in all.
+            progress: called as progress(done, total) after each sample; may raise to stop.
+
+        Returns the frame itself. Raises ValueError where the scene has changed since the frame was
+        rendered.
         """
         if self.samples + whole("samples", samples, 1, MAX_SAMPLES) > MAX_SAMPLES:
             raise ValueError(f"samples: expected at most {MAX_SAMPLES} in all, got {samples} more")
-        self._frame = self._more(samples, self._frame)
+        if progress is None:
+            self._frame = self._more(samples, self._frame)
+            return self
+        for done in range(1, samples + 1):
+            self._frame = self._more(1, self._frame)
+            progress(done, samples)
         return self
 
     def pick(self, column: int, row: int) -> Picked | None:
-        """What is seen at a pixel; None where nothing is, or the ground."""
+        """What is seen at a pixel, counted from the top left; None: nothing, or the ground."""
         column = whole("column", column, 0, self.size[0] - 1)
         row = whole("row", row, 0, self.size[1] - 1)
         position, normal = self.position[row, column], self.normal[row, column]
@@ -217,33 +172,45 @@ class Frame:
             away = np.einsum("nij,nj->ni", particles.anisotropy[near], away)
         particle = int(near[np.argmin(np.linalg.norm(away, axis=1))])
         attributes = {n: to_host(a)[particle] for n, a in particles.attributes.items()}
-        return Picked(position, normal, float(self.depth[row, column]), layer, particle, attributes)
+        distance = float(self.distance[row, column])
+        return Picked(position, normal, distance, layer, particle, attributes)
 
     def _take(self, name: str) -> np.ndarray:
         return getattr(self._frame, name)(self.size[1], self.size[0])
 
     @property
     def color(self) -> np.ndarray:
+        """(H, W, 3) float32, linear RGB."""
         return self._take("color")
 
     @property
-    def picture(self) -> np.ndarray:
+    def image(self) -> np.ndarray:
+        """(H, W, 3) uint8, sRGB."""
         return self._take("picture")
 
     @property
-    def depth(self) -> np.ndarray:
+    def picture(self) -> np.ndarray:
+        """The same as `image`."""
+        return self.image
+
+    @property
+    def distance(self) -> np.ndarray:
+        """(H, W) float32 along the ray, world units; infinite where missed."""
         return self._take("depth")
 
     @property
     def position(self) -> np.ndarray:
+        """(H, W, 3) float32, world; NaN where missed."""
         return self._take("position")
 
     @property
     def normal(self) -> np.ndarray:
+        """(H, W, 3) float32, unit length, world; 0 where missed."""
         return self._take("normal")
 
     @property
     def albedo(self) -> np.ndarray:
+        """(H, W, 3) float32, linear RGB: the blended color before any light."""
         return self._take("albedo")
 
     @property
@@ -253,16 +220,23 @@ class Frame:
 
     @property
     def mask(self) -> np.ndarray:
-        return np.isfinite(self.depth)
+        """(H, W) bool: whether a surface, a cut or the ground was hit."""
+        return np.isfinite(self.distance)
 
     @property
     def trace_seconds(self) -> float:
-        """Device time from the first ray to the shaded picture."""
+        """Device time from the first ray to the shaded image; after `refine`, of its last pass."""
         return self._frame.trace_seconds()
 
     def attribute(self, values: Any) -> np.ndarray:
-        """Per-particle values (N,) or (N, K) of the first scene, blended wherever that is seen:
-        (H, W[, K]), else NaN."""
+        """Values of the first scene's particles, blended at each pixel that shows that scene.
+
+        Args:
+            values: (N,) or (N, K) numbers, one row a particle.
+
+        Returns:
+            (H, W) or (H, W, K) float32; NaN elsewhere.
+        """
         points = self.position.reshape(-1, 3)
         hit = np.isfinite(points[:, 0]) & (self._layer.reshape(-1) == 0)
         blended = self._scene.blend(points[hit], values)
@@ -270,18 +244,20 @@ class Frame:
         out[hit] = blended
         return out.reshape((self.size[1], self.size[0]) + blended.shape[1:])
 
-    def save(self, path: Any) -> None:
-        """Write the picture (.png) or every image (.npz, .exr); whole or not at all."""
+    def save(self, path: str | os.PathLike) -> None:
+        """Write the image (.png) or every array (.npz, .exr); whole or not at all.
+
+        A .npz has `color`, `distance`, `position`, `normal`, `albedo` and `mask`; `depth` is the
+        old name of `distance`, for one version. Raises ValueError for another ending.
+        """
         name = str(path).lower()
         if name.endswith(".png"):
-            save_png(path, self.picture)
+            save_png(path, self.image)
         elif name.endswith(".npz"):
-            images = {
-                k: getattr(self, k)
-                for k in ("color", "depth", "position", "normal", "albedo", "mask")
-            }
+            names = ("color", "distance", "position", "normal", "albedo", "mask")
+            arrays = {name: getattr(self, name) for name in names}
             with atomic_write(path) as file:
-                np.savez_compressed(file, **images)
+                np.savez_compressed(file, depth=arrays["distance"], **arrays)
         elif name.endswith(".exr"):
             from ..formats.pictures.exr import frame_channels, write_exr
 
@@ -290,51 +266,79 @@ class Frame:
             raise ValueError(f"{path}: expected a name ending in .png, .npz or .exr")
 
 
-def save_png(path: Any, picture: np.ndarray) -> None:
-    """Write a picture (H, W, 3) uint8 sRGB; whole or not at all."""
+@renamed(picture="image")
+def save_png(path: str | os.PathLike, image: np.ndarray) -> None:
+    """Write an image (H, W, 3) uint8 sRGB as PNG; whole or not at all."""
+    image = np.asarray(image)
+    if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3:
+        raise ValueError(f"image: expected (H, W, 3) uint8, got {image.dtype} {image.shape}")
+    with atomic_write(path) as file:
+        _write_png(file, image)
+
+
+def _write_png(file: Any, image: np.ndarray) -> None:
     from PIL import Image
 
-    with atomic_write(path) as file:
-        Image.fromarray(picture).save(file, format="PNG", compress_level=4)
+    Image.fromarray(image).save(file, format="PNG", compress_level=4)
 
 
 def render(
-    scene: Scene | Sequence[Layer | Scene],
-    camera: Camera | None = None,
-    size: tuple[int, int] = (1024, 782),
-    settings: RenderSettings | None = None,
+    scene: Any,
+    camera: Camera | tuple[int, int] | None = None,
+    size: tuple[int, int] | Camera = (1024, 782),
+    settings: RenderSettings | Mapping[str, Any] | None = None,
     clips: Sequence[ClipPlane | ClipBox | ClipSphere] = (),
     thesis: Thesis | None = None,
+    *,
+    color_by: str | None = None,
+    colormap: str = "viridis",
+    range: tuple[float, float] | None = None,
+    progress: Callable[[int, int], object] | None = None,
+    **others: Any,
 ) -> Frame:
-    """Trace rays through each pixel to the first point where the field is the threshold, and on.
+    """Render an image: for each pixel, the light from the first point where the field is the
+    threshold, and from where that light is reflected and refracted.
+
+        render("splash.vtk").save("splash.png")
+        render(particles, (640, 480), settings={"shadows": True}, color_by="speed")
 
     Args:
-        scene: what to see; or up to 4 layers, scenes of one device in one picture.
-        camera: default: `Camera.fit` of the first scene.
+        scene: a `Scene`; what `Scene` takes, i.e. `Particles`, (N, 3) positions or a file's name;
+            a simulation; or a list of up to 4 of these or of `Layer`s, which one image shows.
+        camera: default: `Camera.fit` of the first scene. A size may stand in its place.
         size: (width, height) pixels.
+        settings: `RenderSettings`, or a dict of its fields.
         clips: cuts through every scene.
-        thesis: trace the camera's rays the source thesis's way, with these choices; default:
+        thesis: trace the camera's rays as the source thesis does, with these choices; default:
             exactly.
+        color_by: color the particles by a field or attribute, instead of their own colors and the
+            material's: x, y, z, support, an attribute (a vector's length), or NAME:0 … for a
+            component. A `Scene` keeps these colors.
+        colormap: of `color_by`: viridis, magma, inferno, plasma, cividis, turbo, coolwarm or gray.
+        range: (lo, hi), values of the map's ends; default: the lowest and highest finite value.
+        progress: called as progress(done, total) after each sample per pixel; may raise to stop.
+
+    Raises:
+        TypeError, ValueError: naming the argument, what was expected and what came.
+        FormatError, OSError: a file cannot be read.
     """
-    try:
-        width, height = (operator.index(v) for v in size)
-    except (TypeError, ValueError):
-        raise TypeError(f"size: expected (width, height), got {size!r}") from None
-    if width < 1 or height < 1 or width * height > MAX_PIXELS:
-        raise ValueError(f"size: expected 1 to {MAX_PIXELS:,} pixels, got {width}x{height}")
-    settings = _DEFAULT if settings is None else settings
-    if not isinstance(settings, RenderSettings):
-        raise TypeError(f"settings: expected RenderSettings, got {settings!r}")
-    layers = _layers(scene, clips, settings.material)
+    if others:
+        raise TypeError(f"render: {_instead(next(iter(others)))}")
+    camera, size = camera_and_size(camera, size)
+    settings = as_settings(settings)
+    if color_by is not None:
+        settings = replace(settings, material=replace(settings.material, color=None))
+    layers = _layers(scene, clips, settings.material, (color_by, colormap, range))
     if thesis is not None and any(layer.clips for layer in layers):
         raise ValueError("clips: expected none with the thesis's tracing, which knows no cuts")
     first = layers[0].scene
     if camera is None:
-        camera = fit_camera(first, (width, height))
-    elif not isinstance(camera, Camera):
-        raise TypeError(f"camera: expected Camera, got {camera!r}")
-    view, look = camera._view((width, height)), settings._look(first)
-    kinds = [(layer.material._packed, [c._packed for c in layer.clips]) for layer in layers]
+        camera = fit_camera(first, size)
+    view, look = camera._view(size), settings._look(first)
+    kinds = [
+        ((layer.material or settings.material)._packed, [c._packed for c in layer.clips])
+        for layer in layers
+    ]
     for layer in layers:
         check_tracing(layer.scene, thesis)
     way = None if thesis is None else thesis._packed
@@ -349,52 +353,117 @@ def render(
         ]
         return packed[0][0].render(packed, view, look, way, passes, before)
 
-    frame = trace(whole("samples", settings.samples, 1, MAX_SAMPLES), None)
-    return Frame((width, height), frame, layers, trace)
+    n = settings.samples
+    if progress is None:
+        return Frame(size, trace(n, None), layers, trace)
+    frame = Frame(size, trace(1, None), layers, trace)
+    progress(1, n)
+    if n > 1:
+        frame.refine(n - 1, lambda done, _: progress(1 + done, n))
+    return frame
 
 
-def _layers(scene: Any, clips: Any, material: Any) -> tuple[Layer, ...]:
-    """Layers of a picture, each with a material, and with its own clips and those of all."""
-    if isinstance(scene, (Scene, Layer)):
-        scene = (scene,)
-    given = _items("scene", scene, "Scene, Layer or several")
-    layers = [item if isinstance(item, Layer) else Layer(item) for item in given]
-    if not 1 <= len(layers) <= MAX_LAYERS:
-        raise ValueError(f"scene: expected 1 to {MAX_LAYERS} layers, got {len(layers)}")
-    for layer in layers:
-        if not isinstance(layer.scene, Scene):
-            raise TypeError(f"scene: expected Scene or Layer, got {layer.scene!r}")
-        if layer.scene.device != layers[0].scene.device:
+def as_scene(value: Any) -> Scene:
+    """The scene that `value` stands for: a `Scene`, an object with one, or what `Scene` takes."""
+    own = _own_scene(value)
+    return Scene(as_particles("scene", value)) if own is None else own
+
+
+def camera_and_size(camera: Any, size: Any) -> tuple[Camera | None, tuple[int, int]]:
+    """Both, checked, in whichever order they come; the size may stand in the camera's place."""
+    if isinstance(size, Camera):
+        camera, size = size, (1024, 782) if camera is None else camera
+    elif isinstance(camera, (tuple, list)) and len(camera) == 2:
+        camera, size = None, camera
+    if isinstance(camera, (RenderSettings, Mapping)):
+        raise TypeError("camera: expected Camera, got settings; write settings=... for settings")
+    if camera is not None and not isinstance(camera, Camera):
+        raise TypeError(f"camera: expected Camera or a size (width, height), got {camera!r}")
+    try:
+        width, height = (operator.index(v) for v in size)
+    except (TypeError, ValueError):
+        raise TypeError(f"size: expected (width, height), got {size!r}") from None
+    if width < 1 or height < 1 or width * height > MAX_PIXELS:
+        raise ValueError(f"size: expected 1 to {MAX_PIXELS:,} pixels, got {width}x{height}")
+    return camera, (width, height)
+
+
+def _instead(name: str) -> str:
+    """What to write for an argument that `render` does not have."""
+    if name in inspect.signature(Scene).parameters:
+        return f"{name} belongs to the scene: globule.Scene(particles, {name}=...)"
+    if name in NAMES:
+        return f"{name} belongs to the settings: settings={{{name!r}: ...}}"
+    if name in (f.name for f in fields(Camera)):
+        return f"{name} belongs to the camera: camera=globule.Camera(..., {name}=...)"
+    known = ", ".join(p for p in inspect.signature(render).parameters if p != "others")
+    return f"expected {known}, got {name!r}"
+
+
+def _layers(scene: Any, clips: Any, material: Material, color: tuple) -> tuple[Layer, ...]:
+    """Layers of an image, each with a material, and with its own clips and those of all."""
+    given, everywhere = _several(scene), _clips(clips)
+    if not 1 <= len(given) <= MAX_LAYERS:
+        raise ValueError(f"scene: expected 1 to {MAX_LAYERS} layers, got {len(given)}")
+    if color[0] is not None and len(given) > 1:
+        raise ValueError(
+            f"color_by: expected one scene, got {len(given)} layers; "
+            "globule.color_by(particles, name) colors the particles of one"
+        )
+    layers: list[Layer] = []
+    for item in given:
+        own = item if isinstance(item, Layer) else Layer(_colored(item, color))
+        if own is item and color[0] is not None:
+            _colored(own.scene, color)
+        if layers and own.scene.device != layers[0].scene.device:
             raise ValueError(
                 f"scene: expected all layers on {layers[0].scene.device.name}, "
-                f"got {layer.scene.device.name}"
+                f"got {own.scene.device.name}"
             )
-        kind = layer.material if layer.material is not None else material
-        if not isinstance(kind, Material):
-            raise TypeError(f"material: expected Material, got {kind!r}")
-        expected = "a list of ClipPlane, ClipBox or ClipSphere"
-        for clip in (*_items("clips", layer.clips, expected), *_items("clips", clips, expected)):
-            if not isinstance(clip, (ClipPlane, ClipBox, ClipSphere)):
-                raise TypeError(f"clips: expected ClipPlane, ClipBox or ClipSphere, got {clip!r}")
-    return tuple(
-        Layer(
-            item.scene, material if item.material is None else item.material, (*item.clips, *clips)
-        )
-        for item in layers
-    )
+        layers.append(Layer(own.scene, own.material or material, (*own.clips, *everywhere)))
+    return tuple(layers)
 
 
-def _items(name: str, value: Any, expected: str) -> tuple:
-    try:
-        return tuple(value)
-    except TypeError:
-        raise TypeError(f"{name}: expected {expected}, got {value!r}") from None
+def _several(scene: Any) -> tuple:
+    """The scenes of a list of them, or the one scene."""
+    single = isinstance(scene, (str, os.PathLike, Layer, Scene, Particles, Mapping, np.ndarray))
+    if single or on_gpu(scene) or hasattr(scene, "particles") or not hasattr(scene, "__iter__"):
+        return (scene,)
+    given = tuple(scene)
+    named = given and isinstance(given[0], (str, os.PathLike, Layer, Scene, Particles))
+    positions = given and not named and hasattr(given[0], "__len__")
+    return (given,) if positions else given
+
+
+def _own_scene(item: Any) -> Scene | None:
+    own = item if isinstance(item, Scene) else getattr(item, "scene", None)
+    return own if isinstance(own, Scene) else None
+
+
+def _colored(item: Any, color: tuple) -> Scene:
+    """The scene of an item, colored by (name, colormap, range) where a name is given."""
+    if color[0] is None:
+        return as_scene(item)
+    own = _own_scene(item)
+    particles = attributes.color_by(as_particles("scene", own or item), *color)
+    if own is None:
+        return Scene(particles)
+    if own is not item:  # a simulation's, which nobody else updates
+        return Scene(particles, own.kernel, own.threshold, device=own.device.name)
+    own.update(particles)
+    return own
+
+
+def _clips(clips: Any) -> tuple[ClipPlane | ClipBox | ClipSphere, ...]:
+    found = items("clips", clips, "a list of ClipPlane, ClipBox or ClipSphere")
+    for clip in found:
+        if not isinstance(clip, (ClipPlane, ClipBox, ClipSphere)):
+            raise TypeError(f"clips: expected ClipPlane, ClipBox or ClipSphere, got {clip!r}")
+    return found
 
 
 def fit_camera(scene: Scene, size: tuple[int, int], around: Any = None, **options: Any) -> Camera:
     """`Camera.fit` with room for the surface around the particles, or around the points (M, 3)."""
-    support = scene.support
-    largest = support if np.isscalar(support) else np.max(to_host(support), initial=0.0)
-    margin = REACH[scene.kernel] * float(largest)
+    margin = REACH[scene.kernel] * float(np.max(to_host(scene.support), initial=0.0))
     seen = scene.particles if around is None else around
     return Camera.fit(seen, size=size, margin=margin if np.isfinite(margin) else 0.0, **options)

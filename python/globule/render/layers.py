@@ -1,4 +1,4 @@
-"""One picture of several phases, each with a material of its own."""
+"""One image of several phases, each with its own material."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from .materials import Material
 def layers_by(
     particles: Particles, name: str, materials: Mapping[Any, Material | None], **options: Any
 ) -> list[Layer]:
-    """Particles parted by the values of an attribute, each part a layer for `render`.
+    """Particles divided by the values of an attribute: each part is a layer for `render`.
 
         render(layers_by(particles, "phase", {0: water, 1: oil}), settings=…)
 
-    Each part is a scene of its own, so that fields of two phases do not add up: where phases
-    touch, both surfaces reach beyond their outermost particles. All have the same support, that of
-    the particles or the one measured on all of them.
+    Each part is a scene of its own, and the fields of two phases do not add up. Where phases touch,
+    both surfaces reach beyond their outermost particles. All parts have the same support: that of
+    the particles, or the one measured on all of them.
 
     Args:
         particles: with an attribute `name`, (N,) numbers.
@@ -32,7 +32,9 @@ def layers_by(
         options: of every `Scene`.
 
     Returns:
-        layers in the order of `materials`; that of a value which no particle has is empty.
+        Layers in the order of `materials`; the layer of a value that no particle has is empty.
+
+    Raises ValueError: the argument, what was expected and what came.
     """
     if name not in particles.attributes:
         known = ", ".join(particles.attributes) or "none"

@@ -1,4 +1,4 @@
-"""A colour bar with its range and name, drawn into a finished picture."""
+"""A color bar with its range and name, drawn into a finished image."""
 
 from __future__ import annotations
 
@@ -8,56 +8,60 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._base.colormaps import NAMES, map_colors
+from .._base.old_names import renamed
 
 if TYPE_CHECKING:
     from PIL.ImageDraw import ImageDraw
 
-LEAST_SIDE = 64  # pixels; in a smaller picture no number can be read
-# Lengths as shares of the picture's shorter side.
+LEAST_SIDE = 64  # pixels; in a smaller image no number can be read
+# Lengths as shares of the image's shorter side.
 _MARGIN, _BAR_WIDTH, _BAR_HEIGHT, _TEXT = 0.035, 0.024, 0.42, 0.026
 _LEAST_TEXT = 9  # pixels
 
 
+@renamed(picture="image")
 def add_legend(
-    picture: Any, colormap: str, lo: float, hi: float, label: str = "", scale: float = 1.0
+    image: Any, colormap: str, lo: float, hi: float, label: str = "", scale: float = 1.0
 ) -> np.ndarray:
-    """The picture with a vertical colour bar, ticks and label in its lower right corner.
+    """The image with a vertical color bar, ticks and label in its lower right corner.
 
-    Sizes follow the picture's. Text is dark with a light rim or the reverse, as the picture below
-    it needs, and the bar has a thin frame, so that both can be read on any background.
+    Sizes follow the image's. Text is dark with a light rim or the reverse, as the image below it
+    needs, and the bar has a thin frame: both can be read on any background.
 
     Args:
-        picture: (H, W, 3) uint8, sRGB, both sides at least 64 pixels.
-        colormap: one of `colormaps.NAMES`.
-        lo, hi: values of the map's first and last colour.
-        label: what the values are; shortened to fit.
-        scale: of all its sizes.
+        image: (H, W, 3) uint8, sRGB, both sides at least 64 pixels.
+        colormap: viridis, magma, inferno, plasma, cividis, turbo, coolwarm or gray.
+        lo, hi: values of the map's first and last color.
+        label: name of the values; shortened to fit.
+        scale: factor of all sizes.
 
     Returns:
         (H, W, 3) uint8, a new array.
+
+    Raises ValueError: the argument, what was expected and what came.
     """
     from PIL import Image, ImageDraw, ImageFont
 
-    picture = np.asarray(picture)
-    if picture.dtype != np.uint8 or picture.ndim != 3 or picture.shape[2] != 3:
-        got = f"{picture.dtype} {picture.shape}"
-        raise ValueError(f"picture: expected (H, W, 3) uint8, got {got}")
-    if min(picture.shape[:2]) < LEAST_SIDE:
-        got = f"{picture.shape[1]}x{picture.shape[0]}"
-        raise ValueError(f"picture: expected at least {LEAST_SIDE} pixels a side, got {got}")
+    image = np.asarray(image)
+    if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3:
+        got = f"{image.dtype} {image.shape}"
+        raise ValueError(f"image: expected (H, W, 3) uint8, got {got}")
+    if min(image.shape[:2]) < LEAST_SIDE:
+        got = f"{image.shape[1]}x{image.shape[0]}"
+        raise ValueError(f"image: expected at least {LEAST_SIDE} pixels a side, got {got}")
     if colormap not in NAMES:
         raise ValueError(f"colormap: expected one of {', '.join(NAMES)}, got {colormap!r}")
     if not (math.isfinite(lo) and math.isfinite(hi)):
         raise ValueError(f"range: expected two finite numbers, got {lo!r} and {hi!r}")
 
-    image = Image.fromarray(np.ascontiguousarray(picture))
-    width, height = image.size
+    canvas = Image.fromarray(np.ascontiguousarray(image))
+    width, height = canvas.size
     side = scale * min(width, height)
     font = ImageFont.load_default(size=max(_LEAST_TEXT, round(_TEXT * side)))
-    draw = ImageDraw.Draw(image)
+    draw = ImageDraw.Draw(canvas)
     line = max(1, round(side / 500))
     margin, bar = round(_MARGIN * side), max(4, round(_BAR_WIDTH * side))
-    text_height = sum(font.getmetrics())
+    text_height = sum(font.getmetrics())  # type: ignore[union-attr]
 
     texts = tick_labels(lo, hi, max(2, round(_BAR_HEIGHT * side / (2.2 * text_height))))
     widest = max(draw.textlength(text, font=font) for _, text in texts)
@@ -67,9 +71,9 @@ def add_legend(
     top = bottom - round(_BAR_HEIGHT * side)
     box = (right - bar, top, right, bottom)  # right and bottom not included
 
-    ink, rim = _ink(picture[top:bottom, right:])
+    ink, rim = _ink(image[top:bottom, right:])
     colors = map_colors(colormap, bottom - top)[::-1]
-    image.paste(Image.fromarray(np.repeat(colors[:, None], bar, axis=1)), box[:2])
+    canvas.paste(Image.fromarray(np.repeat(colors[:, None], bar, axis=1)), box[:2])
     frame = (box[0] - line, top - line, right + line - 1, bottom + line - 1)
     draw.rectangle(frame, outline=ink, width=line)
     for share, text in texts:
@@ -82,9 +86,9 @@ def add_legend(
         end = width - margin
         place = (end, top - line - text_height)
         y, x = max(0, place[1] - text_height), int(max(0, end - draw.textlength(label, font=font)))
-        ink, rim = _ink(picture[y : place[1] + text_height // 2, x:end])
+        ink, rim = _ink(image[y : place[1] + text_height // 2, x:end])
         draw.text(place, label, ink, font, anchor="rm", stroke_width=line, stroke_fill=rim)
-    return np.asarray(image)
+    return np.asarray(canvas)
 
 
 def tick_labels(lo: float, hi: float, most: int) -> list[tuple[float, str]]:

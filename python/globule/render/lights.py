@@ -1,42 +1,58 @@
-"""Lights, the sky and the ground. Colours and radiances are linear, [0, 1] for white."""
+"""Lights, the sky and the ground. Colors and radiances are linear RGB; 1 is white."""
 
 from __future__ import annotations
 
 import itertools
 import math
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from .._base.arrays import address
 from .._base.checks import number, three, unit
-from .._base.fixed import Fixed, fixed
+from .._base.fixed import Fixed, fixed, read_only
 
 MAX_LIGHTS = 8
 
 
+@read_only
 @dataclass(frozen=True)
 class Headlight(Fixed):
-    """Light from the eye; it casts no visible shadow."""
+    """Light from the eye; it casts no visible shadow.
+
+    Args:
+        radiance: (3,) linear RGB, or one number for all three.
+    """
 
     radiance: Any = (0.35, 0.35, 0.35)
+
+    def _check(self) -> None:
+        self._pack()
 
     def _pack(self) -> tuple:
         return 0, [0.0, 0.0, 1.0], three("radiance", self.radiance, 0.0), 0.0
 
 
+@read_only
 @dataclass(frozen=True)
 class DirectionalLight(Fixed):
     """Light from far away.
 
-    direction: (3,) world, towards the light. angle: angular diameter, degrees (the sun: 0.53);
-    0 gives hard shadows, more gives soft ones, which get smooth over several samples a pixel.
+    Args:
+        direction: (3,) world, towards the light, of any length above 0.
+        radiance: (3,) linear RGB, or one number for all three.
+        angle: angular diameter, degrees, 0 to 170 (the sun: 0.53). 0 gives hard shadows; more gives
+            soft ones, which get smooth over several samples a pixel.
     """
 
     direction: Any = (-0.4, 1.0, 0.6)
     radiance: Any = (0.75, 0.73, 0.70)
     angle: float = 0.0
+
+    def _check(self) -> None:
+        self._pack()
 
     def _pack(self) -> tuple:
         half = math.radians(number("angle", self.angle, 0.0, 170.0) / 2)
@@ -44,28 +60,46 @@ class DirectionalLight(Fixed):
         return 1, direction, three("radiance", self.radiance, 0.0), math.tan(half)
 
 
+@read_only
 @dataclass(frozen=True)
 class PointLight(Fixed):
-    """Light from a ball, without fall-off. position: (3,) world; radius: world, 0 gives hard
-    shadows."""
+    """Light from a ball, without fall-off.
+
+    Args:
+        position: (3,) world.
+        radiance: (3,) linear RGB, or one number for all three.
+        radius: world units; 0 gives hard shadows.
+    """
 
     position: Any
     radiance: Any = (0.75, 0.75, 0.75)
     radius: float = 0.0
+
+    def _check(self) -> None:
+        self._pack()
 
     def _pack(self) -> tuple:
         radius = number("radius", self.radius, 0.0)
         return 2, three("position", self.position), three("radiance", self.radiance, 0.0), radius
 
 
+@read_only
 @dataclass(frozen=True)
 class Sky(Fixed):
-    """What rays see that meet nothing: a gradient from the ground's colour to the zenith's."""
+    """What rays see that meet nothing: a gradient from the ground's color to the zenith's.
+
+    Args:
+        zenith, horizon, ground: (3,) linear RGB radiance, or one number for all three.
+        up: (3,) world, towards the zenith.
+    """
 
     zenith: Any = (0.30, 0.48, 0.80)
     horizon: Any = (0.85, 0.90, 0.95)
     ground: Any = (0.30, 0.28, 0.26)
     up: Any = (0.0, 1.0, 0.0)
+
+    def _check(self) -> None:
+        self._pack()
 
     def _pack(self) -> dict:
         up = unit("up", self.up)
@@ -85,18 +119,24 @@ class Sky(Fixed):
 
 
 def uniform_sky(color: Any) -> Sky:
-    """The same radiance from everywhere."""
+    """The same radiance, (3,) linear RGB or one number, from everywhere."""
     return Sky(color, color, color)
 
 
 _ids = itertools.count(1)
 
 
+@read_only
 @dataclass(frozen=True, eq=False)
 class Environment(Fixed):
-    """A sky from an image: equirectangular, (H, W, 3) linear radiance, row 0 at the zenith.
+    """A sky from an image.
 
-    strength multiplies it; turn rotates it about `up`, degrees.
+    Args:
+        image: (H, W, 3) linear RGB radiance, equirectangular, row 0 at the zenith; at most 32768
+            pixels a side. `globule.read_environment` reads one.
+        strength: factor of the radiance.
+        up: (3,) world, towards the zenith.
+        turn: rotation about `up`, degrees.
     """
 
     image: Any = field(repr=False)
@@ -105,7 +145,13 @@ class Environment(Fixed):
     turn: float = 0.0
 
     def __post_init__(self) -> None:
-        image = np.ascontiguousarray(self.image, np.float32)
+        try:
+            image = np.ascontiguousarray(self.image, np.float32)
+        except (TypeError, ValueError):
+            raise TypeError(
+                f"image: expected an array (H, W, 3), got {type(self.image).__name__}; "
+                "globule.read_environment reads a file"
+            ) from None
         if image.ndim != 3 or image.shape[2] != 3 or 0 in image.shape or max(image.shape) > 32768:
             raise ValueError(f"image: expected shape (H, W, 3), got {image.shape}")
         if not (np.isfinite(image).all() and (image >= 0).all()):
@@ -113,13 +159,19 @@ class Environment(Fixed):
         object.__setattr__(self, "image", image)
         object.__setattr__(self, "up", fixed(self.up))
         object.__setattr__(self, "_id", next(_ids))
+        self._pack()
 
     def mean(self) -> tuple[float, float, float]:
-        """Mean radiance over all directions."""
+        """Mean radiance over all directions, linear RGB."""
+        return self._mean
+
+    @cached_property
+    def _mean(self) -> tuple[float, float, float]:
         height = len(self.image)
         weight = np.sin((np.arange(height) + 0.5) / height * np.pi)
         rows = self.image.mean(axis=1, dtype=np.float64)
-        red, green, blue = self.strength * (weight @ rows) / weight.sum()
+        strength = number("strength", self.strength, 0.0)
+        red, green, blue = strength * (weight @ rows) / weight.sum()
         return float(red), float(green), float(blue)
 
     def _pack(self) -> dict:
@@ -128,7 +180,6 @@ class Environment(Fixed):
         angle = math.radians(number("turn", self.turn))
         east = east * math.cos(angle) + np.cross(up, east) * math.sin(angle)
         height, width, _ = self.image.shape
-        strength = number("strength", self.strength, 0.0)
         return {
             **uniform_sky(self.mean())._pack(),  # seen all at once, by a matte surface
             "up": up.tolist(),
@@ -136,16 +187,24 @@ class Environment(Fixed):
             "image": address(self.image),
             "width": width,
             "height": height,
-            "strength": strength,
-            "id": self._id,
+            "strength": float(self.strength),
+            "id": vars(self)["_id"],
             "owner": self.image,
         }
 
 
+@read_only
 @dataclass(frozen=True)
 class Ground(Fixed):
-    """A plane under the scene. height: where it crosses `normal`, world; check: edge of its
-    checkerboard's fields, world, 0 for one colour."""
+    """A plane under the scene.
+
+    Args:
+        height: of the plane along `normal`, world units.
+        normal: (3,) world, up from the plane.
+        color, other: (3,) linear RGB of the checkerboard's squares, or one number for all three.
+        check: edge of a square, world units; 0: all has `color`.
+        reflection: specular reflectance at normal incidence, 0 to 1.
+    """
 
     height: float
     normal: Any = (0.0, 1.0, 0.0)
@@ -153,6 +212,9 @@ class Ground(Fixed):
     other: Any = (0.55, 0.55, 0.55)
     check: float = 0.0
     reflection: float = 0.0
+
+    def _check(self) -> None:
+        self._pack()
 
     def _pack(self) -> dict:
         return {

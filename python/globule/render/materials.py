@@ -1,10 +1,10 @@
 """How a surface splits the light that meets it.
 
-Particles carry factors in [0, 1], blended at each hit like their colours. The *reflection* factor
-is the mirror's weight seen straight on, and grows to 1 at grazing angles by Schlick's rule. Of the
-rest, the *refraction* factor is the share that goes through, with an index of refraction of
-1 + refraction / 3 (1: water, 4/3); what is left is scattered, as by chalk. A `Material` may fix
-each of these for a whole scene instead.
+Particles carry factors in [0, 1], blended at each hit like their colors. The *reflection* factor is
+the specular reflectance at normal incidence; it grows to 1 at grazing angles (Schlick 1994). The
+*refraction* factor is the share of the remaining light that is transmitted, with an index of
+refraction of 1 + refraction / 3 (1: water, 4/3). The rest is scattered diffusely. A `Material` sets
+these factors for a whole scene instead.
 """
 
 from __future__ import annotations
@@ -16,21 +16,26 @@ from typing import Any
 
 from .. import _core
 from .._base.checks import number, three
-from .._base.fixed import Fixed
+from .._base.fixed import Fixed, read_only
 
 
+@read_only
 @dataclass(frozen=True)
 class Material(Fixed):
-    """What None leaves to the particles.
+    """The material of a scene. None leaves a value to the particles.
 
-    reflection: mirror's weight at normal incidence, [0, 1]
-    transmission: share of the rest that goes through, [0, 1]
-    index: of refraction, 1 to 4; mirrors by Fresnel's equations too
-    color: (3,) linear, instead of the particles'
-    absorption: (3,) per world unit, Beer's law inside the medium; None: the surface's colour
-        filters what enters
-    roughness: of mirrored and transmitted directions (GGX), [0, 1]; smooth over several samples
-    specular, shininess: highlight of the lights (Blinn-Phong); None: the settings'
+    Args:
+        reflection: specular reflectance at normal incidence, 0 to 1.
+        transmission: share of the remaining light that is transmitted, 0 to 1.
+        index: index of refraction, 1 to 4; reflection then follows Fresnel's equations too.
+        color: (3,) linear RGB, instead of the particles'.
+        absorption: (3,) per world unit, Beer's law inside the medium. None: the surface's color
+            filters the light that enters.
+        roughness: of reflected and refracted directions (GGX, Walter et al. 2007), 0 to 1; it gets
+            smooth over several samples a pixel.
+        specular, shininess: highlight of the lights (Blinn-Phong); None: the settings'.
+
+    Raises TypeError and ValueError: the field, what was expected and what came.
     """
 
     reflection: float | None = None
@@ -41,6 +46,9 @@ class Material(Fixed):
     roughness: float = 0.0
     specular: float | None = None
     shininess: float | None = None
+
+    def _check(self) -> None:
+        self._packed  # noqa: B018  making it checks the fields
 
     @cached_property
     def _packed(self) -> Any:

@@ -1,4 +1,4 @@
-"""Ready-made looks: matter, light and surroundings that go together, scaled to a scene."""
+"""Ready-made looks: material, light and surroundings that go together, scaled to a scene."""
 
 from __future__ import annotations
 
@@ -18,17 +18,26 @@ PRESETS = ("blood", "water", "glass", "tissue", "clay")
 
 
 def preset(name: str, scene: Scene, up: Any = (0.0, 1.0, 0.0)) -> RenderSettings:
-    """How a scene looks as blood, water, glass, tissue or clay.
+    """Settings that show a scene as blood, water, glass, tissue or clay.
 
-    Blood, water and glass have colours of their own; tissue and clay show the particles'.
-    Absorption is scaled to the scene's extent (blood: to the supports), so that a model of a
-    river and one of a drop look alike. A part of it is changed by `dataclasses.replace`.
+    Blood, water and glass have colors of their own; tissue and clay show the particles'. Absorption
+    is scaled to the scene's extent (blood: to the supports): a model of a river and one of a drop
+    look alike. `dataclasses.replace` changes a part of the settings.
 
     Args:
-        name: one of `PRESETS`.
-        scene: its size counts, and where it ends at the bottom; it may be shown beside others.
+        name: blood, water, glass, tissue or clay.
+        scene: a `Scene`, whose size and lowest point count; it may be shown beside others.
         up: (3,) direction to the sky, away from the ground.
+
+    Returns:
+        `RenderSettings`.
+
+    Raises TypeError and ValueError: the argument, what was expected and what came.
     """
+    if not isinstance(scene, Scene):
+        raise TypeError(
+            f"scene: expected a Scene, got {type(scene).__name__}; make one: globule.Scene(...)"
+        )
     if name not in PRESETS:
         raise ValueError(f"name: expected one of {', '.join(PRESETS)}, got {name!r}")
     extent = float(scene.octree.extent) or 1.0
@@ -37,7 +46,7 @@ def preset(name: str, scene: Scene, up: Any = (0.0, 1.0, 0.0)) -> RenderSettings
 
 
 def ground_height(scene: Scene, up: Any = (0.0, 1.0, 0.0)) -> float:
-    """Height along `up` of a ground that touches the scene's surface from below."""
+    """Height along `up`, world units, of a ground that touches the scene's surface from below."""
     _, up, _ = view_axes(up)
     positions = scene.particles.finite_positions()
     support = float(np.max(to_host(scene.support), initial=0.0))
@@ -50,7 +59,7 @@ def _per(length: float, *values: float) -> tuple[float, ...]:
 
 
 class _Stage:
-    """Where things are, whatever direction is up."""
+    """The directions and the ground of a scene."""
 
     def __init__(self, scene: Scene, up: Any):
         self.right, self.up, self.front = view_axes(up)
@@ -58,12 +67,12 @@ class _Stage:
         self.colored = scene.particles.color is not None
 
     def sun(self, radiance: Any, angle: float, right: float = -0.5) -> DirectionalLight:
-        """From above and a little in front, as seen with `view_axes`, and from the right."""
+        """A light from above, a little in front, and `right` to the right, along `view_axes`."""
         towards = right * self.right + 1.0 * self.up + 0.45 * self.front
         return DirectionalLight(towards, radiance, angle)
 
     def own_color(self, color: Any) -> Any:
-        """None where the particles have colours, for a material to show them."""
+        """None where the particles have colors, for a material to show them."""
         return None if self.colored else color
 
     def ground(self, color: Any, other: Any = None, check: float = 0.0) -> Ground:
@@ -84,7 +93,7 @@ def _blood(stage: _Stage, extent: float, support: float) -> RenderSettings:
         shadows=True,
         sky=stage.sky((0.50, 0.52, 0.55), (0.90, 0.90, 0.89), (0.45, 0.45, 0.45)),
         ground=stage.ground(0.68),
-        depth=5,
+        bounces=5,
         samples=4,
     )  # fmt: skip
 
@@ -100,7 +109,7 @@ def _water(stage: _Stage, extent: float, support: float) -> RenderSettings:
         shadows=True,
         sky=stage.sky((0.28, 0.46, 0.72), (0.90, 0.93, 0.96), (0.36, 0.34, 0.30)),
         ground=stage.ground((0.56, 0.53, 0.47), (0.46, 0.43, 0.38), extent / 4),
-        depth=6,
+        bounces=6,
         samples=4,
     )  # fmt: skip
 
@@ -116,7 +125,7 @@ def _glass(stage: _Stage, extent: float, support: float) -> RenderSettings:
         shadows=True,
         sky=stage.sky((0.16, 0.20, 0.28), (0.88, 0.90, 0.92), (0.12, 0.12, 0.14)),
         ground=stage.ground((0.40, 0.41, 0.43), (0.24, 0.25, 0.28), extent / 3),
-        depth=8,
+        bounces=8,
         samples=4,
     )  # fmt: skip
 

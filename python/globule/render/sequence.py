@@ -1,7 +1,7 @@
-"""Sequences: many files, or a simulation's frames, as pictures or as a movie.
+"""Sequences: many files, or a simulation's frames, as images or as a movie.
 
-What one frame hands to the next: the scene, so that nothing is reallocated and the support measured
-at the start stays, the camera, and the range of the colours. So nothing jumps.
+One frame hands the scene, the camera and the range of the colors to the next: nothing is
+reallocated, the support that was measured at the start stays, and nothing jumps.
 """
 
 from __future__ import annotations
@@ -12,7 +12,8 @@ import os
 import queue
 import re
 import threading
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Sized
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -20,11 +21,14 @@ import numpy as np
 from .._base.files import atomic_write
 from ..formats import read
 from ..formats.pictures.video import movie_facts, need_av, read_movie, write_movie
+from ..scene.attributes import attribute_values, checked_range
+from ..scene.attributes import color_by as colored
 from ..scene.particles import Particles
 from ..scene.scene import Scene
 from .camera import Camera
 from .camera_path import CameraPath
-from .frame import RenderSettings, fit_camera, render, save_png
+from .frame import camera_and_size, fit_camera, render, save_png
+from .settings import RenderSettings, as_settings
 
 
 def natural(name: str) -> list[Any]:
@@ -67,7 +71,7 @@ def find_files(names: Sequence[str]) -> list[str]:
 def read_ahead(items: Iterable[Any], n_ahead: int = 1) -> Iterator[Any]:
     """The same items, fetched by another thread while the caller works on the one before.
 
-    At most `n_ahead` finished items wait. An error comes out at its item's place. Use it for a
+    At most `n_ahead` finished items wait. An error is raised at its item's place. Use it for a
     generator that reads; each item must have arrays of its own.
     """
     ready: queue.Queue = queue.Queue(n_ahead)
@@ -104,18 +108,33 @@ def read_ahead(items: Iterable[Any], n_ahead: int = 1) -> Iterator[Any]:
         stopped.set()
 
 
-def value_range(frames: Iterable[Particles | str | os.PathLike], name: str) -> tuple[float, float]:
-    """Lowest and highest finite value of an attribute over all frames (a vector's length)."""
+def value_range(
+    frames: Iterable[Particles | str | os.PathLike],
+    name: str,
+    progress: Callable[[int, int], object] | None = None,
+) -> tuple[float, float]:
+    """Lowest and highest finite value over all frames; (0, 1) where there is none.
+
+    Args:
+        frames: `Particles`, or files' names.
+        name: as for `color_by`: an axis, a field, an attribute (a vector's length), or NAME:0 …
+        progress: called as progress(done, total) after each frame; total is 0 where the frames have
+            no length. May raise to stop.
+
+    Raises ValueError where a frame has no such values; FormatError, OSError for a file.
+    """
     lo, hi = np.inf, -np.inf
-    for frame in frames:
+    n = len(frames) if isinstance(frames, Sized) else 0
+    for i, frame in enumerate(frames):
         particles = frame if isinstance(frame, Particles) else read(frame)
-        if name not in particles.attributes:
-            known = ", ".join(particles.attributes) or "no attributes at all"
-            raise ValueError(f"name: expected one of {known}, got {name!r}")
-        values = np.asarray(particles.attributes[name], np.float64)
-        values = values if values.ndim == 1 else np.linalg.norm(values, axis=1)
+        try:
+            values = attribute_values(particles, name)
+        except ValueError as error:
+            raise ValueError(f"name: {error}") from None
         values = values[np.isfinite(values)]
         lo, hi = min(lo, values.min(initial=np.inf)), max(hi, values.max(initial=-np.inf))
+        if progress:
+            progress(i + 1, n)
     return (float(lo), float(hi)) if lo <= hi else (0.0, 1.0)
 
 
@@ -129,16 +148,17 @@ class KeptScene:
     def show(self, particles: Particles, make: Callable[[Particles], Scene]) -> Scene:
         """The scene with these particles: made at the first frame that has any, updated after."""
         # Without particles no support could be measured, and no camera found.
-        self.first = self.scene is None or self.scene.octree.n_inside == 0
-        if self.first:
-            self.scene = make(particles)
+        scene = self.scene
+        self.first = scene is None or scene.octree.n_inside == 0
+        if scene is None or self.first:
+            self.scene = scene = make(particles)
         else:
-            self.scene.update(particles)
-        return self.scene
+            scene.update(particles)
+        return scene
 
 
 def is_whole(path: str, size: tuple[int, int]) -> bool:
-    """Whether a file is a PNG of this size that can be decoded to its end."""
+    """Whether a file is a PNG of this size, (width, height), that can be decoded to its end."""
     from PIL import Image
 
     try:
@@ -150,10 +170,10 @@ def is_whole(path: str, size: tuple[int, int]) -> bool:
 
 
 class MovieFrames:
-    """The finished pictures of a movie in the making, in a folder beside it.
+    """The finished images of a movie in the making, in a folder beside it.
 
-    They stay when the run is interrupted, so that another goes on from there, and are deleted when
-    the movie is whole.
+    The images stay when the run is interrupted, so that another run goes on from there. They are
+    deleted when the movie is whole.
     """
 
     def __init__(self, movie: str, resume: bool):
@@ -162,14 +182,15 @@ class MovieFrames:
         self._whole = False
 
     def path(self, i: int) -> str:
+        """The file of frame i, counted from 0."""
         return os.path.join(self.folder, f"{i:06d}.png")
 
     def finished(self) -> list[str]:
-        """The pictures that are there."""
+        """The images that are there."""
         return sorted(glob.glob(os.path.join(glob.escape(self.folder), "[0-9]" * 6 + ".png")))
 
     def remove(self) -> None:
-        """Delete the pictures, and the folder unless somebody keeps other files there."""
+        """Delete the images, and the folder unless somebody keeps other files there."""
         for file in self.finished():
             os.unlink(file)
         if os.path.isdir(self.folder) and not os.listdir(self.folder):
@@ -185,10 +206,10 @@ class MovieFrames:
     def restore(
         self, n_done: int, n: int, size: tuple[int, int], kept: Callable[[int], str] | None = None
     ) -> None:
-        """See that pictures 0 to n_done - 1 of n are there. Where the movie was whole before, they
-        come from the PNGs that `kept` names, or are decoded from the movie.
+        """Make sure that images 0 to n_done - 1 of n are there. Where the movie was whole before,
+        they come from the PNGs that `kept` names, or are decoded from the movie.
 
-        Raises ValueError where they cannot be had; nothing is written then.
+        Raises ValueError where an image is in none of these; nothing is written then.
         """
         missing = [i for i in range(n_done) if not is_whole(self.path(i), size)]
         sources = {i: kept(i) for i in missing if kept and is_whole(kept(i), size)}
@@ -197,7 +218,7 @@ class MovieFrames:
             n_had, had = movie_facts(self.movie)
             if n_had <= decoded[-1] or had != (size[0] + size[0] % 2, size[1] + size[1] % 2):
                 raise ValueError(
-                    f"expected the run's first {n_done} pictures of {size[0]}x{size[1]} in "
+                    f"expected the run's first {n_done} images of {size[0]}x{size[1]} in "
                     f"{self.movie} or {self.folder}, got none of number {decoded[0]}"
                 )
             self._whole = n_had == n_done == n
@@ -212,7 +233,7 @@ class MovieFrames:
                 save_png(self.path(i), picture[: size[1], : size[0]])
 
     def encode(self, n: int, fps: float) -> None:
-        """Write the movie of pictures 0 to n - 1, then delete them."""
+        """Write the movie of images 0 to n - 1 with fps frames a second, then delete them."""
         from PIL import Image
 
         if self._whole:
@@ -232,10 +253,15 @@ def render_sequence(
     output: str | os.PathLike,
     camera: Camera | CameraPath | Sequence[Any] | None = None,
     size: tuple[int, int] = (1024, 782),
-    settings: RenderSettings | None = None,
+    settings: RenderSettings | Mapping[str, Any] | None = None,
     fps: float = 30.0,
     n_frames: int | None = None,
     resume: bool = False,
+    *,
+    color_by: str | None = None,
+    colormap: str = "viridis",
+    range: tuple[float, float] | None = None,
+    progress: Callable[[int, int], object] | None = None,
     **scene_options: Any,
 ) -> list[str]:
     """Render a sequence to PNG files or to one MP4 file.
@@ -249,20 +275,30 @@ def render_sequence(
         camera: for all frames, or a `CameraPath`, its list of key frames, or one `Camera` a frame.
             Default: all particles of the first frame are seen, and the camera stays there.
         size: (width, height) pixels.
+        settings: `RenderSettings`, or a dict of its fields.
         fps: frames per second of a movie, and of key frames that have a time.
         n_frames: how many frames at most. Needed for an endless source, unless a path or list of
             cameras says it.
-        resume: keep the pictures of an earlier, interrupted run with the same arguments.
+        resume: keep the images of an earlier, interrupted run with the same arguments.
+        color_by, colormap, range: as for `render`. Without a range all files are read once more
+            beforehand, for the lowest and highest value; other sources need it.
+        progress: called as progress(done, total) after each frame; total is 0 where the source does
+            not say how many there are. May raise to stop.
         scene_options: as for `Scene`.
 
     Returns:
-        The files: pictures, or the one movie.
+        The files: images, or the one movie.
 
     Raises:
         TypeError, ValueError: naming the argument, expected and got.
-        ImportError: a movie without PyAV.
-        FormatError, OSError: a file that cannot be read; pictures finished before it stay.
+        MissingPackageError: a movie without PyAV.
+        FormatError, OSError: a file that cannot be read; images finished before it stay.
     """
+    settings = as_settings(settings)
+    if isinstance(camera, (Camera, type(None))) or _is_size(camera):
+        camera, size = camera_and_size(camera, size)
+    else:
+        _, size = camera_and_size(None, size)
     output = os.fspath(output)
     as_movie = output.lower().endswith(".mp4")
     if as_movie:
@@ -274,6 +310,15 @@ def render_sequence(
         if n_views is None:
             raise ValueError("n_frames: expected a number for an endless source, got None")
         n_frames = n_views
+    if isinstance(source, (str, os.PathLike)):
+        source = find_files([os.fspath(source)])
+    if color_by is not None:
+        material = replace(settings.material, color=None)
+        settings = replace(settings, material=material)
+        range = _range_of(source, color_by) if range is None else checked_range(range)
+    total = n_frames or 0
+    if isinstance(source, Sequence):
+        total = len(source[:n_frames])
     movie = MovieFrames(output, resume) if as_movie else None
     kept = KeptScene()
     names: list[str] = []
@@ -288,20 +333,40 @@ def render_sequence(
     for i, particles in _frames(source, n_frames, lambda i: i == 0 or not finished(i)):
         names.append(name(i))
         if particles is None:
+            if progress:
+                progress(i + 1, total)
             continue
+        if color_by is not None:
+            particles = colored(particles, color_by, colormap, range)
         scene = kept.show(particles, lambda p: Scene(p, **scene_options))
         if camera is None and kept.first:
             view, _ = _views(fit_camera(scene, size), fps)
-        if finished(i):
-            continue
-        frame = render(scene, view(i), size, settings)
-        if movie:
-            movie.open()
-        frame.save(name(i))
+        if not finished(i):
+            frame = render(scene, view(i), size, settings)
+            if movie:
+                movie.open()
+            frame.save(name(i))
+        if progress:
+            progress(i + 1, total)
     if movie and names:
         movie.encode(len(names), fps)
         return [output]
     return names
+
+
+def _is_size(camera: Any) -> bool:
+    """Whether a size stands in the camera's place."""
+    pair = isinstance(camera, (tuple, list)) and len(camera) == 2
+    return pair and all(isinstance(v, (int, np.integer)) for v in camera)
+
+
+def _range_of(source: Any, name: str) -> tuple[float, float]:
+    """The values of `name` in all frames."""
+    if isinstance(source, Particles):
+        source = [source]
+    if not isinstance(source, Sequence):
+        raise ValueError("range: expected (lo, hi) for frames that are not there yet, got None")
+    return value_range(source, name)
 
 
 def _views(camera: Any, fps: float) -> tuple[Callable[[int], Camera], int | None]:
@@ -324,8 +389,6 @@ def _frames(
         source = itertools.repeat(source)
     elif hasattr(source, "step"):
         source = _steps(source)
-    elif isinstance(source, (str, os.PathLike)):
-        source = find_files([os.fspath(source)])
     if isinstance(source, Sequence) and all(isinstance(f, (str, os.PathLike)) for f in source):
         files = list(source)[:n_frames]
         yield from read_ahead((i, read(f) if wanted(i) else None) for i, f in enumerate(files))

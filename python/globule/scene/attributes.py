@@ -2,13 +2,32 @@
 
 from __future__ import annotations
 
+import logging
 import re
-from typing import Any
+from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from .._base.arrays import to_host
+from .._base.checks import number
+from .._base.colormaps import colorize
 from .particles import SCALAR_FIELDS, Particles
+
+log = logging.getLogger("globule")
+
+
+class AttributeColors(NamedTuple):
+    """Colors of particles by a value.
+
+    color      (N, 3) float32, linear RGB; gray where the value is NaN
+    range      values of the color map's ends
+    n_unknown  particles whose value is not finite
+    """
+
+    color: np.ndarray
+    range: tuple[float, float]
+    n_unknown: int
 
 
 def attribute_names(particles: Particles) -> list[str]:
@@ -20,8 +39,10 @@ def attribute_values(particles: Particles, name: str) -> np.ndarray:
     """The values (N,) float64 that `name` stands for: x y z, a field, an attribute (a vector's
     length), or NAME:0 … for a component.
 
-    Raises ValueError that says which names there are.
+    Raises TypeError for a name that is no text, ValueError that says which names there are.
     """
+    if not isinstance(name, str):
+        raise TypeError(f"color_by: expected a name, got {name!r}")
     arrays = _arrays(particles)
     if name in arrays:
         array = np.asarray(to_host(arrays[name]), np.float64)
@@ -33,6 +54,69 @@ def attribute_values(particles: Particles, name: str) -> np.ndarray:
             raise ValueError(f"expected {stem}:0 to {stem}:{k - 1}, got {name}")
         return np.asarray(to_host(arrays[stem]), np.float64)[:, int(index)]
     raise ValueError(f"expected one of {', '.join(arrays)}, got {name}")
+
+
+def attribute_colors(
+    particles: Particles,
+    name: str,
+    colormap: str = "viridis",
+    range: tuple[float, float] | None = None,
+) -> AttributeColors:
+    """Colors by a field or attribute, as `color_by` makes them, with what a legend needs.
+
+    Raises TypeError and ValueError as `attribute_values` and `checked_range` do.
+    """
+    values = attribute_values(particles, name)
+    known = values[np.isfinite(values)]
+    if range is not None:
+        lo, hi = checked_range(range)
+    else:
+        lo, hi = (float(known.min()), float(known.max())) if known.size else (0.0, 1.0)
+    return AttributeColors(colorize(values, colormap, lo, hi), (lo, hi), len(values) - len(known))
+
+
+def color_by(
+    particles: Particles,
+    name: str,
+    colormap: str = "viridis",
+    range: tuple[float, float] | None = None,
+) -> Particles:
+    """The particles with colors by a field or attribute.
+
+    Args:
+        particles: N particles.
+        name: x, y, z, a field (support), an attribute (a vector's length), or NAME:0 … for a
+            component.
+        colormap: viridis, magma, inferno, plasma, cividis, turbo, coolwarm or gray.
+        range: (lo, hi), values of the map's first and last color; lo may be above hi. Default: the
+            lowest and highest finite value. Values outside have the end's color, NaN is gray.
+
+    Returns:
+        New particles that share all other arrays.
+
+    Raises ValueError for an unknown name, map or range; logs a warning for values that are not
+    finite.
+    """
+    try:
+        found = attribute_colors(particles, name, colormap, range)
+    except ValueError as error:
+        prefix = "color_by: " if str(error).startswith("expected") else ""
+        raise ValueError(f"{prefix}{error}") from None
+    if found.n_unknown:
+        log.warning("%d of %d particles have no finite %s", found.n_unknown, len(particles), name)
+    return replace(particles, color=found.color)
+
+
+def checked_range(range: Any) -> tuple[float, float]:
+    """(lo, hi), two different finite numbers."""
+    try:
+        lo, hi = range
+    except (TypeError, ValueError):
+        raise TypeError(f"range: expected (lo, hi), got {range!r}") from None
+    lo, hi = number("range", lo), number("range", hi)
+    if lo == hi:
+        raise ValueError(f"range: expected two different numbers, got {range!r}")
+    return lo, hi
 
 
 def _arrays(particles: Particles) -> dict[str, Any]:

@@ -9,15 +9,27 @@ import numpy as np
 
 from .. import _core
 from .._base.arrays import address
+from .._base.old_names import old_attribute
 
 
 class Octree:
-    """Facts about a scene's octree at the moment of asking."""
+    """Facts about a scene's octree at the moment of asking.
+
+    level          deepest level that has nodes; the root is level 0
+    n_nodes        nodes of all levels
+    n_leaves       nodes without children
+    n_inside       particles in the octree; the others have no finite position or are out of bounds
+    bytes          device memory, with all buffers of the build
+    build_seconds  device time of the last build
+    lo, extent     lowest corner (3,) and edge length of the octree's cube, world
+    """
+
+    depth = old_attribute("depth", "level")
 
     def __init__(self, scene: Any):
         self._scene = scene
         self._facts = scene.facts(False)
-        self.depth: int = self._facts["deepest"]
+        self.level: int = self._facts["deepest"]
         self.n_nodes: int = self._facts["n_nodes"]
         self.n_leaves: int = self._facts["n_leaves"]
         self.n_inside: int = self._facts["n_inside"]
@@ -48,7 +60,7 @@ class Octree:
 
     def __repr__(self) -> str:
         return (
-            f"Octree({self.n_nodes} nodes, {self.n_leaves} leaves, depth {self.depth}, "
+            f"Octree({self.n_nodes} nodes, {self.n_leaves} leaves, level {self.level}, "
             f"{self.n_inside} particles inside, {self.bytes / 2**20:.1f} MiB)"
         )
 
@@ -63,6 +75,7 @@ class morton:
 
     @staticmethod
     def decode(code: int, bits: int = 32) -> tuple[int, int, int]:
+        """Octree coordinates x, y, z of a code without descriptor; the inverse of `encode`."""
         return _core.morton(bits, "decode", [code])
 
     @staticmethod
@@ -72,6 +85,7 @@ class morton:
 
     @staticmethod
     def child(key: int, level: int, octant: int, bits: int = 32) -> int:
+        """Key of the level + 1 cell in one octant, 0 to 7, of the level cell `key`."""
         return _core.morton(bits, "child", [key, level, octant])
 
     @staticmethod

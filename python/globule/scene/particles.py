@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -18,6 +18,40 @@ FIELDS = ("positions", *SCALAR_FIELDS, "color", "anisotropy")
 FARTHEST = np.float32(1e18)  # past it a coordinate's square overflows float32
 
 
+class Attributes(dict[str, Any]):
+    """Named values of n particles; each assignment is checked."""
+
+    def __init__(self, given: Mapping[str, Any] | Iterable[tuple[str, Any]] = (), n: int = -1):
+        super().__init__()
+        self._n = n
+        try:
+            given = dict(given)
+        except (TypeError, ValueError):
+            raise TypeError(f"attributes: expected a dict of arrays, got {given!r}") from None
+        self.update(given)
+
+    def __setitem__(self, name: str, value: Any) -> None:
+        super().__setitem__(name, _attribute(name, value, self._n))
+
+    def update(self, *args: Any, **kwargs: Any) -> None:
+        """Assign each of several values."""
+        for name, value in dict(*args, **kwargs).items():
+            self[name] = value
+
+    def setdefault(self, name: str, default: Any = None) -> Any:
+        """The value of a name, assigned first where there is none."""
+        if name not in self:
+            self[name] = default
+        return self[name]
+
+    def __ior__(self, other: Any) -> Attributes:  # type: ignore[override,misc]
+        self.update(other)
+        return self
+
+    def __reduce__(self) -> tuple:
+        return Attributes, (dict(self), self._n)
+
+
 @dataclass(eq=False, repr=False)
 class Particles:
     """A set of N particles.
@@ -26,17 +60,22 @@ class Particles:
     DLPack with a GPU device). Host data become C-contiguous float32, without a copy where they
     already are; GPU arrays are kept as they are and must be C-contiguous float32.
 
-    positions   (N, 3) float32, world; NaN allowed (such a particle is outside of everything)
-    support     radius at which a particle's kernel vanishes: float or (N,) float32, world, >= 0
-    weight      factor of the kernel: float or (N,) float32; may be negative
-    anisotropy  (N, 3, 3) float32, 1 / world: symmetric positive definite matrices G that make the
-                kernel b(|G (x - position)|), in place of the support; `anisotropy` finds them
-    color       (3,) or (N, 3) float32, RGB in [0, 1]; uint8 input is divided by 255
-    reflection, refraction, rigidity    float or (N,) float32
-    attributes  name -> (N,) or (N, k) array of any real numeric dtype
+    Args:
+        positions: (N, 3) float32, world. A particle with a position that is not finite is outside
+            of everything.
+        support: radius at which a particle's kernel vanishes: float or (N,) float32, world, >= 0.
+        weight: factor of the kernel: float or (N,) float32; may be negative.
+        anisotropy: (N, 3, 3) float32, 1 / world: symmetric positive definite matrices G that make
+            the kernel b(|G (x - position)|), in place of the support; `anisotropy` finds them.
+        color: (3,) or (N, 3) float32, linear RGB in [0, 1]; uint8 input is divided by 255.
+        reflection, refraction, rigidity: float or (N,) float32.
+        attributes: name -> (N,) or (N, k) array of any real numeric dtype.
 
-    None means "not given". Raises TypeError for what is not numeric or not float32 on the GPU,
-    ValueError for a wrong shape or value; both name the argument, what was expected and what came.
+    None means "not given". Fields may be assigned later and are checked then too; their length N
+    stays while any of them has one value a particle.
+
+    Raises TypeError for what is not numeric or not float32 on the GPU, ValueError for a wrong shape
+    or value; both name the argument, what was expected and what came.
     """
 
     positions: Any
@@ -51,21 +90,51 @@ class Particles:
 
     def __post_init__(self) -> None:
         self._check({})
-        self.attributes = {
-            name: _attribute(name, array, len(self))
-            for name, array in dict(self.attributes).items()
-        }
+        self.attributes = Attributes(self.attributes, len(self))
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if name not in FIELDS and name != "attributes":
+            known = ", ".join((*FIELDS, "attributes"))
+            raise AttributeError(
+                f"Particles: expected one of {known}, got {name}; "
+                f"values of your own go to attributes[{name!r}]"
+            )
+        if isinstance(vars(self).get("attributes"), Attributes):  # else it is still being made
+            value = self._checked(name, value)
+        object.__setattr__(self, name, value)
+
+    def _checked(self, name: str, value: Any) -> Any:
+        """A field that replaces another one."""
+        if name == "attributes":
+            return Attributes(value, len(self))
+        if name != "positions":
+            return None if value is None else _CHECKS[name](name, value, len(self))
+        positions, n = _positions(value), len(self)
+        if len(positions) != n:
+            each = [f for f in (*SCALAR_FIELDS, "color", "anisotropy") if self._of_each(f)]
+            if each or self.attributes:
+                raise ValueError(
+                    f"positions: expected shape ({n}, 3), as {(*each, *self.attributes)[0]} has "
+                    f"{n} rows, got {tuple(positions.shape)}; make new Particles instead"
+                )
+            object.__setattr__(self, "attributes", Attributes({}, len(positions)))
+        return positions
+
+    def _of_each(self, name: str) -> bool:
+        """Whether a field has one value a particle, rather than one for all or none."""
+        shape = getattr(getattr(self, name), "shape", ())
+        return len(shape) > (1 if name == "color" else 0)
 
     def _check(self, known: dict[str, Any]) -> None:
         """Check all fields, but those that are the very objects in `known`, which passed."""
-        self.positions = _positions(self.positions)
+        object.__setattr__(self, "positions", _positions(self.positions))
         n = len(self)
         if known and n != known["positions"].shape[0]:
             known = {}
         for name, check in _CHECKS.items():
             value = getattr(self, name)
             if value is not None and value is not known.get(name):
-                setattr(self, name, check(name, value, n))
+                object.__setattr__(self, name, check(name, value, n))
 
     def _with(self, fields: dict[str, Any], known: dict[str, Any]) -> Particles:
         """With other arrays for some fields, and without attributes; `known` as for `_check`."""
@@ -73,6 +142,7 @@ class Particles:
         vars(new).update(vars(self), attributes={})
         vars(new).update(fields)
         new._check(known)
+        vars(new)["attributes"] = Attributes({}, len(new))
         return new
 
     def __len__(self) -> int:
@@ -98,9 +168,7 @@ class Particles:
         picked = {}
         for name in (*SCALAR_FIELDS, "color", "anisotropy"):
             value = getattr(self, name)
-            one_color = name == "color" and value is not None and len(value.shape) == 1
-            shared = value is None or isinstance(value, float) or one_color
-            picked[name] = value if shared else value[index]
+            picked[name] = value[index] if self._of_each(name) else value
         attributes = {name: array[index] for name, array in self.attributes.items()}
         return Particles(self.positions[index], **picked, attributes=attributes)
 
@@ -186,6 +254,7 @@ def _attribute(name: Any, value: Any, n: int) -> Any:
         raise ValueError(f"attributes: expected a name of its own, got {name!r}")
     array = value if on_gpu(value) else _numbers(f"attributes[{name!r}]", value)
     shape = tuple(array.shape)
+    n = shape[0] if n < 0 and shape else n  # of no particles in particular
     if len(shape) not in (1, 2) or shape[0] != n or 0 in shape[1:]:
         raise ValueError(f"attributes[{name!r}]: expected shape ({n},) or ({n}, k), got {shape}")
     if array is not value or isinstance(array, np.ndarray):

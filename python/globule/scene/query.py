@@ -1,69 +1,54 @@
-"""Questions about a scene: the field and its gradient at points, what rays meet first."""
+"""Questions about a scene, as functions: each is the scene's method of the same name."""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .._base.arrays import address, unit_vectors, view
-from .scene import Scene
-from .thesis import Thesis, check_tracing
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+    from .scene import Intersections, Scene
+    from .thesis import Thesis
 
 
-def field(scene: Scene, points: Any) -> np.ndarray:
-    """The field at points: sum of weight * b(r).
-
-    Args:
-        points: (M, 3) world; NumPy or on the scene's device.
-
-    Returns:
-        (M,) float32.
-    """
-    p = view("points", points, 3)
-    out = np.empty(p.shape[0], np.float32)
-    scene._scene.evaluate(scene._kernel, p.shape[0], p.place, address(out), 0)
-    return out
+def field(scene: Scene, points: ArrayLike) -> np.ndarray:
+    """The field (M,) float32 at points (M, 3), world: sum of weight * b(r). See `Scene.field`."""
+    return _method(scene, "field")(points)
 
 
-def gradient(scene: Scene, points: Any) -> np.ndarray:
-    """The field's gradient at points, (M, 3) float32, per world unit; it points inwards."""
-    p = view("points", points, 3)
-    out = np.empty((p.shape[0], 3), np.float32)
-    scene._scene.evaluate(scene._kernel, p.shape[0], p.place, 0, address(out))
-    return out
+def gradient(scene: Scene, points: ArrayLike) -> np.ndarray:
+    """The field's gradient (M, 3) float32 at points (M, 3), world, per world unit; it points
+    inwards. See `Scene.gradient`."""
+    return _method(scene, "gradient")(points)
 
 
 def intersect(
-    scene: Scene, origins: Any, directions: Any, thesis: Thesis | None = None
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """First intersection of arbitrary rays with the surface.
+    scene: Scene, origins: ArrayLike, directions: ArrayLike, thesis: Thesis | None = None
+) -> Intersections:
+    """First intersections of rays with the surface: distance (M,), normal and color (M, 3).
 
-    Args:
-        origins: (M, 3) world.
-        directions: (M, 3) unit vectors.
-        thesis: trace the source thesis's way, with these choices; default: exactly.
-
-    Returns:
-        depth (M,) along the ray, infinite where missed; normal (M, 3); colour (M, 3), blended.
+    origins are (M, 3) world, directions (M, 3) unit vectors. See `Scene.intersect`.
     """
-    o, d = view("origins", origins, 3), view("directions", directions, 3)
-    if o.shape != d.shape:
-        raise ValueError(f"directions: expected {o.shape[0]} rows, got {d.shape[0]}")
-    d = unit_vectors(d)
-    n = o.shape[0]
-    depth = np.empty(n, np.float32)
-    normal, color = np.empty((n, 3), np.float32), np.empty((n, 3), np.float32)
-    check_tracing(scene, thesis)
-    scene._scene.intersect(
-        scene._kernel,
-        scene.threshold,
-        None if thesis is None else thesis._packed,
-        n,
-        o.place,
-        d.place,
-        address(depth),
-        address(normal),
-        address(color),
-    )
-    return depth, normal, color
+    return _method(scene, "intersect")(origins, directions, thesis)
+
+
+def neighbors(scene: Scene, points: ArrayLike, radius: float) -> tuple[np.ndarray, np.ndarray]:
+    """Particles within a radius of points (M, 3), world: offsets (M + 1,) and indices, as
+    compressed rows. See `Scene.neighbors`."""
+    return _method(scene, "neighbors")(points, radius)
+
+
+def blend(scene: Scene, points: ArrayLike, values: ArrayLike) -> np.ndarray:
+    """Particles' values (N,) or (N, K), blended at points (M, 3), world: (M,) or (M, K) float32.
+    See `Scene.blend`."""
+    return _method(scene, "blend")(points, values)
+
+
+def _method(scene: Any, name: str) -> Any:
+    if not hasattr(scene, name):
+        raise TypeError(
+            f"scene: expected a Scene, got {type(scene).__name__}; make one: globule.Scene(...)"
+        )
+    return getattr(scene, name)

@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
+import os
 import threading
-from typing import Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from .. import _core
-from .._base.arrays import ABSENT, HOST, View, address, on_gpu, view
-from .._base.checks import thread_count
-from .._base.device import choose
+from .._base.arrays import ABSENT, HOST, View, address, on_gpu, unit_vectors, view
+from .._base.checks import positive, thread_count, whole
+from .._base.device import Device, choose
+from .._base.old_names import renamed
 from .octree import Octree
 from .particles import FIELDS, Particles
+from .sources import as_particles
+from .thesis import Thesis, check_tracing
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
 
 KERNELS = ("murakami", "nishimura", "wyvill", "blinn", "cubic_spline", "wendland_c2", "solid")
 
@@ -33,18 +40,32 @@ MAX_SUPPORT = 1e18  # past it squares overflow float32
 MAX_RATIO = 1e6  # between the largest and the smallest support
 
 
+class Intersections(NamedTuple):
+    """Where rays first meet a surface.
+
+    distance  (M,) float32 along the ray, world units; infinite where missed
+    normal    (M, 3) float32, unit length; 0 where missed
+    color     (M, 3) float32, linear RGB, blended
+    """
+
+    distance: np.ndarray
+    normal: np.ndarray
+    color: np.ndarray
+
+
 class Scene:
     """Particles sorted into an octree, ready to be traced.
 
     Args:
-        particles: `Particles`, or (N, 3) positions, world units.
+        particles: `Particles`; (N, 3) positions, world units; or the name of a file, which
+            `globule.read` reads.
         kernel: one of `KERNELS`.
         threshold: iso-value, compared with the raw sum of weight * b(r); default by kernel.
         support: support radius for all particles, world units, instead of `particles.support`.
             Without either it is the kernel's default number of spacings, the spacing being
             measured on the particles.
         key_bits: 32 (10 levels) or 64 (21 levels).
-        depth: deepest level of the octree; default: all the key has (dense: 6).
+        level: deepest level of the octree; default: all the key has (dense: 6).
         octree: "sparse" (occupied cells only) or "dense" (the array L, at most 8 levels).
         device: "auto", "cpu", "cuda" or "cuda:N".
         threads: CPU threads; 0 takes all.
@@ -53,17 +74,25 @@ class Scene:
 
     Raises:
         TypeError, ValueError: naming the argument, what was expected and what came.
+        FormatError, OSError: the file cannot be read.
         RuntimeError: the device cannot be used.
     """
 
+    particles: Particles  # as given last, with arrays converted
+    support: Any  # world units: a float for all, or (N,) as in the particles
+    kernel: str
+    device: Device
+    builds: int  # how often the octree has been built
+
+    @renamed(depth="level")
     def __init__(
         self,
-        particles: Particles | Any,
+        particles: Particles | ArrayLike | str | os.PathLike,
         kernel: str = "murakami",
         threshold: float | None = None,
         support: float | None = None,
         key_bits: int = 32,
-        depth: int | None = None,
+        level: int | None = None,
         octree: str = "sparse",
         device: str = "auto",
         threads: int = 0,
@@ -78,34 +107,41 @@ class Scene:
         if octree == "dense" and key_bits != 32:
             raise ValueError("key_bits: the dense octree uses 32-bit keys, got 64")
         deepest = 8 if octree == "dense" else 10 if key_bits == 32 else 21
-        if depth is None:
-            depth = 6 if octree == "dense" else deepest
-        if not isinstance(depth, (int, np.integer)) or not 0 <= depth <= deepest:
+        if level is None:
+            level = 6 if octree == "dense" else deepest
+        if not 0 <= whole("level", level, -(2**31), 2**31) <= deepest:
             raise ValueError(
-                f"depth: expected 0 to {deepest} ({octree}, {key_bits}-bit keys), got {depth!r}"
+                f"level: expected 0 to {deepest} ({octree}, {key_bits}-bit keys), got {level!r}"
             )
         self.kernel = kernel
-        self.threshold = (
-            DEFAULTS[kernel][1] if threshold is None else _positive("threshold", threshold)
-        )
+        self.threshold = DEFAULTS[kernel][1] if threshold is None else threshold
         self.device = choose(device)
-        self.builds = 0  # how often the octree has been built
+        self.builds = 0
         self._kernel = KERNELS.index(kernel)
-        self._tree = (key_bits, int(depth), octree == "dense", _space(bounds))
+        self._tree = (key_bits, int(level), octree == "dense", _space(bounds))
         self._raw = _core.Scene(self.device.backend, self.device.index, thread_count(threads))
         self._lock = threading.RLock()
         self._stale = False
-        self._support = None if support is None else _positive("support", support)
+        self._support = None if support is None else positive("support", support)
         self._known: dict[str, Any] = {}  # the particles' fields when the octree was built
-        self._build(particles if isinstance(particles, Particles) else Particles(particles))
+        self._build(as_particles("particles", particles))
 
-    def update(self, particles: Particles | None = None, **fields: Any) -> None:
+    def update(
+        self, particles: Particles | ArrayLike | str | os.PathLike | None = None, **fields: Any
+    ) -> None:
         """The next frame: new particles, or new arrays for some of their fields.
 
-        `scene.update(positions=p)` keeps everything else; arrays may be of another length and on
-        any device. The octree is rebuilt; a support that was measured on the particles stays.
-        Images read color, reflection and refraction where they lie: arrays of float32 have to stay
-        unchanged until the next update. An interrupted update leaves the particles as they were.
+        `scene.update(positions=p)` keeps everything but the attributes; arrays may be of another
+        length and on any device. The octree is rebuilt; a support that was measured on the
+        particles stays. Images read color, reflection and refraction where they lie: arrays of
+        float32 have to stay unchanged until the next update. An interrupted update leaves the
+        particles as they were.
+
+        Args:
+            particles: as for `Scene`.
+            fields: arrays by their names in `Particles`.
+
+        Raises TypeError and ValueError: the field, what was expected and what came.
         """
         if particles is None:
             unknown = fields.keys() - set(FIELDS)
@@ -113,11 +149,13 @@ class Scene:
                 raise TypeError(
                     f"update: unknown field {sorted(unknown)[0]!r}, expected {', '.join(FIELDS)}"
                 )
-            particles = self.particles._with(fields, self._known)
+            found = self.particles._with(fields, self._known)
         elif fields:
             raise TypeError("update: expected particles or fields, got both")
+        else:
+            found = as_particles("particles", particles)
         with self._lock:
-            self._build(particles)
+            self._build(found)
 
     @property
     def _scene(self) -> Any:
@@ -177,7 +215,7 @@ class Scene:
             one_support = DEFAULTS[self.kernel][0] * (spacing or _guess_spacing(p, n))
             found = one_support if spacing else None  # too few particles: found anew next time
         elif support is ABSENT:
-            one_support = _positive("support", one_support)
+            one_support = positive("support", one_support)
         if one_support is not None and one_support > MAX_SUPPORT:
             raise ValueError(f"support: expected at most {MAX_SUPPORT:g}, got {one_support:g}")
         checked = support is ABSENT or support.owner is self._known.get("support")
@@ -191,7 +229,7 @@ class Scene:
             builds=self.builds + 1,
             _known=dict(vars(p)),
             _support=found,
-            _arrays=[*arrays, support],  # the core reads them again when it gathers colours
+            _arrays=[*arrays, support],  # the core reads them again when it gathers colors
             _stale=False,
         )
 
@@ -203,20 +241,91 @@ class Scene:
         six = matrices[:, (0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2)]
         longest = np.float32(1.0001 / short[:, 0])  # rounding must not cut off what it reaches
         ratio = float(np.max(short[:, 2] / short[:, 0], initial=1.0))
-        return view("anisotropy", six, 6), longest, 1.0001 * ratio
+        return view("anisotropy", six, 6), np.asarray(longest), 1.0001 * ratio
+
+    @property
+    def threshold(self) -> float:
+        """Iso-value of the surface, > 0. Another one counts from the next image on."""
+        return self._threshold
+
+    @threshold.setter
+    def threshold(self, value: float) -> None:
+        self._threshold = positive("threshold", value)
 
     @property
     def spacing(self) -> float:
         """Median spacing of the particles, world units, measured around up to 1024 of them; 0 where
-        there are too few."""
+        the scene has too few."""
         return self._scene.spacing()
 
     @property
     def octree(self) -> Octree:
-        """The octree as built last: depth, nodes, leaves, bytes, hashes, build time."""
+        """The octree as built last: level, nodes, leaves, bytes, hashes, build time."""
         return Octree(self._scene)
 
-    def neighbors(self, points: Any, radius: float) -> tuple[np.ndarray, np.ndarray]:
+    def field(self, points: ArrayLike) -> np.ndarray:
+        """The field at points: sum of weight * b(r).
+
+        Args:
+            points: (M, 3) world; NumPy or on the scene's device.
+
+        Returns:
+            (M,) float32.
+        """
+        p = view("points", points, 3)
+        out = np.empty(p.shape[0], np.float32)
+        self._scene.evaluate(self._kernel, p.shape[0], p.place, address(out), 0)
+        return out
+
+    def gradient(self, points: ArrayLike) -> np.ndarray:
+        """The field's gradient at points; it points inwards.
+
+        Args:
+            points: (M, 3) world; NumPy or on the scene's device.
+
+        Returns:
+            (M, 3) float32, per world unit.
+        """
+        p = view("points", points, 3)
+        out = np.empty((p.shape[0], 3), np.float32)
+        self._scene.evaluate(self._kernel, p.shape[0], p.place, 0, address(out))
+        return out
+
+    def intersect(
+        self, origins: ArrayLike, directions: ArrayLike, thesis: Thesis | None = None
+    ) -> Intersections:
+        """First intersection of arbitrary rays with the surface.
+
+        Args:
+            origins: (M, 3) world.
+            directions: (M, 3) unit vectors. A zero or not finite one is a ray that meets nothing.
+            thesis: trace as the source thesis does, with these choices; default: exactly.
+
+        Returns:
+            distance (M,) along the ray, normal (M, 3), color (M, 3).
+        """
+        o, d = view("origins", origins, 3), view("directions", directions, 3)
+        if o.shape != d.shape:
+            raise ValueError(f"directions: expected {o.shape[0]} rows, got {d.shape[0]}")
+        d = unit_vectors(d)
+        n = o.shape[0]
+        distance = np.empty(n, np.float32)
+        normal, color = np.empty((n, 3), np.float32), np.empty((n, 3), np.float32)
+        check_tracing(self, thesis)
+        self._scene.intersect(
+            self._kernel,
+            self.threshold,
+            None if thesis is None else thesis._packed,
+            n,
+            o.place,
+            d.place,
+            address(distance),
+            address(normal),
+            address(color),
+        )
+        return Intersections(distance, normal, color)
+
+    def neighbors(self, points: ArrayLike, radius: float) -> tuple[np.ndarray, np.ndarray]:
         """Particles within `radius` of each point, as compressed rows.
 
         Args:
@@ -228,21 +337,22 @@ class Scene:
             indices[offsets[i]:offsets[i + 1]], in Morton order, the same on every backend.
         """
         p = view("points", points, 3)
-        return self._scene.neighbors(p.shape[0], p.place, _positive("radius", radius))
+        return self._scene.neighbors(p.shape[0], p.place, positive("radius", radius))
 
-    def blend(self, points: Any, values: Any) -> np.ndarray:
+    def blend(self, points: ArrayLike, values: ArrayLike) -> np.ndarray:
         """Attribute values at points: sum w v / sum w with w = weight * b(r), §6.0.2.
 
         Args:
-            points: (M, 3) world.
-            values: (N,) or (N, K), one row a particle.
+            points: (M, 3) world; NumPy or on the scene's device.
+            values: (N,) or (N, K) numbers, one row a particle.
 
         Returns:
             (M,) or (M, K) float32; NaN where no particle reaches.
         """
         p = view("points", points, 3)
-        flat = len(values.shape) == 1
-        v = view("values", values, None) if flat else view("values", values, values.shape[1])
+        shape = np.shape(values)
+        flat = len(shape) == 1
+        v = view("values", values, None if flat else shape[-1] if shape else 1)
         channels = 1 if flat else v.shape[1]
         out = np.empty((p.shape[0], channels), np.float32)
         self._scene.blend(
@@ -254,9 +364,11 @@ class Scene:
         return len(self.particles)
 
     def __repr__(self) -> str:
+        one = isinstance(self.support, (int, float))
+        support = f"{self.support:.4g}" if one else "of each particle"
         return (
             f"Scene({len(self)} particles, {self.kernel}, threshold {self.threshold:g}, "
-            f"{self.device.name})"
+            f"support {support}, {self.device.name})"
         )
 
 
@@ -271,16 +383,6 @@ def _field(name: str, value: Any, columns: int | None, n: int) -> tuple[View, An
     if v.shape[0] != n:
         raise ValueError(f"{name}: expected {n} particles, got {v.shape[0]}")
     return v, None
-
-
-def _positive(name: str, value: Any) -> float:
-    try:
-        number = float(value)
-    except (TypeError, ValueError):
-        raise TypeError(f"{name}: expected a number, got {value!r}") from None
-    if not (number > 0 and np.isfinite(number)):
-        raise ValueError(f"{name}: expected a positive number, got {value!r}")
-    return number
 
 
 def _check_supports(support: np.ndarray) -> None:
@@ -308,8 +410,8 @@ def _space(bounds: Any) -> list[float]:
 
 
 def _guess_spacing(particles: Particles, n: int) -> float:
-    """Where neighbours tell nothing (a dozen particles or fewer, or all at one place): the box's
-    edge shared out among the particles, or 1."""
+    """The spacing where neighbors tell nothing (a dozen particles or fewer, or all at one place):
+    the box's edge divided by the cube root of the number of particles, or 1."""
     if on_gpu(particles.positions) or len(particles.finite_positions()) == 0:
         return 1.0
     lo, hi = particles.bounds()

@@ -6,19 +6,21 @@ Anisotropic Kernels", ACM Transactions on Graphics 32(1).
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from .._base.arrays import to_host
+from .._base.checks import number, positive, whole
 from .particles import FARTHEST, Particles
 from .scene import Scene
 
-BLOCK_PAIRS = 2_000_000  # pairs of neighbours handled together: bounds the memory to some 300 MB
+BLOCK_PAIRS = 2_000_000  # pairs of neighbors handled together: bounds the memory to some 300 MB
 
 
 class Anisotropy(NamedTuple):
-    """What `anisotropy` finds.
+    """The result of `anisotropy`.
 
     centers  (N, 3) float32, world: the particles' positions, smoothed
     G        (N, 3, 3) float32, 1 / world: symmetric, positive definite; particle j's field at x is
@@ -30,7 +32,10 @@ class Anisotropy(NamedTuple):
 
 
 def without_strays(
-    particles: Particles, scene_or_radius: Scene | float, min_neighbors: int = 3
+    particles: Particles,
+    scene_or_radius: Scene | float,
+    min_neighbors: int = 3,
+    progress: Callable[[int, int], object] | None = None,
 ) -> Particles:
     """The particles that have at least `min_neighbors` others within a radius.
 
@@ -40,22 +45,31 @@ def without_strays(
             used with a radius of 2.1 of its spacings: inside a lattice 32 others are that near, at
             its faces 22, at its edges 15.
         min_neighbors: least number of others. Particles at one place are others.
+        progress: called as progress(done, total) with counts of particles; may raise to stop.
 
-    Particles without a finite position are left out too, as they have no neighbours.
+    Particles without a finite position are left out too, as they have no neighbors.
+
+    Returns:
+        The particles that stay, with their fields and attributes.
+
+    Raises TypeError and ValueError: the argument, what was expected and what came.
     """
+    scene: Scene | None
     if isinstance(scene_or_radius, Scene):
         scene, radius = scene_or_radius, 2.1 * scene_or_radius.spacing
         if len(scene) != len(particles):
             raise ValueError(f"scene: expected {len(particles)} particles, got {len(scene)}")
     else:
-        radius = _positive("radius", scene_or_radius)
+        radius = positive("radius", scene_or_radius)
         scene = Scene(particles, support=radius, device="cpu") if len(particles) else None
-    if min_neighbors < 0:
-        raise ValueError(f"min_neighbors: expected 0 or more, got {min_neighbors!r}")
-    if not len(particles) or radius == 0:  # a scene of so few particles that it has no spacing
+    whole("min_neighbors", min_neighbors, 0, 2**31)
+    if (
+        scene is None or not len(particles) or radius == 0
+    ):  # a scene of so few particles that it has no spacing
         return particles
     keep = np.zeros(len(particles), bool)
-    for rows, offsets, _ in _neighbor_blocks(scene, to_host(particles.positions), radius):
+    blocks = _neighbor_blocks(scene, to_host(particles.positions), radius, progress)
+    for rows, offsets, _ in blocks:
         keep[rows] = np.diff(offsets) - 1 >= min_neighbors
     return particles[keep]
 
@@ -68,26 +82,33 @@ def anisotropy(
     most_stretch: float = 4.0,
     few: int = 25,
     few_size: float = 0.5,
+    progress: Callable[[int, int], object] | None = None,
 ) -> Anisotropy:
     """Kernels stretched along the surface and flattened across it, and smoothed positions.
 
-    With the weights w = 1 - (r / radius)³ of a particle's neighbours (paper, eq. 11), its position
+    With the weights w = 1 - (r / radius)³ of a particle's neighbors (paper, eq. 11), its position
     moves by the factor `smoothing` to their mean (eq. 6), and their covariance C = R diag(s) Rᵀ
     (eq. 9, 10, 12) makes the kernel G = R diag(1 / s̃) Rᵀ / support (eq. 15, 16), where
-    s̃ = k · max(s, s_1 / most_stretch). A particle with at most `few` neighbours gets a small
+    s̃ = k · max(s, s_1 / most_stretch). A particle with at most `few` neighbors gets a small
     isotropic one, s̃ = few_size. The paper's k_s = 1400 is for its own unit of length; here
     k = 1 / (0.15 radius²), which makes s̃ = 1 where particles fill the radius evenly, in any unit.
 
     Args:
         particles: N particles, or (N, 3) positions, world. Those without a finite position keep it
-            and get the kernel of one with few neighbours.
+            and get the kernel of one with few neighbors.
         support: h, radius at which an isotropic particle's kernel vanishes, world units; default:
             `particles.support` if it is one number.
-        radius: where neighbours are looked for, world units; default: 2 h, as in the paper.
+        radius: where neighbors are looked for, world units; default: 2 h, as in the paper.
         smoothing: λ, 0 (keeps the positions) to 1. The paper has 0.9 to 1.
         most_stretch: k_r, largest ratio of a kernel's axes.
-        few: N_ε, number of neighbours, itself aside.
+        few: N_ε, number of neighbors, itself aside.
         few_size: k_n.
+        progress: called as progress(done, total) with counts of particles; may raise to stop.
+
+    Returns:
+        `Anisotropy`: smoothed positions (N, 3) and matrices G (N, 3, 3), for `Particles`.
+
+    Raises TypeError and ValueError: the argument, what was expected and what came.
     """
     if not isinstance(particles, Particles):
         particles = Particles(particles)
@@ -95,13 +116,11 @@ def anisotropy(
         if not isinstance(particles.support, float):
             raise ValueError("support: expected one number for all particles, got none")
         support = particles.support
-    support = _positive("support", support)
-    radius = 2 * support if radius is None else _positive("radius", radius)
-    if not 0 <= smoothing <= 1:
-        raise ValueError(f"smoothing: expected 0 to 1, got {smoothing!r}")
-    if not most_stretch >= 1:
-        raise ValueError(f"most_stretch: expected 1 or more, got {most_stretch!r}")
-    few_size = _positive("few_size", few_size)
+    support = positive("support", support)
+    radius = 2 * support if radius is None else positive("radius", radius)
+    smoothing = number("smoothing", smoothing, 0, 1)
+    most_stretch = number("most_stretch", most_stretch, 1)
+    few_size = positive("few_size", few_size)
 
     positions = to_host(particles.positions)
     centers = positions.copy()
@@ -111,7 +130,7 @@ def anisotropy(
         return Anisotropy(centers, G)
     scene = Scene(positions, support=support, device="cpu")
     unit = 1 / (0.15 * radius**2)
-    for rows, offsets, index in _neighbor_blocks(scene, positions, radius):
+    for rows, offsets, index in _neighbor_blocks(scene, positions, radius, progress):
         count = np.diff(offsets)
         away, covariance = _moments(positions, rows, offsets, index, radius)
         centers[rows] = positions[rows] + smoothing * away
@@ -121,9 +140,9 @@ def anisotropy(
 
 
 def _kernels(covariance: np.ndarray, most_stretch: float) -> np.ndarray:
-    """R diag(1 / s̃) Rᵀ of covariances (M, 3, 3), which are 1 where the neighbours lie evenly."""
+    """R diag(1 / s̃) Rᵀ of covariances (M, 3, 3), which are 1 where the neighbors lie evenly."""
     values, axes = np.linalg.eigh(covariance)  # ascending; the SVD of a symmetric matrix
-    # Neighbours that all are at one place have no extent at all; G must stay finite.
+    # Neighbors that all are at one place have no extent at all; G must stay finite.
     largest = np.maximum(values[:, 2:], 1e-6)
     stretched = np.maximum(values, largest / most_stretch)
     return np.einsum("mik,mk,mjk->mij", axes, 1 / stretched, axes)
@@ -132,11 +151,11 @@ def _kernels(covariance: np.ndarray, most_stretch: float) -> np.ndarray:
 def _moments(
     positions: np.ndarray, rows: np.ndarray, offsets: np.ndarray, index: np.ndarray, radius: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Weighted mean (M, 3), from each particle, and covariance (M, 3, 3) of its neighbours."""
+    """Weighted mean (M, 3), from each particle, and covariance (M, 3, 3) of its neighbors."""
     own = np.repeat(positions[rows], np.diff(offsets), axis=0).astype(np.float64)
     d = positions[index] - own
     w = np.maximum(1 - (np.sqrt(np.einsum("ij,ij->i", d, d)) / radius) ** 3, 0)
-    starts = offsets[:-1]  # no row is empty: each particle is its own neighbour
+    starts = offsets[:-1]  # no row is empty: each particle is its own neighbor
     total = np.add.reduceat(w, starts)
     mean = np.add.reduceat(w[:, None] * d, starts) / total[:, None]
     covariance = np.empty((len(rows), 3, 3))
@@ -147,8 +166,13 @@ def _moments(
     return mean, covariance
 
 
-def _neighbor_blocks(scene: Scene, positions: np.ndarray, radius: float):
-    """The neighbours of the particles with finite positions, as many rows at a time as fit.
+def _neighbor_blocks(
+    scene: Scene,
+    positions: np.ndarray,
+    radius: float,
+    progress: Callable[[int, int], object] | None,
+) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """The neighbors of the particles with finite positions, as many rows at a time as fit.
 
     Yields rows (M,), offsets (M + 1,) and indices, each row holding the particle itself.
     """
@@ -159,12 +183,7 @@ def _neighbor_blocks(scene: Scene, positions: np.ndarray, radius: float):
         offsets, index = scene.neighbors(positions[rows], radius)
         yield rows, offsets.astype(np.int64), index
         begin += size
-        # The next block by this one's neighbours, growing slowly: the density may change.
+        if progress:
+            progress(min(begin, len(inside)), len(inside))
+        # The next block by this one's neighbors, growing slowly: the density may change.
         size = min(4 * size, max(1, BLOCK_PAIRS * len(rows) // max(1, len(index))))
-
-
-def _positive(name: str, value: Any) -> float:
-    number = float(value)
-    if not (number > 0 and np.isfinite(number)):
-        raise ValueError(f"{name}: expected a positive number, got {value!r}")
-    return number

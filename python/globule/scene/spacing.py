@@ -1,4 +1,4 @@
-"""How far apart particles are, one number a particle: by near neighbours, or along a mesh's edges.
+"""How far apart particles are, one number a particle: by near neighbors, or along a mesh's edges.
 
 The spacing that `Scene` measures is one median for all. Where the density varies, as on a mesh's
 vertices, each particle needs its own, so that the surface closes where the particles are far apart
@@ -7,30 +7,39 @@ and keeps its detail where they are near.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
-from .particles import FARTHEST, Particles
+from .._base.arrays import to_host
+from .._base.checks import whole
+from .particles import FARTHEST
 from .scene import Scene
+from .sources import as_particles
 
-BLOCK = 4096  # points whose neighbours are looked at together: bounds the memory
+BLOCK = 4096  # points whose neighbors are looked at together: bounds the memory
 # Spacings are kept within these multiples of their median, so that the supports made of them stay
 # within the factor of 1e6 that a scene allows, whatever lies apart or on top of each other.
 LEAST, MOST = 2e-3, 500.0
 
 
-def local_spacing(positions: Any, k: int = 6) -> np.ndarray:
-    """Mean distance of each particle to its k nearest others, those at its own place aside.
+def local_spacing(
+    positions: Any, k: int = 6, progress: Callable[[int, int], object] | None = None
+) -> np.ndarray:
+    """Mean distance of each particle to its k nearest others, without those at its own place.
 
     Args:
-        positions: (N, 3) float32, world. Particles without a finite position get the median.
-        k: neighbours, at least 1; fewer where there are no more particles.
+        positions: (N, 3) float32, world, or `Particles`. Particles without a finite position get
+            the median.
+        k: neighbors, at least 1; fewer where there are no more particles.
+        progress: called as progress(done, total) with counts of particles; may raise to stop.
 
     Returns:
         (N,) float32, world units, > 0, within 0.002 to 500 times the median.
     """
-    positions = Particles(positions).positions
+    k = whole("k", k, 1, 2**31)
+    positions = to_host(as_particles("positions", positions).positions)
     result = np.full(len(positions), np.nan)
     inside = (np.abs(positions) <= FARTHEST).all(axis=1)
     first, which = merge_coincident(positions[inside])
@@ -42,13 +51,16 @@ def local_spacing(positions: Any, k: int = 6) -> np.ndarray:
     _, order = scene.octree.sorted_keys(n)
     points = distinct[order]
 
-    nearest = np.empty(n)
+    nearest, done = np.empty(n), 0
     exponent = np.frexp(_bound(points, k))[1]  # bound < 2^exponent: few radii serve all points
     for e in np.unique(exponent):
         rows = np.flatnonzero(exponent == e)
         for begin in range(0, len(rows), BLOCK):
             block = rows[begin : begin + BLOCK]
             nearest[order[block]] = _mean_of_nearest(scene, points[block], float(2.0**e), k)
+            done += len(block)
+            if progress:
+                progress(done, n)
     result[inside] = nearest[which]
     return within_limits(result)
 
@@ -101,7 +113,7 @@ def within_limits(spacing: np.ndarray) -> np.ndarray:
 
 
 def _bound(points: np.ndarray, k: int) -> np.ndarray:
-    """An upper bound of the distance to the k-th neighbour: the k-th of those that are next in
+    """An upper bound of the distance to the k-th neighbor: the k-th of those that are next in
     Morton order, in which the points (N, 3) come."""
     n = len(points)
     distance = np.full((2 * k, n), np.inf)

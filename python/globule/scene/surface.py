@@ -23,7 +23,7 @@ SUPPORT_OF_EDGE = 1.0
 def vertex_particles(vertices: Particles, faces: np.ndarray) -> Particles:
     """The vertices that a face uses as metaballs, each support by its longest edge.
 
-    Vertices at one place become one, with the first one's attributes and the mean colour. A
+    Vertices at one place become one, with the first one's attributes and the mean color. A
     support that the vertices have already is kept.
 
     Args:
@@ -95,7 +95,7 @@ def sampled_particles(
     Args:
         corners: (F, 3, 3) world.
         spacing: world units, > 0.
-        color: colours (M, 3), or None, of points given as triangle (M,) and barycentric (M, 3).
+        color: colors (M, 3), or None, of points given as triangle (M,) and barycentric (M, 3).
     """
     triangle, barycentric, weight = sample_triangles(corners, spacing)
     positions = np.einsum("mk,mkc->mc", barycentric, corners[triangle])

@@ -1,4 +1,4 @@
-"""The source thesis's own way of tracing, beside the exact one: for its figures, and to compare."""
+"""The tracing of the source thesis, beside the exact one: for its figures, and to compare."""
 
 from __future__ import annotations
 
@@ -10,7 +10,10 @@ import numpy as np
 
 from .. import _core
 from .._base.arrays import address, unit_vectors, view
-from .._base.fixed import Fixed
+from .._base.checks import flag, number, whole
+from .._base.fixed import Fixed, read_only
+from .._base.old_names import renamed
+from .particles import Particles
 
 if TYPE_CHECKING:
     from .scene import Scene
@@ -20,28 +23,32 @@ POLYNOMIAL_KERNELS = ("murakami", "wyvill")  # polynomials along a ray
 MAX_THRESHOLDS = 16
 
 
+@read_only
 @dataclass(frozen=True)
 class Thesis(Fixed):
     """How rays are traced in the thesis, §5.2-5.4; the scene's octree must be dense.
 
-    Leaves are visited by each ray for itself, with a stack. A leaf sees its own particles and its
-    26 neighbours', which is right only while no support is larger than a leaf's edge.
+    Each ray visits leaves by itself, with a stack. A leaf sees its own particles and those of its
+    26 neighbors. That is right only while no support is larger than a leaf's edge.
 
     Args:
         root: "march" (points along the ray, Fig. 5.5) or "bezier" (Bézier clipping, Nishita &
             Nakamae 1994; kernels murakami and wyvill).
-        step: of the march, in supports, where no threshold is passed. What is thinner may be
-            missed.
-        thresholds: how many of them below the scene's own, evenly; each one passed halves the step.
-        ghosts: neighbours' particles are seen, and leaves beside occupied ones are visited.
-            Without: the artefacts of Fig. 5.6.
-        face_rule: the nine neighbours across the face of entry are not fetched again (Fig. 5.7);
-            the picture is the same.
-        exterior: the spheres of radius a bound the search, and one met alone needs none (Figs 5.3,
-            5.4).
+        step: of the march, in supports, where no threshold is passed, 0.0001 to 10000. The march
+            may miss thinner parts.
+        thresholds: number of thresholds below the scene's own, evenly spaced, 0 to 16; each one
+            that is passed halves the step.
+        ghosts: leaves see the particles of their neighbors (ghost particles), and leaves beside
+            occupied ones are visited. Without: the artefacts of Fig. 5.6.
+        face_rule: the nine neighbors across the face of entry are not fetched again (Fig. 5.7); the
+            image is the same.
+        exterior: the spheres of radius a bound the search; a sphere that is met alone needs no
+            search (Figs. 5.3, 5.4).
         refine: the march's sign change is refined. Without: the terraces of Fig. 5.1.
-        averaged_normals: normals away from the mean of the centres that reach the hit (Fig. 5.8a)
+        averaged_normals: normals away from the mean of the centers that reach the hit (Fig. 5.8a)
             instead of the gradient's.
+
+    Raises TypeError and ValueError: the field, what was expected and what came.
     """
 
     root: str = "march"
@@ -53,17 +60,13 @@ class Thesis(Fixed):
     refine: bool = True
     averaged_normals: bool = False
 
-    def __post_init__(self) -> None:
+    def _check(self) -> None:
         if self.root not in ROOTS:
             raise ValueError(f"root: expected {' or '.join(ROOTS)}, got {self.root!r}")
-        number = isinstance(self.step, (int, float, np.number)) and not isinstance(self.step, bool)
-        if not number or not 1e-4 <= self.step <= 1e4:
-            raise ValueError(f"step: expected 0.0001 to 10000 supports, got {self.step!r}")
-        whole = isinstance(self.thresholds, (int, np.integer))
-        if not whole or not 0 <= self.thresholds <= MAX_THRESHOLDS:
-            raise ValueError(
-                f"thresholds: expected a number from 0 to {MAX_THRESHOLDS}, got {self.thresholds!r}"
-            )
+        number("step", self.step, 1e-4, 1e4)
+        whole("thresholds", self.thresholds, 0, MAX_THRESHOLDS)
+        for name in ("ghosts", "face_rule", "exterior", "refine", "averaged_normals"):
+            flag(name, getattr(self, name))
 
     def _choices(self) -> tuple[int, float, int, bool, bool, bool, bool, bool]:
         return (
@@ -83,7 +86,10 @@ class Thesis(Fixed):
 
 
 def check_tracing(scene: Scene, thesis: Thesis | None) -> None:
-    """Whether `scene` can be traced so."""
+    """Refuse choices with which `scene` cannot be traced.
+
+    Raises TypeError and ValueError: the argument, what was expected and what came.
+    """
     if thesis is None:
         return
     if not isinstance(thesis, Thesis):
@@ -100,7 +106,7 @@ def check_tracing(scene: Scene, thesis: Thesis | None) -> None:
 def work(
     scene: Scene, origins: Any, directions: Any, thesis: Thesis
 ) -> tuple[np.ndarray, np.ndarray]:
-    """What rays cost up to their first hit.
+    """The cost of rays up to their first hit.
 
     Args:
         origins, directions: (M, 3) world, as for `intersect`.
@@ -125,29 +131,31 @@ def work(
     return counts[:, 0], counts[:, 1]
 
 
-def default_support(positions: Any, depth: int) -> float:
+@renamed(depth="level")
+def default_support(positions: Any, level: int) -> float:
     """The thesis's support (§3.6): half the edge of a leaf of the octree around `positions`.
 
     Args:
         positions: (N, 3) world, or `Particles`.
-        depth: of the octree, 0 to 8.
+        level: deepest level of the octree, 0 to 8.
+
+    Returns:
+        The support, world units.
 
     Raises:
-        ValueError: the positions have no extent, so a leaf has no edge.
+        TypeError, ValueError: the level is no whole number from 0 to 8, or the positions have no
+            extent, so that a leaf has no edge.
     """
-    from .particles import Particles
-
-    if not isinstance(depth, (int, np.integer)) or not 0 <= depth <= 8:
-        raise ValueError(f"depth: expected 0 to 8, got {depth!r}")
+    level = whole("level", level, 0, 8)
     particles = positions if isinstance(positions, Particles) else Particles(positions)
     lo, hi = particles.bounds()
     extent = float(np.max(hi - lo))
     if not extent > 0:
         raise ValueError(f"positions: expected some extent, got {extent:g}")
-    return 0.5 * extent / 2**depth
+    return 0.5 * extent / 2**level
 
 
-def fitting_depth(extent: float, largest: float) -> int:
+def fitting_level(extent: float, largest: float) -> int:
     """Deepest level of an octree of this extent, 0 to 8, with cells no smaller than the largest
     support."""
     return int(np.clip(np.floor(np.log2(extent / largest)), 0, 8))

@@ -240,7 +240,7 @@ class Engine:
                 "camera": camera,
                 "plates": plates,
                 "marks": client.marks + source.marks(),
-                "depth": frame.depth if plates else None,
+                "depth": frame.distance if plates else None,
                 "ends": source.maker.range,
             }
             picture = frame.picture

@@ -166,14 +166,10 @@ def _imports(state: State) -> list[str]:
     if not state.color.by:
         return []
     lines = [
-        "from globule.attributes import attribute_values",
-        "from globule.colormaps import colorize",
+        "from globule.scene.attributes import attribute_values",
+        "from globule import colorize",
     ]
-    return (
-        lines
-        + ["from globule.legend import add_legend", "from globule.render import save_png"]
-        * state.color.legend
-    )
+    return lines + ["from globule import add_legend, save_png"] * state.color.legend
 
 
 def _code(value: Any) -> str:

@@ -58,7 +58,7 @@ def settings_of(look: Look, source: Source, scene: Scene, up: Any) -> RenderSett
         "exposure": look.exposure,
         "shadows": look.shadows,
         "ambient_rays": look.ambient_rays,
-        "depth": look.depth,
+        "bounces": look.depth,
     }
     if look.matter == "own":
         changes["material"] = dataclasses.replace(
@@ -87,7 +87,7 @@ def preset_look(source: Source, state: State, name: str, up: Any) -> Look:
     return Look(
         preset=name,
         shadows=settings.shadows,
-        depth=settings.depth,
+        depth=settings.bounces,
         ambient_rays=settings.ambient_rays,
         exposure=settings.exposure,
     )

@@ -86,7 +86,7 @@ class Shot:
                 if (engine.state.version, source.version) != before:
                     return False
                 frame.refine()
-        depth = frame.depth if plates else None
+        depth = frame.distance if plates else None
         self.frame = frame
         self.picture = finish(frame.picture, state, camera, marks, plates, depth, ends)
         return True

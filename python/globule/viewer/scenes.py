@@ -10,7 +10,7 @@ from .._base.colormaps import colorize
 from ..scene.attributes import attribute_names, attribute_values
 from ..scene.particles import Particles
 from ..scene.scene import DEFAULTS, Scene
-from ..scene.thesis import POLYNOMIAL_KERNELS, Thesis, fitting_depth
+from ..scene.thesis import POLYNOMIAL_KERNELS, Thesis, fitting_level
 from .state import State
 
 
@@ -111,8 +111,8 @@ def scene_options(
         support = float(np.max(Scene(particles, kernel, **machine).support))
     largest = float(np.max(particles.support if support is None else support))
     extent = float(np.ptp(particles.bounds(), axis=0).max()) if len(particles) else 0.0
-    depth = fitting_depth(extent, largest) if extent else None
-    return {"support": support, "octree": "dense", "depth": depth}
+    level = fitting_level(extent, largest) if extent else None
+    return {"support": support, "octree": "dense", "level": level}
 
 
 def thesis_of(state: State) -> Thesis | None:

@@ -73,7 +73,7 @@ class VolumeSource(Source):
         shown = state.slices
         level = float(shown.level or self.level)
         code = [
-            "from globule.volume_particles import iso_surface",
+            "from globule import iso_surface",
             *code,
             f"particles = iso_surface(volume, {level!r}, {state.surface.kernel!r}).particles",
         ]

@@ -50,7 +50,7 @@ def frame_channels(frame: Any) -> dict[str, np.ndarray]:
     """All images of a `Frame` for write_exr: R G B, Z (along the ray), position, normal, albedo."""
     return {
         "color": frame.color,
-        "Z": frame.depth,
+        "Z": frame.distance,
         "position": frame.position,
         "normal": frame.normal,
         "albedo": frame.albedo,

@@ -135,7 +135,7 @@ class Hand:
                 self.client.camera,
                 frame.size,
                 screen,
-                np.inf if found is None else found.depth,
+                np.inf if found is None else found.distance,
             )
             return before or found
 
@@ -251,7 +251,7 @@ class Hand:
     def _depth(self, frame: Any) -> np.ndarray:
         """The picture's depths, fetched once."""
         if self._seen is None or self._seen[0] is not frame:
-            self._seen = frame, frame.depth
+            self._seen = frame, frame.distance
         return self._seen[1]
 
 
@@ -260,7 +260,7 @@ def describe(found: Picked, unit: str = "") -> str:
     rows = {
         "position": _words(found.position) + unit,
         "normal": _words(found.normal),
-        "distance": f"{found.depth:.6g}{unit}",
+        "distance": f"{found.distance:.6g}{unit}",
         "particle": f"{found.particle:,}",
     }
     if found.layer:

@@ -1,0 +1,159 @@
+"""How hits become light: the settings of an image."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from functools import cached_property
+from typing import Any
+
+from .. import _core
+from .._base.checks import flag, number, three, whole
+from .._base.fixed import Fixed, read_only
+from .._base.old_names import renamed_fields
+from ..scene.scene import Scene
+from .lights import (
+    MAX_LIGHTS,
+    DirectionalLight,
+    Environment,
+    Ground,
+    Headlight,
+    PointLight,
+    Sky,
+    uniform_sky,
+)
+from .materials import Material
+
+MAX_SAMPLES = 65536
+
+
+def items(name: str, value: Any, expected: str) -> tuple:
+    """The items of anything that can be iterated."""
+    try:
+        return tuple(value)
+    except TypeError:
+        raise TypeError(f"{name}: expected {expected}, got {value!r}") from None
+
+
+@renamed_fields(depth="bounces")
+@read_only
+@dataclass(frozen=True)
+class RenderSettings(Fixed):
+    """How hits are turned into light. Colors and radiances are linear RGB; 1 is white. One number
+    stands for all three channels.
+
+    Args:
+        lights: up to 8.
+        ambient: light from everywhere: (3,) radiance, or "sky" for the sky's own.
+        background: (3,) radiance behind the scene, where `sky` is None.
+        material: of every scene that has none of its own.
+        specular, shininess: highlight of the lights, where the material says nothing.
+        exposure: factor of the image's light.
+        shadows: whether directional and point lights throw shadows.
+        ambient_rays: rays per sample that look how open a place is (ambient occlusion), 0 to 256.
+        ambient_distance: how far these rays look, world units; None: a tenth of the scene's extent.
+        sky: `Sky` or `Environment`; also seen behind the scene. None: the background all around.
+        ground: a plane under the scene.
+        bounces: how many times light is followed on after a reflection or refraction, 0 to 32.
+        cutoff: a ray that carries less than this share of a pixel's light ends in the sky, 0 to 1.
+        samples: rays per pixel, 1 to 65536; the first goes through the pixel's center, the others
+            anywhere in it.
+
+    Raises TypeError and ValueError: the field, what was expected and what came.
+    """
+
+    lights: Sequence[Headlight | DirectionalLight | PointLight] = (Headlight(), DirectionalLight())
+    ambient: Any = (0.16, 0.18, 0.21)
+    background: Any = (0.93, 0.94, 0.96)
+    material: Material = Material()
+    specular: float = 0.22
+    shininess: float = 60.0
+    exposure: float = 1.0
+    shadows: bool = False
+    ambient_rays: int = 0
+    ambient_distance: float | None = None
+    sky: Sky | Environment | None = None
+    ground: Ground | None = None
+    bounces: int = 4
+    cutoff: float = 1 / 32
+    samples: int = 1
+
+    def _check(self) -> None:
+        if not isinstance(self.material, Material):
+            raise TypeError(f"material: expected Material, got {self.material!r}")
+        whole("samples", self.samples, 1, MAX_SAMPLES)
+        self._packed  # noqa: B018  making it checks the other fields
+
+    @cached_property
+    def _packed(self) -> Any:
+        """What the core takes; how far ambient rays look in no scene in particular: 0."""
+        lights = items("lights", self.lights, "a list of lights")
+        if len(lights) > MAX_LIGHTS:
+            raise ValueError(f"lights: expected at most {MAX_LIGHTS}, got {len(lights)}")
+        for light in lights:
+            if not isinstance(light, (Headlight, DirectionalLight, PointLight)):
+                raise TypeError(
+                    f"lights: expected Headlight, DirectionalLight or PointLight, got {light!r}"
+                )
+        if not isinstance(self.sky, (Sky, Environment, type(None))):
+            raise TypeError(f"sky: expected Sky or Environment, got {self.sky!r}")
+        if not isinstance(self.ground, (Ground, type(None))):
+            raise TypeError(f"ground: expected Ground, got {self.ground!r}")
+        sky_light = isinstance(self.ambient, str)
+        if sky_light and self.ambient != "sky":
+            raise ValueError(f'ambient: expected a color or "sky", got {self.ambient!r}')
+        rays = whole("ambient_rays", self.ambient_rays, 0, 256)
+        far = 0.0 if self.ambient_distance is None else self.ambient_distance
+        distance = number("ambient_distance", far, 0.0)
+        background = three("background", self.background, 0.0)
+        return _core.Look(
+            {
+                "lights": [light._pack() for light in lights],
+                "ambient": [0.0, 0.0, 0.0] if sky_light else three("ambient", self.ambient, 0.0),
+                "sky_light": sky_light,
+                "background": background,
+                "exposure": number("exposure", self.exposure, 0.0),
+                "shadows": flag("shadows", self.shadows),
+                "ambient_rays": rays,
+                "ambient_distance": distance,
+                "sky": (self.sky or uniform_sky(background))._pack(),
+                "show_sky": self.sky is not None,
+                "ground": self.ground._pack() if self.ground else None,
+                "depth": whole("bounces", self.bounces, 0, 32),
+                "cutoff": number("cutoff", self.cutoff, 0.0, 1.0),
+                "specular": number("specular", self.specular, 0.0),
+                "shininess": number("shininess", self.shininess, 0.0),
+            }
+        )
+
+    def _look(self, scene: Scene) -> Any:
+        """What the core takes for an image of `scene`."""
+        if self.ambient_distance is None and self.ambient_rays:
+            return self._packed.reaching(0.1 * scene.octree.extent)
+        return self._packed
+
+
+_DEFAULT = RenderSettings()
+NAMES = tuple(field.name for field in fields(RenderSettings))
+
+
+def as_settings(value: RenderSettings | Mapping[str, Any] | None) -> RenderSettings:
+    """Settings of a dict of their fields; the default ones of None.
+
+    Raises TypeError and ValueError: the field, what was expected and what came.
+    """
+    if value is None:
+        return _DEFAULT
+    if isinstance(value, RenderSettings):
+        return value
+    if isinstance(value, str):
+        raise TypeError(
+            f"settings: expected RenderSettings or a dict of its fields, got {value!r}; "
+            f"globule.preset({value!r}, scene) makes a preset's"
+        )
+    if not isinstance(value, Mapping):
+        raise TypeError(f"settings: expected RenderSettings or a dict of its fields, got {value!r}")
+    for name in value:
+        if name not in (*NAMES, "depth"):
+            raise TypeError(f"settings: expected some of {', '.join(NAMES)}, got {name!r}")
+    return RenderSettings(**value)

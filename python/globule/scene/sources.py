@@ -1,0 +1,58 @@
+"""What may stand for particles: `Particles`, positions, a file's name, or what has particles."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from typing import Any
+
+from .._base.arrays import on_gpu
+from .particles import Particles
+
+# How files are read, newest first; `formats`, which comes after this room, puts its reader here.
+readers: list[Callable[[str], Particles]] = []
+
+# What to call for objects of later rooms and for likely mistakes, by the name of their type.
+_INSTEAD = {
+    "Volume": "; globule.iso_surface(volume).particles are those of its surface",
+    "Sweep": "; globule.reconstruct(sweep) makes a volume, globule.iso_surface its surface",
+    "Layer": "; globule.render(layer) shows it",
+    "dict": "; globule.Particles(**fields) takes a dict of fields",
+}
+_EXPECTED = "a Scene, Particles, positions (N, 3) or a file's name"
+
+
+def as_particles(name: str, value: Any) -> Particles:
+    """The particles that `value` stands for.
+
+    Args:
+        name: of the argument, for errors.
+        value: `Particles`; (N, 3) positions, world; the name of a file that `globule.read` reads;
+            or an object whose `particles` are `Particles`, such as a simulation.
+
+    Raises TypeError and ValueError for anything else, FormatError and OSError for the file.
+    """
+    if isinstance(value, Particles):
+        return value
+    if isinstance(value, (str, os.PathLike)):
+        return _read(name, os.fspath(value))
+    own = getattr(value, "particles", None)
+    if isinstance(own, Particles):
+        return own
+    kind = type(value).__name__
+    array = hasattr(value, "__len__") or hasattr(value, "__array__") or on_gpu(value)
+    if kind in _INSTEAD or not array:
+        got = kind if kind in _INSTEAD else repr(value)[:80]
+        raise TypeError(f"{name}: expected {_EXPECTED}, got {got}{_INSTEAD.get(kind, '')}")
+    return Particles(value)
+
+
+def _read(name: str, path: str) -> Particles:
+    if any(mark in path for mark in "*?%") and not os.path.exists(path):
+        raise ValueError(
+            f"{name}: expected one file, got the pattern {path!r}; "
+            "globule.render_sequence renders every file of a pattern"
+        )
+    if not readers:
+        raise TypeError(f"{name}: expected Particles or positions (N, 3), got {path!r}")
+    return readers[0](path)

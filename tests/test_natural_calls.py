@@ -1,0 +1,475 @@
+"""The calls that come to mind first work, or say in one line what to call instead."""
+
+import ast
+import dataclasses
+import io
+import logging
+import pickle
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import globule as gb
+import numpy as np
+import pytest
+from cli_helpers import cube
+from globule.scene import sources
+from globule.scene.attributes import attribute_colors
+from light import ball
+from PIL import Image
+
+SIZE = (32, 24)
+CAMERA = gb.Camera((2.5, 2, 3), (0, 0, 0))
+
+
+@pytest.fixture
+def scene():
+    p = cube()
+    p.attributes["speed"] = np.linspace(0, 4, len(p))
+    return gb.Scene(p, device="cpu")
+
+
+def same(one, other):
+    np.testing.assert_array_equal(one.image, other.image)
+    assert one.mask.any()
+
+
+# What stands for a scene, a camera, a size, settings
+
+
+def test_what_stands_for_a_scene(particles):
+    p = gb.read(particles)
+    expected = gb.render(gb.Scene(p), CAMERA, SIZE)
+    for natural in (p, particles, Path(particles), [p], gb.Layer(p), [gb.Layer(particles)]):
+        same(gb.render(natural, CAMERA, SIZE), expected)
+    bare = gb.render(gb.Scene(p.positions), CAMERA, SIZE)
+    same(gb.render(p.positions, CAMERA, SIZE), bare)
+    same(gb.render(p.positions.tolist(), CAMERA, SIZE), bare)
+    assert len(gb.Scene(particles)) == len(gb.Scene(gb.Scene(p))) == len(p)
+    scene = gb.Scene(p[:3])
+    scene.update(particles)
+    assert len(scene) == len(p)
+    assert gb.Camera.fit(particles) == gb.Camera.fit(p)
+    assert gb.local_spacing(particles).shape == (len(p),)
+
+
+def test_a_simulation_is_shown_as_it_is():
+    sim = gb.Simulation(gb.Particles(cube().positions), spacing=0.3, device="cpu")
+    expected = gb.render(sim.scene, CAMERA, SIZE)
+    same(gb.render(sim, CAMERA, SIZE), expected)
+    same(gb.render(gb.Layer(sim), CAMERA, SIZE), expected)
+    colored = gb.render(sim, CAMERA, SIZE, color_by="y")
+    assert not np.array_equal(colored.image, expected.image)
+    np.testing.assert_allclose(colored.distance, expected.distance, rtol=1e-5)
+    same(gb.render(sim, CAMERA, SIZE), expected)
+    assert len(gb.Scene(sim)) == len(sim)
+
+
+def test_several_scenes():
+    apart = [gb.Particles([[x, 0, 0]], support=1.0) for x in (-1.0, 1.0)]
+    both = gb.render(apart, size=SIZE)
+    same(both, gb.render(iter([gb.Scene(p) for p in apart]), size=SIZE))
+    assert repr(both) == "Frame(32 x 24, 1 sample a pixel, 2 layers, cpu)"
+
+
+def test_a_size_in_the_cameras_place(scene):
+    same(gb.render(scene, SIZE), gb.render(scene, None, SIZE))
+    same(gb.render(scene, list(SIZE)), gb.render(scene, None, SIZE))
+    same(gb.render(scene, SIZE, CAMERA), gb.render(scene, CAMERA, SIZE))
+    assert gb.render(scene, size=CAMERA).size == gb.render(scene).size == (1024, 782)
+
+
+def test_settings_as_a_dict(scene):
+    look = {"shadows": True, "samples": 2, "background": 0.5}
+    expected = gb.render(scene, SIZE, settings=gb.RenderSettings(**look))
+    same(gb.render(scene, SIZE, settings=look), expected)
+
+
+MISTAKES = [
+    (lambda s: gb.render(s, 640, 480), TypeError, "camera: expected Camera or a size"),
+    (lambda s: gb.render(s, gb.RenderSettings()), TypeError, "write settings=... for"),
+    (lambda s: gb.render(s, {"samples": 2}), TypeError, "got settings"),
+    (lambda s: gb.render(s, samples=4), TypeError, r"samples belongs to .* settings=\{'samples'"),
+    (lambda s: gb.render(s, threshold=1), TypeError, r"threshold belongs .* globule\.Scene\("),
+    (lambda s: gb.render(s, fov=30), TypeError, r"fov belongs to the camera: .*globule\.Camera\("),
+    (lambda s: gb.render(s, colour_by="x"), TypeError, "color_by.*, got 'colour_by'"),
+    (lambda s: gb.render(s, settings="water"), TypeError, r"globule\.preset\('water', scene\)"),
+    (lambda s: gb.render(s, settings={"sample": 1}), TypeError, "samples.*, got 'sample'"),
+    (lambda s: gb.render({"positions": [[0, 0, 0]]}), TypeError, r"globule\.Particles\(\*\*"),
+    (lambda s: gb.render(None), TypeError, "scene: expected a Scene, .* got None"),
+    (lambda s: gb.render("frame_*.vtk"), ValueError, r"globule\.render_sequence"),
+    (lambda s: gb.render("splash"), gb.FormatError, "splash"),
+    (lambda s: gb.render("missing.vtk"), OSError, "missing.vtk"),
+    (lambda s: gb.render([s, s], color_by="speed"), ValueError, r"globule\.color_by\("),
+    (lambda s: gb.Scene(volume()), TypeError, r"got Volume; globule\.iso_surface"),
+    (lambda s: gb.Scene(gb.phantoms.cylinders(n_frames=2)), TypeError, r"globule\.reconstruct"),
+    (lambda s: gb.Scene(gb.Layer(s)), TypeError, r"got Layer; globule\.render\(layer\)"),
+    (lambda s: gb.field(s.particles, [[0, 0, 0]]), TypeError, r"make one: globule\.Scene\("),
+    (lambda s: gb.neighbors("a", [[0, 0, 0]], 1), TypeError, r"make one: globule\.Scene\("),
+]  # fmt: skip
+
+
+def volume():
+    return gb.Volume(np.zeros((2, 2, 2), np.uint8), np.eye(4))
+
+
+@pytest.mark.parametrize(("call", "error", "message"), MISTAKES)
+def test_what_cannot_work_says_what_to_call(call, error, message, scene, folder):
+    with pytest.raises(error, match=message) as caught:
+        call(scene)
+    assert "\n" not in str(caught.value)
+    assert len(str(caught.value)) < 320
+
+
+def test_without_a_reader_files_are_refused(monkeypatch):
+    monkeypatch.setattr(sources, "readers", [])
+    with pytest.raises(TypeError, match="particles: expected Particles or positions"):
+        gb.Scene("splash.vtk")
+
+
+# Colors by a value
+
+
+def test_color_by(scene, particles):
+    p = scene.particles
+    values = p.attributes["speed"]
+    by_hand = dataclasses.replace(p, color=gb.colorize(values, "magma", 1, 3))
+    expected = gb.render(gb.Scene(by_hand, device="cpu"), CAMERA, SIZE)
+    how = {"color_by": "speed", "colormap": "magma", "range": (1, 3)}
+    same(gb.render(p, CAMERA, SIZE, **how), expected)
+    same(gb.render(gb.color_by(p, "speed", "magma", (1, 3)), CAMERA, SIZE), expected)
+    painted = gb.RenderSettings(material=gb.Material(color=(1, 0, 0)))
+    same(gb.render(scene, CAMERA, SIZE, painted, **how), expected)
+    same(gb.render(gb.Layer(scene), CAMERA, SIZE, **how), expected)
+    same(gb.render(scene, CAMERA, SIZE), expected)  # a scene keeps them
+    assert not np.array_equal(gb.render(scene, CAMERA, SIZE, painted).image, expected.image)
+
+
+def test_color_by_is_that_of_the_command(particles):
+    from globule.cli import main
+
+    words = ["--eye", "3,2,4", "--look-at", "0,0,0", "--size", "32x24"]
+    for option, how in [
+        (["--color-by", "speed"], {"color_by": "speed"}),
+        (["--color-by", "flow:1"], {"color_by": "flow:1"}),
+        (["--color-by", "x", "--range", "1,-1"], {"color_by": "x", "range": (1, -1)}),
+    ]:  # fmt: skip
+        assert main(["render", particles, "-o", "a.png", *words, *option]) == 0
+        frame = gb.render(particles, gb.Camera((3, 2, 4), (0, 0, 0)), (32, 24), **how)
+        np.testing.assert_array_equal(np.asarray(Image.open("a.png")), frame.image)
+
+
+@pytest.mark.parametrize(
+    ("how", "error", "message"),
+    [
+        ({"name": "speeed"}, ValueError, "color_by: expected one of x, y, z, .*speed, got speeed"),
+        ({"name": 3}, TypeError, "color_by: expected a name, got 3"),
+        ({"name": "speed", "colormap": "jet"}, ValueError, "colormap: expected one of viridis"),
+        ({"name": "speed", "range": (1, 1)}, ValueError, "range: expected two different numbers"),
+        ({"name": "speed", "range": (0, np.inf)}, ValueError, "range: expected a finite number"),
+        ({"name": "speed", "range": 3}, TypeError, r"range: expected \(lo, hi\), got 3"),
+    ],
+)
+def test_wrong_colors(scene, how, error, message):
+    with pytest.raises(error, match=message):
+        gb.color_by(scene.particles, **how)
+
+
+def test_values_that_are_not_finite_are_gray_and_logged(scene, caplog):
+    p = scene.particles
+    p.attributes["speed"] = np.where(p.positions[:, 0] > 0, np.nan, p.positions[:, 1])
+    with caplog.at_level(logging.WARNING, "globule"):
+        colored = gb.color_by(p, "speed")
+    n = int((p.positions[:, 0] > 0).sum())
+    assert caplog.messages == [f"{n} of {len(p)} particles have no finite speed"]
+    found = attribute_colors(p, "speed")
+    assert found.n_unknown == n
+    assert len(np.unique(colored.color[p.positions[:, 0] > 0], axis=0)) == 1
+    np.testing.assert_allclose(found.range, (p.positions[:, 1].min(), p.positions[:, 1].max()))
+
+
+def test_a_sequence_in_colors(folder):
+    for i in range(3):
+        positions = cube().positions
+        values = {"speed": np.full(len(positions), float(i))}
+        gb.write(f"f_{i}.npz", gb.Particles(positions, support=0.5, attributes=values))
+    seen = []
+    done = gb.render_sequence(
+        "f_*.npz", "%d.png", SIZE, color_by="speed", settings={"samples": 2},
+        progress=lambda *counts: seen.append(counts),
+    )  # fmt: skip
+    assert seen == [(1, 3), (2, 3), (3, 3)]
+    assert done == ["0.png", "1.png", "2.png"]
+    pictures = [np.asarray(Image.open(name)) for name in done]
+    assert len({tuple(p[12, 16]) for p in pictures}) == 3  # the range is that of all files
+    one = gb.color_by(gb.read("f_1.npz"), "speed", range=(0, 2))
+    frames = [gb.read("f_0.npz"), one]
+    with pytest.raises(ValueError, match=r"range: expected \(lo, hi\)"):
+        gb.render_sequence(iter(frames), "no%d.png", SIZE, color_by="speed")
+    assert gb.value_range(["f_0.npz", "f_2.npz"], "speed") == (0, 2)
+    low, high = gb.value_range([one], "x")
+    assert (low, high) == (one.positions[:, 0].min(), one.positions[:, 0].max())
+
+
+# Questions
+
+
+def test_questions_are_methods_and_functions(scene):
+    points = np.float32([[0, 0, 0], [0.2, 0.1, 0]])
+    rays = np.float32([[0, 0, 5], [0, 9, 5]]), np.float32([[0, 0, -1]] * 2)
+    values = scene.particles.attributes["speed"]
+    for name, arguments in [
+        ("field", (points,)),
+        ("gradient", (points,)),
+        ("neighbors", (points, 0.4)),
+        ("blend", (points, values)),
+        ("blend", (points, values.tolist())),
+        ("intersect", rays),
+    ]:
+        method = getattr(scene, name)(*arguments)
+        for one, other in zip(method, getattr(gb, name)(scene, *arguments), strict=True):
+            np.testing.assert_array_equal(one, other)
+    hits = scene.intersect(*rays)
+    assert hits.distance is hits[0]
+    assert hits.distance[0] < 5
+    assert np.isinf(hits.distance[1])
+
+
+# What shows itself
+
+
+def test_what_shows_itself(scene):
+    frame = gb.render(scene, SIZE, settings={"samples": 3})
+    png = frame._repr_png_()
+    with Image.open(io.BytesIO(png)) as image:
+        np.testing.assert_array_equal(np.asarray(image), frame.image)
+    np.testing.assert_array_equal(frame.picture, frame.image)
+    assert repr(frame) == "Frame(32 x 24, 3 samples a pixel, cpu)"
+    words = r"Scene\(\d+ particles, murakami, threshold 0.6, support [\d.]+, cpu\)"
+    assert re.fullmatch(words, repr(scene))
+    assert repr(CAMERA) == "Camera(eye=(2.5, 2, 3), look_at=(0, 0, 0), up=(0, 1, 0), fov=40)"
+    assert repr(gb.Camera((0, 0, 2), (0, 0, 0), height=3)).endswith("height=3)")
+
+
+# Progress
+
+
+def test_progress(scene):
+    seen = []
+
+    def progress(done, total):
+        seen.append((done, total))
+
+    look = {"samples": 3, "shadows": True}
+    frame = gb.render(scene, SIZE, settings=look, progress=progress)
+    assert seen == [(1, 3), (2, 3), (3, 3)]
+    same(frame, gb.render(scene, SIZE, settings=look))
+    seen.clear()
+    same(frame.refine(2, progress), gb.render(scene, SIZE, settings={**look, "samples": 5}))
+    assert seen == [(1, 2), (2, 2)]
+    n = len(scene)
+    for long in (
+        lambda: gb.anisotropy(scene.particles.positions, 0.5, progress=progress),
+        lambda: gb.without_strays(scene.particles, 0.5, progress=progress),
+        lambda: gb.local_spacing(scene.particles, progress=progress),
+    ):
+        seen.clear()
+        long()
+        assert seen[-1] == (n, n)
+        assert sorted(seen) == seen
+
+
+def test_progress_stops(scene):
+    def stop(done, total):
+        if done == 2:
+            raise KeyboardInterrupt
+
+    frame = gb.render(scene, SIZE)
+    with pytest.raises(KeyboardInterrupt):
+        frame.refine(4, stop)
+    assert frame.samples == 3
+    same(frame, gb.render(scene, SIZE, settings={"samples": 3}))
+
+
+# Assignments
+
+
+def test_particles_check_what_is_assigned():
+    p = cube()
+    n, before = len(p), p.positions
+    for name, value, error, message in [
+        ("support", -1, ValueError, "support: expected numbers >= 0, got -1"),
+        ("support", np.ones(n + 1), ValueError, rf"support: expected a number or shape \({n},\)"),
+        ("weight", "heavy", TypeError, "weight: expected numbers"),
+        ("color", (2, 0, 0), ValueError, r"color: expected \[0, 1\], got 2"),
+        ("positions", np.zeros((n, 2)), ValueError, r"positions: expected shape \(N, 3\)"),
+        ("attributes", {"speed": np.ones(2)}, ValueError, r"attributes\['speed'\]: expected shape"),
+        ("attributes", 5, TypeError, "attributes: expected a dict of arrays, got 5"),
+        ("colour", (1, 0, 0), AttributeError, r"expected one of .*, got colour; .*attributes\["),
+    ]:
+        with pytest.raises(error, match=message):
+            setattr(p, name, value)
+    assert p.positions is before
+    p.color, p.weight = [0, 0.5, 1], np.ones(n)
+    assert p.color.dtype == p.weight.dtype == np.float32
+    with pytest.raises(ValueError, match=rf"positions: expected shape \({n}, 3\), as weight has"):
+        p.positions = np.zeros((2, 3))
+    p.weight = None
+    if p.support is not None and np.ndim(p.support):
+        p.support = 0.5
+    p.positions = np.zeros((2, 3))
+    p.attributes["speed"] = [1, 2]
+    assert len(p) == 2
+
+
+def test_attributes_are_checked():
+    p = cube()
+    n = len(p)
+    for assign in (
+        lambda: p.attributes.__setitem__("a", np.ones(3)),
+        lambda: p.attributes.update(a=np.ones(3)),
+        lambda: p.attributes.setdefault("a", np.ones(3)),
+        lambda: p.attributes.__ior__({"a": np.ones(3)}),
+    ):
+        with pytest.raises(ValueError, match=r"attributes\['a'\]: expected shape"):
+            assign()
+    p.attributes |= {"a": np.arange(n)}
+    assert p.attributes.setdefault("a", None) is p.attributes["a"]
+    with pytest.raises(ValueError, match=f"positions: .* as a has {n} rows"):
+        p.positions = np.zeros((2, 3))
+    copied = pickle.loads(pickle.dumps(p))
+    np.testing.assert_array_equal(copied.attributes["a"], np.arange(n))
+    with pytest.raises(ValueError, match=r"attributes\['b'\]"):
+        copied.attributes["b"] = [1]
+    assert dataclasses.asdict(p)["attributes"].keys() == {"a"}
+
+
+@pytest.mark.parametrize(
+    ("made", "name"),
+    [
+        (CAMERA, "fov"),
+        (gb.RenderSettings(), "samples"),
+        (gb.Material(), "color"),
+        (gb.Sky(), "zenith"),
+        (gb.ClipSphere((0, 0, 0), 1), "radius"),
+        (gb.Thesis(), "step"),
+    ],
+    ids=lambda value: type(value).__name__,
+)
+def test_what_is_fixed_says_how_to_change_it(made, name):
+    kind = type(made).__name__
+    with pytest.raises(dataclasses.FrozenInstanceError, match=rf"{kind}\.{name}.*replace\(") as e:
+        setattr(made, name, 1)
+    assert f"{name}=..." in str(e.value)
+    with pytest.raises(AttributeError, match=f"{kind}: expected one of .*{name}.*, got typo"):
+        made.typo = 1
+
+
+@pytest.mark.parametrize(
+    ("wrong", "error", "message"),
+    [
+        ({"eye": "above"}, TypeError, "eye: expected three numbers, got 'above'"),
+        ({"eye": (0, 1)}, ValueError, r"eye: expected three finite numbers, got \(0, 1\)"),
+        ({"up": None}, (TypeError, ValueError), "up: expected three"),
+        ({"fov": "wide"}, TypeError, "fov: expected a number, got 'wide'"),
+        ({"fov": 0}, ValueError, "fov: expected degrees between 0 and 180, got 0"),
+        ({"height": "2 m"}, TypeError, "height: expected a number, got '2 m'"),
+    ],
+)
+def test_cameras_check(wrong, error, message):
+    with pytest.raises(error, match=message):
+        gb.Camera(**{"eye": (0, 0, 1), "look_at": (0, 0, 0), **wrong})
+
+
+def test_a_threshold_is_checked():
+    scene = ball()
+    for bad, error in ((0, ValueError), ("high", TypeError), (np.nan, ValueError)):
+        with pytest.raises(error, match="threshold: expected a "):
+            scene.threshold = bad
+    scene.threshold = 0.3
+    assert scene.threshold == 0.3
+
+
+# Old names
+
+
+def test_old_names_warn_and_work(scene):
+    with pytest.warns(DeprecationWarning, match=r"RenderSettings\(depth=\) is now bounces"):
+        settings = gb.RenderSettings(depth=3)
+    with pytest.warns(DeprecationWarning, match="depth=.* is now bounces"):
+        more = dataclasses.replace(settings, depth=7)
+    with pytest.warns(DeprecationWarning, match="is now bounces"):
+        assert gb.render(scene, SIZE, settings={"depth": 2}).mask.any()
+    assert (settings.bounces, more.bounces) == (3, 7)
+    with pytest.warns(DeprecationWarning, match=r"RenderSettings\.depth is now bounces"):
+        assert more.depth == 7
+    frame = gb.render(scene, SIZE)
+    with pytest.warns(DeprecationWarning, match=r"Frame\.depth is now distance"):
+        np.testing.assert_array_equal(frame.depth, frame.distance)
+    picked = frame.pick(16, 12)
+    with pytest.warns(DeprecationWarning, match=r"Picked\.depth is now distance"):
+        assert picked.depth == picked.distance
+    with pytest.warns(DeprecationWarning, match=r"Scene\(depth=\) is now level"):
+        coarse = gb.Scene(scene.particles, depth=1)
+    with pytest.warns(DeprecationWarning, match=r"Octree\.depth is now level"):
+        assert coarse.octree.depth == coarse.octree.level == 1
+
+
+def test_the_warning_of_an_old_name_points_at_its_user(tmp_path):
+    script = tmp_path / "user.py"
+    script.write_text("import globule as gb\n\nlook = gb.RenderSettings(depth=3)\n")
+    done = subprocess.run([sys.executable, script], capture_output=True, text=True)
+    assert "user.py:3: DeprecationWarning: globule: RenderSettings(depth=)" in done.stderr
+
+
+def test_a_file_of_a_frame_has_the_old_name_too(scene, folder):
+    frame = gb.render(scene, SIZE)
+    frame.save("a.npz")
+    with np.load("a.npz") as arrays:
+        np.testing.assert_array_equal(arrays["distance"], frame.distance)
+        np.testing.assert_array_equal(arrays["depth"], frame.distance)
+
+
+# The package
+
+
+def loaded(code: str) -> set[str]:
+    """The modules that are imported after some code has run in a fresh Python."""
+    code += "\nimport sys\nprint(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    return set(done.stdout.split())
+
+
+def test_import_is_short():
+    names = loaded("import globule")
+    heavy = ("PIL", "viser", "matplotlib", "scipy", "av", "nibabel", "SimpleITK")
+    assert not {name for name in names if name.split(".")[0] in heavy}
+    rooms = ("sim", "ultrasound", "viewer", "volumes", "formats", "figures", "bench", "cli")
+    assert not {name for name in names if name.startswith(tuple(f"globule.{r}" for r in rooms))}
+
+
+def test_what_is_imported_later():
+    assert {"globule.sim.simulation", "globule.render.frame"} <= loaded(
+        "import globule as gb\ngb.Simulation; assert callable(gb.render)"
+    )
+    assert {*gb.__all__, "__version__"} <= set(dir(gb))
+    assert gb._MODULE_OF.keys() <= set(gb.__all__)
+    for name in gb.__all__:
+        assert getattr(gb, name) is not None
+    assert callable(gb.render)
+    assert gb.volumes.slices.reslice is gb.reslice
+    with pytest.raises(AttributeError, match="no attribute 'reder'"):
+        gb.reder  # noqa: B018
+
+
+def test_files_are_read_without_asking_for_more(particles):
+    code = f"import globule as gb\nprint(len(gb.Scene({particles!r}, device='cpu')), end=' ')"
+    assert str(len(gb.read(particles))) in loaded(code)
+
+
+def test_type_checkers_see_the_same_names():
+    tree = ast.parse(Path(gb.__file__).read_text())
+    (block,) = [n for n in tree.body if isinstance(n, ast.If) and "TYPE" in ast.unparse(n.test)]
+    seen = {alias.name: node.module for node in block.body for alias in node.names}
+    assert seen == gb._MODULE_OF

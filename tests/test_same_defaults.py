@@ -1,0 +1,80 @@
+"""Python and C++ have the same defaults and limits: the sources are compared."""
+
+import dataclasses
+import re
+from pathlib import Path
+
+import globule as gb
+import pytest
+from globule.render import frame, lights, settings
+from globule.scene import scene
+
+ROOT = Path(__file__).resolve().parents[1]
+STRUCTS = {"render_settings": (gb.Headlight, gb.DirectionalLight, gb.PointLight, gb.Sky,
+                               gb.Environment, gb.Ground, gb.Material, gb.ClipPlane, gb.ClipBox,
+                               gb.ClipSphere, gb.RenderSettings),
+           "camera": (gb.Camera,)}  # fmt: skip
+NOT_COMPARED = {"lights", "material", "sky", "ground"}  # of another kind in C++
+
+
+def defaults(header: str, name: str) -> dict[str, object]:
+    """Members of a C++ struct with their initial values: None, a bool, a number or a tuple."""
+    text = re.sub(r"//.*", "", (ROOT / f"include/globule/{header}.hpp").read_text())
+    body = re.search(rf"(?:struct|class)(?: GLOBULE_API)? {name} {{(.*?)\n}};", text, re.S)[1]
+    found: dict[str, object] = {}
+    for member, assigned, braced in re.findall(
+        r"(\w+)(?: = (?:\w+(?=\{))?([^,;{}]*))?(\{[^{}]*\})?(?=[,;])", body
+    ):
+        words = (braced or assigned).strip("{} ")
+        if words in ("true", "false"):
+            found[member] = words == "true"
+        elif re.fullmatch(r"[-\d., /]+", words):
+            value = tuple(eval(word) for word in words.split(","))
+            found[member] = value if braced else value[0]
+        elif braced == "{}":
+            found[member] = None
+    return found
+
+
+@pytest.mark.parametrize(
+    ("header", "kind"), [(header, kind) for header, kinds in STRUCTS.items() for kind in kinds]
+)
+def test_defaults(header, kind):
+    there = defaults(header, kind.__name__)
+    here = {f.name: f.default for f in dataclasses.fields(kind)}
+    shared = here.keys() & there.keys() - NOT_COMPARED
+    shared = {name for name in shared if here[name] is not dataclasses.MISSING}
+    if kind is not gb.ClipBox:
+        assert shared >= {n for n, v in here.items() if isinstance(v, (float, int, tuple))} - (
+            NOT_COMPARED
+        )
+    for name in shared:
+        assert here[name] == there[name], name
+
+
+def test_the_parser_finds_what_is_there():
+    there = defaults("render_settings", "RenderSettings")
+    assert there["bounces"] == 4
+    assert there["shadows"] is False
+    assert there["shininess"] == 60
+    assert there["ambient"] == (0.16, 0.18, 0.21)
+    assert there["ambient_distance"] is None
+
+
+def test_kernels_and_limits():
+    text = (ROOT / "src/api/scene.cpp").read_text()
+    table = re.search(r"KernelDefaults table\[\] = {(.*?)};", text, re.S)[1]
+    rows = re.findall(r"{([\d.]+), ([\d.]+), ([\d.]+)},\s*// (\w+)", table)
+    assert tuple(name for *_, name in rows) == scene.KERNELS
+    for spacings, threshold, reach, name in rows:
+        assert scene.DEFAULTS[name] == (float(spacings), float(threshold))
+        assert float(reach) == frame.REACH[name]
+    limits = dict(re.findall(r"constexpr (?:double|int) (k\w+) = ([\w.]+);", text))
+    assert float(limits["kMaxSupport"]) == scene.MAX_SUPPORT
+    assert float(limits["kMaxRatio"]) == scene.MAX_RATIO
+    assert int(limits["kMaxSamples"]) == settings.MAX_SAMPLES
+    assert "kMaxParticles = (std::size_t(1) << 31) - 64" in text
+    assert scene.MAX_PARTICLES == 2**31 - 64
+    core = "".join(path.read_text() for path in (ROOT / "src").rglob("*.hpp"))
+    assert int(re.search(r"kMaxLights = (\d+)", core)[1]) == lights.MAX_LIGHTS
+    assert int(re.search(r"kMaxLayers = (\d+)", core)[1]) == frame.MAX_LAYERS
