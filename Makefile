@@ -4,7 +4,7 @@
 # make bench   speed of build and trace; against POV-Ray too where that is installed
 # make sanitize  the C++ tests and a part of the others under AddressSanitizer, UBSan and ThreadSanitizer
 # make check   lint, format, types
-# make docs    check the documentation's links
+# make docs    check the documentation's links, and make the site: build/site/index.html
 # make clean   remove what these made
 #
 # What is built is for this machine: GLOBULE_LEVELS=native|all|"v2;v3" says for which x86-64 levels, GLOBULE_CUDA=AUTO|ON|OFF
@@ -55,8 +55,10 @@ check: $(VENV)/has-dev
 	@$(PY) -m ruff format --check -q python tests bench examples docs
 	@$(PY) -m mypy
 
-docs:
-	@$(PYTHON) docs/check_links.py
+docs: $(VENV)/has-docs
+	@$(PY) docs/check_links.py
+	@NO_MKDOCS_2_WARNING=1 $(PY) -m mkdocs build --quiet
+	@echo "build/site/index.html"
 
 clean:
 	rm -rf $(VENV) build demo
@@ -90,7 +92,7 @@ $(VENV)/has-build: $(PY)
 	@$(PIP) install -q "nanobind>=2.4" "cmake>=3.26" ninja
 	@touch $@
 
-# globule is there already, so that pip only adds what its extra "test" (or "dev") names.
+# globule is there already, so that pip only adds what its extra "test" ("dev", "docs") names.
 $(VENV)/has-test $(VENV)/has-dev $(VENV)/has-docs: $(VENV)/has-%: $(BUILT)
 	@$(PIP) install -q "globule[$*]"
 	@touch $@

@@ -1,6 +1,7 @@
-"""Every relative link and picture in README.md and docs/*.md must point to something that exists.
+"""Every relative link and image in README.md and docs/**/*.md must point to something that exists.
 
-Anchors are checked too, where the target is a Markdown file: `python docs/check_links.py`.
+Anchors are checked too, where the target is a Markdown file. Pages of the reference that are made
+with the site (docs/site) count as there; MkDocs checks those. `python docs/check_links.py`
 """
 
 from __future__ import annotations
@@ -11,6 +12,12 @@ from pathlib import Path
 from urllib.parse import unquote
 
 ROOT = Path(__file__).resolve().parents[1]
+MADE = (
+    "docs/how-to/index.md",
+    "docs/reference/python/",
+    "docs/reference/commands/",
+    "docs/reference/headers/",
+)
 LINK = re.compile(
     r"!?\[[^\]]*\]\(\s*<?([^)>\s]+)>?(?:\s+\"[^\"]*\")?\s*\)"  # [text](target "title")
     r"|<(?:img|a)\s[^>]*?(?:src|href)=\"([^\"]+)\""
@@ -38,7 +45,9 @@ def broken(page: Path) -> list[str]:
         if re.match(r"[a-z][a-z0-9+.-]*:", link):
             continue
         name, _, anchor = link.partition("#")
-        target = page.parent / unquote(name) if name else page
+        target = (page.parent / unquote(name)).resolve() if name else page
+        if target.is_relative_to(ROOT) and str(target.relative_to(ROOT)).startswith(MADE):
+            continue
         if not target.exists() or (
             anchor and target.suffix == ".md" and anchor not in anchors(target)
         ):

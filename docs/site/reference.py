@@ -1,0 +1,298 @@
+"""The pages of the reference that are made from the code: Python, commands, C++ headers.
+
+Each function returns {path below docs: Markdown}. mkdocstrings turns the `:::` lines of the Python
+pages into docstrings.
+"""
+
+from __future__ import annotations
+
+import argparse
+import inspect
+import re
+import textwrap
+from pathlib import Path
+
+import globule as gb
+from globule.cli import build_parser
+
+ROOT = Path(__file__).resolve().parents[2]
+HEADERS = ROOT / "include" / "globule"
+
+# The rooms of the package: file name, title, what the page is about.
+AREAS = {
+    "scene": (
+        "scene",
+        "Particles and scenes",
+        "Particles, their octree, and the field that they make.",
+    ),
+    "render": (
+        "render",
+        "Images",
+        "From a scene to an image: camera, light, materials, cuts, movies.",
+    ),
+    "formats": ("files", "Files", "Readers and writers of particles, meshes and tomographies."),
+    "volumes": ("volumes", "Volumes", "Regular grids of voxels: files, slices, iso-surfaces."),
+    "ultrasound": (
+        "ultrasound",
+        "Ultrasound",
+        "Tracked sweeps and their reconstruction to a volume.",
+    ),
+    "sim": ("simulation", "Simulation", "Fluids, tissue and instruments."),
+    "viewer": ("viewer", "Viewer", "The live viewer in the browser."),
+    "_base": (
+        "package",
+        "Package",
+        "Where the installed package keeps its C++ library, and what all parts share.",
+    ),
+}
+ELSEWHERE = {"colorize": "render"}  # names that stand on another page than their module's
+# What calls return and take without being a name of `gb`.
+ALSO = {
+    "scene": ["scene.octree.Octree"],
+    "volumes": [
+        "volumes.iso_surface.IsoSurface",
+        "volumes.slices.Slice",
+        "volumes.slices.reslice_frame",
+        "volumes.slices.three_view",
+        "volumes.slices.save_three_view",
+    ],
+    "viewer": ["viewer.app.Viewer"],
+}
+
+
+def room(name: str) -> str:
+    """The room of the package that a name of `gb.__all__` is documented with."""
+    thing = getattr(gb, name)
+    module = thing.__name__ if inspect.ismodule(thing) else thing.__module__
+    return ELSEWHERE.get(name, module.split(".")[1])
+
+
+def python_pages() -> dict[str, str]:
+    """One page per area; together they hold every name of `gb.__all__`."""
+    pages, rows = {}, []
+    for key, (file, title, about) in AREAS.items():
+        names = sorted((n for n in gb.__all__ if room(n) == key), key=lambda n: (n[0].islower(), n))
+        lines = [f"# {title}", "", about, ""]
+        for name in names:
+            lines += _directive(f"globule.{name}", f"gb.{name}")
+        if key in ALSO:
+            lines += ["## Beyond `gb`", "", "Import these from their module.", ""]
+            for path in ALSO[key]:
+                lines += _directive(f"globule.{path}", f"globule.{path}", 3)
+        pages[f"reference/python/{file}.md"] = "\n".join(lines)
+        listed = ", ".join(f"[`{n}`]({file}.md#globule.{n})" for n in names)
+        rows.append(f"| [{title}]({file}.md) | {listed} |")
+    pages["reference/python/index.md"] = "\n".join(
+        [
+            "# Python",
+            "",
+            "All names of `import globule as gb`.",
+            "",
+            "| area | names |",
+            "|---|---|",
+            *rows,
+            "",
+        ]
+    )
+    return pages
+
+
+def _directive(path: str, heading: str, level: int = 2) -> list[str]:
+    options = [
+        f"heading: {heading}",
+        f"toc_label: {heading.rpartition('.')[2]}",
+        f"heading_level: {level}",
+    ]
+    return [f"::: {path}", "    options:", *(f"      {o}" for o in options), ""]
+
+
+def parsers(parser: argparse.ArgumentParser | None = None) -> dict[str, argparse.ArgumentParser]:
+    """Every command's parser by its words: "render", "bench thesis" …"""
+    parser = parser or build_parser()
+    found = {}
+    for action in parser._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            for name, sub in action.choices.items():
+                found[name] = sub
+                found |= {f"{name} {deeper}": p for deeper, p in parsers(sub).items()}
+    return found
+
+
+def command_pages() -> dict[str, str]:
+    """One page per command, with every flag of its parser."""
+    pages, rows = {}, []
+    for words, parser in parsers().items():
+        file = words.replace(" ", "-") + ".md"
+        pages[f"reference/commands/{file}"] = _command(words, parser)
+        rows.append(f"| [`globule {words}`]({file}) | {_cell(_summary(parser))} |")
+    pages["reference/commands/index.md"] = "\n".join(
+        [
+            "# Commands",
+            "",
+            "`globule COMMAND --help` prints the flags of everyday use, `--help-all` prints all. "
+            "These pages list all.",
+            "",
+            "| command | what it does |",
+            "|---|---|",
+            *rows,
+            "",
+        ]
+    )
+    return pages
+
+
+def _summary(parser: argparse.ArgumentParser) -> str:
+    return " ".join((parser.description or "").strip().split("\n\n")[0].split())
+
+
+def _command(words: str, parser: argparse.ArgumentParser) -> str:
+    lines = [
+        f"# globule {words}",
+        "",
+        (parser.description or "").strip(),
+        "",
+        "```text",
+        _usage(words, parser),
+        "```",
+        "",
+    ]
+    for group in parser._action_groups:
+        rows = [_row(action) for action in group._group_actions if _shown(action)]
+        if rows:
+            title = {"positional arguments": "Arguments", "options": "Options"}.get(
+                group.title or "", group.title
+            )
+            lines += [f"## {title[:1].upper()}{title[1:]}", "", group.description or "", ""]
+            lines += ["| flag | meaning |", "|---|---|", *rows, ""]
+    lines += [getattr(parser, "notes", ""), ""]
+    examples = getattr(parser, "examples", "") or (parser.epilog or "").partition("\n")[2]
+    if examples:
+        lines += ["## Examples", "", "```sh", textwrap.dedent(examples).strip(), "```", ""]
+    return "\n".join(lines)
+
+
+def _usage(words: str, parser: argparse.ArgumentParser) -> str:
+    """The command's words, what must be given, and "[options]"."""
+    needed, options = [], ""
+    for action in parser._actions:
+        if not action.option_strings:
+            needed.append(parser._get_formatter()._format_args(action, action.dest.upper()))
+        elif action.required:
+            needed.append(f"{action.option_strings[0]} {_value(action)}")
+        elif _shown(action):
+            options = "[options]"
+    return " ".join(["globule", words, *needed, options]).strip()
+
+
+def _shown(action: argparse.Action) -> bool:
+    """Whether it is neither the help, nor a list of commands, nor an old spelling."""
+    kinds = (argparse._HelpAction, argparse._SubParsersAction)
+    return not isinstance(action, kinds) and argparse.SUPPRESS not in (action.dest, action.help)
+
+
+def _row(action: argparse.Action) -> str:
+    value = _value(action)
+    if action.nargs == 0:
+        flags = [f"`{flag}`" for flag in action.option_strings]
+    else:
+        flags = [f"`{flag} {value}`" for flag in action.option_strings] or [f"`{value}`"]
+    text = action.help or ""
+    if "%(" in text:
+        text %= {**vars(action), "prog": "globule"}
+    return f"| {_cell(', '.join(flags))} | {_cell(text.replace('%%', '%'))} |"
+
+
+def _value(action: argparse.Action) -> str:
+    names = ",".join(map(str, action.choices)) if action.choices else ""
+    value = action.metavar or ("{" + names + "}" if names else action.dest.upper())
+    return " ".join(value) if isinstance(value, tuple) else value
+
+
+def _cell(text: str) -> str:
+    return " ".join(text.split()).replace("|", "\\|")
+
+
+def header_pages() -> dict[str, str]:
+    """One page per public C++ header, from its comments."""
+    pages, rows = {}, []
+    for path in sorted(HEADERS.glob("*.hpp")):
+        about, entities = read_header(path.read_text(encoding="utf-8"))
+        wide = ["---", "hide: [toc]", "---"]
+        lines = [
+            *wide,
+            f"# {path.name}",
+            "",
+            about,
+            "",
+            f"```cpp\n#include <globule/{path.name}>\n```",
+            "",
+        ]
+        for name, words, code in entities:
+            lines += [f"## {name}", "", words, "", f"```cpp\n{code}\n```", ""]
+        pages[f"reference/headers/{path.stem}.md"] = "\n".join(lines)
+        rows.append(f"| [`globule/{path.name}`]({path.stem}.md) | {_cell(about)} |")
+    pages["reference/headers/index.md"] = "\n".join(
+        ["# C++ headers", "", "`#include <globule/globule.hpp>` includes all of them.", ""]
+        + ["| header | what it holds |", "|---|---|", *rows, ""]
+    )
+    return pages
+
+
+def read_header(text: str) -> tuple[str, list[tuple[str, str, str]]]:
+    """A header's first comment, and (name, comment, code) of what it declares.
+
+    A declaration ends where its braces are closed and its last line ends in ; or }. The comment
+    lines right above belong to it.
+    """
+    about = " ".join(re.match(r"(?://.*\n)*", text)[0].replace("//", "").split())
+    body = re.sub(r"^#.*(?:\\\n.*)*\n", "", text, flags=re.M)
+    inside = re.findall(
+        r"^namespace globule(?:::\w+)? \{\n(.*?)^\} +// namespace", body, flags=re.M | re.S
+    )
+    entities = []
+    for words, code in _declarations("\n".join(inside)):
+        kind = re.match(
+            r"(?:template\s*<.*?>\s*)?(class|struct|enum(?: class)?)\s+(?:GLOBULE_API\s+)?(\w+)",
+            code,
+        )
+        if kind and code.rstrip().endswith("};"):
+            public = re.sub(r"^private:.*(?=^};)", "", code, flags=re.M | re.S)
+            entities.append((kind[2], words, public))
+        elif not kind:
+            entities.append((_name(code), words, code))
+    return about, entities
+
+
+def _declarations(text: str) -> list[tuple[str, str]]:
+    found, words, code, depth = [], [], [], 0
+    for line in text.splitlines():
+        bare = line.strip()
+        if not code and (not bare or re.fullmatch(r"}?;?|public:", bare)):
+            words = words if bare else []
+        elif not code and bare.startswith("//"):
+            words.append(re.sub(r"^//[/!]? ?", "", bare))
+        else:
+            code.append(line.rstrip())
+            plain = re.sub(r"//.*|\"[^\"]*\"", "", line)
+            depth += sum(plain.count(c) for c in "{(") - sum(plain.count(c) for c in "})")
+            if depth == 0 and re.search(r"[;}]\s*$", plain):
+                found.append((_escaped(words), "\n".join(code)))
+                words, code = [], []
+    return found
+
+
+def _escaped(words: list[str]) -> str:
+    return re.sub(r"([*_<])", r"\\\1", "\n".join(words))
+
+
+def _name(code: str) -> str:
+    plain = re.sub(r"//.*|template\s*<[^>]*>|\[\[.*?\]\]", "", code)
+    match = re.search(r"(operator\S+?|~?\w+)\s*\(", plain) or re.search(
+        r"using (\w+)|(\w+)\s*(?:\{|=|;)", plain
+    )
+    return next(group for group in match.groups() if group) if match else plain.split()[-1]
+
+
+def pages() -> dict[str, str]:
+    """All generated pages of the reference."""
+    return {**python_pages(), **command_pages(), **header_pages()}

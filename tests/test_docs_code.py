@@ -1,0 +1,142 @@
+"""Every block of Python and every command of the documentation runs."""
+
+from __future__ import annotations
+
+import io
+import os
+import shlex
+import signal
+import subprocess
+import sys
+from contextlib import redirect_stdout, suppress
+from pathlib import Path
+
+import globule as gb
+import pytest
+from docs_blocks import Block, blocks
+from globule._demo.data import dam_break
+from globule.cli import build_parser
+from globule.cli.shared import UserError, join_negative
+
+BROWSERS = True  # conftest.py: what these tests wait for has a limit of its own
+ROOT = Path(__file__).resolve().parents[1]
+DOCS = ROOT / "docs"
+PAGES = [ROOT / "README.md", *sorted(DOCS.rglob("*.md"))]
+WITH_CODE = [path for path in PAGES if any(not block.reason for block in blocks(path))]
+PATIENCE = 180  # s a page
+
+
+def name(path: Path) -> str:
+    return str(path.relative_to(ROOT))
+
+
+@pytest.fixture(scope="session")
+def data(tmp_path_factory):
+    """Files that pages may begin with, and `globule` as a program."""
+    folder = tmp_path_factory.mktemp("data")
+    positions, color, spacing = dam_break()
+    splash = gb.Particles(positions, color=color, support=2 * spacing)
+    splash.attributes["speed"] = color[:, 0].copy()
+    gb.write(folder / "splash.vtk", splash)
+    gb.write(folder / "splash.npz", splash)
+    for i in range(3):
+        few = gb.Particles(positions[i::3] + i * spacing, support=3 * spacing)
+        few.attributes["speed"] = color[i::3, 0].copy()
+        gb.write(folder / f"frame_{i:04d}.vtk", few)
+    (folder / "demo").mkdir()
+    gb.write(folder / "demo" / "splash.npz", splash)
+    sweep = gb.phantoms.cylinders(n_frames=24, size=(64, 60), spacing=0.8)
+    gb.write_sweep(folder / "sweep.igs.mha", sweep)
+    (folder / "config.xml").write_text(
+        "<PlusConfiguration><VolumeReconstruction OutputSpacing='1 1 1'/></PlusConfiguration>"
+    )
+    return folder
+
+
+@pytest.fixture(scope="session")
+def environment(tmp_path_factory):
+    """The tests' own `globule` and `python` come first."""
+    programs = tmp_path_factory.mktemp("programs")
+    helper = Path(__file__).with_name("docs_blocks.py")
+    for program, run in (("globule", f' "{helper}" globule'), ("python", "")):
+        path = programs / program
+        path.write_text(f'#!/bin/sh\nexec "{sys.executable}"{run} "$@"\n')
+        path.chmod(0o755)
+    return {
+        **os.environ,
+        "PATH": f"{programs}{os.pathsep}{os.environ['PATH']}",
+        "PYTHONPATH": str(Path(gb.__file__).parents[1]),
+        "BROWSER": "true",
+    }
+
+
+@pytest.mark.parametrize("path", WITH_CODE, ids=name)
+def test_code(path, data, environment, tmp_path):
+    for file in data.rglob("*"):
+        if file.is_file():
+            (tmp_path / file.relative_to(data)).parent.mkdir(exist_ok=True)
+            os.link(file, tmp_path / file.relative_to(data))
+    command = [sys.executable, str(Path(__file__).with_name("docs_blocks.py")), str(path)]
+    options = {"cwd": tmp_path, "env": environment, "text": True, "start_new_session": True}
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, **options
+    ) as process:
+        try:
+            out, _ = process.communicate(timeout=PATIENCE)
+        except subprocess.TimeoutExpired:
+            os.killpg(process.pid, signal.SIGKILL)
+            pytest.fail(f"{name(path)}: takes longer than {PATIENCE} s: {process.communicate()[0]}")
+    assert process.returncode == 0, out[-3000:]
+
+
+@pytest.mark.parametrize("path", PAGES, ids=name)
+def test_what_is_not_run_is_right_as_far_as_can_be_seen(path):
+    parser = build_parser()
+    for block in blocks(path):
+        if not block.reason:
+            continue
+        assert len(block.reason.split()) > 1, f"{name(path)}:{block.line}: why?"
+        if block.language == "python":
+            compile(block.code, f"{name(path)}:{block.line}", "exec")
+            continue
+        for line in block.code.replace("\\\n", " ").splitlines():
+            words = shlex.split(line, comments=True)
+            if words and words[0] == "globule":
+                try:
+                    with redirect_stdout(io.StringIO()), suppress(SystemExit):  # --help
+                        parser.parse_args(join_negative(words[1:]))
+                except UserError as error:
+                    pytest.fail(f"{name(path)}:{block.line}: {line}: {error}")
+
+
+def test_blocks_of_a_page(tmp_path):
+    page = tmp_path / "page.md"
+    page.write_text(
+        "<!-- before: x = 1 -->\n```python\ny = x\n```\n\n"
+        "<!-- not run: needs a GPU -->\n```sh\nglobule demo --device cuda\n```\n"
+        "- list\n\n  ```console\n  $ globule --version\n  globule 0.2\n  ```\n"
+        "```bash\npip install globule\n.venv/bin/globule demo\n```\n```toml\na = 1\n```\n"
+    )
+    assert blocks(page) == [
+        Block(1, "python", "x = 1 "),
+        Block(3, "python", "y = x\n"),
+        Block(8, "sh", "globule demo --device cuda\n", "needs a GPU"),
+        Block(13, "sh", "globule --version\n"),
+        Block(17, "sh", "globule demo\n"),
+    ]
+
+
+def test_a_block_that_fails_is_named(environment, tmp_path):
+    page = tmp_path / "page.md"
+    page.write_text("# A\n\n```python\na = 1\n```\n\n```python\nassert a == 2\n```\n")
+    helper = str(Path(__file__).with_name("docs_blocks.py"))
+    done = subprocess.run(
+        [sys.executable, helper, str(page)], env=environment, capture_output=True, text=True
+    )
+    assert done.returncode
+    assert 'page.md", line 8' in done.stderr
+    page.write_text("```sh\nglobule convert nothing.vtk | cat\n```\n")
+    done = subprocess.run(
+        [sys.executable, helper, str(page)], env=environment, capture_output=True, text=True
+    )
+    assert "page.md:2: exit status 2" in done.stderr

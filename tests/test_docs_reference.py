@@ -1,0 +1,114 @@
+"""The reference is complete: every name, every command with every flag, every C++ declaration."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import re
+import sys
+from pathlib import Path
+
+import globule as gb
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT / "docs" / "site"))
+
+import reference  # noqa: E402
+
+
+def test_every_public_name_is_on_one_page():
+    pages = reference.python_pages()
+    text = "\n".join(text for path, text in pages.items() if not path.endswith("index.md"))
+    assert sorted(re.findall(r"^::: globule\.(\w+)$", text, flags=re.M)) == sorted(gb.__all__)
+
+
+def test_the_names_beyond_gb_exist():
+    for paths in reference.ALSO.values():
+        for path in paths:
+            module, _, name = path.rpartition(".")
+            assert getattr(importlib.import_module(f"globule.{module}"), name).__doc__
+
+
+def test_every_command_has_a_page_with_every_flag():
+    pages = reference.command_pages()
+    commands = reference.parsers()
+    assert {"render", "view", "convert", "info", "simulate", "reconstruct"} <= commands.keys()
+    for words, parser in commands.items():
+        text = pages[f"reference/commands/{words.replace(' ', '-')}.md"]
+        for action in parser._actions:
+            if action.dest == "help" or argparse.SUPPRESS in (action.dest, action.help):
+                continue
+            for flag in action.option_strings[-1:]:
+                assert re.search(rf"^\| .*`{flag}[ `].* \|$", text, flags=re.M), flag
+
+
+def test_every_declaration_of_the_headers_is_on_its_page():
+    pages = reference.header_pages()
+    for path in reference.HEADERS.glob("*.hpp"):
+        text = pages[f"reference/headers/{path.stem}.md"]
+        code = path.read_text(encoding="utf-8")
+        declared = re.findall(
+            r"^(?:class|struct|enum class) (?:GLOBULE_API )?(\w+)\b[^;]*$", code, flags=re.M
+        )
+        declared += re.findall(
+            r"^(?:GLOBULE_API|inline|constexpr) [^=;{]*?(\w+)\(", code, flags=re.M
+        )
+        for name in declared:
+            assert f"## {name}\n" in text, f"{path.name}: {name}"
+        assert "private:" not in text
+
+
+HEADER = """// What it is,
+// in two lines.
+#pragma once
+#define MACRO(x) \\
+    something(x)
+namespace globule {
+
+/// A pair.
+struct Pair {
+    int a = 1;  ///< the first
+    /// The second;
+    int b() const { return 2; }
+};
+
+/// Hidden parts.
+class Thing {
+public:
+    Thing();
+private:
+    int secret_;
+};
+
+/// Adds * two.
+template <class T>
+T add(const T& a,
+      const T& b);
+void add(int);
+
+}  // namespace globule
+"""
+
+
+def test_a_header_as_markdown():
+    about, entities = reference.read_header(HEADER)
+    assert about == "What it is, in two lines."
+    assert [(name, words) for name, words, _ in entities] == [
+        ("Pair", "A pair."),
+        ("Thing", "Hidden parts."),
+        ("add", "Adds \\* two."),
+        ("add", ""),
+    ]
+    assert "///< the first" in entities[0][2]
+    assert "secret_" not in entities[1][2]
+    assert entities[1][2].endswith("};")
+    assert entities[2][2] == "template <class T>\nT add(const T& a,\n      const T& b);"
+
+
+def test_lists_of_fields_in_docstrings():
+    docstrings = pytest.importorskip("docstrings")
+    text = "One.\n\na: first\nb, c  both,\n    and more\n\nArgs:\n    x: stays\n\nIt: is\nso."
+    assert docstrings.listed(text) == (
+        "One.\n\n- `a`: first\n- `b`, `c`: both,\n  and more\n\nArgs:\n    x: stays\n\nIt: is\nso."
+    )

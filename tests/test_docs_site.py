@@ -1,0 +1,167 @@
+"""The site is built without a warning, opens from disk, asks nobody else, and can be searched."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from html.parser import HTMLParser
+from pathlib import Path
+from urllib.parse import unquote
+
+import globule as gb
+import pytest
+
+pytest.importorskip("mkdocs", reason="pip install 'globule[docs]'")
+pytest.importorskip("material")
+pytest.importorskip("nbclient")
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT / "docs" / "site"))
+BROWSERS = True  # conftest.py: what these tests wait for has a limit of its own
+PAGES = (
+    "index.html",
+    "start/first-image.html",
+    "reference/python/scene.html",
+    "reference/commands/render.html",
+    "reference/headers/scene.html",
+    "understand/conventions.html",
+    "gallery.html",
+)
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    """The folder of the built site; a warning of the build is an error."""
+    folder = tmp_path_factory.mktemp("site")
+    done = subprocess.run(
+        [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(folder)],
+        cwd=ROOT,
+        env={
+            **os.environ,
+            "PYTHONPATH": str(Path(gb.__file__).parents[1]),
+            "NO_MKDOCS_2_WARNING": "1",
+        },
+        capture_output=True,
+        text=True,
+        timeout=280,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    return folder
+
+
+class Page(HTMLParser):
+    """What a page links to and loads, and its anchors."""
+
+    def __init__(self, path: Path):
+        super().__init__()
+        self.links: set[str] = set()
+        self.loaded: set[str] = set()
+        self.anchors: set[str] = set()
+        self.images = 0
+        self.feed(path.read_text(encoding="utf-8"))
+
+    def handle_starttag(self, tag, attrs):
+        found = dict(attrs)
+        self.anchors |= {found[key] for key in ("id", "name") if found.get(key)}
+        self.images += tag == "img"
+        if tag == "a" and found.get("href"):
+            self.links.add(found["href"])
+        elif tag in ("script", "img", "link", "iframe") and found.get("rel") != "canonical":
+            self.loaded |= {found[key] for key in ("src", "href") if found.get(key)}
+
+
+@pytest.fixture(scope="module")
+def pages(site):
+    return {path: Page(path) for path in site.rglob("*.html") if path.name != "404.html"}
+
+
+def test_every_link_leads_to_a_page_and_an_anchor(site, pages):
+    broken = []
+    for path, page in pages.items():
+        for link in page.links | page.loaded:
+            name, _, anchor = link.partition("#")
+            if re.match(r"[a-z]+:", link):
+                continue
+            target = (path.parent / unquote(name)).resolve() if name else path
+            known = pages.get(target)
+            top = anchor in ("", "__top")
+            if not target.exists() or (known and not top and unquote(anchor) not in known.anchors):
+                broken.append(f"{path.relative_to(site)}: {link}")
+    assert broken == []
+
+
+def test_nothing_is_loaded_from_elsewhere(pages):
+    loaded = {link for page in pages.values() for link in page.loaded}
+    assert [link for link in loaded if re.match(r"(?:[a-z]+:)?//", link)] == []
+
+
+def test_every_page_of_docs_is_there(site):
+    for path in (ROOT / "docs").rglob("*.md"):
+        assert (site / path.relative_to(ROOT / "docs").with_suffix(".html")).exists(), path
+    assert (site / "changes.html").exists()
+
+
+def test_tutorials_show_their_images(site, pages):
+    for name in ("first-image", "first-volume", "first-simulation"):
+        page = pages[site / "start" / f"{name}.html"]
+        assert page.images >= 3
+        assert (site / "start" / f"{name}.ipynb").stat().st_size > 10_000
+
+
+@pytest.fixture
+def opened(chromium, site):
+    """A browser window, and the addresses that it asked for."""
+    page = chromium.new_page(viewport={"width": 1300, "height": 900})
+    asked: list[str] = []
+    wrong: list[str] = []
+    page.on("request", lambda request: asked.append(request.url))
+    page.on("pageerror", lambda error: wrong.append(str(error)))
+    yield page, asked
+    page.close()
+    assert wrong == []
+
+
+def test_pages_from_disk_ask_nobody(site, opened):
+    page, asked = opened
+    for name in PAGES:
+        page.goto((site / name).as_uri())
+        page.wait_for_load_state("networkidle")
+        assert page.locator("h1").first.inner_text().strip()
+    assert len(asked) > len(PAGES)
+    assert [url for url in asked if not url.startswith(("file:", "data:", "blob:"))] == []
+
+
+def test_search_from_disk(site, opened):
+    page, asked = opened
+    page.goto((site / "index.html").as_uri())
+    page.click(".md-search__input")
+    page.keyboard.type("iso-value")
+    first = page.locator(".md-search-result__item").first
+    first.wait_for(timeout=30_000)
+    assert re.search("iso-value", first.inner_text(), re.I)
+    assert first.locator("a").first.get_attribute("href").startswith("file:")
+    assert [url for url in asked if not url.startswith(("file:", "data:", "blob:"))] == []
+
+
+def test_light_and_dark(site, opened):
+    page, _ = opened
+    page.goto((site / "index.html").as_uri())
+    colors = set()
+    for _ in range(2):
+        colors.add(page.evaluate("getComputedStyle(document.body).backgroundColor"))
+        page.locator("form[data-md-component=palette] label:not([hidden])").click()
+    assert len(colors) == 2
+
+
+def test_a_broken_link_stops_the_build(tmp_path):
+    docs = tmp_path / "docs"
+    docs.mkdir()
+    (docs / "index.md").write_text("# Home\n\n[nowhere](missing.md)\n")
+    text = (ROOT / "mkdocs.yml").read_text().partition("\ntheme:")[0]
+    (tmp_path / "mkdocs.yml").write_text(text)
+    command = [sys.executable, "-m", "mkdocs", "build"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=60)
+    assert done.returncode != 0
+    assert "missing.md" in done.stderr
