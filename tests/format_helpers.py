@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from globule import formats
@@ -45,6 +47,18 @@ def assert_same(got: Particles, expected: Particles) -> None:
         read = got.attributes[name]
         assert read.dtype.kind == array.dtype.kind or array.dtype.kind in "iub", name
         if read.shape != array.shape:  # some formats do not tell (N, 1) from (N,)
-            assert array.shape == (len(got), 1) and read.shape == (len(got),), name
+            assert array.shape == (len(got), 1), name
+            assert read.shape == (len(got),), name
         assert np.array_equal(read.astype(array.dtype).reshape(array.shape), array), name
         assert read.flags.owndata or read.base.flags.owndata
+
+
+def read_or_refused(read: Callable[[Path], Any], path: Path) -> Any:
+    """What `read` makes of a broken file; None where one line that names the file refuses it."""
+    try:
+        return read(path)
+    except formats.FormatError as error:
+        said = str(error)
+    assert "\n" not in said
+    assert path.name in said
+    return None

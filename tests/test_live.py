@@ -23,6 +23,7 @@ from globule.ultrasound.recorder import Recorder
 from globule.volumes.files import read_volume
 from PIL import Image
 from sweep_helpers import small_sweep, spine_data
+from waiting import until
 
 CPU = ["--device", "cpu"]
 pytestmark = pytest.mark.usefixtures("folder")
@@ -61,7 +62,7 @@ class Server:
                     for messages in self.messages[part]:
                         for message in messages:
                             connection.sendall(message)
-                        time.sleep(pause)
+                        time.sleep(pause)  # a server that takes its time
             self.socket.close()
 
         thread = threading.Thread(target=work, daemon=True)
@@ -95,8 +96,7 @@ def test_live_from_pyigtl_s_own_server():
     server = igtl.OpenIGTLinkServer(port=port)
 
     def replay():
-        while not server.is_connected():
-            time.sleep(0.01)
+        until(server.is_connected)
         for i in range(len(made)):
             when = 1000 + float(made.timestamps[i])
             for message in (
@@ -195,11 +195,12 @@ def test_a_killed_run_goes_on_with_all_that_it_recorded(sweep, capsys):
     process = subprocess.Popen([sys.executable, "-m", "globule", *first], stderr=subprocess.PIPE)
     table = Path("kept/poses.csv")
     try:
-        deadline = time.monotonic() + 60
-        while time.monotonic() < deadline and process.poll() is None:
-            if table.is_file() and table.read_bytes().count(b"\n") > 6:
-                break
-            time.sleep(0.005)
+        until(
+            lambda: (
+                process.poll() is not None
+                or (table.is_file() and table.read_bytes().count(b"\n") > 6)
+            )
+        )
     finally:
         process.send_signal(signal.SIGKILL)
         process.communicate()

@@ -39,7 +39,7 @@ def test_sweep_files(name, least):
         lambda report: gb.read_sweep(name, progress=report),
     ):
         calls: list[tuple[int, int]] = []
-        result = work(lambda *call: calls.append(call))
+        result = work(lambda *call, calls=calls: calls.append(call))
         heard(calls, least)
     assert np.array_equal(result.frames, sweep().frames)
 
@@ -54,7 +54,7 @@ def test_volume_files(name, least):
         lambda report: gb.read_volume(name, progress=report),
     ):
         calls: list[tuple[int, int]] = []
-        result = work(lambda *call: calls.append(call))
+        result = work(lambda *call, calls=calls: calls.append(call))
         heard(calls, least)
     assert np.array_equal(result.values, volume.values)
 

@@ -10,6 +10,7 @@ import struct
 import globule as gb
 import numpy as np
 import pytest
+from format_helpers import read_or_refused
 from globule._base.colormaps import categorical
 from globule.cli import main
 from globule.formats import FormatError
@@ -18,6 +19,7 @@ from globule.volumes.iso_surface import otsu
 from globule.volumes.tomography import tissue_voxels
 
 sitk = pytest.importorskip("SimpleITK", reason="SimpleITK is not installed")
+pytestmark = pytest.mark.interop
 
 EXTENSIONS = [".nii", ".nii.gz", ".nrrd", ".nhdr", ".mha", ".mhd"]
 ROTATION = np.array([[0.6, -0.8, 0], [0.8, 0.6, 0], [0, 0, 1]])
@@ -243,11 +245,7 @@ def test_broken_files(extension, tmp_path):
         for place in rng.integers(0, max(1, len(data)), 3 if data and i % 4 < 2 else 0):
             data[place] = rng.integers(256)
         path.write_bytes(data)
-        try:
-            gb.read_volume(path)
-        except FormatError as error:
-            assert "\n" not in str(error)
-            assert path.name in str(error)
+        read_or_refused(gb.read_volume, path)
 
 
 @pytest.mark.parametrize("extension", EXTENSIONS)

@@ -240,6 +240,7 @@ def test_the_tab_has_the_sources_name():
 
 
 @pytest.mark.browser
+@pytest.mark.slow
 def test_the_page_of_particles(chromium):
     particles = blob()
     watched = Watched(particles, chromium)

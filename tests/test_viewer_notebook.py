@@ -47,7 +47,7 @@ def test_pictures_come_once_the_cell_knows_its_size(made):
                 say(made, type="ack", number=content["number"])
         return [s for s in made.sent if s[0]["still"]]
 
-    content, buffers = until(sharp)[-1]
+    _, buffers = until(sharp)[-1]
     with Image.open(io.BytesIO(buffers[0])) as image:
         assert image.size == (300, 200)
         picture = np.asarray(image.convert("RGB")).astype(int)
