@@ -27,7 +27,7 @@ class RawImage(NamedTuple):
 
 
 def beside(path: str | os.PathLike, field: str, name: str) -> IO[bytes]:
-    """Open the data's file that a header names in `field`. Raises FormatError if it is not there."""
+    """Open the data's file that a header names in `field`. Raises FormatError if there is none."""
     if not name or os.path.basename(name) != name or name.upper().startswith("LIST"):
         raise bad(path, field, f"expected one file of the same folder, got {shown(name)}")
     try:
