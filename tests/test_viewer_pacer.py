@@ -175,7 +175,7 @@ def test_the_old_name_of_a_setting_warns():
     with pytest.warns(DeprecationWarning, match=r"look\.depth is now look\.bounces"):
         state.load_toml("[look]\ndepth = 7")
     assert state.look.bounces == 7
-    with pytest.warns(DeprecationWarning):
+    with pytest.warns(DeprecationWarning, match="look"):
         state.set(look__depth=2)
     assert state.look.bounces == 2
     assert "bounces = 2" in state.to_toml()
