@@ -473,3 +473,21 @@ def test_type_checkers_see_the_same_names():
     (block,) = [n for n in tree.body if isinstance(n, ast.If) and "TYPE" in ast.unparse(n.test)]
     seen = {alias.name: node.module for node in block.body for alias in node.names}
     assert seen == gb._MODULE_OF
+
+
+@pytest.mark.parametrize("room", ["_base", "scene", "render"])
+def test_the_library_logs_and_never_prints(room):
+    for path in (Path(gb.__file__).parent / room).rglob("*.py"):
+        calls = [n.func for n in ast.walk(ast.parse(path.read_text())) if isinstance(n, ast.Call)]
+        assert "print" not in [getattr(call, "id", None) for call in calls], path
+
+
+def test_a_missing_package_says_how_to_get_it():
+    from globule._base.checks import missing
+
+    error = missing("PyAV", "video")
+    assert isinstance(error, gb.MissingPackageError)
+    assert isinstance(error, ImportError)
+    assert error.name == "PyAV"
+    assert str(error).startswith("PyAV is not installed. Install it with: ")
+    assert str(error).endswith('-m pip install "globule[video]"')
