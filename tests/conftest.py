@@ -21,7 +21,7 @@ BACKENDS = [f"{LEVELS[-1]}-1thread", *(f"{level}-threads" for level in LEVELS), 
 
 
 def pytest_configure(config):
-    """Nothing of our own uses a name that has been replaced; tests of old names catch the warning."""
+    """Old names are an error in our own code; tests of them expect the warning."""
     config.addinivalue_line("filterwarnings", "error:globule:DeprecationWarning")
 
 

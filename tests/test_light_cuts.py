@@ -256,7 +256,9 @@ def test_light_falls_into_a_hollow(backend, own):
 
 def test_cut_glass_is_glass(backend):
     """A ball of clear glass cut in half refracts at its flat face as at its round one."""
-    look = quiet(sky=direction_sky(), material=gb.Material(0.0, 1.0, 1.5, absorption=0.0), bounces=1)
+    look = quiet(
+        sky=direction_sky(), material=gb.Material(0.0, 1.0, 1.5, absorption=0.0), bounces=1
+    )
     clip = gb.ClipPlane((0, 0, 1), C[2])
     camera = gb.Camera(C + (0.4, 0.3, 5), C, height=1.3 * R)
     frame = gb.render(ball(**backend), camera, SIZE, look, [clip])
