@@ -166,7 +166,6 @@ def test_color_by_is_that_of_the_command(particles):
         ({"name": "speeed"}, ValueError, "color_by: expected one of x, y, z, .*speed, got speeed"),
         ({"name": 3}, TypeError, "color_by: expected a name, got 3"),
         ({"name": "speed", "colormap": "jet"}, ValueError, "colormap: expected one of viridis"),
-        ({"name": "speed", "range": (1, 1)}, ValueError, "range: expected two different numbers"),
         ({"name": "speed", "range": (0, np.inf)}, ValueError, "range: expected a finite number"),
         ({"name": "speed", "range": 3}, TypeError, r"range: expected \(lo, hi\), got 3"),
     ],
@@ -203,6 +202,8 @@ def test_a_sequence_in_colors(folder):
     assert done == ["0.png", "1.png", "2.png"]
     pictures = [np.asarray(Image.open(name)) for name in done]
     assert len({tuple(p[12, 16]) for p in pictures}) == 3  # the range is that of all files
+    same_value = gb.render_sequence(["f_1.npz", "f_1.npz"], "s%d.png", SIZE, color_by="speed")
+    assert len(same_value) == 2  # no range at all: the map's middle
     one = gb.color_by(gb.read("f_1.npz"), "speed", range=(0, 2))
     frames = [gb.read("f_0.npz"), one]
     with pytest.raises(ValueError, match=r"range: expected \(lo, hi\)"):
