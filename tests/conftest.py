@@ -89,7 +89,7 @@ UNEXPECTED = pytest.StashKey[list[str]]()
 
 
 def pytest_configure(config):
-    """globule itself uses no deprecated name; tests of deprecated names catch the warning."""
+    """Old names are an error in our own code; tests of them expect the warning."""
     config.addinivalue_line("filterwarnings", "error:globule:DeprecationWarning")
 
 

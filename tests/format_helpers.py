@@ -47,8 +47,7 @@ def assert_same(got: Particles, expected: Particles) -> None:
         read = got.attributes[name]
         assert read.dtype.kind == array.dtype.kind or array.dtype.kind in "iub", name
         if read.shape != array.shape:  # some formats do not tell (N, 1) from (N,)
-            assert array.shape == (len(got), 1), name
-            assert read.shape == (len(got),), name
+            assert (array.shape, read.shape) == ((len(got), 1), (len(got),)), name
         assert np.array_equal(read.astype(array.dtype).reshape(array.shape), array), name
         assert read.flags.owndata or read.base.flags.owndata
 

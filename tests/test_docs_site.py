@@ -159,6 +159,13 @@ def test_light_and_dark(site, opened):
     assert len(colors) == 2
 
 
+def test_lists_follow_text_as_elsewhere():
+    hooks = pytest.importorskip("hooks")
+    assert hooks.spaced("text\n- a\n  more\n- b\n\nend\n1. c") == (
+        "text\n\n- a\n  more\n- b\n\nend\n\n1. c"
+    )
+
+
 def test_a_broken_link_stops_the_build(tmp_path):
     docs = tmp_path / "docs"
     docs.mkdir()

@@ -216,9 +216,9 @@ def scene_or_refusal(particles, backend, **options) -> gb.Scene:
     try:
         return gb.Scene(particles, **options, **backend)
     except ValueError as error:
-        if not str(error).startswith("support: expected"):
-            raise
-        pytest.skip(f"refused: {error}")
+        if str(error).startswith("support: expected"):
+            pytest.skip(f"refused: {error}")
+        raise
 
 
 @pytest.mark.parametrize("support", [1e3, 1e10, 1e18, 1e30, 3e38])
@@ -500,7 +500,7 @@ def test_mistakes_in_questions(backend):
 def test_a_failed_update_keeps_the_scene(backend):
     scene = gb.Scene(cloud(50, 98), support=0.5, **backend)
     before = gb.render(scene, size=SIZE).picture
-    with pytest.raises(ValueError, match="positions: expected"):
+    with pytest.raises(ValueError, match="positions: expected shape"):
         scene.update(positions=np.zeros((3, 2)))
     with pytest.raises(ValueError, match="weight: expected"):
         scene.update(weight=np.ones(51))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import http.client
+import itertools
 import socket
 import threading
 
@@ -87,11 +88,6 @@ def test_without_the_token_neither_page_nor_messages(guarded, capfd):
     assert ask(guarded.port, **strange).status == 403
 
 
-def read_on(connection):
-    while True:
-        connection.recv(timeout=20)
-
-
 def test_large_messages_end_the_connection(guarded):
     import viser
     import websockets.exceptions
@@ -102,7 +98,7 @@ def test_large_messages_end_the_connection(guarded):
     with connect(url, subprotocols=[protocol], max_size=None) as connection:
         connection.send(bytes(2 * 1024 * 1024))
         with pytest.raises(websockets.exceptions.ConnectionClosed) as closed:
-            read_on(connection)
+            all(connection.recv(timeout=20) for _ in itertools.count())
     assert closed.value.rcvd.code == 1009
 
 

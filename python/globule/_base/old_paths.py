@@ -25,7 +25,8 @@ class _Moved:
 
     def find_spec(self, name: str, path: Any, target: Any = None) -> ModuleSpec | None:
         package, _, module = name.partition(".")
-        return ModuleSpec(name, self) if package == "globule" and module in MOVED else None
+        moved = package == "globule" and module in MOVED
+        return ModuleSpec(name, self) if moved else None  # type: ignore[arg-type]
 
     def create_module(self, spec: ModuleSpec) -> ModuleType:
         new = "globule." + MOVED[spec.name.partition(".")[2]]

@@ -159,6 +159,8 @@ class Time:
     rate: float = real(24.0, 0.1, 1000.0, "Frames per second", "Of the playback")
 
 
+Names = set[str]  # of settings, as "surface.kernel"
+
 # Settings by their old names; they go with the next version.
 RENAMED = {"look__depth": "look__bounces"}
 
@@ -198,9 +200,9 @@ class State:
         self.bookmarks: dict[str, Camera] = {}
         self.version = 0
         self._lock = threading.RLock()
-        self._listeners: list[Callable[[set[str]], None]] = []
+        self._listeners: list[Callable[[Names], None]] = []
 
-    def listen(self, called: Callable[[set[str]], None]) -> None:
+    def listen(self, called: Callable[[Names], None]) -> None:
         """Call a function after each change with the names of the settings ("surface.kernel")."""
         self._listeners.append(called)
 
@@ -227,7 +229,7 @@ class State:
             self.version += 1
         self.tell(changed)
 
-    def tell(self, changed: set[str]) -> None:
+    def tell(self, changed: Names) -> None:
         """Call all listeners with the names of settings that changed."""
         for called in self._listeners:
             called(changed)
@@ -285,7 +287,7 @@ class State:
         try:
             import tomllib
         except ImportError:  # Python 3.10
-            import tomli as tomllib
+            import tomli as tomllib  # type: ignore[no-redef]
         if len(text.encode()) > MOST_BYTES:
             raise ValueError(f"state: expected at most {MOST_BYTES} bytes, got {len(text)}")
         facts = tomllib.loads(text)
