@@ -31,7 +31,6 @@ def pressure_in_drops() -> list:
     return physics.laplace()
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     "row",
     [
@@ -41,7 +40,8 @@ def pressure_in_drops() -> list:
             2,
             marks=pytest.mark.xfail(
                 raises=AssertionError,
-                reason="a drop of 10 spacings has 1.051 of the pressure 2 sigma / R; 1.05 may be",
+                reason="the pressure in a drop of 10 spacings is 1.051 times 2 sigma / R;"
+                " the bound is 1.05",
             ),
         ),
     ],
