@@ -93,7 +93,9 @@ def interrupted(awaited, *words, by=signal.SIGINT):
     assert "--resume continues from" in said
 
 
-@pytest.mark.parametrize("by", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize(
+    "by", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)]
+)
 def test_ctrl_c_leaves_whole_files_and_a_checkpoint(folder, by):
     interrupted("frames/frame_00004.vtp", "dam.toml", "--seconds", "1000", by=by)
     assert not [name for name in os.listdir("frames") if name.endswith(".tmp")]
@@ -129,7 +131,12 @@ start = 0.06""",
 
 
 @pytest.mark.parametrize(
-    "scene", [FALLING, FALLING + "speeds = [0, 3]\n", LATE], ids=["light", "speeds", "empty"]
+    "scene",
+    [
+        pytest.param(FALLING, id="light"),
+        pytest.param(FALLING + "speeds = [0, 3]\n", id="speeds", marks=pytest.mark.slow),
+        pytest.param(LATE, id="empty", marks=pytest.mark.slow),
+    ],
 )
 def test_pictures_after_a_restart_are_those_of_one_run(folder, scene):
     """Camera, light and ground are found with the first picture, which a resumed run has not."""
