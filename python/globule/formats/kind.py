@@ -280,11 +280,9 @@ def _n_numbers(words: list[str]) -> int:
 
 
 def _is_toml(text: str) -> bool:
+    from .._base import toml
+
     try:
-        import tomllib
-    except ImportError:  # Python 3.10
-        import tomli as tomllib  # type: ignore[no-redef]
-    try:
-        return bool(tomllib.loads(text))
+        return bool(toml.loads(text))
     except ValueError:
         return False

@@ -214,11 +214,9 @@ def _parsed(path: str | os.PathLike) -> dict[str, Any]:
     with open(path, "rb") as file:
         data = file.read()
     if name.endswith(".toml"):
-        try:
-            import tomllib
-        except ImportError:  # Python 3.10
-            import tomli as tomllib  # type: ignore[no-redef]
-        facts = tomllib.loads(data.decode("utf-8"))
+        from .._base import toml
+
+        facts = toml.loads(data.decode("utf-8"))
     elif name.endswith(".json"):
         facts = json.loads(data)
         facts = {"key": facts} if isinstance(facts, list) else facts

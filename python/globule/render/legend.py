@@ -61,7 +61,8 @@ def add_legend(
     draw = ImageDraw.Draw(canvas)
     line = max(1, round(side / 500))
     margin, bar = round(_MARGIN * side), max(4, round(_BAR_WIDTH * side))
-    text_height = sum(font.getmetrics())  # type: ignore[union-attr]
+    assert isinstance(font, ImageFont.FreeTypeFont)  # as a size is given
+    text_height = sum(font.getmetrics())
 
     texts = tick_labels(lo, hi, max(2, round(_BAR_HEIGHT * side / (2.2 * text_height))))
     widest = max(draw.textlength(text, font=font) for _, text in texts)

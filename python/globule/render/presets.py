@@ -9,9 +9,10 @@ import numpy as np
 from .._base.arrays import to_host
 from ..scene.scene import Scene
 from .camera import view_axes
-from .frame import REACH, RenderSettings
+from .frame import REACH
 from .lights import DirectionalLight, Ground, Headlight, Sky
 from .materials import Material
+from .settings import RenderSettings
 
 GROUNDS = {"plain": 0.0, "checker": 1 / 4}  # edges of their squares, of the scene's extent
 PRESETS = ("blood", "water", "glass", "tissue", "clay")

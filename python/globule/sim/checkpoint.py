@@ -23,8 +23,9 @@ def path_of(name: str | os.PathLike) -> str:
 def save(name: str | os.PathLike, arrays: dict[str, np.ndarray], facts: dict[str, Any]) -> None:
     """Write arrays and facts (what JSON can hold); the file appears whole or not at all."""
     words = json.dumps({"version": VERSION, **facts})
+    content: dict[str, Any] = {"_facts": np.frombuffer(words.encode(), np.uint8), **arrays}
     with atomic_write(path_of(name)) as file:
-        np.savez(file, _facts=np.frombuffer(words.encode(), np.uint8), **arrays)  # type: ignore[arg-type]
+        np.savez(file, **content)
 
 
 def load(name: str | os.PathLike) -> tuple[dict[str, np.ndarray], dict[str, Any]]:

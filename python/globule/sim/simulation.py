@@ -55,14 +55,14 @@ class _SimulationScene(Scene):
         return self._own
 
     @property
-    def particles(self) -> Particles:  # type: ignore[override]
+    def particles(self) -> Particles:  # type: ignore[override]  # read-only here
         return self._simulation.particles
 
     def __len__(self) -> int:
         return len(self._simulation)
 
     @property
-    def builds(self) -> int:  # type: ignore[override]
+    def builds(self) -> int:  # type: ignore[override]  # read-only here
         return self._simulation.n_steps
 
     @property

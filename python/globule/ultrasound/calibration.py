@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from .._base import toml
 from .._base.checks import number
 from .._base.files import atomic_write
 from ..formats.errors import bad
@@ -31,11 +32,6 @@ __all__ = [
     "temporal_offset",
     "write_calibration",
 ]
-
-try:
-    import tomllib
-except ImportError:  # Python 3.10
-    import tomli as tomllib  # type: ignore[no-redef]
 
 _KEYS = ("probe_from_image", "temporal_offset", "clip", "fan", "rms", "target")
 
@@ -77,8 +73,8 @@ class Calibration:
 def read_calibration(path: str | os.PathLike) -> Calibration:
     """Read a calibration (.toml). Raises FormatError naming the key."""
     try:
-        content = tomllib.loads(Path(path).read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeError, RecursionError) as error:
+        content = toml.loads(Path(path).read_text(encoding="utf-8"))
+    except (toml.TOMLDecodeError, UnicodeError, RecursionError) as error:
         raise bad(path, "", f"expected TOML, got {error}") from None
     unknown = sorted(set(content) - set(_KEYS))
     if unknown:
@@ -184,7 +180,9 @@ class _Parameters(NamedTuple):
         )
         return _Parameters(scales, left @ right, t, target)
 
-    def linearize(self, pixels, rotations, offsets) -> tuple[np.ndarray, np.ndarray]:
+    def linearize(
+        self, pixels: np.ndarray, rotations: np.ndarray, offsets: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Residuals (N, 3) and their slopes (3N, 11): scales, small rotation, t, target."""
         flat = np.column_stack([pixels * self.scales, np.zeros(len(pixels))])
         on_probe = flat @ self.axes.T

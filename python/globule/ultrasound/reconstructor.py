@@ -283,13 +283,16 @@ class Reconstructor:
 
     def _bin(self, added: _Added, sign: int) -> None:
         assert self._grid is not None
+        n, height, width = added.frames.shape
         poses = self._grid.poses(added.world_from_image)
         mask = 0 if self._used is None else address(self._used)
         self._core.add(
             located(added.frames),
             address(poses),
             mask,
-            *added.frames.shape,
+            n,
+            height,
+            width,
             self._order % 2**32,
             sign,
         )

@@ -213,16 +213,13 @@ def turntable(
     need_av()
     cameras = orbit(camera, n=max(2, round(seconds * fps)))
 
+    def part(i: int) -> Callable[[float], None]:
+        return lambda share: progress((i + share) / len(cameras))
+
     def pictures() -> Iterator[np.ndarray]:
         for i, one in enumerate(cameras):
             progress(i / len(cameras))
-            yield Shot(
-                engine,
-                one,
-                size,
-                samples,
-                progress=lambda share, i=i: progress((i + share) / len(cameras)),
-            ).picture
+            yield Shot(engine, one, size, samples, progress=part(i)).picture
 
     write_movie(path, pictures(), fps)
     progress(1.0)

@@ -172,6 +172,8 @@ GROUPS = {
     "time": Time,
 }
 
+Names = set[str]  # in the class below, `set` is its method
+
 
 class State:
     """The groups of settings as attributes: `state.surface.threshold`.
@@ -198,7 +200,7 @@ class State:
         self.bookmarks: dict[str, Camera] = {}
         self.version = 0
         self._lock = threading.RLock()
-        self._listeners: list[Callable[[set[str]], None]] = []
+        self._listeners: list[Callable[[Names], None]] = []
 
     def listen(self, called: Callable[[set[str]], None]) -> None:
         """Call a function after each change with the names of the settings ("surface.kernel")."""
@@ -227,7 +229,7 @@ class State:
             self.version += 1
         self.tell(changed)
 
-    def tell(self, changed: set[str]) -> None:
+    def tell(self, changed: Names) -> None:
         """Call all listeners with the names of settings that changed."""
         for called in self._listeners:
             called(changed)
@@ -282,13 +284,11 @@ class State:
         Raises:
             ValueError: the message names the line or key; nothing is changed.
         """
-        try:
-            import tomllib
-        except ImportError:  # Python 3.10
-            import tomli as tomllib
+        from .._base import toml
+
         if len(text.encode()) > MOST_BYTES:
             raise ValueError(f"state: expected at most {MOST_BYTES} bytes, got {len(text)}")
-        facts = tomllib.loads(text)
+        facts = toml.loads(text)
         new: dict[str, Any] = {}
         for name, make in GROUPS.items():
             given = facts.pop(name, {})
@@ -303,7 +303,7 @@ class State:
                     raise ValueError(f"{name}.{error}") from None
             for f in dataclasses.fields(make):
                 new.setdefault(f"{name}__{f.name}", f.default)
-        camera = _camera("camera", facts.pop("camera", None))
+        camera = _camera("camera", facts.pop("camera")) if "camera" in facts else None
         bookmarks = facts.pop("bookmarks", {})
         if not isinstance(bookmarks, dict) or len(bookmarks) > MOST_BOOKMARKS:
             raise ValueError(f"bookmarks: expected at most {MOST_BOOKMARKS} tables")
@@ -346,9 +346,7 @@ def field_of(group: str, name: str) -> dataclasses.Field:
     raise ValueError(f"{name}: expected one of {known}")
 
 
-def _camera(name: str, facts: Any) -> Camera | None:
-    if facts is None:
-        return None
+def _camera(name: str, facts: Any) -> Camera:
     known = {"eye", "look_at", "up", "fov", "height"}
     if not isinstance(facts, dict) or not {"eye", "look_at"} <= set(facts) <= known:
         raise ValueError(f"{name}: expected eye, look_at, up and fov or height, got {facts!r}")
