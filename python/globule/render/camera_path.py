@@ -48,7 +48,7 @@ class CameraPath:
         }
 
     @classmethod
-    def load(cls, path: str | os.PathLike, fps: float = 30.0) -> CameraPath:
+    def load(cls, path: str | os.PathLike[str], fps: float = 30.0) -> CameraPath:
         """A path from a TOML or JSON file: a list `key` of key frames, and `interpolation`.
 
         Raises OSError, and ValueError naming the file and the key.
@@ -208,7 +208,7 @@ def _vector(name: str, value: Any) -> tuple[float, ...]:
     return tuple(_number(name, v) for v in value)
 
 
-def _parsed(path: str | os.PathLike) -> dict[str, Any]:
+def _parsed(path: str | os.PathLike[str]) -> dict[str, Any]:
     """The file's contents; a JSON file may be the list of keys alone."""
     name = os.fspath(path).lower()
     with open(path, "rb") as file:

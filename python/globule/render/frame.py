@@ -244,7 +244,7 @@ class Frame:
         out[hit] = blended
         return out.reshape((self.size[1], self.size[0]) + blended.shape[1:])
 
-    def save(self, path: str | os.PathLike) -> None:
+    def save(self, path: str | os.PathLike[str]) -> None:
         """Write the image (.png) or every array (.npz, .exr); whole or not at all.
 
         A .npz has `color`, `distance`, `position`, `normal`, `albedo` and `mask`; `depth` is the
@@ -267,7 +267,7 @@ class Frame:
 
 
 @renamed(picture="image")
-def save_png(path: str | os.PathLike, image: np.ndarray) -> None:
+def save_png(path: str | os.PathLike[str], image: np.ndarray) -> None:
     """Write an image (H, W, 3) uint8 sRGB as PNG; whole or not at all."""
     image = np.asarray(image)
     if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3:

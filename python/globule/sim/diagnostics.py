@@ -21,7 +21,7 @@ PANELS = (
 FACTORS = {"compression": 100.0, "max_compression": 100.0, "dt": 1000.0}
 
 
-def write_csv(path: str | os.PathLike, rows: Sequence[dict[str, Any]]) -> None:
+def write_csv(path: str | os.PathLike[str], rows: Sequence[dict[str, Any]]) -> None:
     """One row a step; every number in full. The file appears whole or not at all."""
     columns = list(dict.fromkeys(name for row in rows for name in row))
     text = io.StringIO()
@@ -32,7 +32,7 @@ def write_csv(path: str | os.PathLike, rows: Sequence[dict[str, Any]]) -> None:
         file.write(text.getvalue())
 
 
-def plot(path: str | os.PathLike, rows: Sequence[dict[str, Any]], title: str = "") -> bool:
+def plot(path: str | os.PathLike[str], rows: Sequence[dict[str, Any]], title: str = "") -> bool:
     """The same as curves over time, a PNG; False where matplotlib is missing."""
     try:
         from matplotlib.backends.backend_agg import FigureCanvasAgg

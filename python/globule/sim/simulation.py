@@ -461,7 +461,7 @@ class Simulation:
         self.tissue._send()
 
     @whole
-    def save(self, name: str | os.PathLike) -> None:
+    def save(self, name: str | os.PathLike[str]) -> None:
         """Write the whole state to NAME.npz, for `load`; the file appears whole or not at all.
 
         Raises:
@@ -484,7 +484,9 @@ class Simulation:
         _log.info("%s: checkpoint at %g s", checkpoint.path_of(name), self.time)
 
     @classmethod
-    def load(cls, name: str | os.PathLike, device: str = "auto", threads: int = 0) -> Simulation:
+    def load(
+        cls, name: str | os.PathLike[str], device: str = "auto", threads: int = 0
+    ) -> Simulation:
         """A simulation that goes on where `save` left it: on the CPU with the same bits.
 
         Raises:

@@ -70,7 +70,7 @@ class Calibration:
         return tuple(np.linalg.norm(self.probe_from_image[:3, :2], axis=0).tolist())
 
 
-def read_calibration(path: str | os.PathLike) -> Calibration:
+def read_calibration(path: str | os.PathLike[str]) -> Calibration:
     """Read a calibration (.toml). Raises FormatError naming the key."""
     try:
         content = toml.loads(Path(path).read_text(encoding="utf-8"))
@@ -87,7 +87,7 @@ def read_calibration(path: str | os.PathLike) -> Calibration:
         raise bad(path, "", str(error)) from None
 
 
-def write_calibration(path: str | os.PathLike, calibration: Calibration) -> None:
+def write_calibration(path: str | os.PathLike[str], calibration: Calibration) -> None:
     """Write a calibration (.toml); every number survives exactly."""
     lines = ["# pixel (column, row, 0, 1) to mm in the probe's frame", "probe_from_image = ["]
     lines += [f"  {row.tolist()!r}," for row in calibration.probe_from_image]

@@ -36,10 +36,10 @@ _POSES_BESIDE = "poses.csv"  # of a folder of pictures
 
 
 def read_sweep(
-    path: str | os.PathLike,
-    calibration: Calibration | str | os.PathLike | None = None,
-    plus: str | os.PathLike | None = None,
-    poses: str | os.PathLike | None = None,
+    path: str | os.PathLike[str],
+    calibration: Calibration | str | os.PathLike[str] | None = None,
+    plus: str | os.PathLike[str] | None = None,
+    poses: str | os.PathLike[str] | None = None,
     temporal_offset: float | None = None,
     clip: Any = None,
     fan: Any = None,
@@ -102,7 +102,7 @@ def read_sweep(
 
 
 def write_sweep(
-    path: str | os.PathLike, sweep: Sweep, progress: Callable[[int, int], None] | None = None
+    path: str | os.PathLike[str], sweep: Sweep, progress: Callable[[int, int], None] | None = None
 ) -> None:
     """Write a sweep: .igs.mha, .igs.nrrd, .npz, or a new folder of PNG files with poses.csv.
 
@@ -133,14 +133,14 @@ def write_sweep(
         raise FormatError(f"{path}: expected a folder or {' '.join(WRITABLE)}")
 
 
-def is_sweep(path: str | os.PathLike) -> bool:
+def is_sweep(path: str | os.PathLike[str]) -> bool:
     """Whether a file or folder holds tracked frames or a stack of images, by its content."""
     found = kind_or_none(path)
     return found is not None and found.kind == "sweep"
 
 
 def _recording(
-    path: str | os.PathLike, progress: Progress = None
+    path: str | os.PathLike[str], progress: Progress = None
 ) -> tuple[igs.Recording, dict[str, np.ndarray]]:
     """Frames and what their file says; the other arrays of a NumPy archive."""
     kind = kind_of(path, "sweep")
@@ -364,7 +364,7 @@ def _with_direct_pose(
     return fields
 
 
-def _write_npz(path: str | os.PathLike, sweep: Sweep) -> None:
+def _write_npz(path: str | os.PathLike[str], sweep: Sweep) -> None:
     from ..formats.volumes.npz import write_arrays
 
     arrays = {
@@ -378,7 +378,7 @@ def _write_npz(path: str | os.PathLike, sweep: Sweep) -> None:
     write_arrays(path, arrays)
 
 
-def _write_folder(path: str | os.PathLike, sweep: Sweep, progress: Progress) -> None:
+def _write_folder(path: str | os.PathLike[str], sweep: Sweep, progress: Progress) -> None:
     from PIL import Image
 
     if sweep.frames.dtype == np.float32:

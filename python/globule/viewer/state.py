@@ -316,7 +316,7 @@ class State:
         self.tell({"bookmarks"})
         return camera
 
-    def save(self, path: str | os.PathLike, camera: Camera | None = None) -> None:
+    def save(self, path: str | os.PathLike[str], camera: Camera | None = None) -> None:
         """Write the settings and a camera to a TOML file."""
         with atomic_write(path, "w") as file:
             file.write(self.to_toml(camera))

@@ -122,7 +122,7 @@ def three_view(volume: Volume, center: Any = None, overlay: bool = False) -> np.
     return _beside(pictures)
 
 
-def save_three_view(path: str | os.PathLike, volume: Volume, center: Any = None) -> None:
+def save_three_view(path: str | os.PathLike[str], volume: Volume, center: Any = None) -> None:
     """Write a three-view picture (.png): the values above, the same with the overlay below. Arrows
     beside the planes name the volume's axes and tell how long some millimetres are."""
     from PIL import Image

@@ -38,7 +38,7 @@ _TYPES = {np.dtype(np.uint8): 0, np.dtype(np.uint16): 1, np.dtype(np.float32): 2
 
 def reconstruct_plus(
     sweep: Any,
-    config: PlusConfig | str | os.PathLike,
+    config: PlusConfig | str | os.PathLike[str],
     importance_mask: Any = None,
     device: str = "auto",
     threads: int = 0,
