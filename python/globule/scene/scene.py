@@ -97,7 +97,7 @@ class Scene:
         octree: str = "sparse",
         device: str = "auto",
         threads: int = 0,
-        bounds: Any = None,
+        bounds: ArrayLike | None = None,
     ):
         if kernel not in KERNELS:
             raise ValueError(f"kernel: expected one of {', '.join(KERNELS)}, got {kernel!r}")

@@ -9,7 +9,7 @@ import operator
 import os
 import threading
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -33,6 +33,9 @@ from .settings import MAX_PHASES, SETTINGS, Phase, StepReport, phase_of, setting
 from .steer import Steer
 from .steered import Named
 from .tools import Tool, Tools
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
 
 PARTS = 1000  # of a run, that progress counts
 _log = logging.getLogger(__name__)
@@ -113,7 +116,7 @@ class Simulation:
 
     def __init__(
         self,
-        scene: Any = None,
+        scene: str | os.PathLike[str] | dict[str, Any] | SceneFile | Particles | None = None,
         device: str = "auto",
         threads: int = 0,
         spacing: float | None = None,
@@ -201,7 +204,9 @@ class Simulation:
         self.phases[phase.name] = phase
 
     @whole
-    def add(self, positions: Any, phase: str | None = None, velocities: Any = 0.0) -> np.ndarray:
+    def add(
+        self, positions: ArrayLike, phase: str | None = None, velocities: ArrayLike = 0.0
+    ) -> np.ndarray:
         """Add particles.
 
         Args:
@@ -233,7 +238,7 @@ class Simulation:
         return np.arange(first, first + len(p), dtype=np.uint32)
 
     @whole
-    def remove(self, ids: Any) -> None:
+    def remove(self, ids: ArrayLike) -> None:
         """Take particles out; ids (M,) that `add` returned. Those that are gone already are
         skipped.
 

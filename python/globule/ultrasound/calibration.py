@@ -11,7 +11,7 @@ from __future__ import annotations
 import os
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -22,6 +22,9 @@ from ..formats.errors import bad
 from ..formats.sweeps.transforms import check_pixel_matrix
 from .region import Clip, Fan, checked_clip, checked_fan
 from .temporal import TemporalOffset, temporal_offset
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
 
 __all__ = [
     "Calibration",
@@ -116,7 +119,7 @@ class PointTarget(NamedTuple):
     residuals: np.ndarray
 
 
-def calibrate_point_target(pixels: Any, world_from_probe: Any) -> PointTarget:
+def calibrate_point_target(pixels: ArrayLike, world_from_probe: ArrayLike) -> PointTarget:
     """Calibrate from one fixed point seen in many poses: a crossing of two wires, a bead.
 
     Args:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -30,6 +30,9 @@ from .calibration import Calibration
 from .setup import Setup
 from .sweep import Sweep, checked_frames
 
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
 EXTENSIONS = (*igs.EXTENSIONS, ".npz", ".npy", *stack.DICOM)  # usual ones; the content counts
 WRITABLE = (".igs.mha", ".mha", ".igs.nrrd", ".nrrd", ".npz")
 _POSES_BESIDE = "poses.csv"  # of a folder of pictures
@@ -41,10 +44,10 @@ def read_sweep(
     plus: str | os.PathLike[str] | None = None,
     poses: str | os.PathLike[str] | None = None,
     temporal_offset: float | None = None,
-    clip: Any = None,
-    fan: Any = None,
-    mask: Any = None,
-    frame_times: Any = None,
+    clip: Sequence[float] | None = None,
+    fan: Sequence[float] | None = None,
+    mask: ArrayLike | str | os.PathLike[str] | None = None,
+    frame_times: ArrayLike | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Sweep:
     """Read a tracked sweep.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -23,6 +23,11 @@ from .grid import (
     estimate_bytes,
     make_grid,
 )
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+    from .sweep import Sweep
 
 METHODS = ("pvn-om", "vvn-om", "pvn", "vvn", "bezier")
 COMPOUNDINGS = ("mean", "maximum", "latest", "first", "median")
@@ -52,14 +57,14 @@ class Options(NamedTuple):
 
 
 def reconstruct(
-    sweep: Any,
+    sweep: Sweep,
     method: str = "pvn-om",
     spacing: float | None = None,
-    size: Any = None,
+    size: ArrayLike | None = None,
     max_kernel: int = 9,
     compounding: str = "mean",
     hole_weights: str = "normalized",
-    region: Any = None,
+    region: ArrayLike | None = None,
     max_distance: float | None = None,
     device: str = "auto",
     threads: int = 0,
