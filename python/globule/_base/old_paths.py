@@ -31,7 +31,7 @@ class _Moved(_Loader):
     def find_spec(self, name: str, path: Any, target: Any = None) -> ModuleSpec | None:
         package, _, module = name.partition(".")
         moved = package == "globule" and module in MOVED
-        return ModuleSpec(name, self) if moved else None  # type: ignore[arg-type]
+        return ModuleSpec(name, self) if moved else None
 
     def create_module(self, spec: ModuleSpec) -> ModuleType:
         new = "globule." + MOVED[spec.name.partition(".")[2]]

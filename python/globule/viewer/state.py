@@ -159,7 +159,7 @@ class Time:
     rate: float = real(24.0, 0.1, 1000.0, "Frames per second", "Of the playback")
 
 
-Names = set[str]  # of settings, as "surface.kernel"
+Names = set[str]  # of settings, as "surface.kernel"; in class State, `set` is a method
 
 # Settings by their old names; they go with the next version.
 RENAMED = {"look__depth": "look__bounces"}
@@ -173,8 +173,6 @@ GROUPS = {
     "slices": Slices,
     "time": Time,
 }
-
-Names = set[str]  # in the class below, `set` is its method
 
 
 class State:
