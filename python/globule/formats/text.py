@@ -22,7 +22,7 @@ from .fields import per_particle
 _COLUMNS = ("x", "y", "z", "r", "g", "b", "reflection", "refraction", "rigidity")
 
 
-def read(path: str | os.PathLike) -> Particles:
+def read(path: str | os.PathLike[str]) -> Particles:
     """Read nine-column text. Raises FormatError naming line and column."""
     lines = text_lines(Path(path).read_bytes())
     count = lines[0].strip()
@@ -53,7 +53,7 @@ def read(path: str | os.PathLike) -> Particles:
     )
 
 
-def write(path: str | os.PathLike, particles: Particles) -> None:
+def write(path: str | os.PathLike[str], particles: Particles) -> None:
     """Write nine-column text; support, weight and attributes have no place in it.
 
     What is not given is written as white, without reflection, refraction and rigidity. Raises
