@@ -97,5 +97,5 @@ $(VENV)/has-test $(VENV)/has-dev $(VENV)/has-docs: $(VENV)/has-%: $(BUILT)
 	@$(PIP) install -q "globule[$*]"
 	@touch $@
 $(VENV)/has-interop: $(BUILT)
-	@$(PIP) install -q "globule[test,interop]"
+	@$(PIP) install -q "globule[test,interop,docs]"
 	@touch $@

@@ -90,7 +90,7 @@ UNEXPECTED = pytest.StashKey[list[str]]()
 
 
 def pytest_configure(config):
-    """Nothing of our own uses a name that has been replaced; tests of old names catch the warning."""
+    """Old names are an error in our own code; tests of them expect the warning."""
     config.addinivalue_line("filterwarnings", "error:globule:DeprecationWarning")
 
 

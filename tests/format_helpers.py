@@ -33,6 +33,15 @@ def sample(n: int = N) -> Particles:
     )
 
 
+def refusal(read, path) -> str:
+    """The message of the FormatError with which a file is refused; "" if it is read."""
+    try:
+        read(path)
+    except formats.FormatError as error:
+        return str(error)
+    return ""
+
+
 def assert_same(got: Particles, expected: Particles) -> None:
     assert np.array_equal(got.positions, expected.positions, equal_nan=True)
     for name in ("support", "weight", "color", "reflection", "refraction", "rigidity"):
@@ -45,6 +54,6 @@ def assert_same(got: Particles, expected: Particles) -> None:
         read = got.attributes[name]
         assert read.dtype.kind == array.dtype.kind or array.dtype.kind in "iub", name
         if read.shape != array.shape:  # some formats do not tell (N, 1) from (N,)
-            assert array.shape == (len(got), 1) and read.shape == (len(got),), name
+            assert (array.shape, read.shape) == ((len(got), 1), (len(got),)), name
         assert np.array_equal(read.astype(array.dtype).reshape(array.shape), array), name
         assert read.flags.owndata or read.base.flags.owndata

@@ -84,12 +84,8 @@ def render(layers, camera, size, settings, clips=(), pixels=None, shift=0.0, sam
             normal[on_ground] = unit(ground.normal)
             albedo[on_ground] = ground_color(ground, p[on_ground])
         if generation == 0:
-            images |= {
-                "distance": t,
-                "normal": normal.copy(),
-                "albedo": albedo.copy(),
-                "layer": which,
-            }
+            images |= {"distance": t, "normal": normal.copy()}
+            images |= {"albedo": albedo.copy(), "layer": which}
         behind = sky_of(settings, d)
         if generation == 0 and settings.sky is None:
             behind = np.broadcast_to(color(settings.background), d.shape)

@@ -32,7 +32,7 @@ def test_example(path, tmp_path):
         [sys.executable, str(path)],
         cwd=tmp_path, env={**os.environ, **ours}, capture_output=True, text=True, timeout=50,
     )  # fmt: skip
-    assert done.returncode == 0 and done.stderr == "", done.stderr
+    assert (done.returncode, done.stderr) == (0, ""), done.stderr
     if done.stdout.startswith("skipped: "):
         pytest.skip(done.stdout.strip())
     assert done.stdout.strip()

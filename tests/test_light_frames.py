@@ -294,7 +294,7 @@ def test_pick(backend):
     none = gb.render(scene, camera, size)
     assert none.pick(0, 0) is None
     for column, row in ((61, 0), (0, 61), (-1, 0)):
-        with pytest.raises(ValueError, match="column|row"):
+        with pytest.raises(ValueError, match=r"column|row"):
             frame.pick(column, row)
 
 

@@ -9,7 +9,7 @@ import socket
 import subprocess
 import sys
 import threading
-import time
+from collections.abc import Callable
 from pathlib import Path
 
 import globule as gb
@@ -23,6 +23,7 @@ from globule.ultrasound.recorder import Recorder
 from globule.volumes.files import read_volume
 from PIL import Image
 from sweep_helpers import small_sweep, spine_data
+from waiting import PATIENCE, until
 
 CPU = ["--device", "cpu"]
 pytestmark = pytest.mark.usefixtures("folder")
@@ -50,23 +51,41 @@ class Server:
         self.socket = socket.create_server(("127.0.0.1", 0))
         self.address = f"igtl://127.0.0.1:{self.socket.getsockname()[1]}"
 
-    def serve(self, *parts, pause: float = 0.0) -> threading.Thread:
+    def serve(self, *parts, between: Callable[[int], object] = lambda n: None) -> threading.Thread:
         """One connection after the other sends its part of the frames and hangs up; a client that
-        leaves earlier is let go."""
+        leaves earlier is let go. between: called after each frame with the number sent."""
 
         def work():
             for part in parts:
                 connection, _ = self.socket.accept()
                 with connection, contextlib.suppress(OSError):
-                    for messages in self.messages[part]:
+                    for n, messages in enumerate(self.messages[part], start=1):
                         for message in messages:
                             connection.sendall(message)
-                        time.sleep(pause)
+                        between(n)
             self.socket.close()
 
         thread = threading.Thread(target=work, daemon=True)
         thread.start()
         return thread
+
+
+class Redrawn:
+    """Holds a server back after some of its frames until a picture is drawn anew."""
+
+    def __init__(self, name: str, after: tuple[int, ...]):
+        self.path, self.after, self.before = Path(name).absolute(), after, 0
+
+    def __call__(self, n: int) -> None:
+        if n not in self.after:
+            return
+
+        def drawn() -> bool:
+            now = self.path.stat().st_mtime_ns if self.path.exists() else 0
+            known, self.before = self.before, max(now, self.before)
+            return now > known
+
+        until(drawn, f"for {self.path.name} to be drawn")
 
 
 def arrived(live, sweep) -> bool:
@@ -95,8 +114,7 @@ def test_live_from_pyigtl_s_own_server():
     server = igtl.OpenIGTLinkServer(port=port)
 
     def replay():
-        while not server.is_connected():
-            time.sleep(0.01)
+        until(server.is_connected)
         for i in range(len(made)):
             when = 1000 + float(made.timestamps[i])
             for message in (
@@ -189,20 +207,24 @@ def test_live_reconstruct(sweep, capsys):
 def test_a_killed_run_goes_on_with_all_that_it_recorded(sweep, capsys):
     """SIGKILL in the middle of a stream; the server then starts again a few frames back."""
     server = Server(sweep)
-    server.serve(slice(None), pause=0.05)
+    killed = threading.Event()
+    server.serve(slice(None), between=lambda n: n < 12 or killed.wait(PATIENCE))
     words = ["reconstruct", "--idle", "0.5", "-o", "v.npz", "--spacing", "1", *CPU]
-    first = [*words, "--live", server.address, "--record", "kept"]
+    first = [*words, "--idle", str(PATIENCE), "--live", server.address, "--record", "kept"]
     process = subprocess.Popen([sys.executable, "-m", "globule", *first], stderr=subprocess.PIPE)
     table = Path("kept/poses.csv")
     try:
-        deadline = time.monotonic() + 60
-        while time.monotonic() < deadline and process.poll() is None:
-            if table.is_file() and table.read_bytes().count(b"\n") > 6:
-                break
-            time.sleep(0.005)
+        until(
+            lambda: (
+                process.poll() is not None
+                or (table.is_file() and table.read_bytes().count(b"\n") > 6)
+            ),
+            "for frames on the disk",
+        )
     finally:
         process.send_signal(signal.SIGKILL)
         process.communicate()
+        killed.set()
     n = table.read_bytes().count(b"\n") - 1
     assert 6 <= n < 24
     assert not Path("v.npz").exists()
@@ -267,9 +289,9 @@ def test_a_recording_that_was_cut_anywhere():
 
 def test_the_pictures_are_drawn_while_frames_come(sweep, capsys):
     server = Server(sweep)
-    server.serve(slice(None), pause=0.02)
-    words = ["reconstruct", "--live", server.address, "--idle", "0.5", "-o", "v.npz", *CPU]
-    words += ["--spacing", "1", "--refresh", "0.05"]
+    server.serve(slice(None), between=Redrawn("v.png", (8, 14, 20)))
+    words = ["reconstruct", "--live", server.address, "--idle", "3", "-o", "v.npz", *CPU]
+    words += ["--spacing", "1", "--refresh", "0.001"]
     facts = run_json(capsys, *words, "--three-view", "v.png")
     assert facts["live"]["drawn"] > 2
     assert np.asarray(Image.open("v.png")).max() > 100
@@ -278,9 +300,9 @@ def test_the_pictures_are_drawn_while_frames_come(sweep, capsys):
 
 def test_the_surface_is_drawn_while_frames_come(sweep, capsys):
     server = Server(sweep)
-    server.serve(slice(None), pause=0.02)
-    words = ["reconstruct", "--live", server.address, "--idle", "0.5", "-o", "v.npz", *CPU]
-    facts = run_json(capsys, *words, "--spacing", "1", "--refresh", "0.05", "--surface", "s.png")
+    server.serve(slice(None), between=Redrawn("s.png", (12,)))
+    words = ["reconstruct", "--live", server.address, "--idle", "3", "-o", "v.npz", *CPU]
+    facts = run_json(capsys, *words, "--spacing", "1", "--refresh", "0.001", "--surface", "s.png")
     assert facts["live"]["drawn"] > 0
     surface = np.asarray(Image.open("s.png"))
     assert (surface != surface[0, 0]).any(axis=2).mean() > 0.05

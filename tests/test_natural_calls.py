@@ -166,7 +166,6 @@ def test_color_by_is_that_of_the_command(particles):
         ({"name": "speeed"}, ValueError, "color_by: expected one of x, y, z, .*speed, got speeed"),
         ({"name": 3}, TypeError, "color_by: expected a name, got 3"),
         ({"name": "speed", "colormap": "jet"}, ValueError, "colormap: expected one of viridis"),
-        ({"name": "speed", "range": (1, 1)}, ValueError, "range: expected two different numbers"),
         ({"name": "speed", "range": (0, np.inf)}, ValueError, "range: expected a finite number"),
         ({"name": "speed", "range": 3}, TypeError, r"range: expected \(lo, hi\), got 3"),
     ],
@@ -203,6 +202,8 @@ def test_a_sequence_in_colors(folder):
     assert done == ["0.png", "1.png", "2.png"]
     pictures = [np.asarray(Image.open(name)) for name in done]
     assert len({tuple(p[12, 16]) for p in pictures}) == 3  # the range is that of all files
+    same_value = gb.render_sequence(["f_1.npz", "f_1.npz"], "s%d.png", SIZE, color_by="speed")
+    assert len(same_value) == 2  # no range at all: the map's middle
     one = gb.color_by(gb.read("f_1.npz"), "speed", range=(0, 2))
     frames = [gb.read("f_0.npz"), one]
     with pytest.raises(ValueError, match=r"range: expected \(lo, hi\)"):
@@ -473,3 +474,21 @@ def test_type_checkers_see_the_same_names():
     (block,) = [n for n in tree.body if isinstance(n, ast.If) and "TYPE" in ast.unparse(n.test)]
     seen = {alias.name: node.module for node in block.body for alias in node.names}
     assert seen == gb._MODULE_OF
+
+
+@pytest.mark.parametrize("room", ["_base", "scene", "render"])
+def test_the_library_logs_and_never_prints(room):
+    for path in (Path(gb.__file__).parent / room).rglob("*.py"):
+        calls = [n.func for n in ast.walk(ast.parse(path.read_text())) if isinstance(n, ast.Call)]
+        assert "print" not in [getattr(call, "id", None) for call in calls], path
+
+
+def test_a_missing_package_says_how_to_get_it():
+    from globule._base.checks import missing
+
+    error = missing("PyAV", "video")
+    assert isinstance(error, gb.MissingPackageError)
+    assert isinstance(error, ImportError)
+    assert error.name == "PyAV"
+    assert str(error).startswith("PyAV is not installed. Install it with: ")
+    assert str(error).endswith('-m pip install "globule[video]"')

@@ -21,6 +21,12 @@ def sweep() -> gb.Sweep:
     return gb.phantoms.cylinders(n_frames=40, size=(12, 9), spacing=3.0)
 
 
+def followed(work):
+    """What a call returns, and what it reported."""
+    calls: list[tuple[int, int]] = []
+    return work(lambda *call: calls.append(call)), calls
+
+
 def heard(calls: list[tuple[int, int]], least: int) -> None:
     """At least so many calls, growing, to the end."""
     done, totals = zip(*calls, strict=True)
@@ -38,8 +44,7 @@ def test_sweep_files(name, least):
         lambda report: gb.write_sweep(name, sweep(), progress=report),
         lambda report: gb.read_sweep(name, progress=report),
     ):
-        calls: list[tuple[int, int]] = []
-        result = work(lambda *call: calls.append(call))
+        result, calls = followed(work)
         heard(calls, least)
     assert np.array_equal(result.frames, sweep().frames)
 
@@ -53,8 +58,7 @@ def test_volume_files(name, least):
         lambda report: gb.write_volume(name, volume, progress=report),
         lambda report: gb.read_volume(name, progress=report),
     ):
-        calls: list[tuple[int, int]] = []
-        result = work(lambda *call: calls.append(call))
+        result, calls = followed(work)
         heard(calls, least)
     assert np.array_equal(result.values, volume.values)
 

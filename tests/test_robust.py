@@ -216,8 +216,9 @@ def scene_or_refusal(particles, backend, **options) -> gb.Scene:
     try:
         return gb.Scene(particles, **options, **backend)
     except ValueError as error:
-        assert str(error).startswith("support: expected")
-        pytest.skip(f"refused: {error}")
+        if str(error).startswith("support: expected"):
+            pytest.skip(f"refused: {error}")
+        raise
 
 
 @pytest.mark.parametrize("support", [1e3, 1e10, 1e18, 1e30, 3e38])
@@ -499,9 +500,9 @@ def test_mistakes_in_questions(backend):
 def test_a_failed_update_keeps_the_scene(backend):
     scene = gb.Scene(cloud(50, 98), support=0.5, **backend)
     before = gb.render(scene, size=SIZE).picture
-    with pytest.raises(ValueError):
+    with pytest.raises(ValueError, match="positions: expected shape"):
         scene.update(positions=np.zeros((3, 2)))
-    with pytest.raises(ValueError):
+    with pytest.raises(ValueError, match="weight: expected"):
         scene.update(weight=np.ones(51))
     np.testing.assert_array_equal(gb.render(scene, size=SIZE).picture, before)
     assert len(scene) == 50
@@ -527,7 +528,7 @@ def test_an_update_checks_what_is_new(backend):
             scene.update(**fields)
         assert scene.particles is was
     vars(was)["weight"] = [1.0]  # set by hand, so not known to be right
-    with pytest.raises(ValueError, match="^weight: expected a number or shape"):
+    with pytest.raises(ValueError, match=r"^weight: expected a number or shape"):
         scene.update(positions=cloud(n))
     was.weight = None
     scene.update(positions=cloud(n + 1), support=0.4)
@@ -538,7 +539,7 @@ def test_an_update_checks_what_is_new(backend):
 
 def test_simd_level_by_hand(monkeypatch):
     monkeypatch.setenv("GLOBULE_SIMD", "v9")
-    with pytest.raises(ValueError, match="^GLOBULE_SIMD: expected"):
+    with pytest.raises(ValueError, match=r"^GLOBULE_SIMD: expected"):
         gb.Scene(cloud(5), device="cpu")
 
 

@@ -58,7 +58,9 @@ def refused(capsys, *words: str) -> str:
     """The one line that a mistake is answered with."""
     assert main(list(words)) == 2
     out, err = capsys.readouterr()
-    assert out == "" and err.startswith("globule: error: ") and err.count("\n") == 1, err
+    assert out == ""
+    assert err.startswith("globule: error: ")
+    assert err.count("\n") == 1
     return err
 
 
@@ -84,7 +86,7 @@ def test_patterns(folder):
     assert find_files(["f_2.ply", "f_10.ply", "f_1.ply"]) == ["f_2.ply", "f_10.ply", "f_1.ply"]
     (folder / "odd[1].ply").write_text("")
     assert find_files(["odd[1].ply"]) == ["odd[1].ply"]
-    with pytest.raises(ValueError, match="no_%d.ply: expected a pattern"):
+    with pytest.raises(ValueError, match=r"no_%d.ply: expected a pattern"):
         find_files(["no_%d.ply"])
 
 

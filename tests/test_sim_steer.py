@@ -267,7 +267,7 @@ def test_what_would_take_a_million_steps_a_frame_is_refused_at_the_next_step(sim
                                   "fluids": [{"name": "a", "colour": 1}]}), ValueError,
          "fluids[0].colour: expected one of name, box"),
         (lambda s: gb.Simulation(spacing=0.1, domain=DOMAIN).add([(0, 0, 0)]), ValueError,
-         "phase: expected one of none, as the scene has no fluids or other bodies, got"),
+         "phase: expected fluids, solids or rigids in the scene, got none"),
     ],
 )  # fmt: skip
 def test_messages_say_what_there_is(sim, mistake, kind, expected):

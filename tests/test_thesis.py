@@ -279,7 +279,7 @@ def test_refused_scenes():
     o = np.zeros((1, 3), np.float32)
     with pytest.raises(ValueError, match='octree: expected a scene with octree="dense"'):
         gb.intersect(gb.Scene(cloud(9)), o, o + (0, 0, 1), Thesis())
-    with pytest.raises(ValueError, match="kernel: expected murakami or wyvill .* got 'nishimura'"):
+    with pytest.raises(ValueError, match=r"kernel: expected murakami or wyvill .* got 'nishimura'"):
         gb.render(gb.Scene(cloud(9), "nishimura", octree="dense"), thesis=Thesis("bezier"))
     with pytest.raises(TypeError, match="thesis: expected a Thesis, got 'march'"):
         gb.render(gb.Scene(cloud(9), octree="dense"), thesis="march")

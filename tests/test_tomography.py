@@ -10,6 +10,7 @@ import struct
 import globule as gb
 import numpy as np
 import pytest
+from format_helpers import refusal
 from globule._base.colormaps import categorical
 from globule.cli import main
 from globule.formats import FormatError
@@ -243,11 +244,9 @@ def test_broken_files(extension, tmp_path):
         for place in rng.integers(0, max(1, len(data)), 3 if data and i % 4 < 2 else 0):
             data[place] = rng.integers(256)
         path.write_bytes(data)
-        try:
-            gb.read_volume(path)
-        except FormatError as error:
-            assert "\n" not in str(error)
-            assert path.name in str(error)
+        message = refusal(gb.read_volume, path)
+        assert "\n" not in message
+        assert not message or path.name in message
 
 
 @pytest.mark.parametrize("extension", EXTENSIONS)

@@ -47,7 +47,7 @@ def test_pictures_come_once_the_cell_knows_its_size(made):
                 say(made, type="ack", number=content["number"])
         return [s for s in made.sent if s[0]["still"]]
 
-    content, buffers = until(sharp)[-1]
+    _, buffers = until(sharp)[-1]
     with Image.open(io.BytesIO(buffers[0])) as image:
         assert image.size == (300, 200)
         picture = np.asarray(image.convert("RGB")).astype(int)
@@ -60,7 +60,10 @@ def test_a_cell_that_does_not_answer_gets_two_pictures(made):
         view = dict(made.view, eye=np.add(made.view["eye"], (0.1 * i, 0, 0)).tolist())
         say(made, type="camera", size=[160, 120], **view)
         camera = made.client.camera
-        until(lambda camera=camera: made.client.pacer._wanted[0] == camera, "for the engine")
+        until(
+            lambda camera=camera: (made.client.pacer._wanted or [None])[0] == camera,
+            "for the engine",
+        )
     until(lambda: len(made.sent) == 2 and not made.client.pacer.making)
     assert [c["number"] for c, _ in made.sent] == [1, 2]
 

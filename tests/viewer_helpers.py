@@ -60,11 +60,6 @@ class Watched:
         self.opened = opened
         self.pages: list[Any] = []
         self.requests: list[str] = []
-        self.sent: list[bytes] = []  # by the pages
-
-    def _opened(self, socket: Any) -> None:
-        self.requests.append(socket.url)
-        socket.on("framesent", lambda data: self.sent.append(bytes(data)))
 
     def _keep(self, frame: Any) -> None:
         self.shown = [*self.shown[-200:], frame]
@@ -75,7 +70,7 @@ class Watched:
         page = self.opened.new_page(viewport=WINDOW, accept_downloads=True)
         page.set_default_timeout(1000 * PATIENCE)
         page.on("request", lambda request: self.requests.append(request.url))
-        page.on("websocket", self._opened)
+        page.on("websocket", lambda socket: self.requests.append(socket.url))
         page.goto(self.viewer.address)
         self.pages.append(page)
         until(lambda: set(self.viewer.clients) - known, "for the page to connect")

@@ -184,9 +184,21 @@ def on_page_markdown(markdown: str, page: Any, config: Any, files: Files) -> str
         return text if (ROOT / path).exists() else match[0]
 
     parts = FENCES.split(markdown)
-    plain = (LINK.sub(mend, part) for part in parts[::3])
+    plain = (spaced(LINK.sub(mend, part)) for part in parts[::3])
     rest = iter(parts[1::3])
     return "".join(part + next(rest, "") for part in plain)
+
+
+def spaced(text: str) -> str:
+    """With a blank line before each list: Python-Markdown needs one, others do not."""
+    lines, in_list = [], False
+    for line in text.split("\n"):
+        item = re.match(r"(?:[-*]|\d+\.) ", line)
+        if item and not in_list:
+            lines.append("")
+        in_list = bool(item) or (in_list and line.strip() != "")
+        lines.append(line)
+    return "\n".join(lines)
 
 
 # Files outside docs that have a page on the site.

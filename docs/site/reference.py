@@ -56,6 +56,15 @@ ALSO = {
         "volumes.slices.three_view",
         "volumes.slices.save_three_view",
     ],
+    "sim": [
+        "sim.arrays.Arrays",
+        "sim.operate.BondedTissue",
+        "sim.tools.Tools",
+        "sim.tools.Tool",
+        "sim.steer.Steer",
+        "sim.record.Record",
+        "sim.emitter.Emitter",
+    ],
     "viewer": ["viewer.app.Viewer"],
 }
 

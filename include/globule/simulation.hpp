@@ -18,11 +18,12 @@ struct SimulationSettings {
     double spacing = 0;                        ///< of particles, m; the kernel's support is twice that
     Box domain{};                              ///< m; particles that leave it are no longer simulated
     std::array<bool, 3> periodic{};            ///< axes along which the domain repeats; at least 8 spacings long
-    Vec3 gravity{0, -9.81, 0};                 ///< m/s^2
+    Vec3 gravity{0, 0, -9.81};                 ///< m/s^2; z is up
     double cfl = 1;                            ///< dt = 0.4 cfl spacing / v_max
-    double longest_step = 0.005;               ///< s
-    double density_error = 0.001, divergence_error = 0.001;  ///< mean and relative, at which the solvers stop
-    int least_iterations = 2, most_iterations = 100;
+    double max_dt = 0.005;                     ///< longest step, s
+    double max_error = 0.001;                  ///< mean compression that the density solver leaves, a share
+    std::optional<double> divergence_error{};  ///< the same of the divergence solver; default: max_error
+    int min_iterations = 2, max_iterations = 100;  ///< of both solvers
     double viscosity_error = 1e-4;             ///< relative residual of implicit viscosity
     bool weakly_compressible = false;          ///< Tait's equation instead of a pressure solve
     std::optional<double> sound_speed{};       ///< of the weakly compressible fluid, m/s; default: 10 falls through the domain
@@ -59,7 +60,7 @@ struct StepReport {
 
 struct SimulationOptions {
     std::vector<Phase> phases{Phase{"fluid"}}; ///< at most 31, with different names
-    bool walls = true;                         ///< the domain's faces become a boundary phase "walls"
+    bool walls = false;                        ///< the domain's faces become a boundary phase "walls"
     std::string device = "auto";
     int threads = 0;                           ///< of the CPU; 0: all
 };
@@ -85,9 +86,9 @@ public:
 
     /// One step of dt seconds; by default as long as the speeds allow.
     StepReport step(std::optional<double> dt = {});
-    /// Whole steps until so many seconds have passed, the last two alike; returns the last report.
-    std::optional<StepReport> advance(double seconds);
-    /// From any thread, without waiting: an advance that is running stops after its present step and throws Error: cancelled.
+    /// Whole steps until so many seconds have passed, the last two of equal length; returns the last report.
+    std::optional<StepReport> run(double seconds);
+    /// From any thread, without waiting: a run that is in progress stops after its present step and throws Error: cancelled.
     void cancel() const noexcept;
 
     /// Settings and materials between steps; spacing and domain stay.

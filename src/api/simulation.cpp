@@ -24,11 +24,11 @@ core::SimulationSettings packed(const SimulationSettings& s) {
     }
     p.gravity = three("gravity", s.gravity);
     p.cfl = float(positive("cfl", s.cfl));
-    p.longest_step = float(positive("longest_step", s.longest_step));
-    p.density_error = float(positive("density_error", s.density_error));
-    p.divergence_error = float(positive("divergence_error", s.divergence_error));
-    p.least_iterations = whole("least_iterations", s.least_iterations, 0, 1'000'000);
-    p.most_iterations = whole("most_iterations", s.most_iterations, 1, 1'000'000);
+    p.longest_step = float(positive("max_dt", s.max_dt));
+    p.density_error = float(positive("max_error", s.max_error));
+    p.divergence_error = float(positive("divergence_error", s.divergence_error.value_or(s.max_error)));
+    p.least_iterations = whole("min_iterations", s.min_iterations, 0, 1'000'000);
+    p.most_iterations = whole("max_iterations", s.max_iterations, 1, 1'000'000);
     p.viscosity_error = positive("viscosity_error", s.viscosity_error);
     p.weakly_compressible = s.weakly_compressible;
     if (s.sound_speed) positive("sound_speed", *s.sound_speed);
@@ -251,7 +251,7 @@ StepReport Simulation::step(std::optional<double> dt) {
     return impl_->step(inside, dt ? *dt : impl_->next_dt(inside));
 }
 
-std::optional<StepReport> Simulation::advance(double seconds) {
+std::optional<StepReport> Simulation::run(double seconds) {
     Inside::of(*this, "simulation");
     number("seconds", seconds, 0);
     impl_->stop = false;
@@ -259,7 +259,7 @@ std::optional<StepReport> Simulation::advance(double seconds) {
     std::optional<StepReport> report;
     for (;;) {
         const core::Gates inside = impl_->gates();  // for each step: others may look between two
-        if (impl_->stop) throw Error(ErrorCode::cancelled, "advance: cancelled at " + text(impl_->call<&core::Simulation::time>(inside)) + " s");
+        if (impl_->stop) throw Error(ErrorCode::cancelled, "run: cancelled at " + text(impl_->call<&core::Simulation::time>(inside)) + " s");
         const double rest = end - impl_->call<&core::Simulation::time>(inside);
         if (!(rest > 1e-9 * std::max(end, 1e-3))) break;
         const double dt = impl_->next_dt(inside);

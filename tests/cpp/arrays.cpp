@@ -113,7 +113,7 @@ TEST_CASE("rows of an image go from top to bottom, and positions lie on the rays
     f.distance(MutableArrayView(into.data(), {h, w}));
     CHECK(into == depth);
     CHECK_SAYS(f.distance(MutableArrayView(into.data(), {w, h})), "distance: expected shape (30, 40), got (40, 30)");
-    CHECK_SAYS(f.image(MutableArrayView(into.data(), {h, w, 3})), "picture: expected an array of uint8, got float32");
+    CHECK_SAYS(f.image(MutableArrayView(into.data(), {h, w, 3})), "image: expected an array of uint8, got float32");
 }
 
 TEST_CASE("neighbours are rows, and the field is the sum of kernels") {

@@ -138,7 +138,7 @@ TEST_CASE("a simulation, its arrays and its scene") {
     SimulationSettings settings{.spacing = 0.1, .domain = {{0, 0, 0}, {1, 1, 1}}};
     CHECK_SAYS(Simulation(SimulationSettings{}), "spacing: expected a positive number");
     CHECK_SAYS(Simulation(settings, {.phases = {}}), "phases: expected at least one");
-    Simulation sim(settings, {.device = "cpu"});
+    Simulation sim(settings, {.walls = true, .device = "cpu"});
     const std::size_t walls = sim.size();
     CHECK(walls == 12 * 12 * 12 - 10 * 10 * 10);
     std::vector<float> water;
@@ -162,7 +162,7 @@ TEST_CASE("a simulation, its arrays and its scene") {
     CHECK(report.n == sim.size());
     CHECK(sim.time() == report.time);
     CHECK_SAYS(before.refine(), "refine: expected the scene as it was rendered");
-    CHECK(sim.advance(0.05)->time == doctest::Approx(0.05 + report.time));
+    CHECK(sim.run(0.05)->time == doctest::Approx(0.05 + report.time));
     CHECK(scene.size() == sim.size());
     CHECK(scene.render(camera, 64, 48).distance() != before.distance());
     const auto ids = sim.ids();

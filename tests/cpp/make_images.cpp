@@ -80,8 +80,8 @@ void draw(const std::vector<float>& p) {
 }
 
 void simulate() {
-    Simulation sim({.spacing = 0.05, .domain = {{0, 0, 0}, {1, 0.75, 0.5}}, .periodic = {false, false, true}},
-                   {.phases = {{.name = "water", .viscosity = 0.5}, {.name = "oil", .density = 800, .color = {0.75, 0.5, 0.25}}}, .device = "cpu"});
+    Simulation sim({.spacing = 0.05, .domain = {{0, 0, 0}, {1, 0.75, 0.5}}, .periodic = {false, false, true}, .gravity = {0, -9.81, 0}},
+                   {.phases = {{.name = "water", .viscosity = 0.5}, {.name = "oil", .density = 800, .color = {0.75, 0.5, 0.25}}}, .walls = true, .device = "cpu"});
     std::vector<float> water, oil;
     for (int x = 0; x < 6; ++x)
         for (int y = 0; y < 10; ++y)
@@ -90,7 +90,7 @@ void simulate() {
     sim.add(water, "water");
     sim.add(oil, "oil", {0.5, 0, 0});
     for (int i = 0; i < 5; ++i) sim.step();
-    sim.advance(0.05);
+    sim.run(0.05);
     save("sim_positions", sim.positions());
     save("sim_velocities", sim.velocities());
     save("sim_ids", sim.ids());

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from typing import Any, TypeVar
 
 _Decorated = TypeVar("_Decorated", bound=Callable[..., Any])
+_Class = TypeVar("_Class", bound=type)
 
 
 def renamed(**names: str) -> Callable[[_Decorated], _Decorated]:
@@ -30,11 +31,11 @@ def renamed(**names: str) -> Callable[[_Decorated], _Decorated]:
     return decorate
 
 
-def renamed_fields(**names: str) -> Callable[[type], Any]:
+def renamed_fields(**names: str) -> Callable[[_Class], _Class]:
     """Decorate a dataclass so that fields are still found by their old names: `old="new"`."""
 
-    def decorate(cls: Any) -> Any:
-        cls.__init__ = renamed(**names)(cls.__init__)
+    def decorate(cls: _Class) -> _Class:
+        cls.__init__ = renamed(**names)(cls.__init__)  # type: ignore[misc]  # of the class
         for old, new in names.items():
             setattr(cls, old, old_attribute(old, new))
         return cls

@@ -28,7 +28,8 @@ _HEADER = struct.Struct(">4s c 9i")
 
 
 def read(path: str | os.PathLike[str]) -> Particles:
-    """Read points and attributes. Indexed strings come as their int32 indices."""
+    """Read points and attributes. Indexed strings come as their int32 indices. Raises FormatError
+    naming the byte."""
     import gzip
     import zlib
 

@@ -30,7 +30,7 @@ def read_npy(path: str | os.PathLike[str]) -> Particles:
 def read_npz(path: str | os.PathLike[str]) -> Particles:
     """Read .npz: positions (N, 3), fields per particle or as scalars, attributes (N, ...).
 
-    Other arrays that do not belong to N particles are left out.
+    Other arrays that do not belong to N particles are left out. Raises FormatError.
     """
     arrays = read_archive(path)
     positions = find_positions(arrays)
@@ -72,7 +72,7 @@ def _is_npz(path: str | os.PathLike[str]) -> bool:
 
 
 def read_archive(path: str | os.PathLike[str]) -> dict[str, np.ndarray]:
-    """The numeric arrays of an .npz by name."""
+    """The numeric arrays of an .npz by name. Raises FormatError naming the array."""
     import zipfile
     import zlib
 
@@ -105,7 +105,7 @@ def read_archive(path: str | os.PathLike[str]) -> dict[str, np.ndarray]:
 
 
 def read_array(path: Any, name: str, file: IO[bytes], file_size: int) -> np.ndarray:
-    """One .npy stream of `file_size` bytes, checked before memory is taken."""
+    """One .npy stream of `file_size` bytes, checked before memory is taken. Raises FormatError."""
     try:
         version = np.lib.format.read_magic(file)
         if version == (1, 0):

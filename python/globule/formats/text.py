@@ -23,7 +23,7 @@ _COLUMNS = ("x", "y", "z", "r", "g", "b", "reflection", "refraction", "rigidity"
 
 
 def read(path: str | os.PathLike[str]) -> Particles:
-    """Read nine-column text. Bad input is refused with file, line and column."""
+    """Read nine-column text. Raises FormatError naming line and column."""
     lines = text_lines(Path(path).read_bytes())
     count = lines[0].strip()
     if not (count.isascii() and count.isdigit() and len(count) < 16):

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from .._base.checks import whole
 from .camera import Camera
 
 FIELDS = ("frame", "time", "eye", "look_at", "up", "fov")
@@ -19,14 +20,14 @@ class CameraPath:
     """A camera for every frame, through key frames.
 
     A smooth path is a centripetal Catmull-Rom curve (Yuksel et al. 2011: no cusps and no loops
-    between keys), run along at a speed without jumps that never turns back. Two keys with the same
-    eye hold it still. A linear path has corners at its keys. Before the first key and after the
-    last the camera stands still.
+    between keys). The camera moves along the path forwards only, at a speed without jumps. Two keys
+    with the same eye hold the eye still. A linear path has corners at its keys. Before the first
+    key and after the last, the camera stands still.
 
     Args:
         keys: mappings with `frame` (a number, from 0) or `time` (seconds), rising; `eye` and
             `look_at`, (3,) world; `up`, (3,), default (0, 1, 0); `fov`, vertical degrees, default
-            40. What a later key leaves out stays as it was.
+            40. Values that a later key omits stay.
         fps: frames per second, for keys with `time`.
         interpolation: "smooth" or "linear".
 
@@ -51,6 +52,10 @@ class CameraPath:
     def load(cls, path: str | os.PathLike[str], fps: float = 30.0) -> CameraPath:
         """A path from a TOML or JSON file: a list `key` of key frames, and `interpolation`.
 
+        Args:
+            path: ending in .toml or .json.
+            fps: frames per second, for keys with `time`.
+
         Raises OSError, and ValueError naming the file and the key.
         """
         try:
@@ -69,7 +74,7 @@ class CameraPath:
         return math.floor(self.frames[-1] + 1e-6) + 1
 
     def __call__(self, frame: float) -> Camera:
-        """The camera of a frame, counted from 0."""
+        """The camera of a frame, counted from 0; fractions of frames too."""
         at = {name: track(frame) for name, track in self._tracks.items()}
         return Camera(at["eye"], at["look_at"], at["up"], float(at["fov"]))
 
@@ -77,11 +82,15 @@ class CameraPath:
 def orbit(camera: Camera, turns: float = 1.0, n: int = 120) -> list[Camera]:
     """The turntable: `n` cameras on a circle around `look_at`, about the `up` axis.
 
-    The first is `camera` itself; one step more would complete the turns, so that a whole number
-    of them loops without a stutter. Positive turns run anticlockwise as seen from above.
+    The first camera is `camera` itself. The step after the last completes the turns: a whole number
+    of turns loops without a stutter.
+
+    Args:
+        camera: where the circle begins.
+        turns: full circles; positive turns run anticlockwise as seen from above.
+        n: number of cameras, at least 1.
     """
-    if n < 1:
-        raise ValueError(f"n: expected at least 1 camera, got {n!r}")
+    whole("n", n, 1, 2**31)
     axis = np.asarray(camera.up) / np.linalg.norm(camera.up)
     middle, arm = np.asarray(camera.look_at), np.subtract(camera.eye, camera.look_at)
     along = (arm @ axis) * axis

@@ -108,15 +108,12 @@ def color_by(
 
 
 def checked_range(range: Any) -> tuple[float, float]:
-    """(lo, hi), two different finite numbers."""
+    """(lo, hi), two finite numbers."""
     try:
         lo, hi = range
     except (TypeError, ValueError):
         raise TypeError(f"range: expected (lo, hi), got {range!r}") from None
-    lo, hi = number("range", lo), number("range", hi)
-    if lo == hi:
-        raise ValueError(f"range: expected two different numbers, got {range!r}")
-    return lo, hi
+    return number("range", lo), number("range", hi)
 
 
 def _arrays(particles: Particles) -> dict[str, Any]:

@@ -66,9 +66,7 @@ def without_strays(
         radius = positive("radius", scene_or_radius)
         scene = Scene(particles, support=radius, device="cpu") if len(particles) else None
     whole("min_neighbors", min_neighbors, 0, 2**31)
-    if (
-        scene is None or not len(particles) or radius == 0
-    ):  # a scene of so few particles that it has no spacing
+    if scene is None or radius == 0:  # too few particles for a spacing
         return particles
     keep = np.zeros(len(particles), bool)
     blocks = _neighbor_blocks(scene, to_host(particles.positions), radius, progress)

@@ -1,4 +1,4 @@
-"""Blades: an edge that is swept from one pose to another, and faces that cut where they stand."""
+"""Blades: the surface that an edge sweeps between two poses, and faces that cut in place."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ class Blade:
     Attributes:
         vertices: (V, 3) float64, m, world.
         triangles: (T, 3) uint32 into the vertices.
-        n_moving: so many vertices, the first, belong to the pose before: an instrument that moves
-            together with tissue counts them relative to where each bond was then.
+        n_moving: number of the first vertices that belong to the earlier pose. An instrument that
+            moves together with tissue counts them relative to where each bond was then.
     """
 
     vertices: np.ndarray
@@ -27,7 +27,7 @@ class Blade:
 
 @dataclass
 class Knife:
-    """An instrument that cuts: its edge sweeps, its faces cut whatever crosses them.
+    """An instrument that cuts: bonds that its edge sweeps over, and bonds that cross its faces.
 
     Attributes:
         edge: (K, 3) m, in the knife's own frame; a polyline.
@@ -42,7 +42,11 @@ class Knife:
         return _moved(self.edge, check_pose("pose", pose))
 
     def sweep(self, before: Any, now: Any) -> Blade:
-        """What the knife cuts on its way between two poses, (4, 4) world_from_knife each."""
+        """The blade between two poses, (4, 4) world_from_knife or (3,), m.
+
+        Raises:
+            ValueError: a pose of another shape or with values that are not finite.
+        """
         now = check_pose("now", now)
         swept = sweep(_moved(self.edge, check_pose("before", before)), _moved(self.edge, now))
         if not len(self.faces):
@@ -57,10 +61,13 @@ class Knife:
 
 
 def sweep(before: Any, now: Any) -> Blade:
-    """The surface that an edge sweeps: polylines (K, 3) m, world, vertex by vertex.
+    """The surface that an edge sweeps between two polylines (K, 3) m, world, vertex by vertex.
 
-    Two triangles for each piece of the edge. Sweeps that follow one another share the edge, and
-    nothing slips through there.
+    Each piece of the edge makes two triangles. Successive sweeps share an edge, so that no bond
+    slips through between them.
+
+    Raises:
+        ValueError: polylines of different lengths, or with values that are not finite.
     """
     a, b = _points("before", before, 2), _points("now", now, 2)
     if a.shape != b.shape:
@@ -79,7 +86,11 @@ def _strip(k: int) -> np.ndarray:
 
 
 def triangles(corners: Any) -> Blade:
-    """A blade of triangles (M, 3, 3) m, world, that stand still."""
+    """A blade of triangles (M, 3, 3) m, world, that stand still.
+
+    Raises:
+        ValueError: another shape, or values that are not finite.
+    """
     corners = np.asarray(corners, np.float64)
     if corners.ndim != 3 or corners.shape[1:] != (3, 3):
         raise ValueError(f"blade: expected shape (M, 3, 3), got {corners.shape}")
@@ -91,7 +102,7 @@ def triangles(corners: Any) -> Blade:
 
 
 def as_blade(blade: Any) -> Blade:
-    """A Blade as it is; triangles (M, 3, 3); a pair of polylines (before, now)."""
+    """A `Blade` of a `Blade`, triangles (M, 3, 3) m, or a pair of polylines (before, now)."""
     if isinstance(blade, Blade):
         return blade
     if isinstance(blade, (tuple, list)) and len(blade) == 2:
@@ -112,13 +123,16 @@ def curved(points: Any) -> Knife:
 def scalpel(length: float = 0.03, height: float = 0.008, n: int = 12) -> Knife:
     """A scalpel: a belly that curves up to the tip, and the flat of the blade behind it.
 
-    The tip lies in the origin, the handle along +x, the edge looks down to -z; the flat is a fan of
+    The tip is the origin, the handle is along +x, and the sharp side is -z. The flat is a fan of
     triangles in the plane y = 0.
 
     Args:
         length: m, of the edge along x.
         height: m, from the lowest point of the edge to the back of the blade.
         n: pieces of the edge.
+
+    Raises:
+        ValueError: a length or height that is not positive, or n below 1.
     """
     for name, value in (("length", length), ("height", height)):
         if not (np.isfinite(value) and value > 0):
@@ -135,7 +149,11 @@ def scalpel(length: float = 0.03, height: float = 0.008, n: int = 12) -> Knife:
 
 
 def check_pose(name: str, pose: Any) -> np.ndarray:
-    """(4, 4) float64; a position (3,) stands for no rotation."""
+    """A pose as (4, 4) float64; a position (3,) has no rotation.
+
+    Raises:
+        ValueError: another shape, or values that are not finite; `name` begins the message.
+    """
     pose = np.asarray(pose, np.float64)
     if pose.shape == (3,):
         whole = np.eye(4)
@@ -149,7 +167,7 @@ def check_pose(name: str, pose: Any) -> np.ndarray:
 
 
 def check_rigid(name: str, pose: Any) -> np.ndarray:
-    """`check_pose` of one that only turns and shifts."""
+    """`check_pose`, which also refuses a pose that does more than rotate and translate."""
     try:
         pose = np.asarray(pose, np.float64)
     except (TypeError, ValueError):

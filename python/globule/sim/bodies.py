@@ -24,12 +24,14 @@ from .shapes import Box
 class Body:
     """Particles of one phase.
 
-    kind         "fluid", "tissue", "boundary" or "rigid"
-    table        the scene's table with its material, of the class that fits the kind
-    positions    (N, 3) float64, metres
-    velocities   (N, 3) float64, m/s
-    young        (N,) Pa, of tissue, else None
-    fixed        (N,) bool, of tissue: what is held where it is, else None
+    Attributes:
+        name: of the phase.
+        kind: "fluid", "tissue", "boundary" or "rigid".
+        table: the scene's table with the material.
+        positions: (N, 3) float64, m.
+        velocities: (N, 3) float64, m/s.
+        young: (N,) Pa, of tissue, else None.
+        fixed: (N,) bool, of tissue: what stays where it is, else None.
     """
 
     name: str
@@ -41,13 +43,15 @@ class Body:
     fixed: np.ndarray | None = None
 
 
-BRAIN = 0.35  # rigidity of tissue whose scene says nothing
+BRAIN = 0.35  # default rigidity of tissue
 
 
 def bodies(scene: SceneFile) -> list[Body]:
     """All bodies of a scene: fluids, solids, rigids, boundaries, then the domain's walls.
 
-    Raises SceneError, naming the body, where a file or shape gives no particles.
+    Raises:
+        SceneError: names the body whose file or shape gives no particles, or that does not fit in
+            memory.
     """
     makers = {
         "fluids": _fluid, "solids": _solid, "rigids": _rigid, "boundaries": _boundary
@@ -81,7 +85,7 @@ def bodies(scene: SceneFile) -> list[Body]:
 
 @contextmanager
 def _named(name: str) -> Iterator[None]:
-    """What goes wrong in this block is this body's."""
+    """Errors of this block get the body's name in front."""
     try:
         yield
     except (ValueError, OSError) as error:
@@ -129,7 +133,7 @@ def _solid(scene: SceneFile, table: Any, shape: Any) -> list[Body]:
 
 
 def _by_rigidity(scene: SceneFile, body: Body, rigidity: np.ndarray) -> list[Body]:
-    """Particles with a rigidity each: tissue with its own stiffness, fixed tissue, and fluid."""
+    """Tissue of its own stiffness, fixed tissue and fluid, by each particle's rigidity."""
     liquid = rigidity == 0
     body.young = young_of_rigidity(rigidity)
     body.fixed |= rigidity == 1

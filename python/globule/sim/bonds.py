@@ -1,4 +1,4 @@
-"""Bonds between particles: which, how long, how stiff."""
+"""Bonds between particles of tissue: which particles, rest lengths, stiffnesses."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from .._base.arrays import address
 from ..scene.particles import Particles
 from ..scene.scene import Scene
 
-REACH = 1.5  # spacings: 18 neighbours on a cubic lattice
+REACH = 1.5  # spacings: 18 neighbors on a cubic lattice
 _LATTICE_SQUARES = 30.0  # Σ L² / d² over those 18
 _MARGIN = 1.25  # of the bound on eigenvalues, for bonds that are stretched by a half
 
@@ -54,6 +54,9 @@ def build_bonds(positions: Any, spacing: float, young: Any, body: Any = None) ->
         young: Young's modulus, Pa, one or (N,); a bond between two has the compliance of half
             of each.
         body: (N,) numbers; particles of different bodies are not bonded.
+
+    Raises:
+        ValueError: a modulus that is not positive, or particles that nearly coincide.
     """
     positions = np.ascontiguousarray(positions, np.float32)
     n = len(positions)
@@ -112,7 +115,7 @@ def _largest_eigenvalues(first: np.ndarray, unit: np.ndarray, n: int) -> np.ndar
 
 
 def along(course: Any, radius: float, points: np.ndarray) -> np.ndarray:
-    """(M,) bool: points (M, 3) within `radius` of a polyline (K, 3)."""
+    """(M,) bool: whether points (M, 3) m are within `radius`, m, of a polyline (K, 3) m."""
     course = np.asarray(course, np.float64)
     inside = np.zeros(len(points), bool)
     for a, b in itertools.pairwise(course):
@@ -123,7 +126,7 @@ def along(course: Any, radius: float, points: np.ndarray) -> np.ndarray:
 
 
 def morton_order(positions: np.ndarray, spacing: float) -> np.ndarray:
-    """(N,) the particles in the octree's order: neighbours in space are neighbours in memory."""
+    """(N,) int64: the particles in the octree's order, which keeps neighbors together."""
     if len(positions) == 0:
         return np.empty(0, np.int64)
     scene = Scene(Particles(positions, support=spacing), device="cpu")
@@ -134,7 +137,8 @@ def add_body(
     core: Any, positions: np.ndarray, ids: np.ndarray, bonds: Bonds, hold: np.ndarray,
     phase: np.ndarray, mass: Any, spacing: float,
 ) -> None:  # fmt: skip
-    """Hand a body to the core; everything in the tissue's own order."""
+    """Add a body to the core's tissue; all arrays are (N, ...) in its own order. hold: (N,) FREE,
+    FIXED ...; mass: kg, one or (N,); spacing: m, at which particles touch."""
     n = len(ids)
     movable = hold == 0
     inverse_mass = np.where(movable, 1 / np.asarray(mass, np.float64), 0)

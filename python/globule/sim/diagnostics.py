@@ -1,4 +1,4 @@
-"""What a run's numbers did over time: CSV and plots."""
+"""Diagnostics of a run over time, as CSV and as plots."""
 
 from __future__ import annotations
 
@@ -22,7 +22,11 @@ FACTORS = {"compression": 100.0, "max_compression": 100.0, "dt": 1000.0}
 
 
 def write_csv(path: str | os.PathLike[str], rows: Sequence[dict[str, Any]]) -> None:
-    """One row a step; every number in full. The file appears whole or not at all."""
+    """Write diagnostics, one row a step, all digits; the file appears whole or not at all.
+
+    Raises:
+        OSError: a file that cannot be written.
+    """
     columns = list(dict.fromkeys(name for row in rows for name in row))
     text = io.StringIO()
     writer = csv.DictWriter(text, columns, restval="", lineterminator="\n")
@@ -33,7 +37,11 @@ def write_csv(path: str | os.PathLike[str], rows: Sequence[dict[str, Any]]) -> N
 
 
 def plot(path: str | os.PathLike[str], rows: Sequence[dict[str, Any]], title: str = "") -> bool:
-    """The same as curves over time, a PNG; False where matplotlib is missing."""
+    """Plot diagnostics over time to a PNG; returns False where matplotlib is missing.
+
+    Raises:
+        OSError: a file that cannot be written.
+    """
     try:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
@@ -41,7 +49,7 @@ def plot(path: str | os.PathLike[str], rows: Sequence[dict[str, Any]], title: st
         return False
     panels = []
     for label, names in PANELS:
-        # What was measured at frames only is not in every row.
+        # Energies are in the rows of frames only.
         curves = {name: [(r["time"], r[name]) for r in rows if name in r] for name in names}
         curves = {name: points for name, points in curves.items() if any(v for _, v in points)}
         if curves:

@@ -112,7 +112,7 @@ class Emitter(Steered):
 
     def _disc(self, d: float) -> np.ndarray:
         """A square lattice in the disc, row by row there and back, so that those that leave one
-        after the other are neighbours."""
+        after the other are neighbors."""
         helper = np.eye(3)[np.argmin(np.abs(self.direction))]
         u = np.cross(self.direction, helper)
         u /= np.linalg.norm(u)

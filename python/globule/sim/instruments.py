@@ -27,7 +27,8 @@ from .schema import (
 
 @dataclass(kw_only=True)
 class Key(Table):
-    """Where an instrument is at a time; what is left out stays as in the key before."""
+    """A key frame: where an instrument or boundary is at a time. Keys that are left out stay as in
+    the frame before."""
 
     time: float = key(number(least=0.0))
     position: tuple | None = key(place, None)
@@ -42,12 +43,14 @@ class Key(Table):
 
 
 class Motion:
-    """A pose for every time: straight lines between the keys' positions, and between their
-    rotations the shortest turn at even speed (slerp). It stands still before the first key and
-    after the last.
+    """A pose for every time: positions along straight lines between the key frames, rotations by
+    the shortest turn at constant speed (slerp). It rests before the first frame and after the last.
 
     Args:
-        keys: rising in time; the first one's position counts as the origin where it has none.
+        keys: `Key`s, rising in time; the first position is the origin unless given.
+
+    Raises:
+        Problem: times that do not rise.
     """
 
     def __init__(self, keys: list[Key]):
@@ -69,7 +72,7 @@ class Motion:
         self._resting: tuple[int, np.ndarray] | None = None
 
     def pose(self, time: float) -> np.ndarray:
-        """World from instrument (4, 4)."""
+        """(4, 4) world_from_instrument at a time, s; m."""
         i, share = self._between(time)
         if share > 0:
             return self._mixed(i, share)
@@ -85,7 +88,7 @@ class Motion:
         return pose
 
     def on(self, time: float) -> bool:
-        """Whether it works: as the last key up to now says, off before the first key."""
+        """Whether it works at a time, s, by the last key frame before; off before the first."""
         return bool(time >= self.times[0] and self.switches[self._between(time)[0]])
 
     def _between(self, time: float) -> tuple[int, float]:
@@ -96,13 +99,13 @@ class Motion:
 
 
 def quaternion(axis: Any, degrees: float) -> np.ndarray:
-    """(w, x, y, z) of a turn about a unit axis."""
+    """(4,) w, x, y, z of a rotation about a unit axis (3,) by an angle in degrees."""
     half = math.radians(degrees) / 2
     return np.array([math.cos(half), *(math.sin(half) * np.asarray(axis, float))])
 
 
 def slerp(a: np.ndarray, b: np.ndarray, share: float) -> np.ndarray:
-    """From turn a to turn b the shorter way."""
+    """(4,) quaternion between two, share 0 to 1, along the shorter way."""
     cosine = float(a @ b)
     if cosine < 0:
         b, cosine = -b, -cosine
@@ -116,20 +119,20 @@ def slerp(a: np.ndarray, b: np.ndarray, share: float) -> np.ndarray:
 
 @dataclass(kw_only=True)
 class Instrument(Table):
-    """A tool: what it is, and its key frames.
+    """A tool and its key frames.
 
-    Its own frame: the origin is the tip. Whatever a scalpel's moving edge sweeps over is cut. With
-    a `length` the edge is a scalpel's: along +x from the tip, curved, looking down to -z; `edge` is
-    any other line of points. Suction takes fluid out of a ball around the tip, and tissue too if it
-    ablates; a grasper moves the tissue in its ball along while it is on.
+    The origin of its own frame is the tip. A scalpel's moving edge cuts the bonds that it sweeps
+    over. `length` gives a curved edge along +x from the tip, whose sharp side is -z; `edge` gives
+    any line of points. Suction removes fluid from a ball around the tip, and tissue if it ablates.
+    A grasper moves the tissue in its ball while it is on.
     """
 
     name: str = key(text)
     kind: str = key(choice("scalpel", "suction", "grasper"))
     keys: list = key(each(Key, least=1))
-    edge: list | None = key(each(place, least=2), None)  # metres
-    length: float | None = key(positive, None)  # of the edge, metres, where no edge is given
-    radius: float | None = key(positive, None)  # of suction and grasper, metres
+    edge: list | None = key(each(place, least=2), None)  # m
+    length: float | None = key(positive, None)  # m, of a curved edge, where no `edge` is given
+    radius: float | None = key(positive, None)  # m, of suction and grasper
     ablates: bool = key(switch, False)  # suction, of tissue
 
     def __post_init__(self) -> None:

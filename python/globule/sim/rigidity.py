@@ -1,4 +1,4 @@
-"""The thesis's rigidity of a particle: 0 is a fluid, 1 stands fixed, and between them is tissue.
+"""The thesis's rigidity of a particle: 0 is fluid, 1 is fixed, and between them is tissue.
 
 Tissue's Young's modulus grows with its rigidity, E = 100 Pa · 10^(4 rigidity):
 0.35 is brain (2.5 kPa), 0.5 is muscle at rest (10 kPa), 0.75 is 100 kPa.

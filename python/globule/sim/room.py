@@ -1,4 +1,4 @@
-"""Whether there is memory for the particles of a scene: counted before any is made."""
+"""Whether there is memory for the particles of a scene, which are counted before any is made."""
 
 from __future__ import annotations
 
@@ -13,14 +13,19 @@ from .limits import n_places
 from .schema import SceneError
 from .shapes import Box, Plane
 
-# Of main memory a particle takes, measured at the peak of a first step.
+# Of main memory for each particle, measured at the peak of a first step.
 BYTES = {"fluids": 1000, "solids": 2250, "rigids": 1000, "boundaries": 1000, "emitters": 1000}
 
 
 def check_room(scene: Any, shapes: dict[int, Any]) -> None:
-    """Raise SceneError that names the largest body, if all do not fit.
+    """Refuse a scene whose particles do not fit in free memory.
 
-    shapes: of the tables by their `id`, those of files loaded.
+    Args:
+        scene: a `SceneFile`.
+        shapes: of its tables by their `id`; files are loaded.
+
+    Raises:
+        SceneError: names the largest body, and a spacing that fits.
     """
     free = free_bytes()
     needs = list(_needs(scene, shapes, scene.spacing))

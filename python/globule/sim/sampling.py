@@ -1,9 +1,9 @@
 """Shapes to particles: volumes to a cubic lattice, surfaces to one layer of boundary particles.
 
-A particle stands for the cube of the spacing around it. So a box's outermost particles are half a
-spacing inside it, and where two blocks touch, their particles go on at the same spacing. A wall's
-layer is BEHIND spacings behind the wall: the solver's walls push a little harder than the lattice
-(kWallShare in boundary.hpp), and there a lattice that touches them is at rest.
+A particle represents the cube of the spacing around it. The outermost particles of a box are half a
+spacing inside it, and the particles of two blocks that touch are one lattice. A wall's layer is
+BEHIND spacings behind its face: the solver's walls push a little harder than fluid does (kWallShare
+in boundary.hpp), and at this distance a lattice that touches the face is at rest.
 """
 
 from __future__ import annotations
@@ -26,8 +26,15 @@ ENDS = ("start", "end")
 def fill(shape: Any, spacing: float) -> np.ndarray:
     """Lattice points (N, 3) float64 that fill a shape.
 
-    A box that is a whole number of spacings wide is filled exactly; otherwise the lattice is the
-    largest that fits, in its middle. Raises ValueError for a shape without an end, or too large.
+    A box that is a whole number of spacings wide is filled exactly. In any other shape the lattice
+    is the largest that fits, centered.
+
+    Args:
+        shape: one of shapes.py, m.
+        spacing: m.
+
+    Raises:
+        ValueError: a plane, or more than MOST_PARTICLES particles.
     """
     lo, hi = shape.bounds()
     if not np.isfinite([lo, hi]).all():
@@ -47,7 +54,7 @@ def fill(shape: Any, spacing: float) -> np.ndarray:
 
 
 def lattice(n: Any, middle: Any, spacing: float) -> np.ndarray:
-    """n[0] x n[1] x n[2] points around a middle, x slowest."""
+    """(N, 3) m: n[0] x n[1] x n[2] points around a middle (3,), x slowest."""
     axes = [m + spacing * (np.arange(k) - (k - 1) / 2) for m, k in zip(middle, n, strict=True)]
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
 
@@ -59,11 +66,18 @@ def surface(
     open_faces: Any = (),
     domain: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> np.ndarray:
-    """One layer of points (N, 3) along a shape's surface, about `spacing` apart.
+    """One layer of points (N, 3) m along a shape's surface, about `spacing` apart.
 
-    The layer is BEHIND spacings inside a solid body, and outside of a hollow one, in which things
-    move. `open_faces` of a box ("+z") or a cylinder ("end") have no points. A plane spans the
-    `domain`.
+    Args:
+        shape: one of shapes.py, m.
+        spacing: m.
+        hollow: whether things move inside the shape: the layer is outside of its surface, not
+            inside.
+        open_faces: of a box ("+z") or a cylinder ("end"), which have no points.
+        domain: corners, m, which a plane spans.
+
+    Raises:
+        ValueError: open faces of another shape, unknown faces, or a plane without a domain.
     """
     offset = BEHIND * spacing if hollow else -BEHIND * spacing
     if isinstance(shape, Box):
@@ -194,7 +208,7 @@ def _grid_surface(shape: Grid, d: float, offset: float) -> np.ndarray:
 
 
 def thinned(points: np.ndarray, distance: float) -> np.ndarray:
-    """Points of which no two are nearer than `distance`: each that is near no earlier one kept."""
+    """The points (M, 3) that are farther than `distance` from every earlier point that is kept."""
     if not len(points):
         return points
     scene = Scene(Particles(points, support=distance), device="cpu")

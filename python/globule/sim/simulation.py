@@ -154,7 +154,7 @@ class Simulation:
         _log.info("%r", self)
 
     def _set_up(self, added: list[tuple[Body, np.ndarray]]) -> None:
-        """What the scene has beside its particles, which are added already, with these ids."""
+        """Everything of the scene but its particles, which are added already, with these ids."""
         scene = self.file
         for body, ids in added:
             if body.kind == "tissue":
@@ -298,7 +298,7 @@ class Simulation:
         return report
 
     def _prepare(self, dt: float) -> None:
-        """What a step of dt needs to know of the scene's moving parts."""
+        """Move boundaries, instruments and sinks to where they are in a step of dt seconds."""
         time = self.time
         for table in self.file.boundaries:
             if table.motion is not None:
@@ -442,12 +442,13 @@ class Simulation:
         if name is None:
             name = next((n for n, p in self.phases.items() if p.kind != "boundary"), "")
         if name not in self.phases:
-            listed = ", ".join(self.phases) or "none, as the scene has no fluids or other bodies"
-            raise ValueError(f"phase: expected one of {listed}, got {name!r}")
+            if not name:
+                raise ValueError("phase: expected fluids, solids or rigids in the scene, got none")
+            raise ValueError(f"phase: expected one of {', '.join(self.phases)}, got {name!r}")
         return list(self.phases).index(name)
 
     def _send(self) -> None:
-        """Settings and materials that were changed."""
+        """Hand settings and materials that changed to the core."""
         settings = self.settings._pack()
         if self._settings_sent != settings:
             self._core.configure(settings)
@@ -526,7 +527,7 @@ class Simulation:
         self.arrays.set_state(state)
 
     def _by_hand(self) -> dict[str, Any]:
-        """What may be changed between steps beside the state's arrays, as JSON holds it."""
+        """All that may change between steps but the state's arrays, as JSON holds it."""
         kept = {
             "settings": {name: getattr(self.settings, name) for name in SETTINGS},
             "phases": [_values(phase) for phase in self.phases.values()],
@@ -539,7 +540,7 @@ class Simulation:
         return json.loads(json.dumps(kept))
 
     def _take_up(self, by_hand: dict[str, Any]) -> None:
-        """What `_by_hand` gave."""
+        """Restore what `_by_hand` returned."""
         for name, value in by_hand["settings"].items():
             setattr(self.settings, name, value)
         for values in by_hand["phases"]:

@@ -123,22 +123,22 @@ class Tomography(Table):
         return (positions - middle) * self.scale + np.asarray(self.center)
 
 
-def _atlas(millimetres: float) -> np.ndarray:
+def _atlas(millimeters: float) -> np.ndarray:
     """The MNI152 brain, where gray and white matter together are most of a voxel: mm, LPS."""
     try:
         from nilearn import datasets, image
     except ImportError:
         raise missing("nilearn", "atlas") from None
-    if ATLAS_VOLUME / millimetres**3 > MOST_PARTICLES:
+    if ATLAS_VOLUME / millimeters**3 > MOST_PARTICLES:
         least = (ATLAS_VOLUME / MOST_PARTICLES) ** (1 / 3)
-        raise ValueError(f"atlas: expected at least {least:.2g} mm, got {millimetres:g} mm")
+        raise ValueError(f"atlas: expected at least {least:.2g} mm, got {millimeters:g} mm")
     gray = datasets.load_mni152_gm_template(resolution=1)
     white = datasets.load_mni152_wm_template(resolution=1)
     both = image.math_img("a + b", a=gray, b=white)
-    if millimetres > 1:  # means of the voxels that a larger one covers
-        both = image.smooth_img(both, millimetres / 2)
+    if millimeters > 1:  # means of the voxels that a larger one covers
+        both = image.smooth_img(both, millimeters / 2)
     both = image.resample_img(
-        both, np.diag([millimetres] * 3), force_resample=True, copy_header=True
+        both, np.diag([millimeters] * 3), force_resample=True, copy_header=True
     )
     index = np.argwhere(both.get_fdata() > 0.5)
     return (index @ both.affine[:3, :3].T + both.affine[:3, 3]) * (-1, -1, 1)  # RAS to LPS

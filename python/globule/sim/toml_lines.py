@@ -1,6 +1,6 @@
-"""Where the keys of a TOML text stand: tomllib gives values without their lines.
+"""The lines of the keys of a TOML text: tomllib gives values without their lines.
 
-The text must be one that tomllib has read without an error; so nothing is checked here.
+tomllib must have read the text without an error; nothing is checked here.
 """
 
 from __future__ import annotations

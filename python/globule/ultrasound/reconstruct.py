@@ -358,7 +358,7 @@ def check_options(
 
 
 def check_frames(frames: Any) -> np.ndarray | DeviceArray:
-    """Frames (F, H, W), C-contiguous."""
+    """Frames (F, H, W), C-contiguous. Raises TypeError, ValueError."""
     if not isinstance(frames, DeviceArray):
         frames = np.ascontiguousarray(frames)
     if frames.ndim != 3 or 0 in frames.shape:
@@ -388,7 +388,7 @@ def check_poses(world_from_image: np.ndarray) -> None:
 
 
 def check_mask(mask: Any, shape: tuple[int, int]) -> np.ndarray | None:
-    """(H, W) uint8 or None."""
+    """The mask as (H, W) uint8, or None. Raises ValueError for another shape."""
     if mask is None:
         return None
     mask = np.ascontiguousarray(np.asarray(mask) != 0, np.uint8)

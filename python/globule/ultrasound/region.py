@@ -37,7 +37,7 @@ class Fan(NamedTuple):
 
 
 def checked_clip(value: Any) -> Clip:
-    """A Clip of four numbers, column, row, width, height."""
+    """A Clip of four numbers, column, row, width, height. Raises ValueError."""
     clip = Clip(*_numbers("clip", value, Clip._fields))
     if clip.width <= 0 or clip.height <= 0:
         raise ValueError(f"clip: expected a width and height above 0, got {tuple(clip)}")
@@ -45,7 +45,7 @@ def checked_clip(value: Any) -> Clip:
 
 
 def checked_fan(value: Any) -> Fan:
-    """A Fan of six numbers, in the order of its fields."""
+    """A Fan of six numbers, in the order of its fields. Raises ValueError."""
     fan = Fan(*_numbers("fan", value, Fan._fields))
     if not -90 < fan.first < fan.last < 90:
         expected = "-90 < first < last < 90 degrees"

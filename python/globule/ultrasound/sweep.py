@@ -121,7 +121,8 @@ class Sweep:
 
 
 def checked_frames(value: Any) -> np.ndarray | DeviceArray:
-    """Images as (F, H, W) uint8, uint16 or float32; other numbers become what holds them."""
+    """Images as (F, H, W) uint8, uint16 or float32; other numbers become what holds them. Raises
+    TypeError, ValueError."""
     if on_gpu(value):
         if not isinstance(value, DeviceArray):
             value = device_array("frames", value, ("uint8", "uint16"))

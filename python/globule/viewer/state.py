@@ -159,6 +159,8 @@ class Time:
     rate: float = real(24.0, 0.1, 1000.0, "Frames per second", "Of the playback")
 
 
+Names = set[str]  # of settings, as "surface.kernel"
+
 # Settings by their old names; they go with the next version.
 RENAMED = {"look__depth": "look__bounces"}
 
@@ -171,8 +173,6 @@ GROUPS = {
     "slices": Slices,
     "time": Time,
 }
-
-Names = set[str]  # in the class below, `set` is its method
 
 
 class State:
@@ -202,7 +202,7 @@ class State:
         self._lock = threading.RLock()
         self._listeners: list[Callable[[Names], None]] = []
 
-    def listen(self, called: Callable[[set[str]], None]) -> None:
+    def listen(self, called: Callable[[Names], None]) -> None:
         """Call a function after each change with the names of the settings ("surface.kernel")."""
         self._listeners.append(called)
 

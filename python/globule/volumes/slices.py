@@ -41,7 +41,10 @@ def reslice(
         linear: between the eight voxels around a point, without those that are empty; else the
             nearest voxel's value.
 
-    The origin is that of the nearest voxel.
+    Returns:
+        Slice; the origin is that of the nearest voxel.
+
+    Raises ValueError for a matrix that is not finite or a size below 1x1.
     """
     matrix = np.asarray(world_from_plane, np.float64)
     if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
@@ -66,7 +69,10 @@ def reslice(
 
 
 def reslice_frame(volume: Volume, sweep: Any, i: int, linear: bool = True) -> Slice:
-    """What the volume says where frame `i` of a sweep was taken, pixel for pixel."""
+    """The volume's values where frame `i` of a sweep was taken: a Slice (H, W) as the frame.
+
+    Raises ValueError for a frame without a pose.
+    """
     height, width = sweep.frames.shape[1:]
     if not sweep.valid[i]:
         raise ValueError(f"i: expected a valid frame, got {i}, which has no pose")

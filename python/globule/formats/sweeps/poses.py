@@ -85,6 +85,7 @@ def interpolate(table: PoseTable, times: np.ndarray) -> tuple[np.ndarray, np.nda
     times   (M,) s; the table must have times. Returns matrices (M, 4, 4) float64 and ok (M,): False
     outside of the table's times and where the tracker was silent for longer than 5 median
     intervals. A time that the table has gives exactly the table's pose, missing ones included.
+    Raises ValueError for a table without times and for a mirrored pose.
     """
     n = len(times)
     matrices, ok = np.tile(np.full((4, 4), np.nan), (n, 1, 1)), np.zeros(n, bool)
@@ -133,7 +134,7 @@ def _between(a: np.ndarray, b: np.ndarray, share: float) -> np.ndarray:
 def quaternion(matrix: np.ndarray) -> np.ndarray:
     """The unit quaternion (x, y, z, w) of the rotation nearest to a 3x3 matrix (Bar-Itzhack 2000).
 
-    A mirrored frame is refused: no rotation leads there.
+    Raises ValueError for a mirrored frame: no rotation leads there.
     """
     if np.linalg.det(matrix) <= 0:
         raise ValueError("pose: expected a right-handed rotation, got a mirrored one")

@@ -29,7 +29,10 @@ class Stack(NamedTuple):
 
 
 def read_folder(path: str | os.PathLike[str], progress: Progress = None) -> Stack:
-    """The pictures of a folder in the order of the numbers in their names; progress in pictures."""
+    """The pictures of a folder in the order of the numbers in their names; progress in pictures.
+
+    Raises FormatError naming the picture.
+    """
     from PIL import Image
 
     names = [name for name in os.listdir(path) if name.lower().endswith(PICTURE_ENDINGS)]
@@ -60,7 +63,10 @@ def read_folder(path: str | os.PathLike[str], progress: Progress = None) -> Stac
 
 
 def read_numpy(path: str | os.PathLike[str]) -> Stack:
-    """.npy: frames (F, H, W); .npz: frames, perhaps timestamps, and whatever else it holds."""
+    """.npy: frames (F, H, W); .npz: frames, perhaps timestamps, and whatever else it holds.
+
+    Raises FormatError naming the array.
+    """
     with open(path, "rb") as file:
         is_array = file.read(6) == b"\x93NUMPY"
         file.seek(0)
@@ -79,7 +85,10 @@ def read_numpy(path: str | os.PathLike[str]) -> Stack:
 
 
 def read_dicom(path: str | os.PathLike[str]) -> Stack:
-    """A DICOM multi-frame file, by SimpleITK; times from Frame Time or Frame Time Vector (ms)."""
+    """A DICOM multi-frame file, by SimpleITK; times from Frame Time or Frame Time Vector (ms).
+
+    Raises FormatError for other files, MissingPackageError without SimpleITK.
+    """
     try:
         import SimpleITK
     except ImportError:

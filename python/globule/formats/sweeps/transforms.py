@@ -93,7 +93,8 @@ def format_matrix(matrix: np.ndarray) -> str:
 
 
 def check_pixel_matrix(name: str, value: Any) -> np.ndarray:
-    """A 4x4 that maps pixels to mm: finite, last row 0 0 0 1, columns 0 and 1 not parallel."""
+    """A 4x4 that maps pixels to mm: finite, last row 0 0 0 1, columns 0 and 1 not parallel. Raises
+    ValueError for others."""
     try:
         matrix = np.array(value, np.float64)
     except (TypeError, ValueError):

@@ -31,7 +31,7 @@ class VolumeData(NamedTuple):
 
 def in_space(data: VolumeData, space: str) -> VolumeData:
     """The same volume with the world's axes in `space`, "LPS" or "RAS"; the voxels keep their
-    order."""
+    order. Raises ValueError for another space."""
     if space not in SPACES:
         raise ValueError(f"space: expected LPS or RAS, got {space!r}")
     if data.space == space:
@@ -61,7 +61,7 @@ def place(steps: np.ndarray, origin: np.ndarray) -> np.ndarray:
 
 
 def checked(path: Any, data: VolumeData) -> VolumeData:
-    """`data`, if it is a volume of numbers at a place that can be inverted."""
+    """`data`, if it is a volume of numbers at a place that can be inverted; else FormatError."""
     values, matrix = data.values, data.world_from_voxel
     if values.ndim != 3 or 0 in values.shape or values.dtype.kind not in "biuf":
         got = f"{values.dtype} {values.shape}"

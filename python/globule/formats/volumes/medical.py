@@ -19,7 +19,7 @@ _NRRD_SPACES = {
 
 
 def read_metaimage(path: str | os.PathLike[str], progress: Progress = None) -> VolumeData:
-    """Read a .mha or .mhd; ITK's world is LPS (MetaImage calls that RAI)."""
+    """Read a .mha or .mhd; ITK's world is LPS (MetaImage calls that RAI). Raises FormatError."""
     image = metaimage.read(path, progress)
     array = image.array[0] if image.array.ndim == 4 and len(image.array) == 1 else image.array
     fields = image.fields
@@ -60,7 +60,7 @@ def write_metaimage(
 
 
 def read_nrrd(path: str | os.PathLike[str], progress: Progress = None) -> VolumeData:
-    """Read a .nrrd or .nhdr of three axes; its space may be LPS or RAS."""
+    """Read a .nrrd or .nhdr of three axes; its space may be LPS or RAS. Raises FormatError."""
     image = nrrd.read(path, progress)
     fields = image.fields
     named = fields.get("space", "left-posterior-superior").lower()

@@ -45,6 +45,7 @@ def write(
     """Write a .mha: `fields` in their order, those that describe the data made anew.
 
     array   (..., z, y, x), any dtype of MetaImage, little endian in the file.
+    Raises ValueError for a type that the format does not have.
     """
     dtype = np.dtype(array.dtype)
     code = f"{dtype.kind}{dtype.itemsize}"

@@ -28,7 +28,7 @@ _OWN = ("values", "world_from_voxel", "space", "shape", "blocks")
 
 
 def read(path: str | os.PathLike[str]) -> VolumeData:
-    """Read either form."""
+    """Read either form. Raises FormatError naming the array."""
     arrays = read_archive(path)
     for name in ("values", "world_from_voxel"):
         if name not in arrays:

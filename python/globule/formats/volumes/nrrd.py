@@ -51,6 +51,7 @@ def write(
     """Write a .nrrd: `fields` in their order, those that describe the data made anew.
 
     array   (..., z, y, x), little endian in the file.
+    Raises ValueError for a type that the format does not have.
     """
     dtype = np.dtype(array.dtype)
     code = f"{dtype.kind}{dtype.itemsize}"

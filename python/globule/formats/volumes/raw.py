@@ -27,7 +27,7 @@ class RawImage(NamedTuple):
 
 
 def beside(path: str | os.PathLike[str], field: str, name: str) -> IO[bytes]:
-    """Open the data's file that a header names in `field`."""
+    """Open the data's file that a header names in `field`. Raises FormatError if there is none."""
     if not name or os.path.basename(name) != name or name.upper().startswith("LIST"):
         raise bad(path, field, f"expected one file of the same folder, got {shown(name)}")
     try:
@@ -47,7 +47,8 @@ def numbers_of(
 ) -> np.ndarray:
     """The numbers that the rest of the file holds, deflated if zlib's `window_bits` are given.
 
-    `progress(done, total)` is called with bytes of the numbers.
+    `progress(done, total)` is called with bytes of the numbers. Raises FormatError for too few or
+    too many.
     """
     size = math.prod(shape) * dtype.itemsize
     left = os.fstat(file.fileno()).st_size - file.tell()

@@ -57,7 +57,7 @@ def write(path: str | os.PathLike[str], data: VolumeData) -> None:
 
 def read(path: str | os.PathLike[str]) -> VolumeData:
     """Read a .vti of one piece: point data with one component, ascii, binary (base64) or appended
-    (raw or base64), plain or compressed with zlib, which is VTK's default."""
+    (raw or base64), plain or compressed with zlib, which is VTK's default. Raises FormatError."""
     file = VtkXml(path, Path(path).read_bytes())
     image = file.root.find("ImageData")
     if file.root.get("type") != "ImageData" or image is None:

@@ -61,6 +61,9 @@ def reconstruct_plus(
     Returns:
         Volume of the frames' type; `measured` are voxels with a non-zero accumulator, which is
         `info["accumulator"]`, (Z, Y, X) uint16.
+
+    Raises FormatError for a configuration that cannot be read, TypeError and ValueError naming the
+    argument, MemoryError for a volume that does not fit.
     """
     if not isinstance(config, PlusConfig):
         config = read_plus_config(config)
