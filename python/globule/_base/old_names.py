@@ -35,7 +35,7 @@ def renamed_fields(**names: str) -> Callable[[_Class], _Class]:
     """Decorate a dataclass so that fields are still found by their old names: `old="new"`."""
 
     def decorate(cls: _Class) -> _Class:
-        cls.__init__ = renamed(**names)(cls.__init__)  # type: ignore[misc]
+        cls.__init__ = renamed(**names)(cls.__init__)  # type: ignore[misc]  # of the class
         for old, new in names.items():
             setattr(cls, old, old_attribute(old, new))
         return cls
