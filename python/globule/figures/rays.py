@@ -33,7 +33,7 @@ ON_A_RAY = np.array([[-1.7, 0.75], [-0.75, -0.6], [0.45, 0.35], [1.6, -0.1], [2.
 
 
 def flat_scene(device: str = "auto", centres: np.ndarray = CENTRES) -> Scene:
-    """Metaballs of support 1 with their centres in the plane z = 0."""
+    """Metaballs of support 1 with their centers in the plane z = 0."""
     positions = np.float32([[x, y, 0] for x, y in centres])
     return Scene(Particles(positions, support=1.0), threshold=THRESHOLD, device=device)
 

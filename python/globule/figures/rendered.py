@@ -66,7 +66,7 @@ def clusters(n: int = 100_000) -> np.ndarray:
 
 def scattered(path: Any, device: str = "auto", dpi: float = 110) -> None:
     """100,000 metaballs scattered through the space: they fuse to threads and clusters where they
-    are dense, and leave voids between; the colour is the number of neighbours."""
+    are dense, and leave voids between; the color is the number of neighbors."""
     positions = clusters()
     support = 0.007
     scene = Scene(Particles(positions, support=support), threshold=0.5, device=device)
@@ -85,7 +85,7 @@ def scattered(path: Any, device: str = "auto", dpi: float = 110) -> None:
 
 
 def cube(kernel: str, device: str = "auto", n: int = 40) -> Scene:
-    """n^3 particles on a lattice of spacing 1 around the origin, coloured by height."""
+    """n^3 particles on a lattice of spacing 1 around the origin, colored by height."""
     steps = np.arange(n) - (n - 1) / 2
     positions = np.stack(np.meshgrid(steps, steps, steps, indexing="ij"), -1).reshape(-1, 3)
     color = colorize(positions[:, 1], "viridis", -0.6 * n, 0.6 * n)

@@ -1,4 +1,4 @@
-"""Figures 5.5 and 5.7: a ray's samples under several thresholds, and the neighbours it skips."""
+"""Figures 5.5 and 5.7: a ray's samples under several thresholds, and the neighbors it skips."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ def several_thresholds(path: Any, device: str = "auto", dpi: float = 110) -> Non
 
 
 def skipped_neighbours(path: Any, device: str = "auto", dpi: float = 110) -> None:
-    """A ray enters the middle cell through its left face: the nine neighbours on that side were
+    """A ray enters the middle cell through its left face: the nine neighbors on that side were
     seen already, and 17 of 26 remain to be looked at."""
     level, levels = 2, 10
     middle = (1 << 30) + (morton.encode(1, 1, 1) << 3 * (levels - level))

@@ -39,7 +39,7 @@ class Thesis(Fixed):
         thresholds: number of thresholds below the scene's own, evenly spaced, 0 to 16; each one
             that is passed halves the step.
         ghosts: leaves see the particles of their neighbors (ghost particles), and leaves beside
-            occupied ones are visited. Without: the artefacts of Fig. 5.6.
+            occupied ones are visited. Without: the artifacts of Fig. 5.6.
         face_rule: the nine neighbors across the face of entry are not fetched again (Fig. 5.7); the
             image is the same.
         exterior: the spheres of radius a bound the search; a sphere that is met alone needs no

@@ -1,6 +1,6 @@
 """Looking at volumes: slices along any plane, back onto the frames, and three-view pictures.
 
-Where a value came from is shown with it: measured, filled from its neighbours, or empty.
+Where a value came from is shown with it: measured, filled from its neighbors, or empty.
 """
 
 from __future__ import annotations
@@ -118,7 +118,7 @@ def three_view(volume: Volume, center: Any = None, overlay: bool = False) -> np.
     Args:
         volume: what to look at.
         center: (x, y, z) mm, world, where the planes meet; default: the middle of what is known.
-        overlay: tint what was filled (orange) and what is empty (blue) over the grey of what was
+        overlay: tint what was filled (orange) and what is empty (blue) over the gray of what was
             measured.
 
     From left to right the planes of x and y, of x and z, of y and z, in the volume's own axes and
@@ -130,7 +130,7 @@ def three_view(volume: Volume, center: Any = None, overlay: bool = False) -> np.
 
 def save_three_view(path: str | os.PathLike, volume: Volume, center: Any = None) -> None:
     """Write a three-view picture (.png): the values above, the same with the overlay below. Arrows
-    beside the planes name the volume's axes and tell how long some millimetres are."""
+    beside the planes name the volume's axes and tell how long some millimeters are."""
     from PIL import Image
 
     rows = []
