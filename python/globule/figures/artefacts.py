@@ -59,8 +59,8 @@ def step_size(path: Any, device: str = "auto", dpi: float = 110) -> None:
 
 def ghosts(path: Any, device: str = "auto", dpi: float = 110) -> None:
     """A leaf that sees only its own particles: (a) the surface ends where it reaches into empty
-    leaves, (b) two metaballs in different leaves do not fuse; to the right both with the particles
-    of the neighbors."""
+    leaves, (b) two metaballs in different leaves do not fuse; the images on the right use the
+    particles of the neighbors."""
     camera = Camera((3.0, 2.9, 6.2), (2, 1.5, 1.5), fov=24)
     size = (int(4.2 * dpi * 2), int(2.7 * dpi * 2))
     with Figure(path, 8.4, 5.8, dpi) as figure:

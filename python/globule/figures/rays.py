@@ -59,8 +59,8 @@ def sphere_events(
 
 
 def exterior_spheres(path: Any, device: str = "auto", dpi: float = 110) -> None:
-    """The spheres of the supports stand around the surface like a skeleton: a ray that misses them
-    all cannot hit it; a metaball alone has its surface at the constant distance d."""
+    """The spheres of the supports stand around the surface like a skeleton: a ray that misses all
+    spheres cannot hit the surface; the surface of a lone metaball is at the constant distance d."""
     scene = flat_scene(device)
     with Figure(path, 9, 4.5, dpi) as figure:
         ax = figure.subplots()

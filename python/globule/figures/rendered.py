@@ -33,7 +33,7 @@ def nine_leaves(device: str = "auto") -> tuple[Scene, np.ndarray]:
 
 def close_up(path: Any, device: str = "auto", dpi: float = 110) -> None:
     """Close up of 100 metaballs within nine leaves: 99 in eight leaves fuse across the leaves'
-    faces without a seam; the one apart stays a sphere."""
+    faces without a seam; the last metaball, which is apart, stays a sphere."""
     scene, cells = nine_leaves(device)
     camera = Camera((4.4, 3.4, 7.0), (1.95, 0.8, 1.0), fov=31)
     with Figure(path, 8, 4.8, dpi) as figure:
@@ -127,8 +127,8 @@ def at_the_border(
 
 
 def border(path: Any, device: str = "auto", dpi: float = 110) -> None:
-    """Random metaballs at the border of the octree, drawn as lines: what reaches across is neither
-    clipped nor doubled, also in the corners."""
+    """Random metaballs at the border of the octree, drawn as lines: surfaces that reach across are
+    neither clipped nor doubled, also in the corners."""
     scene, box = at_the_border(device)
     camera = fit_camera(scene, (9, 7), direction=(0.62, 0.42, 1.0), fov=32)
     with Figure(path, 4.5, 3.5, dpi) as figure:
