@@ -32,7 +32,7 @@ def preset(name: str, scene: Scene, up: Any = (0.0, 1.0, 0.0)) -> RenderSettings
     Returns:
         `RenderSettings`.
 
-    Raises TypeError and ValueError: the argument, what was expected and what came.
+    Raises TypeError and ValueError naming the argument, the expected and the given value.
     """
     if not isinstance(scene, Scene):
         raise TypeError(

@@ -75,7 +75,7 @@ class Particles:
     stays while any of them has one value a particle.
 
     Raises TypeError for what is not numeric or not float32 on the GPU, ValueError for a wrong shape
-    or value; both name the argument, what was expected and what came.
+    or value; both name the argument, the expected and the given value.
     """
 
     positions: Any

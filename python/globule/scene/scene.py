@@ -74,7 +74,7 @@ class Scene:
             anew at each update. Particles outside are marked and counted, and have no influence.
 
     Raises:
-        TypeError, ValueError: naming the argument, what was expected and what came.
+        TypeError, ValueError: naming the argument, the expected and the given value.
         FormatError, OSError: the file cannot be read.
         RuntimeError: the device cannot be used.
     """
@@ -142,7 +142,7 @@ class Scene:
             particles: as for `Scene`.
             fields: arrays by their names in `Particles`.
 
-        Raises TypeError and ValueError: the field, what was expected and what came.
+        Raises TypeError and ValueError naming the field, the expected and the given value.
         """
         if particles is None:
             unknown = fields.keys() - set(FIELDS)

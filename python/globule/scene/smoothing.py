@@ -52,7 +52,7 @@ def without_strays(
     Returns:
         The particles that stay, with their fields and attributes.
 
-    Raises TypeError and ValueError: the argument, what was expected and what came.
+    Raises TypeError and ValueError naming the argument, the expected and the given value.
     """
     scene: Scene | None
     if isinstance(scene_or_radius, Scene):
@@ -106,7 +106,7 @@ def anisotropy(
     Returns:
         `Anisotropy`: smoothed positions (N, 3) and matrices G (N, 3, 3), for `Particles`.
 
-    Raises TypeError and ValueError: the argument, what was expected and what came.
+    Raises TypeError and ValueError naming the argument, the expected and the given value.
     """
     if not isinstance(particles, Particles):
         particles = Particles(particles)

@@ -48,7 +48,7 @@ class Thesis(Fixed):
         averaged_normals: normals away from the mean of the centers that reach the hit (Fig. 5.8a)
             instead of the gradient's.
 
-    Raises TypeError and ValueError: the field, what was expected and what came.
+    Raises TypeError and ValueError naming the field, the expected and the given value.
     """
 
     root: str = "march"
@@ -88,7 +88,7 @@ class Thesis(Fixed):
 def check_tracing(scene: Scene, thesis: Thesis | None) -> None:
     """Refuse choices with which `scene` cannot be traced.
 
-    Raises TypeError and ValueError: the argument, what was expected and what came.
+    Raises TypeError and ValueError naming the argument, the expected and the given value.
     """
     if thesis is None:
         return

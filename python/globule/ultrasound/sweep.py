@@ -32,7 +32,7 @@ class Sweep:
                        patient; files then still say LPS
     metadata           what a file said besides, kept for writing it back
 
-    Raises TypeError or ValueError naming the field, what was expected and what came.
+    Raises TypeError or ValueError naming the field, the expected and the given value.
     """
 
     frames: Any
