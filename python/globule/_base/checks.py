@@ -1,4 +1,4 @@
-"""Checks of single arguments; each message names the argument, what was expected and what came."""
+"""Checks of single arguments; each message names the argument, the expected and the given value."""
 
 from __future__ import annotations
 

@@ -54,8 +54,8 @@ def colorize(values: ArrayLike, name: str, lo: float, hi: float) -> np.ndarray:
     Args:
         values: (N,) numbers.
         name: viridis, magma, inferno, plasma, cividis, turbo, coolwarm or gray.
-        lo, hi: values of the map's first and last color. Values outside have the end's color, NaN
-            is gray. Where lo equals hi, every value has the middle color.
+        lo, hi: values of the map's first and last color. Values outside have the color of the
+            nearest end; NaN is gray. If lo equals hi, every value has the middle color.
 
     Returns:
         (N, 3) float32, linear RGB.

@@ -18,8 +18,8 @@ def cmake_dir() -> str:
 
 
 def include_dir() -> str:
-    """The folder to include `<globule/globule.hpp>` from; the library is libglobule.so in the
-    package's own folder.
+    """The include folder of `<globule/globule.hpp>`. The library libglobule.so is in the package's
+    own folder.
 
     Raises FileNotFoundError where this package was installed without it.
     """

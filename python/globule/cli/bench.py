@@ -1,4 +1,4 @@
-"""Make the source's tables and figures again, and check the simulation against known answers.
+"""Repeat the thesis's tables and figures, and check the simulation against known answers.
 
 Each NAME has flags of its own: `globule bench NAME --help`. All names write CSV files into the
 folder of -o, and PNG files if matplotlib is installed."""

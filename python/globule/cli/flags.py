@@ -150,7 +150,7 @@ FLAGS: dict[str, dict[str, Any]] = {
     "--port": {
         "type": port,
         "metavar": "N",
-        "help": "number of the port; where taken, the next free port",
+        "help": "number of the port; if the port is taken, the next free port",
     },
     "--no-browser": {"action": "store_true", "help": "do not open a browser"},
 }

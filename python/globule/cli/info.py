@@ -1,4 +1,4 @@
-"""Print what is in a file of particles, a tracked sweep or a volume.
+"""Print the contents of a file of particles, a tracked sweep or a volume.
 
 `globule info` prints the number of particles, frames or voxels, their bounds and spacing, and the
 range of every field. A mesh is described as particles, and so is a volume with --level or
@@ -27,7 +27,7 @@ from .shared import (
     reading,
 )
 
-SUMMARY = "what is in a file"
+SUMMARY = "the contents of a file"
 USAGE = "FILE"
 EXAMPLES = """\
   globule info splash.npz

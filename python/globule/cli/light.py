@@ -126,7 +126,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="particles of a second scene in the same image; material, cuts and support flags do "
         "not apply to the second scene; may be repeated up to 3 times (default: none)",
     )
-    group = parser.add_argument_group("cuts; the cut face shows what is inside")
+    group = parser.add_argument_group("cuts; the cut face shows the inside")
     add = group.add_argument
     flags.add(group, "--clip", "may be repeated; default: none", action="append", default=[])
     add(
@@ -163,7 +163,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--pick",
         type=pixel,
         metavar="COLUMN,ROW",
-        help="print what a pixel shows: position, particle, attributes; pixels from the top left "
+        help="print position, particle and attributes behind a pixel, counted from the top left "
         "corner (default: none)",
     )
 

@@ -20,7 +20,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The flags of live reconstruction."""
     group = parser.add_argument_group(
         "live", "With --voxel-size, the volume grows with the frames, and --three-view and "
-        "--surface are written again while frames come.")  # fmt: skip
+        "--surface are written again while frames arrive.")  # fmt: skip
     group.add_argument(
         "--live",
         metavar="igtl://HOST:PORT",

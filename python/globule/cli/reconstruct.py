@@ -2,7 +2,7 @@
 
 SWEEP is a PLUS/IGSIO recording (.igs.mha, .igs.nrrd), an .npz, or a stack of images with --poses.
 The volume is .nrrd, .mha, .nii, .nii.gz, .vti, .npz, or .sparse.npz (the occupied blocks only).
-.vti and .npz also store where each value came from.
+.vti and .npz also store the origin of each value.
 
 With --plus, the volume equals, voxel for voxel, the volume that PLUS reconstructs from the same
 configuration. With --plus and --method, calibration and image region come from the
@@ -76,7 +76,7 @@ def add_arguments(parser: Parser) -> None:
     add(
         "--three-view",
         metavar="IMAGE.png",
-        help="also write an image of three planes, and of where values came from (default: none)",
+        help="also write an image of three planes, and of the origin of the values (default: none)",
     )
     add(
         "--surface",
@@ -104,7 +104,7 @@ def add_arguments(parser: Parser) -> None:
         dest="spacing",
         type=positive,
         metavar="MM",
-        help="edge of a voxel, mm (default: as --voxels says)",
+        help="edge of a voxel, mm (default: from --voxels)",
     )
     grid.add_argument(
         "--voxels",
@@ -179,12 +179,12 @@ def add_arguments(parser: Parser) -> None:
     place.add_argument(
         "--mask",
         metavar="IMAGE",
-        help="image whose pixels are not 0 where tissue is (default: all pixels)",
+        help="image with nonzero pixels where the sweep shows tissue (default: all pixels)",
     )
     place.add_argument(
         "--keep-outliers",
         action="store_true",
-        help="also use frames whose pose jumps, which are left out with a warning otherwise",
+        help="also use frames whose pose jumps (default: omit these frames with a warning)",
     )
     live.add_arguments(parser)
     flags.add_device(parser.add_argument_group("machine"))

@@ -11,10 +11,10 @@ Each input file gives one image. For several files, -o is a folder, a movie.mp4,
 or %04d. The input's name replaces {}, the number of the file, from 0, replaces %04d.
 Finished images stay when a later file turns out to be broken.
 
-Several files, or a quoted pattern ('frame_*.vtk', frame_%04d.vtk; numbers count by value), are one
+Several files, or a quoted pattern ('frame_*.vtk', frame_%04d.vtk; in numeric order), are one
 sequence: support, camera and colors are the same in all images. Without --eye the camera shows the
 particles of all files, and --color-by covers the values of all files. For both, `globule render`
-reads every file once more beforehand; --eye and --range avoid that. A movie needs PyAV:
+reads every file once more beforehand; --eye and --range avoid this. A movie needs PyAV:
 pip install "globule[video]" (its wheel contains FFmpeg with x264, under the GPL).
 
 --camera-path reads key frames in TOML:
@@ -95,7 +95,7 @@ def add_arguments(parser: Parser) -> None:
     add(
         "--aov",
         metavar="FILE.npz",
-        help="also write the arrays color, depth, position, normal, albedo and mask (default: "
+        help="also write the arrays color, distance, position, normal, albedo and mask (default: "
         "none)",
     )
     flags.add(parser, "--json")

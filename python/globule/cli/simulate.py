@@ -2,7 +2,7 @@
 
 `globule simulate` writes frames of particles, diagnostics.csv and .png, and checkpoint.npz into a
 folder, and a movie on request. Ctrl-C or SIGTERM ends the current step and writes the checkpoint.
---resume continues from the checkpoint, bit by bit as without the interruption."""
+--resume continues from the checkpoint, with the same bits as an uninterrupted run."""
 
 from __future__ import annotations
 

@@ -28,7 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--root",
         choices=("exact", *ROOTS),
         metavar="NAME",
-        help="how the surface is found along a ray: exact, or as in the source thesis on the dense "
+        help="search for the surface along a ray: exact, or as in the source thesis on the dense "
         "octree, march (points with thresholds) or bezier (clipping) (default: exact)",
     )
     group.add_argument(

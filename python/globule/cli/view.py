@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from ..viewer.source import Source
     from ..viewer.state import State
 
-SUMMARY = "any of these, and simulations, live in the browser"
+SUMMARY = "particles, volumes, sweeps and simulations, live in the browser"
 USAGE = "FILE [FILE ...]"
 EXAMPLES = """\
   globule view splash.npz

@@ -1,4 +1,4 @@
-"""Figures 6.4 and 6.6: a brain from a tomography, and a coloured mesh, as metaballs.
+"""Figures 6.4 and 6.6: a brain from a tomography, and a colored mesh, as metaballs.
 
 Both come with the package nilearn, which holds them as files; without it shapes made by formulas
 stand in, and the pictures say so.
@@ -121,8 +121,8 @@ def knot(around: int = 400, across: int = 26) -> tuple[np.ndarray, np.ndarray, n
 
 
 def coloured_mesh(path: Any, device: str = "auto", dpi: float = 110) -> None:
-    """A coloured mesh shown by metaballs at its vertices alone: no triangle is drawn, and between
-    the vertices their colours blend smoothly."""
+    """A colored mesh shown by metaballs at its vertices alone: no triangle is drawn, and between
+    the vertices their colors blend smoothly."""
     vertices, faces, values, name = surface_mesh()
     lo, hi = np.quantile(values, [0.02, 0.85])
     color = colorize(values, "coolwarm", lo, hi)

@@ -29,7 +29,7 @@ ALONE, PAIR = [[1.72, 1.45, 1.5]], [[1.5, 1.42, 1.5], [2.42, 1.62, 1.5]]
 def dense_scene(
     centres: Any, support: float, level: int, device: str = "auto", bounds: Any = None
 ) -> Scene:
-    """Metaballs of one colour in a dense octree, as the thesis's tracing needs it."""
+    """Metaballs of one color in a dense octree, as the thesis's tracing needs it."""
     particles = Particles(
         np.array(centres, np.float32), support=support, color=np.array(COLOR, np.float32)
     )
@@ -62,8 +62,8 @@ def step_size(path: Any, device: str = "auto", dpi: float = 110) -> None:
 
 def ghosts(path: Any, device: str = "auto", dpi: float = 110) -> None:
     """A leaf that sees only its own particles: (a) the surface ends where it reaches into empty
-    leaves, (b) two metaballs in different leaves do not fuse; to the right both with the particles
-    of the neighbours."""
+    leaves, (b) two metaballs in different leaves do not fuse; the images on the right use the
+    particles of the neighbors."""
     camera = Camera((3.0, 2.9, 6.2), (2, 1.5, 1.5), fov=24)
     size = (int(4.2 * dpi * 2), int(2.7 * dpi * 2))
     with Figure(path, 8.4, 5.8, dpi) as figure:
@@ -87,7 +87,7 @@ def cluster(device: str = "auto") -> Scene:
 
 
 def normals(path: Any, device: str = "auto", dpi: float = 110) -> None:
-    """The same surface shaded with normals away from the mean of the centres nearby, which jump
+    """The same surface shaded with normals away from the mean of the centers nearby, which jump
     where a support begins, and with the field's gradient, which is smooth everywhere."""
     scene = cluster(device)
     size = (int(9 * dpi), int(7.2 * dpi))

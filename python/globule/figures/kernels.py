@@ -30,7 +30,7 @@ def radius(kernel: str, threshold: float, device: str = "auto") -> float:
 
 
 def one_metaball(path: Any, device: str = "auto", dpi: float = 110) -> None:
-    """One metaball: its field falls from 1 at the centre to 0 at the support a; the surface is the
+    """One metaball: its field falls from 1 at the center to 0 at the support a; the surface is the
     sphere where the field equals the threshold."""
     threshold = 0.6
     d = radius("murakami", threshold, device)

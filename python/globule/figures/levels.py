@@ -1,4 +1,4 @@
-"""Figures 3.5, 3.6 and 3.8: levels and neighbours by keys, quantised positions, the array L."""
+"""Figures 3.5, 3.6 and 3.8: levels and neighbors by keys, quantized positions, the array L."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def octree_coordinate(u: float, extent: float, device: str = "auto") -> int:
 
 
 def keys_and_neighbours(path: Any, device: str = "auto", dpi: float = 110) -> None:
-    """Keys say where cells are: a cell's key begins with its parent's, and a neighbour's differs in
+    """Keys say where cells are: a cell's key begins with its parent's, and a neighbor's differs in
     bits of the crossed axis only, up to the level at which the step stays inside."""
     from matplotlib.patches import Rectangle
 
@@ -215,7 +215,7 @@ def _grid(ax: Any, n: int) -> None:
 
 
 def _changed_bits(ax: Any, x: float, y: float, middle: int, node: int) -> None:
-    """The node's three triplets around (x, y), bits that differ from the middle's in colour."""
+    """The node's three triplets around (x, y), bits that differ from the middle's in color."""
     text, known = triplets(node, 3), triplets(middle, 3)
     for i, (bit, old) in enumerate(zip(text, known, strict=True)):
         color = INK if bit == old else AXES[2 - i % 4]

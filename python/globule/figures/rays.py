@@ -33,7 +33,7 @@ ON_A_RAY = np.array([[-1.7, 0.75], [-0.75, -0.6], [0.45, 0.35], [1.6, -0.1], [2.
 
 
 def flat_scene(device: str = "auto", centres: np.ndarray = CENTRES) -> Scene:
-    """Metaballs of support 1 with their centres in the plane z = 0."""
+    """Metaballs of support 1 with their centers in the plane z = 0."""
     positions = np.array([[x, y, 0] for x, y in centres], np.float32)
     return Scene(Particles(positions, support=1.0), threshold=THRESHOLD, device=device)
 
@@ -59,8 +59,8 @@ def sphere_events(
 
 
 def exterior_spheres(path: Any, device: str = "auto", dpi: float = 110) -> None:
-    """The spheres of the supports stand around the surface like a skeleton: a ray that misses them
-    all cannot hit it; a metaball alone has its surface at the constant distance d."""
+    """The spheres of the supports stand around the surface like a skeleton: a ray that misses all
+    spheres cannot hit the surface; the surface of a lone metaball is at the constant distance d."""
     scene = flat_scene(device)
     with Figure(path, 9, 4.5, dpi) as figure:
         ax = figure.subplots()

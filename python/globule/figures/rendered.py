@@ -34,7 +34,7 @@ def nine_leaves(device: str = "auto") -> tuple[Scene, np.ndarray]:
 
 def close_up(path: Any, device: str = "auto", dpi: float = 110) -> None:
     """Close up of 100 metaballs within nine leaves: 99 in eight leaves fuse across the leaves'
-    faces without a seam; the one apart stays a sphere."""
+    faces without a seam; the last metaball, which is apart, stays a sphere."""
     scene, cells = nine_leaves(device)
     camera = Camera((4.4, 3.4, 7.0), (1.95, 0.8, 1.0), fov=31)
     with Figure(path, 8, 4.8, dpi) as figure:
@@ -67,7 +67,7 @@ def clusters(n: int = 100_000) -> np.ndarray:
 
 def scattered(path: Any, device: str = "auto", dpi: float = 110) -> None:
     """100,000 metaballs scattered through the space: they fuse to threads and clusters where they
-    are dense, and leave voids between; the colour is the number of neighbours."""
+    are dense, and leave voids between; the color is the number of neighbors."""
     positions = clusters()
     support = 0.007
     scene = Scene(Particles(positions, support=support), threshold=0.5, device=device)
@@ -86,7 +86,7 @@ def scattered(path: Any, device: str = "auto", dpi: float = 110) -> None:
 
 
 def cube(kernel: str, device: str = "auto", n: int = 40) -> Scene:
-    """n^3 particles on a lattice of spacing 1 around the origin, coloured by height."""
+    """n^3 particles on a lattice of spacing 1 around the origin, colored by height."""
     steps = np.arange(n) - (n - 1) / 2
     positions = np.stack(np.meshgrid(steps, steps, steps, indexing="ij"), -1).reshape(-1, 3)
     color = colorize(positions[:, 1], "viridis", -0.6 * n, 0.6 * n)
@@ -128,8 +128,8 @@ def at_the_border(
 
 
 def border(path: Any, device: str = "auto", dpi: float = 110) -> None:
-    """Random metaballs at the border of the octree, drawn as lines: what reaches across is neither
-    clipped nor doubled, also in the corners."""
+    """Random metaballs at the border of the octree, drawn as lines: surfaces that reach across are
+    neither clipped nor doubled, also in the corners."""
     scene, box = at_the_border(device)
     camera = fit_camera(scene, (9, 7), direction=(0.62, 0.42, 1.0), fov=32)
     with Figure(path, 4.5, 3.5, dpi) as figure:

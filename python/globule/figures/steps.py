@@ -1,4 +1,4 @@
-"""Figures 5.5 and 5.7: a ray's samples under several thresholds, and the neighbours it skips."""
+"""Figures 5.5 and 5.7: a ray's samples under several thresholds, and the neighbors it skips."""
 
 from __future__ import annotations
 
@@ -50,8 +50,8 @@ def march(scene: Any, origin: np.ndarray, direction: np.ndarray, end: float) -> 
 
 
 def several_thresholds(path: Any, device: str = "auto", dpi: float = 110) -> None:
-    """A marching ray's samples under the thresholds 0.05 < 0.2 < 0.35 < τ = 0.5: with each one that
-    the field passes the step is halved, so the samples are dense near the surface."""
+    """A marching ray's samples under the thresholds 0.05 < 0.2 < 0.35 < τ = 0.5: the step is halved
+    at each threshold that the field passes, and the samples are dense near the surface."""
     scene = flat_scene(device)
     origin, direction = np.array([-3.6, -0.75, 0.0]), np.array([0.966, 0.26, 0.0])
     direction /= np.linalg.norm(direction)
@@ -101,8 +101,8 @@ def several_thresholds(path: Any, device: str = "auto", dpi: float = 110) -> Non
 
 
 def skipped_neighbours(path: Any, device: str = "auto", dpi: float = 110) -> None:
-    """A ray enters the middle cell through its left face: the nine neighbours on that side were
-    seen already, and 17 of 26 remain to be looked at."""
+    """A ray enters the middle cell through its left face: the search has already visited the
+    nine neighbors on that side, and 17 of 26 remain."""
     level, levels = 2, 10
     middle = (1 << 30) + (morton.encode(1, 1, 1) << 3 * (levels - level))
     found = []

@@ -6,7 +6,8 @@ from typing import Any
 
 
 class FormatError(ValueError):
-    """A file cannot be read: one line naming the file, the place, what was expected and got."""
+    """A file cannot be read: one line names the file, the place, the expected and the given
+    content."""
 
 
 def bad(path: Any, where: str, problem: str) -> FormatError:

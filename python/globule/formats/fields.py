@@ -8,7 +8,7 @@ anisotropy with nine components) is that field. Where there is none of that name
     radius, pscale                              give support = 4 radius: a particle's radius is
                                                 half the spacing, the support two spacings.
 
-The array that a support came from stays an attribute; a fourth colour component becomes the
+The array that a support came from stays an attribute; a fourth color component becomes the
 attribute `alpha`. All else is an attribute under its own name. An array that is named like a
 field but does not have its shape or range becomes the attribute `<name>_attribute`.
 
@@ -177,7 +177,7 @@ def _as_scalar(array: np.ndarray, n: int) -> np.ndarray | None:
 
 
 def _as_color(array: np.ndarray, n: int) -> np.ndarray | None:
-    """float32 colours in [0, 1], (3,) or (N, 3), or None if the array holds no colours."""
+    """float32 colors in [0, 1], (3,) or (N, 3), or None if the array holds no colors."""
     if array.shape not in ((3,), (n, 3)) or array.dtype.kind not in "uif":
         return None
     if array.dtype.kind == "f":

@@ -1,4 +1,4 @@
-"""Triangle meshes (.obj, .stl, .glb) through trimesh: vertices, with colours, as metaballs.
+"""Triangle meshes (.obj, .stl, .glb) through trimesh: vertices, with colors, as metaballs.
 
 .ply files are read by `globule.formats.ply`, which needs no other package.
 """
@@ -38,8 +38,8 @@ def mesh_particles(mesh: Any, spacing: float | None = None) -> Particles:
     apart all over the triangles take the vertices' place, so that the surface is thin and even
     however large the triangles are.
 
-    Colours come from the vertices, the faces or the texture. They are taken as sRGB, but for
-    a .glb's vertex colours, which are linear by glTF's definition, and become linear.
+    Colors come from the vertices, the faces or the texture. They are taken as sRGB, but for
+    a .glb's vertex colors, which are linear by glTF's definition, and become linear.
 
     Args:
         mesh: path of an .obj, .stl, .glb or .ply file, or a trimesh.Trimesh or trimesh.Scene.
@@ -75,7 +75,7 @@ def mesh_particles(mesh: Any, spacing: float | None = None) -> Particles:
 
 
 class _Colors:
-    """Linear colours of points on the triangles of several meshes."""
+    """Linear colors of points on the triangles of several meshes."""
 
     def __init__(self, name: str, meshes: list[Any], linear: bool):
         self.name, self.meshes, self.linear = name, meshes, linear
@@ -83,7 +83,7 @@ class _Colors:
         self.given = any(mesh.visual.defined for mesh in meshes)
 
     def __call__(self, triangle: np.ndarray, barycentric: np.ndarray) -> np.ndarray | None:
-        """Colours (M, 3) of points given as triangle (M,) and barycentric (M, 3)."""
+        """Colors (M, 3) of points given as triangle (M,) and barycentric (M, 3)."""
         if not self.given:
             return None
         color = np.empty((len(triangle), 3), np.float32)
@@ -147,7 +147,7 @@ def _load(trimesh: Any, path: str) -> Any:
 
 
 def _check_obj(path: str, file: IO[bytes]) -> None:
-    """Refuse a last line that breaks off: trimesh leaves the face out, or every vertex's colour."""
+    """Refuse a last line that breaks off: trimesh leaves the face out, or every vertex's color."""
     words = 0  # of the first vertex
     last: list[bytes] = []
     for line in file:

@@ -58,7 +58,7 @@ def read(path: str | os.PathLike[str], spacing: float | None = None) -> Particle
     """Read the vertices with all their scalar properties; with a spacing, see mesh_particles.
 
     Where there are faces, vertices at one place become one, those of no face are dropped, the
-    support is the longest edge if the file gives none, and 8-bit colours are taken as sRGB.
+    support is the longest edge if the file gives none, and 8-bit colors are taken as sRGB.
     """
     if spacing is not None:
         return mesh_particles(path, spacing)
@@ -97,7 +97,7 @@ def read(path: str | os.PathLike[str], spacing: float | None = None) -> Particle
 def write(path: str | os.PathLike[str], particles: Particles) -> None:
     """Write binary little-endian vertices.
 
-    Colours are written as uchar where that loses nothing, else as float. PLY has no 64-bit
+    Colors are written as uchar where that loses nothing, else as float. PLY has no 64-bit
     integers: they become 32-bit ones, ValueError is raised for values that do not fit.
     """
     columns = {name: _storable(name, array) for name, array in split_columns(particles).items()}

@@ -2,7 +2,7 @@
 
     x y z  r g b  reflection refraction rigidity
 
-with colours and factors in [0, 1].
+with colors and factors in [0, 1].
 """
 
 from __future__ import annotations

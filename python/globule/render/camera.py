@@ -30,13 +30,13 @@ class Camera(Fixed):
 
     Args:
         eye: (3,) world.
-        look_at: (3,) world, seen in the middle of the image.
-        up: (3,) direction that is upwards in the image.
+        look_at: (3,) world, the point in the middle of the image.
+        up: (3,) direction that points up in the image.
         fov: vertical field of view, degrees, above 0 and below 180.
         height: world units from the bottom to the top of the image; makes the camera
             orthographic, and `fov` is then not used.
 
-    Raises TypeError and ValueError: the field, what was expected and what came.
+    Raises TypeError and ValueError naming the field, the expected and the given value.
     """
 
     eye: Any

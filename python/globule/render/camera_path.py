@@ -32,7 +32,8 @@ class CameraPath:
         interpolation: "smooth" or "linear".
 
     Raises:
-        ValueError: naming the key (the first is key 1), its field, what was expected and what came.
+        ValueError: naming the key (the first is key 1), the field, the expected and the given
+            value.
     """
 
     def __init__(
@@ -70,7 +71,7 @@ class CameraPath:
 
     @property
     def n_frames(self) -> int:
-        """Frames up to and with the last key."""
+        """Number of frames up to and including the last key."""
         return math.floor(self.frames[-1] + 1e-6) + 1
 
     def __call__(self, frame: float) -> Camera:
@@ -82,8 +83,8 @@ class CameraPath:
 def orbit(camera: Camera, turns: float = 1.0, n: int = 120) -> list[Camera]:
     """The turntable: `n` cameras on a circle around `look_at`, about the `up` axis.
 
-    The first camera is `camera` itself. The step after the last completes the turns: a whole number
-    of turns loops without a stutter.
+    The first camera is `camera` itself. One more step after the last camera completes the turns: a
+    whole number of turns loops without a jump.
 
     Args:
         camera: where the circle begins.

@@ -17,7 +17,7 @@ from .._base.fixed import Fixed, read_only
 @read_only
 @dataclass(frozen=True)
 class ClipPlane(Fixed):
-    """Takes away what lies on the normal's side: points x with normal · x > offset.
+    """Removes the side to which the normal points: points x with normal · x > offset.
 
     Args:
         normal: (3,) world, of any length above 0.
@@ -47,7 +47,7 @@ class ClipPlane(Fixed):
 @read_only
 @dataclass(frozen=True)
 class ClipBox(Fixed):
-    """Takes away what lies inside a box, or with keep=True what lies outside: a crop.
+    """Removes the inside of a box, or with keep=True the outside (a crop).
 
     Args:
         lo, hi: (3,) lowest and highest corner, world.
@@ -77,7 +77,7 @@ class ClipBox(Fixed):
 @read_only
 @dataclass(frozen=True)
 class ClipSphere(Fixed):
-    """Takes away what lies inside a ball, or with keep=True what lies outside.
+    """Removes the inside of a ball, or with keep=True the outside.
 
     Args:
         center: (3,) world.

@@ -46,16 +46,16 @@ REACH = {
 
 @dataclass(frozen=True)
 class Layer:
-    """One scene of an image that shows several, with its own material and clips.
+    """One of several scenes in an image, with its own material and clips.
 
     A ray may be inside several layers at once: vessels in translucent tissue, each its own scene.
 
     Args:
-        scene: a `Scene`, or what `Scene` takes: `Particles`, positions or a file's name.
-        material: None: that of the settings.
+        scene: a `Scene`, or an argument of `Scene`: `Particles`, positions or a file's name.
+        material: default: the material of the settings.
         clips: cuts through this layer alone.
 
-    Raises TypeError and ValueError: the field, what was expected and what came.
+    Raises TypeError and ValueError naming the field, the expected and the given value.
     """
 
     scene: Scene
@@ -71,7 +71,7 @@ class Layer:
 
 @dataclass(frozen=True)
 class Picked:
-    """What a pixel shows.
+    """The data behind a pixel.
 
     position    (3,) float32, world
     normal      (3,) float32, unit length
@@ -93,10 +93,11 @@ class Picked:
 
 @dataclass(repr=False)
 class Frame:
-    """A finished image. Arrays stay on the device until they are asked for, then are NumPy's own.
+    """A finished image. Arrays stay on the device until the program reads them; then they are NumPy
+    arrays.
 
     A notebook shows a frame as its image. `color`, `image`, `distance`, `position`, `normal`,
-    `albedo` and `mask` are arrays with one entry a pixel; `size` is (width, height).
+    `albedo` and `mask` are arrays with one entry per pixel; `size` is (width, height).
     """
 
     size: tuple[int, int]
@@ -131,17 +132,17 @@ class Frame:
     def refine(
         self, samples: int = 1, progress: Callable[[int, int], object] | None = None
     ) -> Frame:
-        """Add samples to each pixel: edges, soft shadows and rough reflections get smooth.
+        """Add samples to each pixel: edges, soft shadows and rough reflections become smooth.
 
-        The arrays that follow are of all samples; arrays taken before stay as they are. Distances,
-        normals and positions stay those of the pixels' centers.
+        Arrays that the program reads afterwards include all samples; arrays read before do not
+        change. Distances, normals and positions always belong to the pixels' centers.
 
         Args:
-            samples: how many more rays a pixel; at most 65536 in all.
+            samples: number of additional rays per pixel; at most 65536 in all.
             progress: called as progress(done, total) after each sample; may raise to stop.
 
-        Returns the frame itself. Raises ValueError where the scene has changed since the frame was
-        rendered.
+        Returns the frame itself. Raises ValueError if the scene changed after the rendering of the
+        frame.
         """
         if self.samples + whole("samples", samples, 1, MAX_SAMPLES) > MAX_SAMPLES:
             raise ValueError(f"samples: expected at most {MAX_SAMPLES} in all, got {samples} more")
@@ -154,7 +155,7 @@ class Frame:
         return self
 
     def pick(self, column: int, row: int) -> Picked | None:
-        """What is seen at a pixel, counted from the top left; None: nothing, or the ground."""
+        """The data behind a pixel, counted from the top left; None: background or ground."""
         column = whole("column", column, 0, self.size[0] - 1)
         row = whole("row", row, 0, self.size[1] - 1)
         position, normal = self.position[row, column], self.normal[row, column]
@@ -198,17 +199,17 @@ class Frame:
 
     @property
     def distance(self) -> np.ndarray:
-        """(H, W) float32 along the ray, world units; infinite where missed."""
+        """(H, W) float32 along the ray, world units; infinite where the ray misses."""
         return self._take("depth")
 
     @property
     def position(self) -> np.ndarray:
-        """(H, W, 3) float32, world; NaN where missed."""
+        """(H, W, 3) float32, world; NaN where the ray misses."""
         return self._take("position")
 
     @property
     def normal(self) -> np.ndarray:
-        """(H, W, 3) float32, unit length, world; 0 where missed."""
+        """(H, W, 3) float32, unit length, world; 0 where the ray misses."""
         return self._take("normal")
 
     @property
@@ -223,12 +224,13 @@ class Frame:
 
     @property
     def mask(self) -> np.ndarray:
-        """(H, W) bool: whether a surface, a cut or the ground was hit."""
+        """(H, W) bool: whether the ray hits a surface, a cut or the ground."""
         return np.isfinite(self.distance)
 
     @property
     def trace_seconds(self) -> float:
-        """Device time from the first ray to the shaded image; after `refine`, of its last pass."""
+        """Device time from the first ray to the shaded image, s; after `refine`, the time of the
+        last pass."""
         return self._frame.trace_seconds()
 
     def attribute(self, values: ArrayLike) -> np.ndarray:
@@ -306,9 +308,9 @@ def render(
         render(particles, (640, 480), settings={"shadows": True}, color_by="speed")
 
     Args:
-        scene: a `Scene`; what `Scene` takes, i.e. `Particles`, (N, 3) positions or a file's name;
-            a simulation; or a list of up to 4 of these or of `Layer`s, which one image shows.
-        camera: default: `Camera.fit` of the first scene. A size may stand in its place.
+        scene: a `Scene`; an argument of `Scene`, i.e. `Particles`, (N, 3) positions or a file's
+            name; a simulation; or a list of up to 4 of these or of `Layer`s for one image.
+        camera: default: `Camera.fit` of the first scene. A size may replace the camera.
         size: (width, height) pixels.
         settings: `RenderSettings`, or a dict of its fields.
         clips: cuts through every scene.
@@ -322,7 +324,7 @@ def render(
         progress: called as progress(done, total) after each sample per pixel; may raise to stop.
 
     Raises:
-        TypeError, ValueError: naming the argument, what was expected and what came.
+        TypeError, ValueError: naming the argument, the expected and the given value.
         FormatError, OSError: a file cannot be read.
     """
     if others:

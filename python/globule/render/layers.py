@@ -34,7 +34,7 @@ def layers_by(
     Returns:
         Layers in the order of `materials`; the layer of a value that no particle has is empty.
 
-    Raises ValueError: the argument, what was expected and what came.
+    Raises ValueError naming the argument, the expected and the given value.
     """
     if name not in particles.attributes:
         known = ", ".join(particles.attributes) or "none"

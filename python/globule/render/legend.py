@@ -39,7 +39,7 @@ def add_legend(
     Returns:
         (H, W, 3) uint8, a new array.
 
-    Raises ValueError: the argument, what was expected and what came.
+    Raises ValueError naming the argument, the expected and the given value.
     """
     from PIL import Image, ImageDraw, ImageFont
 

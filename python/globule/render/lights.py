@@ -20,7 +20,7 @@ MAX_LIGHTS = 8
 @read_only
 @dataclass(frozen=True)
 class Headlight(Fixed):
-    """Light from the eye; it casts no visible shadow.
+    """Light from the eye. A headlight casts no visible shadow.
 
     Args:
         radiance: (3,) linear RGB, or one number for all three.
@@ -43,8 +43,8 @@ class DirectionalLight(Fixed):
     Args:
         direction: (3,) world, towards the light, of any length above 0.
         radiance: (3,) linear RGB, or one number for all three.
-        angle: angular diameter, degrees, 0 to 170 (the sun: 0.53). 0 gives hard shadows; more gives
-            soft ones, which get smooth over several samples a pixel.
+        angle: angular diameter, degrees, 0 to 170 (the sun: 0.53). 0 gives hard shadows; larger
+            angles give soft shadows, which several samples per pixel make smooth.
     """
 
     direction: Any = (-0.4, 1.0, 0.6)
@@ -86,7 +86,7 @@ class PointLight(Fixed):
 @read_only
 @dataclass(frozen=True)
 class Sky(Fixed):
-    """What rays see that meet nothing: a gradient from the ground's color to the zenith's.
+    """The radiance of rays that meet nothing: a gradient from the ground's color to the zenith's.
 
     Args:
         zenith, horizon, ground: (3,) linear RGB radiance, or one number for all three.
@@ -202,7 +202,7 @@ class Ground(Fixed):
         height: of the plane along `normal`, world units.
         normal: (3,) world, up from the plane.
         color, other: (3,) linear RGB of the checkerboard's squares, or one number for all three.
-        check: edge of a square, world units; 0: all has `color`.
+        check: edge of a square, world units; 0: the whole plane has `color`.
         reflection: specular reflectance at normal incidence, 0 to 1.
     """
 

@@ -31,11 +31,11 @@ class Material(Fixed):
         color: (3,) linear RGB, instead of the particles'.
         absorption: (3,) per world unit, Beer's law inside the medium. None: the surface's color
             filters the light that enters.
-        roughness: of reflected and refracted directions (GGX, Walter et al. 2007), 0 to 1; it gets
-            smooth over several samples a pixel.
+        roughness: of reflected and refracted directions (GGX, Walter et al. 2007), 0 to 1; several
+            samples per pixel make the image smooth.
         specular, shininess: highlight of the lights (Blinn-Phong); None: the settings'.
 
-    Raises TypeError and ValueError: the field, what was expected and what came.
+    Raises TypeError and ValueError naming the field, the expected and the given value.
     """
 
     reflection: float | None = None

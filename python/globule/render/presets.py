@@ -36,7 +36,7 @@ def preset(name: str, scene: Scene, up: ArrayLike = (0.0, 1.0, 0.0)) -> RenderSe
     Returns:
         `RenderSettings`.
 
-    Raises TypeError and ValueError: the argument, what was expected and what came.
+    Raises TypeError and ValueError naming the argument, the expected and the given value.
     """
     if not isinstance(scene, Scene):
         raise TypeError(

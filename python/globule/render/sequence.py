@@ -290,7 +290,7 @@ def render_sequence(
         The files: images, or the one movie.
 
     Raises:
-        TypeError, ValueError: naming the argument, expected and got.
+        TypeError, ValueError: naming the argument, the expected and the given value.
         MissingPackageError: a movie without PyAV.
         FormatError, OSError: a file that cannot be read; images finished before it stay.
     """

@@ -39,7 +39,7 @@ def items(name: str, value: Any, expected: str) -> tuple:
 @read_only
 @dataclass(frozen=True)
 class RenderSettings(Fixed):
-    """How hits are turned into light. Colors and radiances are linear RGB; 1 is white. One number
+    """How a hit becomes light. Colors and radiances are linear RGB; 1 is white. One number
     stands for all three channels.
 
     Args:
@@ -47,19 +47,19 @@ class RenderSettings(Fixed):
         ambient: light from everywhere: (3,) radiance, or "sky" for the sky's own.
         background: (3,) radiance behind the scene, where `sky` is None.
         material: of every scene that has none of its own.
-        specular, shininess: highlight of the lights, where the material says nothing.
+        specular, shininess: highlight of the lights, for materials without their own values.
         exposure: factor of the image's light.
-        shadows: whether directional and point lights throw shadows.
-        ambient_rays: rays per sample that look how open a place is (ambient occlusion), 0 to 256.
-        ambient_distance: how far these rays look, world units; None: a tenth of the scene's extent.
-        sky: `Sky` or `Environment`; also seen behind the scene. None: the background all around.
+        shadows: whether directional and point lights cast shadows.
+        ambient_rays: rays per sample that test how open a place is (ambient occlusion), 0 to 256.
+        ambient_distance: length of these rays, world units; None: a tenth of the scene's extent.
+        sky: `Sky` or `Environment`; also visible behind the scene. None: the background everywhere.
         ground: a plane under the scene.
-        bounces: how many times light is followed on after a reflection or refraction, 0 to 32.
+        bounces: number of reflections and refractions along a ray, 0 to 32.
         cutoff: a ray that carries less than this share of a pixel's light ends in the sky, 0 to 1.
         samples: rays per pixel, 1 to 65536; the first goes through the pixel's center, the others
             anywhere in it.
 
-    Raises TypeError and ValueError: the field, what was expected and what came.
+    Raises TypeError and ValueError naming the field, the expected and the given value.
     """
 
     lights: Sequence[Headlight | DirectionalLight | PointLight] = (Headlight(), DirectionalLight())
@@ -140,7 +140,7 @@ NAMES = tuple(field.name for field in fields(RenderSettings))
 def as_settings(value: RenderSettings | Mapping[str, Any] | None) -> RenderSettings:
     """Settings of a dict of their fields; the default ones of None.
 
-    Raises TypeError and ValueError: the field, what was expected and what came.
+    Raises TypeError and ValueError naming the field, the expected and the given value.
     """
     if value is None:
         return _DEFAULT

@@ -89,7 +89,8 @@ def color_by(
             component.
         colormap: viridis, magma, inferno, plasma, cividis, turbo, coolwarm or gray.
         range: (lo, hi), values of the map's first and last color; lo may be above hi. Default: the
-            lowest and highest finite value. Values outside have the end's color, NaN is gray.
+            lowest and highest finite value. Values outside have the color of the nearest end; NaN
+            is gray.
 
     Returns:
         New particles that share all other arrays.

@@ -56,13 +56,12 @@ class Attributes(dict[str, Any]):
 class Particles:
     """A set of N particles.
 
-    Arrays may be anything NumPy understands, or live on a GPU (`__cuda_array_interface__`, or
-    DLPack with a GPU device). Host data become C-contiguous float32, without a copy where they
-    already are; GPU arrays are kept as they are and must be C-contiguous float32.
+    Arrays may be anything that NumPy understands, or GPU arrays (`__cuda_array_interface__`, or
+    DLPack with a GPU device). Host data become C-contiguous float32, without a copy if the data
+    already have this form. GPU arrays must be C-contiguous float32 and are not copied.
 
     Args:
-        positions: (N, 3) float32, world. A particle with a position that is not finite is outside
-            of everything.
+        positions: (N, 3) float32, world. A particle whose position is not finite has no influence.
         support: radius at which a particle's kernel vanishes: float or (N,) float32, world, >= 0.
         weight: factor of the kernel: float or (N,) float32; may be negative.
         anisotropy: (N, 3, 3) float32, 1 / world: symmetric positive definite matrices G that make
@@ -71,11 +70,11 @@ class Particles:
         reflection, refraction, rigidity: float or (N,) float32.
         attributes: name -> (N,) or (N, k) array of any real numeric dtype.
 
-    None means "not given". Fields may be assigned later and are checked then too; their length N
-    stays while any of them has one value a particle.
+    None means "not given". A program may assign fields later; the assignment checks the value. The
+    length N cannot change while any field has one value per particle.
 
-    Raises TypeError for what is not numeric or not float32 on the GPU, ValueError for a wrong shape
-    or value; both name the argument, what was expected and what came.
+    Raises TypeError for data that are not numeric, or not float32 on the GPU, and ValueError for a
+    wrong shape or value; both name the argument, the expected and the given value.
     """
 
     positions: Any
@@ -175,8 +174,8 @@ class Particles:
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         """(lowest, highest) corner of the finite positions: two (3,) float32, world.
 
-        Coordinates past 1e18 count as infinite, as in the octree. Raises ValueError if there is no
-        finite position.
+        Coordinates beyond 1e18 count as infinite, as in the octree. Raises ValueError if no
+        position is finite.
         """
         finite = self.finite_positions()
         if len(finite) == 0:
@@ -184,7 +183,7 @@ class Particles:
         return finite.min(axis=0), finite.max(axis=0)
 
     def finite_positions(self) -> np.ndarray:
-        """The positions that the octree takes: (M, 3) float32, M <= N, in NumPy."""
+        """The positions inside the octree: (M, 3) float32, M <= N, a NumPy array."""
         positions = to_host(self.positions)
         return positions[(np.abs(positions) <= FARTHEST).all(axis=1)]
 

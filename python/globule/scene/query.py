@@ -19,8 +19,8 @@ def field(scene: Scene, points: ArrayLike) -> np.ndarray:
 
 
 def gradient(scene: Scene, points: ArrayLike) -> np.ndarray:
-    """The field's gradient (M, 3) float32 at points (M, 3), world, per world unit; it points
-    inwards. See `Scene.gradient`."""
+    """The gradient of the field, (M, 3) float32 per world unit, at points (M, 3), world. The
+    gradient points inwards. See `Scene.gradient`."""
     return _method(scene, "gradient")(points)
 
 

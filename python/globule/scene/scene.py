@@ -63,18 +63,17 @@ class Scene:
         kernel: one of `KERNELS`.
         threshold: iso-value, compared with the raw sum of weight * b(r); default by kernel.
         support: support radius for all particles, world units, instead of `particles.support`.
-            Without either it is the kernel's default number of spacings, the spacing being
-            measured on the particles.
+            Default: the kernel's default number of spacings; the scene measures the spacing.
         key_bits: 32 (10 levels) or 64 (21 levels).
-        level: deepest level of the octree; default: all the key has (dense: 6).
+        level: deepest level of the octree; default: all levels of the key (dense: 6).
         octree: "sparse" (occupied cells only) or "dense" (the array L, at most 8 levels).
         device: "auto", "cpu", "cuda" or "cuda:N".
         threads: CPU threads; 0 takes all.
-        bounds: ((x, y, z), (x, y, z)) the octree's space; default: the particles' own box, found
-            anew at each update. Particles outside are marked and counted, and have no influence.
+        bounds: ((x, y, z), (x, y, z)) the octree's space; default: the particles' bounding box,
+            computed at each update. The scene counts particles outside; they have no influence.
 
     Raises:
-        TypeError, ValueError: naming the argument, what was expected and what came.
+        TypeError, ValueError: naming the argument, the expected and the given value.
         FormatError, OSError: the file cannot be read.
         RuntimeError: the device cannot be used.
     """
@@ -132,17 +131,16 @@ class Scene:
     ) -> None:
         """The next frame: new particles, or new arrays for some of their fields.
 
-        `scene.update(positions=p)` keeps everything but the attributes; arrays may be of another
-        length and on any device. The octree is rebuilt; a support that was measured on the
-        particles stays. Images read color, reflection and refraction where they lie: arrays of
-        float32 have to stay unchanged until the next update. An interrupted update leaves the
-        particles as they were.
+        `scene.update(positions=p)` keeps all fields except the attributes; arrays may have a
+        different length and be on any device. The update rebuilds the octree; a measured support
+        stays. Images read color, reflection and refraction in place: float32 arrays must not change
+        until the next update. An interrupted update keeps the old particles.
 
         Args:
             particles: as for `Scene`.
             fields: arrays by their names in `Particles`.
 
-        Raises TypeError and ValueError: the field, what was expected and what came.
+        Raises TypeError and ValueError naming the field, the expected and the given value.
         """
         if particles is None:
             unknown = fields.keys() - set(FIELDS)
@@ -246,7 +244,7 @@ class Scene:
 
     @property
     def threshold(self) -> float:
-        """Iso-value of the surface, > 0. Another one counts from the next image on."""
+        """Iso-value of the surface, > 0. A new value applies from the next image on."""
         return self._threshold
 
     @threshold.setter
@@ -255,13 +253,13 @@ class Scene:
 
     @property
     def spacing(self) -> float:
-        """Median spacing of the particles, world units, measured around up to 1024 of them; 0 where
-        the scene has too few."""
+        """Median spacing of the particles, world units, measured around up to 1024 particles; 0 if
+        the scene has too few particles."""
         return self._scene.spacing()
 
     @property
     def octree(self) -> Octree:
-        """The octree as built last: level, nodes, leaves, bytes, hashes, build time."""
+        """Facts about the current octree: level, nodes, leaves, bytes, hashes, build time."""
         return Octree(self._scene)
 
     def field(self, points: ArrayLike) -> np.ndarray:
@@ -279,7 +277,7 @@ class Scene:
         return out
 
     def gradient(self, points: ArrayLike) -> np.ndarray:
-        """The field's gradient at points; it points inwards.
+        """The gradient of the field at points. The gradient points inwards.
 
         Args:
             points: (M, 3) world; NumPy or on the scene's device.
@@ -299,7 +297,8 @@ class Scene:
 
         Args:
             origins: (M, 3) world.
-            directions: (M, 3) unit vectors. A zero or not finite one is a ray that meets nothing.
+            directions: (M, 3) unit vectors. A ray whose direction is zero or not finite meets
+                nothing.
             thesis: trace as the source thesis does, with these choices; default: exactly.
 
         Returns:

@@ -40,22 +40,22 @@ def without_strays(
     min_neighbors: int = 3,
     progress: Callable[[int, int], object] | None = None,
 ) -> Particles:
-    """The particles that have at least `min_neighbors` others within a radius.
+    """The particles with at least `min_neighbors` other particles within a radius.
 
     Args:
         particles: N particles.
-        scene_or_radius: a radius, world units; or a scene of these particles, whose octree is then
-            used with a radius of 2.1 of its spacings: inside a lattice 32 others are that near, at
-            its faces 22, at its edges 15.
-        min_neighbors: least number of others. Particles at one place are others.
+        scene_or_radius: a radius, world units; or a scene of these particles, whose octree serves
+            the search, with a radius of 2.1 of the scene's spacings. Inside a lattice, this radius
+            holds 32 other particles, at a face 22, at an edge 15.
+        min_neighbors: least number of other particles. Other particles at the same position count.
         progress: called as progress(done, total) with counts of particles; may raise to stop.
 
-    Particles without a finite position are left out too, as they have no neighbors.
+    The function also removes particles whose position is not finite.
 
     Returns:
-        The particles that stay, with their fields and attributes.
+        The remaining particles, with their fields and attributes.
 
-    Raises TypeError and ValueError: the argument, what was expected and what came.
+    Raises TypeError and ValueError naming the argument, the expected and the given value.
     """
     scene: Scene | None
     if isinstance(scene_or_radius, Scene):
@@ -91,15 +91,15 @@ def anisotropy(
     moves by the factor `smoothing` to their mean (eq. 6), and their covariance C = R diag(s) Rᵀ
     (eq. 9, 10, 12) makes the kernel G = R diag(1 / s̃) Rᵀ / support (eq. 15, 16), where
     s̃ = k · max(s, s_1 / most_stretch). A particle with at most `few` neighbors gets a small
-    isotropic one, s̃ = few_size. The paper's k_s = 1400 is for its own unit of length; here
+    isotropic kernel, s̃ = few_size. The paper's k_s = 1400 is for its own unit of length; here
     k = 1 / (0.15 radius²), which makes s̃ = 1 where particles fill the radius evenly, in any unit.
 
     Args:
-        particles: N particles, or (N, 3) positions, world. Those without a finite position keep it
-            and get the kernel of one with few neighbors.
+        particles: N particles, or (N, 3) positions, world. Particles whose position is not finite
+            keep the position and get the kernel of a particle with few neighbors.
         support: h, radius at which an isotropic particle's kernel vanishes, world units; default:
             `particles.support` if it is one number.
-        radius: where neighbors are looked for, world units; default: 2 h, as in the paper.
+        radius: radius of the neighbor search, world units; default: 2 h, as in the paper.
         smoothing: λ, 0 (keeps the positions) to 1. The paper has 0.9 to 1.
         most_stretch: k_r, largest ratio of a kernel's axes.
         few: N_ε, number of neighbors, itself aside.
@@ -109,7 +109,7 @@ def anisotropy(
     Returns:
         `Anisotropy`: smoothed positions (N, 3) and matrices G (N, 3, 3), for `Particles`.
 
-    Raises TypeError and ValueError: the argument, what was expected and what came.
+    Raises TypeError and ValueError naming the argument, the expected and the given value.
     """
     if not isinstance(particles, Particles):
         particles = Particles(particles)

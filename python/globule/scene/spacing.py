@@ -32,12 +32,13 @@ def local_spacing(
     k: int = 6,
     progress: Callable[[int, int], object] | None = None,
 ) -> np.ndarray:
-    """Mean distance of each particle to its k nearest others, without those at its own place.
+    """Mean distance of each particle to its k nearest neighbors, without particles at the same
+    position.
 
     Args:
-        positions: (N, 3) float32, world, or `Particles`. Particles without a finite position get
+        positions: (N, 3) float32, world, or `Particles`. Particles whose position is not finite get
             the median.
-        k: neighbors, at least 1; fewer where there are no more particles.
+        k: number of neighbors, at least 1; fewer if the set has fewer particles.
         progress: called as progress(done, total) with counts of particles; may raise to stop.
 
     Returns:

@@ -26,29 +26,29 @@ MAX_THRESHOLDS = 16
 @read_only
 @dataclass(frozen=True)
 class Thesis(Fixed):
-    """How rays are traced in the thesis, §5.2-5.4; the scene's octree must be dense.
+    """The thesis's method of tracing rays, §5.2-5.4; the scene's octree must be dense.
 
     Each ray visits leaves by itself, with a stack. A leaf sees its own particles and those of its
-    26 neighbors. That is right only while no support is larger than a leaf's edge.
+    26 neighbors. The result is correct only while no support is larger than the edge of a leaf.
 
     Args:
         root: "march" (points along the ray, Fig. 5.5) or "bezier" (Bézier clipping, Nishita &
             Nakamae 1994; kernels murakami and wyvill).
-        step: of the march, in supports, where no threshold is passed, 0.0001 to 10000. The march
-            may miss thinner parts.
-        thresholds: number of thresholds below the scene's own, evenly spaced, 0 to 16; each one
-            that is passed halves the step.
-        ghosts: leaves see the particles of their neighbors (ghost particles), and leaves beside
-            occupied ones are visited. Without: the artefacts of Fig. 5.6.
-        face_rule: the nine neighbors across the face of entry are not fetched again (Fig. 5.7); the
-            image is the same.
-        exterior: the spheres of radius a bound the search; a sphere that is met alone needs no
-            search (Figs. 5.3, 5.4).
-        refine: the march's sign change is refined. Without: the terraces of Fig. 5.1.
+        step: of the march, in supports, before the first threshold, 0.0001 to 10000. The march may
+            miss parts that are thinner than a step.
+        thresholds: number of thresholds below the scene's own, evenly spaced, 0 to 16; each passed
+            threshold halves the step.
+        ghosts: leaves see the particles of their neighbors (ghost particles), and rays also visit
+            the leaves beside occupied leaves. False: the artifacts of Fig. 5.6.
+        face_rule: a ray does not fetch the nine neighbors across the face of entry again (Fig.
+            5.7). The image is the same.
+        exterior: the spheres of radius a bound the search; a lone sphere needs no search (Figs.
+            5.3, 5.4).
+        refine: a search refines the march's sign change. False: the terraces of Fig. 5.1.
         averaged_normals: normals away from the mean of the centers that reach the hit (Fig. 5.8a)
             instead of the gradient's.
 
-    Raises TypeError and ValueError: the field, what was expected and what came.
+    Raises TypeError and ValueError naming the field, the expected and the given value.
     """
 
     root: str = "march"
@@ -88,7 +88,7 @@ class Thesis(Fixed):
 def check_tracing(scene: Scene, thesis: Thesis | None) -> None:
     """Refuse choices with which `scene` cannot be traced.
 
-    Raises TypeError and ValueError: the argument, what was expected and what came.
+    Raises TypeError and ValueError naming the argument, the expected and the given value.
     """
     if thesis is None:
         return

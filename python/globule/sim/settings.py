@@ -35,26 +35,27 @@ CHANGEABLE = {
 class Phase(Steered):
     """A material of a simulation, with the names, limits and defaults of a scene's table.
 
-    A value that is not given has the default of the kind's table: `[[fluids]]`, `[[solids]]` for
+    An omitted value has the default of the kind's table: `[[fluids]]`, `[[solids]]` for
     tissue, `[[boundaries]]` or `[[rigids]]`. `CHANGEABLE` lists what may change between steps.
 
     Attributes:
         name: of the phase; each has its own.
-        kind: "fluid", "tissue", "boundary" (stands, or moves along key frames) or "rigid" (floats).
+        kind: "fluid", "tissue", "boundary" (at rest, or moving along key frames) or "rigid" (a
+            floating body).
         density: kg/m³.
         viscosity: Pa s.
-        implicit: whether viscosity is solved for, which does not shorten the steps; None: from
-            1 Pa s up.
-        surface_tension: N/m, of a fluid; of tissue: fluids stick to it.
-        adhesion: N/m, of a boundary or rigid body: a fluid sticks to it with the geometric mean of
-            this and its own surface tension.
+        implicit: whether the viscosity solver is implicit, which keeps the steps long; None: from 1
+            Pa s up.
+        surface_tension: N/m, of a fluid; of tissue: fluids stick to the tissue.
+        adhesion: N/m, of a boundary or rigid body: a fluid sticks to the body with the geometric
+            mean of the adhesion and the fluid's surface tension.
         color: linear RGB from 0 to 1, or "#rrggbb" in sRGB.
         reflection, refraction: shares of light from 0 to 1, as in `Particles`.
-        shown: whether images show it.
+        shown: whether images show the phase.
         damping: 1/s, of tissue's bonds.
         tear: strain at which a bond breaks; 0: never.
-        plastic: strain beyond which a part stays; 0: never.
-        creep: share of that strain that stays, 1/s.
+        plastic: strain beyond which a part of the strain is permanent; 0: never.
+        creep: rate at which the excess strain becomes permanent, 1/s.
 
     Raises:
         ValueError: a value that the table's check refuses.
@@ -213,23 +214,23 @@ def settings_of(scene: SceneFile) -> Settings:
 
 @dataclass
 class StepReport:
-    """What a step did.
+    """The results of a step.
 
     Attributes:
         time: s since the start, after the step.
-        step: its number, from 1.
-        dt: its length, s.
+        step: number of the step, from 1.
+        dt: length of the step, s.
         iterations, divergence_iterations, viscosity_iterations: of the solvers.
-        error: mean compression that the density solver left, predicted, a share.
-        divergence_error: what the divergence solver left, a share.
-        compression: mean of max(density / rest density - 1, 0) of the positions it began with.
-        most_compression: its largest.
-        n: particles there are.
+        error: predicted mean compression after the density solver, a share.
+        divergence_error: error after the divergence solver, a share.
+        compression: mean of max(density / rest density - 1, 0) at the start of the step.
+        most_compression: the largest compression of a particle.
+        n: number of particles.
         n_solved: fluid particles that the pressure solve moved.
-        n_escaped: particles outside of the domain.
-        n_removed: particles that sinks took out in this step.
-        most_speed: the fastest particle's, m/s.
-        seconds: of the clock, in each of the solver's stages.
+        n_escaped: particles outside the domain.
+        n_removed: particles that sinks removed in this step.
+        most_speed: speed of the fastest particle, m/s.
+        seconds: wall time of each stage of the solver.
     """
 
     time: float

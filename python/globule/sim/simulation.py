@@ -79,16 +79,16 @@ class _SimulationScene(Scene):
 class Simulation:
     """A simulation of fluids, tissue and rigid bodies.
 
-    A scene means the same from a file, in a dict and in Python, with the keys and defaults of
-    docs/scene-keys.md:
+    A file, a dict and keywords in Python describe a scene with the same keys and defaults
+    (docs/reference/scene-keys.md):
 
         gb.Simulation("scene.toml")
         gb.Simulation({"spacing": 0.02, "domain": {...}, "fluids": [{"name": "water", ...}]})
         gb.Simulation(spacing=0.02, domain=Domain(...), fluids=[Fluid(name="water", ...)])
 
     Args:
-        scene: the name of a scene that ships, the path of a .toml file, or a dict as TOML has it;
-            or `Particles`, a fluid in its box; None: all of it in keywords.
+        scene: the name of a shipped scene, the path of a .toml file, or a dict with the keys of a
+            scene file; or `Particles`, a fluid in its box. None: `keys` describe the whole scene.
         device: "auto", "cpu", "cuda" or "cuda:N".
         threads: CPU threads; 0 takes all.
         spacing: of particles, m, instead of the scene's own.
@@ -96,8 +96,8 @@ class Simulation:
             `globule.sim.scene_file`.
 
     Attributes:
-        scene: a `gb.Scene` of the same memory, as the particles are now.
-        settings: `Settings`: gravity, and how the solver steps.
+        scene: a `gb.Scene` of the same memory, with the current particles.
+        settings: `Settings`: gravity, and the steps of the solver.
         phases: the materials, `Phase`s by name.
         emitters: `Emitter`s by name.
         arrays: ids, positions, velocities, pressure, phase, neighbors; the whole state.
@@ -108,9 +108,9 @@ class Simulation:
         file: the scene with all its values, a `SceneFile`.
 
     Raises:
-        SceneError: what is wrong with the scene, in one line, with file and line where there is a
-            file. It is a ValueError.
-        TypeError: a scene of another type.
+        SceneError: a mistake in the scene; one line names the mistake, and the file and line if
+            the scene is a file. SceneError is a ValueError.
+        TypeError: `scene` has another type.
         OSError: a file that cannot be read.
     """
 
@@ -189,11 +189,11 @@ class Simulation:
 
     @whole
     def add_phase(self, phase: Phase) -> None:
-        """One more material, whose particles `add` brings.
+        """Add a material; `add` adds its particles.
 
         Raises:
             TypeError: anything but a `Phase`.
-            ValueError: a name that there is already, or a 33rd phase.
+            ValueError: the name exists already, or the phase is the 33rd.
         """
         if not isinstance(phase, Phase):
             raise TypeError(f"phase: expected a gb.Phase, got {phase!r}")
@@ -211,14 +211,14 @@ class Simulation:
 
         Args:
             positions: (M, 3) m.
-            phase: name of their material; None: the first phase that is no boundary.
+            phase: name of the particles' material; None: the first phase that is not a boundary.
             velocities: (M, 3), (3,) or a number, m/s.
 
         Returns:
-            ids (M,) uint32, ascending; no id is given twice.
+            ids (M,) uint32, ascending; every id is unique.
 
         Raises:
-            ValueError: another shape, values that are not finite, or a phase that there is not.
+            ValueError: a wrong shape, values that are not finite, or an unknown phase.
         """
         which = self._phase(phase)
         self._send()
@@ -239,8 +239,8 @@ class Simulation:
 
     @whole
     def remove(self, ids: ArrayLike) -> None:
-        """Take particles out; ids (M,) that `add` returned. Those that are gone already are
-        skipped.
+        """Remove particles by their ids (M,), which `add` returned. Ids of particles that the
+        simulation already removed have no effect.
 
         Raises:
             ValueError: an id that `add` never returned.
@@ -256,10 +256,10 @@ class Simulation:
             self.record.n_removed += n_before - len(self)
 
     def step(self, dt: float | None = None) -> StepReport:
-        """One step of dt seconds; by default as long as the speeds allow.
+        """Make one step of dt seconds; by default, the longest step that the speeds allow.
 
         Raises:
-            ValueError: a dt that is not above 0; a material that asks for steps without end.
+            ValueError: a dt that is not above 0, or a material that needs too many steps.
             ArithmeticError: a velocity that is not a number, steps that come to nothing, or fluid
                 without room.
         """
@@ -318,17 +318,16 @@ class Simulation:
         stop: Callable[[], bool] | None = None,
         progress: Callable[[int, int], Any] | None = None,
     ) -> StepReport | None:
-        """Step until some seconds have passed; the last two steps are alike rather than one a
-        sliver.
+        """Simulate some seconds. The last two steps have similar lengths.
 
         Args:
             seconds: s from now; None: up to the scene's `seconds`.
-            stop: is called after every step; True ends the run there.
-            progress: is called after every step as progress(done, total), in thousandths of the
-                run.
+            stop: a function that `run` calls after every step; True ends the run.
+            progress: a function that `run` calls after every step as progress(done, total), in
+                thousandths of the run.
 
         Returns:
-            the last step's report; None where there was no step.
+            the report of the last step; None if the run has no step.
 
         Raises:
             ValueError: seconds below 0.
@@ -346,7 +345,7 @@ class Simulation:
         stop: Callable[[], bool] | None = None,
         progress: Callable[[int, int], Any] | None = None,
     ) -> StepReport | None:
-        """`run` up to a time, s since the start; a time that has passed needs no step.
+        """Simulate up to a time, s since the start. A time in the past needs no step.
 
         Raises:
             ValueError: a time that is not finite.
@@ -429,7 +428,7 @@ class Simulation:
 
     @property
     def shown_particles(self) -> Particles:
-        """Those of `particles` that images show."""
+        """The particles that images show."""
         particles = self.particles
         return particles[np.asarray(particles.weight) > 0]
 
@@ -471,7 +470,7 @@ class Simulation:
         """Write the whole state to NAME.npz, for `load`; the file appears whole or not at all.
 
         Raises:
-            ValueError: a state that could not be loaded again; a file that is there stays.
+            ValueError: `load` could not read the state; an existing file stays.
             OSError: a file that cannot be written.
         """
         self._send()
@@ -493,11 +492,11 @@ class Simulation:
     def load(
         cls, name: str | os.PathLike[str], device: str = "auto", threads: int = 0
     ) -> Simulation:
-        """A simulation that goes on where `save` left it: on the CPU with the same bits.
+        """A simulation that continues from a file of `save`, on the CPU with the same bits.
 
         Raises:
             OSError: a file that cannot be read.
-            ValueError: a file that is no checkpoint.
+            ValueError: the file is not a checkpoint.
         """
         arrays, facts = checkpoint.load(name)
         try:
@@ -517,7 +516,7 @@ class Simulation:
         """Go back to the start, with its materials, emitters and instruments.
 
         Raises:
-            ValueError: tissue that was bonded since the start of a scene without tissue.
+            ValueError: the scene has no tissue at its start, but the simulation has bonds.
         """
         state, by_hand = self._first
         if self._core.tissue().n() and "tissue_at" not in state:

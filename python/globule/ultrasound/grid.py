@@ -32,7 +32,7 @@ class VoxelGrid:
 
     @property
     def world_from_voxel(self) -> np.ndarray:
-        """(4, 4): voxel index (x, y, z, 1) to its centre, mm."""
+        """(4, 4): voxel index (x, y, z, 1) to its center, mm."""
         matrix = np.diag([self.spacing] * 3 + [1.0])
         matrix[:3, 3] = self.low + 0.5 * self.spacing
         return matrix
@@ -57,7 +57,7 @@ class VoxelGrid:
 def bounds(
     world_from_image: np.ndarray, mask: np.ndarray | None, shape: tuple[int, int]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Lowest and highest corner of the used pixels' centres over all frames, mm."""
+    """Lowest and highest corner of the used pixels' centers over all frames, mm."""
     rows, columns = np.arange(shape[0]), np.arange(shape[1])
     if mask is not None:
         rows, columns = np.flatnonzero(mask.any(1)), np.flatnonzero(mask.any(0))

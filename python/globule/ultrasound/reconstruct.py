@@ -92,7 +92,7 @@ def reconstruct(
         Volume of the frames' type. The mean is rounded to nearest; the same bits on any device.
 
     Raises:
-        TypeError, ValueError: naming the argument, what was expected and what came.
+        TypeError, ValueError: naming the argument, the expected and the given value.
         MemoryError: the volume cannot fit; names the spacing that would.
     """
     options = check_options(method, max_kernel, compounding, hole_weights, max_distance)

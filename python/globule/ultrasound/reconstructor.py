@@ -68,7 +68,7 @@ class Reconstructor:
             as for `globule.reconstruct`.
 
     Raises:
-        TypeError, ValueError: naming the argument, what was expected and what came.
+        TypeError, ValueError: naming the argument, the expected and the given value.
     """
 
     def __init__(

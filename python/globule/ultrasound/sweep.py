@@ -21,7 +21,7 @@ class Sweep:
     frames             (F, H, W) uint8, uint16 or float32, C-contiguous; row 0 next to the probe.
                        uint8 and uint16 may lie on a GPU (CuPy, PyTorch …): `reconstruct` uses them
                        there, all else copies them
-    world_from_image   (F, 4, 4) float64, mm: pixel centre (column, row, 0, 1) to the world
+    world_from_image   (F, 4, 4) float64, mm: pixel center (column, row, 0, 1) to the world
     timestamps         (F,) float64, s, or None where they are not known
     valid              (F,) bool: frames whose image and pose count; default: those with a finite
                        pose. A frame without a finite pose is never valid
@@ -32,7 +32,7 @@ class Sweep:
                        patient; files then still say LPS
     metadata           what a file said besides, kept for writing it back
 
-    Raises TypeError or ValueError naming the field, what was expected and what came.
+    Raises TypeError or ValueError naming the field, the expected and the given value.
     """
 
     frames: Any
@@ -102,7 +102,7 @@ class Sweep:
         return tuple(np.median(lengths, axis=0).tolist())
 
     def corners(self) -> np.ndarray:
-        """The outermost pixel centres inside the mask's bounding rectangle: (F, 4, 3) mm, world."""
+        """The outermost pixel centers inside the mask's bounding rectangle: (F, 4, 3) mm, world."""
         height, width = self.frames.shape[1:]
         left, top, right, bottom = 0, 0, width - 1, height - 1
         if self.mask is not None and self.mask.any():

@@ -38,8 +38,8 @@ def temporal_offset(
         pose_times: (N,) s.
         most: s, the largest offset of either sign that is looked for.
 
-    Motion of the image (mean absolute difference of neighbouring frames, per second) and of the
-    probe (mm per second) are brought to one time axis; the offset is where their normalised
+    Motion of the image (mean absolute difference of neighboring frames, per second) and of the
+    probe (mm per second) are brought to one time axis; the offset is where their normalized
     cross-correlation peaks, refined by a parabola. The probe must change its speed during the
     recording, and move less between two frames than speckle is wide: frames that have nothing in
     common differ by the same, however fast it went. Raises ValueError if either never moves or the

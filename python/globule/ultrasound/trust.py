@@ -28,9 +28,9 @@ def check_poses(
     """Frames whose pose no hand could have reached.
 
     Speed is that of the fastest of the image's four corners, so that rotation counts. A frame's
-    acceleration compares it with its neighbours: a single wrong pose is fast to reach and fast to
+    acceleration compares it with its neighbors: a single wrong pose is fast to reach and fast to
     leave. An outlier exceeds both limits, mm/s and mm/s²; the default limits are 6 and 8 times the
-    median of the sweep. The worst is taken out first, then its neighbours are judged without it.
+    median of the sweep. The worst is taken out first, then its neighbors are judged without it.
     Without time stamps a frame counts as a second.
     """
     n = len(sweep)
@@ -63,7 +63,7 @@ def check_poses(
 def _motion(
     corners: np.ndarray, times: np.ndarray, kept: np.ndarray, n: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Each kept frame's speed (to the slower neighbour) and acceleration; NaN for others."""
+    """Each kept frame's speed (to the slower neighbor) and acceleration; NaN for others."""
     speed, acceleration = np.full(n, np.nan), np.full(n, np.nan)
     if len(kept) < 2:
         return speed, acceleration
@@ -80,7 +80,7 @@ def _motion(
 
 
 class Validation(NamedTuple):
-    """How well a volume from the other frames predicts the frames left out, in grey levels.
+    """How well a volume from the other frames predicts the frames left out, in gray levels.
 
     mean_error       mean of |predicted - seen|
     rms_error        root of the mean square

@@ -1,6 +1,6 @@
 """Looking at volumes: slices along any plane, back onto the frames, and three-view pictures.
 
-Where a value came from is shown with it: measured, filled from its neighbours, or empty.
+Where a value came from is shown with it: measured, filled from its neighbors, or empty.
 """
 
 from __future__ import annotations
@@ -123,7 +123,7 @@ def three_view(
     Args:
         volume: what to look at.
         center: (x, y, z) mm, world, where the planes meet; default: the middle of what is known.
-        overlay: tint what was filled (orange) and what is empty (blue) over the grey of what was
+        overlay: tint what was filled (orange) and what is empty (blue) over the gray of what was
             measured.
 
     From left to right the planes of x and y, of x and z, of y and z, in the volume's own axes and
@@ -135,7 +135,7 @@ def three_view(
 
 def save_three_view(path: str | os.PathLike[str], volume: Volume, center: Any = None) -> None:
     """Write a three-view picture (.png): the values above, the same with the overlay below. Arrows
-    beside the planes name the volume's axes and tell how long some millimetres are."""
+    beside the planes name the volume's axes and tell how long some millimeters are."""
     from PIL import Image
 
     rows = []

@@ -46,7 +46,7 @@ def tomography_particles(
             voxel for labels.
 
     Returns:
-        Particles, positions (N, 3) in mm, LPS; none if no value reaches the level. Colours are from
+        Particles, positions (N, 3) in mm, LPS; none if no value reaches the level. Colors are from
         dark gray at the 2nd percentile of the intensities to white at the 98th, with the attribute
         `intensity`; or one of the palette's for each label, with the attribute `label`.
 

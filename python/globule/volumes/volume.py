@@ -1,4 +1,4 @@
-"""A volume of voxels in millimetres, with a record of where each value came from."""
+"""A volume of voxels in millimeters, with a record of where each value came from."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Volume:
     Args:
         values: (Z, Y, X) uint8, uint16 or float32; 0 where empty. Values and radius may lie on a
             GPU; they are copied when they are read.
-        world_from_voxel: (4, 4) float64, mm: voxel index (x, y, z, 1) to the voxel's centre.
+        world_from_voxel: (4, 4) float64, mm: voxel index (x, y, z, 1) to the voxel's center.
         radius: (Z, Y, X) uint8: 0 measured, k filled from a cube of (2 k + 1)^3, 255 empty.
         space: what the world's axes mean, "LPS" or "RAS".
         info: figures of the reconstruction: times in seconds, bytes, counts.

@@ -111,7 +111,7 @@ def _translated(fields: dict[str, str], to_nrrd: bool) -> dict[str, str]:
 
 
 def _planes(path: Any, image: RawImage) -> np.ndarray:
-    """The frames, (F, H, W); colours become grey (ITU-R BT.601)."""
+    """The frames, (F, H, W); colors become gray (ITU-R BT.601)."""
     array = image.array
     if array.ndim == 2:
         array = array[None]

@@ -18,7 +18,7 @@ class VolumeData(NamedTuple):
     """What a file holds.
 
     values             (Z, Y, X)
-    world_from_voxel   (4, 4) float64, mm: voxel index (x, y, z, 1) of a voxel's centre to the world
+    world_from_voxel   (4, 4) float64, mm: voxel index (x, y, z, 1) of a voxel's center to the world
     space              "LPS" or "RAS": what the world's axes mean
     maps               arrays (Z, Y, X) by name
     """

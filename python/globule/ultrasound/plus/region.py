@@ -134,7 +134,7 @@ def _row_runs(
 
 
 def _slipping(sources: np.ndarray, runs: list, importance: np.ndarray) -> None:
-    """Nearest neighbour with an importance mask, optimised: PLUS leaves a run at the first pixel of
+    """Nearest neighbor with an importance mask, optimised: PLUS leaves a run at the first pixel of
     importance 0 without moving its read position to the run's end, so that all later pixels of
     the frame are read too early."""
     width = sources.shape[1]
