@@ -4,6 +4,7 @@ the bit. GLOBULE_INTERRUPTS is the number of interrupts a test makes (63: 504 in
 from __future__ import annotations
 
 import os
+import signal
 import time
 from functools import partial
 
@@ -201,6 +202,29 @@ def test_live(on):
         volume = live.volume()
         assert volume.values.tobytes() == right.values.tobytes()
         assert volume.radius.tobytes() == right.radius.tobytes()
+
+
+def test_calls_without_signal_handlers_leave_the_protection(monkeypatch):
+    """A program in the background ignores Ctrl-C; its later handlers wait all the same."""
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        sweep = small_sweep()
+        live = gb.Reconstructor(0.5, device="cpu")
+        live.add(sweep.frames[0], sweep.world_from_image[0])  # no handler to replace
+        bin_frames = live._bin
+
+        def bin_and_signal(added, sign):
+            os.kill(os.getpid(), signal.SIGALRM)
+            for _ in range(100):  # Python handles signals between its own instructions
+                pass
+            bin_frames(added, sign)
+
+        monkeypatch.setattr(live, "_bin", bin_and_signal)
+        came = interrupted(lambda: live.add(sweep.frames[1], sweep.world_from_image[1]), 60)
+        assert came
+        assert live.n_frames == 2
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def test_million_particles_stop_soon():

@@ -46,7 +46,7 @@ class _Later:
                 if callable(handler):
                     self._handlers.append((number, handler))
                     signal.signal(number, self._note)
-            _Later._inside = True
+            _Later._inside = bool(self._handlers)  # __exit__ has nothing to restore without any
         except BaseException:  # a handler ran before it was replaced
             self._restore()
             raise
