@@ -13,6 +13,7 @@ import time
 import globule as gb
 import numpy as np
 import pytest
+from cli_helpers import cube
 from globule.cli import main
 from globule.render.sequence import find_files, is_whole, natural, read_ahead
 from PIL import Image
@@ -271,6 +272,19 @@ def test_a_movie_without_pyav(files, folder, monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "av", None)
     assert "globule[video]" in refused(capsys, "render", *files, "-o", "m.mp4", *SMALL)
     assert not list(folder.glob("m.mp4*"))
+
+
+def test_clips_cut_every_frame(folder):
+    particles = cube()
+    cut = gb.ClipPlane((1, 0, 0), float(particles.positions[:, 0].mean()))
+    camera = gb.Camera.fit(particles, size=(40, 30))
+    whole, open_ = (
+        gb.render_sequence(particles, f"{name}_%d.png", camera, (40, 30), n_frames=1, clips=clips)
+        for name, clips in (("whole", ()), ("cut", [cut]))
+    )
+    right = gb.render(particles, camera, (40, 30), clips=[cut]).image
+    np.testing.assert_array_equal(np.asarray(Image.open(open_[0])), right)
+    assert (np.asarray(Image.open(whole[0])) != right).any()
 
 
 @needs_av

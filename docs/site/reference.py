@@ -45,6 +45,7 @@ AREAS = {
         "Where the installed package keeps its C++ library, and what all parts share.",
     ),
 }
+FULL = {"render": "globule.render.frame.render"}  # `globule.render` is a package, too
 ELSEWHERE = {"colorize": "render"}  # names that stand on another page than their module's
 # What calls return and take without being a name of `gb`.
 ALSO = {
@@ -83,13 +84,14 @@ def python_pages() -> dict[str, str]:
         names = sorted((n for n in gb.__all__ if room(n) == key), key=lambda n: (n[0].islower(), n))
         lines = [f"# {title}", "", about, ""]
         for name in names:
-            lines += _directive(f"globule.{name}", f"gb.{name}")
+            lines += _directive(FULL.get(name, f"globule.{name}"), f"gb.{name}")
         if key in ALSO:
             lines += ["## Beyond `gb`", "", "Import these from their module.", ""]
             for path in ALSO[key]:
                 lines += _directive(f"globule.{path}", f"globule.{path}", 3)
         pages[f"reference/python/{file}.md"] = "\n".join(lines)
-        listed = ", ".join(f"[`{n}`]({file}.md#globule.{n})" for n in names)
+        places = {n: FULL.get(n, f"globule.{n}") for n in names}
+        listed = ", ".join(f"[`{n}`]({file}.md#{place})" for n, place in places.items())
         rows.append(f"| [{title}]({file}.md) | {listed} |")
     pages["reference/python/index.md"] = "\n".join(
         [

@@ -71,7 +71,7 @@ def _read_csv(path: Any, lines: list[str]) -> Particles:
     words = ["0"] * len(names) if first is None else _csv_words(path, lines, first)
     if len(words) != len(names):
         raise bad(path, f"line {start + 1}", f"expected {len(names)} columns, got {len(words)}")
-    return _assemble(path, names, words, lines[start:], start + 1, ",")
+    return _assemble(path, names, words, lines[start:], start + 1, ",", max(start, 1))
 
 
 def _csv_words(path: Any, lines: list[str], i: int) -> list[str]:
@@ -118,6 +118,7 @@ def _assemble(
     lines: list[str],
     first_line: int,
     separator: str | None,
+    names_line: int | None = None,
 ) -> Particles:
     """Particles from rows; `words` is the first row, which tells the numbers from the words."""
     numeric = [
@@ -126,7 +127,9 @@ def _assemble(
         if _is_number(word) or names[i].lower() in ("x", "y", "z")  # there, a word is a mistake
     ]
     found = shown(" ".join(names))
-    no_positions = bad(path, f"line {first_line}", f"expected columns x, y and z, got {found}")
+    no_positions = bad(
+        path, f"line {names_line or first_line}", f"expected columns x, y and z, got {found}"
+    )
     if len(numeric) < 3:
         raise no_positions
     options: dict[str, Any] = {"delimiter": separator}

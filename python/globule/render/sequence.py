@@ -27,6 +27,7 @@ from ..scene.particles import Particles
 from ..scene.scene import Scene
 from .camera import Camera
 from .camera_path import CameraPath
+from .clips import ClipBox, ClipPlane, ClipSphere
 from .frame import camera_and_size, fit_camera, render, save_png
 from .settings import RenderSettings, as_settings
 
@@ -258,6 +259,7 @@ def render_sequence(
     n_frames: int | None = None,
     resume: bool = False,
     *,
+    clips: Sequence[ClipPlane | ClipBox | ClipSphere] = (),
     color_by: str | None = None,
     colormap: str = "viridis",
     range: tuple[float, float] | None = None,
@@ -280,6 +282,7 @@ def render_sequence(
         n_frames: how many frames at most. Needed for an endless source, unless a path or list of
             cameras says it.
         resume: keep the images of an earlier, interrupted run with the same arguments.
+        clips: cuts through the scene, as for `render`.
         color_by, colormap, range: as for `render`. Without a range all files are read once more
             beforehand, for the lowest and highest value; other sources need it.
         progress: called as progress(done, total) after each frame; total is 0 where the source does
@@ -342,7 +345,7 @@ def render_sequence(
         if camera is None and kept.first:
             view, _ = _views(fit_camera(scene, size), fps)
         if not finished(i):
-            frame = render(scene, view(i), size, settings)
+            frame = render(scene, view(i), size, settings, clips)
             if movie:
                 movie.open()
             frame.save(name(i))

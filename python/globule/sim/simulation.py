@@ -141,8 +141,11 @@ class Simulation:
         support = 2.0 * self.settings.spacing
         self.scene = _SimulationScene(self, chosen, thread_count(threads), support)
         self._core = _core.Simulation(self.scene._own)
-        self.arrays, self.tissue, self.tools = Arrays(self), BondedTissue(self), Tools(self)
-        self.steer, self.record = Steer(self), Record(self)
+        self.arrays: Arrays = Arrays(self)
+        self.tissue: BondedTissue = BondedTissue(self)
+        self.tools: Tools = Tools(self)
+        self.steer: Steer = Steer(self)
+        self.record: Record = Record(self)
         for body in found:
             if body.name not in self.phases:
                 self.add_phase(phase_of(body.kind, body.table))
