@@ -46,12 +46,12 @@ def iso_surface(volume: Volume, level: float | None = None, kernel: str = "murak
     """Particles whose field is the threshold where the volume, smoothed by the kernel, is `level`.
 
     Every voxel is a particle of weight value / level; a lattice of unit weights has the field
-    `threshold` everywhere inside, so that the field is threshold · (mean value around) / level.
-    Where values are negative, value and level count from the lowest. Voxels too far from any
-    value >= level to matter are left out, and empty ones.
+    `threshold` everywhere inside, and the field is therefore threshold · (local mean value) /
+    level. If values are negative, value and level count from the lowest value. The function omits
+    empty voxels, and voxels that are too far from any value >= level to matter.
 
     Args:
-        volume: with different values somewhere.
+        volume: a volume that is not constant.
         level: iso-value, in the units of the volume's values; default: `default_level(volume)`.
         kernel: one of `globule.scene.KERNELS`.
 

@@ -32,14 +32,14 @@ def reslice(
     """A volume's values on a plane.
 
     Args:
-        volume: what to look at.
+        volume: the volume to slice.
         world_from_plane: (4, 4), maps (column, row, 0, 1) to mm in the world.
         size: columns and rows.
-        linear: between the eight voxels around a point, without those that are empty; else the
-            nearest voxel's value.
+        linear: interpolate between the eight voxels around a point, without empty voxels. False:
+            the value of the nearest voxel.
 
     Returns:
-        Slice; the origin is that of the nearest voxel.
+        Slice; `origin` is the origin of the nearest voxel's value.
 
     Raises ValueError for a matrix that is not finite or a size below 1x1.
     """
@@ -116,7 +116,7 @@ def three_view(volume: Volume, center: Any = None, overlay: bool = False) -> np.
     """The three planes along the volume's axes, side by side: (H, W, 3) uint8.
 
     Args:
-        volume: what to look at.
+        volume: the volume to slice.
         center: (x, y, z) mm, world, where the planes meet; default: the middle of what is known.
         overlay: tint what was filled (orange) and what is empty (blue) over the gray of what was
             measured.
