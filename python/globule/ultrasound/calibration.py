@@ -42,7 +42,7 @@ _KEYS = ("probe_from_image", "temporal_offset", "clip", "fan", "rms", "target")
 
 @dataclass(frozen=True)
 class Calibration:
-    """What a sweep needs to know of its probe.
+    """The calibration of a probe, which a sweep needs.
 
     probe_from_image   (4, 4) float64: pixel (column, row, 0, 1) to mm in the probe's frame
     temporal_offset    s, added to a frame's time to find its pose

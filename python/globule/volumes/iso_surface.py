@@ -35,7 +35,8 @@ _REACH = 3  # voxels around the inside that can still touch the surface
 
 
 class IsoSurface(NamedTuple):
-    """particles with weights, the scene's threshold at which they show value = level, the level."""
+    """Particles with weights, the scene's threshold for the surface value = level, and the
+    level."""
 
     particles: Particles
     threshold: float
@@ -92,10 +93,10 @@ def iso_surface(volume: Volume, level: float | None = None, kernel: str = "murak
 
 
 def default_level(volume: Volume) -> float:
-    """The iso-value where none is given: Otsu's, of the measured values above the background.
+    """The default iso-value: Otsu's level of the measured values above the background.
 
-    The background is 0, or the lowest value if that is negative. If all others are equal, as in
-    a mask, the level lies halfway. Raises ValueError for a volume of one value.
+    The background is 0, or the lowest value if this value is negative. If all other values are
+    equal, as in a mask, the level lies halfway. Raises ValueError for a volume of one value.
     """
     lowest, known = _known(volume)
     values = volume.values[known]

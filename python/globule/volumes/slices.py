@@ -1,6 +1,6 @@
-"""Looking at volumes: slices along any plane, back onto the frames, and three-view pictures.
+"""Slices of volumes: along any plane, in the planes of the frames, and three-view images.
 
-Where a value came from is shown with it: measured, filled from its neighbors, or empty.
+Slices also hold the origin of each value: measured, filled from its neighbors, or empty.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ def reslice(
 
 
 def reslice_frame(volume: Volume, sweep: Any, i: int, linear: bool = True) -> Slice:
-    """The volume's values where frame `i` of a sweep was taken: a Slice (H, W) as the frame.
+    """The volume's values in the plane of frame `i` of a sweep: a Slice (H, W) like the frame.
 
     Raises ValueError for a frame without a pose.
     """
@@ -117,9 +117,10 @@ def three_view(volume: Volume, center: Any = None, overlay: bool = False) -> np.
 
     Args:
         volume: the volume to slice.
-        center: (x, y, z) mm, world, where the planes meet; default: the middle of what is known.
-        overlay: tint what was filled (orange) and what is empty (blue) over the gray of what was
-            measured.
+        center: (x, y, z) mm, world, where the planes meet; default: the middle of the voxels with
+            values.
+        overlay: tint filled voxels (orange) and empty voxels (blue) over the gray of measured
+            voxels.
 
     From left to right the planes of x and y, of x and z, of y and z, in the volume's own axes and
     with square pixels; each plane's row 0 is the axis' beginning.
@@ -129,8 +130,8 @@ def three_view(volume: Volume, center: Any = None, overlay: bool = False) -> np.
 
 
 def save_three_view(path: str | os.PathLike, volume: Volume, center: Any = None) -> None:
-    """Write a three-view picture (.png): the values above, the same with the overlay below. Arrows
-    beside the planes name the volume's axes and tell how long some millimeters are."""
+    """Write a three-view image (.png): the values above, the same with the overlay below. Arrows
+    beside the planes name the volume's axes and have a labeled length in mm."""
     from PIL import Image
 
     rows = []
