@@ -1,4 +1,4 @@
-"""What a file holds, by its content: magic numbers, archive members, roots of XML, lines of text.
+"""The kind of a file, by its content: magic numbers, archive members, roots of XML, lines of text.
 
 The ending decides only between formats that the content does not tell apart, and for content that
 is of no known format, so that the reader of that format says what is wrong with it.

@@ -76,7 +76,7 @@ class Record(Part):
 
     @whole
     def totals(self) -> dict[str, Any]:
-        """Of fluid and tissue: mass kg, kinetic and potential energy J, momentum kg m/s,
+        """Totals of fluid and tissue: mass kg, kinetic and potential energy J, momentum kg m/s,
         angular_momentum kg m²/s about the origin, center of mass m."""
         t = self._sim._core.totals()
         mass = t["mass"] or 1.0

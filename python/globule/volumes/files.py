@@ -8,7 +8,7 @@
     .sparse.npz          NumPy, occupied blocks only, with all maps
     DICOM                a file, or a folder with a series (SimpleITK), read only
 
-What is read lies in LPS, whatever the file's frame. A volume's place survives exactly in .mha,
+Volumes from files are in LPS, for any frame of the file. A volume's place survives exactly in .mha,
 .nrrd, .vti (if its axes are the world's) and .npz.
 """
 
