@@ -20,6 +20,7 @@ import numpy as np
 import pytest
 from cli_helpers import cube
 from globule._base import device
+from waiting import PATIENCE
 
 LEVELS = device.cpu_levels()
 SOAK = float(os.environ.get("GLOBULE_SOAK", 0))  # what test_concurrency.py takes on purpose
@@ -52,8 +53,6 @@ def has_gpu() -> bool:
 
 def pytest_collection_modifyitems(config, items):
     for item in items:
-        if getattr(item.module, "BROWSERS", False):
-            item.add_marker("browser")
         params = getattr(getattr(item, "callspec", None), "params", {})
         if any(isinstance(value, str) and value == "cuda" for value in params.values()):
             item.add_marker("gpu")
@@ -147,7 +146,7 @@ def hang_guard(request, real_stderr):
     if getattr(request.module, "BROWSERS", False):
         yield
         return
-    faulthandler.dump_traceback_later(60 + SOAK, exit=True, file=real_stderr)
+    faulthandler.dump_traceback_later(PATIENCE + 30 + SOAK, exit=True, file=real_stderr)
     yield
     faulthandler.cancel_dump_traceback_later()
 

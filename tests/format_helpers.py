@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from globule import formats
@@ -33,15 +35,6 @@ def sample(n: int = N) -> Particles:
     )
 
 
-def refusal(read, path) -> str:
-    """The message of the FormatError with which a file is refused; "" if it is read."""
-    try:
-        read(path)
-    except formats.FormatError as error:
-        return str(error)
-    return ""
-
-
 def assert_same(got: Particles, expected: Particles) -> None:
     assert np.array_equal(got.positions, expected.positions, equal_nan=True)
     for name in ("support", "weight", "color", "reflection", "refraction", "rigidity"):
@@ -57,3 +50,14 @@ def assert_same(got: Particles, expected: Particles) -> None:
             assert (array.shape, read.shape) == ((len(got), 1), (len(got),)), name
         assert np.array_equal(read.astype(array.dtype).reshape(array.shape), array), name
         assert read.flags.owndata or read.base.flags.owndata
+
+
+def read_or_refused(read: Callable[[Path], Any], path: Path) -> Any:
+    """What `read` makes of a broken file; None where one line that names the file refuses it."""
+    try:
+        return read(path)
+    except formats.FormatError as error:
+        said = str(error)
+    assert "\n" not in said
+    assert path.name in said
+    return None

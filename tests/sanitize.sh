@@ -33,7 +33,7 @@ if [ "$only" != thread ]; then
   rm -f build/asan-report.*
   trap 'head -n 30 build/asan-report.* 2> /dev/null || true' EXIT
   build/asan-cpp/cpp_tests
-  LD_PRELOAD="$(gcc -print-file-name=libasan.so) $(gcc -print-file-name=libubsan.so)" PYTHONPATH=build/asan/site PYTHONMALLOC=malloc \
+  GLOBULE_TEST_PATIENCE=900 LD_PRELOAD="$(gcc -print-file-name=libasan.so) $(gcc -print-file-name=libubsan.so)" PYTHONPATH=build/asan/site PYTHONMALLOC=malloc \
     "$python" -m pytest -q -x -p no:cacheprovider -k "not cuda and not interpreter_is_free and not is_exact" tests/test_interrupts.py tests/test_concurrency.py \
     tests/test_device_arrays.py tests/test_octree.py tests/test_field.py tests/test_anisotropy.py tests/test_light_cuts.py \
     tests/test_sim_fluid.py tests/test_sim_tissue_cut.py tests/test_thesis.py tests/test_live.py

@@ -60,13 +60,15 @@ def test_shared_scene():
                 try:
                     frame.refine(1)
                 except ValueError as error:  # the scene has changed since
-                    assert "as it was rendered" in str(error)
+                    if "as it was rendered" not in str(error):
+                        raise
                 assert np.isfinite(frame.color).all()
 
     with running(*(lambda k=k: worker(k) for k in range(4))):
         pass
 
 
+@pytest.mark.slow
 def test_shared_simulation_and_reconstructor():
     plain, sim = water(CPU), water(CPU)
     right, pictures = {0: plain.hash()}, set()

@@ -24,6 +24,13 @@ DOCS = ROOT / "docs"
 PAGES = [ROOT / "README.md", *sorted(DOCS.rglob("*.md"))]
 WITH_CODE = [path for path in PAGES if any(not block.reason for block in blocks(path))]
 PATIENCE = 180  # s a page
+QUICK = (  # a page of each kind; the others run with --matrix
+    "first-image",
+    "cpp-cmake-program",
+    "files-convert-particles",
+    "render-color-by-attribute",
+    "simulate-own-scene",
+)
 
 
 def name(path: Path) -> str:
@@ -70,7 +77,11 @@ def environment(tmp_path_factory):
     }
 
 
-@pytest.mark.parametrize("path", WITH_CODE, ids=name)
+@pytest.mark.parametrize(
+    "path",
+    [pytest.param(p, marks=() if p.stem in QUICK else pytest.mark.slow) for p in WITH_CODE],
+    ids=name,
+)
 def test_code(path, data, environment, tmp_path):
     for file in data.rglob("*"):
         if file.is_file():

@@ -17,6 +17,7 @@ pytest.importorskip("mkdocs", reason="pip install 'globule[docs]'")
 pytest.importorskip("material")
 pytest.importorskip("nbclient")
 
+pytestmark = pytest.mark.slow
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "docs" / "site"))
 BROWSERS = True  # conftest.py: what these tests wait for has a limit of its own
@@ -123,6 +124,7 @@ def opened(chromium, site):
     assert wrong == []
 
 
+@pytest.mark.browser
 def test_pages_from_disk_ask_nobody(site, opened):
     page, asked = opened
     for name in PAGES:
@@ -133,6 +135,7 @@ def test_pages_from_disk_ask_nobody(site, opened):
     assert [url for url in asked if not url.startswith(("file:", "data:", "blob:"))] == []
 
 
+@pytest.mark.browser
 def test_search_from_disk(site, opened):
     page, asked = opened
     page.goto((site / "index.html").as_uri())
@@ -147,6 +150,7 @@ def test_search_from_disk(site, opened):
     assert [url for url in asked if not url.startswith(("file:", "data:", "blob:"))] == []
 
 
+@pytest.mark.browser
 def test_light_and_dark(site, opened):
     page, _ = opened
     page.goto((site / "index.html").as_uri())

@@ -7,6 +7,7 @@ import builtins
 import globule as gb
 import numpy as np
 import pytest
+from format_helpers import read_or_refused
 from globule.formats import FormatError
 from globule.formats.pictures import environment
 from globule.formats.pictures.environment import read_environment
@@ -193,11 +194,8 @@ def test_broken_files(kind, tmp_path, capfd):
         path.write_bytes(hdr(bright(), kind))
     for data in broken(path.read_bytes()):
         path.write_bytes(data)
-        try:
-            assert np.isfinite(read_environment(path)).all()
-        except FormatError as error:
-            assert "\n" not in str(error)
-            assert path.name in str(error)
+        found = read_or_refused(read_environment, path)
+        assert found is None or np.isfinite(found).all()
     if kind != ".exr":  # OpenEXR prints what is wrong
         assert capfd.readouterr() == ("", "")
 

@@ -115,9 +115,14 @@ def test_a_failed_write_leaves_the_old_file(tmp_path):
         formats.write(path, Particles(np.eye(3), attributes={"id": ids}))
     with pytest.raises(ValueError, match="int32"):
         formats.write(tmp_path / "p.bgeo", Particles(np.eye(3), attributes={"id": ids}))
-    with pytest.raises(KeyboardInterrupt), atomic_write(path) as file:
-        file.write(b"half")
-        raise KeyboardInterrupt
+
+    def interrupted():
+        with atomic_write(path) as file:
+            file.write(b"half")
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
     assert path.read_text() == "old"
     assert [file.name for file in tmp_path.iterdir()] == ["p.ply"]
 

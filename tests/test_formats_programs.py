@@ -71,6 +71,7 @@ def vtk_points(kind: str):
 @pytest.mark.parametrize("kind", ["poly", "grid"])
 @pytest.mark.parametrize("binary", [False, True])
 @pytest.mark.parametrize("version", [42, 51])
+@pytest.mark.interop
 def test_vtk_writes_legacy(kind, binary, version, tmp_path):
     pytest.importorskip("vtk")
     from vtkmodules.vtkIOLegacy import vtkPolyDataWriter, vtkUnstructuredGridWriter
@@ -99,6 +100,7 @@ def reordered(p: Particles, expected: Particles) -> dict[str, np.ndarray]:
 @pytest.mark.parametrize("kind", ["poly", "grid"])
 @pytest.mark.parametrize("mode", ["ascii", "binary", "appended raw", "appended base64"])
 @pytest.mark.parametrize("variant", ["plain", "zlib", "zlib small blocks", "big-endian 64"])
+@pytest.mark.interop
 def test_vtk_writes_xml(kind, mode, variant, tmp_path):
     pytest.importorskip("vtk")
     from vtkmodules.vtkIOXML import vtkXMLPolyDataWriter, vtkXMLUnstructuredGridWriter
@@ -125,6 +127,7 @@ def test_vtk_writes_xml(kind, mode, variant, tmp_path):
 
 
 @pytest.mark.parametrize("extension", [".vtk", ".vtp", ".vtu"])
+@pytest.mark.interop
 def test_vtk_reads(extension, tmp_path):
     pytest.importorskip("vtk")
     from vtkmodules.util.numpy_support import vtk_to_numpy
@@ -151,6 +154,7 @@ def test_vtk_reads(extension, tmp_path):
 
 @pytest.mark.parametrize("binary", [False, True])
 @pytest.mark.parametrize("extension", [".vtu", ".vtk", ".ply"])
+@pytest.mark.interop
 def test_meshio_writes(extension, binary, tmp_path):
     meshio = pytest.importorskip("meshio")
     p = sample()
@@ -165,6 +169,7 @@ def test_meshio_writes(extension, binary, tmp_path):
 
 
 @pytest.mark.parametrize("order", ["<", ">", "ascii"])
+@pytest.mark.interop
 def test_plyfile_agrees(order, tmp_path):
     plyfile = pytest.importorskip("plyfile")
     rows = np.zeros(5, [("x", "f4"), ("y", "f4"), ("z", "f8"), ("q", "u2"), ("red", "u1")])

@@ -216,7 +216,7 @@ def test_translucent_over_opaque(backend):
     layers = [gb.Layer(veil, gb.Material(0.0, k, 1.0)), gb.Layer(core, CLAY)]
     camera = gb.Camera((0, 0, 6), (0, 0, 0), height=2.0)
     frame = gb.render(layers, camera, (40, 40), quiet(ambient=0.5, background=0.0))
-    o, _d = rays(camera, (40, 40))
+    o, _ = rays(camera, (40, 40))
     ratio = np.sqrt(1 - np.sqrt(0.6))
     axis = np.linalg.norm(o[..., :2], axis=-1)
     on_core = axis < 0.97 * 0.9 * ratio

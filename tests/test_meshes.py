@@ -8,6 +8,7 @@ import json
 import globule as gb
 import numpy as np
 import pytest
+from format_helpers import read_or_refused
 from globule._base.colormaps import to_linear
 from globule.cli import main
 from globule.formats import FormatError
@@ -273,11 +274,7 @@ def test_broken_files(trimesh, extension, tmp_path):
         for place in rng.integers(0, max(1, len(data)), 5 if data and i % 4 < 2 else 0):
             data[place] = rng.integers(256)
         path.write_bytes(data)
-        try:
-            gb.read(path)
-        except FormatError as error:
-            assert "\n" not in str(error)
-            assert path.name in str(error)
+        read_or_refused(gb.read, path)
 
 
 @pytest.mark.parametrize(
@@ -314,7 +311,7 @@ def test_glb_sizes_are_checked_before_memory_is_taken(trimesh, tmp_path):
     text += b" " * (-len(text) % 4)
     head = b"glTF" + np.uint32([2, 32 + len(text), len(text)]).tobytes() + b"JSON"
     (tmp_path / "a.glb").write_bytes(head + text + np.uint32([4]).tobytes() + b"BIN\0" + bytes(4))
-    with pytest.raises(FormatError, match="expected at most .* elements, got 1000000000"):
+    with pytest.raises(FormatError, match=r"expected at most .* elements, got 1000000000"):
         gb.read(tmp_path / "a.glb")
 
 
@@ -362,5 +359,5 @@ def test_without_trimesh(monkeypatch, tmp_path):
 
 def test_options_of_other_formats(tmp_path):
     gb.write(tmp_path / "a.npz", gb.Particles(TETRAHEDRON))
-    with pytest.raises(ValueError, match="spacing: expected no such option for .*a.npz"):
+    with pytest.raises(ValueError, match=r"spacing: expected no such option for .*a\.npz"):
         gb.read(tmp_path / "a.npz", spacing=1.0)

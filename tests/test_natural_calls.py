@@ -99,7 +99,7 @@ MISTAKES = [
     (lambda s: gb.render({"positions": [[0, 0, 0]]}), TypeError, r"globule\.Particles\(\*\*"),
     (lambda s: gb.render(None), TypeError, "scene: expected a Scene, .* got None"),
     (lambda s: gb.render("frame_*.vtk"), ValueError, r"globule\.render_sequence"),
-    (lambda s: gb.render("splash"), gb.FormatError, "splash"),
+    (lambda s: gb.render("splash"), FileNotFoundError, "splash"),
     (lambda s: gb.render("missing.vtk"), OSError, "missing.vtk"),
     (lambda s: gb.render([s, s], color_by="speed"), ValueError, r"globule\.color_by\("),
     (lambda s: gb.Scene(volume()), TypeError, r"got Volume; globule\.iso_surface"),

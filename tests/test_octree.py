@@ -168,8 +168,8 @@ def test_the_octree_does_not_change_the_surface(backend, options):
     target, eye = cloud(2000, 28), cloud(2000, 29, 4)
     direction = target - eye
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-    depth, _normal, _ = gb.intersect(scene, eye, direction)
-    other, _other_normal, _ = gb.intersect(plain, eye, direction)
+    depth, _, _ = gb.intersect(scene, eye, direction)
+    other, _, _ = gb.intersect(plain, eye, direction)
     np.testing.assert_array_equal(np.isfinite(depth), np.isfinite(other))
     hit = np.isfinite(depth)
     assert 100 < hit.sum() < 2000

@@ -236,7 +236,7 @@ def test_mistakes_name_the_line(text, message, tmp_path):
 
 def test_importance_mask_is_needed():
     sweep, config = sweep_and_config(np.uint8, compounding="IMPORTANCE_MASK")
-    with pytest.raises(ValueError, match="importance_mask: .* expected a mask, got none"):
+    with pytest.raises(ValueError, match=r"importance_mask: .* expected a mask, got none"):
         reconstruct_plus(sweep, config)
     with pytest.raises(ValueError, match="importance_mask: expected shape"):
         reconstruct_plus(sweep, config, importance_mask=np.ones((3, 3), np.uint8))

@@ -440,11 +440,11 @@ def test_frames_on_a_gpu_are_copied_for_the_cpu():
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
 @pytest.mark.parametrize("method", METHODS)
 def test_frames_on_the_gpu_that_reconstructs(method, dtype):
-    cupy = pytest.importorskip("cupy")
     try:
         choose("cuda")
     except RuntimeError as error:
         pytest.skip(f"cuda: {error}")
+    cupy = pytest.importorskip("cupy")
     made = make_sweep(dtype=dtype)
     made.world_from_image[3] = np.nan
     for part in (slice(0, 3), slice(0, 7)):  # all valid; some not

@@ -83,7 +83,6 @@ def test_image_orientation(backend, height):
     colors = np.array([[1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 1]], np.float32)
     scene = gb.Scene(gb.Particles(p, support=0.6, color=colors), **backend)
     frame = gb.render(scene, gb.Camera((0, 0, 8), (0, 0, 0), height=height), (80, 60))
-    _y, _x = np.nonzero(frame.mask)
     for color, right, low in (
         ((1, 0, 0), True, None),
         ((0, 1, 0), None, False),
@@ -110,7 +109,7 @@ def test_render_traces_the_rays_of_the_camera(backend, name):
     scene = case(name).scene(**backend)
     for camera in (gb.Camera((4, 6, 9), (0, 0, 0)), gb.Camera((4, 6, 9), (0, 0, 0), height=4)):
         o, d = camera.rays((90, 70))
-        depth, normal, _albedo = gb.intersect(scene, o.reshape(-1, 3), d.reshape(-1, 3))
+        depth, normal, _ = gb.intersect(scene, o.reshape(-1, 3), d.reshape(-1, 3))
         frame = gb.render(scene, camera, (90, 70))
         assert np.count_nonzero(np.isfinite(depth) != frame.mask.ravel()) <= 1
         steep = np.isfinite(depth) & (-(normal * d.reshape(-1, 3)).sum(1) > 0.1)

@@ -113,8 +113,8 @@ def test_no_circle(graph):
 
 @pytest.mark.parametrize("old", MOVED)
 def test_old_paths_warn(old):
+    sys.modules.pop(f"globule.{old}", None)
     with pytest.warns(DeprecationWarning, match=f"globule.{old} has moved to globule") as caught:
-        sys.modules.pop(f"globule.{old}", None)
         module = importlib.import_module(f"globule.{old}")
     assert module is importlib.import_module(f"globule.{MOVED[old]}")
     assert module.__spec__.name == f"globule.{MOVED[old]}"

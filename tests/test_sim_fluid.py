@@ -206,7 +206,7 @@ def test_add_and_remove_keep_ids(backend):
 
 
 def test_sinks_take_fluid_out(backend):
-    sim, ids = falling(backend)
+    sim, _ = falling(backend)
     n = len(sim)
     sim.steer.set_sinks([((0.0, 0.0, 0.0), (0.1, 0.1, 0.4)), ((0.25, 0.4, 0.2), 0.06)])
     removed = sum(sim.step().n_removed for _ in range(5))
@@ -227,7 +227,7 @@ def test_leaving_the_domain_is_counted(backend):
 
 
 def test_a_velocity_that_is_not_a_number_tells_its_story(backend):
-    sim, ids = falling(backend)
+    sim, _ = falling(backend)
     v = sim.arrays._read("velocity")
     v[7] = np.nan
     sim.arrays._write("velocity", v)  # assigning it is refused

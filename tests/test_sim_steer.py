@@ -1,5 +1,7 @@
 """What is said to a running simulation by hand: kept by checkpoints, undone by reset, checked."""
 
+import re
+
 import globule as gb
 import numpy as np
 import pytest
@@ -210,9 +212,8 @@ MIRROR = np.diag([-1.0, 1, 1, 1])
 )  # fmt: skip
 def test_values_are_checked_as_a_scene_files_are(sim, mistake, expected):
     before = sim.hash()
-    with pytest.raises(ValueError) as caught:
+    with pytest.raises(ValueError, match=re.escape(expected)):
         mistake(sim)
-    assert expected in str(caught.value)
     sim.step()
     fresh = gb.Simulation(SCENE, device="cpu")
     assert fresh.hash() == before
@@ -229,10 +230,8 @@ def test_values_are_checked_as_a_scene_files_are(sim, mistake, expected):
 )  # fmt: skip
 def test_what_would_take_a_million_steps_a_frame_is_refused_at_the_next_step(sim, change, expected):
     change(sim)
-    with pytest.raises(ValueError) as caught:
+    with pytest.raises(ValueError, match=re.escape(expected) + ".*a millionth of a frame"):
         sim.run(0.01)
-    assert expected in str(caught.value)
-    assert "a millionth of a frame" in str(caught.value)
     sim.phases["water"].implicit = True  # as thick as that, but solved for
     sim.emitters["tap"].rate = 1e-4
     sim.step()
@@ -282,7 +281,7 @@ def test_a_state_that_cannot_be_loaded_does_not_replace_one_that_can(sim, tmp_pa
     velocity = sim.arrays._read("velocity")
     velocity[0] = NAN
     sim.arrays._write("velocity", velocity)
-    with pytest.raises(ValueError, match="good.npz: expected a state .* velocity: expected finite"):
+    with pytest.raises(ValueError, match=r"good\.npz: expected a state .* velocity: expected fin"):
         sim.save(tmp_path / "good")
     assert (tmp_path / "good.npz").read_bytes() == before
     assert len(gb.Simulation.load(tmp_path / "good", device="cpu")) == len(sim)

@@ -29,8 +29,8 @@ RAFT = {"name": "raft", "box": BOX}
 TAP = {"name": "tap", "fluid": "water", "center": [0.4, 0.3, 0.2], "direction": [0, 0, -1],
        "radius": 0.1, "rate": 0.02}  # fmt: skip
 DRAIN = {"name": "drain", "sphere": {"center": [0.2, 0.2, 0.1], "radius": 0.1}}
-VEIN = {"name": "vein", "solid": "jelly", "fluid": "water", "path": [[0, 0.1, 0.1], [0.3, 0.1, 0.1]],
-        "radius": 0.06, "pool": 1e-3}  # fmt: skip
+VEIN = {"name": "vein", "solid": "jelly", "fluid": "water",
+        "path": [[0, 0.1, 0.1], [0.3, 0.1, 0.1]], "radius": 0.06, "pool": 1e-3}  # fmt: skip
 KNIFE = {"name": "tool", "kind": "scalpel", "length": 0.1, "keys": KEYS}
 SUCTION = {"name": "tool", "kind": "suction", "radius": 0.1, "keys": KEYS}
 IMAGE = [("color", "#204060"), ("reflection", 0.25), ("refraction", 0.5), ("shown", None)]

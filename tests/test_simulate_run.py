@@ -8,13 +8,14 @@ import os
 import signal
 import subprocess
 import sys
-import time
+from pathlib import Path
 
 import globule as gb
 import numpy as np
 import pytest
 from globule.cli import build_parser, main, simulate
 from globule.sim import diagnostics
+from waiting import until
 
 SCENE = {
     "spacing": 0.05,
@@ -72,18 +73,19 @@ def test_restart_is_bit_identical(folder, capsys):
     for k in range(7):
         a, b = (gb.read(f"{f}/frame_{k:05d}.vtp").positions for f in ("whole", "parts"))
         assert (a == b).all()
-    rows = list(csv.DictReader(open("parts/diagnostics.csv")))
+    rows, others = (
+        list(csv.DictReader(Path(f, "diagnostics.csv").read_text().splitlines()))
+        for f in ("parts", "whole")
+    )
     assert [row["step"] for row in rows] == [str(i + 1) for i in range(len(rows))]
-    assert rows == list(csv.DictReader(open("whole/diagnostics.csv")))
+    assert rows == others
 
 
 def interrupted(awaited, *words, by=signal.SIGINT):
     """A run that gets Ctrl-C or another signal once a file is there."""
     words = [sys.executable, "-m", "globule", "simulate", *words, "--device", "cpu"]
     process = subprocess.Popen(words, stderr=subprocess.PIPE, text=True)
-    limit = time.monotonic() + 60
-    while not os.path.exists(awaited) and time.monotonic() < limit:
-        time.sleep(0.02)
+    until(lambda: os.path.exists(awaited) or process.poll() is not None)
     process.send_signal(by)
     _, said = process.communicate(timeout=60)
     assert process.returncode == 128 + by
@@ -148,9 +150,9 @@ def test_pictures_after_a_restart_are_those_of_one_run(folder, scene):
     run("drop.toml", "-o", "parts", "--images", "parts", "--resume", *small)
     names = [f"{k:05d}.png" for k in range(9)] + [f"frame_{k:05d}.vtp" for k in range(9)]
     for name in names:
-        a, b = (open(f"{part}/{name}", "rb").read() for part in ("whole", "parts"))
+        a, b = (Path(part, name).read_bytes() for part in ("whole", "parts"))
         assert a == b, name
-    assert len({open(f"whole/{name}", "rb").read() for name in names[:9]}) > 6
+    assert len({Path("whole", name).read_bytes() for name in names[:9]}) > 6
 
 
 def test_a_scene_without_particles_is_an_empty_picture(folder):
@@ -232,9 +234,9 @@ def test_a_finished_movie_goes_on(folder, more):
     video = ["--video", "dam.mp4", "--size", "65x48", *more]
     run("dam.toml", "--video", "whole.mp4", "--size", "65x48", "--seconds", 0.2)
     run("dam.toml", "-o", "out", "--seconds", 0.1, *video)
-    before = open("dam.mp4", "rb").read()
+    before = Path("dam.mp4").read_bytes()
     run("dam.toml", "-o", "out", "--seconds", 0.1, "--resume", *video)
-    assert open("dam.mp4", "rb").read() == before
+    assert Path("dam.mp4").read_bytes() == before
     os.makedirs("dam.mp4.frames")
     run("dam.toml", "-o", "out", "--seconds", 0.2, "--resume", *video)
     assert not os.path.exists("dam.mp4.frames")
@@ -352,7 +354,7 @@ def test_resuming_another_scene_is_refused(folder, capsys):
     assert main(["simulate", "dam.toml", "-o", "out", "--seconds", "0.1"]) == 0
     with open("out/checkpoint.npz", "rb") as file:
         before = file.read()
-    words = open("dam.toml", encoding="utf-8").read()
+    words = Path("dam.toml").read_text(encoding="utf-8")
     with open("other.toml", "w", encoding="utf-8") as file:
         file.write("gravity = [0, 0, -1]\n" + words)
     capsys.readouterr()

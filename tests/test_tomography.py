@@ -10,7 +10,7 @@ import struct
 import globule as gb
 import numpy as np
 import pytest
-from format_helpers import refusal
+from format_helpers import read_or_refused
 from globule._base.colormaps import categorical
 from globule.cli import main
 from globule.formats import FormatError
@@ -19,6 +19,7 @@ from globule.volumes.iso_surface import otsu
 from globule.volumes.tomography import tissue_voxels
 
 sitk = pytest.importorskip("SimpleITK", reason="SimpleITK is not installed")
+pytestmark = pytest.mark.interop
 
 EXTENSIONS = [".nii", ".nii.gz", ".nrrd", ".nhdr", ".mha", ".mhd"]
 ROTATION = np.array([[0.6, -0.8, 0], [0.8, 0.6, 0], [0, 0, 1]])
@@ -244,9 +245,7 @@ def test_broken_files(extension, tmp_path):
         for place in rng.integers(0, max(1, len(data)), 3 if data and i % 4 < 2 else 0):
             data[place] = rng.integers(256)
         path.write_bytes(data)
-        message = refusal(gb.read_volume, path)
-        assert "\n" not in message
-        assert not message or path.name in message
+        read_or_refused(gb.read_volume, path)
 
 
 @pytest.mark.parametrize("extension", EXTENSIONS)

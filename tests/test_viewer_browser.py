@@ -16,16 +16,21 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 from viewer_helpers import (
     PATIENCE,
     Watched,
     bar_code,
     blob,
+    choose,
     differs,
     drag_along,
+    open_folder,
     our_threads,
     seen,
+    silhouette,
     type_number,
+    type_text,
     until,
     with_bar_code,
 )
@@ -43,8 +48,6 @@ def watched(chromium):
 
 def close_to(shown: np.ndarray, picture: np.ndarray) -> bool:
     """Whether a browser shows a picture, but for JPEG and the size of its window."""
-    from PIL import Image
-
     small = np.asarray(Image.fromarray(picture).resize(shown.shape[1::-1]), int)
     middle = np.s_[200:560, 100:560]  # no notes of viser's there
     return np.abs(small[middle] - shown[middle].astype(int)).mean() < 4
@@ -65,6 +68,7 @@ def test_the_page_shows_the_servers_picture_and_asks_nobody_else(watched):
         assert own in address or address.startswith("data:"), address
 
 
+@pytest.mark.slow
 def test_pictures_arrive_in_order(watched):
     watched.viewer.on_frame(with_bar_code)
     page = watched.page()
@@ -111,6 +115,46 @@ def test_dragging_moves_the_servers_camera(watched):
     until(lambda: page.client.camera.look_at != pytest.approx(first.look_at, abs=1e-3))
 
 
+def test_threshold_changes_the_silhouette(watched):
+    page = watched.page()
+    before = silhouette(watched.still(page))
+    open_folder(page, "Surface and quality")
+    type_number(page, "Threshold", 1.8)
+    after = watched.still(page, lambda p: silhouette(p) < 0.9 * before)
+    assert silhouette(after) > 0
+    assert watched.viewer.state.surface.threshold == pytest.approx(1.8)
+    page.get_by_role("button", name="Default surface").click()
+    watched.still(page, lambda p: silhouette(p) == before)
+
+
+def test_a_saved_picture_is_the_servers(watched, tmp_path):
+    page = watched.page()
+    viewer = watched.viewer
+    open_folder(page, "Save and record")
+    type_text(page, "Size", "320x200")
+    type_number(page, "Samples", 2)
+    until(lambda: viewer.page.panels[-3].size.value == "320x200")
+    until(lambda: viewer.page.panels[-3].samples.value == 2)
+    with page.expect_download() as download:
+        page.get_by_role("button", name="Save image").click()
+    path = tmp_path / "picture.png"
+    download.value.save_as(path)
+    with Image.open(path) as image:
+        got = np.asarray(image)
+    from globule.viewer.recording import Shot
+
+    wanted = Shot(viewer.engine, page.client.camera, (320, 200), 2).picture
+    assert np.array_equal(got, wanted)
+    choose(page, "Image format", "EXR")
+    with page.expect_download() as download:
+        page.get_by_role("button", name="Save image").click()
+    download.value.save_as(tmp_path / "picture.exr")
+    from globule.formats.pictures.exr import read_exr
+
+    assert read_exr(tmp_path / "picture.exr", 10**6).shape == (200, 320, 3)
+
+
+@pytest.mark.slow
 def test_keys_fly_and_choose_views(watched):
     page = watched.page()
     first = page.client.camera
@@ -128,6 +172,7 @@ def test_keys_fly_and_choose_views(watched):
     until(from_above, "for the view from above")
 
 
+@pytest.mark.slow
 def test_two_browsers_have_cameras_of_their_own(watched):
     one, two = watched.page(), watched.page()
     first, picture = two.client.camera, watched.still(two)
@@ -139,6 +184,7 @@ def test_two_browsers_have_cameras_of_their_own(watched):
     assert np.array_equal(watched.still(two), picture)
 
 
+@pytest.mark.slow
 def test_a_slow_browser_holds_up_nobody(watched):
     one, two = watched.page(), watched.page()
     one.client.acknowledge = lambda number: None  # it never says that it has taken in anything
@@ -158,6 +204,7 @@ def test_a_slow_browser_holds_up_nobody(watched):
     assert one.client.number == stuck
 
 
+@pytest.mark.slow
 def test_reload_and_kill_leave_nothing_behind(chromium):
     threads = threading.active_count()
     watched = Watched(blob(), chromium)
@@ -181,6 +228,7 @@ def test_reload_and_kill_leave_nothing_behind(chromium):
     until(lambda: threading.active_count() <= threads + 1, "for all threads")
 
 
+@pytest.mark.slow
 def test_memory_stays_when_browsers_come_and_go(chromium):
     from globule._base.memory import resident_bytes
 
@@ -219,6 +267,7 @@ def test_memory_stays_when_browsers_come_and_go(chromium):
         watched.close()
 
 
+@pytest.mark.slow
 def test_errors_are_said_in_the_page(watched, caplog):
     page = watched.page()
     watched.viewer.state.set(surface__kernel="blinn", surface__root="bezier")
@@ -228,6 +277,7 @@ def test_errors_are_said_in_the_page(watched, caplog):
     assert "bezier" in caplog.text
 
 
+@pytest.mark.slow
 def test_callbacks_and_own_sliders(watched):
     slider = watched.viewer.gui.add_slider("Redness", 0, 255, 1, 0)
 
@@ -246,6 +296,7 @@ def test_callbacks_and_own_sliders(watched):
     until(lambda: seen(page)[300:500, 200:500, 0].min() > 225, "for a red picture")
 
 
+@pytest.mark.slow
 def test_sources_change_while_they_are_seen(watched):
     page = watched.page()
     before = watched.still(page)
@@ -296,6 +347,7 @@ def test_ctrl_c_ends_it_cleanly(tmp_path):
     assert errors.strip() == "globule: interrupted"
 
 
+@pytest.mark.slow
 def test_ctrl_c_ends_slow_pictures_too(chromium, tmp_path):
     path, state = tmp_path / "blob.npz", tmp_path / "slow.toml"
     np.savez(path, positions=blob(100_000).positions, support=np.float32(0.1))
@@ -340,6 +392,7 @@ def interrupt(process: subprocess.Popen) -> None:
     until(got, "for the process to get Ctrl-C")
 
 
+@pytest.mark.slow
 def test_ctrl_c_twice_while_a_simulation_runs(chromium):
     with started("cut-block") as (process, address):
         page = connected(chromium, address)
@@ -353,6 +406,7 @@ def test_ctrl_c_twice_while_a_simulation_runs(chromium):
     assert errors.strip() == "globule: interrupted"
 
 
+@pytest.mark.slow
 def test_ctrl_c_keeps_what_is_being_recorded(chromium, tmp_path):
     av = pytest.importorskip("av")
     np.savez(tmp_path / "blob.npz", positions=blob(50).positions, support=np.float32(0.4))

@@ -192,7 +192,7 @@ def test_the_surface_is_open_before_the_slices():
     closed = State()
     closed.set(slices__open=False)
     (corner,) = source.layers(state)[0].clips
-    assert source.layers(closed)[0].clips == []
+    assert not source.layers(closed)[0].clips
     towards = first_camera(source.layers(state)[0].scene, source.up, source.outline()).eye
     middle = np.array([28.0, 24.0, 20.0])
     step = np.sign(np.subtract(towards, middle))
@@ -240,6 +240,7 @@ def test_the_tab_has_the_sources_name():
 
 
 @pytest.mark.browser
+@pytest.mark.slow
 def test_the_page_of_particles(chromium):
     particles = blob()
     watched = Watched(particles, chromium)

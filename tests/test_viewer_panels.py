@@ -7,7 +7,6 @@ import re
 import globule as gb
 import numpy as np
 import pytest
-from PIL import Image
 from viewer_helpers import (
     Watched,
     blob,
@@ -26,7 +25,7 @@ from viewer_helpers import (
 )
 
 BROWSERS = True  # see hang_guard
-pytestmark = pytest.mark.browser
+pytestmark = [pytest.mark.browser, pytest.mark.slow]  # quick ones: test_viewer_browser.py
 
 
 @pytest.fixture(scope="module")
@@ -50,18 +49,6 @@ def watched(shared):
     page.get_by_text("Help (H)").wait_for()
     shared.still(page)
     return shared
-
-
-def test_threshold_changes_the_silhouette(watched):
-    page = watched.pages[0]
-    before = silhouette(watched.still(page))
-    open_folder(page, "Surface and quality")
-    type_number(page, "Threshold", 1.8)
-    after = watched.still(page, lambda p: silhouette(p) < 0.9 * before)
-    assert silhouette(after) > 0
-    assert watched.viewer.state.surface.threshold == pytest.approx(1.8)
-    page.get_by_role("button", name="Default surface").click()
-    watched.still(page, lambda p: silhouette(p) == before)
 
 
 def test_numbers_end_as_they_are_typed(watched):
@@ -316,33 +303,6 @@ def test_parallel_rays(watched):
     page.get_by_role("button", name="Perspective / orthographic").click()
     until(lambda: page.client.camera.height is None)
     assert page.client.camera.fov == pytest.approx(first.fov, abs=0.1)
-
-
-def test_a_saved_picture_is_the_servers(watched, tmp_path):
-    page = watched.pages[0]
-    viewer = watched.viewer
-    open_folder(page, "Save and record")
-    type_text(page, "Size", "320x200")
-    type_number(page, "Samples", 2)
-    until(lambda: viewer.page.panels[-3].size.value == "320x200")
-    until(lambda: viewer.page.panels[-3].samples.value == 2)
-    with page.expect_download() as download:
-        page.get_by_role("button", name="Save image").click()
-    path = tmp_path / "picture.png"
-    download.value.save_as(path)
-    with Image.open(path) as image:
-        got = np.asarray(image)
-    from globule.viewer.recording import Shot
-
-    wanted = Shot(viewer.engine, page.client.camera, (320, 200), 2).picture
-    assert np.array_equal(got, wanted)
-    choose(page, "Image format", "EXR")
-    with page.expect_download() as download:
-        page.get_by_role("button", name="Save image").click()
-    download.value.save_as(tmp_path / "picture.exr")
-    from globule.formats.pictures.exr import read_exr
-
-    assert read_exr(tmp_path / "picture.exr", 10**6).shape == (200, 320, 3)
 
 
 def test_recordings_are_the_servers_pictures(watched, tmp_path):

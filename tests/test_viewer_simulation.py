@@ -20,7 +20,7 @@ from viewer_helpers import (
 )
 
 BROWSERS = True  # see hang_guard
-pytestmark = pytest.mark.browser
+pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
 
 @pytest.fixture

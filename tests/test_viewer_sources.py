@@ -28,7 +28,7 @@ from viewer_helpers import (
 )
 
 BROWSERS = True  # see hang_guard
-pytestmark = pytest.mark.browser
+pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
 
 def frames_that_move(n: int = 5) -> list[gb.Particles]:

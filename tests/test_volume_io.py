@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import itertools
 import os
+import re
 from pathlib import Path
 
 import globule as gb
 import numpy as np
 import pytest
+from format_helpers import read_or_refused
 from globule.formats.errors import FormatError
 from globule.formats.volumes import WRITABLE, map_path, metaimage, nrrd
 from globule.volumes.files import read_volume, write_volume
@@ -88,7 +90,7 @@ def test_maps(extension):
 def test_a_volume_without_maps():
     plain = Volume(np.ones((2, 3, 4), np.uint8), np.eye(4))
     write_volume("a.npz", plain, maps=True)
-    with pytest.raises(ValueError, match="a.npz"):
+    with pytest.raises(ValueError, match=r"a\.npz"):
         _ = read_volume("a.npz").count
 
 
@@ -105,6 +107,7 @@ def test_sparse_files_are_small():
 
 @pytest.mark.parametrize("extension", [".mha", ".nrrd", ".nii", ".nii.gz"])
 @pytest.mark.parametrize("turned", [False, True])
+@pytest.mark.interop
 def test_itk_sees_the_same_place(extension, turned):
     sitk = pytest.importorskip("SimpleITK", reason="compares with SimpleITK")
     before = volume(turned=turned)
@@ -122,6 +125,7 @@ def test_itk_sees_the_same_place(extension, turned):
     assert np.allclose(again.world_from_voxel, expected @ before.world_from_voxel, atol=1e-4)
 
 
+@pytest.mark.interop
 def test_nifti_as_nibabel_sees_it():
     nibabel = pytest.importorskip("nibabel", reason="compares with nibabel")
     before = volume("uint16", turned=True, space="RAS")
@@ -157,10 +161,10 @@ def test_other_numbers_become_ours():
 
 
 def refused(path) -> str:
-    with pytest.raises(ValueError) as caught:
+    with pytest.raises(ValueError, match=f"^{re.escape(str(path))}.*expected") as caught:
         read_volume(path)
     text = str(caught.value)
-    assert text.startswith(str(path)) and "\n" not in text and "expected" in text, text
+    assert "\n" not in text
     return text
 
 
@@ -183,7 +187,7 @@ def test_bytes_after_the_data_are_refused(extension, packed):
     form.write("a" + extension, np.zeros((2, 3, 4), np.uint8), {}, packed)
     with open("a" + extension, "ab") as file:
         file.write(b"more")
-    with pytest.raises(FormatError, match="data: expected .*, got (28|4 bytes more)$"):
+    with pytest.raises(FormatError, match=r"data: expected .*, got (28|4 bytes more)$"):
         form.read("a" + extension)
 
 
@@ -197,11 +201,7 @@ def test_altered_files_never_end_in_a_traceback(extension):
         for place in rng.integers(0, min(len(bad), 900), 3):
             bad[place] = rng.integers(256)
         Path("bad" + extension).write_bytes(bad)
-        try:
-            read_volume("bad" + extension)
-        except ValueError as error:
-            assert "\n" not in str(error)
-            assert str(error).startswith("bad")
+        read_or_refused(read_volume, Path("bad" + extension))
 
 
 def test_hostile_headers():
@@ -261,7 +261,7 @@ def test_nothing_is_left_of_a_write_that_fails(monkeypatch):
     write_volume("a.nrrd", volume())
     before = Path("a.nrrd").read_bytes()
     monkeypatch.setattr("os.replace", lambda *_: (_ for _ in ()).throw(OSError("full")))
-    with pytest.raises(OSError):
+    with pytest.raises(OSError, match="full"):
         write_volume("a.nrrd", volume("uint16"))
     assert [p.name for p in Path().iterdir()] == ["a.nrrd"]
     assert Path("a.nrrd").read_bytes() == before

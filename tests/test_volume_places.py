@@ -92,6 +92,7 @@ def test_our_files(ending, space, volume, expected, tmp_path):
 
 @pytest.mark.parametrize("kind", ["Nifti1Image", "Nifti2Image"])
 @pytest.mark.parametrize("form", ["sform", "qform"])
+@pytest.mark.interop
 def test_nibabel(kind, form, volume, expected, tmp_path):
     nibabel = pytest.importorskip("nibabel")
     affine = LPS_FROM_RAS @ volume.world_from_voxel
@@ -103,6 +104,7 @@ def test_nibabel(kind, form, volume, expected, tmp_path):
     same(tmp_path / "a.nii.gz", volume, expected, exact=False)
 
 
+@pytest.mark.interop
 def test_nibabel_in_metres_and_scaled(volume, tmp_path):
     nibabel = pytest.importorskip("nibabel")
     affine = LPS_FROM_RAS @ volume.world_from_voxel
@@ -118,6 +120,7 @@ def test_nibabel_in_metres_and_scaled(volume, tmp_path):
 
 @pytest.mark.parametrize("encoding", ["gzip", "raw"])
 @pytest.mark.parametrize("space", ["left-posterior-superior", "right-anterior-superior"])
+@pytest.mark.interop
 def test_pynrrd(encoding, space, volume, expected, tmp_path):
     nrrd = pytest.importorskip("nrrd")
     matrix = volume.world_from_voxel
@@ -136,6 +139,7 @@ def test_pynrrd(encoding, space, volume, expected, tmp_path):
 
 @pytest.mark.parametrize("ending", [".mha", ".mhd", ".nrrd", ".nii.gz"])
 @pytest.mark.parametrize("compressed", [False, True])
+@pytest.mark.interop
 def test_simpleitk(ending, compressed, volume, expected, tmp_path):
     sitk = pytest.importorskip("SimpleITK")
     made = sitk.GetImageFromArray(volume.values)
@@ -147,6 +151,7 @@ def test_simpleitk(ending, compressed, volume, expected, tmp_path):
 
 
 @pytest.mark.parametrize("mode", VTK_MODES, ids=str)
+@pytest.mark.interop
 def test_vtk(mode, volume, expected, tmp_path):
     pytest.importorskip("vtk")
     from vtkmodules.util.numpy_support import numpy_to_vtk

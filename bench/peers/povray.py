@@ -292,8 +292,10 @@ def self_test(out: Path) -> None:
     camera = {"eye": (0, 0, 6.0), "look_at": (0, 0, 0), "up": (0, 1, 0), "fov": 40.0}
     range_ = write_scene(out / "self.pov", centres, 0.5, 1.0, tau, camera, "depth", size)
     mask, _ = hit_mask_and_depth(run(out / "self.pov", size)[0], *range_)
-    assert mask[:, 100:].any() and not mask[:, :60].any(), "x must grow to the right"
-    assert mask[:50].any() and not mask[80:].any(), "y must grow upwards"
+    assert mask[:, 100:].any(), "x must grow to the right"
+    assert not mask[:, :60].any(), "x must grow to the right"
+    assert mask[:50].any(), "y must grow upwards"
+    assert not mask[80:].any(), "y must grow upwards"
     print("self-test, orientation: x to the right, y up, row 0 on top")
 
 

@@ -55,7 +55,8 @@ if _TYPE_CHECKING:
     from .render.sequence import read_ahead, render_sequence, value_range
     from .scene.smoothing import anisotropy, without_strays
     from .scene.spacing import local_spacing
-    from .sim.simulation import Phase, Simulation, StepReport
+    from .sim.settings import Phase, StepReport
+    from .sim.simulation import Simulation
     from .ultrasound import phantoms
     from .ultrasound.calibration import calibrate_point_target
     from .ultrasound.files import read_sweep, write_sweep
@@ -81,7 +82,8 @@ _LATER = {
     "render.sequence": "read_ahead render_sequence value_range",
     "scene.smoothing": "anisotropy without_strays",
     "scene.spacing": "local_spacing",
-    "sim.simulation": "Phase Simulation StepReport",
+    "sim.settings": "Phase StepReport",
+    "sim.simulation": "Simulation",
     "ultrasound": "phantoms",
     "ultrasound.calibration": "calibrate_point_target",
     "ultrasound.files": "read_sweep write_sweep",

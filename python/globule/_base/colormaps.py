@@ -9,9 +9,12 @@ Visualization").
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
 
 _ANCHORS = {
     "viridis": (
@@ -45,7 +48,7 @@ NO_VALUE = (0.5, 0.5, 0.5)  # sRGB; the color of NaN
 _PALETTE = "e69f00 56b4e9 009e73 d55e00 cc79a7 f0e442 0072b2 8c6bb1 b2df8a 999999 a6761d f4a6a6"
 
 
-def colorize(values: Any, name: str, lo: float, hi: float) -> np.ndarray:
+def colorize(values: ArrayLike, name: str, lo: float, hi: float) -> np.ndarray:
     """Colors of values by a color map.
 
     Args:

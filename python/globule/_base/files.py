@@ -52,7 +52,7 @@ def _remove(waiting: list[tuple[str, str]]) -> None:
 
 
 @contextmanager
-def atomic_write(path: str | os.PathLike, mode: str = "wb") -> Iterator[IO[Any]]:
+def atomic_write(path: str | os.PathLike[str], mode: str = "wb") -> Iterator[IO[Any]]:
     """Open `path` for writing so that readers see the old file or the complete new one.
 
     Writes go to a temporary file in the same folder, which replaces `path` when the block ends.

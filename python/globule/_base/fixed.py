@@ -40,7 +40,7 @@ def read_only(cls: _Class) -> _Class:
             f"dataclasses.replace({cls.__name__.lower()}, {name}=...) makes a changed copy"
         )
 
-    cls.__setattr__ = cls.__delattr__ = refuse  # type: ignore[assignment]
+    cls.__setattr__ = cls.__delattr__ = refuse  # type: ignore[assignment]  # a method for each
     return cls
 
 

@@ -25,7 +25,7 @@ def whole(method: _Method) -> _Method:
         with _Later(), self._lock:
             return method(self, *args, **kwargs)
 
-    return call  # type: ignore[return-value]
+    return call  # type: ignore[return-value]  # `wraps` keeps the signature
 
 
 class _Later:
@@ -57,7 +57,8 @@ class _Later:
         _Later._inside = False
         self._restore()
         for number, frame in self._came:
-            signal.getsignal(number)(number, frame)  # type: ignore[operator,misc]
+            handler: Any = signal.getsignal(number)  # can be called, as `__enter__` saw
+            handler(number, frame)
 
     def _note(self, number: int, frame: Any) -> None:
         self._came.append((number, frame))

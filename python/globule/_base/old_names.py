@@ -26,7 +26,7 @@ def renamed(**names: str) -> Callable[[_Decorated], _Decorated]:
                 kwargs[names[old]] = kwargs.pop(old)
             return function(*args, **kwargs)
 
-        return call  # type: ignore[return-value]
+        return call  # type: ignore[return-value]  # `wraps` keeps the signature
 
     return decorate
 

@@ -7,7 +7,12 @@ import sys
 import warnings
 from importlib.machinery import ModuleSpec
 from types import ModuleType
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from importlib.abc import Loader as _Loader
+else:
+    _Loader = object  # `importlib.abc` takes 15 ms to import
 
 MOVED = {
     "attributes": "scene.attributes",
@@ -20,13 +25,13 @@ MOVED = {
 }
 
 
-class _Moved:
-    """A finder and loader; `importlib.abc`, whose classes say so, takes 15 ms to import."""
+class _Moved(_Loader):
+    """A finder and loader."""
 
     def find_spec(self, name: str, path: Any, target: Any = None) -> ModuleSpec | None:
         package, _, module = name.partition(".")
         moved = package == "globule" and module in MOVED
-        return ModuleSpec(name, self) if moved else None  # type: ignore[arg-type]
+        return ModuleSpec(name, self) if moved else None
 
     def create_module(self, spec: ModuleSpec) -> ModuleType:
         new = "globule." + MOVED[spec.name.partition(".")[2]]
@@ -45,4 +50,4 @@ class _Moved:
 
 def install() -> None:
     """Answer imports of old names from here on."""
-    sys.meta_path.append(_Moved())  # type: ignore[arg-type]
+    sys.meta_path.append(_Moved())

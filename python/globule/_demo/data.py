@@ -12,8 +12,12 @@ pool's radius. The same arguments give the same bytes.
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
 
 DEPTH = 0.13  # of the water at rest; its surface is y = 0
 CROWN_RADIUS = 0.44
@@ -193,7 +197,7 @@ def _spray(s: float, jets: _Jets, rng: np.random.Generator) -> list[np.ndarray]:
         swing = angle + rng.uniform(-0.25, 0.25)
         speed = np.array([0.55 * np.cos(swing), 0.85, 0.55 * np.sin(swing)]) * (0.27 * reach)
 
-        def path(t: float, start=start, speed=speed) -> np.ndarray:
+        def path(t: float, start: np.ndarray = start, speed: np.ndarray = speed) -> np.ndarray:
             return start + speed * t - np.array([0.0, 0.045, 0.0]) * t * t
 
         n = max(2, round(float(np.linalg.norm(speed)) * 0.95 / s))
@@ -240,7 +244,7 @@ def _disc(radius: float, s: float, phase: float = 0.0) -> tuple[np.ndarray, np.n
     return ring * step, (j + (ring * 0.618 + phase) % 1.0) / counts[ring] * TAU
 
 
-def _ball(center, radius: float, s: float) -> np.ndarray:
+def _ball(center: ArrayLike, radius: float, s: float) -> np.ndarray:
     """A ball of nested spheres, each an even spiral; a single particle where the radius is about
     one spacing."""
     n_shells = max(0, round(radius / s - 0.5))

@@ -53,7 +53,7 @@ def sweep_speed(setting: Setting) -> Iterable[Table]:
 
 
 def _steps(setting: Setting, sweep: Sweep, size: int) -> Iterable[tuple[str, float, float, Any]]:
-    options = {"device": setting.device, "threads": setting.threads}
+    options: dict[str, Any] = {"device": setting.device, "threads": setting.threads}
     low, high = sweep.bounds()
     spacing = float((high - low).max()) / size
     exact = PlusConfig((spacing,) * 3, fill_holes=True, fillers=[Filler("STICK", 9, 1)])
@@ -84,10 +84,11 @@ def _binning_cores(setting: Setting, sweep: Sweep, size: int) -> float:
     poses = grid.poses(sweep.world_from_image)
     core = _core.Reconstructor(chosen.backend, chosen.index, setting.threads)
     seconds = []
+    n, height, width = frames.shape
     for _ in range(_RUNS):
         start(core, grid, frames, Options(), crowded(poses, frames.shape[1:]))
         begun = time.process_time()
-        core.add(located(frames), address(poses), 0, *frames.shape, 0, 1)
+        core.add(located(frames), address(poses), 0, n, height, width, 0, 1)
         seconds.append(time.process_time() - begun)
     return min(seconds)
 

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from ..render.camera import Camera
-from ..render.frame import render
+from ..render.frame import Frame, render
 from ..scene.octree import Octree
 from ..scene.particles import Particles
 from ..scene.scene import Scene
@@ -69,8 +69,10 @@ def run(
         for depth in depths:
             support = default_support(positions, depth)
 
-            def show(support: float, thesis: Thesis | None, depth: int = depth, p=positions):
-                options = {"octree": "dense", "level": depth} if thesis else {}
+            def show(
+                support: float, thesis: Thesis | None, depth: int = depth, p: np.ndarray = positions
+            ) -> tuple[Scene, dict[str, Any]]:
+                options: dict[str, Any] = {"octree": "dense", "level": depth} if thesis else {}
                 scene = Scene(
                     Particles(p, support=support), threshold=THRESHOLD, device=device,
                     threads=threads, **options,
@@ -134,7 +136,7 @@ def measure(
         sets = [cupy.asarray(p) for p in sets]
     camera = Camera.fit(positions, size=SIZE)
 
-    def frame(i: int):
+    def frame(i: int) -> Frame:
         scene.update(positions=sets[i % 2])
         return render(scene, camera, SIZE, thesis=thesis)
 

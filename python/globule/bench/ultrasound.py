@@ -278,7 +278,8 @@ def _removal(
     size = "x".join(map(str, reference.shape[::-1]))
     notes = [f"{name}, {size}; MSE_0: all slices removed; {repeats} repeats; kernels up to 9³"]
     if figure == "4.7":
-        difference = np.abs(np.subtract(*(curves.means[m] for m in methods))).mean()
+        first, second = (curves.means[m] for m in methods)
+        difference = np.abs(np.subtract(first, second)).mean()
         notes.append(f"mean difference {difference:.5f}; source: 0.00089")
     yield Table(figure, "MSE/MSE_0 against removed slices", tuple(columns), rows, tuple(notes))
 

@@ -87,7 +87,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run one command and return its exit status; never exits by itself."""
     try:
         with warnings.catch_warnings():
-            warnings.showwarning = _show_warning  # type: ignore[assignment]
+            warnings.showwarning = _show_warning
             _run(sys.argv[1:] if argv is None else list(argv))
         if sys.stdout:
             sys.stdout.flush()  # here, so that a closed pipe is noticed here
@@ -147,7 +147,7 @@ def _with_flag(options: argparse.Namespace, error: UserError) -> str:
     return str(error)
 
 
-def _show_warning(message: Warning | str, kind: type[Warning], *place: Any) -> None:
+def _show_warning(message: Warning | str, *_: Any, **__: Any) -> None:
     """The library's warnings, and others', as one line."""
     warn(str(message))
 

@@ -127,11 +127,13 @@ def _calibrated(
             messages.append(
                 f"{options.marks}: far from the other marks: mark {which}; check these marks"
             )
+        assert calibration.rms is not None  # calibrate_point_target gives it
         pixels = calibration.rms / max(calibration.spacing[:2])
         if pixels > _UNLIKELY:
             messages.append(f"{options.marks}: residuals of {pixels:.0f} pixels; expected marks of "
                             "one point, and the poses of this sweep")  # fmt: skip
     if options.delay:
+        assert tracked is not None  # --delay needs --sweep
         delay = _delay(options, tracked)
         report["temporal_offset"] = delay._asdict()
         if delay.chance > CERTAIN or not np.isfinite(delay.uncertainty):
@@ -144,6 +146,7 @@ def _calibrated(
         elif calibration is not None:
             calibration = dataclasses.replace(calibration, temporal_offset=delay.offset)
     if options.output:
+        assert calibration is not None  # -o needs MARKS or --calibration
         write_calibration(options.output, calibration)
     return report
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from typing import Any
 
 from .shared import UserError
 
@@ -29,10 +30,10 @@ def script(parser: argparse.ArgumentParser, shell: str) -> str:
     return shtab.complete(parser, shell)
 
 
-def _mark(parser: argparse.ArgumentParser, files: dict[str, str]) -> None:
+def _mark(parser: argparse.ArgumentParser, files: dict[str, Any]) -> None:
     for action in parser._actions:
         if action.metavar in PATHS:
-            action.complete = files  # type: ignore[attr-defined]
+            action.complete = files  # type: ignore[attr-defined]  # what shtab looks for
         if isinstance(action, argparse._SubParsersAction):
             for command in action.choices.values():
                 _mark(command, files)

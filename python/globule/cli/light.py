@@ -12,10 +12,11 @@ import numpy as np
 from .._base.colormaps import categorical
 from ..formats import FormatError
 from ..formats.pictures.environment import read_environment
-from ..render.frame import MAX_LAYERS, MAX_SAMPLES, Frame, Layer, RenderSettings
+from ..render.frame import MAX_LAYERS, Frame, Layer
 from ..render.lights import Environment, Ground, Sky, uniform_sky
 from ..render.materials import Material
 from ..render.presets import GROUNDS, PRESETS, ground_height, preset
+from ..render.settings import MAX_SAMPLES, RenderSettings
 from ..scene.scene import Scene
 from . import flags, look
 from .arguments import ball, beside, between, box, ground, pixel, share, whole
@@ -186,8 +187,8 @@ class Light:
             column, row = options.pick
             raise UserError(f"--pick: expected a pixel, {most}, got {column},{row}")
         if len(options.beside) >= MAX_LAYERS:
-            most = MAX_LAYERS - 1
-            raise UserError(f"--with: expected at most {most} files, got {len(options.beside)}")
+            n = MAX_LAYERS - 1
+            raise UserError(f"--with: expected at most {n} files, got {len(options.beside)}")
         for path, _ in options.beside:
             check_input(path)
 

@@ -371,15 +371,15 @@ def _options_of(options: argparse.Namespace) -> dict[str, Any]:
 def _stating(progress: Progress) -> Iterator[None]:
     """Show the voxels and memory of the volume, which the library logs before the work."""
 
-    def show(record: logging.LogRecord) -> None:
-        facts: Any = record.args
-        if facts and facts[-1] >= LARGE:
-            progress.clear()
-            say(f"note: {record.getMessage()}")
-        progress.show(f"reconstructing {record.getMessage()}")
+    class Shown(logging.Handler):
+        def emit(self, record: logging.LogRecord) -> None:
+            facts: Any = record.args
+            if facts and facts[-1] >= LARGE:
+                progress.clear()
+                say(f"note: {record.getMessage()}")
+            progress.show(f"reconstructing {record.getMessage()}")
 
-    handler = logging.Handler(logging.INFO)
-    handler.emit = show  # type: ignore[method-assign]
+    handler = Shown(logging.INFO)
     log = logging.getLogger("globule")
     level = log.level
     log.addHandler(handler)
@@ -445,7 +445,7 @@ def _facts(volume: Volume, options: argparse.Namespace) -> dict[str, Any]:
     }
     if options.json:
         facts["hashes"] = {
-            name: hashlib.sha256(np.ascontiguousarray(array)).hexdigest()
+            name: hashlib.sha256(np.ascontiguousarray(array).data).hexdigest()
             for name, array in (("values", volume.values), ("radius", volume.radius))
         }
     return facts

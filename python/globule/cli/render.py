@@ -272,7 +272,7 @@ def camera(options: argparse.Namespace, scene: Scene | None, around: Any = None)
     fov = options.fov or FOV
     if not options.eye:
         base = DEFAULT_VIEW
-        if not nothing:
+        if scene is not None and not nothing:
             base = fit_camera(
                 scene,
                 options.size,

@@ -260,7 +260,7 @@ class _Job:
             if self.options.resume and self._is_before(k):
                 continue  # written before the checkpoint
             with self._timed("simulation"):
-                self.sim.run_to(k / self.fps, stop=interrupted)
+                self.sim.run_to(k / self.fps, stop=lambda: interrupted() != 0)
             reached = self.sim.time > k / self.fps - 1e-9
             if reached:  # also after a signal: --resume relies on this frame
                 self._write(k)

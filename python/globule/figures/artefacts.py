@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 
 from ..render.camera import Camera
-from ..render.frame import RenderSettings, fit_camera, render
+from ..render.frame import fit_camera, render
 from ..render.lights import DirectionalLight, Headlight
+from ..render.settings import RenderSettings
 from ..scene.particles import Particles
 from ..scene.scene import Scene
 from ..scene.thesis import Thesis
@@ -29,7 +30,9 @@ def dense_scene(
     centres: Any, support: float, level: int, device: str = "auto", bounds: Any = None
 ) -> Scene:
     """Metaballs of one color in a dense octree, as the thesis's tracing needs it."""
-    particles = Particles(np.float32(centres), support=support, color=np.float32(COLOR))
+    particles = Particles(
+        np.array(centres, np.float32), support=support, color=np.array(COLOR, np.float32)
+    )
     return Scene(
         particles, threshold=0.4, octree="dense", level=level, device=device, bounds=bounds
     )
@@ -67,7 +70,7 @@ def ghosts(path: Any, device: str = "auto", dpi: float = 110) -> None:
         axes = figure.subplots(2, 2)
         for row, name, centres in ((0, "a", ALONE), (1, "b", PAIR)):
             scene = dense_scene(centres, 1.0, 2, device, SPACE)
-            leaves = np.unique(np.floor(np.float32(centres)), axis=0)
+            leaves = np.unique(np.floor(np.array(centres, np.float32)), axis=0)
             edges = np.concatenate([box_edges(leaf, leaf + 1) for leaf in leaves])
             for column, seen in ((0, False), (1, True)):
                 ax = axes[row, column]

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 
 from ..render.camera import Camera
-from ..render.frame import RenderSettings, render
+from ..render.frame import render
+from ..render.settings import RenderSettings
 from ..scene.particles import Particles
 from ..scene.query import field
 from ..scene.scene import Scene
@@ -19,8 +20,8 @@ THRESHOLD = 0.5
 
 def two(distance: float, device: str = "auto") -> Scene:
     """Two metaballs of support 1 at a distance along x."""
-    centres = np.float32([[-distance / 2, 0, 0], [distance / 2, 0, 0]])
-    color = np.float32([[0.12, 0.36, 0.72], [0.85, 0.40, 0.05]])
+    centres = np.array([[-distance / 2, 0, 0], [distance / 2, 0, 0]], np.float32)
+    color = np.array([[0.12, 0.36, 0.72], [0.85, 0.40, 0.05]], np.float32)
     return Scene(Particles(centres, support=1.0, color=color), threshold=THRESHOLD, device=device)
 
 
@@ -41,7 +42,8 @@ def two_metaballs(path: Any, device: str = "auto", dpi: float = 110) -> None:
             points = np.stack([x, 0 * x, 0 * x], axis=1)
             total = field(scene, points)
             for centre in (-distance / 2, distance / 2):
-                lone = Scene(Particles(np.float32([[centre, 0, 0]]), support=1.0), device=device)
+                place = np.array([[centre, 0, 0]], np.float32)
+                lone = Scene(Particles(place, support=1.0), device=device)
                 below.plot(x, field(lone, points), color=GRAY, lw=1, ls=":")
             below.plot(x, total, color=BLUE, lw=2)
             below.fill_between(x, THRESHOLD, total, total > THRESHOLD, color=BLUE, alpha=0.25)

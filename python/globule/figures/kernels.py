@@ -25,7 +25,7 @@ def profile(kernel: str, r: np.ndarray, device: str = "auto") -> tuple[np.ndarra
 def radius(kernel: str, threshold: float, device: str = "auto") -> float:
     """Where the surface of one particle of support 1 lies, found by a ray."""
     scene = Scene(Particles(np.zeros((1, 3)), support=1.0), kernel, threshold, device=device)
-    depth, _, _ = intersect(scene, np.float32([[2, 0, 0]]), np.float32([[-1, 0, 0]]))
+    depth, _, _ = intersect(scene, [[2.0, 0, 0]], [[-1.0, 0, 0]])
     return 2 - float(depth[0])
 
 

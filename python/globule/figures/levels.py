@@ -22,7 +22,7 @@ def triplets(key: int, level: int) -> str:
 def octree_coordinate(u: float, extent: float, device: str = "auto") -> int:
     """Where u in [0, extent] falls among 1024 cells, as the octree decides it."""
     box = ((0, 0, 0), (extent,) * 3)
-    scene = Scene(np.float32([[u, 0, 0]]), support=1.0, bounds=box, device=device)
+    scene = Scene(np.array([[u, 0, 0]], np.float32), support=1.0, bounds=box, device=device)
     keys, _ = scene.octree.sorted_keys(1)
     return morton.decode(int(keys[0]) & (INSIDE - 1))[0]
 
@@ -66,11 +66,12 @@ def keys_and_neighbours(path: Any, device: str = "auto", dpi: float = 110) -> No
         middle = INSIDE + (morton.encode(3, 5, 0) << 3 * (LEVELS - 3))
         for dx in (-1, 0, 1):
             for dy in (-1, 0, 1):
-                node = morton.neighbor(middle, 3, dx, dy, 0)
+                beside = morton.neighbor(middle, 3, dx, dy, 0)
+                assert beside is not None  # not at the octree's edge
                 face = "#6aa7d8" if dx == dy == 0 else "#fdf0dc" if dx and dy else "#fbdcae"
                 right.add_patch(Rectangle((dx, dy), 1, 1, facecolor=face, edgecolor=GRAY, lw=1.2))
-                _changed_bits(right, dx + 0.5, dy + 0.56, middle, node)
-                cell = np.array(morton.decode(node - INSIDE)) >> (LEVELS - 3)
+                _changed_bits(right, dx + 0.5, dy + 0.56, middle, beside)
+                cell = np.array(morton.decode(beside - INSIDE)) >> (LEVELS - 3)
                 right.text(
                     dx + 0.5,
                     dy + 0.26,
@@ -120,16 +121,16 @@ def quantised_positions(path: Any, device: str = "auto", dpi: float = 110) -> No
         for cell in range(169, 173):
             right.axvspan(cell, cell + 1, color=PALE if cell % 2 else "white", zorder=0)
             right.text(cell + 0.5, 1.02, f"cell {cell}", ha="center", color=GRAY)
-        for y, chosen in ((0.68, cells), (0.28, np.round(values).astype(int))):
+        for height, chosen in ((0.68, cells), (0.28, np.round(values).astype(int))):
             colors = np.array([BLUE, ORANGE, GREEN, RED, INK])[chosen - 169]
-            right.scatter(values, np.full(len(values), y), c=colors, s=18)
-        for y, name in (
+            right.scatter(values, np.full(len(values), height), c=colors, s=18)
+        for height, name in (
             (0.75, "cut off: a point is in the cell it lies in"),
             (0.35, "rounded: half of them are not"),
         ):
             right.text(
                 171,
-                y,
+                height,
                 name,
                 ha="center",
                 zorder=4,

@@ -34,7 +34,7 @@ ON_A_RAY = np.array([[-1.7, 0.75], [-0.75, -0.6], [0.45, 0.35], [1.6, -0.1], [2.
 
 def flat_scene(device: str = "auto", centres: np.ndarray = CENTRES) -> Scene:
     """Metaballs of support 1 with their centers in the plane z = 0."""
-    positions = np.float32([[x, y, 0] for x, y in centres])
+    positions = np.array([[x, y, 0] for x, y in centres], np.float32)
     return Scene(Particles(positions, support=1.0), threshold=THRESHOLD, device=device)
 
 
@@ -69,7 +69,7 @@ def exterior_spheres(path: Any, device: str = "auto", dpi: float = 110) -> None:
         for x, y in CENTRES:
             _circle(ax, x, y, 1, GRAY, "--", 1.1)
         alone, d = CENTRES[-1], radius("murakami", THRESHOLD, device)
-        _circle(ax, *alone, d, ORANGE, "-", 2.4)
+        _circle(ax, alone[0], alone[1], d, ORANGE, "-", 2.4)
         tip = alone + d * np.array([0.8, 0.6])
         ax.annotate(
             "",
@@ -84,7 +84,8 @@ def exterior_spheres(path: Any, device: str = "auto", dpi: float = 110) -> None:
             (-1.05, 0.11, -0.25, RED, "meets spheres: hit"),
             (-1.62, 0.0, 0.08, INK, "meets no sphere: not searched at all"),
         ):
-            origin, direction = np.float32([-3.8, y, 0]), np.float32([1, slope, 0])
+            origin = np.array([-3.8, y, 0], np.float32)
+            direction = np.array([1, slope, 0], np.float32)
             direction /= np.linalg.norm(direction)
             depth = float(intersect(scene, origin[None], direction[None])[0][0])
             end = (origin + min(depth, 8.3) * direction)[:2]
@@ -110,7 +111,7 @@ def ordered_events(path: Any, device: str = "auto", dpi: float = 110) -> None:
     """One ray enters the spheres A, B, C and D in this order; between two events the same particles
     act, and the search for the first root starts at the nearest entry."""
     scene = flat_scene(device, ON_A_RAY)
-    origin, direction = np.float32([-3.2, 0, 0]), np.float32([1, 0, 0])
+    origin, direction = np.array([-3.2, 0, 0], np.float32), np.array([1, 0, 0], np.float32)
     events = sphere_events(origin.astype(float), direction.astype(float), ON_A_RAY)
     names = {i: "ABCD"[k] for k, i in enumerate(i for _, i, entered in events if entered)}
     colors = dict(zip(names, (BLUE, RED, GREEN, PURPLE), strict=True))

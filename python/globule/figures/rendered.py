@@ -8,8 +8,9 @@ import numpy as np
 
 from .._base.colormaps import colorize
 from ..render.camera import Camera
-from ..render.frame import RenderSettings, fit_camera, render
+from ..render.frame import fit_camera, render
 from ..render.lights import DirectionalLight, Headlight
+from ..render.settings import RenderSettings
 from ..scene.particles import Particles
 from ..scene.scene import Scene
 from .style import INK, ORANGE, Figure, box_edges, draw_boxes, show_frame

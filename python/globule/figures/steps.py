@@ -105,13 +105,14 @@ def skipped_neighbours(path: Any, device: str = "auto", dpi: float = 110) -> Non
     nine neighbors on that side, and 17 of 26 remain."""
     level, levels = 2, 10
     middle = (1 << 30) + (morton.encode(1, 1, 1) << 3 * (levels - level))
-    cells = []
+    found = []
     for dx in (-1, 0, 1):
         for dy in (-1, 0, 1):
             for dz in (-1, 0, 1):
                 key = morton.neighbor(middle, level, dx, dy, dz)
-                cells.append(np.array(morton.decode(key - (1 << 30))) >> (levels - level))
-    cells = np.array(cells, float)
+                assert key is not None  # not at the octree's edge
+                found.append(np.array(morton.decode(key - (1 << 30))) >> (levels - level))
+    cells = np.array(found, float)
     with Figure(path, 9, 4.8, dpi) as figure:
         ax = figure.subplots()
         bare(ax)

@@ -25,7 +25,7 @@ VIEW = np.array(
     ]
 )
 
-_FONT = {
+_FONT: dict[Any, Any] = {
     "font.family": "DejaVu Sans",
     "font.size": 10.5,
     "axes.titlesize": 11.5,
@@ -129,7 +129,7 @@ def draw_cubes(
     shade = np.array([1.0, 0.86, 0.72])[:, None]
     ax.add_collection(
         PolyCollection(
-            flattened(points).reshape(-1, 4, 2),
+            list(flattened(points).reshape(-1, 4, 2)),
             facecolors=(each[:, None] * shade).reshape(-1, 3),
             edgecolors=edge,
             linewidths=width,

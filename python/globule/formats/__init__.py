@@ -69,7 +69,7 @@ _WITH_SPACING = ("ply", "obj", "stl", "glb")
 _VOLUME_OPTIONS = ("level", "labels", "spacing")
 
 
-def read(path: str | os.PathLike, **options: Any) -> Particles:
+def read(path: str | os.PathLike[str], **options: Any) -> Particles:
     """Read particles, or a mesh as particles, from a file with any extension.
 
     Args:
@@ -97,7 +97,7 @@ def read(path: str | os.PathLike, **options: Any) -> Particles:
     return _READERS[kind.format](path, **options)
 
 
-def write(path: str | os.PathLike, particles: Particles) -> None:
+def write(path: str | os.PathLike[str], particles: Particles) -> None:
     """Write particles to a file, which appears whole or not at all.
 
     The writer repeats a number that applies to all particles for each particle, except in .npz.
@@ -110,7 +110,7 @@ def write(path: str | os.PathLike, particles: Particles) -> None:
     module.write(path, particles)
 
 
-def _writer(path: str | os.PathLike) -> ModuleType:
+def _writer(path: str | os.PathLike[str]) -> ModuleType:
     name = os.path.basename(os.fspath(path)).lower()
     for extension, module in _WRITERS.items():
         if name.endswith(extension):

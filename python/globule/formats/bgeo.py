@@ -27,7 +27,7 @@ _MOST_WORDS = 1 << 20  # of one point, far above any use
 _HEADER = struct.Struct(">4s c 9i")
 
 
-def read(path: str | os.PathLike) -> Particles:
+def read(path: str | os.PathLike[str]) -> Particles:
     """Read points and attributes. Indexed strings come as their int32 indices. Raises FormatError
     naming the byte."""
     import gzip
@@ -46,7 +46,7 @@ def read(path: str | os.PathLike) -> Particles:
                 raise bad(path, f"byte {file.tell()}", f"expected gzip data, got {error}") from None
 
 
-def write(path: str | os.PathLike, particles: Particles) -> None:
+def write(path: str | os.PathLike[str], particles: Particles) -> None:
     """Write points and attributes; gzipped if the name ends in .gz.
 
     The format knows float32 and int32 only: other floats are rounded to float32, ValueError is

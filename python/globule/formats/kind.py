@@ -105,7 +105,7 @@ _READERS = {  # who reads a kind, for error messages
 }
 
 
-def kind_of(path: str | os.PathLike, wanted: str | None = None) -> Kind:
+def kind_of(path: str | os.PathLike[str], wanted: str | None = None) -> Kind:
     """The kind and format of a file, or of a folder of images or with a DICOM series.
 
     Args:
@@ -124,7 +124,7 @@ def kind_of(path: str | os.PathLike, wanted: str | None = None) -> Kind:
     return found
 
 
-def kind_or_none(path: str | os.PathLike) -> Kind | None:
+def kind_or_none(path: str | os.PathLike[str]) -> Kind | None:
     """As `kind_of`, but None where `kind_of` raises FormatError."""
     try:
         return kind_of(path)
@@ -132,14 +132,14 @@ def kind_or_none(path: str | os.PathLike) -> Kind | None:
         return None
 
 
-def wrong_kind(path: str | os.PathLike, expected: str, got: Kind) -> FormatError:
+def wrong_kind(path: str | os.PathLike[str], expected: str, got: Kind) -> FormatError:
     """The error of a reader for a file of another kind; the message names the right function."""
     what = got.kind if got.kind == "particles" else f"a {got.kind}"
     problem = f"expected {expected}, got {what} ({got.format}): read it with {_READERS[got.kind]}"
     return FormatError(f"{os.fspath(path)}: {problem}")
 
 
-def _by_ending(path: str | os.PathLike, wanted: str | None = None) -> Kind | None:
+def _by_ending(path: str | os.PathLike[str], wanted: str | None = None) -> Kind | None:
     name = os.path.basename(os.fspath(path)).lower()
     endings = [ending for ending in _BY_ENDING if name.endswith(ending)]
     if not endings:
@@ -150,7 +150,7 @@ def _by_ending(path: str | os.PathLike, wanted: str | None = None) -> Kind | Non
     return found
 
 
-def _by_content(path: str | os.PathLike, wanted: str | None) -> Kind | None:
+def _by_content(path: str | os.PathLike[str], wanted: str | None) -> Kind | None:
     with open(path, "rb") as file:
         head = file.read(_HEAD)
         size = os.fstat(file.fileno()).st_size
@@ -207,7 +207,7 @@ def _tracked(header: bytes) -> str:
     return "sweep" if re.search(rb"Seq_Frame\d+_\w*Transform\b", header) else "volume"
 
 
-def _in_archive(path: str | os.PathLike, wanted: str | None) -> Kind | None:
+def _in_archive(path: str | os.PathLike[str], wanted: str | None) -> Kind | None:
     try:
         with zipfile.ZipFile(path) as archive:
             names = {name.removesuffix(".npy") for name in archive.namelist()}
@@ -220,7 +220,7 @@ def _in_archive(path: str | os.PathLike, wanted: str | None) -> Kind | None:
     return Kind("sweep" if "frames" in names else wanted or "particles", "npz")
 
 
-def _in_folder(path: str | os.PathLike) -> Kind:
+def _in_folder(path: str | os.PathLike[str]) -> Kind:
     names = sorted(os.listdir(path))
     if any(name.lower().endswith(PICTURE_ENDINGS) for name in names):
         return Kind("sweep", "pictures")
@@ -280,11 +280,9 @@ def _n_numbers(words: list[str]) -> int:
 
 
 def _is_toml(text: str) -> bool:
+    from .._base import toml
+
     try:
-        import tomllib
-    except ImportError:  # Python 3.10
-        import tomli as tomllib  # type: ignore[no-redef]
-    try:
-        return bool(tomllib.loads(text))
+        return bool(toml.loads(text))
     except ValueError:
         return False

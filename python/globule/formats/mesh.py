@@ -25,7 +25,7 @@ from .kind import kind_of, wrong_kind
 FORMATS = ("obj", "stl", "glb", "ply")
 
 
-def read(path: str | os.PathLike, spacing: float | None = None) -> Particles:
+def read(path: str | os.PathLike[str], spacing: float | None = None) -> Particles:
     """Read a mesh's vertices as metaballs; see mesh_particles."""
     return mesh_particles(path, spacing)
 

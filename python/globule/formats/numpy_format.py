@@ -20,14 +20,14 @@ from .fields import check_lengths, find_positions, particles_from
 _MOST_DEFLATE_CAN_EXPAND = 1032  # times
 
 
-def read_npy(path: str | os.PathLike) -> Particles:
+def read_npy(path: str | os.PathLike[str]) -> Particles:
     """Read .npy, (N, 3) or wider: the first three columns are the positions, the others become
     attributes `column4` and so on."""
     with open(path, "rb") as file:
         return _from_columns(path, read_array(path, "array", file, os.fstat(file.fileno()).st_size))
 
 
-def read_npz(path: str | os.PathLike) -> Particles:
+def read_npz(path: str | os.PathLike[str]) -> Particles:
     """Read .npz: positions (N, 3), fields per particle or as scalars, attributes (N, ...).
 
     Other arrays that do not belong to N particles are left out. Raises FormatError.
@@ -45,7 +45,7 @@ def read_npz(path: str | os.PathLike) -> Particles:
     return particles_from(path, positions, arrays)
 
 
-def write(path: str | os.PathLike, particles: Particles) -> None:
+def write(path: str | os.PathLike[str], particles: Particles) -> None:
     """Write .npz with everything, or .npy with the positions alone."""
     import zipfile
 
@@ -67,11 +67,11 @@ def write(path: str | os.PathLike, particles: Particles) -> None:
                     np.lib.format.write_array(member, array, allow_pickle=False)
 
 
-def _is_npz(path: str | os.PathLike) -> bool:
+def _is_npz(path: str | os.PathLike[str]) -> bool:
     return os.fspath(path).lower().endswith(".npz")
 
 
-def read_archive(path: str | os.PathLike) -> dict[str, np.ndarray]:
+def read_archive(path: str | os.PathLike[str]) -> dict[str, np.ndarray]:
     """The numeric arrays of an .npz by name. Raises FormatError naming the array."""
     import zipfile
     import zlib

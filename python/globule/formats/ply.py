@@ -54,7 +54,7 @@ _ORDERS = {b"ascii": "", b"binary_little_endian": "<", b"binary_big_endian": ">"
 _LONGEST_HEADER = 1 << 20
 
 
-def read(path: str | os.PathLike, spacing: float | None = None) -> Particles:
+def read(path: str | os.PathLike[str], spacing: float | None = None) -> Particles:
     """Read the vertices with all their scalar properties; with a spacing, see mesh_particles.
 
     Where there are faces, vertices at one place become one, those of no face are dropped, the
@@ -94,7 +94,7 @@ def read(path: str | os.PathLike, spacing: float | None = None) -> Particles:
     return vertex_particles(particles, faces)
 
 
-def write(path: str | os.PathLike, particles: Particles) -> None:
+def write(path: str | os.PathLike[str], particles: Particles) -> None:
     """Write binary little-endian vertices.
 
     Colors are written as uchar where that loses nothing, else as float. PLY has no 64-bit

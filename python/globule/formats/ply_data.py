@@ -156,7 +156,8 @@ def _equal_faces(
 ) -> tuple[np.ndarray, int] | None:
     """Binary faces (F, k) that all have as many corners as the first, or None. This is the usual
     case, and a thousand times faster than row by row."""
-    fields, at = [], position
+    fields: list[Any] = []
+    at = position
     for i, (_, kind, length) in enumerate(element.properties):
         size = 1
         if length:
@@ -168,7 +169,7 @@ def _equal_faces(
             at += count.itemsize
         if not 0 <= size <= 255:
             return None
-        fields.append((f"f{i}", order + kind, (size,)))  # type: ignore[arg-type]
+        fields.append((f"f{i}", order + kind, (size,)))
         at += np.dtype(kind).itemsize * size
     row = np.dtype(fields)
     if element.count * row.itemsize > len(data) - position:

@@ -23,17 +23,17 @@ from .errors import bad, shown
 from .fields import find_positions, join_columns, particles_from, split_columns
 
 
-def read_csv(path: str | os.PathLike) -> Particles:
+def read_csv(path: str | os.PathLike[str]) -> Particles:
     """Read a .csv. Columns of whole numbers without a point become int64, others float64."""
     return _read_csv(path, text_lines(Path(path).read_bytes()))
 
 
-def read_xyz(path: str | os.PathLike) -> Particles:
+def read_xyz(path: str | os.PathLike[str]) -> Particles:
     """Read an .xyz. Columns of whole numbers without a point become int64, others float64."""
     return _read_xyz(path, text_lines(Path(path).read_bytes()))
 
 
-def write(path: str | os.PathLike, particles: Particles) -> None:
+def write(path: str | os.PathLike[str], particles: Particles) -> None:
     """Write a table with one named column per number."""
     columns = split_columns(particles)
     separator = "," if _is_csv(path) else " "
@@ -48,7 +48,7 @@ def write(path: str | os.PathLike, particles: Particles) -> None:
         file.writelines(format_rows(list(columns.values()), separator))
 
 
-def _is_csv(path: str | os.PathLike) -> bool:
+def _is_csv(path: str | os.PathLike[str]) -> bool:
     return os.fspath(path).lower().endswith(".csv")
 
 

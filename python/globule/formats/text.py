@@ -22,7 +22,7 @@ from .fields import per_particle
 _COLUMNS = ("x", "y", "z", "r", "g", "b", "reflection", "refraction", "rigidity")
 
 
-def read(path: str | os.PathLike) -> Particles:
+def read(path: str | os.PathLike[str]) -> Particles:
     """Read nine-column text. Raises FormatError naming line and column."""
     lines = text_lines(Path(path).read_bytes())
     count = lines[0].strip()
@@ -53,12 +53,12 @@ def read(path: str | os.PathLike) -> Particles:
     )
 
 
-def write(path: str | os.PathLike, particles: Particles) -> None:
+def write(path: str | os.PathLike[str], particles: Particles) -> None:
     """Write nine-column text; support, weight and attributes have no place in it.
 
     The writer replaces missing values by white, and by 0 for reflection, refraction and rigidity.
-    Raises ValueError for what the format does not allow: positions that are not finite, factors outside
-    [0, 1].
+    Raises ValueError for values that the format does not allow: positions that are not finite,
+    factors outside [0, 1].
     """
     n = len(particles)
     arrays = per_particle(particles)

@@ -56,12 +56,12 @@ _COMPONENTS = {"VECTORS": 3, "NORMALS": 3, "TENSORS": 9, "TENSORS6": 6}
 _ONE_COMPONENT = ("GLOBAL_IDS", "PEDIGREE_IDS", "EDGE_FLAGS")
 
 
-def read(path: str | os.PathLike) -> Particles:
+def read(path: str | os.PathLike[str]) -> Particles:
     """Read the points and point data of a legacy VTK file."""
     return _Reader(path, Path(path).read_bytes()).read()
 
 
-def write(path: str | os.PathLike, particles: Particles) -> None:
+def write(path: str | os.PathLike[str], particles: Particles) -> None:
     """Write binary POLYDATA with a vertex at each point, so that viewers show the points.
 
     The version is 3.0, which every reader knows. float16 is written as float, wider than double

@@ -38,12 +38,12 @@ _WRITTEN = {code: name for name, code in TYPES.items()} | {"b1": "UInt8"}
 _MOST_ZLIB_CAN_EXPAND = 1032  # times, from the format of deflate
 
 
-def read(path: str | os.PathLike) -> Particles:
+def read(path: str | os.PathLike[str]) -> Particles:
     """Read the points and point data of a .vtp or .vtu file."""
     return VtkXml(path, Path(path).read_bytes()).particles()
 
 
-def write(path: str | os.PathLike, particles: Particles) -> None:
+def write(path: str | os.PathLike[str], particles: Particles) -> None:
     """Write one piece with a vertex at each point, as appended raw little-endian data."""
     from xml.sax.saxutils import quoteattr
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -13,6 +13,11 @@ from .._base.arrays import on_gpu
 from .._base.checks import number, positive, unit
 from .._base.fixed import Fixed, read_only
 from ..scene.sources import as_particles
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import ArrayLike
 
 
 @read_only
@@ -61,8 +66,8 @@ class Camera(Fixed):
     def fit(
         cls,
         particles: Any,
-        direction: Any = (0.6, 0.45, 1.0),
-        up: Any = (0.0, 1.0, 0.0),
+        direction: ArrayLike = (0.6, 0.45, 1.0),
+        up: ArrayLike = (0.0, 1.0, 0.0),
         fov: float = 40.0,
         size: tuple[int, int] = (1024, 782),
         margin: float = 0.0,
@@ -138,7 +143,7 @@ class Camera(Fixed):
             object.__setattr__(self, "_packed", kept)
         return kept[1]
 
-    def towards(self, points: Any) -> np.ndarray:
+    def towards(self, points: ArrayLike) -> np.ndarray:
         """Unit directions (N, 3) float64 of the rays through points (N, 3), world."""
         points = np.asarray(points, np.float64)
         ahead = np.subtract(self.look_at, self.eye)
@@ -149,7 +154,9 @@ class Camera(Fixed):
         )
         return away / np.linalg.norm(away, axis=1, keepdims=True)
 
-    def ray(self, size: tuple[int, int], screen: Any) -> tuple[np.ndarray, np.ndarray]:
+    def ray(
+        self, size: tuple[int, int], screen: Sequence[float] | np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Origin and unit direction, (3,) float64 each, world, of the ray through a place (x, y) of
         an image, (0, 0) its top left and (1, 1) its lower right corner."""
         eye, forward, right, up = self.frame(size)
@@ -176,7 +183,7 @@ def _short(name: str, vector: Any) -> str:
     return f"{name}=({', '.join(f'{v:.6g}' for v in vector)})"
 
 
-def view_axes(up: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def view_axes(up: ArrayLike) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Unit vectors to the right, upwards and towards the viewer, whatever axis is upwards: x, y, z
     where it is y."""
     above = np.array(up, dtype=np.float64) / (np.linalg.norm(up) or 1.0)

@@ -50,7 +50,7 @@ class CameraPath:
         }
 
     @classmethod
-    def load(cls, path: str | os.PathLike, fps: float = 30.0) -> CameraPath:
+    def load(cls, path: str | os.PathLike[str], fps: float = 30.0) -> CameraPath:
         """A path from a TOML or JSON file: a list `key` of key frames, and `interpolation`.
 
         Args:
@@ -218,17 +218,15 @@ def _vector(name: str, value: Any) -> tuple[float, ...]:
     return tuple(_number(name, v) for v in value)
 
 
-def _parsed(path: str | os.PathLike) -> dict[str, Any]:
+def _parsed(path: str | os.PathLike[str]) -> dict[str, Any]:
     """The file's contents; a JSON file may be the list of keys alone."""
     name = os.fspath(path).lower()
     with open(path, "rb") as file:
         data = file.read()
     if name.endswith(".toml"):
-        try:
-            import tomllib
-        except ImportError:  # Python 3.10
-            import tomli as tomllib  # type: ignore[no-redef]
-        facts = tomllib.loads(data.decode("utf-8"))
+        from .._base import toml
+
+        facts = toml.loads(data.decode("utf-8"))
     elif name.endswith(".json"):
         facts = json.loads(data)
         facts = {"key": facts} if isinstance(facts, list) else facts

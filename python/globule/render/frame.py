@@ -8,7 +8,7 @@ import operator
 import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -25,6 +25,9 @@ from .camera import Camera
 from .clips import ClipBox, ClipPlane, ClipSphere
 from .materials import Material
 from .settings import MAX_SAMPLES, NAMES, RenderSettings, as_settings, items
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
 
 MAX_PIXELS = 2**28
 MAX_LAYERS = 4
@@ -230,7 +233,7 @@ class Frame:
         last pass."""
         return self._frame.trace_seconds()
 
-    def attribute(self, values: Any) -> np.ndarray:
+    def attribute(self, values: ArrayLike) -> np.ndarray:
         """Values of the first scene's particles, blended at each pixel that shows that scene.
 
         Args:
@@ -246,7 +249,7 @@ class Frame:
         out[hit] = blended
         return out.reshape((self.size[1], self.size[0]) + blended.shape[1:])
 
-    def save(self, path: str | os.PathLike) -> None:
+    def save(self, path: str | os.PathLike[str]) -> None:
         """Write the image (.png) or every array (.npz, .exr); whole or not at all.
 
         A .npz has `color`, `distance`, `position`, `normal`, `albedo` and `mask`; `depth` is the
@@ -269,7 +272,7 @@ class Frame:
 
 
 @renamed(picture="image")
-def save_png(path: str | os.PathLike, image: np.ndarray) -> None:
+def save_png(path: str | os.PathLike[str], image: np.ndarray) -> None:
     """Write an image (H, W, 3) uint8 sRGB as PNG; whole or not at all."""
     image = np.asarray(image)
     if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3:
@@ -464,7 +467,9 @@ def _clips(clips: Any) -> tuple[ClipPlane | ClipBox | ClipSphere, ...]:
     return found
 
 
-def fit_camera(scene: Scene, size: tuple[int, int], around: Any = None, **options: Any) -> Camera:
+def fit_camera(
+    scene: Scene, size: tuple[int, int], around: ArrayLike | None = None, **options: Any
+) -> Camera:
     """`Camera.fit` with room for the surface around the particles, or around the points (M, 3)."""
     margin = REACH[scene.kernel] * float(np.max(to_host(scene.support), initial=0.0))
     seen = scene.particles if around is None else around

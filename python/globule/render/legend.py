@@ -11,6 +11,7 @@ from .._base.colormaps import NAMES, map_colors
 from .._base.old_names import renamed
 
 if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
     from PIL.ImageDraw import ImageDraw
 
 LEAST_SIDE = 64  # pixels; in a smaller image no number can be read
@@ -21,7 +22,7 @@ _LEAST_TEXT = 9  # pixels
 
 @renamed(picture="image")
 def add_legend(
-    image: Any, colormap: str, lo: float, hi: float, label: str = "", scale: float = 1.0
+    image: ArrayLike, colormap: str, lo: float, hi: float, label: str = "", scale: float = 1.0
 ) -> np.ndarray:
     """The image with a vertical color bar, ticks and label in its lower right corner.
 
@@ -61,7 +62,8 @@ def add_legend(
     draw = ImageDraw.Draw(canvas)
     line = max(1, round(side / 500))
     margin, bar = round(_MARGIN * side), max(4, round(_BAR_WIDTH * side))
-    text_height = sum(font.getmetrics())  # type: ignore[attr-defined]
+    assert isinstance(font, ImageFont.FreeTypeFont)  # as a size is given
+    text_height = sum(font.getmetrics())
 
     texts = tick_labels(lo, hi, max(2, round(_BAR_HEIGHT * side / (2.2 * text_height))))
     widest = max(draw.textlength(text, font=font) for _, text in texts)

@@ -2,22 +2,26 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from .._base.arrays import to_host
 from ..scene.scene import Scene
 from .camera import view_axes
-from .frame import REACH, RenderSettings
+from .frame import REACH
 from .lights import DirectionalLight, Ground, Headlight, Sky
 from .materials import Material
+from .settings import RenderSettings
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
 
 GROUNDS = {"plain": 0.0, "checker": 1 / 4}  # edges of their squares, of the scene's extent
 PRESETS = ("blood", "water", "glass", "tissue", "clay")
 
 
-def preset(name: str, scene: Scene, up: Any = (0.0, 1.0, 0.0)) -> RenderSettings:
+def preset(name: str, scene: Scene, up: ArrayLike = (0.0, 1.0, 0.0)) -> RenderSettings:
     """Settings that show a scene as blood, water, glass, tissue or clay.
 
     Blood, water and glass have colors of their own; tissue and clay show the particles'. Presets
@@ -46,7 +50,7 @@ def preset(name: str, scene: Scene, up: Any = (0.0, 1.0, 0.0)) -> RenderSettings
     return _MAKE[name](_Stage(scene, up), extent, support)
 
 
-def ground_height(scene: Scene, up: Any = (0.0, 1.0, 0.0)) -> float:
+def ground_height(scene: Scene, up: ArrayLike = (0.0, 1.0, 0.0)) -> float:
     """Height along `up`, world units, of a ground that touches the scene's surface from below."""
     _, up, _ = view_axes(up)
     positions = scene.particles.finite_positions()

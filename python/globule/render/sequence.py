@@ -109,7 +109,7 @@ def read_ahead(items: Iterable[Any], n_ahead: int = 1) -> Iterator[Any]:
 
 
 def value_range(
-    frames: Iterable[Particles | str | os.PathLike],
+    frames: Iterable[Particles | str | os.PathLike[str]],
     name: str,
     progress: Callable[[int, int], object] | None = None,
 ) -> tuple[float, float]:
@@ -251,7 +251,7 @@ class MovieFrames:
 
 def render_sequence(
     source: Any,
-    output: str | os.PathLike,
+    output: str | os.PathLike[str],
     camera: Camera | CameraPath | Sequence[Any] | None = None,
     size: tuple[int, int] = (1024, 782),
     settings: RenderSettings | Mapping[str, Any] | None = None,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cached_property
 from typing import Any
 
@@ -10,6 +11,8 @@ import numpy as np
 from .. import _core
 from .._base.arrays import address
 from .._base.old_names import old_attribute
+
+_morton: Callable[..., Any] = _core.morton  # what it gives depends on the operation
 
 
 class Octree:
@@ -71,34 +74,34 @@ class morton:
     @staticmethod
     def encode(x: int, y: int, z: int, bits: int = 32) -> int:
         """Interleave octree coordinates, x least significant; without the descriptor."""
-        return _core.morton(bits, "encode", [x, y, z])
+        return _morton(bits, "encode", [x, y, z])
 
     @staticmethod
     def decode(code: int, bits: int = 32) -> tuple[int, int, int]:
         """Octree coordinates x, y, z of a code without descriptor; the inverse of `encode`."""
-        return _core.morton(bits, "decode", [code])
+        return _morton(bits, "decode", [code])
 
     @staticmethod
     def parent(key: int, level: int, bits: int = 32) -> int:
         """Key of the level - 1 cell that holds the level cell `key`."""
-        return _core.morton(bits, "parent", [key, level])
+        return _morton(bits, "parent", [key, level])
 
     @staticmethod
     def child(key: int, level: int, octant: int, bits: int = 32) -> int:
         """Key of the level + 1 cell in one octant, 0 to 7, of the level cell `key`."""
-        return _core.morton(bits, "child", [key, level, octant])
+        return _morton(bits, "child", [key, level, octant])
 
     @staticmethod
     def neighbor(key: int, level: int, dx: int, dy: int, dz: int, bits: int = 32) -> int | None:
         """Key of the cell a step of -1, 0 or 1 along each axis away; None outside the octree."""
-        return _core.morton(bits, "neighbor", [key, level, dx + 1, dy + 1, dz + 1])
+        return _morton(bits, "neighbor", [key, level, dx + 1, dy + 1, dz + 1])
 
     @staticmethod
     def dense_index(key: int, level: int, bits: int = 32) -> int:
         """Place in the array L of a level's cell."""
-        return _core.morton(bits, "dense_index", [key, level])
+        return _morton(bits, "dense_index", [key, level])
 
     @staticmethod
     def dense_key(index: int, bits: int = 32) -> int:
         """Key, descriptor included, of the cell at a place in L."""
-        return _core.morton(bits, "dense_key", [index])
+        return _morton(bits, "dense_key", [index])

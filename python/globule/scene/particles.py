@@ -44,7 +44,7 @@ class Attributes(dict[str, Any]):
             self[name] = default
         return self[name]
 
-    def __ior__(self, other: Any) -> Attributes:  # type: ignore[override,misc]
+    def __ior__(self, other: Any) -> Attributes:  # type: ignore[override,misc]  # not a plain dict
         self.update(other)
         return self
 

@@ -87,7 +87,7 @@ class Scene:
     @renamed(depth="level")
     def __init__(
         self,
-        particles: Particles | ArrayLike | str | os.PathLike,
+        particles: Particles | ArrayLike | str | os.PathLike[str],
         kernel: str = "murakami",
         threshold: float | None = None,
         support: float | None = None,
@@ -96,7 +96,7 @@ class Scene:
         octree: str = "sparse",
         device: str = "auto",
         threads: int = 0,
-        bounds: Any = None,
+        bounds: ArrayLike | None = None,
     ):
         if kernel not in KERNELS:
             raise ValueError(f"kernel: expected one of {', '.join(KERNELS)}, got {kernel!r}")
@@ -127,7 +127,7 @@ class Scene:
         self._build(as_particles("particles", particles))
 
     def update(
-        self, particles: Particles | ArrayLike | str | os.PathLike | None = None, **fields: Any
+        self, particles: Particles | ArrayLike | str | os.PathLike[str] | None = None, **fields: Any
     ) -> None:
         """The next frame: new particles, or new arrays for some of their fields.
 

@@ -7,7 +7,7 @@ Anisotropic Kernels", ACM Transactions on Graphics 32(1).
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -15,6 +15,9 @@ from .._base.arrays import to_host
 from .._base.checks import number, positive, whole
 from .particles import FARTHEST, Particles
 from .scene import Scene
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
 
 BLOCK_PAIRS = 2_000_000  # pairs of neighbors handled together: bounds the memory to some 300 MB
 
@@ -73,7 +76,7 @@ def without_strays(
 
 
 def anisotropy(
-    particles: Particles | Any,
+    particles: Particles | ArrayLike,
     support: float | None = None,
     radius: float | None = None,
     smoothing: float = 0.9,

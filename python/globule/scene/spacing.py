@@ -8,15 +8,18 @@ and keeps its detail where they are near.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from .._base.arrays import to_host
 from .._base.checks import whole
-from .particles import FARTHEST
+from .particles import FARTHEST, Particles
 from .scene import Scene
 from .sources import as_particles
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
 
 BLOCK = 4096  # points whose neighbors are looked at together: bounds the memory
 # Spacings are kept within these multiples of their median, so that the supports made of them stay
@@ -25,7 +28,9 @@ LEAST, MOST = 2e-3, 500.0
 
 
 def local_spacing(
-    positions: Any, k: int = 6, progress: Callable[[int, int], object] | None = None
+    positions: Particles | ArrayLike,
+    k: int = 6,
+    progress: Callable[[int, int], object] | None = None,
 ) -> np.ndarray:
     """Mean distance of each particle to its k nearest neighbors, without particles at the same
     position.

@@ -142,7 +142,7 @@ def add_body(
     n = len(ids)
     movable = hold == 0
     inverse_mass = np.where(movable, 1 / np.asarray(mass, np.float64), 0)
-    arrays = {
+    arrays: dict[str, np.ndarray] = {
         "positions": np.ascontiguousarray(positions, np.float32),
         "ids": np.ascontiguousarray(ids, np.uint32),
         "inverse_mass": np.ascontiguousarray(np.broadcast_to(inverse_mass, (n,)), np.float32),

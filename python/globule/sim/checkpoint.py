@@ -14,20 +14,23 @@ from .._base.files import atomic_write
 VERSION = 4
 
 
-def path_of(name: str | os.PathLike) -> str:
+def path_of(name: str | os.PathLike[str]) -> str:
     """The path of a state's file: its name, with .npz at the end."""
     name = os.fspath(name)
     return name if name.lower().endswith(".npz") else f"{name}.npz"
 
 
-def save(name: str | os.PathLike, arrays: dict[str, np.ndarray], facts: dict[str, Any]) -> None:
+def save(
+    name: str | os.PathLike[str], arrays: dict[str, np.ndarray], facts: dict[str, Any]
+) -> None:
     """Write arrays and facts (what JSON can hold); the file appears whole or not at all."""
     words = json.dumps({"version": VERSION, **facts})
+    content: dict[str, Any] = {"_facts": np.frombuffer(words.encode(), np.uint8), **arrays}
     with atomic_write(path_of(name)) as file:
-        np.savez(file, _facts=np.frombuffer(words.encode(), np.uint8), **arrays)  # type: ignore[arg-type]
+        np.savez(file, **content)
 
 
-def load(name: str | os.PathLike) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+def load(name: str | os.PathLike[str]) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
     """The arrays and facts of a checkpoint.
 
     Raises:

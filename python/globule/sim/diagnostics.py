@@ -21,7 +21,7 @@ PANELS = (
 FACTORS = {"compression": 100.0, "max_compression": 100.0, "dt": 1000.0}
 
 
-def write_csv(path: str | os.PathLike, rows: Sequence[dict[str, Any]]) -> None:
+def write_csv(path: str | os.PathLike[str], rows: Sequence[dict[str, Any]]) -> None:
     """Write diagnostics, one row a step, all digits; the file appears whole or not at all.
 
     Raises:
@@ -36,7 +36,7 @@ def write_csv(path: str | os.PathLike, rows: Sequence[dict[str, Any]]) -> None:
         file.write(text.getvalue())
 
 
-def plot(path: str | os.PathLike, rows: Sequence[dict[str, Any]], title: str = "") -> bool:
+def plot(path: str | os.PathLike[str], rows: Sequence[dict[str, Any]], title: str = "") -> bool:
     """Plot diagnostics over time to a PNG; returns False where matplotlib is missing.
 
     Raises:

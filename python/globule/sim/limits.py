@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 
 from .sampling import FACES
-from .schema import Path, Problem
+from .schema import Problem
+from .toml_lines import Path
 
 MOST_REACH = 2**17  # spacings from the origin: there a float32 tells 1/128 of one
 MOST_STEPS = 1_000_000  # a frame
@@ -41,7 +42,8 @@ def check(scene: Any) -> None:
     for i, table in enumerate(scene.boundaries):
         name, shape = shape_of(table)
         if hasattr(shape, "bounds"):
-            _check_width(("boundaries", i, name), *shape.bounds(), scene.spacing)
+            lo, hi = shape.bounds()
+            _check_width(("boundaries", i, name), lo, hi, scene.spacing)
     for i, vessel in enumerate(scene.vessels):
         _check_course(("vessels", i, "path"), vessel, scene.solids)
     for i, emitter in enumerate(scene.emitters):

@@ -11,9 +11,10 @@ import numpy as np
 from .._base.colormaps import colorize
 from ..formats.pictures.video import need_av
 from ..render.camera import Camera
-from ..render.frame import Frame, RenderSettings, fit_camera, render
+from ..render.frame import Frame, fit_camera, render
 from ..render.presets import preset
 from ..render.sequence import KeptScene, MovieFrames
+from ..render.settings import RenderSettings
 from ..scene.scene import Scene
 from .scene_file import SceneFile
 
@@ -31,7 +32,8 @@ class Eye:
 
     def __init__(self, scene: SceneFile, size: tuple[int, int] | None = None):
         self.view = scene.view
-        self.size = size or tuple(int(n) for n in scene.view.size)
+        width, height = scene.view.size
+        self.size = size or (int(width), int(height))
         self._camera: Camera | None = None
         self._settings: RenderSettings | None = None
         self._kept = KeptScene()
@@ -68,6 +70,7 @@ class Eye:
 
     def _by_speed(self, sim: Any) -> Scene:
         """The particles colored by their speed."""
+        assert self.view.speeds is not None
         particles = sim.shown_particles
         speed = np.linalg.norm(particles.attributes["velocity"], axis=1)
         particles.color = colorize(speed, "viridis", *self.view.speeds)

@@ -213,7 +213,7 @@ def thinned(points: np.ndarray, distance: float) -> np.ndarray:
         return points
     scene = Scene(Particles(points, support=distance), device="cpu")
     offsets, near = scene.neighbors(points, distance)
-    own = np.repeat(np.arange(len(points)), np.diff(offsets.astype(np.int64)))
+    own = np.repeat(np.arange(len(points)), np.diff(offsets).astype(np.int64))
     earlier = near < own
     own, near = own[earlier], near[earlier]
     undecided, kept = 0, 1

@@ -254,6 +254,7 @@ class Sink(Table):
         """Corners (lo, hi) of the box, or center and radius of the ball, m."""
         if self.box:
             return self.box.lo, self.box.hi
+        assert self.sphere is not None  # exactly one of both
         return self.sphere.center, self.sphere.radius
 
 
@@ -397,7 +398,8 @@ def read_scene(scene: Any, spacing: float | None = None, **keys: Any) -> SceneFi
         if not (math.isfinite(spacing) and spacing > 0):
             raise SceneError(f"spacing: expected a number above 0, got {spacing}")
         keys["spacing"] = spacing
-    name, lines, folder = "", {}, ""
+    name, folder = "", ""
+    lines: dict[tuple, int] = {}
     if not isinstance(scene, (dict, SceneFile)):
         path = shipped(scene) if scene in SHIPPED else File(scene)
         name, folder = os.fspath(path), os.path.dirname(path)
@@ -419,8 +421,8 @@ def read_scene(scene: Any, spacing: float | None = None, **keys: Any) -> SceneFi
                     try:
                         check_files(getattr(item, source, None), folder)
                     except Problem as problem:
-                        path = (kind, i, source, *problem.path)
-                        raise Problem(path, problem.message) from None
+                        place = (kind, i, source, *problem.path)
+                        raise Problem(place, problem.message) from None
         return found
     except Problem as problem:
         lines = {place: line for place, line in lines.items() if place[0] not in keys}
@@ -442,14 +444,12 @@ def as_dict(table: Any) -> Any:
 
 
 def _parsed(path: File) -> tuple[dict[str, Any], dict]:
-    try:
-        import tomllib
-    except ImportError:  # Python 3.10
-        import tomli as tomllib  # type: ignore[no-redef]
+    from .._base import toml
+
     try:
         words = path.read_bytes().decode("utf-8")
-        return tomllib.loads(words), key_lines(words.replace("\r\n", "\n"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        return toml.loads(words), key_lines(words.replace("\r\n", "\n"))
+    except (toml.TOMLDecodeError, UnicodeDecodeError) as error:
         line = re.search(r"at line (\d+)", str(error))
         where = f"{path}:{line[1]}" if line else path
         raise SceneError(f"{where}: expected TOML, got: {error}") from None

@@ -10,13 +10,13 @@ import dataclasses
 import math
 import sys
 from collections.abc import Callable, Sequence
-from typing import Any, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 from .._base.colormaps import hex_color, to_linear
 from .toml_lines import Path
 
-T = TypeVar("T")
-Check = Callable[[Any], Any]
+T = TypeVar("T", bound="Table")
+Check = Callable[[Any], Any] | type  # a type: that of a table
 
 
 class SceneError(ValueError):
@@ -50,8 +50,10 @@ class Table:
         Problem: a value that the check of its key refuses.
     """
 
+    __dataclass_fields__: ClassVar[dict[str, Any]]  # every subclass is a dataclass
+
     def __post_init__(self) -> None:
-        for field in dataclasses.fields(self):  # type: ignore[arg-type]
+        for field in dataclasses.fields(self):
             value = getattr(self, field.name)
             if field.metadata and value is not field.default:
                 checked = _checked(field.metadata["check"], value, (field.name,))
@@ -68,7 +70,7 @@ def read_table(kind: type[T], value: Any, path: Path = ()) -> T:
         return value
     if not isinstance(value, dict):
         raise Problem(path, f"expected a table of names with values, got {shown(value)}")
-    fields = {f.name: f for f in dataclasses.fields(kind) if f.metadata}  # type: ignore[arg-type]
+    fields = {f.name: f for f in dataclasses.fields(kind) if f.metadata}
     for name in value:
         if name not in fields:
             known = ", ".join(fields)
@@ -86,7 +88,7 @@ def read_table(kind: type[T], value: Any, path: Path = ()) -> T:
 
 def _checked(check: Any, value: Any, path: Path) -> Any:
     """What `check` makes of a value; NumPy's numbers and arrays count as numbers and lists."""
-    if isinstance(check, type) and dataclasses.is_dataclass(check):
+    if isinstance(check, type) and issubclass(check, Table):
         return read_table(check, value, path)
     value = value.tolist() if hasattr(value, "tolist") else value
     try:

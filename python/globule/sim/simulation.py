@@ -9,7 +9,7 @@ import operator
 import os
 import threading
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -34,6 +34,9 @@ from .steer import Steer
 from .steered import Named
 from .tools import Tool, Tools
 
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
 PARTS = 1000  # of a run, that progress counts
 _log = logging.getLogger(__name__)
 
@@ -55,14 +58,14 @@ class _SimulationScene(Scene):
         return self._own
 
     @property
-    def particles(self) -> Particles:  # type: ignore[override]
+    def particles(self) -> Particles:  # type: ignore[override]  # read-only here
         return self._simulation.particles
 
     def __len__(self) -> int:
         return len(self._simulation)
 
     @property
-    def builds(self) -> int:  # type: ignore[override]
+    def builds(self) -> int:  # type: ignore[override]  # read-only here
         return self._simulation.n_steps
 
     @property
@@ -113,7 +116,7 @@ class Simulation:
 
     def __init__(
         self,
-        scene: Any = None,
+        scene: str | os.PathLike[str] | dict[str, Any] | SceneFile | Particles | None = None,
         device: str = "auto",
         threads: int = 0,
         spacing: float | None = None,
@@ -201,7 +204,9 @@ class Simulation:
         self.phases[phase.name] = phase
 
     @whole
-    def add(self, positions: Any, phase: str | None = None, velocities: Any = 0.0) -> np.ndarray:
+    def add(
+        self, positions: ArrayLike, phase: str | None = None, velocities: ArrayLike = 0.0
+    ) -> np.ndarray:
         """Add particles.
 
         Args:
@@ -233,7 +238,7 @@ class Simulation:
         return np.arange(first, first + len(p), dtype=np.uint32)
 
     @whole
-    def remove(self, ids: Any) -> None:
+    def remove(self, ids: ArrayLike) -> None:
         """Remove particles by their ids (M,), which `add` returned. Ids of particles that the
         simulation already removed have no effect.
 
@@ -461,7 +466,7 @@ class Simulation:
         self.tissue._send()
 
     @whole
-    def save(self, name: str | os.PathLike) -> None:
+    def save(self, name: str | os.PathLike[str]) -> None:
         """Write the whole state to NAME.npz, for `load`; the file appears whole or not at all.
 
         Raises:
@@ -484,7 +489,9 @@ class Simulation:
         _log.info("%s: checkpoint at %g s", checkpoint.path_of(name), self.time)
 
     @classmethod
-    def load(cls, name: str | os.PathLike, device: str = "auto", threads: int = 0) -> Simulation:
+    def load(
+        cls, name: str | os.PathLike[str], device: str = "auto", threads: int = 0
+    ) -> Simulation:
         """A simulation that continues from a file of `save`, on the CPU with the same bits.
 
         Raises:

@@ -44,9 +44,11 @@ class Tool(Steered):
         self._holds = False
         self.knife: Knife | None = None
         if table.kind == "scalpel":
-            edge = table.edge
-            length = table.length
-            self.knife = Knife(np.array(edge)) if edge else scalpel(length, BELLY * length)
+            if table.edge:
+                self.knife = Knife(np.array(table.edge))
+            else:
+                assert table.length is not None  # a scalpel has an edge or a length
+                self.knife = scalpel(table.length, BELLY * table.length)
         self.start(time)
         self._begun = True
 
@@ -122,21 +124,26 @@ class Tool(Steered):
             return
         works = self.works(time)
         if works and not self._holds:
-            sim.tools.grasp(self.pose[:3, 3], self.radius, self._number)
+            sim.tools.grasp(self.pose[:3, 3], self._reach, self._number)
         elif self._holds and not works:
             sim.tools.release(self._number)
         self._holds = works
         if works and dt > 0:
-            velocity = spin = (0.0, 0.0, 0.0)
+            velocity = spin = np.zeros(3)
             if not np.array_equal(self._next, self.pose):
                 velocity = (self._next[:3, 3] - self.pose[:3, 3]) / dt
                 spin = _spin(self._next[:3, :3] @ self.pose[:3, :3].T) / dt
             sim.tools.move_grasp(self._number, velocity, spin, self.pose[:3, 3])
 
+    @property
+    def _reach(self) -> float:
+        assert self.radius is not None  # only a scalpel has none
+        return self.radius
+
     def sink(self, time: float) -> tuple[np.ndarray, float] | None:
         """Center (3,) and radius, m, of the ball that suction empties; None without suction."""
         if self.kind == "suction" and self.works(time):
-            return self._next[:3, 3], self.radius
+            return self._next[:3, 3], self._reach
         return None
 
     def operate(self, sim: Simulation) -> int:
@@ -146,7 +153,7 @@ class Tool(Steered):
             if self.knife is not None:
                 n_cut = sim.tissue.cut(self.knife.sweep(self.pose, self._next), relative=True)
             elif self.kind == "suction" and self.ablates:
-                sim.tissue.ablate(self._next[:3, 3], self.radius)
+                sim.tissue.ablate(self._next[:3, 3], self._reach)
         self._pose = self._next
         return n_cut
 

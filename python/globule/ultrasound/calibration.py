@@ -11,16 +11,20 @@ from __future__ import annotations
 import os
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from .._base import toml
 from .._base.checks import number
 from .._base.files import atomic_write
 from ..formats.errors import bad
 from ..formats.sweeps.transforms import check_pixel_matrix
 from .region import Clip, Fan, checked_clip, checked_fan
 from .temporal import TemporalOffset, temporal_offset
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
 
 __all__ = [
     "Calibration",
@@ -31,11 +35,6 @@ __all__ = [
     "temporal_offset",
     "write_calibration",
 ]
-
-try:
-    import tomllib
-except ImportError:  # Python 3.10
-    import tomli as tomllib  # type: ignore[no-redef]
 
 _KEYS = ("probe_from_image", "temporal_offset", "clip", "fan", "rms", "target")
 
@@ -74,11 +73,11 @@ class Calibration:
         return tuple(np.linalg.norm(self.probe_from_image[:3, :2], axis=0).tolist())
 
 
-def read_calibration(path: str | os.PathLike) -> Calibration:
+def read_calibration(path: str | os.PathLike[str]) -> Calibration:
     """Read a calibration (.toml). Raises FormatError naming the key."""
     try:
-        content = tomllib.loads(Path(path).read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeError, RecursionError) as error:
+        content = toml.loads(Path(path).read_text(encoding="utf-8"))
+    except (toml.TOMLDecodeError, UnicodeError, RecursionError) as error:
         raise bad(path, "", f"expected TOML, got {error}") from None
     unknown = sorted(set(content) - set(_KEYS))
     if unknown:
@@ -91,7 +90,7 @@ def read_calibration(path: str | os.PathLike) -> Calibration:
         raise bad(path, "", str(error)) from None
 
 
-def write_calibration(path: str | os.PathLike, calibration: Calibration) -> None:
+def write_calibration(path: str | os.PathLike[str], calibration: Calibration) -> None:
     """Write a calibration (.toml); every number survives exactly."""
     lines = ["# pixel (column, row, 0, 1) to mm in the probe's frame", "probe_from_image = ["]
     lines += [f"  {row.tolist()!r}," for row in calibration.probe_from_image]
@@ -120,7 +119,7 @@ class PointTarget(NamedTuple):
     residuals: np.ndarray
 
 
-def calibrate_point_target(pixels: Any, world_from_probe: Any) -> PointTarget:
+def calibrate_point_target(pixels: ArrayLike, world_from_probe: ArrayLike) -> PointTarget:
     """Calibrate from one fixed point in images of many poses, for example a crossing of two wires
     or a bead.
 
@@ -185,7 +184,9 @@ class _Parameters(NamedTuple):
         )
         return _Parameters(scales, left @ right, t, target)
 
-    def linearize(self, pixels, rotations, offsets) -> tuple[np.ndarray, np.ndarray]:
+    def linearize(
+        self, pixels: np.ndarray, rotations: np.ndarray, offsets: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Residuals (N, 3) and their slopes (3N, 11): scales, small rotation, t, target."""
         flat = np.column_stack([pixels * self.scales, np.zeros(len(pixels))])
         on_probe = flat @ self.axes.T

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -30,21 +30,24 @@ from .calibration import Calibration
 from .setup import Setup
 from .sweep import Sweep, checked_frames
 
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
 EXTENSIONS = (*igs.EXTENSIONS, ".npz", ".npy", *stack.DICOM)  # usual ones; the content counts
 WRITABLE = (".igs.mha", ".mha", ".igs.nrrd", ".nrrd", ".npz")
 _POSES_BESIDE = "poses.csv"  # of a folder of pictures
 
 
 def read_sweep(
-    path: str | os.PathLike,
-    calibration: Calibration | str | os.PathLike | None = None,
-    plus: str | os.PathLike | None = None,
-    poses: str | os.PathLike | None = None,
+    path: str | os.PathLike[str],
+    calibration: Calibration | str | os.PathLike[str] | None = None,
+    plus: str | os.PathLike[str] | None = None,
+    poses: str | os.PathLike[str] | None = None,
     temporal_offset: float | None = None,
-    clip: Any = None,
-    fan: Any = None,
-    mask: Any = None,
-    frame_times: Any = None,
+    clip: Sequence[float] | None = None,
+    fan: Sequence[float] | None = None,
+    mask: ArrayLike | str | os.PathLike[str] | None = None,
+    frame_times: ArrayLike | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Sweep:
     """Read a tracked sweep.
@@ -103,7 +106,7 @@ def read_sweep(
 
 
 def write_sweep(
-    path: str | os.PathLike, sweep: Sweep, progress: Callable[[int, int], None] | None = None
+    path: str | os.PathLike[str], sweep: Sweep, progress: Callable[[int, int], None] | None = None
 ) -> None:
     """Write a sweep: .igs.mha, .igs.nrrd, .npz, or a new folder of PNG files with poses.csv.
 
@@ -134,14 +137,14 @@ def write_sweep(
         raise FormatError(f"{path}: expected a folder or {' '.join(WRITABLE)}")
 
 
-def is_sweep(path: str | os.PathLike) -> bool:
+def is_sweep(path: str | os.PathLike[str]) -> bool:
     """Whether a file or folder holds tracked frames or a stack of images, by its content."""
     found = kind_or_none(path)
     return found is not None and found.kind == "sweep"
 
 
 def _recording(
-    path: str | os.PathLike, progress: Progress = None
+    path: str | os.PathLike[str], progress: Progress = None
 ) -> tuple[igs.Recording, dict[str, np.ndarray]]:
     """Frames and what their file says; the other arrays of a NumPy archive."""
     kind = kind_of(path, "sweep")
@@ -365,7 +368,7 @@ def _with_direct_pose(
     return fields
 
 
-def _write_npz(path: str | os.PathLike, sweep: Sweep) -> None:
+def _write_npz(path: str | os.PathLike[str], sweep: Sweep) -> None:
     from ..formats.volumes.npz import write_arrays
 
     arrays = {
@@ -379,7 +382,7 @@ def _write_npz(path: str | os.PathLike, sweep: Sweep) -> None:
     write_arrays(path, arrays)
 
 
-def _write_folder(path: str | os.PathLike, sweep: Sweep, progress: Progress) -> None:
+def _write_folder(path: str | os.PathLike[str], sweep: Sweep, progress: Progress) -> None:
     from PIL import Image
 
     if sweep.frames.dtype == np.float32:

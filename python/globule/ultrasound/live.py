@@ -151,7 +151,7 @@ def receive_sweep(
                 raise ValueError(f"live: expected images of {expected} as the first, got {got}")
             if not usable(frame.world_from_image):
                 continue
-            key = (frame.time, zlib.crc32(frame.image), frame.world_from_image.tobytes())
+            key = (frame.time, zlib.crc32(frame.image.data), frame.world_from_image.tobytes())
             if key in known:
                 continue
             known.add(key)

@@ -62,7 +62,7 @@ def read_tracked(path: Any, poses: Any = None, frame_times: Any = None) -> Track
 
 
 def read_marks(
-    path: str | os.PathLike, recording: Tracked | None = None
+    path: str | os.PathLike[str], recording: Tracked | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Pixels (N, 2) and world_from_probe (N, 4, 4) of a table. Raises FormatError with the row."""
     if not os.fspath(path).lower().endswith(".csv"):

@@ -27,7 +27,7 @@ class PlusGeometry(NamedTuple):
     world: str | None
 
 
-def read_plus(path: str | os.PathLike) -> PlusGeometry:
+def read_plus(path: str | os.PathLike[str]) -> PlusGeometry:
     """Read transforms and region. Raises FormatError naming the element."""
     root = _root(path)
     edges: Edges = {}
@@ -69,7 +69,7 @@ def read_plus(path: str | os.PathLike) -> PlusGeometry:
     return PlusGeometry(edges, clip, fan, image, world)
 
 
-def _root(path: str | os.PathLike) -> Any:
+def _root(path: str | os.PathLike[str]) -> Any:
     root = parse_xml(path, Path(path).read_bytes())
     if root.tag != "PlusConfiguration":
         raise bad(path, f"line {root.line}", f"expected <PlusConfiguration>, got {shown(root.tag)}")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -23,6 +23,11 @@ from .grid import (
     estimate_bytes,
     make_grid,
 )
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+    from .sweep import Sweep
 
 METHODS = ("pvn-om", "vvn-om", "pvn", "vvn", "bezier")
 COMPOUNDINGS = ("mean", "maximum", "latest", "first", "median")
@@ -52,14 +57,14 @@ class Options(NamedTuple):
 
 
 def reconstruct(
-    sweep: Any,
+    sweep: Sweep,
     method: str = "pvn-om",
     spacing: float | None = None,
-    size: Any = None,
+    size: ArrayLike | None = None,
     max_kernel: int = 9,
     compounding: str = "mean",
     hole_weights: str = "normalized",
-    region: Any = None,
+    region: ArrayLike | None = None,
     max_distance: float | None = None,
     device: str = "auto",
     threads: int = 0,
@@ -310,18 +315,15 @@ class FrameMaps:
     def make(self, name: str) -> np.ndarray:
         """ "count" uint32, "variance" float32 or "source" int32, (Z, Y, X)."""
         core = _core.Reconstructor(self.chosen.backend, self.chosen.index, self.threads)
-        whole = (
-            located(self.frames),
-            address(self.poses),
-            0 if self.mask is None else address(self.mask),
-            *self.frames.shape,
-        )
+        n, height, width = self.frames.shape
+        mask = 0 if self.mask is None else address(self.mask)
+        whole = (located(self.frames), address(self.poses), mask, n, height, width)
         kind = {"count": np.uint32, "variance": np.float32, "source": np.int32}[name]
         out = np.empty(self.grid.size[::-1], kind)
         if name == "source":
             start(core, self.grid, self.frames, Options(compounding="latest"))
             core.add(*whole, 0, 1)
-            core.source_map(self.frames.shape[1] * self.frames.shape[2], address(out))
+            core.source_map(height * width, address(out))
             return np.where(out >= 0, self.index[out].astype(np.int32), -1)
         scale = value_scale(self.frames)
         if self.frames.dtype == np.float32:

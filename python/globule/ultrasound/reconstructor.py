@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -34,6 +34,9 @@ from .reconstruct import (
     update,
     value_scale,
 )
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
 
 _BLOCK = 4  # voxels; the grid grows by whole blocks
 _TILE = 16  # blocks of x; along x the grid grows by whole tiles
@@ -75,8 +78,8 @@ class Reconstructor:
         compounding: str = "mean",
         hole_weights: str = "normalized",
         max_distance: float | None = None,
-        region: Any = None,
-        mask: Any = None,
+        region: ArrayLike | None = None,
+        mask: ArrayLike | None = None,
         history: int | None = 64,
         device: str = "auto",
         threads: int = 0,
@@ -116,7 +119,7 @@ class Reconstructor:
         return f"Reconstructor({what}, {self.spacing:.4g} mm, {self._space}, {self._chosen.name})"
 
     @whole
-    def add(self, frames: Any, poses: Any) -> None:
+    def add(self, frames: ArrayLike, poses: ArrayLike) -> None:
         """Add a frame, or several.
 
         Args:
@@ -124,7 +127,7 @@ class Reconstructor:
             poses: (4, 4) or (F, 4, 4) world_from_image, mm.
         """
         frames = to_host(frames)
-        frames = check_frames(frames[None] if frames.ndim == 2 else frames)
+        frames = np.asarray(check_frames(frames[None] if frames.ndim == 2 else frames))
         world_from_image = np.array(poses, np.float64)
         if world_from_image.ndim == 2:
             world_from_image = world_from_image[None]
@@ -283,13 +286,16 @@ class Reconstructor:
 
     def _bin(self, added: _Added, sign: int) -> None:
         assert self._grid is not None
+        n, height, width = added.frames.shape
         poses = self._grid.poses(added.world_from_image)
         mask = 0 if self._used is None else address(self._used)
         self._core.add(
             located(added.frames),
             address(poses),
             mask,
-            *added.frames.shape,
+            n,
+            height,
+            width,
             self._order % 2**32,
             sign,
         )

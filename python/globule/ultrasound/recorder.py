@@ -38,7 +38,7 @@ class Recorder:
         OSError: the folder cannot be written.
     """
 
-    def __init__(self, folder: str | os.PathLike):
+    def __init__(self, folder: str | os.PathLike[str]):
         self.folder = Path(folder)
         if self.folder.exists() and not self.folder.is_dir():
             raise ValueError(f"{folder}: expected a folder to record to, got a file")

@@ -105,7 +105,7 @@ def _numbers(name: str, value: Any, fields: tuple[str, ...]) -> list[float]:
     return numbers
 
 
-def _read_mask(path: str | os.PathLike) -> np.ndarray:
+def _read_mask(path: str | os.PathLike[str]) -> np.ndarray:
     from PIL import Image, UnidentifiedImageError
 
     try:

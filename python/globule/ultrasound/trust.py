@@ -118,8 +118,9 @@ def cross_validate(
 
     Raises ValueError if there are too few frames for k folds.
     """
-    if reconstruct is None:
-        from .reconstruct import reconstruct
+    from .reconstruct import reconstruct as default
+
+    make = reconstruct or default
     indices = np.flatnonzero(sweep.valid)
     if not isinstance(k, (int, np.integer)) or k < 2:
         raise ValueError(f"k: expected 2 folds or more, got {k!r}")
@@ -135,7 +136,7 @@ def cross_validate(
             sweep.valid & ~np.isin(np.arange(len(sweep)), left_out), sweep.mask, sweep.world,
             sweep.space,
         )  # fmt: skip
-        volume = reconstruct(rest, method=method, **options)
+        volume = make(rest, method=method, **options)
         for i in left_out:
             predicted = reslice_frame(volume, sweep, i)
             known = inside & (predicted.origin != EMPTY)

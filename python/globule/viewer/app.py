@@ -168,8 +168,9 @@ class Viewer:
 
         async def moved(camera: Any) -> None:
             try:
-                size = tuple(
-                    min(int(v), MOST_WINDOW) for v in (camera.image_width, camera.image_height)
+                size = (
+                    min(int(camera.image_width), MOST_WINDOW),
+                    min(int(camera.image_height), MOST_WINDOW),
                 )
                 if first and min(size) > 0:
                     self._fit_window(browser, first, size[0] / size[1])

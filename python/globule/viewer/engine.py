@@ -94,6 +94,7 @@ class Client:
                 if self._gone:
                     return
                 job, self._job = self._job, None
+                assert job is not None  # as the loop has ended
             try:
                 self._send(*job)
             except ConnectionError:  # the owner of the sink removes the client

@@ -53,10 +53,10 @@ def widget(
         MissingPackageError: the extra `notebook` is not installed.
         TypeError, ValueError, FormatError, OSError: the message names what cannot be shown.
     """
-    anywidget = need_anywidget()
+    base: Any = need_anywidget().AnyWidget
     import traitlets
 
-    class GlobuleWidget(anywidget.AnyWidget):
+    class GlobuleWidget(base):
         _esm = Path(__file__).with_name("notebook.js")
         height = traitlets.Int(480).tag(sync=True)
         view = traitlets.Dict().tag(sync=True)

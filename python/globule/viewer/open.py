@@ -43,7 +43,7 @@ def open_source(what: Any, device: str = "auto", threads: int = 0, **reading: An
         MissingPackageError: a live stream without the extra `live`.
         TypeError, ValueError, FormatError, OSError: the message names what cannot be shown.
     """
-    common = {"device": device, "threads": threads}
+    common: dict[str, Any] = {"device": device, "threads": threads}
     if isinstance(what, (str, os.PathLike)):
         return _open_name(os.fspath(what), common, reading)
     if isinstance(what, (Particles, Scene)):
@@ -70,7 +70,7 @@ def open_source(what: Any, device: str = "auto", threads: int = 0, **reading: An
     raise TypeError(f"view: expected {EXPECTED}, got {what!r:.80}")
 
 
-def _open_files(names: list[str], common: dict, reading: dict) -> Source:
+def _open_files(names: list[str], common: dict[str, Any], reading: dict[str, Any]) -> Source:
     from ..render.sequence import find_files
 
     if len(names) == 1:
@@ -83,8 +83,9 @@ def _open_files(names: list[str], common: dict, reading: dict) -> Source:
     return source
 
 
-def _open_name(name: str, common: dict, reading: dict) -> Source:
+def _open_name(name: str, common: dict[str, Any], reading: dict[str, Any]) -> Source:
     title = os.path.basename(os.path.normpath(name))
+    source: Source | None
     if name.startswith("igtl://"):
         source = SweepSource(name, received(name, Setup(**reading).edges), **common)
         source.files, source.reading = [name], reading
@@ -116,7 +117,7 @@ def _open_name(name: str, common: dict, reading: dict) -> Source:
     return source
 
 
-def _medical(name: str, common: dict, reading: dict) -> Source | None:
+def _medical(name: str, common: dict[str, Any], reading: dict[str, Any]) -> Source | None:
     """The source of a sweep or a volume.
 
     None for other files.
@@ -138,7 +139,7 @@ def _medical(name: str, common: dict, reading: dict) -> Source | None:
     return None
 
 
-def _sweep(name: str, sweep: Sweep, common: dict) -> SweepSource:
+def _sweep(name: str, sweep: Sweep, common: dict[str, Any]) -> SweepSource:
     lo, hi = sweep.bounds()
     spacing = max(2 * float(np.mean(sweep.spacing)), float(np.max(hi - lo)) / 200)
     return SweepSource(name, played(sweep), round(spacing, 3), sweep=sweep, **common)

@@ -9,9 +9,10 @@ import numpy as np
 
 from ..render.camera import Camera, view_axes
 from ..render.clips import ClipBox, ClipPlane, ClipSphere
-from ..render.frame import Frame, RenderSettings, render
+from ..render.frame import Frame, render
 from ..render.lights import DirectionalLight, Ground, Headlight, Sky
 from ..render.presets import GROUNDS, ground_height
+from ..render.settings import RenderSettings
 from ..scene.scene import Scene
 from .scenes import thesis_of
 from .source import Source

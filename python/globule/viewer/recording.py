@@ -106,7 +106,7 @@ class Shot:
         self.picture = finish(frame.picture, state, camera, marks, plates, depth, ends)
         return True
 
-    def save(self, path: str | os.PathLike) -> None:
+    def save(self, path: str | os.PathLike[str]) -> None:
         """Write a .png, or an .exr with linear light and the channels of the frame."""
         name = os.fspath(path).lower()
         if name.endswith(".exr"):
@@ -148,7 +148,7 @@ class Recorder:
         self,
         engine: Engine,
         camera: Callable[[], Camera],
-        path: str | os.PathLike,
+        path: str | os.PathLike[str],
         size: tuple[int, int] = (1280, 720),
         fps: float = 30.0,
         samples: int = 1,
@@ -196,7 +196,7 @@ class Recorder:
 def turntable(
     engine: Engine,
     camera: Camera,
-    path: str | os.PathLike,
+    path: str | os.PathLike[str],
     size: tuple[int, int] = (1280, 720),
     seconds: float = 8.0,
     fps: float = 30.0,
@@ -213,16 +213,13 @@ def turntable(
     need_av()
     cameras = orbit(camera, n=max(2, round(seconds * fps)))
 
+    def part(i: int) -> Callable[[float], None]:
+        return lambda share: progress((i + share) / len(cameras))
+
     def pictures() -> Iterator[np.ndarray]:
         for i, one in enumerate(cameras):
             progress(i / len(cameras))
-            yield Shot(
-                engine,
-                one,
-                size,
-                samples,
-                progress=lambda share, i=i: progress((i + share) / len(cameras)),
-            ).picture
+            yield Shot(engine, one, size, samples, progress=part(i)).picture
 
     write_movie(path, pictures(), fps)
     progress(1.0)

@@ -29,7 +29,7 @@ class SceneMaker:
     """
 
     def __init__(self, device: str = "auto", threads: int = 0, given: Scene | None = None):
-        self._options = {"device": device, "threads": threads}
+        self._options: dict[str, Any] = {"device": device, "threads": threads}
         if given is not None:
             self._options["device"] = given.device.name
         self._given = given
@@ -75,6 +75,7 @@ class SceneMaker:
     @property
     def _given_threshold(self) -> float | None:
         if not hasattr(self, "_first_threshold"):
+            assert self._given is not None
             self._first_threshold = self._given.threshold
         return self._first_threshold
 

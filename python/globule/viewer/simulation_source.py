@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from ..render.camera import Camera
-from ..render.frame import Layer, RenderSettings
+from ..render.frame import Layer
+from ..render.settings import RenderSettings
 from ..scene.particles import Particles
 from ..scene.scene import Scene
 from .overlay import STEEL, Mark
@@ -366,6 +367,7 @@ class SimulationSource(Source):
     def suck(self, hand: Any, phase: str, here: tuple) -> None:
         """Hold the suction tip at the surface under the pointer while the mouse button is down."""
         name = self.suction()
+        assert name is not None  # without one the page does not offer the tool
         if phase == "end":
             self.follow_keys(name)
             return

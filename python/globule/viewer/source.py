@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 
 from ..render.camera import Camera
-from ..render.frame import Layer, RenderSettings
+from ..render.frame import Layer
 from ..render.presets import preset
+from ..render.settings import RenderSettings
 from ..scene.particles import Particles
 from ..scene.scene import Scene
 from .locks import FairLock
@@ -199,6 +200,10 @@ class Source:
         """
         return None
 
+    def cut_along(self, points: list, camera: Camera) -> str:
+        """Cut tissue along a stroke; returns a sentence for the page. Called with `has_tissue`."""
+        raise NotImplementedError
+
     def facts(self) -> dict[str, Any]:
         """Further rows of the statistics: names to values."""
         return {}
@@ -226,14 +231,12 @@ class SceneSource(Source):
                 item if isinstance(item, Layer) else Layer(item) for item in shown
             )
             shown, self._material, self._clips = first.scene, first.material, tuple(first.clips)
-        given = shown if isinstance(shown, Scene) else None
-        self._scene = given
-        self._particles = None if given is not None else shown
-        self.maker = SceneMaker(device, threads, given)
+        self._shown: Particles | Scene = shown
+        self.maker = SceneMaker(device, threads, shown if isinstance(shown, Scene) else None)
 
     def particles(self) -> Particles:
         """The particles, or those of the scene."""
-        return self._particles if self._scene is None else self._scene.particles
+        return self._shown.particles if isinstance(self._shown, Scene) else self._shown
 
     def layers(self, state: State) -> list[Layer]:
         """The layers to trace. The caller holds `lock`."""
@@ -245,7 +248,7 @@ class SceneSource(Source):
         if not isinstance(particles, Particles):
             particles = Particles(particles)
         with self.lock:
-            self._scene, self._particles = None, particles
+            self._shown = particles
             self.version += 1
 
 

@@ -159,7 +159,7 @@ class Time:
     rate: float = real(24.0, 0.1, 1000.0, "Frames per second", "Of the playback")
 
 
-Names = set[str]  # of settings, as "surface.kernel"
+Names = set[str]  # of settings, as "surface.kernel"; in class State, `set` is a method
 
 # Settings by their old names; they go with the next version.
 RENAMED = {"look__depth": "look__bounces"}
@@ -284,13 +284,11 @@ class State:
         Raises:
             ValueError: the message names the line or key; nothing is changed.
         """
-        try:
-            import tomllib
-        except ImportError:  # Python 3.10
-            import tomli as tomllib  # type: ignore[no-redef]
+        from .._base import toml
+
         if len(text.encode()) > MOST_BYTES:
             raise ValueError(f"state: expected at most {MOST_BYTES} bytes, got {len(text)}")
-        facts = tomllib.loads(text)
+        facts = toml.loads(text)
         new: dict[str, Any] = {}
         for name, make in GROUPS.items():
             given = facts.pop(name, {})
@@ -305,7 +303,7 @@ class State:
                     raise ValueError(f"{name}.{error}") from None
             for f in dataclasses.fields(make):
                 new.setdefault(f"{name}__{f.name}", f.default)
-        camera = _camera("camera", facts.pop("camera", None))
+        camera = _camera("camera", facts.pop("camera")) if "camera" in facts else None
         bookmarks = facts.pop("bookmarks", {})
         if not isinstance(bookmarks, dict) or len(bookmarks) > MOST_BOOKMARKS:
             raise ValueError(f"bookmarks: expected at most {MOST_BOOKMARKS} tables")
@@ -318,7 +316,7 @@ class State:
         self.tell({"bookmarks"})
         return camera
 
-    def save(self, path: str | os.PathLike, camera: Camera | None = None) -> None:
+    def save(self, path: str | os.PathLike[str], camera: Camera | None = None) -> None:
         """Write the settings and a camera to a TOML file."""
         with atomic_write(path, "w") as file:
             file.write(self.to_toml(camera))
@@ -348,9 +346,7 @@ def field_of(group: str, name: str) -> dataclasses.Field:
     raise ValueError(f"{name}: expected one of {known}")
 
 
-def _camera(name: str, facts: Any) -> Camera | None:
-    if facts is None:
-        return None
+def _camera(name: str, facts: Any) -> Camera:
     known = {"eye", "look_at", "up", "fov", "height"}
     if not isinstance(facts, dict) or not {"eye", "look_at"} <= set(facts) <= known:
         raise ValueError(f"{name}: expected eye, look_at, up and fov or height, got {facts!r}")

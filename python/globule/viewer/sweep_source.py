@@ -234,7 +234,7 @@ class SweepSource(VolumeSource):
     def close(self) -> None:
         """Stop receiving and close the stream."""
         self.running = False
-        if hasattr(self._frames, "close"):
+        if self._frames is not None and hasattr(self._frames, "close"):
             with contextlib.suppress(ValueError):  # another thread waits in it
                 self._frames.close()
 

@@ -119,7 +119,7 @@ class VolumeSource(Source):
     def particles(self) -> Particles:
         """The particles of the iso-surface."""
         if self._made is None:
-            self._surface(self.level, "murakami")
+            return self._surface(self.level, "murakami")[0]
         return self._made[1]
 
     def color_names(self) -> list[str]:
@@ -231,7 +231,7 @@ class VolumeSource(Source):
                     for axis in range(3)
                 ]
             if shown.frame and self.sweep is not None:
-                plates += self._frame(min(shown.number, len(self.sweep) - 1))
+                plates += self._frame(self.sweep, min(shown.number, len(self.sweep) - 1))
             self._plates = key, plates
         return self._plates[1]
 
@@ -277,12 +277,12 @@ class VolumeSource(Source):
             color[origin == EMPTY] = (24, 40, 72)
         return color.astype(np.uint8)
 
-    def _frame(self, i: int) -> list[Plate]:
-        if not self.sweep.valid[i]:
+    def _frame(self, sweep: Sweep, i: int) -> list[Plate]:
+        if not sweep.valid[i]:
             return []
-        image = np.clip(255.0 * self.sweep.frames[i] / self._white, 0, 255).astype(np.uint8)
+        image = np.clip(255.0 * sweep.frames[i] / self._white, 0, 255).astype(np.uint8)
         texture = np.repeat(image[..., None], 3, axis=2)
-        return [Plate(texture, self.sweep.world_from_image[i])]
+        return [Plate(texture, sweep.world_from_image[i])]
 
     def facts(self) -> dict[str, Any]:
         """Numbers of voxels."""

@@ -26,7 +26,9 @@ from .volume import FAR, MAPS, Volume
 
 
 def read_volume(
-    path: str | os.PathLike, space: str = "LPS", progress: Callable[[int, int], None] | None = None
+    path: str | os.PathLike[str],
+    space: str = "LPS",
+    progress: Callable[[int, int], None] | None = None,
 ) -> Volume:
     """Read a volume; values become uint8, uint16 or float32, the first type that holds them.
 
@@ -75,7 +77,7 @@ def volume_of(data: VolumeData) -> Volume:
 
 
 def write_volume(
-    path: str | os.PathLike,
+    path: str | os.PathLike[str],
     volume: Volume,
     maps: bool = False,
     progress: Callable[[int, int], None] | None = None,

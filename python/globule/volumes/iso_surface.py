@@ -123,7 +123,7 @@ def _known(volume: Volume) -> tuple[float, np.ndarray]:
 
 
 def save_surface(
-    path: str | os.PathLike, volume: Volume, level: float | None = None, device: str = "auto",
+    path: str | os.PathLike[str], volume: Volume, level: float | None = None, device: str = "auto",
     threads: int = 0, size: tuple[int, int] = (1024, 782),
 ) -> None:  # fmt: skip
     """Draw the iso-surface, seen whole, as a picture. Raises ValueError as `iso_surface` does."""

@@ -7,13 +7,16 @@ from __future__ import annotations
 
 import io
 import os
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from .._base.files import atomic_write
 from .plane_axes import with_axes
 from .volume import EMPTY, FAR, FILLED, MEASURED, Volume
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
 
 AXES = [("x", "y"), ("x", "z"), ("y", "z")]  # of the three planes, to the right and down
 _ROWS = 64  # of a slice at once: bounds the memory
@@ -27,7 +30,7 @@ class Slice(NamedTuple):
 
 
 def reslice(
-    volume: Volume, world_from_plane: Any, size: tuple[int, int], linear: bool = True
+    volume: Volume, world_from_plane: ArrayLike, size: tuple[int, int], linear: bool = True
 ) -> Slice:
     """A volume's values on a plane.
 
@@ -112,7 +115,9 @@ def sample(
     return out, origin
 
 
-def three_view(volume: Volume, center: Any = None, overlay: bool = False) -> np.ndarray:
+def three_view(
+    volume: Volume, center: ArrayLike | None = None, overlay: bool = False
+) -> np.ndarray:
     """The three planes along the volume's axes, side by side: (H, W, 3) uint8.
 
     Args:
@@ -129,7 +134,7 @@ def three_view(volume: Volume, center: Any = None, overlay: bool = False) -> np.
     return _beside(pictures)
 
 
-def save_three_view(path: str | os.PathLike, volume: Volume, center: Any = None) -> None:
+def save_three_view(path: str | os.PathLike[str], volume: Volume, center: Any = None) -> None:
     """Write a three-view image (.png): the values above, the same with the overlay below. Arrows
     beside the planes name the volume's axes and have a labeled length in mm."""
     from PIL import Image

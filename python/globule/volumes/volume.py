@@ -163,7 +163,7 @@ class Volume:
 
     def save(
         self,
-        path: str | os.PathLike,
+        path: str | os.PathLike[str],
         maps: bool = False,
         progress: Callable[[int, int], None] | None = None,
     ) -> None:

@@ -19,7 +19,7 @@ MOST_PIXELS = 2**27  # 16384 x 8192
 _LONGEST_HEADER = 1 << 16
 
 
-def read_environment(path: str | os.PathLike) -> np.ndarray:
+def read_environment(path: str | os.PathLike[str]) -> np.ndarray:
     """Read an environment image: (H, W, 3) float32, linear, >= 0, row 0 at the top.
 
     The reader divides .hdr (Radiance's RGBE) by the file's exposure, takes R G B (or Y) of .exr

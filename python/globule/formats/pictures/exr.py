@@ -13,7 +13,7 @@ from ..._base.files import atomic_write
 from ..errors import FormatError, bad
 
 
-def write_exr(path: str | os.PathLike, channels: Mapping[str, Any]) -> None:
+def write_exr(path: str | os.PathLike[str], channels: Mapping[str, Any]) -> None:
     """Write images as an OpenEXR file (scan lines, ZIP), which appears whole or not at all.
 
     Args:
@@ -58,7 +58,7 @@ def frame_channels(frame: Any) -> dict[str, np.ndarray]:
     }
 
 
-def read_exr(path: str | os.PathLike, most_pixels: int) -> np.ndarray:
+def read_exr(path: str | os.PathLike[str], most_pixels: int) -> np.ndarray:
     """R G B, or Y as gray, of the first part: (H, W, 3) float32.
 
     Raises FormatError for what is no such file or has more pixels; ValueError where OpenEXR is

@@ -28,7 +28,7 @@ def need_av() -> Any:
     return av
 
 
-def write_movie(path: str | os.PathLike, pictures: Iterable[Any], fps: float = 30.0) -> int:
+def write_movie(path: str | os.PathLike[str], pictures: Iterable[Any], fps: float = 30.0) -> int:
     """Write pictures as an MP4 file, H.264, yuv420p, BT.709; it appears whole or not at all.
 
     An odd width or height gains a copy of its last column or row: yuv420p has even sizes only.
@@ -69,7 +69,7 @@ def write_movie(path: str | os.PathLike, pictures: Iterable[Any], fps: float = 3
     return n
 
 
-def movie_facts(path: str | os.PathLike) -> tuple[int, tuple[int, int]]:
+def movie_facts(path: str | os.PathLike[str]) -> tuple[int, tuple[int, int]]:
     """How many frames a movie has, and their width and height; none of a file that is no movie."""
     av = need_av()
     try:
@@ -80,7 +80,7 @@ def movie_facts(path: str | os.PathLike) -> tuple[int, tuple[int, int]]:
         return 0, (0, 0)
 
 
-def read_movie(path: str | os.PathLike) -> Iterator[np.ndarray]:
+def read_movie(path: str | os.PathLike[str]) -> Iterator[np.ndarray]:
     """The pictures of a movie of `write_movie`, (H, W, 3) uint8 sRGB each."""
     with need_av().open(os.fspath(path)) as movie:
         for frame in movie.decode(video=0):

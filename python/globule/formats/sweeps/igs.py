@@ -43,7 +43,7 @@ class Recording(NamedTuple):
     frame_fields: list[dict[str, str]]
 
 
-def read(path: str | os.PathLike, progress: Progress = None) -> Recording:
+def read(path: str | os.PathLike[str], progress: Progress = None) -> Recording:
     """Read frames and all that is said of them. Raises FormatError naming the field."""
     with open(path, "rb") as file:
         is_nrrd = file.read(4) == b"NRRD"
@@ -69,7 +69,7 @@ def read(path: str | os.PathLike, progress: Progress = None) -> Recording:
     )
 
 
-def write(path: str | os.PathLike, recording: Recording, progress: Progress = None) -> None:
+def write(path: str | os.PathLike[str], recording: Recording, progress: Progress = None) -> None:
     """Write a recording, in the orientation that its fields name."""
     down, right = _flips(path, _get(recording.fields, _ORIENTATION))
     frames = recording.frames[:, ::down, ::right]
@@ -81,7 +81,7 @@ def write(path: str | os.PathLike, recording: Recording, progress: Progress = No
     (nrrd if is_nrrd else metaimage).write(path, frames, header, progress=progress)
 
 
-def _is_nrrd(path: str | os.PathLike) -> bool:
+def _is_nrrd(path: str | os.PathLike[str]) -> bool:
     return os.fspath(path).lower().endswith((".nrrd", ".nhdr"))
 
 

@@ -40,7 +40,7 @@ class PoseTable(NamedTuple):
     ok: np.ndarray
 
 
-def read_poses(path: str | os.PathLike) -> PoseTable:
+def read_poses(path: str | os.PathLike[str]) -> PoseTable:
     """Read a pose table. Raises FormatError naming the row."""
     name = os.fspath(path).lower()
     if not name.endswith((".csv", ".json")):
@@ -68,7 +68,7 @@ def read_poses(path: str | os.PathLike) -> PoseTable:
     return PoseTable(np.array(times), np.array(matrices), np.array(ok))
 
 
-def write_csv(path: str | os.PathLike, table: PoseTable) -> None:
+def write_csv(path: str | os.PathLike[str], table: PoseTable) -> None:
     """Write times, 4x4 matrices and statuses; every number survives exactly."""
     with open(path, "w", encoding="utf-8", newline="\n") as file:
         times, timed = table.times, table.times is not None

@@ -28,7 +28,7 @@ class Stack(NamedTuple):
     arrays: dict[str, np.ndarray]
 
 
-def read_folder(path: str | os.PathLike, progress: Progress = None) -> Stack:
+def read_folder(path: str | os.PathLike[str], progress: Progress = None) -> Stack:
     """The pictures of a folder in the order of the numbers in their names; progress in pictures.
 
     Raises FormatError naming the picture.
@@ -62,7 +62,7 @@ def read_folder(path: str | os.PathLike, progress: Progress = None) -> Stack:
     return Stack(frames, None, {})
 
 
-def read_numpy(path: str | os.PathLike) -> Stack:
+def read_numpy(path: str | os.PathLike[str]) -> Stack:
     """.npy: frames (F, H, W); .npz: frames, perhaps timestamps, and whatever else it holds.
 
     Raises FormatError naming the array.
@@ -84,7 +84,7 @@ def read_numpy(path: str | os.PathLike) -> Stack:
     return Stack(frames, times, arrays)
 
 
-def read_dicom(path: str | os.PathLike) -> Stack:
+def read_dicom(path: str | os.PathLike[str]) -> Stack:
     """A DICOM multi-frame file, by SimpleITK; times from Frame Time or Frame Time Vector (ms).
 
     Raises FormatError for other files, MissingPackageError without SimpleITK.

@@ -38,7 +38,7 @@ _IN_PIECES = (".mha", ".nrrd", "metaimage", "nrrd")  # what reports its progress
 HOLD_MAPS = (".vti", ".npz", ".sparse.npz")
 
 
-def read(path: str | os.PathLike, space: str = "LPS", progress: Progress = None) -> VolumeData:
+def read(path: str | os.PathLike[str], space: str = "LPS", progress: Progress = None) -> VolumeData:
     """The volume in a file of any ending, or in a folder with a DICOM series, checked.
 
     Args:
@@ -58,7 +58,7 @@ def read(path: str | os.PathLike, space: str = "LPS", progress: Progress = None)
 
 
 def write(
-    path: str | os.PathLike,
+    path: str | os.PathLike[str],
     data: VolumeData,
     radius: np.ndarray,
     maps: dict[str, np.ndarray] | None,
@@ -88,14 +88,14 @@ def _done(form: str, work: Callable[..., Any], progress: Progress, *arguments: A
     return result
 
 
-def map_path(path: str | os.PathLike, name: str) -> str:
+def map_path(path: str | os.PathLike[str], name: str) -> str:
     """Where the map of a volume's file lies, for formats that hold values only."""
     text = os.fspath(path)
     ending = extension(path, WRITABLE)
     return f"{text[: -len(ending)]}.{name}{text[-len(ending) :]}"
 
 
-def extension(path: str | os.PathLike, known: tuple[str, ...]) -> str:
+def extension(path: str | os.PathLike[str], known: tuple[str, ...]) -> str:
     """The longest of the known endings that a path has. Raises FormatError if it has none."""
     name = os.path.basename(os.fspath(path)).lower()
     for ending in sorted(known, key=len, reverse=True):

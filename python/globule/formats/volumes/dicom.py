@@ -17,7 +17,7 @@ from .geometry import VolumeData, place
 MOST_VOXELS = 2**31
 
 
-def read(path: str | os.PathLike) -> VolumeData:
+def read(path: str | os.PathLike[str]) -> VolumeData:
     """The volume of a DICOM file, or of the series in a folder that has most slices.
 
     Returns values (Z, Y, X), rescaled as the file says; LPS, mm. Raises FormatError for anything
@@ -46,14 +46,14 @@ def from_itk(name: Any, image: Any) -> VolumeData:
     return VolumeData(values, place(steps, np.array(image.GetOrigin())))
 
 
-def _file(sitk: Any, path: str | os.PathLike) -> Any:
+def _file(sitk: Any, path: str | os.PathLike[str]) -> Any:
     reader = sitk.ImageFileReader()
     reader.SetFileName(os.fspath(path))
     reader.SetImageIO("GDCMImageIO")
     return reader.Execute()
 
 
-def _series(sitk: Any, folder: str | os.PathLike) -> Any:
+def _series(sitk: Any, folder: str | os.PathLike[str]) -> Any:
     reader = sitk.ImageSeriesReader()
     name = os.fspath(folder)
     series = [reader.GetGDCMSeriesFileNames(name, i) for i in reader.GetGDCMSeriesIDs(name)]
@@ -70,7 +70,7 @@ def _series(sitk: Any, folder: str | os.PathLike) -> Any:
 
 
 @contextmanager
-def itk_errors(sitk: Any, path: str | os.PathLike) -> Iterator[None]:
+def itk_errors(sitk: Any, path: str | os.PathLike[str]) -> Iterator[None]:
     """ITK's errors as FormatError, and none of its warnings, which it prints."""
     shown = sitk.ProcessObject.GetGlobalWarningDisplay()
     sitk.ProcessObject.SetGlobalWarningDisplay(False)

@@ -18,7 +18,7 @@ _NRRD_SPACES = {
 }  # fmt: skip
 
 
-def read_metaimage(path: str | os.PathLike, progress: Progress = None) -> VolumeData:
+def read_metaimage(path: str | os.PathLike[str], progress: Progress = None) -> VolumeData:
     """Read a .mha or .mhd; ITK's world is LPS (MetaImage calls that RAI). Raises FormatError."""
     image = metaimage.read(path, progress)
     array = image.array[0] if image.array.ndim == 4 and len(image.array) == 1 else image.array
@@ -42,7 +42,9 @@ def read_metaimage(path: str | os.PathLike, progress: Progress = None) -> Volume
     return VolumeData(array, place(directions * spacing, origin))
 
 
-def write_metaimage(path: str | os.PathLike, data: VolumeData, progress: Progress = None) -> None:
+def write_metaimage(
+    path: str | os.PathLike[str], data: VolumeData, progress: Progress = None
+) -> None:
     """Write a .mha in LPS."""
     matrix = in_space(data, "LPS").world_from_voxel
     spacing, directions = spacing_and_directions(matrix)
@@ -57,7 +59,7 @@ def write_metaimage(path: str | os.PathLike, data: VolumeData, progress: Progres
     metaimage.write(path, plain(data.values), fields, progress=progress)
 
 
-def read_nrrd(path: str | os.PathLike, progress: Progress = None) -> VolumeData:
+def read_nrrd(path: str | os.PathLike[str], progress: Progress = None) -> VolumeData:
     """Read a .nrrd or .nhdr of three axes; its space may be LPS or RAS. Raises FormatError."""
     image = nrrd.read(path, progress)
     fields = image.fields
@@ -78,7 +80,7 @@ def read_nrrd(path: str | os.PathLike, progress: Progress = None) -> VolumeData:
     return VolumeData(image.array, place(steps, origin), _NRRD_SPACES[named])
 
 
-def write_nrrd(path: str | os.PathLike, data: VolumeData, progress: Progress = None) -> None:
+def write_nrrd(path: str | os.PathLike[str], data: VolumeData, progress: Progress = None) -> None:
     """Write a .nrrd in the volume's own space."""
     names = {short: long for long, short in _NRRD_SPACES.items() if "-" in long}
     matrix = data.world_from_voxel

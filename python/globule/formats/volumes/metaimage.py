@@ -23,7 +23,7 @@ _TYPES = {
 _NAMES = {code: name for name, code in _TYPES.items()}
 
 
-def read(path: str | os.PathLike, progress: Progress = None) -> RawImage:
+def read(path: str | os.PathLike[str], progress: Progress = None) -> RawImage:
     """Read header and data. Raises FormatError naming the field that is wrong."""
     with open(path, "rb") as file:
         fields = _header(path, file)
@@ -36,7 +36,7 @@ def read(path: str | os.PathLike, progress: Progress = None) -> RawImage:
 
 
 def write(
-    path: str | os.PathLike,
+    path: str | os.PathLike[str],
     array: np.ndarray,
     fields: dict[str, str],
     compressed: bool = True,

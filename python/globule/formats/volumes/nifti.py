@@ -22,7 +22,7 @@ _LONGEST_HEADER = 540  # bytes, of NIfTI-2
 _LARGEST_SIDE = 32767  # voxels, of NIfTI-1
 
 
-def read(path: str | os.PathLike) -> VolumeData:
+def read(path: str | os.PathLike[str]) -> VolumeData:
     """Read a NIfTI file of three axes: values (Z, Y, X), RAS, mm.
 
     Scaled values (scl_slope, scl_inter) become float64. The place is the sform's if the file has
@@ -69,7 +69,7 @@ def read(path: str | os.PathLike) -> VolumeData:
     return VolumeData(values, affine, "RAS")
 
 
-def write(path: str | os.PathLike, data: VolumeData) -> None:
+def write(path: str | os.PathLike[str], data: VolumeData) -> None:
     """Write a NIfTI-1 file in RAS, mm. The format's geometry is float32: the only one that rounds.
 
     Raises MissingPackageError without nibabel, ValueError for values that NIfTI cannot hold.

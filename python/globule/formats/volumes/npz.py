@@ -27,7 +27,7 @@ _BACKGROUND = {"radius": 255, "source": -1}
 _OWN = ("values", "world_from_voxel", "space", "shape", "blocks")
 
 
-def read(path: str | os.PathLike) -> VolumeData:
+def read(path: str | os.PathLike[str]) -> VolumeData:
     """Read either form. Raises FormatError naming the array."""
     arrays = read_archive(path)
     for name in ("values", "world_from_voxel"):
@@ -44,7 +44,7 @@ def read(path: str | os.PathLike) -> VolumeData:
     return VolumeData(values, arrays["world_from_voxel"], space, maps)
 
 
-def write(path: str | os.PathLike, data: VolumeData) -> None:
+def write(path: str | os.PathLike[str], data: VolumeData) -> None:
     """Write all voxels, or the occupied blocks if the name ends in .sparse.npz."""
     arrays = {"values": data.values, **data.maps}
     if os.fspath(path).lower().endswith(".sparse.npz"):
@@ -54,7 +54,7 @@ def write(path: str | os.PathLike, data: VolumeData) -> None:
     )
 
 
-def write_arrays(path: str | os.PathLike, arrays: dict[str, np.ndarray]) -> None:
+def write_arrays(path: str | os.PathLike[str], arrays: dict[str, np.ndarray]) -> None:
     """Write an .npz, which appears whole or not at all."""
     with atomic_write(path) as file, zipfile.ZipFile(file, "w", zipfile.ZIP_STORED) as archive:
         for name, array in arrays.items():

@@ -29,7 +29,7 @@ _GZIP = zlib.MAX_WBITS + 16  # zlib's word for gzip, without a date in it
 KEY_VALUE = ":="  # fields of the user's own are stored under their name and this
 
 
-def read(path: str | os.PathLike, progress: Progress = None) -> RawImage:
+def read(path: str | os.PathLike[str], progress: Progress = None) -> RawImage:
     """Read header and data: fields by name, those of `key:=value` lines as "key:="."""
     with open(path, "rb") as file:
         fields = _header(path, file)
@@ -42,7 +42,7 @@ def read(path: str | os.PathLike, progress: Progress = None) -> RawImage:
 
 
 def write(
-    path: str | os.PathLike,
+    path: str | os.PathLike[str],
     array: np.ndarray,
     fields: dict[str, str],
     compressed: bool = True,

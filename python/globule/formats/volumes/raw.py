@@ -26,7 +26,7 @@ class RawImage(NamedTuple):
     fields: dict[str, str]
 
 
-def beside(path: str | os.PathLike, field: str, name: str) -> IO[bytes]:
+def beside(path: str | os.PathLike[str], field: str, name: str) -> IO[bytes]:
     """Open the data's file that a header names in `field`. Raises FormatError if there is none."""
     if not name or os.path.basename(name) != name or name.upper().startswith("LIST"):
         raise bad(path, field, f"expected one file of the same folder, got {shown(name)}")

@@ -21,7 +21,7 @@ from .geometry import VolumeData, place, spacing_and_directions
 _NAMES = {code: name for name, code in TYPES.items()}
 
 
-def write(path: str | os.PathLike, data: VolumeData) -> None:
+def write(path: str | os.PathLike[str], data: VolumeData) -> None:
     """Write values and maps as appended raw little-endian data."""
     spacing, directions = spacing_and_directions(data.world_from_voxel)
     extent = " ".join(f"0 {n - 1}" for n in data.values.shape[::-1])
@@ -55,7 +55,7 @@ def write(path: str | os.PathLike, data: VolumeData) -> None:
         file.write(b"\n</AppendedData>\n</VTKFile>\n")
 
 
-def read(path: str | os.PathLike) -> VolumeData:
+def read(path: str | os.PathLike[str]) -> VolumeData:
     """Read a .vti of one piece: point data with one component, ascii, binary (base64) or appended
     (raw or base64), plain or compressed with zlib, which is VTK's default. Raises FormatError."""
     file = VtkXml(path, Path(path).read_bytes())

@@ -80,7 +80,7 @@ class PlusConfig:
     importance_file: str | None = None
 
 
-def read_plus_config(path: str | os.PathLike) -> PlusConfig:
+def read_plus_config(path: str | os.PathLike[str]) -> PlusConfig:
     """Read the VolumeReconstruction element of a PLUS configuration (.xml).
 
     Raises:

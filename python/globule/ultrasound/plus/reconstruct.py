@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import os
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -33,13 +33,18 @@ from .config import (
 from .fan import detect_fan
 from .region import pixel_sources
 
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+    from ..sweep import Sweep
+
 _TYPES = {np.dtype(np.uint8): 0, np.dtype(np.uint16): 1, np.dtype(np.float32): 2}
 
 
 def reconstruct_plus(
-    sweep: Any,
-    config: PlusConfig | str | os.PathLike,
-    importance_mask: Any = None,
+    sweep: Sweep,
+    config: PlusConfig | str | os.PathLike[str],
+    importance_mask: ArrayLike | None = None,
     device: str = "auto",
     threads: int = 0,
     extent: str = "round",

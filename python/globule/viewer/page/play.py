@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -25,7 +26,7 @@ class Play(Panel):
     status: Any = None
 
     @property
-    def title(self) -> str:  # type: ignore[override]
+    def title(self) -> str:  # type: ignore[override]  # read-only here
         """The heading for the kind of source."""
         return TITLES[self.viewer.source.kind]
 
@@ -133,7 +134,7 @@ class Play(Panel):
                 self.safe(lambda event: self._undo(event.client))
             )
         for name, emitter in _named(sim, "emitters"):
-            self._switch(f"Emitter {name}", emitter, lambda emitter=emitter: emitter.on)
+            self._switch(f"Emitter {name}", emitter, partial(getattr, emitter, "on"))
         for name, instrument in _named(sim, "tools"):
             self._instrument(name, instrument)
 
@@ -250,5 +251,5 @@ class Play(Panel):
 
 def _named(simulation: Any, name: str) -> list[tuple[str, Any]]:
     """A simulation's emitters or instruments, by name."""
-    found = getattr(simulation, name, None)
+    found: Any = getattr(simulation, name, None)
     return list(found.items()) if hasattr(found, "items") else []

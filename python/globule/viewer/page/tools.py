@@ -27,10 +27,11 @@ class Tools:
     """The tools that the source allows, and the `Hand` of each browser."""
 
     def __init__(self, page: Any):
-        self.page, self.hands = page, {}
+        self.page = page
+        self.hands: dict[int, Hand] = {}
         gui = page.server.gui
         self.unit = f" {page.viewer.source.unit}".rstrip()
-        self.choices = (ROTATE, MEASURE, CUT)
+        self.choices: tuple[str, ...] = (ROTATE, MEASURE, CUT)
         if hasattr(page.viewer.source, "grasp"):
             self.choices += (GRASP,)
         if getattr(page.viewer.source, "suction", lambda: None)():
@@ -122,12 +123,12 @@ class Hand:
             points = (tuple(a.tolist()), tuple(b.tolist()))
             self.client.mark([Mark(points, f"{distance:.4g}{self.unit}", AMBER)])
             return
-        where = tuple(float(v) for v in found.position)
+        x, y, z = (float(v) for v in found.position)
         if isinstance(found, Probed):
             title, self.text.content = found.words.get("value", ""), table(found.words)
         else:
             title, self.text.content = f"particle {found.particle:,}", describe(found, self.unit)
-        self.client.mark([Mark((where,), "" if self.tool == MEASURE else title, RED)])
+        self.client.mark([Mark(((x, y, z),), "" if self.tool == MEASURE else title, RED)])
 
     def pick(self, screen: tuple[float, float]) -> Picked | Probed | None:
         """The surface or slice at a place (0, 0) to (1, 1) of this browser's image, or None."""
