@@ -42,7 +42,7 @@ AREAS = {
     "_base": (
         "package",
         "Package",
-        "Where the installed package keeps its C++ library, and what all parts share.",
+        "The folders of the installed C++ library, and definitions that all areas share.",
     ),
 }
 ELSEWHERE = {"colorize": "render"}  # names that stand on another page than their module's
