@@ -42,7 +42,7 @@ AREAS = {
     "_base": (
         "package",
         "Package",
-        "Where the installed package keeps its C++ library, and what all parts share.",
+        "The folders of the installed C++ library, and definitions that all areas share.",
     ),
 }
 FULL = {"render": "globule.render.frame.render"}  # `globule.render` is a package, too

@@ -1,4 +1,5 @@
-"""Where C++ programs find globule: its headers, its library, and what CMake needs."""
+"""The folders in which C++ programs find globule: its headers, its library, and the
+files for CMake."""
 
 from __future__ import annotations
 

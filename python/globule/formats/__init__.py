@@ -70,7 +70,7 @@ _VOLUME_OPTIONS = ("level", "labels", "spacing")
 
 
 def read(path: str | os.PathLike[str], **options: Any) -> Particles:
-    """Read particles, or a mesh as particles, from a file of any ending.
+    """Read particles, or a mesh as particles, from a file with any extension.
 
     Args:
         path: of the file.
@@ -79,10 +79,10 @@ def read(path: str | os.PathLike[str], **options: Any) -> Particles:
     Returns:
         Particles; positions (N, 3) float32 in the file's units.
 
-    Raises FormatError (a ValueError) if the file is of no known format, of another kind (the
-    message names the function that reads it) or damaged; ValueError for an option that the format
-    does not have; MissingPackageError for a mesh without trimesh; FileNotFoundError and other
-    OSErrors pass unchanged.
+    Raises FormatError (a ValueError) if the file has an unknown format, holds another kind of data
+    (the message names the function that reads the file) or is damaged; ValueError for an option
+    that the format does not have; MissingPackageError for a mesh without trimesh; FileNotFoundError
+    and other OSErrors pass unchanged.
     """
     kind = kind_of(path, "particles")
     if kind.kind == "volume" and options and options.keys() <= set(_VOLUME_OPTIONS):
@@ -100,8 +100,9 @@ def read(path: str | os.PathLike[str], **options: Any) -> Particles:
 def write(path: str | os.PathLike[str], particles: Particles) -> None:
     """Write particles to a file, which appears whole or not at all.
 
-    Numbers that hold for all particles are repeated per particle, except in .npz. Raises
-    FormatError if the extension is unknown, ValueError if the format cannot hold an attribute.
+    The writer repeats a number that applies to all particles for each particle, except in .npz.
+    Raises FormatError if the extension is unknown, ValueError if the format cannot hold an
+    attribute.
     """
     module = _writer(path)
     if not isinstance(particles, Particles):

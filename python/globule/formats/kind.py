@@ -1,4 +1,4 @@
-"""What a file holds, by its content: magic numbers, archive members, roots of XML, lines of text.
+"""The kind of a file, by its content: magic numbers, archive members, roots of XML, lines of text.
 
 The ending decides only between formats that the content does not tell apart, and for content that
 is of no known format, so that the reader of that format says what is wrong with it.
@@ -24,7 +24,7 @@ PICTURE_ENDINGS = (".png", ".tif", ".tiff", ".bmp", ".jpg", ".jpeg")
 
 
 class Kind(NamedTuple):
-    """What a file holds.
+    """The kind and format of a file.
 
     kind     "particles", "mesh", "volume", "sweep", "picture" or "scene"
     format   name of the format in lower case: "vtp", "ply", "nifti", "metaimage", …
@@ -106,15 +106,15 @@ _READERS = {  # who reads a kind, for error messages
 
 
 def kind_of(path: str | os.PathLike[str], wanted: str | None = None) -> Kind:
-    """What a file, or a folder of pictures or of a DICOM series, holds.
+    """The kind and format of a file, or of a folder of images or with a DICOM series.
 
     Args:
         path: of a file or folder.
         wanted: a kind that counts where neither content nor ending tells it from others: an .npz
             that is cut off may have been particles, a volume or a sweep.
 
-    Raises FormatError if neither the content nor the ending says it; FileNotFoundError and other
-    OSErrors pass unchanged.
+    Raises FormatError if neither the content nor the extension determines the kind;
+    FileNotFoundError and other OSErrors pass unchanged.
     """
     found = _in_folder(path) if os.path.isdir(path) else _by_content(path, wanted)
     found = found or _by_ending(path, wanted)
@@ -125,7 +125,7 @@ def kind_of(path: str | os.PathLike[str], wanted: str | None = None) -> Kind:
 
 
 def kind_or_none(path: str | os.PathLike[str]) -> Kind | None:
-    """As `kind_of`, but None where that raises FormatError."""
+    """As `kind_of`, but None where `kind_of` raises FormatError."""
     try:
         return kind_of(path)
     except FormatError:
@@ -133,7 +133,7 @@ def kind_or_none(path: str | os.PathLike[str]) -> Kind | None:
 
 
 def wrong_kind(path: str | os.PathLike[str], expected: str, got: Kind) -> FormatError:
-    """The error of a reader that was given a file of another kind: it names the right function."""
+    """The error of a reader for a file of another kind; the message names the right function."""
     what = got.kind if got.kind == "particles" else f"a {got.kind}"
     problem = f"expected {expected}, got {what} ({got.format}): read it with {_READERS[got.kind]}"
     return FormatError(f"{os.fspath(path)}: {problem}")

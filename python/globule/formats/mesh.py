@@ -33,13 +33,13 @@ def read(path: str | os.PathLike[str], spacing: float | None = None) -> Particle
 def mesh_particles(mesh: Any, spacing: float | None = None) -> Particles:
     """A triangle mesh as metaballs.
 
-    Without `spacing` there is one at each vertex, vertices at one place being one, and its support
-    is its longest edge (of points without triangles, two local spacings). With it, points `spacing`
-    apart all over the triangles take the vertices' place, so that the surface is thin and even
-    however large the triangles are.
+    Without `spacing`, there is one metaball at each vertex, and vertices at the same position
+    become one vertex. The support is the longest edge at the vertex (two local spacings for points
+    without triangles). With `spacing`, points `spacing` apart on all triangles replace the
+    vertices: the surface is thin and even for triangles of any size.
 
-    Colors come from the vertices, the faces or the texture. They are taken as sRGB, but for
-    a .glb's vertex colors, which are linear by glTF's definition, and become linear.
+    Colors come from the vertices, the faces or the texture. The reader converts colors from sRGB to
+    linear, except a .glb's vertex colors, which are linear by glTF's definition.
 
     Args:
         mesh: path of an .obj, .stl, .glb or .ply file, or a trimesh.Trimesh or trimesh.Scene.

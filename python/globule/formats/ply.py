@@ -1,6 +1,6 @@
 """Stanford PLY files (.ply): the properties of the element `vertex`, ASCII and binary.
 
-Of a file with faces, a mesh, the vertices get supports from their edges. Other elements are passed
+The vertices of a file with faces, a mesh, get supports from their edges. Other elements are passed
 over, and so are list properties.
 """
 

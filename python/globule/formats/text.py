@@ -56,9 +56,9 @@ def read(path: str | os.PathLike[str]) -> Particles:
 def write(path: str | os.PathLike[str], particles: Particles) -> None:
     """Write nine-column text; support, weight and attributes have no place in it.
 
-    What is not given is written as white, without reflection, refraction and rigidity. Raises
-    ValueError for what the format does not allow: positions that are not finite, factors outside
-    [0, 1].
+    The writer replaces missing values by white, and by 0 for reflection, refraction and rigidity.
+    Raises ValueError for values that the format does not allow: positions that are not finite,
+    factors outside [0, 1].
     """
     n = len(particles)
     arrays = per_particle(particles)

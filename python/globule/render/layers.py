@@ -17,22 +17,23 @@ from .materials import Material
 def layers_by(
     particles: Particles, name: str, materials: Mapping[Any, Material | None], **options: Any
 ) -> list[Layer]:
-    """Particles divided by the values of an attribute: each part is a layer for `render`.
+    """Divide particles by the values of an attribute. Each part is a layer for `render`.
 
         render(layers_by(particles, "phase", {0: water, 1: oil}), settings=…)
 
     Each part is a scene of its own, and the fields of two phases do not add up. Where phases touch,
-    both surfaces reach beyond their outermost particles. All parts have the same support: that of
-    the particles, or the one measured on all of them.
+    both surfaces reach beyond their outermost particles. All parts have the same support: the
+    support of the particles, or a support measured on all particles.
 
     Args:
         particles: with an attribute `name`, (N,) numbers.
-        materials: value -> `Material`, or None for the settings'; 1 to 4. Particles of other
-            values are left out.
-        options: of every `Scene`.
+        materials: value -> `Material`, or None for the settings'; 1 to 4. The function omits
+            particles with other values.
+        options: options of every `Scene`.
 
     Returns:
-        Layers in the order of `materials`; the layer of a value that no particle has is empty.
+        Layers in the order of `materials`; if no particle has a value, the layer of the value is
+        empty.
 
     Raises ValueError naming the argument, the expected and the given value.
     """

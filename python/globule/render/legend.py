@@ -26,8 +26,8 @@ def add_legend(
 ) -> np.ndarray:
     """The image with a vertical color bar, ticks and label in its lower right corner.
 
-    Sizes follow the image's. Text is dark with a light rim or the reverse, as the image below it
-    needs, and the bar has a thin frame: both can be read on any background.
+    All sizes follow the size of the image. Text is dark with a light rim, or light with a dark rim,
+    and the bar has a thin frame: text and bar are legible on any background.
 
     Args:
         image: (H, W, 3) uint8, sRGB, both sides at least 64 pixels.

@@ -24,13 +24,14 @@ PRESETS = ("blood", "water", "glass", "tissue", "clay")
 def preset(name: str, scene: Scene, up: ArrayLike = (0.0, 1.0, 0.0)) -> RenderSettings:
     """Settings that show a scene as blood, water, glass, tissue or clay.
 
-    Blood, water and glass have colors of their own; tissue and clay show the particles'. Absorption
-    is scaled to the scene's extent (blood: to the supports): a model of a river and one of a drop
-    look alike. `dataclasses.replace` changes a part of the settings.
+    Blood, water and glass have colors of their own; tissue and clay show the particles'. Presets
+    scale absorption to the scene's extent (blood: to the supports): a model of a river and a model
+    of a drop look alike. `dataclasses.replace` changes a part of the settings.
 
     Args:
         name: blood, water, glass, tissue or clay.
-        scene: a `Scene`, whose size and lowest point count; it may be shown beside others.
+        scene: a `Scene`; the preset uses the scene's size and lowest point. The image may show
+            other scenes, too.
         up: (3,) direction to the sky, away from the ground.
 
     Returns:

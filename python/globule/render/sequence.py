@@ -70,10 +70,10 @@ def find_files(names: Sequence[str]) -> list[str]:
 
 
 def read_ahead(items: Iterable[Any], n_ahead: int = 1) -> Iterator[Any]:
-    """The same items, fetched by another thread while the caller works on the one before.
+    """The same items, which another thread fetches while the caller works on the previous item.
 
-    At most `n_ahead` finished items wait. An error is raised at its item's place. Use it for a
-    generator that reads; each item must have arrays of its own.
+    At most `n_ahead` finished items wait. An error appears at the position of its item. Use
+    `read_ahead` for a generator that reads files; each item must have arrays of its own.
     """
     ready: queue.Queue = queue.Queue(n_ahead)
     stopped = threading.Event()
@@ -114,15 +114,16 @@ def value_range(
     name: str,
     progress: Callable[[int, int], object] | None = None,
 ) -> tuple[float, float]:
-    """Lowest and highest finite value over all frames; (0, 1) where there is none.
+    """Lowest and highest finite value over all frames; (0, 1) if no value is finite.
 
     Args:
         frames: `Particles`, or files' names.
         name: as for `color_by`: an axis, a field, an attribute (a vector's length), or NAME:0 …
-        progress: called as progress(done, total) after each frame; total is 0 where the frames have
-            no length. May raise to stop.
+        progress: called as progress(done, total) after each frame; total is 0 if `frames` has no
+            length. May raise to stop.
 
-    Raises ValueError where a frame has no such values; FormatError, OSError for a file.
+    Raises ValueError if a frame has no values of this name; FormatError, OSError for a file that
+    cannot be read.
     """
     lo, hi = np.inf, -np.inf
     n = len(frames) if isinstance(frames, Sized) else 0
@@ -269,24 +270,24 @@ def render_sequence(
     """Render a sequence to PNG files or to one MP4 file.
 
     Args:
-        source: a file pattern ("frame_*.vtk", "frame_%04d.vtk") or a list of files, which are read
-            ahead by another thread; an iterable of `Particles`; an object with `.particles` and
-            `.step()`, called between two frames; or one `Particles`, which stands still.
+        source: a file pattern ("frame_*.vtk", "frame_%04d.vtk") or a list of files, which another
+            thread reads ahead; an iterable of `Particles`; an object with `.particles` and
+            `.step()`, called between two frames; or one `Particles` for all frames.
         output: "movie.mp4", or a name with %d (%04d) for the frame's number, from 0, ending in
             .png. Each file appears whole or not at all.
-        camera: for all frames, or a `CameraPath`, its list of key frames, or one `Camera` a frame.
-            Default: all particles of the first frame are seen, and the camera stays there.
+        camera: one camera for all frames, a `CameraPath`, a list of key frames, or one `Camera` per
+            frame. Default: a fixed camera that sees all particles of the first frame.
         size: (width, height) pixels.
         settings: `RenderSettings`, or a dict of its fields.
         fps: frames per second of a movie, and of key frames that have a time.
-        n_frames: how many frames at most. Needed for an endless source, unless a path or list of
-            cameras says it.
+        n_frames: largest number of frames. An endless source needs this number, unless a path or
+            list of cameras ends.
         resume: keep the images of an earlier, interrupted run with the same arguments.
         clips: cuts through the scene, as for `render`.
-        color_by, colormap, range: as for `render`. Without a range all files are read once more
-            beforehand, for the lowest and highest value; other sources need it.
-        progress: called as progress(done, total) after each frame; total is 0 where the source does
-            not say how many there are. May raise to stop.
+        color_by, colormap, range: as for `render`. Without a range, a first pass over all files
+            finds the lowest and the highest value; other sources need a range.
+        progress: called as progress(done, total) after each frame; total is 0 if the source has no
+            length. May raise to stop.
         scene_options: as for `Scene`.
 
     Returns:
@@ -295,7 +296,7 @@ def render_sequence(
     Raises:
         TypeError, ValueError: naming the argument, the expected and the given value.
         MissingPackageError: a movie without PyAV.
-        FormatError, OSError: a file that cannot be read; images finished before it stay.
+        FormatError, OSError: a file cannot be read; finished images stay.
     """
     settings = as_settings(settings)
     if isinstance(camera, (Camera, type(None))) or _is_size(camera):

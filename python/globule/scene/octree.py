@@ -47,12 +47,12 @@ class Octree:
 
     @property
     def key_hash(self) -> str:
-        """Of the sorted keys and the order of the particles; the same on every backend."""
+        """Hash of the sorted keys and the order of the particles; the same on every backend."""
         return f"{self._hashes['key_hash']:016x}"
 
     @property
     def node_hash(self) -> str:
-        """Of all nodes with their boxes; the same on every backend."""
+        """Hash of all nodes with their boxes; the same on every backend."""
         return f"{self._hashes['node_hash']:016x}"
 
     def sorted_keys(self, n: int) -> tuple[np.ndarray, np.ndarray]:

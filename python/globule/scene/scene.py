@@ -42,7 +42,7 @@ MAX_RATIO = 1e6  # between the largest and the smallest support
 
 
 class Intersections(NamedTuple):
-    """Where rays first meet a surface.
+    """The first intersections of rays with a surface.
 
     distance  (M,) float32 along the ray, world units; infinite where missed
     normal    (M, 3) float32, unit length; 0 where missed

@@ -102,7 +102,7 @@ def anisotropy(
         radius: radius of the neighbor search, world units; default: 2 h, as in the paper.
         smoothing: λ, 0 (keeps the positions) to 1. The paper has 0.9 to 1.
         most_stretch: k_r, largest ratio of a kernel's axes.
-        few: N_ε, number of neighbors, itself aside.
+        few: N_ε, number of neighbors, without the particle itself.
         few_size: k_n.
         progress: called as progress(done, total) with counts of particles; may raise to stop.
 

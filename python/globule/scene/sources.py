@@ -1,4 +1,5 @@
-"""What may stand for particles: `Particles`, positions, a file's name, or what has particles."""
+"""Arguments that replace particles: `Particles`, positions, a file's name, or an
+object with particles."""
 
 from __future__ import annotations
 

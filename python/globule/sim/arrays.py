@@ -74,7 +74,8 @@ class Arrays(Part):
     @property
     @whole
     def velocities(self) -> np.ndarray:
-        """(N, 3) float32, m/s. (3,) or a number may be assigned, too; errors as of positions."""
+        """(N, 3) float32, m/s. A program may also assign (3,) or a number; errors as for
+        positions."""
         return np.ascontiguousarray(self._read("velocity")[self._order(), :3])
 
     @velocities.setter
@@ -154,8 +155,8 @@ class Arrays(Part):
 
     @whole
     def state(self) -> dict[str, np.ndarray]:
-        """Everything that `set_state` needs to go on, bit by bit on the CPU: arrays by name, in
-        the solver's order."""
+        """The state for `set_state`, which continues with the same bits on the CPU: arrays by name,
+        in the solver's order."""
         sim = self._sim
         arrays = {name: self._read(name) for name in _ARRAYS}
         counts = [sim._core.next_id(), sim.n_steps]
@@ -191,11 +192,12 @@ class Arrays(Part):
 
     @whole
     def set_state(self, state: Mapping[str, np.ndarray]) -> None:
-        """Go on from what `state` returned, of this simulation or one of the same phases.
+        """Continue from a result of `state` of this simulation, or of a simulation with the same
+        phases.
 
         Raises:
             ValueError: arrays that do not fit together, before anything changes.
-            KeyError: an array that is missing.
+            KeyError: a missing array.
         """
         self._check(state)
         sim = self._sim

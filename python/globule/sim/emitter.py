@@ -14,19 +14,19 @@ CHECKS = {"rate": number(least=0.0), "on": switch}
 
 
 class Emitter(Steered):
-    """A disc that fluid comes out of, with the names and limits of a scene's `[[emitters]]`.
+    """A disc that emits fluid, with the names and limits of a scene's `[[emitters]]`.
 
     The k-th particle leaves when rate * time reaches k times a particle's volume, spacing cubed:
-    after t seconds there are rate * t / spacing^3 of them, to within one. `on` and `rate` may be
-    changed at any time.
+    after t seconds, the emitter has emitted rate * t / spacing^3 particles, to within 1. A program
+    may change `on` and `rate` at any time.
 
     Args:
         center: (3,) m.
-        direction: (3,), where fluid flows.
+        direction: (3,), direction of the flow.
         radius: m.
         rate: m³/s.
         fluid: name of the fluid's phase; None: the first fluid.
-        start, end: s, when it runs; None: without end.
+        start, end: s, when the emitter runs; None: without end.
 
     Raises:
         ValueError: a value that the scene's check refuses.
@@ -60,7 +60,7 @@ class Emitter(Steered):
 
     @property
     def emitted(self) -> int:
-        """Number of particles that came out of it."""
+        """Number of emitted particles."""
         return self._emitted
 
     def _checks(self) -> dict[str, Any]:
@@ -81,7 +81,7 @@ class Emitter(Steered):
             vars(self)[name] = np.array(state[name])
 
     def emit(self, spacing: float, time: float, dt: float) -> tuple[np.ndarray, np.ndarray]:
-        """The particles that leave during a step, placed where they are at its end.
+        """The particles emitted during a step, at their positions at the end of the step.
 
         Args:
             spacing: of particles, m.

@@ -27,8 +27,8 @@ from .schema import (
 
 @dataclass(kw_only=True)
 class Key(Table):
-    """A key frame: where an instrument or boundary is at a time. Keys that are left out stay as in
-    the frame before."""
+    """A key frame: the pose of an instrument or boundary at a time. Omitted keys keep the value of
+    the previous frame."""
 
     time: float = key(number(least=0.0))
     position: tuple | None = key(place, None)
@@ -44,7 +44,8 @@ class Key(Table):
 
 class Motion:
     """A pose for every time: positions along straight lines between the key frames, rotations by
-    the shortest turn at constant speed (slerp). It rests before the first frame and after the last.
+    the shortest turn at constant speed (slerp). The motion rests before the first frame and after
+    the last.
 
     Args:
         keys: `Key`s, rising in time; the first position is the origin unless given.
@@ -88,7 +89,8 @@ class Motion:
         return pose
 
     def on(self, time: float) -> bool:
-        """Whether it works at a time, s, by the last key frame before; off before the first."""
+        """Whether the instrument works at a time, s, by the previous key frame; off before the
+        first."""
         return bool(time >= self.times[0] and self.switches[self._between(time)[0]])
 
     def _between(self, time: float) -> tuple[int, float]:
@@ -123,8 +125,8 @@ class Instrument(Table):
 
     The origin of its own frame is the tip. A scalpel's moving edge cuts the bonds that it sweeps
     over. `length` gives a curved edge along +x from the tip, whose sharp side is -z; `edge` gives
-    any line of points. Suction removes fluid from a ball around the tip, and tissue if it ablates.
-    A grasper moves the tissue in its ball while it is on.
+    any line of points. Suction removes fluid from a ball around the tip, and tissue with `ablates`.
+    A grasper that is on moves the tissue in its ball.
     """
 
     name: str = key(text)

@@ -40,17 +40,16 @@ class BondedTissue(Part):
 
     @whole
     def bond(self, ids: Any, young: Any = None, fixed: Any = None) -> None:
-        """Make particles one elastic body: bonds between all that are closer than 1.5 spacings.
+        """Make one elastic body: bonds connect all particles closer than 1.5 spacings.
 
         Args:
             ids: (M,) that `add` returned, of a phase of kind "tissue"; particles of a boundary are
-                fixed, and go where the boundary goes.
+                fixed, and move with the boundary.
             young: Young's modulus, Pa, one or (M,); None: brain, 2.5 kPa.
-            fixed: (M,) bool; which particles stay where they are.
+            fixed: (M,) bool; whether a particle is fixed.
 
         Raises:
-            ValueError: ids that there are not; a modulus that is not positive; particles that
-                nearly coincide.
+            ValueError: unknown ids; a modulus that is not positive; particles that nearly coincide.
         """
         sim = self._sim
         sim._send()
@@ -82,9 +81,11 @@ class BondedTissue(Part):
         """Cut all bonds that cross a blade.
 
         Args:
-            blade: a `Blade`, triangles (M, 3, 3) m, or an edge's places (before, now), (K, 3) m.
-            relative: the blade's first pose is of before the last step, and is seen from where each
-                bond was then: for instruments that move while the tissue does.
+            blade: a `Blade`, triangles (M, 3, 3) m, or two positions (before, now) of an edge, (K,
+                3) m.
+            relative: the blade's first pose belongs to the time before the last step and is
+                relative to each bond's position at that time. Use this for instruments that move
+                together with the tissue.
 
         Returns:
             the number of bonds cut.
@@ -97,14 +98,14 @@ class BondedTissue(Part):
 
     @whole
     def ablate(self, center: Any, radius: float) -> np.ndarray:
-        """Take away the tissue within a ball; fixed particles stay.
+        """Remove the tissue within a ball; fixed particles stay.
 
         Args:
             center: (3,) m.
             radius: m.
 
         Returns:
-            (M,) uint32 ids of the particles that went.
+            (M,) uint32 ids of the removed particles.
 
         Raises:
             ValueError: numbers that are not finite.
@@ -123,17 +124,17 @@ class BondedTissue(Part):
 
     @whole
     def add_vessel(self, vessel: Vessel) -> int:
-        """Lay a vessel through the tissue that is bonded by now.
+        """Add a vessel to the tissue that has bonds.
 
         Args:
-            vessel: a table as of a scene (`globule.sim.scene_file.Vessel`): the bonds within its
-                radius bleed when they are cut.
+            vessel: a table of a scene (`globule.sim.scene_file.Vessel`). Cut bonds within the
+                vessel's radius bleed.
 
         Returns:
-            its number, from 1.
+            the number of the vessel, from 1.
 
         Raises:
-            ValueError: a 33rd vessel, a fluid that there is not, or no bonded tissue.
+            ValueError: a 33rd vessel, an unknown fluid, or no tissue with bonds.
         """
         self._sim._send()
         core = self._core
@@ -156,29 +157,29 @@ class BondedTissue(Part):
 
     @property
     def pools(self) -> list[float]:
-        """m³ of blood that each vessel has left."""
+        """Remaining blood of each vessel, m³."""
         return self._core.pools()
 
     @property
     def n_bonds(self) -> int:
-        """Bonds that are whole."""
+        """Number of whole bonds."""
         return self._core.n_bonds()
 
     @property
     def elastic_energy(self) -> float:
-        """J, of the whole bonds."""
+        """Elastic energy of the whole bonds, J."""
         return self._core.elastic_energy()
 
     @property
     def n_pieces(self) -> int:
-        """Pieces that the tissue is in."""
+        """Number of pieces of the tissue."""
         return self._core.pieces()
 
     @property
     @whole
     def piece(self) -> np.ndarray:
         """(N,) uint32 in id order: the least id of each particle's piece; NOBODY (2^32 - 1) for
-        what is not tissue."""
+        particles that are not tissue."""
         core = self._core
         piece, ids = np.empty(core.n(), np.uint32), np.empty(core.n(), np.uint32)
         core.get(0, 0, address(piece), 0, address(ids))

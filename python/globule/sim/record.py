@@ -19,12 +19,12 @@ MOST_ROWS = 20_000  # of diagnostics; of more, every second one goes
 
 
 class Record(Part):
-    """What a simulation's run has been: diagnostics, counts, times and energies.
+    """The record of a simulation's run: diagnostics, counts, times and energies.
 
     Attributes:
-        diagnostics: a dict a step: time, dt, iterations, errors, compression, counts.
-        seconds: of the clock, in each of the solver's stages.
-        n_removed: particles that sinks, suction, ablation or `remove` took out.
+        diagnostics: one dict per step: time, dt, iterations, errors, compression, counts.
+        seconds: wall time of each stage of the solver.
+        n_removed: particles that sinks, suction, ablation or `remove` removed.
         n_cut: bonds that the scene's instruments cut.
     """
 
@@ -76,7 +76,7 @@ class Record(Part):
 
     @whole
     def totals(self) -> dict[str, Any]:
-        """Of fluid and tissue: mass kg, kinetic and potential energy J, momentum kg m/s,
+        """Totals of fluid and tissue: mass kg, kinetic and potential energy J, momentum kg m/s,
         angular_momentum kg m²/s about the origin, center of mass m."""
         t = self._sim._core.totals()
         mass = t["mass"] or 1.0
@@ -84,8 +84,8 @@ class Record(Part):
 
     @whole
     def measure(self) -> dict[str, float]:
-        """Energies (J), momentum (kg m/s) and counts of what moves, now; also added to the last row
-        of the diagnostics."""
+        """Current energies (J), momentum (kg m/s) and counts of the moving particles. `measure`
+        also adds the values to the last row of the diagnostics."""
         totals = self.totals()
         momentum = totals["momentum"]
         found = {
@@ -105,8 +105,8 @@ class Record(Part):
 
     @property
     def counts(self) -> dict[str, int]:
-        """Particles of each kind; "escaped": those outside of the domain; "removed": those taken
-        out since the start."""
+        """Number of particles of each kind; "escaped": particles outside the domain; "removed":
+        particles removed after the start."""
         kinds = [phase.kind for phase in self._sim.phases.values()]
         per_phase = np.bincount(self._sim.arrays.phase, minlength=len(kinds))
         found = {kind: 0 for kind in ("fluid", "tissue", "rigid", "boundary")}
@@ -117,7 +117,7 @@ class Record(Part):
 
     @property
     def n_born(self) -> int:
-        """Particles that there ever were: those there are and those removed."""
+        """Number of all particles of the run: current and removed particles."""
         return self._sim._core.next_id()
 
     def _facts(self) -> dict[str, Any]:

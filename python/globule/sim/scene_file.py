@@ -1,4 +1,4 @@
-"""Scenes: TOML, a dict or Python to a checked `SceneFile`, or one line that says what is wrong."""
+"""Scenes: TOML, a dict or Python becomes a checked `SceneFile`, or an error of one line."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ IMPLICIT_FROM = 1.0  # Pa s
 
 @dataclass(kw_only=True)
 class Solver(Table):
-    """How the solver steps through time."""
+    """Method, limits and accuracy of the solver's steps."""
 
     method: str = key(choice("dfsph", "wcsph"), "dfsph")
     max_error: float = key(number(1e-6, 0.1), 0.001)  # mean compression, a share
@@ -68,7 +68,7 @@ class Solver(Table):
 
 @dataclass(kw_only=True)
 class Domain(Table):
-    """The box that is simulated; particles that leave it are counted and no longer simulated."""
+    """The simulated box. The simulation removes and counts particles that leave the domain."""
 
     lo: tuple = key(place)  # m
     hi: tuple = key(place)
@@ -85,13 +85,13 @@ class Domain(Table):
                 raise Problem(("open", i), f"{expected} {shown(self.periodic)}")
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        """Its two corners, (3,) float64 m each."""
+        """The two corners of the domain, (3,) float64 m each."""
         return np.asarray(self.lo), np.asarray(self.hi)
 
 
 @dataclass(kw_only=True)
 class Shape(Table):
-    """One of several shapes: where tissue is fixed."""
+    """A shape in which tissue is fixed."""
 
     box: Box | None = key(Box, None)
     sphere: Sphere | None = key(Sphere, None)
@@ -103,13 +103,13 @@ class Shape(Table):
 
     @property
     def shape(self) -> Any:
-        """The shape that is given."""
+        """The given shape."""
         return self.box or self.sphere or self.cylinder
 
 
 @dataclass(kw_only=True)
 class Fluid(Table):
-    """A liquid and where it is at the start."""
+    """A liquid and its shape at the start."""
 
     name: str = key(text)
     box: Box | None = key(Box, None)
@@ -173,7 +173,7 @@ class Solid(Table):
 
 @dataclass(kw_only=True)
 class Boundary(Table):
-    """A wall: one layer of particles, which stands or follows key frames."""
+    """A wall: one layer of particles, at rest or moving along key frames."""
 
     name: str = key(text)
     box: Box | None = key(Box, None)
@@ -202,7 +202,7 @@ class Boundary(Table):
 
 @dataclass(kw_only=True)
 class Rigid(Table):
-    """A body that keeps its shape; gravity and what it touches move it."""
+    """A body that keeps its shape. Gravity and contacts move the body."""
 
     name: str = key(text)
     box: Box | None = key(Box, None)
@@ -225,7 +225,7 @@ class Rigid(Table):
 
 @dataclass(kw_only=True)
 class Emitter(Table):
-    """A disc that fluid comes out of at a rate."""
+    """A disc that emits fluid at a rate."""
 
     name: str = key(text)
     fluid: str = key(text)
@@ -260,7 +260,7 @@ class Sink(Table):
 
 @dataclass(kw_only=True)
 class Vessel(Table):
-    """A tube inside tissue that bleeds where it is cut."""
+    """A tube inside tissue that bleeds where a blade cuts the tube."""
 
     name: str = key(text)
     solid: str = key(text)
@@ -304,7 +304,7 @@ class Output(Table):
 
 @dataclass(kw_only=True)
 class SceneFile(Table):
-    """A scene with all its keys, in SI units; docs/scene-keys.md describes each."""
+    """A scene with all its keys, in SI units; docs/reference/scene-keys.md describes each key."""
 
     spacing: float = key(positive)  # of the particles
     domain: Domain = key(Domain)
@@ -385,13 +385,13 @@ def read_scene(scene: Any, spacing: float | None = None, **keys: Any) -> SceneFi
     """A scene with all its values checked.
 
     Args:
-        scene: the name of a shipped scene, the path of a TOML file, a dict as TOML has it, or a
-            `SceneFile`.
+        scene: the name of a shipped scene, the path of a TOML file, a dict with the keys of a scene
+            file, or a `SceneFile`.
         spacing: m, instead of the scene's own.
         keys: other keys of a scene, instead of the scene's own, as in a dict or as tables.
 
     Raises:
-        SceneError: what is wrong with a key, with file and line where there is a file.
+        SceneError: a wrong key or value; the message names file and line if the scene is a file.
         OSError: a file that cannot be read.
     """
     if spacing is not None:

@@ -17,7 +17,7 @@ MOST_SINKS = 32
 
 
 class Steer(Part):
-    """What acts on a simulation from outside: forces, moved boundaries, rigid bodies, sinks."""
+    """External actions on a simulation: forces, moved boundaries, rigid bodies, sinks."""
 
     def __init__(self, sim: Simulation):
         super().__init__(sim)
@@ -34,7 +34,7 @@ class Steer(Part):
             ids: (M,) of the particles; None: all, in id order.
 
         Raises:
-            ValueError: a force that is not finite or of another shape; ids that there are not.
+            ValueError: a force that is not finite or has a wrong shape; unknown ids.
         """
         known = self._sim.ids
         chosen = known if ids is None else np.asarray(ids).reshape(-1)
@@ -55,16 +55,16 @@ class Steer(Part):
 
     @whole
     def move_boundary(self, phase: str, pose: Any) -> None:
-        """Say where a boundary is at the end of the next step.
+        """Set the pose of a boundary at the end of the next step.
 
-        The first call says where it is now.
+        The first call sets the current pose.
 
         Args:
             phase: name of a phase of kind "boundary".
             pose: (4, 4) world_from_body, m.
 
         Raises:
-            ValueError: a phase that there is not, or a pose of another shape.
+            ValueError: an unknown phase, or a pose of a wrong shape.
         """
         which = self._sim._phase(phase)
         values = np.asarray(pose, float).reshape(16).tolist()
@@ -78,7 +78,7 @@ class Steer(Part):
     def make_rigid(
         self, phase: str, density: float, velocity: Any = (0, 0, 0), spin: Any = (0, 0, 0)
     ) -> None:
-        """Make the particles of a phase one rigid body, which they fill.
+        """Make one rigid body of the particles of a phase, which fill the body.
 
         Args:
             phase: name of a phase of kind "rigid".
@@ -87,7 +87,7 @@ class Steer(Part):
             spin: (3,) rad/s.
 
         Raises:
-            ValueError: a phase of another kind, or one without particles.
+            ValueError: a phase of another kind, or a phase without particles.
         """
         sim = self._sim
         which = sim._phase(phase)
@@ -107,11 +107,11 @@ class Steer(Part):
 
     @whole
     def body(self, phase: str) -> dict[str, np.ndarray]:
-        """Where a rigid body is: center m, velocity m/s, spin rad/s, (3,) each, and rotation
+        """The state of a rigid body: center m, velocity m/s, spin rad/s, (3,) each, and rotation
         (3, 3), world_from_body.
 
         Raises:
-            ValueError: a phase that there is not.
+            ValueError: an unknown phase.
         """
         v = np.array(self._sim._core.body(self._sim._phase(phase)))
         return {
@@ -123,13 +123,13 @@ class Steer(Part):
 
     @whole
     def set_sinks(self, sinks: Any) -> None:
-        """Replace the regions that take fluid out.
+        """Replace the regions that remove fluid.
 
         Args:
             sinks: at most 32 of (lo, hi), corners of a box, or (center, radius) of a ball, m.
 
         Raises:
-            ValueError: more than 32.
+            ValueError: more than 32 sinks.
         """
         packed = []
         for a, b in sinks:

@@ -17,18 +17,18 @@ BALL, CAPSULE, HALF_SPACE = 0, 1, 2
 
 
 class Tissue:
-    """Elastic tissue alone. Arrays go in and come out in the order of the positions given.
+    """Elastic tissue alone. All arrays are in the order of the given positions.
 
     Args:
         positions: (N, 3) m, at rest.
         spacing: m.
         young: Young's modulus, Pa, one or (N,).
         density: kg/m³.
-        fixed: (N,) bool; which particles stay where they are.
+        fixed: (N,) bool; whether a particle is fixed.
         damping: 1/s; velocities fall by exp(-damping t).
         tear: strain beyond which bonds break; 0: never.
-        plastic: strain beyond which a part stays; 0: never.
-        creep: share of that strain that stays, 1/s.
+        plastic: strain beyond which a part of the strain is permanent; 0: never.
+        creep: rate at which the excess strain becomes permanent, 1/s.
         body: (N,) numbers; particles of different bodies are not bonded.
         device, threads: as of `Simulation`.
 
@@ -93,7 +93,8 @@ class Tissue:
         return self._core.tear(dt)
 
     def follow(self) -> None:
-        """Remember where the tissue is: a swept blade's first pose is seen from there."""
+        """Store the tissue's positions: a swept blade's first pose is relative to these
+        positions."""
         self._core.follow()
 
     def cut(self, blade: Any) -> int:
@@ -101,11 +102,11 @@ class Tissue:
         return cut(self._core, as_blade(blade))
 
     def grasp(self, center: Any, radius: float, number: int = 0) -> None:
-        """Hold the free particles within a ball (m), and let go what `number` held before."""
+        """Hold the free particles within a ball (m), and release the old grasp `number`."""
         self._core.grasp([float(v) for v in center], radius, number)
 
     def remove(self, center: Any, radius: float) -> int:
-        """Take away the particles within a ball (m); returns their number."""
+        """Remove the particles within a ball (m); returns their number."""
         center = [float(v) for v in center]
         return self._core.remove((BALL, center, center, radius, [0.0, 0.0, 0.0]))
 

@@ -25,13 +25,14 @@ BELLY = 0.3  # of a scalpel's length: how far its edge stands below the tip
 class Tool(Steered):
     """An instrument of a running simulation.
 
-    Its key frames say where it is and whether it works, until `move_to` and `on` say otherwise.
-    `on`, of suction and graspers `radius` (m) and of suction `ablates` may be assigned.
+    Key frames determine the pose of the instrument and whether the instrument works, until the
+    program uses `move_to` and `on`. A program may assign `on`, the `radius` (m) of suction and
+    graspers, and `ablates` of suction.
 
     Args:
-        table: the instrument as a scene has it.
-        number: of the grasp that a grasper uses.
-        time: s, when it starts.
+        table: the instrument's table in the scene.
+        number: number of the grasp that a grasper uses.
+        time: start time, s.
     """
 
     def __init__(self, table: Instrument, number: int, time: float):
@@ -76,24 +77,24 @@ class Tool(Steered):
 
     @property
     def pose(self) -> np.ndarray:
-        """Where it is: (4, 4) world_from_instrument, m."""
+        """The current pose: (4, 4) world_from_instrument, m."""
         return self._pose
 
     def start(self, time: float) -> None:
-        """Follow the key frames again from a time, s, and forget `move_to` and `on`. After the
-        start a grasper that is on holds something already."""
+        """Follow the key frames again from a time, s, and discard `move_to` and `on`. After the
+        start, a grasper that is on already holds tissue."""
         self._wanted = self._on = None
         self._pose = self._motion.pose(time)
         self._holds = time > 0 and self.kind == "grasper" and self._motion.on(time)
 
     def move_to(self, pose: Any) -> None:
-        """Say where it is at the end of the next step, and stays.
+        """Set the pose at the end of the next step. The instrument stays at this pose.
 
         Args:
             pose: (4, 4) world_from_instrument, m; or a position (3,), which keeps the rotation.
 
         Raises:
-            ValueError: a pose that is not a rotation and a place.
+            ValueError: a pose that is not a rotation and a position.
         """
         wanted = check_rigid(f"{self._label}.move_to", pose)
         if np.shape(pose) == (3,):
@@ -102,7 +103,7 @@ class Tool(Steered):
 
     @property
     def on(self) -> bool | None:
-        """Whether it works; None: as its key frames say."""
+        """Whether the instrument works; None: the key frames decide."""
         return self._on
 
     @on.setter
@@ -110,13 +111,13 @@ class Tool(Steered):
         self._on = value
 
     def works(self, time: float) -> bool:
-        """Whether it cuts, takes away or holds at a time, s."""
+        """Whether the instrument cuts, removes or holds tissue at a time, s."""
         if self._on is not None:
             return self._on
         return self._wanted is not None or self._motion.on(time)
 
     def prepare(self, sim: Simulation, dt: float) -> None:
-        """Before a step of dt seconds: decide where it goes and what it holds."""
+        """Before a step of dt seconds: decide the motion of the instrument and the held tissue."""
         time = sim.time
         self._next = self._motion.pose(time + dt) if self._wanted is None else self._wanted
         if self.kind != "grasper":
@@ -140,13 +141,13 @@ class Tool(Steered):
         return self.radius
 
     def sink(self, time: float) -> tuple[np.ndarray, float] | None:
-        """Center (3,) and radius, m, of the ball that suction empties; None where it does not."""
+        """Center (3,) and radius, m, of the ball that suction empties; None without suction."""
         if self.kind == "suction" and self.works(time):
             return self._next[:3, 3], self._reach
         return None
 
     def operate(self, sim: Simulation) -> int:
-        """After a step: cut or ablate what it passed; returns the number of bonds cut."""
+        """After a step: cut or ablate the passed tissue; returns the number of cut bonds."""
         n_cut = 0
         if self.works(sim.time):
             if self.knife is not None:
@@ -166,10 +167,10 @@ def _spin(turn: np.ndarray) -> np.ndarray:
 
 
 class Tools(Named):
-    """A simulation's instruments by their names; grasps and pushers beside them.
+    """A simulation's instruments by their names, and grasps and pushers.
 
-    `sim.tools["scalpel"].move_to(pose)` moves an instrument of the scene. `grasp` and
-    `set_pushers` hold and push tissue without one.
+    `sim.tools["scalpel"].move_to(pose)` moves an instrument of the scene. `grasp` and `set_pushers`
+    hold and push tissue without an instrument.
     """
 
     def __init__(self, sim: Simulation):
@@ -180,13 +181,13 @@ class Tools(Named):
 
     @whole
     def grasp(self, center: Any, radius: float, number: int = 0) -> None:
-        """Take hold of the free tissue within a ball; `move_grasp` moves it.
+        """Hold the free tissue within a ball; `move_grasp` moves the held tissue.
 
         Args:
             center: (3,) m.
             radius: m.
-            number: 0 to 7, of the grasp; what it held before is let go. Graspers of a scene use
-                the number of their instrument.
+            number: number of the grasp, 0 to 7; a new grasp with a number releases the old grasp.
+                Graspers of a scene use the number of their instrument.
 
         Raises:
             ValueError: another number.
@@ -196,7 +197,7 @@ class Tools(Named):
 
     @whole
     def release(self, number: int = 0) -> None:
-        """Let go what a grasp holds; errors as of `grasp`."""
+        """Release the tissue of a grasp; errors as for `grasp`."""
         self.grasp((1e9, 1e9, 1e9), 0.0, number)
 
     @whole
@@ -204,8 +205,8 @@ class Tools(Named):
         self, number: int = 0, velocity: Any = (0, 0, 0), spin: Any = (0, 0, 0),
         center: Any = (0, 0, 0),
     ) -> None:  # fmt: skip
-        """Say how a grasp moves from now on: velocity m/s, and spin rad/s about center m, (3,)
-        each; errors as of `grasp`."""
+        """Set the motion of a grasp: velocity m/s, and spin rad/s about center m, (3,) each; errors
+        as for `grasp`."""
         motion = tuple(tuple(float(v) for v in part) for part in (velocity, spin, center))
         if self._motions[_grasp_number(number)] != motion:
             self._motions[number] = motion
@@ -220,7 +221,7 @@ class Tools(Named):
                 CAPSULE from a to b, or HALF_SPACE with a point a and an outward normal b; m, m/s.
 
         Raises:
-            ValueError: more than 8.
+            ValueError: more than 8 shapes.
         """
         shapes = list(shapes)
         if len(shapes) > MOST_PUSHERS:

@@ -41,7 +41,7 @@ _KEYS = ("probe_from_image", "temporal_offset", "clip", "fan", "rms", "target")
 
 @dataclass(frozen=True)
 class Calibration:
-    """What a sweep needs to know of its probe.
+    """The calibration of a probe, which a sweep needs.
 
     probe_from_image   (4, 4) float64: pixel (column, row, 0, 1) to mm in the probe's frame
     temporal_offset    s, added to a frame's time to find its pose
@@ -120,16 +120,17 @@ class PointTarget(NamedTuple):
 
 
 def calibrate_point_target(pixels: ArrayLike, world_from_probe: ArrayLike) -> PointTarget:
-    """Calibrate from one fixed point seen in many poses: a crossing of two wires, a bead.
+    """Calibrate from one fixed point in images of many poses, for example a crossing of two wires
+    or a bead.
 
     Args:
         pixels: (N, 2) column and row of the point in each image, N >= 6.
         world_from_probe: (N, 4, 4) poses, mm.
 
-    Every pixel must come to lie at one unknown place: world_from_probe · probe_from_image ·
+    Every pixel must map to one unknown point: world_from_probe · probe_from_image ·
     (column, row, 0, 1) = target. Linear in the columns of probe_from_image and in the target, which
     starts Gauss-Newton over two scales, a rotation and a translation (Prager et al. 1998, with the
-    scales of rows and columns free). Raises ValueError if the poses do not determine all of them.
+    scales of rows and columns free). Raises ValueError if the poses do not determine all unknowns.
     """
     pixels, poses = _observations(pixels, world_from_probe)
     rotations, offsets = poses[:, :3, :3], poses[:, :3, 3]

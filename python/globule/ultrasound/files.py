@@ -54,7 +54,7 @@ def read_sweep(
 
     Args:
         path: PLUS/IGSIO .igs.mha or .igs.nrrd; .npz with frames and world_from_image; or a stack of
-            images (folder of pictures, .mha, .nrrd, .npy, .npz, DICOM) with `poses`.
+            images (folder of image files, .mha, .nrrd, .npy, .npz, DICOM) with `poses`.
         calibration: probe_from_image and region: a Calibration or its .toml.
         plus: PLUS configuration (.xml) with transforms and region.
         poses: table (.csv, .json) of world_from_probe, or of world_from_image (with its scale)
@@ -62,8 +62,9 @@ def read_sweep(
         temporal_offset: s, a frame at time t takes the pose at t + offset; default: the
             calibration's, or 0.
         clip: (column, row, width, height) in pixels; fan: see `Fan`; mask: (H, W) or an image's
-            path. They combine, and replace what calibration and configuration say of the same.
-        frame_times: (F,) s, or frames per second, for a stack that does not know its times.
+            path. All given regions combine, and replace the regions of calibration and
+            configuration.
+        frame_times: (F,) s, or frames per second, for a stack that stores no times.
         progress: called as progress(done, total): bytes of .mha and .nrrd, pictures of a folder, 1
             of 1 at the end of other formats.
 
@@ -109,17 +110,17 @@ def write_sweep(
 ) -> None:
     """Write a sweep: .igs.mha, .igs.nrrd, .npz, or a new folder of PNG files with poses.csv.
 
-    Fields that a file had are written again as they were, with the calibration beside them; poses
-    that were changed since replace those they came from. The .igs formats cannot hold the mask.
+    The writer stores the fields of the original file unchanged, and adds the calibration. Changed
+    poses replace the original poses. The .igs formats cannot hold the mask.
 
     Args:
-        path: with one of these endings, or without an ending for a folder.
+        path: with one of these extensions, or without an extension for a folder.
         sweep: (F, H, W) frames and their poses; LPS for .mha and .nrrd.
         progress: called as progress(done, total): bytes of .mha and .nrrd, pictures of a folder, 1
             of 1 at the end of .npz.
 
-    Raises FormatError for another ending, TypeError for anything but a Sweep, ValueError for what
-    the format cannot hold; OSErrors pass unchanged.
+    Raises FormatError for an unknown extension, TypeError for anything but a Sweep, ValueError for
+    data that the format cannot hold; OSErrors pass unchanged.
     """
     if not isinstance(sweep, Sweep):
         raise TypeError(f"sweep: expected Sweep, got {type(sweep).__name__}")

@@ -1,4 +1,4 @@
-"""What a PLUS configuration (.xml) says about a sweep: calibration and region.
+"""The facts of a PLUS configuration (.xml) about a sweep: calibration and region.
 
 https://plustoolkit.github.io, <CoordinateDefinitions> and <VolumeReconstruction>.
 """

@@ -73,27 +73,32 @@ def reconstruct(
     """Reconstruct a volume from all valid frames of a sweep.
 
     Args:
-        sweep: `Sweep`: frames (F, H, W) uint8, uint16 or float32, and their poses, mm. If they
-            lie on the GPU that is to reconstruct, the volume stays there too until it is read.
+        sweep: `Sweep`: frames (F, H, W) uint8, uint16 or float32, and their poses, mm. If the
+            frames lie on the GPU that reconstructs, the volume stays there, too, until the program
+            reads its values.
         method: "pvn-om" bins pixels into voxels and fills holes from a growing kernel; "vvn-om"
-            averages, for every voxel, the pixels in a growing sphere; "pvn" and "vvn" are the same
-            without octree, for comparison; "bezier" lays curves through pixels of four frames.
+            averages, for every voxel, the pixels in a growing sphere; "pvn" and "vvn" give the same
+            volumes without an octree, for comparison; "bezier" lays curves through pixels of four
+            frames.
         spacing: edge of a voxel, mm. Or
         size: voxels along the longest axis, or three numbers x, y, z.
         max_kernel: edge of the largest kernel, odd, voxels; 1 leaves all holes.
-        compounding: of several pixels in a voxel (pvn-om): mean, maximum, latest, first, median.
-        hole_weights: "normalized", or "printed": as the source's (4.3) has it, too dark.
-        region: ((x, y, z), (x, y, z)) low and high corner, mm, world; default: all pixels.
+        compounding: how the pixels of a voxel combine (pvn-om): mean, maximum, latest, first,
+            median.
+        hole_weights: "normalized", or "printed": the formula (4.3) as printed in the thesis, which
+            is too dark.
+        region: ((x, y, z), (x, y, z)) lowest and highest corner, mm, world; default: all pixels.
         max_distance: holes farther than this along an axis from any pixel stay empty, mm.
         device: "auto", "cpu", "cuda" or "cuda:N". threads: of the CPU; 0 takes all.
         progress: called as progress(done, total) in frames, while pvn-om bins them, and at the end.
 
     Returns:
-        Volume of the frames' type. The mean is rounded to nearest; the same bits on any device.
+        Volume of the frames' type. The mean is rounded to the nearest value; every device gives the
+        same bits.
 
     Raises:
         TypeError, ValueError: naming the argument, the expected and the given value.
-        MemoryError: the volume cannot fit; names the spacing that would.
+        MemoryError: the volume cannot fit; the message names a spacing that fits.
     """
     options = check_options(method, max_kernel, compounding, hole_weights, max_distance)
     chosen = choose(device)

@@ -53,17 +53,17 @@ class _Added(NamedTuple):
 
 
 class Reconstructor:
-    """Bins frames as they come (PVN-OM); the volume equals that of all frames at once.
+    """Bins frames as they arrive (PVN-OM). The volume equals the volume of all frames at once.
 
     Voxels lie on a lattice fixed by the first frame, or by `region`; without a region the volume
     grows with the frames. One thread may add frames while others read the volume.
 
     Args:
         spacing: edge of a voxel, mm.
-        mask: (H, W) bool: pixels that are used; default: all.
-        history: frames that are kept so that `undo` can take them out of a mean; None keeps all,
-            as other compoundings do. The volume has the maps of count, variance and latest frame
-            while all its frames are kept.
+        mask: (H, W) bool: pixels to use; default: all.
+        history: number of frames that the reconstructor keeps for `undo` of a mean; None keeps all
+            frames, like other compoundings. The volume has the maps of count, variance and latest
+            frame while the reconstructor keeps all its frames.
         max_kernel, compounding (not median), hole_weights, max_distance, region, device, threads:
             as for `globule.reconstruct`.
 
@@ -123,7 +123,7 @@ class Reconstructor:
         """Add a frame, or several.
 
         Args:
-            frames: (H, W) or (F, H, W), of the same type and size as those before.
+            frames: (H, W) or (F, H, W), of the same type and size as the previous frames.
             poses: (4, 4) or (F, 4, 4) world_from_image, mm.
         """
         frames = to_host(frames)
@@ -150,7 +150,7 @@ class Reconstructor:
 
     @whole
     def undo(self) -> None:
-        """Take out what the last call to `add` put in."""
+        """Remove the frames of the last call to `add`."""
         if not self._added:
             raise ValueError("undo: expected frames that are still remembered, got none")
         last = self._added.pop()
@@ -166,7 +166,7 @@ class Reconstructor:
             self._bin(added, 1)
 
     def volume(self) -> Volume:
-        """The volume of all frames so far; a copy, later frames do not change it."""
+        """A copy of the volume of all frames so far. Later frames do not change the copy."""
         with self._lock:
             if self._grid is None:
                 raise ValueError("volume: expected frames to be added first, got none")

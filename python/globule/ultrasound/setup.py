@@ -1,4 +1,4 @@
-"""What the user says of a probe: calibration, PLUS configuration, region."""
+"""The user's facts about a probe: calibration, PLUS configuration, region."""
 
 from __future__ import annotations
 

@@ -20,17 +20,17 @@ class Sweep:
 
     frames             (F, H, W) uint8, uint16 or float32, C-contiguous; row 0 next to the probe.
                        uint8 and uint16 may lie on a GPU (CuPy, PyTorch …): `reconstruct` uses them
-                       there, all else copies them
+                       in place, all other functions copy them
     world_from_image   (F, 4, 4) float64, mm: pixel center (column, row, 0, 1) to the world
-    timestamps         (F,) float64, s, or None where they are not known
-    valid              (F,) bool: frames whose image and pose count; default: those with a finite
+    timestamps         (F,) float64, s, or None if unknown
+    valid              (F,) bool: frames whose image and pose count; default: frames with a finite
                        pose. A frame without a finite pose is never valid
     mask               (H, W) bool: pixels that show tissue, or None for all
     world              name of the world's frame, as "Reference" or "Tracker"
-    space              what the world's axes mean: "LPS" (x to the patient's left, y to the back,
+    space              meaning of the world's axes: "LPS" (x to the patient's left, y to the back,
                        z to the head; PLUS, DICOM and ITK) or "RAS". A sweep over a phantom has no
-                       patient; files then still say LPS
-    metadata           what a file said besides, kept for writing it back
+                       patient; files then state LPS
+    metadata           other fields of the file, which the writer stores again
 
     Raises TypeError or ValueError naming the field, the expected and the given value.
     """
@@ -90,7 +90,7 @@ class Sweep:
 
     @property
     def n_valid(self) -> int:
-        """How many frames count."""
+        """Number of valid frames."""
         return int(self.valid.sum())
 
     @property

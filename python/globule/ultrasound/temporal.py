@@ -29,21 +29,21 @@ class TemporalOffset(NamedTuple):
 def temporal_offset(
     frames: Any, frame_times: Any, poses: Any, pose_times: Any, most: float = 0.5
 ) -> TemporalOffset:
-    """How much later the tracker's clock shows what the image shows.
+    """Find the temporal offset between the images and the tracker's poses.
 
     Args:
         frames: (F, H, W) images.
         frame_times: (F,) s.
         poses: (N, 4, 4) world_from_probe, mm.
         pose_times: (N,) s.
-        most: s, the largest offset of either sign that is looked for.
+        most: s, the largest offset of either sign in the search.
 
     Motion of the image (mean absolute difference of neighboring frames, per second) and of the
     probe (mm per second) are brought to one time axis; the offset is where their normalized
     cross-correlation peaks, refined by a parabola. The probe must change its speed during the
-    recording, and move less between two frames than speckle is wide: frames that have nothing in
-    common differ by the same, however fast it went. Raises ValueError if either never moves or the
-    recording is shorter than 2 · most.
+    recording, and move less between two frames than speckle is wide: frames without common speckle
+    differ by the same amount at any speed. Raises ValueError if image or probe never moves, or if
+    the recording is shorter than 2 · most.
     """
     frames = np.asarray(frames)
     frame_times, pose_times = (np.asarray(t, np.float64) for t in (frame_times, pose_times))

@@ -25,13 +25,13 @@ class PoseCheck(NamedTuple):
 def check_poses(
     sweep: Sweep, most_speed: float | None = None, most_acceleration: float | None = None
 ) -> PoseCheck:
-    """Frames whose pose no hand could have reached.
+    """Find frames whose pose a hand cannot reach.
 
-    Speed is that of the fastest of the image's four corners, so that rotation counts. A frame's
+    The speed is the speed of the image's fastest corner, and therefore includes rotation. A frame's
     acceleration compares it with its neighbors: a single wrong pose is fast to reach and fast to
     leave. An outlier exceeds both limits, mm/s and mm/s²; the default limits are 6 and 8 times the
-    median of the sweep. The worst is taken out first, then its neighbors are judged without it.
-    Without time stamps a frame counts as a second.
+    median of the sweep. The function removes the worst frame first, then judges its neighbors
+    without this frame. Without time stamps, the frames are a second apart.
     """
     n = len(sweep)
     times = np.arange(n, dtype=float) if sweep.timestamps is None else sweep.timestamps
@@ -80,7 +80,7 @@ def _motion(
 
 
 class Validation(NamedTuple):
-    """How well a volume from the other frames predicts the frames left out, in gray levels.
+    """The errors of a volume that predicts omitted frames from the other frames, in gray levels.
 
     mean_error       mean of |predicted - seen|
     rms_error        root of the mean square
@@ -107,7 +107,7 @@ def cross_validate(
     reconstruct: Callable[..., Any] | None = None,
     **options: Any,
 ) -> Validation:
-    """Leave frames out, reconstruct without them, predict them, and compare.
+    """Omit frames, reconstruct from the other frames, predict the omitted frames, and compare.
 
     Args:
         sweep: at least 2 k valid frames.

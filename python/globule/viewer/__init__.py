@@ -25,13 +25,13 @@ def view(
     threads: int = 0,
     **reading: Any,
 ) -> Viewer:
-    """Show a scene in the browser and let it be rotated, cut, measured and recorded there.
+    """Show a scene in the browser, with controls to rotate, cut, measure and record.
 
         gb.view("splash.vtk")
         gb.view(gb.Simulation("dam-break"))
         viewer = gb.view(scene, block=False)        # the program goes on
 
-    The address of the page is `viewer.address`; the log `globule.viewer` has it, too.
+    `viewer.address` is the address of the page. The log `globule.viewer` contains the address, too.
 
     Args:
         what: a file or several, `Particles`, positions (N, 3), a `Scene`, layers, a list of
@@ -51,7 +51,8 @@ def view(
 
     Raises:
         MissingPackageError: the extra `view` is not installed.
-        TypeError, ValueError, FormatError, OSError: the message names what cannot be shown.
+        TypeError, ValueError, FormatError, OSError: the message names the data that the viewer
+            cannot show.
     """
     from .app import need_viser
     from .log import log

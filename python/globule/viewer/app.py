@@ -119,7 +119,7 @@ class Viewer:
 
     @property
     def address(self) -> str:
-        """The address to open in a browser, with the token if there is one."""
+        """The address to open in a browser, with the token if the server demands a token."""
         host = "127.0.0.1" if self.host in LOCAL else socket.gethostname()
         return f"http://{host}:{self.port}/" + (f"?token={self.token}" if self.token else "")
 
@@ -303,7 +303,7 @@ class Viewer:
             path: of the file.
             size: (width, height), pixels.
             samples: per pixel; default: the setting for still images.
-            camera: world; default: the one with which browsers start.
+            camera: world; default: the first camera of a browser.
 
         Returns:
             The image with its traced frame.

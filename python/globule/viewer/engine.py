@@ -37,7 +37,7 @@ class Sink(Protocol):
 
 
 class Client:
-    """One person who looks at the source, with an own camera; `Engine.add` makes it."""
+    """A person who looks at the source, with a separate camera; `Engine.add` makes it."""
 
     def __init__(self, engine: Engine, sink: Sink, camera: Camera):
         self.engine, self.sink, self.camera = engine, sink, camera

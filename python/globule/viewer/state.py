@@ -131,7 +131,7 @@ class Quality:
 
 @dataclass
 class Slices:
-    """What a volume shows: slices, the iso-surface, images of its sweep."""
+    """The visible parts of a volume: slices, the iso-surface, images of its sweep."""
 
     shown: bool = switch(True, "Show slices", "Three orthogonal planes through the volume")
     x: float = real(0.5, 0.0, 1.0, "x slice", "Position along the volume's first axis, 0 to 1")

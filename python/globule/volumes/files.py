@@ -8,7 +8,7 @@
     .sparse.npz          NumPy, occupied blocks only, with all maps
     DICOM                a file, or a folder with a series (SimpleITK), read only
 
-What is read lies in LPS, whatever the file's frame. A volume's place survives exactly in .mha,
+Volumes from files are in LPS, for any frame of the file. A volume's place survives exactly in .mha,
 .nrrd, .vti (if its axes are the world's) and .npz.
 """
 
@@ -30,15 +30,16 @@ def read_volume(
     space: str = "LPS",
     progress: Callable[[int, int], None] | None = None,
 ) -> Volume:
-    """Read a volume; values become uint8, uint16 or float32, whichever holds them.
+    """Read a volume; values become uint8, uint16 or float32, the first type that holds them.
 
-    Formats without maps do not say what was measured: there, NaN counts as empty, and so does 0
-    unless the volume has negative values; `info["origin"]` is "assumed".
+    Formats without maps do not store the origin of values. For these formats, NaN counts as empty,
+    0 counts as empty unless the volume has negative values, and `info["origin"]` is "assumed".
 
     Args:
-        path: of a file, whatever its ending, or of a folder with a DICOM series (of several, the
-            one with most slices).
-        space: "LPS" or "RAS": what the axes of the volume's world mean, whatever the file's do.
+        path: of a file with any extension, or of a folder with a DICOM series (of several series,
+            the series with the most slices).
+        space: "LPS" or "RAS": the meaning of the returned volume's world axes, for any frame of the
+            file.
         progress: called as progress(done, total): bytes of MetaImage and NRRD, 1 of 1 at the end of
             other formats.
 
@@ -81,9 +82,9 @@ def write_volume(
     maps: bool = False,
     progress: Callable[[int, int], None] | None = None,
 ) -> None:
-    """Write a volume in the format that the path's ending names, whole or not at all.
+    """Write a volume in the format of the path's extension, whole or not at all.
 
-    The same as `volume.save(path, maps, progress)`. Raises FormatError for another ending,
+    The same as `volume.save(path, maps, progress)`. Raises FormatError for an unknown extension,
     TypeError for anything but a Volume, ValueError for values that the format cannot hold,
     MissingPackageError for NIfTI without nibabel; OSErrors pass unchanged.
     """

@@ -35,7 +35,8 @@ _REACH = 3  # voxels around the inside that can still touch the surface
 
 
 class IsoSurface(NamedTuple):
-    """particles with weights, the scene's threshold at which they show value = level, the level."""
+    """Particles with weights, the scene's threshold for the surface value = level, and the
+    level."""
 
     particles: Particles
     threshold: float
@@ -46,12 +47,12 @@ def iso_surface(volume: Volume, level: float | None = None, kernel: str = "murak
     """Particles whose field is the threshold where the volume, smoothed by the kernel, is `level`.
 
     Every voxel is a particle of weight value / level; a lattice of unit weights has the field
-    `threshold` everywhere inside, so that the field is threshold · (mean value around) / level.
-    Where values are negative, value and level count from the lowest. Voxels too far from any
-    value >= level to matter are left out, and empty ones.
+    `threshold` everywhere inside, and the field is therefore threshold · (local mean value) /
+    level. If values are negative, value and level count from the lowest value. The function omits
+    empty voxels, and voxels that are too far from any value >= level to matter.
 
     Args:
-        volume: with different values somewhere.
+        volume: a volume that is not constant.
         level: iso-value, in the units of the volume's values; default: `default_level(volume)`.
         kernel: one of `globule.scene.KERNELS`.
 
@@ -92,10 +93,10 @@ def iso_surface(volume: Volume, level: float | None = None, kernel: str = "murak
 
 
 def default_level(volume: Volume) -> float:
-    """The iso-value where none is given: Otsu's, of the measured values above the background.
+    """The default iso-value: Otsu's level of the measured values above the background.
 
-    The background is 0, or the lowest value if that is negative. If all others are equal, as in
-    a mask, the level lies halfway. Raises ValueError for a volume of one value.
+    The background is 0, or the lowest value if this value is negative. If all other values are
+    equal, as in a mask, the level lies halfway. Raises ValueError for a volume of one value.
     """
     lowest, known = _known(volume)
     values = volume.values[known]

@@ -1,6 +1,6 @@
-"""Looking at volumes: slices along any plane, back onto the frames, and three-view pictures.
+"""Slices of volumes: along any plane, in the planes of the frames, and three-view images.
 
-Where a value came from is shown with it: measured, filled from its neighbors, or empty.
+Slices also hold the origin of each value: measured, filled from its neighbors, or empty.
 """
 
 from __future__ import annotations
@@ -35,14 +35,14 @@ def reslice(
     """A volume's values on a plane.
 
     Args:
-        volume: what to look at.
+        volume: the volume to slice.
         world_from_plane: (4, 4), maps (column, row, 0, 1) to mm in the world.
         size: columns and rows.
-        linear: between the eight voxels around a point, without those that are empty; else the
-            nearest voxel's value.
+        linear: interpolate between the eight voxels around a point, without empty voxels. False:
+            the value of the nearest voxel.
 
     Returns:
-        Slice; the origin is that of the nearest voxel.
+        Slice; `origin` is the origin of the nearest voxel's value.
 
     Raises ValueError for a matrix that is not finite or a size below 1x1.
     """
@@ -69,7 +69,7 @@ def reslice(
 
 
 def reslice_frame(volume: Volume, sweep: Any, i: int, linear: bool = True) -> Slice:
-    """The volume's values where frame `i` of a sweep was taken: a Slice (H, W) as the frame.
+    """The volume's values in the plane of frame `i` of a sweep: a Slice (H, W) like the frame.
 
     Raises ValueError for a frame without a pose.
     """
@@ -121,10 +121,11 @@ def three_view(
     """The three planes along the volume's axes, side by side: (H, W, 3) uint8.
 
     Args:
-        volume: what to look at.
-        center: (x, y, z) mm, world, where the planes meet; default: the middle of what is known.
-        overlay: tint what was filled (orange) and what is empty (blue) over the gray of what was
-            measured.
+        volume: the volume to slice.
+        center: (x, y, z) mm, world, where the planes meet; default: the middle of the voxels with
+            values.
+        overlay: tint filled voxels (orange) and empty voxels (blue) over the gray of measured
+            voxels.
 
     From left to right the planes of x and y, of x and z, of y and z, in the volume's own axes and
     with square pixels; each plane's row 0 is the axis' beginning.
@@ -134,8 +135,8 @@ def three_view(
 
 
 def save_three_view(path: str | os.PathLike[str], volume: Volume, center: Any = None) -> None:
-    """Write a three-view picture (.png): the values above, the same with the overlay below. Arrows
-    beside the planes name the volume's axes and tell how long some millimeters are."""
+    """Write a three-view image (.png): the values above, the same with the overlay below. Arrows
+    beside the planes name the volume's axes and have a labeled length in mm."""
     from PIL import Image
 
     rows = []

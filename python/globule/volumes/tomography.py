@@ -33,15 +33,15 @@ def tomography_particles(
     """A volume as metaballs: its iso-surface at a level, or the voxels of given labels.
 
     With a level, a scene of these particles with default settings has its surface where the volume
-    is `level`, as `iso_surface` has it. With labels, each of their voxels is a metaball with
-    a support of two voxels, so that thin tissue stays visible; where a voxel's edges differ,
-    a voxel means the cube of its volume, but the support is at least the longest edge.
+    is `level`, like `iso_surface`. With labels, each labeled voxel is a metaball with a support of
+    two voxels: thin tissue stays visible. If the edges of a voxel differ, a voxel represents the
+    cube of its volume, and the support is at least the longest edge.
 
     Args:
         image: path of a volume's file or of a folder with a DICOM series, a Volume, or
             a SimpleITK.Image of three axes and one number per voxel.
         level: iso-value, in the units of the file's values; default: `default_level(volume)`.
-        labels: values to show, instead of a level.
+        labels: values of the shown voxels, instead of a level.
         spacing: mm; resample to cubes of this edge first (SimpleITK): smoothed and linear, nearest
             voxel for labels.
 

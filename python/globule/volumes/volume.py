@@ -22,12 +22,12 @@ class Volume:
 
     Args:
         values: (Z, Y, X) uint8, uint16 or float32; 0 where empty. Values and radius may lie on a
-            GPU; they are copied when they are read.
+            GPU; a read copies them to the host.
         world_from_voxel: (4, 4) float64, mm: voxel index (x, y, z, 1) to the voxel's center.
         radius: (Z, Y, X) uint8: 0 measured, k filled from a cube of (2 k + 1)^3, 255 empty.
-        space: what the world's axes mean, "LPS" or "RAS".
-        info: figures of the reconstruction: times in seconds, bytes, counts.
-        maps: makes a map by name ("count", "variance", "source") when it is asked for.
+        space: meaning of the world's axes, "LPS" or "RAS".
+        info: numbers of the reconstruction: times in seconds, bytes, counts.
+        maps: a function that makes a map by name ("count", "variance", "source") at the first read.
     """
 
     def __init__(
@@ -52,7 +52,7 @@ class Volume:
 
     @property
     def values(self) -> np.ndarray:
-        """(Z, Y, X); 0 where empty. `device_values` is what lies on a GPU, or None."""
+        """(Z, Y, X); 0 where empty. `device_values` is the array on a GPU, or None."""
         self._values = np.asarray(self._values)
         return self._values
 
@@ -88,13 +88,13 @@ class Volume:
 
     @property
     def empty(self) -> np.ndarray:
-        """(Z, Y, X) bool: voxels too far from any data; their value is 0 and means nothing."""
+        """(Z, Y, X) bool: voxels too far from any data; their value 0 has no meaning."""
         return self.radius == FAR
 
     @property
     def filled(self) -> np.ndarray:
-        """(Z, Y, X) uint8, where each value came from: EMPTY 0, MEASURED 1, or FILLED 2,
-        interpolated from measured voxels nearby."""
+        """(Z, Y, X) uint8, the origin of each value: EMPTY 0, MEASURED 1, or FILLED 2, interpolated
+        from measured voxels nearby."""
         out = np.full(self.shape, FILLED, np.uint8)
         out[self.radius == 0] = MEASURED
         out[self.radius == FAR] = EMPTY
@@ -103,7 +103,7 @@ class Volume:
     @property
     def hole_distance(self) -> np.ndarray:
         """(Z, Y, X) float32, mm: the largest of the distances along x, y and z to the nearest
-        measured voxel; 0 where measured, infinite where none is within reach."""
+        measured voxel; 0 for measured voxels, infinite if no measured voxel is within reach."""
         reach = self.radius.astype(np.float32) * np.float32(self.spacing.max())
         reach[self.radius == FAR] = np.inf
         return reach
@@ -125,17 +125,18 @@ class Volume:
 
     @property
     def count(self) -> np.ndarray:
-        """(Z, Y, X) uint32: pixels that fell into each voxel."""
+        """(Z, Y, X) uint32: number of pixels in each voxel."""
         return self._map("count")
 
     @property
     def variance(self) -> np.ndarray:
-        """(Z, Y, X) float32: variance of those pixels' values; 0 for one or none."""
+        """(Z, Y, X) float32: variance of the pixels' values in each voxel; 0 for one pixel or
+        none."""
         return self._map("variance")
 
     @property
     def source(self) -> np.ndarray:
-        """(Z, Y, X) int32: the latest frame with a pixel in the voxel; -1 where there is none."""
+        """(Z, Y, X) int32: the latest frame with a pixel in the voxel; -1 for no frame."""
         return self._map("source")
 
     def _map(self, name: str) -> np.ndarray:
@@ -148,7 +149,8 @@ class Volume:
         return self._maps[name]
 
     def in_space(self, space: str) -> Volume:
-        """The same volume with the world's axes in `space`, "LPS" or "RAS"; it shares the arrays.
+        """The same volume with the world's axes in `space`, "LPS" or "RAS". Both volumes share the
+        arrays.
 
         Voxels keep their order, only `world_from_voxel` changes. Raises ValueError for another
         space.
@@ -165,12 +167,12 @@ class Volume:
         maps: bool = False,
         progress: Callable[[int, int], None] | None = None,
     ) -> None:
-        """Write the volume in the format that the path's ending names, whole or not at all.
+        """Write the volume in the format of the path's extension, whole or not at all.
 
-        .npz, .sparse.npz and .vti hold where values came from (`radius`), and with `maps` also
-        count, variance and source. For other formats `maps` writes each as a file beside:
-        NAME.count.nrrd. `progress(done, total)` is called with bytes for .mha and .nrrd, and with
-        1, 1 at the end for other formats.
+        .npz, .sparse.npz and .vti also hold the origin of the values (`radius`), and with `maps`
+        count, variance and source. For other formats, `maps` writes each map to a file of its own:
+        NAME.count.nrrd. `save` calls `progress(done, total)` with bytes for .mha and .nrrd, and
+        with 1, 1 at the end for other formats.
         """
         formats.extension(path, formats.WRITABLE)  # before maps are made
         data = VolumeData(self.values, self.world_from_voxel, self.space)

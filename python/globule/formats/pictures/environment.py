@@ -22,12 +22,13 @@ _LONGEST_HEADER = 1 << 16
 def read_environment(path: str | os.PathLike[str]) -> np.ndarray:
     """Read an environment image: (H, W, 3) float32, linear, >= 0, row 0 at the top.
 
-    .hdr is Radiance's RGBE, divided by the file's exposure; .exr its R G B (or Y), negative values
-    taken as 0; .png, .jpg and .jpeg are turned from sRGB to linear, 1 being white.
+    The reader divides .hdr (Radiance's RGBE) by the file's exposure, takes R G B (or Y) of .exr
+    with negative values as 0, and converts .png, .jpg and .jpeg from sRGB to linear, where 1 is
+    white.
 
-    The file's content counts, not its ending. Raises FormatError for a file that is none of these,
-    more than 134 million pixels or values that are not finite; MissingPackageError for .exr without
-    OpenEXR; OSErrors pass unchanged.
+    The content of the file decides the format, not the extension. Raises FormatError for a file of
+    another format, for more than 134 million pixels, and for values that are not finite;
+    MissingPackageError for .exr without OpenEXR; OSErrors pass unchanged.
     """
     form = kind_of(path, "picture").format
     if form == "hdr":

@@ -1,4 +1,4 @@
-"""What every volume format says: values, where they lie, and maps of the same shape."""
+"""The facts of every volume format: values, where they lie, and maps of the same shape."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ LPS_FROM_RAS = np.diag([-1.0, -1.0, 1.0, 1.0])  # its own inverse
 
 
 class VolumeData(NamedTuple):
-    """What a file holds.
+    """The contents of a volume file.
 
     values             (Z, Y, X)
     world_from_voxel   (4, 4) float64, mm: voxel index (x, y, z, 1) of a voxel's center to the world

@@ -53,10 +53,10 @@ def reconstruct_plus(
 
     Args:
         sweep: `Sweep`, whose world is the configuration's reference frame.
-        config: path of a PLUS XML, or what `read_plus_config` returned.
+        config: path of a PLUS XML, or a result of `read_plus_config`.
         importance_mask: (H, W) uint8, row 0 at the top; default: the configuration's file.
         device, threads: as for `globule.Scene`; neither changes a voxel.
-        extent: "round", or "floor" as in older versions of PLUS: voxels per axis.
+        extent: rounding of the voxels per axis: "round", or "floor" as in older versions of PLUS.
 
     Returns:
         Volume of the frames' type; `measured` are voxels with a non-zero accumulator, which is
