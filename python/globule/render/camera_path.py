@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import os
 from collections.abc import Sequence
@@ -11,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from .._base.checks import whole
+from .._base.structured import parse_json, parse_toml
 from .camera import Camera
 
 FIELDS = ("frame", "time", "eye", "look_at", "up", "fov")
@@ -223,13 +223,9 @@ def _parsed(path: str | os.PathLike) -> dict[str, Any]:
     with open(path, "rb") as file:
         data = file.read()
     if name.endswith(".toml"):
-        try:
-            import tomllib
-        except ImportError:  # Python 3.10
-            import tomli as tomllib  # type: ignore[no-redef]
-        facts = tomllib.loads(data.decode("utf-8"))
+        facts = parse_toml(data.decode("utf-8"))
     elif name.endswith(".json"):
-        facts = json.loads(data)
+        facts = parse_json(data)
         facts = {"key": facts} if isinstance(facts, list) else facts
     else:
         raise ValueError("expected a name ending in .toml or .json")

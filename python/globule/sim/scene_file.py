@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from .._base.structured import parse_toml
 from ..formats import EXTENSIONS
 from . import limits
 from .instruments import Instrument, Key, Motion
@@ -443,13 +444,9 @@ def as_dict(table: Any) -> Any:
 
 def _parsed(path: File) -> tuple[dict[str, Any], dict]:
     try:
-        import tomllib
-    except ImportError:  # Python 3.10
-        import tomli as tomllib  # type: ignore[no-redef]
-    try:
         words = path.read_bytes().decode("utf-8")
-        return tomllib.loads(words), key_lines(words.replace("\r\n", "\n"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        return parse_toml(words), key_lines(words.replace("\r\n", "\n"))
+    except ValueError as error:
         line = re.search(r"at line (\d+)", str(error))
         where = f"{path}:{line[1]}" if line else path
         raise SceneError(f"{where}: expected TOML, got: {error}") from None

@@ -17,6 +17,7 @@ import numpy as np
 
 from .._base.checks import number
 from .._base.files import atomic_write
+from .._base.structured import parse_toml
 from ..formats.errors import bad
 from ..formats.sweeps.transforms import check_pixel_matrix
 from .region import Clip, Fan, checked_clip, checked_fan
@@ -31,11 +32,6 @@ __all__ = [
     "temporal_offset",
     "write_calibration",
 ]
-
-try:
-    import tomllib
-except ImportError:  # Python 3.10
-    import tomli as tomllib  # type: ignore[no-redef]
 
 _KEYS = ("probe_from_image", "temporal_offset", "clip", "fan", "rms", "target")
 
@@ -77,8 +73,8 @@ class Calibration:
 def read_calibration(path: str | os.PathLike) -> Calibration:
     """Read a calibration (.toml). Raises FormatError naming the key."""
     try:
-        content = tomllib.loads(Path(path).read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeError, RecursionError) as error:
+        content = parse_toml(Path(path).read_text(encoding="utf-8"))
+    except ValueError as error:
         raise bad(path, "", f"expected TOML, got {error}") from None
     unknown = sorted(set(content) - set(_KEYS))
     if unknown:
