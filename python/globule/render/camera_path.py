@@ -13,6 +13,7 @@ from .._base.checks import whole
 from .._base.structured import parse_json, parse_toml
 from .camera import Camera
 
+MOST_BYTES = 64 * 2**20  # of a file
 FIELDS = ("frame", "time", "eye", "look_at", "up", "fov")
 
 
@@ -221,7 +222,9 @@ def _parsed(path: str | os.PathLike) -> dict[str, Any]:
     """The file's contents; a JSON file may be the list of keys alone."""
     name = os.fspath(path).lower()
     with open(path, "rb") as file:
-        data = file.read()
+        data = file.read(MOST_BYTES + 1)
+    if len(data) > MOST_BYTES:
+        raise ValueError(f"expected at most {MOST_BYTES:,} bytes, got more")
     if name.endswith(".toml"):
         facts = parse_toml(data.decode("utf-8"))
     elif name.endswith(".json"):
