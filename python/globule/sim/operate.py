@@ -155,7 +155,7 @@ class BondedTissue(Part):
         real = arrays["length"].view(np.float32) != 0
         tag[real & along(vessel.path, vessel.radius, 0.5 * (at[first] + at[other]))] = number
         core.write("vessel", address(tag), tag.nbytes)
-        core.set_vessel(k, vessel.pressure * CONDUCTANCE, vessel.pool, which)
+        core.set_vessel(number, vessel.pressure * CONDUCTANCE, vessel.pool, which)
         self.vessels.append(vessel)
         return number
 
@@ -229,7 +229,7 @@ class BondedTissue(Part):
         for k, pool in enumerate(np.atleast_1d(state.get("tissue_pools", [])), start=1):
             vessel = self.vessels[k - 1]
             which = self._sim._phase(vessel.fluid)
-            core.set_vessel(number, vessel.pressure * CONDUCTANCE, float(pool), which)
+            core.set_vessel(k, vessel.pressure * CONDUCTANCE, float(pool), which)
 
 
 def _first_ends(first: np.ndarray, n: int) -> np.ndarray:
