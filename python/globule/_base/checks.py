@@ -21,7 +21,10 @@ _SHORT.maxstring = _SHORT.maxother = _SHORT.maxlong = 100
 
 def shown(value: Any) -> str:
     """A value for an error message: one short line, whatever it is."""
-    return " ".join(_SHORT.repr(value).split())
+    try:
+        return " ".join(_SHORT.repr(value).split())
+    except ValueError:  # a whole number of thousands of digits
+        return f"a very large {type(value).__name__}"
 
 
 def choice(name: str, value: Any, known: Sequence[Any]) -> Any:

@@ -109,7 +109,7 @@ class Scene:
             level = 6 if octree == "dense" else deepest
         if not 0 <= whole("level", level, -(2**31), 2**31) <= deepest:
             expected = f"expected 0 to {deepest} ({octree}, {key_bits}-bit keys)"
-            raise ValueError(f"level: {expected}, got {level}")
+            raise ValueError(f"level: {expected}, got {shown(level)}")
         self.kernel = kernel
         self.threshold = DEFAULTS[kernel][1] if threshold is None else threshold
         self.device = choose(device)
