@@ -38,7 +38,7 @@ class Named(dict):
         for name, thing in dict(*args, **kwargs).items():
             self[name] = thing
 
-    def __ior__(self, other: Any) -> Named:  # type: ignore[override,misc]
+    def __ior__(self, other: Any) -> Named:  # type: ignore[misc]
         self.update(other)
         return self
 
