@@ -3,12 +3,36 @@
 from __future__ import annotations
 
 import math
+import operator
 import os
+import reprlib
 import shlex
 import sys
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+
+MAX_PIXELS = 2**28  # of an image
+
+_SHORT = reprlib.Repr()
+_SHORT.maxstring = _SHORT.maxother = _SHORT.maxlong = 100
+
+
+def shown(value: Any) -> str:
+    """A value for an error message: one short line, whatever it is."""
+    try:
+        return " ".join(_SHORT.repr(value).split())
+    except ValueError:  # a whole number of thousands of digits
+        return f"a very large {type(value).__name__}"
+
+
+def choice(name: str, value: Any, known: Sequence[Any]) -> Any:
+    """One of the known words or numbers."""
+    if not isinstance(value, type(known[0])) or value not in known:
+        expected = " or ".join([", ".join(map(str, known[:-1])), str(known[-1])])
+        raise ValueError(f"{name}: expected {expected}, got {shown(value)}")
+    return value
 
 
 def three(name: str, value: Any, least: float = -math.inf) -> list[float]:
@@ -18,7 +42,7 @@ def three(name: str, value: Any, least: float = -math.inf) -> list[float]:
     except (TypeError, ValueError):  # ragged
         array = np.asarray(None)
     if array.dtype.kind not in "iuf":
-        raise TypeError(f"{name}: expected three numbers, got {value!r}")
+        raise TypeError(f"{name}: expected three numbers, got {shown(value)}")
     with np.errstate(over="ignore"):  # too large becomes infinite
         array = array.astype(np.float32)
     if array.shape == ():
@@ -26,7 +50,7 @@ def three(name: str, value: Any, least: float = -math.inf) -> list[float]:
     values = array.tolist()
     if array.shape != (3,) or not all(math.isfinite(v) and v >= least for v in values):
         expected = "three finite numbers" + (f" >= {least:g}" if least > -math.inf else "")
-        raise ValueError(f"{name}: expected {expected}, got {value!r}")
+        raise ValueError(f"{name}: expected {expected}, got {shown(value)}")
     return values
 
 
@@ -35,7 +59,7 @@ def unit(name: str, value: Any) -> list[float]:
     v = np.asarray(three(name, value), np.float64)
     length = np.linalg.norm(v)
     if length == 0:
-        raise ValueError(f"{name}: expected a direction, got {value!r}")
+        raise ValueError(f"{name}: expected a direction, got {shown(value)}")
     return [float(x) for x in v / length]
 
 
@@ -46,19 +70,40 @@ def number(name: str, value: Any, least: float = -math.inf, most: float = math.i
             raise TypeError
         v = float(value)
     except (TypeError, ValueError):
-        raise TypeError(f"{name}: expected a number, got {value!r}") from None
+        raise TypeError(f"{name}: expected a number, got {shown(value)}") from None
     if not (math.isfinite(v) and least <= v <= most):
-        raise ValueError(f"{name}: expected {_range(least, most)}, got {value!r}")
+        raise ValueError(f"{name}: expected {_range(least, most)}, got {shown(value)}")
     return v
 
 
 def whole(name: str, value: Any, least: int, most: int) -> int:
     """A whole number in [least, most]."""
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)):
-        raise TypeError(f"{name}: expected a whole number, got {value!r}")
+        raise TypeError(f"{name}: expected a whole number, got {shown(value)}")
     if not least <= value <= most:
-        raise ValueError(f"{name}: expected {least} to {most}, got {value!r}")
+        raise ValueError(f"{name}: expected {least} to {most}, got {shown(value)}")
     return int(value)
+
+
+def a_path(value: Any) -> str:
+    """A file's or folder's path as text."""
+    if not isinstance(value, (str, os.PathLike)):
+        raise TypeError(f"path: expected a path, got {shown(value)}")
+    path = os.fsdecode(value)
+    if "\0" in path:
+        raise ValueError(f"path: expected a path without a null byte, got {shown(path)}")
+    return path
+
+
+def image_size(value: Any) -> tuple[int, int]:
+    """(width, height) of an image in pixels."""
+    try:
+        width, height = (operator.index(v) for v in value)
+    except (TypeError, ValueError):
+        raise TypeError(f"size: expected (width, height), got {shown(value)}") from None
+    if width < 1 or height < 1 or width * height > MAX_PIXELS:
+        raise ValueError(f"size: expected 1 to {MAX_PIXELS:,} pixels, got {width}x{height}")
+    return width, height
 
 
 def positive(name: str, value: Any) -> float:
@@ -68,14 +113,14 @@ def positive(name: str, value: Any) -> float:
     except ValueError:
         v = 0.0
     if v <= 0:
-        raise ValueError(f"{name}: expected a positive number, got {value!r}")
+        raise ValueError(f"{name}: expected a positive number, got {shown(value)}")
     return v
 
 
 def flag(name: str, value: Any) -> bool:
     """True or False, also as NumPy has them."""
     if not isinstance(value, (bool, np.bool_)):
-        raise TypeError(f"{name}: expected True or False, got {value!r}")
+        raise TypeError(f"{name}: expected True or False, got {shown(value)}")
     return bool(value)
 
 

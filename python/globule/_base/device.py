@@ -8,6 +8,7 @@ import os
 from typing import NamedTuple
 
 from .. import _core
+from .checks import shown
 
 log = logging.getLogger("globule")
 _told = False
@@ -50,9 +51,9 @@ def choose(device: str = "auto") -> Device:
                 log.info("using the CPU: %s", error)
                 _told = True
             return _cpu()
-    if kind == "cuda" and (number.isdigit() or not number):
+    if kind == "cuda" and (number.isdecimal() or not number):
         return _cuda(int(number or 0))
-    raise ValueError(f"device: expected auto, cpu, cuda or cuda:N, got {device!r}")
+    raise ValueError(f"device: expected auto, cpu, cuda or cuda:N, got {shown(device)}")
 
 
 def _cpu() -> Device:

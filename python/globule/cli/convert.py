@@ -6,6 +6,7 @@ The extensions of the names give the formats. Meshes become particles, and so do
 from __future__ import annotations
 
 import argparse
+import os
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from . import flags, medical
 from . import medical as medical_files
 from .parser import Parser
 from .shared import (
+    UserError,
     check_input,
     check_output,
     count,
@@ -53,6 +55,9 @@ def add_arguments(parser: Parser) -> None:
 def run(options: argparse.Namespace) -> None:
     """Run `globule convert`."""
     given = reading(options)
+    both = os.path.exists(options.input) and os.path.exists(options.output)
+    if both and os.path.samefile(options.input, options.output):
+        raise UserError(f"OUT: expected another file than IN, got {options.output}")
     kind = medical.kind_of(options.input)
     if kind and not given:
         print(medical.convert(options.input, options.output, kind))

@@ -6,8 +6,8 @@ import argparse
 import re
 from typing import Any
 
+from .._base.checks import MAX_PIXELS
 from .._base.colormaps import NAMES as COLORMAPS
-from ..render.frame import MAX_PIXELS
 from ..render.presets import PRESETS
 from ..scene.scene import KERNELS
 from . import look

@@ -35,6 +35,11 @@ class Parser(argparse.ArgumentParser):
             "--help-all", action=_Help, dest="help", help="print the help with all options and exit"
         )
 
+    def _get_values(self, action: argparse.Action, arg_strings: list[str]) -> Any:
+        if action.option_strings and action.nargs is None and arg_strings == ["--"]:
+            raise argparse.ArgumentError(action, "expected a value, got '--'")  # argparse drops it
+        return super()._get_values(action, arg_strings)
+
     def error(self, message: str) -> Any:
         """Raise UserError with the message of argparse."""
         raise UserError(f"{message} (`{self.prog} --help` lists the options)")

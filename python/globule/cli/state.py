@@ -34,6 +34,8 @@ def read_state(path: str) -> tuple[State, Camera | None]:
     try:
         with open(path, encoding="utf-8") as file:
             return state, state.load_toml(file.read(MOST_BYTES + 1))
+    except UnicodeDecodeError:
+        raise UserError(f"{path}: expected TOML, got data that is no text") from None
     except ValueError as error:
         raise UserError(f"{path}: {error}") from error
     except OSError as error:

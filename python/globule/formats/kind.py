@@ -8,10 +8,13 @@ from __future__ import annotations
 
 import os
 import re
+import stat
 import zipfile
 import zlib
 from typing import NamedTuple
 
+from .._base.checks import a_path
+from .._base.structured import parse_toml
 from .errors import FormatError, bad
 
 _HEAD = 1 << 16  # bytes that are looked at
@@ -113,9 +116,14 @@ def kind_of(path: str | os.PathLike[str], wanted: str | None = None) -> Kind:
         wanted: a kind that counts where neither content nor ending tells it from others: an .npz
             that is cut off may have been particles, a volume or a sweep.
 
-    Raises FormatError if neither the content nor the extension determines the kind;
-    FileNotFoundError and other OSErrors pass unchanged.
+    Raises FormatError if neither the content nor the extension determines the kind, and for a
+    pipe or a device; TypeError if `path` is no path; FileNotFoundError and other OSErrors pass
+    unchanged.
     """
+    path = a_path(path)
+    mode = os.stat(path).st_mode
+    if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
+        raise bad(path, "", "expected a file or a folder, got a pipe or a device")
     found = _in_folder(path) if os.path.isdir(path) else _by_content(path, wanted)
     found = found or _by_ending(path, wanted)
     if found is None:
@@ -136,7 +144,7 @@ def wrong_kind(path: str | os.PathLike[str], expected: str, got: Kind) -> Format
     """The error of a reader for a file of another kind; the message names the right function."""
     what = got.kind if got.kind == "particles" else f"a {got.kind}"
     problem = f"expected {expected}, got {what} ({got.format}): read it with {_READERS[got.kind]}"
-    return FormatError(f"{os.fspath(path)}: {problem}")
+    return bad(path, "", problem)
 
 
 def _by_ending(path: str | os.PathLike[str], wanted: str | None = None) -> Kind | None:
@@ -280,9 +288,7 @@ def _n_numbers(words: list[str]) -> int:
 
 
 def _is_toml(text: str) -> bool:
-    from .._base import toml
-
     try:
-        return bool(toml.loads(text))
+        return bool(parse_toml(text))
     except ValueError:
         return False

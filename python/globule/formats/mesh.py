@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import json
+import logging
 import os
 import warnings
 from collections.abc import Iterator
@@ -66,6 +67,8 @@ def mesh_particles(mesh: Any, spacing: float | None = None) -> Particles:
         if not meshes:
             return _points(name, parts)
         corners = np.concatenate([part.vertices[part.faces] for part in meshes])
+        if corners.shape[1:] != (3, 3):
+            raise bad(name, "", "expected vertices of three numbers, got others")
         colors = _Colors(name, meshes, linear)
     if spacing is not None:
         return sampled_particles(corners, spacing, colors)
@@ -192,4 +195,5 @@ def _trimesh() -> Any:
         import trimesh
     except ImportError:
         raise missing("trimesh", "formats") from None
+    logging.getLogger("trimesh").addHandler(logging.NullHandler())  # else Python prints its errors
     return trimesh

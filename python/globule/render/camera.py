@@ -10,7 +10,7 @@ import numpy as np
 
 from .. import _core
 from .._base.arrays import on_gpu
-from .._base.checks import number, positive, unit
+from .._base.checks import flag, image_size, number, positive, shown, three, unit
 from .._base.fixed import Fixed, read_only
 from ..scene.sources import as_particles
 
@@ -51,9 +51,9 @@ class Camera(Fixed):
             try:
                 value = np.asarray(given, dtype=np.float64)
             except (TypeError, ValueError):
-                raise TypeError(f"{name}: expected three numbers, got {given!r}") from None
+                raise TypeError(f"{name}: expected three numbers, got {shown(given)}") from None
             if value.shape != (3,) or not np.isfinite(value).all():
-                raise ValueError(f"{name}: expected three finite numbers, got {given!r}")
+                raise ValueError(f"{name}: expected three finite numbers, got {shown(given)}")
             object.__setattr__(self, name, tuple(value.tolist()))
         if not 0 < number("fov", self.fov) < 180:
             raise ValueError(f"fov: expected degrees between 0 and 180, got {self.fov!r}")
@@ -86,8 +86,15 @@ class Camera(Fixed):
 
         Returns:
             The camera; where no position is finite, one that looks at the origin.
+
+        Raises TypeError and ValueError: the argument, what was expected and what came.
         """
         points, middle = _outline(particles)
+        size, up = image_size(size), three("up", up)
+        if not 0 < number("fov", fov) < 180:
+            raise ValueError(f"fov: expected degrees between 0 and 180, got {fov!r}")
+        number("margin", margin, 0.0)
+        flag("orthographic", orthographic)
         unit("direction", direction)
         back = np.asarray(direction, dtype=np.float64)
         back = back / np.linalg.norm(back)

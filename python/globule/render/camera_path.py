@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import os
 from collections.abc import Sequence
@@ -11,8 +10,10 @@ from typing import Any
 import numpy as np
 
 from .._base.checks import whole
+from .._base.structured import parse_json, parse_toml
 from .camera import Camera
 
+MOST_BYTES = 64 * 2**20  # of a file
 FIELDS = ("frame", "time", "eye", "look_at", "up", "fov")
 
 
@@ -222,13 +223,13 @@ def _parsed(path: str | os.PathLike[str]) -> dict[str, Any]:
     """The file's contents; a JSON file may be the list of keys alone."""
     name = os.fspath(path).lower()
     with open(path, "rb") as file:
-        data = file.read()
+        data = file.read(MOST_BYTES + 1)
+    if len(data) > MOST_BYTES:
+        raise ValueError(f"expected at most {MOST_BYTES:,} bytes, got more")
     if name.endswith(".toml"):
-        from .._base import toml
-
-        facts = toml.loads(data.decode("utf-8"))
+        facts = parse_toml(data.decode("utf-8"))
     elif name.endswith(".json"):
-        facts = json.loads(data)
+        facts = parse_json(data)
         facts = {"key": facts} if isinstance(facts, list) else facts
     else:
         raise ValueError("expected a name ending in .toml or .json")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import inspect
 import io
-import operator
 import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
@@ -13,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._base.arrays import on_gpu, to_host
-from .._base.checks import whole
+from .._base.checks import image_size, shown, whole
 from .._base.files import atomic_write
 from .._base.old_names import old_attribute, renamed
 from ..scene import attributes
@@ -29,7 +28,6 @@ from .settings import MAX_SAMPLES, NAMES, RenderSettings, as_settings, items
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-MAX_PIXELS = 2**28
 MAX_LAYERS = 4
 # How far from a particle, in supports, the surface may lie: where b is an eighth of the default
 # threshold, so that it takes eight particles at one place to reach that.
@@ -65,7 +63,7 @@ class Layer:
     def __post_init__(self) -> None:
         object.__setattr__(self, "scene", as_scene(self.scene))
         if not isinstance(self.material, (Material, type(None))):
-            raise TypeError(f"material: expected Material, got {self.material!r}")
+            raise TypeError(f"material: expected Material, got {shown(self.material)}")
         object.__setattr__(self, "clips", _clips(self.clips))
 
 
@@ -383,14 +381,8 @@ def camera_and_size(camera: Any, size: Any) -> tuple[Camera | None, tuple[int, i
     if isinstance(camera, (RenderSettings, Mapping)):
         raise TypeError("camera: expected Camera, got settings; write settings=... for settings")
     if camera is not None and not isinstance(camera, Camera):
-        raise TypeError(f"camera: expected Camera or a size (width, height), got {camera!r}")
-    try:
-        width, height = (operator.index(v) for v in size)
-    except (TypeError, ValueError):
-        raise TypeError(f"size: expected (width, height), got {size!r}") from None
-    if width < 1 or height < 1 or width * height > MAX_PIXELS:
-        raise ValueError(f"size: expected 1 to {MAX_PIXELS:,} pixels, got {width}x{height}")
-    return camera, (width, height)
+        raise TypeError(f"camera: expected Camera or a size (width, height), got {shown(camera)}")
+    return camera, image_size(size)
 
 
 def _instead(name: str) -> str:
@@ -463,7 +455,7 @@ def _clips(clips: Any) -> tuple[ClipPlane | ClipBox | ClipSphere, ...]:
     found = items("clips", clips, "a list of ClipPlane, ClipBox or ClipSphere")
     for clip in found:
         if not isinstance(clip, (ClipPlane, ClipBox, ClipSphere)):
-            raise TypeError(f"clips: expected ClipPlane, ClipBox or ClipSphere, got {clip!r}")
+            raise TypeError(f"clips: expected ClipPlane, ClipBox or ClipSphere, got {shown(clip)}")
     return found
 
 

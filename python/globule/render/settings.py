@@ -8,7 +8,7 @@ from functools import cached_property
 from typing import Any
 
 from .. import _core
-from .._base.checks import flag, number, three, whole
+from .._base.checks import flag, number, shown, three, whole
 from .._base.fixed import Fixed, read_only
 from .._base.old_names import renamed_fields
 from ..scene.scene import Scene
@@ -31,8 +31,8 @@ def items(name: str, value: Any, expected: str) -> tuple:
     """The items of anything that can be iterated."""
     try:
         return tuple(value)
-    except TypeError:
-        raise TypeError(f"{name}: expected {expected}, got {value!r}") from None
+    except (TypeError, NotImplementedError):  # the latter: a memoryview
+        raise TypeError(f"{name}: expected {expected}, got {shown(value)}") from None
 
 
 @renamed_fields(depth="bounces")
@@ -80,7 +80,7 @@ class RenderSettings(Fixed):
 
     def _check(self) -> None:
         if not isinstance(self.material, Material):
-            raise TypeError(f"material: expected Material, got {self.material!r}")
+            raise TypeError(f"material: expected Material, got {shown(self.material)}")
         whole("samples", self.samples, 1, MAX_SAMPLES)
         self._packed  # noqa: B018  making it checks the other fields
 
@@ -92,16 +92,15 @@ class RenderSettings(Fixed):
             raise ValueError(f"lights: expected at most {MAX_LIGHTS}, got {len(lights)}")
         for light in lights:
             if not isinstance(light, (Headlight, DirectionalLight, PointLight)):
-                raise TypeError(
-                    f"lights: expected Headlight, DirectionalLight or PointLight, got {light!r}"
-                )
+                expected = "expected Headlight, DirectionalLight or PointLight"
+                raise TypeError(f"lights: {expected}, got {shown(light)}")
         if not isinstance(self.sky, (Sky, Environment, type(None))):
-            raise TypeError(f"sky: expected Sky or Environment, got {self.sky!r}")
+            raise TypeError(f"sky: expected Sky or Environment, got {shown(self.sky)}")
         if not isinstance(self.ground, (Ground, type(None))):
-            raise TypeError(f"ground: expected Ground, got {self.ground!r}")
+            raise TypeError(f"ground: expected Ground, got {shown(self.ground)}")
         sky_light = isinstance(self.ambient, str)
         if sky_light and self.ambient != "sky":
-            raise ValueError(f'ambient: expected a color or "sky", got {self.ambient!r}')
+            raise ValueError(f'ambient: expected a color or "sky", got {shown(self.ambient)}')
         rays = whole("ambient_rays", self.ambient_rays, 0, 256)
         far = 0.0 if self.ambient_distance is None else self.ambient_distance
         distance = number("ambient_distance", far, 0.0)
@@ -148,11 +147,13 @@ def as_settings(value: RenderSettings | Mapping[str, Any] | None) -> RenderSetti
         return value
     if isinstance(value, str):
         raise TypeError(
-            f"settings: expected RenderSettings or a dict of its fields, got {value!r}; "
+            f"settings: expected RenderSettings or a dict of its fields, got {shown(value)}; "
             f"globule.preset({value!r}, scene) makes a preset's"
         )
     if not isinstance(value, Mapping):
-        raise TypeError(f"settings: expected RenderSettings or a dict of its fields, got {value!r}")
+        raise TypeError(
+            f"settings: expected RenderSettings or a dict of its fields, got {shown(value)}"
+        )
     for name in value:
         if name not in (*NAMES, "depth"):
             raise TypeError(f"settings: expected some of {', '.join(NAMES)}, got {name!r}")

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from .._base.arrays import dtype_name, on_gpu, to_host
+from .._base.checks import shown
 
 SCALAR_FIELDS = ("support", "weight", "reflection", "refraction", "rigidity")
 FIELDS = ("positions", *SCALAR_FIELDS, "color", "anisotropy")
@@ -26,8 +27,8 @@ class Attributes(dict[str, Any]):
         self._n = n
         try:
             given = dict(given)
-        except (TypeError, ValueError):
-            raise TypeError(f"attributes: expected a dict of arrays, got {given!r}") from None
+        except (TypeError, ValueError, NotImplementedError):
+            raise TypeError(f"attributes: expected a dict of arrays, got {shown(given)}") from None
         self.update(given)
 
     def __setitem__(self, name: str, value: Any) -> None:
@@ -226,7 +227,7 @@ def _color(name: str, value: Any, n: int) -> Any:
 
 
 def _anisotropy(name: str, value: Any, n: int) -> np.ndarray:
-    array = _float32(_numbers(name, to_host(value)))
+    array = _float32(_numbers(name, to_host(value) if on_gpu(value) else value))
     if array.shape != (n, 3, 3):
         raise ValueError(f"{name}: expected shape ({n}, 3, 3), got {array.shape}")
     good = np.isfinite(array).all(axis=(1, 2))

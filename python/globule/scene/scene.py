@@ -10,7 +10,7 @@ import numpy as np
 
 from .. import _core
 from .._base.arrays import ABSENT, HOST, View, address, on_gpu, unit_vectors, view
-from .._base.checks import positive, thread_count, whole
+from .._base.checks import choice, positive, shown, thread_count, whole
 from .._base.device import Device, choose
 from .._base.old_names import renamed
 from .octree import Octree
@@ -98,21 +98,17 @@ class Scene:
         threads: int = 0,
         bounds: ArrayLike | None = None,
     ):
-        if kernel not in KERNELS:
-            raise ValueError(f"kernel: expected one of {', '.join(KERNELS)}, got {kernel!r}")
-        if octree not in ("sparse", "dense"):
-            raise ValueError(f"octree: expected sparse or dense, got {octree!r}")
-        if key_bits not in (32, 64):
-            raise ValueError(f"key_bits: expected 32 or 64, got {key_bits!r}")
+        choice("kernel", kernel, KERNELS)
+        choice("octree", octree, ("sparse", "dense"))
+        choice("key_bits", key_bits, (32, 64))
         if octree == "dense" and key_bits != 32:
             raise ValueError("key_bits: the dense octree uses 32-bit keys, got 64")
         deepest = 8 if octree == "dense" else 10 if key_bits == 32 else 21
         if level is None:
             level = 6 if octree == "dense" else deepest
         if not 0 <= whole("level", level, -(2**31), 2**31) <= deepest:
-            raise ValueError(
-                f"level: expected 0 to {deepest} ({octree}, {key_bits}-bit keys), got {level!r}"
-            )
+            expected = f"expected 0 to {deepest} ({octree}, {key_bits}-bit keys)"
+            raise ValueError(f"level: {expected}, got {shown(level)}")
         self.kernel = kernel
         self.threshold = DEFAULTS[kernel][1] if threshold is None else threshold
         self.device = choose(device)
@@ -401,10 +397,13 @@ def _check_supports(support: np.ndarray) -> None:
 def _space(bounds: Any) -> list[float]:
     if bounds is None:
         return []
-    box = np.asarray(bounds, dtype=np.float32)
+    try:
+        box = np.asarray(bounds, dtype=np.float32)
+    except (TypeError, ValueError):
+        box = np.empty(0, np.float32)
     if box.shape != (2, 3) or not np.isfinite(box).all() or (box[0] > box[1]).any():
         raise ValueError(
-            f"bounds: expected two finite corners ((x, y, z), (x, y, z)), got {bounds!r}"
+            f"bounds: expected two finite corners ((x, y, z), (x, y, z)), got {shown(bounds)}"
         )
     return [float(x) for x in box.ravel()]
 

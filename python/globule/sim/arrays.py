@@ -31,6 +31,28 @@ def check_finite(name: str, values: np.ndarray) -> None:
         raise ValueError(f"{name}: expected finite numbers, got a NaN or an infinity")
 
 
+def vector(name: str, value: Any) -> list[float]:
+    """Three finite numbers; anything else is a ValueError."""
+    try:
+        found = np.asarray(value, np.float64)
+    except (TypeError, ValueError):
+        found = np.empty(0)
+    if found.shape != (3,) or not np.isfinite(found).all():
+        raise ValueError(f"{name}: expected three finite numbers, got {shown(value)}")
+    return found.tolist()
+
+
+def ids_of(values: Any) -> np.ndarray:
+    """Particles' numbers (M,); anything but whole numbers is a ValueError."""
+    try:
+        found = np.asarray(values).reshape(-1)
+    except ValueError:  # ragged
+        found = np.empty(1)
+    if len(found) and found.dtype.kind not in "iu":
+        raise ValueError(f"ids: expected whole numbers, got {shown(values)}")
+    return found
+
+
 def numbers(name: str, values: Any, *shapes: tuple[int, ...]) -> np.ndarray:
     """Finite float32 of one of these shapes; anything else is a ValueError."""
     try:

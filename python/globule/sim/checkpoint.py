@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import json
 import os
-import zipfile
 from typing import Any
 
 import numpy as np
 
 from .._base.files import atomic_write
+from .._base.structured import parse_json
+from ..formats.numpy_format import read_archive
 
 VERSION = 4
 
@@ -38,11 +39,12 @@ def load(name: str | os.PathLike[str]) -> tuple[dict[str, np.ndarray], dict[str,
         ValueError: a file that is no checkpoint, or one of another version.
     """
     path = path_of(name)
+    with open(path, "rb"):  # the usual OSErrors
+        pass
     try:
-        with np.load(path, allow_pickle=False) as file:
-            arrays = {key: file[key] for key in file.files}
-        facts = dict(json.loads(arrays.pop("_facts").tobytes()))
-    except (ValueError, KeyError, TypeError, zipfile.BadZipFile, EOFError) as error:
+        arrays = read_archive(path)
+        facts = dict(parse_json(arrays.pop("_facts").tobytes()))
+    except (ValueError, KeyError, TypeError) as error:
         raise ValueError(f"{path}: expected a checkpoint of a simulation, got {error}") from None
     if facts.pop("version", None) != VERSION:
         raise ValueError(

@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._base.arrays import address
+from .._base.checks import number, shown
 from .._base.interrupts import whole
+from .arrays import ids_of, vector
 from .blade import as_blade
 from .bodies import BRAIN
 from .bonds import add_body, along, build_bonds, morton_order
@@ -53,24 +55,29 @@ class BondedTissue(Part):
         """
         sim = self._sim
         sim._send()
-        ids = np.asarray(ids, np.uint32).reshape(-1)
+        ids = ids_of(ids)
         if len(ids) == 0:
             return
         known = sim.ids
         at = np.searchsorted(known, ids)
         if (at >= len(known)).any() or (known[np.minimum(at, len(known) - 1)] != ids).any():
             raise ValueError("ids: expected particles of this simulation, got others")
+        ids = ids.astype(np.uint32)
         positions, phase = sim.positions[at], sim.arrays.phase[at]
         kinds = np.array([p.kind for p in sim.phases.values()])[phase]
         d = float(sim.settings.spacing)
         order = morton_order(positions, d)
-        young = young_of_rigidity(BRAIN) if young is None else np.asarray(young, np.float64)
-        young = np.broadcast_to(young, ids.shape)
+        young = young_of_rigidity(BRAIN) if young is None else young
+        try:
+            each = np.broadcast_to(np.asarray(young, np.float64), ids.shape)
+        except (TypeError, ValueError):
+            expected = f"expected one number of Pa or {ids.shape}"
+            raise ValueError(f"young: {expected}, got {shown(young)}") from None
         hold = np.where(kinds == "tissue", FREE, FIXED).astype(np.uint8)
         if fixed is not None:
             hold[np.asarray(fixed, bool)] = FIXED
         density = np.array([p.density for p in sim.phases.values()])[phase]
-        bonds = build_bonds(positions[order], d, young[order])
+        bonds = build_bonds(positions[order], d, each[order])
         add_body(
             self._core, positions[order], ids[order], bonds, hold[order], phase[order],
             (density * d**3)[order], d,
@@ -110,9 +117,7 @@ class BondedTissue(Part):
         Raises:
             ValueError: numbers that are not finite.
         """
-        center = [float(v) for v in center]
-        if not np.isfinite([*center, radius]).all():
-            raise ValueError(f"center, radius: expected finite numbers, got {center}, {radius}")
+        center, radius = vector("center", center), number("radius", radius, 0.0)
         core = self._core
         if core.remove((BALL, center, center, radius, [0.0] * 3)) == 0:
             return np.empty(0, np.uint32)
@@ -222,10 +227,10 @@ class BondedTissue(Part):
             if (key := f"tissue_{name}") in state:
                 values = np.ascontiguousarray(state[key], np.uint8)
                 core.write(name, address(values), len(values))
-        for number, pool in enumerate(np.atleast_1d(state.get("tissue_pools", [])), start=1):
-            vessel = self.vessels[number - 1]
+        for k, pool in enumerate(np.atleast_1d(state.get("tissue_pools", [])), start=1):
+            vessel = self.vessels[k - 1]
             which = self._sim._phase(vessel.fluid)
-            core.set_vessel(number, vessel.pressure * CONDUCTANCE, float(pool), which)
+            core.set_vessel(k, vessel.pressure * CONDUCTANCE, float(pool), which)
 
 
 def _first_ends(first: np.ndarray, n: int) -> np.ndarray:

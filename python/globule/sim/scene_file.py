@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 import re
 from dataclasses import dataclass, fields, is_dataclass
@@ -11,6 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from .._base.checks import positive as positive_number
+from .._base.structured import parse_toml
 from ..formats import EXTENSIONS
 from . import limits
 from .instruments import Instrument, Key, Motion
@@ -48,6 +49,7 @@ SOLID_SHAPES = ("box", "sphere", "cylinder", "mesh", "tomography", "particles")
 BOUNDARY_SHAPES = ("box", "sphere", "cylinder", "plane", "mesh", "distance")
 RIGID_SHAPES = ("box", "sphere", "cylinder", "mesh")
 IMPLICIT_FROM = 1.0  # Pa s
+MOST_BYTES = 64 * 2**20  # of a scene's file
 
 
 @dataclass(kw_only=True)
@@ -395,9 +397,11 @@ def read_scene(scene: Any, spacing: float | None = None, **keys: Any) -> SceneFi
         OSError: a file that cannot be read.
     """
     if spacing is not None:
-        if not (math.isfinite(spacing) and spacing > 0):
-            raise SceneError(f"spacing: expected a number above 0, got {spacing}")
-        keys["spacing"] = spacing
+        try:
+            keys["spacing"] = positive_number("spacing", spacing)
+        except (TypeError, ValueError):
+            got = shown(spacing)
+            raise SceneError(f"spacing: expected a number above 0, got {got}") from None
     name, folder = "", ""
     lines: dict[tuple, int] = {}
     if not isinstance(scene, (dict, SceneFile)):
@@ -444,12 +448,14 @@ def as_dict(table: Any) -> Any:
 
 
 def _parsed(path: File) -> tuple[dict[str, Any], dict]:
-    from .._base import toml
-
     try:
-        words = path.read_bytes().decode("utf-8")
-        return toml.loads(words), key_lines(words.replace("\r\n", "\n"))
-    except (toml.TOMLDecodeError, UnicodeDecodeError) as error:
+        with open(path, "rb") as file:
+            data = file.read(MOST_BYTES + 1)
+        if len(data) > MOST_BYTES:  # a device may never end
+            raise ValueError(f"more than {MOST_BYTES:,} bytes")
+        words = data.decode("utf-8")
+        return parse_toml(words), key_lines(words.replace("\r\n", "\n"))
+    except ValueError as error:
         line = re.search(r"at line (\d+)", str(error))
         where = f"{path}:{line[1]}" if line else path
         raise SceneError(f"{where}: expected TOML, got: {error}") from None

@@ -15,13 +15,13 @@ import numpy as np
 
 from .. import _core
 from .._base.arrays import address, to_host
-from .._base.checks import thread_count
+from .._base.checks import number, shown, thread_count
 from .._base.device import choose
 from .._base.interrupts import whole
 from ..scene.particles import Particles
 from ..scene.scene import DEFAULTS, KERNELS, Scene
 from . import checkpoint
-from .arrays import Arrays, check_finite
+from .arrays import Arrays, check_finite, ids_of
 from .bodies import Body, bodies, scene_of_particles
 from .emitter import Emitter
 from .limits import check_emitter, check_material
@@ -31,13 +31,16 @@ from .record import Record
 from .scene_file import SceneFile, as_dict, read_scene
 from .settings import MAX_PHASES, SETTINGS, Phase, StepReport, phase_of, settings_of
 from .steer import Steer
-from .steered import Named
+from .steered import Kept, Named
 from .tools import Tool, Tools
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
 PARTS = 1000  # of a run, that progress counts
+SHORTEST, LONGEST = 1e-15, 1e3  # s, of a step
+_PARTS = ("file", "settings", "phases", "emitters", "scene", "arrays", "tissue", "tools", "steer",
+          "record")  # fmt: skip
 _log = logging.getLogger(__name__)
 
 
@@ -128,11 +131,12 @@ class Simulation:
             scene = scene_of_particles(fluid)
         scene = with_old_keys({} if scene is None else scene)
         if not isinstance(scene, (str, os.PathLike, dict, SceneFile)):
-            raise TypeError(f"scene: expected a name, a path, a dict or Particles, got {scene!r}")
+            expected = "expected a name, a path, a dict or Particles"
+            raise TypeError(f"scene: {expected}, got {shown(scene)}")
         self.file = read_scene(scene, spacing, **keys)
         found = bodies(self.file)
         self.settings = settings_of(self.file)
-        self.phases: dict[str, Phase] = Named("phases", Phase)
+        self.phases: dict[str, Phase] = Kept("phases", Phase)
         self.emitters: dict[str, Emitter] = Named("emitters", Emitter)
         self._sent: list[dict[str, Any]] = []
         self._settings_sent: dict[str, Any] = {}
@@ -173,8 +177,8 @@ class Simulation:
                 table.center, table.direction, table.radius, table.rate, table.fluid, table.start,
                 table.end,
             )  # fmt: skip
-        for number, table in enumerate(scene.instruments):
-            self.tools[table.name] = Tool(table, number, 0.0)
+        for i, table in enumerate(scene.instruments):
+            self.tools[table.name] = Tool(table, i, 0.0)
         self._prepare(0.0)
         self._first = self.arrays.state(), self._by_hand()
 
@@ -186,6 +190,16 @@ class Simulation:
         steps = f"{self.n_steps:,} step{'' if self.n_steps == 1 else 's'}"
         where = self.scene.device.name
         return f"Simulation({listed or 'no phases'}; {self.time:.4g} s in {steps}; {where})"
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if name in _PARTS and name in vars(self):
+            raise AttributeError(f"Simulation.{name} cannot be replaced; assign to what it has")
+        if name not in _PARTS and not name.startswith("_") and not hasattr(type(self), name):
+            raise AttributeError(
+                f"Simulation: expected one of {', '.join(_PARTS)}, got {name}; "
+                "what may change between steps is in settings, phases, emitters and tools"
+            )
+        super().__setattr__(name, value)
 
     def __getattr__(self, name: str) -> Any:
         return operator.attrgetter(renamed("Simulation", OLD_NAMES, name))(self)
@@ -199,7 +213,7 @@ class Simulation:
             ValueError: the name exists already, or the phase is the 33rd.
         """
         if not isinstance(phase, Phase):
-            raise TypeError(f"phase: expected a gb.Phase, got {phase!r}")
+            raise TypeError(f"phase: expected a gb.Phase, got {shown(phase)}")
         if len(self.phases) == MAX_PHASES:
             raise ValueError(f"phases: expected at most {MAX_PHASES}")
         if phase.name in self.phases:
@@ -248,7 +262,7 @@ class Simulation:
         Raises:
             ValueError: an id that `add` never returned.
         """
-        given = np.asarray(ids).reshape(-1)
+        given = ids_of(ids)
         unknown = given[(given < 0) | (given >= self._core.next_id())]
         if len(unknown):
             raise ValueError(f"ids: expected numbers that add() gave, got {unknown[0]}")
@@ -266,8 +280,10 @@ class Simulation:
             ArithmeticError: a velocity that is not a number, steps that come to nothing, or fluid
                 without room.
         """
-        if dt is not None and not 0 < dt < math.inf:
-            raise ValueError(f"dt: expected a finite number above 0, got {dt}")
+        if dt is not None:
+            dt = number("dt", dt)
+            if not SHORTEST <= dt <= LONGEST:
+                raise ValueError(f"dt: expected {SHORTEST:g} to {LONGEST:g} s, got {dt:g}")
         return self._step(dt)
 
     @whole
@@ -338,8 +354,7 @@ class Simulation:
         """
         if seconds is None:
             return self.run_to(self.file.seconds, stop, progress)
-        if not seconds >= 0:
-            raise ValueError(f"seconds: expected a number >= 0, got {seconds}")
+        seconds = number("seconds", seconds, 0.0)
         return self.run_to(self.time + seconds, stop, progress)
 
     def run_to(
@@ -535,6 +550,7 @@ class Simulation:
             "phases": [_values(phase) for phase in self.phases.values()],
             "emitters": {name: emitter._state() for name, emitter in self.emitters.items()},
             "sinks": self.steer._sinks,
+            "bodies": sorted(self.steer._bodies),
             "had_sinks": self._had_sinks,
             **self.tissue._by_hand(),
             **self.tools._by_hand(),
@@ -555,6 +571,7 @@ class Simulation:
                 self.emitters[name] = Emitter(*(state[key] for key in keys))
             self.emitters[name]._go_on(state)
         self.steer._sinks, self._had_sinks = by_hand["sinks"], by_hand["had_sinks"]
+        self.steer._bodies = set(by_hand.get("bodies", self.steer._bodies))
         self._core.set_sinks(self.steer._sinks)
         self.tissue._take_up(by_hand)
         self.tools._take_up(by_hand)

@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .._base.checks import number, positive, shown
 from .._base.interrupts import whole
-from .arrays import numbers
+from .arrays import ids_of, numbers, vector
 from .part import Part
 
 if TYPE_CHECKING:
@@ -24,6 +25,7 @@ class Steer(Part):
         self._forces = np.empty(0, np.uint32), np.empty((0, 3), np.float32)  # of these ids
         self._moving: set[int] = set()  # phases of boundaries that have a pose
         self._sinks: list[list[float]] = []
+        self._bodies: set[int] = set()  # phases that make_rigid was given
 
     @whole
     def apply_force(self, force: Any, ids: Any = None) -> None:
@@ -37,7 +39,7 @@ class Steer(Part):
             ValueError: a force that is not finite or has a wrong shape; unknown ids.
         """
         known = self._sim.ids
-        chosen = known if ids is None else np.asarray(ids).reshape(-1)
+        chosen = known if ids is None else ids_of(ids)
         unknown = np.setdiff1d(chosen, known)
         if len(unknown):
             raise ValueError(f"ids: expected particles of this simulation, got {unknown[0]}")
@@ -67,6 +69,9 @@ class Steer(Part):
             ValueError: an unknown phase, or a pose of a wrong shape.
         """
         which = self._sim._phase(phase)
+        if self._sim.phases[phase].kind != "boundary":
+            raise ValueError(f"phase: expected one of kind boundary, got {phase!r}")
+        numbers("pose", pose, (4, 4))
         values = np.asarray(pose, float).reshape(16).tolist()
         if which in self._moving:
             self._sim._core.move_to(which, values)
@@ -87,7 +92,8 @@ class Steer(Part):
             spin: (3,) rad/s.
 
         Raises:
-            ValueError: a phase of another kind, or a phase without particles.
+            ValueError: a phase of another kind, or a phase without particles; a density that is not
+                above 0, or motion that is not finite.
         """
         sim = self._sim
         which = sim._phase(phase)
@@ -96,6 +102,8 @@ class Steer(Part):
         at = sim.positions[sim.arrays.phase == which].astype(float)
         if len(at) == 0:
             raise ValueError(f"phase: expected particles of {phase!r} to be added first")
+        density = positive("density", density)
+        velocity, spin = vector("velocity", velocity), vector("spin", spin)
         each = density * sim.settings.spacing**3
         center = at.mean(0)
         x = at - center
@@ -104,6 +112,7 @@ class Steer(Part):
         inertia = np.eye(3) * (each * (x**2).sum() + own * len(x)) - each * x.T @ x
         values = np.concatenate([center, inertia.ravel(), velocity, spin]).astype(float)
         sim._core.make_body(which, each * len(at), values.tolist())
+        self._bodies.add(which)
 
     @whole
     def body(self, phase: str) -> dict[str, np.ndarray]:
@@ -111,9 +120,12 @@ class Steer(Part):
         (3, 3), world_from_body.
 
         Raises:
-            ValueError: an unknown phase.
+            ValueError: an unknown phase, or a phase that is no rigid body.
         """
-        v = np.array(self._sim._core.body(self._sim._phase(phase)))
+        which = self._sim._phase(phase)
+        if which not in self._bodies:
+            raise ValueError(f"phase: expected a rigid body, got {phase!r}")
+        v = np.array(self._sim._core.body(which))
         return {
             "center": v[:3],
             "velocity": v[3:6],
@@ -129,13 +141,21 @@ class Steer(Part):
             sinks: at most 32 of (lo, hi), corners of a box, or (center, radius) of a ball, m.
 
         Raises:
-            ValueError: more than 32 sinks.
+            ValueError: more than 32 sinks, or numbers that are not finite.
         """
         packed = []
-        for a, b in sinks:
-            ball = np.ndim(b) == 0
-            lo, hi, center = (np.zeros(3), np.zeros(3), a) if ball else (a, b, np.zeros(3))
-            packed.append([*map(float, (*lo, *hi, *center)), float(b) if ball else 0.0])
+        for i, sink in enumerate(sinks):
+            name = f"sinks[{i}]"
+            try:
+                a, b = sink
+            except (TypeError, ValueError):
+                expected = "expected (lo, hi) or (center, radius)"
+                raise ValueError(f"{name}: {expected}, got {shown(sink)}") from None
+            a = vector(name, a)
+            if np.ndim(b) == 0:
+                packed.append([0.0] * 6 + [*a, number(name, b, 0.0)])
+            else:
+                packed.append([*a, *vector(name, b), 0.0, 0.0, 0.0, 0.0])
         if len(packed) > MOST_SINKS:
             raise ValueError(f"sinks: expected at most {MOST_SINKS}, got {len(packed)}")
         self._sinks = packed

@@ -33,6 +33,30 @@ class Named(dict):
         setattr(thing, "_label", label)  # noqa: B010  # its messages begin with it
         super().__setitem__(name, thing)
 
+    def update(self, *args: Any, **kwargs: Any) -> None:
+        """Assign each of several things."""
+        for name, thing in dict(*args, **kwargs).items():
+            self[name] = thing
+
+    def __ior__(self, other: Any) -> Named:  # type: ignore[misc]
+        self.update(other)
+        return self
+
+    def setdefault(self, name: str, default: Any = None) -> Any:
+        """The thing of a name, assigned first where there is none."""
+        if name not in self:
+            self[name] = default
+        return self[name]
+
+
+class Kept(Named):
+    """Things that stay: particles refer to them."""
+
+    def _stay(self, *_: Any) -> Any:
+        raise TypeError(f"{self._what}: cannot be removed, as particles refer to them")
+
+    __delitem__ = pop = popitem = clear = _stay
+
 
 class Steered:
     """Base of objects that check what is assigned to them; other names are AttributeErrors."""

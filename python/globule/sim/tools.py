@@ -6,12 +6,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .._base.checks import number as finite
+from .._base.checks import shown
+from .._base.checks import whole as int_in
 from .._base.interrupts import whole
+from .arrays import vector
 from .blade import Knife, check_rigid, scalpel
 from .instruments import Instrument
 from .schema import switch
 from .steered import Named, Steered, checks_of
-from .tissue import HALF_SPACE
+from .tissue import BALL, HALF_SPACE
 
 if TYPE_CHECKING:
     from .simulation import Simulation
@@ -190,10 +194,10 @@ class Tools(Named):
                 Graspers of a scene use the number of their instrument.
 
         Raises:
-            ValueError: another number.
+            ValueError: another number, or a ball that is not finite.
         """
-        core = self._sim._core.tissue()
-        core.grasp([float(v) for v in center], float(radius), _grasp_number(number))
+        at, radius = vector("center", center), finite("radius", radius, 0.0)
+        self._sim._core.tissue().grasp(at, radius, _grasp_number(number))
 
     @whole
     def release(self, number: int = 0) -> None:
@@ -207,7 +211,8 @@ class Tools(Named):
     ) -> None:  # fmt: skip
         """Set the motion of a grasp: velocity m/s, and spin rad/s about center m, (3,) each; errors
         as for `grasp`."""
-        motion = tuple(tuple(float(v) for v in part) for part in (velocity, spin, center))
+        given = {"velocity": velocity, "spin": spin, "center": center}
+        motion = tuple(tuple(vector(name, part)) for name, part in given.items())
         if self._motions[_grasp_number(number)] != motion:
             self._motions[number] = motion
             self._send()
@@ -221,15 +226,12 @@ class Tools(Named):
                 CAPSULE from a to b, or HALF_SPACE with a point a and an outward normal b; m, m/s.
 
         Raises:
-            ValueError: more than 8 shapes.
+            ValueError: more than 8 shapes, another kind, or numbers that are not finite.
         """
         shapes = list(shapes)
         if len(shapes) > MOST_PUSHERS:
             raise ValueError(f"shapes: expected at most {MOST_PUSHERS}, got {len(shapes)}")
-        self._pushers = [
-            (int(k), [float(v) for v in a], [float(v) for v in b], float(r), [float(v) for v in u])
-            for k, a, b, r, u in shapes
-        ]
+        self._pushers = [_pusher(f"shapes[{i}]", shape) for i, shape in enumerate(shapes)]
         self._send()
 
     def _move_pushers(self, dt: float) -> None:
@@ -261,7 +263,17 @@ def _shifted(point: list[float], velocity: list[float], dt: float) -> list[float
     return [x + v * dt for x, v in zip(point, velocity, strict=True)]
 
 
+def _pusher(name: str, shape: Any) -> tuple:
+    try:
+        kind, a, b, radius, velocity = shape
+    except (TypeError, ValueError):
+        expected = "expected (kind, a, b, radius, velocity)"
+        raise ValueError(f"{name}: {expected}, got {shown(shape)}") from None
+    kind = int_in(f"{name}: kind", kind, BALL, HALF_SPACE)
+    radius = finite(f"{name}: radius", radius, 0.0)
+    a, b, velocity = (vector(name, v) for v in (a, b, velocity))
+    return kind, a, b, radius, velocity
+
+
 def _grasp_number(number: int) -> int:
-    if not 0 <= number < MOST_GRASPS:
-        raise ValueError(f"number: expected 0 to {MOST_GRASPS - 1}, got {number!r}")
-    return int(number)
+    return int_in("number", number, 0, MOST_GRASPS - 1)

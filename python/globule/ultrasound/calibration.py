@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from .._base import toml
 from .._base.checks import number
 from .._base.files import atomic_write
+from .._base.structured import parse_toml
 from ..formats.errors import bad
 from ..formats.sweeps.transforms import check_pixel_matrix
 from .region import Clip, Fan, checked_clip, checked_fan
@@ -76,8 +76,8 @@ class Calibration:
 def read_calibration(path: str | os.PathLike[str]) -> Calibration:
     """Read a calibration (.toml). Raises FormatError naming the key."""
     try:
-        content = toml.loads(Path(path).read_text(encoding="utf-8"))
-    except (toml.TOMLDecodeError, UnicodeError, RecursionError) as error:
+        content = parse_toml(Path(path).read_text(encoding="utf-8"))
+    except ValueError as error:
         raise bad(path, "", f"expected TOML, got {error}") from None
     unknown = sorted(set(content) - set(_KEYS))
     if unknown:

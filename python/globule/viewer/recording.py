@@ -14,13 +14,14 @@ from typing import Any
 
 import numpy as np
 
+from .._base.checks import MAX_PIXELS
 from .._base.files import atomic_write
 from .._base.memory import free_bytes
 from ..formats.pictures.exr import frame_channels, write_exr
 from ..formats.pictures.video import need_av, write_movie
 from ..render.camera import Camera
 from ..render.camera_path import orbit
-from ..render.frame import MAX_PIXELS, save_png
+from ..render.frame import save_png
 from .engine import Engine
 from .overlay import Mark, finish
 from .picture import trace

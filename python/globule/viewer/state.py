@@ -13,6 +13,7 @@ from typing import Any
 
 from .._base.colormaps import NAMES as COLORMAPS
 from .._base.files import atomic_write
+from .._base.structured import parse_toml
 from ..render.camera import Camera
 from ..render.presets import PRESETS
 from ..scene.scene import KERNELS
@@ -284,11 +285,9 @@ class State:
         Raises:
             ValueError: the message names the line or key; nothing is changed.
         """
-        from .._base import toml
-
         if len(text.encode()) > MOST_BYTES:
             raise ValueError(f"state: expected at most {MOST_BYTES} bytes, got {len(text)}")
-        facts = toml.loads(text)
+        facts = parse_toml(text)
         new: dict[str, Any] = {}
         for name, make in GROUPS.items():
             given = facts.pop(name, {})
@@ -297,7 +296,7 @@ class State:
             for key, value in given.items():
                 try:
                     full = current(f"{name}__{key}")
-                    field = field_of(*full.split("__"))
+                    field = field_of(*full.split("__", 1))
                     new[full] = taken(full, checked(field, value))
                 except ValueError as error:
                     raise ValueError(f"{name}.{error}") from None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import re
 import warnings
@@ -52,14 +53,16 @@ def _read_picture(path: Any) -> np.ndarray:
     with open(path, "rb") as file, warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of sizes, which are checked here
         try:
-            picture = Image.open(file)
+            picture = Image.open(io.BytesIO(file.read()))  # which knows its size
             width, height = picture.size
             if width * height > MOST_PIXELS:
                 raise _too_large(path, width, height)
             pixels = np.asarray(picture.convert("RGB"))
+        except FormatError:
+            raise
         except UnidentifiedImageError:
             raise bad(path, "", "expected a PNG or JPEG picture, got other data") from None
-        except (OSError, SyntaxError, Image.DecompressionBombError) as error:
+        except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
             raise bad(path, "", f"expected a PNG or JPEG picture, got {error}") from None
     return to_linear(np.arange(256) / 255).astype(np.float32)[pixels]
 

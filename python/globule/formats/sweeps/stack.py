@@ -9,10 +9,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..._base.checks import missing
 from ..errors import bad, shown
 from ..kind import PICTURE_ENDINGS
 from ..numpy_format import read_archive, read_array
+from ..volumes import dicom
 from ..volumes.raw import Progress
 from . import igs
 
@@ -89,23 +89,16 @@ def read_dicom(path: str | os.PathLike[str]) -> Stack:
 
     Raises FormatError for other files, MissingPackageError without SimpleITK.
     """
-    try:
-        import SimpleITK
-    except ImportError:
-        raise missing("SimpleITK", "medical") from None
-
+    sitk = dicom.simpleitk()
     with open(path, "rb"):  # the usual OSErrors
         pass
-    reader = SimpleITK.ImageFileReader()
-    SimpleITK.ProcessObject.GlobalWarningDisplayOff()  # a library does not print
+    reader = sitk.ImageFileReader()
     reader.SetFileName(os.fspath(path))
     reader.SetImageIO("GDCMImageIO")
-    try:
+    with dicom.itk_errors(sitk, path):
+        dicom.check_size(reader, path)
         image = reader.Execute()
-    except RuntimeError as error:
-        reason = str(error).strip().splitlines()[-1]
-        raise bad(path, "", f"expected DICOM, got: {reason}") from None
-    frames = SimpleITK.GetArrayFromImage(image)
+    frames = sitk.GetArrayFromImage(image)
     if image.GetNumberOfComponentsPerPixel() >= 3:
         frames = igs.to_grey(frames[..., :3])
     if frames.ndim == 2:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -15,6 +16,7 @@ from ..errors import bad
 from .geometry import VolumeData, place
 
 MOST_VOXELS = 2**31
+MOST_CODECS_CAN_EXPAND = 10_000  # times; all pixels equal
 
 
 def read(path: str | os.PathLike[str]) -> VolumeData:
@@ -50,7 +52,17 @@ def _file(sitk: Any, path: str | os.PathLike[str]) -> Any:
     reader = sitk.ImageFileReader()
     reader.SetFileName(os.fspath(path))
     reader.SetImageIO("GDCMImageIO")
+    check_size(reader, path)
     return reader.Execute()
+
+
+def check_size(reader: Any, path: str | os.PathLike[str]) -> None:
+    """Refuse a file that says of itself to hold more than its bytes can unpack to."""
+    reader.ReadImageInformation()
+    size = [int(n) for n in reader.GetSize()]
+    most = min(MOST_VOXELS, MOST_CODECS_CAN_EXPAND * os.path.getsize(path))
+    if math.prod(size) > most:
+        raise bad(path, "", f"expected at most {most:,} pixels for its length, got sizes {size}")
 
 
 def _series(sitk: Any, folder: str | os.PathLike[str]) -> Any:
@@ -80,7 +92,7 @@ def itk_errors(sitk: Any, path: str | os.PathLike[str]) -> Iterator[None]:
         lines = [line.strip() for line in str(error).splitlines()]
         # ITK's "Reason" is the system's last error, which may have nothing to do with it.
         lines = [line for line in lines if line and not line.startswith("Reason:")]
-        reason = lines[-1] if lines else "an unknown error"
+        reason = re.sub(r"^ITK ERROR: \w+\(\w+\): ", "", lines[-1]) if lines else "an unknown error"
         raise bad(path, "", f"expected DICOM, got {reason}") from None
     finally:
         sitk.ProcessObject.SetGlobalWarningDisplay(shown)

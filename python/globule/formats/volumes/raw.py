@@ -28,13 +28,17 @@ class RawImage(NamedTuple):
 
 def beside(path: str | os.PathLike[str], field: str, name: str) -> IO[bytes]:
     """Open the data's file that a header names in `field`. Raises FormatError if there is none."""
-    if not name or os.path.basename(name) != name or name.upper().startswith("LIST"):
+    if (
+        not name
+        or os.path.basename(name) != name
+        or name.upper().startswith("LIST")
+        or "\0" in name
+    ):
         raise bad(path, field, f"expected one file of the same folder, got {shown(name)}")
-    try:
-        return open(os.path.join(os.path.dirname(os.fspath(path)), name), "rb")
-    except FileNotFoundError:
-        problem = f"expected the data beside it, got no file {shown(name)}"
-        raise bad(path, field, problem) from None
+    place = os.path.join(os.path.dirname(os.fspath(path)), name)
+    if not os.path.isfile(place):
+        raise bad(path, field, f"expected the data beside it, got no file {shown(name)}")
+    return open(place, "rb")
 
 
 def numbers_of(
