@@ -13,6 +13,8 @@ from typing import Any
 
 import numpy as np
 
+from .checks import shown
+
 _ANCHORS = {
     "viridis": (
         "440154 48186a 472d7b 424086 3b528b 33638d 2c728e 26818e 21908c 1f9f88 28ae80 3ebc74 "
@@ -59,8 +61,8 @@ def colorize(values: Any, name: str, lo: float, hi: float) -> np.ndarray:
 
     Raises ValueError for an unknown map.
     """
-    if name not in _ANCHORS:
-        raise ValueError(f"colormap: expected one of {', '.join(NAMES)}, got {name!r}")
+    if not isinstance(name, str) or name not in _ANCHORS:
+        raise ValueError(f"colormap: expected one of {', '.join(NAMES)}, got {shown(name)}")
     anchors = np.array([hex_color(word) for word in _ANCHORS[name].split()])
     v = np.asarray(values, dtype=np.float64)
     # Halved, so that the difference of the ends cannot overflow.
