@@ -62,6 +62,9 @@ def one_line(error: pytest.ExceptionInfo) -> str:
         (lambda s: gb.RenderSettings(exposure="x" * 5000), "exposure"),
         (lambda s: gb.RenderSettings(lights=memoryview(POSITIONS)), "lights"),
         (lambda s: gb.Material(color=np.zeros((9, 9, 9))), "color"),
+        (lambda s: gb.render(s, color_by="x", colormap=[]), "colormap"),
+        (lambda s: gb.render(s, color_by=np.zeros((9, 9))), "color_by"),
+        (lambda s: gb.render(s, color_by="x", range=np.zeros((3, 3, 3))), "range"),
         (lambda s: gb.render(s, size=list(range(10000))), "size"),
     ],
 )

@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .checks import shown
+
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
@@ -62,8 +64,8 @@ def colorize(values: ArrayLike, name: str, lo: float, hi: float) -> np.ndarray:
 
     Raises ValueError for an unknown map.
     """
-    if name not in _ANCHORS:
-        raise ValueError(f"colormap: expected one of {', '.join(NAMES)}, got {name!r}")
+    if not isinstance(name, str) or name not in _ANCHORS:
+        raise ValueError(f"colormap: expected one of {', '.join(NAMES)}, got {shown(name)}")
     anchors = np.array([hex_color(word) for word in _ANCHORS[name].split()])
     v = np.asarray(values, dtype=np.float64)
     # Halved, so that the difference of the ends cannot overflow.

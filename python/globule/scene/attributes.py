@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .._base.arrays import to_host
-from .._base.checks import number
+from .._base.checks import number, shown
 from .._base.colormaps import colorize
 from .particles import SCALAR_FIELDS, Particles
 
@@ -42,7 +42,7 @@ def attribute_values(particles: Particles, name: str) -> np.ndarray:
     Raises TypeError for a name that is no text, ValueError that says which names there are.
     """
     if not isinstance(name, str):
-        raise TypeError(f"color_by: expected a name, got {name!r}")
+        raise TypeError(f"color_by: expected a name, got {shown(name)}")
     arrays = _arrays(particles)
     if name in arrays:
         array = np.asarray(to_host(arrays[name]), np.float64)
@@ -113,7 +113,7 @@ def checked_range(range: Any) -> tuple[float, float]:
     try:
         lo, hi = range
     except (TypeError, ValueError):
-        raise TypeError(f"range: expected (lo, hi), got {range!r}") from None
+        raise TypeError(f"range: expected (lo, hi), got {shown(range)}") from None
     return number("range", lo), number("range", hi)
 
 
