@@ -11,6 +11,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+import tomli_w
+
 from .._base.colormaps import NAMES as COLORMAPS
 from .._base.files import atomic_write
 from .._base.structured import parse_toml
@@ -249,26 +251,17 @@ class State:
 
     def to_toml(self, camera: Camera | None = None) -> str:
         """The settings that differ from their defaults, a camera and the bookmarks, as TOML."""
-        state = self.snapshot()
-        parts = []
+        state, facts = self.snapshot(), {}
         for name, make in GROUPS.items():
-            group, plain = getattr(state, name), make()
-            lines = [
-                f"{f.name} = {_toml(getattr(group, f.name))}"
-                for f in dataclasses.fields(make)
-                if getattr(group, f.name) != getattr(plain, f.name)
-            ]
-            if lines:
-                parts.append("\n".join([f"[{name}]", *lines]))
-        cameras = ([] if camera is None else [("[camera]", camera)]) + [
-            (f"[bookmarks.{_toml(name)}]", view) for name, view in state.bookmarks.items()
-        ]
-        for title, view in cameras:
-            angle = "fov" if view.height is None else "height"
-            fields = ("eye", "look_at", "up", angle)
-            lines = [f"{name} = {_toml(getattr(view, name))}" for name in fields]
-            parts.append("\n".join([title, *lines]))
-        return "\n\n".join(parts) + "\n"
+            group, plain = vars(getattr(state, name)), vars(make())
+            changed = {k: _plain(group[k]) for k in plain if group[k] != plain[k]}
+            if changed:
+                facts[name] = changed
+        if camera is not None:
+            facts["camera"] = _facts(camera)
+        if state.bookmarks:
+            facts["bookmarks"] = {name: _facts(view) for name, view in state.bookmarks.items()}
+        return tomli_w.dumps(facts)
 
     def load_toml(
         self, text: str, taken: Callable[[str, Any], Any] = lambda key, value: value
@@ -355,12 +348,12 @@ def _camera(name: str, facts: Any) -> Camera:
         raise ValueError(f"{name}.{error}") from None
 
 
-def _toml(value: Any) -> str:
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, (tuple, list)):
-        return f"[{', '.join(_toml(float(v)) for v in value)}]"
-    if isinstance(value, str):
-        escaped = "".join(f"\\u{ord(c):04x}" if ord(c) < 32 or c in '"\\\x7f' else c for c in value)
-        return f'"{escaped}"'
-    return repr(value)
+def _plain(value: Any) -> Any:
+    """A setting as TOML holds it."""
+    return [float(v) for v in value] if isinstance(value, (tuple, list)) else value
+
+
+def _facts(camera: Camera) -> dict[str, Any]:
+    """A camera as TOML holds it; `_camera` reads it back."""
+    angle = "fov" if camera.height is None else "height"
+    return {name: _plain(getattr(camera, name)) for name in ("eye", "look_at", "up", angle)}
