@@ -235,7 +235,7 @@ def test_memory_stays_when_browsers_come_and_go(chromium):
     if "GLOBULE_TEST_ALONE" not in os.environ:  # in a process whose memory no other test has used
         name = f"{__file__}::test_memory_stays_when_browsers_come_and_go"
         done = subprocess.run(
-            [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", name],
+            [sys.executable, "-m", "pytest", "-q", "--matrix", "-p", "no:cacheprovider", name],
             env=dict(os.environ, GLOBULE_TEST_ALONE="1"),
             capture_output=True,
             text=True,

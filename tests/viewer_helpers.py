@@ -182,7 +182,7 @@ def choose(page: Any, label: str, option: str) -> None:
 
 def number_box(page: Any, label: str) -> Any:
     """The number beside a slider."""
-    row = page.locator(f"xpath=//label[text()='{label}']/ancestor::div[2]/..").first
+    row = page.locator(f"xpath=//label[.='{label}']/ancestor::div[2]/..").first
     return row.locator("input[inputmode]").first
 
 
@@ -194,7 +194,7 @@ def type_number(page: Any, label: str, value: float | str) -> None:
 
 
 def type_text(page: Any, label: str, text: str) -> None:
-    row = page.locator(f"xpath=//label[text()='{label}']/ancestor::div[2]/..").first
+    row = page.locator(f"xpath=//label[.='{label}']/ancestor::div[2]/..").first
     row.locator("input").first.fill(text)
 
 
