@@ -33,6 +33,7 @@ struct SceneArrays {
     FloatArray stretch;                   // (n, 6) xx yy zz xy xz yz, 1 / world; null: balls; sparse octree only
     float most_stretch = 1.0f;
     float one_support = 0.0f, one_weight = 1.0f;
+    float spacing = 0.0f;                 // of particles that make one smooth surface, in place of supports; 0: balls or ellipsoids as given
     float3 one_color{0, 0, 0};
     float one_reflection = 0.0f, one_refraction = 0.0f;
 };
