@@ -169,6 +169,9 @@ NB_MODULE(_core, m) {
         .def("sorted", [](PyScene& s, Address keys, Address index) {
             call<&Scene::sorted>(s.core, at<std::uint64_t>(keys), at<std::uint32_t>(index));
         })
+        .def("surface_kernels", [](PyScene& s, Address stretch, Address weight) {
+            call<&Scene::surface_kernels>(s.core, at<float>(stretch), at<float>(weight));
+        })
         .def("render", [](PyScene&, const std::vector<Layer>& layers, const CameraRays& view, const Look& look,
                           const ThesisRequest* thesis, int passes, const PyFrame* before) {
             const PictureRequest request = picture(layers, view, look, thesis, passes);

@@ -57,6 +57,7 @@ inline Lighting lighting(const nb::dict& d) {
     s.background = vec(d, "background");
     s.show_sky = value<bool>(d, "show_sky");
     s.bounces = value<int>(d, "depth");
+    s.edge_samples = value<int>(d, "edge_samples");
     s.cutoff = value<float>(d, "cutoff");
     s.exposure = value<float>(d, "exposure");
     if (!d["ground"].is_none()) {

@@ -18,10 +18,10 @@ inline constexpr float kRadius = 3.375f;         ///< of the neighbours: the lon
 inline constexpr float kAxis = 2.25f;            ///< support across the surface, and inside
 inline constexpr float kThin = 1.5f;             ///< across a single layer
 inline constexpr float kAlong = 1.5f;            ///< ratio of the supports along and across the surface
-inline constexpr float kLayers[2] = {0.18f, 0.36f};  ///< least eigenvalue: two layers, a face
-inline constexpr float kFlat[2] = {0.3f, 1.0f};      ///< eigenvalue across a face, and inside
+inline constexpr float kTwoLayers = 0.18f, kFaceEigen = 0.36f;  ///< least eigenvalue
+inline constexpr float kFlat = 0.3f, kInside = 1.0f;  ///< eigenvalue across a face, and inside
 inline constexpr float kFace = 0.73f;            ///< field at a particle in a flat face
-inline constexpr float kAlone[2] = {0.12f, 0.36f};    ///< share of the neighbourhood that is filled: of a droplet, of a face
+inline constexpr float kDroplet = 0.12f, kCrowd = 0.36f;    ///< share of the neighbourhood that is filled
 inline constexpr float kMass = 1.0444544f;       ///< 1 over the integral of (1 - r^2)^2 over the unit ball
 inline constexpr float kThreshold = 0.5f;
 inline constexpr float kMostStretch = 2.26f;     ///< ratio of axes, (kAxis + (kAlong - 1) kAxis) / kThin at most
@@ -72,11 +72,11 @@ template <class F>
 GB_FN Shape<F> shape(const Moments<F>& moments) {
     const Eigen3<F> e = eigen(moments.covariance());
     const F least = min(min(e.value[0], e.value[1]), e.value[2]);
-    const auto flat = [](const F& s) { return F(1.0f) - smooth_step(s, kFlat[0], kFlat[1]); };
+    const auto flat = [](const F& s) { return F(1.0f) - smooth_step(s, kFlat, kInside); };
     const F flattest = flat(least);
     F inverse[3], longest = F(0.0f), mass = F(kMass);
     for (int k = 0; k < 3; ++k) {
-        const F across = F(kThin) + F(kAxis - kThin) * smooth_step(e.value[k], kLayers[0], kLayers[1]);
+        const F across = F(kThin) + F(kAxis - kThin) * smooth_step(e.value[k], kTwoLayers, kFaceEigen);
         const F a = across + F((kAlong - 1.0f) * kAxis) * max(flattest - flat(e.value[k]), F(0.0f));
         longest = max(longest, a);
         inverse[k] = F(kRadius) / a;
@@ -87,7 +87,7 @@ GB_FN Shape<F> shape(const Moments<F>& moments) {
 /// own: the particle's field at its place, with weights of mass 1.
 template <class F>
 GB_FN F raised(const F& own, const F& filled) {
-    const F few = F(1.0f) - smooth_step(filled, kAlone[0], kAlone[1]);
+    const F few = F(1.0f) - smooth_step(filled, kDroplet, kCrowd);
     return F(1.0f) + few * max(F(kFace) / own - F(1.0f), F(0.0f));
 }
 
@@ -135,7 +135,7 @@ struct FindSurfaceKernels {
         const surface::Shape<V> shape = surface::shape(moments);
         const V filled = moments.filled();
         V factor = V(1.0f);
-        if (g.any(rows & (filled < V(surface::kAlone[1])))) {
+        if (g.any(rows & (filled < V(surface::kCrowd)))) {
             V own = V(0.0f);
             for_all(g, near, x, y, z, rows, [&](int n_near, const typename Group::B& ours) {
                 for (int k = 0; k < n_near; ++k) {

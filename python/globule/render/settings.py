@@ -58,6 +58,9 @@ class RenderSettings(Fixed):
         cutoff: a ray that carries less than this share of a pixel's light ends in the sky, 0 to 1.
         samples: rays per pixel, 1 to 65536; the first goes through the pixel's center, the others
             anywhere in it.
+        edge_samples: more rays, 0 to 64, for pixels beside a jump of distance or normal
+            (silhouettes, creases), in images of one scene without shadows, ambient rays, mirrors,
+            transmission, clips, sky and ground. Other images have `samples`.
 
     Raises TypeError and ValueError naming the field, the expected and the given value.
     """
@@ -77,6 +80,7 @@ class RenderSettings(Fixed):
     bounces: int = 4
     cutoff: float = 1 / 32
     samples: int = 1
+    edge_samples: int = 0
 
     def _check(self) -> None:
         if not isinstance(self.material, Material):
@@ -119,6 +123,7 @@ class RenderSettings(Fixed):
                 "show_sky": self.sky is not None,
                 "ground": self.ground._pack() if self.ground else None,
                 "depth": whole("bounces", self.bounces, 0, 32),
+                "edge_samples": whole("edge_samples", self.edge_samples, 0, 64),
                 "cutoff": number("cutoff", self.cutoff, 0.0, 1.0),
                 "specular": number("specular", self.specular, 0.0),
                 "shininess": number("shininess", self.shininess, 0.0),

@@ -293,6 +293,27 @@ class Scene:
         """Facts about the current octree: level, nodes, leaves, bytes, hashes, build time."""
         return Octree(self._scene)
 
+    def surface_kernels(self) -> tuple[np.ndarray, np.ndarray]:
+        """The kernels that a scene with `surface="smooth"` found on its device.
+
+        Returns:
+            G (N, 3, 3) float32, 1 / world, and weight (N,) float32, as in `SurfaceKernels`; one row
+            a particle.
+
+        Raises ValueError for another scene.
+        """
+        if self.surface != "smooth":
+            raise ValueError('surface_kernels: expected a scene with surface="smooth"')
+        n = len(self)
+        six, weight = np.empty((n, 6), np.float32), np.empty(n, np.float32)
+        self._scene.surface_kernels(address(six), address(weight))
+        _, index = self.octree.sorted_keys(n)
+        G = np.empty((n, 3, 3), np.float32)
+        G[index] = six[:, (0, 3, 4, 3, 1, 5, 4, 5, 2)].reshape(n, 3, 3)
+        own = np.empty(n, np.float32)
+        own[index] = weight
+        return G, own
+
     def field(self, points: ArrayLike) -> np.ndarray:
         """The field at points: sum of weight * b(r).
 
