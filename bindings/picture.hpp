@@ -99,6 +99,10 @@ inline PictureRequest picture(const std::vector<Layer>& layers, const CameraRays
 inline void bind_picture(nb::module_& m) {
     nb::class_<Look>(m, "Look")
         .def("__init__", [](Look* self, const nb::dict& d) { new (self) Look(look(d)); })
+        .def("with_edges", [](Look look, int samples) {
+            look.lighting.edge_samples = samples;
+            return look;
+        })
         .def("reaching", [](Look look, float distance) {  // whose ambient rays end there
             look.lighting.ambient_distance = distance;
             return look;

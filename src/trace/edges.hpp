@@ -5,7 +5,7 @@
 
 namespace globule::core {
 
-inline constexpr float kCrease = 0.85f;  ///< cosine between normals of neighbouring pixels
+inline constexpr float kCrease = 0.6f;   ///< cosine between normals of neighbouring pixels
 inline constexpr std::uint8_t kEdge = 1, kEdgeHit = 2;  ///< marks: the first sample missed, or hit
 inline constexpr float kJump = 2.0f;     ///< from the plane of a neighbour's hit, in pixels
 

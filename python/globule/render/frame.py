@@ -369,7 +369,7 @@ def render(
 def as_scene(value: Any) -> Scene:
     """The scene that `value` stands for: a `Scene`, an object with one, or what `Scene` takes."""
     own = _own_scene(value)
-    return Scene(as_particles("scene", value)) if own is None else own
+    return Scene(as_particles("scene", value), surface="auto") if own is None else own
 
 
 def camera_and_size(camera: Any, size: Any) -> tuple[Camera | None, tuple[int, int]]:
@@ -444,7 +444,7 @@ def _colored(item: Any, color: tuple) -> Scene:
     own = _own_scene(item)
     particles = attributes.color_by(as_particles("scene", own or item), *color)
     if own is None:
-        return Scene(particles)
+        return Scene(particles, surface="auto")
     if own is not item:  # a simulation's, which nobody else updates
         return Scene(particles, own.kernel, own.threshold, device=own.device.name)
     own.update(particles)
