@@ -34,7 +34,10 @@ def smooth(points: np.ndarray, **options) -> gb.Scene:
 def volume(scene: gb.Scene, step: float) -> float:
     """By a grid whose lines avoid the lattice's planes."""
     lo, hi = (np.array(b, float) for b in scene.particles.bounds())
-    axes = [np.arange(a - 2 + 0.13 * step, b + 2, step * f) for a, b, f in zip(lo, hi, (1.01, 1.03, 1.05))]
+    axes = [
+        np.arange(a - 2 + 0.13 * step, b + 2, step * f)
+        for a, b, f in zip(lo, hi, (1.01, 1.03, 1.05))
+    ]
     inside = 0
     for z in axes[2]:
         plane = np.stack(np.meshgrid(axes[0], axes[1], [z], indexing="ij"), -1).reshape(-1, 3)
@@ -59,7 +62,9 @@ def test_a_ball_has_its_particles_volume(backend, n):
 def test_boxes_and_sheets_have_their_particles_volume(shape):
     points = block(*shape)
     tolerance = 0.03 if min(shape) > 2 else 0.05
-    assert volume(smooth(points, device="cpu"), 0.3) / len(points) == pytest.approx(1, abs=tolerance)
+    assert volume(smooth(points, device="cpu"), 0.3) / len(points) == pytest.approx(
+        1, abs=tolerance
+    )
 
 
 @pytest.mark.parametrize("layers", [1, 2, 3, 4, 12])
@@ -165,10 +170,22 @@ def test_what_is_fluid_like():
         (gb.Particles(flat), "particles in a plane"),
     ):
         assert fluid_like(particles) == (False, why)
-        assert gb.Scene(particles, surface="auto", device="cpu").surface == "balls"
-    assert gb.Scene(cube, surface="auto", device="cpu").surface == "smooth"
-    for options in ({"kernel": "wyvill"}, {"support": 2.0}, {"threshold": 0.5}, {"octree": "dense"}):
-        assert gb.Scene(cube, surface="auto", device="cpu", **options).surface == "balls"
+        assert gb.surface_of(particles) == "balls"
+    fluid = gb.Particles(cube)
+    assert gb.surface_of(fluid) == "smooth"
+    for options in (
+        {"kernel": "wyvill"},
+        {"support": 2.0},
+        {"threshold": 0.5},
+        {"octree": "dense"},
+    ):
+        assert gb.surface_of(fluid, **options) == "balls"
+    seen = [
+        gb.render(x, gb.Camera((20, 9, 30), (4, 4, 4)), (80, 60)).image
+        for x in (fluid, gb.Scene(fluid, surface="smooth"), gb.Scene(fluid))
+    ]
+    assert (seen[0] == seen[1]).all()
+    assert (seen[0] != seen[2]).any()
 
 
 def test_mistakes():

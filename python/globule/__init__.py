@@ -53,7 +53,7 @@ if _TYPE_CHECKING:
     from .render.legend import add_legend
     from .render.presets import preset
     from .render.sequence import read_ahead, render_sequence, value_range
-    from .scene.fluid import fluid_like
+    from .scene.fluid import fluid_like, surface_of
     from .scene.smoothing import anisotropy, surface_kernels, without_strays
     from .scene.spacing import local_spacing
     from .sim.settings import Phase, StepReport
@@ -81,7 +81,7 @@ _LATER = {
     "render.legend": "add_legend",
     "render.presets": "preset",
     "render.sequence": "read_ahead render_sequence value_range",
-    "scene.fluid": "fluid_like",
+    "scene.fluid": "fluid_like surface_of",
     "scene.smoothing": "anisotropy surface_kernels without_strays",
     "scene.spacing": "local_spacing",
     "sim.settings": "Phase StepReport",
@@ -158,6 +158,7 @@ __all__ = [
     "color_by",
     "colorize",
     "field",
+    "fluid_like",
     "gradient",
     "include_dir",
     "intersect",
@@ -180,6 +181,8 @@ __all__ = [
     "render_sequence",
     "reslice",
     "save_png",
+    "surface_kernels",
+    "surface_of",
     "tomography_particles",
     "value_range",
     "view",

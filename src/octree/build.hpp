@@ -400,18 +400,21 @@ public:
 
     /// Room for a support, a weight and a matrix of each sorted particle; what is written there holds from reshape() on.
     struct Shapes {
-        float *support, *weight, *stretch;  ///< (n,), (n,), (n, 6)
+        float *support, *weight, *stretch, *shortest;  ///< (n,), (n,), (n, 6), (n,)
     };
     Shapes shapes() {
         const std::size_t padded = ceil_div<std::size_t>(n_, 64) * 64 + 64;
-        return {support_.reserve(padded), weight_.reserve(padded), stretch_.reserve(6 * padded)};
+        float* stretch = stretch_.reserve(7 * padded);
+        return {support_.reserve(padded), weight_.reserve(padded), stretch, stretch + 6 * padded};
     }
     /// The boxes of a sparse tree anew for these shapes.
-    void reshape(const Shapes& shapes, float most_stretch, float most_weight) {
+    void reshape(const Shapes& shapes, float least_axis, float most_stretch, float most_weight) {
         sorted_.support = {shapes.support, 0.0f};
         sorted_.weight = {shapes.weight, 0.0f};
         sorted_.stretch = shapes.stretch;
         sorted_.most_stretch = most_stretch;
+        sorted_.shortest = shapes.shortest;
+        sorted_.least_axis = least_axis;
         TreeHeader* header = header_.data();
         const std::size_t n_nodes = Exec::on_device ? capacity_ : header->n_nodes;
         std::uint32_t* scratch = scratch_.data();

@@ -97,9 +97,10 @@ private:
     static void make_smooth(Exec& exec, Octree<Exec>& octree, float spacing) {
         const typename Exec::Stage stage("surface kernels");
         const auto shapes = octree.shapes();
-        exec.for_each_tile(ceil_div<std::size_t>(octree.size(), Exec::Group::width),
-                           FindSurfaceKernels<SparseTree>{octree.sparse(), octree.particles(), octree.size(), spacing, shapes.support, shapes.weight, shapes.stretch});
-        octree.reshape(shapes, surface::kMostStretch, surface::kFace);
+        const FindSurfaceKernels<SparseTree> find{octree.sparse(), octree.particles(), octree.size(), spacing,
+                                                  shapes.support, shapes.weight, shapes.stretch, shapes.shortest};
+        exec.for_each_tile(ceil_div<std::size_t>(octree.size(), find.template rows<typename Exec::Group>), find);
+        octree.reshape(shapes, surface::kThin * spacing, surface::kMostStretch, surface::kFace);
     }
 
     /// From the second build on there are more trees, where memory allows: a scene that is built once needs but one.

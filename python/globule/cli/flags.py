@@ -84,7 +84,7 @@ FLAGS: dict[str, dict[str, Any]] = {
         "help": "smooth: one surface that encloses the fluid's volume; balls: a ball around each "
         "particle; auto: smooth for particles of one fluid",
     },
-    "--spacing": {
+    "--particle-spacing": {
         "type": positive,
         "metavar": "LENGTH",
         "help": "spacing of the particles of a smooth surface, the cube root of a particle's "

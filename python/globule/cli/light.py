@@ -17,6 +17,7 @@ from ..render.lights import Environment, Ground, Sky, uniform_sky
 from ..render.materials import Material
 from ..render.presets import GROUNDS, PRESETS, ground_height, preset
 from ..render.settings import MAX_SAMPLES, RenderSettings
+from ..scene.fluid import surface_of
 from ..scene.scene import Scene
 from . import flags, look
 from .arguments import ball, beside, between, box, ground, pixel, share, whole
@@ -242,6 +243,7 @@ class Light:
                 options.threshold,
                 device=options.device,
                 threads=options.threads,
+                surface=surface_of(particles, kernel=options.kernel, threshold=options.threshold),
             )
         return Layer(scene, Material(color=color))
 

@@ -43,6 +43,7 @@ from ..formats.kind import kind_of
 from ..render.camera import Camera, view_axes
 from ..render.frame import Frame, fit_camera, render, save_png
 from ..render.legend import LEAST_SIDE, add_legend
+from ..scene.fluid import surface_of
 from ..scene.particles import Particles
 from ..scene.scene import Scene
 from ..scene.thesis import Thesis
@@ -112,7 +113,7 @@ def add_arguments(parser: Parser) -> None:
     flags.add(surface, "--support", "default: the file's, else two spacings")
     flags.add(surface, "--threshold", "default: by kernel")
     flags.add(surface, "--surface", "default: auto", default="auto")
-    flags.add(surface, "--spacing", "default: measured")
+    flags.add(surface, "--particle-spacing", "default: measured")
     surface.add_argument(
         "--anisotropic",
         action="store_true",
@@ -412,15 +413,19 @@ def _scene(
     options: argparse.Namespace, support: float | None, depth: int | None, particles: Particles
 ) -> Scene:
     """The scene of the particles, as the options ask for."""
-    surface = options.surface
+    surface, spacing = options.surface, options.particle_spacing
     volume = any(kind_of(path).kind == "volume" for path in options.particles)
     if surface == "auto" and (volume or options.preset == "thesis"):  # voxels; the source's balls
         surface = "balls"
+    elif surface == "auto":
+        asked = {"kernel": options.kernel, "threshold": options.threshold, "support": support}
+        fits = surface_of(particles, octree=options.octree, **asked)
+        surface = "smooth" if spacing else fits
     with tracing.octree_mistakes():
         return Scene(
             particles, options.kernel, options.threshold, support, options.key_bits, depth,
             options.octree, options.device, options.threads, surface=surface,
-            spacing=options.spacing,
+            spacing=spacing,
         )  # fmt: skip
 
 

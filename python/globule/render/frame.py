@@ -16,6 +16,7 @@ from .._base.checks import image_size, shown, whole
 from .._base.files import atomic_write
 from .._base.old_names import old_attribute, renamed
 from ..scene import attributes
+from ..scene.fluid import surface_of
 from ..scene.particles import Particles
 from ..scene.scene import Scene
 from ..scene.sources import as_particles
@@ -369,7 +370,12 @@ def render(
 def as_scene(value: Any) -> Scene:
     """The scene that `value` stands for: a `Scene`, an object with one, or what `Scene` takes."""
     own = _own_scene(value)
-    return Scene(as_particles("scene", value), surface="auto") if own is None else own
+    return _shown(as_particles("scene", value)) if own is None else own
+
+
+def _shown(particles: Particles) -> Scene:
+    """The scene of particles of which nothing more is said."""
+    return Scene(particles, surface=surface_of(particles))
 
 
 def camera_and_size(camera: Any, size: Any) -> tuple[Camera | None, tuple[int, int]]:
@@ -444,7 +450,7 @@ def _colored(item: Any, color: tuple) -> Scene:
     own = _own_scene(item)
     particles = attributes.color_by(as_particles("scene", own or item), *color)
     if own is None:
-        return Scene(particles, surface="auto")
+        return _shown(particles)
     if own is not item:  # a simulation's, which nobody else updates
         return Scene(particles, own.kernel, own.threshold, device=own.device.name)
     own.update(particles)

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from .._base.arrays import on_gpu, to_host
 from .particles import FARTHEST, Particles
-
-if TYPE_CHECKING:
-    from .scene import Scene
+from .scene import Scene
 
 FEWEST = 100
 # Distances to the nearest particle: the one that 90 % reach over the one that 10 % reach. 1.3 in a
@@ -46,8 +44,6 @@ def fluid_like(particles: Particles, scene: Scene | None = None) -> Likeness:
         particles: N particles.
         scene: one of these particles, whose octree serves the search; default: a new one.
     """
-    from .scene import Scene
-
     if len(particles) < FEWEST:
         return Likeness(False, f"fewer than {FEWEST} particles")
     if particles.anisotropy is not None:
@@ -75,6 +71,19 @@ def fluid_like(particles: Particles, scene: Scene | None = None) -> Likeness:
     if not high <= MOST_UNEVEN * low:
         return Likeness(False, "uneven spacing")
     return Likeness(True, "even spacing, one fluid")
+
+
+def surface_of(particles: Particles, **options: object) -> str:
+    """ "smooth" or "balls": the surface that `render` draws of particles.
+
+    Args:
+        particles: N particles.
+        options: further arguments of `Scene`; a kernel, support, threshold or dense octree that is
+            asked for makes it "balls".
+    """
+    others = {"kernel": "murakami", "threshold": None, "support": None, "octree": "sparse"}
+    plain = all(options.get(name, usual) == usual for name, usual in others.items())
+    return "smooth" if plain and fluid_like(particles).yes else "balls"
 
 
 def _nearest(scene: Scene, points: np.ndarray, radius: float) -> np.ndarray:

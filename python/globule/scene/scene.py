@@ -13,7 +13,6 @@ from .._base.arrays import ABSENT, HOST, View, address, on_gpu, unit_vectors, vi
 from .._base.checks import choice, positive, shown, thread_count, whole
 from .._base.device import Device, choose
 from .._base.old_names import renamed
-from .fluid import fluid_like
 from .octree import Octree
 from .particles import FIELDS, Particles
 from .sources import as_particles
@@ -36,7 +35,7 @@ DEFAULTS = {
     "wendland_c2": (2.75, 0.6),
     "solid": (2.2, 0.1),
 }
-SURFACES = ("balls", "smooth", "auto")
+SURFACES = ("balls", "smooth")
 SMOOTH_SUPPORT = 2.25  # spacings: of a kernel inside the fluid, src/field/surface_kernels.hpp
 SMOOTH_THRESHOLD = 0.5
 DEFAULT_COLOR = (0.28, 0.52, 0.80)
@@ -80,9 +79,8 @@ class Scene:
             smooth surface encloses the particles' volume, N * spacing³, and lies half a spacing
             outside of the outermost particles (docs/design/surface.md). "smooth" is for particles
             of one fluid with one spacing; it replaces `support` and has the kernel murakami and
-            the default threshold 0.5. "auto": "smooth" for particles that look like those of one
-            fluid (`fluid_like`) where no kernel, threshold, support or dense octree is asked for,
-            else "balls".
+            the default threshold 0.5.
+            `surface_of` tells which of the two `render` takes.
         spacing: of the particles for "smooth", world units: the cube root of a particle's volume.
             Default: the scene measures the spacing at its first build and keeps it.
 
@@ -97,7 +95,7 @@ class Scene:
     kernel: str
     device: Device
     builds: int  # how often the octree has been built
-    surface: str  # "balls" or "smooth"
+    surface: str = "balls"  # or "smooth"
 
     @renamed(depth="level")
     def __init__(
@@ -118,10 +116,6 @@ class Scene:
         choice("kernel", kernel, KERNELS)
         choice("surface", surface, SURFACES)
         particles = as_particles("particles", particles)
-        if surface == "auto":
-            asked = (kernel, octree, threshold, support)
-            plain = asked == ("murakami", "sparse", None, None)
-            surface = "smooth" if plain and fluid_like(particles).yes else "balls"
         smooth = surface == "smooth"
         if smooth and (kernel, octree, support) != ("murakami", "sparse", None):
             raise ValueError(

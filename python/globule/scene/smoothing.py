@@ -199,8 +199,8 @@ def surface_kernels(
         return SurfaceKernels(G, weight)
     scene = Scene(positions, support=radius, device="cpu")
     for rows, offsets, index in _neighbor_blocks(scene, positions, radius, progress):
-        _, covariance = _moments(positions, rows, offsets, index, radius)
-        values, axes = np.linalg.eigh(covariance / (0.15 * radius**2))
+        _, covariance = _moments(positions, rows, offsets, index, radius, power=4)
+        values, axes = np.linalg.eigh(covariance / (7 / 45 * radius**2))
         flat = 1 - _smooth_step(values, FLAT, INSIDE)
         across = THIN + (AXIS - THIN) * _smooth_step(values, TWO_LAYERS, FACE_EIGENVALUE)
         along = np.maximum(flat.max(axis=1, keepdims=True) - flat, 0)
@@ -211,8 +211,8 @@ def surface_kernels(
         own = np.repeat(np.arange(len(rows)), np.diff(offsets))
         away = positions[index].astype(np.float64) - positions[rows][own]
         squares = np.einsum("ni,ni->n", away, away) / radius**2
-        w = np.maximum(1 - squares**1.5, 0)
-        filled = np.bincount(own, w, len(rows)) / (2 * np.pi / 3 * RADIUS**3)
+        w = np.maximum(1 - squares**2, 0)
+        filled = np.bincount(own, w, len(rows)) / (16 * np.pi / 21 * RADIUS**3)
         seen = np.einsum("nij,nj->ni", G[rows][own], away)
         b = np.maximum(1 - np.einsum("ni,ni->n", seen, seen), 0) ** 2
         field = mass * np.bincount(own, np.where(squares < 1, b, 0), len(rows))
@@ -236,12 +236,17 @@ def _kernels(covariance: np.ndarray, most_stretch: float) -> np.ndarray:
 
 
 def _moments(
-    positions: np.ndarray, rows: np.ndarray, offsets: np.ndarray, index: np.ndarray, radius: float
+    positions: np.ndarray,
+    rows: np.ndarray,
+    offsets: np.ndarray,
+    index: np.ndarray,
+    radius: float,
+    power: int = 3,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Weighted mean (M, 3), from each particle, and covariance (M, 3, 3) of its neighbors."""
     own = np.repeat(positions[rows], np.diff(offsets), axis=0).astype(np.float64)
     d = positions[index] - own
-    w = np.maximum(1 - (np.sqrt(np.einsum("ij,ij->i", d, d)) / radius) ** 3, 0)
+    w = np.maximum(1 - (np.sqrt(np.einsum("ij,ij->i", d, d)) / radius) ** power, 0)
     starts = offsets[:-1]  # no row is empty: each particle is its own neighbor
     total = np.add.reduceat(w, starts)
     mean = np.add.reduceat(w[:, None] * d, starts) / total[:, None]
