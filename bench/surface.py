@@ -59,9 +59,7 @@ def main() -> None:
     options = parser.parse_args()
     width, height = map(int, options.size.split("x"))
     print(machine(options.device))
-    print(
-        "particles | balls ms | build | smooth ms | build | with 3 edge samples ms | build | hash"
-    )
+    print("particles | balls ms | build | smooth ms | build | with edge samples ms | build | hash")
     for name in options.n.split(","):
         print(
             " | ".join(measure(name, options.device, options.frames, (width, height))), flush=True

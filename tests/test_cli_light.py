@@ -129,7 +129,7 @@ def test_the_ground_is_where_the_surface_ends():
     scene = gb.Scene(ball(), device="cpu", surface="smooth")
     down = gb.render(scene, gb.Camera((0, -5, 0), (0, 0, 0), (0, 0, 1)), (60, 60))
     lowest = float(np.nanmin(down.position[..., 1]))
-    assert ground_height(scene) <= lowest < ground_height(scene) + 0.3
+    assert ground_height(scene) - 0.01 <= lowest < ground_height(scene) + 0.1
     assert ground_height(scene, (0, 0, 2)) == pytest.approx(ground_height(scene), abs=1e-5)
 
 
@@ -199,7 +199,8 @@ def test_a_scene_beside_shows_through():
     gb.write("inner.npz", inner)
     hidden, alone = picture("--with", "inner.npz"), picture("--opacity", "0.2")
     shown = picture("--with", "inner.npz", "--opacity", "0.2")
-    assert (hidden == picture()).all()
+    # Edges are smoothed in pictures of one layer.
+    assert np.mean(hidden != picture()) < 0.1
     middle = (slice(14, 22), slice(20, 28))
     green = [float((p[..., 1] - p[..., 0])[middle].mean()) for p in (shown, alone)]
     assert green[0] > green[1] + 30

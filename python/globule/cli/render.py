@@ -75,7 +75,8 @@ EXAMPLES = """\
   globule render head.nii.gz -o cut.png --level 90 --preset tissue --up 0,0,1 --clip 1,0,0,5
   globule render frame_0.ply frame_1.ply -o picture_%04d.png"""
 ESSENTIAL = ("--output", "--size", "--eye", "--look-at", "--up", "--preset", "--color-by",
-             "--surface", "--legend", "--samples", "--level", "--clip", "--state", "--device")  # fmt: skip
+             "--surface", "--legend", "--samples", "--level", "--clip", "--state",
+             "--device")  # fmt: skip
 
 SAMPLES = 20_000  # particles at which the highest field is looked for
 FOV = 40.0  # degrees

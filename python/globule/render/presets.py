@@ -50,12 +50,24 @@ def preset(name: str, scene: Scene, up: ArrayLike = (0.0, 1.0, 0.0)) -> RenderSe
     return _MAKE[name](_Stage(scene, up), extent, support)
 
 
+LOWEST = 256  # particles below which the surface is looked for
+
+
 def ground_height(scene: Scene, up: ArrayLike = (0.0, 1.0, 0.0)) -> float:
     """Height along `up`, world units, of a ground that touches the scene's surface from below."""
     _, up, _ = view_axes(up)
     positions = scene.particles.finite_positions()
     support = float(np.max(to_host(scene.support), initial=0.0))
-    lowest = float((positions @ up).min()) if len(positions) else 0.0
+    heights = positions @ up
+    lowest = float(heights.min()) if len(positions) else 0.0
+    if scene.surface == "smooth" and len(positions):  # where the lowest particles' surface ends
+        near = positions[np.argsort(heights)[:LOWEST]]
+        below = (near - 2 * support * up).astype(np.float32)
+        upwards = np.tile(up.astype(np.float32), (len(below), 1))
+        distance = scene.intersect(below, upwards).distance
+        seen = np.isfinite(distance)
+        if seen.any():
+            return float((below[seen] @ up + distance[seen]).min())
     return lowest - REACH[scene.kernel] * support
 
 

@@ -36,9 +36,11 @@ def alike(value: object) -> bool:
 
 
 def fluid_like(particles: Particles, scene: Scene | None = None) -> Likeness:
-    """Whether particles are those of one fluid: at least 100, supports and weights alike, one phase,
-    not in one plane, and the distances to the nearest particle alike (the one that 90 % of the
-    particles reach is at most 2.4 times the one that 10 % reach).
+    """Whether particles are those of one fluid.
+
+    They are where there are at least 100, with supports and weights alike, of one phase, not in one
+    plane, and with similar distances to the nearest particle: the distance that 90 % of the
+    particles reach is at most 2.4 times the one that 10 % reach.
 
     Args:
         particles: N particles.
