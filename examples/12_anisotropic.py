@@ -1,7 +1,10 @@
-"""Particles of a fluid, as balls and as ellipsoids that lie along the surface (Yu and Turk 2013).
+"""Particles of a fluid: as balls, as ellipsoids that lie along the surface (Yu and Turk 2013), and as
+the smooth surface that encloses their volume.
 
-Writes balls.png and ellipsoids.png. The command line does the same:
+Writes balls.png, ellipsoids.png and smooth.png. The command line does the same:
+    globule render splash.npz -o balls.png --surface balls
     globule render splash.npz -o ellipsoids.png --anisotropic
+    globule render splash.npz -o smooth.png
 """
 
 import globule as gb
@@ -21,8 +24,13 @@ smooth = gb.Particles(found.centers, anisotropy=found.G)
 
 camera = gb.Camera(eye=(1.05, 0.95, 1.7), look_at=(0, 0.12, 0))
 settings = gb.RenderSettings(shadows=True, specular=0.4, samples=2)
-for name, shown in (("balls", particles), ("ellipsoids", smooth)):
-    frame = gb.render(gb.Scene(shown), camera, (480, 360), settings)
+scenes = {
+    "balls": gb.Scene(particles),
+    "ellipsoids": gb.Scene(smooth),
+    "smooth": gb.Scene(positions, surface="smooth", spacing=spacing),
+}
+for name, scene in scenes.items():
+    frame = gb.render(scene, camera, (480, 360), settings)
     frame.save(f"{name}.png")
     print(f"{name}: {frame.mask.mean():.0%} of the image")
 axes = 1 / np.linalg.eigvalsh(found.G)
