@@ -48,6 +48,9 @@ from .scene.thesis import Thesis  # noqa: E402
 if _TYPE_CHECKING:
     from .formats import FormatError, mesh_particles, read, write
     from .formats.pictures.environment import read_environment
+    from .measure.places import SampleGrid, SampleLine, SamplePlane
+    from .measure.sample import sample
+    from .measure.samples import Samples
     from .render.camera_path import CameraPath, orbit
     from .render.layers import layers_by
     from .render.legend import add_legend
@@ -75,6 +78,9 @@ if _TYPE_CHECKING:
 _LATER = {
     "formats": "FormatError mesh_particles read write",
     "formats.pictures.environment": "read_environment",
+    "measure.places": "SampleGrid SampleLine SamplePlane",
+    "measure.sample": "sample",
+    "measure.samples": "Samples",
     "render.camera_path": "CameraPath orbit",
     "render.layers": "layers_by",
     "render.legend": "add_legend",
@@ -99,7 +105,7 @@ _LATER = {
     "volumes.volume": "Volume",
 }
 _MODULE_OF = {name: module for module, names in _LATER.items() for name in names.split()}
-_ROOMS = ("bench", "cli", "figures", "formats", "sim", "ultrasound", "viewer", "volumes")
+_ROOMS = ("bench", "cli", "figures", "formats", "measure", "sim", "ultrasound", "viewer", "volumes")
 
 
 def __getattr__(name: str) -> _Any:
@@ -141,6 +147,10 @@ __all__ = [
     "PointLight",
     "Reconstructor",
     "RenderSettings",
+    "SampleGrid",
+    "SampleLine",
+    "SamplePlane",
+    "Samples",
     "Scene",
     "Simulation",
     "Sky",
@@ -177,6 +187,7 @@ __all__ = [
     "render",
     "render_sequence",
     "reslice",
+    "sample",
     "save_png",
     "tomography_particles",
     "value_range",
