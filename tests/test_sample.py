@@ -144,7 +144,7 @@ def test_vtk(where, folder):
             cells == {"point": (len(points), 0, 0), "s": (0, 1, 0), "v": (0, 0, n)}[found.dims[0]]
         )
     if len(found.dims) < 2 or found.dims == ("point",):
-        with pytest.raises(ValueError, match="use .vtp"):
+        with pytest.raises(ValueError, match=r"use \.vtp"):
             found.save("a.vti")
     else:
         found.save("a.vti")

@@ -48,6 +48,8 @@ from .scene.thesis import Thesis  # noqa: E402
 if _TYPE_CHECKING:
     from .formats import FormatError, mesh_particles, read, write
     from .formats.pictures.environment import read_environment
+    from .measure.gauge import gauge, height_map
+    from .measure.mesh import SurfaceMeasure, SurfaceMesh, measure_surface, surface_mesh
     from .measure.places import SampleGrid, SampleLine, SamplePlane
     from .measure.sample import sample
     from .measure.samples import Samples
@@ -78,6 +80,8 @@ if _TYPE_CHECKING:
 _LATER = {
     "formats": "FormatError mesh_particles read write",
     "formats.pictures.environment": "read_environment",
+    "measure.gauge": "gauge height_map",
+    "measure.mesh": "SurfaceMeasure SurfaceMesh measure_surface surface_mesh",
     "measure.places": "SampleGrid SampleLine SamplePlane",
     "measure.sample": "sample",
     "measure.samples": "Samples",
@@ -155,6 +159,8 @@ __all__ = [
     "Simulation",
     "Sky",
     "StepReport",
+    "SurfaceMeasure",
+    "SurfaceMesh",
     "Sweep",
     "Thesis",
     "Volume",
@@ -166,12 +172,15 @@ __all__ = [
     "color_by",
     "colorize",
     "field",
+    "gauge",
     "gradient",
+    "height_map",
     "include_dir",
     "intersect",
     "iso_surface",
     "layers_by",
     "local_spacing",
+    "measure_surface",
     "mesh_particles",
     "neighbors",
     "orbit",
@@ -189,6 +198,7 @@ __all__ = [
     "reslice",
     "sample",
     "save_png",
+    "surface_mesh",
     "tomography_particles",
     "value_range",
     "view",

@@ -48,7 +48,9 @@ def sample(
     """
     if not isinstance(scene, Scene):
         scene = surface_scene(scene, device=device, threads=threads)
-    names = _names(scene, values)
+    names = names_of(scene, values)
+    if not names:
+        raise ValueError("values: expected at least one name, got none")
     if isinstance(where, (SamplePlane, SampleLine, SampleGrid)):
         lattice = where.lattice(scene)
         points, dims, steps = lattice.points(), lattice.dims, lattice.steps
@@ -82,7 +84,7 @@ def _blended(scene: Scene, points: np.ndarray, name: str) -> np.ndarray:
     # Less their middle: the blend's sums are float32, and a pressure of 101,325 Pa varies little.
     finite = np.where(np.isfinite(array), array, np.nan)
     with np.errstate(all="ignore"):
-        middle = np.zeros(array.shape[1:])
+        middle: np.ndarray = np.zeros(array.shape[1:])
         if np.isfinite(finite).any():
             middle = (np.nanmax(finite, axis=0) + np.nanmin(finite, axis=0)) / 2
             middle = np.where(np.isfinite(middle), middle, 0.0)
@@ -90,7 +92,8 @@ def _blended(scene: Scene, points: np.ndarray, name: str) -> np.ndarray:
     return in_blocks(lambda p: (scene.blend(p, less) + middle).astype(np.float32), points)
 
 
-def _names(scene: Scene, values: Any) -> list[str]:
+def names_of(scene: Scene, values: Any) -> list[str]:
+    """The names that `values` gives, checked; None stands for all."""
     if values is None:
         return ["field", "inside", *scene.particles.attributes]
     names = [values] if isinstance(values, str) else values
@@ -104,8 +107,6 @@ def _names(scene: Scene, values: Any) -> list[str]:
         except ValueError as error:
             known = str(error).replace("one of ", f"one of {', '.join(OF_THE_FIELD)}, ", 1)
             raise ValueError(f"values: {known}") from None
-    if not names:
-        raise ValueError("values: expected at least one name, got none")
     return list(dict.fromkeys(names))
 
 
