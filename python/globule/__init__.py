@@ -53,6 +53,7 @@ if _TYPE_CHECKING:
     from .measure.places import SampleGrid, SampleLine, SamplePlane
     from .measure.sample import sample
     from .measure.samples import Samples
+    from .measure.track import track_surface
     from .render.camera_path import CameraPath, orbit
     from .render.layers import layers_by
     from .render.legend import add_legend
@@ -85,6 +86,7 @@ _LATER = {
     "measure.places": "SampleGrid SampleLine SamplePlane",
     "measure.sample": "sample",
     "measure.samples": "Samples",
+    "measure.track": "track_surface",
     "render.camera_path": "CameraPath orbit",
     "render.layers": "layers_by",
     "render.legend": "add_legend",
@@ -200,6 +202,7 @@ __all__ = [
     "save_png",
     "surface_mesh",
     "tomography_particles",
+    "track_surface",
     "value_range",
     "view",
     "without_strays",
