@@ -51,6 +51,7 @@ if _TYPE_CHECKING:
     from .measure.gauge import gauge, height_map
     from .measure.mesh import SurfaceMeasure, SurfaceMesh, measure_surface, surface_mesh
     from .measure.places import SampleGrid, SampleLine, SamplePlane
+    from .measure.project import project
     from .measure.sample import sample
     from .measure.samples import Samples
     from .measure.track import track_surface
@@ -84,6 +85,7 @@ _LATER = {
     "measure.gauge": "gauge height_map",
     "measure.mesh": "SurfaceMeasure SurfaceMesh measure_surface surface_mesh",
     "measure.places": "SampleGrid SampleLine SamplePlane",
+    "measure.project": "project",
     "measure.sample": "sample",
     "measure.samples": "Samples",
     "measure.track": "track_surface",
@@ -188,6 +190,7 @@ __all__ = [
     "orbit",
     "phantoms",
     "preset",
+    "project",
     "read",
     "read_ahead",
     "read_environment",

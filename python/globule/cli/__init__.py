@@ -22,6 +22,7 @@ from . import (
     gauge,
     info,
     mesh,
+    project,
     reconstruct,
     render,
     simulate,
@@ -36,7 +37,7 @@ from .shared import UserError, join_negative, say, warn
 # Who uses them: the title in `globule --help`, and the commands' modules.
 GROUPS = {
     "everyone": (render, view, convert, info),
-    "measured from the surface": (slice, gauge, mesh, track),
+    "measured from the surface": (slice, gauge, mesh, track, project),
     "simulation": (simulate,),
     "tracked ultrasound": (reconstruct, calibrate),
     "measurements": (bench,),

@@ -62,7 +62,7 @@ def run(options: argparse.Namespace) -> None:
     check_output("-o", options.output, EXTENSIONS if options.map else (".csv",))
     with mistakes():
         up_axis(options.up)
-    if options.sample_spacing and not options.map:
+    if options.spacing and not options.map:
         raise UserError("--sample-spacing: expected --map beside --sample-spacing, got none")
     if options.plot:
         if options.map:
@@ -77,7 +77,7 @@ def run(options: argparse.Namespace) -> None:
                     raise UserError("--map: expected one file, got several")
                 measuring.need_surface(path, scene)
                 with mistakes():
-                    found = height_map(scene, options.sample_spacing, options.up)
+                    found = height_map(scene, options.spacing, options.up)
                 rows.append(found["height"].ravel())
             else:
                 with mistakes():

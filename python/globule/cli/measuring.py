@@ -48,6 +48,7 @@ def add_sample_spacing(group: Any) -> None:
     """The flag of the distance of samples, or of a mesh's cells."""
     group.add_argument(
         "--sample-spacing",
+        dest="spacing",
         type=positive,
         metavar="LENGTH",
         help="distance of neighboring samples, or edge of a mesh's cells, world units "
@@ -59,6 +60,7 @@ def add_values(group: Any, default: str) -> None:
     """The flag of the values to sample."""
     group.add_argument(
         "--value",
+        dest="values",
         action="append",
         metavar="NAME",
         help="value to sample: field, inside, gradient, or a field or attribute of the particles; "

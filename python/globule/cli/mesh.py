@@ -39,7 +39,7 @@ def run(options: argparse.Namespace) -> None:
         for _, path, scene in measuring.scenes(options, [options.file], progress):
             measuring.need_surface(path, scene)
             with mistakes():
-                mesh = surface_mesh(scene, options.sample_spacing, options.value or ())
+                mesh = surface_mesh(scene, options.spacing, options.values or ())
                 found = measured(scene, mesh)
                 mesh.save(options.output)
     if options.json:

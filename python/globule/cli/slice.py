@@ -15,7 +15,9 @@ import numpy as np
 from .._base.colormaps import colorize
 from ..measure.places import SampleGrid, SampleLine, SamplePlane
 from ..measure.sample import sample
-from ..measure.samples import EXTENSIONS, Samples
+from ..measure.samples import EXTENSIONS
+from ..measure.surface import counts, default_spacing
+from ..render.frame import save_png
 from ..render.legend import LEAST_SIDE, add_legend
 from . import flags, measuring
 from .parser import Parser
@@ -100,15 +102,15 @@ def run(options: argparse.Namespace) -> None:
         for _, path, scene in measuring.scenes(options, [options.file], progress):
             measuring.need_surface(path, scene)
             with mistakes():
-                names = options.value
+                names = options.values
                 if image:
                     names = [(names or [*scene.particles.attributes, "field"])[0], "inside"]
                 found = sample(scene, _where(options, scene), names)
                 if image:
-                    _draw(options, found, names[0])
+                    draw(options, found[names[0]], names[0], False, found["inside"])
                 else:
                     found.save(options.output)
-    facts = {name: _range(array) for name, array in found.values.items()}
+    facts = {name: _range(_length(array, found.dims)) for name, array in found.values.items()}
     inside = {"inside": float(found["inside"].mean())} if "inside" in found.values else {}
     if options.json:
         shape = dict(zip(found.dims, found.shape, strict=True))
@@ -121,16 +123,19 @@ def run(options: argparse.Namespace) -> None:
 
 
 def _where(options: argparse.Namespace, scene: Any) -> SamplePlane | SampleLine | SampleGrid:
-    spacing = options.sample_spacing
+    spacing = options.spacing
     if options.grid:
         return SampleGrid(spacing)
     if options.plane:
         return SamplePlane(options.plane.normal, options.plane.offset, spacing)
     length = float(np.linalg.norm(np.subtract(options.line.end, options.line.start)))
-    from ..measure.surface import counts, default_spacing
-
     n = counts(np.array([length]), spacing or default_spacing(scene))[0]
     return SampleLine(options.line.start, options.line.end, max(2, n))
+
+
+def _length(array: np.ndarray, dims: tuple[str, ...]) -> np.ndarray:
+    """Vectors' lengths."""
+    return np.linalg.norm(array, axis=-1) if array.ndim > len(dims) else array
 
 
 def _range(array: np.ndarray) -> list[float]:
@@ -138,16 +143,24 @@ def _range(array: np.ndarray) -> list[float]:
     return [float(known.min()), float(known.max())] if known.size else [np.nan, np.nan]
 
 
-def _draw(options: argparse.Namespace, found: Samples, name: str) -> None:
-    """The values of a plane as a .png, v upwards, at least 480 pixels high."""
-    from ..render.frame import save_png
-
-    values = found[name].astype(np.float64)
+def draw(
+    options: argparse.Namespace,
+    values: np.ndarray,
+    name: str,
+    log: bool,
+    inside: np.ndarray | None = None,
+) -> None:
+    """Write the values (V, U) or (V, U, k) of a plane as a .png, v upwards, at least 480 pixels a
+    side; white where they are not finite, and outside where --inside is given."""
+    values = values.astype(np.float64)
     if values.ndim > 2:
         values = np.linalg.norm(values, axis=2)
+    if log:
+        with np.errstate(all="ignore"):
+            values, name = np.log10(values), f"log10 {name}"
     hidden = ~np.isfinite(values)
-    if options.inside:
-        hidden |= ~found["inside"]
+    if inside is not None and options.inside:
+        hidden |= ~inside
     if hidden.all():
         raise ValueError(f"plane: expected one that meets {name}, got none in the slice")
     low, high = options.range or _range(values[~hidden])

@@ -56,7 +56,7 @@ def run(options: argparse.Namespace) -> None:
         measuring.need_matplotlib()
     names: list[str] = []
     rows: list[dict[str, float]] = []
-    spacing = options.sample_spacing
+    spacing = options.spacing
     with Progress(len(options.files)) as progress:
         for _, path, scene in measuring.scenes(options, options.files, progress):
             with mistakes():
