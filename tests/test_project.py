@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import globule as gb
 import numpy as np
 import pytest
@@ -33,7 +35,7 @@ def quadrature(positions, matrices, values, kernel, origins, directions) -> np.n
                     u = np.sqrt(bound**2 - h2)
                     ends |= {-u, u}
             ends = sorted(end for end in ends if at <= end and end**2 <= 1 - h2 + 1e-15)
-            for lo, hi in zip(ends[:-1], ends[1:], strict=True):
+            for lo, hi in itertools.pairwise(ends):
                 # Denser at both ends: near the middle odd powers of q turn sharply.
                 t = (lo + hi) / 2 - (hi - lo) / 2 * np.cos(np.pi * (x + 1) / 2)
                 slope = (hi - lo) / 2 * np.sin(np.pi * (x + 1) / 2) * np.pi / 2

@@ -1,4 +1,4 @@
-"""Line-of-sight projections: column densities and integrals of attributes, exact for each kernel."""
+"""Line-of-sight projections: column densities and integrals of attributes, exact by kernel."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ..render.camera import Camera
 from ..scene import oracle
 from ..scene.attributes import attribute_values
 from ..scene.particles import Particles
-from ..scene.scene import KERNELS, Scene
+from ..scene.scene import Scene
 from ..scene.sources import as_particles
 from .places import SamplePlane
 from .samples import Samples
