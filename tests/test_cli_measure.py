@@ -158,6 +158,7 @@ def test_project(folder, capsys):
     for words in (["-o", "a.png", "--log", "--range", "2,4"], ["-o", "a.csv", "--value", "x"]):
         assert main(["project", "a.npz", *words, *CPU]) == 0
     assert Image.open("a.png").size[0] > 400
+    capsys.readouterr()
     gb.write("b.npz", cube(10, support=0.25))
     facts = run_json(capsys, "project", "b.npz", "-o", "a.npz", "--particle-volume", "0.5", *CPU)
     assert facts["total"]["thickness"] == pytest.approx(500, rel=1e-3)

@@ -14,12 +14,12 @@ from .._base.checks import image_size, shown, unit
 from ..render.camera import Camera
 from ..scene import oracle
 from ..scene.attributes import attribute_values
-from ..scene.particles import Particles
+from ..scene.particles import FARTHEST, Particles
 from ..scene.scene import Scene
 from ..scene.sources import as_particles
 from .places import SamplePlane
 from .samples import Samples
-from .surface import box_of
+from .surface import box_of, default_spacing, in_blocks
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -58,7 +58,9 @@ def project(
         size: (width, height) of a camera's image in pixels. Parallel lines are half a particle
             spacing apart unless a SamplePlane says otherwise.
         volume: of the particles, world units cubed: a number or (N,). Default: an attribute mass
-            (mass, masses or m) over density (density, densities or rho), else the spacing cubed.
+            (mass, masses or m) over density (density, densities or rho), else one over the sum of
+            the kernels at each particle. Where all supports are alike, the median of these sums
+            stands for all: at a fluid's surface they are too small.
         kernel: one of `globule.scene.scene.KERNELS`.
         support: of all particles, world units; default: the particles' or the scene's own, else the
             kernel's default. For parallel lines, supports below two of their distances are widened
@@ -66,9 +68,10 @@ def project(
         device, threads: as for `Scene`.
 
     Returns:
-        `Samples` of a plane with the values by their names, float32: the attribute's unit times
+        `Samples` of a plane with the values by their names, float64: the attribute's unit times
         the world's unit of length. For a Camera the points lie in the plane through its `look_at`,
-        and v runs down the image. The error of a pixel is that of float32, 1e-6 of the value.
+        and v runs down the image. The error of a pixel is that of float32, about 1e-6 of the
+        value.
 
     Raises TypeError and ValueError naming the argument, the expected and the given value.
     """
@@ -81,18 +84,19 @@ def project(
     own: Any = None
     if isinstance(particles, Scene):
         own, particles = particles.support, particles.particles
-    particles = as_particles("particles", particles)
+    particles = replace(as_particles("particles", particles), weight=None)
     if own is not None and particles.anisotropy is None and support is None:
         particles = replace(particles, support=own)
     options = {"kernel": kernel, "device": device, "threads": threads}
     scene = Scene(particles, support=support, **options)  # plain kernels, not those of a surface
-    columns = _columns(particles, names, _volumes(scene, particles, volume))
+    columns = _columns(particles, names, _volumes(scene, volume, options))
     if isinstance(view, Camera):
         samples, origins, directions = _camera_rays(view, image_size(size))
     else:
         plane = view if isinstance(view, SamplePlane) else SamplePlane(unit("view", view))
-        samples, origins, directions, distance = _parallel_rays(scene, plane)
+        distance = plane.spacing or default_spacing(scene)
         scene = _widened(scene, particles, LEAST_PIXELS * distance, options)
+        samples, origins, directions = _parallel_rays(scene, replace(plane, spacing=distance))
     found = _integrals(scene, origins, directions, np.concatenate([*columns.values()], axis=1))
     first = 0
     for name, column in columns.items():
@@ -116,8 +120,9 @@ def kernel_volume(kernel: str) -> float:
     return total
 
 
-def _volumes(scene: Scene, particles: Particles, volume: Any) -> np.ndarray:
+def _volumes(scene: Scene, volume: Any, options: dict[str, Any]) -> np.ndarray:
     """The particles' volumes (N,) float64."""
+    particles = scene.particles
     n = len(particles)
     if volume is not None:
         try:
@@ -131,7 +136,28 @@ def _volumes(scene: Scene, particles: Particles, volume: Any) -> np.ndarray:
     if mass is not None and density is not None:
         with np.errstate(all="ignore"):
             return np.where(density > 0, mass / density, 0.0)
-    return np.full(n, scene.spacing**3 or 1.0)
+    spread = _spread(scene)
+    finite = spread[np.isfinite(spread)].max(initial=0.0) or 1.0
+    weighted = Scene(replace(particles, weight=(spread / finite).astype(np.float32)), **options)
+    positions = to_host(particles.positions)
+    known = (np.abs(positions) <= FARTHEST).all(axis=1)
+    number = np.zeros(n)  # density of the particles
+    number[known] = in_blocks(weighted.field, positions[known]) * finite
+    alike = particles.anisotropy is None and np.ptp(to_host(scene.support)) == 0
+    if alike and known.any():
+        number[:] = np.median(number[known])
+    return np.divide(1, number, out=np.zeros(n), where=number > 0)
+
+
+def _spread(scene: Scene) -> np.ndarray:
+    """What the kernels (N,) are multiplied by to have the integral 1, float64."""
+    one = kernel_volume(scene.kernel)
+    if scene.particles.anisotropy is not None:
+        return np.linalg.det(scene.particles.anisotropy.astype(np.float64)) / one
+    support = np.asarray(to_host(scene.support), np.float64)
+    with np.errstate(all="ignore"):
+        spread = np.where(support > 0, 1 / (one * support**3), 0.0)
+    return np.broadcast_to(spread, len(scene.particles))
 
 
 def _first(particles: Particles, names: Sequence[str]) -> np.ndarray | None:
@@ -171,31 +197,22 @@ def _columns(
 def _integrals(
     scene: Scene, origins: np.ndarray, directions: np.ndarray, columns: np.ndarray
 ) -> np.ndarray:
-    """Integrals (M, k) float32 of columns (N, k), each spread by its particle's kernel."""
-    one = kernel_volume(scene.kernel)
-    if scene.particles.anisotropy is not None:
-        spread = np.linalg.det(scene.particles.anisotropy.astype(np.float64)) / one
-    else:
-        support = np.broadcast_to(np.asarray(to_host(scene.support), np.float64), len(columns))
-        with np.errstate(all="ignore"):
-            spread = np.where(support > 0, 1 / (one * support**3), 0.0)
+    """Integrals (M, k) float64 of columns (N, k), each spread by its particle's kernel."""
     with np.errstate(over="ignore"):
-        values = columns * spread[:, None]
+        values = columns * _spread(scene)[:, None]
     # To the middle of float32's range: masses and lengths may be those of stars or of molecules.
     scale = np.abs(values).max(axis=0, initial=0.0)
     scale = np.where((scale > 0) & np.isfinite(scale), scale, 1.0)
     values = (values / scale).astype(np.float32)
-    found = np.empty((len(origins), columns.shape[1]), np.float32)
+    found = np.empty((len(origins), columns.shape[1]))
     for begin in range(0, len(origins), RAYS):
         part = slice(begin, begin + RAYS)
         found[part] = scene.integrate(origins[part], directions[part], values) * scale
     return found
 
 
-def _parallel_rays(
-    scene: Scene, plane: SamplePlane
-) -> tuple[Samples, np.ndarray, np.ndarray, float]:
-    """Places, origins and directions (M, 3) float32 of parallel rays, and their distance."""
+def _parallel_rays(scene: Scene, plane: SamplePlane) -> tuple[Samples, np.ndarray, np.ndarray]:
+    """Places, and origins and directions (M, 3) float32 of parallel rays."""
     lattice = plane.lattice(scene)
     normal = np.asarray(unit("normal", plane.normal))
     points = lattice.points()
@@ -207,8 +224,7 @@ def _parallel_rays(
     directions = np.broadcast_to(normal, origins.shape).astype(np.float32)
     coords = dict(zip(lattice.dims, lattice.coords, strict=True))
     samples = Samples(points, {}, lattice.dims, coords, lattice.steps)
-    distance = float(np.linalg.norm(lattice.steps[0]))
-    return samples, origins.astype(np.float32), directions, distance
+    return samples, origins.astype(np.float32), directions
 
 
 def _camera_rays(camera: Camera, size: tuple[int, int]) -> tuple[Samples, np.ndarray, np.ndarray]:
