@@ -87,7 +87,7 @@ def project(
     particles = replace(as_particles("particles", particles), weight=None)
     if own is not None and particles.anisotropy is None and support is None:
         particles = replace(particles, support=own)
-    options = {"kernel": kernel, "device": device, "threads": threads}
+    options: dict[str, Any] = {"kernel": kernel, "device": device, "threads": threads}
     scene = Scene(particles, support=support, **options)  # plain kernels, not those of a surface
     columns = _columns(particles, names, _volumes(scene, volume, options))
     if isinstance(view, Camera):

@@ -84,7 +84,7 @@ def _blended(scene: Scene, points: np.ndarray, name: str) -> np.ndarray:
     # Less their middle: the blend's sums are float32, and a pressure of 101,325 Pa varies little.
     finite = np.where(np.isfinite(array), array, np.nan)
     with np.errstate(all="ignore"):
-        middle = np.broadcast_to(0.0, array.shape[1:])
+        middle: Any = np.zeros(array.shape[1:])
         if np.isfinite(finite).any():
             middle = (np.nanmax(finite, axis=0) + np.nanmin(finite, axis=0)) / 2
             middle = np.where(np.isfinite(middle), middle, 0.0)
