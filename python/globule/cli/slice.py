@@ -2,8 +2,8 @@
 
 Attributes are blended with the weights of the field; they are nan where no particle reaches.
 -o names a .csv (one row a place), a .npz, a .vti (a plane or grid), a .vtp (a plane or line), or a
-.png of a plane's first --value. In a .png, places without a value are white, and --inside also
-makes white what is outside of the surface."""
+.png of a plane's first --value, 800 pixels long unless --sample-spacing says otherwise. In a .png,
+places without a value are white; --inside also makes white what is outside of the surface."""
 
 from __future__ import annotations
 
@@ -30,6 +30,9 @@ EXAMPLES = """\
   globule slice splash.npz --plane 0,0,1,0 --value speed -o slice.png
   globule slice splash.npz --line -1,0.1,0,0.4,0.1,0 --value inside -o line.csv
   globule slice splash.npz --grid --value field -o field.vti"""
+
+
+PIXELS = 800  # along the longer side of an image
 
 
 def _numbers(text: str, n: int, names: str) -> list[float]:
@@ -127,7 +130,12 @@ def _where(options: argparse.Namespace, scene: Any) -> SamplePlane | SampleLine 
     if options.grid:
         return SampleGrid(spacing)
     if options.plane:
-        return SamplePlane(options.plane.normal, options.plane.offset, spacing)
+        plane = SamplePlane(options.plane.normal, options.plane.offset, spacing)
+        if spacing is None and options.output.lower().endswith(".png"):
+            lattice = plane.lattice(scene)  # small ones are drawn larger
+            finer = default_spacing(scene) * min(1.0, max(lattice.shape) / PIXELS)
+            plane = SamplePlane(plane.normal, plane.offset, finer)
+        return plane
     length = float(np.linalg.norm(np.subtract(options.line.end, options.line.start)))
     n = counts(np.array([length]), spacing or default_spacing(scene))[0]
     return SampleLine(options.line.start, options.line.end, max(2, n))
@@ -157,13 +165,15 @@ def draw(
         values = np.linalg.norm(values, axis=2)
     if log:
         with np.errstate(all="ignore"):
-            values, name = np.log10(values), f"log10 {name}"
+            values, name = np.log10(np.maximum(values, 0)), f"log10 {name}"
     hidden = ~np.isfinite(values)
     if inside is not None and options.inside:
         hidden |= ~inside
+    if log:
+        hidden &= np.isnan(values)  # nothing at all has the color of little
     if hidden.all():
         raise ValueError(f"plane: expected one that meets {name}, got none in the slice")
-    low, high = options.range or _range(values[~hidden])
+    low, high = options.range or _range(values[~hidden & np.isfinite(values)])
     linear = colorize(values.ravel(), options.colormap, low, high).reshape(*values.shape, 3)
     srgb = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
     image = np.rint(255 * srgb).astype(np.uint8)

@@ -114,7 +114,7 @@ def _points(where: Any) -> np.ndarray:
     try:
         points = np.asarray(to_host(where), np.float32)
     except (TypeError, ValueError):
-        points = np.empty(0)
+        points = np.empty(0, np.float32)
     expected = "a SamplePlane, SampleLine, SampleGrid or points (M, 3)"
     if points.ndim != 2 or points.shape[1] != 3:
         raise TypeError(f"where: expected {expected}, got {shown(where)}")
