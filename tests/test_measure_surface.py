@@ -132,6 +132,31 @@ def shapes() -> dict[str, gb.Scene]:
     }
 
 
+@pytest.mark.parametrize("cells", [3, 8, 32])
+@pytest.mark.parametrize("name", ["lattice", "solid", "weights", "neck"])
+def test_blocks_leave_no_seam(name, cells, monkeypatch):
+    """However the grid is cut into blocks, the mesh is the same."""
+    trimesh = pytest.importorskip("trimesh")
+    scene = shapes()[name]
+    monkeypatch.setattr(mesh_module, "CELLS", 64)
+    whole = gb.surface_mesh(scene)
+    monkeypatch.setattr(mesh_module, "CELLS", cells)
+    found = gb.surface_mesh(scene)
+    assert len(found.vertices) == len(whole.vertices)
+    assert len(found.faces) == len(whole.faces)
+    assert trimesh.Trimesh(found.vertices, found.faces, process=False).is_watertight
+    assert found.volume == pytest.approx(whole.volume, rel=1e-6)
+
+
+def test_a_drop_far_away():
+    """Empty space costs nothing, and mixed supports lose nothing."""
+    p = gb.Particles([[0, 0, 0], [1000, -500, 2000], [1, 0, 0]], support=[0.8, 0.8, 3.0])
+    found = gb.measure_surface(p, 0.1, device="cpu")
+    truth = 4 / 3 * np.pi * RADIUS**3
+    both = gb.measure_surface(p[[0, 2]], 0.1, device="cpu")
+    assert abs(found.volume - both.volume - truth) <= 2 * found.volume_error
+
+
 @pytest.mark.parametrize("name", shapes())
 def test_vertices_are_on_the_surface(name):
     scene = shapes()[name]

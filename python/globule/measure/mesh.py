@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from .._base.arrays import to_host
 from .._base.checks import a_path, missing, positive
 from ..formats.mesh_files import EXTENSIONS, write_mesh
+from ..scene.particles import FARTHEST
 from ..scene.scene import Scene
-from .places import SampleGrid
 from .sample import names_of, values_at
-from .surface import box_of, default_spacing, in_blocks, surface_scene
+from .surface import BLOCK, MOST_PLACES, box_of, default_spacing, in_blocks, surface_scene
 
 TOLERANCE = 1e-5  # |field - threshold| / |gradient| at a vertex, in edges of the grid
+CELLS = 32  # along the edge of a block
+_SIDE = 2**19  # blocks along an axis
 _NEWTON_STEPS = 12
 _BISECTIONS = 40
 
@@ -167,35 +170,103 @@ def _triangles(scene: Scene, spacing: float) -> tuple[np.ndarray, np.ndarray]:
         from skimage.measure import marching_cubes
     except ImportError:
         raise missing("scikit-image", "measure") from None
-    nothing = np.empty((0, 3), np.float32), np.empty((0, 3), np.int32)
     if not len(scene.particles.finite_positions()):
-        return nothing
-    lo, hi = box_of(scene)
+        return np.empty((0, 3), np.float32), np.empty((0, 3), np.int32)
     # One cell more on each side: a surface never reaches the end of the grid.
-    box = np.stack([lo - spacing, hi + 2 * spacing])
-    grid = SampleGrid(spacing, box).lattice(scene)
-    field = _grid_field(scene, grid)
+    lo = box_of(scene)[0] - spacing
+    edge = CELLS * max(1, int(np.ceil(float(np.max(to_host(scene.support))) / spacing / CELLS)))
+    blocks = _blocks(scene, lo, edge * spacing)
+    n_places = len(blocks) * float(edge + 1) ** 3
+    if n_places > MOST_PLACES:
+        enough = 1.1 * spacing * (n_places / MOST_PLACES) ** (1 / 3)
+        raise ValueError(
+            f"spacing: expected one that makes at most {MOST_PLACES:,} places, got {spacing:g} "
+            f"for {n_places:,.0f}; try {enough:.3g}"
+        )
     level = np.float32(scene.threshold)
-    if not (field > level).any():
-        return nothing
-    places, faces, _, _ = marching_cubes(field, level, gradient_direction="descent")
-    del field
-    vertices = grid.origin + spacing * places[:, ::-1].astype(np.float64)
-    return _onto_surface(scene, vertices, spacing).astype(np.float32), faces.astype(np.int32)
+    least = np.float32(1e-3) * level
+    places, faces, n = [np.empty((0, 3))], [np.empty((0, 3), np.int64)], 0
+    for block, field in _fields(scene, blocks, lo, edge, spacing):
+        if not (field.min() < level < field.max()):
+            continue
+        # No vertex at a node: each one then has an edge of the grid of its own.
+        field[np.abs(field - level) < least] = level + least
+        at, corners, _, _ = marching_cubes(field, level, gradient_direction="descent")
+        places.append(at[:, ::-1] + (edge * block).astype(np.float64))
+        faces.append(corners + n)
+        n += len(at)
+    at, corners = _welded(np.concatenate(places), np.concatenate(faces), edge)
+    vertices = _onto_surface(scene, lo + spacing * at, spacing)
+    return vertices.astype(np.float32), corners.astype(np.int32)
 
 
-def _grid_field(scene: Scene, grid: Any) -> np.ndarray:
-    """The field (Z, Y, X) float32 at the nodes of a grid, some layers at a time."""
-    z, y, x = grid.shape
-    layer = grid._replace(shape=(1, y, x)).points().reshape(-1, 3)
-    field = np.empty((z, y * x), np.float32)
-    many = max(1, 2**21 // (y * x))
-    for begin in range(0, z, many):
-        n = min(many, z - begin)
-        points = np.tile(layer, (n, 1))
-        points[:, 2] = np.repeat(grid.coords[0][begin : begin + n], y * x)
-        field[begin : begin + n] = in_blocks(scene.field, points).reshape(n, -1)
-    return field.reshape(z, y, x)
+def _blocks(scene: Scene, lo: np.ndarray, edge: float) -> np.ndarray:
+    """Blocks (B, 3) int64 of a grid from `lo`, of this edge, that a support touches, sorted."""
+    positions = scene.particles.positions
+    positions = np.asarray(to_host(positions), np.float64)
+    known = (np.abs(positions) <= FARTHEST).all(axis=1)
+    reach = np.broadcast_to(np.asarray(to_host(scene.support), np.float64), len(positions))
+    positions, reach = positions[known], reach[known][:, None]
+    if float((positions.max(axis=0) - lo).max()) > edge * (_SIDE - 32):
+        raise ValueError(
+            f"spacing: expected less than {_SIDE:,} blocks along each axis, got more; "
+            "try a larger one, or leave out particles that are far away"
+        )
+    first = np.floor((positions - reach - lo) / edge).astype(np.int64)
+    last = np.floor((positions + reach - lo) / edge).astype(np.int64)
+    # An edge is at least a support: at most three blocks along each axis.
+    packed = np.unique(_packed(first) * 27 + (last - first) @ (9, 3, 1))
+    first, span = _unpacked(packed // 27), packed % 27
+    span = np.stack([span // 9, span // 3 % 3, span % 3], axis=1)
+    found = [
+        _packed(first[(step <= span).all(axis=1)] + step)
+        for step in np.array(list(np.ndindex(3, 3, 3)))
+    ]
+    return _unpacked(np.unique(np.concatenate(found)))
+
+
+def _packed(places: np.ndarray) -> np.ndarray:
+    """Places (M, 3), -8 to _SIDE - 16, as whole numbers (M,)."""
+    x, y, z = (places + 8).T
+    return (z * _SIDE + y) * _SIDE + x
+
+
+def _unpacked(keys: np.ndarray) -> np.ndarray:
+    return np.stack([keys % _SIDE, keys // _SIDE % _SIDE, keys // _SIDE**2], axis=1) - 8
+
+
+def _fields(
+    scene: Scene, blocks: np.ndarray, lo: np.ndarray, edge: int, spacing: float
+) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Each block with the field (edge + 1,) * 3 at its nodes, z slowest."""
+    n = edge + 1
+    z, y, x = np.meshgrid(*3 * [np.arange(n)], indexing="ij")
+    nodes = np.stack([x, y, z], axis=-1).reshape(-1, 3)
+    many = max(1, BLOCK // n**3)
+    for begin in range(0, len(blocks), many):
+        part = blocks[begin : begin + many]
+        places = lo + spacing * (edge * part[:, None] + nodes)
+        fields = in_blocks(scene.field, places.reshape(-1, 3).astype(np.float32))
+        yield from zip(part, fields.reshape(-1, n, n, n), strict=True)
+
+
+def _welded(places: np.ndarray, faces: np.ndarray, edge: int) -> tuple[np.ndarray, np.ndarray]:
+    """The vertices (V, 3), in cells, and faces without the second copies that neighboring blocks
+    have of vertices on their common sides. Such a vertex lies on an edge of the grid, which has no
+    other one."""
+    cell = np.floor(places)
+    between = places != cell
+    on_side = (~between & (cell % edge == 0)).any(axis=1) & (between.sum(axis=1) == 1)
+    rows = np.flatnonzero(on_side)
+    axis = np.argmax(between[rows], axis=1)
+    _, first, which = np.unique(
+        np.column_stack([cell[rows], axis]), axis=0, return_index=True, return_inverse=True
+    )
+    same = np.arange(len(places))
+    same[rows] = rows[first[which.reshape(-1)]]
+    kept = same == np.arange(len(places))
+    number = np.cumsum(kept) - 1
+    return places[kept], number[same[faces]]
 
 
 def _onto_surface(scene: Scene, points: np.ndarray, spacing: float) -> np.ndarray:
