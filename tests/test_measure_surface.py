@@ -289,6 +289,21 @@ def test_box_of_a_lattice():
     assert found.volume_error <= 0.02 * truth
 
 
+@pytest.mark.parametrize(
+    "name", ["double_dam_break_frame_26_4732_particles.vtk", "bunny_frame_14_7705_particles.vtk"]
+)
+def test_errors_cover_what_half_the_spacing_gives(name):
+    """A splash and a bunny: what is round and what is hollow does not cancel in the estimates."""
+    path = SPLASH.with_name(name)
+    if not path.exists():
+        pytest.skip(f"no {path}")
+    scene = gb.Scene(gb.read(path), device="cpu")
+    found = gb.measure_surface(scene)
+    fine = gb.measure_surface(scene, scene.spacing / 4)
+    assert abs(found.volume - fine.volume) <= found.volume_error <= 0.01 * fine.volume
+    assert abs(found.area - fine.area) <= found.area_error <= 0.01 * fine.area
+
+
 def test_nothing_to_measure():
     for p in (gb.Particles(np.empty((0, 3))), gb.Particles(BALL, support=0.8, weight=0.1)):
         assert gb.measure_surface(p, 0.1, device="cpu") == (0, 0, 0, 0)

@@ -2,8 +2,7 @@
 
 The mesh comes from marching cubes; each vertex is then moved along the field's gradient until it
 is on the surface. The command prints the enclosed volume and the area with estimates of their
-errors, from a second mesh of twice the cells' edge. .ply and .vtp hold normals and each --value,
-.obj normals, .stl triangles alone."""
+errors. .ply and .vtp hold normals and each --value, .obj normals, .stl triangles alone."""
 
 from __future__ import annotations
 
