@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import warnings
 
 import globule as gb
 import numpy as np
@@ -104,6 +105,19 @@ def test_large_values_keep_their_digits():
     np.testing.assert_allclose(
         gb.sample(p, points, "pressure", device="cpu")["pressure"], truth, atol=0.01
     )
+
+
+def test_values_that_are_not_finite():
+    p = particles()
+    p.attributes["velocity"][:, 1] = np.nan
+    p.attributes["height"][0] = np.inf
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found = gb.sample(p, POSITIONS[[0, 119]], device="cpu")
+    assert np.isnan(found["velocity"][:, 1]).all()
+    assert np.isfinite(found["velocity"][:, 0]).all()
+    assert found["height"][0] == np.inf
+    assert np.isfinite(found["height"][1])
 
 
 @pytest.mark.parametrize("where", PLACES.values(), ids=PLACES)

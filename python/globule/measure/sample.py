@@ -86,7 +86,7 @@ def _blended(scene: Scene, points: np.ndarray, name: str) -> np.ndarray:
     with np.errstate(all="ignore"):
         middle: Any = np.zeros(array.shape[1:])
         if np.isfinite(finite).any():
-            middle = (np.nanmax(finite, axis=0) + np.nanmin(finite, axis=0)) / 2
+            middle = (np.fmax.reduce(finite) + np.fmin.reduce(finite)) / 2
             middle = np.where(np.isfinite(middle), middle, 0.0)
     less = array - middle
     return in_blocks(lambda p: (scene.blend(p, less) + middle).astype(np.float32), points)
