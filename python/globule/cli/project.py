@@ -34,7 +34,7 @@ from .shared import (
 SUMMARY = "column density along lines of sight"
 USAGE = "FILE -o PATH"
 EXAMPLES = """\
-  globule project galaxy.npz -o columns.png --log
+  globule project splash.npz -o columns.png --log
   globule project splash.npz --axis 0,1,0 --value thickness -o depth.vti"""
 
 
