@@ -22,7 +22,7 @@ SUMMARY = "height of the free surface"
 USAGE = "FILE [FILE ...] --at A,B -o PATH"
 EXAMPLES = """\
   globule gauge splash.npz --at 0.2,0 -o gauge.csv
-  globule gauge frame_0.ply frame_1.ply --at 0.2,0 --at 0.5,0 --fps 50 -o gauges.csv --plot gauges.png
+  globule gauge frame_0.ply frame_1.ply --at 0.2,0 --fps 50 -o gauges.csv --plot gauges.png
   globule gauge splash.npz --map -o heights.vti"""
 
 

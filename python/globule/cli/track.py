@@ -24,7 +24,7 @@ SUMMARY = "front, height, volume and area over a sequence"
 USAGE = "FILE [FILE ...] -o PATH"
 EXAMPLES = """\
   globule track frame_0.ply frame_1.ply --fps 50 -o track.csv
-  globule track frame_0.ply frame_1.ply --fps 50 -o track.csv --plot front.png --plot-column x_max"""
+  globule track frame_0.ply frame_1.ply -o track.csv --plot front.png --plot-column x_max"""
 COLUMNS = ("volume", "area", "x_min", "x_max", "y_min", "y_max", "z_min", "z_max")
 
 
