@@ -201,6 +201,15 @@ NB_MODULE(_core, m) {
                                            all.reach("values", array(values), n_rows * channels), n_rows, channels, at<float>(out));
             });
         })
+        .def("integrate", [](PyScene& s, int kernel, std::size_t n, Array origins, Array directions, Array values, std::size_t n_rows,
+                             int channels, Address out) {
+            work([&] {
+                Arrays all(s.core.device());
+                s.core.call<&Scene::integrate>(field_of(kernel), n, all.reach("origins", array(origins), 3 * n),
+                                               all.reach("directions", array(directions), 3 * n),
+                                               all.reach("values", array(values), n_rows * channels), n_rows, channels, at<float>(out));
+            });
+        })
         .def("neighbors", [](PyScene& s, std::size_t n, Array points, float radius) {
             auto* found = new Neighbors(work([&] {
                 Arrays all(s.core.device());

@@ -270,7 +270,7 @@ def test_examples_of_bench_work(folder, capsys, monkeypatch):
 def test_examples_in_the_help_work(module, folder, capsys, monkeypatch):
     monkeypatch.setattr("globule.bench.ultrasound.CYLINDER_METHODS", ("pvn-om",))  # the fast one
     for name in ("splash.npz", "frame_0.ply", "frame_1.ply"):
-        gb.write(name, cube())
+        gb.write(name, cube(attributes={"speed": np.arange(216.0)}))
     if has_itk := find_spec("SimpleITK") is not None:
         volume(folder / "head.nii.gz")
     example_files()

@@ -23,6 +23,7 @@ ROOMS = (
     "formats/sweeps",
     "render",
     "volumes",
+    "measure",
     "ultrasound",
     "ultrasound/plus",
     "sim",

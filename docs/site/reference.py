@@ -32,6 +32,11 @@ AREAS = {
     ),
     "formats": ("files", "Files", "Readers and writers of particles, meshes and tomographies."),
     "volumes": ("volumes", "Volumes", "Regular grids of voxels: files, slices, iso-surfaces."),
+    "measure": (
+        "measure",
+        "Measurements",
+        "Samples, gauges, meshes, volumes and areas, projections.",
+    ),
     "ultrasound": (
         "ultrasound",
         "Ultrasound",

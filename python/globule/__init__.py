@@ -48,6 +48,13 @@ from .scene.thesis import Thesis  # noqa: E402
 if _TYPE_CHECKING:
     from .formats import FormatError, mesh_particles, read, write
     from .formats.pictures.environment import read_environment
+    from .measure.gauge import gauge, height_map
+    from .measure.mesh import SurfaceMeasure, SurfaceMesh, measure_surface, surface_mesh
+    from .measure.places import SampleGrid, SampleLine, SamplePlane
+    from .measure.project import project
+    from .measure.sample import sample
+    from .measure.samples import Samples
+    from .measure.track import track_surface
     from .render.camera_path import CameraPath, orbit
     from .render.layers import layers_by
     from .render.legend import add_legend
@@ -76,6 +83,13 @@ if _TYPE_CHECKING:
 _LATER = {
     "formats": "FormatError mesh_particles read write",
     "formats.pictures.environment": "read_environment",
+    "measure.gauge": "gauge height_map",
+    "measure.mesh": "SurfaceMeasure SurfaceMesh measure_surface surface_mesh",
+    "measure.places": "SampleGrid SampleLine SamplePlane",
+    "measure.project": "project",
+    "measure.sample": "sample",
+    "measure.samples": "Samples",
+    "measure.track": "track_surface",
     "render.camera_path": "CameraPath orbit",
     "render.layers": "layers_by",
     "render.legend": "add_legend",
@@ -101,7 +115,7 @@ _LATER = {
     "volumes.volume": "Volume",
 }
 _MODULE_OF = {name: module for module, names in _LATER.items() for name in names.split()}
-_ROOMS = ("bench", "cli", "figures", "formats", "sim", "ultrasound", "viewer", "volumes")
+_ROOMS = ("bench", "cli", "figures", "formats", "measure", "sim", "ultrasound", "viewer", "volumes")
 
 
 def __getattr__(name: str) -> _Any:
@@ -143,10 +157,16 @@ __all__ = [
     "PointLight",
     "Reconstructor",
     "RenderSettings",
+    "SampleGrid",
+    "SampleLine",
+    "SamplePlane",
+    "Samples",
     "Scene",
     "Simulation",
     "Sky",
     "StepReport",
+    "SurfaceMeasure",
+    "SurfaceMesh",
     "Sweep",
     "Thesis",
     "Volume",
@@ -159,17 +179,21 @@ __all__ = [
     "colorize",
     "field",
     "fluid_like",
+    "gauge",
     "gradient",
+    "height_map",
     "include_dir",
     "intersect",
     "iso_surface",
     "layers_by",
     "local_spacing",
+    "measure_surface",
     "mesh_particles",
     "neighbors",
     "orbit",
     "phantoms",
     "preset",
+    "project",
     "read",
     "read_ahead",
     "read_environment",
@@ -180,10 +204,13 @@ __all__ = [
     "render",
     "render_sequence",
     "reslice",
+    "sample",
     "save_png",
     "surface_kernels",
+    "surface_mesh",
     "surface_of",
     "tomography_particles",
+    "track_surface",
     "value_range",
     "view",
     "without_strays",

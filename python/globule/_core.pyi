@@ -255,6 +255,18 @@ class Scene:
         arg6: int,
         /,
     ) -> None: ...
+    def integrate(
+        self,
+        arg0: int,
+        arg1: int,
+        arg2: tuple[int, int, int],
+        arg3: tuple[int, int, int],
+        arg4: tuple[int, int, int],
+        arg5: int,
+        arg6: int,
+        arg7: int,
+        /,
+    ) -> None: ...
     def neighbors(self, arg0: int, arg1: tuple[int, int, int], arg2: float, /) -> tuple: ...
     def synchronize(self) -> None: ...
     def cancel(self) -> None: ...

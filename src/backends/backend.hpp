@@ -105,6 +105,9 @@ struct Scene : Object {
     /// values: (n_rows, channels), a row a particle.
     virtual void blend(const FieldRequest& field, std::size_t n, const FloatArray& points, const FloatArray& values, std::size_t n_rows,
                        int channels, float* out) = 0;
+    /// Along rays from their origins on: sum of value times the integral of the kernel; values as for blend.
+    virtual void integrate(const FieldRequest& field, std::size_t n, const FloatArray& origins, const FloatArray& directions,
+                           const FloatArray& values, std::size_t n_rows, int channels, float* out) = 0;
     virtual Neighbors neighbors(std::size_t n, const FloatArray& points, float radius) = 0;
     virtual void synchronize() = 0;
     /// For a simulation that works on this scene's octree.
@@ -113,8 +116,8 @@ struct Scene : Object {
     virtual void thesis_work(std::size_t n, ThesisWork* out) = 0;
 };
 
-using SceneEntries = EntryTable<&Scene::build, &Scene::facts, &Scene::spacing, &Scene::sorted, &Scene::surface_kernels, &Scene::render, &Scene::intersect, &Scene::evaluate,
-                                &Scene::blend, &Scene::neighbors, &Scene::synchronize, &Scene::thesis_work>;
+using SceneEntries = EntryTable<&Scene::build, &Scene::facts, &Scene::spacing, &Scene::sorted, &Scene::surface_kernels, &Scene::render, &Scene::intersect,
+                                &Scene::evaluate, &Scene::blend, &Scene::integrate, &Scene::neighbors, &Scene::synchronize, &Scene::thesis_work>;
 using FrameEntries = EntryTable<&Frame::read, &Frame::trace_seconds, &Frame::passes>;
 
 /// Exported by every backend library as "globule_backend".

@@ -1,6 +1,7 @@
 // Questions at a point: who reaches it, who is near it.  One traversal, one thread a point; the
 // float64 last word of the tracer and the public field, gradient and neighbour calls use it.
 #pragma once
+#include "field/column.hpp"
 #include "field/influence.hpp"
 #include "field/kernels.hpp"
 #include "octree/dense.hpp"
@@ -8,10 +9,10 @@
 
 namespace globule::core {
 
-/// Depth-first over all leaves whose box meets the box [lo, hi], in Morton order: leaf(first slot,
+/// Depth-first over all leaves of the nodes that opens(node) accepts, in Morton order: leaf(first slot,
 /// number of particles).
-template <class Tree, class Leaf>
-GB_FN void for_each_leaf(const Tree& tree, const float3& lo, const float3& hi, const Leaf& leaf) {
+template <class Tree, class Opens, class Leaf>
+GB_FN void for_each_leaf_where(const Tree& tree, const Opens& opens, const Leaf& leaf) {
     if (tree.empty()) return;
     struct Run {
         std::uint32_t next, end;
@@ -24,9 +25,7 @@ GB_FN void for_each_leaf(const Tree& tree, const float3& lo, const float3& hi, c
             continue;
         }
         const Node node = tree.node(stack[top].next++);
-        if (node.lo.x > hi.x || node.lo.y > hi.y || node.lo.z > hi.z || node.hi.x < lo.x ||
-            node.hi.y < lo.y || node.hi.z < lo.z)
-            continue;
+        if (!opens(node)) continue;
         const std::uint32_t count = Node::count(node.meta);
         if (Node::is_leaf(node.meta)) {
             leaf(node.first, count);
@@ -34,6 +33,14 @@ GB_FN void for_each_leaf(const Tree& tree, const float3& lo, const float3& hi, c
             stack[++top] = {node.first, node.first + count};
         }
     }
+}
+
+/// The same over all leaves whose box meets the box [lo, hi].
+template <class Tree, class Leaf>
+GB_FN void for_each_leaf(const Tree& tree, const float3& lo, const float3& hi, const Leaf& leaf) {
+    for_each_leaf_where(tree, [&](const Node& node) {
+        return !(node.lo.x > hi.x || node.lo.y > hi.y || node.lo.z > hi.z || node.hi.x < lo.x || node.hi.y < lo.y || node.hi.z < lo.z);
+    }, leaf);
 }
 
 /// The same for a whole group of lanes, which looks at all children of a node at once.
@@ -166,6 +173,75 @@ struct Blend {
             for (int c = 0; c < channels; ++c) mine[c] += w * values[std::size_t(particles.index[j]) * channels + c];
         });
         for (int c = 0; c < channels; ++c) mine[c] = total > 0.0f ? mine[c] / total : NAN;
+    }
+};
+
+/// Half a line from o along d, in float64.
+struct HalfLine {
+    Vec3<double> o, d;
+    /// Whether it meets a node's box.
+    GB_FN bool meets(const Node& node) const {
+        double t0 = 0.0, t1 = double(infinity());
+        return clips(o.x, d.x, node.lo.x, node.hi.x, t0, t1) && clips(o.y, d.y, node.lo.y, node.hi.y, t0, t1) &&
+               clips(o.z, d.z, node.lo.z, node.hi.z, t0, t1);
+    }
+
+private:
+    GB_FN static bool clips(double from, double way, double lo, double hi, double& t0, double& t1) {
+        if (way == 0.0) return from >= lo && from <= hi;
+        const double a = (lo - from) / way, b = (hi - from) / way;
+        t0 = max(t0, min(a, b));
+        t1 = min(t1, max(a, b));
+        return t0 <= t1;
+    }
+};
+
+/// Integrals along rays, from their origin on: sum over j of value_j times the integral of particle j's
+/// kernel, weights left out.  Float64 sums in Morton order.
+template <class Tree>
+struct IntegrateLines {
+    static constexpr int most_channels = 8;
+    Tree tree;
+    SortedParticles particles;
+    AnyKernel kernel;
+    const float *origins, *directions;  ///< (m, 3); directions of unit length, else the result is 0
+    const float* values;                ///< (n, channels), caller's order
+    int channels, first, count;         ///< channels [first, first + count) are summed, count <= most_channels
+    float* out;                         ///< (m, channels)
+    GB_FN void operator()(std::size_t i) const {
+        const HalfLine ray{{origins[3 * i], origins[3 * i + 1], origins[3 * i + 2]},
+                           {directions[3 * i], directions[3 * i + 1], directions[3 * i + 2]}};
+        double sums[most_channels];
+        for (int c = 0; c < count; ++c) sums[c] = 0.0;
+        if (dot(ray.d, ray.d) > 0.5)
+            for_each_leaf_where(tree, [&](const Node& node) { return ray.meets(node); }, [&](std::uint32_t begin, std::uint32_t n) {
+                for (std::uint32_t j = begin; j < begin + n; ++j) add(ray, j, sums);
+            });
+        for (int c = 0; c < count; ++c) out[i * channels + first + c] = float(sums[c]);
+    }
+
+private:
+    GB_FN void add(const HalfLine& ray, std::uint32_t j, double* sums) const {
+        // Where the support is the unit ball: w is the origin, e the way of one world unit.
+        Vec3<double> w{ray.o.x - particles.x[j], ray.o.y - particles.y[j], ray.o.z - particles.z[j]}, e = ray.d;
+        if (particles.stretch) {
+            const Sym3<double> m = particles.matrix<double>(j);
+            w = m * w;
+            e = m * e;
+        } else {
+            const double scale = 1.0 / particles.support[j];
+            w = w * scale;
+            e = e * scale;
+        }
+        const double speed = length(e), along = dot(w, e) / speed;
+        const Vec3<double> across = cross(w, e);
+        const double h2 = dot(across, across) / (speed * speed);
+        if (!(h2 < 1.0)) return;
+        const double half = sqrt(1.0 - h2), from = max(along, -half);
+        if (from >= half) return;
+        const double way = column(kernel, h2, from, half) / speed;
+        const float* mine = values + std::size_t(particles.index[j]) * channels + first;
+        for (int c = 0; c < count; ++c) sums[c] += way * mine[c];
     }
 };
 

@@ -109,6 +109,19 @@ public:
         exec_.download(result, out, n * channels * sizeof(float));
     }
 
+    void integrate(const Octree<Exec>& octree, KernelName kernel, std::size_t n, const FloatArray& origins, const FloatArray& directions,
+                   const FloatArray& values, int channels, float* result) {
+        const float *o = bring(exec_, points_, origins, 3 * n), *d = bring(exec_, more_points_, directions, 3 * n);
+        const float* v = bring(exec_, values_, values, octree.size() * channels);
+        float* out = results_.reserve(n * channels);
+        with_tree(octree, [&](auto tree) {
+            using Lines = IntegrateLines<decltype(tree)>;
+            for (int first = 0; first < channels; first += Lines::most_channels)
+                exec_.for_each(n, Lines{tree, octree.particles(), {kernel}, o, d, v, channels, first, min(channels - first, Lines::most_channels), out});
+        });
+        exec_.download(result, out, n * channels * sizeof(float));
+    }
+
     Neighbors neighbors(const Octree<Exec>& octree, std::size_t n, const FloatArray& points, float radius) {
         const float* p = bring(exec_, points_, points, 3 * n);
         std::uint64_t* offsets = offsets_.reserve(n + 1);

@@ -60,6 +60,12 @@ public:
             throw Refused("values: expected " + std::to_string(octree().size()) + " rows, got " + std::to_string(n_rows));
         questions_.blend(octree(), field.kernel, n, points, values, channels, out);
     }
+    void integrate(const FieldRequest& field, std::size_t n, const FloatArray& origins, const FloatArray& directions, const FloatArray& values,
+                   std::size_t n_rows, int channels, float* out) override {
+        if (n_rows != octree().size())
+            throw Refused("values: expected " + std::to_string(octree().size()) + " rows, got " + std::to_string(n_rows));
+        questions_.integrate(octree(), field.kernel, n, origins, directions, values, channels, out);
+    }
     Neighbors neighbors(std::size_t n, const FloatArray& points, float radius) override {
         return questions_.neighbors(octree(), n, points, radius);
     }

@@ -14,7 +14,22 @@ import warnings
 from collections.abc import Sequence
 from typing import Any
 
-from . import bench, calibrate, convert, demo, info, reconstruct, render, simulate, view
+from . import (
+    bench,
+    calibrate,
+    convert,
+    demo,
+    gauge,
+    info,
+    mesh,
+    project,
+    reconstruct,
+    render,
+    simulate,
+    slice,
+    track,
+    view,
+)
 from .completion import SHELLS, script
 from .parser import Parser
 from .shared import UserError, join_negative, say, warn
@@ -22,6 +37,7 @@ from .shared import UserError, join_negative, say, warn
 # Who uses them: the title in `globule --help`, and the commands' modules.
 GROUPS = {
     "everyone": (render, view, convert, info),
+    "measured from the surface": (slice, gauge, mesh, track, project),
     "simulation": (simulate,),
     "tracked ultrasound": (reconstruct, calibrate),
     "measurements": (bench,),

@@ -1,0 +1,104 @@
+"""Measure the height of the free surface at wave gauges, in one file or a sequence.
+
+A gauge is a ray from above; its height is where the ray first meets the surface, in world units
+along --up, and nan where there is no surface. Spray above the surface is met first. The two
+coordinates of --at are the horizontal ones in the order x, y, z: x,z with the default --up.
+Several files, or a quoted pattern ('frame_*.vtk'), are one sequence with one support.
+--map writes the heights all over the ground of one file instead."""
+
+from __future__ import annotations
+
+import argparse
+
+import numpy as np
+
+from ..measure.gauge import gauge, height_map, up_axis
+from ..measure.samples import EXTENSIONS, write_table
+from . import flags, measuring
+from .parser import Parser
+from .shared import Progress, UserError, check_output, count, mistakes, number, print_json
+
+SUMMARY = "height of the free surface"
+USAGE = "FILE [FILE ...] --at A,B -o PATH"
+EXAMPLES = """\
+  globule gauge splash.npz --at 0.2,0 -o gauge.csv
+  globule gauge frame_0.ply frame_1.ply --at 0.2,0 --fps 50 -o gauges.csv --plot gauges.png
+  globule gauge splash.npz --map -o heights.vti"""
+
+
+def place(text: str) -> tuple[float, float]:
+    """A,B."""
+    words = text.split(",")
+    if len(words) != 2:
+        raise argparse.ArgumentTypeError(f"expected two horizontal coordinates A,B, got {text!r}")
+    return number(words[0]), number(words[1])
+
+
+def add_arguments(parser: Parser) -> None:
+    """The arguments of `globule gauge`."""
+    parser.add_argument("files", nargs="+", metavar="FILE", help="particles, mesh or volume")
+    flags.add(parser, "--output", "heights.csv; a --map also .npz .vti .vtp", required=True)
+    one = parser.add_mutually_exclusive_group(required=True)
+    one.add_argument(
+        "--at",
+        type=place,
+        action="append",
+        metavar="A,B",
+        help="horizontal coordinates of a gauge, world units; may be repeated (default: none)",
+    )
+    one.add_argument("--map", action="store_true", help="heights all over the ground of one file")
+    flags.add(parser, "--up", "along x, y or z; default: 0,1,0", default=(0, 1, 0))
+    flags.add(parser, "--fps", "adds a column of times; default: none")
+    parser.add_argument(
+        "--plot", metavar="FILE.png", help="also draw the columns as curves (default: none)"
+    )
+    measuring.add_sample_spacing(parser)
+    flags.add(parser, "--json")
+    measuring.add_surface(parser)
+
+
+def run(options: argparse.Namespace) -> None:
+    """Run `globule gauge`."""
+    check_output("-o", options.output, EXTENSIONS if options.map else (".csv",))
+    with mistakes():
+        up_axis(options.up)
+    if options.spacing and not options.map:
+        raise UserError("--sample-spacing: expected --map beside --sample-spacing, got none")
+    if options.plot:
+        if options.map:
+            raise UserError("--plot: expected --at beside --plot, got --map")
+        check_output("--plot", options.plot, (".png",))
+        measuring.need_matplotlib()
+    names, rows = [], []
+    with Progress(len(options.files)) as progress:
+        for i, path, scene in measuring.scenes(options, options.files, progress):
+            if options.map:
+                if i:
+                    raise UserError("--map: expected one file, got several")
+                measuring.need_surface(path, scene)
+                with mistakes():
+                    found = height_map(scene, options.spacing, options.up)
+                rows.append(found["height"].ravel())
+            else:
+                with mistakes():
+                    rows.append(gauge(scene, options.at, options.up))
+            names.append(path)
+    if options.map:
+        with mistakes():
+            found.save(options.output)
+    heights = np.stack(rows)
+    columns = {f"height_{k}": heights[:, k] for k in range(len(options.at or ()))}
+    table = {**measuring.times(options, len(rows)), "file": np.array(names), **columns}
+    if not options.map:
+        write_table(options.output, table)
+    if options.plot:
+        measuring.plot(options.plot, table, list(columns), "height, world units")
+    if options.json:
+        whole = {"map": heights[0].reshape(found.shape)} if options.map else table
+        print_json({"file": options.output, **whole})
+        return
+    known = heights[np.isfinite(heights)]
+    ends = f"{known.min():.6g} to {known.max():.6g}" if known.size else "no surface there"
+    what = "place" if options.map else "gauge"
+    n = heights.shape[1]
+    print(f"{options.output}: {count(n, what)}, {count(len(rows), 'frame')}, height {ends}")

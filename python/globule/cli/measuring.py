@@ -1,0 +1,157 @@
+"""Flags and work of the commands that measure a surface: slice, gauge, mesh, track, project."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+
+from .._base.checks import missing
+from ..measure.surface import surface_scene
+from ..render.sequence import KeptScene, find_files, read_ahead
+from ..scene.particles import Particles
+from ..scene.scene import Scene
+from . import flags, look
+from .parser import Parser
+from .shared import (
+    Progress,
+    UserError,
+    check_device,
+    check_input,
+    mistakes,
+    positive,
+    read_particles,
+    reading,
+    warn,
+)
+from .volumes import check_surface, is_surface, read_surface
+
+
+def add_surface(parser: Parser) -> None:
+    """The flags that say which surface is measured, and where it is computed."""
+    surface = parser.add_argument_group("surface")
+    flags.add(surface, "--kernel", "default: murakami", default="murakami")
+    flags.add(surface, "--support", "default: the file's, else two spacings")
+    flags.add(surface, "--threshold", "default: by kernel")
+    surface.add_argument(
+        "--anisotropic",
+        action="store_true",
+        help="smooth the particles and stretch their kernels along the surface (Yu and Turk 2013)",
+    )
+    flags.add_reading(parser)
+    flags.add_device(parser.add_argument_group("machine"))
+
+
+def add_sample_spacing(group: Any) -> None:
+    """The flag of the distance of samples, or of a mesh's cells."""
+    group.add_argument(
+        "--sample-spacing",
+        dest="spacing",
+        type=positive,
+        metavar="LENGTH",
+        help="distance of neighboring samples, or edge of a mesh's cells, world units "
+        "(default: half the particles' spacing)",
+    )
+
+
+def add_values(group: Any, default: str) -> None:
+    """The flag of the values to sample."""
+    group.add_argument(
+        "--value",
+        dest="values",
+        action="append",
+        metavar="NAME",
+        help="value to sample: field, inside, gradient, or a field or attribute of the particles; "
+        f"may be repeated (default: {default})",
+    )
+
+
+def scenes(
+    options: argparse.Namespace, names: Sequence[str], progress: Progress
+) -> Iterator[tuple[int, str, Scene]]:
+    """Number, file and scene of each file; one scene serves all, with the support of the first."""
+    check_device(options)
+    with mistakes():
+        files = find_files(names)
+    for path in dict.fromkeys(files):
+        if is_surface(path, options):
+            check_surface(path, options)
+        else:
+            check_input(path, list(reading(options)))
+    kept = KeptScene()
+    ahead = read_ahead(_read(path, options) for path in files)
+    progress.n_steps = len(files)
+    for i, path in enumerate(files):
+        progress.step(path)
+        particles, messages = next(ahead)
+        for message in messages:
+            progress.clear()
+            warn(message)
+        with mistakes():
+            scene = kept.show(particles, lambda p: _scene(options, p))
+        yield i, path, scene
+
+
+def _read(path: str, options: argparse.Namespace) -> tuple[Particles, list[str]]:
+    if is_surface(path, options):
+        particles, messages = read_surface(path, options)
+    else:
+        particles, messages = read_particles(path, True, **reading(options)), []
+    if options.anisotropic:
+        with mistakes():
+            particles = look.stretched(options, particles)
+    return particles, messages
+
+
+def _scene(options: argparse.Namespace, particles: Particles) -> Scene:
+    return surface_scene(
+        particles,
+        kernel=options.kernel,
+        threshold=options.threshold,
+        support=None if options.anisotropic else options.support,
+        device=options.device,
+        threads=options.threads,
+    )
+
+
+def need_surface(path: str, scene: Scene) -> None:
+    """Refuse a file without particles: it has no place to measure at."""
+    if not scene.octree.n_inside:
+        raise UserError(f"{path}: expected particles, got none with a finite position")
+
+
+def times(options: argparse.Namespace, n: int) -> dict[str, Any]:
+    """The columns of a sequence's table that number the frames."""
+    numbers = np.arange(n)
+    return {"frame": numbers} | ({"time": numbers / options.fps} if options.fps else {})
+
+
+def need_matplotlib() -> None:
+    """Refuse to plot without matplotlib, before any work."""
+    try:
+        import matplotlib.figure  # noqa: F401
+    except ImportError:
+        with mistakes():
+            raise missing("matplotlib", "figures") from None
+
+
+def plot(path: str, table: dict[str, Any], names: Sequence[str], ylabel: str) -> None:
+    """Columns of a table over time, or over the frames' numbers, as a .png."""
+    from matplotlib.figure import Figure
+
+    from .._base.files import atomic_write
+
+    along = "time" if "time" in table else "frame"
+    figure = Figure(figsize=(8, 4), dpi=100, layout="constrained")
+    axes = figure.add_subplot()
+    for name in names:
+        axes.plot(table[along], table[name], ".-", label=name)
+    axes.set_xlabel("time, seconds" if along == "time" else "frame")
+    axes.set_ylabel(ylabel)
+    axes.grid(alpha=0.3)
+    if len(names) > 1:
+        axes.legend()
+    with atomic_write(path) as file:
+        figure.savefig(file, format="png")

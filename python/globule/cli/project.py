@@ -1,0 +1,111 @@
+"""Project particles along lines of sight: column density, or the integral of any attribute.
+
+Each pixel is the integral along its line, exact for the kernel, of the attribute as SPH
+interpolates it. --value density is the column density (mass by area), --value thickness the length
+within the matter. A particle's volume is its mass over its density where the file has both, else
+the spacing cubed. -o names a .csv (one row a pixel), a .npz, a .vti, a .vtp, or a .png of the first
+--value."""
+
+from __future__ import annotations
+
+import argparse
+
+import numpy as np
+
+from ..measure.places import SamplePlane
+from ..measure.project import project
+from ..measure.samples import EXTENSIONS
+from . import flags, measuring, slice
+from .parser import Parser
+from .shared import (
+    Progress,
+    UserError,
+    check_device,
+    check_input,
+    check_output,
+    direction,
+    mistakes,
+    positive,
+    print_json,
+    read_particles,
+    reading,
+)
+
+SUMMARY = "column density along lines of sight"
+USAGE = "FILE -o PATH"
+EXAMPLES = """\
+  globule project splash.npz -o columns.png --log
+  globule project splash.npz --axis 0,1,0 --value thickness -o depth.vti"""
+
+
+def add_arguments(parser: Parser) -> None:
+    """The arguments of `globule project`."""
+    parser.add_argument("file", metavar="FILE", help="particles, mesh or volume")
+    flags.add(parser, "--output", f"{' '.join((*EXTENSIONS, '.png'))}", required=True)
+    parser.add_argument(
+        "--axis",
+        type=direction,
+        default=(0, 0, 1),
+        metavar="X,Y,Z",
+        help="direction of the lines of sight (default: 0,0,1)",
+    )
+    measuring.add_values(parser, "density if the file has one, else thickness")
+    measuring.add_sample_spacing(parser)
+    parser.add_argument(
+        "--particle-volume",
+        dest="volume",
+        type=positive,
+        metavar="V",
+        help="volume of every particle, world units cubed (default: mass over density, else the "
+        "spacing cubed)",
+    )
+    image = parser.add_argument_group("image")
+    image.add_argument("--log", action="store_true", help="color by the decimal logarithm")
+    flags.add(image, "--colormap", "default: viridis", default="viridis")
+    flags.add(image, "--range", "default: the lowest and the highest value")
+    flags.add(parser, "--json")
+    surface = parser.add_argument_group("kernel")
+    flags.add(surface, "--kernel", "default: cubic_spline", default="cubic_spline")
+    flags.add(surface, "--support", "default: the file's, else by kernel")
+    flags.add_reading(parser)
+    flags.add_device(parser.add_argument_group("machine"))
+
+
+def run(options: argparse.Namespace) -> None:
+    """Run `globule project`."""
+    image = options.output.lower().endswith(".png")
+    check_output("-o", options.output, (*EXTENSIONS, ".png"))
+    for name in ("log", "range"):
+        if getattr(options, name) and not image:
+            raise UserError(f"--{name}: expected a .png beside --{name}, got {options.output}")
+    check_device(options)
+    check_input(options.file, list(reading(options)))
+    with Progress(1) as progress:
+        progress.step(options.file)
+        particles = read_particles(options.file, **reading(options))
+        names = options.values
+        if not names:
+            known = {"density", "densities", "rho", "mass", "masses"} & {*particles.attributes}
+            names = ["density" if known else "thickness"]
+        with mistakes():
+            plane = SamplePlane(options.axis, 0.0, options.spacing)
+            found = project(
+                particles, plane, names[:1] if image else names, volume=options.volume,
+                kernel=options.kernel, support=options.support, device=options.device,
+                threads=options.threads,
+            )  # fmt: skip
+            if image:
+                slice.draw(options, found[names[0]], names[0], options.log)
+            else:
+                found.save(options.output)
+    area = float(np.prod(np.linalg.norm(found.steps, axis=1)))
+    totals = {n: area * a.sum(axis=(0, 1), dtype=np.float64) for n, a in found.values.items()}
+    v, u = found.shape
+    if options.json:
+        largest = {name: float(array.max()) for name, array in found.values.items()}
+        places = {"v": v, "u": u}
+        facts = {"file": options.output, "places": places, "total": totals, "largest": largest}
+        print_json(facts)
+        return
+    text = ", ".join(f"{name} {np.linalg.norm(total):.6g}" for name, total in totals.items())
+    print(f"{options.output}: {u}x{v} lines of sight; over the image: {text}")

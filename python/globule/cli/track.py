@@ -1,0 +1,82 @@
+"""Follow the surface over a sequence: volume, area and extent of each frame as a table.
+
+The columns x_min to z_max hold the surface's extent, spray included: x_max is the place of a front
+that moves along x, y_max the greatest height where y points up. Volume and area have columns with
+estimates of their errors. Several files, or a quoted pattern ('frame_*.vtk'), are one sequence with
+one support and one --sample-spacing."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+import numpy as np
+
+from ..measure.mesh import surface_mesh
+from ..measure.samples import write_table
+from ..measure.surface import default_spacing
+from ..measure.track import facts
+from . import flags, measuring
+from .parser import Parser
+from .shared import Progress, check_output, count, mistakes, print_json
+
+SUMMARY = "front, height, volume and area over a sequence"
+USAGE = "FILE [FILE ...] -o PATH"
+EXAMPLES = """\
+  globule track frame_0.ply frame_1.ply --fps 50 -o track.csv
+  globule track frame_0.ply frame_1.ply -o track.csv --plot front.png --plot-column x_max"""
+COLUMNS = ("volume", "area", "x_min", "x_max", "y_min", "y_max", "z_min", "z_max")
+
+
+def add_arguments(parser: Parser) -> None:
+    """The arguments of `globule track`."""
+    parser.add_argument("files", nargs="+", metavar="FILE", help="particles, mesh or volume")
+    flags.add(parser, "--output", "track.csv", required=True)
+    flags.add(parser, "--fps", "adds a column of times; default: none")
+    parser.add_argument(
+        "--plot", metavar="FILE.png", help="also draw the columns as curves (default: none)"
+    )
+    parser.add_argument(
+        "--plot-column",
+        choices=COLUMNS,
+        default="volume",
+        metavar="NAME",
+        help=f"column to draw: {', '.join(COLUMNS)} (default: volume)",
+    )
+    measuring.add_sample_spacing(parser)
+    flags.add(parser, "--json")
+    measuring.add_surface(parser)
+
+
+def run(options: argparse.Namespace) -> None:
+    """Run `globule track`."""
+    check_output("-o", options.output, (".csv",))
+    if options.plot:
+        check_output("--plot", options.plot, (".png",))
+        measuring.need_matplotlib()
+    names: list[str] = []
+    rows: list[dict[str, float]] = []
+    spacing = options.spacing
+    with Progress(len(options.files)) as progress:
+        for _, path, scene in measuring.scenes(options, options.files, progress):
+            with mistakes():
+                if spacing is None and scene.octree.n_inside:
+                    spacing = default_spacing(scene)
+                rows.append(facts(scene, surface_mesh(scene, spacing)))
+            names.append(path)
+    table: dict[str, Any] = {**measuring.times(options, len(rows)), "file": np.array(names)}
+    table |= {name: np.array([row[name] for row in rows]) for name in rows[0]}
+    write_table(options.output, table)
+    if options.plot:
+        name = options.plot_column
+        unit = {"volume": " cubed", "area": " squared"}.get(name, "")
+        measuring.plot(options.plot, table, [name], f"{name}, world units{unit}")
+    if options.json:
+        print_json({"file": options.output, **table})
+        return
+    first, last = rows[0], rows[-1]
+    print(
+        f"{options.output}: {count(len(rows), 'frame')}, "
+        f"volume {first['volume']:.6g} to {last['volume']:.6g}, "
+        f"area {first['area']:.6g} to {last['area']:.6g}"
+    )

@@ -1,0 +1,1 @@
+"""Measured from the field: samples, gauges, meshes, volumes and areas, projections."""

@@ -1,0 +1,124 @@
+"""The field and blended attributes of a scene on planes, lines, grids and at points."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .._base.arrays import to_host
+from .._base.checks import shown
+from ..scene.attributes import attribute_values
+from ..scene.scene import Scene
+from .places import SampleGrid, SampleLine, SamplePlane
+from .samples import Samples
+from .surface import in_blocks, surface_scene
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+OF_THE_FIELD = ("field", "inside", "gradient")
+
+
+def sample(
+    scene: Any,
+    where: SamplePlane | SampleLine | SampleGrid | ArrayLike,
+    values: Sequence[str] | str | None = None,
+    device: str = "auto",
+    threads: int = 0,
+) -> Samples:
+    """Values of a scene at places.
+
+    Args:
+        scene: a Scene; or Particles, positions (N, 3), or the name of a file, of which a Scene
+            with all defaults is made.
+        where: a SamplePlane, SampleLine or SampleGrid; or points (M, 3), world.
+        values: names. "field": the summed field, which is the scene's threshold at the surface.
+            "inside": whether the field is at least the threshold. "gradient": of the field, (3,),
+            per world unit; it points inwards. Any other name: x, y, z, a field or an attribute of
+            the particles, blended with the weights of the field (`Scene.blend`); vectors stay
+            vectors, NAME:0 is one component. Default: "field", "inside" and every attribute.
+        device, threads: as for `Scene`, if a scene must be made.
+
+    Returns:
+        `Samples`; float32, "inside" bool. Blended values are NaN where no particle reaches.
+
+    Raises TypeError and ValueError naming the argument, the expected and the given value.
+    """
+    if not isinstance(scene, Scene):
+        scene = surface_scene(scene, device=device, threads=threads)
+    names = names_of(scene, values)
+    if not names:
+        raise ValueError("values: expected at least one name, got none")
+    if isinstance(where, (SamplePlane, SampleLine, SampleGrid)):
+        lattice = where.lattice(scene)
+        points, dims, steps = lattice.points(), lattice.dims, lattice.steps
+        coords = dict(zip(dims, lattice.coords, strict=True))
+    else:
+        points, dims, steps = _points(where), ("point",), np.empty((0, 3))
+        coords = {"point": np.arange(len(points))}
+    return Samples(points, values_at(scene, points, names), dims, coords, steps)
+
+
+def values_at(scene: Scene, points: np.ndarray, names: Sequence[str]) -> dict[str, np.ndarray]:
+    """Name -> values at points (*shape, 3) float32, as `sample` has them."""
+    shape, flat = points.shape[:-1], points.reshape(-1, 3)
+    found: dict[str, np.ndarray] = {}
+    if "field" in names or "inside" in names:
+        found["field"] = in_blocks(scene.field, flat)
+        found["inside"] = found["field"] >= np.float32(scene.threshold)
+    if "gradient" in names:
+        found["gradient"] = in_blocks(scene.gradient, flat)
+    for name in names:
+        if name not in OF_THE_FIELD:
+            found[name] = _blended(scene, flat, name)
+    return {name: found[name].reshape(*shape, *found[name].shape[1:]) for name in names}
+
+
+def _blended(scene: Scene, points: np.ndarray, name: str) -> np.ndarray:
+    array = scene.particles.attributes.get(name)
+    if array is None or len(array.shape) == 1:
+        array = attribute_values(scene.particles, name)
+    array = np.asarray(to_host(array), np.float64)
+    # Less their middle: the blend's sums are float32, and a pressure of 101,325 Pa varies little.
+    finite = np.where(np.isfinite(array), array, np.nan)
+    with np.errstate(all="ignore"):
+        middle: Any = np.zeros(array.shape[1:])
+        if np.isfinite(finite).any():
+            middle = (np.fmax.reduce(finite) + np.fmin.reduce(finite)) / 2
+            middle = np.where(np.isfinite(middle), middle, 0.0)
+    less = array - middle
+    return in_blocks(lambda p: (scene.blend(p, less) + middle).astype(np.float32), points)
+
+
+def names_of(scene: Scene, values: Any) -> list[str]:
+    """The names that `values` gives, checked; None stands for all."""
+    if values is None:
+        return ["field", "inside", *scene.particles.attributes]
+    names = [values] if isinstance(values, str) else values
+    if not isinstance(names, Sequence) or not all(isinstance(name, str) for name in names):
+        raise TypeError(f"values: expected names, got {shown(values)}")
+    for name in names:
+        if name in OF_THE_FIELD or name in scene.particles.attributes:
+            continue
+        try:
+            attribute_values(scene.particles, name)
+        except ValueError as error:
+            known = str(error).replace("one of ", f"one of {', '.join(OF_THE_FIELD)}, ", 1)
+            raise ValueError(f"values: {known}") from None
+    return list(dict.fromkeys(names))
+
+
+def _points(where: Any) -> np.ndarray:
+    try:
+        points = np.asarray(to_host(where), np.float32)
+    except (TypeError, ValueError):
+        points = np.empty(0, np.float32)
+    expected = "a SamplePlane, SampleLine, SampleGrid or points (M, 3)"
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise TypeError(f"where: expected {expected}, got {shown(where)}")
+    if not np.isfinite(points).all():
+        first = int(np.argmin(np.isfinite(points).all(axis=1)))
+        raise ValueError(f"where: expected finite points, got {points[first]} (point {first})")
+    return points

@@ -1,0 +1,87 @@
+"""The scene whose surface is measured, and its box."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from .._base.arrays import to_host
+from .._base.checks import shown
+from ..scene.fluid import surface_of
+from ..scene.scene import Scene
+from ..scene.sources import as_particles
+
+MOST_PLACES = 2**27  # of a grid; their field takes 0.5 GiB
+BLOCK = 2**21  # places that are asked at once: bounds the memory
+
+
+def surface_scene(source: Any, **options: Any) -> Scene:
+    """The scene to measure: `source` itself, or a new one of its particles.
+
+    Every function and command that measures makes its scene here, with the surface that `render`
+    draws.
+
+    Args:
+        source: a Scene, or what `Scene` takes as particles.
+        options: keyword arguments of `Scene`, for particles only.
+
+    Raises TypeError and ValueError naming the argument, the expected and the given value.
+    """
+    if not isinstance(source, Scene):
+        particles = as_particles("particles", source)
+        return Scene(particles, **{"surface": surface_of(particles, **options), **options})
+    return source
+
+
+def box_of(scene: Scene, margin: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
+    """Lowest and highest corner (3,) float64 around all particles and `margin` of their supports.
+
+    Raises ValueError if no particle has a finite position.
+    """
+    lo, hi = scene.particles.bounds()
+    reach = margin * float(np.max(to_host(scene.support), initial=0.0))
+    return lo.astype(np.float64) - reach, hi.astype(np.float64) + reach
+
+
+def default_spacing(scene: Scene) -> float:
+    """Half the particles' spacing; for fewer particles than have one, an eighth of a support."""
+    return scene.spacing / 2 or float(np.max(to_host(scene.support))) / 8
+
+
+def box_of_corners(box: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Two finite corners (3,), the first one lower or equal along every axis."""
+    try:
+        corners = np.asarray(box, np.float64)
+    except (TypeError, ValueError):
+        corners = np.empty(0)
+    good = corners.shape == (2, 3) and np.isfinite(corners).all()
+    if not good or (corners[0] > corners[1]).any():
+        expected = "two finite corners ((x, y, z), (x, y, z))"
+        raise ValueError(f"box: expected {expected}, got {shown(box)}")
+    return corners[0], corners[1]
+
+
+def counts(lengths: np.ndarray, spacing: float) -> list[int]:
+    """How many nodes, `spacing` apart, lie along each of the lengths.
+
+    Raises ValueError for more than MOST_PLACES in all, naming a spacing that would do.
+    """
+    lengths = np.maximum(lengths, 0)
+    n = np.floor(lengths / spacing + 1e-6) + 1
+    if float(np.prod(n)) > MOST_PLACES:
+        d = int((lengths > 0).sum())
+        enough = 1.05 * spacing * float(np.prod(n) / MOST_PLACES) ** (1 / max(d, 1))
+        raise ValueError(
+            f"spacing: expected one that makes at most {MOST_PLACES:,} places, got {spacing:g} "
+            f"for {math.prod(map(float, n)):,.0f}; try {enough:.3g}"
+        )
+    return [int(v) for v in n]
+
+
+def in_blocks(ask: Any, points: np.ndarray) -> np.ndarray:
+    """The answers of `ask` to points (M, 3) float32, asked block by block."""
+    if len(points) <= BLOCK:
+        return ask(points)
+    return np.concatenate([ask(points[i : i + BLOCK]) for i in range(0, len(points), BLOCK)])

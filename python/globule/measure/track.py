@@ -1,0 +1,72 @@
+"""The surface of a sequence, measured frame by frame."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence, Sized
+from typing import Any
+
+import numpy as np
+
+from ..render.sequence import KeptScene, find_files
+from ..scene.sources import as_particles
+from .mesh import SurfaceMesh, measured, surface_mesh
+from .surface import default_spacing, surface_scene
+
+
+def track_surface(
+    frames: str | Sequence[Any] | Iterable[Any],
+    spacing: float | None = None,
+    device: str = "auto",
+    threads: int = 0,
+    progress: Callable[[int, int], object] | None = None,
+) -> dict[str, np.ndarray]:
+    """The enclosed volume, area and extent of the surface in each frame of a sequence.
+
+    The extent follows fronts: "x_max" is the place of a front that moves along x, "y_max" the
+    greatest height where y points up. It includes spray.
+
+    Args:
+        frames: names of files, a pattern such as "frame_*.vtk", Particles, or arrays of positions.
+        spacing: as for `surface_mesh`; default: that of the first frame, for all.
+        device, threads: as for `Scene`.
+        progress: called as progress(done, total), where the number of frames is known; may raise
+            to stop.
+
+    Returns:
+        name -> (F,) float64: "frame" (its number, from 0), "volume", "volume_error", "area" and
+        "area_error" as in `measure_surface`, "x_min", "x_max" … "z_max" in world units; NaN for a
+        frame without surface.
+
+    Raises as `surface_mesh` does, and ValueError for a pattern without files.
+    """
+    if isinstance(frames, str):
+        frames = find_files([frames])
+    total = len(frames) if isinstance(frames, Sized) else 0
+    scenes = KeptScene()
+    rows = []
+    for number, frame in enumerate(frames):
+        particles = as_particles("frames", frame)
+        scene = scenes.show(particles, lambda p: surface_scene(p, device=device, threads=threads))
+        if spacing is None and scene.octree.n_inside:
+            spacing = default_spacing(scene)
+        mesh = surface_mesh(scene, spacing)
+        rows.append({"frame": number} | facts(scene, mesh))
+        if progress and total:
+            progress(number + 1, total)
+    names = list(rows[0]) if rows else []
+    return {name: np.array([row[name] for row in rows], np.float64) for name in names}
+
+
+def facts(scene: Any, mesh: SurfaceMesh) -> dict[str, float]:
+    """Volume, area and extent of a scene's surface, of which `mesh` is the mesh."""
+    found: dict[str, float] = dict(measured(scene, mesh)._asdict())
+    nothing = np.full(3, np.nan)
+    lo = mesh.vertices.min(axis=0) if len(mesh.vertices) else nothing
+    hi = mesh.vertices.max(axis=0) if len(mesh.vertices) else nothing
+    return found | dict(_extent(lo, hi))
+
+
+def _extent(lo: np.ndarray, hi: np.ndarray) -> Iterator[tuple[str, float]]:
+    for i, axis in enumerate("xyz"):
+        yield f"{axis}_min", float(lo[i])
+        yield f"{axis}_max", float(hi[i])

@@ -1,0 +1,224 @@
+"""The commands that measure a surface: files and facts, sequences, refusals."""
+
+from __future__ import annotations
+
+import csv
+import os
+
+import globule as gb
+import numpy as np
+import pytest
+from cli_helpers import cube, refused, run_json
+from globule.cli import main
+from PIL import Image
+
+pytest.importorskip("skimage", reason="pip install 'globule[measure]'")
+CPU = ["--device", "cpu"]
+
+
+def table(path: str) -> dict[str, list[str]]:
+    with open(path, newline="") as file:
+        rows = list(csv.DictReader(file))
+    return {name: [row[name] for row in rows] for name in rows[0]}
+
+
+@pytest.fixture
+def sequence(folder):
+    """Three frames of a cube that rises by 0.25 a frame."""
+    for i in range(3):
+        p = cube(support=0.4)
+        p.positions[:, 1] += 0.25 * i
+        gb.write(f"frame_{i}.npz", p)
+    return "frame_*.npz"
+
+
+def test_slice(particles, capsys):
+    facts = run_json(capsys, "slice", particles, "--plane", "0,0,1,0.4", "-o", "a.csv", *CPU)
+    found = gb.sample(particles, gb.SamplePlane((0, 0, 1), 0.4), device="cpu")
+    assert facts["places"] == {"v": found.shape[0], "u": found.shape[1]}
+    columns = table("a.csv")
+    assert [*columns] == ["x", "y", "z", "field", "inside", "speed", "flow:0", "flow:1", "flow:2"]
+    np.testing.assert_array_equal(
+        np.array(columns["speed"], np.float32), found["speed"].astype(np.float32).ravel()
+    )
+    for words in (
+        ["--grid", "-o", "a.vti"],
+        ["--line", "0,0,0,1,1,1", "-o", "a.vtp", "--value", "flow:1"],
+        ["--plane", "1,1,0,0.5", "-o", "a.npz", "--sample-spacing", "0.05", "--value", "gradient"],
+    ):
+        assert main(["slice", particles, *words, *CPU]) == 0
+    with np.load("a.npz") as arrays:
+        assert {*arrays} == {"points", "gradient"}
+
+
+def test_slice_as_an_image(particles, capsys):
+    words = ["slice", particles, "--plane", "0,0,1,0.4", "--value", "speed", *CPU]
+    for name, more in (("a.png", []), ("b.png", ["--inside", "--range", "0,300"])):
+        assert main([*words, "-o", name, *more]) == 0
+    a, b = (np.asarray(Image.open(f"{name}.png")) for name in "ab")
+    assert a.shape == b.shape
+    white = [(image == 255).all(2).mean() for image in (a, b)]
+    assert 0.1 < white[0] < white[1] < 0.9
+    assert "speed" in capsys.readouterr().out
+
+
+def test_gauge(sequence, capsys):
+    words = ["gauge", sequence, "--at", "0.4,0.4", "--at", "9,9", "--fps", "4", "-o", "g.csv", *CPU]
+    facts = run_json(capsys, *words)
+    columns = table("g.csv")
+    assert columns["frame"] == ["0", "1", "2"]
+    assert columns["time"] == ["0.0", "0.25", "0.5"]
+    assert columns["file"] == [f"frame_{i}.npz" for i in range(3)]
+    heights = np.array(columns["height_0"], float)
+    np.testing.assert_allclose(np.diff(heights), 0.25, atol=1e-5)
+    assert heights[0] == pytest.approx(
+        float(gb.gauge("frame_0.npz", (0.4, 0.4), device="cpu")), abs=1e-6
+    )
+    assert columns["height_1"] == ["nan"] * 3
+    assert facts["height_1"] == [None] * 3
+
+
+def test_gauge_plot_and_map(sequence, capsys):
+    pytest.importorskip("matplotlib")
+    words = ["gauge", "frame_0.npz", *CPU]
+    assert main([*words, "--at", "0.4,0.4", "-o", "g.csv", "--plot", "g.png"]) == 0
+    assert Image.open("g.png").size[0] > 300
+    for name in ("m.csv", "m.vti", "m.npz", "m.vtp"):
+        assert main([*words, "--map", "-o", name]) == 0
+    heights = np.array(table("m.csv")["height"], float)
+    assert np.nanmax(heights) == pytest.approx(float(gb.gauge("frame_0.npz", (0.4, 0.4))), abs=0.1)
+
+
+def test_mesh(particles, capsys):
+    words = ["mesh", particles, "--value", "speed", *CPU]
+    facts = run_json(capsys, *words, "-o", "a.ply")
+    truth = gb.measure_surface(particles, device="cpu")
+    assert facts["volume"] == pytest.approx(truth.volume, rel=1e-6)
+    assert facts["area_error"] == pytest.approx(truth.area_error, rel=1e-4)
+    for name in ("a.stl", "a.obj", "a.vtp"):
+        assert main([*words, "-o", name]) == 0
+    assert "triangles, volume " in capsys.readouterr().out
+
+
+def test_mesh_of_other_surfaces(particles, capsys):
+    """The surface's flags reach the scene."""
+    base = run_json(capsys, "mesh", particles, "-o", "a.ply", *CPU)
+    seen = {base["volume"]}
+    for more in (["--threshold", "1"], ["--support", "0.5"], ["--kernel", "wyvill"],
+                 ["--anisotropic"]):  # fmt: skip
+        seen.add(run_json(capsys, "mesh", particles, "-o", "a.ply", *more, *CPU)["volume"])
+    assert len(seen) == 5
+    coarse = run_json(
+        capsys, "mesh", particles, "-o", "a.ply", "--sample-spacing", "0.1666666", *CPU
+    )
+    assert coarse["triangles"] < base["triangles"] / 2
+
+
+def test_mesh_of_a_volume(folder, capsys):
+    pytest.importorskip("SimpleITK")
+    from cli_helpers import volume
+
+    volume("ball.nii.gz")
+    facts = run_json(capsys, "mesh", "ball.nii.gz", "--level", "100", "-o", "a.ply", *CPU)
+    # Values of 100 lie at radius sqrt(ln 2 / 2) of a grid that is 2 wide, 15 voxels of 1 mm.
+    radius = np.sqrt(np.log(2) / 2) * 7.5
+    assert facts["volume"] == pytest.approx(4 / 3 * np.pi * radius**3, rel=0.1)
+
+
+def test_track(sequence, capsys):
+    facts = run_json(capsys, "track", sequence, "--fps", "4", "-o", "t.csv", *CPU)
+    columns = table("t.csv")
+    assert [*columns][:4] == ["frame", "time", "file", "volume"]
+    np.testing.assert_allclose(np.diff(np.array(columns["y_max"], float)), 0.25, atol=2e-3)
+    np.testing.assert_allclose(np.diff(facts["volume"]), 0, atol=facts["volume_error"][0])
+    here = gb.track_surface(sequence, device="cpu")
+    for name, column in here.items():
+        np.testing.assert_allclose(column, np.array(columns[name], float), rtol=1e-6)
+    again = gb.track_surface([gb.read(f"frame_{i}.npz") for i in range(3)], device="cpu")
+    np.testing.assert_array_equal(again["volume"], here["volume"])
+
+
+def test_track_of_an_empty_frame_and_plot(sequence, capsys):
+    pytest.importorskip("matplotlib")
+    gb.write("frame_1.npz", gb.Particles(np.empty((0, 3))))
+    words = ["track", sequence, "-o", "t.csv", "--plot", "t.png", "--plot-column", "y_max", *CPU]
+    assert main(words) == 0
+    columns = table("t.csv")
+    assert columns["x_max"][1] == "nan"
+    assert float(columns["volume"][1]) == 0 < float(columns["volume"][2])
+    assert Image.open("t.png").size[0] > 300
+
+
+def test_project(folder, capsys):
+    p = cube(10, support=0.25)
+    p.attributes = {"mass": np.full(1000, 2.0), "density": np.full(1000, 2000.0)}
+    gb.write("a.npz", p)
+    facts = run_json(capsys, "project", "a.npz", "-o", "a.vti", "--axis", "1,0,0", *CPU)
+    assert facts["total"]["density"] == pytest.approx(2000, rel=1e-3)
+    for words in (["-o", "a.png", "--log", "--range", "2,4"], ["-o", "a.csv", "--value", "x"]):
+        assert main(["project", "a.npz", *words, *CPU]) == 0
+    assert Image.open("a.png").size[0] > 400
+    capsys.readouterr()
+    gb.write("b.npz", cube(10, support=0.25))
+    facts = run_json(capsys, "project", "b.npz", "-o", "a.npz", "--particle-volume", "0.5", *CPU)
+    assert facts["total"]["thickness"] == pytest.approx(500, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["slice", "cube.npz", "-o", "a.csv"], "--plane"),
+        (["slice", "cube.npz", "--plane", "0,0,1", "-o", "a.csv"], "--plane: expected NX,NY,NZ,D"),
+        (["slice", "cube.npz", "--plane", "0,0,0,1", "-o", "a.csv"], "expected a direction"),
+        (["slice", "cube.npz", "--line", "0,0,0,0,0,0", "-o", "a.csv"], "another point"),
+        (["slice", "cube.npz", "--grid", "-o", "a.png"], "--plane: expected --plane beside a .png"),
+        (["slice", "cube.npz", "--grid", "-o", "a.txt"], "-o: expected a name ending in"),
+        (["slice", "cube.npz", "--grid", "-o", "a.csv", "--inside"], "--inside: expected a .png"),
+        (["slice", "cube.npz", "--plane", "0,0,1,9", "--value", "speed", "-o", "a.png"], "plane"),
+        (
+            ["slice", "cube.npz", "--grid", "--value", "nothing", "-o", "a.csv"],
+            "--value: expected one of",
+        ),
+        (["slice", "no.npz", "--grid", "-o", "a.csv"], "no.npz: expected a file to read"),
+        (
+            ["slice", "cube.npz", "--grid", "-o", "a.csv", "--sample-spacing", "1e-7"],
+            "--sample-spacing: expected",
+        ),
+        (["gauge", "cube.npz", "-o", "a.csv"], "--at"),
+        (["gauge", "cube.npz", "--at", "1", "-o", "a.csv"], "expected two horizontal"),
+        (["gauge", "cube.npz", "--at", "1,2", "--up", "1,1,0", "-o", "a.csv"], "--up: expected"),
+        (["gauge", "cube.npz", "--at", "1,2", "-o", "a.vti"], "-o: expected a name ending in .csv"),
+        (["gauge", "cube.npz", "cube.npz", "--map", "-o", "a.vti"], "--map: expected one file"),
+        (["gauge", "cube.npz", "--map", "-o", "a.vti", "--plot", "a.png"], "--plot: expected --at"),
+        (["gauge", "none_*.npz", "--at", "1,2", "-o", "a.csv"], "expected a pattern that matches"),
+        (["mesh", "cube.npz", "-o", "a.glb"], "-o: expected a name ending in .ply"),
+        (["mesh", "cube.npz", "-o", "a.ply", "--value", "nothing"], "--value: expected one of"),
+        (["mesh", "cube.npz", "-o", "a.ply", "--sample-spacing", "1e-6"], "--sample-spacing"),
+        (["mesh", "cube.npz", "-o", "a.ply", "--level", "3"], "--level: expected a volume"),
+        (["track", "cube.npz", "-o", "a.ply"], "-o: expected a name ending in .csv"),
+        (["project", "cube.npz", "-o", "a.csv", "--log"], "--log: expected a .png"),
+        (["project", "cube.npz", "-o", "a.csv", "--value", "nothing"], "--value: expected one of"),
+        (["project", "cube.npz", "-o", "a.csv", "--axis", "0,0,0"], "--axis: expected a direction"),
+    ],
+)
+def test_refused(particles, capsys, words, message):
+    assert message in refused(capsys, *words, *CPU)
+
+
+def test_files_without_particles(folder, capsys):
+    gb.write("none.npz", gb.Particles(np.empty((0, 3))))
+    for words in (
+        ["slice", "none.npz", "--grid", "-o", "a.csv"],
+        ["mesh", "none.npz", "-o", "a.ply"],
+    ):
+        assert "none.npz: expected particles" in refused(capsys, *words, *CPU)
+    assert os.listdir() == ["none.npz"]
+
+
+def test_without_packages(particles, capsys, monkeypatch):
+    modules = __import__("sys").modules
+    monkeypatch.setitem(modules, "matplotlib.figure", None)
+    words = ["gauge", particles, "--at", "0,0", "-o", "a.csv", "--plot", "a.png", *CPU]
+    assert "globule[figures]" in refused(capsys, *words)
+    monkeypatch.setitem(modules, "skimage.measure", None)
+    assert "globule[measure]" in refused(capsys, "mesh", particles, "-o", "a.ply", *CPU)

@@ -1,0 +1,346 @@
+"""Gauges, meshes, volumes and areas against analysis, the float64 oracle and other programs."""
+
+from __future__ import annotations
+
+import globule as gb
+import numpy as np
+import pytest
+from globule._base.checks import MissingPackageError
+from globule.measure import mesh as mesh_module
+from globule.scene import oracle
+from scenes import SPLASH, lattice
+
+pytest.importorskip("skimage", reason="pip install 'globule[measure]'")
+
+RADIUS = 0.8 * np.sqrt(1 - np.sqrt(0.6))  # of one murakami ball of support 0.8
+BALL = np.float32([[0.1, -0.2, 0.3]])
+
+
+def ball(**options) -> gb.Scene:
+    return gb.Scene(gb.Particles(BALL, support=0.8), **options)
+
+
+def residual(scene: gb.Scene, vertices: np.ndarray) -> np.ndarray:
+    """Distance of vertices to the surface, to first order, by the float64 oracle."""
+    p = scene.particles
+    shape = p.anisotropy if p.anisotropy is not None else scene.support
+    weight = 1.0 if p.weight is None else p.weight
+    f, g = oracle.field(p.positions, shape, weight, scene.kernel, vertices)
+    return np.abs(f - scene.threshold) / np.linalg.norm(g, axis=1)
+
+
+# Gauges
+
+
+def flat_pool_height(column: np.ndarray, support: float) -> float:
+    """Height in a lattice of spacing 1 whose topmost layer is at 0, at horizontal coordinates: by
+    bisection of the float64 sum over all particles that reach."""
+    n = int(np.ceil(support)) + 1
+    i = np.arange(-n, n + 1)
+    places = np.stack(np.meshgrid(i, i, np.arange(-3 * n, 1), indexing="ij"), -1).reshape(-1, 3)
+
+    def field(z):
+        x = ((places - [*column, z]) ** 2).sum(1) / support**2
+        return ((1 - x[x < 1]) ** 2).sum()
+
+    low, high = 0.0, support
+    for _ in range(60):
+        middle = (low + high) / 2
+        low, high = (middle, high) if field(middle) > 0.6 else (low, middle)
+    return low
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize("sign", [1, -1])
+def test_flat_pool(axis, sign, backend):
+    """A gauge in the middle of a pool: the analytic height, whatever axis is up."""
+    pool = lattice(15, 15, 8)
+    pool[:, 2] -= pool[:, 2].max()
+    columns = np.array([(0, 0), (0.5, 0.5), (0.25, -0.4), (2.1, 1.7)])
+    across = [i for i in range(3) if i != axis]
+    positions = np.empty_like(pool)
+    positions[:, across], positions[:, axis] = pool[:, :2], sign * pool[:, 2]
+    up = np.zeros(3)
+    up[axis] = sign
+    scene = gb.Scene(gb.Particles(positions, support=2.0), **backend)
+    found = gb.gauge(scene, columns, up)
+    truth = [flat_pool_height(column, 2.0) for column in columns]
+    np.testing.assert_allclose(found, truth, atol=2e-6)
+    assert gb.gauge(scene, columns[2], up) == pytest.approx(found[2], abs=2e-6)
+    assert np.isnan(gb.gauge(scene, (50, 0), up))
+
+
+def test_height_map(backend):
+    scene = ball(**backend)
+    found = gb.height_map(scene, 0.05, up=(0, 0, 1))
+    assert found.dims == ("v", "u")
+    away = np.hypot(found.points[..., 0] - 0.1, found.points[..., 1] + 0.2)
+    clear = np.abs(away - RADIUS) > 1e-3
+    with np.errstate(invalid="ignore"):
+        truth = 0.3 + np.sqrt(RADIUS**2 - away**2)
+    np.testing.assert_array_equal(np.isnan(truth[clear]), np.isnan(found["height"][clear]))
+    np.testing.assert_allclose(found["height"][clear], truth[clear], atol=2e-5)
+    known = np.isfinite(found["height"])
+    np.testing.assert_array_equal(found.points[known][:, 2], found["height"][known])
+    assert np.isfinite(found.points).all()
+    below = gb.height_map(scene, 0.05, up=(0, 0, -1))
+    np.testing.assert_allclose(np.nanmax(below["height"]), RADIUS - 0.3, atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("at", "up", "message"),
+    [
+        ((0, 0, 0), (0, 1, 0), "at: expected two horizontal"),
+        ("here", (0, 1, 0), "at: expected two horizontal"),
+        (3, (0, 1, 0), "at: expected two horizontal"),
+        ((0, np.nan), (0, 1, 0), "at: expected finite"),
+        ((0, 0), (1, 1, 0), "up: expected a direction along x, y or z"),
+        ((0, 0), (0, 0, 0), "up: expected a direction along x, y or z"),
+        ((0, 0), "y", "up: expected three numbers"),
+    ],
+)
+def test_gauge_refused(at, up, message):
+    with pytest.raises((TypeError, ValueError), match=message):
+        gb.gauge(ball(device="cpu"), at, up)
+
+
+def test_gauge_of_nothing():
+    assert np.isnan(gb.gauge(gb.Scene(np.empty((0, 3)), device="cpu"), [(0, 0)])).all()
+
+
+# Meshes
+
+
+def shapes() -> dict[str, gb.Scene]:
+    """Scenes on the CPU: kernels, weights of both signs, anisotropy, touching balls."""
+    jittered = lattice(7, 6, 5, 0.2)
+    rng = np.random.default_rng(1)
+    stretched = np.diag([1.0, 2.0, 3.0])[None] + 0.3
+    two = np.float32([[0, 0, 0], [0.94, 0, 0]])
+    options = {"device": "cpu"}
+    return {
+        "ball": ball(**options),
+        "lattice": gb.Scene(gb.Particles(jittered, support=2.0), **options),
+        "spline": gb.Scene(gb.Particles(jittered), "cubic_spline", **options),
+        "solid": gb.Scene(gb.Particles(jittered), "solid", **options),
+        "weights": gb.Scene(
+            gb.Particles(jittered, support=1.9, weight=rng.uniform(-0.5, 1.5, 210)), **options
+        ),
+        "ellipsoid": gb.Scene(gb.Particles(BALL, anisotropy=stretched), **options),
+        "neck": gb.Scene(gb.Particles(two, support=1.0), **options),
+        "far": gb.Scene(gb.Particles(jittered + 1000, support=2.0), **options),
+    }
+
+
+@pytest.mark.parametrize("cells", [3, 8, 32])
+@pytest.mark.parametrize("name", ["lattice", "solid", "weights", "neck"])
+def test_blocks_leave_no_seam(name, cells, monkeypatch):
+    """However the grid is cut into blocks, the mesh is the same."""
+    trimesh = pytest.importorskip("trimesh")
+    scene = shapes()[name]
+    monkeypatch.setattr(mesh_module, "CELLS", 64)
+    whole = gb.surface_mesh(scene)
+    monkeypatch.setattr(mesh_module, "CELLS", cells)
+    found = gb.surface_mesh(scene)
+    assert len(found.vertices) == len(whole.vertices)
+    assert len(found.faces) == len(whole.faces)
+    assert trimesh.Trimesh(found.vertices, found.faces, process=False).is_watertight
+    assert found.volume == pytest.approx(whole.volume, rel=1e-6)
+
+
+def test_a_drop_far_away():
+    """Empty space costs nothing, and mixed supports lose nothing."""
+    p = gb.Particles([[0, 0, 0], [1000, -500, 2000], [1, 0, 0]], support=[0.8, 0.8, 3.0])
+    found = gb.measure_surface(p, 0.1, device="cpu")
+    truth = 4 / 3 * np.pi * RADIUS**3
+    both = gb.measure_surface(p[[0, 2]], 0.1, device="cpu")
+    assert abs(found.volume - both.volume - truth) <= 2 * found.volume_error
+
+
+@pytest.mark.parametrize("name", shapes())
+def test_vertices_are_on_the_surface(name):
+    scene = shapes()[name]
+    found = gb.surface_mesh(scene)
+    assert len(found.vertices) > 100
+    coordinates = np.spacing(np.abs(found.vertices).max())  # a float32's
+    assert (residual(scene, found.vertices) <= 1e-4 * found.spacing + coordinates).all()
+    trimesh = pytest.importorskip("trimesh")
+    solid = trimesh.Trimesh(found.vertices, found.faces, process=False)
+    assert solid.is_watertight
+    assert solid.is_winding_consistent
+    assert found.volume > 0
+    assert found.volume == pytest.approx(solid.volume, rel=1e-4)
+    assert found.area == pytest.approx(solid.area, rel=1e-5)
+    outwards = (solid.vertex_normals * found.normals).sum(1)
+    assert np.quantile(outwards, 0.01) > 0.5
+    p = scene.particles.positions
+    gradient = oracle.field(
+        p, scene.particles.anisotropy if name == "ellipsoid" else scene.support,
+        1.0 if scene.particles.weight is None else scene.particles.weight, scene.kernel,
+        found.vertices,
+    )[1]  # fmt: skip
+    along = -gradient / np.linalg.norm(gradient, axis=1, keepdims=True)
+    np.testing.assert_allclose(found.normals, along, atol=2e-3)
+
+
+def test_same_mesh_everywhere(backend, reference):
+    p = gb.Particles(lattice(7, 6, 5, 0.2), support=2.0)
+    there, here = gb.surface_mesh(reference(p)), gb.surface_mesh(gb.Scene(p, **backend))
+    assert abs(len(there.faces) - len(here.faces)) <= 0.001 * len(there.faces)
+    assert here.volume == pytest.approx(there.volume, rel=1e-6)
+
+
+def test_newton_alone_does_not_decide(monkeypatch):
+    """Vertices whose Newton steps fail are found by bisection."""
+    monkeypatch.setattr(mesh_module, "_NEWTON_STEPS", 0)
+    scene = shapes()["lattice"]
+    found = gb.surface_mesh(scene)
+    assert residual(scene, found.vertices).max() <= 1e-4 * found.spacing
+
+
+def test_values_at_vertices():
+    p = gb.Particles(BALL, support=0.8, attributes={"speed": [7.0], "flow": [[1.0, 2, 3]]})
+    found = gb.surface_mesh(p, values=["speed", "flow", "inside"], device="cpu")
+    assert found.values["flow"].shape == (len(found.vertices), 3)
+    np.testing.assert_allclose(found.values["speed"], 7)
+
+
+def test_mesh_files(folder):
+    trimesh = pytest.importorskip("trimesh")
+    p = gb.Particles(BALL, support=0.8, attributes={"a speed": [7.0], "flow": [[1.0, 2, 3]]})
+    found = gb.surface_mesh(p, values=["a speed", "flow", "inside"], device="cpu")
+    for ending in ("ply", "stl", "obj"):
+        found.save(f"a.{ending}")
+        read = trimesh.load_mesh(f"a.{ending}", process=False)
+        np.testing.assert_array_equal(
+            np.asarray(read.triangles, np.float32), found.vertices[found.faces]
+        )
+    plyfile = pytest.importorskip("plyfile")
+    vertex = plyfile.PlyData.read("a.ply")["vertex"]
+    np.testing.assert_array_equal(vertex["nx"], found.normals[:, 0])
+    np.testing.assert_array_equal(vertex["flow:2"], found.values["flow"][:, 2])
+    np.testing.assert_array_equal(vertex["a_speed"], found.values["a speed"])
+    pytest.importorskip("vtk")
+    from vtk.util.numpy_support import vtk_to_numpy
+    from vtkmodules.vtkIOXML import vtkXMLPolyDataReader
+
+    found.save("a.vtp")
+    reader = vtkXMLPolyDataReader()
+    reader.SetFileName("a.vtp")
+    reader.Update()
+    data = reader.GetOutput()
+    assert data.GetNumberOfPolys() == len(found.faces)
+    np.testing.assert_array_equal(
+        vtk_to_numpy(data.GetPointData().GetArray("flow")), found.values["flow"]
+    )
+    faces = vtk_to_numpy(data.GetPolys().GetConnectivityArray()).reshape(-1, 3)
+    np.testing.assert_array_equal(faces, found.faces)
+    with pytest.raises(ValueError, match=r"path: expected a name ending in \.ply"):
+        found.save("a.glb")
+
+
+# Volumes and areas
+
+
+def test_one_ball():
+    """Anywhere in the grid, the error estimate covers the truth and is no excuse."""
+    for where in np.random.default_rng(3).uniform(-5, 5, (12, 3)):
+        found = gb.measure_surface(gb.Particles([where], support=0.8), 0.1, device="cpu")
+        volume, area = 4 / 3 * np.pi * RADIUS**3, 4 * np.pi * RADIUS**2
+        assert abs(found.volume - volume) <= found.volume_error <= 0.05 * volume
+        assert abs(found.area - area) <= found.area_error <= 0.03 * area
+
+
+def test_ellipsoid():
+    matrix = np.diag([1.0, 2.0, 3.0])
+    turn = np.linalg.qr(np.random.default_rng(4).normal(size=(3, 3)))[0]
+    p = gb.Particles(BALL, anisotropy=(turn @ matrix @ turn.T)[None])
+    found = gb.measure_surface(p, 0.04, device="cpu")
+    axes = np.sqrt(1 - np.sqrt(0.6)) / np.diag(matrix)
+    truth = 4 / 3 * np.pi * axes.prod()
+    assert abs(found.volume - truth) <= found.volume_error <= 0.03 * truth
+
+
+def test_separate_balls_add_up():
+    p = gb.Particles(3 * lattice(3, 3, 3), support=0.8)
+    found = gb.measure_surface(p, 0.1, device="cpu")
+    truth = 27 * 4 / 3 * np.pi * RADIUS**3
+    assert abs(found.volume - truth) <= found.volume_error <= 0.05 * truth
+
+
+def test_box_of_a_lattice():
+    """A block's volume against columns of the float64 field, a second of them."""
+    n, support = 6, 2.0
+    positions = lattice(n, n, n)
+    found = gb.measure_surface(gb.Particles(positions, support=support), device="cpu")
+    h = 0.125
+    # By symmetry one octant is enough; the field's roots are found between the nodes.
+    axis = (np.arange(int((n / 2 + 1.5) / h)) + 0.5) * h
+    grid = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), -1).reshape(-1, 3)
+    f, _ = oracle.field(positions, support, 1.0, "murakami", grid)
+    f = f.reshape([len(axis)] * 3) - 0.6
+    f = np.concatenate([f[..., :1], f], axis=2)  # the mirror image below the first node
+    low, high = np.minimum(f[..., 1:], f[..., :-1]), np.maximum(f[..., 1:], f[..., :-1])
+    share = np.clip(high / np.maximum(high - low, 1e-30), 0, 1)  # of each piece that is inside
+    share[high <= 0], share[low > 0] = 0, 1
+    share[..., 0] /= 2
+    truth = 8 * share.sum() * h**3
+    assert abs(found.volume - truth) <= found.volume_error + 0.002 * truth
+    assert found.volume_error <= 0.02 * truth
+
+
+@pytest.mark.parametrize(
+    "name", ["double_dam_break_frame_26_4732_particles.vtk", "bunny_frame_14_7705_particles.vtk"]
+)
+def test_errors_cover_what_half_the_spacing_gives(name):
+    """A splash and a bunny: what is round and what is hollow does not cancel in the estimates."""
+    path = SPLASH.with_name(name)
+    if not path.exists():
+        pytest.skip(f"no {path}")
+    scene = gb.Scene(gb.read(path), device="cpu")
+    found = gb.measure_surface(scene)
+    fine = gb.measure_surface(scene, scene.spacing / 4)
+    assert abs(found.volume - fine.volume) <= found.volume_error <= 0.01 * fine.volume
+    assert abs(found.area - fine.area) <= found.area_error <= 0.01 * fine.area
+
+
+def test_nothing_to_measure():
+    for p in (gb.Particles(np.empty((0, 3))), gb.Particles(BALL, support=0.8, weight=0.1)):
+        assert gb.measure_surface(p, 0.1, device="cpu") == (0, 0, 0, 0)
+        found = gb.surface_mesh(p, 0.1, device="cpu")
+        assert found.vertices.shape == found.faces.shape == (0, 3)
+
+
+def test_splash():
+    if not SPLASH.exists():
+        pytest.skip(f"no {SPLASH}")
+    p = gb.read(SPLASH)
+    p = p[p.positions[:, 0] < np.quantile(p.positions[:, 0], 0.1)]
+    scene = gb.Scene(p, device="cpu")
+    found = gb.surface_mesh(scene)
+    f, g = scene.field(found.vertices).astype(np.float64), scene.gradient(found.vertices)
+    distance = np.abs(f - scene.threshold) / np.linalg.norm(g, axis=1)
+    assert distance.max() <= 1e-4 * found.spacing
+
+
+@pytest.mark.parametrize(
+    ("spacing", "message"),
+    [(-1, "spacing: expected a positive"), (np.nan, "spacing: expected a positive"),
+     ("a", "spacing: expected a number"), (1e-4, "spacing: expected one that makes at most")],
+)  # fmt: skip
+def test_refused(spacing, message):
+    with pytest.raises((TypeError, ValueError), match=message):
+        gb.surface_mesh(ball(device="cpu"), spacing)
+    with pytest.raises((TypeError, ValueError), match=message):
+        gb.measure_surface(ball(device="cpu"), spacing)
+
+
+def test_unknown_value():
+    with pytest.raises(ValueError, match=r"values: expected one of .*got speed"):
+        gb.surface_mesh(ball(device="cpu"), values=["speed"])
+
+
+def test_without_scikit_image(monkeypatch):
+    monkeypatch.setitem(__import__("sys").modules, "skimage.measure", None)
+    with pytest.raises(MissingPackageError, match=r"globule\[measure\]"):
+        gb.surface_mesh(ball(device="cpu"))
