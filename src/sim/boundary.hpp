@@ -39,7 +39,10 @@ struct BoundaryVolumes {
 
 /// The last word before particles move: what is within 0.8 spacings of a boundary comes no nearer at full
 /// speed, at 0.5 not at all.  The density solve alone would let a single drop through, which does not
-/// reach rest density on its way.
+/// reach rest density on its way.  Along an edge the walls' mean normal tells too little: what is within kTouching
+/// of any particle of a wall does not approach that one.
+inline constexpr float kTouching = 0.5f;
+
 template <class Packet>
 struct Contact {
     Lists<Packet> lists;
@@ -69,9 +72,21 @@ struct Contact {
         normal = normalize(normal);
         Quad& v = state.velocity[slot];
         const float approach = dot(v.xyz() - wall * (1.0f / total), normal);
-        if (!(approach < 0.0f)) return;
-        const float s = approach * min((0.8f - r) * (1.0f / 0.3f), 1.0f);
-        v = {v.x - s * normal.x, v.y - s * normal.y, v.z - s * normal.z, v.w};
+        if (approach < 0.0f) {
+            const float s = approach * min((0.8f - r) * (1.0f / 0.3f), 1.0f);
+            v = {v.x - s * normal.x, v.y - s * normal.y, v.z - s * normal.z, v.w};
+        }
+        if (!(r < kTouching)) return;
+        for (std::uint32_t k = 0; k < lists.count[row]; ++k) {
+            const std::uint32_t j = lists.index[lists.at(row, k)];
+            const Quad q = state.place[j];
+            if (!(q.w > 0.0f)) continue;
+            const float3 away = period.template shortest<true>(p.xyz() - q.xyz());
+            const float d2 = dot(away, away);
+            if (!(d2 < kTouching * kTouching * spacing * spacing)) continue;
+            const float s = dot(v.xyz() - state.velocity[j].xyz(), away) / max(d2, 1e-12f * spacing * spacing);
+            if (s < 0.0f) v = {v.x - s * away.x, v.y - s * away.y, v.z - s * away.z, v.w};
+        }
     }
 };
 
