@@ -39,9 +39,10 @@ struct BoundaryVolumes {
 
 /// The last word before particles move: what is within 0.8 spacings of a boundary comes no nearer at full
 /// speed, at 0.5 not at all.  The density solve alone would let a single drop through, which does not
-/// reach rest density on its way.  Along an edge the walls' mean normal tells too little: what is within kTouching
-/// of any particle of a wall does not approach that one.
-inline constexpr float kTouching = 0.5f;
+/// reach rest density on its way.  Amid four particles of a wall, the nearest is 0.71 spacings away in the wall's very
+/// plane: nobody comes nearer to the plane than kLeastHeight.  Along an edge the walls' mean normal tells too little:
+/// what is within kTouching of any particle of a wall does not approach that one.
+inline constexpr float kTouching = 0.5f, kLeastHeight = 0.15f, kHeightReach = 1.1f;  // spacings
 
 template <class Packet>
 struct Contact {
@@ -49,10 +50,10 @@ struct Contact {
     const float* nearest;  ///< per row
     State state;
     Period period;
-    float spacing;
+    float spacing, dt;
     GB_FN void operator()(std::size_t row) const {
         const float r = nearest[row] / spacing;
-        if (!(r < 0.8f)) return;
+        if (!(r < kHeightReach)) return;
         const std::uint32_t slot = lists.rows[row];
         const Quad p = state.place[slot];
         if (!(p.w < 0.0f)) return;
@@ -69,11 +70,18 @@ struct Contact {
             total += s;
         }
         if (!(total > 0.0f)) return;
+        const float3 mean = normal * (1.0f / total);
         normal = normalize(normal);
+        wall = wall * (1.0f / total);
         Quad& v = state.velocity[slot];
-        const float approach = dot(v.xyz() - wall * (1.0f / total), normal);
-        if (approach < 0.0f) {
+        const float approach = dot(v.xyz() - wall, normal);
+        if (approach < 0.0f && r < 0.8f) {
             const float s = approach * min((0.8f - r) * (1.0f / 0.3f), 1.0f);
+            v = {v.x - s * normal.x, v.y - s * normal.y, v.z - s * normal.z, v.w};
+        }
+        const float room = max(dot(mean, normal) - kLeastHeight * spacing, 0.0f), rest = dot(v.xyz() - wall, normal) * dt + room;
+        if (rest < 0.0f) {
+            const float s = rest / dt;
             v = {v.x - s * normal.x, v.y - s * normal.y, v.z - s * normal.z, v.w};
         }
         if (!(r < kTouching)) return;

@@ -110,8 +110,9 @@ public:
     sim::Outcome correct_density(float dt) {
         keep(kept_);
         exec_.reduce_in_order(state_.n_rows, sim::KineticOf{rows_.inverse_rho, kicked_.data(), kept_.data()}, sim::AddKinetic{}, sim::Kinetic{}, &outcome_.reserve(1)->kinetic);
-        const Criterion mean{kAim * settings_.density_error, kOver, 1.0, infinity()};
-        const sim::Outcome out = solve({rows_.alpha, lift(), kMostExcess, mean, settings_.least_iterations, false, rows_.bulk, 0.0f, 0.0f, kOmegaPlain, 0.0f}, dt, density_took_);
+        const double mean = kAim * settings_.density_error;
+        const Criterion all{mean, kOver, kLiftShare, std::max(kLiftMost, kLiftLeast / mean)};
+        const sim::Outcome out = solve({rows_.alpha, lift(), kMostExcess, all, settings_.least_iterations, false, rows_.bulk, 0.0f, 0.0f, kOmegaPlain, 0.0f}, dt, density_took_);
         exec_.for_each(state_.n_rows, sim::LimitPush{lists_.rows, kept_.data(), kMostPush * settings_.spacing / dt, state_.view().velocity});
         return out;
     }
@@ -332,7 +333,8 @@ private:
     static constexpr double kAim = 0.8;          // the error is predicted along straight lines: what comes is a fifth more
     static constexpr double kVelocityAim = 0.1;  // of the divergence's tolerance: what is left adds up from step to step
     static constexpr double kMostVelocityAim = 2e-4;
-    static constexpr double kOver = 4.0, kOverShare = 0.001, kMost = 10.0;
+    static constexpr double kOver = 4.0, kOverShare = 0.005, kMost = 50.0;  // times the mean, the share of the particles, times the mean
+    static constexpr double kLiftShare = 0.001, kLiftMost = 10.0, kLiftLeast = 0.03;  // the same for places; no less than 3 % for the largest
     static constexpr float kOmega = 0.3f;        // momentum asks for shorter steps than 0.5
     static constexpr float kOmegaPlain = 0.5f, kFilledShare = 0.5f;
     static constexpr float kAtmosphere = 101325.0f;

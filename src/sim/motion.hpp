@@ -208,29 +208,31 @@ struct WriteRows {
     }
 };
 
-/// Squared: the speed, and the one that limits the next step.
+/// Squared: the speed, the one that limits the next step, and the one that pressure can give (p / rho).
 struct Speeds {
-    float most2, limiting2;
+    float most2, limiting2, pressing2;
 };
 /// Of those inside.
 struct SpeedsOf {
     const Quad* velocity;
     const float* limiting2;  ///< or null: their own, and how they grow
     const float* growth;
+    const Quad* place;
+    const float* pressure;
     float gravity, far;      ///< m/s^2, which the step allows for; how far a step may lead
     const TreeHeader* header;
     GB_FN Speeds operator()(std::size_t i) const {
-        if (i < header->n_outside) return {0.0f, 0.0f};
+        if (i < header->n_outside) return {0.0f, 0.0f, 0.0f};
         const float3 v = velocity[i].xyz();
         const float v2 = dot(v, v);
-        if (limiting2) return {v2, limiting2[i]};
+        if (limiting2) return {v2, limiting2[i], 0.0f};
         // v dt + a dt^2 / 2 = far
         const float a = max(growth[i] - gravity, 0.0f), limit = 0.5f * (sqrt(v2) + sqrt(v2 + 2.0f * a * far));
-        return {v2, a > 0.0f ? limit * limit : v2};
+        return {v2, a > 0.0f ? limit * limit : v2, max(pressure[i], 0.0f) * max(-place[i].w, 0.0f)};
     }
 };
 struct Fastest {
-    GB_FN Speeds operator()(const Speeds& a, const Speeds& b) const { return {max(a.most2, b.most2), max(a.limiting2, b.limiting2)}; }
+    GB_FN Speeds operator()(const Speeds& a, const Speeds& b) const { return {max(a.most2, b.most2), max(a.limiting2, b.limiting2), max(a.pressing2, b.pressing2)}; }
 };
 
 /// What the host learns after a step.

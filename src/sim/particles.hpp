@@ -155,7 +155,7 @@ public:
             exec_.for_each(n, sim::OwnSpeed{s, phases_.data(), *ahead, limiting2, fast, fast + 1});
             exec_.for_each_tile_of(fast, sim::Approach<Tree>{tree_.sparse(), s, *ahead, 0.5f * spline_.support, fast + 1, limiting2});
         }
-        exec_.reduce(n, sim::SpeedsOf{s.velocity, limiting2, s.growth, gravity, far, header}, sim::Fastest{}, sim::Speeds{0.0f, 0.0f}, speeds_.reserve(1));
+        exec_.reduce(n, sim::SpeedsOf{s.velocity, limiting2, s.growth, s.place, s.pressure, gravity, far, header}, sim::Fastest{}, sim::Speeds{0.0f, 0.0f, 0.0f}, speeds_.reserve(1));
         sim::Summary* out = summary_.reserve(1);
         exec_.for_each(1, sim::Summarize{speeds_.data(), flags_.data() + n, not_a_number_.data(), header, compression, out});
         exec_.download(&summary, out, sizeof summary);

@@ -116,6 +116,9 @@ public:
         double dt = longest_step();
         if (settings_.weakly_compressible) dt = std::min(dt, far / (settings_.sound_speed + v));
         if (v > 0 || g > 0) dt = std::min(dt, 2 * far / (v + std::sqrt(v * v + 4 * g * far)));
+        // Pressure p can give a speed of sqrt(p / rho) to what it meets unevenly, as under a tall column that starts.
+        const double p = settings_.weakly_compressible ? 0.0 : std::sqrt(double(state_.summary.speeds.pressing2));
+        if (p > 0) dt = std::max(std::min(dt, far / p), kLeastByPressure * dt);
         return dt;
     }
 
@@ -161,7 +164,7 @@ public:
                     mark("divergence");
                     tissue_.hold_on(state_.view(), dt);
                     bodies_.turn(fluid_, dt);
-                    contact();
+                    contact(dt);
                     const sim::Outcome density = fluid_.correct_density(dt);
                     mark("pressure");
                     r.iterations = int(density.progress.iterations);
@@ -280,6 +283,7 @@ private:
         return k.after > 1.02 * k.before + 0.5 * k.mass * fall;
     }
     static constexpr int kMostHalvings = 4;
+    static constexpr double kLeastByPressure = 0.2;  // of the step that speeds allow: an impact's pressure is over at once
 
     double farthest_move() const { return 0.4 * settings_.cfl * settings_.spacing; }
     /// That forces other than pressure allow, whatever the speeds.
@@ -353,11 +357,11 @@ private:
         return others;
     }
 
-    void contact() {
-        if (state_.n_rows > 0) exec_.for_each(state_.n_rows, sim::Contact<Packet>{fluid_.lists(), fluid_.rows().boundary, state_.view(), state_.period(), settings_.spacing});
+    void contact(float dt) {
+        if (state_.n_rows > 0) exec_.for_each(state_.n_rows, sim::Contact<Packet>{fluid_.lists(), fluid_.rows().boundary, state_.view(), state_.period(), settings_.spacing, dt});
     }
     void move(float dt, bool split) {
-        contact();
+        contact(dt);
         fluid_.shift(dt);
         float* positions = state_.positions();
         exec_.for_each(state_.n, sim::Move{state_.view(), dt, state_.tree().sparse().header, state_.period(), settings_.lo, positions, state_.not_a_number()});
