@@ -91,7 +91,10 @@ def check(sim: gb.Simulation, seconds: float, error: float, quiet: bool) -> int:
                 (f"{r.n_escaped} particles escaped", r.n_escaped > 0),
                 (f"energy grew by {gain / mass:.3g} J/kg", gain > most),
                 (f"mean compression {r.compression:.2%}", r.compression > 2 * error),
-                (f"99.9th percentile {r.high_compression:.2%}", r.high_compression > max(10 * error, 0.1)),
+                (
+                    f"99.9th percentile {r.high_compression:.2%}",
+                    r.high_compression > max(10 * error, 0.1),
+                ),
                 # jets are faster than a fall from the top
                 (f"a speed of {r.most_speed:.3g} m/s", r.most_speed > 3 * np.sqrt(2 * 9.81 * top)),
             )
@@ -101,7 +104,9 @@ def check(sim: gb.Simulation, seconds: float, error: float, quiet: bool) -> int:
             print(f"step {r.step} at {r.time:.4g} s: " + "; ".join(wrong))
             return 1
     wall = time.perf_counter() - wall
-    print(f"{sim.time - begin:.4g} s in {sim.n_steps} steps, {halved} halvings, {wall:.4g} s of wall time")
+    print(
+        f"{sim.time - begin:.4g} s in {sim.n_steps} steps, {halved} halvings, {wall:.4g} s of wall"
+    )
     for name, value in worst.items():
         print(f"largest {name:24} {value:.4g}")
     print("nothing lost, no energy gained")

@@ -83,7 +83,8 @@ def test_nothing_passes_an_edge(backend):
         report = sim.step()
         assert report.n_escaped == 0
     x = sim.positions[ids]
-    assert (x > -0.5 * d).all() and (x < size + 0.5 * d).all()
+    assert (x > -0.5 * d).all()
+    assert (x < size + 0.5 * d).all()
 
 
 SCENES = {

@@ -142,10 +142,12 @@ class Settings(Steered):
         gravity: (3,) m/s².
         method: "dfsph", or "wcsph": Tait's equation instead of a pressure solve.
         max_error: mean compression that the density solver leaves, a share.
-        divergence_error: the same of the divergence solver; None: max_error.
+        divergence_error: ten times the mean compression that velocities may add in a step (2e-4
+            at most); None: max_error.
         viscosity_error: relative residual of implicit viscosity.
         min_iterations, max_iterations: of both solvers.
-        cfl: a step is at most 0.4 cfl spacing / fastest speed.
+        cfl: a step is at most 0.4 cfl spacing / fastest speed; the square root of pressure /
+            density counts as a speed.
         max_dt: longest step, s.
         sound_speed: of wcsph, m/s; None: 10 times the speed of a fall through the domain.
         extra_viscosity: of wcsph, Pa s; damps its waves.
