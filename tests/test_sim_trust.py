@@ -30,8 +30,8 @@ def energy(sim):
 
 @pytest.mark.parametrize("error", [0.01, 0.001])
 def test_a_tall_column_starts_without_exploding(backend, error):
-    """160 layers at rest under gravity. Where lost density becomes speed and the mean alone is judged,
-    particles fly at 7 m/s after 13 steps (1 %) and at 372 m/s after 16 (0.1 %)."""
+    """160 layers at rest under gravity. Where lost density becomes speed and only the mean
+    is judged, particles fly at 7 m/s after 13 steps (1 %) and at 372 m/s after 16 (0.1 %)."""
     d = 1 / 80
     box = {"lo": (0, 0, 0), "hi": (2, 2.2, 8 * d), "walls": True, "periodic": ["z"]}
     scene = {
