@@ -74,6 +74,10 @@ nb::dict report(const StepReport& r) {
     d["divergence_error"] = r.divergence_error;
     d["compression"] = r.compression;
     d["most_compression"] = r.most_compression;
+    d["high_compression"] = r.high_compression;
+    d["most_error"] = r.most_error;
+    d["most_divergence_error"] = r.most_divergence_error;
+    d["n_halved"] = r.n_halved;
     d["n"] = r.n;
     d["n_solved"] = r.n_solved;
     d["n_escaped"] = r.n_escaped;

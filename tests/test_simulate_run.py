@@ -337,7 +337,7 @@ def test_a_frame_at_whose_time_one_stops_is_written(folder, capsys):
         ("phase", lambda a: np.full_like(a, 255), "phase: expected numbers below"),
         ("counts", lambda a: np.full_like(a, 2**64 - 1), "counts: expected"),
         ("motion", lambda a: a[:-3], "expected all of the bodies"),
-        ("impulse", None, "'impulse' is missing"),
+        ("growth", None, "'growth' is missing"),
         ("_facts", lambda a: np.frombuffer(b"[1]", np.uint8), "expected a checkpoint"),
     ],
 )

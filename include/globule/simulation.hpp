@@ -52,7 +52,9 @@ struct StepReport {
     std::uint64_t step = 0;
     int iterations = 0, divergence_iterations = 0, viscosity_iterations = 0;
     double error = 0, divergence_error = 0;    ///< that the solvers left, mean and relative
-    double compression = 0, most_compression = 0;  ///< mean and largest max(density / rest density - 1, 0) before the step
+    double most_error = 0, most_divergence_error = 0;  ///< the largest
+    double compression = 0, high_compression = 0, most_compression = 0;  ///< max(density / rest density - 1, 0) before the step: mean, what 0.1 % of the particles exceed, largest
+    int n_halved = 0;                          ///< how often the solver halved the step because it gave kinetic energy
     std::uint64_t n = 0, n_solved = 0, n_escaped = 0;
     double most_speed = 0;                     ///< m/s
     std::vector<std::pair<std::string, double>> seconds{}; ///< per stage

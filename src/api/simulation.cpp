@@ -102,7 +102,9 @@ StepReport told(const core::StepReport& r) {
     out.time = r.time, out.dt = r.dt, out.step = r.step;
     out.iterations = r.iterations, out.divergence_iterations = r.divergence_iterations, out.viscosity_iterations = r.viscosity_iterations;
     out.error = r.error, out.divergence_error = r.divergence_error;
-    out.compression = r.compression, out.most_compression = r.most_compression;
+    out.most_error = r.most_error, out.most_divergence_error = r.most_divergence_error;
+    out.compression = r.compression, out.high_compression = r.high_compression, out.most_compression = r.most_compression;
+    out.n_halved = r.n_halved;
     out.n = r.n, out.n_solved = r.n_solved, out.n_escaped = r.n_escaped;
     out.most_speed = r.most_speed;
     out.seconds = r.seconds;

@@ -43,7 +43,9 @@ struct StepReport {
     std::uint64_t step = 0;
     int iterations = 0, divergence_iterations = 0, viscosity_iterations = 0;
     double error = 0, divergence_error = 0;        ///< as the solvers left them, mean and relative
-    double compression = 0, most_compression = 0;  ///< of the positions that the step began with: mean and largest max(rho/rho0 - 1, 0)
+    double most_error = 0, most_divergence_error = 0;  ///< the largest
+    double compression = 0, high_compression = 0, most_compression = 0;  ///< max(rho/rho0 - 1, 0) of the positions that the step began with: mean, what 0.1 % exceed, largest
+    int n_halved = 0;                              ///< how often it was made anew, half as long, since energy came from nowhere
     std::uint64_t n = 0, n_solved = 0, n_escaped = 0;
     std::uint64_t n_removed = 0;                   ///< by sinks, in this step
     double most_speed = 0;
@@ -83,7 +85,7 @@ struct Simulation : Object {
     /// The step that the current speeds allow.
     virtual double next_dt() = 0;
     virtual std::size_t size() = 0;
-    /// The state's arrays in slot order, by name: place, velocity, id, phase, pressure, impulse, divergence_impulse.
+    /// The state's arrays in slot order, by name: place, velocity, id, phase, pressure, growth, divergence_impulse.
     virtual void read(const std::string& name, void* out) = 0;
     virtual void write(const std::string& name, const void* in) = 0;
     /// n particles whose arrays will be written, then settled: the octree is built.

@@ -58,6 +58,8 @@ public:
         exec_.synchronize();
     }
 
+    bool none() const { return next_poses_.empty() && bodies_.empty(); }
+
     /// Boundaries get the velocities that lead them to their next poses; whether there are any.
     bool carry(float dt) {
         for (const auto& [phase, pose] : next_poses_)

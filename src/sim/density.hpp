@@ -17,11 +17,12 @@ struct Rows {
     float *gx, *gy, *gz;       ///< G
     float* inverse_rho;        ///< 0: not in the density solve
     float* alpha;
-    float* alpha_divergence;   ///< 0 where there are too few neighbours to tell a divergence
     float* boundary;           ///< distance of the nearest boundary particle
+    float* bulk;               ///< 1 where there is fluid or wall all around
 };
 
-inline constexpr std::uint32_t kFewNeighbors = 20;
+inline constexpr float kFreeGradient = 0.4f;   ///< of the density, per spacing: more is a surface's (a lattice's: 0.51)
+inline constexpr float kLeastDensity = 0.5f;   ///< of what is inside of a fluid
 /// Least share of the lattice's value below |G|^2 / rho + ...: where gradients cancel, as between the
 /// particles of a wall, the step along them must not grow without bounds.
 inline constexpr float kLeastStiffness = 0.2f;
@@ -63,36 +64,58 @@ struct Densities {
         const F sum = (gx * gx + gy * gy + gz * gz) * rho + squares;
         const F solved = select(rho > zero, F(1.0f), zero);
         const F alpha = solved * select(sum > zero, h * h / max(sum, F(kLeastStiffness * lattice_squares) * rho), zero);
-        const F count = Packet::map([&](int lane) { return float(lists.count[row + lane]); });
         Packet::store(out.density + row, density);
         Packet::store(out.gx + row, gx);
         Packet::store(out.gy + row, gy);
         Packet::store(out.gz + row, gz);
         Packet::store(out.inverse_rho + row, rho);
         Packet::store(out.alpha + row, alpha);
-        Packet::store(out.alpha_divergence + row, select(count < F(float(kFewNeighbors)), zero, alpha));
         Packet::store(out.boundary + row, nearest);
+        const float free = 2.0f * kFreeGradient;  // per support
+        const auto inside = (gx * gx + gy * gy + gz * gz < F(free * free)) & (density > F(kLeastDensity));
+        Packet::store(out.bulk + row, select(inside, F(1.0f), zero));
     }
 };
 
 /// Of the rows that take part: sum and largest of max(delta - 1, 0), how many they are, how many are at a
-/// surface, and the sum of delta.
+/// surface, the sum of delta, and how many are compressed by more than kLeastStep 2^k.
+inline constexpr int kSteps = 16;
+inline constexpr double kLeastStep = 1e-5;
 struct Compression {
     double sum, most, n, n_free, density;
+    std::uint32_t over[kSteps];
+
+    /// What a share of the particles exceeds: exact at the steps, between them as a power.
+    double exceeded_by(double share) const {
+        const double limit = share * n;
+        if (!(over[0] > limit)) return std::min(kLeastStep, most);
+        for (int k = 1; k < kSteps; ++k) {
+            if (over[k] > limit) continue;
+            const double a = std::log(double(over[k - 1])), b = std::log(std::max(double(over[k]), 0.5));
+            return std::min(most, kLeastStep * std::exp2(k - 1 + (a - std::log(std::max(limit, 0.5))) / std::max(a - b, 1e-9)));
+        }
+        return most;
+    }
 };
 struct CompressionOf {
     Rows rows;
     float free_gradient;  ///< |G| times the support of those at a surface
     GB_FN Compression operator()(std::size_t row) const {
-        if (!(rows.inverse_rho[row] > 0.0f)) return {0.0, 0.0, 0.0, 0.0, 0.0};
+        Compression c{};
+        if (!(rows.inverse_rho[row] > 0.0f)) return c;
         const double e = max(rows.density[row] - 1.0f, 0.0f);
         const float3 g{rows.gx[row], rows.gy[row], rows.gz[row]};
-        return {e, e, 1.0, dot(g, g) > free_gradient * free_gradient ? 1.0 : 0.0, rows.density[row]};
+        c = {e, e, 1.0, dot(g, g) > free_gradient * free_gradient ? 1.0 : 0.0, rows.density[row], {}};
+        float step = float(kLeastStep);
+        for (int k = 0; k < kSteps; ++k, step *= 2.0f) c.over[k] = e > step;
+        return c;
     }
 };
 struct AddCompression {
     GB_FN Compression operator()(const Compression& a, const Compression& b) const {
-        return {a.sum + b.sum, a.most > b.most ? a.most : b.most, a.n + b.n, a.n_free + b.n_free, a.density + b.density};
+        Compression c{a.sum + b.sum, a.most > b.most ? a.most : b.most, a.n + b.n, a.n_free + b.n_free, a.density + b.density, {}};
+        for (int k = 0; k < kSteps; ++k) c.over[k] = a.over[k] + b.over[k];
+        return c;
     }
 };
 

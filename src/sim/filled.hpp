@@ -12,7 +12,6 @@
 
 namespace globule::core::sim {
 
-inline constexpr float kFreeGradient = 0.4f;   ///< of the density, per spacing: more is a surface's (a lattice's: 0.51)
 inline constexpr double kFreeShare = 0.002;    ///< of all particles: more are a surface
 inline constexpr double kLeastFilling = 0.99;  ///< mean density: with less, gaps are on their way to open
 inline constexpr double kFilledAim = 0.1;      ///< of the divergence's tolerance: no density solve makes good what is left

@@ -2,13 +2,14 @@
 //
 //   find_lists           neighbours of every row (start_lists begins early, while the host has other things to do)
 //   densities            densities, gradients, the free surface
-//   correct_divergence   velocities without divergence
 //   forces               gravity, viscosity, tension, what the user asks for
-//   correct_density      velocities that lead to rest density; or correct_filled, alone, where there is no free surface
+//   correct_divergence   velocities that compress nothing; or correct_filled, where there is no free surface
+//   correct_density      for one move, what is too dense moves apart
 //
 // Arrays by row are `padded` to full packets, those by slot have room for 64 more: packets read past the end.
 #pragma once
 #include "sim/filled.hpp"
+#include "sim/split.hpp"
 #include "sim/fluid_surface.hpp"
 #include "sim/viscosity.hpp"
 #include "sim/wcsph.hpp"
@@ -25,7 +26,7 @@ public:
 
     Fluid(Exec& exec, SimulationState<Exec>& state, const SimulationSettings& settings)
         : exec_(exec), state_(state), settings_(settings), list_counts_(exec), list_index_(exec), gradients_(exec), row_values_(exec),
-          change_(exec), error_(exec), accelerations_(exec), progress_(exec), error_sum_(exec), compression_(exec), most_count_(exec),
+          change_(exec), error_(exec), accelerations_(exec), outcome_(exec), residuals_(exec), iterate_(exec), lift_(exec), kept_(exec), before_(exec), kicked_(exec), compression_(exec), most_count_(exec),
           cohesion_(exec), diagonal_(exec), residual_(exec), direction_(exec), applied_(exec), conjugate_(exec), surface_(exec, state, settings) {}
 
     const Lists& lists() const { return lists_; }
@@ -96,11 +97,28 @@ public:
     /// Of the positions that densities() saw, where the device has it.
     const sim::Compression* compression() const { return compression_.data(); }
 
+    /// Velocities before a step, and after its forces: what the step may be undone to, and what its solves may not exceed.
+    void keep_before() { keep(before_); }
+    void keep_kicked() { keep(kicked_); }
+    void undo() { exec_.for_each(state_.n_rows, sim::Undo{lists_.rows, before_.data(), state_.view().velocity, state_.view().divergence_impulse}); }
+
     sim::Progress correct_divergence(float dt) {
-        return solve({rows_.alpha_divergence, state_.view().divergence_impulse, 0.0f, settings_.divergence_error, 1, false}, dt, divergence_took_);
+        const Criterion all{std::min(kVelocityAim * settings_.divergence_error, kMostVelocityAim), kOver, kOverShare, kMost};
+        return solve({rows_.alpha, state_.view().divergence_impulse, 0.0f, all, 1, false, rows_.bulk, -kAtmosphere * dt, 1.0f, kOmega, 1.0f}, dt, divergence_took_).progress;
     }
-    sim::Progress correct_density(float dt) {
-        return solve({rows_.alpha, state_.view().impulse, infinity(), kAim * settings_.density_error, settings_.least_iterations, false}, dt, density_took_);
+    /// Of the velocities that are there now, which are kept.  The outcome has the kinetic energy before and after the first solve.
+    sim::Outcome correct_density(float dt) {
+        keep(kept_);
+        exec_.reduce_in_order(state_.n_rows, sim::KineticOf{rows_.inverse_rho, kicked_.data(), kept_.data()}, sim::AddKinetic{}, sim::Kinetic{}, &outcome_.reserve(1)->kinetic);
+        const double mean = kAim * settings_.density_error;
+        const Criterion all{mean, kOver, kLiftShare, std::max(kLiftMost, kLiftLeast / mean)};
+        const sim::Outcome out = solve({rows_.alpha, lift(), kMostExcess, all, settings_.least_iterations, false, rows_.bulk, 0.0f, 0.0f, kOmegaPlain, 0.0f}, dt, density_took_);
+        exec_.for_each(state_.n_rows, sim::LimitPush{lists_.rows, kept_.data(), kMostPush * settings_.spacing / dt, state_.view().velocity});
+        return out;
+    }
+    /// After the move: the velocities of the first solve.
+    void end_split(float dt) {
+        exec_.for_each(state_.n_rows, sim::EndSplit{lists_.rows, kept_.data(), before_.data(), 1.0f / dt, state_.view().velocity, state_.view().growth});
     }
 
     /// Whether it has no free surface, of the positions that densities() saw.
@@ -121,8 +139,9 @@ public:
             exec_.for_each_packet(state_.n_rows, sim::InverseMoments<Packet, periodic>{lists_, s.place, state_.period(), state_.spline().inverse, diagonal, rest});
         });
         exec_.for_each_packet(state_.n_rows, sim::CorrectGradients<Packet>{lists_, s.place, diagonal, rest, rows_, plain, state_.spline().support, state_.lattice_squares()});
-        exec_.clear(s.impulse, 4 * state_.n);
-        return solve({rows_.alpha, s.divergence_impulse, 0.0f, sim::kFilledAim * settings_.divergence_error, settings_.least_iterations, true}, dt, divergence_took_);
+        exec_.clear(s.growth, 4 * state_.n);
+        const Criterion mean{sim::kFilledAim * settings_.divergence_error, kOver, 1.0, infinity()};
+        return solve({rows_.alpha, s.divergence_impulse, 0.0f, mean, settings_.least_iterations, true, nullptr, -infinity(), kFilledShare, kOmegaPlain, 0.0f}, dt, divergence_took_).progress;
     }
     /// Velocities that lead particles from where they are dense, for one move; what was theirs is kept.
     void shift(float dt) {
@@ -142,9 +161,10 @@ public:
     void push_by_density(float dt) {
         const sim::State s = state_.view();
         float* change = change_.reserve(state_.n + 64);
-        sim::Progress* progress = progress_.reserve(1);
+        sim::Progress* progress = &outcome_.reserve(1)->progress;
         exec_.clear(progress, sizeof *progress);
         exec_.clear(change, 4 * (state_.n + 64));
+        exec_.clear(s.growth, 4 * state_.n);
         exec_.for_each(state_.n_rows, sim::TaitPressure{lists_.rows, rows_, settings_.sound_speed, dt, s.pressure, change});
         exec_.for_each_packet(state_.n_rows, sim::Push<Packet>{lists_, rows_, change, s.velocity, progress, state_.spline().inverse});
     }
@@ -176,7 +196,7 @@ private:
     void reserve_rows() {
         const std::size_t padded = padded_rows();
         float* v = row_values_.reserve(8 * padded);
-        for (float** array : {&rows_.density, &rows_.gx, &rows_.gy, &rows_.gz, &rows_.inverse_rho, &rows_.alpha, &rows_.alpha_divergence, &rows_.boundary}) {
+        for (float** array : {&rows_.density, &rows_.gx, &rows_.gy, &rows_.gz, &rows_.inverse_rho, &rows_.alpha, &rows_.boundary, &rows_.bulk}) {
             *array = v;
             v += padded;
         }
@@ -190,48 +210,72 @@ private:
         return out;
     }
 
+    /// P of the solve for places, which starts from nothing.
+    float* lift() {
+        float* p = lift_.reserve(state_.n + 64);
+        exec_.clear(p, 4 * (state_.n + 64));
+        return p;
+    }
+    void keep(Buffer<Quad, Exec>& where) { exec_.for_each(state_.n_rows, sim::KeepVelocity{lists_.rows, state_.view().velocity, where.reserve(state_.n_rows + 64)}); }
+
+    /// When a solve is done: by the mean, by the share of particles above `over` times that mean, and by the largest, over that mean, too.
+    struct Criterion {
+        double mean, over, share, most;
+    };
     /// What a solve asks of the velocities.
     struct Aim {
         const float* alpha;
-        float* impulse;     ///< P, which it starts from
-        float most_excess;  ///< of the density that counts: none, where the divergence alone is to vanish
-        double tolerance;
-        int least;          ///< iterations
-        bool both_signs;    ///< of pressures
+        float* impulse;     ///< P; in and out in Pa where it starts from it
+        float most_excess;  ///< of the density that counts: none, where velocities alone are solved for
+        Criterion criterion;
+        int iterations;     ///< at least
+        bool filled;        ///< gaps do not close
+        const float* bulk;  ///< as Relax has it
+        float least;        ///< impulse, in the bulk
+        float share;        ///< of the last pressure that it starts with
+        float omega, momentum;
     };
     /// `took`: iterations of the last solve of this kind; on the device the host looks at the progress only after as many.
-    sim::Progress solve(const Aim& aim, float dt, int& took) {
+    sim::Outcome solve(const Aim& aim, float dt, int& took) {
         const std::size_t n = state_.n_rows;
         const sim::State s = state_.view();
         const float inverse_support = state_.spline().inverse;
         float* change = change_.reserve(state_.n + 64);
-        float* error = error_.reserve(n + 64);
-        double* sum = error_sum_.reserve(1);
-        sim::Progress* progress = progress_.reserve(1);
+        float* error = error_.reserve(2 * (n + 64));
+        float* turn = error + n + 64;
+        float* iterate = iterate_.reserve(n + 64);
+        sim::Residuals* found = residuals_.reserve(1);
+        sim::Outcome* outcome = outcome_.reserve(1);
+        sim::Progress* progress = &outcome->progress;
         exec_.clear(progress, sizeof *progress);
         exec_.clear(change, 4 * (state_.n + 64));
-        exec_.for_each(n, sim::WarmStart{lists_.rows, aim.alpha, aim.impulse, change, kWarmShare});
+        exec_.for_each(n, sim::WarmStart{lists_.rows, aim.alpha, aim.impulse, change, iterate, aim.bulk, aim.share * dt, aim.least});
 
-        const float least_excess = aim.both_signs ? 0.0f : -infinity(), least_impulse = aim.both_signs ? -infinity() : 0.0f;
+        const Criterion& c = aim.criterion;
+        const float least_excess = aim.filled ? 0.0f : -infinity();
         const sim::Push<Packet> push{lists_, rows_, change, s.velocity, progress, inverse_support};
-        const sim::Relax<Packet> relax{lists_, rows_, aim.alpha, s.velocity, aim.impulse, change, error, progress, inverse_support, 1.0f / dt,
-                                       aim.most_excess, least_excess, least_impulse, kOmega};
-        const sim::Judge judge{sum, double(dt) / double(n), aim.tolerance, std::uint32_t(aim.least), progress};
-        sim::Progress p{};
-        int at_once = Exec::on_device ? max(took, aim.least) : 1;
+        const sim::Relax<Packet> relax{lists_, rows_, aim.alpha, s.velocity, aim.impulse, change, iterate, error, turn, progress, inverse_support, 1.0f / dt,
+                                       aim.most_excess, least_excess, aim.bulk, aim.least, aim.omega};
+        const sim::Judge judge{found, dt, double(n), c.mean, c.most * c.mean, c.share, std::uint32_t(aim.iterations), aim.momentum, aim.most_excess > 0.0f ? nullptr : compression(), settings_.density_error, progress};
+        const sim::ResidualsOf residuals{error, turn, float(c.over * c.mean / dt)};
+        sim::Outcome out{};
+        sim::Progress& p = out.progress;
+        int at_once = Exec::on_device ? max(took, aim.iterations) : 1;
+        bool pushes = aim.share > 0.0f;  // else P is 0 yet
         do {
             for (int i = 0; i < at_once; ++i) {
-                exec_.for_each_packet(n, push);
+                if (pushes) exec_.for_each_packet(n, push);
+                pushes = true;
                 exec_.for_each_packet(n, relax);
-                exec_.reduce_in_order(n, sim::ErrorOf{error}, sim::AddDouble{}, 0.0, sum);
+                exec_.reduce_in_order(n, residuals, sim::AddResiduals{}, sim::Residuals{}, found);
                 exec_.for_each(1, judge);
             }
-            exec_.download(&p, progress, sizeof p);
+            exec_.download(&out, outcome, sizeof out);
             at_once = max(1, int(p.iterations) / 4);
         } while (!p.done && int(p.iterations) < settings_.most_iterations);
         took = int(p.iterations);
-        exec_.for_each(n, sim::Applied{lists_.rows, aim.impulse, change, 1.0f / dt, aim.most_excess > 0.0f, flux(), s.pressure});
-        return p;
+        if (aim.share > 0.0f) exec_.for_each(n, sim::Applied{lists_.rows, aim.impulse, change, 1.0f / dt, flux(), s.pressure});
+        return out;
     }
 
     sim::Interaction interaction(float share) const {
@@ -286,8 +330,16 @@ private:
         return int(state.iterations) - 1;
     }
 
-    static constexpr double kAim = 0.8;  // the error is predicted along straight lines: what comes is a fifth more
-    static constexpr float kWarmShare = 0.5f, kOmega = 0.5f;
+    static constexpr double kAim = 0.8;          // the error is predicted along straight lines: what comes is a fifth more
+    static constexpr double kVelocityAim = 0.1;  // of the divergence's tolerance: what is left adds up from step to step
+    static constexpr double kMostVelocityAim = 2e-4;
+    static constexpr double kOver = 4.0, kOverShare = 0.005, kMost = 50.0;  // times the mean, the share of the particles, times the mean
+    static constexpr double kLiftShare = 0.001, kLiftMost = 10.0, kLiftLeast = 0.03;  // the same for places; no less than 3 % for the largest
+    static constexpr float kOmega = 0.3f;        // momentum asks for shorter steps than 0.5
+    static constexpr float kOmegaPlain = 0.5f, kFilledShare = 0.5f;
+    static constexpr float kAtmosphere = 101325.0f;
+    static constexpr float kMostExcess = 0.1f;   // of the density, that one step undoes
+    static constexpr float kMostPush = 0.1f;     // spacings
 
     Exec& exec_;
     SimulationState<Exec>& state_;
@@ -301,8 +353,10 @@ private:
     Buffer<typename Packet::Short, Exec> gradients_;
     Buffer<float, Exec> row_values_, change_, error_;
     Buffer<Quad, Exec> accelerations_;
-    Buffer<sim::Progress, Exec> progress_;
-    Buffer<double, Exec> error_sum_;
+    Buffer<sim::Outcome, Exec> outcome_;
+    Buffer<sim::Residuals, Exec> residuals_;
+    Buffer<float, Exec> iterate_, lift_;
+    Buffer<Quad, Exec> kept_, before_, kicked_;
     Buffer<sim::Compression, Exec> compression_;
     Buffer<std::uint32_t, Exec> most_count_;
     Buffer<float, Exec> cohesion_, diagonal_;

@@ -115,7 +115,7 @@ struct Append {
         state.id[i] = first_id + std::uint32_t(k);
         state.phase[i] = phase;
         state.pressure[i] = 0.0f;
-        state.impulse[i] = 0.0f;
+        state.growth[i] = 0.0f;
         state.divergence_impulse[i] = 0.0f;
     }
 };
@@ -132,7 +132,7 @@ struct Reorder {
         if (k == to.n) {
             to.place[k] = {2e18f, 2e18f, 2e18f, 0.0f};
             to.velocity[k] = {0.0f, 0.0f, 0.0f, 0.0f};
-            to.impulse[k] = to.divergence_impulse[k] = 0.0f;  // rows that pad a packet read them
+            to.growth[k] = to.divergence_impulse[k] = 0.0f;  // rows that pad a packet read them
             return;
         }
         const std::uint32_t i = index[k];
@@ -144,7 +144,7 @@ struct Reorder {
         to.id[k] = from.id[i];
         to.phase[k] = from.phase[i];
         to.pressure[k] = from.pressure[i];
-        to.impulse[k] = from.impulse[i];
+        to.growth[k] = from.growth[i];
         to.divergence_impulse[k] = from.divergence_impulse[i];
         slot_of[from.id[i]] = std::uint32_t(k);
     }
@@ -159,7 +159,7 @@ struct CopyState {
         to.id[i] = from.id[i];
         to.phase[i] = from.phase[i];
         to.pressure[i] = from.pressure[i];
-        to.impulse[i] = from.impulse[i];
+        to.growth[i] = from.growth[i];
         to.divergence_impulse[i] = from.divergence_impulse[i];
     }
 };
@@ -208,23 +208,31 @@ struct WriteRows {
     }
 };
 
-/// Squared: the speed, and the one that limits the next step.
+/// Squared: the speed, the one that limits the next step, and the one that pressure can give (p / rho).
 struct Speeds {
-    float most2, limiting2;
+    float most2, limiting2, pressing2;
 };
 /// Of those inside.
 struct SpeedsOf {
     const Quad* velocity;
-    const float* limiting2;  ///< or null: their own
+    const float* limiting2;  ///< or null: their own, and how they grow
+    const float* growth;
+    const Quad* place;
+    const float* pressure;
+    float gravity, far;      ///< m/s^2, which the step allows for; how far a step may lead
     const TreeHeader* header;
     GB_FN Speeds operator()(std::size_t i) const {
-        if (i < header->n_outside) return {0.0f, 0.0f};
+        if (i < header->n_outside) return {0.0f, 0.0f, 0.0f};
         const float3 v = velocity[i].xyz();
-        return {dot(v, v), limiting2 ? limiting2[i] : dot(v, v)};
+        const float v2 = dot(v, v);
+        if (limiting2) return {v2, limiting2[i], 0.0f};
+        // v dt + a dt^2 / 2 = far
+        const float a = max(growth[i] - gravity, 0.0f), limit = 0.5f * (sqrt(v2) + sqrt(v2 + 2.0f * a * far));
+        return {v2, a > 0.0f ? limit * limit : v2, max(pressure[i], 0.0f) * max(-place[i].w, 0.0f)};
     }
 };
 struct Fastest {
-    GB_FN Speeds operator()(const Speeds& a, const Speeds& b) const { return {max(a.most2, b.most2), max(a.limiting2, b.limiting2)}; }
+    GB_FN Speeds operator()(const Speeds& a, const Speeds& b) const { return {max(a.most2, b.most2), max(a.limiting2, b.limiting2), max(a.pressing2, b.pressing2)}; }
 };
 
 /// What the host learns after a step.

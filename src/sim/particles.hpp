@@ -144,7 +144,7 @@ public:
 
     /// What the host needs to know before the next step; waits for the device.  `ahead`: where fluids count by how they approach others;
     /// `compression`: of the step that ends, or null.
-    void summarize(const sim::Ahead* ahead, const sim::Compression* compression) {
+    void summarize(const sim::Ahead* ahead, float gravity, float far, const sim::Compression* compression) {
         const sim::State s = view();
         const TreeHeader* header = tree_.sparse().header;
         float* limiting2 = nullptr;
@@ -155,7 +155,7 @@ public:
             exec_.for_each(n, sim::OwnSpeed{s, phases_.data(), *ahead, limiting2, fast, fast + 1});
             exec_.for_each_tile_of(fast, sim::Approach<Tree>{tree_.sparse(), s, *ahead, 0.5f * spline_.support, fast + 1, limiting2});
         }
-        exec_.reduce(n, sim::SpeedsOf{s.velocity, limiting2, header}, sim::Fastest{}, sim::Speeds{0.0f, 0.0f}, speeds_.reserve(1));
+        exec_.reduce(n, sim::SpeedsOf{s.velocity, limiting2, s.growth, s.place, s.pressure, gravity, far, header}, sim::Fastest{}, sim::Speeds{0.0f, 0.0f, 0.0f}, speeds_.reserve(1));
         sim::Summary* out = summary_.reserve(1);
         exec_.for_each(1, sim::Summarize{speeds_.data(), flags_.data() + n, not_a_number_.data(), header, compression, out});
         exec_.download(&summary, out, sizeof summary);
@@ -176,8 +176,8 @@ private:
         Buffer<Quad, Exec> place, velocity;
         Buffer<std::uint32_t, Exec> id;
         Buffer<std::uint8_t, Exec> phase;
-        Buffer<float, Exec> pressure, impulse, divergence_impulse;
-        explicit Copy(Exec& e) : place(e), velocity(e), id(e), phase(e), pressure(e), impulse(e), divergence_impulse(e) {}
+        Buffer<float, Exec> pressure, growth, divergence_impulse;
+        explicit Copy(Exec& e) : place(e), velocity(e), id(e), phase(e), pressure(e), growth(e), divergence_impulse(e) {}
         std::size_t capacity() const { return place.capacity() ? place.capacity() - 64 : 0; }
         void reserve(std::size_t n) {
             place.reserve(n + 64);
@@ -185,11 +185,11 @@ private:
             id.reserve(n + 64);
             phase.reserve(n + 64);
             pressure.reserve(n + 64);
-            impulse.reserve(n + 64);
+            growth.reserve(n + 64);
             divergence_impulse.reserve(n + 64);
         }
         sim::State view(std::size_t n) {
-            return {n, place.data(), velocity.data(), id.data(), phase.data(), pressure.data(), impulse.data(), divergence_impulse.data()};
+            return {n, place.data(), velocity.data(), id.data(), phase.data(), pressure.data(), growth.data(), divergence_impulse.data()};
         }
     };
 

@@ -1,12 +1,17 @@
-// The pressure solver of DFSPH (Bender & Koschier 2015, 2017), for the density and for its change alike.
+// The pressure solver of DFSPH (Bender & Koschier 2015, 2017), for velocities and for places alike.
 //
 // P is an impulse, pressure times dt.  One iteration is two walks of the lists:
 //   push    v_i -= (dP_i G_i + sum_j dP_j g_ij) / rho_i         what the last change of P does to velocities
 //   relax   D_i  = v_i . G_i - sum_j v_j . g_ij                 rate of change of the density
-//           e_i  = D_i + (delta_i - 1) / dt   or   D_i          what is too much of it
-//           P_i  = max(0, P_i + omega alpha_i e_i)       filled.hpp: of both signs
+//           X_i  = Y_i + omega alpha_i (D_i + what is too much already), less what may flow into a gap;
+//                  not below 0 at a surface, not below the least impulse inside (a proximal step)
+//           Y_i <- X_i + beta (X_i - what it was)               momentum (Beck & Teboulle 2009), from 0 again where the
+//                                                               last step led uphill (O'Donoghue & Candes 2015)
+//           r_i  = (X_i - Y_i) / (omega alpha_i)                0 at the solution: too little pressure counts, and too much
+// Velocities: nothing is undone, so that a solve takes energy and never gives any, from whatever P it starts.
+// Places (least impulse 0, no momentum): what is too dense moves apart, and its velocity stays.
 // A boundary's particles have no pressure of their own.  The velocities in memory always belong to the P
-// before the last relax, whose error is the one that is judged and reported.
+// before the last relax, whose r is the one that is judged and reported.
 #pragma once
 #include "sim/density.hpp"
 
@@ -14,9 +19,12 @@ namespace globule::core::sim {
 
 /// How far a solve has come; lives on the device, so that the loop need not wait for the host.
 struct Progress {
-    double error;             ///< mean of max(e, 0) dt: of the density, relative
+    double error;             ///< mean of |r| dt: of the density, relative
+    double most;              ///< the largest
+    double over;              ///< the share of particles with more than kOver times the mean that is allowed
     std::uint32_t iterations;
     std::uint32_t done;
+    float t, beta;            ///< momentum of the iterates
 };
 
 template <class Packet_>
@@ -57,15 +65,17 @@ struct Relax {
     Rows rows;
     const float* alpha;    ///< per row
     const Quad* velocity;
-    float* pressure;       ///< P, per slot
+    float* pressure;       ///< P, per slot: where velocities are judged
     float* change;         ///< dP, per slot
-    float* error;          ///< max(e, 0) or |e| per row
+    float* iterate;        ///< P without momentum, per row
+    float *error, *turn;   ///< |r|; above 0 where the last step of P led too far, per row
     const Progress* progress;
     float inverse_support;
     float per_dt;
-    float most_excess;     ///< of the density, that is to be undone: 0 in the divergence solve
+    float most_excess;     ///< of the density, that is to be undone: 0 where velocities are solved for
     float least_excess;    ///< 0: gaps do not close
-    float least_impulse;   ///< 0, or without bounds, where the error counts both ways
+    const float* bulk;     ///< per row: above 0 where pressures may be below 0; null: everywhere
+    float least_impulse;
     float omega;
     template <class Packet>
     GB_FN void run(std::size_t row) const {
@@ -82,27 +92,37 @@ struct Relax {
         }
         const F zero = F(0.0f), a = Packet::load(alpha + row);
         const F excess = max(min(Packet::load(rows.density + row) - F(1.0f), F(most_excess)), F(least_excess));
-        const F e = sum * F(inverse_support) + F(per_dt) * excess;
-        const F before = Packet::gather(pressure, slot);
-        const F after = max(before + F(omega) * a * e, F(least_impulse));
+        const F least = bulk ? select(Packet::load(bulk + row) > zero, F(least_impulse), zero) : F(least_impulse);
+        const F before = Packet::gather(pressure, slot), last = Packet::load(iterate + row), step = F(omega) * a;
+        // A gap may close: D up to its rate costs nothing (a proximal step).
+        const F free = step * F(per_dt) * max(zero - excess, zero);
+        const F raw = before + step * (sum * F(inverse_support) + F(per_dt) * max(excess, zero));
+        const F x = max(raw - free, zero) + max(min(raw, zero), least);
+        const F after = max(x + F(progress->beta) * (x - last), least);
+        Packet::store(iterate + row, x);
         Packet::scatter(pressure, slot, after);
         Packet::scatter(change, slot, after - before);
-        Packet::store(error + row, select(a > zero, max(e, least_impulse < 0.0f ? zero - e : zero), zero));
+        const F r = (x - before) / max(step, F(1e-30f));
+        Packet::store(error + row, select(a > zero, max(r, zero - r), zero));
+        Packet::store(turn + row, select(a > zero, (before - x) * (x - last) / max(a, F(1e-30f)), zero));
     }
 };
 
-/// Warm start: half of the last step's pressure is taken as it is.
+/// Starts from a share of the last step's pressure.
 struct WarmStart {
     const std::uint32_t* rows;
     const float* alpha;
-    float* pressure;
+    float* pressure;   ///< in: Pa, out: P
     float* change;
-    float share;
+    float* iterate;
+    const float* bulk;
+    float dt, least_impulse;  ///< dt: times the share
     GB_FN void operator()(std::size_t row) const {
         const std::uint32_t slot = rows[row];
-        const float p = alpha[row] > 0.0f ? share * pressure[slot] : 0.0f;
+        const float p = alpha[row] > 0.0f ? max(dt * pressure[slot], !bulk || bulk[row] > 0.0f ? least_impulse : 0.0f) : 0.0f;
         pressure[slot] = p;
         change[slot] = p;
+        iterate[row] = p;
     }
 };
 
@@ -113,37 +133,58 @@ inline constexpr float kFlux = 0.966f;
 /// The pressure that velocities have seen: without what the last relax would have added.
 struct Applied {
     const std::uint32_t* rows;
-    const float *impulse, *change;
-    float per_dt;
-    bool add;
-    float flux;
+    float* impulse;    ///< in: P, out: Pa
+    const float* change;
+    float per_dt, flux;
     float* pressure;
     GB_FN void operator()(std::size_t row) const {
         const std::uint32_t slot = rows[row];
-        const float p = (impulse[slot] - change[slot]) * per_dt * flux;
-        pressure[slot] = add ? pressure[slot] + p : p;
+        pressure[slot] = (impulse[slot] - change[slot]) * per_dt * flux;
+        impulse[slot] *= per_dt;
     }
 };
 
-struct ErrorOf {
-    const float* error;
-    GB_FN double operator()(std::size_t row) const { return error[row]; }
+/// Of all rows: sum and largest of |r|, how many are above a limit, and what tells a turn.
+struct Residuals {
+    double sum, most, n_over, turn;
+};
+struct ResidualsOf {
+    const float *error, *turn;
+    float limit;
+    GB_FN Residuals operator()(std::size_t row) const { return {error[row], error[row], error[row] > limit ? 1.0 : 0.0, turn[row]}; }
+};
+struct AddResiduals {
+    GB_FN Residuals operator()(const Residuals& a, const Residuals& b) const {
+        return {a.sum + b.sum, a.most > b.most ? a.most : b.most, a.n_over + b.n_over, a.turn + b.turn};
+    }
 };
 struct AddDouble {
     GB_FN double operator()(double a, double b) const { return a + b; }
 };
 
+inline constexpr double kTighten = 1.5;
 struct Judge {
-    const double* sum;
-    double to_mean;  ///< dt / number of particles
-    double tolerance;
+    const Residuals* found;
+    double dt, n;
+    double tolerance;      ///< of the mean
+    double most;           ///< of the largest
+    double over;           ///< of the share of particles above the limit that ResidualsOf counts with
     std::uint32_t least_iterations;
+    float momentum;        ///< 0: none
+    const Compression* there;  ///< of what is to become velocities, or null: more than is allowed asks for smaller errors
+    double allowed;
     Progress* progress;
     GB_FN void operator()(std::size_t) const {
         if (progress->done) return;
-        progress->error = *sum * to_mean;
+        progress->error = found->sum * dt / n;
+        progress->most = found->most * dt;
+        progress->over = found->n_over / n;
         progress->iterations += 1;
-        progress->done = progress->iterations >= least_iterations && progress->error <= tolerance;
+        const double share = there && there->n > 0.0 ? min(1.0, kTighten * allowed * there->n / max(there->sum, 1e-30)) : 1.0, s = share * share;
+        progress->done = progress->iterations >= least_iterations && progress->error <= s * tolerance && progress->most <= s * most && progress->over <= over;
+        const float t = found->turn > 0.0 ? 1.0f : max(progress->t, 1.0f), next = 0.5f * (1.0f + sqrt(1.0f + 4.0f * t * t));
+        progress->beta = momentum * (t - 1.0f) / next;
+        progress->t = next;
     }
 };
 

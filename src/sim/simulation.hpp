@@ -5,12 +5,13 @@
 //   1  find_lists    neighbour lists, from the octree of the present positions
 //                    -> pairs whose bond is cut are nobody's neighbours
 //   2  densities     delta, G, alpha of every row; V grad W of every pair is kept
-//   3  solve         velocities free of divergence
-//   4  forces        gravity, viscosity, tension, what the user asked for
+//   3  forces        gravity, viscosity, tension, what the user asked for
 //                    and bonds, which take their substeps on State::velocity
-//   5  solve         velocities that lead to rest density after dt
+//   4  solve         velocities that compress nothing
+//   5  solve         for one move, what is too dense moves apart (split.hpp)
+//                    -> kinetic energy that 4 did not take but gave: 3 to 5 anew with half the step
 //   6  move          x += dt v (boundaries by their own velocities); guards
-//                    -> fluid that fills its space (filled.hpp): no 3, 5 looks at the divergence, 6 shifts
+//                    -> fluid that fills its space (filled.hpp): no 5, 6 shifts
 //                    -> here instruments get the velocities of the next step, emitters emit, sinks remove
 //   7  settle        octree of the new positions, state in its order, rows, what the host needs to know
 // Between two steps, the tree is that of the positions: a picture of it takes no copy.
@@ -115,6 +116,9 @@ public:
         double dt = longest_step();
         if (settings_.weakly_compressible) dt = std::min(dt, far / (settings_.sound_speed + v));
         if (v > 0 || g > 0) dt = std::min(dt, 2 * far / (v + std::sqrt(v * v + 4 * g * far)));
+        // Pressure p can give a speed of sqrt(p / rho) to what it meets unevenly, as under a tall column that starts.
+        const double p = settings_.weakly_compressible ? 0.0 : std::sqrt(double(state_.summary.speeds.pressing2));
+        if (p > 0) dt = std::max(std::min(dt, far / p), kLeastByPressure * dt);
         return dt;
     }
 
@@ -122,7 +126,7 @@ public:
         const typename Exec::Stage stage("step");
         StepReport r;
         r.dt = asked > 0 ? asked : next_dt();
-        const float dt = float(r.dt);
+        float dt = float(r.dt);
         mark("");
         if (bodies_.carry(dt)) tissue_.moved();
         gather_tissue();
@@ -132,6 +136,7 @@ public:
         if (state_.n_rows > 0) find_lists();
         const double earlier = begun ? exec_.elapsed(kListMark, kListMark + 1) : 0.0;
         take_blood(dt);
+        bool split = false;
         if (state_.n_rows > 0) {
             tissue_.change(fluid_.lists(), state_.view(), dt);
             mark("neighbors");
@@ -148,20 +153,37 @@ public:
                 r.iterations = int(divergence.iterations);
                 r.error = divergence.error;
             } else {
-                const sim::Progress divergence = fluid_.correct_divergence(dt);
-                mark("divergence");
-                push(dt, r);
-                const sim::Progress density = fluid_.correct_density(dt);
-                mark("pressure");
-                r.iterations = int(density.iterations);
-                r.error = density.error;
-                r.divergence_iterations = int(divergence.iterations);
-                r.divergence_error = divergence.error;
+                split = true;
+                fluid_.keep_before();
+                // Who else moves may give energy.
+                const bool may_undo = tissue_.n() == 0 && bodies_.none() && emitted_.empty() && !has_forces_;
+                for (const int n_marks = n_marks_;; n_marks_ = n_marks) {
+                    push(dt, r);
+                    fluid_.keep_kicked();
+                    const sim::Progress divergence = fluid_.correct_divergence(dt);
+                    mark("divergence");
+                    tissue_.hold_on(state_.view(), dt);
+                    bodies_.turn(fluid_, dt);
+                    contact(dt);
+                    const sim::Outcome density = fluid_.correct_density(dt);
+                    mark("pressure");
+                    r.iterations = int(density.progress.iterations);
+                    r.error = density.progress.error;
+                    r.most_error = density.progress.most;
+                    r.divergence_iterations = int(divergence.iterations);
+                    r.divergence_error = divergence.error;
+                    r.most_divergence_error = divergence.most;
+                    if (!may_undo || r.n_halved == kMostHalvings || !is_given(density.kinetic, dt)) break;
+                    fluid_.undo();
+                    dt *= 0.5f;
+                    r.dt = double(dt);
+                    ++r.n_halved;
+                }
             }
-            tissue_.hold_on(state_.view(), dt);
+            if (!split) tissue_.hold_on(state_.view(), dt);
         }
-        bodies_.turn(fluid_, dt);
-        move(dt);
+        if (!split) bodies_.turn(fluid_, dt);
+        move(dt, split);
         const bool others = take_and_give(r);
         mark("move");
         if (others) state_.settle();
@@ -255,6 +277,14 @@ private:
         stale_ = false;
     }
 
+    /// Kinetic energy that a solve gave: more than a fiftieth, and than what gravity gives in a step.
+    bool is_given(const sim::Kinetic& k, float dt) const {
+        const double fall = dot(settings_.gravity, settings_.gravity) * double(dt) * dt;
+        return k.after > 1.02 * k.before + 0.5 * k.mass * fall;
+    }
+    static constexpr int kMostHalvings = 4;
+    static constexpr double kLeastByPressure = 0.2;  // of the step that speeds allow: an impact's pressure is over at once
+
     double farthest_move() const { return 0.4 * settings_.cfl * settings_.spacing; }
     /// That forces other than pressure allow, whatever the speeds.
     double longest_step() const {
@@ -272,7 +302,7 @@ private:
     void summarize(const sim::Compression* compression = nullptr) {
         const sim::Ahead ahead{float(longest_step()), float(farthest_move())};
         const bool by_approach = tissue_.n() > 0 && !settings_.weakly_compressible && !state_.period().any();
-        state_.summarize(by_approach ? &ahead : nullptr, compression);
+        state_.summarize(by_approach ? &ahead : nullptr, length(settings_.gravity), float(farthest_move()), compression);
     }
 
     /// Somebody other than a step changed something: what is known of the particles may be wrong.
@@ -327,12 +357,16 @@ private:
         return others;
     }
 
-    void move(float dt) {
-        if (state_.n_rows > 0) exec_.for_each(state_.n_rows, sim::Contact<Packet>{fluid_.lists(), fluid_.rows().boundary, state_.view(), state_.period(), settings_.spacing});
+    void contact(float dt) {
+        if (state_.n_rows > 0) exec_.for_each(state_.n_rows, sim::Contact<Packet>{fluid_.lists(), fluid_.rows().boundary, state_.view(), state_.period(), settings_.spacing, dt});
+    }
+    void move(float dt, bool split) {
+        contact(dt);
         fluid_.shift(dt);
         float* positions = state_.positions();
         exec_.for_each(state_.n, sim::Move{state_.view(), dt, state_.tree().sparse().header, state_.period(), settings_.lo, positions, state_.not_a_number()});
         fluid_.end_shift();
+        if (split) fluid_.end_split(dt);
         if (state_.n_rows > 0) tissue_.add_rest(state_.view());
     }
 
@@ -341,6 +375,7 @@ private:
         const sim::Compression& c = state_.summary.compression;
         r.compression = c.n > 0 ? c.sum / c.n : 0.0;
         r.most_compression = c.most;
+        r.high_compression = c.exceeded_by(0.001);
         r.time = time_;
         r.step = n_steps_;
         r.n = state_.n;
@@ -377,7 +412,7 @@ private:
         if (name == "id") return of(s.id);
         if (name == "phase") return of(s.phase);
         if (name == "pressure") return of(s.pressure);
-        if (name == "impulse") return of(s.impulse);
+        if (name == "growth") return of(s.growth);
         if (name == "divergence_impulse") return of(s.divergence_impulse);
         throw Refused("simulation: no array named " + name);
     }

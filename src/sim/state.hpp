@@ -41,8 +41,8 @@ struct State {
     std::uint32_t* id;
     std::uint8_t* phase;
     float* pressure;             ///< of the last step, Pa
-    float* impulse;              ///< P of the density solve, for its warm start
-    float* divergence_impulse;   ///< P of the divergence solve
+    float* growth;               ///< how much faster it became in the last step, m/s^2
+    float* divergence_impulse;   ///< pressure of the solve for velocities, from which the next one starts
 };
 
 }  // namespace globule::core::sim

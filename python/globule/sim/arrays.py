@@ -20,7 +20,7 @@ _ARRAYS = {
     "id": (np.uint32, 1),
     "phase": (np.uint8, 1),
     "pressure": (np.float32, 1),
-    "impulse": (np.float32, 1),
+    "growth": (np.float32, 1),
     "divergence_impulse": (np.float32, 1),
 }
 

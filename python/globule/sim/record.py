@@ -48,7 +48,9 @@ class Record(Part):
             "iterations": report.iterations,
             "divergence_iterations": report.divergence_iterations,
             "error": report.error, "compression": report.compression,
-            "max_compression": report.most_compression, "max_speed": report.most_speed,
+            "high_compression": report.high_compression,
+            "max_compression": report.most_compression, "n_halved": report.n_halved,
+            "max_speed": report.most_speed,
             "n": report.n, "n_escaped": report.n_escaped, "n_removed": self.n_removed,
             "n_cut": self.n_cut,
         })  # fmt: skip

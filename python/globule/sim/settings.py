@@ -142,10 +142,12 @@ class Settings(Steered):
         gravity: (3,) m/s².
         method: "dfsph", or "wcsph": Tait's equation instead of a pressure solve.
         max_error: mean compression that the density solver leaves, a share.
-        divergence_error: the same of the divergence solver; None: max_error.
+        divergence_error: ten times the mean compression that velocities may add in a step (2e-4
+            at most); None: max_error.
         viscosity_error: relative residual of implicit viscosity.
         min_iterations, max_iterations: of both solvers.
-        cfl: a step is at most 0.4 cfl spacing / fastest speed.
+        cfl: a step is at most 0.4 cfl spacing / fastest speed; the square root of pressure /
+            density counts as a speed.
         max_dt: longest step, s.
         sound_speed: of wcsph, m/s; None: 10 times the speed of a fall through the domain.
         extra_viscosity: of wcsph, Pa s; damps its waves.
@@ -223,8 +225,13 @@ class StepReport:
         iterations, divergence_iterations, viscosity_iterations: of the solvers.
         error: predicted mean compression after the density solver, a share.
         divergence_error: error after the divergence solver, a share.
+        most_error, most_divergence_error: the largest error that each solver left, a share.
         compression: mean of max(density / rest density - 1, 0) at the start of the step.
+        high_compression: compression that 0.1 % of the particles exceed (99.9th percentile, within
+            the accuracy of a histogram whose bins double).
         most_compression: the largest compression of a particle.
+        n_halved: how often the solver repeated the step at half its length because the pressure
+            solve had added kinetic energy; `dt` is the length that remained.
         n: number of particles.
         n_solved: fluid particles that the pressure solve moved.
         n_escaped: particles outside the domain.
@@ -243,6 +250,10 @@ class StepReport:
     divergence_error: float
     compression: float
     most_compression: float
+    high_compression: float
+    most_error: float
+    most_divergence_error: float
+    n_halved: int
     n: int
     n_solved: int
     n_escaped: int
