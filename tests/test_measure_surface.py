@@ -272,9 +272,7 @@ def test_box_of_a_lattice():
     """A block's volume against columns of the float64 field, a second of them."""
     n, support = 6, 2.0
     positions = lattice(n, n, n)
-    found = gb.measure_surface(
-        gb.Particles(positions, support=support), device="cpu", surface="balls"
-    )
+    found = gb.measure_surface(gb.Scene(gb.Particles(positions, support=support), device="cpu"))
     h = 0.125
     # By symmetry one octant is enough; the field's roots are found between the nodes.
     axis = (np.arange(int((n / 2 + 1.5) / h)) + 0.5) * h

@@ -103,7 +103,7 @@ def test_large_values_keep_their_digits():
     points = np.float32([[0.1, 0.2, 0.3], [1, 1, 1]])
     truth = blended(points, p.attributes["pressure"])
     np.testing.assert_allclose(
-        gb.sample(p, points, "pressure", device="cpu", surface="balls")["pressure"],
+        gb.sample(gb.Scene(p, device="cpu"), points, "pressure")["pressure"],
         truth,
         atol=0.01,
     )
