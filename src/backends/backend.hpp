@@ -17,6 +17,7 @@
 #include "backends/tissue.hpp"
 #include "base/device.hpp"
 #include "field/kernels.hpp"
+#include "mesh/types.hpp"
 #include "octree/types.hpp"
 #include "trace/camera.hpp"
 #include "trace/clip.hpp"
@@ -35,6 +36,18 @@ struct SceneArrays {
     float one_support = 0.0f, one_weight = 1.0f;
     float3 one_color{0, 0, 0};
     float one_reflection = 0.0f, one_refraction = 0.0f;
+};
+
+/// A triangle mesh, which rays meet instead of a field.
+struct MeshArrays {
+    std::size_t n_vertices = 0, n_faces = 0;
+    FloatArray vertices;                      // (n_vertices, 3)
+    ArrayAt<const std::uint32_t> faces;       // (n_faces, 3), all below n_vertices
+    FloatArray normals;                       // (n_faces, 3, 3) of corners; null: the triangles' own
+    FloatArray color;                         // (n_vertices, 3) or (n_faces, 3); null: the one below
+    bool color_of_faces = false;
+    float3 one_color{0, 0, 0};
+    bool closed = false;                      // it has an inside, and all normals point out of it
 };
 
 struct TreeRequest {
@@ -91,6 +104,10 @@ struct PictureRequest {
 /// Particles as rays see them; implemented by SceneImpl, pipeline/scene.hpp.
 struct Scene : Object {
     virtual void build(const SceneArrays& arrays, const TreeRequest& request) = 0;
+    /// A scene is of particles or of a mesh.
+    virtual void build_mesh(const MeshArrays& arrays) = 0;
+    virtual void place_mesh(const Pose& pose) = 0;
+    virtual void intersect_mesh(std::size_t n, const FloatArray& origins, const FloatArray& directions, float* t, float* normal, std::uint32_t* face) = 0;
     virtual TreeFacts facts(bool with_hashes) = 0;
     virtual float spacing() = 0;  // of the particles built last; 0 where there are too few
     virtual void sorted(std::uint64_t* keys, std::uint32_t* index) = 0;
@@ -110,7 +127,7 @@ struct Scene : Object {
     virtual void thesis_work(std::size_t n, ThesisWork* out) = 0;
 };
 
-using SceneEntries = EntryTable<&Scene::build, &Scene::facts, &Scene::spacing, &Scene::sorted, &Scene::render, &Scene::intersect, &Scene::evaluate,
+using SceneEntries = EntryTable<&Scene::build, &Scene::build_mesh, &Scene::place_mesh, &Scene::intersect_mesh, &Scene::facts, &Scene::spacing, &Scene::sorted, &Scene::render, &Scene::intersect, &Scene::evaluate,
                                 &Scene::blend, &Scene::neighbors, &Scene::synchronize, &Scene::thesis_work>;
 using FrameEntries = EntryTable<&Frame::read, &Frame::trace_seconds, &Frame::passes>;
 
@@ -153,7 +170,7 @@ struct BackendApi {
 /// Raised by hand when what the structures mean changes; what they look like counts by itself.
 inline constexpr std::uint64_t kBackendAbi = [] {
     std::uint64_t h = 2;
-    for (std::uint64_t size : {sizeof(BackendApi), sizeof(SceneArrays), sizeof(TreeRequest), sizeof(TreeFacts), sizeof(PictureRequest),
+    for (std::uint64_t size : {sizeof(BackendApi), sizeof(SceneArrays), sizeof(MeshArrays), sizeof(TreeRequest), sizeof(TreeFacts), sizeof(PictureRequest),
                                sizeof(Lighting), sizeof(SimulationSettings), sizeof(StepReport), sizeof(PlusRequest), sizeof(GridRequest),
                                sizeof(FramesView), sizeof(FillRequest), sizeof(LayerRequest), sizeof(FieldRequest), sizeof(Clip), sizeof(BloodVessel), sizeof(BladeSweep), sizeof(TissueArrays), sizeof(std::string)})
         h = h * 1099511628211ull + size;

@@ -7,10 +7,13 @@ from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any
 
+import numpy as np
+
 from .. import _core
 from .._base.checks import flag, number, shown, three, whole
 from .._base.fixed import Fixed, read_only
 from .._base.old_names import renamed_fields
+from ..scene.mesh import Mesh
 from ..scene.scene import Scene
 from .lights import (
     MAX_LIGHTS,
@@ -125,11 +128,18 @@ class RenderSettings(Fixed):
             }
         )
 
-    def _look(self, scene: Scene) -> Any:
+    def _look(self, scene: Scene | Mesh) -> Any:
         """What the core takes for an image of `scene`."""
         if self.ambient_distance is None and self.ambient_rays:
-            return self._packed.reaching(0.1 * scene.octree.extent)
+            return self._packed.reaching(0.1 * _extent(scene))
         return self._packed
+
+
+def _extent(scene: Scene | Mesh) -> float:
+    """The longest edge of the scene's box, world units."""
+    if isinstance(scene, Mesh):
+        return float(np.ptp(scene.bounds(), axis=0).max())
+    return scene.octree.extent
 
 
 _DEFAULT = RenderSettings()

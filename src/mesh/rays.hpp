@@ -1,0 +1,101 @@
+// Rays through a hierarchy of boxes: what they meet first, and whether they meet anything.
+#pragma once
+#include "mesh/types.hpp"
+
+namespace globule::core {
+
+/// What a ray looks for: a closed solid's faces where it enters (+1) or leaves (-1), or all of them (0).
+struct RayRange {
+    float3 o, d;
+    float from, to;
+    int side;
+};
+
+/// Where a ray meets an item; t infinite: nowhere.
+struct ItemHit {
+    float t = infinity();
+    std::uint32_t slot = 0;   ///< in Morton order
+    std::uint32_t index = 0;  ///< in the caller's order
+    bool entering = true;     ///< else the ray comes from inside
+};
+
+/// The nearest item, ties to the lower index; with `any` the first that is found.
+/// items.prepare(o, d) gives what one ray needs; items.meet(prepared, slot, range, hit) improves hit.
+template <bool any, class Items>
+GB_FN ItemHit walk_boxes(const BoxTree& tree, const Items& items, const RayRange& range) {
+    ItemHit hit;
+    hit.t = range.to;
+    bool found = false;
+    const auto ray = items.prepare(range.o, range.d);
+    const auto safe = [](float v) { return 1.0f / (abs(v) > 1e-18f ? v : v < 0.0f ? -1e-18f : 1e-18f); };
+    const float3 inv{safe(range.d.x), safe(range.d.y), safe(range.d.z)};
+    const auto look = [&](std::uint32_t first, std::uint32_t n) {
+        for (std::uint32_t k = first; k < first + n; ++k) {
+            if (items.meet(ray, k, tree.index[k], range, found, hit)) found = true;
+            if (any && found) return;
+        }
+    };
+    struct Entry {
+        std::uint32_t child;
+        float t;
+    };
+    constexpr int room = 40;
+    Entry stack[room];
+    int top = 0;
+    std::uint32_t at = 0;
+    for (;;) {
+        const WideNode& node = tree.nodes[at];
+        float t[WideNode::width];
+        std::uint32_t child[WideNode::width], first[WideNode::width];
+        {
+            const float *nx = inv.x >= 0.0f ? node.lo[0] : node.hi[0], *fx = inv.x >= 0.0f ? node.hi[0] : node.lo[0];
+            const float *ny = inv.y >= 0.0f ? node.lo[1] : node.hi[1], *fy = inv.y >= 0.0f ? node.hi[1] : node.lo[1];
+            const float *nz = inv.z >= 0.0f ? node.lo[2] : node.hi[2], *fz = inv.z >= 0.0f ? node.hi[2] : node.lo[2];
+            GB_UNROLL for (int k = 0; k < WideNode::width; ++k) {
+                // Ize 2013: the far side a little farther makes up for rounding.
+                const float in = max(max((nx[k] - range.o.x) * inv.x, (ny[k] - range.o.y) * inv.y), (nz[k] - range.o.z) * inv.z);
+                const float out = min(min((fx[k] - range.o.x) * inv.x, (fy[k] - range.o.y) * inv.y), (fz[k] - range.o.z) * inv.z) * 1.0000004f;
+                t[k] = in <= out && out >= range.from && in <= hit.t ? in : infinity();
+                child[k] = node.child[k];
+                first[k] = node.first[k];
+            }
+        }
+        const auto order = [&](int a, int b) {  // nearest first
+            if (!(t[b] < t[a])) return;
+            const float s = t[a];
+            t[a] = t[b];
+            t[b] = s;
+            const std::uint32_t c = child[a], f = first[a];
+            child[a] = child[b];
+            child[b] = c;
+            first[a] = first[b];
+            first[b] = f;
+        };
+        order(0, 1);
+        order(2, 3);
+        order(0, 2);
+        order(1, 3);
+        order(1, 2);
+        GB_UNROLL for (int k = WideNode::width - 1; k >= 0; --k) {
+            if (!(t[k] < infinity())) continue;
+            if (top < room) stack[top++] = {child[k], t[k]};
+            else look(first[k], child[k] & WideNode::leaf ? WideNode::count_of(child[k]) : tree.last[child[k]] - first[k] + 1);  // deeper than any sensible tree
+        }
+        for (;;) {
+            if (any && found) return hit;
+            if (top == 0) {
+                if (!found) hit.t = infinity();
+                return hit;
+            }
+            const Entry next = stack[--top];
+            if (next.t > hit.t) continue;
+            if (!(next.child & WideNode::leaf)) {
+                at = next.child;
+                break;
+            }
+            look(WideNode::first_of(next.child), WideNode::count_of(next.child));
+        }
+    }
+}
+
+}  // namespace globule::core
