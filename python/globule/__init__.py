@@ -41,8 +41,8 @@ from .render.settings import RenderSettings  # noqa: E402
 from .scene import mesh as _mesh  # noqa: E402
 from .scene import sources as _sources  # noqa: E402
 from .scene.attributes import color_by  # noqa: E402
-from .scene.particles import Particles  # noqa: E402
 from .scene.mesh import Mesh  # noqa: E402
+from .scene.particles import Particles  # noqa: E402
 from .scene.query import blend, field, gradient, intersect, neighbors  # noqa: E402
 from .scene.scene import Scene  # noqa: E402
 from .scene.thesis import Thesis  # noqa: E402

@@ -13,9 +13,9 @@ import numpy as np
 
 from .._base.arrays import on_gpu, to_host
 from .._base.checks import image_size, shown, whole
+from .._base.device import Device
 from .._base.files import atomic_write
 from .._base.old_names import old_attribute, renamed
-from .._base.device import Device, choose
 from ..scene import attributes
 from ..scene.mesh import Mesh
 from ..scene.particles import Particles
@@ -171,7 +171,7 @@ class Frame:
         distance = float(self.distance[row, column])
         if isinstance(scene, Mesh):
             back = position + np.float32(1e-3 * distance) * normal
-            face = scene.intersect(back[None], -normal[None], self._device.name).face
+            face = scene.intersect(back[None], -normal[None]).face
             return Picked(position, normal, distance, layer, None, {}, int(face[0]))
         particles = scene.particles
         reach = float(np.max(to_host(scene.support), initial=0.0))
@@ -362,7 +362,9 @@ def render(
         if isinstance(layer.scene, Scene):
             check_tracing(layer.scene, thesis)
         elif thesis is not None:
-            raise ValueError("thesis: expected particles alone with the thesis's tracing, got a mesh")
+            raise ValueError(
+                "thesis: expected particles alone with the thesis's tracing, got a mesh"
+            )
     way = None if thesis is None else thesis._packed
 
     def surfaces() -> list[tuple[int, float]]:
@@ -392,28 +394,28 @@ def render(
     return frame
 
 
-def has_faces(path: str | os.PathLike[str]) -> bool:
-    return False
-
-
 def as_scene(value: Any) -> Scene | Mesh:
     """The scene that `value` stands for: a `Scene` or `Mesh`, an object with a scene, what `Scene`
     takes, or the name of a file with faces."""
     if isinstance(value, Mesh):
         return value
-    if isinstance(value, (str, os.PathLike)) and has_faces(value):
-        return Mesh(value)
+    if isinstance(value, (str, os.PathLike)):
+        from ..formats.triangles import has_faces  # formats are loaded when they are needed
+
+        if has_faces(value):
+            return Mesh(value)
     own = _own_scene(value)
     return Scene(as_particles("scene", value)) if own is None else own
 
 
 def _core_scene(scene: Scene | Mesh, device: Device) -> Any:
-    return scene._core_on(device) if isinstance(scene, Mesh) else scene._scene
+    return scene.build(device) if isinstance(scene, Mesh) else scene._scene
 
 
 def _device_of(layers: Sequence[Layer]) -> Device:
-    """The device of the scenes; where there are meshes alone, the default one."""
-    return next((x.scene.device for x in layers if isinstance(x.scene, Scene)), None) or choose()
+    """The device of the particles; of meshes alone, that of the first one."""
+    scenes = [x.scene for x in layers]
+    return next((s for s in scenes if isinstance(s, Scene)), scenes[0]).device
 
 
 def camera_and_size(camera: Any, size: Any) -> tuple[Camera | None, tuple[int, int]]:
@@ -515,13 +517,13 @@ def fit_camera(
 ) -> Camera:
     """`Camera.fit` with room for the surface around the particles, or around the points (M, 3)."""
     if isinstance(scene, Mesh):
-        return Camera.fit(_corners(scene) if around is None else around, size=size, **options)
+        return Camera.fit(corners_of(scene) if around is None else around, size=size, **options)
     margin = REACH[scene.kernel] * float(np.max(to_host(scene.support), initial=0.0))
     seen = scene.particles if around is None else around
     return Camera.fit(seen, size=size, margin=margin if np.isfinite(margin) else 0.0, **options)
 
 
-def _corners(mesh: Mesh) -> np.ndarray:
+def corners_of(mesh: Mesh) -> np.ndarray:
     """(8, 3), the corners of the mesh's box, world."""
     lo, hi = mesh.bounds()
     return np.array([[(lo, hi)[i >> k & 1][k] for k in range(3)] for i in range(8)])

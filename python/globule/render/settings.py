@@ -131,11 +131,11 @@ class RenderSettings(Fixed):
     def _look(self, scene: Scene | Mesh) -> Any:
         """What the core takes for an image of `scene`."""
         if self.ambient_distance is None and self.ambient_rays:
-            return self._packed.reaching(0.1 * _extent(scene))
+            return self._packed.reaching(0.1 * extent_of(scene))
         return self._packed
 
 
-def _extent(scene: Scene | Mesh) -> float:
+def extent_of(scene: Scene | Mesh) -> float:
     """The longest edge of the scene's box, world units."""
     if isinstance(scene, Mesh):
         return float(np.ptp(scene.bounds(), axis=0).max())

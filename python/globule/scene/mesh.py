@@ -11,7 +11,7 @@ import numpy as np
 
 from .. import _core
 from .._base.arrays import ABSENT, View, address, to_host, unit_vectors, view
-from .._base.checks import shown
+from .._base.checks import shown, thread_count
 from .._base.device import Device, choose
 from .spacing import merge_coincident
 
@@ -75,6 +75,9 @@ class Mesh:
             triangles of opposite direction. A closed container around a fluid is no solid: pass
             False, unless its walls have two sides.
         pose: (4, 4) matrix world_from_mesh of a rotation and a translation; default: identity.
+        device: "auto", "cpu", "cuda" or "cuda:N", for images of meshes alone; beside particles a
+            mesh is on the device of the particles.
+        threads: CPU threads, for images of meshes alone; 0 takes all.
 
     Raises:
         TypeError, ValueError: naming the argument, the expected and the given value.
@@ -83,6 +86,7 @@ class Mesh:
 
     vertices: Any  # (N, 3) float32, coordinates of the mesh
     faces: np.ndarray  # (M, 3) uint32
+    device: Device  # for images of meshes alone
     closed: bool  # every edge joins triangles of opposite direction
     solid: bool
 
@@ -95,6 +99,8 @@ class Mesh:
         face_color: ArrayLike | None = None,
         solid: bool | None = None,
         pose: ArrayLike | None = None,
+        device: str = "auto",
+        threads: int = 0,
     ):
         if color is not None and face_color is not None:
             raise ValueError("face_color: expected no color beside face_color, got both")
@@ -106,14 +112,17 @@ class Mesh:
         if color is None and face_color is None:
             color, face_color = found.color, found.face_color
         self._one_color, self._color = _colors(color, face_color, n, len(self.faces))
+        self._given_color = color is not None or face_color is not None
         self.closed, inside_out = _closed(to_host(self.vertices), self.faces)
         if not isinstance(solid, (bool, np.bool_, type(None))):
             raise TypeError(f"solid: expected True, False or None, got {shown(solid)}")
         if solid and not self.closed:
             raise ValueError("solid: expected a closed mesh, got one with open edges")
         self.solid = self.closed if solid is None else bool(solid)
-        if self.solid and inside_out:
+        if self.closed and inside_out:
             self.faces = np.ascontiguousarray(self.faces[:, ::-1])
+        self.device = choose(device)
+        self._threads = thread_count(threads)
         self._lock = threading.RLock()
         self._version = 0
         self._on: dict[tuple, tuple[Any, int]] = {}  # the core's scene by device, and its version
@@ -145,6 +154,11 @@ class Mesh:
             self._vertices, self.vertices = found, found.owner
             self._version += 1
 
+    @property
+    def colored(self) -> bool:
+        """Whether the mesh has colors of its own."""
+        return self._given_color
+
     def bounds(self) -> np.ndarray:
         """(2, 3) float64, lowest and highest corner of the vertices of all faces, world."""
         used = to_host(self.vertices)[np.unique(self.faces)]
@@ -153,9 +167,7 @@ class Mesh:
         world = used @ self._pose[:3, :3].T + self._pose[:3, 3]
         return np.array([world.min(axis=0), world.max(axis=0)])
 
-    def intersect(
-        self, origins: ArrayLike, directions: ArrayLike, device: str = "auto"
-    ) -> MeshIntersections:
+    def intersect(self, origins: ArrayLike, directions: ArrayLike) -> MeshIntersections:
         """First intersection of arbitrary rays with the triangles, from both sides.
 
         The test has no gaps between neighboring triangles (Woop, Benthin and Wald 2013).
@@ -164,7 +176,6 @@ class Mesh:
             origins: (M, 3) world.
             directions: (M, 3) unit vectors. A ray whose direction is zero or not finite meets
                 nothing.
-            device: "auto", "cpu", "cuda" or "cuda:N".
         """
         o, d = view("origins", origins, 3), view("directions", directions, 3)
         if o.shape != d.shape:
@@ -173,7 +184,7 @@ class Mesh:
         n = o.shape[0]
         distance, normal = np.empty(n, np.float32), np.empty((n, 3), np.float32)
         face = np.empty(n, np.uint32)
-        self._core_on(choose(device)).intersect_mesh(
+        self.build(self.device).intersect_mesh(
             n, o.place, d.place, address(distance), address(normal), address(face)
         )
         return MeshIntersections(
@@ -183,26 +194,25 @@ class Mesh:
     def contains(self, points: ArrayLike) -> np.ndarray:
         """Whether points (M, 3), world, lie inside; (M,) bool. An open mesh contains nothing."""
         p = view("points", points, 3)
-        if not self.closed:
+        if not self.closed or p.shape[0] == 0:
             return np.zeros(p.shape[0], bool)
         # No axis of a grid, and no plane of a box.
         direction = np.array([0.5257, 0.6179, 0.5846], np.float32)
         direction /= np.linalg.norm(direction)
-        rays = np.broadcast_to(direction, p.shape)
-        found = self.intersect(to_host(p.owner), rays)
-        face = self.faces[np.maximum(found.face, 0)]
-        a, b, c = (to_host(self.vertices)[face[:, k]] for k in range(3))
-        outward = np.cross(b - a, c - a) @ self._pose[:3, :3].T.astype(np.float32) @ direction
-        inside_out = not self.solid and _closed(to_host(self.vertices), self.faces)[1]
-        return (found.face >= 0) & ((outward > 0) != inside_out)
+        found = self.intersect(to_host(p.owner), np.broadcast_to(direction, p.shape))
+        a, b, c = (
+            to_host(self.vertices)[self.faces[np.maximum(found.face, 0), k]] for k in range(3)
+        )
+        outward = np.cross(b - a, c - a) @ self._pose[:3, :3].T @ direction
+        return (found.face >= 0) & (outward > 0)
 
-    def _core_on(self, device: Device) -> Any:
-        """The core's scene on a device, up to date."""
+    def build(self, device: Device) -> Any:
+        """The core's scene on a device, with the hierarchy over the triangles up to date."""
         with self._lock:
             key = (device.backend, device.index)
             core, version = self._on.get(key, (None, -1))
             if core is None:
-                core = _core.Scene(device.backend, device.index, 0)
+                core = _core.Scene(device.backend, device.index, self._threads)
             if version != self._version:
                 self._on.pop(key, None)
                 core.build_mesh(
@@ -253,7 +263,9 @@ def _triangles(vertices: Any, faces: Any) -> Triangles:
     if hasattr(vertices, "triangulate") and hasattr(vertices, "points"):  # pyvista
         surface = vertices.extract_surface() if not hasattr(vertices, "regular_faces") else vertices
         surface = surface.triangulate()
-        return Triangles(np.asarray(surface.points), np.asarray(surface.faces).reshape(-1, 4)[:, 1:])
+        return Triangles(
+            np.asarray(surface.points), np.asarray(surface.faces).reshape(-1, 4)[:, 1:]
+        )
     raise TypeError(
         "vertices: expected (N, 3) numbers with faces (M, 3), a file's name, or an object with "
         f"vertices and faces, got {shown(vertices)}"
