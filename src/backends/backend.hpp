@@ -43,7 +43,12 @@ struct MeshArrays {
     std::size_t n_vertices = 0, n_faces = 0;
     FloatArray vertices;                      // (n_vertices, 3)
     ArrayAt<const std::uint32_t> faces;       // (n_faces, 3), all below n_vertices
-    FloatArray normals;                       // (n_faces, 3, 3) of corners; null: the triangles' own
+    // Normals between triangles that meet at less than an angle.  Corners are numbered 3 face + k; null: the triangles' own.
+    ArrayAt<const std::uint32_t> place_of_corner;  // (3 n_faces,) corners at one place have the same number
+    ArrayAt<const std::uint32_t> corners;          // (3 n_faces,) by place
+    ArrayAt<const std::uint32_t> corners_begin;    // (n_places + 1,) where each place's begin
+    std::size_t n_places = 0;
+    float smooth_cosine = 1.0f;
     FloatArray color;                         // (n_vertices, 3) or (n_faces, 3); null: the one below
     bool color_of_faces = false;
     float3 one_color{0, 0, 0};
@@ -108,6 +113,7 @@ struct Scene : Object {
     virtual void build_mesh(const MeshArrays& arrays) = 0;
     virtual void place_mesh(const Pose& pose) = 0;
     virtual void intersect_mesh(std::size_t n, const FloatArray& origins, const FloatArray& directions, float* t, float* normal, std::uint32_t* face) = 0;
+    virtual float extent() = 0;   // longest edge of the box of what it holds
     virtual TreeFacts facts(bool with_hashes) = 0;
     virtual float spacing() = 0;  // of the particles built last; 0 where there are too few
     virtual void sorted(std::uint64_t* keys, std::uint32_t* index) = 0;
@@ -127,7 +133,7 @@ struct Scene : Object {
     virtual void thesis_work(std::size_t n, ThesisWork* out) = 0;
 };
 
-using SceneEntries = EntryTable<&Scene::build, &Scene::build_mesh, &Scene::place_mesh, &Scene::intersect_mesh, &Scene::facts, &Scene::spacing, &Scene::sorted, &Scene::render, &Scene::intersect, &Scene::evaluate,
+using SceneEntries = EntryTable<&Scene::build, &Scene::build_mesh, &Scene::place_mesh, &Scene::intersect_mesh, &Scene::extent, &Scene::facts, &Scene::spacing, &Scene::sorted, &Scene::render, &Scene::intersect, &Scene::evaluate,
                                 &Scene::blend, &Scene::neighbors, &Scene::synchronize, &Scene::thesis_work>;
 using FrameEntries = EntryTable<&Frame::read, &Frame::trace_seconds, &Frame::passes>;
 

@@ -9,6 +9,7 @@ struct RayRange {
     float3 o, d;
     float from, to;
     int side;
+    float near = 0.0f;  ///< a sheet whose plane is nearer to o than that is where the ray begins
 };
 
 /// Where a ray meets an item; t infinite: nowhere.

@@ -5,11 +5,9 @@
 
 namespace globule::core {
 
-/// Per vertex, corner or face of the caller's mesh.
+/// The triangles of a mesh.
 struct Triangles {
-    const Quad* corners;            ///< (3 n,) in Morton order
-    const BoxTreeHeader* header;
-    bool sheet;                     ///< not the border of a solid: a ray that begins close to a triangle's plane begins on it
+    const Quad* corners;  ///< (3 n,) in Morton order
 
     struct Ray {
         float3 o, d;
@@ -58,7 +56,7 @@ struct Triangles {
         const float t = float((u * az + v * bz + w * cz) * r.sz / det);
         if (!(t >= range.from) || !(t <= hit.t)) return false;
         if (t == hit.t && (!found || index > hit.index)) return false;
-        if (sheet && abs(dot(r.o - c[0].xyz(), normal(k))) < header->near) return false;
+        if (range.near > 0.0f && abs(dot(r.o - c[0].xyz(), normal(k))) < range.near) return false;
         hit = {t, k, index, entering};
         return true;
     }

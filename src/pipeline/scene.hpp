@@ -48,6 +48,7 @@ public:
         mesh_.intersect(*exec_, n, origins, directions, t, normal, face);
     }
 
+    float extent() override { return mesh_.is_there() ? mesh_.extent(*exec_) : octree().header().space.extent; }
     TreeFacts facts(bool with_hashes) override {
         TreeFacts f = questions_.facts(octree(), with_hashes);
         f.build_seconds = builder_.build_seconds();

@@ -32,7 +32,7 @@ struct SolidMesh {
         Crossing c;
         int here = closed ? int(sign) : 0;
         if (clips.n == 0) {
-            c.item = next(p, e, from - (here ? near : 0.0f), to, here);
+            c.item = next(p, e, from - (here ? near : 0.0f), to, here, near);
             c.item.t = max(c.item.t, from);
             return c;
         }
@@ -42,18 +42,18 @@ struct SolidMesh {
         for (float at = from - near; clips.next(o, d, at, begin, end, at_begin, at_end) && begin < to; at = end) {
             if (begin > at && closed) {  // through a cut face
                 const bool known = here < 0 && begin <= from + near;
-                const ItemHit after = known ? ItemHit{} : next(p, e, begin, infinity(), 0);
+                const ItemHit after = known ? ItemHit{} : next(p, e, begin, infinity(), 0, near);
                 if (after.t < infinity() && !after.entering) return cut(after, at_begin, max(begin, from), true);
                 here = known ? -1 : 1;
             }
-            c.item = next(p, e, begin, min(end, to), here);
+            c.item = next(p, e, begin, min(end, to), here, near);
             if (c.item.t < infinity()) {
                 c.item.t = max(c.item.t, from);
                 return c;
             }
             if (end >= to) break;
             if (here <= 0 && closed) {
-                const ItemHit after = next(p, e, end, infinity(), 0);
+                const ItemHit after = next(p, e, end, infinity(), 0, near);
                 if (here < 0 || (after.t < infinity() && !after.entering)) return cut(after, at_end, max(end, from), false);
             }
             here = closed ? 1 : 0;
@@ -63,7 +63,7 @@ struct SolidMesh {
     }
     /// Whether anything at all lies between: faster, without clips.
     GB_FN bool blocks(const float3& o, const float3& d, float to, float sign) const {
-        const RayRange range{pose.to_local(o), pose.turned_back(d), closed ? -tree.header->near : 0.0f, to, closed ? int(sign) : 0};
+        const RayRange range{pose.to_local(o), pose.turned_back(d), closed ? -tree.header->near : 0.0f, to, closed ? int(sign) : 0, closed ? 0.0f : tree.header->near};
         return walk_boxes<true>(tree, items, range).t < infinity();
     }
 
@@ -92,8 +92,8 @@ struct SolidMesh {
 
 private:
     /// side: looks for faces where the ray enters (+1) or leaves (-1) alone, so that it cannot meet again the surface it begins on.
-    GB_FN ItemHit next(const float3& p, const float3& e, float from, float to, int side) const {
-        return walk_boxes<false>(tree, items, {p, e, from, to, side});
+    GB_FN ItemHit next(const float3& p, const float3& e, float from, float to, int side, float near) const {
+        return walk_boxes<false>(tree, items, {p, e, from, to, side, closed ? 0.0f : near});
     }
     GB_FN static Crossing cut(ItemHit color_of, std::int32_t cap, float t, bool entering) {
         color_of.t = t;

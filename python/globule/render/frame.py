@@ -61,7 +61,7 @@ class Layer:
     Raises TypeError and ValueError naming the field, the expected and the given value.
     """
 
-    scene: Scene | Mesh
+    scene: Any  # a Scene or a Mesh
     material: Material | None = None
     clips: Sequence[ClipPlane | ClipBox | ClipSphere] = ()
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import threading
 from collections.abc import Callable
@@ -10,8 +11,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from .. import _core
-from .._base.arrays import ABSENT, View, address, to_host, unit_vectors, view
-from .._base.checks import shown, thread_count
+from .._base.arrays import ABSENT, HOST, View, address, to_host, unit_vectors, view
+from .._base.checks import number, shown, thread_count
 from .._base.device import Device, choose
 from .spacing import merge_coincident
 
@@ -74,6 +75,8 @@ class Mesh:
         solid: whether the mesh is a solid. Default: if it is closed, i.e. every edge joins
             triangles of opposite direction. A closed container around a fluid is no solid: pass
             False, unless its walls have two sides.
+        smooth: images blend the normals of triangles that meet at less than this angle, degrees; 0:
+            flat triangles.
         pose: (4, 4) matrix world_from_mesh of a rotation and a translation; default: identity.
         device: "auto", "cpu", "cuda" or "cuda:N", for images of meshes alone; beside particles a
             mesh is on the device of the particles.
@@ -89,6 +92,7 @@ class Mesh:
     device: Device  # for images of meshes alone
     closed: bool  # every edge joins triangles of opposite direction
     solid: bool
+    smooth: float  # degrees
 
     def __init__(
         self,
@@ -98,6 +102,7 @@ class Mesh:
         color: ArrayLike | None = None,
         face_color: ArrayLike | None = None,
         solid: bool | None = None,
+        smooth: float = 30.0,
         pose: ArrayLike | None = None,
         device: str = "auto",
         threads: int = 0,
@@ -113,7 +118,9 @@ class Mesh:
             color, face_color = found.color, found.face_color
         self._one_color, self._color = _colors(color, face_color, n, len(self.faces))
         self._given_color = color is not None or face_color is not None
-        self.closed, inside_out = _closed(to_host(self.vertices), self.faces)
+        self.smooth = number("smooth", smooth, 0.0, 180.0)
+        _, which = merge_coincident(to_host(self.vertices))
+        self.closed, inside_out = _closed(to_host(self.vertices), self.faces, which[self.faces])
         if not isinstance(solid, (bool, np.bool_, type(None))):
             raise TypeError(f"solid: expected True, False or None, got {shown(solid)}")
         if solid and not self.closed:
@@ -125,6 +132,7 @@ class Mesh:
         self._threads = thread_count(threads)
         self._lock = threading.RLock()
         self._version = 0
+        self._around = _around_corners(which, self.faces) if self.smooth else None
         self._on: dict[tuple, tuple[Any, int]] = {}  # the core's scene by device, and its version
         self._pose = _checked_pose(pose)
 
@@ -219,8 +227,9 @@ class Mesh:
                     self._vertices.shape[0],
                     self._vertices.place,
                     len(self.faces),
-                    (address(self.faces), -1, 0),
-                    ABSENT.place,
+                    (address(self.faces), HOST, 0),
+                    *self._corners,
+                    math.cos(math.radians(self.smooth)),
                     self._color[0].place,
                     self._color[1],
                     self._one_color,
@@ -229,6 +238,13 @@ class Mesh:
                 core.place_mesh(_rows(self._pose))
                 self._on[key] = (core, self._version)
             return core
+
+    @property
+    def _corners(self) -> tuple[Any, ...]:
+        """What the core takes for smooth normals."""
+        if self._around is None or len(self.faces) == 0:
+            return (*[ABSENT.place] * 3, 0)
+        return (*((address(a), HOST, 0) for a in self._around), len(self._around[2]) - 1)
 
     def __len__(self) -> int:
         return len(self.faces)
@@ -317,11 +333,17 @@ def _colors(color: Any, face_color: Any, n: int, m: int) -> tuple[list[float], t
     return one, (view(name, array.copy(), 3), face_color is not None)
 
 
-def _closed(vertices: np.ndarray, faces: np.ndarray) -> tuple[bool, bool]:
+def _around_corners(which: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, ...]:
+    """The place of each corner, corners by place, and where each place's begin; all uint32."""
+    place = which[faces].ravel().astype(np.uint32)
+    order = np.argsort(place, kind="stable").astype(np.uint32)
+    counts = np.bincount(place, minlength=1)
+    return place, order, np.concatenate([[0], np.cumsum(counts)]).astype(np.uint32)
+
+
+def _closed(vertices: np.ndarray, faces: np.ndarray, f: np.ndarray) -> tuple[bool, bool]:
     """Whether every edge joins triangles of opposite direction, and whether their normals point
-    inwards. Vertices at one place count as one."""
-    _, which = merge_coincident(vertices)
-    f = which[faces]
+    inwards. f: the faces where vertices at one place count as one."""
     f = f[(f[:, 0] != f[:, 1]) & (f[:, 1] != f[:, 2]) & (f[:, 2] != f[:, 0])]
     if len(f) == 0:
         return False, False
