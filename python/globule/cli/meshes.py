@@ -38,7 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="FILE[:MATERIAL]",
-        help="triangles of a second file in the same image (.stl .obj .ply .glb .vtk .vtp); "
+        help="triangles of a second file (.stl .obj .ply .glb .vtk .vtp), world units; "
         f"MATERIAL is {', '.join(PRESETS)}; --clip cuts them too; may be repeated up to 3 times "
         "(default: none)",
     )

@@ -56,9 +56,13 @@ def has_faces(path: str | os.PathLike[str]) -> bool:
     cannot be read: its reader says why."""
     try:
         kind = kind_or_none(path)
-        if kind is None or kind.kind == "mesh":
-            return kind is not None
-        if kind.format == "vtk":
+        if kind is None:
+            return False
+        if kind.format == "obj":
+            pattern = rb"(^|\n)f[ \t]"
+        elif kind.kind == "mesh":
+            return True
+        elif kind.format == "vtk":
             pattern = rb"\n(POLYGONS|TRIANGLE_STRIPS)[ \t]+0*[1-9]"
         elif kind.format == "vtp":
             pattern = rb"NumberOf(Polys|Strips)[ \t]*=[ \t]*[\"']0*[1-9]"
