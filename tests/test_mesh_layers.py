@@ -76,6 +76,15 @@ MESHES = {
     "ball": sphere(16),
     "soup": (SOUP.reshape(-1, 3).astype(np.float32), np.arange(1200).reshape(-1, 3)),
     "box": (BOX * 1.4 - 0.7, BOX_FACES),
+    "nested": (  # all boxes hold the middle, and the tree is deep
+        (
+            np.random.default_rng(8).normal(size=(1200, 3, 3))
+            * 0.97 ** np.arange(1200)[:, None, None]
+        )
+        .reshape(-1, 3)
+        .astype(np.float32),
+        np.arange(3600).reshape(-1, 3),
+    ),
     "one": (np.float32([[-1, -1, 0], [1, -1, 0], [0, 1, 0.3]]), np.array([[0, 1, 2]])),
     "all at one place": (
         np.float32([[-1, -1, 0], [1, -1, 0], [0, 1, 0.3]]),

@@ -169,7 +169,6 @@ struct Widen {
             out.hi[0][k] = b.hi.x + pad;
             out.hi[1][k] = b.hi.y + pad;
             out.hi[2][k] = b.hi.z + pad;
-            out.first[k] = first;
             out.child[k] = !there ? WideNode::none : count(child[k]) <= kLeafItems ? WideNode::leaf_of(first, count(child[k])) : child[k];
         }
         nodes[i] = out;
@@ -201,7 +200,7 @@ public:
         const CarryBoxes<Boxes> carry{{boxes, words}, tree};
         if (inner) exec_.for_each(n, carry);
         exec_.for_each(nodes, Widen<Boxes>{carry, bounds, n, nodes_.reserve(nodes), header_.reserve(1)});
-        tree_ = {header_.data(), nodes_.data(), tree.last, words};
+        tree_ = {header_.data(), nodes_.data(), tree.first, tree.last, words};
     }
     const BoxTree& tree() const { return tree_; }
     std::size_t bytes() const { return keys_.bytes() + words_.bytes() + boxes_.bytes() + nodes_.bytes(); }

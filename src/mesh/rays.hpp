@@ -47,30 +47,25 @@ GB_FN ItemHit walk_boxes(const BoxTree& tree, const Items& items, const RayRange
     for (;;) {
         const WideNode& node = tree.nodes[at];
         float t[WideNode::width];
-        std::uint32_t child[WideNode::width], first[WideNode::width];
-        {
-            const float *nx = inv.x >= 0.0f ? node.lo[0] : node.hi[0], *fx = inv.x >= 0.0f ? node.hi[0] : node.lo[0];
-            const float *ny = inv.y >= 0.0f ? node.lo[1] : node.hi[1], *fy = inv.y >= 0.0f ? node.hi[1] : node.lo[1];
-            const float *nz = inv.z >= 0.0f ? node.lo[2] : node.hi[2], *fz = inv.z >= 0.0f ? node.hi[2] : node.lo[2];
-            GB_UNROLL for (int k = 0; k < WideNode::width; ++k) {
-                // Ize 2013: the far side a little farther makes up for rounding.
-                const float in = max(max((nx[k] - range.o.x) * inv.x, (ny[k] - range.o.y) * inv.y), (nz[k] - range.o.z) * inv.z);
-                const float out = min(min((fx[k] - range.o.x) * inv.x, (fy[k] - range.o.y) * inv.y), (fz[k] - range.o.z) * inv.z) * 1.0000004f;
-                t[k] = in <= out && out >= range.from && in <= hit.t ? in : infinity();
-                child[k] = node.child[k];
-                first[k] = node.first[k];
-            }
+        std::uint32_t child[WideNode::width];
+        GB_UNROLL for (int k = 0; k < WideNode::width; ++k) {  // both sides, though one counts: their loads are wide ones
+            const float lx = node.lo[0][k], ly = node.lo[1][k], lz = node.lo[2][k], hx = node.hi[0][k], hy = node.hi[1][k], hz = node.hi[2][k];
+            const float in = max(max(((inv.x >= 0.0f ? lx : hx) - range.o.x) * inv.x, ((inv.y >= 0.0f ? ly : hy) - range.o.y) * inv.y),
+                                 ((inv.z >= 0.0f ? lz : hz) - range.o.z) * inv.z);
+            // Ize 2013: the far side a little farther makes up for rounding.
+            const float out = min(min(((inv.x >= 0.0f ? hx : lx) - range.o.x) * inv.x, ((inv.y >= 0.0f ? hy : ly) - range.o.y) * inv.y),
+                                  ((inv.z >= 0.0f ? hz : lz) - range.o.z) * inv.z) * 1.0000004f;
+            t[k] = in <= out && out >= range.from && in <= hit.t ? in : infinity();
+            child[k] = node.child[k];
         }
         const auto order = [&](int a, int b) {  // nearest first
             if (!(t[b] < t[a])) return;
             const float s = t[a];
             t[a] = t[b];
             t[b] = s;
-            const std::uint32_t c = child[a], f = first[a];
+            const std::uint32_t c = child[a];
             child[a] = child[b];
             child[b] = c;
-            first[a] = first[b];
-            first[b] = f;
         };
         order(0, 1);
         order(2, 3);
@@ -80,7 +75,8 @@ GB_FN ItemHit walk_boxes(const BoxTree& tree, const Items& items, const RayRange
         GB_UNROLL for (int k = WideNode::width - 1; k >= 0; --k) {
             if (!(t[k] < infinity())) continue;
             if (top < room) stack[top++] = {child[k], t[k]};
-            else look(first[k], child[k] & WideNode::leaf ? WideNode::count_of(child[k]) : tree.last[child[k]] - first[k] + 1);  // deeper than any sensible tree
+            else if (child[k] & WideNode::leaf) look(WideNode::first_of(child[k]), WideNode::count_of(child[k]));
+            else look(tree.first[child[k]], tree.last[child[k]] - tree.first[child[k]] + 1);  // deeper than any sensible tree
         }
         for (;;) {
             if (any && found) return hit;

@@ -33,7 +33,6 @@ struct alignas(64) WideNode {
 
     float lo[3][width], hi[3][width];
     std::uint32_t child[width];
-    std::uint32_t first[width];  ///< an inner child's items: so many from here on
     GB_FN static std::uint32_t leaf_of(std::uint32_t first, std::uint32_t n) { return leaf | (n - 1) << 29 | first; }
     GB_FN static std::uint32_t first_of(std::uint32_t child) { return child & (max_items - 1); }
     GB_FN static std::uint32_t count_of(std::uint32_t child) { return (child >> 29 & 3) + 1; }
@@ -49,7 +48,7 @@ struct BoxTreeHeader {
 struct BoxTree {
     const BoxTreeHeader* header;
     const WideNode* nodes;
-    const std::uint32_t* last;   ///< of each inner node, its last item
+    const std::uint32_t *first, *last;  ///< of each inner node's items
     const std::uint32_t* index;  ///< of each item, its place in the caller's arrays
 };
 

@@ -274,8 +274,7 @@ def camera(options: argparse.Namespace, scene: Scene | Mesh | None, around: Any 
 
     around: (M, 3) points to show, world units; default: the scene's particles.
     """
-    mesh = isinstance(scene, Mesh)
-    nothing = scene is None or (not mesh and scene.octree.n_inside == 0)
+    nothing = scene is None or (isinstance(scene, Scene) and scene.octree.n_inside == 0)
     fov = options.fov or FOV
     if not options.eye:
         base = DEFAULT_VIEW
@@ -294,7 +293,7 @@ def camera(options: argparse.Namespace, scene: Scene | Mesh | None, around: Any 
     if not middle:
         middle = np.zeros(3)
         if scene is not None and not nothing:
-            box = scene if mesh else scene.particles
+            box = scene.particles if isinstance(scene, Scene) else scene
             middle = np.mean(box.bounds() if around is None else around, axis=0)
         if scene is None or np.array_equal(middle, options.eye):
             middle = np.add(options.eye, (0, 0, -1))

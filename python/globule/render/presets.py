@@ -74,8 +74,10 @@ class _Stage:
     def __init__(self, scene: Scene | Mesh, up: Any):
         self.right, self.up, self.front = view_axes(up)
         self.height = ground_height(scene, self.up)
-        mesh = isinstance(scene, Mesh)
-        self.colored = scene.colored if mesh else scene.particles.color is not None
+        if isinstance(scene, Mesh):
+            self.colored = scene.colored
+        else:
+            self.colored = scene.particles.color is not None
 
     def sun(self, radiance: Any, angle: float, right: float = -0.5) -> DirectionalLight:
         """A light from above, a little in front, and `right` to the right, along `view_axes`."""
