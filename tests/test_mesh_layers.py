@@ -530,3 +530,33 @@ def test_refined_frames_know_their_layers(backend):
     frame = gb.render([scene, wall], CAMERA_FAR, SIZE, quiet(ambient=1.0))
     before = frame._layer
     np.testing.assert_array_equal(frame.refine(2)._layer, before)
+
+
+def test_the_same_bits_for_any_number_of_threads():
+    vertices, faces = sphere(20, 3.0)
+    settings = quiet(lights=[SUN], shadows=True, sky=direction_sky(), samples=2, bounces=4)
+    images = []
+    for threads in (1, 3):
+        options = {"device": "cpu", "threads": threads}
+        ball = gb.Mesh(vertices, faces, **options)
+        layers = [gb.Layer(ball, glass(1.5)), gb.Layer(block(5, **options), MIRROR)]
+        o, d = random_rays(5000, 9, 6.0, 3.0)
+        frame = gb.render(layers, CAMERA_FAR, SIZE, settings)
+        images.append((frame.color, frame.distance, frame.normal, *ball.intersect(o, d)))
+    for one, several in zip(*images, strict=True):
+        np.testing.assert_array_equal(one, several)
+
+
+def test_smooth_normals(backend):
+    """Those of a fine ball are its radii, and a box keeps its edges."""
+    vertices, faces = sphere(24)
+    camera = gb.Camera((2, 1.5, 3), (0, 0, 0), fov=30)
+    round_ = gb.render(gb.Mesh(vertices, faces, **backend), camera, SIZE)
+    p = round_.position[round_.mask]
+    off = np.linalg.norm(round_.normal[round_.mask] - unit(p), axis=1)
+    flat = gb.render(gb.Mesh(vertices, faces, smooth=0, **backend), camera, SIZE)
+    off_flat = np.linalg.norm(flat.normal[flat.mask] - unit(p), axis=1)
+    assert off.mean() < 0.01 < 0.03 < off_flat.mean()
+    sharp = gb.render(box((-1, -1, -1), (1, 1, 1), **backend), camera, SIZE)
+    n = sharp.normal[sharp.mask]
+    np.testing.assert_allclose(np.abs(n).max(axis=1), 1, atol=1e-5)
