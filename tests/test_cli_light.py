@@ -56,7 +56,9 @@ def test_a_clip_takes_away_and_shows_the_inside():
     face = np.abs(cut["position"][..., 2] - 0.25) < 1e-4
     assert face.sum() > 100
     assert np.allclose(cut["normal"][face], [0, 0, 1])
-    blend = gb.Scene(ball(), device="cpu").blend(cut["position"][face], ball().color)
+    blend = gb.Scene(ball(), device="cpu", surface="smooth").blend(
+        cut["position"][face], ball().color
+    )
     assert np.allclose(cut["albedo"][face], blend, atol=1e-3)
 
 
@@ -89,7 +91,7 @@ def test_presets(name):
     seen = picture("--preset", name, "--samples", "1", "--json")
     assert seen.std() > 8
     assert (seen != plain).any()
-    scene = gb.Scene(ball(), device="cpu")
+    scene = gb.Scene(ball(), device="cpu", surface="smooth")
     settings = gb.preset(name, scene)
     assert isinstance(settings, gb.RenderSettings)
     frame = gb.render(
@@ -104,7 +106,7 @@ def test_a_preset_does_not_depend_on_the_unit_of_length():
     millimetres.support = 500.0
     seen = []
     for particles, unit in ((metres, 1), (millimetres, 1000)):
-        scene = gb.Scene(particles, device="cpu")
+        scene = gb.Scene(particles, device="cpu", surface="smooth")
         settings = dataclasses.replace(gb.preset("water", scene), samples=1)
         camera = gb.Camera(np.multiply((1, 1.2, 3), unit), (0, 0, 0))
         seen.append(gb.render(scene, camera, (48, 36), settings).picture.astype(int))
@@ -124,7 +126,7 @@ def test_options_win_over_the_preset():
 
 
 def test_the_ground_is_where_the_surface_ends():
-    scene = gb.Scene(ball(), device="cpu")
+    scene = gb.Scene(ball(), device="cpu", surface="smooth")
     down = gb.render(scene, gb.Camera((0, -5, 0), (0, 0, 0), (0, 0, 1)), (60, 60))
     lowest = float(np.nanmin(down.position[..., 1]))
     assert ground_height(scene) <= lowest < ground_height(scene) + 0.3

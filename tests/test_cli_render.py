@@ -43,7 +43,8 @@ def test_render_json(particles, capsys):
     assert 0 < counts["hits"] < 40 * 30
     assert "CPU" in facts["device"]
     assert facts["kernel"] == "murakami"
-    assert facts["threshold"] == 0.6
+    assert facts["threshold"] == 0.5
+    assert facts["surface"] == "smooth"
     assert facts["support"] == pytest.approx(2 * facts["spacing"])
     assert facts["spacing"] == pytest.approx(1 / 6, rel=0.02)
     scene = gb.Scene(gb.read(particles), device="cpu")
@@ -83,6 +84,7 @@ def test_orthographic_and_octree_options(particles, capsys):
     assert main(["render", particles, "-o", "a.png", *SMALL, *words]) == 0
     wide = json.loads(capsys.readouterr().out)["counts"]["hits"]
     words = ["--ortho", "2", "--key-bits", "64", "--octree-level", "18", "--json"]
+    words += ["--surface", "balls"]
     assert main(["render", particles, "-o", "a.png", *SMALL, *words]) == 0
     assert json.loads(capsys.readouterr().out)["counts"]["hits"] > 3 * wide
 

@@ -40,10 +40,10 @@ def same(one, other):
 
 def test_what_stands_for_a_scene(particles):
     p = gb.read(particles)
-    expected = gb.render(gb.Scene(p), CAMERA, SIZE)
+    expected = gb.render(gb.Scene(p, surface="smooth"), CAMERA, SIZE)
     for natural in (p, particles, Path(particles), [p], gb.Layer(p), [gb.Layer(particles)]):
         same(gb.render(natural, CAMERA, SIZE), expected)
-    bare = gb.render(gb.Scene(p.positions), CAMERA, SIZE)
+    bare = gb.render(gb.Scene(p.positions, surface="smooth"), CAMERA, SIZE)
     same(gb.render(p.positions, CAMERA, SIZE), bare)
     same(gb.render(p.positions.tolist(), CAMERA, SIZE), bare)
     assert len(gb.Scene(particles)) == len(gb.Scene(gb.Scene(p))) == len(p)
@@ -135,10 +135,11 @@ def test_color_by(scene, particles):
     p = scene.particles
     values = p.attributes["speed"]
     by_hand = dataclasses.replace(p, color=gb.colorize(values, "magma", 1, 3))
+    smooth = gb.render(gb.Scene(by_hand, device="cpu", surface="smooth"), CAMERA, SIZE)
     expected = gb.render(gb.Scene(by_hand, device="cpu"), CAMERA, SIZE)
     how = {"color_by": "speed", "colormap": "magma", "range": (1, 3)}
-    same(gb.render(p, CAMERA, SIZE, **how), expected)
-    same(gb.render(gb.color_by(p, "speed", "magma", (1, 3)), CAMERA, SIZE), expected)
+    same(gb.render(p, CAMERA, SIZE, **how), smooth)
+    same(gb.render(gb.color_by(p, "speed", "magma", (1, 3)), CAMERA, SIZE), smooth)
     painted = gb.RenderSettings(material=gb.Material(color=(1, 0, 0)))
     same(gb.render(scene, CAMERA, SIZE, painted, **how), expected)
     same(gb.render(gb.Layer(scene), CAMERA, SIZE, **how), expected)

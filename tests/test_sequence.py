@@ -168,7 +168,7 @@ def test_a_path_around_one_file(files):
     os.mkdir("turn")
     assert main([*command, "-o", "turn"]) == 0
     assert sorted(os.listdir("turn")) == [f"f_0_{i:04d}.png" for i in range(3)]
-    scene = gb.Scene(gb.read(files[0]), device="cpu")
+    scene = gb.Scene(gb.read(files[0]), device="cpu", surface="smooth")
     view = gb.CameraPath(keys, fps=2)(1)
     expected = gb.render(scene, view, (40, 30)).picture
     assert (np.asarray(Image.open("turn/f_0_0001.png")) == expected).all()

@@ -55,7 +55,8 @@ if _TYPE_CHECKING:
     from .render.legend import add_legend
     from .render.presets import preset
     from .render.sequence import read_ahead, render_sequence, value_range
-    from .scene.smoothing import anisotropy, without_strays
+    from .scene.fluid import fluid_like, surface_of
+    from .scene.smoothing import anisotropy, surface_kernels, without_strays
     from .scene.spacing import local_spacing
     from .sim.settings import Phase, StepReport
     from .sim.simulation import Simulation
@@ -82,7 +83,8 @@ _LATER = {
     "render.legend": "add_legend",
     "render.presets": "preset",
     "render.sequence": "read_ahead render_sequence value_range",
-    "scene.smoothing": "anisotropy without_strays",
+    "scene.fluid": "fluid_like surface_of",
+    "scene.smoothing": "anisotropy surface_kernels without_strays",
     "scene.spacing": "local_spacing",
     "sim.settings": "Phase StepReport",
     "sim.simulation": "Simulation",
@@ -160,6 +162,7 @@ __all__ = [
     "color_by",
     "colorize",
     "field",
+    "fluid_like",
     "gradient",
     "include_dir",
     "intersect",
@@ -182,6 +185,8 @@ __all__ = [
     "render_sequence",
     "reslice",
     "save_png",
+    "surface_kernels",
+    "surface_of",
     "tomography_particles",
     "value_range",
     "view",

@@ -18,6 +18,13 @@ struct CpuGroup {
     struct U {
         std::uint32_t v[kWidth];
     };
+    /// As on the GPU; here each lane has a row of its own.
+    static constexpr int team = 1;
+    static int row_of(int lane) { return lane; }
+    F load_rows(const float* p) const { return load_run(p); }
+    F own(const float* item) const { return F(*item); }
+    F team_sum(const F& v) const { return v; }
+    static bool leads_team(int) { return true; }
 
     B first_lanes(int n) const {
         static constexpr std::int32_t numbers[16] = {0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15};

@@ -14,6 +14,16 @@ struct CudaGroup {
     using F = float;
     using B = bool;
     using U = std::uint32_t;
+    /// Lanes that may share one row of work; each takes every n-th item of a run, and their sums are added.
+    static constexpr int team = 4;
+    __device__ static int row_of(int lane) { return lane / team; }
+    __device__ F load_rows(const float* p) const { return p[lane() / team]; }
+    __device__ F own(const float* items) const { return items[lane() % team]; }
+    __device__ F team_sum(F v) const {
+        for (int s = team / 2; s; s >>= 1) v += __shfl_xor_sync(all, v, s);
+        return v;
+    }
+    __device__ static bool leads_team(int lane) { return lane % team == 0; }
     static constexpr unsigned all = 0xffffffffu;
 
     __device__ int lane() const { return threadIdx.x & 31; }

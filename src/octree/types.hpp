@@ -16,6 +16,8 @@ struct SortedParticles {
     Attribute weight;
     const float* stretch = nullptr;  ///< (n, 6) per sorted slot, xx yy zz xy xz yz: the particle reaches v where |G v| < 1; null: balls
     float most_stretch = 1.0f;       ///< largest ratio of a particle's axes; `support` is its longest
+    const float* shortest = nullptr; ///< (n,) per sorted slot: shortest axis; null: not known beyond most_stretch
+    float least_axis = 0.0f;         ///< no axis is shorter
 
     template <class F>
     GB_FN Sym3<F> matrix(std::size_t slot) const {

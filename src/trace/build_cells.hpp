@@ -124,7 +124,7 @@ private:
             },
             [&](const B& leaves, const Boxes<Group>& boxes) {
                 room = list_particles(g, scratch, particles, at, scale, leaves, boxes, n,
-                                      [&](const B& present, const F& x, const F& y, const F& z, const F& a) {
+                                      [&](const B& present, const F& x, const F& y, const F& z, const F& a, std::uint32_t) {
                     const F reach = (PerParticle ? a : a * F(share)) + F(slack);
                     const F nx = max(abs(x) - half, F(0.0f)), ny = max(abs(y) - half, F(0.0f)), nz = max(abs(z) - half, F(0.0f));
                     return present & (a > F(0.0f)) & (nx * nx + ny * ny + nz * nz < reach * reach);

@@ -143,7 +143,10 @@ private:
                 ray.window_end = 0.0f;
                 ray.steps = 0;
                 const Source src = source(list, ray.p0, walk.d);
-                if constexpr (PerParticle) ray.sharp = src.sharpest() * particles.most_stretch;
+                if constexpr (PerParticle) {
+                    ray.sharp = src.sharpest() * particles.most_stretch;
+                    if (particles.least_axis > 0.0f) ray.sharp = min(ray.sharp, tree.header->typical_support / particles.least_axis);
+                }
                 if (ray.sign == 0.0f) ray.sign = src.template at<false>(0.0f, {}).f > tau ? -1.0f : 1.0f;
                 return Way::on;
             }

@@ -94,7 +94,7 @@ GB_FN float seek(Walk<PerParticle, Group, Tree>& walk) {
 }
 
 /// Goes through the leaves' particles, a group's worth at a time, and lists those that takes(present, x, y, z, a)
-/// chooses; x y z: from `at`; a: support.  n: listed so far.  False: the list cannot hold any more.
+/// chooses; x y z: from `at`; a: support; the first's slot.  n: listed so far.  False: the list cannot hold any more.
 template <bool PerParticle, class Group, class Takes>
 GB_FN bool list_particles(Group& g, TileScratch<Group, PerParticle>& scratch, const SortedParticles& particles, const float3& at,
                           float scale, const typename Group::B& leaves, const Boxes<Group>& boxes, int& n, const Takes& takes) {
@@ -114,7 +114,7 @@ GB_FN bool list_particles(Group& g, TileScratch<Group, PerParticle>& scratch, co
             const F y = g.load_run(particles.y + j) - F(at.y);
             const F z = g.load_run(particles.z + j) - F(at.z);
             const F a = PerParticle && particles.support.data ? g.load_run(particles.support.data + j) : F(particles.support.uniform);
-            n = g.append(takes(present, x, y, z, a), n, [&](int k, int place) {
+            n = g.append(takes(present, x, y, z, a, j), n, [&](int k, int place) {
                 scratch.list.set(place, {Group::get(x, k) * scale, Group::get(y, k) * scale, Group::get(z, k) * scale},
                                  j + std::uint32_t(k));
                 if constexpr (PerParticle) {
@@ -134,7 +134,7 @@ GB_FN Gathered gather(Walk<PerParticle, Group, Tree>& walk, float dz, float scal
     using B = typename Group::B;
     Group& g = walk.g;
     const float3 d = walk.bundle.d;
-    F next = F(infinity()), nearest = next, sharpest = F(0.0f);
+    F next = F(infinity()), nearest = next, sharpest = F(0.0f), least = next;
     // The chord that the grown sphere cuts from the axis.
     const auto meets = [&](const B& present, const F& x, const F& y, const F& z, const F& a) {
         const F s = x * F(d.x) + y * F(d.y) + z * F(d.z);
@@ -149,6 +149,23 @@ GB_FN Gathered gather(Walk<PerParticle, Group, Tree>& walk, float dz, float scal
         if constexpr (PerParticle) sharpest = max(sharpest, select(take, F(1.0f) / (a * F(scale)), F(0.0f)));
         return take;
     };
+    // The ellipsoid itself: in the space that its matrix maps to it is a ball, and the bundle not wider than its radius
+    // over the shortest axis.
+    const auto meets_ellipsoid = [&](const B& present, const F& x, const F& y, const F& z, const F& a, std::uint32_t first) {
+        B take = meets(present, x, y, z, a);
+        if constexpr (PerParticle) {
+            const SortedParticles& all = walk.particles;
+            if (!all.shortest || !g.any(take)) return take;
+            const auto m = [&](int k) { return g.map([&](int lane) { return all.stretch[6 * (first + std::size_t(lane)) + k]; }); };
+            const Sym3<F> matrix{m(0), m(1), m(2), m(3), m(4), m(5)};
+            const Vec3<F> p = matrix * Vec3<F>{x, y, z}, q = matrix * Vec3<F>{F(d.x), F(d.y), F(d.z)};
+            const F s = x * F(d.x) + y * F(d.y) + z * F(d.z), sharp = F(1.0f) / g.load_run(all.shortest + first);
+            const F reach = F(1.001f) + sharp * radius_at(walk.bundle, F(walk.z0) + s + a), pq = dot(p, q), pp = dot(p, p);
+            take = take & (pp - pq * pq / dot(q, q) <= reach * reach + F(1e-5f) * pp);
+            least = min(least, select(take, F(1.0f) / sharp, least));
+        }
+        return take;
+    };
     int n = 0;
     bool room = true;
     walk(
@@ -158,13 +175,13 @@ GB_FN Gathered gather(Walk<PerParticle, Group, Tree>& walk, float dz, float scal
             return met & near;
         },
         [&](const B& leaves, const F&, const Boxes<Group>& boxes) {
-            room = list_particles(g, walk.scratch, walk.particles, walk.at, scale, leaves, boxes, n, meets);
+            room = list_particles(g, walk.scratch, walk.particles, walk.at, scale, leaves, boxes, n, meets_ellipsoid);
             return room;
         });
     g.sync();
     if (!room) return {-1};
     return {n, walk.z0 + g.smallest(next), walk.z0 + g.smallest(nearest),
-            PerParticle ? g.largest(sharpest) * walk.particles.most_stretch : 1.0f};
+            !PerParticle ? 1.0f : walk.particles.shortest ? 1.0f / (g.smallest(least) * scale) : g.largest(sharpest) * walk.particles.most_stretch};
 }
 
 }  // namespace globule::core

@@ -50,7 +50,13 @@ def run(options: argparse.Namespace) -> None:
         particles = Particles(positions, color=color, support=2 * spacing)
         progress.step("building the octree")
         with mistakes():
-            scene = Scene(particles, device=options.device, threads=options.threads)
+            scene = Scene(
+                particles,
+                device=options.device,
+                threads=options.threads,
+                surface="smooth",
+                spacing=spacing,
+            )
         progress.step("tracing")
         frame = render(scene, Camera(EYE, LOOK_AT), SIZE)
         trace_seconds = frame.trace_seconds

@@ -17,6 +17,7 @@ from ..render.lights import Environment, Ground, Sky, uniform_sky
 from ..render.materials import Material
 from ..render.presets import GROUNDS, PRESETS, ground_height, preset
 from ..render.settings import MAX_SAMPLES, RenderSettings, extent_of
+from ..scene.fluid import surface_of
 from ..scene.mesh import Mesh
 from ..scene.scene import Scene
 from . import flags, look, meshes
@@ -264,6 +265,7 @@ class Light:
                 options.threshold,
                 device=options.device,
                 threads=options.threads,
+                surface=surface_of(particles, kernel=options.kernel, threshold=options.threshold),
             )
         return Layer(scene, Material(color=color))
 

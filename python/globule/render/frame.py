@@ -17,6 +17,7 @@ from .._base.device import Device
 from .._base.files import atomic_write
 from .._base.old_names import old_attribute, renamed
 from ..scene import attributes
+from ..scene.fluid import surface_of
 from ..scene.mesh import Mesh
 from ..scene.particles import Particles
 from ..scene.scene import Scene
@@ -405,7 +406,12 @@ def as_scene(value: Any) -> Scene | Mesh:
         if has_faces(value):
             return Mesh(value)
     own = _own_scene(value)
-    return Scene(as_particles("scene", value)) if own is None else own
+    return _shown(as_particles("scene", value)) if own is None else own
+
+
+def _shown(particles: Particles) -> Scene:
+    """The scene of particles of which nothing more is said."""
+    return Scene(particles, surface=surface_of(particles))
 
 
 def _core_scene(scene: Scene | Mesh, device: Device) -> Any:
@@ -497,7 +503,7 @@ def _colored(item: Any, color: tuple) -> Scene | Mesh:
     own = _own_scene(item)
     particles = attributes.color_by(as_particles("scene", own or item), *color)
     if own is None:
-        return Scene(particles)
+        return _shown(particles)
     if own is not item:  # a simulation's, which nobody else updates
         return Scene(particles, own.kernel, own.threshold, device=own.device.name)
     own.update(particles)

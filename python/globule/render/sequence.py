@@ -23,6 +23,7 @@ from ..formats import read
 from ..formats.pictures.video import movie_facts, need_av, read_movie, write_movie
 from ..scene.attributes import attribute_values, checked_range
 from ..scene.attributes import color_by as colored
+from ..scene.fluid import surface_of
 from ..scene.particles import Particles
 from ..scene.scene import Scene
 from .camera import Camera
@@ -342,7 +343,7 @@ def render_sequence(
             continue
         if color_by is not None:
             particles = colored(particles, color_by, colormap, range)
-        scene = kept.show(particles, lambda p: Scene(p, **scene_options))
+        scene = kept.show(particles, lambda p: Scene(p, **_with_surface(p, scene_options)))
         if camera is None and kept.first:
             view, _ = _views(fit_camera(scene, size), fps)
         if not finished(i):
@@ -371,6 +372,11 @@ def _range_of(source: Any, name: str) -> tuple[float, float]:
     if not isinstance(source, Sequence):
         raise ValueError("range: expected (lo, hi) for frames that are not there yet, got None")
     return value_range(source, name)
+
+
+def _with_surface(particles: Particles, options: dict[str, Any]) -> dict[str, Any]:
+    """Arguments of `Scene`, with the surface that fits the particles where none is asked for."""
+    return {"surface": surface_of(particles, **options), **options}
 
 
 def _views(camera: Any, fps: float) -> tuple[Callable[[int], Camera], int | None]:

@@ -1,0 +1,242 @@
+// One smooth surface around particles of fluid that encloses their volume (docs/design/surface.md): each particle's
+// ellipsoid and weight from its neighbours, so that the field is 1/2 where the fluid ends.
+//
+//   covariance of the neighbours   Yu and Turk 2013, eq. 9, weights 1 - (r / radius)^4
+//   axes                           as wide across the surface as inside, wider along it: with sqrt(2) as the ratio of the
+//                                  two the curvature of the surface does not move it; narrow across a sheet of one layer
+//   weight                         kernels of mass 1; where a particle is almost alone, its own field is raised to that of
+//                                  a particle in a flat face
+#pragma once
+#include "field/eigen.hpp"
+#include "octree/query.hpp"
+
+namespace globule::core {
+
+/// Lengths in spacings; eigenvalues over those where neighbours fill the radius evenly.
+namespace surface {
+inline constexpr float kRadius = 3.375f;         ///< of the neighbours: the longest axis that there is
+inline constexpr float kAxis = 2.25f;            ///< support across the surface, and inside
+inline constexpr float kThin = 1.5f;             ///< across a single layer
+inline constexpr float kAlong = 1.5f;            ///< ratio of the supports along and across the surface
+inline constexpr float kTwoLayers = 0.18f, kFaceEigen = 0.36f;  ///< least eigenvalue
+inline constexpr float kFlat = 0.3f, kInside = 1.0f;  ///< eigenvalue across a face, and inside
+inline constexpr float kFace = 0.73f;            ///< field at a particle in a flat face
+inline constexpr float kDroplet = 0.12f, kCrowd = 0.36f;    ///< share of the neighbourhood that is filled
+inline constexpr float kMass = 1.0444544f;       ///< 1 over the integral of (1 - r^2)^2 over the unit ball
+inline constexpr float kThreshold = 0.5f;
+inline constexpr float kMostStretch = 2.26f;     ///< ratio of axes, (kAxis + (kAlong - 1) kAxis) / kThin at most
+
+template <class F>
+GB_FN F smooth_step(const F& x, float from, float to) {
+    const F t = min(max((x - F(from)) * F(1.0f / (to - from)), F(0.0f)), F(1.0f));
+    return t * t * (F(3.0f) - F(2.0f) * t);
+}
+
+/// What the neighbours add up to, with weights 1 - (r / radius)^4, distances over the radius.
+template <class F>
+struct Moments {
+    F sum;
+    Vec3<F> first;
+    Sym3<F> second;
+
+    GB_FN static Moments none() {
+        const F z = F(0.0f);
+        return {z, {z, z, z}, {z, z, z, z, z, z}};
+    }
+    GB_FN void add(const F& w, const Vec3<F>& v) {
+        const Vec3<F> t = v * w;
+        sum = sum + w;
+        first = first + t;
+        second = {second.xx + t.x * v.x, second.yy + t.y * v.y, second.zz + t.z * v.z,
+                  second.xy + t.x * v.y, second.xz + t.x * v.z, second.yz + t.y * v.z};
+    }
+    template <class Fn>
+    GB_FN void each(const Fn& fn) {
+        fn(sum);
+        fn(first.x), fn(first.y), fn(first.z);
+        fn(second.xx), fn(second.yy), fn(second.zz), fn(second.xy), fn(second.xz), fn(second.yz);
+    }
+    /// Share of the radius's ball that is filled: in an endless lattice the sum is 16 pi / 21 kRadius^3.
+    GB_FN F filled() const { return sum * F(1.0f / (2.3935946f * kRadius * kRadius * kRadius)); }
+    /// 1 along each axis in an endless lattice.
+    GB_FN Sym3<F> covariance() const {
+        const F by = F(1.0f) / sum, s = F(45.0f / 7.0f);
+        const Vec3<F> m = first * by;
+        return {(second.xx * by - m.x * m.x) * s, (second.yy * by - m.y * m.y) * s, (second.zz * by - m.z * m.z) * s,
+                (second.xy * by - m.x * m.y) * s, (second.xz * by - m.x * m.z) * s, (second.yz * by - m.y * m.z) * s};
+    }
+};
+
+/// The ellipsoid, for vectors over the neighbours' radius.
+template <class F>
+struct Shape {
+    Sym3<F> matrix;
+    F longest, shortest;  ///< axes, in spacings
+    F mass;     ///< factor that makes the kernel's integral one particle's volume
+};
+template <class F>
+GB_FN Shape<F> shape(const Moments<F>& moments) {
+    const Eigen3<F> e = eigen(moments.covariance());
+    const F least = min(min(e.value[0], e.value[1]), e.value[2]);
+    const auto flat = [](const F& s) { return F(1.0f) - smooth_step(s, kFlat, kInside); };
+    const F flattest = flat(least);
+    F inverse[3], longest = F(0.0f), shortest = F(kRadius), mass = F(kMass);
+    for (int k = 0; k < 3; ++k) {
+        const F across = F(kThin) + F(kAxis - kThin) * smooth_step(e.value[k], kTwoLayers, kFaceEigen);
+        const F a = across + F((kAlong - 1.0f) * kAxis) * max(flattest - flat(e.value[k]), F(0.0f));
+        longest = max(longest, a);
+        shortest = min(shortest, a);
+        inverse[k] = F(kRadius) / a;
+        mass = mass / a;
+    }
+    return {e.compose(inverse), longest, shortest, mass};
+}
+/// own: the particle's field at its place, with weights of mass 1.
+template <class F>
+GB_FN F raised(const F& own, const F& filled) {
+    const F few = F(1.0f) - smooth_step(filled, kDroplet, kCrowd);
+    return F(1.0f) + few * max(F(kFace) / own - F(1.0f), F(0.0f));
+}
+
+}  // namespace surface
+
+/// Ellipsoids and weights of the particles of an octree, some that follow each other along the curve at a time:
+///   bunch    rows that lie together (where the curve jumps, neighbours along it are far apart)
+///   gather   the leaves around, of whose particles those near the bunch are kept
+///   add up   each row goes through them
+template <class Tree>
+struct FindSurfaceKernels {
+    static constexpr int kNear = 640;  ///< at once; there may be more
+    template <class Group>
+    static constexpr std::size_t rows = Group::width / Group::team;
+    template <class Group>
+    struct Scratch {
+        float x[kNear + Group::width], y[kNear + Group::width], z[kNear + Group::width];  ///< over the radius, from the bunch's first row
+    };
+
+    Tree tree;
+    SortedParticles particles;  ///< as sorted: with the support that the tree's boxes hold
+    std::size_t n;
+    float spacing;
+    float *support, *weight, *stretch, *shortest;
+
+    template <class Group>
+    GB_FN void operator()(Group& g, Scratch<Group>& near, std::size_t tile) const {
+        using V = typename Group::F;
+        using B = typename Group::B;
+        const std::size_t first = tile * rows<Group>;
+        const Vec3<V> at{g.load_rows(particles.x + first), g.load_rows(particles.y + first), g.load_rows(particles.z + first)};
+        B present = g.none();
+        const std::size_t outside = tree.header->n_outside;
+        Group::for_lanes([&](int lane) {
+            const std::size_t slot = first + Group::row_of(g.lane_number(lane));
+            Group::put(present, lane, slot >= outside && slot < n);
+        });
+        surface::Moments<V> moments = surface::Moments<V>::none();
+        for_all(g, near, at, present, [&](const B& ours, const Vec3<V>& own, int n_near) {
+            for (int k = 0; k < n_near; k += Group::team) {
+                const Vec3<V> v{g.own(near.x + k) - own.x, g.own(near.y + k) - own.y, g.own(near.z + k) - own.z};
+                const V d2 = dot(v, v);
+                moments.add(select(ours & (d2 < V(1.0f)), V(1.0f) - d2 * d2, V(0.0f)), v);
+            }
+        });
+        moments.each([&](V& v) { v = g.team_sum(v); });
+        moments.sum = select(present, moments.sum, V(1.0f));
+        const surface::Shape<V> shape = surface::shape(moments);
+        const V filled = moments.filled();
+        V factor = V(1.0f);
+        if (g.any(present & (filled < V(surface::kCrowd)))) {
+            V sum = V(0.0f);
+            for_all(g, near, at, present, [&](const B& ours, const Vec3<V>& own, int n_near) {
+                for (int k = 0; k < n_near; k += Group::team) {
+                    const Vec3<V> v{g.own(near.x + k) - own.x, g.own(near.y + k) - own.y, g.own(near.z + k) - own.z};
+                    const Vec3<V> w = shape.matrix * v;
+                    const V rest = V(1.0f) - min(dot(w, w), V(1.0f));
+                    sum = sum + select(ours & (dot(v, v) < V(1.0f)), rest * rest, V(0.0f));
+                }
+            });
+            factor = surface::raised(max(g.team_sum(sum), V(1.0f)) * shape.mass, filled);
+        }
+        write(g, first, present, shape, factor);
+    }
+
+private:
+    /// look(rows of the bunch, their places, number of near): all particles near the rows, in `near`, in the curve's order,
+    /// and nobody up to a team's worth.
+    template <class Group, class V, class Look>
+    GB_FN void for_all(Group& g, Scratch<Group>& near, const Vec3<V>& at, typename Group::B left, const Look& look) const {
+        const float radius = surface::kRadius * spacing, by = 1.0f / radius, beside = max(radius - particles.support.uniform, 0.0f);
+        const float3 margin{beside, beside, beside};
+        const V inf = V(infinity()), spread = V(2.0f * radius);
+        while (g.any(left)) {
+            const int leader = g.first_from(left, 0);
+            const float3 middle{g.pick(at.x, leader), g.pick(at.y, leader), g.pick(at.z, leader)};
+            const Vec3<V> away{at.x - V(middle.x), at.y - V(middle.y), at.z - V(middle.z)};
+            const typename Group::B together = left & (abs(away.x) <= spread) & (abs(away.y) <= spread) & (abs(away.z) <= spread);
+            left = left & !together;
+            const Vec3<V> own = away * V(by);
+            const float3 lo{g.smallest(select(together, at.x, inf)), g.smallest(select(together, at.y, inf)), g.smallest(select(together, at.z, inf))};
+            const float3 hi{g.largest(select(together, at.x, -inf)), g.largest(select(together, at.y, -inf)), g.largest(select(together, at.z, -inf))};
+            int n_near = 0;
+            const auto look_at_them = [&] {
+                Group::for_lanes([&](int lane) {
+                    const int k = g.lane_number(lane);
+                    if (k < Group::team) near.x[n_near + k] = near.y[n_near + k] = near.z[n_near + k] = 1e3f;
+                });
+                g.sync();
+                look(together, own, n_near);
+                g.sync();
+                n_near = 0;
+            };
+            std::uint32_t begin = 0, end = 0;  // leaves that follow each other in memory are one run
+            const auto take = [&] {
+                for (; begin < end; begin += Group::width) {
+                    if (n_near > kNear - Group::width) look_at_them();
+                    n_near = collect(g, near, n_near, begin, g.first_lanes(int(end - begin)), lo, hi, middle, by);
+                }
+            };
+            for_each_leaf(g, tree, lo - margin, hi + margin, [&](std::uint32_t from, std::uint32_t count) {
+                if (from != end) {
+                    take();
+                    begin = from;
+                }
+                end = from + count;
+            });
+            take();
+            look_at_them();
+        }
+    }
+    /// Of a group's worth of particles those that some row in the box may be near.
+    template <class Group>
+    GB_FN int collect(Group& g, Scratch<Group>& near, int n_near, std::uint32_t begin, const typename Group::B& present, const float3& lo, const float3& hi,
+                      const float3& middle, float by) const {
+        using V = typename Group::F;
+        const V zero = V(0.0f), x = g.load_run(particles.x + begin), y = g.load_run(particles.y + begin), z = g.load_run(particles.z + begin);
+        const V ex = max(max(V(lo.x) - x, x - V(hi.x)), zero) * V(by), ey = max(max(V(lo.y) - y, y - V(hi.y)), zero) * V(by),
+                ez = max(max(V(lo.z) - z, z - V(hi.z)), zero) * V(by);
+        const typename Group::B may = present & (ex * ex + ey * ey + ez * ez < V(1.0002f));
+        g.keep(may, (x - V(middle.x)) * V(by), near.x + n_near);
+        g.keep(may, (y - V(middle.y)) * V(by), near.y + n_near);
+        g.keep(may, (z - V(middle.z)) * V(by), near.z + n_near);
+        return n_near + g.count(may);
+    }
+    template <class Group, class V>
+    GB_FN void write(Group& g, std::size_t first, const typename Group::B& present, const surface::Shape<V>& shape, const V& factor) const {
+        const Sym3<V>& m = shape.matrix;
+        const float by = 1.0f / (surface::kRadius * spacing);
+        Group::for_lanes([&](int lane) {
+            const int number = g.lane_number(lane);
+            const std::size_t slot = first + Group::row_of(number);
+            if (slot >= n || !Group::leads_team(number)) return;
+            const bool row = Group::get(present, lane);
+            const float six[6] = {Group::get(m.xx, lane), Group::get(m.yy, lane), Group::get(m.zz, lane),
+                                  Group::get(m.xy, lane), Group::get(m.xz, lane), Group::get(m.yz, lane)};
+            for (int k = 0; k < 6; ++k) stretch[6 * slot + k] = row ? six[k] * by : k < 3 ? by : 0.0f;
+            support[slot] = row ? 1.0001f * spacing * Group::get(shape.longest, lane) : 0.0f;  // rounding must not cut off what it reaches
+            shortest[slot] = row ? spacing * Group::get(shape.shortest, lane) : spacing;
+            weight[slot] = row ? particles.weight[slot] * Group::get(shape.mass, lane) * Group::get(factor, lane) : 0.0f;
+        });
+    }
+};
+
+}  // namespace globule::core
