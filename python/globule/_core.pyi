@@ -115,6 +115,7 @@ class Tissue:
 
 class Look:
     def __init__(self, arg: dict, /) -> None: ...
+    def with_edges(self, arg: int, /) -> Look: ...
     def reaching(self, arg: float, /) -> Look: ...
 
 class Material:
@@ -220,10 +221,11 @@ class Scene:
         arg11: float,
         arg12: tuple[int, int, int],
         arg13: float,
-        arg14: int,
+        arg14: float,
         arg15: int,
-        arg16: bool,
-        arg17: Sequence[float],
+        arg16: int,
+        arg17: bool,
+        arg18: Sequence[float],
         /,
     ) -> None: ...
     def build_mesh(
@@ -257,6 +259,7 @@ class Scene:
     def facts(self, arg: bool, /) -> dict: ...
     def spacing(self) -> float: ...
     def sorted(self, arg0: int, arg1: int, /) -> None: ...
+    def surface_kernels(self, arg0: int, arg1: int, /) -> None: ...
     def render(
         self,
         layers: Sequence[tuple[Scene, int, float, Material, Sequence[Clip]]],
