@@ -9,6 +9,7 @@
 #include "arguments.hpp"
 #include "backends/open.hpp"
 #include "oracle/field.hpp"
+#include "oracle/mesh.hpp"
 #include "picture.hpp"
 
 using namespace globule::core;
@@ -90,6 +91,11 @@ NB_MODULE(_core, m) {
         work([&] { oracle::first_hit({n, at<float>(positions), at<double>(matrices), at<double>(weight), {KernelName(kernel)}},
                                      tau, m, at<float>(origins), at<float>(directions), at<double>(t)); });
     });
+    m.def("oracle_mesh_first_hit", [](Address vertices, std::size_t n, Address faces, std::size_t m, Address origins, Address directions, Address t,
+                                      Address face, Address edge) {
+        work([&] { oracle::mesh_first_hit(at<float>(vertices), n, at<std::uint32_t>(faces), m, at<float>(origins), at<float>(directions), at<double>(t),
+                                          at<std::uint32_t>(face), at<double>(edge)); });
+    });
     m.def("morton", [](int bits, const std::string& what, std::vector<std::uint64_t> args) -> nb::object {
         auto run = [&]<class Key>(Key) -> nb::object {
             using namespace morton;
@@ -147,6 +153,31 @@ NB_MODULE(_core, m) {
                                          one_reflection, one_refraction};
                 s.core.call<&Scene::build>(arrays, request);
                 s.held = std::move(held);
+            });
+        })
+        .def("build_mesh", [](PyScene& s, std::size_t n_vertices, Array vertices, std::size_t n_faces, Array faces, Array places, Array corners, Array begins,
+                              std::size_t n_places, float smooth_cosine, Array color, bool color_of_faces, std::vector<float> one_color, bool closed) {
+            work([&] {
+                Arrays all(s.core.device());
+                auto held = std::make_shared<Arrays>(s.core.device());
+                const MeshArrays arrays{n_vertices, n_faces, all.reach("vertices", array(vertices), 3 * n_vertices),
+                                        held->reach("faces", array<const std::uint32_t>(faces), 3 * n_faces),
+                                        array<const std::uint32_t>(places), array<const std::uint32_t>(corners), array<const std::uint32_t>(begins),
+                                        n_places, smooth_cosine, held->reach("color", array(color), 3 * (color_of_faces ? n_faces : n_vertices)), color_of_faces,
+                                        vec(one_color), closed};
+                s.core.call<&Scene::build_mesh>(arrays);
+                s.held = std::move(held);
+            });
+        })
+        .def("place_mesh", [](PyScene& s, const std::vector<float>& rows) {
+            call<&Scene::place_mesh>(s.core, Pose{{rows.at(0), rows.at(1), rows.at(2)}, {rows.at(4), rows.at(5), rows.at(6)},
+                                                  {rows.at(8), rows.at(9), rows.at(10)}, {rows.at(3), rows.at(7), rows.at(11)}});
+        })
+        .def("intersect_mesh", [](PyScene& s, std::size_t n, Array origins, Array directions, Address t, Address normal, Address face) {
+            work([&] {
+                Arrays all(s.core.device());
+                s.core.call<&Scene::intersect_mesh>(n, all.reach("origins", array(origins), 3 * n), all.reach("directions", array(directions), 3 * n),
+                                                    at<float>(t), at<float>(normal), at<std::uint32_t>(face));
             });
         })
         .def("facts", [](PyScene& s, bool with_hashes) {

@@ -6,6 +6,7 @@
 #include "globule/device.hpp"
 #include "globule/error.hpp"
 #include "globule/frame.hpp"
+#include "globule/mesh.hpp"
 #include "globule/particles.hpp"
 #include "globule/render_settings.hpp"
 #include "globule/scene.hpp"

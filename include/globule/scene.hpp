@@ -11,6 +11,7 @@
 #include "globule/camera.hpp"
 #include "globule/error.hpp"
 #include "globule/frame.hpp"
+#include "globule/mesh.hpp"
 #include "globule/particles.hpp"
 #include "globule/render_settings.hpp"
 
@@ -136,11 +137,13 @@ private:
     std::shared_ptr<Impl> impl_;
 };
 
-/// One scene of an image that shows several, with its own material and clips.
+/// One scene or mesh of an image that shows several, with its own material and clips.  Where a solid mesh and a field overlap,
+/// the mesh counts: water whose particles reach into glass touches it without a gap.
 struct Layer {
     Scene scene{};
     std::optional<Material> material{}; ///< default: the settings'
     std::vector<Clip> clips{};
+    Mesh mesh{};                        ///< instead of a scene
 };
 
 /// An image of 1 to 4 scenes of one device; a ray may be inside several at once.  clips: removed from every scene.

@@ -38,8 +38,10 @@ from .render.lights import (  # noqa: E402
 )
 from .render.materials import Material  # noqa: E402
 from .render.settings import RenderSettings  # noqa: E402
+from .scene import mesh as _mesh  # noqa: E402
 from .scene import sources as _sources  # noqa: E402
 from .scene.attributes import color_by  # noqa: E402
+from .scene.mesh import Mesh  # noqa: E402
 from .scene.particles import Particles  # noqa: E402
 from .scene.query import blend, field, gradient, intersect, neighbors  # noqa: E402
 from .scene.scene import Scene  # noqa: E402
@@ -134,6 +136,7 @@ def __dir__() -> list[str]:
 
 
 _sources.readers.append(lambda path: __getattr__("read")(path))
+_mesh.readers.append(lambda path: _import_module(".formats.triangles", __name__).read(path))
 
 __version__ = _core.version
 __all__ = [
@@ -150,6 +153,7 @@ __all__ = [
     "Headlight",
     "Layer",
     "Material",
+    "Mesh",
     "MissingPackageError",
     "Particles",
     "Phase",

@@ -178,6 +178,18 @@ def oracle_first_hit(
     arg9: int,
     /,
 ) -> None: ...
+def oracle_mesh_first_hit(
+    arg0: int,
+    arg1: int,
+    arg2: int,
+    arg3: int,
+    arg4: int,
+    arg5: int,
+    arg6: int,
+    arg7: int,
+    arg8: int,
+    /,
+) -> None: ...
 def morton(arg0: int, arg1: str, arg2: Sequence[int], /) -> object: ...
 
 class Frame:
@@ -214,6 +226,34 @@ class Scene:
         arg16: int,
         arg17: bool,
         arg18: Sequence[float],
+        /,
+    ) -> None: ...
+    def build_mesh(
+        self,
+        arg0: int,
+        arg1: tuple[int, int, int],
+        arg2: int,
+        arg3: tuple[int, int, int],
+        arg4: tuple[int, int, int],
+        arg5: tuple[int, int, int],
+        arg6: tuple[int, int, int],
+        arg7: int,
+        arg8: float,
+        arg9: tuple[int, int, int],
+        arg10: bool,
+        arg11: Sequence[float],
+        arg12: bool,
+        /,
+    ) -> None: ...
+    def place_mesh(self, arg: Sequence[float], /) -> None: ...
+    def intersect_mesh(
+        self,
+        arg0: int,
+        arg1: tuple[int, int, int],
+        arg2: tuple[int, int, int],
+        arg3: int,
+        arg4: int,
+        arg5: int,
         /,
     ) -> None: ...
     def facts(self, arg: bool, /) -> dict: ...

@@ -8,6 +8,7 @@
 #include "api/checks.hpp"
 #include "api/device.hpp"
 #include "globule/frame.hpp"
+#include "globule/mesh.hpp"
 #include "globule/scene.hpp"
 
 namespace globule {
@@ -38,6 +39,11 @@ struct Inside {
     static const std::shared_ptr<SceneImpl>& shared(const Scene& scene) {
         of(scene, "scene");
         return scene.impl_;
+    }
+    using MeshImpl = Mesh::Impl;
+    static const std::shared_ptr<MeshImpl>& shared(const Mesh& mesh) {
+        of(mesh, "mesh");
+        return mesh.impl_;
     }
     static Scene scene(std::shared_ptr<SceneImpl> impl) {
         Scene s;
@@ -83,6 +89,19 @@ struct Scene::Impl {
         check_whole();
         return core.call_inside<Method>(inside, std::forward<A>(arguments)...);
     }
+};
+
+/// A scene whose core holds triangles, and what it reads.
+struct Mesh::Impl {
+    std::shared_ptr<Inside::SceneImpl> scene;
+    MeshOptions options;
+    std::size_t n_vertices = 0;
+    core::FloatArray vertices, color;                 ///< the vertices: while they are built
+    core::float3 one_color{};
+    std::vector<std::uint32_t> faces, order, begins;  ///< order: corners by vertex; begins: where each vertex's begin
+    std::unique_ptr<Inputs> inputs;                   ///< copies that images read
+
+    void build();
 };
 
 /// A frame, and what refines it.

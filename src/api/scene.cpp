@@ -256,7 +256,7 @@ Scene::Scene(const Particles& particles, const SceneOptions& options) : Scene(op
 void Scene::update(const Particles& particles) { Inside::shared(*this)->update(particles); }
 
 Frame Scene::render(const Camera& camera, int width, int height, const RenderSettings& settings, const std::vector<Clip>& clips) const {
-    return globule::render({Layer{*this, {}, {}}}, camera, width, height, settings, clips);
+    return globule::render({Layer{.scene = *this}}, camera, width, height, settings, clips);
 }
 
 std::vector<float> Scene::field(const ArrayView& points) const {
@@ -411,7 +411,8 @@ Frame render(const std::vector<Layer>& layers, const Camera& camera, int width, 
     f.width = width;
     f.height = height;
     for (const Layer& layer : layers) {
-        const auto& scene = Inside::shared(layer.scene);
+        if (layer.scene && layer.mesh) refuse("layers", "a scene or a mesh in each", "both");
+        const auto& scene = layer.mesh ? Inside::shared(layer.mesh)->scene : Inside::shared(layer.scene);
         if (!f.scenes.empty() && (scene->chosen.backend != f.scenes[0]->chosen.backend || scene->chosen.index != f.scenes[0]->chosen.index))
             refuse("layers", "all on " + f.scenes[0]->chosen.device.name, scene->chosen.device.name);
         f.request.lighting.materials[f.request.layers.size()] = material(layer.material ? *layer.material : settings.material, seen);
@@ -428,7 +429,7 @@ Frame render(const std::vector<Layer>& layers, const Camera& camera, int width, 
     for (const auto& scene : f.scenes) scene->check_whole();
     if (!settings.edge_samples && f.scenes[0]->smooth) f.request.lighting.edge_samples = kSmoothEdges;
     if (settings.ambient_rays && !settings.ambient_distance)
-        f.request.lighting.ambient_distance = float(0.1 * double(f.scenes[0]->core.call_inside<&core::Scene::facts>(inside, false).header.space.extent));
+        f.request.lighting.ambient_distance = float(0.1 * f.scenes[0]->core.call_inside<&core::Scene::extent>(inside));
     return Inside::frame(trace(std::move(f), inside, samples, {}));
 }
 

@@ -17,6 +17,7 @@
 #include "backends/tissue.hpp"
 #include "base/device.hpp"
 #include "field/kernels.hpp"
+#include "mesh/types.hpp"
 #include "octree/types.hpp"
 #include "trace/camera.hpp"
 #include "trace/clip.hpp"
@@ -36,6 +37,23 @@ struct SceneArrays {
     float spacing = 0.0f;                 // of particles that make one smooth surface, in place of supports; 0: balls or ellipsoids as given
     float3 one_color{0, 0, 0};
     float one_reflection = 0.0f, one_refraction = 0.0f;
+};
+
+/// A triangle mesh, which rays meet instead of a field.
+struct MeshArrays {
+    std::size_t n_vertices = 0, n_faces = 0;
+    FloatArray vertices;                      // (n_vertices, 3)
+    ArrayAt<const std::uint32_t> faces;       // (n_faces, 3), all below n_vertices
+    // Normals between triangles that meet at less than an angle.  Corners are numbered 3 face + k; null: the triangles' own.
+    ArrayAt<const std::uint32_t> place_of_corner;  // (3 n_faces,) corners at one place have the same number
+    ArrayAt<const std::uint32_t> corners;          // (3 n_faces,) by place
+    ArrayAt<const std::uint32_t> corners_begin;    // (n_places + 1,) where each place's begin
+    std::size_t n_places = 0;
+    float smooth_cosine = 1.0f;
+    FloatArray color;                         // (n_vertices, 3) or (n_faces, 3); null: the one below
+    bool color_of_faces = false;
+    float3 one_color{0, 0, 0};
+    bool closed = false;                      // it has an inside, and all normals point out of it
 };
 
 struct TreeRequest {
@@ -92,6 +110,11 @@ struct PictureRequest {
 /// Particles as rays see them; implemented by SceneImpl, pipeline/scene.hpp.
 struct Scene : Object {
     virtual void build(const SceneArrays& arrays, const TreeRequest& request) = 0;
+    /// A scene is of particles or of a mesh.
+    virtual void build_mesh(const MeshArrays& arrays) = 0;
+    virtual void place_mesh(const Pose& pose) = 0;
+    virtual void intersect_mesh(std::size_t n, const FloatArray& origins, const FloatArray& directions, float* t, float* normal, std::uint32_t* face) = 0;
+    virtual float extent() = 0;   // longest edge of the box of what it holds
     virtual TreeFacts facts(bool with_hashes) = 0;
     virtual float spacing() = 0;  // of the particles built last; 0 where there are too few
     virtual void sorted(std::uint64_t* keys, std::uint32_t* index) = 0;
@@ -116,8 +139,9 @@ struct Scene : Object {
     virtual void thesis_work(std::size_t n, ThesisWork* out) = 0;
 };
 
-using SceneEntries = EntryTable<&Scene::build, &Scene::facts, &Scene::spacing, &Scene::sorted, &Scene::surface_kernels, &Scene::render, &Scene::intersect,
-                                &Scene::evaluate, &Scene::blend, &Scene::integrate, &Scene::neighbors, &Scene::synchronize, &Scene::thesis_work>;
+using SceneEntries = EntryTable<&Scene::build, &Scene::build_mesh, &Scene::place_mesh, &Scene::intersect_mesh, &Scene::extent, &Scene::facts, &Scene::spacing,
+                                &Scene::sorted, &Scene::surface_kernels, &Scene::render, &Scene::intersect, &Scene::evaluate,
+                                &Scene::blend, &Scene::integrate, &Scene::neighbors, &Scene::synchronize, &Scene::thesis_work>;
 using FrameEntries = EntryTable<&Frame::read, &Frame::trace_seconds, &Frame::passes>;
 
 /// Exported by every backend library as "globule_backend".
@@ -159,7 +183,7 @@ struct BackendApi {
 /// Raised by hand when what the structures mean changes; what they look like counts by itself.
 inline constexpr std::uint64_t kBackendAbi = [] {
     std::uint64_t h = 2;
-    for (std::uint64_t size : {sizeof(BackendApi), sizeof(SceneArrays), sizeof(TreeRequest), sizeof(TreeFacts), sizeof(PictureRequest),
+    for (std::uint64_t size : {sizeof(BackendApi), sizeof(SceneArrays), sizeof(MeshArrays), sizeof(TreeRequest), sizeof(TreeFacts), sizeof(PictureRequest),
                                sizeof(Lighting), sizeof(SimulationSettings), sizeof(StepReport), sizeof(PlusRequest), sizeof(GridRequest),
                                sizeof(FramesView), sizeof(FillRequest), sizeof(LayerRequest), sizeof(FieldRequest), sizeof(Clip), sizeof(BloodVessel), sizeof(BladeSweep), sizeof(TissueArrays), sizeof(std::string)})
         h = h * 1099511628211ull + size;

@@ -33,6 +33,22 @@ public:
         builder_.build(in, request);
     }
 
+    void build_mesh(const MeshArrays& in) override {
+        ++state_;
+        mesh_.build(*exec_, in);
+    }
+    void place_mesh(const Pose& pose) override {
+        if (!mesh_.is_there()) throw Stale("scene: expected a mesh, got none");
+        ++state_;
+        mesh_.place(pose);
+    }
+
+    void intersect_mesh(std::size_t n, const FloatArray& origins, const FloatArray& directions, float* t, float* normal, std::uint32_t* face) override {
+        if (!mesh_.is_there()) throw Stale("scene: expected a mesh, got none");
+        mesh_.intersect(*exec_, n, origins, directions, t, normal, face);
+    }
+
+    float extent() override { return mesh_.is_there() ? mesh_.extent(*exec_) : octree().header().space.extent; }
     TreeFacts facts(bool with_hashes) override {
         TreeFacts f = questions_.facts(octree(), with_hashes);
         f.build_seconds = builder_.build_seconds();
@@ -76,7 +92,7 @@ public:
         const auto* older = before ? &static_cast<const FinishedFrame<Exec>&>(*before).images() : nullptr;
         const std::vector<std::uint64_t> states = states_of(request);
         if (older && older->states != states) throw Refused("refine: expected the scene as it was rendered, but it was updated since: render it again");
-        const bool plain = !older && request.passes == 1 && is_plain(request, traced().attributes());
+        const bool plain = !older && request.passes == 1 && !mesh_.is_there() && is_plain(request, traced().attributes());
         Exec& exec = plain ? builder_.next_lane() : *exec_;
         images.timer.let_follow(exec);  // another frame had this memory
         images.resize({request.camera, nullptr, nullptr, std::size_t(request.camera.width) * request.camera.height});
@@ -122,14 +138,14 @@ public:
 
 private:
     explicit SceneImpl(std::shared_ptr<Exec> exec)
-        : exec_(std::move(exec)), builder_(exec_), cells_(*exec_), near_(*exec_), work_(*exec_), questions_(*exec_), pictures_(exec_),
+        : exec_(std::move(exec)), builder_(exec_), cells_(*exec_), mesh_(*exec_), near_(*exec_), work_(*exec_), questions_(*exec_), pictures_(exec_),
           frames_(std::make_shared<FramePool<Exec>>(exec_)) {}
 
     Octree<Exec>& octree() const {
         if (!builder_.is_whole()) throw Stale("scene: its octree was not finished: update the scene first");
         return builder_.now().octree;
     }
-    Traced<Exec> traced() { return {builder_, cells_, near_, work_}; }
+    Traced<Exec> traced() { return {builder_, cells_, near_, work_, mesh_}; }
 
     /// Refuses what cannot fit before anything is taken.
     void check_room(std::size_t n, const TreeRequest& request) const {
@@ -151,7 +167,7 @@ private:
         for (const LayerRequest& layer : request.layers) {
             SceneImpl& scene = *static_cast<SceneImpl*>(layer.scene);
             if (&scene != this) scene.begin();
-            scene.octree();
+            if (!scene.mesh_.is_there()) scene.octree();
             states.push_back(scene.state_);
         }
         return states;
@@ -162,6 +178,7 @@ private:
         if (from.rays.n != n) throw Refused("refine: expected a frame of the same size");
         from.timer.let_follow(*exec_);
         exec_->copy(to.block.data(), from.block.data(), 7 * n * sizeof(float));
+        exec_->copy(to.layer(), from.layer(), n);
         exec_->copy(to.sums.reserve(6 * n), from.sums.data(), 6 * n * sizeof(float));
         to.n_passes = from.n_passes;
     }
@@ -174,6 +191,7 @@ private:
             SceneImpl& scene = *static_cast<SceneImpl*>(layer.scene);
             layers.push_back({scene.traced(), layer.field, pictures_.bring_clips(k, layer.clips)});
             scene.traced().prepare_cells(*scene.exec_, layer.field);
+            if (scene.mesh_.is_there()) (scene.mesh_.is_closed() ? lighting.closed : lighting.sheets) |= 1u << k;
             if (&scene != this) exec_->follow(*scene.exec_);
         }
         lighting.sky.image = pictures_.bring_sky(request);
@@ -188,6 +206,7 @@ private:
     std::shared_ptr<Exec> exec_;
     Builder<Exec> builder_;
     CellStore<Exec> cells_;
+    MeshStore<Exec> mesh_;
     Buffer<std::uint8_t, Exec> near_;
     Buffer<ThesisWork, Exec> work_;
     Questions<Exec> questions_;

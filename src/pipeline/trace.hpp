@@ -4,6 +4,7 @@
 
 #include "pipeline/build.hpp"
 #include "pipeline/cells.hpp"
+#include "pipeline/mesh.hpp"
 #include "pipeline/thesis.hpp"
 #include "trace/resolve.hpp"
 #include "trace/tile.hpp"
@@ -46,6 +47,7 @@ struct Traced {
     CellStore<Exec>& cells;
     Buffer<std::uint8_t, Exec>& near;      ///< the thesis's tracer keeps its room from frame to frame
     Buffer<ThesisWork, Exec>& work;
+    MeshStore<Exec>& mesh;                 ///< instead of a field, where there is one
 
     Octree<Exec>& octree() const { return builder.now().octree; }
     const Attributes& attributes() const { return builder.now().attributes; }
@@ -83,12 +85,14 @@ struct Traced {
         });
     }
     void prepare_cells(Exec& exec, const FieldRequest& field) const {
+        if (mesh.is_there()) return;
         const typename Exec::Stage stage("cells");
         with_tracer(field, [&](const auto& tracer) { cells.prepare(exec, field, tracer, octree().max_nodes()); });
     }
     /// Distances to the first crossing of rays that light sent on, through the cells.
     void march(Exec& exec, const FieldRequest& field, const Clips& clips, const WaveRays& rays, int layer, LayerHits& found, bool alone) const {
         const typename Exec::Stage stage("march");
+        if (mesh.is_there()) return mesh.march(exec, clips, rays, layer, found);
         if (alone && rays.primary() && clips.n == 0) {  // neighbours: by tiles
             found.sign = nullptr;
             found.cap = nullptr;
@@ -111,15 +115,17 @@ struct Traced {
     /// What is nearest of this layer and those before.
     void keep(Exec& exec, const FieldRequest& field, const Clips& clips, const WaveRays& rays, int layer, const LayerHits& found,
               const WaveHits& hits) const {
+        if (mesh.is_there()) return mesh.keep(exec, clips, rays, layer, found, hits);
         with_tracer(field, [&](const auto& tracer) {
             using Tracer = std::decay_t<decltype(tracer)>;
-            exec.for_each_uneven(rays.source.n_items(), Keep<Tracer>{tracer, clips, attributes(), rays, layer, found, hits});
+            exec.for_each_uneven(rays.source.n_items(), Keep<FieldSurface<Tracer>>{{tracer, attributes()}, clips, rays, layer, found, hits});
         });
     }
     /// Light that this layer lets through to the hits.
     void occlude(Exec& exec, const FieldRequest& field, const Clips& clips, const Lighting& lighting, const WaveRays& rays, const WaveHits& hits,
                  int layer, float* visibility) const {
         const typename Exec::Stage stage("occlude");
+        if (mesh.is_there()) return mesh.occlude(exec, clips, lighting, rays, hits, layer, visibility);
         with_tracer(field, [&](const auto& tracer) {
             using Tracer = std::decay_t<decltype(tracer)>;
             with_clips(clips, [&]<bool clipped>(std::bool_constant<clipped>) {

@@ -14,7 +14,7 @@ class Waves {
 public:
     explicit Waves(std::shared_ptr<Exec> exec)
         : exec_(std::move(exec)), sides_{Side(*exec_), Side(*exec_)}, hits_(*exec_), first_(*exec_), layer_(*exec_), found_(*exec_),
-          cap_(*exec_), sign_(*exec_), visibility_(*exec_), n_children_(*exec_), sum_(*exec_), undecided_(*exec_) {}
+          cap_(*exec_), sign_(*exec_), item_(*exec_), visibility_(*exec_), n_children_(*exec_), sum_(*exec_), undecided_(*exec_) {}
 
     Exec& exec() { return *exec_; }
 
@@ -38,7 +38,7 @@ public:
     void trace(const Lighting& lighting, int n_layers, const March& march, const Keep& keep, const Occlude& occlude) {
         const std::size_t n = rays_.source.n, items = rays_.source.n_items();
         std::uint32_t* undecided = undecided_.reserve(n + 1);
-        const LayerHits found{found_.reserve(n), cap_.reserve(n), sign_.reserve(n), {undecided, undecided + 1}};
+        const LayerHits found{found_.reserve(n), cap_.reserve(n), sign_.reserve(n), item_.reserve(n), {undecided, undecided + 1}};
         for (int layer = 0; layer < n_layers; ++layer) {
             LayerHits of_layer = found;
             march(*exec_, rays_, layer, of_layer);
@@ -96,6 +96,7 @@ private:
     Buffer<float, Exec> found_;
     Buffer<std::int32_t, Exec> cap_;
     Buffer<std::int8_t, Exec> sign_;
+    Buffer<std::uint32_t, Exec> item_;
     Buffer<float, Exec> visibility_;
     Buffer<std::uint32_t, Exec> n_children_;
     Buffer<std::uint64_t, Exec> sum_;

@@ -41,11 +41,25 @@ struct Lighting {
     Sky sky;
     Ground ground;
     Material materials[kMaxLayers];
+    std::uint32_t closed = 0;   ///< bit k: layer k is a mesh with an inside, which displaces the fields there
+    std::uint32_t sheets = 0;   ///< bit k: layer k is a mesh without
     int bounces;              ///< mirrored and transmitted generations
     int edge_samples = 0;  ///< more samples at silhouettes and creases of a plain frame, beside the first
     float cutoff;             ///< smallest weight that is followed
     float exposure;
 
+    /// Of the layers that a ray is inside of, those whose media are there.
+    GB_FN std::uint32_t media(std::uint32_t inside) const { return inside & closed ? inside & closed : inside; }
+    /// What lies at a layer's surface for a ray inside of these layers, and the index of refraction outside of it.
+    GB_FN Border border(std::uint32_t layer, std::uint32_t inside, float& around) const {
+        const std::uint32_t own = 1u << layer, others = media(inside & ~own);
+        around = 1.0f;
+        if (sheets & own) return Border::pane;
+        if (!(closed & own)) return others & closed ? Border::displaced : Border::medium;
+        for (int k = 0; k < kMaxLayers; ++k)
+            if ((others & ~closed) >> k & 1) around *= index_of(materials[k]);
+        return Border::medium;
+    }
     GB_FN bool casts(int k) const { return shadows && lights[k].kind != LightKind::head; }
     GB_FN int n_visibilities() const {
         int n = ambient_rays;

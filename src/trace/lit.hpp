@@ -46,8 +46,9 @@ struct Lit {
     /// What Beer's law leaves of the light on the way to the hit.
     GB_FN static float3 attenuation(const Lighting& lighting, const WaveRays& rays, const WaveHits& hits, std::size_t i) {
         float3 left{1, 1, 1};
+        const std::uint32_t media = lighting.media(rays.inside[i]);
         for (int k = 0; k < kMaxLayers; ++k) {
-            if (rays.inside[i] >> k & 1) left = left * beer(lighting.materials[k], hits.t[i]);
+            if (media >> k & 1) left = left * beer(lighting.materials[k], hits.t[i]);
         }
         return left;
     }

@@ -16,7 +16,15 @@ struct Material {
     float3 color;        ///< x negative: the particles' own
     float3 absorption;   ///< per world unit (Beer); x negative: the colour filters on entry instead
     float specular, shininess;
+
+    /// What Beer's law leaves of white light after a length inside.
+    GB_FN float mean_beer(float length) const {
+        return absorption.x < 0.0f ? 1.0f : expf(-(absorption.x + absorption.y + absorption.z) * (1.0f / 3.0f) * length);
+    }
 };
+
+/// The index of refraction of a medium whose particles' own factors are not known here.
+GB_FN float index_of(const Material& m) { return m.index > 0.0f ? m.index : m.transmission > 0.0f ? 1.0f + m.transmission / 3.0f : 1.0f; }
 
 /// What Beer's law leaves of light after a length inside.
 GB_FN float3 beer(const Material& m, float length) {
@@ -46,18 +54,29 @@ struct Split {
     float matte;
     float eta;
 };
-/// n: normal against d; entering: from outside into the medium.
-GB_FN Split split(const Material& m, const float3& albedo, float reflection, float refraction, float cosine, bool entering) {
+/// What lies at a surface: a medium; a medium that another one displaces there, so that nothing bends or mirrors; a thin pane.
+enum class Border { medium, displaced, pane };
+
+/// entering: from outside into the medium; around: index of refraction of what lies outside of it.
+GB_FN Split split(const Material& m, const float3& albedo, float reflection, float refraction, float cosine, bool entering,
+                  Border border = Border::medium, float around = 1.0f) {
     const float rho = m.reflection >= 0.0f ? m.reflection : reflection;
     const float kappa = m.transmission >= 0.0f ? m.transmission : refraction;
-    const float index = m.index > 0.0f ? m.index : 1.0f + kappa / 3.0f;
+    const bool filters = entering && m.absorption.x < 0.0f;
+    const float3 tint = filters ? albedo : float3{1, 1, 1};
+    if (border == Border::displaced) return {0.0f, tint * kappa, 1.0f - kappa, 1.0f};
+    const float own = m.index > 0.0f ? m.index : 1.0f + kappa / 3.0f;
+    const float index = own != 1.0f || kappa > 0.0f ? own / around : own;
     const float away = 1.0f - cosine;
     float mirror = rho > 0.0f ? rho + (1.0f - rho) * away * away * away * away * away : 0.0f;
-    const float eta = entering ? index : 1.0f / index;
-    if (index != 1.0f) mirror += (1.0f - mirror) * fresnel(cosine, eta);
+    float eta = entering ? index : 1.0f / index;
+    if (index != 1.0f) {
+        const float once = fresnel(cosine, eta);
+        mirror += (1.0f - mirror) * (border == Border::pane ? 2.0f * once / (1.0f + once) : once);  // a pane's two faces
+    }
+    if (border == Border::pane) eta = 1.0f;
     const float rest = 1.0f - mirror;
-    const bool filters = entering && m.absorption.x < 0.0f;
-    return {mirror, (filters ? albedo : float3{1, 1, 1}) * (rest * kappa), rest * (1.0f - kappa), eta};
+    return {mirror, tint * (rest * kappa), rest * (1.0f - kappa), eta};
 }
 
 }  // namespace globule::core

@@ -42,12 +42,22 @@ struct March {
     }
 };
 
-/// The nearest of the layers so far, and what it looks like.
+/// What Keep asks about the surface of a field.
 template <class Tracer>
-struct Keep {
+struct FieldSurface {
     Tracer tracer;
-    Clips clips;
     Attributes attributes;
+    GB_FN Looks looks(const float3& o, const float3& d, float t, const LayerHits&, std::size_t) const {
+        return looks_at(tracer, attributes, o, d, t);
+    }
+    GB_FN static float3 normal(const Looks& looks) { return normalize(looks.gradient) * -1.0f; }
+};
+
+/// The nearest of the layers so far, and what it looks like.
+template <class Surface>
+struct Keep {
+    Surface surface;
+    Clips clips;
     WaveRays rays;
     int layer;
     LayerHits found;
@@ -70,9 +80,9 @@ struct Keep {
         if (!(t < out.t[i])) return;
         float3 o, d;
         rays.source.get(i, o, d);
-        const Looks looks = looks_at(tracer, attributes, o, d, t);
+        const Looks looks = surface.looks(o, d, t, found, i);
         const std::int32_t cap = found.cap ? found.cap[i] : -1;
-        const float3 normal = cap < 0 ? normalize(looks.gradient) * -1.0f : clips.clips[cap].normal(o + d * t);
+        const float3 normal = cap < 0 ? surface.normal(looks) : clips.clips[cap].normal(o + d * t);
         if (rays.primary() && !found.sign && dot(normal, d) > 0.0f) rays.inside[i] |= 1u << layer;
         out.t[i] = t;
         out.layer[i] = std::uint32_t(layer);

@@ -8,6 +8,51 @@ namespace globule::core {
 
 inline constexpr int kMaxCrossings = 64;  ///< of a shadow ray through clear media
 
+/// A ray from a hit to a light, or into the open.
+struct ShadowRay {
+    float3 o, d;
+    float distance;
+    std::uint32_t inside;
+    float* out;   ///< its share of light so far
+
+    /// The k-th of n_visibilities * n_items; false: nothing to find out.  Layer 0 begins the share and tests the ground.
+    GB_FN bool start(std::size_t k, const Lighting& lighting, const WaveRays& rays, const WaveHits& hits, int layer, float* visibility) {
+        const std::size_t n = rays.source.n, items = rays.source.n_items();
+        const std::size_t i = rays.source.swizzled(k % items);
+        if (i >= n) return false;
+        int which = int(k / items);
+        out = visibility + std::size_t(which) * n + i;
+        if (layer == 0) *out = 1.0f;
+        if (hits.layer[i] == kMissed || *out == 0.0f) return false;
+        const Point h = point_of(lighting, rays, hits, i);
+        const std::uint32_t pixel = rays.pixel_of(i), stream = 16 + std::uint32_t(which);
+        if (which < lighting.ambient_rays) {
+            if (h.split.matte * largest(rays.throughput_of(i)) < 0.25f * lighting.cutoff) return false;
+            d = cosine_direction(h.normal, sample(pixel, 8, rays.source.pass * std::uint32_t(lighting.ambient_rays) + which));
+            distance = lighting.ambient_distance;
+        } else {
+            which -= lighting.ambient_rays;
+            int light = 0;
+            for (;; ++light)
+                if (lighting.casts(light) && which-- == 0) break;
+            lighting.towards(light, h.p, sample(pixel, stream, rays.source.pass), d, distance);
+            // From behind, or too little to matter even in full view.
+            const float specular = hits.layer[i] == kGround ? 0.0f : h.material->specular;
+            const float3 full = rays.throughput_of(i) * reflected_light(h.albedo * h.split.matte, specular, h.material->shininess,
+                                                                        h.normal, h.d, d, lighting.lights[light].radiance);
+            if (largest(full) * lighting.exposure < 0.125f * lighting.cutoff) return false;
+        }
+        if (dot(d, h.normal) <= 0.0f) return false;
+        if (layer == 0 && lighting.ground.present && lighting.ground.meet(h.p, d, rays.inside[i]) < distance) {
+            *out = 0.0f;
+            return false;
+        }
+        o = h.p;
+        inside = rays.inside[i];
+        return true;
+    }
+};
+
 /// Shadow and ambient rays through one layer: what part of the light comes through, (n_visibilities, n).
 template <class Tracer, bool clipped>
 struct Occlude {
@@ -26,42 +71,15 @@ struct Occlude {
         float* out;
     };
     GB_FN bool begin(std::size_t k, State& s) const {
-        const std::size_t n = rays.source.n, items = rays.source.n_items();
-        const std::size_t i = rays.source.swizzled(k % items);
-        if (i >= n) return false;
-        int which = int(k / items);
-        s.out = visibility + std::size_t(which) * n + i;
-        if (layer == 0) *s.out = 1.0f;
-        if (hits.layer[i] == kMissed || *s.out == 0.0f) return false;
-        const Point h = point_of(lighting, rays, hits, i);
-        const std::uint32_t pixel = rays.pixel_of(i), stream = 16 + std::uint32_t(which);
-        float3 l;
-        if (which < lighting.ambient_rays) {
-            if (h.split.matte * largest(rays.throughput_of(i)) < 0.25f * lighting.cutoff) return false;
-            l = cosine_direction(h.normal, sample(pixel, 8, rays.source.pass * std::uint32_t(lighting.ambient_rays) + which));
-            s.distance = lighting.ambient_distance;
-        } else {
-            which -= lighting.ambient_rays;
-            int light = 0;
-            for (;; ++light)
-                if (lighting.casts(light) && which-- == 0) break;
-            lighting.towards(light, h.p, sample(pixel, stream, rays.source.pass), l, s.distance);
-            // From behind, or too little to matter even in full view.
-            const float specular = hits.layer[i] == kGround ? 0.0f : h.material->specular;
-            const float3 full = rays.throughput_of(i) * reflected_light(h.albedo * h.split.matte, specular, h.material->shininess,
-                                                                        h.normal, h.d, l, lighting.lights[light].radiance);
-            if (largest(full) * lighting.exposure < 0.125f * lighting.cutoff) return false;
-        }
-        if (dot(l, h.normal) <= 0.0f) return false;
-        if (layer == 0 && lighting.ground.present && lighting.ground.meet(h.p, l, rays.inside[i]) < s.distance) {
-            *s.out = 0.0f;
-            return false;
-        }
+        ShadowRay ray;
+        if (!ray.start(k, lighting, rays, hits, layer, visibility)) return false;
+        s.out = ray.out;
+        s.distance = ray.distance;
         s.left = 1.0f;
         s.crossings = 0;
         s.from = kStart * cut.tracer.tree.header->typical_support;
         s.of.ray.sign = 1.0f;
-        s.way = cut.start(s.of, h.p, l, s.from, s.distance, rays.inside[i] >> layer & 1 ? -1.0f : 1.0f);
+        s.way = cut.start(s.of, ray.o, ray.d, s.from, s.distance, ray.inside >> layer & 1 ? -1.0f : 1.0f);
         return true;
     }
     GB_FN bool advance(State& s, bool active) const {
@@ -81,8 +99,7 @@ struct Occlude {
         const bool ends = s.way == Way::missed || !(t < s.distance);
         if (ends) t = s.distance;
         const Material& m = lighting.materials[layer];
-        if (sign < 0.0f && m.absorption.x >= 0.0f && t < infinity())
-            s.left *= expf(-(m.absorption.x + m.absorption.y + m.absorption.z) * (1.0f / 3.0f) * (t - s.from));
+        if (sign < 0.0f && t < infinity()) s.left *= m.mean_beer(t - s.from);
         if (ends) return false;
         s.left *= m.transmission >= 0.0f       ? m.transmission
                   : attributes.refraction.data ? looks_at(cut.tracer, attributes, o, l, t).refraction

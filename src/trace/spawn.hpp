@@ -22,7 +22,7 @@ struct Spawn {
         if (h.split.mirror > 0.0f)
             send(item, weight * h.split.mirror, mirrored(h.d, facet(h, i, 0)), h, i, rays.inside[i]);
         if (largest(h.split.through) > 0.0f) {
-            const std::uint32_t bit = 1u << hits.layer[i];
+            const std::uint32_t bit = lighting.sheets >> hits.layer[i] & 1 ? 0u : 1u << hits.layer[i];
             send(through, weight * h.split.through, refracted(h.d, facet(h, i, 1), h.split.eta), h, i,
                  h.entering ? rays.inside[i] | bit : rays.inside[i] & ~bit);
         }

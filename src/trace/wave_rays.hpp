@@ -54,7 +54,9 @@ GB_FN Point point_of(const Lighting& lighting, const WaveRays& rays, const WaveH
         h.split = {hits.reflection[i], {0, 0, 0}, 1.0f - hits.reflection[i], 1.0f};
     } else {
         if (h.material->color.x >= 0.0f) h.albedo = h.material->color;
-        h.split = split(*h.material, h.albedo, hits.reflection[i], hits.refraction[i], cosine, h.entering);
+        float around;
+        const Border border = lighting.border(layer, rays.inside[i], around);
+        h.split = split(*h.material, h.albedo, hits.reflection[i], hits.refraction[i], cosine, h.entering, border, around);
     }
     return h;
 }

@@ -12,14 +12,15 @@ import numpy as np
 from .._base.colormaps import categorical
 from ..formats import FormatError
 from ..formats.pictures.environment import read_environment
-from ..render.frame import MAX_LAYERS, Frame, Layer
+from ..render.frame import MAX_LAYERS, Frame, Layer, corners_of
 from ..render.lights import Environment, Ground, Sky, uniform_sky
 from ..render.materials import Material
 from ..render.presets import GROUNDS, PRESETS, ground_height, preset
-from ..render.settings import MAX_SAMPLES, RenderSettings
+from ..render.settings import MAX_SAMPLES, RenderSettings, extent_of
 from ..scene.fluid import surface_of
+from ..scene.mesh import Mesh
 from ..scene.scene import Scene
-from . import flags, look
+from . import flags, look, meshes
 from .arguments import ball, beside, between, box, ground, pixel, share, whole
 from .shared import UserError, check_input, mistakes, positive, read_particles
 
@@ -124,8 +125,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="FILE[:COLOR]",
-        help="particles of a second scene in the same image; material, cuts and support flags do "
-        "not apply to the second scene; may be repeated up to 3 times (default: none)",
+        help="particles or mesh of a second scene in the same image; material, cuts and support "
+        "flags do not apply to the second scene; may be repeated up to 3 times (default: none)",
     )
     group = parser.add_argument_group("cuts; the cut face shows the inside")
     add = group.add_argument
@@ -178,7 +179,8 @@ class Light:
     def __init__(self, options: argparse.Namespace):
         self.options = options
         self._settings: RenderSettings | None = None
-        self._beside: list[Layer] = []
+        self._beside: list[Layer] | None = None
+        self.messages: list[str] = []  # about the meshes
         crops = [crop for crop in (options.crop, options.crop_sphere) if crop]
         self.clips = [*options.clip, *options.clip_box, *options.clip_sphere, *crops]
         self._matter = _matter(options)
@@ -190,10 +192,14 @@ class Light:
         if len(options.beside) >= MAX_LAYERS:
             n = MAX_LAYERS - 1
             raise UserError(f"--with: expected at most {n} files, got {len(options.beside)}")
+        n = len(options.beside) + len(options.meshes)
+        if n >= MAX_LAYERS:
+            raise UserError(f"--mesh: expected at most {MAX_LAYERS - 1} files with --with, got {n}")
         for path, _ in options.beside:
             check_input(path)
+        meshes.check_meshes(options)
 
-    def settings(self, scene: Scene) -> RenderSettings:
+    def settings(self, scene: Scene | Mesh) -> RenderSettings:
         """The preset's settings, changed by the options."""
         if self._settings is None:
             options, own = self.options, dict(self._own)
@@ -213,26 +219,42 @@ class Light:
             self._settings = dataclasses.replace(base, material=material, **own)
         return self._settings
 
-    def _ground(self, base: RenderSettings, scene: Scene) -> Ground | None:
+    def _ground(self, base: RenderSettings, scene: Scene | Mesh) -> Ground | None:
         asked = self.options.ground
         if asked == "none":
             return None
         ground = base.ground or Ground(0.0, self.options.up)
         if asked in GROUNDS:
-            ground = dataclasses.replace(ground, check=GROUNDS[asked] * float(scene.octree.extent))
+            ground = dataclasses.replace(ground, check=GROUNDS[asked] * extent_of(scene))
         given = asked not in GROUNDS and np.isfinite(asked)
         height = asked if given else ground_height(scene, self.options.up)
         return dataclasses.replace(ground, height=height)
 
-    def layers(self, scene: Scene) -> list[Layer]:
-        """The scene with its cuts, and the scenes of --with."""
-        if not self._beside:
-            self._beside = [self._read(i) for i in range(len(self.options.beside))]
+    def layers(self, scene: Scene | Mesh) -> list[Layer]:
+        """The scene with its cuts, and the scenes of --with and --mesh."""
+        if self._beside is None:
+            beside = [self._read(i) for i in range(len(self.options.beside))]
+            particles = scene.particles if isinstance(scene, Scene) else None
+            found, self.messages = meshes.layers(self.options, self.clips, particles)
+            self._beside = [*beside, *found]
         return [Layer(scene, clips=self.clips), *self._beside]
+
+    def around(self, scene: Scene | Mesh, box: Any) -> Any:
+        """Points (M, 3) that the fitted camera shows: those of `box`, or the scene's, and --mesh;
+        None: the scene's alone."""
+        shown = [x.scene for x in self.layers(scene)[1:] if isinstance(x.scene, Mesh)]
+        if not shown:
+            return box
+        if box is None:
+            box = corners_of(scene) if isinstance(scene, Mesh) else scene.particles.bounds()
+            box = np.array(np.meshgrid(*np.transpose(box))).reshape(3, -1).T
+        return np.concatenate([box, *map(corners_of, shown)])
 
     def _read(self, i: int) -> Layer:
         options = self.options
         path, color = options.beside[i]
+        if meshes.is_mesh(path, options):
+            return Layer(meshes.read_mesh(path, options), Material(color=color))
         particles = read_particles(path)
         if particles.color is None and color is None:
             color = categorical(np.array([i + 1]))[0]
@@ -253,9 +275,11 @@ class Light:
         if seen is None:
             return None
         facts = {name: value for name, value in vars(seen).items() if name != "layer"}
+        facts = {name: value for name, value in facts.items() if value is not None}
         if seen.layer:
-            return facts | {"file": self.options.beside[seen.layer - 1][0]}
-        return facts | {"particle": int(kept[seen.particle])}
+            files = [path for path, _ in (*self.options.beside, *self.options.meshes)]
+            return facts | {"file": files[seen.layer - 1]}
+        return facts | ({} if seen.particle is None else {"particle": int(kept[seen.particle])})
 
 
 def say_picked(options: argparse.Namespace, seen: dict[str, Any] | None) -> str:
@@ -267,7 +291,7 @@ def say_picked(options: argparse.Namespace, seen: dict[str, Any] | None) -> str:
         f"position {_text(seen['position'])}",
         f"distance {seen['distance']:.6g}",
         f"normal {_text(seen['normal'])}",
-        f"particle {seen['particle']:,}",
+        f"particle {seen['particle']:,}" if "particle" in seen else f"triangle {seen['face']:,}",
     ]
     words += [f"{name} {_text(value)}" for name, value in seen["attributes"].items()]
     return f"{where}: {', '.join(words)}" + (f" of {seen['file']}" if "file" in seen else "")

@@ -39,15 +39,17 @@ from typing import Any
 
 import numpy as np
 
+from .._base.device import choose
 from ..formats.kind import kind_of
 from ..render.camera import Camera, view_axes
 from ..render.frame import Frame, fit_camera, render, save_png
 from ..render.legend import LEAST_SIDE, add_legend
 from ..scene.fluid import surface_of
+from ..scene.mesh import Mesh
 from ..scene.particles import Particles
 from ..scene.scene import Scene
 from ..scene.thesis import Thesis
-from . import flags, light, look, sequence, state, tracing
+from . import flags, light, look, meshes, sequence, state, tracing
 from .parser import Parser
 from .shared import (
     Progress,
@@ -176,6 +178,7 @@ def add_arguments(parser: Parser) -> None:
         "(default: 0.93,0.94,0.96, or the preset's)",
     )
     light.add_arguments(parser)
+    meshes.add_arguments(parser)
     flags.add_reading(parser)
     sequence.add_arguments(parser)
     flags.add_device(parser.add_argument_group("machine"))
@@ -217,7 +220,7 @@ def run(options: argparse.Namespace) -> None:
     for report in reports:
         times, counts = report["times"], report["counts"]
         print(
-            f"{report['images'][0]}: {count(counts['particles'])}, "
+            f"{report['images'][0]}: {_content(counts)}, "
             f"built in {1e3 * times['build']:.1f} ms, traced in {1e3 * times['trace']:.1f} ms, "
             f"{times['total']:.2f} s in all on {report['device']}"
         )
@@ -233,6 +236,9 @@ def outputs(
     for path in options.particles:
         if is_surface(path, options):
             check_surface(path, options)
+        elif meshes.is_mesh(path, options):
+            check_input(path, list(reading(options)))
+            meshes.check_mesh(path, options)
         else:
             check_input(path, list(reading(options)))
     images = images or _names("-o", options.output, options.particles, ".png")
@@ -268,12 +274,12 @@ def _names(option: str, pattern: str, inputs: list[str], extension: str) -> list
     return names
 
 
-def camera(options: argparse.Namespace, scene: Scene | None, around: Any = None) -> Camera:
+def camera(options: argparse.Namespace, scene: Scene | Mesh | None, around: Any = None) -> Camera:
     """The camera that the options ask for; without a scene, only the options are checked.
 
     around: (M, 3) points to show, world units; default: the scene's particles.
     """
-    nothing = scene is None or scene.octree.n_inside == 0
+    nothing = scene is None or (isinstance(scene, Scene) and scene.octree.n_inside == 0)
     fov = options.fov or FOV
     if not options.eye:
         base = DEFAULT_VIEW
@@ -292,7 +298,8 @@ def camera(options: argparse.Namespace, scene: Scene | None, around: Any = None)
     if not middle:
         middle = np.zeros(3)
         if scene is not None and not nothing:
-            middle = np.mean(scene.particles.bounds() if around is None else around, axis=0)
+            box = scene.particles if isinstance(scene, Scene) else scene
+            middle = np.mean(box.bounds() if around is None else around, axis=0)
         if scene is None or np.array_equal(middle, options.eye):
             middle = np.add(options.eye, (0, 0, -1))
     return Camera(options.eye, middle, options.up, fov, options.ortho)
@@ -321,6 +328,8 @@ def _picture(
     particles, messages = series.read()
     messages = list(messages)
     read_seconds = time.perf_counter() - start
+    if isinstance(particles, Mesh):
+        return _mesh_picture(options, lit, progress, series, i, path, particles, image, aov, start)
     finite = np.isfinite(particles.positions).all(axis=1)
     n, n_lost = len(particles), int((~finite).sum())
     if n == 0:
@@ -337,23 +346,13 @@ def _picture(
         if options.anisotropic:
             particles, support = look.stretched(options, particles), None
         scene = series.scene(particles, functools.partial(_scene, options, support, depth))
-        view = series.camera(i, scene, lambda scene, box: camera(options, scene, box))
+        view = series.camera(
+            i, scene, lambda scene, box: camera(options, scene, lit.around(scene, box))
+        )
     if series.finished(image, aov):
         return None
-    progress.step(f"tracing {path}")
-    with mistakes():
-        settings = lit.settings(scene)
-        frame = render(
-            lit.layers(scene),
-            view,
-            options.size,
-            dataclasses.replace(settings, samples=1),
-            thesis=thesis,
-        )
-        trace_seconds = frame.trace_seconds
-        for k in range(2, settings.samples + 1):  # one by one, for progress and Ctrl-C
-            progress.show(f"tracing {path}: sample {k} of {settings.samples}")
-            trace_seconds += frame.refine().trace_seconds
+    frame, trace_seconds = _traced(options, lit, progress, path, scene, view, thesis)
+    messages += lit.messages
     if thesis:
         why = tracing.why_cut(scene), tracing.why_dust(options, particles, scene)
         messages += [message for message in why if message]
@@ -379,7 +378,7 @@ def _picture(
         "device": scene.device.description,
         "size": options.size,
         "root": options.root,
-        "samples": settings.samples,
+        "samples": frame.samples,
         "kernel": scene.kernel,
         "threshold": scene.threshold,
         "surface": scene.surface,
@@ -407,6 +406,92 @@ def _picture(
         report["picked"] = lit.picked(frame, np.flatnonzero(finite))
     if options.json:
         report["hashes"] = {"key_hash": tree.key_hash, "node_hash": tree.node_hash}
+    return report
+
+
+def _traced(
+    options: argparse.Namespace,
+    lit: light.Light,
+    progress: Progress,
+    path: str,
+    scene: Scene | Mesh,
+    view: Camera,
+    thesis: Thesis | None,
+) -> tuple[Frame, float]:
+    """The frame of a scene with all that the options put beside it, and the device's seconds."""
+    progress.step(f"tracing {path}")
+    with mistakes():
+        settings = lit.settings(scene)
+        frame = render(
+            lit.layers(scene),
+            view,
+            options.size,
+            dataclasses.replace(settings, samples=1),
+            thesis=thesis,
+        )
+        seconds = frame.trace_seconds
+        for k in range(2, settings.samples + 1):  # one by one, for progress and Ctrl-C
+            progress.show(f"tracing {path}: sample {k} of {settings.samples}")
+            seconds += frame.refine().trace_seconds
+    return frame, seconds
+
+
+def _mesh_picture(
+    options: argparse.Namespace,
+    lit: light.Light,
+    progress: Progress,
+    series: sequence.Series,
+    i: int,
+    path: str,
+    mesh: Mesh,
+    image: str,
+    aov: str | None,
+    start: float,
+) -> dict[str, Any] | None:
+    """Make the image of a file with faces, and return its report; None if it is there already."""
+    read_seconds = time.perf_counter() - start
+    with mistakes():
+        view = series.camera(
+            i, mesh, lambda scene, box: camera(options, scene, lit.around(scene, box))
+        )
+    if series.finished(image, aov):
+        return None
+    progress.step(f"building {path}")
+    device, built = choose(options.device), time.perf_counter()
+    mesh.build(device)
+    build_seconds = time.perf_counter() - built
+    frame, trace_seconds = _traced(options, lit, progress, path, mesh, view, None)
+    hits = int(frame.mask.sum())
+    messages = list(lit.messages)
+    if not hits:
+        messages.append("no pixel hits the mesh: the camera looks past it, try --fit")
+    progress.step(f"writing {image}")
+    written = time.perf_counter()
+    with mistakes():
+        series.prepare()
+        _save(frame, image, aov, None)
+    end = time.perf_counter()
+    series.warn(messages, progress)
+    report = {
+        "input": path,
+        "images": [image],
+        "aov": aov,
+        "device": device.description,
+        "size": options.size,
+        "samples": frame.samples,
+        "closed": mesh.closed,
+        "times": {
+            "read": read_seconds,
+            "build": build_seconds,
+            "trace": trace_seconds,
+            "write": end - written,
+            "total": end - start,
+        },
+        "counts": {"triangles": len(mesh), "hits": hits},
+        "warnings": messages,
+    }
+    if options.pick:
+        report["picked"] = lit.picked(frame, np.empty(0, np.int64))
     return report
 
 
@@ -445,18 +530,25 @@ def _one_number(support: Any) -> Any:
     return [float(support.min()), float(support.max())] if len(support) else None
 
 
+def _content(counts: dict[str, int]) -> str:
+    """ "1,000 particles" or "1,280 triangles"."""
+    noun = "triangle" if "triangles" in counts else "particle"
+    return count(counts[f"{noun}s"], noun)
+
+
 def _together(reports: list[dict[str, Any]]) -> dict[str, Any]:
     """The reports of several images as one: common facts, sums, and each report."""
     times = {key: sum(report["times"][key] for report in reports) for key in reports[0]["times"]}
-    counts = {key: sum(report["counts"][key] for report in reports) for key in reports[0]["counts"]}
+    known = dict.fromkeys(key for report in reports for key in report["counts"])
+    counts = {key: sum(report["counts"].get(key, 0) for report in reports) for key in known}
     return {
         "images": [report["images"][0] for report in reports],
         "device": reports[0]["device"],
         "size": reports[0]["size"],
-        "kernel": reports[0]["kernel"],
-        "threshold": reports[0]["threshold"],
+        "kernel": reports[0].get("kernel"),
+        "threshold": reports[0].get("threshold"),
         "times": times,
-        "memory": {"octree": max(report["memory"]["octree"] for report in reports)},
+        "memory": {"octree": max(r.get("memory", {"octree": 0})["octree"] for r in reports)},
         "counts": counts,
         "frames": reports,
     }

@@ -14,9 +14,11 @@ from ..formats.pictures.video import need_av
 from ..render.camera import Camera
 from ..render.camera_path import CameraPath
 from ..render.sequence import KeptScene, MovieFrames, find_files, is_whole, read_ahead
+from ..scene.mesh import Mesh
 from ..scene.particles import Particles
 from ..scene.scene import Scene
 from . import flags, look
+from .meshes import is_mesh, read_mesh
 from .shared import (
     Progress,
     UserError,
@@ -59,7 +61,7 @@ class Series:
         self._camera: Camera | None = None
         self._box: np.ndarray | None = None
         self._shown: set[str] = set()
-        self._ahead: Iterator[tuple[Particles, list[str]]] = iter(())
+        self._ahead: Iterator[tuple[Particles | Mesh, list[str]]] = iter(())
         with mistakes():
             files = find_files(options.particles)
             if options.camera_path:
@@ -100,11 +102,11 @@ class Series:
             progress.show(f"looking at {path}")
             if particles is None:
                 continue
-            if len(particles.finite_positions()):
+            if isinstance(particles, Mesh) or len(particles.finite_positions()):
                 lo, hi = particles.bounds()
                 lows.append(lo)
                 highs.append(hi)
-            if span:
+            if span and not isinstance(particles, Mesh):
                 try:
                     known = look.values_of(path, particles, options.color_by)
                 except UserError:
@@ -136,8 +138,8 @@ class Series:
         for i in todo:
             yield i, files[i], images[i], arrays[i]
 
-    def read(self) -> tuple[Particles, list[str]]:
-        """The particles of the current image, and messages about them."""
+    def read(self) -> tuple[Particles | Mesh, list[str]]:
+        """The particles or the mesh of the current image, and messages about them."""
         return next(self._ahead)
 
     def finished(self, image: str, aov: str | None) -> bool:
@@ -150,7 +152,7 @@ class Series:
         """The scene of all images, with the particles of this image."""
         return self._kept.show(particles, make)
 
-    def camera(self, i: int, scene: Scene, find: Callable[[Scene, Any], Camera]) -> Camera:
+    def camera(self, i: int, scene: Any, find: Callable[[Any, Any], Camera]) -> Camera:
         """The camera of image i: the path's, or the first that `find` found."""
         if self.path:
             return self.path(i)
@@ -221,13 +223,15 @@ def _camera_path(options: argparse.Namespace) -> CameraPath:
         raise UserError(f"--camera-path: {options.camera_path}: {error.strerror}") from error
 
 
-def _read(path: str, options: argparse.Namespace) -> tuple[Particles, list[str]]:
+def _read(path: str, options: argparse.Namespace) -> tuple[Particles | Mesh, list[str]]:
+    if is_mesh(path, options):
+        return read_mesh(path, options), []
     if is_surface(path, options):
         return read_surface(path, options)
     return read_particles(path, len(set(options.particles)) > 1, **reading(options)), []
 
 
-def _try_to_read(path: str, options: argparse.Namespace) -> Particles | None:
+def _try_to_read(path: str, options: argparse.Namespace) -> Particles | Mesh | None:
     try:
         return _read(path, options)[0]
     except UserError:

@@ -51,6 +51,34 @@ def mesh_particles(mesh: Any, spacing: float | None = None) -> Particles:
     """
     if spacing is not None:
         spacing = positive("spacing", spacing)
+    found = _parts(mesh)
+    if isinstance(found, Particles):
+        return found
+    corners, colors = found
+    if spacing is not None:
+        return sampled_particles(corners, spacing, colors)
+    vertices = Particles(corners.reshape(-1, 3), color=_at_corners(corners, colors))
+    return vertex_particles(vertices, np.arange(len(vertices)).reshape(-1, 3))
+
+
+def read_triangles(path: str | os.PathLike[str]) -> tuple[Particles, np.ndarray]:
+    """The corners of a file's triangles as vertices, three a triangle, with colors, and the
+    triangles (F, 3); no triangles where the file has none."""
+    found = _parts(path)
+    if isinstance(found, Particles):
+        return found, np.empty((0, 3), np.int64)
+    corners, colors = found
+    vertices = Particles(corners.reshape(-1, 3), color=_at_corners(corners, colors))
+    return vertices, np.arange(len(vertices)).reshape(-1, 3)
+
+
+def _at_corners(corners: np.ndarray, colors: _Colors) -> np.ndarray | None:
+    """Colors (3 F, 3) at the corners of triangles."""
+    return colors(np.repeat(np.arange(len(corners)), 3), np.tile(np.eye(3), (len(corners), 1)))
+
+
+def _parts(mesh: Any) -> Particles | tuple[np.ndarray, _Colors]:
+    """Corners (F, 3, 3) of a mesh's triangles and their colors; points where it has none."""
     trimesh = _trimesh()
     name, linear = "mesh", False
     if isinstance(mesh, (str, os.PathLike)):
@@ -69,12 +97,7 @@ def mesh_particles(mesh: Any, spacing: float | None = None) -> Particles:
         corners = np.concatenate([part.vertices[part.faces] for part in meshes])
         if corners.shape[1:] != (3, 3):
             raise bad(name, "", "expected vertices of three numbers, got others")
-        colors = _Colors(name, meshes, linear)
-    if spacing is not None:
-        return sampled_particles(corners, spacing, colors)
-    color = colors(np.repeat(np.arange(len(corners)), 3), np.tile(np.eye(3), (len(corners), 1)))
-    vertices = Particles(corners.reshape(-1, 3), color=color)
-    return vertex_particles(vertices, np.arange(len(vertices)).reshape(-1, 3))
+        return corners, _Colors(name, meshes, linear)
 
 
 class _Colors:

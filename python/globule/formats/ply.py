@@ -62,6 +62,13 @@ def read(path: str | os.PathLike[str], spacing: float | None = None) -> Particle
     """
     if spacing is not None:
         return mesh_particles(path, spacing)
+    particles, faces = read_triangles(path)
+    return vertex_particles(particles, faces) if len(faces) else particles
+
+
+def read_triangles(path: str | os.PathLike[str]) -> tuple[Particles, np.ndarray]:
+    """Read the vertices with all their scalar properties, and the faces as triangles (F, 3). Where
+    there are faces, 8-bit colors are taken as sRGB."""
     data = Path(path).read_bytes()
     elements, order, position = _header(path, data)
     faces_of = next((e for e in elements if e.name == "face" and e.count and e.has_lists), None)
@@ -85,13 +92,13 @@ def read(path: str | os.PathLike[str], spacing: float | None = None) -> Particle
     bytes_of_color = "color" in arrays and arrays["color"].dtype == np.uint8
     particles = particles_from(path, positions, arrays)
     if faces is None or not len(faces):
-        return particles
+        return particles, np.empty((0, 3), np.int64)
     if not 0 <= faces.min() <= faces.max() < len(particles):
         got = f"{faces.min()} to {faces.max()}"
         raise bad(path, "element face", f"expected indices below {len(particles)}, got {got}")
     if bytes_of_color and particles.color is not None:
         particles.color = to_linear(particles.color).astype(np.float32)
-    return vertex_particles(particles, faces)
+    return particles, faces
 
 
 def write(path: str | os.PathLike[str], particles: Particles) -> None:

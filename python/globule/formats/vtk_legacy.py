@@ -19,6 +19,7 @@ from ..scene.particles import Particles
 from .asciinum import end_of_tokens, parse_numbers
 from .errors import bad, shown
 from .fields import particles_from, per_particle
+from .polygons import fans
 
 # vtkIdType is written as 32 bits and long as 64 in binary files.
 _TYPES = {
@@ -59,6 +60,15 @@ _ONE_COMPONENT = ("GLOBAL_IDS", "PEDIGREE_IDS", "EDGE_FLAGS")
 def read(path: str | os.PathLike[str]) -> Particles:
     """Read the points and point data of a legacy VTK file."""
     return _Reader(path, Path(path).read_bytes()).read()
+
+
+def read_triangles(path: str | os.PathLike[str]) -> tuple[Particles, np.ndarray]:
+    """Read the points with their data, and the polygons and strips of POLYDATA as triangles
+    (F, 3)."""
+    reader = _Reader(path, Path(path).read_bytes())
+    reader.faces = []
+    particles = reader.read()
+    return particles, np.concatenate([np.empty((0, 3), np.int64), *reader.faces])
 
 
 def write(path: str | os.PathLike[str], particles: Particles) -> None:
@@ -111,6 +121,7 @@ class _Reader:
         self.version = 0
         self.points: np.ndarray | None = None
         self.arrays: dict[str, np.ndarray] = {}
+        self.faces: list[np.ndarray] | None = None  # (F, 3) each; None: not wanted
 
     def read(self) -> Particles:
         self.header()
@@ -247,15 +258,51 @@ class _Reader:
 
     def skip_cells(self, words: list[bytes]) -> None:
         n, size = self.count(words, 1), self.count(words, 2)
+        keyword = words[0].upper()
+        wanted = self.faces is not None and keyword in (b"POLYGONS", b"TRIANGLE_STRIPS")
         if self.version < 5:
-            self.skip(size, "int")
-            return
-        # From 5.0 on: n offsets (one more than there are cells), then the connectivity.
-        for keyword, length in ((b"OFFSETS", n), (b"CONNECTIVITY", size)):
-            line = self.words() or [b"the end of the file"]
-            if line[0].upper() != keyword:
-                self.fail(f"expected {keyword.decode()}, got {shown(line[0])}")
-            self.skip(length, self.type_of(line, 1))
+            if not wanted:
+                self.skip(size, "int")
+                return
+            connectivity, offsets = self.old_cells(n, self.numbers(size, "int"))
+        else:
+            # From 5.0 on: n offsets (one more than there are cells), then the connectivity.
+            parts = []
+            for name, length in ((b"OFFSETS", n), (b"CONNECTIVITY", size)):
+                line = self.words() or [b"the end of the file"]
+                if line[0].upper() != name:
+                    self.fail(f"expected {name.decode()}, got {shown(line[0])}")
+                kind = self.type_of(line, 1)
+                if wanted:
+                    parts.append(self.numbers(length, kind).astype(np.int64))
+                else:
+                    self.skip(length, kind)
+            if not wanted:
+                return
+            offsets, connectivity = parts
+        if wanted and self.faces is not None and len(offsets):
+            found = fans(connectivity, offsets, keyword == b"TRIANGLE_STRIPS")
+            if found is None:
+                self.fail("expected offsets from 0 up to the length of the connectivity")
+            self.faces.append(found)
+
+    def old_cells(self, n: int, numbers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Connectivity and n + 1 offsets of cells that are each written behind its length."""
+        lengths, at = np.zeros(n, np.int64), 0
+        k = int(numbers[0]) if n and len(numbers) else 0
+        if k > 0 and len(numbers) == n * (k + 1) and (numbers[:: k + 1] == k).all():
+            lengths[:] = k
+        else:
+            for i in range(n):
+                lengths[i] = numbers[at] if at < len(numbers) else -1
+                at += 1 + int(lengths[i])
+                if lengths[i] < 0:
+                    break
+            if at != len(numbers):
+                self.fail(f"expected {n} cells in {len(numbers)} numbers, got another number")
+        offsets = np.concatenate([[0], np.cumsum(lengths)])
+        heads = offsets[:-1] + np.arange(n)
+        return np.delete(numbers, heads).astype(np.int64), offsets
 
     def skip_metadata(self) -> None:
         """A block of text lines up to a blank one."""

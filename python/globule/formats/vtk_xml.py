@@ -20,6 +20,7 @@ from ..scene.particles import Particles
 from .asciinum import parse_numbers
 from .errors import FormatError, bad, shown
 from .fields import particles_from, per_particle
+from .polygons import fans
 from .xml import parse_xml
 
 TYPES = {
@@ -151,6 +152,28 @@ class VtkXml:
                 arrays[key] = np.concatenate([piece[key] for piece in filled])
         positions = arrays.pop(("", 3))
         return particles_from(self.path, positions, {name: a for (name, _), a in arrays.items()})
+
+    def triangles(self) -> np.ndarray:
+        """Triangles (F, 3) of the polygons and strips of PolyData, all pieces together."""
+        found, first = [np.empty((0, 3), np.int64)], 0
+        for piece in self.root.iterfind("PolyData/Piece"):
+            n_points = self.count(piece, "NumberOfPoints")
+            for name in ("Polys", "Strips"):
+                n = self.count(piece, f"NumberOf{name}", "0")
+                arrays = {a.get("Name"): a for a in piece.iterfind(f"{name}/DataArray")}
+                if not n:
+                    continue
+                if not {"connectivity", "offsets"} <= arrays.keys():
+                    raise self.bad(name, "expected the arrays connectivity and offsets")
+                ends = self.array(arrays["offsets"], n).astype(np.int64)
+                offsets = np.concatenate([[0], ends])
+                corners = self.array(arrays["connectivity"], max(int(ends[-1]), 0))
+                faces = fans(corners.astype(np.int64), offsets, name == "Strips")
+                if faces is None:
+                    raise self.bad(name, "expected offsets that grow")
+                found.append(faces + first)
+            first += n_points
+        return np.concatenate(found)
 
     def piece(self, element: Any) -> dict[tuple[str, int], np.ndarray]:
         """Arrays by name and number of components; the points have the name ""."""

@@ -13,10 +13,12 @@ import numpy as np
 
 from .._base.arrays import on_gpu, to_host
 from .._base.checks import image_size, shown, whole
+from .._base.device import Device
 from .._base.files import atomic_write
 from .._base.old_names import old_attribute, renamed
 from ..scene import attributes
 from ..scene.fluid import surface_of
+from ..scene.mesh import Mesh
 from ..scene.particles import Particles
 from ..scene.scene import Scene
 from ..scene.sources import as_particles
@@ -48,16 +50,19 @@ class Layer:
     """One of several scenes in an image, with its own material and clips.
 
     A ray may be inside several layers at once: vessels in translucent tissue, each its own scene.
+    Where a solid mesh and a fluid overlap, the mesh counts: water whose particles reach into the
+    glass of a tank touches the glass without a gap.
 
     Args:
-        scene: a `Scene`, or an argument of `Scene`: `Particles`, positions or a file's name.
+        scene: a `Scene` or a `Mesh`; or an argument of `Scene`: `Particles`, positions or a file's
+            name.
         material: default: the material of the settings.
         clips: cuts through this layer alone.
 
     Raises TypeError and ValueError naming the field, the expected and the given value.
     """
 
-    scene: Scene
+    scene: Any  # a Scene or a Mesh
     material: Material | None = None
     clips: Sequence[ClipPlane | ClipBox | ClipSphere] = ()
 
@@ -76,16 +81,18 @@ class Picked:
     normal      (3,) float32, unit length
     distance    along the ray, world units
     layer       number of the layer, from 0
-    particle    index of the particle with the most influence there
+    particle    index of the particle with the most influence there; None on a mesh
     attributes  that particle's attributes
+    face        index of the triangle there; None on particles
     """
 
     position: np.ndarray
     normal: np.ndarray
     distance: float
     layer: int
-    particle: int
+    particle: int | None
     attributes: dict[str, Any]
+    face: int | None = None
 
     depth = old_attribute("depth", "distance")
 
@@ -111,7 +118,7 @@ class Frame:
         layers = "" if n == 1 else f", {n} layers"
         samples = "1 sample" if self.samples == 1 else f"{self.samples} samples"
         width, height = self.size
-        return f"Frame({width} x {height}, {samples} a pixel{layers}, {self._scene.device.name})"
+        return f"Frame({width} x {height}, {samples} a pixel{layers}, {self._device.name})"
 
     def _repr_png_(self) -> bytes:
         """The image as PNG, for notebooks."""
@@ -120,8 +127,8 @@ class Frame:
         return file.getvalue()
 
     @property
-    def _scene(self) -> Scene:
-        return self._layers[0].scene
+    def _device(self) -> Device:
+        return _device_of(self._layers)
 
     @property
     def samples(self) -> int:
@@ -162,6 +169,11 @@ class Frame:
         if not np.isfinite(position).all() or layer >= len(self._layers):
             return None
         scene = self._layers[layer].scene
+        distance = float(self.distance[row, column])
+        if isinstance(scene, Mesh):
+            back = position + np.float32(1e-3 * distance) * normal
+            face = scene.intersect(back[None], -normal[None]).face
+            return Picked(position, normal, distance, layer, None, {}, int(face[0]))
         particles = scene.particles
         reach = float(np.max(to_host(scene.support), initial=0.0))
         _, near = scene.neighbors(position[None], reach)
@@ -175,7 +187,6 @@ class Frame:
             away = np.einsum("nij,nj->ni", particles.anisotropy[near], away)
         particle = int(near[np.argmin(np.linalg.norm(away, axis=1))])
         attributes = {n: to_host(a)[particle] for n, a in particles.attributes.items()}
-        distance = float(self.distance[row, column])
         return Picked(position, normal, distance, layer, particle, attributes)
 
     def _take(self, name: str) -> np.ndarray:
@@ -233,7 +244,7 @@ class Frame:
         return self._frame.trace_seconds()
 
     def attribute(self, values: ArrayLike) -> np.ndarray:
-        """Values of the first scene's particles, blended at each pixel that shows that scene.
+        """Values of the first particles' scene, blended at each pixel that shows that scene.
 
         Args:
             values: (N,) or (N, K) numbers, one row a particle.
@@ -241,9 +252,12 @@ class Frame:
         Returns:
             (H, W) or (H, W, K) float32; NaN elsewhere.
         """
-        points = self.position.reshape(-1, 3)
-        hit = np.isfinite(points[:, 0]) & (self._layer.reshape(-1) == 0)
-        blended = self._scene.blend(points[hit], values)
+        scenes = [(k, x.scene) for k, x in enumerate(self._layers) if isinstance(x.scene, Scene)]
+        if not scenes:
+            raise ValueError("attribute: expected a layer of particles, got meshes alone")
+        (first, scene), points = scenes[0], self.position.reshape(-1, 3)
+        hit = np.isfinite(points[:, 0]) & (self._layer.reshape(-1) == first)
+        blended = scene.blend(points[hit], values)
         out = np.full((len(points),) + blended.shape[1:], np.nan, np.float32)
         out[hit] = blended
         return out.reshape((self.size[1], self.size[0]) + blended.shape[1:])
@@ -307,8 +321,9 @@ def render(
         render(particles, (640, 480), settings={"shadows": True}, color_by="speed")
 
     Args:
-        scene: a `Scene`; an argument of `Scene`, i.e. `Particles`, (N, 3) positions or a file's
-            name; a simulation; or a list of up to 4 of these or of `Layer`s for one image.
+        scene: a `Scene`; a `Mesh`; an argument of `Scene`, i.e. `Particles`, (N, 3) positions or a
+            file's name (a file with faces is drawn as its triangles); a simulation; or a list of up
+            to 4 of these or of `Layer`s for one image.
         camera: default: `Camera.fit` of the first scene. A size may replace the camera.
         size: (width, height) pixels.
         settings: `RenderSettings`, or a dict of its fields.
@@ -339,21 +354,34 @@ def render(
     if camera is None:
         camera = fit_camera(first, size)
     view, look = camera._view(size), settings._look(first)
+    device = _device_of(layers)
     kinds = [
         ((layer.material or settings.material)._packed, [c._packed for c in layer.clips])
         for layer in layers
     ]
     for layer in layers:
-        check_tracing(layer.scene, thesis)
+        if isinstance(layer.scene, Scene):
+            check_tracing(layer.scene, thesis)
+        elif thesis is not None:
+            raise ValueError(
+                "thesis: expected particles alone with the thesis's tracing, got a mesh"
+            )
     way = None if thesis is None else thesis._packed
-    thresholds = [layer.scene.threshold for layer in layers]
+
+    def surfaces() -> list[tuple[int, float]]:
+        """Kernel and threshold of each layer."""
+        scenes = (layer.scene for layer in layers)
+        return [(s._kernel, s.threshold) if isinstance(s, Scene) else (0, 1.0) for s in scenes]
+
+    rendered = surfaces()
 
     def trace(passes: int, before: Any) -> Any:
-        if before and thresholds != [layer.scene.threshold for layer in layers]:
+        if before and rendered != surfaces():
             raise ValueError("refine: expected the scene as it was rendered, got another threshold")
+        scenes = [_core_scene(layer.scene, device) for layer in layers]
         packed = [
-            (layer.scene._scene, layer.scene._kernel, layer.scene.threshold, *kind)
-            for layer, kind in zip(layers, kinds, strict=True)
+            (scene, *surface, *kind)
+            for scene, surface, kind in zip(scenes, surfaces(), kinds, strict=True)
         ]
         return packed[0][0].render(packed, view, look, way, passes, before)
 
@@ -367,8 +395,16 @@ def render(
     return frame
 
 
-def as_scene(value: Any) -> Scene:
-    """The scene that `value` stands for: a `Scene`, an object with one, or what `Scene` takes."""
+def as_scene(value: Any) -> Scene | Mesh:
+    """The scene that `value` stands for: a `Scene` or `Mesh`, an object with a scene, what `Scene`
+    takes, or the name of a file with faces."""
+    if isinstance(value, Mesh):
+        return value
+    if isinstance(value, (str, os.PathLike)):
+        from ..formats.triangles import has_faces  # formats are loaded when they are needed
+
+        if has_faces(value):
+            return Mesh(value)
     own = _own_scene(value)
     return _shown(as_particles("scene", value)) if own is None else own
 
@@ -376,6 +412,16 @@ def as_scene(value: Any) -> Scene:
 def _shown(particles: Particles) -> Scene:
     """The scene of particles of which nothing more is said."""
     return Scene(particles, surface=surface_of(particles))
+
+
+def _core_scene(scene: Scene | Mesh, device: Device) -> Any:
+    return scene.build(device) if isinstance(scene, Mesh) else scene._scene
+
+
+def _device_of(layers: Sequence[Layer]) -> Device:
+    """The device of the particles; of meshes alone, that of the first one."""
+    scenes = [x.scene for x in layers]
+    return next((s for s in scenes if isinstance(s, Scene)), scenes[0]).device
 
 
 def camera_and_size(camera: Any, size: Any) -> tuple[Camera | None, tuple[int, int]]:
@@ -418,22 +464,27 @@ def _layers(scene: Any, clips: Any, material: Material, color: tuple) -> tuple[L
         own = item if isinstance(item, Layer) else Layer(_colored(item, color))
         if own is item and color[0] is not None:
             _colored(own.scene, color)
-        if layers and own.scene.device != layers[0].scene.device:
-            raise ValueError(
-                f"scene: expected all layers on {layers[0].scene.device.name}, "
-                f"got {own.scene.device.name}"
-            )
+        if isinstance(own.scene, Scene) and own.scene.device != _device_of(layers or [own]):
+            scenes = [x.scene for x in layers if isinstance(x.scene, Scene)]
+            if scenes:
+                raise ValueError(
+                    f"scene: expected all layers on {scenes[0].device.name}, "
+                    f"got {own.scene.device.name}"
+                )
         layers.append(Layer(own.scene, own.material or material, (*own.clips, *everywhere)))
     return tuple(layers)
 
 
+_ONE = (str, os.PathLike, Layer, Scene, Mesh, Particles)
+
+
 def _several(scene: Any) -> tuple:
     """The scenes of a list of them, or the one scene."""
-    single = isinstance(scene, (str, os.PathLike, Layer, Scene, Particles, Mapping, np.ndarray))
+    single = isinstance(scene, (*_ONE, Mapping, np.ndarray))
     if single or on_gpu(scene) or hasattr(scene, "particles") or not hasattr(scene, "__iter__"):
         return (scene,)
     given = tuple(scene)
-    named = given and isinstance(given[0], (str, os.PathLike, Layer, Scene, Particles))
+    named = given and isinstance(given[0], _ONE)
     positions = given and not named and hasattr(given[0], "__len__")
     return (given,) if positions else given
 
@@ -443,10 +494,12 @@ def _own_scene(item: Any) -> Scene | None:
     return own if isinstance(own, Scene) else None
 
 
-def _colored(item: Any, color: tuple) -> Scene:
+def _colored(item: Any, color: tuple) -> Scene | Mesh:
     """The scene of an item, colored by (name, colormap, range) where a name is given."""
     if color[0] is None:
         return as_scene(item)
+    if isinstance(item, Mesh):
+        raise ValueError("color_by: expected particles, got a mesh")
     own = _own_scene(item)
     particles = attributes.color_by(as_particles("scene", own or item), *color)
     if own is None:
@@ -466,9 +519,17 @@ def _clips(clips: Any) -> tuple[ClipPlane | ClipBox | ClipSphere, ...]:
 
 
 def fit_camera(
-    scene: Scene, size: tuple[int, int], around: ArrayLike | None = None, **options: Any
+    scene: Scene | Mesh, size: tuple[int, int], around: ArrayLike | None = None, **options: Any
 ) -> Camera:
     """`Camera.fit` with room for the surface around the particles, or around the points (M, 3)."""
+    if isinstance(scene, Mesh):
+        return Camera.fit(corners_of(scene) if around is None else around, size=size, **options)
     margin = REACH[scene.kernel] * float(np.max(to_host(scene.support), initial=0.0))
     seen = scene.particles if around is None else around
     return Camera.fit(seen, size=size, margin=margin if np.isfinite(margin) else 0.0, **options)
+
+
+def corners_of(mesh: Mesh) -> np.ndarray:
+    """(8, 3), the corners of the mesh's box, world."""
+    lo, hi = mesh.bounds()
+    return np.array([[(lo, hi)[i >> k & 1][k] for k in range(3)] for i in range(8)])

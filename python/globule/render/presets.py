@@ -7,12 +7,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._base.arrays import to_host
+from ..scene.mesh import Mesh
 from ..scene.scene import Scene
 from .camera import view_axes
-from .frame import REACH
+from .frame import REACH, corners_of
 from .lights import DirectionalLight, Ground, Headlight, Sky
 from .materials import Material
-from .settings import RenderSettings
+from .settings import RenderSettings, extent_of
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -21,7 +22,7 @@ GROUNDS = {"plain": 0.0, "checker": 1 / 4}  # edges of their squares, of the sce
 PRESETS = ("blood", "water", "glass", "tissue", "clay")
 
 
-def preset(name: str, scene: Scene, up: ArrayLike = (0.0, 1.0, 0.0)) -> RenderSettings:
+def preset(name: str, scene: Scene | Mesh, up: ArrayLike = (0.0, 1.0, 0.0)) -> RenderSettings:
     """Settings that show a scene as blood, water, glass, tissue or clay.
 
     Blood, water and glass have colors of their own; tissue and clay show the particles'. Presets
@@ -30,7 +31,7 @@ def preset(name: str, scene: Scene, up: ArrayLike = (0.0, 1.0, 0.0)) -> RenderSe
 
     Args:
         name: blood, water, glass, tissue or clay.
-        scene: a `Scene`; the preset uses the scene's size and lowest point. The image may show
+        scene: a `Scene` or a `Mesh`; the preset uses its size and lowest point. The image may show
             other scenes, too.
         up: (3,) direction to the sky, away from the ground.
 
@@ -39,23 +40,27 @@ def preset(name: str, scene: Scene, up: ArrayLike = (0.0, 1.0, 0.0)) -> RenderSe
 
     Raises TypeError and ValueError naming the argument, the expected and the given value.
     """
-    if not isinstance(scene, Scene):
+    if not isinstance(scene, (Scene, Mesh)):
         raise TypeError(
-            f"scene: expected a Scene, got {type(scene).__name__}; make one: globule.Scene(...)"
+            f"scene: expected a Scene or a Mesh, got {type(scene).__name__}; "
+            "make one: globule.Scene(...)"
         )
     if name not in PRESETS:
         raise ValueError(f"name: expected one of {', '.join(PRESETS)}, got {name!r}")
-    extent = float(scene.octree.extent) or 1.0
-    support = float(np.max(to_host(scene.support), initial=0.0)) or extent
+    extent = extent_of(scene) or 1.0
+    support = 0.0 if isinstance(scene, Mesh) else float(np.max(to_host(scene.support), initial=0.0))
+    support = support or extent
     return _MAKE[name](_Stage(scene, up), extent, support)
 
 
 LOWEST = 256  # particles below which the surface is looked for
 
 
-def ground_height(scene: Scene, up: ArrayLike = (0.0, 1.0, 0.0)) -> float:
+def ground_height(scene: Scene | Mesh, up: ArrayLike = (0.0, 1.0, 0.0)) -> float:
     """Height along `up`, world units, of a ground that touches the scene's surface from below."""
     _, up, _ = view_axes(up)
+    if isinstance(scene, Mesh):
+        return float((corners_of(scene) @ up).min())
     positions = scene.particles.finite_positions()
     support = float(np.max(to_host(scene.support), initial=0.0))
     heights = positions @ up
@@ -78,10 +83,13 @@ def _per(length: float, *values: float) -> tuple[float, ...]:
 class _Stage:
     """The directions and the ground of a scene."""
 
-    def __init__(self, scene: Scene, up: Any):
+    def __init__(self, scene: Scene | Mesh, up: Any):
         self.right, self.up, self.front = view_axes(up)
         self.height = ground_height(scene, self.up)
-        self.colored = scene.particles.color is not None
+        if isinstance(scene, Mesh):
+            self.colored = scene.colored
+        else:
+            self.colored = scene.particles.color is not None
 
     def sun(self, radiance: Any, angle: float, right: float = -0.5) -> DirectionalLight:
         """A light from above, a little in front, and `right` to the right, along `view_axes`."""

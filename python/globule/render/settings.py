@@ -7,10 +7,13 @@ from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any
 
+import numpy as np
+
 from .. import _core
 from .._base.checks import flag, number, shown, three, whole
 from .._base.fixed import Fixed, read_only
 from .._base.old_names import renamed_fields
+from ..scene.mesh import Mesh
 from ..scene.scene import Scene
 from .lights import (
     MAX_LIGHTS,
@@ -132,14 +135,22 @@ class RenderSettings(Fixed):
             }
         )
 
-    def _look(self, scene: Scene) -> Any:
+    def _look(self, scene: Scene | Mesh) -> Any:
         """What the core takes for an image of `scene`."""
         look = self._packed
         if self.ambient_distance is None and self.ambient_rays:
-            look = look.reaching(0.1 * scene.octree.extent)
-        if self.edge_samples is None and scene.surface == "smooth":
+            look = look.reaching(0.1 * extent_of(scene))
+        smooth = isinstance(scene, Scene) and scene.surface == "smooth"
+        if self.edge_samples is None and smooth:
             look = look.with_edges(SMOOTH_EDGES)
         return look
+
+
+def extent_of(scene: Scene | Mesh) -> float:
+    """The longest edge of the scene's box, world units."""
+    if isinstance(scene, Mesh):
+        return float(np.ptp(scene.bounds(), axis=0).max())
+    return scene.octree.extent
 
 
 _DEFAULT = RenderSettings()

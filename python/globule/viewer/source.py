@@ -13,6 +13,7 @@ from ..render.camera import Camera
 from ..render.frame import Layer
 from ..render.presets import preset
 from ..render.settings import RenderSettings
+from ..scene.mesh import Mesh
 from ..scene.particles import Particles
 from ..scene.scene import Scene
 from .locks import FairLock
@@ -230,9 +231,13 @@ class SceneSource(Source):
             first, *self._beside = (
                 item if isinstance(item, Layer) else Layer(item) for item in shown
             )
-            shown, self._material, self._clips = first.scene, first.material, tuple(first.clips)
-        self._shown: Particles | Scene = shown
-        self.maker = SceneMaker(device, threads, shown if isinstance(shown, Scene) else None)
+            found, self._material, self._clips = first.scene, first.material, tuple(first.clips)
+            if isinstance(found, Mesh):
+                raise TypeError("scene: expected particles in the first layer, got a mesh")
+        else:
+            found = shown
+        self._shown: Particles | Scene = found
+        self.maker = SceneMaker(device, threads, found if isinstance(found, Scene) else None)
 
     def particles(self) -> Particles:
         """The particles, or those of the scene."""

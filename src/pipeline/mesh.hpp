@@ -1,0 +1,148 @@
+// The triangle mesh of a scene: its hierarchy, and the launches of rays that meet it.
+#pragma once
+#include "backends/backend.hpp"
+#include "mesh/build.hpp"
+#include "pipeline/arrays.hpp"
+#include "trace/nearest.hpp"
+#include "trace/solid.hpp"
+
+namespace globule::core {
+
+/// The box of a triangle.
+struct TriangleBoxes {
+    const float* vertices;
+    const std::uint32_t* faces;
+    GB_FN float3 vertex(std::size_t corner) const {
+        const float* p = vertices + std::size_t(3) * faces[corner];
+        return {p[0], p[1], p[2]};
+    }
+    GB_FN Box operator()(std::size_t i) const {
+        const float3 a = vertex(3 * i), b = vertex(3 * i + 1), c = vertex(3 * i + 2);
+        return Box{a, a}.united({b, b}).united({c, c});
+    }
+};
+struct GatherTriangles {
+    TriangleBoxes of;
+    const std::uint32_t* index;
+    Quad* corners;
+    GB_FN void operator()(std::size_t k) const {
+        const float3 p = of.vertex(std::size_t(3) * index[k / 3] + k % 3);
+        corners[k] = {p.x, p.y, p.z, 0.0f};
+    }
+};
+
+/// The normal at a corner: the mean of those triangles around it that meet this one at less than an angle, weighted by their
+/// own angles there (Thürmer & Wüthrich 1998).
+struct SmoothNormals {
+    TriangleBoxes of;
+    const std::uint32_t *place_of_corner, *corners, *begin;
+    float cosine;
+    float* normals;
+    GB_FN float3 normal_of(std::size_t face, int corner, float& angle) const {
+        const std::size_t i = 3 * face;
+        const float3 p = of.vertex(i + corner), a = normalize(of.vertex(i + (corner + 1) % 3) - p), b = normalize(of.vertex(i + (corner + 2) % 3) - p);
+        angle = acosf(min(max(dot(a, b), -1.0f), 1.0f));
+        return normalize(cross(a, b));
+    }
+    GB_FN void operator()(std::size_t k) const {
+        float angle;
+        const float3 own = normal_of(k / 3, int(k % 3), angle);
+        float3 sum{0, 0, 0};
+        const std::uint32_t place = place_of_corner[k];
+        for (std::uint32_t j = begin[place]; j < begin[place + 1]; ++j) {
+            const float3 other = normal_of(corners[j] / 3, int(corners[j] % 3), angle);
+            if (dot(own, other) >= cosine) sum = sum + other * angle;
+        }
+        write3(normals, k, dot(sum, sum) > 0.0f ? normalize(sum) : own);
+    }
+};
+
+/// First hits of rays, in world units; face: the caller's number, where t is finite.
+struct MeetMesh {
+    SolidMesh solid;
+    const float *origins, *directions;
+    float *t, *normal;
+    std::uint32_t* face;
+    GB_FN void operator()(std::size_t i) const {
+        const float3 o{origins[3 * i], origins[3 * i + 1], origins[3 * i + 2]}, d{directions[3 * i], directions[3 * i + 1], directions[3 * i + 2]};
+        const bool usable = dot(d, d) > 0.5f;
+        const Crossing c = usable ? solid.cross({}, o, d, 0.0f, infinity(), 0.0f) : Crossing{};
+        const bool hit = c.item.t < infinity();
+        t[i] = c.item.t;
+        const float3 n = hit ? solid.pose.turned(solid.items.normal(c.item.slot)) : float3{0, 0, 0};
+        write3(normal, i, solid.closed || c.item.entering ? n : n * -1.0f);
+        face[i] = hit ? c.item.index : 0xffffffffu;
+    }
+};
+
+template <class Exec>
+class MeshStore {
+public:
+    explicit MeshStore(Exec& exec)
+        : hierarchy_(exec), corners_(exec), vertices_(exec), normals_(exec), color_(exec), faces_(exec), places_(exec), order_(exec), begins_(exec), origins_(exec), directions_(exec), results_(exec), indices_(exec) {}
+
+    bool is_there() const { return there_; }
+    bool is_closed() const { return solid_.closed; }
+
+    void build(Exec& exec, const MeshArrays& in) {
+        const typename Exec::Stage stage("mesh");
+        there_ = false;
+        const TriangleBoxes boxes{bring(exec, vertices_, in.vertices, 3 * in.n_vertices), bring(exec, faces_, in.faces, 3 * in.n_faces)};
+        hierarchy_.build(in.n_faces, boxes);
+        Quad* corners = corners_.reserve(3 * in.n_faces);
+        exec.for_each(3 * in.n_faces, GatherTriangles{boxes, hierarchy_.tree().index, corners});
+        solid_ = {hierarchy_.tree(), {corners}, in.closed, boxes.faces, smooth(exec, boxes, in),
+                  bring(exec, color_, in.color, 3 * (in.color_of_faces ? in.n_faces : in.n_vertices)), in.color_of_faces, in.one_color, solid_.pose};
+        let_callers_go_on(exec, in.vertices, in.color);
+        there_ = true;
+    }
+    /// Waits for the device.
+    float extent(Exec& exec) const {
+        BoxTreeHeader h;
+        exec.download(&h, hierarchy_.tree().header, sizeof h);
+        const float3 size = h.box.hi - h.box.lo;
+        return max(max(max(size.x, size.y), size.z), 0.0f);
+    }
+    void place(const Pose& pose) { solid_.pose = pose; }
+
+    void intersect(Exec& exec, std::size_t n, const FloatArray& origins, const FloatArray& directions, float* t, float* normal, std::uint32_t* face) {
+        float* out = results_.reserve(4 * n);
+        std::uint32_t* faces = indices_.reserve(n);
+        exec.for_each_uneven(n, MeetMesh{solid_, bring(exec, origins_, origins, 3 * n), bring(exec, directions_, directions, 3 * n), out, out + n, faces});
+        exec.download(t, out, n * sizeof(float));
+        exec.download(normal, out + n, 3 * n * sizeof(float));
+        exec.download(face, faces, n * sizeof(std::uint32_t));
+    }
+
+    void march(Exec& exec, const Clips& clips, const WaveRays& rays, int layer, LayerHits& found) const {
+        exec.for_each_uneven(rays.source.n_items(), MarchSolid{solid_, clips, rays, layer, found});
+    }
+    void keep(Exec& exec, const Clips& clips, const WaveRays& rays, int layer, const LayerHits& found, const WaveHits& hits) const {
+        exec.for_each_uneven(rays.source.n_items(), Keep<SolidSurface>{{solid_}, clips, rays, layer, found, hits});
+    }
+    void occlude(Exec& exec, const Clips& clips, const Lighting& lighting, const WaveRays& rays, const WaveHits& hits, int layer,
+                 float* visibility) const {
+        exec.for_each_uneven(rays.source.n_items() * lighting.n_visibilities(), OccludeSolid{solid_, clips, lighting, rays, hits, layer, visibility});
+    }
+
+private:
+    const float* smooth(Exec& exec, const TriangleBoxes& boxes, const MeshArrays& in) {
+        const std::size_t n = 3 * in.n_faces;
+        if (!in.corners.data || n == 0) return nullptr;
+        float* normals = normals_.reserve(3 * n);
+        exec.for_each(n, SmoothNormals{boxes, bring(exec, places_, in.place_of_corner, n), bring(exec, order_, in.corners, n),
+                                       bring(exec, begins_, in.corners_begin, in.n_places + 1), in.smooth_cosine, normals});
+        return normals;
+    }
+
+    BoxHierarchy<Exec> hierarchy_;
+    Buffer<Quad, Exec> corners_;
+    Buffer<float, Exec> vertices_, normals_, color_;
+    Buffer<std::uint32_t, Exec> faces_, places_, order_, begins_;
+    Buffer<float, Exec> origins_, directions_, results_;
+    Buffer<std::uint32_t, Exec> indices_;
+    SolidMesh solid_{};
+    bool there_ = false;
+};
+
+}  // namespace globule::core

@@ -1,0 +1,213 @@
+"""Meshes from files and from objects of other packages, and on the command line."""
+
+from __future__ import annotations
+
+import json
+from types import SimpleNamespace
+
+import globule as gb
+import numpy as np
+import pytest
+from globule._base.colormaps import to_linear
+from globule.cli import main
+from globule.formats.triangles import has_faces, read
+from test_mesh_layers import BOX, BOX_FACES, sphere
+
+BALL = sphere(8, 0.5)
+
+
+def ply(path, vertices, faces, colors=None):
+    head = ["ply", "format ascii 1.0", f"element vertex {len(vertices)}"]
+    head += [f"property float {axis}" for axis in "xyz"]
+    head += [] if colors is None else [f"property uchar {c}" for c in ("red", "green", "blue")]
+    head += [f"element face {len(faces)}", "property list uchar int vertex_indices", "end_header"]
+    rows = [" ".join(map(str, v)) for v in vertices]
+    if colors is not None:
+        rows = [f"{row} {' '.join(map(str, c))}" for row, c in zip(rows, colors, strict=True)]
+    rows += [f"{len(f)} {' '.join(map(str, f))}" for f in faces]
+    path.write_text("\n".join([*head, *rows, ""]))
+
+
+QUADS = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
+
+
+def legacy(path, lines):
+    head = "# vtk DataFile Version 3.0\nbox\nASCII\nDATASET POLYDATA\nPOINTS 8 float\n"
+    points = "\n".join(" ".join(map(str, p)) for p in BOX)
+    path.write_text(f"{head}{points}\n{lines}\n")
+
+
+def volume(mesh: gb.Mesh) -> float:
+    a, b, c = (np.asarray(mesh.vertices, np.float64)[mesh.faces[:, k]] for k in range(3))
+    return float(np.sum(a * np.cross(b, c)) / 6)
+
+
+def test_ply_with_quads_and_colors(tmp_path):
+    colors = (BOX * 255).astype(int)
+    ply(tmp_path / "box.ply", BOX, QUADS, colors)
+    mesh = gb.Mesh(tmp_path / "box.ply")
+    assert len(mesh) == 12
+    assert mesh.solid
+    assert volume(mesh) == pytest.approx(1)
+    found = read(tmp_path / "box.ply")
+    np.testing.assert_allclose(found.color, to_linear(BOX), atol=1e-6)
+    assert has_faces(tmp_path / "box.ply")
+
+
+def test_legacy_vtk_polygons_and_strips(tmp_path):
+    cells = "\n".join(f"4 {' '.join(map(str, q))}" for q in QUADS)
+    legacy(tmp_path / "a.vtk", f"POLYGONS 6 30\n{cells}")
+    mixed = [[0, 1, 3], [0, 3, 2], *QUADS[1:]]
+    cells = "\n".join(f"{len(q)} {' '.join(map(str, q))}" for q in mixed)
+    legacy(tmp_path / "b.vtk", f"VERTICES 1 2\n1 0\nPOLYGONS 7 {8 + 25}\n{cells}")
+    strips = [[0, 1, 2, 3], [4, 6, 5, 7], [0, 4, 1, 5], [2, 3, 6, 7], [0, 2, 4, 6], [1, 5, 3, 7]]
+    cells = "\n".join(f"4 {' '.join(map(str, q))}" for q in strips)
+    legacy(tmp_path / "c.vtk", f"TRIANGLE_STRIPS 6 30\n{cells}")
+    for name in ("a.vtk", "b.vtk", "c.vtk"):
+        mesh = gb.Mesh(tmp_path / name)
+        assert len(mesh) == 12
+        assert mesh.solid, name
+        assert volume(mesh) == pytest.approx(1)
+        assert has_faces(tmp_path / name)
+    legacy(tmp_path / "points.vtk", "VERTICES 1 2\n1 0")
+    assert not has_faces(tmp_path / "points.vtk")
+    with pytest.raises(gb.FormatError, match="expected a mesh with faces, got none"):
+        gb.Mesh(tmp_path / "points.vtk")
+    legacy(tmp_path / "far.vtk", "POLYGONS 1 4\n3 0 1 8")
+    with pytest.raises(gb.FormatError, match="expected indices from 0 to 7, got 0 to 8"):
+        gb.Mesh(tmp_path / "far.vtk")
+    legacy(tmp_path / "short.vtk", "POLYGONS 2 7\n3 0 1 2\n3 0 1")
+    with pytest.raises(gb.FormatError, match="cells"):
+        gb.Mesh(tmp_path / "short.vtk")
+
+
+@pytest.mark.parametrize("mode", ["ascii", "binary", "appended"])
+@pytest.mark.parametrize("form", ["vtp", "vtk"])
+def test_files_of_vtk(tmp_path, form, mode):
+    vtk = pytest.importorskip("vtk", reason="vtk is not installed")
+    source = vtk.vtkSphereSource()
+    source.SetThetaResolution(12)
+    source.Update()
+    path = str(tmp_path / f"ball.{form}")
+    writer = vtk.vtkXMLPolyDataWriter() if form == "vtp" else vtk.vtkPolyDataWriter()
+    if form == "vtp":
+        getattr(writer, f"SetDataModeTo{mode.title()}")()
+    elif mode == "ascii":
+        writer.SetFileTypeToASCII()
+    else:
+        writer.SetFileTypeToBinary()
+    writer.SetFileName(path)
+    writer.SetInputData(source.GetOutput())
+    writer.Write()
+    mesh = gb.Mesh(path)
+    assert has_faces(path)
+    assert len(mesh) == source.GetOutput().GetNumberOfPolys()
+    assert mesh.solid
+    assert 0.3 < volume(mesh) < 0.53
+
+
+@pytest.mark.parametrize("form", ["stl", "obj", "glb", "ply"])
+def test_files_of_trimesh(tmp_path, form):
+    trimesh = pytest.importorskip("trimesh", reason="trimesh is not installed")
+    tri = trimesh.Trimesh(*BALL)
+    tri.export(tmp_path / f"ball.{form}")
+    mesh = gb.Mesh(tmp_path / f"ball.{form}")
+    assert mesh.solid
+    assert volume(mesh) == pytest.approx(tri.volume, rel=1e-5)
+    assert volume(gb.Mesh(tri)) == pytest.approx(tri.volume, rel=1e-5)
+    assert len(gb.Mesh(trimesh.Scene([tri, tri]))) == 2 * len(tri.faces)
+
+
+def test_objects_of_meshio_and_pyvista():
+    meshio = pytest.importorskip("meshio", reason="meshio is not installed")
+    mesh = gb.Mesh(meshio.Mesh(BOX, [("quad", QUADS[:3]), ("triangle", BOX_FACES[6:])]))
+    assert len(mesh) == 12
+    with pytest.raises(ValueError, match="expected a mesh with triangles or quads, got line"):
+        gb.Mesh(meshio.Mesh(BOX, [("line", [[0, 1]])]))
+    flat = np.insert(BOX_FACES, 0, 3, axis=1).ravel()
+    surface = SimpleNamespace(points=BOX, faces=flat, regular_faces=BOX_FACES)
+    surface.triangulate = lambda: surface  # what globule asks of a pyvista.PolyData
+    assert gb.Mesh(surface).solid
+
+
+def test_a_file_with_faces_is_drawn_as_its_triangles(tmp_path):
+    ply(tmp_path / "ball.ply", *BALL)
+    camera = gb.Camera((0, 0, 4), (0, 0, 0), fov=30)
+    frame = gb.render(str(tmp_path / "ball.ply"), camera, (40, 40))
+    assert frame.distance.min() == pytest.approx(3.5, abs=0.02)
+    assert frame.pick(20, 20).face is not None
+    balls = gb.render(gb.read(tmp_path / "ball.ply"), camera, (40, 40))
+    assert balls.distance.min() < frame.distance.min() - 0.01
+    assert balls.pick(20, 20).particle is not None
+
+
+# The command line
+
+
+@pytest.fixture
+def files(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    ply(tmp_path / "ball.ply", *BALL)
+    ply(tmp_path / "tank.ply", BOX * 4 - 2, QUADS)
+    x = np.linspace(-1, 1, 8)
+    grid = np.stack(np.meshgrid(x, x, x), -1).reshape(-1, 3).astype(np.float32)
+    gb.write(tmp_path / "fluid.ply", gb.Particles(grid))
+    return tmp_path
+
+
+def run(capsys, *words) -> dict:
+    main([*words, "--device", "cpu", "--json"])
+    return json.loads(capsys.readouterr().out)
+
+
+SMALL = ("--size", "48x36")
+
+
+def test_render_a_mesh(files, capsys):
+    report = run(capsys, "render", "ball.ply", "-o", "a.png", *SMALL, "--pick", "24,18")
+    assert report["counts"]["triangles"] == len(BALL[1])
+    assert report["closed"]
+    assert report["picked"]["face"] >= 0
+    assert 100 < report["counts"]["hits"] < 48 * 36
+    report = run(capsys, "render", "ball.ply", "-o", "a.png", *SMALL, "--as-particles")
+    assert report["counts"]["particles"] == len(BALL[0])
+    report = run(capsys, "render", "ball.ply", "-o", "a.png", *SMALL, "--preset", "clay")
+    assert report["samples"] == 4
+    both = run(capsys, "render", "ball.ply", "fluid.ply", "-o", "{}.png", *SMALL)
+    assert both["counts"]["triangles"] == len(BALL[1])
+    assert both["counts"]["particles"] == 512
+
+
+def test_render_particles_beside_meshes(files, capsys):
+    alone = run(capsys, "render", "fluid.ply", "-o", "a.png", *SMALL)
+    words = ("--mesh", "ball.ply:glass", "--mesh-color", "#ff0000")
+    beside = run(capsys, "render", "fluid.ply", "-o", "b.png", *SMALL, *words)
+    assert beside["warnings"] == []
+    assert beside["counts"]["hits"] == pytest.approx(alone["counts"]["hits"], rel=0.1)
+    tank = run(capsys, "render", "fluid.ply", "-o", "c.png", *SMALL, "--mesh", "tank.ply:glass")
+    assert "surrounds the particles: drawn as a thin wall" in tank["warnings"][0]
+    assert tank["counts"]["hits"] != alone["counts"]["hits"]  # the camera shows the tank
+    image = gb.formats.pictures.environment.read_environment("c.png")
+    assert image.shape[:2] == (36, 48)
+    seen = run(
+        capsys, "render", "fluid.ply", "-o", "d.png", *SMALL, "--with", "ball.ply:#00ff00",
+        "--eye", "0,0,9", "--look-at", "0,0,0", "--clip", "0,0,1,-5", "--pick", "24,18",
+    )  # fmt: skip
+    assert seen["picked"]["file"] == "ball.ply"
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("ball.ply", "--color-by", "x"), "--color-by: expected particles beside --color-by"),
+        (("ball.ply", "--support", "1"), "--support: expected particles beside --support"),
+        (("ball.ply", "--root", "march"), "--root: expected particles beside --root"),
+        (("fluid.ply", "--mesh", "ball.ply:brass"), "--mesh: expected a material, blood, water"),
+        (("fluid.ply", "--mesh", "none.stl"), "none.stl: expected a file to read"),
+        (("fluid.ply", "--mesh", "fluid.ply"), "expected a mesh with faces, got none"),
+        (("fluid.ply", *("--mesh", "ball.ply") * 4), "--mesh: expected at most 3 files"),
+    ],
+)
+def test_mistakes_on_the_command_line(files, capsys, words, message):
+    assert main(["render", *words, "-o", "a.png", *SMALL]) != 0
+    assert message in capsys.readouterr().err
