@@ -22,8 +22,10 @@ from ..scene.sources import as_particles
 from ..scene.thesis import Thesis, check_tracing
 from .camera import Camera
 from .clips import ClipBox, ClipPlane, ClipSphere
+from .display import displayed, straight, with_values
+from .lights import Ground
 from .materials import Material
-from .settings import MAX_SAMPLES, NAMES, RenderSettings, as_settings, items
+from .settings import MAX_SAMPLES, NAMES, RenderSettings, as_settings, for_values, items
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -40,6 +42,9 @@ REACH = {
     "wendland_c2": 0.62,
     "solid": 0.69,
 }
+
+
+_WHITE = Material(reflection=0.0, transmission=0.0, color=1.0, specular=0.0)
 
 
 @dataclass(frozen=True)
@@ -102,6 +107,10 @@ class Frame:
     _frame: Any = field(repr=False)
     _layers: tuple[Layer, ...] = field(repr=False)
     _more: Any = field(repr=False)
+    _settings: RenderSettings = field(default_factory=RenderSettings, repr=False)
+    _matte: Any = field(default=None, repr=False)  # the hits of so many samples in white
+    _values: Any = field(default=None, repr=False)  # as `display.with_values` takes them
+    _finish: Any = field(default=None, repr=False)  # draws annotations into the image
 
     depth = old_attribute("depth", "distance")
 
@@ -182,13 +191,33 @@ class Frame:
 
     @property
     def color(self) -> np.ndarray:
-        """(H, W, 3) float32, linear RGB."""
+        """(H, W, 3) float32, linear RGB; of a transparent image, the light of the hits alone."""
         return self._take("color")
 
     @property
     def image(self) -> np.ndarray:
-        """(H, W, 3) uint8, sRGB."""
-        return self._take("picture")
+        """(H, W, 3) uint8, sRGB; (H, W, 4) with straight alpha where the settings say
+        `transparent`. Annotations that were given to `render` are drawn in."""
+        settings = self._settings
+        if self._values is not None and settings.is_flat:
+            image = displayed(with_values(self, self.color, self._values))
+        else:
+            image = self._take("picture") if settings.tone else displayed(self.color)
+        if settings.transparent:
+            image = straight(self, image, settings.exposure, settings.tone)
+        return image if self._finish is None else self._finish(image, self)
+
+    @property
+    def alpha(self) -> np.ndarray:
+        """(H, W) float32: the share of the pixel's rays that hit a surface, a cut or the ground."""
+        if self.samples == 1:
+            return self.mask.astype(np.float32)
+        kept = vars(self).get("_alpha")
+        if kept is None or kept[0] != self.samples:
+            shown = self._matte(self.samples).color(self.size[1], self.size[0])[..., 0]
+            kept = self.samples, np.clip(shown, 0, 1)
+            vars(self)["_alpha"] = kept
+        return kept[1]
 
     @property
     def picture(self) -> np.ndarray:
@@ -271,10 +300,11 @@ class Frame:
 
 @renamed(picture="image")
 def save_png(path: str | os.PathLike[str], image: np.ndarray) -> None:
-    """Write an image (H, W, 3) uint8 sRGB as PNG; whole or not at all."""
+    """Write an image (H, W, 3) or, with alpha, (H, W, 4) uint8 sRGB as PNG; whole or not at all."""
     image = np.asarray(image)
-    if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3:
-        raise ValueError(f"image: expected (H, W, 3) uint8, got {image.dtype} {image.shape}")
+    if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] not in (3, 4):
+        got = f"{image.dtype} {image.shape}"
+        raise ValueError(f"image: expected (H, W, 3) or (H, W, 4) uint8, got {got}")
     with atomic_write(path) as file:
         _write_png(file, image)
 
@@ -330,7 +360,7 @@ def render(
     camera, size = camera_and_size(camera, size)
     settings = as_settings(settings)
     if color_by is not None:
-        settings = replace(settings, material=replace(settings.material, color=None))
+        settings = for_values(settings)
     layers = _layers(scene, clips, settings.material, (color_by, colormap, range))
     if thesis is not None and any(layer.clips for layer in layers):
         raise ValueError("clips: expected none with the thesis's tracing, which knows no cuts")
@@ -347,7 +377,7 @@ def render(
     way = None if thesis is None else thesis._packed
     thresholds = [layer.scene.threshold for layer in layers]
 
-    def trace(passes: int, before: Any) -> Any:
+    def trace(passes: int, before: Any, look: Any = look, kinds: list = kinds) -> Any:
         if before and thresholds != [layer.scene.threshold for layer in layers]:
             raise ValueError("refine: expected the scene as it was rendered, got another threshold")
         packed = [
@@ -356,14 +386,25 @@ def render(
         ]
         return packed[0][0].render(packed, view, look, way, passes, before)
 
+    def matte(passes: int) -> Any:
+        """The same rays, with white hits in front of black."""
+        white = RenderSettings(
+            (), 1.0, material=_WHITE, tone=False, transparent=True, bounces=0, ground=_white_ground(settings.ground)
+        )
+        return trace(passes, None, white._packed, [(_WHITE._packed, clips) for _, clips in kinds])
+
     n = settings.samples
     if progress is None:
-        return Frame(size, trace(n, None), layers, trace)
-    frame = Frame(size, trace(1, None), layers, trace)
+        return Frame(size, trace(n, None), layers, trace, settings, matte)
+    frame = Frame(size, trace(1, None), layers, trace, settings, matte)
     progress(1, n)
     if n > 1:
         frame.refine(n - 1, lambda done, _: progress(1 + done, n))
     return frame
+
+
+def _white_ground(ground: Ground | None) -> Ground | None:
+    return ground and replace(ground, color=1.0, other=1.0, reflection=0.0)
 
 
 def as_scene(value: Any) -> Scene:
