@@ -25,6 +25,7 @@ if _set:
 from ._base.checks import MissingPackageError  # noqa: E402
 from ._base.colormaps import colorize  # noqa: E402
 from ._base.cpp import cmake_dir, include_dir  # noqa: E402
+from .render.annotate import Annotation  # noqa: E402
 from .render.camera import Camera  # noqa: E402
 from .render.clips import ClipBox, ClipPlane, ClipSphere  # noqa: E402
 from .render.frame import Frame, Layer, Picked, render, save_png  # noqa: E402
@@ -53,6 +54,7 @@ if _TYPE_CHECKING:
     from .render.legend import add_legend
     from .render.presets import preset
     from .render.sequence import read_ahead, render_sequence, value_range
+    from .render.views import Views, render_views
     from .scene.smoothing import anisotropy, without_strays
     from .scene.spacing import local_spacing
     from .sim.settings import Phase, StepReport
@@ -80,6 +82,7 @@ _LATER = {
     "render.legend": "add_legend",
     "render.presets": "preset",
     "render.sequence": "read_ahead render_sequence value_range",
+    "render.views": "Views render_views",
     "scene.smoothing": "anisotropy without_strays",
     "scene.spacing": "local_spacing",
     "sim.settings": "Phase StepReport",
@@ -121,6 +124,7 @@ _sources.readers.append(lambda path: __getattr__("read")(path))
 
 __version__ = _core.version
 __all__ = [
+    "Annotation",
     "Camera",
     "CameraPath",
     "ClipBox",
@@ -147,6 +151,7 @@ __all__ = [
     "StepReport",
     "Sweep",
     "Thesis",
+    "Views",
     "Volume",
     "add_legend",
     "anisotropy",
@@ -176,6 +181,7 @@ __all__ = [
     "reconstruct_plus",
     "render",
     "render_sequence",
+    "render_views",
     "reslice",
     "save_png",
     "tomography_particles",

@@ -63,10 +63,25 @@ class Canvas:
         part[..., :3] = colors
         part[..., 3:] = 255
 
+    def widen(self, by: int, color: Color) -> None:
+        """Add columns of an opaque color at the right; sizes stay."""
+        self.pixels = np.pad(self.pixels, ((0, 0), (0, by), (0, 0)), constant_values=255)
+        self.pixels[:, self.width :, :3] = color
+        self.width += by
+
+    def raise_by(self, by: int, color: Color) -> None:
+        """Add rows of an opaque color at the top; sizes stay."""
+        self.pixels = np.pad(self.pixels, ((by, 0), (0, 0), (0, 0)), constant_values=255)
+        self.pixels[:by, :, :3] = color
+        self.height += by
+
     def fill(self, left: int, top: int, right: int, bottom: int, color: Color) -> None:
         """Put one opaque color into whole pixels; right and bottom are not included."""
         top, left = max(0, top), max(0, left)
-        height, width = max(0, min(bottom, self.height) - top), max(0, min(right, self.width) - left)
+        height, width = (
+            max(0, min(bottom, self.height) - top),
+            max(0, min(right, self.width) - left),
+        )
         self.paste(np.full((height, width, 3), color, np.uint8), left, top)
 
     def lines(
@@ -114,7 +129,7 @@ class Canvas:
         """Draw one line of text with a rim. anchor: as Pillow names them: l m r, then a m s d."""
         from PIL import Image, ImageDraw
 
-        font = self._font(size)
+        font, place = self._font(size), (round(place[0]), round(place[1]))  # whole: text is crisp
         probe = ImageDraw.Draw(Image.new("L", (1, 1)))
         box = probe.textbbox(place, text, font, anchor=anchor, stroke_width=self.line)
         x, y = max(0, math.floor(box[0])), max(0, math.floor(box[1]))

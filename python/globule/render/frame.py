@@ -20,6 +20,7 @@ from ..scene.particles import Particles
 from ..scene.scene import Scene
 from ..scene.sources import as_particles
 from ..scene.thesis import Thesis, check_tracing
+from .annotate import Annotation, corners_to_fit, drawing, room, traced_size
 from .camera import Camera
 from .clips import ClipBox, ClipPlane, ClipSphere
 from .display import displayed, straight, with_values
@@ -326,6 +327,7 @@ def render(
     color_by: str | None = None,
     colormap: str = "viridis",
     range: tuple[float, float] | None = None,
+    annotate: Annotation | None = None,
     progress: Callable[[int, int], object] | None = None,
     **others: Any,
 ) -> Frame:
@@ -346,9 +348,11 @@ def render(
             exactly.
         color_by: color the particles by a field or attribute, instead of their own colors and the
             material's: x, y, z, support, an attribute (a vector's length), or NAME:0 … for a
-            component. A `Scene` keeps these colors.
+            component. A `Scene` keeps these colors. Where the settings leave the lights at their
+            default, white and diffuse light keeps the colors' hue.
         colormap: of `color_by`: viridis, magma, inferno, plasma, cividis, turbo, coolwarm or gray.
         range: (lo, hi), values of the map's ends; default: the lowest and highest finite value.
+        annotate: `Annotation`, drawn into the frame's `image`.
         progress: called as progress(done, total) after each sample per pixel; may raise to stop.
 
     Raises:
@@ -357,7 +361,8 @@ def render(
     """
     if others:
         raise TypeError(f"render: {_instead(next(iter(others)))}")
-    camera, size = camera_and_size(camera, size)
+    camera, total = camera_and_size(camera, size)
+    size = traced_size(annotate, total)
     settings = as_settings(settings)
     if color_by is not None:
         settings = for_values(settings)
@@ -366,7 +371,7 @@ def render(
         raise ValueError("clips: expected none with the thesis's tracing, which knows no cuts")
     first = layers[0].scene
     if camera is None:
-        camera = fit_camera(first, size)
+        camera = fitted(first, size, annotate)
     view, look = camera._view(size), settings._look(first)
     kinds = [
         ((layer.material or settings.material)._packed, [c._packed for c in layer.clips])
@@ -389,22 +394,46 @@ def render(
     def matte(passes: int) -> Any:
         """The same rays, with white hits in front of black."""
         white = RenderSettings(
-            (), 1.0, material=_WHITE, tone=False, transparent=True, bounces=0, ground=_white_ground(settings.ground)
+            (),
+            1.0,
+            material=_WHITE,
+            tone=False,
+            transparent=True,
+            bounces=0,
+            ground=_white_ground(settings.ground),
         )
         return trace(passes, None, white._packed, [(_WHITE._packed, clips) for _, clips in kinds])
 
+    values = None
+    if color_by is not None and (settings.is_flat or annotate is not None):
+        values = values_of(first.particles, color_by, colormap, range)
+    finish = None
+    if annotate is not None and annotate.draws:
+        finish = drawing(annotate, camera, [layer.scene for layer in layers], values, total)
     n = settings.samples
-    if progress is None:
-        return Frame(size, trace(n, None), layers, trace, settings, matte)
-    frame = Frame(size, trace(1, None), layers, trace, settings, matte)
-    progress(1, n)
-    if n > 1:
-        frame.refine(n - 1, lambda done, _: progress(1 + done, n))
+    first_pass = trace(n if progress is None else 1, None)
+    frame = Frame(size, first_pass, layers, trace, settings, matte, values and values[:4], finish)
+    if progress is not None:
+        progress(1, n)
+        if n > 1:
+            frame.refine(n - 1, lambda done, _: progress(1 + done, n))
     return frame
 
 
 def _white_ground(ground: Ground | None) -> Ground | None:
     return ground and replace(ground, color=1.0, other=1.0, reflection=0.0)
+
+
+def values_of(
+    particles: Particles, name: str, colormap: str, range: tuple[float, float] | None
+) -> tuple[np.ndarray, str, float, float, str]:
+    """What an image of colors by value shows: the particles' values (N,), color map, values of the
+    map's ends, name."""
+    values = attributes.attribute_values(particles, name)
+    if range is None:
+        known = values[np.isfinite(values)]
+        range = (float(known.min()), float(known.max())) if known.size else (0.0, 1.0)
+    return values, colormap, *attributes.checked_range(range), name
 
 
 def as_scene(value: Any) -> Scene:
@@ -507,3 +536,19 @@ def fit_camera(
     margin = REACH[scene.kernel] * float(np.max(to_host(scene.support), initial=0.0))
     seen = scene.particles if around is None else around
     return Camera.fit(seen, size=size, margin=margin if np.isfinite(margin) else 0.0, **options)
+
+
+def fitted(
+    scene: Scene,
+    size: tuple[int, int],
+    annotation: Annotation | None,
+    around: ArrayLike | None = None,
+    **options: Any,
+) -> Camera:
+    """`fit_camera` with room for an annotation and its box."""
+    around = corners_to_fit(annotation, scene, around)
+    camera, more = fit_camera(scene, size, around, **options), room(annotation)
+    if camera.height is not None:
+        return replace(camera, height=more * camera.height)
+    eye = camera.look_at + more * np.subtract(camera.eye, camera.look_at)
+    return replace(camera, eye=tuple(eye.tolist()))

@@ -9,18 +9,16 @@ import numpy as np
 
 from .._base.colormaps import NAMES, map_colors
 from .._base.old_names import renamed
-from .canvas import LEAST_SIDE, Canvas, sizes
+from .canvas import DARK, Canvas, sizes
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
-
-__all__ = ["LEAST_SIDE", "POSITIONS", "add_legend", "tick_labels"]
 
 POSITIONS = ("lower-right", "lower-left", "upper-right", "upper-left", "outside")
 # Lengths as shares of the image's shorter side.
 _BAR_WIDTH, _BAR_HEIGHT = 0.024, 0.42
 _LONGEST_TICK = 9  # digits for which a legend outside of the image has room
-_INK, _PAPER = ((28, 32, 38), (255, 255, 255)), 255  # of a legend outside of the image
+_PAPER, _INK = (255, 255, 255), (DARK, (255, 255, 255))  # of a legend outside of the image
 
 
 @renamed(picture="image")
@@ -56,6 +54,23 @@ def add_legend(
 
     Raises ValueError naming the argument, the expected and the given value.
     """
+    size = np.shape(image)[1::-1]
+    strip = strip_width(size, scale) if len(size) == 2 else 0
+    return draw_legend(image, colormap, lo, hi, label, unit, position, scale, strip)
+
+
+def draw_legend(
+    image: ArrayLike,
+    colormap: str,
+    lo: float,
+    hi: float,
+    label: str,
+    unit: str,
+    position: str,
+    scale: float,
+    strip: int,
+) -> np.ndarray:
+    """As `add_legend`; `strip`: by how many pixels a legend outside makes the image wider."""
     canvas = Canvas(image, scale)
     if colormap not in NAMES:
         raise ValueError(f"colormap: expected one of {', '.join(NAMES)}, got {colormap!r}")
@@ -65,16 +80,11 @@ def add_legend(
         raise ValueError(f"position: expected one of {', '.join(POSITIONS)}, got {position!r}")
     label = ", ".join(word for word in (" ".join(label.split()), unit) if word)
     if position == "outside":
-        strip = strip_width((canvas.width, canvas.height), scale)
-        wide = np.full((canvas.height, canvas.width + strip, canvas.pixels.shape[2]), _PAPER)
-        wide[:, : canvas.width] = canvas.pixels
-        left = canvas.width
-        outside = Canvas(wide.astype(np.uint8), scale)
-        outside.side = canvas.side
-        outside.font, outside.line, outside.margin = canvas.font, canvas.line, canvas.margin
-        _draw(outside, colormap, lo, hi, label, "middle-left", left)
-        return outside.pixels
-    _draw(canvas, colormap, lo, hi, label, position, 0)
+        start = canvas.width
+        canvas.widen(strip, _PAPER)
+        _draw(canvas, colormap, lo, hi, label, "middle-left", start)
+    else:
+        _draw(canvas, colormap, lo, hi, label, position, 0)
     return canvas.pixels
 
 

@@ -137,7 +137,9 @@ class RenderSettings(Fixed):
     @property
     def is_flat(self) -> bool:
         """Whether every surface shows its own color, without light."""
-        return not (self.lights or self.ambient_rays or self.tone) and _light(self) == _light(_WHITE)
+        return not (self.lights or self.ambient_rays or self.tone) and _light(self) == _light(
+            _WHITE
+        )
 
     def _look(self, scene: Scene) -> Any:
         """What the core takes for an image of `scene`."""

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from ..render.camera import Camera
-from ..render.legend import LEAST_SIDE, add_legend
+from ..render.canvas import LEAST_SIDE
+from ..render.legend import add_legend
 from .state import State
 
 ON_SCREEN = 0.65  # scale of the legend on the page, relative to saved images
