@@ -150,6 +150,7 @@ private:
         if (from.rays.n != n) throw Refused("refine: expected a frame of the same size");
         from.timer.let_follow(*exec_);
         exec_->copy(to.block.data(), from.block.data(), 7 * n * sizeof(float));
+        exec_->copy(to.layer(), from.layer(), n);
         exec_->copy(to.sums.reserve(6 * n), from.sums.data(), 6 * n * sizeof(float));
         to.n_passes = from.n_passes;
     }

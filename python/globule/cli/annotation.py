@@ -56,7 +56,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         choices=POSITIONS,
         metavar="PLACE",
         help="place of the legend: lower-right, lower-left, upper-right, upper-left, or outside, "
-        "on a strip that takes a part of the image's width (default: lower-right)",
+        "on a strip that takes a part of the image's width (default: lower-right, with --views "
+        "outside)",
     )
     add(
         "--legend-title",
@@ -143,6 +144,7 @@ class Notes:
                 legend_unit=options.legend_unit,
             )
             self.names = options.views or ("",)
+            self.annotation = self.annotation.for_views(len(self.names))
             whole = options.size
             traced = traced_size(self.annotation, whole, len(self.names) > 1)
             self._grid = Grid(len(self.names), traced)

@@ -57,7 +57,8 @@ class Annotation(Fixed):
         time_unit: of both.
         step: number of the image, or of a sequence's first frame; each frame adds 1.
         legend: True, or the legend's place: lower-right, lower-left, upper-right, upper-left, or
-            outside, on a strip that takes a part of the image's width. Needs colors of values.
+            outside, on a strip that takes a part of the image's width. True stands for lower-right,
+            of several views for outside. Needs colors of values.
         legend_title: name of the values; default: the name after `color_by`.
         legend_unit: unit of the values.
 
@@ -107,6 +108,10 @@ class Annotation(Fixed):
         """The annotation of a sequence's frame, counted from 0."""
         time = None if self.time is None else self.time + frame * self.time_step
         return replace(self, time=time, step=None if self.step is None else self.step + frame)
+
+    def for_views(self, n: int) -> Annotation:
+        """The annotation of an image of n views, where a legend in a corner would cover one."""
+        return replace(self, legend="outside") if n > 1 and self.legend is True else self
 
     @property
     def draws(self) -> bool:

@@ -224,6 +224,7 @@ def render_views(
     if not chosen:
         raise ValueError("views: expected at least one view, got none")
     size = image_size(size)
+    annotate = annotate and annotate.for_views(len(chosen))
     traced = traced_size(annotate, size, len(chosen) > 1)
     grid = Grid(len(chosen), traced)
     names = ["" if isinstance(view, Camera) else view for view in chosen]
