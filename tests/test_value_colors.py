@@ -26,7 +26,9 @@ def particles() -> gb.Particles:
 def steps_off(image: np.ndarray, values: np.ndarray, lo: float, hi: float) -> np.ndarray:
     """By how many of the map's 255 steps colors (N, 3) uint8 differ from values (N,)."""
     steps = np.linspace(0, 255, 2041)
-    table = np.stack([np.interp(steps, np.arange(256), VIRIDIS[:, k]) for k in range(3)], axis=1)
+    light = gb.colorize(steps, "viridis", 0, 255).astype(np.float64)
+    low = light <= 0.0031308
+    table = 255 * np.where(low, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
     colors, which = np.unique(image, axis=0, return_inverse=True)
     away = np.square(colors[:, None] - table[None]).sum(axis=2)
     nearest = away.argmin(axis=1)[which.reshape(-1)]
