@@ -148,7 +148,8 @@ def bounds_of(scenes: Iterable[Scene]) -> tuple[np.ndarray, np.ndarray] | None:
     found = []
     for scene in scenes:
         try:
-            found.append(getattr(scene, "particles", scene).bounds())
+            owner: Any = getattr(scene, "particles", scene)  # a mesh has bounds of its own
+            found.append(owner.bounds())
         except ValueError:  # no finite position
             continue
     if not found:
@@ -199,7 +200,7 @@ def room(annotation: Annotation | None) -> float:
     if annotation.box:
         return 1.25 + below
     above = annotation.title or annotation.time is not None or annotation.step is not None
-    return 1.1 + below if above or below else 1.0
+    return 1.1 + below if above or below or annotation.axes else 1.0
 
 
 def corners_to_fit(annotation: Annotation | None, scene: Scene, around: Any = None) -> Any:
