@@ -12,7 +12,8 @@ from make_gallery import pack
 TARGET = Path(__file__).resolve().parent / "images/how-to"
 IMAGES = {
     "annotated": "--size 800x600 --samples 4 --color-by y --legend-at outside "
-    "--legend-title height --legend-unit m --box --axes --scale-bar --unit m --title Dam_break --time 0.4",
+    "--legend-title height --legend-unit m --box --axes --scale-bar --unit m --title Dam_break "
+    "--time 0.4",
     "views": "--size 800x620 --samples 4 --views front,top,side,iso --axes --scale-bar --unit m",
 }
 
