@@ -11,7 +11,8 @@ import pytest
 from cli_helpers import cube, refused
 from globule.cli import main
 from globule.render import annotate
-from globule.render.annotate import draw_view, round_length, round_values, scale_bar
+from globule.render.annotate import draw_view, round_length, scale_bar
+from globule.render.box import round_values, visible_parts
 from globule.render.canvas import Canvas, sizes
 from globule.render.legend import POSITIONS
 from globule.render.views import VIEWS, Grid, view_cameras
@@ -137,7 +138,7 @@ def test_edges_behind_the_surface_are_hidden(ball, backend):
         frame = gb.render(scene, camera, size)
         for z in (-1.5, 1.5):
             ends = np.array([[-2.0, 0.3, z], [2.0, 0.3, z]])
-            parts = annotate.visible_parts(ends, camera, size, frame.distance)
+            parts = visible_parts(ends, camera, size, frame.distance)
             shares = np.linspace(0, 1, 400)
             points = ends[0] + shares[:, None] * (ends[1] - ends[0])
             far = camera.along(points)
@@ -161,7 +162,7 @@ def test_edges_behind_the_surface_are_hidden(ball, backend):
             if z < 0:
                 assert (~seen[judged]).sum() > 20
         # Without an image nothing hides.
-        assert len(annotate.visible_parts(ends, camera, size, None)) == 1
+        assert len(visible_parts(ends, camera, size, None)) == 1
 
 
 def test_the_box_goes_around_the_particles():

@@ -210,7 +210,11 @@ class Frame:
 
     @property
     def alpha(self) -> np.ndarray:
-        """(H, W) float32: the share of the pixel's rays that hit a surface, a cut or the ground."""
+        """(H, W) float32: the share of the pixel's rays that hit a surface, a cut or the ground.
+
+        With several samples, the rays are traced again when `alpha` is first read: the scene must
+        not have changed since the frame was rendered.
+        """
         if self.samples == 1:
             return self.mask.astype(np.float32)
         kept = vars(self).get("_alpha")
