@@ -131,7 +131,7 @@ NB_MODULE(_core, m) {
         })
         .def("build", [](PyScene& s, std::size_t n, Array positions, Array support, float one_support, Array weight,
                          float one_weight, Array color, std::vector<float> one_color, Array reflection, float one_reflection,
-                         Array refraction, float one_refraction, Array stretch, float most_stretch, int key_bits, int depth, bool dense, std::vector<float> space) {
+                         Array refraction, float one_refraction, Array stretch, float most_stretch, float spacing, int key_bits, int depth, bool dense, std::vector<float> space) {
             TreeRequest request{key_bits, depth, dense, !space.empty(), {}, {}};
             if (!space.empty()) {
                 request.lo = {space.at(0), space.at(1), space.at(2)};
@@ -143,7 +143,7 @@ NB_MODULE(_core, m) {
                 const SceneArrays arrays{n, all.reach("positions", array(positions), 3 * n), all.reach("support", array(support), n),
                                          all.reach("weight", array(weight), n), held->reach("color", array(color), 3 * n),
                                          held->reach("reflection", array(reflection), n), held->reach("refraction", array(refraction), n),
-                                         all.reach("anisotropy", array(stretch), 6 * n), most_stretch, one_support, one_weight, vec(one_color),
+                                         all.reach("anisotropy", array(stretch), 6 * n), most_stretch, one_support, one_weight, spacing, vec(one_color),
                                          one_reflection, one_refraction};
                 s.core.call<&Scene::build>(arrays, request);
                 s.held = std::move(held);
@@ -168,6 +168,9 @@ NB_MODULE(_core, m) {
         .def("spacing", [](PyScene& s) { return call<&Scene::spacing>(s.core); })
         .def("sorted", [](PyScene& s, Address keys, Address index) {
             call<&Scene::sorted>(s.core, at<std::uint64_t>(keys), at<std::uint32_t>(index));
+        })
+        .def("surface_kernels", [](PyScene& s, Address stretch, Address weight) {
+            call<&Scene::surface_kernels>(s.core, at<float>(stretch), at<float>(weight));
         })
         .def("render", [](PyScene&, const std::vector<Layer>& layers, const CameraRays& view, const Look& look,
                           const ThesisRequest* thesis, int passes, const PyFrame* before) {

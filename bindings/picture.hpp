@@ -57,6 +57,7 @@ inline Lighting lighting(const nb::dict& d) {
     s.background = vec(d, "background");
     s.show_sky = value<bool>(d, "show_sky");
     s.bounces = value<int>(d, "depth");
+    s.edge_samples = value<int>(d, "edge_samples");
     s.cutoff = value<float>(d, "cutoff");
     s.exposure = value<float>(d, "exposure");
     if (!d["ground"].is_none()) {
@@ -98,6 +99,10 @@ inline PictureRequest picture(const std::vector<Layer>& layers, const CameraRays
 inline void bind_picture(nb::module_& m) {
     nb::class_<Look>(m, "Look")
         .def("__init__", [](Look* self, const nb::dict& d) { new (self) Look(look(d)); })
+        .def("with_edges", [](Look look, int samples) {
+            look.lighting.edge_samples = samples;
+            return look;
+        })
         .def("reaching", [](Look look, float distance) {  // whose ambient rays end there
             look.lighting.ambient_distance = distance;
             return look;

@@ -146,6 +146,19 @@ def test_light_of_the_hits_and_background_make_the_opaque_image(particles, sampl
     assert (frame.image[..., 3] == np.rint(255 * alpha)).all()
 
 
+def test_edge_samples_make_fractions_of_alpha(particles, backend):
+    scene = gb.Scene(particles, **backend)
+    settings = gb.RenderSettings(edge_samples=3, background=(0.2, 0.4, 0.9))
+    clear = dataclasses.replace(settings, transparent=True)
+    opaque, frame = (gb.render(scene, size=(120, 90), settings=s) for s in (settings, clear))
+    alpha = frame.alpha
+    assert np.abs(4 * alpha - np.rint(4 * alpha)).max() < 1e-4
+    assert len(np.unique(np.rint(4 * alpha))) == 5
+    behind = (1 - alpha[..., None]) * np.float32(settings.background)
+    assert np.abs(frame.color + behind - opaque.color).max() < 2e-5
+    assert (opaque.alpha == alpha).all()
+
+
 def test_alpha_counts_the_ground_and_survives_refining(particles):
     settings = {"ground": gb.Ground(-1.0), "transparent": True}
     level = gb.Camera((0, 0, 6), (0, 0, 0))  # the horizon is in the middle

@@ -19,16 +19,23 @@ namespace globule {
 /// The basis function b(r); docs/understand/conventions.md has their formulas and defaults.
 enum class Kernel : int { murakami, nishimura, wyvill, blinn, cubic_spline, wendland_c2, solid };
 enum class OctreeKind : int { sparse, dense };
+/// balls: each particle's kernel is a ball, or its anisotropy.  smooth: an ellipsoid and a weight for each particle are found from
+/// its neighbours, so that one surface encloses the particles' volume and lies half a spacing outside of the outermost ones; for
+/// particles of one fluid with one spacing.
+enum class Surface : int { balls, smooth };
 
 struct SceneOptions {
     Kernel kernel = Kernel::murakami;
-    std::optional<double> threshold{};      ///< iso-value of the raw sum of weight * b(r); default by kernel
+    std::optional<double> threshold{};      ///< iso-value of the raw sum of weight * b(r); default by kernel, smooth: 0.5
     /// Radius of all particles' supports, world, instead of Particles::support.  Without either it is the kernel's default
     /// number of spacings, measured at the first update and kept.
     std::optional<double> support{};
     int key_bits = 32;                      ///< 32 (10 levels) or 64 (21 levels)
     std::optional<int> level{};             ///< deepest level; default: all that the keys have (dense: 6 of at most 8)
     OctreeKind octree = OctreeKind::sparse;
+    Surface surface = Surface::balls;       ///< smooth: with the kernel murakami, the sparse octree and no support
+    /// Of the particles of a smooth surface, world: the cube root of a particle's volume.  Default: measured at the first update.
+    std::optional<double> spacing{};
     std::string device = "auto";            ///< "auto", "cpu", "cuda" or "cuda:N"
     int threads = 0;                        ///< of the CPU; 0: all
     /// The octree's space: the cube whose low corner is that of this box and whose edge is the box's longest.  Default: the

@@ -55,7 +55,8 @@ if _TYPE_CHECKING:
     from .render.presets import preset
     from .render.sequence import read_ahead, render_sequence, value_range
     from .render.views import Views, render_views
-    from .scene.smoothing import anisotropy, without_strays
+    from .scene.fluid import fluid_like
+    from .scene.smoothing import anisotropy, surface_kernels, without_strays
     from .scene.spacing import local_spacing
     from .sim.settings import Phase, StepReport
     from .sim.simulation import Simulation
@@ -83,7 +84,8 @@ _LATER = {
     "render.presets": "preset",
     "render.sequence": "read_ahead render_sequence value_range",
     "render.views": "Views render_views",
-    "scene.smoothing": "anisotropy without_strays",
+    "scene.fluid": "fluid_like",
+    "scene.smoothing": "anisotropy surface_kernels without_strays",
     "scene.spacing": "local_spacing",
     "sim.settings": "Phase StepReport",
     "sim.simulation": "Simulation",

@@ -60,6 +60,7 @@ struct Scene::Impl {
     // Behind the gate.
     core::TreeRequest tree;
     double own_support = 0;       ///< of the options; 0: none
+    bool smooth = false;          ///< one smooth surface, measured_support belongs to it
     double measured_support = 0;  ///< for particles that come without one; 0: not yet known
     bool whole = false;         ///< an update went through and nothing broke since
     std::size_t n = 0;

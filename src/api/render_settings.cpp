@@ -113,6 +113,7 @@ Look look(const RenderSettings& s) {
     } else l.sky = packed(Sky{s.background, s.background, s.background});
     if (s.ground) l.ground = packed(*s.ground);
     l.bounces = whole("bounces", s.bounces, 0, 32);
+    l.edge_samples = whole("edge_samples", s.edge_samples, 0, 64);
     l.cutoff = number("cutoff", s.cutoff, 0, 1);
     l.exposure = number("exposure", s.exposure, 0);
     out.specular = number("specular", s.specular, 0);

@@ -4,6 +4,7 @@
 #include <algorithm>
 
 #include "api/impl.hpp"
+#include "field/surface_kernels.hpp"
 
 namespace globule {
 namespace {
@@ -119,7 +120,7 @@ double guessed_spacing(const core::FloatArray& p, std::size_t n) {
     return extent > 0 ? extent / std::pow(double(n), 1.0 / 3.0) : 1;
 }
 
-Update check_update(const Particles& p, int device, bool dense, double own_support, double measured_support) {
+Update check_update(const Particles& p, int device, bool dense, bool smooth, double own_support, double measured_support) {
     Update u;
     u.inputs = std::make_unique<Inputs>(device);
     core::SceneArrays& a = u.arrays;
@@ -127,7 +128,10 @@ Update check_update(const Particles& p, int device, bool dense, double own_suppo
     if (!p.positions.given()) refuse("positions", "an array", "none");
     a.positions = in.rows("positions", p.positions, 3, a.n);
     if (a.n > kMaxParticles) refuse("positions", "at most " + std::to_string(kMaxParticles) + " particles", std::to_string(a.n));
-    if (p.anisotropy.given()) {
+    if (smooth) {
+        if (measured_support > 0) u.one_support = measured_support;
+        else u.measured = true;
+    } else if (p.anisotropy.given()) {
         if (dense) refuse("anisotropy", "the sparse octree", "dense");
         Stretched s = stretched(p.anisotropy, a.n);
         a.most_stretch = s.most;
@@ -180,11 +184,12 @@ void Scene::Impl::check_whole() const {
 void Scene::Impl::update(const Particles& p) {
     if (n_of_owner) throw Error(ErrorCode::invalid, "update: the scene of a simulation follows its particles");
     const core::Gates inside = gates();
-    Update u = check_update(p, core.device(), tree.dense, own_support, measured_support);
+    Update u = check_update(p, core.device(), tree.dense, smooth, own_support, measured_support);
     const bool was_whole = whole;
     bool changed = false;
     const auto build = [&](double one) {
         u.arrays.one_support = float(one);
+        u.arrays.spacing = smooth ? float(one) / core::surface::kAxis : 0.0f;
         try {
             core.call_inside<&core::Scene::build>(inside, u.arrays, tree);
         } catch (const Error& e) {
@@ -199,7 +204,8 @@ void Scene::Impl::update(const Particles& p) {
         build(0);
         const double found = core.call_inside<&core::Scene::spacing>(inside);
         keep = found > 0;
-        const double support_found = defaults_of(kernel).spacings * (found > 0 ? found : guessed_spacing(u.arrays.positions, u.arrays.n));
+        const double spacings = smooth ? double(core::surface::kAxis) : defaults_of(kernel).spacings;
+        const double support_found = spacings * (found > 0 ? found : guessed_spacing(u.arrays.positions, u.arrays.n));
         if (support_found > kMaxSupport) refuse("support", "at most " + text(kMaxSupport), text(support_found));
         u.one_support = support_found;
     }
@@ -219,7 +225,13 @@ Scene::Scene(const SceneOptions& o) : impl_(std::make_shared<Impl>()) {
     if (dense && o.key_bits != 32) refuse("key_bits", "32, which the dense octree uses", "64");
     const int deepest = dense ? 8 : o.key_bits == 32 ? 10 : 21;
     impl_->kernel = core::KernelName(o.kernel);
-    impl_->threshold = o.threshold ? positive("threshold", *o.threshold) : defaults_of(impl_->kernel).threshold;
+    impl_->smooth = o.surface == Surface::smooth;
+    if (impl_->smooth && (o.kernel != Kernel::murakami || dense || o.support))
+        refuse("surface", "the kernel murakami, the sparse octree and no support with a smooth one", dense ? "the dense octree" : o.support ? "a support" : "another kernel");
+    if (o.spacing && !impl_->smooth) refuse("spacing", "a smooth surface with it", "balls");
+    const double by_default = impl_->smooth ? double(core::surface::kThreshold) : defaults_of(impl_->kernel).threshold;
+    impl_->threshold = o.threshold ? positive("threshold", *o.threshold) : by_default;
+    if (o.spacing) impl_->measured_support = core::surface::kAxis * positive("spacing", *o.spacing);
     core::TreeRequest& tree = impl_->tree;
     tree.key_bits = o.key_bits;
     tree.depth = whole("level", o.level.value_or(dense ? 6 : deepest), 0, deepest);

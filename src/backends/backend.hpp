@@ -33,6 +33,7 @@ struct SceneArrays {
     FloatArray stretch;                   // (n, 6) xx yy zz xy xz yz, 1 / world; null: balls; sparse octree only
     float most_stretch = 1.0f;
     float one_support = 0.0f, one_weight = 1.0f;
+    float spacing = 0.0f;                 // of particles that make one smooth surface, in place of supports; 0: balls or ellipsoids as given
     float3 one_color{0, 0, 0};
     float one_reflection = 0.0f, one_refraction = 0.0f;
 };
@@ -94,6 +95,8 @@ struct Scene : Object {
     virtual TreeFacts facts(bool with_hashes) = 0;
     virtual float spacing() = 0;  // of the particles built last; 0 where there are too few
     virtual void sorted(std::uint64_t* keys, std::uint32_t* index) = 0;
+    /// Of a smooth surface, in key order: (n, 6) as SceneArrays::stretch, and (n,).
+    virtual void surface_kernels(float* stretch, float* weight) = 0;
     /// The picture; passes are added to those of `before`, a frame of the same size, if given, which stays as it is.
     virtual std::shared_ptr<Frame> render(const PictureRequest& request, const std::shared_ptr<Frame>& before) = 0;
     virtual void intersect(const FieldRequest& field, std::size_t n, const FloatArray& origins, const FloatArray& directions,
@@ -110,7 +113,7 @@ struct Scene : Object {
     virtual void thesis_work(std::size_t n, ThesisWork* out) = 0;
 };
 
-using SceneEntries = EntryTable<&Scene::build, &Scene::facts, &Scene::spacing, &Scene::sorted, &Scene::render, &Scene::intersect, &Scene::evaluate,
+using SceneEntries = EntryTable<&Scene::build, &Scene::facts, &Scene::spacing, &Scene::sorted, &Scene::surface_kernels, &Scene::render, &Scene::intersect, &Scene::evaluate,
                                 &Scene::blend, &Scene::neighbors, &Scene::synchronize, &Scene::thesis_work>;
 using FrameEntries = EntryTable<&Frame::read, &Frame::trace_seconds, &Frame::passes>;
 

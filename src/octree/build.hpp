@@ -222,6 +222,27 @@ struct EmitNodes {
     }
 };
 
+/// The box of particles and what they reach, a group of lanes at a time.
+template <class Group>
+struct LeafBox {
+    using F = typename Group::F;
+    F lo[3] = {F(infinity()), F(infinity()), F(infinity())}, hi[3] = {F(-infinity()), F(-infinity()), F(-infinity())};
+
+    GB_FN void add(Group& g, const SortedParticles& particles, std::size_t at, const typename Group::B& which) {
+        const F a = particles.support.data ? g.load_run(particles.support.data + at) : F(particles.support.uniform);
+        const F p[3] = {g.load_run(particles.x + at), g.load_run(particles.y + at), g.load_run(particles.z + at)};
+        for (int k = 0; k < 3; ++k) {
+            lo[k] = min(lo[k], select(which, p[k] - a, F(infinity())));
+            hi[k] = max(hi[k], select(which, p[k] + a, F(-infinity())));
+        }
+    }
+    GB_FN Node leaf(Group& g, std::uint32_t begin, std::uint32_t count) const {
+        return {{g.smallest(lo[0]), g.smallest(lo[1]), g.smallest(lo[2])},
+                {g.largest(hi[0]), g.largest(hi[1]), g.largest(hi[2])},
+                begin, Node::leaf_bit | count};
+    }
+};
+
 /// Boxes of the leaves, a group of lanes to each.
 template <class Key>
 struct BoxLeaves {
@@ -244,9 +265,7 @@ struct BoxLeaves {
     /// All particles from `begin` on that share its cell of that level.
     template <class Group>
     GB_FN Node make_leaf(Group& g, std::uint32_t begin, int level) const {
-        using F = typename Group::F;
-        const F inf = F(infinity());
-        F lo[3] = {inf, inf, inf}, hi[3] = {-inf, -inf, -inf};
+        LeafBox<Group> box;
         std::size_t end = begin;
         int n_here = Group::width;
         while (n_here == Group::width) {
@@ -254,19 +273,38 @@ struct BoxLeaves {
             g.per_lane(g.first_lanes(Group::width), [&](int lane) {
                 Group::put(ours, lane, starts.shared(begin, end + lane) >= level);
             });
-            const F a = particles.support.data ? g.load_run(particles.support.data + end) : F(particles.support.uniform);
-            const F p[3] = {g.load_run(particles.x + end), g.load_run(particles.y + end), g.load_run(particles.z + end)};
-            for (int k = 0; k < 3; ++k) {
-                lo[k] = min(lo[k], select(ours, p[k] - a, inf));
-                hi[k] = max(hi[k], select(ours, p[k] + a, -inf));
-            }
+            box.add(g, particles, end, ours);
             n_here = g.count(ours);
             end += n_here;
         }
-        return {{g.smallest(lo[0]), g.smallest(lo[1]), g.smallest(lo[2])},
-                {g.largest(hi[0]), g.largest(hi[1]), g.largest(hi[2])},
-                begin, Node::leaf_bit | std::uint32_t(end - begin)};
+        return box.leaf(g, begin, std::uint32_t(end - begin));
     }
+};
+
+/// The same for leaves that are known, when their particles reach elsewhere.
+struct RefitLeaves {
+    struct Nothing {};
+    template <class Group>
+    using Scratch = Nothing;
+
+    const TreeHeader* header;
+    SortedParticles particles;
+    NodeArrays nodes;
+
+    template <class Group>
+    GB_FN void operator()(Group& g, Nothing&, std::size_t i) const {
+        if (i >= header->n_nodes || !Node::is_leaf(nodes.meta[i])) return;
+        const std::uint32_t begin = nodes.first[i], count = Node::count(nodes.meta[i]);
+        LeafBox<Group> box;
+        for (std::uint32_t k = 0; k < count; k += Group::width) box.add(g, particles, begin + k, g.first_lanes(int(count - k)));
+        const Node leaf = box.leaf(g, begin, count);
+        if (g.is_first()) nodes.set(i, leaf);
+    }
+};
+struct ScaleMostWeight {
+    TreeHeader* header;
+    float by;
+    GB_FN void operator()(std::size_t) const { header->most_weight *= by; }
 };
 
 /// Boxes of inner nodes: the child that arrives last makes its parent's.
@@ -358,6 +396,29 @@ public:
     void relabel(const std::uint32_t* index, const Attribute& weight) {
         sorted_.index = index;
         sorted_.weight = weight;
+    }
+
+    /// Room for a support, a weight and a matrix of each sorted particle; what is written there holds from reshape() on.
+    struct Shapes {
+        float *support, *weight, *stretch;  ///< (n,), (n,), (n, 6)
+    };
+    Shapes shapes() {
+        const std::size_t padded = ceil_div<std::size_t>(n_, 64) * 64 + 64;
+        return {support_.reserve(padded), weight_.reserve(padded), stretch_.reserve(6 * padded)};
+    }
+    /// The boxes of a sparse tree anew for these shapes.
+    void reshape(const Shapes& shapes, float most_stretch, float most_weight) {
+        sorted_.support = {shapes.support, 0.0f};
+        sorted_.weight = {shapes.weight, 0.0f};
+        sorted_.stretch = shapes.stretch;
+        sorted_.most_stretch = most_stretch;
+        TreeHeader* header = header_.data();
+        const std::size_t n_nodes = Exec::on_device ? capacity_ : header->n_nodes;
+        std::uint32_t* scratch = scratch_.data();
+        exec_.for_each(1, build::ScaleMostWeight{header, most_weight});
+        exec_.clear(scratch + 2 * capacity_, n_nodes * sizeof *scratch);
+        exec_.for_each_tile(n_nodes, build::RefitLeaves{header, sorted_, node_arrays()});
+        exec_.for_each(n_nodes, build::CarryBoxes{header, node_arrays(), scratch, scratch + capacity_, scratch + 2 * capacity_});
     }
 
     SparseTree sparse() const { return {header_.data(), node_arrays()}; }

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "backends/backend.hpp"
+#include "field/surface_kernels.hpp"
 #include "octree/build.hpp"
 #include "pipeline/arrays.hpp"
 #include "trace/looks.hpp"
@@ -52,7 +53,8 @@ public:
         ParticleInput input;
         input.n = in.n;
         input.positions = bring(exec, positions_, in.positions, 3 * in.n);
-        input.support = {bring(exec, support_, in.support, in.n), in.one_support};
+        const bool smooth = in.spacing > 0.0f;
+        input.support = smooth ? Attribute{nullptr, surface::kAxis * in.spacing} : Attribute{bring(exec, support_, in.support, in.n), in.one_support};
         input.weight = {bring(exec, weight_, in.weight, in.n), in.one_weight};
         input.stretch = bring(exec, stretch_, in.stretch, 6 * in.n);
         input.most_stretch = in.most_stretch;
@@ -64,11 +66,12 @@ public:
         exec.mark(0);
         b.octree.build(input, {request.key_bits, request.depth, request.dense, request.fixed_space, request.lo, request.hi,
                                request.typical_support, request.most_weight});
+        if (smooth && in.n) make_smooth(exec, b.octree, in.spacing);
         exec.mark(1);
         let_callers_go_on(exec, in.positions, in.support, in.weight, in.stretch);
         if (beside)
             for (auto& lane : lanes_) lane->follow(exec);
-        const bool measures = !in.support.data && in.one_support == 0.0f;  // another build follows at once
+        const bool measures = !smooth && !in.support.data && in.one_support == 0.0f;  // another build follows at once
         if (!measures) ++n_builds_;
         whole_ = true;
     }
@@ -90,6 +93,15 @@ public:
     }
 
 private:
+    /// Ellipsoids and weights from the particles' neighbours, in place of their supports.
+    static void make_smooth(Exec& exec, Octree<Exec>& octree, float spacing) {
+        const typename Exec::Stage stage("surface kernels");
+        const auto shapes = octree.shapes();
+        exec.for_each_tile(ceil_div<std::size_t>(octree.size(), Exec::Group::width),
+                           FindSurfaceKernels<SparseTree>{octree.sparse(), octree.particles(), octree.size(), spacing, shapes.support, shapes.weight, shapes.stretch});
+        octree.reshape(shapes, surface::kMostStretch, surface::kFace);
+    }
+
     /// From the second build on there are more trees, where memory allows: a scene that is built once needs but one.
     void build_beside() {
         if constexpr (Exec::on_device) {

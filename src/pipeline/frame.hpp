@@ -3,9 +3,28 @@
 #include "pipeline/composite.hpp"
 #include "pipeline/frame_pool.hpp"
 #include "pipeline/trace.hpp"
-#include "trace/shade.hpp"
+#include "trace/edges.hpp"
 
 namespace globule::core {
+
+/// More samples of the pixels at silhouettes and creases.
+template <class Exec>
+void smooth_edges(Exec& exec, const Traced<Exec>& scene, const FieldRequest& field, const Lighting& lighting, FrameImages<Exec>& frame) {
+    const typename Exec::Stage stage("edges");
+    const std::size_t n = frame.rays.n;
+    float* room = frame.sums.reserve(10 * n);
+    RaySource rays = frame.rays;
+    const Hits hits{room, room + n, room + 4 * n, frame.hits().undecided};
+    std::uint8_t* edge = frame.edge();
+    exec.for_each(n, MarkEdges{rays, frame.hits(), edge});
+    rays.only = edge;
+    for (int k = 1; k <= lighting.edge_samples; ++k) {
+        rays.pass = std::uint32_t(k);
+        scene.trace(exec, field, rays, hits);
+        scene.resolve(exec, field, rays, hits);
+        exec.for_each(n, AddEdgeSample{{rays, hits, lighting, frame.color(), frame.picture()}, edge, room + 7 * n, k, lighting.edge_samples});
+    }
+}
 
 /// The particles have been built (pipeline/build.hpp); work goes to `exec`, nothing is waited for.
 template <class Exec>
@@ -17,6 +36,7 @@ void make_frame(Exec& exec, const Traced<Exec>& scene, const FieldRequest& field
     scene.resolve(exec, field, rays, hits);
     composite(exec, hits, rays.n);
     exec.for_each(rays.n, Shade{rays, hits, lighting, frame.color(), frame.picture()});
+    if (lighting.edge_samples > 0 && !field.thesis) smooth_edges(exec, scene, field, lighting, frame);
 }
 
 /// Whether light makes no more than one turn in a picture.

@@ -36,6 +36,8 @@ struct FrameImages {
     float* color() const { return block.data() + 7 * rays.n; }
     std::uint8_t* picture() const { return reinterpret_cast<std::uint8_t*>(block.data() + 10 * rays.n); }
     std::uint8_t* layer() const { return picture() + 3 * rays.n; }
+    /// Of a plain frame, which has no layers.
+    std::uint8_t* edge() const { return layer(); }
 
 private:
     Buffer<std::uint32_t, Exec> undecided_;  ///< their number, then the rays that float64 finishes

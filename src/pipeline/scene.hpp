@@ -40,6 +40,12 @@ public:
     }
     float spacing() override { return questions_.spacing(octree()); }
     void sorted(std::uint64_t* keys, std::uint32_t* index) override { questions_.sorted(octree(), keys, index); }
+    void surface_kernels(float* stretch, float* weight) override {
+        const SortedParticles& p = octree().particles();
+        if (!p.stretch || !p.weight.data) throw Refused("surface_kernels: expected a smooth surface");
+        exec_->download(stretch, p.stretch, 6 * octree().size() * sizeof(float));
+        exec_->download(weight, p.weight.data, octree().size() * sizeof(float));
+    }
     void intersect(const FieldRequest& field, std::size_t n, const FloatArray& origins, const FloatArray& directions, float* t, float* normal,
                    float* albedo) override {
         octree();

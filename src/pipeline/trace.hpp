@@ -17,7 +17,9 @@ void with_kinds(const Octree<Exec>& octree, KernelName name, const Fn& fn) {
     const SortedParticles& p = octree.particles();
     const bool alike = !p.support.data && !p.weight.data && p.weight.uniform > 0.0f;
     if (octree.params().dense) fn(octree.dense(), AnyKernel{name}, std::true_type{});
-    else if (p.stretch) fn(octree.sparse(), StretchedKernel{{name}, p.stretch, octree.sparse().header}, std::true_type{});
+    else if (p.stretch && name == KernelName::murakami)
+        fn(octree.sparse(), StretchedKernel<Murakami>{{}, p.stretch, octree.sparse().header}, std::true_type{});
+    else if (p.stretch) fn(octree.sparse(), StretchedKernel<AnyKernel>{{name}, p.stretch, octree.sparse().header}, std::true_type{});
     else if (alike && name == KernelName::murakami) fn(octree.sparse(), Murakami{}, std::false_type{});
     else fn(octree.sparse(), AnyKernel{name}, std::true_type{});
 }

@@ -33,6 +33,7 @@ struct RaySource {
     std::size_t n = 0;  ///< rays, or pixels
     std::uint32_t first_row = 0;  ///< of the camera's picture; ray 0 is its first pixel
     std::uint32_t pass = 0;       ///< 0: through the pixels' centres; else anywhere in the pixel
+    const std::uint8_t* only = nullptr;  ///< pixels that have a ray where it is not 0 (tiles alone know it); null: all
 
     /// Work items: the pixels in Morton order within squares of 64, so that neighbours in memory, and
     /// the rays that they send on, see the same places.

@@ -42,6 +42,7 @@ struct Lighting {
     Ground ground;
     Material materials[kMaxLayers];
     int bounces;              ///< mirrored and transmitted generations
+    int edge_samples = 0;  ///< more samples at silhouettes and creases of a plain frame, beside the first
     float cutoff;             ///< smallest weight that is followed
     float exposure;
 

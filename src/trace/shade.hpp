@@ -16,13 +16,16 @@ struct Shade {
 
     GB_FN void operator()(std::size_t i) const {
         const bool hit = hits.t[i] < infinity();
-        const float3 c = hit ? surface(i) : s.background;
+        const float3 c = light(i, hit);
         const float v[3] = {c.x, c.y, c.z};
         for (int k = 0; k < 3; ++k) {
             color[3 * i + k] = v[k];
-            picture[3 * i + k] = display(hit ? shoulder(v[k] * s.exposure) : v[k]);  // background as it is given
+            picture[3 * i + k] = display(shown(v[k], hit));
         }
     }
+    GB_FN float3 light(std::size_t i, bool hit) const { return hit ? surface(i) : s.background; }
+    /// Background as it is given.
+    GB_FN float shown(float v, bool hit) const { return hit ? shoulder(v * s.exposure) : v; }
 
     GB_FN float3 surface(std::size_t i) const {
         float3 o, d;

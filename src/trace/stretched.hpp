@@ -6,8 +6,9 @@
 
 namespace globule::core {
 
-/// Any kernel, with each particle's matrix.
-struct StretchedKernel : AnyKernel {
+/// A kernel, with each particle's matrix.
+template <class Base>
+struct StretchedKernel : Base {
     static constexpr bool stretched = true;
     const float* matrices;     ///< SortedParticles::stretch
     const TreeHeader* header;

@@ -78,8 +78,9 @@ private:
         B valid = g.none();
         g.per_lane(g.first_lanes(Group::width), [&](int lane) {
             const std::size_t i = Layout{rays}.ray(tile, v * Group::width + lane);
-            Group::put(valid, lane, i < rays.n);
-            if (i >= rays.n) return;
+            const bool is_there = i < rays.n && (!rays.only || rays.only[i]);
+            Group::put(valid, lane, is_there);
+            if (!is_there) return;
             if (rays.origins) {
                 Group::put(ox, lane, rays.origins[3 * i]);
                 Group::put(oy, lane, rays.origins[3 * i + 1]);

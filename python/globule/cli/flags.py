@@ -78,6 +78,18 @@ FLAGS: dict[str, dict[str, Any]] = {
         "metavar": "NAME",
         "help": f"kernel of the particles: {', '.join(KERNELS)}",
     },
+    "--surface": {
+        "choices": ("auto", "smooth", "balls"),
+        "metavar": "NAME",
+        "help": "smooth: one surface that encloses the fluid's volume; balls: a ball around each "
+        "particle; auto: smooth for particles of one fluid",
+    },
+    "--spacing": {
+        "type": positive,
+        "metavar": "LENGTH",
+        "help": "spacing of the particles of a smooth surface, the cube root of a particle's "
+        "volume, world units",
+    },
     "--support": {
         "type": positive,
         "metavar": "LENGTH",

@@ -14,6 +14,7 @@ import numpy as np
 
 from ..formats import READABLE
 from ..formats.kind import kind_of
+from ..scene.fluid import fluid_like
 from ..scene.particles import SCALAR_FIELDS, Particles
 from . import flags, medical
 from . import medical as medical_files
@@ -104,6 +105,8 @@ def describe(path: str, particles: Particles) -> dict[str, Any]:
         "bounds": None,
         "spacing": None,
         "default_support": None,
+        "surface": "balls",
+        "why_surface": "no particles",
     }
     if kind_of(path).kind == "volume":
         volume = medical.describe(path, "volume")
@@ -115,6 +118,7 @@ def describe(path: str, particles: Particles) -> dict[str, Any]:
         facts["bounds"] = {"lo": lo, "hi": hi}
         facts["spacing"] = scene.spacing or None
         facts["default_support"] = scene.support
+        facts["surface"], facts["why_surface"] = _surface(path, particles)
     facts["fields"] = {"positions": _range(particles.positions)}
     for name in (*SCALAR_FIELDS, "color"):
         value = getattr(particles, name)
@@ -122,6 +126,14 @@ def describe(path: str, particles: Particles) -> dict[str, Any]:
             facts["fields"][name] = _range(np.asarray(value, np.float32))
     facts["attributes"] = {name: _range(array) for name, array in particles.attributes.items()}
     return facts
+
+
+def _surface(path: str, particles: Particles) -> tuple[str, str]:
+    """What `globule render` draws, and why."""
+    if kind_of(path).kind == "volume":
+        return "balls", "voxels"
+    found = fluid_like(particles)
+    return "smooth" if found.yes else "balls", found.why
 
 
 def _format_name(path: str) -> str:
@@ -170,6 +182,7 @@ def _lines(facts: dict[str, Any]) -> list[str]:
             f"{spacing:.4g}" if spacing else "unknown (too few particles, or all at one position)"
         )
         lines.append(f"  spacing    {text}")
+        lines.append(f"  surface    {facts['surface']} ({facts['why_surface']})")
     for kind in ("fields", "attributes"):
         for name, about in facts[kind].items():
             shape = "x".join(map(str, about["shape"])) or "one for all"

@@ -39,6 +39,7 @@ from typing import Any
 
 import numpy as np
 
+from ..formats.kind import kind_of
 from ..render.annotate import Colors
 from ..render.camera import Camera, view_axes
 from ..render.camera_path import round_camera
@@ -75,7 +76,7 @@ EXAMPLES = """\
   globule render head.nii.gz -o cut.png --level 90 --preset tissue --up 0,0,1 --clip 1,0,0,5
   globule render frame_0.ply frame_1.ply -o picture_%04d.png"""
 ESSENTIAL = ("--output", "--size", "--eye", "--look-at", "--up", "--preset", "--color-by",
-             "--legend", "--samples", "--level", "--clip", "--state", "--device")  # fmt: skip
+             "--surface", "--legend", "--samples", "--level", "--clip", "--state", "--device")  # fmt: skip
 
 SAMPLES = 20_000  # particles at which the highest field is looked for
 FOV = 40.0  # degrees
@@ -113,6 +114,8 @@ def add_arguments(parser: Parser) -> None:
     flags.add(surface, "--kernel", "default: murakami", default="murakami")
     flags.add(surface, "--support", "default: the file's, else two spacings")
     flags.add(surface, "--threshold", "default: by kernel")
+    flags.add(surface, "--surface", "default: auto", default="auto")
+    flags.add(surface, "--spacing", "default: measured")
     surface.add_argument(
         "--anisotropic",
         action="store_true",
@@ -426,6 +429,7 @@ def _picture(
         "samples": settings.samples,
         "kernel": scene.kernel,
         "threshold": scene.threshold,
+        "surface": scene.surface,
         "support": _one_number(scene.support),
         "spacing": scene.spacing or None,
         "times": {
@@ -457,10 +461,15 @@ def _scene(
     options: argparse.Namespace, support: float | None, depth: int | None, particles: Particles
 ) -> Scene:
     """The scene of the particles, as the options ask for."""
+    surface = options.surface
+    volume = any(kind_of(path).kind == "volume" for path in options.particles)
+    if surface == "auto" and (volume or options.preset == "thesis"):  # voxels; the source's balls
+        surface = "balls"
     with tracing.octree_mistakes():
         return Scene(
             particles, options.kernel, options.threshold, support, options.key_bits, depth,
-            options.octree, options.device, options.threads,
+            options.octree, options.device, options.threads, surface=surface,
+            spacing=options.spacing,
         )  # fmt: skip
 
 

@@ -58,7 +58,7 @@ def with_values(frame: Frame, color: np.ndarray, values: tuple[Any, str, float, 
     own, colormap, lo, hi = values
     blended = frame.attribute(own)
     inside = np.isfinite(blended)
-    if frame.samples > 1:
+    if frame._mixed:
         wide = np.pad(inside, 1, constant_values=True)
         rows, columns = inside.shape
         for y in (0, 1, 2):

@@ -24,7 +24,6 @@ from .annotate import Annotation, corners_to_fit, drawing, room, traced_size
 from .camera import Camera
 from .clips import ClipBox, ClipPlane, ClipSphere
 from .display import displayed, straight, with_values
-from .lights import Ground
 from .materials import Material
 from .settings import MAX_SAMPLES, NAMES, RenderSettings, as_settings, for_values, items
 
@@ -43,9 +42,6 @@ REACH = {
     "wendland_c2": 0.62,
     "solid": 0.69,
 }
-
-
-_WHITE = Material(reflection=0.0, transmission=0.0, color=1.0, specular=0.0)
 
 
 @dataclass(frozen=True)
@@ -109,7 +105,7 @@ class Frame:
     _layers: tuple[Layer, ...] = field(repr=False)
     _more: Any = field(repr=False)
     _settings: RenderSettings = field(default_factory=RenderSettings, repr=False)
-    _matte: Any = field(default=None, repr=False)  # the hits of so many samples in white
+    _behind: Any = field(default=None, repr=False)  # traces again in front of another light
     _values: Any = field(default=None, repr=False)  # as `display.with_values` takes them
     _finish: Any = field(default=None, repr=False)  # draws annotations into the image
 
@@ -215,14 +211,22 @@ class Frame:
         With several samples, the rays are traced again when `alpha` is first read: the scene must
         not have changed since the frame was rendered.
         """
-        if self.samples == 1:
+        if not self._mixed:
             return self.mask.astype(np.float32)
         kept = vars(self).get("_alpha")
         if kept is None or kept[0] != self.samples:
-            shown = self._matte(self.samples).color(self.size[1], self.size[0])[..., 0]
-            kept = self.samples, np.clip(shown, 0, 1)
+            # Where a ray hits nothing, a light behind the scene adds to the pixel.
+            lit, dark = (self._behind(light, self.samples) for light in (1.0, 0.0))
+            width, height = self.size
+            through = lit.color(height, width)[..., 0] - dark.color(height, width)[..., 0]
+            kept = self.samples, np.clip(1 - through, 0, 1)
             vars(self)["_alpha"] = kept
         return kept[1]
+
+    @property
+    def _mixed(self) -> bool:
+        """Whether the color of a pixel at an edge may be a mixture."""
+        return self.samples > 1 or self._settings._mixes(self._scene)
 
     @property
     def picture(self) -> np.ndarray:
@@ -386,7 +390,7 @@ def render(
     way = None if thesis is None else thesis._packed
     thresholds = [layer.scene.threshold for layer in layers]
 
-    def trace(passes: int, before: Any, look: Any = look, kinds: list = kinds) -> Any:
+    def trace(passes: int, before: Any, look: Any = look) -> Any:
         if before and thresholds != [layer.scene.threshold for layer in layers]:
             raise ValueError("refine: expected the scene as it was rendered, got another threshold")
         packed = [
@@ -395,18 +399,9 @@ def render(
         ]
         return packed[0][0].render(packed, view, look, way, passes, before)
 
-    def matte(passes: int) -> Any:
-        """The same rays, with white hits in front of black."""
-        white = RenderSettings(
-            (),
-            1.0,
-            material=_WHITE,
-            tone=False,
-            transparent=True,
-            bounces=0,
-            ground=_white_ground(settings.ground),
-        )
-        return trace(passes, None, white._packed, [(_WHITE._packed, clips) for _, clips in kinds])
+    def behind(light: float, passes: int) -> Any:
+        """The same rays in front of another light."""
+        return trace(passes, None, settings._look(first, light))
 
     values = None
     if color_by is not None and (settings.is_flat or annotate is not None):
@@ -416,16 +411,12 @@ def render(
         finish = drawing(annotate, camera, [layer.scene for layer in layers], values, total)
     n = settings.samples
     first_pass = trace(n if progress is None else 1, None)
-    frame = Frame(size, first_pass, layers, trace, settings, matte, values and values[:4], finish)
+    frame = Frame(size, first_pass, layers, trace, settings, behind, values and values[:4], finish)
     if progress is not None:
         progress(1, n)
         if n > 1:
             frame.refine(n - 1, lambda done, _: progress(1 + done, n))
     return frame
-
-
-def _white_ground(ground: Ground | None) -> Ground | None:
-    return ground and replace(ground, color=1.0, other=1.0, reflection=0.0)
 
 
 def values_of(
@@ -443,7 +434,7 @@ def values_of(
 def as_scene(value: Any) -> Scene:
     """The scene that `value` stands for: a `Scene`, an object with one, or what `Scene` takes."""
     own = _own_scene(value)
-    return Scene(as_particles("scene", value)) if own is None else own
+    return Scene(as_particles("scene", value), surface="auto") if own is None else own
 
 
 def camera_and_size(camera: Any, size: Any) -> tuple[Camera | None, tuple[int, int]]:
@@ -518,7 +509,7 @@ def _colored(item: Any, color: tuple) -> Scene:
     own = _own_scene(item)
     particles = attributes.color_by(as_particles("scene", own or item), *color)
     if own is None:
-        return Scene(particles)
+        return Scene(particles, surface="auto")
     if own is not item:  # a simulation's, which nobody else updates
         return Scene(particles, own.kernel, own.threshold, device=own.device.name)
     own.update(particles)

@@ -25,6 +25,7 @@ from .lights import (
 from .materials import Material
 
 MAX_SAMPLES = 65536
+SMOOTH_EDGES = 3  # more samples at the edges of a smooth surface, where nothing else is asked for
 
 
 def items(name: str, value: Any, expected: str) -> tuple:
@@ -62,6 +63,10 @@ class RenderSettings(Fixed):
             `Frame.color` in sRGB, clipped at 1, without `exposure`.
         transparent: whether `Frame.image` is RGBA. A pixel's alpha is the share of its rays that
             hit a surface or the ground; an image of several samples has smooth edges.
+        edge_samples: more rays, 0 to 64, for pixels beside a jump of distance or normal
+            (silhouettes, creases), in images of one scene without shadows, ambient rays, mirrors,
+            transmission, clips, sky and ground. Other images have `samples`. None: 3 for a scene
+            with a smooth surface, else 0.
 
     Raises TypeError and ValueError naming the field, the expected and the given value.
     """
@@ -83,6 +88,7 @@ class RenderSettings(Fixed):
     samples: int = 1
     tone: bool = True
     transparent: bool = False
+    edge_samples: int | None = None
 
     def _check(self) -> None:
         if not isinstance(self.material, Material):
@@ -95,6 +101,10 @@ class RenderSettings(Fixed):
     @cached_property
     def _packed(self) -> Any:
         """What the core takes; how far ambient rays look in no scene in particular: 0."""
+        return self._pack(0.0 if self.transparent else None)
+
+    def _pack(self, behind: float | None) -> Any:
+        """What the core takes, with a background of `behind` in place of background and sky."""
         lights = items("lights", self.lights, "a list of lights")
         if len(lights) > MAX_LIGHTS:
             raise ValueError(f"lights: expected at most {MAX_LIGHTS}, got {len(lights)}")
@@ -118,16 +128,16 @@ class RenderSettings(Fixed):
                 "lights": [light._pack() for light in lights],
                 "ambient": [0.0, 0.0, 0.0] if sky_light else three("ambient", self.ambient, 0.0),
                 "sky_light": sky_light,
-                # Behind a transparent image the sum of the light is that of the hits alone.
-                "background": [0.0, 0.0, 0.0] if self.transparent else background,
+                "background": background if behind is None else [behind] * 3,
                 "exposure": number("exposure", self.exposure, 0.0),
                 "shadows": flag("shadows", self.shadows),
                 "ambient_rays": rays,
                 "ambient_distance": distance,
                 "sky": (self.sky or uniform_sky(background))._pack(),
-                "show_sky": self.sky is not None and not self.transparent,
+                "show_sky": self.sky is not None and behind is None,
                 "ground": self.ground._pack() if self.ground else None,
                 "depth": whole("bounces", self.bounces, 0, 32),
+                "edge_samples": whole("edge_samples", self.edge_samples or 0, 0, 64),
                 "cutoff": number("cutoff", self.cutoff, 0.0, 1.0),
                 "specular": number("specular", self.specular, 0.0),
                 "shininess": number("shininess", self.shininess, 0.0),
@@ -141,11 +151,19 @@ class RenderSettings(Fixed):
             _WHITE
         )
 
-    def _look(self, scene: Scene) -> Any:
-        """What the core takes for an image of `scene`."""
+    def _look(self, scene: Scene, behind: float | None = None) -> Any:
+        """What the core takes for an image of `scene`; behind: as for `_pack`."""
+        look = self._packed if behind is None else self._pack(behind)
         if self.ambient_distance is None and self.ambient_rays:
-            return self._packed.reaching(0.1 * scene.octree.extent)
-        return self._packed
+            look = look.reaching(0.1 * scene.octree.extent)
+        if self.edge_samples is None and scene.surface == "smooth":
+            look = look.with_edges(SMOOTH_EDGES)
+        return look
+
+    def _mixes(self, scene: Scene) -> bool:
+        """Whether pixels at edges may be mixtures in an image of one sample."""
+        own = self.edge_samples
+        return bool(own) or (own is None and scene.surface == "smooth")
 
 
 _DEFAULT = RenderSettings()

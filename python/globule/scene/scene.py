@@ -13,6 +13,7 @@ from .._base.arrays import ABSENT, HOST, View, address, on_gpu, unit_vectors, vi
 from .._base.checks import choice, positive, shown, thread_count, whole
 from .._base.device import Device, choose
 from .._base.old_names import renamed
+from .fluid import fluid_like
 from .octree import Octree
 from .particles import FIELDS, Particles
 from .sources import as_particles
@@ -35,6 +36,9 @@ DEFAULTS = {
     "wendland_c2": (2.75, 0.6),
     "solid": (2.2, 0.1),
 }
+SURFACES = ("balls", "smooth", "auto")
+SMOOTH_SUPPORT = 2.25  # spacings: of a kernel inside the fluid, src/field/surface_kernels.hpp
+SMOOTH_THRESHOLD = 0.5
 DEFAULT_COLOR = (0.28, 0.52, 0.80)
 MAX_PARTICLES = 2**31 - 64
 MAX_SUPPORT = 1e18  # past it squares overflow float32
@@ -71,6 +75,16 @@ class Scene:
         threads: CPU threads; 0 takes all.
         bounds: ((x, y, z), (x, y, z)) the octree's space; default: the particles' bounding box,
             computed at each update. The scene counts particles outside; they have no influence.
+        surface: "balls": each particle's kernel is a ball (or its `anisotropy`). "smooth": the
+            scene finds an ellipsoid and a weight for each particle from its neighbors, so that one
+            smooth surface encloses the particles' volume, N * spacing³, and lies half a spacing
+            outside of the outermost particles (docs/design/surface.md). "smooth" is for particles
+            of one fluid with one spacing; it replaces `support` and has the kernel murakami and
+            the default threshold 0.5. "auto": "smooth" for particles that look like those of one
+            fluid (`fluid_like`) where no kernel, threshold, support or dense octree is asked for,
+            else "balls".
+        spacing: of the particles for "smooth", world units: the cube root of a particle's volume.
+            Default: the scene measures the spacing at its first build and keeps it.
 
     Raises:
         TypeError, ValueError: naming the argument, the expected and the given value.
@@ -83,6 +97,7 @@ class Scene:
     kernel: str
     device: Device
     builds: int  # how often the octree has been built
+    surface: str  # "balls" or "smooth"
 
     @renamed(depth="level")
     def __init__(
@@ -97,8 +112,24 @@ class Scene:
         device: str = "auto",
         threads: int = 0,
         bounds: ArrayLike | None = None,
+        surface: str = "balls",
+        spacing: float | None = None,
     ):
         choice("kernel", kernel, KERNELS)
+        choice("surface", surface, SURFACES)
+        particles = as_particles("particles", particles)
+        if surface == "auto":
+            asked = (kernel, octree, threshold, support)
+            plain = asked == ("murakami", "sparse", None, None)
+            surface = "smooth" if plain and fluid_like(particles).yes else "balls"
+        smooth = surface == "smooth"
+        if smooth and (kernel, octree, support) != ("murakami", "sparse", None):
+            raise ValueError(
+                "surface: 'smooth' has the kernel murakami, the sparse octree and supports of its "
+                f"own, got {kernel}, {octree} and support {shown(support)}"
+            )
+        if spacing is not None and not smooth:
+            raise ValueError("spacing: expected surface='smooth' with it, got 'balls'")
         choice("octree", octree, ("sparse", "dense"))
         choice("key_bits", key_bits, (32, 64))
         if octree == "dense" and key_bits != 32:
@@ -110,7 +141,9 @@ class Scene:
             expected = f"expected 0 to {deepest} ({octree}, {key_bits}-bit keys)"
             raise ValueError(f"level: {expected}, got {shown(level)}")
         self.kernel = kernel
-        self.threshold = DEFAULTS[kernel][1] if threshold is None else threshold
+        default = SMOOTH_THRESHOLD if smooth else DEFAULTS[kernel][1]
+        self.threshold = default if threshold is None else threshold
+        self.surface = surface
         self.device = choose(device)
         self.builds = 0
         self._kernel = KERNELS.index(kernel)
@@ -119,8 +152,9 @@ class Scene:
         self._lock = threading.RLock()
         self._stale = False
         self._support = None if support is None else positive("support", support)
+        self._spacing = None if spacing is None else positive("spacing", spacing)
         self._known: dict[str, Any] = {}  # the particles' fields when the octree was built
-        self._build(as_particles("particles", particles))
+        self._build(particles)
 
     def update(
         self, particles: Particles | ArrayLike | str | os.PathLike[str] | None = None, **fields: Any
@@ -168,8 +202,11 @@ class Scene:
         n = positions.shape[0]
         if n > MAX_PARTICLES:
             raise ValueError(f"positions: expected at most {MAX_PARTICLES:,} particles, got {n:,}")
-        stretch, most_stretch, found = ABSENT, 1.0, self._support
-        if p.anisotropy is not None:
+        stretch, most_stretch, found, spacing = ABSENT, 1.0, self._support, self._spacing
+        smooth = self.surface == "smooth"
+        if smooth:
+            support, one_support = ABSENT, SMOOTH_SUPPORT * spacing if spacing else None
+        elif p.anisotropy is not None:
             stretch, longest, most_stretch = self._stretch(p.anisotropy)
             support, one_support = view("support", longest, None), None
         elif self._support:
@@ -201,14 +238,19 @@ class Scene:
                 float(one_refraction or 0.0),
                 stretch.place,
                 most_stretch,
+                one / SMOOTH_SUPPORT if smooth else 0.0,
                 *self._tree,
             )
 
         if support is ABSENT and one_support is None:
             build(0.0)
-            spacing = self._raw.spacing()
-            one_support = DEFAULTS[self.kernel][0] * (spacing or _guess_spacing(p, n))
-            found = one_support if spacing else None  # too few particles: found anew next time
+            measured = self._raw.spacing()
+            spacings = SMOOTH_SUPPORT if smooth else DEFAULTS[self.kernel][0]
+            one_support = spacings * (measured or _guess_spacing(p, n))
+            if measured and smooth:
+                spacing = measured
+            elif measured:  # too few particles: found anew next time
+                found = one_support
         elif support is ABSENT:
             one_support = positive("support", one_support)
         if one_support is not None and one_support > MAX_SUPPORT:
@@ -224,6 +266,7 @@ class Scene:
             builds=self.builds + 1,
             _known=dict(vars(p)),
             _support=found,
+            _spacing=spacing,
             _arrays=[*arrays, support],  # the core reads them again when it gathers colors
             _stale=False,
         )
@@ -257,6 +300,27 @@ class Scene:
     def octree(self) -> Octree:
         """Facts about the current octree: level, nodes, leaves, bytes, hashes, build time."""
         return Octree(self._scene)
+
+    def surface_kernels(self) -> tuple[np.ndarray, np.ndarray]:
+        """The kernels that a scene with `surface="smooth"` found on its device.
+
+        Returns:
+            G (N, 3, 3) float32, 1 / world, and weight (N,) float32, as in `SurfaceKernels`; one row
+            a particle.
+
+        Raises ValueError for another scene.
+        """
+        if self.surface != "smooth":
+            raise ValueError('surface_kernels: expected a scene with surface="smooth"')
+        n = len(self)
+        six, weight = np.empty((n, 6), np.float32), np.empty(n, np.float32)
+        self._scene.surface_kernels(address(six), address(weight))
+        _, index = self.octree.sorted_keys(n)
+        G = np.empty((n, 3, 3), np.float32)
+        G[index] = six[:, (0, 3, 4, 3, 1, 5, 4, 5, 2)].reshape(n, 3, 3)
+        own = np.empty(n, np.float32)
+        own[index] = weight
+        return G, own
 
     def field(self, points: ArrayLike) -> np.ndarray:
         """The field at points: sum of weight * b(r).

@@ -1,5 +1,8 @@
 """Smoother surfaces of fluid particles: stray particles left out, and anisotropic kernels.
 
+`surface_kernels` is the reference in float64 of what scenes with `surface="smooth"` find on their
+device (src/field/surface_kernels.hpp, docs/design/surface.md).
+
 The anisotropy is that of Yu and Turk 2013, "Reconstructing Surfaces of Particle-Based Fluids Using
 Anisotropic Kernels", ACM Transactions on Graphics 32(1).
 """
@@ -138,6 +141,89 @@ def anisotropy(
         many = count - 1 > few
         G[rows[many]] = _kernels(unit * covariance[many], most_stretch) / support
     return Anisotropy(centers, G)
+
+
+class SurfaceKernels(NamedTuple):
+    """The kernels of a smooth surface, for `Particles`; the threshold is 0.5.
+
+    G       (N, 3, 3) float64, 1 / world: symmetric, positive definite
+    weight  (N,) float64; particle j's field at x is weight_j · (1 - |G_j (x - position_j)|²)²
+    """
+
+    G: np.ndarray
+    weight: np.ndarray
+
+
+# Lengths in spacings; eigenvalues of the covariance over those where neighbors fill the radius.
+RADIUS = 3.375  # of the neighbors: the longest axis that there is
+AXIS = 2.25  # support across the surface, and inside
+THIN = 1.5  # across a single layer
+ALONG = 1.5  # ratio of the supports along and across the surface
+TWO_LAYERS, FACE_EIGENVALUE = 0.18, 0.36  # least eigenvalue
+FLAT, INSIDE = 0.3, 1.0  # eigenvalue across a face, and inside
+FACE = 0.73  # field at a particle in a flat face
+DROPLET, CROWD = 0.12, 0.36  # share of the neighborhood that is filled
+MASS = 105 / (32 * np.pi)  # 1 / integral of (1 - r²)² over the unit ball
+
+
+def surface_kernels(
+    particles: Particles | ArrayLike,
+    spacing: float,
+    progress: Callable[[int, int], object] | None = None,
+) -> SurfaceKernels:
+    """An ellipsoid and a weight for each particle, so that the surface of the summed kernels at the
+    threshold 0.5 encloses the particles' volume.
+
+    The function computes in float64 what a scene with `surface="smooth"` computes on its device.
+    docs/design/surface.md derives it.
+
+    Args:
+        particles: N particles of one fluid, or (N, 3) positions, world.
+        spacing: cube root of a particle's volume, world units.
+        progress: called as progress(done, total) with counts of particles; may raise to stop.
+
+    Returns:
+        `SurfaceKernels`: matrices G (N, 3, 3) and weights (N,), 0 for a particle whose position is
+        not finite.
+
+    Raises TypeError and ValueError naming the argument, the expected and the given value.
+    """
+    if not isinstance(particles, Particles):
+        particles = Particles(particles)
+    spacing = positive("spacing", spacing)
+    positions = to_host(particles.positions)
+    radius = RADIUS * spacing
+    G = np.tile(np.eye(3) / radius, (len(positions), 1, 1))
+    weight = np.zeros(len(positions))
+    if not len(positions):
+        return SurfaceKernels(G, weight)
+    scene = Scene(positions, support=radius, device="cpu")
+    for rows, offsets, index in _neighbor_blocks(scene, positions, radius, progress):
+        _, covariance = _moments(positions, rows, offsets, index, radius)
+        values, axes = np.linalg.eigh(covariance / (0.15 * radius**2))
+        flat = 1 - _smooth_step(values, FLAT, INSIDE)
+        across = THIN + (AXIS - THIN) * _smooth_step(values, TWO_LAYERS, FACE_EIGENVALUE)
+        along = np.maximum(flat.max(axis=1, keepdims=True) - flat, 0)
+        length = across + (ALONG - 1) * AXIS * along  # of the axes, in spacings
+        G[rows] = np.einsum("mik,mk,mjk->mij", axes, 1 / (length * spacing), axes)
+        mass = MASS / length.prod(axis=1)
+
+        own = np.repeat(np.arange(len(rows)), np.diff(offsets))
+        away = positions[index].astype(np.float64) - positions[rows][own]
+        squares = np.einsum("ni,ni->n", away, away) / radius**2
+        w = np.maximum(1 - squares**1.5, 0)
+        filled = np.bincount(own, w, len(rows)) / (2 * np.pi / 3 * RADIUS**3)
+        seen = np.einsum("nij,nj->ni", G[rows][own], away)
+        b = np.maximum(1 - np.einsum("ni,ni->n", seen, seen), 0) ** 2
+        field = mass * np.bincount(own, np.where(squares < 1, b, 0), len(rows))
+        few = 1 - _smooth_step(filled, DROPLET, CROWD)
+        weight[rows] = mass * (1 + few * np.maximum(FACE / field - 1, 0))
+    return SurfaceKernels(G, weight)
+
+
+def _smooth_step(x: np.ndarray, low: float, high: float) -> np.ndarray:
+    t = np.clip((x - low) / (high - low), 0, 1)
+    return t * t * (3 - 2 * t)
 
 
 def _kernels(covariance: np.ndarray, most_stretch: float) -> np.ndarray:

@@ -1,0 +1,213 @@
+// One smooth surface around particles of fluid that encloses their volume (docs/design/surface.md): each particle's
+// ellipsoid and weight from its neighbours, so that the field is 1/2 where the fluid ends.
+//
+//   covariance of the neighbours   Yu and Turk 2013, eq. 9 to 11, around the particle's own mean
+//   axes                           as wide across the surface as inside, wider along it: with sqrt(2) as the ratio of the
+//                                  two the curvature of the surface does not move it; narrow across a sheet of one layer
+//   weight                         kernels of mass 1; where a particle is almost alone, its own field is raised to that of
+//                                  a particle in a flat face
+#pragma once
+#include "field/eigen.hpp"
+#include "octree/query.hpp"
+
+namespace globule::core {
+
+/// Lengths in spacings; eigenvalues over those where neighbours fill the radius evenly.
+namespace surface {
+inline constexpr float kRadius = 3.375f;         ///< of the neighbours: the longest axis that there is
+inline constexpr float kAxis = 2.25f;            ///< support across the surface, and inside
+inline constexpr float kThin = 1.5f;             ///< across a single layer
+inline constexpr float kAlong = 1.5f;            ///< ratio of the supports along and across the surface
+inline constexpr float kTwoLayers = 0.18f, kFaceEigen = 0.36f;  ///< least eigenvalue
+inline constexpr float kFlat = 0.3f, kInside = 1.0f;  ///< eigenvalue across a face, and inside
+inline constexpr float kFace = 0.73f;            ///< field at a particle in a flat face
+inline constexpr float kDroplet = 0.12f, kCrowd = 0.36f;    ///< share of the neighbourhood that is filled
+inline constexpr float kMass = 1.0444544f;       ///< 1 over the integral of (1 - r^2)^2 over the unit ball
+inline constexpr float kThreshold = 0.5f;
+inline constexpr float kMostStretch = 2.26f;     ///< ratio of axes, (kAxis + (kAlong - 1) kAxis) / kThin at most
+
+template <class F>
+GB_FN F smooth_step(const F& x, float from, float to) {
+    const F t = min(max((x - F(from)) * F(1.0f / (to - from)), F(0.0f)), F(1.0f));
+    return t * t * (F(3.0f) - F(2.0f) * t);
+}
+
+/// What the neighbours add up to, with weights 1 - (r / radius)^3, distances over the radius.
+template <class F>
+struct Moments {
+    F sum;
+    Vec3<F> first;
+    Sym3<F> second;
+
+    GB_FN static Moments none() {
+        const F z = F(0.0f);
+        return {z, {z, z, z}, {z, z, z, z, z, z}};
+    }
+    GB_FN void add(const F& w, const Vec3<F>& v) {
+        const Vec3<F> t = v * w;
+        sum = sum + w;
+        first = first + t;
+        second = {second.xx + t.x * v.x, second.yy + t.y * v.y, second.zz + t.z * v.z,
+                  second.xy + t.x * v.y, second.xz + t.x * v.z, second.yz + t.y * v.z};
+    }
+    /// Share of the radius's ball that is filled: in an endless lattice the sum is 2 pi / 3 kRadius^3.
+    GB_FN F filled() const { return sum * F(1.0f / (2.0943951f * kRadius * kRadius * kRadius)); }
+    /// 1 along each axis in an endless lattice.
+    GB_FN Sym3<F> covariance() const {
+        const F by = F(1.0f) / sum, s = F(1.0f / 0.15f);
+        const Vec3<F> m = first * by;
+        return {(second.xx * by - m.x * m.x) * s, (second.yy * by - m.y * m.y) * s, (second.zz * by - m.z * m.z) * s,
+                (second.xy * by - m.x * m.y) * s, (second.xz * by - m.x * m.z) * s, (second.yz * by - m.y * m.z) * s};
+    }
+};
+
+/// The ellipsoid, for vectors over the neighbours' radius.
+template <class F>
+struct Shape {
+    Sym3<F> matrix;
+    F longest;  ///< axis, in spacings
+    F mass;     ///< factor that makes the kernel's integral one particle's volume
+};
+template <class F>
+GB_FN Shape<F> shape(const Moments<F>& moments) {
+    const Eigen3<F> e = eigen(moments.covariance());
+    const F least = min(min(e.value[0], e.value[1]), e.value[2]);
+    const auto flat = [](const F& s) { return F(1.0f) - smooth_step(s, kFlat, kInside); };
+    const F flattest = flat(least);
+    F inverse[3], longest = F(0.0f), mass = F(kMass);
+    for (int k = 0; k < 3; ++k) {
+        const F across = F(kThin) + F(kAxis - kThin) * smooth_step(e.value[k], kTwoLayers, kFaceEigen);
+        const F a = across + F((kAlong - 1.0f) * kAxis) * max(flattest - flat(e.value[k]), F(0.0f));
+        longest = max(longest, a);
+        inverse[k] = F(kRadius) / a;
+        mass = mass / a;
+    }
+    return {e.compose(inverse), longest, mass};
+}
+/// own: the particle's field at its place, with weights of mass 1.
+template <class F>
+GB_FN F raised(const F& own, const F& filled) {
+    const F few = F(1.0f) - smooth_step(filled, kDroplet, kCrowd);
+    return F(1.0f) + few * max(F(kFace) / own - F(1.0f), F(0.0f));
+}
+
+}  // namespace surface
+
+/// Ellipsoids and weights of the particles of an octree, a tile of neighbours in the curve's order at a time:
+///   bunch    rows that lie together (where the curve jumps, a tile's are far apart)
+///   gather   the leaves around, of whose particles those near the bunch are kept
+///   add up   each lane goes through them for its own row
+template <class Tree>
+struct FindSurfaceKernels {
+    static constexpr int kNear = 640;  ///< at once; there may be more
+    template <class Group>
+    struct Scratch {
+        float x[kNear + Group::width], y[kNear + Group::width], z[kNear + Group::width];
+    };
+
+    Tree tree;
+    SortedParticles particles;  ///< as sorted: with the support that the tree's boxes hold
+    std::size_t n;
+    float spacing;
+    float *support, *weight, *stretch;
+
+    template <class Group>
+    GB_FN void operator()(Group& g, Scratch<Group>& near, std::size_t tile) const {
+        using V = typename Group::F;
+        const std::size_t first = tile * Group::width;
+        const V x = g.load_run(particles.x + first), y = g.load_run(particles.y + first), z = g.load_run(particles.z + first);
+        typename Group::B rows = g.none();
+        const std::size_t outside = tree.header->n_outside;
+        Group::for_lanes([&](int lane) {
+            const std::size_t slot = first + g.lane_number(lane);
+            Group::put(rows, lane, slot >= outside && slot < n);
+        });
+        const float by = 1.0f / (surface::kRadius * spacing);
+        surface::Moments<V> moments = surface::Moments<V>::none();
+        for_all(g, near, x, y, z, rows, [&](int n_near, const typename Group::B& ours) {
+            for (int k = 0; k < n_near; ++k) {
+                const Vec3<V> v{(V(near.x[k]) - x) * V(by), (V(near.y[k]) - y) * V(by), (V(near.z[k]) - z) * V(by)};
+                const V d2 = dot(v, v);
+                moments.add(select(ours & (d2 < V(1.0f)), V(1.0f) - d2 * sqrt(d2), V(0.0f)), v);
+            }
+        });
+        moments.sum = select(rows, moments.sum, V(1.0f));
+        const surface::Shape<V> shape = surface::shape(moments);
+        const V filled = moments.filled();
+        V factor = V(1.0f);
+        if (g.any(rows & (filled < V(surface::kCrowd)))) {
+            V own = V(0.0f);
+            for_all(g, near, x, y, z, rows, [&](int n_near, const typename Group::B& ours) {
+                for (int k = 0; k < n_near; ++k) {
+                    const Vec3<V> v{(V(near.x[k]) - x) * V(by), (V(near.y[k]) - y) * V(by), (V(near.z[k]) - z) * V(by)};
+                    const Vec3<V> w = shape.matrix * v;
+                    const V rest = V(1.0f) - min(dot(w, w), V(1.0f));
+                    own = own + select(ours & (dot(v, v) < V(1.0f)), rest * rest, V(0.0f));
+                }
+            });
+            factor = surface::raised(max(own, V(1.0f)) * shape.mass, filled);
+        }
+        write(g, first, rows, shape, factor, by);
+    }
+
+private:
+    /// look(number of near, rows of the bunch) with all particles near the rows in `near`, in the curve's order.
+    template <class Group, class V, class Look>
+    GB_FN void for_all(Group& g, Scratch<Group>& near, const V& x, const V& y, const V& z, typename Group::B left, const Look& look) const {
+        const float radius = surface::kRadius * spacing;
+        const V inf = V(infinity()), spread = V(2.0f * radius);
+        while (g.any(left)) {
+            const int leader = g.first_from(left, 0);
+            const V cx = V(g.pick(x, leader)), cy = V(g.pick(y, leader)), cz = V(g.pick(z, leader));
+            const typename Group::B together = left & (abs(x - cx) <= spread) & (abs(y - cy) <= spread) & (abs(z - cz) <= spread);
+            left = left & !together;
+            const float3 lo{g.smallest(select(together, x, inf)), g.smallest(select(together, y, inf)), g.smallest(select(together, z, inf))};
+            const float3 hi{g.largest(select(together, x, -inf)), g.largest(select(together, y, -inf)), g.largest(select(together, z, -inf))};
+            const float beside = max(radius - particles.support.uniform, 0.0f);
+            int n_near = 0;
+            for_each_leaf(g, tree, lo - float3{beside, beside, beside}, hi + float3{beside, beside, beside}, [&](std::uint32_t begin, std::uint32_t count) {
+                for (const std::uint32_t end = begin + count; begin < end; begin += Group::width) {
+                    if (n_near > kNear - Group::width) {
+                        g.sync();
+                        look(n_near, together);
+                        g.sync();
+                        n_near = 0;
+                    }
+                    n_near = collect(g, near, n_near, begin, g.first_lanes(int(end - begin)), lo, hi, 1.0002f * radius * radius);
+                }
+            });
+            g.sync();
+            look(n_near, together);
+            g.sync();
+        }
+    }
+    /// Of a group's worth of particles those that some row in the box may be near.
+    template <class Group>
+    GB_FN int collect(Group& g, Scratch<Group>& near, int n_near, std::uint32_t begin, const typename Group::B& present, const float3& lo, const float3& hi,
+                      float reach2) const {
+        using V = typename Group::F;
+        const V zero = V(0.0f), x = g.load_run(particles.x + begin), y = g.load_run(particles.y + begin), z = g.load_run(particles.z + begin);
+        const V ex = max(max(V(lo.x) - x, x - V(hi.x)), zero), ey = max(max(V(lo.y) - y, y - V(hi.y)), zero), ez = max(max(V(lo.z) - z, z - V(hi.z)), zero);
+        const typename Group::B may = present & (ex * ex + ey * ey + ez * ez < V(reach2));
+        g.keep(may, x, near.x + n_near);
+        g.keep(may, y, near.y + n_near);
+        g.keep(may, z, near.z + n_near);
+        return n_near + g.count(may);
+    }
+    template <class Group, class V>
+    GB_FN void write(Group& g, std::size_t first, const typename Group::B& rows, const surface::Shape<V>& shape, const V& factor, float by) const {
+        const Sym3<V>& m = shape.matrix;
+        Group::for_lanes([&](int lane) {
+            const std::size_t slot = first + g.lane_number(lane);
+            if (slot >= n) return;
+            const bool row = Group::get(rows, lane);
+            const float six[6] = {Group::get(m.xx, lane), Group::get(m.yy, lane), Group::get(m.zz, lane),
+                                  Group::get(m.xy, lane), Group::get(m.xz, lane), Group::get(m.yz, lane)};
+            for (int k = 0; k < 6; ++k) stretch[6 * slot + k] = row ? six[k] * by : k < 3 ? by : 0.0f;
+            support[slot] = row ? 1.0001f * spacing * Group::get(shape.longest, lane) : 0.0f;  // rounding must not cut off what it reaches
+            weight[slot] = row ? particles.weight[slot] * Group::get(shape.mass, lane) * Group::get(factor, lane) : 0.0f;
+        });
+    }
+};
+
+}  // namespace globule::core

@@ -1,0 +1,63 @@
+// Silhouettes and creases of a picture: pixels beside a jump of distance or normal get more samples, anywhere in the
+// pixel.  The first sample stays the pixel's distance and normal.
+#pragma once
+#include "trace/shade.hpp"
+
+namespace globule::core {
+
+inline constexpr float kCrease = 0.6f;   ///< cosine between normals of neighbouring pixels
+inline constexpr std::uint8_t kEdge = 1, kEdgeHit = 2;  ///< marks: the first sample missed, or hit
+inline constexpr float kJump = 2.0f;     ///< from the plane of a neighbour's hit, in pixels
+
+struct MarkEdges {
+    RaySource rays;
+    Hits hits;
+    std::uint8_t* edge;
+    GB_FN void operator()(std::size_t i) const {
+        const int width = rays.camera.width, x = int(i % width), y = int(i / width);
+        const bool found = (x > 0 && differ(i, i - 1)) || (x + 1 < width && differ(i, i + 1)) || (y > 0 && differ(i, i - width)) ||
+                           (y + 1 < rays.rows() && differ(i, i + width));
+        edge[i] = !found ? 0 : hits.t[i] < infinity() ? kEdgeHit : kEdge;
+    }
+
+private:
+    /// Either hit lies off the other's plane, or they face elsewhere.
+    GB_FN bool differ(std::size_t i, std::size_t j) const {
+        const bool hit = hits.t[i] < infinity(), other = hits.t[j] < infinity();
+        if (!hit || !other) return hit != other;
+        const float3 n = normal(i), m = normal(j);
+        if (dot(n, m) < kCrease) return true;
+        float3 o, d, p, e;
+        rays.get(i, o, d);
+        rays.get(j, p, e);
+        const float3 a = o + d * hits.t[i], b = p + e * hits.t[j], apart = b - a, beside = (p + e * hits.t[i]) - a;
+        const float off = max(abs(dot(apart, n)), abs(dot(apart, m)));
+        return off * off > kJump * kJump * dot(beside, beside);
+    }
+    GB_FN float3 normal(std::size_t i) const { return {hits.normal[3 * i], hits.normal[3 * i + 1], hits.normal[3 * i + 2]}; }
+};
+
+/// Adds one sample of the marked pixels to their colours; the last one makes them their means.
+struct AddEdgeSample {
+    Shade shade;              ///< of this sample's hits; its images are the frame's
+    const std::uint8_t* edge;
+    float* shown;             ///< (n, 3) sums as displayed
+    int k, n_samples;         ///< 1 ... n_samples, beside the first
+    GB_FN void operator()(std::size_t i) const {
+        if (!edge[i]) return;
+        const bool hit = shade.hits.t[i] < infinity();
+        const float3 c = shade.light(i, hit);
+        const float v[3] = {c.x, c.y, c.z};
+        for (int a = 0; a < 3; ++a) {
+            const std::size_t at = 3 * i + a;
+            // The first sample's light is in the frame's colour; a hit's and the background's are displayed differently.
+            const float before = k == 1 ? shade.shown(shade.color[at], edge[i] == kEdgeHit) : shown[at];
+            const float sum = before + shade.shown(v[a], hit), light = shade.color[at] + v[a];
+            shown[at] = sum;
+            shade.color[at] = k == n_samples ? light / float(n_samples + 1) : light;
+            if (k == n_samples) shade.picture[at] = display(sum / float(n_samples + 1));
+        }
+    }
+};
+
+}  // namespace globule::core

@@ -1,0 +1,212 @@
+"""The smooth surface: volume, place, kernels against the reference, and when it is chosen."""
+
+import globule as gb
+import numpy as np
+import pytest
+from format_helpers import DATA
+from globule.scene.fluid import fluid_like
+from globule.scene.oracle import first_hit
+from scenes import lattice, unit
+
+
+def block(*shape: int) -> np.ndarray:
+    """A unit lattice whose lowest particles are at 0."""
+    points = lattice(*shape)
+    return points - points.min(axis=0)
+
+
+def directions(n: int, seed: int = 3) -> np.ndarray:
+    return unit(np.random.default_rng(seed).normal(size=(n, 3))).astype(float)
+
+
+def ball(n: int, offset=(0.21, 0.37, 0.11)) -> np.ndarray:
+    """About n points of a unit lattice inside a ball of volume n."""
+    radius = (3 * n / (4 * np.pi)) ** (1 / 3)
+    grid = np.stack(np.mgrid[(slice(-int(radius) - 2, int(radius) + 3),) * 3], -1).reshape(-1, 3)
+    points = grid + np.array(offset)
+    return points[np.linalg.norm(points, axis=1) <= radius].astype("f4")
+
+
+def smooth(points: np.ndarray, **options) -> gb.Scene:
+    return gb.Scene(points, surface="smooth", spacing=1.0, **options)
+
+
+def volume(scene: gb.Scene, step: float) -> float:
+    """By a grid whose lines avoid the lattice's planes."""
+    lo, hi = (np.array(b, float) for b in scene.particles.bounds())
+    axes = [
+        np.arange(a - 2 + 0.13 * step, b + 2, step * f)
+        for a, b, f in zip(lo, hi, (1.01, 1.03, 1.05))
+    ]
+    inside = 0
+    for z in axes[2]:
+        plane = np.stack(np.meshgrid(axes[0], axes[1], [z], indexing="ij"), -1).reshape(-1, 3)
+        inside += int((scene.field(plane.astype("f4")) > scene.threshold).sum())
+    return inside * step**3 * 1.01 * 1.03 * 1.05
+
+
+@pytest.mark.parametrize("n", [1000, 4000])
+def test_a_ball_has_its_particles_volume(backend, n):
+    points = ball(n)
+    scene = smooth(points, **backend)
+    middle, away = points.mean(axis=0), directions(2000)
+    radius = (3 * len(points) / (4 * np.pi)) ** (1 / 3)
+    hits = scene.intersect((middle + away * (radius + 5)).astype("f4"), (-away).astype("f4"))
+    found = radius + 5 - hits.distance.astype(float)
+    assert np.isfinite(found).all()
+    assert np.mean(found**3) / radius**3 == pytest.approx(1, abs=0.03)
+    assert np.sqrt(np.mean((found - radius) ** 2)) < 0.1
+
+
+@pytest.mark.parametrize("shape", [(10, 10, 10), (16, 16, 16), (40, 40, 1), (30, 30, 2)])
+def test_boxes_and_sheets_have_their_particles_volume(shape):
+    points = block(*shape)
+    tolerance = 0.03 if min(shape) > 2 else 0.05
+    assert volume(smooth(points, device="cpu"), 0.3) / len(points) == pytest.approx(
+        1, abs=tolerance
+    )
+
+
+@pytest.mark.parametrize("layers", [1, 2, 3, 4, 12])
+def test_a_flat_face_lies_half_a_spacing_outside(backend, layers):
+    """A wave gauge on a flat pool and on sheets: within 0.05 spacings, no holes, flat."""
+    points = block(40, 40, layers)
+    scene = smooth(points, **backend)
+    x = np.linspace(13.0, 26.0, 60)
+    grid = np.stack(np.meshgrid(x, x + 0.003), -1).reshape(-1, 2)
+    origins = np.c_[grid, np.full(len(grid), layers + 6.0)].astype("f4")
+    hits = scene.intersect(origins, np.tile(np.float32([0, 0, -1]), (len(origins), 1)))
+    top = layers + 6.0 - hits.distance
+    assert np.isfinite(top).all()
+    assert np.abs(top - (layers - 0.5)).max() < 0.05
+    angle = np.degrees(np.arccos(np.clip(hits.normal[:, 2], -1, 1)))
+    assert np.sqrt(np.mean(angle**2)) < 1.5
+
+
+def test_one_particle_has_a_particles_volume():
+    assert volume(smooth(np.zeros((1, 3)), device="cpu"), 0.06) == pytest.approx(1, abs=0.03)
+
+
+@pytest.mark.parametrize("jitter", [0.0, 0.1])
+def test_kernels_equal_the_reference(backend, jitter):
+    """Matrices within 1e-4 of the spacing's inverse, weights within 1e-4."""
+    rng = np.random.default_rng(4)
+    parts = [ball(700), ball(40) + 20, block(12, 12, 1) - 30, np.array([[50.0, 0, 0]])]
+    points = np.concatenate(parts) + jitter * rng.normal(size=(sum(map(len, parts)), 3))
+    points = np.concatenate([points, [[np.nan, 0, 0]]]).astype("f4") * np.float32(0.02)
+    scene = gb.Scene(points, surface="smooth", spacing=0.02, **backend)
+    G, weight = scene.surface_kernels()
+    expected = gb.surface_kernels(points, 0.02)
+    there = np.isfinite(points).all(axis=1)
+    np.testing.assert_allclose(G[there] * 0.02, expected.G[there] * 0.02, atol=1e-4)
+    np.testing.assert_allclose(weight, expected.weight, atol=1e-4)
+
+
+def test_hits_equal_the_references(backend):
+    """Rays at silhouettes too: hit or miss as float64 says for the same kernels."""
+    points = np.concatenate([ball(600), ball(30) + [9, 3, 0], block(8, 8, 1) - [16, 0, 0]])
+    scene = smooth(points.astype("f4"), **backend)
+    G, weight = scene.surface_kernels()
+    rng = np.random.default_rng(5)
+    target = points[rng.integers(len(points), size=4000)] + 1.2 * rng.normal(size=(4000, 3))
+    origin = target + 30 * directions(4000, 6)
+    d = (target - origin) / np.linalg.norm(target - origin, axis=1)[:, None]
+    origin, d = origin.astype("f4"), d.astype("f4")
+    d /= np.linalg.norm(d, axis=1)[:, None]
+    found = scene.intersect(origin, d).distance
+    expected = first_hit(points.astype("f4"), G, weight, "murakami", 0.5, origin, d)
+    assert (np.isfinite(found) == np.isfinite(expected)).all()
+    hit = np.isfinite(found)
+    assert 0.3 < hit.mean() < 0.95
+    np.testing.assert_allclose(found[hit], expected[hit], atol=2e-3)
+
+
+def test_threads_do_not_change_a_bit():
+    points = ball(3000)
+    kernels = [smooth(points, device="cpu", threads=n).surface_kernels() for n in (1, 2, 7)]
+    for G, weight in kernels[1:]:
+        assert (kernels[0][0] == G).all()
+        assert (kernels[0][1] == weight).all()
+
+
+def test_updates_keep_the_spacing(backend):
+    points = ball(2000)
+    scene = gb.Scene(points, surface="smooth", **backend)
+    support = scene.support
+    assert support == pytest.approx(2.25, rel=0.05)
+    for other in (points[::2], np.zeros((0, 3)), points):
+        scene.update(positions=other)
+        assert scene.support == support
+    again = gb.Scene(points, surface="smooth", spacing=support / 2.25, **backend)
+    assert (again.surface_kernels()[1] == scene.surface_kernels()[1]).all()
+
+
+@pytest.mark.parametrize("name", ["splash_117649.npz", "dam_break_frame_23_24389_particles.bgeo"])
+def test_volume_of_real_fluid(name):
+    path = DATA / name
+    if not path.exists():
+        pytest.skip(f"{path} is not there")
+    scene = gb.Scene(str(path), surface="smooth", device="cpu")
+    spacing = scene.support / 2.25
+    found = volume(scene_of_unit(scene, spacing), 0.4)
+    assert found / len(scene) == pytest.approx(1, abs=0.05)
+
+
+def scene_of_unit(scene: gb.Scene, spacing: float) -> gb.Scene:
+    return smooth((scene.particles.positions / spacing).astype("f4"), device="cpu")
+
+
+def test_what_is_fluid_like():
+    rng = np.random.default_rng(0)
+    cube = block(10, 10, 10).astype("f4")
+    assert fluid_like(gb.Particles(cube)).yes
+    assert fluid_like(gb.Particles(cube, support=2.0)).yes
+    flat = block(20, 20, 1).astype("f4")
+    for particles, why in (
+        (gb.Particles(cube[:50]), "fewer than 100 particles"),
+        (gb.Particles(rng.random((2000, 3))), "uneven spacing"),
+        (gb.Particles(cube, support=rng.uniform(1, 2, 1000)), "different supports"),
+        (gb.Particles(cube, attributes={"phase": np.arange(1000) % 2}), "several phases"),
+        (gb.Particles(flat), "particles in a plane"),
+    ):
+        assert fluid_like(particles) == (False, why)
+        assert gb.Scene(particles, surface="auto", device="cpu").surface == "balls"
+    assert gb.Scene(cube, surface="auto", device="cpu").surface == "smooth"
+    for options in (
+        {"kernel": "wyvill"},
+        {"support": 2.0},
+        {"threshold": 0.5},
+        {"octree": "dense"},
+    ):
+        assert gb.Scene(cube, surface="auto", device="cpu", **options).surface == "balls"
+
+
+def test_mistakes():
+    cube = block(5, 5, 5)
+    with pytest.raises(ValueError, match="surface: expected"):
+        gb.Scene(cube, surface="rough")
+    with pytest.raises(ValueError, match="surface: 'smooth' has the kernel murakami"):
+        gb.Scene(cube, "wyvill", surface="smooth")
+    with pytest.raises(ValueError, match="spacing: expected a positive number"):
+        gb.Scene(cube, surface="smooth", spacing=-1)
+    with pytest.raises(ValueError, match="spacing: expected surface='smooth'"):
+        gb.Scene(cube, spacing=1.0)
+    with pytest.raises(ValueError, match="surface_kernels: expected a scene"):
+        gb.Scene(cube, device="cpu").surface_kernels()
+
+
+def test_edges_are_smoothed(backend):
+    """Pixels at the silhouette alone change, and come closer to the mean of many samples."""
+    scene = smooth(ball(4000), **backend)
+    camera, size = gb.Camera((0, 0, 40), (0, 0, 0)), (160, 120)
+    frames = [
+        gb.render(scene, camera, size, settings=gb.RenderSettings(**fields))
+        for fields in ({"edge_samples": 0}, {"edge_samples": 8}, {"samples": 64})
+    ]
+    plain, edges, many = (frame.image.astype(float) for frame in frames)
+    changed = (plain != edges).any(axis=2)
+    assert 0.005 < changed.mean() < 0.2
+    assert (frames[0].distance == frames[1].distance).all()
+    assert np.abs(edges - many)[changed].mean() < 0.5 * np.abs(plain - many)[changed].mean()
+    by_default = gb.render(scene, camera, size)
+    assert (by_default.image != frames[0].image).any()
