@@ -14,6 +14,7 @@ import globule as gb
 import numpy as np
 import pytest
 from cli_helpers import cube
+from globule.render.settings import for_values
 from globule.scene import sources
 from globule.scene.attributes import attribute_colors
 from light import ball
@@ -135,15 +136,16 @@ def test_color_by(scene, particles):
     p = scene.particles
     values = p.attributes["speed"]
     by_hand = dataclasses.replace(p, color=gb.colorize(values, "magma", 1, 3))
-    smooth = gb.render(gb.Scene(by_hand, device="cpu", surface="smooth"), CAMERA, SIZE)
-    expected = gb.render(gb.Scene(by_hand, device="cpu"), CAMERA, SIZE)
+    lit = for_values(gb.RenderSettings())
+    smooth = gb.render(gb.Scene(by_hand, device="cpu", surface="smooth"), CAMERA, SIZE, lit)
+    expected = gb.render(gb.Scene(by_hand, device="cpu"), CAMERA, SIZE, lit)
     how = {"color_by": "speed", "colormap": "magma", "range": (1, 3)}
     same(gb.render(p, CAMERA, SIZE, **how), smooth)
-    same(gb.render(gb.color_by(p, "speed", "magma", (1, 3)), CAMERA, SIZE), smooth)
+    same(gb.render(gb.color_by(p, "speed", "magma", (1, 3)), CAMERA, SIZE, lit), smooth)
     painted = gb.RenderSettings(material=gb.Material(color=(1, 0, 0)))
     same(gb.render(scene, CAMERA, SIZE, painted, **how), expected)
     same(gb.render(gb.Layer(scene), CAMERA, SIZE, **how), expected)
-    same(gb.render(scene, CAMERA, SIZE), expected)  # a scene keeps them
+    same(gb.render(scene, CAMERA, SIZE, lit), expected)  # a scene keeps them
     assert not np.array_equal(gb.render(scene, CAMERA, SIZE, painted).image, expected.image)
 
 

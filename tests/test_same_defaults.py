@@ -15,6 +15,7 @@ STRUCTS = {"render_settings": (gb.Headlight, gb.DirectionalLight, gb.PointLight,
                                gb.ClipSphere, gb.RenderSettings),
            "camera": (gb.Camera,)}  # fmt: skip
 NOT_COMPARED = {"lights", "material", "sky", "ground"}  # of another kind in C++
+NOT_COMPARED |= {"tone", "transparent"}  # of Python alone: how an image is made of light
 
 
 def defaults(header: str, name: str) -> dict[str, object]:

@@ -428,3 +428,13 @@ def test_tissue_bonded_by_hand_is_not_forgotten_by_reset():
         sim.reset()
     sim.step()
     assert len(sim) == 27
+
+
+def test_frames_of_a_longer_run_before_are_named(folder, capsys):
+    run("dam.toml", "-o", "out", "--seconds", 0.2)
+    assert "earlier run" not in capsys.readouterr().err
+    run("dam.toml", "-o", "out", "--seconds", 0.1)
+    said = capsys.readouterr().err
+    assert "warning: out keeps 2 frames of an earlier run after frame_00002.vtp" in said
+    run("dam.toml", "-o", "out", "--seconds", 0.2)
+    assert "earlier run" not in capsys.readouterr().err

@@ -64,6 +64,21 @@ STATES = {
         "cuts__lo": (0.0, -2.0, -2.0),
         "cuts__hi": (2.0, 2.0, 2.0),
     },
+    "notes": {
+        "notes__title": "- A title",
+        "notes__scale_bar": True,
+        "notes__axes": True,
+        "notes__box": True,
+        "notes__unit": "mm",
+    },
+    "legend": {
+        "color__by": "speed",
+        "color__legend_at": "upper-left",
+        "color__legend_title": "height",
+        "color__legend_unit": "m/s",
+        "notes__axes": True,
+    },
+    "flat": {"look__preset": "flat", "color__by": "speed"},
     "coloured clay": {"look__preset": "clay", "color__by": "speed", "color__legend": False},
 }
 

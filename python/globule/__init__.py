@@ -25,6 +25,7 @@ if _set:
 from ._base.checks import MissingPackageError  # noqa: E402
 from ._base.colormaps import colorize  # noqa: E402
 from ._base.cpp import cmake_dir, include_dir  # noqa: E402
+from .render.annotate import Annotation  # noqa: E402
 from .render.camera import Camera  # noqa: E402
 from .render.clips import ClipBox, ClipPlane, ClipSphere  # noqa: E402
 from .render.frame import Frame, Layer, Picked, render, save_png  # noqa: E402
@@ -62,6 +63,7 @@ if _TYPE_CHECKING:
     from .render.legend import add_legend
     from .render.presets import preset
     from .render.sequence import read_ahead, render_sequence, value_range
+    from .render.views import Views, render_views
     from .scene.fluid import fluid_like, surface_of
     from .scene.smoothing import anisotropy, surface_kernels, without_strays
     from .scene.spacing import local_spacing
@@ -97,6 +99,7 @@ _LATER = {
     "render.legend": "add_legend",
     "render.presets": "preset",
     "render.sequence": "read_ahead render_sequence value_range",
+    "render.views": "Views render_views",
     "scene.fluid": "fluid_like surface_of",
     "scene.smoothing": "anisotropy surface_kernels without_strays",
     "scene.spacing": "local_spacing",
@@ -140,6 +143,7 @@ _mesh.readers.append(lambda path: _import_module(".formats.triangles", __name__)
 
 __version__ = _core.version
 __all__ = [
+    "Annotation",
     "Camera",
     "CameraPath",
     "ClipBox",
@@ -173,6 +177,7 @@ __all__ = [
     "SurfaceMesh",
     "Sweep",
     "Thesis",
+    "Views",
     "Volume",
     "add_legend",
     "anisotropy",
@@ -207,6 +212,7 @@ __all__ = [
     "reconstruct_plus",
     "render",
     "render_sequence",
+    "render_views",
     "reslice",
     "sample",
     "save_png",

@@ -16,7 +16,7 @@ from ..render.frame import MAX_LAYERS, Frame, Layer, corners_of
 from ..render.lights import Environment, Ground, Sky, uniform_sky
 from ..render.materials import Material
 from ..render.presets import GROUNDS, PRESETS, ground_height, preset
-from ..render.settings import MAX_SAMPLES, RenderSettings, extent_of
+from ..render.settings import MAX_SAMPLES, RenderSettings, extent_of, for_values
 from ..scene.fluid import surface_of
 from ..scene.mesh import Mesh
 from ..scene.scene import Scene
@@ -75,7 +75,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--samples",
         type=whole(1, MAX_SAMPLES),
         metavar="N",
-        help="number of rays per pixel (default: 1, with a preset 4)",
+        help="number of rays per pixel (default: 1, with a preset other than flat 4)",
     )
     add = parser.add_argument_group("material, instead of the particles' own").add_argument
     add(
@@ -214,9 +214,8 @@ class Light:
             if isinstance(sky, Environment) and base.ambient == "sky" and not rays:
                 own.setdefault("ambient", sky.mean())  # a lamp must not be seen along a normal
             material = dataclasses.replace(base.material, **self._matter)
-            if looks and options.color_by:
-                material = dataclasses.replace(material, color=None)
-            self._settings = dataclasses.replace(base, material=material, **own)
+            settings = dataclasses.replace(base, material=material, **own)
+            self._settings = for_values(settings) if options.color_by else settings
         return self._settings
 
     def _ground(self, base: RenderSettings, scene: Scene | Mesh) -> Ground | None:
@@ -321,6 +320,7 @@ def _given(options: argparse.Namespace) -> dict[str, Any]:
         "bounces": "bounces",
         "samples": "samples",
         "exposure": "exposure",
+        "transparent": "transparent",
     }
     given = {field: getattr(options, name) for name, field in names.items()}
     given = {name: value for name, value in given.items() if value is not None}

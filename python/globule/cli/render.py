@@ -41,15 +41,17 @@ import numpy as np
 
 from .._base.device import choose
 from ..formats.kind import kind_of
+from ..render.annotate import Colors
 from ..render.camera import Camera, view_axes
-from ..render.frame import Frame, fit_camera, render, save_png
-from ..render.legend import LEAST_SIDE, add_legend
+from ..render.camera_path import round_camera
+from ..render.frame import Frame, fitted, render, save_png, values_of
+from ..render.views import view_cameras
 from ..scene.fluid import surface_of
 from ..scene.mesh import Mesh
 from ..scene.particles import Particles
 from ..scene.scene import Scene
 from ..scene.thesis import Thesis
-from . import flags, light, look, meshes, sequence, state, tracing
+from . import annotation, flags, light, look, meshes, sequence, state, tracing
 from .parser import Parser
 from .shared import (
     Progress,
@@ -111,6 +113,7 @@ def add_arguments(parser: Parser) -> None:
     flags.add(camera, "--up", "default: 0,1,0", default=(0, 1, 0))
     flags.add(camera, "--fov", "default: 40")
     flags.add(camera, "--ortho", "default: none, a perspective camera")
+    annotation.add_views(camera)
     surface = parser.add_argument_group("surface")
     flags.add(surface, "--kernel", "default: murakami", default="murakami")
     flags.add(surface, "--support", "default: the file's, else two spacings")
@@ -151,7 +154,11 @@ def add_arguments(parser: Parser) -> None:
     flags.add(colors, "--colormap", "default: viridis", default="viridis")
     flags.add(colors, "--range", "default: the lowest and the highest value")
     colors.add_argument(
-        "--legend", action="store_true", help="draw the color map and its range into the image"
+        "--flat",
+        dest="preset",
+        action="store_const",
+        const="flat",
+        help="no light: a pixel has exactly the color of its value; the same as --preset flat",
     )
     colors.add_argument(
         "--light",
@@ -177,8 +184,14 @@ def add_arguments(parser: Parser) -> None:
         help="radiance of the background: R,G,B or V (linear), or #rrggbb (sRGB) "
         "(default: 0.93,0.94,0.96, or the preset's)",
     )
+    colors.add_argument(
+        "--transparent",
+        action="store_true",
+        help="no background: the images are RGBA, with smooth edges from 2 --samples on",
+    )
     light.add_arguments(parser)
     meshes.add_arguments(parser)
+    annotation.add_arguments(parser)
     flags.add_reading(parser)
     sequence.add_arguments(parser)
     flags.add_device(parser.add_argument_group("machine"))
@@ -192,23 +205,20 @@ def run(options: argparse.Namespace) -> None:
         raise UserError("--fit: expected no --eye and no --look-at beside --fit")
     if options.look_at and not options.eye:
         raise UserError("--look-at: expected --eye beside --look-at, got none")
-    if options.legend and not options.color_by:
-        raise UserError("--legend: expected --color-by beside --legend, got none")
-    if options.legend and min(options.size) < LEAST_SIDE:
-        raise UserError(f"--legend: expected a --size of at least {LEAST_SIDE} pixels a side")
+    notes = annotation.Notes(options)
     series = sequence.Series(options)
     with mistakes():
         # Mistakes in everything but the particles show before any work.
         lit = light.Light(options)
         thesis = tracing.settle(options)
-        camera(options, None)
+        camera(options, None, notes)
     images, arrays = outputs(options, series.images())
     check_device(options)
     reports = []
     with series, Progress(4 * len(images)) as progress:
         series.survey(progress)
         for i, path, image, aov in series.pictures(images, arrays):
-            report = _picture(options, lit, thesis, progress, series, i, path, image, aov)
+            report = _picture(options, lit, notes, thesis, progress, series, i, path, image, aov)
             reports += [report] if report else []
         series.finish(progress)
     if series.movie or not reports:
@@ -274,7 +284,12 @@ def _names(option: str, pattern: str, inputs: list[str], extension: str) -> list
     return names
 
 
-def camera(options: argparse.Namespace, scene: Scene | Mesh | None, around: Any = None) -> Camera:
+def camera(
+    options: argparse.Namespace,
+    scene: Scene | Mesh | None,
+    notes: annotation.Notes,
+    around: Any = None,
+) -> Camera:
     """The camera that the options ask for; without a scene, only the options are checked.
 
     around: (M, 3) points to show, world units; default: the scene's particles.
@@ -284,15 +299,19 @@ def camera(options: argparse.Namespace, scene: Scene | Mesh | None, around: Any 
     if not options.eye:
         base = DEFAULT_VIEW
         if scene is not None and not nothing:
-            base = fit_camera(
+            around = _all_around(options, scene, around) if options.turntable else around
+            base = fitted(
                 scene,
-                options.size,
+                notes.size,
+                notes.annotation,
                 around,
                 direction=_direction(options.up),
                 up=options.up,
                 fov=fov,
                 orthographic=options.ortho is not None,
             )
+            if options.turntable:
+                base = round_camera(base, np.mean(around, axis=0))
         return Camera(base.eye, base.look_at, options.up, fov, options.ortho)
     middle = options.look_at
     if not middle:
@@ -305,6 +324,34 @@ def camera(options: argparse.Namespace, scene: Scene | Mesh | None, around: Any 
     return Camera(options.eye, middle, options.up, fov, options.ortho)
 
 
+def cameras(
+    options: argparse.Namespace,
+    lit: light.Light,
+    notes: annotation.Notes,
+    scene: Scene | Mesh,
+    around: Any,
+) -> list[Camera]:
+    """The cameras of all views of an image."""
+    around = lit.around(scene, around)
+    if not options.views:
+        return [camera(options, scene, notes, around)]
+    fov = options.fov or FOV
+    return view_cameras(scene, options.views, notes.size, options.up, fov, around, notes.annotation)
+
+
+def _all_around(options: argparse.Namespace, scene: Scene, around: Any) -> np.ndarray:
+    """The corners of the points' box, or the particles', turned about --up through its middle."""
+    ends = scene.particles.bounds() if around is None else (around.min(axis=0), around.max(axis=0))
+    corners = np.array([np.where(c, ends[1], ends[0]) for c in np.ndindex(2, 2, 2)])
+    middle = corners.mean(axis=0)
+    right, above, front = view_axes(options.up)
+    x, y, z = ((corners - middle) @ axis for axis in (right, above, front))
+    angles = np.linspace(0, 2 * np.pi, 48, endpoint=False)[:, None]
+    reach = np.hypot(x, z).max()
+    ring = [np.cos(angles) * right + np.sin(angles) * front]
+    return np.concatenate([middle + reach * ring[0] + h * above for h in (y.min(), y.max())])
+
+
 def _direction(up: tuple[float, float, float]) -> np.ndarray:
     """Towards the eye: in front, a little to the right and above, for any `up`."""
     right, above, front = view_axes(up)
@@ -314,6 +361,7 @@ def _direction(up: tuple[float, float, float]) -> np.ndarray:
 def _picture(
     options: argparse.Namespace,
     lit: light.Light,
+    notes: annotation.Notes,
     thesis: Thesis | None,
     progress: Progress,
     series: sequence.Series,
@@ -329,7 +377,9 @@ def _picture(
     messages = list(messages)
     read_seconds = time.perf_counter() - start
     if isinstance(particles, Mesh):
-        return _mesh_picture(options, lit, progress, series, i, path, particles, image, aov, start)
+        return _mesh_picture(
+            options, lit, notes, progress, series, i, path, particles, image, aov, start
+        )
     finite = np.isfinite(particles.positions).all(axis=1)
     n, n_lost = len(particles), int((~finite).sum())
     if n == 0:
@@ -346,17 +396,17 @@ def _picture(
         if options.anisotropic:
             particles, support = look.stretched(options, particles), None
         scene = series.scene(particles, functools.partial(_scene, options, support, depth))
-        view = series.camera(
-            i, scene, lambda scene, box: camera(options, scene, lit.around(scene, box))
-        )
+        views = series.cameras(i, scene, functools.partial(cameras, options, lit, notes))
     if series.finished(image, aov):
         return None
-    frame, trace_seconds = _traced(options, lit, progress, path, scene, view, thesis)
+    frames, trace_seconds = _traced(options, lit, notes, progress, path, scene, views, thesis)
+    frame = frames[0]
+    settings = lit.settings(scene)
     messages += lit.messages
     if thesis:
         why = tracing.why_cut(scene), tracing.why_dust(options, particles, scene)
         messages += [message for message in why if message]
-    hits = int(frame.mask.sum())
+    hits = sum(int(frame.mask.sum()) for frame in frames)
     tree = scene.octree
     n_outside = len(particles) - tree.n_inside
     if n_outside:
@@ -366,9 +416,17 @@ def _picture(
     progress.step(f"writing {image}")
     written = time.perf_counter()
     with mistakes():
-        legend = (options.colormap, *ends, options.color_by) if options.legend else None
+        colors = None
+        if options.color_by:
+            colors = Colors(options.colormap, *ends, options.color_by)
+            if settings.is_flat:
+                shown = values_of(particles, options.color_by, options.colormap, ends)
+                for one in frames:
+                    one._values = shown[:4]
         series.prepare()
-        _save(frame, image, aov, legend)
+        if aov:
+            frame.save(aov)
+        save_png(image, notes.picture(i, frames, views, colors, series.box))
     end = time.perf_counter()
     series.warn(messages, progress)
     report = {
@@ -412,33 +470,32 @@ def _picture(
 def _traced(
     options: argparse.Namespace,
     lit: light.Light,
+    notes: annotation.Notes,
     progress: Progress,
     path: str,
     scene: Scene | Mesh,
-    view: Camera,
+    views: Sequence[Camera],
     thesis: Thesis | None,
-) -> tuple[Frame, float]:
-    """The frame of a scene with all that the options put beside it, and the device's seconds."""
+) -> tuple[list[Frame], float]:
+    """A frame for each view of a scene with all that the options put beside it, and the device's
+    seconds."""
     progress.step(f"tracing {path}")
     with mistakes():
         settings = lit.settings(scene)
-        frame = render(
-            lit.layers(scene),
-            view,
-            options.size,
-            dataclasses.replace(settings, samples=1),
-            thesis=thesis,
-        )
-        seconds = frame.trace_seconds
+        first = dataclasses.replace(settings, samples=1)
+        layers = lit.layers(scene)
+        frames = [render(layers, view, notes.size, first, thesis=thesis) for view in views]
+        seconds = sum(frame.trace_seconds for frame in frames)
         for k in range(2, settings.samples + 1):  # one by one, for progress and Ctrl-C
             progress.show(f"tracing {path}: sample {k} of {settings.samples}")
-            seconds += frame.refine().trace_seconds
-    return frame, seconds
+            seconds += sum(frame.refine().trace_seconds for frame in frames)
+    return frames, seconds
 
 
 def _mesh_picture(
     options: argparse.Namespace,
     lit: light.Light,
+    notes: annotation.Notes,
     progress: Progress,
     series: sequence.Series,
     i: int,
@@ -451,17 +508,16 @@ def _mesh_picture(
     """Make the image of a file with faces, and return its report; None if it is there already."""
     read_seconds = time.perf_counter() - start
     with mistakes():
-        view = series.camera(
-            i, mesh, lambda scene, box: camera(options, scene, lit.around(scene, box))
-        )
+        views = series.cameras(i, mesh, functools.partial(cameras, options, lit, notes))
     if series.finished(image, aov):
         return None
     progress.step(f"building {path}")
     device, built = choose(options.device), time.perf_counter()
     mesh.build(device)
     build_seconds = time.perf_counter() - built
-    frame, trace_seconds = _traced(options, lit, progress, path, mesh, view, None)
-    hits = int(frame.mask.sum())
+    frames, trace_seconds = _traced(options, lit, notes, progress, path, mesh, views, None)
+    frame = frames[0]
+    hits = sum(int(frame.mask.sum()) for frame in frames)
     messages = list(lit.messages)
     if not hits:
         messages.append("no pixel hits the mesh: the camera looks past it, try --fit")
@@ -469,7 +525,9 @@ def _mesh_picture(
     written = time.perf_counter()
     with mistakes():
         series.prepare()
-        _save(frame, image, aov, None)
+        if aov:
+            frame.save(aov)
+        save_png(image, notes.picture(i, frames, views, None, series.box))
     end = time.perf_counter()
     series.warn(messages, progress)
     report = {
@@ -513,14 +571,6 @@ def _scene(
             options.octree, options.device, options.threads, surface=surface,
             spacing=spacing,
         )  # fmt: skip
-
-
-def _save(frame: Frame, image: str, aov: str | None, legend: tuple | None) -> None:
-    """Write the files; the legend (map, lowest, highest, name) is in the image only."""
-    picture = add_legend(frame.picture, *legend) if legend else frame.picture
-    if aov:
-        frame.save(aov)
-    save_png(image, picture)
 
 
 def _one_number(support: Any) -> Any:

@@ -12,12 +12,13 @@ import numpy as np
 
 from ..formats.pictures.video import need_av
 from ..render.camera import Camera
-from ..render.camera_path import CameraPath
+from ..render.camera_path import CameraPath, orbit
 from ..render.sequence import KeptScene, MovieFrames, find_files, is_whole, read_ahead
 from ..scene.mesh import Mesh
 from ..scene.particles import Particles
 from ..scene.scene import Scene
 from . import flags, look
+from .arguments import whole
 from .meshes import is_mesh, read_mesh
 from .shared import (
     Progress,
@@ -43,6 +44,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="key frames of the camera, .toml or .json; a single input file is shown along the "
         "whole path (default: none)",
     )
+    group.add_argument(
+        "--turntable",
+        type=whole(2, 100_000),
+        metavar="N",
+        help="number of images of one turn around --up; a single input file is shown in all of "
+        "them (default: none)",
+    )
     flags.add(group, "--fps", "also of --camera-path; default: 30", default=30.0)
     flags.add(group, "--resume", "finished images are kept")
 
@@ -58,16 +66,20 @@ class Series:
         self.path: CameraPath | None = None
         self.movie: MovieFrames | None = None
         self._kept = KeptScene()
-        self._camera: Camera | None = None
-        self._box: np.ndarray | None = None
+        self._cameras: list[Camera] | None = None
+        self.box: np.ndarray | None = None  # corners (8, 3) of the box of all files
         self._shown: set[str] = set()
         self._ahead: Iterator[tuple[Particles | Mesh, list[str]]] = iter(())
         with mistakes():
             files = find_files(options.particles)
+            if options.camera_path and options.turntable:
+                raise UserError("--turntable: expected no --camera-path beside --turntable")
             if options.camera_path:
                 self.path = _camera_path(options)
                 if len(files) == 1:
                     files = files * self.path.n_frames
+            elif options.turntable and len(files) == 1:
+                files = files * options.turntable
         options.particles = files
         if options.output.lower().endswith(".mp4"):
             check_output("-o", options.output, [".mp4"])
@@ -115,7 +127,7 @@ class Series:
                 values = [known.min(initial=values[0]), known.max(initial=values[1])]
         if fit and lows:
             box = np.min(lows, axis=0), np.max(highs, axis=0)
-            self._box = np.array(np.meshgrid(*zip(*box, strict=True))).reshape(3, -1).T
+            self.box = np.array(np.meshgrid(*zip(*box, strict=True))).reshape(3, -1).T
         if span and values[0] <= values[1]:
             options.range = (float(values[0]), float(values[1]))
 
@@ -152,13 +164,15 @@ class Series:
         """The scene of all images, with the particles of this image."""
         return self._kept.show(particles, make)
 
-    def camera(self, i: int, scene: Any, find: Callable[[Any, Any], Camera]) -> Camera:
-        """The camera of image i: the path's, or the first that `find` found."""
+    def cameras(self, i: int, scene: Any, find: Callable[[Any, Any], list[Camera]]) -> list[Camera]:
+        """The cameras of the views of image i: the path's, or the first that `find` found, turned
+        where a turntable is asked for."""
         if self.path:
-            return self.path(i)
-        if self._camera is None or self._kept.first:
-            self._camera = find(scene, self._box)
-        return self._camera
+            return [self.path(i)]
+        if self._cameras is None or self._kept.first:
+            self._cameras = find(scene, self.box)
+        n = self.options.turntable
+        return [orbit(one, n=n)[i % n] for one in self._cameras] if n else self._cameras
 
     def warn(self, messages: list[str], progress: Progress) -> None:
         """Show the messages that no earlier image has had."""

@@ -7,6 +7,7 @@ folder, and a movie on request. Ctrl-C or SIGTERM ends the current step and writ
 from __future__ import annotations
 
 import argparse
+import glob
 import os
 import signal
 import time
@@ -29,6 +30,7 @@ from .shared import (
     positive,
     print_json,
     say,
+    warn,
 )
 
 if TYPE_CHECKING:
@@ -218,10 +220,20 @@ class _Job:
             self.sim = Simulation(self.scene, **where)
         self.first_step, self.start_time = self.sim.n_steps, self.sim.time
         make_folder("-o", self.folder)
+        self._note_old_frames()
         self.progress = Progress(self.n_frames)
         self.files: list[str] = []
         self.saved = self.sim.time
         self.seconds = {"simulation": 0.0, "frames": 0.0, "pictures": 0.0}
+
+    def _note_old_frames(self) -> None:
+        """Say which frames of an earlier run in the folder this run does not replace."""
+        found = glob.glob(os.path.join(glob.escape(self.folder), f"frame_*.{self.format}"))
+        numbers = [os.path.basename(path)[6:].partition(".")[0] for path in found]
+        left = sum(n.isdecimal() and int(n) >= self.n_frames for n in numbers)
+        if left and not self.options.no_frames:
+            last = f"frame_{self.n_frames - 1:05d}.{self.format}"
+            warn(f"{self.folder} keeps {count(left, 'frame')} of an earlier run after {last}")
 
     def _check_output(self, before: Output) -> None:
         """Refuse frames that --resume would number or write otherwise than before."""

@@ -21,6 +21,7 @@ REPLACED = {
     "fit": ("eye", "look_at", "ortho"),
     "camera_path": ("eye", "look_at", "ortho"),
     "fov": ("ortho",),
+    "views": ("eye", "look_at", "ortho"),
     "opacity": ("transmission", "reflection", "index"),
     "transmission": ("opacity",),
     "background": ("sky",),

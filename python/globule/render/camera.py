@@ -161,6 +161,24 @@ class Camera(Fixed):
         )
         return away / np.linalg.norm(away, axis=1, keepdims=True)
 
+    def project(self, points: ArrayLike, size: tuple[int, int]) -> np.ndarray:
+        """Where points (N, 3), world, are in an image of (width, height): (N, 2) float64 pixels,
+        column and row from the top left corner; NaN for points behind the eye."""
+        eye, forward, right, up = self.frame(size)
+        away = np.asarray(points, np.float64) - eye
+        place = np.stack([away @ right / (right @ right), away @ up / (up @ up)], axis=1)
+        if self.height is None:
+            ahead = away @ forward
+            place /= np.where(ahead > 0, ahead, np.nan)[:, None]
+        return (place * (1, -1) + 1) / 2 * np.asarray(size)
+
+    def along(self, points: ArrayLike) -> np.ndarray:
+        """Distances (N,) float64, world units, of points (N, 3) along the rays through them."""
+        away = np.asarray(points, np.float64) - np.asarray(self.eye)
+        if self.height is None:
+            return np.linalg.norm(away, axis=1)
+        return away @ self.frame((1, 1))[1]
+
     def ray(
         self, size: tuple[int, int], screen: Sequence[float] | np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:

@@ -5,13 +5,17 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Sequence
-from typing import Any
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from .._base.checks import whole
 from .._base.structured import parse_json, parse_toml
 from .camera import Camera
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
 
 MOST_BYTES = 64 * 2**20  # of a file
 FIELDS = ("frame", "time", "eye", "look_at", "up", "fov")
@@ -101,6 +105,17 @@ def orbit(camera: Camera, turns: float = 1.0, n: int = 120) -> list[Camera]:
     angles = 2 * np.pi * turns * np.arange(n) / n
     eyes = middle + along + np.outer(np.cos(angles), across) + np.outer(np.sin(angles), side)
     return [Camera(eye, camera.look_at, camera.up, camera.fov, camera.height) for eye in eyes]
+
+
+def round_camera(camera: Camera, middle: ArrayLike) -> Camera:
+    """The camera with the point of its line of sight as `look_at` that is nearest to the axis
+    `up` through `middle` (3,), world: `orbit` then turns it about this axis."""
+    eye, up = np.asarray(camera.eye), np.asarray(camera.up) / np.linalg.norm(camera.up)
+    ahead = np.subtract(camera.look_at, eye)
+    flat = ahead - (ahead @ up) * up
+    away = np.subtract(middle, eye)
+    share = (away @ flat) / (flat @ flat) if flat @ flat > 1e-12 * (ahead @ ahead) else 1.0
+    return replace(camera, look_at=tuple((eye + share * ahead).tolist())) if share > 0 else camera
 
 
 class _Track:

@@ -23,10 +23,12 @@ from ..scene.particles import Particles
 from ..scene.scene import Scene
 from ..scene.sources import as_particles
 from ..scene.thesis import Thesis, check_tracing
+from .annotate import Annotation, corners_to_fit, drawing, room, traced_size
 from .camera import Camera
 from .clips import ClipBox, ClipPlane, ClipSphere
+from .display import displayed, straight, with_values
 from .materials import Material
-from .settings import MAX_SAMPLES, NAMES, RenderSettings, as_settings, items
+from .settings import MAX_SAMPLES, NAMES, RenderSettings, as_settings, for_values, items
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -110,6 +112,10 @@ class Frame:
     _frame: Any = field(repr=False)
     _layers: tuple[Layer, ...] = field(repr=False)
     _more: Any = field(repr=False)
+    _settings: RenderSettings = field(default_factory=RenderSettings, repr=False)
+    _behind: Any = field(default=None, repr=False)  # traces again in front of another light
+    _values: Any = field(default=None, repr=False)  # as `display.with_values` takes them
+    _finish: Any = field(default=None, repr=False)  # draws annotations into the image
 
     depth = old_attribute("depth", "distance")
 
@@ -194,13 +200,45 @@ class Frame:
 
     @property
     def color(self) -> np.ndarray:
-        """(H, W, 3) float32, linear RGB."""
+        """(H, W, 3) float32, linear RGB; of a transparent image, the light of the hits alone."""
         return self._take("color")
 
     @property
     def image(self) -> np.ndarray:
-        """(H, W, 3) uint8, sRGB."""
-        return self._take("picture")
+        """(H, W, 3) uint8, sRGB; (H, W, 4) with straight alpha where the settings say
+        `transparent`. Annotations that were given to `render` are drawn in."""
+        settings = self._settings
+        if self._values is not None and settings.is_flat:
+            image = displayed(with_values(self, self.color, self._values))
+        else:
+            image = self._take("picture") if settings.tone else displayed(self.color)
+        if settings.transparent:
+            image = straight(self, image, settings.exposure, settings.tone)
+        return image if self._finish is None else self._finish(image, self)
+
+    @property
+    def alpha(self) -> np.ndarray:
+        """(H, W) float32: the share of the pixel's rays that hit a surface, a cut or the ground.
+
+        With several samples, the rays are traced again when `alpha` is first read: the scene must
+        not have changed since the frame was rendered.
+        """
+        if not self._mixed:
+            return self.mask.astype(np.float32)
+        kept = vars(self).get("_alpha")
+        if kept is None or kept[0] != self.samples:
+            # Where a ray hits nothing, a light behind the scene adds to the pixel.
+            lit, dark = (self._behind(light, self.samples) for light in (1.0, 0.0))
+            width, height = self.size
+            through = lit.color(height, width)[..., 0] - dark.color(height, width)[..., 0]
+            kept = self.samples, np.clip(1 - through, 0, 1)
+            vars(self)["_alpha"] = kept
+        return kept[1]
+
+    @property
+    def _mixed(self) -> bool:
+        """Whether the color of a pixel at an edge may be a mixture."""
+        return self.samples > 1 or self._settings._mixes(self._scene)
 
     @property
     def picture(self) -> np.ndarray:
@@ -286,10 +324,11 @@ class Frame:
 
 @renamed(picture="image")
 def save_png(path: str | os.PathLike[str], image: np.ndarray) -> None:
-    """Write an image (H, W, 3) uint8 sRGB as PNG; whole or not at all."""
+    """Write an image (H, W, 3) or, with alpha, (H, W, 4) uint8 sRGB as PNG; whole or not at all."""
     image = np.asarray(image)
-    if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3:
-        raise ValueError(f"image: expected (H, W, 3) uint8, got {image.dtype} {image.shape}")
+    if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] not in (3, 4):
+        got = f"{image.dtype} {image.shape}"
+        raise ValueError(f"image: expected (H, W, 3) or (H, W, 4) uint8, got {got}")
     with atomic_write(path) as file:
         _write_png(file, image)
 
@@ -311,6 +350,7 @@ def render(
     color_by: str | None = None,
     colormap: str = "viridis",
     range: tuple[float, float] | None = None,
+    annotate: Annotation | None = None,
     progress: Callable[[int, int], object] | None = None,
     **others: Any,
 ) -> Frame:
@@ -332,9 +372,11 @@ def render(
             exactly.
         color_by: color the particles by a field or attribute, instead of their own colors and the
             material's: x, y, z, support, an attribute (a vector's length), or NAME:0 … for a
-            component. A `Scene` keeps these colors.
+            component. A `Scene` keeps these colors. Where the settings leave the lights at their
+            default, white and diffuse light keeps the colors' hue.
         colormap: of `color_by`: viridis, magma, inferno, plasma, cividis, turbo, coolwarm or gray.
         range: (lo, hi), values of the map's ends; default: the lowest and highest finite value.
+        annotate: `Annotation`, drawn into the frame's `image`.
         progress: called as progress(done, total) after each sample per pixel; may raise to stop.
 
     Raises:
@@ -343,16 +385,17 @@ def render(
     """
     if others:
         raise TypeError(f"render: {_instead(next(iter(others)))}")
-    camera, size = camera_and_size(camera, size)
+    camera, total = camera_and_size(camera, size)
+    size = traced_size(annotate, total)
     settings = as_settings(settings)
     if color_by is not None:
-        settings = replace(settings, material=replace(settings.material, color=None))
+        settings = for_values(settings)
     layers = _layers(scene, clips, settings.material, (color_by, colormap, range))
     if thesis is not None and any(layer.clips for layer in layers):
         raise ValueError("clips: expected none with the thesis's tracing, which knows no cuts")
     first = layers[0].scene
     if camera is None:
-        camera = fit_camera(first, size)
+        camera = fitted(first, size, annotate)
     view, look = camera._view(size), settings._look(first)
     device = _device_of(layers)
     kinds = [
@@ -375,7 +418,7 @@ def render(
 
     rendered = surfaces()
 
-    def trace(passes: int, before: Any) -> Any:
+    def trace(passes: int, before: Any, look: Any = look) -> Any:
         if before and rendered != surfaces():
             raise ValueError("refine: expected the scene as it was rendered, got another threshold")
         scenes = [_core_scene(layer.scene, device) for layer in layers]
@@ -385,14 +428,36 @@ def render(
         ]
         return packed[0][0].render(packed, view, look, way, passes, before)
 
+    def behind(light: float, passes: int) -> Any:
+        """The same rays in front of another light."""
+        return trace(passes, None, settings._look(first, light))
+
+    values = None
+    if color_by is not None and (settings.is_flat or annotate is not None):
+        values = values_of(first.particles, color_by, colormap, range)
+    finish = None
+    if annotate is not None and annotate.draws:
+        finish = drawing(annotate, camera, [layer.scene for layer in layers], values, total)
     n = settings.samples
-    if progress is None:
-        return Frame(size, trace(n, None), layers, trace)
-    frame = Frame(size, trace(1, None), layers, trace)
-    progress(1, n)
-    if n > 1:
-        frame.refine(n - 1, lambda done, _: progress(1 + done, n))
+    first_pass = trace(n if progress is None else 1, None)
+    frame = Frame(size, first_pass, layers, trace, settings, behind, values and values[:4], finish)
+    if progress is not None:
+        progress(1, n)
+        if n > 1:
+            frame.refine(n - 1, lambda done, _: progress(1 + done, n))
     return frame
+
+
+def values_of(
+    particles: Particles, name: str, colormap: str, range: tuple[float, float] | None
+) -> tuple[np.ndarray, str, float, float, str]:
+    """What an image of colors by value shows: the particles' values (N,), color map, values of the
+    map's ends, name."""
+    values = attributes.attribute_values(particles, name)
+    if range is None:
+        known = values[np.isfinite(values)]
+        range = (float(known.min()), float(known.max())) if known.size else (0.0, 1.0)
+    return values, colormap, *attributes.checked_range(range), name
 
 
 def as_scene(value: Any) -> Scene | Mesh:
@@ -533,3 +598,19 @@ def corners_of(mesh: Mesh) -> np.ndarray:
     """(8, 3), the corners of the mesh's box, world."""
     lo, hi = mesh.bounds()
     return np.array([[(lo, hi)[i >> k & 1][k] for k in range(3)] for i in range(8)])
+
+
+def fitted(
+    scene: Scene,
+    size: tuple[int, int],
+    annotation: Annotation | None,
+    around: ArrayLike | None = None,
+    **options: Any,
+) -> Camera:
+    """`fit_camera` with room for an annotation and its box."""
+    around = corners_to_fit(annotation, scene, around)
+    camera, more = fit_camera(scene, size, around, **options), room(annotation)
+    if camera.height is not None:
+        return replace(camera, height=more * camera.height)
+    eye = camera.look_at + more * np.subtract(camera.eye, camera.look_at)
+    return replace(camera, eye=tuple(eye.tolist()))

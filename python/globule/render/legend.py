@@ -1,96 +1,139 @@
-"""A color bar with its range and name, drawn into a finished image."""
+"""A color bar with its range, name and unit, drawn into a finished image or beside it."""
 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from .._base.colormaps import NAMES, map_colors
 from .._base.old_names import renamed
+from .canvas import DARK, Canvas, sizes
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
-    from PIL.ImageDraw import ImageDraw
 
-LEAST_SIDE = 64  # pixels; in a smaller image no number can be read
+POSITIONS = ("lower-right", "lower-left", "upper-right", "upper-left", "outside")
 # Lengths as shares of the image's shorter side.
-_MARGIN, _BAR_WIDTH, _BAR_HEIGHT, _TEXT = 0.035, 0.024, 0.42, 0.026
-_LEAST_TEXT = 9  # pixels
+_BAR_WIDTH, _BAR_HEIGHT = 0.024, 0.42
+_LONGEST_TICK = 9  # digits for which a legend outside of the image has room
+_PAPER, _INK = (255, 255, 255), (DARK, (255, 255, 255))  # of a legend outside of the image
 
 
 @renamed(picture="image")
 def add_legend(
-    image: ArrayLike, colormap: str, lo: float, hi: float, label: str = "", scale: float = 1.0
+    image: ArrayLike,
+    colormap: str,
+    lo: float,
+    hi: float,
+    label: str = "",
+    scale: float = 1.0,
+    *,
+    unit: str = "",
+    position: str = "lower-right",
 ) -> np.ndarray:
-    """The image with a vertical color bar, ticks and label in its lower right corner.
+    """The image with a vertical color bar, ticks and label.
 
     All sizes follow the size of the image. Text is dark with a light rim, or light with a dark rim,
     and the bar has a thin frame: text and bar are legible on any background.
 
     Args:
-        image: (H, W, 3) uint8, sRGB, both sides at least 64 pixels.
+        image: (H, W, 3) uint8, sRGB, or (H, W, 4) with straight alpha; both sides at least 64
+            pixels.
         colormap: viridis, magma, inferno, plasma, cividis, turbo, coolwarm or gray.
         lo, hi: values of the map's first and last color.
         label: name of the values; shortened to fit.
         scale: factor of all sizes.
+        unit: of the values, written behind the label.
+        position: a corner of the image, lower-right, lower-left, upper-right or upper-left; or
+            outside, on a white strip to the right, which makes the image wider.
 
     Returns:
-        (H, W, 3) uint8, a new array.
+        (H, W, 3) or (H, W, 4) uint8, a new array.
 
     Raises ValueError naming the argument, the expected and the given value.
     """
-    from PIL import Image, ImageDraw, ImageFont
+    size = np.shape(image)[1::-1]
+    strip = strip_width(size, scale) if len(size) == 2 else 0
+    return draw_legend(image, colormap, lo, hi, label, unit, position, scale, strip)
 
-    image = np.asarray(image)
-    if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3:
-        got = f"{image.dtype} {image.shape}"
-        raise ValueError(f"image: expected (H, W, 3) uint8, got {got}")
-    if min(image.shape[:2]) < LEAST_SIDE:
-        got = f"{image.shape[1]}x{image.shape[0]}"
-        raise ValueError(f"image: expected at least {LEAST_SIDE} pixels a side, got {got}")
+
+def draw_legend(
+    image: ArrayLike,
+    colormap: str,
+    lo: float,
+    hi: float,
+    label: str,
+    unit: str,
+    position: str,
+    scale: float,
+    strip: int,
+) -> np.ndarray:
+    """As `add_legend`; `strip`: by how many pixels a legend outside makes the image wider."""
+    canvas = Canvas(image, scale)
     if colormap not in NAMES:
         raise ValueError(f"colormap: expected one of {', '.join(NAMES)}, got {colormap!r}")
     if not (math.isfinite(lo) and math.isfinite(hi)):
         raise ValueError(f"range: expected two finite numbers, got {lo!r} and {hi!r}")
+    if position not in POSITIONS:
+        raise ValueError(f"position: expected one of {', '.join(POSITIONS)}, got {position!r}")
+    label = ", ".join(word for word in (" ".join(label.split()), unit) if word)
+    if position == "outside":
+        start = canvas.width
+        canvas.widen(strip, _PAPER)
+        _draw(canvas, colormap, lo, hi, label, "middle-left", start)
+    else:
+        _draw(canvas, colormap, lo, hi, label, position, 0)
+    return canvas.pixels
 
-    canvas = Image.fromarray(np.ascontiguousarray(image))
-    width, height = canvas.size
-    side = scale * min(width, height)
-    font = ImageFont.load_default(size=max(_LEAST_TEXT, round(_TEXT * side)))
-    draw = ImageDraw.Draw(canvas)
-    line = max(1, round(side / 500))
-    margin, bar = round(_MARGIN * side), max(4, round(_BAR_WIDTH * side))
-    assert isinstance(font, ImageFont.FreeTypeFont)  # as a size is given
-    text_height = sum(font.getmetrics())
 
-    texts = tick_labels(lo, hi, max(2, round(_BAR_HEIGHT * side / (2.2 * text_height))))
-    widest = max(draw.textlength(text, font=font) for _, text in texts)
+def strip_width(size: tuple[int, int], scale: float = 1.0) -> int:
+    """Width of the strip that a legend outside of an image of this (width, height) takes, pixels.
+    It depends on the height alone where the image is at least as wide as high."""
+    side = scale * min(size)
+    font, _, margin = sizes(side)
+    return round(2 * margin + 1.5 * max(4, round(_BAR_WIDTH * side)) + 0.6 * _LONGEST_TICK * font)
+
+
+def _draw(
+    canvas: Canvas, colormap: str, lo: float, hi: float, label: str, position: str, start: int
+) -> None:
+    """Draw bar, ticks and label at a position of the image that begins with column `start`."""
+    margin, line, text_height = canvas.margin, canvas.line, canvas.text_height()
+    bar = max(4, round(_BAR_WIDTH * canvas.side))
+    length = round(_BAR_HEIGHT * canvas.side)
+    texts = tick_labels(lo, hi, max(2, round(length / (2.2 * text_height))))
+    widest = math.ceil(max(canvas.text_width(text) for _, text in texts))
     gap = max(5, bar // 2)
-    right = width - margin - math.ceil(widest) - gap - line
-    bottom = height - margin - text_height // 2
-    top = bottom - round(_BAR_HEIGHT * side)
-    box = (right - bar, top, right, bottom)  # right and bottom not included
-
-    ink, rim = _ink(image[top:bottom, right:])
-    colors = map_colors(colormap, bottom - top)[::-1]
-    canvas.paste(Image.fromarray(np.repeat(colors[:, None], bar, axis=1)), box[:2])
-    frame = (box[0] - line, top - line, right + line - 1, bottom + line - 1)
-    draw.rectangle(frame, outline=ink, width=line)
+    vertical, horizontal = position.split("-")
+    if horizontal == "right":
+        right = canvas.width - margin - widest - gap - line  # right and bottom not included
+    else:
+        right = start + margin + line + bar
+    if vertical == "lower":
+        bottom = canvas.height - margin - text_height // 2
+    elif vertical == "upper":
+        bottom = margin + 2 * text_height + line + length
+    else:
+        bottom = (canvas.height + length + 2 * text_height) // 2
+    top = bottom - length
+    inks = _INK if start else canvas.ink(right - bar, top, right + gap + widest, bottom)
+    canvas.fill(right - bar - line, top - line, right + line, bottom + line, inks[0])
+    colors = map_colors(colormap, length)[::-1]
+    canvas.paste(np.repeat(colors[:, None], bar, axis=1), right - bar, top)
     for share, text in texts:
-        y = bottom - 1 - share * (bottom - 1 - top)
-        draw.line((right + line, y, right + line + gap // 2, y), fill=ink, width=line)
-        place = (right + line + gap, y)
-        draw.text(place, text, ink, font, anchor="lm", stroke_width=line, stroke_fill=rim)
-    label = _shortened(draw, " ".join(label.split()), font, width - 2 * margin)
-    if label:
-        end = width - margin
-        place = (end, top - line - text_height)
-        y, x = max(0, place[1] - text_height), int(max(0, end - draw.textlength(label, font=font)))
-        ink, rim = _ink(image[y : place[1] + text_height // 2, x:end])
-        draw.text(place, label, ink, font, anchor="rm", stroke_width=line, stroke_fill=rim)
-    return np.asarray(canvas)
+        at = bottom - 0.5 - share * (length - 1)
+        row = round(at - line / 2)
+        canvas.fill(right + line, row, right + line + gap // 2, row + line, inks[0])
+        canvas.text((right + line + gap, at), text, "lm", inks=inks)
+    room = canvas.width - start - 2 * margin if start else canvas.width - 2 * margin
+    label = canvas.shortened(label, room)
+    above = max(text_height / 2, top - line - text_height)
+    if horizontal == "right":
+        canvas.text((canvas.width - margin, above), label, "rm")
+    else:
+        canvas.text((start + margin, above), label, "lm", inks=inks if start else None)
 
 
 def tick_labels(lo: float, hi: float, most: int) -> list[tuple[float, str]]:
@@ -113,20 +156,3 @@ def tick_labels(lo: float, hi: float, most: int) -> list[tuple[float, str]]:
         if 0.6 / most < share < 1 - 0.6 / most:  # room for the ends' own text
             ticks.append((share, i * step))
     return [(share, f"{value:.{digits}g}") for share, value in sorted(ticks)]
-
-
-def _ink(below: np.ndarray) -> tuple[tuple[int, int, int], tuple[int, int, int]]:
-    """Dark and light in the order in which they stand out from the pixels (…, 3) below."""
-    dark, light = (28, 32, 38), (240, 242, 245)
-    bright = not below.size or np.mean(below.reshape(-1, 3) @ (0.2126, 0.7152, 0.0722)) > 118
-    return (dark, light) if bright else (light, dark)
-
-
-def _shortened(draw: ImageDraw, text: str, font: Any, width: int) -> str:
-    """The text, or as much of its beginning as fits with an ellipsis."""
-    text = text[:200]
-    if draw.textlength(text, font=font) <= width:
-        return text
-    while text and draw.textlength(text + "…", font=font) > width:
-        text = text[:-1]
-    return text + "…" if text else ""

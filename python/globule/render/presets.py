@@ -19,18 +19,19 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
 GROUNDS = {"plain": 0.0, "checker": 1 / 4}  # edges of their squares, of the scene's extent
-PRESETS = ("blood", "water", "glass", "tissue", "clay")
+PRESETS = ("blood", "water", "glass", "tissue", "clay", "flat")
 
 
 def preset(name: str, scene: Scene | Mesh, up: ArrayLike = (0.0, 1.0, 0.0)) -> RenderSettings:
-    """Settings that show a scene as blood, water, glass, tissue or clay.
+    """Settings that show a scene as blood, water, glass, tissue or clay, or flat.
 
-    Blood, water and glass have colors of their own; tissue and clay show the particles'. Presets
+    Blood, water and glass have colors of their own; tissue and clay show the particles'. Flat is no
+    light: each pixel has the particles' color, for colors that stand for values. The other presets
     scale absorption to the scene's extent (blood: to the supports): a model of a river and a model
     of a drop look alike. `dataclasses.replace` changes a part of the settings.
 
     Args:
-        name: blood, water, glass, tissue or clay.
+        name: blood, water, glass, tissue, clay or flat.
         scene: a `Scene` or a `Mesh`; the preset uses its size and lowest point. The image may show
             other scenes, too.
         up: (3,) direction to the sky, away from the ground.
@@ -189,4 +190,16 @@ def _clay(stage: _Stage, extent: float, support: float) -> RenderSettings:
     )  # fmt: skip
 
 
-_MAKE = {"blood": _blood, "water": _water, "glass": _glass, "tissue": _tissue, "clay": _clay}
+def _flat(stage: _Stage, extent: float, support: float) -> RenderSettings:
+    material = Material(reflection=0.0, transmission=0.0, specular=0.0)
+    return RenderSettings(lights=(), ambient=1.0, material=material, tone=False)
+
+
+_MAKE = {
+    "blood": _blood,
+    "water": _water,
+    "glass": _glass,
+    "tissue": _tissue,
+    "clay": _clay,
+    "flat": _flat,
+}

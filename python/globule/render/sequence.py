@@ -26,11 +26,12 @@ from ..scene.attributes import color_by as colored
 from ..scene.fluid import surface_of
 from ..scene.particles import Particles
 from ..scene.scene import Scene
+from .annotate import Annotation, bounds_of, drawing, traced_size
 from .camera import Camera
 from .camera_path import CameraPath
 from .clips import ClipBox, ClipPlane, ClipSphere
-from .frame import camera_and_size, fit_camera, render, save_png
-from .settings import RenderSettings, as_settings
+from .frame import camera_and_size, fitted, render, save_png, values_of
+from .settings import RenderSettings, as_settings, for_values
 
 
 def natural(name: str) -> list[Any]:
@@ -265,6 +266,7 @@ def render_sequence(
     color_by: str | None = None,
     colormap: str = "viridis",
     range: tuple[float, float] | None = None,
+    annotate: Annotation | None = None,
     progress: Callable[[int, int], object] | None = None,
     **scene_options: Any,
 ) -> list[str]:
@@ -287,6 +289,7 @@ def render_sequence(
         clips: cuts through the scene, as for `render`.
         color_by, colormap, range: as for `render`. Without a range, a first pass over all files
             finds the lowest and the highest value; other sources need a range.
+        annotate: `Annotation`, with the time and the step of each frame.
         progress: called as progress(done, total) after each frame; total is 0 if the source has no
             length. May raise to stop.
         scene_options: as for `Scene`.
@@ -318,9 +321,14 @@ def render_sequence(
     if isinstance(source, (str, os.PathLike)):
         source = find_files([os.fspath(source)])
     if color_by is not None:
-        material = replace(settings.material, color=None)
-        settings = replace(settings, material=material)
+        settings = for_values(settings)
         range = _range_of(source, color_by) if range is None else checked_range(range)
+    if as_movie and settings.transparent:
+        raise ValueError("settings: expected no transparent background for a movie, got one")
+    notes = annotate or Annotation()
+    if notes.legend and color_by is None:
+        raise ValueError("annotate: expected color_by beside a legend, got none")
+    traced = traced_size(annotate, size)
     total = n_frames or 0
     if isinstance(source, Sequence):
         total = len(source[:n_frames])
@@ -341,13 +349,20 @@ def render_sequence(
             if progress:
                 progress(i + 1, total)
             continue
+        values = None
         if color_by is not None:
+            values = values_of(particles, color_by, colormap, range)
             particles = colored(particles, color_by, colormap, range)
         scene = kept.show(particles, lambda p: Scene(p, **_with_surface(p, scene_options)))
         if camera is None and kept.first:
-            view, _ = _views(fit_camera(scene, size), fps)
+            view, _ = _views(fitted(scene, traced, notes), fps)
+        if notes.box is True:  # of the first frame, so that it stays
+            notes = replace(notes, box=bounds_of([scene]) or True)
         if not finished(i):
-            frame = render(scene, view(i), size, settings, clips)
+            frame = render(scene, view(i), traced, settings, clips)
+            frame._values = values and values[:4]
+            if notes.draws:
+                frame._finish = drawing(notes.at(i), view(i), [scene], values, size)
             if movie:
                 movie.open()
             frame.save(name(i))

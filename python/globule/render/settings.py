@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any
 
@@ -62,6 +62,10 @@ class RenderSettings(Fixed):
         cutoff: a ray that carries less than this share of a pixel's light ends in the sky, 0 to 1.
         samples: rays per pixel, 1 to 65536; the first goes through the pixel's center, the others
             anywhere in it.
+        tone: whether `Frame.image` compresses light above 0.8. False: `Frame.image` is
+            `Frame.color` in sRGB, clipped at 1, without `exposure`.
+        transparent: whether `Frame.image` is RGBA. A pixel's alpha is the share of its rays that
+            hit a surface or the ground; an image of several samples has smooth edges.
         edge_samples: more rays, 0 to 64, for pixels beside a jump of distance or normal
             (silhouettes, creases), in images of one scene without shadows, ambient rays, mirrors,
             transmission, clips, sky and ground. Other images have `samples`. None: 3 for a scene
@@ -85,17 +89,25 @@ class RenderSettings(Fixed):
     bounces: int = 4
     cutoff: float = 1 / 32
     samples: int = 1
+    tone: bool = True
+    transparent: bool = False
     edge_samples: int | None = None
 
     def _check(self) -> None:
         if not isinstance(self.material, Material):
             raise TypeError(f"material: expected Material, got {shown(self.material)}")
         whole("samples", self.samples, 1, MAX_SAMPLES)
+        flag("tone", self.tone)
+        flag("transparent", self.transparent)
         self._packed  # noqa: B018  making it checks the other fields
 
     @cached_property
     def _packed(self) -> Any:
         """What the core takes; how far ambient rays look in no scene in particular: 0."""
+        return self._pack(0.0 if self.transparent else None)
+
+    def _pack(self, behind: float | None) -> Any:
+        """What the core takes, with a background of `behind` in place of background and sky."""
         lights = items("lights", self.lights, "a list of lights")
         if len(lights) > MAX_LIGHTS:
             raise ValueError(f"lights: expected at most {MAX_LIGHTS}, got {len(lights)}")
@@ -119,13 +131,13 @@ class RenderSettings(Fixed):
                 "lights": [light._pack() for light in lights],
                 "ambient": [0.0, 0.0, 0.0] if sky_light else three("ambient", self.ambient, 0.0),
                 "sky_light": sky_light,
-                "background": background,
+                "background": background if behind is None else [behind] * 3,
                 "exposure": number("exposure", self.exposure, 0.0),
                 "shadows": flag("shadows", self.shadows),
                 "ambient_rays": rays,
                 "ambient_distance": distance,
                 "sky": (self.sky or uniform_sky(background))._pack(),
-                "show_sky": self.sky is not None,
+                "show_sky": self.sky is not None and behind is None,
                 "ground": self.ground._pack() if self.ground else None,
                 "depth": whole("bounces", self.bounces, 0, 32),
                 "edge_samples": whole("edge_samples", self.edge_samples or 0, 0, 64),
@@ -135,15 +147,28 @@ class RenderSettings(Fixed):
             }
         )
 
-    def _look(self, scene: Scene | Mesh) -> Any:
-        """What the core takes for an image of `scene`."""
-        look = self._packed
+    @property
+    def is_flat(self) -> bool:
+        """Whether every surface shows its own color, without light."""
+        return not (self.lights or self.ambient_rays or self.tone) and _light(self) == _light(
+            _WHITE
+        )
+
+    def _look(self, scene: Scene | Mesh, behind: float | None = None) -> Any:
+        """What the core takes for an image of `scene`; behind: as for `_pack`."""
+        look = self._packed if behind is None else self._pack(behind)
         if self.ambient_distance is None and self.ambient_rays:
             look = look.reaching(0.1 * extent_of(scene))
         smooth = isinstance(scene, Scene) and scene.surface == "smooth"
         if self.edge_samples is None and smooth:
             look = look.with_edges(SMOOTH_EDGES)
         return look
+
+    def _mixes(self, scene: Scene | Mesh) -> bool:
+        """Whether pixels at edges may be mixtures in an image of one sample."""
+        own = self.edge_samples
+        smooth = isinstance(scene, Scene) and scene.surface == "smooth"
+        return bool(own) or (own is None and smooth)
 
 
 def extent_of(scene: Scene | Mesh) -> float:
@@ -155,6 +180,36 @@ def extent_of(scene: Scene | Mesh) -> float:
 
 _DEFAULT = RenderSettings()
 NAMES = tuple(field.name for field in fields(RenderSettings))
+# Light for colors of values: white, so that a color keeps its hue, and at most 1 in all, so that no
+# channel is clipped. A surface has 0.55 to 1 of its color; one that faces eye and sun has all.
+_WHITE = RenderSettings(lights=(), ambient=1.0)
+_EVEN = {"lights": (Headlight(0.25), DirectionalLight(radiance=0.20)), "ambient": 0.55}
+
+
+def _light(settings: RenderSettings) -> tuple[Any, ...]:
+    """Lights and ambient light as plain numbers, which can be compared."""
+    sky = isinstance(settings.ambient, str)
+    ambient = settings.ambient if sky else list(three("ambient", settings.ambient, 0.0))
+    return [light._pack() for light in settings.lights], ambient
+
+
+def for_values(settings: RenderSettings) -> RenderSettings:
+    """The settings for colors that stand for values: colors of the particles, diffuse shading.
+
+    Where lights and ambient light are the defaults, white light of at most 1 takes their place,
+    and the tone curve is off. Highlight, reflection and transmission become 0 where neither the
+    settings nor their material set them.
+    """
+    changes: dict[str, Any] = {}
+    if _light(settings) == _light(_DEFAULT):
+        changes |= _EVEN | {"tone": settings.tone and settings.exposure != 1}
+    material = replace(settings.material, color=None)
+    for name in ("reflection", "transmission"):
+        if getattr(material, name) is None and material.index is None:
+            material = replace(material, **{name: 0.0})
+    if settings.specular == _DEFAULT.specular:
+        changes["specular"] = 0.0
+    return replace(settings, material=material, **changes)
 
 
 def as_settings(value: RenderSettings | Mapping[str, Any] | None) -> RenderSettings:

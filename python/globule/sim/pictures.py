@@ -14,7 +14,7 @@ from ..render.camera import Camera
 from ..render.frame import Frame, fit_camera, render
 from ..render.presets import preset
 from ..render.sequence import KeptScene, MovieFrames
-from ..render.settings import RenderSettings
+from ..render.settings import RenderSettings, for_values
 from ..scene.scene import Scene
 from .scene_file import SceneFile
 
@@ -56,7 +56,8 @@ class Eye:
     def _shown(self, sim: Any) -> Scene:
         scene = sim.scene if self.view.speeds is None else self._by_speed(sim)
         if self._settings is None and scene.octree.n_inside > 0:
-            self._settings = self._light(scene)
+            light = self._light(scene)
+            self._settings = light if self.view.speeds is None else for_values(light)
             self._camera = self._camera or fit_camera(scene, self.size)
         return scene
 

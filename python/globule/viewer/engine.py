@@ -17,7 +17,7 @@ import numpy as np
 from ..render.camera import Camera
 from ..render.frame import Frame
 from .encode import jpeg
-from .overlay import Mark, finish
+from .overlay import Mark, box_of, finish
 from .pacer import Pacer, Plan, limited
 from .picture import trace
 from .source import Source
@@ -258,8 +258,9 @@ class Engine:
                 "camera": camera,
                 "plates": plates,
                 "marks": client.marks + source.marks(),
-                "depth": frame.distance if plates else None,
+                "depth": frame.distance if plates or state.notes.box else None,
                 "ends": source.maker.range,
+                **box_of(frame, state),
             }
             picture = frame.picture
         with self.wake:

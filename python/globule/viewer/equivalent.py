@@ -8,6 +8,7 @@ from typing import Any
 
 from ..render.camera import Camera
 from ..render.clips import ClipBox, ClipPlane
+from .overlay import annotation_of
 from .picture import clips_of, preset_look, seen_settings, sun_direction
 from .scenes import scene_options
 from .source import Source
@@ -51,7 +52,7 @@ def render_words(
     words = _first_words(state, camera, unsaid) + _light_words(state, up) + _cut_words(state)
     seen = no_sky and state.look.background != type(state.look)().background
     words += ["--background", _three(state.look.background)] if seen else []
-    words += ["--legend"] if state.color.by and state.color.legend else []
+    words += _note_words(state)
     return [*words, "--samples", str(state.quality.samples)]
 
 
@@ -96,6 +97,27 @@ def _light_words(state: State, up: Any) -> list[str]:
         words += ["--light", "head"] if look.headlight else []
         words += ["--light", f"dir:{_three(sun_direction(look, up))},{_text(look.angle)}"]
     return words
+
+
+def _note_words(state: State) -> list[str]:
+    """Legend and annotations."""
+    notes, color, words = state.notes, state.color, []
+    words += ["--title", _said(notes.title)] if notes.title else []
+    words += ["--scale-bar"] if notes.scale_bar else []
+    words += ["--axes"] if notes.axes else []
+    words += ["--box"] if notes.box else []
+    words += ["--unit", _said(notes.unit)] if notes.unit else []
+    if color.by and color.legend:
+        words += ["--legend"]
+        words += ["--legend-at", color.legend_at] if color.legend_at != "lower-right" else []
+        words += ["--legend-title", _said(color.legend_title)] if color.legend_title else []
+        words += ["--legend-unit", _said(color.legend_unit)] if color.legend_unit else []
+    return words
+
+
+def _said(text: str) -> str:
+    """A text as the value of a flag: a leading hyphen would make it a flag."""
+    return f" {text}" if text.startswith("-") else text
 
 
 def _cut_words(state: State) -> list[str]:
@@ -146,6 +168,12 @@ def python_code(
             f"particles.color = colorize(values, {color.colormap!r}, *ends)",
         ]
     words = ", ".join(f"{name}={_code(value)}" for name, value in options.items())
+    more = ""
+    if color.by and settings.is_flat:
+        more += f", color_by={color.by!r}, colormap={color.colormap!r}, range=ends"
+    notes = dataclasses.replace(annotation_of(state), legend=False, legend_title="", legend_unit="")
+    if notes.draws:
+        more += f", annotate={_code(notes)}"
     lines += [
         f"scene = gb.Scene(particles, {words})",
         f"camera = {_code(camera)}",
@@ -153,11 +181,14 @@ def python_code(
         *changes,
         ")",
         f"clips = [{', '.join(_code(clip) for clip in clips_of(state.cuts))}]",
-        f"frame = gb.render(scene, camera, {tuple(size)}, settings, clips{thesis})",
+        f"frame = gb.render(scene, camera, {tuple(size)}, settings, clips{thesis}{more})",
     ]
     if color.by and color.legend:
+        words = repr(color.legend_title or color.by)
+        words += f", unit={color.legend_unit!r}" if color.legend_unit else ""
+        words += f", position={color.legend_at!r}" if color.legend_at != "lower-right" else ""
         lines += [
-            f"picture = add_legend(frame.picture, {color.colormap!r}, *ends, {color.by!r})",
+            f"picture = add_legend(frame.picture, {color.colormap!r}, *ends, {words})",
             'save_png("picture.png", picture)',
         ]
     else:

@@ -7,11 +7,13 @@ from typing import Any
 
 import numpy as np
 
+from ..render.annotate import Annotation, Colors, bounds_of, draw_sheet, draw_view, skin_of
 from ..render.camera import Camera
-from ..render.legend import LEAST_SIDE, add_legend
+from ..render.canvas import LEAST_SIDE
+from ..render.frame import Frame
 from .state import State
 
-ON_SCREEN = 0.65  # scale of the legend on the page, relative to saved images
+ON_SCREEN = 0.65  # scale of annotations on the page, relative to saved images
 RED, AMBER, STEEL = (226, 60, 60), (255, 176, 32), (70, 80, 92)
 
 
@@ -47,6 +49,25 @@ class Plate:
     mask: np.ndarray | None = None
 
 
+def annotation_of(state: State) -> Annotation:
+    """The annotations of the page."""
+    color, notes = state.color, state.notes
+    return Annotation(
+        **vars(notes),
+        legend=color.legend_at if color.by and color.legend else False,
+        legend_title=color.legend_title,
+        legend_unit=color.legend_unit,
+    )
+
+
+def box_of(frame: Frame, state: State) -> dict[str, Any]:
+    """What `finish` needs of a frame for the bounding box. The caller holds the source's lock."""
+    if not state.notes.box:
+        return {}
+    scenes = [layer.scene for layer in frame._layers]
+    return {"bounds": bounds_of(scenes), "skin": skin_of(scenes)}
+
+
 def finish(
     picture: np.ndarray,
     state: State,
@@ -56,29 +77,36 @@ def finish(
     depth: np.ndarray | None,
     ends: tuple[float, float],
     size: tuple[int, int] | None = None,
+    bounds: Any = None,
+    skin: float = 0.0,
 ) -> np.ndarray:
     """The image (H, W, 3) uint8 sRGB with its overlay.
 
     Args:
         picture: (H, W, 3) uint8 sRGB.
-        state: for the legend.
+        state: for legend and annotations.
         camera: of the image.
         marks, plates: to draw.
-        depth: (H, W) distance along the rays, world units; needed for plates.
+        depth: (H, W) distance along the rays, world units; needed for plates and the box.
         ends: values at the two ends of the color map.
         size: (width, height) at which the browser shows the image. A smaller image is enlarged
-            before marks and legend are drawn, so that they stay sharp.
+            before marks and annotations are drawn, so that they stay sharp.
+        bounds, skin: as for `draw_view`.
     """
     if plates and depth is not None:
         picture = draw_plates(picture, depth, camera, plates)
-    legend = bool(state.color.by and state.color.legend)
-    if size is not None and (marks or legend):
+    notes = annotation_of(state)
+    if size is not None and (marks or notes.draws):
         picture = enlarged(picture, size)
+    drawn = notes.draws and min(picture.shape[:2]) >= LEAST_SIDE
+    scale = 1.0 if size is None else ON_SCREEN
+    if drawn:
+        picture = draw_view(picture, notes, camera, bounds, depth, skin, scale=scale)
     if marks:
         picture = draw_marks(picture, camera, marks)
-    if legend and min(picture.shape[:2]) >= LEAST_SIDE:
-        scale = 1.0 if size is None else ON_SCREEN
-        picture = add_legend(picture, state.color.colormap, *ends, state.color.by, scale)
+    if drawn:
+        colors = Colors(state.color.colormap, *ends, state.color.by)
+        picture = draw_sheet(picture, notes, colors, scale=scale)
     return picture
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 from typing import Any
 
@@ -9,10 +10,10 @@ import numpy as np
 
 from ..render.camera import Camera, view_axes
 from ..render.clips import ClipBox, ClipPlane, ClipSphere
-from ..render.frame import Frame, render
+from ..render.frame import Frame, render, values_of
 from ..render.lights import DirectionalLight, Ground, Headlight, Sky
 from ..render.presets import GROUNDS, ground_height
-from ..render.settings import RenderSettings
+from ..render.settings import RenderSettings, for_values
 from ..scene.scene import Scene
 from .scenes import thesis_of
 from .source import Source
@@ -46,7 +47,13 @@ def trace(
     settings = dataclasses.replace(seen_settings(source, state, layers[0].scene, up), samples=1)
     if moving and settings.ambient_rays > MOST_MOVING_AMBIENT:
         settings = dataclasses.replace(settings, ambient_rays=MOST_MOVING_AMBIENT)
-    return render(layers, camera, size, settings, clips_of(state.cuts), thesis_of(state))
+    frame = render(layers, camera, size, settings, clips_of(state.cuts), thesis_of(state))
+    if settings.is_flat and state.color.by and not moving:
+        with contextlib.suppress(ValueError):  # a source may show layers without these values
+            particles, color = layers[0].scene.particles, state.color
+            shown = values_of(particles, color.by, color.colormap, source.maker.range)
+            frame._values = shown[:4]
+    return frame
 
 
 def seen_settings(source: Source, state: State, scene: Scene, up: Any) -> RenderSettings:
@@ -54,9 +61,7 @@ def seen_settings(source: Source, state: State, scene: Scene, up: Any) -> Render
     settings = settings_of(state.look, source, scene, up)
     if not state.color.by:
         return settings
-    return dataclasses.replace(
-        settings, material=dataclasses.replace(settings.material, color=None)
-    )
+    return for_values(settings)
 
 
 def settings_of(look: Look, source: Source, scene: Scene, up: Any) -> RenderSettings:

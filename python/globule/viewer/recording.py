@@ -23,7 +23,7 @@ from ..render.camera import Camera
 from ..render.camera_path import orbit
 from ..render.frame import save_png
 from .engine import Engine
-from .overlay import Mark, finish
+from .overlay import Mark, box_of, finish
 from .picture import trace
 
 MOST_SIDE = 16384
@@ -60,7 +60,7 @@ class Shot:
         progress: called with the finished share, 0 to 1.
 
     Attributes:
-        picture: (H, W, 3) uint8 sRGB, with slices, marks and legend.
+        picture: (H, W, 3) uint8 sRGB, with slices, marks and annotations.
         frame: the traced `Frame` without them.
 
     Raises:
@@ -96,15 +96,16 @@ class Shot:
             before = state.version, source.version
             plates = source.plates(state)
             ends, marks = source.maker.range, self._marks + source.marks()
+            box = box_of(frame, state)
         while frame.samples < self._samples:
             self._progress(frame.samples / self._samples)
             with lock:
                 if (engine.state.version, source.version) != before:
                     return False
                 frame.refine()
-        depth = frame.distance if plates else None
+        depth = frame.distance if plates or box else None
         self.frame = frame
-        self.picture = finish(frame.picture, state, camera, marks, plates, depth, ends)
+        self.picture = finish(frame.picture, state, camera, marks, plates, depth, ends, **box)
         return True
 
     def save(self, path: str | os.PathLike[str]) -> None:

@@ -17,12 +17,14 @@ from .._base.colormaps import NAMES as COLORMAPS
 from .._base.files import atomic_write
 from .._base.structured import parse_toml
 from ..render.camera import Camera
+from ..render.legend import POSITIONS
 from ..render.presets import PRESETS
 from ..scene.scene import KERNELS
 from .fields import checked, choice, real, switch, triple, whole
 
 FAR = 1e18  # the largest coordinate of a scene
 MOST_BOOKMARKS = 64
+CORNERS = POSITIONS[:4]  # on the page, a legend outside would change the image's size
 MOST_BYTES = 256 * 1024  # of a state file
 
 
@@ -99,6 +101,22 @@ class Coloring:
     low: float = real(0.0, -1e30, 1e30, "From", "Value of the first color")
     high: float = real(1.0, -1e30, 1e30, "To", "Value of the last color")
     legend: bool = switch(True, "Legend", "Draw the color map into the image")
+    legend_at: str = choice("lower-right", CORNERS, "Place", "Corner of the legend")
+    legend_title: str = choice("", (), "Legend title", "Empty: the name of the values")
+    legend_unit: str = choice("", (), "Legend unit", "Of the values")
+
+
+@dataclass
+class Notes:
+    """Annotations of the image."""
+
+    title: str = choice("", (), "Title", "At the top of the image")
+    scale_bar: bool = switch(
+        False, "Scale bar", "A bar of a round length, true at the center of rotation"
+    )
+    axes: bool = switch(False, "Axes", "The directions of x, y and z")
+    box: bool = switch(False, "Box", "Bounding box of the particles, with coordinates")
+    unit: str = choice("", (), "Unit of lengths", "For scale bar and box")
 
 
 @dataclass
@@ -171,6 +189,7 @@ GROUPS = {
     "surface": Surface,
     "look": Look,
     "color": Coloring,
+    "notes": Notes,
     "cuts": Cuts,
     "quality": Quality,
     "slices": Slices,
@@ -184,7 +203,7 @@ class State:
     Change settings with `set`, so that pages and images follow. Any thread may call `set`.
 
     Attributes:
-        surface, look, color, cuts, quality, slices, time: the groups.
+        surface, look, color, notes, cuts, quality, slices, time: the groups.
         bookmarks: cameras by the name that a person gave them.
         version: counts the changes.
     """
@@ -192,6 +211,7 @@ class State:
     surface: Surface
     look: Look
     color: Coloring
+    notes: Notes
     cuts: Cuts
     quality: Quality
     slices: Slices

@@ -6,7 +6,7 @@ import threading
 from typing import Any
 
 from ..log import log
-from . import color, cuts, help, look, play, save, statistics, surface, tools, volume
+from . import color, cuts, help, look, notes, play, save, statistics, surface, tools, volume
 from . import view as view_panel
 from .widgets import Binder
 
@@ -54,6 +54,7 @@ class Page:
             view_panel.View(self),
             cuts.CutPanel(self),
             color.Color(self),
+            notes.NotesPanel(self),
             look.LookPanel(self),
             surface.SurfacePanel(self),
             save.Save(self),

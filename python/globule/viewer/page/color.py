@@ -24,7 +24,8 @@ class Color(Panel):
         self.add("color", "colormap")
         automatic = self.add("color", "automatic")
         self.ends = {name: self.add("color", name, typed=True) for name in ("low", "high")}
-        self.add("color", "legend")
+        for name in ("legend", "legend_at", "legend_title", "legend_unit"):
+            self.add("color", name)
         self.button("Keep this range", self.take_range, "Do not adapt the range to the values")
         automatic.on_update(self.safe(self._switched))
         for name, widget in self.ends.items():

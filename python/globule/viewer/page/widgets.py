@@ -99,6 +99,8 @@ class Binder:
         kind = facts["kind"]
         if kind == "switch":
             return gui.add_checkbox(label, value, hint=hint)
+        if kind == "choice" and not facts["options"]:
+            return gui.add_text(label, value, hint=hint)
         if kind == "choice":
             return gui.add_dropdown(label, facts["options"], initial_value=value, hint=hint)
         if kind == "triple":
@@ -115,7 +117,7 @@ class Binder:
         def to_page(value: Any) -> Any:
             if value is None:
                 value = facts.get("usual", facts.get("least"))
-            if facts["kind"] == "choice" and not value:
+            if facts["kind"] == "choice" and not value and facts["options"]:
                 return facts["options"][0]
             if facts["kind"] == "triple":
                 return tuple(float(v) for v in value)

@@ -1,0 +1,166 @@
+"""Flags of `render` for what is drawn into the image, and for several views in one image."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+from typing import Any
+
+import numpy as np
+
+from ..render.annotate import Annotation, Colors, bounds_of, traced_size
+from ..render.camera import Camera
+from ..render.frame import Frame
+from ..render.legend import POSITIONS
+from ..render.views import VIEWS, Grid, draw_views
+from .shared import UserError, mistakes, number
+
+
+def start_and_step(text: str) -> tuple[float, float]:
+    """START or START,STEP."""
+    words = text.split(",")
+    if len(words) > 2:
+        raise argparse.ArgumentTypeError(f"expected START or START,STEP, got {text!r}")
+    return number(words[0]), number(words[1]) if len(words) == 2 else 0.0
+
+
+def views(text: str) -> tuple[str, ...]:
+    """Names of views with commas between them."""
+    names = tuple(text.split(","))
+    for name in names:
+        if name not in VIEWS:
+            known = ", ".join(VIEWS)
+            raise argparse.ArgumentTypeError(f"expected some of {known}, got {name!r}")
+    if len(names) > 16:
+        raise argparse.ArgumentTypeError(f"expected at most 16 views, got {len(names)}")
+    return names
+
+
+def add_views(group: Any) -> None:
+    """The flag of several views."""
+    group.add_argument(
+        "--views",
+        type=views,
+        metavar="NAME,NAME…",
+        help="several views in one image, each from its own direction: " + ", ".join(VIEWS) + "; "
+        "orthographic but for iso (default: none, one view)",
+    )
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The flags of legend and annotations."""
+    add = parser.add_argument_group("annotations, drawn into the image").add_argument
+    add("--legend", action="store_true", help="draw the color map and its range into the image")
+    add(
+        "--legend-at",
+        choices=POSITIONS,
+        metavar="PLACE",
+        help="place of the legend: lower-right, lower-left, upper-right, upper-left, or outside, "
+        "on a strip that takes a part of the image's width (default: lower-right, with --views "
+        "outside)",
+    )
+    add(
+        "--legend-title",
+        default="",
+        metavar="TEXT",
+        help="name of the values in the legend (default: the name after --color-by)",
+    )
+    add(
+        "--legend-unit",
+        default="",
+        metavar="TEXT",
+        help="unit of the values in the legend (default: none)",
+    )
+    add("--title", default="", metavar="TEXT", help="title at the top (default: none)")
+    add(
+        "--scale-bar",
+        action="store_true",
+        help="draw a bar of a round length, true at the distance of --look-at",
+    )
+    add("--axes", action="store_true", help="draw the directions of x, y and z")
+    add(
+        "--box",
+        action="store_true",
+        help="draw the bounding box of the particles with coordinates along its edges",
+    )
+    add(
+        "--unit",
+        default="",
+        metavar="TEXT",
+        help="unit of lengths for --scale-bar and --box (default: none)",
+    )
+    add(
+        "--time",
+        type=start_and_step,
+        metavar="T[,DT]",
+        help="time to draw into the first image, and from one image to the next, in the unit of "
+        "--time-unit (default: none)",
+    )
+    add("--time-unit", default="s", metavar="TEXT", help="unit of --time (default: s)")
+    add(
+        "--step-number",
+        type=int,
+        metavar="N",
+        help="number of the first image to draw into it, rising by 1 from image to image "
+        "(default: none)",
+    )
+
+
+class Notes:
+    """Annotations and views that the options ask for; mistakes show before any work.
+
+    Attributes:
+        names: of the views; one "" for a single view.
+        size: (width, height) to trace for each view.
+        annotation: of the first image.
+    """
+
+    def __init__(self, options: argparse.Namespace):
+        legend = options.legend_at or options.legend_title or options.legend_unit
+        if not options.color_by and (options.legend or legend):
+            flag = "--legend" if options.legend else "--legend-at, --legend-title or --legend-unit"
+            raise UserError(f"{flag}: expected --color-by beside a legend, got none")
+        if options.views:
+            for name in ("fit", "eye", "look_at", "ortho", "camera_path", "pick", "aov"):
+                if getattr(options, name):
+                    flag = name.replace("_", "-")
+                    raise UserError(f"--views: expected no --{flag} beside --views, got both")
+        if options.transparent and options.output.lower().endswith(".mp4"):
+            raise UserError("--transparent: expected images, .png, got a movie")
+        time = options.time or (None, 0.0)
+        with mistakes():
+            self.annotation = Annotation(
+                title=options.title,
+                scale_bar=options.scale_bar,
+                axes=options.axes,
+                box=options.box,
+                unit=options.unit,
+                time=time[0],
+                time_step=time[1],
+                time_unit=options.time_unit,
+                step=options.step_number,
+                legend=options.legend_at or bool(options.legend or legend),
+                legend_title=options.legend_title,
+                legend_unit=options.legend_unit,
+            )
+            self.names = options.views or ("",)
+            self.annotation = self.annotation.for_views(len(self.names))
+            whole = options.size
+            traced = traced_size(self.annotation, whole, len(self.names) > 1)
+            self._grid = Grid(len(self.names), traced)
+        self.size = self._grid.cell
+        self._strip, self._header = whole[0] - traced[0], whole[1] - traced[1]
+
+    def picture(
+        self, i: int, frames: list[Frame], cameras: list[Camera], colors: Colors | None, box: Any
+    ) -> np.ndarray:
+        """The annotated image i of all views. box: points (M, 3) of all images, or None."""
+        if self.annotation.box is True:  # of all images, or of the first: it must not jump
+            ends = None if box is None else (np.min(box, axis=0), np.max(box, axis=0))
+            ends = ends or bounds_of(layer.scene for layer in frames[0]._layers)
+            if ends is not None:
+                self.annotation = dataclasses.replace(self.annotation, box=ends)
+        return draw_views(
+            frames, cameras, self.names, self._grid, self.annotation.at(i), colors, None,
+            self._strip, self._header,
+        )  # fmt: skip

@@ -1,0 +1,200 @@
+"""Colors that stand for values: they survive the light, and are exact where there is none."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import globule as gb
+import numpy as np
+import pytest
+from globule._base.colormaps import map_colors, to_linear
+from globule.render.display import displayed, shoulder
+from globule.render.settings import for_values
+
+VIRIDIS = map_colors("viridis", 256)
+
+
+@pytest.fixture(scope="module")
+def particles() -> gb.Particles:
+    """A lump with values that grow along x, and values without any order."""
+    rng = np.random.default_rng(8)
+    positions = rng.normal(size=(400, 3)).astype(np.float32) * (0.6, 0.3, 0.3)
+    attributes = {"x0": positions[:, 0], "noise": rng.uniform(-3, 5, 400)}
+    return gb.Particles(positions, support=0.4, attributes=attributes)
+
+
+def steps_off(image: np.ndarray, values: np.ndarray, lo: float, hi: float) -> np.ndarray:
+    """By how many of the map's 255 steps colors (N, 3) uint8 differ from values (N,)."""
+    steps = np.linspace(0, 255, 2041)
+    light = gb.colorize(steps, "viridis", 0, 255).astype(np.float64)
+    low = light <= 0.0031308
+    table = 255 * np.where(low, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
+    colors, which = np.unique(image, axis=0, return_inverse=True)
+    away = np.square(colors[:, None] - table[None]).sum(axis=2)
+    nearest = away.argmin(axis=1)[which.reshape(-1)]
+    return np.abs(steps[nearest] - 255 * (values - lo) / (hi - lo))
+
+
+@pytest.mark.parametrize("name", ["x0", "noise"])
+def test_flat_pixels_have_the_map_s_color_of_their_value(particles, name, backend):
+    values = particles.attributes[name]
+    scene = gb.Scene(particles, **backend)
+    flat = gb.preset("flat", scene)
+    frame = gb.render(scene, size=(160, 120), settings=flat, color_by=name)
+    shown = frame.attribute(values)
+    hit = np.isfinite(shown)
+    assert hit.sum() > 2000
+    off = steps_off(frame.image[hit], shown[hit], values.min(), values.max())
+    assert off.max() <= 1.0
+    # What is beside the surface is the background.
+    assert (frame.image[~hit] == frame.image[0, 0]).all()
+
+
+def test_flat_is_exact_inside_of_a_surface_with_samples_too(particles):
+    flat = dataclasses.replace(gb.preset("flat", gb.Scene(particles)), samples=8)
+    frame = gb.render(particles, size=(160, 120), settings=flat, color_by="noise")
+    values, shown = particles.attributes["noise"], frame.attribute(particles.attributes["noise"])
+    inside = np.isfinite(shown)
+    for axis in (0, 1):
+        for step in (1, -1):
+            inside &= np.roll(np.isfinite(shown), step, axis)
+    diagonal = inside & np.roll(inside, 1, 0) & np.roll(inside, -1, 0)
+    off = steps_off(frame.image[diagonal], shown[diagonal], values.min(), values.max())
+    assert off.max() <= 1.0
+    edge = (frame.alpha > 0) & (frame.alpha < 1)
+    assert edge.sum() > 100
+
+
+def test_flat_without_values_shows_the_particles_own_colors():
+    color = to_linear(np.array([30, 200, 120]) / 255)
+    particles = gb.Particles(np.zeros((1, 3)), support=1.0, color=color.astype(np.float32))
+    scene = gb.Scene(particles)
+    frame = gb.render(scene, size=(64, 64), settings=gb.preset("flat", scene))
+    assert (frame.image[frame.mask] == (30, 200, 120)).all()
+
+
+def test_light_keeps_the_hue_of_values(particles, backend):
+    frame = gb.render(gb.Scene(particles, **backend), size=(160, 120), color_by="x0")
+    hit = frame.mask
+    color, albedo = frame.color[hit].astype(np.float64), frame.albedo[hit].astype(np.float64)
+    share = color.sum(axis=1) / albedo.sum(axis=1)
+    assert np.abs(color - share[:, None] * albedo).max() < 1e-5
+    assert share.min() >= 0.55 - 1e-4
+    assert share.max() <= 1.0 + 1e-4
+    assert share.max() > 0.95
+    assert np.ptp(share) > 0.2  # the shape is still seen
+    assert (np.abs(frame.image.astype(int) - displayed(frame.color)) == 0).all()
+    # The hue alone gives the value back, as it does in the map's own colors.
+    table = to_linear(VIRIDIS / 255)
+    table /= np.linalg.norm(table, axis=1, keepdims=True)
+    known = particles.attributes["x0"]
+    shown = 255 * (frame.attribute(known)[hit] - known.min()) / np.ptp(known)
+    found = (color / np.linalg.norm(color, axis=1, keepdims=True) @ table.T).argmax(axis=1)
+    assert np.percentile(np.abs(found - shown), 99) <= 2.0
+
+
+def test_lights_presets_and_highlights_that_are_asked_for_stay(particles):
+    scene = gb.Scene(particles)
+    own = (gb.DirectionalLight((0, 0, 1), 0.5),)
+    asked = {"lights": own, "specular": 0.7}
+    frame = gb.render(scene, size=(64, 48), settings=asked, color_by="x0")
+    assert frame._settings.lights == own
+    assert frame._settings.specular == 0.7
+    clay = gb.preset("clay", scene)
+    lit = for_values(clay)
+    assert lit.lights == clay.lights
+    assert lit.tone
+    assert lit.material.color is None
+    plain = for_values(gb.RenderSettings())
+    assert plain.specular == 0
+    assert not plain.tone
+    assert for_values(plain) == plain
+    assert for_values(gb.RenderSettings(exposure=1.5)).tone
+
+
+def test_displayed_is_srgb():
+    assert (displayed(to_linear(np.arange(256) / 255).astype(np.float32)) == np.arange(256)).all()
+    assert displayed(np.float32([0, 1, 7, np.inf])).tolist() == [0, 255, 255, 255]
+    light = np.linspace(0, 3, 50)
+    curved = shoulder(light)
+    assert (curved[light <= 0.8] == light[light <= 0.8]).all()
+    assert (np.diff(curved) > 0).all()
+    assert curved.max() < 1
+
+
+# Transparent images
+
+
+@pytest.mark.parametrize("samples", [1, 8])
+@pytest.mark.parametrize("more", [{}, {"shadows": True, "ambient_rays": 2}, {"sky": gb.Sky()}])
+def test_light_of_the_hits_and_background_make_the_opaque_image(particles, samples, more, backend):
+    scene = gb.Scene(particles, **backend)
+    settings = gb.RenderSettings(samples=samples, background=(0.2, 0.4, 0.9), **more)
+    clear = dataclasses.replace(settings, transparent=True)
+    opaque, frame = (gb.render(scene, size=(120, 90), settings=s) for s in (settings, clear))
+    assert frame.image.shape == (90, 120, 4)
+    alpha = frame.alpha
+    counts = alpha * samples
+    assert np.abs(counts - np.rint(counts)).max() < 1e-4
+    assert (alpha[0, 0], alpha.max()) == (0, 1)
+    assert (len(np.unique(np.rint(counts))) > 4) == (samples == 8)
+    if "sky" not in more:  # which has another color in each pixel
+        behind = (1 - alpha[..., None]) * np.float32(settings.background)
+        assert np.abs(frame.color + behind - opaque.color).max() < 2e-5
+    solid = alpha == 1
+    assert (frame.image[solid][:, :3] == opaque.image[solid]).all()
+    assert (frame.image[..., 3] == np.rint(255 * alpha)).all()
+
+
+def test_edge_samples_make_fractions_of_alpha(particles, backend):
+    scene = gb.Scene(particles, **backend)
+    settings = gb.RenderSettings(edge_samples=3, background=(0.2, 0.4, 0.9))
+    clear = dataclasses.replace(settings, transparent=True)
+    opaque, frame = (gb.render(scene, size=(120, 90), settings=s) for s in (settings, clear))
+    alpha = frame.alpha
+    assert np.abs(4 * alpha - np.rint(4 * alpha)).max() < 1e-4
+    assert len(np.unique(np.rint(4 * alpha))) == 5
+    behind = (1 - alpha[..., None]) * np.float32(settings.background)
+    assert np.abs(frame.color + behind - opaque.color).max() < 2e-5
+    assert (opaque.alpha == alpha).all()
+
+
+def test_alpha_counts_the_ground_and_survives_refining(particles):
+    settings = {"ground": gb.Ground(-1.0), "transparent": True}
+    level = gb.Camera((0, 0, 6), (0, 0, 0))  # the horizon is in the middle
+    frame = gb.render(particles, level, (80, 60), settings)
+    assert 0.5 < frame.mask.mean() < 0.8
+    assert (frame.alpha == frame.mask).all()
+    before = frame.alpha
+    frame.refine(3)
+    after = frame.alpha
+    assert (after[0, 0], after[-1, -1]) == (0, 1)
+    assert (np.abs(after - before) < 1).all()
+    assert len(np.unique(after)) > 2
+
+
+def test_edges_of_a_transparent_image_have_no_fringe():
+    """A white ball stays white at its edge, whatever was behind."""
+    particles = gb.Particles(np.zeros((1, 3)), support=1.0, color=np.float32([1, 1, 1]))
+    scene = gb.Scene(particles)
+    flat = dataclasses.replace(gb.preset("flat", scene), samples=16, transparent=True)
+    image = gb.render(scene, size=(64, 64), settings=flat).image
+    mixed = (image[..., 3] > 0) & (image[..., 3] < 255)
+    assert mixed.sum() > 50
+    assert image[mixed][:, :3].min() >= 254
+
+
+def test_a_frame_that_was_refined_twice_knows_what_it_shows(particles):
+    scene = gb.Scene(particles)
+    other = gb.Scene(gb.Particles(particles.positions + np.float32(50), support=0.4))
+    camera = gb.Camera.fit(particles, size=(80, 60))
+    two = gb.render([other, scene], camera, (80, 60), {"samples": 2})
+    assert 1 in np.unique(two._layer)
+    del two  # its memory goes to the next frame
+    frame = gb.render(scene, camera, (80, 60), {"samples": 2})
+    first = frame.attribute(particles.attributes["x0"])
+    for _ in range(3):
+        frame.refine()
+        again = frame.attribute(particles.attributes["x0"])
+        assert np.array_equal(again, first, equal_nan=True)
+        assert frame.pick(40, 30).layer == 0
