@@ -119,9 +119,10 @@ void bind_sweep(nb::module_& m) {
             s.grid<&SweepGrid::bezier>(Frames(s, values, poses, mask, n, h, w, 0).view);
         })
         .def("fill", [](PyReconstructor& s, int method, Array values, Address poses, Address mask, int n, int h, int w, int reach,
-                        Address weights, int kind, Address out, Address radius) {
+                        Address weights, int kind, Address out, Address radius, bool extrapolate, double max_gap, Address spread, Address contrast) {
             s.grid<&SweepGrid::fill>(FillMethod(method), Frames(s, values, poses, mask, n, h, w, 0).view,
-                                     FillRequest{reach, at<const std::uint32_t>(weights), kind, at<void>(out), at<std::uint8_t>(radius)});
+                                     FillRequest{reach, at<const std::uint32_t>(weights), kind, at<void>(out), at<std::uint8_t>(radius), extrapolate, max_gap,
+                                                 at<float>(spread), at<float>(contrast)});
         })
         .def("filled", [](PyReconstructor& s) {
             const DenseArrays a = s.grid<&SweepGrid::filled>();

@@ -10,7 +10,7 @@
 namespace globule {
 namespace {
 
-constexpr int kMaxKernel = 255, kLargestTable = 31;  ///< radius up to which hole weights come from a table
+constexpr int kMaxKernel = 253, kLargestTable = 31;  ///< radius up to which hole weights come from a table
 constexpr int kBlock = 4, kTile = 16;                ///< voxels; blocks of x: the grid grows by whole blocks, along x by whole tiles
 
 core::ScalarType scalar(const char* name, DType type) {
@@ -167,13 +167,13 @@ std::vector<std::uint8_t> mask_of(const ArrayView& mask, int height, int width) 
 
 std::vector<std::uint8_t> Volume::filled() const {
     std::vector<std::uint8_t> out(radius.size());
-    for (std::size_t i = 0; i < out.size(); ++i) out[i] = radius[i] == empty_radius ? 0 : radius[i] == 0 ? 1 : 2;
+    for (std::size_t i = 0; i < out.size(); ++i) out[i] = radius[i] == empty_radius ? 0 : radius[i] == 0 ? 1 : radius[i] < 128 ? 2 : 3;
     return out;
 }
 
 Volume reconstruct(const Sweep& sweep, const ReconstructOptions& o) {
     using enum ReconstructionMethod;
-    if (int(o.method) < 0 || o.method > bezier) refuse("method", "one of the five", std::to_string(int(o.method)));
+    if (int(o.method) < 0 || o.method > along_path) refuse("method", "one of the six", std::to_string(int(o.method)));
     check_compounding(o.compounding);
     if (o.method != pvn_om && o.compounding != Compounding::mean) refuse("compounding", "mean for this method", "another");
     check_filling(o.max_kernel, o.max_distance);
@@ -224,12 +224,14 @@ Volume reconstruct(const Sweep& sweep, const ReconstructOptions& o) {
     g.call<&core::SweepGrid::start>(request_of(frames.type, o.compounding, wide, scale, grid));
     if (o.method == bezier) g.call<&core::SweepGrid::bezier>(view);
     else if (o.method == pvn_om && o.compounding == Compounding::median) g.call<&core::SweepGrid::median>(view);
-    else if (o.method == pvn_om) g.call<&core::SweepGrid::add>(view, 1);
+    else if (o.method == pvn_om || o.method == along_path) g.call<&core::SweepGrid::add>(view, 1);
     const core::FillMethod fill = o.method == vvn_om ? core::FillMethod::points
                                   : o.method == pvn  ? core::FillMethod::plain_bins
                                   : o.method == vvn  ? core::FillMethod::plain_points
+                                  : o.method == along_path ? core::FillMethod::frames
                                                      : core::FillMethod::bins;
-    g.call<&core::SweepGrid::fill>(fill, view, core::FillRequest{reach, weights.empty() ? nullptr : weights.data(), 0, volume.bytes.data(), volume.radius.data()});
+    g.call<&core::SweepGrid::fill>(fill, view, core::FillRequest{reach, weights.empty() ? nullptr : weights.data(), 0, volume.bytes.data(), volume.radius.data(), o.extrapolate,
+                                                                                 o.method == along_path && o.max_distance ? 2 * *o.max_distance / grid.spacing : -1});
     return volume;
 }
 
@@ -372,7 +374,7 @@ Volume Reconstructor::Impl::volume() {
     const std::vector<std::uint32_t> weights = hole_weights(reach());
     Volume v = made(part, dtype);
     core_grid.call<&core::SweepGrid::fill>(core::FillMethod::bins, core::FramesView{},
-                                           core::FillRequest{reach(), weights.empty() ? nullptr : weights.data(), 0, nullptr, nullptr});
+                                           core::FillRequest{reach(), weights.empty() ? nullptr : weights.data(), 0, nullptr, nullptr, options.extrapolate});
     core_grid.call<&core::SweepGrid::read_filled>(first, size, core::DenseArrays{v.bytes.data(), v.radius.data()});
     return v;
 }

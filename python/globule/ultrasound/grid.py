@@ -136,6 +136,10 @@ def estimate_bytes(
     if method == "pvn":
         return dense + n * (17 + itemsize)
     points = pixels * (36 + itemsize) if method in ("vvn", "vvn-om") else 0
+    if method == "frames" and len(poses):  # averaged images, if a voxel holds several pixels
+        steps = np.linalg.norm(poses[0, 3:].reshape(2, 3), axis=1) / 2.0**32
+        averaged = math.prod(int(v) for v in np.clip(np.floor(1 / steps + 1e-6), 1, 64))
+        points = 4 * pixels // averaged if averaged > 1 else 0
     if method == "vvn":
         return dense + points + 8 * n
     # A frame's plane crosses at most about three blocks for each block that its face covers.

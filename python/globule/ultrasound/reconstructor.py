@@ -64,8 +64,8 @@ class Reconstructor:
         history: number of frames that the reconstructor keeps for `undo` of a mean; None keeps all
             frames, like other compoundings. The volume has the maps of count, variance and latest
             frame while the reconstructor keeps all its frames.
-        max_kernel, compounding (not median), hole_weights, max_distance, region, device, threads:
-            as for `globule.reconstruct`.
+        max_kernel, compounding (not median), hole_weights, max_distance, region, device, threads,
+        extrapolate: as for `globule.reconstruct`.
 
     Raises:
         TypeError, ValueError: naming the argument, the expected and the given value.
@@ -84,8 +84,11 @@ class Reconstructor:
         device: str = "auto",
         threads: int = 0,
         space: str = "LPS",
+        extrapolate: bool = False,
     ):
-        self._options = check_options("pvn-om", max_kernel, compounding, hole_weights, max_distance)
+        self._options = check_options(
+            "pvn-om", max_kernel, compounding, hole_weights, max_distance, extrapolate
+        )
         if compounding == "median":
             raise ValueError(
                 "compounding: a median needs all frames at once, use globule.reconstruct"
@@ -191,7 +194,7 @@ class Reconstructor:
             poses = grid.poses(np.concatenate([a.world_from_image for a in added]))
             index = np.arange(len(frames))
             return FrameMaps(
-                self._chosen, self._threads, grid, frames, poses, self._used, index
+                self._chosen, self._threads, grid, frames, poses, self._used, index, self._options
             ).make(name)
 
         return make
