@@ -90,6 +90,24 @@ struct BezierRows {
     }
 };
 
+/// Voxels that hold pixels and no sample take the mean of the pixels.
+template <class T>
+struct BinPixelsOffCurves {
+    Images<T> images;
+    Grid grid;
+    double scale;
+    const std::uint32_t* slots;
+    const std::uint32_t* nearness;
+    std::uint64_t* bins;
+    GB_FN void operator()(std::size_t row) const {
+        for_each_pixel(images, row, grid, [&](std::size_t block, int voxel, int column) {
+            const std::size_t bin = std::size_t(slots[block]) * kVoxels + voxel;
+            if (nearness[bin]) return;
+            atomic_add(bins + 2 * bin, std::uint64_t(std::int64_t(rint(double(images.values[row * images.width + column]) * scale))));
+            atomic_add(bins + 2 * bin + 1, 1);
+        });
+    }
+};
 /// Marks the voxels that pixels lie in.
 template <class T>
 struct MarkPixels {
@@ -99,7 +117,7 @@ struct MarkPixels {
     std::uint32_t* nearness;
     GB_FN void operator()(std::size_t row) const {
         for_each_pixel(images, row, grid, [&](std::size_t block, int voxel, int) {
-            if (slots[block] != kNone) atomic_max(nearness + std::size_t(slots[block]) * kVoxels + voxel, kPixel);
+            atomic_max(nearness + std::size_t(slots[block]) * kVoxels + voxel, kPixel);
         });
     }
 };

@@ -116,12 +116,14 @@ public:
         exec_.mark(0);
         const std::size_t n = std::size_t(std::max(1, ceil_div(frames.n - 1, 3))) * frames.height;
         std::uint32_t* wanted = wanted_list();
+        touch(frames, wanted);
         exec_.for_each(n, BezierRows<T>{frames, grid_, coding_.scale, slots_.data(), wanted, nullptr, nullptr});
         exec_.exclusive_scan(grid_.n_blocks() + 1, wanted);
         place(wanted, coding_.words());
         std::uint32_t* nearness = nearness_.reserve(n_slots_ * kVoxels);
         exec_.clear(nearness, n_slots_ * kVoxels * sizeof *nearness);
         exec_.for_each(n, BezierRows<T>{frames, grid_, coding_.scale, slots_.data(), nullptr, bins_.data(), nearness});
+        exec_.for_each(rows(frames), BinPixelsOffCurves<T>{frames, grid_, coding_.scale, slots_.data(), nearness, bins_.data()});
         exec_.for_each(rows(frames), MarkPixels<T>{frames, grid_, slots_.data(), nearness});
         curves_ = true;
         exec_.mark(1);
