@@ -169,7 +169,7 @@ def test_holes_are_filled_between_data_only(backend, method):
     more = reconstruct(sweep, method, spacing=0.5, region=box, extrapolate=True, **backend)
     np.testing.assert_array_equal(more.filled == 2, volume.filled == 2)
     assert more.n_extrapolated > 1000
-    assert outside[more.filled == 3].mean() > 0.85
+    assert outside[more.filled == 3].mean() > 0.75
     assert (more.hole_distance[more.filled == 3] <= 2.0).all()
     kept = ~volume.empty
     np.testing.assert_array_equal(more.values[kept], volume.values[kept])

@@ -67,7 +67,7 @@ def agree(volume, expected, radius):
         # Weights of 24 bits against float64: a value next to a half may round the other way.
         off = np.abs(volume.values.astype(np.int64) - expected.astype(np.int64))
         assert off.max() <= 1
-        assert np.count_nonzero(off) <= 1e-3 * off.size
+        assert np.count_nonzero(off) <= max(1, 1e-3 * off.size)
         assert not off[volume.measured].any() or volume.info["method"] not in ("pvn-om", "pvn")
     else:
         np.testing.assert_allclose(volume.values, expected, rtol=2e-6, atol=2e-5)
@@ -473,3 +473,43 @@ def test_frames_on_the_gpu_that_reconstructs(method, dtype):
         np.testing.assert_array_equal(there.radius, here.radius)
         np.testing.assert_array_equal(there.count, here.count)
         assert (there.device_values is not None) == (part.stop == 3)
+
+
+def test_one_lattice_for_batch_live_and_region(backend):
+    """Pixels on multiples of the spacing: before, live and region= put them on voxel faces, and a
+    plane appeared half a voxel from its place."""
+    poses = np.tile(np.diag([0.5, 0.5, 0.5, 1.0]), (20, 1, 1))
+    poses[:, 2, 3] = 0.5 * np.arange(20) - 3
+    frames = np.zeros((20, 30, 40), np.uint8)
+    frames[:, 12] = 200  # y = 6
+    sweep = Frames(frames, poses, np.ones(20, bool))
+    whole = reconstruct(sweep, spacing=0.5, **backend)
+    box = ((0, 0, -3), (20, 15, 7))
+    live, boxed = Reconstructor(0.5, **backend), Reconstructor(0.5, region=box, **backend)
+    for f in range(20):
+        live.add(frames[f], poses[f])
+        boxed.add(frames[f], poses[f])
+    part = reconstruct(sweep, spacing=0.5, region=box, **backend)
+    for volume in (whole, live.volume(), part, boxed.volume()):
+        bright = np.argwhere(volume.values == 200)
+        y = volume.world_from_voxel[1, 3] + 0.5 * bright[:, 1]
+        np.testing.assert_allclose(y, 6.0, atol=1e-9)
+    np.testing.assert_array_equal(whole.world_from_voxel, live.volume().world_from_voxel)
+    np.testing.assert_array_equal(whole.values, live.volume().values)
+    np.testing.assert_array_equal(part.values, boxed.volume().values)
+    shift = (part.world_from_voxel - whole.world_from_voxel)[:3, 3] / 0.5
+    np.testing.assert_allclose(shift, np.rint(shift), atol=1e-9)
+
+
+@pytest.mark.parametrize("order", [[4, 5, 3, 6, 2, 1, 0], list(range(7))])
+def test_a_live_volume_is_the_volume_of_its_recording(backend, order):
+    sweep = make_sweep()
+    live = Reconstructor(0.45, **backend)
+    for f in order:
+        live.add(sweep.frames[f], sweep.world_from_image[f])
+    recorded = Frames(sweep.frames[order], sweep.world_from_image[order], np.ones(7, bool))
+    whole = reconstruct(recorded, spacing=0.45, **backend)
+    volume = live.volume()
+    np.testing.assert_allclose(volume.world_from_voxel, whole.world_from_voxel, atol=1e-12)
+    np.testing.assert_array_equal(volume.values, whole.values)
+    np.testing.assert_array_equal(volume.radius, whole.radius)

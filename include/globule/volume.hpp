@@ -35,7 +35,7 @@ struct ReconstructOptions {
     std::optional<int> size{};                 ///< voxels along the longest axis; exactly one of the two is needed
     int max_kernel = 9;                        ///< edge of the largest kernel that fills holes, odd, voxels; 1: holes stay
     Compounding compounding = Compounding::mean;  ///< others with pvn_om only
-    std::optional<Box> region{};               ///< mm, world; default: all pixels
+    std::optional<Box> region{};               ///< mm, world: with a spacing the voxels whose centers lie in it; default: all pixels
     std::optional<double> max_distance{};      ///< holes farther than this along an axis from any pixel stay empty, mm
     bool extrapolate = false;                  ///< also fill holes without data on both sides
     std::string device = "auto";               ///< "auto", "cpu", "cuda" or "cuda:N"

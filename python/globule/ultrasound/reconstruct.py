@@ -96,6 +96,8 @@ def reconstruct(
         hole_weights: "normalized", or "printed": the formula (4.3) as printed in the thesis, which
             is too dark.
         region: ((x, y, z), (x, y, z)) lowest and highest corner, mm, world; default: all pixels.
+            With `spacing`, the volume has the voxels whose centers lie in the region: voxels lie on
+            one lattice, with a center at the lowest corner of the first frame's pixel centers.
         max_distance: holes farther than this along an axis from any pixel stay empty, mm. "frames"
             leaves the space between two frames empty whose corners are more than twice this apart;
             default: five times the usual step of the sweep.
@@ -140,7 +142,8 @@ def reconstruct(
         frames = np.ascontiguousarray(frames[valid])  # also of device frames: on the host from here
     mask = check_mask(getattr(sweep, "mask", None), frames.shape[1:])
     low, high = bounds(world_from_image, mask, frames.shape[1:])
-    grid = make_grid(low, high, spacing, size, region)
+    anchor, _ = bounds(world_from_image[:1], mask, frames.shape[1:])
+    grid = make_grid(low, high, spacing, size, region, anchor)
     if (grid.low > high).any() or (grid.low + grid.spacing * np.array(grid.size) < low).any():
         corners = (", ".join(f"{v:.6g}" for v in corner) for corner in (low, high))
         box = " to ".join(f"({corner})" for corner in corners)
