@@ -58,12 +58,15 @@ def _steps(setting: Setting, sweep: Sweep, size: int) -> Iterable[tuple[str, flo
     spacing = float((high - low).max()) / size
     exact = PlusConfig((spacing,) * 3, fill_holes=True, fillers=[Filler("STICK", 9, 1)])
     setting.say(f"sweep: {size} voxels")
-    wall, cores, volume = _best(lambda: reconstruct(sweep, size=size, **options))
+    wall, cores, volume = _best(lambda: reconstruct(sweep, "pvn-om", size=size, **options))
     alone = _binning_cores(setting, sweep, size)
     there = placed(sweep, setting.device)
-    seconds = _best(lambda: reconstruct(there, size=size, **options))[2].info["bin_seconds"]
+    seconds = _best(lambda: reconstruct(there, "pvn-om", size=size, **options))[2].info[
+        "bin_seconds"
+    ]
     yield "nearest binning", seconds, alone, volume
     yield "binning, holes to 9³", wall, cores, volume
+    yield "between frames", *_best(lambda: reconstruct(sweep, "frames", size=size, **options))
     yield "PLUS-exact, STICK", *_best(lambda: reconstruct_plus(sweep, exact, **options))
 
 
