@@ -198,7 +198,7 @@ def test_uncertainty_is_the_error_of_frames_left_out(backend):
     rms = [np.sqrt((error[part] ** 2).mean()) for part in np.array_split(order, 4)]
     assert rms == sorted(rms)
     assert rms[3] > 1.3 * rms[0]
-    assert np.isnan(volume.uncertainty[volume.empty]).all()
+    assert np.isinf(volume.uncertainty[volume.empty]).all()
     assert volume.info["left_out_rms"] > 0
 
 

@@ -38,9 +38,10 @@ def sweep_speed(setting: Setting) -> Iterable[Table]:
     rows: list[tuple[Any, ...]] = []
     for size in (256,) if setting.quick else (256, 512):
         for what, seconds, cores, volume in _steps(setting, sweep, size):
-            known = PLUS_SECONDS[what, size]
+            known = PLUS_SECONDS.get((what, size))
             shape = "x".join(map(str, volume.values.shape[::-1]))
-            rows.append((what, shape, known, seconds, known / seconds, cores))
+            ratio = known / seconds if known else None
+            rows.append((what, shape, known, seconds, ratio, cores))
     setting.say("sweep: live")
     rows += [(what, "256", None, wall, None, cores) for what, wall, cores in _live(setting)]
     yield Table(

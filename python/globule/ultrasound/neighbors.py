@@ -172,12 +172,13 @@ class PathError(NamedTuple):
     n_frames: int
 
     def at(self, spread: np.ndarray, contrast: np.ndarray) -> np.ndarray:
-        """Expected error, gray levels, float32; NaN where spread is negative. Negative contrast is
+        """Expected error, gray levels, float32; infinite where spread is
+        negative. Negative contrast is
         unknown and takes the mean."""
         mean = max(self.rms**2 - self.own, 0.0)
         level = np.where(contrast >= 0, self.floor + self.share * contrast, mean)
         scale = (np.maximum(spread, 0) / self.unit) ** self.power
-        return np.where(spread >= 0, np.sqrt(self.own + level * scale), np.nan).astype(np.float32)
+        return np.where(spread >= 0, np.sqrt(self.own + level * scale), np.inf).astype(np.float32)
 
 
 def path_error(path: FramePath) -> PathError | None:

@@ -366,7 +366,8 @@ class FrameMaps:
         return path_error(FramePath(self.frames, self.poses / 2.0**32, self.mask, max_gap))
 
     def uncertainty(self) -> np.ndarray:
-        """Expected error of each voxel, (Z, Y, X) float32, gray levels; NaN where empty."""
+        """Expected error of each voxel, (Z, Y, X) float32, gray levels; infinite where
+        empty."""
         self.frames = np.asarray(self.frames)
         error = self.error() if self.options.method == "frames" else None
         if error is None:

@@ -149,7 +149,7 @@ class Volume:
     @property
     def uncertainty(self) -> np.ndarray:
         """(Z, Y, X) float32: expected root mean square difference of each voxel's value from a
-        pixel seen there, gray levels; NaN for empty voxels. For volumes of method "frames"; from
+        pixel seen there, gray levels; infinite for empty voxels. For volumes of method "frames"; from
         frames left out, the distance of the frames on both sides, and their difference there."""
         return self._map("uncertainty")
 
@@ -198,7 +198,7 @@ class Volume:
         for name in MAPS:
             try:
                 found[name] = self._map(name)
-            except ValueError:  # a volume from a file or another program has none
+            except (KeyError, ValueError):  # a volume of another method, file or program has none
                 continue
         return found
 
