@@ -128,7 +128,10 @@ def main() -> None:
     for name, sweep in sweeps.items():
         found = errors(sweep[:: options.every], options.k, device="cpu", **place)
         for method, (own, common, share) in sorted(found.items(), key=lambda item: item[1][1]):
-            print(f"| {name} | {method} | {own:.2f} | {common:.2f} | {100 * share:.1f} % |", flush=True)
+            print(
+                f"| {name} | {method} | {own:.2f} | {common:.2f} | {100 * share:.1f} % |",
+                flush=True,
+            )
 
 
 if __name__ == "__main__":

@@ -19,7 +19,9 @@ def sweep_at(places, shape=(30, 40), spacing=0.4, values=None, dtype=np.uint8):
     poses = np.tile(np.diag([spacing, spacing, spacing, 1.0]), (len(places), 1, 1))
     poses[:, :3, 3] = places
     columns, rows = np.meshgrid(np.arange(shape[1]), np.arange(shape[0]))
-    points = np.stack([columns, rows, 0 * rows, 1 + 0 * rows], axis=-1) @ poses.swapaxes(1, 2)[:, None]
+    points = (
+        np.stack([columns, rows, 0 * rows, 1 + 0 * rows], axis=-1) @ poses.swapaxes(1, 2)[:, None]
+    )
     if values is None:
         frames = rng.integers(0, 256, (len(places), *shape)).astype(dtype)
     else:
@@ -176,7 +178,7 @@ def test_holes_are_filled_between_data_only(backend, method):
 
 
 def test_uncertainty_is_the_error_of_frames_left_out(backend):
-    """Of every third frame: the expected error against the real one, where it is small and large."""
+    """Every third frame: the expected error against the real one, where small and where large."""
     sweep = phantoms.breast(n_frames=46, size=(160, 160), spacing=0.25, length=18.0, speckle=0.2)
     left_out = np.arange(2, 44, 3)
     valid = np.ones(46, bool)

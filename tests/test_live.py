@@ -397,7 +397,7 @@ def stream(messages):
 
 
 def blob_frames(place, n=9):
-    """Frames of 21 x 21 pixels of 1 mm around a place; the middle pixel of the middle one shines."""
+    """Frames of 21 x 21 pixels of 1 mm around a place, where one pixel shines."""
     frames = np.zeros((n, 21, 21), np.uint8)
     frames[n // 2, 10, 10] = 250
     poses = np.tile(np.eye(4), (n, 1, 1))
@@ -517,7 +517,7 @@ def test_lost_images_are_counted(sweep, capsys):
     server.socket = socket.create_server(("127.0.0.1", 0))
     server.address = f"igtl://127.0.0.1:{server.socket.getsockname()[1]}"
     server.serve(slice(None))
-    with pytest.raises(ValueError, match="got 24 images and no pose within 0.5 s of any"):
+    with pytest.raises(ValueError, match=r"got 24 images and no pose within 0\.5 s of any"):
         receive_sweep(server.address, idle=0.5)
 
 

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from globule._base.device import choose
 from globule.ultrasound import oracle as sweep_oracle
-from globule.ultrasound.grid import VoxelGrid
 from globule.ultrasound import reconstruct as reconstruction
+from globule.ultrasound.grid import VoxelGrid
 from globule.ultrasound.reconstruct import METHODS
 from globule.ultrasound.reconstructor import Reconstructor
 from globule.ultrasound.sweep import Sweep

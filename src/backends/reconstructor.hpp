@@ -66,7 +66,7 @@ struct FillRequest {
     std::uint8_t* radius;             ///< out: (z, y, x): 0 measured, k filled, 128 + k extrapolated, 255 empty
     bool extrapolate;                 ///< keep what is filled without data on both sides
     double max_gap = -1;              ///< frames: farthest that joined images may be apart, voxels; negative: five usual steps
-    float* spread = nullptr;          ///< out, frames: (z, y, x) variance of the interpolation for a variogram of slope 1, voxels; -1: no value
+    float* spread = nullptr;          ///< out, frames: (z, y, x) mean of |d0 d1| / |d0 - d1| of the distances from the images on both sides, voxels; -1: no value
     float* contrast = nullptr;        ///< out, frames: (z, y, x) mean square of the difference of both images; -1: not between images
 };
 

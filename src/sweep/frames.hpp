@@ -7,7 +7,8 @@
 // probe enclose a voxel, their values are averaged with weights 1 / (q + kOwn), q = |d0 d1| / |d0 - d1|: the variance of a linear
 // interpolation grows with q where values differ in proportion to their distance (linear variogram).
 //
-// Images with several pixels a voxel are averaged to about a pixel a voxel before, so that a voxel stands for its volume.
+// A voxel stands for its volume: averaged over n by n pixels before, and then bilinear, an image is smoothed with the variance
+// n^2 / 12 + n^2 / 6 along an axis, that of a voxel's width s, s^2 / 12, where n = s / sqrt 3.
 //
 // One worker owns a brick of voxels and takes pairs of images in their order: the same bits for any number of threads. Floats are
 // relative to anchors every 16 voxels on both backends, and nothing is contracted: the same bits on both.
@@ -20,7 +21,8 @@
 
 namespace globule::core::sweep {
 
-inline constexpr float kOwn = 0.25f;          ///< voxels; of a voxel in an image's own plane
+inline constexpr float kOwn = 1;              ///< voxels; added to q
+inline constexpr double kFootprint = 0.57735026918962576;  ///< 1 / sqrt 3, voxels
 inline constexpr int kAnchor = 16;
 
 /// From a voxel (x, y, z, 1) to its distance from an image's plane, voxels, and to its column and row among averaged pixels.
@@ -49,7 +51,7 @@ struct Path {
     Path(const Images<T>& images, double max_gap) : planes(images.n), joined(images.n) {
         const auto whole = [](const Fix* step) {
             const double length = std::sqrt(double(step[0]) * step[0] + double(step[1]) * step[1] + double(step[2]) * step[2]) * 0x1p-32;
-            return length > 0 ? int(std::clamp(std::floor(1 / length + 1e-6), 1.0, 64.0)) : 1;
+            return length > 0 ? int(std::clamp(std::floor(kFootprint / length + 1e-6), 1.0, 64.0)) : 1;
         };
         const Pose& first = images.poses[0];
         averaging = {whole(first.x), whole(first.y), 0, 0};
@@ -212,7 +214,7 @@ struct FillBetween {
         }
     };
     struct Sum {
-        float value[kLanes], weight[kLanes], contrast[kLanes], nearest[kLanes];
+        float value[kLanes], weight[kLanes], number[kLanes], contrast[kLanes], nearest[kLanes];
     };
     struct Room {
         std::uint32_t list[kPairs + 64];
@@ -234,7 +236,7 @@ struct FillBetween {
         const Cell anchor{first.x / kAnchor * kAnchor, first.y / kAnchor * kAnchor, first.z / kAnchor * kAnchor};
         g.share(kRows, [&](int row) {
             Sum& sum = room.sums[row];
-            for (int l = 0; l < kLanes; ++l) sum.value[l] = sum.weight[l] = sum.contrast[l] = 0.0f, sum.nearest[l] = 1e9f;
+            for (int l = 0; l < kLanes; ++l) sum.value[l] = sum.weight[l] = sum.number[l] = sum.contrast[l] = 0.0f, sum.nearest[l] = 1e9f;
         });
         int n = 0;
         for (int k = 0; k < images.n - 1; k += Group::width) {
@@ -311,6 +313,7 @@ private:
             const float weight = 1.0f / (abs(d1[l] * t) + kOwn);
             sum.value[l] += weight * (a + t * (b - a));
             sum.weight[l] += weight;
+            sum.number[l] += 1.0f;
             sum.contrast[l] += weight * ((b - a) * (b - a));
             sum.nearest[l] = min(sum.nearest[l], min(abs(d0[l]), abs(d1[l])));
         }
@@ -329,7 +332,7 @@ private:
             out.values[at] = value;
             out.radius[at] = measured ? 0 : known ? std::uint8_t(min(int(sum.nearest[l]) + 1, kMostFilled)) : kFar;
             if (!spread) continue;
-            spread[at] = known ? 1.0f / sum.weight[l] : measured ? kOwn : -1.0f;
+            spread[at] = known ? max(sum.number[l] / sum.weight[l] - kOwn, 0.0f) : measured ? 0.0f : -1.0f;  // the weighted mean of q
             contrast[at] = known ? sum.contrast[l] / sum.weight[l] : -1.0f;
         }
     }

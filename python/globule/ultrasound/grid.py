@@ -84,9 +84,9 @@ def make_grid(
 ) -> VoxelGrid:
     """A grid over the box of all pixels, or over `region`.
 
-    With `spacing`, voxels lie on the one lattice of a sweep: the center of a voxel lies at `anchor`,
-    the lowest corner of the first frame's pixel centers (default: low). A region takes the voxels
-    whose centers it holds. With `size`, the voxels divide the box, or the region, evenly.
+    With `spacing`, voxels lie on the one lattice of a sweep: the center of a voxel lies at
+    `anchor`, the lowest corner of the first frame's pixel centers (default: low). A region takes
+    the voxels whose centers it holds. With `size`, the voxels divide the box, or the region, evenly.
     """
     if (spacing is None) == (size is None):
         raise ValueError(
@@ -159,7 +159,9 @@ def estimate_bytes(
     points = pixels * (36 + itemsize) if method in ("vvn", "vvn-om") else 0
     if method == "frames" and len(poses):  # averaged images, if a voxel holds several pixels
         steps = np.linalg.norm(poses[0, 3:].reshape(2, 3), axis=1) / 2.0**32
-        averaged = math.prod(int(v) for v in np.clip(np.floor(1 / steps + 1e-6), 1, 64))
+        averaged = math.prod(
+            int(v) for v in np.clip(np.floor(1 / np.sqrt(3) / steps + 1e-6), 1, 64)
+        )
         points = 4 * pixels // averaged if averaged > 1 else 0
     if method == "vvn":
         return dense + points + 8 * n

@@ -7,7 +7,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-_OWN = 0.25  # voxels; src/sweep/frames.hpp kOwn
+_OWN = 1.0  # voxels; src/sweep/frames.hpp kOwn
+_FOOTPRINT = 1 / np.sqrt(3)  # voxels; kFootprint
 _TESTED = 12  # frames left out to measure the error
 _POINTS = 4000  # pixels of each
 
@@ -46,7 +47,7 @@ class FramePath:
         origin, x, y = (self.poses[:, k : k + 3] for k in (0, 3, 6))
         lengths = np.linalg.norm(x[0]), np.linalg.norm(y[0])
         self.averaged = tuple(
-            int(np.clip(np.floor(1 / length + 1e-6), 1, 64)) if length > 0 else 1
+            int(np.clip(np.floor(_FOOTPRINT / length + 1e-6), 1, 64)) if length > 0 else 1
             for length in lengths
         )
         normal = np.cross(x, y)
@@ -216,7 +217,11 @@ def path_error(path: FramePath) -> PathError | None:
             power = float(np.clip(np.log(growth) / np.log(spread2.mean() / unit), 0.1, 1.0))
     variance = float(contrast.var())
     share = float(np.mean((error - error.mean()) * (contrast - contrast.mean())))
-    share = float(np.clip(share / variance, 0, excess / max(contrast.mean(), 1e-9))) if variance else 0.0
+    share = (
+        float(np.clip(share / variance, 0, excess / max(contrast.mean(), 1e-9)))
+        if variance
+        else 0.0
+    )
     floor = float(excess - share * contrast.mean())
     # In the volume, the frames on both sides are one step apart instead of two.
     step = float(np.concatenate(steps).mean())
@@ -237,4 +242,6 @@ def _pixels(path: FramePath, f: int) -> tuple[np.ndarray, np.ndarray]:
     rows, columns = np.mgrid[step // 2 : height : step, step // 2 : width : step]
     used = np.ones(rows.shape, bool) if path.mask is None else path.mask[rows, columns] != 0
     rows, columns = rows[used], columns[used]
-    return np.column_stack([columns, rows]).astype(float), path.frames[f][rows, columns].astype(float)
+    return np.column_stack([columns, rows]).astype(float), path.frames[f][rows, columns].astype(
+        float
+    )

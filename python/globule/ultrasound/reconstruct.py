@@ -99,18 +99,18 @@ def reconstruct(
             With `spacing`, the volume has the voxels whose centers lie in the region: voxels lie on
             one lattice, with a center at the lowest corner of the first frame's pixel centers.
         max_distance: holes farther than this along an axis from any pixel stay empty, mm. "frames"
-            leaves the space between two frames empty whose corners are more than twice this apart;
-            default: five times the usual step of the sweep.
+            leaves the space between two frames empty whose corners are more than twice this apart,
+            by default more than five times the usual step of the sweep.
         device: "auto", "cpu", "cuda" or "cuda:N". threads: of the CPU; 0 takes all.
         progress: called as progress(done, total) in frames, while they are binned, and at the end.
         extrapolate: also fill holes that do not lie between data; the volume labels them.
 
     A voxel between two consecutive frames, at the distances a and b from their planes, takes
-    (b I0(u, v) + a I1(u, v)) / (a + b) with "frames". The images are bilinear and are averaged to
-    about one pixel a voxel before. The column u and the row v move linearly from the voxel's
-    projection onto one plane to the other (after Coupe et al., MICCAI 2005). If several passes of
-    the probe enclose a voxel, their values are averaged with weights 1 / (a b / (a + b) + 0.25),
-    lengths in voxels. Voxels with pixels but not between frames take the mean of their pixels. A
+    (b I0(u, v) + a I1(u, v)) / (a + b) with "frames". The images are bilinear, and
+    averaged over s / sqrt(3) pixels before, s the pixels of a voxel along an axis. The column u and
+    the row v move linearly from the voxel's projection onto one plane to the other (after Coupe et
+    al., MICCAI 2005). If several passes of the probe enclose a voxel, their values are averaged
+    with weights 1 / (a b / (a + b) + 1), lengths in voxels. Voxels with pixels but not between frames take the mean of their pixels. A
     frame without a pose is skipped; its neighbors become consecutive.
 
     Returns:

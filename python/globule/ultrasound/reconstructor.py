@@ -226,9 +226,7 @@ class Reconstructor:
             anchor, _ = bounds(added.world_from_image[:1], self._used, self._shape)
             self._face = anchor - 0.5 * self.spacing
             if self._region is not None:
-                grid = make_grid(
-                    added.low, added.high, self.spacing, None, self._region, anchor
-                )
+                grid = make_grid(added.low, added.high, self.spacing, None, self._region, anchor)
                 box = grid.low, grid.low + self.spacing * np.array(grid.size)
             else:
                 low, high = self._lattice(added)

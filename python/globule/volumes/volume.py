@@ -13,7 +13,12 @@ from ..formats import volumes as formats
 from ..formats.volumes.geometry import VolumeData, in_space
 
 EMPTY, MEASURED, FILLED, EXTRAPOLATED = 0, 1, 2, 3
-MAPS = ("count", "variance", "source", "uncertainty")  # besides `radius`, which says measured, filled or empty
+MAPS = (
+    "count",
+    "variance",
+    "source",
+    "uncertainty",
+)  # besides `radius`, which says measured, filled or empty
 FAR = 255  # in the map of kernel radii: no data within reach
 BEYOND = 128  # added to the radius of an extrapolated voxel
 
@@ -149,8 +154,8 @@ class Volume:
     @property
     def uncertainty(self) -> np.ndarray:
         """(Z, Y, X) float32: expected root mean square difference of each voxel's value from a
-        pixel seen there, gray levels; infinite for empty voxels. For volumes of method "frames"; from
-        frames left out, the distance of the frames on both sides, and their difference there."""
+        pixel seen there, gray levels; infinite for empty voxels. For volumes of method "frames";
+        from frames left out, the distance of the frames on both sides, and their difference."""
         return self._map("uncertainty")
 
     def _map(self, name: str) -> np.ndarray:
@@ -206,9 +211,10 @@ class Volume:
         z, y, x = self.shape
         spacing = " x ".join(f"{s:.4g}" for s in self.spacing)
         extrapolated = f"{self.n_extrapolated} extrapolated, " if self.n_extrapolated else ""
+        origins = f"{self.n_measured} measured, {self.n_filled} filled, {extrapolated}"
         return (
             f"Volume({x} x {y} x {z} {self.values.dtype}, {spacing} mm, {self.space}, "
-            f"{self.n_measured} measured, {self.n_filled} filled, {extrapolated}{self.n_empty} empty)"
+            f"{origins}{self.n_empty} empty)"
         )
 
 
