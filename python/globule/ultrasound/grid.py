@@ -86,7 +86,8 @@ def make_grid(
 
     With `spacing`, voxels lie on the one lattice of a sweep: the center of a voxel lies at
     `anchor`, the lowest corner of the first frame's pixel centers (default: low). A region takes
-    the voxels whose centers it holds. With `size`, the voxels divide the box, or the region, evenly.
+    the voxels whose centers it holds. With `size`, the voxels divide the box, or the region,
+    evenly.
     """
     if (spacing is None) == (size is None):
         raise ValueError(

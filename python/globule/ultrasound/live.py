@@ -227,10 +227,10 @@ def receive_sweep(
         if not frames:
             raise
     if not frames:
-        got = "none"
+        found = "none"
         if counts.images:
-            got = f"{counts.images} images and no pose within {MOST_GAP:g} s of any"
-        raise ValueError(f"live: expected images with poses from {address}, got {got}")
+            found = f"{counts.images} images and no pose within {MOST_GAP:g} s of any"
+        raise ValueError(f"live: expected images with poses from {address}, got {found}")
     frames.sort(key=lambda frame: frame.time)
     images = np.stack([frame.image for frame in frames])
     return Sweep(

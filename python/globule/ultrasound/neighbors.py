@@ -143,7 +143,7 @@ def interpolate(path: FramePath, points: np.ndarray) -> tuple[np.ndarray, np.nda
     """Values, weights and smallest distances, voxels, at points (P, 3) from all joined pairs."""
     total, weights = np.zeros(len(points)), np.zeros(len(points))
     nearest = np.full(len(points), np.inf)
-    for f in np.flatnonzero(path.joined):
+    for f in np.flatnonzero(path.joined).tolist():
         found = path.between(f, f + 1, points)
         weight = np.where(found.known, 1 / (found.spread + _OWN), 0)
         total += weight * found.value

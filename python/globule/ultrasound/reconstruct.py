@@ -110,8 +110,9 @@ def reconstruct(
     averaged over s / sqrt(3) pixels before, s the pixels of a voxel along an axis. The column u and
     the row v move linearly from the voxel's projection onto one plane to the other (after Coupe et
     al., MICCAI 2005). If several passes of the probe enclose a voxel, their values are averaged
-    with weights 1 / (a b / (a + b) + 1), lengths in voxels. Voxels with pixels but not between frames take the mean of their pixels. A
-    frame without a pose is skipped; its neighbors become consecutive.
+    with weights 1 / (a b / (a + b) + 1), lengths in voxels. Voxels with pixels but not between
+    frames take the mean of their pixels. A frame without a pose is skipped; its neighbors become
+    consecutive.
 
     Returns:
         Volume of the frames' type. Values are rounded to the nearest; every device and any number
