@@ -81,7 +81,8 @@ nb::tuple plus(PyReconstructor& self, const nb::dict& d, const nb::list& fillers
 using Three = std::array<int, 3>;  ///< along x, y, z
 
 void oracle_sweep(const std::string& method, Address values, Address poses, Address mask, const std::vector<int>& frames,
-                  const std::vector<int>& size, bool whole, int compounding, int reach, bool printed, Address out, Address radius) {
+                  const std::vector<int>& size, bool whole, int compounding, int reach, bool printed, Address out, Address radius,
+                  Address distance) {
     const oracle::SweepInput in{frames.at(0), frames.at(1), frames.at(2), at<const double>(values), at<const std::int64_t>(poses),
                                 at<const std::uint8_t>(mask), {size.at(0), size.at(1), size.at(2)}, whole};
     work([&] {
@@ -90,7 +91,7 @@ void oracle_sweep(const std::string& method, Address values, Address poses, Addr
             return;
         }
         std::vector<double> bins(std::size_t(in.size[0]) * in.size[1] * in.size[2]);
-        if (method == "bezier") oracle::bezier(in, bins.data());
+        if (method == "bezier") oracle::bezier(in, bins.data(), at<double>(distance));
         else oracle::bin(in, compounding, bins.data());
         oracle::fill(in.size, whole, bins.data(), reach, printed, at<double>(out), at<std::uint8_t>(radius));
     });
@@ -119,9 +120,10 @@ void bind_sweep(nb::module_& m) {
             s.grid<&SweepGrid::bezier>(Frames(s, values, poses, mask, n, h, w, 0).view);
         })
         .def("fill", [](PyReconstructor& s, int method, Array values, Address poses, Address mask, int n, int h, int w, int reach,
-                        Address weights, int kind, Address out, Address radius) {
+                        Address weights, int kind, Address out, Address radius, bool extrapolate, double max_gap, Address spread, Address contrast) {
             s.grid<&SweepGrid::fill>(FillMethod(method), Frames(s, values, poses, mask, n, h, w, 0).view,
-                                     FillRequest{reach, at<const std::uint32_t>(weights), kind, at<void>(out), at<std::uint8_t>(radius)});
+                                     FillRequest{reach, at<const std::uint32_t>(weights), kind, at<void>(out), at<std::uint8_t>(radius), extrapolate, max_gap,
+                                                 at<float>(spread), at<float>(contrast)});
         })
         .def("filled", [](PyReconstructor& s) {
             const DenseArrays a = s.grid<&SweepGrid::filled>();

@@ -46,7 +46,7 @@ def test_a_volume_and_its_figures(sweep, capsys):
     assert sum(facts["counts"][k] for k in ("measured", "filled", "empty")) == volume.values.size
     assert set(facts["times"]) == {"read", "reconstruct", "write", "total"}
     assert facts["frames"]["used"] == 24
-    assert facts["method"] == "pvn-om"
+    assert facts["method"] == "frames"
     assert Image.open("v.png").size[0] > 50
     low, high = sweep.bounds()
     origin = volume.world_from_voxel[:3, 3]
@@ -89,7 +89,7 @@ def test_plus_exact(capsys):
 def test_cross_validation(sweep, capsys):
     words = ["phantom.igs.mha", "--cross-validate", "4", "--voxel-size", "0.8", *CPU]
     facts = run_json(capsys, "reconstruct", *words)
-    assert set(facts["cross_validation"]) == {"pvn-om", "vvn-om", "bezier"}
+    assert set(facts["cross_validation"]) == {"frames", "pvn-om", "vvn-om", "bezier"}
     for result in facts["cross_validation"].values():
         assert result["n_frames"] == 22
         assert 0.5 < result["coverage"] <= 1

@@ -216,17 +216,20 @@ def test_volumes(made):
     mask = np.ones((40, 48), bool)
     mask[[0, 3]] = False
     sweep = gb.Sweep(frames, poses, mask=mask)
-    for method in ("pvn-om", "vvn-om", "pvn", "vvn", "bezier"):
+    for method in ("pvn-om", "vvn-om", "pvn", "vvn", "bezier", "frames"):
         volume = gb.reconstruct(sweep, method, 0.7, device="cpu")
         same_volume(folder, f"volume_{method}", volume)
     for compounding in ("mean", "maximum", "latest", "first", "median"):
         volume = gb.reconstruct(
-            sweep, size=31, max_kernel=5, compounding=compounding, max_distance=1.5, device="cpu"
-        )
+            sweep, "pvn-om", size=31, max_kernel=5, compounding=compounding, max_distance=1.5,
+            device="cpu",
+        )  # fmt: skip
         same_volume(folder, f"compound_{compounding}", volume)
     floats = frames.astype(np.float32) * np.float32(0.37) - np.float32(5)
     box = ((2, 3, 1), (20, 15, 12))
-    volume = gb.reconstruct(gb.Sweep(floats, poses), spacing=0.6, region=box, device="cpu")
+    volume = gb.reconstruct(
+        gb.Sweep(floats, poses), "pvn-om", spacing=0.6, region=box, device="cpu"
+    )
     same_volume(folder, "volume_float", volume)
     live = gb.Reconstructor(0.7, mask=mask, device="cpu")
     for f in (12, 3, 20, 8, 0, 23, 16):

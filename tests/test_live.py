@@ -18,7 +18,8 @@ import pytest
 from cli_helpers import run_json
 from globule.cli import main
 from globule.formats.sweeps import igs
-from globule.ultrasound.live import LiveFrame, parse_address, receive, receive_sweep
+from globule.ultrasound.calibration import Calibration
+from globule.ultrasound.live import LiveCounts, LiveFrame, parse_address, receive, receive_sweep
 from globule.ultrasound.recorder import Recorder
 from globule.volumes.files import read_volume
 from PIL import Image
@@ -378,3 +379,164 @@ def test_addresses():
     for wrong in ("localhost:3", "igtl://", "igtl://:3", "igtl://a:b", "igtl://a:99999"):
         with pytest.raises(ValueError, match="igtl://host:port"):
             parse_address(wrong)
+
+
+def stream(messages):
+    """Serve messages on one connection; the address."""
+    listener = socket.create_server(("127.0.0.1", 0))
+
+    def work():
+        connection, _ = listener.accept()
+        with connection, contextlib.suppress(OSError):
+            for message in messages:
+                connection.sendall(message.pack())
+        listener.close()
+
+    threading.Thread(target=work, daemon=True).start()
+    return f"igtl://127.0.0.1:{listener.getsockname()[1]}"
+
+
+def blob_frames(place, n=9):
+    """Frames of 21 x 21 pixels of 1 mm around a place, where one pixel shines."""
+    frames = np.zeros((n, 21, 21), np.uint8)
+    frames[n // 2, 10, 10] = 250
+    poses = np.tile(np.eye(4), (n, 1, 1))
+    poses[:, :3, 3] = np.array(place) - (10, 10, n // 2)
+    poses[:, 2, 3] += np.arange(n)
+    return frames, poses
+
+
+@pytest.mark.parametrize("embedded", [True, False])
+def test_a_stream_in_ras_lies_where_it_is(embedded, capsys):
+    """A blob at RAS (30, 20, 10): before, the volume was turned by 180 degrees about z."""
+    igtl = pytest.importorskip("pyigtl", reason="live needs pyigtl")
+    frames, poses = blob_frames((30, 20, 10))
+    messages = []
+    for i, (frame, pose) in enumerate(zip(frames, poses, strict=True)):
+        place, when = pose if embedded else np.eye(4), 100 + 0.1 * i
+        messages.append(igtl.ImageMessage(
+            frame[None], ijk_to_world_matrix=place, world_coordinate_system="ras", timestamp=when,
+            device_name="Image"))  # fmt: skip
+        if not embedded:
+            name = "ImageToReference"
+            messages.append(igtl.TransformMessage(pose, timestamp=when, device_name=name))
+    words = ["reconstruct", "--live", stream(messages), "--idle", "0.5", "-o", "v.nii.gz", *CPU]
+    words += ["--voxel-size", "1"] + ([] if embedded else ["--space", "RAS"])
+    run_json(capsys, *words)
+    volume = gb.read_volume("v.nii.gz", space="RAS")
+    z, y, x = np.unravel_index(np.argmax(volume.values), volume.shape)
+    place = volume.world_from_voxel @ (x, y, z, 1)
+    assert np.allclose(place[:3], (30, 20, 10), atol=0.6)
+    lps = receive_sweep(stream(messages), idle=0.5, space="LPS")
+    assert lps.space == "LPS"
+    assert np.allclose(lps.world_from_image, poses, atol=1e-4)
+
+
+def tracked(igtl, n=40, image_shift=0.0, true_delay=0.0):
+    """A tracker at 60 Hz and images at 30 Hz: x = 20 sin t; an image shows the place of its time
+    less `true_delay`; its stamp is later than that of the tracker's sample by `image_shift`."""
+    timed = []
+    for i in range(2 * n):
+        t = i / 60
+        matrix = np.eye(4)
+        matrix[0, 3] = 20 * np.sin(t)
+        timed.append((t, igtl.TransformMessage(matrix, timestamp=1000 + t,
+                                               device_name="ProbeToReference")))  # fmt: skip
+    places = []
+    for i in range(n):
+        t = i / 30 + image_shift
+        places.append(20 * np.sin(t - true_delay))
+        image = np.full((1, 8, 8), i, np.uint8)
+        timed.append((t, igtl.ImageMessage(image, timestamp=1000 + t, device_name="Image")))
+    return [message for _, message in sorted(timed, key=lambda item: item[0])], np.array(places)
+
+
+def test_stamps_of_tracker_and_image_apart():
+    """Before: 4 ms apart gave no frame at all."""
+    igtl = pytest.importorskip("pyigtl", reason="live needs pyigtl")
+    calibration = Calibration(np.eye(4))
+    for shift in (0.0, 0.004):
+        messages, places = tracked(igtl, image_shift=shift)
+        counts = LiveCounts()
+        sweep = receive_sweep(stream(messages), calibration, idle=0.5, counts=counts)
+        assert len(sweep) == 40
+        assert np.allclose(sweep.world_from_image[:, 0, 3], places, atol=1e-3)
+        assert counts.as_dict() == {"images": 40, "frames": 40, "without_pose": 0, "useless": 0,
+                                    "repeated": 0, "missed": 0, "connections": 1}  # fmt: skip
+
+
+def test_the_calibration_s_temporal_offset_counts():
+    """Before: live ignored it."""
+    igtl = pytest.importorskip("pyigtl", reason="live needs pyigtl")
+    calibration = Calibration(np.eye(4), temporal_offset=-0.1)
+    messages, places = tracked(igtl, true_delay=0.1)
+    counts = LiveCounts()
+    sweep = receive_sweep(stream(messages), calibration, idle=0.5, counts=counts)
+    assert counts.images == 40
+    assert counts.without_pose == 3  # those before the first pose, of 0.1 s
+    assert np.allclose(sweep.world_from_image[:, 0, 3], places[3:], atol=1e-3)
+    other = receive_sweep(stream(messages), calibration, idle=0.5, temporal_offset=0.0)
+    assert np.abs(other.world_from_image[:, 0, 3] - places).max() > 1
+    later = Calibration(np.eye(4), temporal_offset=0.1)
+    messages, places = tracked(igtl, true_delay=-0.1)
+    sweep = receive_sweep(stream(messages), later, idle=0.5)
+    assert np.allclose(sweep.world_from_image[:, 0, 3], places[: len(sweep)], atol=1e-3)
+    assert len(sweep) >= 36
+
+
+def test_embedded_poses_take_the_offset_too():
+    igtl = pytest.importorskip("pyigtl", reason="live needs pyigtl")
+    messages = []
+    for i in range(20):
+        place = np.eye(4)
+        place[:3, 3] = i, 2, 3
+        messages.append(igtl.ImageMessage(np.full((1, 8, 8), i, np.uint8), place, timestamp=i / 10,
+                                          device_name="Image"))  # fmt: skip
+    sweep = receive_sweep(stream(messages), idle=0.5, temporal_offset=0.05)
+    assert np.allclose(sweep.world_from_image[:, 0, 3], sweep.frames[:, 0, 0] + 0.5, atol=1e-4)
+    assert len(sweep) == 19
+
+
+def test_lost_images_are_counted(sweep, capsys):
+    """The server gives up twice and goes on later, and a transform stays away for a while."""
+    server = Server(sweep)
+    for i in (15, 16):
+        del server.messages[i][1]
+    server.serve(slice(0, 8), slice(11, None))
+    words = ["reconstruct", "--live", server.address, "--idle", "0.5", "-o", "v.npz", *CPU]
+    facts = run_json(capsys, *words, "--spacing", "1")
+    counts = facts["live"]["counts"]
+    assert counts["images"] == 21
+    assert counts["connections"] >= 2
+    assert counts["missed"] == 3
+    assert counts["frames"] + counts["without_pose"] == 21
+    assert any("3 images never arrived" in line for line in facts["warnings"])
+    lost = [message for message in server.messages]
+    for parts in lost:
+        del parts[1:]
+    server.socket = socket.create_server(("127.0.0.1", 0))
+    server.address = f"igtl://127.0.0.1:{server.socket.getsockname()[1]}"
+    server.serve(slice(None))
+    with pytest.raises(ValueError, match=r"got 24 images and no pose within 0\.5 s of any"):
+        receive_sweep(server.address, idle=0.5)
+
+
+def test_the_server_may_start_later(sweep):
+    pytest.importorskip("pyigtl", reason="live needs pyigtl")
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    server = Server(sweep)
+    server.socket.close()
+
+    def start():
+        server.socket = socket.create_server(("127.0.0.1", port))
+        server.serve(slice(None))
+
+    timer = threading.Timer(1.0, start)
+    timer.start()
+    live = receive_sweep(f"igtl://127.0.0.1:{port}", idle=0.4, wait=PATIENCE)
+    timer.join()
+    assert arrived(live, sweep)
+    with pytest.raises(ConnectionError, match="expected a server"):
+        list(receive(f"igtl://127.0.0.1:{port}", {}, idle=0.2))

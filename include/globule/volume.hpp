@@ -25,8 +25,9 @@ struct Sweep {
 /// Of several pixels in one voxel.
 enum class Compounding : int { mean, maximum, latest, first, median };
 /// pvn_om bins pixels into voxels and fills holes from a growing kernel; vvn_om averages the pixels in a growing sphere; pvn and
-/// vvn are the same without the octree, for comparison; bezier lays curves through the pixels of four images.
-enum class ReconstructionMethod : int { pvn_om, vvn_om, pvn, vvn, bezier };
+/// vvn are the same without the octree, for comparison; bezier lays curves through the pixels of four images; along_path interpolates
+/// between neighboring images along the probe's path.
+enum class ReconstructionMethod : int { pvn_om, vvn_om, pvn, vvn, bezier, along_path };
 
 struct ReconstructOptions {
     ReconstructionMethod method = ReconstructionMethod::pvn_om;
@@ -34,8 +35,9 @@ struct ReconstructOptions {
     std::optional<int> size{};                 ///< voxels along the longest axis; exactly one of the two is needed
     int max_kernel = 9;                        ///< edge of the largest kernel that fills holes, odd, voxels; 1: holes stay
     Compounding compounding = Compounding::mean;  ///< others with pvn_om only
-    std::optional<Box> region{};               ///< mm, world; default: all pixels
+    std::optional<Box> region{};               ///< mm, world: with a spacing the voxels whose centers lie in it; default: all pixels
     std::optional<double> max_distance{};      ///< holes farther than this along an axis from any pixel stay empty, mm
+    bool extrapolate = false;                  ///< also fill holes without data on both sides
     std::string device = "auto";               ///< "auto", "cpu", "cuda" or "cuda:N"
     int threads = 0;                           ///< of the CPU; 0: all
 };
@@ -47,7 +49,7 @@ struct Volume {
     Matrix4 world_from_voxel{};          ///< voxel index (x, y, z, 1) to the voxel's centre, mm
     DType dtype = DType::uint8;          ///< of the values: that of the sweep's images
     std::vector<std::uint8_t> bytes{};   ///< of the values
-    /// (Z, Y, X): 0 measured; k filled from a cube of (2 k + 1)^3 voxels; 255 empty, too far from any data.
+    /// (Z, Y, X): 0 measured; k filled from a cube of (2 k + 1)^3 voxels between data; 128 + k the same, extrapolated; 255 empty.
     std::vector<std::uint8_t> radius{};
 
     static constexpr std::uint8_t empty_radius = 255;
@@ -58,7 +60,7 @@ struct Volume {
         if (dtype_of<T>() != dtype) return {};
         return {reinterpret_cast<const T*>(bytes.data()), bytes.size() / sizeof(T)};
     }
-    /// (Z, Y, X): 0 empty, 1 measured, 2 filled from measured voxels nearby.
+    /// (Z, Y, X): 0 empty, 1 measured, 2 filled between measured voxels, 3 extrapolated from measured voxels.
     GLOBULE_API std::vector<std::uint8_t> filled() const;
 };
 
@@ -73,6 +75,7 @@ struct ReconstructorOptions {
     Compounding compounding = Compounding::mean;  ///< not median
     std::optional<Box> region{};               ///< default: the volume grows with the images
     std::optional<double> max_distance{};
+    bool extrapolate = false;
     std::vector<std::uint8_t> mask{};          ///< (H, W) pixels that count; default: all
     std::string device = "auto";
     int threads = 0;

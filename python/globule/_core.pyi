@@ -17,6 +17,7 @@ def oracle_sweep(
     arg9: bool,
     arg10: int,
     arg11: int,
+    arg12: int,
     /,
 ) -> None: ...
 
@@ -58,6 +59,10 @@ class Reconstructor:
         arg9: int,
         arg10: int,
         arg11: int,
+        arg12: bool,
+        arg13: float,
+        arg14: int,
+        arg15: int,
         /,
     ) -> None: ...
     def filled(self) -> tuple: ...

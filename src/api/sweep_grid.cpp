@@ -57,7 +57,8 @@ Box bounds(const Poses& world_from_image, const FrameShape& s) {
     return box;
 }
 
-VoxelGrid make_grid(Box box, std::optional<double> spacing, std::optional<int> size, const std::optional<Box>& region) {
+VoxelGrid make_grid(Box box, std::optional<double> spacing, std::optional<int> size, const std::optional<Box>& region,
+                    const Vec3& anchor) {
     if (spacing.has_value() == size.has_value()) throw Error(ErrorCode::invalid, std::string("spacing, size: expected one of them, got ") + (size ? "both" : "neither"));
     if (region) {
         box = *region;
@@ -67,20 +68,28 @@ VoxelGrid make_grid(Box box, std::optional<double> spacing, std::optional<int> s
     }
     const Vec3 extent = box.high - box.low;
     double edge, n[3];
+    Vec3 corner;
     if (size) {
         const double wanted = whole("size", *size, 1, int(kMaxAxis)), slack = region ? 1.0 : 1 + 1e-6;  // so that the last pixels lie inside
         edge = std::max({extent[0] * slack / wanted, extent[1] * slack / wanted, extent[2] * slack / wanted});
         if (!(edge > 0)) throw Error(ErrorCode::invalid, "size: all pixels lie at one place, give a spacing");
-        for (int k = 0; k < 3; ++k) n[k] = std::max(std::ceil(extent[k] / edge - 1e-9), 1.0);
+        for (int k = 0; k < 3; ++k) {
+            n[k] = std::max(std::ceil(extent[k] / edge - 1e-9), 1.0);
+            corner[k] = region ? box.low[k] : 0.5 * (box.low[k] + box.high[k]) - 0.5 * n[k] * edge;
+        }
     } else {
         edge = positive("spacing", *spacing);
-        for (int k = 0; k < 3; ++k) n[k] = region ? std::max(std::rint(extent[k] / edge), 1.0) : std::floor(extent[k] / edge + 1e-6) + 1;
+        for (int k = 0; k < 3; ++k) {
+            const double face = anchor[k] - 0.5 * edge;
+            const auto first = [&](double p) { return region ? std::ceil((p - anchor[k]) / edge - 1e-6) : std::floor((p - face) / edge + 1e-9); };
+            n[k] = region ? std::max(first(box.high[k]) - first(box.low[k]), 1.0) : first(box.high[k]) - first(box.low[k]) + 1;
+            corner[k] = face + first(box.low[k]) * edge;
+        }
     }
-    VoxelGrid grid{region ? box.low : Vec3{}, edge, {}};
+    VoxelGrid grid{corner, edge, {}};
     for (int k = 0; k < 3; ++k) {
         if (!(n[k] <= double(kMaxAxis))) refuse("spacing", "at most " + std::to_string(kMaxAxis) + " voxels along an axis", text(n[k]));
         grid.size[k] = std::int64_t(n[k]);
-        if (!region) grid.low[k] = 0.5 * (box.low[k] + box.high[k]) - 0.5 * n[k] * edge;
     }
     return grid;
 }

@@ -2,6 +2,7 @@
 // has it, operation by operation, so that volumes are equal bit by bit.
 #pragma once
 #include <array>
+#include <cmath>
 #include <cstdint>
 #include <functional>
 #include <optional>
@@ -38,8 +39,11 @@ struct VoxelGrid {
 
 /// The box of the used pixels' centres over all frames, mm.
 Box bounds(const Poses& world_from_image, const FrameShape& shape);
-/// Over the box of all pixels, or over `region`; one of spacing and size is given.
-VoxelGrid make_grid(Box box, std::optional<double> spacing, std::optional<int> size, const std::optional<Box>& region);
+/// Which voxel of a lattice a coordinate lies in, counted from the corner `face`.
+inline std::int64_t on_lattice(double point, double face, double spacing) { return std::int64_t(std::floor((point - face) / spacing + 1e-9)); }
+/// Over the box of all pixels, or over `region`; one of spacing and size is given. With a spacing, a voxel's center lies at the
+/// anchor, the lowest corner of the first frame's box.
+VoxelGrid make_grid(Box box, std::optional<double> spacing, std::optional<int> size, const std::optional<Box>& region, const Vec3& anchor);
 /// Whether a voxel may hold 2^24 pixels or more.
 bool crowded(const std::vector<FixedPose>& poses, const FrameShape& shape);
 /// Throws what does not fit in so many bytes (0: unknown), naming the spacing that would.

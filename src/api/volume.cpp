@@ -2,6 +2,8 @@
 
 #include <algorithm>
 #include <cstring>
+#include <tuple>
+#include <utility>
 
 #include "api/device.hpp"
 #include "api/impl.hpp"
@@ -10,7 +12,7 @@
 namespace globule {
 namespace {
 
-constexpr int kMaxKernel = 255, kLargestTable = 31;  ///< radius up to which hole weights come from a table
+constexpr int kMaxKernel = 253, kLargestTable = 31;  ///< radius up to which hole weights come from a table
 constexpr int kBlock = 4, kTile = 16;                ///< voxels; blocks of x: the grid grows by whole blocks, along x by whole tiles
 
 core::ScalarType scalar(const char* name, DType type) {
@@ -167,13 +169,13 @@ std::vector<std::uint8_t> mask_of(const ArrayView& mask, int height, int width) 
 
 std::vector<std::uint8_t> Volume::filled() const {
     std::vector<std::uint8_t> out(radius.size());
-    for (std::size_t i = 0; i < out.size(); ++i) out[i] = radius[i] == empty_radius ? 0 : radius[i] == 0 ? 1 : 2;
+    for (std::size_t i = 0; i < out.size(); ++i) out[i] = radius[i] == empty_radius ? 0 : radius[i] == 0 ? 1 : radius[i] < 128 ? 2 : 3;
     return out;
 }
 
 Volume reconstruct(const Sweep& sweep, const ReconstructOptions& o) {
     using enum ReconstructionMethod;
-    if (int(o.method) < 0 || o.method > bezier) refuse("method", "one of the five", std::to_string(int(o.method)));
+    if (int(o.method) < 0 || o.method > along_path) refuse("method", "one of the six", std::to_string(int(o.method)));
     check_compounding(o.compounding);
     if (o.method != pvn_om && o.compounding != Compounding::mean) refuse("compounding", "mean for this method", "another");
     check_filling(o.max_kernel, o.max_distance);
@@ -203,7 +205,7 @@ Volume reconstruct(const Sweep& sweep, const ReconstructOptions& o) {
     const std::vector<std::uint8_t> mask = mask_of(sweep.mask, frames.height, frames.width);
     const FrameShape shape{frames.height, frames.width, mask.empty() ? nullptr : mask.data()};
     const Box box = bounds(poses_mm, shape);
-    const VoxelGrid grid = make_grid(box, o.spacing, o.size, o.region);
+    const VoxelGrid grid = make_grid(box, o.spacing, o.size, o.region, bounds({poses_mm[0]}, shape).low);
     const Vec3 top = grid.top();
     for (int k = 0; k < 3; ++k)
         if (grid.low[k] > box.high[k] || top[k] < box.low[k])
@@ -224,12 +226,14 @@ Volume reconstruct(const Sweep& sweep, const ReconstructOptions& o) {
     g.call<&core::SweepGrid::start>(request_of(frames.type, o.compounding, wide, scale, grid));
     if (o.method == bezier) g.call<&core::SweepGrid::bezier>(view);
     else if (o.method == pvn_om && o.compounding == Compounding::median) g.call<&core::SweepGrid::median>(view);
-    else if (o.method == pvn_om) g.call<&core::SweepGrid::add>(view, 1);
+    else if (o.method == pvn_om || o.method == along_path) g.call<&core::SweepGrid::add>(view, 1);
     const core::FillMethod fill = o.method == vvn_om ? core::FillMethod::points
                                   : o.method == pvn  ? core::FillMethod::plain_bins
                                   : o.method == vvn  ? core::FillMethod::plain_points
+                                  : o.method == along_path ? core::FillMethod::frames
                                                      : core::FillMethod::bins;
-    g.call<&core::SweepGrid::fill>(fill, view, core::FillRequest{reach, weights.empty() ? nullptr : weights.data(), 0, volume.bytes.data(), volume.radius.data()});
+    g.call<&core::SweepGrid::fill>(fill, view, core::FillRequest{reach, weights.empty() ? nullptr : weights.data(), 0, volume.bytes.data(), volume.radius.data(), o.extrapolate,
+                                                                                 o.method == along_path && o.max_distance ? 2 * *o.max_distance / grid.spacing : -1});
     return volume;
 }
 
@@ -242,7 +246,10 @@ struct Reconstructor::Impl {
 
     // Behind the gate.
     std::optional<VoxelGrid> grid;
-    Vec3 low{}, high{};  ///< of the volume, on voxel faces
+    Vec3 face{};  ///< a corner of the lattice of voxels
+    using Voxel = std::array<std::int64_t, 3>;
+    Voxel origin{};         ///< the grid's first voxel on the lattice
+    Voxel low{}, high{};    ///< the volume's, and past its last
     DType dtype{};
     core::ScalarType type{};
     int height = 0, width = 0;
@@ -252,13 +259,17 @@ struct Reconstructor::Impl {
 
     FrameShape shape() const { return {height, width, options.mask.empty() ? nullptr : options.mask.data()}; }
     int reach() const { return reach_of(options.max_kernel, options.max_distance, options.spacing); }
-    Box lattice(const VoxelGrid& g, const Box& box) const {
-        Box out;
+    /// The frames' first voxels on the lattice, and those past their last.
+    std::pair<Voxel, Voxel> lattice(const Box& box) const {
+        std::pair<Voxel, Voxel> out;
         for (int k = 0; k < 3; ++k) {
-            out.low[k] = g.low[k] + std::floor((box.low[k] - g.low[k]) / options.spacing + 1e-9) * options.spacing;
-            out.high[k] = g.low[k] + (std::floor((box.high[k] - g.low[k]) / options.spacing + 1e-9) + 1) * options.spacing;
+            out.first[k] = on_lattice(box.low[k], face[k], options.spacing);
+            out.second[k] = on_lattice(box.high[k], face[k], options.spacing) + 1;
         }
         return out;
+    }
+    Vec3 place(const Voxel& v) const {
+        return {face[0] + double(v[0]) * options.spacing, face[1] + double(v[1]) * options.spacing, face[2] + double(v[2]) * options.spacing};
     }
     void reserve(const VoxelGrid& g, const Poses& poses, const core::Gates& inside) const {
         const std::int64_t largest = std::max({g.size[0], g.size[1], g.size[2]});
@@ -273,43 +284,50 @@ struct Reconstructor::Impl {
 
 void Reconstructor::Impl::make_room(const Poses& poses, const core::Gates& inside) {
     const Box box = bounds(poses, shape());
-    const double edge = kBlock * options.spacing;
     const Grid core_grid(core, type, inside);
     if (!grid) {
+        const Vec3 anchor = bounds({poses[0]}, shape()).low;
+        for (int k = 0; k < 3; ++k) face[k] = anchor[k] - 0.5 * options.spacing;
         VoxelGrid g;
-        Box whole;
+        Voxel first{}, from{}, to{};
         if (options.region) {
-            g = make_grid(box, options.spacing, {}, options.region);
-            whole = {g.low, g.top()};
+            g = make_grid(box, options.spacing, {}, options.region, anchor);
+            for (int k = 0; k < 3; ++k) {
+                first[k] = from[k] = std::int64_t(std::rint((g.low[k] - face[k]) / options.spacing));
+                to[k] = from[k] + g.size[k];
+            }
         } else {
+            std::tie(from, to) = lattice(box);
             g.spacing = options.spacing;
             for (int k = 0; k < 3; ++k) {
-                g.low[k] = (std::floor(box.low[k] / edge) - margin) * edge;
-                g.size[k] = kBlock * (std::int64_t(std::floor((box.high[k] - g.low[k]) / edge)) + 1 + margin);
+                first[k] = from[k] - margin * kBlock;
+                g.size[k] = (to[k] - first[k] + kBlock - 1) / kBlock * kBlock + margin * kBlock;
             }
-            whole = lattice(g, box);
+            g.low = place(first);
         }
         reserve(g, poses, inside);
         core_grid.call<&core::SweepGrid::start>(request_of(type, options.compounding, true, scale, g));
         grid = g;
-        low = whole.low;
-        high = whole.high;
+        origin = first;
+        low = from;
+        high = to;
         return;
     }
     if (options.region) return;
-    Box larger = lattice(*grid, box);
+    auto [from, to] = lattice(box);
     std::array<std::int64_t, 3> before{}, after{};
-    const Vec3 top = grid->top();
+    const auto blocks = [](std::int64_t voxels) { return voxels > 0 ? (voxels + kBlock - 1) / kBlock : -(-voxels / kBlock); };  // rounded up
     bool grows = false;
     for (int k = 0; k < 3; ++k) {
-        larger.low[k] = std::min(larger.low[k], low[k]);
-        larger.high[k] = std::max(larger.high[k], high[k]);
-        before[k] = std::max<std::int64_t>(std::int64_t(std::ceil((grid->low[k] - larger.low[k]) / edge - 1e-9)) + margin, 0);
-        after[k] = std::max<std::int64_t>(std::int64_t(std::ceil((larger.high[k] - top[k]) / edge - 1e-9)) + margin, 0);
+        from[k] = std::min(from[k], low[k]);
+        to[k] = std::max(to[k], high[k]);
+        before[k] = std::max<std::int64_t>(blocks(origin[k] - from[k]) + margin, 0);
+        after[k] = std::max<std::int64_t>(blocks(to[k] - origin[k] - grid->size[k]) + margin, 0);
         grows = grows || before[k] || after[k];
     }
     if (grows) {
         VoxelGrid g = *grid;
+        Voxel first = origin;
         int size[3], shift[3];
         for (int k = 0; k < 3; ++k) {
             // An eighth more than needed on each side that grows, so that few calls grow.
@@ -318,16 +336,18 @@ void Reconstructor::Impl::make_room(const Poses& poses, const core::Gates& insid
             if (after[k]) after[k] += slack;
             if (k == 0) before[k] = (before[k] + kTile - 1) / kTile * kTile;
             g.size[k] += kBlock * (before[k] + after[k]);
-            g.low[k] -= double(before[k]) * edge;
+            first[k] -= before[k] * kBlock;
             size[k] = int(std::min(g.size[k], 2 * kMaxAxis));
             shift[k] = int(before[k]);
         }
+        g.low = place(first);
         reserve(g, poses, inside);
         core_grid.call<&core::SweepGrid::grow>(size, shift);
         grid = g;
+        origin = first;
     }
-    low = larger.low;
-    high = larger.high;
+    low = from;
+    high = to;
 }
 
 void Reconstructor::Impl::add(const ArrayView& frames_view, const ArrayView& world_from_image) {
@@ -362,17 +382,17 @@ Volume Reconstructor::Impl::volume() {
     const core::Gates inside({core.gate().get()});
     if (!grid) throw Error(ErrorCode::invalid, "volume: expected frames to be added first, got none");
     const Grid core_grid(core, type, inside);
-    VoxelGrid part{low, options.spacing, {}};
+    VoxelGrid part{place(low), options.spacing, {}};
     int first[3], size[3];
     for (int k = 0; k < 3; ++k) {
-        first[k] = int(std::rint((low[k] - grid->low[k]) / options.spacing));
-        size[k] = int(std::rint((high[k] - low[k]) / options.spacing));
+        first[k] = int(low[k] - origin[k]);
+        size[k] = int(high[k] - low[k]);
         part.size[k] = size[k];
     }
     const std::vector<std::uint32_t> weights = hole_weights(reach());
     Volume v = made(part, dtype);
     core_grid.call<&core::SweepGrid::fill>(core::FillMethod::bins, core::FramesView{},
-                                           core::FillRequest{reach(), weights.empty() ? nullptr : weights.data(), 0, nullptr, nullptr});
+                                           core::FillRequest{reach(), weights.empty() ? nullptr : weights.data(), 0, nullptr, nullptr, options.extrapolate});
     core_grid.call<&core::SweepGrid::read_filled>(first, size, core::DenseArrays{v.bytes.data(), v.radius.data()});
     return v;
 }
@@ -383,7 +403,7 @@ Reconstructor::Reconstructor(const ReconstructorOptions& o) : impl_(std::make_sh
     check_compounding(o.compounding);
     if (o.compounding == Compounding::median)
         throw Error(ErrorCode::invalid, "compounding: a median needs all frames at once, use globule::reconstruct");
-    if (o.region) make_grid({}, o.spacing, {}, o.region);
+    if (o.region) make_grid({}, o.spacing, {}, o.region, {});
     const int threads = whole("threads", o.threads, 0, 4096);
     impl_->options = o;
     for (std::uint8_t& v : impl_->options.mask) v = v != 0;

@@ -56,14 +56,18 @@ struct FramesView {
     std::uint32_t first_order;
 };
 
-enum class FillMethod { bins, points, plain_bins, plain_points };
+enum class FillMethod { bins, points, plain_bins, plain_points, frames };
 
 struct FillRequest {
     int reach;                        ///< largest radius of a kernel, voxels
     const std::uint32_t* weights;     ///< (3 reach^2 + 1) squared: [sigma^2][d^2], 2^24 = 1
     int kind;                         ///< sweep::HoleWeights
     void* values;                     ///< out: (z, y, x); null: kept by the backend, and of `bins` only what changed since is filled
-    std::uint8_t* radius;             ///< out: (z, y, x)
+    std::uint8_t* radius;             ///< out: (z, y, x): 0 measured, k filled, 128 + k extrapolated, 255 empty
+    bool extrapolate;                 ///< keep what is filled without data on both sides
+    double max_gap = -1;              ///< frames: farthest that joined images may be apart, voxels; negative: five usual steps
+    float* spread = nullptr;          ///< out, frames: (z, y, x) mean of |d0 d1| / |d0 - d1| of the distances from the images on both sides, voxels; -1: no value
+    float* contrast = nullptr;        ///< out, frames: (z, y, x) mean square of the difference of both images; -1: not between images
 };
 
 /// A dense volume, (z, y, x); none where null.

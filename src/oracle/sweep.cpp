@@ -84,9 +84,10 @@ void bin(const SweepInput& in, int compounding, double* out) {
         out[i] = all[i].empty() ? std::numeric_limits<double>::quiet_NaN() : rounded(compound(all[i], compounding), in.whole);
 }
 
-void bezier(const SweepInput& in, double* out) {
+void bezier(const SweepInput& in, double* out, double* distance) {
     const std::size_t n_voxels = std::size_t(in.size[0]) * in.size[1] * in.size[2];
     std::vector<double> sums(n_voxels), counts(n_voxels);
+    std::fill_n(distance, n_voxels, std::numeric_limits<double>::infinity());
     const double binomial[4][4] = {{1}, {1, 1}, {1, 2, 1}, {1, 3, 3, 1}};
     for (int start = 0; start == 0 || start < in.n - 1; start += 3) {
         const int degree = std::min(3, in.n - 1 - start);
@@ -115,11 +116,23 @@ void bezier(const SweepInput& in, double* out) {
                         p.value += b * control[f].value;
                     }
                     if (!inside(in, p)) continue;
+                    for (const Point& c : control) {
+                        double& least = distance[place(in.size, int(p.x), int(p.y), int(p.z))];
+                        least = std::min(least, std::max({std::abs(p.x - c.x), std::abs(p.y - c.y), std::abs(p.z - c.z)}));
+                    }
                     sums[place(in.size, int(p.x), int(p.y), int(p.z))] += p.value;
                     counts[place(in.size, int(p.x), int(p.y), int(p.z))] += 1;
                 }
             }
     }
+    const auto pixels = lists(in);
+    for (std::size_t i = 0; i < n_voxels; ++i)
+        if (!pixels[i].empty()) {
+            distance[i] = 0;
+            if (counts[i] > 0) continue;
+            for (const Point& p : pixels[i]) sums[i] += p.value;
+            counts[i] = double(pixels[i].size());
+        }
     for (std::size_t i = 0; i < n_voxels; ++i)
         out[i] = counts[i] > 0 ? rounded(sums[i] / counts[i], in.whole) : std::numeric_limits<double>::quiet_NaN();
 }

@@ -4,9 +4,11 @@
 #pragma once
 #include <cmath>
 
-#include "sweep/bin.hpp"
+#include "sweep/between.hpp"
 
 namespace globule::core::sweep {
+
+inline constexpr std::uint32_t kCurve = kMostFilled + 1, kPixel = kCurve;
 
 template <class T>
 struct BezierRows {
@@ -16,6 +18,7 @@ struct BezierRows {
     const std::uint32_t* slots;
     std::uint32_t* wanted;        ///< first run: blocks that samples need
     std::uint64_t* bins;          ///< second run: (slots, 64, 2) sums and counts
+    std::uint32_t* nearness;      ///< (slots, 64) kCurve less the smallest distance of a sample from a pixel, voxels
 
     /// Row `i % height` of curve `i / height`.
     GB_FN void operator()(std::size_t i) const {
@@ -46,7 +49,10 @@ struct BezierRows {
                 value += b[f] * v[f];
                 for (int k = 0; k < 3; ++k) at[k] += b[f] * p[f][k];
             }
-            put(at, value);
+            double distance = kMostFilled;
+            for (int f = 0; f <= degree; ++f)
+                distance = min(distance, max(abs(at[0] - p[f][0]), max(abs(at[1] - p[f][1]), abs(at[2] - p[f][2]))));
+            put(at, value, max(int(ceil(distance)), 1));
         }
     }
     GB_FN static void bernstein(int degree, double t, double* b) {
@@ -65,7 +71,7 @@ struct BezierRows {
             b[1] = t;
         }
     }
-    GB_FN void put(const double* at, double value) const {
+    GB_FN void put(const double* at, double value, int distance) const {
         int c[3];
         for (int k = 0; k < 3; ++k) {
             if (!(at[k] >= 0 && at[k] < grid.size[k])) return;
@@ -80,6 +86,52 @@ struct BezierRows {
         const std::size_t bin = std::size_t(slots[block]) * kVoxels + Block::place(v);
         atomic_add(bins + 2 * bin, std::uint64_t(std::int64_t(rint(value * scale))));
         atomic_add(bins + 2 * bin + 1, 1);
+        atomic_max(nearness + bin, kCurve - std::uint32_t(distance));
+    }
+};
+
+/// Voxels that hold pixels and no sample take the mean of the pixels.
+template <class T>
+struct BinPixelsOffCurves {
+    Images<T> images;
+    Grid grid;
+    double scale;
+    const std::uint32_t* slots;
+    const std::uint32_t* nearness;
+    std::uint64_t* bins;
+    GB_FN void operator()(std::size_t row) const {
+        for_each_pixel(images, row, grid, [&](std::size_t block, int voxel, int column) {
+            const std::size_t bin = std::size_t(slots[block]) * kVoxels + voxel;
+            if (nearness[bin]) return;
+            atomic_add(bins + 2 * bin, std::uint64_t(std::int64_t(rint(double(images.values[row * images.width + column]) * scale))));
+            atomic_add(bins + 2 * bin + 1, 1);
+        });
+    }
+};
+/// Marks the voxels that pixels lie in.
+template <class T>
+struct MarkPixels {
+    Images<T> images;
+    Grid grid;
+    const std::uint32_t* slots;
+    std::uint32_t* nearness;
+    GB_FN void operator()(std::size_t row) const {
+        for_each_pixel(images, row, grid, [&](std::size_t block, int voxel, int) {
+            atomic_max(nearness + std::size_t(slots[block]) * kVoxels + voxel, kPixel);
+        });
+    }
+};
+/// Voxels that curves cross without a pixel in them are filled, not measured.
+template <class T>
+struct LabelCurves {
+    Grid grid;
+    const std::uint32_t* block_of_slot;
+    const std::uint32_t* nearness;
+    DenseVolume<T> out;
+    GB_FN void operator()(std::size_t i) const {
+        if (nearness[i] == 0 || nearness[i] == kPixel) return;
+        const Cell v = Block::voxel(grid.block(std::size_t(block_of_slot[i / kVoxels])), int(i % kVoxels));
+        if (grid.has_voxel(v)) out.radius[out.at(grid, v)] = std::uint8_t(kCurve - nearness[i]);
     }
 };
 

@@ -7,7 +7,9 @@
 
 #include "exec/buffer.hpp"
 #include "sweep/bezier.hpp"
+#include "sweep/between.hpp"
 #include "sweep/fill_block.hpp"
+#include "sweep/frames.hpp"
 #include "sweep/maps.hpp"
 #include "sweep/plain.hpp"
 #include "sweep/fill_tile.hpp"
@@ -25,7 +27,8 @@ public:
     explicit GridImpl(Exec& exec)
         : exec_(exec), frames_(exec), mask_(exec), poses_(exec), slots_(exec), wanted_(exec), changed_(exec), blocks_(exec), bins_(exec),
           squares_(exec), values_(exec), masks_(exec), near_(exec), tiles_(exec), tables_(exec), weights_(exec), out_(exec), radius_(exec),
-          keys_(exec), pixels_(exec), places_(exec), point_values_(exec), runs_(exec) {}
+          keys_(exec), pixels_(exec), places_(exec), point_values_(exec), runs_(exec), nearness_(exec), words_(exec),
+          averaged_(exec), averaged_mask_(exec), planes_(exec), joined_(exec), spread_(exec), contrast_(exec) {}
 
     int device() const noexcept override { return exec_.device(); }
     void begin() override { exec_.interrupt().clear(); }
@@ -40,7 +43,7 @@ public:
         broken_ = emptied_ = false;
         const Change change(*this);
         coding_ = {sweep::Compounding(r.compounding), r.wide, r.scale};
-        taken_ = false;
+        taken_ = curves_ = false;
         for (int i = 0; i < 4; ++i) exec_.mark(i);
         resize(r.size);
         empty();
@@ -113,10 +116,16 @@ public:
         exec_.mark(0);
         const std::size_t n = std::size_t(std::max(1, ceil_div(frames.n - 1, 3))) * frames.height;
         std::uint32_t* wanted = wanted_list();
-        exec_.for_each(n, BezierRows<T>{frames, grid_, coding_.scale, slots_.data(), wanted, nullptr});
+        touch(frames, wanted);
+        exec_.for_each(n, BezierRows<T>{frames, grid_, coding_.scale, slots_.data(), wanted, nullptr, nullptr});
         exec_.exclusive_scan(grid_.n_blocks() + 1, wanted);
         place(wanted, coding_.words());
-        exec_.for_each(n, BezierRows<T>{frames, grid_, coding_.scale, slots_.data(), nullptr, bins_.data()});
+        std::uint32_t* nearness = nearness_.reserve(n_slots_ * kVoxels);
+        exec_.clear(nearness, n_slots_ * kVoxels * sizeof *nearness);
+        exec_.for_each(n, BezierRows<T>{frames, grid_, coding_.scale, slots_.data(), nullptr, bins_.data(), nearness});
+        exec_.for_each(rows(frames), BinPixelsOffCurves<T>{frames, grid_, coding_.scale, slots_.data(), nearness, bins_.data()});
+        exec_.for_each(rows(frames), MarkPixels<T>{frames, grid_, slots_.data(), nearness});
+        curves_ = true;
         exec_.mark(1);
     }
 
@@ -129,9 +138,11 @@ public:
         if (method == FillMethod::bins) return fill_bins(tables, r);
         const Change change(*this, true);
         const DenseVolume<T> out = dense(r);
+        if (method == FillMethod::frames) return fill_frames(view, out, r);
         if (method == FillMethod::points) fill_points(bring(view), tables, out);
         else if (method == FillMethod::plain_bins) fill_plain_bins(bring(view), tables, out);
         else fill_plain_points(bring(view), tables, out);
+        keep_between(out, r);
         deliver(r);
     }
 
@@ -169,7 +180,8 @@ public:
     VolumeFacts facts() override {
         const std::uint64_t bytes = frames_.bytes() + slots_.bytes() + wanted_.bytes() + blocks_.bytes() + bins_.bytes() +
                                     squares_.bytes() + values_.bytes() + masks_.bytes() + near_.bytes() + tiles_.bytes() + out_.bytes() + radius_.bytes() +
-                                    keys_.bytes() + pixels_.bytes() + places_.bytes() + point_values_.bytes() + runs_.bytes();
+                                    keys_.bytes() + pixels_.bytes() + places_.bytes() + point_values_.bytes() + runs_.bytes() +
+                                    nearness_.bytes() + words_.bytes() + averaged_.bytes() + spread_.bytes() + contrast_.bytes();
         return {n_slots_, bytes, exec_.elapsed(0, 1), exec_.elapsed(2, 3)};
     }
 
@@ -375,11 +387,62 @@ private:
         const std::uint32_t* near = spread_near(tables.cubes.span);
         const std::uint32_t* dirty = some ? spread_changes(tables.cubes.span) : nullptr;
         if (keeps && !Exec::on_device) add_tiles(near, some);
-        fill_dense({{{grid_, slots_.data(), masks_.data(), values_.data()}, tables}, dense(r), near, dirty});
+        const DenseVolume<T> out = dense(r);
+        fill_dense({{{grid_, slots_.data(), masks_.data(), values_.data()}, tables}, out, near, dirty});
+        keep_between(out, r, dirty);
+        if (curves_) exec_.for_each(n_slots_ * kVoxels, LabelCurves<T>{grid_, blocks_.data(), nearness_.data(), out});
         exec_.clear(changed_.data(), grid_.n_blocks() * sizeof(std::uint32_t));
         all_changed_ = taken_ || !keeps;
         n_finished_ = n_slots_;
         deliver(r);
+    }
+    /// Of what was filled, only what lies between data stays, or the rest is labeled.
+    void keep_between(const sweep::DenseVolume<T>& out, const FillRequest& r, const std::uint32_t* dirty = nullptr) {
+        using namespace sweep;
+        if (r.reach == 0) return;
+        Words words{ceil_div(grid_.size[0], kTile), grid_.size[1], grid_.size[2], nullptr};
+        words.bits = words_.reserve(words.size());
+        const MarkMeasured<T> measured{grid_, words, out};
+        exec_.for_each(words.size(), measured);
+        exec_.for_each(words.size(), KeepBetween<T>{measured, r.reach, r.extrapolate, dirty});
+    }
+
+    void fill_frames(const FramesView& view, const sweep::DenseVolume<T>& out, const FillRequest& r) {
+        using namespace sweep;
+        finish(false);
+        const auto* poses = reinterpret_cast<const Pose*>(view.poses);
+        const Path path(Images<T>{nullptr, poses, view.mask, view.n, view.height, view.width, 0}, r.max_gap);  // what the host reads
+        const Images<T> frames = bring(view);
+        const Averaging& a = path.averaging;
+        const std::size_t n_rows = std::size_t(view.n) * a.height;
+        const Plane* planes = upload(planes_, path.planes.data(), path.planes.size());
+        const std::uint8_t* joined = upload(joined_, path.joined.data(), path.joined.size());
+        float* spread = r.spread;
+        float* contrast = r.contrast;
+        if (Exec::on_device && spread) {
+            spread = spread_.reserve(grid_.n_voxels());
+            contrast = contrast_.reserve(grid_.n_voxels());
+        }
+        const Bins<T> bins{grid_, slots_.data(), masks_.data(), values_.data()};
+        const float right = float(double(view.width) / a.x - 0.5), bottom = float(double(view.height) / a.y - 0.5);
+        const auto fill = [&](const auto* pixels, const std::uint8_t* mask) {
+            using V = std::remove_const_t<std::remove_pointer_t<decltype(pixels)>>;
+            using Fill = FillBetween<T, V, Exec::on_device>;
+            exec_.for_each_tile(Fill::n_bricks(grid_), Fill{{pixels, mask, view.n, a.height, a.width, right, bottom}, planes, joined, bins, out, spread, contrast});
+        };
+        if (a.any()) {
+            float* averaged = averaged_.reserve(n_rows * a.width);
+            std::uint8_t* mask = frames.mask ? averaged_mask_.reserve(std::size_t(a.height) * a.width) : nullptr;
+            exec_.for_each(n_rows, AverageRows<T>{frames, a, averaged, mask});
+            fill(averaged, mask);
+        } else {
+            fill(frames.values, frames.mask);
+        }
+        deliver(r);
+        if (Exec::on_device && spread) {
+            exec_.download(r.spread, spread, grid_.n_voxels() * sizeof(float));
+            exec_.download(r.contrast, contrast, grid_.n_voxels() * sizeof(float));
+        }
     }
     /// Tiles for what is near data; empty at first.
     void add_tiles(const std::uint32_t* near, bool some) {
@@ -534,6 +597,14 @@ private:
     Room<float> places_;
     Room<T> point_values_;
     Room<std::uint32_t> runs_;
+    Room<std::uint32_t> nearness_;
+    bool curves_ = false;             ///< bins are of curves
+    Room<std::uint64_t> words_;
+    Room<float> averaged_;
+    Room<std::uint8_t> averaged_mask_;
+    Room<sweep::Plane> planes_;
+    Room<std::uint8_t> joined_;
+    Room<float> spread_, contrast_;
 };
 
 }  // namespace globule::core

@@ -114,8 +114,8 @@ void volumes(const std::vector<char>& bytes) {
     std::vector<std::uint8_t> mask(std::size_t(h) * w, 1);
     for (int x = 0; x < w; ++x) mask[std::size_t(x)] = mask[std::size_t(3) * w + std::size_t(x)] = 0;
     const Sweep sweep{.frames = ArrayView(frames, {n, h, w}), .world_from_image = ArrayView(poses.data(), {n, 4, 4}), .mask = ArrayView(mask.data(), {h, w})};
-    const char* methods[] = {"pvn-om", "vvn-om", "pvn", "vvn", "bezier"};
-    for (int m = 0; m < 5; ++m) save(std::string("volume_") + methods[m], reconstruct(sweep, {.method = ReconstructionMethod(m), .spacing = 0.7, .device = "cpu"}));
+    const char* methods[] = {"pvn-om", "vvn-om", "pvn", "vvn", "bezier", "frames"};
+    for (int m = 0; m < 6; ++m) save(std::string("volume_") + methods[m], reconstruct(sweep, {.method = ReconstructionMethod(m), .spacing = 0.7, .device = "cpu"}));
     const char* compoundings[] = {"mean", "maximum", "latest", "first", "median"};
     for (int c = 0; c < 5; ++c)
         save(std::string("compound_") + compoundings[c], reconstruct(sweep, {.size = 31, .max_kernel = 5, .compounding = Compounding(c), .max_distance = 1.5, .device = "cpu"}));

@@ -38,9 +38,10 @@ def sweep_speed(setting: Setting) -> Iterable[Table]:
     rows: list[tuple[Any, ...]] = []
     for size in (256,) if setting.quick else (256, 512):
         for what, seconds, cores, volume in _steps(setting, sweep, size):
-            known = PLUS_SECONDS[what, size]
+            known = PLUS_SECONDS.get((what, size))
             shape = "x".join(map(str, volume.values.shape[::-1]))
-            rows.append((what, shape, known, seconds, known / seconds, cores))
+            ratio = known / seconds if known else None
+            rows.append((what, shape, known, seconds, ratio, cores))
     setting.say("sweep: live")
     rows += [(what, "256", None, wall, None, cores) for what, wall, cores in _live(setting)]
     yield Table(
@@ -58,12 +59,15 @@ def _steps(setting: Setting, sweep: Sweep, size: int) -> Iterable[tuple[str, flo
     spacing = float((high - low).max()) / size
     exact = PlusConfig((spacing,) * 3, fill_holes=True, fillers=[Filler("STICK", 9, 1)])
     setting.say(f"sweep: {size} voxels")
-    wall, cores, volume = _best(lambda: reconstruct(sweep, size=size, **options))
+    wall, cores, volume = _best(lambda: reconstruct(sweep, "pvn-om", size=size, **options))
     alone = _binning_cores(setting, sweep, size)
     there = placed(sweep, setting.device)
-    seconds = _best(lambda: reconstruct(there, size=size, **options))[2].info["bin_seconds"]
+    seconds = _best(lambda: reconstruct(there, "pvn-om", size=size, **options))[2].info[
+        "bin_seconds"
+    ]
     yield "nearest binning", seconds, alone, volume
     yield "binning, holes to 9³", wall, cores, volume
+    yield "between frames", *_best(lambda: reconstruct(sweep, "frames", size=size, **options))
     yield "PLUS-exact, STICK", *_best(lambda: reconstruct_plus(sweep, exact, **options))
 
 

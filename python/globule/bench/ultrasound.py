@@ -94,7 +94,8 @@ def _on_device(setting: Setting, sweep: Sweep, method: str, size: int, volume: V
     if there is sweep:
         return spent(volume)
     return min(
-        spent(reconstruct(there, method, size=(size,) * 3, device=setting.device)) for _ in range(5)
+        spent(reconstruct(there, method, size=(size,) * 3, device=setting.device, extrapolate=True))
+        for _ in range(5)
     )
 
 
@@ -117,6 +118,7 @@ def times_and_memory(setting: Setting) -> Iterable[Table]:
                         size=(size,) * 3,
                         device=setting.device,
                         threads=setting.threads,
+                        extrapolate=True,
                     ),
                     setting.quick,
                 )
@@ -165,8 +167,9 @@ def cylinders(setting: Setting) -> Iterable[Table]:
         for method in CYLINDER_METHODS:
             setting.say(f"4.3: cylinders of {diameter} mm, {method}")
             volume = reconstruct(
-                sweep, method, spacing=spacing, device=setting.device, threads=setting.threads
-            )
+                sweep, method, spacing=spacing, device=setting.device, threads=setting.threads,
+                extrapolate=True,
+            )  # fmt: skip
             found = measure_cylinders(volume, places, diameter)
             for what, true, values, source in (
                 ("diameter", diameter, found.diameters, SOURCE_CYLINDERS[diameter, method]),
@@ -219,8 +222,9 @@ def removed_slices(
                 continue  # nothing remains: an error of 1, all of it empty
             for method in methods:
                 volume = reconstruct(
-                    Sweep(reference, poses, valid=kept), method, spacing=1.0, region=box, **options
-                )
+                    Sweep(reference, poses, valid=kept), method, spacing=1.0, region=box,
+                    extrapolate=True, **options,
+                )  # fmt: skip
                 error = float(((volume.values - truth) ** 2).mean())
                 errors[method][i, repeat] = error / nothing
                 empty[method][i, repeat] = volume.n_empty / volume.values.size
@@ -243,7 +247,7 @@ def reference_volume(quick: bool) -> tuple[np.ndarray, str]:
             gray = np.rint(255 / values.max() * values[::step, ::step, ::step]).astype(np.uint8)
             return gray, "MNI152 brain (nilearn), slices along z"
     sweep = phantoms.breast(n_frames=60, length=24.0, size=(160, 160), spacing=0.3)
-    volume = reconstruct(sweep, spacing=0.6, device="cpu")
+    volume = reconstruct(sweep, "pvn-om", spacing=0.6, device="cpu", extrapolate=True)
     return volume.values, "breast phantom (nilearn is not installed), slices along z"
 
 

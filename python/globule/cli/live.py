@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from ..ultrasound.live import LiveFrame, parse_address, receive_sweep
+from ..ultrasound.live import LiveCounts, LiveFrame, parse_address, receive_sweep
 from ..ultrasound.sweep import Sweep
 from ..volumes.volume import Volume
 from .pictures import draw, wanted
-from .shared import Progress, UserError, check_folder, mistakes, positive, warn
+from .shared import Progress, UserError, check_folder, count, mistakes, positive, warn
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -41,6 +41,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="silence of the server that ends --live, seconds (default: 5)",
     )
     group.add_argument(
+        "--wait",
+        type=positive,
+        default=None,
+        metavar="S",
+        help="time within which the server must start, seconds (default: as --idle)",
+    )
+    group.add_argument(
+        "--space",
+        choices=("LPS", "RAS"),
+        default=None,
+        metavar="NAME",
+        help="axes of the world that the messages' matrices map to: LPS, RAS (default: as the "
+        "header of an image states, LPS for transforms)",
+    )
+    group.add_argument(
         "--refresh",
         type=positive,
         default=1.0,
@@ -52,14 +67,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def check(options: argparse.Namespace) -> None:
     """Refuse options that contradict each other, before any work."""
     if not options.live:
-        if options.record:
-            raise UserError("--record: expected --live beside --record, got none")
+        for name in ("record", "space", "wait"):
+            if getattr(options, name):
+                raise UserError(f"--{name}: expected --live beside --{name}, got none")
         return
     with mistakes():
         parse_address(options.live)
     if options.record:
         check_folder("--record", options.record)
-    for name in ("poses", "frame_times", "temporal_offset"):
+    for name in ("poses", "frame_times"):
         if getattr(options, name) is not None:
             raise UserError(f"--{name.replace('_', '-')}: expected a SWEEP, got --live")
 
@@ -76,6 +92,7 @@ class Live:
         self.options, self.progress, self.growing = options, progress, growing
         self.reconstructor: Any = None
         self.recorder: Any = None
+        self.counts = LiveCounts()
         self.seconds: list[float] = []
         self.n_frames = self.n_drawn = 0
         self._drawn = -np.inf
@@ -94,7 +111,8 @@ class Live:
                     earlier = self.recorder.kept if self.recorder else []
                     return receive_sweep(
                         options.live, options.calibration, options.plus, options.idle, self._take,
-                        earlier, clip=options.clip, fan=options.fan, mask=options.mask,
+                        earlier, options.space, options.temporal_offset, options.wait, self.counts,
+                        clip=options.clip, fan=options.fan, mask=options.mask,
                     )  # fmt: skip
             except ConnectionError as error:
                 raise UserError(f"--{error}") from error
@@ -112,10 +130,25 @@ class Live:
         whole = self.reconstructor is not None and self.reconstructor.n_frames == self.n_frames
         return self.reconstructor.volume() if whole else None
 
+    def warnings(self) -> list[str]:
+        """What became of images that are in no frame."""
+        c, lines = self.counts, []
+        if c.without_pose:
+            lines.append(f"{count(c.without_pose, 'image')} left out: no pose came for their time")
+        if c.useless:
+            lines.append(f"{count(c.useless, 'image')} left out: the pose is no regular matrix")
+        if c.missed:
+            lines.append(
+                f"{count(c.missed, 'image')} never arrived, by the gaps of the time stamps: the "
+                "server dropped them, or the connection was broken"
+            )
+        return lines
+
     def figures(self) -> dict[str, Any]:
         """Seconds from the arrival of a frame until the volume has the frame."""
         facts = {"grew": bool(self.seconds), "drawn": self.n_drawn,
-                 "recorded": self.recorder.n_frames if self.recorder else 0}  # fmt: skip
+                 "recorded": self.recorder.n_frames if self.recorder else 0,
+                 "counts": self.counts.as_dict()}  # fmt: skip
         if not self.seconds:
             return facts
         return facts | {
@@ -131,7 +164,12 @@ class Live:
             self._grow(frame)
         if self.progress.shown and n % 10 == 0:
             self.progress.done -= 1
-            self.progress.step(f"{n:,} frames from {self.options.live}, Ctrl-C ends")
+            self.progress.step(f"{n:,} frames from {self.options.live}{self._lost()}, Ctrl-C ends")
+
+    def _lost(self) -> str:
+        c = self.counts
+        lost = c.without_pose + c.useless + c.missed
+        return f" ({lost:,} lost)" if lost else ""
 
     def _grow(self, frame: LiveFrame) -> None:
         begun = time.perf_counter()

@@ -55,8 +55,8 @@ EXAMPLES = """\
 ESSENTIAL = ("--output", "--calibration", "--plus", "--poses", "--voxel-size", "--voxels",
              "--method", "--three-view", "--surface", "--live", "--device")  # fmt: skip
 
-METHODS = ("pvn-om", "vvn-om", "pvn", "vvn", "bezier")
-COMPARED = ("pvn-om", "vvn-om", "bezier")  # pvn and vvn give the same volumes, slower
+METHODS = ("frames", "pvn-om", "vvn-om", "pvn", "vvn", "bezier")
+COMPARED = ("frames", "pvn-om", "vvn-om", "bezier")  # pvn and vvn give the same volumes, slower
 COMPOUNDINGS = ("mean", "maximum", "latest", "first", "median")
 DEFAULT_SIZE = 256
 LARGE = 2048  # MiB; above, the command prints the size before it takes the memory
@@ -96,7 +96,8 @@ def add_arguments(parser: Parser) -> None:
         "--method",
         choices=METHODS,
         metavar="NAME",
-        help=f"reconstruction method: {', '.join(METHODS)} (default: pvn-om)",
+        help=f"reconstruction method: {', '.join(METHODS)} (default: frames; pvn-om with --live "
+        "and --voxel-size, and with another --compounding than mean)",
     )
     grid = method.add_mutually_exclusive_group()
     grid.add_argument(
@@ -127,7 +128,13 @@ def add_arguments(parser: Parser) -> None:
         "--max-distance",
         type=number,
         metavar="MM",
-        help="hole filling: largest distance of a voxel from any pixel, mm (default: no limit)",
+        help="hole filling: largest distance of a voxel from any pixel, mm (default: no limit; "
+        "frames: half of five usual steps between frames)",
+    )
+    method.add_argument(
+        "--extrapolate",
+        action="store_true",
+        help="also fill holes that do not lie between data (default: only holes between data)",
     )
     method.add_argument(
         "--max-kernel",
@@ -229,6 +236,8 @@ def run(options: argparse.Namespace) -> None:
             times["write"] = time.perf_counter() - begun
             report |= _facts(volume, options)
     times["total"] = time.perf_counter() - start
+    if stream:
+        messages += stream.warnings()
     for message in messages:
         warn(message)
     if stream:
@@ -310,7 +319,11 @@ def _exact(options: argparse.Namespace) -> bool:
 
 
 def _method(options: argparse.Namespace) -> str:
-    return "plus" if _exact(options) else options.method or METHODS[0]
+    if _exact(options):
+        return "plus"
+    grows = options.live and options.spacing is not None
+    mean = options.compounding == "mean"
+    return options.method or ("frames" if mean and not grows else "pvn-om")
 
 
 def _sweep(options: argparse.Namespace) -> Sweep:
@@ -341,10 +354,10 @@ def _without_outliers(sweep: Sweep, options: argparse.Namespace, messages: list[
 def _growing(options: argparse.Namespace) -> dict[str, Any] | None:
     """The arguments of `Reconstructor`, which adds frame after frame.
 
-    None if the volume cannot grow: --voxels needs the bounds of all frames, a median all values.
+    None if the volume cannot grow: --voxels needs the bounds of all frames, a median all values,
+    and other methods than pvn-om all frames.
     """
-    method = _method(options)
-    if options.spacing is None or method != METHODS[0] or options.compounding == "median":
+    if options.spacing is None or _method(options) != "pvn-om" or options.compounding == "median":
         return None
     return _options_of(options) | ({"history": None} if options.maps else {})
 
@@ -356,6 +369,7 @@ def _options_of(options: argparse.Namespace) -> dict[str, Any]:
         "hole_weights": options.hole_weights,
         "device": options.device,
         "threads": options.threads,
+        "extrapolate": options.extrapolate,
     }
     for name in ("spacing", "size", "max_distance"):
         if getattr(options, name) is not None:
@@ -436,6 +450,7 @@ def _facts(volume: Volume, options: argparse.Namespace) -> dict[str, Any]:
             "voxels": volume.values.size,
             "measured": volume.n_measured,
             "filled": volume.n_filled,
+            "extrapolated": volume.n_extrapolated,
             "empty": volume.n_empty,
         },
         "memory": {"volume": volume.values.nbytes + volume.radius.nbytes},
@@ -471,11 +486,15 @@ def _lines(report: dict[str, Any]) -> list[str]:
         )
         shares = ", ".join(
             f"{100 * counts[name] / counts['voxels']:.1f} % {name}"
-            for name in ("measured", "filled", "empty")
+            for name in ("measured", "filled", "extrapolated", "empty")
+            if counts[name] or name != "extrapolated"
         )
         if "estimated_bytes" in report["figures"]:
             shares += f"; up to {report['figures']['estimated_bytes'] / 2**20:,.0f} MiB of memory"
         lines.append(f"  {shares}")
+        if "left_out_rms" in report["figures"]:
+            rms = report["figures"]["left_out_rms"]
+            lines.append(f"  frames left out are predicted to {rms:.1f} gray levels (rms)")
     for name, result in report["cross_validation"].items():
         lines.append(
             f"  {name:<7} predicts {count(result['n_frames'], 'frame')} left out: mean error "

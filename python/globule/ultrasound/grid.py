@@ -75,14 +75,26 @@ def areas(u: np.ndarray, v: np.ndarray) -> np.ndarray:
 
 
 def make_grid(
-    low: np.ndarray, high: np.ndarray, spacing: float | None, size: Any, region: Any
+    low: np.ndarray,
+    high: np.ndarray,
+    spacing: float | None,
+    size: Any,
+    region: Any,
+    anchor: np.ndarray | None = None,
 ) -> VoxelGrid:
-    """A grid over the box of all pixels, or over `region`."""
+    """A grid over the box of all pixels, or over `region`.
+
+    With `spacing`, voxels lie on the one lattice of a sweep: the center of a voxel lies at
+    `anchor`, the lowest corner of the first frame's pixel centers (default: low). A region takes
+    the voxels whose centers it holds. With `size`, the voxels divide the box, or the region,
+    evenly.
+    """
     if (spacing is None) == (size is None):
         raise ValueError(
             "spacing, size: expected one of them, got "
             + ("both" if size is not None else "neither")
         )
+    anchor = low if anchor is None else anchor
     if region is not None:
         low, high = _region(region)
     extent = high - low
@@ -94,17 +106,27 @@ def make_grid(
         if spacing <= 0:
             raise ValueError("size: all pixels lie at one place, give a spacing")
         n = wanted if np.ndim(size) else np.maximum(np.ceil(extent / spacing - 1e-9), 1)
+        corner = low if region is not None else 0.5 * (low + high) - 0.5 * n * spacing
     else:
         spacing = positive("spacing", spacing)
-        steps = extent / spacing
-        n = np.maximum(np.rint(steps), 1) if region is not None else np.floor(steps + 1e-6) + 1
+        face = anchor - 0.5 * spacing
+        if region is not None:
+            first, last = (np.ceil((p - anchor) / spacing - 1e-6) for p in (low, high))
+            n = np.maximum(last - first, 1)
+        else:
+            first, last = (on_lattice(p, face, spacing) for p in (low, high))
+            n = last - first + 1
+        corner = face + first * spacing
     if (n > MAX_AXIS).any():
         raise ValueError(
             f"spacing: expected at most {MAX_AXIS} voxels along an axis, got {int(n.max())}"
         )
-    middle = 0.5 * (low + high)
-    corner = low if region is not None else middle - 0.5 * n * spacing
     return VoxelGrid(corner, spacing, tuple(int(v) for v in n))
+
+
+def on_lattice(point: np.ndarray, face: np.ndarray, spacing: float) -> np.ndarray:
+    """Which voxel (3,) of a lattice a point lies in, counted from the corner `face`."""
+    return np.floor((point - face) / spacing + 1e-9)
 
 
 def _region(region: Any) -> tuple[np.ndarray, np.ndarray]:
@@ -136,6 +158,12 @@ def estimate_bytes(
     if method == "pvn":
         return dense + n * (17 + itemsize)
     points = pixels * (36 + itemsize) if method in ("vvn", "vvn-om") else 0
+    if method == "frames" and len(poses):  # averaged images, if a voxel holds several pixels
+        steps = np.linalg.norm(poses[0, 3:].reshape(2, 3), axis=1) / 2.0**32
+        averaged = math.prod(
+            int(v) for v in np.clip(np.floor(1 / np.sqrt(3) / steps + 1e-6), 1, 64)
+        )
+        points = 4 * pixels // averaged if averaged > 1 else 0
     if method == "vvn":
         return dense + points + 8 * n
     # A frame's plane crosses at most about three blocks for each block that its face covers.

@@ -1,10 +1,13 @@
 """Tracked frames from an OpenIGTLink server, as PLUS sends them.
 
-A frame is an IMAGE message and the TRANSFORM messages with the same time stamp. The device name of
-a transform names its coordinate frames: ProbeToTracker. In a stream without transforms, the matrix
-of the image is its pose (PLUS: EmbeddedTransformToFrame). The reader takes messages from the socket
-one by one, so a slow reader slows the server down and loses nothing. The reader reconnects after
-the connection breaks.
+A frame is an IMAGE message and the pose that TRANSFORM messages give for its time stamp. The device
+name of a transform names its coordinate frames: ProbeToTracker. Transforms whose stamps differ from
+the image's are interpolated. In a stream without transforms, the matrix of the image is its pose
+(PLUS: EmbeddedTransformToFrame). The reader takes messages from the socket one by one, so a slow
+reader slows the server down and loses nothing. The reader reconnects after the connection breaks.
+
+All poses are returned in LPS. The header of an IMAGE message states the axes of its matrix, RAS or
+LPS; a TRANSFORM message states nothing, and its world counts as LPS, as in files of PLUS.
 """
 
 from __future__ import annotations
@@ -19,24 +22,16 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .._base.checks import missing
-from ..formats.sweeps.transforms import WORLDS, Edges, Transform, chain, find_path, split_name
+from ..formats.sweeps.transforms import Edges, split_name
+from .matching import MOST_GAP, Matcher
 from .setup import Setup
-from .sweep import Sweep, usable
+from .sweep import SPACES, Sweep, usable
 
 DEFAULT_PORT = 18944
 _HEADER = 58  # bytes
 _MOST_BODY = 2**30
-_MOST_PENDING = 64  # frames that still wait for transforms
+_RAS = np.diag([-1.0, -1.0, 1.0, 1.0])  # LPS from RAS
 _CONNECT_PAUSE = 0.1  # s between attempts
-
-
-class _Pending(NamedTuple):
-    """The messages of one frame so far."""
-
-    time: float
-    image: np.ndarray | None = None
-    place: Any = np.eye(4)
-    edges: Edges = {}  # noqa: RUF012 never changed
 
 
 class LiveFrame(NamedTuple):
@@ -45,7 +40,7 @@ class LiveFrame(NamedTuple):
     Attributes:
         time: s, of the server's clock.
         image: (H, W).
-        world_from_image: (4, 4), maps the pixel (column, row, 0, 1) to the world, mm.
+        world_from_image: (4, 4), maps the pixel (column, row, 0, 1) to the world, mm, LPS.
         world: name of the world's coordinate frame.
     """
 
@@ -53,6 +48,45 @@ class LiveFrame(NamedTuple):
     image: np.ndarray
     world_from_image: np.ndarray
     world: str
+
+
+class LiveCounts:
+    """What became of the images of a stream.
+
+    Attributes:
+        images: images received.
+        frames: images with a pose, which `receive` returned.
+        without_pose: images whose pose never came.
+        useless: frames whose pose is no regular finite matrix.
+        repeated: frames that a restarted server sent again.
+        connections: times that the client connected.
+    """
+
+    def __init__(self) -> None:
+        self.images = self.frames = self.without_pose = self.useless = self.repeated = 0
+        self.connections = 0
+        self._times: list[float] = []
+
+    def saw(self, time: float) -> None:
+        """Count an image with this stamp, s."""
+        self.images += 1
+        self._times.append(time)
+
+    @property
+    def missed(self) -> int:
+        """Images that the server did not send, from gaps of the stamps of more than 1.8 usual
+        intervals: the server has dropped them, or the connection was broken."""
+        steps = np.diff(np.unique(self._times))
+        if len(steps) < 4:
+            return 0
+        usual = float(np.median(steps))
+        gaps = steps[steps > 1.8 * usual]
+        return int(np.rint(gaps / usual - 1).sum())
+
+    def as_dict(self) -> dict[str, int]:
+        """All counts by name."""
+        names = ("images", "frames", "without_pose", "useless", "repeated", "missed", "connections")
+        return {name: getattr(self, name) for name in names}
 
 
 def parse_address(address: str) -> tuple[str, int]:
@@ -76,24 +110,41 @@ def need_pyigtl() -> Any:
     return MessageBase
 
 
-def receive(address: str, constant: Edges, idle: float = 5.0) -> Iterator[LiveFrame]:
+def receive(
+    address: str,
+    constant: Edges,
+    idle: float = 5.0,
+    space: str | None = None,
+    temporal_offset: float = 0.0,
+    wait: float | None = None,
+    counts: LiveCounts | None = None,
+) -> Iterator[LiveFrame]:
     """Frames as they arrive, until the server has been silent or gone for `idle` seconds.
 
     Args:
         address: igtl://host[:port].
         constant: transforms that no message brings, such as (Image, Probe) of a calibration.
         idle: s.
+        space: axes of the world that the messages' matrices map to, "LPS" or "RAS"; default: what
+            the header of an image states for its own matrix, LPS for transforms.
+        temporal_offset: s, an image at time t takes the pose at t + offset. An image with a
+            positive offset arrives that much later.
+        wait: s, until a server must have answered for the first time; default: idle.
+        counts: counts what becomes of the images.
 
     Raises:
         MissingPackageError: the extra `live` is not installed.
         ConnectionError: no server answers.
-        ValueError: a bad address, or bytes that are not OpenIGTLink.
+        ValueError: a bad address or space, or bytes that are not OpenIGTLink.
     """
     MessageBase = need_pyigtl()
     host, port = parse_address(address)
-    assembler = _Assembler(constant)
+    if space is not None and space not in SPACES:
+        raise ValueError(f"space: expected LPS or RAS, got {space!r}")
+    counts = counts or LiveCounts()
+    assembler = _Assembler(constant, space, temporal_offset, counts)
     met = False
-    deadline = time.monotonic() + idle
+    deadline = time.monotonic() + (idle if wait is None else wait)
     while time.monotonic() < deadline:
         try:
             connection = socket.create_connection((host, port), timeout=min(idle, 1.0))
@@ -101,7 +152,10 @@ def receive(address: str, constant: Edges, idle: float = 5.0) -> Iterator[LiveFr
             last = error
             time.sleep(_CONNECT_PAUSE)
             continue
+        if not met:
+            deadline = time.monotonic() + idle
         met = True
+        counts.connections += 1
         with connection:
             connection.settimeout(0.2)
             while True:
@@ -112,6 +166,7 @@ def receive(address: str, constant: Edges, idle: float = 5.0) -> Iterator[LiveFr
                 yield from assembler.take(message)
     if not met:
         raise ConnectionError(f"live: expected a server at {address}, got none: {last}")
+    yield from assembler.finish()
 
 
 def receive_sweep(
@@ -121,20 +176,25 @@ def receive_sweep(
     idle: float = 5.0,
     each: Callable[[int, LiveFrame], None] | None = None,
     earlier: Iterable[LiveFrame] = (),
+    space: str | None = None,
+    temporal_offset: float | None = None,
+    wait: float | None = None,
+    counts: LiveCounts | None = None,
     **region: Any,
 ) -> Sweep:
     """All frames of a server as one `Sweep`, until the server stops or the user interrupts.
 
     Args:
-        address, idle: as for `receive`.
+        address, idle, space, wait, counts: as for `receive`.
         calibration, plus: as for `read_sweep`.
         each: called with the number of frames so far and the newest frame.
         earlier: frames of an interrupted run, which come first. Frames that a restarted server
             sends again are dropped.
+        temporal_offset: as for `receive`; default: the calibration's, or 0.
         region: clip, fan, mask; as for `read_sweep`.
 
     Returns:
-        The sweep, sorted by time.
+        The sweep, sorted by time, in LPS.
 
     Raises:
         MissingPackageError: the extra `live` is not installed.
@@ -142,17 +202,22 @@ def receive_sweep(
         ValueError: no frame came with its pose, or the images differ in size.
     """
     setup = Setup(calibration, plus, **region)
+    counts = counts or LiveCounts()
+    offset = setup.temporal_offset if temporal_offset is None else temporal_offset
+    stream = receive(address, setup.edges, idle, space, offset, wait, counts)
     frames: list[LiveFrame] = []
     known: set[tuple[float, int, bytes]] = set()
     try:
-        for frame in itertools.chain(earlier, receive(address, setup.edges, idle)):
+        for frame in itertools.chain(earlier, stream):
             if frames and frame.image.shape != frames[0].image.shape:
                 expected, got = frames[0].image.shape, frame.image.shape
                 raise ValueError(f"live: expected images of {expected} as the first, got {got}")
             if not usable(frame.world_from_image):
+                counts.useless += 1
                 continue
             key = (frame.time, zlib.crc32(frame.image.data), frame.world_from_image.tobytes())
             if key in known:
+                counts.repeated += 1
                 continue
             known.add(key)
             frames.append(frame)
@@ -162,7 +227,10 @@ def receive_sweep(
         if not frames:
             raise
     if not frames:
-        raise ValueError(f"live: expected images with poses from {address}, got none")
+        found = "none"
+        if counts.images:
+            found = f"{counts.images} images and no pose within {MOST_GAP:g} s of any"
+        raise ValueError(f"live: expected images with poses from {address}, got {found}")
     frames.sort(key=lambda frame: frame.time)
     images = np.stack([frame.image for frame in frames])
     return Sweep(
@@ -214,56 +282,43 @@ def _read(connection: socket.socket, n: int, deadline: float) -> bytes | None:
 
 
 class _Assembler:
-    """Joins images and transforms with the same time stamp."""
+    """Messages in, frames out."""
 
-    def __init__(self, constant: Edges):
-        self.constant = constant
-        self.pending: dict[float, _Pending] = {}
-        self.any_transform = False
-        self.world: str | None = None
+    def __init__(
+        self, constant: Edges, space: str | None, temporal_offset: float, counts: LiveCounts
+    ):
+        self.matcher = Matcher(constant, temporal_offset)
+        self.space, self.counts = space, counts
 
     def take(self, message: Any) -> Iterator[LiveFrame]:
         kind = getattr(message, "message_type", "")
-        if kind not in ("IMAGE", "TRANSFORM"):
-            return
-        when = message.timestamp
-        if when not in self.pending and self.world is None:
-            # The earlier frames are complete: the best world that they reach is the stream's.
-            reached = {f.world for p in self.pending.values() if (f := self._frame(p, WORLDS))}
-            self.world = next((world for world in WORLDS if world in reached), None)
-        new = self.pending.get(when) or _Pending(when)
         if kind == "IMAGE":
-            new = new._replace(image=_plane(message.image), place=message.ijk_to_world_matrix)
-        else:
-            self.any_transform = True
+            self.counts.saw(message.timestamp)
+            place = np.array(message.ijk_to_world_matrix, np.float64)
+            own: np.ndarray | None = None if np.array_equal(place, np.eye(4)) else place
+            if own is not None and self.space is None and message.world_coordinate_system == "ras":
+                own = _RAS @ own
+            self.matcher.add_image(message.timestamp, _plane(message.image), own)
+        elif kind == "TRANSFORM":
             name = split_name(message.device_name.removesuffix("Transform"))
             if name is not None:
-                matrix = Transform(np.array(message.matrix, np.float64), np.array(True))
-                new = new._replace(edges=new.edges | {name: matrix})
-        self.pending[when] = new
-        worlds = (self.world,) if self.world else WORLDS[:1]
-        for time_stamp, pending in sorted(self.pending.items()):
-            frame = self._frame(pending, worlds)
-            if frame is not None:
-                del self.pending[time_stamp]
-                yield frame
-        while len(self.pending) > _MOST_PENDING:
-            del self.pending[min(self.pending)]
+                matrix = np.array(message.matrix, np.float64)
+                self.matcher.add_transform(name, message.timestamp, matrix)
+        else:
+            return
+        yield from self._frames(False)
 
-    def _frame(self, pending: _Pending, worlds: tuple[str, ...]) -> LiveFrame | None:
-        if pending.image is None:
-            return None
-        if not self.any_transform and not np.array_equal(pending.place, np.eye(4)):
-            place = np.array(pending.place, np.float64)
-            return LiveFrame(pending.time, pending.image, place, WORLDS[0])
-        known = self.constant | pending.edges
-        for world in worlds:
-            way = find_path(known, "Image", world)
-            if way:
-                placed = chain(known, way, 1)
-                if placed.ok[0]:
-                    return LiveFrame(pending.time, pending.image, placed.matrices[0], world)
-        return None
+    def finish(self) -> Iterator[LiveFrame]:
+        yield from self._frames(True)
+
+    def _frames(self, ended: bool) -> Iterator[LiveFrame]:
+        for frame in self.matcher.frames(ended):
+            self.counts.frames += 1
+            place = frame.world_from_image
+            yield LiveFrame(
+                frame.time, frame.image, _RAS @ place if self.space == "RAS" else place, frame.world
+            )
+        self.counts.without_pose = self.matcher.n_without_pose
 
 
 def _plane(image: np.ndarray) -> np.ndarray:

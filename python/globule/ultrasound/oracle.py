@@ -8,7 +8,9 @@ import numpy as np
 
 from .. import _core
 from .._base.arrays import address
+from ..volumes.volume import BEYOND, FAR
 from .grid import VoxelGrid
+from .neighbors import FramePath, interpolate
 from .reconstruct import COMPOUNDINGS, HOLE_WEIGHTS, check_mask
 
 
@@ -19,9 +21,12 @@ def reconstruct(
     max_kernel: int = 9,
     compounding: str = "mean",
     hole_weights: str = "normalized",
+    extrapolate: bool = False,
+    max_distance: float | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Values (Z, Y, X) float64, rounded where the frames are integers, and kernel radii (Z, Y, X)
-    uint8: 0 measured, 255 empty. Arguments as for `globule.reconstruct`."""
+    uint8, as `Volume` has them. Arguments as for `globule.reconstruct`; max_distance for method
+    frames only."""
     valid = np.flatnonzero(sweep.valid)
     frames = np.ascontiguousarray(sweep.frames[valid], np.float64)
     poses = grid.poses(np.asarray(sweep.world_from_image, np.float64)[valid])
@@ -29,8 +34,10 @@ def reconstruct(
     whole = sweep.frames.dtype.kind == "u"
     values = np.empty(grid.size[::-1])
     radius = np.empty(grid.size[::-1], np.uint8)
+    reach = (max_kernel - 1) // 2
+    distance = np.zeros(grid.size[::-1])
     _core.oracle_sweep(
-        method,
+        "pvn-om" if method == "frames" else method,
         address(frames),
         address(poses),
         0 if mask is None else address(mask),
@@ -38,9 +45,57 @@ def reconstruct(
         list(grid.size),
         whole,
         COMPOUNDINGS.index(compounding),
-        (max_kernel - 1) // 2,
+        0 if method == "frames" else reach,
         HOLE_WEIGHTS.index(hole_weights) == 1,
         address(values),
         address(radius),
+        address(distance),
     )
+    if method == "frames":
+        gap = None if max_distance is None else 2 * max_distance / grid.spacing
+        path = FramePath(frames, poses / 2.0**32, mask, gap)
+        return _between_frames(path, values, radius, whole)
+    _keep_between(values, radius, reach, extrapolate)
+    if method == "bezier":
+        curve = (radius == 0) & (distance > 0)
+        radius[curve] = np.clip(np.ceil(distance[curve]), 1, BEYOND - 2)
     return values, radius
+
+
+def _between_frames(
+    path: FramePath, values: np.ndarray, radius: np.ndarray, whole: bool
+) -> tuple[np.ndarray, np.ndarray]:
+    """Values between frames over those of bins, and the radii of both."""
+    z, y, x = np.indices(values.shape)
+    centers = np.stack([x, y, z], axis=-1).reshape(-1, 3) + 0.5
+    found, weights, nearest = (a.reshape(values.shape) for a in interpolate(path, centers))
+    known = weights > 0
+    values[known] = np.floor(found[known] + 0.5) if whole else found[known]
+    filled = known & (radius != 0)
+    radius[filled] = np.minimum(nearest[filled].astype(int) + 1, BEYOND - 2)
+    return values, radius
+
+
+def _keep_between(values: np.ndarray, radius: np.ndarray, reach: int, extrapolate: bool) -> None:
+    """Empty or label filled voxels without measured ones on both sides, on any of 13 lines."""
+    measured = np.pad(radius == 0, max(reach, 1))
+    size = radius.shape
+    between = np.zeros(size, bool)
+
+    def shifted(step: np.ndarray) -> np.ndarray:
+        first = step + max(reach, 1)
+        return measured[tuple(slice(a, a + n) for a, n in zip(first, size, strict=True))]
+
+    for line in list(np.ndindex(3, 3, 3))[14:]:
+        step = np.array(line) - 1
+        sides = [np.zeros(size, bool), np.zeros(size, bool)]
+        for distance in range(1, reach + 1):
+            for side, sign in zip(sides, (1, -1), strict=True):
+                side |= shifted(sign * distance * step)
+        between |= sides[0] & sides[1]
+    beyond = (radius > 0) & (radius != FAR) & ~between
+    if extrapolate:
+        radius[beyond] += BEYOND
+    else:
+        radius[beyond] = FAR
+        values[beyond] = 0

@@ -1,4 +1,4 @@
-"""From a tracked sweep to a volume: pixel-based, voxel-based and Bezier methods."""
+"""From a tracked sweep to a volume: between frames, pixel-based, voxel-based and Bezier methods."""
 
 from __future__ import annotations
 
@@ -23,18 +23,19 @@ from .grid import (
     estimate_bytes,
     make_grid,
 )
+from .neighbors import FramePath, PathError, path_error
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from .sweep import Sweep
 
-METHODS = ("pvn-om", "vvn-om", "pvn", "vvn", "bezier")
+METHODS = ("frames", "pvn-om", "vvn-om", "pvn", "vvn", "bezier")
 COMPOUNDINGS = ("mean", "maximum", "latest", "first", "median")
 HOLE_WEIGHTS = ("normalized", "printed")
-MAX_KERNEL = 255
+MAX_KERNEL = 253
 _TYPES = {np.dtype(np.uint8): 0, np.dtype(np.uint16): 1, np.dtype(np.float32): 2}
-_FILL = {"pvn-om": 0, "bezier": 0, "vvn-om": 1, "pvn": 2, "vvn": 3}
+_FILL = {"pvn-om": 0, "bezier": 0, "vvn-om": 1, "pvn": 2, "vvn": 3, "frames": 4}
 _PIECES = 32  # in which frames are binned where progress is reported
 _LARGEST_TABLE = 31  # radius up to which hole weights come from a table
 
@@ -47,6 +48,11 @@ class Options(NamedTuple):
     compounding: str = "mean"
     hole_weights: str = "normalized"
     max_distance: float | None = None
+    extrapolate: bool = False
+
+    def max_gap(self, spacing: float) -> float | None:
+        """Farthest that two frames may be apart with values between them, voxels; None: default."""
+        return None if self.max_distance is None else 2 * self.max_distance / spacing
 
     def reach(self, spacing: float) -> int:
         """Largest radius of a hole's kernel, voxels."""
@@ -58,7 +64,7 @@ class Options(NamedTuple):
 
 def reconstruct(
     sweep: Sweep,
-    method: str = "pvn-om",
+    method: str | None = None,
     spacing: float | None = None,
     size: ArrayLike | None = None,
     max_kernel: int = 9,
@@ -69,6 +75,7 @@ def reconstruct(
     device: str = "auto",
     threads: int = 0,
     progress: Callable[[int, int], None] | None = None,
+    extrapolate: bool = False,
 ) -> Volume:
     """Reconstruct a volume from all valid frames of a sweep.
 
@@ -76,31 +83,52 @@ def reconstruct(
         sweep: `Sweep`: frames (F, H, W) uint8, uint16 or float32, and their poses, mm. If the
             frames lie on the GPU that reconstructs, the volume stays there, too, until the program
             reads its values.
-        method: "pvn-om" bins pixels into voxels and fills holes from a growing kernel; "vvn-om"
+        method: "frames" interpolates between neighboring frames along the probe's path, as below;
+            "pvn-om" bins pixels into voxels and fills holes from a growing kernel; "vvn-om"
             averages, for every voxel, the pixels in a growing sphere; "pvn" and "vvn" give the same
             volumes without an octree, for comparison; "bezier" lays curves through pixels of four
-            frames.
+            frames. Default: "frames"; with another compounding than the mean, "pvn-om".
         spacing: edge of a voxel, mm. Or
         size: voxels along the longest axis, or three numbers x, y, z.
-        max_kernel: edge of the largest kernel, odd, voxels; 1 leaves all holes.
+        max_kernel: edge of the largest kernel, odd, voxels; 1 leaves all holes. Not for "frames".
         compounding: how the pixels of a voxel combine (pvn-om): mean, maximum, latest, first,
             median.
         hole_weights: "normalized", or "printed": the formula (4.3) as printed in the thesis, which
             is too dark.
         region: ((x, y, z), (x, y, z)) lowest and highest corner, mm, world; default: all pixels.
-        max_distance: holes farther than this along an axis from any pixel stay empty, mm.
+            With `spacing`, the volume has the voxels whose centers lie in the region: voxels lie on
+            one lattice, with a center at the lowest corner of the first frame's pixel centers.
+        max_distance: holes farther than this along an axis from any pixel stay empty, mm. "frames"
+            leaves the space between two frames empty whose corners are more than twice this apart,
+            by default more than five times the usual step of the sweep.
         device: "auto", "cpu", "cuda" or "cuda:N". threads: of the CPU; 0 takes all.
-        progress: called as progress(done, total) in frames, while pvn-om bins them, and at the end.
+        progress: called as progress(done, total) in frames, while they are binned, and at the end.
+        extrapolate: also fill holes that do not lie between data; the volume labels them.
+
+    A voxel between two consecutive frames, at the distances a and b from their planes, takes
+    (b I0(u, v) + a I1(u, v)) / (a + b) with "frames". The images are bilinear, and
+    averaged over s / sqrt(3) pixels before, s the pixels of a voxel along an axis. The column u and
+    the row v move linearly from the voxel's projection onto one plane to the other (after Coupe et
+    al., MICCAI 2005). If several passes of the probe enclose a voxel, their values are averaged
+    with weights 1 / (a b / (a + b) + 1), lengths in voxels. Voxels with pixels but not between
+    frames take the mean of their pixels. A frame without a pose is skipped; its neighbors become
+    consecutive.
 
     Returns:
-        Volume of the frames' type. The mean is rounded to the nearest value; every device gives the
-        same bits.
+        Volume of the frames' type. Values are rounded to the nearest; every device and any number
+        of threads gives the same bits. With "frames", `volume.uncertainty` is the expected error of
+        each voxel, and `volume.info["left_out_rms"]` the error of up to 12 frames, each predicted
+        from its neighbors, gray levels.
 
     Raises:
         TypeError, ValueError: naming the argument, the expected and the given value.
         MemoryError: the volume cannot fit; the message names a spacing that fits.
     """
-    options = check_options(method, max_kernel, compounding, hole_weights, max_distance)
+    if method is None:
+        method = "frames" if compounding == "mean" else "pvn-om"
+    options = check_options(
+        method, max_kernel, compounding, hole_weights, max_distance, extrapolate
+    )
     chosen = choose(device)
     frames = sweep.frames
     if isinstance(frames, DeviceArray) and chosen.name == "cpu":
@@ -115,7 +143,8 @@ def reconstruct(
         frames = np.ascontiguousarray(frames[valid])  # also of device frames: on the host from here
     mask = check_mask(getattr(sweep, "mask", None), frames.shape[1:])
     low, high = bounds(world_from_image, mask, frames.shape[1:])
-    grid = make_grid(low, high, spacing, size, region)
+    anchor, _ = bounds(world_from_image[:1], mask, frames.shape[1:])
+    grid = make_grid(low, high, spacing, size, region, anchor)
     if (grid.low > high).any() or (grid.low + grid.spacing * np.array(grid.size) < low).any():
         corners = (", ".join(f"{v:.6g}" for v in corner) for corner in (low, high))
         box = " to ".join(f"({corner})" for corner in corners)
@@ -139,7 +168,7 @@ def reconstruct(
     start(core, grid, frames, options, crowded(poses, frames.shape[1:]))
     if options.method == "bezier":
         core.bezier(*whole)
-    elif options.method == "pvn-om":
+    elif options.method in ("frames", "pvn-om"):
         if options.compounding == "median":
             core.median(*whole)
         else:
@@ -156,9 +185,13 @@ def reconstruct(
         "device": chosen.name,
         "method": options.method,
     }
+    source = FrameMaps(chosen, threads, grid, frames, poses, mask, valid, options)
+    if options.method == "frames":
+        error = source.error()
+        if error is not None:
+            info["left_out_rms"] = error.rms
     if progress:
         progress(len(frames), len(frames))
-    source = FrameMaps(chosen, threads, grid, frames, poses, mask, valid)
     return Volume(
         values, grid.world_from_voxel, radius, getattr(sweep, "space", "LPS"), info, source.make
     )
@@ -268,10 +301,18 @@ def filled_on_device(
 
 
 def _fill(
-    core: Any, grid: VoxelGrid, options: Options, whole: tuple, values: int, radius: int
+    core: Any,
+    grid: VoxelGrid,
+    options: Options,
+    whole: tuple,
+    values: int,
+    radius: int,
+    spread: int = 0,
+    contrast: int = 0,
 ) -> None:
     reach = options.reach(grid.spacing)
     weights = hole_weight_table(reach) if reach <= _LARGEST_TABLE else None
+    max_gap = options.max_gap(grid.spacing)
     core.fill(
         _FILL[options.method],
         *whole,
@@ -280,6 +321,10 @@ def _fill(
         HOLE_WEIGHTS.index(options.hole_weights),
         values,
         radius,
+        options.extrapolate,
+        -1.0 if max_gap is None else max_gap,
+        spread,
+        contrast,
     )
 
 
@@ -308,12 +353,45 @@ class FrameMaps:
         poses: np.ndarray,
         mask: np.ndarray | None,
         index: np.ndarray,
+        options: Options,
     ):
         self.chosen, self.threads, self.grid = chosen, threads, grid
         self.frames, self.poses, self.mask, self.index = frames, poses, mask, index
+        self.options = options
+
+    def error(self) -> PathError | None:
+        """The error of the method on frames left out, if the frames lie on the host."""
+        if isinstance(self.frames, DeviceArray):
+            return None
+        max_gap = self.options.max_gap(self.grid.spacing)
+        return path_error(FramePath(self.frames, self.poses / 2.0**32, self.mask, max_gap))
+
+    def uncertainty(self) -> np.ndarray:
+        """Expected error of each voxel, (Z, Y, X) float32, gray levels; infinite where
+        empty."""
+        self.frames = np.asarray(self.frames)
+        error = self.error() if self.options.method == "frames" else None
+        if error is None:
+            raise ValueError(
+                "uncertainty: expected a volume of method frames with three frames side by side"
+            )
+        core = _core.Reconstructor(self.chosen.backend, self.chosen.index, self.threads)
+        n, height, width = self.frames.shape
+        mask = 0 if self.mask is None else address(self.mask)
+        whole = (located(self.frames), address(self.poses), mask, n, height, width)
+        start(core, self.grid, self.frames, self.options, crowded(self.poses, (height, width)))
+        core.add(*whole, 0, 1)
+        values, radius = empty_volume(self.grid.size, self.frames.dtype)
+        spread, contrast = (np.empty(radius.shape, np.float32) for _ in range(2))
+        places = (address(array) for array in (values, radius, spread, contrast))
+        _fill(core, self.grid, self.options, whole, *places)
+        return error.at(spread, contrast)
 
     def make(self, name: str) -> np.ndarray:
-        """ "count" uint32, "variance" float32 or "source" int32, (Z, Y, X)."""
+        """ "count" uint32, "variance" float32, "source" int32 or "uncertainty" float32,
+        (Z, Y, X)."""
+        if name == "uncertainty":
+            return self.uncertainty()
         core = _core.Reconstructor(self.chosen.backend, self.chosen.index, self.threads)
         n, height, width = self.frames.shape
         mask = 0 if self.mask is None else address(self.mask)
@@ -338,8 +416,9 @@ class FrameMaps:
 
 
 def check_options(
-    method: str, max_kernel: Any, compounding: str, hole_weights: str, max_distance: Any
-) -> Options:
+    method: str, max_kernel: Any, compounding: str, hole_weights: str, max_distance: Any,
+    extrapolate: bool = False,
+) -> Options:  # fmt: skip
     """The options, or ValueError naming the one that is wrong."""
     for name, value, names in (
         ("method", method, METHODS),
@@ -359,7 +438,9 @@ def check_options(
         isinstance(max_distance, (int, float)) and max_distance >= 0
     ):
         raise ValueError(f"max_distance: expected 0 mm or more, got {max_distance!r}")
-    return Options(method, int(max_kernel), compounding, hole_weights, max_distance)
+    return Options(
+        method, int(max_kernel), compounding, hole_weights, max_distance, bool(extrapolate)
+    )
 
 
 def check_frames(frames: Any) -> np.ndarray | DeviceArray:

@@ -22,6 +22,7 @@ from .grid import (
     check_memory,
     estimate_bytes,
     make_grid,
+    on_lattice,
 )
 from .reconstruct import (
     FrameMaps,
@@ -64,8 +65,8 @@ class Reconstructor:
         history: number of frames that the reconstructor keeps for `undo` of a mean; None keeps all
             frames, like other compoundings. The volume has the maps of count, variance and latest
             frame while the reconstructor keeps all its frames.
-        max_kernel, compounding (not median), hole_weights, max_distance, region, device, threads:
-            as for `globule.reconstruct`.
+        max_kernel, compounding (not median), hole_weights, max_distance, region, device, threads,
+        extrapolate: as for `globule.reconstruct`.
 
     Raises:
         TypeError, ValueError: naming the argument, the expected and the given value.
@@ -84,8 +85,11 @@ class Reconstructor:
         device: str = "auto",
         threads: int = 0,
         space: str = "LPS",
+        extrapolate: bool = False,
     ):
-        self._options = check_options("pvn-om", max_kernel, compounding, hole_weights, max_distance)
+        self._options = check_options(
+            "pvn-om", max_kernel, compounding, hole_weights, max_distance, extrapolate
+        )
         if compounding == "median":
             raise ValueError(
                 "compounding: a median needs all frames at once, use globule.reconstruct"
@@ -98,6 +102,8 @@ class Reconstructor:
         self._chosen, self._threads = choose(device), thread_count(threads)
         self._core = _core.Reconstructor(self._chosen.backend, self._chosen.index, self._threads)
         self._grid: VoxelGrid | None = None
+        self._face = np.zeros(3)  # a corner of the lattice of voxels
+        self._first = np.zeros(3, int)  # the grid's first voxel on the lattice
         self._low, self._high = np.zeros(3), np.zeros(3)  # of the volume, once there are frames
         self._added: list[_Added] = []
         self._type: Any = None
@@ -191,7 +197,7 @@ class Reconstructor:
             poses = grid.poses(np.concatenate([a.world_from_image for a in added]))
             index = np.arange(len(frames))
             return FrameMaps(
-                self._chosen, self._threads, grid, frames, poses, self._used, index
+                self._chosen, self._threads, grid, frames, poses, self._used, index, self._options
             ).make(name)
 
         return make
@@ -217,46 +223,58 @@ class Reconstructor:
         """Let the grid hold the frames' box; what is stored moves with it. Nothing changes if it
         cannot."""
         if self._grid is None:
+            anchor, _ = bounds(added.world_from_image[:1], self._used, self._shape)
+            self._face = anchor - 0.5 * self.spacing
             if self._region is not None:
-                grid = make_grid(added.low, added.high, self.spacing, None, self._region)
+                grid = make_grid(added.low, added.high, self.spacing, None, self._region, anchor)
                 box = grid.low, grid.low + self.spacing * np.array(grid.size)
             else:
-                edge = _BLOCK * self.spacing
-                low = (np.floor(added.low / edge) - self._margin) * edge
-                n = _BLOCK * (np.floor((added.high - low) / edge) + 1 + self._margin).astype(int)
-                grid = VoxelGrid(low, self.spacing, tuple(int(v) for v in n))
-                box = self._lattice(grid, added)
+                low, high = self._lattice(added)
+                margin = self._margin * _BLOCK
+                self._first = low - margin
+                n = -(-(high - self._first) // _BLOCK) * _BLOCK + margin
+                grid = self._grid_of(self._first, n)
+                box = self._place(low), self._place(high)
             self._reserve(grid, added)
             self._grid, (self._low, self._high) = grid, box
             self._start()
             return
         if self._region is not None:
             return
-        low, high = self._lattice(self._grid, added)
-        low, high = np.minimum(self._low, low), np.maximum(self._high, high)
-        edge = _BLOCK * self.spacing
-        margin = self._margin
-        before = np.maximum(np.ceil((self._grid.low - low) / edge - 1e-9) + margin, 0)
-        top = self._grid.low + self.spacing * np.array(self._grid.size)
-        after = np.maximum(np.ceil((high - top) / edge - 1e-9) + margin, 0)
+        low, high = self._lattice(added)
+        now = (np.rint((p - self._face) / self.spacing) for p in (self._low, self._high))
+        old_low, old_high = (v.astype(int) for v in now)
+        low, high = np.minimum(old_low, low), np.maximum(old_high, high)
+        size = np.array(self._grid.size)
+        before = np.maximum(-((low - self._first) // _BLOCK) + self._margin, 0)
+        after = -(-(high - self._first - size) // _BLOCK) + self._margin
+        after = np.maximum(after, 0)
         if before.any() or after.any():
             # An eighth more than needed on each side that grows, so that few calls grow.
-            slack = np.ceil(np.array(self._grid.size) / _BLOCK / 8)
+            slack = np.ceil(size / _BLOCK / 8)
             before = np.where(before > 0, before + slack, 0).astype(int)
             before[0] = -(-before[0] // _TILE) * _TILE
             after = np.where(after > 0, after + slack, 0).astype(int)
-            n = np.array(self._grid.size) + _BLOCK * (before + after)
-            grid = VoxelGrid(self._grid.low - before * edge, self.spacing, tuple(int(v) for v in n))
+            first = self._first - before * _BLOCK
+            grid = self._grid_of(first, size + _BLOCK * (before + after))
             self._reserve(grid, added)
             self._core.grow(grid.size, before.tolist())
-            self._grid = grid
-        self._low, self._high = low, high
+            self._grid, self._first = grid, first
+        self._low, self._high = self._place(low), self._place(high)
 
-    def _lattice(self, grid: VoxelGrid, added: _Added) -> tuple[np.ndarray, np.ndarray]:
-        """The frames' box, on voxel faces."""
-        low = np.floor((added.low - grid.low) / self.spacing + 1e-9)
-        high = np.floor((added.high - grid.low) / self.spacing + 1e-9) + 1
-        return grid.low + low * self.spacing, grid.low + high * self.spacing
+    def _place(self, voxel: np.ndarray) -> np.ndarray:
+        """The lowest corner of a voxel of the lattice, mm."""
+        return self._face + voxel * self.spacing
+
+    def _grid_of(self, first: np.ndarray, n: np.ndarray) -> VoxelGrid:
+        return VoxelGrid(self._place(first), self.spacing, tuple(int(v) for v in n))
+
+    def _lattice(self, added: _Added) -> tuple[np.ndarray, np.ndarray]:
+        """The frames' first voxels on the lattice, and the voxels past their last."""
+        low, high = (
+            on_lattice(p, self._face, self.spacing).astype(int) for p in (added.low, added.high)
+        )
+        return low, high + 1
 
     def _reserve(self, grid: VoxelGrid, added: _Added) -> None:
         if max(grid.size) > MAX_AXIS:

@@ -87,7 +87,8 @@ def _open_name(name: str, common: dict[str, Any], reading: dict[str, Any]) -> So
     title = os.path.basename(os.path.normpath(name))
     source: Source | None
     if name.startswith("igtl://"):
-        source = SweepSource(name, received(name, Setup(**reading).edges), **common)
+        setup = Setup(**reading)
+        source = SweepSource(name, received(name, setup.edges, setup.temporal_offset), **common)
         source.files, source.reading = [name], reading
         return source
     if simulation_name(name):

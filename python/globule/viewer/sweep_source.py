@@ -250,12 +250,14 @@ def played(sweep: Sweep, rate: float = 20.0) -> Callable[[], Iterator[tuple[Any,
     return frames
 
 
-def received(address: str, edges: Any) -> Callable[[], Iterator[tuple[Any, Any]]]:
+def received(
+    address: str, edges: Any, temporal_offset: float = 0.0
+) -> Callable[[], Iterator[tuple[Any, Any]]]:
     """The images of an OpenIGTLink server.
 
     Args:
         address: igtl://host:port.
-        edges: transforms that no message brings; see `live.receive`.
+        edges, temporal_offset: see `live.receive`.
 
     Raises:
         ValueError: a bad address.
@@ -267,7 +269,7 @@ def received(address: str, edges: Any) -> Callable[[], Iterator[tuple[Any, Any]]
     need_pyigtl()
 
     def frames() -> Iterator[tuple[Any, Any]]:
-        for frame in receive(address, edges):
+        for frame in receive(address, edges, temporal_offset=temporal_offset):
             yield frame.image, frame.world_from_image
 
     return frames

@@ -13,7 +13,7 @@ from ..scene.particles import Particles
 from ..ultrasound.sweep import Sweep
 from ..volumes.iso_surface import default_level, iso_surface
 from ..volumes.slices import reslice
-from ..volumes.volume import EMPTY, FILLED, Volume
+from ..volumes.volume import EMPTY, EXTRAPOLATED, FILLED, Volume
 from .overlay import Plate
 from .scenes import SceneMaker
 from .source import Origin, Probed, Source, box_corners
@@ -263,17 +263,19 @@ class VolumeSource(Source):
         return plate
 
     def tinted(self, values: np.ndarray, origin: np.ndarray, overlay: bool) -> np.ndarray:
-        """Gray values (H, W, 3) uint8; `overlay` tints filled pixels orange and empty ones blue.
+        """Gray values (H, W, 3) uint8; `overlay` tints filled pixels orange,
+        extrapolated ones purple and empty ones blue.
 
         Args:
             values: (H, W).
-            origin: (H, W), `FILLED` or `EMPTY` or measured.
+            origin: (H, W), `FILLED`, `EXTRAPOLATED`, `EMPTY` or measured.
             overlay: tint them.
         """
         grey = np.clip(255 * values / self._white, 0, 255)
         color = np.repeat(grey[..., None], 3, axis=2)
         if overlay:
             color[origin == FILLED] = 0.6 * color[origin == FILLED] + (102, 51, 0)
+            color[origin == EXTRAPOLATED] = 0.6 * color[origin == EXTRAPOLATED] + (102, 0, 90)
             color[origin == EMPTY] = (24, 40, 72)
         return color.astype(np.uint8)
 

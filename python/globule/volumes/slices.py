@@ -1,6 +1,7 @@
 """Slices of volumes: along any plane, in the planes of the frames, and three-view images.
 
-Slices also hold the origin of each value: measured, filled from its neighbors, or empty.
+Slices also hold the origin of each value: measured, filled between data, extrapolated, or
+empty.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ import numpy as np
 
 from .._base.files import atomic_write
 from .plane_axes import with_axes
-from .volume import EMPTY, FAR, FILLED, MEASURED, Volume
+from .volume import EMPTY, EXTRAPOLATED, FAR, FILLED, Volume, origin_of
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -23,7 +24,8 @@ _ROWS = 64  # of a slice at once: bounds the memory
 
 
 class Slice(NamedTuple):
-    """values (H, W) float32; origin (H, W) uint8: 0 empty or outside, 1 measured, 2 filled."""
+    """values (H, W) float32; origin (H, W) uint8: 0 empty or outside, 1 measured, 2 filled,
+    3 extrapolated."""
 
     values: np.ndarray
     origin: np.ndarray
@@ -93,7 +95,7 @@ def sample(
     values, radius = values.reshape(-1), radius.reshape(-1)
     at = nearest[inside] @ steps
     origin = np.full(inside.shape, EMPTY, np.uint8)
-    origin[inside] = _origin(radius[at])
+    origin[inside] = origin_of(radius[at])
     out = np.zeros(inside.shape, np.float32)
     if not linear:
         out[inside] = np.where(radius[at] != FAR, values[at], 0)
@@ -124,8 +126,8 @@ def three_view(
         volume: the volume to slice.
         center: (x, y, z) mm, world, where the planes meet; default: the middle of the voxels with
             values.
-        overlay: tint filled voxels (orange) and empty voxels (blue) over the gray of measured
-            voxels.
+        overlay: tint filled voxels (orange), extrapolated voxels (purple) and empty voxels (blue)
+            over the gray of measured voxels.
 
     From left to right the planes of x and y, of x and z, of y and z, in the volume's own axes and
     with square pixels; each plane's row 0 is the axis' beginning.
@@ -163,9 +165,9 @@ def _planes(volume: Volume, center: Any, overlay: bool) -> tuple[list[np.ndarray
     x, y, z = middle
     spacing = np.linalg.norm(volume.world_from_voxel[:3, :3], axis=0)
     planes = [
-        (values[z], _origin(radius[z]), spacing[1], spacing[0]),
-        (values[:, y], _origin(radius[:, y]), spacing[2], spacing[0]),
-        (values[:, :, x], _origin(radius[:, :, x]), spacing[2], spacing[1]),
+        (values[z], origin_of(radius[z]), spacing[1], spacing[0]),
+        (values[:, y], origin_of(radius[:, y]), spacing[2], spacing[0]),
+        (values[:, :, x], origin_of(radius[:, :, x]), spacing[2], spacing[1]),
     ]
     shown = [plane for plane, *_ in planes]
     measured = np.concatenate([plane[origin > 0] for plane, origin, *_ in planes])
@@ -179,15 +181,10 @@ def _planes(volume: Volume, center: Any, overlay: bool) -> tuple[list[np.ndarray
         color = np.repeat((255 * grey)[..., None], 3, axis=2)
         if overlay:
             color[origin == FILLED] = 0.6 * color[origin == FILLED] + (102, 51, 0)
+            color[origin == EXTRAPOLATED] = 0.6 * color[origin == EXTRAPOLATED] + (102, 0, 90)
             color[origin == EMPTY] = (24, 40, 72)
         pictures.append(_square(color.astype(np.uint8), down, right, spacing.min()))
     return pictures, float(spacing.min())
-
-
-def _origin(radius: np.ndarray) -> np.ndarray:
-    """Kernel radii as origins: empty, measured or filled."""
-    other = np.where(radius == 0, np.uint8(MEASURED), np.uint8(FILLED))
-    return np.where(radius == FAR, np.uint8(EMPTY), other)
 
 
 def _middle(known: np.ndarray) -> np.ndarray:

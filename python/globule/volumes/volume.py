@@ -12,9 +12,15 @@ from .._base.arrays import DeviceArray
 from ..formats import volumes as formats
 from ..formats.volumes.geometry import VolumeData, in_space
 
-EMPTY, MEASURED, FILLED = 0, 1, 2
-MAPS = ("count", "variance", "source")  # besides `radius`, which says measured, filled or empty
+EMPTY, MEASURED, FILLED, EXTRAPOLATED = 0, 1, 2, 3
+MAPS = (
+    "count",
+    "variance",
+    "source",
+    "uncertainty",
+)  # besides `radius`, which says measured, filled or empty
 FAR = 255  # in the map of kernel radii: no data within reach
+BEYOND = 128  # added to the radius of an extrapolated voxel
 
 
 class Volume:
@@ -24,10 +30,12 @@ class Volume:
         values: (Z, Y, X) uint8, uint16 or float32; 0 where empty. Values and radius may lie on a
             GPU; a read copies them to the host.
         world_from_voxel: (4, 4) float64, mm: voxel index (x, y, z, 1) to the voxel's center.
-        radius: (Z, Y, X) uint8: 0 measured, k filled from a cube of (2 k + 1)^3, 255 empty.
+        radius: (Z, Y, X) uint8: 0 measured; k = 1 to 126 filled, at most k voxels from the
+            nearest measured voxel; 128 + k the same, extrapolated; 255 empty.
         space: meaning of the world's axes, "LPS" or "RAS".
         info: numbers of the reconstruction: times in seconds, bytes, counts.
-        maps: a function that makes a map by name ("count", "variance", "source") at the first read.
+        maps: a function that makes a map by name ("count", "variance", "source", "uncertainty") at
+            the first read.
     """
 
     def __init__(
@@ -62,7 +70,9 @@ class Volume:
 
     @property
     def radius(self) -> np.ndarray:
-        """(Z, Y, X) uint8: 0 measured, k filled from a cube of (2 k + 1)^3, 255 empty."""
+        """(Z, Y, X) uint8: 0 measured; k = 1 to 126 filled, at most k voxels along each axis from a
+        measured voxel or, with method frames, from the nearer frame; 128 + k the same,
+        extrapolated: not between data; 255 empty."""
         self._radius = np.asarray(self._radius)
         return self._radius
 
@@ -93,18 +103,15 @@ class Volume:
 
     @property
     def filled(self) -> np.ndarray:
-        """(Z, Y, X) uint8, the origin of each value: EMPTY 0, MEASURED 1, or FILLED 2, interpolated
-        from measured voxels nearby."""
-        out = np.full(self.shape, FILLED, np.uint8)
-        out[self.radius == 0] = MEASURED
-        out[self.radius == FAR] = EMPTY
-        return out
+        """(Z, Y, X) uint8, the origin of each value: EMPTY 0, MEASURED 1, FILLED 2, interpolated
+        between data, or EXTRAPOLATED 3, from data on one side."""
+        return origin_of(self.radius)
 
     @property
     def hole_distance(self) -> np.ndarray:
         """(Z, Y, X) float32, mm: the largest of the distances along x, y and z to the nearest
         measured voxel; 0 for measured voxels, infinite if no measured voxel is within reach."""
-        reach = self.radius.astype(np.float32) * np.float32(self.spacing.max())
+        reach = (self.radius % BEYOND).astype(np.float32) * np.float32(self.spacing.max())
         reach[self.radius == FAR] = np.inf
         return reach
 
@@ -120,8 +127,13 @@ class Volume:
 
     @property
     def n_filled(self) -> int:
-        """Voxels interpolated from measured ones nearby."""
-        return self.values.size - self.n_measured - self.n_empty
+        """Voxels interpolated between measured ones nearby."""
+        return self.values.size - self.n_measured - self.n_empty - self.n_extrapolated
+
+    @property
+    def n_extrapolated(self) -> int:
+        """Voxels filled although no data lie on the other side."""
+        return int(np.count_nonzero((self.radius > BEYOND) & (self.radius != FAR)))
 
     @property
     def count(self) -> np.ndarray:
@@ -138,6 +150,13 @@ class Volume:
     def source(self) -> np.ndarray:
         """(Z, Y, X) int32: the latest frame with a pixel in the voxel; -1 for no frame."""
         return self._map("source")
+
+    @property
+    def uncertainty(self) -> np.ndarray:
+        """(Z, Y, X) float32: expected root mean square difference of each voxel's value from a
+        pixel seen there, gray levels; infinite for empty voxels. For volumes of method "frames";
+        from frames left out, the distance of the frames on both sides, and their difference."""
+        return self._map("uncertainty")
 
     def _map(self, name: str) -> np.ndarray:
         if name not in self._maps:
@@ -184,14 +203,24 @@ class Volume:
         for name in MAPS:
             try:
                 found[name] = self._map(name)
-            except ValueError:  # a volume from a file or another program has none
+            except (KeyError, ValueError):  # a volume of another method, file or program has none
                 continue
         return found
 
     def __repr__(self) -> str:
         z, y, x = self.shape
         spacing = " x ".join(f"{s:.4g}" for s in self.spacing)
+        extrapolated = f"{self.n_extrapolated} extrapolated, " if self.n_extrapolated else ""
+        origins = f"{self.n_measured} measured, {self.n_filled} filled, {extrapolated}"
         return (
             f"Volume({x} x {y} x {z} {self.values.dtype}, {spacing} mm, {self.space}, "
-            f"{self.n_measured} measured, {self.n_filled} filled, {self.n_empty} empty)"
+            f"{origins}{self.n_empty} empty)"
         )
+
+
+def origin_of(radius: np.ndarray) -> np.ndarray:
+    """EMPTY, MEASURED, FILLED or EXTRAPOLATED of radii as `Volume.radius` has them, uint8."""
+    out = np.where(radius < BEYOND, np.uint8(FILLED), np.uint8(EXTRAPOLATED))
+    out[radius == 0] = MEASURED
+    out[radius == FAR] = EMPTY
+    return out

@@ -1,7 +1,7 @@
 """Volumes as NumPy archives (.npz), whole or as occupied blocks (.sparse.npz), with all maps.
 
 A sparse file stores the blocks of 8x8x8 voxels in which anything differs from the background
-(0; for `radius` 255, which means empty; for `source` -1):
+(0; for `radius` 255, which means empty; for `source` -1; for `uncertainty` infinity):
 
     shape (3,)      Z, Y, X
     blocks (B,)     which ones, ascending: (bz * nby + by) * nbx + bx
@@ -23,7 +23,7 @@ from .geometry import VolumeData
 
 BLOCK = 8
 _MOST_VOXELS = 2**34  # what a sparse file may ask for
-_BACKGROUND = {"radius": 255, "source": -1}
+_BACKGROUND = {"radius": 255, "source": -1, "uncertainty": np.inf}
 _OWN = ("values", "world_from_voxel", "space", "shape", "blocks")
 
 

@@ -15,7 +15,7 @@ from .panel import Panel
 from .widgets import bounded
 
 TITLES = {"sequence": "Play", "simulation": "Simulation", "sweep": "Live sweep"}
-METHODS = ("pvn-om", "vvn-om", "pvn", "vvn", "bezier")
+METHODS = ("frames", "pvn-om", "vvn-om", "pvn", "vvn", "bezier")
 
 
 class Play(Panel):

@@ -1,0 +1,171 @@
+"""The pose of an image in a stream: images and transforms that arrive apart, with stamps of their
+own."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..formats.sweeps.poses import PoseTable, interpolate
+from ..formats.sweeps.transforms import WORLDS, Edges, Transform, chain, find_path
+
+MOST_GAP = 0.5  # s between two samples of a transform that still gives a pose between them
+_SAME = 1e-6  # s; stamps this near are the same
+_MOST_IMAGES = 256  # that wait for their pose
+_MOST_SAMPLES = 4096  # of a transform that are kept
+
+
+class Posed(NamedTuple):
+    """An image and its pose: time, s; image (H, W); world_from_image (4, 4), mm; world."""
+
+    time: float
+    image: np.ndarray
+    world_from_image: np.ndarray
+    world: str
+
+
+class _Waiting(NamedTuple):
+    time: float
+    image: np.ndarray
+    place: np.ndarray | None  # world_from_image of the image's own message
+
+
+class _Track:
+    """One transform over time."""
+
+    def __init__(self) -> None:
+        self.times: list[float] = []
+        self.matrices: list[np.ndarray] = []
+        self.used: list[bool] = []
+
+    def add(self, time: float, matrix: np.ndarray) -> None:
+        self.times.append(time)
+        self.matrices.append(matrix)
+        self.used.append(False)
+        if len(self.times) > _MOST_SAMPLES:
+            for part in (self.times, self.matrices, self.used):
+                del part[: _MOST_SAMPLES // 2]
+
+    def same(self, time: float) -> int | None:
+        """The newest sample with this stamp that no image has taken."""
+        for i in range(len(self.times) - 1, -1, -1):
+            if abs(self.times[i] - time) <= _SAME and not self.used[i]:
+                return i
+        return None
+
+    def around(self, time: float) -> tuple[np.ndarray | None, bool]:
+        """The interpolated sample, and whether a later one may still bring it."""
+        times = np.array(self.times)
+        before, after = times < time, times > time
+        exact = np.flatnonzero(np.abs(times - time) <= _SAME)
+        if len(exact) and after.any():  # stamps advance, so a sample taken before is right, too
+            return self.matrices[exact[-1]], False
+        if not after.any():
+            return None, True
+        if not before.any():
+            return None, False
+        i = int(np.flatnonzero(before)[np.argmax(times[before])])
+        j = int(np.flatnonzero(after)[np.argmin(times[after])])
+        if times[j] - times[i] > MOST_GAP:
+            return None, False
+        pair = np.stack([self.matrices[i], self.matrices[j]])
+        if not np.isfinite(pair).all():
+            return np.full((4, 4), np.nan), False
+        try:
+            table = PoseTable(times[[i, j]], pair, np.ones(2, bool))
+            return interpolate(table, np.array([time]))[0][0], False
+        except ValueError:  # mirrored: no rotation leads there
+            share = (time - times[i]) / (times[j] - times[i])
+            return (1 - share) * pair[0] + share * pair[1], False
+
+
+class Matcher:
+    """Gives images their poses.
+
+    An image takes the transforms with its own stamp. Transforms with other stamps are interpolated
+    to the image's time, if two samples at most 0.5 s apart surround it. With a temporal offset, the
+    pose is that at the image's time plus the offset.
+
+    Attributes:
+        n_without_pose: images that no pose came for.
+    """
+
+    def __init__(self, constant: Edges, temporal_offset: float = 0.0):
+        self.constant, self.offset = constant, temporal_offset
+        self.tracks: dict[tuple[str, str], _Track] = {}
+        self.embedded = _Track()
+        self.images: list[_Waiting] = []
+        self.world: str | None = None
+        self.n_without_pose = 0
+
+    def add_transform(self, name: tuple[str, str], time: float, matrix: np.ndarray) -> None:
+        """A sample of a transform (source, target)."""
+        self.tracks.setdefault(name, _Track()).add(time, matrix)
+
+    def add_image(self, time: float, image: np.ndarray, place: np.ndarray | None) -> None:
+        """An image; place: world_from_image of its own message, or None."""
+        if self.world is None and self.images:
+            # The first images have waited until another came: the best world they reach is the
+            # stream's.
+            self.world = self._reached()
+        self.images.append(_Waiting(time, image, place))
+        if place is not None:
+            self.embedded.add(time, place)
+        while len(self.images) > _MOST_IMAGES:
+            del self.images[0]
+            self.n_without_pose += 1
+
+    def frames(self, ended: bool = False) -> Iterator[Posed]:
+        """Images that now have their pose. ended: nothing else will come."""
+        if ended and self.world is None:
+            self.world = self._reached()
+        world = self.world or WORLDS[0]
+        waiting = []
+        for item in sorted(self.images, key=lambda item: item.time):
+            pose, may_come = self._pose(item, world)
+            if pose is not None:
+                yield Posed(item.time, item.image, pose, world if item.place is None else WORLDS[0])
+            elif ended or (not may_come and self.world is not None):
+                self.n_without_pose += 1
+            else:
+                waiting.append(item)
+        self.images = waiting
+
+    def _reached(self) -> str | None:
+        edges: Edges = dict(self.constant)
+        for name in self.tracks:
+            edges[name] = Transform(np.eye(4), np.array(True))
+        return next((world for world in WORLDS if find_path(edges, "Image", world)), None)
+
+    def _pose(self, item: _Waiting, world: str) -> tuple[np.ndarray | None, bool]:
+        """The pose of an image, and whether it may still come."""
+        time = item.time + self.offset
+        if item.place is not None and not self.tracks:
+            return (item.place, False) if self.offset == 0 else self.embedded.around(time)
+        names: Edges = dict(self.constant)
+        for name in self.tracks:
+            names[name] = Transform(np.eye(4), np.array(True))
+        way = find_path(names, "Image", world)
+        if not way:
+            return None, True
+        edges: Edges = dict(self.constant)
+        taken: list[tuple[_Track, int]] = []
+        for step in way:
+            name = step if step in self.tracks else step[::-1]
+            if name not in self.tracks:
+                continue
+            track = self.tracks[name]
+            sample = track.same(time)
+            if sample is not None:
+                matrix: Any = track.matrices[sample]
+                taken.append((track, sample))
+            else:
+                matrix, may_come = track.around(time)
+                if matrix is None:
+                    return None, may_come
+            edges[name] = Transform(matrix, np.array(True))
+        for track, sample in taken:
+            track.used[sample] = True
+        return chain(edges, way, 1).matrices[0], False
