@@ -12,7 +12,7 @@ from globule.cli import main
 from globule.formats.sweeps import igs
 from globule.formats.sweeps.transforms import format_matrix
 from globule.ultrasound.calibration import Calibration, read_calibration, write_calibration
-from sweep_helpers import spine_data
+from sweep_helpers import calibration_data, spine_data
 from test_calibration import TARGET, TRUTH, observations
 
 POSE = [f"m{row}{column}" for row in range(3) for column in range(4)]
@@ -143,9 +143,28 @@ def test_delay(capsys):
 def test_an_uncertain_delay_is_said_and_not_written(capsys):
     write_calibration("old.toml", Calibration(TRUTH))
     words = ["--delay", "--sweep", str(spine_data() / "SpinePhantomFreehand.igs.mha")]
-    facts = report(capsys, *words, "--calibration", "old.toml", "-o", "new.toml")
-    assert "uncertain" in facts["warnings"][0]
-    assert read_calibration("new.toml").temporal_offset == 0.0
+    assert "uncertain" in report(capsys, *words)["warnings"][0]
+    assert main(["calibrate", *words, "--calibration", "old.toml", "-o", "new.toml"]) == 2
+    error = capsys.readouterr().err
+    assert "new.toml was not written" in error
+    assert error.count("\n") == 1
+    assert not Path("new.toml").exists()
+
+
+def test_delay_of_a_water_tank(capsys):
+    """PLUS finds -0.0648 s. Before: +0.147 s by speckle, correlation 0.12, written, exit 0. Now:
+    -0.0643 +- 0.0080 s by the line of the tank's bottom, correlation 0.98."""
+    sweep = str(calibration_data() / "WaterTankBottomTranslationCombined.igs.mha")
+    write_calibration("old.toml", Calibration(TRUTH))
+    words = ["--delay", "--sweep", sweep, "--calibration", "old.toml", "-o", "new.toml"]
+    facts = report(capsys, *words)["temporal_offset"]
+    assert facts["offset"] == pytest.approx(-0.0648, abs=0.005)
+    assert facts["method"] == "line"
+    assert facts["correlation"] > 0.95
+    assert abs(facts["offset"] + 0.0648) < 2 * facts["uncertainty"] < 0.02
+    assert read_calibration("new.toml").temporal_offset == facts["offset"]
+    assert main(["calibrate", *words, "--motion", "speckle"]) == 2
+    assert "uncertain" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(("words", "what"), [

@@ -24,6 +24,7 @@ from ..ultrasound.calibration import (
     write_calibration,
 )
 from ..ultrasound.marks import Tracked, read_marks, read_tracked
+from ..ultrasound.temporal import METHODS
 from . import flags
 from .parser import Parser
 from .shared import UserError, check_output, count, mistakes, positive, print_json, warn
@@ -35,7 +36,6 @@ EXAMPLES = """\
   globule calibrate marks.csv --sweep wires.igs.mha -o probe.toml
   globule calibrate --delay --sweep wires.igs.mha --calibration probe.toml -o timed.toml"""
 
-CERTAIN = 0.05  # largest chance of a fit by random motion for the offset to be written
 _STRIKING = 3.0  # times the rms
 _UNLIKELY = 20.0  # pixels; larger residuals are no inaccuracy of marking
 
@@ -63,6 +63,14 @@ def add_arguments(parser: Parser) -> None:
         help="largest temporal offset that --delay considers, seconds (default: 0.5)",
     )
     parser.renamed(parser, "--most", "--max-delay")
+    add(
+        "--motion",
+        choices=METHODS,
+        default="auto",
+        metavar="NAME",
+        help="image motion that --delay uses: line (a straight echo, as the bottom of a water "
+        "tank), speckle (tissue), auto (default: auto, the line where images show one)",
+    )
     flags.add(parser, "--calibration", "the result keeps its other values; default: none")
     flags.add(parser, "--json")
 
@@ -136,13 +144,13 @@ def _calibrated(
         assert tracked is not None  # --delay needs --sweep
         delay = _delay(options, tracked)
         report["temporal_offset"] = delay._asdict()
-        if delay.chance > CERTAIN or not np.isfinite(delay.uncertainty):
-            why = f"{100 * delay.chance:.0f} % of random motions fit as well"
-            if not np.isfinite(delay.uncertainty):
-                why = f"the best fit is at the limit of --max-delay, and {why}"
-            messages.append(
-                f"{options.sweep}: the temporal offset is uncertain and was not written: {why}"
-            )
+        del report["temporal_offset"]["curves"]
+        if delay.doubt:
+            problem = f"{options.sweep}: the temporal offset is uncertain: {delay.doubt}"
+            if options.output:
+                found = f"{delay.offset:+.4f} s by {delay.method}"
+                raise UserError(f"{problem} (found {found}); {options.output} was not written")
+            messages.append(problem)
         elif calibration is not None:
             calibration = dataclasses.replace(calibration, temporal_offset=delay.offset)
     if options.output:
@@ -161,7 +169,7 @@ def _delay(options: argparse.Namespace, tracked: Tracked) -> Any:
     ok = ok[np.argsort(tracked.pose_times[ok], kind="stable")]
     return temporal_offset(
         tracked.frames[order], tracked.times[order],
-        tracked.poses[ok], tracked.pose_times[ok], options.most,
+        tracked.poses[ok], tracked.pose_times[ok], options.most, options.motion,
     )  # fmt: skip
 
 
@@ -183,9 +191,12 @@ def _lines(report: dict[str, Any]) -> list[str]:
         apart = found["uncertainty"]
         within = f"± {apart:.4f}" if np.isfinite(apart) else "(of unknown accuracy)"
         lines.append(
-            f"temporal offset {found['offset']:+.4f} s {within}, correlation "
-            f"{found['correlation']:.2f}, reached by chance in {100 * found['chance']:.0f} %"
+            f"temporal offset {found['offset']:+.4f} s {within} from the {found['method']}, "
+            f"correlation {found['correlation']:.2f}, reached by chance in "
+            f"{100 * found['chance']:.0f} %"
         )
+        if found["skew"] is not None:
+            lines.append(f"  last column of the echo {found['skew']:+.3f} s beside the first")
     if report["output"]:
         lines.append(f"{report['output']}: written")
     return lines
