@@ -13,7 +13,7 @@ from globule.formats.sweeps import igs
 from globule.formats.sweeps.transforms import format_matrix
 from globule.ultrasound.calibration import Calibration, read_calibration, write_calibration
 from sweep_helpers import calibration_data, spine_data
-from test_calibration import TARGET, TRUTH, observations
+from test_calibration import TARGET, TRUTH, observations, small_turns
 
 POSE = [f"m{row}{column}" for row in range(3) for column in range(4)]
 
@@ -96,6 +96,16 @@ def test_a_wrong_mark_is_named(capsys):
     facts = report(capsys, "marks.csv")
     assert "mark 8 (" in facts["warnings"][0]
     assert int(np.argmax(facts["residuals"])) == 7
+
+
+def test_marks_that_do_not_determine_the_calibration(capsys):
+    write_marks(*small_turns(30, 1, 0, 0.2))
+    assert main(["calibrate", "marks.csv", "-o", "probe.toml"]) == 2
+    assert "an error of at most 2 mm" in capsys.readouterr().err
+    assert not Path("probe.toml").exists()
+    facts = report(capsys, "marks.csv", "-o", "probe.toml", "--max-error", "50")
+    assert max(facts["corner_errors"]) > 2
+    assert read_calibration("probe.toml").error == max(facts["corner_errors"])
 
 
 def test_the_calibration_places_a_sweep(capsys):

@@ -64,6 +64,15 @@ def add_arguments(parser: Parser) -> None:
     )
     parser.renamed(parser, "--most", "--max-delay")
     add(
+        "--max-error",
+        dest="most_error",
+        type=positive,
+        default=2.0,
+        metavar="MM",
+        help="refuse a calibration whose expected error at a corner of the image is larger "
+        "(default: 2)",
+    )
+    add(
         "--motion",
         choices=METHODS,
         default="auto",
@@ -119,7 +128,9 @@ def _calibrated(
     report: dict[str, Any] = {"output": options.output, "warnings": messages}
     calibration = earlier
     if options.marks:
-        found = calibrate_point_target(*read_marks(options.marks, tracked))
+        size = None if tracked is None else tracked.frames.shape[:0:-1]
+        marks = read_marks(options.marks, tracked)
+        found = calibrate_point_target(*marks, size, options.most_error)
         kept = {} if earlier is None else {
             name: getattr(earlier, name) for name in ("temporal_offset", "clip", "fan")
         }  # fmt: skip
@@ -128,12 +139,15 @@ def _calibrated(
         report |= {
             "probe_from_image": calibration.probe_from_image, "spacing": calibration.spacing,
             "target": found.target, "rms": calibration.rms, "residuals": lengths,
+            "weights": found.weights, "held_out": found.held_out, "corner_errors": found.errors,
+            "turns": found.turns,
         }  # fmt: skip
         wild = np.flatnonzero(lengths > _STRIKING * np.median(lengths) + 1e-9)
         if len(wild):
             which = ", ".join(f"{i + 1} ({lengths[i]:.2f} mm)" for i in wild[:5])
             messages.append(
-                f"{options.marks}: far from the other marks: mark {which}; check these marks"
+                f"{options.marks}: far from the other marks: mark {which}; these marks count "
+                "little or not at all, check them"
             )
         assert calibration.rms is not None  # calibrate_point_target gives it
         pixels = calibration.rms / max(calibration.spacing[:2])
@@ -184,6 +198,9 @@ def _lines(report: dict[str, Any]) -> list[str]:
             f"{np.median(lengths):.3f}, largest {lengths.max():.3f} mm (mark "
             f"{int(lengths.argmax()) + 1})",
             f"  pixels of {u:.5f} x {v:.5f} mm, target at {target} mm",
+            f"  expected error at the image's corners {report['corner_errors'].max():.2f} mm at "
+            f"most (1 sigma); marks left out of the fit are off by "
+            f"{np.median(report['held_out']):.2f} mm (median)",
             "  residuals: " + " ".join(f"{x:.2f}" for x in lengths),
         ]
     if "temporal_offset" in report:
