@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import json
 import re
+import warnings
 import zlib
 from pathlib import Path
 
 import globule as gb
 import numpy as np
 import pytest
+from globule.formats.errors import FormatError
+from globule.formats.sweeps import igs
 from globule.formats.sweeps.poses import (
     PoseTable,
     interpolate,
@@ -18,6 +21,8 @@ from globule.formats.sweeps.poses import (
     rotation,
     write_csv,
 )
+from globule.formats.sweeps.transforms import format_matrix
+from globule.formats.volumes import nrrd
 from globule.ultrasound.calibration import Calibration, write_calibration
 from globule.ultrasound.files import is_sweep, read_sweep, write_sweep
 from globule.ultrasound.region import Clip, Fan, region_mask
@@ -571,3 +576,108 @@ def test_another_speed_limit(hand):
     assert not check_poses(sweep_of(poses)).outliers.any()
     found = check_poses(sweep_of(poses), most_speed=25).outliers  # mm/s, at 25 images a second
     assert np.flatnonzero(found).tolist() == [40]
+
+
+# Units, zeros, colors
+
+
+def plus_file(matrices, frames, name="made.igs.mha", source="Image", **fields):
+    every = [
+        {
+            f"{source}ToReferenceTransform": format_matrix(matrix),
+            f"{source}ToReferenceTransformStatus": "OK",
+            "Timestamp": str(i / 20),
+        }
+        for i, matrix in enumerate(matrices)
+    ]
+    recording = igs.Recording(frames, None, {}, np.ones(len(frames), bool), fields, every)
+    igs.write(name, recording)
+
+
+@pytest.mark.parametrize(("change", "what"), [
+    (lambda m: np.diag([0.001, 0.001, 0.001, 1]) @ m, "probably in meters: multiply"),
+    (lambda m: np.diag([1000, 1000, 1000, 1]) @ m, "probably in micrometers"),
+    (np.linalg.inv, "probably inverted"),
+])  # fmt: skip
+def test_transforms_in_other_units_are_refused(change, what):
+    """Before: a file in meters became a volume of 1x1x1 voxels, exit 0."""
+    made = gb.phantoms.cylinders(n_frames=12, size=(300, 200))
+    plus_file(change(made.world_from_image), made.frames)
+    with pytest.raises(FormatError, match=what) as caught:
+        read_sweep("made.igs.mha")
+    assert "\n" not in str(caught.value)
+
+
+def test_poses_in_meters_beside_a_calibration_are_warned_of():
+    made = gb.phantoms.cylinders(n_frames=12, size=(30, 20))
+    poses = made.world_from_image.copy()
+    poses[:, :3, :3] /= 0.12
+    poses[:, :3, 3] += 300
+    calibration = Calibration(np.diag([0.12, 0.12, 0.12, 1]))
+    plus_file(poses, made.frames, source="Probe")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        read_sweep("made.igs.mha", calibration)
+    poses[:, :3, 3] /= 1000
+    plus_file(poses, made.frames, source="Probe")
+    with pytest.warns(UserWarning, match="probably in meters"):
+        read_sweep("made.igs.mha", calibration)
+
+
+def test_a_pose_of_zeros_is_a_frame_without_pose():
+    """Before: one such matrix with status OK rejected the whole recording."""
+    made = gb.phantoms.cylinders(n_frames=12, size=(30, 20))
+    poses = made.world_from_image.copy()
+    poses[3] = 0
+    poses[5, :3, :2] = 0
+    plus_file(poses, made.frames)
+    sweep = read_sweep("made.igs.mha")
+    assert np.flatnonzero(~sweep.valid).tolist() == [3, 5]
+    write_sweep("again.igs.mha", sweep)
+    assert np.flatnonzero(~read_sweep("again.igs.mha").valid).tolist() == [3, 5]
+
+
+@pytest.mark.parametrize(("kinds", "shape"), [
+    ("vector domain domain", (20, 30, 3)),
+    ("RGB-color domain domain", (20, 30, 3)),
+    ("RGBA-color domain domain list", (5, 20, 30, 4)),
+    ("3-vector domain domain list", (5, 20, 30, 3)),
+    ("domain domain vector list", (5, 3, 20, 30)),
+    ("domain domain list", (5, 20, 30)),
+    ("domain domain vector", (1, 20, 30)),
+    ("vector domain domain list", (5, 20, 3, 1)),
+])  # fmt: skip
+def test_colors_of_nrrd_are_where_its_kinds_say(kinds, shape):
+    """Before: `vector domain domain` of 3, 1152 and 648 was read as 648 frames of 3x1152."""
+    values = np.random.default_rng(0).integers(0, 255, shape, np.uint8)
+    nrrd.write("made.nrrd", values, {"kinds": kinds})
+    frames = igs.read("made.nrrd").frames
+    words = kinds.split()[::-1]
+    colors = [axis for axis, word in enumerate(words) if word not in ("domain", "list")]
+    expected = values
+    if colors:
+        expected = np.moveaxis(values, colors[0], -1)
+        one = expected.shape[-1] == 1
+        expected = expected[..., 0] if one else igs.to_grey(expected[..., :3])
+    expected = expected.reshape(-1, *expected.shape[-2:])
+    assert np.array_equal(frames, expected)
+
+
+def test_colors_survive_as_gray():
+    values = np.random.default_rng(0).integers(0, 255, (20, 30, 3), np.uint8)
+    nrrd.write("made.nrrd", values, {"kinds": "vector domain domain"})
+    recording = igs.read("made.nrrd")
+    for name in ("again.nrrd", "again.mha"):
+        igs.write(name, recording)
+        assert np.array_equal(igs.read(name).frames, recording.frames)
+    nrrd.write("made.nrrd", values[..., :2], {"kinds": "vector domain domain"})
+    with pytest.raises(FormatError, match="RGB"):
+        igs.read("made.nrrd")
+
+
+def test_a_colored_picture_of_metaimage_is_one_frame():
+    values = np.random.default_rng(0).integers(0, 255, (20, 30, 3), np.uint8)
+    head = "ObjectType = Image\nNDims = 2\nDimSize = 30 20\nElementNumberOfChannels = 3\n"
+    head += "ElementType = MET_UCHAR\nElementDataFile = LOCAL\n"
+    Path("made.mha").write_bytes(head.encode() + values.tobytes())
+    assert np.array_equal(igs.read("made.mha").frames, igs.to_grey(values)[None])
