@@ -32,7 +32,7 @@ class Fit(NamedTuple):
 
 def robust_fit(
     function: Callable[[np.ndarray], np.ndarray], start: np.ndarray, robust: bool = True,
-    groups: np.ndarray | None = None, floor: float = 1e-9,
+    groups: np.ndarray | None = None, floor: float = 1e-9, tuning: float = _TUKEY,
 ) -> Fit:  # fmt: skip
     """Fit parameters so that `function` of them, residuals (N, k), gets small.
 
@@ -41,7 +41,8 @@ def robust_fit(
     the median (Holland and Welsch 1977). The covariance is the sandwich estimator (White 1980), so
     that observations need not have the same noise; those of one group (N,) may be correlated.
 
-    floor   smallest scale of residuals
+    floor    smallest scale of residuals
+    tuning   of the biweight, in scales; larger for residuals that are not normal
     """
     parameters = np.array(start, np.float64)
     residuals = function(parameters)
@@ -57,7 +58,7 @@ def robust_fit(
         for _ in range(30):
             length = np.linalg.norm(residuals, axis=1)
             scale = max(float(np.median(length)) / _MEDIAN[k] / np.sqrt(1 - p / (n * k)), floor)
-            ratio = length / (_TUKEY * np.sqrt(k) * scale)
+            ratio = length / (tuning * np.sqrt(k) * scale)
             new = np.where(ratio < 1, (1 - ratio**2) ** 2, 0.0)
             if new.sum() * k <= p:
                 break
