@@ -20,7 +20,7 @@ from .._base.files import atomic_write
 from .._base.structured import parse_toml
 from ..formats.errors import bad
 from ..formats.sweeps.poses import quaternion
-from ..formats.sweeps.transforms import check_pixel_matrix
+from ..formats.sweeps.transforms import chain, check_pixel_matrix, find_path
 from .fitting import Fit, numerical_jacobian, robust_fit
 from .region import Clip, Fan, checked_clip, checked_fan
 from .temporal import TemporalOffset, temporal_offset
@@ -82,7 +82,12 @@ class Calibration:
 
 
 def read_calibration(path: str | os.PathLike[str]) -> Calibration:
-    """Read a calibration (.toml). Raises FormatError naming the key."""
+    """Read a calibration (.toml), or that of a PLUS configuration or result (.xml).
+
+    Raises FormatError naming the key.
+    """
+    if os.fspath(path).lower().endswith(".xml"):
+        return _of_plus(path)
     try:
         content = parse_toml(Path(path).read_text(encoding="utf-8"))
     except ValueError as error:
@@ -98,8 +103,34 @@ def read_calibration(path: str | os.PathLike[str]) -> Calibration:
         raise bad(path, "", str(error)) from None
 
 
-def write_calibration(path: str | os.PathLike[str], calibration: Calibration) -> None:
-    """Write a calibration (.toml); every number survives exactly."""
+def _of_plus(path: str | os.PathLike[str]) -> Calibration:
+    from .plus_setup import read_plus
+
+    plus = read_plus(path)
+    way = find_path(plus.edges, plus.image, "Probe")
+    if way is None:
+        got = " ".join(f"{a}To{b}" for a, b in plus.edges) or "none"
+        raise bad(path, "Transform", f"expected a way from {plus.image} to Probe, got {got}")
+    return Calibration(chain(plus.edges, way, 1).matrices[0], clip=plus.clip, fan=plus.fan)
+
+
+def write_calibration(
+    path: str | os.PathLike[str],
+    calibration: Calibration,
+    base: str | os.PathLike[str] | None = None,
+) -> None:
+    """Write a calibration (.toml), or the transform from Image to Probe of a PLUS configuration
+    (.xml); every number survives exactly. A configuration holds no temporal offset and region.
+
+    base   a PLUS configuration that the .xml repeats, with its transform replaced
+    """
+    if os.fspath(path).lower().endswith(".xml"):
+        from .plus_setup import write_plus
+
+        key = ("Image", "Probe")
+        errors = {} if calibration.rms is None else {key: calibration.rms}
+        write_plus(path, {key: calibration.probe_from_image}, base, errors)
+        return
     lines = ["# pixel (column, row, 0, 1) to mm in the probe's frame", "probe_from_image = ["]
     lines += [f"  {row.tolist()!r}," for row in calibration.probe_from_image]
     lines += ["]", f"temporal_offset = {calibration.temporal_offset!r}  # s, added to frame times"]

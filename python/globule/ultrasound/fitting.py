@@ -50,11 +50,15 @@ def robust_fit(
     p = len(parameters)
     weights = np.ones(n)
     if robust:  # from absolute values, which large outliers pull less
-        for _ in range(20):
+        for _ in range(10):
             length = np.linalg.norm(residuals, axis=1)
             size = max(float(np.median(length)), floor)
-            weights = size / np.maximum(length, 0.1 * size)
-            parameters, residuals = _minimized(function, parameters, weights, 3)
+            new = size / np.maximum(length, 0.1 * size)
+            done = np.abs(new - weights).max() < 0.01
+            weights = new
+            parameters, residuals = _minimized(function, parameters, weights, 2)
+            if done:
+                break
         for _ in range(30):
             length = np.linalg.norm(residuals, axis=1)
             scale = max(float(np.median(length)) / _MEDIAN[k] / np.sqrt(1 - p / (n * k)), floor)
@@ -62,9 +66,9 @@ def robust_fit(
             new = np.where(ratio < 1, (1 - ratio**2) ** 2, 0.0)
             if new.sum() * k <= p:
                 break
-            done = np.abs(new - weights).max() < 1e-4
+            done = np.abs(new - weights).max() < 1e-3
             weights = new
-            parameters, residuals = _minimized(function, parameters, weights, 10)
+            parameters, residuals = _minimized(function, parameters, weights, 2)
             if done:
                 break
     parameters, residuals = _minimized(function, parameters, weights, _STEPS)
@@ -119,7 +123,7 @@ def _minimized(
         gain, cost = cost - trial_cost, trial_cost
         parameters, residuals = parameters + step, trial
         damping = max(damping / 10, 1e-14)
-        if gain <= 1e-12 * cost:
+        if gain <= 1e-10 * cost:
             break
     return parameters, residuals
 

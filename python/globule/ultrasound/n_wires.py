@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,8 +13,9 @@ from .wires import NWirePhantom, WirePoints, find_wires
 
 _FEWEST = 10  # images
 _BLOCKS = 12  # parts of the recording whose errors are taken as independent
-_TUNING = 9.0  # errors of poses are no normal noise, and gross errors only are left out
+_TUNING = 15.0  # errors of poses are no normal noise, and gross errors only are left out
 _MOST_GAP = 5.0  # median intervals between poses
+_BETWEEN = 0.05  # of this interval: error of an offset by interpolation between noisy poses
 
 
 class WireErrors(NamedTuple):
@@ -145,17 +147,18 @@ def calibrate_n_wires(
         )
     wires = best[1]
     better = None
+    between = _BETWEEN * float(np.median(np.diff(times)))
     if not fit_offset:
         fit = wires.fit(False)
         freed = wires.fit(True)
-        off, apart = freed.parameters[8], float(np.sqrt(freed.covariance[8, 8]))
+        off, apart = freed.parameters[8], float(np.hypot(np.sqrt(freed.covariance[8, 8]), between))
         if abs(off) > 4 * apart and freed.sigma < 0.85 * fit.sigma:
             scale = np.sqrt(2)
             better = (wires.offset + off, apart, fit.sigma * scale, freed.sigma * scale)
     else:
         fit = wires.fit(True)
     offset = wires.offset + (fit.parameters[8] if fit_offset else 0.0)
-    apart = float(np.sqrt(fit.covariance[8, 8])) if fit_offset else None
+    apart = float(np.hypot(np.sqrt(fit.covariance[8, 8]), between)) if fit_offset else None
     fit = wires.considered(fit)
     height, width = frames.shape[1:]
     corners = [(x, y) for y in (0, height - 1) for x in (0, width - 1)]
@@ -260,10 +263,13 @@ class _Wires(NamedTuple):
         """Eight parameters of `_Start.matrix`, and the change of the offset."""
         ok = self.tracked.at(self.times + self.offset)[1]
 
+        @functools.lru_cache(maxsize=4)
+        def poses(change: float) -> np.ndarray:
+            return self.tracked.at(self.times + self.offset + change)[0]
+
         def residuals(parameters: np.ndarray) -> np.ndarray:
-            change = parameters[8] if free else 0.0
-            poses = self.tracked.at(self.times + self.offset + change)[0]
-            seen = self.expected(self.start.matrix(parameters), poses) - self.points
+            at = poses(float(parameters[8]) if free else 0.0)
+            seen = self.expected(self.start.matrix(parameters), at) - self.points
             return np.where(ok[:, None, None], seen, 0.0).reshape(-1, 2)
 
         blocks = np.arange(len(self.times)) * _BLOCKS // len(self.times)

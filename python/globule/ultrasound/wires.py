@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from .._base.files import atomic_write
 from .._base.structured import parse_toml
 from ..formats.errors import bad, shown
 from ..formats.sweeps.transforms import parse_matrix
@@ -58,7 +59,7 @@ class NWirePhantom:
         along = outer[:, 1] - outer[:, 0]
         along /= np.linalg.norm(along, axis=1, keepdims=True)
         if np.abs(along @ along[0]).min() < np.cos(np.radians(3)):
-            raise ValueError("wires: expected parallel first and third wires of every N, got others")
+            raise ValueError("wires: expected the first and third wire of every N to be parallel")
 
     @property
     def outer(self) -> np.ndarray:
@@ -151,8 +152,31 @@ def read_phantom(path: str | os.PathLike[str]) -> NWirePhantom:
             where = f"line {segmentation.line}, ApproximateSpacingMmPerPixel"
             raise bad(path, where, "expected a number, got another text") from None
     if not wires:
-        raise bad(path, "PhantomDefinition", "expected <Pattern Type=\"NWire\">, got none")
+        raise bad(path, "PhantomDefinition", 'expected <Pattern Type="NWire">, got none')
     return _checked(path, tuple(names), wires, landmarks, matrix, error, spacing)
+
+
+def write_phantom(path: str | os.PathLike[str], phantom: NWirePhantom) -> None:
+    """Write a phantom as TOML; every number survives exactly."""
+    lines = [
+        f"names = {list(phantom.names)!r}",
+        "wires = [  # outer, diagonal, outer: two ends, mm",
+    ]
+    for pattern in phantom.wires.reshape(-1, 3, 2, 3).tolist():
+        lines.append(f"  {pattern!r},")
+    lines.append("]")
+    if phantom.reference_from_phantom is not None:
+        lines.append("reference_from_phantom = [")
+        lines += [f"  {row!r}," for row in phantom.reference_from_phantom.tolist()]
+        lines.append("]")
+    lines.append(f"error = {float(phantom.error)!r}  # mm, of reference_from_phantom")
+    if phantom.spacing is not None:
+        lines.append(f"spacing = {float(phantom.spacing)!r}  # mm per pixel, about")
+    if phantom.landmarks:
+        lines += ["", "[landmarks]"]
+        lines += [f'"{name}" = {point.tolist()!r}' for name, point in phantom.landmarks.items()]
+    with atomic_write(path, "w") as file:
+        file.write("\n".join(lines) + "\n")
 
 
 def _read_toml(path: str | os.PathLike[str]) -> NWirePhantom:
@@ -322,9 +346,7 @@ def _matches(dots: np.ndarray, phantom: NWirePhantom) -> dict[int, tuple[float, 
         scale = np.sqrt(np.abs(det)) * phantom.spacing
         good &= (scale > 0.75) & (scale < 1.4)
     chosen, corner, linear, small = chosen[good], corner[good], linear[good], small[good]
-    nearest = min(
-        float(np.linalg.norm(p - q)) for p, q in itertools.combinations(cut, 2)
-    )
+    nearest = min(float(np.linalg.norm(p - q)) for p, q in itertools.combinations(cut, 2))
     near = _NEAR * nearest * small  # (h,) pixels
     expected = corner[:, :1] + np.einsum("hij,mj->hmi", linear, cut[rest] - cut[basis[0]])
     apart = np.linalg.norm(expected[:, :, None] - dots, axis=3)  # (h, m, n)
