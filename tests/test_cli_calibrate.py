@@ -12,6 +12,7 @@ from globule.cli import main
 from globule.formats.sweeps import igs
 from globule.formats.sweeps.transforms import format_matrix
 from globule.ultrasound.calibration import Calibration, read_calibration, write_calibration
+from PIL import Image
 from sweep_helpers import calibration_data, spine_data
 from test_calibration import TARGET, TRUTH, observations, small_turns
 
@@ -175,6 +176,17 @@ def test_delay_of_a_water_tank(capsys):
     assert read_calibration("new.toml").temporal_offset == facts["offset"]
     assert main(["calibrate", *words, "--motion", "speckle"]) == 2
     assert "uncertain" in capsys.readouterr().err
+
+
+def test_pictures(capsys):
+    pytest.importorskip("matplotlib")
+    recording_with_delay(0.1)
+    write_marks(*observations(30, noise=1.0))
+    for words in (["--delay", "--sweep", "wires.igs.mha"], ["marks.csv"]):
+        assert main(["calibrate", *words, "--picture", "p.png"]) == 0
+        picture = np.asarray(Image.open("p.png").convert("RGB"), int)
+        for color in ((0x1F, 0x6F, 0xB2), (0xE0, 0x86, 0x1A)):  # image or bars; probe or left out
+            assert (np.abs(picture - color).max(axis=2) < 40).sum() > 150
 
 
 @pytest.mark.parametrize(("words", "what"), [

@@ -138,6 +138,29 @@ def test_false_and_missing_dots(false_dots):
     assert corner_error(found.calibration).max() < 1.0
 
 
+@pytest.mark.parametrize("level", [15, 40])
+def test_dots_in_speckle(level):
+    *data, truth = sweep(n=12)
+    rng = np.random.default_rng(1)
+    speckle = rng.rayleigh(level, data[0].shape)
+    speckle = sum(np.roll(speckle, shift, (1, 2)) for shift in ((0, 0), (1, 0), (0, 1), (0, 2))) / 4
+    points = find_wires(np.maximum(data[0], np.clip(speckle, 0, 255)), phantom())[0]
+    assert points.found.all()
+    off = np.linalg.norm(points.points - truth, axis=2)
+    assert np.median(off) < 0.8
+    assert off.max() < 3
+
+
+def test_what_lies_outside_of_the_clip_is_no_dot():
+    *data, truth = sweep(n=5)
+    data[0][:, :8, :] = np.random.default_rng(0).integers(0, 2, (5, 8, SIZE[0])) * 255  # text
+    data[0][:, 3, ::30] = 255
+    seen = find_wires(data[0], phantom(clip=(0, 10, 330, 240)))[0]
+    assert seen.found.all()
+    assert np.linalg.norm(seen.points - truth, axis=2).max() < 3
+    assert all((dots[:, 1] > 9).all() for dots in seen.dots)
+
+
 @pytest.mark.parametrize("flip", [False, True])
 def test_a_symmetric_phantom_of_two_patterns(flip):
     """Its outer wires look the same from behind and upside down: only the poses tell."""
@@ -225,12 +248,14 @@ def test_dots_are_regions():
 
 
 def test_a_phantom_survives_its_file(tmp_path):
-    whole = phantom(landmarks={"#1": np.array([1.5, 2, 3])}, error=0.25, spacing=0.08)
+    marks = {"#1": np.array([1.5, 2, 3])}
+    whole = phantom(landmarks=marks, error=0.25, spacing=0.08, clip=(1, 2, 30, 40))
     write_phantom(tmp_path / "p.toml", whole)
     again = read_phantom(tmp_path / "p.toml")
     assert np.array_equal(again.wires, whole.wires)
     assert np.array_equal(again.reference_from_phantom, REGISTERED)
     assert (again.names, again.error, again.spacing) == (whole.names, 0.25, 0.08)
+    assert again.clip == (1, 2, 30, 40)
     assert again.landmarks["#1"].tolist() == [1.5, 2, 3]
 
 
@@ -357,7 +382,11 @@ def test_command(capsys):
     again = read_calibration("plus.xml").probe_from_image
     assert np.allclose(again, saved.probe_from_image, atol=1e-9)
     write_phantom("free.toml", dataclasses.replace(phantom(), reference_from_phantom=None))
+    inverted = np.linalg.inv(data[2])
+    write_sweep("inverted.igs.mha", *data[:2], inverted)
     capsys.readouterr()
+    assert main([*words[:-1], "inverted.igs.mha"]) == 0
+    assert "3-D errors of" in capsys.readouterr().err
     assert main(["calibrate", "--n-wire", "free.toml", "--sweep", "wires.igs.mha"]) == 2
     assert "register its landmarks" in capsys.readouterr().err
 

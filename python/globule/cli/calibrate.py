@@ -47,6 +47,7 @@ EXAMPLES = """\
 _STRIKING = 3.0  # times the rms
 _UNLIKELY = 20.0  # pixels; larger residuals are no inaccuracy of marking
 _LARGE_ERROR = 1.0  # mm, expected in the middle of the wires
+_WRONG = 3.0  # mm; larger 3-D errors are no inaccuracy of dots
 
 
 def add_arguments(parser: Parser) -> None:
@@ -111,7 +112,7 @@ def add_arguments(parser: Parser) -> None:
         default=2.0,
         metavar="MM",
         help="refuse marks or a stylus whose expected error, at a corner of the image or at the "
-        "tip, is larger (default: 2)",
+        "tip, is larger, mm (default: 2)",
     )
     add("--picture", metavar="FILE.png", help="picture of points, motions and residuals; needs "
         "matplotlib (default: none)")  # fmt: skip
@@ -351,6 +352,12 @@ def _wire_warnings(options: argparse.Namespace, found: NWireCalibration) -> list
         messages.append(
             f"{options.sweep}: the temporal offset is uncertain by {found.offset_uncertainty:.2f} "
             "s; the probe must move during the recording"
+        )
+    size = found.errors.summary()["median"]
+    if size > _WRONG:
+        messages.append(
+            f"{options.sweep}: 3-D errors of {size:.1f} mm; expected the registration of this "
+            "phantom, and poses of the probe in mm in the frame of its reference"
         )
     if found.center > _LARGE_ERROR:
         messages.append(

@@ -158,7 +158,9 @@ def calibrate_n_wires(
     else:
         fit = wires.fit(True)
     offset = wires.offset + (fit.parameters[8] if fit_offset else 0.0)
-    apart = float(np.hypot(np.sqrt(fit.covariance[8, 8]), between)) if fit_offset else None
+    uncertainty = None
+    if fit_offset:
+        uncertainty = float(np.hypot(np.sqrt(fit.covariance[8, 8]), between))
     fit = wires.considered(fit)
     height, width = frames.shape[1:]
     corners = [(x, y) for y in (0, height - 1) for x in (0, width - 1)]
@@ -171,7 +173,7 @@ def calibrate_n_wires(
     )
     return NWireCalibration(
         calibration, wires.source, errors, fit.weights, expected,
-        float(corner_errors(fit, wires.start.matrix, [middle])[0]), apart, better,
+        float(corner_errors(fit, wires.start.matrix, [middle])[0]), uncertainty, better,
     )  # fmt: skip
 
 
@@ -237,7 +239,8 @@ class _Wires(NamedTuple):
         solution, _, rank, sizes = np.linalg.lstsq(design, places.reshape(-1, 3), rcond=None)
         if rank < 3 or sizes[-1] < 1e-6 * sizes[0]:
             return None
-        start = _Start.nearest(*solution, np.zeros(3))
+        u, v, t = solution
+        start = _Start.nearest(u, v, t, np.zeros(3))
         off = np.linalg.norm(design @ solution - places.reshape(-1, 3), axis=1)
         return self._replace(offset=offset, start=start, linear_error=float(np.median(off)))
 

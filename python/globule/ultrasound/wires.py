@@ -20,6 +20,7 @@ from .._base.structured import parse_toml
 from ..formats.errors import bad, shown
 from ..formats.sweeps.transforms import parse_matrix
 from ..formats.xml import parse_xml
+from .region import Clip, checked_clip, region_mask
 
 _MOST_DOTS = 20  # of an image, the brightest
 _THRESHOLDS = (0.1, 0.2, 0.35, 0.5)  # of the image's largest value, until all wires are found
@@ -38,6 +39,7 @@ class NWirePhantom:
     reference_from_phantom   (4, 4), or None if the phantom is not registered yet
     error       mm, of that registration; 0.5 if it is not known
     spacing     mm per pixel, about, or None
+    clip        (column, row, width, height) in pixels: where dots are looked for, or None
     """
 
     names: tuple[str, ...]
@@ -46,6 +48,7 @@ class NWirePhantom:
     reference_from_phantom: np.ndarray | None = None
     error: float = 0.5
     spacing: float | None = None
+    clip: Clip | None = None
 
     def __post_init__(self) -> None:
         wires = np.asarray(self.wires, np.float64)
@@ -55,6 +58,8 @@ class NWirePhantom:
         if not np.isfinite(wires).all() or (wires[:, 0] == wires[:, 1]).all(axis=1).any():
             raise ValueError("wires: expected finite, different ends, got others")
         object.__setattr__(self, "wires", wires)
+        if self.clip is not None:
+            object.__setattr__(self, "clip", checked_clip(self.clip))
         outer = wires[self.outer]
         along = outer[:, 1] - outer[:, 0]
         along /= np.linalg.norm(along, axis=1, keepdims=True)
@@ -112,13 +117,15 @@ def read_phantom(path: str | os.PathLike[str]) -> NWirePhantom:
 
     PLUS: <PhantomDefinition> with <Pattern Type="NWire"> and <Landmarks>, and the transform from
     Phantom to Reference. TOML: `wires`, a list of patterns of three wires, each of two ends, mm;
-    and, if known, `reference_from_phantom`, `error` (mm), `spacing` (mm per pixel) and a table
-    `landmarks` of points. Raises FormatError naming the element or key.
+    and, if known, `reference_from_phantom`, `error` (mm), `spacing` (mm per pixel), `clip` (pixels)
+    and a table `landmarks` of points. Raises FormatError naming the element or key.
     """
     if os.fspath(path).lower().endswith(".toml"):
         return _read_toml(path)
     root = parse_xml(path, Path(path).read_bytes())
-    names, wires, landmarks = [], [], {}
+    names: list[str] = []
+    wires: list[list[list[float]]] = []
+    landmarks: dict[str, np.ndarray] = {}
     for pattern in root.iter("Pattern"):
         if pattern.get("Type") != "NWire":
             continue
@@ -151,9 +158,20 @@ def read_phantom(path: str | os.PathLike[str]) -> NWirePhantom:
         except ValueError:
             where = f"line {segmentation.line}, ApproximateSpacingMmPerPixel"
             raise bad(path, where, "expected a number, got another text") from None
+    clip = None
+    if segmentation is not None and segmentation.get("ClipRectangleSize"):
+        words = (segmentation.get("ClipRectangleOrigin") or "0 0").split()
+        words += segmentation.get("ClipRectangleSize").split()
+        try:
+            numbers = [float(word) for word in words]
+            if len(numbers) == 4 and min(numbers[2:]) > 0:  # other sizes mean the whole image
+                clip = checked_clip(numbers)
+        except ValueError as problem:
+            where = f"line {segmentation.line}, ClipRectangleSize"
+            raise bad(path, where, f"expected numbers, got {problem}") from None
     if not wires:
         raise bad(path, "PhantomDefinition", 'expected <Pattern Type="NWire">, got none')
-    return _checked(path, tuple(names), wires, landmarks, matrix, error, spacing)
+    return _checked(path, tuple(names), wires, landmarks, matrix, error, spacing, clip)
 
 
 def write_phantom(path: str | os.PathLike[str], phantom: NWirePhantom) -> None:
@@ -172,6 +190,8 @@ def write_phantom(path: str | os.PathLike[str], phantom: NWirePhantom) -> None:
     lines.append(f"error = {float(phantom.error)!r}  # mm, of reference_from_phantom")
     if phantom.spacing is not None:
         lines.append(f"spacing = {float(phantom.spacing)!r}  # mm per pixel, about")
+    if phantom.clip is not None:
+        lines.append(f"clip = {list(phantom.clip)!r}  # column, row, width, height")
     if phantom.landmarks:
         lines += ["", "[landmarks]"]
         lines += [f'"{name}" = {point.tolist()!r}' for name, point in phantom.landmarks.items()]
@@ -184,7 +204,7 @@ def _read_toml(path: str | os.PathLike[str]) -> NWirePhantom:
         content = parse_toml(Path(path).read_text(encoding="utf-8"))
     except ValueError as error:
         raise bad(path, "", f"expected TOML, got {error}") from None
-    keys = ("wires", "names", "landmarks", "reference_from_phantom", "error", "spacing")
+    keys = ("wires", "names", "landmarks", "reference_from_phantom", "error", "spacing", "clip")
     unknown = sorted(set(content) - set(keys))
     if unknown:
         raise bad(path, unknown[0], f"expected one of {', '.join(keys)}")
@@ -200,12 +220,13 @@ def _read_toml(path: str | os.PathLike[str]) -> NWirePhantom:
         marks = {k: np.array(v, np.float64) for k, v in content.get("landmarks", {}).items()}
         matrix = content.get("reference_from_phantom")
         matrix = None if matrix is None else np.array(matrix, np.float64).reshape(4, 4)
-        error, spacing = content.get("error", 0.5), content.get("spacing")
+        registered, spacing = content.get("error", 0.5), content.get("spacing")
     except (TypeError, ValueError) as problem:
         if "expected" in str(problem):
             raise
         raise bad(path, "", f"expected numbers, got {problem}") from None
-    return _checked(path, names, wires.reshape(n, 2, 3), marks, matrix, error, spacing)
+    clip = content.get("clip")
+    return _checked(path, names, wires.reshape(n, 2, 3), marks, matrix, registered, spacing, clip)
 
 
 def _checked(path: Any, *values: Any) -> NWirePhantom:
@@ -300,29 +321,66 @@ def find_wires(frames: Any, phantom: NWirePhantom) -> list[WirePoints]:
     frames = np.asarray(frames)
     dots = []
     ways: dict[int, dict[int, tuple[float, np.ndarray]]] = {}
+    outside = None
+    if phantom.clip is not None:
+        inside = region_mask(frames.shape[1:], phantom.clip, None, None)
+        outside = None if inside is None else ~inside
     for i, frame in enumerate(frames):
-        for threshold in _THRESHOLDS:
-            of_frame = find_dots(frame, threshold)
-            matches = _matches(of_frame[:, :2], phantom)
-            if matches:
-                break
+        if outside is not None:
+            frame = np.where(outside, 0, frame)
+        of_frame, matches = _seen(frame, phantom)
         dots.append(of_frame)
         for way, found in matches.items():
             ways.setdefault(way, {})[i] = found
     answers = []
-    for found in ways.values():
+    for of_way in ways.values():
         points = np.full((len(frames), len(phantom.wires), 2), np.nan)
-        for i, (_, where) in found.items():
+        for i, (_, where) in of_way.items():
             points[i] = where
-        error = float(np.median([error for error, _ in found.values()]))
+        error = float(np.median([error for error, _ in of_way.values()]))
         seen = np.isfinite(points).all(axis=(1, 2))
-        answers.append((-len(found), error, WirePoints(seen, points, dots)))
+        answers.append((-len(of_way), error, WirePoints(seen, points, dots)))
     answers.sort(key=lambda answer: answer[:2])
     if not answers:
         seen = np.zeros(len(frames), bool)
         nothing = np.full((len(frames), len(phantom.wires), 2), np.nan)
         return [WirePoints(seen, nothing, dots)]
     return [answer for _, _, answer in answers]
+
+
+def _seen(image: np.ndarray, phantom: NWirePhantom) -> tuple[np.ndarray, dict[int, Any]]:
+    """Dots of an image, and the wires among them: of the image as it is, and if there are not all,
+    of what is brighter than its surroundings, each by higher and higher thresholds."""
+    first = None
+    for flat in (False, True):
+        shown = _above_surroundings(image) if flat else image
+        for threshold in _THRESHOLDS:
+            dots = find_dots(shown, threshold)
+            first = dots if first is None else first
+            matches = _matches(dots[:, :2], phantom)
+            if matches:
+                return dots, matches
+    assert first is not None  # there are thresholds
+    return first, {}
+
+
+def _above_surroundings(image: np.ndarray) -> np.ndarray:
+    """A mean over 3x3 pixels less that over a fifteenth of the smaller side."""
+    small, large = (_mean(image, radius) for radius in (1, max(2, min(image.shape) // 30)))
+    return np.maximum(small - large, 0)
+
+
+def _mean(image: np.ndarray, radius: int) -> np.ndarray:
+    """Over a square of 2 radius + 1 pixels."""
+    side = 2 * radius + 1
+    total = image.astype(np.float64)
+    for axis in (0, 1):
+        width = [(0, 0), (0, 0)]
+        width[axis] = (radius + 1, radius)
+        summed = np.cumsum(np.pad(total, width, mode="edge"), axis=axis)
+        n = image.shape[axis]
+        total = np.take(summed, range(side, side + n), axis) - np.take(summed, range(n), axis)
+    return total / side**2
 
 
 def _matches(dots: np.ndarray, phantom: NWirePhantom) -> dict[int, tuple[float, np.ndarray]]:
