@@ -382,6 +382,12 @@ def test_command(capsys):
     again = read_calibration("plus.xml").probe_from_image
     assert np.allclose(again, saved.probe_from_image, atol=1e-9)
     write_phantom("free.toml", dataclasses.replace(phantom(), reference_from_phantom=None))
+    still = np.repeat(data[2][:1], 40, axis=0)
+    still[:, :3, 3] += np.random.default_rng(0).normal(0, 0.05, (40, 3))
+    write_sweep("still.igs.mha", np.repeat(data[0][:1], 40, axis=0), data[1], still)
+    rest = ["--delay", "--max-delay", "0.3", "-o", "still.toml"]
+    assert main([*words[:-1], "still.igs.mha", *rest]) == 2
+    assert not Path("still.toml").exists()
     inverted = np.linalg.inv(data[2])
     write_sweep("inverted.igs.mha", *data[:2], inverted)
     capsys.readouterr()

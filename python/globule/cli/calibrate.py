@@ -47,6 +47,7 @@ EXAMPLES = """\
 _STRIKING = 3.0  # times the rms
 _UNLIKELY = 20.0  # pixels; larger residuals are no inaccuracy of marking
 _LARGE_ERROR = 1.0  # mm, expected in the middle of the wires
+_UNCERTAIN = 0.05  # s, of a temporal offset from wires
 _WRONG = 3.0  # mm; larger 3-D errors are no inaccuracy of dots
 
 
@@ -348,11 +349,16 @@ def _wire_warnings(options: argparse.Namespace, found: NWireCalibration) -> list
             f"{options.sweep}: a temporal offset of {offset:+.3f} ± {apart:.3f} s fits better "
             f"({after:.1f} instead of {before:.1f} pixels); add --delay to find it with the matrix"
         )
-    if found.offset_uncertainty is not None and found.offset_uncertainty > 0.05:
-        messages.append(
-            f"{options.sweep}: the temporal offset is uncertain by {found.offset_uncertainty:.2f} "
-            "s; the probe must move during the recording"
+    apart = found.offset_uncertainty
+    if apart is not None and apart > _UNCERTAIN:
+        problem = (
+            f"{options.sweep}: the temporal offset is uncertain"
+            + (f" by {apart:.2f} s" if np.isfinite(apart) else "")
+            + "; the probe must move during the recording"
         )
+        if options.output:
+            raise UserError(f"{problem}; {options.output} was not written")
+        messages.append(problem)
     size = found.errors.summary()["median"]
     if size > _WRONG:
         messages.append(

@@ -84,11 +84,11 @@ def draw_residuals(path: Any, lengths: Any, weights: Any, what: str, held_out: A
         colors = np.where(weights > 0, BLUE, RED)
         ax.bar(numbers, lengths, color=colors, width=0.8)
         if held_out is not None:
-            ax.plot(numbers, held_out, "o", color=ORANGE, ms=4, label="left out of the fit")
+            ax.plot(numbers, held_out, "o", color=ORANGE, ms=4, label="by a fit without it")
             ax.legend()
         kept = lengths[weights > 0]
         rms = float(np.sqrt(np.mean(kept**2))) if len(kept) else 0.0
         top = 1.15 * max(float(np.percentile(lengths, 95)), 3 * rms, 1e-9)
         ax.set(xlabel=what, ylabel="residual, mm", ylim=(0, min(top, 1.15 * lengths.max())))
         left = int((weights == 0).sum())
-        ax.set_title(f"rms {rms:.3f} mm; left out (red): {left}")
+        ax.set_title(f"rms {rms:.3f} mm; outliers (red): {left}")

@@ -15,6 +15,7 @@ _FEWEST = 10  # images
 _BLOCKS = 12  # parts of the recording whose errors are taken as independent
 _TUNING = 15.0  # errors of poses are no normal noise, and gross errors only are left out
 _MOST_GAP = 5.0  # median intervals between poses
+_DISTINCT = 1.6  # times the error at the best offset: that at others (median); noise reaches 1.4
 _BETWEEN = 0.05  # of this interval: error of an offset by interpolation between noisy poses
 
 
@@ -53,7 +54,8 @@ class NWireCalibration(NamedTuple):
     weights              (F' · 3K,) of the dots, 0 for those left out
     corners              (4,) mm, expected error (1 sigma) at the image's corners
     center               mm, expected error in the middle of the dots
-    offset_uncertainty   s, of a temporal offset that was fitted, else None
+    offset_uncertainty   s, of a temporal offset that was fitted, inf if the probe does not move
+                         enough to tell; else None
     better_offset        (offset, uncertainty, rms in pixels before and after) that fits better than
                          the given one, else None
     """
@@ -152,7 +154,8 @@ def calibrate_n_wires(
         fit = wires.fit(False)
         freed = wires.fit(True)
         off, apart = freed.parameters[8], float(np.hypot(np.sqrt(freed.covariance[8, 8]), between))
-        if abs(off) > 4 * apart and freed.sigma < 0.85 * fit.sigma:
+        moves = wires.moves(wires.offset + off, most)
+        if moves and abs(off) > 4 * apart and freed.sigma < 0.85 * fit.sigma:
             scale = np.sqrt(2)
             better = (wires.offset + off, apart, fit.sigma * scale, freed.sigma * scale)
     else:
@@ -161,6 +164,7 @@ def calibrate_n_wires(
     uncertainty = None
     if fit_offset:
         uncertainty = float(np.hypot(np.sqrt(fit.covariance[8, 8]), between))
+        uncertainty = uncertainty if wires.moves(offset, most) else np.inf
     fit = wires.considered(fit)
     height, width = frames.shape[1:]
     corners = [(x, y) for y in (0, height - 1) for x in (0, width - 1)]
@@ -243,6 +247,16 @@ class _Wires(NamedTuple):
         start = _Start.nearest(u, v, t, np.zeros(3))
         off = np.linalg.norm(design @ solution - places.reshape(-1, 3), axis=1)
         return self._replace(offset=offset, start=start, linear_error=float(np.median(off)))
+
+    def moves(self, offset: float, most: float) -> bool:
+        """Whether offsets elsewhere fit worse: otherwise a probe at rest, whose poses are noise,
+        would have an offset that looks exact."""
+        others = offset + np.arange(-most, most + 1e-9, 0.1)
+        trials = [self.moved(other) for other in others[np.abs(others - offset) >= 0.15]]
+        here, errors = self.moved(offset), [t.linear_error for t in trials if t is not None]
+        return here is not None and bool(errors) and (
+            float(np.median(errors)) > _DISTINCT * here.linear_error
+        )  # fmt: skip
 
     def _on_probe(self, poses: np.ndarray, places: np.ndarray) -> np.ndarray:
         """(F', k, 3) mm of places (F', k, 3) or (k, 3) in the phantom."""
