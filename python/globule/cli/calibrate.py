@@ -344,9 +344,9 @@ def _n_wires(options: argparse.Namespace, report: dict[str, Any]) -> dict[str, A
 def _wire_warnings(options: argparse.Namespace, found: NWireCalibration) -> list[str]:
     messages = []
     if found.better_offset is not None:
-        offset, apart, before, after = found.better_offset
+        offset, spread, before, after = found.better_offset
         messages.append(
-            f"{options.sweep}: a temporal offset of {offset:+.3f} ± {apart:.3f} s fits better "
+            f"{options.sweep}: a temporal offset of {offset:+.3f} ± {spread:.3f} s fits better "
             f"({after:.1f} instead of {before:.1f} pixels); add --delay to find it with the matrix"
         )
     apart = found.offset_uncertainty
