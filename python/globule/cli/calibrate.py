@@ -38,11 +38,8 @@ SUMMARY = "marked pixels, wires or motion to the calibration of a probe"
 USAGE = "[MARKS]"
 EXAMPLES = """\
   globule calibrate marks.csv -o probe.toml
-  globule calibrate --n-wire phantom.xml --sweep wires.igs.mha --validate more.igs.mha -o probe.toml
   globule calibrate marks.csv --sweep wires.igs.mha -o probe.toml
-  globule calibrate --delay --sweep tank.igs.mha --calibration probe.toml -o timed.toml
-  globule calibrate --stylus --sweep pivot.igs.mha -o stylus.toml
-  globule calibrate --landmarks touched.csv --n-wire phantom.xml -o registered.xml"""
+  globule calibrate --delay --sweep wires.igs.mha --calibration probe.toml -o timed.toml"""
 
 _STRIKING = 3.0  # times the rms
 _UNLIKELY = 20.0  # pixels; larger residuals are no inaccuracy of marking
