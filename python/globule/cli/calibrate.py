@@ -39,7 +39,7 @@ USAGE = "[MARKS]"
 EXAMPLES = """\
   globule calibrate marks.csv -o probe.toml
   globule calibrate marks.csv --sweep wires.igs.mha -o probe.toml
-  globule calibrate --delay --sweep wires.igs.mha --calibration probe.toml -o timed.toml"""
+  globule calibrate --delay --sweep wires.igs.mha"""
 
 _STRIKING = 3.0  # times the rms
 _UNLIKELY = 20.0  # pixels; larger residuals are no inaccuracy of marking
