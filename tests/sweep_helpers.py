@@ -26,6 +26,14 @@ def spine_data() -> Path:
     return DATA
 
 
+def calibration_data() -> Path:
+    """The folder of real calibration sweeps, or a skipped test."""
+    folder = DATA.parent / "calibration"
+    if not (folder / "WaterTankBottomTranslationCombined.igs.mha").is_file():
+        pytest.skip("needs ../shared/data/calibration")
+    return folder
+
+
 def random_poses(n: int, seed: int = 0, reach: float = 40.0) -> np.ndarray:
     """(n, 4, 4) rigid, mm."""
     rng = np.random.default_rng(seed)

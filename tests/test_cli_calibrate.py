@@ -12,8 +12,9 @@ from globule.cli import main
 from globule.formats.sweeps import igs
 from globule.formats.sweeps.transforms import format_matrix
 from globule.ultrasound.calibration import Calibration, read_calibration, write_calibration
-from sweep_helpers import spine_data
-from test_calibration import TARGET, TRUTH, observations
+from PIL import Image
+from sweep_helpers import calibration_data, spine_data
+from test_calibration import TARGET, TRUTH, observations, small_turns
 
 POSE = [f"m{row}{column}" for row in range(3) for column in range(4)]
 
@@ -98,6 +99,16 @@ def test_a_wrong_mark_is_named(capsys):
     assert int(np.argmax(facts["residuals"])) == 7
 
 
+def test_marks_that_do_not_determine_the_calibration(capsys):
+    write_marks(*small_turns(30, 1, 0, 0.2))
+    assert main(["calibrate", "marks.csv", "-o", "probe.toml"]) == 2
+    assert "an error of at most 2 mm" in capsys.readouterr().err
+    assert not Path("probe.toml").exists()
+    facts = report(capsys, "marks.csv", "-o", "probe.toml", "--max-error", "50")
+    assert max(facts["corner_errors"]) > 2
+    assert read_calibration("probe.toml").error == max(facts["corner_errors"])
+
+
 def test_the_calibration_places_a_sweep(capsys):
     pixels, poses = observations(12)
     write_marks(pixels, poses)
@@ -143,9 +154,39 @@ def test_delay(capsys):
 def test_an_uncertain_delay_is_said_and_not_written(capsys):
     write_calibration("old.toml", Calibration(TRUTH))
     words = ["--delay", "--sweep", str(spine_data() / "SpinePhantomFreehand.igs.mha")]
-    facts = report(capsys, *words, "--calibration", "old.toml", "-o", "new.toml")
-    assert "uncertain" in facts["warnings"][0]
-    assert read_calibration("new.toml").temporal_offset == 0.0
+    assert "uncertain" in report(capsys, *words)["warnings"][0]
+    assert main(["calibrate", *words, "--calibration", "old.toml", "-o", "new.toml"]) == 2
+    error = capsys.readouterr().err
+    assert "new.toml was not written" in error
+    assert error.count("\n") == 1
+    assert not Path("new.toml").exists()
+
+
+def test_delay_of_a_water_tank(capsys):
+    """PLUS finds -0.0648 s. Before: +0.147 s by speckle, correlation 0.12, written, exit 0. Now:
+    -0.0643 +- 0.0080 s by the line of the tank's bottom, correlation 0.98."""
+    sweep = str(calibration_data() / "WaterTankBottomTranslationCombined.igs.mha")
+    write_calibration("old.toml", Calibration(TRUTH))
+    words = ["--delay", "--sweep", sweep, "--calibration", "old.toml", "-o", "new.toml"]
+    facts = report(capsys, *words)["temporal_offset"]
+    assert facts["offset"] == pytest.approx(-0.0648, abs=0.005)
+    assert facts["method"] == "line"
+    assert facts["correlation"] > 0.95
+    assert abs(facts["offset"] + 0.0648) < 2 * facts["uncertainty"] < 0.02
+    assert read_calibration("new.toml").temporal_offset == facts["offset"]
+    assert main(["calibrate", *words, "--motion", "speckle"]) == 2
+    assert "uncertain" in capsys.readouterr().err
+
+
+def test_pictures(capsys):
+    pytest.importorskip("matplotlib")
+    recording_with_delay(0.1)
+    write_marks(*observations(30, noise=1.0))
+    for words in (["--delay", "--sweep", "wires.igs.mha"], ["marks.csv"]):
+        assert main(["calibrate", *words, "--picture", "p.png"]) == 0
+        picture = np.asarray(Image.open("p.png").convert("RGB"), int)
+        for color in ((0x1F, 0x6F, 0xB2), (0xE0, 0x86, 0x1A)):  # image or bars; probe or left out
+            assert (np.abs(picture - color).max(axis=2) < 40).sum() > 150
 
 
 @pytest.mark.parametrize(("words", "what"), [

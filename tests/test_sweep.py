@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import json
 import re
+import warnings
 import zlib
 from pathlib import Path
 
 import globule as gb
 import numpy as np
 import pytest
+from globule.formats.errors import FormatError
+from globule.formats.sweeps import igs
 from globule.formats.sweeps.poses import (
     PoseTable,
     interpolate,
@@ -18,6 +21,8 @@ from globule.formats.sweeps.poses import (
     rotation,
     write_csv,
 )
+from globule.formats.sweeps.transforms import format_matrix
+from globule.formats.volumes import nrrd
 from globule.ultrasound.calibration import Calibration, write_calibration
 from globule.ultrasound.files import is_sweep, read_sweep, write_sweep
 from globule.ultrasound.region import Clip, Fan, region_mask
@@ -494,3 +499,185 @@ def test_outliers_are_found_and_only_they():
     turned[12, :3, :3] = random_poses(1)[0, :3, :3] @ turned[12, :3, :3]
     found = check_poses(Sweep(sweep.frames, turned, sweep.timestamps))
     assert np.flatnonzero(found.outliers).tolist() == [12]
+
+
+def sweep_of(poses, frames=None, times=True):
+    made = gb.phantoms.cylinders(n_frames=80, size=(20, 20), pose_noise=(0.02, 0.02))
+    frames = made.frames if frames is None else frames
+    return Sweep(frames, poses, made.timestamps if times else None)
+
+
+def wrong_frames(poses, frames=None, times=True):
+    check = check_poses(sweep_of(poses, frames, times))
+    return np.flatnonzero(check.outliers).tolist(), [f.kind for f in check.findings]
+
+
+@pytest.fixture(scope="module")
+def hand():
+    made = gb.phantoms.cylinders(n_frames=80, size=(20, 20), pose_noise=(0.02, 0.02))
+    return made.world_from_image, made.frames
+
+
+@pytest.mark.parametrize("times", [True, False])
+@pytest.mark.parametrize("n", [2, 3, 5, 10])
+@pytest.mark.parametrize("first", [0, 30, 70])
+def test_bursts_of_wrong_poses(hand, n, first, times):
+    """Before: no frame of a burst of 2 to 10 was found. Of 300 random bursts, the ones missed now
+    are displaced by less than 5 mm, 11 times the distance between frames."""
+    rng = np.random.default_rng(n)
+    for wrong in (np.array([8.0, -6, 2]), rng.normal(0, 20, (n, 3))):
+        poses = hand[0].copy()
+        poses[first : first + n, :3, 3] += wrong
+        assert wrong_frames(poses, times=times) == (list(range(first, first + n)), ["burst"])
+
+
+@pytest.mark.parametrize("size", [10, 1000])
+def test_a_step_is_named_and_keeps_all_frames(hand, size):
+    poses = hand[0].copy()
+    poses[40:, 0, 3] += size
+    check = check_poses(sweep_of(poses))
+    assert not check.outliers.any()
+    ((kind, first, last, found),) = check.findings
+    assert (kind, first, last) == ("step", 39, 40)
+    assert found == pytest.approx(size, rel=0.02)
+
+
+@pytest.mark.parametrize(("first", "n"), [(20, 30), (20, 6), (60, 20)])
+def test_a_tracker_that_freezes(hand, first, n):
+    poses = hand[0].copy()
+    poses[first : first + n] = poses[first]
+    assert wrong_frames(poses) == (list(range(first + 1, first + n)), ["freeze"])
+
+
+@pytest.mark.parametrize("n", [48, 72])
+@pytest.mark.parametrize("jitter", [0, 0.02])
+@pytest.mark.parametrize("noise", [0, 3])
+def test_a_probe_at_rest_is_no_outlier_nor_are_its_moves(hand, n, jitter, noise):
+    """Before: a probe at rest for 60 % with identical poses lost all frames in which it moved."""
+    rng = np.random.default_rng(0)
+    poses, frames = (a.copy() for a in hand)
+    poses[:n], frames[:n] = poses[n], frames[n]
+    poses[:n, :3, 3] += rng.normal(0, jitter, (n, 3))
+    frames[:n] = np.clip(frames[:n] + rng.normal(0, noise, frames[:n].shape), 0, 255)
+    assert wrong_frames(poses, frames) == ([], [] if jitter else ["identical"])
+
+
+def test_a_tracker_slower_than_the_images(hand):
+    poses = hand[0].copy()
+    poses[1::2] = poses[::2]
+    assert wrong_frames(poses) == ([], [])
+    poses[:] = poses[0]
+    assert wrong_frames(poses) == ([], ["identical"])
+
+
+def test_another_speed_limit(hand):
+    poses = hand[0].copy()
+    poses[40, 0, 3] += 1.5
+    assert not check_poses(sweep_of(poses)).outliers.any()
+    found = check_poses(sweep_of(poses), most_speed=25).outliers  # mm/s, at 25 images a second
+    assert np.flatnonzero(found).tolist() == [40]
+
+
+# Units, zeros, colors
+
+
+def plus_file(matrices, frames, name="made.igs.mha", source="Image", **fields):
+    every = [
+        {
+            f"{source}ToReferenceTransform": format_matrix(matrix),
+            f"{source}ToReferenceTransformStatus": "OK",
+            "Timestamp": str(i / 20),
+        }
+        for i, matrix in enumerate(matrices)
+    ]
+    recording = igs.Recording(frames, None, {}, np.ones(len(frames), bool), fields, every)
+    igs.write(name, recording)
+
+
+@pytest.mark.parametrize(("change", "what"), [
+    (lambda m: np.diag([0.001, 0.001, 0.001, 1]) @ m, "probably in meters: multiply"),
+    (lambda m: np.diag([1000, 1000, 1000, 1]) @ m, "probably in micrometers"),
+    (np.linalg.inv, "probably inverted"),
+])  # fmt: skip
+def test_transforms_in_other_units_are_refused(change, what):
+    """Before: a file in meters became a volume of 1x1x1 voxels, exit 0."""
+    made = gb.phantoms.cylinders(n_frames=12, size=(300, 200))
+    plus_file(change(made.world_from_image), made.frames)
+    with pytest.raises(FormatError, match=what) as caught:
+        read_sweep("made.igs.mha")
+    assert "\n" not in str(caught.value)
+
+
+def test_poses_in_meters_beside_a_calibration_are_warned_of():
+    made = gb.phantoms.cylinders(n_frames=12, size=(30, 20))
+    poses = made.world_from_image.copy()
+    poses[:, :3, :3] /= 0.12
+    poses[:, :3, 3] += 300
+    calibration = Calibration(np.diag([0.12, 0.12, 0.12, 1]))
+    plus_file(poses, made.frames, source="Probe")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        read_sweep("made.igs.mha", calibration)
+    poses[:, :3, 3] /= 1000
+    plus_file(poses, made.frames, source="Probe")
+    with pytest.warns(UserWarning, match="probably in meters"):
+        read_sweep("made.igs.mha", calibration)
+
+
+def test_a_pose_of_zeros_is_a_frame_without_pose():
+    """Before: one such matrix with status OK rejected the whole recording."""
+    made = gb.phantoms.cylinders(n_frames=12, size=(30, 20))
+    poses = made.world_from_image.copy()
+    poses[3] = 0
+    poses[5, :3, :2] = 0
+    plus_file(poses, made.frames)
+    sweep = read_sweep("made.igs.mha")
+    assert np.flatnonzero(~sweep.valid).tolist() == [3, 5]
+    write_sweep("again.igs.mha", sweep)
+    assert np.flatnonzero(~read_sweep("again.igs.mha").valid).tolist() == [3, 5]
+
+
+@pytest.mark.parametrize(("kinds", "shape"), [
+    ("vector domain domain", (20, 30, 3)),
+    ("RGB-color domain domain", (20, 30, 3)),
+    ("RGBA-color domain domain list", (5, 20, 30, 4)),
+    ("3-vector domain domain list", (5, 20, 30, 3)),
+    ("domain domain vector list", (5, 3, 20, 30)),
+    ("domain domain list", (5, 20, 30)),
+    ("domain domain vector", (1, 20, 30)),
+    ("vector domain domain list", (5, 20, 3, 1)),
+])  # fmt: skip
+def test_colors_of_nrrd_are_where_its_kinds_say(kinds, shape):
+    """Before: `vector domain domain` of 3, 1152 and 648 was read as 648 frames of 3x1152."""
+    values = np.random.default_rng(0).integers(0, 255, shape, np.uint8)
+    nrrd.write("made.nrrd", values, {"kinds": kinds})
+    frames = igs.read("made.nrrd").frames
+    words = kinds.split()[::-1]
+    colors = [axis for axis, word in enumerate(words) if word not in ("domain", "list")]
+    expected = values
+    if colors:
+        expected = np.moveaxis(values, colors[0], -1)
+        one = expected.shape[-1] == 1
+        expected = expected[..., 0] if one else igs.to_grey(expected[..., :3])
+    expected = expected.reshape(-1, *expected.shape[-2:])
+    assert np.array_equal(frames, expected)
+
+
+def test_colors_survive_as_gray():
+    values = np.random.default_rng(0).integers(0, 255, (20, 30, 3), np.uint8)
+    nrrd.write("made.nrrd", values, {"kinds": "vector domain domain"})
+    recording = igs.read("made.nrrd")
+    for name in ("again.nrrd", "again.mha"):
+        igs.write(name, recording)
+        assert np.array_equal(igs.read(name).frames, recording.frames)
+    nrrd.write("made.nrrd", values[..., :2], {"kinds": "vector domain domain"})
+    with pytest.raises(FormatError, match="RGB"):
+        igs.read("made.nrrd")
+
+
+def test_a_colored_picture_of_metaimage_is_one_frame():
+    values = np.random.default_rng(0).integers(0, 255, (20, 30, 3), np.uint8)
+    head = "ObjectType = Image\nNDims = 2\nDimSize = 30 20\nElementNumberOfChannels = 3\n"
+    head += "ElementType = MET_UCHAR\nElementDataFile = LOCAL\n"
+    Path("made.mha").write_bytes(head.encode() + values.tobytes())
+    assert np.array_equal(igs.read("made.mha").frames, igs.to_grey(values)[None])

@@ -4,9 +4,10 @@ MARKS is a table (.csv) with the positions `column` and `row` of a fixed point i
 a crossing of two wires is such a point. Each row also has the pose of the probe: x y z qx qy qz qw,
 or m00 to m23. With --sweep, the number of the `frame` in the sweep, from 0, replaces the pose.
 
---delay finds the temporal
-offset between image and tracker from a --sweep in which the probe changes its speed. The result is
-a calibration (.toml) for `globule reconstruct --calibration`."""
+--n-wire finds the wires of an N-wire phantom in the images of a --sweep and calibrates from these.
+--delay finds the temporal offset between image and tracker from a --sweep in which the probe
+changes its speed. --stylus finds the tip of a stylus, --landmarks the place of a phantom. The
+result is a calibration (.toml, or .xml for PLUS) for `globule reconstruct --calibration`."""
 
 from __future__ import annotations
 
@@ -23,46 +24,96 @@ from ..ultrasound.calibration import (
     temporal_offset,
     write_calibration,
 )
-from ..ultrasound.marks import Tracked, read_marks, read_tracked
+from ..ultrasound.marks import Tracked, read_landmarks, read_marks, read_tracked
+from ..ultrasound.n_wires import NWireCalibration, WireErrors, calibrate_n_wires, validate_n_wires
+from ..ultrasound.plus_setup import write_plus
+from ..ultrasound.stylus import calibrate_stylus, register_landmarks, write_stylus
+from ..ultrasound.temporal import METHODS
+from ..ultrasound.wires import NWirePhantom, read_phantom, write_phantom
 from . import flags
 from .parser import Parser
 from .shared import UserError, check_output, count, mistakes, positive, print_json, warn
 
-SUMMARY = "marked pixels and poses to the calibration of a probe"
+SUMMARY = "marked pixels, wires or motion to the calibration of a probe"
 USAGE = "[MARKS]"
 EXAMPLES = """\
   globule calibrate marks.csv -o probe.toml
   globule calibrate marks.csv --sweep wires.igs.mha -o probe.toml
-  globule calibrate --delay --sweep wires.igs.mha --calibration probe.toml -o timed.toml"""
+  globule calibrate --delay --sweep wires.igs.mha"""
 
-CERTAIN = 0.05  # largest chance of a fit by random motion for the offset to be written
 _STRIKING = 3.0  # times the rms
 _UNLIKELY = 20.0  # pixels; larger residuals are no inaccuracy of marking
+_LARGE_ERROR = 1.0  # mm, expected in the middle of the wires
+_UNCERTAIN = 0.05  # s, of a temporal offset from wires
+_WRONG = 3.0  # mm; larger 3-D errors are no inaccuracy of dots
 
 
 def add_arguments(parser: Parser) -> None:
     """The arguments of `globule calibrate`."""
     add = parser.add_argument
     add("marks", nargs="?", metavar="MARKS", help="table of marked pixels, .csv")
-    flags.add(parser, "--output", "calibration .toml; default: none, only print the result")
+    flags.add(
+        parser,
+        "--output",
+        "calibration .toml or PLUS configuration .xml; default: none, only print the result",
+    )
     add(
         "--sweep",
         metavar="SWEEP",
-        help="recording of the marked frames: PLUS file, or stack of images with --poses "
-        "(default: none)",
+        help="recording of the marked frames, the wires, the motion or the stylus: PLUS file, or "
+        "stack of images with --poses (default: none)",
     )
     flags.add(parser, "--poses", "default: none")
     flags.add(parser, "--frame-times", "default: none")
+    add(
+        "--n-wire",
+        dest="phantom",
+        metavar="PHANTOM",
+        help="calibrate from this N-wire phantom: PLUS configuration .xml, or .toml (default: "
+        "none)",
+    )
+    add(
+        "--validate",
+        metavar="SWEEP",
+        help="another recording of the --n-wire phantom, whose errors are reported (default: none)",
+    )
     add("--delay", action="store_true", help="find the temporal offset of the --sweep")
     add(
         "--max-delay",
         dest="most",
         type=positive,
-        default=0.5,
+        default=None,
         metavar="S",
-        help="largest temporal offset that --delay considers, seconds (default: 0.5)",
+        help="largest temporal offset that --delay considers, seconds (default: 0.5, with --n-wire "
+        "1)",
     )
     parser.renamed(parser, "--most", "--max-delay")
+    add(
+        "--motion",
+        choices=METHODS,
+        default="auto",
+        metavar="NAME",
+        help="image motion that --delay uses: line (a straight echo, as the bottom of a water "
+        "tank), speckle (tissue), auto (default: auto, the line where images show one)",
+    )
+    add("--stylus", action="store_true", help="find the tip of the Stylus in a pivoting --sweep")
+    add(
+        "--landmarks",
+        metavar="TABLE",
+        help="table .csv of name, x, y, z: landmarks of the --n-wire phantom, touched, mm in the "
+        "reference's frame (default: none, the phantom's own registration)",
+    )
+    add(
+        "--max-error",
+        dest="most_error",
+        type=positive,
+        default=2.0,
+        metavar="MM",
+        help="refuse marks or a stylus whose expected error, at a corner of the image or at the "
+        "tip, is larger, mm (default: 2)",
+    )
+    add("--picture", metavar="FILE.png", help="picture of points, motions and residuals; needs "
+        "matplotlib (default: none)")  # fmt: skip
     flags.add(parser, "--calibration", "the result keeps its other values; default: none")
     flags.add(parser, "--json")
 
@@ -72,11 +123,7 @@ def run(options: argparse.Namespace) -> None:
     _check(options)
     try:
         with mistakes():
-            earlier = read_calibration(options.calibration) if options.calibration else None
-            tracked = None
-            if options.sweep:
-                tracked = read_tracked(options.sweep, options.poses, options.frame_times)
-            report = _calibrated(options, earlier, tracked)
+            report = _report(options)
     except OSError as error:
         name = error.filename or options.marks or options.sweep
         raise UserError(f"{name}: cannot be read: {error.strerror or error}") from error
@@ -89,80 +136,319 @@ def run(options: argparse.Namespace) -> None:
 
 
 def _check(options: argparse.Namespace) -> None:
-    if not options.marks and not options.delay:
-        raise UserError("MARKS: expected a table of marks or --delay, got neither")
-    if options.delay and not options.sweep:
-        raise UserError("--delay: expected --sweep beside --delay, got none")
-    for name in ("poses", "frame_times"):
-        if getattr(options, name) is not None and not options.sweep:
-            option = f"--{name.replace('_', '-')}"
-            raise UserError(f"{option}: expected --sweep beside {option}, got none")
+    ways = {"MARKS": options.marks, "--n-wire": options.phantom, "--stylus": options.stylus}
+    given = [name for name, value in ways.items() if value]
+    if len(given) > 1:
+        raise UserError(f"{given[1]}: expected only one of {', '.join(ways)}, got {given[0]}, too")
+    if not given and not options.delay:
+        got = "MARKS: expected a table of marks, --n-wire, --stylus or --delay, got none"
+        raise UserError(got)
+    needs = {
+        "--delay": (options.delay, "--sweep", options.sweep),
+        "--stylus": (options.stylus, "--sweep", options.sweep),
+        "--n-wire": (
+            options.phantom, "--sweep or --landmarks", options.sweep or options.landmarks
+        ),
+        "--landmarks": (options.landmarks, "--n-wire", options.phantom),
+        "--validate": (options.validate, "--n-wire and --sweep", options.phantom and options.sweep),
+        "--poses": (options.poses, "--sweep", options.sweep),
+        "--frame-times": (options.frame_times, "--sweep", options.sweep),
+    }  # fmt: skip
+    for option, (value, wanted, there) in needs.items():
+        if value and not there:
+            raise UserError(f"{option}: expected {wanted} beside {option}, got none")
     if options.output:
-        check_output("-o", options.output, [".toml"])
-        if not options.marks and not options.calibration:
+        check_output("-o", options.output, [".toml", ".xml"])
+        if not given and not options.calibration:
             raise UserError("-o: expected MARKS or --calibration for the matrix, got neither")
+    if options.picture:
+        check_output("--picture", options.picture, [".png"])
+        try:
+            import matplotlib  # noqa: F401
+        except ImportError as error:
+            message = '--picture needs matplotlib: pip install "globule[figures]"'
+            raise UserError(message) from error
+
+
+def _report(options: argparse.Namespace) -> dict[str, Any]:
+    """Calibrate, write what was asked for, and return the report."""
+    report: dict[str, Any] = {"output": options.output, "warnings": []}
+    if options.stylus:
+        return report | _stylus(options)
+    if options.phantom:
+        return _n_wires(options, report)
+    earlier = read_calibration(options.calibration) if options.calibration else None
+    tracked = _tracked(options, options.sweep) if options.sweep else None
+    return _calibrated(options, earlier, tracked, report)
+
+
+def _tracked(options: argparse.Namespace, path: str, tool: str = "Probe") -> Tracked:
+    own = path == options.sweep  # the table of poses and the rate are those of --sweep
+    return read_tracked(
+        path, options.poses if own else None, options.frame_times if own else None, tool
+    )
 
 
 def _calibrated(
-    options: argparse.Namespace, earlier: Calibration | None, tracked: Tracked | None
-) -> dict[str, Any]:
-    """Calibrate, write the calibration, and return the report."""
-    messages: list[str] = []
-    report: dict[str, Any] = {"output": options.output, "warnings": messages}
+    options: argparse.Namespace, earlier: Calibration | None, tracked: Tracked | None,
+    report: dict[str, Any],
+) -> dict[str, Any]:  # fmt: skip
+    """Of marks, and of the temporal offset."""
+    messages = report["warnings"]
     calibration = earlier
     if options.marks:
-        found = calibrate_point_target(*read_marks(options.marks, tracked))
-        kept = {} if earlier is None else {
-            name: getattr(earlier, name) for name in ("temporal_offset", "clip", "fan")
-        }  # fmt: skip
-        calibration = dataclasses.replace(found.calibration, **kept)
+        size = None if tracked is None else tracked.frames.shape[:0:-1]
+        marks = read_marks(options.marks, tracked)
+        found = calibrate_point_target(*marks, size, options.most_error)
+        calibration = _kept(found.calibration, earlier)
         lengths = np.linalg.norm(found.residuals, axis=1)
         report |= {
             "probe_from_image": calibration.probe_from_image, "spacing": calibration.spacing,
             "target": found.target, "rms": calibration.rms, "residuals": lengths,
+            "weights": found.weights, "held_out": found.held_out, "corner_errors": found.errors,
+            "turns": found.turns,
         }  # fmt: skip
         wild = np.flatnonzero(lengths > _STRIKING * np.median(lengths) + 1e-9)
         if len(wild):
             which = ", ".join(f"{i + 1} ({lengths[i]:.2f} mm)" for i in wild[:5])
             messages.append(
-                f"{options.marks}: far from the other marks: mark {which}; check these marks"
+                f"{options.marks}: far from the other marks: mark {which}; these marks count "
+                "little or not at all, check them"
             )
         assert calibration.rms is not None  # calibrate_point_target gives it
         pixels = calibration.rms / max(calibration.spacing[:2])
         if pixels > _UNLIKELY:
             messages.append(f"{options.marks}: residuals of {pixels:.0f} pixels; expected marks of "
                             "one point, and the poses of this sweep")  # fmt: skip
+        if options.picture and not options.delay:
+            from ..figures.calibrating import draw_residuals
+
+            draw_residuals(options.picture, lengths, found.weights, "mark", found.held_out)
     if options.delay:
         assert tracked is not None  # --delay needs --sweep
-        delay = _delay(options, tracked)
-        report["temporal_offset"] = delay._asdict()
-        if delay.chance > CERTAIN or not np.isfinite(delay.uncertainty):
-            why = f"{100 * delay.chance:.0f} % of random motions fit as well"
-            if not np.isfinite(delay.uncertainty):
-                why = f"the best fit is at the limit of --max-delay, and {why}"
-            messages.append(
-                f"{options.sweep}: the temporal offset is uncertain and was not written: {why}"
-            )
-        elif calibration is not None:
-            calibration = dataclasses.replace(calibration, temporal_offset=delay.offset)
+        calibration = _with_delay(options, tracked, calibration, report)
     if options.output:
         assert calibration is not None  # -o needs MARKS or --calibration
-        write_calibration(options.output, calibration)
+        _write(options, calibration, messages)
     return report
 
 
-def _delay(options: argparse.Namespace, tracked: Tracked) -> Any:
+def _kept(calibration: Calibration, earlier: Calibration | None) -> Calibration:
+    """With what the earlier one says beside the matrix."""
+    if earlier is None:
+        return calibration
+    names = ("temporal_offset", "clip", "fan")
+    return dataclasses.replace(calibration, **{name: getattr(earlier, name) for name in names})
+
+
+def _write(options: argparse.Namespace, calibration: Calibration, messages: list[str]) -> None:
+    base = next(
+        (p for p in (options.phantom, options.calibration) if p and p.lower().endswith(".xml")),
+        None,
+    )
+    write_calibration(options.output, calibration, base)
+    if options.output.lower().endswith(".xml") and calibration.temporal_offset:
+        messages.append(
+            f"{options.output}: PLUS configurations hold no temporal offset of "
+            f"{calibration.temporal_offset:+.4f} s; set it where the devices are configured"
+        )
+
+
+def _with_delay(
+    options: argparse.Namespace, tracked: Tracked, calibration: Calibration | None,
+    report: dict[str, Any],
+) -> Calibration | None:  # fmt: skip
+    delay = _delay(options, tracked)
+    report["temporal_offset"] = delay._asdict()
+    del report["temporal_offset"]["curves"]
+    if options.picture:
+        from ..figures.calibrating import draw_offset
+
+        draw_offset(options.picture, delay)
+    if delay.doubt:
+        problem = f"{options.sweep}: the temporal offset is uncertain: {delay.doubt}"
+        if options.output:
+            found = f"{delay.offset:+.4f} s by {delay.method}"
+            raise UserError(f"{problem} (found {found}); {options.output} was not written")
+        report["warnings"].append(problem)
+    elif calibration is not None:
+        return dataclasses.replace(calibration, temporal_offset=delay.offset)
+    return calibration
+
+
+def _timed(path: str, tracked: Tracked) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Frames, their times, valid poses and their times, in the order of time."""
     if tracked.times is None or tracked.pose_times is None:
-        raise UserError(f"{options.sweep}: expected times of frames and poses, got none")
+        raise UserError(f"{path}: expected times of frames and poses, got none")
     ok = np.flatnonzero(tracked.ok)
     if not len(ok):
-        raise UserError(f"{options.sweep}: expected valid poses, got none")
-    order = np.argsort(tracked.times, kind="stable")
+        raise UserError(f"{path}: expected valid poses, got none")
     ok = ok[np.argsort(tracked.pose_times[ok], kind="stable")]
-    return temporal_offset(
-        tracked.frames[order], tracked.times[order],
-        tracked.poses[ok], tracked.pose_times[ok], options.most,
+    return tracked.frames, tracked.times, tracked.poses[ok], tracked.pose_times[ok]
+
+
+def _delay(options: argparse.Namespace, tracked: Tracked) -> Any:
+    frames, times, poses, pose_times = _timed(options.sweep, tracked)
+    order = np.argsort(times, kind="stable")
+    most = 0.5 if options.most is None else options.most
+    return temporal_offset(frames[order], times[order], poses, pose_times, most, options.motion)
+
+
+# N-wires
+
+
+def _n_wires(options: argparse.Namespace, report: dict[str, Any]) -> dict[str, Any]:
+    phantom = read_phantom(options.phantom)
+    if options.landmarks:
+        phantom = _registered(options, phantom, report)
+    if not options.sweep:
+        _write_registration(options, phantom)
+        return report
+    earlier = read_calibration(options.calibration) if options.calibration else None
+    data = _timed(options.sweep, _tracked(options, options.sweep))
+    found = calibrate_n_wires(
+        *data, phantom, earlier.temporal_offset if earlier else 0.0, options.delay,
+        1.0 if options.most is None else options.most,
     )  # fmt: skip
+    calibration = found.calibration
+    validation = None
+    if options.validate:
+        more = _timed(options.validate, _tracked(options, options.validate))
+        validation, dots = validate_n_wires(calibration, *more, phantom)
+        report["validation"] = _wire_report(phantom, validation, dots, len(more[0]))
+    report |= {
+        "probe_from_image": calibration.probe_from_image, "spacing": calibration.spacing,
+        "calibration": _wire_report(phantom, found.errors, found.points, len(data[0])),
+        "corner_errors": found.corners, "center_error": found.center,
+        "temporal_offset": {
+            "offset": calibration.temporal_offset, "uncertainty": found.offset_uncertainty,
+            "method": "wires" if options.delay else "given", "skew": None,
+        },
+        "left_out": int((found.weights == 0).sum()),
+    }  # fmt: skip
+    report["warnings"] += _wire_warnings(options, found)
+    if options.picture:
+        from ..figures.calibrating import draw_wires
+
+        draw_wires(options.picture, data[0], found, phantom, validation)
+    if options.output:
+        if earlier is not None:
+            calibration = dataclasses.replace(calibration, clip=earlier.clip, fan=earlier.fan)
+        _write(options, calibration, report["warnings"])
+    return report
+
+
+def _wire_warnings(options: argparse.Namespace, found: NWireCalibration) -> list[str]:
+    messages = []
+    if found.better_offset is not None:
+        offset, spread, before, after = found.better_offset
+        messages.append(
+            f"{options.sweep}: a temporal offset of {offset:+.3f} ± {spread:.3f} s fits better "
+            f"({after:.1f} instead of {before:.1f} pixels); add --delay to find it with the matrix"
+        )
+    apart = found.offset_uncertainty
+    if apart is not None and apart > _UNCERTAIN:
+        problem = (
+            f"{options.sweep}: the temporal offset is uncertain"
+            + (f" by {apart:.2f} s" if np.isfinite(apart) else "")
+            + "; the probe must move during the recording"
+        )
+        if options.output:
+            raise UserError(f"{problem}; {options.output} was not written")
+        messages.append(problem)
+    size = found.errors.summary()["median"]
+    if size > _WRONG:
+        messages.append(
+            f"{options.sweep}: 3-D errors of {size:.1f} mm; expected the registration of this "
+            "phantom, and poses of the probe in mm in the frame of its reference"
+        )
+    if found.center > _LARGE_ERROR:
+        messages.append(
+            f"{options.sweep}: expected an error below {_LARGE_ERROR:g} mm in the middle of the "
+            f"wires, got {found.center:.1f} mm; turn and tilt the probe more"
+        )
+    return messages
+
+
+def _wire_report(
+    phantom: NWirePhantom, errors: WireErrors, dots: Any, n_images: int
+) -> dict[str, Any]:
+    return {
+        "images": n_images, "found": int(dots.found.sum()), "used": len(errors.frames),
+        **errors.summary(),
+        "wires": {
+            name: {"mean_pixels": errors.two_d[:, i].mean(axis=0),
+                   "deviation_pixels": errors.two_d[:, i].std(axis=0)}
+            for i, name in enumerate(phantom.names)
+        },
+        "frames": errors.frames, "three_d": errors.three_d,
+        "points": dots.points[errors.frames],
+    }  # fmt: skip
+
+
+def _registered(
+    options: argparse.Namespace, phantom: NWirePhantom, report: dict[str, Any]
+) -> NWirePhantom:
+    names, touched = read_landmarks(options.landmarks)
+    unknown = [name for name in names if name not in phantom.landmarks]
+    if unknown:
+        known = ", ".join(phantom.landmarks) or "none"
+        raise UserError(
+            f"{options.landmarks}: expected landmarks of the phantom ({known}), got {unknown[0]}"
+        )
+    own = np.array([phantom.landmarks[name] for name in names])
+    found = register_landmarks(own, touched, phantom.wires.reshape(-1, 3))
+    report["registration"] = {
+        "reference_from_phantom": found.matrix, "rms": found.rms, "error": found.error,
+        "names": names, "residuals": found.residuals, "weights": found.weights,
+    }  # fmt: skip
+    wrong = [
+        f"{name} ({size:.1f} mm)"
+        for name, size, weight in zip(names, found.residuals, found.weights, strict=True)
+        if weight == 0
+    ]
+    if wrong:
+        report["warnings"].append(f"{options.landmarks}: left out: {', '.join(wrong)}")
+    if options.picture and not options.sweep:
+        from ..figures.calibrating import draw_residuals
+
+        draw_residuals(options.picture, found.residuals, found.weights, "landmark")
+    return dataclasses.replace(
+        phantom, reference_from_phantom=found.matrix, error=max(found.error, 0.05)
+    )
+
+
+def _write_registration(options: argparse.Namespace, phantom: NWirePhantom) -> None:
+    if not options.output:
+        return
+    if options.output.lower().endswith(".toml"):
+        write_phantom(options.output, phantom)
+        return
+    assert phantom.reference_from_phantom is not None  # just registered
+    key = ("Phantom", "Reference")
+    base = options.phantom if options.phantom.lower().endswith(".xml") else None
+    write_plus(options.output, {key: phantom.reference_from_phantom}, base, {key: phantom.error})
+
+
+def _stylus(options: argparse.Namespace) -> dict[str, Any]:
+    tracked = _tracked(options, options.sweep, "Stylus")
+    found = calibrate_stylus(tracked.poses[tracked.ok], options.most_error)
+    lengths = np.linalg.norm(found.residuals, axis=1)
+    if options.picture:
+        from ..figures.calibrating import draw_residuals
+
+        draw_residuals(options.picture, lengths, found.weights, "pose")
+    if options.output:
+        write_stylus(options.output, found)
+    return {
+        "stylus": {
+            "tip": found.tip, "pivot": found.pivot, "rms": found.rms, "error": found.error,
+            "turn": found.turn, "poses": len(lengths), "left_out": int((found.weights == 0).sum()),
+        },
+    }  # fmt: skip
+
+
+# Lines
 
 
 def _lines(report: dict[str, Any]) -> list[str]:
@@ -176,16 +462,71 @@ def _lines(report: dict[str, Any]) -> list[str]:
             f"{np.median(lengths):.3f}, largest {lengths.max():.3f} mm (mark "
             f"{int(lengths.argmax()) + 1})",
             f"  pixels of {u:.5f} x {v:.5f} mm, target at {target} mm",
+            f"  expected error at the image's corners {report['corner_errors'].max():.2f} mm at "
+            f"most (1 sigma); marks left out of the fit are off by "
+            f"{np.median(report['held_out']):.2f} mm (median)",
             "  residuals: " + " ".join(f"{x:.2f}" for x in lengths),
         ]
-    if "temporal_offset" in report:
+    lines += _line_of_stylus(report) + _lines_of_registration(report) + _lines_of_wires(report)
+    if "temporal_offset" in report and report["temporal_offset"]["method"] != "given":
         found = report["temporal_offset"]
         apart = found["uncertainty"]
         within = f"± {apart:.4f}" if np.isfinite(apart) else "(of unknown accuracy)"
-        lines.append(
-            f"temporal offset {found['offset']:+.4f} s {within}, correlation "
-            f"{found['correlation']:.2f}, reached by chance in {100 * found['chance']:.0f} %"
-        )
+        line = f"temporal offset {found['offset']:+.4f} s {within} from the {found['method']}"
+        if "correlation" in found:
+            line += f", correlation {found['correlation']:.2f}, reached by chance in "
+            line += f"{100 * found['chance']:.0f} %"
+        lines.append(line)
+        if found["skew"] is not None:
+            lines.append(f"  last column of the echo {found['skew']:+.3f} s beside the first")
     if report["output"]:
         lines.append(f"{report['output']}: written")
     return lines
+
+
+def _line_of_stylus(report: dict[str, Any]) -> list[str]:
+    if "stylus" not in report:
+        return []
+    found = report["stylus"]
+    tip = " ".join(f"{x:.3f}" for x in found["tip"])
+    return [
+        f"tip of the stylus at {tip} mm, ± {found['error']:.2f} mm (1 sigma)",
+        f"  {count(found['poses'], 'pose')} over {found['turn']:.0f} degrees, "
+        f"{found['left_out']:,} left out, rms {found['rms']:.3f} mm",
+    ]
+
+
+def _lines_of_registration(report: dict[str, Any]) -> list[str]:
+    if "registration" not in report:
+        return []
+    found = report["registration"]
+    residuals = ", ".join(
+        f"{name} {size:.2f}" for name, size in zip(found["names"], found["residuals"], strict=True)
+    )
+    return [
+        f"{count(len(found['names']), 'landmark')}: rms {found['rms']:.3f} mm, expected error at "
+        f"the wires {found['error']:.2f} mm (1 sigma)",
+        f"  residuals: {residuals} mm",
+    ]
+
+
+def _lines_of_wires(report: dict[str, Any]) -> list[str]:
+    if "calibration" not in report:
+        return []
+    lines = []
+    for name in ("calibration", "validation"):
+        if name in report:
+            of = report[name]
+            lines.append(
+                f"{name}: {of['found']:,} of {count(of['images'], 'image')} show all wires; 3-D "
+                f"error {of['mean_of_95']:.3f} ± {of['deviation_of_95']:.3f} mm (best 95 %, as "
+                f"PLUS), {of['mean']:.3f} ± {of['deviation']:.3f} mm (all), "
+                f"{of['rms_pixels']:.2f} pixels rms"
+            )
+    u, v = report["spacing"]
+    return [
+        *lines,
+        f"  pixels of {u:.5f} x {v:.5f} mm; expected error {report['center_error']:.2f} mm in the "
+        f"middle of the wires, {report['corner_errors'].max():.2f} mm at most at the image's "
+        "corners (1 sigma)",
+    ]

@@ -73,12 +73,13 @@ def lines(facts: dict[str, Any]) -> list[str]:
             "  poses      need a calibration: no transform leads from the image to the world",
         ]
     spacing = " x ".join(f"{s:.6g}" for s in facts["spacing"])
-    jumps = list(facts["outliers"])
-    which = ", ".join(map(str, jumps[:8])) + (" …" if len(jumps) > 8 else "")
+    strange = [f"  outliers   {finding}" for finding in facts["findings"]]
+    if len(strange) > 20:
+        strange[20:] = [f"  outliers   … and {len(strange) - 20:,} more"]
     return [
         *found,
         f"  poses      {facts['valid']:,} valid, in {facts['world']} ({facts['space']})",
-        *([f"  outliers   the pose jumps in {count(len(jumps), 'frame')}: {which}"] * bool(jumps)),
+        *strange,
         f"  pixel      {spacing} mm",
         f"  bounds     {_place(facts['bounds']['lo'])}  to  {_place(facts['bounds']['hi'])} mm",
     ]
@@ -138,10 +139,11 @@ def _sweep(path: str) -> dict[str, Any]:
     if sweep is not None:
         frames, times = sweep.frames, sweep.timestamps
         low, high = sweep.bounds()
+        poses = check_poses(sweep)
         facts |= {
             "spacing": sweep.spacing, "valid": sweep.n_valid, "world": sweep.world,
             "space": sweep.space, "bounds": {"lo": low, "hi": high},
-            "outliers": np.flatnonzero(check_poses(sweep).outliers),
+            "outliers": np.flatnonzero(poses.outliers), "findings": list(map(str, poses.findings)),
             "masked": None if sweep.mask is None else int((~sweep.mask).sum()),
         }  # fmt: skip
     if times is not None and len(times):

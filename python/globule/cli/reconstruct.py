@@ -208,7 +208,7 @@ def run(options: argparse.Namespace) -> None:
         stream = live.Live(options, progress, _growing(options)) if options.live else None
         sweep = stream.sweep() if stream else _sweep(options)
         read_seconds = time.perf_counter() - start
-        outliers = _without_outliers(sweep, options, messages)
+        outliers, findings = _without_outliers(sweep, options, messages)
         n_lost = len(sweep) - sweep.n_valid - len(outliers)
         if n_lost:
             messages.append(
@@ -247,6 +247,7 @@ def run(options: argparse.Namespace) -> None:
         "method": _method(options),
         "frames": {"total": len(sweep), "used": sweep.n_valid, "outliers": outliers,
                    "size": sweep.frames.shape[:0:-1], "dtype": str(sweep.frames.dtype)},
+        "poses": findings,
         "world": sweep.world,
         "space": sweep.space,
         "cross_validation": {name: v._asdict() for name, v in validations.items()},
@@ -334,21 +335,31 @@ def _sweep(options: argparse.Namespace) -> Sweep:
     )  # fmt: skip
 
 
-def _without_outliers(sweep: Sweep, options: argparse.Namespace, messages: list[str]) -> list[int]:
-    """Mark frames whose pose jumps as invalid, and return their numbers."""
+def _without_outliers(
+    sweep: Sweep, options: argparse.Namespace, messages: list[str]
+) -> tuple[list[int], list[str]]:
+    """Mark frames whose pose is wrong as invalid; return their numbers, and all findings."""
     from ..ultrasound.trust import check_poses
 
-    if options.keep_outliers or _exact(options):
-        return []
-    found = np.flatnonzero(check_poses(sweep).outliers).tolist()
+    if _exact(options):
+        return [], []
+    check = check_poses(sweep)
+    found = [] if options.keep_outliers else np.flatnonzero(check.outliers).tolist()
     sweep.valid[found] = False
     if found:
-        which = ", ".join(map(str, found[:8])) + (" …" if len(found) > 8 else "")
+        wrong = [str(f) for f in check.findings if f.kind not in ("step", "identical")]
+        which = "; ".join(wrong[:8]) + ("; …" if len(wrong) > 8 else "")
         messages.append(
-            f"{count(len(found), 'frame')} left out because the pose jumps: {which} "
-            "(--keep-outliers keeps these frames)"
+            f"{count(len(found), 'frame')} left out (--keep-outliers keeps these frames): {which}"
         )
-    return found
+    for finding in check.findings:
+        if finding.kind == "step":
+            messages.append(
+                f"{finding}; if the tracked reference has moved, the volume shows the anatomy twice"
+            )
+        elif finding.kind == "identical" and finding.last - finding.first >= len(sweep) - 1:
+            messages.append(f"{finding}; the tracker has not followed the probe")
+    return found, [str(finding) for finding in check.findings]
 
 
 def _growing(options: argparse.Namespace) -> dict[str, Any] | None:

@@ -27,6 +27,7 @@ from ..formats.sweeps.transforms import (
 )
 from ..formats.volumes.raw import Progress
 from .calibration import Calibration
+from .plausible import check_pixels, check_travel
 from .setup import Setup
 from .sweep import Sweep, checked_frames
 
@@ -247,9 +248,14 @@ def _assembled(
             if key in edges and edges[key].matrices.ndim == 2
         },
     }
+    if (image, "Probe") in way:  # a calibration and, apart from it, poses
+        rest = chain(edges, way[way.index((image, "Probe")) + 1 :], n)
+        check_travel(path, rest.matrices[valid])
     try:
-        return Sweep(recording.frames, matrices, recording.times, valid, world=world,
-                     metadata=metadata)  # fmt: skip
+        sweep = Sweep(recording.frames, matrices, recording.times, valid, world=world,
+                      metadata=metadata)  # fmt: skip
+        check_pixels(matrices[valid], sweep.frames.shape[1:])
+        return sweep
     except ValueError as error:
         raise bad(path, "", str(error)) from None
 

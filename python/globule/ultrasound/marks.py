@@ -35,17 +35,20 @@ class Tracked(NamedTuple):
     by_frame_ok: np.ndarray
 
 
-def read_tracked(path: Any, poses: Any = None, frame_times: Any = None) -> Tracked:
-    """Frames and poses of the probe: of a PLUS file, or of a stack of images and a table."""
+def read_tracked(
+    path: Any, poses: Any = None, frame_times: Any = None, tool: str = "Probe"
+) -> Tracked:
+    """Frames and poses of the probe, or of another tool: of a PLUS file, or of a stack of images
+    and a table."""
     recording, _ = _recording(path)
     n = len(recording.frames)
     times = recording.times if frame_times is None else _frame_times(frame_times, n)
     if poses is None:
-        ways = [find_path(recording.edges, "Probe", world) for world in WORLDS]
+        ways = [find_path(recording.edges, tool, world) for world in WORLDS]
         way = next((way for way in ways if way), None)
         if way is None:
             got = " ".join(f"{a}To{b}" for a, b in recording.edges) or "no transforms"
-            raise bad(path, "", f"expected a way from Probe to {' or '.join(WORLDS)}, got {got}")
+            raise bad(path, "", f"expected a way from {tool} to {' or '.join(WORLDS)}, got {got}")
         placed = chain(recording.edges, way, n)
         ok = placed.ok & recording.ok
         return Tracked(recording.frames, times, placed.matrices, ok, times, placed.matrices, ok)
@@ -103,3 +106,28 @@ def read_marks(
         where = f"row {int(np.argmin(ok)) + 2}"
         raise bad(path, where, "expected a mark with a valid pose, got one without")
     return table[:, :2], poses
+
+
+def read_landmarks(path: str | os.PathLike[str]) -> tuple[list[str], np.ndarray]:
+    """Names and points (N, 3) of a table (.csv) of name, x, y, z, mm. A landmark may be touched
+    several times. Raises FormatError with the row."""
+    try:
+        lines = list(csv.reader(Path(path).read_text(encoding="utf-8-sig").splitlines()))
+    except (UnicodeError, csv.Error) as error:
+        raise bad(path, "", f"expected a text table, got {error}") from None
+    columns = [name.strip().lower() for name in lines[0]] if lines else []
+    wanted = ("name", "x", "y", "z")
+    if not set(wanted) <= set(columns):
+        raise bad(
+            path, "line 1", f"expected columns {' '.join(wanted)}, got {shown(','.join(columns))}"
+        )
+    names, points = [], []
+    for number, line in enumerate(filter(None, lines[1:]), 2):
+        where = f"row {number}"
+        if len(line) != len(columns):
+            raise bad(path, where, f"expected {len(columns)} values, got {len(line)}")
+        names.append(line[columns.index("name")].strip())
+        points.append([_number(path, where, line[columns.index(axis)]) for axis in "xyz"])
+        if not np.isfinite(points[-1]).all():
+            raise bad(path, where, "expected numbers, got an empty or infinite one")
+    return names, np.array(points, np.float64).reshape(-1, 3)

@@ -6,13 +6,15 @@ https://plustoolkit.github.io, <CoordinateDefinitions> and <VolumeReconstruction
 from __future__ import annotations
 
 import os
+import re
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from .._base.files import atomic_write
 from ..formats.errors import bad, shown
-from ..formats.sweeps.transforms import Edges, Transform, parse_matrix
+from ..formats.sweeps.transforms import Edges, Transform, format_matrix, parse_matrix
 from ..formats.xml import parse_xml
 from .region import Clip, Fan, checked_clip, checked_fan
 
@@ -69,9 +71,53 @@ def read_plus(path: str | os.PathLike[str]) -> PlusGeometry:
     return PlusGeometry(edges, clip, fan, image, world)
 
 
+def write_plus(
+    path: str | os.PathLike[str],
+    transforms: dict[tuple[str, str], np.ndarray],
+    base: str | os.PathLike[str] | None = None,
+    errors: dict[tuple[str, str], float] | None = None,
+) -> None:
+    """Write a PLUS configuration (.xml) with transforms (4, 4) by (from, to), mm.
+
+    base     a configuration whose text is kept; its transforms of the same names are replaced.
+             Default: one with nothing but transforms
+    errors   mm, by (from, to)
+
+    Raises FormatError if the base is no PLUS configuration.
+    """
+    text = '<PlusConfiguration version="2.1">\n</PlusConfiguration>\n'
+    if base is not None:
+        _root(base)
+        text = Path(base).read_text(encoding="utf-8-sig")
+    for (source, target), matrix in transforms.items():
+        numbers = "\n        ".join(format_matrix(row) for row in matrix)
+        error = (errors or {}).get((source, target))
+        said = "" if error is None else f' Error="{error:.6g}"'
+        element = f'<Transform From="{source}" To="{target}"\n      Matrix="\n        {numbers}"'
+        element += f"{said} />"
+        block = re.search(r"<CoordinateDefinitions\b[^>]*>.*?</CoordinateDefinitions>", text, re.S)
+        if block is None:
+            new = f"  <CoordinateDefinitions>\n    {element}\n  </CoordinateDefinitions>\n"
+            at = text.rindex("</PlusConfiguration>")
+            text = text[:at] + new + text[at:]
+            continue
+        inside = block[0]
+        for old in re.finditer(r"<Transform\b[^>]*?/>", inside, re.S):
+            names = [re.search(rf'\b{name}\s*=\s*"([^"]*)"', old[0]) for name in ("From", "To")]
+            if [name and name[1] for name in names] == [source, target]:
+                inside = inside[: old.start()] + element + inside[old.end() :]
+                break
+        else:
+            at = inside.rindex("</CoordinateDefinitions>")
+            inside = f"{inside[:at].rstrip()}\n    {element}\n  {inside[at:]}"
+        text = text[: block.start()] + inside + text[block.end() :]
+    with atomic_write(path, "w") as file:
+        file.write(text)
+
+
 def _root(path: str | os.PathLike[str]) -> Any:
     root = parse_xml(path, Path(path).read_bytes())
-    if root.tag != "PlusConfiguration":
+    if root.tag not in ("PlusConfiguration", "ProbeCalibrationResult"):
         raise bad(path, f"line {root.line}", f"expected <PlusConfiguration>, got {shown(root.tag)}")
     return root
 

@@ -1,4 +1,4 @@
-"""How late a tracker's poses are: cross-correlation of the image's and the probe's motion."""
+"""How late a tracker's poses are: the motion of the image compared with that of the probe."""
 
 from __future__ import annotations
 
@@ -7,7 +7,27 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from .lines import find_lines
+
+METHODS = ("auto", "line", "speckle")
 _SURROGATES = 400  # random motions that the one seen is compared with
+_BLOCKS = 12  # parts of the recording, each left out once
+_FOUND = 0.8  # share of the frames that must show a line
+_CHANCE, _CORRELATION, _UNCERTAINTY = 0.05, 0.5, 0.02  # limits of a certain offset
+
+
+class Curves(NamedTuple):
+    """The two motions that were compared, (K,) each, of mean 0 and deviation 1.
+
+    times   s, of the frames; image, and probe at times + offset
+    lags    (L,) s, and scores (L,), the correlation at each
+    """
+
+    times: np.ndarray
+    image: np.ndarray
+    probe: np.ndarray
+    lags: np.ndarray
+    scores: np.ndarray
 
 
 class TemporalOffset(NamedTuple):
@@ -18,17 +38,27 @@ class TemporalOffset(NamedTuple):
     uncertainty   s, standard deviation of the offset, if it is right at all
     chance        share of random motions with the image motion's spectrum that correlate as well
                   at some offset; above 0.05 or so the recording does not tell the offset
+    method        "line" or "speckle": what the image's motion was taken from
+    skew          s, how much later the offset is at the last than at the first lit column, for a
+                  scanner that needs this long for an image; None for speckle
+    doubt         why the offset is not certain, or ""
+    curves        the two motions
     """
 
     offset: float
     correlation: float
     uncertainty: float
     chance: float
+    method: str = "speckle"
+    skew: float | None = None
+    doubt: str = ""
+    curves: Curves | None = None
 
 
 def temporal_offset(
-    frames: Any, frame_times: Any, poses: Any, pose_times: Any, most: float = 0.5
-) -> TemporalOffset:
+    frames: Any, frame_times: Any, poses: Any, pose_times: Any, most: float = 0.5,
+    method: str = "auto",
+) -> TemporalOffset:  # fmt: skip
     """Find the temporal offset between the images and the tracker's poses.
 
     Args:
@@ -37,58 +67,162 @@ def temporal_offset(
         poses: (N, 4, 4) world_from_probe, mm.
         pose_times: (N,) s.
         most: s, the largest offset of either sign in the search.
+        method: "line": the probe moves up and down over a plane, as the bottom of a water tank,
+            and the image's motion is the depth of its echo. "speckle": the probe moves over tissue,
+            and the motion is the mean absolute difference of neighboring frames, per second.
+            "auto": the line if most frames show one and its offset is certain, else speckle.
 
-    Motion of the image (mean absolute difference of neighboring frames, per second) and of the
-    probe (mm per second) are brought to one time axis; the offset is where their normalized
-    cross-correlation peaks, refined by a parabola. The probe must change its speed during the
-    recording, and move less between two frames than speckle is wide: frames without common speckle
-    differ by the same amount at any speed. Raises ValueError if image or probe never moves, or if
-    the recording is shorter than 2 · most.
+    The depth of the line is fitted by the probe's position, the speckle's motion by the probe's
+    speed; the offset is where the correlation of both peaks, refined by a parabola. Its deviation
+    is that of offsets from the recording without each of 12 parts (jackknife). An offset is certain
+    if chance is at most 0.05, the correlation at least 0.5 and the deviation at most 0.02 s;
+    otherwise `doubt` says what is not so. The depth is taken at the middle of the echo's columns,
+    because a scanner acquires columns one after the other.
+
+    The probe must change its speed during the recording. For speckle, the probe must move less
+    between two frames than speckle is wide. Raises ValueError if image or probe never moves, if no
+    line is found with method "line", or if the recording is shorter than 2 · most.
     """
+    if method not in METHODS:
+        raise ValueError(f"method: expected one of {', '.join(METHODS)}, got {method!r}")
     frames = np.asarray(frames)
     frame_times, pose_times = (np.asarray(t, np.float64) for t in (frame_times, pose_times))
     places = np.asarray(poses, np.float64)[:, :3, 3]
     if len(frames) != len(frame_times) or len(places) != len(pose_times):
         raise ValueError("times: expected one per frame and one per pose")
-    image = _speed(
-        frame_times,
-        [
-            float(np.abs(np.subtract(b, a, dtype=np.float32)).mean())
-            for a, b in itertools.pairwise(frames)
-        ],
-    )
+    if np.ptp(frame_times) <= 2 * most:
+        got = f"{np.ptp(frame_times):g} s"
+        raise ValueError(f"frame_times: expected more than {2 * most:g} s, got {got}")
     probe = _speed(pose_times, np.linalg.norm(np.diff(places, axis=0), axis=1))
-    step = min(np.median(np.diff(image[0])), np.median(np.diff(probe[0]))) / 4
-    first, last = image[0][0] + most, image[0][-1] - most
-    if last - first < 8 * step:
-        raise ValueError(
-            f"frame_times: expected more than {2 * most:g} s, got {np.ptp(frame_times):g} s"
-        )
-    grid = np.arange(first, last, step)
-    seen = _normal("frames", np.interp(grid, *image))
+    if not probe[1].any():
+        raise ValueError("poses: expected a probe that changes its speed, got one that rests")
+    by_line = None
+    if method != "speckle":
+        by_line = _by_line(frames, frame_times, places, pose_times, most, method == "line")
+        if by_line is not None and (method == "line" or not by_line.doubt):
+            return by_line
+    differences = [
+        float(np.abs(np.subtract(b, a, dtype=np.float32)).mean())
+        for a, b in itertools.pairwise(frames)
+    ]
+    times, motion = _speed(frame_times, differences)
+    by_speckle = _compared(times, motion, probe[0], probe[1][:, None], most, "speckle")
+    return by_speckle if by_line is None or not by_speckle.doubt else by_line
+
+
+def _by_line(
+    frames: np.ndarray, frame_times: np.ndarray, places: np.ndarray, pose_times: np.ndarray,
+    most: float, needed: bool,
+) -> TemporalOffset | None:  # fmt: skip
+    lines = find_lines(frames)
+    found = lines.found
+    if found.mean() < _FOUND or found.sum() < 2 * _BLOCKS:
+        if not needed:
+            return None
+        got = f"{int(found.sum())} of {len(found)}"
+        raise ValueError(f"frames: expected a straight echo in most images, got one in {got}")
+    times = frame_times[found]
+    at = [(1 - s) * lines.span[0] + s * lines.span[1] for s in (0.25, 0.5, 0.75)]
+    left, middle, right = (
+        _compared(times, lines.at(c)[found], pose_times, places, most, "line", c == at[1])
+        for c in at
+    )
+    return middle._replace(skew=2 * (right.offset - left.offset))
+
+
+def _compared(
+    times: np.ndarray, motion: np.ndarray, pose_times: np.ndarray, moved: np.ndarray, most: float,
+    method: str, chance: bool = True,
+) -> TemporalOffset:  # fmt: skip
+    """The lag at which `moved` (N, k) at pose_times explains `motion` (K,) at times best."""
+    inside = (times >= times[0] + most) & (times <= times[-1] - most)
+    n_parts = min(_BLOCKS, int(inside.sum()) // 2)
+    if n_parts < 4:
+        problem = f"expected 8 or more between the first and the last {most:g} s"
+        raise ValueError(f"frame_times: {problem}, got {int(inside.sum())}")
+    times, motion = times[inside], _normal("frames", motion[inside])
+    step = min(np.median(np.diff(times)), np.median(np.diff(np.unique(pose_times)))) / 4
     n_lags = int(most / step)
     lags = np.arange(-n_lags, n_lags + 1) * step
-    moved = np.array([_centred(np.interp(grid + lag, *probe)) for lag in lags])
-    scores = moved @ seen / len(grid)
+    order = np.argsort(pose_times, kind="stable")
+    pose_times, moved = pose_times[order], moved[order]
+    shifted = np.stack(
+        [[np.interp(times + lag, pose_times, column) for column in moved.T] for lag in lags]
+    )  # (lags, k, times)
+    every = np.ones(len(times))
+    scores = _scores(shifted, motion[None], every)[0]
     best = int(np.argmax(scores))
     if scores[best] <= 0:
         raise ValueError("poses: expected a probe that changes its speed, got no correlation")
-    shift, spread = 0.0, np.inf
-    if 0 < best < len(lags) - 1:
-        before, here, after = scores[best - 1 : best + 2]
-        bend = before - 2 * here + after
-        shift = 0.5 * (before - after) / bend if bend < 0 else 0.0
-        spread = _uncertainty(here, bend, n=len(grid) * step / np.median(np.diff(image[0])))
-    surrogates = _surrogates(seen)
-    chance = float(((surrogates @ moved.T).max(axis=1) / len(grid) >= scores[best]).mean())
+    offset = _peak(lags, scores)
+    parts = np.array_split(np.arange(len(times)), n_parts)
+    without = []
+    for part in parts:
+        kept = every.copy()
+        kept[part] = 0
+        without.append(_peak(lags, _scores(shifted, motion[None], kept)[0]))
+    spread = np.sqrt((n_parts - 1) * np.var(without))
+    at_limit = best in (0, len(lags) - 1)
+    uncertainty = np.inf if at_limit else float(spread)
+    by_chance = np.nan
+    if chance:
+        random = _scores(shifted, _surrogates(motion), every).max(axis=1)
+        by_chance = float((random >= scores[best]).mean())
+    basis = _basis(shifted[best : best + 1], every)[0]
+    fitted = _centred(basis @ (basis.T @ motion))
     return TemporalOffset(
-        float(lags[best] + shift * step), float(scores[best]), float(spread * step), chance
-    )
+        offset, float(scores[best]), uncertainty, by_chance, method, None,
+        _doubt(by_chance, scores[best], uncertainty), Curves(times, motion, fitted, lags, scores),
+    )  # fmt: skip
 
 
-def _uncertainty(correlation: float, bend: float, n: float) -> float:
-    """Standard deviation of a peak's place, in steps: n independent samples, noise of 1 - c^2."""
-    return np.sqrt(max(1 - correlation**2, 0.0) / (n * correlation * -bend)) if bend < 0 else np.inf
+def _doubt(chance: float, correlation: float, uncertainty: float) -> str:
+    if not np.isfinite(uncertainty):
+        return "the best fit is at the limit of the search"
+    if chance > _CHANCE:
+        return f"{100 * chance:.0f} % of random motions fit as well"
+    if correlation < _CORRELATION:
+        return f"image and probe correlate by {correlation:.2f} only, expected {_CORRELATION:g}"
+    if uncertainty > _UNCERTAINTY:
+        expected = f"expected {_UNCERTAINTY:g} s at most"
+        return f"parts of the recording differ by {uncertainty:.3f} s (1 sigma), {expected}"
+    return ""
+
+
+def _basis(shifted: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """Orthonormal columns (lags, times, k) that span what the probe did, without its mean."""
+    n = weight.sum()
+    moved = shifted * weight
+    moved = (moved - weight * (moved.sum(axis=2, keepdims=True) / n)).transpose(0, 2, 1)
+    # Components far below the largest are the tracker's noise.
+    u, s, _ = np.linalg.svd(moved, full_matrices=False)
+    return u * (s > np.maximum(0.05 * s[:, :1], 1e-12))[:, None, :]
+
+
+def _scores(shifted: np.ndarray, motions: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """Correlation (signals, lags) of each motion (signals, times) with its fit at each lag."""
+    n = weight.sum()
+    motions = motions * weight
+    motions = motions - weight * (motions.sum(axis=1, keepdims=True) / n)
+    motions = motions / np.maximum(np.linalg.norm(motions, axis=1, keepdims=True), 1e-300)
+    if shifted.shape[1] > 1:
+        basis = _basis(shifted, weight)
+        return np.stack([np.linalg.norm(motions @ one, axis=1) for one in basis], axis=1)
+    moved = shifted[:, 0] * weight  # one signal of known sign: both are speeds
+    moved = moved - weight * (moved.sum(axis=1, keepdims=True) / n)
+    length = np.linalg.norm(moved, axis=1, keepdims=True)
+    return motions @ (moved / np.maximum(length, 1e-12)).T
+
+
+def _peak(lags: np.ndarray, scores: np.ndarray) -> float:
+    """The place of the highest score, between lags by a parabola."""
+    best = int(np.argmax(scores))
+    if not 0 < best < len(lags) - 1:
+        return float(lags[best])
+    before, here, after = scores[best - 1 : best + 2]
+    bend = before - 2 * here + after
+    shift = 0.5 * (before - after) / bend if bend < 0 else 0.0
+    return float(lags[best] + shift * (lags[1] - lags[0]))
 
 
 def _surrogates(signal: np.ndarray) -> np.ndarray:

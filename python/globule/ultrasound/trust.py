@@ -1,4 +1,4 @@
-"""How far a sweep and its volume can be trusted: poses that jump, frames predicted from others."""
+"""How far a sweep and its volume can be trusted: its poses, and frames predicted from others."""
 
 from __future__ import annotations
 
@@ -9,74 +9,17 @@ import numpy as np
 
 from ..volumes.slices import reslice_frame
 from ..volumes.volume import EMPTY, MEASURED
+from .pose_check import PoseCheck, PoseFinding, check_poses
 from .sweep import Sweep
 
-_MOST_SPEED, _MOST_ACCELERATION = 6.0, 8.0  # times the sweep's median
-
-
-class PoseCheck(NamedTuple):
-    """outliers (F,) bool; speed (F,) mm/s and acceleration (F,) mm/s², NaN for frames not valid."""
-
-    outliers: np.ndarray
-    speed: np.ndarray
-    acceleration: np.ndarray
-
-
-def check_poses(
-    sweep: Sweep, most_speed: float | None = None, most_acceleration: float | None = None
-) -> PoseCheck:
-    """Find frames whose pose a hand cannot reach.
-
-    The speed is the speed of the image's fastest corner, and therefore includes rotation. A frame's
-    acceleration compares it with its neighbors: a single wrong pose is fast to reach and fast to
-    leave. An outlier exceeds both limits, mm/s and mm/s²; the default limits are 6 and 8 times the
-    median of the sweep. The function removes the worst frame first, then judges its neighbors
-    without this frame. Without time stamps, the frames are a second apart.
-    """
-    n = len(sweep)
-    times = np.arange(n, dtype=float) if sweep.timestamps is None else sweep.timestamps
-    corners = sweep.corners()
-    kept = np.flatnonzero(sweep.valid)
-    speed, acceleration = _motion(corners, times, kept, n)
-    outliers = np.zeros(n, bool)
-    if len(kept) < 3:
-        return PoseCheck(outliers, speed, acceleration)
-    limits = [
-        factor * float(np.nanmedian(values)) if given is None else given
-        for factor, values, given in (
-            (_MOST_SPEED, speed, most_speed),
-            (_MOST_ACCELERATION, acceleration, most_acceleration),
-        )
-    ]
-    now = speed, acceleration
-    while len(kept) >= 3:
-        wrong = (now[0] > limits[0]) & (now[1] > limits[1])
-        if not wrong.any():
-            break
-        worst = int(np.argmax(np.where(wrong, now[1], -1)))
-        outliers[worst] = True
-        kept = kept[kept != worst]
-        now = _motion(corners, times, kept, n)
-    return PoseCheck(outliers, speed, acceleration)
-
-
-def _motion(
-    corners: np.ndarray, times: np.ndarray, kept: np.ndarray, n: int
-) -> tuple[np.ndarray, np.ndarray]:
-    """Each kept frame's speed (to the slower neighbor) and acceleration; NaN for others."""
-    speed, acceleration = np.full(n, np.nan), np.full(n, np.nan)
-    if len(kept) < 2:
-        return speed, acceleration
-    spans = np.maximum(np.diff(times[kept]), 1e-9)
-    steps = np.diff(corners[kept], axis=0) / spans[:, None, None]
-    speeds = np.linalg.norm(steps, axis=2).max(axis=1)
-    # The slower of both sides: a good frame beside a wrong one is fast on one side only.
-    speed[kept] = np.minimum(np.append(speeds, np.inf), np.append(np.inf, speeds))
-    turns = np.linalg.norm(np.diff(steps, axis=0), axis=2).max(axis=1)
-    acceleration[kept[1:-1]] = turns / ((spans[1:] + spans[:-1]) / 2)
-    if len(turns):
-        acceleration[kept[[0, -1]]] = acceleration[kept[[1, -2]]]
-    return speed, acceleration
+__all__ = [
+    "PoseCheck",
+    "PoseFinding",
+    "Validation",
+    "check_poses",
+    "compare_methods",
+    "cross_validate",
+]
 
 
 class Validation(NamedTuple):

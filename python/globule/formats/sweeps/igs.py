@@ -21,6 +21,7 @@ from .transforms import Edges, Transform, parse_matrix, split_name
 EXTENSIONS = (".igs.mha", ".igs.nrrd", ".mha", ".mhd", ".nrrd", ".nhdr")
 _FRAME_FIELD = re.compile(r"Seq_Frame(\d{1,9})_(.+)")
 _TRANSFORM = "Transform"
+_AXES = ("domain", "space", "time", "list", "none", "???")  # kinds of NRRD's axes without color
 _ORIENTATION = "UltrasoundImageOrientation"
 
 
@@ -48,7 +49,7 @@ def read(path: str | os.PathLike[str], progress: Progress = None) -> Recording:
     with open(path, "rb") as file:
         is_nrrd = file.read(4) == b"NRRD"
     image = (nrrd if is_nrrd else metaimage).read(path, progress)
-    frames = _planes(path, image)
+    frames = _planes(path, image, is_nrrd)
     n = len(frames)
     fields: dict[str, str] = {}
     frame_fields: list[dict[str, str]] = [{} for _ in range(n)]
@@ -99,7 +100,9 @@ def _translated(fields: dict[str, str], to_nrrd: bool) -> dict[str, str]:
     if from_nrrd == to_nrrd and fields:
         kept = dict(fields)
         for name in fixed:  # per axis: a file of four axes is written with three
-            if len(kept.get(name, fixed[name]).split()) != len(fixed[name].split()):
+            words = kept.get(name, fixed[name]).split()
+            colored = name == "kinds" and not all(word.lower() in _AXES for word in words)
+            if colored or len(words) != len(fixed[name].split()):
                 kept[name] = fixed[name]
         return kept
     own = {_ORIENTATION: _get(fields, _ORIENTATION)}
@@ -110,18 +113,34 @@ def _translated(fields: dict[str, str], to_nrrd: bool) -> dict[str, str]:
     return fixed | {name + suffix: text for name, text in own.items()}
 
 
-def _planes(path: Any, image: RawImage) -> np.ndarray:
+def _planes(path: Any, image: RawImage, is_nrrd: bool) -> np.ndarray:
     """The frames, (F, H, W); colors become gray (ITU-R BT.601)."""
-    array = image.array
+    array, channels = image.array, _channel_axis(image, is_nrrd)
+    if channels is not None:
+        array = np.moveaxis(array, channels, -1)
+        if array.shape[-1] not in (1, 3, 4):
+            expected = "1, 3 (RGB) or 4 (RGBA) values a pixel"
+            raise bad(path, "kinds", f"expected {expected}, got {array.shape[-1]}")
+        array = array[..., 0] if array.shape[-1] == 1 else to_grey(array[..., :3])
     if array.ndim == 2:
         array = array[None]
-    if array.ndim == 4 and array.shape[1] == 1 and array.shape[-1] != 3:
+    if array.ndim == 4 and array.shape[1] == 1:
         array = array[:, 0]
-    if array.ndim == 4 and array.shape[-1] == 3:
-        array = to_grey(array)
     if array.ndim != 3:
         raise bad(path, "sizes", f"expected a sequence of 2D frames, got shape {array.shape}")
     return array
+
+
+def _channel_axis(image: RawImage, is_nrrd: bool) -> int | None:
+    """The axis of colors: the header says which, else a last one of three."""
+    n = image.array.ndim
+    if not is_nrrd:
+        return n - 1 if image.fields.get("ElementNumberOfChannels", "1") != "1" else None
+    kinds = image.fields.get("kinds", "").lower().split()
+    colors = [axis for axis, kind in enumerate(kinds) if kind not in _AXES]
+    if len(kinds) == n and colors:
+        return n - 1 - colors[0]  # NRRD counts from the fastest axis
+    return n - 1 if n == 4 and image.array.shape[-1] == 3 else None
 
 
 def to_grey(array: np.ndarray) -> np.ndarray:
@@ -171,8 +190,17 @@ def _edges(path: Any, frame_fields: list[dict[str, str]]) -> Edges:
                 raise bad(path, _name(i, name), problem) from None
             edges[key].matrices[i] = matrix
             status = fields.get(name + "Status", "OK") == "OK"
-            edges[key].ok[i] = status and bool(np.isfinite(matrix).all())
+            edges[key].ok[i] = status and _pose(matrix)
     return edges
+
+
+def _pose(matrix: np.ndarray) -> bool:
+    """Whether it can be a pose: its columns 0 and 1 span a plane. Trackers also write zeros for
+    what they do not see."""
+    u, v = matrix[:3, 0], matrix[:3, 1]
+    with np.errstate(over="ignore", invalid="ignore"):
+        area, size = np.linalg.norm(np.cross(u, v)), u @ u + v @ v
+    return bool(np.isfinite(matrix).all() and area > 1e-9 * size)
 
 
 def _name(i: int, name: str) -> str:

@@ -1,0 +1,59 @@
+"""Whether the transforms of a sweep can be in millimeters and lead from the image to the world."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+
+_SMALLEST, _LARGEST = 0.003, 3.0  # mm per pixel, beyond which no scanner is
+_WIDEST = 500.0  # mm, of an image; a small one may have larger pixels
+_USUAL = (0.01, 2.0)  # mm per pixel
+_UNITS = (("meters", 1000.0), ("centimeters", 10.0), ("micrometers", 0.001))
+
+
+def check_pixels(matrices: np.ndarray, shape: tuple[int, int]) -> None:
+    """Refuse pixels of a size that no ultrasound image has.
+
+    matrices   (F, 4, 4) world_from_image of the valid frames, mm
+    shape      rows and columns of an image
+
+    Raises ValueError naming the unit or direction that is probably meant.
+    """
+    size = np.median(np.linalg.norm(matrices[:, :3, :2], axis=1), axis=0)
+    wide = float((size * shape[::-1]).max())
+    if size.min() >= _SMALLEST and (size.max() <= _LARGEST or wide <= _WIDEST):
+        return
+    inverse = np.median(np.linalg.norm(np.linalg.pinv(matrices)[:, :2, :3], axis=2), axis=0)
+    advice = "check its transforms and their unit"
+    if size.min() > _LARGEST and _usual(inverse):
+        advice = "the transforms are probably inverted: invert them (ImageTo… maps pixels to mm)"
+    else:
+        for unit, factor in _UNITS:
+            if _usual(size * factor):
+                advice = f"they are probably in {unit}: multiply their positions by {factor:g}"
+                advice += " and the pixel size with them"
+                break
+    got = " x ".join(f"{step:.3g}" for step in size)
+    raise ValueError(
+        f"world_from_image: expected pixels of {_SMALLEST:g} to {_LARGEST:g} mm, got {got} mm; "
+        f"{advice}"
+    )
+
+
+def check_travel(path: object, world_from_probe: np.ndarray) -> None:
+    """Warn of poses (F, 4, 4) that are probably in meters beside a calibration in millimeters."""
+    places = world_from_probe[:, :3, 3]
+    if len(places) < 10:
+        return
+    travel, distance = float(np.ptp(places, axis=0).max()), float(np.abs(places).max())
+    if 0 < travel < 1 and distance < 3:
+        warnings.warn(
+            f"{path}: the probe moves by {travel:.2g} mm in all, and never farther than "
+            f"{distance:.2g} mm from the origin; the poses are probably in meters, expected mm",
+            stacklevel=3,
+        )
+
+
+def _usual(size: np.ndarray) -> bool:
+    return bool((size >= _USUAL[0]).all() and (size <= _USUAL[1]).all())

@@ -1,0 +1,191 @@
+"""A stylus and what it touches: its tip by pivoting, a phantom's place by landmarks."""
+
+from __future__ import annotations
+
+import os
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from .._base.files import atomic_write
+from .calibration import _rotation, rotation_vector
+from .fitting import Fit, robust_fit
+from .plus_setup import write_plus
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+
+class Pivot(NamedTuple):
+    """The result of a pivot calibration.
+
+    tip         (3,) mm, in the stylus's frame
+    pivot       (3,) mm, in the reference's frame: the point around which the stylus turned
+    rms         mm, of the residuals, without outliers
+    error       mm, expected (1 sigma) of the tip
+    residuals   (N, 3) mm
+    weights     (N,) from 0, an outlier, to 1
+    turn        degrees: the largest angle between two poses
+    """
+
+    tip: np.ndarray
+    pivot: np.ndarray
+    rms: float
+    error: float
+    residuals: np.ndarray
+    weights: np.ndarray
+    turn: float
+
+
+class Registration(NamedTuple):
+    """The result of a landmark registration.
+
+    matrix      (4, 4) reference from phantom, mm
+    rms         mm, of the residuals (fiducial registration error), without outliers
+    error       mm, expected (1 sigma) at the worst of the targets (target registration error)
+    residuals   (N,) mm
+    weights     (N,) from 0, an outlier, to 1
+    """
+
+    matrix: np.ndarray
+    rms: float
+    error: float
+    residuals: np.ndarray
+    weights: np.ndarray
+
+
+def calibrate_stylus(reference_from_stylus: ArrayLike, most_error: float | None = 1.0) -> Pivot:
+    """Find a stylus's tip from poses (N, 4, 4), N >= 10, while it turns about its resting tip.
+
+    Every pose maps the tip to one point: R tip + t = pivot. Linear least squares start a robust
+    fit (Yaniv 2015, algebraic one step). Raises ValueError if the stylus does not turn about two
+    axes, or if the expected error is above most_error, mm (None: any).
+    """
+    poses = _poses("reference_from_stylus", reference_from_stylus, 10)
+    rotations, offsets = poses[:, :3, :3], poses[:, :3, 3]
+    design = np.concatenate([rotations, np.tile(-np.eye(3), (len(poses), 1, 1))], axis=2)
+    start, _, _, sizes = np.linalg.lstsq(design.reshape(-1, 6), -offsets.ravel(), rcond=None)
+    turn = _largest_turn(rotations)
+    advice = f"turn the stylus to all sides about its resting tip (it turned by {turn:.1f} degrees)"
+    if sizes[-1] < 1e-6 * sizes[0]:
+        raise ValueError(f"poses: expected rotations about two axes or more; {advice}")
+
+    def residuals(parameters: np.ndarray) -> np.ndarray:
+        return rotations @ parameters[:3] + offsets - parameters[3:]
+
+    n = len(poses)
+    groups = np.arange(n) * min(n, 12) // n  # neighbors in time share the tracker's errors
+    fit = robust_fit(residuals, start, groups=groups if n >= 60 else None)
+    error = float(np.sqrt(np.trace(fit.covariance[:3, :3])))
+    if most_error is not None and error > most_error:
+        raise ValueError(
+            f"poses: expected an error of the tip of at most {most_error:g} mm, got {error:.2g} mm "
+            f"(1 sigma); {advice}"
+        )
+    return Pivot(
+        fit.parameters[:3], fit.parameters[3:], _rms(fit), error, fit.residuals, fit.weights, turn
+    )
+
+
+def register_landmarks(
+    phantom_points: ArrayLike, reference_points: ArrayLike, targets: ArrayLike | None = None
+) -> Registration:
+    """Find where a phantom is from N >= 3 of its landmarks, touched with a calibrated stylus.
+
+    Args:
+        phantom_points: (N, 3) mm, in the phantom's frame.
+        reference_points: (N, 3) mm, of the tip, in the reference's frame.
+        targets: (M, 3) mm, phantom: where the expected error counts, for example the wires' ends;
+            default: the landmarks.
+
+    A rotation and a translation (Arun et al. 1987) start a robust fit. Raises ValueError for
+    landmarks on a line.
+    """
+    phantom, reference = (_points(name, value) for name, value in (
+        ("phantom_points", phantom_points), ("reference_points", reference_points)
+    ))  # fmt: skip
+    if len(phantom) != len(reference):
+        raise ValueError(f"reference_points: expected {len(phantom)}, got {len(reference)}")
+    middle = phantom.mean(axis=0)
+    left, sizes, right = np.linalg.svd((phantom - middle).T @ (reference - reference.mean(axis=0)))
+    spread = np.linalg.svd(phantom - middle, compute_uv=False)
+    if spread[1] < 0.02 * spread[0] or sizes[1] <= 0:
+        raise ValueError("phantom_points: expected landmarks in a plane or in space, got a line")
+    flip = np.diag([1, 1, np.linalg.det(right.T @ left.T)])
+    turned = right.T @ flip @ left.T
+
+    def places(parameters: np.ndarray, points: np.ndarray) -> np.ndarray:
+        about = _rotation(parameters[:3]) @ turned
+        return (points - middle) @ about.T + reference.mean(axis=0) + parameters[3:]
+
+    fit = robust_fit(lambda p: places(p, phantom) - reference, np.zeros(6))
+    where = phantom if targets is None else _points("targets", targets, 1)
+    slopes = []
+    for i in range(6):
+        step = np.zeros(6)
+        step[i] = 1e-5
+        ahead, behind = places(fit.parameters + step, where), places(fit.parameters - step, where)
+        slopes.append((ahead - behind) / 2e-5)
+    slope = np.array(slopes)
+    variance = np.einsum("pkx,pq,qkx->k", slope, fit.covariance, slope)
+    matrix = np.eye(4)
+    matrix[:3, :3] = _rotation(fit.parameters[:3]) @ turned
+    matrix[:3, 3] = places(fit.parameters, np.zeros((1, 3)))[0]
+    return Registration(
+        matrix, _rms(fit), float(np.sqrt(variance.max())),
+        np.linalg.norm(fit.residuals, axis=1), fit.weights,
+    )  # fmt: skip
+
+
+def write_stylus(path: str | os.PathLike[str], pivot: Pivot) -> None:
+    """Write a tip as TOML, or as the transform from StylusTip to Stylus of a PLUS configuration
+    (.xml); every number survives exactly."""
+    if os.fspath(path).lower().endswith(".xml"):
+        matrix = np.eye(4)
+        matrix[:3, 3] = pivot.tip
+        key = ("StylusTip", "Stylus")
+        write_plus(path, {key: matrix}, errors={key: pivot.error})
+        return
+    with atomic_write(path, "w") as file:
+        file.write(
+            f"stylus_tip = {pivot.tip.tolist()!r}  # mm, in the stylus's frame\n"
+            f"rms = {pivot.rms!r}  # mm, of the residuals\n"
+            f"error = {pivot.error!r}  # mm, expected, 1 sigma\n"
+        )
+
+
+def _rms(fit: Fit) -> float:
+    used = fit.weights > 0
+    return float(np.sqrt((fit.residuals[used] ** 2).sum(axis=1).mean()))
+
+
+def _largest_turn(rotations: np.ndarray) -> float:
+    thin = rotations[np.unique(np.linspace(0, len(rotations) - 1, 60).astype(int))]
+    between = np.einsum("aji,bjk->abik", thin, thin).reshape(-1, 3, 3)
+    trace = np.clip((np.trace(between, axis1=1, axis2=2) - 1) / 2, -1, 1)
+    widest = between[int(trace.argmin())]
+    return float(np.degrees(np.linalg.norm(rotation_vector(widest))))
+
+
+def _poses(name: str, value: Any, fewest: int) -> np.ndarray:
+    try:
+        poses = np.asarray(value, np.float64)
+    except (TypeError, ValueError):
+        raise TypeError(f"{name}: expected numbers") from None
+    if poses.ndim != 3 or poses.shape[1:] != (4, 4) or len(poses) < fewest:
+        raise ValueError(f"{name}: expected shape (N, 4, 4), N >= {fewest}, got {poses.shape}")
+    if not np.isfinite(poses).all():
+        raise ValueError(f"{name}: expected finite numbers, got NaN or inf")
+    return poses
+
+
+def _points(name: str, value: Any, fewest: int = 3) -> np.ndarray:
+    try:
+        points = np.asarray(value, np.float64)
+    except (TypeError, ValueError):
+        raise TypeError(f"{name}: expected numbers") from None
+    if points.ndim != 2 or points.shape[1] != 3 or len(points) < fewest:
+        raise ValueError(f"{name}: expected shape (N, 3), N >= {fewest}, got {points.shape}")
+    if not np.isfinite(points).all():
+        raise ValueError(f"{name}: expected finite numbers, got NaN or inf")
+    return points
