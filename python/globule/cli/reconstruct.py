@@ -53,7 +53,7 @@ EXAMPLES = """\
   globule reconstruct frames/ --poses poses.csv --frame-times 25 --calibration probe.toml -o v.npz
   globule reconstruct sweep.igs.mha --calibration probe.toml --cross-validate 3"""
 ESSENTIAL = ("--output", "--calibration", "--plus", "--poses", "--voxel-size", "--voxels",
-             "--method", "--three-view", "--surface", "--live", "--device")  # fmt: skip
+             "--method", "--three-view", "--surface-image", "--live", "--device")  # fmt: skip
 
 METHODS = ("frames", "pvn-om", "vvn-om", "pvn", "vvn", "bezier")
 COMPARED = ("frames", "pvn-om", "vvn-om", "bezier")  # pvn and vvn give the same volumes, slower
@@ -79,7 +79,8 @@ def add_arguments(parser: Parser) -> None:
         help="also write an image of three planes, and of the origin of the values (default: none)",
     )
     add(
-        "--surface",
+        "--surface-image",
+        dest="surface",
         metavar="IMAGE.png",
         help="also write an image of the iso-surface, as `globule render` does (default: none)",
     )
@@ -114,6 +115,7 @@ def add_arguments(parser: Parser) -> None:
         metavar="N",
         help=f"number of voxels along the longest axis (default: {DEFAULT_SIZE})",
     )
+    parser.renamed(parser, "--surface", "--surface-image")
     parser.renamed(grid, "--spacing", "--voxel-size")
     parser.renamed(grid, "--size", "--voxels")
     method.add_argument(
@@ -262,7 +264,11 @@ def run(options: argparse.Namespace) -> None:
 
 def _check_apart(options: argparse.Namespace) -> None:
     """Refuse an output that would replace an input or another output."""
-    names = {"-o": options.output, "--three-view": options.three_view, "--surface": options.surface}
+    names = {
+        "-o": options.output,
+        "--three-view": options.three_view,
+        "--surface-image": options.surface,
+    }
     taken = {"SWEEP": options.sweep, "--mask": options.mask, "--poses": options.poses,
              "--plus": options.plus, "--calibration": options.calibration}  # fmt: skip
     for option, name in names.items():
@@ -285,7 +291,7 @@ def _check(options: argparse.Namespace) -> None:
         check_output("-o", options.output, WRITABLE)
     elif not options.cross_validate:
         raise UserError("-o: expected a volume to write, got none")
-    for option in ("--three-view", "--surface"):
+    for option in ("--three-view", "--surface-image"):
         picture = getattr(options, option[2:].replace("-", "_"))
         if picture and not options.output:
             raise UserError(f"{option}: expected -o beside {option}, got none")
