@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import os
 import re
-from pathlib import Path
 from typing import Any, NoReturn
 
 import numpy as np
@@ -19,6 +18,7 @@ from ..scene.particles import Particles
 from .asciinum import end_of_tokens, parse_numbers
 from .errors import bad, shown
 from .fields import particles_from, per_particle
+from .size import check_memory, whole_file
 
 # vtkIdType is written as 32 bits and long as 64 in binary files.
 _TYPES = {
@@ -58,7 +58,7 @@ _ONE_COMPONENT = ("GLOBAL_IDS", "PEDIGREE_IDS", "EDGE_FLAGS")
 
 def read(path: str | os.PathLike[str]) -> Particles:
     """Read the points and point data of a legacy VTK file."""
-    return _Reader(path, Path(path).read_bytes()).read()
+    return _Reader(path, whole_file(path, 4.0)).read()
 
 
 def write(path: str | os.PathLike[str], particles: Particles) -> None:
@@ -106,6 +106,7 @@ class _Reader:
         self.path = path
         self.data = data
         self.position = 0
+        self.claimed = 0  # bytes of all arrays
         self.line_start = 0
         self.binary = False
         self.version = 0
@@ -218,6 +219,8 @@ class _Reader:
         dtype = np.dtype(_TYPES[kind])
         start = self.position
         self.skip(n, kind)
+        self.claimed += n * dtype.itemsize
+        check_memory(self.path, "", 2.0 * len(self.data) + 3.0 * self.claimed)
         raw = self.data[start : self.position]
         if self.binary and kind == "bit":
             return np.unpackbits(np.frombuffer(raw, np.uint8), count=n)

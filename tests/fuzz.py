@@ -1,0 +1,252 @@
+"""Mutated files of every kind, each opened in a process of its own with limits: `make fuzz`.
+
+    python tests/fuzz.py [-n 20000] [--seed 0] [--only KIND] [--keep FOLDER]
+
+A mutant is refused in one line that names the file, or loads. Everything else is a fault: another
+error, a crash, more than SECONDS of the processor's time, more memory than the limit. The file of
+each fault is kept in the folder, as KIND@NUMBER@NAME.
+"""
+
+from __future__ import annotations
+
+import argparse
+import collections
+import contextlib
+import hashlib
+import io
+import os
+import resource
+import select
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+import traceback
+import warnings
+from pathlib import Path
+from random import Random
+
+os.environ["OMP_NUM_THREADS"] = "1"
+
+import globule as gb
+from fuzz_files import KINDS
+from fuzz_mutations import mutate
+from globule import cli
+
+SECONDS = 10  # of the processor, for one file
+PATIENCE = 90  # s, until a process that does nothing is ended
+MEMORY = 1 << 29  # bytes, which readers may take
+SLACK = 1 << 28  # bytes, of libraries that are loaded and of what is done with a file
+SHARE_OF_COMMANDS = 0.25
+
+
+def judge(kind: str, path: str, by_command: bool) -> str:
+    """Open a file: "loaded", "refused", or what is wrong, in one line."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return _by_command(kind, path) if by_command else _by_python(kind, path)
+
+
+def _by_python(kind: str, path: str) -> str:
+    try:
+        KINDS[kind].read(path)
+    except (ValueError, gb.MissingPackageError, OSError) as error:
+        if isinstance(error, UnicodeError):
+            return _fault(error)
+        return _wrong_line(str(error), path) or "refused"
+    except BaseException as error:
+        return _fault(error)
+    return "loaded"
+
+
+def _by_command(kind: str, path: str) -> str:
+    out, err = io.StringIO(), io.StringIO()
+    try:
+        with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+            status = cli.main(KINDS[kind].command(path))
+    except BaseException as error:
+        return _fault(error)
+    lines = [line for line in err.getvalue().splitlines() if "warning: " not in line]
+    if status == 0:
+        return "loaded"
+    said = lines[-1] if lines else "nothing"
+    if status != 2 or not said.startswith("globule: error: "):
+        return f"command: status {status}: {said[:200]}"
+    return _wrong_line(said, *KINDS[kind].command(path)) or "refused"
+
+
+def _fault(error: BaseException) -> str:
+    where = traceback.extract_tb(error.__traceback__)[-1]
+    place = f"{os.path.basename(where.filename)}:{where.lineno}"
+    return f"{type(error).__name__} at {place}: {' '.join(str(error).split())[:150]}"
+
+
+def _wrong_line(text: str, *names: str) -> str:
+    """What is wrong with an error's message; "" if nothing is. It names one of the files."""
+    if "\n" in text:
+        return f"several lines: {text[:150]!r}"
+    if not any(os.path.basename(name) in text for name in names if "." in name):
+        return f"no name of the file: {text[:200]}"
+    return f"a long line: {text[:150]}" if len(text) > 700 else ""
+
+
+def opened(kind: str, path: str, by_command: bool) -> str:
+    """`judge` in a process of its own, with limits of time and memory."""
+    mine, its = os.pipe()
+    child = os.fork()
+    if child == 0:
+        _be_judge(kind, path, by_command, its)
+    os.close(its)
+    end, said = time.monotonic() + PATIENCE, b""
+    try:
+        while select.select([mine], [], [], max(0.0, end - time.monotonic()))[0]:
+            piece = os.read(mine, 65536)
+            if not piece:
+                break
+            said += piece
+        else:
+            os.kill(child, signal.SIGKILL)
+            said = b"hang"
+    finally:
+        os.close(mine)
+        _, status, used = os.wait4(child, 0)
+    if said == b"hang":
+        return f"hang: more than {PATIENCE} s"
+    if os.WIFSIGNALED(status):
+        number = os.WTERMSIG(status)
+        if number == signal.SIGXCPU:
+            return f"hang: more than {SECONDS} s of the processor"
+        return f"crash: {signal.Signals(number).name}"
+    text = said.decode()
+    grown = 1024 * used.ru_maxrss - int(text.partition(" ")[0] or 0)
+    verdict = text.partition(" ")[2] or "crash: nothing said"
+    if grown > MEMORY + SLACK:
+        return f"memory: {grown / 2**20:.0f} MiB ({verdict})"
+    return verdict
+
+
+def _be_judge(kind: str, path: str, by_command: bool, out: int) -> None:
+    try:
+        os.setpgid(0, 0)
+        before = 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+        with open("/proc/self/statm") as file:
+            space = int(file.read().split()[0]) * resource.getpagesize() + 4 * MEMORY + SLACK
+        resource.setrlimit(resource.RLIMIT_AS, (space, space))
+        resource.setrlimit(resource.RLIMIT_CPU, (SECONDS, SECONDS + 5))
+        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+        null = os.open(os.devnull, os.O_RDWR)
+        for number in (0, 1, 2):
+            os.dup2(null, number)
+        verdict = judge(kind, path, by_command)
+        os.write(out, f"{before} {verdict}".encode())
+    finally:
+        os._exit(0)
+
+
+class Fuzzer:
+    """The files of each kind, in a folder of its kind, and what became of their mutants."""
+
+    def __init__(self, folder: str, only: str = ""):
+        self.places: dict[str, Path] = {}
+        self.files: dict[str, list[tuple[str, bytes]]] = {}
+        for kind in KINDS:
+            if only and kind != only:
+                continue
+            place = Path(folder, kind.replace(" ", "_"))
+            words = [sys.executable, __file__, "--make", kind, str(place)]
+            made = subprocess.run(words, check=True, stdout=subprocess.PIPE, text=True)
+            names = made.stdout.splitlines()[-1].split("|")
+            self.files[kind] = [(n, (place / n).read_bytes()) for n in names]
+            self.places[kind] = place
+            for name, content in self.files[kind]:
+                if (verdict := self.open(kind, name, content, False)) != "loaded":
+                    raise SystemExit(f"{kind}: {name}: expected a good file, got: {verdict}")
+        self.kinds = list(self.files)
+        self.weights = [KINDS[kind].weight for kind in self.kinds]
+
+    def mutant(self, seed: int, number: int) -> tuple[str, str, bytes, bool]:
+        """Kind, name and content of a mutant, and whether a command opens it."""
+        random = Random(f"{seed} {number}")
+        kind = random.choices(self.kinds, self.weights)[0]
+        path, content = random.choice(self.files[kind])
+        content = mutate(random, content, [other for _, other in self.files[kind]])
+        by_command = bool(KINDS[kind].command) and random.random() < SHARE_OF_COMMANDS
+        return kind, path, content, by_command
+
+    def open(self, kind: str, path: str, content: bytes, by_command: bool) -> str:
+        """What becomes of a mutant."""
+        os.chdir(self.places[kind])
+        old = Path(path).read_bytes()
+        try:
+            Path(path).write_bytes(content)
+            return opened(kind, path, by_command)
+        finally:
+            Path(path).write_bytes(old)
+            for left in Path().glob("out*"):
+                shutil.rmtree(left) if left.is_dir() else left.unlink()
+
+
+def run(n: int, seed: int, only: str, keep: str) -> int:
+    """Open n mutants; prints the counts of each kind and the faults. Returns how many faults."""
+    if hasattr(gb, "set_limits"):
+        gb.set_limits(memory=MEMORY)
+    counts: collections.Counter[tuple[str, str]] = collections.Counter()
+    faults: dict[str, list[str]] = collections.defaultdict(list)
+    begin = time.monotonic()
+    keep = os.path.abspath(keep)
+    os.makedirs(keep, exist_ok=True)
+    with tempfile.TemporaryDirectory() as folder:
+        fuzzer = Fuzzer(folder, only)
+        for number in range(n):
+            kind, path, content, by_command = fuzzer.mutant(seed, number)
+            verdict = fuzzer.open(kind, path, content, by_command)
+            good = verdict in ("loaded", "refused")
+            counts[kind, verdict if good else "fault"] += 1
+            if not good:
+                name = f"{kind.replace(' ', '_')}@{seed}.{number}@{os.path.basename(path)}"
+                Path(keep, name).write_bytes(content)
+                faults[verdict.split(":")[0]].append(f"{name}: {verdict}")
+                print(f"{name}: {verdict}", flush=True)
+            if number % 1000 == 999:
+                print(f"{number + 1} in {time.monotonic() - begin:.0f} s", flush=True)
+    for kind in fuzzer.kinds:
+        found = {what: counts[kind, what] for what in ("refused", "loaded", "fault")}
+        print(f"{kind:16}", "  ".join(f"{what} {k}" for what, k in found.items()))
+    total = {what: sum(k for (_, w), k in counts.items() if w == what)
+             for what in ("refused", "loaded", "fault")}  # fmt: skip
+    print(f"{n} mutants in {time.monotonic() - begin:.0f} s: {total['refused']} refused, "
+          f"{total['loaded']} loaded, {total['fault']} faults")  # fmt: skip
+    return total["fault"]
+
+
+def make(kind: str, folder: str) -> None:
+    """Write the files of a kind; a process of its own, since no thread may be there at a fork."""
+    os.makedirs(folder)
+    os.chdir(folder)
+    print("\n" + "|".join(KINDS[kind].make()))
+
+
+def digest(content: bytes) -> str:
+    """A short name of a file's content."""
+    return hashlib.sha256(content).hexdigest()[:8]
+
+
+def main() -> int:
+    """Run the command line of this file."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("-n", type=int, default=20_000)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--only", default="", choices=["", *KINDS])
+    parser.add_argument("--keep", default="build/fuzz", metavar="FOLDER")
+    parser.add_argument("--make", nargs=2, help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.make:
+        make(*options.make)
+        return 0
+    return 1 if run(options.n, options.seed, options.only, options.keep) else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
