@@ -155,7 +155,7 @@ def test_pictures_become_linear(extension, tmp_path):
         (HEAD + b"EXPOSURE=nan\n\n-Y 1 +X 1\n0000", "an exposure above 0"),
         (HEAD.replace(b"rgbe", b"xyze") + b"\n-Y 1 +X 1\n0000", "expected 32-bit_rle_rgbe"),
         (HEAD + b"\n-Y 999999999 +X 999999999\n", "at most 134,217,728 pixels"),
-        (HEAD + b"\n-Y 10000 +X 10000\n\x02\x02\x27\x10", "expected at least .* bytes"),
+        (HEAD + b"\n-Y 10000 +X 10000\n\x02\x02\x27\x10", "expected at (least|most)"),
         (HEAD + b"\n-Y 10000 +X 10000\n", "expected 100000000 pixels, got 0"),
         (HEAD + b"\n-Y 1 +X 2\n\1\1\1\7", "expected 2 pixels, got 7"),
         (HEAD + b"\n-Y 1 +X 2\n" + b"\x80\x80\x80\x80" + 9 * b"\1\1\1\xff", "expected 2 pixels"),

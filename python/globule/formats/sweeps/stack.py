@@ -89,30 +89,21 @@ def read_dicom(path: str | os.PathLike[str]) -> Stack:
 
     Raises FormatError for other files, MissingPackageError without SimpleITK.
     """
-    sitk = dicom.simpleitk()
-    with open(path, "rb"):  # the usual OSErrors
-        pass
-    reader = sitk.ImageFileReader()
-    reader.SetFileName(os.fspath(path))
-    reader.SetImageIO("GDCMImageIO")
-    with dicom.itk_errors(sitk, path):
-        dicom.check_size(reader, path)
-        image = reader.Execute()
-    frames = sitk.GetArrayFromImage(image)
-    if image.GetNumberOfComponentsPerPixel() >= 3:
+    frames, tags = dicom.read_frames(path)
+    if frames.ndim > 2 and frames.shape[-1] in (3, 4):
         frames = igs.to_grey(frames[..., :3])
     if frames.ndim == 2:
         frames = frames[None]
     if frames.ndim != 3:
         raise bad(path, "", f"expected a sequence of 2D frames, got shape {frames.shape}")
-    return Stack(frames, _dicom_times(path, image, len(frames)), {})
+    return Stack(frames, _dicom_times(path, tags, len(frames)), {})
 
 
-def _dicom_times(path: Any, image: Any, n: int) -> np.ndarray | None:
+def _dicom_times(path: Any, tags: dict[str, str], n: int) -> np.ndarray | None:
     for tag, what in (("0018|1065", "Frame Time Vector"), ("0018|1063", "Frame Time")):
-        if not image.HasMetaDataKey(tag):
+        if tag not in tags:
             continue
-        text = image.GetMetaData(tag).strip("\0 ")
+        text = tags[tag].strip("\0 ")
         try:
             steps = np.array([float(word) for word in text.split("\\")]) / 1000
         except ValueError:
