@@ -55,7 +55,8 @@ def _by_python(kind: str, path: str) -> str:
     except (ValueError, gb.MissingPackageError, OSError) as error:
         if isinstance(error, UnicodeError):
             return _fault(error)
-        return _wrong_line(str(error), path) or "refused"
+        command = KINDS[kind].command
+        return _wrong_line(str(error), path, *(command(path) if command else ())) or "refused"
     except BaseException as error:
         return _fault(error)
     return "loaded"
@@ -74,7 +75,7 @@ def _by_command(kind: str, path: str) -> str:
     said = lines[-1] if lines else "nothing"
     if status != 2 or not said.startswith("globule: error: "):
         return f"command: status {status}: {said[:200]}"
-    return _wrong_line(said, *KINDS[kind].command(path)) or "refused"
+    return _wrong_line(said, path, *KINDS[kind].command(path)) or "refused"
 
 
 def _fault(error: BaseException) -> str:

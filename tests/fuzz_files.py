@@ -281,8 +281,8 @@ def _run(sim: gb.Simulation) -> None:
         sim.step()
         sim.step()
         sim.record.measure()
-    except (ArithmeticError, ValueError) as error:
-        assert "\n" not in str(error)
+    except (ArithmeticError, ValueError):
+        pass
 
 
 def _checkpoints() -> list[str]:
@@ -330,12 +330,11 @@ def _state_words(path: str) -> list[str]:
     words = ["render", "cube.npz", "--size", "64x64", "--device", "cpu", "--threads", "1"]
     if os.path.basename(path) == "state.toml":
         return [*words, "-o", "out.png", "--state", path]
-    return [*words, "-o", "out", "--camera-path", path]
+    return [*words, "-o", "out{}.png", "--fps", "1", "--camera-path", path]
 
 
 def _info(path: str) -> list[str]:
     return ["info", path]
-
 
 
 KINDS = {

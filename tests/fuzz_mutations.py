@@ -21,8 +21,8 @@ NUMBERS = (
 )  # fmt: skip
 WORDS = (b"", b"\0", b"\n", b" ", b"\xff\xfe", b"\xc3\x28", b"=", b"[", b"]", b'"', b"<", b">",
          b"#", b"NaN", b"..", b"/", b"%s", "é".encode(), b"\x1b[31m", b"A" * 5000)  # fmt: skip
-INTEGERS = (0, 1, -1, 2, 127, 128, 255, 256, 32767, 65535, 2**31 - 1, -(2**31), 2**32 - 1, 2**63 - 1,
-            10**6, 10**8)  # fmt: skip
+INTEGERS = (0, 1, -1, 2, 127, 128, 255, 256, 32767, 65535, 2**31 - 1, -(2**31), 2**32 - 1,
+            2**63 - 1, 10**6, 10**8)  # fmt: skip
 FLOATS = (float("nan"), float("inf"), -1e38, 1e38, 1e-42, 0.0, -0.0, 1e10, -1.0)
 
 
@@ -70,13 +70,16 @@ def _number(random: Random, content: bytes) -> bytes:
         return _flip(random, content)
     hit = random.choice(found)
     value = random.choice(NUMBERS)
-    if random.random() < 0.2:  # near what it was
-        value = b"%d" % (int(re.sub(rb"\D", b"", hit[0])[:15] or b"0") + random.choice((-1, 1)))
+    if random.random() < 0.4:  # near what it was
+        if b"." in hit[0]:
+            value = repr(float(hit[0]) * random.choice((-1, 0.1, 0.5, 0.99, 1.01, 2, 10))).encode()
+        else:
+            value = b"%d" % (int(re.sub(rb"\D", b"", hit[0])[:15] or b"0") + random.choice((-1, 1)))
     return content[: hit.start()] + value + content[hit.end() :]
 
 
 def _integer(random: Random, content: bytes) -> bytes:
-    form = random.choice("<B <H >H <I >I <i >i <Q <q".split())
+    form = random.choice(["<B", "<H", ">H", "<I", ">I", "<i", ">i", "<Q", "<q"])
     size = struct.calcsize(form)
     at = _at(random, content)
     if len(content) < size or at + size > len(content):
@@ -175,8 +178,8 @@ def _array(random: Random, data: bytes) -> bytes:
             value = random.choice(values)
             with np.errstate(all="ignore"):
                 if array.dtype.kind in "iu":
-                    flat[random.randrange(flat.size)] = np.array(value & 0xFF if array.itemsize == 1
-                                                                 else value & 0x7FFFFFFF)  # fmt: skip
+                    mask = 0xFF if array.itemsize == 1 else 0x7FFFFFFF
+                    flat[random.randrange(flat.size)] = np.array(value & mask)
                 elif array.dtype.kind == "f":
                     flat[random.randrange(flat.size)] = value
     elif way < 0.65:
@@ -202,4 +205,3 @@ def _in_gzip(random: Random, content: bytes) -> bytes:
     except (OSError, EOFError, zlib.error):
         return _flip(random, content)
     return gzip.compress(_in_bytes(random, plain, [plain]), mtime=0)
-

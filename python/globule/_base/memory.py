@@ -40,11 +40,16 @@ def set_limits(memory: float | None = None, ratio: float = RATIO) -> dict[str, A
     Raises:
         TypeError, ValueError: anything but numbers above 0, or a ratio below 1.
     """
-    before = {"memory": _limits.memory, "ratio": _limits.ratio}
+    before = limits()
     if memory is not None:
         memory = number("memory", memory, 1.0)
     _limits.memory, _limits.ratio = memory, number("ratio", ratio, 1.0)
     return before
+
+
+def limits() -> dict[str, Any]:
+    """The limits, as `set_limits` takes them."""
+    return {"memory": _limits.memory, "ratio": _limits.ratio}
 
 
 def largest_ratio() -> float:

@@ -43,12 +43,21 @@ def whole_file(path: Any, peak: float = 1.0) -> bytes:
         return file.read(size)
 
 
+def whole_text(path: Any) -> str:
+    """The text of a table in UTF-8, if memory has room for it as rows of numbers. Raises
+    FormatError, UnicodeDecodeError, OSError."""
+    data = whole_file(path, 7.0)
+    check_text(path, data)
+    return data.decode("utf-8-sig")
+
+
 def check_memory(path: Any, where: str, needed: float) -> None:
     """Refuse what needs more memory than may be taken. Raises FormatError."""
     free = room()
     if needed > free:
-        raise bad(path, where, f"expected data that fit in the {_gigabytes(free)} that may be "
-                  f"taken (--max-memory, gb.set_limits), got some that need {_gigabytes(needed)}")  # fmt: skip
+        expected = f"expected data that fit in {_gigabytes(free)} of memory"
+        got = f"data that need {_gigabytes(needed)}"
+        raise bad(path, where, f"{expected} (--max-memory, gb.set_limits), got {got}")
 
 
 def check_text(path: Any, data: bytes) -> None:

@@ -9,9 +9,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..errors import bad, shown
+from ..errors import FormatError, bad, shown
 from ..kind import PICTURE_ENDINGS
 from ..numpy_format import read_archive, read_array
+from ..size import check_size
 from ..volumes import dicom
 from ..volumes.raw import Progress
 from . import igs
@@ -43,8 +44,17 @@ def read_folder(path: str | os.PathLike[str], progress: Progress = None) -> Stac
     for i, name in enumerate(names):
         try:
             with Image.open(Path(path) / name) as image:
+                if not i:  # all are as large as the first
+                    held = sum(os.path.getsize(Path(path) / name) for name in names)
+                    claim = 4 * image.width * image.height * len(names)
+                    check_size(path, name, claim, held)
+                elif image.size != frames.shape[:0:-1]:
+                    expected = f"expected {frames.shape[2]}x{frames.shape[1]} as the first"
+                    raise bad(path, name, f"{expected}, got {image.width}x{image.height}")
                 colored = image.mode in ("P", "PA", "LA", "RGB", "RGBA", "CMYK", "YCbCr")
                 picture = np.asarray(image.convert("RGB") if colored else image)
+        except FormatError:
+            raise
         except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
             raise bad(path, name, f"expected a picture, got {error}") from None
         if picture.ndim == 3:
