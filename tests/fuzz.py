@@ -12,7 +12,7 @@ from __future__ import annotations
 import argparse
 import collections
 import contextlib
-import hashlib
+import importlib
 import io
 import os
 import resource
@@ -189,7 +189,7 @@ class Fuzzer:
                 shutil.rmtree(left) if left.is_dir() else left.unlink()
 
 
-def run(n: int, seed: int, only: str, keep: str) -> int:
+def run(first: int, n: int, seed: int, only: str, keep: str) -> int:
     """Open n mutants; prints the counts of each kind and the faults. Returns how many faults."""
     if hasattr(gb, "set_limits"):
         gb.set_limits(memory=MEMORY)
@@ -199,8 +199,9 @@ def run(n: int, seed: int, only: str, keep: str) -> int:
     keep = os.path.abspath(keep)
     os.makedirs(keep, exist_ok=True)
     with tempfile.TemporaryDirectory() as folder:
+        preload()
         fuzzer = Fuzzer(folder, only)
-        for number in range(n):
+        for number in range(first, first + n):
             kind, path, content, by_command = fuzzer.mutant(seed, number)
             verdict = fuzzer.open(kind, path, content, by_command)
             good = verdict in ("loaded", "refused")
@@ -210,8 +211,9 @@ def run(n: int, seed: int, only: str, keep: str) -> int:
                 Path(keep, name).write_bytes(content)
                 faults[verdict.split(":")[0]].append(f"{name}: {verdict}")
                 print(f"{name}: {verdict}", flush=True)
-            if number % 1000 == 999:
-                print(f"{number + 1} in {time.monotonic() - begin:.0f} s", flush=True)
+            if (number + 1 - first) % 1000 == 0:
+                tally = f"{number + 1 - first} in {time.monotonic() - begin:.0f} s"
+                print(f"{tally}: {sum(map(len, faults.values()))} faults", flush=True)
     for kind in fuzzer.kinds:
         found = {what: counts[kind, what] for what in ("refused", "loaded", "fault")}
         print(f"{kind:16}", "  ".join(f"{what} {k}" for what, k in found.items()))
@@ -222,6 +224,15 @@ def run(n: int, seed: int, only: str, keep: str) -> int:
     return total["fault"]
 
 
+def preload() -> None:
+    """Import what readers import when they are first used: here once, not in each process."""
+    for name in ("nibabel", "networkx", "PIL.Image", "scipy.sparse", "scipy.spatial", "trimesh",
+                 "trimesh.exchange.load", "trimesh.path", "globule.sim.simulation",
+                 "globule.viewer.state"):  # fmt: skip
+        with contextlib.suppress(ImportError):
+            importlib.import_module(name)
+
+
 def make(kind: str, folder: str) -> None:
     """Write the files of a kind; a process of its own, since no thread may be there at a fork."""
     os.makedirs(folder)
@@ -229,16 +240,12 @@ def make(kind: str, folder: str) -> None:
     print("\n" + "|".join(KINDS[kind].make()))
 
 
-def digest(content: bytes) -> str:
-    """A short name of a file's content."""
-    return hashlib.sha256(content).hexdigest()[:8]
-
-
 def main() -> int:
     """Run the command line of this file."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("-n", type=int, default=20_000)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--first", type=int, default=0, help="number of the first mutant")
     parser.add_argument("--only", default="", choices=["", *KINDS])
     parser.add_argument("--keep", default="build/fuzz", metavar="FOLDER")
     parser.add_argument("--make", nargs=2, help=argparse.SUPPRESS)
@@ -246,7 +253,7 @@ def main() -> int:
     if options.make:
         make(*options.make)
         return 0
-    return 1 if run(options.n, options.seed, options.only, options.keep) else 0
+    return 1 if run(options.first, options.n, options.seed, options.only, options.keep) else 0
 
 
 if __name__ == "__main__":

@@ -31,7 +31,7 @@ from test_sim_checkpoints import SCENE
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 if not DATA.is_dir():
     DATA = Path("/work/shared/data")
-LARGEST = 600_000  # bytes, of a real file
+LARGEST = 320_000  # bytes, of a real file
 
 
 class Kind(NamedTuple):
@@ -330,7 +330,7 @@ def _state_words(path: str) -> list[str]:
     words = ["render", "cube.npz", "--size", "64x64", "--device", "cpu", "--threads", "1"]
     if os.path.basename(path) == "state.toml":
         return [*words, "-o", "out.png", "--state", path]
-    return [*words, "-o", "out{}.png", "--fps", "1", "--camera-path", path]
+    return [*words, "-o", "out%03d.png", "--fps", "0.5", "--camera-path", path]
 
 
 def _info(path: str) -> list[str]:

@@ -111,7 +111,11 @@ def _calibrated(
     report: dict[str, Any] = {"output": options.output, "warnings": messages}
     calibration = earlier
     if options.marks:
-        found = calibrate_point_target(*read_marks(options.marks, tracked))
+        marks = read_marks(options.marks, tracked)
+        try:
+            found = calibrate_point_target(*marks)
+        except ValueError as error:
+            raise ValueError(f"{options.marks}: {error}") from error
         kept = {} if earlier is None else {
             name: getattr(earlier, name) for name in ("temporal_offset", "clip", "fan")
         }  # fmt: skip

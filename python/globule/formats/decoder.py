@@ -1,7 +1,8 @@
 """A program of its own that opens files with libraries of others: DICOM with SimpleITK, OpenEXR.
 
 `guarded.py` starts it, with limits of memory and time: a damaged file may end this program and
-nothing else. It knows nothing of globule. Words: the task, the path, bytes of memory, seconds.
+nothing else. It knows nothing of globule. Words: the task, the path, bytes of memory for the
+header and for all, seconds.
 
 It prints a line of JSON with the size that the file claims, waits for a line, then prints a line of
 JSON with facts and the arrays' types, and the arrays. What goes wrong is a line {"error": …}.
@@ -14,7 +15,7 @@ import re
 import sys
 
 
-def main(task: str, path: str, memory: int, seconds: int) -> None:
+def main(task: str, path: str, header: int, memory: int, seconds: int) -> None:
     """Run one task."""
     out = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # what libraries print is no answer
@@ -23,10 +24,10 @@ def main(task: str, path: str, memory: int, seconds: int) -> None:
 
         resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 5))
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-        if memory:
-            resource.setrlimit(resource.RLIMIT_DATA, (memory, memory))
+        if memory:  # less as long as only the header is read
+            resource.setrlimit(resource.RLIMIT_DATA, (min(header, memory), memory))
     except (ImportError, OSError, ValueError):
-        pass  # a system without such limits
+        resource = None  # a system without such limits
 
     def tell(facts: dict) -> None:
         out.write(json.dumps(facts).encode() + b"\n")
@@ -36,6 +37,8 @@ def main(task: str, path: str, memory: int, seconds: int) -> None:
         tell({"claim": claim, **facts})
         if not sys.stdin.readline():
             os._exit(0)
+        if resource and memory:
+            resource.setrlimit(resource.RLIMIT_DATA, (memory, memory))
 
     try:
         facts, arrays = {"dicom": dicom, "series": series, "exr": exr}[task](path, ask)
@@ -134,4 +137,4 @@ def exr(path, ask):
 
 
 if __name__ == "__main__":
-    main(sys.argv[1], sys.argv[2], int(sys.argv[3]), int(sys.argv[4]))
+    main(sys.argv[1], sys.argv[2], *map(int, sys.argv[3:]))

@@ -57,7 +57,8 @@ def decode(task: str, path: str | os.PathLike[str], what: str, most: int = 0) ->
     memory = 0 if math.isinf(free) else int(free) + _LIBRARIES
     seconds = _SECONDS + held // _BYTES_A_SECOND
     script = Path(__file__).with_name("decoder.py")
-    words = [sys.executable, os.fspath(script), task, os.path.abspath(path), memory, seconds]
+    header = _LIBRARIES + 4 * held
+    words = [sys.executable, script, task, os.path.abspath(path), header, memory, seconds]
     folders = os.pathsep.join(folder for folder in sys.path if folder)
     with subprocess.Popen(
         [str(word) for word in words], stdin=subprocess.PIPE, stdout=subprocess.PIPE,

@@ -36,7 +36,7 @@ def vector(name: str, value: Any) -> list[float]:
     """Three finite numbers; anything else is a ValueError."""
     try:
         found = np.asarray(value, np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         found = np.empty(0)
     if found.shape != (3,) or not np.isfinite(found).all():
         raise ValueError(f"{name}: expected three finite numbers, got {shown(value)}")
@@ -58,7 +58,7 @@ def numbers(name: str, values: Any, *shapes: tuple[int, ...]) -> np.ndarray:
     """Finite float32 of one of these shapes; anything else is a ValueError."""
     try:
         found = np.asarray(to_host(values), np.float32)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise ValueError(f"{name}: expected numbers, got {shown(values)}") from None
     if found.shape not in shapes:
         listed = " or ".join(str(shape) if shape else "a number" for shape in shapes)

@@ -97,7 +97,7 @@ def region_mask(
 def _numbers(name: str, value: Any, fields: tuple[str, ...]) -> list[float]:
     try:
         numbers = [float(v) for v in value]
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         numbers = []
     if len(numbers) != len(fields) or not all(map(math.isfinite, numbers)):
         raise ValueError(

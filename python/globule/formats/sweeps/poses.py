@@ -224,7 +224,7 @@ def _json_rows(path: Any) -> list[_Row]:
         except KeyError as error:
             problem = f"expected matrix, or position and quaternion, got no {error}"
             raise bad(path, where, problem) from None
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             raise bad(path, where, f"expected numbers, got {shown(str(entry))}") from None
         rows.append((where, time, _matrix(path, where, values), status))
     return rows
