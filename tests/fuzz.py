@@ -1,10 +1,13 @@
 """Mutated files of every kind, each opened in a process of its own with limits: `make fuzz`.
 
     python tests/fuzz.py [-n 20000] [--seed 0] [--only KIND] [--keep FOLDER]
+    python tests/fuzz.py --open tests/corpus
+    python tests/fuzz.py --damage
 
 A mutant is refused in one line that names the file, or loads. Everything else is a fault: another
 error, a crash, more than SECONDS of the processor's time, more memory than the limit. The file of
-each fault is kept in the folder, as KIND@NUMBER@NAME.
+each fault is kept in the folder, as KIND@NUMBER@NAME; once mended, it belongs to tests/corpus.
+`--open` opens such files again; `--damage` damages every array of a checkpoint in every way.
 """
 
 from __future__ import annotations
@@ -32,7 +35,7 @@ os.environ["OMP_NUM_THREADS"] = "1"
 
 import globule as gb
 from fuzz_files import KINDS
-from fuzz_mutations import mutate
+from fuzz_mutations import damaged_arrays, mutate
 from globule import cli
 
 SECONDS = 10  # of the processor, for one file
@@ -150,6 +153,7 @@ class Fuzzer:
     """The files of each kind, in a folder of its kind, and what became of their mutants."""
 
     def __init__(self, folder: str, only: str = ""):
+        preload()
         self.places: dict[str, Path] = {}
         self.files: dict[str, list[tuple[str, bytes]]] = {}
         for kind in KINDS:
@@ -189,39 +193,81 @@ class Fuzzer:
                 shutil.rmtree(left) if left.is_dir() else left.unlink()
 
 
+class Report:
+    """Counts of what became of files, by kind, and the faults, which it prints as they come."""
+
+    def __init__(self) -> None:
+        self.counts: collections.Counter[tuple[str, str]] = collections.Counter()
+        self.begin = time.monotonic()
+
+    def add(self, kind: str, name: str, verdict: str) -> bool:
+        """One file more; whether it was a fault."""
+        good = verdict in ("loaded", "refused")
+        self.counts[kind, verdict if good else "fault"] += 1
+        if not good:
+            print(f"{name}: {verdict}", flush=True)
+        return not good
+
+    def close(self) -> int:
+        """Print the counts; returns how many faults there were."""
+        total: collections.Counter[str] = collections.Counter()
+        for kind in dict.fromkeys(kind for kind, _ in self.counts):
+            found = {what: self.counts[kind, what] for what in ("refused", "loaded", "fault")}
+            total.update(found)
+            print(f"{kind:16}", "  ".join(f"{what} {k}" for what, k in found.items()))
+        told = ", ".join(f"{total[what]} {what}" for what in ("refused", "loaded"))
+        seconds = f"{time.monotonic() - self.begin:.0f} s"
+        print(f"{sum(total.values())} files in {seconds}: {told}, {total['fault']} faults")
+        return total["fault"]
+
+
+def open_kept(folder: str) -> int:
+    """Open the files of a corpus, KIND@NUMBER@NAME, by both doors. Returns how many faults."""
+    report = Report()
+    kept = sorted(Path(folder).absolute().glob("*@*@*"))
+    with tempfile.TemporaryDirectory() as place:
+        fuzzers: dict[str, Fuzzer] = {}
+        for path in kept:
+            kind, _, name = path.name.split("@")
+            kind = kind.replace("_", " ")
+            if kind not in fuzzers:
+                fuzzers[kind] = Fuzzer(place, kind)
+            names = [n for n, _ in fuzzers[kind].files[kind] if os.path.basename(n) == name]
+            for by_command in (False, True) if KINDS[kind].command else (False,):
+                verdict = fuzzers[kind].open(kind, names[0], path.read_bytes(), by_command)
+                report.add(kind, path.name, verdict)
+    return report.close()
+
+
+def damage() -> int:
+    """Damage each array of a checkpoint in each way. Returns how many faults."""
+    report, kind, name = Report(), "checkpoints", "all.npz"
+    with tempfile.TemporaryDirectory() as place:
+        fuzzer = Fuzzer(place, kind)
+        for what, content in damaged_arrays(dict(fuzzer.files[kind])[name]):
+            report.add(kind, what, fuzzer.open(kind, name, content, False))
+    return report.close()
+
+
 def run(first: int, n: int, seed: int, only: str, keep: str) -> int:
     """Open n mutants; prints the counts of each kind and the faults. Returns how many faults."""
-    if hasattr(gb, "set_limits"):
-        gb.set_limits(memory=MEMORY)
-    counts: collections.Counter[tuple[str, str]] = collections.Counter()
-    faults: dict[str, list[str]] = collections.defaultdict(list)
-    begin = time.monotonic()
+    report, faults = Report(), 0
     keep = os.path.abspath(keep)
     os.makedirs(keep, exist_ok=True)
     with tempfile.TemporaryDirectory() as folder:
-        preload()
         fuzzer = Fuzzer(folder, only)
         for number in range(first, first + n):
             kind, path, content, by_command = fuzzer.mutant(seed, number)
             verdict = fuzzer.open(kind, path, content, by_command)
-            good = verdict in ("loaded", "refused")
-            counts[kind, verdict if good else "fault"] += 1
-            if not good:
-                name = f"{kind.replace(' ', '_')}@{seed}.{number}@{os.path.basename(path)}"
-                Path(keep, name).write_bytes(content)
-                faults[verdict.split(":")[0]].append(f"{name}: {verdict}")
-                print(f"{name}: {verdict}", flush=True)
-            if (number + 1 - first) % 1000 == 0:
-                tally = f"{number + 1 - first} in {time.monotonic() - begin:.0f} s"
-                print(f"{tally}: {sum(map(len, faults.values()))} faults", flush=True)
-    for kind in fuzzer.kinds:
-        found = {what: counts[kind, what] for what in ("refused", "loaded", "fault")}
-        print(f"{kind:16}", "  ".join(f"{what} {k}" for what, k in found.items()))
-    total = {what: sum(k for (_, w), k in counts.items() if w == what)
-             for what in ("refused", "loaded", "fault")}  # fmt: skip
-    print(f"{n} mutants in {time.monotonic() - begin:.0f} s: {total['refused']} refused, "
-          f"{total['loaded']} loaded, {total['fault']} faults")  # fmt: skip
-    return total["fault"]
+            kept = f"{kind.replace(' ', '_')}@{seed}.{number}@{os.path.basename(path)}"
+            if report.add(kind, kept, verdict):
+                Path(keep, kept).write_bytes(content)
+                faults += 1
+            done = number + 1 - first
+            if done % 1000 == 0:
+                seconds = time.monotonic() - report.begin
+                print(f"{done} in {seconds:.0f} s: {faults} faults", flush=True)
+    return report.close()
 
 
 def preload() -> None:
@@ -248,11 +294,18 @@ def main() -> int:
     parser.add_argument("--first", type=int, default=0, help="number of the first mutant")
     parser.add_argument("--only", default="", choices=["", *KINDS])
     parser.add_argument("--keep", default="build/fuzz", metavar="FOLDER")
+    parser.add_argument("--open", metavar="FOLDER", help="open the files of a corpus")
+    parser.add_argument("--damage", action="store_true", help="damage the arrays of a checkpoint")
     parser.add_argument("--make", nargs=2, help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.make:
         make(*options.make)
         return 0
+    gb.set_limits(memory=MEMORY)
+    if options.open:
+        return 1 if open_kept(options.open) else 0
+    if options.damage:
+        return 1 if damage() else 0
     return 1 if run(options.first, options.n, options.seed, options.only, options.keep) else 0
 
 

@@ -9,6 +9,7 @@ import struct
 import warnings
 import zipfile
 import zlib
+from collections.abc import Iterator
 from random import Random
 
 import numpy as np
@@ -205,3 +206,37 @@ def _in_gzip(random: Random, content: bytes) -> bytes:
     except (OSError, EOFError, zlib.error):
         return _flip(random, content)
     return gzip.compress(_in_bytes(random, plain, [plain]), mtime=0)
+
+
+def damaged_arrays(content: bytes) -> Iterator[tuple[str, bytes]]:
+    """Every member of an .npz damaged in every way, each in a file of its own: what, content."""
+    with np.load(io.BytesIO(content)) as archive:
+        arrays = {name: archive[name] for name in archive.files}
+    for name, array in arrays.items():
+        for what, new in _damages(array):
+            changed = {k: new if k == name else a for k, a in arrays.items()}
+            if what == "gone":
+                del changed[name]
+            out = io.BytesIO()
+            np.savez(out, **changed)
+            yield f"{name} {what}", out.getvalue()
+
+
+def _damages(array: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:
+    yield "gone", array
+    yield "empty", array[:0] if array.ndim else np.empty(0, array.dtype)
+    yield "halved", array[: len(array) // 2] if array.ndim else np.empty((), "u1")
+    yield "doubled", np.concatenate([array, array]) if array.ndim else np.stack([array, array])
+    yield "words", np.array("LPS")
+    yield "float16", array[None].astype(np.float16)
+    for what, value in (("0", 0), ("-1", -1)):
+        with np.errstate(all="ignore"):
+            yield f"all {what}", np.full_like(array, np.array(value).astype(array.dtype))
+    if array.dtype.kind == "f":
+        yield "all nan", np.full_like(array, np.nan)
+        yield "all 1e38", np.full_like(array, 1e38)
+    if array.dtype == np.uint8 and array.ndim == 1 and array.size >= 8:
+        for number, at in ((0xFFFFFFFF, 0), (0x7FFFFFFF, array.size // 8 * 4)):  # one word of many
+            words = array[: array.size // 4 * 4].copy()
+            words.view(np.uint32)[min(at // 4, words.size // 4 - 1)] = number
+            yield f"word {at // 4}", np.concatenate([words, array[words.size :]])

@@ -294,7 +294,8 @@ def test_the_limits_of_a_process_count():
     """`ulimit -v`."""
     code = (
         "import resource as r; from globule._base import memory; n = memory.free_bytes(); "
-            "r.setrlimit(r.RLIMIT_AS, (2**34, 2**34)); print(memory.free_bytes() < 2**34, n > 0)")  # fmt: skip
+        "r.setrlimit(r.RLIMIT_AS, (2**34, 2**34)); print(memory.free_bytes() < 2**34, n > 0)"
+    )
     made = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert made.stdout.split() == ["True", "True"]
 
@@ -305,3 +306,30 @@ def test_the_time_that_a_bomb_takes_is_not_its_size():
         gb.read_volume(nifti((30000, 30000, 30000), 352, zeros(100)))
     assert time.perf_counter() - begin < 5
     assert os.path.getsize("a.nii.gz") < 1000
+
+
+def test_meshes_that_share_their_bytes():
+    """A .glb whose 3,000 parts are one and the same."""
+    trimesh = pytest.importorskip("trimesh")
+    content = trimesh.creation.icosphere(5).export(file_type="glb")
+    length = struct.unpack_from("<I", content, 12)[0]
+    tree = json.loads(content[20 : 20 + length])
+    tree["meshes"][0]["primitives"] *= 3000
+    text = json.dumps(tree).encode()
+    text += b" " * (-len(text) % 4)
+    rest = content[20 + length :]
+    head = struct.pack("<4sII", b"glTF", 2, 20 + len(text) + len(rest))
+    Path("a.glb").write_bytes(head + struct.pack("<I4s", len(text), b"JSON") + text + rest)
+    ((said, taken, seconds),) = opened("read", "a.glb", MOST)
+    assert said.startswith("a.glb: meshes: expected ")
+    assert (taken < 200e6, seconds < 10) == (True, True)
+
+
+def test_a_mesh_as_text_needs_much_memory():
+    Path("a.obj").write_bytes(b"v 0 0 0\nv 1 0 0\nv 0 1 0\n" + b"f 1 2 3\n" * 400_000)
+    pytest.importorskip("trimesh")
+    for most, (said, taken, _) in zip(
+        (1e8, 3e8), opened("read", "a.obj", 1e8, 3e8), strict=True
+    ):  # fmt: skip
+        assert taken < most
+        assert ("a.obj: expected data that fit" in said) == (most == 1e8)

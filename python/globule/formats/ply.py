@@ -62,7 +62,7 @@ def read(path: str | os.PathLike[str], spacing: float | None = None) -> Particle
     """
     if spacing is not None:
         return mesh_particles(path, spacing)
-    data = whole_file(path, 4.0)
+    data = whole_file(path, 12.0)
     elements, order, position = _header(path, data)
     faces_of = next((e for e in elements if e.name == "face" and e.count and e.has_lists), None)
     columns, faces = None, None
