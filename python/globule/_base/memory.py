@@ -82,7 +82,7 @@ def free_bytes() -> int:
         free = 1024 * int(found["MemAvailable"].split()[0])
     except (OSError, ValueError, KeyError, IndexError):
         return 0
-    return max(1, min(free, _free_in_container(), _free_addresses()))
+    return max(1, int(min(free, _free_in_container(), _free_addresses())))
 
 
 def _free_in_container() -> float:

@@ -158,7 +158,7 @@ FLAGS: dict[str, dict[str, Any]] = {
     "--max-ratio": {
         "type": at_least_one,
         "metavar": "N",
-        "help": "most bytes that a compressed file may unpack to, for each of its own",
+        "help": "largest number of bytes that a compressed file may unpack to, for each of its own",
     },
     # Page of the viewer
     "--host": {

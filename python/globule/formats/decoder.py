@@ -8,26 +8,24 @@ It prints a line of JSON with the size that the file claims, waits for a line, t
 JSON with facts and the arrays' types, and the arrays. What goes wrong is a line {"error": …}.
 """
 
+from __future__ import annotations
+
 import json
 import math
 import os
 import re
 import sys
+from typing import Any
 
 
 def main(task: str, path: str, header: int, memory: int, seconds: int) -> None:
     """Run one task."""
     out = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # what libraries print is no answer
-    try:
-        import resource
-
-        resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 5))
-        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-        if memory:  # less as long as only the header is read
-            resource.setrlimit(resource.RLIMIT_DATA, (min(header, memory), memory))
-    except (ImportError, OSError, ValueError):
-        resource = None  # a system without such limits
+    _limit("RLIMIT_CPU", seconds, seconds + 5)
+    _limit("RLIMIT_CORE", 0, 0)
+    if memory:  # less as long as only the header is read
+        _limit("RLIMIT_DATA", min(header, memory), memory)
 
     def tell(facts: dict) -> None:
         out.write(json.dumps(facts).encode() + b"\n")
@@ -37,8 +35,8 @@ def main(task: str, path: str, header: int, memory: int, seconds: int) -> None:
         tell({"claim": claim, **facts})
         if not sys.stdin.readline():
             os._exit(0)
-        if resource and memory:
-            resource.setrlimit(resource.RLIMIT_DATA, (memory, memory))
+        if memory:
+            _limit("RLIMIT_DATA", memory, memory)
 
     try:
         facts, arrays = {"dicom": dicom, "series": series, "exr": exr}[task](path, ask)
@@ -57,7 +55,17 @@ def main(task: str, path: str, header: int, memory: int, seconds: int) -> None:
         tell({"error": said or type(error).__name__})
 
 
-def _sitk():
+def _limit(name: str, now: int, most: int) -> None:
+    """Set a limit of this process, on systems that have it."""
+    try:
+        import resource
+
+        resource.setrlimit(getattr(resource, name), (now, most))
+    except (ImportError, AttributeError, OSError, ValueError):
+        pass
+
+
+def _sitk() -> Any:
     import SimpleITK as sitk
 
     sitk.ProcessObject.SetGlobalWarningDisplay(False)
@@ -65,7 +73,7 @@ def _sitk():
     return sitk
 
 
-def dicom(path, ask):
+def dicom(path: str, ask: Any) -> tuple[dict, list]:
     """Values and place of one file."""
     sitk = _sitk()
     reader = sitk.ImageFileReader()
@@ -76,7 +84,7 @@ def dicom(path, ask):
     return _image(sitk, reader.Execute())
 
 
-def series(path, ask):
+def series(path: str, ask: Any) -> tuple[dict, list]:
     """Values and place of the series of a folder that has most slices."""
     sitk = _sitk()
     reader = sitk.ImageSeriesReader()
@@ -94,12 +102,12 @@ def series(path, ask):
     return _image(sitk, reader.Execute())
 
 
-def _claim(reader) -> int:
+def _claim(reader: Any) -> int:
     # A pixel has at most 8 bytes; colors at most 4 numbers.
     return 8 * max(1, reader.GetNumberOfComponents()) * math.prod(reader.GetSize())
 
 
-def _image(sitk, image):
+def _image(sitk: Any, image: Any) -> tuple[dict, list]:
     if image.GetDimension() == 4 and image.GetSize()[3] == 1:
         image = image[:, :, :, 0]
     kind = image.GetPixelIDTypeAsString()
@@ -119,7 +127,7 @@ def _image(sitk, image):
     return facts, [] if "complex" in kind else [sitk.GetArrayFromImage(image)]
 
 
-def exr(path, ask):
+def exr(path: str, ask: Any) -> tuple[dict, list]:
     """R G B, or Y, of the first part."""
     import numpy as np
     import OpenEXR

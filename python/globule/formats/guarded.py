@@ -15,14 +15,14 @@ import os
 import subprocess
 import sys
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import numpy as np
 
 from .._base.checks import missing
 from .._base.memory import room
 from .errors import bad
-from .size import check_size
+from .size import bytes_of, check_size
 
 _LIBRARIES = 2**28  # bytes that they take by themselves
 _SECONDS, _BYTES_A_SECOND = 30, 1_000_000  # of the processor: at least, and for a file's length
@@ -96,8 +96,8 @@ def _line(path: Any, what: str, process: subprocess.Popen) -> dict[str, Any]:
 
 def _array(path: Any, what: str, process: subprocess.Popen, dtype: str, shape: Any) -> np.ndarray:
     array = np.empty(shape, dtype)
-    source: IO[bytes] | Any = process.stdout
-    if array.size and source.readinto(memoryview(array.reshape(-1).view(np.uint8))) < array.nbytes:
+    source: Any = process.stdout
+    if array.size and source.readinto(bytes_of(array)) < array.nbytes:
         raise _ended(path, what, process)
     return array
 

@@ -16,7 +16,7 @@ from .._base.files import atomic_write
 from ..scene.particles import SCALAR_FIELDS, Particles
 from .errors import bad, shown
 from .fields import check_lengths, find_positions, particles_from
-from .size import check_size
+from .size import bytes_of, check_size
 
 _PIECE = 1 << 22  # bytes that are read at once
 
@@ -132,7 +132,7 @@ def read_array(path: Any, name: str, file: IO[bytes], file_size: int) -> np.ndar
         raise bad(path, name, f"{problem}, got a header that announces {size}")
     array = np.empty(count, dtype)
     if size:
-        view, n = memoryview(array.view(np.uint8)), 0
+        view, n = bytes_of(array), 0
         while n < size and (piece := file.read(min(_PIECE, size - n))):
             view[n : n + len(piece)] = piece
             n += len(piece)

@@ -9,6 +9,8 @@ from __future__ import annotations
 import os
 from typing import Any
 
+import numpy as np
+
 from .._base.memory import largest_ratio, room
 from .errors import bad
 
@@ -33,6 +35,12 @@ def check_size(path: Any, where: str, size: float, held: int, peak: float = 1.0)
         advice = "if the file is sound, raise --max-ratio or gb.set_limits(ratio=…)"
         raise bad(path, where, f"{expected}, got a claim of {size:,.0f} bytes; {advice}")
     check_memory(path, where, peak * size)
+
+
+def bytes_of(array: np.ndarray) -> memoryview:
+    """The memory of a contiguous array, to fill."""
+    flat: Any = array.reshape(-1).view(np.uint8)
+    return memoryview(flat)
 
 
 def whole_file(path: Any, peak: float = 1.0) -> bytes:

@@ -40,15 +40,16 @@ def read_folder(path: str | os.PathLike[str], progress: Progress = None) -> Stac
     names = sorted((name for name in names if name.lower() != MASK), key=_by_numbers)
     if not names:
         raise bad(path, "", f"expected pictures ({' '.join(PICTURE_ENDINGS)}), got none")
-    frames = np.empty(0)
+    frames: np.ndarray[Any, Any] = np.empty(0)
     for i, name in enumerate(names):
         try:
             with Image.open(Path(path) / name) as image:
                 if not i:  # all are as large as the first
                     held = sum(os.path.getsize(Path(path) / name) for name in names)
-                    claim = 4 * image.width * image.height * len(names)
-                    check_size(path, name, claim, held)
-                elif image.size != frames.shape[:0:-1]:
+                    each = {"F": 4, "I": 4, "I;16": 2}.get(image.mode, 1)
+                    claim = each * image.width * image.height * len(names)
+                    check_size(path, name, claim, held, 1.2)
+                elif (image.height, image.width) != frames.shape[1:]:
                     expected = f"expected {frames.shape[2]}x{frames.shape[1]} as the first"
                     raise bad(path, name, f"{expected}, got {image.width}x{image.height}")
                 colored = image.mode in ("P", "PA", "LA", "RGB", "RGBA", "CMYK", "YCbCr")

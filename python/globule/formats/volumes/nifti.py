@@ -15,7 +15,7 @@ from ..._base.checks import missing
 from ..._base.files import atomic_write
 from ..errors import bad
 from ..inflate import GZIP, Inflated
-from ..size import check_size
+from ..size import bytes_of, check_size
 from .geometry import VolumeData, in_space, plain
 from .raw import LONGEST_HEADER
 
@@ -55,7 +55,7 @@ def read(path: str | os.PathLike[str]) -> VolumeData:
             peak = 1.0 if _is_plain(header) else 1.0 + 16 / dtype.itemsize
             check_size(path, "data", offset + size, held, peak)
             values = np.empty(shape[2::-1], dtype)
-            view = memoryview(values.reshape(-1).view(np.uint8))
+            view = bytes_of(values)
             if data:
                 data.skip(int(offset) - len(head))
                 n = data.fill(view)

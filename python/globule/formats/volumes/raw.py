@@ -12,7 +12,7 @@ import numpy as np
 
 from ..errors import bad, shown
 from ..inflate import Inflated
-from ..size import check_size
+from ..size import bytes_of, check_size
 
 Progress = Callable[[int, int], None] | None
 PIECE = 1 << 24  # bytes that are read, packed and unpacked at once
@@ -61,7 +61,7 @@ def numbers_of(
         raise bad(path, "data", f"expected {size} bytes, got {left}")
     check_size(path, "data", size, left)
     array = np.empty(shape, dtype)
-    view = memoryview(array.reshape(-1).view(np.uint8))
+    view = bytes_of(array)
     if window_bits is not None:
         _inflate(path, file, view, left, window_bits, progress)
     else:
