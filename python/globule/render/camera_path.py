@@ -64,7 +64,7 @@ class CameraPath:
             facts = _parsed(path)
             unknown = set(facts) - {"key", "interpolation"}
             if unknown:
-                name = sorted(unknown)[0]
+                name = sorted(unknown)[0][:60]
                 raise ValueError(f"{name}: expected key and interpolation, got another name")
             return cls(facts.get("key", []), fps, facts.get("interpolation", "smooth"))
         except ValueError as error:
@@ -178,7 +178,7 @@ def _checked(keys: Any, fps: float) -> tuple[list[float], list[Camera]]:
                 raise ValueError(f"expected names with values, got {shown(key)}")
             unknown = set(key) - set(FIELDS)
             if unknown:
-                raise ValueError(f"{sorted(unknown)[0]}: expected one of {', '.join(FIELDS)}")
+                raise ValueError(f"{sorted(unknown)[0][:60]}: expected one of {', '.join(FIELDS)}")
             given = [name for name in ("frame", "time") if name in key]
             if len(given) != 1 or unit not in (None, given[0]):
                 wanted = unit or "frame or time"
