@@ -15,6 +15,7 @@ from .._base.structured import parse_json, parse_toml, read_text
 from .camera import Camera
 
 FIELDS = ("frame", "time", "eye", "look_at", "up", "fov")
+FAR = 1e18  # the largest coordinate
 
 
 class CameraPath:
@@ -216,7 +217,10 @@ def _number(name: str, value: Any) -> float:
 def _vector(name: str, value: Any) -> tuple[float, ...]:
     if isinstance(value, str) or not hasattr(value, "__len__") or len(value) != 3:
         raise ValueError(f"{name}: expected three finite numbers, got {shown(value)}")
-    return tuple(_number(name, v) for v in value)
+    found = tuple(_number(name, v) for v in value)
+    if max(map(abs, found)) > FAR:  # what lies between two keys must be finite, too
+        raise ValueError(f"{name}: expected numbers up to {FAR:g}, got {shown(value)}")
+    return found
 
 
 def _parsed(path: str | os.PathLike[str]) -> dict[str, Any]:
