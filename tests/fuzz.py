@@ -256,17 +256,18 @@ def run(first: int, n: int, seed: int, only: str, keep: str) -> int:
     os.makedirs(keep, exist_ok=True)
     with tempfile.TemporaryDirectory() as folder:
         fuzzer = Fuzzer(folder, only)
-        for number in range(first, first + n):
-            kind, path, content, by_command = fuzzer.mutant(seed, number)
-            verdict = fuzzer.open(kind, path, content, by_command)
-            kept = f"{kind.replace(' ', '_')}@{seed}.{number}@{os.path.basename(path)}"
-            if report.add(kind, kept, verdict):
-                Path(keep, kept).write_bytes(content)
-                faults += 1
-            done = number + 1 - first
-            if done % 1000 == 0:
-                seconds = time.monotonic() - report.begin
-                print(f"{done} in {seconds:.0f} s: {faults} faults", flush=True)
+        with contextlib.suppress(KeyboardInterrupt):  # the counts so far
+            for number in range(first, first + n):
+                kind, path, content, by_command = fuzzer.mutant(seed, number)
+                verdict = fuzzer.open(kind, path, content, by_command)
+                kept = f"{kind.replace(' ', '_')}@{seed}.{number}@{os.path.basename(path)}"
+                if report.add(kind, kept, verdict):
+                    Path(keep, kept).write_bytes(content)
+                    faults += 1
+                done = number + 1 - first
+                if done % 1000 == 0:
+                    seconds = time.monotonic() - report.begin
+                    print(f"{done} in {seconds:.0f} s: {faults} faults", flush=True)
     return report.close()
 
 
