@@ -3,6 +3,7 @@
 # make test-all  the whole matrix: every CPU level, one thread and all, slow tests, CUDA compiled where nvcc is
 # make bench   speed of build and trace; against POV-Ray too where that is installed
 # make sanitize  the C++ tests and a part of the others under AddressSanitizer, UBSan and ThreadSanitizer
+# make fuzz    20,000 damaged files of every kind, each opened in a process of its own with limits (FUZZ="-n 1000 --seed 7")
 # make check   lint, format, types
 # make docs    check the documentation's links, and make the site: build/site/index.html
 # make clean   remove what these made
@@ -26,7 +27,7 @@ BUILT := $(VENV)/built-$(GLOBULE_LEVELS)-$(GLOBULE_CUDA)
 SOURCES := $(shell find CMakeLists.txt pyproject.toml README.md LICENSE cmake include src bindings \
 	python -type f ! -name '*.so' ! -name '*.pyc')
 
-.PHONY: demo test test-all matrix bench sanitize check docs clean
+.PHONY: demo test test-all matrix bench sanitize fuzz check docs clean
 
 demo: $(BUILT)
 	@$(VENV)/bin/globule demo
@@ -49,6 +50,9 @@ bench: $(BUILT)
 
 sanitize: $(VENV)/has-test $(VENV)/has-build
 	@tests/sanitize.sh $(PY)
+
+fuzz: $(VENV)/has-interop
+	@nice $(PY) tests/fuzz.py $(FUZZ)
 
 check: $(VENV)/has-dev
 	@$(PY) -m ruff check python tests bench examples docs

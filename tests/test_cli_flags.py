@@ -14,7 +14,8 @@ from globule.cli import build_parser, look, main
 from globule.cli.arguments import beside, ground
 
 UNITS = re.compile(
-    r"\b(pixels?|world units?|degrees|mm|meters|seconds|supports|voxels|gray levels|frames per "
+    r"\b(pixels?|world units?|degrees|mm|meters|seconds|gigabytes|supports|voxels|gray levels|"
+    r"frames per "
     r"second|bits|halvings|per inch|number of|unit|direction|0 to 1|1 to 4)\b"
 )
 LONG = ("render", "view", "simulate", "reconstruct")

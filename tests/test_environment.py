@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import builtins
+import sys
 
 import globule as gb
 import numpy as np
@@ -155,8 +155,8 @@ def test_pictures_become_linear(extension, tmp_path):
         (HEAD + b"EXPOSURE=nan\n\n-Y 1 +X 1\n0000", "an exposure above 0"),
         (HEAD.replace(b"rgbe", b"xyze") + b"\n-Y 1 +X 1\n0000", "expected 32-bit_rle_rgbe"),
         (HEAD + b"\n-Y 999999999 +X 999999999\n", "at most 134,217,728 pixels"),
-        (HEAD + b"\n-Y 10000 +X 10000\n\x02\x02\x27\x10", "expected at least .* bytes"),
-        (HEAD + b"\n-Y 10000 +X 10000\n", "expected 100000000 pixels, got 0"),
+        (HEAD + b"\n-Y 10000 +X 10000\n\x02\x02\x27\x10", "expected at (least|most)"),
+        (HEAD + b"\n-Y 10000 +X 10000\n", "expected at most 200 times the 68 bytes"),
         (HEAD + b"\n-Y 1 +X 2\n\1\1\1\7", "expected 2 pixels, got 7"),
         (HEAD + b"\n-Y 1 +X 2\n" + b"\x80\x80\x80\x80" + 9 * b"\1\1\1\xff", "expected 2 pixels"),
         (HEAD + b"\n-Y 1 +X 8\n\2\2\0\x08" + 40 * b"\x00", "row 0: expected 8 pixels"),
@@ -225,14 +225,7 @@ def test_other_files(tmp_path, monkeypatch):
 
 
 def test_without_openexr(monkeypatch, tmp_path):
-    real = builtins.__import__
-
-    def without(name, *args, **kwargs):
-        if name == "OpenEXR":
-            raise ImportError(name)
-        return real(name, *args, **kwargs)
-
-    monkeypatch.setattr(builtins, "__import__", without)
+    monkeypatch.setitem(sys.modules, "OpenEXR", None)
     (tmp_path / "a.exr").write_bytes(b"\x76\x2f\x31\x01")
     for work in (
         lambda: read_environment(tmp_path / "a.exr"),

@@ -229,7 +229,7 @@ def test_state_files(capsys):
     np.savez("c.npz", positions=POSITIONS)
     words = ("render", "c.npz", "-o", "a.png", "--state")
     for content, message in (
-        (b"\xff\xfe", "expected TOML, got data that is no text"),
+        (b"\xff\xfe", "expected text in UTF-8, got data that is no text"),
         (b"[look]\na__b = 1\n", "look.a__b: expected one of"),
         (b"a = " + b"[" * 5000, "expected fewer tables and lists inside each other"),
         (b"a = " + b"9" * 5000, "digits"),

@@ -97,13 +97,13 @@ def test_what_makes_no_sense_names_its_key(tmp_path, old, new, expected):
     ids=["solid", "boundary", "disc", "rate"],
 )  # fmt: skip
 def test_particles_without_memory_are_counted_not_made(tmp_path, monkeypatch, more, named, n):
-    monkeypatch.setattr(room, "free_bytes", lambda: 2**30)
+    monkeypatch.setattr(room, "room", lambda: 2**30)
     path = tmp_path / "scene.toml"
     path.write_text(SCENE.replace("0.05", "0.0005") + more)
     with pytest.raises(SceneError) as caught:
         gb.Simulation(path, device="cpu")
     message = str(caught.value)
-    assert message.startswith(f"{named}: expected particles that fit in the 1.0 GiB")
+    assert message.startswith(f"{path}: {named}: expected particles that fit in the 1.0 GiB")
     assert f"got about {n} that need" in message
 
 
@@ -124,7 +124,7 @@ def test_what_only_looks_like_it_is_taken(tmp_path):
 def test_the_spacing_that_would_fit_does(tmp_path, monkeypatch):
     path = tmp_path / "scene.toml"
     path.write_text(SCENE)
-    monkeypatch.setattr(room, "free_bytes", lambda: 2**20)
+    monkeypatch.setattr(room, "room", lambda: 2**20)
     with pytest.raises(SceneError, match=r"a spacing of ([\d.]+) m would fit") as caught:
         bodies(read_scene(path))
     words = str(caught.value).split()

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import builtins
 import json
 import os
 import struct
+import sys
 
 import globule as gb
 import numpy as np
@@ -264,16 +264,10 @@ def test_cut_files(extension, tmp_path, capfd):
 
 
 def test_without_the_packages(monkeypatch, tmp_path):
-    real = builtins.__import__
     (tmp_path / "a.nii").write_bytes(bytes(344) + b"n+1\0")
     (tmp_path / "a.dcm").write_bytes(bytes(128) + b"DICM")
-
-    def without(name, *args, **kwargs):
-        if name in ("SimpleITK", "nibabel"):
-            raise ImportError(name)
-        return real(name, *args, **kwargs)
-
-    monkeypatch.setattr(builtins, "__import__", without)
+    for name in ("SimpleITK", "nibabel"):
+        monkeypatch.setitem(sys.modules, name, None)
     for name, package in (("a.nii", "nibabel"), ("a.dcm", "SimpleITK")):
         with pytest.raises(gb.MissingPackageError, match=rf'{package} .* "globule\[medical\]"'):
             gb.read_volume(tmp_path / name)

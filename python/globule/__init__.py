@@ -25,6 +25,7 @@ if _set:
 from ._base.checks import MissingPackageError  # noqa: E402
 from ._base.colormaps import colorize  # noqa: E402
 from ._base.cpp import cmake_dir, include_dir  # noqa: E402
+from ._base.memory import set_limits  # noqa: E402
 from .render.annotate import Annotation  # noqa: E402
 from .render.camera import Camera  # noqa: E402
 from .render.clips import ClipBox, ClipPlane, ClipSphere  # noqa: E402
@@ -216,6 +217,7 @@ __all__ = [
     "reslice",
     "sample",
     "save_png",
+    "set_limits",
     "surface_kernels",
     "surface_mesh",
     "surface_of",

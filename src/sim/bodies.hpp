@@ -52,7 +52,12 @@ public:
     }
     void load(const std::vector<char>& bytes) {
         std::vector<Quad> home;
-        load_motion(bytes, home, next_poses_, bodies_);
+        std::map<int, sim::Pose> poses;
+        std::map<int, RigidBody> bodies;
+        load_motion(bytes, home, poses, bodies);
+        check_home(home, poses, bodies);
+        next_poses_ = std::move(poses);
+        bodies_ = std::move(bodies);
         if (home.empty()) return;
         exec_.upload(home_.reserve(home.size()), home.data(), home.size() * sizeof(Quad));
         exec_.synchronize();
@@ -94,6 +99,22 @@ public:
     }
 
 private:
+    /// Every particle of what moves needs a place of its own in it.
+    void check_home(const std::vector<Quad>& home, const std::map<int, sim::Pose>& poses, const std::map<int, RigidBody>& bodies) {
+        if (poses.empty() && bodies.empty()) return;
+        std::vector<std::uint8_t> phase(state_.n);
+        std::vector<std::uint32_t> id(state_.n);
+        exec_.download(phase.data(), state_.view().phase, phase.size());
+        exec_.download(id.data(), state_.view().id, id.size() * sizeof id[0]);
+        for (std::size_t i = 0; i < id.size(); ++i) {
+            if (!poses.count(phase[i]) && !bodies.count(phase[i])) continue;
+            if (id[i] >= home.size()) throw Refused("checkpoint: expected a place of every particle of a body that moves, got fewer");
+            const Quad& h = home[id[i]];
+            if (!(std::abs(h.x) + std::abs(h.y) + std::abs(h.z) < INFINITY))
+                throw Refused("checkpoint: expected finite places of a body that moves, got others");
+        }
+    }
+
     Exec& exec_;
     SimulationState<Exec>& state_;
     const SimulationSettings& settings_;

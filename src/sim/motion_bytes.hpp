@@ -1,5 +1,6 @@
 // What moves boundaries and rigid bodies, as bytes of a checkpoint.
 #pragma once
+#include <cmath>
 #include <cstring>
 #include <map>
 #include <stdexcept>
@@ -55,6 +56,17 @@ void take_map(const std::vector<char>& in, std::size_t& at, std::map<int, T>& ma
     for (std::size_t k = 0; k < keys.size(); ++k) map.insert_or_assign(keys[k], values[k]);
 }
 
+/// Refuses a phase that there cannot be, and numbers that are not finite in what consists of them alone.
+template <class Number, class T>
+void check(int phase, const T& item) {
+    static_assert(sizeof(T) % sizeof(Number) == 0 && std::is_trivially_copyable_v<T>);
+    Number numbers[sizeof(T) / sizeof(Number)];
+    std::memcpy(numbers, &item, sizeof item);
+    bool good = phase >= 0 && phase < sim::kMaxPhases;
+    for (Number x : numbers) good &= std::isfinite(x);
+    if (!good) throw Refused("checkpoint: expected phases and finite numbers of the bodies that move, got others");
+}
+
 }  // namespace motion_bytes
 
 inline std::vector<char> save_motion(const std::vector<Quad>& home, const std::map<int, sim::Pose>& poses, const std::map<int, RigidBody>& bodies) {
@@ -69,6 +81,12 @@ inline void load_motion(const std::vector<char>& in, std::vector<Quad>& home, st
     home = motion_bytes::take<Quad>(in, at, {});
     motion_bytes::take_map(in, at, poses, {});
     motion_bytes::take_map(in, at, bodies, RigidBody(1.0, {}, {}));
+    for (const auto& [phase, pose] : poses) motion_bytes::check<float>(phase, pose);
+    for (const auto& [phase, body] : bodies) {
+        motion_bytes::check<double>(phase, body);
+        if (!(body.mass() > 0)) throw Refused("checkpoint: expected bodies of a mass above 0, got another");
+    }
+    if (at != in.size()) throw Refused("checkpoint: expected the end of the bodies that move, got more");
 }
 
 }  // namespace globule::core

@@ -86,6 +86,7 @@ public:
         return first;
     }
     void set_sinks(const std::vector<sim::Sink>& sinks) override {
+        if (sinks.size() > std::size_t(sim::kMaxSinks)) throw Refused("sinks: expected at most " + std::to_string(sim::kMaxSinks));
         n_sinks_ = int(sinks.size());
         exec_.upload(sinks_.reserve(sim::kMaxSinks), sinks.data(), sinks.size() * sizeof(sim::Sink));
     }

@@ -172,7 +172,8 @@ public:
         exec_.synchronize();
     }
     void set_vessel(std::size_t number, const BloodVessel& vessel) override {
-        if (number < 1 || number > 255) throw Refused("vessel: expected a number from 1 to 255, got " + std::to_string(number));
+        if (number < 1 || number > std::size_t(tissue::kMaxVessels))
+            throw Refused("vessel: expected a number from 1 to " + std::to_string(tissue::kMaxVessels) + ", got " + std::to_string(number));
         if (number > vessels_.size()) vessels_.resize(number);
         vessels_[number - 1] = vessel;
     }
@@ -195,7 +196,11 @@ public:
         if (name == "hold") n_ = std::uint32_t(bytes);
         if (name == "other") n_entries_ = std::uint32_t(bytes / 4);
         each_array([&](const char* its, auto& buffer, std::size_t n) {
-            if (name == its) exec_.upload(buffer.reserve(n), in, n * sizeof *buffer.data());
+            if (name != its) return;
+            const std::size_t wanted = n * sizeof *buffer.data();
+            if (bytes != wanted)
+                throw Refused("tissue_" + name + ": expected " + std::to_string(wanted) + " bytes, got " + std::to_string(bytes));
+            exec_.upload(buffer.reserve(n), in, wanted);
         });
         exec_.synchronize();
         if (name == "id") {

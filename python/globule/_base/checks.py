@@ -71,6 +71,8 @@ def number(name: str, value: Any, least: float = -math.inf, most: float = math.i
         v = float(value)
     except (TypeError, ValueError):
         raise TypeError(f"{name}: expected a number, got {shown(value)}") from None
+    except OverflowError:  # a whole number beyond all floats
+        v = math.inf
     if not (math.isfinite(v) and least <= v <= most):
         raise ValueError(f"{name}: expected {_range(least, most)}, got {shown(value)}")
     return v

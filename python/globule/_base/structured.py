@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import sys
 from typing import Any
 
@@ -11,7 +12,22 @@ if sys.version_info >= (3, 11):
 else:
     import tomli as tomllib
 
+MOST_BYTES = 16 * 2**20  # of a text whose tables are parsed
 _TOO_DEEP = "expected fewer tables and lists inside each other, got too many"
+
+
+def read_text(path: str | os.PathLike[str], most: int = MOST_BYTES) -> str:
+    """A text file in UTF-8, of at most `most` bytes. Raises ValueError, whose message lacks the
+    path; OSErrors pass unchanged."""
+    with open(path, "rb") as file:
+        data = file.read(most + 1)
+    if len(data) > most:  # a device may never end
+        raise ValueError(f"expected at most {most:,} bytes, got more")
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        problem = f"expected text in UTF-8, got data that is no text at byte {error.start}"
+        raise ValueError(problem) from None
 
 
 def parse_toml(text: str) -> dict[str, Any]:

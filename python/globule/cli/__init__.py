@@ -14,11 +14,13 @@ import warnings
 from collections.abc import Sequence
 from typing import Any
 
+from .._base.memory import GIGABYTE, limits, set_limits
 from . import (
     bench,
     calibrate,
     convert,
     demo,
+    flags,
     gauge,
     info,
     mesh,
@@ -91,6 +93,8 @@ def build_parser() -> Parser:
         command.has_short_help()
         command.set_defaults(run=module.run, parser=command)
         module.add_arguments(command)
+        if module not in (bench, demo):
+            flags.add_limits(command)
         command.essential = getattr(module, "ESSENTIAL", ())
     return parser
 
@@ -144,10 +148,17 @@ def _run(argv: list[str]) -> None:
     if hasattr(options, "prepare"):
         options.parser.set_defaults(**options.prepare(options))
         options = parser.parse_args(argv)
+    before = limits()
+    if memory := getattr(options, "max_memory", None):
+        set_limits(**{**before, "memory": memory * GIGABYTE})
+    if ratio := getattr(options, "max_ratio", None):
+        set_limits(**{**limits(), "ratio": ratio})
     try:
         options.run(options)
     except UserError as error:
         raise UserError(_with_flag(options, error)) from error
+    finally:
+        set_limits(**before)
 
 
 def _with_flag(options: argparse.Namespace, error: UserError) -> str:

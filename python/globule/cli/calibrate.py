@@ -199,7 +199,10 @@ def _calibrated(
     if options.marks:
         size = None if tracked is None else tracked.frames.shape[:0:-1]
         marks = read_marks(options.marks, tracked)
-        found = calibrate_point_target(*marks, size, options.most_error)
+        try:
+            found = calibrate_point_target(*marks, size, options.most_error)
+        except ValueError as error:
+            raise ValueError(f"{options.marks}: {error}") from error
         calibration = _kept(found.calibration, earlier)
         lengths = np.linalg.norm(found.residuals, axis=1)
         report |= {

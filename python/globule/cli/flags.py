@@ -32,6 +32,14 @@ def port(text: str) -> int:
     return int(text)
 
 
+def at_least_one(text: str) -> float:
+    """A number from 1."""
+    value = number(text)
+    if value < 1:
+        raise argparse.ArgumentTypeError(f"expected a number of at least 1, got {text!r}")
+    return value
+
+
 # `help` is the sentence; a command adds what is special to it, and the default, in parentheses.
 FLAGS: dict[str, dict[str, Any]] = {
     "--output": {"metavar": "PATH", "help": "file or folder to write"},
@@ -153,6 +161,17 @@ FLAGS: dict[str, dict[str, Any]] = {
     # Machine
     "--device": {"metavar": "NAME", "help": "processor: auto, cpu, cuda or cuda:N"},
     "--threads": {"type": int, "metavar": "N", "help": "number of CPU threads"},
+    # Limits of files
+    "--max-memory": {
+        "type": positive,
+        "metavar": "GB",
+        "help": "most memory that a file or scene may need, gigabytes",
+    },
+    "--max-ratio": {
+        "type": at_least_one,
+        "metavar": "N",
+        "help": "largest number of bytes that a compressed file may unpack to, for each of its own",
+    },
     # Page of the viewer
     "--host": {
         "metavar": "HOST",
@@ -190,6 +209,13 @@ def add_reading(parser: argparse.ArgumentParser) -> None:
     add(group, "--level", "default: Otsu's threshold")
     add(group, "--label", "may be repeated; default: all above --level")
     add(group, "--resample", "default: the file's own voxels and vertices")
+
+
+def add_limits(parser: argparse.ArgumentParser) -> None:
+    """The flags that say what a file may ask for."""
+    group = parser.add_argument_group("limits of files")
+    add(group, "--max-memory", "default: the memory that is free")
+    add(group, "--max-ratio", "default: 200")
 
 
 def add_page(parser: argparse.ArgumentParser) -> None:

@@ -423,13 +423,14 @@ def _stating(progress: Progress) -> Iterator[None]:
 
 
 @contextmanager
-def _fitting() -> Iterator[None]:
-    """Turn what the library refuses, and a volume larger than the memory, into a UserError."""
+def _fitting(name: str | None = None) -> Iterator[None]:
+    """Turn what the library refuses, and a volume larger than the memory, into a UserError; name:
+    of the file that says the volume's size."""
     try:
         with mistakes():
             yield
     except MemoryError as error:
-        raise UserError(str(error)) from error
+        raise UserError(f"{name}: {error}" if name else str(error)) from error
     except OSError as error:  # a picture that the configuration names
         raise UserError(f"{error.filename}: cannot be read: {error.strerror}") from error
 
@@ -443,7 +444,7 @@ def _cross_validate(sweep: Sweep, options: argparse.Namespace) -> dict[str, Any]
 
 
 def _volume(sweep: Sweep, options: argparse.Namespace) -> Volume:
-    with _fitting():
+    with _fitting(options.plus if _exact(options) else None):
         if _exact(options):
             from ..ultrasound.plus.reconstruct import reconstruct_plus
 

@@ -131,6 +131,7 @@ def run(options: argparse.Namespace) -> None:
 
 def _view(options: argparse.Namespace) -> None:
     """Run live in the browser."""
+    from ..sim.scene_file import errors_of
     from ..sim.simulation import Simulation
     from ..viewer.simulation_source import SimulationSource
 
@@ -155,7 +156,8 @@ def _view(options: argparse.Namespace) -> None:
         if options.resume:
             simulation = _resumed(Simulation, options.output, scene, options.scene, where)
         else:
-            simulation = Simulation(scene, **where)
+            with errors_of(options.scene):
+                simulation = Simulation(scene, **where)
         title = os.path.basename(options.scene)
         source = SimulationSource(title, simulation, **where)
         source.files = [options.scene]
@@ -178,6 +180,7 @@ class _Job:
 
     def __init__(self, options: argparse.Namespace):
         from ..sim.pictures import Pictures
+        from ..sim.scene_file import errors_of
         from ..sim.simulation import Simulation
 
         self.options, self.folder = options, options.output
@@ -214,10 +217,12 @@ class _Job:
             self.start_time = self.sim.time
             self._restore_pictures()
             if self.pictures.wanted:
-                first = Simulation(self.scene, **where)
+                with errors_of(options.scene):
+                    first = Simulation(self.scene, **where)
                 self.pictures.begin_again(first, self.fps, self.sim.time)
         else:
-            self.sim = Simulation(self.scene, **where)
+            with errors_of(options.scene):
+                self.sim = Simulation(self.scene, **where)
         self.first_step, self.start_time = self.sim.n_steps, self.sim.time
         make_folder("-o", self.folder)
         self._note_old_frames()

@@ -12,7 +12,7 @@ from ..render.presets import preset
 from ..render.sequence import find_files
 from ..scene.scene import Scene
 from ..viewer.equivalent import render_words
-from ..viewer.state import MOST_BYTES, State
+from ..viewer.state import State
 from .shared import UserError, join_negative, mistakes, say
 from .volumes import is_surface
 
@@ -33,12 +33,9 @@ def read_state(path: str) -> tuple[State, Camera | None]:
     """The settings in a file that the viewer saved, and the camera if the file has one."""
     state = State()
     try:
-        with open(path, encoding="utf-8") as file:
-            return state, state.load_toml(file.read(MOST_BYTES + 1))
-    except UnicodeDecodeError:
-        raise UserError(f"{path}: expected TOML, got data that is no text") from None
+        return state, state.load(path)
     except ValueError as error:
-        raise UserError(f"{path}: {error}") from error
+        raise UserError(str(error)) from error
     except OSError as error:
         raise UserError(f"{path}: cannot be read: {error.strerror or error}") from error
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from .errors import FormatError, bad, shown
+from .size import check_text, whole_file
 
 _CHUNK = 1 << 22
 
@@ -104,7 +105,10 @@ def format_rows(columns: Sequence[np.ndarray], separator: str) -> Iterator[bytes
         yield ("\n".join(lines) + "\n").encode()
 
 
-def text_lines(data: bytes) -> list[str]:
-    """A text file's lines, whatever the line ends."""
+def text_lines(path: Any) -> list[str]:
+    """A text file's lines, whatever the line ends. Raises FormatError for one that is too large
+    for memory."""
+    data = whole_file(path, 7.0)
+    check_text(path, data)
     data = data.removeprefix(b"\xef\xbb\xbf").replace(b"\r\n", b"\n").replace(b"\r", b"\n")
     return data.decode("utf-8", errors="replace").split("\n")

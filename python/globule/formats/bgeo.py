@@ -8,29 +8,28 @@ from __future__ import annotations
 
 import os
 import struct
-from typing import IO, TYPE_CHECKING, Any
+from typing import IO, Any
 
 import numpy as np
 
 from .._base.arrays import to_host
 from .._base.files import atomic_write
+from .._base.memory import largest_ratio
 from ..scene.particles import Particles
 from .errors import FormatError, bad, shown
 from .fields import particles_from, per_particle
-
-if TYPE_CHECKING:
-    from gzip import GzipFile
+from .inflate import GZIP, Inflated
+from .size import ALWAYS, check_size
 
 _FLOAT, _INT, _INDEXED_STRING, _VECTOR = 0, 1, 4, 5
-_MOST_GZIP_CAN_EXPAND = 1032  # times, from the format of deflate
 _MOST_WORDS = 1 << 20  # of one point, far above any use
+_LONGEST_HEADER = 1 << 22  # bytes
 _HEADER = struct.Struct(">4s c 9i")
 
 
 def read(path: str | os.PathLike[str]) -> Particles:
     """Read points and attributes. Indexed strings come as their int32 indices. Raises FormatError
     naming the byte."""
-    import gzip
     import zlib
 
     with open(path, "rb") as file:
@@ -38,12 +37,12 @@ def read(path: str | os.PathLike[str]) -> Particles:
         packed = file.read(2) == b"\x1f\x8b"
         file.seek(0)
         if not packed:
-            return _read(_Stream(path, file, size))
-        with gzip.GzipFile(fileobj=file) as unpacked:
-            try:
-                return _read(_Stream(path, unpacked, size * _MOST_GZIP_CAN_EXPAND))
-            except (EOFError, gzip.BadGzipFile, zlib.error) as error:
-                raise bad(path, f"byte {file.tell()}", f"expected gzip data, got {error}") from None
+            return _read(_Stream(path, file, size, size))
+        try:
+            most = int(max(largest_ratio() * size, ALWAYS))
+            return _read(_Stream(path, Inflated(file, GZIP), size, most))
+        except (EOFError, zlib.error) as error:
+            raise bad(path, f"byte {file.tell()}", f"expected gzip data, got {error}") from None
 
 
 def write(path: str | os.PathLike[str], particles: Particles) -> None:
@@ -96,10 +95,11 @@ def _float32_or_int32(name: str, array: np.ndarray) -> np.ndarray:
 class _Stream:
     """Bytes from a file that may be compressed, never more than it can hold."""
 
-    def __init__(self, path: Any, file: IO[bytes] | GzipFile, limit: int) -> None:
+    def __init__(self, path: Any, file: IO[bytes] | Inflated, held: int, limit: int) -> None:
         self.path = path
         self.file = file
-        self.limit = limit
+        self.held = held  # bytes of the file
+        self.limit = limit  # bytes that it may unpack to
         self.position = 0
 
     def bad(self, problem: str) -> FormatError:
@@ -138,10 +138,14 @@ def _read(stream: _Stream) -> Particles:
         n_words += size
         if n_words > _MOST_WORDS:
             raise stream.bad(f"expected at most {_MOST_WORDS} words a point, got {n_words}")
+        if stream.position > _LONGEST_HEADER:
+            raise stream.bad(f"expected attributes within {_LONGEST_HEADER} bytes, got more")
+    check_size(stream.path, f"byte {stream.position}", 4 * n_words * n_points, stream.held, 4.0)
     raw = stream.take(4 * n_words * n_points)
     words = np.frombuffer(raw, ">u4").astype(np.uint32).reshape(n_points, n_words)
-    while stream.file.read(1 << 20):
-        pass  # to the end, where gzip's checksum is
+    del raw
+    if isinstance(stream.file, Inflated):
+        stream.file.finish()
     arrays = {}
     for name, kind, begin, end in columns:
         integer = kind in (_INT, _INDEXED_STRING)
@@ -160,6 +164,8 @@ def _attribute(stream: _Stream) -> tuple[str, int, int]:
         stream.take(4 * size)  # default values
     elif kind == _INDEXED_STRING:
         (n_strings,) = stream.unpack(">i")
+        if 2 * n_strings > _LONGEST_HEADER:
+            raise stream.bad(f"expected at most {_LONGEST_HEADER // 2} strings, got {n_strings}")
         for _ in range(n_strings):
             (length,) = stream.unpack(">H")
             stream.take(length)

@@ -22,8 +22,13 @@ from ..scene.spacing import local_spacing
 from ..scene.surface import MOST_SAMPLES, sampled_particles, vertex_particles
 from .errors import FormatError, bad
 from .kind import kind_of, wrong_kind
+from .size import check_memory, check_size
 
 FORMATS = ("obj", "stl", "glb", "ply")
+# Bytes of memory at trimesh's peak, measured: for each byte of a file, and for each triangle.
+_PEAKS = {"obj": 50, "stl": 14, "glb": 25, "ply": 16}
+_BYTES_OF_A_TRIANGLE = 600
+_LARGEST_ELEMENT = 64  # bytes, of a glTF accessor: a 4x4
 
 
 def read(path: str | os.PathLike[str], spacing: float | None = None) -> Particles:
@@ -142,6 +147,7 @@ def _check_instances(name: str, scene: Any) -> None:
     n_faces = sum(len(getattr(scene.geometry[geometry], "faces", ())) for geometry in shown)
     if n_faces > MOST_SAMPLES:
         raise bad(name, "", f"expected at most {MOST_SAMPLES:,} triangles, got {n_faces:,}")
+    check_memory(name, "", _BYTES_OF_A_TRIANGLE * n_faces)
 
 
 def _points(name: str, parts: list[Any]) -> Particles:
@@ -160,6 +166,7 @@ def _load(trimesh: Any, path: str) -> Any:
     if kind.format not in FORMATS:
         raise wrong_kind(path, f"a mesh ({', '.join(FORMATS)})", kind)
     form = kind.format
+    check_memory(path, "", _PEAKS[form] * os.path.getsize(path))
     with open(path, "rb") as file:  # what is no readable file is an OSError like everywhere
         if form == "glb":
             _check_glb(path, file)
@@ -195,10 +202,20 @@ def _check_glb(path: str, file: IO[bytes]) -> None:
         raise bad(path, "header", "expected a binary glTF file, got a shorter one")
     text = file.read(min(size, int.from_bytes(head[12:16], "little")))
     with _errors_of(path):
-        for accessor in json.loads(text).get("accessors", []):
+        content = json.loads(text)
+        accessors = content.get("accessors", [])
+        for accessor in accessors:
             if "bufferView" not in accessor and int(accessor["count"]) > size:
                 got = f"{accessor['count']} without data"
                 raise bad(path, "accessors", f"expected at most {size} elements, got {got}")
+        used = [
+            accessors[i]
+            for mesh in content.get("meshes", [])
+            for part in mesh["primitives"]
+            for i in (*part["attributes"].values(), *filter(None, [part.get("indices")]))
+        ]
+        claim = sum(_LARGEST_ELEMENT * abs(int(accessor["count"])) for accessor in used)
+        check_size(path, "meshes", claim, size, 2.0)  # all together: they may share their bytes
 
 
 @contextmanager

@@ -7,7 +7,6 @@ over, and so are list properties.
 from __future__ import annotations
 
 import os
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,6 +19,7 @@ from .errors import bad, shown
 from .fields import find_positions, join_columns, particles_from, split_columns
 from .mesh import mesh_particles
 from .ply_data import Element, read_columns, read_faces
+from .size import whole_file
 
 _TYPES = {
     "char": "i1",
@@ -69,7 +69,7 @@ def read(path: str | os.PathLike[str], spacing: float | None = None) -> Particle
 def read_triangles(path: str | os.PathLike[str]) -> tuple[Particles, np.ndarray]:
     """Read the vertices with all their scalar properties, and the faces as triangles (F, 3). Where
     there are faces, 8-bit colors are taken as sRGB."""
-    data = Path(path).read_bytes()
+    data = whole_file(path, 12.0)
     elements, order, position = _header(path, data)
     faces_of = next((e for e in elements if e.name == "face" and e.count and e.has_lists), None)
     columns, faces = None, None

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import csv
 import os
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -25,12 +24,12 @@ from .fields import find_positions, join_columns, particles_from, split_columns
 
 def read_csv(path: str | os.PathLike[str]) -> Particles:
     """Read a .csv. Columns of whole numbers without a point become int64, others float64."""
-    return _read_csv(path, text_lines(Path(path).read_bytes()))
+    return _read_csv(path, text_lines(path))
 
 
 def read_xyz(path: str | os.PathLike[str]) -> Particles:
     """Read an .xyz. Columns of whole numbers without a point become int64, others float64."""
-    return _read_xyz(path, text_lines(Path(path).read_bytes()))
+    return _read_xyz(path, text_lines(path))
 
 
 def write(path: str | os.PathLike[str], particles: Particles) -> None:

@@ -8,7 +8,6 @@ with colors and factors in [0, 1].
 from __future__ import annotations
 
 import os
-from pathlib import Path
 
 import numpy as np
 
@@ -24,7 +23,7 @@ _COLUMNS = ("x", "y", "z", "r", "g", "b", "reflection", "refraction", "rigidity"
 
 def read(path: str | os.PathLike[str]) -> Particles:
     """Read nine-column text. Raises FormatError naming line and column."""
-    lines = text_lines(Path(path).read_bytes())
+    lines = text_lines(path)
     count = lines[0].strip()
     if not (count.isascii() and count.isdigit() and len(count) < 16):
         raise bad(path, "line 1", f"expected the number of particles, got {shown(count)}")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-from pathlib import Path
 
 import numpy as np
 
@@ -13,6 +12,7 @@ from ..scene.particles import Particles
 from . import mesh, ply, vtk_legacy
 from .errors import bad
 from .kind import Kind, kind_of, kind_or_none, wrong_kind
+from .size import whole_file
 from .vtk_xml import VtkXml
 
 _FORMATS = ("stl", "obj", "glb", "ply", "vtk", "vtp")
@@ -46,7 +46,7 @@ def _read(path: str | os.PathLike[str], kind: Kind) -> tuple[Particles, np.ndarr
     if kind.format == "vtk":
         return vtk_legacy.read_triangles(path)
     if kind.format == "vtp":
-        file = VtkXml(path, Path(path).read_bytes())
+        file = VtkXml(path, whole_file(path, 4.0))
         return file.particles(), file.triangles()
     return mesh.read_triangles(path)
 
@@ -68,6 +68,6 @@ def has_faces(path: str | os.PathLike[str]) -> bool:
             pattern = rb"NumberOf(Polys|Strips)[ \t]*=[ \t]*[\"']0*[1-9]"
         else:
             return False
-        return re.search(pattern, Path(path).read_bytes(), re.IGNORECASE) is not None
+        return re.search(pattern, whole_file(path, 4.0), re.IGNORECASE) is not None
     except OSError:
         return False

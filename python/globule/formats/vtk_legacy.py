@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import os
 import re
-from pathlib import Path
 from typing import Any, NoReturn
 
 import numpy as np
@@ -20,6 +19,7 @@ from .asciinum import end_of_tokens, parse_numbers
 from .errors import bad, shown
 from .fields import particles_from, per_particle
 from .polygons import fans
+from .size import check_memory, whole_file
 
 # vtkIdType is written as 32 bits and long as 64 in binary files.
 _TYPES = {
@@ -59,13 +59,13 @@ _ONE_COMPONENT = ("GLOBAL_IDS", "PEDIGREE_IDS", "EDGE_FLAGS")
 
 def read(path: str | os.PathLike[str]) -> Particles:
     """Read the points and point data of a legacy VTK file."""
-    return _Reader(path, Path(path).read_bytes()).read()
+    return _Reader(path, whole_file(path, 4.0)).read()
 
 
 def read_triangles(path: str | os.PathLike[str]) -> tuple[Particles, np.ndarray]:
     """Read the points with their data, and the polygons and strips of POLYDATA as triangles
     (F, 3)."""
-    reader = _Reader(path, Path(path).read_bytes())
+    reader = _Reader(path, whole_file(path, 4.0))
     reader.faces = []
     particles = reader.read()
     return particles, np.concatenate([np.empty((0, 3), np.int64), *reader.faces])
@@ -116,6 +116,7 @@ class _Reader:
         self.path = path
         self.data = data
         self.position = 0
+        self.claimed = 0  # bytes of all arrays
         self.line_start = 0
         self.binary = False
         self.version = 0
@@ -229,6 +230,8 @@ class _Reader:
         dtype = np.dtype(_TYPES[kind])
         start = self.position
         self.skip(n, kind)
+        self.claimed += n * dtype.itemsize
+        check_memory(self.path, "", 2.0 * len(self.data) + 3.0 * self.claimed)
         raw = self.data[start : self.position]
         if self.binary and kind == "bit":
             return np.unpackbits(np.frombuffer(raw, np.uint8), count=n)

@@ -9,6 +9,7 @@ from xml.parsers import expat
 from .errors import FormatError, bad
 
 _MOST_NESTED = 32
+_MOST_ELEMENTS = 200_000  # each takes some hundred bytes of memory, and its tag may have four
 
 
 class Element(ElementTree.Element):
@@ -21,22 +22,25 @@ def parse_xml(path: Any, text: bytes) -> Any:
     """The root `Element` of an XML text.
 
     Raises FormatError naming the line: for text that is not XML, a document type definition
-    (DOCTYPE), and more than 32 nested elements.
+    (DOCTYPE), and more than 32 nested or 200,000 elements.
     """
     builder: Any = ElementTree.TreeBuilder(element_factory=Element)
     parser = expat.ParserCreate()
     parser.buffer_text = True
-    depth = 0
+    depth = n_elements = 0
 
     def refuse(*_: Any) -> None:
         raise bad(path, f"line {parser.CurrentLineNumber}", "expected no DOCTYPE, got one")
 
     def start(tag: str, attributes: dict[str, str]) -> None:
-        nonlocal depth
-        depth += 1
+        nonlocal depth, n_elements
+        depth, n_elements = depth + 1, n_elements + 1
         if depth > _MOST_NESTED:
             where = f"line {parser.CurrentLineNumber}"
             raise bad(path, where, f"expected at most {_MOST_NESTED} nested elements, got more")
+        if n_elements > _MOST_ELEMENTS:
+            where = f"line {parser.CurrentLineNumber}"
+            raise bad(path, where, f"expected at most {_MOST_ELEMENTS:,} elements, got more")
         builder.start(tag, attributes).line = parser.CurrentLineNumber
 
     def end(tag: str) -> None:

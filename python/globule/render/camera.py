@@ -50,7 +50,7 @@ class Camera(Fixed):
             given = getattr(self, name)
             try:
                 value = np.asarray(given, dtype=np.float64)
-            except (TypeError, ValueError):
+            except (TypeError, ValueError, OverflowError):
                 raise TypeError(f"{name}: expected three numbers, got {shown(given)}") from None
             if value.shape != (3,) or not np.isfinite(value).all():
                 raise ValueError(f"{name}: expected three finite numbers, got {shown(given)}")

@@ -4,21 +4,22 @@ from __future__ import annotations
 
 import math
 import os
+import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .._base.checks import whole
-from .._base.structured import parse_json, parse_toml
+from .._base.checks import shown, whole
+from .._base.structured import parse_json, parse_toml, read_text
 from .camera import Camera
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-MOST_BYTES = 64 * 2**20  # of a file
 FIELDS = ("frame", "time", "eye", "look_at", "up", "fov")
+FAR = 1e18  # the largest coordinate
 
 
 class CameraPath:
@@ -68,7 +69,7 @@ class CameraPath:
             facts = _parsed(path)
             unknown = set(facts) - {"key", "interpolation"}
             if unknown:
-                name = sorted(unknown)[0]
+                name = sorted(unknown)[0][:60]
                 raise ValueError(f"{name}: expected key and interpolation, got another name")
             return cls(facts.get("key", []), fps, facts.get("interpolation", "smooth"))
         except ValueError as error:
@@ -182,7 +183,7 @@ def _monotone_slopes(x: np.ndarray, y: np.ndarray) -> np.ndarray | None:
 def _checked(keys: Any, fps: float) -> tuple[list[float], list[Camera]]:
     """Frame numbers and cameras of all keys, with what a key leaves out taken from the last."""
     if not isinstance(keys, (list, tuple)) or not keys:
-        raise ValueError(f"key: expected a list of key frames, got {keys!r}")
+        raise ValueError(f"key: expected a list of key frames, got {shown(keys)}")
     frames: list[float] = []
     cameras: list[Camera] = []
     state = {"up": (0.0, 1.0, 0.0), "fov": 40.0}
@@ -190,10 +191,10 @@ def _checked(keys: Any, fps: float) -> tuple[list[float], list[Camera]]:
     for number, key in enumerate(keys, 1):
         try:
             if not isinstance(key, dict):
-                raise ValueError(f"expected names with values, got {key!r}")
+                raise ValueError(f"expected names with values, got {shown(key)}")
             unknown = set(key) - set(FIELDS)
             if unknown:
-                raise ValueError(f"{sorted(unknown)[0]}: expected one of {', '.join(FIELDS)}")
+                raise ValueError(f"{sorted(unknown)[0][:60]}: expected one of {', '.join(FIELDS)}")
             given = [name for name in ("frame", "time") if name in key]
             if len(given) != 1 or unit not in (None, given[0]):
                 wanted = unit or "frame or time"
@@ -202,7 +203,7 @@ def _checked(keys: Any, fps: float) -> tuple[list[float], list[Camera]]:
             frame = _number(unit, key[unit]) * (fps if unit == "time" else 1)
             if frame < 0 or (frames and frame <= frames[-1]):
                 least = "at least 0" if not frames else "more than in the key before"
-                raise ValueError(f"{unit}: expected {least}, got {key[unit]!r}")
+                raise ValueError(f"{unit}: expected {least}, got {shown(key[unit])}")
             state.update({name: value for name, value in key.items() if name != unit})
             missing = {"eye", "look_at"} - set(state)
             if missing:
@@ -223,26 +224,26 @@ def _checked(keys: Any, fps: float) -> tuple[list[float], list[Camera]]:
 
 def _number(name: str, value: Any) -> float:
     real = isinstance(value, (int, float, np.number)) and not isinstance(value, bool)
-    if not (real and math.isfinite(value)):
-        raise ValueError(f"{name}: expected a finite number, got {value!r}")
+    if not (real and abs(value) <= sys.float_info.max):  # also not a whole number beyond it
+        raise ValueError(f"{name}: expected a finite number, got {shown(value)}")
     return float(value)
 
 
 def _vector(name: str, value: Any) -> tuple[float, ...]:
     if isinstance(value, str) or not hasattr(value, "__len__") or len(value) != 3:
-        raise ValueError(f"{name}: expected three finite numbers, got {value!r}")
-    return tuple(_number(name, v) for v in value)
+        raise ValueError(f"{name}: expected three finite numbers, got {shown(value)}")
+    found = tuple(_number(name, v) for v in value)
+    if max(map(abs, found)) > FAR:  # what lies between two keys must be finite, too
+        raise ValueError(f"{name}: expected numbers up to {FAR:g}, got {shown(value)}")
+    return found
 
 
 def _parsed(path: str | os.PathLike[str]) -> dict[str, Any]:
     """The file's contents; a JSON file may be the list of keys alone."""
     name = os.fspath(path).lower()
-    with open(path, "rb") as file:
-        data = file.read(MOST_BYTES + 1)
-    if len(data) > MOST_BYTES:
-        raise ValueError(f"expected at most {MOST_BYTES:,} bytes, got more")
+    data = read_text(path)
     if name.endswith(".toml"):
-        facts = parse_toml(data.decode("utf-8"))
+        facts = parse_toml(data)
     elif name.endswith(".json"):
         facts = parse_json(data)
         facts = {"key": facts} if isinstance(facts, list) else facts

@@ -13,6 +13,7 @@ from .._base.interrupts import whole
 from ..scene.particles import Particles
 from .part import Part
 from .schema import shown
+from .state_checks import check_clock, check_crowds, check_tissue
 
 _ARRAYS = {
     "place": (np.float32, 4),
@@ -35,7 +36,7 @@ def vector(name: str, value: Any) -> list[float]:
     """Three finite numbers; anything else is a ValueError."""
     try:
         found = np.asarray(value, np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         found = np.empty(0)
     if found.shape != (3,) or not np.isfinite(found).all():
         raise ValueError(f"{name}: expected three finite numbers, got {shown(value)}")
@@ -57,7 +58,7 @@ def numbers(name: str, values: Any, *shapes: tuple[int, ...]) -> np.ndarray:
     """Finite float32 of one of these shapes; anything else is a ValueError."""
     try:
         found = np.asarray(to_host(values), np.float32)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise ValueError(f"{name}: expected numbers, got {shown(values)}") from None
     if found.shape not in shapes:
         listed = " or ".join(str(shape) if shape else "a number" for shape in shapes)
@@ -193,24 +194,43 @@ class Arrays(Part):
 
     def _check(self, state: Mapping[str, np.ndarray]) -> None:
         """Refuse arrays that would be read past their end, or are no state of this simulation."""
-        n, n_phases = np.shape(state["id"])[0], len(self._sim.phases)
+        sim = self._sim
+        n, n_phases = np.asarray(state["id"]).size, len(sim.phases)
         for name, (dtype, columns) in _ARRAYS.items():
             shape = (n, columns) if columns > 1 else (n,)
             values = np.asarray(state[name])
             if values.shape != shape or values.dtype != dtype:
                 got = f"{values.dtype} {values.shape}"
                 raise ValueError(f"{name}: expected {np.dtype(dtype)} {shape}, got {got}")
-        if np.shape(state["force"]) != (*np.shape(state["force_ids"]), 3):
+        ids, force = np.asarray(state["force_ids"]), np.asarray(state["force"])
+        if ids.ndim != 1 or ids.dtype != np.uint32 or force.shape != (len(ids), 3):
             raise ValueError("force: expected (M, 3) for as many ids")
-        for name in ("place", "velocity", "time", "force"):
+        if force.dtype != np.float32:
+            raise ValueError(f"force: expected float32, got {force.dtype}")
+        for name in ("place", "velocity", "pressure", "impulse", "divergence_impulse", "force"):
             check_finite(name, state[name])
-        if np.shape(state["counts"]) != (2,) or int(state["counts"][0]) >= 2**31:
-            raise ValueError("counts: expected the ids given, below 2^31, and the steps")
+        check_clock(state)
         if n and (int(np.max(state["id"])) >= int(state["counts"][0])
                   or len(np.unique(state["id"])) != n):  # fmt: skip
             raise ValueError("id: expected each once and below the number of ids given")
         if n and int(np.max(state["phase"])) >= n_phases:
             raise ValueError(f"phase: expected numbers below {n_phases}")
+        moving = np.asarray(state["moving"])
+        if (
+            moving.ndim != 1
+            or moving.dtype != np.uint8
+            or moving.max(initial=0) >= max(n_phases, 1)
+        ):
+            raise ValueError(f"moving: expected numbers of phases below {n_phases}")
+        check_crowds(np.asarray(state["place"]), sim.settings.spacing)
+        n_vessels, longest = len(sim.tissue.vessels), sim.settings.max_dt
+        check_tissue(state, int(state["counts"][0]), n_phases, n_vessels, longest)
+        pools = np.asarray(state.get("tissue_pools", np.empty(0)))
+        if pools.ndim != 1 or len(pools) > n_vessels or pools.dtype.kind not in "iuf":
+            raise ValueError(f"tissue_pools: expected at most {n_vessels} numbers")
+        check_finite("tissue_pools", pools)
+        if sim._core.tissue().n() and "tissue_hold" not in state:
+            raise ValueError("tissue_hold: expected the tissue of the scene, got none")
 
     @whole
     def set_state(self, state: Mapping[str, np.ndarray]) -> None:

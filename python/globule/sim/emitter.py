@@ -7,10 +7,11 @@ from typing import Any
 import numpy as np
 
 from .scene_file import Emitter as Table
-from .schema import number, switch
+from .schema import number, shown, switch
 from .steered import Steered, checked, checks_of
 
 CHECKS = {"rate": number(least=0.0), "on": switch}
+_GIVEN = ("center", "direction", "radius", "rate", "fluid", "start", "end")
 
 
 class Emitter(Steered):
@@ -75,10 +76,16 @@ class Emitter(Steered):
         return {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in facts.items()}
 
     def _go_on(self, state: dict[str, Any]) -> None:
-        """From what `_state` gave."""
-        vars(self).update(state, _places=None)
-        for name in ("center", "direction"):
-            vars(self)[name] = np.array(state[name])
+        """From what `_state` gave. Raises ValueError for anything else, KeyError for a part."""
+        good = Emitter(*(state[name] for name in _GIVEN))
+        if not isinstance(good.fluid, (str, type(None))):
+            raise ValueError(f"fluid: expected a name, got {shown(good.fluid)}")
+        emitted, volume = state["_emitted"], state["_volume"]
+        number(0.0, 2.0**31)(emitted)
+        number(0.0)(volume)
+        vars(self).update({name: vars(good)[name] for name in _GIVEN}, on=switch(state["on"]),
+                          direction=np.array(state["direction"], float), _emitted=int(emitted),
+                          _volume=float(volume), _places=None)  # fmt: skip
 
     def emit(self, spacing: float, time: float, dt: float) -> tuple[np.ndarray, np.ndarray]:
         """The particles emitted during a step, at their positions at the end of the step.

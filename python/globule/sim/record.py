@@ -126,3 +126,21 @@ class Record(Part):
         """What a checkpoint keeps of it."""
         names = ("diagnostics", "seconds", "n_removed", "n_cut")
         return {name: getattr(self, name) for name in names}
+
+    def _take_up(self, facts: dict[str, Any]) -> None:
+        """From what `_facts` gave. Raises ValueError for anything else."""
+        rows, seconds = facts["diagnostics"], facts["seconds"]
+        counts = facts["n_removed"], facts["n_cut"]
+        good = isinstance(rows, list) and all(
+            isinstance(row, dict)
+            and all(isinstance(v, (int, float)) for v in row.values())
+            and "n_escaped" in row
+            for row in rows
+        )
+        good = good and isinstance(seconds, dict)
+        if not good or not all(isinstance(v, (int, float)) for v in seconds.values()):
+            raise ValueError("record: expected rows of numbers, and seconds of stages, got others")
+        if not all(isinstance(count, int) and count >= 0 for count in counts):
+            raise ValueError("record: expected counts of particles and bonds, got others")
+        self.diagnostics, self.seconds = rows, seconds
+        self.n_removed, self.n_cut = counts

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from .._base.memory import free_bytes
+from .._base.memory import room
 from .limits import n_places
 from .schema import SceneError
 from .shapes import Box, Plane
@@ -27,9 +27,9 @@ def check_room(scene: Any, shapes: dict[int, Any]) -> None:
     Raises:
         SceneError: names the largest body, and a spacing that fits.
     """
-    free = free_bytes()
+    free = room()
     needs = list(_needs(scene, shapes, scene.spacing))
-    if not free or sum(size for size, _, _ in needs) <= free:
+    if sum(size for size, _, _ in needs) <= free:
         return
     size, n, name = max(needs)
     spacing, widest = scene.spacing, np.subtract(scene.domain.hi, scene.domain.lo).min() / 2

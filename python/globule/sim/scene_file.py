@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path as File
 from typing import Any
@@ -11,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from .._base.checks import positive as positive_number
-from .._base.structured import parse_toml
+from .._base.structured import parse_toml, read_text
 from ..formats import EXTENSIONS
 from . import limits
 from .instruments import Instrument, Key, Motion
@@ -49,7 +51,6 @@ SOLID_SHAPES = ("box", "sphere", "cylinder", "mesh", "tomography", "particles")
 BOUNDARY_SHAPES = ("box", "sphere", "cylinder", "plane", "mesh", "distance")
 RIGID_SHAPES = ("box", "sphere", "cylinder", "mesh")
 IMPLICIT_FROM = 1.0  # Pa s
-MOST_BYTES = 64 * 2**20  # of a scene's file
 
 
 @dataclass(kw_only=True)
@@ -433,6 +434,20 @@ def read_scene(scene: Any, spacing: float | None = None, **keys: Any) -> SceneFi
         raise SceneError(f"{_located(name, lines, problem.path)}{problem}") from None
 
 
+@contextmanager
+def errors_of(scene: Any) -> Iterator[None]:
+    """What is wrong with a scene of a file is said with the file's name."""
+    try:
+        yield
+    except ValueError as error:
+        if not isinstance(scene, (str, os.PathLike)) or scene in SHIPPED:
+            raise
+        name = os.fspath(scene)
+        if str(error).startswith(name):
+            raise
+        raise SceneError(f"{name}: {error}") from error
+
+
 def as_dict(table: Any) -> Any:
     """A checked table as a dict in TOML's words, which `read_scene` reads again."""
     if isinstance(table, (list, tuple)):
@@ -449,11 +464,7 @@ def as_dict(table: Any) -> Any:
 
 def _parsed(path: File) -> tuple[dict[str, Any], dict]:
     try:
-        with open(path, "rb") as file:
-            data = file.read(MOST_BYTES + 1)
-        if len(data) > MOST_BYTES:  # a device may never end
-            raise ValueError(f"more than {MOST_BYTES:,} bytes")
-        words = data.decode("utf-8")
+        words = read_text(path)
         return parse_toml(words), key_lines(words.replace("\r\n", "\n"))
     except ValueError as error:
         line = re.search(r"at line (\d+)", str(error))

@@ -103,7 +103,7 @@ def spell(path: Path) -> str:
     """A path in words: `fluids[0].box.lo`."""
     words = ""
     for part in path:
-        words += f"[{part}]" if isinstance(part, int) else f"{'.' if words else ''}{part}"
+        words += f"[{part}]" if isinstance(part, int) else f"{'.' if words else ''}{part[:60]}"
     return words
 
 

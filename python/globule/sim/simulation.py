@@ -28,7 +28,7 @@ from .limits import check_emitter, check_material
 from .old_words import OLD_NAMES, renamed, with_old_keys
 from .operate import BondedTissue
 from .record import Record
-from .scene_file import SceneFile, as_dict, read_scene
+from .scene_file import SceneFile, as_dict, errors_of, read_scene
 from .settings import MAX_PHASES, SETTINGS, Phase, StepReport, phase_of, settings_of
 from .steer import Steer
 from .steered import Kept, Named
@@ -134,6 +134,12 @@ class Simulation:
             expected = "expected a name, a path, a dict or Particles"
             raise TypeError(f"scene: {expected}, got {shown(scene)}")
         self.file = read_scene(scene, spacing, **keys)
+        with errors_of(scene):
+            self._begin(fluid, device, threads)
+        _log.info("%r", self)
+
+    def _begin(self, fluid: Particles | None, device: str, threads: int) -> None:
+        """Make everything of the scene."""
         found = bodies(self.file)
         self.settings = settings_of(self.file)
         self.phases: dict[str, Phase] = Kept("phases", Phase)
@@ -158,7 +164,6 @@ class Simulation:
         if fluid is not None:
             self.add(fluid.positions, "fluid", fluid.attributes.get("velocity", 0.0))
         self._set_up(added)
-        _log.info("%r", self)
 
     def _set_up(self, added: list[tuple[Body, np.ndarray]]) -> None:
         """Everything of the scene but its particles, which are added already, with these ids."""
@@ -521,9 +526,12 @@ class Simulation:
             sim = cls(facts["scene"], device=device, threads=threads)
             sim._take_up(facts["by_hand"])
             sim.arrays.set_state(arrays)
-            vars(sim.record).update(facts["record"])
+            sim.record._take_up(facts["record"])
             return sim
-        except (ValueError, KeyError, TypeError, AttributeError, IndexError) as error:
+        except (
+            ValueError, KeyError, TypeError, AttributeError, IndexError, OverflowError,
+            ArithmeticError, MemoryError,
+        ) as error:  # fmt: skip
             what = f"{error} is missing" if isinstance(error, KeyError) else error
             raise ValueError(
                 f"{checkpoint.path_of(name)}: expected a checkpoint of a simulation, {what}"
@@ -570,9 +578,10 @@ class Simulation:
                 keys = ("center", "direction", "radius", "rate", "fluid", "start", "end")
                 self.emitters[name] = Emitter(*(state[key] for key in keys))
             self.emitters[name]._go_on(state)
-        self.steer._sinks, self._had_sinks = by_hand["sinks"], by_hand["had_sinks"]
-        self.steer._bodies = set(by_hand.get("bodies", self.steer._bodies))
-        self._core.set_sinks(self.steer._sinks)
+            if self.emitters[name].radius > math.dist(*self.settings.domain.bounds()):
+                raise ValueError(f"emitters[{name!r}].radius: expected less than the domain's size")
+        self.steer._take_up(by_hand)
+        self._had_sinks = bool(by_hand["had_sinks"])
         self.tissue._take_up(by_hand)
         self.tools._take_up(by_hand)
         self._send()

@@ -133,6 +133,18 @@ class Steer(Part):
             "rotation": v[9:].reshape(3, 3),
         }
 
+    def _take_up(self, by_hand: dict[str, Any]) -> None:
+        """Sinks and bodies of a checkpoint. Raises ValueError for others than it can hold."""
+        sinks = [numbers("sinks", sink, (10,)).tolist() and list(sink) for sink in by_hand["sinks"]]
+        if len(sinks) > MOST_SINKS:
+            raise ValueError(f"sinks: expected at most {MOST_SINKS}, got {len(sinks)}")
+        known = list(range(len(self._sim.phases)))
+        found = by_hand.get("bodies", sorted(self._bodies))
+        if not all(isinstance(which, int) and which in known for which in found):
+            raise ValueError(f"bodies: expected numbers of phases, got {shown(found)}")
+        self._sinks, self._bodies = sinks, set(found)
+        self._sim._core.set_sinks(sinks)
+
     @whole
     def set_sinks(self, sinks: Any) -> None:
         """Replace the regions that remove fluid.

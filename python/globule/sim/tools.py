@@ -10,7 +10,7 @@ from .._base.checks import number as finite
 from .._base.checks import shown
 from .._base.checks import whole as int_in
 from .._base.interrupts import whole
-from .arrays import vector
+from .arrays import numbers, vector
 from .blade import Knife, check_rigid, scalpel
 from .instruments import Instrument
 from .schema import switch
@@ -74,10 +74,17 @@ class Tool(Steered):
 
     def _go_on(self, state: dict[str, Any]) -> None:
         """From what `_state` gave."""
-        self._pose, wanted = np.array(state["pose"]), state["wanted"]
-        self._wanted = None if wanted is None else np.array(wanted)
-        self._on, self._holds = state["on"], state["holds"]
-        vars(self).update(radius=state["radius"], ablates=state["ablates"])
+        numbers("pose", state["pose"], (4, 4))
+        wanted, on = state["wanted"], state["on"]
+        if wanted is not None:
+            numbers("wanted", wanted, (4, 4))
+        radius = state["radius"]
+        radius = None if radius is None else finite("radius", radius, 0.0)
+        ablates = switch(state["ablates"])
+        self._pose = np.array(state["pose"], float)
+        self._wanted = None if wanted is None else np.array(wanted, float)
+        self._on, self._holds = None if on is None else switch(on), switch(state["holds"])
+        vars(self).update(radius=radius, ablates=ablates)
 
     @property
     def pose(self) -> np.ndarray:
@@ -254,9 +261,12 @@ class Tools(Named):
     def _take_up(self, by_hand: dict[str, Any]) -> None:
         for name, state in by_hand["tools"].items():
             self[name]._go_on(state)
-        self._motions = [tuple(tuple(part) for part in motion) for motion in by_hand["motions"]]
-        self._pushers = [tuple(pusher) for pusher in by_hand["pushers"]]
-        self._send()
+        motions = [tuple(tuple(vector("motions", part)) for part in motion)
+                   for motion in by_hand["motions"]]  # fmt: skip
+        if [len(motion) for motion in motions] != [3] * MOST_GRASPS:
+            raise ValueError(f"motions: expected three vectors of {MOST_GRASPS} grasps, got others")
+        self._motions = motions
+        self.set_pushers(by_hand["pushers"])
 
 
 def _shifted(point: list[float], velocity: list[float], dt: float) -> list[float]:

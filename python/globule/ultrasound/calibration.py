@@ -10,14 +10,13 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from .._base.checks import number
 from .._base.files import atomic_write
-from .._base.structured import parse_toml
+from .._base.structured import parse_toml, read_text
 from ..formats.errors import bad
 from ..formats.sweeps.poses import quaternion
 from ..formats.sweeps.transforms import chain, check_pixel_matrix, find_path
@@ -89,7 +88,7 @@ def read_calibration(path: str | os.PathLike[str]) -> Calibration:
     if os.fspath(path).lower().endswith(".xml"):
         return _of_plus(path)
     try:
-        content = parse_toml(Path(path).read_text(encoding="utf-8"))
+        content = parse_toml(read_text(path))
     except ValueError as error:
         raise bad(path, "", f"expected TOML, got {error}") from None
     unknown = sorted(set(content) - set(_KEYS))

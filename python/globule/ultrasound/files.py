@@ -175,7 +175,7 @@ def _recording(
 def _frame_times(value: Any, n: int) -> np.ndarray:
     try:
         times = np.asarray(value, np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise TypeError(f"frame_times: expected numbers, got {value!r}") from None
     if times.ndim == 0 and np.isfinite(times) and times > 0:
         return np.arange(n) / float(times)

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import csv
 import os
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..formats.errors import bad, shown
+from ..formats.size import whole_text
 from ..formats.sweeps.poses import _csv_rows, _number, interpolate, read_poses
 from ..formats.sweeps.transforms import WORLDS, chain, find_path
 from .files import _frame_times, _recording
@@ -71,7 +71,7 @@ def read_marks(
     if not os.fspath(path).lower().endswith(".csv"):
         raise bad(path, "", "expected a table of marks, .csv")
     try:
-        lines = list(csv.reader(Path(path).read_text(encoding="utf-8-sig").splitlines()))
+        lines = list(csv.reader(whole_text(path).splitlines()))
     except (UnicodeError, csv.Error) as error:
         raise bad(path, "", f"expected a text table, got {error}") from None
     names = [name.strip().lower() for name in lines[0]] if lines else []
@@ -112,7 +112,7 @@ def read_landmarks(path: str | os.PathLike[str]) -> tuple[list[str], np.ndarray]
     """Names and points (N, 3) of a table (.csv) of name, x, y, z, mm. A landmark may be touched
     several times. Raises FormatError with the row."""
     try:
-        lines = list(csv.reader(Path(path).read_text(encoding="utf-8-sig").splitlines()))
+        lines = list(csv.reader(whole_text(path).lstrip("\ufeff").splitlines()))
     except (UnicodeError, csv.Error) as error:
         raise bad(path, "", f"expected a text table, got {error}") from None
     columns = [name.strip().lower() for name in lines[0]] if lines else []

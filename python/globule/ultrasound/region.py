@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..formats.errors import bad
+from ..formats.size import check_size
 
 
 class Clip(NamedTuple):
@@ -96,7 +97,7 @@ def region_mask(
 def _numbers(name: str, value: Any, fields: tuple[str, ...]) -> list[float]:
     try:
         numbers = [float(v) for v in value]
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         numbers = []
     if len(numbers) != len(fields) or not all(map(math.isfinite, numbers)):
         raise ValueError(
@@ -110,6 +111,7 @@ def _read_mask(path: str | os.PathLike[str]) -> np.ndarray:
 
     try:
         with Image.open(os.fspath(path)) as image:
+            check_size(path, "mask", 4 * image.width * image.height, os.path.getsize(path))
             return np.asarray(image.convert("L"))
     except (UnidentifiedImageError, Image.DecompressionBombError, SyntaxError) as error:
         raise bad(path, "mask", f"expected an image, got {error}") from None

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from ..formats.errors import FormatError, bad
 from ..formats.sweeps.transforms import Edges, Transform
 from .calibration import Calibration, read_calibration
 from .plus_setup import read_plus
@@ -25,7 +26,9 @@ class Setup:
         self, calibration: Any = None, plus: Any = None, clip: Any = None, fan: Any = None,
         mask: Any = None,
     ):  # fmt: skip
+        self._source = plus  # of the region, for messages
         if calibration is not None and not isinstance(calibration, Calibration):
+            self._source = calibration
             calibration = read_calibration(calibration)
         config = read_plus(plus) if plus is not None else None
         self.calibration: Calibration | None = calibration
@@ -54,6 +57,11 @@ class Setup:
 
     def mask(self, shape: tuple[int, int], default: Any = None) -> np.ndarray | None:
         """The pixels that show tissue, (H, W) bool, None for all; `default` if no mask is given."""
-        return region_mask(
-            shape, self._clip, self._fan, default if self._mask is None else self._mask
-        )
+        try:
+            return region_mask(
+                shape, self._clip, self._fan, default if self._mask is None else self._mask
+            )
+        except ValueError as error:
+            if self._source is None or isinstance(error, FormatError):
+                raise
+            raise bad(self._source, "", str(error)) from None

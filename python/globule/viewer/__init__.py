@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -90,15 +89,14 @@ def show(
     from .app import Viewer
     from .log import show_log
     from .page.look import use_preset
-    from .state import MOST_BYTES, State
+    from .state import State
 
     show_log()
     settings = state if isinstance(state, State) else State()
     if state is None:
         settings.set(**source.settings)
     elif settings is not state:
-        with Path(state).open(encoding="utf-8") as file:  # `open` is this package's module
-            camera = settings.load_toml(file.read(MOST_BYTES + 1)) or camera
+        camera = settings.load(state) or camera
     viewer = Viewer(source, settings, host, port, up, camera)
     preset = preset or (source.preset if state is None else None)
     if preset is not None:

@@ -340,8 +340,7 @@ class Viewer:
         Raises:
             ValueError: the message names the key; nothing is changed.
         """
-        with open(path, encoding="utf-8") as file:
-            camera = self.state.load_toml(file.read(MOST_BYTES + 1))
+        camera = self.state.load(path)
         if camera is not None:
             self.first_camera = camera
 

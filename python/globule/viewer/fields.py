@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from typing import Any
+
+from .._base.checks import shown
 
 
 def real(default: float | None, least: float, most: float, label: str, hint: str = "") -> Any:
@@ -45,31 +46,32 @@ def checked(field: dataclasses.Field, value: Any) -> Any:
     if kind == "switch":
         if isinstance(value, bool):
             return value
-        raise ValueError(f"{name}: expected true or false, got {value!r}")
+        raise ValueError(f"{name}: expected true or false, got {shown(value)}")
     if kind == "choice":
         options = facts["options"]
         if isinstance(value, str) and len(value) <= 200 and (not options or value in options):
             return value
         expected = f"one of {', '.join(options)}" if options else "a name"
-        raise ValueError(f"{name}: expected {expected}, got {value!r}")
+        raise ValueError(f"{name}: expected {expected}, got {shown(value)}")
     if kind == "triple":
         try:
             x, y, z = value
         except (TypeError, ValueError):
-            raise ValueError(f"{name}: expected three numbers, got {value!r}") from None
+            raise ValueError(f"{name}: expected three numbers, got {shown(value)}") from None
         return tuple(_number(name, v, facts) for v in (x, y, z))
     number = _number(name, value, facts)
     if kind == "whole":
         if number != int(number):
-            raise ValueError(f"{name}: expected a whole number, got {value!r}")
+            raise ValueError(f"{name}: expected a whole number, got {shown(value)}")
         return int(number)
     return number
 
 
 def _number(name: str, value: Any, facts: Any) -> float:
     if isinstance(value, bool) or not isinstance(value, (int, float)):
-        raise ValueError(f"{name}: expected a number, got {value!r}")
-    number = float(value)
-    if not (math.isfinite(number) and facts["least"] <= number <= facts["most"]):
-        raise ValueError(f"{name}: expected {facts['least']:g} to {facts['most']:g}, got {value!r}")
-    return number
+        raise ValueError(f"{name}: expected a number, got {shown(value)}")
+    if not facts["least"] <= value <= facts["most"]:  # a whole number may be beyond all floats
+        raise ValueError(
+            f"{name}: expected {facts['least']:g} to {facts['most']:g}, got {shown(value)}"
+        )
+    return float(value)

@@ -13,9 +13,10 @@ from typing import Any
 
 import tomli_w
 
+from .._base.checks import shown
 from .._base.colormaps import NAMES as COLORMAPS
 from .._base.files import atomic_write
-from .._base.structured import parse_toml
+from .._base.structured import parse_toml, read_text
 from ..render.camera import Camera
 from ..render.legend import POSITIONS
 from ..render.presets import PRESETS
@@ -300,12 +301,26 @@ class State:
         """
         if len(text.encode()) > MOST_BYTES:
             raise ValueError(f"state: expected at most {MOST_BYTES} bytes, got {len(text)}")
-        facts = parse_toml(text)
+        return self._take(parse_toml(text), taken)
+
+    def load(self, path: str | os.PathLike[str]) -> Camera | None:
+        """`load_toml` of a file.
+
+        Raises:
+            ValueError: the message begins with the path; nothing is changed.
+            OSError: a file that cannot be read.
+        """
+        try:
+            return self.load_toml(read_text(path, MOST_BYTES))
+        except ValueError as error:
+            raise ValueError(f"{os.fspath(path)}: {error}") from None
+
+    def _take(self, facts: dict[str, Any], taken: Callable[[str, Any], Any]) -> Camera | None:
         new: dict[str, Any] = {}
         for name, make in GROUPS.items():
             given = facts.pop(name, {})
             if not isinstance(given, dict):
-                raise ValueError(f"{name}: expected a table, got {given!r}")
+                raise ValueError(f"{name}: expected a table, got {shown(given)}")
             for key, value in given.items():
                 try:
                     full = current(f"{name}__{key}")
@@ -322,7 +337,7 @@ class State:
         views = {name: _camera(f"bookmarks.{name}", view) for name, view in bookmarks.items()}
         if facts:
             known = ", ".join([*GROUPS, "camera", "bookmarks"])
-            raise ValueError(f"{next(iter(facts))}: expected one of {known}")
+            raise ValueError(f"{next(iter(facts))[:60]}: expected one of {known}")
         self.bookmarks = views
         self.set(**new)
         self.tell({"bookmarks"})
@@ -355,13 +370,13 @@ def field_of(group: str, name: str) -> dataclasses.Field:
         if field.name == name:
             return field
     known = ", ".join(f.name for f in dataclasses.fields(GROUPS[group]))
-    raise ValueError(f"{name}: expected one of {known}")
+    raise ValueError(f"{name[:60]}: expected one of {known}")
 
 
 def _camera(name: str, facts: Any) -> Camera:
     known = {"eye", "look_at", "up", "fov", "height"}
     if not isinstance(facts, dict) or not {"eye", "look_at"} <= set(facts) <= known:
-        raise ValueError(f"{name}: expected eye, look_at, up and fov or height, got {facts!r}")
+        raise ValueError(f"{name}: expected eye, look_at, up and fov or height, got {shown(facts)}")
     try:
         return Camera(**facts)
     except (TypeError, ValueError) as error:

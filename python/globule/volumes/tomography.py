@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
 
 from .._base.checks import number, positive
 from .._base.colormaps import categorical, colorize
+from ..formats.errors import FormatError, bad
 from ..formats.volumes.dicom import from_itk, simpleitk
 from ..formats.volumes.geometry import VolumeData
 from ..scene.particles import Particles
@@ -54,7 +56,24 @@ def tomography_particles(
     than 50 million voxels to show (with a spacing that would do); MissingPackageError for a format
     or a resampling that needs a package that is not installed.
     """
-    volume, wanted = _volume(image, level, labels, spacing)
+    with _of_file(image):
+        return _particles(*_volume(image, level, labels, spacing), level)
+
+
+@contextmanager
+def _of_file(image: Any) -> Iterator[None]:
+    """What is wrong with a file's values is said with its name."""
+    try:
+        yield
+    except FormatError:
+        raise
+    except ValueError as error:
+        if isinstance(image, (str, os.PathLike)):
+            raise bad(image, "", str(error)) from error
+        raise
+
+
+def _particles(volume: Volume, wanted: np.ndarray | None, level: float | None) -> Particles:
     if wanted is not None:
         shown = np.isin(volume.values, wanted)
         check_count(volume, int(np.count_nonzero(shown)))
@@ -86,14 +105,15 @@ def tissue_voxels(
 
     Arguments and errors are those of `tomography_particles`.
     """
-    volume, wanted = _volume(image, level, labels, spacing)
-    if wanted is not None:
-        shown = np.isin(volume.values, wanted)
-    else:
-        shown = volume.values >= (default_level(volume) if level is None else level)
-        shown &= ~volume.empty
-    check_count(volume, int(np.count_nonzero(shown)))
-    return _voxels(volume, shown)[0]
+    with _of_file(image):
+        volume, wanted = _volume(image, level, labels, spacing)
+        if wanted is not None:
+            shown = np.isin(volume.values, wanted)
+        else:
+            shown = volume.values >= (default_level(volume) if level is None else level)
+            shown &= ~volume.empty
+        check_count(volume, int(np.count_nonzero(shown)))
+        return _voxels(volume, shown)[0]
 
 
 def _volume(

@@ -6,7 +6,6 @@ import io
 import os
 import re
 import warnings
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,10 +13,12 @@ import numpy as np
 from ..._base.colormaps import to_linear
 from ..errors import FormatError, bad, shown
 from ..kind import kind_of
+from ..size import check_memory, check_size, whole_file
 from .exr import read_exr
 
 MOST_PIXELS = 2**27  # 16384 x 8192
 _LONGEST_HEADER = 1 << 16
+_ROWS = 64  # that are converted at once
 
 
 def read_environment(path: str | os.PathLike[str]) -> np.ndarray:
@@ -50,13 +51,13 @@ def read_environment(path: str | os.PathLike[str]) -> np.ndarray:
 def _read_picture(path: Any) -> np.ndarray:
     from PIL import Image, UnidentifiedImageError
 
-    with open(path, "rb") as file, warnings.catch_warnings():
+    data = whole_file(path)
+    with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of sizes, which are checked here
         try:
-            picture = Image.open(io.BytesIO(file.read()))  # which knows its size
+            picture = Image.open(io.BytesIO(data), formats=("PNG", "JPEG"))
             width, height = picture.size
-            if width * height > MOST_PIXELS:
-                raise _too_large(path, width, height)
+            _check_pixels(path, width, height, 20.0)
             pixels = np.asarray(picture.convert("RGB"))
         except FormatError:
             raise
@@ -69,10 +70,9 @@ def _read_picture(path: Any) -> np.ndarray:
 
 def _read_hdr(path: Any) -> np.ndarray:
     """Radiance's picture format, flat or with either of its two run-length codings."""
-    data = Path(path).read_bytes()
+    data = whole_file(path)
     exposure, width, height, flip_y, flip_x, position = _hdr_header(path, data)
-    if width * height > MOST_PIXELS:
-        raise _too_large(path, width, height)
+    _check_pixels(path, width, height, 28.0)
     start = data[position : position + 4]
     if 8 <= width < 32768 and start[:2] == b"\x02\x02" and len(start) == 4 and start[2] < 128:
         # A run is 2 bytes and at most 127 long, so a size that the data cannot hold shows here.
@@ -81,10 +81,14 @@ def _read_hdr(path: Any) -> np.ndarray:
             raise bad(path, "data", f"expected at least {least} bytes, got {len(data) - position}")
         pixels = _scan_lines(path, data, position, width, height)
     else:
+        check_memory(path, "header", 60.0 * width * height)
         pixels = _flat(path, data, position, width, height)
-    # A mantissa stands for the middle of what is rounded to it; exponent 0 is black.
-    scale = np.where(pixels[..., 3:] > 0, np.exp2(pixels[..., 3:].astype(np.float64) - 136), 0)
-    image = ((pixels[..., :3] + 0.5) * scale / exposure).astype(np.float32)
+    image = np.empty((height, width, 3), np.float32)
+    for row in range(0, height, _ROWS):  # the rest of the memory stays small
+        part = pixels[row : row + _ROWS]
+        # A mantissa stands for the middle of what is rounded to it; exponent 0 is black.
+        scale = np.where(part[..., 3:] > 0, np.exp2(part[..., 3:].astype(np.float64) - 136), 0)
+        image[row : row + _ROWS] = (part[..., :3] + 0.5) * scale / exposure
     image = image[::-1] if flip_y else image
     return np.ascontiguousarray(image[:, ::-1] if flip_x else image)
 
@@ -157,5 +161,10 @@ def _flat(path: Any, data: bytes, position: int, width: int, height: int) -> np.
     return pixels[np.repeat(pixel, count)].reshape(height, width, 4)
 
 
-def _too_large(path: Any, width: int, height: int) -> FormatError:
-    return bad(path, "header", f"expected at most {MOST_PIXELS:,} pixels, got {width}x{height}")
+def _check_pixels(path: Any, width: int, height: int, bytes_each: float) -> None:
+    """Refuse a size that is too large for its file or memory; bytes_each: of a pixel, at the
+    peak."""
+    if width * height > MOST_PIXELS:
+        got = f"{width}x{height}"
+        raise bad(path, "header", f"expected at most {MOST_PIXELS:,} pixels, got {got}")
+    check_size(path, "header", 12 * width * height, os.path.getsize(path), bytes_each / 12)

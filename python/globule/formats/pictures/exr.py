@@ -10,7 +10,8 @@ import numpy as np
 
 from ..._base.checks import missing
 from ..._base.files import atomic_write
-from ..errors import FormatError, bad
+from ..errors import bad, shown
+from ..guarded import decode, need
 
 
 def write_exr(path: str | os.PathLike[str], channels: Mapping[str, Any]) -> None:
@@ -64,29 +65,18 @@ def read_exr(path: str | os.PathLike[str], most_pixels: int) -> np.ndarray:
     Raises FormatError for what is no such file or has more pixels; ValueError where OpenEXR is
     missing.
     """
-    openexr = _openexr()
-    path = os.fspath(path)
+    need("OpenEXR", "OpenEXR", "formats")
     with open(path, "rb"):  # what is no readable file is an OSError like everywhere
         pass
-    try:
-        with openexr.File(path, header_only=True) as file:
-            lo, hi = file.header()["dataWindow"]
-        width, height = (int(n) for n in np.asarray(hi, np.int64) - lo + 1)
-        if width * height > most_pixels:
-            raise bad(
-                path, "header", f"expected at most {most_pixels:,} pixels, got {width}x{height}"
-            )
-        with openexr.File(path, separate_channels=True) as file:
-            planes = {name: channel.pixels for name, channel in file.channels().items()}
-    except (RuntimeError, ValueError, KeyError, TypeError) as error:
-        if isinstance(error, FormatError):
-            raise
-        raise bad(path, "", f"expected an OpenEXR picture, got {error}") from None
-    names = ("R", "G", "B") if "R" in planes else ("Y", "Y", "Y")
-    picked = [planes[name] for name in names if name in planes]
+    facts, planes = decode("exr", path, "an OpenEXR picture", most_pixels)
+    picked = planes * 3 if len(planes) == 1 else planes
     if len(picked) < 3 or len({plane.shape for plane in picked}) > 1:
-        raise bad(path, "channels", f"expected R G B or Y, got {' '.join(planes)}")
-    return np.stack(picked, axis=2).astype(np.float32)
+        raise bad(
+            path, "channels", f"expected R G B or Y, got {shown(' '.join(facts['channels']))}"
+        )
+    if picked[0].ndim != 2:
+        raise bad(path, "channels", f"expected a picture, got shape {picked[0].shape}")
+    return np.stack(picked, axis=2)
 
 
 def _component_names(name: str) -> list[str]:

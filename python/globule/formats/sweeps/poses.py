@@ -16,13 +16,13 @@ import csv
 import json
 import math
 import os
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..._base import rotations
 from ..errors import bad, shown
+from ..size import whole_text
 
 _TIME = ("time", "timestamp", "t")
 _POSITION = ("x", "y", "z")
@@ -160,7 +160,7 @@ _Row = tuple[str, "float | None", np.ndarray, bool]
 
 def _csv_rows(path: Any) -> list[_Row]:
     try:
-        text = Path(path).read_text(encoding="utf-8-sig")
+        text = whole_text(path)
         lines = [line for line in csv.reader(text.splitlines()) if line]
     except (UnicodeError, csv.Error) as error:
         raise bad(path, "", f"expected a text table, got {error}") from None
@@ -202,7 +202,7 @@ def _number(path: Any, where: str, text: str) -> float:
 
 def _json_rows(path: Any) -> list[_Row]:
     try:
-        content = json.loads(Path(path).read_text(encoding="utf-8-sig"))
+        content = json.loads(whole_text(path))
     except (ValueError, RecursionError) as error:
         raise bad(path, "", f"expected JSON, got {error}") from None
     entries = content.get("poses") if isinstance(content, dict) else content
@@ -224,7 +224,7 @@ def _json_rows(path: Any) -> list[_Row]:
         except KeyError as error:
             problem = f"expected matrix, or position and quaternion, got no {error}"
             raise bad(path, where, problem) from None
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             raise bad(path, where, f"expected numbers, got {shown(str(entry))}") from None
         rows.append((where, time, _matrix(path, where, values), status))
     return rows

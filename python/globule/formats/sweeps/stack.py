@@ -9,9 +9,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..errors import bad, shown
+from ..errors import FormatError, bad, shown
 from ..kind import PICTURE_ENDINGS
 from ..numpy_format import read_archive, read_array
+from ..size import check_size
 from ..volumes import dicom
 from ..volumes.raw import Progress
 from . import igs
@@ -39,12 +40,22 @@ def read_folder(path: str | os.PathLike[str], progress: Progress = None) -> Stac
     names = sorted((name for name in names if name.lower() != MASK), key=_by_numbers)
     if not names:
         raise bad(path, "", f"expected pictures ({' '.join(PICTURE_ENDINGS)}), got none")
-    frames = np.empty(0)
+    frames: np.ndarray[Any, Any] = np.empty(0)
     for i, name in enumerate(names):
         try:
             with Image.open(Path(path) / name) as image:
+                if not i:  # all are as large as the first
+                    held = sum(os.path.getsize(Path(path) / name) for name in names)
+                    each = {"F": 4, "I": 4, "I;16": 2}.get(image.mode, 1)
+                    claim = each * image.width * image.height * len(names)
+                    check_size(path, name, claim, held, 1.2)
+                elif (image.height, image.width) != frames.shape[1:]:
+                    expected = f"expected {frames.shape[2]}x{frames.shape[1]} as the first"
+                    raise bad(path, name, f"{expected}, got {image.width}x{image.height}")
                 colored = image.mode in ("P", "PA", "LA", "RGB", "RGBA", "CMYK", "YCbCr")
                 picture = np.asarray(image.convert("RGB") if colored else image)
+        except FormatError:
+            raise
         except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
             raise bad(path, name, f"expected a picture, got {error}") from None
         if picture.ndim == 3:
@@ -89,30 +100,21 @@ def read_dicom(path: str | os.PathLike[str]) -> Stack:
 
     Raises FormatError for other files, MissingPackageError without SimpleITK.
     """
-    sitk = dicom.simpleitk()
-    with open(path, "rb"):  # the usual OSErrors
-        pass
-    reader = sitk.ImageFileReader()
-    reader.SetFileName(os.fspath(path))
-    reader.SetImageIO("GDCMImageIO")
-    with dicom.itk_errors(sitk, path):
-        dicom.check_size(reader, path)
-        image = reader.Execute()
-    frames = sitk.GetArrayFromImage(image)
-    if image.GetNumberOfComponentsPerPixel() >= 3:
+    frames, tags = dicom.read_frames(path)
+    if frames.ndim > 2 and frames.shape[-1] in (3, 4):
         frames = igs.to_grey(frames[..., :3])
     if frames.ndim == 2:
         frames = frames[None]
     if frames.ndim != 3:
         raise bad(path, "", f"expected a sequence of 2D frames, got shape {frames.shape}")
-    return Stack(frames, _dicom_times(path, image, len(frames)), {})
+    return Stack(frames, _dicom_times(path, tags, len(frames)), {})
 
 
-def _dicom_times(path: Any, image: Any, n: int) -> np.ndarray | None:
+def _dicom_times(path: Any, tags: dict[str, str], n: int) -> np.ndarray | None:
     for tag, what in (("0018|1065", "Frame Time Vector"), ("0018|1063", "Frame Time")):
-        if not image.HasMetaDataKey(tag):
+        if tag not in tags:
             continue
-        text = image.GetMetaData(tag).strip("\0 ")
+        text = tags[tag].strip("\0 ")
         try:
             steps = np.array([float(word) for word in text.split("\\")]) / 1000
         except ValueError:

@@ -97,7 +97,7 @@ def check_pixel_matrix(name: str, value: Any) -> np.ndarray:
     ValueError for others."""
     try:
         matrix = np.array(value, np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         matrix = np.empty(0)
     if matrix.shape != (4, 4):
         raise ValueError(f"{name}: expected 4x4 numbers, got shape {matrix.shape}")

@@ -66,9 +66,10 @@ def checked(path: Any, data: VolumeData) -> VolumeData:
     if values.ndim != 3 or 0 in values.shape or values.dtype.kind not in "biuf":
         got = f"{values.dtype} {values.shape}"
         raise bad(path, "values", f"expected numbers of shape (Z, Y, X), got {got}")
-    matrix = np.array(matrix, np.float64)
-    if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
+    matrix = np.asarray(matrix)
+    if matrix.shape != (4, 4) or matrix.dtype.kind not in "biuf" or not np.isfinite(matrix).all():
         raise bad(path, "geometry", "expected 4x4 finite numbers")
+    matrix = matrix.astype(np.float64)
     if abs(np.linalg.det(matrix[:3, :3])) < 1e-30:
         raise bad(path, "geometry", "expected axes that span space, got a singular matrix")
     for name, array in data.maps.items():

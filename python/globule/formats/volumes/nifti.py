@@ -14,11 +14,13 @@ import numpy as np
 from ..._base.checks import missing
 from ..._base.files import atomic_write
 from ..errors import bad
+from ..inflate import GZIP, Inflated
+from ..size import bytes_of, check_size
 from .geometry import VolumeData, in_space, plain
-from .raw import MOST_DEFLATE_CAN_EXPAND
+from .raw import LONGEST_HEADER
 
 _MILLIMETRES = {"meter": 1000.0, "mm": 1.0, "micron": 0.001, "unknown": 1.0}
-_LONGEST_HEADER = 540  # bytes, of NIfTI-2
+_HEADER_1, _HEADER_2 = 348, 540  # bytes, of NIfTI-1 and NIfTI-2
 _LARGEST_SIDE = 32767  # voxels, of NIfTI-1
 
 
@@ -34,8 +36,12 @@ def read(path: str | os.PathLike[str]) -> VolumeData:
         file.seek(0)
         held = os.fstat(file.fileno()).st_size
         try:
-            data = gzip.GzipFile(fileobj=file) if packed else file
-            header = _header(path, nibabel, data.read(_LONGEST_HEADER))
+            data = Inflated(file, GZIP) if packed else None
+            source: Any = data or file
+            head = source.read(_HEADER_1)
+            if _HEADER_2 in (int.from_bytes(head[:4], "little"), int.from_bytes(head[:4], "big")):
+                head += source.read(_HEADER_2 - _HEADER_1)
+            header = _header(path, nibabel, head)
             shape, dtype = header.get_data_shape(), header.get_data_dtype()
             if len(shape) < 3 or any(n != 1 for n in shape[3:]) or min(shape[:3]) < 1:
                 sizes = list(map(int, shape))
@@ -43,25 +49,31 @@ def read(path: str | os.PathLike[str]) -> VolumeData:
             if dtype.kind not in "iuf":
                 raise bad(path, "datatype", f"expected one real number per voxel, got {dtype}")
             offset, size = float(header["vox_offset"]), math.prod(shape) * dtype.itemsize
-            most = MOST_DEFLATE_CAN_EXPAND * held if packed else held
-            if not header.sizeof_hdr <= offset <= most - size:
-                got = f"{held} bytes in the file and vox_offset {offset:g}"
+            if not header.sizeof_hdr <= offset <= max(held, LONGEST_HEADER):
+                got = f"vox_offset {offset:g} in a file of {held}"
                 raise bad(path, "data", f"expected {size} bytes of voxels, got {got}")
-            data.seek(int(offset))
-            raw = data.read(size)
-            if len(raw) < size:
-                raise bad(path, "data", f"expected {size} bytes of voxels, got {len(raw)}")
-            while packed and data.read(1 << 20):  # to the end, where the checksum is
-                pass
-            values = np.frombuffer(raw, dtype).reshape(shape[2::-1])
+            peak = 1.0 if _is_plain(header) else 1.0 + 16 / dtype.itemsize
+            check_size(path, "data", offset + size, held, peak)
+            values = np.empty(shape[2::-1], dtype)
+            view = bytes_of(values)
+            if data:
+                data.skip(int(offset) - len(head))
+                n = data.fill(view)
+                data.finish()
+            else:
+                file.seek(int(offset))
+                n = file.readinto(view)
+            if n < size:
+                raise bad(path, "data", f"expected {size} bytes of voxels, got {n}")
             slope, intercept = header.get_slope_inter()
             affine = header.get_best_affine()
             unit = header.get_xyzt_units()[0]
-        except (EOFError, zlib.error, gzip.BadGzipFile) as error:
+        except (EOFError, zlib.error) as error:
             raise bad(path, "data", f"expected whole gzip data, got {error}") from None
         except (nibabel.spatialimages.HeaderDataError, KeyError, OverflowError) as error:
             raise bad(path, "header", f"expected NIfTI, got {error}") from None
-    values = values.astype(dtype.newbyteorder("="))
+    if not dtype.isnative:
+        values = values.byteswap(inplace=True).view(dtype.newbyteorder("="))
     if slope is not None and (slope, intercept) != (1, 0):
         values = values * np.float64(slope) + intercept
     affine = np.array(affine, np.float64)
@@ -99,6 +111,12 @@ def _header(path: Any, nibabel: Any, head: bytes) -> Any:
         if len(head) >= kind.sizeof_hdr and magic[:2] == b"n+" and magic[3:] == b"\0":
             return kind.from_fileobj(io.BytesIO(head), check=False)
     raise bad(path, "header", "expected a NIfTI file (magic n+1 or n+2), got other data")
+
+
+def _is_plain(header: Any) -> bool:
+    """Whether the numbers are the values, without a scale."""
+    slope, intercept = header.get_slope_inter()
+    return slope is None or (slope, intercept) == (1, 0)
 
 
 def _nibabel() -> Any:

@@ -10,6 +10,7 @@ A sparse file stores the blocks of 8x8x8 voxels in which anything differs from t
 
 from __future__ import annotations
 
+import math
 import os
 import zipfile
 from typing import Any
@@ -17,12 +18,12 @@ from typing import Any
 import numpy as np
 
 from ..._base.files import atomic_write
-from ..errors import bad
+from ..errors import bad, shown
 from ..numpy_format import read_archive
+from ..size import check_size
 from .geometry import VolumeData
 
 BLOCK = 8
-_MOST_VOXELS = 2**34  # what a sparse file may ask for
 _BACKGROUND = {"radius": 255, "source": -1, "uncertainty": np.inf}
 _OWN = ("values", "world_from_voxel", "space", "shape", "blocks")
 
@@ -33,9 +34,9 @@ def read(path: str | os.PathLike[str]) -> VolumeData:
     for name in ("values", "world_from_voxel"):
         if name not in arrays:
             raise bad(path, name, f"expected an array, got {', '.join(arrays) or 'none'}")
-    space = str(arrays["space"]) if "space" in arrays else "LPS"
+    space = str(arrays["space"]) if "space" in arrays and not arrays["space"].ndim else "LPS"
     if space not in ("LPS", "RAS"):
-        raise bad(path, "space", f"expected LPS or RAS, got {space!r}")
+        raise bad(path, "space", f"expected LPS or RAS, got {shown(space)}")
     held = {"values": arrays["values"]} | {k: a for k, a in arrays.items() if k not in _OWN}
     if "blocks" in arrays:
         held = _dense(path, arrays, held)
@@ -87,16 +88,18 @@ def _dense(
     path: Any, arrays: dict[str, np.ndarray], held: dict[str, np.ndarray]
 ) -> dict[str, np.ndarray]:
     sizes, blocks = arrays.get("shape", np.empty(0)), arrays["blocks"]
-    good = sizes.shape == (3,) and sizes.dtype.kind in "iu" and (sizes > 0).all()
-    if not good or np.prod(sizes.astype(float)) > _MOST_VOXELS:
-        raise bad(path, "shape", f"expected three sizes of at most {_MOST_VOXELS} voxels")
+    if not (sizes.shape == (3,) and sizes.dtype.kind in "iu" and (sizes > 0).all()):
+        raise bad(path, "shape", f"expected three sizes, got {sizes.dtype} {sizes.shape}")
     shape = tuple(sizes.tolist())
+    claimed = math.prod(shape) * sum(array.dtype.itemsize for array in held.values())
+    check_size(path, "shape", claimed, os.path.getsize(path), 1.1)
     counts = [-(-n // BLOCK) for n in shape]
     if blocks.ndim != 1 or blocks.dtype.kind not in "iu":
         raise bad(path, "blocks", f"expected integers (B,), got {blocks.dtype} {blocks.shape}")
-    if len(blocks) and not (blocks[0] >= 0 and blocks[-1] < np.prod(counts)
+    most = math.prod(counts) - 1
+    if len(blocks) and not (blocks.min() >= 0 and blocks.max() <= most
                             and (np.diff(blocks.astype(np.int64)) > 0).all()):  # fmt: skip
-        raise bad(path, "blocks", f"expected ascending numbers from 0 to {np.prod(counts) - 1}")
+        raise bad(path, "blocks", f"expected ascending numbers from 0 to {most}")
     result = {}
     for name, array in held.items():
         if array.shape != (len(blocks), BLOCK, BLOCK, BLOCK):

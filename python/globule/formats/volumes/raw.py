@@ -11,12 +11,13 @@ from typing import IO, Any, NamedTuple
 import numpy as np
 
 from ..errors import bad, shown
+from ..inflate import Inflated
+from ..size import bytes_of, check_size
 
 Progress = Callable[[int, int], None] | None
 PIECE = 1 << 24  # bytes that are read, packed and unpacked at once
 LONGEST_HEADER = 256 * 2**20  # bytes: some hundred thousand frames
 LONGEST_LINE = 65536
-MOST_DEFLATE_CAN_EXPAND = 1032  # times
 
 
 class RawImage(NamedTuple):
@@ -56,20 +57,22 @@ def numbers_of(
     """
     size = math.prod(shape) * dtype.itemsize
     left = os.fstat(file.fileno()).st_size - file.tell()
-    if window_bits is not None:
-        raw = _inflate(path, file, size, left, window_bits, progress)
-    elif left != size:
+    if window_bits is None and left != size:
         raise bad(path, "data", f"expected {size} bytes, got {left}")
+    check_size(path, "data", size, left)
+    array = np.empty(shape, dtype)
+    view = bytes_of(array)
+    if window_bits is not None:
+        _inflate(path, file, view, left, window_bits, progress)
     else:
-        raw = bytearray()
-        while len(raw) < size and (piece := file.read(min(PIECE, size - len(raw)))):
-            raw += piece
+        n = 0
+        while n < size and (got := file.readinto(view[n : n + PIECE])):  # type: ignore[attr-defined]
+            n += got
             if progress:
-                progress(len(raw), size)
-        if len(raw) < size:  # it has become shorter
-            raise bad(path, "data", f"expected {size} bytes, got {len(raw)}")
-    array = np.frombuffer(raw, dtype).reshape(shape)
-    return np.array(array, dtype.newbyteorder("="), order="C")
+                progress(n, size)
+        if n < size:  # it has become shorter
+            raise bad(path, "data", f"expected {size} bytes, got {n}")
+    return array if dtype.isnative else array.byteswap(inplace=True).view(dtype.newbyteorder("="))
 
 
 def deflated(array: np.ndarray, window_bits: int, progress: Progress = None) -> Iterator[bytes]:
@@ -84,33 +87,21 @@ def deflated(array: np.ndarray, window_bits: int, progress: Progress = None) -> 
 
 
 def _inflate(
-    path: Any, file: IO[bytes], size: int, left: int, window_bits: int, progress: Progress
-) -> bytearray:
-    """The `size` bytes that the rest of the file, `left` bytes, unpacks to."""
-    if size > MOST_DEFLATE_CAN_EXPAND * left + 64:
-        raise bad(path, "data", f"expected {size} bytes, got {left} compressed ones")
-    end = file.tell() + left
-    unpacker = zlib.decompressobj(window_bits)
-    raw, more = bytearray(), b""
+    path: Any, file: IO[bytes], into: memoryview, left: int, window_bits: int, progress: Progress
+) -> None:
+    """Fill `into` with all that the rest of the file, `left` bytes, unpacks to."""
+    size, end = len(into), file.tell() + left
+    data = Inflated(file, window_bits)
     try:
-        while not unpacker.eof and not more:
-            piece = unpacker.unconsumed_tail or file.read(PIECE)
-            if not piece:
-                break
-            if len(raw) < size:
-                raw += unpacker.decompress(piece, size - len(raw))
-                if progress:
-                    progress(len(raw), size)
-            else:  # to the end, where the checksum is
-                more = unpacker.decompress(piece, 1)
+        n = data.fill(into, progress)
+        more = data.finish()
+    except EOFError:
+        raise bad(path, "data", f"expected {size} bytes, got data without an end") from None
     except zlib.error as error:
         raise bad(path, "data", f"expected zlib data, got {error}") from None
-    if len(raw) < size:
-        raise bad(path, "data", f"expected {size} bytes, got {len(raw)}")
-    if more or not unpacker.eof:
-        got = "more" if more else "data without an end"
+    if n < size or more:
+        got = f"{n}" if n < size else "more"
         raise bad(path, "data", f"expected {size} bytes, got {got}")
-    n = len(unpacker.unused_data) + end - file.tell()
+    n = data.rest + end - file.tell()
     if n:
         raise bad(path, "data", f"expected the end of the file after the data, got {n} bytes more")
-    return raw

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 import os
-from pathlib import Path
 from typing import Any
 from xml.sax.saxutils import quoteattr
 
@@ -15,6 +14,7 @@ import numpy as np
 
 from ..._base.files import atomic_write
 from ..errors import bad, shown
+from ..size import whole_file
 from ..vtk_xml import TYPES, VtkXml
 from .geometry import VolumeData, place, spacing_and_directions
 
@@ -58,7 +58,7 @@ def write(path: str | os.PathLike[str], data: VolumeData) -> None:
 def read(path: str | os.PathLike[str]) -> VolumeData:
     """Read a .vti of one piece: point data with one component, ascii, binary (base64) or appended
     (raw or base64), plain or compressed with zlib, which is VTK's default. Raises FormatError."""
-    file = VtkXml(path, Path(path).read_bytes())
+    file = VtkXml(path, whole_file(path, 2.0))
     image = file.root.find("ImageData")
     if file.root.get("type") != "ImageData" or image is None:
         kind = shown(file.root.get("type", ""))

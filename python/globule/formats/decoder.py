@@ -1,0 +1,148 @@
+"""A program of its own that opens files with libraries of others: DICOM with SimpleITK, OpenEXR.
+
+`guarded.py` starts it, with limits of memory and time: a damaged file may end this program and
+nothing else. It knows nothing of globule. Words: the task, the path, bytes of memory for the
+header and for all, seconds.
+
+It prints a line of JSON with the size that the file claims, waits for a line, then prints a line of
+JSON with facts and the arrays' types, and the arrays. What goes wrong is a line {"error": …}.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import re
+import sys
+from typing import Any
+
+
+def main(task: str, path: str, header: int, memory: int, seconds: int) -> None:
+    """Run one task."""
+    out = os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)  # what libraries print is no answer
+    _limit("RLIMIT_CPU", seconds, seconds + 5)
+    _limit("RLIMIT_CORE", 0, 0)
+    if memory:  # less as long as only the header is read
+        _limit("RLIMIT_DATA", min(header, memory), memory)
+
+    def tell(facts: dict) -> None:
+        out.write(json.dumps(facts).encode() + b"\n")
+        out.flush()
+
+    def ask(claim: int, **facts: object) -> None:
+        tell({"claim": claim, **facts})
+        if not sys.stdin.readline():
+            os._exit(0)
+        if memory:
+            _limit("RLIMIT_DATA", memory, memory)
+
+    try:
+        facts, arrays = {"dicom": dicom, "series": series, "exr": exr}[task](path, ask)
+        described = [[a.dtype.str, a.shape] for a in arrays]
+        tell({**facts, "arrays": described})
+        for array in arrays:
+            out.write(memoryview(array).cast("B") if array.size else b"")
+        out.flush()
+    except MemoryError:
+        tell({"error": "more memory than there is"})
+    except Exception as error:
+        # ITK's "Reason" is the system's last error, which may have nothing to do with it.
+        lines = [line.strip() for line in str(error).splitlines()]
+        lines = [line for line in lines if line and not line.startswith("Reason:")]
+        said = re.sub(r"^ITK ERROR: \w+\(\w+\): ", "", lines[-1]) if lines else ""
+        tell({"error": said or type(error).__name__})
+
+
+def _limit(name: str, now: int, most: int) -> None:
+    """Set a limit of this process, on systems that have it."""
+    try:
+        import resource
+
+        resource.setrlimit(getattr(resource, name), (now, most))
+    except (ImportError, AttributeError, OSError, ValueError):
+        pass
+
+
+def _sitk() -> Any:
+    import SimpleITK as sitk
+
+    sitk.ProcessObject.SetGlobalWarningDisplay(False)
+    sitk.ProcessObject.SetGlobalDefaultNumberOfThreads(1)
+    return sitk
+
+
+def dicom(path: str, ask: Any) -> tuple[dict, list]:
+    """Values and place of one file."""
+    sitk = _sitk()
+    reader = sitk.ImageFileReader()
+    reader.SetFileName(path)
+    reader.SetImageIO("GDCMImageIO")
+    reader.ReadImageInformation()
+    ask(_claim(reader), sizes=list(reader.GetSize()))
+    return _image(sitk, reader.Execute())
+
+
+def series(path: str, ask: Any) -> tuple[dict, list]:
+    """Values and place of the series of a folder that has most slices."""
+    sitk = _sitk()
+    reader = sitk.ImageSeriesReader()
+    found = [reader.GetGDCMSeriesFileNames(path, i) for i in reader.GetGDCMSeriesIDs(path)]
+    if not found:
+        raise ValueError("a DICOM series in this folder, got none")
+    names = max(found, key=len)
+    first = sitk.ImageFileReader()
+    first.SetFileName(names[0])
+    first.SetImageIO("GDCMImageIO")
+    first.ReadImageInformation()
+    held = sum(os.path.getsize(name) for name in names)
+    ask(_claim(first) * len(names), sizes=[*first.GetSize()[:2], len(names)], held=held)
+    reader.SetFileNames(names)
+    return _image(sitk, reader.Execute())
+
+
+def _claim(reader: Any) -> int:
+    # A pixel has at most 8 bytes; colors at most 4 numbers.
+    return 8 * max(1, reader.GetNumberOfComponents()) * math.prod(reader.GetSize())
+
+
+def _image(sitk: Any, image: Any) -> tuple[dict, list]:
+    if image.GetDimension() == 4 and image.GetSize()[3] == 1:
+        image = image[:, :, :, 0]
+    kind = image.GetPixelIDTypeAsString()
+    facts = {
+        "dimension": image.GetDimension(),
+        "components": image.GetNumberOfComponentsPerPixel(),
+        "kind": kind,
+        "direction": image.GetDirection(),
+        "spacing": image.GetSpacing(),
+        "origin": image.GetOrigin(),
+        "tags": {
+            tag: image.GetMetaData(tag).encode("utf-8", "replace").decode()
+            for tag in ("0018|1065", "0018|1063")
+            if image.HasMetaDataKey(tag)
+        },
+    }
+    return facts, [] if "complex" in kind else [sitk.GetArrayFromImage(image)]
+
+
+def exr(path: str, ask: Any) -> tuple[dict, list]:
+    """R G B, or Y, of the first part."""
+    import numpy as np
+    import OpenEXR
+
+    with OpenEXR.File(path, header_only=True) as file:
+        lo, hi = file.header()["dataWindow"]
+        n_channels = len(file.header().get("channels", ())) or 4
+    width, height = (int(n) for n in np.asarray(hi, np.int64) - lo + 1)
+    ask(4 * max(4, n_channels) * width * height, sizes=[width, height])
+    with OpenEXR.File(path, separate_channels=True) as file:
+        planes = {name: channel.pixels for name, channel in file.channels().items()}
+    names = ("R", "G", "B") if "R" in planes else ("Y",)
+    picked = [np.ascontiguousarray(planes[n], np.float32) for n in names if n in planes]
+    return {"channels": list(planes)}, picked
+
+
+if __name__ == "__main__":
+    main(sys.argv[1], sys.argv[2], *map(int, sys.argv[3:]))

@@ -1,0 +1,314 @@
+"""Mutated files of every kind, each opened in a process of its own with limits: `make fuzz`.
+
+    python tests/fuzz.py [-n 20000] [--seed 0] [--only KIND] [--keep FOLDER]
+    python tests/fuzz.py --open tests/corpus
+    python tests/fuzz.py --damage
+
+A mutant is refused in one line that names the file, or loads. Everything else is a fault: another
+error, a crash, more than SECONDS of the processor's time, more memory than the limit. The file of
+each fault is kept in the folder, as KIND@NUMBER@NAME; once mended, it belongs to tests/corpus.
+`--open` opens such files again; `--damage` damages every array of a checkpoint in every way.
+"""
+
+from __future__ import annotations
+
+import argparse
+import collections
+import contextlib
+import importlib
+import io
+import os
+import resource
+import select
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+import traceback
+import warnings
+from pathlib import Path
+from random import Random
+
+os.environ["OMP_NUM_THREADS"] = "1"
+
+import globule as gb
+from fuzz_files import KINDS
+from fuzz_mutations import damaged_arrays, mutate
+from globule import cli
+
+SECONDS = 10  # of the processor, for one file
+PATIENCE = 90  # s, until a process that does nothing is ended
+MEMORY = 1 << 29  # bytes, which readers may take
+SLACK = 1 << 28  # bytes, of libraries that are loaded and of what is done with a file
+SHARE_OF_COMMANDS = 0.25
+
+
+def judge(kind: str, path: str, by_command: bool) -> str:
+    """Open a file: "loaded", "refused", or what is wrong, in one line."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return _by_command(kind, path) if by_command else _by_python(kind, path)
+
+
+def _by_python(kind: str, path: str) -> str:
+    try:
+        KINDS[kind].read(path)
+    except (ValueError, gb.MissingPackageError, OSError) as error:
+        if isinstance(error, UnicodeError):
+            return _fault(error)
+        command = KINDS[kind].command
+        return _wrong_line(str(error), path, *(command(path) if command else ())) or "refused"
+    except BaseException as error:
+        return _fault(error)
+    return "loaded"
+
+
+def _by_command(kind: str, path: str) -> str:
+    out, err = io.StringIO(), io.StringIO()
+    try:
+        with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+            status = cli.main(KINDS[kind].command(path))
+    except BaseException as error:
+        return _fault(error)
+    lines = [line for line in err.getvalue().splitlines() if "warning: " not in line]
+    if status == 0:
+        return "loaded"
+    said = lines[-1] if lines else "nothing"
+    if status != 2 or not said.startswith("globule: error: "):
+        return f"command: status {status}: {said[:200]}"
+    return _wrong_line(said, path, *KINDS[kind].command(path)) or "refused"
+
+
+def _fault(error: BaseException) -> str:
+    where = traceback.extract_tb(error.__traceback__)[-1]
+    place = f"{os.path.basename(where.filename)}:{where.lineno}"
+    return f"{type(error).__name__} at {place}: {' '.join(str(error).split())[:150]}"
+
+
+def _wrong_line(text: str, *names: str) -> str:
+    """What is wrong with an error's message; "" if nothing is. It names one of the files."""
+    if "\n" in text:
+        return f"several lines: {text[:150]!r}"
+    if not any(os.path.basename(name) in text for name in names if "." in name):
+        return f"no name of the file: {text[:200]}"
+    return f"a long line: {text[:150]}" if len(text) > 700 else ""
+
+
+def opened(kind: str, path: str, by_command: bool) -> str:
+    """`judge` in a process of its own, with limits of time and memory."""
+    mine, its = os.pipe()
+    child = os.fork()
+    if child == 0:
+        _be_judge(kind, path, by_command, its)
+    os.close(its)
+    end, said = time.monotonic() + PATIENCE, b""
+    try:
+        while select.select([mine], [], [], max(0.0, end - time.monotonic()))[0]:
+            piece = os.read(mine, 65536)
+            if not piece:
+                break
+            said += piece
+        else:
+            os.kill(child, signal.SIGKILL)
+            said = b"hang"
+    finally:
+        os.close(mine)
+        _, status, used = os.wait4(child, 0)
+    if said == b"hang":
+        return f"hang: more than {PATIENCE} s"
+    if os.WIFSIGNALED(status):
+        number = os.WTERMSIG(status)
+        if number == signal.SIGXCPU:
+            return f"hang: more than {SECONDS} s of the processor"
+        return f"crash: {signal.Signals(number).name}"
+    text = said.decode()
+    grown = 1024 * used.ru_maxrss - int(text.partition(" ")[0] or 0)
+    verdict = text.partition(" ")[2] or "crash: nothing said"
+    if grown > MEMORY + SLACK:
+        return f"memory: {grown / 2**20:.0f} MiB ({verdict})"
+    return verdict
+
+
+def _be_judge(kind: str, path: str, by_command: bool, out: int) -> None:
+    try:
+        os.setpgid(0, 0)
+        before = 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+        with open("/proc/self/statm") as file:
+            space = int(file.read().split()[0]) * resource.getpagesize() + 4 * MEMORY + SLACK
+        resource.setrlimit(resource.RLIMIT_AS, (space, space))
+        resource.setrlimit(resource.RLIMIT_CPU, (SECONDS, SECONDS + 5))
+        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+        null = os.open(os.devnull, os.O_RDWR)
+        for number in (0, 1, 2):
+            os.dup2(null, number)
+        verdict = judge(kind, path, by_command)
+        os.write(out, f"{before} {verdict}".encode())
+    finally:
+        os._exit(0)
+
+
+class Fuzzer:
+    """The files of each kind, in a folder of its kind, and what became of their mutants."""
+
+    def __init__(self, folder: str, only: str = ""):
+        preload()
+        self.places: dict[str, Path] = {}
+        self.files: dict[str, list[tuple[str, bytes]]] = {}
+        for kind in KINDS:
+            if only and kind != only:
+                continue
+            place = Path(folder, kind.replace(" ", "_"))
+            words = [sys.executable, __file__, "--make", kind, str(place)]
+            made = subprocess.run(words, check=True, stdout=subprocess.PIPE, text=True)
+            names = made.stdout.splitlines()[-1].split("|")
+            self.files[kind] = [(n, (place / n).read_bytes()) for n in names]
+            self.places[kind] = place
+            for name, content in self.files[kind]:
+                if (verdict := self.open(kind, name, content, False)) != "loaded":
+                    raise SystemExit(f"{kind}: {name}: expected a good file, got: {verdict}")
+        self.kinds = list(self.files)
+        self.weights = [KINDS[kind].weight for kind in self.kinds]
+
+    def mutant(self, seed: int, number: int) -> tuple[str, str, bytes, bool]:
+        """Kind, name and content of a mutant, and whether a command opens it."""
+        random = Random(f"{seed} {number}")
+        kind = random.choices(self.kinds, self.weights)[0]
+        path, content = random.choice(self.files[kind])
+        content = mutate(random, content, [other for _, other in self.files[kind]])
+        by_command = bool(KINDS[kind].command) and random.random() < SHARE_OF_COMMANDS
+        return kind, path, content, by_command
+
+    def open(self, kind: str, path: str, content: bytes, by_command: bool) -> str:
+        """What becomes of a mutant."""
+        os.chdir(self.places[kind])
+        old = Path(path).read_bytes()
+        try:
+            Path(path).write_bytes(content)
+            return opened(kind, path, by_command)
+        finally:
+            Path(path).write_bytes(old)
+            for left in Path().glob("out*"):
+                shutil.rmtree(left) if left.is_dir() else left.unlink()
+
+
+class Report:
+    """Counts of what became of files, by kind, and the faults, which it prints as they come."""
+
+    def __init__(self) -> None:
+        self.counts: collections.Counter[tuple[str, str]] = collections.Counter()
+        self.begin = time.monotonic()
+
+    def add(self, kind: str, name: str, verdict: str) -> bool:
+        """One file more; whether it was a fault."""
+        good = verdict in ("loaded", "refused")
+        self.counts[kind, verdict if good else "fault"] += 1
+        if not good:
+            print(f"{name}: {verdict}", flush=True)
+        return not good
+
+    def close(self) -> int:
+        """Print the counts; returns how many faults there were."""
+        total: collections.Counter[str] = collections.Counter()
+        for kind in dict.fromkeys(kind for kind, _ in self.counts):
+            found = {what: self.counts[kind, what] for what in ("refused", "loaded", "fault")}
+            total.update(found)
+            print(f"{kind:16}", "  ".join(f"{what} {k}" for what, k in found.items()))
+        told = ", ".join(f"{total[what]} {what}" for what in ("refused", "loaded"))
+        seconds = f"{time.monotonic() - self.begin:.0f} s"
+        print(f"{sum(total.values())} files in {seconds}: {told}, {total['fault']} faults")
+        return total["fault"]
+
+
+def open_kept(folder: str) -> int:
+    """Open the files of a corpus, KIND@NUMBER@NAME, by both doors. Returns how many faults."""
+    report = Report()
+    kept = sorted(Path(folder).absolute().glob("*@*@*"))
+    with tempfile.TemporaryDirectory() as place:
+        fuzzers: dict[str, Fuzzer] = {}
+        for path in kept:
+            kind, _, name = path.name.split("@")
+            kind = kind.replace("_", " ")
+            if kind not in fuzzers:
+                fuzzers[kind] = Fuzzer(place, kind)
+            names = [n for n, _ in fuzzers[kind].files[kind] if os.path.basename(n) == name]
+            for by_command in (False, True) if KINDS[kind].command else (False,):
+                verdict = fuzzers[kind].open(kind, names[0], path.read_bytes(), by_command)
+                report.add(kind, path.name, verdict)
+    return report.close()
+
+
+def damage() -> int:
+    """Damage each array of a checkpoint in each way. Returns how many faults."""
+    report, kind, name = Report(), "checkpoints", "all.npz"
+    with tempfile.TemporaryDirectory() as place:
+        fuzzer = Fuzzer(place, kind)
+        for what, content in damaged_arrays(dict(fuzzer.files[kind])[name]):
+            report.add(kind, what, fuzzer.open(kind, name, content, False))
+    return report.close()
+
+
+def run(first: int, n: int, seed: int, only: str, keep: str) -> int:
+    """Open n mutants; prints the counts of each kind and the faults. Returns how many faults."""
+    report, faults = Report(), 0
+    keep = os.path.abspath(keep)
+    os.makedirs(keep, exist_ok=True)
+    with tempfile.TemporaryDirectory() as folder:
+        fuzzer = Fuzzer(folder, only)
+        with contextlib.suppress(KeyboardInterrupt):  # the counts so far
+            for number in range(first, first + n):
+                kind, path, content, by_command = fuzzer.mutant(seed, number)
+                verdict = fuzzer.open(kind, path, content, by_command)
+                kept = f"{kind.replace(' ', '_')}@{seed}.{number}@{os.path.basename(path)}"
+                if report.add(kind, kept, verdict):
+                    Path(keep, kept).write_bytes(content)
+                    faults += 1
+                done = number + 1 - first
+                if done % 1000 == 0:
+                    seconds = time.monotonic() - report.begin
+                    print(f"{done} in {seconds:.0f} s: {faults} faults", flush=True)
+    return report.close()
+
+
+def preload() -> None:
+    """Import what readers import when they are first used: here once, not in each process."""
+    for name in ("nibabel", "networkx", "PIL.Image", "scipy.sparse", "scipy.spatial", "trimesh",
+                 "trimesh.exchange.load", "trimesh.path", "globule.sim.simulation",
+                 "globule.viewer.state"):  # fmt: skip
+        with contextlib.suppress(ImportError):
+            importlib.import_module(name)
+
+
+def make(kind: str, folder: str) -> None:
+    """Write the files of a kind; a process of its own, since no thread may be there at a fork."""
+    os.makedirs(folder)
+    os.chdir(folder)
+    print("\n" + "|".join(KINDS[kind].make()))
+
+
+def main() -> int:
+    """Run the command line of this file."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("-n", type=int, default=20_000)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--first", type=int, default=0, help="number of the first mutant")
+    parser.add_argument("--only", default="", choices=["", *KINDS])
+    parser.add_argument("--keep", default="build/fuzz", metavar="FOLDER")
+    parser.add_argument("--open", metavar="FOLDER", help="open the files of a corpus")
+    parser.add_argument("--damage", action="store_true", help="damage the arrays of a checkpoint")
+    parser.add_argument("--make", nargs=2, help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.make:
+        make(*options.make)
+        return 0
+    gb.set_limits(memory=MEMORY)
+    if options.open:
+        return 1 if open_kept(options.open) else 0
+    if options.damage:
+        return 1 if damage() else 0
+    return 1 if run(options.first, options.n, options.seed, options.only, options.keep) else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
