@@ -1,4 +1,4 @@
-"""Particles of a fluid: as balls, as ellipsoids that lie along the surface (Yu and Turk 2013), and as
+"""Particles of a fluid: as balls, as ellipsoids along the surface (Yu and Turk 2013), and as
 the smooth surface that encloses their volume.
 
 Writes balls.png, ellipsoids.png and smooth.png. The command line does the same:

@@ -410,7 +410,7 @@ private:
     void fill_frames(const FramesView& view, const sweep::DenseVolume<T>& out, const FillRequest& r) {
         using namespace sweep;
         finish(false);
-        const auto* poses = reinterpret_cast<const Pose*>(view.poses);
+        const auto* poses = reinterpret_cast<const sweep::Pose*>(view.poses);
         const Path path(Images<T>{nullptr, poses, view.mask, view.n, view.height, view.width, 0}, r.max_gap);  // what the host reads
         const Images<T> frames = bring(view);
         const Averaging& a = path.averaging;
