@@ -339,9 +339,10 @@ def cameras(
     return view_cameras(scene, options.views, notes.size, options.up, fov, around, notes.annotation)
 
 
-def _all_around(options: argparse.Namespace, scene: Scene, around: Any) -> np.ndarray:
+def _all_around(options: argparse.Namespace, scene: Scene | Mesh, around: Any) -> np.ndarray:
     """The corners of the points' box, or the particles', turned about --up through its middle."""
-    ends = scene.particles.bounds() if around is None else (around.min(axis=0), around.max(axis=0))
+    box = scene.particles if isinstance(scene, Scene) else scene
+    ends = box.bounds() if around is None else (around.min(axis=0), around.max(axis=0))
     corners = np.array([np.where(c, ends[1], ends[0]) for c in np.ndindex(2, 2, 2)])
     middle = corners.mean(axis=0)
     right, above, front = view_axes(options.up)

@@ -17,8 +17,9 @@ from ..measure.places import SampleGrid, SampleLine, SamplePlane
 from ..measure.sample import sample
 from ..measure.samples import EXTENSIONS
 from ..measure.surface import counts, default_spacing
+from ..render.canvas import LEAST_SIDE
 from ..render.frame import save_png
-from ..render.legend import LEAST_SIDE, add_legend
+from ..render.legend import add_legend
 from . import flags, measuring
 from .parser import Parser
 from .shared import Progress, UserError, check_output, count, mistakes, number, print_json

@@ -202,7 +202,7 @@ def room(annotation: Annotation | None) -> float:
     return 1.1 + below if above or below or annotation.axes else 1.0
 
 
-def corners_to_fit(annotation: Annotation | None, scene: Scene, around: Any = None) -> Any:
+def corners_to_fit(annotation: Annotation | None, scene: Any, around: Any = None) -> Any:
     """The points (M, 3), world, that a fitted image shows: those around, or the corners of the
     annotation's box; None stands for the particles."""
     if around is not None or annotation is None or not annotation.box:

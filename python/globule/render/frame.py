@@ -238,7 +238,7 @@ class Frame:
     @property
     def _mixed(self) -> bool:
         """Whether the color of a pixel at an edge may be a mixture."""
-        return self.samples > 1 or self._settings._mixes(self._scene)
+        return self.samples > 1 or self._settings._mixes(self._layers[0].scene)
 
     @property
     def picture(self) -> np.ndarray:
@@ -601,7 +601,7 @@ def corners_of(mesh: Mesh) -> np.ndarray:
 
 
 def fitted(
-    scene: Scene,
+    scene: Scene | Mesh,
     size: tuple[int, int],
     annotation: Annotation | None,
     around: ArrayLike | None = None,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -25,7 +25,7 @@ class Likeness(NamedTuple):
     why: str
 
 
-def alike(value: object) -> bool:
+def alike(value: Any) -> bool:
     """Whether a field has one value for all particles (or none at all)."""
     if value is None or np.ndim(value) == 0:
         return True
@@ -92,7 +92,8 @@ def _nearest(scene: Scene, points: np.ndarray, radius: float) -> np.ndarray:
     """Distance of each point to the nearest other particle; the radius where there is none."""
     positions = to_host(scene.particles.positions)
     offsets, index = scene.neighbors(points, radius)
-    row = np.repeat(np.arange(len(points)), np.diff(offsets.astype(np.int64)))
+    counts: np.ndarray = np.diff(offsets).astype(np.int64)
+    row = np.repeat(np.arange(len(points)), counts)
     apart = np.linalg.norm(positions[index].astype(np.float64) - points[row], axis=1)
     nearest = np.full(len(points), radius)
     others = apart > 0
