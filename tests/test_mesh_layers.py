@@ -173,7 +173,7 @@ def test_a_pose_moves_the_mesh_without_its_vertices(backend):
     hit = np.isfinite(a.distance) & np.isfinite(b.distance)
     same = a.face == b.face
     assert same.mean() > 0.999
-    np.testing.assert_allclose(a.distance[hit & same], b.distance[hit & same], rtol=1e-3)
+    np.testing.assert_allclose(a.distance[hit & same], b.distance[hit & same], rtol=1e-3, atol=1e-6)
     np.testing.assert_allclose(a.normal[hit & same], b.normal[hit & same], atol=1e-4)
     np.testing.assert_allclose(mesh.bounds(), moved.bounds(), atol=1e-5)
 

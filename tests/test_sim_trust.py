@@ -112,6 +112,8 @@ def gain(sim, before, after, velocity):
 def test_energy_does_not_grow(backend, name):
     """Without instruments. Tissue's bonds and a surface are without energy, or with a known one, at
     the start, so that kinetic and potential energy stay below their first sum and that one."""
+    if name == "brain-surgery":
+        pytest.importorskip("nilearn")
     sim = gb.Simulation(name, **SCENES[name], **backend)
     fluids = [p for p in sim.phases.values() if p.kind == "fluid"]
     first = sim.record.totals()

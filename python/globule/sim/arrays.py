@@ -207,7 +207,7 @@ class Arrays(Part):
             raise ValueError("force: expected (M, 3) for as many ids")
         if force.dtype != np.float32:
             raise ValueError(f"force: expected float32, got {force.dtype}")
-        for name in ("place", "velocity", "pressure", "impulse", "divergence_impulse", "force"):
+        for name in ("place", "velocity", "pressure", "growth", "divergence_impulse", "force"):
             check_finite(name, state[name])
         check_clock(state)
         if n and (int(np.max(state["id"])) >= int(state["counts"][0])
