@@ -174,7 +174,15 @@ def test_mistakes_get_one_line(sweep, capsys):
         (["phantom.igs.mha", "-o", "v.nrrd", "--three-view", "v.bmp"], "--three-view"),
         (["phantom.igs.mha", "-o", "./phantom.igs.mha"], "-o: expected a name of its own"),
         (
-            ["phantom.igs.mha", "-o", "v.nrrd", "--surface", "a.png", "--three-view", "a.png"],
+            [
+                "phantom.igs.mha",
+                "-o",
+                "v.nrrd",
+                "--surface-image",
+                "a.png",
+                "--three-view",
+                "a.png",
+            ],
             "expected a name of its own",
         ),
         (["phantom.igs.mha", "--cross-validate", "1"], "--cross-validate"),

@@ -143,7 +143,7 @@ def sweeps(draw: st.DrawFn) -> gb.Sweep:
     elements = FLOATS if dtype == "f4" else hnp.from_dtype(np.dtype(dtype))
     frames = draw(hnp.arrays(dtype, shape, elements=elements))
     poses = np.stack([draw(rigid()) for _ in frames])
-    poses[:, :3, :2] *= draw(LENGTHS)
+    poses[:, :3, :2] *= draw(st.floats(0.01, 2.0))  # mm per pixel, as a scanner has
     valid = draw(hnp.arrays(bool, len(frames)).filter(np.any))
     times = np.cumsum(draw(hnp.arrays("f8", len(frames), elements=LENGTHS)))
     return gb.Sweep(frames, poses, times if draw(st.booleans()) else None, valid)

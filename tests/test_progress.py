@@ -7,6 +7,7 @@ import os
 import globule as gb
 import numpy as np
 import pytest
+from globule.formats import inflate
 from globule.formats.volumes import raw
 from globule.volumes.volume import Volume
 
@@ -15,6 +16,7 @@ from globule.volumes.volume import Volume
 def folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(raw, "PIECE", 1000)
+    monkeypatch.setattr(inflate, "PIECE", 1000)
 
 
 def sweep() -> gb.Sweep:

@@ -117,7 +117,9 @@ class Live:
             except ConnectionError as error:
                 raise UserError(f"--{error}") from error
             except OSError as error:
-                name = error.filename or options.record or options.three_view or options.surface
+                name = (
+                    error.filename or options.record or options.three_view or options.surface_image
+                )
                 message = f"{name}: cannot be written: {error.strerror or error}"
                 raise UserError(message) from error
             finally:

@@ -9,7 +9,7 @@ from ..volumes.volume import Volume
 
 def wanted(options: argparse.Namespace) -> bool:
     """Whether the options ask for an image."""
-    return bool(options.three_view or options.surface)
+    return bool(options.three_view or options.surface_image)
 
 
 def draw(volume: Volume, options: argparse.Namespace, messages: list[str]) -> None:
@@ -18,10 +18,12 @@ def draw(volume: Volume, options: argparse.Namespace, messages: list[str]) -> No
         from ..volumes.slices import save_three_view
 
         save_three_view(options.three_view, volume)
-    if options.surface:
+    if options.surface_image:
         from ..volumes.iso_surface import save_surface
 
         try:
-            save_surface(options.surface, volume, device=options.device, threads=options.threads)
+            save_surface(
+                options.surface_image, volume, device=options.device, threads=options.threads
+            )
         except ValueError as error:
             messages.append(f"--surface: no image written: {error}")

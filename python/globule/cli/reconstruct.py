@@ -51,7 +51,7 @@ EXAMPLES = """\
   globule reconstruct sweep.igs.mha --calibration probe.toml -o fine.nrrd --voxel-size 0.5
   globule reconstruct sweep.igs.mha --plus config.xml -o volume.mha --three-view volume.png
   globule reconstruct frames/ --poses poses.csv --frame-times 25 --calibration probe.toml -o v.npz
-  globule reconstruct sweep.igs.mha --calibration probe.toml --cross-validate 3"""
+  globule reconstruct sweep.igs.mha --calibration probe.toml --method frames --cross-validate 3"""
 ESSENTIAL = ("--output", "--calibration", "--plus", "--poses", "--voxel-size", "--voxels",
              "--method", "--three-view", "--surface-image", "--live", "--device")  # fmt: skip
 
@@ -80,7 +80,6 @@ def add_arguments(parser: Parser) -> None:
     )
     add(
         "--surface-image",
-        dest="surface",
         metavar="IMAGE.png",
         help="also write an image of the iso-surface, as `globule render` does (default: none)",
     )
@@ -267,7 +266,7 @@ def _check_apart(options: argparse.Namespace) -> None:
     names = {
         "-o": options.output,
         "--three-view": options.three_view,
-        "--surface-image": options.surface,
+        "--surface-image": options.surface_image,
     }
     taken = {"SWEEP": options.sweep, "--mask": options.mask, "--poses": options.poses,
              "--plus": options.plus, "--calibration": options.calibration}  # fmt: skip
@@ -474,7 +473,7 @@ def _facts(volume: Volume, options: argparse.Namespace) -> dict[str, Any]:
         "memory": {"volume": volume.values.nbytes + volume.radius.nbytes},
         "figures": {name: v for name, v in volume.info.items() if not isinstance(v, np.ndarray)},
         "three_view": options.three_view,
-        "surface": options.surface,
+        "surface": options.surface_image,
     }
     if options.json:
         facts["hashes"] = {
