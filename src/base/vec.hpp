@@ -34,6 +34,15 @@ template <class F>
 GB_FN Vec3<F> operator*(const Sym3<F>& m, const Vec3<F>& v) {
     return {m.xx * v.x + m.xy * v.y + m.xz * v.z, m.xy * v.x + m.yy * v.y + m.yz * v.z, m.xz * v.x + m.yz * v.y + m.zz * v.z};
 }
+template <class F>
+GB_FN Sym3<F> operator*(const Sym3<F>& m, F s) {
+    return {m.xx * s, m.yy * s, m.zz * s, m.xy * s, m.xz * s, m.yz * s};
+}
+template <class F>
+GB_FN Sym3<F> square(const Sym3<F>& m) {
+    return {m.xx * m.xx + m.xy * m.xy + m.xz * m.xz, m.xy * m.xy + m.yy * m.yy + m.yz * m.yz, m.xz * m.xz + m.yz * m.yz + m.zz * m.zz,
+            m.xx * m.xy + m.xy * m.yy + m.xz * m.yz, m.xx * m.xz + m.xy * m.yz + m.xz * m.zz, m.xy * m.xz + m.yy * m.yz + m.yz * m.zz};
+}
 /// a / |a|, or a itself where its length is zero.
 template <class F>
 GB_FN Vec3<F> normalize(const Vec3<F>& a) {

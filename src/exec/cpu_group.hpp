@@ -11,21 +11,13 @@ namespace globule::core {
 struct CpuGroup {
     static constexpr int width = kWidth;
     static constexpr int vectors = 64 / kWidth;
-    static constexpr int list_capacity = 2048;
+    static constexpr int list_capacity = 2048, ellipsoid_capacity = 2048;
     static constexpr int stack_capacity = 512;
     using F = WideF;
     using B = WideB;
     struct U {
         std::uint32_t v[kWidth];
     };
-    /// As on the GPU; here each lane has a row of its own.
-    static constexpr int team = 1;
-    static int row_of(int lane) { return lane; }
-    F load_rows(const float* p) const { return load_run(p); }
-    F own(const float* item) const { return F(*item); }
-    F team_sum(const F& v) const { return v; }
-    static bool leads_team(int) { return true; }
-
     B first_lanes(int n) const {
         static constexpr std::int32_t numbers[16] = {0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15};
         VecI lane;
@@ -127,6 +119,12 @@ struct CpuGroup {
             id[i] = k;
         }
         Vec3<F> points(const CpuGroup& g, int i) const { return {g.load_run(x + i), g.load_run(y + i), g.load_run(z + i)}; }
+        /// The set lanes' points side by side, from place i on; a whole group's worth of memory may be written.
+        void keep(const CpuGroup& g, const B& m, const Vec3<F>& p, int i) {
+            g.keep(m, p.x, x + i);
+            g.keep(m, p.y, y + i);
+            g.keep(m, p.z, z + i);
+        }
     };
 
     struct LaneOf {};

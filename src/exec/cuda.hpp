@@ -40,13 +40,21 @@ constexpr int tile_blocks() {
     if constexpr (requires { Functor::tile_blocks; }) return Functor::tile_blocks;
     else return 4;
 }
+/// Tiles of a block: one alone where they differ much in length, so that none waits for the others to leave.
+template <class Functor>
+constexpr int warps_per_block() {
+    if constexpr (requires { Functor::tiles_of_block; }) return Functor::tiles_of_block;
+    else return kWarpsPerBlock;
+}
 
 template <class Functor>
-__global__ void __launch_bounds__(32 * kWarpsPerBlock, tile_blocks<Functor>()) run_tiles(std::size_t n, Functor functor) {
+__global__ void __launch_bounds__(32 * warps_per_block<Functor>(), tile_blocks<Functor>() * kWarpsPerBlock / warps_per_block<Functor>())
+    run_tiles(std::size_t n, Functor functor) {
     using Scratch = typename Functor::template Scratch<CudaGroup>;
-    __shared__ Scratch scratch[kWarpsPerBlock];
+    constexpr int warps = warps_per_block<Functor>();
+    __shared__ Scratch scratch[warps];
     const int warp = threadIdx.x / 32;
-    const std::size_t tile = std::size_t(blockIdx.x) * kWarpsPerBlock + warp;
+    const std::size_t tile = std::size_t(blockIdx.x) * warps + warp;
     CudaGroup group;
     if (tile < n) functor(group, scratch[warp], tile);
 }
@@ -324,7 +332,8 @@ public:
     void for_each_tile(std::size_t n, const Functor& functor) {
         interrupt_->check();
         if (n == 0) return;
-        run_tiles<<<unsigned(ceil_div<std::size_t>(n, kWarpsPerBlock)), 32 * kWarpsPerBlock, 0, stream_>>>(n, functor);
+        constexpr int warps = warps_per_block<Functor>();
+        run_tiles<<<unsigned(ceil_div<std::size_t>(n, warps)), 32 * warps, 0, stream_>>>(n, functor);
         check(cudaGetLastError());
     }
 

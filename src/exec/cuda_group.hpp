@@ -9,21 +9,11 @@ namespace globule::core {
 struct CudaGroup {
     static constexpr int width = 32;
     static constexpr int vectors = 1;
-    static constexpr int list_capacity = 416;
+    static constexpr int list_capacity = 416, ellipsoid_capacity = 224;
     static constexpr int stack_capacity = 224;
     using F = float;
     using B = bool;
     using U = std::uint32_t;
-    /// Lanes that may share one row of work; each takes every n-th item of a run, and their sums are added.
-    static constexpr int team = 4;
-    __device__ static int row_of(int lane) { return lane / team; }
-    __device__ F load_rows(const float* p) const { return p[lane() / team]; }
-    __device__ F own(const float* items) const { return items[lane() % team]; }
-    __device__ F team_sum(F v) const {
-        for (int s = team / 2; s; s >>= 1) v += __shfl_xor_sync(all, v, s);
-        return v;
-    }
-    __device__ static bool leads_team(int lane) { return lane % team == 0; }
     static constexpr unsigned all = 0xffffffffu;
 
     __device__ int lane() const { return threadIdx.x & 31; }
@@ -78,6 +68,11 @@ struct CudaGroup {
         __device__ Vec3<float> points(const CudaGroup& g, int i) const {
             const float4 v = item[i + g.lane()];
             return {v.x, v.y, v.z};
+        }
+        /// The set lanes' points side by side, from place i on.
+        __device__ void keep(const CudaGroup& g, bool m, const Vec3<float>& p, int i) {
+            const unsigned set = __ballot_sync(all, m);
+            if (m) item[i + __popc(set & ((1u << g.lane()) - 1))] = {p.x, p.y, p.z, 0.0f};
         }
     };
 

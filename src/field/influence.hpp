@@ -25,6 +25,14 @@ struct Ellipsoid {
     GB_FN Vec3<F> half_gradient(const Vec3<F>& v, F slope, F c) const { return (m * (m * v)) * (slope * c); }
 };
 
+/// The same, x = v . m v.
+template <class F>
+struct Form {
+    Sym3<F> m;
+    GB_FN F x(const Vec3<F>& v) const { return dot(v, m * v); }
+    GB_FN Vec3<F> half_gradient(const Vec3<F>& v, F slope, F c) const { return (m * v) * (slope * c); }
+};
+
 /// At a point: c b, and half its gradient (5.2).
 template <class F>
 struct Influence {

@@ -14,6 +14,7 @@ enum class KernelName : int { murakami, nishimura, wyvill, blinn, cubic_spline, 
 /// (1 - x)^2                                              Murakami & Ichihara 1987, (3.6c)
 struct Murakami {
     static constexpr bool stretched = false;  ///< supports are balls; trace/stretched.hpp: ellipsoids
+    static constexpr bool linear_rise = true; ///< s rise(u^2, A) = rise(s u^2, s A)
     template <class F>
     GB_FN void operator()(F x, F& b, F& slope) const {
         const F w = F(1) - x;
@@ -73,7 +74,7 @@ private:
 
 /// Any of the seven, by name.
 struct AnyKernel {
-    static constexpr bool stretched = false;
+    static constexpr bool stretched = false, linear_rise = false;
     KernelName name;
 
     /// b and db/dx.

@@ -50,12 +50,6 @@ struct Moments {
         second = {second.xx + t.x * v.x, second.yy + t.y * v.y, second.zz + t.z * v.z,
                   second.xy + t.x * v.y, second.xz + t.x * v.z, second.yz + t.y * v.z};
     }
-    template <class Fn>
-    GB_FN void each(const Fn& fn) {
-        fn(sum);
-        fn(first.x), fn(first.y), fn(first.z);
-        fn(second.xx), fn(second.yy), fn(second.zz), fn(second.xy), fn(second.xz), fn(second.yz);
-    }
     /// Share of the radius's ball that is filled: in an endless lattice the sum is 16 pi / 21 kRadius^3.
     GB_FN F filled() const { return sum * F(1.0f / (2.3935946f * kRadius * kRadius * kRadius)); }
     /// 1 along each axis in an endless lattice.
@@ -100,19 +94,18 @@ GB_FN F raised(const F& own, const F& filled) {
 
 }  // namespace surface
 
-/// Ellipsoids and weights of the particles of an octree, some that follow each other along the curve at a time:
+/// Ellipsoids and weights of the particles of an octree, a group's worth of those that follow each other along the curve
+/// at a time, one in each lane:
 ///   bunch    rows that lie together (where the curve jumps, neighbours along it are far apart)
 ///   gather   the leaves around, of whose particles those near the bunch are kept
 ///   add up   each row goes through them
 template <class Tree>
 struct FindSurfaceKernels {
-    static constexpr int kNear = 640;  ///< at once; there may be more
+    static constexpr int kNear = 320;        ///< at once; there may be more
+    static constexpr int tile_blocks = 6;    ///< at one time on a GPU's processor
+    static constexpr float kSpread = 2.0f;   ///< of a bunch from its first row, in radii
     template <class Group>
-    static constexpr std::size_t rows = Group::width / Group::team;
-    template <class Group>
-    struct Scratch {
-        float x[kNear + Group::width], y[kNear + Group::width], z[kNear + Group::width];  ///< over the radius, from the bunch's first row
-    };
+    using Scratch = typename Group::template List<kNear + Group::width>;  ///< places over the radius, from the bunch's first row
 
     Tree tree;
     SortedParticles particles;  ///< as sorted: with the support that the tree's boxes hold
@@ -124,74 +117,71 @@ struct FindSurfaceKernels {
     GB_FN void operator()(Group& g, Scratch<Group>& near, std::size_t tile) const {
         using V = typename Group::F;
         using B = typename Group::B;
-        const std::size_t first = tile * rows<Group>;
-        const Vec3<V> at{g.load_rows(particles.x + first), g.load_rows(particles.y + first), g.load_rows(particles.z + first)};
+        const std::size_t first = tile * Group::width;
+        const Vec3<V> at{g.load_run(particles.x + first), g.load_run(particles.y + first), g.load_run(particles.z + first)};
         B present = g.none();
         const std::size_t outside = tree.header->n_outside;
         Group::for_lanes([&](int lane) {
-            const std::size_t slot = first + Group::row_of(g.lane_number(lane));
+            const std::size_t slot = first + g.lane_number(lane);
             Group::put(present, lane, slot >= outside && slot < n);
         });
         surface::Moments<V> moments = surface::Moments<V>::none();
-        for_all(g, near, at, present, [&](const B& ours, const Vec3<V>& own, int n_near) {
-            for (int k = 0; k < n_near; k += Group::team) {
-                const Vec3<V> v{g.own(near.x + k) - own.x, g.own(near.y + k) - own.y, g.own(near.z + k) - own.z};
+        for_all(g, near, at, present, [&](const Vec3<V>& own, int n_near) {
+            for (int k = 0; k < n_near; ++k) {
+                const Vec3<float> q = near.point(k);
+                const Vec3<V> v{V(q.x) - own.x, V(q.y) - own.y, V(q.z) - own.z};
                 const V d2 = dot(v, v);
-                moments.add(select(ours & (d2 < V(1.0f)), V(1.0f) - d2 * d2, V(0.0f)), v);
+                moments.add(max(V(1.0f) - d2 * d2, V(0.0f)), v);
             }
         });
-        moments.each([&](V& v) { v = g.team_sum(v); });
         moments.sum = select(present, moments.sum, V(1.0f));
         const surface::Shape<V> shape = surface::shape(moments);
         const V filled = moments.filled();
+        const B alone = present & (filled < V(surface::kCrowd));
         V factor = V(1.0f);
-        if (g.any(present & (filled < V(surface::kCrowd)))) {
+        if (g.any(alone)) {
             V sum = V(0.0f);
-            for_all(g, near, at, present, [&](const B& ours, const Vec3<V>& own, int n_near) {
-                for (int k = 0; k < n_near; k += Group::team) {
-                    const Vec3<V> v{g.own(near.x + k) - own.x, g.own(near.y + k) - own.y, g.own(near.z + k) - own.z};
-                    const Vec3<V> w = shape.matrix * v;
+            for_all(g, near, at, alone, [&](const Vec3<V>& own, int n_near) {
+                for (int k = 0; k < n_near; ++k) {
+                    const Vec3<float> q = near.point(k);
+                    const Vec3<V> w = shape.matrix * Vec3<V>{V(q.x) - own.x, V(q.y) - own.y, V(q.z) - own.z};
                     const V rest = V(1.0f) - min(dot(w, w), V(1.0f));
-                    sum = sum + select(ours & (dot(v, v) < V(1.0f)), rest * rest, V(0.0f));
+                    sum = sum + rest * rest;
                 }
             });
-            factor = surface::raised(max(g.team_sum(sum), V(1.0f)) * shape.mass, filled);
+            factor = select(alone, surface::raised(max(sum, V(1.0f)) * shape.mass, filled), factor);
         }
         write(g, first, present, shape, factor);
     }
 
 private:
-    /// look(rows of the bunch, their places, number of near): all particles near the rows, in `near`, in the curve's order,
-    /// and nobody up to a team's worth.
+    /// look(places of the rows, number of near): all particles near the rows `left`, in `near`, in the curve's order; rows
+    /// that it is not about are far from everybody.
     template <class Group, class V, class Look>
     GB_FN void for_all(Group& g, Scratch<Group>& near, const Vec3<V>& at, typename Group::B left, const Look& look) const {
         const float radius = surface::kRadius * spacing, by = 1.0f / radius, beside = max(radius - particles.support.uniform, 0.0f);
         const float3 margin{beside, beside, beside};
-        const V inf = V(infinity()), spread = V(2.0f * radius);
+        const V inf = V(infinity()), spread = V(kSpread * radius), far = V(1e3f);
         while (g.any(left)) {
             const int leader = g.first_from(left, 0);
             const float3 middle{g.pick(at.x, leader), g.pick(at.y, leader), g.pick(at.z, leader)};
             const Vec3<V> away{at.x - V(middle.x), at.y - V(middle.y), at.z - V(middle.z)};
             const typename Group::B together = left & (abs(away.x) <= spread) & (abs(away.y) <= spread) & (abs(away.z) <= spread);
             left = left & !together;
-            const Vec3<V> own = away * V(by);
+            const Vec3<V> own{select(together, away.x * V(by), far), select(together, away.y * V(by), far), select(together, away.z * V(by), far)};
             const float3 lo{g.smallest(select(together, at.x, inf)), g.smallest(select(together, at.y, inf)), g.smallest(select(together, at.z, inf))};
             const float3 hi{g.largest(select(together, at.x, -inf)), g.largest(select(together, at.y, -inf)), g.largest(select(together, at.z, -inf))};
             int n_near = 0;
             const auto look_at_them = [&] {
-                Group::for_lanes([&](int lane) {
-                    const int k = g.lane_number(lane);
-                    if (k < Group::team) near.x[n_near + k] = near.y[n_near + k] = near.z[n_near + k] = 1e3f;
-                });
                 g.sync();
-                look(together, own, n_near);
+                look(own, n_near);
                 g.sync();
                 n_near = 0;
             };
             std::uint32_t begin = 0, end = 0;  // leaves that follow each other in memory are one run
             const auto take = [&] {
                 for (; begin < end; begin += Group::width) {
-                    if (n_near > kNear - Group::width) look_at_them();
+                    if (n_near > kNear) look_at_them();
                     n_near = collect(g, near, n_near, begin, g.first_lanes(int(end - begin)), lo, hi, middle, by);
                 }
             };
@@ -215,9 +205,7 @@ private:
         const V ex = max(max(V(lo.x) - x, x - V(hi.x)), zero) * V(by), ey = max(max(V(lo.y) - y, y - V(hi.y)), zero) * V(by),
                 ez = max(max(V(lo.z) - z, z - V(hi.z)), zero) * V(by);
         const typename Group::B may = present & (ex * ex + ey * ey + ez * ez < V(1.0002f));
-        g.keep(may, (x - V(middle.x)) * V(by), near.x + n_near);
-        g.keep(may, (y - V(middle.y)) * V(by), near.y + n_near);
-        g.keep(may, (z - V(middle.z)) * V(by), near.z + n_near);
+        near.keep(g, may, {(x - V(middle.x)) * V(by), (y - V(middle.y)) * V(by), (z - V(middle.z)) * V(by)}, n_near);
         return n_near + g.count(may);
     }
     template <class Group, class V>
@@ -225,9 +213,8 @@ private:
         const Sym3<V>& m = shape.matrix;
         const float by = 1.0f / (surface::kRadius * spacing);
         Group::for_lanes([&](int lane) {
-            const int number = g.lane_number(lane);
-            const std::size_t slot = first + Group::row_of(number);
-            if (slot >= n || !Group::leads_team(number)) return;
+            const std::size_t slot = first + g.lane_number(lane);
+            if (slot >= n) return;
             const bool row = Group::get(present, lane);
             const float six[6] = {Group::get(m.xx, lane), Group::get(m.yy, lane), Group::get(m.zz, lane),
                                   Group::get(m.xy, lane), Group::get(m.xz, lane), Group::get(m.yz, lane)};

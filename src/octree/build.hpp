@@ -231,10 +231,26 @@ struct LeafBox {
     GB_FN void add(Group& g, const SortedParticles& particles, std::size_t at, const typename Group::B& which) {
         const F a = particles.support.data ? g.load_run(particles.support.data + at) : F(particles.support.uniform);
         const F p[3] = {g.load_run(particles.x + at), g.load_run(particles.y + at), g.load_run(particles.z + at)};
+        F reach[3] = {a, a, a};
+        if (particles.stretch) ellipsoids(g, particles, at, which, a, reach);
         for (int k = 0; k < 3; ++k) {
-            lo[k] = min(lo[k], select(which, p[k] - a, F(infinity())));
-            hi[k] = max(hi[k], select(which, p[k] + a, F(-infinity())));
+            lo[k] = min(lo[k], select(which, p[k] - reach[k], F(infinity())));
+            hi[k] = max(hi[k], select(which, p[k] + reach[k], F(-infinity())));
         }
+    }
+    /// An ellipsoid |G v| <= 1 reaches as far along an axis as that row of G's inverse is long.
+    GB_FN static void ellipsoids(Group& g, const SortedParticles& particles, std::size_t at, const typename Group::B& which, const F& a, F* reach) {
+        F m[6];
+        for (int k = 0; k < 6; ++k) {
+            m[k] = F(k < 3 ? 1.0f : 0.0f);
+            g.per_lane(which, [&](int lane) { Group::put(m[k], lane, particles.stretch[6 * (at + lane) + k] * Group::get(a, lane)); });
+        }
+        const F xx = m[1] * m[2] - m[5] * m[5], yy = m[0] * m[2] - m[4] * m[4], zz = m[0] * m[1] - m[3] * m[3],
+                xy = m[4] * m[5] - m[3] * m[2], xz = m[3] * m[5] - m[4] * m[1], yz = m[3] * m[4] - m[5] * m[0];
+        const F by = F(1.00001f) * a / abs(m[0] * xx + m[3] * xy + m[4] * xz);
+        reach[0] = min(a, by * sqrt(xx * xx + xy * xy + xz * xz));
+        reach[1] = min(a, by * sqrt(xy * xy + yy * yy + yz * yz));
+        reach[2] = min(a, by * sqrt(xz * xz + yz * yz + zz * zz));
     }
     GB_FN Node leaf(Group& g, std::uint32_t begin, std::uint32_t count) const {
         return {{g.smallest(lo[0]), g.smallest(lo[1]), g.smallest(lo[2])},

@@ -99,7 +99,7 @@ private:
         const auto shapes = octree.shapes();
         const FindSurfaceKernels<SparseTree> find{octree.sparse(), octree.particles(), octree.size(), spacing,
                                                   shapes.support, shapes.weight, shapes.stretch, shapes.shortest};
-        exec.for_each_tile(ceil_div<std::size_t>(octree.size(), find.template rows<typename Exec::Group>), find);
+        exec.for_each_tile(ceil_div<std::size_t>(octree.size(), Exec::Group::width), find);
         octree.reshape(shapes, surface::kThin * spacing, surface::kMostStretch, surface::kFace);
     }
 

@@ -14,7 +14,7 @@ inline constexpr float kCloseBy = 0.2f;     ///< in supports: particles no farth
 template <class Lanes, class Tree, class Kernel, bool PerParticle>
 struct BuildCells {
     template <class Group>
-    struct Scratch : TileScratch<Group, PerParticle> {
+    struct Scratch : TileScratch<Group, std::conditional_t<PerParticle, BallCandidate, AlikeCandidate>> {
         CellList cell[kBrickCells];  ///< n: particles that reach; first: state until lists have places
     };
     static constexpr int kStride = block_stride(PerParticle);
@@ -157,8 +157,8 @@ private:
             for (int turn = 0; turn < 8; ++turn) {
                 for (int j = turn; j < n; j += 8) {
                     const float3 q = scratch.list.point(j);
-                    const F near = bound(low, high, F(q.x) - cx, F(q.y) - cy, F(q.z) - cz, half, PerParticle ? scratch.shape[j].inverse_a2 : 1.0f,
-                                         PerParticle ? scratch.shape[j].weight : 1.0f, scratch.list.number(j));
+                    const F near = bound(low, high, F(q.x) - cx, F(q.y) - cy, F(q.z) - cz, half, scratch.shape[j].inverse_a2,
+                                         scratch.shape[j].weight, scratch.list.number(j));
                     count += select(near < F(1.0002f), F(1.0f), F(0.0f));
                 }
                 if (!PerParticle && !g.any(cells & (low <= F(tau + margin)))) break;
@@ -194,7 +194,7 @@ private:
             const F x = q.x - F(at.x), y = q.y - F(at.y), z = q.z - F(at.z);
             const F nx = max(abs(x) - F(half), F(0.0f)), ny = max(abs(y) - F(half), F(0.0f)),
                     nz = max(abs(z) - F(half), F(0.0f));
-            const F i2 = PerParticle ? g.map([&](int k) { return j + k < n ? scratch.shape[j + k].inverse_a2 : 0.0f; }) : F(1.0f);
+            const F i2 = g.map([&](int k) { return j + k < n ? scratch.shape[j + k].inverse_a2 : 0.0f; });
             F least_x = (nx * nx + ny * ny + nz * nz) * i2;
             if constexpr (Kernel::stretched) {
                 F m[6], most_x;

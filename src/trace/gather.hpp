@@ -8,17 +8,38 @@
 
 namespace globule::core {
 
-/// Only where supports or weights differ.
-struct CandidateShape {
+/// What a list holds of each particle beside its place: nothing where all are alike;
+struct AlikeCandidate {
+    static constexpr bool per_particle = false, ellipsoid = false;
+    static constexpr float inverse_a2 = 1.0f, weight = 1.0f;
+    template <class Group>
+    static constexpr int capacity = Group::list_capacity;
+};
+/// where supports or weights differ,
+struct BallCandidate {
+    static constexpr bool per_particle = true, ellipsoid = false;
+    template <class Group>
+    static constexpr int capacity = Group::list_capacity;
     float inverse_a2;  ///< 1 / support^2, scaled
     float weight;
 };
+/// or, of an ellipsoid, the square of its matrix.
+struct alignas(16) EllipsoidCandidate {
+    static constexpr bool per_particle = true, ellipsoid = true;
+    template <class Group>
+    static constexpr int capacity = Group::ellipsoid_capacity;
+    Sym3<float> form;  ///< scaled: x = v . form v
+    float weight;
+    template <class F>
+    GB_FN Sym3<F> form_as() const { return {F(form.xx), F(form.yy), F(form.zz), F(form.xy), F(form.xz), F(form.yz)}; }
+};
 
-template <class Group, bool PerParticle>
+template <class Group, class Candidate>
 struct TileScratch {
+    static constexpr int capacity = Candidate::template capacity<Group>;
     /// Particles relative to the axis point, scaled, with their slots in the sorted arrays.
-    typename Group::template List<Group::list_capacity + Group::width> list;
-    CandidateShape shape[PerParticle ? Group::list_capacity : 1];
+    typename Group::template List<capacity + Group::width> list;
+    Candidate shape[Candidate::per_particle ? capacity : 1];
     Siblings stack[Group::stack_capacity];
     typename Group::LaneOf lane_of;
 };
@@ -32,19 +53,19 @@ struct Gathered {
 };
 
 /// Walks the tree along the bundle from distance z0 on; `at` is the axis point there.
-template <bool PerParticle, class Group, class Tree>
+template <class Candidate, class Group, class Tree>
 struct Walk {
     using F = typename Group::F;
     using B = typename Group::B;
     Group& g;
-    TileScratch<Group, PerParticle>& scratch;
+    TileScratch<Group, Candidate>& scratch;
     const Tree& tree;
     const SortedParticles& particles;
     const Bundle& bundle;
     float z0;
     float3 at, inv;
 
-    GB_FN Walk(Group& group, TileScratch<Group, PerParticle>& s, const Tree& t, const SortedParticles& p, const Bundle& b,
+    GB_FN Walk(Group& group, TileScratch<Group, Candidate>& s, const Tree& t, const SortedParticles& p, const Bundle& b,
                float z, const float3& point)
         : g(group), scratch(s), tree(t), particles(p), bundle(b), z0(z), at(point) {
         const float tiny = 1e-18f;
@@ -78,8 +99,8 @@ struct Walk {
 };
 
 /// Where the nearest leaf's box begins, at or after z0.
-template <bool PerParticle, class Group, class Tree>
-GB_FN float seek(Walk<PerParticle, Group, Tree>& walk) {
+template <class Candidate, class Group, class Tree>
+GB_FN float seek(Walk<Candidate, Group, Tree>& walk) {
     using F = typename Group::F;
     using B = typename Group::B;
     F nearest = F(infinity());
@@ -95,76 +116,86 @@ GB_FN float seek(Walk<PerParticle, Group, Tree>& walk) {
 
 /// Goes through the leaves' particles, a group's worth at a time, and lists those that takes(present, x, y, z, a)
 /// chooses; x y z: from `at`; a: support; the first's slot.  n: listed so far.  False: the list cannot hold any more.
-template <bool PerParticle, class Group, class Takes>
-GB_FN bool list_particles(Group& g, TileScratch<Group, PerParticle>& scratch, const SortedParticles& particles, const float3& at,
+template <class Candidate, class Group, class Takes>
+GB_FN bool list_particles(Group& g, TileScratch<Group, Candidate>& scratch, const SortedParticles& particles, const float3& at,
                           float scale, const typename Group::B& leaves, const Boxes<Group>& boxes, int& n, const Takes& takes) {
     using F = typename Group::F;
     using B = typename Group::B;
-    bool full = false;
-    g.each(leaves, [&](int leaf) {
-        const std::uint32_t begin = Group::pick(boxes.first, leaf);
-        const std::uint32_t end = begin + Node::count(Group::pick(boxes.meta, leaf));
-        for (std::uint32_t j = begin; j < end && !full; j += Group::width) {
-            if (n + Group::width > Group::list_capacity) {
-                full = true;
-                break;
-            }
+    for (std::uint32_t set = g.set_of(leaves); set;) {
+        const auto next = [&](std::uint32_t& begin) {
+            const int leaf = trailing_zeros(set);
+            begin = Group::pick(boxes.first, leaf);
+            return begin + Node::count(Group::pick(boxes.meta, leaf));
+        };
+        std::uint32_t begin, following;  // leaves that follow each other in memory are one run
+        std::uint32_t end = next(begin);
+        for (set &= set - 1; set; set &= set - 1) {
+            const std::uint32_t further = next(following);
+            if (following != end) break;
+            end = further;
+        }
+        for (std::uint32_t j = begin; j < end; j += Group::width) {
+            if (n + Group::width > scratch.capacity) return false;
             const B present = g.first_lanes(int(min<std::uint32_t>(end - j, Group::width)));
             const F x = g.load_run(particles.x + j) - F(at.x);
             const F y = g.load_run(particles.y + j) - F(at.y);
             const F z = g.load_run(particles.z + j) - F(at.z);
-            const F a = PerParticle && particles.support.data ? g.load_run(particles.support.data + j) : F(particles.support.uniform);
+            const F a = Candidate::per_particle && particles.support.data ? g.load_run(particles.support.data + j) : F(particles.support.uniform);
             n = g.append(takes(present, x, y, z, a, j), n, [&](int k, int place) {
                 scratch.list.set(place, {Group::get(x, k) * scale, Group::get(y, k) * scale, Group::get(z, k) * scale},
                                  j + std::uint32_t(k));
-                if constexpr (PerParticle) {
+                if constexpr (Candidate::ellipsoid) {
+                    scratch.shape[place] = {square(particles.template matrix<float>(j + k) * (1.0f / scale)), particles.weight[j + k]};
+                } else if constexpr (Candidate::per_particle) {
                     const float support = Group::get(a, k) * scale;
                     scratch.shape[place] = {1.0f / (support * support), particles.weight[j + k]};
                 }
             });
         }
-    });
-    return !full;
+    }
+    return true;
 }
 
 /// All candidates between z0 and z0 + dz into the list.
-template <bool PerParticle, class Group, class Tree>
-GB_FN Gathered gather(Walk<PerParticle, Group, Tree>& walk, float dz, float scale) {
+template <class Candidate, class Group, class Tree>
+GB_FN Gathered gather(Walk<Candidate, Group, Tree>& walk, float dz, float scale) {
     using F = typename Group::F;
     using B = typename Group::B;
     Group& g = walk.g;
     const float3 d = walk.bundle.d;
-    F next = F(infinity()), nearest = next, sharpest = F(0.0f), least = next;
-    // The chord that the grown sphere cuts from the axis.
-    const auto meets = [&](const B& present, const F& x, const F& y, const F& z, const F& a) {
-        const F s = x * F(d.x) + y * F(d.y) + z * F(d.z);
-        const F grown = a + radius_at(walk.bundle, F(walk.z0) + s + a);
-        const F chord2 = grown * grown - (x * x + y * y + z * z - s * s);
-        const F chord = quick_root(max(chord2, F(0.0f)));
-        const B hit = present & (chord2 >= F(0.0f)) & (s + chord >= F(0.0f)) & (a > F(0.0f));
-        const B far = s - chord > F(dz);
-        next = select(hit & far, min(next, s - chord), next);
+    F next = F(infinity()), nearest = next, least = next;  // least: shortest axis
+    // The chord that the grown support cuts from the axis: from middle - half to middle + half, if half2 >= 0.
+    const auto meets = [&](const B& present, const F& a, const F& middle, const F& half2, const F& shortest) {
+        const F half = quick_root(max(half2, F(0.0f)));
+        const B hit = present & (half2 >= F(0.0f)) & (middle + half >= F(0.0f)) & (a > F(0.0f));
+        const B far = middle - half > F(dz);
+        next = select(hit & far, min(next, middle - half), next);
         const B take = hit & !far;
-        nearest = select(take, min(nearest, s - chord), nearest);
-        if constexpr (PerParticle) sharpest = max(sharpest, select(take, F(1.0f) / (a * F(scale)), F(0.0f)));
+        nearest = select(take, min(nearest, middle - half), nearest);
+        if constexpr (Candidate::per_particle) least = select(take, min(least, shortest), least);
         return take;
     };
-    // The ellipsoid itself: in the space that its matrix maps to it is a ball, and the bundle not wider than its radius
-    // over the shortest axis.
+    const auto meets_ball = [&](const B& present, const F& x, const F& y, const F& z, const F& a) {
+        const F s = x * F(d.x) + y * F(d.y) + z * F(d.z);
+        const F grown = a + radius_at(walk.bundle, F(walk.z0) + s + a);
+        return meets(present, a, s, grown * grown - (x * x + y * y + z * z - s * s), a);
+    };
+    // In the space that its matrix maps to an ellipsoid is a ball, and the bundle not wider than its radius over the
+    // shortest axis.
     const auto meets_ellipsoid = [&](const B& present, const F& x, const F& y, const F& z, const F& a, std::uint32_t first) {
-        B take = meets(present, x, y, z, a);
-        if constexpr (PerParticle) {
-            const SortedParticles& all = walk.particles;
-            if (!all.shortest || !g.any(take)) return take;
-            const auto m = [&](int k) { return g.map([&](int lane) { return all.stretch[6 * (first + std::size_t(lane)) + k]; }); };
-            const Sym3<F> matrix{m(0), m(1), m(2), m(3), m(4), m(5)};
-            const Vec3<F> p = matrix * Vec3<F>{x, y, z}, q = matrix * Vec3<F>{F(d.x), F(d.y), F(d.z)};
-            const F s = x * F(d.x) + y * F(d.y) + z * F(d.z), sharp = F(1.0f) / g.load_run(all.shortest + first);
-            const F reach = F(1.001f) + sharp * radius_at(walk.bundle, F(walk.z0) + s + a), pq = dot(p, q), pp = dot(p, p);
-            take = take & (pp - pq * pq / dot(q, q) <= reach * reach + F(1e-5f) * pp);
-            least = min(least, select(take, F(1.0f) / sharp, least));
-        }
-        return take;
+        const SortedParticles& all = walk.particles;
+        const auto m = [&](int k) { return g.map([&](int lane) { return all.stretch[6 * (first + std::size_t(lane)) + k]; }); };
+        const Sym3<F> matrix{m(0), m(1), m(2), m(3), m(4), m(5)};
+        const Vec3<F> p = matrix * Vec3<F>{x, y, z}, q = matrix * Vec3<F>{F(d.x), F(d.y), F(d.z)};
+        const F s = x * F(d.x) + y * F(d.y) + z * F(d.z), shortest = all.shortest ? g.load_run(all.shortest + first) : a * F(1.0f / all.most_stretch);
+        const F reach = F(1.001f) + quick_quotient(radius_at(walk.bundle, F(walk.z0) + s + a), shortest);
+        const F pp = dot(p, p), by = quick_quotient(F(1.0f), dot(q, q)), middle = dot(p, q) * by;
+        return meets(present, a, middle, (reach * reach + F(1e-5f) * pp - pp) * by + middle * middle, shortest);
+    };
+    const auto takes = [&](const B& present, const F& x, const F& y, const F& z, const F& a, std::uint32_t first) {
+        if constexpr (Candidate::ellipsoid) return meets_ellipsoid(present, x, y, z, a, first);
+        else if (Candidate::per_particle && walk.particles.stretch) return meets_ellipsoid(present, x, y, z, a, first);
+        else return meets_ball(present, x, y, z, a);
     };
     int n = 0;
     bool room = true;
@@ -175,13 +206,12 @@ GB_FN Gathered gather(Walk<PerParticle, Group, Tree>& walk, float dz, float scal
             return met & near;
         },
         [&](const B& leaves, const F&, const Boxes<Group>& boxes) {
-            room = list_particles(g, walk.scratch, walk.particles, walk.at, scale, leaves, boxes, n, meets_ellipsoid);
+            room = list_particles(g, walk.scratch, walk.particles, walk.at, scale, leaves, boxes, n, takes);
             return room;
         });
     g.sync();
     if (!room) return {-1};
-    return {n, walk.z0 + g.smallest(next), walk.z0 + g.smallest(nearest),
-            !PerParticle ? 1.0f : walk.particles.shortest ? 1.0f / (g.smallest(least) * scale) : g.largest(sharpest) * walk.particles.most_stretch};
+    return {n, walk.z0 + g.smallest(next), walk.z0 + g.smallest(nearest), Candidate::per_particle ? 1.0f / (g.smallest(least) * scale) : 1.0f};
 }
 
 }  // namespace globule::core

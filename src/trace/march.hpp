@@ -84,13 +84,38 @@ GB_FN void add_stretched(Along<F>& sum, const Kernel& kernel, const Sym3<F>& m, 
     add_along<true, Bounds, Tight>(sum, kernel, dot(w, w), dot(w, e) / speed2, speed2, c, lim);
 }
 
+/// As add_stretched, from the square of the matrix.
+template <bool Bounds, class F, class Kernel>
+GB_FN void add_ellipsoid(Along<F>& sum, const Kernel& kernel, const EllipsoidCandidate& of, const Vec3<F>& v, const Vec3<F>& d, const Limits<F>& lim) {
+    const Sym3<F> form = of.template form_as<F>();
+    const Vec3<F> w = form * v;
+    const F x = dot(v, w), along = dot(d, w), c(of.weight);
+    if constexpr (Bounds && !Kernel::linear_rise) {
+        const F speed2 = dot(d, form * d);
+        add_along<true, true, false>(sum, kernel, x, quick_quotient(along, speed2), speed2, c, lim);
+        return;
+    }
+    F b, db;
+    kernel(min(x, F(1)), b, db);
+    sum.f += c * b;
+    sum.slope += c * db * along;
+    if constexpr (Bounds) {  // as in add_along, u and A times the speed: no division
+        const F speed2 = dot(d, form * d), end = along + speed2 * lim.window;
+        const F near = max(max(along, -end), F(0)), A = speed2 * (F(1) - x) + along * along;
+        const F rise = kernel.rise(max(along * along, end * end), A), most = speed2 * F(kernel.max_fall());
+        const F weight = select(near * near >= A, F(0), abs(c));
+        sum.rise += weight * select(c * lim.sign > F(0), rise, most);
+        sum.fall += weight * speed2;
+    }
+}
+
 /// Candidates from the tile's list.
-template <bool PerParticle, class Group, class Kernel>
+template <class Candidate, class Group, class Kernel>
 struct ListSource {
     using F = typename Group::F;
     using B = typename Group::B;
     Group& g;
-    TileScratch<Group, PerParticle>& scratch;
+    TileScratch<Group, Candidate>& scratch;
     int n;
     Kernel kernel;
     Vec3<F> p0, d;
@@ -106,21 +131,20 @@ struct ListSource {
             for (int j = first; j < n; j += stride) {
                 const float3 q = scratch.list.point(j);
                 const Vec3<F> v{p.x - F(q.x), p.y - F(q.y), p.z - F(q.z)};
-                if constexpr (Kernel::stretched)
-                    add_stretched<Bounds, false>(mine, kernel, kernel.template matrix<F>(scratch.list.number(j)), v, along,
-                                                 F(scratch.shape[j].weight), of_ray);
-                else if constexpr (PerParticle)
+                if constexpr (Candidate::ellipsoid) {
+                    const EllipsoidCandidate of = scratch.shape[j];
+                    add_ellipsoid<Bounds>(mine, kernel, of, v, along, of_ray);
+                } else if constexpr (Candidate::per_particle)
                     add<true, Bounds, false>(mine, kernel, v, along, F(scratch.shape[j].inverse_a2), F(scratch.shape[j].weight), of_ray);
                 else
                     add<false, Bounds, false>(mine, kernel, v, along, F(1), F(1), of_ray);
             }
         });
         sum.slope = F(2) * sum.slope;
-        if constexpr (!PerParticle && Bounds) {
-            // 8: b falls at most so much per unit A, and no faster where the window leaves it.
+        // 8: b falls at most so much per unit A, and no faster where the window leaves it.
+        if constexpr (Bounds && (!Candidate::per_particle || (Candidate::ellipsoid && Kernel::linear_rise)))
             sum.fall = F(max(8.0f, kernel.max_fall())) * sum.fall;
-            sum.rise = select(lim.sign > F(0), sum.rise, sum.fall);
-        }
+        if constexpr (Bounds && !Candidate::per_particle) sum.rise = select(lim.sign > F(0), sum.rise, sum.fall);
         return sum;
     }
 };

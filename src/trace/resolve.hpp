@@ -9,11 +9,14 @@
 
 namespace globule::core {
 
+template <class Group, bool PerParticle>
+using ResolveScratch = TileScratch<Group, std::conditional_t<PerParticle, BallCandidate, AlikeCandidate>>;
+
 /// The list's particles in float64 and world units, shared out among the lanes.
 template <bool PerParticle, class Group>
 struct SharedListSource {
     Group& g;
-    const TileScratch<Group, PerParticle>& scratch;
+    const ResolveScratch<Group, PerParticle>& scratch;
     int n;
     const SortedParticles& particles;
     AnyKernel kernel;
@@ -56,7 +59,7 @@ struct TreeSource {
 template <class Tree, bool PerParticle>
 struct ResolveRays {
     template <class Group>
-    using Scratch = TileScratch<Group, PerParticle>;
+    using Scratch = ResolveScratch<Group, PerParticle>;
 
     Tree tree;
     SortedParticles particles;

@@ -8,14 +8,17 @@
 
 namespace globule::core {
 
-inline constexpr float kSlab = 1.5f;    ///< depth of a slab to begin with, in typical supports
+inline constexpr float kSlab = 1.5f;    ///< depth of a slab to begin with, in typical supports, where particles are balls
 inline constexpr float kSpread = 8.0f;  ///< of a flock to begin with, likewise
 
 template <class Tree, class Kernel, bool PerParticle>
 struct TraceTiles {
     static constexpr int tile_blocks = PerParticle ? 4 : 5;  ///< of tiles at one time on a GPU's processor
+    static constexpr int tiles_of_block = Kernel::stretched ? 1 : 4;
+    static constexpr float slab_depth = Kernel::stretched ? 1.25f : kSlab, window = Kernel::stretched ? 0.75f : kWindow;
+    using Candidate = std::conditional_t<Kernel::stretched, EllipsoidCandidate, std::conditional_t<PerParticle, BallCandidate, AlikeCandidate>>;
     template <class Group>
-    using Scratch = TileScratch<Group, PerParticle>;
+    using Scratch = TileScratch<Group, Candidate>;
 
     Tree tree;
     SortedParticles particles;
@@ -58,9 +61,9 @@ private:
     /// Takes a flock slab by slab to where each of its rays has hit or been left, or nothing lies ahead.
     template <class Group>
     GB_FN void trace(Group& g, Scratch<Group>& scratch, Tile<Group>& tile, Flock<Group>& flock, float typical) const {
-        Slab slab(flock.assemble(g, tile), typical, kSlab);
+        Slab slab(flock.assemble(g, tile), typical, slab_depth);
         {
-            Walk<PerParticle, Group, Tree> walk(g, scratch, tree, particles, flock.bundle, slab.z, flock.bundle.axis_point(slab.z));
+            Walk<Candidate, Group, Tree> walk(g, scratch, tree, particles, flock.bundle, slab.z, flock.bundle.axis_point(slab.z));
             tile.advance(flock.in, slab.z = seek(walk));
         }
         while (slab.z < infinity()) {
@@ -76,7 +79,7 @@ private:
             }
             if (found.n > 0) tile.advance(flock.in, found.nearest);
             if (!pass(g, scratch, tile, flock, found, slab)) return;
-            slab.step(typical / found.sharpest, 4 * found.n < Group::list_capacity);
+            slab.step(typical / found.sharpest, 4 * found.n < scratch.capacity);
         }
     }
 
@@ -107,10 +110,11 @@ private:
         using B = typename Group::B;
         const float typical = slab.typical, scale = 1.0f / typical;  // lengths are scaled by it
         const Vec3<F> p0 = entry(tile, v, slab, scale), d = tile.d[v];
-        const ListSource<PerParticle, Group, Kernel> source{g, scratch, found.n, kernel, p0, d};
+        const ListSource<Candidate, Group, Kernel> source{g, scratch, found.n, kernel, p0, d};
         const float heaviest = PerParticle ? tree.header->most_weight : 1.0f;
-        const float sharp = max(1.0f, found.sharpest);  // where float32's error is largest
-        Limits<F> lim{F(tau), F(kWindow / found.sharpest), F(5e-6f * (heaviest + tau) * sharp), F(2e-5f / found.sharpest), F(1.0f)};
+        // Where float32's error is largest; a form's is that of a matrix squared.
+        const float steep = max(1.0f, found.sharpest), sharp = Candidate::ellipsoid ? steep * steep : steep;
+        Limits<F> lim{F(tau), F(window / found.sharpest), F(5e-6f * (heaviest + tau) * sharp), F(2e-5f / found.sharpest), F(1.0f)};
         F t = max((tile.t[v] - F(slab.z)) * F(scale), F(0.0f));
         const B unknown = tile.fresh[v] & active;
         if (g.any(unknown)) {
@@ -189,9 +193,8 @@ private:
     /// Of the list's j-th particle, r from its centre.
     template <class F, class Scratch>
     GB_FN Influence<F> influence_of(const Scratch& scratch, int j, const Vec3<F>& r) const {
-        const F c(PerParticle ? scratch.shape[j].weight : 1.0f);
-        if constexpr (Kernel::stretched) return influence(kernel, Ellipsoid<F>{kernel.template matrix<F>(scratch.list.number(j))}, r, c);
-        else return influence(kernel, Ball<F>{F(PerParticle ? scratch.shape[j].inverse_a2 : 1.0f)}, r, c);
+        if constexpr (Candidate::ellipsoid) return influence(kernel, Form<F>{scratch.shape[j].template form_as<F>()}, r, F(scratch.shape[j].weight));
+        else return influence(kernel, Ball<F>{F(scratch.shape[j].inverse_a2)}, r, F(scratch.shape[j].weight));
     }
 };
 
