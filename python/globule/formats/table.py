@@ -144,7 +144,7 @@ def _assemble(
         name = names[i] or f"column{i + 1}"
         if name in columns:
             raise bad(path, "line 1", f"expected different column names, got {shown(name)} twice")
-        columns[name] = _whole_numbers(rows[:, column], words[i])
+        columns[name] = whole_numbers(rows[:, column], words[i])
     arrays = join_columns(columns)
     points = find_positions(arrays)
     if points is None:
@@ -152,7 +152,7 @@ def _assemble(
     return particles_from(path, points, arrays)
 
 
-def _whole_numbers(column: np.ndarray, first_word: str) -> np.ndarray:
+def whole_numbers(column: np.ndarray, first_word: str) -> np.ndarray:
     if not first_word.lstrip("+-").isdigit():
         return column
     exact = (np.abs(column) < 2.0**53) & (column == np.rint(column))

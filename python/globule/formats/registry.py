@@ -1,0 +1,106 @@
+"""The readers of particle files: one line each.
+
+A reader is a module with `read(path, **options)` that returns Particles or Contents. Other packages
+add readers by an entry point of the group `globule.readers` that names a `Format`.
+"""
+
+from __future__ import annotations
+
+import functools
+import importlib
+import warnings
+from importlib import metadata
+from typing import Any, NamedTuple
+
+GROUP = "globule.readers"  # of entry points
+
+
+class Format(NamedTuple):
+    r"""A format of particle files.
+
+    name      in lower case, unique: "gsd"
+    module    its reader's module: ".gsd" within globule.formats, or "package.module"
+    endings   of file names, in lower case: (".gsd",)
+    content   regular expression, in bytes, that the beginning of such a file matches; b"": none,
+              so that the ending alone decides
+    function  of the module: function(path, **options) -> Particles or Contents
+    writes    whether `write(path, particles)` of the module writes it
+    kind      "particles", or "mesh" for vertices with faces
+    options   names of the reader's options
+    about     what `globule info` calls the format
+    """
+
+    name: str
+    module: str
+    endings: tuple[str, ...] = ()
+    content: bytes = b""
+    function: str = "read"
+    writes: bool = False
+    kind: str = "particles"
+    options: tuple[str, ...] = ()
+    about: str = ""
+
+
+def _vtk(kind: bytes) -> bytes:
+    """What a VTK XML file of some type begins with."""
+    return rb"\s*<[\s\S]{0,4000}?VTKFile\b[^>]*?\btype *= *[\"']" + kind + rb"[\"']"
+
+
+# fmt: off
+FORMATS = (
+    Format("text", ".text", (".txt", ".dat"), writes=True, about="nine-column text"),
+    Format("vtk", ".vtk_legacy", (".vtk",), b"# vtk DataFile", writes=True, about="legacy VTK"),
+    Format("vtp", ".vtk_xml", (".vtp",), writes=True, about="VTK XML PolyData"),
+    Format("vtu", ".vtk_xml", (".vtu",), writes=True, about="VTK XML UnstructuredGrid"),
+    Format("bgeo", ".bgeo", (".bgeo", ".bgeo.gz"), b"BgeoV", writes=True,
+           about="Houdini classic geometry"),
+    Format("ply", ".ply", (".ply",), writes=True, options=("spacing",), about="Stanford PLY"),
+    Format("xyz", ".table", (".xyz",), function="read_xyz", writes=True,
+           about="table, blank-separated"),
+    Format("csv", ".table", (".csv",), function="read_csv", writes=True,
+           about="table, comma-separated"),
+    Format("npz", ".numpy_format", (".npz",), function="read_npz", writes=True,
+           about="NumPy archive"),
+    Format("npy", ".numpy_format", (".npy",), function="read_npy", writes=True,
+           about="NumPy array"),
+    Format("obj", ".mesh", (".obj",), kind="mesh", options=("spacing",), about="Wavefront mesh"),
+    Format("stl", ".mesh", (".stl",), kind="mesh", options=("spacing",), about="STL mesh"),
+    Format("glb", ".mesh", (".glb",), kind="mesh", options=("spacing",),
+           about="glTF mesh, binary"),
+    Format("hdf5", ".hdf5", (".h5", ".hdf5", ".hdf", ".h5part", ".vtkhdf"), rb"\x89HDF\r\n",
+           options=("frame", "species", "columns"), about="HDF5"),
+)
+# fmt: on
+
+
+@functools.cache
+def formats() -> tuple[Format, ...]:
+    """The formats of globule, and behind them those of other packages that are installed.
+
+    An entry point that cannot be loaded, or takes a name that is there, is passed over with a
+    warning.
+    """
+    found = list(FORMATS)
+    for point in metadata.entry_points(group=GROUP):
+        try:
+            new = point.load()
+            if not isinstance(new, Format):
+                raise TypeError(f"expected a globule.formats.Format, got {type(new).__name__}")
+            if new.name in {f.name for f in found}:
+                raise ValueError(f"expected a name of its own, got {new.name!r}")
+        except Exception as error:
+            warnings.warn(f"reader {point.name} ({point.value}): {error}", stacklevel=2)
+            continue
+        found.append(new)
+    return tuple(found)
+
+
+def format_named(name: str) -> Format:
+    """The format of a name. Raises KeyError."""
+    return {f.name: f for f in formats()}[name]
+
+
+def function_of(form: Format, name: str = "") -> Any:
+    """A function of a format's module: its reader, or the one called `name`."""
+    package = __name__.rpartition(".")[0]
+    return getattr(importlib.import_module(form.module, package), name or form.function)
