@@ -1,11 +1,12 @@
-"""A program of its own that opens files with libraries of others: SimpleITK, OpenEXR, h5py and more.
+"""A program of its own that opens files with libraries of others: SimpleITK, OpenEXR, h5py.
 
 `guarded.py` starts it, with limits of memory and time: a damaged file may end this program and
 nothing else. It knows nothing of globule. Words: the task, the path, bytes of memory for the
 header and for all, seconds.
 
 It prints a line of JSON with the size that the file claims, waits for a line with a request, then
-prints a line of JSON with facts and the arrays' types, and the arrays. What goes wrong is a line {"error": …}.
+prints a line of JSON with facts and the arrays' types, and the arrays. What goes wrong is a line
+{"error": …}.
 """
 
 from __future__ import annotations
@@ -220,4 +221,5 @@ def _attributes(item: Any) -> dict:
 
 
 if __name__ == "__main__":
+    del sys.path[0]  # this folder: its modules are not those of others with the same name
     main(sys.argv[1], sys.argv[2], *map(int, sys.argv[3:]))

@@ -9,7 +9,8 @@ anisotropy with nine components) is that field. Where there is none of that name
     radius, pscale                              give support = 4 radius: a particle's radius is
                                                 half the spacing, the support two spacings.
 
-Where the support comes from a smoothing length, mass and density give the weight: see `_derive_weight`.
+Where the support comes from a smoothing length, mass and density give the weight; see
+`_derive_weight`.
 
 The array that a support came from stays an attribute; a fourth color component becomes the
 attribute `alpha`. All else is an attribute under its own name. An array that is named like a
@@ -237,8 +238,8 @@ def _derive_weight(fields: dict[str, Any], attributes: dict[str, np.ndarray], n:
     """weight = 8 m / (rho R^3), with the support R.
 
     In SPH a particle stands for the volume m / rho, and a kernel of support R is scaled by 1 / R^3
-    (Monaghan 2005, eq. 2.8). A particle whose volume is the cube of half its support, as the default
-    support of two spacings has it, gets the weight 1.
+    (Monaghan 2005, eq. 2.8). A particle whose volume is the cube of half its support, as the
+    default support of two spacings has it, gets the weight 1.
     """
     lower = {name.lower(): name for name in attributes}
     found = []

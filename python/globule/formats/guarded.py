@@ -1,8 +1,8 @@
 """Files that only a library can read are read by a process of their own, with limits.
 
-Libraries for DICOM, OpenEXR, HDF5, USD and Parquet are large and old, and a damaged file may crash them. `decode` runs
-`decoder.py`: its crash is a FormatError here. The size that the file claims is checked here, before
-anything is decoded.
+Libraries for DICOM, OpenEXR and HDF5 are large and old, and a damaged file may crash them. `decode`
+runs `decoder.py`: its crash is a FormatError here. The size that the file claims is checked here,
+before anything is decoded.
 """
 
 from __future__ import annotations

@@ -170,7 +170,7 @@ def h5part(tree: Tree, _: str | None, pick: PickFrame) -> Layout | None:
 
 
 def pysph(tree: Tree, species: str | None, _: PickFrame) -> Layout | None:
-    """PySPH: /particles/NAME/arrays and /solver_data; the support is 2 h (cubic spline, Wendland)."""
+    """PySPH: /particles/NAME/arrays and /solver_data; the support is 2 h."""
     groups = [k for k in tree.children("/particles") if f"/particles/{k}/arrays" in tree]
     if not groups:
         return None
@@ -227,7 +227,7 @@ def openpmd(tree: Tree, species: str | None, pick: PickFrame) -> Layout | None:
 
 
 def vtkhdf(tree: Tree, _: str | None, pick: PickFrame) -> Layout | None:
-    """VTKHDF: PolyData or UnstructuredGrid, in pieces, over time ("VTKHDF File Format", Kitware)."""
+    """VTKHDF: PolyData or UnstructuredGrid, in pieces, over time ("VTKHDF File Format")."""
     if "/VTKHDF" not in tree:
         return None
     kind = tree.attributes("/VTKHDF").get("Type", "")

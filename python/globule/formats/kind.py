@@ -238,7 +238,7 @@ def _in_folder(path: str | os.PathLike[str]) -> Kind:
 
 def _in_text(text: str, ending: Kind | None) -> Kind | None:
     lines = [line.strip() for line in text.splitlines()[:_LINES]]
-    lines = [line for line in lines if line and not line.startswith("#")]
+    lines = [line for line in lines if line and not line.startswith(("#", "%"))]
     if not lines:
         return None
     if lines[0].split()[0].lower() == "solid" and "facet" in text:
@@ -248,15 +248,18 @@ def _in_text(text: str, ending: Kind | None) -> Kind | None:
         return Kind("mesh", "obj")
     if "=" in lines[0] or lines[0].startswith("["):
         return Kind("scene", "toml") if _is_toml(text) else None
-    return _in_table(lines, ending)
+    found = _in_table(lines, ending)
+    percent = text.lstrip().startswith("%")  # a comment of MATLAB's tables
+    return Kind("particles", "csv") if found and percent else found
 
 
 def _in_table(lines: list[str], ending: Kind | None) -> Kind | None:
     """The format of a table of numbers."""
     rows = [line.split("#")[0].split() for line in lines[:3]]
     named = ending.format if ending else ""
-    if any("," in line for line in lines[:2]):
-        cells = [line.split(",") for line in lines[:2]]
+    mark = next((m for m in ",;" if any(m in line for line in lines[:2])), "")
+    if mark:
+        cells = [line.split(mark) for line in lines[:2]]
         return Kind("particles", "csv") if _n_numbers(cells[-1]) >= _FEWEST_COLUMNS else None
     if len(rows[0]) == 1 and rows[0][0].isdigit():  # a count: nine columns follow, or a title
         nine = len(rows) > 1 and len(rows[1]) == _n_numbers(rows[1]) == _TEXT_COLUMNS

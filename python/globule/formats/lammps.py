@@ -37,7 +37,9 @@ _MOST_HEADER = 200  # lines
 def read_dump(path: str | os.PathLike[str], frame: int = 0) -> Contents:
     """Read a frame of a text dump. Raises FormatError naming the line."""
     lines = text_lines(path)
-    starts = [i for i, line in enumerate(lines) if line.startswith("ITEM: TIMESTEP")]
+    starts = [
+        _first_item(lines, i) for i, line in enumerate(lines) if line.startswith("ITEM: TIMESTEP")
+    ]
     if not starts:
         raise bad(path, "line 1", "expected ITEM: TIMESTEP, got none")
     i = frame_index(path, frame, len(starts))
@@ -58,8 +60,8 @@ def read_dump(path: str | os.PathLike[str], frame: int = 0) -> Contents:
     if "TIME" in items:
         time = _number(lines, items["TIME"])
     units = {}
-    if "UNITS" in items and items["UNITS"] < len(lines):
-        units = {"positions": f"LAMMPS {lines[items['UNITS']].strip()[:20]}"}
+    if lines[0].startswith("ITEM: UNITS"):  # once, before the first frame
+        units = {"positions": f"LAMMPS {lines[1].strip()[:20]}"}
     return _contents(path, f"line {at + 1}", columns, box, units, time, len(starts))
 
 
@@ -95,6 +97,13 @@ def read_data(path: str | os.PathLike[str]) -> Contents:
     return _contents(path, f"line {at + 1}", columns, box, {}, None, 1)
 
 
+def _first_item(lines: list[str], i: int) -> int:
+    """Where a frame begins, whose ITEM: TIMESTEP is line i: TIME and UNITS come before it."""
+    while i >= 2 and lines[i - 2].strip() in ("ITEM: TIME", "ITEM: UNITS"):
+        i -= 2
+    return i
+
+
 def _items(lines: list[str], begin: int, end: int) -> tuple[dict, dict]:
     """ITEM: name -> the line behind it; and name -> (its line, what follows the name)."""
     values, sections = {}, {}
@@ -105,7 +114,7 @@ def _items(lines: list[str], begin: int, end: int) -> tuple[dict, dict]:
             i += 1
             continue
         title = line[6:].strip()
-        names = ("TIMESTEP", "TIME", "UNITS", "NUMBER OF ATOMS", "BOX BOUNDS", "ATOMS")
+        names = ("TIMESTEP", "TIME", "NUMBER OF ATOMS", "BOX BOUNDS", "ATOMS")
         for name in names:
             if title == name or title.startswith(name + " "):
                 values[name], sections[name] = i + 1, (i, title[len(name) :].strip())
