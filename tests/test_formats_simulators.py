@@ -1,4 +1,4 @@
-"""Files of simulation programs: GSD, LAMMPS, extended XYZ, DualSPHysics, VTK collections, tables."""
+"""Files of simulation programs: GSD, LAMMPS, extended XYZ, DualSPHysics, VTK, tables."""
 
 from __future__ import annotations
 
@@ -145,7 +145,7 @@ def test_lammps_data_of_spheres(tmp_path):
 @pytest.mark.interop
 def test_extended_xyz_by_ase(tmp_path):
     ase = pytest.importorskip("ase")
-    import ase.io
+    ase_io = pytest.importorskip("ase.io")
 
     frames = []
     for i in range(2):
@@ -155,7 +155,7 @@ def test_extended_xyz_by_ase(tmp_path):
         atoms.set_array("radius", RADII.astype(float))
         atoms.set_array("kind", np.arange(N) + i)
         frames.append(atoms)
-    ase.io.write(tmp_path / "a.xyz", frames, format="extxyz")
+    ase_io.write(tmp_path / "a.xyz", frames, format="extxyz")
     got = read_contents(tmp_path / "a.xyz", frame=1)
     assert got.n_frames == 2
     assert got.box.periodic == (True, True, False)
@@ -163,7 +163,7 @@ def test_extended_xyz_by_ase(tmp_path):
     assert close(got.particles.support, 4 * RADII)
     assert np.array_equal(got.particles.attributes["kind"], np.arange(N) + 1)
     del frames[0].arrays["radius"]
-    ase.io.write(tmp_path / "b.xyz", frames[0], format="extxyz")
+    ase_io.write(tmp_path / "b.xyz", frames[0], format="extxyz")
     assert close(gb.read(tmp_path / "b.xyz").support[:2], [4 * 0.66, 4 * 0.31])  # Cordero 2008
 
 

@@ -140,6 +140,9 @@ def __dir__() -> list[str]:
 
 
 _sources.readers.append(lambda path: __getattr__("read")(path))
+_sources.converters.append(
+    lambda value: _import_module(".formats.objects", __name__).particles_of(value)
+)
 _mesh.readers.append(lambda path: _import_module(".formats.triangles", __name__).read(path))
 
 __version__ = _core.version

@@ -74,11 +74,11 @@ def _with_places(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     lower = {name.lower(): name for name in reversed(list(found))}
     axes = [lower[axis] for axis in "xyz" if axis in lower]
     shapes = {found[name].shape for name in axes}
-    if axes and [name.lower() for name in axes][:2] == ["x", "y"] and len(shapes) == 1:
-        if len(*shapes) == 1 and all(found[name].dtype.kind in "biuf" for name in axes):
-            parts = [found.pop(name) for name in axes]
-            parts += [np.zeros(len(parts[0]))] * (3 - len(parts))
-            found["positions"] = np.stack(parts, axis=1)
+    plain = all(found[name].ndim == 1 and found[name].dtype.kind in "biuf" for name in axes)
+    if {"x", "y"} <= lower.keys() and len(shapes) == 1 and plain:
+        parts = [found.pop(name) for name in axes]
+        parts += [np.zeros(len(parts[0]))] * (3 - len(parts))
+        found["positions"] = np.stack(parts, axis=1)
     return found
 
 

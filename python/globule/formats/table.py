@@ -234,6 +234,8 @@ def _assemble(
 
 
 def whole_numbers(column: np.ndarray, first_word: str) -> np.ndarray:
+    """A column (N,) float64, as int64 where all are whole and the first is written without a
+    point."""
     if not first_word.lstrip("+-").isdigit():
         return column
     exact = (np.abs(column) < 2.0**53) & (column == np.rint(column))

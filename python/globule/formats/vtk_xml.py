@@ -1,8 +1,8 @@
 """VTK XML files: .vtp (PolyData) and .vtu (UnstructuredGrid).
 
 Points and point data of all pieces are read; cells are passed over. Data arrays may be ascii,
-binary (base64), or appended (raw or base64), plain or compressed with zlib, lz4 or lzma. Follows "VTK File
-Formats" (Kitware), "XML File Formats".
+binary (base64), or appended (raw or base64), plain or compressed with zlib, lz4 or lzma. Follows
+"VTK File Formats" (Kitware), "XML File Formats".
 """
 
 from __future__ import annotations
