@@ -199,7 +199,7 @@ def _walk(h5py: Any, group: Any, name: str, tree: dict, depth: int) -> None:
 
 def _attributes(item: Any) -> dict:
     """The attributes that are texts or a few numbers."""
-    found = {}
+    found: dict[str, Any] = {}
     for name in item.attrs:
         try:
             value = item.attrs[name]
