@@ -112,9 +112,14 @@ def _simulators() -> list[str]:
         f"data\n\n{made.N} atoms\n0 1 xlo xhi\n0 1 ylo yhi\n0 1 zlo zhi\n\nAtoms # atomic\n\n"
         + atoms
     )
+    numbers = " ".join(f"{v:.6f}" for v in made.INSIDE.ravel())
+    Path("a.xdmf").write_text(
+        '<Xdmf><Domain><Grid><Time Value="1"/><Geometry GeometryType="XYZ"><DataItem Format="XML" '
+        f'Dimensions="{made.N} 3">{numbers}</DataItem></Geometry></Grid></Domain></Xdmf>'
+    )
     for name, content in made.TABLES.items():
         Path(f"{name}.csv").write_text(content)
-    names = ["a.dump", "a.bi4", "a.pvd", "a.vtp.series", "a.extxyz", "a.lmp"]
+    names = ["a.xdmf", "a.dump", "a.bi4", "a.pvd", "a.vtp.series", "a.extxyz", "a.lmp"]
     names += [f"{name}.csv" for name in made.TABLES]
     return [*names, *_by_libraries()]
 

@@ -204,6 +204,43 @@ def test_vtkhdf_over_time(tmp_path):
     assert np.array_equal(got.particles.attributes["mass"], (MASS + np.arange(N))[10:])
 
 
+@pytest.mark.interop
+@pytest.mark.parametrize("how", ["HDF", "XML"])
+def test_xdmf_by_meshio(tmp_path, monkeypatch, how):
+    meshio = pytest.importorskip("meshio")
+    monkeypatch.chdir(tmp_path)
+    data = {"mass": MASS, "velocity": VELOCITY.astype(float)}
+    cells = [("vertex", np.arange(N)[:, None])]
+    mesh = meshio.Mesh(POSITIONS, cells, point_data=data)
+    meshio.write("a.xdmf", mesh, data_format=how)
+    particles = gb.read("a.xdmf")
+    assert np.allclose(particles.positions, POSITIONS, atol=1e-6)
+    assert np.array_equal(particles.attributes["mass"], MASS)
+    assert particles.attributes["velocity"].shape == (N, 3)
+    if how == "HDF":
+        Path("a.xdmf").write_text(Path("a.xdmf").read_text().replace("a.h5:", "../b.h5:"))
+        with pytest.raises(FormatError, match=r"a\.xdmf: expected a file below the same folder"):
+            gb.read("a.xdmf")
+
+
+def test_xdmf_over_time(tmp_path):
+    grids = ""
+    with h5py.File(tmp_path / "run.h5", "w") as file:
+        for i in range(2):
+            file[f"{i}/x"], file[f"{i}/h"] = POSITIONS + i, H
+            grids += (
+                f'<Grid><Time Value="{i / 2}"/><Geometry GeometryType="XYZ"><DataItem Format="HDF" '
+                f'Dimensions="{N} 3">run.h5:/{i}/x</DataItem></Geometry><Attribute Name="h" '
+                f'Center="Node"><DataItem Format="HDF">run.h5:/{i}/h</DataItem></Attribute></Grid>'
+            )
+    text = f'<Xdmf><Domain><Grid CollectionType="Temporal">{grids}</Grid></Domain></Xdmf>'
+    (tmp_path / "run.xmf").write_text(text)
+    got = read_contents(tmp_path / "run.xmf", frame=-1)
+    assert (got.n_frames, got.time) == (2, 0.5)
+    assert np.array_equal(got.particles.positions, (POSITIONS + 1).astype(np.float32))
+    assert np.array_equal(got.particles.support, 2 * H)
+
+
 def test_columns_name_the_data_sets(tmp_path):
     with h5py.File(tmp_path / "own.h5", "w") as file:
         file["run/where"] = POSITIONS[:, :2]

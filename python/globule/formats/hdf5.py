@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -44,13 +44,27 @@ def read(
     Raises FormatError for data of an unknown layout, ValueError for a frame or species that the
     file does not have, MissingPackageError without h5py.
     """
+    layout, arrays = _read(path, lambda tree: _layout(tree, frame, species, columns))
+    return _contents(path, layout, arrays)
+
+
+def read_arrays(path: str | os.PathLike[str], places: Mapping[str, str]) -> dict[str, np.ndarray]:
+    """The data sets at places of a file, by a name of one's own. Raises FormatError."""
+
+    def layout(tree: Tree) -> Layout:
+        return Layout({k: [tree.source("/" + p.strip("/"))] for k, p in places.items()})
+
+    return _read(path, layout)[1]
+
+
+def _read(path: Any, layout_of: Callable[[Tree], Layout]) -> tuple[Layout, dict[str, np.ndarray]]:
     need("h5py", "h5py", "formats")
     layout = Layout({})
 
     def choose(claim: dict) -> tuple[float, Any]:
         nonlocal layout
         tree = Tree(path, claim["tree"])
-        layout = _layout(tree, frame, species, columns)
+        layout = layout_of(tree)
         size, request = 0.0, []
         for source in layout.sources():
             size += _n_bytes(tree, source)
@@ -70,7 +84,7 @@ def read(
                 part = next(coming) if offset < 0 else _from_file(tree, source, offset, file)
                 parts.append(part * source.scale + source.shift if source.converted else part)
             arrays[name] = parts[0] if len(parts) == 1 else np.stack(parts, axis=1)
-    return _contents(path, layout, arrays)
+    return layout, arrays
 
 
 def _layout(tree: Tree, frame: int, species: str | None, columns: Any) -> Layout:

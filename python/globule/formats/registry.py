@@ -88,6 +88,8 @@ FORMATS = (
            function="read_pieces", about="VTK XML UnstructuredGrid in pieces"),
     Format("series", ".vtk_collections", (".series",), rb"\s*\{\s*[\"']file-series-version",
            function="read_series", options=("frame",), about="VTK file series"),
+    Format("xdmf", ".xdmf", (".xdmf", ".xmf"), rb"\s*<[\s\S]{0,2000}?Xdmf\b", options=("frame",),
+           about="XDMF"),
     Format("hdf5", ".hdf5", (".h5", ".hdf5", ".hdf", ".h5part", ".vtkhdf"), rb"\x89HDF\r\n",
            options=("frame", "species", "columns"), about="HDF5"),
 )

@@ -96,7 +96,7 @@ def _joined(path: Any, names: Iterable[str], rank: int) -> Particles:
     if len(names) > _MOST_FILES:
         raise bad(path, "", f"expected at most {_MOST_FILES:,} files, got {len(names):,}")
     for name in names:
-        place = _below(path, name)
+        place = below(path, name)
         held += os.path.getsize(place)
         if len(names) > 1:  # all of them together, and once more when they are joined
             check_size(path, name, held, held, 2.0)
@@ -110,8 +110,11 @@ def _joined(path: Any, names: Iterable[str], rank: int) -> Particles:
     return join(parts)
 
 
-def _below(path: Any, name: str) -> str:
-    """A file of the collection; it lies below the collection's folder."""
+def below(path: Any, name: str) -> str:
+    """The place of a file that a collection names; it lies below the collection's folder.
+
+    Raises FormatError.
+    """
     folder = os.path.realpath(os.path.dirname(os.fspath(path)))
     place = os.path.realpath(os.path.join(folder, name)) if "\0" not in name else ""
     inside = place.startswith(os.path.join(folder, ""))
