@@ -96,10 +96,10 @@ class ParticlesActor:
         self._texture.MipmapOff()
         self._texture.RepeatOff()
         self._fill(np.full((1, 1, 4), _MISS, np.float32))
-        mapper = vtkPolyDataMapper()
-        mapper.SetInputData(self._window())
+        self._mapper = vtkPolyDataMapper()
+        self._mapper.SetInputData(self._window())
         self.actor = vtkActor()
-        self.actor.SetMapper(mapper)
+        self.actor.SetMapper(self._mapper)
         self.actor.SetTexture(self._texture)
         self.actor.GetProperty().LightingOff()
         self.actor.ForceOpaqueOn()
@@ -122,7 +122,7 @@ class ParticlesActor:
     def refresh(self) -> None:
         """Draw anew at the next frame: the scene was changed."""
         self._version += 1
-        self.actor.GetMapper().SetInputData(self._window())
+        self._mapper.SetInputData(self._window())
 
     def remove(self) -> None:
         """Take the surface out of the window."""

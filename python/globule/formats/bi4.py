@@ -42,17 +42,19 @@ def read(path: str | os.PathLike[str]) -> Contents:
     values, arrays = _Tree(path, data, bool(data[61])).all()
     positions = arrays.pop("Posd", arrays.pop("Pos", None))
     if positions is None or positions.ndim != 2:
-        found = shown(", ".join(arrays) or "none")
-        raise bad(path, "arrays", f"expected Pos or Posd (N, 3), got {found}")
+        names = shown(", ".join(arrays) or "none")
+        raise bad(path, "arrays", f"expected Pos or Posd (N, 3), got {names}")
     n = len(positions)
     found = {_NAMES.get(k, k): array for k, array in arrays.items() if len(array) == n}
     _add_type(values, found)
-    h, n_fluid = values.get("H"), found.get("type")
+    h, kind = values.get("H"), found.get("type")
     if isinstance(h, float) and h > 0 and "h" not in found:
         found["h"] = np.full(n, h, np.float32)
-    masses = [values.get(name) for name in ("MassBound", "MassFluid")]
-    if "mass" not in found and n_fluid is not None and all(isinstance(m, float) for m in masses):
-        found["mass"] = np.where(n_fluid < 3, *masses).astype(np.float32)
+    bound, fluid = values.get("MassBound"), values.get("MassFluid")
+    known = isinstance(bound, float) and isinstance(fluid, float)
+    if "mass" not in found and kind is not None and known:
+        with np.errstate(over="ignore"):
+            found["mass"] = np.where(kind < 3, bound, fluid).astype(np.float32)
     time = values.get("TimeStep")
     particles = particles_from(path, positions, found)
     units = {name: unit for name, unit in _UNITS.items() if name == "positions" or name in found}

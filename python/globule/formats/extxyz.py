@@ -71,7 +71,7 @@ def _arrays(
         raise bad(path, where, f"expected Properties=name:type:columns:…, got {shown(properties)}")
     fields, column = [], 0
     for name, kind, width in zip(parts[::3], parts[1::3], parts[2::3], strict=True):
-        if kind not in ("S", "R", "I", "L") or not width.isdigit() or not 0 < int(width) < 100:
+        if kind not in ("S", "R", "I", "L") or not re.fullmatch("[1-9][0-9]?", width):
             problem = f"expected Properties=name:R:columns, got {shown(f'{name}:{kind}:{width}')}"
             raise bad(path, where, problem)
         fields.append((name, kind, column, int(width)))
@@ -86,16 +86,16 @@ def _arrays(
     arrays: dict[str, np.ndarray] = {}
     words: dict[str, list[str]] = {}
     place = {i: k for k, i in enumerate(numeric)}
-    for name, kind, c, width in fields:
+    for name, kind, c, n in fields:
         if kind == "S":
             words[name] = [row[c] for row in split]
         elif kind == "L":
             arrays[name] = np.array([row[c][:1].upper() == "T" for row in split], bool)
         else:
-            values = table[:, place[c] : place[c] + width]
+            values = table[:, place[c] : place[c] + n]
             if kind == "I":
                 values = np.stack([whole_numbers(v, "0") for v in values.T], axis=1)
-            values = np.ascontiguousarray(values[:, 0] if width == 1 else values)
+            values = np.ascontiguousarray(values[:, 0] if n == 1 else values)
             arrays[name if name == "pos" else _NAMES.get(name, name)] = values
     return arrays, words
 

@@ -146,8 +146,8 @@ def gadget(tree: Tree, species: str | None, _: PickFrame) -> Layout | None:
         else _number(tree.attributes("/Parameters").get("InitialConditions:periodic"), 1.0)
     )
     units = {}
-    for name, (source, *_) in arrays.items():
-        about = tree.attributes(source.place)
+    for name, sources in arrays.items():
+        about = tree.attributes(sources[0].place)
         unit = about.get("Expression for physical CGS units", about.get("Description", ""))
         units[name] = unit if isinstance(unit, str) and "Expression for" in str(about) else ""
     box = _box(np.zeros(3), sizes, [periodic != 0] * 3)

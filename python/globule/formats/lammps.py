@@ -69,15 +69,16 @@ def read_data(path: str | os.PathLike[str]) -> Contents:
     """Read the section Atoms of a data file. Raises FormatError naming the line."""
     lines = text_lines(path)
     plain = [line.partition("#")[0].strip() for line in lines[:_MOST_HEADER]]
-    head = {}
+    head: dict[str, list[str]] = {}
     for line in plain[1:]:
         words = line.split()
-        for width, names in ((1, ("atoms",)), (2, ("xlo", "ylo", "zlo")), (3, ("xy",))):
-            if len(words) > width and words[width] in names:
+        for width, known in ((1, ("atoms",)), (2, ("xlo", "ylo", "zlo")), (3, ("xy",))):
+            if len(words) > width and words[width] in known:
                 head[words[width]] = words[:width]
-    if "atoms" not in head or not head["atoms"][0].isdigit():
+    count = head.get("atoms", [""])[0]
+    if not (count.isascii() and count.isdigit() and len(count) < 16):
         raise bad(path, "header", "expected a line 'N atoms', got none")
-    n = int(head["atoms"][0])
+    n = int(count)
     at = next((i for i, line in enumerate(lines) if re.match(r"\s*Atoms\b", line)), -1)
     if at < 0:
         raise bad(path, "header", "expected a section Atoms, got none")

@@ -123,7 +123,7 @@ def _of_yt(value: Any) -> Particles:
 
 def _of_pynbody(value: Any) -> Particles:
     gas = getattr(value, "gas", ())
-    part = gas if len(gas) else value
+    part: Any = gas if len(gas) else value
     arrays = {}
     known = {*part.keys(), *part.loadable_keys()}
     for theirs, ours in _PYNBODY_NAMES.items():

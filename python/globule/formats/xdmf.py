@@ -94,8 +94,8 @@ def _arrays(path: Any, items: dict[str, list[Any]], held: int) -> dict[str, list
                 raise bad(path, name[:40], f"expected a DataItem with HDF or XML, got {shown(how)}")
     for file, places in files.items():
         for key, array in read_arrays(file, places).items():
-            name, _, i = key.rpartition("\n")
-            found[name][int(i)] = array if array.ndim else array.reshape(1)
+            name, _, number = key.rpartition("\n")
+            found[name][int(number)] = array if array.ndim else array.reshape(1)
     return found
 
 
