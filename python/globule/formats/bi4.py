@@ -54,7 +54,7 @@ def read(path: str | os.PathLike[str]) -> Contents:
     known = isinstance(bound, float) and isinstance(fluid, float)
     if "mass" not in found and kind is not None and known:
         with np.errstate(over="ignore"):
-            found["mass"] = np.where(kind < 3, bound, fluid).astype(np.float32)
+            found["mass"] = np.where(kind < 3, float(bound or 0), float(fluid or 0)).astype("f4")
     time = values.get("TimeStep")
     particles = particles_from(path, positions, found)
     units = {name: unit for name, unit in _UNITS.items() if name == "positions" or name in found}
