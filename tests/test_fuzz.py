@@ -26,7 +26,8 @@ def fuzz(*words: str) -> str:
 
 @pytest.fixture
 def libraries():
-    for name in ("SimpleITK", "nibabel", "trimesh", "OpenEXR", "vtk", "PIL"):
+    for name in ("SimpleITK", "nibabel", "trimesh", "OpenEXR", "vtk", "PIL", "h5py", "gsd.hoomd",
+                 "pyvista"):  # fmt: skip
         pytest.importorskip(name)
 
 

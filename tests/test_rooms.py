@@ -24,6 +24,7 @@ ROOMS = (
     "render",
     "volumes",
     "measure",
+    "pyvista",
     "ultrasound",
     "ultrasound/plus",
     "sim",

@@ -121,7 +121,10 @@ _LATER = {
     "volumes.volume": "Volume",
 }
 _MODULE_OF = {name: module for module, names in _LATER.items() for name in names.split()}
-_ROOMS = ("bench", "cli", "figures", "formats", "measure", "sim", "ultrasound", "viewer", "volumes")
+_ROOMS = (
+    "bench", "cli", "figures", "formats", "measure", "pyvista", "sim", "ultrasound", "viewer",
+    "volumes",
+)  # fmt: skip
 
 
 def __getattr__(name: str) -> _Any:
@@ -140,6 +143,9 @@ def __dir__() -> list[str]:
 
 
 _sources.readers.append(lambda path: __getattr__("read")(path))
+_sources.converters.append(
+    lambda value: _import_module(".formats.objects", __name__).particles_of(value)
+)
 _mesh.readers.append(lambda path: _import_module(".formats.triangles", __name__).read(path))
 
 __version__ = _core.version

@@ -14,6 +14,7 @@ import numpy as np
 
 from ..formats import READABLE
 from ..formats.kind import kind_of
+from ..formats.registry import FORMATS
 from ..scene.fluid import fluid_like
 from ..scene.particles import SCALAR_FIELDS, Particles
 from . import flags, medical
@@ -36,21 +37,8 @@ EXAMPLES = """\
   globule info head.nii.gz --level 90"""
 
 _FORMATS = {
-    ".txt": "nine-column text",
-    ".dat": "nine-column text",
-    ".vtk": "legacy VTK",
-    ".vtp": "VTK XML PolyData",
-    ".vtu": "VTK XML UnstructuredGrid",
-    ".bgeo": "Houdini classic geometry",
+    **{ending: form.about for form in FORMATS for ending in form.endings},
     ".bgeo.gz": "Houdini classic geometry, gzipped",
-    ".ply": "Stanford PLY",
-    ".xyz": "table, blank-separated",
-    ".csv": "table, comma-separated",
-    ".npz": "NumPy archive",
-    ".npy": "NumPy array",
-    ".obj": "Wavefront mesh",
-    ".stl": "STL mesh",
-    ".glb": "glTF mesh, binary",
     ".nii": "NIfTI volume",
     ".nii.gz": "NIfTI volume, gzipped",
     ".nrrd": "NRRD volume",
@@ -139,7 +127,8 @@ def _surface(path: str, particles: Particles) -> tuple[str, str]:
 def _format_name(path: str) -> str:
     found = kind_of(path)
     plain = f"{found.kind} ({found.format})"
-    return next((t for e, t in _FORMATS.items() if path.lower().endswith(e)), plain)
+    endings = [ending for ending in _FORMATS if path.lower().endswith(ending)]
+    return _FORMATS[max(endings, key=len)] if endings else plain
 
 
 def _size(path: str) -> int:

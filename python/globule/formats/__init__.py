@@ -1,15 +1,8 @@
 """Particle files, one module per format.
 
-`read` chooses the format by the file's content, `write` by the name's ending, whatever its case:
-
-    .txt .dat         nine columns: x y z  r g b  reflection refraction rigidity
-    .vtk              legacy VTK (POLYDATA, UNSTRUCTURED_GRID), ASCII and binary
-    .vtp .vtu         VTK XML
-    .bgeo .bgeo.gz    Houdini classic (version 5)
-    .ply              Stanford PLY, ASCII and binary
-    .xyz .csv         tables with named or unnamed columns
-    .npz .npy         NumPy
-    .obj .stl .glb    triangle meshes, read only; so is a .ply with faces
+`read` chooses the format by the file's content, `write` by the name's ending, whatever its case.
+The table `FORMATS` in `registry.py` has one line for each format; `docs/reference/formats.md` says
+what each of them holds.
 
 Which array of a file becomes which field of Particles is the same for all of them; see
 `globule.formats.fields`.
@@ -21,51 +14,21 @@ import importlib
 import os
 import warnings
 from collections.abc import Callable
-from types import ModuleType
 from typing import Any
 
 from ..scene import sources
 from ..scene.particles import Particles
-from . import bgeo, mesh, numpy_format, ply, table, text, vtk_legacy, vtk_xml
+from .contents import Box, Contents
 from .errors import FormatError
 from .kind import Kind, kind_of, wrong_kind
 from .mesh import mesh_particles
+from .registry import FORMATS, Format, format_named, formats, function_of
 
-__all__ = ["EXTENSIONS", "READABLE", "FormatError", "Kind", "kind_of", "mesh_particles", "read",
-           "write"]  # fmt: skip
+__all__ = ["EXTENSIONS", "READABLE", "Box", "Contents", "Format", "FormatError", "Kind", "kind_of",
+           "mesh_particles", "read", "read_contents", "write"]  # fmt: skip
 
-_READERS: dict[str, Callable[..., Particles]] = {
-    "text": text.read,
-    "vtk": vtk_legacy.read,
-    "vtp": vtk_xml.read,
-    "vtu": vtk_xml.read,
-    "bgeo": bgeo.read,
-    "ply": ply.read,
-    "xyz": table.read_xyz,
-    "csv": table.read_csv,
-    "npz": numpy_format.read_npz,
-    "npy": numpy_format.read_npy,
-    "obj": mesh.read,
-    "stl": mesh.read,
-    "glb": mesh.read,
-}
-_WRITERS: dict[str, ModuleType] = {
-    ".txt": text,
-    ".dat": text,
-    ".vtk": vtk_legacy,
-    ".vtp": vtk_xml,
-    ".vtu": vtk_xml,
-    ".bgeo": bgeo,
-    ".bgeo.gz": bgeo,
-    ".ply": ply,
-    ".xyz": table,
-    ".csv": table,
-    ".npz": numpy_format,
-    ".npy": numpy_format,
-}
-EXTENSIONS = tuple(_WRITERS)  # read and written
-READABLE = (*EXTENSIONS, ".obj", ".stl", ".glb")
-_WITH_SPACING = ("ply", "obj", "stl", "glb")
+EXTENSIONS = tuple(e for f in FORMATS if f.writes for e in f.endings)  # read and written
+READABLE = (*EXTENSIONS, *(e for f in FORMATS if not f.writes for e in f.endings))
 _VOLUME_OPTIONS = ("level", "labels", "spacing")
 
 
@@ -75,26 +38,42 @@ def read(path: str | os.PathLike[str], **options: Any) -> Particles:
     Args:
         path: of the file.
         spacing: world units, for meshes only; see mesh_particles.
+        frame: which frame of a file with several; negative counts from the end. Default 0.
+        species: which group of particles of a file with several, by its name in the file.
+        columns: field or attribute -> name of a column or data set in the file; "x", "y" and "z",
+            or "positions", name the position. Everything that is not named is left out.
 
     Returns:
-        Particles; positions (N, 3) float32 in the file's units.
+        Particles; positions (N, 3) float32 in the file's units. `read_contents` returns the box,
+        the units and the time of the file, too.
 
     Raises FormatError (a ValueError) if the file has an unknown format, holds another kind of data
     (the message names the function that reads the file) or is damaged; ValueError for an option
-    that the format does not have; MissingPackageError for a mesh without trimesh; FileNotFoundError
-    and other OSErrors pass unchanged.
+    that the format does not have; MissingPackageError for a format whose library is not installed;
+    FileNotFoundError and other OSErrors pass unchanged.
     """
     kind = kind_of(path, "particles")
     if kind.kind == "volume" and options and options.keys() <= set(_VOLUME_OPTIONS):
         message = "globule.read of a volume goes with the next version; use "
         return _moved(message + "globule.tomography_particles")(path, **options)
+    return read_contents(path, **options).particles
+
+
+def read_contents(path: str | os.PathLike[str], **options: Any) -> Contents:
+    """Read particles as `read` does, with the box, the units and the time of the file.
+
+    Args, errors: as those of `read`.
+    """
+    kind = kind_of(path, "particles")
     if kind.kind not in ("particles", "mesh"):
         raise wrong_kind(path, "particles or a mesh", kind)
+    form = format_named(kind.format)
     for name in options:
-        if name != "spacing" or kind.format not in _WITH_SPACING:
+        if name not in form.options:
             raise ValueError(f"{name}: expected no such option for {os.fspath(path)}, "
                              f"which holds {kind.kind} ({kind.format}), got one")  # fmt: skip
-    return _READERS[kind.format](path, **options)
+    found = function_of(form)(path, **options)
+    return found if isinstance(found, Contents) else Contents(found)
 
 
 def write(path: str | os.PathLike[str], particles: Particles) -> None:
@@ -104,18 +83,18 @@ def write(path: str | os.PathLike[str], particles: Particles) -> None:
     Raises FormatError if the extension is unknown, ValueError if the format cannot hold an
     attribute.
     """
-    module = _writer(path)
+    form = _writer(path)
     if not isinstance(particles, Particles):
         raise TypeError(f"particles: expected Particles, got {type(particles).__name__}")
-    module.write(path, particles)
+    function_of(form, "write")(path, particles)
 
 
-def _writer(path: str | os.PathLike[str]) -> ModuleType:
+def _writer(path: str | os.PathLike[str]) -> Format:
     name = os.path.basename(os.fspath(path)).lower()
-    for extension, module in _WRITERS.items():
-        if name.endswith(extension):
-            return module
-    raise FormatError(f"{path}: expected one of the extensions {' '.join(_WRITERS)}")
+    for form in formats():
+        if form.writes and name.endswith(form.endings):
+            return form
+    raise FormatError(f"{path}: expected one of the extensions {' '.join(EXTENSIONS)}")
 
 
 def _moved(message: str) -> Callable[..., Particles]:

@@ -1,11 +1,12 @@
-"""A program of its own that opens files with libraries of others: DICOM with SimpleITK, OpenEXR.
+"""A program of its own that opens files with libraries of others: SimpleITK, OpenEXR, h5py.
 
 `guarded.py` starts it, with limits of memory and time: a damaged file may end this program and
 nothing else. It knows nothing of globule. Words: the task, the path, bytes of memory for the
 header and for all, seconds.
 
-It prints a line of JSON with the size that the file claims, waits for a line, then prints a line of
-JSON with facts and the arrays' types, and the arrays. What goes wrong is a line {"error": …}.
+It prints a line of JSON with the size that the file claims, waits for a line with a request, then
+prints a line of JSON with facts and the arrays' types, and the arrays. What goes wrong is a line
+{"error": …}.
 """
 
 from __future__ import annotations
@@ -31,15 +32,18 @@ def main(task: str, path: str, header: int, memory: int, seconds: int) -> None:
         out.write(json.dumps(facts).encode() + b"\n")
         out.flush()
 
-    def ask(claim: int, **facts: object) -> None:
+    def ask(claim: int, **facts: object) -> Any:
         tell({"claim": claim, **facts})
-        if not sys.stdin.readline():
+        request = sys.stdin.readline()
+        if not request:
             os._exit(0)
         if memory:
             _limit("RLIMIT_DATA", memory, memory)
+        return json.loads(request)
 
     try:
-        facts, arrays = {"dicom": dicom, "series": series, "exr": exr}[task](path, ask)
+        tasks = {"dicom": dicom, "series": series, "exr": exr, "hdf5": hdf5}
+        facts, arrays = tasks[task](path, ask)
         described = [[a.dtype.str, a.shape] for a in arrays]
         tell({**facts, "arrays": described})
         for array in arrays:
@@ -144,5 +148,78 @@ def exr(path: str, ask: Any) -> tuple[dict, list]:
     return {"channels": list(planes)}, picked
 
 
+_MOST_OBJECTS, _MOST_NESTED = 50_000, 8
+_SMALL = 100_000  # numbers: data sets of a table of frames are told with their values
+
+
+def hdf5(path: str, ask: Any) -> tuple[dict, list]:
+    """The tree of an HDF5 file, then rows [first, first + n) of the data sets asked for.
+
+    Links to other files are not followed.
+    """
+    import h5py
+    import numpy as np
+
+    with h5py.File(path, "r") as file:
+        tree: dict[str, dict] = {"": {"attributes": _attributes(file)}}
+        _walk(h5py, file, "", tree, 0)
+        request = ask(0, tree=tree)
+        arrays = []
+        for name, first, n in request:
+            dataset = file[name]
+            values = dataset[first : first + n] if dataset.ndim else dataset[()]
+            arrays.append(np.ascontiguousarray(values))
+    return {}, arrays
+
+
+def _walk(h5py: Any, group: Any, name: str, tree: dict, depth: int) -> None:
+    for key in group:
+        if len(tree) > _MOST_OBJECTS:
+            raise ValueError(f"more than {_MOST_OBJECTS:,} groups and data sets")
+        if not isinstance(group.get(key, getlink=True), h5py.HardLink):
+            continue
+        item, place = group[key], f"{name}/{key}"
+        if isinstance(item, h5py.Group) and depth < _MOST_NESTED:
+            tree[place] = {"attributes": _attributes(item)}
+            _walk(h5py, item, place, tree, depth + 1)
+        elif isinstance(item, h5py.Dataset) and item.dtype.kind in "biuf":
+            if item.shape is None or item.is_virtual or item.external:
+                continue
+            offset = item.id.get_offset()
+            tree[place] = {
+                "attributes": _attributes(item),
+                "shape": item.shape,
+                "dtype": item.dtype.str,
+                "offset": -1 if offset is None else offset,
+            }
+            of_frames = name.endswith("/Steps") or key == "NumberOfPoints"
+            if item.size <= (_SMALL if of_frames else 0):
+                tree[place]["values"] = item[()].tolist()
+
+
+def _attributes(item: Any) -> dict:
+    """The attributes that are texts or a few numbers."""
+    found: dict[str, Any] = {}
+    for name in item.attrs:
+        try:
+            value = item.attrs[name]
+        except (OSError, TypeError, ValueError):  # of a type that h5py does not know
+            continue
+        if getattr(value, "shape", ()) == (1,):
+            value = value[0]
+        if isinstance(value, bytes):
+            value = value.decode("utf-8", "replace")
+        if isinstance(value, str):
+            found[name] = value[:200]
+        elif getattr(value, "size", 65) <= 64 and value.dtype.kind in "biuf":
+            found[name] = value.tolist()
+        elif getattr(value, "size", 65) <= 64 and value.dtype.kind in "OS":
+            texts = [t.decode("utf-8", "replace") if isinstance(t, bytes) else t for t in value]
+            if all(isinstance(t, str) for t in texts):
+                found[name] = [t[:200] for t in texts]
+    return found
+
+
 if __name__ == "__main__":
+    del sys.path[0]  # this folder: its modules are not those of others with the same name
     main(sys.argv[1], sys.argv[2], *map(int, sys.argv[3:]))

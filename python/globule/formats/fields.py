@@ -4,9 +4,13 @@ Reading: an array named like a field (support, weight, color, reflection, refrac
 anisotropy with nine components) is that field. Where there is none of that name,
 
     rgb, Cd, colors, rgba                       are taken as color (integers are divided by 255),
-    smoothing_length, h                         give support = 2 h, SPH's usual kernel radius,
+    smoothing_length, h                         give support = 2 h, SPH's usual kernel radius; some
+                                                formats know that their kernel ends elsewhere,
     radius, pscale                              give support = 4 radius: a particle's radius is
                                                 half the spacing, the support two spacings.
+
+Where the support comes from a smoothing length, mass and density give the weight; see
+`_derive_weight`.
 
 The array that a support came from stays an attribute; a fourth color component becomes the
 attribute `alpha`. All else is an attribute under its own name. An array that is named like a
@@ -30,6 +34,9 @@ from .errors import bad
 _POSITION_NAMES = ("positions", "position", "pos", "points", "p", "coordinates", "x")
 _COLOR_NAMES = ("color", "rgb", "cd", "colors", "rgba")
 _SUPPORT_NAMES = {"smoothing_length": 2, "h": 2, "radius": 4, "pscale": 4}
+_LENGTH_NAMES = ("smoothing_length", "h")
+_MASS_NAMES = ("mass", "masses", "m")
+_DENSITY_NAMES = ("density", "densities", "rho", "rhop")
 _VECTORS = {
     ("x", "y", "z"): "positions",
     ("vx", "vy", "vz"): "velocity",
@@ -44,8 +51,13 @@ _COMPONENTS = {
 }
 
 
-def particles_from(path: Any, positions: Any, arrays: Mapping[str, np.ndarray]) -> Particles:
-    """Particles from a file's positions (N, 3) and its other arrays (N,), (N, k), () or (3,)."""
+def particles_from(
+    path: Any, positions: Any, arrays: Mapping[str, np.ndarray], support_per_h: float = 2.0
+) -> Particles:
+    """Particles from a file's positions (N, 3) and its other arrays (N,), (N, k), () or (3,).
+
+    `support_per_h` is the radius at which the file's kernel vanishes, in smoothing lengths.
+    """
     positions = np.asarray(positions)
     n = len(positions)
     fields: dict[str, Any] = {}
@@ -66,7 +78,7 @@ def particles_from(path: Any, positions: Any, arrays: Mapping[str, np.ndarray]) 
     if "color" not in fields:
         _take_color(fields, attributes, n)
     if "support" not in fields:
-        _derive_support(fields, attributes, n)
+        _derive_support(fields, attributes, n, support_per_h)
     attributes = {
         name: array
         for name, array in attributes.items()
@@ -208,9 +220,37 @@ def _take_color(fields: dict[str, Any], attributes: dict[str, np.ndarray], n: in
         return
 
 
-def _derive_support(fields: dict[str, Any], attributes: dict[str, np.ndarray], n: int) -> None:
+def _derive_support(
+    fields: dict[str, Any], attributes: dict[str, np.ndarray], n: int, support_per_h: float
+) -> None:
     for name, factor in _SUPPORT_NAMES.items():
         value = _as_scalar(attributes[name], n) if name in attributes else None
         if value is not None and bool((np.isfinite(value) & (value >= 0)).all()):
-            fields["support"] = factor * value.astype(np.float32)
+            of_h = name in _LENGTH_NAMES
+            with np.errstate(over="ignore"):
+                fields["support"] = (support_per_h if of_h else factor) * value.astype(np.float32)
+            if of_h and "weight" not in fields and value.shape == (n,):
+                _derive_weight(fields, attributes, n)
             return
+
+
+def _derive_weight(fields: dict[str, Any], attributes: dict[str, np.ndarray], n: int) -> None:
+    """weight = 8 m / (rho R^3), with the support R.
+
+    In SPH a particle stands for the volume m / rho, and a kernel of support R is scaled by 1 / R^3
+    (Monaghan 2005, eq. 2.8). A particle whose volume is the cube of half its support, as the
+    default support of two spacings has it, gets the weight 1.
+    """
+    lower = {name.lower(): name for name in attributes}
+    found = []
+    for names in (_MASS_NAMES, _DENSITY_NAMES):
+        name = next((lower[k] for k in names if k in lower), None)
+        value = None if name is None else _as_scalar(attributes[name], n)
+        if value is None or value.shape != (n,):
+            return
+        found.append(value.astype(np.float64))
+    mass, density = found
+    with np.errstate(all="ignore"):
+        weight = (8 * mass / (density * fields["support"].astype(np.float64) ** 3)).astype("f4")
+    if bool((np.isfinite(weight) & (weight > 0)).all()):
+        fields["weight"] = weight

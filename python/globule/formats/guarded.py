@@ -1,8 +1,8 @@
 """Files that only a library can read are read by a process of their own, with limits.
 
-Libraries for DICOM and OpenEXR are large and old, and a damaged file may crash them. `decode` runs
-`decoder.py`: its crash is a FormatError here. The size that the file claims is checked here, before
-anything is decoded.
+Libraries for DICOM, OpenEXR and HDF5 are large and old, and a damaged file may crash them. `decode`
+runs `decoder.py`: its crash is a FormatError here. The size that the file claims is checked here,
+before anything is decoded.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import math
 import os
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +28,7 @@ from .size import bytes_of, check_size
 _LIBRARIES = 2**28  # bytes that they take by themselves
 _SECONDS, _BYTES_A_SECOND = 30, 1_000_000  # of the processor: at least, and for a file's length
 _PEAK = 3.0  # bytes of memory, there and here, for each byte that is claimed
-_LONGEST_LINE = 1 << 20
+_LONGEST_LINE = 1 << 24
 
 
 def need(module: str, package: str, extra: str) -> None:
@@ -40,14 +41,22 @@ def need(module: str, package: str, extra: str) -> None:
     raise missing(package, extra)
 
 
-def decode(task: str, path: str | os.PathLike[str], what: str, most: int = 0) -> tuple[dict, list]:
+def decode(
+    task: str,
+    path: str | os.PathLike[str],
+    what: str,
+    most: int = 0,
+    choose: Callable[[dict], tuple[float, Any]] | None = None,
+) -> tuple[dict, list]:
     """What a task of `decoder.py` finds in a file: facts by name, and arrays.
 
     Args:
-        task: "dicom", "series" or "exr".
+        task: the name of a function of `decoder.py`.
         path: of the file or folder.
         what: that the file is expected to be, for messages.
         most: pixels; 0: no limit beside those of `gb.set_limits`.
+        choose: what is wanted of a file with several things: choose(what the task claims) is the
+            size in bytes that this takes, and the request for the task.
 
     Raises FormatError for a file that is damaged, claims too much, or ends the process.
     """
@@ -68,13 +77,14 @@ def decode(task: str, path: str | os.PathLike[str], what: str, most: int = 0) ->
         try:
             assert process.stdin
             claim = _line(path, what, process)
-            if most and math.prod(claim["sizes"]) > most:
+            if most and "sizes" in claim and math.prod(claim["sizes"]) > most:
                 got = "x".join(map(str, claim["sizes"]))
                 raise bad(path, "header", f"expected at most {most:,} pixels, got {got}")
             held = claim.get("held", held)
-            check_size(path, "header", claim["claim"], held, _PEAK)
+            size, request = choose(claim) if choose else (claim["claim"], None)
+            check_size(path, "header", size, held, _PEAK)
             with contextlib.suppress(BrokenPipeError):  # the next line says what happened
-                process.stdin.write(b"\n")
+                process.stdin.write(json.dumps(request).encode() + b"\n")
                 process.stdin.flush()
             facts = _line(path, what, process)
             arrays = [_array(path, what, process, *about) for about in facts.pop("arrays")]

@@ -16,6 +16,7 @@ from typing import NamedTuple
 from .._base.checks import a_path
 from .._base.structured import parse_toml
 from .errors import FormatError, bad
+from .registry import FORMATS, Format, formats
 
 _HEAD = 1 << 16  # bytes that are looked at
 _LINES = 60  # of text
@@ -38,21 +39,6 @@ class Kind(NamedTuple):
 
 
 _BY_ENDING = {
-    ".txt": Kind("particles", "text"),
-    ".dat": Kind("particles", "text"),
-    ".vtk": Kind("particles", "vtk"),
-    ".vtp": Kind("particles", "vtp"),
-    ".vtu": Kind("particles", "vtu"),
-    ".bgeo": Kind("particles", "bgeo"),
-    ".bgeo.gz": Kind("particles", "bgeo"),
-    ".ply": Kind("particles", "ply"),
-    ".xyz": Kind("particles", "xyz"),
-    ".csv": Kind("particles", "csv"),
-    ".npz": Kind("particles", "npz"),
-    ".npy": Kind("particles", "npy"),
-    ".obj": Kind("mesh", "obj"),
-    ".stl": Kind("mesh", "stl"),
-    ".glb": Kind("mesh", "glb"),
     ".nii": Kind("volume", "nifti"),
     ".nii.gz": Kind("volume", "nifti"),
     ".nrrd": Kind("volume", "nrrd"),
@@ -73,8 +59,6 @@ _BY_ENDING = {
     ".jpeg": Kind("picture", "jpeg"),
 }
 _MAGIC = (  # at the file's beginning
-    (b"# vtk DataFile", Kind("particles", "vtk")),
-    (b"BgeoV", Kind("particles", "bgeo")),
     (b"glTF", Kind("mesh", "glb")),
     (b"\x89PNG\r\n", Kind("picture", "png")),
     (b"\xff\xd8\xff", Kind("picture", "jpeg")),
@@ -149,10 +133,13 @@ def wrong_kind(path: str | os.PathLike[str], expected: str, got: Kind) -> Format
 
 def _by_ending(path: str | os.PathLike[str], wanted: str | None = None) -> Kind | None:
     name = os.path.basename(os.fspath(path)).lower()
-    endings = [ending for ending in _BY_ENDING if name.endswith(ending)]
+    known = dict(_BY_ENDING)
+    for form in formats():
+        known.update(dict.fromkeys(form.endings, Kind(form.kind, form.name)))
+    endings = [ending for ending in known if name.endswith(ending)]
     if not endings:
         return None
-    found = _BY_ENDING[max(endings, key=len)]
+    found = known[max(endings, key=len)]
     if wanted in _SHARED.get(found.format, ()):
         return found._replace(kind=wanted)
     return found
@@ -166,14 +153,24 @@ def _by_content(path: str | os.PathLike[str], wanted: str | None) -> Kind | None
         return _in_archive(path, wanted)
     if head[:2] == b"\x1f\x8b":
         head, size = _unpacked(head), -1  # how many bytes it unpacks to is not known
-    found = _by_magic(head, size)
+    found = _by_magic(head, size) or _registered(head, FORMATS)
     if found:
         return found
     text = head.removeprefix(b"\xef\xbb\xbf").decode("utf-8", "replace")
     if text.lstrip().startswith("<"):  # XML, in which VTK has raw data
         vtk = re.search(r"<VTKFile\b[^>]*?\btype *= *[\"'](\w+)", text)
-        return _XML.get(vtk[1]) if vtk else None
-    return None if "\0" in text[:4096] else _in_text(text, _by_ending(path))
+        known = _XML.get(vtk[1]) if vtk else None
+    else:
+        known = None if "\0" in text[:4096] else _in_text(text, _by_ending(path))
+    return known or _registered(head, formats())
+
+
+def _registered(head: bytes, known: tuple[Format, ...]) -> Kind | None:
+    """The format of the registry that a file's beginning matches."""
+    for form in known:
+        if form.content and re.match(form.content, head):
+            return Kind(form.kind, form.name)
+    return None
 
 
 def _unpacked(head: bytes) -> bytes:
@@ -241,7 +238,7 @@ def _in_folder(path: str | os.PathLike[str]) -> Kind:
 
 def _in_text(text: str, ending: Kind | None) -> Kind | None:
     lines = [line.strip() for line in text.splitlines()[:_LINES]]
-    lines = [line for line in lines if line and not line.startswith("#")]
+    lines = [line for line in lines if line and not line.startswith(("#", "%"))]
     if not lines:
         return None
     if lines[0].split()[0].lower() == "solid" and "facet" in text:
@@ -251,15 +248,18 @@ def _in_text(text: str, ending: Kind | None) -> Kind | None:
         return Kind("mesh", "obj")
     if "=" in lines[0] or lines[0].startswith("["):
         return Kind("scene", "toml") if _is_toml(text) else None
-    return _in_table(lines, ending)
+    found = _in_table(lines, ending)
+    percent = text.lstrip().startswith("%")  # a comment of MATLAB's tables
+    return Kind("particles", "csv") if found and percent else found
 
 
 def _in_table(lines: list[str], ending: Kind | None) -> Kind | None:
     """The format of a table of numbers."""
     rows = [line.split("#")[0].split() for line in lines[:3]]
     named = ending.format if ending else ""
-    if any("," in line for line in lines[:2]):
-        cells = [line.split(",") for line in lines[:2]]
+    mark = next((m for m in ",;" if any(m in line for line in lines[:2])), "")
+    if mark:
+        cells = [line.split(mark) for line in lines[:2]]
         return Kind("particles", "csv") if _n_numbers(cells[-1]) >= _FEWEST_COLUMNS else None
     if len(rows[0]) == 1 and rows[0][0].isdigit():  # a count: nine columns follow, or a title
         nine = len(rows) > 1 and len(rows[1]) == _n_numbers(rows[1]) == _TEXT_COLUMNS

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 import os
+from collections.abc import Mapping
 from typing import IO, Any
 
 import numpy as np
@@ -22,7 +23,7 @@ _PIECE = 1 << 22  # bytes that are read at once
 
 
 def read_npy(path: str | os.PathLike[str]) -> Particles:
-    """Read .npy, (N, 3) or wider: the first three columns are the positions, the others become
+    """Read .npy, (N, 2), (N, 3) or wider: the first columns are the positions, the others become
     attributes `column4` and so on."""
     with open(path, "rb") as file:
         size = os.fstat(file.fileno()).st_size
@@ -30,22 +31,55 @@ def read_npy(path: str | os.PathLike[str]) -> Particles:
         return _from_columns(path, read_array(path, "array", file, size))
 
 
-def read_npz(path: str | os.PathLike[str]) -> Particles:
-    """Read .npz: positions (N, 3), fields per particle or as scalars, attributes (N, ...).
+def read_npz(path: str | os.PathLike[str], columns: Mapping[str, str] | None = None) -> Particles:
+    """Read .npz: positions (N, 3) or (N, 2), or x, y, z; fields per particle or as scalars;
+    attributes (N, ...).
 
-    Other arrays that do not belong to N particles are left out. Raises FormatError.
+    Other arrays that do not belong to N particles are left out. `columns` is field or attribute ->
+    name of an array. Raises FormatError.
     """
     arrays = read_archive(path)
-    positions = find_positions(arrays)
+    if columns is not None:
+        arrays = {name: _named(path, arrays, column) for name, column in columns.items()}
+    placed = _with_places(arrays)
+    positions = find_positions(placed)
     if positions is None:
         found = shown(", ".join(arrays))
-        raise bad(path, "archive", f"expected an array positions (N, 3), got {found}")
+        problem = f"expected positions (N, 3), or x, y and z (N,), got {found}"
+        raise bad(path, "archive", f"{problem}; load it and pass gb.Particles(positions)")
+    arrays = placed
     n = len(positions)
     check_lengths(path, arrays, n)
     for name, array in arrays.items():
         if array.ndim > 2 and len(array) == n and array.size:
             arrays[name] = array.reshape(n, -1)
     return particles_from(path, positions, arrays)
+
+
+def _named(path: Any, arrays: dict[str, np.ndarray], column: str) -> np.ndarray:
+    if column not in arrays:
+        found = shown(", ".join(arrays))
+        raise bad(path, "archive", f"expected an array {shown(column)}, got {found}")
+    return arrays[column]
+
+
+def _with_places(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """With x, y and z joined to positions, and z = 0 for data in a plane."""
+    found = dict(arrays)
+    for name in ("positions", "position", "pos", "points", "coordinates"):
+        array = found.get(name)
+        if array is not None and array.ndim == 2 and array.shape[1] == 2:
+            found[name] = np.pad(array, ((0, 0), (0, 1)))
+            return found
+    lower = {name.lower(): name for name in reversed(list(found))}
+    axes = [lower[axis] for axis in "xyz" if axis in lower]
+    shapes = {found[name].shape for name in axes}
+    plain = all(found[name].ndim == 1 and found[name].dtype.kind in "biuf" for name in axes)
+    if {"x", "y"} <= lower.keys() and len(shapes) == 1 and plain:
+        parts = [found.pop(name) for name in axes]
+        parts += [np.zeros(len(parts[0]))] * (3 - len(parts))
+        found["positions"] = np.stack(parts, axis=1)
+    return found
 
 
 def write(path: str | os.PathLike[str], particles: Particles) -> None:
@@ -143,8 +177,10 @@ def read_array(path: Any, name: str, file: IO[bytes], file_size: int) -> np.ndar
 
 
 def _from_columns(path: Any, array: np.ndarray) -> Particles:
-    if array.ndim != 2 or array.shape[1] < 3 or array.dtype.kind not in "biuf":
+    if array.ndim != 2 or array.shape[1] < 2 or array.dtype.kind not in "biuf":
         got = f"{array.dtype} {array.shape}"
         raise bad(path, "array", f"expected numbers of shape (N, 3) or wider, got {got}")
+    if array.shape[1] == 2:  # in the plane z = 0
+        array = np.pad(array, ((0, 0), (0, 1)))
     columns = {f"column{i + 1}": array[:, i] for i in range(3, array.shape[1])}
     return particles_from(path, array[:, :3], columns)

@@ -1,8 +1,13 @@
-"""Tables of numbers: .xyz (blank-separated) and .csv (comma-separated).
+"""Tables of numbers: .xyz (blank-separated) and .csv (separated by commas, semicolons, tabs or
+blanks).
 
 .xyz  columns x y z [more]; a comment `# x y z name...` as the first line names them. A count and
       a title before the rows, and an element symbol before each row (XMol), are passed over.
-.csv  the first line may name the columns; columns that are not numbers are left out.
+.csv  the first line may name the columns, with units: `x [m]`, `rho (kg/m3)`; columns that are not
+      numbers are left out. Lines that begin with # or % are comments; the last of them before the
+      rows names the columns where no other line does.
+
+Two columns x and y without z lie in the plane z = 0.
 
 Columns without a name become attributes `column4`, `column5` and so on.
 """
@@ -11,6 +16,8 @@ from __future__ import annotations
 
 import csv
 import os
+import re
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -18,13 +25,17 @@ import numpy as np
 from .._base.files import atomic_write
 from ..scene.particles import Particles
 from .asciinum import format_rows, parse_rows, text_lines
+from .contents import Contents
 from .errors import bad, shown
 from .fields import find_positions, join_columns, particles_from, split_columns
 
 
-def read_csv(path: str | os.PathLike[str]) -> Particles:
-    """Read a .csv. Columns of whole numbers without a point become int64, others float64."""
-    return _read_csv(path, text_lines(path))
+def read_csv(path: str | os.PathLike[str], columns: Mapping[str, str] | None = None) -> Contents:
+    """Read a .csv. Columns of whole numbers without a point become int64, others float64.
+
+    `columns`: field or attribute -> column; "x", "y" and "z" are the position.
+    """
+    return _read_csv(path, text_lines(path), columns)
 
 
 def read_xyz(path: str | os.PathLike[str]) -> Particles:
@@ -57,27 +68,93 @@ def _quoted(name: str) -> str:
     return name
 
 
-def _read_csv(path: Any, lines: list[str]) -> Particles:
-    start = next((i for i, line in enumerate(lines) if line.strip()), None)
+def _read_csv(path: Any, lines: list[str], named: Mapping[str, str] | None = None) -> Contents:
+    start = next((i for i, line in enumerate(lines) if _is_row(line)), None)
     if start is None:
         raise bad(path, "line 1", "expected column names or numbers, got an empty file")
-    names = _csv_words(path, lines, start)
+    separator = _separator(lines[start])
+    names, head = _csv_words(path, lines[start], start, separator), start
     if all(map(_is_number, names)):
-        names = _default_names(len(names))
+        comments = [i for i, line in enumerate(lines[:start]) if line.strip()]
+        said: list[str] = []
+        if comments:
+            head = comments[-1]
+            text = lines[head].strip().lstrip("#%/ ")
+            for mark in dict.fromkeys((separator, _separator(text))):
+                if len(words := _csv_words(path, text, head, mark)) == len(names):
+                    said = words
+                    break
+        words_only = said and not any(map(_is_number, said))
+        names = said if words_only else _default_names(len(names))
     else:
         start += 1
-    first = next((i for i in range(start, len(lines)) if lines[i].strip()), None)
-    words = ["0"] * len(names) if first is None else _csv_words(path, lines, first)
+    first = next((i for i in range(start, len(lines)) if _is_row(lines[i])), None)
+    words = ["0"] * len(names)
+    if first is not None:
+        words = _csv_words(path, lines[first], first, separator)
     if len(words) != len(names):
         raise bad(path, f"line {start + 1}", f"expected {len(names)} columns, got {len(words)}")
-    return _assemble(path, names, words, lines[start:], start + 1, ",", max(start, 1))
+    rows = lines[start:]
+    if any(row.lstrip()[:1] in ("#", "%") for row in rows if row):
+        rows = ["" if row.lstrip()[:1] in ("#", "%") else row for row in rows]
+    names, units = _units(names)
+    if named is not None:
+        names = _renamed(path, names, named)
+    particles = _assemble(path, names, words, rows, start + 1, separator, head + 1)
+    known = {**particles.attributes, "support": 0, "weight": 0}
+    held = {k: u for k, u in units.items() if k in known}
+    if "x" in units:
+        held["positions"] = units["x"]
+    return Contents(particles, units=held)
 
 
-def _csv_words(path: Any, lines: list[str], i: int) -> list[str]:
+def _is_row(line: str) -> bool:
+    text = line.strip()
+    return bool(text) and text[0] not in "#%"
+
+
+def _separator(line: str) -> str | None:
+    """Semicolon, comma, tab, or None for blanks; quoted text does not count."""
+    plain = re.sub(r'"[^"]*"', "", line)
+    for mark in (";", ",", "\t"):
+        if mark in plain:
+            return mark
+    return None if len(plain.split()) > 1 else ","
+
+
+def _units(names: list[str]) -> tuple[list[str], dict[str, str]]:
+    """Names without their units, and the units: `x [m]` -> x, m."""
+    plain, units = [], {}
+    for name in names:
+        found = re.fullmatch(r"(.*\S)\s*(?:\[([^\]]*)\]|\(([^)]*)\))", name)
+        unit = (found[2] or found[3] or "") if found else ""
+        if found and unit and not unit.isdigit():  # name[0] is a component
+            plain.append(found[1])
+            units[found[1].lower() if found[1].lower() in ("x", "y", "z") else found[1]] = unit
+        else:
+            plain.append(name)
+    if len(set(plain)) < len(plain):
+        return names, {}
+    return plain, units
+
+
+def _renamed(path: Any, names: list[str], named: Mapping[str, str]) -> list[str]:
+    """Names by those that a caller gives; the others are left out, as empty names."""
+    for column in named.values():
+        if column not in names:
+            got = shown(" ".join(names))
+            raise bad(path, "line 1", f"expected the column {shown(column)}, got {got}")
+    wanted = {column: name for name, column in named.items()}
+    return [wanted.get(name, "") for name in names]
+
+
+def _csv_words(path: Any, line: str, i: int, separator: str | None) -> list[str]:
+    if separator is None:
+        return line.split()
     try:
-        return [word.strip() for word in next(csv.reader([lines[i]]))]
+        return [word.strip() for word in next(csv.reader([line], delimiter=separator), [])]
     except csv.Error as error:
-        raise bad(path, f"line {i + 1}", f"expected comma-separated values, got {error}") from None
+        raise bad(path, f"line {i + 1}", f"expected separated values, got {error}") from None
 
 
 def _read_xyz(path: Any, lines: list[str]) -> Particles:
@@ -123,13 +200,14 @@ def _assemble(
     numeric = [
         i
         for i, word in enumerate(words)
-        if _is_number(word) or names[i].lower() in ("x", "y", "z")  # there, a word is a mistake
+        if (_is_number(word) or names[i].lower() in ("x", "y", "z"))  # there, a word is a mistake
+        and (names[i] or not any(names))
     ]
     found = shown(" ".join(names))
     no_positions = bad(
         path, f"line {names_line or first_line}", f"expected columns x, y and z, got {found}"
     )
-    if len(numeric) < 3:
+    if len(numeric) < 2:
         raise no_positions
     options: dict[str, Any] = {"delimiter": separator}
     if separator is None:
@@ -144,7 +222,10 @@ def _assemble(
         name = names[i] or f"column{i + 1}"
         if name in columns:
             raise bad(path, "line 1", f"expected different column names, got {shown(name)} twice")
-        columns[name] = _whole_numbers(rows[:, column], words[i])
+        columns[name] = whole_numbers(rows[:, column], words[i])
+    lower = {name.lower(): name for name in columns}
+    if "x" in lower and "y" in lower and "z" not in lower:
+        columns["z"] = np.zeros(len(rows))
     arrays = join_columns(columns)
     points = find_positions(arrays)
     if points is None:
@@ -152,7 +233,9 @@ def _assemble(
     return particles_from(path, points, arrays)
 
 
-def _whole_numbers(column: np.ndarray, first_word: str) -> np.ndarray:
+def whole_numbers(column: np.ndarray, first_word: str) -> np.ndarray:
+    """A column (N,) float64, as int64 where all are whole and the first is written without a
+    point."""
     if not first_word.lstrip("+-").isdigit():
         return column
     exact = (np.abs(column) < 2.0**53) & (column == np.rint(column))

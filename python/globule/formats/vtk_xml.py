@@ -1,8 +1,8 @@
 """VTK XML files: .vtp (PolyData) and .vtu (UnstructuredGrid).
 
 Points and point data of all pieces are read; cells are passed over. Data arrays may be ascii,
-binary (base64), or appended (raw or base64), plain or compressed with zlib. Follows "VTK File
-Formats" (Kitware), "XML File Formats".
+binary (base64), or appended (raw or base64), plain or compressed with zlib, lz4 or lzma. Follows
+"VTK File Formats" (Kitware), "XML File Formats".
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from ..scene.particles import Particles
 from .asciinum import parse_numbers
 from .errors import FormatError, bad, shown
 from .fields import particles_from, per_particle
+from .guarded import need
 from .polygons import fans
 from .size import check_memory, check_size, whole_file
 from .xml import parse_xml
@@ -110,7 +111,8 @@ class VtkXml:
         self.order = self.choice("byte_order", {"LittleEndian": "<", "BigEndian": ">"})
         header = self.choice("header_type", {"UInt32": "u4", "UInt64": "u8"})
         self.header_dtype = np.dtype(header).newbyteorder(self.order)
-        compressors = {"": False, "vtkZLibDataCompressor": True}
+        compressors = {"": "", "vtkZLibDataCompressor": "zlib", "vtkLZ4DataCompressor": "lz4",
+                       "vtkLZMADataCompressor": "lzma"}  # fmt: skip
         self.compressed = self.choice("compressor", compressors)
 
     def choice(self, attribute: str, choices: dict[str, Any]) -> Any:
@@ -262,7 +264,8 @@ class VtkXml:
             sizes[-1] = last_size
         if sum(sizes) != expected:
             raise stream.bad(f"expected {expected} bytes, got blocks of {sum(sizes)}")
-        return _inflate(stream.rest(sum(packed_sizes)), packed_sizes, sizes, stream)
+        packed = stream.rest(sum(packed_sizes))
+        return _unpack(self.compressed, packed, packed_sizes, sizes, stream)
 
 
 def _text(element: Any) -> str:
@@ -270,21 +273,52 @@ def _text(element: Any) -> str:
     return (element.text or "") + "".join(child.tail or "" for child in element)
 
 
-def _inflate(raw: bytes, packed_sizes: list[int], sizes: list[int], stream: _Stream) -> bytes:
-    import zlib
-
+def _unpack(
+    how: str, raw: bytes, packed_sizes: list[int], sizes: list[int], stream: _Stream
+) -> bytes:
     blocks, position = [], 0
+    unpack = {"zlib": _zlib, "lz4": _lz4, "lzma": _lzma}[how]
     for packed_size, size in zip(packed_sizes, sizes, strict=True):
-        inflater = zlib.decompressobj()
         try:
-            block = inflater.decompress(raw[position : position + packed_size], size + 1)
-        except zlib.error as error:
-            raise stream.bad(f"expected zlib data, got {error}") from None
-        if len(block) != size or not inflater.eof:
+            block = unpack(raw[position : position + packed_size], size)
+        except ValueError as error:
+            raise stream.bad(f"expected {how} data, got {error}") from None
+        if len(block) != size:
             raise stream.bad(f"expected a block of {size} bytes, got another size")
         blocks.append(block)
         position += packed_size
     return b"".join(blocks)
+
+
+def _zlib(packed: bytes, size: int) -> bytes:
+    import zlib
+
+    inflater = zlib.decompressobj()
+    try:
+        block = inflater.decompress(packed, size + 1)
+    except zlib.error as error:
+        raise ValueError(str(error)) from None
+    return block if inflater.eof else b""
+
+
+def _lz4(packed: bytes, size: int) -> bytes:
+    need("lz4", "lz4", "formats")
+    import lz4.block
+
+    try:
+        return lz4.block.decompress(packed, uncompressed_size=size)
+    except lz4.block.LZ4BlockError as error:
+        raise ValueError(str(error)) from None
+
+
+def _lzma(packed: bytes, size: int) -> bytes:
+    import lzma
+
+    try:  # a dictionary need not be larger than what it unpacks to, but has a least size
+        inflater = lzma.LZMADecompressor(lzma.FORMAT_XZ, memlimit=2 * size + (1 << 27))
+        return inflater.decompress(packed, size + 1)
+    except (lzma.LZMAError, EOFError) as error:
+        raise ValueError(str(error)) from None
 
 
 class _Stream:

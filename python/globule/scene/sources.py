@@ -1,5 +1,5 @@
-"""Arguments that replace particles: `Particles`, positions, a file's name, or an
-object with particles."""
+"""Arguments that replace particles: `Particles`, positions, a file's name, or an object with
+particles, of globule or of another package."""
 
 from __future__ import annotations
 
@@ -7,11 +7,15 @@ import os
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
+
 from .._base.arrays import on_gpu
 from .particles import Particles
 
 # How files are read, newest first; `formats`, which comes after this room, puts its reader here.
 readers: list[Callable[[str], Particles]] = []
+# How objects of other packages become particles; None where they have none.
+converters: list[Callable[[Any], Particles | None]] = []
 
 # What to call for objects of later rooms and for likely mistakes, by the name of their type.
 _INSTEAD = {
@@ -29,7 +33,8 @@ def as_particles(name: str, value: Any) -> Particles:
     Args:
         name: of the argument, for errors.
         value: `Particles`; (N, 3) positions, world; the name of a file that `globule.read` reads;
-            or an object whose `particles` are `Particles`, such as a simulation.
+            an object whose `particles` are `Particles`, such as a simulation; or an object of
+            VTK, PyVista, ASE, MDAnalysis, yt, pynbody, pandas, polars, pyarrow or xarray.
 
     Raises TypeError and ValueError for anything else, FormatError and OSError for the file.
     """
@@ -40,6 +45,11 @@ def as_particles(name: str, value: Any) -> Particles:
     own = getattr(value, "particles", None)
     if isinstance(own, Particles):
         return own
+    if not isinstance(value, (np.ndarray, list, tuple, dict, int, float)) and not on_gpu(value):
+        for convert in converters:
+            found = convert(value)
+            if found is not None:
+                return found
     kind = type(value).__name__
     array = hasattr(value, "__len__") or hasattr(value, "__array__") or on_gpu(value)
     if kind in _INSTEAD or not array:

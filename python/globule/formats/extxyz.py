@@ -1,0 +1,135 @@
+"""Extended XYZ: a count, a line of `key=value` with `Lattice` and `Properties`, one row an atom.
+
+`Properties=species:S:1:pos:R:3:radius:R:1` names the columns. Without a radius, the support follows
+from the covalent radii of the elements (Cordero et al. 2008, in Å).
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from typing import Any
+
+import numpy as np
+
+from .asciinum import parse_rows, text_lines
+from .contents import Box, Contents, frame_index
+from .errors import bad, shown
+from .fields import particles_from
+from .table import whole_numbers
+
+_PAIR = re.compile(r"""([\w\-./]+)\s*=\s*(?:"([^"]*)"|'([^']*)'|\{([^}]*)\}|([^\s"'{]+))""")
+_NAMES = {"velo": "velocity", "velocities": "velocity", "masses": "mass", "forces": "force",
+          "vel": "velocity"}  # fmt: skip
+_MOST_COLUMNS = 1000
+
+
+def read(path: str | os.PathLike[str], frame: int = 0) -> Contents:
+    """Read a frame of an extended XYZ file. Raises FormatError naming the line."""
+    lines = text_lines(path)
+    starts, at = [], 0
+    while at < len(lines) and lines[at].strip():
+        text = lines[at].strip()
+        if not (text.isascii() and text.isdigit() and len(text) < 16):
+            problem = f"expected the number of atoms, got {shown(text)}"
+            raise bad(path, f"line {at + 1}", problem)
+        starts.append(at)
+        at += int(text) + 2
+    if not starts:
+        raise bad(path, "line 1", "expected the number of atoms, got an empty line")
+    begin = starts[frame_index(path, frame, len(starts))]
+    n = int(lines[begin])
+    rows = lines[begin + 2 : begin + 2 + n]
+    if len(rows) < n or not all(row.strip() for row in rows):
+        got = sum(bool(row.strip()) for row in rows)
+        raise bad(path, f"line {begin + 1}", f"expected {n} atoms, got {got}")
+    about = {m[1]: next(filter(None, m.groups()[1:]), "") for m in _PAIR.finditer(lines[begin + 1])}
+    where = f"line {begin + 2}"
+    arrays, words = _arrays(path, where, about.get("Properties", "species:S:1:pos:R:3"), rows,
+                            begin + 3)  # fmt: skip
+    positions = arrays.pop("pos", None)
+    if positions is None or positions.shape != (n, 3):
+        raise bad(path, where, "expected a property pos:R:3, got none")
+    box = _box(path, where, about)
+    time = about.get("Time", about.get("time", ""))
+    seconds = float(time) if re.fullmatch(r"[-+\d.eE]+", time) and _is_number(time) else None
+    if "radius" not in arrays and "species" in words:
+        radii = np.array([RADII.get(word.capitalize(), 0.0) for word in words["species"]])
+        if n and (radii > 0).all():
+            arrays["radius"] = radii
+    wrapped = positions if box is None else box.wrap(positions)
+    particles = particles_from(path, wrapped, arrays)
+    return Contents(particles, box, {"positions": "Å"}, seconds, len(starts))
+
+
+def _arrays(
+    path: Any, where: str, properties: str, rows: list[str], first: int
+) -> tuple[dict[str, np.ndarray], dict[str, list[str]]]:
+    """Arrays of numbers, and of words, by name."""
+    parts = properties.split(":")
+    if len(parts) % 3:
+        raise bad(path, where, f"expected Properties=name:type:columns:…, got {shown(properties)}")
+    fields, column = [], 0
+    for name, kind, width in zip(parts[::3], parts[1::3], parts[2::3], strict=True):
+        if kind not in ("S", "R", "I", "L") or not re.fullmatch("[1-9][0-9]?", width):
+            problem = f"expected Properties=name:R:columns, got {shown(f'{name}:{kind}:{width}')}"
+            raise bad(path, where, problem)
+        fields.append((name, kind, column, int(width)))
+        column += int(width)
+    if column > _MOST_COLUMNS:
+        raise bad(path, where, f"expected at most {_MOST_COLUMNS} columns, got {column}")
+    numeric = [i for _, kind, c, w in fields if kind in "RI" for i in range(c, c + w)]
+    table = parse_rows(path, rows, first, len(numeric), usecols=numeric)
+    split = [row.split() for row in rows] if any(f[1] in "SL" for f in fields) else []
+    if any(len(row) < column for row in split):
+        raise bad(path, where, f"expected {column} columns in every row, got fewer")
+    arrays: dict[str, np.ndarray] = {}
+    words: dict[str, list[str]] = {}
+    place = {i: k for k, i in enumerate(numeric)}
+    for name, kind, c, n in fields:
+        if kind == "S":
+            words[name] = [row[c] for row in split]
+        elif kind == "L":
+            arrays[name] = np.array([row[c][:1].upper() == "T" for row in split], bool)
+        else:
+            values = table[:, place[c] : place[c] + n]
+            if kind == "I":
+                values = np.stack([whole_numbers(v, "0") for v in values.T], axis=1)
+            values = np.ascontiguousarray(values[:, 0] if n == 1 else values)
+            arrays[name if name == "pos" else _NAMES.get(name, name)] = values
+    return arrays, words
+
+
+def _box(path: Any, where: str, about: dict[str, str]) -> Box | None:
+    if "Lattice" not in about:
+        return None
+    try:
+        values = np.array([float(v) for v in about["Lattice"].split()])
+        if values.shape != (9,) or not np.isfinite(values).all():
+            raise ValueError
+    except ValueError:
+        got = shown(about["Lattice"])
+        raise bad(path, where, f"expected nine numbers in Lattice, got {got}") from None
+    flags = about.get("pbc", "T T T").split()
+    periodic = [word.upper().startswith(("T", "1")) for word in flags]
+    x, y, z = periodic if len(periodic) == 3 else [True] * 3
+    return Box(np.zeros(3), values.reshape(3, 3), (x, y, z))
+
+
+def _is_number(word: str) -> bool:
+    try:
+        return bool(np.isfinite(float(word)))
+    except ValueError:
+        return False
+
+
+RADII = {
+    "H": 0.31, "He": 0.28, "Li": 1.28, "Be": 0.96, "B": 0.84, "C": 0.76, "N": 0.71, "O": 0.66,
+    "F": 0.57, "Ne": 0.58, "Na": 1.66, "Mg": 1.41, "Al": 1.21, "Si": 1.11, "P": 1.07, "S": 1.05,
+    "Cl": 1.02, "Ar": 1.06, "K": 2.03, "Ca": 1.76, "Sc": 1.70, "Ti": 1.60, "V": 1.53, "Cr": 1.39,
+    "Mn": 1.39, "Fe": 1.32, "Co": 1.26, "Ni": 1.24, "Cu": 1.32, "Zn": 1.22, "Ga": 1.22, "Ge": 1.20,
+    "As": 1.19, "Se": 1.20, "Br": 1.20, "Kr": 1.16, "Rb": 2.20, "Sr": 1.95, "Y": 1.90, "Zr": 1.75,
+    "Nb": 1.64, "Mo": 1.54, "Ru": 1.46, "Rh": 1.42, "Pd": 1.39, "Ag": 1.45, "Cd": 1.44, "In": 1.42,
+    "Sn": 1.39, "Sb": 1.39, "Te": 1.38, "I": 1.39, "Xe": 1.40, "Cs": 2.44, "Ba": 2.15, "W": 1.62,
+    "Pt": 1.36, "Au": 1.36, "Hg": 1.32, "Pb": 1.46, "Bi": 1.48, "U": 1.96,
+}  # fmt: skip

@@ -1,0 +1,147 @@
+"""HDF5 files of particles: Gadget, AREPO, GIZMO, SWIFT, H5Part, PySPH, openPMD, VTKHDF, and others
+whose data sets are named plainly.
+
+`hdf5_layouts` says what lies where. h5py reads the tree of the file in a process of its own (see
+`guarded`); arrays that lie in the file as they are in memory are read here, at their offset.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+from .contents import Contents, frame_index
+from .errors import bad, shown
+from .fields import particles_from
+from .guarded import decode, need
+from .hdf5_layouts import LAYOUTS, Layout, Source, Tree, named
+from .size import bytes_of
+
+_WHAT = "an HDF5 file"
+_ADVICE = "read it with h5py and pass gb.Particles(positions)"
+
+
+def read(
+    path: str | os.PathLike[str],
+    frame: int = 0,
+    species: str | None = None,
+    columns: Mapping[str, str] | None = None,
+) -> Contents:
+    """Read a frame of an HDF5 file.
+
+    Args:
+        path: of the file.
+        frame: its number in files with several (H5Part, openPMD, VTKHDF); negative counts from
+            the end.
+        species: the group of particles: "PartType1", "fluid", "electrons"; None: gas
+            ("PartType0") where there is some, else the first.
+        columns: field or attribute -> path of a data set, in place of a known layout.
+
+    Raises FormatError for data of an unknown layout, ValueError for a frame or species that the
+    file does not have, MissingPackageError without h5py.
+    """
+    layout, arrays = _read(path, lambda tree: _layout(tree, frame, species, columns))
+    return _contents(path, layout, arrays)
+
+
+def read_arrays(path: str | os.PathLike[str], places: Mapping[str, str]) -> dict[str, np.ndarray]:
+    """The data sets at places of a file, by a name of one's own. Raises FormatError."""
+
+    def layout(tree: Tree) -> Layout:
+        return Layout({k: [tree.source("/" + p.strip("/"))] for k, p in places.items()})
+
+    return _read(path, layout)[1]
+
+
+def _read(path: Any, layout_of: Callable[[Tree], Layout]) -> tuple[Layout, dict[str, np.ndarray]]:
+    need("h5py", "h5py", "formats")
+    layout = Layout({})
+
+    def choose(claim: dict) -> tuple[float, Any]:
+        nonlocal layout
+        tree = Tree(path, claim["tree"])
+        layout = layout_of(tree)
+        size, request = 0.0, []
+        for source in layout.sources():
+            size += _n_bytes(tree, source)
+            if _offset(tree, source) < 0:
+                request.append([source.place, source.first, source.n])
+        layout.tree = tree
+        return size, request
+
+    _, sent = decode("hdf5", path, _WHAT, choose=choose)
+    tree, coming = layout.tree, iter(sent)
+    arrays: dict[str, np.ndarray] = {}
+    with open(path, "rb") as file:
+        for name, sources in layout.arrays.items():
+            parts = []
+            for source in sources:
+                offset = _offset(tree, source)
+                part = next(coming) if offset < 0 else _from_file(tree, source, offset, file)
+                parts.append(part * source.scale + source.shift if source.converted else part)
+            arrays[name] = parts[0] if len(parts) == 1 else np.stack(parts, axis=1)
+    return layout, arrays
+
+
+def _layout(tree: Tree, frame: int, species: str | None, columns: Any) -> Layout:
+    if columns is not None:
+        return named(tree, columns)
+    for known in LAYOUTS:
+        layout = known(tree, species, lambda n: frame_index(tree.path, frame, n))
+        if layout is not None:
+            return layout
+    found = ", ".join(list(tree)[1:]) or "nothing"
+    raise bad(tree.path, "", f"expected particles in a known layout, got {shown(found)}; {_ADVICE}")
+
+
+def _offset(tree: Tree, source: Source) -> int:
+    """Where the rows lie in the file as they are in memory; -1: nowhere."""
+    about = tree[source.place]
+    if about["offset"] < 0:
+        return -1
+    row = np.dtype(about["dtype"]).itemsize * math.prod(about["shape"][1:])
+    return about["offset"] + source.first * row
+
+
+def _shape(tree: Tree, source: Source) -> tuple[int, ...]:
+    shape = tree[source.place]["shape"]
+    return (source.n, *shape[1:]) if shape else ()
+
+
+def _n_bytes(tree: Tree, source: Source) -> int:
+    return math.prod(_shape(tree, source)) * np.dtype(tree[source.place]["dtype"]).itemsize
+
+
+def _from_file(tree: Tree, source: Source, offset: int, file: Any) -> np.ndarray:
+    dtype = np.dtype(tree[source.place]["dtype"])
+    size, held = _n_bytes(tree, source), os.fstat(file.fileno()).st_size
+    if offset + size > held:
+        problem = f"expected {size:,} bytes at offset {offset:,}, got {max(held - offset, 0):,}"
+        raise bad(tree.path, source.place, problem)
+    array = np.empty(_shape(tree, source), dtype)
+    file.seek(offset)
+    if array.size and file.readinto(bytes_of(array)) < size:
+        raise bad(tree.path, source.place, f"expected {size:,} bytes, got fewer")
+    return array.astype(dtype.newbyteorder("="), copy=False)
+
+
+def _contents(path: Any, layout: Layout, arrays: dict[str, np.ndarray]) -> Contents:
+    positions = arrays.pop("positions")
+    if positions.ndim != 2 or positions.shape[1] not in (2, 3):
+        raise bad(path, "positions", f"expected shape (N, 3), got {positions.shape}")
+    if "offset" in layout.extra:
+        positions = positions + arrays.pop("offset")
+    if positions.shape[1] == 2:
+        positions = np.pad(positions, ((0, 0), (0, 1)))
+    if layout.box is not None:
+        positions = layout.box.wrap(positions)
+    for name, array in arrays.items():
+        if array.ndim > 2 and len(array) == len(positions) and array.size:
+            arrays[name] = array.reshape(len(positions), -1)
+    particles = particles_from(path, positions, arrays, layout.support_per_h)
+    units = {name: unit for name, unit in layout.units.items() if unit}
+    return Contents(particles, layout.box, units, layout.time, layout.n_frames)

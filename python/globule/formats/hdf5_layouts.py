@@ -1,0 +1,356 @@
+"""What lies where in the HDF5 files of simulation programs.
+
+Each layout is a function of the file's tree that returns a Layout, or None for another program's
+file.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from .contents import Box
+from .errors import FormatError, bad, shown
+
+PickFrame = Callable[[int], int]  # number of frames -> index of the one wanted
+
+# The names that `fields` knows, by those of the programs.
+_NAMES = {
+    "coordinates": "positions", "velocities": "velocity", "masses": "mass", "densities": "density",
+    "density": "density", "smoothinglength": "smoothing_length",
+    "smoothinglengths": "smoothing_length", "particleids": "id", "rho": "density", "m": "mass",
+}  # fmt: skip
+# Smoothing lengths by SWIFT are those of Dehnen & Aly 2012; the kernel ends at this many of them.
+_SWIFT_GAMMA = 1.825742  # cubic spline, the default of SWIFT
+_MOST_COLUMNS = 1000
+
+
+class Source(NamedTuple):
+    """Rows [first, first + n) of a data set, times scale, plus shift."""
+
+    place: str
+    first: int
+    n: int
+    scale: float = 1.0
+    shift: float = 0.0
+
+    @property
+    def converted(self) -> bool:
+        """Whether scale and shift change anything."""
+        return self.scale != 1.0 or self.shift != 0.0
+
+
+@dataclass
+class Layout:
+    """What to read: name -> sources, whose columns are put side by side if there are several."""
+
+    arrays: dict[str, list[Source]]
+    box: Box | None = None
+    units: dict[str, str] = field(default_factory=dict)
+    time: float | None = None
+    n_frames: int = 1
+    support_per_h: float = 2.0
+    extra: tuple[str, ...] = ()
+    tree: Any = None
+
+    def sources(self) -> Iterator[Source]:
+        """All sources, in the order of reading."""
+        return (source for sources in self.arrays.values() for source in sources)
+
+
+class Tree(dict[str, dict[str, Any]]):
+    """Groups and data sets by their place, "/a/b"; the root is ""."""
+
+    def __init__(self, path: Any, items: dict[str, dict[str, Any]]):
+        super().__init__(items)
+        self.path = path
+
+    def attributes(self, place: str) -> dict[str, Any]:
+        """The attributes of a group or data set; none where it is absent."""
+        return self.get(place, {}).get("attributes", {})
+
+    def children(self, place: str) -> list[str]:
+        """Names directly below a group."""
+        start = place + "/"
+        return [p[len(start) :] for p in self if p.startswith(start) and "/" not in p[len(start) :]]
+
+    def is_data(self, place: str) -> bool:
+        """Whether a place is a data set."""
+        return "shape" in self.get(place, {})
+
+    def rows(self, place: str) -> int:
+        """Rows of a data set; -1 for a single number or a group."""
+        shape = self.get(place, {}).get("shape", [])
+        return shape[0] if shape else -1
+
+    def source(self, place: str) -> Source:
+        """All rows of a data set. Raises FormatError where there is none."""
+        if not self.is_data(place) or not self[place]["shape"]:
+            raise self.bad(place, "expected a data set with one row a particle, got none")
+        return Source(place, 0, self[place]["shape"][0])
+
+    def bad(self, place: str, problem: str) -> FormatError:
+        """A FormatError at a place."""
+        return bad(self.path, place, problem)
+
+    def arrays(self, group: str) -> dict[str, list[Source]]:
+        """The data sets of a group that have the rows of its positions, x y z joined."""
+        names = {k: f"{group}/{k}" for k in self.children(group) if self.is_data(f"{group}/{k}")}
+        known = {_NAMES.get(name.lower(), name): place for name, place in names.items()}
+        found: dict[str, list[Source]] = {}
+        for parts, vector in (("xyz", "positions"), (("vx", "vy", "vz"), "velocity"),
+                              ("uvw", "velocity")):  # fmt: skip
+            if vector not in found and vector not in known and {*parts} <= known.keys():
+                found[vector] = [self.source(known.pop(part)) for part in parts]
+        for name, place in known.items():
+            if self.rows(place) >= 0 and len(self[place]["shape"]) < 4:
+                found.setdefault(name, [self.source(place)])
+        for name in ("positions", "position", "pos", "points", "Points", "Position", "POS"):
+            if "positions" not in found and name in found:
+                found["positions"] = found.pop(name)
+        if "positions" not in found:
+            return {}
+        n = found["positions"][0].n
+        if any(source.n != n for source in found["positions"]):
+            raise self.bad(group, "expected x, y and z of one length")
+        return {k: s for k, s in found.items() if all(source.n == n for source in s)}
+
+
+def gadget(tree: Tree, species: str | None, _: PickFrame) -> Layout | None:
+    """Gadget-2/3/4, AREPO, GIZMO and SWIFT: /Header and /PartType0 … /PartType9.
+
+    Gadget's, AREPO's and GIZMO's smoothing length is where the kernel ends (Springel 2005, eq. 4);
+    SWIFT's times "Kernel gamma" is.
+    """
+    groups = [k for k in tree.children("") if k.startswith("PartType")]
+    if "/Header" not in tree or not groups:
+        return None
+    filled = [k for k in groups if tree.rows(f"/{k}/Coordinates") > 0]
+    chosen = _one_of(tree, species, groups, filled or groups)
+    header = tree.attributes("/Header")
+    arrays = tree.arrays(f"/{chosen}")
+    if not arrays:
+        raise tree.bad(f"/{chosen}", "expected a data set Coordinates (N, 3), got none")
+    swift = tree.attributes("/HydroScheme")
+    is_swift = bool(swift) or "SWIFT" in str(tree.attributes("/Code").get("Code", ""))
+    gamma = _number(swift.get("Kernel gamma"), _SWIFT_GAMMA) if is_swift else 1.0
+    sizes = header.get("BoxSize", 0.0)
+    periodic = (
+        _number(header.get("Periodic", tree.attributes("/Parameters").get("PeriodicBoundariesOn")))
+        if not is_swift
+        else _number(tree.attributes("/Parameters").get("InitialConditions:periodic"), 1.0)
+    )
+    units = {}
+    for name, sources in arrays.items():
+        about = tree.attributes(sources[0].place)
+        unit = about.get("Expression for physical CGS units", about.get("Description", ""))
+        units[name] = unit if isinstance(unit, str) and "Expression for" in str(about) else ""
+    box = _box(np.zeros(3), sizes, [periodic != 0] * 3)
+    return Layout(arrays, box, units, _time(header.get("Time")), support_per_h=gamma)
+
+
+def h5part(tree: Tree, _: str | None, pick: PickFrame) -> Layout | None:
+    """H5Part: /Step#0 … with x, y, z, one value a particle."""
+    steps = [k for k in tree.children("") if k.startswith("Step#") and k[5:].isdigit()]
+    if not steps:
+        return None
+    steps.sort(key=lambda k: int(k[5:]))
+    group = "/" + steps[pick(len(steps))]
+    arrays = tree.arrays(group)
+    if not arrays:
+        raise tree.bad(group, "expected data sets x, y and z, got none")
+    about = tree.attributes(group)
+    time = next((about[k] for k in ("TimeValue", "Time", "time") if k in about), None)
+    return Layout(arrays, time=_time(time), n_frames=len(steps))
+
+
+def pysph(tree: Tree, species: str | None, _: PickFrame) -> Layout | None:
+    """PySPH: /particles/NAME/arrays and /solver_data; the support is 2 h."""
+    groups = [k for k in tree.children("/particles") if f"/particles/{k}/arrays" in tree]
+    if not groups:
+        return None
+    chosen = _one_of(tree, species, groups, sorted(groups, key=lambda k: k != "fluid"))
+    arrays = tree.arrays(f"/particles/{chosen}/arrays")
+    if not arrays:
+        raise tree.bad(f"/particles/{chosen}/arrays", "expected data sets x, y and z, got none")
+    return Layout(arrays, time=_time(tree.attributes("/solver_data").get("t")))
+
+
+def openpmd(tree: Tree, species: str | None, pick: PickFrame) -> Layout | None:
+    """openPMD 1: /data/N/particles/SPECIES with records of components; all become SI units."""
+    if "openPMD" not in tree.attributes(""):
+        return None
+    iterations = [k for k in tree.children("/data") if k.isdigit()]
+    if not iterations:
+        raise tree.bad("/data", "expected iterations, got none")
+    iterations.sort(key=int)
+    base = "/data/" + iterations[pick(len(iterations))]
+    folder = base + "/" + str(tree.attributes("").get("particlesPath", "particles/")).strip("/")
+    groups = [k for k in tree.children(folder) if f"{folder}/{k}/position" in tree]
+    if not groups:
+        raise tree.bad(folder, "expected particles with a position, got none")
+    group = f"{folder}/{_one_of(tree, species, groups, groups)}"
+    found: dict[str, list[Source]] = {}
+    first = next((p for p in tree.children(f"{group}/position")), "")
+    n = _openpmd_rows(tree, f"{group}/position/{first}")
+    for record in tree.children(group):
+        place = f"{group}/{record}"
+        parts = [place] if tree.is_data(place) else [f"{place}/{c}" for c in tree.children(place)]
+        if all(tree.rows(p) == n for p in parts) and parts:
+            found[record] = [
+                Source(p, 0, n, _number(tree.attributes(p).get("unitSI"), 1.0)) for p in parts
+            ]
+    offsets = [_openpmd_constant(tree, f"{group}/positionOffset/{c}") for c in ("x", "y", "z")]
+    names = [f"{group}/position/{c}" for c in ("x", "y", "z")]
+    names = [name for name in names if name in tree]
+    if "position" not in found or len(names) < 2:
+        raise tree.bad(f"{group}/position", "expected components x, y and z of one length")
+    positions = [
+        Source(p, 0, n, _number(tree.attributes(p).get("unitSI"), 1.0), offset or 0.0)
+        for p, offset in zip(names, offsets, strict=False)
+    ]
+    del found["position"]
+    moving = found.pop("positionOffset", None)
+    arrays = {"positions": positions, **_lower(found)}
+    extra: tuple[str, ...] = ()
+    if moving is not None and len(moving) == len(positions):
+        arrays["offset"], extra = moving, ("offset",)
+    about = tree.attributes(base)
+    time = _number(about.get("time"), math.nan) * _number(about.get("timeUnitSI"), 1.0)
+    units = {"positions": "m"} | {name: "SI" for name in arrays if name not in ("positions", "id")}
+    return Layout(arrays, None, units, _time(time), len(iterations), extra=extra)
+
+
+def vtkhdf(tree: Tree, _: str | None, pick: PickFrame) -> Layout | None:
+    """VTKHDF: PolyData or UnstructuredGrid, in pieces, over time ("VTKHDF File Format")."""
+    if "/VTKHDF" not in tree:
+        return None
+    kind = tree.attributes("/VTKHDF").get("Type", "")
+    if kind not in ("PolyData", "UnstructuredGrid"):
+        problem = f"expected Type PolyData or UnstructuredGrid, got {shown(str(kind))}"
+        raise tree.bad("/VTKHDF", problem)
+    points = tree.source("/VTKHDF/Points")
+    counts = tree.get("/VTKHDF/NumberOfPoints", {}).get("values", [points.n])
+    data = {
+        name: tree.source(f"/VTKHDF/PointData/{name}")
+        for name in tree.children("/VTKHDF/PointData")
+        if tree.rows(f"/VTKHDF/PointData/{name}") >= 0
+    }
+    time, n_frames = None, 1
+    first, n = 0, sum(counts)
+    begins = dict.fromkeys(data, 0)
+    if "/VTKHDF/Steps" in tree:
+        steps = {k: tree[f"/VTKHDF/Steps/{k}"] for k in tree.children("/VTKHDF/Steps")}
+        values = _values(steps, "Values") or [0.0]
+        n_frames = len(values)
+        i = pick(n_frames)
+        time = values[i]
+        part = _at(tree, _values(steps, "PartOffsets"), i, i)
+        parts = _at(tree, _values(steps, "NumberOfParts"), i, 1)
+        first = _at(tree, _values(steps, "PointOffsets"), i, sum(counts[:part]))
+        n = sum(counts[part : part + parts])
+        for name in data:
+            offsets = tree.get(f"/VTKHDF/Steps/PointDataOffsets/{name}", {}).get("values")
+            begins[name] = _at(tree, offsets, i, first)
+    for name, begin in (("Points", first), *begins.items()):
+        rows = points.n if name == "Points" else data[name].n
+        if begin < 0 or n < 0 or begin + n > rows:
+            problem = f"expected at least {begin + n} rows, got {rows}"
+            raise tree.bad(f"/VTKHDF/{name}", problem)
+    arrays = {"positions": [Source(points.place, first, n)]}
+    arrays |= {k: [Source(s.place, begins[k], n)] for k, s in data.items() if k != "positions"}
+    return Layout(arrays, time=_time(time), n_frames=n_frames)
+
+
+def plain(tree: Tree, species: str | None, _: PickFrame) -> Layout | None:
+    """Data sets named positions, Coordinates or x, y, z, at the root or in a group."""
+    groups = [g for g in tree if not tree.is_data(g)]
+    if species is not None:
+        groups = ["/" + species.strip("/")]
+    for group in groups:
+        arrays = tree.arrays(group)
+        if arrays and tree.rows(arrays["positions"][0].place) > 0:
+            return Layout(arrays, time=_time(tree.attributes("").get("time")))
+    return None
+
+
+def named(tree: Tree, columns: Mapping[str, str]) -> Layout:
+    """The data sets that a caller names: field -> place."""
+    places = {name: "/" + str(place).strip("/") for name, place in columns.items()}
+    found = {name: [tree.source(place)] for name, place in places.items()}
+    if {"x", "y", "z"} <= found.keys():
+        found["positions"] = [found.pop(c)[0] for c in "xyz"]
+    if "positions" not in found:
+        raise ValueError("columns: expected positions, or x, y and z; "
+                         f"got {', '.join(map(repr, columns))}")  # fmt: skip
+    return Layout(found)
+
+
+LAYOUTS = (gadget, vtkhdf, openpmd, pysph, h5part, plain)
+
+
+def _one_of(tree: Tree, wanted: str | None, groups: list[str], default: list[str]) -> str:
+    if wanted is None:
+        return default[0]
+    if wanted not in groups:
+        names = ", ".join(groups)
+        raise ValueError(f"species: expected one of {names} for {tree.path}, got {wanted!r}")
+    return wanted
+
+
+def _number(value: Any, default: float = 0.0) -> float:
+    try:
+        return float(value)
+    except (TypeError, ValueError, OverflowError):
+        return default
+
+
+def _time(value: Any) -> float | None:
+    time = _number(value, math.nan)
+    return time if math.isfinite(time) else None
+
+
+def _box(origin: Any, sizes: Any, periodic: Any) -> Box | None:
+    with contextlib.suppress(TypeError, ValueError):  # a box that is none is left out
+        box = Box.of_sizes(origin, sizes, periodic)
+        return box if (np.diag(box.edges) > 0).all() else None
+    return None
+
+
+def _values(steps: dict[str, dict], name: str) -> list | None:
+    return steps.get(name, {}).get("values")
+
+
+def _at(tree: Tree, values: Any, i: int, default: int) -> int:
+    """Entry i of a table of frames: its first column where there are several."""
+    if values is None:
+        return default
+    if i >= len(values):
+        raise tree.bad("/VTKHDF/Steps", f"expected {i + 1} entries, got {len(values)}")
+    value = values[i]
+    while isinstance(value, list) and value:
+        value = value[0]
+    return int(_number(value, -1))
+
+
+def _openpmd_rows(tree: Tree, place: str) -> int:
+    if tree.is_data(place):
+        return tree.rows(place)
+    shape = tree.attributes(place).get("shape")
+    return int(_number(shape[0] if isinstance(shape, list) and shape else shape, -1))
+
+
+def _openpmd_constant(tree: Tree, place: str) -> float | None:
+    about = tree.attributes(place)
+    if tree.is_data(place) or "value" not in about:
+        return None
+    return _number(about["value"]) * _number(about.get("unitSI"), 1.0)
+
+
+def _lower(found: dict[str, list[Source]]) -> dict[str, list[Source]]:
+    return {_NAMES.get(k.lower(), k): s for k, s in found.items() if len(s) < _MOST_COLUMNS}

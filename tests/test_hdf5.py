@@ -1,0 +1,283 @@
+"""HDF5 files of simulation programs, written by their own libraries where there are any."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import globule as gb
+import numpy as np
+import pytest
+from globule.formats import FormatError, read_contents
+
+h5py = pytest.importorskip("h5py")
+N = 50
+RNG = np.random.default_rng(3)
+POSITIONS = RNG.random((N, 3))
+VELOCITY = RNG.normal(size=(N, 3)).astype(np.float32)
+H = (0.1 + 0.05 * RNG.random(N)).astype(np.float32)
+MASS, DENSITY = np.full(N, 0.02), 900 + 100 * RNG.random(N)
+
+
+def gadget(path: Path, **options) -> None:
+    with h5py.File(path, "w") as file:
+        header = file.create_group("Header")
+        header.attrs.update({"BoxSize": 1.0, "Time": 0.25, "NumPart_ThisFile": [N, 7, 0, 0, 0, 0]})
+        file.create_group("Parameters").attrs["PeriodicBoundariesOn"] = 1
+        gas, dark = file.create_group("PartType0"), file.create_group("PartType1")
+        for name, values in (("Coordinates", POSITIONS), ("Velocities", VELOCITY),
+                             ("Masses", MASS), ("Density", DENSITY), ("SmoothingLength", H),
+                             ("ParticleIDs", np.arange(N, dtype=np.uint64))):  # fmt: skip
+            gas.create_dataset(name, data=values, **options)
+        dark["Coordinates"] = POSITIONS[:7] + 1.0
+
+
+@pytest.mark.parametrize("options", [{}, {"compression": "gzip", "chunks": True, "shuffle": True}])
+def test_gadget(tmp_path, options):
+    path = tmp_path / "snapshot.hdf5"
+    gadget(path, **options)
+    got = read_contents(path)
+    particles = got.particles
+    assert np.array_equal(particles.positions, POSITIONS.astype(np.float32))
+    assert np.array_equal(particles.attributes["velocity"], VELOCITY)
+    assert particles.attributes["id"].dtype == np.uint64
+    assert np.array_equal(particles.support, H)  # where Gadget's kernel ends
+    expected = 8 * MASS / (DENSITY * H.astype(float) ** 3)
+    assert np.allclose(particles.weight, expected, rtol=1e-6)
+    assert got.time == 0.25
+    assert got.box.periodic == (True, True, True)
+    assert np.array_equal(got.box.edges, np.eye(3))
+    dark = gb.read(path, species="PartType1")
+    assert np.allclose(dark.positions, POSITIONS[:7], atol=1e-6)  # wrapped
+    with pytest.raises(ValueError, match=r"species: expected one of PartType0, PartType1 .*'gas'"):
+        gb.read(path, species="gas")
+
+
+def test_half_the_support_as_spacing_has_weight_one(tmp_path):
+    """Equal particles with a support of two spacings: the weight is that of the default."""
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["positions"] = POSITIONS
+        file["h"], file["rho"] = np.full(N, 0.05), np.full(N, 1000.0)
+        file["mass"] = np.full(N, 1000.0 * 0.05**3)
+    particles = gb.read(tmp_path / "a.h5")
+    assert np.allclose(particles.support, 0.1)
+    assert np.allclose(particles.weight, 1.0)
+
+
+@pytest.mark.interop
+def test_swift(tmp_path):
+    swiftsimio = pytest.importorskip("swiftsimio")
+    import unyt
+
+    units = swiftsimio.Writer(unit_system="cgs", boxsize=np.ones(3) * unyt.cm, dimension=3,
+                              scale_factor=1.0)  # fmt: skip
+    cosmo = {"comoving": False, "scale_factor": 1.0, "scale_exponent": 0}
+    array = swiftsimio.cosmo_array
+    units.gas.coordinates = array(POSITIONS, unyt.cm, **{**cosmo, "scale_exponent": 1})
+    units.gas.velocities = array(VELOCITY.astype(float), unyt.cm / unyt.s, **cosmo)
+    units.gas.masses = array(MASS, unyt.g, **cosmo)
+    units.gas.internal_energy = array(np.ones(N), unyt.erg / unyt.g, **cosmo)
+    units.gas.smoothing_lengths = array(H.astype(float), unyt.cm, **{**cosmo, "scale_exponent": 1})
+    units.write(str(tmp_path / "swift.hdf5"))
+    with h5py.File(tmp_path / "swift.hdf5", "a") as file:  # as the program itself writes it
+        file.require_group("HydroScheme").attrs["Kernel gamma"] = np.array([1.936492])
+    got = read_contents(tmp_path / "swift.hdf5")
+    assert np.array_equal(got.particles.positions, POSITIONS.astype(np.float32))
+    assert np.allclose(got.particles.support, 1.936492 * H, rtol=1e-6)
+    assert np.allclose(got.box.edges, np.eye(3))
+    assert got.box.periodic == (True, True, True)
+
+
+def test_h5part(tmp_path):
+    with h5py.File(tmp_path / "run.h5part", "w") as file:
+        for i in (0, 2, 10):
+            group = file.create_group(f"Step#{i}")
+            group.attrs["TimeValue"] = 0.1 * i
+            for k, name in enumerate("xyz"):
+                group[name] = POSITIONS[:, k] + i
+            group["q"] = np.arange(N, dtype=np.int64)
+    last = read_contents(tmp_path / "run.h5part", frame=-1)
+    assert (last.n_frames, last.time) == (3, 1.0)
+    assert np.array_equal(last.particles.positions, (POSITIONS + 10).astype(np.float32))
+    assert np.array_equal(last.particles.attributes["q"], np.arange(N))
+    with pytest.raises(ValueError, match=r"frame: expected -3 to 2 for .*, got 3"):
+        gb.read(tmp_path / "run.h5part", frame=3)
+
+
+def test_pysph(tmp_path):
+    with h5py.File(tmp_path / "drop_10.hdf5", "w") as file:  # as pysph.solver.output writes it
+        file.create_group("solver_data").attrs.update({"t": 0.5, "dt": 1e-3, "count": 10})
+        for name, n in (("wall", 5), ("fluid", N)):
+            arrays = file.create_group(f"particles/{name}/arrays")
+            for k, axis in enumerate("xyz"):
+                arrays.create_dataset(axis, data=POSITIONS[:n, k], compression="gzip")
+            for k, axis in enumerate("uvw"):
+                arrays[axis] = VELOCITY[:n, k]
+            arrays["h"], arrays["m"], arrays["rho"] = H[:n], MASS[:n], DENSITY[:n]
+            arrays.create_dataset("au", (0,), dtype="f8")
+            file.create_group(f"particles/{name}/constants")["c0"] = [10.0]
+    got = read_contents(tmp_path / "drop_10.hdf5")
+    assert got.time == 0.5
+    assert np.allclose(got.particles.positions, POSITIONS)
+    assert np.allclose(got.particles.support, 2 * H)
+    assert np.array_equal(got.particles.attributes["velocity"], VELOCITY)
+    assert set(got.particles.attributes) == {"velocity", "h", "mass", "density"}
+    assert len(gb.read(tmp_path / "drop_10.hdf5", species="wall")) == 5
+
+
+@pytest.mark.interop
+@pytest.mark.parametrize("constant_offset", [True, False])
+def test_openpmd(tmp_path, constant_offset):
+    openpmd = pytest.importorskip("openpmd_api")
+    series = openpmd.Series(str(tmp_path / "run.h5"), openpmd.Access.create)
+    offsets = np.arange(N, dtype=np.float64)
+    for i in (5, 40):
+        iteration = series.iterations[i]
+        iteration.time, iteration.time_unit_SI = float(i), 1e-15
+        electrons = iteration.particles["electrons"]
+        dataset = openpmd.Dataset(np.dtype(np.float64), [N])
+        for k, axis in enumerate("xyz"):
+            component = electrons["position"][axis]
+            component.reset_dataset(dataset)
+            component.unit_SI = 1e-6
+            component.store_chunk(np.ascontiguousarray(POSITIONS[:, k] + i))
+            moved = electrons["positionOffset"][axis]
+            moved.reset_dataset(dataset)
+            moved.unit_SI = 1e-6
+            if constant_offset:
+                moved.make_constant(100.0)
+            else:
+                moved.store_chunk(offsets)
+            speed = electrons["momentum"][axis]
+            speed.reset_dataset(dataset)
+            speed.unit_SI = 2.0
+            speed.store_chunk(np.ascontiguousarray(VELOCITY[:, k].astype(float)))
+        weighting = electrons["weighting"][openpmd.Record_Component.SCALAR]
+        weighting.reset_dataset(dataset)
+        weighting.store_chunk(MASS)
+        series.flush()
+    series.close()
+    got = read_contents(tmp_path / "run.h5", frame=1, species="electrons")
+    moved = 100.0 if constant_offset else offsets[:, None]
+    assert np.allclose(got.particles.positions, 1e-6 * (POSITIONS + 40 + moved), rtol=1e-6)
+    assert np.allclose(got.particles.attributes["momentum"], 2 * VELOCITY)
+    assert np.array_equal(got.particles.attributes["weighting"], MASS)
+    assert got.units["positions"] == "m"
+    assert (got.n_frames, got.time) == (2, pytest.approx(40e-15))
+
+
+@pytest.mark.interop
+def test_vtkhdf_by_vtk(tmp_path):
+    vtk = pytest.importorskip("vtk")
+    from vtk.util.numpy_support import numpy_to_vtk
+
+    cloud = vtk.vtkPolyData()
+    points = vtk.vtkPoints()
+    points.SetData(numpy_to_vtk(POSITIONS, deep=True))
+    cloud.SetPoints(points)
+    speed = numpy_to_vtk(VELOCITY, deep=True)
+    speed.SetName("velocity")
+    cloud.GetPointData().AddArray(speed)
+    writer = vtk.vtkHDFWriter()
+    writer.SetFileName(str(tmp_path / "cloud.vtkhdf"))
+    writer.SetInputData(cloud)
+    writer.Write()
+    particles = gb.read(tmp_path / "cloud.vtkhdf")
+    assert np.array_equal(particles.positions, POSITIONS.astype(np.float32))
+    assert np.array_equal(particles.attributes["velocity"], VELOCITY)
+
+
+def test_vtkhdf_over_time(tmp_path):
+    with h5py.File(tmp_path / "run.vtkhdf", "w") as file:
+        root = file.create_group("VTKHDF")
+        root.attrs["Version"], root.attrs["Type"] = (2, 0), np.bytes_("PolyData")
+        root["NumberOfPoints"] = [10, 15, 25]
+        root["Points"] = POSITIONS
+        root["PointData/mass"] = MASS + np.arange(N)
+        steps = root.create_group("Steps")
+        steps["Values"], steps["PartOffsets"] = [0.0, 0.5], [0, 1]
+        steps["NumberOfParts"], steps["PointOffsets"] = [1, 2], [0, 10]
+        steps["PointDataOffsets/mass"] = [0, 10]
+    got = read_contents(tmp_path / "run.vtkhdf", frame=1)
+    assert (got.time, got.n_frames) == (0.5, 2)
+    assert np.array_equal(got.particles.positions, POSITIONS[10:].astype(np.float32))
+    assert np.array_equal(got.particles.attributes["mass"], (MASS + np.arange(N))[10:])
+
+
+@pytest.mark.interop
+@pytest.mark.parametrize("how", ["HDF", "XML"])
+def test_xdmf_by_meshio(tmp_path, monkeypatch, how):
+    meshio = pytest.importorskip("meshio")
+    monkeypatch.chdir(tmp_path)
+    data = {"mass": MASS, "velocity": VELOCITY.astype(float)}
+    cells = [("vertex", np.arange(N)[:, None])]
+    mesh = meshio.Mesh(POSITIONS, cells, point_data=data)
+    meshio.write("a.xdmf", mesh, data_format=how)
+    particles = gb.read("a.xdmf")
+    assert np.allclose(particles.positions, POSITIONS, atol=1e-6)
+    assert np.array_equal(particles.attributes["mass"], MASS)
+    assert particles.attributes["velocity"].shape == (N, 3)
+    if how == "HDF":
+        Path("a.xdmf").write_text(Path("a.xdmf").read_text().replace("a.h5:", "../b.h5:"))
+        with pytest.raises(FormatError, match=r"a\.xdmf: expected a file below the same folder"):
+            gb.read("a.xdmf")
+
+
+def test_xdmf_over_time(tmp_path):
+    grids = ""
+    with h5py.File(tmp_path / "run.h5", "w") as file:
+        for i in range(2):
+            file[f"{i}/x"], file[f"{i}/h"] = POSITIONS + i, H
+            grids += (
+                f'<Grid><Time Value="{i / 2}"/><Geometry GeometryType="XYZ"><DataItem Format="HDF" '
+                f'Dimensions="{N} 3">run.h5:/{i}/x</DataItem></Geometry><Attribute Name="h" '
+                f'Center="Node"><DataItem Format="HDF">run.h5:/{i}/h</DataItem></Attribute></Grid>'
+            )
+    text = f'<Xdmf><Domain><Grid CollectionType="Temporal">{grids}</Grid></Domain></Xdmf>'
+    (tmp_path / "run.xmf").write_text(text)
+    got = read_contents(tmp_path / "run.xmf", frame=-1)
+    assert (got.n_frames, got.time) == (2, 0.5)
+    assert np.array_equal(got.particles.positions, (POSITIONS + 1).astype(np.float32))
+    assert np.array_equal(got.particles.support, 2 * H)
+
+
+def test_columns_name_the_data_sets(tmp_path):
+    with h5py.File(tmp_path / "own.h5", "w") as file:
+        file["run/where"] = POSITIONS[:, :2]
+        file["run/size"] = H
+    with pytest.raises(FormatError, match=r"own\.h5: expected particles .* h5py .* gb\.Particles"):
+        gb.read(tmp_path / "own.h5")
+    particles = gb.read(
+        tmp_path / "own.h5", columns={"positions": "run/where", "radius": "run/size"}
+    )
+    assert np.array_equal(particles.positions[:, :2], POSITIONS[:, :2].astype(np.float32))
+    assert not particles.positions[:, 2].any()  # 2-D data lie in the plane z = 0
+    assert np.allclose(particles.support, 4 * H)
+    with pytest.raises(FormatError, match=r"own\.h5: /run/no: expected a data set"):
+        gb.read(tmp_path / "own.h5", columns={"positions": "run/no"})
+
+
+def test_other_files_are_not_opened(tmp_path):
+    gadget(tmp_path / "secret.hdf5")
+    with h5py.File(tmp_path / "link.hdf5", "w") as file:
+        file["positions"] = h5py.ExternalLink("secret.hdf5", "/PartType0/Coordinates")
+        layout = h5py.VirtualLayout((N, 3), np.float64)
+        layout[:] = h5py.VirtualSource("secret.hdf5", "PartType0/Coordinates", (N, 3))
+        file.create_virtual_dataset("Coordinates", layout)
+    with pytest.raises(FormatError, match=r"link\.hdf5: expected particles .* got 'nothing'"):
+        gb.read(tmp_path / "link.hdf5")
+
+
+def test_a_claim_without_data_is_refused(tmp_path):
+    with h5py.File(tmp_path / "bomb.h5", "w") as file:
+        file.create_dataset("positions", (10**9, 3), "f4", chunks=(1 << 20, 3), compression="gzip")
+    assert os.path.getsize(tmp_path / "bomb.h5") < 1 << 20
+    with pytest.raises(FormatError, match=r"bomb\.h5: header: expected at most .* got a claim of"):
+        gb.read(tmp_path / "bomb.h5")
+
+
+def test_a_scene_of_a_snapshot(tmp_path):
+    gadget(tmp_path / "snapshot.hdf5")
+    scene = gb.Scene(str(tmp_path / "snapshot.hdf5"), device="cpu", threads=1)
+    assert np.array_equal(scene.particles.support, H)
+    assert gb.render(scene, (40, 30)).image.shape[:2] == (30, 40)

@@ -1,0 +1,116 @@
+"""The surface in a VTK window: the same pixels as gb.render, between the window's meshes."""
+
+from __future__ import annotations
+
+import globule as gb
+import numpy as np
+import pytest
+
+pyvista = pytest.importorskip("pyvista")
+import globule.pyvista  # noqa: E402
+
+pytestmark = pytest.mark.interop
+SIZE = (160, 120)
+SETTINGS = {"background": (0, 0, 0)}
+
+
+def ball(n: int = 3000) -> gb.Scene:
+    rng = np.random.default_rng(1)
+    positions = rng.normal(size=(n, 3))
+    positions /= np.linalg.norm(positions, axis=1, keepdims=True)
+    positions *= np.cbrt(rng.random(n))[:, None]
+    colors = 0.2 + 0.6 * rng.random((n, 3))
+    return gb.Scene(gb.Particles(positions, support=0.3, color=colors), device="cpu")
+
+
+@pytest.fixture
+def plotter():
+    made = pyvista.Plotter(off_screen=True, window_size=SIZE, lighting="light kit")
+    made.set_background("black")
+    yield made
+    made.close()
+
+
+def seen(plotter: object) -> np.ndarray:
+    plotter.render()
+    return np.asarray(plotter.screenshot(return_img=True))[..., :3].astype(int)
+
+
+def assert_alone(plotter: object, scene: gb.Scene) -> None:
+    """Without meshes, the window shows what gb.render does."""
+    image = seen(plotter)
+    frame = gb.render(scene, gb.pyvista.camera_of(plotter.camera), SIZE, SETTINGS)
+    hit = np.isfinite(frame.distance)
+    assert 0.1 < hit.mean() < 0.9
+    assert np.array_equal(image[hit], frame.image[hit].astype(int))
+    assert not image[~hit].any()
+
+
+@pytest.mark.parametrize("parallel", [False, True])
+def test_the_pixels_are_those_of_render(plotter, parallel):
+    scene = ball()
+    gb.pyvista.add_particles(plotter, scene, SETTINGS)
+    plotter.camera_position = [(3, 2, 4), (0.2, 0, 0), (0, 1, 0.2)]
+    if parallel:
+        plotter.enable_parallel_projection()
+        plotter.camera.parallel_scale = 1.7
+    plotter.reset_camera_clipping_range()
+    assert_alone(plotter, scene)
+    plotter.camera.azimuth = 50  # the surface follows
+    plotter.reset_camera_clipping_range()
+    assert_alone(plotter, scene)
+
+
+def test_depth_against_a_mesh(plotter):
+    """A plane through the ball: in front of it the plane shows, behind it the ball."""
+    scene = ball()
+    plotter.add_mesh(pyvista.Plane(i_size=8, j_size=8), color=(255, 0, 0), lighting=False)
+    actor = gb.pyvista.add_particles(plotter, scene, SETTINGS)
+    plotter.camera_position = [(0.5, 3, 3), (0, 0, 0), (0, 0, 1)]
+    plotter.reset_camera_clipping_range()
+    image = seen(plotter)
+    frame = actor.frame
+    hit = np.isfinite(frame.distance)
+    above = np.zeros_like(hit)
+    above[hit] = frame.position[hit][:, 2] > 0  # the eye is above the plane z = 0
+    near = np.zeros_like(hit)
+    near[hit] = np.abs(frame.position[hit][:, 2]) < 0.1  # pixels at the mesh's silhouette
+    assert above.sum() > 500
+    assert (hit & ~above).sum() > 100
+    assert np.array_equal(image[above & ~near], frame.image[above & ~near].astype(int))
+    red = (image == (255, 0, 0)).all(axis=2)
+    assert red[hit & ~above & ~near].all()
+
+
+def test_a_translucent_mesh_before_the_surface(plotter):
+    scene = ball()
+    actor = gb.pyvista.add_particles(plotter, scene, SETTINGS)
+    plane = pyvista.Plane(center=(0, 0, 2), i_size=9, j_size=9)
+    plotter.add_mesh(plane, color=(0, 0, 255), opacity=0.5, lighting=False)
+    plotter.camera_position = [(0, 0, 6), (0, 0, 0), (0, 1, 0)]
+    plotter.reset_camera_clipping_range()
+    image = seen(plotter)
+    hit = np.isfinite(actor.frame.distance)
+    expected = 0.5 * actor.frame.image[hit] + 0.5 * np.array([0, 0, 255])
+    assert np.abs(image[hit] - expected).max() <= 2
+
+
+def test_update_and_remove(plotter):
+    actor = gb.pyvista.add_particles(plotter, ball(), SETTINGS)
+    plotter.camera_position = [(0, 0, 6), (0, 0, 0), (0, 1, 0)]
+    plotter.reset_camera_clipping_range()
+    first = seen(plotter)
+    actor.update(positions=actor.scene.particles.positions + np.float32([0.5, 0, 0]))
+    moved = seen(plotter)
+    assert np.any(first, axis=2).nonzero()[1].mean() < np.any(moved, axis=2).nonzero()[1].mean() - 5
+    actor.remove()
+    assert not seen(plotter).any()
+
+
+def test_the_window_fits_the_particles(plotter):
+    gb.pyvista.add_particles(plotter, ball(), SETTINGS)
+    low, high = np.array(plotter.bounds).reshape(3, 2).T
+    assert (low < -0.9).all()
+    assert (high > 0.9).all()
+    with pytest.raises(TypeError, match=r"plotter: expected a pyvista\.Plotter"):
+        gb.pyvista.add_particles(object(), ball())
