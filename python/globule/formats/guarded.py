@@ -44,7 +44,7 @@ def decode(task: str, path: str | os.PathLike[str], what: str, most: int = 0) ->
     """What a task of `decoder.py` finds in a file: facts by name, and arrays.
 
     Args:
-        task: "dicom", "series" or "exr".
+        task: "dicom", "series", "exr", "sweep_h5" or "video".
         path: of the file or folder.
         what: that the file is expected to be, for messages.
         most: pixels; 0: no limit beside those of `gb.set_limits`.
