@@ -91,14 +91,9 @@ def _ros(path: Any, text: str) -> list[Row]:
     whole, part = _ros_clock(path, names)
     rows = []
     for where, line in _checked(path, names, lines):
-        # Whole numbers of ns have more digits than a float64.
-        clock = line[whole].strip()
-        number = _number(path, where, clock)
-        time = (
-            int(clock) // 10**9 + int(clock) % 10**9 * 1e-9 if unit and clock.isdigit() else number
-        )
+        time = _number(path, where, line[whole])
         if part is not None:
-            time = number + _number(path, where, line[part]) * 1e-9
+            time += _number(path, where, line[part]) * 1e-9
         values = np.array([_number(path, where, line[column]) for column in columns])
         rows.append(Row(where, time, _pose(path, where, values, 1000.0), True))
     return rows
