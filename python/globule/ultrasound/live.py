@@ -264,8 +264,8 @@ class _Assembler:
             self.clocks.saw(arrived.server, message.timestamp, arrived.when)
             if self._held and self.clocks.difference is not None:
                 held, self._held = self._held, []
-                for name, time, matrix in held:
-                    self.matcher.add_transform(name, time + self.clocks.difference, matrix)
+                for key, stamp, pose in held:
+                    self.matcher.add_transform(key, stamp + self.clocks.difference, pose)
         if kind == "IMAGE":
             if arrived.server:
                 return  # of the tracker's server, which is asked for poses

@@ -15,6 +15,7 @@ import numpy as np
 
 from ... import _core
 from ..._base.arrays import address
+from ..size import bytes_of
 
 RAS_FROM_LPS = np.diag([-1.0, -1.0, 1.0, 1.0])
 _SCALARS = {"int8": 2, "uint8": 3, "int16": 4, "uint16": 5, "int32": 6, "uint32": 7,
@@ -98,5 +99,5 @@ def _packed(kind: str, name: str, time: float, head: bytes, *arrays: np.ndarray)
         ">H12s20sIIQQ", 1, kind.encode(), letters, seconds, int((time - seconds) * 2**32),
         sum(array.nbytes for array in bodies), check,
     )  # fmt: skip
-    views = (memoryview(array.reshape(-1).view(np.uint8)) for array in arrays if array.nbytes)
+    views = (bytes_of(array) for array in arrays if array.nbytes)
     return Packed(name, (header + head, *views))
