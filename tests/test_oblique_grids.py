@@ -151,12 +151,15 @@ def test_the_command(folder, capsys):
     words += ["--method", "frames", "--voxel-size", "1", "--three-view", "v.png"]
     plain = run_json(capsys, *words)["counts"]["voxels"]
     height = np.asarray(Image.open("v.png")).shape[0]
-    found = run_json(capsys, *words, "--axes", "sweep", "--projections")
+    found = run_json(capsys, *words, "--volume-axes", "sweep", "--projections")
     assert found["counts"]["voxels"] < 0.6 * plain
     assert np.asarray(Image.open("v.png")).shape[0] != height
     for extra, message in (
-        (["--axes", "sweep", "--bounds=-5,-5,-5,5,5,5"], "--axes: expected no --bounds"),
-        (["--axes", "probe"], "--axes"),
+        (
+            ["--volume-axes", "sweep", "--bounds=-5,-5,-5,5,5,5"],
+            "--volume-axes: expected no --bounds",
+        ),
+        (["--volume-axes", "probe"], "--volume-axes"),
     ):
         assert main([*words, *extra]) == 2
         assert message in capsys.readouterr().err

@@ -131,7 +131,8 @@ def add_arguments(parser: Parser) -> None:
     )
     parser.renamed(method, "--region", "--bounds")
     method.add_argument(
-        "--axes",
+        "--volume-axes",
+        dest="axes",
         choices=("world", "sweep"),
         default="world",
         metavar="NAME",
@@ -314,10 +315,10 @@ def _check(options: argparse.Namespace) -> None:
     if options.axes != "world":
         if options.region is not None or options.live:
             other = "--live" if options.live else "--bounds"
-            raise UserError(f"--axes: expected no {other} beside --axes {options.axes}, got both")
+            raise UserError(f"--volume-axes: expected no {other} beside --volume-axes, got both")
         if _exact(options):
             raise UserError(
-                "--axes: expected --method beside --plus, as PLUS's axes are the world's"
+                "--volume-axes: expected --method beside --plus, as PLUS's axes are the world's"
             )
     _check_apart(options)
     if options.calibration and options.plus:

@@ -171,7 +171,8 @@ def video(path: str, ask: Any) -> tuple[dict, list]:
         n = stream.frames or int(length * rate + 2) or os.path.getsize(path)
         # A video packs frames far better than the limit for files allows.
         ask(n * height * width, sizes=[width, height, n], held=n * height * width)
-        frames, times = [], []
+        frames: list[Any] = []
+        times: list[float] = []
         for frame in file.decode(stream):
             if len(frames) >= n + 2:
                 raise ValueError(f"{n} frames, as the header says, got more")

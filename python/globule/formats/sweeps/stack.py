@@ -116,7 +116,7 @@ def read_h5(path: str | os.PathLike[str]) -> Stack:
 
     Raises FormatError, MissingPackageError without h5py.
     """
-    need("h5py", "h5py", "medical")
+    need("h5py", "h5py", "formats")
     _, (frames, tforms) = decode("sweep_h5", path, "a scan in HDF5")
     return Stack(frames, None, {"tforms": tforms})
 
