@@ -130,11 +130,10 @@ class LiveOutput:
             found = surface(volume, self._level)
             if found:
                 self._server.send(messages.triangles("Surface", *found, when))
-            pause = max(self._refresh, 4 * (time.monotonic() - begun))
+            deadline = begun + max(self._refresh, 4 * (time.monotonic() - begun))
             with self._changed:
-                self._changed.wait_for(
-                    lambda since=begun, s=pause: self._ended or time.monotonic() > since + s, pause
-                )
+                while not self._ended and (left := deadline - time.monotonic()) > 0:
+                    self._changed.wait(left)
 
 
 def surface(volume: Volume, level: float | None = None) -> tuple[np.ndarray, np.ndarray] | None:

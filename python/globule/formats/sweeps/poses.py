@@ -70,8 +70,8 @@ def read_poses(path: str | os.PathLike[str]) -> PoseTable:
         raise bad(path, rows[timed.index(False)][0], "expected a time in every row, got none")
     if not any(timed):
         return PoseTable(None, np.array(matrices), np.array(ok))
-    times = tracker_tables.seconds(np.array(times))
-    return PoseTable(times, np.array(matrices), np.array(ok))
+    when = tracker_tables.seconds(np.array(times, np.float64))
+    return PoseTable(when, np.array(matrices), np.array(ok))
 
 
 def _of_buffer(path: Any) -> PoseTable:
@@ -191,7 +191,7 @@ def _text_rows(path: Any) -> list[_Row]:
     reader = tracker_tables.reader_of(text)
     if reader:
         try:
-            return [tuple(row) for row in reader(path, text)]
+            return [(r.where, r.time, r.matrix, r.ok) for r in reader(path, text)]
         except csv.Error as error:
             raise bad(path, "", f"expected a text table, got {error}") from None
     if not os.fspath(path).lower().endswith(".csv"):
