@@ -8,6 +8,7 @@
 
 #include "arguments.hpp"
 #include "backends/open.hpp"
+#include "base/crc64.hpp"
 #include "oracle/field.hpp"
 #include "oracle/mesh.hpp"
 #include "picture.hpp"
@@ -69,6 +70,9 @@ NB_MODULE(_core, m) {
     m.attr("version") = globule::version();
     m.def("cpu_backends", &cpu_backends);
     m.def("dlpack_view", &dlpack_view);
+    m.def("crc64", [](Address data, std::size_t n, std::uint64_t start) {
+        return work([&] { return crc64(at<const std::uint8_t>(data), n, start); });
+    });
     m.def("describe", [](const std::string& backend, int index) {
         bool ok = false;
         const std::string text = work([&] { return describe(open_backend(backend), index, ok); });

@@ -462,7 +462,8 @@ def test_stamps_of_tracker_and_image_apart():
         assert len(sweep) == 40
         assert np.allclose(sweep.world_from_image[:, 0, 3], places, atol=1e-3)
         assert counts.as_dict() == {"images": 40, "frames": 40, "without_pose": 0, "useless": 0,
-                                    "repeated": 0, "missed": 0, "connections": 1}  # fmt: skip
+                                    "repeated": 0, "missed": 0, "missed_poses": 0,
+                                    "connections": 1}  # fmt: skip
 
 
 def test_the_calibration_s_temporal_offset_counts():

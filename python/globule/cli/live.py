@@ -13,7 +13,7 @@ from ..ultrasound.live import LiveCounts, LiveFrame, parse_address, receive_swee
 from ..ultrasound.sweep import Sweep
 from ..volumes.volume import Volume
 from .pictures import draw, wanted
-from .shared import Progress, UserError, check_folder, count, mistakes, positive, warn
+from .shared import Progress, UserError, check_folder, count, mistakes, positive, say, warn
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -26,6 +26,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="igtl://HOST:PORT",
         help="read frames from an OpenIGTLink server instead of SWEEP, until the server stops or "
         "Ctrl-C (default: none)",
+    )
+    group.add_argument(
+        "--tracker",
+        metavar="igtl://HOST:PORT",
+        help="read transforms from this second OpenIGTLink server; both servers may start in any "
+        "order (default: from the server of --live)",
+    )
+    group.add_argument(
+        "--serve",
+        metavar="[HOST:]PORT",
+        help="send the growing volume, its trust map, a slice along the probe and the surface to "
+        "OpenIGTLink clients that connect to this port, such as 3D Slicer; needs --voxel-size; "
+        "example: --serve 18945 (default: send nothing)",
     )
     group.add_argument(
         "--record",
@@ -60,24 +73,39 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=positive,
         default=1.0,
         metavar="S",
-        help="time between two versions of --three-view and --surface, seconds (default: 1)",
+        help="time between two versions of --three-view, of --surface, and of the trust map and "
+        "surface of --serve, seconds (default: 1)",
     )
 
 
 def check(options: argparse.Namespace) -> None:
     """Refuse options that contradict each other, before any work."""
     if not options.live:
-        for name in ("record", "space", "wait"):
+        for name in ("record", "space", "wait", "tracker", "serve"):
             if getattr(options, name):
                 raise UserError(f"--{name}: expected --live beside --{name}, got none")
         return
     with mistakes():
         parse_address(options.live)
+        if options.tracker:
+            parse_address(options.tracker)
+    if options.serve:
+        _served(options.serve)
+        if options.spacing is None:
+            raise UserError("--serve: expected --voxel-size, so that the volume can grow, got none")
     if options.record:
         check_folder("--record", options.record)
     for name in ("poses", "frame_times"):
         if getattr(options, name) is not None:
             raise UserError(f"--{name.replace('_', '-')}: expected a SWEEP, got --live")
+
+
+def _served(text: str) -> tuple[str, int]:
+    """Host and port of [HOST:]PORT."""
+    host, _, port = text.rpartition(":")
+    if not (port.isascii() and port.isdigit() and int(port) < 65536):
+        raise UserError(f"--serve: expected PORT or HOST:PORT, got {text!r}")
+    return host or "127.0.0.1", int(port)
 
 
 class Live:
@@ -89,9 +117,13 @@ class Live:
     def __init__(
         self, options: argparse.Namespace, progress: Progress, growing: dict[str, Any] | None
     ):
+        if options.serve and growing is None:
+            raise UserError("--serve: expected --method pvn-om without a median, which can grow")
         self.options, self.progress, self.growing = options, progress, growing
         self.reconstructor: Any = None
         self.recorder: Any = None
+        self.server: Any = None
+        self.output: Any = None
         self.counts = LiveCounts()
         self.seconds: list[float] = []
         self.n_frames = self.n_drawn = 0
@@ -104,6 +136,8 @@ class Live:
         with ThreadPoolExecutor(1) as self._draughtsman:
             try:
                 with mistakes():
+                    if options.serve:
+                        self._open_server()
                     if options.record:
                         from ..ultrasound.recorder import Recorder
 
@@ -112,7 +146,7 @@ class Live:
                     return receive_sweep(
                         options.live, options.calibration, options.plus, options.idle, self._take,
                         earlier, options.space, options.temporal_offset, options.wait, self.counts,
-                        clip=options.clip, fan=options.fan, mask=options.mask,
+                        options.tracker, clip=options.clip, fan=options.fan, mask=options.mask,
                     )  # fmt: skip
             except ConnectionError as error:
                 raise UserError(f"--{error}") from error
@@ -123,6 +157,10 @@ class Live:
                 message = f"{name}: cannot be written: {error.strerror or error}"
                 raise UserError(message) from error
             finally:
+                if self.output:
+                    self.output.close()
+                if self.server:
+                    self.server.close()
                 if self.recorder:
                     self.recorder.close()
 
@@ -144,13 +182,28 @@ class Live:
                 f"{count(c.missed, 'image')} never arrived, by the gaps of the time stamps: the "
                 "server dropped them, or the connection was broken"
             )
+        if c.missed_poses:
+            lines.append(
+                f"{count(c.missed_poses, 'pose')} never arrived, by the gaps of the stamps"
+            )
+        if c.clock_difference:
+            lines.append(
+                f"the clocks of tracker and images differ by {c.clock_difference:.3f} s; arrival "
+                "times tell this, and --temporal-offset the rest"
+            )
+        if self.output and self.output.error:
+            lines.append(f"--serve ended early: {self.output.error}")
         return lines
 
     def figures(self) -> dict[str, Any]:
         """Seconds from the arrival of a frame until the volume has the frame."""
         facts = {"grew": bool(self.seconds), "drawn": self.n_drawn,
                  "recorded": self.recorder.n_frames if self.recorder else 0,
-                 "counts": self.counts.as_dict()}  # fmt: skip
+                 "counts": self.counts.as_dict(),
+                 "clock_difference": self.counts.clock_difference}  # fmt: skip
+        if self.server:
+            facts |= {"sent": dict(self.server.sent), "skipped": dict(self.server.skipped),
+                      "clients": self.server.connections}  # fmt: skip
         if not self.seconds:
             return facts
         return facts | {
@@ -185,8 +238,31 @@ class Live:
             self.growing = self.reconstructor = None
             return
         self.seconds.append(time.perf_counter() - begun)
+        if self.server:
+            self._serve(frame)
         if wanted(self.options):
             self._draw()
+
+    def _open_server(self) -> None:
+        from ..ultrasound.broadcast import Broadcaster
+
+        host, port = _served(self.options.serve)
+        try:
+            self.server = Broadcaster(host, port)
+        except OSError as error:
+            raise UserError(f"--serve: cannot listen at {host}:{port}: {error.strerror}") from error
+        self.progress.clear()
+        say(f"sending to OpenIGTLink clients at igtl://{host}:{self.server.port}")
+
+    def _serve(self, frame: LiveFrame) -> None:
+        from ..ultrasound.live_output import LiveOutput
+
+        if self.output is None:
+            volume = self.reconstructor.volume
+            self.output = LiveOutput(self.server, volume, self.options.refresh)
+        c = self.counts
+        words = f"{self.n_frames} frames of {c.images} images{self._lost()}"
+        self.output.frame(self.n_frames, frame, words)
 
     def _draw(self) -> None:
         """Draw the current volume; a thread writes the file while frames come."""

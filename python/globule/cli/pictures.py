@@ -17,7 +17,7 @@ def draw(volume: Volume, options: argparse.Namespace, messages: list[str]) -> No
     if options.three_view:
         from ..volumes.slices import save_three_view
 
-        save_three_view(options.three_view, volume)
+        save_three_view(options.three_view, volume, projections=options.projections)
     if options.surface_image:
         from ..volumes.iso_surface import save_surface
 

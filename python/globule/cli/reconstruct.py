@@ -83,6 +83,11 @@ def add_arguments(parser: Parser) -> None:
         metavar="IMAGE.png",
         help="also write an image of the iso-surface, as `globule render` does (default: none)",
     )
+    add(
+        "--projections",
+        action="store_true",
+        help="also draw maximum-intensity projections into the image of --three-view",
+    )
     flags.add(parser, "--json")
     add(
         "--cross-validate",
@@ -125,6 +130,15 @@ def add_arguments(parser: Parser) -> None:
         help="lowest and highest corner of the volume, mm, world (default: around all pixels)",
     )
     parser.renamed(method, "--region", "--bounds")
+    method.add_argument(
+        "--volume-axes",
+        dest="axes",
+        choices=("world", "sweep"),
+        default="world",
+        metavar="NAME",
+        help="axes of the volume: world; sweep: along the sweep, which needs fewer voxels "
+        "(default: world)",
+    )
     method.add_argument(
         "--max-distance",
         type=number,
@@ -218,7 +232,7 @@ def run(options: argparse.Namespace) -> None:
         validations = {}
         if options.cross_validate:
             progress.step("predicting frames from the others")
-            validations = _cross_validate(sweep, options)
+            validations = _cross_validate(sweep, options, messages)
         report: dict[str, Any] = {"input": options.sweep or options.live, "output": options.output}
         times = {"read": read_seconds}
         if options.output:
@@ -296,6 +310,16 @@ def _check(options: argparse.Namespace) -> None:
             raise UserError(f"{option}: expected -o beside {option}, got none")
         if picture:
             check_output(option, picture, [".png"])
+    if options.projections and not options.three_view:
+        raise UserError("--projections: expected --three-view beside --projections, got none")
+    if options.axes != "world":
+        if options.region is not None or options.live:
+            other = "--live" if options.live else "--bounds"
+            raise UserError(f"--volume-axes: expected no {other} beside --volume-axes, got both")
+        if _exact(options):
+            raise UserError(
+                "--volume-axes: expected --method beside --plus, as PLUS's axes are the world's"
+            )
     _check_apart(options)
     if options.calibration and options.plus:
         raise UserError("--plus: expected no --calibration beside --plus, got both")
@@ -392,6 +416,8 @@ def _options_of(options: argparse.Namespace) -> dict[str, Any]:
             given[name] = getattr(options, name)
     if options.spacing is None and options.size is None:
         given["size"] = DEFAULT_SIZE
+    if options.axes != "world":
+        given["axes"] = options.axes
     if options.region is not None:
         given["region"] = (options.region[:3], options.region[3:])
     return given
@@ -434,12 +460,19 @@ def _fitting(name: str | None = None) -> Iterator[None]:
         raise UserError(f"{error.filename}: cannot be read: {error.strerror}") from error
 
 
-def _cross_validate(sweep: Sweep, options: argparse.Namespace) -> dict[str, Any]:
+def _cross_validate(
+    sweep: Sweep, options: argparse.Namespace, messages: list[str]
+) -> dict[str, Any]:
     from ..ultrasound.trust import compare_methods
 
     methods = (options.method,) if options.method else COMPARED
+    failures: dict[str, str] = {}
     with _fitting():
-        return compare_methods(sweep, options.cross_validate, methods, **_options_of(options))
+        found = compare_methods(
+            sweep, options.cross_validate, methods, failures, **_options_of(options)
+        )
+    messages += [f"{method} predicts no frame: {error}" for method, error in failures.items()]
+    return found
 
 
 def _volume(sweep: Sweep, options: argparse.Namespace) -> Volume:

@@ -42,7 +42,7 @@ def main(task: str, path: str, header: int, memory: int, seconds: int) -> None:
         return json.loads(request)
 
     try:
-        tasks = {"dicom": dicom, "series": series, "exr": exr, "hdf5": hdf5}
+        tasks = {"dicom": dicom, "series": series, "exr": exr, "hdf5": hdf5, "sweep_h5": sweep_h5, "video": video}
         facts, arrays = tasks[task](path, ask)
         described = [[a.dtype.str, a.shape] for a in arrays]
         tell({**facts, "arrays": described})
@@ -129,6 +129,60 @@ def _image(sitk: Any, image: Any) -> tuple[dict, list]:
         },
     }
     return facts, [] if "complex" in kind else [sitk.GetArrayFromImage(image)]
+
+
+def sweep_h5(path: str, ask: Any) -> tuple[dict, list]:
+    """Frames and transforms of a scan of TUS-REC: `frames` (N, H, W), `tforms` (N, 4, 4)."""
+    import h5py
+    import numpy as np
+
+    with h5py.File(path, "r") as file:
+        names = sorted(file)
+        if "frames" not in names or "tforms" not in names:
+            raise ValueError(f"datasets frames and tforms, got {', '.join(names)[:80] or 'none'}")
+        frames, tforms = file["frames"], file["tforms"]
+        for one in (frames, tforms):
+            if not isinstance(one, h5py.Dataset) or one.dtype.kind not in "uif":
+                raise ValueError(f"numbers in {one.name}, got another type")
+            if one.is_virtual or one.external:
+                raise ValueError(f"{one.name} in this file, got a link to another file")
+        n = len(frames)
+        if frames.ndim != 3 or tforms.shape != (n, 4, 4):
+            raise ValueError(
+                f"frames (N, H, W) and tforms (N, 4, 4), got {frames.shape} and {tforms.shape}"
+            )
+        ask(frames.size * frames.dtype.itemsize + tforms.size * 8, sizes=list(frames.shape))
+        native = np.ascontiguousarray(frames[()], frames.dtype.newbyteorder("="))
+        return {}, [native, np.ascontiguousarray(tforms[()], np.float64)]
+
+
+def video(path: str, ask: Any) -> tuple[dict, list]:
+    """The gray values of all frames of the first video, and their times, s."""
+    import av
+    import numpy as np
+
+    av.logging.set_level(av.logging.PANIC)
+    with av.open(path) as file:
+        if not file.streams.video:
+            raise ValueError("a video, got none")
+        stream = file.streams.video[0]
+        height, width = stream.codec_context.height, stream.codec_context.width
+        # Containers may not know how many frames follow: each takes at least a byte of the file.
+        rate = float(stream.average_rate or 0)
+        length = float(stream.duration * stream.time_base) if stream.duration else 0.0
+        n = stream.frames or int(length * rate + 2) or os.path.getsize(path)
+        # A video packs frames far better than the limit for files allows.
+        ask(n * height * width, sizes=[width, height, n], held=n * height * width)
+        frames: list[Any] = []
+        times: list[float] = []
+        for frame in file.decode(stream):
+            if len(frames) >= n + 2:
+                raise ValueError(f"{n} frames, as the header says, got more")
+            frames.append(np.ascontiguousarray(frame.to_ndarray(format="gray")))
+            times.append(float("nan") if frame.time is None else frame.time)
+        if not frames:
+            raise ValueError("frames, got none")
+        return {}, [np.stack(frames), np.array(times)]
 
 
 def exr(path: str, ask: Any) -> tuple[dict, list]:

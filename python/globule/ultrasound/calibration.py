@@ -81,12 +81,15 @@ class Calibration:
 
 
 def read_calibration(path: str | os.PathLike[str]) -> Calibration:
-    """Read a calibration (.toml), or that of a PLUS configuration or result (.xml).
+    """Read a calibration (.toml), that of a PLUS configuration or result (.xml), or the
+    calib_matrix.csv of TUS-REC.
 
     Raises FormatError naming the key.
     """
     if os.fspath(path).lower().endswith(".xml"):
         return _of_plus(path)
+    if os.fspath(path).lower().endswith(".csv"):
+        return _of_tus_rec(path)
     try:
         content = parse_toml(read_text(path))
     except ValueError as error:
@@ -111,6 +114,28 @@ def _of_plus(path: str | os.PathLike[str]) -> Calibration:
         got = " ".join(f"{a}To{b}" for a, b in plus.edges) or "none"
         raise bad(path, "Transform", f"expected a way from {plus.image} to Probe, got {got}")
     return Calibration(chain(plus.edges, way, 1).matrices[0], clip=plus.clip, fan=plus.fan)
+
+
+def _of_tus_rec(path: str | os.PathLike[str]) -> Calibration:
+    """Two matrices of four rows, perhaps with titles: mm from pixel, then the tool from mm. Their
+    pixels count from 1."""
+    rows = []
+    for line in read_text(path).splitlines():
+        try:
+            numbers = [float(word) for word in line.split(",") if word.strip()]
+        except ValueError:  # a title
+            continue
+        if numbers:
+            rows.append(numbers)
+    if len(rows) != 8 or any(len(row) != 4 for row in rows):
+        got = f"{len(rows)} rows"
+        raise bad(path, "", f"expected two matrices of four rows of four numbers, got {got}")
+    first = np.eye(4)
+    first[:2, 3] = 1
+    try:
+        return Calibration(np.array(rows[4:]) @ np.array(rows[:4]) @ first)
+    except ValueError as error:
+        raise bad(path, "", str(error)) from None
 
 
 def write_calibration(

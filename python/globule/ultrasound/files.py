@@ -12,7 +12,7 @@ import numpy as np
 
 from .._base.checks import number
 from ..formats.errors import FormatError, bad
-from ..formats.kind import kind_of, kind_or_none, wrong_kind
+from ..formats.kind import Kind, kind_of, kind_or_none, wrong_kind
 from ..formats.sweeps import igs, stack
 from ..formats.sweeps.poses import PoseTable, interpolate, read_poses, write_csv
 from ..formats.sweeps.transforms import (
@@ -34,9 +34,17 @@ from .sweep import Sweep, checked_frames
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-EXTENSIONS = (*igs.EXTENSIONS, ".npz", ".npy", *stack.DICOM)  # usual ones; the content counts
+EXTENSIONS = (
+    *igs.EXTENSIONS,
+    ".npz",
+    ".npy",
+    ".h5",
+    *stack.DICOM,
+)  # usual ones; the content counts
 WRITABLE = (".igs.mha", ".mha", ".igs.nrrd", ".nrrd", ".npz")
 _POSES_BESIDE = "poses.csv"  # of a folder of pictures
+_STACKS = {"hdf5": stack.read_h5, "tiff": stack.read_tiff, "video": stack.read_video}
+_MOST_LONGER = 0.1  # by which poses on a clock of their own may last longer than the frames
 
 
 def read_sweep(
@@ -54,18 +62,22 @@ def read_sweep(
     """Read a tracked sweep.
 
     Args:
-        path: PLUS/IGSIO .igs.mha or .igs.nrrd; .npz with frames and world_from_image; or a stack of
-            images (folder of image files, .mha, .nrrd, .npy, .npz, DICOM) with `poses`.
+        path: PLUS/IGSIO .igs.mha or .igs.nrrd; .npz with frames and world_from_image; a scan of
+            TUS-REC (.h5, .npz with frames and tforms); or a stack of images (folder of image files,
+            TIFF, video, .mha, .nrrd, .npy, .npz, DICOM) with `poses`.
         calibration: probe_from_image and region: a Calibration or its .toml.
         plus: PLUS configuration (.xml) with transforms and region.
-        poses: table (.csv, .json) of world_from_probe, or of world_from_image (with its scale)
-            where no calibration is given; interpolated to the times of the frames.
+        poses: table (.csv, .json, of TUM, ROS, OptiTrack or NDI, a tracker's buffer of PLUS) of
+            world_from_probe, or of world_from_image (with its scale) where no calibration is given;
+            interpolated to the times of the frames.
         temporal_offset: s, a frame at time t takes the pose at t + offset; default: the
             calibration's, or 0.
         clip: (column, row, width, height) in pixels; fan: see `Fan`; mask: (H, W) or an image's
             path. All given regions combine, and replace the regions of calibration and
             configuration.
-        frame_times: (F,) s, or frames per second, for a stack that stores no times.
+        frame_times: (F,) s, or frames per second, for a stack that stores no times. With frames
+            per second, a table with a clock of its own starts with the first frame, if both last
+            equally long.
         progress: called as progress(done, total): bytes of .mha and .nrrd, pictures of a folder, 1
             of 1 at the end of other formats.
 
@@ -81,12 +93,15 @@ def read_sweep(
     if frame_times is not None:
         times = _frame_times(frame_times, len(recording.frames))
         recording = recording._replace(times=times)
+    rated = frame_times is not None and np.ndim(frame_times) == 0
     edges = dict(setup.edges)
     if poses is None and os.path.isdir(path) and (Path(path) / _POSES_BESIDE).is_file():
         poses = Path(path) / _POSES_BESIDE
     metadata: dict[str, Any] = {"fields": recording.fields}
     if poses is not None:
         table = read_poses(poses)
+        if rated and table.times is not None:
+            table = _on_frame_clock(poses, table, recording.times)
         recording, name = _posed(poses, recording, table, temporal_offset, setup)
         edges |= {name: recording.edges[name]}
         temporal_offset = 0.0  # the table has been asked with it
@@ -94,6 +109,10 @@ def read_sweep(
         if "world_from_image" in arrays:
             recording.edges["Image", _text(arrays.get("world"), "Reference")] = _from_arrays(
                 path, arrays, len(recording.frames)
+            )
+        if "tforms" in arrays:
+            recording.edges["Probe", "Tracker"] = _from_arrays(
+                path, arrays, len(recording.frames), "tforms"
             )
         edges |= recording.edges
         metadata["frame_fields"] = recording.frame_fields
@@ -148,7 +167,7 @@ def _recording(
     path: str | os.PathLike[str], progress: Progress = None
 ) -> tuple[igs.Recording, dict[str, np.ndarray]]:
     """Frames and what their file says; the other arrays of a NumPy archive."""
-    kind = kind_of(path, "sweep")
+    kind = Kind("sweep", "hdf5") if _is_hdf5(path) else kind_of(path, "sweep")
     if kind.format in ("metaimage", "nrrd"):
         recording, arrays = igs.read(path, progress), {}
     else:
@@ -158,6 +177,8 @@ def _recording(
             images = stack.read_numpy(path)
         elif kind == ("sweep", "dicom"):
             images = stack.read_dicom(path)
+        elif kind.format in _STACKS:
+            images = _STACKS[kind.format](path)
         else:
             raise wrong_kind(path, "a sweep or a stack of images", kind)
         if progress and kind.format != "pictures":
@@ -170,6 +191,13 @@ def _recording(
         return recording._replace(frames=np.asarray(checked_frames(recording.frames))), arrays
     except (TypeError, ValueError) as error:
         raise bad(path, "", str(error)) from None
+
+
+def _is_hdf5(path: Any) -> bool:
+    if not os.path.isfile(path):
+        return False
+    with open(path, "rb") as file:
+        return file.read(8) == b"\x89HDF\r\n\x1a\n"
 
 
 def _frame_times(value: Any, n: int) -> np.ndarray:
@@ -276,11 +304,28 @@ def _shifted(
     return shifted
 
 
-def _from_arrays(path: Any, arrays: dict[str, np.ndarray], n: int) -> Transform:
-    matrices = arrays["world_from_image"]
+def _on_frame_clock(path: Any, table: PoseTable, times: np.ndarray | None) -> PoseTable:
+    """The table with its first pose at the first frame, if its clock is another than that of
+    frames, of which only the rate is known."""
+    if table.times is None or times is None or len(times) < 2:
+        return table
+    low, high = float(table.times.min()), float(table.times.max())
+    if low <= times[-1] and high >= times[0]:
+        return table
+    longer = abs((high - low) - (times[-1] - times[0]))
+    if longer > _MOST_LONGER * (times[-1] - times[0]):
+        problem = f"expected poses over {times[-1] - times[0]:.3f} s, as long as the frames at the"
+        raise bad(path, "", f"{problem} given rate, got {high - low:.3f} s on a clock of its own")
+    return table._replace(times=table.times - low)
+
+
+def _from_arrays(
+    path: Any, arrays: dict[str, np.ndarray], n: int, name: str = "world_from_image"
+) -> Transform:
+    matrices = arrays[name]
     if matrices.shape != (n, 4, 4) or matrices.dtype.kind not in "iuf":
         got = f"{matrices.dtype} {matrices.shape}"
-        raise bad(path, "world_from_image", f"expected numbers ({n}, 4, 4), got {got}")
+        raise bad(path, name, f"expected numbers ({n}, 4, 4), got {got}")
     ok = arrays.get("valid", np.ones(n, bool))
     if ok.shape != (n,) or ok.dtype != bool:
         raise bad(path, "valid", f"expected ({n},) bool, got {ok.dtype} {ok.shape}")

@@ -1,10 +1,11 @@
-"""Tracked frames from an OpenIGTLink server, as PLUS sends them.
+"""Tracked frames from OpenIGTLink servers, as PLUS sends them.
 
 A frame is an IMAGE message and the pose that TRANSFORM messages give for its time stamp. The device
 name of a transform names its coordinate frames: ProbeToTracker. Transforms whose stamps differ from
 the image's are interpolated. In a stream without transforms, the matrix of the image is its pose
-(PLUS: EmbeddedTransformToFrame). The reader takes messages from the socket one by one, so a slow
-reader slows the server down and loses nothing. The reader reconnects after the connection breaks.
+(PLUS: EmbeddedTransformToFrame). Transforms may come from a server of their own with a clock of its
+own. The reader takes messages from the socket one by one, so a slow reader slows the server down
+and loses nothing. The reader reconnects after the connection breaks.
 
 All poses are returned in LPS. The header of an IMAGE message states the axes of its matrix, RAS or
 LPS; a TRANSFORM message states nothing, and its world counts as LPS, as in files of PLUS.
@@ -13,8 +14,6 @@ LPS; a TRANSFORM message states nothing, and its world counts as LPS, as in file
 from __future__ import annotations
 
 import itertools
-import socket
-import time
 import zlib
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any, NamedTuple
@@ -24,14 +23,13 @@ import numpy as np
 from .._base.checks import missing
 from ..formats.sweeps.transforms import Edges, split_name
 from .matching import MOST_GAP, Matcher
+from .senders import Arrived, Clocks, arrivals
 from .setup import Setup
 from .sweep import SPACES, Sweep, usable
 
 DEFAULT_PORT = 18944
-_HEADER = 58  # bytes
-_MOST_BODY = 2**30
 _RAS = np.diag([-1.0, -1.0, 1.0, 1.0])  # LPS from RAS
-_CONNECT_PAUSE = 0.1  # s between attempts
+_MOST_HELD = 4096  # transforms that wait until the clocks are known
 
 
 class LiveFrame(NamedTuple):
@@ -59,34 +57,55 @@ class LiveCounts:
         without_pose: images whose pose never came.
         useless: frames whose pose is no regular finite matrix.
         repeated: frames that a restarted server sent again.
-        connections: times that the client connected.
+        clock_difference: s that the stamps of the tracker's server are moved by.
     """
 
     def __init__(self) -> None:
         self.images = self.frames = self.without_pose = self.useless = self.repeated = 0
-        self.connections = 0
+        self.connected = [0, 0]
+        self.clock_difference = 0.0
         self._times: list[float] = []
+        self._transform_times: dict[str, list[float]] = {}
 
     def saw(self, time: float) -> None:
         """Count an image with this stamp, s."""
         self.images += 1
         self._times.append(time)
 
+    def saw_transform(self, name: str, time: float) -> None:
+        """Count a sample of a transform with this stamp, s."""
+        self._transform_times.setdefault(name, []).append(time)
+
+    @property
+    def connections(self) -> int:
+        """Times that the client connected, to all servers."""
+        return sum(self.connected)
+
     @property
     def missed(self) -> int:
         """Images that the server did not send, from gaps of the stamps of more than 1.8 usual
         intervals: the server has dropped them, or the connection was broken."""
-        steps = np.diff(np.unique(self._times))
-        if len(steps) < 4:
-            return 0
-        usual = float(np.median(steps))
-        gaps = steps[steps > 1.8 * usual]
-        return int(np.rint(gaps / usual - 1).sum())
+        return _missed(self._times)
+
+    @property
+    def missed_poses(self) -> int:
+        """Samples of the transform with most losses that did not come, found as `missed`."""
+        return max(map(_missed, self._transform_times.values()), default=0)
 
     def as_dict(self) -> dict[str, int]:
         """All counts by name."""
-        names = ("images", "frames", "without_pose", "useless", "repeated", "missed", "connections")
+        names = ("images", "frames", "without_pose", "useless", "repeated", "missed",
+                 "missed_poses", "connections")  # fmt: skip
         return {name: getattr(self, name) for name in names}
+
+
+def _missed(times: list[float]) -> int:
+    steps = np.diff(np.unique(times))
+    if len(steps) < 4:
+        return 0
+    usual = float(np.median(steps))
+    gaps = steps[steps > 1.8 * usual]
+    return int(np.rint(gaps / usual - 1).sum())
 
 
 def parse_address(address: str) -> tuple[str, int]:
@@ -118,6 +137,7 @@ def receive(
     temporal_offset: float = 0.0,
     wait: float | None = None,
     counts: LiveCounts | None = None,
+    tracker: str | None = None,
 ) -> Iterator[LiveFrame]:
     """Frames as they arrive, until the server has been silent or gone for `idle` seconds.
 
@@ -131,6 +151,9 @@ def receive(
             positive offset arrives that much later.
         wait: s, until a server must have answered for the first time; default: idle.
         counts: counts what becomes of the images.
+        tracker: igtl://host[:port] of a second server, which sends transforms. Both may start in
+            any order. If the clocks of the servers differ by more than a second, arrival times
+            tell the difference (`counts.clock_difference`).
 
     Raises:
         MissingPackageError: the extra `live` is not installed.
@@ -138,34 +161,16 @@ def receive(
         ValueError: a bad address or space, or bytes that are not OpenIGTLink.
     """
     MessageBase = need_pyigtl()
-    host, port = parse_address(address)
+    places = [parse_address(place) for place in (address, tracker) if place is not None]
     if space is not None and space not in SPACES:
         raise ValueError(f"space: expected LPS or RAS, got {space!r}")
     counts = counts or LiveCounts()
-    assembler = _Assembler(constant, space, temporal_offset, counts)
-    met = False
-    deadline = time.monotonic() + (idle if wait is None else wait)
-    while time.monotonic() < deadline:
-        try:
-            connection = socket.create_connection((host, port), timeout=min(idle, 1.0))
-        except OSError as error:
-            last = error
-            time.sleep(_CONNECT_PAUSE)
-            continue
-        if not met:
-            deadline = time.monotonic() + idle
-        met = True
-        counts.connections += 1
-        with connection:
-            connection.settimeout(0.2)
-            while True:
-                message = _message(MessageBase, connection, deadline)
-                if message is None:
-                    break
-                deadline = time.monotonic() + idle
-                yield from assembler.take(message)
-    if not met:
-        raise ConnectionError(f"live: expected a server at {address}, got none: {last}")
+    assembler = _Assembler(constant, space, temporal_offset, counts, Clocks() if tracker else None)
+    wait = idle if wait is None else wait
+    for arrived in arrivals(MessageBase, places, idle, wait, counts.connected):
+        yield from assembler.take(arrived)
+    if tracker and not counts.connected[1]:
+        raise ConnectionError(f"live: expected a tracker's server at {tracker}, got none")
     yield from assembler.finish()
 
 
@@ -180,12 +185,13 @@ def receive_sweep(
     temporal_offset: float | None = None,
     wait: float | None = None,
     counts: LiveCounts | None = None,
+    tracker: str | None = None,
     **region: Any,
 ) -> Sweep:
     """All frames of a server as one `Sweep`, until the server stops or the user interrupts.
 
     Args:
-        address, idle, space, wait, counts: as for `receive`.
+        address, idle, space, wait, counts, tracker: as for `receive`.
         calibration, plus: as for `read_sweep`.
         each: called with the number of frames so far and the newest frame.
         earlier: frames of an interrupted run, which come first. Frames that a restarted server
@@ -204,7 +210,7 @@ def receive_sweep(
     setup = Setup(calibration, plus, **region)
     counts = counts or LiveCounts()
     offset = setup.temporal_offset if temporal_offset is None else temporal_offset
-    stream = receive(address, setup.edges, idle, space, offset, wait, counts)
+    stream = receive(address, setup.edges, idle, space, offset, wait, counts, tracker)
     frames: list[LiveFrame] = []
     known: set[tuple[float, int, bytes]] = set()
     try:
@@ -239,74 +245,57 @@ def receive_sweep(
     )  # fmt: skip
 
 
-def _message(base: Any, connection: socket.socket, deadline: float) -> Any:
-    """The next message; None after the connection broke or stayed silent."""
-    header = _read(connection, _HEADER, deadline)
-    if header is None:
-        return None
-    try:
-        fields = base.parse_header(header)
-    except ValueError:  # no text where the type should be
-        fields = {"body_size": -1}
-    if not 0 <= fields["body_size"] <= _MOST_BODY:
-        raise ValueError(f"live: expected an OpenIGTLink message, got {header[:14]!r}")
-    body = _read(connection, fields["body_size"], deadline + 5)
-    if body is None:
-        return None
-    message = base.create_message(fields["message_type"])
-    if message is None:
-        return (fields["message_type"],)  # of a type that does not matter here
-    try:
-        message.unpack(fields, body)
-    except Exception as error:  # the parser fails in many ways
-        kind = fields["message_type"]
-        raise ValueError(f"live: expected a whole {kind} message, got: {error}") from None
-    return message
-
-
-def _read(connection: socket.socket, n: int, deadline: float) -> bytes | None:
-    parts = bytearray()
-    while len(parts) < n:
-        try:
-            part = connection.recv(n - len(parts))
-        except TimeoutError:
-            if time.monotonic() > deadline:
-                return None
-            continue
-        except OSError:
-            return None
-        if not part:
-            return None
-        parts += part
-    return bytes(parts)
-
-
 class _Assembler:
     """Messages in, frames out."""
 
     def __init__(
-        self, constant: Edges, space: str | None, temporal_offset: float, counts: LiveCounts
-    ):
+        self, constant: Edges, space: str | None, temporal_offset: float, counts: LiveCounts,
+        clocks: Clocks | None,
+    ):  # fmt: skip
         self.matcher = Matcher(constant, temporal_offset)
-        self.space, self.counts = space, counts
+        self.space, self.counts, self.clocks = space, counts, clocks
+        self._held: list[tuple[tuple[str, str], float, np.ndarray]] = []
 
-    def take(self, message: Any) -> Iterator[LiveFrame]:
-        kind = getattr(message, "message_type", "")
+    def take(self, arrived: Arrived) -> Iterator[LiveFrame]:
+        message, kind = arrived.message, getattr(arrived.message, "message_type", "")
+        if kind not in ("IMAGE", "TRANSFORM"):
+            return
+        if self.clocks:
+            self.clocks.saw(arrived.server, message.timestamp, arrived.when)
+            if self._held and self.clocks.difference is not None:
+                held, self._held = self._held, []
+                for key, stamp, pose in held:
+                    self.matcher.add_transform(key, stamp + self.clocks.difference, pose)
         if kind == "IMAGE":
+            if arrived.server:
+                return  # of the tracker's server, which is asked for poses
             self.counts.saw(message.timestamp)
             place = np.array(message.ijk_to_world_matrix, np.float64)
             own: np.ndarray | None = None if np.array_equal(place, np.eye(4)) else place
             if own is not None and self.space is None and message.world_coordinate_system == "ras":
                 own = _RAS @ own
             self.matcher.add_image(message.timestamp, _plane(message.image), own)
-        elif kind == "TRANSFORM":
+        else:
             name = split_name(message.device_name.removesuffix("Transform"))
             if name is not None:
+                self.counts.saw_transform(message.device_name, message.timestamp)
                 matrix = np.array(message.matrix, np.float64)
-                self.matcher.add_transform(name, message.timestamp, matrix)
-        else:
-            return
+                self._add_transform(name, message.timestamp, matrix, arrived.server)
         yield from self._frames(False)
+
+    def _add_transform(
+        self, name: tuple[str, str], time: float, matrix: np.ndarray, server: int
+    ) -> None:
+        """A sample, on the clock of the images' server."""
+        if server and self.clocks:
+            difference = self.clocks.difference
+            if difference is None:
+                self._held.append((name, time, matrix))
+                del self._held[:-_MOST_HELD]
+                return
+            self.counts.clock_difference = difference
+            time += difference
+        self.matcher.add_transform(name, time, matrix)
 
     def finish(self) -> Iterator[LiveFrame]:
         yield from self._frames(True)

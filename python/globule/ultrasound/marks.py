@@ -90,7 +90,7 @@ def read_marks(
         where = f"row {int(np.argmin(np.isfinite(table).all(axis=1))) + 2}"
         raise bad(path, where, "expected numbers, got an empty or infinite one")
     if recording is None:
-        rows = _csv_rows(path)
+        rows = _csv_rows(path, whole_text(path))
         poses, ok = np.array([row[2] for row in rows]), np.array([row[3] for row in rows])
     else:
         frames = table[:, 2].astype(int)

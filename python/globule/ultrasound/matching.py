@@ -3,6 +3,7 @@ own."""
 
 from __future__ import annotations
 
+from bisect import bisect_left, bisect_right
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
@@ -33,7 +34,7 @@ class _Waiting(NamedTuple):
 
 
 class _Track:
-    """One transform over time."""
+    """One transform over time; samples in the order of their stamps, equal ones as they came."""
 
     def __init__(self) -> None:
         self.times: list[float] = []
@@ -41,40 +42,42 @@ class _Track:
         self.used: list[bool] = []
 
     def add(self, time: float, matrix: np.ndarray) -> None:
-        self.times.append(time)
-        self.matrices.append(matrix)
-        self.used.append(False)
+        at = bisect_right(self.times, time)
+        self.times.insert(at, time)
+        self.matrices.insert(at, matrix)
+        self.used.insert(at, False)
         if len(self.times) > _MOST_SAMPLES:
             for part in (self.times, self.matrices, self.used):
                 del part[: _MOST_SAMPLES // 2]
 
     def same(self, time: float) -> int | None:
         """The newest sample with this stamp that no image has taken."""
-        for i in range(len(self.times) - 1, -1, -1):
-            if abs(self.times[i] - time) <= _SAME and not self.used[i]:
+        first = bisect_left(self.times, time - _SAME)
+        for i in range(bisect_right(self.times, time + _SAME) - 1, first - 1, -1):
+            if not self.used[i]:
                 return i
         return None
 
     def around(self, time: float) -> tuple[np.ndarray | None, bool]:
         """The interpolated sample, and whether a later one may still bring it."""
-        times = np.array(self.times)
-        before, after = times < time, times > time
-        exact = np.flatnonzero(np.abs(times - time) <= _SAME)
-        if len(exact) and after.any():  # stamps advance, so a sample taken before is right, too
-            return self.matrices[exact[-1]], False
-        if not after.any():
+        times = self.times
+        j = bisect_right(times, time)  # the first later one
+        i = bisect_left(times, time) - 1  # the last earlier one
+        exact = bisect_right(times, time + _SAME) - 1
+        near = exact >= 0 and times[exact] >= time - _SAME
+        if near and j < len(times):  # stamps advance, so a sample taken before is right, too
+            return self.matrices[exact], False
+        if j == len(times):
             return None, True
-        if not before.any():
+        if i < 0:
             return None, False
-        i = int(np.flatnonzero(before)[np.argmax(times[before])])
-        j = int(np.flatnonzero(after)[np.argmin(times[after])])
         if times[j] - times[i] > MOST_GAP:
             return None, False
         pair = np.stack([self.matrices[i], self.matrices[j]])
         if not np.isfinite(pair).all():
             return np.full((4, 4), np.nan), False
         try:
-            table = PoseTable(times[[i, j]], pair, np.ones(2, bool))
+            table = PoseTable(np.array([times[i], times[j]]), pair, np.ones(2, bool))
             return interpolate(table, np.array([time]))[0][0], False
         except ValueError:  # mirrored: no rotation leads there
             share = (time - times[i]) / (times[j] - times[i])

@@ -23,6 +23,7 @@ from .grid import (
     estimate_bytes,
     make_grid,
 )
+from .lattice import lattice_frame
 from .neighbors import FramePath, PathError, path_error
 
 if TYPE_CHECKING:
@@ -65,7 +66,7 @@ class Options(NamedTuple):
 def reconstruct(
     sweep: Sweep,
     method: str | None = None,
-    spacing: float | None = None,
+    spacing: ArrayLike | None = None,
     size: ArrayLike | None = None,
     max_kernel: int = 9,
     compounding: str = "mean",
@@ -76,6 +77,7 @@ def reconstruct(
     threads: int = 0,
     progress: Callable[[int, int], None] | None = None,
     extrapolate: bool = False,
+    axes: ArrayLike | str = "world",
 ) -> Volume:
     """Reconstruct a volume from all valid frames of a sweep.
 
@@ -88,7 +90,7 @@ def reconstruct(
             averages, for every voxel, the pixels in a growing sphere; "pvn" and "vvn" give the same
             volumes without an octree, for comparison; "bezier" lays curves through pixels of four
             frames. Default: "frames"; with another compounding than the mean, "pvn-om".
-        spacing: edge of a voxel, mm. Or
+        spacing: edge of a voxel, mm, or its three edges x, y, z. Or
         size: voxels along the longest axis, or three numbers x, y, z.
         max_kernel: edge of the largest kernel, odd, voxels; 1 leaves all holes. Not for "frames".
         compounding: how the pixels of a voxel combine (pvn-om): mean, maximum, latest, first,
@@ -104,6 +106,9 @@ def reconstruct(
         device: "auto", "cpu", "cuda" or "cuda:N". threads: of the CPU; 0 takes all.
         progress: called as progress(done, total) in frames, while they are binned, and at the end.
         extrapolate: also fill holes that do not lie between data; the volume labels them.
+        axes: of the volume: "world"; "sweep", along the sweep, which needs fewer voxels; or (3, 3)
+            with the directions of x, y, z as columns. With three edges, kernels are as many voxels
+            wide along each axis, and `max_distance` counts in the shortest edge.
 
     A voxel between two consecutive frames, at the distances a and b from their planes, takes
     (b I0(u, v) + a I1(u, v)) / (a + b) with "frames". The images are bilinear, and
@@ -139,6 +144,9 @@ def reconstruct(
         raise ValueError("sweep: expected at least one valid frame, got none")
     world_from_image = np.asarray(sweep.world_from_image, np.float64)[valid]
     check_poses(world_from_image)
+    frame, spacing = lattice_frame(sweep, axes, spacing, region)
+    if frame is not None:
+        world_from_image = np.linalg.solve(frame, world_from_image)
     if len(valid) < len(frames):
         frames = np.ascontiguousarray(frames[valid])  # also of device frames: on the host from here
     mask = check_mask(getattr(sweep, "mask", None), frames.shape[1:])
@@ -192,9 +200,8 @@ def reconstruct(
             info["left_out_rms"] = error.rms
     if progress:
         progress(len(frames), len(frames))
-    return Volume(
-        values, grid.world_from_voxel, radius, getattr(sweep, "space", "LPS"), info, source.make
-    )
+    place = grid.world_from_voxel if frame is None else frame @ grid.world_from_voxel
+    return Volume(values, place, radius, getattr(sweep, "space", "LPS"), info, source.make)
 
 
 def _add(

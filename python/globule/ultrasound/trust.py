@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
@@ -11,6 +12,8 @@ from ..volumes.slices import reslice_frame
 from ..volumes.volume import EMPTY, MEASURED
 from .pose_check import PoseCheck, PoseFinding, check_poses
 from .sweep import Sweep
+
+log = logging.getLogger("globule")
 
 __all__ = [
     "PoseCheck",
@@ -97,7 +100,28 @@ def cross_validate(
 
 
 def compare_methods(
-    sweep: Sweep, k: int, methods: Sequence[str], **options: Any
+    sweep: Sweep,
+    k: int,
+    methods: Sequence[str],
+    failures: dict[str, str] | None = None,
+    **options: Any,
 ) -> dict[str, Validation]:
-    """`cross_validate` for each method."""
-    return {method: cross_validate(sweep, k, method, **options) for method in methods}
+    """`cross_validate` for each method.
+
+    A method that cannot reconstruct this sweep is left out. Its error goes to `failures`, by
+    method, or is a warning in the log. If no method can, the first one's error is raised.
+    """
+    found: dict[str, Validation] = {}
+    failed: list[Exception] = []
+    for method in methods:
+        try:
+            found[method] = cross_validate(sweep, k, method, **options)
+        except (ValueError, MemoryError) as error:
+            failed.append(error)
+            if failures is None:
+                log.warning("cross-validation without %s: %s", method, error)
+            else:
+                failures[method] = str(error)
+    if not found and failed:
+        raise failed[0]
+    return found

@@ -14,7 +14,7 @@ import numpy as np
 
 from .._base.files import atomic_write
 from .plane_axes import with_axes
-from .volume import EMPTY, EXTRAPOLATED, FAR, FILLED, Volume, origin_of
+from .volume import EMPTY, EXTRAPOLATED, FAR, FILLED, MEASURED, Volume, origin_of
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -136,15 +136,24 @@ def three_view(
     return _beside(pictures)
 
 
-def save_three_view(path: str | os.PathLike[str], volume: Volume, center: Any = None) -> None:
-    """Write a three-view image (.png): the values above, the same with the overlay below. Arrows
-    beside the planes name the volume's axes and have a labeled length in mm."""
+def max_projections(volume: Volume) -> np.ndarray:
+    """Maximum-intensity projections along z, y and x, beside each other like `three_view`: (H, W,
+    3) uint8. Empty voxels do not count; a line without values is dark blue."""
+    return _beside(_projections(volume)[0])
+
+
+def save_three_view(
+    path: str | os.PathLike[str], volume: Volume, center: Any = None, projections: bool = False
+) -> None:
+    """Write a three-view image (.png): the values above, the same with the overlay below; with
+    `projections`, maximum-intensity projections in a third row. Arrows beside the planes name the
+    volume's axes and have a labeled length in mm."""
     from PIL import Image
 
-    rows = []
-    for overlay in (False, True):
-        pictures, step = _planes(volume, center, overlay)
-        rows.append(with_axes(pictures, AXES, step))
+    shown = [_planes(volume, center, overlay) for overlay in (False, True)]
+    if projections:
+        shown.append(_projections(volume))
+    rows = [with_axes(pictures, AXES, step) for pictures, step in shown]
     packed = io.BytesIO()
     Image.fromarray(np.concatenate(rows)).save(packed, "PNG")
     with atomic_write(path) as file:
@@ -169,11 +178,35 @@ def _planes(volume: Volume, center: Any, overlay: bool) -> tuple[list[np.ndarray
         (values[:, y], origin_of(radius[:, y]), spacing[2], spacing[0]),
         (values[:, :, x], origin_of(radius[:, :, x]), spacing[2], spacing[1]),
     ]
+    return _drawn(planes, values.dtype, overlay), float(spacing.min())
+
+
+def _projections(volume: Volume) -> tuple[list[np.ndarray], float]:
+    """The largest value along each axis, as `_planes` has slices."""
+    values, known = volume.values, volume.radius != FAR
+    if values.dtype.kind == "u":  # empty voxels are 0
+        shown = [values.max(axis=axis) for axis in range(3)]
+    else:
+        lowest = np.where(known, values, -np.inf)
+        shown = [lowest.max(axis=axis) for axis in range(3)]
+    spacing = np.linalg.norm(volume.world_from_voxel[:3, :3], axis=0)
+    steps = ((spacing[1], spacing[0]), (spacing[2], spacing[0]), (spacing[2], spacing[1]))
+    planes = []
+    for axis, (plane, step) in enumerate(zip(shown, steps, strict=True)):
+        seen = known.any(axis=axis)
+        origin = np.where(seen, np.uint8(MEASURED), np.uint8(EMPTY))
+        planes.append((np.where(seen, plane, 0), origin, *step))
+    return _drawn(planes, values.dtype, True), float(spacing.min())
+
+
+def _drawn(planes: list[tuple[Any, ...]], dtype: Any, overlay: bool) -> list[np.ndarray]:
+    """Pictures of planes: values, origin, and mm down and to the right."""
+    finest = min(min(down, right) for *_, down, right in planes)
     shown = [plane for plane, *_ in planes]
     measured = np.concatenate([plane[origin > 0] for plane, origin, *_ in planes])
     low, high = (0.0, 1.0) if measured.size == 0 else (
         min(0.0, float(measured.min())), float(np.percentile(measured, 99.9)))  # fmt: skip
-    if values.dtype == np.uint8:
+    if dtype == np.uint8:
         low, high = 0.0, max(high, 1.0)
     pictures = []
     for plane, (_, origin, down, right) in zip(shown, planes, strict=True):
@@ -183,8 +216,8 @@ def _planes(volume: Volume, center: Any, overlay: bool) -> tuple[list[np.ndarray
             color[origin == FILLED] = 0.6 * color[origin == FILLED] + (102, 51, 0)
             color[origin == EXTRAPOLATED] = 0.6 * color[origin == EXTRAPOLATED] + (102, 0, 90)
             color[origin == EMPTY] = (24, 40, 72)
-        pictures.append(_square(color.astype(np.uint8), down, right, spacing.min()))
-    return pictures, float(spacing.min())
+        pictures.append(_square(color.astype(np.uint8), down, right, finest))
+    return pictures
 
 
 def _middle(known: np.ndarray) -> np.ndarray:

@@ -65,9 +65,10 @@ def read(path: str | os.PathLike[str], progress: Progress = None) -> Recording:
     down, right = _flips(path, _get(fields, _ORIENTATION))
     frames = np.ascontiguousarray(frames[:, ::down, ::right])
     ok = np.array([f.get("ImageStatus", "OK") == "OK" for f in frame_fields])
-    return Recording(
-        frames, _times(path, frame_fields), _edges(path, frame_fields), ok, fields, frame_fields
-    )
+    times = _times(path, frame_fields)
+    if times is None and is_nrrd:
+        times = _index_values(path, fields, n)
+    return Recording(frames, times, _edges(path, frame_fields), ok, fields, frame_fields)
 
 
 def write(path: str | os.PathLike[str], recording: Recording, progress: Progress = None) -> None:
@@ -116,6 +117,9 @@ def _translated(fields: dict[str, str], to_nrrd: bool) -> dict[str, str]:
 def _planes(path: Any, image: RawImage, is_nrrd: bool) -> np.ndarray:
     """The frames, (F, H, W); colors become gray (ITU-R BT.601)."""
     array, channels = image.array, _channel_axis(image, is_nrrd)
+    items = _item_axis(image, is_nrrd)
+    if items:
+        array = np.moveaxis(array, items, 0)
     if channels is not None:
         array = np.moveaxis(array, channels, -1)
         if array.shape[-1] not in (1, 3, 4):
@@ -129,6 +133,30 @@ def _planes(path: Any, image: RawImage, is_nrrd: bool) -> np.ndarray:
     if array.ndim != 3:
         raise bad(path, "sizes", f"expected a sequence of 2D frames, got shape {array.shape}")
     return array
+
+
+def _item_axis(image: RawImage, is_nrrd: bool) -> int | None:
+    """The axis of the items of a sequence of 3D Slicer, which has three axes beside it."""
+    kinds = image.fields.get("kinds", "").lower().split()
+    if not is_nrrd or sorted(kinds) != ["domain", "domain", "domain", "list"]:
+        return None
+    return 3 - kinds.index("list")  # NRRD counts from the fastest axis
+
+
+def _index_values(path: Any, fields: dict[str, str], n: int) -> np.ndarray | None:
+    """The times of a sequence of 3D Slicer: the values of its index, if the index is a time."""
+    for axis in ("0", "3"):
+        text = fields.get(f"axis {axis} index values{nrrd.KEY_VALUE}")
+        if text is None or "time" not in fields.get("labels", "").lower():
+            continue
+        try:
+            values = np.array([float(word) for word in text.split()])
+        except ValueError:
+            values = np.empty(0)
+        if len(values) != n or not np.isfinite(values).all():
+            raise bad(path, f"axis {axis} index values", f"expected {n} numbers, got {shown(text)}")
+        return values
+    return None
 
 
 def _channel_axis(image: RawImage, is_nrrd: bool) -> int | None:

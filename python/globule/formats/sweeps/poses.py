@@ -7,7 +7,10 @@ A row of a table is a time in seconds and a pose, and may have a status:
     status                              OK or 1; anything else is a pose that is missing
 
 JSON is a list of objects with `time`, and `matrix` or `position` and `quaternion` [x, y, z, w], or
-an object with that list under `poses`. A table without times has one row per frame.
+an object with that list under `poses`. A table without times has one row per frame. Times since
+1970 may be in ms, µs or ns; a column `time_ms`, `time_us` or `time_ns` states its unit.
+
+Tables of trackers' own programs are read by `tracker_tables`, buffers of PLUS by `igs`.
 """
 
 from __future__ import annotations
@@ -23,8 +26,10 @@ import numpy as np
 from ..._base import rotations
 from ..errors import bad, shown
 from ..size import whole_text
+from . import tracker_tables
 
 _TIME = ("time", "timestamp", "t")
+_UNITS = {"_s": 1.0, "_ms": 1e-3, "_us": 1e-6, "_ns": 1e-9}
 _POSITION = ("x", "y", "z")
 _QUATERNION = ("qx", "qy", "qz", "qw")
 _MATRIX = tuple(f"m{row}{column}" for row in range(4) for column in range(4))
@@ -43,9 +48,9 @@ class PoseTable(NamedTuple):
 def read_poses(path: str | os.PathLike[str]) -> PoseTable:
     """Read a pose table. Raises FormatError naming the row."""
     name = os.fspath(path).lower()
-    if not name.endswith((".csv", ".json")):
-        raise bad(path, "", "expected a pose table, .csv or .json")
-    rows = _json_rows(path) if name.endswith(".json") else _csv_rows(path)
+    if name.endswith((".mha", ".mhd", ".nrrd", ".nhdr")):
+        return _of_buffer(path)
+    rows = _json_rows(path) if name.endswith(".json") else _text_rows(path)
     if not rows:
         raise bad(path, "", "expected poses, got none")
     times, matrices, ok = [], [], []
@@ -65,7 +70,27 @@ def read_poses(path: str | os.PathLike[str]) -> PoseTable:
         raise bad(path, rows[timed.index(False)][0], "expected a time in every row, got none")
     if not any(timed):
         return PoseTable(None, np.array(matrices), np.array(ok))
-    return PoseTable(np.array(times), np.array(matrices), np.array(ok))
+    when = tracker_tables.seconds(np.array(times, np.float64))
+    return PoseTable(when, np.array(matrices), np.array(ok))
+
+
+def _of_buffer(path: Any) -> PoseTable:
+    """The transform of a tracker's buffer of PLUS: the only one, or Probe to Reference or
+    Tracker."""
+    from . import igs
+    from .transforms import WORLDS, chain, find_path
+
+    recording = igs.read(path)
+    edges = recording.edges
+    way = next((way for world in WORLDS if (way := find_path(edges, "Probe", world))), None)
+    if way is None and len(edges) == 1:
+        way = list(edges)
+    if way is None:
+        got = " ".join(f"{a}To{b}" for a, b in edges) or "none"
+        raise bad(path, "", f"expected a transform from Probe to {' or '.join(WORLDS)}, got {got}")
+    placed = chain(edges, way, len(recording.frames))
+    matrices = np.where(placed.ok[:, None, None], placed.matrices, np.nan)
+    return PoseTable(recording.times, matrices, placed.ok)
 
 
 def write_csv(path: str | os.PathLike[str], table: PoseTable) -> None:
@@ -158,16 +183,35 @@ def rotation(q: np.ndarray) -> np.ndarray:
 _Row = tuple[str, "float | None", np.ndarray, bool]
 
 
-def _csv_rows(path: Any) -> list[_Row]:
+def _text_rows(path: Any) -> list[_Row]:
     try:
         text = whole_text(path)
+    except UnicodeError as error:
+        raise bad(path, "", f"expected a text table, got {error}") from None
+    reader = tracker_tables.reader_of(text)
+    if reader:
+        try:
+            return [(r.where, r.time, r.matrix, r.ok) for r in reader(path, text)]
+        except csv.Error as error:
+            raise bad(path, "", f"expected a text table, got {error}") from None
+    if not os.fspath(path).lower().endswith(".csv"):
+        known = "a .csv, .json, .mha or .nrrd, or a table of TUM, ROS, OptiTrack or NDI"
+        raise bad(path, "", f"expected a pose table: {known}")
+    return _csv_rows(path, text)
+
+
+def _csv_rows(path: Any, text: str) -> list[_Row]:
+    try:
         lines = [line for line in csv.reader(text.splitlines()) if line]
-    except (UnicodeError, csv.Error) as error:
+    except csv.Error as error:
         raise bad(path, "", f"expected a text table, got {error}") from None
     if not lines:
         raise bad(path, "", "expected a line of column names, got an empty file")
     names = [name.strip().lower() for name in lines[0]]
-    time_column = next((names.index(name) for name in _TIME if name in names), None)
+    clocks = {name + unit: scale for name in _TIME for unit, scale in _UNITS.items()}
+    clocks |= dict.fromkeys(_TIME, 1.0)
+    clock = next((name for name in (*_TIME, *clocks) if name in names), None)
+    time_column = None if clock is None else names.index(clock)
     status_column = names.index("status") if "status" in names else None
     if set(_MATRIX[:12]) <= set(names):
         wanted = _MATRIX if set(_MATRIX) <= set(names) else _MATRIX[:12]
@@ -185,7 +229,9 @@ def _csv_rows(path: Any) -> list[_Row]:
             raise bad(path, where, f"expected {len(names)} values, got {len(line)}")
         values = np.array([_number(path, where, line[column]) for column in columns])
         matrix = _matrix(path, where, values)
-        time = None if time_column is None else _number(path, where, line[time_column])
+        time = None
+        if clock is not None and time_column is not None:
+            time = _number(path, where, line[time_column]) * clocks[clock]
         status = status_column is None or line[status_column].strip().upper() in ("OK", "1", "TRUE")
         rows.append((where, time, matrix, status))
     return rows

@@ -1,4 +1,4 @@
-"""Frames without poses: a folder of PNG files, MetaImage, NRRD, DICOM multi-frame, NumPy."""
+"""Frames of a folder of images, TIFF, video, DICOM multi-frame, NumPy, HDF5 of TUS-REC."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..errors import FormatError, bad, shown
+from ..guarded import decode, need
 from ..kind import PICTURE_ENDINGS
 from ..numpy_format import read_archive, read_array
 from ..size import check_size
@@ -71,6 +72,53 @@ def read_folder(path: str | os.PathLike[str], progress: Progress = None) -> Stac
         if progress:
             progress(i + 1, len(names))
     return Stack(frames, None, {})
+
+
+def read_tiff(path: str | os.PathLike[str]) -> Stack:
+    """All pages of a TIFF file. Raises FormatError naming the page."""
+    from PIL import Image, ImageSequence
+
+    frames: list[np.ndarray] = []
+    try:
+        with Image.open(path) as image:
+            n = getattr(image, "n_frames", 1)
+            each = {"F": 4, "I": 4, "I;16": 2, "RGB": 4}.get(image.mode, 1)
+            claim = each * image.width * image.height * n
+            check_size(path, "header", claim, os.path.getsize(path), 2.0)
+            for page in ImageSequence.Iterator(image):
+                colored = page.mode in ("P", "PA", "LA", "RGB", "RGBA", "CMYK", "YCbCr")
+                picture = np.asarray(page.convert("RGB") if colored else page)
+                picture = igs.to_grey(picture[..., :3]) if picture.ndim == 3 else picture.copy()
+                if frames and (picture.shape, picture.dtype) != (frames[0].shape, frames[0].dtype):
+                    expected = f"{frames[0].dtype} {frames[0].shape} as the first"
+                    got = f"{picture.dtype} {picture.shape}"
+                    raise bad(path, f"page {len(frames)}", f"expected {expected}, got {got}")
+                frames.append(picture)
+    except FormatError:
+        raise
+    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
+        raise bad(path, f"page {len(frames)}", f"expected an image, got {error}") from None
+    return Stack(np.stack(frames), None, {})
+
+
+def read_video(path: str | os.PathLike[str]) -> Stack:
+    """The frames of a video (MP4, AVI, MKV …) as gray values, with their times.
+
+    Raises FormatError, MissingPackageError without PyAV.
+    """
+    need("av", "av", "video")
+    _, (frames, times) = decode("video", path, "a video")
+    return Stack(frames, times if np.isfinite(times).all() else None, {})
+
+
+def read_h5(path: str | os.PathLike[str]) -> Stack:
+    """A scan of the TUS-REC data: frames, and `tforms`, the tracker from the probe's tool, mm.
+
+    Raises FormatError, MissingPackageError without h5py.
+    """
+    need("h5py", "h5py", "formats")
+    _, (frames, tforms) = decode("sweep_h5", path, "a scan in HDF5")
+    return Stack(frames, None, {"tforms": tforms})
 
 
 def read_numpy(path: str | os.PathLike[str]) -> Stack:

@@ -1,0 +1,365 @@
+"""Tracker and images from two servers; volume, trust map, slice and surface sent back."""
+
+from __future__ import annotations
+
+import contextlib
+import socket
+import struct
+import threading
+import time
+
+import globule as gb
+import numpy as np
+import pytest
+from cli_helpers import run_json
+from globule.cli import main
+from globule.formats.sweeps import messages
+from globule.ultrasound.broadcast import Broadcaster
+from globule.ultrasound.calibration import Calibration
+from globule.ultrasound.live import LiveCounts, LiveFrame, receive_sweep
+from globule.ultrasound.live_output import LiveOutput, surface
+from globule.ultrasound.senders import Clocks
+from globule.volumes.slices import reslice
+from waiting import PATIENCE, until
+
+igtl = pytest.importorskip("pyigtl", reason="live needs pyigtl")
+RAS = np.diag([-1.0, -1.0, 1.0, 1.0])
+pytestmark = pytest.mark.usefixtures("folder")
+
+
+def joined(message: messages.Packed) -> bytes:
+    return b"".join(bytes(part) for part in message.parts)
+
+
+def unpacked(message: messages.Packed):
+    """A message as pyigtl reads it."""
+    data = joined(message)
+    base = igtl.messages.MessageBase
+    fields = base.parse_header(data[:58])
+    assert fields["body_size"] == len(data) - 58
+    read = base.create_message(fields["message_type"])
+    read.unpack(fields, data[58:])
+    return read
+
+
+def read_triangles(data: bytes) -> tuple[np.ndarray, np.ndarray]:
+    """Points and triangles of a POLYDATA, by the protocol's text: a header of ten counts."""
+    counts = struct.unpack(">10I", data[58:98])
+    n_points, n_cells, n_bytes = counts[0], counts[5], counts[6]
+    points = np.frombuffer(data, ">f4", 3 * n_points, 98).reshape(-1, 3)
+    cells = np.frombuffer(data, ">u4", n_bytes // 4, 98 + points.nbytes).reshape(n_cells, 4)
+    assert (cells[:, 0] == 3).all()
+    assert len(data) == 98 + points.nbytes + n_bytes
+    return points.astype(float), cells[:, 1:].astype(int)
+
+
+def some_matrix() -> np.ndarray:
+    """An oblique one with unequal spacing."""
+    turn, _ = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))
+    matrix = np.eye(4)
+    matrix[:3, :3] = turn * (0.5, 0.75, 2.0)
+    matrix[:3, 3] = 30, 20, 10
+    return matrix
+
+
+@pytest.mark.parametrize("dtype", ["uint8", "uint16", "int16", "float32"])
+def test_images_equal_those_of_pyigtl(dtype):
+    values = np.arange(2 * 3 * 5).reshape(2, 3, 5).astype(dtype)
+    place = some_matrix()
+    ours = messages.image("Volume", values, place, 1000.25)
+    # The whole message, with its check sum, is that of an independent writer.
+    theirs = igtl.ImageMessage(values, RAS @ place, "ras", timestamp=1000.25, device_name="Volume")
+    data, expected = joined(ours), theirs.pack()
+    assert data[:42] == expected[:42]
+    center = slice(58 + 12 + 36, 58 + 12 + 48)  # ours is computed in float64
+    a, b = (np.frombuffer(d[center], ">f4") for d in (data, expected))
+    assert np.allclose(a, b, atol=1e-5)
+    assert data[58 : center.start] == expected[58 : center.start]
+    assert data[center.stop :] == expected[center.stop :]
+    check = int.from_bytes(data[50:58], "big")
+    assert check == igtl.messages.CRC64(data[58:])
+    read = unpacked(ours)
+    assert read.world_coordinate_system == "ras"
+    assert np.array_equal(read.image, values)
+    assert np.allclose(RAS @ read.ijk_to_world_matrix, place, atol=1e-5)
+    assert read.timestamp == pytest.approx(1000.25, abs=1e-6)
+
+
+def test_transforms_triangles_and_text_equal_those_of_pyigtl():
+    place = some_matrix()
+    moved = igtl.TransformMessage(RAS @ place, timestamp=5.5, device_name="LiveImageToReference")
+    assert joined(messages.transform("LiveImageToReference", place, 5.5)) == moved.pack()
+    rng = np.random.default_rng(0)
+    vertices = rng.normal(size=(7, 3)).astype(np.float32)
+    faces = rng.integers(0, 7, (4, 3))
+    ours = joined(messages.triangles("Surface", vertices, faces, 5.5))
+    cells = np.column_stack([np.full(4, 3), faces]).ravel()
+    theirs = igtl.PolyDataMessage(points=vertices * (-1, -1, 1), polygons=cells, timestamp=5.5,
+                                  device_name="Surface")  # fmt: skip
+    assert ours == theirs.pack()
+    points, triangles = read_triangles(ours)
+    assert np.array_equal(points * (-1, -1, 1), vertices)
+    assert np.array_equal(triangles, faces)
+    words = igtl.StringMessage("3 frames", timestamp=5.5, device_name="Counts")
+    assert joined(messages.text("Counts", "3 frames", 5.5)) == words.pack()
+    assert joined(messages.triangles("Surface", vertices[:0], faces[:0], 5.5))  # an empty one
+    with pytest.raises(ValueError, match="1 to 20 letters"):
+        messages.transform("x" * 21, place, 0)
+    with pytest.raises(TypeError, match="bool"):
+        messages.image("Volume", np.zeros((1, 2, 3), bool), place, 0)
+
+
+def blob_volume() -> gb.Volume:
+    """A blob of radius 8 mm around LPS (-30, -20, 10), which is RAS (30, 20, 10)."""
+    axes = np.arange(40) - 20.0
+    z, y, x = np.meshgrid(axes, axes, axes, indexing="ij")
+    values = np.clip(200 - 12.5 * np.sqrt(x * x + y * y + z * z), 0, 255).astype(np.uint8)
+    place = np.eye(4)
+    place[:3, 3] = np.array((-30, -20, 10)) - 20
+    return gb.Volume(values, place)
+
+
+def test_the_surface_lies_where_the_values_are():
+    volume = blob_volume()
+    vertices, faces = surface(volume, 100.0)
+    center = np.array((-30, -20, 10))
+    assert np.allclose(np.linalg.norm(vertices - center, axis=1), 8, atol=0.3)
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    enclosed = np.einsum("fi,fi->", a - center, np.cross(b - center, c - center)) / 6
+    assert enclosed == pytest.approx(4 / 3 * np.pi * 8**3, rel=0.05)  # positive: outwards
+    # Voxels without data do not close the surface, and large volumes are made coarser.
+    radius = np.zeros(volume.shape, np.uint8)
+    radius[:, :, 20:] = 255
+    half, _ = surface(gb.Volume(volume.values, volume.world_from_voxel, radius), 100.0)
+    assert half[:, 0].max() < -30.5
+    assert len(half) < 0.6 * len(vertices)
+    fine = np.kron(volume.values, np.ones((4, 4, 4), np.uint8))
+    place = volume.world_from_voxel @ np.diag([0.25, 0.25, 0.25, 1])
+    place[:3, 3] -= 0.375
+    coarse, _ = surface(gb.Volume(fine, place), 100.0)
+    assert np.allclose(np.linalg.norm(coarse - center, axis=1), 8, atol=0.5)
+    assert surface(gb.Volume(np.zeros((4, 4, 4), np.uint8), np.eye(4))) is None
+    assert surface(volume, 1e6) is None
+
+
+def test_a_receiver_shows_the_blob_at_its_ras_place():
+    volume, server = blob_volume(), Broadcaster()
+    frame = LiveFrame(7.0, np.zeros((30, 20), np.uint8), some_matrix(), "Reference")
+    frame.world_from_image[:3, 3] = -30, -20, 10
+    frame.world_from_image[:3, 2] = 0  # of no length, as some servers send it
+    output = LiveOutput(server, lambda: volume, refresh=0.0, level=100.0)
+    early = igtl.OpenIGTLinkClient("127.0.0.1", server.port)
+    try:
+        output.frame(1, frame, "1 frames of 1 images")
+        until(lambda: output.n_volumes == 1)
+        late = igtl.OpenIGTLinkClient("127.0.0.1", server.port)
+        for n, client in enumerate((early, late), 1):  # one connects after the messages were made
+            found = {}
+            until(lambda c=client, f=found: f.update(
+                {m.device_name: m for m in c.get_latest_messages()}) or len(f) == 5)  # fmt: skip
+            shown = found["Volume"]
+            z, y, x = np.unravel_index(np.argmax(shown.image), shown.image.shape)
+            place = shown.ijk_to_world_matrix @ (x, y, z, 1)
+            assert shown.world_coordinate_system == "ras"
+            assert np.allclose(place[:3], (30, 20, 10), atol=1e-3)
+            assert (found["Trust"].image == 1).all()
+            assert np.array_equal(found["Trust"].ijk_to_world_matrix, shown.ijk_to_world_matrix)
+            assert found["Counts"].string == "1 frames of 1 images"
+            moved = RAS @ found["LiveImageToReference"].matrix
+            assert np.allclose(moved[:3, [0, 1, 3]], frame.world_from_image[:3, [0, 1, 3]])
+            cut = found["Slice"]
+            expected = reslice(volume, frame.world_from_image, (20, 30)).values
+            assert np.abs(cut.image[0] - expected).max() <= 0.5
+            u, v, w = cut.ijk_to_world_matrix[:3, :3].T
+            assert np.linalg.norm(w) > 0.1
+            assert abs(w @ u) + abs(w @ v) < 1e-5
+            until(lambda n=n: server.sent["Surface"] >= n)
+            client.stop()
+    finally:
+        output.close()
+        server.close()
+
+
+def test_a_slow_client_holds_up_nobody():
+    server = Broadcaster()
+    slow = socket.create_connection(("127.0.0.1", server.port))
+    fast = igtl.OpenIGTLinkClient("127.0.0.1", server.port)
+    until(lambda: server.n_clients == 2)
+    big = np.zeros((200, 200, 200), np.uint8)
+    got = []
+    for i in range(12):
+        big[:] = i
+        server.send(messages.image("Volume", big.copy(), np.eye(4), float(i)))
+        message = fast.wait_for_message("Volume", timeout=PATIENCE)
+        got.append(int(message.image[0, 0, 0]))
+    assert got == list(range(12))
+    assert server.skipped["Volume"] >= 9  # the slow one's; its newest still waits
+    slow.close()
+    until(lambda: server.n_clients == 1)
+    fast.stop()
+    server.close()
+    with pytest.raises(ConnectionRefusedError):
+        socket.create_connection(("127.0.0.1", server.port), timeout=1)
+
+
+class Sender:
+    """A pyigtl-made stream on a port of its own, in real time. `delay`: s from a stamp until the
+    message is sent; `clock`: what its clock shows beyond this machine's."""
+
+    def __init__(self, port: int, rate: float, n: int, make, delay=0.0, clock=0.0, start=0.0):
+        self.port, self.rate, self.n, self.make = port, rate, n, make
+        self.delay, self.clock, self.start = delay, clock, start
+        self.thread = threading.Thread(target=self.work, daemon=True)
+        self.thread.start()
+
+    def work(self):
+        time.sleep(self.start)
+        with socket.create_server(("127.0.0.1", self.port)) as listener:
+            connection, _ = listener.accept()
+        begun = time.time()
+        with connection, contextlib.suppress(OSError):
+            for i in range(self.n):
+                when = begun + i / self.rate
+                time.sleep(max(0.0, when + self.delay - time.time()))
+                connection.sendall(self.make(i, when, when + self.clock).pack())
+            time.sleep(PATIENCE)
+
+
+def free_ports(n: int) -> list[int]:
+    with contextlib.ExitStack() as stack:
+        made = [stack.enter_context(socket.create_server(("127.0.0.1", 0))) for _ in range(n)]
+        return [listener.getsockname()[1] for listener in made]
+
+
+def place_at(when: float) -> float:
+    return 20 * np.sin(3 * (when % 100))
+
+
+def tracker_message(i, when, stamp):
+    matrix = np.eye(4)
+    matrix[0, 3] = place_at(when)
+    return igtl.TransformMessage(matrix, timestamp=stamp, device_name="ProbeToReference")
+
+
+@pytest.mark.parametrize(
+    ("clock", "first"), [(0.0, "tracker"), (0.0, "images"), (-5000.0, "images")]
+)
+def test_tracker_and_images_from_two_servers(clock, first):
+    """60 Hz and 30 Hz, images 120 ms late, started in any order, clocks together or apart."""
+    a, b = free_ports(2)
+    times = []
+
+    def image_message(i, when, stamp):
+        times.append(when)
+        return igtl.ImageMessage(np.full((1, 8, 8), i, np.uint8), timestamp=stamp,
+                                 device_name="Image")  # fmt: skip
+
+    n = 45
+    late = 0.4
+    Sender(b, 60, 10_000, tracker_message, clock=clock, start=late * (first == "images"))
+    Sender(a, 30, n, image_message, delay=0.12, start=late * (first == "tracker"))
+    counts = LiveCounts()
+    sweep = receive_sweep(
+        f"igtl://127.0.0.1:{a}", Calibration(np.eye(4)), idle=0.6, wait=PATIENCE, counts=counts,
+        tracker=f"igtl://127.0.0.1:{b}", temporal_offset=-0.12 if clock else 0.0,
+    )  # fmt: skip
+    assert counts.images == n
+    assert counts.missed == 0
+    assert counts.frames + counts.without_pose == n
+    assert len(sweep) == counts.frames
+    assert len(sweep) >= n - 20  # those before the tracker came
+    whens = np.array(times)[sweep.frames[:, 0, 0]]
+    error = np.abs(sweep.world_from_image[:, 0, 3] - place_at(whens))
+    if clock:
+        # Arrival tells the clocks apart up to the delays of the data, which the offset covers.
+        assert counts.clock_difference == pytest.approx(4999.88, abs=0.2)
+    assert error.max() < (4.0 if clock else 0.2)  # 60 mm/s: 4 mm are 67 ms on a busy machine
+
+
+def test_clocks():
+    clocks = Clocks()
+    clocks.saw(0, 100.0, 1000.05)
+    assert clocks.difference is None
+    clocks.saw(1, 100.01, 1000.2)  # a common clock, whatever the delay
+    assert clocks.difference == 0
+    clocks = Clocks()
+    rng = np.random.default_rng(1)
+    for i in range(2000):  # clocks 3600 s apart, one of them 50 ppm fast; jitter of 5 ms
+        t = i / 60
+        clocks.saw(0, 500 + t, 9000 + t + rng.exponential(0.005))
+        clocks.saw(1, 4100 + t * (1 + 5e-5), 9000 + t + rng.exponential(0.005))
+        if t < 0.4:
+            assert clocks.difference is None
+    assert clocks.difference == pytest.approx(-3600 - t * 5e-5, abs=2e-3)
+
+
+def test_reconstruct_serves_what_grows(sweep, capsys):
+    """The command between a sender and a receiver: the last volume shown is the one written."""
+    from test_live import Server
+
+    sender = Server(sweep)
+    (port,) = free_ports(1)
+    got: dict[str, object] = {}
+    surfaces = []
+    done = threading.Event()
+
+    def collect():
+        while not done.is_set():
+            with (
+                contextlib.suppress(OSError),
+                socket.create_connection(("127.0.0.1", port), timeout=0.5) as connection,
+            ):
+                file = connection.makefile("rb")
+                while len(header := file.read(58)) == 58:
+                    fields = igtl.messages.MessageBase.parse_header(header)
+                    body = file.read(fields["body_size"])
+                    if fields["message_type"] == "POLYDATA":
+                        surfaces.append(read_triangles(header + body))
+                        continue
+                    read = igtl.messages.MessageBase.create_message(fields["message_type"])
+                    read.unpack(fields, body)
+                    got[read.device_name] = read
+                return
+            time.sleep(0.02)
+
+    receiver = threading.Thread(target=collect, daemon=True)
+    receiver.start()
+    sender.serve(slice(None), between=lambda n: time.sleep(0.02))
+    words = ["reconstruct", "--live", sender.address, "--idle", "0.5", "-o", "v.npz"]
+    words += ["--voxel-size", "1", "--device", "cpu", "--serve", str(port), "--refresh", "0.1"]
+    facts = run_json(capsys, *words)
+    done.set()
+    receiver.join(PATIENCE)
+    volume = gb.read_volume("v.npz")
+    assert np.array_equal(got["Volume"].image, volume.values)
+    assert np.allclose(RAS @ got["Volume"].ijk_to_world_matrix, volume.world_from_voxel, atol=1e-4)
+    assert np.array_equal(got["Trust"].image > 0, volume.radius != 255)
+    assert got["Counts"].string == "24 frames of 24 images"
+    assert facts["live"]["clients"] == 1
+    assert facts["live"]["sent"]["Volume"] >= 2
+    points, triangles = surfaces[-1]
+    assert len(triangles) > 50
+    low = volume.world_from_voxel[:3, 3]
+    high = volume.world_from_voxel[:3, :3] @ (np.array(volume.shape[::-1]) - 1) + low
+    points = points * (-1, -1, 1)
+    assert (points >= low - 0.01).all()
+    assert (points <= high + 0.01).all()
+
+
+def test_mistakes_of_serve_and_tracker(capsys):
+    live = ["reconstruct", "--live", "igtl://127.0.0.1:1", "-o", "v.npz"]
+    for words, message in (
+        (["--serve", "18945"], "--voxel-size"),
+        (["--serve", "x", "--voxel-size", "1"], "PORT or HOST:PORT"),
+        (["--serve", "18945", "--voxel-size", "1", "--method", "frames"], "pvn-om"),
+        (["--tracker", "localhost"], "igtl://host:port"),
+    ):
+        assert main([*live, *words]) == 2
+        error = capsys.readouterr().err
+        assert message in error
+        assert error.count("\n") == 1
+    assert main(["reconstruct", "x.mha", "--tracker", "igtl://a", "-o", "v.npz"]) == 2
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        assert main([*live, "--serve", str(port), "--voxel-size", "1"]) == 2
+    assert "cannot listen" in capsys.readouterr().err

@@ -1,0 +1,362 @@
+"""Sweeps and pose tables of other programs, each made with a library of its own where there is
+one."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import globule as gb
+import numpy as np
+import pytest
+from globule.formats.errors import FormatError
+from globule.formats.sweeps.poses import read_poses
+from globule.formats.sweeps.transforms import format_matrix
+from globule.ultrasound.calibration import Calibration, read_calibration
+from globule.ultrasound.files import read_sweep
+from PIL import Image
+from sweep_helpers import random_poses
+from test_sweep import refused
+
+pytestmark = pytest.mark.usefixtures("folder")
+N = 12
+PIXEL = np.diag([0.5, 0.25, 0.3, 1.0])
+TIMES = 1_700_000_000.125 + np.arange(N) / 30  # s since 1970
+
+
+def images(dtype="uint8") -> np.ndarray:
+    rng = np.random.default_rng(5)
+    return rng.integers(0, 250, (N, 10, 14)).astype(dtype)
+
+
+def quaternions(poses: np.ndarray) -> np.ndarray:
+    """(N, 4) x y z w, by scipy."""
+    return (
+        pytest.importorskip("scipy.spatial.transform")
+        .Rotation.from_matrix(poses[:, :3, :3])
+        .as_quat()
+    )
+
+
+def close(table, poses, atol=1e-6) -> bool:
+    return np.allclose(table.matrices[table.ok], poses[table.ok], atol=atol)
+
+
+def test_tum():
+    poses = random_poses(N)
+    rows = np.column_stack([TIMES, poses[:, :3, 3] / 1000, quaternions(poses)])
+    np.savetxt("track.txt", rows, fmt="%.9f", header="timestamp tx ty tz qx qy qz qw")
+    table = read_poses("track.txt")
+    assert close(table, poses, 1e-5)
+    assert np.allclose(table.times, TIMES, atol=1e-6)
+    Path("bad.txt").write_text("1 2 3 4 0 0 0 1\n1 2 3\n")
+    with pytest.raises(FormatError, match=r"line 2: expected 8 numbers \(TUM\), got 3"):
+        read_poses("bad.txt")
+    Path("bad.txt").write_text("1 2 3 4 0 0 0 2\n")
+    with pytest.raises(FormatError, match="quaternion of length 1"):
+        read_poses("bad.txt")
+    Path("other.txt").write_text("hello\n")
+    with pytest.raises(FormatError, match="expected a pose table"):
+        read_poses("other.txt")
+
+
+@pytest.mark.parametrize("layout", ["rostopic", "columns", "transform"])
+def test_ros(layout):
+    poses = random_poses(N)
+    place, turn = ("position", "orientation")
+    if layout == "transform":
+        place, turn = "translation", "rotation"
+    prefix = {"rostopic": "field.pose.", "columns": "pose.pose.", "transform": "transform."}[layout]
+    names = [f"{prefix}{place}.{a}" for a in "xyz"] + [f"{prefix}{turn}.{a}" for a in "xyzw"]
+    stamps = [round(t * 1e9) for t in TIMES]
+    clock = {
+        "rostopic": (["%time", "field.header.seq", "field.header.stamp", "field.header.frame_id"],
+                     lambda i: [stamps[i] + 7_000_000, i, stamps[i], "camera"]),
+        "columns": (["Time", "header.stamp.secs", "header.stamp.nsecs"],
+                    lambda i: [TIMES[i] + 1, stamps[i] // 10**9, stamps[i] % 10**9]),
+        "transform": (["header.stamp.sec", "header.stamp.nanosec", "child_frame_id"],
+                      lambda i: [stamps[i] // 10**9, stamps[i] % 10**9, "probe"]),
+    }[layout]  # fmt: skip
+    q = quaternions(poses)
+    with open("topic.csv", "w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(clock[0] + names)
+        for i in range(N):
+            writer.writerow([*clock[1](i), *(poses[i, :3, 3] / 1000), *q[i]])
+    table = read_poses("topic.csv")
+    assert close(table, poses)
+    assert np.allclose(table.times, TIMES, atol=1e-6)
+
+
+def optitrack(unit="Meters", scale=1e-3, bodies=("Probe",), turn="Quaternion") -> np.ndarray:
+    """A file as Motive exports it, one row lost."""
+    poses = random_poses(N)
+    q = quaternions(poses)
+    kinds = ["Rotation"] * 4 + ["Position"] * 3 + ["Mean Marker Error"]
+    axes = [*"XYZW", *"XYZ", ""]
+    n = len(bodies)
+    head = [
+        ["Format Version", "1.23", "Take Name", "Take 1", "Capture Frame Rate", "30.000000",
+         "Rotation Type", turn, "Length Units", unit, "Coordinate Space", "Global"],
+        [],
+        ["", "Type"] + ["Rigid Body"] * 8 * n,
+        ["", "Name"] + [body for body in bodies for _ in range(8)],
+        ["", "ID"] + ["AB"] * 8 * n,
+        ["", ""] + kinds * n,
+        ["Frame", "Time (Seconds)"] + axes * n,
+    ]  # fmt: skip
+    with open("take.csv", "w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerows(head)
+        for i in range(N):
+            row = [*q[i], *(poses[i, :3, 3] * scale), 0.0001] * n
+            writer.writerow([i, i / 30, *(row if i != 4 else [""] * 8 * n)])
+    return poses
+
+
+def test_optitrack():
+    for unit, scale in (("Meters", 1e-3), ("Millimeters", 1.0), ("Centimeters", 0.1)):
+        poses = optitrack(unit, scale)
+        table = read_poses("take.csv")
+        assert np.array_equal(np.flatnonzero(~table.ok), [4])
+        assert close(table, poses)
+        assert np.allclose(table.times, np.arange(N) / 30)
+    optitrack(bodies=("Probe", "Stylus"))
+    with pytest.raises(FormatError, match="expected one rigid body, got Probe, Stylus"):
+        read_poses("take.csv")
+    optitrack(turn="XYZ")
+    with pytest.raises(FormatError, match="Rotation Type: expected Quaternion"):
+        read_poses("take.csv")
+    optitrack(unit="Furlongs")
+    with pytest.raises(FormatError, match="Length Units: expected millimeters"):
+        read_poses("take.csv")
+
+
+@pytest.mark.parametrize(("separator", "angles"), [(",", False), ("\t", False), (",", True)])
+def test_ndi(separator, angles):
+    """A tool's frame numbers count sixtieths of a second; a lost tool has no numbers."""
+    poses = random_poses(N)
+    spatial = pytest.importorskip("scipy.spatial.transform")
+    if angles:
+        names, turn = ["Rz", "Ry", "Rx"], spatial.Rotation.from_matrix(
+            poses[:, :3, :3]).as_euler("ZYX", degrees=True)  # fmt: skip
+    else:
+        names, turn = ["Q0", "Qx", "Qy", "Qz"], np.roll(quaternions(poses), 1, axis=1)
+    with open("tool.csv", "w", newline="") as file:
+        writer = csv.writer(file, delimiter=separator)
+        writer.writerow(["Tools", "Frame", "Face", "State", *names, "Tx", "Ty", "Tz", "Error"])
+        for i in range(N):
+            numbers = [*turn[i], *poses[i, :3, 3], 0.1]
+            state, numbers = ("OK", numbers) if i != 3 else ("MISSING", [""] * len(numbers))
+            writer.writerow(["Port 1", 6000 + 2 * i, 0, state, *numbers])
+    table = read_poses("tool.csv")
+    assert np.array_equal(np.flatnonzero(~table.ok), [3])
+    assert close(table, poses)
+    assert np.allclose(table.times, 100 + np.arange(N) / 30)
+    text = Path("tool.csv").read_text().splitlines()
+    Path("two.csv").write_text("\n".join(line + separator + line for line in text))
+    with pytest.raises(FormatError, match="expected one tool, got 2"):
+        read_poses("two.csv")
+
+
+def write_table(name: str, column: str, times, poses) -> None:
+    with open(name, "w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow([column, *(f"m{r}{c}" for r in range(3) for c in range(4))])
+        for time, pose in zip(times, poses, strict=True):
+            writer.writerow([time, *pose[:3].ravel()])
+
+
+def test_units_of_time():
+    poses = random_poses(N)
+    for column, unit, tolerance in (
+        ("time", 1, 1e-6), ("time", 1e3, 1e-6), ("timestamp", 1e6, 1e-6), ("t", 1e9, 1e-6),
+        ("time_ms", 1e3, 1e-6), ("time_us", 1e6, 1e-6), ("time_ns", 1e9, 1e-6),
+    ):  # fmt: skip
+        write_table("poses.csv", column, [repr(float(t) * unit) for t in TIMES], poses)
+        assert np.allclose(read_poses("poses.csv").times, TIMES, atol=tolerance), column
+    write_table("poses.csv", "time_ms", [250, 500] * (N // 2), poses)  # small ones
+    assert read_poses("poses.csv").times[0] == 0.25
+    write_table("poses.csv", "time", [250, 500] * (N // 2), poses)
+    assert read_poses("poses.csv").times[0] == 250
+
+
+def test_absolute_milliseconds_beside_a_frame_rate():
+    """Before: no pose surrounded any frame."""
+    np.save("frames.npy", images())
+    poses = random_poses(N) @ PIXEL
+    write_table("poses.csv", "time", [round(t * 1000) for t in TIMES], poses)
+    sweep = read_sweep("frames.npy", poses="poses.csv", frame_times=30)
+    assert sweep.n_valid >= N - 1  # the last may lie a fraction of a millisecond too late
+    good = np.flatnonzero(sweep.valid)
+    assert np.allclose(sweep.world_from_image[good], poses[good], atol=0.5)
+    text = refused("frames.npy", poses="poses.csv", frame_times=10)
+    assert "as long as the frames at the given rate" in text
+    # A table on the clock of the frames is not moved.
+    write_table("poses.csv", "time", np.arange(N) / 30 + 0.1, poses)
+    sweep = read_sweep("frames.npy", poses="poses.csv", frame_times=30)
+    assert not sweep.valid[:3].any()
+
+
+def test_a_tracker_s_buffer_of_plus_as_poses():
+    """Transforms, and images of one pixel that mean nothing."""
+    poses = random_poses(N)
+    lines = ["ObjectType = Image", "NDims = 3", "BinaryData = True", "DimSize = 1 1 12",
+             "ElementType = MET_UCHAR"]  # fmt: skip
+    for i in range(N):
+        name = f"Seq_Frame{i:04d}_"
+        lines += [f"{name}ProbeToTrackerTransform = {format_matrix(poses[i])}",
+                  f"{name}ProbeToTrackerTransformStatus = {'OK' if i != 5 else 'INVALID'}",
+                  f"{name}Timestamp = {i / 30!r}", f"{name}ImageStatus = INVALID"]  # fmt: skip
+    text = "\n".join([*lines, "ElementDataFile = LOCAL", ""])
+    Path("tracker.igs.mha").write_bytes(text.encode() + bytes(N))
+    np.savez("frames.npz", frames=images(), timestamps=np.arange(N) / 30)
+    sweep = read_sweep("frames.npz", Calibration(PIXEL), poses="tracker.igs.mha")
+    assert sweep.n_valid == N - 1
+    expected = poses @ PIXEL
+    assert np.allclose(sweep.world_from_image[sweep.valid], expected[sweep.valid], atol=1e-9)
+    Path("none.mha").write_bytes(text.replace("ProbeTo", "StylusTo").replace(
+        "StylusToTracker", "AToB", 1).encode() + bytes(N))  # fmt: skip
+    with pytest.raises(FormatError, match="expected a transform from Probe"):
+        read_poses("none.mha")
+
+
+def write_calib_matrix(titles: bool) -> np.ndarray:
+    """A calib_matrix.csv, whose pixels count from 1."""
+    scale = np.diag([0.229, 0.221, 1.0, 1.0])
+    tool = random_poses(1, seed=4)[0]
+    rows: list = []
+    for title, matrix in (("scaling_from_pixel_to_mm", scale), ("from_image_mm_to_tool", tool)):
+        rows += [[title]] if titles else []
+        rows += matrix.tolist()
+    with open("calib_matrix.csv", "w", newline="") as file:
+        csv.writer(file).writerows(rows)
+    first = np.eye(4)
+    first[:2, 3] = 1
+    return tool @ scale @ first
+
+
+@pytest.mark.parametrize("name", ["scan.h5", "scan.npz"])
+def test_tus_rec(name):
+    poses = random_poses(N)
+    frames = images()
+    if name == "scan.h5":
+        h5py = pytest.importorskip("h5py", reason="needs h5py")
+        with h5py.File(name, "w") as file:
+            file["frames"], file["tforms"] = frames, poses.astype(np.float32)
+    else:
+        np.savez(name, frames=frames, tforms=poses)
+    for titles in (True, False):
+        place = write_calib_matrix(titles)
+        assert np.allclose(read_calibration("calib_matrix.csv").probe_from_image, place)
+        sweep = read_sweep(name, calibration="calib_matrix.csv")
+        assert np.array_equal(sweep.frames, frames)
+        assert np.allclose(sweep.world_from_image, poses @ place, atol=1e-4)
+        assert sweep.world == "Tracker"
+    timed = read_sweep(name, calibration="calib_matrix.csv", frame_times=20)
+    assert np.allclose(timed.timestamps, np.arange(N) / 20)
+    gb.write_sweep("again.igs.mha", timed)
+    again = read_sweep("again.igs.mha")
+    assert np.allclose(again.world_from_image, sweep.world_from_image, atol=1e-6)
+    assert "give a calibration" in refused(name)
+    Path("bad.csv").write_text("1,2,3\n")
+    assert "two matrices of four rows" in refused(name, calibration="bad.csv")
+
+
+def test_damaged_and_foreign_h5():
+    h5py = pytest.importorskip("h5py", reason="needs h5py")
+    write_calib_matrix(True)
+    with h5py.File("other.h5", "w") as file:
+        file["PartType0"] = np.zeros(3)
+    assert "expected a scan in HDF5" in refused("other.h5", calibration="calib_matrix.csv")
+    with h5py.File("shape.h5", "w") as file:
+        file["frames"], file["tforms"] = images(), np.zeros((3, 4, 4))
+    assert "tforms (N, 4, 4)" in refused("shape.h5", calibration="calib_matrix.csv")
+    with h5py.File("bomb.h5", "w") as file:
+        file.create_dataset("frames", (2000, 2000, 2000), "u1", compression="gzip", chunks=True)
+        file["tforms"] = np.zeros((2000, 4, 4))
+    assert "times the" in refused("bomb.h5", calibration="calib_matrix.csv")
+    data = Path("shape.h5").read_bytes()
+    Path("cut.h5").write_bytes(data[: len(data) // 3])
+    assert "expected a scan in HDF5" in refused("cut.h5", calibration="calib_matrix.csv")
+
+
+@pytest.mark.parametrize("first", [True, False])
+def test_a_sequence_of_slicer(first):
+    """The list of items is the first or the last axis; the index is the time."""
+    nrrd = pytest.importorskip("nrrd", reason="needs pynrrd")
+    frames, times = images(), 100 + np.arange(N) / 30
+    array = frames.transpose(2, 1, 0)[:, :, None]  # i, j, k, list
+    kinds, axis = ["domain", "domain", "domain", "list"], 3
+    none = [np.nan] * 3
+    steps = [[0.2, 0, 0], [0, 0.2, 0], [0, 0, 1], none]
+    labels = ["", "", "", "time"]
+    if first:
+        array, axis = np.moveaxis(array, 3, 0), 0
+        kinds, steps, labels = (one[3:] + one[:3] for one in (kinds, steps, labels))
+    header = {
+        "kinds": kinds, "labels": labels, "space": "right-anterior-superior",
+        "space directions": np.array(steps), "space origin": [0, 0, 0],
+        f"axis {axis} index type": "numeric",
+        f"axis {axis} index values": " ".join(repr(float(t)) for t in times),
+        "DataNodeClassName": "vtkMRMLScalarVolumeNode",
+    }  # fmt: skip
+    nrrd.write("us.seq.nrrd", array, header)
+    poses = random_poses(N) @ PIXEL
+    write_table("poses.csv", "time", times, poses)
+    sweep = read_sweep("us.seq.nrrd", poses="poses.csv")
+    assert np.array_equal(sweep.frames, frames)
+    assert np.allclose(sweep.timestamps, times)
+    assert np.allclose(sweep.world_from_image, poses, atol=1e-6)
+
+
+@pytest.mark.parametrize("dtype", ["uint8", "uint16", "float32"])
+def test_tiff_stack(dtype):
+    tifffile = pytest.importorskip("tifffile", reason="needs tifffile")
+    frames = images(dtype)
+    tifffile.imwrite("stack.tif", frames, photometric="minisblack")
+    poses = random_poses(N) @ PIXEL
+    write_table("poses.csv", "time", np.arange(N) / 30, poses)
+    sweep = read_sweep("stack.tif", poses="poses.csv", frame_times=30)
+    assert np.array_equal(sweep.frames, frames)
+    assert sweep.frames.dtype == dtype
+    assert np.allclose(sweep.world_from_image, poses)
+    data = Path("stack.tif").read_bytes()
+    Path("cut.tif").write_bytes(data[:60])
+    refused("cut.tif", poses="poses.csv", frame_times=30)
+
+
+def test_tiff_by_pillow_in_color():
+    pages = [Image.fromarray(np.full((10, 14, 3), (10 * i, 0, 0), np.uint8)) for i in range(N)]
+    pages[0].save("color.tif", save_all=True, append_images=pages[1:], compression="tiff_lzw")
+    write_table("poses.csv", "time", np.arange(N) / 30, random_poses(N) @ PIXEL)
+    sweep = read_sweep("color.tif", poses="poses.csv", frame_times=30)
+    assert np.array_equal(sweep.frames[:, 0, 0], np.rint(0.299 * 10 * np.arange(N)))
+
+
+@pytest.mark.parametrize("name", ["clip.mp4", "clip.avi"])
+def test_video(name):
+    av = pytest.importorskip("av", reason="needs PyAV")
+    y, x = np.mgrid[:64, :96]
+    frames = np.stack([(127 + 100 * np.sin((x + 3 * i) / 12 + y / 9)) for i in range(N)])
+    frames = frames.astype(np.uint8)
+    with av.open(name, "w") as file:
+        stream = file.add_stream("mpeg4" if name == "clip.mp4" else "mjpeg", rate=25)
+        stream.width, stream.height = 96, 64
+        stream.pix_fmt = "yuv420p" if name == "clip.mp4" else "yuvj420p"
+        stream.bit_rate = 4_000_000
+        for frame in frames:
+            rgb = np.repeat(frame[..., None], 3, axis=-1)
+            for packet in stream.encode(av.VideoFrame.from_ndarray(rgb, format="rgb24")):
+                file.mux(packet)
+        for packet in stream.encode():
+            file.mux(packet)
+    write_table("poses.csv", "time", np.arange(N) / 25, random_poses(N) @ PIXEL)
+    sweep = read_sweep(name, poses="poses.csv")
+    assert sweep.frames.shape == frames.shape
+    assert np.abs(sweep.frames.astype(int) - frames).mean() < 6  # lossy
+    assert np.allclose(np.diff(sweep.timestamps), 1 / 25, atol=1e-3)
+    assert sweep.n_valid >= N - 1
+    data = Path(name).read_bytes()
+    Path("cut.mp4").write_bytes(data[:200])
+    refused("cut.mp4", poses="poses.csv")
