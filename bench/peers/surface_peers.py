@@ -34,9 +34,9 @@ def globule(case, picture: str) -> dict:
         *(tuple(case[k].tolist()) for k in ("eye", "look_at", "up")), float(case["fov"])
     )
     begin = time.process_time()
-    scene = gb.Scene(gb.Particles(x), surface="smooth")
+    scene = gb.Scene(gb.Particles(x, color=COLOR), surface="smooth")
     built = time.process_time()
-    gb.render(scene, camera, tuple(case["size"].tolist()), {"color": COLOR}).save(picture)
+    gb.render(scene, camera, tuple(case["size"].tolist()), {"background": (1, 1, 1)}).save(picture)
     drawn = time.process_time()
     memory = peak()
     mesh = gb.surface_mesh(scene, 0.5 * spacing)  # to measure the volume: the image needs none

@@ -25,7 +25,7 @@ import numpy as np
 from surface_peers import PACKAGES, PEERS
 
 SIZE = (1024, 782)
-SHOWN = (600, 458)  # of an image in the picture
+WIDTH = 500  # of an image in the picture
 DATA = Path(__file__).parents[3] / "shared" / "data" / "particles"
 # File, spacing = cube root of a particle's volume (docs/design/surface.md says how each is known).
 FILES = {
@@ -83,20 +83,35 @@ def row(peer: str, case: str, n: int, found: dict) -> str:
 
 
 def side_by_side(pictures: dict[tuple[str, str], Path], out: Path) -> None:
-    """A row a case, a column a peer, with names."""
-    from PIL import Image, ImageDraw, ImageFont
+    """A row a case, a column a peer, with names; white margins are cut off."""
+    from PIL import Image, ImageChops, ImageDraw, ImageFont
 
     cases = list(dict.fromkeys(case for case, _ in pictures))
     peers = list(dict.fromkeys(peer for _, peer in pictures))
-    head, (w, h) = 44, SHOWN
-    sheet = Image.new("RGB", (w * len(peers), (h + 6) * len(cases) + head), "white")
+    head, rows = 44, []
+    for case in cases:
+        images = {
+            p: Image.open(pictures[case, p]).convert("RGB") for p in peers if (case, p) in pictures
+        }
+        white = Image.new("RGB", SIZE, "white")
+        boxes = [
+            ImageChops.difference(i, white).getbbox() or (0, 0, *SIZE) for i in images.values()
+        ]
+        low, high = np.min(boxes, axis=0)[:2] - 8, np.max(boxes, axis=0)[2:] + 8
+        height = round(WIDTH * (high[1] - low[1]) / (high[0] - low[0]))
+        cut = (int(low[0]), int(low[1]), int(high[0]), int(high[1]))
+        rows.append(
+            (height, {p: i.crop(cut).resize((WIDTH, height), 1) for p, i in images.items()})
+        )
+    sheet = Image.new("RGB", (WIDTH * len(peers), sum(h for h, _ in rows) + head), "white")
     draw, font = ImageDraw.Draw(sheet), ImageFont.load_default(26)
     for i, peer in enumerate(peers):
-        draw.text((w * i + 12, 6), peer, "black", font=font)
-        for k, case in enumerate(cases):
-            if (case, peer) in pictures:
-                image = Image.open(pictures[case, peer]).convert("RGB").resize(SHOWN, 1)
-                sheet.paste(image, (w * i, head + (h + 6) * k))
+        draw.text((WIDTH * i + 12, 6), peer, "black", font=font)
+    y = head
+    for height, images in rows:
+        for peer, image in images.items():
+            sheet.paste(image, (WIDTH * peers.index(peer), y))
+        y += height
     sheet.save(out)
 
 
