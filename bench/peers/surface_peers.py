@@ -15,7 +15,7 @@ import time
 
 import numpy as np
 
-COLOR = (0.25, 0.52, 0.80)
+COLOR = (0.25, 0.52, 0.80)  # sRGB; globule takes it linear
 MARGIN = 10  # spacings from the pool's walls where the gauge does not look
 PACKAGES = {
     "globule": ["globule"],
@@ -34,7 +34,7 @@ def globule(case, picture: str) -> dict:
         *(tuple(case[k].tolist()) for k in ("eye", "look_at", "up")), float(case["fov"])
     )
     begin = time.process_time()
-    scene = gb.Scene(gb.Particles(x, color=COLOR), surface="smooth")
+    scene = gb.Scene(gb.Particles(x, color=tuple(c**2.2 for c in COLOR)), surface="smooth")
     built = time.process_time()
     gb.render(scene, camera, tuple(case["size"].tolist()), {"background": (1, 1, 1)}).save(picture)
     drawn = time.process_time()

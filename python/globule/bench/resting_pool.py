@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -26,7 +26,7 @@ class RestingPool(NamedTuple):
     flicker: float
 
 
-def resting_pool(settle: float = 2.4, frames: int = 20, **backend: object) -> RestingPool:
+def resting_pool(settle: float = 2.4, frames: int = 20, **backend: Any) -> RestingPool:
     """A pool of 3,200 particles, `settle` seconds after it was filled, and then `frames` frames,
     20 ms apart, seen from above and away from the walls.
 
