@@ -2,7 +2,8 @@
 
 Every frame rebuilds octree and kernels from positions that moved, then traces one ray a pixel;
 `balls` is the same without kernels. Times are those of a loop over frames, by wall clock on a GPU
-and in CPU seconds on the CPU. Prints a table with a hash of the last image.
+and in CPU seconds on the CPU. Prints a table with a hash of the last image, and how flat and steady
+the surface of a simulated pool at rest is.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import time
 import globule as gb
 import numpy as np
 from globule.bench.report import machine
+from globule.bench.resting_pool import resting_pool
 from speed import load
 
 SIZE = (1920, 1080)
@@ -64,6 +66,11 @@ def main() -> None:
         print(
             " | ".join(measure(name, options.device, options.frames, (width, height))), flush=True
         )
+    pool = resting_pool(device=options.device)
+    print(
+        f"simulated pool at rest, {pool.n} particles: normals {pool.angle:.2f} degrees rms;", end=""
+    )
+    print(f" height {pool.height:+.3f} spacings, changes by {pool.flicker:.4f} rms each 20 ms")
 
 
 if __name__ == "__main__":

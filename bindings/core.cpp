@@ -201,6 +201,7 @@ NB_MODULE(_core, m) {
             return d;
         })
         .def("spacing", [](PyScene& s) { return call<&Scene::spacing>(s.core); })
+        .def("fluid_spacing", [](PyScene& s) { return call<&Scene::fluid_spacing>(s.core); })
         .def("sorted", [](PyScene& s, Address keys, Address index) {
             call<&Scene::sorted>(s.core, at<std::uint64_t>(keys), at<std::uint32_t>(index));
         })

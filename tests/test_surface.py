@@ -4,6 +4,7 @@ import globule as gb
 import numpy as np
 import pytest
 from format_helpers import DATA
+from globule.bench.resting_pool import resting_pool
 from globule.scene.fluid import fluid_like
 from globule.scene.oracle import first_hit
 from scenes import lattice, unit
@@ -60,11 +61,11 @@ def test_a_ball_has_its_particles_volume(backend, n):
 
 @pytest.mark.parametrize("shape", [(10, 10, 10), (16, 16, 16), (40, 40, 1), (30, 30, 2)])
 def test_boxes_and_sheets_have_their_particles_volume(shape):
-    points = block(*shape)
-    tolerance = 0.03 if min(shape) > 2 else 0.05
-    assert volume(smooth(points, device="cpu"), 0.3) / len(points) == pytest.approx(
-        1, abs=tolerance
-    )
+    """Turned, so that a sheet's faces do not fall between the planes of the grid that measures."""
+    turn = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0]
+    points = (block(*shape) @ turn).astype("f4")
+    found = volume(smooth(points, device="cpu"), 0.3) / len(points)
+    assert found == pytest.approx(1, abs=0.03)
 
 
 @pytest.mark.parametrize("layers", [1, 2, 3, 4, 12])
@@ -81,6 +82,14 @@ def test_a_flat_face_lies_half_a_spacing_outside(backend, layers):
     assert np.abs(top - (layers - 0.5)).max() < 0.05
     angle = np.degrees(np.arccos(np.clip(hits.normal[:, 2], -1, 1)))
     assert np.sqrt(np.mean(angle**2)) < 1.5
+
+
+@pytest.mark.slow
+def test_a_simulated_pool_at_rest_is_flat_and_steady(backend):
+    pool = resting_pool(**backend)
+    assert pool.angle < 1.5
+    assert abs(pool.height) < 0.05
+    assert pool.flicker < 0.01
 
 
 def test_one_particle_has_a_particles_volume():
@@ -103,22 +112,40 @@ def test_kernels_equal_the_reference(backend, jitter):
 
 
 def test_hits_equal_the_references(backend):
-    """Rays at silhouettes too: hit or miss as float64 says for the same kernels."""
+    """Hit or miss as float64 says for the same kernels: 20,000 rays, half of them within 0.02
+    spacings of a silhouette."""
     points = np.concatenate([ball(600), ball(30) + [9, 3, 0], block(8, 8, 1) - [16, 0, 0]])
-    scene = smooth(points.astype("f4"), **backend)
+    points = points.astype("f4")
+    scene = smooth(points, **backend)
     G, weight = scene.surface_kernels()
+    n = 10_000
     rng = np.random.default_rng(5)
-    target = points[rng.integers(len(points), size=4000)] + 1.2 * rng.normal(size=(4000, 3))
-    origin = target + 30 * directions(4000, 6)
-    d = (target - origin) / np.linalg.norm(target - origin, axis=1)[:, None]
-    origin, d = origin.astype("f4"), d.astype("f4")
+    target = points[rng.integers(len(points), size=n)] + 1.2 * rng.normal(size=(n, 3))
+    away = directions(n, 6)
+    # Silhouettes by bisection, from a particle to a line that passes everything.
+    inside = points[rng.integers(len(points), size=n)].astype(float)
+    beside = np.cross(away, directions(n, 7))
+    beside /= np.linalg.norm(beside, axis=1)[:, None]
+    low, high = np.zeros(n), np.full(n, 40.0)
+    for _ in range(14):
+        middle = 0.5 * (low + high)
+        start = (inside + middle[:, None] * beside + 60 * away).astype("f4")
+        hit = np.isfinite(scene.intersect(start, (-away).astype("f4")).distance)
+        low, high = np.where(hit, middle, low), np.where(hit, high, middle)
+    edge = inside + (low + rng.uniform(-0.02, 0.02, n))[:, None] * beside
+    origin = np.concatenate([target + 30 * away, edge + 60 * away]).astype("f4")
+    d = np.tile(-away, (2, 1)).astype("f4")
     d /= np.linalg.norm(d, axis=1)[:, None]
     found = scene.intersect(origin, d).distance
-    expected = first_hit(points.astype("f4"), G, weight, "murakami", 0.5, origin, d)
-    assert (np.isfinite(found) == np.isfinite(expected)).all()
+    expected = first_hit(points, G, weight, "murakami", 0.5, origin, d)
     hit = np.isfinite(found)
-    assert 0.3 < hit.mean() < 0.95
-    np.testing.assert_allclose(found[hit], expected[hit], atol=2e-3)
+    assert (hit == np.isfinite(expected)).all()
+    assert 0.3 < hit[:n].mean() < 0.95
+    assert 0.3 < hit[n:].mean() < 0.7
+    error = np.abs(found[hit] - expected[hit])
+    assert np.median(error) < 1e-5
+    assert (error < 2e-3).mean() > 0.999  # where a ray grazes, the depth is not well defined
+    assert error.max() < 0.1
 
 
 def test_threads_do_not_change_a_bit():
@@ -141,19 +168,45 @@ def test_updates_keep_the_spacing(backend):
     assert (again.surface_kernels()[1] == scene.surface_kernels()[1]).all()
 
 
-@pytest.mark.parametrize("name", ["splash_117649.npz", "dam_break_frame_23_24389_particles.bgeo"])
-def test_volume_of_real_fluid(name):
+# Spacing: cube root of a particle's volume (docs/design/surface.md says how it is known).
+SETTLED = 0.05 * 0.8 ** (1 / 3)
+FLUIDS = [
+    ("splash_117649.npz", 0.02),
+    ("dam_break_frame_23_24389_particles.bgeo", SETTLED),
+    ("bunny_frame_14_7705_particles.vtk", SETTLED),
+    ("double_dam_break_frame_01_4732_particles.vtk", 0.05),
+    ("double_dam_break_frame_26_4732_particles.vtk", SETTLED),  # torn sheets
+]
+
+
+@pytest.mark.parametrize(("name", "spacing"), FLUIDS)
+def test_spacing_and_volume_of_real_fluid(name, spacing):
     path = DATA / name
     if not path.exists():
         pytest.skip(f"{path} is not there")
-    scene = gb.Scene(str(path), surface="smooth", device="cpu")
-    spacing = scene.support / 2.25
-    found = volume(scene_of_unit(scene, spacing), 0.4)
-    assert found / len(scene) == pytest.approx(1, abs=0.05)
+    particles = gb.read(path)
+    scene = gb.Scene(particles.positions, surface="smooth", device="cpu")
+    assert scene.support / 2.25 == pytest.approx(spacing, rel=0.015)
+    found = volume(smooth((particles.positions / spacing).astype("f4"), device="cpu"), 0.4)
+    assert found / len(particles) == pytest.approx(1, abs=0.03)
 
 
-def scene_of_unit(scene: gb.Scene, spacing: float) -> gb.Scene:
-    return smooth((scene.particles.positions / spacing).astype("f4"), device="cpu")
+@pytest.mark.parametrize("shape", [(10, 10, 10), (40, 40, 1), (30, 30, 2)])
+@pytest.mark.parametrize("jitter", [0.0, 0.05])
+def test_spacing_of_bodies_and_sheets(backend, shape, jitter):
+    points = block(*shape)
+    points = 0.1 * (points + jitter * np.random.default_rng(7).normal(size=points.shape))
+    scene = gb.Scene(points.astype("f4"), surface="smooth", **backend)
+    assert scene.support / 2.25 == pytest.approx(0.1, rel=0.025)
+
+
+def test_spray_is_round():
+    """Two particles that see each other, but lie apart, are two balls."""
+    for apart in (2.0, 2.6, 3.3):
+        scene = smooth(np.array([[0, 0, 0], [apart, 0, 0]], "f4"), device="cpu")
+        G, _ = scene.surface_kernels()
+        np.testing.assert_allclose(G, np.tile(np.eye(3) / 1.5, (2, 1, 1)), atol=1e-5)
+        assert volume(scene, 0.1) == pytest.approx(2, abs=0.12)
 
 
 def test_what_is_fluid_like():

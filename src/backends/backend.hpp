@@ -117,6 +117,7 @@ struct Scene : Object {
     virtual float extent() = 0;   // longest edge of the box of what it holds
     virtual TreeFacts facts(bool with_hashes) = 0;
     virtual float spacing() = 0;  // of the particles built last; 0 where there are too few
+    virtual float fluid_spacing() = 0;
     virtual void sorted(std::uint64_t* keys, std::uint32_t* index) = 0;
     /// Of a smooth surface, in key order: (n, 6) as SceneArrays::stretch, and (n,).
     virtual void surface_kernels(float* stretch, float* weight) = 0;
@@ -139,7 +140,7 @@ struct Scene : Object {
     virtual void thesis_work(std::size_t n, ThesisWork* out) = 0;
 };
 
-using SceneEntries = EntryTable<&Scene::build, &Scene::build_mesh, &Scene::place_mesh, &Scene::intersect_mesh, &Scene::extent, &Scene::facts, &Scene::spacing,
+using SceneEntries = EntryTable<&Scene::build, &Scene::build_mesh, &Scene::place_mesh, &Scene::intersect_mesh, &Scene::extent, &Scene::facts, &Scene::spacing, &Scene::fluid_spacing,
                                 &Scene::sorted, &Scene::surface_kernels, &Scene::render, &Scene::intersect, &Scene::evaluate,
                                 &Scene::blend, &Scene::integrate, &Scene::neighbors, &Scene::synchronize, &Scene::thesis_work>;
 using FrameEntries = EntryTable<&Frame::read, &Frame::trace_seconds, &Frame::passes>;

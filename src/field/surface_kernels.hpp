@@ -5,7 +5,7 @@
 //   axes                           as wide across the surface as inside, wider along it: with sqrt(2) as the ratio of the
 //                                  two the curvature of the surface does not move it; narrow across a sheet of one layer
 //   weight                         kernels of mass 1; where a particle is almost alone, its own field is raised to that of
-//                                  a particle in a flat face
+//                                  a particle in a flat face, or in a sheet as thin as its particles are apart
 #pragma once
 #include "field/eigen.hpp"
 #include "octree/query.hpp"
@@ -21,7 +21,8 @@ inline constexpr float kAlong = 1.5f;            ///< ratio of the supports alon
 inline constexpr float kTwoLayers = 0.18f, kFaceEigen = 0.36f;  ///< least eigenvalue
 inline constexpr float kFlat = 0.3f, kInside = 1.0f;  ///< eigenvalue across a face, and inside
 inline constexpr float kFace = 0.73f;            ///< field at a particle in a flat face
-inline constexpr float kDroplet = 0.12f, kCrowd = 0.36f;    ///< share of the neighbourhood that is filled
+inline constexpr float kDroplet = 0.12f, kCrowd = 0.36f;    ///< share of the neighbourhood that is filled: weights are raised below
+inline constexpr float kAlone = 0.04f, kSome = 0.2f;        ///< the same: kernels are round below
 inline constexpr float kMass = 1.0444544f;       ///< 1 over the integral of (1 - r^2)^2 over the unit ball
 inline constexpr float kThreshold = 0.5f;
 inline constexpr float kMostStretch = 2.26f;     ///< ratio of axes, (kAxis + (kAlong - 1) kAxis) / kThin at most
@@ -67,29 +68,34 @@ struct Shape {
     Sym3<F> matrix;
     F longest, shortest;  ///< axes, in spacings
     F mass;     ///< factor that makes the kernel's integral one particle's volume
+    F sheet;    ///< 1 in a sheet of one layer, 0 in a body or a droplet
 };
 template <class F>
-GB_FN Shape<F> shape(const Moments<F>& moments) {
+GB_FN Shape<F> shape(const Moments<F>& moments, const F& filled) {
     const Eigen3<F> e = eigen(moments.covariance());
     const F least = min(min(e.value[0], e.value[1]), e.value[2]);
     const auto flat = [](const F& s) { return F(1.0f) - smooth_step(s, kFlat, kInside); };
-    const F flattest = flat(least);
+    const F flattest = flat(least), company = smooth_step(filled, kAlone, kSome);
     F inverse[3], longest = F(0.0f), shortest = F(kRadius), mass = F(kMass);
     for (int k = 0; k < 3; ++k) {
         const F across = F(kThin) + F(kAxis - kThin) * smooth_step(e.value[k], kTwoLayers, kFaceEigen);
-        const F a = across + F((kAlong - 1.0f) * kAxis) * max(flattest - flat(e.value[k]), F(0.0f));
+        const F wide = across + F((kAlong - 1.0f) * kAxis) * max(flattest - flat(e.value[k]), F(0.0f));
+        const F a = F(kThin) + company * (wide - F(kThin));
         longest = max(longest, a);
         shortest = min(shortest, a);
         inverse[k] = F(kRadius) / a;
         mass = mass / a;
     }
-    return {e.compose(inverse), longest, shortest, mass};
+    return {e.compose(inverse), longest, shortest, mass, company * (F(1.0f) - smooth_step(least, 0.0f, kTwoLayers))};
 }
 /// own: the particle's field at its place, with weights of mass 1.
 template <class F>
-GB_FN F raised(const F& own, const F& filled) {
+GB_FN F raised(const F& own, const F& filled, const F& sheet) {
     const F few = F(1.0f) - smooth_step(filled, kDroplet, kCrowd);
-    return F(1.0f) + few * max(F(kFace) / own - F(1.0f), F(0.0f));
+    // A sheet of t particles in a square spacing is t spacings thick: c (1 - (t / 2)^2 / kThin^2)^3 = 1/2, t = own / kFace.
+    const F t = min(own * F(1.0f / (2.0f * kThin * kFace)), F(0.4f)), rest = F(1.0f) - t * t;
+    const F in_sheet = min(F(kThreshold) / (rest * rest * rest), F(kFace));
+    return F(1.0f) + few * max((F(kFace) + sheet * (in_sheet - F(kFace))) / own - F(1.0f), F(0.0f));
 }
 
 }  // namespace surface
@@ -135,8 +141,8 @@ struct FindSurfaceKernels {
             }
         });
         moments.sum = select(present, moments.sum, V(1.0f));
-        const surface::Shape<V> shape = surface::shape(moments);
         const V filled = moments.filled();
+        const surface::Shape<V> shape = surface::shape(moments, filled);
         const B alone = present & (filled < V(surface::kCrowd));
         V factor = V(1.0f);
         if (g.any(alone)) {
@@ -149,7 +155,7 @@ struct FindSurfaceKernels {
                     sum = sum + rest * rest;
                 }
             });
-            factor = select(alone, surface::raised(max(sum, V(1.0f)) * shape.mass, filled), factor);
+            factor = select(alone, surface::raised(max(sum, V(1.0f)) * shape.mass, filled, shape.sheet), factor);
         }
         write(g, first, present, shape, factor);
     }

@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <vector>
 
-#include "octree/query.hpp"
+#include "field/spacing.hpp"
 #include "pipeline/trace.hpp"
 
 namespace globule::core {
@@ -46,20 +46,19 @@ public:
 
     /// Median distance to the nearest neighbours, around up to 1024 particles; 0 where there are too few.
     float spacing(const Octree<Exec>& octree) {
-        const std::size_t begin = octree.header().n_outside, n_inside = octree.size() - begin;
-        if (n_inside == 0) return 0.0f;
-        const std::size_t stride = max<std::size_t>(1, n_inside / 1024);
-        const std::size_t samples = ceil_div<std::size_t>(n_inside, stride);
-        float* out = results_.reserve(samples);
-        with_tree(octree, [&](auto tree) {
-            exec_.for_each(samples, LocalSpacing<decltype(tree)>{tree, octree.particles(), begin, octree.size(), stride, out});
+        return share_of_samples(octree, 0.5, [&](auto tree, std::size_t begin, std::size_t stride, float* out) {
+            return LocalSpacing<decltype(tree)>{tree, octree.particles(), begin, octree.size(), stride, out};
         });
-        std::vector<float> all(samples);
-        exec_.download(all.data(), out, samples * sizeof(float));
-        all.erase(std::remove_if(all.begin(), all.end(), [](float s) { return !(s > 0.0f); }), all.end());
-        if (all.empty()) return 0.0f;
-        std::nth_element(all.begin(), all.begin() + all.size() / 2, all.end());
-        return all[all.size() / 2];
+    }
+
+    /// Cube root of a particle's volume, if they are those of one fluid, which is nowhere denser than at rest, but for noise.
+    float fluid_spacing(const Octree<Exec>& octree) {
+        float guess = spacing(octree);
+        for (int i = 0; i < 3 && guess > 0.0f; ++i)
+            guess = share_of_samples(octree, 0.15, [&](auto tree, std::size_t begin, std::size_t stride, float* out) {
+                return FluidSpacing<decltype(tree)>{tree, octree.particles(), begin, stride, guess, out};
+            });
+        return guess;
     }
 
     void sorted(const Octree<Exec>& octree, std::uint64_t* keys, std::uint32_t* index) {
@@ -142,6 +141,23 @@ public:
     }
 
 private:
+    /// Of what up to 1024 particles answer, the value that a share of them is below; 0 where nobody has an answer.
+    template <class Make>
+    float share_of_samples(const Octree<Exec>& octree, double share, const Make& make) {
+        const std::size_t begin = octree.header().n_outside, n_inside = octree.size() - begin;
+        if (n_inside == 0) return 0.0f;
+        const std::size_t stride = max<std::size_t>(1, n_inside / 1024);
+        const std::size_t samples = ceil_div<std::size_t>(n_inside, stride);
+        float* out = results_.reserve(samples);
+        with_tree(octree, [&](auto tree) { exec_.for_each(samples, make(tree, begin, stride, out)); });
+        std::vector<float> all(samples);
+        exec_.download(all.data(), out, samples * sizeof(float));
+        all.erase(std::remove_if(all.begin(), all.end(), [](float s) { return !(s > 0.0f); }), all.end());
+        if (all.empty()) return 0.0f;
+        const std::size_t place = std::size_t(share * double(all.size()));
+        std::nth_element(all.begin(), all.begin() + place, all.end());
+        return all[place];
+    }
     void hash(const Octree<Exec>& octree, TreeFacts& f) {
         f.key_hash = hash_device(octree.keys(), octree.size() * octree.params().key_bits / 8);
         f.key_hash = hash_device(octree.particles().index, octree.size() * 4, f.key_hash);

@@ -55,6 +55,7 @@ public:
         return f;
     }
     float spacing() override { return questions_.spacing(octree()); }
+    float fluid_spacing() override { return questions_.fluid_spacing(octree()); }
     void sorted(std::uint64_t* keys, std::uint32_t* index) override { questions_.sorted(octree(), keys, index); }
     void surface_kernels(float* stretch, float* weight) override {
         const SortedParticles& p = octree().particles();

@@ -238,7 +238,7 @@ class Scene:
 
         if support is ABSENT and one_support is None:
             build(0.0)
-            measured = self._raw.spacing()
+            measured = self._raw.fluid_spacing() if smooth else self._raw.spacing()
             spacings = SMOOTH_SUPPORT if smooth else DEFAULTS[self.kernel][0]
             one_support = spacings * (measured or _guess_spacing(p, n))
             if measured and smooth:

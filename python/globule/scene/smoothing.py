@@ -162,7 +162,8 @@ ALONG = 1.5  # ratio of the supports along and across the surface
 TWO_LAYERS, FACE_EIGENVALUE = 0.18, 0.36  # least eigenvalue
 FLAT, INSIDE = 0.3, 1.0  # eigenvalue across a face, and inside
 FACE = 0.73  # field at a particle in a flat face
-DROPLET, CROWD = 0.12, 0.36  # share of the neighborhood that is filled
+DROPLET, CROWD = 0.12, 0.36  # share of the neighborhood that is filled: weights are raised below
+ALONE, SOME = 0.04, 0.2  # the same: kernels are round below
 MASS = 105 / (32 * np.pi)  # 1 / integral of (1 - r²)² over the unit ball
 
 
@@ -201,23 +202,32 @@ def surface_kernels(
     for rows, offsets, index in _neighbor_blocks(scene, positions, radius, progress):
         _, covariance = _moments(positions, rows, offsets, index, radius, power=4)
         values, axes = np.linalg.eigh(covariance / (7 / 45 * radius**2))
-        flat = 1 - _smooth_step(values, FLAT, INSIDE)
-        across = THIN + (AXIS - THIN) * _smooth_step(values, TWO_LAYERS, FACE_EIGENVALUE)
-        along = np.maximum(flat.max(axis=1, keepdims=True) - flat, 0)
-        length = across + (ALONG - 1) * AXIS * along  # of the axes, in spacings
-        G[rows] = np.einsum("mik,mk,mjk->mij", axes, 1 / (length * spacing), axes)
-        mass = MASS / length.prod(axis=1)
-
         own = np.repeat(np.arange(len(rows)), np.diff(offsets))
         away = positions[index].astype(np.float64) - positions[rows][own]
         squares = np.einsum("ni,ni->n", away, away) / radius**2
         w = np.maximum(1 - squares**2, 0)
         filled = np.bincount(own, w, len(rows)) / (16 * np.pi / 21 * RADIUS**3)
+
+        flat = 1 - _smooth_step(values, FLAT, INSIDE)
+        across = THIN + (AXIS - THIN) * _smooth_step(values, TWO_LAYERS, FACE_EIGENVALUE)
+        along = np.maximum(flat.max(axis=1, keepdims=True) - flat, 0)
+        wide = across + (ALONG - 1) * AXIS * along
+        company = _smooth_step(filled, ALONE, SOME)
+        length = THIN + company[:, None] * (wide - THIN)  # of the axes, in spacings
+        G[rows] = np.einsum("mik,mk,mjk->mij", axes, 1 / (length * spacing), axes)
+        mass = MASS / length.prod(axis=1)
+
         seen = np.einsum("nij,nj->ni", G[rows][own], away)
         b = np.maximum(1 - np.einsum("ni,ni->n", seen, seen), 0) ** 2
         field = mass * np.bincount(own, np.where(squares < 1, b, 0), len(rows))
         few = 1 - _smooth_step(filled, DROPLET, CROWD)
-        weight[rows] = mass * (1 + few * np.maximum(FACE / field - 1, 0))
+        # A sheet of t particles in a square spacing is t spacings thick:
+        # c (1 - (t / 2)² / THIN²)³ = 1/2, t = field / FACE.
+        thickness = field / FACE
+        in_sheet = 0.5 / (1 - np.minimum(thickness / 2 / THIN, 0.4) ** 2) ** 3
+        sheet = company * (1 - _smooth_step(values[:, 0], 0.0, TWO_LAYERS))
+        target = FACE + sheet * (np.minimum(in_sheet, FACE) - FACE)
+        weight[rows] = mass * (1 + few * np.maximum(target / field - 1, 0))
     return SurfaceKernels(G, weight)
 
 
