@@ -88,13 +88,13 @@ def rotating_square(device: str = "cpu", threads: int = 0, cells: int = 24) -> l
 
 def waves(
     device: str, threads: int, length: float, depth: float, nu: float, periodic: str, cells: int,
-    periods: float, height: float,
+    periods: float, height: float, disorder: float = 0.0,
 ) -> tuple[float, float, float]:  # fmt: skip
     """A small standing wave: its frequency, how fast it decays (1/s), and k.
 
     The first speeds are those of the linear wave, cosh(k (y + depth)) cos(k x) of height `height`;
     without periodic x the tank is half a wave long. The amplitude is the fluid's momentum along
-    the mode.
+    the mode. `disorder` of the first positions is in spacings.
     """
     k = 2 * np.pi / length
     d = length / cells
@@ -103,6 +103,7 @@ def waves(
     hi = (wide, depth + 6 * height + 4 * d, 8 * d)
     sim = tank(d, hi, water, device, threads, periodic + "z", True, max_dt=0.01)
     at = lattice((0, 0, 0), (wide, depth, 8 * d), d)
+    at += np.random.default_rng(1).normal(0, disorder * d, at.shape)
 
     def mode(p: np.ndarray) -> np.ndarray:
         kx, ky = k * p[:, 0], k * p[:, 1]
@@ -144,9 +145,10 @@ def sloshing(device: str = "cpu", threads: int = 0, cells: int = 48) -> list[Row
 
 
 def standing_wave(device: str = "cpu", threads: int = 0, cells: int = 32) -> list[Row]:
-    """A wave on deep water decays as exp(-2 nu k² t) (Lamb 1932, section 348)."""
+    """A wave on deep water decays as exp(-2 nu k² t) (Lamb 1932, section 348). A perfect lattice
+    resists the wave's strain and swings 4 % faster; hence the disorder."""
     nu, length = 0.01, 1.0
-    omega, decay, k = waves(device, threads, length, 0.5, nu, "x", cells, 2.5, 0.03)
+    omega, decay, k = waves(device, threads, length, 0.5, nu, "x", cells, 2.5, 0.03, 0.05)
     rate = 2 * nu * k**2
     expected = np.sqrt(GRAVITY * k * np.tanh(0.5 * k))
     return [
