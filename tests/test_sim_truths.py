@@ -17,6 +17,7 @@ from globule.bench.physics_fluid import lattice
         flows.sloshing,
         flows.pipe_poiseuille,
         flows.torricelli,
+        pytest.param(flows.rotating_bucket, marks=pytest.mark.slow),
     ],
 )
 def test_truth(experiment):

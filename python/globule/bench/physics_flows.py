@@ -140,7 +140,7 @@ def sloshing(device: str = "cpu", threads: int = 0, cells: int = 48) -> list[Row
     """The first mode of a tank: omega² = g k tanh(k h), k = pi / L (Lamb 1932, section 228)."""
     length, depth = 2.0, 0.5
     omega, _, k = waves(device, threads, length, depth, 0.0, "", cells, 2.0, 0.04)
-    expected = np.sqrt(GRAVITY * k * np.tanh(k * depth))
+    expected = float(np.sqrt(GRAVITY * k * np.tanh(k * depth)))
     return [near("sloshing: frequency of the first mode, rad/s", expected, omega, 0.03)]
 
 
@@ -150,10 +150,10 @@ def standing_wave(device: str = "cpu", threads: int = 0, cells: int = 32) -> lis
     nu, length = 0.01, 1.0
     omega, decay, k = waves(device, threads, length, 0.5, nu, "x", cells, 2.5, 0.03, 0.05)
     rate = 2 * nu * k**2
-    expected = np.sqrt(GRAVITY * k * np.tanh(0.5 * k))
+    expected = float(np.sqrt(GRAVITY * k * np.tanh(0.5 * k)))
     return [
         near("standing wave: frequency, rad/s", expected, omega, 0.03),
-        near("standing wave: decay rate, 1/s", rate, decay, 0.2),
+        near("standing wave: decay rate, 1/s", rate, decay, 0.1),
     ]
 
 
