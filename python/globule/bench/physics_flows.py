@@ -6,6 +6,8 @@ As in `physics_fluid`, each experiment takes a device and a number of threads, a
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from ..sim.sampling import BEHIND
@@ -15,7 +17,12 @@ from .physics_fluid import GRAVITY, Row, at_most, lattice, near, tank
 
 
 def slice_of(
-    spacing: float, size: float, fluids: list[dict], device: str, threads: int, **solver
+    spacing: float,
+    size: float,
+    fluids: list[dict[str, Any]],
+    device: str,
+    threads: int,
+    **solver: Any,
 ) -> Simulation:
     """A simulation without walls and gravity, repeating along z, from -size to size along x, y."""
     domain = {"lo": (-size, -size, 0), "hi": (size, size, 8 * spacing), "periodic": ["z"]}
