@@ -173,6 +173,7 @@ void bind_simulation(nb::module_& m) {
                 nb::ndarray<nb::numpy, std::uint64_t>(found->offsets.data(), {found->offsets.size()}, owner),
                 nb::ndarray<nb::numpy, std::uint32_t>(found->indices.data(), {found->indices.size()}, owner));
         })
+        .def("flow", [](PySimulation& s, Address density, Address vorticity) { call<&Simulation::flow>(s.core, at<float>(density), at<float>(vorticity)); })
         .def("tissue", [](PySimulation& s) {
             Tissue* tissue = call<&Simulation::tissue>(s.core);
             // Alive as long as its simulation.

@@ -51,6 +51,9 @@ rate = 0.01
         (BOX, BOX + f'\n[[solids]]\nname = "s"\nbox = {AWAY}', r":8: solids\[0\].box: expected"),
         ("[0.5, 0.2, 0.5]", "[5, 5, 5]", r":9: emitters\[0\].center: expected a place in"),
         (BOX, "{ lo = [0, 0, 0], hi = [1e-9, 1, 1] }", r"box: expected at least a spacing, 0.05 m"),
+        (BOX, BOX + f'\n[[fluids]]\nname = "air"\ndensity = 1.2\nbox = {BOX}',
+         r":8: fluids\[1\].density: expected 20 to 50000 kg/m³ beside a density of 1000 kg/m³ "
+         r"\(a ratio of at most 50\), got 1.2"),
         (BOX, BOX + "\ndensity = 1e300", r":6: fluids\[0\].density: expected a number from 0.001"),
         (BOX, BOX + "\nvelocity = [1e300, 0, 0]", r":6: fluids\[0\].velocity\[0\]: expected a num"),
         (BOX, BOX + "\nviscosity = 1e9\nimplicit = false",

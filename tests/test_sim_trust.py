@@ -50,6 +50,8 @@ def test_a_tall_column_starts_without_exploding(backend, error):
         assert energy(sim) <= first + 1e-3, report
     assert report.n_escaped == 0
     assert max(compressions) < 1.5 * error
+    if error == 0.01:  # 1 % where 0.5 % of the particles, the toe, may gain what they like
+        assert report.high_compression < 0.008
 
 
 @pytest.mark.parametrize("error", [0.01, 0.001])

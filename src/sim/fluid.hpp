@@ -5,10 +5,12 @@
 //   forces               gravity, viscosity, tension, what the user asks for
 //   correct_divergence   velocities that compress nothing; or correct_filled, where there is no free surface
 //   correct_density      for one move, what is too dense moves apart
+// Between steps, flow() tells densities and vorticities.
 //
 // Arrays by row are `padded` to full packets, those by slot have room for 64 more: packets read past the end.
 #pragma once
 #include "sim/filled.hpp"
+#include "sim/flow.hpp"
 #include "sim/split.hpp"
 #include "sim/fluid_surface.hpp"
 #include "sim/viscosity.hpp"
@@ -83,13 +85,28 @@ public:
         }
     }
 
-    void densities() {
-        reserve_rows();
+    /// Densities over rest density, and vorticities, 1/s, by slot; 0 for what the solver does not move.  The lists are there.
+    void flow(float* density, float* vorticity) {
         const std::size_t n = state_.n_rows;
-        const Quad* place = state_.view().place;
+        Quad* found = applied_.reserve(state_.n + 64);
+        exec_.clear(found, (state_.n + 64) * sizeof(Quad));
+        weigh();
         sim::with_period(state_.period(), [&]<bool periodic>(std::bool_constant<periodic>) {
-            exec_.for_each_packet(n, sim::Densities<Packet, periodic>{lists_, place, rows_, state_.spline(), state_.period(), state_.volume(), state_.lattice_squares()});
+            exec_.for_each_packet(n, sim::Flow<Packet, periodic>{lists_, state_.view().place, state_.view().velocity, rows_, state_.period(), state_.spline().inverse, found});
         });
+        std::vector<Quad> all(state_.n);
+        exec_.download(all.data(), found, all.size() * sizeof(Quad));
+        for (std::size_t i = 0; i < all.size(); ++i) {
+            density[i] = all[i].w;
+            vorticity[3 * i] = all[i].x;
+            vorticity[3 * i + 1] = all[i].y;
+            vorticity[3 * i + 2] = all[i].z;
+        }
+    }
+
+    void densities() {
+        const std::size_t n = state_.n_rows;
+        weigh();
         surface_.find(lists_, rows_, padded_rows());
         exec_.reduce_in_order(n, sim::CompressionOf{rows_, 2.0f * sim::kFreeGradient}, sim::AddCompression{}, sim::Compression{}, compression_.reserve(1));
     }
@@ -192,6 +209,13 @@ public:
     }
 
 private:
+    void weigh() {
+        reserve_rows();
+        const Quad* place = state_.view().place;
+        sim::with_period(state_.period(), [&]<bool periodic>(std::bool_constant<periodic>) {
+            exec_.for_each_packet(state_.n_rows, sim::Densities<Packet, periodic>{lists_, place, rows_, state_.spline(), state_.period(), state_.volume(), state_.lattice_squares()});
+        });
+    }
     std::size_t padded_rows() const { return ceil_div<std::size_t>(state_.n_rows, 64) * 64; }
     void reserve_rows() {
         const std::size_t padded = padded_rows();
@@ -333,7 +357,7 @@ private:
     static constexpr double kAim = 0.8;          // the error is predicted along straight lines: what comes is a fifth more
     static constexpr double kVelocityAim = 0.1;  // of the divergence's tolerance: what is left adds up from step to step
     static constexpr double kMostVelocityAim = 2e-4;
-    static constexpr double kOver = 4.0, kOverShare = 0.005, kMost = 50.0;  // times the mean, the share of the particles, times the mean
+    static constexpr double kOver = 4.0, kOverShare = 0.0005, kMost = 50.0;  // times the mean, the share of the particles, times the mean
     static constexpr double kLiftShare = 0.001, kLiftMost = 10.0, kLiftLeast = 0.03;  // the same for places; no less than 3 % for the largest
     static constexpr float kOmega = 0.3f;        // momentum asks for shorter steps than 0.5
     static constexpr float kOmegaPlain = 0.5f, kFilledShare = 0.5f;

@@ -245,6 +245,17 @@ public:
         fluid_.read_lists(rows, out);
     }
 
+    void flow(float* density, float* vorticity) override {
+        gather_tissue();
+        if (state_.n_rows == 0) {
+            std::fill_n(density, state_.n, 0.0f);
+            std::fill_n(vorticity, 3 * state_.n, 0.0f);
+            return;
+        }
+        find_lists();
+        fluid_.flow(density, vorticity);
+    }
+
     Tissue* tissue() override {
         gather_tissue();
         return &tissue_;

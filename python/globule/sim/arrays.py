@@ -118,13 +118,40 @@ class Arrays(Part):
 
     @property
     @whole
+    def density(self) -> np.ndarray:
+        """(N,) float32, kg/m³: the density that the solver sees at the current positions, the sum
+        over neighbors of volume times kernel, times the rest density. Less within two spacings of
+        a free surface. 0 for boundaries and rigid bodies."""
+        return self._flow()[0]
+
+    @property
+    @whole
+    def vorticity(self) -> np.ndarray:
+        """(N, 3) float32, 1/s: the curl of the velocities of fluid and tissue, exact for linear
+        fields (corrected gradients, Bonet & Lok 1999). 0 for boundaries and rigid bodies, and where
+        neighbors do not span the space."""
+        return self._flow()[1]
+
+    def _flow(self) -> tuple[np.ndarray, np.ndarray]:
+        """Density and vorticity in id order."""
+        order, rho = self._order(), self._read("place")[:, 3]
+        density, vorticity = np.empty(len(order), np.float32), np.empty((len(order), 3), np.float32)
+        if len(order):
+            self._sim._core.flow(address(density), address(vorticity))
+            density[rho < 0] /= -rho[rho < 0]  # a fluid's place holds -1 / density
+        return density[order], vorticity[order]
+
+    @property
+    @whole
     def phase(self) -> np.ndarray:
         """(N,) uint8: the number of each particle's phase in the order of `Simulation.phases`."""
         return self._read("phase")[self._order()]
 
     @whole
     def particles(self) -> Particles:
-        """All particles in id order, with colors, and the attributes velocity, phase and id."""
+        """All particles in id order, with colors, and the attributes velocity (m/s), pressure (Pa,
+        of the last step), density (kg/m³), vorticity (1/s), phase and id."""
+        density, vorticity = self._flow()
         sim, order = self._sim, self._order()
         phase = self._read("phase")[order]
         colors = np.array([p.color for p in sim.phases.values()], np.float32).reshape(-1, 3)
@@ -136,6 +163,9 @@ class Arrays(Part):
             weight=shown[phase],
             attributes={
                 "velocity": self._read("velocity")[order, :3],
+                "pressure": self._read("pressure")[order],
+                "density": density,
+                "vorticity": vorticity,
                 "phase": phase,
                 "id": self._read("id")[order],
             },

@@ -24,7 +24,7 @@ from . import checkpoint
 from .arrays import Arrays, check_finite, ids_of
 from .bodies import Body, bodies, scene_of_particles
 from .emitter import Emitter
-from .limits import check_emitter, check_material
+from .limits import check_densities, check_emitter, check_material
 from .old_words import OLD_NAMES, renamed, with_old_keys
 from .operate import BondedTissue
 from .record import Record
@@ -446,7 +446,7 @@ class Simulation:
 
     @property
     def particles(self) -> Particles:
-        """All particles in id order, with colors, and the attributes velocity, phase and id."""
+        """All particles in id order, with colors and attributes, as `Arrays.particles` says."""
         return self.arrays.particles()
 
     @property
@@ -476,6 +476,11 @@ class Simulation:
             self._core.configure(settings)
             self._settings_sent = settings
         frame, spacing = 1 / self.file.output.fps, self.settings.spacing
+        check_densities({
+            (f"phases[{name!r}]", "density"): phase.density
+            for name, phase in self.phases.items()
+            if phase.kind in ("fluid", "tissue") and phase.density is not None
+        })  # fmt: skip
         for i, phase in enumerate(self.phases.values()):
             packed = phase._pack()
             if i >= len(self._sent):

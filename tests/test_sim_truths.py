@@ -1,0 +1,115 @@
+"""Flows with a known answer, at small size, and what frames tell of a flow."""
+
+from __future__ import annotations
+
+import globule as gb
+import numpy as np
+import pytest
+from globule.bench import physics_flows as flows
+from globule.bench.physics_fluid import lattice
+
+
+@pytest.mark.parametrize(
+    "experiment",
+    [
+        flows.elliptical_drop,
+        flows.rotating_square,
+        flows.sloshing,
+        flows.pipe_poiseuille,
+        flows.torricelli,
+        pytest.param(flows.rotating_bucket, marks=pytest.mark.slow),
+    ],
+)
+def test_truth(experiment):
+    for row in experiment():
+        assert row.ok, row
+
+
+def test_an_ellipse_keeps_its_area_and_energy():
+    """The reference itself: a b = 1, and the energy rate² (a² + b²) / 8 stays."""
+    rate, t, h = 100.0, 0.008, 1e-6
+    b = flows.ellipse(t, rate)
+    speed = (flows.ellipse(t + h, rate) - flows.ellipse(t - h, rate)) / (2 * h)
+    a, rate_now = 1 / b, speed / b
+    assert rate_now**2 * (a * a + b * b) == pytest.approx(2 * rate**2, rel=1e-4)
+
+
+def turning(backend, spin):
+    """A ball that turns about an axis, in a domain without walls."""
+    d = 0.05
+    half = 8 * d
+    scene = {
+        "spacing": d, "domain": {"lo": (-half,) * 3, "hi": (half,) * 3}, "gravity": (0, 0, 0),
+        "fluids": [{"name": "oil", "density": 900.0, "viscosity": 0.0}],
+    }  # fmt: skip
+    sim = gb.Simulation(scene, **backend)
+    at = lattice((-4 * d,) * 3, (4 * d,) * 3, d)
+    at = at[np.linalg.norm(at, axis=1) < 4 * d]
+    at += np.random.default_rng(2).normal(0, 0.1 * d, at.shape)
+    sim.add(at, "oil", np.cross(spin, at))
+    return sim
+
+
+def test_vorticity_of_a_solid_rotation_is_twice_its_spin(backend):
+    """Exact at the surface, too."""
+    spin = np.array([1.0, -2.0, 3.0])
+    sim = turning(backend, spin)
+    np.testing.assert_allclose(sim.arrays.vorticity, np.tile(2 * spin, (len(sim), 1)), rtol=2e-3)
+
+
+def test_density_of_frames_is_the_kernel_sum(backend):
+    sim = turning(backend, np.zeros(3))
+    d = sim.settings.spacing
+
+    def w(r):
+        q = r / (2 * d)
+        return 2 * np.clip(1 - q, 0, None) ** 3 - 8 * np.clip(0.5 - q, 0, None) ** 3
+
+    grid = np.stack(np.meshgrid(*[np.arange(-2, 3) * d] * 3), -1).reshape(-1, 3)
+    x = sim.positions.astype(float)
+    apart = np.linalg.norm(x[:, None] - x[None], axis=-1)
+    expected = 900 * w(apart).sum(1) / w(np.linalg.norm(grid, axis=1)).sum()
+    np.testing.assert_allclose(sim.arrays.density, expected, rtol=1e-4)
+
+
+def test_frames_have_pressure_density_and_vorticity(tmp_path, backend):
+    d = 0.05
+    domain = {"lo": (0, 0, 0), "hi": (0.5, 0.6, 0.5), "walls": True}
+    scene = {"spacing": d, "domain": domain, "gravity": (0, -9.81, 0), "fluids": [{"name": "w"}]}
+    sim = gb.Simulation(scene, **backend)
+    ids = sim.add(lattice((0, 0, 0), (0.5, 0.4, 0.5), d), "w")
+    before = sim.hash()
+    first = sim.particles
+    assert sim.hash() == before
+    walls = ~np.isin(first.attributes["id"], ids)
+    for name in ("pressure", "density", "vorticity"):
+        assert (first.attributes[name][walls] == 0).all()
+    other = gb.Simulation(scene, **backend)
+    other.add(lattice((0, 0, 0), (0.5, 0.4, 0.5), d), "w")
+    for _ in range(5):
+        sim.step()
+        assert len(sim.particles) == len(sim)
+        other.step()
+    assert sim.hash() == other.hash()  # to look changes nothing
+    gb.write(tmp_path / "f.vtp", sim.shown_particles)
+    read = gb.read(tmp_path / "f.vtp")
+    assert read.attributes["vorticity"].shape == (len(ids), 3)
+    np.testing.assert_array_equal(read.attributes["pressure"], sim.arrays.pressure[ids])
+    density = read.attributes["density"]
+    assert np.median(density) == pytest.approx(1000, rel=0.03)
+    assert density.min() > 300
+
+
+def test_densities_too_far_apart_are_refused_between_steps():
+    scene = {
+        "spacing": 0.05, "domain": {"lo": (0, 0, 0), "hi": (1, 1, 1), "walls": True},
+        "fluids": [{"name": "water"}, {"name": "oil", "density": 900.0}],
+    }  # fmt: skip
+    sim = gb.Simulation(scene, "cpu")
+    sim.add([[0.5, 0.5, 0.5]], "oil")
+    sim.phases["oil"].density = 19.0
+    expected = r"phases\['oil'\]\.density: expected 20 to 50000 kg/m³ beside a density of 1000"
+    with pytest.raises(ValueError, match=expected):
+        sim.step()
+    sim.phases["oil"].density = 20.0
+    sim.step()
