@@ -65,6 +65,7 @@ if _TYPE_CHECKING:
     from .render.presets import preset
     from .render.sequence import read_ahead, render_sequence, value_range
     from .render.views import Views, render_views
+    from .scene.capsules import Lines, Spheres
     from .scene.fluid import fluid_like, surface_of
     from .scene.smoothing import anisotropy, surface_kernels, without_strays
     from .scene.spacing import local_spacing
@@ -101,6 +102,7 @@ _LATER = {
     "render.presets": "preset",
     "render.sequence": "read_ahead render_sequence value_range",
     "render.views": "Views render_views",
+    "scene.capsules": "Lines Spheres",
     "scene.fluid": "fluid_like surface_of",
     "scene.smoothing": "anisotropy surface_kernels without_strays",
     "scene.spacing": "local_spacing",
@@ -157,6 +159,7 @@ __all__ = [
     "Ground",
     "Headlight",
     "Layer",
+    "Lines",
     "Material",
     "Mesh",
     "MissingPackageError",
@@ -173,6 +176,7 @@ __all__ = [
     "Scene",
     "Simulation",
     "Sky",
+    "Spheres",
     "StepReport",
     "SurfaceMeasure",
     "SurfaceMesh",

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..formats import READABLE
 from ..formats.kind import kind_of
-from ..scene.fluid import fluid_like
+from ..scene.fluid import fluid_like, is_flat
 from ..scene.particles import SCALAR_FIELDS, Particles
 from . import flags, medical
 from . import medical as medical_files
@@ -132,6 +132,8 @@ def _surface(path: str, particles: Particles) -> tuple[str, str]:
     """What `globule render` draws, and why."""
     if kind_of(path).kind == "volume":
         return "balls", "voxels"
+    if is_flat(particles):
+        return "spheres", "2-D: one z"
     found = fluid_like(particles)
     return "smooth" if found.yes else "balls", found.why
 
