@@ -75,9 +75,7 @@ def test_an_image_of_flat_data(backend):
 def test_values_of_flat_data_have_their_colors(backend):
     particles = gb.Particles(plane(), attributes={"speed": np.linspace(0, 1, 400)})
     scene = shown_scene(particles, **backend)
-    frame = gb.render(
-        scene, (64, 64), color_by="speed", range=(0, 1), settings={"edge_samples": 0}
-    )
+    frame = gb.render(scene, (64, 64), color_by="speed", range=(0, 1), settings={"edge_samples": 0})
     want = gb.colorize(frame.attribute(particles.attributes["speed"])[frame.mask], "viridis", 0, 1)
     assert np.abs(frame.color[frame.mask] - want).max() < 0.02  # the map is not linear
 

@@ -52,6 +52,7 @@ from .scene.thesis import Thesis  # noqa: E402
 if _TYPE_CHECKING:
     from .formats import FormatError, mesh_particles, read, write
     from .formats.pictures.environment import read_environment
+    from .formats.rigid_bodies import RigidBodies
     from .measure.gauge import gauge, height_map
     from .measure.mesh import SurfaceMeasure, SurfaceMesh, measure_surface, surface_mesh
     from .measure.places import SampleGrid, SampleLine, SamplePlane
@@ -89,6 +90,7 @@ if _TYPE_CHECKING:
 _LATER = {
     "formats": "FormatError mesh_particles read write",
     "formats.pictures.environment": "read_environment",
+    "formats.rigid_bodies": "RigidBodies",
     "measure.gauge": "gauge height_map",
     "measure.mesh": "SurfaceMeasure SurfaceMesh measure_surface surface_mesh",
     "measure.places": "SampleGrid SampleLine SamplePlane",
@@ -169,6 +171,7 @@ __all__ = [
     "PointLight",
     "Reconstructor",
     "RenderSettings",
+    "RigidBodies",
     "SampleGrid",
     "SampleLine",
     "SamplePlane",

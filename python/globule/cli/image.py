@@ -65,6 +65,8 @@ def picture(
         made = _mesh if isinstance(shape, Mesh) else _particles
         subject = made(options, series, path, shape, messages)
         scene = subject.scene
+        lit.layers(scene)
+        lit.place(path, i)
         views = series.cameras(i, scene, cameras)
     if series.finished(image, aov):
         return None

@@ -12,6 +12,7 @@ import numpy as np
 from .._base.colormaps import categorical
 from ..formats import FormatError
 from ..formats.pictures.environment import read_environment
+from ..formats.rigid_bodies import RigidBodies
 from ..render.frame import MAX_LAYERS, Frame, Layer, corners_of
 from ..render.lights import Environment, Ground, Sky, uniform_sky
 from ..render.materials import Material
@@ -187,6 +188,7 @@ class Light:
         self._settings: RenderSettings | None = None
         self._beside: list[Layer] | None = None
         self.messages: list[str] = []  # about the meshes
+        self._moving: list[RigidBodies] = []
         crops = [crop for crop in (options.crop, options.crop_sphere) if crop]
         self.clips = [*options.clip, *options.clip_box, *options.clip_sphere, *crops]
         self._matter = _matter(options)
@@ -242,9 +244,13 @@ class Light:
         if self._beside is None:
             beside = [self._read(i) for i in range(len(self.options.beside))]
             particles = scene.particles if isinstance(scene, Scene) else None
-            found, self.messages = meshes.layers(self.options, self.clips, particles)
+            found, self.messages, self._moving = meshes.layers(self.options, self.clips, particles)
             self._beside = [*beside, *found]
         return [Layer(scene, clips=self.clips), *self._beside]
+
+    def place(self, path: str, i: int) -> None:
+        """Move what moves to where it is in the image of a file, the i-th."""
+        meshes.place(self._moving, path, i)
 
     def around(self, scene: Scene | Mesh, box: Any) -> Any:
         """Points (M, 3) that the fitted camera shows: those of `box`, or the scene's, and --mesh;

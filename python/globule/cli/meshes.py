@@ -5,10 +5,13 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import functools
+import os
+import re
 
 import numpy as np
 
 from ..formats import FormatError
+from ..formats.rigid_bodies import RigidBodies
 from ..formats.triangles import has_faces
 from ..render.clips import ClipBox, ClipPlane, ClipSphere
 from ..render.frame import Layer
@@ -20,7 +23,7 @@ from ..scene.mesh import Mesh
 from ..scene.particles import Particles
 from ..scene.scene import Scene
 from . import look
-from .shared import UserError, check_input, mistakes, read_particles
+from .shared import UserError, check_input, mistakes, read_particles, stem
 
 _THIN = 1 / 400  # default radius of lines, of their box's diagonal
 _SAMPLES = 1000  # particles at which a mesh is tested for whether it surrounds them
@@ -43,7 +46,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="FILE[:MATERIAL]",
-        help="triangles of a second file (.stl .obj .ply .glb .vtk .vtp), world units; "
+        help="triangles of a second file (.stl .obj .ply .glb .vtk .vtp), world units, or a folder "
+        "rigid_bodies of SPlisHSPlasH, whose bodies follow the number in the input's name; "
         f"MATERIAL is {', '.join(PRESETS)}; --clip cuts them too; may be repeated up to 3 times "
         "(default: none)",
     )
@@ -127,9 +131,33 @@ def read_mesh(path: str, options: argparse.Namespace, solid: bool | None = None)
         raise UserError(f"{path}: cannot be read: {error.strerror or error}") from error
 
 
+def read_bodies(path: str, options: argparse.Namespace) -> RigidBodies:
+    """The rigid bodies of a folder. Raises UserError if it cannot be read."""
+    try:
+        with mistakes():
+            return RigidBodies(path, device=options.device, threads=options.threads)
+    except FormatError as error:
+        raise UserError(str(error)) from error
+    except OSError as error:
+        what = error.filename or path
+        raise UserError(f"{what}: cannot be read: {error.strerror or error}") from error
+
+
+def place(moving: list[RigidBodies], path: str, i: int) -> None:
+    """Move bodies to the frame with the number of a file's name; without one, to the i-th."""
+    numbers = re.findall(r"\d+", stem(path))
+    try:
+        for bodies in moving:
+            bodies.place(int(numbers[-1]) if numbers else bodies.frames[0] + i)
+    except (FormatError, OSError) as error:
+        raise UserError(str(error)) from error
+
+
 def check_meshes(options: argparse.Namespace) -> None:
     """Refuse files of --mesh that are no meshes, before any work."""
     for path, word in options.meshes:
+        if os.path.isdir(path):
+            continue
         try:
             check_input(path)
         except UserError as error:
@@ -170,11 +198,16 @@ def layers(
     options: argparse.Namespace,
     clips: list[ClipPlane | ClipBox | ClipSphere],
     particles: Particles | None,
-) -> tuple[list[Layer], list[str]]:
-    """The layers of --mesh, --spheres and --lines, and messages about them."""
-    found, messages = [], []
+) -> tuple[list[Layer], list[str], list[RigidBodies]]:
+    """The layers of --mesh, --spheres and --lines, messages about them, and what moves."""
+    found, messages, moving = [], [], []
     for path, word in options.meshes:
-        shape = read_mesh(path, options)
+        if os.path.isdir(path):
+            bodies = read_bodies(path, options)
+            moving.append(bodies)
+            shape: Mesh = bodies.together
+        else:
+            shape = read_mesh(path, options)
         if shape.solid and particles is not None and surrounds(shape, particles):
             shape = read_mesh(path, options, solid=False)
             messages.append(f"{path} surrounds the particles: drawn as a thin wall, not as a body")
@@ -187,7 +220,7 @@ def layers(
         with mistakes():
             shape = _capsules(options, kind, path, radius)
             found.append(Layer(shape, Material(color=options.mesh_color), clips))
-    return found, messages
+    return found, messages, moving
 
 
 def surrounds(shape: Mesh, particles: Particles) -> bool:
