@@ -101,9 +101,9 @@ def test_first_hits_are_those_of_closed_forms(backend, name):
 def test_small_spheres_far_away(backend):
     """A ball of 1 mm at a kilometre is met to within float32's rounding of the distance."""
     shape = gb.Spheres([[1000.0, 0, 0]], 1e-3, **backend)
-    up = np.linspace(-1.5e-3, 1.5e-3, 31).astype("f4")
-    o = np.c_[np.zeros(31), up, np.zeros(31)].astype("f4")
-    found = shape.intersect(o, np.tile(np.array([1, 0, 0], "f4"), (31, 1)))
+    up = np.linspace(-1.5e-3, 1.5e-3, 32).astype("f4")
+    o = np.c_[np.zeros(32), up, np.zeros(32)].astype("f4")
+    found = shape.intersect(o, np.tile(np.array([1, 0, 0], "f4"), (32, 1)))
     assert (np.isfinite(found.distance) == (np.abs(up) < 1e-3)).all()
 
 
