@@ -85,6 +85,7 @@ def test_commands_say_it(capsys, tmp_path):
     gb.write(path, gb.Particles(plane()))
     facts = run_json(capsys, "info", path)
     assert (facts["surface"], facts["why_surface"]) == ("spheres", "2-D: one z")
+    assert facts["spacing"] == pytest.approx(0.5, rel=0.02)
     done = run_json(capsys, "render", path, "-o", out, *SMALL)
     assert done["surface"] == "spheres"
     assert done["support"] == pytest.approx(0.5 * 0.5 / 0.94868, rel=0.02)

@@ -104,7 +104,9 @@ def test_a_threshold_of_ones_own_stays(backend):
 
 
 def test_colors_by_value_and_speed(backend):
-    sim = simulation(backend, view={"speeds": [0, 1], "eye": [0.3, -1.2, 0.6], "look_at": [0.2, 0.1, 0.1]})
+    sim = simulation(
+        backend, view={"speeds": [0, 1], "eye": [0.3, -1.2, 0.6], "look_at": [0.2, 0.1, 0.1]}
+    )
     sim.run(0.05)
     frame = gb.render(sim, CAMERA, SIZE, color_by="z")
     plain = gb.render(sim, CAMERA, SIZE)

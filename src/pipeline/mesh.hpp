@@ -146,14 +146,16 @@ public:
         float* out = results_.reserve(4 * n);
         std::uint32_t* faces = indices_.reserve(n);
         const float *o = bring(exec, origins_, origins, 3 * n), *d = bring(exec, directions_, directions, 3 * n);
-        with_solid([&](const auto& solid) { exec.for_each_uneven(n, MeetMesh{solid, o, d, out, out + n, faces}); });
+        with_solid([&]<class Items>(const SolidShape<Items>& solid) { exec.for_each_uneven(n, MeetMesh<Items>{solid, o, d, out, out + n, faces}); });
         exec.download(t, out, n * sizeof(float));
         exec.download(normal, out + n, 3 * n * sizeof(float));
         exec.download(face, faces, n * sizeof(std::uint32_t));
     }
 
     void march(Exec& exec, const Clips& clips, const WaveRays& rays, int layer, LayerHits& found) const {
-        with_solid([&](const auto& solid) { exec.for_each_uneven(rays.source.n_items(), MarchSolid{solid, clips, rays, layer, found}); });
+        with_solid([&]<class Items>(const SolidShape<Items>& solid) {
+            exec.for_each_uneven(rays.source.n_items(), MarchSolid<Items>{solid, clips, rays, layer, found});
+        });
     }
     void keep(Exec& exec, const Clips& clips, const WaveRays& rays, int layer, const LayerHits& found, const WaveHits& hits) const {
         with_solid([&]<class Items>(const SolidShape<Items>& solid) {
@@ -162,8 +164,8 @@ public:
     }
     void occlude(Exec& exec, const Clips& clips, const Lighting& lighting, const WaveRays& rays, const WaveHits& hits, int layer,
                  float* visibility) const {
-        with_solid([&](const auto& solid) {
-            exec.for_each_uneven(rays.source.n_items() * lighting.n_visibilities(), OccludeSolid{solid, clips, lighting, rays, hits, layer, visibility});
+        with_solid([&]<class Items>(const SolidShape<Items>& solid) {
+            exec.for_each_uneven(rays.source.n_items() * lighting.n_visibilities(), OccludeSolid<Items>{solid, clips, lighting, rays, hits, layer, visibility});
         });
     }
 

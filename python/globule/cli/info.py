@@ -14,7 +14,7 @@ import numpy as np
 
 from ..formats import READABLE
 from ..formats.kind import kind_of
-from ..scene.fluid import fluid_like, is_flat
+from ..scene.fluid import fluid_like, is_flat, shown_scene
 from ..scene.particles import SCALAR_FIELDS, Particles
 from . import flags, medical
 from . import medical as medical_files
@@ -114,7 +114,10 @@ def describe(path: str, particles: Particles) -> dict[str, Any]:
     if finite.any():
         lo, hi = particles.bounds()
         with mistakes():
-            scene = Scene(particles.positions, device="cpu")
+            if is_flat(particles):
+                scene = shown_scene(Particles(particles.positions), device="cpu")
+            else:
+                scene = Scene(particles.positions, device="cpu")
         facts["bounds"] = {"lo": lo, "hi": hi}
         facts["spacing"] = scene.spacing or None
         facts["default_support"] = scene.support

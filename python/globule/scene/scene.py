@@ -306,7 +306,9 @@ class Scene:
     @property
     def spacing(self) -> float:
         """Median spacing of the particles, world units, measured around up to 1024 particles; 0 if
-        the scene has too few particles."""
+        the scene has too few particles. Of spheres, the spacing that they were made with."""
+        if self.surface == "spheres" and self._spacing:
+            return self._spacing
         return self._scene.spacing()
 
     @property
