@@ -3,6 +3,7 @@
 import globule as gb
 import numpy as np
 import pytest
+from cli_helpers import SMALL, cube, refused, run_json
 from globule.render.frame import corners_of
 from test_light_cuts import CAMERAS
 from test_surface import ball, smooth
@@ -241,3 +242,20 @@ def test_nothing_is_drawn_of_nothing(backend):
     nothing = gb.Spheres(np.empty((0, 3)), 1.0, **backend)
     assert not gb.render(nothing, gb.Camera((0, 0, 5), (0, 0, 0)), SIZE).mask.any()
     assert len(gb.Lines([], 1.0)) == 0
+
+
+def test_on_the_command_line(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    gb.write("fluid.npz", cube())
+    gb.write("tracers.npz", gb.Particles(np.array([[0.4, 0.4, 1.6], [0.4, 0.4, 2.6]])))
+    gb.write("path.npz", gb.Particles(np.array([[0, 0, 1.5], [1, 0, 1.5], [1, 1, 1.5]])))
+    words = "--spheres tracers.npz:0.2 --lines path.npz:0.05 --mesh-color 0.8,0,0 -o a.png".split()
+    view = ["--eye", "0.4,0.4,9", "--look-at", "0.4,0.4,0", "--pick", "20,15"]
+    facts = run_json(capsys, "render", "fluid.npz", *words, *view, *SMALL)
+    assert facts["picked"]["file"] == "tracers.npz"
+    assert facts["picked"]["face"] == 1
+    assert facts["picked"]["distance"] == pytest.approx(9 - 2.8, abs=0.01)
+    run_json(capsys, "render", "fluid.npz", "--spheres", "tracers.npz", "--lines", "path.npz",
+             "-o", "b.png", *SMALL)  # fmt: skip
+    start = ["render", "fluid.npz", "-o", "c.png"]
+    assert "nothing.npz" in refused(capsys, *start, "--lines", "nothing.npz")

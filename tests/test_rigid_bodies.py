@@ -6,6 +6,7 @@ import globule as gb
 import numpy as np
 import pytest
 import trimesh
+from cli_helpers import SMALL, refused, run_json
 from scipy.spatial.transform import Rotation
 
 
@@ -96,3 +97,27 @@ def test_damaged_files_are_refused(tmp_path):
     second.write_bytes(pose_bytes((0, 0, 0), 2 * np.eye(3)) * 2)
     with pytest.raises(gb.FormatError, match="body 0: pose: expected a rotation"):
         bodies.place(2)
+
+
+def test_a_sequence_of_images_moves_them(tmp_path, monkeypatch, capsys):
+    """The bodies follow the number in the name of each particle file."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "bodies").mkdir()
+    write_run(tmp_path / "bodies", moves(3))
+    for k in (1, 3):
+        gb.write(f"fluid_{k}.npz", gb.Particles(np.zeros((1, 3)), support=0.1))
+    words = "--mesh bodies -o out_%d.npz.png --aov out_%d.npz --eye 2,3,30".split()
+    run_json(capsys, "render", "fluid_1.npz", "fluid_3.npz", *words, *SMALL)
+    bodies = gb.RigidBodies("bodies", device="cpu")
+    for i, frame in enumerate((1, 3)):
+        bodies.place(frame)
+        camera = gb.Camera((2, 3, 30), (0, 0, 0), fov=40)
+        want = gb.render(
+            [gb.Scene(gb.read(f"fluid_{frame}.npz")), bodies.together], camera, (40, 30)
+        )
+        shown = np.load(f"out_{i}.npz")["distance"]
+        assert np.isfinite(shown).sum() > 20
+        assert (np.isfinite(shown) == want.mask).mean() > 0.97
+    (tmp_path / "none").mkdir()
+    line = refused(capsys, "render", "fluid_1.npz", "--mesh", "none", "-o", "x.png")
+    assert "expected files rb_data_1.bin" in line
