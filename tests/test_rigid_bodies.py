@@ -106,7 +106,7 @@ def test_a_sequence_of_images_moves_them(tmp_path, monkeypatch, capsys):
     write_run(tmp_path / "bodies", moves(3))
     for k in (1, 3):
         gb.write(f"fluid_{k}.npz", gb.Particles(np.zeros((1, 3)), support=0.1))
-    words = "--mesh bodies -o out_%d.npz.png --aov out_%d.npz --eye 2,3,30".split()
+    words = ["--mesh", "bodies", "-o", "out_%d.npz.png", "--aov", "out_%d.npz", "--eye", "2,3,30"]
     run_json(capsys, "render", "fluid_1.npz", "fluid_3.npz", *words, *SMALL)
     bodies = gb.RigidBodies("bodies", device="cpu")
     for i, frame in enumerate((1, 3)):

@@ -118,7 +118,7 @@ struct RenderSettings {
     int samples = 1;                                             ///< rays per pixel, at most 65536; the first through its centre
     /// More rays, at most 64, for pixels beside a jump of distance, normal or layer (silhouettes, creases), in images of one sample; with
     /// shadows, ambient rays, reflection, transmission, clips, sky, ground or several layers also beside a jump of colour.  Default: 3
-    /// where a layer has a smooth surface or is a mesh, else 0.
+    /// where a layer has a smooth surface, else 0.
     std::optional<int> edge_samples{};
 };
 

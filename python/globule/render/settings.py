@@ -28,7 +28,7 @@ from .lights import (
 from .materials import Material
 
 MAX_SAMPLES = 65536
-SMOOTH_EDGES = 3  # more samples at edges of smooth surfaces and meshes, by default
+SMOOTH_EDGES = 3  # more samples at edges, by default, where a surface is smooth or of spheres
 
 
 def items(name: str, value: Any, expected: str) -> tuple:
@@ -71,7 +71,7 @@ class RenderSettings(Fixed):
             reflection, transmission, clips, sky, ground or several layers, pixels beside a jump of
             color (a tenth of white as displayed, in any channel) have them too, unless the image is
             `transparent` or has ambient rays. Images of more samples have no edge samples. None: 3
-            where a layer has a smooth surface, spheres or a mesh, else 0.
+            where a layer has a smooth surface or shows 2-D data, else 0.
 
     Raises TypeError and ValueError naming the field, the expected and the given value.
     """
@@ -174,7 +174,7 @@ class RenderSettings(Fixed):
 
 def _has_edges(scenes: Sequence[Scene | Mesh]) -> bool:
     """Whether edges have more samples by default."""
-    return any(isinstance(s, Mesh) or s.surface != "balls" for s in scenes)
+    return any(isinstance(s, Scene) and s.surface != "balls" for s in scenes)
 
 
 def extent_of(scene: Scene | Mesh) -> float:
