@@ -62,8 +62,10 @@ def picture(
     read_seconds = time.perf_counter() - start
     progress.step(f"building {path}")
     with mistakes():
-        made = _mesh if isinstance(shape, Mesh) else _particles
-        subject = made(options, series, path, shape, messages)
+        if isinstance(shape, Mesh):
+            subject = _mesh(options, shape)
+        else:
+            subject = _particles(options, series, path, shape, messages)
         scene = subject.scene
         lit.layers(scene)
         lit.place(path, i)
@@ -132,9 +134,7 @@ def _particles(
     return Subject(scene, kept, particles, ends, n, lambda: scene.octree.build_seconds)
 
 
-def _mesh(
-    options: argparse.Namespace, series: sequence.Series, path: str, mesh: Mesh, messages: list[str]
-) -> Subject:
+def _mesh(options: argparse.Namespace, mesh: Mesh) -> Subject:
     """A file's triangles, on the device."""
     start = time.perf_counter()
     mesh.build(choose(options.device))

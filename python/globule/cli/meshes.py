@@ -7,6 +7,7 @@ import dataclasses
 import functools
 import os
 import re
+from typing import Any
 
 import numpy as np
 
@@ -180,7 +181,7 @@ def _capsules(options: argparse.Namespace, kind: str, path: str, radius: float |
     """The spheres or the line of a file."""
     particles = read_particles(path)
     particles = particles[np.isfinite(particles.positions).all(axis=1)]
-    machine = {"device": options.device, "threads": options.threads}
+    machine: dict[str, Any] = {"device": options.device, "threads": options.threads}
     positions, color = particles.positions, particles.color
     if kind == "lines":
         if radius is None:

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import os
 import re
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -76,7 +76,7 @@ class RigidBodies:
         self._n = len(bodies)
         self._shown = [i for i, body in enumerate(bodies) if walls or not body.wall]
         self.names = [bodies[i].mesh for i in self._shown]
-        machine = {"device": device, "threads": threads}
+        machine: dict[str, Any] = {"device": device, "threads": threads}
         self.meshes = []
         for i in self._shown:
             read = triangles.read(os.path.join(self.folder, bodies[i].mesh))

@@ -42,7 +42,7 @@ class SimulationScene(Scene):
         return "smooth" if "fluid" in kinds and "tissue" not in kinds else "balls"
 
     @property
-    def support(self) -> float:  # type: ignore[override]  # read-only here
+    def support(self) -> float:  # read-only here
         """Of each particle inside the matter, m."""
         spacings = SMOOTH_SUPPORT if self.surface == "smooth" else DEFAULTS[self.kernel][0]
         return spacings * self.spacing
