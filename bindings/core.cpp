@@ -160,15 +160,16 @@ NB_MODULE(_core, m) {
             });
         })
         .def("build_mesh", [](PyScene& s, std::size_t n_vertices, Array vertices, std::size_t n_faces, Array faces, Array places, Array corners, Array begins,
-                              std::size_t n_places, float smooth_cosine, Array color, bool color_of_faces, std::vector<float> one_color, bool closed) {
+                              std::size_t n_places, float smooth_cosine, Array color, bool color_of_faces, std::vector<float> one_color, bool closed,
+                              bool capsules, Array radius, float one_radius) {
             work([&] {
                 Arrays all(s.core.device());
                 auto held = std::make_shared<Arrays>(s.core.device());
                 const MeshArrays arrays{n_vertices, n_faces, all.reach("vertices", array(vertices), 3 * n_vertices),
-                                        held->reach("faces", array<const std::uint32_t>(faces), 3 * n_faces),
+                                        held->reach("faces", array<const std::uint32_t>(faces), (capsules ? 2 : 3) * n_faces),
                                         array<const std::uint32_t>(places), array<const std::uint32_t>(corners), array<const std::uint32_t>(begins),
                                         n_places, smooth_cosine, held->reach("color", array(color), 3 * (color_of_faces ? n_faces : n_vertices)), color_of_faces,
-                                        vec(one_color), closed};
+                                        vec(one_color), closed, capsules, all.reach("radius", array(radius), n_faces), one_radius};
                 s.core.call<&Scene::build_mesh>(arrays);
                 s.held = std::move(held);
             });

@@ -58,6 +58,7 @@ inline Lighting lighting(const nb::dict& d) {
     s.show_sky = value<bool>(d, "show_sky");
     s.bounces = value<int>(d, "depth");
     s.edge_samples = value<int>(d, "edge_samples");
+    s.edge_contrast = value<bool>(d, "edge_contrast");
     s.cutoff = value<float>(d, "cutoff");
     s.exposure = value<float>(d, "exposure");
     if (!d["ground"].is_none()) {

@@ -307,7 +307,7 @@ def test_particles_check_what_is_assigned():
         ("support", np.ones(n + 1), ValueError, rf"support: expected a number or shape \({n},\)"),
         ("weight", "heavy", TypeError, "weight: expected numbers"),
         ("color", (2, 0, 0), ValueError, r"color: expected \[0, 1\], got 2"),
-        ("positions", np.zeros((n, 2)), ValueError, r"positions: expected shape \(N, 3\)"),
+        ("positions", np.zeros((n, 4)), ValueError, r"positions: expected shape \(N, 3\)"),
         ("attributes", {"speed": np.ones(2)}, ValueError, r"attributes\['speed'\]: expected shape"),
         ("attributes", 5, TypeError, "attributes: expected a dict of arrays, got 5"),
         ("colour", (1, 0, 0), AttributeError, r"expected one of .*, got colour; .*attributes\["),

@@ -116,8 +116,9 @@ struct RenderSettings {
     int bounces = 4;                                             ///< reflected and refracted generations, at most 32
     double cutoff = 1.0 / 32;                                    ///< a ray with a smaller share of a pixel's light ends in the sky
     int samples = 1;                                             ///< rays per pixel, at most 65536; the first through its centre
-    /// More rays, at most 64, for pixels beside a jump of distance or normal, in images of one scene without shadows, ambient rays,
-    /// mirrors, transmission, clips, sky and ground.  Default: 3 for a smooth surface, else 0.
+    /// More rays, at most 64, for pixels beside a jump of distance, normal or layer (silhouettes, creases), in images of one sample; with
+    /// shadows, ambient rays, reflection, transmission, clips, sky, ground or several layers also beside a jump of colour.  Default: 3
+    /// where a layer has a smooth surface, else 0.
     std::optional<int> edge_samples{};
 };
 

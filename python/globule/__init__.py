@@ -52,6 +52,7 @@ from .scene.thesis import Thesis  # noqa: E402
 if _TYPE_CHECKING:
     from .formats import FormatError, mesh_particles, read, write
     from .formats.pictures.environment import read_environment
+    from .formats.rigid_bodies import RigidBodies
     from .measure.gauge import gauge, height_map
     from .measure.mesh import SurfaceMeasure, SurfaceMesh, measure_surface, surface_mesh
     from .measure.places import SampleGrid, SampleLine, SamplePlane
@@ -65,6 +66,7 @@ if _TYPE_CHECKING:
     from .render.presets import preset
     from .render.sequence import read_ahead, render_sequence, value_range
     from .render.views import Views, render_views
+    from .scene.capsules import Lines, Spheres
     from .scene.fluid import fluid_like, surface_of
     from .scene.smoothing import anisotropy, surface_kernels, without_strays
     from .scene.spacing import local_spacing
@@ -88,6 +90,7 @@ if _TYPE_CHECKING:
 _LATER = {
     "formats": "FormatError mesh_particles read write",
     "formats.pictures.environment": "read_environment",
+    "formats.rigid_bodies": "RigidBodies",
     "measure.gauge": "gauge height_map",
     "measure.mesh": "SurfaceMeasure SurfaceMesh measure_surface surface_mesh",
     "measure.places": "SampleGrid SampleLine SamplePlane",
@@ -101,6 +104,7 @@ _LATER = {
     "render.presets": "preset",
     "render.sequence": "read_ahead render_sequence value_range",
     "render.views": "Views render_views",
+    "scene.capsules": "Lines Spheres",
     "scene.fluid": "fluid_like surface_of",
     "scene.smoothing": "anisotropy surface_kernels without_strays",
     "scene.spacing": "local_spacing",
@@ -163,6 +167,7 @@ __all__ = [
     "Ground",
     "Headlight",
     "Layer",
+    "Lines",
     "Material",
     "Mesh",
     "MissingPackageError",
@@ -172,6 +177,7 @@ __all__ = [
     "PointLight",
     "Reconstructor",
     "RenderSettings",
+    "RigidBodies",
     "SampleGrid",
     "SampleLine",
     "SamplePlane",
@@ -179,6 +185,7 @@ __all__ = [
     "Scene",
     "Simulation",
     "Sky",
+    "Spheres",
     "StepReport",
     "SurfaceMeasure",
     "SurfaceMesh",

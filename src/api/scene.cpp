@@ -14,7 +14,7 @@ constexpr double kMaxSupport = 1e18;  ///< past it squares overflow float32
 constexpr double kMaxRatio = 1e6;     ///< between the largest and the smallest support
 constexpr core::float3 kColor{0.28f, 0.52f, 0.80f};
 constexpr int kMaxSamples = 65536;
-constexpr int kSmoothEdges = 3;  ///< more samples at the edges of a smooth surface, where nothing else is asked for
+constexpr int kSmoothEdges = 3;  ///< more samples at edges of images with a smooth surface, by default
 
 /// What an update takes, checked.
 struct Update {
@@ -427,7 +427,8 @@ Frame render(const std::vector<Layer>& layers, const Camera& camera, int width, 
     f.device_number = f.scenes[0]->core.device();
     const core::Gates inside = gates_of(f);
     for (const auto& scene : f.scenes) scene->check_whole();
-    if (!settings.edge_samples && f.scenes[0]->smooth) f.request.lighting.edge_samples = kSmoothEdges;
+    const bool smooth = std::ranges::any_of(f.scenes, [](const auto& scene) { return scene->smooth; });
+    if (!settings.edge_samples && smooth) f.request.lighting.edge_samples = kSmoothEdges;
     if (settings.ambient_rays && !settings.ambient_distance)
         f.request.lighting.ambient_distance = float(0.1 * f.scenes[0]->core.call_inside<&core::Scene::extent>(inside));
     return Inside::frame(trace(std::move(f), inside, samples, {}));

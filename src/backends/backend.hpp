@@ -39,11 +39,11 @@ struct SceneArrays {
     float one_reflection = 0.0f, one_refraction = 0.0f;
 };
 
-/// A triangle mesh, which rays meet instead of a field.
+/// A triangle mesh, or capsules, which rays meet instead of a field.
 struct MeshArrays {
     std::size_t n_vertices = 0, n_faces = 0;
     FloatArray vertices;                      // (n_vertices, 3)
-    ArrayAt<const std::uint32_t> faces;       // (n_faces, 3), all below n_vertices
+    ArrayAt<const std::uint32_t> faces;       // (n_faces, 3), of capsules (n_faces, 2), all below n_vertices
     // Normals between triangles that meet at less than an angle.  Corners are numbered 3 face + k; null: the triangles' own.
     ArrayAt<const std::uint32_t> place_of_corner;  // (3 n_faces,) corners at one place have the same number
     ArrayAt<const std::uint32_t> corners;          // (3 n_faces,) by place
@@ -54,6 +54,9 @@ struct MeshArrays {
     bool color_of_faces = false;
     float3 one_color{0, 0, 0};
     bool closed = false;                      // it has an inside, and all normals point out of it
+    bool capsules = false;                    // a face joins two vertices, which may be one, with a radius
+    FloatArray radius;                        // (n_faces,); null: the one below
+    float one_radius = 0.0f;
 };
 
 struct TreeRequest {

@@ -7,6 +7,7 @@ namespace globule::core {
 
 /// The triangles of a mesh.
 struct Triangles {
+    static constexpr int n_corners = 3;
     const Quad* corners;  ///< (3 n,) in Morton order
 
     struct Ray {
@@ -65,6 +66,7 @@ struct Triangles {
         const float3 a = c[0].xyz();
         return normalize(cross(normalize(c[1].xyz() - a), normalize(c[2].xyz() - a)));
     }
+    GB_FN float3 normal(std::uint32_t k, const float3&) const { return normal(k); }
     /// Shares of the three corners at a point of triangle k.
     GB_FN float3 shares(std::uint32_t k, const float3& p) const {
         const Quad* c = corners + std::size_t(3) * k;

@@ -91,6 +91,21 @@ public:
         shared_ = whole_ = true;
         return now().octree;
     }
+    /// Instead of the shared tree, one smooth surface around particles of one spacing is drawn; those at NaN are left out.
+    void draw_smooth(std::size_t n, const float* positions, float spacing) {
+        const typename Exec::Stage stage("build");
+        Exec& exec = *lanes_[0];
+        if (!built_[1]) built_[1] = std::make_unique<Built<Exec>>(exec);
+        now_ = 1;
+        ParticleInput input;
+        input.n = n;
+        input.positions = positions;
+        input.support = {nullptr, surface::kAxis * spacing};
+        input.weight = {nullptr, 1.0f};
+        now().octree.build(input, {});
+        if (n) make_smooth(exec, now().octree, spacing);
+    }
+    void draw_shared() { now_ = 0; }
 
 private:
     /// Ellipsoids and weights from the particles' neighbours, in place of their supports.

@@ -16,7 +16,7 @@ void smooth_edges(Exec& exec, const Traced<Exec>& scene, const FieldRequest& fie
     RaySource rays = frame.rays;
     const Hits hits{room, room + n, room + 4 * n, frame.hits().undecided};
     std::uint8_t* edge = frame.edge();
-    exec.for_each(n, MarkEdges{rays, frame.hits(), edge});
+    exec.for_each(n, MarkEdges{rays, frame.hits(), nullptr, nullptr, edge});
     rays.only = edge;
     for (int k = 1; k <= lighting.edge_samples; ++k) {
         rays.pass = std::uint32_t(k);

@@ -21,6 +21,7 @@ struct FrameImages {
     RaySource rays{};
     int n_passes = 0;
     bool plain = false;             ///< made in one go, without sums
+    bool has_edges = false;         ///< some pixels have more samples than n_passes
     std::vector<std::uint64_t> states;  ///< of the layers' scenes, each another number after it has changed
 
     explicit FrameImages(Exec& exec) : block(exec), sums(exec), undecided_(exec) {}
@@ -36,8 +37,9 @@ struct FrameImages {
     float* color() const { return block.data() + 7 * rays.n; }
     std::uint8_t* picture() const { return reinterpret_cast<std::uint8_t*>(block.data() + 10 * rays.n); }
     std::uint8_t* layer() const { return picture() + 3 * rays.n; }
-    /// Of a plain frame, which has no layers.
-    std::uint8_t* edge() const { return layer(); }
+    /// Pixels with more samples.  A plain frame has no layers; the sums of others leave room.
+    std::uint8_t* edge() const { return plain ? layer() : reinterpret_cast<std::uint8_t*>(sums.data() + 6 * rays.n); }
+    static std::size_t floats_of_sums(std::size_t n) { return 6 * n + ceil_div<std::size_t>(n, sizeof(float)); }
 
 private:
     Buffer<std::uint32_t, Exec> undecided_;  ///< their number, then the rays that float64 finishes

@@ -1,4 +1,4 @@
-// The triangle mesh of a scene: its hierarchy, and the launches of rays that meet it.
+// The triangle mesh, or the capsules, of a scene: its hierarchy, and the launches of rays that meet it.
 #pragma once
 #include "backends/backend.hpp"
 #include "mesh/build.hpp"
@@ -31,6 +31,30 @@ struct GatherTriangles {
     }
 };
 
+/// The box of a capsule.
+struct CapsuleBoxes {
+    const float* vertices;
+    const std::uint32_t* ends;
+    const float* radius;
+    float one_radius;
+    GB_FN Quad end(std::size_t corner) const {
+        const float* p = vertices + std::size_t(3) * ends[corner];
+        return {p[0], p[1], p[2], radius ? radius[corner / 2] : one_radius};
+    }
+    GB_FN Box operator()(std::size_t i) const {
+        const Quad p = end(2 * i), q = end(2 * i + 1);
+        // Rounding must not cut off what lies in it.
+        const float3 a = p.xyz(), b = q.xyz(), r = float3{1, 1, 1} * (p.w * 1.000001f);
+        return Box{a - r, a + r}.united({b - r, b + r});
+    }
+};
+struct GatherCapsules {
+    CapsuleBoxes of;
+    const std::uint32_t* index;
+    Quad* ends;
+    GB_FN void operator()(std::size_t k) const { ends[k] = of.end(std::size_t(2) * index[k / 2] + k % 2); }
+};
+
 /// The normal at a corner: the mean of those triangles around it that meet this one at less than an angle, weighted by their
 /// own angles there (Thürmer & Wüthrich 1998).
 struct SmoothNormals {
@@ -58,8 +82,9 @@ struct SmoothNormals {
 };
 
 /// First hits of rays, in world units; face: the caller's number, where t is finite.
+template <class Items>
 struct MeetMesh {
-    SolidMesh solid;
+    SolidShape<Items> solid;
     const float *origins, *directions;
     float *t, *normal;
     std::uint32_t* face;
@@ -69,7 +94,7 @@ struct MeetMesh {
         const Crossing c = usable ? solid.cross({}, o, d, 0.0f, infinity(), 0.0f) : Crossing{};
         const bool hit = c.item.t < infinity();
         t[i] = c.item.t;
-        const float3 n = hit ? solid.pose.turned(solid.items.normal(c.item.slot)) : float3{0, 0, 0};
+        const float3 n = hit ? solid.pose.turned(solid.items.normal(c.item.slot, solid.pose.to_local(o + d * c.item.t))) : float3{0, 0, 0};
         write3(normal, i, solid.closed || c.item.entering ? n : n * -1.0f);
         face[i] = hit ? c.item.index : 0xffffffffu;
     }
@@ -79,21 +104,33 @@ template <class Exec>
 class MeshStore {
 public:
     explicit MeshStore(Exec& exec)
-        : hierarchy_(exec), corners_(exec), vertices_(exec), normals_(exec), color_(exec), faces_(exec), places_(exec), order_(exec), begins_(exec), origins_(exec), directions_(exec), results_(exec), indices_(exec) {}
+        : hierarchy_(exec), corners_(exec), vertices_(exec), radius_(exec), normals_(exec), color_(exec), faces_(exec), places_(exec), order_(exec), begins_(exec), origins_(exec), directions_(exec), results_(exec), indices_(exec) {}
 
     bool is_there() const { return there_; }
-    bool is_closed() const { return solid_.closed; }
+    bool is_closed() const { return mesh_.closed; }
 
     void build(Exec& exec, const MeshArrays& in) {
         const typename Exec::Stage stage("mesh");
         there_ = false;
-        const TriangleBoxes boxes{bring(exec, vertices_, in.vertices, 3 * in.n_vertices), bring(exec, faces_, in.faces, 3 * in.n_faces)};
-        hierarchy_.build(in.n_faces, boxes);
-        Quad* corners = corners_.reserve(3 * in.n_faces);
-        exec.for_each(3 * in.n_faces, GatherTriangles{boxes, hierarchy_.tree().index, corners});
-        solid_ = {hierarchy_.tree(), {corners}, in.closed, boxes.faces, smooth(exec, boxes, in),
-                  bring(exec, color_, in.color, 3 * (in.color_of_faces ? in.n_faces : in.n_vertices)), in.color_of_faces, in.one_color, solid_.pose};
-        let_callers_go_on(exec, in.vertices, in.color);
+        capsules_there_ = in.capsules;
+        const std::size_t n = in.n_faces, n_corners = in.capsules ? Capsules::n_corners : Triangles::n_corners;
+        const float* vertices = bring(exec, vertices_, in.vertices, 3 * in.n_vertices);
+        const std::uint32_t* faces = bring(exec, faces_, in.faces, n_corners * n);
+        const float* color = bring(exec, color_, in.color, 3 * (in.color_of_faces ? n : in.n_vertices));
+        Quad* corners = corners_.reserve(n_corners * n);
+        if (in.capsules) {
+            const CapsuleBoxes boxes{vertices, faces, bring(exec, radius_, in.radius, n), in.one_radius};
+            hierarchy_.build(n, boxes);
+            exec.for_each(n_corners * n, GatherCapsules{boxes, hierarchy_.tree().index, corners});
+            capsules_ = {hierarchy_.tree(), {corners}, in.closed, faces, nullptr, color, in.color_of_faces, in.one_color, mesh_.pose};
+            mesh_.closed = in.closed;
+        } else {
+            const TriangleBoxes boxes{vertices, faces};
+            hierarchy_.build(n, boxes);
+            exec.for_each(n_corners * n, GatherTriangles{boxes, hierarchy_.tree().index, corners});
+            mesh_ = {hierarchy_.tree(), {corners}, in.closed, faces, smooth(exec, boxes, in), color, in.color_of_faces, in.one_color, mesh_.pose};
+        }
+        let_callers_go_on(exec, in.vertices, in.color, in.radius);
         there_ = true;
     }
     /// Waits for the device.
@@ -103,29 +140,41 @@ public:
         const float3 size = h.box.hi - h.box.lo;
         return max(max(max(size.x, size.y), size.z), 0.0f);
     }
-    void place(const Pose& pose) { solid_.pose = pose; }
+    void place(const Pose& pose) { mesh_.pose = capsules_.pose = pose; }
 
     void intersect(Exec& exec, std::size_t n, const FloatArray& origins, const FloatArray& directions, float* t, float* normal, std::uint32_t* face) {
         float* out = results_.reserve(4 * n);
         std::uint32_t* faces = indices_.reserve(n);
-        exec.for_each_uneven(n, MeetMesh{solid_, bring(exec, origins_, origins, 3 * n), bring(exec, directions_, directions, 3 * n), out, out + n, faces});
+        const float *o = bring(exec, origins_, origins, 3 * n), *d = bring(exec, directions_, directions, 3 * n);
+        with_solid([&]<class Items>(const SolidShape<Items>& solid) { exec.for_each_uneven(n, MeetMesh<Items>{solid, o, d, out, out + n, faces}); });
         exec.download(t, out, n * sizeof(float));
         exec.download(normal, out + n, 3 * n * sizeof(float));
         exec.download(face, faces, n * sizeof(std::uint32_t));
     }
 
     void march(Exec& exec, const Clips& clips, const WaveRays& rays, int layer, LayerHits& found) const {
-        exec.for_each_uneven(rays.source.n_items(), MarchSolid{solid_, clips, rays, layer, found});
+        with_solid([&]<class Items>(const SolidShape<Items>& solid) {
+            exec.for_each_uneven(rays.source.n_items(), MarchSolid<Items>{solid, clips, rays, layer, found});
+        });
     }
     void keep(Exec& exec, const Clips& clips, const WaveRays& rays, int layer, const LayerHits& found, const WaveHits& hits) const {
-        exec.for_each_uneven(rays.source.n_items(), Keep<SolidSurface>{{solid_}, clips, rays, layer, found, hits});
+        with_solid([&]<class Items>(const SolidShape<Items>& solid) {
+            exec.for_each_uneven(rays.source.n_items(), Keep<SolidSurface<Items>>{{solid}, clips, rays, layer, found, hits});
+        });
     }
     void occlude(Exec& exec, const Clips& clips, const Lighting& lighting, const WaveRays& rays, const WaveHits& hits, int layer,
                  float* visibility) const {
-        exec.for_each_uneven(rays.source.n_items() * lighting.n_visibilities(), OccludeSolid{solid_, clips, lighting, rays, hits, layer, visibility});
+        with_solid([&]<class Items>(const SolidShape<Items>& solid) {
+            exec.for_each_uneven(rays.source.n_items() * lighting.n_visibilities(), OccludeSolid<Items>{solid, clips, lighting, rays, hits, layer, visibility});
+        });
     }
 
 private:
+    template <class Fn>
+    void with_solid(const Fn& fn) const {
+        if (capsules_there_) fn(capsules_);
+        else fn(mesh_);
+    }
     const float* smooth(Exec& exec, const TriangleBoxes& boxes, const MeshArrays& in) {
         const std::size_t n = 3 * in.n_faces;
         if (!in.corners.data || n == 0) return nullptr;
@@ -137,12 +186,13 @@ private:
 
     BoxHierarchy<Exec> hierarchy_;
     Buffer<Quad, Exec> corners_;
-    Buffer<float, Exec> vertices_, normals_, color_;
+    Buffer<float, Exec> vertices_, radius_, normals_, color_;
     Buffer<std::uint32_t, Exec> faces_, places_, order_, begins_;
     Buffer<float, Exec> origins_, directions_, results_;
     Buffer<std::uint32_t, Exec> indices_;
-    SolidMesh solid_{};
-    bool there_ = false;
+    SolidShape<Triangles> mesh_{};
+    SolidShape<Capsules> capsules_{};
+    bool there_ = false, capsules_there_ = false;
 };
 
 }  // namespace globule::core

@@ -6,6 +6,7 @@
 #include "pipeline/frame_pool.hpp"
 #include "pipeline/trace.hpp"
 #include "pipeline/waves.hpp"
+#include "trace/edges.hpp"
 
 namespace globule::core {
 
@@ -45,22 +46,48 @@ public:
     void add_passes(const std::vector<PictureLayer<Exec>>& layers, const Lighting& lighting, FrameImages<Exec>& frame, int passes) {
         const typename Exec::Stage stage("frame of waves");
         const std::size_t n = frame.rays.n;
-        frame.sums.reserve(6 * n);
+        frame.sums.reserve(frame.floats_of_sums(n));
         // Some bands at once, so that one works while another's last rays are on their way.
         while (waves_.size() < Exec::n_streams) waves_.emplace_back(waves_.empty() ? exec_ : exec_->sibling());
-        for (auto& waves : waves_)
-            if (&waves.exec() != exec_.get()) waves.exec().follow(*exec_);
+        scatter();
         for (int p = 0; p < passes; ++p) {
             const int pass = frame.n_passes++;
-            float* spare = pass ? spare_.reserve(7 * n) : nullptr;  // later passes must not change depth and normals
-            add_pass(layers, lighting, frame, pass, pass ? Hits{spare, spare + n, spare + 4 * n, {}} : frame.hits());
+            add_pass(layers, lighting, frame, pass, pass ? spare(n) : frame.hits(), nullptr);
         }
-        for (auto& waves : waves_)
-            if (&waves.exec() != exec_.get()) exec_->follow(waves.exec());
+        gather();
+        if (frame.n_passes == 1 && lighting.edge_samples > 0 && !layers[0].field.thesis) smooth_edges(layers, lighting, frame);
     }
 
 private:
-    void add_pass(const std::vector<PictureLayer<Exec>>& layers, const Lighting& lighting, FrameImages<Exec>& frame, int pass, const Hits& first) {
+    /// More samples of the pixels at edges.
+    void smooth_edges(const std::vector<PictureLayer<Exec>>& layers, const Lighting& lighting, FrameImages<Exec>& frame) {
+        const typename Exec::Stage stage("edges");
+        const std::size_t n = frame.rays.n;
+        std::uint8_t* edge = frame.edge();
+        const bool contrast = lighting.edge_contrast && lighting.ambient_rays == 0;  // their noise is everywhere
+        exec_->for_each(n, MarkEdges{frame.rays, frame.hits(), frame.layer(), contrast ? frame.picture() : nullptr, edge});
+        frame.has_edges = true;
+        scatter();
+        for (int k = 1; k <= lighting.edge_samples; ++k) add_pass(layers, lighting, frame, k, spare(n), edge);
+        gather();
+    }
+    void scatter() {
+        for (auto& waves : waves_)
+            if (&waves.exec() != exec_.get()) waves.exec().follow(*exec_);
+    }
+    void gather() {
+        for (auto& waves : waves_)
+            if (&waves.exec() != exec_.get()) exec_->follow(waves.exec());
+    }
+    /// Later passes must not change depth and normals.
+    Hits spare(std::size_t n) {
+        float* room = spare_.reserve(7 * n);
+        return {room, room + n, room + 4 * n, {}};
+    }
+
+    /// only: the pixels that have a ray; null: all.
+    void add_pass(const std::vector<PictureLayer<Exec>>& layers, const Lighting& lighting, FrameImages<Exec>& frame, int pass, const Hits& first,
+                  const std::uint8_t* only) {
         const CameraRays& camera = frame.rays.camera;
         const std::size_t n_streams = layers[0].field.thesis ? 1 : Exec::n_streams;
         const std::uint32_t height = std::uint32_t(camera.height), band = rows_of_band(camera, n_streams);
@@ -72,7 +99,8 @@ private:
             for (std::size_t k = 0; k < n_streams && next_row < height; ++k) {
                 const std::uint32_t rows = min(band, height - next_row);
                 const std::size_t at = std::size_t(next_row) * camera.width;
-                waves_[k].start(camera, next_row, rows, std::uint32_t(pass), {first.t + at, first.normal + 3 * at, first.albedo + 3 * at, {}});
+                waves_[k].start(camera, next_row, rows, std::uint32_t(pass), only ? only + at : nullptr,
+                                {first.t + at, first.normal + 3 * at, first.albedo + 3 * at, {}});
                 turn(waves_[k]);
                 bands.push_back({&waves_[k], at, std::size_t(rows) * camera.width});
                 next_row += rows;
@@ -83,7 +111,7 @@ private:
                         turn(*b.waves);
                         return false;
                     }
-                    finish(b, lighting, frame);
+                    finish(b, lighting, frame, pass + 1, only);
                     return true;
                 });
         }
@@ -114,10 +142,10 @@ private:
                 layers[k].scene.occlude(exec, layers[k].field, layers[k].clips, lighting, rays, hits, k, visibility);
             });
     }
-    void finish(const Band& b, const Lighting& lighting, FrameImages<Exec>& frame) {
+    void finish(const Band& b, const Lighting& lighting, FrameImages<Exec>& frame, int passes, const std::uint8_t* only) {
         const std::size_t n = frame.rays.n;
         float* sums = frame.sums.data();
-        b.waves->exec().for_each(b.n, Finish{b.waves->sum(), b.waves->first_hits().layer, b.at, lighting.exposure, frame.n_passes, sums, sums + 3 * n,
+        b.waves->exec().for_each(b.n, Finish{b.waves->sum(), b.waves->first_hits().layer, only ? only + b.at : nullptr, b.at, lighting.exposure, passes, sums, sums + 3 * n,
                                             frame.color(), frame.picture(), frame.layer()});
     }
 

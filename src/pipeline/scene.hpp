@@ -99,14 +99,15 @@ public:
         images.resize({request.camera, nullptr, nullptr, std::size_t(request.camera.width) * request.camera.height});
         images.n_passes = plain ? 1 : 0;
         images.plain = plain;
+        images.has_edges = false;
         images.states = states;
         images.timer.begin(exec);
         if (plain) {
             make_frame(exec, traced(), request.layers[0].field, request.lighting, images);
         } else {
-            // A plain picture has no sums to add to: its passes are made again.
-            const int again = older && older->plain ? older->n_passes : 0;
-            if (older && !older->plain) copy(*older, images);
+            // A plain picture has no sums to add to, and edges have their own: its passes are made again.
+            const int again = older && (older->plain || older->has_edges) ? older->n_passes : 0;
+            if (older && !again) copy(*older, images);
             make_picture(request, images, request.passes + again);
         }
         images.timer.end(exec);
@@ -118,11 +119,13 @@ public:
     SceneAccess share() override {
         shared_ = true;
         return {exec_.get(), &builder_.share(),
-                [this](const float* color, const float* reflection, const float* refraction) {
+                [this](const SceneAccess::Shown& s) {
+                    if (s.smooth) builder_.draw_smooth(s.n, s.smooth, s.spacing);
+                    else builder_.draw_shared();
                     Attributes& a = builder_.now().attributes;
-                    a.color = color;
-                    a.reflection = {reflection, 0.0f};
-                    a.refraction = {refraction, 0.0f};
+                    a.color = s.color;
+                    a.reflection = {s.reflection, 0.0f};
+                    a.refraction = {s.refraction, 0.0f};
                     cells_.forget();
                     ++state_;
                 },
@@ -180,7 +183,7 @@ private:
         from.timer.let_follow(*exec_);
         exec_->copy(to.block.data(), from.block.data(), 7 * n * sizeof(float));
         exec_->copy(to.layer(), from.layer(), n);
-        exec_->copy(to.sums.reserve(6 * n), from.sums.data(), 6 * n * sizeof(float));
+        exec_->copy(to.sums.reserve(to.floats_of_sums(n)), from.sums.data(), 6 * n * sizeof(float));
         to.n_passes = from.n_passes;
     }
 

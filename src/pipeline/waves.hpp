@@ -18,14 +18,15 @@ public:
 
     Exec& exec() { return *exec_; }
 
-    /// One pass over rows [first_row, first_row + rows) of the camera's picture; the first hits go to `first`.
-    void start(const CameraRays& camera, std::uint32_t first_row, std::uint32_t rows, std::uint32_t pass, const Hits& first) {
+    /// One pass over rows [first_row, first_row + rows) of the camera's picture, or of those pixels that `only` names; the first hits
+    /// go to `first`.
+    void start(const CameraRays& camera, std::uint32_t first_row, std::uint32_t rows, std::uint32_t pass, const std::uint8_t* only, const Hits& first) {
         const std::size_t n_pixels = std::size_t(rows) * camera.width;
         std::uint64_t* sum = sum_.reserve(3 * n_pixels);
         exec_->clear(sum, 3 * n_pixels * sizeof(std::uint64_t));
         side_ = &sides_[0];
         other_ = &sides_[1];
-        rays_ = {{camera, nullptr, nullptr, n_pixels, first_row, pass}, nullptr, nullptr, side_->ids.reserve(2 * n_pixels)};
+        rays_ = {{camera, nullptr, nullptr, n_pixels, first_row, pass, only}, nullptr, nullptr, side_->ids.reserve(2 * n_pixels)};
         std::uint32_t* layer = layer_.reserve(n_pixels);
         float* more = first_.reserve(2 * n_pixels);
         hits_now_ = first_hits_ = {first.t, first.normal, first.albedo, more, more + n_pixels, layer};

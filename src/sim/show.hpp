@@ -17,6 +17,7 @@ struct Show {
     const std::uint32_t* rank;    ///< of each id
     std::uint32_t* index;         ///< per slot
     float* weight;                ///< per slot; null: all are shown
+    float* smooth;                ///< by rank (n, 3): places of those that are shown, NaN for the others; null: not asked for
     float* color;                 ///< by rank
     float *reflection, *refraction;
     GB_FN void operator()(std::size_t i) const {
@@ -24,7 +25,12 @@ struct Show {
         const std::uint32_t r = rank[state.id[i]];
         index[i] = r;
         if (weight) weight[i] = p.shown ? 1.0f : 0.0f;
-        for (int k = 0; k < 3; ++k) color[3 * std::size_t(r) + k] = p.color[k];
+        const Quad& at = state.place[i];
+        const float place[3] = {at.x, at.y, at.z};
+        for (int k = 0; k < 3; ++k) {
+            color[3 * std::size_t(r) + k] = p.color[k];
+            if (smooth) smooth[3 * std::size_t(r) + k] = p.shown ? place[k] : NAN;
+        }
         if (reflection) {
             reflection[r] = p.reflection;
             refraction[r] = p.refraction;

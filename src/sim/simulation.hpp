@@ -32,7 +32,7 @@ public:
     explicit SimulationImpl(std::shared_ptr<Scene> scene)
         : scene_(std::move(scene)), access_(scene_->share()), exec_(*static_cast<Exec*>(access_.exec)),
           state_(exec_, *static_cast<Octree<Exec>*>(access_.octree)), fluid_(exec_, state_, settings_), bodies_(exec_, state_, settings_),
-          tissue_(exec_), forces_(exec_), sinks_(exec_), totals_(exec_), color_(exec_), reflection_(exec_), weight_(exec_),
+          tissue_(exec_), forces_(exec_), sinks_(exec_), totals_(exec_), color_(exec_), reflection_(exec_), weight_(exec_), shown_(exec_),
           rank_(exec_), ids_(exec_) {
         access_.before_use([this] { show(); });
         tissue_.before_use([this] {
@@ -256,6 +256,12 @@ public:
         fluid_.flow(density, vorticity);
     }
 
+    void draw_smooth(bool smooth) override {
+        if (smooth_ == smooth) return;
+        smooth_ = smooth;
+        stale_ = true;
+    }
+
     Tissue* tissue() override {
         gather_tissue();
         return &tissue_;
@@ -279,13 +285,14 @@ private:
             all_shown &= p.shown != 0;
             mirrors |= p.reflection > 0.0f || p.refraction > 0.0f;
         }
-        float* weight = all_shown ? nullptr : weight_.reserve(n + 64);
+        float* weight = all_shown || smooth_ ? nullptr : weight_.reserve(n + 64);
+        float* smooth = smooth_ ? shown_.reserve(3 * n) : nullptr;
         float* reflection = mirrors ? reflection_.reserve(2 * n) : nullptr;
-        exec_.for_each(n, sim::Show{state_.view(), state_.phases(), rank, index, weight, color_.reserve(3 * n), reflection,
+        exec_.for_each(n, sim::Show{state_.view(), state_.phases(), rank, index, weight, smooth, color_.reserve(3 * n), reflection,
                                     reflection ? reflection + n : nullptr});
         if (tissue_.has_vessels()) tissue_.stain(rank, state_.slot_of(), state_.phase_table[tissue_.phase_of_blood(1)].color, color_.data());
         state_.tree().relabel(index, {weight, 1.0f});
-        access_.rebuilt(color_.data(), reflection, reflection ? reflection + n : nullptr);
+        access_.rebuilt({n, smooth, settings_.spacing, color_.data(), reflection, reflection ? reflection + n : nullptr});
         stale_ = false;
     }
 
@@ -449,9 +456,9 @@ private:
     Buffer<sim::Totals, Exec> totals_;
     std::vector<Emitted> emitted_;
     int n_sinks_ = 0;
-    Buffer<float, Exec> color_, reflection_, weight_;
+    Buffer<float, Exec> color_, reflection_, weight_, shown_;
     Buffer<std::uint32_t, Exec> rank_, ids_;
-    bool stale_ = true, has_forces_ = false, broken_ = false;
+    bool smooth_ = false, stale_ = true, has_forces_ = false, broken_ = false;
     double time_ = 0.0;
     std::uint64_t n_steps_ = 0;
     int n_marks_ = 0;

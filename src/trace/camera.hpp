@@ -33,19 +33,22 @@ struct RaySource {
     std::size_t n = 0;  ///< rays, or pixels
     std::uint32_t first_row = 0;  ///< of the camera's picture; ray 0 is its first pixel
     std::uint32_t pass = 0;       ///< 0: through the pixels' centres; else anywhere in the pixel
-    const std::uint8_t* only = nullptr;  ///< pixels that have a ray where it is not 0 (tiles alone know it); null: all
+    const std::uint8_t* only = nullptr;  ///< pixels that have a ray where it is not 0; null: all
 
     /// Work items: the pixels in Morton order within squares of 64, so that neighbours in memory, and
     /// the rays that they send on, see the same places.
     GB_FN std::size_t n_items() const {
         return origins ? n : std::size_t(ceil_div(camera.width, 64)) * ceil_div(rows(), 64) * 4096;
     }
+    GB_FN bool has(std::size_t i) const { return !only || only[i]; }
     /// The ray of work item k; n: none.
     GB_FN std::size_t swizzled(std::size_t k) const {
         if (origins) return k;
         const std::uint32_t square = std::uint32_t(k / 4096), in = std::uint32_t(k % 4096), across = ceil_div(camera.width, 64);
         const std::uint32_t x = square % across * 64 + every_other(in), y = square / across * 64 + every_other(in >> 1);
-        return x < std::uint32_t(camera.width) ? min(std::size_t(y) * camera.width + x, n) : n;
+        if (x >= std::uint32_t(camera.width)) return n;
+        const std::size_t i = min(std::size_t(y) * camera.width + x, n);
+        return i < n && !has(i) ? n : i;
     }
     /// Bits 0, 2, 4 … of 12, side by side.
     GB_FN static std::uint32_t every_other(std::uint32_t v) {

@@ -1,5 +1,5 @@
-// Silhouettes and creases of a picture: pixels beside a jump of distance or normal get more samples, anywhere in the
-// pixel.  The first sample stays the pixel's distance and normal.
+// Silhouettes and creases of a picture: pixels beside a jump of distance, normal, layer or colour get more samples, anywhere
+// in the pixel (Whitted 1980; Mitchell 1987).  The first sample stays the pixel's distance and normal.
 #pragma once
 #include "trace/shade.hpp"
 
@@ -8,10 +8,13 @@ namespace globule::core {
 inline constexpr float kCrease = 0.6f;   ///< cosine between normals of neighbouring pixels
 inline constexpr std::uint8_t kEdge = 1, kEdgeHit = 2;  ///< marks: the first sample missed, or hit
 inline constexpr float kJump = 2.0f;     ///< from the plane of a neighbour's hit, in pixels
+inline constexpr int kContrast = 24;     ///< of 255, in any channel
 
 struct MarkEdges {
     RaySource rays;
     Hits hits;
+    const std::uint8_t* layer;    ///< what each pixel shows; null: all the same
+    const std::uint8_t* picture;  ///< (n, 3), where contrasts count; null: they do not
     std::uint8_t* edge;
     GB_FN void operator()(std::size_t i) const {
         const int width = rays.camera.width, x = int(i % width), y = int(i / width);
@@ -21,8 +24,13 @@ struct MarkEdges {
     }
 
 private:
-    /// Either hit lies off the other's plane, or they face elsewhere.
+    /// Either hit lies off the other's plane, or they face elsewhere, or look different.
     GB_FN bool differ(std::size_t i, std::size_t j) const {
+        if (layer && layer[i] != layer[j]) return true;
+        for (int k = 0; picture && k < 3; ++k) {
+            const int apart = int(picture[3 * i + k]) - int(picture[3 * j + k]);
+            if (apart > kContrast || apart < -kContrast) return true;
+        }
         const bool hit = hits.t[i] < infinity(), other = hits.t[j] < infinity();
         if (!hit || !other) return hit != other;
         const float3 n = normal(i), m = normal(j);

@@ -8,6 +8,7 @@ namespace globule::core {
 struct Finish {
     const std::uint64_t* sum;       ///< (n, 3) of this pass, of the pixels from `first` on
     const std::uint32_t* layer;     ///< (n,) what the pass's primary rays met
+    const std::uint8_t* only;       ///< (n,) pixels that the pass had; null: all
     std::size_t first;
     float exposure;
     int passes;                     ///< with this one
@@ -16,6 +17,7 @@ struct Finish {
     std::uint8_t* picture;
     std::uint8_t* seen;             ///< (all pixels,) what the first pass met: kMissed, kGround, or the layer
     GB_FN void operator()(std::size_t i) const {
+        if (only && !only[i]) return;
         if (passes == 1) seen[first + i] = std::uint8_t(layer[i]);
         const bool hit = layer[i] != kMissed;
         for (int k = 0; k < 3; ++k) {

@@ -44,7 +44,8 @@ struct Lighting {
     std::uint32_t closed = 0;   ///< bit k: layer k is a mesh with an inside, which displaces the fields there
     std::uint32_t sheets = 0;   ///< bit k: layer k is a mesh without
     int bounces;              ///< mirrored and transmitted generations
-    int edge_samples = 0;  ///< more samples at silhouettes and creases of a plain frame, beside the first
+    int edge_samples = 0;  ///< more samples at edges of an image of one sample
+    bool edge_contrast = true;  ///< whether contrasts are edges, where light makes turns
     float cutoff;             ///< smallest weight that is followed
     float exposure;
 

@@ -99,6 +99,7 @@ struct MeetGround {
     WaveRays rays;
     WaveHits out;
     GB_FN void operator()(std::size_t i) const {
+        if (!rays.source.has(i)) return;
         float3 o, d;
         rays.source.get(i, o, d);
         if (rays.primary() && dot(ground.normal, o) < ground.offset) rays.inside[i] |= kBelowGround;

@@ -1,5 +1,6 @@
-// Rays to the surface of a solid (mesh/), through what the clips keep of it: what trace/cut.hpp is to a field.
+// Rays to the surface of a solid (mesh/: triangles or capsules), through what the clips keep of it: what trace/cut.hpp is to a field.
 #pragma once
+#include "mesh/capsules.hpp"
 #include "mesh/triangles.hpp"
 #include "trace/clip.hpp"
 #include "trace/looks.hpp"
@@ -13,13 +14,14 @@ struct Crossing {
     std::int32_t cap = -1;  ///< the clip whose cut face it is
 };
 
-/// A mesh as rays see it.
-struct SolidMesh {
+/// A mesh, or capsules, as rays see it.
+template <class Items>
+struct SolidShape {
     BoxTree tree;
-    Triangles items;
+    Items items;
     bool closed;                  ///< has an inside; else a sheet
-    const std::uint32_t* faces;   ///< (n, 3) vertices, the caller's order
-    const float* normals;         ///< (3 n, 3) of corners; null: the triangles' own
+    const std::uint32_t* faces;   ///< (n, 3) or (n, 2) vertices, the caller's order
+    const float* normals;         ///< (3 n, 3) of corners; null: the items' own
     const float* color;           ///< per vertex or per face, or null
     bool color_of_faces;
     float3 one_color;
@@ -70,16 +72,17 @@ struct SolidMesh {
     /// What the surface looks like where a ray met it.  Its normal is turned against rays that enter and along rays that leave.
     GB_FN Looks looks(const float3& o, const float3& d, float t, std::uint32_t slot, bool entering) const {
         const std::uint32_t index = tree.index[slot];
-        float3 normal = items.normal(slot), mixed = one_color;
+        const float3 at = pose.to_local(o + d * t);
+        float3 normal = items.normal(slot, at), mixed = one_color;
         if (normals || (color && !color_of_faces)) {
-            const float3 share = items.shares(slot, pose.to_local(o + d * t));
+            const float3 share = items.shares(slot, at);
             const auto mix = [&](const float* of, std::size_t a, std::size_t b, std::size_t c) {
                 const auto row = [&](std::size_t i) { return float3{of[3 * i], of[3 * i + 1], of[3 * i + 2]}; };
                 return row(a) * share.x + row(b) * share.y + row(c) * share.z;
             };
-            const std::size_t i = std::size_t(3) * index;
-            if (normals) normal = mix(normals, i, i + 1, i + 2);
-            if (color && !color_of_faces) mixed = mix(color, faces[i], faces[i + 1], faces[i + 2]);
+            const std::size_t i = std::size_t(Items::n_corners) * index, last = i + Items::n_corners - 1;
+            if (normals) normal = mix(normals, i, i + 1, last);
+            if (color && !color_of_faces) mixed = mix(color, faces[i], faces[i + 1], faces[last]);
         }
         if (color && color_of_faces) mixed = {color[std::size_t(3) * index], color[std::size_t(3) * index + 1], color[std::size_t(3) * index + 2]};
         normal = normalize(pose.turned(normal));
@@ -103,8 +106,9 @@ private:
 };
 
 /// Rays to their first crossing of a solid.
+template <class Items>
 struct MarchSolid {
-    SolidMesh solid;
+    SolidShape<Items> solid;
     Clips clips;
     WaveRays rays;
     int layer;
@@ -124,8 +128,9 @@ struct MarchSolid {
 };
 
 /// What Keep asks about a solid.
+template <class Items>
 struct SolidSurface {
-    SolidMesh solid;
+    SolidShape<Items> solid;
     GB_FN Looks looks(const float3& o, const float3& d, float t, const LayerHits& found, std::size_t i) const {
         return solid.looks(o, d, t, found.item[i] >> 1, found.item[i] & 1);
     }
@@ -133,8 +138,9 @@ struct SolidSurface {
 };
 
 /// Shadow and ambient rays through a solid: what part of the light comes through, (n_visibilities, n).
+template <class Items>
 struct OccludeSolid {
-    SolidMesh solid;
+    SolidShape<Items> solid;
     Clips clips;
     Lighting lighting;
     WaveRays rays;

@@ -87,10 +87,11 @@ FLAGS: dict[str, dict[str, Any]] = {
         "help": f"kernel of the particles: {', '.join(KERNELS)}",
     },
     "--surface": {
-        "choices": ("auto", "smooth", "balls"),
+        "choices": ("auto", "smooth", "balls", "spheres"),
         "metavar": "NAME",
         "help": "smooth: one surface that encloses the fluid's volume; balls: a ball around each "
-        "particle; auto: smooth for particles of one fluid",
+        "particle; spheres: spheres of half a spacing; auto: smooth for particles of one fluid, "
+        "spheres for 2-D data (all z equal)",
     },
     "--particle-spacing": {
         "type": positive,

@@ -15,7 +15,7 @@ import numpy as np
 from ..formats import READABLE
 from ..formats.kind import kind_of
 from ..formats.registry import FORMATS
-from ..scene.fluid import fluid_like
+from ..scene.fluid import fluid_like, is_flat, shown_scene
 from ..scene.particles import SCALAR_FIELDS, Particles
 from . import flags, medical
 from . import medical as medical_files
@@ -102,7 +102,10 @@ def describe(path: str, particles: Particles) -> dict[str, Any]:
     if finite.any():
         lo, hi = particles.bounds()
         with mistakes():
-            scene = Scene(particles.positions, device="cpu")
+            if is_flat(particles):
+                scene = shown_scene(Particles(particles.positions), device="cpu")
+            else:
+                scene = Scene(particles.positions, device="cpu")
         facts["bounds"] = {"lo": lo, "hi": hi}
         facts["spacing"] = scene.spacing or None
         facts["default_support"] = scene.support
@@ -120,6 +123,8 @@ def _surface(path: str, particles: Particles) -> tuple[str, str]:
     """What `globule render` draws, and why."""
     if kind_of(path).kind == "volume":
         return "balls", "voxels"
+    if is_flat(particles):
+        return "spheres", "2-D: one z"
     found = fluid_like(particles)
     return "smooth" if found.yes else "balls", found.why
 

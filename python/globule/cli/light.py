@@ -12,12 +12,19 @@ import numpy as np
 from .._base.colormaps import categorical
 from ..formats import FormatError
 from ..formats.pictures.environment import read_environment
+from ..formats.rigid_bodies import RigidBodies
 from ..render.frame import MAX_LAYERS, Frame, Layer, corners_of
 from ..render.lights import Environment, Ground, Sky, uniform_sky
 from ..render.materials import Material
 from ..render.presets import GROUNDS, PRESETS, ground_height, preset
-from ..render.settings import MAX_SAMPLES, RenderSettings, extent_of, for_values
-from ..scene.fluid import surface_of
+from ..render.settings import (
+    MAX_SAMPLES,
+    RenderSettings,
+    extent_of,
+    for_flat_data,
+    for_values,
+)
+from ..scene.fluid import shown_scene, shows_flat
 from ..scene.mesh import Mesh
 from ..scene.scene import Scene
 from . import flags, look, meshes
@@ -181,6 +188,7 @@ class Light:
         self._settings: RenderSettings | None = None
         self._beside: list[Layer] | None = None
         self.messages: list[str] = []  # about the meshes
+        self._moving: list[RigidBodies] = []
         crops = [crop for crop in (options.crop, options.crop_sphere) if crop]
         self.clips = [*options.clip, *options.clip_box, *options.clip_sphere, *crops]
         self._matter = _matter(options)
@@ -192,7 +200,7 @@ class Light:
         if len(options.beside) >= MAX_LAYERS:
             n = MAX_LAYERS - 1
             raise UserError(f"--with: expected at most {n} files, got {len(options.beside)}")
-        n = len(options.beside) + len(options.meshes)
+        n = len(options.beside) + len(meshes.files(options))
         if n >= MAX_LAYERS:
             raise UserError(f"--mesh: expected at most {MAX_LAYERS - 1} files with --with, got {n}")
         for path, _ in options.beside:
@@ -215,6 +223,8 @@ class Light:
                 own.setdefault("ambient", sky.mean())  # a lamp must not be seen along a normal
             material = dataclasses.replace(base.material, **self._matter)
             settings = dataclasses.replace(base, material=material, **own)
+            if shows_flat(scene):
+                settings = for_flat_data(settings)
             self._settings = for_values(settings) if options.color_by else settings
         return self._settings
 
@@ -234,9 +244,13 @@ class Light:
         if self._beside is None:
             beside = [self._read(i) for i in range(len(self.options.beside))]
             particles = scene.particles if isinstance(scene, Scene) else None
-            found, self.messages = meshes.layers(self.options, self.clips, particles)
+            found, self.messages, self._moving = meshes.layers(self.options, self.clips, particles)
             self._beside = [*beside, *found]
         return [Layer(scene, clips=self.clips), *self._beside]
+
+    def place(self, path: str, i: int) -> None:
+        """Move what moves to where it is in the image of a file, the i-th."""
+        meshes.place(self._moving, path, i)
 
     def around(self, scene: Scene | Mesh, box: Any) -> Any:
         """Points (M, 3) that the fitted camera shows: those of `box`, or the scene's, and --mesh;
@@ -258,13 +272,12 @@ class Light:
         if particles.color is None and color is None:
             color = categorical(np.array([i + 1]))[0]
         with mistakes():
-            scene = Scene(
+            scene = shown_scene(
                 particles,
-                options.kernel,
-                options.threshold,
+                kernel=options.kernel,
+                threshold=options.threshold,
                 device=options.device,
                 threads=options.threads,
-                surface=surface_of(particles, kernel=options.kernel, threshold=options.threshold),
             )
         return Layer(scene, Material(color=color))
 
@@ -276,7 +289,7 @@ class Light:
         facts = {name: value for name, value in vars(seen).items() if name != "layer"}
         facts = {name: value for name, value in facts.items() if value is not None}
         if seen.layer:
-            files = [path for path, _ in (*self.options.beside, *self.options.meshes)]
+            files = [*(path for path, _ in self.options.beside), *meshes.files(self.options)]
             return facts | {"file": files[seen.layer - 1]}
         return facts | ({} if seen.particle is None else {"particle": int(kept[seen.particle])})
 

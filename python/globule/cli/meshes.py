@@ -1,23 +1,32 @@
-"""Triangle meshes of `render`: files with faces among the inputs, and --mesh."""
+"""Solid things of `render`: files with faces among the inputs, --mesh, --spheres and --lines."""
 
 from __future__ import annotations
 
 import argparse
 import dataclasses
+import functools
+import os
+import re
+from typing import Any
 
 import numpy as np
 
 from ..formats import FormatError
+from ..formats.rigid_bodies import RigidBodies
 from ..formats.triangles import has_faces
 from ..render.clips import ClipBox, ClipPlane, ClipSphere
 from ..render.frame import Layer
 from ..render.materials import Material
 from ..render.presets import PRESETS, preset
+from ..scene.capsules import Lines, Spheres
+from ..scene.fluid import flat_spacing, is_flat
 from ..scene.mesh import Mesh
 from ..scene.particles import Particles
+from ..scene.scene import Scene
 from . import look
-from .shared import UserError, check_input, mistakes
+from .shared import UserError, check_input, mistakes, read_particles, stem
 
+_THIN = 1 / 400  # default radius of lines, of their box's diagonal
 _SAMPLES = 1000  # particles at which a mesh is tested for whether it surrounds them
 # What only particles have.
 _OF_PARTICLES = {
@@ -38,16 +47,35 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="FILE[:MATERIAL]",
-        help="triangles of a second file (.stl .obj .ply .glb .vtk .vtp), world units; "
+        help="triangles of a second file (.stl .obj .ply .glb .vtk .vtp), world units, or a folder "
+        "rigid_bodies of SPlisHSPlasH, whose bodies follow the number in the input's name; "
         f"MATERIAL is {', '.join(PRESETS)}; --clip cuts them too; may be repeated up to 3 times "
         "(default: none)",
+    )
+    add(
+        "--spheres",
+        type=functools.partial(_with_radius, "spheres"),
+        action="append",
+        default=[],
+        metavar="FILE[:RADIUS]",
+        help="plain spheres at the particles of a second file, world units (default radius: half "
+        "a spacing)",
+    )
+    add(
+        "--lines",
+        type=functools.partial(_with_radius, "lines"),
+        action="append",
+        default=[],
+        metavar="FILE[:RADIUS]",
+        help="a line through the points of a second file, in their order, world units (default "
+        "radius: a 400th of the line's extent)",
     )
     add(
         "--mesh-color",
         type=look.color,
         metavar="COLOR",
-        help="color of all meshes of --mesh: R,G,B or V (linear), or #rrggbb (sRGB) (default: the "
-        "file's, the material's, or gray)",
+        help="color of all of --mesh, --spheres and --lines: R,G,B or V (linear), or #rrggbb "
+        "(sRGB) (default: the file's, the material's, or gray)",
     )
     add(
         "--as-particles",
@@ -61,6 +89,20 @@ def mesh(text: str) -> tuple[str, str | None]:
     """FILE or FILE:MATERIAL."""
     path, _, word = text.rpartition(":")
     return (path, word) if path and word in PRESETS else (text, None)
+
+
+def _with_radius(kind: str, text: str) -> tuple[str, str, float | None]:
+    """FILE or FILE:RADIUS, with the kind in front."""
+    path, _, word = text.rpartition(":")
+    try:
+        radius = float(word) if path else None
+    except ValueError:
+        radius = None
+    if radius is None:
+        return kind, text, None
+    if not 0 < radius < np.inf:
+        raise argparse.ArgumentTypeError(f"expected a radius above 0, got {text!r}")
+    return kind, path, radius
 
 
 def is_mesh(path: str, options: argparse.Namespace) -> bool:
@@ -90,9 +132,33 @@ def read_mesh(path: str, options: argparse.Namespace, solid: bool | None = None)
         raise UserError(f"{path}: cannot be read: {error.strerror or error}") from error
 
 
+def read_bodies(path: str, options: argparse.Namespace) -> RigidBodies:
+    """The rigid bodies of a folder. Raises UserError if it cannot be read."""
+    try:
+        with mistakes():
+            return RigidBodies(path, device=options.device, threads=options.threads)
+    except FormatError as error:
+        raise UserError(str(error)) from error
+    except OSError as error:
+        what = error.filename or path
+        raise UserError(f"{what}: cannot be read: {error.strerror or error}") from error
+
+
+def place(moving: list[RigidBodies], path: str, i: int) -> None:
+    """Move bodies to the frame with the number of a file's name; without one, to the i-th."""
+    numbers = re.findall(r"\d+", stem(path))
+    try:
+        for bodies in moving:
+            bodies.place(int(numbers[-1]) if numbers else bodies.frames[0] + i)
+    except (FormatError, OSError) as error:
+        raise UserError(str(error)) from error
+
+
 def check_meshes(options: argparse.Namespace) -> None:
     """Refuse files of --mesh that are no meshes, before any work."""
     for path, word in options.meshes:
+        if os.path.isdir(path):
+            continue
         try:
             check_input(path)
         except UserError as error:
@@ -101,17 +167,48 @@ def check_meshes(options: argparse.Namespace) -> None:
                 known = ", ".join(PRESETS)
                 raise UserError(f"--mesh: expected a material, {known}, got {last!r}") from error
             raise
+    for _, path, _ in (*options.spheres, *options.lines):
+        check_input(path)
+
+
+def files(options: argparse.Namespace) -> list[str]:
+    """The files of all layers that `layers` makes."""
+    plain = (path for _, path, _ in (*options.spheres, *options.lines))
+    return [*(path for path, _ in options.meshes), *plain]
+
+
+def _capsules(options: argparse.Namespace, kind: str, path: str, radius: float | None) -> Mesh:
+    """The spheres or the line of a file."""
+    particles = read_particles(path)
+    particles = particles[np.isfinite(particles.positions).all(axis=1)]
+    machine: dict[str, Any] = {"device": options.device, "threads": options.threads}
+    positions, color = particles.positions, particles.color
+    if kind == "lines":
+        if radius is None:
+            radius = (
+                _THIN * float(np.linalg.norm(np.ptp(positions, axis=0))) if len(particles) else 1
+            )
+        return Lines(positions, radius or 1.0, color, **machine)
+    if radius is None:
+        flat = flat_spacing(particles) if is_flat(particles) else None
+        radius = 0.5 * (flat or Scene(positions, device="cpu").spacing or 1.0)
+    return Spheres(positions, radius, color, **machine)
 
 
 def layers(
     options: argparse.Namespace,
     clips: list[ClipPlane | ClipBox | ClipSphere],
     particles: Particles | None,
-) -> tuple[list[Layer], list[str]]:
-    """The layers of --mesh, and messages about them."""
-    found, messages = [], []
+) -> tuple[list[Layer], list[str], list[RigidBodies]]:
+    """The layers of --mesh, --spheres and --lines, messages about them, and what moves."""
+    found, messages, moving = [], [], []
     for path, word in options.meshes:
-        shape = read_mesh(path, options)
+        if os.path.isdir(path):
+            bodies = read_bodies(path, options)
+            moving.append(bodies)
+            shape: Mesh = bodies.together
+        else:
+            shape = read_mesh(path, options)
         if shape.solid and particles is not None and surrounds(shape, particles):
             shape = read_mesh(path, options, solid=False)
             messages.append(f"{path} surrounds the particles: drawn as a thin wall, not as a body")
@@ -120,7 +217,11 @@ def layers(
             if options.mesh_color is not None:
                 material = dataclasses.replace(material, color=options.mesh_color)
             found.append(Layer(shape, material, clips))
-    return found, messages
+    for kind, path, radius in (*options.spheres, *options.lines):
+        with mistakes():
+            shape = _capsules(options, kind, path, radius)
+            found.append(Layer(shape, Material(color=options.mesh_color), clips))
+    return found, messages, moving
 
 
 def surrounds(shape: Mesh, particles: Particles) -> bool:

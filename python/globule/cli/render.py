@@ -29,29 +29,23 @@ pip install "globule[video]" (its wheel contains FFmpeg with x264, under the GPL
 from __future__ import annotations
 
 import argparse
-import dataclasses
 import functools
 import os
 import re
 import time
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from .._base.device import choose
-from ..formats.kind import kind_of
-from ..render.annotate import Colors
 from ..render.camera import Camera, view_axes
 from ..render.camera_path import round_camera
-from ..render.frame import Frame, fitted, render, save_png, values_of
+from ..render.frame import fitted
 from ..render.views import view_cameras
-from ..scene.fluid import surface_of
+from ..scene.fluid import shows_flat
 from ..scene.mesh import Mesh
-from ..scene.particles import Particles
 from ..scene.scene import Scene
-from ..scene.thesis import Thesis
 from . import annotation, flags, light, look, meshes, sequence, state, tracing
+from .image import picture
 from .parser import Parser
 from .shared import (
     Progress,
@@ -82,7 +76,6 @@ ESSENTIAL = ("--output", "--size", "--eye", "--look-at", "--up", "--preset", "--
              "--surface", "--legend", "--samples", "--level", "--clip", "--state",
              "--device")  # fmt: skip
 
-SAMPLES = 20_000  # particles at which the highest field is looked for
 FOV = 40.0  # degrees
 DEFAULT_VIEW = Camera((1.2, 0.9, 2.0), (0, 0, 0))  # where there is nothing to fit
 
@@ -108,7 +101,7 @@ def add_arguments(parser: Parser) -> None:
     flags.add(parser, "--json")
     camera = parser.add_argument_group("camera")
     camera.add_argument("--fit", action="store_true", help="show all particles (the default)")
-    flags.add(camera, "--eye", "default: all is visible")
+    flags.add(camera, "--eye", "default: all is visible; 2-D data from above")
     flags.add(camera, "--look-at", "default: the middle of the particles")
     flags.add(camera, "--up", "default: 0,1,0", default=(0, 1, 0))
     flags.add(camera, "--fov", "default: 40")
@@ -218,7 +211,9 @@ def run(options: argparse.Namespace) -> None:
     with series, Progress(4 * len(images)) as progress:
         series.survey(progress)
         for i, path, image, aov in series.pictures(images, arrays):
-            report = _picture(options, lit, notes, thesis, progress, series, i, path, image, aov)
+            look_at = functools.partial(cameras, options, lit, notes)
+            job = options, lit, notes, thesis, progress, series
+            report = picture(*job, i, path, image, aov, look_at)
             reports += [report] if report else []
         series.finish(progress)
     if series.movie or not reports:
@@ -305,11 +300,10 @@ def camera(
                 notes.size,
                 notes.annotation,
                 around,
-                direction=_direction(options.up),
-                up=options.up,
-                fov=fov,
-                orthographic=options.ortho is not None,
+                **_towards(options, scene),
             )
+            if shows_flat(scene) and not options.turntable:
+                return base
             if options.turntable:
                 base = round_camera(base, np.mean(around, axis=0))
         return Camera(base.eye, base.look_at, options.up, fov, options.ortho)
@@ -353,232 +347,20 @@ def _all_around(options: argparse.Namespace, scene: Scene | Mesh, around: Any) -
     return np.concatenate([middle + reach * ring[0] + h * above for h in (y.min(), y.max())])
 
 
+def _towards(options: argparse.Namespace, scene: Scene | Mesh) -> dict[str, Any]:
+    """How the fitted camera looks."""
+    if shows_flat(scene) and not options.turntable:
+        return {"fov": options.fov or FOV}
+    return {
+        "direction": _direction(options.up), "up": options.up, "fov": options.fov or FOV,
+        "orthographic": options.ortho is not None,
+    }  # fmt: skip
+
+
 def _direction(up: tuple[float, float, float]) -> np.ndarray:
     """Towards the eye: in front, a little to the right and above, for any `up`."""
     right, above, front = view_axes(up)
     return 0.6 * right + 0.45 * above + 1.0 * front
-
-
-def _picture(
-    options: argparse.Namespace,
-    lit: light.Light,
-    notes: annotation.Notes,
-    thesis: Thesis | None,
-    progress: Progress,
-    series: sequence.Series,
-    i: int,
-    path: str,
-    image: str,
-    aov: str | None,
-) -> dict[str, Any] | None:
-    """Make the image of one file, and return its report; None if the image is there already."""
-    start = time.perf_counter()
-    progress.step(f"reading {path}")
-    particles, messages = series.read()
-    messages = list(messages)
-    read_seconds = time.perf_counter() - start
-    if isinstance(particles, Mesh):
-        return _mesh_picture(
-            options, lit, notes, progress, series, i, path, particles, image, aov, start
-        )
-    finite = np.isfinite(particles.positions).all(axis=1)
-    n, n_lost = len(particles), int((~finite).sum())
-    if n == 0:
-        messages.append(f"{path} holds no particles: the image is all background")
-    if n_lost:
-        left_out = "have" if n_lost > 1 else "has"
-        messages.append(f"{n_lost:,} of {count(n)} {left_out} no finite position, left out")
-        particles = particles[finite]
-    with mistakes():
-        if options.color_by:
-            particles.color, ends = look.color_by(options, path, particles, messages)
-        progress.step(f"building {path}")
-        support, depth = tracing.support_and_depth(options, particles)
-        if options.anisotropic:
-            particles, support = look.stretched(options, particles), None
-        scene = series.scene(particles, functools.partial(_scene, options, support, depth))
-        views = series.cameras(i, scene, functools.partial(cameras, options, lit, notes))
-    if series.finished(image, aov):
-        return None
-    frames, trace_seconds = _traced(options, lit, notes, progress, path, scene, views, thesis)
-    frame = frames[0]
-    settings = lit.settings(scene)
-    messages += lit.messages
-    if thesis:
-        why = tracing.why_cut(scene), tracing.why_dust(options, particles, scene)
-        messages += [message for message in why if message]
-    hits = sum(int(frame.mask.sum()) for frame in frames)
-    tree = scene.octree
-    n_outside = len(particles) - tree.n_inside
-    if n_outside:
-        messages.append(f"{n_outside:,} of {count(n)} outside the octree, left out")
-    if tree.n_inside and not hits:
-        messages.append(why_empty(scene, lit.clips))
-    progress.step(f"writing {image}")
-    written = time.perf_counter()
-    with mistakes():
-        colors = None
-        if options.color_by:
-            colors = Colors(options.colormap, *ends, options.color_by)
-            if settings.is_flat:
-                shown = values_of(particles, options.color_by, options.colormap, ends)
-                for one in frames:
-                    one._values = shown[:4]
-        series.prepare()
-        if aov:
-            frame.save(aov)
-        save_png(image, notes.picture(i, frames, views, colors, series.box))
-    end = time.perf_counter()
-    series.warn(messages, progress)
-    report = {
-        "input": path,
-        "images": [image],
-        "aov": aov,
-        "device": scene.device.description,
-        "size": options.size,
-        "root": options.root,
-        "samples": frame.samples,
-        "kernel": scene.kernel,
-        "threshold": scene.threshold,
-        "surface": scene.surface,
-        "support": _one_number(scene.support),
-        "spacing": scene.spacing or None,
-        "times": {
-            "read": read_seconds,
-            "build": tree.build_seconds,
-            "trace": trace_seconds,
-            "write": end - written,
-            "total": end - start,
-        },
-        "memory": {"octree": tree.bytes},
-        "counts": {
-            "particles": n,
-            "inside": tree.n_inside,
-            "outside": n - tree.n_inside,
-            "nodes": tree.n_nodes,
-            "leaves": tree.n_leaves,
-            "hits": hits,
-        },
-        "warnings": messages,
-    }
-    if options.pick:
-        report["picked"] = lit.picked(frame, np.flatnonzero(finite))
-    if options.json:
-        report["hashes"] = {"key_hash": tree.key_hash, "node_hash": tree.node_hash}
-    return report
-
-
-def _traced(
-    options: argparse.Namespace,
-    lit: light.Light,
-    notes: annotation.Notes,
-    progress: Progress,
-    path: str,
-    scene: Scene | Mesh,
-    views: Sequence[Camera],
-    thesis: Thesis | None,
-) -> tuple[list[Frame], float]:
-    """A frame for each view of a scene with all that the options put beside it, and the device's
-    seconds."""
-    progress.step(f"tracing {path}")
-    with mistakes():
-        settings = lit.settings(scene)
-        first = dataclasses.replace(settings, samples=1)
-        layers = lit.layers(scene)
-        frames = [render(layers, view, notes.size, first, thesis=thesis) for view in views]
-        seconds = sum(frame.trace_seconds for frame in frames)
-        for k in range(2, settings.samples + 1):  # one by one, for progress and Ctrl-C
-            progress.show(f"tracing {path}: sample {k} of {settings.samples}")
-            seconds += sum(frame.refine().trace_seconds for frame in frames)
-    return frames, seconds
-
-
-def _mesh_picture(
-    options: argparse.Namespace,
-    lit: light.Light,
-    notes: annotation.Notes,
-    progress: Progress,
-    series: sequence.Series,
-    i: int,
-    path: str,
-    mesh: Mesh,
-    image: str,
-    aov: str | None,
-    start: float,
-) -> dict[str, Any] | None:
-    """Make the image of a file with faces, and return its report; None if it is there already."""
-    read_seconds = time.perf_counter() - start
-    with mistakes():
-        views = series.cameras(i, mesh, functools.partial(cameras, options, lit, notes))
-    if series.finished(image, aov):
-        return None
-    progress.step(f"building {path}")
-    device, built = choose(options.device), time.perf_counter()
-    mesh.build(device)
-    build_seconds = time.perf_counter() - built
-    frames, trace_seconds = _traced(options, lit, notes, progress, path, mesh, views, None)
-    frame = frames[0]
-    hits = sum(int(frame.mask.sum()) for frame in frames)
-    messages = list(lit.messages)
-    if not hits:
-        messages.append("no pixel hits the mesh: the camera looks past it, try --fit")
-    progress.step(f"writing {image}")
-    written = time.perf_counter()
-    with mistakes():
-        series.prepare()
-        if aov:
-            frame.save(aov)
-        save_png(image, notes.picture(i, frames, views, None, series.box))
-    end = time.perf_counter()
-    series.warn(messages, progress)
-    report = {
-        "input": path,
-        "images": [image],
-        "aov": aov,
-        "device": device.description,
-        "size": options.size,
-        "samples": frame.samples,
-        "closed": mesh.closed,
-        "times": {
-            "read": read_seconds,
-            "build": build_seconds,
-            "trace": trace_seconds,
-            "write": end - written,
-            "total": end - start,
-        },
-        "counts": {"triangles": len(mesh), "hits": hits},
-        "warnings": messages,
-    }
-    if options.pick:
-        report["picked"] = lit.picked(frame, np.empty(0, np.int64))
-    return report
-
-
-def _scene(
-    options: argparse.Namespace, support: float | None, depth: int | None, particles: Particles
-) -> Scene:
-    """The scene of the particles, as the options ask for."""
-    surface, spacing = options.surface, options.particle_spacing
-    volume = any(kind_of(path).kind == "volume" for path in options.particles)
-    if surface == "auto" and (volume or options.preset == "thesis"):  # voxels; the source's balls
-        surface = "balls"
-    elif surface == "auto":
-        asked = {"kernel": options.kernel, "threshold": options.threshold, "support": support}
-        fits = surface_of(particles, octree=options.octree, **asked)
-        surface = "smooth" if spacing else fits
-    with tracing.octree_mistakes():
-        return Scene(
-            particles, options.kernel, options.threshold, support, options.key_bits, depth,
-            options.octree, options.device, options.threads, surface=surface,
-            spacing=spacing,
-        )  # fmt: skip
-
-
-def _one_number(support: Any) -> Any:
-    """The support of all particles, or the smallest and the largest."""
-    if np.ndim(support) == 0:
-        return float(support)
-    return [float(support.min()), float(support.max())] if len(support) else None
 
 
 def _content(counts: dict[str, int]) -> str:
@@ -603,26 +385,3 @@ def _together(reports: list[dict[str, Any]]) -> dict[str, Any]:
         "counts": counts,
         "frames": reports,
     }
-
-
-def why_empty(scene: Scene, clips: Sequence[Any]) -> str:
-    """Why the image shows no surface, and how to fix that."""
-    from ..scene.query import field
-
-    positions = scene.particles.positions
-    taken: np.ndarray = np.zeros(len(positions), bool)
-    for clip in clips:
-        taken |= clip.takes(positions)
-    if taken.all():
-        return "no pixel hits the surface: the cuts take all particles away"
-    values = field(scene, positions[:: 1 + len(positions) // SAMPLES])
-    highest = float(values.max())
-    if highest > scene.threshold:
-        return "no pixel hits the surface: the camera looks past it, try --fit"
-    problem = (
-        f"no pixel hits the surface: threshold {scene.threshold:g} is above the highest field "
-        f"at the particles, {highest:.3g}"
-    )
-    if highest <= 0:
-        return f"{problem}; the weights leave no field above 0"
-    return f"{problem}; try --threshold {0.5 * float(np.median(values[values > 0])):.2g}"

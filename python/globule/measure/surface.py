@@ -9,7 +9,7 @@ import numpy as np
 
 from .._base.arrays import to_host
 from .._base.checks import shown
-from ..scene.fluid import surface_of
+from ..scene.fluid import shown_scene
 from ..scene.scene import Scene
 from ..scene.sources import as_particles
 
@@ -31,7 +31,7 @@ def surface_scene(source: Any, **options: Any) -> Scene:
     """
     if not isinstance(source, Scene):
         particles = as_particles("particles", source)
-        return Scene(particles, **{"surface": surface_of(particles, **options), **options})
+        return shown_scene(particles, **options)
     return source
 
 

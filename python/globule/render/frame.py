@@ -17,7 +17,7 @@ from .._base.device import Device
 from .._base.files import atomic_write
 from .._base.old_names import old_attribute, renamed
 from ..scene import attributes
-from ..scene.fluid import surface_of
+from ..scene.fluid import shown_scene, shows_flat
 from ..scene.mesh import Mesh
 from ..scene.particles import Particles
 from ..scene.scene import Scene
@@ -28,7 +28,15 @@ from .camera import Camera
 from .clips import ClipBox, ClipPlane, ClipSphere
 from .display import displayed, straight, with_values
 from .materials import Material
-from .settings import MAX_SAMPLES, NAMES, RenderSettings, as_settings, for_values, items
+from .settings import (
+    MAX_SAMPLES,
+    NAMES,
+    RenderSettings,
+    as_settings,
+    for_flat_data,
+    for_values,
+    items,
+)
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -45,6 +53,9 @@ REACH = {
     "wendland_c2": 0.62,
     "solid": 0.69,
 }
+
+
+FROM_ABOVE: dict[str, Any] = {"direction": (0, 0, 1), "up": (0, 1, 0), "orthographic": True}
 
 
 @dataclass(frozen=True)
@@ -238,7 +249,7 @@ class Frame:
     @property
     def _mixed(self) -> bool:
         """Whether the color of a pixel at an edge may be a mixture."""
-        return self.samples > 1 or self._settings._mixes(self._layers[0].scene)
+        return self.samples > 1 or self._settings._mixes([x.scene for x in self._layers])
 
     @property
     def picture(self) -> np.ndarray:
@@ -363,8 +374,11 @@ def render(
     Args:
         scene: a `Scene`; a `Mesh`; an argument of `Scene`, i.e. `Particles`, (N, 3) positions or a
             file's name (a file with faces is drawn as its triangles); a simulation; or a list of up
-            to 4 of these or of `Layer`s for one image.
-        camera: default: `Camera.fit` of the first scene. A size may replace the camera.
+            to 4 of these or of `Layer`s for one image. 2-D data (at least 100 particles of equal z)
+            are shown as spheres of half a spacing, in flat colors where the settings leave the
+            lights at their default.
+        camera: default: `Camera.fit` of the first scene; of 2-D data from above, orthographic. A
+            size may replace the camera.
         size: (width, height) pixels.
         settings: `RenderSettings`, or a dict of its fields.
         clips: cuts through every scene.
@@ -388,15 +402,18 @@ def render(
     camera, total = camera_and_size(camera, size)
     size = traced_size(annotate, total)
     settings = as_settings(settings)
+    layers = _layers(scene, clips, (color_by, colormap, range))
+    first = layers[0].scene
+    if shows_flat(first):
+        settings = for_flat_data(settings)
     if color_by is not None:
         settings = for_values(settings)
-    layers = _layers(scene, clips, settings.material, (color_by, colormap, range))
     if thesis is not None and any(layer.clips for layer in layers):
         raise ValueError("clips: expected none with the thesis's tracing, which knows no cuts")
-    first = layers[0].scene
     if camera is None:
         camera = fitted(first, size, annotate)
-    view, look = camera._view(size), settings._look(first)
+    scenes = [layer.scene for layer in layers]
+    view, look = camera._view(size), settings._look(scenes)
     device = _device_of(layers)
     kinds = [
         ((layer.material or settings.material)._packed, [c._packed for c in layer.clips])
@@ -430,7 +447,7 @@ def render(
 
     def behind(light: float, passes: int) -> Any:
         """The same rays in front of another light."""
-        return trace(passes, None, settings._look(first, light))
+        return trace(passes, None, settings._look(scenes, light))
 
     values = None
     if color_by is not None and (settings.is_flat or annotate is not None):
@@ -439,7 +456,10 @@ def render(
     if annotate is not None and annotate.draws:
         finish = drawing(annotate, camera, [layer.scene for layer in layers], values, total)
     n = settings.samples
-    first_pass = trace(n if progress is None else 1, None)
+    if progress is None or n == 1:
+        first_pass = trace(n, None)
+    else:
+        first_pass = trace(1, None, replace(settings, edge_samples=0)._look(scenes))
     frame = Frame(size, first_pass, layers, trace, settings, behind, values and values[:4], finish)
     if progress is not None:
         progress(1, n)
@@ -471,12 +491,7 @@ def as_scene(value: Any) -> Scene | Mesh:
         if has_faces(value):
             return Mesh(value)
     own = _own_scene(value)
-    return _shown(as_particles("scene", value)) if own is None else own
-
-
-def _shown(particles: Particles) -> Scene:
-    """The scene of particles of which nothing more is said."""
-    return Scene(particles, surface=surface_of(particles))
+    return shown_scene(as_particles("scene", value)) if own is None else own
 
 
 def _core_scene(scene: Scene | Mesh, device: Device) -> Any:
@@ -514,8 +529,8 @@ def _instead(name: str) -> str:
     return f"expected {known}, got {name!r}"
 
 
-def _layers(scene: Any, clips: Any, material: Material, color: tuple) -> tuple[Layer, ...]:
-    """Layers of an image, each with a material, and with its own clips and those of all."""
+def _layers(scene: Any, clips: Any, color: tuple) -> tuple[Layer, ...]:
+    """Layers of an image, each with its own clips and those of all."""
     given, everywhere = _several(scene), _clips(clips)
     if not 1 <= len(given) <= MAX_LAYERS:
         raise ValueError(f"scene: expected 1 to {MAX_LAYERS} layers, got {len(given)}")
@@ -536,7 +551,7 @@ def _layers(scene: Any, clips: Any, material: Material, color: tuple) -> tuple[L
                     f"scene: expected all layers on {scenes[0].device.name}, "
                     f"got {own.scene.device.name}"
                 )
-        layers.append(Layer(own.scene, own.material or material, (*own.clips, *everywhere)))
+        layers.append(Layer(own.scene, own.material, (*own.clips, *everywhere)))
     return tuple(layers)
 
 
@@ -568,11 +583,21 @@ def _colored(item: Any, color: tuple) -> Scene | Mesh:
     own = _own_scene(item)
     particles = attributes.color_by(as_particles("scene", own or item), *color)
     if own is None:
-        return _shown(particles)
+        return shown_scene(particles)
     if own is not item:  # a simulation's, which nobody else updates
-        return Scene(particles, own.kernel, own.threshold, device=own.device.name)
+        return scene_like(own, particles)
     own.update(particles)
     return own
+
+
+def scene_like(scene: Scene, particles: Particles) -> Scene:
+    """A new scene of these particles with the surface of another one."""
+    options: dict[str, Any] = {"device": scene.device.name}
+    if scene.surface == "smooth":
+        if particles.weight is not None and np.ndim(particles.weight):
+            particles = particles[np.flatnonzero(to_host(particles.weight) > 0)]
+        options |= {"surface": "smooth", "spacing": scene.spacing}
+    return Scene(particles, scene.kernel, scene.threshold, **options)
 
 
 def _clips(clips: Any) -> tuple[ClipPlane | ClipBox | ClipSphere, ...]:
@@ -590,6 +615,8 @@ def fit_camera(
     if isinstance(scene, Mesh):
         return Camera.fit(corners_of(scene) if around is None else around, size=size, **options)
     margin = REACH[scene.kernel] * float(np.max(to_host(scene.support), initial=0.0))
+    if shows_flat(scene):
+        options = FROM_ABOVE | options
     seen = scene.particles if around is None else around
     return Camera.fit(seen, size=size, margin=margin if np.isfinite(margin) else 0.0, **options)
 

@@ -23,7 +23,7 @@ from ..formats import read
 from ..formats.pictures.video import movie_facts, need_av, read_movie, write_movie
 from ..scene.attributes import attribute_values, checked_range
 from ..scene.attributes import color_by as colored
-from ..scene.fluid import surface_of
+from ..scene.fluid import shown_scene
 from ..scene.particles import Particles
 from ..scene.scene import Scene
 from .annotate import Annotation, bounds_of, drawing, traced_size
@@ -353,7 +353,7 @@ def render_sequence(
         if color_by is not None:
             values = values_of(particles, color_by, colormap, range)
             particles = colored(particles, color_by, colormap, range)
-        scene = kept.show(particles, lambda p: Scene(p, **_with_surface(p, scene_options)))
+        scene = kept.show(particles, lambda p: shown_scene(p, **scene_options))
         if camera is None and kept.first:
             view, _ = _views(fitted(scene, traced, notes), fps)
         if notes.box is True:  # of the first frame, so that it stays
@@ -387,11 +387,6 @@ def _range_of(source: Any, name: str) -> tuple[float, float]:
     if not isinstance(source, Sequence):
         raise ValueError("range: expected (lo, hi) for frames that are not there yet, got None")
     return value_range(source, name)
-
-
-def _with_surface(particles: Particles, options: dict[str, Any]) -> dict[str, Any]:
-    """Arguments of `Scene`, with the surface that fits the particles where none is asked for."""
-    return {"surface": surface_of(particles, **options), **options}
 
 
 def _views(camera: Any, fps: float) -> tuple[Callable[[int], Camera], int | None]:

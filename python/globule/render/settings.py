@@ -28,7 +28,7 @@ from .lights import (
 from .materials import Material
 
 MAX_SAMPLES = 65536
-SMOOTH_EDGES = 3  # more samples at the edges of a smooth surface, where nothing else is asked for
+SMOOTH_EDGES = 3  # more samples at edges, by default, where a surface is smooth or of spheres
 
 
 def items(name: str, value: Any, expected: str) -> tuple:
@@ -66,10 +66,12 @@ class RenderSettings(Fixed):
             `Frame.color` in sRGB, clipped at 1, without `exposure`.
         transparent: whether `Frame.image` is RGBA. A pixel's alpha is the share of its rays that
             hit a surface or the ground; an image of several samples has smooth edges.
-        edge_samples: more rays, 0 to 64, for pixels beside a jump of distance or normal
-            (silhouettes, creases), in images of one scene without shadows, ambient rays, mirrors,
-            transmission, clips, sky and ground. Other images have `samples`. None: 3 for a scene
-            with a smooth surface, else 0.
+        edge_samples: more rays, 0 to 64, for pixels beside a jump of distance, normal or layer
+            (silhouettes, creases, cuts) in images of one sample a pixel. In images with shadows,
+            reflection, transmission, clips, sky, ground or several layers, pixels beside a jump of
+            color (a tenth of white as displayed, in any channel) have them too, unless the image is
+            `transparent` or has ambient rays. Images of more samples have no edge samples. None: 3
+            where a layer has a smooth surface or shows 2-D data, else 0.
 
     Raises TypeError and ValueError naming the field, the expected and the given value.
     """
@@ -141,6 +143,7 @@ class RenderSettings(Fixed):
                 "ground": self.ground._pack() if self.ground else None,
                 "depth": whole("bounces", self.bounces, 0, 32),
                 "edge_samples": whole("edge_samples", self.edge_samples or 0, 0, 64),
+                "edge_contrast": behind is None,
                 "cutoff": number("cutoff", self.cutoff, 0.0, 1.0),
                 "specular": number("specular", self.specular, 0.0),
                 "shininess": number("shininess", self.shininess, 0.0),
@@ -154,21 +157,24 @@ class RenderSettings(Fixed):
             _WHITE
         )
 
-    def _look(self, scene: Scene | Mesh, behind: float | None = None) -> Any:
-        """What the core takes for an image of `scene`; behind: as for `_pack`."""
+    def _look(self, scenes: Sequence[Scene | Mesh], behind: float | None = None) -> Any:
+        """What the core takes for an image of `scenes`; behind: as for `_pack`."""
         look = self._packed if behind is None else self._pack(behind)
         if self.ambient_distance is None and self.ambient_rays:
-            look = look.reaching(0.1 * extent_of(scene))
-        smooth = isinstance(scene, Scene) and scene.surface == "smooth"
-        if self.edge_samples is None and smooth:
+            look = look.reaching(0.1 * extent_of(scenes[0]))
+        if self.edge_samples is None and _has_edges(scenes):
             look = look.with_edges(SMOOTH_EDGES)
         return look
 
-    def _mixes(self, scene: Scene | Mesh) -> bool:
+    def _mixes(self, scenes: Sequence[Scene | Mesh]) -> bool:
         """Whether pixels at edges may be mixtures in an image of one sample."""
         own = self.edge_samples
-        smooth = isinstance(scene, Scene) and scene.surface == "smooth"
-        return bool(own) or (own is None and smooth)
+        return _has_edges(scenes) if own is None else own > 0
+
+
+def _has_edges(scenes: Sequence[Scene | Mesh]) -> bool:
+    """Whether edges have more samples by default."""
+    return any(isinstance(s, Scene) and s.surface != "balls" for s in scenes)
 
 
 def extent_of(scene: Scene | Mesh) -> float:
@@ -210,6 +216,13 @@ def for_values(settings: RenderSettings) -> RenderSettings:
     if settings.specular == _DEFAULT.specular:
         changes["specular"] = 0.0
     return replace(settings, material=material, **changes)
+
+
+def for_flat_data(settings: RenderSettings) -> RenderSettings:
+    """The settings for 2-D data: flat colors, where lights and ambient light are the defaults."""
+    if _light(settings) != _light(_DEFAULT):
+        return settings
+    return replace(settings, lights=(), ambient=1.0, tone=False)
 
 
 def as_settings(value: RenderSettings | Mapping[str, Any] | None) -> RenderSettings:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from .._base.checks import image_size, shown
+from ..scene.fluid import shows_flat
 from ..scene.thesis import Thesis
 from .annotate import (
     Annotation,
@@ -24,7 +25,7 @@ from .annotate import (
 from .camera import Camera, view_axes
 from .clips import ClipBox, ClipPlane, ClipSphere
 from .frame import Frame, _layers, fitted, render, save_png, values_of
-from .settings import RenderSettings, as_settings, for_values
+from .settings import RenderSettings, as_settings, for_flat_data, for_values
 
 VIEWS = ("front", "back", "left", "right", "side", "top", "bottom", "iso")
 _GAP = (128, 128, 128)
@@ -229,10 +230,12 @@ def render_views(
     grid = Grid(len(chosen), traced)
     names = ["" if isinstance(view, Camera) else view for view in chosen]
     settings = as_settings(settings)
+    layers = _layers(scene, clips, (color_by, colormap, range))
+    first, colors = layers[0].scene, None
+    if shows_flat(first):
+        settings = for_flat_data(settings)
     if color_by is not None:
         settings = for_values(settings)
-    layers = _layers(scene, clips, settings.material, (color_by, colormap, range))
-    first, colors = layers[0].scene, None
     cameras = view_cameras(first, chosen, grid.cell, up, annotation=annotate)
     frames = [render(layers, camera, grid.cell, settings, thesis=thesis) for camera in cameras]
     if color_by is not None:

@@ -1,4 +1,10 @@
-"""Whether particles look like those of one fluid, so that one smooth surface shows them best."""
+"""Which surface shows particles best, where nobody says which one:
+
+- "spheres" of half a spacing for 2-D data, i.e. at least 100 particles of equal z. Images show them
+  in flat colors, from above.
+- "smooth" for particles that look like those of one fluid (`fluid_like`).
+- "balls" for all others, and where a kernel, support, threshold or dense octree is asked for.
+"""
 
 from __future__ import annotations
 
@@ -56,8 +62,7 @@ def fluid_like(particles: Particles, scene: Scene | None = None) -> Likeness:
     for name in ("phase", "phases"):
         if name in particles.attributes and len(np.unique(particles.attributes[name])) > 1:
             return Likeness(False, "several phases")
-    positions = to_host(particles.positions)
-    inside = positions[(np.abs(positions) <= FARTHEST).all(axis=1)]
+    inside = _inside(particles)
     if len(inside) < FEWEST:
         return Likeness(False, f"fewer than {FEWEST} finite positions")
     size = np.ptp(inside, axis=0)
@@ -75,17 +80,77 @@ def fluid_like(particles: Particles, scene: Scene | None = None) -> Likeness:
     return Likeness(True, "even spacing, one fluid")
 
 
-def surface_of(particles: Particles, **options: object) -> str:
-    """ "smooth" or "balls": the surface that `render` draws of particles.
+def is_flat(particles: Particles) -> bool:
+    """Whether particles are 2-D data: at least 100, all finite ones at the same z."""
+    if len(particles) < FEWEST or particles.anisotropy is not None:
+        return False
+    inside = _inside(particles)
+    if len(inside) < FEWEST:
+        return False
+    size = np.ptp(inside, axis=0)
+    return bool(size[2] <= FLAT * size.max() and size.max() > 0)
+
+
+def flat_spacing(particles: Particles) -> float | None:
+    """The spacing of 2-D data, world units: the square root of the area of a particle, from the
+    density where three quarters of the particles are sparser (others lie at an edge); None where
+    that is nothing."""
+    inside = _inside(particles)
+    scene = Scene(Particles(inside), device="cpu")
+    radius = 2 * scene.spacing
+    if not radius > 0:
+        return None
+    some = inside[:: max(1, len(inside) // SAMPLES)][:SAMPLES]
+    offsets, index = scene.neighbors(some, radius)
+    row = np.repeat(np.arange(len(some)), np.diff(offsets).astype(np.int64))
+    apart = np.linalg.norm(inside[index].astype(np.float64) - some[row], axis=1) / radius
+    density = np.bincount(row, 1 - apart**2, len(some)) * 2 / (np.pi * radius**2)
+    return float(np.percentile(density, 75)) ** -0.5
+
+
+def surface_of(particles: Particles, **options: Any) -> str:
+    """ "smooth", "spheres" or "balls": the surface that `render` draws of particles.
 
     Args:
         particles: N particles.
         options: further arguments of `Scene`; a kernel, support, threshold or dense octree that is
             asked for makes it "balls".
     """
-    others = {"kernel": "murakami", "threshold": None, "support": None, "octree": "sparse"}
+    if not _plain(options):
+        return "balls"
+    if is_flat(particles):
+        return "spheres"
+    return "smooth" if fluid_like(particles).yes else "balls"
+
+
+def shows_flat(scene: object) -> bool:
+    """Whether a scene shows 2-D data as `render` does: seen from above, in flat colors."""
+    return isinstance(scene, Scene) and scene.surface == "spheres" and is_flat(scene.particles)
+
+
+def shown_scene(particles: Particles, **options: Any) -> Scene:
+    """The scene with the surface of `surface_of`; its own octree tells which one that is."""
+    if "surface" in options or not _plain(options) or len(particles) < FEWEST:
+        return Scene(particles, **options)
+    if is_flat(particles):
+        return Scene(particles, surface="spheres", spacing=flat_spacing(particles), **options)
+    scene = Scene(particles, **options)
+    if fluid_like(particles, scene).yes:
+        scene.become_smooth()
+    return scene
+
+
+def _plain(options: dict[str, Any]) -> bool:
+    """Whether arguments of `Scene` leave the surface open."""
+    others = {"kernel": "murakami", "threshold": None, "support": None}
     plain = all(options.get(name, usual) == usual for name, usual in others.items())
-    return "smooth" if plain and fluid_like(particles).yes else "balls"
+    return plain and options.get("octree") in (None, "sparse")
+
+
+def _inside(particles: Particles) -> np.ndarray:
+    """Positions on the host that are finite and not too far away."""
+    positions = to_host(particles.positions)
+    return positions[(np.abs(positions) <= FARTHEST).all(axis=1)]
 
 
 def _nearest(scene: Scene, points: np.ndarray, radius: float) -> np.ndarray:

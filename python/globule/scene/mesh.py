@@ -234,10 +234,16 @@ class Mesh:
                     self._color[1],
                     self._one_color,
                     self.solid,
+                    *self._radii,
                 )
                 core.place_mesh(_rows(self._pose))
                 self._on[key] = (core, self._version)
             return core
+
+    @property
+    def _radii(self) -> tuple[Any, ...]:
+        """For the core: whether faces are capsules, their radii or none, and one for all."""
+        return False, ABSENT.place, 0.0
 
     @property
     def _corners(self) -> tuple[Any, ...]:

@@ -62,7 +62,8 @@ class Particles:
     already have this form. GPU arrays must be C-contiguous float32 and are not copied.
 
     Args:
-        positions: (N, 3) float32, world. A particle whose position is not finite has no influence.
+        positions: (N, 3) float32, world; (N, 2) become (N, 3) with z = 0. A particle whose position
+            is not finite has no influence.
         support: radius at which a particle's kernel vanishes: float or (N,) float32, world, >= 0.
         weight: factor of the kernel: float or (N,) float32; may be negative.
         anisotropy: (N, 3, 3) float32, 1 / world: symmetric positive definite matrices G that make
@@ -197,6 +198,8 @@ def _positions(value: Any) -> Any:
     array = _numbers("positions", value)
     if array.shape == (0,):
         array = array.reshape(0, 3)
+    if array.ndim == 2 and array.shape[1] == 2:  # 2-D data: z is 0
+        array = np.concatenate([array, np.zeros((len(array), 1), array.dtype)], axis=1)
     if array.ndim != 2 or array.shape[1] != 3:
         raise ValueError(f"positions: expected shape (N, 3), got {array.shape}")
     return _float32(array)

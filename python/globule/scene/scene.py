@@ -35,9 +35,11 @@ DEFAULTS = {
     "wendland_c2": (2.75, 0.6),
     "solid": (2.2, 0.1),
 }
-SURFACES = ("balls", "smooth")
+SURFACES = ("balls", "smooth", "spheres")
 SMOOTH_SUPPORT = 2.25  # spacings: of a kernel inside the fluid, src/field/surface_kernels.hpp
 SMOOTH_THRESHOLD = 0.5
+# A ball alone has a radius of half a spacing, and hardly reaches farther: b(0.94868) is 0.01.
+SPHERE_SUPPORT, SPHERE_THRESHOLD = 0.5 / 0.94868, 0.01
 DEFAULT_COLOR = (0.28, 0.52, 0.80)
 MAX_PARTICLES = 2**31 - 64
 MAX_SUPPORT = 1e18  # past it squares overflow float32
@@ -80,7 +82,8 @@ class Scene:
             outside of the outermost particles (docs/design/surface.md). "smooth" is for particles
             of one fluid with one spacing; it replaces `support` and has the kernel murakami and
             the default threshold 0.5.
-            `surface_of` tells which of the two `render` takes.
+            "spheres": each particle is a sphere of half a spacing, with the kernel murakami and a
+            support of its own. `surface_of` tells which one `render` takes.
         spacing: of the particles for "smooth", world units: the cube root of a particle's volume.
             Default: the scene measures the spacing at its first build and keeps it.
 
@@ -116,13 +119,13 @@ class Scene:
         choice("kernel", kernel, KERNELS)
         choice("surface", surface, SURFACES)
         particles = as_particles("particles", particles)
-        smooth = surface == "smooth"
-        if smooth and (kernel, octree, support) != ("murakami", "sparse", None):
+        own = surface != "balls"
+        if own and (kernel, octree, support) != ("murakami", "sparse", None):
             raise ValueError(
-                "surface: 'smooth' has the kernel murakami, the sparse octree and supports of its "
-                f"own, got {kernel}, {octree} and support {shown(support)}"
+                f"surface: {surface!r} has the kernel murakami, the sparse octree and supports of "
+                f"its own, got {kernel}, {octree} and support {shown(support)}"
             )
-        if spacing is not None and not smooth:
+        if spacing is not None and not own:
             raise ValueError("spacing: expected surface='smooth' with it, got 'balls'")
         choice("octree", octree, ("sparse", "dense"))
         choice("key_bits", key_bits, (32, 64))
@@ -135,9 +138,8 @@ class Scene:
             expected = f"expected 0 to {deepest} ({octree}, {key_bits}-bit keys)"
             raise ValueError(f"level: {expected}, got {shown(level)}")
         self.kernel = kernel
-        default = SMOOTH_THRESHOLD if smooth else DEFAULTS[kernel][1]
-        self.threshold = default if threshold is None else threshold
         self.surface = surface
+        self.threshold = self._defaults[1] if threshold is None else threshold
         self.device = choose(device)
         self.builds = 0
         self._kernel = KERNELS.index(kernel)
@@ -189,6 +191,22 @@ class Scene:
                     self._build(self.particles)
         return self._raw
 
+    @property
+    def _defaults(self) -> tuple[float, float]:
+        """The support in spacings, and the threshold."""
+        own = {
+            "smooth": (SMOOTH_SUPPORT, SMOOTH_THRESHOLD),
+            "spheres": (SPHERE_SUPPORT, SPHERE_THRESHOLD),
+        }
+        return own.get(self.surface, DEFAULTS[self.kernel])
+
+    def become_smooth(self) -> None:
+        """Draw the smooth surface of the same particles, with the spacing that was measured."""
+        with self._lock:
+            self.surface, self._support, self._spacing = "smooth", None, self.spacing or None
+            self.threshold = SMOOTH_THRESHOLD
+            self._build(self.particles)
+
     def _build(self, p: Particles) -> None:
         """Sort them into the octree. If that stops half way, the scene keeps its particles and
         builds them again when it is next used."""
@@ -200,6 +218,8 @@ class Scene:
         smooth = self.surface == "smooth"
         if smooth:
             support, one_support = ABSENT, SMOOTH_SUPPORT * spacing if spacing else None
+        elif self.surface == "spheres":
+            support, one_support = ABSENT, SPHERE_SUPPORT * spacing if spacing else found
         elif p.anisotropy is not None:
             stretch, longest, most_stretch = self._stretch(p.anisotropy)
             support, one_support = view("support", longest, None), None
@@ -239,8 +259,7 @@ class Scene:
         if support is ABSENT and one_support is None:
             build(0.0)
             measured = self._raw.fluid_spacing() if smooth else self._raw.spacing()
-            spacings = SMOOTH_SUPPORT if smooth else DEFAULTS[self.kernel][0]
-            one_support = spacings * (measured or _guess_spacing(p, n))
+            one_support = self._defaults[0] * (measured or _guess_spacing(p, n))
             if measured and smooth:
                 spacing = measured
             elif measured:  # too few particles: found anew next time
@@ -287,7 +306,9 @@ class Scene:
     @property
     def spacing(self) -> float:
         """Median spacing of the particles, world units, measured around up to 1024 particles; 0 if
-        the scene has too few particles."""
+        the scene has too few particles. Of spheres, the spacing that they were made with."""
+        if self.surface == "spheres" and self._spacing:
+            return self._spacing
         return self._scene.spacing()
 
     @property

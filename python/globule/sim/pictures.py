@@ -11,7 +11,7 @@ import numpy as np
 from .._base.colormaps import colorize
 from ..formats.pictures.video import need_av
 from ..render.camera import Camera
-from ..render.frame import Frame, fit_camera, render
+from ..render.frame import Frame, fit_camera, render, scene_like
 from ..render.presets import preset
 from ..render.sequence import KeptScene, MovieFrames
 from ..render.settings import RenderSettings, for_values
@@ -75,7 +75,7 @@ class Eye:
         particles = sim.shown_particles
         speed = np.linalg.norm(particles.attributes["velocity"], axis=1)
         particles.color = colorize(speed, "viridis", *self.view.speeds)
-        return self._kept.show(particles, lambda p: Scene(p, device=sim.scene.device.name))
+        return self._kept.show(particles, lambda p: scene_like(sim.scene, p))
 
 
 class Pictures:

@@ -19,7 +19,6 @@ from .._base.checks import number, shown, thread_count
 from .._base.device import choose
 from .._base.interrupts import whole
 from ..scene.particles import Particles
-from ..scene.scene import DEFAULTS, KERNELS, Scene
 from . import checkpoint
 from .arrays import Arrays, check_finite, ids_of
 from .bodies import Body, bodies, scene_of_particles
@@ -30,6 +29,7 @@ from .operate import BondedTissue
 from .record import Record
 from .scene_file import SceneFile, as_dict, errors_of, read_scene
 from .settings import MAX_PHASES, SETTINGS, Phase, StepReport, phase_of, settings_of
+from .simulation_scene import SimulationScene
 from .steer import Steer
 from .steered import Kept, Named
 from .tools import Tool, Tools
@@ -42,41 +42,6 @@ SHORTEST, LONGEST = 1e-15, 1e3  # s, of a step
 _PARTS = ("file", "settings", "phases", "emitters", "scene", "arrays", "tissue", "tools", "steer",
           "record")  # fmt: skip
 _log = logging.getLogger(__name__)
-
-
-class _SimulationScene(Scene):
-    """The scene of a simulation: the same octree, brought up to date when it is traced."""
-
-    def __init__(self, simulation: Simulation, device: Any, threads: int, support: float):
-        self._simulation = simulation
-        self._own = _core.Scene(device.backend, device.index, threads)
-        self.device = device
-        self.kernel = "murakami"
-        self.threshold = DEFAULTS[self.kernel][1]
-        self._kernel = KERNELS.index(self.kernel)
-        self._support = self.support = support
-
-    @property
-    def _scene(self) -> Any:
-        return self._own
-
-    @property
-    def particles(self) -> Particles:  # type: ignore[override]  # read-only here
-        return self._simulation.particles
-
-    def __len__(self) -> int:
-        return len(self._simulation)
-
-    @property
-    def builds(self) -> int:  # type: ignore[override]  # read-only here
-        return self._simulation.n_steps
-
-    @property
-    def spacing(self) -> float:
-        return self._simulation.settings.spacing
-
-    def update(self, *_: Any, **__: Any) -> None:
-        raise TypeError("update: the scene of a simulation follows its particles")
 
 
 class Simulation:
@@ -99,7 +64,8 @@ class Simulation:
             `globule.sim.scene_file`.
 
     Attributes:
-        scene: a `gb.Scene` of the same memory, with the current particles.
+        scene: a `gb.Scene` of the same memory, with the current particles: one smooth surface where
+            a fluid is shown and no tissue, else the particles' balls (`scene.surface`).
         settings: `Settings`: gravity, and the steps of the solver.
         phases: the materials, `Phase`s by name.
         emitters: `Emitter`s by name.
@@ -148,8 +114,7 @@ class Simulation:
         self._settings_sent: dict[str, Any] = {}
         self._had_sinks = False
         chosen = choose(device)
-        support = 2.0 * self.settings.spacing
-        self.scene = _SimulationScene(self, chosen, thread_count(threads), support)
+        self.scene = SimulationScene(self, chosen, thread_count(threads))
         self._core = _core.Simulation(self.scene._own)
         self.arrays: Arrays = Arrays(self)
         self.tissue: BondedTissue = BondedTissue(self)

@@ -1,0 +1,275 @@
+"""One image of `globule render`: read, built, traced, written and reported."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import functools
+import time
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from .._base.device import choose
+from ..formats.kind import kind_of
+from ..render.annotate import Colors
+from ..render.camera import Camera
+from ..render.frame import Frame, render, save_png, values_of
+from ..scene.fluid import shown_scene
+from ..scene.mesh import Mesh
+from ..scene.particles import Particles
+from ..scene.scene import Scene
+from ..scene.thesis import Thesis
+from . import annotation, light, look, sequence, tracing
+from .shared import Progress, count, mistakes
+
+SAMPLES = 20_000  # particles at which the highest field is looked for
+
+
+class Subject(NamedTuple):
+    """What an image shows of its file."""
+
+    scene: Scene | Mesh
+    kept: np.ndarray  # indices in the file of the particles that are left
+    particles: Particles | None
+    ends: tuple[float, float] | None  # values at the ends of the color map
+    n: int  # particles in the file
+    build_seconds: Callable[[], float]
+
+
+def picture(
+    options: argparse.Namespace,
+    lit: light.Light,
+    notes: annotation.Notes,
+    thesis: Thesis | None,
+    progress: Progress,
+    series: sequence.Series,
+    i: int,
+    path: str,
+    image: str,
+    aov: str | None,
+    cameras: Callable[[Any, Any], list[Camera]],
+) -> dict[str, Any] | None:
+    """Make the image of one file, and return its report; None if the image is there already.
+
+    cameras: of a scene and the points around, those of all views.
+    """
+    start = time.perf_counter()
+    progress.step(f"reading {path}")
+    shape, found = series.read()
+    messages = list(found)
+    read_seconds = time.perf_counter() - start
+    progress.step(f"building {path}")
+    with mistakes():
+        if isinstance(shape, Mesh):
+            subject = _mesh(options, shape)
+        else:
+            subject = _particles(options, series, path, shape, messages)
+        scene = subject.scene
+        lit.layers(scene)
+        lit.place(path, i)
+        views = series.cameras(i, scene, cameras)
+    if series.finished(image, aov):
+        return None
+    frames, trace_seconds = _traced(options, lit, notes, progress, path, scene, views, thesis)
+    hits = sum(int(frame.mask.sum()) for frame in frames)
+    messages += lit.messages + _notices(options, lit, thesis, subject, hits)
+    progress.step(f"writing {image}")
+    written = time.perf_counter()
+    with mistakes():
+        colors = None
+        if options.color_by and subject.particles is not None:
+            assert subject.ends is not None
+            colors = Colors(options.colormap, *subject.ends, options.color_by)
+            if lit.settings(scene).is_flat:
+                name, ends = options.color_by, subject.ends
+                shown = values_of(subject.particles, name, options.colormap, ends)
+                for one in frames:
+                    one._values = shown[:4]
+        series.prepare()
+        if aov:
+            frames[0].save(aov)
+        save_png(image, notes.picture(i, frames, views, colors, series.box))
+    end = time.perf_counter()
+    series.warn(messages, progress)
+    times = {
+        "read": read_seconds, "build": subject.build_seconds(), "trace": trace_seconds,
+        "write": end - written, "total": end - start,
+    }  # fmt: skip
+    report = {
+        "input": path, "images": [image], "aov": aov, "size": options.size,
+        "samples": frames[0].samples, "times": times, "warnings": messages,
+        **_facts(options, subject, hits),
+    }  # fmt: skip
+    if options.pick:
+        report["picked"] = lit.picked(frames[0], subject.kept)
+    return report
+
+
+def _particles(
+    options: argparse.Namespace,
+    series: sequence.Series,
+    path: str,
+    particles: Particles,
+    messages: list[str],
+) -> Subject:
+    """The scene of a file's particles that have a position, in their colors."""
+    finite = np.isfinite(particles.positions).all(axis=1)
+    n, n_lost = len(particles), int((~finite).sum())
+    if n == 0:
+        messages.append(f"{path} holds no particles: the image is all background")
+    if n_lost:
+        left_out = "have" if n_lost > 1 else "has"
+        messages.append(f"{n_lost:,} of {count(n)} {left_out} no finite position, left out")
+        particles = particles[finite]
+    ends = None
+    if options.color_by:
+        particles.color, ends = look.color_by(options, path, particles, messages)
+    support, depth = tracing.support_and_depth(options, particles)
+    if options.anisotropic:
+        particles, support = look.stretched(options, particles), None
+    scene = series.scene(particles, functools.partial(_scene, options, support, depth))
+    kept = np.flatnonzero(finite)
+    return Subject(scene, kept, particles, ends, n, lambda: scene.octree.build_seconds)
+
+
+def _mesh(options: argparse.Namespace, mesh: Mesh) -> Subject:
+    """A file's triangles, on the device."""
+    start = time.perf_counter()
+    mesh.build(choose(options.device))
+    seconds = time.perf_counter() - start
+    return Subject(mesh, np.empty(0, np.int64), None, None, 0, lambda: seconds)
+
+
+def _notices(
+    options: argparse.Namespace,
+    lit: light.Light,
+    thesis: Thesis | None,
+    subject: Subject,
+    hits: int,
+) -> list[str]:
+    """What a user should know about the image."""
+    scene, particles = subject.scene, subject.particles
+    if isinstance(scene, Mesh) or particles is None:
+        return [] if hits else ["no pixel hits the mesh: the camera looks past it, try --fit"]
+    found = []
+    if thesis:
+        found += [tracing.why_cut(scene), tracing.why_dust(options, particles, scene)]
+    n_inside = scene.octree.n_inside
+    if n_outside := len(particles) - n_inside:
+        found.append(f"{n_outside:,} of {count(subject.n)} outside the octree, left out")
+    if n_inside and not hits:
+        found.append(why_empty(scene, lit.clips))
+    return [message for message in found if message]
+
+
+def _facts(options: argparse.Namespace, subject: Subject, hits: int) -> dict[str, Any]:
+    """The part of the report that depends on the kind of file."""
+    scene = subject.scene
+    if isinstance(scene, Mesh):
+        return {
+            "device": choose(options.device).description,
+            "closed": scene.closed,
+            "counts": {"triangles": len(scene), "hits": hits},
+        }
+    tree = scene.octree
+    facts: dict[str, Any] = {
+        "device": scene.device.description,
+        "root": options.root,
+        "kernel": scene.kernel,
+        "threshold": scene.threshold,
+        "surface": scene.surface,
+        "support": _one_number(scene.support),
+        "spacing": scene.spacing or None,
+        "memory": {"octree": tree.bytes},
+        "counts": {
+            "particles": subject.n,
+            "inside": tree.n_inside,
+            "outside": subject.n - tree.n_inside,
+            "nodes": tree.n_nodes,
+            "leaves": tree.n_leaves,
+            "hits": hits,
+        },
+    }
+    if options.json:
+        facts["hashes"] = {"key_hash": tree.key_hash, "node_hash": tree.node_hash}
+    return facts
+
+
+def _traced(
+    options: argparse.Namespace,
+    lit: light.Light,
+    notes: annotation.Notes,
+    progress: Progress,
+    path: str,
+    scene: Scene | Mesh,
+    views: Sequence[Camera],
+    thesis: Thesis | None,
+) -> tuple[list[Frame], float]:
+    """A frame for each view of a scene with all that the options put beside it, and the device's
+    seconds."""
+    progress.step(f"tracing {path}")
+    with mistakes():
+        settings = lit.settings(scene)
+        first = dataclasses.replace(settings, samples=1)
+        if settings.samples > 1:
+            first = dataclasses.replace(first, edge_samples=0)
+        layers = lit.layers(scene)
+        frames = [render(layers, view, notes.size, first, thesis=thesis) for view in views]
+        seconds = sum(frame.trace_seconds for frame in frames)
+        for k in range(2, settings.samples + 1):  # one by one, for progress and Ctrl-C
+            progress.show(f"tracing {path}: sample {k} of {settings.samples}")
+            seconds += sum(frame.refine().trace_seconds for frame in frames)
+    return frames, seconds
+
+
+def _scene(
+    options: argparse.Namespace, support: float | None, depth: int | None, particles: Particles
+) -> Scene:
+    """The scene of the particles, as the options ask for."""
+    surface, spacing = options.surface, options.particle_spacing
+    volume = any(kind_of(path).kind == "volume" for path in options.particles)
+    if surface == "auto" and (volume or options.preset == "thesis"):  # voxels; the source's balls
+        surface = "balls"
+    elif surface == "auto" and spacing:
+        surface = "smooth"
+    asked = {
+        "kernel": options.kernel, "threshold": options.threshold, "support": support,
+        "key_bits": options.key_bits, "level": depth, "octree": options.octree,
+        "device": options.device, "threads": options.threads,
+    }  # fmt: skip
+    with tracing.octree_mistakes():
+        if surface == "auto":
+            return shown_scene(particles, **asked)
+        return Scene(particles, surface=surface, spacing=spacing, **asked)
+
+
+def _one_number(support: Any) -> Any:
+    """The support of all particles, or the smallest and the largest."""
+    if np.ndim(support) == 0:
+        return float(support)
+    return [float(support.min()), float(support.max())] if len(support) else None
+
+
+def why_empty(scene: Scene, clips: Sequence[Any]) -> str:
+    """Why the image shows no surface, and how to fix that."""
+    from ..scene.query import field
+
+    positions = scene.particles.positions
+    taken: np.ndarray = np.zeros(len(positions), bool)
+    for clip in clips:
+        taken |= clip.takes(positions)
+    if taken.all():
+        return "no pixel hits the surface: the cuts take all particles away"
+    values = field(scene, positions[:: 1 + len(positions) // SAMPLES])
+    highest = float(values.max())
+    if highest > scene.threshold:
+        return "no pixel hits the surface: the camera looks past it, try --fit"
+    problem = (
+        f"no pixel hits the surface: threshold {scene.threshold:g} is above the highest field "
+        f"at the particles, {highest:.3g}"
+    )
+    if highest <= 0:
+        return f"{problem}; the weights leave no field above 0"
+    return f"{problem}; try --threshold {0.5 * float(np.median(values[values > 0])):.2g}"

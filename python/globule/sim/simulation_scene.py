@@ -1,0 +1,81 @@
+"""The scene of a simulation: the memory that is simulated, ready to be traced."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from .. import _core
+from .._base.checks import positive
+from ..scene.particles import Particles
+from ..scene.scene import DEFAULTS, KERNELS, SMOOTH_SUPPORT, SMOOTH_THRESHOLD, Scene
+
+if TYPE_CHECKING:
+    from .simulation import Simulation
+
+
+class SimulationScene(Scene):
+    """The particles of a simulation as they are now; the octree is brought up to date when it is
+    traced.
+
+    Where images show a fluid and no tissue, the scene has the smooth surface of particles of the
+    simulation's spacing, around all that is shown; else each particle's ball. The threshold
+    follows the surface until a program assigns one.
+    """
+
+    def __init__(self, simulation: Simulation, device: Any, threads: int):
+        self._simulation = simulation
+        self._own = _core.Scene(device.backend, device.index, threads)
+        self.device = device
+        self.kernel = "murakami"
+        self._kernel = KERNELS.index(self.kernel)
+        self._chosen: float | None = None  # threshold
+
+    @property
+    def _scene(self) -> Any:
+        self._simulation._core.draw_smooth(self.surface == "smooth")
+        return self._own
+
+    @property
+    def surface(self) -> str:  # type: ignore[override]  # read-only here
+        """ "smooth" or "balls"."""
+        kinds = {phase.kind for phase in self._simulation.phases.values() if phase.shown}
+        return "smooth" if "fluid" in kinds and "tissue" not in kinds else "balls"
+
+    @property
+    def support(self) -> float:  # read-only here
+        """Of each particle inside the matter, m."""
+        spacings = SMOOTH_SUPPORT if self.surface == "smooth" else DEFAULTS[self.kernel][0]
+        return spacings * self.spacing
+
+    @property
+    def threshold(self) -> float:
+        """Iso-value of the surface, > 0. A new value applies from the next image on."""
+        if self._chosen is not None:
+            return self._chosen
+        return SMOOTH_THRESHOLD if self.surface == "smooth" else DEFAULTS[self.kernel][1]
+
+    @threshold.setter
+    def threshold(self, value: float) -> None:
+        self._chosen = positive("threshold", value)
+
+    @property
+    def particles(self) -> Particles:  # type: ignore[override]  # read-only here
+        """As `Simulation.particles`."""
+        return self._simulation.particles
+
+    def __len__(self) -> int:
+        return len(self._simulation)
+
+    @property
+    def builds(self) -> int:  # type: ignore[override]  # read-only here
+        """Steps so far."""
+        return self._simulation.n_steps
+
+    @property
+    def spacing(self) -> float:
+        """Of the simulation, m."""
+        return self._simulation.settings.spacing
+
+    def update(self, *_: Any, **__: Any) -> None:
+        """Refused: raises TypeError."""
+        raise TypeError("update: the scene of a simulation follows its particles")
