@@ -21,8 +21,8 @@ PAGE = """\
 # Physics, checked
 
 Made by `globule bench physics -o docs`: {n} truths, {n_met} met; {machine}.
-The experiments are `globule.bench.physics_fluid`, `physics_tissue` and `physics_solid`; the tests run
-the small ones.
+The experiments are `globule.bench.physics_fluid`, `physics_tissue` and `physics_solid`; the tests
+run the small ones.
 A truth with a limit instead of a value (compression, drift) lists the limit as expected.
 
 {table}
