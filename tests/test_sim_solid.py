@@ -120,7 +120,7 @@ def test_what_cannot_have_a_gradient_holds_by_springs(backend):
     lone = np.full((1, 3), 0.2, np.float32)
     x = np.concatenate([sheet, chain, lone])
     tissue = truths.solid(x, **backend)
-    assert tissue.elastic_energy == 0
+    assert tissue.elastic_energy < 1e-15
     tissue.velocities = np.random.default_rng(0).normal(0, 0.02, x.shape)
     for _ in range(30):
         tissue.advance(1 / 60)
