@@ -43,6 +43,10 @@ void bind_tissue(nb::module_& m) {
             a.length = at<const float>(item<Address>(d, "length"));
             a.stiffness = at<const float>(item<Address>(d, "stiffness"));
             a.contact = item<float>(d, "contact");
+            if (d.contains("lame")) {
+                a.lame = at<const float>(item<Address>(d, "lame"));
+                a.frequency = item<float>(d, "frequency");
+            }
             call<&Tissue::add>(s.core, a);
         })
         .def("materials", [](PyTissue& s, std::vector<float> damping, std::vector<float> tear, std::vector<float> yield,

@@ -27,6 +27,8 @@ struct TissueArrays {
     const float* length;                 ///< m
     const float* stiffness;              ///< N/m
     float contact;                       ///< m, distance that cut faces keep: the spacing
+    const float* lame = nullptr;         ///< (2, n) volume times μ and volume times λ, J, of a solid (sim/solid.hpp); null: bonds alone
+    float frequency = 0.0f;              ///< 1/s, of the solid's stiffest motion
 };
 
 struct TissueStep {

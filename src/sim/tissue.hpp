@@ -10,6 +10,7 @@
 #include "sim/pieces.hpp"
 #include "sim/pressure.hpp"
 #include "sim/bond_blocks.hpp"
+#include "sim/solid.hpp"
 
 namespace globule::core {
 
@@ -20,7 +21,8 @@ public:
         : exec_(exec), at_(exec), next_(exec), velocity_(exec), acceleration_(exec), pull_(exec), before_(exec), rest_(exec), id_(exec),
           slot_(exec), hold_(exec), phase_(exec), scarred_(exec), touched_(exec), first_(exec), other_(exec), length_(exec), stiffness_(exec), vessel_(exec),
           volume_(exec), wetness_(exec), lambda_(exec), label_(exec), least_id_(exec), piece_(exec), count_(exec), of_id_(exec),
-          vertices_(exec), triangles_(exec), asking_(exec), found_(exec), spent_(exec), energy_(exec) {}
+          vertices_(exec), triangles_(exec), asking_(exec), found_(exec), spent_(exec), energy_(exec), rest_at_(exec), rows_(exec),
+          lame_(exec), correction_(exec), frequency_(exec) {}
 
     int device() const noexcept override { return exec_.device(); }
     Interrupt* whole() noexcept override { return &exec_.interrupt(); }
@@ -34,7 +36,10 @@ public:
 
     void add(const TissueArrays& in) override {
         if (in.n == 0) return;
+        if (n_ > 0 && is_solid_ != (in.lame != nullptr))
+            throw Refused("tissue: expected bodies of one model, got solids beside bonds");
         disturbed();
+        is_solid_ = in.lame != nullptr;
         contact_ = in.contact;
         const std::uint32_t before = ceil_div<std::uint32_t>(n_, tissue::kBlock) * tissue::kBlock, old = n_;
         const BondBlocks blocks(in, before, n_entries_);
@@ -46,6 +51,7 @@ public:
         }
         extend(at_, old, before, at.data(), in.n, Quad{0, 0, 0, 0});
         extend(velocity_, old, before, velocity.data(), in.n, Quad{0, 0, 0, 0});
+        if (is_solid_) add_solid(in, old, before, at);
         extend(id_, old, before, in.ids, in.n, tissue::kNobody);
         extend(hold_, old, before, in.hold, in.n, tissue::kGone);
         extend(phase_, old, before, in.phase, in.n, std::uint8_t(0));
@@ -80,6 +86,7 @@ public:
     /// Moves the tissue by its own forces alone.
     int advance(const TissueStep& step) override {
         if (n_ == 0) return 0;
+        if (is_solid_ && step.iterations != 1) throw Refused("iterations: expected 1 for a solid, got " + std::to_string(step.iterations));
         exec_.for_each(n_, tissue::Accelerate{acceleration_.data(), pulled_ ? pull_.data() : nullptr, step.gravity});
         return take_substeps(step.dt, step.substeps, step.iterations);
     }
@@ -146,7 +153,12 @@ public:
     double elastic_energy() override {
         if (n_ == 0) return 0.0;
         double sum, *out = energy_.reserve(1);
-        exec_.reduce_in_order(n_, tissue::EnergyOf{bonds(), at_.data()}, sim::AddDouble{}, 0.0, out);
+        if (is_solid_) {
+            correct();
+            exec_.reduce_in_order(n_, tissue::SolidEnergy{bonds(), solid(), at_.data()}, sim::AddDouble{}, 0.0, out);
+        } else {
+            exec_.reduce_in_order(n_, tissue::EnergyOf{bonds(), at_.data()}, sim::AddDouble{}, 0.0, out);
+        }
         exec_.download(&sum, out, sizeof sum);
         return sum;
     }
@@ -195,6 +207,8 @@ public:
         disturbed();
         if (name == "hold") n_ = std::uint32_t(bytes);
         if (name == "other") n_entries_ = std::uint32_t(bytes / 4);
+        if (name == "hold") is_solid_ = false;
+        if (name == "rest") is_solid_ = bytes > 0;
         each_array([&](const char* its, auto& buffer, std::size_t n) {
             if (name != its) return;
             const std::size_t wanted = n * sizeof *buffer.data();
@@ -325,7 +339,52 @@ private:
     tissue::Members members() { return {of_id_.data(), n_ids_}; }
     double drop_volume() const { return std::pow(double(contact_), 3); }
 
+    tissue::Solid solid() { return {rest_at_.data(), lame_.data(), correction_.data(), rows_.data(), stride(), contact_}; }
+    std::uint32_t stride() const { return ceil_div<std::uint32_t>(n_, tissue::kBlock) * tissue::kBlock; }
+    /// Positions at rest, and what particles are made of, beside those of other bodies.
+    void add_solid(const TissueArrays& in, std::uint32_t old, std::uint32_t before, const std::vector<Quad>& at) {
+        extend(rest_at_, old, before, at.data(), in.n, Quad{0, 0, 0, 0});
+        const std::uint32_t all = before + ceil_div<std::uint32_t>(in.n, tissue::kBlock) * tissue::kBlock, was = stride();
+        std::vector<float> lame(2 * std::size_t(all), 0.0f), earlier(2 * std::size_t(was));
+        if (was) exec_.download(earlier.data(), lame_.data(), earlier.size() * sizeof(float));
+        for (int k = 0; k < 2; ++k) {
+            std::copy_n(earlier.data() + k * std::size_t(was), was, lame.data() + k * std::size_t(all));
+            std::copy_n(in.lame + k * std::size_t(in.n), in.n, lame.data() + k * std::size_t(all) + before);
+        }
+        put(lame_, lame.data(), lame.size());
+        float most = in.frequency, other = 0.0f;
+        if (was) exec_.download(&other, frequency_.data(), sizeof other);
+        most = std::max(most, other);
+        put(frequency_, &most, 1);
+        exec_.synchronize();
+    }
+    /// After bonds went, what is made of the whole ones.
+    void correct() {
+        if (corrected_) return;
+        corrected_ = true;
+        exec_.for_each(n_, tissue::Correct{bonds(), solid(), at_.data()});
+    }
+
+    /// Symplectic: exact at rest, and energy neither grows nor decays.
+    int take_solid_substeps(float whole_dt, int asked) {
+        moved();
+        const int n_substeps = asked > 0 ? asked : substeps(whole_dt);
+        const float dt = whole_dt / float(n_substeps);
+        correct();
+        Quad *at = at_.data(), *next = next_.data();
+        for (int s = 0; s < n_substeps; ++s) {
+            shapes_.move(dt);
+            exec_.for_each_packet(n_, tissue::Strain{bonds(), solid(), at});
+            exec_.for_each_packet(n_, tissue::Push{bonds(), solid(), at, next, velocity_.data(), acceleration_.data(), hold_.data(), phase_.data(),
+                                                   materials_, motions_, shapes_, dt});
+            std::swap(at, next);
+        }
+        if (at != at_.data()) at_.swap(next_);
+        return n_substeps;
+    }
+
     int take_substeps(float whole_dt, int asked, int iterations) {
+        if (is_solid_) return take_solid_substeps(whole_dt, asked);
         moved();
         const int n_substeps = asked > 0 ? asked : substeps(whole_dt);
         const float dt = whole_dt / float(n_substeps);
@@ -390,7 +449,7 @@ private:
     }
     void scar(std::uint32_t n) {
         n_scars_ += n;
-        if (n) pieces_known_ = false;
+        if (n) pieces_known_ = corrected_ = false;
     }
 
     /// Everything that lasts, with the number of its items.
@@ -398,6 +457,9 @@ private:
     void each_array(const Fn& fn) {
         fn("hold", hold_, n_);
         fn("other", other_, n_entries_);
+        fn("rest", rest_at_, is_solid_ ? n_ : 0);
+        fn("lame", lame_, is_solid_ ? 2 * stride() : 0);
+        fn("frequency", frequency_, is_solid_ ? 1 : 0);
         fn("at", at_, n_);
         fn("velocity", velocity_, n_);
         fn("phase", phase_, n_);
@@ -428,8 +490,16 @@ private:
             if (ids[t] != tissue::kNobody) of_id[ids[t]] = t;
         put(of_id_, of_id.data(), of_id.size());
         exec_.synchronize();
-        pieces_known_ = pulled_ = false;
-        fastest_ = fastest_bond();
+        pieces_known_ = pulled_ = corrected_ = false;
+        if (!is_solid_) {
+            fastest_ = fastest_bond();
+            return;
+        }
+        rows_.reserve(3 * std::size_t(stride()));
+        exec_.clear(correction_.reserve(6 * std::size_t(stride())), 6 * std::size_t(stride()) * sizeof(float));
+        float frequency;
+        exec_.download(&frequency, frequency_.data(), sizeof frequency);
+        fastest_ = frequency;  // stable up to twice that step: what is strained is stiffer
     }
     /// Square root of the largest κ / α, from what is stored.
     double fastest_bond() {
@@ -502,6 +572,9 @@ private:
     Buffer<double, Exec> energy_;
     std::function<void()> before_use_;
     bool broken_ = false;
+    bool is_solid_ = false, corrected_ = false;  ///< not bonds alone; no bond went since the corrections
+    Buffer<Quad, Exec> rest_at_, rows_;
+    Buffer<float, Exec> lame_, correction_, frequency_;
 };
 
 /// Tissue alone, with its own means.

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from .._base.arrays import address
 from ..scene.particles import Particles
 from ..scene.scene import Scene
+
+if TYPE_CHECKING:
+    from .solids import Elasticity
 
 REACH = 1.5  # spacings: 18 neighbors on a cubic lattice
 _LATTICE_SQUARES = 30.0  # Σ L² / d² over those 18
@@ -135,10 +138,11 @@ def morton_order(positions: np.ndarray, spacing: float) -> np.ndarray:
 
 def add_body(
     core: Any, positions: np.ndarray, ids: np.ndarray, bonds: Bonds, hold: np.ndarray,
-    phase: np.ndarray, mass: Any, spacing: float,
+    phase: np.ndarray, mass: Any, spacing: float, solid: Elasticity | None = None,
 ) -> None:  # fmt: skip
     """Add a body to the core's tissue; all arrays are (N, ...) in its own order. hold: (N,) FREE,
-    FIXED ...; mass: kg, one or (N,); spacing: m, at which particles touch."""
+    FIXED ...; mass: kg, one or (N,); spacing: m, at which particles touch; solid: None: bonds
+    alone."""
     n = len(ids)
     movable = hold == 0
     inverse_mass = np.where(movable, 1 / np.asarray(mass, np.float64), 0)
@@ -154,4 +158,7 @@ def add_body(
         "length": bonds.length,
         "stiffness": bonds.stiffness,
     }
-    core.add({"n": n, "contact": spacing, **{k: address(a) for k, a in arrays.items()}})
+    numbers: dict[str, Any] = {"n": n, "contact": spacing}
+    if solid is not None:
+        arrays["lame"], numbers["frequency"] = solid.arrays(mass, spacing)
+    core.add({**numbers, **{k: address(a) for k, a in arrays.items()}})

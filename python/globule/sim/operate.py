@@ -17,6 +17,7 @@ from .bonds import add_body, along, build_bonds, morton_order
 from .part import Part
 from .rigidity import young_of_rigidity
 from .scene_file import Vessel, as_dict
+from .solids import POISSON, check_model, elasticity
 from .tissue import BALL, FIXED, FREE, GONE, cut
 
 if TYPE_CHECKING:
@@ -41,7 +42,10 @@ class BondedTissue(Part):
         return self._sim._core.tissue()
 
     @whole
-    def bond(self, ids: Any, young: Any = None, fixed: Any = None) -> None:
+    def bond(
+        self, ids: Any, young: Any = None, fixed: Any = None, model: str = "bonds",
+        poisson: Any = None,
+    ) -> None:  # fmt: skip
         """Make one elastic body: bonds connect all particles closer than 1.5 spacings.
 
         Args:
@@ -49,10 +53,17 @@ class BondedTissue(Part):
                 fixed, and move with the boundary.
             young: Young's modulus, Pa, one or (M,); None: brain, 2.5 kPa.
             fixed: (M,) bool; whether a particle is fixed.
+            model: "bonds" or "solid" (`globule.sim.tissue.Tissue`); the same of all bodies.
+            poisson: Poisson's ratio of a solid, 0 to 0.49, one or (M,); None: 0.45.
 
         Raises:
-            ValueError: unknown ids; a modulus that is not positive; particles that nearly coincide.
+            ValueError: unknown ids; a modulus that is not positive; particles that nearly coincide;
+                another model, or another than that of the simulation's bodies; a Poisson ratio
+                outside of its range or of bonds; a solid of a phase whose strain stays.
         """
+        check_model(model)
+        if poisson is not None and model != "solid":
+            raise ValueError('poisson: expected model "solid", got "bonds" (whose ratio is 1/4)')
         sim = self._sim
         sim._send()
         ids = ids_of(ids)
@@ -77,10 +88,18 @@ class BondedTissue(Part):
         if fixed is not None:
             hold[np.asarray(fixed, bool)] = FIXED
         density = np.array([p.density for p in sim.phases.values()])[phase]
+        if model == "solid" and any(p.plastic for p in phases_of(sim, phase)):
+            raise ValueError('plastic: expected 0 of model "solid", whose strain never stays')
+        material = None
+        if model == "solid":
+            nu = np.asarray(POISSON if poisson is None else poisson, np.float64)
+            if nu.shape not in ((), ids.shape):
+                raise ValueError(f"poisson: expected one number or {ids.shape}, got {nu.shape}")
+            material = elasticity(each[order], nu[order] if nu.ndim else nu, len(ids))
         bonds = build_bonds(positions[order], d, each[order])
         add_body(
             self._core, positions[order], ids[order], bonds, hold[order], phase[order],
-            (density * d**3)[order], d,
+            (density * d**3)[order], d, material,
         )  # fmt: skip
 
     @whole
@@ -231,6 +250,12 @@ class BondedTissue(Part):
             vessel = self.vessels[k - 1]
             which = self._sim._phase(vessel.fluid)
             core.set_vessel(k, vessel.pressure * CONDUCTANCE, float(pool), which)
+
+
+def phases_of(sim: Simulation, phase: np.ndarray) -> list[Any]:
+    """The phases that occur among these numbers."""
+    phases = list(sim.phases.values())
+    return [phases[k] for k in np.unique(phase)]
 
 
 def _first_ends(first: np.ndarray, n: int) -> np.ndarray:

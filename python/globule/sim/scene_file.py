@@ -42,6 +42,7 @@ from .schema import (
     whole,
 )
 from .shapes import Box, Cylinder, Plane, Sphere
+from .solids import MODELS, MOST_POISSON
 from .sources import DistanceFile, MeshFile, ParticleFile, Tomography, check_files
 from .toml_lines import key_lines
 
@@ -151,6 +152,8 @@ class Solid(Table):
     density: float = key(density, 1040.0)
     young: float | None = key(number(1e-3, 1e13), None)  # Pa
     rigidity: float | None = key(number(above=0.0, most=0.999), None)
+    model: str = key(choice(*MODELS), "bonds")
+    poisson: float | None = key(number(0.0, MOST_POISSON), None)  # of a solid; None: POISSON
     viscosity: float = key(number(0.0, 1e9), 0.0)  # Pa s
     implicit: bool | None = key(switch, None)
     surface_tension: float = key(number(0.0, 1e3), 0.0)  # N/m: fluids stick to it
@@ -172,6 +175,10 @@ class Solid(Table):
             self.implicit = self.viscosity >= IMPLICIT_FROM
         if self.young is not None and self.rigidity is not None:
             raise ValueError("expected young or rigidity, got both")
+        if self.model != "solid" and self.poisson is not None:
+            raise ValueError('poisson: expected model = "solid" beside it, got "bonds"')
+        if self.model == "solid" and self.plastic:
+            raise ValueError(f'plastic: expected 0 of model "solid", got {self.plastic:g}')
 
 
 @dataclass(kw_only=True)

@@ -135,7 +135,8 @@ class Simulation:
         scene = self.file
         for body, ids in added:
             if body.kind == "tissue":
-                self.tissue.bond(ids, body.young, body.fixed)
+                table = body.table
+                self.tissue.bond(ids, body.young, body.fixed, table.model, table.poisson)
         for vessel in scene.vessels:
             self.tissue.add_vessel(vessel)
         empty = {body.name for body, ids in added if not len(ids)}

@@ -102,6 +102,11 @@ def check_tissue(
     _check_ends(n, first, other, bonds["length"])
     ends = np.repeat(np.arange(len(steps)), steps)  # blocks; at.w is the inverse of the mass
     lane = (np.arange(len(other)) - first[ends]) % _BLOCK
+    if "tissue_rest" in state:
+        _check_solid(state, n, longest)
+        if (bonds["stiffness"] < 0).any():
+            raise ValueError("tissue_stiffness: expected stiffnesses of at least 0")
+        return
     light = t["at"].reshape(-1, 4)[:, 3].astype(np.float64)
     if (light < 0).any() or (bonds["stiffness"] < 0).any():
         raise ValueError("tissue_stiffness: expected masses and stiffnesses of at least 0")
@@ -109,6 +114,17 @@ def check_tissue(
     rates = bonds["stiffness"] * (light[mine] + light[other])
     if longest * np.sqrt(rates.max(initial=0.0)) > MOST_SUBSTEPS:
         raise ValueError(f"tissue_stiffness: expected at most {MOST_SUBSTEPS:,} substeps a step")
+
+
+def _check_solid(state: Mapping[str, np.ndarray], n: int, longest: float) -> None:
+    """What a solid has beside its bonds."""
+    _check_length("rest", _numbers(state, "rest", "4f4"), n)
+    lame, frequency = _numbers(state, "lame", "f4"), _numbers(state, "frequency", "f4")
+    _check_length("lame", lame, 2 * _BLOCK * -(-n // _BLOCK))
+    _check_length("frequency", frequency, 1)
+    if (lame < 0).any() or not 0 < longest * frequency[0] <= MOST_SUBSTEPS:
+        expected = f"expected positive moduli and at most {MOST_SUBSTEPS:,} substeps a step"
+        raise ValueError(f"tissue_lame: {expected}")
 
 
 def _check_ends(n: int, first: np.ndarray, other: np.ndarray, length: np.ndarray) -> None:

@@ -11,6 +11,7 @@ from .._base.arrays import address
 from .._base.device import choose
 from .blade import Blade, as_blade
 from .bonds import add_body, build_bonds, morton_order
+from .solids import POISSON, check_model, elasticity
 
 FREE, FIXED, GONE, GRASPED = 0, 1, 2, 3
 BALL, CAPSULE, HALF_SPACE = 0, 1, 2
@@ -31,9 +32,13 @@ class Tissue:
         creep: rate at which the excess strain becomes permanent, 1/s.
         body: (N,) numbers; particles of different bodies are not bonded.
         device, threads: as of `Simulation`.
+        model: "bonds": springs along the bonds, Poisson's ratio 1/4; "solid": total-Lagrangian SPH
+            with the neighbors that bonds connect, stable neo-Hookean stress.
+        poisson: Poisson's ratio of a solid, 0 to 0.49, one or (N,).
 
     Raises:
-        ValueError: particles that nearly coincide, or a modulus that is not positive.
+        ValueError: particles that nearly coincide; a modulus that is not positive; another model;
+            a Poisson ratio outside of its range; creep of a solid.
     """
 
     def __init__(
@@ -50,7 +55,12 @@ class Tissue:
         body: Any = None,
         device: str = "auto",
         threads: int = 0,
+        model: str = "bonds",
+        poisson: Any = POISSON,
     ):
+        check_model(model)
+        if model == "solid" and plastic:
+            raise ValueError('plastic: expected 0 of model "solid", whose strain never stays')
         positions = np.ascontiguousarray(positions, np.float32)
         n = self._n = len(positions)
         self.order = morton_order(positions, spacing)
@@ -66,6 +76,7 @@ class Tissue:
         add_body(
             self._core, positions[self.order], self.order, bonds, hold, np.zeros(n),
             density * spacing**3, spacing,
+            elasticity(young, _arranged(poisson, self.order), n) if model == "solid" else None,
         )  # fmt: skip
         self._core.materials([damping], [tear], [plastic], [creep])
 
@@ -165,6 +176,12 @@ class Tissue:
         value = np.broadcast_to(np.asarray(value, np.float32), (self._n, 3))
         self._kept = np.ascontiguousarray(value[self.order])
         return self._kept
+
+
+def _arranged(value: Any, order: np.ndarray) -> np.ndarray:
+    """One number, or those of the particles in the tissue's order."""
+    value = np.asarray(value, np.float64)
+    return value[order] if value.ndim else value
 
 
 def cut(core: Any, blade: Blade) -> int:

@@ -1,0 +1,235 @@
+// Solids on the bonds' neighborhoods: total-Lagrangian SPH (Bonet & Lok 1999) with the zero-energy control of Silling 2017 and
+// Ganzenmüller 2015, stable neo-Hookean stress (Smith 2018).  docs/design/solids.md derives what is stated here.
+//
+// Energy: Σ_i V_i [Ψ(F_i) + b_i/2V_i Σ_j c_ij |x_ij - F_i X_ij|²], F_i = Σ_j c_ij x_ij ⊗ C_i X_ij, C_i = (Σ_j c_ij X_ij ⊗ X_ij)⁻¹.
+// F_i is the least-squares fit with the same weights c, so that the second term's derivative through F_i vanishes, and
+//   f_i = Σ_j c_ij [(Q_i + Q_j) X_ij + (b_i + b_j) x_ij],  Q = V P(F) C - b F.
+// Linear and angular momentum are conserved, as the energy knows neither place nor orientation.
+#pragma once
+#include "sim/bonds.hpp"
+
+namespace globule::core::tissue {
+
+/// Energy that holds each neighbor at the place that F gives it, per volume, in shear moduli.  The outermost particles' F is that of a
+/// place inside of them; without this share, bending would be too soft.
+inline constexpr float kSteadiness = 4.5f;
+/// Particles whose gradient is less certain than this, in 1/spacings, have springs instead of a deformation gradient.
+inline constexpr float kSteepest = 4.0f;
+
+/// -W'(q) / q of the cubic spline whose support is two spacings, but for a factor.
+template <class F>
+GB_FN F solid_weight(const F& q) {
+    const F beyond = max(F(2.0f) - q, F(0.0f));
+    return select(q < F(1.0f), F(3.0f) - F(2.25f) * q, F(0.75f) * beyond * beyond / max(q, F(1.0f)));
+}
+
+/// What particles are made of, and their place in the body at rest; arrays have room for whole blocks.
+struct Solid {
+    Quad* rest = nullptr;              ///< position at rest
+    const float* lame = nullptr;       ///< (2, stride) volume times μ, volume times λ
+    float* correction = nullptr;       ///< (6, stride) C: xx xy xz yy yz zz
+    Quad* rows = nullptr;              ///< (3, stride) rows of Q, and that coordinate at rest
+    std::uint32_t stride = 0;
+    float spacing = 0.0f;
+};
+
+/// C and b of each particle from the bonds that are whole.  b < 0: springs.
+struct Correct {
+    Bonds bonds;
+    Solid solid;
+    Quad* at;  ///< w: b
+    GB_FN void operator()(std::size_t i) const {
+        const std::uint32_t t = std::uint32_t(i);
+        const double per_d = 1.0 / solid.spacing;
+        const float3 here = solid.rest[t].xyz();
+        double m[6] = {}, sum = 0.0;
+        for (std::uint32_t e = bonds.begin(t), end = bonds.end(t); e < end; e += kBlock) {
+            if (!(bonds.length[e] > 0.0f)) continue;
+            const float3 r = solid.rest[bonds.other[e]].xyz() - here;
+            const double c = solid_weight(float(bonds.length[e] * per_d)), x = r.x * per_d, y = r.y * per_d, z = r.z * per_d;
+            m[0] += c * x * x, m[1] += c * x * y, m[2] += c * x * z;
+            m[3] += c * y * y, m[4] += c * y * z, m[5] += c * z * z;
+            sum += c * (x * x + y * y + z * z);
+        }
+        double k[6] = {m[3] * m[5] - m[4] * m[4], m[2] * m[4] - m[1] * m[5], m[1] * m[4] - m[2] * m[3],
+                       m[0] * m[5] - m[2] * m[2], m[1] * m[2] - m[0] * m[4], m[0] * m[3] - m[1] * m[1]};
+        const double det = m[0] * k[0] + m[1] * k[1] + m[2] * k[2];
+        bool certain = det > 1e-9 * sum * sum * sum;
+        if (certain) {
+            double steep = 0.0;
+            for (double& v : k) v /= det;
+            for (std::uint32_t e = bonds.begin(t), end = bonds.end(t); e < end; e += kBlock) {
+                if (!(bonds.length[e] > 0.0f)) continue;
+                const float3 r = solid.rest[bonds.other[e]].xyz() - here;
+                const double c = solid_weight(float(bonds.length[e] * per_d)), x = r.x * per_d, y = r.y * per_d, z = r.z * per_d;
+                const double gx = k[0] * x + k[1] * y + k[2] * z, gy = k[1] * x + k[3] * y + k[4] * z, gz = k[2] * x + k[4] * y + k[5] * z;
+                steep += c * sqrt(gx * gx + gy * gy + gz * gz);
+            }
+            certain = steep < kSteepest;
+        }
+        for (int a = 0; a < 6; ++a) solid.correction[a * std::size_t(solid.stride) + t] = certain ? float(k[a] * per_d * per_d) : 0.0f;
+        at[t].w = certain ? float(kSteadiness * solid.lame[t] / sum * per_d * per_d) : -1.0f;
+    }
+};
+
+/// F of each particle, and from it Q.
+struct Strain {
+    Bonds bonds;
+    Solid solid;
+    const Quad* at;
+
+    template <class Packet>
+    GB_FN void run(std::size_t row) const {
+        using F = typename Packet::F;
+        std::uint32_t own[Packet::width];
+        for (int lane = 0; lane < Packet::width; ++lane) own[lane] = min(std::uint32_t(row) + lane, bonds.n - 1);
+        const Four<F> x = Packet::gather(at, own), X = Packet::gather(solid.rest, own);
+        const F zero = F(0.0f), one = F(1.0f), per_d = F(1.0f / solid.spacing);
+        F d00 = zero, d01 = zero, d02 = zero, d10 = zero, d11 = zero, d12 = zero, d20 = zero, d21 = zero, d22 = zero;
+        for (std::uint32_t e = bonds.begin(std::uint32_t(row)), end = bonds.end(std::uint32_t(row)); e < end; e += kBlock) {
+            const F l = Packet::load(bonds.length + e);
+            const Four<F> y = Packet::gather(at, bonds.other + e), Y = Packet::gather(solid.rest, bonds.other + e);
+            const F c = select(l > zero, solid_weight(l * per_d), zero);
+            const F R0 = c * (Y.x - X.x), R1 = c * (Y.y - X.y), R2 = c * (Y.z - X.z);
+            const F r0 = y.x - x.x, r1 = y.y - x.y, r2 = y.z - x.z;
+            d00 = d00 + r0 * R0, d01 = d01 + r0 * R1, d02 = d02 + r0 * R2;
+            d10 = d10 + r1 * R0, d11 = d11 + r1 * R1, d12 = d12 + r1 * R2;
+            d20 = d20 + r2 * R0, d21 = d21 + r2 * R1, d22 = d22 + r2 * R2;
+        }
+        const float* C = solid.correction + row;
+        const std::size_t n = solid.stride;
+        const F c00 = Packet::load(C), c01 = Packet::load(C + n), c02 = Packet::load(C + 2 * n);
+        const F c11 = Packet::load(C + 3 * n), c12 = Packet::load(C + 4 * n), c22 = Packet::load(C + 5 * n);
+        const F f00 = d00 * c00 + d01 * c01 + d02 * c02, f01 = d00 * c01 + d01 * c11 + d02 * c12, f02 = d00 * c02 + d01 * c12 + d02 * c22;
+        const F f10 = d10 * c00 + d11 * c01 + d12 * c02, f11 = d10 * c01 + d11 * c11 + d12 * c12, f12 = d10 * c02 + d11 * c12 + d12 * c22;
+        const F f20 = d20 * c00 + d21 * c01 + d22 * c02, f21 = d20 * c01 + d21 * c11 + d22 * c12, f22 = d20 * c02 + d21 * c12 + d22 * c22;
+        // P = μ F + ((λ + μ)(J - 1) - μ) cof F
+        const F k00 = f11 * f22 - f12 * f21, k01 = f12 * f20 - f10 * f22, k02 = f10 * f21 - f11 * f20;
+        const F k10 = f02 * f21 - f01 * f22, k11 = f00 * f22 - f02 * f20, k12 = f01 * f20 - f00 * f21;
+        const F k20 = f01 * f12 - f02 * f11, k21 = f02 * f10 - f00 * f12, k22 = f00 * f11 - f01 * f10;
+        const F J = f00 * k00 + f01 * k01 + f02 * k02;
+        const F mu = Packet::load(solid.lame + row), lambda = Packet::load(solid.lame + n + row), b = max(x.w, zero);
+        const F s = (lambda + mu) * (J - one) - mu;
+        const auto line = [&](const F& f0, const F& f1, const F& f2, const F& k0, const F& k1, const F& k2, const F& place, int a) {
+            const F p0 = mu * f0 + s * k0, p1 = mu * f1 + s * k1, p2 = mu * f2 + s * k2;
+            const F q0 = p0 * c00 + p1 * c01 + p2 * c02 - b * f0, q1 = p0 * c01 + p1 * c11 + p2 * c12 - b * f1;
+            const F q2 = p0 * c02 + p1 * c12 + p2 * c22 - b * f2;
+            Packet::scatter_rows(solid.rows + a * n, row, {q0, q1, q2, place});
+        };
+        line(f00, f01, f02, k00, k01, k02, X.x, 0);
+        line(f10, f11, f12, k10, k11, k12, X.y, 1);
+        line(f20, f21, f22, k20, k21, k22, X.z, 2);
+    }
+};
+
+/// Forces; then velocities, then positions (symplectic Euler).
+struct Push {
+    Bonds bonds;
+    Solid solid;
+    const Quad* at;       ///< w: b
+    Quad* next;
+    Quad* velocity;       ///< velocity, inverse mass
+    const float3* acceleration;
+    const std::uint8_t* hold;
+    const std::uint8_t* phase;
+    Materials materials;
+    Motions motions;
+    Shapes shapes;
+    float dt;
+
+    template <class Packet>
+    GB_FN void run(std::size_t row) const {
+        using F = typename Packet::F;
+        std::uint32_t own[Packet::width];
+        for (int lane = 0; lane < Packet::width; ++lane) own[lane] = min(std::uint32_t(row) + lane, bonds.n - 1);
+        bool any_free = false;
+        for (int lane = 0; lane < Packet::width; ++lane) any_free |= hold[own[lane]] == kFree;
+        const std::size_t n = solid.stride;
+        const Quad *rows0 = solid.rows, *rows1 = solid.rows + n, *rows2 = solid.rows + 2 * n;
+        const Four<F> x = Packet::gather(at, own), q0 = Packet::gather(rows0, own), q1 = Packet::gather(rows1, own), q2 = Packet::gather(rows2, own);
+        const F zero = F(0.0f), half = F(0.5f), per_d = F(1.0f / solid.spacing), touching = F(solid.spacing);
+        F f0 = zero, f1 = zero, f2 = zero;
+        const std::uint32_t end = any_free ? bonds.end(std::uint32_t(row)) : 0;
+        for (std::uint32_t e = bonds.begin(std::uint32_t(row)); e < end; e += kBlock) {
+            const F l = Packet::load(bonds.length + e), k = Packet::load(bonds.stiffness + e);
+            const Four<F> y = Packet::gather(at, bonds.other + e), p0 = Packet::gather(rows0, bonds.other + e);
+            const Four<F> p1 = Packet::gather(rows1, bonds.other + e), p2 = Packet::gather(rows2, bonds.other + e);
+            const F r0 = y.x - x.x, r1 = y.y - x.y, r2 = y.z - x.z;
+            const F R0 = p0.w - q0.w, R1 = p1.w - q1.w, R2 = p2.w - q2.w;
+            const F c = select(l > zero, solid_weight(l * per_d), zero);
+            // Springs where an end has no F; cut faces keep a distance, and never pull.
+            const F distance = sqrt(r0 * r0 + r1 * r1 + r2 * r2);
+            const F ends = select(x.w < zero, half, zero) + select(y.w < zero, half, zero);
+            const F spring = k * select(l > zero, ends * (distance - l), select(l < zero, min(distance - touching, zero), zero));
+            const F along = c * (max(x.w, zero) + max(y.w, zero)) + select(distance > zero, spring / distance, zero);
+            f0 = f0 + (c * ((q0.x + p0.x) * R0 + (q0.y + p0.y) * R1 + (q0.z + p0.z) * R2) + along * r0);
+            f1 = f1 + (c * ((q1.x + p1.x) * R0 + (q1.y + p1.y) * R1 + (q1.z + p1.z) * R2) + along * r1);
+            f2 = f2 + (c * ((q2.x + p2.x) * R0 + (q2.y + p2.y) * R1 + (q2.z + p2.z) * R2) + along * r2);
+        }
+        for (int lane = 0; lane < Packet::width && row + lane < bonds.n; ++lane)
+            move(std::uint32_t(row) + lane, {Packet::get(f0, lane), Packet::get(f1, lane), Packet::get(f2, lane)});
+    }
+
+    GB_FN void move(std::uint32_t t, const float3& force) const {
+        const Quad here = at[t], v = velocity[t];
+        float3 x = here.xyz(), u = v.xyz();
+        if (hold[t] != kFree) {
+            u = motions.velocity_at(hold[t], x, u);
+            x = x + u * dt;
+        } else {
+            u = u + (acceleration[t] + force * v.w) * dt;
+            const float damping = materials.damping[phase[t]];
+            if (damping > 0.0f) u = u * exp(-damping * dt);
+            x = x + u * dt;
+            shapes.keep_out(x, u);
+        }
+        velocity[t] = {u.x, u.y, u.z, v.w};
+        next[t] = {x.x, x.y, x.z, here.w};
+    }
+};
+
+/// Energy of each particle, J; springs stand with half at either end.
+struct SolidEnergy {
+    Bonds bonds;
+    Solid solid;
+    const Quad* at;
+    GB_FN double operator()(std::size_t i) const {
+        const std::uint32_t t = std::uint32_t(i);
+        const float3 here = at[t].xyz(), rest = solid.rest[t].xyz();
+        const double b = at[t].w;
+        double d[9] = {}, f[9], springs = 0.0;
+        const auto each = [&](const auto& fn) {
+            for (std::uint32_t e = bonds.begin(t), end = bonds.end(t); e < end; e += kBlock) {
+                if (!(bonds.length[e] > 0.0f)) continue;
+                const float3 r = at[bonds.other[e]].xyz() - here, R = solid.rest[bonds.other[e]].xyz() - rest;
+                const double x[3] = {r.x, r.y, r.z}, X[3] = {R.x, R.y, R.z};
+                fn(e, double(solid_weight(bonds.length[e] / solid.spacing)), x, X);
+            }
+        };
+        each([&](std::uint32_t e, double c, const double* x, const double* X) {
+            for (int a = 0; a < 9; ++a) d[a] += c * x[a / 3] * X[a % 3];
+            const double stretch = sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2]) - bonds.length[e];
+            if (b < 0.0) springs += 0.25 * bonds.stiffness[e] * stretch * stretch;
+        });
+        if (b < 0.0) return springs;
+        const auto C = [&](int a) { return double(solid.correction[a * std::size_t(solid.stride) + t]); };
+        const double c[9] = {C(0), C(1), C(2), C(1), C(3), C(4), C(2), C(4), C(5)};
+        double square = 0.0, steady = 0.0;
+        for (int a = 0; a < 9; ++a) {
+            f[a] = 0.0;
+            for (int k = 0; k < 3; ++k) f[a] += d[a / 3 * 3 + k] * c[3 * k + a % 3];
+            square += f[a] * f[a];
+        }
+        each([&](std::uint32_t, double w, const double* x, const double* X) {
+            for (int a = 0; a < 3; ++a) {
+                const double off = x[a] - f[3 * a] * X[0] - f[3 * a + 1] * X[1] - f[3 * a + 2] * X[2];
+                steady += w * off * off;
+            }
+        });
+        const double J = f[0] * (f[4] * f[8] - f[5] * f[7]) - f[1] * (f[3] * f[8] - f[5] * f[6]) + f[2] * (f[3] * f[7] - f[4] * f[6]);
+        const double mu = solid.lame[t], lambda = solid.lame[solid.stride + t];
+        return 0.5 * mu * (square - 3.0) - mu * (J - 1.0) + 0.5 * (lambda + mu) * (J - 1.0) * (J - 1.0) + 0.5 * b * steady;
+    }
+};
+
+}  // namespace globule::core::tissue

@@ -1,0 +1,234 @@
+"""Solids: forces against a float64 reference, moduli, beams, turns, cuts; on every backend."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from globule.bench import physics_solid as truths
+from globule.bench.physics_tissue import DENSITY, GRAVITY, MODULUS, SPACING, lattice
+from globule.sim import solids
+from globule.sim.bonds import build_bonds
+from globule.sim.tissue import Tissue
+
+D = SPACING
+MASS = DENSITY * D**3
+
+
+def check(rows):
+    assert rows
+    for row in rows:
+        assert row["ok"], row
+
+
+@pytest.mark.parametrize("poisson", [0.0, 0.3, 0.45])
+def test_modulus_and_ratio_of_a_column(backend, poisson):
+    check(truths.column(**backend, poisson=poisson))
+
+
+@pytest.mark.parametrize("poisson", [0.0, 0.3, 0.45])
+def test_cantilever_of_5(backend, poisson):
+    check(truths.cantilever(**backend, poisson=poisson))
+
+
+@pytest.mark.slow
+def test_cantilever_of_9(backend):
+    check(truths.cantilever(**backend, across=9))
+
+
+@pytest.mark.parametrize("experiment", ["turns", "squeeze", "steps", "cut_column", "momentum"])
+def test_truths(backend, experiment):
+    check(getattr(truths, experiment)(**backend))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("experiment", ["turned_column", "vibration"])
+def test_longer_truths(backend, experiment):
+    check(getattr(truths, experiment)(**backend))
+
+
+def test_energy_of_a_free_beam_stays(backend):
+    check(truths.vibration(**backend, periods=8))
+
+
+def jittered(seed=0, shape=(5, 6, 7), by=0.1):
+    rng = np.random.default_rng(seed)
+    x = lattice(*shape) + rng.uniform(-by, by, (np.prod(shape), 3)) * D
+    return x.astype("f4")
+
+
+def strained(rest, seed=1, by=0.05):
+    """Turned, stretched, bent and shaken."""
+    x = rest.astype("f8") - rest.mean(0)
+    turn, _ = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))
+    turn *= np.sign(np.linalg.det(turn))
+    x = x @ turn.T * [1.1, 0.95, 1.0] + 5 * x[:, :1] ** 2
+    return (x + np.random.default_rng(2).uniform(-by, by, x.shape) * D).astype("f4")
+
+
+@pytest.mark.parametrize("poisson", [0.0, 0.3, 0.49])
+def test_forces_and_energy_are_the_references(backend, poisson):
+    rest = jittered()
+    x = strained(rest)
+    bonds = build_bonds(rest, D, MODULUS)
+    material = solids.elasticity(MODULUS, poisson, len(rest))
+    energy, force = solids.forces(x, rest, bonds, material, D)
+    tissue = truths.solid(rest, poisson, **backend)
+    tissue.positions = x
+    assert abs(tissue.elastic_energy / energy - 1) < 1e-4
+    dt = 1e-5
+    tissue.advance(dt, substeps=1)
+    found = tissue.velocities.astype("f8") / dt * MASS
+    assert np.abs(found - force).max() < 2e-5 * np.abs(force).max()
+
+
+def test_the_reference_is_its_energys_derivative():
+    rest = jittered(shape=(4, 4, 4))
+    x = strained(rest).astype("f8")
+    bonds = build_bonds(rest, D, MODULUS)
+    material = solids.elasticity(MODULUS, 0.4, len(rest))
+    _, force = solids.forces(x, rest, bonds, material, D)
+    h = 1e-5 * D
+    for i, axis in ((0, 0), (21, 1), (40, 2), (63, 0)):
+        ends = []
+        for sign in (1, -1):
+            y = x.copy()
+            y[i, axis] += sign * h
+            ends.append(solids.forces(y, rest, bonds, material, D)[0])
+        assert abs((ends[1] - ends[0]) / (2 * h) - force[i, axis]) < 1e-6 * np.abs(force).max()
+    moment = np.cross(x, force).sum(0)
+    assert np.abs(force.sum(0)).max() < 1e-12 * np.abs(force).sum()
+    assert np.abs(moment).max() < 1e-10 * np.abs(np.cross(x, force)).sum()
+
+
+@pytest.mark.parametrize("poisson", [0.0, 0.45])
+def test_uniform_strain_has_the_energy_of_the_material(poisson):
+    """Whatever the particles' arrangement: the corrected gradient is exact for linear motions."""
+    rest = jittered(by=0.2)
+    F = np.array([[1.05, 0.1, 0], [0, 0.9, 0.02], [0.03, 0, 1.0]])
+    material = solids.elasticity(MODULUS, poisson, len(rest))
+    bonds = build_bonds(rest, D, MODULUS)
+    energy, _ = solids.forces(rest.astype("f8") @ F.T, rest, bonds, material, D)
+    mu, lam, J = material.shear[0], material.lame[0], np.linalg.det(F)
+    density = mu / 2 * ((F**2).sum() - 3) - mu * (J - 1) + (lam + mu) / 2 * (J - 1) ** 2
+    assert abs(energy / (density * len(rest) * D**3) - 1) < 1e-10
+
+
+def test_what_cannot_have_a_gradient_holds_by_springs(backend):
+    """A sheet, a chain and a lone particle: their neighbors do not span space."""
+    sheet = lattice(6, 6, 1)
+    chain = lattice(1, 1, 6) + np.float32(0.1)
+    lone = np.full((1, 3), 0.2, np.float32)
+    x = np.concatenate([sheet, chain, lone])
+    tissue = truths.solid(x, **backend)
+    assert tissue.elastic_energy < 1e-15
+    tissue.velocities = np.random.default_rng(0).normal(0, 0.02, x.shape)
+    for _ in range(30):
+        tissue.advance(1 / 60)
+    y = tissue.positions
+    assert np.isfinite(y).all()
+    stretch = np.linalg.norm(y[36:41] - y[37:42], axis=1) / D
+    assert 0.5 < stretch.min() <= stretch.max() < 1.6
+
+
+def test_random_cuts_leave_finite_numbers_and_every_particle(backend):
+    rng = np.random.default_rng(8)
+    x = lattice(8, 8, 8)
+    tissue = truths.solid(x, 0.45, fixed=x[:, 2] < D / 2, **backend)
+    for _ in range(25):
+        a, b = rng.uniform(-1, 8, (2, 3)) * D
+        tissue.cut(np.array([[a, b, a + rng.normal(size=3) * 4 * D]]))
+        tissue.advance(1 / 60, GRAVITY)
+        speed = np.linalg.norm(tissue.velocities, axis=1)
+        assert np.isfinite(speed).all()
+        assert speed.max() < 9.81 * 25 / 60 + 2.0
+    assert len(tissue.positions) == len(x)
+    assert tissue.n_pieces >= 1
+
+
+def test_same_bits_whatever_the_threads():
+    x = lattice(15, 15, 15)
+    found = []
+    for threads in (1, 2, 3):
+        tissue = truths.solid(x, fixed=x[:, 2] < D / 2, device="cpu", threads=threads)
+        tissue.velocities = np.random.default_rng(2).normal(0, 0.1, x.shape)
+        for _ in range(3):
+            tissue.advance(0.005, GRAVITY)
+            tissue.cut(np.array([[[0.01, -1, -1], [0.01, 1, -1], [0.01, 0, 1]]]))
+        found.append((tissue.positions, tissue.velocities, tissue.piece))
+    for other in found[1:]:
+        assert all(np.array_equal(a, b) for a, b in zip(found[0], other, strict=True))
+
+
+def test_damping_tearing_and_instruments_act_as_on_bonds(backend):
+    x = lattice(6, 6, 6)
+    tissue = truths.solid(x, fixed=x[:, 2] < D / 2, damping=5.0, tear=0.2, **backend)
+    tissue.grasp(x[-1], 1.1 * D, 0)
+    tissue.instruments([((0.0, 0.0, 0.1), (0, 0, 0), (0, 0, 0))])
+    held = tissue.hold == 3
+    assert held.sum() == 4
+    tissue.advance(0.01)
+    assert np.allclose(tissue.positions[held] - x[held], [0, 0, 0.001], atol=1e-6)
+    assert tissue.tear(0.01) > 0
+    assert tissue.n_bonds < len(build_bonds(x, D, MODULUS).other) // 2
+
+
+def test_a_checkpoint_goes_on_as_if_never_left(tmp_path):
+    import globule as gb
+
+    scene = {
+        "spacing": 0.005,
+        "domain": {"lo": [-0.05, -0.05, -0.05], "hi": [0.1, 0.1, 0.1]},
+        "solids": [{
+            "name": "block", "box": {"lo": [0, 0, 0], "hi": [0.03, 0.03, 0.05]}, "young": 5000,
+            "model": "solid", "poisson": 0.4, "damping": 2.0,
+            "fixed": [{"box": {"lo": [-0.01] * 3, "hi": [0.04, 0.04, 0.006]}}],
+        }],
+    }  # fmt: skip
+    sim = gb.Simulation(scene, device="cpu")
+    sim.step()
+    sim.tissue.cut(np.array([[[-1, 0.015, 0.03], [1, 0.015, 0.03], [0, 0.015, 1]]]))
+    sim.step()
+    path = tmp_path / "state.npz"
+    sim.save(path)
+    other = gb.Simulation.load(path, device="cpu")
+    for _ in range(3):
+        sim.step()
+        other.step()
+    assert np.array_equal(sim.positions, other.positions)
+    assert sim.tissue.elastic_energy == other.tissue.elastic_energy > 0
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"model": "jelly"}, "model: expected bonds or solid"),
+        ({"poisson": 0.5}, "poisson: expected 0 to 0.49"),
+        ({"poisson": -0.1}, "poisson: expected 0 to 0.49"),
+        ({"young": 0.0}, "young"),
+        ({"plastic": 0.1}, "plastic"),
+    ],
+)
+def test_wrong_solids_are_named(change, message):
+    good = {"positions": lattice(2, 2, 2), "spacing": D, "young": 2500.0, "model": "solid"}
+    with pytest.raises(ValueError, match=message):
+        Tissue(**{**good, **change})
+
+
+def test_solids_do_not_iterate():
+    with pytest.raises(ValueError, match="iterations"):
+        truths.solid(lattice(2, 2, 2), device="cpu").advance(0.01, iterations=2)
+
+
+def test_one_model_a_simulation():
+    import globule as gb
+
+    sim = gb.Simulation(
+        spacing=D, domain={"lo": [-1, -1, -1], "hi": [1, 1, 1]},
+        solids=[{"name": "a"}, {"name": "b"}],
+    )  # fmt: skip
+    x = lattice(3, 3, 3)
+    sim.tissue.bond(sim.add(x, "a"), 2500.0)
+    with pytest.raises(ValueError, match="one model"):
+        sim.tissue.bond(sim.add(x + np.float32(0.1), "b"), 2500.0, model="solid")
+    with pytest.raises(ValueError, match="poisson"):
+        sim.tissue.bond([0], 2500.0, poisson=0.3)
