@@ -19,6 +19,7 @@ from .._base.arrays import on_gpu
 from .._base.checks import how_to_install, missing
 from ..render.camera import Camera
 from ..render.frame import fit_camera
+from ..scene.mesh import Mesh
 from .engine import Client, Engine
 from .equivalent import command_line, python_code
 from .guard import Guard, limit_messages, quiet_tasks
@@ -109,6 +110,7 @@ class Viewer:
         from .page import Page
 
         self.page = Page(self)
+        self._guard.desk = self.page.desk
         self.server.on_client_connect(self._connected)
         self.server.on_client_disconnect(self._disconnected)
 
@@ -458,6 +460,8 @@ def outermost(source: Source) -> np.ndarray:
 
 def left_out(scene: Any) -> list[str]:
     """Warnings about particles that cannot be shown."""
+    if isinstance(scene, Mesh):
+        return []
     n_lost = len(scene) - scene.octree.n_inside
     if not n_lost:
         return []
@@ -479,7 +483,7 @@ def first_camera(scene: Any, up: Any, around: Any, like: Camera | None = None) -
     """
     from ..render.camera import view_axes
 
-    if scene.octree.n_inside == 0 and around is None:
+    if around is None and scene.octree.n_inside == 0:
         return Camera((1.2, 0.9, 2.0), (0, 0, 0), up)
     right, above, front = view_axes(up)
     towards, fov = 0.6 * right + 0.45 * above + front, 40.0
