@@ -33,7 +33,8 @@ EXAMPLES = """\
   globule view dam-break
   globule view frame_*.ply --preset water --no-browser
   globule view head.nii.gz --up 0,0,1
-  globule view splash.npz --state view.toml --host 0.0.0.0"""
+  globule view splash.npz --state view.toml --host 0.0.0.0
+  globule view before.vtk --compare after.vtk"""
 ESSENTIAL = ("--state", "--eye", "--look-at", "--up", "--preset", "--color-by", 
              "--calibration", "--host", "--port", "--no-browser", "--device")  # fmt: skip
 
@@ -48,6 +49,12 @@ def add_arguments(parser: Parser) -> None:
         ".toml, or igtl://host:port",
     )
     flags.add(parser, "--state", "default: none")
+    parser.add_argument(
+        "--compare",
+        metavar="FILE",
+        help="particles or mesh for the right part of the image, beside a divider to drag "
+        "(default: none)",
+    )
     flags.add_page(parser)
     first = parser.add_argument_group("start values; the page can change all of them")
     flags.add(first, "--eye", "default: all is visible")
@@ -88,6 +95,11 @@ def run(options: argparse.Namespace) -> None:
         with mistakes():
             state, camera = _settings(options)
             source = open_source(options.what, options.device, options.threads, **given)
+            if options.compare:
+                from ..viewer.compare_source import CompareSource
+
+                other = open_source(options.compare, options.device, options.threads, **given)
+                source = CompareSource(source, other)
             if state.color.by and state.color.by not in source.color_names():
                 known = ", ".join(source.color_names())
                 raise UserError(f"--color-by: expected one of {known}, got {state.color.by}")

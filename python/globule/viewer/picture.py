@@ -16,6 +16,7 @@ from ..render.presets import GROUNDS, ground_height
 from ..render.settings import RenderSettings, extent_of, for_values
 from ..scene.mesh import Mesh
 from ..scene.scene import Scene
+from .compare_source import CompareSource, Split
 from .layers import visible
 from .scenes import thesis_of
 from .source import Source
@@ -31,7 +32,7 @@ def trace(
     size: tuple[int, int],
     up: Any,
     moving: bool = False,
-) -> Frame:
+) -> Frame | Split:
     """A frame with one sample per pixel; `Frame.refine` adds more.
 
     The caller holds the source's lock.
@@ -45,8 +46,26 @@ def trace(
     Raises:
         ValueError: settings that exclude each other.
     """
+    if isinstance(source, CompareSource):
+        state = source.shared(state)
+        with_one = [_trace(part, state, camera, size, up, moving, source)
+                    for part in (source.first, source.second)]  # fmt: skip
+        return Split(*with_one, state.compare.at)
+    return _trace(source, state, camera, size, up, moving, source)
+
+
+def _trace(
+    source: Source,
+    state: State,
+    camera: Camera,
+    size: tuple[int, int],
+    up: Any,
+    moving: bool,
+    lit: Source,
+) -> Frame:
+    """`trace` of one data set with the light of the source `lit`."""
     layers = source.layers(state)
-    settings = dataclasses.replace(seen_settings(source, state, layers[0].scene, up), samples=1)
+    settings = dataclasses.replace(seen_settings(lit, state, layers[0].scene, up), samples=1)
     if moving and settings.ambient_rays > MOST_MOVING_AMBIENT:
         settings = dataclasses.replace(settings, ambient_rays=MOST_MOVING_AMBIENT)
     if moving:
