@@ -91,6 +91,7 @@ def show(
     state: Any = None,
     preset: str | None = None,
     browser: bool = True,
+    token: str | None = None,
 ) -> Viewer:
     """A viewer of a `globule.viewer.source.Source`; the arguments are those of `view`."""
     from .app import Viewer
@@ -104,7 +105,7 @@ def show(
         settings.set(**source.settings)
     elif settings is not state:
         camera = settings.load(state) or camera
-    viewer = Viewer(source, settings, host, port, up, camera)
+    viewer = Viewer(source, settings, host, port, up, camera, token=token)
     preset = preset or (source.preset if state is None else None)
     if preset is not None:
         use_preset(viewer, preset)

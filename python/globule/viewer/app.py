@@ -50,6 +50,7 @@ class Viewer:
         up: (3,) upward direction, world; default: y, for volumes and sweeps z.
         camera: with which every browser starts; default: everything is visible.
         title: of the page.
+        token: that a host other than a loopback address demands; default: a new one.
 
     Attributes:
         state: the settings; `viewer.state.set(surface__threshold=0.5)`.
@@ -70,6 +71,7 @@ class Viewer:
         up: Any = None,
         camera: Camera | None = None,
         title: str | None = None,
+        token: str | None = None,
     ):
         viser = need_viser()
         self.source, self.state = source, state or State()
@@ -87,7 +89,7 @@ class Viewer:
         self._camera_given = camera is not None
         self.first_camera = camera or first_camera(scene, self.up, around, source.camera)
         self._asked_port = port
-        self.token = None if host in LOCAL else secrets.token_urlsafe(24)
+        self.token = None if host in LOCAL else token or secrets.token_urlsafe(24)
         self._guard = Guard(self.token, f"{self.title} · globule")
         self._frame_callbacks: list[Callable[[Any], Any]] = []
         self._closed = threading.Event()
