@@ -93,6 +93,7 @@ class Viewer:
         self._guard = Guard(self.token, f"{self.title} · globule")
         self._frame_callbacks: list[Callable[[Any], Any]] = []
         self._closed = threading.Event()
+        self._met = False  # a browser has connected
         self.clients: dict[int, Client] = {}
         self.engine = Engine(source, self.state, self.up)
         self.engine.on_picture = self._on_picture
@@ -164,6 +165,9 @@ class Viewer:
                 "Not possible", f"At most {MOST_CLIENTS} browsers can be open", color="red"
             )
             return
+        if not self._met:  # what a person can undo begins here
+            self._met = True
+            self.state.history.clear()
         sink = ViserSink(browser, lambda number: client.acknowledge(number))
         client = self.engine.add(sink, self.first_camera)
         self.clients[browser.client_id] = client

@@ -159,6 +159,7 @@ class Desk:
             "play": lambda browser, value: play.toggle(),
             "step": lambda browser, value: source.step(),
             "reset": lambda browser, value: source.reset(),
+            "narrow": lambda browser, value: page.make_room(browser),
             "dark": lambda browser, value: page.paint(browser.gui, bool(value)),
         }
 
@@ -174,7 +175,10 @@ class Desk:
         if value.get("color__by") and value["color__by"] not in names:
             raise ValueError(f"color: expected one of {', '.join(names)}")
         if value:
-            self.viewer.state.set(**value)
+            from .page.color import opaque
+
+            more = opaque(self.viewer, value["color__by"]) if "color__by" in value else {}
+            self.viewer.state.set(**value, **more)
 
     def close(self) -> None:
         """End the thread of the actions."""

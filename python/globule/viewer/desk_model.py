@@ -100,8 +100,10 @@ class Model:
                 return None
             values = values[:: 1 + len(values) // MOST_COUNTED]
             values = values[np.isfinite(values)]
-            lo, hi = (float(values.min()), float(values.max())) if values.size else (0.0, 1.0)
-            hi = hi if hi > lo else lo + 1.0
+            lo, hi = (float(values.min()), float(values.max())) if values.size else (0.0, 0.0)
+            if not hi > lo:  # one value says nothing more in a plot
+                self._counted, self._plot = what, None
+                return None
             counts = np.histogram(values, BINS, (lo, hi))[0]
             middles = np.linspace(lo, hi, BINS)
             low, high = ends if ends[1] > ends[0] else (lo, hi)

@@ -70,9 +70,13 @@ class Page:
             show_logo=False,
             show_share_button=False,
             control_width="medium",
-            brand_color=(38, 99, 168),
+            brand_color=(26, 76, 134),
             dark_mode=dark,
         )
+
+    def make_room(self, browser: Any) -> None:
+        """Minimize the panel of a narrow window."""
+        browser.gui.main_panel.minimize()
 
     def _keep_ticking(self) -> None:
         while not self.viewer._closed.wait(TICK):

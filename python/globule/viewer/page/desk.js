@@ -133,7 +133,7 @@
       pen.fillRect(i * step, h - tall, step - 1, tall);
     });
     const [a, b] = brush ? [Math.min(...brush), Math.max(...brush)] : [model.plot.from, model.plot.to];
-    pen.fillStyle = desk.classList.contains("dark") ? "#23272ea0" : "#ffffffa0";
+    pen.fillStyle = "#ffffffa0";
     const x = (v) => w * Math.min(1, Math.max(0, (v - lo) / (hi - lo)));
     pen.fillRect(0, 0, x(a), h); pen.fillRect(x(b), 0, w - x(b), h);
     plot.setAttribute("aria-label", `Histogram of ${name}, ${short(lo)} to ${short(hi)}, logarithmic; colors from ${short(a)} to ${short(b)}`);
@@ -176,7 +176,6 @@
     desk.classList.toggle("dark", dark);
     if (chosen) keep("dark", dark ? "1" : "0");
     say("dark", dark);
-    if (model?.plot) bars();
   };
 
   const show = () => {
@@ -225,11 +224,32 @@
     split.setAttribute("aria-valuenow", String(Math.round(100 * (model.compare ?? 0))));
   };
 
+  // Names for screen readers where viser's panel has none
+  const named = () => {
+    for (const part of document.querySelectorAll('#root [role="slider"][aria-label=""], #root input[inputmode]:not([aria-label])')) {
+      let row = part.parentElement;
+      while (row && !row.querySelector("label")) row = row.parentElement;
+      const words = row?.querySelector("label")?.textContent;
+      if (words) part.setAttribute("aria-label", part.tagName === "INPUT" ? `${words}, value` : words);
+    }
+    document.querySelectorAll("#root button:not([aria-label])").forEach((part) => {
+      if (!part.textContent.trim() && part.querySelector("svg")) {
+        const first = part.previousElementSibling?.tagName !== "BUTTON";
+        part.setAttribute("aria-label", first ? "All commands" : "Settings of the page");
+      }
+    });
+  };
+
   // Over the image, wherever viser puts it
   const place = () => {
+    // The image comes from the server: a browser without a GPU shows it just as fast.
+    for (const title of document.querySelectorAll(".mantine-Notification-title"))
+      if (title.textContent.startsWith("Software WebGL")) title.closest(".mantine-Notification-root").style.display = "none";
     const image = document.querySelector("#root canvas");
     if (!image) return;
     const box = image.getBoundingClientRect();
+    named();
+    layers.style.top = `${tools.offsetTop + tools.offsetHeight + 9}px`;
     Object.assign(desk.style, { left: `${box.left}px`, top: `${box.top}px`, width: `${box.width}px`, height: `${box.height}px` });
   };
 
@@ -238,7 +258,7 @@
     if (!word) return;
     socket?.close();
     const own = socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/globule/desk?word=${encodeURIComponent(word)}`);
-    own.onopen = () => { wait = 500; paint(desk.classList.contains("dark")); };
+    own.onopen = () => { wait = 500; paint(desk.classList.contains("dark")); if (innerWidth < 640) say("narrow"); };
     own.onmessage = (event) => { if (own === socket) { model = JSON.parse(event.data); show(); place(); } };
     own.onclose = () => { if (own === socket) setTimeout(() => { if (own === socket) connect(); }, (wait = Math.min(2 * wait, 8000))); };
   };
