@@ -61,14 +61,14 @@ def test_a_model_comes_and_actions_change_the_settings(viewer, caplog):
     viewer.page.desk._browsers["known"] = SimpleNamespace(client_id=-1)
     with talk(viewer) as connection:
         model = heard(connection, lambda m: True)
-        assert model["time"]["frames"] == 2 and model["color"]["options"]
+        assert model["time"]["frames"] == 2
+        assert model["color"]["options"]
 
         def say(do, value=None):
             connection.send(json.dumps({"do": do, "value": value}))
 
         say("set", {"color__by": "speed"})
         plot = heard(connection, lambda m: m["color"]["by"] == "speed")["plot"]
-        viewer.screenshot  # the scene is colored with the next image
         say("set", {"time__frame": 1})
         heard(connection, lambda m: m["time"]["frame"] == 1)
         say("undo")
@@ -82,7 +82,8 @@ def test_a_model_comes_and_actions_change_the_settings(viewer, caplog):
         say("close")
         connection.send("[1")
         until(lambda: len([r for r in caplog.records if r.levelname == "WARNING"]) >= 6)
-        assert viewer.state.look.exposure == 1.0 and viewer.state.color.by == "speed"
+        assert viewer.state.look.exposure == 1.0
+        assert viewer.state.color.by == "speed"
         assert not viewer.state.cuts.plane
         assert plot is None or sum(plot["counts"]) == 150
 
@@ -94,7 +95,7 @@ def test_strangers_and_long_messages_are_refused(viewer):
         connection.recv(timeout=PATIENCE)
     assert closed.value.rcvd.code == 1008
     viewer.page.desk._browsers["known"] = SimpleNamespace(client_id=-1)
-    with talk(viewer) as connection, pytest.raises(ConnectionClosed) as closed:
+    with talk(viewer) as connection, pytest.raises(ConnectionClosed) as closed:  # noqa: PT012
         connection.send("x" * 100_000)
         all(connection.recv(timeout=PATIENCE) for _ in itertools.count())
     assert closed.value.rcvd.code == 1009
@@ -105,7 +106,8 @@ def test_the_histogram_counts_all_particles(viewer):
     viewer.engine.source.layers(viewer.state.snapshot())
     plot = viewer.page.desk.model.of(SimpleNamespace(client_id=-1))["plot"]
     speed = blob(150).attributes["speed"]
-    assert sum(plot["counts"]) == 150 and len(plot["colors"]) == len(plot["counts"])
+    assert sum(plot["counts"]) == 150
+    assert len(plot["colors"]) == len(plot["counts"])
     assert (plot["lo"], plot["hi"]) == pytest.approx((speed.min(), speed.max()))
 
 
@@ -119,7 +121,9 @@ def test_layers_can_be_hidden():
 
     both = seen()
     state.set(layers__hidden="2")
-    assert np.array_equal(seen(), gb.render(source.layers(state)[0].scene, camera, (60, 40)).picture)
+    assert np.array_equal(
+        seen(), gb.render(source.layers(state)[0].scene, camera, (60, 40)).picture
+    )
     state.set(layers__hidden="1")
     assert not np.array_equal(seen(), both)
 
@@ -141,10 +145,25 @@ def test_two_data_sets_share_camera_light_and_colors():
         columns = np.s_[:, 20:] if whole else np.s_[:, :20]
         assert np.array_equal(seen.picture[columns], one[columns])
     seen.refine(2)
-    assert seen.samples == 3 and seen.distance.shape == (60, 80)
+    assert seen.samples == 3
+    assert seen.distance.shape == (60, 80)
     assert seen.pick(10, 30) is None or seen.pick(10, 30).particle is not None
     with pytest.raises(ValueError, match="compare: expected particles or meshes"):
         CompareSource(open_source(first), open_source([first, second]))
+
+
+def test_colors_are_seen_through_water():
+    made = gb.view(blob(150), preset="water", port=0, browser=False, block=False)
+    try:
+        state, desk = made.state, made.page.desk
+        desk._set(None, {"color__by": "speed"})
+        assert (state.look.matter, state.look.transmission) == ("own", 0.0)
+        desk._set(None, {"color__by": ""})
+        assert state.look.matter == "preset"
+        state.history.undo()
+        assert (state.color.by, state.look.matter) == ("speed", "own")
+    finally:
+        made.close()
 
 
 @pytest.mark.browser

@@ -80,7 +80,8 @@ def test_an_upload_is_opened_and_its_copy_removed(start, tmp_path):
         assert heard(connection, "opened")
     source = start.wait()
     assert len(source.particles()) == 200
-    assert source.name.endswith(".npz") and "/" not in source.name
+    assert source.name.endswith(".npz")
+    assert "/" not in source.name
     folder = start._folder
     assert os.listdir(folder)
     start.close()
@@ -134,7 +135,9 @@ def test_the_command_without_a_file(tmp_path):
     env = {**os.environ, "XDG_STATE_HOME": str(tmp_path)}
     run = subprocess.Popen(words, env=env, stdout=subprocess.PIPE, text=True, bufsize=1)
     lines: list[str] = []
-    threading.Thread(target=lambda: lines.extend(iter(run.stdout.readline, "")), daemon=True).start()
+    threading.Thread(
+        target=lambda: lines.extend(iter(run.stdout.readline, "")), daemon=True
+    ).start()
     try:
         until(lambda: any("choose" in line for line in lines), "for the address")
         address = lines[0].split()[-1]

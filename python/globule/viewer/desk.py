@@ -95,8 +95,8 @@ class Desk:
             await connection.close(1008, "unknown browser")
             return
         event = self._changed[connection] = asyncio.Event()
-        talk = [asyncio.create_task(work) for work in
-                (self._tell(connection, browser, event), self._hear(connection, browser))]  # fmt: skip
+        works = self._tell(connection, browser, event), self._hear(connection, browser)
+        talk = [asyncio.create_task(work) for work in works]
         try:
             await asyncio.wait(talk, return_when=asyncio.FIRST_COMPLETED)
         finally:

@@ -152,9 +152,11 @@ class Engine:
         self._said: dict[str, float] = {}
         self._turn = 0
         self._running = True
-        self._still: tuple[Client, Any] | None = None  # whose still image is traced in which scene
+        self._still: tuple[Client, Any] | None = None  # whose still image; its scene
         self._threads = [
-            threading.Thread(target=self._keep_up, args=(work,), name=f"globule {name}", daemon=True)
+            threading.Thread(
+                target=self._keep_up, args=(work,), name=f"globule {name}", daemon=True
+            )
             for name, work in (("trace", self._trace), ("time", self._time))
         ]
         state.listen(lambda changed: self.interrupt())

@@ -27,8 +27,8 @@ from .sweep_source import SweepSource, played, received
 from .volume_source import VolumeSource
 
 EXPECTED = (
-    "a file or several, Particles, positions (N, 3), a Scene, a Mesh, layers, a list of Particles, a "
-    "Volume, a Sweep, a simulation or its scene's name"
+    "a file or several, Particles, positions (N, 3), a Scene, a Mesh, layers, a list of "
+    "Particles, a Volume, a Sweep, a simulation or its scene's name"
 )
 
 

@@ -70,7 +70,9 @@ def _trace(
         settings = dataclasses.replace(settings, ambient_rays=MOST_MOVING_AMBIENT)
     if moving:
         settings = dataclasses.replace(settings, edge_samples=0)
-    frame = render(visible(layers, state), camera, size, settings, clips_of(state.cuts), thesis_of(state))
+    frame = render(
+        visible(layers, state), camera, size, settings, clips_of(state.cuts), thesis_of(state)
+    )
     if settings.is_flat and state.color.by and not moving and isinstance(layers[0].scene, Scene):
         with contextlib.suppress(ValueError):  # a source may show layers without these values
             particles, color = layers[0].scene.particles, state.color
@@ -79,9 +81,7 @@ def _trace(
     return frame
 
 
-def seen_settings(
-    source: Source, state: State, scene: Scene | Mesh, up: Any
-) -> RenderSettings:
+def seen_settings(source: Source, state: State, scene: Scene | Mesh, up: Any) -> RenderSettings:
     """Light and material of the page; colors of values replace the color of the material."""
     settings = settings_of(state.look, source, scene, up)
     if not state.color.by:
