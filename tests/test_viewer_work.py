@@ -134,8 +134,13 @@ def test_undo_and_redo():
     assert history.lengths == (3, 0)
     assert history.undo()
     assert state.surface.threshold is None
+    state.set(cuts__plane=False)
+    state.set(cuts__plane=True)  # switches count one by one
+    assert history.lengths == (4, 0)
+    assert history.undo()
+    assert history.undo()
     state.set(time__frame=3)
-    assert history.lengths == (2, 1)
+    assert history.lengths == (2, 2)
 
 
 class Kept:

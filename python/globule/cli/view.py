@@ -98,13 +98,13 @@ def run(options: argparse.Namespace) -> None:
     try:
         with mistakes():
             state, camera = _settings(options)
-            start = None if options.what else start_page(options, given)
-            if start is not None:
-                source, token = start.source, start.token
-            else:
+            start, token = None, None
+            if options.what:
                 source = open_source(options.what, options.device, options.threads, **given)
-                token = None
                 remember(options.what)
+            else:
+                start, source = start_page(options, given)
+                token = start.token
             if options.compare:
                 from ..viewer.compare_source import CompareSource
 
@@ -130,7 +130,7 @@ def run(options: argparse.Namespace) -> None:
             start.close()
 
 
-def start_page(options: argparse.Namespace, given: dict[str, Any]) -> Start:
+def start_page(options: argparse.Namespace, given: dict[str, Any]) -> tuple[Start, Source]:
     """Wait until a person has chosen on the start page what to show."""
     from ..viewer.open import open_source
     from ..viewer.start import Start
@@ -147,12 +147,12 @@ def start_page(options: argparse.Namespace, given: dict[str, Any]) -> Start:
     if not options.no_browser:
         webbrowser.open(address)
     try:
-        start.wait()
+        source = start.wait()
     except BaseException:
         start.close()
         raise
     options.port, options.no_browser = start.port, True
-    return start
+    return start, source
 
 
 def remember(what: list[str]) -> None:
@@ -194,7 +194,7 @@ def serve(
         state,
         preset,
         not options.no_browser,
-        token,
+        **({"token": token} if token else {}),
     )
     for line in [*viewer.greeting(), "press Ctrl-C to stop the viewer"]:
         print(f"globule: {line}", flush=True)

@@ -377,8 +377,10 @@ class Viewer:
         if self._closed.is_set():
             return
         self._closed.set()
-        for panel in self.page.panels if hasattr(self, "page") else ():
-            panel.close()
+        if hasattr(self, "page"):
+            for panel in self.page.panels:
+                panel.close()
+            self.page.desk.close()
         self.engine.close(seconds)
         if hasattr(self, "server"):
             with contextlib.redirect_stdout(io.StringIO()):

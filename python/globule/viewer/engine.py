@@ -16,6 +16,7 @@ import numpy as np
 
 from ..render.camera import Camera
 from ..render.frame import Frame
+from .compare_source import Split
 from .encode import jpeg
 from .overlay import Mark, box_of, finish
 from .pacer import Pacer, Plan, limited
@@ -43,7 +44,9 @@ class Client:
     def __init__(self, engine: Engine, sink: Sink, camera: Camera):
         self.engine, self.sink, self.camera = engine, sink, camera
         self.pacer = Pacer()
-        self.frame: Frame | None = None  # the last traced; only the tracing thread changes it
+        self.frame: Frame | Split | None = (
+            None  # the last traced; only the tracing thread changes it
+        )
         self.frame_version: Any = None
         self.number = 0
         self.marks: list[Mark] = []  # drawn over this client's images only
@@ -313,7 +316,7 @@ class Engine:
 
     def _traced(
         self, client: Client, plan: Plan, what: tuple, state: State, camera: Camera
-    ) -> Frame:
+    ) -> Frame | Split:
         """The next frame of a client. The caller holds the source's lock."""
         frame = client.frame
         if not (plan.refine and frame is not None and client.frame_version == what):

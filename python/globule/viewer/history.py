@@ -30,6 +30,7 @@ class History:
             return
         now = time.monotonic()
         same = bool(self._done) and self._done[-1].keys() == before.keys()
+        same = same and not any(isinstance(value, (bool, str)) for value in before.values())
         if not (same and now - self._last < TOGETHER):  # a slider sends many values
             self._done = [*self._done, before][-MOST:]
         self._undone, self._last = [], now

@@ -48,9 +48,9 @@ def trace(
     """
     if isinstance(source, CompareSource):
         state = source.shared(state)
-        with_one = [_trace(part, state, camera, size, up, moving, source)
-                    for part in (source.first, source.second)]  # fmt: skip
-        return Split(*with_one, state.compare.at)
+        left = _trace(source.first, state, camera, size, up, moving, source)
+        right = _trace(source.second, state, camera, size, up, moving, source)
+        return Split(left, right, state.compare.at)
     return _trace(source, state, camera, size, up, moving, source)
 
 

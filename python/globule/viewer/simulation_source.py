@@ -11,6 +11,7 @@ from .._base.arrays import on_gpu
 from ..render.camera import Camera
 from ..render.frame import Layer
 from ..render.settings import RenderSettings
+from ..scene.mesh import Mesh
 from ..scene.particles import Particles
 from ..scene.scene import Scene
 from .overlay import STEEL, Mark
@@ -94,7 +95,7 @@ class SimulationSource(Source):
 
     # Content
 
-    def preset_settings(self, name: str, scene: Scene, up: Any) -> RenderSettings:
+    def preset_settings(self, name: str, scene: Scene | Mesh, up: Any) -> RenderSettings:
         """The settings of a preset, with the ground of the scene file."""
         settings = super().preset_settings(name, scene, up)
         if self._ground is None or settings.ground is None:

@@ -40,7 +40,9 @@ class Color(Panel):
     def build(self) -> None:
         """Make the widgets."""
         names = (NONE, *self.viewer.source.color_names())
-        by = self.add("color", "by", options=names, none=NONE, also=lambda: self._opaque(by.value))
+        by: Any = self.add(
+            "color", "by", options=names, none=NONE, also=lambda: self._opaque(by.value)
+        )
         self.add("color", "colormap")
         automatic = self.add("color", "automatic")
         self.ends = {name: self.add("color", name, typed=True) for name in ("low", "high")}
