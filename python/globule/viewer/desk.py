@@ -159,7 +159,6 @@ class Desk:
             "play": lambda browser, value: play.toggle(),
             "step": lambda browser, value: source.step(),
             "reset": lambda browser, value: source.reset(),
-            "narrow": lambda browser, value: page.make_room(browser),
             "dark": lambda browser, value: page.paint(browser.gui, bool(value)),
         }
 

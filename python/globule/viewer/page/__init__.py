@@ -74,10 +74,6 @@ class Page:
             dark_mode=dark,
         )
 
-    def make_room(self, browser: Any) -> None:
-        """Minimize the panel of a narrow window."""
-        browser.gui.main_panel.minimize()
-
     def _keep_ticking(self) -> None:
         while not self.viewer._closed.wait(TICK):
             for panel in self.panels:

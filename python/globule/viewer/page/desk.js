@@ -258,7 +258,7 @@
     if (!word) return;
     socket?.close();
     const own = socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/globule/desk?word=${encodeURIComponent(word)}`);
-    own.onopen = () => { wait = 500; paint(desk.classList.contains("dark")); if (innerWidth < 640) say("narrow"); };
+    own.onopen = () => { wait = 500; paint(desk.classList.contains("dark")); };
     own.onmessage = (event) => { if (own === socket) { model = JSON.parse(event.data); show(); place(); } };
     own.onclose = () => { if (own === socket) setTimeout(() => { if (own === socket) connect(); }, (wait = Math.min(2 * wait, 8000))); };
   };
