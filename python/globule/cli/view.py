@@ -8,6 +8,8 @@ run on another machine: `globule view` prints the ssh command for that. Ctrl-C e
 from __future__ import annotations
 
 import argparse
+import socket
+import webbrowser
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -24,16 +26,19 @@ from .state import read_state
 if TYPE_CHECKING:
     from ..viewer.app import Viewer
     from ..viewer.source import Source
+    from ..viewer.start import Start
     from ..viewer.state import State
 
 SUMMARY = "particles, volumes, sweeps and simulations, live in the browser"
-USAGE = "FILE [FILE ...]"
+USAGE = "[FILE ...]"
 EXAMPLES = """\
+  globule view
   globule view splash.npz
   globule view dam-break
   globule view frame_*.ply --preset water --no-browser
   globule view head.nii.gz --up 0,0,1
-  globule view splash.npz --state view.toml --host 0.0.0.0"""
+  globule view splash.npz --state view.toml --host 0.0.0.0
+  globule view before.vtk --compare after.vtk"""
 ESSENTIAL = ("--state", "--eye", "--look-at", "--up", "--preset", "--color-by", 
              "--calibration", "--host", "--port", "--no-browser", "--device")  # fmt: skip
 
@@ -42,12 +47,18 @@ def add_arguments(parser: Parser) -> None:
     """The arguments of `globule view`."""
     parser.add_argument(
         "what",
-        nargs="+",
+        nargs="*",
         metavar="FILE",
         help="particles, mesh, volume or sweep (several: a sequence), a simulation's name or "
-        ".toml, or igtl://host:port",
+        ".toml, or igtl://host:port; default: a page to choose from",
     )
     flags.add(parser, "--state", "default: none")
+    parser.add_argument(
+        "--compare",
+        metavar="FILE",
+        help="particles or mesh for the right part of the image, beside a divider to drag "
+        "(default: none)",
+    )
     flags.add_page(parser)
     first = parser.add_argument_group("start values; the page can change all of them")
     flags.add(first, "--eye", "default: all is visible")
@@ -87,7 +98,18 @@ def run(options: argparse.Namespace) -> None:
     try:
         with mistakes():
             state, camera = _settings(options)
-            source = open_source(options.what, options.device, options.threads, **given)
+            start, token = None, None
+            if options.what:
+                source = open_source(options.what, options.device, options.threads, **given)
+                remember(options.what)
+            else:
+                start, source = start_page(options, given)
+                token = start.token
+            if options.compare:
+                from ..viewer.compare_source import CompareSource
+
+                other = open_source(options.compare, options.device, options.threads, **given)
+                source = CompareSource(source, other)
             if state.color.by and state.color.by not in source.color_names():
                 known = ", ".join(source.color_names())
                 raise UserError(f"--color-by: expected one of {known}, got {state.color.by}")
@@ -95,13 +117,50 @@ def run(options: argparse.Namespace) -> None:
                 options.preset = source.preset
             if not options.state and not options.color_by:
                 state.set(**source.settings)
-            viewer = serve(source, options, options.up, camera, state, options.preset)
+            viewer = serve(source, options, options.up, camera, state, options.preset, token)
     except FormatError as error:
         raise UserError(str(error)) from error
     except OSError as error:
         name = error.filename or options.what[0]
         raise UserError(f"{name}: cannot be read: {error.strerror or error}") from error
-    viewer.wait()
+    try:
+        viewer.wait()
+    finally:
+        if start is not None:
+            start.close()
+
+
+def start_page(options: argparse.Namespace, given: dict[str, Any]) -> tuple[Start, Source]:
+    """Wait until a person has chosen on the start page what to show."""
+    from ..viewer.open import open_source
+    from ..viewer.start import Start
+
+    start = Start(
+        lambda name: open_source(name, options.device, options.threads, **given),
+        options.host,
+        options.port,
+    )
+    name = socket.gethostname() if start.token else "127.0.0.1"
+    address = start.address(name)
+    print(f"globule: choose what to show at {address}", flush=True)
+    print("globule: press Ctrl-C to stop", flush=True)
+    if not options.no_browser:
+        webbrowser.open(address)
+    try:
+        source = start.wait()
+    except BaseException:
+        start.close()
+        raise
+    options.port, options.no_browser = start.port, True
+    return start, source
+
+
+def remember(what: list[str]) -> None:
+    """Note a single file for the start page's list of recent files."""
+    from ..viewer.start import remember as note
+
+    if len(what) == 1:
+        note(what[0])
 
 
 def check_viewer() -> None:
@@ -121,6 +180,7 @@ def serve(
     camera: Camera | None = None,
     state: State | None = None,
     preset: str | None = None,
+    token: str | None = None,
 ) -> Viewer:
     """The viewer of a source, at the address of the flags of `flags.add_page`."""
     from ..viewer import show
@@ -134,6 +194,7 @@ def serve(
         state,
         preset,
         not options.no_browser,
+        **({"token": token} if token else {}),
     )
     for line in [*viewer.greeting(), "press Ctrl-C to stop the viewer"]:
         print(f"globule: {line}", flush=True)

@@ -22,6 +22,7 @@ def view(
     block: bool | None = None,
     device: str = "auto",
     threads: int = 0,
+    compare: Any = None,
     **reading: Any,
 ) -> Viewer:
     """Show a scene in the browser, with controls to rotate, cut, measure and record.
@@ -46,6 +47,8 @@ def view(
         browser: open the page in a browser of this machine.
         block: wait until Ctrl-C; default: yes in a program, no in an interactive session.
         device, threads: as for `Scene`.
+        compare: particles, a mesh or a file to show beside `what`: the left part of the image shows
+            `what`, the right part `compare`, with a divider to drag and with one camera.
         reading: keywords of `read`; for sweeps of `read_sweep`.
 
     Raises:
@@ -59,6 +62,10 @@ def view(
 
     need_viser()
     source = open_source(what, device, threads, **reading)
+    if compare is not None:
+        from .compare_source import CompareSource
+
+        source = CompareSource(source, open_source(compare, device, threads, **reading))
     viewer = show(source, host, port, up, camera, state, preset, browser)
     for line in viewer.greeting():
         log.info("%s", line)
@@ -84,6 +91,7 @@ def show(
     state: Any = None,
     preset: str | None = None,
     browser: bool = True,
+    token: str | None = None,
 ) -> Viewer:
     """A viewer of a `globule.viewer.source.Source`; the arguments are those of `view`."""
     from .app import Viewer
@@ -97,7 +105,7 @@ def show(
         settings.set(**source.settings)
     elif settings is not state:
         camera = settings.load(state) or camera
-    viewer = Viewer(source, settings, host, port, up, camera)
+    viewer = Viewer(source, settings, host, port, up, camera, token=token)
     preset = preset or (source.preset if state is None else None)
     if preset is not None:
         use_preset(viewer, preset)

@@ -19,6 +19,7 @@ from .._base.arrays import on_gpu
 from .._base.checks import how_to_install, missing
 from ..render.camera import Camera
 from ..render.frame import fit_camera
+from ..scene.mesh import Mesh
 from .engine import Client, Engine
 from .equivalent import command_line, python_code
 from .guard import Guard, limit_messages, quiet_tasks
@@ -49,6 +50,7 @@ class Viewer:
         up: (3,) upward direction, world; default: y, for volumes and sweeps z.
         camera: with which every browser starts; default: everything is visible.
         title: of the page.
+        token: that a host other than a loopback address demands; default: a new one.
 
     Attributes:
         state: the settings; `viewer.state.set(surface__threshold=0.5)`.
@@ -69,6 +71,7 @@ class Viewer:
         up: Any = None,
         camera: Camera | None = None,
         title: str | None = None,
+        token: str | None = None,
     ):
         viser = need_viser()
         self.source, self.state = source, state or State()
@@ -86,10 +89,11 @@ class Viewer:
         self._camera_given = camera is not None
         self.first_camera = camera or first_camera(scene, self.up, around, source.camera)
         self._asked_port = port
-        self.token = None if host in LOCAL else secrets.token_urlsafe(24)
+        self.token = None if host in LOCAL else token or secrets.token_urlsafe(24)
         self._guard = Guard(self.token, f"{self.title} · globule")
         self._frame_callbacks: list[Callable[[Any], Any]] = []
         self._closed = threading.Event()
+        self._met = False  # a browser has connected
         self.clients: dict[int, Client] = {}
         self.engine = Engine(source, self.state, self.up)
         self.engine.on_picture = self._on_picture
@@ -109,6 +113,7 @@ class Viewer:
         from .page import Page
 
         self.page = Page(self)
+        self._guard.desk = self.page.desk
         self.server.on_client_connect(self._connected)
         self.server.on_client_disconnect(self._disconnected)
 
@@ -160,6 +165,9 @@ class Viewer:
                 "Not possible", f"At most {MOST_CLIENTS} browsers can be open", color="red"
             )
             return
+        if not self._met:  # what a person can undo begins here
+            self._met = True
+            self.state.history.clear()
         sink = ViserSink(browser, lambda number: client.acknowledge(number))
         client = self.engine.add(sink, self.first_camera)
         self.clients[browser.client_id] = client
@@ -369,8 +377,10 @@ class Viewer:
         if self._closed.is_set():
             return
         self._closed.set()
-        for panel in self.page.panels if hasattr(self, "page") else ():
-            panel.close()
+        if hasattr(self, "page"):
+            for panel in self.page.panels:
+                panel.close()
+            self.page.desk.close()
         self.engine.close(seconds)
         if hasattr(self, "server"):
             with contextlib.redirect_stdout(io.StringIO()):
@@ -458,6 +468,8 @@ def outermost(source: Source) -> np.ndarray:
 
 def left_out(scene: Any) -> list[str]:
     """Warnings about particles that cannot be shown."""
+    if isinstance(scene, Mesh):
+        return []
     n_lost = len(scene) - scene.octree.n_inside
     if not n_lost:
         return []
@@ -479,7 +491,7 @@ def first_camera(scene: Any, up: Any, around: Any, like: Camera | None = None) -
     """
     from ..render.camera import view_axes
 
-    if scene.octree.n_inside == 0 and around is None:
+    if around is None and scene.octree.n_inside == 0:
         return Camera((1.2, 0.9, 2.0), (0, 0, 0), up)
     right, above, front = view_axes(up)
     towards, fov = 0.6 * right + 0.45 * above + front, 40.0

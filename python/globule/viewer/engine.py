@@ -16,6 +16,7 @@ import numpy as np
 
 from ..render.camera import Camera
 from ..render.frame import Frame
+from .compare_source import Split
 from .encode import jpeg
 from .overlay import Mark, box_of, finish
 from .pacer import Pacer, Plan, limited
@@ -24,6 +25,7 @@ from .source import Source
 from .state import State
 
 REPEAT = 5.0  # s before the same error is reported again
+RESTART = 0.5  # s before a thread that failed begins again
 
 
 class Sink(Protocol):
@@ -42,7 +44,9 @@ class Client:
     def __init__(self, engine: Engine, sink: Sink, camera: Camera):
         self.engine, self.sink, self.camera = engine, sink, camera
         self.pacer = Pacer()
-        self.frame: Frame | None = None  # the last traced; only the tracing thread changes it
+        self.frame: Frame | Split | None = (
+            None  # the last traced; only the tracing thread changes it
+        )
         self.frame_version: Any = None
         self.number = 0
         self.marks: list[Mark] = []  # drawn over this client's images only
@@ -55,8 +59,10 @@ class Client:
     def look(self, camera: Camera, size: tuple[int, int]) -> None:
         """Use another camera and window size (width, height) from now on."""
         with self.engine.wake:
-            self.camera = camera
+            before, self.camera = self.camera, camera
             self.pacer.full = (max(1, int(size[0])), max(1, int(size[1])))
+            if camera != before:
+                self.engine.interrupt(self)
             self.engine.wake.notify_all()
 
     def mark(self, marks: list[Mark]) -> None:
@@ -149,11 +155,14 @@ class Engine:
         self._said: dict[str, float] = {}
         self._turn = 0
         self._running = True
+        self._still: tuple[Client, Any] | None = None  # whose still image; its scene
         self._threads = [
-            threading.Thread(target=work, name=f"globule {name}", daemon=True)
+            threading.Thread(
+                target=self._keep_up, args=(work,), name=f"globule {name}", daemon=True
+            )
             for name, work in (("trace", self._trace), ("time", self._time))
         ]
-        state.listen(lambda changed: self.notify())
+        state.listen(lambda changed: self.interrupt())
         for thread in self._threads:
             thread.start()
         atexit.register(self.close)  # threads must not be inside a kernel when Python ends
@@ -161,6 +170,19 @@ class Engine:
     def notify(self) -> None:
         """Wake the threads: the settings or the source have changed."""
         with self.wake:
+            self.wake.notify_all()
+
+    def interrupt(self, client: Client | None = None) -> None:
+        """Stop a still image in progress, since something has changed or a person waits.
+
+        The image begins again where it is still wanted. Images of a moving view are never stopped.
+
+        Args:
+            client: whose image to stop; None: anyone's.
+        """
+        with self.wake:
+            if self._still is not None and client in (None, self._still[0]):
+                self._still[1].cancel()
             self.wake.notify_all()
 
     def add(self, sink: Sink, camera: Camera) -> Client:
@@ -203,6 +225,20 @@ class Engine:
             self._said = {message: now}
             self.on_error(message)
 
+    def _keep_up(self, work: Callable[[], None]) -> None:
+        """Run the work of a thread; begin again, and say so, if it fails as nothing expects."""
+        while True:
+            try:
+                return work()
+            except BaseException as error:
+                with self.wake:
+                    for client in self.clients:
+                        if client.pacer.making:
+                            client.pacer.interrupted(time.monotonic())
+                why = f"{type(error).__name__}: {error}".rstrip(": ")
+                self.report(RuntimeError(f"the viewer restarted a thread that had failed: {why}"))
+                time.sleep(RESTART)
+
     # Tracing
 
     def _what(self, client: Client) -> tuple:
@@ -236,6 +272,9 @@ class Engine:
             client, plan, seen, what = found
             try:
                 self._make(client, plan, seen, what)
+            except KeyboardInterrupt:  # `interrupt`
+                with self.wake:
+                    client.pacer.interrupted(seen)
             except Exception as error:
                 with self.wake:
                     client.pacer.given_up()
@@ -246,23 +285,25 @@ class Engine:
         camera, source = client.camera, self.source
         with source.lock:
             started = time.monotonic()
-            frame = client.frame
-            if plan.refine and frame is not None and client.frame_version == what:
-                while frame.samples < plan.samples and self._what(client) == what:
-                    frame.refine()
-            else:
-                frame = trace(source, state, camera, plan.size, self.up, moving=not plan.still)
-            plates = source.plates(state)
-            more = {
-                "state": state,
-                "camera": camera,
-                "plates": plates,
-                "marks": client.marks + source.marks(),
-                "depth": frame.distance if plates or state.notes.box else None,
-                "ends": source.maker.range,
-                **box_of(frame, state),
-            }
-            picture = frame.picture
+            core = getattr(source.maker.last_scene, "_raw", None)  # a simulation's own has none
+            with self.wake:
+                self._still = (client, core) if plan.still and core is not None else None
+            try:
+                frame = self._traced(client, plan, what, state, camera)
+                plates = source.plates(state)
+                more = {
+                    "state": state,
+                    "camera": camera,
+                    "plates": plates,
+                    "marks": client.marks + source.marks(),
+                    "depth": frame.distance if plates or state.notes.box else None,
+                    "ends": source.maker.range,
+                    **box_of(frame, state),
+                }
+                picture = frame.picture
+            finally:
+                with self.wake:
+                    self._still = None
         with self.wake:
             if client not in self.clients:  # it has left
                 return
@@ -272,6 +313,17 @@ class Engine:
             self.trace_seconds = seconds
             client.pacer.traced(plan, seconds, state.quality.rate)
         client.hand((plan, seen, picture, more))
+
+    def _traced(
+        self, client: Client, plan: Plan, what: tuple, state: State, camera: Camera
+    ) -> Frame | Split:
+        """The next frame of a client. The caller holds the source's lock."""
+        frame = client.frame
+        if not (plan.refine and frame is not None and client.frame_version == what):
+            return trace(self.source, state, camera, plan.size, self.up, moving=not plan.still)
+        while frame.samples < plan.samples and self._what(client) == what:
+            frame.refine()
+        return frame
 
     # Time
 

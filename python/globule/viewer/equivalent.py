@@ -65,6 +65,7 @@ def _first_words(state: State, camera: Camera | None, unsaid: tuple[str, ...]) -
         words += ["--up", _three(camera.up)]
         angle = ("--fov", camera.fov) if camera.height is None else ("--ortho", camera.height)
         words += [angle[0], _text(angle[1])]
+    words += ["--surface", surface.shape] if surface.shape != "auto" else []
     words += ["--kernel", surface.kernel] if surface.kernel != "murakami" else []
     for name in ("threshold", "support"):
         value = getattr(surface, name)
@@ -144,11 +145,7 @@ def python_code(
     """A program that makes the image. The caller holds the source's lock."""
     origin, surface, color = source.origin(state), state.surface, state.color
     scene = source.layers(state)[0].scene
-    options = {
-        "kernel": surface.kernel,
-        "threshold": float(scene.threshold),
-        **scene_options(source.particles(), surface.kernel, surface.support, surface.root),
-    }
+    made = origin.scene or f"gb.Scene(particles, {_scene_words(source, scene, state)})"
     settings = dataclasses.replace(
         seen_settings(source, state, scene, up), samples=state.quality.samples
     )
@@ -167,7 +164,6 @@ def python_code(
             f"ends = {ends}",
             f"particles.color = colorize(values, {color.colormap!r}, *ends)",
         ]
-    words = ", ".join(f"{name}={_code(value)}" for name, value in options.items())
     more = ""
     if color.by and settings.is_flat:
         more += f", color_by={color.by!r}, colormap={color.colormap!r}, range=ends"
@@ -175,7 +171,7 @@ def python_code(
     if notes.draws:
         more += f", annotate={_code(notes)}"
     lines += [
-        f"scene = gb.Scene(particles, {words})",
+        f"scene = {made}",
         f"camera = {_code(camera)}",
         "settings = gb.RenderSettings(",
         *changes,
@@ -195,6 +191,19 @@ def python_code(
         lines += ['frame.save("picture.png")']
     lines += [f"# without: {', '.join(origin.left)}"] if origin.left else []
     return "\n".join(lines) + "\n"
+
+
+def _scene_words(source: Source, scene: Any, state: State) -> str:
+    """The arguments of `Scene` after the particles."""
+    surface, smooth = state.surface, scene.surface == "smooth"
+    options = {
+        **({} if smooth else {"kernel": surface.kernel}),
+        "threshold": float(scene.threshold),
+        **scene_options(
+            source.particles(), surface.kernel, surface.support, surface.root, scene.surface
+        ),
+    }
+    return ", ".join(f"{name}={_code(value)}" for name, value in options.items())
 
 
 def _imports(state: State) -> list[str]:

@@ -24,6 +24,7 @@ from types import FunctionType
 from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
+from . import desk
 from .log import log
 
 REPEAT = 5.0  # s before the same message is logged again
@@ -46,11 +47,13 @@ class Guard:
 
     Attributes:
         started: whether the server's socket was opened through this guard.
+        desk: `globule.viewer.desk.Desk`, which talks with our own controls.
     """
 
     def __init__(self, token: str | None, title: str = "globule"):
         self.token, self.title = token, title
         self.started = False
+        self.desk: Any = None
         self._titled: dict[bytes, bytes] = {}  # viser's page to ours
 
     def refusal(self, path: str, headers: Any) -> str | None:
@@ -82,7 +85,7 @@ class Guard:
         return ""
 
     def _give_title(self, response: Any) -> None:
-        """Replace the title in viser's page, which is "Viser"."""
+        """Replace the title in viser's page, which is "Viser", and add our own controls."""
         if not response.headers.get("Content-Type", "").startswith("text/html"):
             return
         body = response.body
@@ -91,6 +94,7 @@ class Guard:
             page = gzip.decompress(body) if packed else body
             name = f"<title>{html.escape(self.title)}</title>".encode()
             page = page.replace(b"<title>Viser</title>", name, 1)
+            page = page.replace(b"</head>", desk.HEAD, 1)
             self._titled[body] = gzip.compress(page) if packed else page
         response.body = self._titled[body]
         del response.headers["Content-Length"]
@@ -106,7 +110,10 @@ class Guard:
             why = self.refusal(request.path, request.headers)
             if why is not None:
                 return connection.respond(http.HTTPStatus.FORBIDDEN, f"globule: {why}\n")
-            response = inner(connection, request)
+            if request.path.partition("?")[0] == desk.PATH:
+                return None  # a websocket, or refused by websockets
+            found = desk.file(request.path)
+            response = inner(connection, request) if found is None else answer(*found)
             if response is not None:
                 self._give_title(response)
                 response.headers["Content-Security-Policy"] = POLICY
@@ -116,10 +123,16 @@ class Guard:
                     response.headers["Set-Cookie"] = self.cookie()
             return response
 
+        async def route(connection: Any) -> None:
+            if connection.request.path.partition("?")[0] != desk.PATH:
+                await handler(connection)
+            elif self.desk is not None:
+                await self.desk.serve(connection)
+
         options["max_size"] = MOST_MESSAGE
         options["logger"] = connection_logger()
         self.started = True
-        return serve(handler, host, port, process_request=check, **options)
+        return serve(route, host, port, process_request=check, **options)
 
     def server(self, host: str, port: int) -> Any:
         """A `viser.ViserServer` whose socket this guard opens.
@@ -151,6 +164,16 @@ class Guard:
             )
 
         return Server(host, port, verbose=False)
+
+
+def answer(kind: str, body: bytes) -> Any:
+    """A response with a file; kind: its content type."""
+    from websockets.datastructures import Headers
+    from websockets.http11 import Response
+
+    length = str(len(body))
+    headers = Headers({"Content-Type": kind, "Content-Length": length, "Cache-Control": "no-cache"})
+    return Response(200, "OK", headers, body)
 
 
 class Renamed:

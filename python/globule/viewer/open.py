@@ -10,7 +10,9 @@ import numpy as np
 
 from .._base.arrays import on_gpu, to_host
 from ..formats import read
+from ..formats.triangles import has_faces
 from ..render.frame import Layer
+from ..scene.mesh import Mesh
 from ..scene.particles import Particles
 from ..scene.scene import Scene
 from ..sim.scene_file import SHIPPED
@@ -25,8 +27,8 @@ from .sweep_source import SweepSource, played, received
 from .volume_source import VolumeSource
 
 EXPECTED = (
-    "a file or several, Particles, positions (N, 3), a Scene, layers, a list of Particles, a "
-    "Volume, a Sweep, a simulation or its scene's name"
+    "a file or several, Particles, positions (N, 3), a Scene, a Mesh, layers, a list of "
+    "Particles, a Volume, a Sweep, a simulation or its scene's name"
 )
 
 
@@ -46,6 +48,8 @@ def open_source(what: Any, device: str = "auto", threads: int = 0, **reading: An
     common: dict[str, Any] = {"device": device, "threads": threads}
     if isinstance(what, (str, os.PathLike)):
         return _open_name(os.fspath(what), common, reading)
+    if isinstance(what, Mesh):
+        return SceneSource(f"{len(what):,} triangles", what, **common)
     if isinstance(what, (Particles, Scene)):
         return SceneSource(f"{len(what):,} particles", what, **common)
     if isinstance(what, Volume):
@@ -65,7 +69,7 @@ def open_source(what: Any, device: str = "auto", threads: int = 0, **reading: An
         return _open_files([os.fspath(item) for item in items], common, reading)
     if items and all(isinstance(item, Particles) for item in items):
         return SequenceSource(f"{len(items)} frames", items, **common)
-    if items and all(isinstance(item, (Layer, Scene)) for item in items):
+    if items and all(isinstance(item, (Layer, Scene, Mesh)) for item in items):
         return SceneSource(f"{len(items)} layers", items, **common)
     raise TypeError(f"view: expected {EXPECTED}, got {what!r:.80}")
 
@@ -104,6 +108,8 @@ def _open_name(name: str, common: dict[str, Any], reading: dict[str, Any]) -> So
         if files != [name]:
             return _open_files(files, common, reading)
     source = _medical(name, common, reading)
+    if source is None and not reading and has_faces(name):
+        source = SceneSource(title, Mesh(name), **common)
     if source is None:
         particles = read(name, **reading)
         places = to_host(particles.positions)
@@ -134,7 +140,9 @@ def _medical(name: str, common: dict[str, Any], reading: dict[str, Any]) -> Sour
     if kind == "sweep":
         return _sweep(title, read_sweep(name, **reading), common)
     if kind == "volume" and reading:
-        return SceneSource(title, tomography_particles(name, **reading), **common)
+        source = SceneSource(title, tomography_particles(name, **reading), **common)
+        source.maker.fluids = False  # voxels
+        return source
     if kind == "volume":
         return VolumeSource(title, read_volume(name), **common)
     return None

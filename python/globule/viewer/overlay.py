@@ -60,7 +60,7 @@ def annotation_of(state: State) -> Annotation:
     )
 
 
-def box_of(frame: Frame, state: State) -> dict[str, Any]:
+def box_of(frame: Frame | Any, state: State) -> dict[str, Any]:
     """What `finish` needs of a frame for the bounding box. The caller holds the source's lock."""
     if not state.notes.box:
         return {}

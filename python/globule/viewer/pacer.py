@@ -137,6 +137,11 @@ class Pacer:
         """Note that the image failed; the same content is not tried again."""
         self.making, self._changed, self._hopeless = False, None, self._wanted
 
+    def interrupted(self, seen: float) -> None:
+        """Note that the image was not finished; `seen`: as `started` returned it."""
+        self.making = False
+        self._changed = seen if self._changed is None else min(seen, self._changed)
+
     def sent(self, now: float, number: int, seen: float, n_bytes: int, still: bool) -> None:
         """Note that an image was sent; `seen`: as `started` returned it."""
         self.making = False

@@ -13,8 +13,11 @@ from ..render.clips import ClipBox, ClipPlane, ClipSphere
 from ..render.frame import Frame, render, values_of
 from ..render.lights import DirectionalLight, Ground, Headlight, Sky
 from ..render.presets import GROUNDS, ground_height
-from ..render.settings import RenderSettings, for_values
+from ..render.settings import RenderSettings, extent_of, for_values
+from ..scene.mesh import Mesh
 from ..scene.scene import Scene
+from .compare_source import CompareSource, Split
+from .layers import visible
 from .scenes import thesis_of
 from .source import Source
 from .state import Cuts, Look, State
@@ -29,7 +32,7 @@ def trace(
     size: tuple[int, int],
     up: Any,
     moving: bool = False,
-) -> Frame:
+) -> Frame | Split:
     """A frame with one sample per pixel; `Frame.refine` adds more.
 
     The caller holds the source's lock.
@@ -38,17 +41,39 @@ def trace(
         camera: world.
         size: (width, height), pixels.
         up: (3,) upward direction, world, for lights and ground.
-        moving: use fewer rays for ambient occlusion.
+        moving: use fewer rays for ambient occlusion, and none for edges.
 
     Raises:
         ValueError: settings that exclude each other.
     """
+    if isinstance(source, CompareSource):
+        state = source.shared(state)
+        left = _trace(source.first, state, camera, size, up, moving, source)
+        right = _trace(source.second, state, camera, size, up, moving, source)
+        return Split(left, right, state.compare.at)
+    return _trace(source, state, camera, size, up, moving, source)
+
+
+def _trace(
+    source: Source,
+    state: State,
+    camera: Camera,
+    size: tuple[int, int],
+    up: Any,
+    moving: bool,
+    lit: Source,
+) -> Frame:
+    """`trace` of one data set with the light of the source `lit`."""
     layers = source.layers(state)
-    settings = dataclasses.replace(seen_settings(source, state, layers[0].scene, up), samples=1)
+    settings = dataclasses.replace(seen_settings(lit, state, layers[0].scene, up), samples=1)
     if moving and settings.ambient_rays > MOST_MOVING_AMBIENT:
         settings = dataclasses.replace(settings, ambient_rays=MOST_MOVING_AMBIENT)
-    frame = render(layers, camera, size, settings, clips_of(state.cuts), thesis_of(state))
-    if settings.is_flat and state.color.by and not moving:
+    if moving:
+        settings = dataclasses.replace(settings, edge_samples=0)
+    frame = render(
+        visible(layers, state), camera, size, settings, clips_of(state.cuts), thesis_of(state)
+    )
+    if settings.is_flat and state.color.by and not moving and isinstance(layers[0].scene, Scene):
         with contextlib.suppress(ValueError):  # a source may show layers without these values
             particles, color = layers[0].scene.particles, state.color
             shown = values_of(particles, color.by, color.colormap, source.maker.range)
@@ -56,7 +81,7 @@ def trace(
     return frame
 
 
-def seen_settings(source: Source, state: State, scene: Scene, up: Any) -> RenderSettings:
+def seen_settings(source: Source, state: State, scene: Scene | Mesh, up: Any) -> RenderSettings:
     """Light and material of the page; colors of values replace the color of the material."""
     settings = settings_of(state.look, source, scene, up)
     if not state.color.by:
@@ -64,7 +89,7 @@ def seen_settings(source: Source, state: State, scene: Scene, up: Any) -> Render
     return for_values(settings)
 
 
-def settings_of(look: Look, source: Source, scene: Scene, up: Any) -> RenderSettings:
+def settings_of(look: Look, source: Source, scene: Scene | Mesh, up: Any) -> RenderSettings:
     """The preset's light and material, with the changes of the page."""
     base = RenderSettings()
     if look.preset != "plain":
@@ -129,11 +154,11 @@ def sun_direction(look: Look, up: Any) -> tuple[float, float, float]:
     return round(float(x), 6), round(float(y), 6), round(float(z), 6)
 
 
-def _ground(look: Look, base: RenderSettings, scene: Scene, up: Any) -> Ground | None:
+def _ground(look: Look, base: RenderSettings, scene: Scene | Mesh, up: Any) -> Ground | None:
     if look.ground == "none":
         return None
     plain = base.ground or Ground(0.0, up)
-    check = GROUNDS[look.ground] * float(scene.octree.extent)
+    check = GROUNDS[look.ground] * float(extent_of(scene))
     return dataclasses.replace(plain, height=ground_height(scene, up), check=check)
 
 

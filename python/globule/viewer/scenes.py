@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 
 from .._base.colormaps import colorize
+from ..scene import fluid
 from ..scene.attributes import attribute_names, attribute_values
 from ..scene.particles import Particles
-from ..scene.scene import DEFAULTS, Scene
+from ..scene.scene import DEFAULTS, SMOOTH_THRESHOLD, Scene
 from ..scene.thesis import POLYNOMIAL_KERNELS, Thesis, fitting_level
 from .state import State
 
@@ -25,6 +26,7 @@ class SceneMaker:
         given: a scene of the user, which is traced as it is until a setting differs from it.
 
     Attributes:
+        fluids: whether particles like those of a fluid get a smooth surface; not those of volumes.
         range: values at the two ends of the color map.
     """
 
@@ -34,19 +36,46 @@ class SceneMaker:
             self._options["device"] = given.device.name
         self._given = given
         self._scene = given
-        self._built: Any = None if given is None else self._surface(given.kernel, None, "exact")
+        self._built: Any = None
+        if given is not None:
+            self._built = (given.kernel, None, "exact", given.surface)
+        self.fluids = True
+        self._fluid: tuple[int, bool] | None = None  # how many particles were judged, and how
         self._shown: Any = None if given is None else (given.particles, "")
         self._other: Scene | None = None
         self.range = (0.0, 1.0)  # of the color map
 
-    @staticmethod
-    def _surface(kernel: str, support: float | None, root: str) -> tuple:
-        return kernel, support, "exact" if root == "exact" else "thesis"
+    def shape(self, particles: Particles, state: State, threshold: float | None = None) -> str:
+        """ "smooth" or "balls", by the rule of `globule.render`.
+
+        Particles are judged once, so that a surface does not change its kind while it moves; a few
+        particles are judged again when there are more.
+        """
+        surface = state.surface
+        if surface.shape != "auto":
+            return surface.shape
+        own = (surface.kernel, surface.support, surface.root) != ("murakami", None, "exact")
+        if own or not (surface.threshold is None and threshold is None):
+            return "balls"
+        if self._given is not None:
+            return self._given.surface
+        if not self.fluids or state.look.preset == "thesis":
+            return "balls"
+        if self._fluid is None or self._fluid[0] < fluid.FEWEST:
+            self._fluid = len(particles), fluid.fluid_like(particles).yes
+        return "smooth" if self._fluid[1] else "balls"
+
+    def _wanted(self, particles: Particles, state: State, threshold: float | None) -> tuple:
+        surface, shape = state.surface, self.shape(particles, state, threshold)
+        if shape == "smooth":  # finds kernel and supports itself
+            return "murakami", None, "exact", shape
+        root = "exact" if surface.root == "exact" else "thesis"
+        return surface.kernel, surface.support, root, shape
 
     def scene(self, particles: Particles, state: State, threshold: float | None = None) -> Scene:
         """The scene to trace; `threshold` applies where the settings have none."""
         self._other = None
-        wanted = self._surface(state.surface.kernel, state.surface.support, state.surface.root)
+        wanted = self._wanted(particles, state, threshold)
         colors = self._colors(particles, state)
         shown = (particles, colors)
         same = self._shown is not None and self._shown[0] is particles and self._shown[1] == colors
@@ -56,7 +85,9 @@ class SceneMaker:
             self._scene.update(self._colored(particles, state))
         self._built, self._shown = wanted, shown
         own = None if self._given is None else self._given_threshold
-        usual = DEFAULTS[state.surface.kernel][1]
+        if own is not None and self._given is not None and self._given.surface != wanted[3]:
+            own = None
+        usual = SMOOTH_THRESHOLD if wanted[3] == "smooth" else DEFAULTS[state.surface.kernel][1]
         for value in (state.surface.threshold, threshold, own, usual):
             if value is not None:
                 self._scene.threshold = float(value)
@@ -110,9 +141,11 @@ class SceneMaker:
 
 
 def scene_options(
-    particles: Particles, kernel: str, support: float | None, root: str, **machine: Any
+    particles: Particles, kernel: str, support: float | None, root: str, shape: str, **machine: Any
 ) -> dict[str, Any]:
-    """Further arguments of `Scene` for a support (None: automatic) and a root method."""
+    """Further arguments of `Scene` for a support (None: automatic), root method and surface."""
+    if shape == "smooth":
+        return {"surface": shape}
     if root == "exact":
         return {} if support is None else {"support": support}
     if support is None and particles.support is None:
@@ -128,6 +161,10 @@ def thesis_of(state: State) -> Thesis | None:
     surface = state.surface
     if surface.root == "exact":
         return None
+    if surface.shape == "smooth":
+        raise ValueError(
+            f"surface: expected balls or auto with the root method {surface.root}, got smooth"
+        )
     if surface.root == "bezier" and surface.kernel not in POLYNOMIAL_KERNELS:
         known = " or ".join(POLYNOMIAL_KERNELS)
         raise ValueError(

@@ -59,13 +59,16 @@ class SequenceSource(Source):
         return self._now
 
     def outline(self) -> np.ndarray | None:
-        """The box around the first and the last frame, so that moving particles stay visible."""
+        """A box around the first and the last frame, so that moving particles stay visible, with
+        some room for their surface."""
         try:
             ends = [self._fetch(i).result().bounds() for i in (0, self.n_frames - 1)]
         except (ValueError, OSError):  # an empty frame, or one that is not written yet
             return None
         lo, hi = (np.array(corners) for corners in zip(*ends, strict=True))
-        return box_corners(lo.min(axis=0), hi.max(axis=0))
+        low, high = lo.min(axis=0), hi.max(axis=0)
+        room = 0.03 * float(np.max(high - low))
+        return box_corners(low - room, high + room)
 
     def layers(self, state: State) -> list[Layer]:
         """The scene of the current frame. The caller holds `lock`."""

@@ -7,9 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from .._base.arrays import on_gpu
 from ..render.camera import Camera
 from ..render.frame import Layer
 from ..render.settings import RenderSettings
+from ..scene.mesh import Mesh
 from ..scene.particles import Particles
 from ..scene.scene import Scene
 from .overlay import STEEL, Mark
@@ -56,6 +58,7 @@ class SimulationSource(Source):
         self.n_cut = 0
         self.by_hand = False
         self._own: Particles | None = None  # a copy, for colors of values
+        self._fluid: tuple[Particles, Particles] | None = None  # all, and the shown ones
         self._own_version = -1
         self._wanted_steps = 0
         self._hold = np.zeros(3)  # place of the held matter, world
@@ -92,7 +95,7 @@ class SimulationSource(Source):
 
     # Content
 
-    def preset_settings(self, name: str, scene: Scene, up: Any) -> RenderSettings:
+    def preset_settings(self, name: str, scene: Scene | Mesh, up: Any) -> RenderSettings:
         """The settings of a preset, with the ground of the scene file."""
         settings = super().preset_settings(name, scene, up)
         if self._ground is None or settings.ground is None:
@@ -110,24 +113,44 @@ class SimulationSource(Source):
         surface = state.surface
         scene = getattr(self.simulation, "scene", None)
         plain = surface.support is None and surface.root == "exact" and not state.color.by
-        if scene is None or not plain or surface.kernel != scene.kernel:
-            return [Layer(self.maker.scene(self.particles(), state))]
+        if scene is None or not plain or surface.kernel != scene.kernel or self.is_smooth(state):
+            return [Layer(self.maker.scene(self._drawn(state), state))]
         if surface.threshold is not None:
             scene.threshold = surface.threshold
         self.maker.show(scene)
         return [Layer(scene)]
 
+    def is_smooth(self, state: State) -> bool:
+        """Whether the fluid gets a smooth surface; tissue and what stands beside it do not."""
+        if state.surface.shape != "auto":
+            return state.surface.shape == "smooth"
+        return not self.has_tissue and self.maker.shape(self._shown(), state) == "smooth"
+
+    def _drawn(self, state: State) -> Particles:
+        return self._shown() if self.is_smooth(state) else self.particles()
+
+    def _shown(self) -> Particles:
+        """The particles that are not hidden: of a fluid in a tank, the fluid's."""
+        everything = self.particles()
+        if self._fluid is None or self._fluid[0] is not everything:
+            weight = everything.weight
+            some = np.ndim(weight) == 1 and not on_gpu(weight) and not np.all(weight)
+            shown = everything[np.asarray(weight) > 0] if some else everything
+            self._fluid = everything, shown
+        return self._fluid[1]
+
     def origin(self, state: State) -> Origin:
         """The scene file, with as many steps as have been taken."""
         name = self.files[0] if self.files else "scene.toml"
         code = [f"simulation = gb.Simulation({name!r})"]
+        particles = "shown_particles" if self.is_smooth(state) else "particles"
         n, passed = getattr(self.simulation, "n_steps", 0), []
         if n:
             code += [f"for _ in range({n}):", "    simulation.step()"]
             passed = [f"the simulated {self.simulation.time:.4g} s"]
         left = ["changes by hand"] if self.by_hand else []
         return Origin(
-            [name], [*code, "particles = simulation.particles"], left=passed + left, lives=True
+            [name], [*code, f"particles = simulation.{particles}"], left=passed + left, lives=True
         )
 
     def tissue_extent(self) -> float:

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from ..render.annotate import bounds_of
 from ..render.camera import Camera
 from ..render.frame import Layer
 from ..render.presets import preset
@@ -33,6 +34,7 @@ class Origin:
         left: names of what command and code omit.
         lives: the source changes in time, and only `globule view` can show it.
         unsaid: options that the command does not have for such a file.
+        scene: Python code that makes `scene`, if it is not one of `particles`.
     """
 
     words: list[str]
@@ -41,6 +43,7 @@ class Origin:
     left: list[str] = field(default_factory=list)
     lives: bool = False
     unsaid: tuple[str, ...] = ()
+    scene: str = ""
 
 
 @dataclass
@@ -56,6 +59,7 @@ class Probed:
     words: dict[str, str]
 
 
+NO_PARTICLES = Particles(np.empty((0, 3), np.float32), support=1.0)
 OPTIONS = {
     "level": "--level",
     "labels": "--label",
@@ -77,6 +81,7 @@ class Source:
         files: that the source was read from.
         reading: keywords with which the files were read.
         maker: of the scene.
+        beside: layers after the first one, which the settings do not change.
         kind: "scene", "sequence", "simulation", "volume" or "sweep".
         n_frames: of a sequence.
         grows: size and place become known in time only.
@@ -103,6 +108,7 @@ class Source:
         self.version = 0
         self.maker = SceneMaker()
         self._preset: tuple | None = None
+        self.beside: list[Layer] = []
 
     def layers(self, state: State) -> list[Layer]:
         """The layers to trace. The caller holds `lock`."""
@@ -142,7 +148,7 @@ class Source:
         """`reading` as Python keywords."""
         return [f"{name}={value!r}" for name, value in self.reading.items()]
 
-    def preset_settings(self, name: str, scene: Scene, up: Any) -> RenderSettings:
+    def preset_settings(self, name: str, scene: Scene | Mesh, up: Any) -> RenderSettings:
         """The settings of a preset, scaled to the first scene that was shown with it.
 
         Lights and ground therefore keep their place while particles move.
@@ -219,34 +225,68 @@ class SceneSource(Source):
     def __init__(
         self,
         name: str,
-        shown: Particles | Scene | list[Layer],
+        shown: Particles | Scene | Mesh | list[Layer],
         device: str = "auto",
         threads: int = 0,
     ):
         super().__init__(name)
-        self._beside: list[Layer] = []
         self._material = None
         self._clips: tuple = ()
         if isinstance(shown, list):
-            first, *self._beside = (
-                item if isinstance(item, Layer) else Layer(item) for item in shown
-            )
+            given = [item if isinstance(item, Layer) else Layer(item) for item in shown]
+            # Settings of the page are those of particles, wherever they stand.
+            given.sort(key=lambda layer: isinstance(layer.scene, Mesh))
+            first, *self.beside = given
             found, self._material, self._clips = first.scene, first.material, tuple(first.clips)
-            if isinstance(found, Mesh):
-                raise TypeError("scene: expected particles in the first layer, got a mesh")
         else:
             found = shown
-        self._shown: Particles | Scene = found
+        self._shown: Particles | Scene | Mesh = found
         self.maker = SceneMaker(device, threads, found if isinstance(found, Scene) else None)
 
     def particles(self) -> Particles:
-        """The particles, or those of the scene."""
+        """The particles, or those of the scene; of a mesh none."""
+        if isinstance(self._shown, Mesh):
+            return NO_PARTICLES
         return self._shown.particles if isinstance(self._shown, Scene) else self._shown
 
     def layers(self, state: State) -> list[Layer]:
-        """The layers to trace. The caller holds `lock`."""
-        scene = self.maker.scene(self.particles(), state)
-        return [Layer(scene, self._material, self._clips), *self._beside]
+        """The layers to trace, particles first. The caller holds `lock`."""
+        scene: Any = self._shown
+        if not isinstance(scene, Mesh):
+            scene = self.maker.scene(self.particles(), state)
+        return [Layer(scene, self._material, self._clips), *self.beside]
+
+    @property
+    def is_mesh(self) -> bool:
+        """Whether the first layer is a mesh."""
+        return isinstance(self._shown, Mesh)
+
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Lowest and highest corner (3,) of all layers, world."""
+        shown: Any = self._shown
+        found = bounds_of([shown, *(layer.scene for layer in self.beside)])
+        return super().bounds() if found is None else found
+
+    def outline(self) -> np.ndarray | None:
+        """The corners of all layers, where there are several or a mesh."""
+        if self.beside or isinstance(self._shown, Mesh):
+            return box_corners(*self.bounds())
+        return None
+
+    def color_names(self) -> list[str]:
+        """The fields and attributes by which the particles can be colored."""
+        return [] if isinstance(self._shown, Mesh) else super().color_names()
+
+    def origin(self, state: State) -> Origin:
+        """The file, or how a program makes the mesh."""
+        if not isinstance(self._shown, Mesh):
+            found = super().origin(state)
+            found.left += ["the other layers"] if self.beside else []
+            return found
+        file = self.files[0] if self.files else "mesh.ply"
+        made = [] if self.files else ["# mesh.ply: the mesh, written by your program"]
+        left = ["the other layers"] if self.beside else []
+        return Origin([file], made, left=left, scene=f"gb.Mesh({file!r})")
 
     def update(self, particles: Particles | Any) -> None:
         """Show other `Particles` or positions (N, 3) from now on."""

@@ -22,6 +22,7 @@ from ..render.legend import POSITIONS
 from ..render.presets import PRESETS
 from ..scene.scene import KERNELS
 from .fields import checked, choice, real, switch, triple, whole
+from .history import History
 
 FAR = 1e18  # the largest coordinate of a scene
 MOST_BOOKMARKS = 64
@@ -47,6 +48,12 @@ class Surface:
         ("exact", "march", "bezier"),
         "Root method",
         "How a ray finds the surface; march and bezier as in the thesis",
+    )
+    shape: str = choice(
+        "auto",
+        ("auto", "smooth", "balls"),
+        "Kind of surface",
+        "smooth: one surface around a fluid; auto: smooth where the particles are those of a fluid",
     )
 
 
@@ -172,6 +179,20 @@ class Slices:
 
 
 @dataclass
+class Layers:
+    """The layers of the image."""
+
+    hidden: str = choice("", (), "Hidden layers", "Numbers of layers, from 1, such as 2 3")
+
+
+@dataclass
+class Compare:
+    """Two data sets in one image."""
+
+    at: float = real(0.5, 0.0, 1.0, "Divider", "Share of the image, from the left, of the first")
+
+
+@dataclass
 class Time:
     """Playback of a sequence."""
 
@@ -194,6 +215,8 @@ GROUPS = {
     "cuts": Cuts,
     "quality": Quality,
     "slices": Slices,
+    "layers": Layers,
+    "compare": Compare,
     "time": Time,
 }
 
@@ -204,9 +227,10 @@ class State:
     Change settings with `set`, so that pages and images follow. Any thread may call `set`.
 
     Attributes:
-        surface, look, color, notes, cuts, quality, slices, time: the groups.
+        surface, look, color, notes, cuts, quality, slices, layers, compare, time: the groups.
         bookmarks: cameras by the name that a person gave them.
         version: counts the changes.
+        history: undoes and redoes changes.
     """
 
     surface: Surface
@@ -216,6 +240,8 @@ class State:
     cuts: Cuts
     quality: Quality
     slices: Slices
+    layers: Layers
+    compare: Compare
     time: Time
 
     def __init__(self) -> None:
@@ -225,6 +251,7 @@ class State:
         self.version = 0
         self._lock = threading.RLock()
         self._listeners: list[Callable[[Names], None]] = []
+        self.history = History(self)
 
     def listen(self, called: Callable[[Names], None]) -> None:
         """Call a function after each change with the names of the settings ("surface.kernel")."""
@@ -242,15 +269,18 @@ class State:
             for key, value in changes.items():
                 group, _, name = key.partition("__")
                 good[key] = checked(field_of(group, name), value)
-            changed = set()
+            before = {}
             for key, value in good.items():
                 group, _, name = key.partition("__")
-                if getattr(getattr(self, group), name) != value:
+                old = getattr(getattr(self, group), name)
+                if old != value:
                     setattr(getattr(self, group), name, value)
-                    changed.add(f"{group}.{name}")
-            if not changed:
+                    before[key] = old
+            if not before:
                 return
             self.version += 1
+            self.history.note(before)
+            changed = {key.replace("__", ".", 1) for key in before}
         self.tell(changed)
 
     def tell(self, changed: Names) -> None:

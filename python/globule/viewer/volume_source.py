@@ -53,6 +53,7 @@ class VolumeSource(Source):
         self.sweep = sweep
         self.n_sweep_frames = 0 if sweep is None else len(sweep)
         self.maker = SceneMaker(device, threads)
+        self.maker.fluids = False
         self._made: tuple | None = None
         self._plates: tuple | None = None
         self._slices: dict[int, tuple] = {}

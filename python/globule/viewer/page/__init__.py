@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from typing import Any
 
+from ..desk import Desk
 from ..log import log
 from . import color, cuts, help, look, notes, play, save, statistics, surface, tools, volume
 from . import view as view_panel
@@ -32,12 +33,7 @@ class Page:
     def __init__(self, viewer: Any):
         self.viewer = viewer
         self.server = server = viewer.server
-        server.gui.configure_theme(
-            show_logo=False,
-            show_share_button=False,
-            control_width="medium",
-            brand_color=(38, 99, 168),
-        )
+        self.paint(server.gui)
         server.gui.main_panel.dock_right()
         server.gui.set_panel_label(shortened(viewer.title))
         server.scene.set_up_direction(viewer.up)
@@ -61,7 +57,22 @@ class Page:
             statistics.Statistics(self),
             help.Help(self),
         ]
+        self.desk = Desk(viewer)
+        for hotkey, label, way in (("cmd/ctrl", "Undo the last setting", "undo"),
+                                   ("cmd/ctrl+shift", "Redo the setting", "redo")):  # fmt: skip
+            command = server.gui.add_command(label, hotkey="Z", modifier=hotkey)
+            command.on_trigger(lambda event, way=way: getattr(viewer.state.history, way)())
         threading.Thread(target=self._keep_ticking, name="globule page", daemon=True).start()
+
+    def paint(self, gui: Any, dark: bool = False) -> None:
+        """The theme of the page, of all browsers or of one; gui: `viser.GuiApi`."""
+        gui.configure_theme(
+            show_logo=False,
+            show_share_button=False,
+            control_width="medium",
+            brand_color=(26, 76, 134),
+            dark_mode=dark,
+        )
 
     def _keep_ticking(self) -> None:
         while not self.viewer._closed.wait(TICK):
@@ -76,12 +87,14 @@ class Page:
     def connected(self, browser: Any, client: Any) -> None:
         """Show the page to a new browser."""
         self.tools.connected(browser, client)
+        self.desk.connected(browser)
         for panel in self.panels:
             panel.connected(browser, client)
 
     def disconnected(self, browser: Any) -> None:
         """Forget a browser that has left."""
         self.tools.disconnected(browser)
+        self.desk.disconnected(browser)
         for panel in self.panels:
             panel.disconnected(browser)
 

@@ -6,9 +6,29 @@ from typing import Any
 
 import numpy as np
 
+from ..picture import settings_of
 from .panel import Panel
 
 NONE = "(own colors)"
+
+
+def opaque(viewer: Any, by: str) -> dict[str, Any]:
+    """Settings that go with another setting "color by": through water no colors are seen.
+
+    Args:
+        viewer: `globule.viewer.app.Viewer`.
+        by: the new setting; "": the particles' own colors, and the preset's material again.
+    """
+    look = viewer.state.look
+    made = look.matter == "own" and look.transmission == look.reflection == 0
+    if not by:
+        return {"look__matter": "preset"} if made else {}
+    with viewer.source.lock:
+        scene = viewer.source.layers(viewer.state.snapshot())[0].scene
+        material = settings_of(look, viewer.source, scene, viewer.up).material
+    if not material.transmission:
+        return {}
+    return {"look__matter": "own", "look__transmission": 0.0, "look__reflection": 0.0}
 
 
 class Color(Panel):
@@ -20,7 +40,9 @@ class Color(Panel):
     def build(self) -> None:
         """Make the widgets."""
         names = (NONE, *self.viewer.source.color_names())
-        self.add("color", "by", options=names, none=NONE)
+        by: Any = self.add(
+            "color", "by", options=names, none=NONE, also=lambda: self._opaque(by.value)
+        )
         self.add("color", "colormap")
         automatic = self.add("color", "automatic")
         self.ends = {name: self.add("color", name, typed=True) for name in ("low", "high")}
@@ -30,6 +52,9 @@ class Color(Panel):
         automatic.on_update(self.safe(self._switched))
         for name, widget in self.ends.items():
             widget.on_update(self.safe(lambda event, name=name: self._typed(event, name)))
+
+    def _opaque(self, name: str) -> dict[str, Any]:
+        return opaque(self.viewer, "" if name == NONE else name)
 
     def take_range(self, browser: Any) -> None:
         """Make the current automatic range the fixed one."""

@@ -26,6 +26,7 @@ from .widgets import bounded
 FIRST_SIZE = "1280x720"
 FORMATS = ("PNG", "EXR")
 SLOW = "finishing the recording; press Ctrl-C again to discard it"
+MOST_KEPT = 16  # recordings of closed tabs that a viewer keeps; they fill the disk
 MOST_CANCELLING = 1.0  # s that the end of the viewer waits for cancelled jobs
 
 
@@ -40,6 +41,7 @@ class Save(Panel):
         self._recorders: dict[int, tuple[Recorder, str, Any]] = {}  # with path and note
         self._jobs: dict[int, list[Job]] = {}  # by browser
         self._lock = threading.Lock()
+        self._n_kept = 0
         self.size = gui.add_text("Size", FIRST_SIZE, hint="Width x height in pixels")
         self.samples = gui.add_slider(
             "Samples", 1, 256, 1, 16, hint="Rays per pixel of a saved image"
@@ -234,32 +236,45 @@ class Save(Panel):
             except OSError:  # the working folder is read-only
                 kept = keep(path, os.path.join(tempfile.gettempdir(), name))
             said = f"the recording is in {kept}"
+            why = "The viewer has stopped" if self.viewer._closed.is_set() else "A tab was closed"
             words = (
-                f"The viewer has stopped. The recording is {os.path.basename(kept)} in the folder "
-                "in which it ran."
+                f"{why}. The recording is {os.path.basename(kept)} in the folder in which "
+                "the viewer was started."
             )
         except Exception as error:
-            said = words = f"the viewer has stopped and the recording is lost: {error}"
+            said = words = f"the recording is lost: {error}"
         finally:
             slow.cancel()
             _remove(path)
         log.info("%s", said)
+        if not self.viewer._closed.is_set():
+            self._tell(words)
+            return
         with contextlib.suppress(Exception):  # the browser may have left
             note.title, note.body, note.loading = "Recording", words, False
             note.with_close_button = True
             self.viewer.server.flush()
             time.sleep(0.2)  # until it is there
 
+    def _tell(self, words: str) -> None:
+        """Tell all browsers."""
+        for other in list(self.page.server.get_clients().values()):
+            with contextlib.suppress(Exception):  # it has left, too
+                other.add_notification("Recording", words)
+
     def disconnected(self, browser: Any) -> None:
-        """Cancel the jobs of a browser that has left, and drop its recording."""
+        """Cancel the jobs of a browser that has left, and keep its recording."""
         with self._lock:
             running = self._recorders.pop(browser.client_id, None)
             for job in self._jobs.get(browser.client_id, ()):
                 job.cancelled = True
         if running is not None:
-            threading.Thread(target=self._drop, args=running[:2], daemon=True).start()
+            self._n_kept += 1
+            work = self._keep if self._n_kept <= MOST_KEPT else self._drop
+            threading.Thread(target=work, args=running, daemon=True).start()
 
-    def _drop(self, recorder: Recorder, path: str) -> None:
+    def _drop(self, recorder: Recorder, path: str, note: Any) -> None:
+        log.info("a closed tab's recording is lost: %s have been kept already", MOST_KEPT)
         try:
             self._stop(recorder)
         finally:

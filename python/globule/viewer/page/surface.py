@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ..._base.arrays import to_host
-from ...scene.scene import DEFAULTS
+from ...scene.scene import Scene
 from .panel import Panel
 
 
@@ -18,9 +18,17 @@ class SurfacePanel(Panel):
 
     def build(self) -> None:
         """Make the widgets."""
+        with self.viewer.source.lock:
+            scene = self.viewer.source.layers(self.state.snapshot())[0].scene
+        if isinstance(scene, Scene):
+            self._surface(scene)
+        self.add("quality", "samples", most=64)
+        self.add("quality", "rate", most=60.0, step=1.0)
+        self.add("quality", "sharpness", step=1)
+        self.add("quality", "width")
+
+    def _surface(self, scene: Scene) -> None:
         viewer = self.viewer
-        with viewer.source.lock:
-            scene = viewer.source.layers(viewer.state.snapshot())[0].scene
         support = float(np.median(to_host(scene.support))) if len(scene) else 1.0
         self.threshold = self.add(
             "surface",
@@ -29,6 +37,7 @@ class SurfacePanel(Panel):
             most=max(2.0, 3 * scene.threshold),
             step=0.01,
             usual=scene.threshold,
+            also=self._stay,
         )
         unit = viewer.source.unit and f", {viewer.source.unit}"
         self.add(
@@ -39,21 +48,27 @@ class SurfacePanel(Panel):
             most=4 * support,
             usual=support,
         )
+        self.add("surface", "shape")
         self.add("surface", "kernel")
         self.add("surface", "root")
-        self.button("Default surface", self.defaults, "Reset the four settings above")
+        self.button("Default surface", self.defaults, "Reset the five settings above")
         self.gui.add_divider()
-        self.add("quality", "samples", most=64)
-        self.add("quality", "rate", most=60.0, step=1.0)
-        self.add("quality", "sharpness", step=1)
-        self.add("quality", "width")
+
+    def _stay(self) -> dict[str, str]:
+        """Keep a smooth surface smooth while a person moves its threshold."""
+        shown = self.viewer.source.maker.last_scene
+        smooth = shown is not None and shown.surface == "smooth"
+        return {"surface__shape": "smooth"} if smooth else {}
 
     def defaults(self, browser: Any) -> None:
-        """Reset kernel, threshold, support and root method."""
+        """Reset kind of surface, kernel, threshold, support and root method."""
         self.state.set(
+            surface__shape="auto",
             surface__threshold=None,
             surface__support=None,
             surface__kernel="murakami",
             surface__root="exact",
         )
-        self.threshold.value = DEFAULTS["murakami"][1]
+        with self.viewer.source.lock:
+            scene = self.viewer.source.layers(self.state.snapshot())[0].scene
+            self.threshold.value = scene.threshold

@@ -85,6 +85,14 @@ class Hand:
         self.choice.value = self.tools.choices[(at + 1) % len(self.tools.choices)]
         self.take(self.choice.value)
 
+    def use(self, tool: Any) -> None:
+        """Select a tool by its name. Raises ValueError."""
+        if tool not in self.tools.choices:
+            expected = ", ".join(self.tools.choices)
+            raise ValueError(f"tool: expected one of {expected}, got {str(tool)[:40]}")
+        self.choice.value = tool
+        self.take(tool)
+
     def take(self, tool: str) -> None:
         """Select a tool and remove the marks of the last one."""
         self.picked = []
@@ -136,6 +144,7 @@ class Hand:
         if frame is None:
             return None
         column, row = self._pixel(frame, screen)
+        self.viewer.engine.interrupt()  # a person waits
         with self.viewer.source.lock:
             found = frame.pick(column, row)
             before = self.viewer.source.probe(

@@ -98,7 +98,7 @@ class View(Panel):
             scene = viewer.source.layers(viewer.state.snapshot())[0].scene
             size = (browser.camera.image_width, browser.camera.image_height)
             around = viewer.source.outline()
-            if scene.octree.n_inside == 0 and around is None:
+            if around is None and scene.octree.n_inside == 0:
                 raise ValueError("fit: expected particles to show, got none")
             now = viewer.camera_of(browser.camera)
             camera = fit_camera(

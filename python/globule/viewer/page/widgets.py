@@ -46,7 +46,8 @@ class Binder:
         Args:
             group, name: of the setting.
             given: replaces facts of its field: label, least, most, step, options; `usual` is shown
-                while the setting is None; `none` is the option that stands for "".
+                while the setting is None; `none` is the option that stands for ""; `also` returns
+                further settings that a person's change makes.
         """
         field = field_of(group, name)
         facts = {**field.metadata, **given}
@@ -85,7 +86,7 @@ class Binder:
                 return
             self._own.key = key
             try:
-                self.state.set(**{key.replace(".", "__"): value})
+                self.state.set(**{key.replace(".", "__"): value}, **facts.get("also", dict)())
             except ValueError as error:
                 self.on_error(browser, str(error))
             finally:

@@ -1,0 +1,192 @@
+"""The page's own controls: toolbar, timeline and list of layers, over the image.
+
+viser has no toolbar and no timeline. `Desk` therefore adds a script (page/desk.js) to viser's page.
+The script talks with `Desk` over a websocket of its own at the same port, behind the same guard, in
+JSON: the server sends a model of what to show, the script sends the name of an action.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import secrets
+import threading
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+from urllib.parse import parse_qs, urlsplit
+
+from .desk_model import Model
+
+PATH = "/globule/desk"
+FILES = {
+    "/globule/desk.js": ("application/javascript", "desk.js"),
+    "/globule/desk.css": ("text/css; charset=utf-8", "desk.css"),
+}
+HEAD = (
+    b'<link rel="stylesheet" href="/globule/desk.css">'
+    b'<script defer src="/globule/desk.js"></script></head>'
+)
+TICK = 0.3  # s between two looks at what changes by itself
+MOST_ACTION = 4096  # bytes
+# Settings that the script may change; the panels change all others.
+SETTINGS = {
+    "surface__shape",
+    "color__by",
+    "color__automatic",
+    "color__low",
+    "color__high",
+    "look__preset",
+    "cuts__plane",
+    "layers__hidden",
+    "time__frame",
+    "time__playing",
+    "time__loop",
+    "compare__at",
+}
+
+
+class Desk:
+    """The controls of all browsers.
+
+    Args:
+        viewer: `globule.viewer.app.Viewer`.
+    """
+
+    def __init__(self, viewer: Any):
+        self.viewer = viewer
+        self.model = Model(viewer)
+        self._browsers: dict[str, Any] = {}  # by the word that a browser got from us
+        self._changed: dict[Any, asyncio.Event] = {}  # by connection
+        self._pool = ThreadPoolExecutor(2, thread_name_prefix="globule desk")
+        self._lock = threading.Lock()
+        viewer.state.listen(lambda changed: self.refresh())
+
+    def connected(self, browser: Any) -> None:
+        """Tell a new browser the word with which its script names itself."""
+        from viser import _messages
+
+        word = secrets.token_urlsafe(12)
+        self._browsers[word] = browser
+        code = f'globalThis.globuleWord="{word}";globalThis.dispatchEvent(new Event("globule"));'
+        browser._websock_connection.queue_message(_messages.RunJavascriptMessage(code))
+
+    def disconnected(self, browser: Any) -> None:
+        """Forget a browser that has left."""
+        for word in [word for word, known in self._browsers.items() if known is browser]:
+            del self._browsers[word]
+
+    def refresh(self) -> None:
+        """Send the model again where it has changed; any thread may call this."""
+        loop = self.viewer.server._websock_server._background_event_loop
+        for event in list(self._changed.values()):
+            with contextlib.suppress(RuntimeError):  # the loop has ended
+                loop.call_soon_threadsafe(event.set)
+
+    async def serve(self, connection: Any) -> None:
+        """Talk with the script of one browser until it leaves."""
+        from websockets.exceptions import ConnectionClosed
+
+        word = "".join(parse_qs(urlsplit(connection.request.path).query).get("word", []))
+        browser = self._browsers.get(word)
+        if browser is None:
+            await connection.close(1008, "unknown browser")
+            return
+        event = self._changed[connection] = asyncio.Event()
+        works = self._tell(connection, browser, event), self._hear(connection, browser)
+        talk = [asyncio.create_task(work) for work in works]
+        try:
+            await asyncio.wait(talk, return_when=asyncio.FIRST_COMPLETED)
+        finally:
+            del self._changed[connection]
+            for task in talk:
+                task.cancel()
+            for task in talk:
+                with contextlib.suppress(asyncio.CancelledError, ConnectionClosed):
+                    await task
+
+    async def _tell(self, connection: Any, browser: Any, event: asyncio.Event) -> None:
+        """Send the model after each change; a slow browser gets the newest one only."""
+        sent, loop = "", asyncio.get_running_loop()
+        while True:
+            event.clear()
+            model = await loop.run_in_executor(self._pool, self.model.of, browser)
+            text = json.dumps(model)
+            if text != sent:
+                await connection.send(text)
+                sent = text
+            with contextlib.suppress(asyncio.TimeoutError):
+                await asyncio.wait_for(event.wait(), TICK)
+
+    async def _hear(self, connection: Any, browser: Any) -> None:
+        """Do what the script asks for."""
+        loop = asyncio.get_running_loop()
+        async for text in connection:
+            if len(text) > MOST_ACTION:
+                await connection.close(1009, "too long")
+                return
+            loop.run_in_executor(self._pool, self._do, text, browser)
+
+    def _do(self, text: str | bytes, browser: Any) -> None:
+        page = self.viewer.page
+        try:
+            asked = json.loads(text)
+            name = asked.get("do") if isinstance(asked, dict) else None
+            action = self._actions().get(name) if isinstance(name, str) else None
+            if action is None:
+                raise ValueError(f"page: expected the name of an action, got {str(name)[:40]}")
+            action(browser, asked.get("value"))
+        except Exception as error:
+            page.complain(browser, str(error) or type(error).__name__)
+        self.refresh()
+
+    def _actions(self) -> dict[str, Callable[[Any, Any], Any]]:
+        """Functions of a browser and a value, by name."""
+        page, state, source = self.viewer.page, self.viewer.state, self.viewer.source
+        panels = {type(panel).__name__: panel for panel in page.panels}
+        play: Any = panels.get("Play")
+        return {
+            "set": lambda browser, value: self._set(browser, value),
+            "undo": lambda browser, value: state.history.undo(),
+            "redo": lambda browser, value: state.history.redo(),
+            "tool": lambda browser, value: page.tools.hands[browser.client_id].use(value),
+            "fit": lambda browser, value: panels["View"].fit(browser),
+            "picture": lambda browser, value: panels["Save"].picture(browser),
+            "record": lambda browser, value: panels["Save"].record(browser),
+            "range": lambda browser, value: panels["Color"].take_range(browser),
+            "play": lambda browser, value: play.toggle(),
+            "step": lambda browser, value: source.step(),
+            "reset": lambda browser, value: source.reset(),
+            "dark": lambda browser, value: page.paint(browser.gui, bool(value)),
+        }
+
+    def _set(self, browser: Any, value: Any) -> None:
+        """Change settings: {name: value}."""
+        if not isinstance(value, dict) or not set(value) <= SETTINGS:
+            raise ValueError(f"page: expected settings, got {str(value)[:60]}")
+        if "look__preset" in value:
+            from .page.look import use_preset
+
+            use_preset(self.viewer, value.pop("look__preset"))
+        names = self.viewer.source.color_names()
+        if value.get("color__by") and value["color__by"] not in names:
+            raise ValueError(f"color: expected one of {', '.join(names)}")
+        if value:
+            from .page.color import opaque
+
+            more = opaque(self.viewer, value["color__by"]) if "color__by" in value else {}
+            self.viewer.state.set(**value, **more)
+
+    def close(self) -> None:
+        """End the thread of the actions."""
+        self._pool.shutdown(wait=False, cancel_futures=True)
+
+
+def file(path: str) -> tuple[str, bytes] | None:
+    """Content type and bytes of a file of the page, or None."""
+    found = FILES.get(path.partition("?")[0])
+    if found is None:
+        return None
+    return found[0], (Path(__file__).with_name("page") / found[1]).read_bytes()

@@ -1,0 +1,122 @@
+"""What toolbar, timeline and list of layers show, as plain values for JSON."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from .._base.colormaps import colorize
+from ..render.presets import PRESETS
+from ..scene.attributes import attribute_values
+from ..scene.mesh import Mesh
+from .layers import hidden, layer_names
+
+BINS = 48
+MOST_COUNTED = 1_000_000  # particles of a histogram
+
+
+class Model:
+    """Reads the viewer; never waits for the source's lock.
+
+    Args:
+        viewer: `globule.viewer.app.Viewer`.
+    """
+
+    def __init__(self, viewer: Any):
+        self.viewer = viewer
+        self._counted: tuple = ()
+        self._plot: dict[str, Any] | None = None
+
+    def of(self, browser: Any) -> dict[str, Any]:
+        """The model for one browser (`viser.ClientHandle`)."""
+        page, state = self.viewer.page, self.viewer.state
+        hand = page.tools.hands.get(browser.client_id)
+        undo, redo = state.history.lengths
+        saving: Any = next(p for p in page.panels if type(p).__name__ == "Save")
+        return {
+            "title": self.viewer.title,
+            "tools": list(page.tools.choices),
+            "tool": hand.tool if hand else page.tools.choices[0],
+            "undo": undo,
+            "redo": redo,
+            "plane": state.cuts.plane,
+            "recording": browser.client_id in saving._recorders,
+            "time": self._time(),
+            "layers": self._layers(),
+            "color": {
+                "by": state.color.by,
+                "options": self.viewer.source.color_names(),
+                "low": state.color.low,
+                "high": state.color.high,
+                "automatic": state.color.automatic,
+            },
+            "surface": {"shape": state.surface.shape, "shown": self._shown()},
+            "preset": {"name": state.look.preset, "options": ["plain", *PRESETS]},
+            "plot": self._histogram(),
+            "compare": state.compare.at if self.viewer.source.kind == "compare" else None,
+        }
+
+    def _shown(self) -> str:
+        scene = self.viewer.source.maker.last_scene
+        return "" if scene is None else getattr(scene, "surface", "")
+
+    def _time(self) -> dict[str, Any] | None:
+        source, time = self.viewer.source, self.viewer.state.time
+        if source.kind == "sequence":
+            return {
+                "kind": "sequence",
+                "running": time.playing,
+                "frame": min(time.frame, source.n_frames - 1),
+                "frames": source.n_frames,
+                "loop": time.loop,
+                "words": f"{source.frame + 1} / {source.n_frames}",
+            }
+        if source.kind in ("simulation", "sweep"):
+            words = source.status().replace("**", "").replace("  \n", " · ")
+            return {"kind": source.kind, "running": source.running, "words": words}
+        return None
+
+    def _layers(self) -> list[dict[str, Any]]:
+        gone = hidden(self.viewer.state)
+        return [
+            {"name": name, "kind": kind, "shown": i not in gone}
+            for i, (name, kind) in enumerate(layer_names(self.viewer.source))
+        ]
+
+    def _histogram(self) -> dict[str, Any] | None:
+        """How often the coloring values occur between the ends of the color map."""
+        source, color = self.viewer.source, self.viewer.state.color
+        scene = source.maker.last_scene
+        if not color.by or scene is None or isinstance(scene, Mesh):
+            return None
+        particles = scene.particles
+        ends = source.maker.range
+        what = id(particles), source.version, color.by, color.colormap, ends
+        if what != self._counted:
+            try:
+                values = attribute_values(particles, color.by)
+            except ValueError:  # shown for a moment only
+                return None
+            values = values[:: 1 + len(values) // MOST_COUNTED]
+            values = values[np.isfinite(values)]
+            lo, hi = (float(values.min()), float(values.max())) if values.size else (0.0, 0.0)
+            if not hi > lo:  # one value says nothing more in a plot
+                self._counted, self._plot = what, None
+                return None
+            counts = np.histogram(values, BINS, (lo, hi))[0]
+            middles = np.linspace(lo, hi, BINS)
+            low, high = ends if ends[1] > ends[0] else (lo, hi)
+            linear = colorize(middles, color.colormap, low, high)
+            srgb = np.clip(255 * np.asarray(linear) ** (1 / 2.2), 0, 255).astype(int)
+            self._plot = {
+                "counts": counts.tolist(),
+                "colors": srgb.tolist(),
+                "lo": lo,
+                "hi": hi,
+                "from": low,
+                "to": high,
+                "name": color.by,
+            }
+            self._counted = what
+        return self._plot

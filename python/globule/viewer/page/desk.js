@@ -1,0 +1,279 @@
+// Toolbar, timeline, list of layers and hints over the image; see desk.py.
+(() => {
+  const ICONS = {
+    Rotate: "M4 12a8 8 0 1 0 3-6M4 4v4h4M12 9v6M9 12h6",
+    Measure: "M3 17 17 3l4 4L7 21zM8 12l2 2M11 9l2 2M14 6l2 2",
+    Cut: "M6 6l12 12M18 6 6 18M4 19a2.5 2.5 0 1 0 4 0 2.5 2.5 0 1 0-4 0M16 19a2.5 2.5 0 1 0 4 0 2.5 2.5 0 1 0-4 0",
+    Grasp: "M7 12V6a2 2 0 0 1 4 0v5V4a2 2 0 0 1 4 0v7V6a2 2 0 0 1 4 0v8a7 7 0 0 1-13 3l-3-5z",
+    Suction: "M6 3v10a6 6 0 0 0 12 0V3M12 13v8",
+    plane: "M3 8l9-5 9 5-9 5zM3 16l9 5 9-5",
+    fit: "M4 9V4h5M15 4h5v5M20 15v5h-5M9 20H4v-5",
+    undo: "M9 14 4 9l5-5M4 9h10a6 6 0 0 1 0 12h-3",
+    redo: "M15 14l5-5-5-5M20 9H10a6 6 0 0 0 0 12h3",
+    camera: "M4 8h3l2-3h6l2 3h3v11H4zM12 10a3.5 3.5 0 1 0 0 7 3.5 3.5 0 1 0 0-7",
+    film: "M12 6a6 6 0 1 0 0 12 6 6 0 1 0 0-12",
+    layers: "M12 3 3 8l9 5 9-5zM3 12l9 5 9-5M3 16l9 5 9-5",
+    moon: "M20 14A8 8 0 1 1 10 4a6.5 6.5 0 0 0 10 10",
+    help: "M9 9a3 3 0 1 1 4 3c-1 .6-1 1-1 2M12 18v.1",
+    play: "M7 4l13 8-13 8z", pause: "M8 5v14M16 5v14", back: "M17 5 8 12l9 7zM6 5v14",
+    next: "M7 5l9 7-9 7zM18 5v14", loop: "M4 12a7 7 0 0 1 12-5l3 3M20 12a7 7 0 0 1-12 5l-3-3M19 5v5h-5M5 19v-5h5",
+    reset: "M5 5v6h6M5 11a8 8 0 1 1 2 6", eye: "M2 12s4-7 10-7 10 7 10 7-4 7-10 7S2 12 2 12M12 9a3 3 0 1 0 0 6 3 3 0 1 0 0-6",
+    off: "M2 12s4-7 10-7 10 7 10 7-4 7-10 7S2 12 2 12M4 4l16 16",
+  };
+  const HINTS = [
+    "Drag to rotate, turn the wheel to zoom, right-drag to pan. Press F to see everything again.",
+    "Click the surface to read its values. The toolbar measures, cuts, saves an image and records a movie.",
+    "The list of layers at the left colors by value. The panel at the right has all settings; H lists all keys.",
+  ];
+  const kept = (name, usual) => { try { return localStorage.getItem("globule-" + name) ?? usual; } catch { return usual; } };
+  const keep = (name, value) => { try { localStorage.setItem("globule-" + name, value); } catch { /* private window */ } };
+  let socket, model, wait = 500, sent = 0;
+  const say = (name, value) => { if (socket?.readyState === 1) socket.send(JSON.stringify({ do: name, value })); };
+  const set = (values) => say("set", values);
+
+  const make = (tag, facts = {}, ...inside) => {
+    const made = document.createElement(tag);
+    for (const [name, value] of Object.entries(facts))
+      name.startsWith("on") ? made.addEventListener(name.slice(2), value) : made.setAttribute(name, value);
+    made.append(...inside);
+    return made;
+  };
+  const icon = (name) => {
+    const svg = document.createElementNS("http://www.w3.org/2000/svg", "svg");
+    svg.setAttribute("viewBox", "0 0 24 24"); svg.setAttribute("aria-hidden", "true");
+    const path = document.createElementNS("http://www.w3.org/2000/svg", "path");
+    path.setAttribute("d", ICONS[name]); svg.append(path);
+    return svg;
+  };
+  const button = (name, label, does, hint) => make("button", { "aria-label": label, title: hint || label, type: "button", onclick: does }, icon(name));
+  const draw = (made, name) => { if (made.dataset.icon !== name) { made.dataset.icon = name; made.replaceChildren(icon(name)); } };
+
+  // What stands where
+  const desk = make("div", { id: "globule-desk" });
+  const tools = make("div", { class: "bar tools", role: "toolbar", "aria-label": "Tools" });
+  const layers = make("section", { class: "bar layers", "aria-label": "Layers" });
+  const time = make("div", { class: "bar time", role: "group", "aria-label": "Timeline", hidden: "" });
+  const hint = make("div", { class: "card hint", role: "status", hidden: "" });
+  const split = make("div", { class: "split", role: "slider", tabindex: "0", "aria-label": "Divider between the two data sets", "aria-valuemin": "0", "aria-valuemax": "100", hidden: "" });
+  desk.append(tools, layers, time, hint, split);
+
+  const of = {
+    plane: button("plane", "Cutting plane", () => set({ cuts__plane: !model.plane }), "Cutting plane on or off; drag its handles (key C)"),
+    fit: button("fit", "Whole scene", () => say("fit"), "Show the whole scene (key F)"),
+    undo: button("undo", "Revert the last setting", () => say("undo"), "Undo the last change of a setting (Ctrl+Z)"),
+    redo: button("redo", "Restore the setting", () => say("redo"), "Redo (Ctrl+Shift+Z)"),
+    camera: button("camera", "Screenshot", () => say("picture"), "Download a screenshot (key P); its size is set in Save and record"),
+    film: button("film", "Movie", () => say("record"), "Record a movie; press again to stop and download it (key R)"),
+    layers: button("layers", "Layers", () => open(layers.hidden), "List of layers: color, surface, material"),
+    moon: button("moon", "Dark or light", () => paint(!desk.classList.contains("dark"), true), "Dark or light page"),
+    help: button("help", "Hints", () => tour(0), "Show the three hints again"),
+  };
+  const choices = {};
+  const row = () => {
+    const hints = { Rotate: "Rotate the view; click to read values (key T: next tool)", Measure: "Measure the distance of two clicks", Cut: "Draw a line across the surface to cut it", Grasp: "Drag a part of the surface", Suction: "Drag over the fluid to remove it" };
+    for (const name of model.tools) {
+      const first = name.split(",")[0];
+      choices[name] = button(first in ICONS ? first : "Rotate", first, () => say("tool", name), hints[first]);
+    }
+    const gap = () => make("hr", { "aria-hidden": "true" });
+    tools.replaceChildren(...Object.values(choices), of.plane, gap(), of.fit, of.undo, of.redo, gap(), of.camera, of.film, gap(), of.layers, of.moon, of.help);
+  };
+
+  // The list of layers
+  const list = make("div");
+  const field = (label, hintText, does) => {
+    const select = make("select", { title: hintText, onchange: () => does(select.value) });
+    return [make("label", {}, label, select), select];
+  };
+  const [byLabel, by] = field("Color by", "Color the particles by a field or attribute", (v) => set({ color__by: v }));
+  const [shapeLabel, shape] = field("Surface", "smooth: one surface around a fluid; auto decides by the particles", (v) => set({ surface__shape: v }));
+  const [presetLabel, preset] = field("Material", "Material, lights and surroundings", (v) => set({ look__preset: v }));
+  const plot = make("canvas", { class: "plot", role: "img", tabindex: "0", width: "432", height: "128" });
+  const ends = make("div", { class: "ends" });
+  const all = make("button", { type: "button", class: "text", title: "Color map from the lowest to the highest value", onclick: () => set({ color__automatic: true }) }, "Whole range");
+  const graph = make("div", { hidden: "" }, plot, ends, all);
+  layers.append(make("h2", {}, "Layers"), list, byLabel, graph, shapeLabel, presetLabel);
+  const fill = (select, options, value) => {
+    const words = options.map(([v, t]) => v + "\n" + t).join("\n");
+    if (select.dataset.words !== words) {
+      select.dataset.words = words;
+      select.replaceChildren(...options.map(([v, t]) => make("option", { value: v }, t)));
+    }
+    if (document.activeElement !== select || select.value !== value) select.value = value;
+  };
+  const open = (on) => { layers.hidden = !on; of.layers.setAttribute("aria-pressed", String(on)); keep("layers", on ? "1" : "0"); };
+  const hide = (i, on) => {
+    const gone = model.layers.map((one, k) => ((k === i ? !on : !one.shown) ? k + 1 : 0)).filter(Boolean);
+    if (gone.length < model.layers.length) set({ layers__hidden: gone.join(" ") });
+  };
+  const short = (v) => Number(v.toPrecision(4)).toString();
+
+  // The histogram; a drag over it chooses the range of the color map
+  let brush = null;
+  const value = (event) => {
+    const box = plot.getBoundingClientRect(), share = Math.min(1, Math.max(0, (event.clientX - box.left) / box.width));
+    return model.plot.lo + share * (model.plot.hi - model.plot.lo);
+  };
+  plot.addEventListener("pointerdown", (e) => { if (model.plot) { brush = [value(e), value(e)]; plot.setPointerCapture(e.pointerId); } });
+  plot.addEventListener("pointermove", (e) => { if (brush) { brush[1] = value(e); bars(); } });
+  plot.addEventListener("pointerup", () => {
+    if (!brush) return;
+    const [a, b] = [Math.min(...brush), Math.max(...brush)];
+    brush = null;
+    if (b - a > 0.01 * (model.plot.hi - model.plot.lo)) set({ color__automatic: false, color__low: a, color__high: b });
+    else bars();
+  });
+  const bars = () => {
+    const { counts, colors, lo, hi, name } = model.plot, pen = plot.getContext("2d"), w = plot.width, h = plot.height;
+    const most = Math.log1p(Math.max(...counts, 1)), step = w / counts.length;
+    pen.clearRect(0, 0, w, h);
+    counts.forEach((n, i) => {
+      pen.fillStyle = `rgb(${colors[i].join()})`;
+      const tall = (h - 2) * Math.log1p(n) / most;
+      pen.fillRect(i * step, h - tall, step - 1, tall);
+    });
+    const [a, b] = brush ? [Math.min(...brush), Math.max(...brush)] : [model.plot.from, model.plot.to];
+    pen.fillStyle = "#ffffffa0";
+    const x = (v) => w * Math.min(1, Math.max(0, (v - lo) / (hi - lo)));
+    pen.fillRect(0, 0, x(a), h); pen.fillRect(x(b), 0, w - x(b), h);
+    plot.setAttribute("aria-label", `Histogram of ${name}, ${short(lo)} to ${short(hi)}, logarithmic; colors from ${short(a)} to ${short(b)}`);
+    plot.title = "How often each value occurs (logarithmic). Drag to choose the range of the colors.";
+    ends.replaceChildren(make("span", {}, short(lo)), make("span", {}, `${short(a)} … ${short(b)}`), make("span", {}, short(hi)));
+  };
+
+  // The timeline
+  const run = button("play", "Play or pause", () => say("play"), "Play or pause (space bar)");
+  const goto = (i) => set({ time__playing: false, time__frame: Math.min(model.time.frames - 1, Math.max(0, i)) });
+  const back = button("back", "Previous frame", () => goto(model.time.frame - 1));
+  const next = button("next", "Next frame", () => (model.time.kind === "sequence" ? goto(model.time.frame + 1) : say("step")), "One frame or step forward");
+  const scrub = make("input", { type: "range", min: "0", "aria-label": "Position in time", title: "Drag to any frame", oninput: () => { sent = Date.now(); goto(Number(scrub.value)); } });
+  const again = button("loop", "Repeat", () => set({ time__loop: !model.time.loop }), "Begin again after the last frame");
+  const reset = button("reset", "From the beginning", () => say("reset"), "Start the simulation again");
+  const words = make("span");
+  time.append(run, back, scrub, next, words, again, reset);
+
+  // Hints
+  const tour = (i) => {
+    hint.hidden = i >= HINTS.length;
+    if (hint.hidden) { keep("hints", "seen"); return; }
+    const last = i === HINTS.length - 1;
+    hint.replaceChildren(
+      make("p", {}, `${i + 1} of ${HINTS.length}. ${HINTS[i]}`),
+      make("button", { type: "button", class: "text", onclick: () => tour(i + 1) }, last ? "Done" : "Next hint"),
+      ...(last ? [] : [" ", make("button", { type: "button", class: "text", onclick: () => tour(HINTS.length) }, "Skip")]));
+  };
+
+  // Two data sets side by side
+  const divide = (share) => { sent = Date.now(); split.style.left = `${100 * share}%`; set({ compare__at: Math.min(1, Math.max(0, share)) }); };
+  split.addEventListener("pointerdown", (e) => split.setPointerCapture(e.pointerId));
+  split.addEventListener("pointermove", (e) => { if (e.buttons) { const box = desk.getBoundingClientRect(); divide((e.clientX - box.left) / box.width); } });
+  split.addEventListener("keydown", (e) => {
+    const way = { ArrowLeft: -0.02, ArrowRight: 0.02 }[e.key];
+    if (way) divide(Math.min(1, Math.max(0, model.compare + way)));
+  });
+
+  const paint = (dark, chosen) => {
+    desk.classList.toggle("dark", dark);
+    if (chosen) keep("dark", dark ? "1" : "0");
+    say("dark", dark);
+  };
+
+  const show = () => {
+    if (!tools.childElementCount) row();
+    for (const [name, made] of Object.entries(choices)) made.setAttribute("aria-pressed", String(name === model.tool));
+    of.plane.setAttribute("aria-pressed", String(model.plane));
+    of.undo.disabled = !model.undo; of.redo.disabled = !model.redo;
+    of.film.classList.toggle("hot", model.recording); of.film.setAttribute("aria-pressed", String(model.recording));
+    const rows = JSON.stringify(model.layers);
+    if (list.dataset.rows !== rows) {
+      list.dataset.rows = rows;
+      list.replaceChildren(...model.layers.map((one, i) => {
+        const label = make("span", { title: one.name }, one.name);
+        if (model.layers.length === 1) return make("div", { class: "row" }, label);
+        const eye = button(one.shown ? "eye" : "off", `Layer ${one.name} visible`, () => hide(i, !one.shown), "Show or hide this layer");
+        eye.setAttribute("aria-pressed", String(one.shown));
+        return make("div", { class: "row" }, eye, label);
+      }));
+    }
+    byLabel.hidden = !model.color.options.length;
+    byLabel.style.display = shapeLabel.style.display = model.color.options.length ? "" : "none";
+    fill(by, [["", "own colors"], ...model.color.options.map((n) => [n, n])], model.color.by);
+    fill(shape, ["auto", "smooth", "balls"].map((n) => [n, n === "auto" && model.surface.shown ? `auto (${model.surface.shown})` : n]), model.surface.shape);
+    fill(preset, model.preset.options.map((n) => [n, n]), model.preset.name);
+    graph.hidden = !model.plot;
+    all.hidden = model.color.automatic;
+    if (model.plot && !brush) bars();
+    const t = model.time;
+    time.hidden = !t;
+    if (t) {
+      draw(run, t.running ? "pause" : "play");
+      run.setAttribute("aria-pressed", String(t.running));
+      const frames = t.kind === "sequence";
+      back.hidden = scrub.hidden = again.hidden = !frames;
+      reset.hidden = t.kind !== "simulation"; next.hidden = t.kind === "sweep";
+      words.className = frames ? "" : "wide"; words.textContent = t.words;
+      if (frames) {
+        scrub.max = String(t.frames - 1);
+        if (Date.now() - sent > 700) scrub.value = String(t.frame);
+        scrub.setAttribute("aria-valuetext", `frame ${t.words}`);
+        again.setAttribute("aria-pressed", String(t.loop));
+      }
+    }
+    split.hidden = model.compare === null;
+    if (model.compare !== null && Date.now() - sent > 700) split.style.left = `${100 * model.compare}%`;
+    split.setAttribute("aria-valuenow", String(Math.round(100 * (model.compare ?? 0))));
+  };
+
+  // Names for screen readers where viser's panel has none
+  const named = () => {
+    for (const part of document.querySelectorAll('#root [role="slider"][aria-label=""], #root input[inputmode]:not([aria-label])')) {
+      let row = part.parentElement;
+      while (row && !row.querySelector("label")) row = row.parentElement;
+      const words = row?.querySelector("label")?.textContent;
+      if (words) part.setAttribute("aria-label", part.tagName === "INPUT" ? `${words}, value` : words);
+    }
+    document.querySelectorAll("#root button:not([aria-label])").forEach((part) => {
+      if (!part.textContent.trim() && part.querySelector("svg")) {
+        const first = part.previousElementSibling?.tagName !== "BUTTON";
+        part.setAttribute("aria-label", first ? "All commands" : "Settings of the page");
+      }
+    });
+  };
+
+  // Over the image, wherever viser puts it
+  const place = () => {
+    // The image comes from the server: a browser without a GPU shows it just as fast.
+    for (const title of document.querySelectorAll(".mantine-Notification-title"))
+      if (title.textContent.startsWith("Software WebGL")) title.closest(".mantine-Notification-root").style.display = "none";
+    const image = document.querySelector("#root canvas");
+    if (!image) return;
+    const box = image.getBoundingClientRect();
+    named();
+    layers.style.top = `${tools.offsetTop + tools.offsetHeight + 9}px`;
+    Object.assign(desk.style, { left: `${box.left}px`, top: `${box.top}px`, width: `${box.width}px`, height: `${box.height}px` });
+  };
+
+  const connect = () => {
+    const word = globalThis.globuleWord;
+    if (!word) return;
+    socket?.close();
+    const own = socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/globule/desk?word=${encodeURIComponent(word)}`);
+    own.onopen = () => { wait = 500; paint(desk.classList.contains("dark")); };
+    own.onmessage = (event) => { if (own === socket) { model = JSON.parse(event.data); show(); place(); } };
+    own.onclose = () => { if (own === socket) setTimeout(() => { if (own === socket) connect(); }, (wait = Math.min(2 * wait, 8000))); };
+  };
+
+  addEventListener("DOMContentLoaded", () => {
+    document.documentElement.lang = "en";
+    document.body.append(desk);
+    // Keys that a control uses must not move the camera, too.
+    desk.addEventListener("keydown", (e) => { if (/^(Arrow|Home|End|Enter| )/.test(e.key)) e.stopPropagation(); });
+    desk.classList.toggle("dark", kept("dark", matchMedia("(prefers-color-scheme: dark)").matches ? "1" : "0") === "1");
+    open(kept("layers", innerWidth >= 1200 ? "1" : "0") === "1");
+    if (kept("hints", "") !== "seen") tour(0);
+    setInterval(place, 400);
+    addEventListener("resize", place);
+    addEventListener("globule", connect);
+    connect();
+  });
+})();

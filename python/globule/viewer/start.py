@@ -1,0 +1,254 @@
+"""The start page of `globule view` without a file: shipped scenes, recent files, a dropped file.
+
+The page never sends a path: a scene by its name, a recent file by its number, or the bytes of a
+file. When the choice has been opened, the start page's server ends and the viewer takes its port.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import os
+import re
+import secrets
+import shutil
+import tempfile
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from .._base.files import atomic_write
+from ..scene.particles import Particles
+from ..sim.scene_file import SHIPPED
+from .guard import Guard, answer
+from .source import SceneSource, Source
+
+PATH = "/globule/start"
+LOCAL = ("127.0.0.1", "localhost", "::1")
+SPLASH = "splash"
+MOST_UPLOAD = 1 << 30  # bytes
+MOST_PART = 512 * 1024
+MOST_RECENT = 8
+# Formats whose files never name another file.
+ENDINGS = (
+    ".vtk", ".vtp", ".vtu", ".bgeo", ".bgeo.gz", ".ply", ".xyz", ".csv", ".txt", ".dat", ".npz",
+    ".npy", ".obj", ".stl", ".glb", ".nii", ".nii.gz", ".nrrd", ".mha", ".vti", ".igs.mha",
+    ".igs.nrrd",
+)  # fmt: skip
+SCENES = {
+    SPLASH: "Water that falls back from a wall: 29,160 particles",
+    "dam-break": "A column of water collapses in a box",
+    "droplet": "A drop falls into a shallow pool",
+    "poiseuille": "Flow between two plates",
+    "beam": "A soft beam bends under its own weight",
+    "cut-block": "A blade cuts a block of tissue",
+    "brain-surgery": "A scalpel opens the cortex (needs the extra atlas)",
+}
+
+
+class Start:
+    """The server of the start page.
+
+    Args:
+        open_what: returns a `Source` for a path or the name of a scene.
+        host: the address to listen on; any but a loopback address demands a token.
+        port: the first port to try; 0 takes any free one.
+
+    Attributes:
+        port: that the server listens on.
+        token: that the viewer has to use, too; None on a loopback address.
+
+    Raises:
+        OSError: no port is free.
+    """
+
+    def __init__(self, open_what: Callable[[str], Source], host: str = "127.0.0.1", port: int = 0):
+        self._open, self.host = open_what, host
+        self.token = None if host in LOCAL else secrets.token_urlsafe(24)
+        self.source: Source | None = None
+        self.port = 0
+        self._recent = recent_files()
+        self._folder = tempfile.mkdtemp(prefix="globule-")
+        self._chosen, self._ready = threading.Event(), threading.Event()
+        self._error: OSError | None = None
+        self._asked_port = port
+        self._stop: Any = None
+        self._busy = threading.Lock()
+        self._thread = threading.Thread(target=self._run, name="globule start", daemon=True)
+        self._thread.start()
+        self._ready.wait()
+        if self._error is not None:
+            raise self._error
+
+    def address(self, name: str = "127.0.0.1") -> str:
+        """The address to open in a browser."""
+        return f"http://{name}:{self.port}/" + (f"?token={self.token}" if self.token else "")
+
+    def wait(self) -> Source:
+        """Wait until a person has chosen; returns what was opened and frees the port."""
+        while not self._chosen.wait(0.2):
+            pass
+        self._end()
+        assert self.source is not None
+        return self.source
+
+    def close(self) -> None:
+        """End the server and remove uploads."""
+        self._end()
+        shutil.rmtree(self._folder, ignore_errors=True)
+
+    def _end(self) -> None:
+        loop, stop = self._stop
+        with contextlib.suppress(RuntimeError):  # the loop has ended
+            loop.call_soon_threadsafe(stop.set)
+        self._thread.join(10)
+
+    def _run(self) -> None:
+        asyncio.run(self._serve())
+
+    async def _serve(self) -> None:
+        guard = Guard(self.token)
+        stop = asyncio.Event()
+        self._stop = asyncio.get_running_loop(), stop
+        tries = range(self._asked_port, self._asked_port + (1000 if self._asked_port else 1))
+        for port in tries:
+            try:
+                async with guard.serve(
+                    self._talk, self.host, port, process_request=_page, compression=None
+                ) as server:
+                    self.port = server.sockets[0].getsockname()[1]
+                    self._ready.set()
+                    await stop.wait()
+                return
+            except OSError as error:
+                self._error = error
+            if self.port:
+                return
+        self._ready.set()
+
+    async def _talk(self, connection: Any) -> None:
+        """Tell a browser what there is, and do what it asks for."""
+        from websockets.exceptions import ConnectionClosed
+
+        scenes = [[name, words] for name, words in SCENES.items()]
+        recent = [[Path(path).name, str(Path(path).parent)] for path in self._recent]
+        with contextlib.suppress(ConnectionClosed):
+            hello = {"scenes": scenes, "recent": recent, "endings": ENDINGS, "most": MOST_UPLOAD}
+            await connection.send(json.dumps(hello))
+            async for text in connection:
+                if isinstance(text, bytes):  # the rest of an upload that was refused
+                    continue
+                try:
+                    await self._do(connection, text)
+                except Exception as error:
+                    words = str(error) or type(error).__name__
+                    words = words.replace(self._folder + os.sep, "")
+                    await connection.send(json.dumps({"error": words}))
+
+    async def _do(self, connection: Any, text: str | bytes) -> None:
+        asked = json.loads(text)
+        what = asked.get("do") if isinstance(asked, dict) else None
+        if what == "scene" and asked.get("name") in SCENES:
+            name = asked["name"]
+        elif what == "recent" and asked.get("number") in range(len(self._recent)):
+            name = self._recent[asked["number"]]
+        elif what == "upload":
+            name = await self._receive(connection, str(asked.get("name")), asked.get("size"))
+        else:
+            raise ValueError("start page: expected the name of a scene, a recent file or a file")
+        await connection.send(json.dumps({"opening": os.path.basename(name)}))
+        await asyncio.get_running_loop().run_in_executor(None, self._take, name)
+        await connection.send(json.dumps({"opened": True}))
+        await asyncio.sleep(0.2)  # until it is there
+        self._chosen.set()
+
+    def _take(self, name: str) -> None:
+        with self._busy:
+            if self.source is not None:
+                return
+            if name == SPLASH:
+                from .._demo.data import dam_break
+
+                positions, color, _ = dam_break()
+                speed = Particles(positions, color=color)
+                self.source = SceneSource(SPLASH, speed)
+            else:
+                self.source = self._open(name)
+
+    async def _receive(self, connection: Any, name: str, size: Any) -> str:
+        """Receive a file of a browser; returns the path of the copy."""
+        ending = next((e for e in sorted(ENDINGS, key=len, reverse=True)
+                       if name.lower().endswith(e)), None)  # fmt: skip
+        if ending is None:
+            raise ValueError(f"{name[-60:]}: expected a file with one of {' '.join(ENDINGS)}")
+        free = shutil.disk_usage(self._folder).free // 2
+        most = min(MOST_UPLOAD, free)
+        if not isinstance(size, int) or not 0 < size <= most:
+            raise ValueError(f"{name[-60:]}: expected 1 to {most:,} bytes, got {size}")
+        stem = re.sub(r"[^A-Za-z0-9_-]+", "_", name[: -len(ending)])[-60:] or "file"
+        path = os.path.join(tempfile.mkdtemp(dir=self._folder), stem + ending)
+        done = 0
+        with open(path, "wb") as file:
+            while done < size:
+                part = await connection.recv()
+                if not isinstance(part, bytes) or len(part) > min(MOST_PART, size - done):
+                    raise ValueError(f"{stem}{ending}: expected the bytes of the file")
+                if done == 0:
+                    _check_head(stem + ending, part)
+                done += file.write(part)
+                await connection.send(json.dumps({"received": done}))
+        return path
+
+
+def _check_head(name: str, head: bytes) -> None:
+    """Raise ValueError for a header that names another file, which would be one of this machine."""
+    if not name.endswith((".nrrd", ".mha")):
+        return
+    words = head[:65536].lower()
+    detached = re.search(rb"^\s*data ?file\s*:", words, re.M)
+    element = re.search(rb"^\s*elementdatafile\s*=\s*(\S+)", words, re.M)
+    if detached or (element and element[1] != b"local"):
+        raise ValueError(f"{name}: expected a file with its own data, got the name of another file")
+
+
+def _page(connection: Any, request: Any) -> Any:
+    """The page for a request, None for its websocket."""
+    path = request.path.partition("?")[0]
+    if path == PATH:
+        return None
+    if path != "/":
+        return connection.respond(404, "not found\n")
+    body = Path(__file__).with_name("page").joinpath("start.html").read_bytes()
+    return answer("text/html; charset=utf-8", body)
+
+
+# Recent files
+
+
+def _recent_path() -> Path:
+    base = os.environ.get("XDG_STATE_HOME") or os.path.join(os.path.expanduser("~"), ".local/state")
+    return Path(base) / "globule" / "recent.json"
+
+
+def recent_files() -> list[str]:
+    """The files that `globule view` showed last and that are still there, newest first."""
+    try:
+        known = json.loads(_recent_path().read_text("utf-8"))
+    except (OSError, ValueError):
+        return []
+    words = [path for path in known if isinstance(path, str)] if isinstance(known, list) else []
+    return [path for path in words if os.path.isfile(path)][:MOST_RECENT]
+
+
+def remember(path: str) -> None:
+    """Note a file that `globule view` shows; a folder that cannot be written to is no error."""
+    if path in SHIPPED or not os.path.isfile(path):
+        return
+    whole = os.path.abspath(path)
+    known = [whole, *(other for other in recent_files() if other != whole)][:MOST_RECENT]
+    with contextlib.suppress(OSError):
+        _recent_path().parent.mkdir(parents=True, exist_ok=True)
+        with atomic_write(_recent_path(), "w") as file:
+            file.write(json.dumps(known))

@@ -1,0 +1,153 @@
+"""The start page: scenes, recent files and uploads, never a path of the browser's."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import threading
+import urllib.error
+import urllib.request
+
+import globule as gb
+import numpy as np
+import pytest
+from waiting import PATIENCE, until
+
+pytest.importorskip("viser")
+
+from globule.viewer.open import open_source
+from globule.viewer.start import MOST_PART, Start, recent_files, remember
+
+PARTICLES = gb.Particles(np.random.default_rng(1).normal(size=(200, 3)), support=0.4)
+
+
+@pytest.fixture
+def start(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    gb.write(tmp_path / "known.npz", PARTICLES)
+    remember(str(tmp_path / "known.npz"))
+    made = Start(open_source)
+    yield made
+    made.close()
+
+
+def talk(start, token=""):
+    from websockets.sync.client import connect
+
+    return connect(f"ws://127.0.0.1:{start.port}/globule/start?token={token}", max_size=None)
+
+
+def heard(connection, name):
+    """What the server says next of that name."""
+    while True:
+        said = json.loads(connection.recv(timeout=PATIENCE))
+        if name in said:
+            return said[name]
+
+
+def test_a_scene_and_a_recent_file_are_opened(start, tmp_path):
+    with urllib.request.urlopen(start.address()) as answer:
+        assert "default-src 'self'" in answer.headers["Content-Security-Policy"]
+        assert b"Drop a file" in answer.read()
+    with pytest.raises(urllib.error.HTTPError):
+        urllib.request.urlopen(start.address() + "etc/passwd")
+    with talk(start) as connection:
+        hello = json.loads(connection.recv(timeout=PATIENCE))
+        assert hello["recent"] == [["known.npz", str(tmp_path)]]
+        assert "dam-break" in dict(hello["scenes"])
+        for bad in ({"do": "scene", "name": "/etc/passwd"}, {"do": "recent", "number": 7}, {}, 3):
+            connection.send(json.dumps(bad))
+            assert "expected" in heard(connection, "error")
+        connection.send(json.dumps({"do": "recent", "number": 0}))
+        assert heard(connection, "opened")
+    assert len(start.wait().particles()) == 200
+    with pytest.raises(urllib.error.URLError):  # the port is free for the viewer
+        urllib.request.urlopen(start.address(), timeout=2)
+
+
+def send(connection, name, data, size=None):
+    connection.send(json.dumps({"do": "upload", "name": name, "size": size or len(data)}))
+    for i in range(0, len(data), MOST_PART):
+        connection.send(data[i : i + MOST_PART])
+
+
+def test_an_upload_is_opened_and_its_copy_removed(start, tmp_path):
+    data = (tmp_path / "known.npz").read_bytes()
+    with talk(start) as connection:
+        send(connection, "../../my file.npz", data)
+        assert heard(connection, "opened")
+    source = start.wait()
+    assert len(source.particles()) == 200
+    assert source.name.endswith(".npz")
+    assert "/" not in source.name
+    folder = start._folder
+    assert os.listdir(folder)
+    start.close()
+    assert not os.path.exists(folder)
+
+
+def test_uploads_that_are_refused(start, tmp_path):
+    mha = b"ObjectType = Image\nNDims = 3\nElementDataFile = /etc/passwd\n"
+    nrrd = b"NRRD0004\ntype: uchar\ndimension: 1\nsizes: 9\ndata file: /etc/passwd\n\n"
+    with talk(start) as connection:
+        for name, data, size, why in (
+            ("scene.toml", b"x", None, "expected a file with one of"),
+            ("a.npz", b"x", 1 << 50, "expected 1 to"),
+            ("a.npz", b"", -3, "expected 1 to"),
+            ("a.mha", mha, None, "the name of another file"),
+            ("a.nrrd", nrrd, None, "the name of another file"),
+            ("a.npz", b"no archive", None, "a.npz"),
+        ):
+            send(connection, name, data, size)
+            assert why in heard(connection, "error")
+    assert start.source is None
+
+
+def test_another_machine_needs_the_token():
+    made = Start(open_source, "0.0.0.0")
+    try:
+        with pytest.raises(urllib.error.HTTPError) as refused:
+            urllib.request.urlopen(f"http://127.0.0.1:{made.port}/")
+        assert refused.value.code == 403
+        with urllib.request.urlopen(made.address()) as answer:
+            assert answer.status == 200
+    finally:
+        made.close()
+
+
+def test_recent_files_are_few_and_exist(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    assert recent_files() == []
+    for i in range(10):
+        (tmp_path / f"{i}.npz").write_bytes(b"")
+        remember(str(tmp_path / f"{i}.npz"))
+    os.remove(tmp_path / "9.npz")
+    assert [os.path.basename(path) for path in recent_files()][:2] == ["8.npz", "7.npz"]
+    (tmp_path / "globule/recent.json").write_text("{")
+    assert recent_files() == []
+
+
+@pytest.mark.slow
+def test_the_command_without_a_file(tmp_path):
+    words = [sys.executable, "-m", "globule", "view", "--no-browser", "--port", "0"]
+    env = {**os.environ, "XDG_STATE_HOME": str(tmp_path)}
+    run = subprocess.Popen(words, env=env, stdout=subprocess.PIPE, text=True, bufsize=1)
+    lines: list[str] = []
+    threading.Thread(
+        target=lambda: lines.extend(iter(run.stdout.readline, "")), daemon=True
+    ).start()
+    try:
+        until(lambda: any("choose" in line for line in lines), "for the address")
+        address = lines[0].split()[-1]
+        port = int(address.rstrip("/").rsplit(":", 1)[1])
+        with talk(type("At", (), {"port": port})) as connection:
+            connection.send(json.dumps({"do": "scene", "name": "splash"}))
+            assert heard(connection, "opened")
+        until(lambda: any("splash at" in line for line in lines), "for the viewer")
+        with urllib.request.urlopen(address) as answer:
+            assert b"/globule/desk.js" in answer.read()
+    finally:
+        run.terminate()
+        run.wait(30)

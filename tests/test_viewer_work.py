@@ -1,0 +1,214 @@
+"""The viewer's work without a browser: kinds of surface, meshes, undo, interrupted images."""
+
+from __future__ import annotations
+
+import threading
+
+import globule as gb
+import numpy as np
+import pytest
+from waiting import until
+
+pytest.importorskip("viser")
+
+from globule.viewer.engine import Engine
+from globule.viewer.open import open_source
+from globule.viewer.picture import trace
+from globule.viewer.recording import Shot
+from globule.viewer.state import State
+
+UP = (0.0, 1.0, 0.0)
+
+
+def water(n: int = 8) -> gb.Particles:
+    grid = np.mgrid[:n, :n, :n].reshape(3, -1).T * 0.1
+    positions = grid + np.random.default_rng(2).uniform(-0.01, 0.01, grid.shape)
+    return gb.Particles(positions, attributes={"speed": positions[:, 0]})
+
+
+def cloud(n: int = 300) -> gb.Particles:
+    return gb.Particles(np.random.default_rng(1).normal(size=(n, 3)), support=0.5)
+
+
+def scene_of(what: object, **settings: object) -> gb.Scene:
+    source, state = open_source(what), State()
+    state.set(**settings)
+    with source.lock:
+        return source.layers(state)[0].scene
+
+
+def test_the_viewer_takes_the_surface_that_render_takes():
+    for particles in (water(), cloud()):
+        assert scene_of(particles).surface == gb.surface_of(particles)
+    assert scene_of(water()).surface == "smooth"
+    assert scene_of(water()).threshold == pytest.approx(0.5)
+    assert scene_of(water(), color__by="speed").surface == "smooth"
+    for asked in ({"surface__kernel": "wyvill"}, {"surface__threshold": 0.6}):
+        assert scene_of(water(), **asked).surface == "balls"
+    assert scene_of(water(), surface__shape="balls").surface == "balls"
+    assert scene_of(cloud(), surface__shape="smooth").surface == "smooth"
+    own = gb.Scene(water())
+    assert scene_of(own) is own  # a program's own scene stays as it is
+
+
+def test_the_image_is_that_of_render():
+    particles, camera = water(), gb.Camera((2, 1.5, 3), (0.35, 0.35, 0.35))
+    source, state = open_source(particles), State()
+    with source.lock:
+        seen = trace(source, state, camera, (160, 120), UP)
+    assert np.array_equal(seen.picture, gb.render(particles, camera, (160, 120)).picture)
+    with source.lock:
+        moving = trace(source, state, camera, (160, 120), UP, moving=True)
+    plain = gb.render(particles, camera, (160, 120), {"edge_samples": 0})
+    assert np.array_equal(moving.picture, plain.picture)
+
+
+def test_a_sequence_keeps_its_kind_of_surface():
+    torn = gb.Particles(water().positions, support=np.linspace(0.1, 0.3, 512))
+    assert gb.surface_of(torn) == "balls"
+    source, state = open_source([water(), torn]), State()
+    for frame in (0, 1):
+        state.set(time__frame=frame)
+        source.advance(state)
+        with source.lock:
+            assert source.layers(state)[0].scene.surface == "smooth"
+    source.close()
+
+
+def test_a_mesh_may_be_first_or_alone(tmp_path):
+    vertices = np.array([(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)], float)
+    faces = np.array([(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)])
+    mesh, state = gb.Mesh(vertices, faces), State()
+    both = open_source([mesh, gb.Layer(water())])
+    with both.lock:
+        layers = both.layers(state)
+        assert [type(layer.scene).__name__ for layer in layers] == ["Scene", "Mesh"]
+        assert np.allclose(both.bounds()[1], 1.0)
+    alone = open_source(mesh)
+    camera = gb.Camera((2, 1.5, 3), (0.3, 0.3, 0.3))
+    with alone.lock:
+        seen = trace(alone, state, camera, (80, 60), UP)
+    assert np.array_equal(seen.picture, gb.render(mesh, camera, (80, 60)).picture)
+    trimesh = pytest.importorskip("trimesh")
+    trimesh.Trimesh(vertices, faces).export(tmp_path / "tank.stl")
+    read = open_source(str(tmp_path / "tank.stl"))
+    with read.lock:
+        assert len(read.layers(state)[0].scene) == 4
+    viewer = gb.view(read.files[0], port=0, browser=False, block=False)
+    try:
+        shot = viewer.screenshot(tmp_path / "tank.png", (80, 60), samples=1)
+        command, code = viewer.equivalent(size=(80, 60))
+    finally:
+        viewer.close()
+    assert shot.frame.mask.any()
+    assert command.startswith("globule render ")
+    names: dict = {}
+    exec(
+        code.replace("picture.png", str(tmp_path / "again.png")).replace("samples=16", "samples=1"),
+        names,
+    )
+    assert np.array_equal(names["frame"].picture, shot.picture)
+
+
+def test_undo_and_redo():
+    state = State()
+    history = state.history
+    assert not history.undo()
+    assert not history.redo()
+    state.set(look__exposure=2.0)
+    state.set(surface__kernel="wyvill", surface__threshold=0.7)
+    assert history.undo()
+    assert (state.surface.kernel, state.surface.threshold) == ("murakami", None)
+    assert state.look.exposure == 2.0
+    assert history.lengths == (1, 1)
+    assert history.undo()
+    assert state.look.exposure == 1.0
+    assert history.redo()
+    assert history.redo()
+    assert (state.look.exposure, state.surface.kernel) == (2.0, "wyvill")
+    assert history.undo()
+    state.set(cuts__plane=True)  # a new change ends what could be redone
+    assert history.lengths == (2, 0)
+    for value in np.linspace(0.2, 0.8, 20):  # one drag of a slider
+        state.set(surface__threshold=float(value))
+    assert history.lengths == (3, 0)
+    assert history.undo()
+    assert state.surface.threshold is None
+    state.set(cuts__plane=False)
+    state.set(cuts__plane=True)  # switches count one by one
+    assert history.lengths == (4, 0)
+    assert history.undo()
+    assert history.undo()
+    state.set(time__frame=3)
+    assert history.lengths == (2, 2)
+
+
+class Kept:
+    """A sink that notes what arrives and when."""
+
+    def __init__(self) -> None:
+        self.plans: list = []
+        self.errors: list[str] = []
+
+    def send(self, number: int, data: bytes, plan: object) -> None:
+        self.plans.append(plan)
+        self.client.acknowledge(number)
+
+    def error(self, message: str) -> None:
+        self.errors.append(message)
+
+
+@pytest.fixture
+def shown():
+    source, state = open_source(water(12)), State()
+    state.set(quality__samples=4)
+    engine, sink = Engine(source, state), Kept()
+    engine.on_error = sink.error
+    sink.client = engine.add(sink, gb.Camera((2, 1.5, 3), (0.5, 0.5, 0.5)))
+    sink.engine = engine
+    yield sink
+    engine.close()
+
+
+def test_a_change_stops_a_still_image_and_the_next_one_is_complete(shown):
+    client, engine = shown.client, shown.engine
+    client.look(gb.Camera((2, 1.5, 3), (0.5, 0.5, 0.5)), (200, 150))
+    until(lambda: shown.plans and shown.plans[-1].still, "for a still image")
+    client.look(gb.Camera((2, 1.6, 3), (0.5, 0.5, 0.5)), (4000, 3000))
+    until(lambda: engine._still is not None, "for a long image to begin")
+    last = gb.Camera((2, 1.7, 3), (0.5, 0.5, 0.5))
+    client.look(last, (200, 150))
+    until(lambda: shown.plans[-1].samples == 4, "for the next one")
+    assert not any(max(plan.size) == 4000 and plan.still for plan in shown.plans)
+    assert client.frame.samples == 4
+    assert not shown.errors
+    fresh = Shot(engine, last, (200, 150), 4).picture
+    assert np.array_equal(client.frame.picture, fresh)
+
+
+def test_a_waiting_person_interrupts_a_still_image_which_then_begins_again(shown):
+    client, engine = shown.client, shown.engine
+    client.look(gb.Camera((2, 1.5, 3), (0.5, 0.5, 0.5)), (1200, 900))
+    until(lambda: engine._still is not None, "for a still image to begin")
+    engine.interrupt()
+    until(lambda: shown.plans and shown.plans[-1].samples == 4, "for it to be complete")
+    assert client.frame.samples == 4
+    assert not shown.errors
+
+
+def test_a_failed_thread_begins_again_and_says_so(shown, monkeypatch):
+    client, engine = shown.client, shown.engine
+    failing = threading.Event()
+    usual = engine._next
+
+    def fails():
+        if not failing.is_set():
+            failing.set()
+            raise SystemExit("out of order")
+        return usual()
+
+    monkeypatch.setattr(engine, "_next", fails)
+    client.look(gb.Camera((2, 1.5, 3), (0.5, 0.5, 0.5)), (120, 90))
+    until(lambda: shown.plans and shown.plans[-1].samples == 4, "for an image")
+    assert failing.is_set()
+    assert any("restarted" in error and "out of order" in error for error in shown.errors)
