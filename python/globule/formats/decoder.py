@@ -42,7 +42,7 @@ def main(task: str, path: str, header: int, memory: int, seconds: int) -> None:
         return json.loads(request)
 
     try:
-        tasks = {"dicom": dicom, "series": series, "exr": exr, "hdf5": hdf5, "sweep_h5": sweep_h5, "video": video}
+        tasks = {t.__name__: t for t in (dicom, series, exr, hdf5, sweep_h5, video)}
         facts, arrays = tasks[task](path, ask)
         described = [[a.dtype.str, a.shape] for a in arrays]
         tell({**facts, "arrays": described})
