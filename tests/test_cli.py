@@ -137,7 +137,7 @@ def test_other_errors_take_one_line(particles, capsys, monkeypatch, error, statu
     def fail(*_, **__):
         raise error
 
-    monkeypatch.setattr("globule.cli.render.render", fail)
+    monkeypatch.setattr("globule.cli.image.render", fail)
     assert main(["render", particles, "-o", "a.png"]) == status
     assert capsys.readouterr() == ("", line)
     assert not os.path.exists("a.png")
@@ -280,6 +280,13 @@ def test_examples_in_the_help_work(module, folder, capsys, monkeypatch):
         pytest.importorskip("viser")
         monkeypatch.setattr("globule.viewer.app.Viewer.wait", lambda viewer: viewer.close())
         monkeypatch.setattr("globule.viewer.app.Viewer.open_browser", lambda viewer: None)
+        # The start page, where somebody chooses at once.
+        monkeypatch.setattr(
+            "globule.viewer.start.Start.wait", lambda start: start._open("splash.npz")
+        )
+        monkeypatch.setattr("webbrowser.open", lambda address: True)
+        for time in ("before.vtk", "after.vtk"):
+            gb.write(time, cube())
     assert main([name, "--help-all"]) == 0
     shown = capsys.readouterr().out
     examples = [line.split() for line in module.EXAMPLES.splitlines()]

@@ -6,6 +6,7 @@
 #include <numeric>
 
 #include "api/impl.hpp"
+#include "field/surface_kernels.hpp"
 
 namespace globule {
 namespace {
@@ -316,8 +317,12 @@ Scene Simulation::scene() const {
     scene->core = s.scene;
     scene->chosen = s.chosen;
     scene->kernel = core::KernelName::murakami;
-    scene->threshold = defaults_of(scene->kernel).threshold;
-    scene->support = scene->largest_support = 2.0 * s.settings.spacing;
+    // What is shown of a fluid has a smooth surface; here is no tissue.
+    scene->smooth = std::ranges::any_of(s.phases, [](const Phase& p) { return p.kind == PhaseKind::fluid && p.shown.value_or(true); });
+    const core::Gates inside = s.gates();
+    s.call<&core::Simulation::draw_smooth>(inside, scene->smooth);
+    scene->threshold = scene->smooth ? double(core::surface::kThreshold) : defaults_of(scene->kernel).threshold;
+    scene->support = scene->largest_support = (scene->smooth ? double(core::surface::kAxis) : 2.0) * s.settings.spacing;
     scene->n_of_owner = {impl_, &s.n};
     return Inside::scene(std::move(scene));
 }

@@ -194,9 +194,8 @@ def vibration(device: str, threads: int = 0, periods: int = 100) -> list[Row]:
         mode = float((u[:, 0] * v[:, 0]).sum())
         crossings += mode * before < 0
         before = mode
-    energies = np.array(energies)
     window = min(10, periods // 2) * per_period
-    late, early = energies[-window:].mean(), energies[:window].mean()
+    late, early = np.mean(energies[-window:]), np.mean(energies[:window])
     drift = abs(late / early - 1)
     return [
         row(f"free beam: energy drift over {periods} periods", 0.0, drift, drift < 0.01),

@@ -203,7 +203,8 @@ class Scene:
     def become_smooth(self) -> None:
         """Draw the smooth surface of the same particles, with the spacing that was measured."""
         with self._lock:
-            self.surface, self._support, self._spacing = "smooth", None, self.spacing or None
+            self._spacing = self._spacing or self._scene.fluid_spacing() or None
+            self.surface, self._support = "smooth", None
             self.threshold = SMOOTH_THRESHOLD
             self._build(self.particles)
 
