@@ -174,7 +174,7 @@ def test_a_simulation_looks_as_its_scene_says(served, tmp_path):
     from globule.sim.pictures import Eye
     from globule.viewer.recording import Shot
 
-    viewer.state.set(color__legend=False, surface__shape="balls")  # as `globule simulate` draws
+    viewer.state.set(color__legend=False)
     source = viewer.source
     picture = Shot(viewer.engine, source.camera, (160, 120), 1).picture
     headless = Eye(source.simulation.file, (160, 120)).picture(source.simulation).picture

@@ -26,7 +26,7 @@ def test_particles_convert_once_and_do_not_copy():
 @pytest.mark.parametrize(
     ("arguments", "error", "message"),
     [
-        ({"positions": np.zeros((4, 2))}, ValueError, r"positions: expected shape \(N, 3\), got"),
+        ({"positions": np.zeros((4, 4))}, ValueError, r"positions: expected shape \(N, 3\), got"),
         ({"positions": ["a"]}, TypeError, "positions: expected numbers"),
         ({"positions": [[1, 2], [3]]}, TypeError, "positions: expected an array"),
         ({"support": np.zeros(3)}, ValueError, r"support: expected a number or shape \(4,\)"),

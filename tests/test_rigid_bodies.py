@@ -5,9 +5,10 @@ import struct
 import globule as gb
 import numpy as np
 import pytest
-import trimesh
 from cli_helpers import SMALL, refused, run_json
-from scipy.spatial.transform import Rotation
+
+trimesh = pytest.importorskip("trimesh")
+Rotation = pytest.importorskip("scipy.spatial.transform").Rotation
 
 
 def pose_bytes(position, rotation) -> bytes:

@@ -501,7 +501,7 @@ def test_a_failed_update_keeps_the_scene(backend):
     scene = gb.Scene(cloud(50, 98), support=0.5, **backend)
     before = gb.render(scene, size=SIZE).picture
     with pytest.raises(ValueError, match="positions: expected shape"):
-        scene.update(positions=np.zeros((3, 2)))
+        scene.update(positions=np.zeros((3, 4)))
     with pytest.raises(ValueError, match="weight: expected"):
         scene.update(weight=np.ones(51))
     np.testing.assert_array_equal(gb.render(scene, size=SIZE).picture, before)

@@ -153,7 +153,7 @@ def test_scene_shows_what_is_there(backend):
     sim.run(0.4)
     after = gb.render(sim.scene, camera, size=(120, 90))
     assert (after.mask != before).mean() > 0.02
-    alone = gb.Scene(gb.Particles(sim.positions[ids], support=2 * D), device=sim.scene.device.name)
+    alone = gb.Scene(sim.positions[ids], surface="smooth", spacing=D, device=sim.scene.device.name)
     again = gb.render(alone, camera, size=(120, 90))
     np.testing.assert_array_equal(again.mask, after.mask)
     picked = after.pick(*np.argwhere(after.mask)[0][::-1])

@@ -203,7 +203,9 @@ void Scene::Impl::update(const Particles& p) {
     bool keep = false;  // a guess for too few particles is made anew
     if (u.measured) {
         build(0);
-        const double found = smooth ? core.call_inside<&core::Scene::fluid_spacing>(inside) : core.call_inside<&core::Scene::spacing>(inside);
+        double found = core.call_inside<&core::Scene::spacing>(inside);
+        // Neighbours tell too much in sheets, a particle's volume in small bodies.
+        if (smooth) found = std::min(found, double(core.call_inside<&core::Scene::fluid_spacing>(inside)));
         keep = found > 0;
         const double spacings = smooth ? double(core::surface::kAxis) : defaults_of(kernel).spacings;
         const double support_found = spacings * (found > 0 ? found : guessed_spacing(u.arrays.positions, u.arrays.n));

@@ -97,6 +97,7 @@ public:
         Exec& exec = *lanes_[0];
         if (!built_[1]) built_[1] = std::make_unique<Built<Exec>>(exec);
         now_ = 1;
+        exec.mark(0);
         ParticleInput input;
         input.n = n;
         input.positions = positions;
@@ -104,6 +105,7 @@ public:
         input.weight = {nullptr, 1.0f};
         now().octree.build(input, {});
         if (n) make_smooth(exec, now().octree, spacing);
+        exec.mark(1);
     }
     void draw_shared() { now_ = 0; }
 

@@ -112,8 +112,7 @@ private:
         const Vec3<F> p0 = entry(tile, v, slab, scale), d = tile.d[v];
         const ListSource<Candidate, Group, Kernel> source{g, scratch, found.n, kernel, p0, d};
         const float heaviest = PerParticle ? tree.header->most_weight : 1.0f;
-        // Where float32's error is largest; a form's is that of a matrix squared.
-        const float steep = max(1.0f, found.sharpest), sharp = Candidate::ellipsoid ? steep * steep : steep;
+        const float sharp = max(1.0f, found.sharpest);  // where float32's error is largest
         Limits<F> lim{F(tau), F(window / found.sharpest), F(5e-6f * (heaviest + tau) * sharp), F(2e-5f / found.sharpest), F(1.0f)};
         F t = max((tile.t[v] - F(slab.z)) * F(scale), F(0.0f));
         const B unknown = tile.fresh[v] & active;

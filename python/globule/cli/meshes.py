@@ -58,8 +58,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="FILE[:RADIUS]",
-        help="plain spheres at the particles of a second file, world units (default radius: half "
-        "a spacing)",
+        help="plain spheres at the particles of a second file, world units (default: a radius of "
+        "half a spacing)",
     )
     add(
         "--lines",
@@ -67,8 +67,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="FILE[:RADIUS]",
-        help="a line through the points of a second file, in their order, world units (default "
-        "radius: a 400th of the line's extent)",
+        help="a line through the points of a second file, in their order, world units (default: a "
+        "radius of a 400th of the line's extent)",
     )
     add(
         "--mesh-color",

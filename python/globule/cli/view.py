@@ -17,6 +17,7 @@ import numpy as np
 from ..formats import FormatError
 from ..render.camera import Camera
 from ..render.presets import PRESETS
+from ..scene.particles import Particles
 from . import flags
 from .parser import Parser
 from .shared import UserError, check_device, mistakes
@@ -132,14 +133,18 @@ def run(options: argparse.Namespace) -> None:
 
 def start_page(options: argparse.Namespace, given: dict[str, Any]) -> tuple[Start, Source]:
     """Wait until a person has chosen on the start page what to show."""
+    from .._demo.data import dam_break
     from ..viewer.open import open_source
-    from ..viewer.start import Start
+    from ..viewer.source import SceneSource
+    from ..viewer.start import SPLASH, Start
 
-    start = Start(
-        lambda name: open_source(name, options.device, options.threads, **given),
-        options.host,
-        options.port,
-    )
+    def chosen(name: str) -> Source:
+        if name == SPLASH:
+            positions, color, _ = dam_break()
+            return SceneSource(SPLASH, Particles(positions, color=color))
+        return open_source(name, options.device, options.threads, **given)
+
+    start = Start(chosen, options.host, options.port)
     name = socket.gethostname() if start.token else "127.0.0.1"
     address = start.address(name)
     print(f"globule: choose what to show at {address}", flush=True)

@@ -207,7 +207,8 @@ def _assemble(
     no_positions = bad(
         path, f"line {names_line or first_line}", f"expected columns x, y and z, got {found}"
     )
-    if len(numeric) < 2:
+    # Two numbers beside a word without a name are not a place in a plane: one of three is damaged.
+    if len(numeric) < 2 or (len(numeric) == 2 < len(words) and names_line is None):
         raise no_positions
     options: dict[str, Any] = {"delimiter": separator}
     if separator is None:

@@ -203,7 +203,7 @@ class Scene:
     def become_smooth(self) -> None:
         """Draw the smooth surface of the same particles, with the spacing that was measured."""
         with self._lock:
-            self._spacing = self._spacing or self._scene.fluid_spacing() or None
+            self._spacing = self._spacing or _fluid_spacing(self._scene) or None
             self.surface, self._support = "smooth", None
             self.threshold = SMOOTH_THRESHOLD
             self._build(self.particles)
@@ -259,7 +259,7 @@ class Scene:
 
         if support is ABSENT and one_support is None:
             build(0.0)
-            measured = self._raw.fluid_spacing() if smooth else self._raw.spacing()
+            measured = _fluid_spacing(self._raw) if smooth else self._raw.spacing()
             one_support = self._defaults[0] * (measured or _guess_spacing(p, n))
             if measured and smooth:
                 spacing = measured
@@ -514,6 +514,11 @@ def _space(bounds: Any) -> list[float]:
             f"bounds: expected two finite corners ((x, y, z), (x, y, z)), got {shown(bounds)}"
         )
     return [float(x) for x in box.ravel()]
+
+
+def _fluid_spacing(core: Any) -> float:
+    """Neighbors tell too much in sheets, a particle's volume in small bodies."""
+    return min(core.fluid_spacing(), core.spacing())
 
 
 def _guess_spacing(particles: Particles, n: int) -> float:

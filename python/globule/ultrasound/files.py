@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .._base.checks import number
+from .._base.checks import a_path, number
 from ..formats.errors import FormatError, bad
 from ..formats.kind import Kind, kind_of, kind_or_none, wrong_kind
 from ..formats.sweeps import igs, stack
@@ -167,6 +167,7 @@ def _recording(
     path: str | os.PathLike[str], progress: Progress = None
 ) -> tuple[igs.Recording, dict[str, np.ndarray]]:
     """Frames and what their file says; the other arrays of a NumPy archive."""
+    a_path(path)
     kind = Kind("sweep", "hdf5") if _is_hdf5(path) else kind_of(path, "sweep")
     if kind.format in ("metaimage", "nrrd"):
         recording, arrays = igs.read(path, progress), {}

@@ -20,10 +20,9 @@ from pathlib import Path
 from typing import Any
 
 from .._base.files import atomic_write
-from ..scene.particles import Particles
 from ..sim.scene_file import SHIPPED
 from .guard import Guard, answer
-from .source import SceneSource, Source
+from .source import Source
 
 PATH = "/globule/start"
 LOCAL = ("127.0.0.1", "localhost", "::1")
@@ -52,7 +51,7 @@ class Start:
     """The server of the start page.
 
     Args:
-        open_what: returns a `Source` for a path or the name of a scene.
+        open_what: returns a `Source` for a path or the name of a scene; `SPLASH` is one.
         host: the address to listen on; any but a loopback address demands a token.
         port: the first port to try; 0 takes any free one.
 
@@ -168,14 +167,7 @@ class Start:
         with self._busy:
             if self.source is not None:
                 return
-            if name == SPLASH:
-                from .._demo.data import dam_break
-
-                positions, color, _ = dam_break()
-                speed = Particles(positions, color=color)
-                self.source = SceneSource(SPLASH, speed)
-            else:
-                self.source = self._open(name)
+            self.source = self._open(name)
 
     async def _receive(self, connection: Any, name: str, size: Any) -> str:
         """Receive a file of a browser; returns the path of the copy."""
