@@ -179,4 +179,5 @@ def test_a_simulation_looks_as_its_scene_says(served, tmp_path):
     picture = Shot(viewer.engine, source.camera, (160, 120), 1).picture
     headless = Eye(source.simulation.file, (160, 120)).picture(source.simulation).picture
     assert isinstance(source.simulation, gb.Simulation)
-    assert np.abs(picture.astype(int) - headless).mean() < 0.05
+    # Shots have no more samples at edges, images of `globule simulate` do.
+    assert np.abs(picture.astype(int) - headless).mean() < 0.5

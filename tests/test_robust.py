@@ -391,7 +391,7 @@ def test_lines_planes_and_pairs(backend, options):
 
 SCENE_MISTAKES = [
     (TypeError, "positions", {"particles": [["a", "b", "c"]]}),
-    (ValueError, "positions", {"particles": np.zeros((4, 2))}),
+    (ValueError, "positions", {"particles": np.zeros((4, 4))}),
     (ValueError, "positions", {"particles": np.zeros(3)}),
     (ValueError, "positions", {"particles": np.zeros((2, 2, 3))}),
     (TypeError, "positions", {"particles": [[0, 0, 0], [1, 1]]}),

@@ -91,8 +91,10 @@ CASES = {
             ("name", "fat"), ("density", 900.0), ("young", 9000.0), ("rigidity", 0.5),
             ("viscosity", 2.0), ("implicit", True), ("surface_tension", 0.05), ("damping", 3.0),
             ("tear", 0.5), ("plastic", 0.1), ("creep", 2.0), ("fixed", [{"box": BOX}]),
-            ("velocity", [0, 0, -1]), *IMAGE[:3], ("shown", False),
+            ("velocity", [0, 0, -1]), *IMAGE[:3], ("shown", False), ("model", "solid"),
         ]
+    } | {
+        "poisson": {"solids": [near(SOLID, "poisson", 0.3)[0] | {"model": "solid"}]}
     } | {
         k: {"solids": [{"name": "jelly", k: v}]}
         for k, v in {"box": BOX, "sphere": BALL, "cylinder": ROLL, "mesh": "mesh",

@@ -204,8 +204,10 @@ void Scene::Impl::update(const Particles& p) {
     if (u.measured) {
         build(0);
         double found = core.call_inside<&core::Scene::spacing>(inside);
-        // Neighbours tell too much in sheets, a particle's volume in small bodies.
-        if (smooth) found = std::min(found, double(core.call_inside<&core::Scene::fluid_spacing>(inside)));
+        if (smooth) {  // a particle's volume tells it; in bodies of few layers that is far more than neighbours say
+            const double volume = core.call_inside<&core::Scene::fluid_spacing>(inside);
+            if (volume <= 1.05 * found) found = volume;
+        }
         keep = found > 0;
         const double spacings = smooth ? double(core::surface::kAxis) : defaults_of(kernel).spacings;
         const double support_found = spacings * (found > 0 ? found : guessed_spacing(u.arrays.positions, u.arrays.n));

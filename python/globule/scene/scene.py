@@ -517,8 +517,9 @@ def _space(bounds: Any) -> list[float]:
 
 
 def _fluid_spacing(core: Any) -> float:
-    """Neighbors tell too much in sheets, a particle's volume in small bodies."""
-    return min(core.fluid_spacing(), core.spacing())
+    """A particle's volume tells it; in bodies of few layers that is more than neighbors say."""
+    volume, neighbors = core.fluid_spacing(), core.spacing()
+    return volume if volume <= 1.05 * neighbors else neighbors
 
 
 def _guess_spacing(particles: Particles, n: int) -> float:
