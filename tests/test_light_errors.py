@@ -145,7 +145,7 @@ LIGHTS = [
 ]
 
 
-@pytest.mark.parametrize(("error", "name", "light", "got"), LIGHTS, ids=str)
+@pytest.mark.parametrize(("error", "name", "light", "got"), LIGHTS)
 def test_lights(error, name, light, got):
     refused(error, name, got, light)
 
@@ -168,7 +168,7 @@ AROUND = [
 ]
 
 
-@pytest.mark.parametrize(("error", "name", "setting", "got"), AROUND, ids=str)
+@pytest.mark.parametrize(("error", "name", "setting", "got"), AROUND)
 def test_sky_and_ground(error, name, setting, got):
     refused(error, name, got, setting)
 
@@ -214,7 +214,7 @@ CLIPS = [
 ]
 
 
-@pytest.mark.parametrize(("error", "name", "clip", "got"), CLIPS, ids=str)
+@pytest.mark.parametrize(("error", "name", "clip", "got"), CLIPS)
 def test_clips(error, name, clip, got):
     refused(error, name, got, clip)
 
