@@ -178,6 +178,37 @@ def test_render_a_mesh(files, capsys):
     assert both["counts"]["particles"] == 512
 
 
+def test_a_mesh_in_the_colors_of_its_values(files, capsys):
+    """Each pixel has the map's color of the value where the ray meets the mesh."""
+    heat = np.linspace(0, 1, 512)
+    gb.write("fluid.npz", gb.Particles(gb.read("fluid.ply").positions, attributes={"heat": heat}))
+    run(capsys, "mesh", "fluid.npz", "-o", "fluid.vtp", "--value", "heat")
+    flat = ("--flat", *SMALL, "--eye", "0,0,9", "--look-at", "0,0,0", "--range=-1,1")
+    words = ("--color-by", "x", "--colormap", "magma", *flat, "--aov", "a.npz")
+    run(capsys, "render", "fluid.vtp", "-o", "a.png", *words)
+    seen = np.load("a.npz")
+    inside = seen["mask"] & (
+        np.abs(seen["position"][..., :2]).max(axis=-1) < 0.9
+    )  # not the silhouette
+    assert inside.sum() > 100
+    expected = gb.colorize(seen["position"][inside][:, 0], "magma", -1, 1)
+    np.testing.assert_allclose(seen["color"][inside], expected, atol=0.05)
+    lit = run(
+        capsys, "render", "fluid.vtp", "-o", "b.png", "--color-by", "heat", "--legend",
+        "--size", "320x240",
+    )  # fmt: skip
+    assert lit["warnings"] == []
+
+    mesh = gb.Mesh("fluid.vtp")
+    heights = np.asarray(mesh.vertices)[:, 2]
+    assert mesh.color_by("z") == (heights.min(), heights.max())
+    assert mesh.color_by("heat", range=(2, 1)) == (2, 1)
+    frame = gb.render(mesh, (320, 240), color_by="x", annotate=gb.Annotation(legend=True))
+    assert frame.image.shape == (240, 320, 3)
+    views = gb.render_views("fluid.vtp", ["front", "top"], size=(96, 48), color_by="x")
+    assert len(views.frames) == 2
+
+
 def test_render_particles_beside_meshes(files, capsys):
     alone = run(capsys, "render", "fluid.ply", "-o", "a.png", *SMALL)
     words = ("--mesh", "ball.ply:glass", "--mesh-color", "#ff0000")
@@ -199,7 +230,10 @@ def test_render_particles_beside_meshes(files, capsys):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (("ball.ply", "--color-by", "x"), "--color-by: expected particles beside --color-by"),
+        (
+            ("ball.ply", "--color-by", "heat"),
+            "--color-by: expected one of x, y, z of ball.ply, got",
+        ),
         (("ball.ply", "--support", "1"), "--support: expected particles beside --support"),
         (("ball.ply", "--root", "march"), "--root: expected particles beside --root"),
         (("fluid.ply", "--mesh", "ball.ply:brass"), "--mesh: expected a material, blood, water"),

@@ -240,8 +240,8 @@ def test_mistakes_of_options_are_named():
     mesh = box((0, 0, 0), (1, 1, 1))
     with pytest.raises(ValueError, match="vertices: expected 8, got 3"):
         mesh.update(np.zeros((3, 3)))
-    with pytest.raises(ValueError, match="color_by: expected particles, got a mesh"):
-        gb.render(mesh, color_by="x")
+    with pytest.raises(ValueError, match="color_by: expected one of x, y, z, got speed"):
+        gb.render(mesh, color_by="speed")
     frame = gb.render(mesh, (8, 8))
     with pytest.raises(ValueError, match="attribute: expected a layer of particles"):
         frame.attribute(np.zeros(8))

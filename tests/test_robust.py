@@ -547,6 +547,7 @@ def test_interrupted():
     """Ctrl-C during a long picture ends it with KeyboardInterrupt."""
     code = """
 import globule as gb, numpy as np, signal, threading, os
+signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored by what runs in the background
 p = np.random.default_rng(0).uniform(-1, 1, (20000, 3))
 scene = gb.Scene(p, support=0.5, threshold=1500.0, device="cpu")
 threading.Timer(0.5, os.kill, (os.getpid(), signal.SIGINT)).start()

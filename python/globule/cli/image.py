@@ -63,7 +63,7 @@ def picture(
     progress.step(f"building {path}")
     with mistakes():
         if isinstance(shape, Mesh):
-            subject = _mesh(options, shape)
+            subject = _mesh(options, path, shape, messages)
         else:
             subject = _particles(options, series, path, shape, messages)
         scene = subject.scene
@@ -79,10 +79,10 @@ def picture(
     written = time.perf_counter()
     with mistakes():
         colors = None
-        if options.color_by and subject.particles is not None:
+        if options.color_by:
             assert subject.ends is not None
             colors = Colors(options.colormap, *subject.ends, options.color_by)
-            if lit.settings(scene).is_flat:
+            if subject.particles is not None and lit.settings(scene).is_flat:
                 name, ends = options.color_by, subject.ends
                 shown = values_of(subject.particles, name, options.colormap, ends)
                 for one in frames:
@@ -134,12 +134,15 @@ def _particles(
     return Subject(scene, kept, particles, ends, n, lambda: scene.octree.build_seconds)
 
 
-def _mesh(options: argparse.Namespace, mesh: Mesh) -> Subject:
+def _mesh(options: argparse.Namespace, path: str, mesh: Mesh, messages: list[str]) -> Subject:
     """A file's triangles, on the device."""
     start = time.perf_counter()
+    ends = None
+    if options.color_by:
+        ends = look.color_mesh(options, path, mesh, messages)
     mesh.build(choose(options.device))
     seconds = time.perf_counter() - start
-    return Subject(mesh, np.empty(0, np.int64), None, None, 0, lambda: seconds)
+    return Subject(mesh, np.empty(0, np.int64), None, ends, 0, lambda: seconds)
 
 
 def _notices(

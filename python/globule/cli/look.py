@@ -14,6 +14,7 @@ import numpy as np
 from .._base.colormaps import hex_color, to_linear
 from ..render.lights import MAX_LIGHTS, DirectionalLight, Headlight, PointLight
 from ..scene.attributes import attribute_colors, attribute_values
+from ..scene.mesh import Mesh
 from ..scene.particles import Particles
 from ..scene.scene import Scene
 from ..scene.smoothing import anisotropy
@@ -105,9 +106,26 @@ def color_by(
     with _names_of(path):
         found = attribute_colors(particles, options.color_by, options.colormap, options.range)
     if found.n_unknown:
-        shown = f"{found.n_unknown:,} of {count(len(particles))} without a finite"
-        messages.append(f"{shown} {options.color_by}: gray, or at an end of the map where infinite")
+        messages.append(_unknown(options, found.n_unknown, count(len(particles))))
     return found.color, found.range
+
+
+def color_mesh(
+    options: argparse.Namespace, path: str, mesh: Mesh, messages: list[str]
+) -> tuple[float, float]:
+    """Give the vertices the colors of the values that --color-by names; returns the values at the
+    map's ends; adds to the messages."""
+    with _names_of(path):
+        ends = mesh.color_by(options.color_by, options.colormap, options.range)
+    values = attribute_values(mesh.points, options.color_by)
+    if n_unknown := int((~np.isfinite(values)).sum()):
+        messages.append(_unknown(options, n_unknown, count(len(values), "point")))
+    return ends
+
+
+def _unknown(options: argparse.Namespace, n: int, of: str) -> str:
+    what = f"{n:,} of {of} without a finite {options.color_by}"
+    return f"{what}: gray, or at an end of the map where infinite"
 
 
 def values_of(path: str, particles: Particles, name: str) -> np.ndarray:

@@ -33,7 +33,6 @@ _OF_PARTICLES = {
     "support": "--support",
     "threshold": "--threshold",
     "anisotropic": "--anisotropic",
-    "color_by": "--color-by",
 }
 
 

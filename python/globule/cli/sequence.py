@@ -118,12 +118,13 @@ class Series:
                 lo, hi = particles.bounds()
                 lows.append(lo)
                 highs.append(hi)
-            if span and not isinstance(particles, Mesh):
+            if span:
+                points = particles.points if isinstance(particles, Mesh) else particles
                 try:
-                    known = look.values_of(path, particles, options.color_by)
+                    known = look.values_of(path, points, options.color_by)
                 except UserError:
                     continue
-                known = known[np.isfinite(known) & _finite(particles)]
+                known = known[np.isfinite(known) & _finite(points)]
                 values = [known.min(initial=values[0]), known.max(initial=values[1])]
         if fit and lows:
             box = np.min(lows, axis=0), np.max(highs, axis=0)

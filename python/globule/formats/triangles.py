@@ -19,7 +19,7 @@ _FORMATS = ("stl", "obj", "glb", "ply", "vtk", "vtp")
 
 
 def read(path: str | os.PathLike[str]) -> Triangles:
-    """Read vertices, triangles and colors; polygons become triangles.
+    """Read vertices, triangles, colors and attributes of vertices; polygons become triangles.
 
     Raises FormatError for a file without faces, of another kind, or damaged; MissingPackageError
     for .stl, .obj and .glb without trimesh.
@@ -37,7 +37,7 @@ def read(path: str | os.PathLike[str]) -> Triangles:
     color = particles.color
     if color is not None and color.ndim == 1:
         color = np.broadcast_to(color, (n, 3))
-    return Triangles(np.asarray(particles.positions), faces, color)
+    return Triangles(np.asarray(particles.positions), faces, color, attributes=particles.attributes)
 
 
 def _read(path: str | os.PathLike[str], kind: Kind) -> tuple[Particles, np.ndarray]:

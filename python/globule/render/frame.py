@@ -384,10 +384,10 @@ def render(
         clips: cuts through every scene.
         thesis: trace the camera's rays as the source thesis does, with these choices; default:
             exactly.
-        color_by: color the particles by a field or attribute, instead of their own colors and the
-            material's: x, y, z, support, an attribute (a vector's length), or NAME:0 … for a
-            component. A `Scene` keeps these colors. Where the settings leave the lights at their
-            default, white and diffuse light keeps the colors' hue.
+        color_by: color the particles, or a mesh's vertices, by a field or attribute, instead of
+            their own colors and the material's: x, y, z, support, an attribute (a vector's length),
+            or NAME:0 … for a component. A `Scene` or `Mesh` keeps these colors. Where the settings
+            leave the lights at their default, white and diffuse light keeps the colors' hue.
         colormap: of `color_by`: viridis, magma, inferno, plasma, cividis, turbo, coolwarm or gray.
         range: (lo, hi), values of the map's ends; default: the lowest and highest finite value.
         annotate: `Annotation`, drawn into the frame's `image`.
@@ -451,7 +451,7 @@ def render(
 
     values = None
     if color_by is not None and (settings.is_flat or annotate is not None):
-        values = values_of(first.particles, color_by, colormap, range)
+        values = values_of(points_of(first), color_by, colormap, range)
     finish = None
     if annotate is not None and annotate.draws:
         finish = drawing(annotate, camera, [layer.scene for layer in layers], values, total)
@@ -460,12 +460,18 @@ def render(
         first_pass = trace(n, None)
     else:
         first_pass = trace(1, None, replace(settings, edge_samples=0)._look(scenes))
-    frame = Frame(size, first_pass, layers, trace, settings, behind, values and values[:4], finish)
+    blended = values[:4] if values and isinstance(first, Scene) else None
+    frame = Frame(size, first_pass, layers, trace, settings, behind, blended, finish)
     if progress is not None:
         progress(1, n)
         if n > 1:
             frame.refine(n - 1, lambda done, _: progress(1 + done, n))
     return frame
+
+
+def points_of(scene: Scene | Mesh) -> Particles:
+    """What `color_by` colors: the particles, or a mesh's vertices."""
+    return scene.points if isinstance(scene, Mesh) else scene.particles
 
 
 def values_of(
@@ -483,15 +489,20 @@ def values_of(
 def as_scene(value: Any) -> Scene | Mesh:
     """The scene that `value` stands for: a `Scene` or `Mesh`, an object with a scene, what `Scene`
     takes, or the name of a file with faces."""
-    if isinstance(value, Mesh):
-        return value
+    mesh = _mesh_of(value)
+    if mesh is not None:
+        return mesh
+    own = _own_scene(value)
+    return shown_scene(as_particles("scene", value)) if own is None else own
+
+
+def _mesh_of(value: Any) -> Mesh | None:
+    """A mesh, or that of a file with faces."""
     if isinstance(value, (str, os.PathLike)):
         from ..formats.triangles import has_faces  # formats are loaded when they are needed
 
-        if has_faces(value):
-            return Mesh(value)
-    own = _own_scene(value)
-    return shown_scene(as_particles("scene", value)) if own is None else own
+        return Mesh(value) if has_faces(value) else None
+    return value if isinstance(value, Mesh) else None
 
 
 def _core_scene(scene: Scene | Mesh, device: Device) -> Any:
@@ -578,8 +589,14 @@ def _colored(item: Any, color: tuple) -> Scene | Mesh:
     """The scene of an item, colored by (name, colormap, range) where a name is given."""
     if color[0] is None:
         return as_scene(item)
-    if isinstance(item, Mesh):
-        raise ValueError("color_by: expected particles, got a mesh")
+    mesh = _mesh_of(item)
+    if mesh is not None:
+        try:
+            mesh.color_by(*color)
+        except ValueError as error:
+            prefix = "color_by: " if str(error).startswith("expected") else ""
+            raise ValueError(f"{prefix}{error}") from None
+        return mesh
     own = _own_scene(item)
     particles = attributes.color_by(as_particles("scene", own or item), *color)
     if own is None:

@@ -12,6 +12,7 @@ import numpy as np
 
 from .._base.checks import image_size, shown
 from ..scene.fluid import shows_flat
+from ..scene.scene import Scene
 from ..scene.thesis import Thesis
 from .annotate import (
     Annotation,
@@ -24,7 +25,7 @@ from .annotate import (
 )
 from .camera import Camera, view_axes
 from .clips import ClipBox, ClipPlane, ClipSphere
-from .frame import Frame, _layers, fitted, render, save_png, values_of
+from .frame import Frame, _layers, fitted, points_of, render, save_png, values_of
 from .settings import RenderSettings, as_settings, for_flat_data, for_values
 
 VIEWS = ("front", "back", "left", "right", "side", "top", "bottom", "iso")
@@ -239,10 +240,10 @@ def render_views(
     cameras = view_cameras(first, chosen, grid.cell, up, annotation=annotate)
     frames = [render(layers, camera, grid.cell, settings, thesis=thesis) for camera in cameras]
     if color_by is not None:
-        values = values_of(first.particles, color_by, colormap, range)
+        values = values_of(points_of(first), color_by, colormap, range)
         colors = Colors(*values[1:])
         for frame in frames:
-            frame._values = values[:4]
+            frame._values = values[:4] if isinstance(first, Scene) else None
     elif annotate is not None and annotate.legend:
         raise ValueError("annotate: expected color_by beside a legend, got none")
     strip, header = size[0] - traced[0], size[1] - traced[1]

@@ -14,6 +14,8 @@ from .. import _core
 from .._base.arrays import ABSENT, HOST, View, address, to_host, unit_vectors, view
 from .._base.checks import number, shown, thread_count
 from .._base.device import Device, choose
+from .attributes import attribute_colors
+from .particles import Particles
 from .spacing import merge_coincident
 
 if TYPE_CHECKING:
@@ -35,12 +37,14 @@ class Triangles(NamedTuple):
     faces       (M, 3) integers, vertices of each triangle
     color       (N, 3) per vertex, linear RGB; or None
     face_color  (M, 3) per triangle, linear RGB; or None
+    attributes  values per vertex, (N,) or (N, k), by name; or None
     """
 
     vertices: np.ndarray
     faces: np.ndarray
     color: np.ndarray | None = None
     face_color: np.ndarray | None = None
+    attributes: dict[str, np.ndarray] | None = None
 
 
 class MeshIntersections(NamedTuple):
@@ -89,6 +93,7 @@ class Mesh:
 
     vertices: Any  # (N, 3) float32, coordinates of the mesh
     faces: np.ndarray  # (M, 3) uint32
+    attributes: dict[str, np.ndarray]  # values per vertex of a file, (N,) or (N, k)
     device: Device  # for images of meshes alone
     closed: bool  # every edge joins triangles of opposite direction
     solid: bool
@@ -114,6 +119,7 @@ class Mesh:
         n = self._vertices.shape[0]
         self.vertices = self._vertices.owner
         self.faces = _checked_faces(found.faces, n)
+        self.attributes = dict(found.attributes or {})
         if color is None and face_color is None:
             color, face_color = found.color, found.face_color
         self._one_color, self._color = _colors(color, face_color, n, len(self.faces))
@@ -166,6 +172,27 @@ class Mesh:
     def colored(self) -> bool:
         """Whether the mesh has colors of its own."""
         return self._given_color
+
+    @property
+    def points(self) -> Particles:
+        """The vertices, in the coordinates of the mesh, with the attributes."""
+        return Particles(to_host(self.vertices), attributes=self.attributes)
+
+    def color_by(
+        self, name: str, colormap: str = "viridis", range: tuple[float, float] | None = None
+    ) -> tuple[float, float]:
+        """Color the vertices by x, y or z, an attribute (a vector's length), or NAME:0 … for a
+        component; triangles blend the colors of their corners.
+
+        Returns the values of the map's ends, `range` or the lowest and highest finite value.
+        Raises as `globule.color_by`.
+        """
+        found = attribute_colors(self.points, name, colormap, range)
+        with self._lock:
+            self._color = (view("color", found.color, 3), False)
+            self._given_color = True
+            self._version += 1
+        return found.range
 
     def bounds(self) -> np.ndarray:
         """(2, 3) float64, lowest and highest corner of the vertices of all faces, world."""
