@@ -23,6 +23,8 @@ PY := $(VENV)/bin/python
 PIP := $(PY) -m pip --disable-pip-version-check
 LOG := $(VENV)/build.log
 BUILT := $(VENV)/built-$(GLOBULE_LEVELS)-$(GLOBULE_CUDA)
+# Two files at a time: much of a test is one thread's work.
+TESTS := $(PY) -m pytest -q -n 2 --dist loadfile tests
 # CMake before 3.26 does not know nvcc's C++20; pip brings a newer one where the system's is older.
 
 SOURCES := $(shell find CMakeLists.txt pyproject.toml README.md LICENSE cmake include src bindings \
@@ -34,13 +36,13 @@ demo: $(BUILT)
 	@$(VENV)/bin/globule demo
 
 test: $(VENV)/has-test
-	@$(PY) -m pytest -q tests
+	@$(TESTS) $(TEST_OPTIONS)
 
 test-all:
 	@$(MAKE) --no-print-directory matrix GLOBULE_LEVELS=all GLOBULE_CUDA=$(if $(shell command -v nvcc),ON,AUTO)
 
 matrix: $(VENV)/has-interop
-	@$(PY) -m pytest -q tests --matrix $(MATRIX_OPTIONS)
+	@$(TESTS) --matrix $(TEST_OPTIONS)
 
 bench: $(BUILT)
 	@$(PY) bench/speed.py

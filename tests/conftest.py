@@ -31,6 +31,9 @@ def pytest_addoption(parser):
     group = parser.getgroup("globule")
     group.addoption("--matrix", action="store_true", help="every CPU level and slow tests too")
     group.addoption(
+        "--passed", metavar="FILE", help="leave out the tests that FILE names, and add those that pass"
+    )
+    group.addoption(
         "--expected-skips", metavar="FILE", help="fail on a skip whose reason no line of FILE has"
     )
 
@@ -38,8 +41,11 @@ def pytest_addoption(parser):
 def pytest_generate_tests(metafunc):
     if "backend" in metafunc.fixturenames:
         few = [f"{LEVELS[-1]}-threads", *(["cuda"] if has_gpu() else [])]
-        names = MATRIX if metafunc.config.getoption("--matrix") else few
-        metafunc.parametrize("backend", names, indirect=True)
+        every = metafunc.config.getoption("--matrix")
+        if every and metafunc.definition.get_closest_marker("few_backends"):
+            few = [f"{LEVELS[-1]}-threads", "cuda"]
+            every = False
+        metafunc.parametrize("backend", MATRIX if every else few, indirect=True)
 
 
 @functools.cache
@@ -62,13 +68,41 @@ def pytest_collection_modifyitems(config, items):
         items[:] = [item for item in items if item not in slow]
 
 
+    known = _passed_before(config)
+    done = [item for item in items if item.nodeid in known and not _of_all_levels(item)]
+    config.hook.pytest_deselected(items=done)
+    gone = set(done)
+    items[:] = [item for item in items if item not in gone]
+
+
+def _of_all_levels(item) -> bool:
+    """Whether a test looks at more CPU levels the more there are."""
+    return "reference" in item.fixturenames or hasattr(item.module, "LEVELS")
+
+
+def _passed_before(config) -> frozenset[str]:
+    """The tests that another run with the same file has passed."""
+    file = config.getoption("--passed")
+    if not file or not os.path.exists(file):
+        return frozenset()
+    with open(file) as lines:
+        return frozenset(line.rstrip("\n") for line in lines)
+
+
 def pytest_terminal_summary(terminalreporter, config):
     for line in config.stash.get(UNEXPECTED, ()):
         terminalreporter.write_line(f"unexpected skip: {line}", red=True)
 
 
 def pytest_sessionfinish(session, exitstatus):
-    """A skip that nobody expects is a failure: something is not installed, or has gone."""
+    """Note what has passed. A skip that nobody expects is a failure: something is not installed,
+    or has gone."""
+    if hasattr(session.config, "workerinput"):  # the process that deals out the tests does this
+        return
+    if passed := session.config.getoption("--passed"):
+        reporter = session.config.pluginmanager.getplugin("terminalreporter")
+        with open(passed, "a") as lines:
+            lines.writelines(f"{r.nodeid}\n" for r in reporter.stats.get("passed", ()))
     file = session.config.getoption("--expected-skips")
     if not file:
         return

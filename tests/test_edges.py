@@ -45,8 +45,10 @@ def test_edges_have_all_samples_and_other_pixels_one(backend, name):
     one, edges, all_ = image(edge_samples=0), image(edge_samples=EDGES), image(samples=1 + EDGES)
     changed = (one.color != edges.color).any(axis=2)
     assert 0.005 < changed.mean() < 0.5
-    # Rays side by side share their way through the octree: fewer of them round differently.
-    assert np.abs(edges.color - all_.color)[changed].max() < 2e-5
+    # Rays side by side share their way through the octree: fewer of them round differently, and
+    # each turn of a ray in glass widens that.
+    turns = "glass" in name or name == "layers"
+    assert np.abs(edges.color - all_.color)[changed].max() < (1e-4 if turns else 2e-5)
     assert np.abs(edges.image.astype(int) - all_.image)[changed].max() <= 1
     assert (edges.image[~changed] == one.image[~changed]).all()
     for values in ("distance", "normal", "albedo"):

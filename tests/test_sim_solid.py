@@ -31,6 +31,7 @@ def test_cantilever_of_5(backend, poisson):
 
 
 @pytest.mark.slow
+@pytest.mark.few_backends
 def test_cantilever_of_9(backend):
     check(truths.cantilever(**backend, across=9))
 
@@ -41,6 +42,7 @@ def test_truths(backend, experiment):
 
 
 @pytest.mark.slow
+@pytest.mark.few_backends
 @pytest.mark.parametrize("experiment", ["turned_column", "vibration"])
 def test_longer_truths(backend, experiment):
     check(getattr(truths, experiment)(**backend))

@@ -240,6 +240,9 @@ struct CpuLanes {
         y = load(block + width);
         z = load(block + 2 * width);
     }
+    static void load_four(const float* from, F* to) {
+        for (int k = 0; k < 4; ++k) to[k] = load(from + k * width);
+    }
     static std::uint32_t slot(const float* block, int lane) {
         std::uint32_t id;
         std::memcpy(&id, block + 3 * width + lane, 4);

@@ -171,6 +171,13 @@ struct CudaLanes {
         y = v.y;
         z = v.z;
     }
+    GB_FN static void load_four(const float* from, F* to) {
+        const float4 v = *reinterpret_cast<const float4*>(from);
+        to[0] = v.x;
+        to[1] = v.y;
+        to[2] = v.z;
+        to[3] = v.w;
+    }
     GB_FN static std::uint32_t slot(const float* block, int) { return reinterpret_cast<const std::uint32_t*>(block)[3]; }
     __device__ static void store(float* block, float x, float y, float z, std::uint32_t slot) {
         *reinterpret_cast<float4*>(block) = {x, y, z, __uint_as_float(slot)};

@@ -23,7 +23,7 @@ public:
         known_ = false;
         using Tree = std::decay_t<decltype(tracer.tree)>;
         using Lanes = typename Exec::Lanes;
-        constexpr std::size_t block = Lanes::width * block_stride(Tracer::PerParticle);
+        constexpr std::size_t block = Lanes::width * block_stride(Tracer::PerParticle, Tracer::Kernel::stretched);
         CellGrid* grid = grid_.reserve(1);
         std::uint32_t* bricks = bricks_.reserve(kMaxBricks);
         for (;;) {

@@ -10,7 +10,7 @@ namespace globule::core {
 template <class Lanes, class Kernel, bool PerParticle>
 struct BlockSource {
     using F = typename Lanes::F;
-    static constexpr int kFloats = Lanes::width * block_stride(PerParticle);
+    static constexpr int kFloats = Lanes::width * block_stride(PerParticle, Kernel::stretched);
     const float* blocks;  ///< of all cells
     std::uint32_t first;  ///< of this one's
     int n_blocks;
@@ -52,9 +52,10 @@ struct BlockSource {
     GB_FN void add_block(Along<F>& sum, const float* from, const Vec3<F>& p, const Vec3<F>& along, const Limits<F>& wide) const {
         Vec3<F> q;
         Lanes::load(from, q.x, q.y, q.z);
-        if constexpr (Kernel::stretched)
-            add_stretched<Bounds, true>(sum, kernel, matrix(from), p - q, along, Lanes::load(from + 5 * Lanes::width), wide);
-        else if constexpr (PerParticle)
+        if constexpr (Kernel::stretched) {
+            const Stretched of(from);
+            add_stretched<Bounds, true>(sum, kernel, of.matrix, p - q, along, of.weight, wide);
+        } else if constexpr (PerParticle)
             add<true, Bounds, true>(sum, kernel, p - q, along, Lanes::load(from + 4 * Lanes::width),
                               Lanes::load(from + 5 * Lanes::width), wide);
         else
@@ -62,20 +63,30 @@ struct BlockSource {
     }
     /// Of a block's particles at points v from their centres.
     GB_FN Influence<F> influence_at(const float* from, const Vec3<F>& v) const {
-        F i2(1.0f), c(1.0f);
-        if constexpr (PerParticle) {
-            i2 = Lanes::load(from + 4 * Lanes::width);
-            c = Lanes::load(from + 5 * Lanes::width);
+        if constexpr (Kernel::stretched) {
+            const Stretched of(from);
+            return influence(kernel, Ellipsoid<F>{of.matrix}, v, of.weight);
+        } else {
+            F i2(1.0f), c(1.0f);
+            if constexpr (PerParticle) {
+                i2 = Lanes::load(from + 4 * Lanes::width);
+                c = Lanes::load(from + 5 * Lanes::width);
+            }
+            return influence(kernel, Ball<F>{i2}, v, c);
         }
-        if constexpr (Kernel::stretched) return influence(kernel, Ellipsoid<F>{matrix(from)}, v, c);
-        else return influence(kernel, Ball<F>{i2}, v, c);
     }
-    /// Matrices of a block's particles.
-    GB_FN Sym3<F> matrix(const float* block) const {
-        F m[6];
-        for (int k = 0; k < 6; ++k) m[k] = Lanes::map([&](int lane) { return kernel.component(Lanes::slot(block, lane), k); });
-        return {m[0], m[1], m[2], m[3], m[4], m[5]};
-    }
+    /// Of a block's particles.
+    struct Stretched {
+        F weight;
+        Sym3<F> matrix;
+        GB_FN explicit Stretched(const float* block) {
+            F a[4], b[4];
+            Lanes::load_four(block + 4 * Lanes::width, a);
+            Lanes::load_four(block + 8 * Lanes::width, b);
+            weight = a[1];
+            matrix = {a[2], a[3], b[0], b[1], b[2], b[3]};
+        }
+    };
     template <bool Bounds>
     GB_FN Along<float> finished(Along<float> total) const {
         total.slope *= 2.0f;

@@ -17,7 +17,7 @@ struct BuildCells {
     struct Scratch : TileScratch<Group, std::conditional_t<PerParticle, BallCandidate, AlikeCandidate>> {
         CellList cell[kBrickCells];  ///< n: particles that reach; first: state until lists have places
     };
-    static constexpr int kStride = block_stride(PerParticle);
+    static constexpr int kStride = block_stride(PerParticle, Kernel::stretched);
 
     Tree tree;
     SortedParticles particles;
@@ -196,8 +196,9 @@ private:
                     nz = max(abs(z) - F(half), F(0.0f));
             const F i2 = g.map([&](int k) { return j + k < n ? scratch.shape[j + k].inverse_a2 : 0.0f; });
             F least_x = (nx * nx + ny * ny + nz * nz) * i2;
+            F m[6];
             if constexpr (Kernel::stretched) {
-                F m[6], most_x;
+                F most_x;
                 for (int c = 0; c < 6; ++c) m[c] = g.map([&](int k) { return j + k < n ? kernel.component(scratch.list.number(j + k), c) : 0.0f; });
                 range_in_cube(Sym3<F>{m[0], m[1], m[2], m[3], m[4], m[5]}, Vec3<F>{x, y, z}, half, least_x, most_x);
             }
@@ -211,6 +212,8 @@ private:
                     block[4 * W] = scratch.shape[from].inverse_a2;
                     block[5 * W] = scratch.shape[from].weight;
                 }
+                if constexpr (Kernel::stretched)
+                    for (int c = 0; c < 6; ++c) block[(6 + c) * W] = Group::get(m[c], k);
             });
         }
         filled = min(filled, int(n_blocks) * W);
@@ -222,6 +225,8 @@ private:
                 block[4 * W] = 1.0f;
                 block[5 * W] = 0.0f;
             }
+            if constexpr (Kernel::stretched)
+                for (int c = 0; c < 6; ++c) block[(6 + c) * W] = c < 3 ? 1.0f : 0.0f;
         }
         if (filled == 0) return {kEmpty, 0, 0, 0};
         CellList made{first, std::uint32_t(filled), 0, 0};

@@ -25,8 +25,8 @@ inline constexpr std::uint32_t kEmpty = 0, kFull = 1;
 inline constexpr std::uint32_t kUnlisted = 2;          ///< a surface, but no room for its particles
 inline constexpr std::uint32_t kListed = 3;            ///< brick: kListed + number of its lists
 
-/// Floats a particle in a block; a power of two, so that a GPU loads four at once.
-GB_FN constexpr int block_stride(bool per_particle) { return per_particle ? 8 : 4; }
+/// Floats a particle in a block; four at a time, as a GPU loads them.
+GB_FN constexpr int block_stride(bool per_particle, bool stretched) { return stretched ? 12 : per_particle ? 8 : 4; }
 
 /// A cell's particles: n of them in blocks from `first` on; n = 0: first is kEmpty, kFull or kUnlisted.
 /// Of its eight octants (bit 0: upper half in x, 1: y, 2: z) some may be known to be empty or full.
@@ -47,7 +47,7 @@ GB_FN std::uint32_t octants_on(const float3& p, const float3& d, const float3& i
 }
 
 /// The cells in memory.  A block holds Lanes::width particles: x y z relative to the cell's centre in
-/// typical supports, the particle's slot, and where particles differ 1 / support^2 and weight.
+/// typical supports, the particle's slot, and where particles differ 1 / support^2 and weight, and an ellipsoid's matrix.
 struct Cells {
     const CellGrid* grid;
     const std::uint32_t* bricks;  ///< (n_bricks,)
