@@ -27,7 +27,7 @@ public:
         CellGrid* grid = grid_.reserve(1);
         std::uint32_t* bricks = bricks_.reserve(kMaxBricks);
         for (;;) {
-            exec.for_each(1, PlanCells<Tree>{tracer.tree, grid});
+            exec.for_each(1, PlanCells<Tree>{tracer.tree, Tracer::Kernel::stretched, grid});
             exec.clear(bricks, kMaxBricks * sizeof *bricks);
             exec.for_each(max_nodes, MarkBricks<Tree>{tracer.tree, max_nodes, grid, bricks});
             exec.for_each_tile_of(&grid->n_bricks,

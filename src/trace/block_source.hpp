@@ -54,7 +54,7 @@ struct BlockSource {
         Lanes::load(from, q.x, q.y, q.z);
         if constexpr (Kernel::stretched) {
             const Stretched of(from);
-            add_stretched<Bounds, true>(sum, kernel, of.matrix, p - q, along, of.weight, wide);
+            add_ellipsoid<Bounds, true>(sum, kernel, of.form, of.weight, p - q, along, wide);
         } else if constexpr (PerParticle)
             add<true, Bounds, true>(sum, kernel, p - q, along, Lanes::load(from + 4 * Lanes::width),
                               Lanes::load(from + 5 * Lanes::width), wide);
@@ -65,7 +65,7 @@ struct BlockSource {
     GB_FN Influence<F> influence_at(const float* from, const Vec3<F>& v) const {
         if constexpr (Kernel::stretched) {
             const Stretched of(from);
-            return influence(kernel, Ellipsoid<F>{of.matrix}, v, of.weight);
+            return influence(kernel, Form<F>{of.form}, v, of.weight);
         } else {
             F i2(1.0f), c(1.0f);
             if constexpr (PerParticle) {
@@ -78,13 +78,13 @@ struct BlockSource {
     /// Of a block's particles.
     struct Stretched {
         F weight;
-        Sym3<F> matrix;
+        Sym3<F> form;  ///< the square of its matrix
         GB_FN explicit Stretched(const float* block) {
             F a[4], b[4];
             Lanes::load_four(block + 4 * Lanes::width, a);
             Lanes::load_four(block + 8 * Lanes::width, b);
             weight = a[1];
-            matrix = {a[2], a[3], b[0], b[1], b[2], b[3]};
+            form = {a[2], a[3], b[0], b[1], b[2], b[3]};
         }
     };
     template <bool Bounds>

@@ -196,11 +196,13 @@ private:
                     nz = max(abs(z) - F(half), F(0.0f));
             const F i2 = g.map([&](int k) { return j + k < n ? scratch.shape[j + k].inverse_a2 : 0.0f; });
             F least_x = (nx * nx + ny * ny + nz * nz) * i2;
-            F m[6];
+            Sym3<F> form;  // the square of an ellipsoid's matrix
             if constexpr (Kernel::stretched) {
-                F most_x;
+                F m[6], most_x;
                 for (int c = 0; c < 6; ++c) m[c] = g.map([&](int k) { return j + k < n ? kernel.component(scratch.list.number(j + k), c) : 0.0f; });
-                range_in_cube(Sym3<F>{m[0], m[1], m[2], m[3], m[4], m[5]}, Vec3<F>{x, y, z}, half, least_x, most_x);
+                const Sym3<F> matrix{m[0], m[1], m[2], m[3], m[4], m[5]};
+                range_in_cube(matrix, Vec3<F>{x, y, z}, half, least_x, most_x);
+                form = square(matrix);
             }
             const B near = g.first_lanes(min(n - j, int(Group::width))) & (least_x < F(1.0002f));
             filled = g.append(near, filled, [&](int k, int place) {
@@ -212,8 +214,11 @@ private:
                     block[4 * W] = scratch.shape[from].inverse_a2;
                     block[5 * W] = scratch.shape[from].weight;
                 }
-                if constexpr (Kernel::stretched)
-                    for (int c = 0; c < 6; ++c) block[(6 + c) * W] = Group::get(m[c], k);
+                if constexpr (Kernel::stretched) {
+                    const float six[6] = {Group::get(form.xx, k), Group::get(form.yy, k), Group::get(form.zz, k),
+                                          Group::get(form.xy, k), Group::get(form.xz, k), Group::get(form.yz, k)};
+                    for (int c = 0; c < 6; ++c) block[(6 + c) * W] = six[c];
+                }
             });
         }
         filled = min(filled, int(n_blocks) * W);

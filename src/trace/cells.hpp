@@ -47,7 +47,7 @@ GB_FN std::uint32_t octants_on(const float3& p, const float3& d, const float3& i
 }
 
 /// The cells in memory.  A block holds Lanes::width particles: x y z relative to the cell's centre in
-/// typical supports, the particle's slot, and where particles differ 1 / support^2 and weight, and an ellipsoid's matrix.
+/// typical supports, the particle's slot, and where particles differ 1 / support^2 and weight, and the square of an ellipsoid's matrix.
 struct Cells {
     const CellGrid* grid;
     const std::uint32_t* bricks;  ///< (n_bricks,)

@@ -84,15 +84,14 @@ GB_FN void add_stretched(Along<F>& sum, const Kernel& kernel, const Sym3<F>& m, 
     add_along<true, Bounds, Tight>(sum, kernel, dot(w, w), dot(w, e) / speed2, speed2, c, lim);
 }
 
-/// As add_stretched, from the square of the matrix.
-template <bool Bounds, class F, class Kernel>
-GB_FN void add_ellipsoid(Along<F>& sum, const Kernel& kernel, const EllipsoidCandidate& of, const Vec3<F>& v, const Vec3<F>& d, const Limits<F>& lim) {
-    const Sym3<F> form = of.template form_as<F>();
+/// As add_stretched, from the square of the matrix; c: its weight.
+template <bool Bounds, bool Tight, class F, class Kernel>
+GB_FN void add_ellipsoid(Along<F>& sum, const Kernel& kernel, const Sym3<F>& form, const F& c, const Vec3<F>& v, const Vec3<F>& d, const Limits<F>& lim) {
     const Vec3<F> w = form * v;
-    const F x = dot(v, w), along = dot(d, w), c(of.weight);
-    if constexpr (Bounds && !Kernel::linear_rise) {
+    const F x = dot(v, w), along = dot(d, w);
+    if constexpr (Bounds && (Tight || !Kernel::linear_rise)) {
         const F speed2 = dot(d, form * d);
-        add_along<true, true, false>(sum, kernel, x, quick_quotient(along, speed2), speed2, c, lim);
+        add_along<true, true, Tight>(sum, kernel, x, quick_quotient(along, speed2), speed2, c, lim);
         return;
     }
     F b, db;
@@ -133,7 +132,7 @@ struct ListSource {
                 const Vec3<F> v{p.x - F(q.x), p.y - F(q.y), p.z - F(q.z)};
                 if constexpr (Candidate::ellipsoid) {
                     const EllipsoidCandidate of = scratch.shape[j];
-                    add_ellipsoid<Bounds>(mine, kernel, of, v, along, of_ray);
+                    add_ellipsoid<Bounds, false>(mine, kernel, of.template form_as<F>(), F(of.weight), v, along, of_ray);
                 } else if constexpr (Candidate::per_particle)
                     add<true, Bounds, false>(mine, kernel, v, along, F(scratch.shape[j].inverse_a2), F(scratch.shape[j].weight), of_ray);
                 else

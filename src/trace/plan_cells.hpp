@@ -8,18 +8,20 @@
 namespace globule::core {
 
 inline constexpr float kCellEdge = 0.4f;  ///< in typical supports: fewest particles a ray (docs/design/cells.md)
+inline constexpr float kStretchedCellEdge = 0.3f;  ///< of ellipsoids, whose support is their longest axis
 
 /// Grid over the octree's root box, which holds all supports.
 template <class Tree>
 struct PlanCells {
     Tree tree;
+    bool stretched;
     CellGrid* grid;
     GB_FN void operator()(std::size_t) const {
         CellGrid g{};
         if (!tree.empty()) {
             const Node box = tree.node(0);
             const float3 size = box.hi - box.lo;
-            g.edge = kCellEdge * tree.header->typical_support;
+            g.edge = (stretched ? kStretchedCellEdge : kCellEdge) * tree.header->typical_support;
             // Past this a cell would not move a ray on in float32.
             g.edge = max(g.edge, 2e-6f * (length(box.lo) + length(box.hi)));
             for (;; g.edge *= 1.25f) {
