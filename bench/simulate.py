@@ -176,7 +176,7 @@ def main() -> int:
         print(f"{name:24} {value:.6g}" if isinstance(value, float) else f"{name:24} {value}")
     if a.output:
         new = not os.path.exists(a.output)
-        with open(a.output, "a", newline="") as file:
+        with open(a.output, "a", encoding="utf-8", newline="") as file:
             writer = csv.DictWriter(file, row)
             if new:
                 writer.writeheader()

@@ -20,7 +20,7 @@ GROWTH = 1.05
 
 def resident() -> float:
     """This process's memory, MB."""
-    with open("/proc/self/statm") as file:
+    with open("/proc/self/statm", encoding="utf-8") as file:
         return int(file.read().split()[1]) * 4096 / 1e6
 
 

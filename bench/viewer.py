@@ -388,7 +388,9 @@ def main() -> None:
         print(f"{part:{wide[0]}}  {what:{wide[1]}}  {value}")
     if options.output:
         os.makedirs(options.output, exist_ok=True)
-        with open(os.path.join(options.output, "viewer.csv"), "w", newline="") as file:
+        with open(
+            os.path.join(options.output, "viewer.csv"), "w", encoding="utf-8", newline=""
+        ) as file:
             csv.writer(file).writerows([("part", "what", "value"), *table])
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import faulthandler
 import functools
+import locale
 import os
 
 # Threads that wait should not spin: beside another busy process that costs ten times the time.
@@ -31,7 +32,9 @@ def pytest_addoption(parser):
     group = parser.getgroup("globule")
     group.addoption("--matrix", action="store_true", help="every CPU level and slow tests too")
     group.addoption(
-        "--passed", metavar="FILE", help="leave out the tests that FILE names, and add those that pass"
+        "--passed",
+        metavar="FILE",
+        help="leave out the tests that FILE names, and add those that pass",
     )
     group.addoption(
         "--expected-skips", metavar="FILE", help="fail on a skip whose reason no line of FILE has"
@@ -67,7 +70,6 @@ def pytest_collection_modifyitems(config, items):
         config.hook.pytest_deselected(items=slow)
         items[:] = [item for item in items if item not in slow]
 
-
     known = _passed_before(config)
     done = [item for item in items if item.nodeid in known and not _of_all_levels(item)]
     config.hook.pytest_deselected(items=done)
@@ -85,7 +87,7 @@ def _passed_before(config) -> frozenset[str]:
     file = config.getoption("--passed")
     if not file or not os.path.exists(file):
         return frozenset()
-    with open(file) as lines:
+    with open(file, encoding="utf-8") as lines:
         return frozenset(line.rstrip("\n") for line in lines)
 
 
@@ -101,12 +103,12 @@ def pytest_sessionfinish(session, exitstatus):
         return
     if passed := session.config.getoption("--passed"):
         reporter = session.config.pluginmanager.getplugin("terminalreporter")
-        with open(passed, "a") as lines:
+        with open(passed, "a", encoding="utf-8") as lines:
             lines.writelines(f"{r.nodeid}\n" for r in reporter.stats.get("passed", ()))
     file = session.config.getoption("--expected-skips")
     if not file:
         return
-    with open(file) as lines:
+    with open(file, encoding="utf-8") as lines:
         expected = [line.strip() for line in lines if line.strip() and line[0] != "#"]
     reporter = session.config.pluginmanager.getplugin("terminalreporter")
     found = set()
@@ -183,6 +185,14 @@ def hang_guard(request, real_stderr):
     faulthandler.dump_traceback_later(PATIENCE + 30 + SOAK, exit=True, file=real_stderr)
     yield
     faulthandler.cancel_dump_traceback_later()
+
+
+@pytest.fixture(autouse=True)
+def same_locale():
+    """Some library sets the locale of the whole process to C, where text files are ASCII."""
+    before = locale.setlocale(locale.LC_CTYPE)
+    yield
+    locale.setlocale(locale.LC_CTYPE, before)
 
 
 @pytest.fixture(scope="module")

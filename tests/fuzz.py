@@ -135,7 +135,7 @@ def _be_judge(kind: str, path: str, by_command: bool, out: int) -> None:
     try:
         os.setpgid(0, 0)
         before = 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-        with open("/proc/self/statm") as file:
+        with open("/proc/self/statm", encoding="utf-8") as file:
             space = int(file.read().split()[0]) * resource.getpagesize() + 4 * MEMORY + SLACK
         resource.setrlimit(resource.RLIMIT_AS, (space, space))
         resource.setrlimit(resource.RLIMIT_CPU, (SECONDS, SECONDS + 5))

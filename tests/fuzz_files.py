@@ -97,28 +97,32 @@ def _simulators() -> list[str]:
     made.write_parts(here, ".vtp")
     sets = '<DataSet timestep="1" file="sub/part0.vtp"/><DataSet file="sub/part1.vtp"/>'
     Path("a.pvd").write_text(
-        f'<VTKFile type="Collection"><Collection>{sets}</Collection></VTKFile>'
+        f'<VTKFile type="Collection"><Collection>{sets}</Collection></VTKFile>', encoding="utf-8"
     )
     Path("a.vtp.series").write_text(
-        '{"file-series-version": "1.0", "files": [{"name": "sub/part0.vtp", "time": 1}]}'
+        '{"file-series-version": "1.0", "files": [{"name": "sub/part0.vtp", "time": 1}]}',
+        encoding="utf-8",
     )
     rows = "".join(f"O {x:.6f} {y:.6f} {z:.6f} 0.5 7\n" for x, y, z in made.OUTSIDE)
     Path("a.extxyz").write_text(
         f'{made.N}\nLattice="1 0 0 0.1 1 0 0 0 1" pbc="T T F" Time=0.5 '
-        f"Properties=species:S:1:pos:R:3:radius:R:1:kind:I:1\n{rows}"
+        f"Properties=species:S:1:pos:R:3:radius:R:1:kind:I:1\n{rows}",
+        encoding="utf-8",
     )
     atoms = "".join(f"{i} 1 {x:.6f} {y:.6f} {z:.6f}\n" for i, (x, y, z) in enumerate(made.INSIDE))
     Path("a.lmp").write_text(
         f"data\n\n{made.N} atoms\n0 1 xlo xhi\n0 1 ylo yhi\n0 1 zlo zhi\n\nAtoms # atomic\n\n"
-        + atoms
+        + atoms,
+        encoding="utf-8",
     )
     numbers = " ".join(f"{v:.6f}" for v in made.INSIDE.ravel())
     Path("a.xdmf").write_text(
         '<Xdmf><Domain><Grid><Time Value="1"/><Geometry GeometryType="XYZ"><DataItem Format="XML" '
-        f'Dimensions="{made.N} 3">{numbers}</DataItem></Geometry></Grid></Domain></Xdmf>'
+        f'Dimensions="{made.N} 3">{numbers}</DataItem></Geometry></Grid></Domain></Xdmf>',
+        encoding="utf-8",
     )
     for name, content in made.TABLES.items():
-        Path(f"{name}.csv").write_text(content)
+        Path(f"{name}.csv").write_text(content, encoding="utf-8")
     names = ["a.xdmf", "a.dump", "a.bi4", "a.pvd", "a.vtp.series", "a.extxyz", "a.lmp"]
     names += [f"{name}.csv" for name in made.TABLES]
     return [*names, *_by_libraries()]
@@ -192,11 +196,13 @@ def _volumes() -> list[str]:
     values.astype("<i2").tofile("beside.raw")
     Path("beside.mhd").write_text(
         "ObjectType = Image\nNDims = 3\nBinaryData = True\nDimSize = 7 6 5\nElementType = MET_SHORT"
-        "\nElementSpacing = 0.5 0.6 0.7\nElementDataFile = beside.raw\n"
+        "\nElementSpacing = 0.5 0.6 0.7\nElementDataFile = beside.raw\n",
+        encoding="utf-8",
     )
     Path("beside.nhdr").write_text(
         "NRRD0004\ntype: short\ndimension: 3\nsizes: 7 6 5\nspacings: 0.5 0.6 0.7\nendian: little\n"
-        "encoding: raw\ndata file: beside.raw\n"
+        "encoding: raw\ndata file: beside.raw\n",
+        encoding="utf-8",
     )
     _vtk_volume(values)
     return [*names, "beside.mhd", "beside.nhdr", "zlib.vti", *_real("ultrasound", "RECON*.mha")]
@@ -252,7 +258,7 @@ def _parts_of_sweeps() -> list[str]:
         '{"poses": [' + ", ".join(
             f'{{"time": {t}, "position": [1, {t}, 2], "quaternion": [0, 0, 0, 1]}}'
             for t in range(8)
-        ) + "]}"
+        ) + "]}", encoding="utf-8"
     )  # fmt: skip
     _real("ultrasound", "*.xml")
     return ["poses.csv", "poses.json", "probe.toml", "config.xml", "frames/frame_0002.png",
@@ -343,12 +349,13 @@ def _coarse(name: str) -> dict[str, Any]:
 def _scenes() -> list[str]:
     names = [f"{name}.toml" for name in COARSE]
     for name in COARSE:
-        Path(f"{name}.toml").write_text(tomli_w.dumps(_coarse(name)))
-    Path("all.toml").write_text(tomli_w.dumps(SCENE))
+        Path(f"{name}.toml").write_text(tomli_w.dumps(_coarse(name)), encoding="utf-8")
+    Path("all.toml").write_text(tomli_w.dumps(SCENE), encoding="utf-8")
     formats.write("cube.npz", cube())
     Path("files.toml").write_text(
         "spacing = 0.1\n[domain]\nlo = [-1, -1, -1]\nhi = [2, 2, 2]\n[[fluids]]\nname = 'water'\n"
-        "[fluids.particles]\nfile = 'cube.npz'\n"
+        "[fluids.particles]\nfile = 'cube.npz'\n",
+        encoding="utf-8",
     )
     return [*names, "all.toml", "files.toml"]
 
@@ -401,8 +408,8 @@ def _states() -> list[str]:
     state.save("state.toml", camera)
     keys = [{"time": t, "eye": [1.0, t, 3.0], "look_at": [0, 0, 0], "up": [0, 0, 1], "fov": 40}
             for t in range(3)]  # fmt: skip
-    Path("path.toml").write_text(tomli_w.dumps({"key": keys}))
-    Path("path.json").write_text(str(keys).replace("'", '"'))
+    Path("path.toml").write_text(tomli_w.dumps({"key": keys}), encoding="utf-8")
+    Path("path.json").write_text(str(keys).replace("'", '"'), encoding="utf-8")
     return ["state.toml", "path.toml", "path.json"]
 
 

@@ -69,7 +69,8 @@ def example_files() -> None:
         '<PlusConfiguration><Transform From="Image" To="Probe" '
         f'Matrix="{format_matrix(probe_from_image)}"/>'
         '<VolumeReconstruction OutputSpacing="1 1 1" Interpolation="NEAREST_NEIGHBOR" '
-        'CompoundingMode="MEAN" FillHoles="OFF"/></PlusConfiguration>'
+        'CompoundingMode="MEAN" FillHoles="OFF"/></PlusConfiguration>',
+        encoding="utf-8",
     )
     write_sweep("frames", made)
     Path("frames/poses.csv").unlink()
@@ -90,7 +91,7 @@ def _wires(probe_from_image: np.ndarray, n: int = 40) -> None:
         pose[:3, 3] = -pose[:3, :3] @ (probe_from_image @ [*pixel, 0, 1])[:3]
         lines.append(",".join(map(repr, [i, *pixel.tolist(), *pose[:3].ravel().tolist()])))
         fields.append({"ProbeToReferenceTransform": format_matrix(pose), "Timestamp": repr(i / 20)})
-    Path("marks.csv").write_text("\n".join(lines))
+    Path("marks.csv").write_text("\n".join(lines), encoding="utf-8")
     frames = rng.integers(0, 255, (n, 20, 24), np.uint8)
     ok = np.ones(n, bool)
     igs.write("wires.igs.mha", igs.Recording(frames, None, {}, ok, {}, fields))

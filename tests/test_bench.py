@@ -85,7 +85,7 @@ def test_command(capsys, monkeypatch):
     assert out.startswith("4.3  cylinder phantom")
     assert "source" in out
     assert "ours" in out
-    with open("out/4.3.csv") as file:
+    with open("out/4.3.csv", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == 4
     for row in rows:
@@ -100,7 +100,7 @@ def test_json(capsys, monkeypatch):
     monkeypatch.setitem(ultrasound.TABLES, "4.3", one)
     assert main(["bench", "ultrasound", "4.3", "-o", "out", "--json", "--device", "cpu"]) == 0
     assert json.loads(capsys.readouterr().out)["4.3"]["rows"] == [[1, None]]
-    assert Path("out/4.3.csv").read_text() == "a,b\n1,\n"
+    assert Path("out/4.3.csv").read_text(encoding="utf-8") == "a,b\n1,\n"
 
 
 def test_times_and_memory(monkeypatch):
@@ -128,7 +128,7 @@ def test_mistakes(capsys):
     assert main(["bench", "ultrasound", "9.9"]) == 2
     assert "4.3" in capsys.readouterr().err
     assert not Path("bench").exists()
-    Path("file").write_text("")
+    Path("file").write_text("", encoding="utf-8")
     assert main(["bench", "ultrasound", "4.3", "-o", "file"]) == 2
 
 

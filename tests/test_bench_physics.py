@@ -16,7 +16,7 @@ def test_a_page_says_what_is_not_met(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(physics, "experiments", lambda quick: [rows])
     assert main(["bench", "physics", "-o", str(tmp_path), "--device", "cpu"]) == 0
     assert "drift" in capsys.readouterr().out
-    with open(tmp_path / "physics.csv") as file:
+    with open(tmp_path / "physics.csv", encoding="utf-8") as file:
         found = list(csv.DictReader(file))
     assert [row["measured"] for row in found] == ["1.9", "0.5"]
     text = (tmp_path / "physics.md").read_text()

@@ -284,7 +284,8 @@ def test_inflated(members):
 def test_a_scene_needs_no_more_memory_than_may_be_taken(capsys):
     Path("a.toml").write_text(
         "spacing = 0.01\n[domain]\nlo = [0, 0, 0]\nhi = [2, 2, 2]\n[[fluids]]\nname = 'water'\n"
-        "box = {lo = [0, 0, 0], hi = [1, 1, 1]}\n"
+        "box = {lo = [0, 0, 0], hi = [1, 1, 1]}\n",
+        encoding="utf-8",
     )
     line = refused(capsys, "simulate", "a.toml", "-o", "out", "--max-memory", "0.5")
     assert line.startswith("globule: error: a.toml: fluids[0] (water): expected particles that fit")

@@ -29,7 +29,7 @@ def write_marks(pixels, poses, name: str = "marks.csv") -> None:
     for (column, row), pose in zip(pixels, poses, strict=True):
         numbers = [column, row, *pose[:3].ravel()]
         rows.append(",".join(repr(float(number)) for number in numbers))
-    Path(name).write_text("\n".join(rows) + "\n")
+    Path(name).write_text("\n".join(rows) + "\n", encoding="utf-8")
 
 
 def write_recording(poses, frames=None, times=None) -> None:
@@ -72,7 +72,7 @@ def test_marks_in_a_recording(capsys):
     pixels, poses = observations(12)
     write_recording(np.concatenate([poses[::-1], np.full((1, 4, 4), np.nan)]))
     lines = [f"{11 - i},{x!r},{y!r}" for i, (x, y) in enumerate(pixels.tolist())]
-    Path("marks.csv").write_text("\n".join(["frame,column,row", *lines]) + "\n")
+    Path("marks.csv").write_text("\n".join(["frame,column,row", *lines]) + "\n", encoding="utf-8")
     words = ["marks.csv", "--sweep", "wires.igs.mha"]
     write_calibration("old.toml", Calibration(np.eye(4), -0.25, (1, 1, 3, 2)))
     facts = report(capsys, *words, "-o", "probe.toml", "--calibration", "old.toml")
@@ -82,7 +82,9 @@ def test_marks_in_a_recording(capsys):
     assert (found.temporal_offset, found.clip) == (-0.25, (1, 1, 3, 2))
     for row, what in (("12,3,4", "valid pose"), ("13,3,4", "frame of 0 to 12"),
                       ("1.5,3,4", "frame"), ("1,3", "row 14"), ("1,x,3", "number")):  # fmt: skip
-        Path("marks.csv").write_text("\n".join(["frame,column,row", *lines, row]) + "\n")
+        Path("marks.csv").write_text(
+            "\n".join(["frame,column,row", *lines, row]) + "\n", encoding="utf-8"
+        )
         assert main(["calibrate", *words]) == 2
         error = capsys.readouterr().err
         assert what in error
@@ -205,8 +207,8 @@ def test_pictures(capsys):
 ])  # fmt: skip
 def test_mistakes(words, what, capsys):
     write_marks(*(a[:5] for a in observations(12)), "few.csv")
-    Path("empty.csv").write_text("")
-    Path("poses.csv").write_text("column,row\n1,2\n")
+    Path("empty.csv").write_text("", encoding="utf-8")
+    Path("poses.csv").write_text("column,row\n1,2\n", encoding="utf-8")
     assert main(["calibrate", *words]) == 2
     error = capsys.readouterr().err
     assert what in error

@@ -17,7 +17,7 @@ CPU = ["--device", "cpu"]
 
 
 def table(path: str) -> dict[str, list[str]]:
-    with open(path, newline="") as file:
+    with open(path, encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
     return {name: [row[name] for row in rows] for name in rows[0]}
 

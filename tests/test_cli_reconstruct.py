@@ -140,7 +140,9 @@ def test_a_stack_with_poses(capsys):
 
 def test_mistakes_get_one_line(sweep, capsys):
     write_calibration("probe.toml", Calibration(np.diag([0.1, 0.1, 0.1, 1])))
-    Path("singular.toml").write_text("probe_from_image = [[0,0,0,0],[0,0,0,0],[0,0,0,0],[0,0,0,1]]")
+    Path("singular.toml").write_text(
+        "probe_from_image = [[0,0,0,0],[0,0,0,0],[0,0,0,0],[0,0,0,1]]", encoding="utf-8"
+    )
     Path("broken.igs.mha").write_bytes(Path("phantom.igs.mha").read_bytes()[:20000])
     lost = small_sweep(valid=[False] * 5)
     gb.write_sweep("lost.npz", lost)

@@ -99,7 +99,7 @@ def test_one_version():
     version = ".".join(re.findall(r"VERSION_(?:MAJOR|MINOR|PATCH) (\d+)", header))
     assert gb.__version__ == version
     assert re.search(r"^version: (.+)$", (ROOT / "CITATION.cff").read_text(), re.M)[1] == version
-    installed = Path(gb.cmake_dir(), "globuleConfigVersion.cmake").read_text()
+    installed = Path(gb.cmake_dir(), "globuleConfigVersion.cmake").read_text(encoding="utf-8")
     assert re.search(r'PACKAGE_VERSION "(.+)"', installed)[1] == version
 
 

@@ -84,7 +84,7 @@ def dump(path: Path, columns: str, positions: np.ndarray) -> None:
         text += DUMP.format(
             time=0.001 * step, step=step, n=N, columns=columns, rows="\n".join(rows)
         )
-    path.write_text(text)
+    path.write_text(text, encoding="utf-8")
 
 
 def test_lammps_dump(tmp_path):

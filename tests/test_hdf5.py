@@ -218,7 +218,10 @@ def test_xdmf_by_meshio(tmp_path, monkeypatch, how):
     assert np.array_equal(particles.attributes["mass"], MASS)
     assert particles.attributes["velocity"].shape == (N, 3)
     if how == "HDF":
-        Path("a.xdmf").write_text(Path("a.xdmf").read_text().replace("a.h5:", "../b.h5:"))
+        Path("a.xdmf").write_text(
+            Path("a.xdmf").read_text(encoding="utf-8").replace("a.h5:", "../b.h5:"),
+            encoding="utf-8",
+        )
         with pytest.raises(FormatError, match=r"a\.xdmf: expected a file below the same folder"):
             gb.read("a.xdmf")
 

@@ -160,7 +160,7 @@ def test_a_picture_s_damage_is_a_format_error():
 
 
 def test_an_obj_whose_vertex_lacks_a_number(caplog):
-    with open("a.obj", "w") as file:
+    with open("a.obj", "w", encoding="utf-8") as file:
         file.write("v 0 0 0\nv  0 0\nv 0 1 0\nf 1 2 3\n")
     with pytest.raises(FormatError, match=r"a\.obj: "):
         gb.read("a.obj")
@@ -191,9 +191,9 @@ def test_a_name_of_two_lines_stays_one_line():
 
 
 def test_endless_nesting_is_no_crash():
-    with open("deep.toml", "w") as file:
+    with open("deep.toml", "w", encoding="utf-8") as file:
         file.write("a = " + "[" * 5000)
-    with open("deep.json", "w") as file:
+    with open("deep.json", "w", encoding="utf-8") as file:
         file.write("[" * 100_000)
     assert kind_of("deep.toml").kind == "scene"
     for call in (

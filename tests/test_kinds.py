@@ -115,7 +115,7 @@ def test_pictures(form):
 def test_endings_break_ties_only():
     """Nine columns after a count are our text, but an .xyz may have such a title; what nobody
     knows is left to the reader that the ending names, which says what is wrong."""
-    with open("a.xyz", "w") as file:
+    with open("a.xyz", "w", encoding="utf-8") as file:
         file.write("1\n1 2 3 4 5 6 7 8 9\n0 0 0\n")
     assert kind_of("a.xyz").format == "xyz"
     shutil.copy("a.xyz", "a")
@@ -143,7 +143,7 @@ def test_what_nobody_knows(content):
 
 def test_meshes_by_content():
     pytest.importorskip("trimesh")
-    with open("a.ply", "w") as file:
+    with open("a.ply", "w", encoding="utf-8") as file:
         file.write(OBJ)
     assert len(gb.read("a.ply")) == 3
     assert len(gb.mesh_particles("a.ply", spacing=0.5)) > 3

@@ -283,7 +283,7 @@ def test_a_recording_that_was_cut_anywhere():
     with pytest.raises(ValueError, match=r"frame_000003\.png"):
         Recorder("kept")
     Path("other").mkdir()
-    Path("other/notes.txt").write_text("mine")
+    Path("other/notes.txt").write_text("mine", encoding="utf-8")
     with pytest.raises(ValueError, match="new folder"):
         Recorder("other")
 

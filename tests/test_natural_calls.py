@@ -473,7 +473,7 @@ def test_files_are_read_without_asking_for_more(particles):
 
 
 def test_type_checkers_see_the_same_names():
-    tree = ast.parse(Path(gb.__file__).read_text())
+    tree = ast.parse(Path(gb.__file__).read_text(encoding="utf-8"))
     (block,) = [n for n in tree.body if isinstance(n, ast.If) and "TYPE" in ast.unparse(n.test)]
     seen = {alias.name: node.module for node in block.body for alias in node.names}
     assert seen == gb._MODULE_OF

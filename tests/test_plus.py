@@ -264,7 +264,9 @@ def test_what_the_command_makes_of_a_configuration(
     monkeypatch.chdir(tmp_path)
     made = make_sweep(n=4, shape=(14, 17), gap=1.1)
     gb.write_sweep("s.igs.mha", gb.Sweep(made.frames, made.world_from_image))
-    Path("c.xml").write_text(XML.format(f'OutputSpacing="1 0.9 1.1" {attributes}', ""))
+    Path("c.xml").write_text(
+        XML.format(f'OutputSpacing="1 0.9 1.1" {attributes}', ""), encoding="utf-8"
+    )
     words = ["reconstruct", "s.igs.mha", "--plus", "c.xml", "-o", "v.mha", "--device", "cpu"]
     status = main(words)
     err = capsys.readouterr().err

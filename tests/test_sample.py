@@ -126,7 +126,7 @@ def test_values_that_are_not_finite():
 def test_tables(where, folder):
     found = gb.sample(particles(), where, device="cpu")
     found.save("a.csv")
-    with open("a.csv", newline="") as file:
+    with open("a.csv", encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
     assert [*rows[0]] == ["x", "y", "z", "field", "inside", "height", "velocity:0", "velocity:1"]
     for name, column in found.columns().items():

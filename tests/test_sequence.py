@@ -162,7 +162,7 @@ def test_a_path_around_one_file(files):
         {"time": 0, "eye": [0.5, 0.5, 4], "look_at": [0.5, 0.5, 0.5]},
         {"time": 1, "eye": [4, 0.5, 0.5]},
     ]
-    with open("path.json", "w") as file:
+    with open("path.json", "w", encoding="utf-8") as file:
         json.dump(keys, file)
     command = ["render", files[0], "--camera-path", "path.json", "--fps", "2", *SMALL]
     os.mkdir("turn")

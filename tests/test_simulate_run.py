@@ -74,7 +74,7 @@ def test_restart_is_bit_identical(folder, capsys):
         a, b = (gb.read(f"{f}/frame_{k:05d}.vtp").positions for f in ("whole", "parts"))
         assert (a == b).all()
     rows, others = (
-        list(csv.DictReader(Path(f, "diagnostics.csv").read_text().splitlines()))
+        list(csv.DictReader(Path(f, "diagnostics.csv").read_text(encoding="utf-8").splitlines()))
         for f in ("parts", "whole")
     )
     assert [row["step"] for row in rows] == [str(i + 1) for i in range(len(rows))]

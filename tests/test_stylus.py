@@ -138,7 +138,7 @@ def test_stylus_command(capsys):
     found = json.loads(capsys.readouterr().out)["stylus"]
     assert found["tip"] == pytest.approx(TIP, abs=4 * found["error"])
     assert found["left_out"] >= 5
-    assert "stylus_tip = [" in Path("stylus.toml").read_text()
+    assert "stylus_tip = [" in Path("stylus.toml").read_text(encoding="utf-8")
     assert main([*words, "-o", "stylus.xml"]) == 0
     assert "tip of the stylus at 20" in capsys.readouterr().out
     matrix = read_plus("stylus.xml").edges["StylusTip", "Stylus"].matrices
@@ -149,7 +149,7 @@ def test_landmark_command(capsys):
     phantom_file = str(calibration_data() / "spatial_calibration_1.2.xml")
     _, seen, matrix = touched(noise=0.1, wrong=3)
     rows = [f"{name},{x},{y},{z}" for name, (x, y, z) in zip(LANDMARKS, seen, strict=True)]
-    Path("touched.csv").write_text("\n".join(["name,x,y,z", *rows]) + "\n")
+    Path("touched.csv").write_text("\n".join(["name,x,y,z", *rows]) + "\n", encoding="utf-8")
     words = ["calibrate", "--n-wire", phantom_file, "--landmarks", "touched.csv"]
     assert main([*words, "-o", "there.xml"]) == 0
     out = capsys.readouterr()
@@ -163,7 +163,7 @@ def test_landmark_command(capsys):
     assert np.allclose(
         read_phantom("there.toml").reference_from_phantom, again.reference_from_phantom
     )
-    Path("touched.csv").write_text("name,x,y,z\n#9,1,2,3\n")
+    Path("touched.csv").write_text("name,x,y,z\n#9,1,2,3\n", encoding="utf-8")
     assert main(words) == 2
     assert "got #9" in capsys.readouterr().err
 
@@ -205,14 +205,14 @@ def test_a_configuration_keeps_its_text(capsys):
     plus = read_calibration(calibration_data() / "FreehandCalibration3NWires.results.xml")
     assert plus.spacing == pytest.approx((0.07824, 0.07360), abs=1e-5)
     write_calibration("a.xml", plus, base)
-    text, before = Path("a.xml").read_text(), base.read_text()
+    text, before = Path("a.xml").read_text(encoding="utf-8"), base.read_text()
     start = text.index('    <Transform From="Image" To="Probe"')
     stop = text.index("/>", start) + 3
     assert (text[:start] + text[stop:]).split() == before.split()
     write_calibration("b.xml", Calibration(np.diag([0.1, 0.2, 0.3, 1]), rms=0.25), "a.xml")
     assert np.array_equal(read_calibration("b.xml").spacing, (0.1, 0.2))
-    assert Path("b.xml").read_text().count('From="Image" To="Probe"') == 1
-    assert 'Error="0.25"' in Path("b.xml").read_text()
+    assert Path("b.xml").read_text(encoding="utf-8").count('From="Image" To="Probe"') == 1
+    assert 'Error="0.25"' in Path("b.xml").read_text(encoding="utf-8")
     assert read_phantom("b.xml").names == read_phantom(base).names
 
 
@@ -222,7 +222,7 @@ def test_a_configuration_of_its_own():
     edges = read_plus("own.xml").edges
     assert np.array_equal(edges["Image", "Probe"].matrices, matrix)
     assert np.array_equal(edges["A", "B"].matrices, np.eye(4))
-    Path("other.xml").write_text("<Other/>")
+    Path("other.xml").write_text("<Other/>", encoding="utf-8")
     with pytest.raises(FormatError, match="PlusConfiguration"):
         write_plus("again.xml", {("A", "B"): np.eye(4)}, "other.xml")
     write_plus("no.xml", {("A", "B"): np.eye(4)})

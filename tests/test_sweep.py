@@ -247,15 +247,16 @@ def test_pose_table_kinds_agree(stack):
         q, place = quaternion(matrix[:3, :3]), matrix[:3, 3]
         rows.append(",".join(map(repr, [float(time), *place.tolist(), *q.tolist()])) + ",OK")
         entries.append({"time": time, "position": place.tolist(), "quaternion": q.tolist()})
-    Path("q.csv").write_text("\n".join(rows))
-    Path("q.json").write_text(json.dumps({"poses": entries}))
+    Path("q.csv").write_text("\n".join(rows), encoding="utf-8")
+    Path("q.json").write_text(json.dumps({"poses": entries}), encoding="utf-8")
     Path("m.json").write_text(
         json.dumps(
             [
                 {"t": t, "matrix": m.tolist()}
                 for t, m in zip(table.times, table.matrices, strict=True)
             ]
-        )
+        ),
+        encoding="utf-8",
     )
     for name in ("q.csv", "q.json", "m.json"):
         other = read_poses(name)
@@ -371,7 +372,7 @@ def test_sweep_checks_its_fields():
     ],
 )  # fmt: skip
 def test_bad_pose_tables(stack, table, what):
-    Path("bad.csv").write_text(table)
+    Path("bad.csv").write_text(table, encoding="utf-8")
     line = refused("frames", calibration="calibration.toml", poses="bad.csv", frame_times=[5] * 12)
     assert re.search(what, line), line
 
@@ -379,7 +380,7 @@ def test_bad_pose_tables(stack, table, what):
 def test_bad_json_tables(stack):
     for text in ("{", "3", "[1]", '[{"time": 0}]', '[{"time": "x", "matrix": [1]}]',
                  '[{"matrix": [1, 2]}]', "[" * 100000):  # fmt: skip
-        Path("bad.json").write_text(text)
+        Path("bad.json").write_text(text, encoding="utf-8")
         assert "bad.json" in refused("frames", calibration="calibration.toml", poses="bad.json")
 
 
@@ -436,7 +437,7 @@ def test_bad_plus_configurations():
     good = '<Transform From="Image" To="Probe" Matrix="{}"/>{}'
     good = f"<PlusConfiguration>{good}</PlusConfiguration>"
     matrix = "1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1"
-    Path("a.xml").write_text(good.format(matrix, ""))
+    Path("a.xml").write_text(good.format(matrix, ""), encoding="utf-8")
     assert read_sweep("a.mha", plus="a.xml").valid.all()
     for text, what in [
         ("<a/>", "PlusConfiguration"),
@@ -451,7 +452,7 @@ def test_bad_plus_configurations():
                      'FanRadiusStartPixel="1" FanRadiusStopPixel="9"/>'), "degrees"),
         ("<PlusConfiguration/>", "a way from Image"),
     ]:  # fmt: skip
-        Path("a.xml").write_text(text)
+        Path("a.xml").write_text(text, encoding="utf-8")
         assert what in refused("a.mha", plus="a.xml")
 
 

@@ -49,13 +49,13 @@ def test_tum():
     table = read_poses("track.txt")
     assert close(table, poses, 1e-5)
     assert np.allclose(table.times, TIMES, atol=1e-6)
-    Path("bad.txt").write_text("1 2 3 4 0 0 0 1\n1 2 3\n")
+    Path("bad.txt").write_text("1 2 3 4 0 0 0 1\n1 2 3\n", encoding="utf-8")
     with pytest.raises(FormatError, match=r"line 2: expected 8 numbers \(TUM\), got 3"):
         read_poses("bad.txt")
-    Path("bad.txt").write_text("1 2 3 4 0 0 0 2\n")
+    Path("bad.txt").write_text("1 2 3 4 0 0 0 2\n", encoding="utf-8")
     with pytest.raises(FormatError, match="quaternion of length 1"):
         read_poses("bad.txt")
-    Path("other.txt").write_text("hello\n")
+    Path("other.txt").write_text("hello\n", encoding="utf-8")
     with pytest.raises(FormatError, match="expected a pose table"):
         read_poses("other.txt")
 
@@ -78,7 +78,7 @@ def test_ros(layout):
                       lambda i: [stamps[i] // 10**9, stamps[i] % 10**9, "probe"]),
     }[layout]  # fmt: skip
     q = quaternions(poses)
-    with open("topic.csv", "w", newline="") as file:
+    with open("topic.csv", "w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file)
         writer.writerow(clock[0] + names)
         for i in range(N):
@@ -105,7 +105,7 @@ def optitrack(unit="Meters", scale=1e-3, bodies=("Probe",), turn="Quaternion") -
         ["", ""] + kinds * n,
         ["Frame", "Time (Seconds)"] + axes * n,
     ]  # fmt: skip
-    with open("take.csv", "w", newline="") as file:
+    with open("take.csv", "w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file)
         writer.writerows(head)
         for i in range(N):
@@ -142,7 +142,7 @@ def test_ndi(separator, angles):
             poses[:, :3, :3]).as_euler("ZYX", degrees=True)  # fmt: skip
     else:
         names, turn = ["Q0", "Qx", "Qy", "Qz"], np.roll(quaternions(poses), 1, axis=1)
-    with open("tool.csv", "w", newline="") as file:
+    with open("tool.csv", "w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, delimiter=separator)
         writer.writerow(["Tools", "Frame", "Face", "State", *names, "Tx", "Ty", "Tz", "Error"])
         for i in range(N):
@@ -153,14 +153,16 @@ def test_ndi(separator, angles):
     assert np.array_equal(np.flatnonzero(~table.ok), [3])
     assert close(table, poses)
     assert np.allclose(table.times, 100 + np.arange(N) / 30)
-    text = Path("tool.csv").read_text().splitlines()
-    Path("two.csv").write_text("\n".join(line + separator + line for line in text))
+    text = Path("tool.csv").read_text(encoding="utf-8").splitlines()
+    Path("two.csv").write_text(
+        "\n".join(line + separator + line for line in text), encoding="utf-8"
+    )
     with pytest.raises(FormatError, match="expected one tool, got 2"):
         read_poses("two.csv")
 
 
 def write_table(name: str, column: str, times, poses) -> None:
-    with open(name, "w", newline="") as file:
+    with open(name, "w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file)
         writer.writerow([column, *(f"m{r}{c}" for r in range(3) for c in range(4))])
         for time, pose in zip(times, poses, strict=True):
@@ -229,7 +231,7 @@ def write_calib_matrix(titles: bool) -> np.ndarray:
     for title, matrix in (("scaling_from_pixel_to_mm", scale), ("from_image_mm_to_tool", tool)):
         rows += [[title]] if titles else []
         rows += matrix.tolist()
-    with open("calib_matrix.csv", "w", newline="") as file:
+    with open("calib_matrix.csv", "w", encoding="utf-8", newline="") as file:
         csv.writer(file).writerows(rows)
     first = np.eye(4)
     first[:2, 3] = 1
@@ -259,7 +261,7 @@ def test_tus_rec(name):
     again = read_sweep("again.igs.mha")
     assert np.allclose(again.world_from_image, sweep.world_from_image, atol=1e-6)
     assert "give a calibration" in refused(name)
-    Path("bad.csv").write_text("1,2,3\n")
+    Path("bad.csv").write_text("1,2,3\n", encoding="utf-8")
     assert "two matrices of four rows" in refused(name, calibration="bad.csv")
 
 

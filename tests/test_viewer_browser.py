@@ -375,7 +375,7 @@ def process_status(process: subprocess.Popen, name: str) -> str:
     if not sys.platform.startswith("linux"):
         pytest.skip("needs /proc")
     try:
-        return Path(f"/proc/{process.pid}/{name}").read_text()
+        return Path(f"/proc/{process.pid}/{name}").read_text(encoding="utf-8")
     except (FileNotFoundError, ProcessLookupError):
         return ""
 

@@ -67,7 +67,7 @@ def room() -> float:
 def resident_bytes() -> int:
     """Bytes of main memory in use; 0 where the system does not say."""
     try:
-        with open("/proc/self/statm") as file:
+        with open("/proc/self/statm", encoding="utf-8") as file:
             return int(file.read().split()[1]) * os.sysconf("SC_PAGE_SIZE")
     except (OSError, ValueError, IndexError):
         return 0
@@ -77,7 +77,7 @@ def free_bytes() -> int:
     """Bytes of main memory that programs can still take; 0 where the system does not say. In a
     container, its own limit counts as well."""
     try:
-        with open("/proc/meminfo") as file:
+        with open("/proc/meminfo", encoding="utf-8") as file:
             found = dict(line.split(":") for line in file)
         free = 1024 * int(found["MemAvailable"].split()[0])
     except (OSError, ValueError, KeyError, IndexError):
@@ -88,11 +88,11 @@ def free_bytes() -> int:
 def _free_in_container() -> float:
     """What the control group (version 2) of this process has left, its caches included."""
     try:
-        with open("/sys/fs/cgroup/memory.max") as file:
+        with open("/sys/fs/cgroup/memory.max", encoding="utf-8") as file:
             most = int(file.read())
-        with open("/sys/fs/cgroup/memory.current") as file:
+        with open("/sys/fs/cgroup/memory.current", encoding="utf-8") as file:
             taken = int(file.read())
-        with open("/sys/fs/cgroup/memory.stat") as file:
+        with open("/sys/fs/cgroup/memory.stat", encoding="utf-8") as file:
             cached = dict(line.split() for line in file)
         return most - taken + int(cached["inactive_file"])
     except (OSError, ValueError, KeyError):  # no such group, or one without a limit: "max"
@@ -107,7 +107,7 @@ def _free_addresses() -> float:
         most = resource.getrlimit(resource.RLIMIT_AS)[0]
         if most == resource.RLIM_INFINITY:
             return math.inf
-        with open("/proc/self/statm") as file:
+        with open("/proc/self/statm", encoding="utf-8") as file:
             return most - int(file.read().split()[0]) * os.sysconf("SC_PAGE_SIZE")
     except (ImportError, OSError, ValueError, IndexError):
         return math.inf

@@ -12,7 +12,7 @@ Row = dict[str, Any]
 
 def write_csv(path: str, rows: list[Row]) -> None:
     """Write rows of equal keys as CSV."""
-    with open(path, "w", newline="") as file:
+    with open(path, "w", encoding="utf-8", newline="") as file:
         writer = csv.DictWriter(file, rows[0].keys())
         writer.writeheader()
         writer.writerows(rows)
