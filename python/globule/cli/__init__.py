@@ -26,6 +26,7 @@ from . import (
     mesh,
     project,
     reconstruct,
+    register,
     render,
     simulate,
     slice,
@@ -41,7 +42,7 @@ GROUPS = {
     "everyone": (render, view, convert, info),
     "measured from the surface": (slice, gauge, mesh, track, project),
     "simulation": (simulate,),
-    "tracked ultrasound": (reconstruct, calibrate),
+    "tracked ultrasound": (reconstruct, calibrate, register),
     "measurements": (bench,),
     "to try it out": (demo,),
 }
