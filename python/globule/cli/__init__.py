@@ -23,6 +23,7 @@ from . import (
     flags,
     gauge,
     info,
+    measure,
     mesh,
     project,
     reconstruct,
@@ -42,7 +43,7 @@ GROUPS = {
     "everyone": (render, view, convert, info),
     "measured from the surface": (slice, gauge, mesh, track, project),
     "simulation": (simulate,),
-    "tracked ultrasound": (reconstruct, calibrate, register),
+    "tracked ultrasound": (reconstruct, calibrate, register, measure),
     "measurements": (bench,),
     "to try it out": (demo,),
 }

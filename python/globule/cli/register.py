@@ -34,8 +34,8 @@ from .shared import (
 SUMMARY = "sweeps of one anatomy, registered and compounded"
 USAGE = "SWEEP SWEEP [SWEEP ...] [-o VOLUME]"
 EXAMPLES = """\
-  globule register sweep.igs.mha again.igs.mha --calibration probe.toml -o both.nrrd
-  globule register sweep.igs.mha again.igs.mha --calibration probe.toml --json"""
+  globule register first.npz second.npz --voxel-size 0.5 -o both.nrrd
+  globule register first.npz second.npz --sweep-output both.npz --json"""
 _SIZE = 256  # voxels along the longest axis
 
 
@@ -79,18 +79,14 @@ def run(options: argparse.Namespace) -> None:
         sweeps = []
         for name in names:
             progress.step(f"reading {name}")
-            sweeps.append(
-                read_sweep_file(name, calibration=options.calibration, plus=options.plus)
-            )
+            sweeps.append(read_sweep_file(name, calibration=options.calibration, plus=options.plus))
         with _naming(names), mistakes():
             join_sweeps(sweeps, [None] * len(sweeps))  # whether they can be joined
         for name, sweep in zip(names[1:], sweeps[1:], strict=True):
             progress.step(f"registering {name}")
             try:
                 with mistakes():
-                    found.append(
-                        register_sweeps(sweeps[0], sweep, max_error=options.max_error)
-                    )
+                    found.append(register_sweeps(sweeps[0], sweep, max_error=options.max_error))
             except UserError as error:
                 text = str(error).removeprefix("moving: ")
                 if not text.startswith("fixed"):

@@ -23,7 +23,7 @@ from .sweep import Sweep
 
 _VOXELS = 300_000  # of the smaller sweep's box at the finest level
 _LEVELS = (4, 2, 1)  # voxels of each level, in those of the finest
-_POINTS = 60_000  # pixels that are compared
+_POINTS = 30_000  # pixels that are compared
 _STEPS, _LONGEST, _ENOUGH = 40, 2.0, 2e-3  # of Gauss and Newton: how many; lengths in voxels
 _SMALLEST_OVERLAP = 0.1  # of the smaller sweep
 _LEAST_CORRELATION = 0.3
@@ -245,7 +245,7 @@ class _Level:
 
 def _pixels(sweep: Sweep, spacing: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Points (P, 3) mm with gray values (P,), means over squares of about a voxel's edge, of at
-    most about 60,000 squares; and the part of each that stands for itself."""
+    most about 30,000 squares; and the part of each that stands for itself."""
     frames = np.flatnonzero(sweep.valid)
     height, width = sweep.frames.shape[1:]
     nx, ny = (
