@@ -229,8 +229,8 @@ def measure_distance(
         raise ValueError(f"start: expected a line that crosses two clear edges, got {got}")
     edges = a + np.outer([t1, t2], (b - a) / length)
     levels = float(fitted[0]), float(fitted[1]), float(fitted[2])
-    return MeasuredDistance(float(t2 - t1), std, edges,
-                            np.sqrt(np.maximum(np.diag(covariance)[3:5], 0)), levels, rms)  # fmt: skip
+    edge_std = np.sqrt(np.maximum(np.diag(covariance)[3:5], 0))
+    return MeasuredDistance(float(t2 - t1), std, edges, edge_std, levels, rms)
 
 
 def _profile(
