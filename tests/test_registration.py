@@ -171,8 +171,8 @@ def test_command(tmp_path, phantom):
 
 def test_command_refuses(tmp_path, phantom):
     names = [str(tmp_path / name) for name in ("a.npz", "b.npz", "ab.nrrd")]
-    gb.write_sweep(names[0], swept(phantom, 1))
-    gb.write_sweep(names[1], swept(tissue(9), 2))
+    gb.write_sweep(names[0], swept(phantom, 1, n=14))
+    gb.write_sweep(names[1], swept(tissue(9), 2, n=14))
     done = run("register", *names[:2], "-o", names[2])
     assert done.returncode == 2
     assert done.stderr.count("\n") == 1

@@ -96,11 +96,13 @@ def run(options: argparse.Namespace) -> None:
         volume = None
         if options.output:
             progress.step("reconstructing")
-            size = {"size": _SIZE} if options.spacing is None else {"spacing": options.spacing}
+            grid: dict[str, Any] = (
+                {"size": _SIZE} if options.spacing is None else {"spacing": options.spacing}
+            )
             try:
                 with mistakes():
                     volume = reconstruct(
-                        joined, device=options.device, threads=options.threads, **size
+                        joined, device=options.device, threads=options.threads, **grid
                     )
             except MemoryError as error:
                 raise UserError(str(error)) from error

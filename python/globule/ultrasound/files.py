@@ -69,9 +69,9 @@ def read_sweep(
         calibration: probe_from_image and region: a Calibration or its .toml.
         plus: PLUS configuration (.xml) with transforms and region.
         poses: table (.csv, .json, of TUM, ROS, OptiTrack or NDI, a tracker's buffer of PLUS) of
-            world_from_probe, or of world_from_image (with its scale) where no calibration is given (a
-            DICOM file with ultrasound regions gives the scale of poses of its reference pixel);
-            interpolated to the times of the frames.
+            world_from_probe, or of world_from_image (with its scale) where no calibration is given;
+            interpolated to the times of the frames. A DICOM file with ultrasound regions gives the
+            scale of poses of its reference pixel.
         temporal_offset: s, a frame at time t takes the pose at t + offset; default: the
             calibration's, or 0.
         clip: (column, row, width, height) in pixels; fan: see `Fan`; mask: (H, W) or an image's

@@ -296,11 +296,9 @@ def _fit(t: np.ndarray, profile: np.ndarray, edge: float) -> np.ndarray:
         sums[i] ** 2 / i + (sums[j] - sums[i]) ** 2 / (j - i) + (sums[n] - sums[j]) ** 2 / (n - j)
     )
     k = int(np.argmax(gain))
-    i, j = int(i[k]), int(j[k])
-    q = np.array(
-        [profile[:i].mean(), profile[i:j].mean(), profile[j:].mean(), t[i] - t[1] / 2,
-         t[j] - t[1] / 2, edge]
-    )  # fmt: skip
+    a, b = int(i[k]), int(j[k])
+    levels = [profile[:a].mean(), profile[a:b].mean(), profile[b:].mean()]
+    q = np.array([*levels, t[a] - t[1] / 2, t[b] - t[1] / 2, edge])
     damping, best = 1e-3, float(((profile - _edges(q, t)) ** 2).sum())
     for _ in range(_STEPS):
         slopes = _slopes(q, t)

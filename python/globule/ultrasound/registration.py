@@ -173,9 +173,7 @@ def join_sweeps(sweeps: Sequence[Sweep], registrations: Sequence[Registration | 
                 f"sweeps[{i}]: expected images of {there[1]} {there[0]} in {first.space} as in the "
                 f"first, got {here[1]} {here[0]} in {sweep.space}"
             )
-        masks = [np.ones(s.frames.shape[1:], bool) if s.mask is None else s.mask
-                 for s in (sweep, first)]  # fmt: skip
-        if not np.array_equal(*masks):
+        if not np.array_equal(_mask(sweep), _mask(first)):
             raise ValueError(f"sweeps[{i}]: expected the mask of the first sweep, got another")
         place = np.eye(4) if found is None else found.fixed_from_moving
         frames.append(np.asarray(sweep.frames))
@@ -207,6 +205,10 @@ def register_and_join(
         if progress:
             progress(i, len(sweeps) - 1)
     return join_sweeps(sweeps, [None, *found]), found
+
+
+def _mask(sweep: Sweep) -> np.ndarray:
+    return np.ones(sweep.frames.shape[1:], bool) if sweep.mask is None else sweep.mask
 
 
 class _Level:
@@ -257,7 +259,7 @@ def _pixels(sweep: Sweep, spacing: float) -> tuple[np.ndarray, np.ndarray, np.nd
     if step > 1:  # the ends count, and what lies between them evenly
         chosen = np.linspace(0, len(frames) - 1, max(2, len(frames) // step)).astype(int)
         frames = frames[np.unique(chosen)]
-    mask = np.ones((height, width), bool) if sweep.mask is None else sweep.mask
+    mask = _mask(sweep)
 
     def squares(image: np.ndarray) -> np.ndarray:
         return image[: rows * ny, : columns * nx].reshape(rows, ny, columns, nx).mean(axis=(1, 3))
