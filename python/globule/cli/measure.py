@@ -59,7 +59,6 @@ def add_arguments(parser: Parser) -> None:
     add(
         "--width",
         type=positive,
-        default=0.0,
         metavar="MM",
         help="diameter of the disc over which the values along a line are averaged, mm "
         "(default: one voxel)",
@@ -70,7 +69,7 @@ def add_arguments(parser: Parser) -> None:
             name,
             type=number,
             metavar="V",
-            help=f"volume of what is {word} than this gray level (default: none)",
+            help=f"volume of what is {word} than this value, gray levels (default: none)",
         )
     add(
         "--within",
@@ -122,7 +121,7 @@ def run(options: argparse.Namespace) -> None:
         report: dict[str, Any] = {"input": options.sweep, "error_length": length, "distances": []}
         for line in options.distance:
             with mistakes():
-                found = measure_distance(volume, line[:3], line[3:], length, options.width)
+                found = measure_distance(volume, line[:3], line[3:], length, options.width or 0.0)
             report["distances"].append(found._asdict())
         if level is not None:
             ball = options.within or (None,) * 4

@@ -3,8 +3,8 @@
 The command moves and turns each sweep, as a rigid body, until its images match the first sweep. It
 prints the motions with their expected errors, and refuses a result that cannot be trusted: sweeps
 that overlap by less than a tenth, images that correlate below 0.3, other starts that end elsewhere,
-or an error above --max-error. Use it when the patient, or the reference of the tracker, moved
-between the sweeps, or when each sweep has a world of its own.
+or an error above --max-registration-error. Use it when the patient, or the reference of the tracker,
+moved between the sweeps, or when each sweep has a world of its own.
 
 The volume lies in the world of the first sweep; voxels that several sweeps cover take the mean, as
 in `globule reconstruct`. --sweep-output writes the joined sweep for other methods and commands."""
@@ -51,10 +51,11 @@ def add_arguments(parser: Parser) -> None:
         dest="spacing",
         type=positive,
         metavar="MM",
-        help=f"edge of the volume's voxels, mm (default: {_SIZE} along the longest axis)",
+        help=f"edge of a voxel, mm (default: {_SIZE} along the longest axis)",
     )
     parser.add_argument(
-        "--max-error",
+        "--max-registration-error",
+        dest="max_error",
         type=positive,
         metavar="MM",
         help="largest expected error of a registration that is accepted, mm "
@@ -89,6 +90,7 @@ def run(options: argparse.Namespace) -> None:
                     found.append(register_sweeps(sweeps[0], sweep, max_error=options.max_error))
             except UserError as error:
                 text = str(error).removeprefix("moving: ")
+                text = text.replace("; max_error)", "; --max-registration-error)")
                 if not text.startswith("fixed"):
                     text = f"{name}: {text}"
                 raise UserError(text.replace("fixed:", f"{names[0]}:", 1)) from error
