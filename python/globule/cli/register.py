@@ -3,8 +3,8 @@
 The command moves and turns each sweep, as a rigid body, until its images match the first sweep. It
 prints the motions with their expected errors, and refuses a result that cannot be trusted: sweeps
 that overlap by less than a tenth, images that correlate below 0.3, other starts that end elsewhere,
-or an error above --max-registration-error. Use it when the patient, or the reference of the tracker,
-moved between the sweeps, or when each sweep has a world of its own.
+or an error above --max-registration-error. Use it when the patient, or the tracked reference, moved
+between the sweeps, or when each sweep has a world of its own.
 
 The volume lies in the world of the first sweep; voxels that several sweeps cover take the mean, as
 in `globule reconstruct`. --sweep-output writes the joined sweep for other methods and commands."""
