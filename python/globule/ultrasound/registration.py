@@ -49,7 +49,7 @@ class Registration(NamedTuple):
     rotation            degrees: angle of the turn
     translation         mm: way of the overlap's center
     correlation         of the gray values of both volumes where both hold data, -1 to 1
-    correlation_before  the same with the poses as they were; nan where no voxels overlapped
+    correlation_before  the same with the poses as they were; nan where nothing overlapped
     overlap             share of the smaller sweep's voxels that the other sweep holds, too
     error               mm: expected error at the overlap's corners, from registrations of 4
                         disjoint parts of the overlap
@@ -137,8 +137,8 @@ def register_sweeps(
     angle = math.degrees(math.acos(np.clip((np.trace(best[:3, :3]) - 1) / 2, -1, 1)))
     middle = corners.mean(axis=0)[None]
     report = Registration(
-        best, angle, float(np.linalg.norm(_moved(best, middle) - middle)), _score(a, b, best),
-        max(_score(a, b, np.eye(4)), -1.0), overlap, error, _apart(best, back, corners), agreeing,
+        best, angle, float(np.linalg.norm(_moved(best, middle) - middle)), _seen(a, b, best),
+        _seen(a, b, np.eye(4)), overlap, error, _apart(best, back, corners), agreeing,
         spacing,
     )  # fmt: skip
     if check and (wrong := _distrust(report, limit)):
@@ -341,6 +341,14 @@ def _score(fixed: _Level, moving: _Level, matrix: np.ndarray) -> float:
     value = fixed.at(_moved(matrix, moving.points))[0]
     known = np.isfinite(value)
     return _correlation_of(value[known], moving.seen[known], len(known))
+
+
+def _seen(fixed: _Level, moving: _Level, matrix: np.ndarray) -> float:
+    """The correlation, of however few points; nan for none."""
+    value = fixed.at(_moved(matrix, moving.points))[0]
+    known = np.isfinite(value)
+    found = _correlation_of(value[known], moving.seen[known], 0)
+    return found if found >= -1 else math.nan
 
 
 def _overlap(fixed: _Level, moving: _Level, matrix: np.ndarray) -> tuple[float, np.ndarray]:
