@@ -78,6 +78,29 @@ def example_files() -> None:
     volume = Volume(np.ones((3, 4, 5), np.uint8), np.eye(4))
     write_volume("volume.npz", volume)
     _wires(probe_from_image)
+    _passes()
+
+
+def _passes() -> None:
+    """first.npz and second.npz, passes over one tissue, and lesion.npz, over a dark ball."""
+    size, pixel, rng = (44, 48), 0.5, np.random.default_rng(0)
+    noise = rng.normal(size=(30, 34, 34))
+    for axis in range(3):
+        for _ in range(2):
+            noise = noise + np.roll(noise, 1, axis) + np.roll(noise, -1, axis)
+    place = np.diag([1.0, 1.0, 1.0, 1.0])
+    place[:3, 3] = -16, -4, -15
+    values = (110 + 40 * noise / noise.std()).clip(0, 255)
+    for seed, name in enumerate(("first.npz", "second.npz")):
+        poses = phantoms.hand_path(20, 16.0, seed, pixel, size)
+        frames = phantoms.scan_volume(values, place, poses, size).astype(np.uint8)
+        poses[:, 0, 3] += 3 * seed
+        write_sweep(name, Sweep(frames, poses))
+    poses[:, 0, 3] -= 3
+    z, y, x = np.mgrid[-15:15, -4:30, -16:18]
+    ball = np.where(x**2 + (y - 14) ** 2 + z**2 < 36, 60, 140) + rng.normal(0, 5, noise.shape)
+    frames = phantoms.scan_volume(ball, place, poses, size)
+    write_sweep("lesion.npz", Sweep(frames.astype(np.uint8), poses))
 
 
 def _wires(probe_from_image: np.ndarray, n: int = 40) -> None:

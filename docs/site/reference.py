@@ -62,6 +62,18 @@ ALSO = {
         "volumes.slices.three_view",
         "volumes.slices.save_three_view",
     ],
+    "ultrasound": [
+        "ultrasound.registration.register_sweeps",
+        "ultrasound.registration.register_and_join",
+        "ultrasound.registration.join_sweeps",
+        "ultrasound.registration.Registration",
+        "ultrasound.registration.RegistrationError",
+        "ultrasound.measuring.measure_distance",
+        "ultrasound.measuring.MeasuredDistance",
+        "ultrasound.measuring.measure_volume",
+        "ultrasound.measuring.MeasuredVolume",
+        "ultrasound.measuring.error_length",
+    ],
     "sim": [
         "sim.arrays.Arrays",
         "sim.operate.BondedTissue",

@@ -42,7 +42,7 @@ def main(task: str, path: str, header: int, memory: int, seconds: int) -> None:
         return json.loads(request)
 
     try:
-        tasks = {t.__name__: t for t in (dicom, series, exr, hdf5, sweep_h5, video)}
+        tasks = {t.__name__: t for t in (dicom, regions, series, exr, hdf5, sweep_h5, video)}
         facts, arrays = tasks[task](path, ask)
         described = [[a.dtype.str, a.shape] for a in arrays]
         tell({**facts, "arrays": described})
@@ -86,6 +86,31 @@ def dicom(path: str, ask: Any) -> tuple[dict, list]:
     reader.ReadImageInformation()
     ask(_claim(reader), sizes=list(reader.GetSize()))
     return _image(sitk, reader.Execute())
+
+
+_MOST_REGIONS = 64
+_REGION = {
+    "spatial": "RegionSpatialFormat", "unit_x": "PhysicalUnitsXDirection",
+    "unit_y": "PhysicalUnitsYDirection", "delta_x": "PhysicalDeltaX",
+    "delta_y": "PhysicalDeltaY", "x0": "RegionLocationMinX0", "y0": "RegionLocationMinY0",
+    "x1": "RegionLocationMaxX1", "y1": "RegionLocationMaxY1", "reference_x": "ReferencePixelX0",
+    "reference_y": "ReferencePixelY0",
+}  # fmt: skip
+
+
+def regions(path: str, ask: Any) -> tuple[dict, list]:
+    """Numbers of the Sequence of Ultrasound Regions, without the pixels."""
+    import pydicom
+
+    ask(0)
+    data = pydicom.dcmread(
+        path, stop_before_pixels=True, specific_tags=["SequenceOfUltrasoundRegions"]
+    )
+    found = []
+    for item in list(data.get("SequenceOfUltrasoundRegions") or [])[:_MOST_REGIONS]:
+        values = {name: item.get(keyword) for name, keyword in _REGION.items()}
+        found.append({n: None if v is None else float(v) for n, v in values.items()})
+    return {"regions": found}, []
 
 
 def series(path: str, ask: Any) -> tuple[dict, list]:

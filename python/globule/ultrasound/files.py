@@ -44,6 +44,7 @@ EXTENSIONS = (
 WRITABLE = (".igs.mha", ".mha", ".igs.nrrd", ".nrrd", ".npz")
 _POSES_BESIDE = "poses.csv"  # of a folder of pictures
 _STACKS = {"hdf5": stack.read_h5, "tiff": stack.read_tiff, "video": stack.read_video}
+_UNLIKE = 0.05  # by which a calibration's mm per pixel may differ from the file's
 _MOST_LONGER = 0.1  # by which poses on a clock of their own may last longer than the frames
 
 
@@ -69,7 +70,8 @@ def read_sweep(
         plus: PLUS configuration (.xml) with transforms and region.
         poses: table (.csv, .json, of TUM, ROS, OptiTrack or NDI, a tracker's buffer of PLUS) of
             world_from_probe, or of world_from_image (with its scale) where no calibration is given;
-            interpolated to the times of the frames.
+            interpolated to the times of the frames. A DICOM file with ultrasound regions gives the
+            scale of poses of its reference pixel.
         temporal_offset: s, a frame at time t takes the pose at t + offset; default: the
             calibration's, or 0.
         clip: (column, row, width, height) in pixels; fan: see `Fan`; mask: (H, W) or an image's
@@ -102,6 +104,8 @@ def read_sweep(
         table = read_poses(poses)
         if rated and table.times is not None:
             table = _on_frame_clock(poses, table, recording.times)
+        table = _with_pixel_size(table, arrays, setup)
+        _agree(path, arrays, setup)
         recording, name = _posed(poses, recording, table, temporal_offset, setup)
         edges |= {name: recording.edges[name]}
         temporal_offset = 0.0  # the table has been asked with it
@@ -318,6 +322,32 @@ def _on_frame_clock(path: Any, table: PoseTable, times: np.ndarray | None) -> Po
         problem = f"expected poses over {times[-1] - times[0]:.3f} s, as long as the frames at the"
         raise bad(path, "", f"{problem} given rate, got {high - low:.3f} s on a clock of its own")
     return table._replace(times=table.times - low)
+
+
+def _with_pixel_size(table: PoseTable, arrays: dict[str, np.ndarray], setup: Setup) -> PoseTable:
+    """The table with the file's mm per pixel, where neither it nor a calibration has them: its
+    poses then are those of the reference pixel and the image's axes."""
+    if setup.calibrated or "mm_per_pixel" not in arrays or not table.ok.any():
+        return table
+    scales = np.linalg.norm(table.matrices[table.ok][:, :3, :2], axis=1)
+    if not np.allclose(scales, 1, atol=1e-3):
+        return table
+    step = np.diag([*arrays["mm_per_pixel"], 1.0, 1.0])
+    step[:2, 3] = -arrays["mm_per_pixel"] * arrays["reference_pixel"]
+    return table._replace(matrices=table.matrices @ step)
+
+
+def _agree(path: Any, arrays: dict[str, np.ndarray], setup: Setup) -> None:
+    """Refuse a calibration whose mm per pixel are not those that the file states."""
+    if "mm_per_pixel" not in arrays or setup.calibration is None:
+        return
+    own = np.linalg.norm(setup.calibration.probe_from_image[:3, :2], axis=0)
+    stated = arrays["mm_per_pixel"]
+    if (np.abs(own - stated) > _UNLIKE * stated).any():
+        expected = " x ".join(f"{v:.4g}" for v in stated)
+        got = " x ".join(f"{v:.4g}" for v in own)
+        problem = f"expected a calibration with the file's {expected} mm per pixel, got {got}"
+        raise bad(path, "", f"{problem}: it belongs to another depth setting")
 
 
 def _from_arrays(

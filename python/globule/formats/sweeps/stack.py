@@ -20,6 +20,7 @@ from . import igs
 
 DICOM = (".dcm", ".dicom")
 MASK = "mask.png"  # of a folder: not a frame
+_TISSUE, _CM = 1, 3  # Region Spatial Format 2D; Physical Units cm
 
 
 class Stack(NamedTuple):
@@ -155,7 +156,44 @@ def read_dicom(path: str | os.PathLike[str]) -> Stack:
         frames = frames[None]
     if frames.ndim != 3:
         raise bad(path, "", f"expected a sequence of 2D frames, got shape {frames.shape}")
-    return Stack(frames, _dicom_times(path, tags, len(frames)), {})
+    times = _dicom_times(path, tags, len(frames))
+    return Stack(frames, times, _tissue(path, frames.shape[1:], dicom.read_regions(path)))
+
+
+def _tissue(
+    path: Any, shape: tuple[int, ...], regions: list[dict[str, Any]]
+) -> dict[str, np.ndarray]:
+    """The largest region of tissue in cm: `mask` (H, W), `mm_per_pixel` (2,) along a row and a
+    column, `reference_pixel` (2,) column and row; nothing if there is none. Raises FormatError."""
+    where = "Sequence of Ultrasound Regions"
+    found: dict[str, np.ndarray] = {}
+    largest = 0
+    for region in regions:
+        if (region["spatial"], region["unit_x"], region["unit_y"]) != (_TISSUE, _CM, _CM):
+            continue
+        x0, y0, x1, y1 = corners = [region[name] for name in ("x0", "y0", "x1", "y1")]
+        deltas = [region[name] for name in ("delta_x", "delta_y")]
+        known = None not in corners and None not in deltas
+        if not known or not (np.isfinite(deltas).all() and 0 not in deltas):
+            raise bad(path, where, f"expected corners and sizes of pixels, got {corners + deltas}")
+        if not (0 <= x0 <= x1 < shape[1] and 0 <= y0 <= y1 < shape[0]):
+            got = f"{x0:g}, {y0:g} to {x1:g}, {y1:g}"
+            expected = f"a region in the {shape[1]}x{shape[0]} pixels"
+            raise bad(path, where, f"expected {expected}, got {got}")
+        area = int((x1 - x0 + 1) * (y1 - y0 + 1))
+        if area <= largest:
+            continue
+        largest = area
+        mask = np.zeros(shape, bool)
+        mask[int(y0) : int(y1) + 1, int(x0) : int(x1) + 1] = True
+        # The reference pixel counts from the region's corner.
+        reference = [region["reference_x"] or 0.0, region["reference_y"] or 0.0]
+        found = {
+            "mask": mask,
+            "mm_per_pixel": 10 * np.abs(deltas),
+            "reference_pixel": np.array([x0, y0]) + reference,
+        }
+    return found
 
 
 def _dicom_times(path: Any, tags: dict[str, str], n: int) -> np.ndarray | None:

@@ -36,6 +36,17 @@ def read_frames(path: str | os.PathLike[str]) -> tuple[np.ndarray, dict[str, str
     return arrays[0], facts["tags"]
 
 
+def read_regions(path: str | os.PathLike[str]) -> list[dict[str, Any]]:
+    """Numbers of each item of the Sequence of Ultrasound Regions (DICOM PS3.3 C.8.5.5); none if
+    pydicom is not installed. Raises FormatError."""
+    try:
+        need("pydicom", "pydicom", "medical")
+    except ImportError:
+        return []
+    facts, _ = decode("regions", path, "DICOM")
+    return list(facts["regions"])
+
+
 def from_itk(name: Any, image: Any) -> VolumeData:
     """A SimpleITK.Image of three axes and one real number per voxel. Raises FormatError for
     others; `name` is what the message begins with."""

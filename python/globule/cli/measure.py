@@ -1,0 +1,146 @@
+"""Measure distances and volumes in a sweep's reconstruction, with their uncertainty.
+
+The command reconstructs the sweep with the method frames. The expected error of each voxel, from
+frames left out, gives the standard deviation of each result. It does not contain errors of the
+calibration or of the tracker's scale.
+
+--distance takes two points outside of an object, on both sides: the command fits the two edges
+between them. --above and --below count the voxels on one side of a gray level; --within limits them
+to a ball, which should leave room around the object and not much more."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+from . import flags
+from .parser import Parser
+from .shared import (
+    Progress,
+    UserError,
+    check_device,
+    mistakes,
+    number,
+    positive,
+    print_json,
+    read_sweep_file,
+)
+
+SUMMARY = "distances and volumes in a sweep, with their uncertainty"
+USAGE = "SWEEP [--distance X0,Y0,Z0,X1,Y1,Z1] [--below V]"
+EXAMPLES = """\
+  globule measure lesion.npz --voxel-size 1 --distance 0,5,0,0,23,0 --width 2
+  globule measure lesion.npz --voxel-size 1 --below 100 --within 0,14,0,8.5 --json"""
+
+
+def _numbers(n: int) -> Any:
+    def numbers(text: str) -> tuple[float, ...]:
+        words = text.split(",")
+        if len(words) != n:
+            raise argparse.ArgumentTypeError(f"expected {n} numbers, got {text!r}")
+        return tuple(number(word) for word in words)
+
+    return numbers
+
+
+def add_arguments(parser: Parser) -> None:
+    """The arguments of `globule measure`."""
+    add = parser.add_argument
+    add("sweep", metavar="SWEEP", help="file or folder of tracked frames")
+    add(
+        "--distance",
+        type=_numbers(6),
+        action="append",
+        default=[],
+        metavar="X0,Y0,Z0,X1,Y1,Z1",
+        help="distance of the two edges on the line between these points, mm, world; may be "
+        "repeated (default: none)",
+    )
+    add(
+        "--width",
+        type=positive,
+        metavar="MM",
+        help="diameter of the disc over which the values along a line are averaged, mm "
+        "(default: one voxel)",
+    )
+    side = parser.add_mutually_exclusive_group()
+    for name, word in (("--above", "brighter"), ("--below", "darker")):
+        side.add_argument(
+            name,
+            type=number,
+            metavar="V",
+            help=f"volume of what is {word} than this value, gray levels (default: none)",
+        )
+    add(
+        "--within",
+        type=_numbers(4),
+        metavar="X,Y,Z,R",
+        help="ball whose voxels count for --above and --below: center and radius, mm, world "
+        "(default: all voxels)",
+    )
+    add(
+        "--voxel-size",
+        dest="spacing",
+        type=positive,
+        required=True,
+        metavar="MM",
+        help="edge of a voxel, mm",
+    )
+    flags.add(parser, "--calibration", "default: the recording's own transforms")
+    flags.add(parser, "--plus", "default: none")
+    flags.add(parser, "--json")
+    flags.add_device(parser.add_argument_group("machine"))
+
+
+def run(options: argparse.Namespace) -> None:
+    """Run `globule measure`."""
+    from ..ultrasound.measuring import error_length, measure_distance, measure_volume
+    from ..ultrasound.reconstruct import reconstruct
+
+    level = options.above if options.above is not None else options.below
+    if not options.distance and level is None:
+        raise UserError("--distance: expected --distance, --above or --below, got none")
+    if options.within and level is None:
+        raise UserError("--within: expected --above or --below beside --within, got none")
+    if options.calibration and options.plus:
+        raise UserError("--plus: expected no --calibration beside --plus, got both")
+    check_device(options)
+    with Progress(3) as progress:
+        progress.step(f"reading {options.sweep}")
+        sweep = read_sweep_file(options.sweep, calibration=options.calibration, plus=options.plus)
+        progress.step("reconstructing")
+        try:
+            with mistakes():
+                volume = reconstruct(
+                    sweep, spacing=options.spacing, device=options.device, threads=options.threads
+                )
+                length = error_length(sweep, options.spacing)
+        except MemoryError as error:
+            raise UserError(str(error)) from error
+        progress.step("measuring")
+        report: dict[str, Any] = {"input": options.sweep, "error_length": length, "distances": []}
+        for line in options.distance:
+            with mistakes():
+                found = measure_distance(volume, line[:3], line[3:], length, options.width or 0.0)
+            report["distances"].append(found._asdict())
+        if level is not None:
+            ball = options.within or (None,) * 4
+            center = ball[:3] if options.within else None
+            with mistakes():
+                counted = measure_volume(
+                    volume, length, options.above, options.below, center, ball[3]
+                )
+            report["volume"] = counted._asdict()
+    if options.json:
+        print_json(report)
+        return
+    for one in report["distances"]:
+        print(f"distance {one['distance']:.2f} mm, standard deviation {one['std']:.2f} mm")
+        for edge, std in zip(one["edges"], one["edge_std"], strict=True):
+            print(f"  edge at {edge[0]:.2f}, {edge[1]:.2f}, {edge[2]:.2f} ± {std:.2f} mm")
+    if level is not None:
+        one = report["volume"]
+        print(
+            f"volume {one['volume']:.4g} mm^3, standard deviation {one['std']:.2g} mm^3; "
+            f"{one['unknown']:.3g} mm^3 of the region without data"
+        )

@@ -1,0 +1,347 @@
+"""Distances and volumes in a reconstructed volume, with the uncertainty that its trust map gives.
+
+The trust map is the expected error of each voxel, gray levels. Errors of voxels nearer to each
+other than a correlation length count as one error, farther ones as independent.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from .._base.checks import positive
+from ..volumes.slices import sample
+from ..volumes.volume import FAR, Volume
+from .neighbors import FramePath, usual_step
+from .sweep import Sweep
+
+_TESTED, _SIDE = 4, 160  # frames whose errors are correlated, and pixels of each side
+_FEWEST = 12  # samples of a line
+_STEPS = 200
+_SHARPEST = 0.5  # voxels: the least width of an edge
+
+
+class MeasuredVolume(NamedTuple):
+    """The volume of the voxels on one side of a level.
+
+    volume     mm^3: of the voxels whose value is on that side
+    std        mm^3: standard deviation by the errors of the gray values
+    expected   mm^3: of all voxels, each times its probability to be on that side
+    unknown    mm^3: of the region's voxels without data, which are not counted
+    measured   share of the counted voxels that hold a pixel
+    """
+
+    volume: float
+    std: float
+    expected: float
+    unknown: float
+    measured: float
+
+
+class MeasuredDistance(NamedTuple):
+    """The distance of two edges along a line.
+
+    distance     mm
+    std          mm: standard deviation by the errors of the gray values
+    edges        (2, 3) mm, world: where the profile is halfway between both sides
+    edge_std     (2,) mm: of each edge
+    levels       gray levels before, between and behind the edges
+    residual     gray levels: rms of the profile against the fitted edges
+    """
+
+    distance: float
+    std: float
+    edges: np.ndarray
+    edge_std: np.ndarray
+    levels: tuple[float, float, float]
+    residual: float
+
+
+def error_length(sweep: Sweep, spacing: float) -> float:
+    """How far the errors of a volume of method `frames` are correlated, mm.
+
+    Up to 4 frames are predicted from their neighbors. The edge is the cube root of the product of
+    the integral lengths of the errors' autocorrelation along rows and columns, each at least a
+    voxel, and of the usual step between frames.
+
+    Args:
+        sweep: with three joined frames. spacing: mm, voxels of the volume.
+
+    Raises ValueError if no frame has two neighbors.
+    """
+    spacing = positive("spacing", spacing)
+    matrices = sweep.world_from_image[sweep.valid]
+    poses = np.concatenate([matrices[:, :3, k] for k in (3, 0, 1)], axis=1) / spacing
+    path = FramePath(np.asarray(sweep.frames)[sweep.valid], poses, sweep.mask)
+    tested = [f for f in range(1, len(poses) - 1) if path.joined[f - 1] and path.joined[f]]
+    if not tested:
+        raise ValueError("sweep: expected three frames side by side, got none")
+    tested = [tested[i] for i in np.unique(np.linspace(0, len(tested) - 1, _TESTED).astype(int))]
+    height, width = path.frames.shape[1:]
+    rows, columns = (
+        np.arange(max(0, (n - _SIDE) // 2), min(n, (n + _SIDE) // 2)) for n in (height, width)
+    )
+    j, i = np.meshgrid(rows, columns, indexing="ij")
+    sums: list[list[np.ndarray]] = [[], []]
+    for f in tested:
+        pixels = np.column_stack([np.ones(i.size), i.ravel(), j.ravel()])
+        found = path.between(f - 1, f + 1, pixels @ path.poses[f].reshape(3, 3))
+        used = found.known.reshape(i.shape)
+        if path.mask is not None:
+            used &= path.mask[j, i] != 0
+        error = found.value.reshape(i.shape) - path.frames[f][j, i]
+        error = np.where(used, error - (error[used].mean() if used.any() else 0), 0)
+        for axis in (0, 1):
+            sums[axis].append(_autocorrelation(error, axis))
+    lengths = []
+    for axis, step in ((0, sweep.spacing[1]), (1, sweep.spacing[0])):
+        curve = np.sum(sums[axis], axis=0)
+        if curve[0] <= 0:
+            lengths.append(spacing)
+            continue
+        curve = curve / curve[0]
+        end = int(np.argmax(curve <= 0)) or len(curve)
+        lengths.append(max(step * (2 * curve[:end].sum() - 1), spacing))
+    lengths.append(max(usual_step(path.steps) * spacing, spacing))
+    return float(np.prod(lengths)) ** (1 / 3)
+
+
+def _autocorrelation(error: np.ndarray, axis: int) -> np.ndarray:
+    """Sums of products of values so many places apart along an axis, by that number."""
+    n = error.shape[axis]
+    spectrum = np.abs(np.fft.rfft(error, 2 * n, axis=axis)) ** 2
+    return np.fft.irfft(spectrum, 2 * n, axis=axis).sum(axis=1 - axis)[: n // 2]
+
+
+def measure_volume(
+    volume: Volume,
+    correlation: float,
+    above: float | None = None,
+    below: float | None = None,
+    center: Any = None,
+    radius: float | None = None,
+) -> MeasuredVolume:
+    """The volume of what is brighter or darker than a level, and how well it is known.
+
+    A voxel of value g and expected error s lies above a level L with the probability
+    p = Phi((g - L) / s), Phi the normal distribution. Voxels of one cube of the edge `correlation`
+    share one error: the variance of their number is sum_ij (min(p_i, p_j) - p_i p_j). Cubes are
+    independent.
+
+    Args:
+        volume: with the map `uncertainty` (method `frames`).
+        correlation: mm, see `error_length`.
+        above, below: gray level, one of them.
+        center, radius: mm, world: only voxels in this ball count; default: all.
+
+    Raises ValueError naming the argument.
+    """
+    if (above is None) == (below is None):
+        raise ValueError("above: expected one of above and below")
+    level = float(above if above is not None else below)  # type: ignore[arg-type]
+    correlation = positive("correlation", correlation)
+    known = volume.radius != FAR
+    region = np.ones(known.shape, bool)
+    if (center is None) != (radius is None):
+        raise ValueError("center: expected center and radius together")
+    if center is not None and radius is not None:
+        region = _ball(volume, _point("center", center), positive("radius", radius))
+    inside = region & known
+    if not inside.any():
+        raise ValueError("center: expected voxels with data in the region, got none")
+    signed = (volume.values[inside].astype(np.float64) - level) * (1 if below is None else -1)
+    error = volume.uncertainty[inside].astype(np.float64)
+    counted = signed > 0
+    chance = np.where(error > 0, _normal(signed / np.where(error > 0, error, 1)), counted)
+    cells = np.zeros(len(chance), np.int64)
+    for index, n, edge in zip(np.nonzero(inside), known.shape, volume.spacing[::-1], strict=True):
+        cells = cells * (n + 1) + (index * edge / correlation).astype(np.int64)
+    variance = _variance(chance, cells)
+    voxel = abs(float(np.linalg.det(volume.world_from_voxel[:3, :3])))
+    measured = volume.radius[inside][counted] == 0
+    return MeasuredVolume(
+        voxel * int(counted.sum()), voxel * math.sqrt(variance), voxel * float(chance.sum()),
+        voxel * int((region & ~known).sum()), float(measured.mean()) if counted.any() else 0.0,
+    )  # fmt: skip
+
+
+def _variance(chance: np.ndarray, cells: np.ndarray) -> float:
+    """Variance of the number of voxels whose chances (N,) come true, one error in each cell."""
+    order = np.lexsort((chance, cells))
+    p, cell = chance[order], cells[order]
+    first = np.r_[True, cell[1:] != cell[:-1]]
+    start = np.flatnonzero(first)
+    number = np.diff(np.r_[start, len(p)])
+    group = np.cumsum(first) - 1
+    rank = np.arange(len(p)) - start[group]
+    pairs = np.bincount(group, p * (2 * (number[group] - rank) - 1))
+    return float(np.maximum(pairs - np.bincount(group, p) ** 2, 0).sum())
+
+
+def measure_distance(
+    volume: Volume, start: Any, end: Any, correlation: float, width: float = 0.0
+) -> MeasuredDistance:
+    """The distance of the two edges that a line crosses, and how well it is known.
+
+    The profile of gray values along the line is fitted by three levels with edges
+    (1 + tanh((t - t_k) / w)) / 2 between them. With J the derivatives by the six parameters, S the
+    covariance of the profile and H = (J'J)^-1, their covariance is H J' S J H. S has the trust
+    map's errors, correlated as a triangle of the length `correlation`; they are enlarged to the
+    residuals if these are larger, as of speckle.
+
+    Args:
+        volume: with the map `uncertainty` (method `frames`).
+        start, end: (3,) mm, world: points outside of the object, on both sides.
+        correlation: mm, see `error_length`.
+        width: mm, diameter of the disc across the line over which the profile is averaged.
+
+    Raises ValueError: naming the argument, or that no two edges are found.
+    """
+    a, b = _point("start", start), _point("end", end)
+    correlation = positive("correlation", correlation)
+    length = float(np.linalg.norm(b - a))
+    step = 0.5 * float(volume.spacing.min())
+    n = int(length / step) + 1
+    if n < _FEWEST:
+        least = _FEWEST * step
+        raise ValueError(f"end: expected a line of {least:.3g} mm or more, got {length:.3g}")
+    t = np.linspace(0, length, n)
+    profile, error = _profile(volume, a, (b - a) / length, t, width, correlation)
+    fitted = _fit(t, profile, float(volume.spacing.min()))
+    residual = profile - _edges(fitted, t)
+    slopes = _slopes(fitted, t)
+    inverse = np.linalg.pinv(slopes)
+    independent = n * min(1.0, t[1] / correlation)
+    free = max(independent - 6, 1.0) / independent
+    rms = float(np.sqrt((residual**2).mean()))
+    enlarged = max(1.0, rms**2 / free / max(float((error**2).mean()), 1e-12))
+    shared = np.clip(1 - np.abs(t[:, None] - t) / correlation, 0, None)
+    covariance = inverse @ (np.outer(error, error) * shared * enlarged) @ inverse.T
+    t1, t2 = fitted[3:5]
+    variance = covariance[3, 3] + covariance[4, 4] - 2 * covariance[3, 4]
+    std = math.sqrt(max(float(variance), 0.0))
+    contrast = np.abs(np.diff(fitted[:3])).min()
+    unclear = contrast <= max(rms, float(error.mean()), 1e-9) or std > 0.5 * (t2 - t1)
+    if unclear or not 0 < t1 < t2 < length:
+        got = f"steps of {contrast:.3g} gray levels at the least, residual {rms:.3g}"
+        raise ValueError(f"start: expected a line that crosses two clear edges, got {got}")
+    edges = a + np.outer([t1, t2], (b - a) / length)
+    levels = float(fitted[0]), float(fitted[1]), float(fitted[2])
+    edge_std = np.sqrt(np.maximum(np.diag(covariance)[3:5], 0))
+    return MeasuredDistance(float(t2 - t1), std, edges, edge_std, levels, rms)
+
+
+def _profile(
+    volume: Volume,
+    start: np.ndarray,
+    along: np.ndarray,
+    t: np.ndarray,
+    width: float,
+    correlation: float,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Means over discs around points along a line, and their errors, gray levels."""
+    across = np.linalg.svd(along[None])[2][1:]
+    edge = float(volume.spacing.min())
+    reach = int(max(width, 0.0) / 2 / edge)
+    offsets = [
+        edge * (i * across[0] + j * across[1])
+        for i in range(-reach, reach + 1)
+        for j in range(-reach, reach + 1)
+        if i * i + j * j <= reach * reach
+    ]
+    voxel_from_world = np.linalg.inv(volume.world_from_voxel)
+    error_map = volume.uncertainty
+    total, squares = np.zeros(len(t)), np.zeros(len(t))
+    for offset in offsets:
+        points = start + offset + t[:, None] * along
+        places = points @ voxel_from_world[:3, :3].T + voxel_from_world[:3, 3]
+        value, origin = sample(volume.values, volume.radius, places, True)
+        if (origin == 0).any():
+            at = ", ".join(f"{v:.4g}" for v in points[int(np.argmax(origin == 0))])
+            raise ValueError(f"start: expected data along the line, got an empty voxel at ({at})")
+        total += value
+        squares += sample(error_map, volume.radius, places, False)[0].astype(np.float64) ** 2
+    independent = max(1.0, len(offsets) * edge**2 / correlation**2)
+    return total / len(offsets), np.sqrt(squares / len(offsets) / independent)
+
+
+def _edges(q: np.ndarray, t: np.ndarray) -> np.ndarray:
+    """Three levels q0, q1, q2 with edges at q3 and q4, as wide as q5."""
+    first, second = ((1 + np.tanh((t - place) / q[5])) / 2 for place in q[3:5])
+    return q[0] + (q[1] - q[0]) * first + (q[2] - q[1]) * second
+
+
+def _slopes(q: np.ndarray, t: np.ndarray) -> np.ndarray:
+    """(N, 6): derivatives of `_edges` by q."""
+    s1, s2 = (np.tanh((t - place) / q[5]) for place in q[3:5])
+    steep = [(1 - s**2) / (2 * q[5]) for s in (s1, s2)]
+    first, second = -(q[1] - q[0]) * steep[0], -(q[2] - q[1]) * steep[1]
+    wide = (first * (t - q[3]) + second * (t - q[4])) / q[5]
+    return np.column_stack(
+        [1 - (1 + s1) / 2, (1 + s1) / 2 - (1 + s2) / 2, (1 + s2) / 2, first, second, wide]
+    )
+
+
+def _fit(t: np.ndarray, profile: np.ndarray, edge: float) -> np.ndarray:
+    """The parameters of `_edges` of least squares (Levenberg and Marquardt), from the best three
+    constant pieces."""
+    n = len(t)
+    sums = np.r_[0, np.cumsum(profile)]
+    i, j = np.triu_indices(n, 2)
+    keep = (i >= 2) & (j <= n - 2)
+    i, j = i[keep], j[keep]
+    gain = (
+        sums[i] ** 2 / i + (sums[j] - sums[i]) ** 2 / (j - i) + (sums[n] - sums[j]) ** 2 / (n - j)
+    )
+    k = int(np.argmax(gain))
+    a, b = int(i[k]), int(j[k])
+    levels = [profile[:a].mean(), profile[a:b].mean(), profile[b:].mean()]
+    q = np.array([*levels, t[a] - t[1] / 2, t[b] - t[1] / 2, edge])
+    damping, best = 1e-3, float(((profile - _edges(q, t)) ** 2).sum())
+    for _ in range(_STEPS):
+        slopes = _slopes(q, t)
+        normal = slopes.T @ slopes
+        normal += np.diag(damping * np.diag(normal) + 1e-12)
+        step = np.linalg.solve(normal, slopes.T @ (profile - _edges(q, t)))
+        tried = q + step
+        tried[5] = np.clip(tried[5], _SHARPEST * edge, t[-1])
+        error = float(((profile - _edges(tried, t)) ** 2).sum())
+        if error < best:
+            done = best - error < 1e-9 * best
+            q, best, damping = tried, error, damping / 5
+            if done:
+                break
+        else:
+            damping *= 5
+            if damping > 1e9:
+                break
+    return q
+
+
+def _ball(volume: Volume, center: np.ndarray, radius: float) -> np.ndarray:
+    z, y, x = (np.arange(n) for n in volume.shape)
+    m = volume.world_from_voxel
+    squared = np.zeros(volume.shape)
+    for k in range(3):
+        place = m[k, 0] * x + m[k, 1] * y[:, None] + m[k, 2] * z[:, None, None] + m[k, 3]
+        squared += (place - center[k]) ** 2
+    return squared <= radius**2
+
+
+def _normal(x: np.ndarray) -> np.ndarray:
+    """The normal distribution function, to 1e-4 from a table."""
+    table = np.linspace(-6, 6, 2401)
+    values = np.array([0.5 * math.erfc(-v / math.sqrt(2)) for v in table])
+    return np.interp(x, table, values)
+
+
+def _point(name: str, value: Any) -> np.ndarray:
+    try:
+        point = np.asarray(value, np.float64)
+    except (TypeError, ValueError):
+        raise TypeError(f"{name}: expected three numbers, got {value!r}") from None
+    if point.shape != (3,) or not np.isfinite(point).all():
+        raise ValueError(f"{name}: expected three finite numbers, got {value!r}")
+    return point

@@ -1,0 +1,180 @@
+"""Several sweeps of one anatomy: known motions are found, and what cannot be trusted is refused."""
+
+from __future__ import annotations
+
+import json
+
+import globule as gb
+import numpy as np
+import pytest
+from cli_helpers import run
+from globule.ultrasound import phantoms
+from globule.ultrasound.calibration import _rotation
+from globule.ultrasound.registration import (
+    RegistrationError,
+    join_sweeps,
+    register_and_join,
+    register_sweeps,
+)
+from sweep_helpers import spine_data
+
+SIZE, PIXEL = (60, 64), 0.5  # columns and rows; mm
+
+
+def motion(shift, degrees, center) -> np.ndarray:
+    """A turn about a center, then a shift, (4, 4)."""
+    matrix = np.eye(4)
+    matrix[:3, :3] = _rotation(np.radians(degrees))
+    matrix[:3, 3] = np.asarray(shift) + center - matrix[:3, :3] @ center
+    return matrix
+
+
+def tissue(seed: int, cell: float = 0.5) -> tuple[np.ndarray, np.ndarray]:
+    """Smooth random tissue (Z, Y, X), features of some 4 mm, and its place."""
+    rng = np.random.default_rng(seed)
+    noise = rng.normal(size=(80, 80, 90))
+    waves = np.meshgrid(*(np.fft.fftfreq(n, cell) for n in noise.shape), indexing="ij")
+    low_pass = np.exp(-sum(w**2 for w in waves) * (2 * np.pi * 1.2) ** 2 / 2)
+    values = np.fft.ifftn(np.fft.fftn(noise) * low_pass).real
+    place = np.diag([cell, cell, cell, 1.0])
+    place[:3, 3] = -22, -4, -20
+    return (100 + 40 * values / values.std()).clip(0, 255), place
+
+
+def swept(volume, seed: int, n: int = 26, z: float = 0.0, noise: float = 8.0) -> gb.Sweep:
+    """A pass over tissue by a hand of its own, with noise in every pixel."""
+    poses = phantoms.hand_path(n, 18.0, seed, PIXEL, SIZE)
+    poses[:, 2, 3] += z
+    frames = phantoms.scan_volume(*volume, poses, SIZE)
+    frames += np.random.default_rng(seed).normal(0, noise, frames.shape)
+    return gb.Sweep(frames.clip(0, 255).astype(np.uint8), poses)
+
+
+def displaced(sweep: gb.Sweep, truth: np.ndarray) -> gb.Sweep:
+    """The sweep as recorded in a world from which `truth` leads back."""
+    return gb.Sweep(
+        sweep.frames, np.linalg.inv(truth) @ sweep.world_from_image, None, sweep.valid, sweep.mask
+    )
+
+
+def error(found: np.ndarray, truth: np.ndarray, sweep: gb.Sweep) -> float:
+    """Root mean square distance at the corners of all frames, mm."""
+    corners = sweep.corners()[sweep.valid].reshape(-1, 3)
+    apart = (found - truth)[:3]
+    return float(np.sqrt(((corners @ apart[:, :3].T + apart[:, 3]) ** 2).sum(axis=1).mean()))
+
+
+@pytest.fixture(scope="module")
+def phantom():
+    return tissue(1)
+
+
+def test_known_motion_of_a_phantom(phantom):
+    """Two passes by two hands, one of them in a world turned by 8 degrees and 6 mm away."""
+    fixed, other = swept(phantom, 1), swept(phantom, 2, z=4)
+    truth = motion((4, -3, 3.5), (5, -4, 5), np.mean(other.bounds(), axis=0))
+    moving = displaced(other, truth)
+    found = register_sweeps(fixed, moving)
+    true_error = error(found.fixed_from_moving, truth, moving)
+    assert true_error < 0.15 * found.spacing
+    assert found.error < 0.15 * found.spacing
+    assert abs(found.rotation - np.sqrt(66)) < 0.3
+    assert found.correlation > 0.8
+    assert found.correlation > found.correlation_before + 0.2
+    assert found.agreeing >= 0.5
+
+
+def test_another_world(phantom):
+    """Without a common reference, equal centers are the first guess."""
+    fixed, other = swept(phantom, 1), swept(phantom, 3)
+    truth = motion((400, -300, 50), (3, 2, -4), np.mean(other.bounds(), axis=0))
+    moving = displaced(other, truth)
+    found = register_sweeps(fixed, moving)
+    assert error(found.fixed_from_moving, truth, moving) < 0.15 * found.spacing
+
+
+def test_joined_volume_is_that_of_one_world(phantom):
+    fixed, other = swept(phantom, 1), swept(phantom, 2)
+    truth = motion((2, -2, 1), (2, 3, -2), np.mean(other.bounds(), axis=0))
+    joined, [found] = register_and_join([fixed, displaced(other, truth)])
+    assert len(joined) == len(fixed) + len(other)
+    region = ((-10, 5, -6), (10, 25, 6))
+    want = gb.reconstruct(join_sweeps([fixed, other], [None, None]), spacing=1, region=region)
+    got = gb.reconstruct(joined, spacing=1, region=region)
+    wrong = gb.reconstruct(
+        join_sweeps([fixed, displaced(other, truth)], [None, None]), spacing=1, region=region
+    )
+    known = ~(want.empty | got.empty | wrong.empty)
+
+    def rms(a: gb.Volume) -> float:
+        return float(np.sqrt(np.mean((a.values[known] - want.values[known].astype(float)) ** 2)))
+
+    assert rms(got) < 0.15 * rms(wrong)
+    assert found.agreeing >= 0.5
+
+
+def test_unrelated_sweeps_are_refused(phantom):
+    with pytest.raises(RegistrationError, match=r"^moving: expected sweeps of one anatomy") as no:
+        register_sweeps(swept(phantom, 1), swept(tissue(9), 2))
+    assert no.value.report.fixed_from_moving.shape == (4, 4)
+
+
+def test_tissue_without_structure_is_refused():
+    flat = np.full((8, 32, 32), 80, np.uint8)
+    poses = phantoms.hand_path(8, 8.0, 0, 0.5, (32, 32))
+    with pytest.raises(RegistrationError, match="correlation"):
+        register_sweeps(gb.Sweep(flat, poses), gb.Sweep(flat, poses))
+
+
+def test_mistakes(phantom):
+    sweep = swept(phantom, 1, n=4)
+    with pytest.raises(TypeError, match=r"^moving: expected Sweep, got int"):
+        register_sweeps(sweep, 3)
+    with pytest.raises(ValueError, match=r"^initial: expected a rigid"):
+        register_sweeps(sweep, sweep, initial=2 * np.eye(4))
+    with pytest.raises(ValueError, match=r"^sweeps: expected two or more, got 1"):
+        register_and_join([sweep])
+    other = gb.Sweep(sweep.frames[:, 1:], sweep.world_from_image)
+    with pytest.raises(ValueError, match=r"^sweeps\[1\]: expected images of uint8 \(64, 60\)"):
+        register_and_join([sweep, other])
+
+
+def test_parts_of_a_real_sweep():
+    """Frames 0 to 13 and 8 to 20 of a spine phantom, the second part moved by 5 mm and 5 degrees;
+    and its even against its odd frames, which share none."""
+    folder = spine_data()
+    sweep = gb.read_sweep(folder / "SpinePhantomFreehand.igs.mha", plus=folder / "RECON.xml")
+    truth = motion((3, -2, 4), (4, -3, 2), np.mean(sweep.bounds(), axis=0))
+    for fixed, other in ((sweep[:14], sweep[8:]), (sweep[0::2], sweep[1::2])):
+        moving = displaced(other, truth)
+        found = register_sweeps(fixed, moving, spacing=1.2)
+        assert error(found.fixed_from_moving, truth, moving) < 0.3 * found.spacing
+        assert found.error < 0.3 * found.spacing
+        assert found.inverse_error < 0.5 * found.spacing
+
+
+def test_command(tmp_path, phantom):
+    fixed, other = swept(phantom, 1), swept(phantom, 2)
+    truth = motion((2, -2, 1), (2, 3, -2), np.mean(other.bounds(), axis=0))
+    names = [str(tmp_path / name) for name in ("a.npz", "b.npz", "ab.nrrd", "ab.npz")]
+    gb.write_sweep(names[0], fixed)
+    gb.write_sweep(names[1], displaced(other, truth))
+    done = run("register", names[0], names[1], "-o", names[2], "--sweep-output", names[3],
+               "--voxel-size", "1", "--json")  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    report = json.loads(done.stdout)
+    found = np.array(report["registrations"][0]["fixed_from_moving"])
+    assert error(found, truth, displaced(other, truth)) < 0.2
+    assert gb.read_volume(names[2]).spacing == pytest.approx([1, 1, 1])
+    assert len(gb.read_sweep(names[3])) == len(fixed) + len(other)
+
+
+def test_command_refuses(tmp_path, phantom):
+    names = [str(tmp_path / name) for name in ("a.npz", "b.npz", "ab.nrrd")]
+    gb.write_sweep(names[0], swept(phantom, 1, n=14))
+    gb.write_sweep(names[1], swept(tissue(9), 2, n=14))
+    done = run("register", *names[:2], "-o", names[2])
+    assert done.returncode == 2
+    assert done.stderr.count("\n") == 1
+    assert "b.npz: expected sweeps of one anatomy" in done.stderr
+    assert not (tmp_path / "ab.nrrd").exists()
