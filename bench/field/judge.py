@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from globule.scene import oracle
 
-PAIRS = 1.2e10  # of rays and particles that the brute force may test for a surface
+PAIRS = 2e8  # of rays and particles that the brute force tests for a surface
 
 
 @dataclass
@@ -66,7 +66,7 @@ def _balls(x: np.ndarray, radii: np.ndarray, origins: np.ndarray, directions: np
 def pixels(size: tuple[int, int], n: int, kernel: str) -> np.ndarray:
     """The pixels that are judged: all, or a fixed random choice where all would take too long."""
     count = size[0] * size[1]
-    most = int((PAIRS if kernel != "union" else PAIRS / 20) / max(n, 1))
+    most = int((PAIRS if kernel != "union" else PAIRS) / max(n, 1))
     if count <= most:
         return np.arange(count)
     return np.sort(np.random.default_rng(0).choice(count, most, replace=False))
