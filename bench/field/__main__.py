@@ -88,7 +88,7 @@ def run_one(scene: str, program: str, options: argparse.Namespace, out: Path) ->
     origins, directions = (a.reshape(-1, 3) for a in views[0].rays(options.size))
     surface = peer.surface()
     n = len(case.positions)
-    chosen = pixels(options.size, n, surface.kernel if surface else "")
+    chosen = pixels(options.size, surface, n)
     o, d = (np.asarray(a[chosen], np.float64) for a in (origins, directions))
     found["judged"] = len(chosen)
     for name, hits in (("own", surface and surface.first_hit), ("truth", case.truth)):

@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 from globule.scene import oracle
 
-PAIRS = 2e8  # of rays and particles that the brute force tests for a surface
+PAIRS = 2e8  # of rays and particles that the brute force tests for a surface of balls
+PAIRS_STRETCHED = 2e7  # for kernels with matrices, which take longer
 
 
 @dataclass
@@ -63,10 +64,11 @@ def _balls(x: np.ndarray, radii: np.ndarray, origins: np.ndarray, directions: np
     return t, normals
 
 
-def pixels(size: tuple[int, int], n: int, kernel: str) -> np.ndarray:
+def pixels(size: tuple[int, int], surface: Surface | None, n: int) -> np.ndarray:
     """The pixels that are judged: all, or a fixed random choice where all would take too long."""
     count = size[0] * size[1]
-    most = int((PAIRS if kernel != "union" else PAIRS) / max(n, 1))
+    stretched = surface is not None and np.ndim(surface.support) == 3
+    most = int((PAIRS_STRETCHED if stretched else PAIRS) / max(n, 1))
     if count <= most:
         return np.arange(count)
     return np.sort(np.random.default_rng(0).choice(count, most, replace=False))
