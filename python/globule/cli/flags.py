@@ -129,11 +129,11 @@ FLAGS: dict[str, dict[str, Any]] = {
     "--frame": {
         "type": int,
         "metavar": "N",
-        "help": "which frame of a file with several, from 0; -1: the last",
+        "help": "number of a frame in a file with several, from 0; -1: the last",
     },
     "--species": {
         "metavar": "NAME",
-        "help": "which group of particles of a file with several, by its name in the file",
+        "help": "group of particles in a file with several, by its name there",
     },
     "--clip": {
         "type": plane,
