@@ -3,19 +3,17 @@
 Writes twist.png. Needs `pip install warp-lang`. Without a GPU, the example says so and stops.
 """
 
+import ctypes
+
 import globule as gb
 import numpy as np
 
 try:
+    ctypes.CDLL("libcuda.so.1")
     import warp as wp
-except ImportError:
-    print("skipped: warp is not here (pip install warp-lang)")
+except (OSError, ImportError) as error:
+    print(f"skipped: no GPU, or no Warp here ({error})")
     raise SystemExit from None
-
-wp.config.quiet = True
-if not wp.is_cuda_available():
-    print("skipped: no GPU for Warp here")
-    raise SystemExit
 
 
 @wp.kernel

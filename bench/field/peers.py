@@ -335,9 +335,13 @@ class Newton(Meshed):
     def missing(cls) -> bool:
         if super().missing():
             return True
-        from ctypes.util import find_library
+        import ctypes
 
-        return find_library("cuda") is None
+        try:
+            ctypes.CDLL("libcuda.so.1")
+        except OSError:
+            return True
+        return False
 
 
 class Ovito(Peer):
