@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import importlib.util
 import os
+import re
 import shutil
 import sys
 import tempfile
@@ -158,7 +159,8 @@ class PovRay(Peer):
         import subprocess
 
         said = subprocess.run(["povray", "--version"], capture_output=True, text=True)
-        return (said.stdout + said.stderr).split()[1]
+        found = re.search(r"POV-Ray (\d[\w.]*)", said.stdout + said.stderr)
+        return found[1] if found else "version not known"
 
 
 class Window(Peer):

@@ -382,7 +382,7 @@ def _usd_arrays(UsdGeom: Any, prim: Any, points: Any, when: Any) -> dict[str, An
 
     value = points.Get(when)
     x = np.array(value if value is not None else [], np.float32).reshape(-1, 3)
-    found = {"points": x}
+    found: dict[str, Any] = {"points": x}
     for name in ("widths", "velocities", "ids"):
         attribute = prim.GetAttribute(name)
         value = attribute.Get(when) if attribute else None
