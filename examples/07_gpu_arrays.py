@@ -1,6 +1,6 @@
-"""Arrays on a GPU, from CuPy or PyTorch, are used where they are; nothing is copied.
+"""Arrays on a GPU, from CuPy, PyTorch or JAX, are used where they are; nothing is copied.
 
-Writes wave.png. Without a GPU, or without either package, the example says so and stops.
+Writes wave.png. Without a GPU, or without any of them, the example says so and stops.
 """
 
 import globule as gb
@@ -23,12 +23,19 @@ def device_arrays():
             return torch, lambda array: torch.from_numpy(array).cuda()
     except ImportError:
         pass
+    try:
+        import jax
+
+        gpus = jax.devices("gpu")
+        return jax.numpy, lambda array: jax.device_put(array, gpus[0])
+    except (ImportError, RuntimeError):
+        pass
     return None
 
 
 found = device_arrays()
 if found is None:
-    print("skipped: no GPU with CuPy or PyTorch here")
+    print("skipped: no GPU with CuPy, PyTorch or JAX here")
     raise SystemExit
 package, to_device = found
 
@@ -43,8 +50,8 @@ except RuntimeError as error:  # globule was built without CUDA
 
 radius = (flat[:, 0] ** 2 + flat[:, 2] ** 2) ** 0.5
 for step in range(30):
-    positions = flat + 0.0  # a new array; the scene must not see a half-written one
-    positions[:, 1] = 0.1 * package.sin(12 * radius - 0.3 * step)
+    height = 0.1 * package.sin(12 * radius - 0.3 * step)
+    positions = package.stack([flat[:, 0], height, flat[:, 2]], 1)  # a new array for each frame
     scene.update(positions=positions)
 gb.render(scene, gb.Camera((1.5, 1.2, 2.0), (0, 0, 0)), (800, 600)).save("wave.png")
 print(

@@ -183,6 +183,14 @@ def _hdf5() -> list[str]:
     return ["gadget.hdf5", "packed.hdf5", "run.h5part", "run.vtkhdf", "pmd.h5", "drop.hdf5"]
 
 
+def _by_packages() -> list[str]:
+    """Tables and scenes, by pyarrow and usd-core."""
+    names = ["a.parquet", "a.feather", "a.usda", "a.usdc"]
+    for name in names:
+        formats.write(name, sample())
+    return names
+
+
 # Volumes
 
 
@@ -438,6 +446,7 @@ KINDS = {
     "particles": Kind(_particles, _read_particles, _info, 5.0),
     "simulators": Kind(_simulators, _read_particles, _info, 4.0),
     "hdf5": Kind(_hdf5, _read_particles, None, 0.3),
+    "tables": Kind(_by_packages, _read_particles, None, 0.2),
     "meshes": Kind(_meshes, _read_particles, _info, 1.5),
     "volumes": Kind(_volumes, _read_volume, _info, 4.0),
     "voxels": Kind(_volumes, _voxels, None, 0.5),

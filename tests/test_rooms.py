@@ -27,6 +27,7 @@ ROOMS = (
     "pyvista",
     "ultrasound",
     "ultrasound/plus",
+    "napari",
     "sim",
     "viewer",
     "_demo",

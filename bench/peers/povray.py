@@ -40,7 +40,7 @@ from typing import Any
 
 import numpy as np
 
-MODES = ("depth", "shaded")
+MODES = ("depth", "normal", "shaded")
 
 
 def find_povray() -> str | None:
@@ -138,6 +138,18 @@ def write_scene(
             " [1 function { mod(256*D(x,y,z),1) } color_map { [0 rgb 0] [1 rgb <0,2,0>] }] } }",
             " finish { ambient 0 diffuse 0 emission 1 } }",
         ]
+    elif mode == "normal":
+        axes = ("<1,0,0>", "<0,1,0>", "<0,0,1>")
+        ends = ("<3,0,0>", "<0,3,0>", "<0,0,3>")
+        lines += [
+            "background { rgb 0 }",
+            "#declare Look = texture { pigment { average pigment_map {",
+            *(
+                f" [1 slope {{ {axis} }} color_map {{ [0 rgb 0] [1 rgb {end}] }}]"
+                for axis, end in zip(axes, ends, strict=True)
+            ),
+            " } } finish { ambient 0 diffuse 0 emission 1 } }",
+        ]
     else:
         sun = right * -0.45 + up * 0.75 - forward * 0.5
         lines += [
@@ -231,6 +243,16 @@ def hit_mask_and_depth(image: np.ndarray, near: float, far: float) -> tuple[np.n
     fine = image[..., 1] / 65535
     value = (np.round(coarse - fine) + fine) / 256
     return mask, np.where(mask, near + value * (far - near), np.inf)
+
+
+def normals(image: np.ndarray) -> np.ndarray:
+    """Unit normals (H, W, 3) float64 of a picture of mode "normal", 0 where missed.
+
+    POV-Ray's pattern `slope` is 1 - angle / 180 degrees, of the angle between normal and axis.
+    """
+    n = np.where(image.any(axis=-1, keepdims=True), -np.cos(np.pi * (image / 65535.0)), 0)
+    length = np.linalg.norm(n, axis=-1, keepdims=True)
+    return np.divide(n, length, out=np.zeros_like(n), where=length > 0)
 
 
 def compare(mask: np.ndarray, depth: np.ndarray, ours: np.ndarray) -> dict[str, Any]:

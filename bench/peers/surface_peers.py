@@ -44,16 +44,14 @@ def globule(case, picture: str) -> dict:
     return {**found, "memory": memory}
 
 
-def splashsurf(case, picture: str) -> dict:
-    """The settings that its README recommends."""
+def splashsurf_mesh(positions, spacing: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Vertices, triangles and normals, by the settings that its README recommends."""
     import pysplashsurf
-    import pyvista  # noqa: F401, not part of the time
 
-    begin = time.process_time()
     with contextlib.redirect_stdout(sys.stderr):
         found = pysplashsurf.reconstruction_pipeline(
-            case["positions"].astype(np.float64),
-            particle_radius=0.5 * float(case["spacing"]),
+            np.asarray(positions, np.float64),
+            particle_radius=0.5 * spacing,
             smoothing_length=2.0,
             cube_size=0.5,
             iso_surface_threshold=0.6,
@@ -64,45 +62,67 @@ def splashsurf(case, picture: str) -> dict:
             normals_smoothing_iters=10,
         )
     mesh = found[0]
-    vertices, faces = np.asarray(mesh.mesh.vertices), np.asarray(mesh.mesh.triangles)
     normals = np.asarray(mesh.point_attributes["normals"])
+    return np.asarray(mesh.mesh.vertices), np.asarray(mesh.mesh.triangles), normals
+
+
+def splashsurf(case, picture: str) -> dict:
+    import pyvista  # noqa: F401, not part of the time
+
+    begin = time.process_time()
+    vertices, faces, normals = splashsurf_mesh(case["positions"], float(case["spacing"]))
     built = time.process_time()
     draw_mesh(case, vertices, faces, normals, picture)
     return result(case, built - begin, time.process_time() - built, vertices, faces)
 
 
-def ovito(case, picture: str) -> dict:
-    """A Gaussian density with cells of half a spacing, drawn by OVITO's Tachyon, with
-    its light from the camera alone, as the others have it."""
+def ovito_pipeline(positions, radius, cell: float):
+    """A pipeline with the surface of a Gaussian density, cells of edge `cell`."""
     from ovito.data import DataCollection, Particles, SimulationCell
     from ovito.modifiers import ConstructSurfaceModifier
     from ovito.pipeline import Pipeline, StaticSource
-    from ovito.vis import TachyonRenderer, Viewport
 
-    x, spacing = case["positions"].astype(np.float64), float(case["spacing"])
-    lo, extent = x.min(0) - 2 * spacing, np.ptp(x, axis=0) + 4 * spacing
-    begin = time.process_time()
+    x, margin = np.asarray(positions, np.float64), 4 * np.max(radius)
+    lo, extent = x.min(0) - margin, np.ptp(x, axis=0) + 2 * margin
     data = DataCollection()
-    cell = SimulationCell(pbc=(False, False, False))
-    cell[...] = np.c_[np.diag(extent), lo]
-    cell.vis.enabled = False
-    data.objects.append(cell)
+    box = SimulationCell(pbc=(False, False, False))
+    box[...] = np.c_[np.diag(extent), lo]
+    box.vis.enabled = False
+    data.objects.append(box)
     particles = Particles()
     particles.create_property("Position", data=x)
-    particles.create_property("Radius", data=np.full(len(x), 0.5 * spacing))
+    particles.create_property("Radius", data=np.broadcast_to(radius, len(x)).astype(np.float64))
     particles.vis.enabled = False
     data.objects.append(particles)
     pipeline = Pipeline(source=StaticSource(data=data))
     modifier = ConstructSurfaceModifier(method=ConstructSurfaceModifier.Method.GaussianDensity)
-    modifier.grid_resolution = int(np.ceil(2 * extent.max() / spacing))
+    modifier.grid_resolution = int(np.ceil(extent.max() / cell))
     modifier.vis.surface_color, modifier.vis.show_cap = COLOR, False
     pipeline.modifiers.append(modifier)
+    return pipeline
+
+
+def ovito_view(eye, target, up, fov: float):
+    from ovito.vis import Viewport
+
+    view = Viewport(type=Viewport.Type.Perspective, fov=np.radians(fov))
+    view.camera_pos, view.camera_up = eye, up
+    view.camera_dir = np.subtract(target, eye)
+    return view
+
+
+def ovito(case, picture: str) -> dict:
+    """A Gaussian density with cells of half a spacing, drawn by OVITO's Tachyon, with
+    its light from the camera alone, as the others have it."""
+    from ovito.vis import TachyonRenderer
+
+    spacing = float(case["spacing"])
+    begin = time.process_time()
+    pipeline = ovito_pipeline(case["positions"], 0.5 * spacing, 0.5 * spacing)
     surface = pipeline.compute().surfaces["surface"]
     built = time.process_time()
     pipeline.add_to_scene()
-    eye, target = case["eye"], case["look_at"]
-    view = Viewport(type=Viewport.Type.Perspective, fov=np.radians(float(case["fov"])))
-    view.camera_pos, view.camera_dir, view.camera_up = eye, target - eye, case["up"]
+    view = ovito_view(case["eye"], case["look_at"], case["up"], float(case["fov"]))
     tachyon = TachyonRenderer(ambient_occlusion=False, shadows=False, antialiasing_samples=4)
     size = tuple(case["size"].tolist())
     view.render_image(size, filename=picture, background=(1, 1, 1), renderer=tachyon)
@@ -128,22 +148,32 @@ def pyvista(case, picture: str) -> dict:
     return result(case, 0.0, time.process_time() - begin)
 
 
-def newton(case, picture: str) -> dict:
-    """Anisotropic kernels, voxels of half a spacing; on the GPU where there is one."""
-    import pyvista  # noqa: F401, not part of the time
+def newton_surface(spacing: float):
+    """A function of positions that returns vertices, triangles and normals: anisotropic kernels,
+    voxels of half a spacing; on the GPU where there is one."""
     import warp as wp
     from newton.geometry import ParticleSurface
 
     wp.config.quiet = True
-    spacing = float(case["spacing"])
     make = ParticleSurface(0.5 * spacing, kernel_radius=3 * spacing, anisotropic=True)
-    x = wp.array(case["positions"], dtype=wp.vec3)
-    radii = wp.array(np.full(len(x), 0.5 * spacing, np.float32))
-    make.extract(x, radii)  # compiles its kernels
+
+    def mesh(positions) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        x = wp.array(positions, dtype=wp.vec3)
+        radii = wp.array(np.full(len(x), 0.5 * spacing, np.float32))
+        vertices, indices, normals = (a.numpy() for a in make.extract(x, radii).to_arrays())
+        return vertices, indices.reshape(-1, 3), normals
+
+    return mesh
+
+
+def newton(case, picture: str) -> dict:
+    import pyvista  # noqa: F401, not part of the time
+
+    mesh = newton_surface(float(case["spacing"]))
+    mesh(case["positions"])  # compiles its kernels
     begin = time.process_time()
-    vertices, indices, normals = (a.numpy() for a in make.extract(x, radii).to_arrays())
+    vertices, faces, normals = mesh(case["positions"])
     built = time.process_time()
-    faces = indices.reshape(-1, 3)
     draw_mesh(case, vertices, faces, normals, picture)
     return result(case, built - begin, time.process_time() - built, vertices, faces)
 

@@ -10,7 +10,7 @@ import os
 
 import numpy as np
 
-from ..formats import EXTENSIONS, READABLE, write
+from ..formats import READABLE, WRITABLE, write
 from ..scene.particles import SCALAR_FIELDS, Particles
 from . import flags, medical
 from . import medical as medical_files
@@ -47,7 +47,7 @@ def add_arguments(parser: Parser) -> None:
     """The arguments of `globule convert`."""
     formats = " ".join(dict.fromkeys((*READABLE, *medical_files.EXTENSIONS)))
     parser.add_argument("input", metavar="IN", help=f"file to read: {formats}")
-    formats = " ".join(dict.fromkeys((*EXTENSIONS, *medical.WRITABLE)))
+    formats = " ".join(dict.fromkeys((*WRITABLE, *medical.WRITABLE)))
     parser.add_argument("output", metavar="OUT", help=f"file to write: {formats}")
     flags.add_reading(parser)
 
@@ -63,7 +63,7 @@ def run(options: argparse.Namespace) -> None:
         print(medical.convert(options.input, options.output, kind))
         return
     check_input(options.input, list(given))
-    check_output("OUT", options.output, EXTENSIONS)
+    check_output("OUT", options.output, WRITABLE)
     particles = read_particles(options.input, **given)
     with mistakes():
         write(options.output, particles)
@@ -74,7 +74,7 @@ def run(options: argparse.Namespace) -> None:
 
 def losses(particles: Particles, output: str) -> list[str]:
     """The losses of the output's format, one line per field."""
-    extension = next(e for e in EXTENSIONS if output.lower().endswith(e))
+    extension = next(e for e in WRITABLE if output.lower().endswith(e))
     lost = []
     if extension in _KEPT:
         given = [n for n in (*SCALAR_FIELDS, "color") if getattr(particles, n) is not None]

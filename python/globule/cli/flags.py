@@ -126,6 +126,15 @@ FLAGS: dict[str, dict[str, Any]] = {
         "help": "edge of a volume's resampled voxels, or distance of the points on a mesh, "
         "in the file's unit",
     },
+    "--frame": {
+        "type": int,
+        "metavar": "N",
+        "help": "number of a frame in a file with several, from 0; -1: the last",
+    },
+    "--species": {
+        "metavar": "NAME",
+        "help": "group of particles in a file with several, by its name there",
+    },
     "--clip": {
         "type": plane,
         "metavar": "NX,NY,NZ,D",
@@ -205,11 +214,14 @@ def add_device(group: Any) -> None:
 
 
 def add_reading(parser: argparse.ArgumentParser) -> None:
-    """The flags that say what to take from volumes and meshes."""
+    """The flags that say what to take from volumes, meshes and simulation files."""
     group = parser.add_argument_group("volumes and meshes")
     add(group, "--level", "default: Otsu's threshold")
     add(group, "--label", "may be repeated; default: all above --level")
     add(group, "--resample", "default: the file's own voxels and vertices")
+    group = parser.add_argument_group("files of several frames or species")
+    add(group, "--frame", "default: 0")
+    add(group, "--species", "default: gas, else the first or all")
 
 
 def add_limits(parser: argparse.ArgumentParser) -> None:

@@ -18,6 +18,7 @@ import numpy as np
 from .._base.checks import MissingPackageError
 from ..formats import FormatError, read
 from ..formats.kind import kind_of
+from ..formats.registry import format_named, formats
 from ..scene.particles import Particles
 from ..volumes.tomography import tomography_particles
 
@@ -118,6 +119,7 @@ def reading(options: argparse.Namespace) -> dict[str, Any]:
     if options.level is not None and options.label:
         raise UserError("--level: expected no --label beside --level, got both")
     given = {"level": options.level, "labels": options.label, "spacing": options.resample}
+    given |= {"frame": options.frame, "species": options.species}
     return {name: value for name, value in given.items() if value is not None}
 
 
@@ -132,9 +134,15 @@ def check_input(path: str, given: Sequence[str] = ()) -> None:
             found = kind_of(path)
     except OSError as error:
         raise UserError(f"{path}: expected a file to read, got: {error.strerror}") from error
-    known = {"volume": ("level", "labels", "spacing"), "mesh": ("spacing",)}.get(found.kind, ())
+    if found.kind in ("particles", "mesh"):
+        known = format_named(found.format).options
+    else:
+        known = ("level", "labels", "spacing") if found.kind == "volume" else ()
     for name in given:
-        if name not in known and (name, found.format) != ("spacing", "ply"):
+        if name not in known:
+            if name in ("frame", "species"):
+                have = ", ".join(f.about for f in formats() if name in f.options)
+                raise UserError(f"--{name}: expected a file of {have}; got {path}")
             option = {"labels": "--label", "spacing": "--resample"}.get(name, f"--{name}")
             kind = "volume or mesh" if name == "spacing" else "volume"
             raise UserError(f"{option}: expected a {kind} to read, got {path}")

@@ -24,11 +24,13 @@ from .kind import Kind, kind_of, wrong_kind
 from .mesh import mesh_particles
 from .registry import FORMATS, Format, format_named, formats, function_of
 
-__all__ = ["EXTENSIONS", "READABLE", "Box", "Contents", "Format", "FormatError", "Kind", "kind_of",
-           "mesh_particles", "read", "read_contents", "write"]  # fmt: skip
+__all__ = ["EXTENSIONS", "READABLE", "WRITABLE", "Box", "Contents", "Format", "FormatError",
+           "Kind", "kind_of", "mesh_particles", "read", "read_contents", "write"]  # fmt: skip
 
-EXTENSIONS = tuple(e for f in FORMATS if f.writes for e in f.endings)  # read and written
-READABLE = (*EXTENSIONS, *(e for f in FORMATS if not f.writes for e in f.endings))
+# Read and written; by globule alone, and by all that is installed.
+EXTENSIONS = tuple(e for f in FORMATS if f.writes and not f.package for e in f.endings)
+WRITABLE = (*EXTENSIONS, *(e for f in FORMATS if f.writes and f.package for e in f.endings))
+READABLE = (*WRITABLE, *(e for f in FORMATS if not f.writes for e in f.endings))
 _VOLUME_OPTIONS = ("level", "labels", "spacing")
 
 
@@ -94,7 +96,7 @@ def _writer(path: str | os.PathLike[str]) -> Format:
     for form in formats():
         if form.writes and name.endswith(form.endings):
             return form
-    raise FormatError(f"{path}: expected one of the extensions {' '.join(EXTENSIONS)}")
+    raise FormatError(f"{path}: expected one of the extensions {' '.join(WRITABLE)}")
 
 
 def _moved(message: str) -> Callable[..., Particles]:

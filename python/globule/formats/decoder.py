@@ -1,4 +1,5 @@
-"""A program of its own that opens files with libraries of others: SimpleITK, OpenEXR, h5py.
+"""A program of its own that opens files with libraries of others: SimpleITK, OpenEXR, h5py,
+pyarrow, usd-core.
 
 `guarded.py` starts it, with limits of memory and time: a damaged file may end this program and
 nothing else. It knows nothing of globule. Words: the task, the path, bytes of memory for the
@@ -42,7 +43,8 @@ def main(task: str, path: str, header: int, memory: int, seconds: int) -> None:
         return json.loads(request)
 
     try:
-        tasks = {t.__name__: t for t in (dicom, regions, series, exr, hdf5, sweep_h5, video)}
+        known = (dicom, regions, series, exr, hdf5, sweep_h5, video, arrow, usd)
+        tasks = {t.__name__: t for t in known}
         facts, arrays = tasks[task](path, ask)
         described = [[a.dtype.str, a.shape] for a in arrays]
         tell({**facts, "arrays": described})
@@ -297,6 +299,150 @@ def _attributes(item: Any) -> dict:
             if all(isinstance(t, str) for t in texts):
                 found[name] = [t[:200] for t in texts]
     return found
+
+
+def arrow(path: str, ask: Any) -> tuple[dict, list]:
+    """The columns of a Parquet or Arrow table that were asked for, (N,) or (N, k)."""
+    import numpy as np
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    pa.set_cpu_count(1)
+    pa.set_io_thread_count(1)
+    with open(path, "rb") as file:
+        parquet = file.read(4) == b"PAR1"
+    if parquet:
+        source = pq.ParquetFile(path, memory_map=False)
+        schema, n = source.schema_arrow, source.metadata.num_rows
+    else:
+        source = pa.ipc.open_file(pa.OSFile(path))
+        schema = source.schema
+        n = sum(source.get_batch(i).num_rows for i in range(source.num_record_batches))
+    widths: dict[str, int] = {}
+    units = {}
+    for field in schema:
+        kind, k = field.type, 1
+        if pa.types.is_fixed_size_list(kind):
+            kind, k = kind.value_type, kind.list_size
+        elif pa.types.is_list(kind):
+            kind, k = kind.value_type, 3
+        if pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_boolean(kind):
+            widths[field.name] = 8 * k * n
+            unit = (field.metadata or {}).get(b"unit")
+            if unit:
+                units[field.name] = unit.decode("utf-8", "replace")[:200]
+    if len(set(schema.names)) < len(schema.names):
+        raise ValueError("columns of different names, got one twice")
+    names = ask(0, columns=widths, units=units)
+    if parquet:
+        table = source.read(columns=names, use_threads=False)
+    else:
+        table = source.read_all().select(names)
+    arrays = []
+    for name in names:
+        column = table.column(name).combine_chunks()
+        if isinstance(column, pa.ChunkedArray):
+            column = pa.concat_arrays(column.chunks)
+        k = 1
+        if not (pa.types.is_integer(column.type) or pa.types.is_floating(column.type)
+                or pa.types.is_boolean(column.type)):  # fmt: skip
+            values = column.flatten()
+            k = len(values) // max(len(column), 1)
+            if column.null_count or k * len(column) != len(values):
+                raise ValueError(f"rows of the same length in the column {name}, got others")
+            column = values
+        array = column.to_numpy(zero_copy_only=False)
+        if array.dtype.kind not in "biuf":
+            array = array.astype(np.float64)  # missing ones become NaN
+        array = array.astype(np.uint8) if array.dtype.kind == "b" else array
+        array = np.ascontiguousarray(array.astype(array.dtype.newbyteorder("="), copy=False))
+        arrays.append(array.reshape(-1, k) if k > 1 else array)
+    return {"names": names}, arrays
+
+
+def usd(path: str, ask: Any) -> tuple[dict, list]:
+    """Points of prims of a layer at a time, in world space, with their other arrays."""
+    os.environ["PXR_WORK_THREAD_LIMIT"] = "1"
+    import numpy as np
+    from pxr import Sdf, Usd, UsdGeom
+
+    layer = Sdf.Layer.OpenAsAnonymous(path)
+    if layer is None:
+        raise ValueError("a layer that usd-core cannot open")
+    _without_links(Sdf, layer)
+    stage = Usd.Stage.Open(layer)
+    places: dict[str, Any] = {}
+    times: set[float] = set()
+    for prim in stage.Traverse():
+        if len(places) > _MOST_OBJECTS:
+            raise ValueError(f"more than {_MOST_OBJECTS:,} prims")
+        for kind, name in ((UsdGeom.Points, "points"), (UsdGeom.PointInstancer, "positions")):
+            if prim.IsA(kind):
+                places[str(prim.GetPath())] = prim.GetAttribute(name)
+                times.update(prim.GetAttribute(name).GetTimeSamples())
+    rate = stage.GetTimeCodesPerSecond() or 24.0
+    unit = UsdGeom.GetStageMetersPerUnit(stage)
+    paths, time = ask(0, prims=list(places), times=sorted(times), rate=rate, unit=unit)
+    when = Usd.TimeCode.Default() if time is None else Usd.TimeCode(time)
+    names, arrays = [], []
+    for place in paths:
+        prim = places[place].GetPrim()
+        found = _usd_arrays(UsdGeom, prim, places[place], when)
+        matrix = np.array(UsdGeom.Xformable(prim).ComputeLocalToWorldTransform(when))
+        if not np.array_equal(matrix, np.eye(4)):
+            turn = matrix[:3, :3]
+            found["points"] = found["points"].astype(np.float64) @ turn + matrix[3, :3]
+            if found.get("velocities", np.empty(0)).shape == found["points"].shape:
+                found["velocities"] = found["velocities"] @ turn
+            scale = abs(np.linalg.det(turn)) ** (1 / 3)
+            for name in ("widths", "support"):
+                if name in found:
+                    found[name] = found[name] * scale
+        names.append(list(found))
+        arrays += [np.ascontiguousarray(a) for a in found.values()]
+    return {"names": names}, arrays
+
+
+def _usd_arrays(UsdGeom: Any, prim: Any, points: Any, when: Any) -> dict[str, Any]:
+    import numpy as np
+
+    value = points.Get(when)
+    x = np.array(value if value is not None else [], np.float32).reshape(-1, 3)
+    found: dict[str, Any] = {"points": x}
+    for name in ("widths", "velocities", "ids"):
+        attribute = prim.GetAttribute(name)
+        value = attribute.Get(when) if attribute else None
+        if value is not None:
+            found[name] = np.array(value)
+    for variable in UsdGeom.PrimvarsAPI(prim).GetPrimvars():
+        value = variable.ComputeFlattened(when) if variable.IsIndexed() else variable.Get(when)
+        name, k = variable.GetPrimvarName(), variable.GetElementSize()
+        try:
+            array = np.array(value)
+        except (TypeError, ValueError):
+            continue
+        if name in found or array.dtype.kind not in "biuf" or array.ndim not in (1, 2):
+            continue
+        if len(array) == k * len(x) and k > 1:
+            array = array.reshape(len(x), -1)
+        if name == "displayColor" and array.shape == (1, 3):
+            array = np.repeat(array, len(x), axis=0)
+        found[name] = array
+    if found.get("widths", np.empty(0)).shape == (1,):
+        found["widths"] = np.repeat(found["widths"], len(x))
+    return found
+
+
+def _without_links(Sdf: Any, layer: Any) -> None:
+    """Take out of a layer what names other files."""
+    layer.subLayerPaths.clear()
+    specs: list[Any] = []
+    layer.Traverse("/", specs.append)
+    for place in specs:
+        spec = layer.GetObjectAtPath(place)
+        for key in ("references", "payload", "clips"):
+            if spec is not None and spec.HasInfo(key):
+                spec.ClearInfo(key)
 
 
 if __name__ == "__main__":

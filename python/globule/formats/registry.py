@@ -25,6 +25,7 @@ class Format(NamedTuple):
               so that the ending alone decides
     function  of the module: function(path, **options) -> Particles or Contents
     writes    whether `write(path, particles)` of the module writes it
+    package   that writing needs beside globule, or ""
     kind      "particles", or "mesh" for vertices with faces
     options   names of the reader's options
     about     what `globule info` calls the format
@@ -39,6 +40,7 @@ class Format(NamedTuple):
     kind: str = "particles"
     options: tuple[str, ...] = ()
     about: str = ""
+    package: str = ""
 
 
 def _vtk(kind: bytes) -> bytes:
@@ -92,6 +94,10 @@ FORMATS = (
            about="XDMF"),
     Format("hdf5", ".hdf5", (".h5", ".hdf5", ".hdf", ".h5part", ".vtkhdf"), rb"\x89HDF\r\n",
            options=("frame", "species", "columns"), about="HDF5"),
+    Format("arrow", ".arrow", (".parquet", ".arrow", ".feather"), rb"PAR1|ARROW1\0\0", writes=True,
+           options=("columns",), about="Parquet or Arrow table", package="pyarrow"),
+    Format("usd", ".usd", (".usd", ".usda", ".usdc"), rb"#usda |PXR-USDC", writes=True,
+           options=("frame", "species"), about="Universal Scene Description", package="usd-core"),
 )
 # fmt: on
 

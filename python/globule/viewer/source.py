@@ -64,6 +64,8 @@ OPTIONS = {
     "level": "--level",
     "labels": "--label",
     "spacing": "--resample",
+    "frame": "--frame",
+    "species": "--species",
     "calibration": "--calibration",
     "plus": "--plus",
 }

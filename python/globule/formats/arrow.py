@@ -1,0 +1,86 @@
+"""Tables of Apache Parquet (.parquet) and Arrow (.arrow, .feather), by pyarrow.
+
+A column is a number a row, or a list of k numbers a row. Columns are named as those of a .csv:
+x, y, z, vx, vy, vz, `name:0`. A missing number is NaN; columns of other types are left out. The
+metadata `unit` of a column is its unit.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from .._base.checks import missing
+from .._base.files import atomic_write
+from ..scene.particles import Particles
+from .contents import Contents
+from .errors import bad, shown
+from .fields import find_positions, join_columns, particles_from, split_columns
+from .guarded import decode, need
+
+
+def read(path: str | os.PathLike[str], columns: Mapping[str, str] | None = None) -> Contents:
+    """Read a table.
+
+    `columns`: field or attribute -> column; "x", "y" and "z", or "positions", are the position.
+    Columns that are not named are left out.
+
+    Raises FormatError, MissingPackageError without pyarrow.
+    """
+    need("pyarrow", "pyarrow", "tables")
+    about: dict[str, Any] = {}
+
+    def choose(claim: dict) -> tuple[float, Any]:
+        about.update(claim)
+        names = list(claim["columns"])
+        if columns is not None:
+            for name in columns.values():
+                if name not in names:
+                    got = shown(" ".join(names))
+                    raise bad(path, "", f"expected the column {shown(name)}, got {got}")
+            names = list(dict.fromkeys(columns.values()))
+        return sum(claim["columns"][name] for name in names), names
+
+    facts, sent = decode("arrow", path, "a Parquet or Arrow table", choose=choose)
+    found = dict(zip(facts["names"], sent, strict=True))
+    units = dict(about["units"])
+    if columns is not None:
+        units = {ours: units[theirs] for ours, theirs in columns.items() if theirs in units}
+        found = {ours: found[theirs] for ours, theirs in columns.items()}
+    lower = {name.lower(): name for name in found}
+    if "x" in lower and "y" in lower and "z" not in lower:
+        found["z"] = np.zeros(len(found[lower["x"]]))
+    arrays = join_columns({name: a for name, a in found.items() if a.ndim == 1})
+    arrays |= {name: a for name, a in found.items() if a.ndim > 1}
+    positions = find_positions(arrays)
+    if positions is None:
+        got = shown(" ".join(about["columns"]) or "none")
+        advice = 'gb.read(path, columns={"x": "…", "y": "…", "z": "…"}) takes others'
+        raise bad(path, "", f"expected columns x, y and z, got {got}; {advice}")
+    unit = units.pop("x", units.pop("positions", None))
+    particles = particles_from(path, positions, arrays)
+    held = {name: u for name, u in units.items() if name in particles.attributes}
+    return Contents(particles, units={**held, **({"positions": unit} if unit else {})})
+
+
+def write(path: str | os.PathLike[str], particles: Particles) -> None:
+    """Write a table with a column for each number of a particle. Raises MissingPackageError."""
+    try:
+        import pyarrow
+        import pyarrow.feather
+        import pyarrow.parquet
+    except ImportError:
+        raise missing("pyarrow", "tables") from None
+    columns = {name: np.ascontiguousarray(a) for name, a in split_columns(particles).items()}
+    table = pyarrow.table({name: pyarrow.array(a) for name, a in columns.items()})
+    packed = io.BytesIO()
+    if os.fspath(path).lower().endswith(".parquet"):
+        pyarrow.parquet.write_table(table, packed)
+    else:
+        pyarrow.feather.write_feather(table, packed, compression="uncompressed")
+    with atomic_write(path) as file:
+        file.write(packed.getbuffer())
