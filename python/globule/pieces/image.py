@@ -316,11 +316,12 @@ def _skip_empty(
         waiting[k] = partition.owner(o[k] + start[k, None] * d[k])
 
 
-def fit(scene: Pieces, size: tuple[int, int]) -> Camera:
+def fit(scene: Pieces, size: tuple[int, int], **options: Any) -> Camera:
     """A camera that shows the box around all particles, with room for the surface."""
     lo, hi = scene.bounds()
     corners = np.array(np.meshgrid(*zip(lo, hi, strict=True))).reshape(3, -1).T
-    options = FROM_ABOVE if lo[2] == hi[2] else {}
+    if lo[2] == hi[2] and not options:
+        options = FROM_ABOVE
     return Camera.fit(corners, size=size, margin=scene.outside, **options)
 
 
