@@ -202,4 +202,3 @@ def uses(comm: Any, options: argparse.Namespace) -> bool:
     """Whether the ranks share one image, rather than the images of a sequence."""
     path = options.particles[0]
     return comm is not None and len(options.particles) == 1 and kind_of(path).kind == "particles"
-

@@ -41,7 +41,8 @@ def space_around(low: np.ndarray, high: np.ndarray, typical: float, largest: flo
     extent = float((high - low).max()) + 2 * room
     cells = extent / (typical + 2 * margin) if typical > 0 else 1.0
     level = int(np.clip(np.floor(np.log2(max(cells, 1.0))), 0, FINEST))
-    return Space((low + high) / 2 - extent / 2, extent, level, margin)
+    # The low corner, not the middle: a long, thin body is then cut across, not along.
+    return Space(low - room, extent, level, margin)
 
 
 def cells_of(space: Space, points: np.ndarray) -> np.ndarray:
@@ -82,6 +83,16 @@ class Partition:
         before = np.cumsum(counts) - counts
         middle = (before + counts / 2) / max(int(counts.sum()), 1)
         self.owners = np.minimum((n * middle).astype(np.int32), n - 1)  # by Morton code
+        # Cells whose neighbors all belong to the same piece: most of them.
+        side = 1 << space.level
+        grid = self.owners[codes_of(np.moveaxis(np.indices((side,) * 3), 0, -1))]
+        least = most = grid
+        for axis in range(3):
+            pad = [(1, 1) if k == axis else (0, 0) for k in range(3)]
+            parts = [np.pad(v, pad, mode="edge") for v in (least, most)]
+            some = [[np.take(v, range(i, i + side), axis) for i in range(3)] for v in parts]
+            least, most = np.minimum.reduce(some[0]), np.maximum.reduce(some[1])
+        self._lonely = least == most
 
     def owner(self, points: np.ndarray) -> np.ndarray:
         """The piece (N,) int32 that owns each point (N, 3)."""
@@ -112,21 +123,21 @@ class Partition:
         wide = (np.asarray(reach, np.float64) + 2 * self.space.margin)[..., None]
         points = np.asarray(points, np.float64)
         low, high = cells_of(self.space, points - wide), cells_of(self.space, points + wide)
-        span = high - low
-        home = self.owner(points)
+        cell = cells_of(self.space, points)
+        home = self.owners[codes_of(cell)]
         rows, pieces = [np.arange(len(points))], [home.astype(np.int64)]
-        across = np.flatnonzero(span.any(axis=1))
-        near = across[(span[across] <= 1).all(axis=1)]
+        wide_ones = ((low < cell - 1) | (high > cell + 1)).any(axis=1)
+        near = np.flatnonzero(~self._lonely[tuple(cell.T)] & ~wide_ones)
         if len(near):
-            ends = np.stack([low[near], high[near]], axis=1)  # (K, 2, 3)
-            cells = np.stack([ends[:, which, range(3)] for which in np.ndindex(2, 2, 2)], axis=1)
+            ends = np.stack([low[near], cell[near], high[near]], axis=1)  # (K, 3, 3)
+            cells = np.stack([ends[:, which, range(3)] for which in np.ndindex(3, 3, 3)], axis=1)
             owners = np.sort(self.owners[codes_of(cells)], axis=1)
             first = np.ones(owners.shape, bool)
             first[:, 1:] = owners[:, 1:] != owners[:, :-1]
             k, corner = np.nonzero(first & (owners != home[near, None]))
             rows.append(near[k])
             pieces.append(owners[k, corner].astype(np.int64))
-        for i in across[(span[across] > 1).any(axis=1)]:  # kernels wider than a cell
+        for i in np.flatnonzero(wide_ones):  # kernels wider than a cell
             box = np.stack(
                 np.meshgrid(*(np.arange(low[i, k], high[i, k] + 1) for k in range(3))), axis=-1
             )
