@@ -166,16 +166,16 @@ def test_where_rays_leave_a_piece():
 )  # fmt: skip
 def test_light_that_turns_is_refused(settings, word):
     pieces = gb.Pieces(POSITIONS, 2, support=2.0)
-    with pytest.raises(ValueError, match=f"^{word}: expected .* pieces"):
+    with pytest.raises(ValueError, match=rf"^{word}: expected .* pieces"):
         gb.render(pieces, CAMERA, SIZE, settings)
 
 
 def test_mistakes():
-    with pytest.raises(ValueError, match="^n: "):
+    with pytest.raises(ValueError, match=r"^n: "):
         gb.Pieces(POSITIONS, 0)
-    with pytest.raises(ValueError, match="^surface: "):
+    with pytest.raises(ValueError, match=r"^surface: "):
         gb.Pieces(POSITIONS, 2, surface="smooth", support=1.0)
-    with pytest.raises(MemoryError, match="^memory: expected more than"):
+    with pytest.raises(MemoryError, match=r"^memory: expected more than"):
         gb.Pieces(POSITIONS, memory=1e6)
     glossy = gb.Pieces(gb.Particles(POSITIONS, reflection=0.5), 2, support=2.0)
     with pytest.raises(ValueError, match="reflection"):

@@ -136,7 +136,8 @@ class Pieces:
         lows, highs = ranks.least(low), ranks.most(high)
         empty = not np.isfinite(lows).all()
         self.low, self.high = (np.zeros(3), np.zeros(3)) if empty else (lows, highs)
-        self.negative = float(ranks.least(np.float64(weight))) < 0
+        # The kernel `solid` is negative in its outer part.
+        self.negative = float(ranks.least(np.float64(weight))) < 0 or self.kernel == "solid"
         self.factors = float(ranks.most(np.float64(factors)))
         self._reach = ranks.most(np.array(reach))
         ends = ranks.least(values[:1])[0], ranks.most(values[1:])[0]
@@ -149,9 +150,7 @@ class Pieces:
             layouts[0] = _both(layouts[0], one)
         self._layout = layouts[0]
         if self._color[0] is not None:
-            each = [*(k for k in self._layout.each if k != "color"), "color"]
-            kept = {k: v for k, v in self._layout.one.items() if k != "color"}
-            self._layout = Layout(tuple(each), kept)
+            self._layout = self._layout.with_each("color")
 
     @property
     def range(self) -> tuple[float, float] | None:
@@ -181,6 +180,7 @@ class Pieces:
             self._measure(source, auto)
         if self.surface == "smooth":
             assert self.spacing is not None
+            self._layout = self._layout.with_each("weight")
             self.support = SMOOTH_SUPPORT * self.spacing
             self.reach = 2 * SMOOTH_REACH * self.spacing
             typical = self.reach
@@ -239,11 +239,10 @@ class Pieces:
             files = Files(self.partition.n, self._layout.width)
             try:
                 for some in source.chunks():
-                    row, piece = self._placed(some)
-                    rows = self._rows(some)
+                    rows, piece = self._placed(some)
                     ends = np.searchsorted(piece, np.arange(self.partition.n + 1))
                     for k in np.unique(piece):
-                        files.add(int(k), rows[row[ends[k] : ends[k + 1]]])
+                        files.add(int(k), rows[ends[k] : ends[k + 1]])
             except BaseException:
                 files.close()
                 raise
@@ -263,8 +262,8 @@ class Pieces:
     def _to_ranks(self, source: Source, ranks: Ranks) -> None:
         parts, pieces = [np.empty((0, self._layout.width), np.float32)], [np.empty(0, np.int64)]
         for some in source.chunks():
-            row, piece = self._placed(some)
-            parts.append(self._rows(some)[row])
+            rows, piece = self._placed(some)
+            parts.append(rows)
             pieces.append(piece)
         piece = np.concatenate(pieces)
         order = np.argsort(piece, kind="stable")
@@ -273,13 +272,20 @@ class Pieces:
         self._scenes[ranks.rank] = self._built(rows)
 
     def _placed(self, some: Particles) -> tuple[np.ndarray, np.ndarray]:
+        """The rows (M, width) of the pieces, and whose they are (M,), in order."""
         axes = _reach(some, self.support)
         reach = self.reach if self.surface != "balls" or axes is None else axes
-        return self.partition.needed(to_host(some.positions), reach)
-
-    def _rows(self, some: Particles) -> np.ndarray:
+        positions = to_host(some.positions)
+        row, piece = self.partition.needed(positions, reach)
         name, colormap, ends = self._color
-        return self._layout.rows(some if name is None else color_by(some, name, colormap, ends))
+        rows = self._layout.rows(some if name is None else color_by(some, name, colormap, ends))
+        rows = rows[row]
+        if self.surface == "smooth":
+            # Of the halo's outer half, which knows not all its neighbors, no kernel counts.
+            inner, near = self.partition.needed(positions, self.reach / 2)
+            n = self.partition.n
+            rows[~np.isin(row * n + piece, inner * n + near), self._layout.place("weight")] = 0.0
+        return rows, piece
 
     def _bytes(self) -> int:
         return BYTES[self.surface] + 4 * 2 * (self._layout.width - 3)

@@ -64,12 +64,22 @@ class Layout(NamedTuple):
         """Columns of a row."""
         return 3 + sum(COLUMNS[name] for name in self.each)
 
+    def place(self, name: str) -> int:
+        """The column where a field begins."""
+        return 3 + sum(COLUMNS[k] for k in self.each[: self.each.index(name)])
+
+    def with_each(self, name: str) -> Layout:
+        """With columns for a field."""
+        one = {k: v for k, v in self.one.items() if k != name}
+        return Layout((*(k for k in self.each if k != name), name), one)
+
     def rows(self, particles: Particles) -> np.ndarray:
         """(N, width) float32."""
         n = len(particles)
         parts = [to_host(particles.positions)]
         for name in self.each:
-            value = np.asarray(to_host(getattr(particles, name)), np.float32)
+            own = getattr(particles, name)
+            value = np.asarray(1.0 if own is None else to_host(own), np.float32)  # a weight
             if value.ndim < (2 if name == "color" else 1):  # one value in this range alone
                 value = np.broadcast_to(value, (n, COLUMNS[name]))
             parts.append(value.reshape(n, COLUMNS[name]))
