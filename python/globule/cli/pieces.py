@@ -8,7 +8,7 @@ import os
 import re
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -119,9 +119,9 @@ def _share(path: str, comm: Any) -> Source:
 
 def run(
     options: argparse.Namespace, lit: light.Light, notes: annotation.Notes, image: str,
-    aov: str | None, comm: Any,
+    aov: str | None, comm: Any, towards: Mapping[str, Any],
 ) -> None:  # fmt: skip
-    """Make the image of one file in pieces."""
+    """Make the image of one file in pieces. towards: how the fitted camera looks."""
     for name, usual in NOT_WITH_PIECES.items():
         if getattr(options, name, usual) not in (usual, None, []):
             flag = {"beside": "with", "depth": "octree-level"}.get(name, name.replace("_", "-"))
@@ -145,7 +145,7 @@ def run(
         if root and not options.json:
             say(f"{count(len(pieces))} in {n} pieces, {where}")
         with mistakes():
-            camera = _camera(options, pieces, notes.size)
+            camera = _camera(options, pieces, notes.size, towards)
             settings = lit.settings(pieces)  # type: ignore[arg-type]  # no preset asks it
             frame = render([Layer(pieces, clips=lit.clips)], camera, notes.size, settings)
             if not root:
@@ -184,18 +184,17 @@ def _memory(options: argparse.Namespace) -> Iterator[None]:
         raise UserError(f"--{error}") from error
 
 
-def _camera(options: argparse.Namespace, pieces: Pieces, size: tuple[int, int]) -> Camera:
+def _camera(
+    options: argparse.Namespace, pieces: Pieces, size: tuple[int, int], towards: Mapping[str, Any]
+) -> Camera:
     """The camera that the options ask for."""
-    from .render import FOV, _towards
-
-    fov = options.fov or FOV
     middle = options.look_at or (pieces.low + pieces.high) / 2
     if options.eye:
         if np.array_equal(middle, options.eye):
             middle = np.add(options.eye, (0, 0, -1))
-        return Camera(options.eye, middle, options.up, fov, options.ortho)
-    base = fit(pieces, size, **_towards(options, pieces))  # type: ignore[arg-type]
-    return Camera(base.eye, base.look_at, options.up, fov, options.ortho)
+        return Camera(options.eye, middle, options.up, towards["fov"], options.ortho)
+    base = fit(pieces, size, **towards)
+    return Camera(base.eye, base.look_at, options.up, towards["fov"], options.ortho)
 
 
 def uses(comm: Any, options: argparse.Namespace) -> bool:

@@ -224,7 +224,8 @@ def _run(options: argparse.Namespace, comm: Any) -> None:
     images, arrays = outputs(options, series.images())
     check_device(options)
     if pieces.uses(comm, options) or pieces.wanted(options):
-        pieces.run(options, lit, notes, images[0], arrays[0], comm)
+        towards = _towards(options, None)
+        pieces.run(options, lit, notes, images[0], arrays[0], comm, towards)
         return
     reports = []
     with series, Progress(4 * len(images)) as progress:
@@ -366,7 +367,7 @@ def _all_around(options: argparse.Namespace, scene: Scene | Mesh, around: Any) -
     return np.concatenate([middle + reach * ring[0] + h * above for h in (y.min(), y.max())])
 
 
-def _towards(options: argparse.Namespace, scene: Scene | Mesh) -> dict[str, Any]:
+def _towards(options: argparse.Namespace, scene: Scene | Mesh | None) -> dict[str, Any]:
     """How the fitted camera looks."""
     if shows_flat(scene) and not options.turntable:
         return {"fov": options.fov or FOV}
