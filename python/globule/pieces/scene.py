@@ -67,6 +67,8 @@ class Pieces:
         MissingPackageError: `comm` without mpi4py.
     """
 
+    in_pieces = True  # by which `render` knows them
+
     def __init__(
         self,
         particles: Any,

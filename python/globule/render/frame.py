@@ -504,7 +504,7 @@ def as_scene(value: Any) -> Scene | Mesh:
 
 
 def _in_pieces(value: Any) -> bool:
-    return hasattr(value, "partition")
+    return getattr(value, "in_pieces", False) is True
 
 
 def _core_scene(scene: Scene | Mesh, device: Device) -> Any:
