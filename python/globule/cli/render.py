@@ -195,8 +195,9 @@ def add_arguments(parser: Parser) -> None:
         "--memory",
         type=pieces.memory,
         metavar="SIZE",
-        help="memory that the command may take, bytes, such as 8G: particles that need more are read, "
-        "built and traced in pieces (.npy, .npz without compression, HDF5) (default: no limit)",
+        help="number of bytes that the command may take, such as 8G: particles that need more are "
+        "read, built and traced in pieces (.npy, .npz without compression, HDF5) "
+        "(default: no limit)",
     )
     parser.set_defaults(prepare=functools.partial(state.defaults, parser))
 
