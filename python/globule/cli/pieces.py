@@ -27,7 +27,7 @@ from . import annotation, light
 from .shared import UserError, count, mistakes, print_json, read_particles, say
 
 # Flags that need all particles in one scene; with the values that leave them out.
-NOT_WITH_PIECES = {
+NOT_WITH_PIECES: dict[str, Any] = {
     "views": None, "anisotropic": False, "state": None, "preset": None, "beside": [], "pick": None,
     "octree": "sparse", "depth": None, "root": "exact", "camera_path": None, "turntable": None,
     "meshes": [],

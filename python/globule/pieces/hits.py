@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from ..render.clips import ClipBox, ClipPlane, ClipSphere
-from ..scene.mesh import Mesh
 from ..scene.scene import Scene
 
 NOTHING = 255
@@ -53,7 +52,7 @@ class Hits:
 
 
 def first_hits(
-    scene: Scene | Mesh,
+    scene: Scene,
     origins: np.ndarray,
     directions: np.ndarray,
     clips: Sequence[ClipPlane | ClipBox | ClipSphere] = (),
@@ -83,8 +82,7 @@ def first_hits(
         going, o, d, begin = going[there], o[there], d[there], begin[there]
         end, at_begin, at_end = end[there], at_begin[there], at_end[there]
         points = (o + begin[:, None] * d).astype(np.float32)
-        inside = scene.field(points) > scene.threshold if isinstance(scene, Scene) else None
-        assert inside is not None, "cuts of meshes are traced by the core"
+        inside = scene.field(points) > scene.threshold
         face = inside & (begin > start[going])
         found = scene.intersect(points, directions[going])
         on = begin + found[0]

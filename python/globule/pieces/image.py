@@ -18,6 +18,8 @@ from .ranks import Alone
 from .scene import Pieces
 from .shading import check, edges, finished, light_of, rays_of, shade
 
+__all__ = ["Pieces", "PiecesFrame", "fit", "render_pieces"]
+
 SAMPLES_AT_ONCE = 4  # per visit of the pieces: their hits are in memory together
 
 

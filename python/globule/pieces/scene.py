@@ -94,7 +94,7 @@ class Pieces:
         self.support = None if support is None else positive("support", support)
         self.spacing = None if spacing is None else positive("spacing", spacing)
         self._color = (color_by, colormap, None if range is None else checked_range(range))
-        self._options = {"device": device, "threads": threads}
+        self._options: dict[str, Any] = {"device": device, "threads": threads}
         self._memory = None if memory is None else positive("memory", memory)
         self._base = resident_bytes() + OVERHEAD
         self._scenes: dict[int, Scene] = {}
@@ -109,7 +109,8 @@ class Pieces:
 
     def _survey(self, source: Source) -> None:
         """What must be known of all particles before they are divided."""
-        low, high = np.full(3, np.inf), np.full(3, -np.inf)
+        low: np.ndarray = np.full(3, np.inf)
+        high: np.ndarray = np.full(3, -np.inf)
         values, reach = np.array([np.inf, -np.inf]), [0.0, 0.0]
         weight, n, factors = np.inf, 0, 0.0
         layout: Layout | None = None
@@ -118,7 +119,8 @@ class Pieces:
             if not len(some):
                 continue
             positions = to_host(some.positions)
-            low, high = np.minimum(low, positions.min(0)), np.maximum(high, positions.max(0))
+            low = np.minimum(low, positions.min(0))
+            high = np.maximum(high, positions.max(0))
             found = layout_of(some, self.support)
             layout = found if layout is None else _both(layout, found)
             if some.weight is not None:
@@ -360,8 +362,12 @@ def _both(a: Layout, b: Layout) -> Layout:
     for name in (*b.each, *b.one, *a.one):
         if name in each or name in one:
             continue
-        if name in b.each or not np.array_equal(a.one.get(name), b.one.get(name)):
+        if name in b.each or not _same(a.one.get(name), b.one.get(name)):
             each.append(name)
         else:
             one[name] = a.one[name]
     return Layout(tuple(each), one)
+
+
+def _same(a: Any, b: Any) -> bool:
+    return a is b if a is None or b is None else np.array_equal(a, b)

@@ -95,10 +95,12 @@ def _surface(
     n = hits.normal[at]
     behind = np.einsum("ij,ij->i", n, d) > 0
     n = np.where(behind[:, None], -n, n)
-    albedo = hits.albedo[at] if m.color is None else np.float32(three("color", m.color, 0.0))
+    albedo = (
+        hits.albedo[at] if m.color is None else np.array(three("color", m.color, 0.0), np.float32)
+    )
     specular = s.specular if m.specular is None else m.specular
     shininess = s.shininess if m.shininess is None else m.shininess
-    light = np.float32(three("ambient", s.ambient, 0.0)) * albedo * np.ones_like(n)
+    light = np.array(three("ambient", s.ambient, 0.0), np.float32) * albedo * np.ones_like(n)
     for one in s.lights:
         if isinstance(one, Headlight):
             towards = -d
@@ -112,12 +114,14 @@ def _surface(
         half = towards - d
         half = half / np.maximum(np.linalg.norm(half, axis=1, keepdims=True), 1e-30)
         shine = specular * np.maximum(np.einsum("ij,ij->i", n, half), 0) ** np.float32(shininess)
-        lit = np.float32(three("radiance", one.radiance, 0.0)) * (
+        lit = np.array(three("radiance", one.radiance, 0.0), np.float32) * (
             albedo * cosine[:, None] + shine[:, None]
         )
         light += np.where(cosine[:, None] > 0, lit, 0)
     if m.absorption is not None:
-        through = np.exp(-np.float32(three("absorption", m.absorption, 0.0)) * hits.t[at, None])
+        through = np.exp(
+            -np.array(three("absorption", m.absorption, 0.0), np.float32) * hits.t[at, None]
+        )
         light = np.where(behind[:, None], light * through, light)
     return light
 
