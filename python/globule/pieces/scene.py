@@ -139,7 +139,8 @@ class Pieces:
         self.n_particles = int(ranks.total(np.int64(n)))
         lows, highs = ranks.least(low), ranks.most(high)
         empty = not np.isfinite(lows).all()
-        self.low, self.high = (np.zeros(3), np.zeros(3)) if empty else (lows, highs)
+        self.low: np.ndarray = np.zeros(3) if empty else lows
+        self.high: np.ndarray = np.zeros(3) if empty else highs
         # The kernel `solid` is negative in its outer part.
         self.negative = float(ranks.least(np.float64(weight))) < 0 or self.kernel == "solid"
         self.factors = float(ranks.most(np.float64(factors)))
