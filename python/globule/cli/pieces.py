@@ -95,8 +95,9 @@ def together(comm: Any) -> Iterator[None]:
         while time.monotonic() < until:
             if request.Test():  # every rank has failed: nobody waits for anybody
                 if comm.rank == 0:
-                    raise
-                sys.stderr.flush()
+                    say(f"error: {str(error) or type(error).__name__}")
+                    sys.stderr.flush()
+                own.Barrier()  # the launcher ends all ranks as soon as the first one leaves
                 os._exit(2)
             time.sleep(0.02)
         say(f"error: rank {comm.rank}: {str(error) or type(error).__name__}")
