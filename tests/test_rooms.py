@@ -22,6 +22,7 @@ ROOMS = (
     "formats/volumes",
     "formats/sweeps",
     "render",
+    "pieces",
     "volumes",
     "measure",
     "pyvista",

@@ -51,7 +51,10 @@ AREAS = {
     ),
 }
 FULL = {"render": "globule.render.frame.render"}  # `globule.render` is a package, too
-ELSEWHERE = {"colorize": "render"}  # names that stand on another page than their module's
+ELSEWHERE = {
+    "colorize": "render",
+    "Pieces": "scene",
+}  # names that stand on another page than their module's
 # What calls return and take without being a name of `gb`.
 ALSO = {
     "scene": ["scene.octree.Octree"],

@@ -60,6 +60,7 @@ if _TYPE_CHECKING:
     from .measure.sample import sample
     from .measure.samples import Samples
     from .measure.track import track_surface
+    from .pieces.image import Pieces
     from .render.camera_path import CameraPath, orbit
     from .render.layers import layers_by
     from .render.legend import add_legend
@@ -98,6 +99,7 @@ _LATER = {
     "measure.sample": "sample",
     "measure.samples": "Samples",
     "measure.track": "track_surface",
+    "pieces.image": "Pieces",
     "render.camera_path": "CameraPath orbit",
     "render.layers": "layers_by",
     "render.legend": "add_legend",
@@ -174,6 +176,7 @@ __all__ = [
     "Particles",
     "Phase",
     "Picked",
+    "Pieces",
     "PointLight",
     "Reconstructor",
     "RenderSettings",

@@ -44,7 +44,7 @@ from ..render.views import view_cameras
 from ..scene.fluid import shows_flat
 from ..scene.mesh import Mesh
 from ..scene.scene import Scene
-from . import annotation, flags, light, look, meshes, sequence, state, tracing
+from . import annotation, flags, light, look, meshes, pieces, sequence, state, tracing
 from .image import picture
 from .parser import Parser
 from .shared import (
@@ -71,7 +71,9 @@ EXAMPLES = """\
   globule render splash.npz -o again.png --state view.toml
   globule render head.nii.gz -o head.png --level 90 --resample 2 --up 0,0,1
   globule render head.nii.gz -o cut.png --level 90 --preset tissue --up 0,0,1 --clip 1,0,0,5
-  globule render frame_0.ply frame_1.ply -o picture_%04d.png"""
+  globule render frame_0.ply frame_1.ply -o picture_%04d.png
+  globule render huge.npy -o huge.png --memory 8G
+  mpiexec -n 4 globule render huge.h5 -o huge.png"""
 ESSENTIAL = ("--output", "--size", "--eye", "--look-at", "--up", "--preset", "--color-by",
              "--surface", "--legend", "--samples", "--level", "--clip", "--state",
              "--device")  # fmt: skip
@@ -187,12 +189,27 @@ def add_arguments(parser: Parser) -> None:
     annotation.add_arguments(parser)
     flags.add_reading(parser)
     sequence.add_arguments(parser)
-    flags.add_device(parser.add_argument_group("machine"))
+    machine = parser.add_argument_group("machine")
+    flags.add_device(machine)
+    machine.add_argument(
+        "--memory",
+        type=pieces.memory,
+        metavar="SIZE",
+        help="number of bytes that the command may take, such as 8G: particles that need more are "
+        "read, built and traced in pieces (.npy, .npz without compression, HDF5) "
+        "(default: no limit)",
+    )
     parser.set_defaults(prepare=functools.partial(state.defaults, parser))
 
 
 def run(options: argparse.Namespace) -> None:
     """Run `globule render`."""
+    comm = pieces.communicator()
+    with pieces.together(comm):
+        _run(options, comm)
+
+
+def _run(options: argparse.Namespace, comm: Any) -> None:
     start = time.perf_counter()
     if options.fit and (options.eye or options.look_at):
         raise UserError("--fit: expected no --eye and no --look-at beside --fit")
@@ -207,6 +224,10 @@ def run(options: argparse.Namespace) -> None:
         camera(options, None, notes)
     images, arrays = outputs(options, series.images())
     check_device(options)
+    if pieces.uses(comm, options) or pieces.wanted(options):
+        towards = _towards(options, None)
+        pieces.run(options, lit, notes, images[0], arrays[0], comm, towards)
+        return
     reports = []
     with series, Progress(4 * len(images)) as progress:
         series.survey(progress)
@@ -347,7 +368,7 @@ def _all_around(options: argparse.Namespace, scene: Scene | Mesh, around: Any) -
     return np.concatenate([middle + reach * ring[0] + h * above for h in (y.min(), y.max())])
 
 
-def _towards(options: argparse.Namespace, scene: Scene | Mesh) -> dict[str, Any]:
+def _towards(options: argparse.Namespace, scene: Scene | Mesh | None) -> dict[str, Any]:
     """How the fitted camera looks."""
     if shows_flat(scene) and not options.turntable:
         return {"fov": options.fov or FOV}

@@ -30,6 +30,7 @@ def read(
     frame: int = 0,
     species: str | None = None,
     columns: Mapping[str, str] | None = None,
+    rows: tuple[int, int] | None = None,
 ) -> Contents:
     """Read a frame of an HDF5 file.
 
@@ -40,12 +41,44 @@ def read(
         species: the group of particles: "PartType1", "fluid", "electrons"; None: gas
             ("PartType0") where there is some, else the first.
         columns: field or attribute -> path of a data set, in place of a known layout.
+        rows: (first, last), of the particles; default: all.
 
     Raises FormatError for data of an unknown layout, ValueError for a frame or species that the
     file does not have, MissingPackageError without h5py.
     """
-    layout, arrays = _read(path, lambda tree: _layout(tree, frame, species, columns))
+    layout, arrays = _read(path, lambda tree: _some(_layout(tree, frame, species, columns), rows))
     return _contents(path, layout, arrays)
+
+
+def count(
+    path: str | os.PathLike[str],
+    frame: int = 0,
+    species: str | None = None,
+    columns: Mapping[str, str] | None = None,
+) -> int:
+    """Particles of a frame of an HDF5 file; arguments and errors: as those of `read`."""
+    n = 0
+
+    def none(tree: Tree) -> Layout:
+        nonlocal n
+        layout = _layout(tree, frame, species, columns)
+        n = layout.arrays["positions"][0].n
+        return Layout({})
+
+    _read(path, none)
+    return n
+
+
+def _some(layout: Layout, rows: tuple[int, int] | None) -> Layout:
+    """With a range of the particles' rows."""
+    if rows is not None:
+        n, (first, last) = layout.arrays["positions"][0].n, rows
+        for name, sources in layout.arrays.items():
+            layout.arrays[name] = [
+                s._replace(first=s.first + first, n=last - first) if s.n == n else s
+                for s in sources
+            ]
+    return layout
 
 
 def read_arrays(path: str | os.PathLike[str], places: Mapping[str, str]) -> dict[str, np.ndarray]:

@@ -42,6 +42,8 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
 MAX_LAYERS = 4
+# How scenes in pieces are rendered; the room `pieces`, which comes after this one, puts it here.
+beyond: list[Callable[..., Any]] = []
 # How far from a particle, in supports, the surface may lie: where b is an eighth of the default
 # threshold, so that it takes eight particles at one place to reach that.
 REACH = {
@@ -404,6 +406,13 @@ def render(
     settings = as_settings(settings)
     layers = _layers(scene, clips, (color_by, colormap, range))
     first = layers[0].scene
+    if any(_in_pieces(layer.scene) for layer in layers):
+        if thesis is not None or annotate is not None or color_by is not None:
+            raise ValueError(
+                "scene: expected no thesis, annotate and color_by with pieces; "
+                "Pieces(..., color_by=...) colors them"
+            )
+        return beyond[0](layers, camera, size, settings, progress)
     if shows_flat(first):
         settings = for_flat_data(settings)
     if color_by is not None:
@@ -489,6 +498,8 @@ def values_of(
 def as_scene(value: Any) -> Scene | Mesh:
     """The scene that `value` stands for: a `Scene` or `Mesh`, an object with a scene, what `Scene`
     takes, or the name of a file with faces."""
+    if _in_pieces(value):
+        return value
     mesh = _mesh_of(value)
     if mesh is not None:
         return mesh
@@ -503,6 +514,10 @@ def _mesh_of(value: Any) -> Mesh | None:
 
         return Mesh(value) if has_faces(value) else None
     return value if isinstance(value, Mesh) else None
+
+
+def _in_pieces(value: Any) -> bool:
+    return getattr(value, "in_pieces", False) is True
 
 
 def _core_scene(scene: Scene | Mesh, device: Device) -> Any:
@@ -571,11 +586,11 @@ _ONE = (str, os.PathLike, Layer, Scene, Mesh, Particles)
 
 def _several(scene: Any) -> tuple:
     """The scenes of a list of them, or the one scene."""
-    single = isinstance(scene, (*_ONE, Mapping, np.ndarray))
+    single = isinstance(scene, (*_ONE, Mapping, np.ndarray)) or _in_pieces(scene)
     if single or on_gpu(scene) or hasattr(scene, "particles") or not hasattr(scene, "__iter__"):
         return (scene,)
     given = tuple(scene)
-    named = given and isinstance(given[0], _ONE)
+    named = given and (isinstance(given[0], _ONE) or _in_pieces(given[0]))
     positions = given and not named and hasattr(given[0], "__len__")
     return (given,) if positions else given
 

@@ -1,0 +1,204 @@
+"""`globule render` of what does not fit into the memory (--memory), or on the ranks of mpiexec."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import os
+import re
+import sys
+import time
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+
+from .._base.memory import GIGABYTE, resident_bytes
+from ..formats import FormatError
+from ..formats.kind import kind_of
+from ..formats.ranges import has_ranges, ranges
+from ..pieces.image import Pieces, fit
+from ..pieces.scene import BYTES
+from ..pieces.store import Source, source_of
+from ..render.annotate import Colors
+from ..render.camera import Camera
+from ..render.frame import Layer, render, save_png
+from . import annotation, light
+from .shared import UserError, count, mistakes, print_json, read_particles, say
+
+# Flags that need all particles in one scene; with the values that leave them out.
+NOT_WITH_PIECES: dict[str, Any] = {
+    "views": None, "anisotropic": False, "state": None, "preset": None, "beside": [], "pick": None,
+    "octree": "sparse", "depth": None, "root": "exact", "camera_path": None, "turntable": None,
+    "meshes": [],
+}  # fmt: skip
+_SIZES = {"": 1, "K": 1e3, "M": 1e6, "G": GIGABYTE, "T": 1e12}
+
+
+def memory(text: str) -> float:
+    """Bytes: a number with K, M, G or T behind, of 1000 each."""
+    match = re.fullmatch(r"(\d+(?:\.\d+)?) ?([KMGT]?)B?", text.strip(), re.IGNORECASE)
+    value = float(match[1]) * _SIZES[match[2].upper()] if match else 0.0
+    if value <= 0:
+        raise argparse.ArgumentTypeError(f"expected a size such as 8G or 500M, got {text!r}")
+    return value
+
+
+def communicator() -> Any:
+    """The ranks that mpiexec or srun has started this process as one of; None: it is alone."""
+    names = ("PMI_SIZE", "OMPI_COMM_WORLD_SIZE", "PMIX_SIZE", "MPI_LOCALNRANKS")
+    if max((int(os.environ.get(n, "1")) for n in names), default=1) < 2:
+        return None
+    try:
+        from mpi4py import MPI
+    except ImportError:
+        raise UserError(
+            'several ranks: expected mpi4py, which is not installed; pip install "globule[mpi]"'
+        ) from None
+    return MPI.COMM_WORLD if MPI.COMM_WORLD.size > 1 else None
+
+
+def wanted(options: argparse.Namespace) -> bool:
+    """Whether the image is made of pieces: on several ranks, or where memory does not suffice."""
+    if options.memory is None or len(options.particles) > 1:
+        return False
+    path = options.particles[0]
+    if kind_of(path).kind != "particles":
+        return False
+    held = os.path.getsize(path)
+    if not has_ranges(path):
+        if 3 * held > options.memory:
+            raise UserError(
+                f"--memory: expected .npy, .npz or HDF5, whose ranges can be read, got {path}; "
+                "globule convert writes .npz"
+            )
+        return False
+    with mistakes():
+        n = ranges(path).n
+    # Smooth surfaces take most; the file's own arrays are read besides.
+    return resident_bytes() + held + n * BYTES["smooth"] > options.memory
+
+
+@contextlib.contextmanager
+def together(comm: Any) -> Iterator[None]:
+    """One line for a mistake on the ranks: of all ranks, rank 0 says it; of one, this rank names
+    itself and ends the run."""
+    if comm is None:
+        yield
+        return
+    own = comm.Dup()
+    try:
+        yield
+    except (Exception, KeyboardInterrupt) as error:
+        request = own.Ibarrier()
+        until = time.monotonic() + 3.0
+        while time.monotonic() < until:
+            if request.Test():  # every rank has failed: nobody waits for anybody
+                if comm.rank == 0:
+                    say(f"error: {str(error) or type(error).__name__}")
+                    sys.stderr.flush()
+                own.Barrier()  # the launcher ends all ranks as soon as the first one leaves
+                os._exit(2)
+            time.sleep(0.02)
+        say(f"error: rank {comm.rank}: {str(error) or type(error).__name__}")
+        sys.stderr.flush()
+        own.Abort(2)
+    # Where others fail after this rank is done, they end the run.
+
+
+def _share(path: str, comm: Any) -> Source:
+    """This rank's rows of a file; rank 0's are all where ranges cannot be read."""
+    if has_ranges(path):
+        whole = source_of(path)
+        if comm is None:
+            return whole
+        first, last = (whole.n * r // comm.size for r in (comm.rank, comm.rank + 1))
+        return Source(last - first, lambda a, b: whole.read(first + a, first + b), whole.size)
+    particles = read_particles(path) if comm.rank == 0 else np.empty((0, 3), np.float32)
+    return source_of(particles)
+
+
+def run(
+    options: argparse.Namespace, lit: light.Light, notes: annotation.Notes, image: str,
+    aov: str | None, comm: Any, towards: Mapping[str, Any],
+) -> None:  # fmt: skip
+    """Make the image of one file in pieces. towards: how the fitted camera looks."""
+    for name, usual in NOT_WITH_PIECES.items():
+        if getattr(options, name, usual) not in (usual, None, []):
+            flag = {"beside": "with", "depth": "octree-level"}.get(name, name.replace("_", "-"))
+            raise UserError(f"--{flag}: expected none with a scene in pieces, got one")
+    start, path = time.perf_counter(), options.particles[0]
+    root = comm is None or comm.rank == 0
+    with mistakes(), _memory(options):
+        try:
+            pieces = Pieces(
+                _share(path, comm), memory=None if comm else options.memory, comm=comm,
+                color_by=options.color_by, colormap=options.colormap, range=options.range,
+                kernel=options.kernel, threshold=options.threshold, support=options.support,
+                surface=options.surface, spacing=options.particle_spacing,
+                device=options.device, threads=options.threads,
+            )  # fmt: skip
+        except (FormatError, OSError) as error:
+            raise UserError(f"{path}: {error}") from error
+    with contextlib.closing(pieces):
+        built = time.perf_counter()
+        n, where = pieces.partition.n, "on as many ranks" if comm else "one after the other"
+        if root and not options.json:
+            say(f"{count(len(pieces))} in {n} pieces, {where}")
+        with mistakes():
+            camera = _camera(options, pieces, notes.size, towards)
+            settings = lit.settings(pieces)  # type: ignore[arg-type]  # no preset asks it
+            frame = render([Layer(pieces, clips=lit.clips)], camera, notes.size, settings)
+            if not root:
+                return
+            colors = None
+            if options.color_by:
+                assert pieces.range is not None
+                colors = Colors(options.colormap, *pieces.range, options.color_by)
+            if aov:
+                frame.save(aov)
+            save_png(image, notes.picture(0, [frame], [camera], colors, None))
+    end = time.perf_counter()
+    hits = int(frame.mask.sum())
+    if not hits:
+        say("warning: no pixel hits the surface: the camera looks past it, or try --threshold")
+    if not options.json:
+        print(f"{image}: {count(len(pieces))}, read in {built - start:.2f} s, "
+              f"{end - start:.2f} s in all on {pieces.device.description}")  # fmt: skip
+        return
+    print_json({
+        "input": path, "images": [image], "aov": aov, "size": options.size,
+        "samples": frame.samples, "times": {"read": built - start, "total": end - start},
+        "device": pieces.device.description, "kernel": pieces.kernel,
+        "threshold": pieces.threshold, "surface": pieces.surface, "support": pieces.support,
+        "spacing": pieces.spacing, "ranks": comm.size if comm else 1,
+        "memory": {"limit": options.memory},
+        "counts": {"particles": len(pieces), "pieces": n, "hits": hits},
+    })  # fmt: skip
+
+
+@contextlib.contextmanager
+def _memory(options: argparse.Namespace) -> Iterator[None]:
+    try:
+        yield
+    except MemoryError as error:
+        raise UserError(f"--{error}") from error
+
+
+def _camera(
+    options: argparse.Namespace, pieces: Pieces, size: tuple[int, int], towards: Mapping[str, Any]
+) -> Camera:
+    """The camera that the options ask for."""
+    middle = options.look_at or (pieces.low + pieces.high) / 2
+    if options.eye:
+        if np.array_equal(middle, options.eye):
+            middle = np.add(options.eye, (0, 0, -1))
+        return Camera(options.eye, middle, options.up, towards["fov"], options.ortho)
+    base = fit(pieces, size, **towards)
+    return Camera(base.eye, base.look_at, options.up, towards["fov"], options.ortho)
+
+
+def uses(comm: Any, options: argparse.Namespace) -> bool:
+    """Whether the ranks share one image, rather than the images of a sequence."""
+    path = options.particles[0]
+    return comm is not None and len(options.particles) == 1 and kind_of(path).kind == "particles"

@@ -1,0 +1,142 @@
+"""Ranges of particles of a file, for data sets that are larger than the memory: .npy, .npz without
+compression, and HDF5.
+
+`Ranges.read(first, last)` returns what `read` would for these rows alone.
+"""
+
+from __future__ import annotations
+
+import os
+import zipfile
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..scene.particles import Particles
+from .errors import FormatError, bad
+from .fields import find_positions, particles_from
+from .kind import kind_of
+from .numpy_format import _from_columns, _with_places
+
+FORMATS = ("npy", "npz", "hdf5")
+_LOCAL_HEADER = 30  # bytes before a zip member's name and extra field
+
+
+class Ranges(NamedTuple):
+    """A file that is read range by range.
+
+    n     particles
+    read  read(first, last) -> Particles, rows [first, last)
+    """
+
+    n: int
+    read: Callable[[int, int], Particles]
+
+
+def has_ranges(path: str | os.PathLike[str]) -> bool:
+    """Whether the format of a file allows ranges."""
+    return kind_of(path, "particles").format in FORMATS
+
+
+def ranges(path: str | os.PathLike[str], **options: Any) -> Ranges:
+    """Open a file to read ranges of its particles.
+
+    Args:
+        path: of the file.
+        options: those of the format's reader, as for `read`.
+
+    Raises FormatError for a damaged file or another format.
+    """
+    kind = kind_of(path, "particles")
+    if kind.format == "npy":
+        return _of_array(path, _mapped(path, "array", path, 0))
+    if kind.format == "npz":
+        return _of_arrays(path, _members(path))
+    if kind.format == "hdf5":
+        from . import hdf5
+
+        n = hdf5.count(path, **options)
+        return Ranges(
+            n, lambda first, last: hdf5.read(path, rows=(first, last), **options).particles
+        )
+    raise FormatError(
+        f"{path}: expected .npy, .npz or HDF5, whose ranges can be read, got {kind.format}; "
+        "globule convert writes .npz"
+    )
+
+
+def _mapped(path: Any, name: str, file_name: Any, offset: int) -> np.ndarray:
+    """The .npy stream at an offset of a file, mapped into memory."""
+    try:
+        with open(file_name, "rb") as file:
+            file.seek(offset)
+            version = np.lib.format.read_magic(file)
+            read = {(1, 0): np.lib.format.read_array_header_1_0,
+                    (2, 0): np.lib.format.read_array_header_2_0}[version]  # fmt: skip
+            shape, fortran, dtype = read(file)
+            start = file.tell()
+        if dtype.hasobject or dtype.fields is not None:
+            raise ValueError(f"dtype {dtype}")
+        if not np.prod(shape):
+            return np.empty(shape, dtype)
+        order = "F" if fortran else "C"
+        return np.memmap(file_name, dtype, "r", start, shape, order)  # type: ignore[call-overload]
+    except (ValueError, KeyError, TypeError, OverflowError) as error:
+        raise bad(path, name, f"expected an array of numbers (.npy), got {error}") from None
+
+
+def _of_array(path: Any, array: np.ndarray) -> Ranges:
+    if array.ndim != 2:
+        raise bad(path, "array", f"expected numbers of shape (N, 3) or wider, got {array.shape}")
+    return Ranges(len(array), lambda first, last: _from_columns(path, np.array(array[first:last])))
+
+
+def _members(path: Any) -> dict[str, np.ndarray]:
+    """The arrays of an .npz, mapped into memory."""
+    found = {}
+    try:
+        with open(path, "rb") as file, zipfile.ZipFile(file) as archive:
+            for info in archive.infolist():
+                if not info.filename.endswith(".npy"):
+                    continue
+                name = info.filename.removesuffix(".npy")
+                if info.compress_type != zipfile.ZIP_STORED:
+                    raise bad(path, name, "expected arrays without compression, as numpy.savez "
+                              "writes them, got a compressed one")  # fmt: skip
+                file.seek(info.header_offset)
+                header = file.read(_LOCAL_HEADER)
+                behind = int.from_bytes(header[26:28], "little")
+                behind += int.from_bytes(header[28:30], "little")
+                offset = info.header_offset + _LOCAL_HEADER + behind
+                found[name] = _mapped(path, name, path, offset)
+    except (zipfile.BadZipFile, OSError) as error:
+        raise bad(path, "archive", f"expected an .npz archive, got {error}") from None
+    return found
+
+
+def _of_arrays(path: Any, arrays: Mapping[str, np.ndarray]) -> Ranges:
+    """Rows of those arrays that have one for each particle, and all of the others."""
+    ends = {name: a[:1] if a.ndim else a for name, a in arrays.items()}
+    positions = find_positions(_with_places(ends))
+    if positions is None:
+        found = ", ".join(arrays)
+        raise bad(path, "archive", f"expected positions (N, 3), or x, y and z (N,), got {found}")
+    n = max((len(a) for a in arrays.values() if a.ndim), default=0)
+    for name in ("positions", "position", "pos", "points", "coordinates", "x"):
+        if name in arrays and arrays[name].ndim:
+            n = len(arrays[name])
+            break
+
+    def read(first: int, last: int) -> Particles:
+        some = {}
+        for name, array in arrays.items():
+            of_each = array.ndim > 0 and len(array) == n
+            some[name] = np.array(array[first:last] if of_each else array)
+        placed = _with_places(some)
+        found = find_positions(placed)
+        rows = {k: a.reshape(len(a), -1) if a.ndim > 2 else a
+                for k, a in placed.items() if a.ndim == 0 or len(a) == last - first}  # fmt: skip
+        return particles_from(path, found, rows)
+
+    return Ranges(n, read)

@@ -1,0 +1,197 @@
+"""What rays meet: the hits of one piece, and the nearest of all pieces."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from ..render.clips import ClipBox, ClipPlane, ClipSphere
+from ..scene.scene import Scene
+
+NOTHING = 255
+
+
+class Hits:
+    """What n rays meet first.
+
+    t       (n,) float32, distance along the ray, world units; infinite where missed
+    normal  (n, 3) float32; 0 where missed
+    albedo  (n, 3) float32, linear RGB
+    layer   (n,) uint8; 255 where missed
+    """
+
+    def __init__(self, n: int):
+        self.t = np.full(n, np.inf, np.float32)
+        self.normal = np.zeros((n, 3), np.float32)
+        self.albedo = np.zeros((n, 3), np.float32)
+        self.layer = np.full(n, NOTHING, np.uint8)
+
+    def put(self, rays: np.ndarray, t: Any, normal: Any, albedo: Any, layer: Any) -> None:
+        """Keep hits of rays (K,) that are nearer than those so far; of equal ones the first."""
+        nearer = t < self.t[rays]
+        at = rays[nearer]
+        self.t[at], self.normal[at], self.albedo[at] = t[nearer], normal[nearer], albedo[nearer]
+        self.layer[at] = layer if np.ndim(layer) == 0 else layer[nearer]
+
+    def packed(self) -> tuple[np.ndarray, np.ndarray]:
+        """The rays that hit, (K,) int64, and their t, normal, albedo, layer: (K, 8) float32."""
+        rays = np.flatnonzero(self.t < np.inf)
+        columns = [self.t[rays, None], self.normal[rays], self.albedo[rays]]
+        return rays, np.concatenate([*columns, self.layer[rays, None].astype(np.float32)], axis=1)
+
+    def put_all(self, rays: np.ndarray, rows: np.ndarray) -> None:
+        """`put` for what `packed` returns; a ray may come several times."""
+        order = np.lexsort((np.arange(len(rays)), rows[:, 0], rays))
+        rays, rows = rays[order], rows[order]
+        first = np.ones(len(rays), bool)
+        first[1:] = rays[1:] != rays[:-1]
+        rows = rows[first]
+        self.put(rays[first], rows[:, 0], rows[:, 1:4], rows[:, 4:7], rows[:, 7].astype(np.uint8))
+
+
+def first_hits(
+    scene: Scene,
+    origins: np.ndarray,
+    directions: np.ndarray,
+    clips: Sequence[ClipPlane | ClipBox | ClipSphere] = (),
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """First points of rays where what the clips keep of a scene begins, or ends if the ray begins
+    inside: of the surface or of a cut face.
+
+    Args:
+        origins, directions: (M, 3) float32, world; unit directions.
+
+    Returns:
+        t (M,), normal (M, 3), albedo (M, 3), float32; t infinite where missed.
+    """
+    if not clips:
+        found = scene.intersect(origins, directions)
+        return found[0], found[1], found[2]
+    n = len(origins)
+    t, normal = np.full(n, np.inf, np.float32), np.zeros((n, 3), np.float32)
+    albedo = np.zeros((n, 3), np.float32)
+    start, going = np.zeros(n), np.arange(n)
+    for _ in range(2 * len(clips) + 2):
+        if not len(going):
+            break
+        o, d = origins[going].astype(np.float64), directions[going].astype(np.float64)
+        begin, end, at_begin, at_end = kept(clips, o, d, start[going])
+        there = np.isfinite(begin)
+        going, o, d, begin = going[there], o[there], d[there], begin[there]
+        end, at_begin, at_end = end[there], at_begin[there], at_end[there]
+        points = (o + begin[:, None] * d).astype(np.float32)
+        inside = scene.field(points) > scene.threshold
+        face = inside & (begin > start[going])
+        found = scene.intersect(points, directions[going])
+        on = begin + found[0]
+        hit = ~face & (on < end)
+        leaves = ~face & ~hit & inside & np.isfinite(end)
+        k = going[hit]
+        t[k], normal[k], albedo[k] = on[hit], found[1][hit], found[2][hit]
+        for caps, at, which in ((face, begin, at_begin), (leaves, end, at_end)):
+            k = going[caps]
+            if len(k):
+                place = o[caps] + at[caps, None] * d[caps]
+                t[k] = at[caps]
+                normal[k] = _face_normals(clips, which[caps], place)
+                albedo[k] = _blended(scene, place.astype(np.float32))
+        start[going] = end
+        going = going[~(face | hit | leaves) & np.isfinite(end)]
+    return t, normal, albedo
+
+
+def kept(
+    clips: Sequence[Any], o: np.ndarray, d: np.ndarray, start: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """The first interval at or after `start` that all clips keep, as in src/trace/clip.hpp: begin
+    and end (M,), the clips there, -1 for none; begin is infinite where there is no interval."""
+    spans = [_inside(c, o, d) for c in clips]
+    begin, at_begin = np.array(start, np.float64), np.full(len(o), -1)
+    for _ in range(2 * len(clips) + 2):
+        moved = np.zeros(len(o), bool)
+        for k, ((into, out), clip) in enumerate(zip(spans, clips, strict=True)):
+            to = begin.copy()
+            if _keeps(clip):
+                to = np.maximum(begin, into)
+                to[(into > out) | (begin >= out)] = np.inf
+            else:
+                within = (into < out) & (begin >= into) & (begin < out)
+                to[within] = out[within]
+            later = to > begin
+            begin[later], at_begin[later] = to[later], k
+            moved |= later & np.isfinite(to)
+        if not moved.any():
+            break
+    end, at_end = np.full(len(o), np.inf), np.full(len(o), -1)
+    for k, ((into, out), clip) in enumerate(zip(spans, clips, strict=True)):
+        stop = out if _keeps(clip) else np.where((into < out) & (into > begin), into, np.inf)
+        nearer = stop < end
+        end[nearer], at_end[nearer] = stop[nearer], k
+    return begin, end, at_begin, at_end
+
+
+def _keeps(clip: Any) -> bool:
+    return not isinstance(clip, ClipPlane) and clip.keep
+
+
+def _inside(clip: Any, o: np.ndarray, d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The part of rays inside the shape that is taken away, or kept; into > out: none."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        if isinstance(clip, ClipPlane):
+            normal = np.asarray(clip.normal, np.float64)
+            length = np.linalg.norm(normal)
+            speed, height = d @ (normal / length), o @ (normal / length) - clip.offset / length
+            at = -height / speed
+            into = np.where(speed > 0, at, np.where((speed == 0) & (height <= 0), np.inf, -np.inf))
+            out = np.where(speed < 0, at, np.where((speed == 0) & (height <= 0), -np.inf, np.inf))
+            return into, out
+        if isinstance(clip, ClipBox):
+            p, q = (np.asarray(clip.lo) - o) / d, (np.asarray(clip.hi) - o) / d
+            within = (o >= clip.lo) & (o <= clip.hi)
+            p = np.where(d == 0, np.where(within, -np.inf, np.inf), p)
+            q = np.where(d == 0, np.where(within, np.inf, -np.inf), q)
+            return np.minimum(p, q).max(axis=1), np.maximum(p, q).min(axis=1)
+    v = o - np.asarray(clip.center)
+    along = np.einsum("ij,ij->i", v, d)
+    square = clip.radius**2 - np.square(v - d * along[:, None]).sum(axis=1)
+    half = np.sqrt(np.maximum(square, 0))
+    none = square <= 0
+    return np.where(none, np.inf, -along - half), np.where(none, -np.inf, -along + half)
+
+
+def _face_normals(clips: Sequence[Any], which: np.ndarray, p: np.ndarray) -> np.ndarray:
+    """Outward normals (M, 3) of the kept part at points of the clips' surfaces."""
+    normals = np.zeros((len(p), 3))
+    for k, clip in enumerate(clips):
+        at = which == k
+        if not at.any():
+            continue
+        if isinstance(clip, ClipPlane):
+            normal = np.asarray(clip.normal, np.float64)
+            normals[at] = normal / np.linalg.norm(normal)
+            continue
+        if isinstance(clip, ClipSphere):
+            away = p[at] - np.asarray(clip.center)
+            own = away / np.linalg.norm(away, axis=1, keepdims=True)
+        else:
+            lo, hi = np.asarray(clip.lo, np.float64), np.asarray(clip.hi, np.float64)
+            away = (p[at] - (lo + hi) / 2) / ((hi - lo) / 2)
+            axis = np.argmax(np.abs(away), axis=1)
+            own = np.zeros_like(away)
+            rows = np.arange(len(away))
+            own[rows, axis] = np.sign(away[rows, axis])
+        normals[at] = own if clip.keep else -own
+    return normals
+
+
+def _blended(scene: Scene, points: np.ndarray) -> np.ndarray:
+    """Blended colors (M, 3) at points."""
+    color = scene.particles.color
+    if np.ndim(color) == 2:
+        return scene.blend(points, color)
+    from ..scene.scene import DEFAULT_COLOR
+
+    one = DEFAULT_COLOR if color is None else color
+    return np.broadcast_to(np.asarray(one, np.float32), points.shape)

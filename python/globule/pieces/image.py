@@ -1,0 +1,330 @@
+"""Images of scenes in pieces: traced piece by piece, composited, shaded once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from ..render.camera import Camera
+from ..render.frame import FROM_ABOVE, Frame, Layer, beyond, render
+from ..render.materials import Material
+from ..render.settings import SMOOTH_EDGES, RenderSettings
+from ..scene.scene import Scene
+from .hits import NOTHING, Hits, first_hits
+from .ranks import Alone
+from .scene import Pieces
+from .shading import check, edges, finished, light_of, rays_of, shade
+
+__all__ = ["Pieces", "PiecesFrame", "fit", "render_pieces"]
+
+SAMPLES_AT_ONCE = 4  # per visit of the pieces: their hits are in memory together
+
+
+@dataclass(repr=False)
+class PiecesFrame(Frame):
+    """A finished image of a scene in pieces: a `Frame` on rank 0; on other ranks without hits.
+
+    `refine`, `pick` and `attribute` need all particles and raise ValueError.
+    """
+
+    _alpha: Any = field(default=None, repr=False)
+
+    @property
+    def alpha(self) -> np.ndarray:
+        """(H, W) float32: the share of the pixel's rays that hit a surface or a cut."""
+        return self._alpha.reshape(self.size[1], self.size[0])
+
+    def refine(self, samples: int = 1, progress: Any = None) -> Frame:
+        """Not for scenes in pieces: render with more `samples`."""
+        raise ValueError("refine: expected one scene, got pieces; render them with more samples")
+
+    def pick(self, column: int, row: int) -> Any:
+        """Not for scenes in pieces."""
+        raise ValueError("pick: expected one scene, got pieces")
+
+    def attribute(self, values: Any) -> np.ndarray:
+        """Not for scenes in pieces: give `color_by` to `Pieces`."""
+        raise ValueError("attribute: expected one scene, got pieces; give color_by to Pieces")
+
+
+class Images:
+    """The arrays of a finished image, as the core's frame has them."""
+
+    def __init__(self, hits: Hits, rays: Any, color: Any, picture: Any, samples: int):
+        self._hits, self._rays, self._samples = hits, rays, samples
+        self._color, self._picture = color, picture
+
+    def passes(self) -> int:
+        """Rays per pixel, at edges left out."""
+        return self._samples
+
+    def trace_seconds(self) -> float:
+        """Not measured: pieces are read and built in between."""
+        return float("nan")
+
+    def color(self, height: int, width: int) -> np.ndarray:
+        """(H, W, 3) float32, linear."""
+        return self._color.reshape(height, width, 3)
+
+    def picture(self, height: int, width: int) -> np.ndarray:
+        """(H, W, 3) uint8, sRGB."""
+        return self._picture.reshape(height, width, 3)
+
+    def depth(self, height: int, width: int) -> np.ndarray:
+        """(H, W) float32, world units."""
+        return self._hits.t.reshape(height, width)
+
+    def position(self, height: int, width: int) -> np.ndarray:
+        """(H, W, 3) float32, world."""
+        o, d = self._rays
+        with np.errstate(invalid="ignore"):
+            at = np.where(np.isfinite(self._hits.t)[:, None], o + self._hits.t[:, None] * d, np.nan)
+        return at.astype(np.float32).reshape(height, width, 3)
+
+    def normal(self, height: int, width: int) -> np.ndarray:
+        """(H, W, 3) float32."""
+        return self._hits.normal.reshape(height, width, 3)
+
+    def albedo(self, height: int, width: int) -> np.ndarray:
+        """(H, W, 3) float32, linear."""
+        return self._hits.albedo.reshape(height, width, 3)
+
+    def layer(self, height: int, width: int) -> np.ndarray:
+        """(H, W) uint8."""
+        return self._hits.layer.reshape(height, width)
+
+
+def render_pieces(
+    layers: Sequence[Layer],
+    camera: Camera | None,
+    size: tuple[int, int],
+    settings: RenderSettings,
+    progress: Callable[[int, int], object] | None = None,
+) -> Frame:
+    """The image of layers of which some are `Pieces`; as `render`, to which it belongs."""
+    job = Job(layers, camera, size, settings)
+    materials = job.materials
+    check(settings, materials)
+    for k, layer in enumerate(layers):
+        if isinstance(layer.scene, Pieces):
+            own = materials[k].reflection, materials[k].transmission
+            if layer.scene.factors > 0 and None in own:
+                raise ValueError(
+                    "particles: expected no reflection and refraction with a scene in pieces, "
+                    f"got up to {layer.scene.factors:g}; set those of the material to 0"
+                )
+        elif not isinstance(layer.scene, Scene):
+            raise ValueError(
+                "scene: expected pieces or scenes of particles beside pieces, got a mesh"
+            )
+    n, root = size[0] * size[1], job.ranks.rank == 0
+    everything = np.arange(n)
+    hits = job.nearest_centers()
+    o, d = job.rays(everything, 0)
+    color, shown = shade(hits, o, d, settings, materials) if root else _nothing(n)
+    alpha = (hits.layer != NOTHING).astype(np.float32)
+    if progress is not None:
+        progress(1, settings.samples)
+    if settings.samples > 1:
+        pixels, more = everything, settings.samples - 1
+    else:
+        more = job.edge_samples
+        pixels = everything[:0]
+        if more and root:
+            plain = len(layers) == 1 and not layers[0].clips
+            contrast = not plain and not settings.transparent
+            pixels = edges(hits, job.camera, size, finished(shown) if contrast else None)
+        pixels = job.ranks.from_root(pixels)
+    for first in range(1, more + 1 if len(pixels) else 1, SAMPLES_AT_ONCE):
+        some = range(first, min(first + SAMPLES_AT_ONCE, more + 1))
+        found = job.nearest([job.rays(pixels, k) for k in some])
+        for k, one in zip(some, found, strict=True):
+            if root:
+                light, displayed = shade(one, *job.rays(pixels, k), settings, materials)
+                color[pixels] += light
+                shown[pixels] += displayed
+                alpha[pixels] += one.layer != NOTHING
+            if progress is not None and settings.samples > 1:
+                progress(1 + k, settings.samples)
+    if len(pixels):
+        for array in (color, shown, alpha):
+            array[pixels] /= np.float32(more + 1)
+    images = Images(hits, (o, d), color, finished(shown), settings.samples)
+    return PiecesFrame(size, images, tuple(layers), None, settings, _alpha=alpha)
+
+
+def _nothing(n: int) -> tuple[np.ndarray, np.ndarray]:
+    return np.zeros((n, 3), np.float32), np.zeros((n, 3), np.float32)
+
+
+class Job:
+    """One image: which rays go through which pieces."""
+
+    def __init__(
+        self,
+        layers: Sequence[Layer],
+        camera: Camera | None,
+        size: tuple[int, int],
+        settings: RenderSettings,
+    ):
+        self.layers, self.size, self.settings = layers, size, settings
+        pieces = [x.scene for x in layers if isinstance(x.scene, Pieces)]
+        self.ranks = next((p.ranks for p in pieces if p.ranks.size > 1), pieces[0].ranks)
+        if any(p.ranks.size != self.ranks.size for p in pieces):
+            raise ValueError("scene: expected all pieces on the same ranks")
+        first = layers[0].scene
+        self.camera = camera or fit(pieces[0] if isinstance(first, Scene) else first, size)
+        self.materials: list[Material] = [x.material or settings.material for x in layers]
+        smooth = any(x.scene.surface != "balls" for x in layers)
+        own = settings.edge_samples
+        self.edge_samples = (SMOOTH_EDGES if smooth else 0) if own is None else own
+
+    def rays(self, pixels: np.ndarray, sample: int) -> tuple[np.ndarray, np.ndarray]:
+        """Origins and directions of a sample of pixels."""
+        return rays_of(self.camera, self.size, pixels, sample)
+
+    def nearest_centers(self) -> Hits:
+        """What the rays through the pixels' centers meet, on rank 0: the core makes them."""
+        n = self.size[0] * self.size[1]
+        hits, pixels = Hits(n), np.arange(n)
+        o, d = self.rays(pixels, 0)
+        for k, layer in enumerate(self.layers):
+            scene, clips = layer.scene, layer.clips
+            if isinstance(scene, Scene):
+                if self.ranks.rank == 0:
+                    hits.put(pixels, *self._frame(scene, clips), k)
+            elif scene.negative or self._inside(scene, clips, o, d).any():
+                hits.put(pixels, *in_turn(scene, o, d, clips), k)
+            else:
+                for piece, part in scene.visit():
+                    found = self._frame(part, clips)
+                    hits.put(*owned(scene, piece, pixels, o, d, *found), k)
+        return self.ranks.nearest(hits)
+
+    def _frame(self, scene: Scene, clips: Sequence[Any]) -> tuple[Any, Any, Any]:
+        frame = render([Layer(scene, None, clips)], self.camera, self.size, light_of())
+        n = self.size[0] * self.size[1]
+        return frame.distance.ravel(), frame.normal.reshape(n, 3), frame.albedo.reshape(n, 3)
+
+    def nearest(self, rays: list[tuple[np.ndarray, np.ndarray]]) -> list[Hits]:
+        """What several sets of rays meet, on rank 0; every piece is visited once."""
+        found = [Hits(len(o)) for o, _ in rays]
+        for k, layer in enumerate(self.layers):
+            scene, clips = layer.scene, layer.clips
+            if isinstance(scene, Scene):
+                for hits, (o, d) in zip(found, rays, strict=True):
+                    if self.ranks.rank == 0:
+                        hits.put(np.arange(len(o)), *first_hits(scene, o, d, clips), k)
+                continue
+            hard = [scene.negative or self._inside(scene, clips, o, d).any() for o, d in rays]
+            for hits, (o, d), turns in zip(found, rays, hard, strict=True):
+                if turns:
+                    hits.put(np.arange(len(o)), *in_turn(scene, o, d, clips), k)
+            for piece, part in scene.visit() if not all(hard) else ():
+                for hits, (o, d), turns in zip(found, rays, hard, strict=True):
+                    if not turns:
+                        mine = first_hits(part, o, d, clips)
+                        hits.put(*owned(scene, piece, np.arange(len(o)), o, d, *mine), k)
+        return [self.ranks.nearest(hits) for hits in found]
+
+    def _inside(self, scene: Pieces, clips: Sequence[Any], o: Any, d: Any) -> np.ndarray:
+        """Which rays begin inside what the clips keep of the medium."""
+        inside = np.zeros(len(o), bool)
+        starts, which = np.unique(o, axis=0, return_inverse=True)
+        space = scene.space
+        near = ((starts >= space.low) & (starts <= space.low + space.extent)).all(axis=1)
+        for clip in clips:
+            near &= ~clip.takes(starts.astype(np.float64))
+        if not near.any():
+            return inside
+        field = np.zeros(len(starts), np.float32)
+        owner = scene.partition.owner(starts)
+        for piece, part in scene.visit():
+            mine = np.flatnonzero(near & (owner == piece))
+            if len(mine):
+                field[mine] = part.field(starts[mine])
+        return (scene.ranks.most(field) > scene.threshold)[which.ravel()]
+
+
+def owned(
+    scene: Pieces, piece: int, rays: Any, o: Any, d: Any, t: Any, normal: Any, albedo: Any
+) -> tuple[Any, Any, Any, Any]:
+    """A piece's hits in its own cells, with their rays; for rays that begin outside of the medium
+    and weights of at least 0 the first of all pieces' is the whole scene's."""
+    hit = np.flatnonzero(np.isfinite(t))
+    mine = hit[scene.partition.knows(piece, o[hit] + t[hit, None] * d[hit])]
+    return rays[mine], t[mine], normal[mine], albedo[mine]
+
+
+def in_turn(
+    scene: Pieces, o: np.ndarray, d: np.ndarray, clips: Sequence[Any]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """First hits of rays that go from piece to piece, each through its own cells only: for
+    negative weights, and rays that begin inside the medium. Every rank has those of its piece.
+
+    Returns:
+        t (M,), normal (M, 3), albedo (M, 3), float32; t infinite where missed.
+    """
+    partition, n = scene.partition, len(o)
+    t, normal = np.full(n, np.inf, np.float32), np.zeros((n, 3), np.float32)
+    albedo = np.zeros((n, 3), np.float32)
+    start, last = partition.enter(o, d)
+    waiting = np.where(start <= last, partition.owner(o + start[:, None] * d), -1)
+    margin = partition.space.margin
+    waiting = _skip_empty(partition, scene.held, o, d, start, last, waiting)
+    while (waiting >= 0).any():
+        moved: list[tuple[np.ndarray, np.ndarray]] = []
+        for piece, part in scene.visit():
+            mine = np.flatnonzero(waiting == piece)
+            if not len(mine):
+                continue
+            leave = partition.leave(o[mine], d[mine], start[mine])
+            at = (o[mine] + start[mine, None] * d[mine]).astype(np.float32)
+            found = first_hits(part, at, d[mine], clips)
+            far = start[mine] + found[0]
+            hit = far <= leave + margin / 2
+            k = mine[hit]
+            t[k], normal[k], albedo[k] = far[hit], found[1][hit], found[2][hit]
+            waiting[k] = -1
+            k, on = mine[~hit], leave[~hit] + margin / 4
+            start[k] = on
+            waiting[k] = -1
+            going = np.isfinite(on) & (on <= last[k])
+            k = k[going]
+            waiting[k] = partition.owner(o[k] + start[k, None] * d[k])
+            moved.append((mine, np.stack([start[mine], waiting[mine].astype(np.float64)], axis=1)))
+        if not isinstance(scene.ranks, Alone):
+            for parts in scene.ranks.all(moved):
+                for rays, rows in parts:
+                    start[rays], waiting[rays] = rows[:, 0], rows[:, 1].astype(waiting.dtype)
+        waiting = _skip_empty(partition, scene.held, o, d, start, last, waiting)
+    return t, normal, albedo
+
+
+def _skip_empty(
+    partition: Any, held: np.ndarray, o: Any, d: Any, start: Any, last: Any, waiting: np.ndarray
+) -> np.ndarray:
+    """Rays that wait for pieces without particles go on to the next one."""
+    while True:
+        k = np.flatnonzero((waiting >= 0) & ~held[waiting])
+        if not len(k):
+            return waiting
+        start[k] = partition.leave(o[k], d[k], start[k]) + partition.space.margin / 4
+        waiting[k] = -1
+        k = k[np.isfinite(start[k]) & (start[k] <= last[k])]
+        waiting[k] = partition.owner(o[k] + start[k, None] * d[k])
+
+
+def fit(scene: Pieces, size: tuple[int, int], **options: Any) -> Camera:
+    """A camera that shows the box around all particles, with room for the surface."""
+    lo, hi = scene.bounds()
+    corners = np.array(np.meshgrid(*zip(lo, hi, strict=True))).reshape(3, -1).T
+    if lo[2] == hi[2] and not options:
+        options = FROM_ABOVE
+    return Camera.fit(corners, size=size, margin=scene.outside, **options)
+
+
+beyond.append(render_pieces)

@@ -1,0 +1,138 @@
+"""Particles outside of the memory: chunks of a file, and the pieces' rows in temporary files."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Callable, Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from .._base.arrays import to_host
+from ..formats.ranges import ranges
+from ..scene.particles import FARTHEST, Particles
+from ..scene.sources import as_particles
+
+CHUNK = 1 << 17  # particles that are in memory at a time while they are dealt out
+COLUMNS = {"positions": 3, "support": 1, "weight": 1, "color": 3, "anisotropy": 9}
+
+
+class Source(NamedTuple):
+    """Particles that are read range by range.
+
+    n     their number
+    read  read(first, last) -> Particles
+    size  particles to read at a time
+    """
+
+    n: int
+    read: Callable[[int, int], Particles]
+    size: int = CHUNK
+
+    def chunks(self) -> Iterator[Particles]:
+        """All particles that have a position, range by range."""
+        for first in range(0, self.n, self.size):
+            some = self.read(first, min(first + self.size, self.n))
+            finite = (np.abs(to_host(some.positions)) <= FARTHEST).all(axis=1)
+            yield some if finite.all() else some[finite]
+
+
+def source_of(value: Any) -> Source:
+    """Ranges of a file, or of anything that `Scene` takes."""
+    if isinstance(value, Source):
+        return value
+    if isinstance(value, (str, os.PathLike)):
+        n, read = ranges(value)
+        return Source(n, read)
+    particles = as_particles("particles", value)
+    return Source(len(particles), lambda first, last: particles[first:last])
+
+
+class Layout(NamedTuple):
+    """How particles become rows of float32.
+
+    each  fields with columns of their own, beside the positions
+    one   fields with one value for all particles
+    """
+
+    each: tuple[str, ...]
+    one: dict[str, Any]
+
+    @property
+    def width(self) -> int:
+        """Columns of a row."""
+        return 3 + sum(COLUMNS[name] for name in self.each)
+
+    def place(self, name: str) -> int:
+        """The column where a field begins."""
+        return 3 + sum(COLUMNS[k] for k in self.each[: self.each.index(name)])
+
+    def with_each(self, name: str) -> Layout:
+        """With columns for a field."""
+        one = {k: v for k, v in self.one.items() if k != name}
+        return Layout((*(k for k in self.each if k != name), name), one)
+
+    def rows(self, particles: Particles) -> np.ndarray:
+        """(N, width) float32."""
+        n = len(particles)
+        parts = [to_host(particles.positions)]
+        for name in self.each:
+            own = getattr(particles, name)
+            value = np.asarray(1.0 if own is None else to_host(own), np.float32)  # a weight
+            if value.ndim < (2 if name == "color" else 1):  # one value in this range alone
+                value = np.broadcast_to(value, (n, COLUMNS[name]))
+            parts.append(value.reshape(n, COLUMNS[name]))
+        return np.concatenate(parts, axis=1)
+
+    def particles(self, rows: np.ndarray) -> Particles:
+        """The particles of rows (N, width)."""
+        fields, at = dict(self.one), 3
+        for name in self.each:
+            width = COLUMNS[name]
+            value = rows[:, at : at + width]
+            shape = {1: (-1,), 3: (-1, 3), 9: (-1, 3, 3)}[width]
+            fields[name] = np.ascontiguousarray(value).reshape(shape)
+            at += width
+        return Particles(np.ascontiguousarray(rows[:, :3]), **fields)
+
+
+def layout_of(particles: Particles, support: float | None) -> Layout:
+    """The layout for particles like these. support: in place of theirs."""
+    each, one = [], {}
+    for name in ("support", "weight", "color", "anisotropy"):
+        value = getattr(particles, name)
+        if value is None or (name == "support" and (support or particles.anisotropy is not None)):
+            continue
+        if np.ndim(value) > (1 if name == "color" else 0):
+            each.append(name)
+        else:
+            one[name] = value
+    return Layout(tuple(each), one)
+
+
+class Files:
+    """The rows of each piece in a temporary file; a context manager that removes them."""
+
+    def __init__(self, n: int, width: int):
+        self._folder = tempfile.TemporaryDirectory(prefix="globule-pieces-")
+        self._width, self.counts = width, [0] * n
+
+    def add(self, piece: int, rows: np.ndarray) -> None:
+        """Append rows (K, width) float32."""
+        with open(self._path(piece), "ab") as file:
+            file.write(np.ascontiguousarray(rows, np.float32).data)
+        self.counts[piece] += len(rows)
+
+    def read(self, piece: int) -> np.ndarray:
+        """All rows of a piece, (N, width) float32."""
+        if not self.counts[piece]:
+            return np.empty((0, self._width), np.float32)
+        return np.fromfile(self._path(piece), np.float32).reshape(-1, self._width)
+
+    def close(self) -> None:
+        """Remove the files."""
+        self._folder.cleanup()
+
+    def _path(self, piece: int) -> str:
+        return os.path.join(self._folder.name, f"{piece}.rows")

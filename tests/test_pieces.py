@@ -1,0 +1,264 @@
+"""Scenes in pieces give the image of one scene: the same hits, colors within one level."""
+
+from __future__ import annotations
+
+import os
+
+import globule as gb
+import numpy as np
+import pytest
+from cli_helpers import refused, run_json
+from globule.cli import main
+from globule.pieces.partition import Partition, histogram, space_around
+from scenes import KERNELS
+
+SIZE = (96, 72)
+RNG = np.random.default_rng(1)
+LATTICE = np.stack(np.meshgrid(*[np.arange(14)] * 3, indexing="ij"), -1).reshape(-1, 3)
+POSITIONS = (LATTICE + RNG.uniform(-0.25, 0.25, LATTICE.shape)).astype(np.float32)
+COLOR = RNG.random(POSITIONS.shape).astype(np.float32)
+CAMERA = gb.Camera.fit(POSITIONS, size=SIZE, margin=1)
+CUT = gb.ClipPlane((1, 0.2, 0), 7.0)
+
+
+def agree(scene, pieces, camera=CAMERA, **options):
+    """0 pixels of hit or miss differ, colors by at most a level."""
+    one, many = (gb.render(s, camera, SIZE, **options) for s in (scene, pieces))
+    assert one.mask.mean() > 0.03
+    np.testing.assert_array_equal(one.mask, many.mask)
+    apart = np.abs(one.image.astype(int) - many.image.astype(int))
+    assert apart.max() <= 1
+    seen = one.mask
+    np.testing.assert_allclose(one.distance[seen], many.distance[seen], atol=2e-4)
+    np.testing.assert_allclose(one.position[seen], many.position[seen], atol=5e-4)
+
+
+def check(particles, n, backend, camera=CAMERA, clips=(), settings=None, **options):
+    pieces = gb.Pieces(particles, n, **options, **backend)
+    scene = gb.Scene(particles, **options, **backend)
+    try:
+        agree(scene, pieces, camera, clips=clips, settings=settings)
+    finally:
+        pieces.close()
+    return pieces
+
+
+@pytest.mark.parametrize("n", [1, 2, 3, 4, 7])
+def test_pieces_of_a_colored_lattice_cut_open(n, backend):
+    pieces = check(gb.Particles(POSITIONS, color=COLOR), n, backend, clips=[CUT], support=2.0)
+    assert pieces.partition.n == n
+    assert sum(pieces._files.counts) >= len(POSITIONS)
+
+
+@pytest.mark.parametrize("kernel", KERNELS)
+def test_every_kernel(kernel, backend):
+    support = 3.2 if kernel == "blinn" else 2.5
+    check(gb.Particles(POSITIONS, color=COLOR), 3, backend, kernel=kernel, support=support)
+
+
+@pytest.mark.parametrize("cut", [False, True])
+def test_smooth_surfaces_with_samples_at_edges(cut, backend):
+    """A bar that is long enough for pieces apart."""
+    bar = np.stack(np.meshgrid(np.arange(60), *[np.arange(6)] * 2, indexing="ij"), -1)
+    points = bar.reshape(-1, 3) + np.random.default_rng(2).uniform(-0.2, 0.2, (2160, 3))
+    particles = gb.Particles(points.astype(np.float32), color=COLOR[:2160])
+    camera = gb.Camera.fit(particles, size=SIZE, margin=1)
+    clips = [gb.ClipPlane((1, 0.2, 0.3), 40)] if cut else []
+    pieces = check(particles, 4, backend, camera, clips, surface="smooth", spacing=1.0)
+    assert max(pieces._files.counts) < len(particles)
+
+
+@pytest.mark.parametrize("n", [2, 7])
+@pytest.mark.parametrize("radius", [0, 3])
+def test_eyes_inside(n, radius, backend):
+    """In the medium, and in a cave of it."""
+    left = POSITIONS[np.linalg.norm(POSITIONS - 6.5, axis=1) >= radius]
+    camera = gb.Camera((6.5, 6.5, 6.5), (13, 9, 7))
+    check(gb.Particles(left), n, backend, camera, support=2.0)
+
+
+def test_cuts_around_an_eye_inside(backend):
+    camera = gb.Camera((6.5, 6.5, 6.5), (13, 9, 7))
+    for clip in (gb.ClipSphere((10, 7, 6), 2.0), gb.ClipSphere((6.5, 6.5, 6.5), 2.5)):
+        check(gb.Particles(POSITIONS), 3, backend, camera, [clip], support=2.0)
+
+
+def test_kernels_of_their_own(backend):
+    support = RNG.uniform(1.2, 2.2, len(POSITIONS)).astype(np.float32)
+    check(gb.Particles(POSITIONS, support=support), 4, backend)
+    support[1000] = 30  # over all pieces
+    check(gb.Particles(POSITIONS, support=support), 4, backend, threshold=1.0)
+    skew = RNG.normal(size=(len(POSITIONS), 3, 3)) * 0.08 + 0.6 * np.eye(3)
+    matrices = ((skew + skew.transpose(0, 2, 1)) / 2).astype(np.float32)
+    check(gb.Particles(POSITIONS, anisotropy=matrices), 4, backend)
+
+
+def test_layers_and_an_orthographic_camera(backend):
+    low, high = POSITIONS[POSITIONS[:, 1] < 7], POSITIONS[POSITIONS[:, 1] > 6]
+    scenes = [gb.Scene(p, support=2.0, **backend) for p in (low, high)]
+    pieces = [gb.Pieces(p, n, support=2.0, **backend) for p, n in ((low, 3), (high, 2))]
+    camera = gb.Camera.fit(POSITIONS, size=SIZE, margin=1, orthographic=True)
+    red = gb.Material(color=(0.8, 0.1, 0.1))
+    agree(
+        [gb.Layer(scenes[0], red), gb.Layer(scenes[1], clips=[CUT])],
+        [gb.Layer(pieces[0], red), gb.Layer(pieces[1], clips=[CUT])],
+        camera,
+    )
+    agree(scenes, [scenes[0], pieces[1]], camera)
+
+
+def test_several_samples_and_alpha(backend):
+    settings = {"samples": 4, "transparent": True}
+    particles = gb.Particles(POSITIONS, color=COLOR)
+    check(particles, 3, backend, support=2.0, settings=settings, clips=[CUT])
+    pieces, scene = gb.Pieces(particles, 3, support=2.0), gb.Scene(particles, support=2.0)
+    alphas = [gb.render(s, CAMERA, SIZE, settings).alpha for s in (pieces, scene)]
+    np.testing.assert_allclose(*alphas, atol=1e-3)
+
+
+def test_the_same_bits_again():
+    images = [gb.render(gb.Pieces(POSITIONS, 3, support=2.0), CAMERA, SIZE).color for _ in "ab"]
+    assert images[0].tobytes() == images[1].tobytes()
+
+
+def test_each_piece_holds_all_that_reaches_its_cells():
+    """Against every distance between cells and particles."""
+    points = RNG.random((400, 3)) * (5, 3, 1)
+    reach = np.where(np.arange(400) == 7, 2.0, RNG.uniform(0.05, 0.2, 400))
+    space = space_around(points.min(0), points.max(0), 0.2, 2.0)
+    partition = Partition(space, histogram(space, points), 5)
+    assert set(partition.owners) == set(range(5))
+    rows, pieces = partition.needed(points, reach)
+    held = np.zeros((400, 5), bool)
+    held[rows, pieces] = True
+    assert held.sum() == len(rows)
+    probes = space.low + space.extent * RNG.random((20000, 3))
+    owner = partition.owner(probes)
+    for i in range(400):
+        near = np.linalg.norm(probes - points[i], axis=1) < reach[i] + space.margin
+        assert held[i, owner[near]].all()
+    assert held.sum() < 400 * 5  # not everything everywhere
+
+
+def test_where_rays_leave_a_piece():
+    points = RNG.random((300, 3))
+    space = space_around(points.min(0), points.max(0), 0.1, 0.1)
+    partition = Partition(space, histogram(space, points), 4)
+    o = space.low + space.extent * RNG.random((200, 3))
+    d = RNG.normal(size=(200, 3))
+    d /= np.linalg.norm(d, axis=1, keepdims=True)
+    leave = partition.leave(o, d, np.zeros(200))
+    owner = partition.owner(o)
+    for i in range(200):
+        until = min(leave[i], 3.0)
+        inside = o[i] + np.linspace(0, until * (1 - 1e-9), 500)[:, None] * d[i]
+        within = ((inside > space.low) & (inside < space.low + space.extent)).all(axis=1)
+        assert (partition.owner(inside[within]) == owner[i]).all()
+        if np.isfinite(leave[i]):
+            assert partition.owner(o[i : i + 1] + (leave[i] + 1e-9) * d[i : i + 1]) != owner[i]
+
+
+@pytest.mark.parametrize(
+    ("settings", "word"),
+    [({"shadows": True}, "shadows"), ({"ambient_rays": 4}, "ambient_rays"),
+     ({"sky": gb.Sky()}, "sky"), ({"ground": gb.Ground(0)}, "ground"),
+     ({"material": gb.Material(reflection=0.5)}, "material")],
+)  # fmt: skip
+def test_light_that_turns_is_refused(settings, word):
+    pieces = gb.Pieces(POSITIONS, 2, support=2.0)
+    with pytest.raises(ValueError, match=rf"^{word}: expected .* pieces"):
+        gb.render(pieces, CAMERA, SIZE, settings)
+
+
+def test_mistakes():
+    with pytest.raises(ValueError, match=r"^n: "):
+        gb.Pieces(POSITIONS, 0)
+    with pytest.raises(ValueError, match=r"^surface: "):
+        gb.Pieces(POSITIONS, 2, surface="smooth", support=1.0)
+    with pytest.raises(MemoryError, match=r"^memory: expected more than"):
+        gb.Pieces(POSITIONS, memory=1e6)
+    glossy = gb.Pieces(gb.Particles(POSITIONS, reflection=0.5), 2, support=2.0)
+    with pytest.raises(ValueError, match="reflection"):
+        gb.render(glossy, CAMERA, SIZE)
+
+
+def test_files_are_removed():
+    pieces = gb.Pieces(POSITIONS, 3, support=2.0)
+    folder = pieces._files._folder.name
+    assert os.listdir(folder)
+    pieces.close()
+    assert not os.path.exists(folder)
+
+
+# Files and the command line
+
+
+@pytest.fixture
+def files(tmp_path, monkeypatch):
+    """The same particles in files whose ranges can be read."""
+    monkeypatch.chdir(tmp_path)
+    speed = np.linspace(0, 1, len(POSITIONS), dtype=np.float32)
+    np.save("a.npy", POSITIONS)
+    np.savez("a.npz", positions=POSITIONS, speed=speed)
+    gb.write("own.npz", gb.Particles(POSITIONS, attributes={"speed": speed}))
+    return speed
+
+
+@pytest.mark.parametrize("name", ["a.npy", "a.npz", "own.npz", "a.h5"])
+def test_ranges_of_files(name, files):
+    from globule.formats.ranges import ranges
+
+    if name == "a.h5":
+        h5py = pytest.importorskip("h5py")
+        with h5py.File(name, "w") as file:
+            file["positions"], file["speed"] = POSITIONS, files
+    found, whole = ranges(name), gb.read(name)
+    assert found.n == len(whole)
+    some = found.read(100, 300)
+    np.testing.assert_array_equal(some.positions, whole.positions[100:300])
+    assert some.attributes.keys() == whole.attributes.keys()
+    for key, values in some.attributes.items():
+        np.testing.assert_array_equal(values, whole.attributes[key][100:300])
+
+
+def test_ranges_refuse_other_files(files):
+    from globule.formats.ranges import ranges
+
+    np.savez_compressed("small.npz", positions=POSITIONS)
+    with pytest.raises(gb.FormatError, match="without compression"):
+        ranges("small.npz")
+    gb.write("a.ply", gb.Particles(POSITIONS))
+    with pytest.raises(gb.FormatError, match="globule convert"):
+        ranges("a.ply")
+
+
+def test_render_with_memory(files, capsys, monkeypatch):
+    from globule.pieces import scene
+    from PIL import Image
+
+    common = ["a.npz", "--size", "96x72", "--device", "cpu", "--support", "2", "--eye", "40,30,45",
+              "--look-at", "6,6,6", "--color-by", "speed"]  # fmt: skip
+    whole = run_json(capsys, "render", *common, "-o", "one.png")
+    # So little that there are pieces of a few hundred particles.
+    monkeypatch.setattr(scene, "resident_bytes", lambda: 0)
+    monkeypatch.setattr(scene, "OVERHEAD", 0)
+    limit = 100_000
+    many = run_json(capsys, "render", *common, "-o", "many.png", "--memory", str(limit))
+    assert many["counts"]["pieces"] > 1
+    assert many["counts"]["hits"] == whole["counts"]["hits"]
+    images = [np.asarray(Image.open(name)).astype(int) for name in ("one.png", "many.png")]
+    assert np.abs(images[0] - images[1]).max() <= 1
+    assert main(["render", *common, "-o", "many.png", "--memory", str(limit)]) == 0
+    assert "particles in" in capsys.readouterr().err  # a line says so
+
+
+def test_memory_that_suffices_makes_no_pieces(files, capsys):
+    words = ["render", "a.npy", "-o", "a.png", "--size", "40x30", "--device", "cpu"]
+    assert "pieces" not in run_json(capsys, *words, "--memory", "8G")["counts"]
+
+
+def test_memory_mistakes(files, capsys):
+    common = ["render", "a.npy", "-o", "a.png"]
+    assert "8G" in refused(capsys, *common, "--memory", "much")
+    assert "more than" in refused(capsys, *common, "--memory", "1M")
+    assert "--preset" in refused(capsys, *common, "--memory", "1M", "--preset", "water")
