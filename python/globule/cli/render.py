@@ -222,6 +222,10 @@ def _run(options: argparse.Namespace, comm: Any) -> None:
         lit = light.Light(options)
         thesis = tracing.settle(options)
         camera(options, None, notes)
+    if comm is not None and len(options.particles) > 1:
+        raise UserError(
+            f"several ranks: expected one file for one image, got {len(options.particles)}"
+        )
     images, arrays = outputs(options, series.images())
     check_device(options)
     if pieces.uses(comm, options) or pieces.wanted(options):
