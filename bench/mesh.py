@@ -1,8 +1,10 @@
 """Speed of triangle meshes: `python bench/mesh.py [--device cuda] [--triangles 1000000]`.
 
-A wavy ball of triangles half in the pool of 302,751 particles, at 1920×1080 with shadows. Prints
-the build's and the image's time for each row, and frames per second. The octree and the hierarchy
-stay; in "mesh moves" each frame has another pose, in "both rebuilt" new particles and vertices.
+A wavy ball of even triangles half in the pool of 302,751 particles, at 1920×1080 with shadows.
+Prints the image's time for each row, and frames per second. The octree and the hierarchy stay; in
+"mesh moves" each frame has another pose, in "both rebuilt" new particles and vertices. The ball of
+"poles" has meridians, and a thousand slivers meet at each of its poles: a ray to a pole looks at
+all of them, and the image waits for it.
 """
 
 from __future__ import annotations
@@ -16,7 +18,31 @@ from globule.bench.scenes import pool
 
 
 def ball(n_triangles: int, radius: float) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices and faces of a closed, wavy ball of about that many triangles."""
+    """Vertices and faces of a closed, wavy ball of about that many even triangles: a cube's faces,
+    blown up."""
+    n = max(1, round((n_triangles / 12) ** 0.5))
+    side = np.tan(np.linspace(-np.pi / 4, np.pi / 4, n + 1))
+    u, v = np.meshgrid(side, side, indexing="ij")
+    sheet = np.stack([u, v, np.ones_like(u)], -1).reshape(-1, 3)
+    k = np.arange(n * (n + 1)).reshape(n, n + 1)[:, :-1].ravel()
+    two = np.concatenate([np.c_[k, k + n + 1, k + n + 2], np.c_[k, k + n + 2, k + 1]])
+    vertices, faces = [], []
+    for axis in range(3):
+        for sign in (1, -1):
+            turned = np.roll(
+                sheet * (1, sign, sign), axis, axis=1
+            )  # a rotation: faces look outwards
+            faces.append(two + len(vertices) * len(sheet))
+            vertices.append(turned)
+    d = np.concatenate(vertices)
+    d /= np.linalg.norm(d, axis=1, keepdims=True)
+    t, p = np.arccos(d[:, 1]), np.arctan2(-d[:, 2], d[:, 0])
+    r = radius * (1 + 0.05 * np.sin(9 * p) * np.sin(t) * np.sin(11 * t))
+    return (d * r[:, None]).astype(np.float32), np.concatenate(faces)
+
+
+def ball_with_poles(n_triangles: int, radius: float) -> tuple[np.ndarray, np.ndarray]:
+    """The same of meridians and circles of latitude."""
     n = max(3, round((n_triangles / 4) ** 0.5))
     theta, phi = np.linspace(0, np.pi, n + 1)[1:-1], np.linspace(0, 2 * np.pi, 2 * n + 1)[:-1]
     t, p = np.meshgrid(theta, phi, indexing="ij")
@@ -59,6 +85,8 @@ def main() -> None:
     above = np.eye(4)
     above[:3, 3] = middle[0], hi[1], middle[2]
     mesh.pose = above
+    poles = gb.Mesh(*ball_with_poles(options.triangles, 0.25 * float(np.ptp(positions[:, 0]))))
+    poles.pose = above
     if gpu:
         import cupy
 
@@ -85,6 +113,7 @@ def main() -> None:
         ("mesh + particles", [scene, mesh], shadows, None),
         ("mesh + particles, mesh moves", [scene, mesh], shadows, moved),
         ("mesh + particles, both rebuilt", [scene, mesh], shadows, rebuilt),
+        ("mesh with poles + particles", [scene, poles], shadows, None),
         ("glass mesh + particles", [scene, gb.Layer(mesh, glass)], glassy, None),
     ]
     print(
