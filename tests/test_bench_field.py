@@ -17,20 +17,20 @@ FIELD = Path(__file__).resolve().parents[1] / "bench" / "field"
 def field():
     before, modules = list(sys.path), set(sys.modules)
     sys.path.insert(0, str(FIELD))
-    import judge
-    import scenes
+    import cases
+    import judging
 
-    yield judge, scenes
+    yield judging, cases
     sys.path[:] = before
-    for name in {"judge", "scenes"} - modules:
+    for name in {"judging", "cases"} - modules:
         sys.modules.pop(name, None)
 
 
 @pytest.mark.parametrize("name", ["ball", "pool at rest", "sheet"])
 def test_truth_is_the_body_of_the_particles(field, name):
     """Rays to the particles hit it, its volume is theirs, and normals face the rays."""
-    _, scenes = field
-    make, _ = scenes.SCENES[name]
+    _, cases = field
+    make, _ = cases.SCENES[name]
     case = make(2000)
     x = case.positions.astype(float)
     rng = np.random.default_rng(4)
@@ -57,8 +57,8 @@ def test_truth_is_the_body_of_the_particles(field, name):
 
 
 def test_judge_knows_balls_and_counts_what_is_wrong(field):
-    judge, _ = field
-    surface = judge.Surface(np.zeros((1, 3)), np.ones(1), 1.0, "union", 0.0)
+    judging, _ = field
+    surface = judging.Surface(np.zeros((1, 3)), np.ones(1), 1.0, "union", 0.0)
     origins = np.array([[0, 0, -5.0], [0.5, 0, -5], [1.1, 0, -5]])
     directions = np.tile([0, 0, 1.0], (3, 1))
     t, normals = surface.first_hit(origins, directions)
@@ -68,10 +68,10 @@ def test_judge_knows_balls_and_counts_what_is_wrong(field):
     turned = normals.copy()
     turned[0] = [np.sin(0.1), 0, -np.cos(0.1)]
     mask = np.array([True, False, True])
-    found = judge.compare(mask, turned, np.arange(3), (t, normals), directions)
+    found = judging.compare(mask, turned, np.arange(3), (t, normals), directions)
     assert (found["wrong"], found["hit"]) == (2, 2)
     assert found["normal"] == pytest.approx(np.degrees(0.1))
-    one = judge.Surface(np.zeros((1, 3), np.float32), 2.0, 1.0, "murakami", 0.6)
+    one = judging.Surface(np.zeros((1, 3), np.float32), 2.0, 1.0, "murakami", 0.6)
     t, _ = one.first_hit(origins[:1], directions[:1])
     assert t[0] == pytest.approx(5 - 2 * (1 - 0.6**0.5) ** 0.5, abs=1e-6)
 

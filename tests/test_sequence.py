@@ -291,7 +291,10 @@ def test_clips_cut_every_frame(folder):
 def test_interrupted_in_the_middle(files, folder):
     """Ctrl-C: whole pictures only, one word about it, and the run can go on."""
     command = [sys.executable, "-m", "globule", "render", *files * 200, "-o", "m.mp4", *SMALL]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    process = subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    )  # fmt: skip
     frames = folder / "m.mp4.frames"
     until(lambda: (frames / "000005.png").exists() or process.poll() is not None)
     process.send_signal(signal.SIGINT)

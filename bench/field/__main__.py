@@ -23,8 +23,8 @@ from pathlib import Path
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parent))
+from cases import SCENES, Case, cameras, moved
 from peers import ONE_RADIUS, PEERS
-from scenes import SCENES, Case, cameras, moved
 
 FRAMES, VIEWS = 2, 2  # after the first image
 COLUMNS = ("scene", "particles", "program", "version", "first_s", "frame_s", "view_s",
@@ -60,7 +60,7 @@ def timed(work) -> tuple:
 
 def run_one(scene: str, program: str, options: argparse.Namespace, out: Path) -> dict:
     """Time one program on one scene, in this process, and judge what it drew."""
-    from judge import compare, pixels
+    from judging import compare, pixels
     from PIL import Image
 
     case = case_of(scene, options.particles)

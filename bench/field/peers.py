@@ -23,8 +23,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from judge import Surface
-from scenes import Case
+from cases import Case
+from judging import Surface
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "peers"))
 import surface_peers as shared

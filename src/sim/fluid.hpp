@@ -273,6 +273,7 @@ private:
         sim::Progress* progress = &outcome->progress;
         exec_.clear(progress, sizeof *progress);
         exec_.clear(change, 4 * (state_.n + 64));
+        exec_.clear(iterate + n, 4 * 64);  // the last packet's rows past the end are added up too, times 0
         exec_.for_each(n, sim::WarmStart{lists_.rows, aim.alpha, aim.impulse, change, iterate, aim.bulk, aim.share * dt, aim.least});
 
         const Criterion& c = aim.criterion;

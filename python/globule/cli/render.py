@@ -17,6 +17,9 @@ particles of all files, and --color-by covers the values of all files. For both,
 reads every file once more beforehand; --eye and --range avoid this. A movie needs PyAV:
 pip install "globule[video]" (its wheel contains FFmpeg with x264, under the GPL).
 
+`mpiexec -n 4 globule render huge.h5 -o huge.png` makes one image on four ranks; it needs
+pip install "globule[mpi]".
+
 --camera-path reads key frames in TOML:
   [[key]]
   time = 0                # seconds; or frame = 0
@@ -72,8 +75,7 @@ EXAMPLES = """\
   globule render head.nii.gz -o head.png --level 90 --resample 2 --up 0,0,1
   globule render head.nii.gz -o cut.png --level 90 --preset tissue --up 0,0,1 --clip 1,0,0,5
   globule render frame_0.ply frame_1.ply -o picture_%04d.png
-  globule render huge.npy -o huge.png --memory 8G
-  mpiexec -n 4 globule render huge.h5 -o huge.png"""
+  globule render splash.npz -o splash.png --memory 8G"""
 ESSENTIAL = ("--output", "--size", "--eye", "--look-at", "--up", "--preset", "--color-by",
              "--surface", "--legend", "--samples", "--level", "--clip", "--state",
              "--device")  # fmt: skip
