@@ -24,7 +24,7 @@ PIP := $(PY) -m pip --disable-pip-version-check
 LOG := $(VENV)/build.log
 BUILT := $(VENV)/built-$(GLOBULE_LEVELS)-$(GLOBULE_CUDA)
 # Two files at a time: much of a test is one thread's work.
-TESTS := $(PY) -m pytest -q -n 2 --dist loadfile tests
+TESTS := $(PY) -m pytest -q -n 2 --dist loadfile --max-worker-restart 0 tests
 # CMake before 3.26 does not know nvcc's C++20; pip brings a newer one where the system's is older.
 
 SOURCES := $(shell find CMakeLists.txt pyproject.toml README.md LICENSE cmake include src bindings \

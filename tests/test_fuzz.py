@@ -12,7 +12,7 @@ import pytest
 from fuzz_mutations import mutate
 
 HERE = Path(__file__).parent
-MUTANTS = int(os.environ.get("GLOBULE_FUZZ", 100))
+MUTANTS = int(os.environ.get("GLOBULE_FUZZ", 50))
 
 
 def fuzz(*words: str) -> str:
@@ -31,8 +31,9 @@ def libraries():
         pytest.importorskip(name)
 
 
-def test_new_mutants(libraries, tmp_path):
-    line = fuzz("-n", str(MUTANTS), "--seed", "7", "--keep", str(tmp_path))
+@pytest.mark.parametrize("seed", ["7", "8"])
+def test_new_mutants(libraries, tmp_path, seed):
+    line = fuzz("-n", str(MUTANTS), "--seed", seed, "--keep", str(tmp_path))
     assert line.startswith(f"{MUTANTS} files in ")
     assert line.endswith(" 0 faults")
 
