@@ -3,8 +3,7 @@
 A wavy ball of even triangles half in the pool of 302,751 particles, at 1920×1080 with shadows.
 Prints the image's time for each row, and frames per second. The octree and the hierarchy stay; in
 "mesh moves" each frame has another pose, in "both rebuilt" new particles and vertices. The ball of
-"poles" has meridians, and a thousand slivers meet at each of its poles: a ray to a pole looks at
-all of them, and the image waits for it.
+"poles" has meridians: a thousand slivers meet at each of its poles.
 """
 
 from __future__ import annotations
