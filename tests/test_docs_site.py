@@ -12,6 +12,7 @@ from urllib.parse import unquote
 
 import globule as gb
 import pytest
+from waiting import PATIENCE
 
 pytest.importorskip("mkdocs", reason="pip install 'globule[docs]'")
 pytest.importorskip("material")
@@ -129,7 +130,7 @@ def test_pages_from_disk_ask_nobody(site, opened):
     page, asked = opened
     for name in PAGES:
         page.goto((site / name).as_uri())
-        page.wait_for_load_state("networkidle")
+        page.wait_for_load_state("networkidle", timeout=1e3 * PATIENCE)
         assert page.locator("h1").first.inner_text().strip()
     assert len(asked) > len(PAGES)
     assert [url for url in asked if not url.startswith(("file:", "data:", "blob:"))] == []
