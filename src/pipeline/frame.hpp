@@ -11,18 +11,24 @@ namespace globule::core {
 template <class Exec>
 void smooth_edges(Exec& exec, const Traced<Exec>& scene, const FieldRequest& field, const Lighting& lighting, FrameImages<Exec>& frame) {
     const typename Exec::Stage stage("edges");
-    const std::size_t n = frame.rays.n;
-    float* room = frame.sums.reserve(10 * n);
-    RaySource rays = frame.rays;
-    const Hits hits{room, room + n, room + 4 * n, frame.hits().undecided};
     std::uint8_t* edge = frame.edge();
-    exec.for_each(n, MarkEdges{rays, frame.hits(), nullptr, nullptr, edge});
-    rays.only = edge;
-    for (int k = 1; k <= lighting.edge_samples; ++k) {
-        rays.pass = std::uint32_t(k);
+    exec.for_each(frame.rays.n, MarkEdges{frame.rays, frame.hits(), nullptr, nullptr, edge});
+    // All samples of a band of rows at a time, so that the rays of an edge's pixels fill tiles: as many rays as pixels.
+    RaySource rays = frame.rays;
+    rays.pass = 1;
+    rays.samples = std::uint32_t(lighting.edge_samples);
+    const int height = frame.rays.rows(), width = frame.rays.camera.width, band = ceil_div(ceil_div(height, lighting.edge_samples), 8) * 8;
+    const std::size_t most = std::size_t(min(band, height)) * width * rays.samples;
+    float* room = frame.sums.reserve(7 * most);
+    const Hits hits{room, room + most, room + 4 * most, frame.undecided(most)};
+    for (int row = 0; row < height; row += band) {
+        const std::size_t first = std::size_t(row) * width;
+        rays.first_row = frame.rays.first_row + std::uint32_t(row);
+        rays.n = std::size_t(min(band, height - row)) * width;
+        rays.only = edge + first;
         scene.trace(exec, field, rays, hits);
         scene.resolve(exec, field, rays, hits);
-        exec.for_each(n, AddEdgeSample{{rays, hits, lighting, frame.color(), frame.picture()}, edge, room + 7 * n, k, lighting.edge_samples});
+        exec.for_each(rays.n, AddEdgeSamples{{rays, hits, lighting, frame.color() + 3 * first, frame.picture() + 3 * first}});
     }
 }
 

@@ -29,7 +29,12 @@ struct FrameImages {
     void resize(const RaySource& source) {
         rays = source;
         block.reserve(11 * rays.n);
-        undecided_.reserve(rays.n + 1);
+        undecided(rays.n);
+    }
+    /// Room for the list of as many rays.
+    UndecidedRays undecided(std::size_t n_rays) {
+        std::uint32_t* p = undecided_.reserve(n_rays + 1);
+        return {p, p + 1};
     }
     Hits hits() const {
         return {block.data(), block.data() + rays.n, block.data() + 4 * rays.n, {undecided_.data(), undecided_.data() + 1}};

@@ -34,6 +34,8 @@ struct RaySource {
     std::uint32_t first_row = 0;  ///< of the camera's picture; ray 0 is its first pixel
     std::uint32_t pass = 0;       ///< 0: through the pixels' centres; else anywhere in the pixel
     const std::uint8_t* only = nullptr;  ///< pixels that have a ray where it is not 0; null: all
+    std::uint32_t samples = 1;           ///< rays of each pixel of `only`, of as many passes: ray k n + i is pixel i's k-th
+    GB_FN std::size_t n_rays() const { return n * samples; }
 
     /// Work items: the pixels in Morton order within squares of 64, so that neighbours in memory, and
     /// the rays that they send on, see the same places.
@@ -60,11 +62,12 @@ struct RaySource {
     GB_FN int rows() const { return int(n / std::size_t(camera.width)); }
     /// Where ray i passes through the picture.
     GB_FN void on_picture(std::size_t i, float& column, float& row) const {
-        const std::uint32_t width = std::uint32_t(camera.width), pixel = std::uint32_t(i) + first_row * width;
+        const std::uint32_t width = std::uint32_t(camera.width), further = samples > 1 ? std::uint32_t(i / n) : 0;
+        const std::uint32_t pixel = std::uint32_t(i - further * n) + first_row * width;
         column = float(pixel % width);
         row = float(pixel / width);
         if (!pass) return;
-        const Pair at = sample(pixel, 0, pass);
+        const Pair at = sample(pixel, 0, pass + further);
         column += at.u - 0.5f;
         row += at.v - 0.5f;
     }

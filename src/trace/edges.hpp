@@ -45,25 +45,32 @@ private:
     GB_FN float3 normal(std::size_t i) const { return {hits.normal[3 * i], hits.normal[3 * i + 1], hits.normal[3 * i + 2]}; }
 };
 
-/// Adds one sample of the marked pixels to their colours; the last one makes them their means.
-struct AddEdgeSample {
-    Shade shade;              ///< of this sample's hits; its images are the frame's
-    const std::uint8_t* edge;
-    float* shown;             ///< (n, 3) sums as displayed
-    int k, n_samples;         ///< 1 ... n_samples, beside the first
+/// The marked pixels' colours become the means of their first sample and the others.
+struct AddEdgeSamples {
+    Shade shade;  ///< of the other samples' hits; its images are the frame's, from the first pixel of these rays on
     GB_FN void operator()(std::size_t i) const {
-        if (!edge[i]) return;
-        const bool hit = shade.hits.t[i] < infinity();
-        const float3 c = shade.light(i, hit);
-        const float v[3] = {c.x, c.y, c.z};
+        const RaySource& rays = shade.rays;
+        const std::uint8_t edge = rays.only[i];
+        if (!edge) return;
+        float light[3], sum[3];
         for (int a = 0; a < 3; ++a) {
-            const std::size_t at = 3 * i + a;
-            // The first sample's light is in the frame's colour; a hit's and the background's are displayed differently.
-            const float before = k == 1 ? shade.shown(shade.color[at], edge[i] == kEdgeHit) : shown[at];
-            const float sum = before + shade.shown(v[a], hit), light = shade.color[at] + v[a];
-            shown[at] = sum;
-            shade.color[at] = k == n_samples ? light / float(n_samples + 1) : light;
-            if (k == n_samples) shade.picture[at] = display(sum / float(n_samples + 1));
+            light[a] = shade.color[3 * i + a];
+            sum[a] = shade.shown(light[a], edge == kEdgeHit);  // a hit's and the background's light are displayed differently
+        }
+        for (std::uint32_t k = 0; k < rays.samples; ++k) {
+            const std::size_t ray = k * rays.n + i;
+            const bool hit = shade.hits.t[ray] < infinity();
+            const float3 c = shade.light(ray, hit);
+            const float v[3] = {c.x, c.y, c.z};
+            for (int a = 0; a < 3; ++a) {
+                light[a] += v[a];
+                sum[a] += shade.shown(v[a], hit);
+            }
+        }
+        const float n = float(rays.samples + 1);
+        for (int a = 0; a < 3; ++a) {
+            shade.color[3 * i + a] = light[a] / n;
+            shade.picture[3 * i + a] = display(sum[a] / n);
         }
     }
 };

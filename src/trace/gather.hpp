@@ -42,6 +42,7 @@ struct TileScratch {
     Candidate shape[Candidate::per_particle ? capacity : 1];
     Siblings stack[Group::stack_capacity];
     typename Group::LaneOf lane_of;
+    std::uint32_t marked[Group::width * Group::vectors];  ///< of TileLayout
 };
 
 /// What a slab's list turned out to be.

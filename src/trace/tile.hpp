@@ -34,10 +34,11 @@ struct TraceTiles {
 
     template <class Group>
     GB_FN void operator()(Group& g, Scratch<Group>& scratch, std::size_t number) const {
-        Tile<Group> tile{{}, number};
+        Tile<Group> tile{{}, {rays}, number};
+        if (rays.samples > 1 && !tile.layout.mark(g, number, scratch.marked)) return;
         const float typical = tree.header->typical_support;
         const Node box = tree.empty() ? Node{} : tree.node(0);
-        tile.start(g, rays, number, box.lo, box.hi, 1e-3f * typical);
+        tile.start(g, tile.layout, number, box.lo, box.hi, 1e-3f * typical);
         for (int v = 0; tree.empty() && v < Group::vectors; ++v) tile.pending[v] = g.none();
         Flock<Group> flock;
         while (flock.choose_leader(g, tile, box.lo, box.hi)) {
@@ -51,11 +52,12 @@ struct TraceTiles {
 private:
     template <class Group>
     struct Tile : TileRays<Group> {
+        typename TileRays<Group>::Layout layout;
         std::size_t number;
     };
     template <class Group>
     GB_FN std::size_t index(const Tile<Group>& tile, int v, int lane) const {
-        return typename TileRays<Group>::Layout{rays}.ray(tile.number, v * Group::width + lane);
+        return tile.layout.ray(tile.number, v * Group::width + lane);
     }
 
     /// Takes a flock slab by slab to where each of its rays has hit or been left, or nothing lies ahead.

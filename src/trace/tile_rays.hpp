@@ -5,20 +5,48 @@
 
 namespace globule::core {
 
-/// Tiles of `size` rays: of a picture, rectangles of pixels `across` wide; else rays that follow one another.
+/// Tiles of `size` rays: of a picture, rectangles of pixels `across` wide; else rays that follow one another.  Where pixels
+/// have several rays, a rectangle has as many tiles, which its marked pixels' rays fill one after the other.
 template <int across, int size>
 struct TileLayout {
     const RaySource& rays;
+    std::uint32_t* marked = nullptr;  ///< pixels of the rectangle that have several rays
+    int n_marked = 0;
     static constexpr int kHeight = (size + across - 1) / across;
 
     GB_FN std::size_t n_tiles() const {
         if (rays.origins) return ceil_div<std::size_t>(rays.n, size);
-        return std::size_t(ceil_div(rays.camera.width, across)) * ceil_div(rays.rows(), kHeight);
+        return std::size_t(ceil_div(rays.camera.width, across)) * ceil_div(rays.rows(), kHeight) * rays.samples;
     }
-    /// Ray k of a tile; rays.n: none.
+    /// Ray k of a tile; rays.n_rays(): none.
     GB_FN std::size_t ray(std::size_t tile, int k) const {
         if (rays.origins) return tile * size + k;
-        const std::uint32_t columns = ceil_div(rays.camera.width, across), at = std::uint32_t(tile);
+        if (rays.samples == 1) return pixel(std::uint32_t(tile), k);
+        const std::uint32_t at = std::uint32_t(tile % rays.samples) * size + k, of = at / rays.samples;
+        return int(of) < n_marked ? marked[of] + rays.n * (at - of * rays.samples) : rays.n_rays();
+    }
+    /// Before the rays of such a tile are asked for; false: it has none.
+    template <class Group>
+    GB_FN bool mark(Group& g, std::size_t tile, std::uint32_t* room) {
+        marked = room;
+        for (int first = 0; first < size; first += Group::width) {
+            typename Group::B has = g.none();
+            Group::for_lanes([&](int lane) {
+                const std::size_t i = pixel(std::uint32_t(tile / rays.samples), first + g.lane_number(lane));
+                Group::put(has, lane, i < rays.n && rays.only[i]);
+            });
+            n_marked = g.append(has, n_marked, [&](int lane, int place) {
+                marked[place] = std::uint32_t(pixel(std::uint32_t(tile / rays.samples), first + lane));
+            });
+        }
+        g.sync();
+        return n_marked * int(rays.samples) > int(tile % rays.samples) * size;
+    }
+
+private:
+    /// Pixel k of a rectangle; rays.n: none.
+    GB_FN std::size_t pixel(std::uint32_t at, int k) const {
+        const std::uint32_t columns = ceil_div(rays.camera.width, across);
         const int x = int(at % columns) * across + k % across;
         const int y = int(at / columns) * kHeight + k / across;
         return x < rays.camera.width && y < rays.rows() ? std::size_t(y) * rays.camera.width + x : rays.n;
@@ -41,9 +69,9 @@ struct TileRays {
     B missed[V];     ///< neither hit nor left undecided so far
 
     /// Rays of the tile up to where they meet `box`; `slack` makes up for rounding there.
-    GB_FN void start(Group& g, const RaySource& rays, std::size_t tile, const float3& lo, const float3& hi, float slack) {
+    GB_FN void start(Group& g, const Layout& layout, std::size_t tile, const float3& lo, const float3& hi, float slack) {
         for (int v = 0; v < V; ++v) {
-            const B valid = load(g, rays, tile, v);
+            const B valid = load(g, layout, tile, v);
             // Slab test; per axis, a direction of zero never divides.
             F enter(0.0f), leave(infinity());
             const auto axis = [&](const F& from, const F& along, float low, float high) {
@@ -73,12 +101,13 @@ struct TileRays {
 
 private:
     /// Origins and directions of one vector's rays; returns the lanes that have one.
-    GB_FN B load(Group& g, const RaySource& rays, std::size_t tile, int v) {
+    GB_FN B load(Group& g, const Layout& layout, std::size_t tile, int v) {
+        const RaySource& rays = layout.rays;
         F column(0.0f), row(0.0f), ox(0.0f), oy(0.0f), oz(0.0f), dx(0.0f), dy(0.0f), dz(1.0f);
         B valid = g.none();
         g.per_lane(g.first_lanes(Group::width), [&](int lane) {
-            const std::size_t i = Layout{rays}.ray(tile, v * Group::width + lane);
-            const bool is_there = i < rays.n && (!rays.only || rays.only[i]);
+            const std::size_t i = layout.ray(tile, v * Group::width + lane);
+            const bool is_there = i < rays.n_rays() && (!rays.only || rays.samples > 1 || rays.only[i]);
             Group::put(valid, lane, is_there);
             if (!is_there) return;
             if (rays.origins) {
