@@ -1,4 +1,4 @@
-"""Run the numbered examples and keep their pictures, small, in docs/images/gallery."""
+"""Run the numbered examples and keep those of their pictures that a page shows, small, in docs/images/gallery."""
 
 import subprocess
 import sys
@@ -25,13 +25,15 @@ def pack(source: Path, target: Path, largest: int = LARGEST) -> None:
 def main() -> None:
     wanted = sys.argv[1:]
     (DOCS / "images/gallery").mkdir(parents=True, exist_ok=True)
+    pages = "".join(page.read_text(encoding="utf-8") for page in DOCS.rglob("*.md"))
     for example in EXAMPLES:
         if wanted and example.stem[:2] not in wanted:
             continue
         with tempfile.TemporaryDirectory() as folder:
             subprocess.run([sys.executable, str(example)], cwd=folder, check=True)
             for picture in sorted(Path(folder).glob("*.png")):
-                pack(picture, DOCS / "images/gallery" / picture.name)
+                if f"images/gallery/{picture.name}" in pages:
+                    pack(picture, DOCS / "images/gallery" / picture.name)
 
 
 if __name__ == "__main__":
