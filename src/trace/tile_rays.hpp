@@ -10,6 +10,7 @@ template <int across, int size>
 struct TileLayout {
     const RaySource& rays;
     static constexpr int kHeight = (size + across - 1) / across;
+    static_assert(across <= Share::kTile && kHeight <= Share::kTile);
 
     GB_FN std::size_t n_tiles() const {
         if (rays.origins) return ceil_div<std::size_t>(rays.n, size);
@@ -78,7 +79,7 @@ private:
         B valid = g.none();
         g.per_lane(g.first_lanes(Group::width), [&](int lane) {
             const std::size_t i = Layout{rays}.ray(tile, v * Group::width + lane);
-            const bool is_there = i < rays.n && (!rays.only || rays.only[i]);
+            const bool is_there = i < rays.n && rays.has(i, Share::kTile);
             Group::put(valid, lane, is_there);
             if (!is_there) return;
             if (rays.origins) {
