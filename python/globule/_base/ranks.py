@@ -19,6 +19,7 @@ class Alone:
 
     rank, size = 0, 1
     sent = 0  # bytes to other ranks
+    only_image = False  # frames have nothing but their image: less to send
 
     def least(self, value: Any) -> Any:
         """The smallest of all ranks' values, item by item."""
@@ -47,6 +48,11 @@ class Alone:
         parts = self.all([rows[e - c : e] for e, c in zip(ends, counts, strict=True)])
         self.sent += 4 * rows.shape[1] * int(np.sum(counts) - counts[self.rank])
         return np.concatenate([part[self.rank] for part in parts])
+
+    def swap(self, data: np.ndarray, bounds: np.ndarray) -> list[np.ndarray]:
+        """Of every rank's bytes (N,), those from bounds[rank] to bounds[rank + 1]."""
+        first, last = bounds[self.rank], bounds[self.rank + 1]
+        return [part[first:last] for part in self.all(data)]
 
     def gather(self, data: np.ndarray, counts: Sequence[int]) -> list[np.ndarray]:
         """Every rank's bytes (counts[rank],) on rank 0; nothing elsewhere."""
@@ -152,6 +158,17 @@ class Ranks(Alone):
         row.Free()
         self.sent += 4 * width * int(np.sum(counts) - counts[self.rank])
         return out
+
+    def swap(self, data: np.ndarray, bounds: np.ndarray) -> list[np.ndarray]:
+        """Of every rank's bytes (N,), those from bounds[rank] to bounds[rank + 1]."""
+        n = int(bounds[self.rank + 1] - bounds[self.rank])
+        out = np.empty((self.size, n), np.uint8)
+        self._comm.Alltoallv(
+            [data, (np.diff(bounds), bounds[:-1]), self._mpi.BYTE],
+            [out, ([n] * self.size, n * np.arange(self.size)), self._mpi.BYTE],
+        )
+        self.sent += len(data) - n
+        return list(out)
 
     def gather(self, data: np.ndarray, counts: Sequence[int]) -> list[np.ndarray]:
         """Every rank's bytes (counts[rank],) on rank 0; nothing elsewhere."""

@@ -396,9 +396,9 @@ def render(
         range: (lo, hi), values of the map's ends; default: the lowest and highest finite value.
         annotate: `Annotation`, drawn into the frame's `image`.
         progress: called as progress(done, total) after each sample per pixel; may raise to stop.
-        comm: an mpi4py communicator whose ranks all have this scene and make this call: each traces
-            its share of the pixels, and rank 0 has the image, with the same bits as one rank alone.
-            Other ranks' frames have no hits. `refine`, and `alpha` after it, are calls of all ranks.
+        comm: an mpi4py communicator whose ranks all have this scene and make this call: each
+            traces its share of the pixels, and rank 0 has the image, with the same bits as one rank
+            alone. Other ranks' frames have no hits. All ranks call `refine`, and `alpha` after it.
             (`Pieces` is for particles that no rank can have all of.)
 
     Raises:

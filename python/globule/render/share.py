@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import time
+from collections.abc import Iterator
 from math import gcd
 from typing import Any
 
@@ -27,7 +28,6 @@ class Share:
     Args:
         comm: an mpi4py communicator, or the ranks that `run_threads` makes.
         edges: whether pixels at edges have more samples.
-        arrays: what rank 0 gets of each frame; default: everything.
     """
 
     def __init__(
@@ -36,9 +36,9 @@ class Share:
         camera: Camera,
         size: tuple[int, int],
         edges: bool,
-        arrays: Sequence[str] = tuple(ARRAYS),
     ):
-        self.ranks, self.size, self.arrays = ranks_of(comm), size, arrays
+        self.ranks, self.size = ranks_of(comm), size
+        self.arrays = ["picture"] if self.ranks.only_image else list(ARRAYS)
         self.square = WITH_EDGES if edges else SQUARE
         n = self.ranks.size
         # A step without a common factor deals each column of squares evenly too.
@@ -71,6 +71,7 @@ class Whole:
         self.own, self._share = own, share
         width, height = share.size
         self.seconds: list[float] = share.ranks.all(own.trace_seconds())
+        start = time.perf_counter()
         root = share.ranks.rank == 0
         self._arrays: dict[str, np.ndarray] = {}
         pixels = [
@@ -94,6 +95,7 @@ class Whole:
                     at += place.size
             self._arrays[name] = mine
         self._passes = own.passes()
+        self.composite_seconds = time.perf_counter() - start
 
     def passes(self) -> int:
         """Rays per pixel, at edges left out."""
