@@ -110,9 +110,12 @@ inline void bind_picture(nb::module_& m) {
         });
     nb::class_<Material>(m, "Material").def("__init__", [](Material* self, const nb::dict& d) { new (self) Material(material(d)); });
     nb::class_<CameraRays>(m, "View")
-        .def("__init__", [](CameraRays* self, const std::vector<float>& frame, int width, int height, bool orthographic) {
+        .def("__init__", [](CameraRays* self, const std::vector<float>& frame, int width, int height, bool orthographic,
+                            const std::tuple<int, int, int, int, bool>& share) {
+            const auto [device, n, square, step, apron] = share;
             new (self) CameraRays(view(frame, width, height, orthographic));
-        });
+            self->share = {device, n, square, step, apron};
+        }, nb::arg("frame"), nb::arg("width"), nb::arg("height"), nb::arg("orthographic"), nb::arg("share") = std::tuple(0, 1, 64, 1, false));
     nb::class_<Clip>(m, "Clip")
         .def("__init__", [](Clip* self, int kind, bool keep, const std::vector<float>& a, const std::vector<float>& b) {
             new (self) Clip{ClipKind(kind), keep, vec(a), vec(b)};

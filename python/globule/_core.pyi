@@ -127,7 +127,14 @@ class Material:
     def __init__(self, arg: dict, /) -> None: ...
 
 class View:
-    def __init__(self, arg0: Sequence[float], arg1: int, arg2: int, arg3: bool, /) -> None: ...
+    def __init__(
+        self,
+        frame: Sequence[float],
+        width: int,
+        height: int,
+        orthographic: bool,
+        share: tuple[int, int, int, int, bool] = (0, 1, 64, 1, False),
+    ) -> None: ...
 
 class Clip:
     def __init__(
@@ -149,7 +156,7 @@ class Thesis:
         /,
     ) -> None: ...
 
-version: str = ...
+version: str = "0.2.0"
 
 def cpu_backends() -> list[str]: ...
 def dlpack_view(arg: Annotated[NDArray, dict(writable=False)], /) -> tuple: ...

@@ -4,6 +4,26 @@
 
 namespace globule::core {
 
+/// Which pixels one of several devices makes: squares of the picture, dealt in turn, and an apron around them that only the
+/// search for edges looks at.
+struct Share {
+    int device = 0, n = 1;  ///< of n devices
+    int square = 64;        ///< edge in pixels, whole tiles of rays
+    int step = 1;           ///< by how many devices the next row of squares is shifted
+    bool apron = false;     ///< one pixel wide
+    static constexpr int kTile = 8;  ///< no tile of rays is wider or higher: rays of a tile are traced together
+
+    GB_FN bool owns(int column, int row) const {
+        return n == 1 || (column / square + row / square * step) % n == device;
+    }
+    /// Within `margin` of its own pixels.
+    GB_FN bool near(int column, int row, int margin) const {
+        if (owns(column, row)) return true;
+        const int x = max(column - margin, 0), y = max(row - margin, 0);
+        return apron && (owns(x, y) || owns(column + margin, y) || owns(x, row + margin) || owns(column + margin, row + margin));
+    }
+};
+
 /// Pinhole (fov > 0) or orthographic.  Row 0 is the top of the image; the centre of pixel (0, 0) is
 /// half a pixel inside the top left corner.
 struct CameraRays {
@@ -11,6 +31,7 @@ struct CameraRays {
     float3 forward, right, up;  ///< right and up span the image plane at distance 1: half its size
     int width, height;
     bool orthographic;
+    Share share{};
 
     template <class F>
     GB_FN void operator()(F column, F row, Vec3<F>& o, Vec3<F>& d) const {
@@ -42,7 +63,13 @@ struct RaySource {
     GB_FN std::size_t n_items() const {
         return origins ? n : std::size_t(ceil_div(camera.width, 64)) * ceil_div(rows(), 64) * 4096;
     }
-    GB_FN bool has(std::size_t i) const { return !only || only[i]; }
+    /// Whether a ray is wanted; to trace it, the rest of its tile may be.
+    GB_FN bool has(std::size_t i, int margin = 1) const { return (!only || only[i]) && (camera.share.n == 1 || mine(i, margin)); }
+    GB_FN bool mine(std::size_t i, int margin) const {
+        if (origins) return true;
+        const std::uint32_t width = std::uint32_t(camera.width), pixel = std::uint32_t(i) + first_row * width;
+        return camera.share.near(int(pixel % width), int(pixel / width), margin);
+    }
     /// The ray of work item k; n: none.
     GB_FN std::size_t swizzled(std::size_t k) const {
         if (origins) return k;

@@ -18,8 +18,9 @@ struct MarkEdges {
     std::uint8_t* edge;
     GB_FN void operator()(std::size_t i) const {
         const int width = rays.camera.width, x = int(i % width), y = int(i / width);
-        const bool found = (x > 0 && differ(i, i - 1)) || (x + 1 < width && differ(i, i + 1)) || (y > 0 && differ(i, i - width)) ||
-                           (y + 1 < rays.rows() && differ(i, i + width));
+        const bool found = rays.camera.share.owns(x, y) &&
+                           ((x > 0 && differ(i, i - 1)) || (x + 1 < width && differ(i, i + 1)) || (y > 0 && differ(i, i - width)) ||
+                            (y + 1 < rays.rows() && differ(i, i + width)));
         edge[i] = !found ? 0 : hits.t[i] < infinity() ? kEdgeHit : kEdge;
     }
 

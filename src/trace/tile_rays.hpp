@@ -13,6 +13,7 @@ struct TileLayout {
     std::uint32_t* marked = nullptr;  ///< pixels of the rectangle that have several rays
     int n_marked = 0;
     static constexpr int kHeight = (size + across - 1) / across;
+    static_assert(across <= Share::kTile && kHeight <= Share::kTile);
 
     GB_FN std::size_t n_tiles() const {
         if (rays.origins) return ceil_div<std::size_t>(rays.n, size);
@@ -107,7 +108,7 @@ private:
         B valid = g.none();
         g.per_lane(g.first_lanes(Group::width), [&](int lane) {
             const std::size_t i = layout.ray(tile, v * Group::width + lane);
-            const bool is_there = i < rays.n_rays() && (!rays.only || rays.samples > 1 || rays.only[i]);
+            const bool is_there = i < rays.n_rays() && (rays.samples > 1 || rays.has(i, Share::kTile));
             Group::put(valid, lane, is_there);
             if (!is_there) return;
             if (rays.origins) {

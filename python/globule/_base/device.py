@@ -56,6 +56,20 @@ def choose(device: str = "auto") -> Device:
     raise ValueError(f"device: expected auto, cpu, cuda or cuda:N, got {shown(device)}")
 
 
+def of_rank(device: str, local_rank: int) -> str:
+    """The device of one of several processes on a computer, or of threads of one: "auto" and "cuda"
+    deal the GPUs in turn; what names a device stays."""
+    if device not in ("auto", "cuda"):
+        return device
+    n = 0
+    try:
+        while _core.describe("cuda", n)[0]:
+            n += 1
+    except RuntimeError:  # a build without it
+        pass
+    return f"cuda:{local_rank % n}" if n else device
+
+
 def _cpu() -> Device:
     levels = cpu_levels()
     if not levels:

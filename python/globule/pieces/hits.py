@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from .._base.ranks import Alone
 from ..render.clips import ClipBox, ClipPlane, ClipSphere
 from ..scene.scene import Scene
 
@@ -49,6 +50,29 @@ class Hits:
         first[1:] = rays[1:] != rays[:-1]
         rows = rows[first]
         self.put(rays[first], rows[:, 0], rows[:, 1:4], rows[:, 4:7], rows[:, 7].astype(np.uint8))
+
+
+def nearest(ranks: Alone, hits: Hits) -> Hits:
+    """The nearest of all ranks' hits, on rank 0: each rank sends its hits in a stripe of the
+    image to the stripe's rank (direct-send), which keeps the nearest and sends them on."""
+    if ranks.size == 1:
+        return hits
+    n = len(hits.t)
+    bounds = n * np.arange(ranks.size + 1) // ranks.size
+    rays, rows = hits.packed()
+    best = _received(ranks, n, rays, rows, np.diff(np.searchsorted(rays, bounds)))
+    rays, rows = best.packed()
+    everything = np.zeros(ranks.size, np.int64)
+    everything[0] = len(rays)
+    return _received(ranks, n, rays, rows, everything)
+
+
+def _received(ranks: Alone, n: int, rays: np.ndarray, rows: np.ndarray, counts: np.ndarray) -> Hits:
+    numbers = rays.astype(np.int32).view(np.float32)
+    found = ranks.exchange(np.column_stack([numbers, rows]).astype(np.float32, copy=False), counts)
+    hits = Hits(n)
+    hits.put_all(np.ascontiguousarray(found[:, 0]).view(np.int32), found[:, 1:])
+    return hits
 
 
 def first_hits(

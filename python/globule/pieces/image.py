@@ -13,8 +13,7 @@ from ..render.frame import FROM_ABOVE, Frame, Layer, beyond, render
 from ..render.materials import Material
 from ..render.settings import SMOOTH_EDGES, RenderSettings
 from ..scene.scene import Scene
-from .hits import NOTHING, Hits, first_hits
-from .ranks import Alone
+from .hits import NOTHING, Hits, first_hits, nearest
 from .scene import Pieces
 from .shading import check, edges, finished, light_of, rays_of, shade
 
@@ -202,7 +201,7 @@ class Job:
                 for piece, part in scene.visit():
                     found = self._frame(part, clips)
                     hits.put(*owned(scene, piece, pixels, o, d, *found), k)
-        return self.ranks.nearest(hits)
+        return nearest(self.ranks, hits)
 
     def _frame(self, scene: Scene, clips: Sequence[Any]) -> tuple[Any, Any, Any]:
         frame = render([Layer(scene, None, clips)], self.camera, self.size, light_of())
@@ -228,7 +227,7 @@ class Job:
                     if not turns:
                         mine = first_hits(part, o, d, clips)
                         hits.put(*owned(scene, piece, np.arange(len(o)), o, d, *mine), k)
-        return [self.ranks.nearest(hits) for hits in found]
+        return [nearest(self.ranks, hits) for hits in found]
 
     def _inside(self, scene: Pieces, clips: Sequence[Any], o: Any, d: Any) -> np.ndarray:
         """Which rays begin inside what the clips keep of the medium."""
@@ -296,7 +295,7 @@ def in_turn(
             k = k[going]
             waiting[k] = partition.owner(o[k] + start[k, None] * d[k])
             moved.append((mine, np.stack([start[mine], waiting[mine].astype(np.float64)], axis=1)))
-        if not isinstance(scene.ranks, Alone):
+        if scene.ranks.size > 1:
             for parts in scene.ranks.all(moved):
                 for rays, rows in parts:
                     start[rays], waiting[rays] = rows[:, 0], rows[:, 1].astype(waiting.dtype)

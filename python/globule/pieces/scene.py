@@ -12,6 +12,7 @@ from .._base.arrays import to_host
 from .._base.checks import choice, positive, whole
 from .._base.device import choose
 from .._base.memory import resident_bytes
+from .._base.ranks import Alone, ranks_of
 from ..render.frame import REACH
 from ..scene.attributes import attribute_values, checked_range, color_by
 from ..scene.fluid import fluid_like
@@ -27,7 +28,6 @@ from ..scene.scene import (
     Scene,
 )
 from .partition import Partition, cells_of, codes_of, histogram, space_around
-from .ranks import Alone, Ranks
 from .store import Files, Layout, Source, layout_of, source_of
 
 # Bytes that a piece takes for each of its particles while it is read, built and traced, measured:
@@ -90,7 +90,7 @@ class Pieces:
         choice("kernel", kernel, KERNELS)
         choice("surface", surface, (*SURFACES, "auto"))
         self.kernel, self.device = kernel, choose(device)
-        self.ranks: Alone | Ranks = Alone() if comm is None else Ranks(comm)
+        self.ranks, self._on_ranks = ranks_of(comm), comm is not None
         self.support = None if support is None else positive("support", support)
         self.spacing = None if spacing is None else positive("spacing", spacing)
         self._color = (color_by, colormap, None if range is None else checked_range(range))
@@ -237,7 +237,7 @@ class Pieces:
         most = self._most_particles()
         wanted = n or min(max(1, math.ceil(1.1 * self.n_particles / most)), MOST_PIECES)
         self.partition = Partition(self.space, counts, wanted)
-        if isinstance(self.ranks, Ranks):
+        if self._on_ranks:
             self._to_ranks(source, self.ranks)
             return
         while True:
@@ -264,7 +264,7 @@ class Pieces:
                 )
             self.partition = Partition(self.space, counts, more)
 
-    def _to_ranks(self, source: Source, ranks: Ranks) -> None:
+    def _to_ranks(self, source: Source, ranks: Alone) -> None:
         parts, pieces = [np.empty((0, self._layout.width), np.float32)], [np.empty(0, np.int64)]
         for some in source.chunks():
             rows, piece = self._placed(some)

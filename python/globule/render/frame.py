@@ -37,6 +37,7 @@ from .settings import (
     for_values,
     items,
 )
+from .share import Share
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -365,6 +366,7 @@ def render(
     range: tuple[float, float] | None = None,
     annotate: Annotation | None = None,
     progress: Callable[[int, int], object] | None = None,
+    comm: Any = None,
     **others: Any,
 ) -> Frame:
     """Render an image: for each pixel, the light from the first point where the field is the
@@ -394,10 +396,15 @@ def render(
         range: (lo, hi), values of the map's ends; default: the lowest and highest finite value.
         annotate: `Annotation`, drawn into the frame's `image`.
         progress: called as progress(done, total) after each sample per pixel; may raise to stop.
+        comm: an mpi4py communicator whose ranks all have this scene and make this call: each
+            traces its share of the pixels, and rank 0 has the image, with the same bits as one rank
+            alone. Other ranks' frames have no hits. All ranks call `refine`, and `alpha` after it.
+            (`Pieces` is for particles that no rank can have all of.)
 
     Raises:
         TypeError, ValueError: naming the argument, the expected and the given value.
         FormatError, OSError: a file cannot be read.
+        MissingPackageError: `comm` without mpi4py.
     """
     if others:
         raise TypeError(f"render: {_instead(next(iter(others)))}")
@@ -412,6 +419,8 @@ def render(
                 "scene: expected no thesis, annotate and color_by with pieces; "
                 "Pieces(..., color_by=...) colors them"
             )
+        if comm is not None:
+            raise ValueError("comm: expected None with pieces, which have their own, got one")
         return beyond[0](layers, camera, size, settings, progress)
     if shows_flat(first):
         settings = for_flat_data(settings)
@@ -423,6 +432,12 @@ def render(
         camera = fitted(first, size, annotate)
     scenes = [layer.scene for layer in layers]
     view, look = camera._view(size), settings._look(scenes)
+    share = None
+    if comm is not None:
+        if thesis is not None:
+            raise ValueError("comm: expected None with the thesis's tracing, got one")
+        share = Share(comm, camera, size, settings._mixes(scenes))
+        view = share.view
     device = _device_of(layers)
     kinds = [
         ((layer.material or settings.material)._packed, [c._packed for c in layer.clips])
@@ -452,10 +467,15 @@ def render(
             (scene, *surface, *kind)
             for scene, surface, kind in zip(scenes, surfaces(), kinds, strict=True)
         ]
-        return packed[0][0].render(packed, view, look, way, passes, before)
+        core = packed[0][0]
+        if share is None:
+            return core.render(packed, view, look, way, passes, before)
+        return share.whole(core.render(packed, view, look, way, passes, before and before.own))
 
     def behind(light: float, passes: int) -> Any:
         """The same rays in front of another light."""
+        if share is not None and not settings.transparent:
+            raise ValueError("alpha: expected settings with transparent=True for several ranks")
         return trace(passes, None, settings._look(scenes, light))
 
     values = None
@@ -475,6 +495,8 @@ def render(
         progress(1, n)
         if n > 1:
             frame.refine(n - 1, lambda done, _: progress(1 + done, n))
+    if share is not None and settings.transparent:
+        frame.alpha  # noqa: B018  found by all ranks together
     return frame
 
 

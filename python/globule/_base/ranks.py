@@ -1,0 +1,203 @@
+"""Who works together: one process, the ranks of an MPI communicator, or threads of one process.
+
+All three have the same methods; all ranks must call each of them.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from .checks import missing
+
+
+class Alone:
+    """One process."""
+
+    rank, size = 0, 1
+    sent = 0  # bytes to other ranks
+    only_image = False  # frames have nothing but their image: less to send
+
+    def least(self, value: Any) -> Any:
+        """The smallest of all ranks' values, item by item."""
+        return np.minimum.reduce(self.all(value))
+
+    def most(self, value: Any) -> Any:
+        """The largest."""
+        return np.maximum.reduce(self.all(value))
+
+    def total(self, value: Any) -> Any:
+        """The sum, in the order of the ranks."""
+        return np.add.reduce(self.all(value))
+
+    def all(self, value: Any) -> list[Any]:
+        """Every rank's value."""
+        return [value]
+
+    def from_root(self, value: Any) -> Any:
+        """Rank 0's value."""
+        return self.all(value)[0]
+
+    def exchange(self, rows: np.ndarray, counts: np.ndarray) -> np.ndarray:
+        """Rows (N, K) of float32 to their ranks, counts (size,) to each in order; what came, in
+        the order of the ranks."""
+        ends = np.cumsum(counts)
+        parts = self.all([rows[e - c : e] for e, c in zip(ends, counts, strict=True)])
+        self.sent += 4 * rows.shape[1] * int(np.sum(counts) - counts[self.rank])
+        return np.concatenate([part[self.rank] for part in parts])
+
+    def swap(self, data: np.ndarray, bounds: np.ndarray) -> list[np.ndarray]:
+        """Of every rank's bytes (N,), those from bounds[rank] to bounds[rank + 1]."""
+        first, last = bounds[self.rank], bounds[self.rank + 1]
+        return [part[first:last] for part in self.all(data)]
+
+    def gather(self, data: np.ndarray, counts: Sequence[int]) -> list[np.ndarray]:
+        """Every rank's bytes (counts[rank],) on rank 0; nothing elsewhere."""
+        parts = self.all(data)
+        return [] if self.rank else parts
+
+
+class Threads(Alone):
+    """One rank of several that are threads of this process; `run_threads` makes them."""
+
+    def __init__(self, rank: int, size: int, places: list[Any], barrier: threading.Barrier):
+        self.rank, self.size = rank, size
+        self._places, self._barrier = places, barrier
+
+    def all(self, value: Any) -> list[Any]:
+        """Every rank's value, the object itself."""
+        self._places[self.rank] = value
+        self._barrier.wait()
+        found = list(self._places)
+        self._barrier.wait()  # before anybody puts the next one there
+        return found
+
+
+def run_threads(n: int, work: Callable[[Threads], Any]) -> list[Any]:
+    """Call work(ranks) in n threads, each a rank of its own; what they return.
+
+    For several devices of one process. An error of one rank ends all and is raised.
+    """
+    places: list[Any] = [None] * n
+    barrier, results = threading.Barrier(n), [None] * n
+    errors: list[BaseException] = []
+
+    def one(rank: int) -> None:
+        try:
+            results[rank] = work(Threads(rank, n, places, barrier))
+        except threading.BrokenBarrierError:
+            pass  # another rank has failed
+        except BaseException as error:
+            errors.append(error)
+            barrier.abort()
+
+    crew = [threading.Thread(target=one, args=(rank,), daemon=True) for rank in range(n)]
+    for thread in crew:
+        thread.start()
+    for thread in crew:
+        thread.join()
+    if errors:
+        raise errors[0]
+    return results
+
+
+class Ranks(Alone):
+    """The ranks of an mpi4py communicator."""
+
+    def __init__(self, comm: Any):
+        try:
+            from mpi4py import MPI
+        except ImportError:
+            raise missing("mpi4py", "mpi") from None
+        if not isinstance(comm, MPI.Intracomm):
+            raise TypeError(f"comm: expected an mpi4py communicator, got {type(comm).__name__}")
+        self._comm, self._mpi = comm, MPI
+        self.rank, self.size = comm.Get_rank(), comm.Get_size()
+
+    def _reduced(self, value: Any, how: Any) -> Any:
+        array = np.array(value)
+        out = np.empty_like(array)
+        self._comm.Allreduce(array, out, how)
+        return out if array.ndim else out[()]
+
+    def least(self, value: Any) -> Any:
+        """The smallest of all ranks' values, item by item."""
+        return self._reduced(value, self._mpi.MIN)
+
+    def most(self, value: Any) -> Any:
+        """The largest."""
+        return self._reduced(value, self._mpi.MAX)
+
+    def total(self, value: Any) -> Any:
+        """The sum."""
+        return self._reduced(value, self._mpi.SUM)
+
+    def all(self, value: Any) -> list[Any]:
+        """Every rank's value."""
+        return self._comm.allgather(value)
+
+    def from_root(self, value: Any) -> Any:
+        """Rank 0's value."""
+        return self._comm.bcast(value, 0)
+
+    def exchange(self, rows: np.ndarray, counts: np.ndarray) -> np.ndarray:
+        """Rows (N, K) of float32 to their ranks, counts (size,) to each in order; what came, in
+        the order of the ranks."""
+        width = rows.shape[1]
+        coming = np.empty(self.size, np.int64)
+        self._comm.Alltoall(np.asarray(counts, np.int64), coming)
+        row = self._mpi.FLOAT.Create_contiguous(max(width, 1)).Commit()
+        out = np.empty((int(coming.sum()), width), np.float32)
+        self._comm.Alltoallv(
+            [np.ascontiguousarray(rows, np.float32), (counts, _starts(counts)), row],
+            [out, (coming, _starts(coming)), row],
+        )
+        row.Free()
+        self.sent += 4 * width * int(np.sum(counts) - counts[self.rank])
+        return out
+
+    def swap(self, data: np.ndarray, bounds: np.ndarray) -> list[np.ndarray]:
+        """Of every rank's bytes (N,), those from bounds[rank] to bounds[rank + 1]."""
+        n = int(bounds[self.rank + 1] - bounds[self.rank])
+        out = np.empty((self.size, n), np.uint8)
+        self._comm.Alltoallv(
+            [data, (np.diff(bounds), bounds[:-1]), self._mpi.BYTE],
+            [out, ([n] * self.size, n * np.arange(self.size)), self._mpi.BYTE],
+        )
+        self.sent += len(data) - n
+        return list(out)
+
+    def gather(self, data: np.ndarray, counts: Sequence[int]) -> list[np.ndarray]:
+        """Every rank's bytes (counts[rank],) on rank 0; nothing elsewhere."""
+        if self.rank:
+            self._comm.Gatherv(data, None)
+            self.sent += data.nbytes
+            return []
+        starts = _starts(np.asarray(counts))
+        out = np.empty(sum(counts), np.uint8)
+        self._comm.Gatherv(data, [out, (counts, starts), self._mpi.BYTE])
+        return [out[s : s + c] for s, c in zip(starts, counts, strict=True)]
+
+
+def ranks_of(comm: Any) -> Alone:
+    """The ranks of an mpi4py communicator, of `Threads`, or none but this one."""
+    if comm is None:
+        return Alone()
+    return comm if isinstance(comm, Alone) else Ranks(comm)
+
+
+def local_rank(comm: Any) -> int:
+    """This rank's number among those of an mpi4py communicator on the same computer."""
+    from mpi4py import MPI
+
+    local = comm.Split_type(MPI.COMM_TYPE_SHARED)
+    rank = local.Get_rank()
+    local.Free()
+    return rank
+
+
+def _starts(counts: Any) -> np.ndarray:
+    return np.cumsum(counts) - counts
