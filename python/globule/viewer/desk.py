@@ -19,6 +19,7 @@ from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
 from .desk_model import Model
+from .roles import LOOK, LOOKING, PRIVATE_ACTIONS
 
 PATH = "/globule/desk"
 FILES = {
@@ -26,8 +27,8 @@ FILES = {
     "/globule/desk.css": ("text/css; charset=utf-8", "desk.css"),
 }
 HEAD = (
-    b'<link rel="stylesheet" href="/globule/desk.css">'
-    b'<script defer src="/globule/desk.js"></script></head>'
+    b'<link rel="stylesheet" href="globule/desk.css">'
+    b'<script defer src="globule/desk.js"></script></head>'
 )
 TICK = 0.3  # s between two looks at what changes by itself
 MOST_ACTION = 4096  # bytes
@@ -137,6 +138,9 @@ class Desk:
             action = self._actions().get(name) if isinstance(name, str) else None
             if action is None:
                 raise ValueError(f"page: expected the name of an action, got {str(name)[:40]}")
+            client = self.viewer.clients.get(browser.client_id)
+            if client is not None and client.role == LOOK and name not in PRIVATE_ACTIONS:
+                raise ValueError(LOOKING)
             action(browser, asked.get("value"))
         except Exception as error:
             page.complain(browser, str(error) or type(error).__name__)

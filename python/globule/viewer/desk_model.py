@@ -11,6 +11,7 @@ from ..render.presets import PRESETS
 from ..scene.attributes import attribute_values
 from ..scene.mesh import Mesh
 from .layers import hidden, layer_names
+from .roles import STEER
 
 BINS = 48
 MOST_COUNTED = 1_000_000  # particles of a histogram
@@ -32,11 +33,14 @@ class Model:
         """The model for one browser (`viser.ClientHandle`)."""
         page, state = self.viewer.page, self.viewer.state
         hand = page.tools.hands.get(browser.client_id)
+        client = self.viewer.clients.get(browser.client_id)
         undo, redo = state.history.lengths
         saving: Any = next(p for p in page.panels if type(p).__name__ == "Save")
         return {
             "title": self.viewer.title,
-            "tools": list(page.tools.choices),
+            "tools": list(hand.choices if hand else page.tools.choices),
+            "role": client.role if client else STEER,
+            "people": [len(self.viewer.clients), self.viewer.most_clients],
             "tool": hand.tool if hand else page.tools.choices[0],
             "undo": undo,
             "redo": redo,

@@ -21,6 +21,7 @@ from .encode import jpeg
 from .overlay import Mark, box_of, finish
 from .pacer import Pacer, Plan, limited
 from .picture import trace
+from .roles import STEER
 from .source import Source
 from .state import State
 
@@ -49,6 +50,7 @@ class Client:
         )
         self.frame_version: Any = None
         self.number = 0
+        self.role = STEER
         self.marks: list[Mark] = []  # drawn over this client's images only
         self._job: tuple | None = None
         self._ready = threading.Condition()

@@ -55,7 +55,8 @@
   const time = make("div", { class: "bar time", role: "group", "aria-label": "Timeline", hidden: "" });
   const hint = make("div", { class: "card hint", role: "status", hidden: "" });
   const split = make("div", { class: "split", role: "slider", tabindex: "0", "aria-label": "Divider between the two data sets", "aria-valuemin": "0", "aria-valuemax": "100", hidden: "" });
-  desk.append(tools, layers, time, hint, split);
+  const people = make("div", { class: "card people", role: "status", hidden: "" });
+  desk.append(tools, layers, time, hint, split, people);
 
   const of = {
     plane: button("plane", "Cutting plane", () => set({ cuts__plane: !model.plane }), "Cutting plane on or off; drag its handles (key C)"),
@@ -114,7 +115,7 @@
     const box = plot.getBoundingClientRect(), share = Math.min(1, Math.max(0, (event.clientX - box.left) / box.width));
     return model.plot.lo + share * (model.plot.hi - model.plot.lo);
   };
-  plot.addEventListener("pointerdown", (e) => { if (model.plot) { brush = [value(e), value(e)]; plot.setPointerCapture(e.pointerId); } });
+  plot.addEventListener("pointerdown", (e) => { if (model.plot && model.role !== "look") { brush = [value(e), value(e)]; plot.setPointerCapture(e.pointerId); } });
   plot.addEventListener("pointermove", (e) => { if (brush) { brush[1] = value(e); bars(); } });
   plot.addEventListener("pointerup", () => {
     if (!brush) return;
@@ -164,7 +165,7 @@
   };
 
   // Two data sets side by side
-  const divide = (share) => { sent = Date.now(); split.style.left = `${100 * share}%`; set({ compare__at: Math.min(1, Math.max(0, share)) }); };
+  const divide = (share) => { if (model.role === "look") return; sent = Date.now(); split.style.left = `${100 * share}%`; set({ compare__at: Math.min(1, Math.max(0, share)) }); };
   split.addEventListener("pointerdown", (e) => split.setPointerCapture(e.pointerId));
   split.addEventListener("pointermove", (e) => { if (e.buttons) { const box = desk.getBoundingClientRect(); divide((e.clientX - box.left) / box.width); } });
   split.addEventListener("keydown", (e) => {
@@ -182,7 +183,13 @@
     if (!tools.childElementCount) row();
     for (const [name, made] of Object.entries(choices)) made.setAttribute("aria-pressed", String(name === model.tool));
     of.plane.setAttribute("aria-pressed", String(model.plane));
-    of.undo.disabled = !model.undo; of.redo.disabled = !model.redo;
+    const looks = model.role === "look", [here, most] = model.people;
+    for (const made of [of.plane, of.film, by, shape, preset, all, run, back, next, scrub, again, reset]) made.disabled = looks;
+    of.undo.disabled = looks || !model.undo; of.redo.disabled = looks || !model.redo;
+    people.hidden = !looks && here < 2;
+    const told = `${looks ? "You look" : "You steer"} · ${here} of ${most} browsers`;
+    if (people.textContent !== told) people.textContent = told;
+    people.title = looks ? "The camera is yours; another browser changes the settings" : "Settings are shared; each browser has its own camera";
     of.film.classList.toggle("hot", model.recording); of.film.setAttribute("aria-pressed", String(model.recording));
     const rows = JSON.stringify(model.layers);
     if (list.dataset.rows !== rows) {
@@ -191,6 +198,7 @@
         const label = make("span", { title: one.name }, one.name);
         if (model.layers.length === 1) return make("div", { class: "row" }, label);
         const eye = button(one.shown ? "eye" : "off", `Layer ${one.name} visible`, () => hide(i, !one.shown), "Show or hide this layer");
+        eye.disabled = looks;
         eye.setAttribute("aria-pressed", String(one.shown));
         return make("div", { class: "row" }, eye, label);
       }));
@@ -257,7 +265,9 @@
     const word = globalThis.globuleWord;
     if (!word) return;
     socket?.close();
-    const own = socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/globule/desk?word=${encodeURIComponent(word)}`);
+    // Relative, so that a proxy may put the page below a path.
+    const address = new URL("globule/desk?word=" + encodeURIComponent(word), location.href.split(/[?#]/)[0]);
+    const own = socket = new WebSocket(address.href.replace(/^http/, "ws"));
     own.onopen = () => { wait = 500; paint(desk.classList.contains("dark")); };
     own.onmessage = (event) => { if (own === socket) { model = JSON.parse(event.data); show(); place(); } };
     own.onclose = () => { if (own === socket) setTimeout(() => { if (own === socket) connect(); }, (wait = Math.min(2 * wait, 8000))); };

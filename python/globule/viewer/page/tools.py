@@ -10,6 +10,7 @@ import numpy as np
 from ...render.frame import Picked
 from ..engine import Client
 from ..overlay import AMBER, RED, Mark
+from ..roles import STEER
 from ..source import Probed
 from .widgets import safe
 
@@ -38,8 +39,13 @@ class Tools:
             self.choices += (SUCTION,)
         with gui.add_folder("Tool") as self.folder:
             pass
-        command = gui.add_command("Next tool", hotkey="T")
+        command = page.roles.private(gui.add_command("Next tool", hotkey="T"))
         command.on_trigger(lambda event: self.hands[event.client_id].next_tool())
+
+    def choices_of(self, client: Client) -> tuple[str, ...]:
+        """The tools of a browser; who looks has those that change nothing."""
+        harmless = (ROTATE, MEASURE)
+        return self.choices if client.role == STEER else harmless
 
     def connected(self, browser: Any, client: Client) -> None:
         """Add the hand of a browser."""
@@ -55,6 +61,7 @@ class Hand:
 
     def __init__(self, tools: Tools, browser: Any, client: Client):
         self.tools, self.page, self.browser, self.client = tools, tools.page, browser, client
+        self.choices = tools.choices_of(client)
         self.viewer = tools.page.viewer
         self.picked: list[Picked | Probed] = []
         self.unit = tools.unit
@@ -65,7 +72,7 @@ class Hand:
         with tools.folder:
             self.choice = browser.gui.add_dropdown(
                 "Mouse tool",
-                tools.choices,
+                self.choices,
                 initial_value=ROTATE,
                 hint="Key T selects the next tool",
             )
@@ -81,20 +88,22 @@ class Hand:
 
     def next_tool(self) -> None:
         """Select the next tool."""
-        at = self.tools.choices.index(self.tool)
-        self.choice.value = self.tools.choices[(at + 1) % len(self.tools.choices)]
+        at = self.choices.index(self.tool)
+        self.choice.value = self.choices[(at + 1) % len(self.choices)]
         self.take(self.choice.value)
 
     def use(self, tool: Any) -> None:
         """Select a tool by its name. Raises ValueError."""
-        if tool not in self.tools.choices:
-            expected = ", ".join(self.tools.choices)
+        if tool not in self.choices:
+            expected = ", ".join(self.choices)
             raise ValueError(f"tool: expected one of {expected}, got {str(tool)[:40]}")
         self.choice.value = tool
         self.take(tool)
 
     def take(self, tool: str) -> None:
         """Select a tool and remove the marks of the last one."""
+        if tool not in self.choices:  # a browser may send any value
+            self.choice.value = tool = ROTATE
         self.picked = []
         self.client.mark([])
         self.text.content = {
