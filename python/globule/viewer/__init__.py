@@ -109,7 +109,7 @@ def show(
     browser: bool = True,
     **options: Any,
 ) -> Viewer:
-    """A viewer of a `globule.viewer.source.Source`; the arguments are those of `view` and `Viewer`."""
+    """A viewer of a `globule.viewer.source.Source`; arguments as for `view` and `Viewer`."""
     from .app import Viewer
     from .log import show_log
     from .page.look import use_preset

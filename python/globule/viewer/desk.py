@@ -32,6 +32,7 @@ HEAD = (
 )
 TICK = 0.3  # s between two looks at what changes by itself
 MOST_ACTION = 4096  # bytes
+WIDE_PANEL = 490.0  # pixels, in a 4K window with larger letters
 # Settings that the script may change; the panels change all others.
 SETTINGS = {
     "surface__shape",
@@ -163,6 +164,7 @@ class Desk:
             "play": lambda browser, value: play.toggle(),
             "step": lambda browser, value: source.step(),
             "reset": lambda browser, value: source.reset(),
+            "wide": lambda browser, value: browser.gui.main_panel.set_width(WIDE_PANEL),
             "dark": lambda browser, value: page.paint(browser.gui, bool(value)),
         }
 

@@ -113,8 +113,9 @@ class Guard:
             packed = response.headers.get("Content-Encoding") == "gzip"
             page = gzip.decompress(body) if packed else body
             name = f"<title>{html.escape(self.title)}</title>".encode()
-            page = page.replace(b"<title>Viser</title>", name, 1)
-            page = page.replace(b"</head>", desk.HEAD, 1)
+            if b"<title>Viser</title>" in page:  # not the start page
+                page = page.replace(b"<title>Viser</title>", name, 1)
+                page = page.replace(b"</head>", desk.HEAD, 1)
             self._titled[body] = gzip.compress(page) if packed else page
         response.body = self._titled[body]
         del response.headers["Content-Length"]

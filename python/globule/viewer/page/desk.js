@@ -18,12 +18,18 @@
     play: "M7 4l13 8-13 8z", pause: "M8 5v14M16 5v14", back: "M17 5 8 12l9 7zM6 5v14",
     next: "M7 5l9 7-9 7zM18 5v14", loop: "M4 12a7 7 0 0 1 12-5l3 3M20 12a7 7 0 0 1-12 5l-3-3M19 5v5h-5M5 19v-5h5",
     reset: "M5 5v6h6M5 11a8 8 0 1 1 2 6", eye: "M2 12s4-7 10-7 10 7 10 7-4 7-10 7S2 12 2 12M12 9a3 3 0 1 0 0 6 3 3 0 1 0 0-6",
+    sliders: "M4 7h9M17 7h3M15 4v6M4 17h3M11 17h9M9 14v6",
     off: "M2 12s4-7 10-7 10 7 10 7-4 7-10 7S2 12 2 12M4 4l16 16",
   };
+  const narrow = matchMedia("(max-width: 640px)");
   const HINTS = [
-    "Drag to rotate, turn the wheel to zoom, right-drag to pan. Press F to see everything again.",
+    matchMedia("(pointer: coarse)").matches
+      ? "Drag to rotate, pinch to zoom, drag with two fingers to pan. The frame in the toolbar shows everything again."
+      : "Drag to rotate, turn the wheel to zoom, right-drag to pan. Press F to see everything again.",
     "Click the surface to read its values. The toolbar measures, cuts, saves an image and records a movie.",
-    "The list of layers at the left colors by value. The panel at the right has all settings; H lists all keys.",
+    narrow.matches
+      ? "Layers in the toolbar colors by value. The sliders in the toolbar open all settings."
+      : "The list of layers at the left colors by value. The panel at the right has all settings; H lists all keys.",
   ];
   const kept = (name, usual) => { try { return localStorage.getItem("globule-" + name) ?? usual; } catch { return usual; } };
   const keep = (name, value) => { try { localStorage.setItem("globule-" + name, value); } catch { /* private window */ } };
@@ -49,7 +55,7 @@
   const draw = (made, name) => { if (made.dataset.icon !== name) { made.dataset.icon = name; made.replaceChildren(icon(name)); } };
 
   // What stands where
-  const desk = make("div", { id: "globule-desk" });
+  const desk = make("div", { id: "globule-desk", role: "region", "aria-label": "Tools, layers and time" });
   const tools = make("div", { class: "bar tools", role: "toolbar", "aria-label": "Tools" });
   const layers = make("section", { class: "bar layers", "aria-label": "Layers" });
   const time = make("div", { class: "bar time", role: "group", "aria-label": "Timeline", hidden: "" });
@@ -67,6 +73,7 @@
     film: button("film", "Movie", () => say("record"), "Record a movie; press again to stop and download it (key R)"),
     layers: button("layers", "Layers", () => open(layers.hidden), "List of layers: color, surface, material"),
     moon: button("moon", "Dark or light", () => paint(!desk.classList.contains("dark"), true), "Dark or light page"),
+    sliders: button("sliders", "All settings", () => settings(!document.documentElement.classList.contains("globule-settings")), "Show or hide the panel of all settings"),
     help: button("help", "Hints", () => tour(0), "Show the three hints again"),
   };
   const choices = {};
@@ -77,7 +84,8 @@
       choices[name] = button(first in ICONS ? first : "Rotate", first, () => say("tool", name), hints[first]);
     }
     const gap = () => make("hr", { "aria-hidden": "true" });
-    tools.replaceChildren(...Object.values(choices), of.plane, gap(), of.fit, of.undo, of.redo, gap(), of.camera, of.film, gap(), of.layers, of.moon, of.help);
+    tools.replaceChildren(...Object.values(choices), of.plane, gap(), of.fit, of.undo, of.redo, gap(), of.camera, of.film, gap(), of.layers, of.sliders, of.moon, of.help);
+    of.sliders.classList.add("only-narrow");
   };
 
   // The list of layers
@@ -102,7 +110,12 @@
     }
     if (document.activeElement !== select || select.value !== value) select.value = value;
   };
-  const open = (on) => { layers.hidden = !on; of.layers.setAttribute("aria-pressed", String(on)); keep("layers", on ? "1" : "0"); };
+  const settings = (on) => {
+    document.documentElement.classList.toggle("globule-settings", on);
+    of.sliders.setAttribute("aria-pressed", String(on));
+    if (on && narrow.matches) open(false);
+  };
+  const open = (on) => { if (on && narrow.matches) settings(false); layers.hidden = !on; of.layers.setAttribute("aria-pressed", String(on)); keep("layers", on ? "1" : "0"); };
   const hide = (i, on) => {
     const gone = model.layers.map((one, k) => ((k === i ? !on : !one.shown) ? k + 1 : 0)).filter(Boolean);
     if (gone.length < model.layers.length) set({ layers__hidden: gone.join(" ") });
@@ -213,6 +226,7 @@
     if (model.plot && !brush) bars();
     const t = model.time;
     time.hidden = !t;
+    time.classList.toggle("beside", Boolean(model.color.by));
     if (t) {
       draw(run, t.running ? "pause" : "play");
       run.setAttribute("aria-pressed", String(t.running));
@@ -234,11 +248,12 @@
 
   // Names for screen readers where viser's panel has none
   const named = () => {
-    for (const part of document.querySelectorAll('#root [role="slider"][aria-label=""], #root input[inputmode]:not([aria-label])')) {
+    for (const part of document.querySelectorAll('#root [role="slider"][aria-label=""], #root input:not([aria-label], [type="checkbox"], [type="file"])')) {
+      if (part.labels?.length) continue;
       let row = part.parentElement;
       while (row && !row.querySelector("label")) row = row.parentElement;
       const words = row?.querySelector("label")?.textContent;
-      if (words) part.setAttribute("aria-label", part.tagName === "INPUT" ? `${words}, value` : words);
+      if (words) part.setAttribute("aria-label", part.inputMode ? `${words}, value` : words);
     }
     document.querySelectorAll("#root button:not([aria-label])").forEach((part) => {
       if (!part.textContent.trim() && part.querySelector("svg")) {
@@ -257,6 +272,8 @@
     if (!image) return;
     const box = image.getBoundingClientRect();
     named();
+    for (const part of narrow.matches ? document.querySelectorAll("#root .mantine-Paper-root:not(.globule-panel)") : [])
+      if (getComputedStyle(part).position === "fixed") part.classList.add("globule-panel");
     layers.style.top = `${tools.offsetTop + tools.offsetHeight + 9}px`;
     Object.assign(desk.style, { left: `${box.left}px`, top: `${box.top}px`, width: `${box.width}px`, height: `${box.height}px` });
   };
@@ -268,13 +285,18 @@
     // Relative, so that a proxy may put the page below a path.
     const address = new URL("globule/desk?word=" + encodeURIComponent(word), location.href.split(/[?#]/)[0]);
     const own = socket = new WebSocket(address.href.replace(/^http/, "ws"));
-    own.onopen = () => { wait = 500; paint(desk.classList.contains("dark")); };
+    own.onopen = () => {
+      wait = 500; paint(desk.classList.contains("dark"));
+      if (matchMedia("(min-width: 2560px)").matches) say("wide");
+    };
     own.onmessage = (event) => { if (own === socket) { model = JSON.parse(event.data); show(); place(); } };
     own.onclose = () => { if (own === socket) setTimeout(() => { if (own === socket) connect(); }, (wait = Math.min(2 * wait, 8000))); };
   };
 
   addEventListener("DOMContentLoaded", () => {
     document.documentElement.lang = "en";
+    document.getElementById("root").setAttribute("role", "main");
+    desk.prepend(make("h1", { class: "unseen" }, document.title));
     document.body.append(desk);
     // Keys that a control uses must not move the camera, too.
     desk.addEventListener("keydown", (e) => { if (/^(Arrow|Home|End|Enter| )/.test(e.key)) e.stopPropagation(); });
