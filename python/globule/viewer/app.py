@@ -19,6 +19,7 @@ from .._base.checks import how_to_install, missing
 from ..render.camera import Camera
 from .engine import Client, Engine
 from .equivalent import command_line, python_code
+from .export import notebook
 from .first_view import FIRST_SIZE, first_camera, for_window, left_out, outermost
 from .guard import Guard, limit_messages, quiet_tasks
 from .log import log
@@ -368,6 +369,10 @@ class Viewer:
                 command_line(self.source, state, camera, size, self.up),
                 python_code(self.source, state, camera, size, self.up),
             )
+
+    def notebook(self, camera: Camera | None = None, size: tuple[int, int] = FIRST_SIZE) -> str:
+        """The text of a Jupyter notebook that makes the same image; arguments: `equivalent`."""
+        return notebook(self.title, *self.equivalent(camera, size))
 
     def save_state(self, path: Any) -> None:
         """Write all settings and the first camera to a TOML file."""

@@ -19,6 +19,7 @@ from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
 from .desk_model import Model
+from .plots import OVER_TIME
 from .roles import LOOK, LOOKING, PRIVATE_ACTIONS
 
 PATH = "/globule/desk"
@@ -47,6 +48,7 @@ SETTINGS = {
     "time__playing",
     "time__loop",
     "compare__at",
+    "measure__shown",
 }
 
 
@@ -77,6 +79,7 @@ class Desk:
 
     def disconnected(self, browser: Any) -> None:
         """Forget a browser that has left."""
+        self.model.series.pop(browser.client_id, None)
         for word in [word for word, known in self._browsers.items() if known is browser]:
             del self._browsers[word]
 
@@ -164,6 +167,7 @@ class Desk:
             "play": lambda browser, value: play.toggle(),
             "step": lambda browser, value: source.step(),
             "reset": lambda browser, value: source.reset(),
+            "series": lambda browser, value: self._watch(browser, value),
             "wide": lambda browser, value: browser.gui.main_panel.set_width(WIDE_PANEL),
             "dark": lambda browser, value: page.paint(browser.gui, bool(value)),
         }
@@ -184,6 +188,12 @@ class Desk:
 
             more = opaque(self.viewer, value["color__by"]) if "color__by" in value else {}
             self.viewer.state.set(**value, **more)
+
+    def _watch(self, browser: Any, value: Any) -> None:
+        """Choose what a browser plots over time."""
+        if value not in (name for name, *_ in OVER_TIME):
+            raise ValueError(f"plot: expected a quantity, got {str(value)[:40]}")
+        self.model.series[browser.client_id] = value
 
     def close(self) -> None:
         """End the thread of the actions."""

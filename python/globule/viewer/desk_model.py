@@ -11,6 +11,7 @@ from ..render.presets import PRESETS
 from ..scene.attributes import attribute_values
 from ..scene.mesh import Mesh
 from .layers import hidden, layer_names
+from .plots import over_time
 from .roles import STEER
 
 BINS = 48
@@ -26,6 +27,7 @@ class Model:
 
     def __init__(self, viewer: Any):
         self.viewer = viewer
+        self.series: dict[int, str] = {}  # what a browser plots over time
         self._counted: tuple = ()
         self._plot: dict[str, Any] | None = None
 
@@ -58,8 +60,15 @@ class Model:
             "surface": {"shape": state.surface.shape, "shown": self._shown()},
             "preset": {"name": state.look.preset, "options": ["plain", *PRESETS]},
             "plot": self._histogram(),
+            "line": self._line(client),
+            "series": over_time(self.viewer.source, self.series.get(browser.client_id, "")),
             "compare": state.compare.at if self.viewer.source.kind == "compare" else None,
         }
+
+    def _line(self, client: Any) -> dict[str, Any] | None:
+        """The values along the measured line, with the unit of lengths."""
+        profile = client.profile if client else None
+        return profile and {**profile, "unit": self.viewer.source.unit}
 
     def _shown(self) -> str:
         scene = self.viewer.source.maker.last_scene

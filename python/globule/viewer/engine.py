@@ -21,6 +21,7 @@ from .encode import jpeg
 from .overlay import Mark, box_of, finish
 from .pacer import Pacer, Plan, limited
 from .picture import trace
+from .plots import along_line, marks_of, measured_line
 from .roles import STEER
 from .source import Source
 from .state import State
@@ -52,6 +53,8 @@ class Client:
         self.number = 0
         self.role = STEER
         self.marks: list[Mark] = []  # drawn over this client's images only
+        self.line: np.ndarray | None = None  # (2, 3) ends of its own measurement, world
+        self.profile: dict[str, Any] | None = None  # values along the measured line
         self._job: tuple | None = None
         self._ready = threading.Condition()
         self._gone = False
@@ -297,12 +300,13 @@ class Engine:
                     "state": state,
                     "camera": camera,
                     "plates": plates,
-                    "marks": client.marks + source.marks(),
+                    "marks": client.marks + marks_of(source, state),
                     "depth": frame.distance if plates or state.notes.box else None,
                     "ends": source.maker.range,
                     **box_of(frame, state),
                 }
                 picture = frame.picture
+                client.profile = self._profile(client, state)
             finally:
                 with self.wake:
                     self._still = None
@@ -315,6 +319,12 @@ class Engine:
             self.trace_seconds = seconds
             client.pacer.traced(plan, seconds, state.quality.rate)
         client.hand((plan, seen, picture, more))
+
+    def _profile(self, client: Client, state: State) -> dict[str, Any] | None:
+        """Values along the measured line. The caller holds the source's lock."""
+        line = measured_line(state) if client.line is None else client.line
+        scene = self.source.maker.last_scene
+        return None if line is None else along_line(scene, line, state.color.by)
 
     def _traced(
         self, client: Client, plan: Plan, what: tuple, state: State, camera: Camera

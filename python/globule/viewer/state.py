@@ -209,6 +209,15 @@ class Compare:
 
 
 @dataclass
+class Measure:
+    """A measured distance."""
+
+    shown: bool = switch(False, "Measurement", "A line with its length")
+    start: tuple = triple((0.0, 0.0, 0.0), -FAR, FAR, "From", "First end, world units")
+    end: tuple = triple((0.0, 0.0, 0.0), -FAR, FAR, "To", "Second end, world units")
+
+
+@dataclass
 class Time:
     """Playback of a sequence."""
 
@@ -233,6 +242,7 @@ GROUPS = {
     "slices": Slices,
     "layers": Layers,
     "compare": Compare,
+    "measure": Measure,
     "time": Time,
 }
 
@@ -243,7 +253,8 @@ class State:
     Change settings with `set`, so that pages and images follow. Any thread may call `set`.
 
     Attributes:
-        surface, look, color, notes, cuts, quality, slices, layers, compare, time: the groups.
+        surface, look, color, notes, cuts, quality, slices, layers, compare, measure, time: the
+            groups.
         bookmarks: cameras by the name that a person gave them.
         version: counts the changes.
         history: undoes and redoes changes.
@@ -258,6 +269,7 @@ class State:
     slices: Slices
     layers: Layers
     compare: Compare
+    measure: Measure
     time: Time
 
     def __init__(self) -> None:

@@ -17,6 +17,7 @@
     help: "M9 9a3 3 0 1 1 4 3c-1 .6-1 1-1 2M12 18v.1",
     play: "M7 4l13 8-13 8z", pause: "M8 5v14M16 5v14", back: "M17 5 8 12l9 7zM6 5v14",
     next: "M7 5l9 7-9 7zM18 5v14", loop: "M4 12a7 7 0 0 1 12-5l3 3M20 12a7 7 0 0 1-12 5l-3-3M19 5v5h-5M5 19v-5h5",
+    close: "M6 6l12 12M18 6 6 18",
     reset: "M5 5v6h6M5 11a8 8 0 1 1 2 6", eye: "M2 12s4-7 10-7 10 7 10 7-4 7-10 7S2 12 2 12M12 9a3 3 0 1 0 0 6 3 3 0 1 0 0-6",
     sliders: "M4 7h9M17 7h3M15 4v6M4 17h3M11 17h9M9 14v6",
     off: "M2 12s4-7 10-7 10 7 10 7-4 7-10 7S2 12 2 12M4 4l16 16",
@@ -61,8 +62,9 @@
   const time = make("div", { class: "bar time", role: "group", "aria-label": "Timeline", hidden: "" });
   const hint = make("div", { class: "card hint", role: "status", hidden: "" });
   const split = make("div", { class: "split", role: "slider", tabindex: "0", "aria-label": "Divider between the two data sets", "aria-valuemin": "0", "aria-valuemax": "100", hidden: "" });
+  const plots = make("section", { class: "bar plots", "aria-label": "Plots", hidden: "" });
   const people = make("div", { class: "card people", role: "status", hidden: "" });
-  desk.append(tools, layers, time, hint, split, people);
+  desk.append(tools, layers, time, plots, hint, split, people);
 
   const of = {
     plane: button("plane", "Cutting plane", () => set({ cuts__plane: !model.plane }), "Cutting plane on or off; drag its handles (key C)"),
@@ -155,6 +157,66 @@
     ends.replaceChildren(make("span", {}, short(lo)), make("span", {}, `${short(a)} … ${short(b)}`), make("span", {}, short(hi)));
   };
 
+  // Curves: along the measured line, and over time
+  const closing = button("close", "Remove the measurement", () => set({ measure__shown: false }), "Remove the measured line and its plot");
+  const lineTitle = make("span"), lineRead = make("div", { class: "ends" });
+  const linePlot = make("canvas", { class: "plot", role: "img", tabindex: "0", width: "560", height: "176" });
+  const lineBox = make("div", { hidden: "" }, make("div", { class: "row" }, lineTitle, closing), linePlot, lineRead);
+  const seriesOf = make("select", { title: "What is plotted over the simulated time", "aria-label": "Plot over time", onchange: () => say("series", seriesOf.value) });
+  const seriesRead = make("div", { class: "ends" });
+  const seriesPlot = make("canvas", { class: "plot", role: "img", tabindex: "0", width: "560", height: "176" });
+  const seriesBox = make("div", { hidden: "" }, seriesOf, seriesPlot, seriesRead);
+  plots.append(lineBox, seriesBox);
+  const curve = (canvas, read, data, xUnit, yUnit, hint, brushed) => {
+    const pen = canvas.getContext("2d"), w = canvas.width, h = canvas.height, edge = 4;
+    const known = data.y.filter((v) => v !== null);
+    const [lo, hi] = [Math.min(...known), Math.max(...known)], x0 = data.x[0], x1 = data.x.at(-1);
+    const px = (v) => edge + (w - 2 * edge) * (v - x0) / (x1 - x0 || 1), py = (v) => h - edge - (h - 2 * edge) * (v - lo) / (hi - lo || 1);
+    const at = canvas.at;
+    pen.clearRect(0, 0, w, h);
+    if (brushed) { pen.fillStyle = "#c9dcf2"; pen.fillRect(px(Math.min(...brushed)), 0, Math.abs(px(brushed[1]) - px(brushed[0])), h); }
+    pen.strokeStyle = "#1f5c9e"; pen.lineWidth = 3; pen.beginPath();
+    data.y.forEach((v, i) => v !== null && (i && data.y[i - 1] !== null ? pen.lineTo(px(data.x[i]), py(v)) : pen.moveTo(px(data.x[i]), py(v))));
+    pen.stroke();
+    const words = (v, unit) => (unit ? `${short(v)} ${unit}` : short(v));
+    if (at !== undefined && data.y[at] !== null && at < data.y.length) {
+      pen.fillStyle = "#b3261e"; pen.beginPath(); pen.arc(px(data.x[at]), py(data.y[at]), 7, 0, 7); pen.fill();
+      read.replaceChildren(make("span", {}, `at ${words(data.x[at], xUnit)}: ${words(data.y[at], yUnit)}`));
+    } else read.replaceChildren(make("span", {}, words(x0, xUnit)), make("span", {}, known.length ? `${short(lo)} … ${words(hi, yUnit)}` : "no particles here"), make("span", {}, words(x1, xUnit)));
+    canvas.title = hint;
+    canvas.setAttribute("aria-label", `${data.name} from ${words(x0, xUnit)} to ${words(x1, xUnit)}: ${known.length ? `${short(lo)} to ${words(hi, yUnit)}` : "no values"}`);
+  };
+  let chosen = null;  // part of the line, while it is brushed
+  const drawLine = () => curve(linePlot, lineRead, model.line, model.line.unit, "", "Point at the curve to read it; drag to color the range of these values", chosen);
+  const drawSeries = () => curve(seriesPlot, seriesRead, model.series, "s", model.series.unit, "Point at the curve to read it (arrow keys, too)");
+  const nearest = (canvas, data, event) => {
+    const box = canvas.getBoundingClientRect(), share = Math.min(1, Math.max(0, (event.clientX - box.left) / box.width));
+    const x = data.x[0] + share * (data.x.at(-1) - data.x[0]);
+    return data.x.reduce((best, v, i) => (Math.abs(v - x) < Math.abs(data.x[best] - x) ? i : best), 0);
+  };
+  for (const [canvas, key, redraw] of [[linePlot, "line", drawLine], [seriesPlot, "series", drawSeries]]) {
+    canvas.addEventListener("pointermove", (e) => { if (model[key]) { canvas.at = nearest(canvas, model[key], e); if (chosen && key === "line") chosen[1] = model.line.x[canvas.at]; redraw(); } });
+    canvas.addEventListener("pointerleave", () => { canvas.at = undefined; if (model[key]) redraw(); });
+    canvas.addEventListener("keydown", (e) => {
+      const way = { ArrowLeft: -1, ArrowRight: 1 }[e.key];
+      if (way && model[key]) { canvas.at = Math.min(model[key].x.length - 1, Math.max(0, (canvas.at ?? -1) + way)); redraw(); }
+    });
+  }
+  linePlot.addEventListener("pointerdown", (e) => {
+    if (!model.color.by || model.role === "look") return;
+    linePlot.setPointerCapture(e.pointerId);
+    chosen = Array(2).fill(model.line.x[nearest(linePlot, model.line, e)]);
+  });
+  linePlot.addEventListener("pointerup", () => {
+    if (!chosen) return;
+    const [a, b] = [Math.min(...chosen), Math.max(...chosen)];
+    const inside = model.line.y.filter((v, i) => v !== null && model.line.x[i] >= a && model.line.x[i] <= b);
+    chosen = null;
+    const [low, high] = [Math.min(...inside), Math.max(...inside)];
+    if (high > low) set({ color__automatic: false, color__low: low, color__high: high });
+    drawLine();
+  });
+
   // The timeline
   const run = button("play", "Play or pause", () => say("play"), "Play or pause (space bar)");
   const goto = (i) => set({ time__playing: false, time__frame: Math.min(model.time.frames - 1, Math.max(0, i)) });
@@ -224,6 +286,11 @@
     graph.hidden = !model.plot;
     all.hidden = model.color.automatic;
     if (model.plot && !brush) bars();
+    plots.hidden = !model.line && !model.series;
+    lineBox.hidden = !model.line; seriesBox.hidden = !model.series;
+    closing.disabled = looks;
+    if (model.line) { lineTitle.textContent = `${model.line.name} along the line`; if (!chosen) drawLine(); }
+    if (model.series) { fill(seriesOf, model.series.names.map((n) => [n, n]), model.series.name); drawSeries(); }
     const t = model.time;
     time.hidden = !t;
     time.classList.toggle("beside", Boolean(model.color.by));

@@ -72,6 +72,12 @@ class Save(Panel):
             self.button(
                 "As command and Python", self.show_equivalent, "Both make the same image", True
             )
+            self.button(
+                "As a notebook",
+                self.save_notebook,
+                "A Jupyter notebook that makes this image",
+                True,
+            )
         self.command("Save image", "P", self.picture, True)
         self.command("Record", "R", self.record)
 
@@ -203,6 +209,11 @@ class Save(Panel):
         )
         if camera is not None:
             self.viewer.move(event.client, camera)
+
+    def save_notebook(self, browser: Any) -> None:
+        """Give the browser a notebook that makes the image."""
+        text = self.viewer.notebook(self._client(browser).camera, self.chosen_size())
+        browser.send_file_download("globule.ipynb", text.encode(), save_immediately=True)
 
     def show_equivalent(self, browser: Any) -> None:
         """Show and log a command and a program that make the image."""

@@ -9,7 +9,8 @@ import numpy as np
 
 from ...render.frame import Picked
 from ..engine import Client
-from ..overlay import AMBER, RED, Mark
+from ..overlay import RED, Mark
+from ..plots import line_mark
 from ..roles import STEER
 from ..source import Probed
 from .widgets import safe
@@ -105,6 +106,7 @@ class Hand:
         if tool not in self.choices:  # a browser may send any value
             self.choice.value = tool = ROTATE
         self.picked = []
+        self.client.line = None
         self.client.mark([])
         self.text.content = {
             ROTATE: HINT,
@@ -137,8 +139,7 @@ class Hand:
             self.text.content = (
                 f"**Distance {distance:.6g}{self.unit}**  \nfrom {_words(a)} to {_words(b)}"
             )
-            points = (tuple(a.tolist()), tuple(b.tolist()))
-            self.client.mark([Mark(points, f"{distance:.4g}{self.unit}", AMBER)])
+            self._keep_line(a, b)
             return
         x, y, z = (float(v) for v in found.position)
         if isinstance(found, Probed):
@@ -146,6 +147,16 @@ class Hand:
         else:
             title, self.text.content = f"particle {found.particle:,}", describe(found, self.unit)
         self.client.mark([Mark(((x, y, z),), "" if self.tool == MEASURE else title, RED)])
+
+    def _keep_line(self, a: np.ndarray, b: np.ndarray) -> None:
+        """Keep a measurement in the settings; of a browser that looks: for itself."""
+        if self.client.role == STEER:
+            self.client.mark([])
+            start, end = tuple(a.tolist()), tuple(b.tolist())
+            self.viewer.state.set(measure__shown=True, measure__start=start, measure__end=end)
+            return
+        self.client.line = np.array([a, b])
+        self.client.mark([line_mark(self.client.line, self.unit)])
 
     def pick(self, screen: tuple[float, float]) -> Picked | Probed | None:
         """The surface or slice at a place (0, 0) to (1, 1) of this browser's image, or None."""
