@@ -3,36 +3,19 @@
 from __future__ import annotations
 
 import json
-from collections import deque
 from contextlib import ExitStack, closing
 from types import SimpleNamespace
 
 import globule as gb
 import pytest
 from viewer_helpers import Watched, blob, drag_along, until
-from waiting import PATIENCE
 
 pytest.importorskip("viser")
 
-import msgspec
-import viser
-import zstandard
 from globule.viewer.roles import LOOK, LOOKING, STEER
-from websockets.sync.client import connect
+from viewer_program import Program
 
 BROWSERS = True  # see hang_guard
-CAMERA = {
-    "type": "ViewerCameraMessage",
-    "wxyz": [1.0, 0.0, 0.0, 0.0],
-    "fov": 1.0,
-    "position": [0.0, 0.0, 3.0],
-    "look_at": [0.0] * 3,
-    "up_direction": [0.0, 1.0, 0.0],
-    "near": 0.1,
-    "far": 9.0,
-    "image_height": 90,
-    "image_width": 120,
-}
 
 
 @pytest.fixture
@@ -47,36 +30,6 @@ def shared():
     )
     yield made
     made.close()
-
-
-class Program:
-    """A browser's connection, by a program."""
-
-    def __init__(self, viewer, token):
-        address = f"ws://127.0.0.1:{viewer.port}/?token={token}"
-        protocol = f"viser-v{viser.__version__}"
-        self.connection = connect(address, subprotocols=[protocol], max_size=None)
-        self._left: deque = deque()  # messages that nobody has looked at
-        self.say(CAMERA)
-
-    def say(self, *messages):
-        for message in messages:
-            self.connection.send(msgspec.msgpack.encode(message))
-
-    def heard(self, wanted):
-        """The next message that is as wanted."""
-        while True:
-            while self._left:
-                message = self._left.popleft()
-                if wanted(message):
-                    return message
-            data = self.connection.recv(timeout=PATIENCE)
-            packed = data[16 : 16 + int.from_bytes(data[8:16], "little")]  # as viser has it
-            window = msgspec.msgpack.decode(zstandard.ZstdDecompressor().decompress(packed))
-            self._left.extend(window["messages"])
-
-    def close(self):
-        self.connection.close()
 
 
 def test_who_looks_changes_nothing_that_others_see(shared):

@@ -27,6 +27,7 @@ from .source import Source
 from .state import State
 
 REPEAT = 5.0  # s before the same error is reported again
+AGAIN = 0.005  # s between two requests to stop an image
 RESTART = 0.5  # s before a thread that failed begins again
 
 
@@ -161,6 +162,7 @@ class Engine:
         self._turn = 0
         self._running = True
         self._still: tuple[Client, Any] | None = None  # whose still image; its scene
+        self._stopping: tuple[Client, Any] | None = None  # the still image that is to stop
         self._threads = [
             threading.Thread(
                 target=self._keep_up, args=(work,), name=f"globule {name}", daemon=True
@@ -186,9 +188,20 @@ class Engine:
             client: whose image to stop; None: anyone's.
         """
         with self.wake:
-            if self._still is not None and client in (None, self._still[0]):
-                self._still[1].cancel()
+            still = self._still
+            if still is not None and client in (None, still[0]) and still is not self._stopping:
+                self._stopping = still
+                threading.Thread(target=self._stop, args=(still,), daemon=True).start()
             self.wake.notify_all()
+
+    def _stop(self, still: tuple[Client, Any]) -> None:
+        """Stop a still image. A scene forgets a request that comes between two of its calls."""
+        while True:
+            with self.wake:
+                if self._still is not still:
+                    return
+                still[1].cancel()
+            time.sleep(AGAIN)
 
     def add(self, sink: Sink, camera: Camera) -> Client:
         """A new client with a first camera."""
