@@ -88,7 +88,7 @@ def test_options_become_settings(cloud, monkeypatch, tmp_path):
 
     seen = {}
 
-    def show(source, host, port, up, camera, state, preset, browser):
+    def show(source, host, port, up, camera, state, preset, browser, **options):
         seen.update(locals())
         raise KeyboardInterrupt
 

@@ -46,7 +46,7 @@ def heard(connection, wanted):
 
 def test_the_page_has_the_controls_behind_the_same_rules(viewer):
     with urllib.request.urlopen(viewer.address) as answer:
-        assert b"/globule/desk.js" in answer.read()
+        assert b"globule/desk.js" in answer.read()
     for name, kind in (("desk.js", "application/javascript"), ("desk.css", "text/css")):
         with urllib.request.urlopen(f"{viewer.address}globule/{name}") as answer:
             assert answer.headers["Content-Type"].startswith(kind)

@@ -13,7 +13,7 @@ import pytest
 from globule.render.camera import Camera
 
 pytest.importorskip("viser")
-from globule.viewer.app import FIRST_SIZE, first_camera, for_window, left_out
+from globule.viewer.first_view import FIRST_SIZE, first_camera, for_window, left_out
 from globule.viewer.guard import Guard
 from globule.viewer.open import open_source
 from globule.viewer.overlay import Mark, draw_marks, finish, free_below, project
@@ -202,11 +202,15 @@ def test_the_surface_is_open_before_the_slices():
     assert not ((np.array(corner.lo) < middle - 3 * step) & (middle - 3 * step < corner.hi)).any()
 
 
-def test_a_sweep_says_what_to_do():
+def a_sweep():
     frames = np.full((3, 20, 24), 120, np.uint8)
     poses = np.repeat(np.eye(4)[None], 3, axis=0)
     poses[:, 2, 3] = np.arange(3)
-    source, state = open_source(gb.Sweep(frames, poses)), State()
+    return gb.Sweep(frames, poses)
+
+
+def test_a_sweep_says_what_to_do():
+    source, state = open_source(a_sweep()), State()
     assert "Press Start" in source.status()
     assert "press Start" in source.marks()[0].text
     source.start()
@@ -272,3 +276,16 @@ def test_saved_settings_open_the_same_view(tmp_path):
         assert again.first_camera == viewer.first_camera
     finally:
         again.close()
+
+
+@pytest.mark.parametrize("what", ["sequence", "dam-break", "cut-block", "sweep"])
+def test_every_control_says_what_it_does(what):
+    made = {"sequence": [blob(50), blob(50, 2)], "sweep": a_sweep()}.get(what, what)
+    viewer = gb.view(made, port=0, browser=False, block=False)
+    try:
+        handles = viewer.gui._gui_input_handle_from_uuid.values()
+        silent = [h._impl.props.label for h in handles if not h._impl.props.hint]
+        assert len(handles) > 40
+        assert not silent
+    finally:
+        viewer.close()

@@ -12,6 +12,7 @@ import globule as gb
 import numpy as np
 import pytest
 from globule.viewer.guard import MOST_MESSAGE, Guard, is_local
+from globule.viewer.roles import LOOK, STEER
 from waiting import until
 
 pytest.importorskip("viser")
@@ -35,12 +36,19 @@ def test_this_machines_address_is_for_this_machine():
 
 
 def test_other_addresses_demand_the_token():
-    guard = Guard("secret")
+    guard = Guard("secret", look_token="only")
+    name = guard.cookie(STEER, {}).partition("=")[0]
+    assert Guard("other").cookie(STEER, {}).partition("=")[0] != name  # two viewers of one host
+    assert [guard.role(f"/?token={word}", headers(Host="box")) for word in ("secret", "only")] == [
+        STEER,
+        LOOK,
+    ]
+    assert "; Secure" in guard.cookie(LOOK, headers(X_Forwarded_Proto="https"))
     assert guard.refusal("/", headers(Host="box:8080")) is not None
     assert guard.refusal("/?token=wrong", headers(Host="box:8080")) is not None
     assert guard.refusal("/?token=secret", headers(Host="box:8080")) is None
-    assert guard.refusal("/x.js", headers(Host="box", Cookie="a=b; globule=secret")) is None
-    assert guard.refusal("/x.js", headers(Host="box", Cookie="globule=no")) is not None
+    assert guard.refusal("/x.js", headers(Host="box", Cookie=f"a=b; {name}=secret")) is None
+    assert guard.refusal("/x.js", headers(Host="box", Cookie=f"{name}=no")) is not None
 
 
 @pytest.fixture

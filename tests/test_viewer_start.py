@@ -147,7 +147,7 @@ def test_the_command_without_a_file(tmp_path):
             assert heard(connection, "opened")
         until(lambda: any("splash at" in line for line in lines), "for the viewer")
         with urllib.request.urlopen(address) as answer:
-            assert b"/globule/desk.js" in answer.read()
+            assert b"globule/desk.js" in answer.read()
     finally:
         run.terminate()
         run.wait(30)

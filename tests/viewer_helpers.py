@@ -11,7 +11,7 @@ from typing import Any
 import globule as gb
 import numpy as np
 import pytest
-from globule.viewer.app import for_window
+from globule.viewer.first_view import for_window
 from waiting import PATIENCE, until
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")

@@ -194,6 +194,15 @@ FLAGS: dict[str, dict[str, Any]] = {
         "help": "number of the port; if the port is taken, the next free port",
     },
     "--no-browser": {"action": "store_true", "help": "do not open a browser"},
+    "--demand-token": {
+        "action": "store_true",
+        "help": "demand a token on this machine, too, as behind a reverse proxy",
+    },
+    "--max-clients": {
+        "type": at_least_one,
+        "metavar": "N",
+        "help": "browsers that are shown images at a time",
+    },
 }
 
 
@@ -237,3 +246,5 @@ def add_page(parser: argparse.ArgumentParser) -> None:
     add(page, "--host", "default: 127.0.0.1", default="127.0.0.1")
     add(page, "--port", "default: 8080", default=8080)
     add(page, "--no-browser")
+    add(page, "--demand-token")
+    add(page, "--max-clients", "default: 16", default=16)

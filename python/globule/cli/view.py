@@ -39,6 +39,7 @@ EXAMPLES = """\
   globule view frame_*.ply --preset water --no-browser
   globule view head.nii.gz --up 0,0,1
   globule view splash.npz --state view.toml --host 0.0.0.0
+  globule view splash.npz --demand-token --max-clients 4
   globule view before.vtk --compare after.vtk"""
 ESSENTIAL = ("--state", "--eye", "--look-at", "--up", "--preset", "--color-by", 
              "--calibration", "--host", "--port", "--no-browser", "--device")  # fmt: skip
@@ -136,7 +137,7 @@ def start_page(options: argparse.Namespace, given: dict[str, Any]) -> tuple[Star
     from .._demo.data import dam_break
     from ..viewer.open import open_source
     from ..viewer.source import SceneSource
-    from ..viewer.start import SPLASH, Start
+    from ..viewer.start import LOCAL, SPLASH, Start
 
     def chosen(name: str) -> Source:
         if name == SPLASH:
@@ -144,9 +145,8 @@ def start_page(options: argparse.Namespace, given: dict[str, Any]) -> tuple[Star
             return SceneSource(SPLASH, Particles(positions, color=color))
         return open_source(name, options.device, options.threads, **given)
 
-    start = Start(chosen, options.host, options.port)
-    name = socket.gethostname() if start.token else "127.0.0.1"
-    address = start.address(name)
+    start = Start(chosen, options.host, options.port, options.demand_token)
+    address = start.address("127.0.0.1" if start.host in LOCAL else socket.gethostname())
     print(f"globule: choose what to show at {address}", flush=True)
     print("globule: press Ctrl-C to stop", flush=True)
     if not options.no_browser:
@@ -199,7 +199,9 @@ def serve(
         state,
         preset,
         not options.no_browser,
-        **({"token": token} if token else {}),
+        token=token,
+        demand_token=options.demand_token,
+        most_clients=options.max_clients,
     )
     for line in [*viewer.greeting(), "press Ctrl-C to stop the viewer"]:
         print(f"globule: {line}", flush=True)

@@ -23,6 +23,8 @@ def view(
     device: str = "auto",
     threads: int = 0,
     compare: Any = None,
+    demand_token: bool = False,
+    most_clients: int = 16,
     **reading: Any,
 ) -> Viewer:
     """Show a scene in the browser, with controls to rotate, cut, measure and record.
@@ -38,7 +40,8 @@ def view(
             `Particles` (a sequence), a `Volume` or (volume, sweep), a `Sweep`, a simulation, the
             name of a shipped scene, or a scene's .toml.
         host: the address to listen on. Any address other than a loopback address demands a token,
-            which is part of `viewer.address`.
+            which is part of `viewer.address`. Who opens `viewer.look_address` looks with a camera
+            of their own and changes no setting.
         port: the first port to try; 0 takes any free one.
         up: (3,) upward direction, world; default: y, for volumes and sweeps z.
         camera: the `Camera` with which every browser starts; default: everything is visible.
@@ -49,6 +52,8 @@ def view(
         device, threads: as for `Scene`.
         compare: particles, a mesh or a file to show beside `what`: the left part of the image shows
             `what`, the right part `compare`, with a divider to drag and with one camera.
+        demand_token: demand a token on a loopback address, too, as behind a reverse proxy.
+        most_clients: browsers that are shown images at a time.
         reading: keywords of `read`; for sweeps of `read_sweep`.
 
     Raises:
@@ -66,7 +71,18 @@ def view(
         from .compare_source import CompareSource
 
         source = CompareSource(source, open_source(compare, device, threads, **reading))
-    viewer = show(source, host, port, up, camera, state, preset, browser)
+    viewer = show(
+        source,
+        host,
+        port,
+        up,
+        camera,
+        state,
+        preset,
+        browser,
+        demand_token=demand_token,
+        most_clients=most_clients,
+    )
     for line in viewer.greeting():
         log.info("%s", line)
     if block if block is not None else not hasattr(sys, "ps1") and "ipykernel" not in sys.modules:
@@ -91,9 +107,9 @@ def show(
     state: Any = None,
     preset: str | None = None,
     browser: bool = True,
-    token: str | None = None,
+    **options: Any,
 ) -> Viewer:
-    """A viewer of a `globule.viewer.source.Source`; the arguments are those of `view`."""
+    """A viewer of a `globule.viewer.source.Source`; arguments as for `view` and `Viewer`."""
     from .app import Viewer
     from .log import show_log
     from .page.look import use_preset
@@ -105,7 +121,7 @@ def show(
         settings.set(**source.settings)
     elif settings is not state:
         camera = settings.load(state) or camera
-    viewer = Viewer(source, settings, host, port, up, camera, token=token)
+    viewer = Viewer(source, settings, host, port, up, camera, **options)
     preset = preset or (source.preset if state is None else None)
     if preset is not None:
         use_preset(viewer, preset)

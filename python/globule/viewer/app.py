@@ -15,28 +15,25 @@ from typing import Any
 
 import numpy as np
 
-from .._base.arrays import on_gpu
 from .._base.checks import how_to_install, missing
 from ..render.camera import Camera
-from ..render.frame import fit_camera
-from ..scene.mesh import Mesh
 from .engine import Client, Engine
 from .equivalent import command_line, python_code
+from .export import notebook
+from .first_view import FIRST_SIZE, first_camera, for_window, left_out, outermost
 from .guard import Guard, limit_messages, quiet_tasks
 from .log import log
 from .pacer import Plan
 from .placement import Placement
 from .recording import Shot
-from .source import Source, box_corners
+from .roles import LOOK, MOST_CLIENTS, REFUSED, STEER, visitor
+from .source import Source
 from .state import MOST_BYTES, State
 
 LOCAL = ("127.0.0.1", "localhost", "::1")
-FIRST_SIZE = (1280, 720)
-MOST_CLIENTS = 16
 PAGE_EYE = (3.0, 3.0, 3.0)  # of viser's page before it gets a camera, page units
 MOST_WINDOW = 7680  # pixels of a side of a browser's window
 AT_INTERRUPT = 1.0  # s that Ctrl-C waits for an image in progress
-MOST_POINTS, N_DIRECTIONS = 200_000, 96  # that the first camera is fitted to
 
 
 class Viewer:
@@ -50,12 +47,15 @@ class Viewer:
         up: (3,) upward direction, world; default: y, for volumes and sweeps z.
         camera: with which every browser starts; default: everything is visible.
         title: of the page.
-        token: that a host other than a loopback address demands; default: a new one.
+        token: with which browsers steer, where a token is demanded; default: a new one.
+        demand_token: demand tokens on a loopback address, too, as behind a reverse proxy.
+        most_clients: browsers that are shown images at a time.
 
     Attributes:
         state: the settings; `viewer.state.set(surface__threshold=0.5)`.
         source: what the viewer shows.
         port: that the server listens on.
+        most_clients: browsers that are shown images at a time.
 
     Raises:
         MissingPackageError: the extra `view` is not installed.
@@ -72,8 +72,12 @@ class Viewer:
         camera: Camera | None = None,
         title: str | None = None,
         token: str | None = None,
+        demand_token: bool = False,
+        most_clients: int = MOST_CLIENTS,
     ):
         viser = need_viser()
+        if most_clients < 1:
+            raise ValueError(f"most_clients: expected 1 or more, got {most_clients}")
         self.source, self.state = source, state or State()
         self.up = tuple(float(v) for v in (source.up if up is None else up))
         if not any(self.up):
@@ -89,8 +93,14 @@ class Viewer:
         self._camera_given = camera is not None
         self.first_camera = camera or first_camera(scene, self.up, around, source.camera)
         self._asked_port = port
-        self.token = None if host in LOCAL else token or secrets.token_urlsafe(24)
-        self._guard = Guard(self.token, f"{self.title} · globule")
+        self.token = self.look_token = None
+        if host not in LOCAL or demand_token:
+            self.token, self.look_token = (
+                token or secrets.token_urlsafe(24),
+                secrets.token_urlsafe(24),
+            )
+        self.most_clients = most_clients
+        self._guard = Guard(self.token, f"{self.title} · globule", self.look_token)
         self._frame_callbacks: list[Callable[[Any], Any]] = []
         self._closed = threading.Event()
         self._met = False  # a browser has connected
@@ -113,7 +123,7 @@ class Viewer:
         from .page import Page
 
         self.page = Page(self)
-        self._guard.desk = self.page.desk
+        self._guard.desk, self._guard.roles = self.page.desk, self.page.roles
         self.server.on_client_connect(self._connected)
         self.server.on_client_disconnect(self._disconnected)
 
@@ -125,8 +135,16 @@ class Viewer:
     @property
     def address(self) -> str:
         """The address to open in a browser, with the token if the server demands a token."""
+        return self._address(self.token)
+
+    @property
+    def look_address(self) -> str | None:
+        """The address for people who look with cameras of their own; None without tokens."""
+        return self._address(self.look_token) if self.look_token else None
+
+    def _address(self, token: str | None) -> str:
         host = "127.0.0.1" if self.host in LOCAL else socket.gethostname()
-        return f"http://{host}:{self.port}/" + (f"?token={self.token}" if self.token else "")
+        return f"http://{host}:{self.port}/" + (f"?token={token}" if token else "")
 
     def greeting(self) -> list[str]:
         """Lines for a person in the terminal: the address, and how to reach it from elsewhere."""
@@ -139,9 +157,10 @@ class Viewer:
                 f"{socket.gethostname()} there, then open the same address"
             )
         else:
+            lines.append(f"to look without steering: {self.look_address}")
             lines.append(
-                "everyone who has this address can see and control the page; the connection is "
-                "not encrypted, so use ssh on networks that you do not trust"
+                "everyone who has an address can open the page; the connection is not encrypted, "
+                "so use ssh or a reverse proxy with TLS on networks that you do not trust"
             )
         return lines
 
@@ -160,9 +179,15 @@ class Viewer:
     async def _welcome(self, browser: Any) -> None:
         from .viser_sink import ViserSink
 
-        if len(self.clients) >= MOST_CLIENTS:
+        who = visitor()
+        if self._is_full(who.role):
+            who.role = REFUSED
             browser.add_notification(
-                "Not possible", f"At most {MOST_CLIENTS} browsers can be open", color="red"
+                "No free place",
+                f"This viewer serves at most {self.most_clients} browsers, and all places are "
+                "taken. Reload this page when another one is closed.",
+                color="red",
+                with_close_button=False,
             )
             return
         if not self._met:  # what a person can undo begins here
@@ -170,6 +195,7 @@ class Viewer:
             self.state.history.clear()
         sink = ViserSink(browser, lambda number: client.acknowledge(number))
         client = self.engine.add(sink, self.first_camera)
+        client.role = who.role
         self.clients[browser.client_id] = client
 
         first: dict[str, Any] = {} if self._camera_given else {"aspect": 1e-9}
@@ -189,6 +215,12 @@ class Viewer:
         await moved(browser.camera)
         browser.camera.on_update(moved)
         self.page.connected(browser, client)
+
+    def _is_full(self, role: str) -> bool:
+        """Whether there is no place for one more; the last one is kept for a person who steers."""
+        steered = any(client.role == STEER for client in self.clients.values())
+        kept = role == LOOK and not steered and self.most_clients > 1
+        return len(self.clients) + kept >= self.most_clients
 
     def _fit_window(self, browser: Any, first: dict[str, Any], aspect: float) -> None:
         """Fit the first view to the shape of the window, unless the person has moved the camera.
@@ -338,6 +370,10 @@ class Viewer:
                 python_code(self.source, state, camera, size, self.up),
             )
 
+    def notebook(self, camera: Camera | None = None, size: tuple[int, int] = FIRST_SIZE) -> str:
+        """The text of a Jupyter notebook that makes the same image; arguments: `equivalent`."""
+        return notebook(self.title, *self.equivalent(camera, size))
+
     def save_state(self, path: Any) -> None:
         """Write all settings and the first camera to a TOML file."""
         self.state.save(path, self.first_camera)
@@ -445,88 +481,6 @@ def check_host(host: str) -> None:
         raise ValueError(
             f"host: expected an address of this machine, got {host!r}: {error.strerror}"
         ) from None
-
-
-def outermost(source: Source) -> np.ndarray:
-    """The outermost particles (M, 3) in many directions, with some room for the surface.
-
-    For particles on a GPU: the corners of their box.
-    """
-    lo, hi = source.bounds()
-    particles = source.particles()
-    if on_gpu(particles.positions) or not len(particles.finite_positions()):
-        return box_corners(lo, hi)
-    points = particles.finite_positions()
-    points = points[:: 1 + len(points) // MOST_POINTS] - (lo + hi) / 2
-    i = np.arange(N_DIRECTIONS) + 0.5
-    height, turn = 1 - 2 * i / N_DIRECTIONS, np.pi * (1 + 5**0.5) * i  # evenly over a sphere
-    flat = np.sqrt(1 - height**2)
-    directions = np.stack([flat * np.cos(turn), flat * np.sin(turn), height], axis=1)
-    far = [int(np.argmax(points @ towards)) for towards in directions]
-    return 1.06 * points[np.unique(far)] + (lo + hi) / 2
-
-
-def left_out(scene: Any) -> list[str]:
-    """Warnings about particles that cannot be shown."""
-    if isinstance(scene, Mesh):
-        return []
-    n_lost = len(scene) - scene.octree.n_inside
-    if not n_lost:
-        return []
-    return [
-        f"{n_lost:,} of {len(scene):,} particles {'is' if n_lost == 1 else 'are'} not shown: "
-        "expected finite positions below 1e18, got others"
-    ]
-
-
-def first_camera(scene: Any, up: Any, around: Any, like: Camera | None = None) -> Camera:
-    """A camera that shows everything.
-
-    Args:
-        scene: to show.
-        up: (3,) upward direction, world.
-        around: (M, 3) points to show; None: the particles with their surface.
-        like: a camera that gives direction and field of view; default: from the front, a little
-            right and above.
-    """
-    from ..render.camera import view_axes
-
-    if around is None and scene.octree.n_inside == 0:
-        return Camera((1.2, 0.9, 2.0), (0, 0, 0), up)
-    right, above, front = view_axes(up)
-    towards, fov = 0.6 * right + 0.45 * above + front, 40.0
-    if like is not None:
-        towards, fov = np.subtract(like.eye, like.look_at), like.fov
-    return fit_camera(scene, FIRST_SIZE, around, direction=towards, up=up, fov=fov)
-
-
-def for_window(camera: Camera, aspect: float, around: np.ndarray | None = None) -> Camera:
-    """The first camera for a window of another shape.
-
-    Args:
-        camera: for a window of `FIRST_SIZE`.
-        aspect: width / height of the window.
-        around: (M, 3) points to show.
-
-    Returns:
-        The nearer of two cameras: fitted to the points, or moved away for a narrow window.
-    """
-    aside = narrower(camera, aspect)
-    if around is None or camera.height is not None:
-        return aside
-    towards, size = np.subtract(camera.eye, camera.look_at), (round(1000 * max(aspect, 0.1)), 1000)
-    fitted = Camera.fit(around, towards, camera.up, camera.fov, size)
-    distances = [np.linalg.norm(np.subtract(c.eye, c.look_at)) for c in (aside, fitted)]
-    return aside if distances[0] < distances[1] else fitted
-
-
-def narrower(camera: Camera, aspect: float) -> Camera:
-    """A camera, moved away as far as a window narrower than FIRST_SIZE needs."""
-    back = max(1.0, FIRST_SIZE[0] / FIRST_SIZE[1] / max(aspect, 0.1))
-    away = np.subtract(camera.eye, camera.look_at) * back
-    eye = tuple((np.asarray(camera.look_at) + away).tolist())
-    height = None if camera.height is None else camera.height * back
-    return Camera(eye, camera.look_at, camera.up, camera.fov, height)
 
 
 def need_viser() -> Any:

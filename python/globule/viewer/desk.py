@@ -19,6 +19,8 @@ from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
 from .desk_model import Model
+from .plots import OVER_TIME
+from .roles import LOOK, LOOKING, PRIVATE_ACTIONS
 
 PATH = "/globule/desk"
 FILES = {
@@ -26,11 +28,12 @@ FILES = {
     "/globule/desk.css": ("text/css; charset=utf-8", "desk.css"),
 }
 HEAD = (
-    b'<link rel="stylesheet" href="/globule/desk.css">'
-    b'<script defer src="/globule/desk.js"></script></head>'
+    b'<link rel="stylesheet" href="globule/desk.css">'
+    b'<script defer src="globule/desk.js"></script></head>'
 )
 TICK = 0.3  # s between two looks at what changes by itself
 MOST_ACTION = 4096  # bytes
+WIDE_PANEL = 490.0  # pixels, in a 4K window with larger letters
 # Settings that the script may change; the panels change all others.
 SETTINGS = {
     "surface__shape",
@@ -45,6 +48,7 @@ SETTINGS = {
     "time__playing",
     "time__loop",
     "compare__at",
+    "measure__shown",
 }
 
 
@@ -75,6 +79,7 @@ class Desk:
 
     def disconnected(self, browser: Any) -> None:
         """Forget a browser that has left."""
+        self.model.series.pop(browser.client_id, None)
         for word in [word for word, known in self._browsers.items() if known is browser]:
             del self._browsers[word]
 
@@ -137,6 +142,9 @@ class Desk:
             action = self._actions().get(name) if isinstance(name, str) else None
             if action is None:
                 raise ValueError(f"page: expected the name of an action, got {str(name)[:40]}")
+            client = self.viewer.clients.get(browser.client_id)
+            if client is not None and client.role == LOOK and name not in PRIVATE_ACTIONS:
+                raise ValueError(LOOKING)
             action(browser, asked.get("value"))
         except Exception as error:
             page.complain(browser, str(error) or type(error).__name__)
@@ -159,6 +167,8 @@ class Desk:
             "play": lambda browser, value: play.toggle(),
             "step": lambda browser, value: source.step(),
             "reset": lambda browser, value: source.reset(),
+            "series": lambda browser, value: self._watch(browser, value),
+            "wide": lambda browser, value: browser.gui.main_panel.set_width(WIDE_PANEL),
             "dark": lambda browser, value: page.paint(browser.gui, bool(value)),
         }
 
@@ -178,6 +188,12 @@ class Desk:
 
             more = opaque(self.viewer, value["color__by"]) if "color__by" in value else {}
             self.viewer.state.set(**value, **more)
+
+    def _watch(self, browser: Any, value: Any) -> None:
+        """Choose what a browser plots over time."""
+        if value not in (name for name, *_ in OVER_TIME):
+            raise ValueError(f"plot: expected a quantity, got {str(value)[:40]}")
+        self.model.series[browser.client_id] = value
 
     def close(self) -> None:
         """End the thread of the actions."""

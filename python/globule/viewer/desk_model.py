@@ -11,6 +11,8 @@ from ..render.presets import PRESETS
 from ..scene.attributes import attribute_values
 from ..scene.mesh import Mesh
 from .layers import hidden, layer_names
+from .plots import over_time
+from .roles import STEER
 
 BINS = 48
 MOST_COUNTED = 1_000_000  # particles of a histogram
@@ -25,6 +27,7 @@ class Model:
 
     def __init__(self, viewer: Any):
         self.viewer = viewer
+        self.series: dict[int, str] = {}  # what a browser plots over time
         self._counted: tuple = ()
         self._plot: dict[str, Any] | None = None
 
@@ -32,11 +35,14 @@ class Model:
         """The model for one browser (`viser.ClientHandle`)."""
         page, state = self.viewer.page, self.viewer.state
         hand = page.tools.hands.get(browser.client_id)
+        client = self.viewer.clients.get(browser.client_id)
         undo, redo = state.history.lengths
         saving: Any = next(p for p in page.panels if type(p).__name__ == "Save")
         return {
             "title": self.viewer.title,
-            "tools": list(page.tools.choices),
+            "tools": list(hand.choices if hand else page.tools.choices),
+            "role": client.role if client else STEER,
+            "people": [len(self.viewer.clients), self.viewer.most_clients],
             "tool": hand.tool if hand else page.tools.choices[0],
             "undo": undo,
             "redo": redo,
@@ -54,8 +60,15 @@ class Model:
             "surface": {"shape": state.surface.shape, "shown": self._shown()},
             "preset": {"name": state.look.preset, "options": ["plain", *PRESETS]},
             "plot": self._histogram(),
+            "line": self._line(client),
+            "series": over_time(self.viewer.source, self.series.get(browser.client_id, "")),
             "compare": state.compare.at if self.viewer.source.kind == "compare" else None,
         }
+
+    def _line(self, client: Any) -> dict[str, Any] | None:
+        """The values along the measured line, with the unit of lengths."""
+        profile = client.profile if client else None
+        return profile and {**profile, "unit": self.viewer.source.unit}
 
     def _shown(self) -> str:
         scene = self.viewer.source.maker.last_scene

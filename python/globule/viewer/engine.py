@@ -21,10 +21,13 @@ from .encode import jpeg
 from .overlay import Mark, box_of, finish
 from .pacer import Pacer, Plan, limited
 from .picture import trace
+from .plots import along_line, marks_of, measured_line
+from .roles import STEER
 from .source import Source
 from .state import State
 
 REPEAT = 5.0  # s before the same error is reported again
+AGAIN = 0.005  # s between two requests to stop an image
 RESTART = 0.5  # s before a thread that failed begins again
 
 
@@ -49,7 +52,10 @@ class Client:
         )
         self.frame_version: Any = None
         self.number = 0
+        self.role = STEER
         self.marks: list[Mark] = []  # drawn over this client's images only
+        self.line: np.ndarray | None = None  # (2, 3) ends of its own measurement, world
+        self.profile: dict[str, Any] | None = None  # values along the measured line
         self._job: tuple | None = None
         self._ready = threading.Condition()
         self._gone = False
@@ -156,6 +162,7 @@ class Engine:
         self._turn = 0
         self._running = True
         self._still: tuple[Client, Any] | None = None  # whose still image; its scene
+        self._stopping: tuple[Client, Any] | None = None  # the still image that is to stop
         self._threads = [
             threading.Thread(
                 target=self._keep_up, args=(work,), name=f"globule {name}", daemon=True
@@ -181,9 +188,20 @@ class Engine:
             client: whose image to stop; None: anyone's.
         """
         with self.wake:
-            if self._still is not None and client in (None, self._still[0]):
-                self._still[1].cancel()
+            still = self._still
+            if still is not None and client in (None, still[0]) and still is not self._stopping:
+                self._stopping = still
+                threading.Thread(target=self._stop, args=(still,), daemon=True).start()
             self.wake.notify_all()
+
+    def _stop(self, still: tuple[Client, Any]) -> None:
+        """Stop a still image. A scene forgets a request that comes between two of its calls."""
+        while True:
+            with self.wake:
+                if self._still is not still:
+                    return
+                still[1].cancel()
+            time.sleep(AGAIN)
 
     def add(self, sink: Sink, camera: Camera) -> Client:
         """A new client with a first camera."""
@@ -295,12 +313,13 @@ class Engine:
                     "state": state,
                     "camera": camera,
                     "plates": plates,
-                    "marks": client.marks + source.marks(),
+                    "marks": client.marks + marks_of(source, state),
                     "depth": frame.distance if plates or state.notes.box else None,
                     "ends": source.maker.range,
                     **box_of(frame, state),
                 }
                 picture = frame.picture
+                client.profile = self._profile(client, state)
             finally:
                 with self.wake:
                     self._still = None
@@ -313,6 +332,12 @@ class Engine:
             self.trace_seconds = seconds
             client.pacer.traced(plan, seconds, state.quality.rate)
         client.hand((plan, seen, picture, more))
+
+    def _profile(self, client: Client, state: State) -> dict[str, Any] | None:
+        """Values along the measured line. The caller holds the source's lock."""
+        line = measured_line(state) if client.line is None else client.line
+        scene = self.source.maker.last_scene
+        return None if line is None else along_line(scene, line, state.color.by)
 
     def _traced(
         self, client: Client, plan: Plan, what: tuple, state: State, camera: Camera

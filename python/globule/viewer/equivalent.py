@@ -23,7 +23,7 @@ def command_line(
     A comment at the end lists what the command omits. The caller holds the source's lock.
     """
     origin = source.origin(state)
-    left = list(origin.left)
+    left = list(origin.left) + ["the measurement"] * state.measure.shown
     left += [name for name in origin.unsaid if getattr(state.surface, name) is not None]
     if origin.lives:
         first = _first_words(state, camera, origin.unsaid)
@@ -189,7 +189,8 @@ def python_code(
         ]
     else:
         lines += ['frame.save("picture.png")']
-    lines += [f"# without: {', '.join(origin.left)}"] if origin.left else []
+    left = list(origin.left) + ["the measurement"] * state.measure.shown
+    lines += [f"# without: {', '.join(left)}"] if left else []
     return "\n".join(lines) + "\n"
 
 

@@ -1,8 +1,8 @@
 """Access control of the page.
 
-On a loopback address every program of this machine may open the page. On any other address a
-client needs the token. The guard checks each HTTP request and each websocket handshake before the
-server answers.
+On a loopback address every program of this machine may open the page. On any other address, and
+behind a reverse proxy, a client needs a token: one token steers, another only looks (`roles.py`).
+The guard checks each HTTP request and each websocket handshake before the server answers.
 
 viser has no such check and opens its socket in a thread of its own. `Guard.server` therefore makes
 viser's server from copies of two of viser's functions, in which the name of the function that opens
@@ -14,6 +14,7 @@ whether the socket was opened through the guard.
 from __future__ import annotations
 
 import gzip
+import hashlib
 import hmac
 import html
 import http
@@ -26,6 +27,7 @@ from urllib.parse import parse_qs, urlsplit
 
 from . import desk
 from .log import log
+from .roles import LOOK, STEER, VISITOR, Visitor
 
 REPEAT = 5.0  # s before the same message is logged again
 MOST_MESSAGE = 1024 * 1024  # bytes of one message from a client
@@ -42,18 +44,24 @@ class Guard:
     """The access control of one server.
 
     Args:
-        token: the word that a client must send; None on a loopback address.
+        token: the word that a client must send to steer; None: everyone on this machine steers.
         title: of the page, in the browser's tab.
+        look_token: the word of a client that only looks.
 
     Attributes:
         started: whether the server's socket was opened through this guard.
         desk: `globule.viewer.desk.Desk`, which talks with our own controls.
+        roles: `globule.viewer.roles.Roles`, which refuses messages of those who look.
     """
 
-    def __init__(self, token: str | None, title: str = "globule"):
-        self.token, self.title = token, title
+    def __init__(self, token: str | None, title: str = "globule", look_token: str | None = None):
+        self.token, self.title, self.look_token = token, title, look_token
         self.started = False
         self.desk: Any = None
+        self.roles: Any = None
+        # Viewers on one host share its cookies, whatever their ports.
+        digest = hashlib.sha256((token or "").encode()).hexdigest()
+        self._cookie_name = f"globule-{digest[:12]}"
         self._titled: dict[bytes, bytes] = {}  # viser's page to ours
 
     def refusal(self, path: str, headers: Any) -> str | None:
@@ -68,19 +76,31 @@ class Guard:
             return "expected a page of this server, got a page of another one"
         if self.token is None:
             return None if is_local(host) else "expected a loopback address of this machine"
-        given = [*parse_qs(urlsplit(path).query).get("token", []), self._cookie(headers)]
-        known = any(hmac.compare_digest(self.token.encode(), word.encode()) for word in given)
-        return None if known else "expected the token in the address: ?token=…"
+        if self.role(path, headers) is None:
+            return "expected the token in the address: ?token=…"
+        return None
 
-    def cookie(self) -> str:
-        """The cookie that carries the token in the page's own requests."""
-        return f"globule={self.token}; Path=/; HttpOnly; SameSite=Strict"
+    def role(self, path: str, headers: Any) -> str | None:
+        """The role that the token of the address, else of the cookie, gives; None: none."""
+        if self.token is None:
+            return STEER
+        for word in (*parse_qs(urlsplit(path).query).get("token", []), self._cookie(headers)):
+            for token, role in ((self.token, STEER), (self.look_token, LOOK)):
+                if token and hmac.compare_digest(token.encode(), word.encode()):
+                    return role
+        return None
+
+    def cookie(self, role: str, headers: Any) -> str:
+        """The cookie that carries the token of a role in the page's own requests."""
+        token = self.token if role == STEER else self.look_token
+        secure = "; Secure" if headers.get("X-Forwarded-Proto") == "https" else ""
+        return f"{self._cookie_name}={token}; Path=/; HttpOnly; SameSite=Strict{secure}"
 
     def _cookie(self, headers: Any) -> str:
         for line in headers.get_all("Cookie"):
             for part in line.split(";"):
                 name, _, value = part.strip().partition("=")
-                if name == "globule":
+                if name == self._cookie_name:
                     return value
         return ""
 
@@ -93,8 +113,9 @@ class Guard:
             packed = response.headers.get("Content-Encoding") == "gzip"
             page = gzip.decompress(body) if packed else body
             name = f"<title>{html.escape(self.title)}</title>".encode()
-            page = page.replace(b"<title>Viser</title>", name, 1)
-            page = page.replace(b"</head>", desk.HEAD, 1)
+            if b"<title>Viser</title>" in page:  # not the start page
+                page = page.replace(b"<title>Viser</title>", name, 1)
+                page = page.replace(b"</head>", desk.HEAD, 1)
             self._titled[body] = gzip.compress(page) if packed else page
         response.body = self._titled[body]
         del response.headers["Content-Length"]
@@ -119,12 +140,15 @@ class Guard:
                 response.headers["Content-Security-Policy"] = POLICY
                 response.headers["Referrer-Policy"] = "no-referrer"
                 response.headers["X-Content-Type-Options"] = "nosniff"
-                if self.token is not None:
-                    response.headers["Set-Cookie"] = self.cookie()
+                role = self.role(request.path, request.headers)
+                if self.token is not None and role is not None:
+                    response.headers["Set-Cookie"] = self.cookie(role, request.headers)
             return response
 
         async def route(connection: Any) -> None:
-            if connection.request.path.partition("?")[0] != desk.PATH:
+            request = connection.request
+            VISITOR.set(Visitor(self.role(request.path, request.headers) or LOOK))
+            if request.path.partition("?")[0] != desk.PATH:
                 await handler(connection)
             elif self.desk is not None:
                 await self.desk.serve(connection)
@@ -157,6 +181,13 @@ class Guard:
             _background_worker = with_names(
                 infra.WebsockServer._background_worker, _infra, websockets=opening
             )
+
+            async def _handle_incoming_message(own, client_id: Any, message: Any) -> None:
+                who = VISITOR.get()
+                if self.roles is None or who is None or self.roles.may(who, message):
+                    await super()._handle_incoming_message(client_id, message)
+                else:
+                    self.roles.refuse(who, client_id, message)
 
         class Server(viser.ViserServer):
             __init__ = with_names(

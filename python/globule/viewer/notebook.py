@@ -9,8 +9,8 @@ import numpy as np
 
 from .._base.checks import missing
 from ..render.camera import Camera
-from .app import first_camera
 from .engine import Engine
+from .first_view import first_camera
 from .open import open_source
 from .pacer import Plan
 from .recording import Shot

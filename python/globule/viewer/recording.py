@@ -25,6 +25,7 @@ from ..render.frame import save_png
 from .engine import Engine
 from .overlay import Mark, box_of, finish
 from .picture import trace
+from .plots import marks_of
 
 MOST_SIDE = 16384
 MOST_SECONDS = 3600.0  # of a recording
@@ -95,7 +96,7 @@ class Shot:
             frame = trace(source, state, camera, self._size, engine.up)
             before = state.version, source.version
             plates = source.plates(state)
-            ends, marks = source.maker.range, self._marks + source.marks()
+            ends, marks = source.maker.range, self._marks + marks_of(source, state)
             box = box_of(frame, state)
         while frame.samples < self._samples:
             self._progress(frame.samples / self._samples)

@@ -54,6 +54,7 @@ class Start:
         open_what: returns a `Source` for a path or the name of a scene; `SPLASH` is one.
         host: the address to listen on; any but a loopback address demands a token.
         port: the first port to try; 0 takes any free one.
+        demand_token: as for `Viewer`.
 
     Attributes:
         port: that the server listens on.
@@ -63,9 +64,16 @@ class Start:
         OSError: no port is free.
     """
 
-    def __init__(self, open_what: Callable[[str], Source], host: str = "127.0.0.1", port: int = 0):
+    def __init__(
+        self,
+        open_what: Callable[[str], Source],
+        host: str = "127.0.0.1",
+        port: int = 0,
+        demand_token: bool = False,
+    ):
         self._open, self.host = open_what, host
-        self.token = None if host in LOCAL else secrets.token_urlsafe(24)
+        tokens = host not in LOCAL or demand_token
+        self.token = secrets.token_urlsafe(24) if tokens else None
         self.source: Source | None = None
         self.port = 0
         self._recent = recent_files()

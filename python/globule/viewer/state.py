@@ -42,7 +42,9 @@ class Surface:
         "Threshold",
         "Iso-value of the field; a higher value makes a thinner surface",
     )
-    support: float | None = real(None, 0.0, FAR, "Support", "Radius of a particle's influence")
+    support: float | None = real(
+        None, 0.0, FAR, "Support", "Radius of a particle's influence, world units"
+    )
     root: str = choice(
         "exact",
         ("exact", "march", "bezier"),
@@ -66,13 +68,15 @@ class Look:
     )
     matter: str = choice("preset", ("preset", "own"), "Material", "own: use the four values below")
     reflection: float = real(
-        0.0, 0.0, 1.0, "Reflection", "Specular reflectance at normal incidence"
+        0.0, 0.0, 1.0, "Reflection", "Specular reflectance at normal incidence, 0 to 1"
     )
     transmission: float = real(
-        0.0, 0.0, 1.0, "Transmission", "Share of the unreflected light that is transmitted"
+        0.0, 0.0, 1.0, "Transmission", "Share of the unreflected light that is transmitted, 0 to 1"
     )
-    index: float = real(1.33, 1.0, 4.0, "Refractive index", "Water 1.33, glass 1.5")
-    roughness: float = real(0.0, 0.0, 1.0, "Roughness", "Of reflected and transmitted light")
+    index: float = real(1.33, 1.0, 4.0, "Refractive index", "No unit; water 1.33, glass 1.5")
+    roughness: float = real(
+        0.0, 0.0, 1.0, "Roughness", "Of reflected and transmitted light, 0 to 1"
+    )
     lights: str = choice(
         "preset", ("preset", "own"), "Lights", "own: use the sun and headlight below"
     )
@@ -82,7 +86,9 @@ class Look:
     elevation: float = real(54.0, -90.0, 90.0, "Sun elevation", "Degrees above the horizon")
     angle: float = real(0.5, 0.0, 60.0, "Sun size", "Degrees; a larger sun makes softer shadows")
     headlight: bool = switch(True, "Headlight", "A light at the camera")
-    exposure: float = real(1.0, 0.05, 20.0, "Exposure", "Factor on the brightness of the image")
+    exposure: float = real(
+        1.0, 0.05, 20.0, "Exposure", "Factor on the brightness of the image, no unit"
+    )
     sky: str = choice(
         "preset", ("preset", "none", "gradient"), "Sky", "Background, and light from all around"
     )
@@ -90,7 +96,11 @@ class Look:
         "preset", ("preset", "none", "plain", "checker"), "Ground", "A plane under the scene"
     )
     background: tuple = triple(
-        (0.93, 0.94, 0.96), 0.0, 1e3, "Background", "RGB color where there is no sky"
+        (0.93, 0.94, 0.96),
+        0.0,
+        1e3,
+        "Background",
+        "Where there is no sky: linear red, green and blue, 0 to 1",
     )
     shadows: bool = switch(False, "Shadows", "Lights cast shadows")
     ambient_rays: int = whole(
@@ -104,10 +114,14 @@ class Coloring:
     """Colors by the values of a field or attribute."""
 
     by: str = choice("", (), "Color by", "A field or attribute of the particles")
-    colormap: str = choice("viridis", COLORMAPS, "Color map")
+    colormap: str = choice(
+        "viridis", COLORMAPS, "Color map", "Colors from the lowest to the highest value"
+    )
     automatic: bool = switch(True, "Automatic range", "From the lowest to the highest value")
-    low: float = real(0.0, -1e30, 1e30, "From", "Value of the first color")
-    high: float = real(1.0, -1e30, 1e30, "To", "Value of the last color")
+    low: float = real(
+        0.0, -1e30, 1e30, "From", "Value of the first color, in the unit of the values"
+    )
+    high: float = real(1.0, -1e30, 1e30, "To", "Value of the last color, in the unit of the values")
     legend: bool = switch(True, "Legend", "Draw the color map into the image")
     legend_at: str = choice("lower-right", CORNERS, "Place", "Corner of the legend")
     legend_title: str = choice("", (), "Legend title", "Empty: the name of the values")
@@ -133,16 +147,16 @@ class Cuts:
 
     plane: bool = switch(False, "Plane", "Remove one side of a plane")
     normal: tuple = triple(
-        (1.0, 0.0, 0.0), -1.0, 1.0, "Normal", "Points to the side that is removed"
+        (1.0, 0.0, 0.0), -1.0, 1.0, "Normal", "Direction to the side that is removed, no unit"
     )
-    point: tuple = triple((0.0, 0.0, 0.0), -FAR, FAR, "Point", "A point on the plane")
+    point: tuple = triple((0.0, 0.0, 0.0), -FAR, FAR, "Point", "A point on the plane, world units")
     box: bool = switch(False, "Box", "Remove the inside of a box")
-    lo: tuple = triple((-1.0, -1.0, -1.0), -FAR, FAR, "Low corner")
-    hi: tuple = triple((1.0, 1.0, 1.0), -FAR, FAR, "High corner")
+    lo: tuple = triple((-1.0, -1.0, -1.0), -FAR, FAR, "Low corner", "Of the box, world units")
+    hi: tuple = triple((1.0, 1.0, 1.0), -FAR, FAR, "High corner", "Of the box, world units")
     keep_box: bool = switch(False, "Keep the inside", "Remove the outside of the box instead")
     sphere: bool = switch(False, "Sphere", "Remove the inside of a sphere")
-    center: tuple = triple((0.0, 0.0, 0.0), -FAR, FAR, "Center")
-    radius: float = real(1.0, 1e-30, FAR, "Radius")
+    center: tuple = triple((0.0, 0.0, 0.0), -FAR, FAR, "Center", "Of the sphere, world units")
+    radius: float = real(1.0, 1e-30, FAR, "Radius", "Of the sphere, world units")
     keep_sphere: bool = switch(False, "Keep the inside", "Remove the outside of the sphere instead")
 
 
@@ -154,7 +168,9 @@ class Quality:
     rate: float = real(
         20.0, 1.0, 120.0, "Target frame rate", "Images per second while something moves"
     )
-    sharpness: int = whole(92, 30, 100, "JPEG quality when still", "Of images while nothing moves")
+    sharpness: int = whole(
+        92, 30, 100, "JPEG quality when still", "Of images while nothing moves, 30 to 100"
+    )
     width: int = whole(1920, 160, 7680, "Largest width", "Of an image, in pixels")
 
 
@@ -193,13 +209,22 @@ class Compare:
 
 
 @dataclass
+class Measure:
+    """A measured distance."""
+
+    shown: bool = switch(False, "Measurement", "A line with its length")
+    start: tuple = triple((0.0, 0.0, 0.0), -FAR, FAR, "From", "First end, world units")
+    end: tuple = triple((0.0, 0.0, 0.0), -FAR, FAR, "To", "Second end, world units")
+
+
+@dataclass
 class Time:
     """Playback of a sequence."""
 
     frame: int = whole(0, 0, 10_000_000, "Frame", "Index in the sequence, from 0")
     playing: bool = switch(False, "Play", "Key: space bar")
     loop: bool = switch(True, "Loop", "Start again after the last frame")
-    rate: float = real(24.0, 0.1, 1000.0, "Frames per second", "Of the playback")
+    rate: float = real(24.0, 0.1, 1000.0, "Frames per second", "Of the playback, frames per second")
 
 
 Names = set[str]  # of settings, as "surface.kernel"; in class State, `set` is a method
@@ -217,6 +242,7 @@ GROUPS = {
     "slices": Slices,
     "layers": Layers,
     "compare": Compare,
+    "measure": Measure,
     "time": Time,
 }
 
@@ -227,7 +253,8 @@ class State:
     Change settings with `set`, so that pages and images follow. Any thread may call `set`.
 
     Attributes:
-        surface, look, color, notes, cuts, quality, slices, layers, compare, time: the groups.
+        surface, look, color, notes, cuts, quality, slices, layers, compare, measure, time: the
+            groups.
         bookmarks: cameras by the name that a person gave them.
         version: counts the changes.
         history: undoes and redoes changes.
@@ -242,6 +269,7 @@ class State:
     slices: Slices
     layers: Layers
     compare: Compare
+    measure: Measure
     time: Time
 
     def __init__(self) -> None:

@@ -7,6 +7,7 @@ from typing import Any
 
 from ..desk import Desk
 from ..log import log
+from ..roles import Roles
 from . import color, cuts, help, look, notes, play, save, statistics, surface, tools, volume
 from . import view as view_panel
 from .widgets import Binder
@@ -33,6 +34,7 @@ class Page:
     def __init__(self, viewer: Any):
         self.viewer = viewer
         self.server = server = viewer.server
+        self.roles = Roles(viewer)
         self.paint(server.gui)
         server.gui.main_panel.dock_right()
         server.gui.set_panel_label(shortened(viewer.title))

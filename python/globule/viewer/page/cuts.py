@@ -10,6 +10,7 @@ from ..._base.rotations import matrix
 from .panel import Panel
 
 HANDLE = 0.45  # page units
+FACES = "Set the plane across an axis or the view, or turn it around"
 
 
 class CutPanel(Panel):
@@ -27,7 +28,7 @@ class CutPanel(Panel):
             "Switch on a plane, box or sphere, then drag its handles in the image."
         )
         self.add("cuts", "plane")
-        self.gui.add_button_group("Faces", ("x", "y", "z", "view", "flip")).on_click(
+        self.gui.add_button_group("Faces", ("x", "y", "z", "view", "flip"), hint=FACES).on_click(
             self.safe(self._face)
         )
         self.add("cuts", "normal", step=0.05)
@@ -40,9 +41,12 @@ class CutPanel(Panel):
         self.button(
             "Remove all cuts",
             lambda browser: self.state.set(cuts__plane=False, cuts__box=False, cuts__sphere=False),
+            "Show the whole scene again: no plane, box or sphere",
         )
-        self.gui.add_command("Cutting plane on and off", hotkey="C").on_trigger(
-            self.safe(lambda event: self.state.set(cuts__plane=not self.state.cuts.plane))
+        self.command(
+            "Cutting plane on and off",
+            "C",
+            lambda browser: self.state.set(cuts__plane=not self.state.cuts.plane),
         )
         self._handles()
         self.state.listen(self._follow)

@@ -17,13 +17,20 @@
     help: "M9 9a3 3 0 1 1 4 3c-1 .6-1 1-1 2M12 18v.1",
     play: "M7 4l13 8-13 8z", pause: "M8 5v14M16 5v14", back: "M17 5 8 12l9 7zM6 5v14",
     next: "M7 5l9 7-9 7zM18 5v14", loop: "M4 12a7 7 0 0 1 12-5l3 3M20 12a7 7 0 0 1-12 5l-3-3M19 5v5h-5M5 19v-5h5",
+    close: "M6 6l12 12M18 6 6 18",
     reset: "M5 5v6h6M5 11a8 8 0 1 1 2 6", eye: "M2 12s4-7 10-7 10 7 10 7-4 7-10 7S2 12 2 12M12 9a3 3 0 1 0 0 6 3 3 0 1 0 0-6",
+    sliders: "M4 7h9M17 7h3M15 4v6M4 17h3M11 17h9M9 14v6",
     off: "M2 12s4-7 10-7 10 7 10 7-4 7-10 7S2 12 2 12M4 4l16 16",
   };
+  const narrow = matchMedia("(max-width: 640px)");
   const HINTS = [
-    "Drag to rotate, turn the wheel to zoom, right-drag to pan. Press F to see everything again.",
+    matchMedia("(pointer: coarse)").matches
+      ? "Drag to rotate, pinch to zoom, drag with two fingers to pan. The frame in the toolbar shows everything again."
+      : "Drag to rotate, turn the wheel to zoom, right-drag to pan. Press F to see everything again.",
     "Click the surface to read its values. The toolbar measures, cuts, saves an image and records a movie.",
-    "The list of layers at the left colors by value. The panel at the right has all settings; H lists all keys.",
+    narrow.matches
+      ? "Layers in the toolbar colors by value. The sliders in the toolbar open all settings."
+      : "The list of layers at the left colors by value. The panel at the right has all settings; H lists all keys.",
   ];
   const kept = (name, usual) => { try { return localStorage.getItem("globule-" + name) ?? usual; } catch { return usual; } };
   const keep = (name, value) => { try { localStorage.setItem("globule-" + name, value); } catch { /* private window */ } };
@@ -49,13 +56,15 @@
   const draw = (made, name) => { if (made.dataset.icon !== name) { made.dataset.icon = name; made.replaceChildren(icon(name)); } };
 
   // What stands where
-  const desk = make("div", { id: "globule-desk" });
+  const desk = make("div", { id: "globule-desk", role: "region", "aria-label": "Tools, layers and time" });
   const tools = make("div", { class: "bar tools", role: "toolbar", "aria-label": "Tools" });
   const layers = make("section", { class: "bar layers", "aria-label": "Layers" });
   const time = make("div", { class: "bar time", role: "group", "aria-label": "Timeline", hidden: "" });
   const hint = make("div", { class: "card hint", role: "status", hidden: "" });
   const split = make("div", { class: "split", role: "slider", tabindex: "0", "aria-label": "Divider between the two data sets", "aria-valuemin": "0", "aria-valuemax": "100", hidden: "" });
-  desk.append(tools, layers, time, hint, split);
+  const plots = make("section", { class: "bar plots", "aria-label": "Plots", hidden: "" });
+  const people = make("div", { class: "card people", role: "status", hidden: "" });
+  desk.append(tools, layers, time, plots, hint, split, people);
 
   const of = {
     plane: button("plane", "Cutting plane", () => set({ cuts__plane: !model.plane }), "Cutting plane on or off; drag its handles (key C)"),
@@ -66,6 +75,7 @@
     film: button("film", "Movie", () => say("record"), "Record a movie; press again to stop and download it (key R)"),
     layers: button("layers", "Layers", () => open(layers.hidden), "List of layers: color, surface, material"),
     moon: button("moon", "Dark or light", () => paint(!desk.classList.contains("dark"), true), "Dark or light page"),
+    sliders: button("sliders", "All settings", () => settings(!document.documentElement.classList.contains("globule-settings")), "Show or hide the panel of all settings"),
     help: button("help", "Hints", () => tour(0), "Show the three hints again"),
   };
   const choices = {};
@@ -76,7 +86,8 @@
       choices[name] = button(first in ICONS ? first : "Rotate", first, () => say("tool", name), hints[first]);
     }
     const gap = () => make("hr", { "aria-hidden": "true" });
-    tools.replaceChildren(...Object.values(choices), of.plane, gap(), of.fit, of.undo, of.redo, gap(), of.camera, of.film, gap(), of.layers, of.moon, of.help);
+    tools.replaceChildren(...Object.values(choices), of.plane, gap(), of.fit, of.undo, of.redo, gap(), of.camera, of.film, gap(), of.layers, of.sliders, of.moon, of.help);
+    of.sliders.classList.add("only-narrow");
   };
 
   // The list of layers
@@ -101,7 +112,12 @@
     }
     if (document.activeElement !== select || select.value !== value) select.value = value;
   };
-  const open = (on) => { layers.hidden = !on; of.layers.setAttribute("aria-pressed", String(on)); keep("layers", on ? "1" : "0"); };
+  const settings = (on) => {
+    document.documentElement.classList.toggle("globule-settings", on);
+    of.sliders.setAttribute("aria-pressed", String(on));
+    if (on && narrow.matches) open(false);
+  };
+  const open = (on) => { if (on && narrow.matches) settings(false); layers.hidden = !on; of.layers.setAttribute("aria-pressed", String(on)); keep("layers", on ? "1" : "0"); };
   const hide = (i, on) => {
     const gone = model.layers.map((one, k) => ((k === i ? !on : !one.shown) ? k + 1 : 0)).filter(Boolean);
     if (gone.length < model.layers.length) set({ layers__hidden: gone.join(" ") });
@@ -114,7 +130,7 @@
     const box = plot.getBoundingClientRect(), share = Math.min(1, Math.max(0, (event.clientX - box.left) / box.width));
     return model.plot.lo + share * (model.plot.hi - model.plot.lo);
   };
-  plot.addEventListener("pointerdown", (e) => { if (model.plot) { brush = [value(e), value(e)]; plot.setPointerCapture(e.pointerId); } });
+  plot.addEventListener("pointerdown", (e) => { if (model.plot && model.role !== "look") { brush = [value(e), value(e)]; plot.setPointerCapture(e.pointerId); } });
   plot.addEventListener("pointermove", (e) => { if (brush) { brush[1] = value(e); bars(); } });
   plot.addEventListener("pointerup", () => {
     if (!brush) return;
@@ -141,6 +157,66 @@
     ends.replaceChildren(make("span", {}, short(lo)), make("span", {}, `${short(a)} … ${short(b)}`), make("span", {}, short(hi)));
   };
 
+  // Curves: along the measured line, and over time
+  const closing = button("close", "Remove the measurement", () => set({ measure__shown: false }), "Remove the measured line and its plot");
+  const lineTitle = make("span"), lineRead = make("div", { class: "ends" });
+  const linePlot = make("canvas", { class: "plot", role: "img", tabindex: "0", width: "560", height: "176" });
+  const lineBox = make("div", { hidden: "" }, make("div", { class: "row" }, lineTitle, closing), linePlot, lineRead);
+  const seriesOf = make("select", { title: "What is plotted over the simulated time", "aria-label": "Plot over time", onchange: () => say("series", seriesOf.value) });
+  const seriesRead = make("div", { class: "ends" });
+  const seriesPlot = make("canvas", { class: "plot", role: "img", tabindex: "0", width: "560", height: "176" });
+  const seriesBox = make("div", { hidden: "" }, seriesOf, seriesPlot, seriesRead);
+  plots.append(lineBox, seriesBox);
+  const curve = (canvas, read, data, xUnit, yUnit, hint, brushed) => {
+    const pen = canvas.getContext("2d"), w = canvas.width, h = canvas.height, edge = 4;
+    const known = data.y.filter((v) => v !== null);
+    const [lo, hi] = [Math.min(...known), Math.max(...known)], x0 = data.x[0], x1 = data.x.at(-1);
+    const px = (v) => edge + (w - 2 * edge) * (v - x0) / (x1 - x0 || 1), py = (v) => h - edge - (h - 2 * edge) * (v - lo) / (hi - lo || 1);
+    const at = canvas.at;
+    pen.clearRect(0, 0, w, h);
+    if (brushed) { pen.fillStyle = "#c9dcf2"; pen.fillRect(px(Math.min(...brushed)), 0, Math.abs(px(brushed[1]) - px(brushed[0])), h); }
+    pen.strokeStyle = "#1f5c9e"; pen.lineWidth = 3; pen.beginPath();
+    data.y.forEach((v, i) => v !== null && (i && data.y[i - 1] !== null ? pen.lineTo(px(data.x[i]), py(v)) : pen.moveTo(px(data.x[i]), py(v))));
+    pen.stroke();
+    const words = (v, unit) => (unit ? `${short(v)} ${unit}` : short(v));
+    if (at !== undefined && data.y[at] !== null && at < data.y.length) {
+      pen.fillStyle = "#b3261e"; pen.beginPath(); pen.arc(px(data.x[at]), py(data.y[at]), 7, 0, 7); pen.fill();
+      read.replaceChildren(make("span", {}, `at ${words(data.x[at], xUnit)}: ${words(data.y[at], yUnit)}`));
+    } else read.replaceChildren(make("span", {}, words(x0, xUnit)), make("span", {}, known.length ? `${short(lo)} … ${words(hi, yUnit)}` : "no particles here"), make("span", {}, words(x1, xUnit)));
+    canvas.title = hint;
+    canvas.setAttribute("aria-label", `${data.name} from ${words(x0, xUnit)} to ${words(x1, xUnit)}: ${known.length ? `${short(lo)} to ${words(hi, yUnit)}` : "no values"}`);
+  };
+  let chosen = null;  // part of the line, while it is brushed
+  const drawLine = () => curve(linePlot, lineRead, model.line, model.line.unit, "", "Point at the curve to read it; drag to color the range of these values", chosen);
+  const drawSeries = () => curve(seriesPlot, seriesRead, model.series, "s", model.series.unit, "Point at the curve to read it (arrow keys, too)");
+  const nearest = (canvas, data, event) => {
+    const box = canvas.getBoundingClientRect(), share = Math.min(1, Math.max(0, (event.clientX - box.left) / box.width));
+    const x = data.x[0] + share * (data.x.at(-1) - data.x[0]);
+    return data.x.reduce((best, v, i) => (Math.abs(v - x) < Math.abs(data.x[best] - x) ? i : best), 0);
+  };
+  for (const [canvas, key, redraw] of [[linePlot, "line", drawLine], [seriesPlot, "series", drawSeries]]) {
+    canvas.addEventListener("pointermove", (e) => { if (model[key]) { canvas.at = nearest(canvas, model[key], e); if (chosen && key === "line") chosen[1] = model.line.x[canvas.at]; redraw(); } });
+    canvas.addEventListener("pointerleave", () => { canvas.at = undefined; if (model[key]) redraw(); });
+    canvas.addEventListener("keydown", (e) => {
+      const way = { ArrowLeft: -1, ArrowRight: 1 }[e.key];
+      if (way && model[key]) { canvas.at = Math.min(model[key].x.length - 1, Math.max(0, (canvas.at ?? -1) + way)); redraw(); }
+    });
+  }
+  linePlot.addEventListener("pointerdown", (e) => {
+    if (!model.color.by || model.role === "look") return;
+    linePlot.setPointerCapture(e.pointerId);
+    chosen = Array(2).fill(model.line.x[nearest(linePlot, model.line, e)]);
+  });
+  linePlot.addEventListener("pointerup", () => {
+    if (!chosen) return;
+    const [a, b] = [Math.min(...chosen), Math.max(...chosen)];
+    const inside = model.line.y.filter((v, i) => v !== null && model.line.x[i] >= a && model.line.x[i] <= b);
+    chosen = null;
+    const [low, high] = [Math.min(...inside), Math.max(...inside)];
+    if (high > low) set({ color__automatic: false, color__low: low, color__high: high });
+    drawLine();
+  });
+
   // The timeline
   const run = button("play", "Play or pause", () => say("play"), "Play or pause (space bar)");
   const goto = (i) => set({ time__playing: false, time__frame: Math.min(model.time.frames - 1, Math.max(0, i)) });
@@ -164,7 +240,7 @@
   };
 
   // Two data sets side by side
-  const divide = (share) => { sent = Date.now(); split.style.left = `${100 * share}%`; set({ compare__at: Math.min(1, Math.max(0, share)) }); };
+  const divide = (share) => { if (model.role === "look") return; sent = Date.now(); split.style.left = `${100 * share}%`; set({ compare__at: Math.min(1, Math.max(0, share)) }); };
   split.addEventListener("pointerdown", (e) => split.setPointerCapture(e.pointerId));
   split.addEventListener("pointermove", (e) => { if (e.buttons) { const box = desk.getBoundingClientRect(); divide((e.clientX - box.left) / box.width); } });
   split.addEventListener("keydown", (e) => {
@@ -182,7 +258,13 @@
     if (!tools.childElementCount) row();
     for (const [name, made] of Object.entries(choices)) made.setAttribute("aria-pressed", String(name === model.tool));
     of.plane.setAttribute("aria-pressed", String(model.plane));
-    of.undo.disabled = !model.undo; of.redo.disabled = !model.redo;
+    const looks = model.role === "look", [here, most] = model.people;
+    for (const made of [of.plane, of.film, by, shape, preset, all, run, back, next, scrub, again, reset]) made.disabled = looks;
+    of.undo.disabled = looks || !model.undo; of.redo.disabled = looks || !model.redo;
+    people.hidden = !looks && here < 2;
+    const told = `${looks ? "You look" : "You steer"} · ${here} of ${most} browsers`;
+    if (people.textContent !== told) people.textContent = told;
+    people.title = looks ? "The camera is yours; another browser changes the settings" : "Settings are shared; each browser has its own camera";
     of.film.classList.toggle("hot", model.recording); of.film.setAttribute("aria-pressed", String(model.recording));
     const rows = JSON.stringify(model.layers);
     if (list.dataset.rows !== rows) {
@@ -191,6 +273,7 @@
         const label = make("span", { title: one.name }, one.name);
         if (model.layers.length === 1) return make("div", { class: "row" }, label);
         const eye = button(one.shown ? "eye" : "off", `Layer ${one.name} visible`, () => hide(i, !one.shown), "Show or hide this layer");
+        eye.disabled = looks;
         eye.setAttribute("aria-pressed", String(one.shown));
         return make("div", { class: "row" }, eye, label);
       }));
@@ -203,8 +286,14 @@
     graph.hidden = !model.plot;
     all.hidden = model.color.automatic;
     if (model.plot && !brush) bars();
+    plots.hidden = !model.line && !model.series;
+    lineBox.hidden = !model.line; seriesBox.hidden = !model.series;
+    closing.disabled = looks;
+    if (model.line) { lineTitle.textContent = `${model.line.name} along the line`; if (!chosen) drawLine(); }
+    if (model.series) { fill(seriesOf, model.series.names.map((n) => [n, n]), model.series.name); drawSeries(); }
     const t = model.time;
     time.hidden = !t;
+    time.classList.toggle("beside", Boolean(model.color.by));
     if (t) {
       draw(run, t.running ? "pause" : "play");
       run.setAttribute("aria-pressed", String(t.running));
@@ -226,11 +315,12 @@
 
   // Names for screen readers where viser's panel has none
   const named = () => {
-    for (const part of document.querySelectorAll('#root [role="slider"][aria-label=""], #root input[inputmode]:not([aria-label])')) {
+    for (const part of document.querySelectorAll('#root [role="slider"][aria-label=""], #root input:not([aria-label], [type="checkbox"], [type="file"])')) {
+      if (part.labels?.length) continue;
       let row = part.parentElement;
       while (row && !row.querySelector("label")) row = row.parentElement;
       const words = row?.querySelector("label")?.textContent;
-      if (words) part.setAttribute("aria-label", part.tagName === "INPUT" ? `${words}, value` : words);
+      if (words) part.setAttribute("aria-label", part.inputMode ? `${words}, value` : words);
     }
     document.querySelectorAll("#root button:not([aria-label])").forEach((part) => {
       if (!part.textContent.trim() && part.querySelector("svg")) {
@@ -249,6 +339,8 @@
     if (!image) return;
     const box = image.getBoundingClientRect();
     named();
+    for (const part of narrow.matches ? document.querySelectorAll("#root .mantine-Paper-root:not(.globule-panel)") : [])
+      if (getComputedStyle(part).position === "fixed") part.classList.add("globule-panel");
     layers.style.top = `${tools.offsetTop + tools.offsetHeight + 9}px`;
     Object.assign(desk.style, { left: `${box.left}px`, top: `${box.top}px`, width: `${box.width}px`, height: `${box.height}px` });
   };
@@ -257,14 +349,21 @@
     const word = globalThis.globuleWord;
     if (!word) return;
     socket?.close();
-    const own = socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/globule/desk?word=${encodeURIComponent(word)}`);
-    own.onopen = () => { wait = 500; paint(desk.classList.contains("dark")); };
+    // Relative, so that a proxy may put the page below a path.
+    const address = new URL("globule/desk?word=" + encodeURIComponent(word), location.href.split(/[?#]/)[0]);
+    const own = socket = new WebSocket(address.href.replace(/^http/, "ws"));
+    own.onopen = () => {
+      wait = 500; paint(desk.classList.contains("dark"));
+      if (matchMedia("(min-width: 2560px)").matches) say("wide");
+    };
     own.onmessage = (event) => { if (own === socket) { model = JSON.parse(event.data); show(); place(); } };
     own.onclose = () => { if (own === socket) setTimeout(() => { if (own === socket) connect(); }, (wait = Math.min(2 * wait, 8000))); };
   };
 
   addEventListener("DOMContentLoaded", () => {
     document.documentElement.lang = "en";
+    document.getElementById("root").setAttribute("role", "main");
+    desk.prepend(make("h1", { class: "unseen" }, document.title));
     document.body.append(desk);
     // Keys that a control uses must not move the camera, too.
     desk.addEventListener("keydown", (e) => { if (/^(Arrow|Home|End|Enter| )/.test(e.key)) e.stopPropagation(); });

@@ -50,10 +50,10 @@ class Help(Panel):
     def build(self) -> None:
         """Make the widgets."""
         self.gui.add_markdown(TEXT)
-        self.gui.add_command("Help", hotkey="H").on_trigger(self.safe(self._show))
+        self.command("Help", "H", self._show, True)
 
-    def _show(self, event: Any) -> None:
-        gui = event.client.gui
+    def _show(self, browser: Any) -> None:
+        gui = browser.gui
         with gui.add_modal("Help") as modal:
             gui.add_markdown(TEXT)
             gui.add_button("Close").on_click(lambda _: modal.close())

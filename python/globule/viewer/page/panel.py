@@ -37,11 +37,21 @@ class Panel:
     def build(self) -> None:
         """Make the widgets."""
 
-    def button(self, label: str, called: Any, hint: str = "", icon: Any = None) -> Any:
-        """A button; `called` gets the browser (`viser.ClientHandle`) in which it was pressed."""
-        button = self.gui.add_button(label, hint=hint or None, icon=icon)
+    def button(self, label: str, called: Any, hint: str = "", private: bool = False) -> Any:
+        """A button; `called` gets the browser (`viser.ClientHandle`) in which it was pressed.
+
+        private: it changes only this browser's view, so that those who look may press it.
+        """
+        button = self.gui.add_button(label, hint=hint or None)
         button.on_click(self.safe(lambda event: called(event.client)))
-        return button
+        return self.page.roles.private(button) if private else button
+
+    def command(self, label: str, key: str, called: Any, private: bool = False) -> None:
+        """A command with a key; `called` and `private` as for `button`."""
+        command = self.gui.add_command(label, hotkey=key)
+        command.on_trigger(self.safe(lambda event: called(event.client)))
+        if private:
+            self.page.roles.private(command)
 
     def grew(self, moved: bool) -> None:
         """React to a source that has grown; moved: the page's units have changed."""

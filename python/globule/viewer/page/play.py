@@ -15,6 +15,9 @@ from .panel import Panel
 from .widgets import bounded
 
 TITLES = {"sequence": "Play", "simulation": "Simulation", "sweep": "Live sweep"}
+STEPS = "Go to a frame of the sequence"
+TIME = "Step: one step of time. Reset: back to the beginning."
+IMAGES = "Undo: remove the newest images. Clear: remove all."
 METHODS = ("frames", "pvn-om", "vvn-om", "pvn", "vvn", "bezier")
 
 
@@ -38,9 +41,7 @@ class Play(Panel):
         """Make the widgets."""
         kind = self.viewer.source.kind
         {"sequence": self._sequence, "simulation": self._simulation, "sweep": self._sweep}[kind]()
-        self.gui.add_command("Play or pause", hotkey="space").on_trigger(
-            self.safe(lambda event: self.toggle())
-        )
+        self.command("Play or pause", "space", lambda browser: self.toggle())
 
     def tick(self) -> None:
         """Update the button and the status below it."""
@@ -75,7 +76,7 @@ class Play(Panel):
         last = max(1, self.viewer.source.n_frames - 1)
         self.add("time", "playing")
         self.add("time", "frame", most=last)
-        steps = self.gui.add_button_group("Step", ("first", "back", "next", "last"))
+        steps = self.gui.add_button_group("Step", ("first", "back", "next", "last"), hint=STEPS)
         steps.on_click(self.safe(self._step))
         self.add("time", "loop")
         self.add("time", "rate", least=1.0, most=60.0, step=1.0)
@@ -92,7 +93,7 @@ class Play(Panel):
         sim = source.simulation
         self.switches: list[tuple[Any, Callable[[], bool]]] = []
         self._run_and_status("Run")
-        buttons = gui.add_button_group("Time", ("Step", "Reset"))
+        buttons = gui.add_button_group("Time", ("Step", "Reset"), hint=TIME)
         buttons.on_click(self.safe(self._time))
         speed = gui.add_slider(
             "Speed",
@@ -114,7 +115,7 @@ class Play(Panel):
                 longest,
                 step,
                 source.cut_depth,
-                hint="Depth below the surface; the right end cuts all through",
+                hint="Depth below the surface, m; the right end cuts all through",
             )
             depth.on_update(
                 self.safe(
@@ -130,9 +131,7 @@ class Play(Panel):
                 self._undo,
                 "Go back to before the last cut; at most 5 cuts (key U)",
             )
-            self.gui.add_command("Undo the last cut of tissue", hotkey="U").on_trigger(
-                self.safe(lambda event: self._undo(event.client))
-            )
+            self.command("Undo the last cut of tissue", "U", self._undo)
         for name, emitter in _named(sim, "emitters"):
             self._switch(f"Emitter {name}", emitter, partial(getattr, emitter, "on"))
         for name, instrument in _named(sim, "tools"):
@@ -163,7 +162,7 @@ class Play(Panel):
         self.viewer.source.play(running)
 
     def _switch(self, label: str, thing: Any, on: Callable[[], bool]) -> None:
-        box = self.gui.add_checkbox(label, on())
+        box = self.gui.add_checkbox(label, on(), hint="On or off; until then it follows the scene")
         self.switches.append((box, on))
 
         def changed(event: Any) -> None:
@@ -181,7 +180,9 @@ class Play(Panel):
         handle = self.page.server.scene.add_transform_controls(
             f"/instruments/{name}", scale=0.35, depth_test=False, visible=False
         )
-        shown = self.gui.add_checkbox(f"Move {name} by hand", False)
+        shown = self.gui.add_checkbox(
+            f"Move {name} by hand", False, hint="Show handles in the image that move and turn it"
+        )
 
         def changed(event: Any) -> None:
             with source.lock:
@@ -211,7 +212,7 @@ class Play(Panel):
     def _sweep(self) -> None:
         gui, source = self.gui, self.viewer.source
         self._run_and_status("Start")
-        buttons = gui.add_button_group("Images", ("Undo", "Clear"))
+        buttons = gui.add_button_group("Images", ("Undo", "Clear"), hint=IMAGES)
         buttons.on_click(self.safe(self._record))
         spacing = gui.add_number(
             "Spacing, mm",
@@ -219,7 +220,7 @@ class Play(Panel):
             min=0.01,
             max=100.0,
             step=0.1,
-            hint="Edge of a voxel; takes effect after Clear",
+            hint="Edge of a voxel, mm; takes effect after Clear",
         )
         way = gui.add_dropdown(
             "Compounding",

@@ -24,6 +24,7 @@ from .panel import Panel
 from .widgets import bounded
 
 FIRST_SIZE = "1280x720"
+LOAD = "A TOML file of Save settings; at most 256 KiB"
 FORMATS = ("PNG", "EXR")
 SLOW = "finishing the recording; press Ctrl-C again to discard it"
 MOST_KEPT = 16  # recordings of closed tabs that a viewer keeps; they fill the disk
@@ -49,29 +50,36 @@ class Save(Panel):
         self.format = gui.add_dropdown(
             "Image format", FORMATS, hint="EXR: linear light, distance and normals"
         )
-        self.button("Save image", self.picture, "Key P")
-        self.fps = gui.add_slider("Movie frame rate", 5, 60, 1, 30, hint="Frames per second")
+        self.button("Save image", self.picture, "Download an image of this view (key P)", True)
+        self.fps = gui.add_slider(
+            "Movie frame rate", 5, 60, 1, 30, hint="Of movies, frames per second"
+        )
         self.record_button = self.button(
             "Record", self.record, "Start or stop a movie of this view (key R)"
         )
-        self.seconds = gui.add_slider("Turntable, s", 1, 60, 1, 8, hint="Length of the movie")
+        self.seconds = gui.add_slider("Turntable, s", 1, 60, 1, 8, hint="Length of the movie, s")
         self.button("Turntable movie", self.turntable, "One turn around the scene")
         self.cancel_button = self.button(
-            "Cancel", self.cancel, "Stop the image or turntable in progress"
+            "Cancel", self.cancel, "Stop the image or turntable in progress", True
         )
         self.cancel_button.visible = False
         with gui.add_folder("All settings", expand_by_default=False):
-            self.button("Save settings", self.save_state, "As a TOML file")
-            self.upload = gui.add_upload_button("Load settings", mime_type=".toml,text/plain")
-            self.upload.on_upload(self.safe(self._load))
-            self.button("As command and Python", self.show_equivalent, "Both make the same image")
-        for key, label, called in (
-            ("P", "Save image", self.picture),
-            ("R", "Record", self.record),
-        ):
-            gui.add_command(label, hotkey=key).on_trigger(
-                self.safe(lambda event, called=called: called(event.client))
+            self.button("Save settings", self.save_state, "As a TOML file", True)
+            self.upload = gui.add_upload_button(
+                "Load settings", mime_type=".toml,text/plain", hint=LOAD
             )
+            self.upload.on_upload(self.safe(self._load))
+            self.button(
+                "As command and Python", self.show_equivalent, "Both make the same image", True
+            )
+            self.button(
+                "As a notebook",
+                self.save_notebook,
+                "A Jupyter notebook that makes this image",
+                True,
+            )
+        self.command("Save image", "P", self.picture, True)
+        self.command("Record", "R", self.record)
 
     def chosen_size(self) -> tuple[int, int]:
         """(width, height), pixels. Raises ValueError."""
@@ -201,6 +209,11 @@ class Save(Panel):
         )
         if camera is not None:
             self.viewer.move(event.client, camera)
+
+    def save_notebook(self, browser: Any) -> None:
+        """Give the browser a notebook that makes the image."""
+        text = self.viewer.notebook(self._client(browser).camera, self.chosen_size())
+        browser.send_file_download("globule.ipynb", text.encode(), save_immediately=True)
 
     def show_equivalent(self, browser: Any) -> None:
         """Show and log a command and a program that make the image."""

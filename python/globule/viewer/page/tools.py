@@ -9,7 +9,9 @@ import numpy as np
 
 from ...render.frame import Picked
 from ..engine import Client
-from ..overlay import AMBER, RED, Mark
+from ..overlay import RED, Mark
+from ..plots import line_mark
+from ..roles import STEER
 from ..source import Probed
 from .widgets import safe
 
@@ -38,8 +40,13 @@ class Tools:
             self.choices += (SUCTION,)
         with gui.add_folder("Tool") as self.folder:
             pass
-        command = gui.add_command("Next tool", hotkey="T")
+        command = page.roles.private(gui.add_command("Next tool", hotkey="T"))
         command.on_trigger(lambda event: self.hands[event.client_id].next_tool())
+
+    def choices_of(self, client: Client) -> tuple[str, ...]:
+        """The tools of a browser; who looks has those that change nothing."""
+        harmless = (ROTATE, MEASURE)
+        return self.choices if client.role == STEER else harmless
 
     def connected(self, browser: Any, client: Client) -> None:
         """Add the hand of a browser."""
@@ -55,6 +62,7 @@ class Hand:
 
     def __init__(self, tools: Tools, browser: Any, client: Client):
         self.tools, self.page, self.browser, self.client = tools, tools.page, browser, client
+        self.choices = tools.choices_of(client)
         self.viewer = tools.page.viewer
         self.picked: list[Picked | Probed] = []
         self.unit = tools.unit
@@ -65,7 +73,7 @@ class Hand:
         with tools.folder:
             self.choice = browser.gui.add_dropdown(
                 "Mouse tool",
-                tools.choices,
+                self.choices,
                 initial_value=ROTATE,
                 hint="Key T selects the next tool",
             )
@@ -81,21 +89,24 @@ class Hand:
 
     def next_tool(self) -> None:
         """Select the next tool."""
-        at = self.tools.choices.index(self.tool)
-        self.choice.value = self.tools.choices[(at + 1) % len(self.tools.choices)]
+        at = self.choices.index(self.tool)
+        self.choice.value = self.choices[(at + 1) % len(self.choices)]
         self.take(self.choice.value)
 
     def use(self, tool: Any) -> None:
         """Select a tool by its name. Raises ValueError."""
-        if tool not in self.tools.choices:
-            expected = ", ".join(self.tools.choices)
+        if tool not in self.choices:
+            expected = ", ".join(self.choices)
             raise ValueError(f"tool: expected one of {expected}, got {str(tool)[:40]}")
         self.choice.value = tool
         self.take(tool)
 
     def take(self, tool: str) -> None:
         """Select a tool and remove the marks of the last one."""
+        if tool not in self.choices:  # a browser may send any value
+            self.choice.value = tool = ROTATE
         self.picked = []
+        self.client.line = None
         self.client.mark([])
         self.text.content = {
             ROTATE: HINT,
@@ -128,8 +139,7 @@ class Hand:
             self.text.content = (
                 f"**Distance {distance:.6g}{self.unit}**  \nfrom {_words(a)} to {_words(b)}"
             )
-            points = (tuple(a.tolist()), tuple(b.tolist()))
-            self.client.mark([Mark(points, f"{distance:.4g}{self.unit}", AMBER)])
+            self._keep_line(a, b)
             return
         x, y, z = (float(v) for v in found.position)
         if isinstance(found, Probed):
@@ -137,6 +147,16 @@ class Hand:
         else:
             title, self.text.content = f"particle {found.particle:,}", describe(found, self.unit)
         self.client.mark([Mark(((x, y, z),), "" if self.tool == MEASURE else title, RED)])
+
+    def _keep_line(self, a: np.ndarray, b: np.ndarray) -> None:
+        """Keep a measurement in the settings; of a browser that looks: for itself."""
+        if self.client.role == STEER:
+            self.client.mark([])
+            start, end = tuple(a.tolist()), tuple(b.tolist())
+            self.viewer.state.set(measure__shown=True, measure__start=start, measure__end=end)
+            return
+        self.client.line = np.array([a, b])
+        self.client.mark([line_mark(self.client.line, self.unit)])
 
     def pick(self, screen: tuple[float, float]) -> Picked | Probed | None:
         """The surface or slice at a place (0, 0) to (1, 1) of this browser's image, or None."""

@@ -24,30 +24,34 @@ class View(Panel):
 
     def build(self) -> None:
         """Make the widgets."""
-        self.button("Fit all", self.fit, "Show everything from this direction (key F)")
-        self.gui.add_button_group("Look from", VIEWS[:3]).on_click(self.safe(self._stand))
-        self.gui.add_button_group("", VIEWS[3:]).on_click(self.safe(self._stand))
+        self.button("Fit all", self.fit, "Show everything from this direction (key F)", True)
+        for label, views, keys in (("Look from", VIEWS[:3], "1, 2, 3"), ("", VIEWS[3:], "4, 5, 6")):
+            group = self.gui.add_button_group(
+                label, views, hint=f"Show everything from a side (keys {keys})"
+            )
+            self.page.roles.private(group).on_click(self.safe(self._stand))
         self.button(
             "Perspective / orthographic",
             self.flatten,
             "Orthographic: distance does not make things smaller (key O)",
+            True,
         )
         with self.gui.add_folder("Bookmarks", expand_by_default=False):
-            self.name = self.gui.add_text("Name", "view 1")
-            self.button("Save view", self.keep)
-            self.names = self.gui.add_dropdown("Go to", self._names())
-            self.button("Go", lambda browser: self.go(browser, self.names.value))
-            self.button("Delete", lambda browser: self.forget(self.names.value))
+            self.name = self.gui.add_text("Name", "view 1", hint="Of the view to save")
+            self.button("Save view", self.keep, "Keep this camera under the name above")
+            self.names = self.gui.add_dropdown("Go to", self._names(), hint="A saved view")
+            self.button(
+                "Go",
+                lambda browser: self.go(browser, self.names.value),
+                "Use the chosen view",
+                True,
+            )
+            self.button("Delete", lambda browser: self.forget(self.names.value), "Forget this view")
         self.state.listen(self._follow)
         for key, name in zip("123456", VIEWS, strict=True):
-            self._command(f"Look from: {name}", key, lambda b, name=name: self.stand(b, name))
-        self._command("Fit all", "F", self.fit)
-        self._command("Perspective or orthographic", "O", self.flatten)
-
-    def _command(self, label: str, key: str, called: Any) -> None:
-        self.gui.add_command(label, hotkey=key).on_trigger(
-            self.safe(lambda event: called(event.client))
-        )
+            self.command(f"Look from: {name}", key, lambda b, name=name: self.stand(b, name), True)
+        self.command("Fit all", "F", self.fit, True)
+        self.command("Perspective or orthographic", "O", self.flatten, True)
 
     def _stand(self, event: Any) -> None:
         self.stand(event.client, event.target.value)

@@ -1,0 +1,106 @@
+"""What each browser may do: steer, or look with a camera of its own.
+
+A browser that steers changes the settings that all share. A browser that looks has its own camera,
+reads values, measures and saves images. The token in the address decides (`guard.py`). At most
+`Viewer.most_clients` browsers are shown images; the others are refused until a place is free.
+"""
+
+from __future__ import annotations
+
+import time
+from contextvars import ContextVar
+from dataclasses import dataclass, field
+from typing import Any
+
+STEER, LOOK, REFUSED = "steer", "look", "refused"
+MOST_CLIENTS = 16
+LOOKING = "You are looking; only a browser that steers changes the settings."
+REPEAT = 3.0  # s before a browser is told again
+# Actions of the toolbar that change nothing for others.
+PRIVATE_ACTIONS = {"tool", "fit", "picture", "dark", "wide", "series"}
+
+
+@dataclass
+class Visitor:
+    """One connection of a browser.
+
+    Attributes:
+        role: STEER, LOOK or REFUSED.
+    """
+
+    role: str = STEER
+    _told: float = field(default=-REPEAT)
+
+    def told(self) -> bool:
+        """Whether this browser was told a moment ago that it may not steer."""
+        now = time.monotonic()
+        recently = now - self._told < REPEAT
+        self._told = self._told if recently else now
+        return recently
+
+
+# The visitor whose message is handled; a task for a message inherits that of its connection.
+VISITOR: ContextVar[Visitor | None] = ContextVar("visitor", default=None)
+
+
+def visitor() -> Visitor:
+    """The visitor of this task; one who steers where no connection was made."""
+    return VISITOR.get() or Visitor()
+
+
+class Roles:
+    """Which of the shared widgets, by their identifiers, may be used by a browser that looks."""
+
+    def __init__(self, viewer: Any):
+        self.viewer = viewer
+        self._private: set[str] = set()
+
+    def private(self, handle: Any) -> Any:
+        """Note a widget or command that only changes the browser's own view; returns it."""
+        impl = getattr(handle, "_impl", handle)
+        self._private.add(impl.uuid)
+        return handle
+
+    def may(self, who: Visitor, message: Any) -> bool:
+        """Whether a browser may send a message to what all browsers share."""
+        if who.role == STEER:
+            return True
+        return who.role == LOOK and getattr(message, "uuid", None) in self._private
+
+    def shared(self, message: Any) -> bool:
+        """Whether a message is about something that all browsers share."""
+        server = self.viewer.server
+        uuid, name = getattr(message, "uuid", None), getattr(message, "name", None)
+        known = server.gui._gui_input_handle_from_uuid, server.gui._command_handle_from_uuid
+        return any(uuid in table for table in known) or name in server.scene._handle_from_node_name
+
+    def refuse(self, who: Visitor, client_id: int, message: Any) -> None:
+        """Give the browser back what it tried to change, and say why."""
+        browser = self.viewer.server.get_clients().get(client_id)
+        if who.role == REFUSED or browser is None or not self.shared(message):
+            return
+        self._restore(browser, message)
+        if not who.told():
+            client = self.viewer.clients.get(client_id)
+            if client is not None:
+                client.sink.error(LOOKING)
+
+    def _restore(self, browser: Any, message: Any) -> None:
+        from viser import _messages
+
+        server = self.viewer.server
+        answers: list[Any] = []
+        if isinstance(message, _messages.GuiUpdateMessage):
+            handle = server.gui._gui_input_handle_from_uuid.get(message.uuid)
+            if handle is not None and not handle._impl.is_button:
+                value = {"value": handle._impl.value}
+                answers.append(_messages.GuiUpdateMessage(message.uuid, value))
+        elif isinstance(message, _messages.TransformControlsUpdateMessage):
+            handle = server.scene._handle_from_node_name.get(message.name)
+            if handle is not None:
+                x, y, z = (float(v) for v in handle.position)
+                turn = tuple(float(v) for v in handle.wxyz)
+                answers.append(_messages.SetPositionMessage(message.name, (x, y, z)))
+                answers.append(_messages.SetOrientationMessage(message.name, turn))  # type: ignore[arg-type]
+        for answer in answers:
+            browser._websock_connection.queue_message(answer)

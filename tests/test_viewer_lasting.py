@@ -1,0 +1,78 @@
+"""What outlasts a browser and what does not wait for an image: recordings, clicks."""
+
+from __future__ import annotations
+
+import globule as gb
+import numpy as np
+import pytest
+from viewer_helpers import blob, until
+
+pytest.importorskip("viser")
+
+from viewer_program import CAMERA, Program
+
+
+@pytest.fixture
+def opened():
+    viewer = gb.view(blob(300), port=0, browser=False, block=False)
+    program = Program(viewer, "")
+    until(lambda: viewer.page.tools.hands, "for the connection")
+    yield viewer, program
+    program.close()
+    viewer.close()
+
+
+def test_a_recording_outlasts_its_tab(opened, tmp_path, monkeypatch):
+    av = pytest.importorskip("av")
+    monkeypatch.chdir(tmp_path)
+    viewer, program = opened
+    save = next(panel for panel in viewer.page.panels if type(panel).__name__ == "Save")
+    save.size.value = "64x48"
+    commands = viewer.server.gui._command_handle_from_uuid.values()
+    uuid = next(c._impl.uuid for c in commands if c.label == "Record")
+    program.say({"type": "CommandTriggerMessage", "uuid": uuid})
+    until(lambda: save._recorders, "for the recording")
+    (recorder, *_) = next(iter(save._recorders.values()))
+    until(lambda: recorder.n_pictures > 3, "for some images")
+    program.close()  # the tab
+    until(lambda: list(tmp_path.glob("movie-*.mp4")), "for the movie")
+    (movie,) = tmp_path.glob("movie-*.mp4")
+    with av.open(str(movie)) as file:
+        assert sum(1 for _ in file.decode(video=0)) > 3
+    until(lambda: not viewer.clients)
+    assert not save._recorders
+
+
+@pytest.mark.parametrize("lost", [False, True], ids=["stopped", "first request lost"])
+def test_a_click_does_not_wait_for_a_long_image(opened, lost):
+    """The image in progress is stopped; otherwise the answer would come after the image."""
+    viewer, program = opened
+    (hand,) = viewer.page.tools.hands.values()
+    client, engine = hand.client, viewer.engine
+    client.sink.send = lambda number, data, plan: client.acknowledge(number)
+    client.acknowledge(1000)
+    until(lambda: client.frame is not None, "for the first image")
+    viewer.state.set(quality__samples=64)
+    client.pacer.scale = 0.1  # of the moving image, which comes first
+    program.say(dict(CAMERA, image_width=3000, image_height=2250))
+    until(lambda: engine._still is not None and client.pacer.full[0] == 3000, "for a long image")
+    with engine.wake:
+        core, cancelled = engine._still[1], []
+
+        class Scene:
+            def cancel(self):
+                cancelled.append(1)
+                if not lost or len(cancelled) > 3:
+                    core.cancel()
+
+        engine._still = client, Scene()
+    found = hand.pick((0.5, 0.5))
+    assert cancelled
+    assert client.frame.samples < 64  # answered before the image was complete
+    assert found is not None
+    camera = client.camera
+    ray = np.subtract(found.position, camera.eye)
+    towards = np.subtract(camera.look_at, camera.eye)
+    assert np.dot(ray, towards) / np.linalg.norm(ray) / np.linalg.norm(towards) > 0.99
+    program.say(dict(CAMERA, image_width=60, image_height=45))  # for a quick end
+    until(lambda: client.pacer.full[0] == 60)

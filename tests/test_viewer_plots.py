@@ -1,0 +1,153 @@
+"""Plots beside the image, measurements in the settings, and what is seen as a notebook."""
+
+from __future__ import annotations
+
+import json
+
+import globule as gb
+import numpy as np
+import pytest
+from viewer_helpers import Watched, blob, until
+
+pytest.importorskip("viser")
+
+from globule.viewer.engine import Engine
+from globule.viewer.export import notebook
+from globule.viewer.open import open_source
+from globule.viewer.plots import along_line, marks_of, over_time
+from globule.viewer.recording import Shot
+from globule.viewer.state import State
+
+BROWSERS = True  # see hang_guard
+LINE = np.array([[-1.5, 0.1, 0.0], [1.5, 0.1, 0.2]])
+
+
+def test_values_along_a_line_are_those_of_sample():
+    particles = blob(200)
+    particles.attributes["velocity"] = np.float32(particles.positions) * (1, 2, 3)
+    scene = gb.Scene(particles)
+    shares = np.linspace(0, 1, 160)
+    points = np.float32(LINE[0] + shares[:, None] * (LINE[1] - LINE[0]))
+    for name in ("speed", "field", ""):
+        plot = along_line(scene, LINE, name)
+        want = gb.sample(scene, points, [plot["name"]])[plot["name"]]
+        found = np.array([np.nan if v is None else v for v in plot["y"]])
+        np.testing.assert_allclose(found, want, rtol=2e-5, atol=1e-6)
+        assert plot["x"][-1] == pytest.approx(np.linalg.norm(LINE[1] - LINE[0]), rel=1e-5)
+    plot = along_line(scene, LINE, "velocity")  # colored by its length
+    reached = np.array([v is not None for v in plot["y"]])
+    assert reached.any()
+    assert not reached.all()
+    assert min(v for v in plot["y"] if v is not None) >= 0
+    json.dumps(plot, allow_nan=False)
+    mesh = gb.Mesh(np.eye(3), [[0, 1, 2]])
+    assert along_line(mesh, LINE, "") is None
+
+
+def test_quantities_over_the_time_of_a_simulation():
+    source, state = open_source("dam-break"), State()
+    assert over_time(source) is None
+    for _ in range(3):
+        source.step()
+        source.advance(state)
+    rows = source.simulation.record.diagnostics
+    plot = over_time(source, "compression")
+    assert plot["x"] == pytest.approx([row["time"] for row in rows], rel=1e-5)
+    assert plot["y"] == pytest.approx([100 * row["compression"] for row in rows], rel=1e-5)
+    assert (plot["name"], plot["unit"]) == ("compression", "%")
+    assert over_time(source, "nothing")["name"] == "largest speed"
+    rows[1:2] = [dict(rows[1], time=rows[1]["time"] + 1e-9 * i) for i in range(5000)]
+    long = over_time(source)
+    assert len(long["x"]) <= 2 * 240
+    assert long["x"][-1] == pytest.approx(rows[-1]["time"], rel=1e-5)
+    assert over_time(open_source(blob(20))) is None
+
+
+def test_a_measurement_is_a_setting(tmp_path):
+    source, state = open_source(blob(100)), State()
+    assert marks_of(source, state) == []
+    start, end = (tuple(p) for p in LINE.tolist())
+    state.set(measure__shown=True, measure__start=start, measure__end=end)
+    (mark,) = marks_of(source, state)
+    assert mark.points == (start, end)
+    assert mark.text == f"{np.linalg.norm(LINE[1] - LINE[0]):.4g}"
+    state.save(tmp_path / "view.toml")
+    other = State()
+    other.load(tmp_path / "view.toml")
+    assert marks_of(source, other) == [mark]
+    engine = Engine(source, other)
+    camera = gb.Camera((0, 0, 5), (0, 0, 0))
+    try:
+        with_line = Shot(engine, camera, (160, 120), 1).picture
+        other.history.undo()
+        other.set(measure__shown=False)
+        assert not np.array_equal(with_line, Shot(engine, camera, (160, 120), 1).picture)
+    finally:
+        engine.close()
+
+
+def test_a_notebook_makes_the_same_image(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    gb.write("particles.npz", blob(200))
+    viewer = gb.view("particles.npz", port=0, browser=False, block=False)
+    try:
+        viewer.state.set(color__by="speed", quality__samples=2)
+        facts = json.loads(viewer.notebook(size=(120, 90)))
+        wanted = viewer.screenshot("wanted.png", (120, 90)).picture
+    finally:
+        viewer.close()
+    assert (facts["nbformat"], facts["nbformat_minor"]) == (4, 5)
+    cells = ["".join(cell["source"]) for cell in facts["cells"]]
+    kinds = [cell["cell_type"] for cell in facts["cells"]]
+    assert kinds == ["markdown", "code", "code", "markdown"]
+    exec(cells[1], {})
+    from PIL import Image
+
+    with Image.open("picture.png") as image:
+        assert np.abs(np.asarray(image).astype(int) - wanted).max() <= 1
+    assert "globule render particles.npz" in cells[3]
+    try:
+        import nbformat
+    except ImportError:
+        return
+    nbformat.validate(nbformat.from_dict(facts))
+
+
+def test_a_notebook_names_what_it_needs():
+    facts = json.loads(notebook("t", "globule reconstruct a -o b && globule render b  # x", "1\n"))
+    assert "the files of `globule reconstruct a -o b`" in "".join(facts["cells"][0]["source"])
+    assert "# x" not in "".join(facts["cells"][3]["source"])
+
+
+@pytest.mark.browser
+@pytest.mark.slow
+def test_a_measured_line_is_plotted_and_brushed(chromium):
+    watched = Watched(blob(600), chromium)
+    try:
+        page, state = watched.page(), watched.viewer.state
+        desk = page.locator("#globule-desk")
+        desk.get_by_role("button", name="Skip").click()
+        state.set(color__by="speed")
+        desk.get_by_role("button", name="Measure").click()
+        hand = next(iter(watched.viewer.page.tools.hands.values()))
+        until(lambda: hand.tool == "Measure")
+        page.mouse.click(280, 380)
+        until(lambda: hand.picked)
+        page.mouse.click(400, 400)
+        until(lambda: state.measure.shown)
+        plot = desk.get_by_role("img", name="speed from 0 to")
+        plot.wait_for()
+        box = plot.bounding_box()
+        middle = box["y"] + box["height"] / 2
+        page.mouse.move(box["x"] + 0.2 * box["width"], middle)
+        page.mouse.down()
+        page.mouse.move(box["x"] + 0.7 * box["width"], middle, steps=4)
+        desk.locator(".plots .ends").get_by_text("at ").wait_for()
+        page.mouse.up()
+        until(lambda: not state.color.automatic)
+        assert state.color.low < state.color.high
+        desk.get_by_role("button", name="Remove the measurement").click()
+        until(lambda: not state.measure.shown)
+        until(lambda: not plot.is_visible())
+    finally:
+        watched.close()
