@@ -69,6 +69,8 @@ _MAGIC = (  # at the file's beginning
     (b"#?", Kind("picture", "hdr")),
     (b"\x1a\x45\xdf\xa3", Kind("picture", "video")),
 )
+# Plane Position Sequence and Plane Position (Volume) Sequence of DICOM: frames that are planes.
+_PLANES = (b"\x20\x00\x13\x91SQ", b"\x20\x00\x0e\x93SQ")
 _XML = {
     "PolyData": Kind("particles", "vtp"),
     "UnstructuredGrid": Kind("particles", "vtu"),
@@ -190,7 +192,7 @@ def _by_magic(head: bytes, size: int) -> Kind | None:
     if head[344:348] in (b"n+1\0", b"ni1\0") or head[4:8] in (b"n+2\0", b"ni2\0"):
         return Kind("volume", "nifti")
     if head[128:132] == b"DICM":
-        return Kind("sweep", "dicom")
+        return Kind("volume" if any(tag in head for tag in _PLANES) else "sweep", "dicom")
     if head[4:8] == b"ftyp" or (head[:4] == b"RIFF" and head[8:12] == b"AVI "):
         return Kind("picture", "video")
     if head[:2] == b"BM" and int.from_bytes(head[2:6], "little") == size:
@@ -231,7 +233,8 @@ def _in_folder(path: str | os.PathLike[str]) -> Kind:
         return Kind("sweep", "pictures")
     files = [os.path.join(path, name) for name in names if not name.startswith(".")]
     for file in [file for file in files if os.path.isfile(file)][:_MOST_OPENED]:
-        if kind_or_none(file) == Kind("sweep", "dicom"):
+        found = kind_or_none(file)
+        if found is not None and found.format == "dicom":
             return Kind("volume", "dicom")
     raise bad(path, "", "expected pictures or a DICOM series in this folder, got neither")
 
