@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import datetime
 import itertools
+from pathlib import Path
 
 import globule as gb
 import numpy as np
@@ -48,7 +49,8 @@ def test_every_voxel_keeps_its_place(dtype):
         before = volume(dtype, turned, mirrored, space)
         write_volume("a.dcm", before)
         after = read_volume("a.dcm")
-        assert after.values.dtype == dtype and after.space == "LPS"
+        assert after.values.dtype == dtype
+        assert after.space == "LPS"
         lps = before.in_space("LPS").world_from_voxel
         flip = np.linalg.det(lps[:3, :3]) < 0
         order = slice(None, None, -1 if flip else 1)
@@ -119,10 +121,9 @@ def test_damaged_files():
     """A file cut anywhere is refused in one line, or has all its voxels."""
     before = volume(shape=(6, 20, 20))
     write_volume("a.dcm", before)
-    whole = (open("a.dcm", "rb")).read()
+    whole = Path("a.dcm").read_bytes()
     for part in (0.02, 0.1, 0.4, 0.8, 0.999):
-        with open("cut.dcm", "wb") as file:
-            file.write(whole[: int(part * len(whole))])
+        Path("cut.dcm").write_bytes(whole[: int(part * len(whole))])
         with pytest.raises(FormatError, match=r"cut\.dcm"):
             read_volume("cut.dcm")
 

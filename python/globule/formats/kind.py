@@ -49,6 +49,9 @@ _BY_ENDING = {
     ".sparse.npz": Kind("volume", "npz"),
     ".igs.mha": Kind("sweep", "metaimage"),
     ".igs.nrrd": Kind("sweep", "nrrd"),
+    ".mrb": Kind("sweep", "mrb"),
+    ".sw": Kind("sweep", "stradwin"),
+    ".sxi": Kind("sweep", "stradwin"),
     ".dcm": Kind("sweep", "dicom"),
     ".dicom": Kind("sweep", "dicom"),
     ".toml": Kind("scene", "toml"),
@@ -220,6 +223,8 @@ def _in_archive(path: str | os.PathLike[str], wanted: str | None) -> Kind | None
             names = {name.removesuffix(".npy") for name in archive.namelist()}
     except (zipfile.BadZipFile, OSError, NotImplementedError, UnicodeError):
         return None  # its reader says what is wrong
+    if any(name.lower().endswith(".mrml") for name in names):
+        return Kind("sweep", "mrb")
     if "positions" in names:
         return Kind("particles", "npz")
     if {"values", "world_from_voxel"} <= names:
@@ -244,6 +249,8 @@ def _in_text(text: str, ending: Kind | None) -> Kind | None:
     lines = [line for line in lines if line and not line.startswith(("#", "%"))]
     if not lines:
         return None
+    if re.search(r"^RES_BUF_FRAMES +\d", text, re.MULTILINE):
+        return Kind("sweep", "stradwin")
     if lines[0].split()[0].lower() == "solid" and "facet" in text:
         return Kind("mesh", "stl")
     words = {line.split()[0] for line in lines}

@@ -13,7 +13,7 @@ import numpy as np
 from .._base.checks import a_path, number
 from ..formats.errors import FormatError, bad
 from ..formats.kind import Kind, kind_of, kind_or_none, wrong_kind
-from ..formats.sweeps import igs, stack
+from ..formats.sweeps import igs, slicer_bundle, stack, stradwin
 from ..formats.sweeps.poses import PoseTable, interpolate, read_poses, write_csv
 from ..formats.sweeps.transforms import (
     WORLDS,
@@ -39,6 +39,8 @@ EXTENSIONS = (
     ".npz",
     ".npy",
     ".h5",
+    ".mrb",
+    ".sw",
     *stack.DICOM,
 )  # usual ones; the content counts
 WRITABLE = (".igs.mha", ".mha", ".igs.nrrd", ".nrrd", ".npz")
@@ -63,8 +65,9 @@ def read_sweep(
     """Read a tracked sweep.
 
     Args:
-        path: PLUS/IGSIO .igs.mha or .igs.nrrd; .npz with frames and world_from_image; a scan of
-            TUS-REC (.h5, .npz with frames and tforms); or a stack of images (folder of image files,
+        path: PLUS/IGSIO .igs.mha or .igs.nrrd; a scene of 3D Slicer (.mrb);
+            Stradwin (.sw); .npz with frames and
+            world_from_image; a scan of TUS-REC (.h5, .npz with frames and tforms); or a stack of images (folder of image files,
             TIFF, video, .mha, .nrrd, .npy, .npz, DICOM) with `poses`.
         calibration: probe_from_image and region: a Calibration or its .toml.
         plus: PLUS configuration (.xml) with transforms and region.
@@ -175,6 +178,12 @@ def _recording(
     kind = Kind("sweep", "hdf5") if _is_hdf5(path) else kind_of(path, "sweep")
     if kind.format in ("metaimage", "nrrd"):
         recording, arrays = igs.read(path, progress), {}
+    elif kind.format == "mrb":
+        recording, arrays = slicer_bundle.read(path, progress)
+    elif kind.format == "stradwin":
+        recording, arrays = stradwin.read(path), {}
+        if progress:
+            progress(1, 1)
     else:
         if kind.format == "pictures":
             images = stack.read_folder(path, progress)
