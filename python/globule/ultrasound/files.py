@@ -65,10 +65,10 @@ def read_sweep(
     """Read a tracked sweep.
 
     Args:
-        path: PLUS/IGSIO .igs.mha or .igs.nrrd; a scene of 3D Slicer (.mrb);
-            Stradwin (.sw); .npz with frames and
-            world_from_image; a scan of TUS-REC (.h5, .npz with frames and tforms); or a stack of images (folder of image files,
-            TIFF, video, .mha, .nrrd, .npy, .npz, DICOM) with `poses`.
+        path: PLUS/IGSIO .igs.mha or .igs.nrrd; a scene of 3D Slicer (.mrb); Stradwin (.sw); .npz
+            with frames and world_from_image; a scan of TUS-REC (.h5, .npz with frames and tforms);
+            or a stack of images (folder of image files, TIFF, video, .mha, .nrrd, .npy, .npz,
+            DICOM) with `poses`.
         calibration: probe_from_image and region: a Calibration or its .toml.
         plus: PLUS configuration (.xml) with transforms and region.
         poses: table (.csv, .json, of TUM, ROS, OptiTrack or NDI, a tracker's buffer of PLUS) of
@@ -174,14 +174,15 @@ def _recording(
     path: str | os.PathLike[str], progress: Progress = None
 ) -> tuple[igs.Recording, dict[str, np.ndarray]]:
     """Frames and what their file says; the other arrays of a NumPy archive."""
+    arrays: dict[str, np.ndarray] = {}
     a_path(path)
     kind = Kind("sweep", "hdf5") if _is_hdf5(path) else kind_of(path, "sweep")
     if kind.format in ("metaimage", "nrrd"):
-        recording, arrays = igs.read(path, progress), {}
+        recording = igs.read(path, progress)
     elif kind.format == "mrb":
         recording, arrays = slicer_bundle.read(path, progress)
     elif kind.format == "stradwin":
-        recording, arrays = stradwin.read(path), {}
+        recording = stradwin.read(path)
         if progress:
             progress(1, 1)
     else:

@@ -21,7 +21,6 @@ import numpy as np
 
 from ..errors import FormatError, bad, shown
 from ..size import check_size, check_text
-from ..volumes import nrrd
 from ..volumes.geometry import LPS_FROM_RAS, place
 from ..volumes.raw import Progress
 from ..xml import parse_xml
@@ -160,7 +159,8 @@ def _at(
     path: Any, key: tuple[str, str], table: PoseTable, times: np.ndarray | None, n: int
 ) -> Transform:
     """The transforms at the images' times."""
-    if times is None or (len(table.ok) == n and np.array_equal(table.times, times)):
+    same = table.times is not None and times is not None and np.array_equal(table.times, times)
+    if times is None or same:
         if len(table.ok) != n:
             problem = f"expected {n} items, or a sequence of images whose index is the time"
             raise bad(path, "To".join(key), f"{problem}, got {len(table.ok)} items")

@@ -7,6 +7,8 @@ US Volume would have to state the transducer, its output and the anatomy, which 
 from __future__ import annotations
 
 import datetime
+import functools
+import importlib
 import os
 from typing import Any
 
@@ -37,10 +39,10 @@ def write(path: str | os.PathLike[str], data: VolumeData) -> None:
     for axes that are not perpendicular, and for 4 GiB or more.
     """
     try:
-        import pydicom
-        from pydicom.uid import ExplicitVRLittleEndian, generate_uid
+        pydicom: Any = importlib.import_module("pydicom")
     except ImportError:
         raise missing("pydicom", "medical") from None
+    new_uid = functools.partial(pydicom.uid.generate_uid, None)
     values, matrix = _right_handed(in_space(data, "LPS"))
     spacing, axes = spacing_and_directions(matrix)
     _check(values, axes)
@@ -50,18 +52,19 @@ def write(path: str | os.PathLike[str], data: VolumeData) -> None:
     date, clock = now.strftime("%Y%m%d"), now.strftime("%H%M%S.%f")
     meta = pydicom.dataset.FileMetaDataset()
     meta.MediaStorageSOPClassUID = _CLASSES[size]
-    meta.MediaStorageSOPInstanceUID = generate_uid(None)
-    meta.TransferSyntaxUID = ExplicitVRLittleEndian
-    file = pydicom.dataset.FileDataset(None, {}, file_meta=meta, preamble=bytes(128))
+    meta.MediaStorageSOPInstanceUID = new_uid()
+    meta.TransferSyntaxUID = pydicom.uid.ExplicitVRLittleEndian
+    file = pydicom.Dataset()
+    file.file_meta = meta
     elements: dict[str, Any] = {
         "SOPClassUID": _CLASSES[size], "SOPInstanceUID": meta.MediaStorageSOPInstanceUID,
         "PatientName": "", "PatientID": "", "PatientBirthDate": "", "PatientSex": "",
-        "StudyInstanceUID": generate_uid(None), "StudyDate": date, "StudyTime": clock,
+        "StudyInstanceUID": new_uid(), "StudyDate": date, "StudyTime": clock,
         "StudyID": "", "AccessionNumber": "", "ReferringPhysicianName": "",
-        "SeriesInstanceUID": generate_uid(None), "SeriesNumber": 1, "Modality": "US",
+        "SeriesInstanceUID": new_uid(), "SeriesNumber": 1, "Modality": "US",
         "SeriesDescription": "Volume of tracked ultrasound",
         "Laterality": "",
-        "FrameOfReferenceUID": generate_uid(None), "PositionReferenceIndicator": "",
+        "FrameOfReferenceUID": new_uid(), "PositionReferenceIndicator": "",
         "ConversionType": "WSD", "Manufacturer": "globule", "SoftwareVersions": _version(),
         "InstanceNumber": 1, "ContentDate": date, "ContentTime": clock, "PatientOrientation": "",
         "ImageType": ["DERIVED", "SECONDARY"], "BurnedInAnnotation": "NO",
