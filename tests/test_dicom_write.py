@@ -117,6 +117,37 @@ def test_what_it_cannot_hold(tmp_path):
         assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize("even", [True, False])
+def test_enhanced_us_volumes_of_others(even):
+    """Their place is in sequences of their own, which SimpleITK leaves out."""
+    before = volume(shape=(4, 7, 9))
+    write_volume("a.dcm", before)
+    file = pydicom.dcmread("a.dcm")
+    file.SOPClassUID = file.file_meta.MediaStorageSOPClassUID = "1.2.840.10008.5.1.4.1.1.6.2"
+    shared = file.SharedFunctionalGroupsSequence[0]
+    directions = pydicom.Dataset()
+    directions.ImageOrientationVolume = [
+        float(v) for v in shared.PlaneOrientationSequence[0].ImageOrientationPatient
+    ]
+    shared.PlaneOrientationVolumeSequence = [directions]
+    del shared.PlaneOrientationSequence
+    for frame in file.PerFrameFunctionalGroupsSequence:
+        place = pydicom.Dataset()
+        position = np.array(frame.PlanePositionSequence[0].ImagePositionPatient, float)
+        place.ImagePositionVolume = list(position if even else position**2)
+        frame.PlanePositionVolumeSequence = [place]
+        del frame.PlanePositionSequence
+    file.save_as("other.dcm", enforce_file_format=True)
+    assert kind_of("other.dcm") == ("volume", "dicom")
+    if even:
+        after = read_volume("other.dcm")
+        assert np.array_equal(after.values, before.values)
+        np.testing.assert_allclose(after.world_from_voxel, before.world_from_voxel, atol=1e-9)
+    else:
+        with pytest.raises(FormatError, match="planes at even distances"):
+            read_volume("other.dcm")
+
+
 def test_damaged_files():
     """A file cut anywhere is refused in one line, or has all its voxels."""
     before = volume(shape=(6, 20, 20))
