@@ -27,7 +27,7 @@ from ..formats.sweeps.transforms import (
 )
 from ..formats.volumes.raw import Progress
 from .calibration import Calibration
-from .plausible import check_pixels, check_travel
+from .plausible import check_hand, check_pixels, check_travel
 from .setup import Setup
 from .sweep import Sweep, checked_frames
 
@@ -298,6 +298,7 @@ def _assembled(
         sweep = Sweep(recording.frames, matrices, recording.times, valid, world=world,
                       metadata=metadata)  # fmt: skip
         check_pixels(matrices[valid], sweep.frames.shape[1:])
+        check_hand(path, matrices[valid])
         return sweep
     except ValueError as error:
         raise bad(path, "", str(error)) from None
