@@ -7,11 +7,12 @@ of globule.ultrasound.trust). Errors are root mean squares in gray levels over t
 method predicts. `common` counts only the pixels that every method predicts. Without a SWEEP, the
 sweeps are simulated.
 
-`gaussian` and `cubic` stand for methods of the literature that globule does not offer: a Gaussian
-of the distance, as wide as the distance of the nearest frame asks for (adaptive Gaussian,
-convolution by distance), and a Catmull-Rom spline through four frames along the path (B-spline).
-They are evaluated at the pixels themselves, without a volume. Errors are of every third row and
-column.
+`gaussian`, `cubic` and `rbf` stand for methods of the literature that globule does not offer: a
+Gaussian of the distance, as wide as the distance of the nearest frame asks for (adaptive Gaussian,
+convolution by distance), a Catmull-Rom spline through four frames along the path (B-spline), and
+biharmonic radial basis functions with a linear part through 3x3 pixels of both neighboring frames
+(Rohling, Gee, Berman 1999). They are evaluated at the pixels themselves, without a volume. Errors
+are of every third row and column.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from globule.ultrasound.neighbors import FramePath
 from globule.volumes.slices import reslice_frame
 
 METHODS = ("frames", "bezier", "vvn-om", "pvn-om")
+LITERATURE = ("cubic", "gaussian", "rbf")
 STEP = 3  # between pixels that are compared
 
 
@@ -42,7 +44,7 @@ def literature(sweep: Any, rest: Any, f: int, spacing: float) -> dict[str, np.nd
     points = pixels @ (grid.poses(sweep.world_from_image[f][None])[0] / 2.0**32).reshape(3, 3)
     n = len(index)
     after = int(np.searchsorted(index, f))
-    found = {name: np.full(rows.size, np.nan) for name in ("cubic", "gaussian")}
+    found = {name: np.full(rows.size, np.nan) for name in LITERATURE}
     a, b = after - 1, after
     if not 0 < after < n or not path.joined[a]:
         return {name: values.reshape(rows.shape) for name, values in found.items()}
@@ -69,13 +71,48 @@ def literature(sweep: Any, rest: Any, f: int, spacing: float) -> dict[str, np.nd
         weights += weight
     known &= weights > 1e-6
     found["gaussian"][known] = (total / np.maximum(weights, 1e-12))[known]
+    between = (d0 < 0) != (d1 < 0)
+    found["rbf"][between] = radial(path, (a, b), points[between])
     return {name: values.reshape(rows.shape) for name, values in found.items()}
+
+
+def radial(path: FramePath, pair: tuple[int, int], points: np.ndarray) -> np.ndarray:
+    """Biharmonic splines through 3x3 pixels of each of two frames around points (P, 3)."""
+    values, places, known = [], [], np.ones(len(points), bool)
+    for f in pair:
+        _, u, v = path.coordinates(f, points).T
+        (nx, ny), origin = path.averaged, path.poses[f, :3]
+        for dv in (-1, 0, 1):
+            for du in (-1, 0, 1):
+                column, row = (
+                    np.rint((c - (n - 1) / 2) / n) * n + (n - 1) / 2 + d * n
+                    for c, n, d in ((u, nx, du), (v, ny, dv))
+                )
+                value, inside = path.sample(f, column, row)
+                x, y = path.poses[f, 3:6], path.poses[f, 6:9]
+                values.append(value)
+                places.append(origin + column[:, None] * x + row[:, None] * y - points)
+                known &= inside
+    data, x = np.stack(values, axis=1), np.stack(places, axis=1)
+    m = data.shape[1]
+    out = np.full(len(points), np.nan)
+    for part in np.array_split(np.flatnonzero(known), max(1, known.sum() // 4096)):
+        near = x[part]
+        matrix = np.zeros((len(part), m + 4, m + 4))
+        matrix[:, :m, :m] = np.linalg.norm(near[:, :, None] - near[:, None], axis=3)
+        matrix[:, :m, m] = matrix[:, m, :m] = 1
+        matrix[:, :m, m + 1 :] = near
+        matrix[:, m + 1 :, :m] = near.transpose(0, 2, 1)
+        right = np.concatenate([data[part], np.zeros((len(part), 4))], axis=1)[..., None]
+        weights = np.linalg.solve(matrix, right)[..., 0]
+        out[part] = (weights[:, :m] * np.linalg.norm(near, axis=2)).sum(axis=1) + weights[:, m]
+    return np.clip(out, 0, None)
 
 
 def errors(sweep: Any, k: int, **options: Any) -> dict[str, tuple[float, float, float]]:
     """Of each method: rms over its own pixels, rms over the common pixels, share of pixels."""
     indices = np.flatnonzero(sweep.valid)
-    names = (*METHODS, "cubic", "gaussian")
+    names = (*METHODS, *LITERATURE)
     sums = {name: np.zeros(4) for name in names}
     n = 0
     for fold in range(k):

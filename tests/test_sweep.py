@@ -625,6 +625,18 @@ def test_poses_in_meters_beside_a_calibration_are_warned_of():
         read_sweep("made.igs.mha", calibration)
 
 
+def test_poses_that_mirror_are_warned_of(recwarn):
+    """Columns or axes that were swapped: no rotation does that."""
+    sweep = small_sweep()
+    write_sweep("right.npz", sweep)
+    read_sweep("right.npz")
+    assert not recwarn
+    swapped = sweep.world_from_image[:, :, [1, 0, 2, 3]]
+    write_sweep("swapped.npz", Sweep(sweep.frames, swapped))
+    with pytest.warns(UserWarning, match=r"swapped.npz: 5 of 5 poses mirror the image"):
+        read_sweep("swapped.npz")
+
+
 def test_a_pose_of_zeros_is_a_frame_without_pose():
     """Before: one such matrix with status OK rejected the whole recording."""
     made = gb.phantoms.cylinders(n_frames=12, size=(30, 20))

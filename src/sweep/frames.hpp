@@ -164,29 +164,53 @@ struct Sampled {
     int n, height, width;
     float right, bottom;       ///< just past the last column and row of pixels
 
-    /// Values of images f and f + 1 at (u, v); false outside.
-    GB_FN bool at(int f, float u, float v, float& a, float& b) const {
-        if (!(u >= -0.5f && u < right && v >= -0.5f && v < bottom)) return false;
-        const int i = int(u + 1.0f) - 1, j = int(v + 1.0f) - 1;
-        const float s = u - float(i), r = v - float(j);
-        const int i0 = max(i, 0), i1 = min(i + 1, width - 1), j0 = max(j, 0), j1 = min(j + 1, height - 1);
-        const std::size_t image = std::size_t(height) * width;
-        const V *p = values + f * image + std::size_t(j0) * width, *q = values + f * image + std::size_t(j1) * width;
-        float w00 = (1.0f - s) * (1.0f - r), w10 = s * (1.0f - r), w01 = (1.0f - s) * r, w11 = s * r;
-        if (mask) {
-            const std::uint8_t *m = mask + std::size_t(j0) * width, *n = mask + std::size_t(j1) * width;
-            if (!(r < 0.5f ? m : n)[s < 0.5f ? i0 : i1]) return false;
-            if (!m[i0]) w00 = 0;
-            if (!m[i1]) w10 = 0;
-            if (!n[i0]) w01 = 0;
-            if (!n[i1]) w11 = 0;
-            const float share = 1.0f / ((w00 + w10) + (w01 + w11));
-            w00 *= share, w10 *= share, w01 *= share, w11 *= share;
+    /// Values of images f and f + 1 at n places (u, v), for those that are wanted; no longer wanted are those without a pixel.
+    /// Everything but the reading of pixels is the same for all places, so that a CPU takes them together.
+    template <int n>
+    GB_FN void at(int f, const float* u, const float* v, int* wanted, float* a, float* b) const {
+        float s[n], r[n], w00[n], w10[n], w01[n], w11[n];
+        float p00[n], p10[n], p01[n], p11[n], q00[n], q10[n], q01[n], q11[n];
+        int at00[n], at10[n], at01[n], at11[n];
+        for (int l = 0; l < n; ++l) {
+            wanted[l] = wanted[l] & (u[l] >= -0.5f) & (u[l] < right) & (v[l] >= -0.5f) & (v[l] < bottom);
+            const float x = wanted[l] ? u[l] : 0.0f, y = wanted[l] ? v[l] : 0.0f;
+            const int i = int(x + 1.0f) - 1, j = int(y + 1.0f) - 1;
+            s[l] = x - float(i), r[l] = y - float(j);
+            const int i0 = max(i, 0), i1 = min(i + 1, width - 1), j0 = max(j, 0) * width, j1 = min(j + 1, height - 1) * width;
+            at00[l] = j0 + i0, at10[l] = j0 + i1, at01[l] = j1 + i0, at11[l] = j1 + i1;
+            w00[l] = (1.0f - s[l]) * (1.0f - r[l]), w10[l] = s[l] * (1.0f - r[l]), w01[l] = (1.0f - s[l]) * r[l], w11[l] = s[l] * r[l];
         }
-        a = (w00 * float(p[i0]) + w10 * float(p[i1])) + (w01 * float(q[i0]) + w11 * float(q[i1]));
-        p += image, q += image;
-        b = (w00 * float(p[i0]) + w10 * float(p[i1])) + (w01 * float(q[i0]) + w11 * float(q[i1]));
-        return true;
+        const std::size_t image = std::size_t(height) * width;
+        const V *p = values + f * image, *q = p + image;
+        for (int l = 0; l < n; ++l) {
+            if (mask && wanted[l]) weigh(l, s[l], r[l], at00[l], at10[l], at01[l], at11[l], wanted[l], w00, w10, w01, w11);
+            if (!wanted[l]) {
+                p00[l] = p10[l] = p01[l] = p11[l] = q00[l] = q10[l] = q01[l] = q11[l] = 0.0f;
+                continue;
+            }
+            p00[l] = float(p[at00[l]]), p10[l] = float(p[at10[l]]), p01[l] = float(p[at01[l]]), p11[l] = float(p[at11[l]]);
+            q00[l] = float(q[at00[l]]), q10[l] = float(q[at10[l]]), q01[l] = float(q[at01[l]]), q11[l] = float(q[at11[l]]);
+        }
+        for (int l = 0; l < n; ++l) {
+            a[l] = (w00[l] * p00[l] + w10[l] * p10[l]) + (w01[l] * p01[l] + w11[l] * p11[l]);
+            b[l] = (w00[l] * q00[l] + w10[l] * q10[l]) + (w01[l] * q01[l] + w11[l] * q11[l]);
+        }
+    }
+
+private:
+    /// The weights of place l among the pixels inside of the mask; not wanted if the nearest one is none.
+    GB_FN void weigh(int l, float s, float r, int at00, int at10, int at01, int at11, int& wanted, float* w00, float* w10, float* w01,
+                     float* w11) const {
+        if (!mask[r < 0.5f ? (s < 0.5f ? at00 : at10) : (s < 0.5f ? at01 : at11)]) {
+            wanted = 0;
+            return;
+        }
+        if (!mask[at00]) w00[l] = 0;
+        if (!mask[at10]) w10[l] = 0;
+        if (!mask[at01]) w01[l] = 0;
+        if (!mask[at11]) w11[l] = 0;
+        const float share = 1.0f / ((w00[l] + w10[l]) + (w01[l] + w11[l]));
+        w00[l] *= share, w10[l] *= share, w01[l] *= share, w11[l] *= share;
     }
 };
 
@@ -303,19 +327,25 @@ private:
             any |= between[l];
         }
         if (!any) return;
+        float t[kLanes], u[kLanes], v[kLanes], a[kLanes], b[kLanes];
         for (int l = 0; l < kLanes; ++l) {
-            if (!between[l]) continue;
-            const float x = float(at.x + l), t = d0[l] / (d0[l] - d1[l]);
+            const float x = float(at.x + l);
+            t[l] = d0[l] / (d0[l] - d1[l]);
             const float u0 = pair.at(0, 1, x, y, z), u1 = pair.at(1, 1, x, y, z);
             const float v0 = pair.at(0, 2, x, y, z), v1 = pair.at(1, 2, x, y, z);
-            float a, b;
-            if (!images.at(pair.frame, u0 + t * (u1 - u0), v0 + t * (v1 - v0), a, b)) continue;
-            const float weight = 1.0f / (abs(d1[l] * t) + kOwn);
-            sum.value[l] += weight * (a + t * (b - a));
+            u[l] = u0 + t[l] * (u1 - u0);
+            v[l] = v0 + t[l] * (v1 - v0);
+        }
+        images.template at<kLanes>(pair.frame, u, v, between, a, b);
+        for (int l = 0; l < kLanes; ++l) {
+            const bool known = between[l];
+            const float weight = known ? 1.0f / (abs(d1[l] * t[l]) + kOwn) : 0.0f, step = b[l] - a[l];
+            sum.value[l] += weight * (known ? a[l] + t[l] * step : 0.0f);
             sum.weight[l] += weight;
-            sum.number[l] += 1.0f;
-            sum.contrast[l] += weight * ((b - a) * (b - a));
-            sum.nearest[l] = min(sum.nearest[l], min(abs(d0[l]), abs(d1[l])));
+            sum.number[l] += known ? 1.0f : 0.0f;
+            sum.contrast[l] += weight * (step * step);
+            const float near = min(abs(d0[l]), abs(d1[l]));
+            sum.nearest[l] = known ? min(sum.nearest[l], near) : sum.nearest[l];
         }
     }
     GB_FN void finish(const Sum& sum, Cell first) const {

@@ -160,7 +160,10 @@ def _check(options: argparse.Namespace) -> None:
     if options.output:
         check_output("-o", options.output, [".toml", ".xml"])
         if not given and not options.calibration:
-            raise UserError("-o: expected MARKS or --calibration for the matrix, got neither")
+            raise UserError(
+                "-o: expected MARKS or --calibration for the matrix, got neither; without -o, the "
+                "offset is printed"
+            )
     if options.picture:
         check_output("--picture", options.picture, [".png"])
         try:

@@ -13,6 +13,7 @@ from ..formats.sweeps import igs, stack
 from ..formats.sweeps.transforms import WORLDS, find_path
 from ..formats.volumes import READABLE as READABLE_VOLUMES
 from ..formats.volumes import WRITABLE as WRITABLE_VOLUMES
+from ..formats.volumes import check_name
 from ..ultrasound.files import EXTENSIONS as READABLE_SWEEPS
 from ..ultrasound.files import WRITABLE as SWEEPS
 from ..ultrasound.files import write_sweep
@@ -88,6 +89,9 @@ def lines(facts: dict[str, Any]) -> list[str]:
 def convert(path: str, output: str, kind: str) -> str:
     """Write a sweep or volume in another format; return a line about the result."""
     check_output("OUT", output, SWEEPS if kind == "sweep" else (*WRITABLE_VOLUMES, ".png"))
+    if output.lower().endswith(".dcm"):
+        with mistakes():
+            check_name(output, False)
     if kind == "sweep":
         found = kind_or_none(path)
         images = found is not None and found.format in ("metaimage", "nrrd")

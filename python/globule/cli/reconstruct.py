@@ -1,7 +1,8 @@
 """Reconstruct a volume from a tracked ultrasound sweep.
 
 SWEEP is a PLUS/IGSIO recording (.igs.mha, .igs.nrrd), an .npz, or a stack of images with --poses.
-The volume is .nrrd, .mha, .nii, .nii.gz, .vti, .npz, or .sparse.npz (the occupied blocks only).
+The volume is .nrrd, .mha, .nii, .nii.gz, .dcm, .vti, .npz, or .sparse.npz (the occupied blocks
+only).
 .vti and .npz also store the origin of each value.
 
 With --plus, the volume equals, voxel for voxel, the volume that PLUS reconstructs from the same
@@ -21,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from ..formats.volumes import WRITABLE
+from ..formats.volumes import WRITABLE, check_name
 from ..ultrasound.sweep import Sweep
 from ..volumes.files import write_volume
 from ..volumes.volume import Volume
@@ -302,6 +303,8 @@ def _check(options: argparse.Namespace) -> None:
         raise UserError(f"SWEEP: expected a sweep or --live, got {got}")
     if options.output:
         check_output("-o", options.output, WRITABLE)
+        with mistakes():
+            check_name(options.output, options.maps)
     elif not options.cross_validate:
         raise UserError("-o: expected a volume to write, got none")
     for option in ("--three-view", "--surface-image"):

@@ -15,7 +15,7 @@ import argparse
 import os
 from typing import Any
 
-from ..formats.volumes import WRITABLE
+from ..formats.volumes import WRITABLE, check_name
 from ..ultrasound.files import WRITABLE as SWEEPS
 from . import flags
 from .parser import Parser
@@ -170,6 +170,8 @@ def _check(options: argparse.Namespace) -> None:
     check_device(options)
     if options.output:
         check_output("-o", options.output, WRITABLE)
+        with mistakes():
+            check_name(options.output, False)
     elif options.spacing is not None:
         raise UserError("--voxel-size: expected -o beside --voxel-size, got none")
     if options.sweep_output:

@@ -87,7 +87,40 @@ def dicom(path: str, ask: Any) -> tuple[dict, list]:
     reader.SetImageIO("GDCMImageIO")
     reader.ReadImageInformation()
     ask(_claim(reader), sizes=list(reader.GetSize()))
-    return _image(sitk, reader.Execute())
+    facts, arrays = _image(sitk, reader.Execute())
+    kind = reader.GetMetaData("0008|0016") if reader.HasMetaDataKey("0008|0016") else ""
+    if kind.strip(" \0") == "1.2.840.10008.5.1.4.1.1.6.2":
+        facts |= _place_of_enhanced_us(path)
+    return facts, arrays
+
+
+def _place_of_enhanced_us(path: str) -> dict:
+    """Where an Enhanced US Volume lies (PS3.3 C.8.24.3), which GDCM does not read."""
+    import numpy as np
+    import pydicom
+
+    data = pydicom.dcmread(path, stop_before_pixels=True)
+    shared = data.SharedFunctionalGroupsSequence[0]
+    frames = data.PerFrameFunctionalGroupsSequence
+    measures = shared.PixelMeasuresSequence[0]
+    row, column = map(float, measures.PixelSpacing)
+    x, y = np.reshape(shared.PlaneOrientationVolumeSequence[0].ImageOrientationVolume, (2, 3))
+    places = np.array([f.PlanePositionVolumeSequence[0].ImagePositionVolume for f in frames], float)
+    steps = np.diff(places, axis=0)
+    if len(steps) and np.abs(steps - steps[0]).max() > 1e-3 * np.abs(steps[0]).max():
+        raise ValueError(
+            "planes at even distances, got others: a volume for each time or data type"
+        )
+    z = steps[0] if len(steps) else np.cross(x, y) * float(measures.SliceThickness)
+    between = float(np.linalg.norm(z))
+    if not between > 0:
+        raise ValueError("planes at different places, got several at one")
+    directions = np.stack([x, y, z / between], axis=1)
+    return {
+        "spacing": [column, row, between],
+        "origin": places[0].tolist(),
+        "direction": directions.ravel().tolist(),
+    }
 
 
 _MOST_REGIONS = 64

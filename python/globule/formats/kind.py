@@ -49,6 +49,9 @@ _BY_ENDING = {
     ".sparse.npz": Kind("volume", "npz"),
     ".igs.mha": Kind("sweep", "metaimage"),
     ".igs.nrrd": Kind("sweep", "nrrd"),
+    ".mrb": Kind("sweep", "mrb"),
+    ".sw": Kind("sweep", "stradwin"),
+    ".sxi": Kind("sweep", "stradwin"),
     ".dcm": Kind("sweep", "dicom"),
     ".dicom": Kind("sweep", "dicom"),
     ".toml": Kind("scene", "toml"),
@@ -69,6 +72,8 @@ _MAGIC = (  # at the file's beginning
     (b"#?", Kind("picture", "hdr")),
     (b"\x1a\x45\xdf\xa3", Kind("picture", "video")),
 )
+# Plane Position Sequence and Plane Position (Volume) Sequence of DICOM: frames that are planes.
+_PLANES = (b"\x20\x00\x13\x91SQ", b"\x20\x00\x0e\x93SQ")
 _XML = {
     "PolyData": Kind("particles", "vtp"),
     "UnstructuredGrid": Kind("particles", "vtu"),
@@ -190,7 +195,7 @@ def _by_magic(head: bytes, size: int) -> Kind | None:
     if head[344:348] in (b"n+1\0", b"ni1\0") or head[4:8] in (b"n+2\0", b"ni2\0"):
         return Kind("volume", "nifti")
     if head[128:132] == b"DICM":
-        return Kind("sweep", "dicom")
+        return Kind("volume" if any(tag in head for tag in _PLANES) else "sweep", "dicom")
     if head[4:8] == b"ftyp" or (head[:4] == b"RIFF" and head[8:12] == b"AVI "):
         return Kind("picture", "video")
     if head[:2] == b"BM" and int.from_bytes(head[2:6], "little") == size:
@@ -218,6 +223,8 @@ def _in_archive(path: str | os.PathLike[str], wanted: str | None) -> Kind | None
             names = {name.removesuffix(".npy") for name in archive.namelist()}
     except (zipfile.BadZipFile, OSError, NotImplementedError, UnicodeError):
         return None  # its reader says what is wrong
+    if any(name.lower().endswith(".mrml") for name in names):
+        return Kind("sweep", "mrb")
     if "positions" in names:
         return Kind("particles", "npz")
     if {"values", "world_from_voxel"} <= names:
@@ -231,7 +238,8 @@ def _in_folder(path: str | os.PathLike[str]) -> Kind:
         return Kind("sweep", "pictures")
     files = [os.path.join(path, name) for name in names if not name.startswith(".")]
     for file in [file for file in files if os.path.isfile(file)][:_MOST_OPENED]:
-        if kind_or_none(file) == Kind("sweep", "dicom"):
+        found = kind_or_none(file)
+        if found is not None and found.format == "dicom":
             return Kind("volume", "dicom")
     raise bad(path, "", "expected pictures or a DICOM series in this folder, got neither")
 
@@ -241,6 +249,8 @@ def _in_text(text: str, ending: Kind | None) -> Kind | None:
     lines = [line for line in lines if line and not line.startswith(("#", "%"))]
     if not lines:
         return None
+    if re.search(r"^RES_BUF_FRAMES +\d", text, re.MULTILINE):
+        return Kind("sweep", "stradwin")
     if lines[0].split()[0].lower() == "solid" and "facet" in text:
         return Kind("mesh", "stl")
     words = {line.split()[0] for line in lines}

@@ -13,7 +13,7 @@ import numpy as np
 from .._base.checks import a_path, number
 from ..formats.errors import FormatError, bad
 from ..formats.kind import Kind, kind_of, kind_or_none, wrong_kind
-from ..formats.sweeps import igs, stack
+from ..formats.sweeps import igs, slicer_bundle, stack, stradwin
 from ..formats.sweeps.poses import PoseTable, interpolate, read_poses, write_csv
 from ..formats.sweeps.transforms import (
     WORLDS,
@@ -27,7 +27,7 @@ from ..formats.sweeps.transforms import (
 )
 from ..formats.volumes.raw import Progress
 from .calibration import Calibration
-from .plausible import check_pixels, check_travel
+from .plausible import check_hand, check_pixels, check_travel
 from .setup import Setup
 from .sweep import Sweep, checked_frames
 
@@ -39,6 +39,8 @@ EXTENSIONS = (
     ".npz",
     ".npy",
     ".h5",
+    ".mrb",
+    ".sw",
     *stack.DICOM,
 )  # usual ones; the content counts
 WRITABLE = (".igs.mha", ".mha", ".igs.nrrd", ".nrrd", ".npz")
@@ -63,9 +65,10 @@ def read_sweep(
     """Read a tracked sweep.
 
     Args:
-        path: PLUS/IGSIO .igs.mha or .igs.nrrd; .npz with frames and world_from_image; a scan of
-            TUS-REC (.h5, .npz with frames and tforms); or a stack of images (folder of image files,
-            TIFF, video, .mha, .nrrd, .npy, .npz, DICOM) with `poses`.
+        path: PLUS/IGSIO .igs.mha or .igs.nrrd; a scene of 3D Slicer (.mrb); Stradwin (.sw); .npz
+            with frames and world_from_image; a scan of TUS-REC (.h5, .npz with frames and tforms);
+            or a stack of images (folder of image files, TIFF, video, .mha, .nrrd, .npy, .npz,
+            DICOM) with `poses`.
         calibration: probe_from_image and region: a Calibration or its .toml.
         plus: PLUS configuration (.xml) with transforms and region.
         poses: table (.csv, .json, of TUM, ROS, OptiTrack or NDI, a tracker's buffer of PLUS) of
@@ -171,10 +174,17 @@ def _recording(
     path: str | os.PathLike[str], progress: Progress = None
 ) -> tuple[igs.Recording, dict[str, np.ndarray]]:
     """Frames and what their file says; the other arrays of a NumPy archive."""
+    arrays: dict[str, np.ndarray] = {}
     a_path(path)
     kind = Kind("sweep", "hdf5") if _is_hdf5(path) else kind_of(path, "sweep")
     if kind.format in ("metaimage", "nrrd"):
-        recording, arrays = igs.read(path, progress), {}
+        recording = igs.read(path, progress)
+    elif kind.format == "mrb":
+        recording, arrays = slicer_bundle.read(path, progress)
+    elif kind.format == "stradwin":
+        recording = stradwin.read(path)
+        if progress:
+            progress(1, 1)
     else:
         if kind.format == "pictures":
             images = stack.read_folder(path, progress)
@@ -288,6 +298,7 @@ def _assembled(
         sweep = Sweep(recording.frames, matrices, recording.times, valid, world=world,
                       metadata=metadata)  # fmt: skip
         check_pixels(matrices[valid], sweep.frames.shape[1:])
+        check_hand(path, matrices[valid])
         return sweep
     except ValueError as error:
         raise bad(path, "", str(error)) from None

@@ -41,6 +41,17 @@ def check_pixels(matrices: np.ndarray, shape: tuple[int, int]) -> None:
     )
 
 
+def check_hand(path: object, world_from_image: np.ndarray) -> None:
+    """Warn of poses (F, 4, 4) that mirror the image: rotations have no left-handed axes."""
+    left = np.linalg.det(world_from_image[:, :3, :3]) < 0
+    if left.any():
+        warnings.warn(
+            f"{path}: {int(left.sum())} of {len(left)} poses mirror the image (left-handed axes): "
+            "columns, rows or axes of the world are probably swapped",
+            stacklevel=3,
+        )
+
+
 def check_travel(path: object, world_from_probe: np.ndarray) -> None:
     """Warn of poses (F, 4, 4) that are probably in meters beside a calibration in millimeters."""
     places = world_from_probe[:, :3, 3]

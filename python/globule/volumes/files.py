@@ -6,7 +6,8 @@
     .vti                 VTK XML image data, with all maps
     .npz                 NumPy, with all maps
     .sparse.npz          NumPy, occupied blocks only, with all maps
-    DICOM                a file, or a folder with a series (SimpleITK), read only
+    .dcm                 DICOM: multi-frame secondary capture (written by pydicom), LPS
+    DICOM                also other files, and a folder with a series (SimpleITK), read only
 
 Volumes from files are in LPS, for any frame of the file. A volume's place survives exactly in .mha,
 .nrrd, .vti (if its axes are the world's) and .npz.

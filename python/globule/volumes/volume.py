@@ -190,10 +190,10 @@ class Volume:
 
         .npz, .sparse.npz and .vti also hold the origin of the values (`radius`), and with `maps`
         count, variance and source. For other formats, `maps` writes each map to a file of its own:
-        NAME.count.nrrd. `save` calls `progress(done, total)` with bytes for .mha and .nrrd, and
-        with 1, 1 at the end for other formats.
+        NAME.count.nrrd; DICOM (.dcm) has no maps. `save` calls `progress(done, total)` with bytes
+        for .mha and .nrrd, and with 1, 1 at the end for other formats.
         """
-        formats.extension(path, formats.WRITABLE)  # before maps are made
+        formats.check_name(path, maps)  # before maps are made
         data = VolumeData(self.values, self.world_from_voxel, self.space)
         known = self._known_maps() if maps else None
         formats.write(path, data, self.radius, known, progress)

@@ -218,11 +218,11 @@ def _edges(path: Any, frame_fields: list[dict[str, str]]) -> Edges:
                 raise bad(path, _name(i, name), problem) from None
             edges[key].matrices[i] = matrix
             status = fields.get(name + "Status", "OK") == "OK"
-            edges[key].ok[i] = status and _pose(matrix)
+            edges[key].ok[i] = status and is_pose(matrix)
     return edges
 
 
-def _pose(matrix: np.ndarray) -> bool:
+def is_pose(matrix: np.ndarray) -> bool:
     """Whether it can be a pose: its columns 0 and 1 span a plane. Trackers also write zeros for
     what they do not see."""
     u, v = matrix[:3, 0], matrix[:3, 1]

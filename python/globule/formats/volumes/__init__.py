@@ -10,8 +10,9 @@ import numpy as np
 
 from ..._base.files import all_or_none
 from ..errors import FormatError
+from ..guarded import need
 from ..kind import kind_of, wrong_kind
-from . import dicom, medical, nifti, npz, vti
+from . import dicom, dicom_write, medical, nifti, npz, vti
 from .geometry import VolumeData, checked, in_space
 from .raw import Progress
 
@@ -31,11 +32,13 @@ _WRITERS: dict[str, Callable[..., None]] = {
     ".vti": vti.write,
     ".npz": npz.write,
     ".sparse.npz": npz.write,
+    ".dcm": dicom_write.write,
 }
 READABLE = (".mha", ".mhd", ".nrrd", ".nhdr", ".nii", ".nii.gz", ".vti", ".npz")
 WRITABLE = tuple(_WRITERS)
 _IN_PIECES = (".mha", ".nrrd", "metaimage", "nrrd")  # what reports its progress in bytes
 HOLD_MAPS = (".vti", ".npz", ".sparse.npz")
+WITHOUT_MAPS = (".dcm",)  # whose types of numbers cannot be those of maps
 
 
 def read(path: str | os.PathLike[str], space: str = "LPS", progress: Progress = None) -> VolumeData:
@@ -76,6 +79,16 @@ def write(
         _done(ending, writer, progress, path, data)
         for name, array in ({} if maps is None else {"radius": radius, **maps}).items():
             writer(map_path(path, name), data._replace(values=array))
+
+
+def check_name(path: str | os.PathLike[str], maps: bool) -> None:
+    """Whether a volume can be written under this name, with maps or without. Raises FormatError,
+    MissingPackageError."""
+    ending = extension(path, WRITABLE)
+    if ending in WITHOUT_MAPS and maps:
+        raise FormatError(f"{path}: expected {' '.join(HOLD_MAPS)} for maps, got {ending}")
+    if ending == ".dcm":
+        need("pydicom", "pydicom", "medical")
 
 
 def _done(form: str, work: Callable[..., Any], progress: Progress, *arguments: Any) -> Any:
