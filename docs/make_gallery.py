@@ -1,4 +1,4 @@
-"""Run the numbered examples and keep those of their pictures that a page shows, small, in docs/images/gallery."""
+"""Run the numbered examples and keep the pictures that a page shows, small, in images/gallery."""
 
 import subprocess
 import sys

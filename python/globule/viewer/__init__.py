@@ -53,7 +53,7 @@ def view(
         compare: particles, a mesh or a file to show beside `what`: the left part of the image shows
             `what`, the right part `compare`, with a divider to drag and with one camera.
         demand_token: demand a token on a loopback address, too, as behind a reverse proxy.
-        most_clients: browsers that are shown images at a time.
+        most_clients: number of browsers that are shown images at a time.
         reading: keywords of `read`; for sweeps of `read_sweep`.
 
     Raises:

@@ -49,13 +49,13 @@ class Viewer:
         title: of the page.
         token: with which browsers steer, where a token is demanded; default: a new one.
         demand_token: demand tokens on a loopback address, too, as behind a reverse proxy.
-        most_clients: browsers that are shown images at a time.
+        most_clients: number of browsers that are shown images at a time.
 
     Attributes:
         state: the settings; `viewer.state.set(surface__threshold=0.5)`.
         source: what the viewer shows.
         port: that the server listens on.
-        most_clients: browsers that are shown images at a time.
+        most_clients: number of browsers that are shown images at a time.
 
     Raises:
         MissingPackageError: the extra `view` is not installed.
