@@ -200,6 +200,10 @@ class MovieFrames:
         if os.path.isdir(self.folder) and not os.listdir(self.folder):
             os.rmdir(self.folder)
 
+    def keep(self) -> None:
+        """Keep the images that are there: another process has opened the folder."""
+        self._stale = False
+
     def open(self) -> None:
         """Make the folder; late, so that a mistake in the first file changes nothing."""
         if self._stale:
