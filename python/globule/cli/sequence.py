@@ -177,7 +177,7 @@ class Series:
         self._looking = True
         for i in range(len(files)):
             yield one(i)
-            if self._kept.scene is None or self._kept.scene.octree.n_inside:
+            if self._kept.scene is None or self._kept.settled:
                 break
         self._looking = False
         if self.comm.rank == 0:
